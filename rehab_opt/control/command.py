@@ -1,0 +1,56 @@
+"""What a controller answers: a value that is safe to send, and how it came about."""
+
+from __future__ import annotations
+
+from enum import Enum, IntFlag
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Bound", "Command", "Status"]
+
+
+class Status(Enum):
+    """The rung of the ladder that answered."""
+
+    OK = "ok"  #: solved by the primary solver, certified
+    BACKUP = "backup"  #: solved by the backup solver, certified
+    UNREACHABLE = "unreachable"  #: the nearest reachable point is given instead (inverse kinematics)
+    BRAKING = "braking"  #: safe command: decelerating within the limits
+    HOLDING = "holding"  #: safe command: at rest
+
+    @property
+    def certified(self) -> bool:
+        """Whether a solver's answer to the stated problem stands behind the value."""
+        return self in (Status.OK, Status.BACKUP)
+
+
+class Bound(IntFlag):
+    """What had to give way in this tick, in the order of house.md; velocity never does."""
+
+    NOTHING = 0
+    POSITION = 1  #: the state is outside a joint limit; it is led back, never further out
+    ACCELERATION = 2  #: the change was larger than the acceleration bound, to keep a bound above it
+    TASK = 4  #: the hand moves slower than asked, or off the asked direction
+
+
+class Command(NamedTuple):
+    """One answer of a controller; frozen, its array read-only and its own."""
+
+    value: NDArray[np.float64]
+    """What to send: joint velocity (n,) in rad/s or m/s for a tracker; always finite."""
+    status: Status
+    """Which rung of the ladder answered."""
+    solver: str
+    """Name of the solver whose answer this is; empty for a safe command."""
+    residual: float
+    """Certificate residual of the answer; infinite for a safe command."""
+    iterations: int
+    """Iterations of the solver; -1 where it does not tell."""
+    reason: str
+    """Why this is not a plain OK; empty otherwise."""
+    yielded: Bound
+    """Which bounds or tasks gave way."""
+    scale: float
+    """Share of the asked motion that is delivered, 0 to 1."""

@@ -1,0 +1,45 @@
+"""Typed errors: each one names the argument or file key, the value it had and what was expected."""
+
+from __future__ import annotations
+
+__all__ = ["ConfigurationError", "ProblemFileError", "RehabOptError"]
+
+
+class RehabOptError(Exception):
+    """Root of every error this library raises on purpose."""
+
+
+class ConfigurationError(RehabOptError, ValueError):
+    """An argument cannot be used.
+
+    Parameters
+    ----------
+    argument : name of the argument, as the caller wrote it.
+    value : what it was.
+    expected : what would have been accepted, as the end of the sentence "expected ...".
+    """
+
+    def __init__(self, argument: str, value: object, expected: str) -> None:
+        self.argument = argument
+        self.value = value
+        self.expected = expected
+        super().__init__(f"{argument} = {value!r}: expected {expected}")
+
+
+class ProblemFileError(RehabOptError, ValueError):
+    """A problem file or recording cannot be used; the message is one line.
+
+    Parameters
+    ----------
+    file : path of the file as the user gave it.
+    key : dotted key, column or line inside it.
+    value : what stood there.
+    expected : what would have been accepted.
+    """
+
+    def __init__(self, file: object, key: str, value: object, expected: str) -> None:
+        self.file = str(file)
+        self.key = key
+        self.value = value
+        self.expected = expected
+        super().__init__(f"{file}: {key} = {value!r}: expected {expected}")
