@@ -1,0 +1,8 @@
+"""rehab_opt: controllers for rehabilitation and assistive robots, each posed as an optimisation problem."""
+
+from rehab_opt.errors import ConfigurationError, ProblemFileError, RehabOptError
+from rehab_opt.kinematics.chain import DH, SerialChain
+from rehab_opt.kinematics.human_arm import human_arm
+from rehab_opt.kinematics.ur5 import ur5
+
+__all__ = ["DH", "ConfigurationError", "ProblemFileError", "RehabOptError", "SerialChain", "human_arm", "ur5"]

@@ -1,0 +1,1 @@
+"""What moves: serial chains from Denavit-Hartenberg rows, the human arm, the UR5."""

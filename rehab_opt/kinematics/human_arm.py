@@ -1,0 +1,164 @@
+"""The 8-DOF upper limb of Rossa et al., Table I, for either side and any range of motion.
+
+Base frame at the shoulder: z up, y forward, x to the participant's right. The handle lies along the hand's x axis;
+a vertical handle has `pose[:3, 0]` along +z. Joint values are the absolute angles of Table I.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.chain import DH, SerialChain
+
+__all__ = ["ARM_JOINTS", "ARM_REST", "ARM_SEGMENTS", "RANGES_OF_MOTION_DEG", "human_arm"]
+
+ARM_JOINTS = (
+    "scapular_retraction",
+    "glenohumeral_rotation",
+    "shoulder_adduction",
+    "humeral_flexion",
+    "forearm_extension",
+    "wrist_flexion",
+    "wrist_deviation",
+    "wrist_supination",
+)
+
+ARM_REST = np.deg2rad([180.0, 0.0, 90.0, 0.0, 0.0, 0.0, -90.0, 0.0])
+"""(8,) [rad] rest angles of Table I: the arm hangs."""
+ARM_REST.flags.writeable = False
+
+ARM_SEGMENTS: Mapping[str, float] = MappingProxyType(
+    {"acromiohumeral": 0.130, "humerus": 0.290, "forearm": 0.300, "hand": 0.070}
+)
+"""[m] l0 to l3 of the participant (II-D)."""
+
+# Table I as printed, except joint 7's regular limits, printed reversed (-30, -45). All are absolute angles but joint
+# 1's, which are offsets from its rest of 180 deg: read otherwise the handle can never be vertical.
+RANGES_OF_MOTION_DEG: Mapping[str, Mapping[str, tuple[float, float]]] = MappingProxyType(
+    {
+        "regular": MappingProxyType(
+            dict(
+                zip(
+                    ARM_JOINTS,
+                    [(-10, 15), (-20, 10), (50, 90), (20, 80), (0, 70), (-50, 60), (-45, -30), (10, 50)],
+                    strict=True,
+                )
+            )
+        ),
+        "restricted": MappingProxyType(
+            dict(
+                zip(
+                    ARM_JOINTS,
+                    [(0, 0), (0, 5), (70, 90), (30, 70), (30, 60), (30, 60), (-30, -30), (40, 45)],
+                    strict=True,
+                )
+            )
+        ),
+    }
+)
+"""[deg] the participant's two ranges by anatomical name; scapular_retraction relative to its rest."""
+
+ARM_VELOCITY = 3.0
+"""[rad/s] Assumption: the paper gives no joint speeds."""
+ARM_ACCELERATION = 30.0
+"""[rad/s^2] Assumption: the paper gives no joint accelerations."""
+
+
+def human_arm(
+    *,
+    range_of_motion: str | Mapping[str, Sequence[float]] = "regular",
+    segments: Mapping[str, float] | Sequence[float] = ARM_SEGMENTS,
+    side: Literal["left", "right"] = "left",
+    velocity: ArrayLike = ARM_VELOCITY,
+    acceleration: ArrayLike = ARM_ACCELERATION,
+) -> SerialChain:
+    """Upper limb with a person's own limits.
+
+    Parameters
+    ----------
+    range_of_motion : "regular" or "restricted" (Table I), or every name of `ARM_JOINTS` with its (lower, upper)
+        [rad] as Table I counts them: absolute angles, scapular_retraction relative to rest. Equal limits lock.
+    segments : l0 to l3 [m], by name (those not named keep the participant's) or as four numbers.
+    side : the paper's arm is a left one. The right arm is its mirror image in the sagittal plane, x -> -x: equal
+        joint angles give mirrored postures, the handle axis mirrored with them.
+    velocity, acceleration : (8,) or scalar [rad/s, rad/s^2]; defaults are assumptions.
+
+    Raises
+    ------
+    ConfigurationError : an unknown or missing joint name, an inverted range, a length that is not positive.
+    """
+    lower, upper = _limits(range_of_motion)
+    l0, l1, l2, l3 = _lengths(segments)
+    right_angle = math.pi / 2
+    table = [  # a, alpha, d of Table I
+        (l0, 0.0, 0.0),
+        (0.0, -right_angle, 0.0),
+        (0.0, -right_angle, 0.0),
+        (l1, 0.0, 0.0),
+        (l2, 0.0, 0.0),
+        (0.0, right_angle, 0.0),
+        (0.0, -right_angle, 0.0),
+        (0.0, 0.0, l3),
+    ]
+    # With M = diag(-1, 1, 1) = -Rx(pi), M A(theta, d, a, alpha) M = Rx(pi) A(theta, -d, -a, alpha) Rx(pi): the
+    # mirrored arm is a Denavit-Hartenberg chain of the same joint angles. The hand frame mirrors as M R diag(1,-1,1),
+    # which keeps x along the handle and z along the fingers.
+    if side not in ("left", "right"):
+        raise ConfigurationError("side", side, "'left' or 'right'")
+    mirror = -1.0 if side == "right" else 1.0
+    return SerialChain(
+        tuple(DH(a=mirror * a, alpha=alpha, d=mirror * d) for a, alpha, d in table),
+        lower=lower,  # type: ignore[arg-type]
+        upper=upper,  # type: ignore[arg-type]
+        velocity=velocity,  # type: ignore[arg-type]
+        acceleration=acceleration,  # type: ignore[arg-type]
+        names=ARM_JOINTS,
+        base=np.diag([1.0, mirror, mirror, 1.0]),
+        tool=np.diag([mirror, 1.0, mirror, 1.0]),
+    )
+
+
+def _limits(range_of_motion: str | Mapping[str, Sequence[float]]) -> tuple[ArrayLike, ArrayLike]:
+    if isinstance(range_of_motion, str):
+        if range_of_motion not in RANGES_OF_MOTION_DEG:
+            expected = " or ".join(repr(name) for name in RANGES_OF_MOTION_DEG)
+            raise ConfigurationError("range_of_motion", range_of_motion, f"{expected}, or limits by joint name")
+        by_name = {name: np.deg2rad(pair) for name, pair in RANGES_OF_MOTION_DEG[range_of_motion].items()}
+    else:
+        by_name = {}
+        for name, pair in range_of_motion.items():
+            if name not in ARM_JOINTS:
+                raise ConfigurationError("range_of_motion", name, f"joint names among {', '.join(ARM_JOINTS)}")
+            limits = np.asarray(pair, dtype=np.float64)
+            if limits.shape != (2,) or not limits[0] <= limits[1]:
+                raise ConfigurationError(f"range_of_motion[{name!r}]", pair, "(lower, upper) with lower <= upper")
+            by_name[name] = limits
+        missing = [name for name in ARM_JOINTS if name not in by_name]
+        if missing:
+            raise ConfigurationError("range_of_motion", sorted(by_name), f"limits of {', '.join(missing)} too")
+    limits = np.array([by_name[name] for name in ARM_JOINTS])
+    limits[0] += ARM_REST[0]
+    return limits[:, 0], limits[:, 1]
+
+
+def _lengths(segments: Mapping[str, float] | Sequence[float]) -> tuple[float, ...]:
+    if isinstance(segments, Mapping):
+        unknown = [name for name in segments if name not in ARM_SEGMENTS]
+        if unknown:
+            raise ConfigurationError("segments", unknown[0], f"segment names among {', '.join(ARM_SEGMENTS)}")
+        lengths = tuple(float({**ARM_SEGMENTS, **segments}[name]) for name in ARM_SEGMENTS)
+    else:
+        lengths = tuple(float(length) for length in segments)
+    if len(lengths) != len(ARM_SEGMENTS):
+        raise ConfigurationError("segments", segments, f"{len(ARM_SEGMENTS)} lengths: {', '.join(ARM_SEGMENTS)}")
+    # l0 and l3 may be zero (a wrist without a hand); the humerus and forearm may not.
+    if not all(0 <= length < 2 for length in lengths) or not all(lengths[1:3]):
+        raise ConfigurationError("segments", segments, "lengths in metres, 0 to 2, humerus and forearm above 0")
+    return lengths

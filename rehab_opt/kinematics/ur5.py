@@ -1,0 +1,57 @@
+"""The UR5 (CB3) with the vendor's Denavit-Hartenberg lengths and limits."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rehab_opt.kinematics.chain import DH, SerialChain
+
+__all__ = ["UR5_ACCELERATION", "ur5"]
+
+UR5_ACCELERATION = 15.0
+"""[rad/s^2] Assumption: the vendor publishes no acceleration limit."""
+
+_ROWS = (
+    DH(a=0.0, alpha=math.pi / 2, d=0.089159),
+    DH(a=-0.425, alpha=0.0),
+    DH(a=-0.39225, alpha=0.0),
+    DH(a=0.0, alpha=math.pi / 2, d=0.10915),
+    DH(a=0.0, alpha=-math.pi / 2, d=0.09465),
+    DH(a=0.0, alpha=0.0, d=0.0823),
+)
+_NAMES = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+# Vendor's joint_limits.yaml: +-360 deg, the elbow +-180 deg since the robot's own body is in the way beyond.
+_REACH = np.deg2rad([360.0, 360.0, 180.0, 360.0, 360.0, 360.0])
+
+
+def ur5(
+    *,
+    lower: ArrayLike | None = None,
+    upper: ArrayLike | None = None,
+    velocity: ArrayLike = math.pi,
+    acceleration: ArrayLike = UR5_ACCELERATION,
+    base: ArrayLike | None = None,
+    tool: ArrayLike | None = None,
+) -> SerialChain:
+    """UR5 from the vendor's nominal kinematics.
+
+    Parameters
+    ----------
+    lower, upper : (6,) joint limits [rad]; default +-2 pi, elbow +-pi.
+    velocity : (6,) or scalar [rad/s]; default pi, the vendor's limit.
+    acceleration : (6,) or scalar [rad/s^2]; default `UR5_ACCELERATION`, an assumption.
+    base, tool : (4, 4) pose of the robot's base in the base frame, and of the tool in the flange frame.
+    """
+    return SerialChain(
+        _ROWS,
+        lower=-_REACH if lower is None else lower,  # type: ignore[arg-type]
+        upper=_REACH if upper is None else upper,  # type: ignore[arg-type]
+        velocity=velocity,  # type: ignore[arg-type]
+        acceleration=acceleration,  # type: ignore[arg-type]
+        names=_NAMES,
+        base=np.eye(4) if base is None else base,  # type: ignore[arg-type]
+        tool=np.eye(4) if tool is None else tool,  # type: ignore[arg-type]
+    )

@@ -1,0 +1,110 @@
+"""CasADi functions as machine code, kept in the user's cache folder; the virtual machine where that is not possible.
+
+`REHAB_OPT_COMPILE=0` forces the virtual machine, `REHAB_OPT_CACHE` names another cache folder, `CC` another compiler.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import logging
+import os
+import platform
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+
+import casadi as ca
+
+__all__ = ["cache_folder", "compilation_wanted", "compiled"]
+
+# No -ffast-math: it removes NaN checks. No contraction to fused multiply-adds and no -march=native, so that the
+# virtual machine gives the same numbers and a cache shared by machines holds code that runs on each of them.
+FLAGS = ("-O2", "-fPIC", "-shared", "-ffp-contract=off")
+COMPILE_SECONDS = 300.0
+
+_log = logging.getLogger(__name__)
+
+
+def compiled(function: ca.Function, *, compile: bool | None = None) -> ca.Function:  # noqa: A002
+    """`function` as machine code where a compiler is present, unchanged where not.
+
+    Parameters
+    ----------
+    function : what to compile; must support code generation.
+    compile : None follows `REHAB_OPT_COMPILE` (default yes).
+
+    Returns
+    -------
+    A function of the same name, shapes and, to rounding, the same results.
+    """
+    if not (compilation_wanted() if compile is None else compile):
+        return function
+    compiler = _compiler()
+    if compiler is None:
+        _log.info("no C compiler: %s stays in the virtual machine", function.name())
+        return function
+    generator = ca.CodeGenerator(function.name())
+    generator.add(function)
+    source: str = generator.dump()
+    key = hashlib.sha256("\0".join((source, compiler[1], *FLAGS, platform.machine())).encode()).hexdigest()[:32]
+    library = cache_folder() / f"{function.name()}-{key}.so"
+    try:
+        if not library.exists():
+            _build(source, compiler[0], library)
+        return _loaded(function, library)
+    except (OSError, subprocess.SubprocessError, RuntimeError) as problem:
+        _log.info("%s stays in the virtual machine: %s", function.name(), problem)
+        return function
+
+
+def compilation_wanted() -> bool:
+    """What `REHAB_OPT_COMPILE` says: everything but 0, no, off and false means yes."""
+    return os.environ.get("REHAB_OPT_COMPILE", "1").strip().lower() not in {"0", "no", "off", "false"}
+
+
+def cache_folder() -> Path:
+    """Where compiled code is kept: `REHAB_OPT_CACHE`, or the user's cache folder."""
+    named = os.environ.get("REHAB_OPT_CACHE")
+    if named:
+        return Path(named)
+    import platformdirs  # noqa: PLC0415  (only where something is compiled)
+
+    return Path(platformdirs.user_cache_dir("rehab_opt"))
+
+
+def _loaded(function: ca.Function, library: Path) -> ca.Function:
+    try:
+        return ca.external(function.name(), str(library))
+    except RuntimeError:
+        library.unlink(missing_ok=True)  # a damaged file must not keep later runs from compiling
+        raise
+
+
+def _build(source: str, compiler: str, library: Path) -> None:
+    """Compile beside the target and move it there in one step: two processes may build at once."""
+    library.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+    with tempfile.TemporaryDirectory(dir=library.parent) as folder:
+        code, product = Path(folder) / "code.c", Path(folder) / "code.so"
+        code.write_text(source)
+        subprocess.run(
+            [compiler, *FLAGS, str(code), "-o", str(product), "-lm"],
+            check=True,
+            capture_output=True,
+            timeout=COMPILE_SECONDS,
+        )
+        product.replace(library)
+
+
+@functools.cache
+def _compiler() -> tuple[str, str] | None:
+    """Path and version of the C compiler, or None."""
+    path = shutil.which(os.environ.get("CC", "cc")) or shutil.which("gcc") or shutil.which("clang")
+    if path is None:
+        return None
+    try:
+        answer = subprocess.run([path, "--version"], check=True, capture_output=True, text=True, timeout=30.0)
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return path, answer.stdout
