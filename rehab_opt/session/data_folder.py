@@ -1,0 +1,52 @@
+"""Where recordings lie that the project does not ship, and what to tell a user who does not have them."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path, PurePosixPath
+
+from rehab_opt.errors import ProblemFileError
+
+__all__ = ["ENVIRONMENT", "PREFIX", "data_file", "data_folder"]
+
+ENVIRONMENT = "REHAB_OPT_DATA"
+PREFIX = "data:"
+
+ORIGINS = {
+    "pen_trace": "BDALab/handwriting-sample (MIT), folder examples/svc_data",
+    "upper_limb_mocap": "pyomeca/pyomeca (Apache-2.0), folder tests/data",
+    "cp_dyskinetic_reach": "IntiVM/SPM_UL_DyskineticCP (MIT), folder PART 2_NON-LINEAR_SPM",
+    "vr_hand_tracker": "hai-vr/hvr-ik (Apache-2.0), folder Tooling/Training/Data",
+}
+"""GitHub repository of each folder of recordings."""
+
+
+def data_folder() -> Path:
+    """The folder of recordings: $REHAB_OPT_DATA, or `../shared/data` beside the checkout; it need not exist."""
+    named = os.environ.get(ENVIRONMENT)
+    if named:
+        return Path(named)
+    return Path(__file__).resolve().parents[2].parent / "shared" / "data"
+
+
+def data_file(reference: str, *, problem: str, key: str) -> Path:
+    """The file that `data:folder/name` stands for.
+
+    Raises
+    ------
+    ProblemFileError : it is absent (the message says where it comes from), or the reference leaves the folder.
+    """
+    inside = PurePosixPath(reference.removeprefix(PREFIX))
+    if inside.is_absolute() or ".." in inside.parts or len(inside.parts) < 2:
+        raise ProblemFileError(problem, key, reference, f"{PREFIX}folder/file")
+    path = data_folder() / inside
+    try:
+        present = path.exists()
+    except (OSError, ValueError):  # a name no file can have
+        present = False
+    if not present:
+        origin = ORIGINS.get(inside.parts[0])
+        source = f" (from github.com/{origin})" if origin else ""
+        expected = f"{inside}{source} in the folder named by {ENVIRONMENT}, or in ../shared/data beside the checkout"
+        raise ProblemFileError(problem, key, reference, expected)
+    return path

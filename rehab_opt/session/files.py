@@ -1,0 +1,163 @@
+"""Problem files: found by path or by the name of a shipped one, read, and checked to the last key."""
+
+from __future__ import annotations
+
+import difflib
+import importlib.resources
+import tomllib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from rehab_opt.errors import ProblemFileError
+from rehab_opt.session.data_folder import PREFIX, data_file
+from rehab_opt.session.schema import PoseTracking, UpperLimb
+from rehab_opt.session.text_lines import shown, whole_text
+
+__all__ = ["ProblemFile", "load_problem", "problem_path", "recording_path", "shipped_problems"]
+
+SYSTEMS: dict[str, type[UpperLimb] | type[PoseTracking]] = {"upper_limb": UpperLimb, "pose_tracking": PoseTracking}
+
+
+@dataclass(frozen=True)
+class ProblemFile:
+    """A checked problem.
+
+    Parameters
+    ----------
+    name : what it is called: `upper_limb/figure_eight` for a shipped one, the file's stem for others.
+    file : the file as the user named it, for errors.
+    path : where it lies.
+    problem : what it says.
+    """
+
+    name: str
+    file: str
+    path: Path
+    problem: UpperLimb | PoseTracking
+
+
+def load_problem(file: str) -> ProblemFile:
+    """Read and check a problem file.
+
+    Parameters
+    ----------
+    file : a path, or the name of a shipped problem.
+
+    Raises
+    ------
+    ProblemFileError : one line naming the file, the dotted key, its value and what was expected.
+    """
+    name, path = problem_path(file)
+    text = whole_text(path, file)
+    try:
+        content = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as problem:
+        line = _line_of(problem, text)
+        value = shown(text.splitlines()[line - 1]) if line <= len(text.splitlines()) else "end of file"
+        raise ProblemFileError(file, f"line {line}", value, f"TOML ({str(problem).split(' (at')[0]})") from problem
+    system = content.get("system")
+    if not isinstance(system, str) or system not in SYSTEMS:
+        raise ProblemFileError(file, "system", system, f"one of {', '.join(SYSTEMS)}")
+    try:
+        return ProblemFile(name=name, file=file, path=path, problem=SYSTEMS[system].model_validate(content))
+    except ValidationError as problem:
+        raise _first_error(problem, file) from problem
+
+
+def problem_path(file: str) -> tuple[str, Path]:
+    """Name and place of a problem file; a path that exists goes before a shipped problem's name.
+
+    Raises
+    ------
+    ProblemFileError : there is no such file and no such shipped problem.
+    """
+    path = Path(file)
+    shipped = shipped_problems()
+    try:
+        present = path.exists()
+    except (OSError, ValueError):  # a name no file can have
+        present = False
+    if present:
+        own = {shipped_path.resolve(): name for name, shipped_path in shipped.items()}
+        return own.get(path.resolve(), path.stem), path
+    name = file.removesuffix(".toml")
+    if name in shipped:
+        return name, shipped[name]
+    near = difflib.get_close_matches(name, shipped, n=1)
+    hint = f", such as {near[0]}" if near else ""
+    raise ProblemFileError(shown(file, 200), "file", "not found", f"a problem file, or a shipped problem{hint}")
+
+
+def shipped_problems() -> dict[str, Path]:
+    """Name and file of every problem the project ships, in the order of their names."""
+    folder = _shipped_folder()
+    return {str(path.relative_to(folder).with_suffix("").as_posix()): path for path in sorted(folder.glob("*/*.toml"))}
+
+
+def recording_path(loaded: ProblemFile, reference: str) -> Path:
+    """Where the recording that a problem names lies: beside the problem file, or in the data folder (`data:`).
+
+    Raises
+    ------
+    ProblemFileError : it is absent.
+    """
+    key = "recording.file"
+    if reference.startswith(PREFIX):
+        return data_file(reference, problem=loaded.file, key=key)
+    path = loaded.path.parent / reference
+    try:
+        present = path.exists()
+    except (OSError, ValueError):  # a name no file can have
+        present = False
+    if not present:
+        raise ProblemFileError(loaded.file, key, reference, "a recording beside the problem file, or data:folder/file")
+    return path
+
+
+def _shipped_folder() -> Path:
+    """`problems` inside the installed package (a wheel), or at the top of the checkout."""
+    package = importlib.resources.files("rehab_opt")
+    with importlib.resources.as_file(package) as root:
+        installed = root / "problems"
+        return installed if installed.is_dir() else root.parent / "problems"
+
+
+def _first_error(problem: ValidationError, file: str) -> ProblemFileError:
+    """The first of pydantic's complaints, in this project's words."""
+    first = problem.errors(include_url=False)[0]
+    keys = [str(part) for part in _keys(first["loc"])]
+    context: dict[str, Any] = first.get("ctx", {})
+    value, expected = first["input"], first["msg"].removeprefix("Input should be ").removeprefix("Value should ")
+    if first["type"] == "unknown_key":
+        keys.append(context["key"])
+        value, expected = context["value"], context["expected"]
+    elif first["type"] == "missing":
+        value, expected = None, "this key"
+    elif first["type"] in ("too_short", "too_long"):
+        expected = f"{_count(context)} entries"
+    if isinstance(value, dict | list | str) and len(str(value)) > 60:
+        value = shown(str(value), 60)
+    return ProblemFileError(file, ".".join(keys) or "file", value, expected)
+
+
+def _keys(location: tuple[int | str, ...]) -> Iterator[int | str]:
+    """Keys of the file on the way to an error: pydantic puts the tag of a union in between."""
+    for i, part in enumerate(location):
+        if not (i and location[i - 1] == "range_of_motion" and part in ("named", "table")):
+            yield part
+
+
+def _count(context: dict[str, Any]) -> str:
+    if "min_length" in context:
+        return f"at least {context['min_length']}"
+    return f"at most {context['max_length']}"
+
+
+def _line_of(problem: tomllib.TOMLDecodeError, text: str) -> int:
+    """Line of a TOML error, counted from 1; the error object carries it from Python 3.14 on, its text always."""
+    _, found, rest = str(problem).partition("(at line ")
+    return int(rest.split(",")[0]) if found else text.count("\n") + 1

@@ -1,0 +1,83 @@
+"""Motion-capture markers (.trc): frames of named markers in space, separated by tabs or commas."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from rehab_opt.errors import ProblemFileError
+from rehab_opt.session.recordings import Recording
+from rehab_opt.session.text_lines import finite_number, shown, text_lines
+
+__all__ = ["read_trc"]
+
+LENGTH = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
+LONGEST_GAP = 0.2  # [s] a hidden marker is bridged by a straight line up to here; a reach is over in about a second
+FIRST_ROW = 6  # below path, fact names, facts, marker names and axes (a sixth, empty line is usual and skipped)
+
+
+def read_trc(path: Path, *, name: str, marker: str | None) -> Recording:
+    """Path of one marker, (N, 3) [m] in the laboratory's frame.
+
+    Frames in which the marker was not seen (empty cells or NaN) are left out and counted in the notes.
+
+    Raises
+    ------
+    ProblemFileError : no such marker, an unknown length unit, a row of the wrong length, a cell that is no number, a
+        marker hidden for more than 0.2 s. A frame count in the header that does not hold is a note.
+    """
+    lines = text_lines(path, name)
+    if len(lines) < FIRST_ROW or not lines[0].startswith("PathFileType"):
+        raise ProblemFileError(name, "line 1", shown(lines[0]), "a .trc header: PathFileType, and four lines more")
+    separator = "\t" if "\t" in lines[3] else ","
+    facts = dict(zip(lines[1].split(separator), lines[2].split(separator), strict=False))
+    facts = {key.strip(): value.strip() for key, value in facts.items()}
+    if facts.get("Units") not in LENGTH:
+        raise ProblemFileError(name, "line 3, Units", facts.get("Units"), f"one of {', '.join(LENGTH)}")
+    header = [cell.strip() for cell in lines[3].split(separator)]
+    if header[:2] != ["Frame#", "Time"]:
+        raise ProblemFileError(name, "line 4", shown(lines[3]), "Frame#, Time and the names of the markers")
+    markers = [cell for cell in header[2:] if cell]
+    if marker not in markers:
+        raise ProblemFileError(name, "recording.marker", marker, f"one of {', '.join(markers)}")
+    place = header.index(marker)
+    rows = []
+    for number, text in enumerate(lines[FIRST_ROW - 1 :], start=FIRST_ROW):
+        row = [cell.strip() for cell in text.split(separator)]
+        if not any(row):
+            continue
+        if len(row) < place + 3:
+            raise ProblemFileError(name, f"line {number}", f"{len(row)} cells", f"at least {place + 3}")
+        time = finite_number(row[1], name=name, line=number, column="Time")
+        rows.append([time, *_position(row[place : place + 3], name=name, line=number, marker=marker)])
+    return _seen(np.array(rows).reshape(-1, 4), name, marker, LENGTH[facts["Units"]], facts.get("NumFrames", ""))
+
+
+def _position(cells: list[str], *, name: str, line: int, marker: str) -> list[float]:
+    if all(cell.lower() in ("", "nan") for cell in cells):
+        return [math.nan] * 3
+    return [
+        finite_number(cell, name=name, line=line, column=f"{marker} {axis}")
+        for cell, axis in zip(cells, "XYZ", strict=True)
+    ]
+
+
+def _seen(
+    rows: np.ndarray[tuple[int, ...], np.dtype[np.float64]], name: str, marker: str, unit: float, stated: str
+) -> Recording:
+    seen = ~np.isnan(rows[:, 1])
+    notes = []
+    if stated != str(len(rows)):
+        notes.append(f"its header states {stated} frames, {len(rows)} are there")
+    if not seen.all():
+        notes.append(f"{np.count_nonzero(~seen)} frames without marker {marker} left out")
+    time = rows[seen, 0]
+    gaps = np.diff(time)
+    # a low frame rate is no gap: only what was left out counts
+    if not seen.all() and gaps.size and gaps.max() > LONGEST_GAP:
+        at = time[int(gaps.argmax())]
+        value = f"hidden for {gaps.max():.3g} s from {at:g} s"
+        raise ProblemFileError(name, f"marker {marker}", value, f"at most {LONGEST_GAP} s")
+    return Recording(file=name, time=time, points=unit * rows[seen, 1:], notes=tuple(notes))

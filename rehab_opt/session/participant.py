@@ -1,0 +1,106 @@
+"""The participant of a problem: the arm, and the recorded path laid into the frame of its shoulder."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.errors import ConfigurationError, ProblemFileError
+from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.kinematics.human_arm import human_arm
+from rehab_opt.session.recordings import Recording
+from rehab_opt.session.schema import ArmSection, PlacementSection, RangeOfMotion, UpperLimb
+
+__all__ = ["checked_hand", "participant_arm", "placed_path"]
+
+Array = NDArray[np.float64]
+
+MIRROR = np.diag([-1.0, 1.0])  # sagittal plane: x to the participant's right becomes x to the left
+
+
+def participant_arm(section: ArmSection, *, file: str) -> SerialChain:
+    """The arm with the participant's segments and range of motion.
+
+    Raises
+    ------
+    ProblemFileError : the kinematics refuses a value of the file.
+    """
+    ranges = section.range_of_motion
+    if isinstance(ranges, RangeOfMotion):
+        by_joint = {key.removesuffix("_deg"): np.deg2rad(pair) for key, pair in ranges.model_dump().items()}
+    segments = {key.removesuffix("_mm"): 1e-3 * length for key, length in section.segments.model_dump().items()}
+    bounds = {"velocity": section.joint_speed_deg_s, "acceleration": section.joint_acceleration_deg_s2}
+    try:
+        arm = human_arm(
+            range_of_motion=ranges if isinstance(ranges, str) else by_joint, segments=segments, side=section.side
+        )
+        return arm.with_limits(**{name: math.radians(bound) for name, bound in bounds.items() if bound is not None})
+    except ConfigurationError as problem:
+        raise ProblemFileError(file, f"arm, {problem.argument}", problem.value, problem.expected) from problem
+
+
+def checked_hand(problem: UpperLimb, *, file: str) -> None:
+    """Refuse a path of the other hand that is not mirrored, and a path of the same hand that is.
+
+    Raises
+    ------
+    ProblemFileError : mirroring is said explicitly, or the run would treat the wrong side.
+    """
+    other = problem.recording.hand != problem.arm.side
+    if problem.recording.mirror != other:
+        expected = (
+            f"true, since a {problem.recording.hand} hand was recorded and the arm is a {problem.arm.side} one"
+            if other
+            else f"false, since the recorded hand and the arm are both {problem.arm.side} ones"
+        )
+        raise ProblemFileError(file, "recording.mirror", problem.recording.mirror, expected)
+
+
+def placed_path(recording: Recording, placement: PlacementSection, *, mirror: bool, file: str) -> tuple[Array, str]:
+    """The path of the hand in the frame of the shoulder, and a sentence on what was done to it.
+
+    Turned about the vertical, mirrored if it is the other hand's, scaled, and shifted so that the middle of its
+    bounding box lies at the centre, in this order; a third coordinate is projected away.
+
+    Parameters
+    ----------
+    recording : points (N, 2) or (N, 3) [m]; the first two lie along the plane.
+
+    Returns
+    -------
+    path : (N, 3) [m], z up, y forward, x to the participant's right.
+    sentence : for the notes of the result.
+
+    Raises
+    ------
+    ProblemFileError : no points, or `fit_m` of a path without extent.
+    """
+    if recording.points.shape[1] < 2:
+        raise ProblemFileError(file, "recording.columns", None, "the columns that hold the hand's x and y")
+    angle = math.radians(placement.turn_deg)
+    turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+    if mirror:
+        turn = MIRROR @ turn
+    flat = recording.points[:, :2] @ turn.T
+    low, high = flat.min(axis=0), flat.max(axis=0)
+    scale = _scale(placement, high - low, file=file)
+    flat = (flat - (low + high) / 2) * scale + placement.centre_m
+    said = [f"turned by {placement.turn_deg:g} deg"] if placement.turn_deg else []
+    said += ["mirrored in the sagittal plane"] if mirror else []
+    said += [f"scaled by {scale:.4g}"] if scale != 1 else ["in its true size"]
+    if recording.points.shape[1] == 3:
+        rise = 1e3 * float(np.ptp(recording.points[:, 2]))
+        said.append(f"projected onto the plane ({rise:.0f} mm of height left out)")
+    path = np.column_stack((flat, np.full(len(flat), placement.plane_height_m)))
+    return path, f"path {', '.join(said)}"
+
+
+def _scale(placement: PlacementSection, extent: Array, *, file: str) -> float:
+    if placement.fit_m is None:
+        return placement.scale or 1.0
+    sized = extent > 1e-9
+    if not sized.any():
+        raise ProblemFileError(file, "placement.fit_m", placement.fit_m, "a path that is more than one point")
+    return float(np.min(np.array(placement.fit_m)[sized] / extent[sized]))

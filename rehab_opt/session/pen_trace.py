@@ -1,0 +1,66 @@
+"""Pen traces of a tablet (.svc): a count, then x y [mm], time [s], pen-down, and columns that are not used here."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from rehab_opt.errors import ProblemFileError
+from rehab_opt.session.recordings import Recording
+from rehab_opt.session.text_lines import finite_number, shown, text_lines
+
+__all__ = ["read_svc"]
+
+COLUMNS = ("x_mm", "y_mm", "t_s", "pen_down")
+LONG_GAP = 0.1  # [s] a tablet samples every 5 to 10 ms; a longer pause means the pen was out of its range
+
+
+def read_svc(path: Path, *, name: str) -> Recording:
+    """Pen trace, from the first to the last sample with the pen down.
+
+    Samples with the pen up at either end are dropped (the hand is not at the task yet, or no more); those in between
+    are kept, since the hand moves there too. Of samples with equal times the first is kept. Each is counted in the
+    notes.
+
+    Raises
+    ------
+    ProblemFileError : a first line that is no count or the wrong one, a cell that is not a finite number, a
+        pen-down other than 0 or 1, a time before the one above it, a pen that is never down.
+    """
+    lines = text_lines(path, name)
+    if not lines[0].strip().isdecimal():
+        raise ProblemFileError(name, "line 1", shown(lines[0]), "the number of samples")
+    if int(lines[0]) != len(lines) - 1:
+        raise ProblemFileError(name, "line 1", int(lines[0]), f"the number of samples below it, {len(lines) - 1}")
+    samples = np.empty((len(lines) - 1, len(COLUMNS)))
+    for i, text in enumerate(lines[1:]):
+        cells = text.split()
+        if len(cells) < len(COLUMNS):
+            raise ProblemFileError(name, f"line {i + 2}", shown(text), f"at least {', '.join(COLUMNS)}")
+        for j, column in enumerate(COLUMNS):
+            samples[i, j] = finite_number(cells[j], name=name, line=i + 2, column=column)
+        if samples[i, 3] not in (0, 1):
+            raise ProblemFileError(name, f"line {i + 2}, column pen_down", cells[3], "0 or 1")
+        if i and samples[i, 2] < samples[i - 1, 2]:
+            raise ProblemFileError(name, f"line {i + 2}, column t_s", cells[2], "a time not before the last one")
+    return _trimmed(samples, name)
+
+
+def _trimmed(samples: np.ndarray[tuple[int, ...], np.dtype[np.float64]], name: str) -> Recording:
+    down = np.flatnonzero(samples[:, 3] == 1)
+    if down.size == 0:
+        raise ProblemFileError(name, "column pen_down", 0, "a pen that is down at least once")
+    task = samples[down[0] : down[-1] + 1]
+    kept = np.concatenate(([True], np.diff(task[:, 2]) > 0))
+    notes = [
+        f"dropped: {len(samples) - len(task)} samples with the pen up at the ends, "
+        f"{np.count_nonzero(~kept)} with a repeated time",
+        f"kept: {np.count_nonzero(task[kept, 3] == 0)} samples with the pen up between strokes, since the hand moves",
+    ]
+    time = task[kept, 2]
+    gaps = np.diff(time)
+    if gaps.size and gaps.max() > LONG_GAP:
+        count = np.count_nonzero(gaps > LONG_GAP)
+        notes.append(f"pen out of range {count} times, at most {gaps.max():.3g} s: bridged by straight lines")
+    return Recording(file=name, time=time, points=1e-3 * task[kept, :2], notes=tuple(notes))

@@ -1,0 +1,216 @@
+"""What a problem file may say: every key, its unit (the end of its name), its range and its default.
+
+`problems/README.md` says what each key means for the problem that is solved.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, ClassVar, Literal, Self
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
+from pydantic_core import PydanticCustomError
+
+__all__ = [
+    "ArmSection",
+    "CircleSection",
+    "OptimisedSection",
+    "PlacementSection",
+    "PoseTracking",
+    "PublishedSection",
+    "RangeOfMotion",
+    "RecordingSection",
+    "RobotSection",
+    "RunSection",
+    "SegmentsSection",
+    "SmoothingSection",
+    "TrackerSection",
+    "UpperLimb",
+]
+
+Side = Literal["left", "right"]
+Positive = Annotated[float, Field(gt=0)]
+Length = Annotated[float, Field(ge=-10, le=10)]
+"""[m] A coordinate; larger ones are another unit."""
+
+
+def _ordered(pair: list[float]) -> list[float]:
+    if not pair[0] <= pair[1]:
+        raise PydanticCustomError("inverted", "[lower, upper] with lower <= upper")
+    return pair
+
+
+Limits = Annotated[
+    list[Annotated[float, Field(ge=-360, le=360)]], Field(min_length=2, max_length=2), AfterValidator(_ordered)
+]
+Triple = Annotated[list[Length], Field(min_length=3, max_length=3)]
+
+
+class Section(BaseModel):
+    """A table of a problem file: no key but its own, no number for a text, no NaN."""
+
+    model_config: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def keys_are_known(cls, data: Any) -> Any:
+        """Name the keys there are, where an unknown one is used."""
+        if isinstance(data, dict):
+            for key, value in data.items():
+                if key not in cls.model_fields:
+                    raise PydanticCustomError(
+                        "unknown_key",
+                        "{expected}",
+                        {"key": key, "value": value, "expected": f"one of the keys {', '.join(cls.model_fields)}"},
+                    )
+        return data
+
+
+class RangeOfMotion(Section):
+    """A person's own joint limits, counted as in Table I of Rossa et al.; equal ones lock the joint."""
+
+    scapular_retraction_deg: Limits
+    glenohumeral_rotation_deg: Limits
+    shoulder_adduction_deg: Limits
+    humeral_flexion_deg: Limits
+    forearm_extension_deg: Limits
+    wrist_flexion_deg: Limits
+    wrist_deviation_deg: Limits
+    wrist_supination_deg: Limits
+
+
+class SegmentsSection(Section):
+    """Segment lengths l0 to l3 of Table I."""
+
+    acromiohumeral_mm: float = Field(default=130.0, ge=0, le=1000)
+    humerus_mm: float = Field(default=290.0, gt=0, le=1000)
+    forearm_mm: float = Field(default=300.0, gt=0, le=1000)
+    hand_mm: float = Field(default=70.0, ge=0, le=1000)
+
+
+class ArmSection(Section):
+    """Whose arm."""
+
+    side: Side
+    range_of_motion: Annotated[
+        Annotated[Literal["regular", "restricted"], Tag("named")] | Annotated[RangeOfMotion, Tag("table")],
+        Discriminator(lambda value: "table" if isinstance(value, dict) else "named"),
+    ]
+    segments: SegmentsSection = SegmentsSection()
+    handle_tilt_deg: float = Field(default=2.0, gt=0, le=90)
+    joint_speed_deg_s: float | None = Field(default=None, gt=0, le=3600)
+    joint_acceleration_deg_s2: float | None = Field(default=None, gt=0, le=1e6)
+
+
+class RecordingSection(Section):
+    """Which movement, and whose hand made it."""
+
+    file: str = Field(min_length=1)
+    hand: Side
+    mirror: bool = False
+    marker: str | None = None
+    columns: Annotated[list[str], Field(min_length=2, max_length=3)] | None = None
+
+
+class PlacementSection(Section):
+    """Where the movement lies in the frame of the shoulder."""
+
+    centre_m: Annotated[list[Length], Field(min_length=2, max_length=2)]
+    plane_height_m: Length = -0.24
+    turn_deg: float = Field(default=0.0, ge=-360, le=360)
+    scale: float | None = Field(default=None, gt=0, le=1000)
+    fit_m: Annotated[list[Annotated[float, Field(gt=0, le=10)]], Field(min_length=2, max_length=2)] | None = None
+
+    @model_validator(mode="after")
+    def size_is_said_once(self) -> Self:
+        """Refuse two sizes."""
+        if self.scale is not None and self.fit_m is not None:
+            raise PydanticCustomError("two_sizes", "either scale or fit_m, not both")
+        return self
+
+
+class RunSection(Section):
+    """How densely the movement is sampled."""
+
+    rate_hz: float = Field(default=100.0, ge=1, le=1000)
+
+
+class OptimisedSection(Section):
+    """The optimised law, `ArmIK`."""
+
+    solver: str | None = None
+    posture_cost: dict[str, Annotated[float, Field(ge=0)]] = Field(default={"rest": 1.0}, min_length=1)
+
+
+class PublishedSection(Section):
+    """The published law, `TangentLaw`: Eqs. (8)-(14) of Rossa et al."""
+
+    gain_per_s: Positive | None = None
+    damping: Positive | None = None
+
+
+class SmoothingSection(Section):
+    """Bounds of the smoothed joint motion; the same for every joint."""
+
+    speed_deg_s: Positive = 180.0
+    acceleration_deg_s2: Positive = 1800.0
+    jerk_deg_s3: Positive = 36000.0
+
+
+class UpperLimb(Section):
+    """A recorded hand path followed within a person's joint limits."""
+
+    system: Literal["upper_limb"]
+    title: str = Field(min_length=1, max_length=120)
+    arm: ArmSection
+    recording: RecordingSection
+    placement: PlacementSection
+    run: RunSection = RunSection()
+    optimised: OptimisedSection = OptimisedSection()
+    published: PublishedSection = PublishedSection()
+    smoothing: SmoothingSection = SmoothingSection()
+
+
+class RobotSection(Section):
+    """Which robot, and from where it starts."""
+
+    model: Literal["ur5"]
+    start_deg: Annotated[list[Annotated[float, Field(ge=-360, le=360)]], Field(min_length=6, max_length=6)]
+    joint_speed_deg_s: Annotated[float, Field(gt=0, le=180)] = 180.0
+    joint_acceleration_deg_s2: Annotated[float, Field(gt=0, le=1e5)] | None = None
+
+
+class CircleSection(Section):
+    """A circle of the tool through its starting point, from rest to rest."""
+
+    radius_m: float = Field(gt=0, le=1)
+    normal: Triple = [0.0, 0.0, 1.0]
+    towards: Triple = [1.0, 0.0, 0.0]
+    turns: float = Field(default=1.0, gt=0, le=100)
+    duration_s: float = Field(gt=0, le=600)
+    swing_deg: float = Field(default=0.0, ge=0, le=90)
+
+    @model_validator(mode="after")
+    def directions_differ(self) -> Self:
+        """Refuse a circle without a plane."""
+        (a, b, c), (x, y, z) = self.normal, self.towards
+        if (b * z - c * y) ** 2 + (c * x - a * z) ** 2 + (a * y - b * x) ** 2 < 1e-12:
+            raise PydanticCustomError("no_plane", "normal and towards neither zero nor parallel")
+        return self
+
+
+class TrackerSection(Section):
+    """The tracking law, `PoseTracker`."""
+
+    rate_hz: float = Field(default=1000.0, ge=10, le=10000)
+    gain_per_s: Positive | None = None
+    solver: str | None = None
+
+
+class PoseTracking(Section):
+    """A robot whose tool follows a moving pose."""
+
+    system: Literal["pose_tracking"]
+    title: str = Field(min_length=1, max_length=120)
+    robot: RobotSection
+    circle: CircleSection
+    tracker: TrackerSection = TrackerSection()
