@@ -19,13 +19,17 @@ class BufferedFunction:
     Parameters
     ----------
     function : dense inputs and outputs; a column becomes an array (n,), anything else (rows, columns).
+
+    Attributes
+    ----------
+    evaluate : what a call does, without the layer of Python; valid only as long as this object lives.
     """
 
-    __slots__ = ("_buffer", "_evaluate", "function", "inputs", "outputs")
+    __slots__ = ("_buffer", "evaluate", "function", "inputs", "outputs")
 
     def __init__(self, function: ca.Function) -> None:
         self.function = function
-        self._buffer, self._evaluate = function.buffer()
+        self._buffer, self.evaluate = function.buffer()
         self.inputs = tuple(_dense(function.sparsity_in(i)) for i in range(function.n_in()))
         self.outputs = tuple(_dense(function.sparsity_out(i)) for i in range(function.n_out()))
         for i, array in enumerate(self.inputs):
@@ -35,13 +39,13 @@ class BufferedFunction:
 
     def __call__(self) -> None:
         """Evaluate on what stands in `inputs`."""
-        self._evaluate()
+        self.evaluate()
 
     def of(self, *values: object) -> Array:
         """First output, copied, for the given inputs: the convenient form, with numpy's conversions."""
         for array, value in zip(self.inputs, values, strict=True):
             array[...] = value
-        self._evaluate()
+        self.evaluate()
         return self.outputs[0].copy()
 
 

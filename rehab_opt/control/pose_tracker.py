@@ -1,0 +1,172 @@
+"""Differential inverse kinematics: joint velocities that make the tool follow a pose, as a QP."""
+
+from __future__ import annotations
+
+import math
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rehab_opt.control.command import Command
+from rehab_opt.control.deliverable import deliverable_twist
+from rehab_opt.control.velocity_controller import VelocityController, checked_number
+from rehab_opt.kinematics.chain import SerialChain, per_joint
+from rehab_opt.kinematics.frames import is_rotation, rotation_vector
+from rehab_opt.optim.certificate import clipped
+from rehab_opt.optim.qp import Statement, parameter, variable
+
+__all__ = ["PoseTracker"]
+
+DIRECTION_KEEPING = 1e-3
+"""Price of slowing down, relative to leaving the asked direction: at half speed it is left by 0.03 degrees."""
+STEADYING = 1e-8
+"""Weight of the joint velocity itself, against the squared twist error: it settles what the task leaves open."""
+POSTURE = 1e-4
+"""Weight of the posture's velocity against the squared twist error."""
+
+
+class PoseTracker(VelocityController):
+    """Joint velocities for a tool that follows a pose and a twist.
+
+    min  1/2 |J q' - s v|^2 + price (1 - s)^2 + small |q' - q'_posture|^2   over q', 0 <= s <= 1
+    s.t. lower(q, q'_last) <= q' <= upper(q, q'_last)
+
+    v is the asked twist plus `gain` times the pose error, no faster than the hand speeds allow, of which the arm can
+    deliver a part at this pose (`deliverable_twist`); s scales it down where the bounds demand, so that the
+    direction of the motion is kept. The interval is that of `velocity_bounds`: it is never empty.
+
+    Parameters
+    ----------
+    chain : any serial chain with its limits.
+    lower, upper, velocity, acceleration : (n,) or scalar; replace the chain's limits.
+    gain : [1/s] rate at which a pose error decays.
+    linear_speed, angular_speed : [m/s, rad/s] largest asked hand speeds; faster requests are slowed, not cut.
+    task_weights : (6,) weights of the twist's components in the base frame; a zero frees one.
+    posture : (n,) joint positions that a redundant chain drifts to, or None.
+    dt : nominal tick [s].
+    return_speed : share of the velocity limit at which a joint outside its limits comes back.
+    solver, backup : see `Ladder`. tolerance : largest certificate residual accepted [the statement's units].
+    max_age : [s] see `Watchdog`.
+    compile : None follows `REHAB_OPT_COMPILE`.
+
+    Raises
+    ------
+    ConfigurationError : an argument that cannot be used.
+    """
+
+    shapes = ((4, 4), (6,))
+
+    def __init__(
+        self,
+        chain: SerialChain,
+        *,
+        lower: ArrayLike | None = None,
+        upper: ArrayLike | None = None,
+        velocity: ArrayLike | None = None,
+        acceleration: ArrayLike | None = None,
+        gain: float = 50.0,
+        linear_speed: float = 1.0,
+        angular_speed: float = math.pi,
+        task_weights: ArrayLike = 1.0,
+        posture: ArrayLike | None = None,
+        dt: float = 0.001,
+        return_speed: float = 0.1,
+        solver: str = "qrqp",
+        backup: str = "proxqp",
+        tolerance: float = 1e-8,
+        max_age: float | None = None,
+        compile: bool | None = None,
+    ) -> None:
+        self.gain = checked_number("gain", gain, above=0.0)
+        self.linear_speed = checked_number("linear_speed", linear_speed, above=0.0)
+        self.angular_speed = checked_number("angular_speed", angular_speed, above=0.0)
+        self.task_weights = per_joint("task_weights", task_weights, 6, finite=True)
+        self.posture = None if posture is None else per_joint("posture", posture, chain.n, finite=True)
+        super().__init__(
+            chain.with_limits(lower=lower, upper=upper, velocity=velocity, acceleration=acceleration),
+            dt=dt,
+            return_speed=return_speed,
+            solver=solver,
+            backup=backup,
+            tolerance=tolerance,
+            max_age=max_age,
+            compile=compile,
+        )
+
+    def statement(self) -> Statement:
+        """The QP of one tick; parameters q (n,), pose (16, by rows), twist (6,); memory as `VelocityController`."""
+        chain, n = self.chain, self.chain.n
+        q, last, predicted = parameter("q", n), parameter("last", n), parameter("predicted", n)
+        entries, twist = parameter("pose", 16), parameter("twist", 6)
+        pose = ca.reshape(entries, 4, 4).T
+        bounds = self.bounds(q, last)
+
+        weights = ca.sqrt(ca.DM(self.task_weights))
+        jacobian = ca.diag(weights) @ chain.jacobian_expression(q)
+        moving = jacobian @ ca.diag(ca.DM(~chain.locked))
+        asked = weights * self._asked_twist(chain.pose_expression(q), pose, twist)
+        deliverable = deliverable_twist(moving, asked, bounds.stop_lower, bounds.stop_upper)
+
+        velocity = variable("velocity", n, lower=bounds.lower, upper=bounds.upper)
+        scale = variable("scale", 1, lower=0, upper=1)
+        error = jacobian @ velocity.symbol - scale.symbol * deliverable
+        price = DIRECTION_KEEPING * (ca.sumsqr(deliverable) + 1e-6)
+        steadying, rest = STEADYING, ca.SX.zeros(n)
+        if self.posture is not None:
+            steadying, rest = POSTURE, clipped(self._settling * (self.posture - q), -0.1 * chain.velocity, 0.1 * chain.velocity)
+        cost = ca.sumsqr(error) + steadying * ca.sumsqr(velocity.symbol - rest) + price * ca.sumsqr(scale.symbol - 1)
+        missed = ca.sumsqr(deliverable - asked) > 1e-6 * ca.sumsqr(asked)
+        return Statement(
+            name="pose_tracker",
+            parameters=[q, entries, twist],
+            variables=[velocity, scale],
+            minimise=cost / 2,
+            requires=[is_rotation(pose[:3, :3])],
+            notes=self.notes(bounds, missed),
+            report=self.report(last, velocity.symbol, scale.symbol),
+            memory=ca.vertcat(last, predicted),
+            remember=self.remember(q, velocity.symbol),
+        )
+
+    def _asked_twist(self, pose: ca.SX, target: ca.SX, twist: ca.SX) -> ca.SX:
+        """(6,) twist plus feedback on the pose error, slowed as a whole where a hand speed would be exceeded."""
+        position_error = target[:3, 3] - pose[:3, 3]
+        rotation_error = rotation_vector(target[:3, :3] @ pose[:3, :3].T)
+        asked = twist + self._settling * ca.vertcat(position_error, rotation_error)
+        share = ca.fmax(ca.norm_2(asked[:3]) / self.linear_speed, ca.norm_2(asked[3:]) / self.angular_speed)
+        return asked / ca.fmax(share, 1)
+
+    @property
+    def _settling(self) -> float:
+        """[1/s] what removes a share 1 - exp(-gain dt) of the error in one tick: never an overshoot, at any dt."""
+        return (1 - math.exp(-self.gain * self.dt)) / self.dt
+
+    def step(
+        self, q: ArrayLike, pose: ArrayLike, twist: ArrayLike, *, enable: object = True, stamp: float | None = None
+    ) -> Command:
+        """Joint velocity (n,) [rad/s, m/s] to hold until the next tick.
+
+        Never raises on numbers: what is not usable gives the safe command, decelerating within the limits, and its
+        reason.
+
+        Parameters
+        ----------
+        q : (n,) joint positions now [rad, m].
+        pose : (4, 4) where the tool should be now, in the base frame.
+        twist : (6,) how that moves, linear [m/s] first, then angular [rad/s], in the base frame.
+        enable : the dead-man input; anything but true decelerates to rest.
+        stamp : time of the state [s]; checked by the watchdog when given.
+
+        Raises
+        ------
+        ConfigurationError : an argument of the wrong shape.
+        """
+        return self._tick(q, (pose, twist), enable, stamp)
+
+    def unusable(self) -> str:
+        """A target that is not a rigid pose."""
+        rotation = self._inputs[0][:3, :3]
+        if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-4 or np.linalg.det(rotation) < 0:
+            return "pose is not a rigid transform"
+        return ""

@@ -1,0 +1,101 @@
+"""How fast each joint may move in this tick: velocity, position and acceleration bounds as one interval a joint.
+
+The order in which bounds yield is settled here, joint by joint, in closed form, so that the QP's box is never empty:
+velocity never; then never further outside a joint limit; then acceleration; then the task.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.optim.certificate import clipped
+
+__all__ = ["VelocityBounds", "nearest_to_rest", "stopping_speed", "velocity_bounds"]
+
+OUTSIDE = 1e-9
+"""[rad or m] A joint less than this beyond its limit stands at it: rounding is no excursion."""
+
+FAR = 1e9
+"""[rad, m, rad/s or m/s] A limit that is never felt."""
+
+
+class VelocityBounds(NamedTuple):
+    """Intervals of joint velocity, each inside the one before it; (n,) expressions, never empty."""
+
+    lower: ca.SX
+    upper: ca.SX
+    brake_lower: ca.SX
+    """Bounds without the need to be able to stop or to come back: what a braking command has to keep."""
+    brake_upper: ca.SX
+    stop_lower: ca.SX
+    """Bounds by the position limits alone; far away where no limit is near enough to be felt."""
+    stop_upper: ca.SX
+    outside: ca.SX
+    """(n,) 1 where the joint is beyond its limit."""
+
+
+def velocity_bounds(chain: SerialChain, q: ca.SX, last: ca.SX, *, dt: float, return_speed: float) -> VelocityBounds:
+    """Interval of the joint velocity that is held from now until the next tick.
+
+    Parameters
+    ----------
+    chain : its position, velocity and acceleration limits.
+    q : (n,) joint positions now.
+    last : (n,) joint velocity commanded in the last tick.
+    dt : tick [s].
+    return_speed : share of the velocity limit at which a joint outside its limits comes back.
+
+    From every state that can still stop, all bounds hold together and the next state can stop again, exactly, at any
+    dt (the recursion is over ticks, not over continuous time). Other states brake at the largest deceleration.
+    """
+    speed = ca.DM(chain.velocity)
+    # A change beyond 2 v_max a tick is no change a bound could forbid; so infinite accelerations become finite.
+    change = ca.DM(np.minimum(chain.acceleration * dt, 2 * chain.velocity))
+    # Infinite limits become ones that are never felt.
+    room_up = ca.DM(np.clip(chain.upper, -FAR, FAR)) - q
+    room_down = q - ca.DM(np.clip(chain.lower, -FAR, FAR))
+    above, below = room_up < -OUTSIDE, room_down < -OUTSIDE
+    back = return_speed * speed
+
+    # Hard: speed, and in this tick not beyond the limit, or when beyond it not further and not faster back than `back`.
+    hard_upper = ca.if_else(below, back, clipped(room_up / dt, ca.DM.zeros(chain.n), speed))
+    hard_lower = -ca.if_else(above, back, clipped(room_down / dt, ca.DM.zeros(chain.n), speed))
+    # Then acceleration, as far as the hard interval leaves it.
+    brake_lower = clipped(last - change, hard_lower, hard_upper)
+    brake_upper = clipped(last + change, hard_lower, hard_upper)
+    # Then the way back, or a speed from which the joint still stops at its limit.
+    stop_upper = ca.if_else(above, ca.fmax(room_up / dt, -back), stopping_speed(room_up, change, speed, dt))
+    stop_lower = -ca.if_else(below, ca.fmax(room_down / dt, -back), stopping_speed(room_down, change, speed, dt))
+    return VelocityBounds(
+        lower=clipped(stop_lower, brake_lower, brake_upper),
+        upper=clipped(stop_upper, brake_lower, brake_upper),
+        brake_lower=brake_lower,
+        brake_upper=brake_upper,
+        stop_lower=ca.if_else(stop_lower <= -speed, -FAR, stop_lower),
+        stop_upper=ca.if_else(stop_upper >= speed, FAR, stop_upper),
+        outside=ca.logic_or(above, below),
+    )
+
+
+def stopping_speed(room: ca.SX, change: ca.DM, speed: ca.DM, dt: float) -> ca.SX:
+    """Largest speed for one tick after which the joint, slowing by `change` a tick, stops within `room`.
+
+    A speed v is held for dt, then v - change, v - 2 change and so on: k = floor(v/change) further ticks, in all
+    dt ((k + 1) v - change k (k + 1)/2). That is piecewise linear in v; this is its inverse.
+    """
+    enough = speed * dt + speed**2 * dt / (2 * change)  # beyond this room no limit is felt
+    room = clipped(room, ca.DM.zeros(speed.shape), enough)
+    ticks = ca.floor((ca.sqrt(1 + 8 * room / (change * dt)) - 1) / 2)
+    return (room / dt + change * ticks * (ticks + 1) / 2) / (ticks + 1)
+
+
+def nearest_to_rest(bounds: VelocityBounds) -> ca.SX:
+    """(n,) the velocity nearest to rest that the bounds allow: the safe command.
+
+    A joint outside its limits is not led back by it: who let go of the enable switch wants no motion.
+    """
+    return clipped(ca.SX.zeros(bounds.lower.shape), bounds.brake_lower, bounds.brake_upper)

@@ -1,0 +1,203 @@
+"""Everything around a velocity QP: parameters into buffers, solve, certificate, ladder, safe command, Command."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from functools import cached_property
+from typing import ClassVar
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rehab_opt.control.command import Bound, Command, Status
+from rehab_opt.control.stopping import VelocityBounds, nearest_to_rest, velocity_bounds
+from rehab_opt.control.watchdog import Watchdog
+from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.chain import SerialChain, per_joint
+from rehab_opt.optim.ladder import Ladder
+from rehab_opt.optim.qp import PLAUSIBLE, Instance, Statement
+from rehab_opt.symbolic import BufferedFunction
+
+__all__ = ["VelocityController", "checked_number"]
+
+Array = NDArray[np.float64]
+SLOWED = 1e-3
+"""Share by which the hand must be slower than asked for the task to count as yielding."""
+
+_FLOAT = np.dtype(np.float64)
+_BOUNDS = tuple(Bound(i) for i in range(8))  # looked up, since making an IntFlag costs half a microsecond
+
+
+class VelocityController(ABC):
+    """A controller whose command is a joint velocity held until the next tick.
+
+    A subclass states its QP. Its first parameter is q (n,), its first variables are the joint velocities (n,), and its
+    memory is the last velocity and the position it leads to (2 n,): `remember` gives both.
+
+    The velocity last commanded is part of the state: a new controller is at rest, `reset` says otherwise. An object
+    belongs to one thread.
+    """
+
+    def __init__(
+        self,
+        chain: SerialChain,
+        *,
+        dt: float,
+        return_speed: float,
+        solver: str,
+        backup: str,
+        tolerance: float,
+        max_age: float | None,
+        compile: bool | None,
+    ) -> None:
+        self.chain = chain
+        self.dt = checked_number("dt", dt, above=0.0, below=1.0)
+        self.return_speed = checked_number("return_speed", return_speed, above=0.0, below=1.0)
+        self._watchdog = Watchdog(dt=dt, max_age=max_age)
+        self._ladder = Ladder(self.stated, solver=solver, backup=backup, tolerance=tolerance, compile=compile)
+        self._safe_command = BufferedFunction(self._braking())
+        ladder, n = self._ladder, chain.n
+        ends = np.cumsum([symbol.numel() for symbol in self.stated.parameters])
+        first, *others = np.split(ladder.parameters, ends[:-1])
+        self._q = first
+        self._inputs = tuple(part.reshape(shape) for part, shape in zip(others, self.shapes, strict=True))
+        self._names = tuple(symbol[0].name().rsplit("_", 1)[0] for symbol in self.stated.parameters)
+        self._velocity, self._last, self._predicted = ladder.x[:n], ladder.memory[:n], ladder.memory[n:]
+        self._residual, self._report, self._notes = map(memoryview, (ladder.residual, ladder.report, ladder.notes))
+        self.reset()
+
+    # ------------------------------------------------------------------------------------------- for subclasses
+    shapes: ClassVar[tuple[tuple[int, ...], ...]] = ()
+    """Shapes of the statement's parameters between q and the last velocity, as `step` takes them."""
+
+    @abstractmethod
+    def statement(self) -> Statement:
+        """The QP of one tick."""
+
+    def unusable(self) -> str:
+        """What is wrong with inputs that are numbers but cannot be meant; empty where nothing is."""
+        return ""
+
+    @cached_property
+    def stated(self) -> Statement:
+        """The QP of one tick, made once."""
+        return self.statement()
+
+    def bounds(self, q: ca.SX, last: ca.SX) -> VelocityBounds:
+        """Intervals of the joint velocities."""
+        return velocity_bounds(self.chain, q, last, dt=self.dt, return_speed=self.return_speed)
+
+    def notes(self, bounds: VelocityBounds, missed: ca.SX) -> ca.SX:
+        """What is known before the solve: a joint is outside its limit; part of the task cannot be delivered."""
+        return int(Bound.POSITION) * (ca.sum1(bounds.outside) > 0) + int(Bound.TASK) * missed
+
+    def report(self, last: ca.SX, velocity: ca.SX, scale: ca.SX) -> ca.SX:
+        """What is known after it: bounds that yielded, and the scale."""
+        allowed = ca.DM(np.minimum(self.chain.acceleration * self.dt, 2 * self.chain.velocity))
+        hurried = ca.sum1(ca.fabs(velocity - last) > allowed * (1 + 1e-9) + 1e-12) > 0
+        yielded = int(Bound.ACCELERATION) * hurried + int(Bound.TASK) * (scale < 1 - SLOWED)
+        return ca.vertcat(yielded, scale)
+
+    def remember(self, q: ca.SX, velocity: ca.SX) -> ca.SX:
+        """The velocity, and where it leads by the next tick."""
+        return ca.vertcat(velocity, q + velocity * self.dt)
+
+    def _braking(self) -> ca.Function:
+        """q, last velocity -> what is remembered of the safe command, its report, its notes."""
+        q, last = ca.SX.sym("q", self.chain.n), ca.SX.sym("last", self.chain.n)
+        bounds = self.bounds(q, last)
+        rest = nearest_to_rest(bounds)
+        expressions = [self.remember(q, rest), self.report(last, rest, ca.SX(0)), self.notes(bounds, ca.SX(1))]
+        return ca.Function("braking", [q, last], [ca.densify(each) for each in expressions], {"cse": True})
+
+    # -------------------------------------------------------------------------------------------------- the user's
+    def reset(self, velocity: ArrayLike | None = None) -> None:
+        """Forget the past; `velocity` (n,) is what the joints do now [rad/s or m/s], rest by default."""
+        n = self.chain.n
+        speed = np.zeros(n) if velocity is None else per_joint("velocity", velocity, n, finite=True)
+        if np.any(np.abs(speed) > self.chain.velocity):
+            raise ConfigurationError("velocity", velocity, "joint speeds within their limits")
+        self._last[:] = speed
+        self._ladder.start_from(np.append(speed, np.zeros(self.stated.n - n)))
+        lower, upper = np.maximum(self.chain.lower, -PLAUSIBLE), np.minimum(self.chain.upper, PLAUSIBLE)
+        self._predicted[:] = (lower + upper) / 2
+        self._watchdog.reset()
+
+    def instance(self, q: ArrayLike, *inputs: ArrayLike) -> Instance:
+        """The QP that `step` would solve now, as numbers, for inspection."""
+        return self.stated.instance(q, *inputs, memory=self._ladder.memory)
+
+    def to_qpsolvers(self, q: ArrayLike, *inputs: ArrayLike):  # type: ignore[no-untyped-def]
+        """The QP that `step` would solve now, as a `qpsolvers.Problem`."""
+        return self.stated.to_qpsolvers(q, *inputs, memory=self._ladder.memory)
+
+    # ---------------------------------------------------------------------------------------------------- one tick
+    def _tick(self, q: ArrayLike, inputs: tuple[ArrayLike, ...], enable: object, stamp: float | None) -> Command:
+        if enable is not True and enable != True:  # noqa: E712  (numpy booleans are welcome, NaN is not)
+            reason = "not enabled"
+        elif stamp is None:
+            reason = ""
+        else:
+            reason = self._watchdog.check(stamp)
+        _write(self._q, q, "q")
+        for i, value in enumerate(inputs):
+            _write(self._inputs[i], value, self._names[i + 1])
+        if reason:
+            return self._safe(reason)
+        ladder = self._ladder
+        solver = ladder()
+        if not solver:
+            return self._safe(self._fault())
+        value = self._velocity.copy()
+        value.setflags(False)
+        if solver is ladder.solver:
+            status, reason = Status.OK, ""
+        else:
+            status, reason = Status.BACKUP, f"{ladder.solver} gave no certified answer"
+        yielded = _BOUNDS[int(self._report[0]) | int(self._notes[0])]
+        return Command(value, status, solver, self._residual[0], ladder.iterations, reason, yielded, self._report[1])
+
+    def _safe(self, reason: str) -> Command:
+        """Decelerate within the bounds, from the last good position where this one is unusable."""
+        known = np.all(np.abs(self._q) <= PLAUSIBLE)
+        braking, ladder = self._safe_command, self._ladder
+        braking.inputs[0][:] = self._q if known else self._predicted
+        braking.inputs[1][:] = self._last
+        braking()
+        memory, report, notes = braking.outputs
+        value = memory[: self.chain.n] + 0.0  # a copy, and no negative zeros
+        value.setflags(False)
+        ladder.memory[:] = memory
+        ladder.start_from(np.append(value, np.zeros(self.stated.n - value.size)))
+        status = Status.BRAKING if value.any() else Status.HOLDING
+        yielded = _BOUNDS[int(report[0]) | int(notes[0])]
+        return Command(value, status, "", math.inf, -1, reason, yielded, 0.0)
+
+    def _fault(self) -> str:
+        """Why no answer was certified."""
+        for name, array in zip(self._names, (self._q, *self._inputs), strict=False):
+            bad = ~(np.abs(array) <= PLAUSIBLE)
+            if bad.any():
+                return f"{name}[{', '.join(str(i) for i in np.argwhere(bad)[0])}] is {array[bad][0]}, not a usable number"
+        return self.unusable() or f"no solver gave a certified answer (residual {self._residual[0]:.1e})"
+
+
+def checked_number(argument: str, value: float, *, above: float, below: float = math.inf) -> float:
+    """`value` as a float strictly between `above` and `below`."""
+    if isinstance(value, (int, float, np.floating, np.integer)) and above < value < below:
+        return float(value)
+    raise ConfigurationError(argument, value, f"a number between {above:g} and {below:g}")
+
+
+def _write(target: Array, value: ArrayLike, name: str) -> None:
+    """Copy a sensor value; its shape is the caller's business, its numbers are judged by the certificate."""
+    if value.__class__ is not np.ndarray or value.dtype is not _FLOAT:  # type: ignore[union-attr]
+        try:
+            value = np.asarray(value, dtype=np.float64)
+        except (TypeError, ValueError) as problem:
+            raise ConfigurationError(name, value, f"an array of shape {target.shape}") from problem
+    if value.shape != target.shape:  # type: ignore[union-attr]
+        raise ConfigurationError(name, value, f"an array of shape {target.shape}")
+    target[...] = value

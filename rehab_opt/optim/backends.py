@@ -1,0 +1,228 @@
+"""Solvers for one QP after another of the same size: kept-alive proxqp and osqp, and whatever qpsolvers knows."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+import qpsolvers
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from rehab_opt.errors import ConfigurationError
+from rehab_opt.optim.qp import Instance
+
+__all__ = ["Answer", "Backend", "OsqpBackend", "ProxqpBackend", "QpsolversBackend", "backend", "to_qpsolvers"]
+
+Array = NDArray[np.float64]
+
+PRECISION = 1e-10
+"""What every solver is asked for, absolute, so that its answers pass the certificate."""
+
+
+class Answer(NamedTuple):
+    """A claimed solution; NaN in x where the solver gave none. Multipliers are positive at an upper bound."""
+
+    x: Array
+    bound_multipliers: Array
+    row_multipliers: Array
+    iterations: int
+
+
+class Backend(Protocol):
+    """One solver, warm-started from its last answer."""
+
+    name: str
+
+    def solve(self, qp: Instance) -> Answer:
+        """Claimed solution of `qp`; never raises on numbers."""
+        ...
+
+
+def backend(name: str, n: int, m: int) -> Backend:
+    """The backend of that name for QPs with n variables and m rows.
+
+    "proxqp" and "osqp" keep a workspace; any other name is passed to qpsolvers.
+
+    Raises
+    ------
+    ConfigurationError : the name is none of the installed solvers.
+    """
+    if name == "proxqp":
+        return ProxqpBackend(n, m)
+    if name == "osqp":
+        return OsqpBackend(n, m)
+    return QpsolversBackend(name)
+
+
+class ProxqpBackend:
+    """proxsuite's dense solver, updated in place.
+
+    eps_primal_inf and eps_dual_inf are 0 since at their defaults it calls feasible problems infeasible; both
+    iteration counts are capped since without that a NaN cost has held it for 47 s.
+    """
+
+    name = "proxqp"
+
+    def __init__(self, n: int, m: int) -> None:
+        from proxsuite import proxqp  # noqa: PLC0415  (loads when used)
+
+        self._n, self._m, self._ready = n, m, False
+        self._qp = proxqp.dense.QP(n, 0, m, True)
+        settings = self._qp.settings
+        settings.eps_abs, settings.eps_rel = PRECISION, 0.0
+        settings.eps_primal_inf = settings.eps_dual_inf = 0.0
+        settings.max_iter, settings.max_iter_in = 200, 200
+        settings.initial_guess = proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
+
+    def solve(self, qp: Instance) -> Answer:
+        """Claimed solution of `qp`."""
+        n, m = self._n, self._m
+        if not _usable(qp):
+            return _no_answer(n, m)
+        matrices = {
+            "H": qp.H, "g": qp.g, "C": qp.A if m else None, "l": qp.rows_lower if m else None,
+            "u": qp.rows_upper if m else None, "l_box": qp.lower, "u_box": qp.upper,
+        }  # fmt: skip
+        if self._ready:
+            self._qp.update(**matrices)
+        else:
+            self._qp.init(**matrices)
+            self._ready = True
+        self._qp.solve()
+        result = self._qp.results
+        x, z = np.array(result.x), np.array(result.z)
+        if not (np.all(np.isfinite(x)) and np.all(np.isfinite(z))):
+            self.__init__(n, m)  # type: ignore[misc]  # a poisoned warm start would fail every later solve
+            return _no_answer(n, m)
+        return Answer(x, z[m:], z[:m], int(result.info.iter))
+
+
+class OsqpBackend:
+    """osqp with the full pattern set up once, so that every later problem is an update."""
+
+    name = "osqp"
+
+    def __init__(self, n: int, m: int) -> None:
+        self._n, self._m = n, m
+        self._upper = np.triu_indices(n)
+        # Column-major order of the upper triangle, and of the stacked [A; I]: fixed patterns, explicit zeros kept.
+        order = np.lexsort((self._upper[0], self._upper[1]))
+        self._upper = (self._upper[0][order], self._upper[1][order])
+        self._solver: Any = None
+
+    def solve(self, qp: Instance) -> Answer:
+        """Claimed solution of `qp`."""
+        n, m = self._n, self._m
+        if not _usable(qp):
+            return _no_answer(n, m)
+        lower = np.concatenate([qp.rows_lower, qp.lower])
+        upper = np.concatenate([qp.rows_upper, qp.upper])
+        stacked = np.vstack([qp.A, np.eye(n)])
+        if self._solver is None:
+            self._solver = self._set_up(qp, stacked, lower, upper)
+        else:
+            self._solver.update(
+                Px=qp.H[self._upper], q=np.array(qp.g), Ax=stacked.reshape(-1, order="F"), l=lower, u=upper
+            )
+        result = self._solver.solve(raise_error=False)
+        if not (np.all(np.isfinite(result.x)) and np.all(np.isfinite(result.y))):
+            self._solver = None
+            return _no_answer(n, m)
+        return Answer(np.array(result.x), np.array(result.y[m:]), np.array(result.y[:m]), int(result.info.iter))
+
+    def _set_up(self, qp: Instance, stacked: Array, lower: Array, upper: Array) -> Any:
+        import osqp  # noqa: PLC0415  (loads when used)
+
+        n, rows = self._n, stacked.shape[0]
+        starts = np.concatenate([[0], np.cumsum(np.arange(1, n + 1))])
+        hessian = sp.csc_matrix((qp.H[self._upper], self._upper[0], starts), shape=(n, n))
+        matrix = sp.csc_matrix(
+            (stacked.reshape(-1, order="F"), np.tile(np.arange(rows), n), np.arange(n + 1) * rows), shape=(rows, n)
+        )
+        solver = osqp.OSQP()
+        # A fixed adaption interval: the default depends on time, and with it the answer.
+        solver.setup(
+            hessian, np.array(qp.g), matrix, lower, upper, verbose=False, eps_abs=PRECISION, eps_rel=0.0,
+            polishing=True, max_iter=10_000, adaptive_rho_interval=50, warm_starting=True,
+        )  # fmt: skip
+        return solver
+
+
+class QpsolversBackend:
+    """Any solver of qpsolvers by name; a problem is made anew each time, so this is for comparison, not for speed."""
+
+    _tight: dict[str, dict[str, float]] = {  # noqa: RUF012  (a constant table)
+        "daqp": {"primal_tol": PRECISION, "dual_tol": PRECISION},
+        "clarabel": {"tol_gap_abs": PRECISION, "tol_gap_rel": 0.0, "tol_feas": PRECISION},
+        "piqp": {"eps_abs": PRECISION, "eps_rel": 0.0},
+        "scs": {"eps_abs": PRECISION, "eps_rel": 0.0},
+    }
+
+    def __init__(self, name: str) -> None:
+        if name not in qpsolvers.available_solvers:
+            known = ", ".join(["qrqp", "proxqp", "osqp", *sorted(set(qpsolvers.available_solvers) - {"proxqp", "osqp"})])
+            raise ConfigurationError("solver", name, f"an installed solver: {known}")
+        self.name = name
+        self._options = self._tight.get(name, {})
+
+    def solve(self, qp: Instance) -> Answer:
+        """Claimed solution of `qp`."""
+        n, m = qp.g.size, qp.rows_lower.size
+        if not _usable(qp):
+            return _no_answer(n, m)
+        problem = to_qpsolvers(qp)
+        try:
+            solution = qpsolvers.solve_problem(problem, solver=self.name, **self._options)
+        except (qpsolvers.exceptions.QPError, ValueError, ArithmeticError, RuntimeError):
+            return _no_answer(n, m)  # solvers differ in how they say no
+        if not solution.found or solution.x is None:
+            return _no_answer(n, m)
+        bounds = np.zeros(n) if solution.z_box is None else np.asarray(solution.z_box, dtype=np.float64)
+        return Answer(np.asarray(solution.x, dtype=np.float64), bounds, _row_multipliers(qp, solution), -1)
+
+
+def to_qpsolvers(qp: Instance) -> qpsolvers.Problem:
+    """`qp` in qpsolvers' form: equal row bounds become A x = b, finite one-sided ones G x <= h."""
+    equality, above, below = _sides(qp)
+    inequalities = [qp.A[above], -qp.A[below]]
+    limits = [qp.rows_upper[above], -qp.rows_lower[below]]
+    has_rows, has_equalities = bool(above.any() or below.any()), bool(equality.any())
+    return qpsolvers.Problem(
+        np.array(qp.H),
+        np.array(qp.g),
+        np.vstack(inequalities) if has_rows else None,
+        np.concatenate(limits) if has_rows else None,
+        qp.A[equality] if has_equalities else None,
+        qp.rows_upper[equality] if has_equalities else None,
+        np.array(qp.lower),
+        np.array(qp.upper),
+    )
+
+
+def _sides(qp: Instance) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
+    equality = qp.rows_lower == qp.rows_upper
+    return equality, ~equality & (qp.rows_upper < np.inf), ~equality & (qp.rows_lower > -np.inf)
+
+
+def _row_multipliers(qp: Instance, solution: qpsolvers.Solution) -> Array:
+    equality, above, below = _sides(qp)
+    multipliers = np.zeros(qp.rows_lower.size)
+    if solution.y is not None and equality.any():
+        multipliers[equality] = solution.y
+    if solution.z is not None and (above.any() or below.any()):
+        count = int(above.sum())
+        multipliers[above] += solution.z[:count]
+        multipliers[below] -= solution.z[count:]
+    return multipliers
+
+
+def _usable(qp: Instance) -> bool:
+    """Whether a solver may see this: NaN hangs some, and a NaN bound is no bound to others."""
+    costs_finite = np.isfinite(qp.H).all() and np.isfinite(qp.g).all() and np.isfinite(qp.A).all()
+    bounds_ordered = (qp.lower <= qp.upper).all() and (qp.rows_lower <= qp.rows_upper).all()
+    return bool(costs_finite and bounds_ordered)
+
+
+def _no_answer(n: int, m: int) -> Answer:
+    return Answer(np.full(n, np.nan), np.full(n, np.nan), np.full(m, np.nan), -1)

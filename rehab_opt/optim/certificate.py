@@ -1,0 +1,65 @@
+"""Residuals of a claimed QP solution, computed by us: no solver's word is taken for it."""
+
+from __future__ import annotations
+
+from functools import reduce
+
+import casadi as ca
+
+__all__ = ["all_true", "certificate_function", "clipped", "is_certified"]
+
+
+def certificate_function(n: int, m: int) -> ca.Function:
+    """Certificate of x for  min 1/2 x'Hx + g'x,  lower <= x <= upper,  rows_lower <= A x <= rows_upper.
+
+    Inputs: H (n, n), g (n,), A (m, n), rows_lower, rows_upper (m,), lower, upper (n,), sound (1 where the data may be
+    used at all, else 0), x (n,) and the multipliers of its bounds (n,) and rows (m,), positive at an upper bound.
+
+    Outputs: x clipped into its bounds (that x is what is certified and used), and the residual, the 2-norm of
+    stationarity H x + g + y_x + A'y_A, of the rows' violation, and of min(multiplier, slack) for every bound.
+    Units are those of the statement; one tolerance therefore means the same for every solver.
+
+    The residual of a NaN anywhere is infinite or NaN: CasADi's fmax and fmin drop NaN, so each is guarded by a
+    comparison that NaN fails. Accept with `is_certified`.
+    """
+    hessian, gradient, matrix = ca.SX.sym("H", n, n), ca.SX.sym("g", n), ca.SX.sym("A", m, n)
+    rows_lower, rows_upper = ca.SX.sym("rows_lower", m), ca.SX.sym("rows_upper", m)
+    lower, upper, sound = ca.SX.sym("lower", n), ca.SX.sym("upper", n), ca.SX.sym("sound")
+    claim, bound_multiplier, row_multiplier = ca.SX.sym("x", n), ca.SX.sym("y_x", n), ca.SX.sym("y_A", m)
+
+    x = clipped(claim, lower, upper)
+    rows = matrix @ x
+    stationarity = hessian @ x + gradient + bound_multiplier + matrix.T @ row_multiplier
+    violation = ca.fmax(rows_lower - rows, 0) + ca.fmax(rows - rows_upper, 0)
+    complementarity = ca.vertcat(
+        _one_is_zero(bound_multiplier, x, lower, upper), _one_is_zero(row_multiplier, rows, rows_lower, rows_upper)
+    )
+    residual = ca.sqrt(ca.sumsqr(stationarity) + ca.sumsqr(violation) + ca.sumsqr(complementarity))
+    sane = all_true(sound > 0, x <= upper, x >= lower, ca.fabs(rows) <= 1e30, rows_lower <= rows_upper)
+    data = [hessian, gradient, matrix, rows_lower, rows_upper, lower, upper, sound]
+    return ca.Function(
+        "certificate", [*data, claim, bound_multiplier, row_multiplier], [x, residual / sane], {"cse": True}
+    )
+
+
+def all_true(*conditions: ca.SX) -> ca.SX:
+    """1 where every element of every condition holds, else 0; a comparison with NaN does not hold."""
+    elements = [condition[i] for condition in conditions for i in range(condition.numel())]
+    return reduce(ca.logic_and, elements, ca.SX(1))
+
+
+def is_certified(residual: float, tolerance: float) -> bool:
+    """Whether 0 <= residual <= tolerance: false for NaN."""
+    return 0.0 <= residual <= tolerance
+
+
+def clipped(value: ca.SX, lower: ca.SX, upper: ca.SX) -> ca.SX:
+    """`value` moved into [lower, upper]; a NaN value becomes a bound, so guard where NaN must show."""
+    return ca.fmin(ca.fmax(value, lower), upper)
+
+
+def _one_is_zero(multiplier: ca.SX, value: ca.SX, lower: ca.SX, upper: ca.SX) -> ca.SX:
+    """Complementarity as min(multiplier, slack): zero iff one of them is, and infinite bounds need no special case."""
+    at_upper = ca.fmin(ca.fmax(multiplier, 0), ca.fmax(upper - value, 0))
+    at_lower = ca.fmin(ca.fmax(-multiplier, 0), ca.fmax(value - lower, 0))
+    return ca.vertcat(at_upper, at_lower)

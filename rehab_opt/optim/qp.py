@@ -1,0 +1,234 @@
+"""A QP stated once, symbolically; its numbers, its fused solve and its certificate are derived from the statement."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rehab_opt.errors import ConfigurationError
+from rehab_opt.optim.certificate import all_true, certificate_function
+
+if TYPE_CHECKING:
+    import qpsolvers
+
+__all__ = ["Instance", "Row", "Statement", "Variable", "equal", "parameter", "variable", "within"]
+
+Array = NDArray[np.float64]
+
+PLAUSIBLE = 1e6
+"""Parameters beyond this size, in SI units, are a broken sensor or a broken caller, not a robot."""
+QRQP_ITERATIONS = 100
+"""Cap on active-set changes of the fused solver; what is not solved by then fails its certificate."""
+
+
+class Variable(NamedTuple):
+    """Decision variables with their bounds; made by `variable`."""
+
+    symbol: ca.SX
+    lower: ca.SX
+    upper: ca.SX
+
+
+class Row(NamedTuple):
+    """lower <= expression <= upper, linear in the variables; made by `equal` and `within`."""
+
+    expression: ca.SX
+    lower: ca.SX
+    upper: ca.SX
+
+
+class Instance(NamedTuple):
+    """Numbers of one QP: min 1/2 x'Hx + g'x, lower <= x <= upper, rows_lower <= A x <= rows_upper."""
+
+    H: Array
+    g: Array
+    A: Array
+    rows_lower: Array
+    rows_upper: Array
+    lower: Array
+    upper: Array
+
+
+def parameter(name: str, size: int) -> ca.SX:
+    """A column of numbers that change from tick to tick."""
+    return ca.SX.sym(name, size)
+
+
+def variable(name: str, size: int, *, lower: Any = -np.inf, upper: Any = np.inf) -> Variable:
+    """Decision variables with bounds, each a number or an expression of the parameters."""
+    ones = ca.SX.ones(size)
+    return Variable(ca.SX.sym(name, size), ca.SX(lower) * ones, ca.SX(upper) * ones)
+
+
+def equal(left: Any, right: Any) -> Row:
+    """left == right."""
+    return within(left, right, right)
+
+
+def within(expression: Any, lower: Any, upper: Any) -> Row:
+    """lower <= expression <= upper; bounds may be expressions of variables too, or infinite."""
+    expression = ca.SX(expression)
+    ones = ca.SX.ones(expression.size1())
+    return Row(expression, ca.SX(lower) * ones, ca.SX(upper) * ones)
+
+
+@dataclass(frozen=True, eq=False)
+class Statement:
+    """A convex QP in terms of parameters.
+
+    Parameters
+    ----------
+    name : identifier, used in generated code.
+    parameters : columns that are known when it is solved, in the order in which they are passed.
+    variables : what is decided.
+    minimise : scalar, quadratic in the variables.
+    subject_to : rows linear in the variables.
+    requires : conditions on the parameters without which no answer is certified.
+    notes : column of parameter expressions handed through with the answer.
+    report : column of expressions of parameters and variables, evaluated at the answer; keep it cheap.
+    memory : column standing for what the last certified tick left behind (its last velocity, say).
+    remember : column of expressions of parameters and variables that becomes the next tick's memory.
+
+    Raises
+    ------
+    ConfigurationError : the cost is not quadratic or a row not linear in the variables.
+    """
+
+    name: str
+    parameters: Sequence[ca.SX]
+    variables: Sequence[Variable]
+    minimise: ca.SX
+    subject_to: Sequence[Row] = ()
+    requires: Sequence[ca.SX] = ()
+    notes: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
+    report: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
+    memory: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
+    remember: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
+
+    def __post_init__(self) -> None:
+        """Check that it is a QP."""
+        x = self._x
+        if not ca.is_quadratic(self.minimise, x):
+            raise ConfigurationError("minimise", self.name, "a cost quadratic in the variables")
+        if not ca.is_linear(self._rows.expression, x):
+            raise ConfigurationError("subject_to", self.name, "rows linear in the variables")
+
+    @property
+    def n(self) -> int:
+        """Number of variables."""
+        return int(self._x.numel())
+
+    @property
+    def m(self) -> int:
+        """Number of rows."""
+        return int(self._rows.expression.numel())
+
+    @property
+    def state_size(self) -> int:
+        """Length of what passes from tick to tick: x, the multipliers of its bounds and of the rows, the memory."""
+        return 2 * self.n + self.m + int(self.memory.numel())
+
+    @cached_property
+    def build(self) -> ca.Function:
+        """Parameters (one column), memory -> H, g, A, rows_lower, rows_upper, lower, upper, sound, notes."""
+        x, rows = self._x, self._rows
+        origin = ca.SX.zeros(self.n)
+        hessian, _ = ca.hessian(self.minimise, x)
+        gradient = ca.substitute(ca.gradient(self.minimise, x), x, origin)
+        matrix = ca.jacobian(rows.expression, x)
+        offset = ca.substitute(rows.expression, x, origin)
+        p = self._p
+        sound = all_true(ca.fabs(p) <= PLAUSIBLE, *self.requires)
+        lower = ca.vertcat(*(v.lower for v in self.variables))
+        upper = ca.vertcat(*(v.upper for v in self.variables))
+        numbers = [hessian, gradient, matrix, rows.lower - offset, rows.upper - offset, lower, upper, sound, self.notes]
+        return ca.Function(f"{self.name}_build", [p, self.memory], [ca.densify(each) for each in numbers], {"cse": True})
+
+    @cached_property
+    def certify(self) -> ca.Function:
+        """See `certificate_function`."""
+        return certificate_function(self.n, self.m)
+
+    @cached_property
+    def finish(self) -> ca.Function:
+        """Parameters, memory, x -> report, the next memory."""
+        outputs = [ca.densify(self.report), ca.densify(self.remember)]
+        return ca.Function(f"{self.name}_finish", [self._p, self.memory, self._x], outputs, {"cse": True})
+
+    @cached_property
+    def fused(self) -> ca.Function:
+        """Parameters, state -> state, residual, notes, report: kinematics, solve and certificate in one function.
+
+        A state stacks x (n,), the multipliers of its bounds (n,) and of the rows (m,), and the memory: the warm start
+        and all that is known of the last tick. The solver is CasADi's qrqp, an active-set method that generates C.
+        """
+        p, last = ca.MX.sym("p", self._p.numel()), ca.MX.sym("last", self.state_size)
+        ends = [0, self.n, 2 * self.n, 2 * self.n + self.m, self.state_size]
+        x0, bounds0, rows0, memory = ca.vertsplit(last, ends)
+        hessian, gradient, matrix, rows_lower, rows_upper, lower, upper, sound, notes = self.build(p, memory)
+        shape = {"h": ca.Sparsity.dense(self.n, self.n), "a": ca.Sparsity.dense(self.m, self.n)}
+        solution = ca.conic(f"{self.name}_qp", "qrqp", shape, qrqp_options())(
+            h=hessian, g=gradient, a=matrix, lba=rows_lower, uba=rows_upper, lbx=lower, ubx=upper,
+            x0=x0, lam_x0=bounds0, lam_a0=rows0,
+        )  # fmt: skip
+        x, residual = self.certify(
+            hessian, gradient, matrix, rows_lower, rows_upper, lower, upper, sound,
+            solution["x"], solution["lam_x"], solution["lam_a"],
+        )  # fmt: skip
+        report, memory = self.finish(p, memory, x)
+        state = ca.vertcat(x, solution["lam_x"], solution["lam_a"], memory)
+        return ca.Function(self.name, [p, last], [state, residual, notes, report])
+
+    def instance(self, *parameters: ArrayLike, memory: ArrayLike = ()) -> Instance:
+        """The numbers at given parameter and memory values, for inspection."""
+        p = np.concatenate([np.asarray(each, dtype=np.float64).reshape(-1) for each in parameters])
+        columns = [np.array(each, dtype=np.float64) for each in self.build(p, np.asarray(memory, dtype=np.float64))[:7]]
+        return Instance(*(c if i in (0, 2) else c.reshape(-1) for i, c in enumerate(columns)))
+
+    def to_qpsolvers(self, *parameters: ArrayLike, memory: ArrayLike = ()) -> qpsolvers.Problem:
+        """The numbers at given parameter and memory values as a `qpsolvers.Problem`."""
+        from rehab_opt.optim.backends import to_qpsolvers  # noqa: PLC0415  (solvers load when used)
+
+        return to_qpsolvers(self.instance(*parameters, memory=memory))
+
+    @cached_property
+    def _x(self) -> ca.SX:
+        return ca.vertcat(*(v.symbol for v in self.variables))
+
+    @cached_property
+    def _p(self) -> ca.SX:
+        return ca.vertcat(*self.parameters)
+
+    @cached_property
+    def _rows(self) -> Row:
+        empty = Row(ca.SX(0, 1), ca.SX(0, 1), ca.SX(0, 1))
+        # A bound that holds variables moves to the left, so that bounds are numbers; only equal() may have one.
+        rows = [_numeric_bounds(row, self._x) for row in self.subject_to]
+        return Row(*(ca.vertcat(*parts) for parts in zip(empty, *rows, strict=True)))
+
+
+def qrqp_options() -> dict[str, object]:
+    """Quiet, capped, tighter than our tolerance, and a failure is an answer that the certificate rejects."""
+    quiet = {"print_iter": False, "print_header": False, "print_info": False, "print_lincomb": False}
+    return {
+        **quiet,
+        "error_on_fail": False,
+        "max_iter": QRQP_ITERATIONS,
+        "constr_viol_tol": 1e-10,
+        "dual_inf_tol": 1e-10,
+    }
+
+
+def _numeric_bounds(row: Row, x: ca.SX) -> Row:
+    if not (ca.depends_on(row.lower, x) or ca.depends_on(row.upper, x)):
+        return row
+    if not ca.is_equal(row.lower, row.upper, 50):
+        raise ConfigurationError("subject_to", str(row.expression)[:60], "variables in a bound only of an equality")
+    zeros = ca.SX.zeros(row.expression.numel())
+    return Row(row.expression - row.lower, zeros, zeros)
