@@ -13,11 +13,11 @@ from typing import Any
 from pydantic import ValidationError
 
 from rehab_opt.errors import ProblemFileError
-from rehab_opt.session.data_folder import PREFIX, data_file
+from rehab_opt.session.data_folder import ENVIRONMENT, PREFIX, data_file
 from rehab_opt.session.schema import PoseTracking, UpperLimb
 from rehab_opt.session.text_lines import shown, whole_text
 
-__all__ = ["ProblemFile", "load_problem", "problem_path", "recording_path", "shipped_problems"]
+__all__ = ["ProblemFile", "load_problem", "problem_path", "recording_path", "recording_state", "shipped_problems"]
 
 SYSTEMS: dict[str, type[UpperLimb] | type[PoseTracking]] = {"upper_limb": UpperLimb, "pose_tracking": PoseTracking}
 
@@ -116,6 +116,19 @@ def recording_path(loaded: ProblemFile, reference: str) -> Path:
     if not present:
         raise ProblemFileError(loaded.file, key, reference, "a recording beside the problem file, or data:folder/file")
     return path
+
+
+def recording_state(loaded: ProblemFile) -> str:
+    """Whether the recording of a problem is there, in a few words."""
+    problem = loaded.problem
+    if isinstance(problem, PoseTracking):
+        return "none needed"
+    reference = problem.recording.file
+    try:
+        recording_path(loaded, reference)
+    except ProblemFileError:
+        return f"absent: {reference} (set {ENVIRONMENT})"
+    return "present" if reference.startswith(PREFIX) else "shipped"
 
 
 def _shipped_folder() -> Path:

@@ -127,10 +127,12 @@ def resampled(recording: Recording, rate: float) -> Recording:
         note = f"sampled unevenly, {1e3 * steps.min():.3g} to {1e3 * steps.max():.3g} ms apart"
     else:
         note = f"sampled at {1 / usual:.4g} Hz"
+    if note != f"sampled at {rate:.4g} Hz":
+        note += f"; resampled to {rate:g} Hz by linear interpolation"
     return Recording(
         file=recording.file,
         time=time,
         points=np.column_stack(columns) if columns else np.empty((len(time), 0)),
         joints={name: np.interp(time, source, values) for name, values in recording.joints.items()},
-        notes=(*recording.notes, f"{note}; resampled to {rate:g} Hz by linear interpolation"),
+        notes=(*recording.notes, note),
     )

@@ -1,0 +1,94 @@
+"""The two laws that turn a hand path into joint values: ours and the published one, measured alike."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.errors import ConfigurationError, ProblemFileError
+from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.session.outcome import LawResult, Progress
+from rehab_opt.session.schema import UpperLimb
+
+__all__ = ["LAWS", "followed"]
+
+Array = NDArray[np.float64]
+
+LAWS = ("optimised", "published")
+BLOCK = 50  # samples between two reports of progress
+
+
+def followed(
+    law: str,
+    arm: SerialChain,
+    path: Array,
+    problem: UpperLimb,
+    *,
+    file: str,
+    solver: str | None,
+    progress: Progress,
+) -> LawResult:
+    """Run a law along the path (N, 3) [m]; positions and tilts are recomputed from its joint values.
+
+    Raises
+    ------
+    ProblemFileError : the law refuses a value of the file.
+    ConfigurationError : the law refuses `solver`.
+    """
+    try:
+        follower = _optimised(arm, problem, solver) if law == "optimised" else _published(arm, problem)
+    except ConfigurationError as refused:
+        if refused.argument == "solver" and solver is not None:
+            raise
+        raise ProblemFileError(file, f"{law}, {refused.argument}", refused.value, refused.expected) from refused
+    q, status, seconds = [], [], []
+    start = None
+    for first in range(0, len(path), BLOCK):
+        progress(f"{law} law", first, len(path))
+        block = follower.follow(path[first : first + BLOCK], start=start)
+        q.append(block.q)
+        seconds.append(block.seconds)
+        status += [answer.value for answer in block.status]
+        start = block.q[-1]
+    progress(f"{law} law", len(path), len(path))
+    joints = np.concatenate(q)
+    poses = np.array([arm.pose(row) for row in joints])
+    hand, handle = poses[:, :3, 3], poses[:, :3, 0]
+    return LawResult(
+        law=law,
+        q=joints,
+        hand=hand,
+        position_error=np.linalg.norm(hand - path, axis=1),
+        handle_tilt=np.arctan2(np.hypot(handle[:, 0], handle[:, 1]), handle[:, 2]),
+        status=tuple(status),
+        seconds=np.concatenate(seconds),
+        smooth=joints,
+        metrics={},
+    )
+
+
+def _optimised(arm: SerialChain, problem: UpperLimb, solver: str | None) -> Any:
+    from rehab_opt.control.arm_ik import ArmIK  # noqa: PLC0415  (loads solvers)
+
+    chosen = solver or problem.optimised.solver
+    return ArmIK(
+        arm,
+        handle_tilt=math.radians(problem.arm.handle_tilt_deg),
+        posture_cost=problem.optimised.posture_cost,
+        **({} if chosen is None else {"solver": chosen}),
+    )
+
+
+def _published(arm: SerialChain, problem: UpperLimb) -> Any:
+    from rehab_opt.published.tangent_law import TangentLaw  # noqa: PLC0415
+
+    given = {"gain": problem.published.gain_per_s, "damping": problem.published.damping}
+    return TangentLaw(
+        arm,
+        dt=1 / problem.run.rate_hz,
+        handle_tilt=math.radians(problem.arm.handle_tilt_deg),
+        **{name: value for name, value in given.items() if value is not None},
+    )

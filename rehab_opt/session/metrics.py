@@ -1,0 +1,89 @@
+"""Numbers that tell how well a path was followed; every key ends in its unit, every value is strict JSON."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.kinematics.chain import SerialChain
+
+__all__ = ["error_metrics", "joint_metrics", "lag", "path_shares", "status_counts", "time_metrics"]
+
+Array = NDArray[np.float64]
+
+
+def path_shares(path: Array, met: NDArray[np.bool_]) -> tuple[float, float]:
+    """Share of the path's length, and of its samples (time), over which `met` (N,) holds.
+
+    A step of the path counts half for either of its ends; where the hand rests the length share ignores it.
+    """
+    steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
+    weights = np.concatenate((steps, [0.0])) + np.concatenate(([0.0], steps))
+    of_time = float(np.mean(met))
+    return (float(weights[met].sum() / weights.sum()) if weights.sum() > 0 else of_time), of_time
+
+
+def error_metrics(error: Array, name: str, unit: str) -> dict[str, float]:
+    """Mean, 95th percentile and maximum of an error (N,)."""
+    return {
+        f"{name}_mean_{unit}": float(np.mean(error)),
+        f"{name}_p95_{unit}": float(np.percentile(error, 95)),
+        f"{name}_max_{unit}": float(np.max(error)),
+    }
+
+
+def joint_metrics(chain: SerialChain, q: Array, rate: float) -> dict[str, Any]:
+    """Least distance to a joint limit and largest joint speed of q (N, n) sampled at `rate` [Hz].
+
+    The distance is negative outside a limit. Locked joints have no distance to a limit; all joints have a speed.
+    """
+    free = np.flatnonzero(~chain.locked)
+    margin = np.minimum(q - chain.lower, chain.upper - q).min(axis=0)
+    speed = np.abs(np.diff(q, axis=0)).max(axis=0) * rate
+    numbers: dict[str, Any] = {"joint_limit_margin_min_deg": None, "joint_limit_margin_joint": None}
+    if free.size:
+        least = int(free[margin[free].argmin()])
+        numbers["joint_limit_margin_min_deg"] = finite(np.rad2deg(margin[least]))
+        numbers["joint_limit_margin_joint"] = chain.names[least]
+    fastest = int((speed / chain.velocity).argmax())
+    return numbers | {
+        "joint_speed_max_deg_s": float(np.rad2deg(speed[fastest])),
+        "joint_speed_max_joint": chain.names[fastest],
+        "joint_speed_max_share_of_limit": float(speed[fastest] / chain.velocity[fastest]),
+    }
+
+
+def time_metrics(seconds: Array, name: str) -> dict[str, float]:
+    """Median, 99th percentile and maximum of durations (N,) [s], in milliseconds."""
+    milliseconds = 1e3 * seconds
+    return {
+        f"{name}_median_ms": float(np.median(milliseconds)),
+        f"{name}_p99_ms": float(np.percentile(milliseconds, 99)),
+        f"{name}_max_ms": float(np.max(milliseconds)),
+    }
+
+
+def status_counts(statuses: Iterable[str]) -> dict[str, int]:
+    """How often each status occurs, the most frequent first."""
+    return dict(Counter(statuses).most_common())
+
+
+def lag(target: Array, answer: Array, dt: float, longest: float = 0.5) -> float:
+    """Delay [s] of `answer` behind `target`, both (N, n) sampled every `dt`: the shift that fits best.
+
+    Shifts from 0 to `longest` [s] are compared by their mean squared difference; the resolution is `dt`.
+    """
+    shifts = range(min(int(longest / dt), len(target) - 1) + 1)
+    misfits: Sequence[float] = [
+        float(np.mean((answer[shift:] - target[: len(target) - shift]) ** 2)) for shift in shifts
+    ]
+    return float(np.argmin(misfits)) * dt
+
+
+def finite(number: float) -> float | None:
+    """`number`, or None where JSON has no word for it (an unlimited joint is infinitely far from its limit)."""
+    return float(number) if np.isfinite(number) else None

@@ -1,0 +1,156 @@
+"""Closed loop of a robot whose tool follows a circle: the robot moves exactly as commanded, tick by tick."""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.errors import ConfigurationError, ProblemFileError
+from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.kinematics.ur5 import ur5
+from rehab_opt.session.metrics import error_metrics, joint_metrics, status_counts, time_metrics
+from rehab_opt.session.outcome import Progress, RobotOutcome
+from rehab_opt.session.schema import CircleSection, PoseTracking, RobotSection
+
+__all__ = ["circle_reference", "robot_at_start", "run_pose_tracking"]
+
+Array = NDArray[np.float64]
+
+TICKS_A_REPORT = 100
+
+
+def run_pose_tracking(
+    problem: PoseTracking, *, name: str, file: str, solver: str | None, progress: Progress
+) -> RobotOutcome:
+    """Follow the circle from the starting posture on and measure.
+
+    Raises
+    ------
+    ProblemFileError : a starting posture outside the limits, or a value the tracker refuses.
+    """
+    from rehab_opt.control.pose_tracker import PoseTracker  # noqa: PLC0415  (loads solvers)
+
+    robot, start = robot_at_start(problem.robot, file=file)
+    rate = problem.tracker.rate_hz
+    dt = 1 / rate
+    chosen: dict[str, Any] = {"gain": problem.tracker.gain_per_s, "solver": solver or problem.tracker.solver}
+    try:
+        tracker = PoseTracker(robot, dt=dt, **{key: value for key, value in chosen.items() if value is not None})
+    except ConfigurationError as refused:
+        raise ProblemFileError(file, f"tracker, {refused.argument}", refused.value, refused.expected) from refused
+    times = dt * np.arange(round(problem.circle.duration_s * rate) + 1, dtype=np.float64)
+    poses, twists = circle_reference(robot.pose(start), problem.circle, times)
+
+    q = np.empty((len(times), robot.n))
+    command = np.empty_like(q)
+    tool = np.empty((len(times), 4, 4))
+    seconds = np.empty(len(times))
+    statuses, yielded, scales = [], [], np.empty(len(times))
+    now = start.copy()
+    for i, (pose, twist) in enumerate(zip(poses, twists, strict=True)):
+        q[i], tool[i] = now, robot.pose(now)
+        began = time.perf_counter()
+        answer = tracker.step(now, pose, twist)
+        seconds[i] = time.perf_counter() - began
+        command[i], scales[i] = answer.value, answer.scale
+        statuses.append(answer.status.value)
+        yielded.append(str(answer.yielded.name or "").lower().replace("|", ", "))
+        now = now + answer.value * dt
+        if i % TICKS_A_REPORT == 0:
+            progress("following the circle", i, len(times))
+    progress("following the circle", len(times), len(times))
+
+    position_error = np.linalg.norm(tool[:, :3, 3] - poses[:, :3, 3], axis=1)
+    orientation_error = _angles(tool[:, :3, :3], poses[:, :3, :3])
+    acceleration = np.abs(np.diff(command, axis=0, prepend=np.zeros((1, robot.n)))) * rate
+    metrics: dict[str, Any] = {
+        "ticks": len(times),
+        "duration_s": float(times[-1]),
+        **error_metrics(position_error, "position_error", "m"),
+        **error_metrics(np.rad2deg(orientation_error), "orientation_error", "deg"),
+        **joint_metrics(robot, q, rate),
+        "joint_acceleration_max_share_of_limit": float((acceleration / robot.acceleration).max()),
+        **time_metrics(seconds, "tick"),
+        "tick_p99_9_ms": float(1e3 * np.percentile(seconds, 99.9)),
+        "scale_min": float(scales.min()),
+        "status": status_counts(statuses),
+        "yielded": status_counts(text for text in yielded if text and text != "nothing"),
+    }
+    return RobotOutcome(
+        name=name,
+        title=problem.title,
+        chain=robot,
+        time=times,
+        notes=("the robot is simulated: its joints move exactly as commanded",),
+        metrics={"optimised": metrics},
+        reference=poses[:, :3, 3],
+        tool=tool[:, :3, 3],
+        position_error=position_error,
+        orientation_error=orientation_error,
+        q=q,
+        command=command,
+        status=tuple(statuses),
+    )
+
+
+def circle_reference(start: Array, circle: CircleSection, times: Array) -> tuple[Array, Array]:
+    """Poses (N, 4, 4) and twists (N, 6) of a circle through the starting pose (4, 4), from rest to rest.
+
+    The phase a runs from 0 to 2 pi turns as a minimum-jerk polynomial of time. The centre lies `radius_m` from the
+    start in the direction `towards` (its part across `normal`); the tool swings about its own z axis by
+    swing (1 - cos a) / 2, so that it is back in its starting orientation after every turn.
+    """
+    normal = np.array(circle.normal) / np.linalg.norm(circle.normal)
+    towards = np.array(circle.towards) - np.dot(circle.towards, normal) * normal
+    towards /= np.linalg.norm(towards)
+    across = np.cross(normal, towards)
+    u = times / circle.duration_s
+    whole = 2 * math.pi * circle.turns
+    phase = whole * (10 * u**3 - 15 * u**4 + 6 * u**5)
+    phase_rate = whole * (30 * u**2 - 60 * u**3 + 30 * u**4) / circle.duration_s
+    swing = math.radians(circle.swing_deg) * (1 - np.cos(phase)) / 2
+    swing_rate = math.radians(circle.swing_deg) * np.sin(phase) / 2 * phase_rate
+
+    poses = np.tile(start, (len(times), 1, 1))
+    cosine, sine = np.cos(phase)[:, None], np.sin(phase)[:, None]
+    poses[:, :3, 3] += circle.radius_m * ((1 - cosine) * towards + sine * across)
+    turn = np.tile(np.eye(3), (len(times), 1, 1))
+    turn[:, 0, 0] = turn[:, 1, 1] = np.cos(swing)
+    turn[:, 1, 0], turn[:, 0, 1] = np.sin(swing), -np.sin(swing)
+    poses[:, :3, :3] = start[:3, :3] @ turn
+    twists = np.empty((len(times), 6))
+    twists[:, :3] = circle.radius_m * phase_rate[:, None] * (sine * towards + cosine * across)
+    twists[:, 3:] = swing_rate[:, None] * start[:3, 2]
+    return poses, twists
+
+
+def robot_at_start(section: RobotSection, *, file: str) -> tuple[SerialChain, Array]:
+    """The robot with the file's limits, and its starting joint values (6,) [rad].
+
+    Raises
+    ------
+    ProblemFileError : it starts outside its limits.
+    """
+    robot = ur5(velocity=math.radians(section.joint_speed_deg_s))
+    if section.joint_acceleration_deg_s2 is not None:
+        robot = robot.with_limits(acceleration=np.full(robot.n, math.radians(section.joint_acceleration_deg_s2)))
+    start = np.deg2rad(section.start_deg)
+    outside = np.flatnonzero((start < robot.lower) | (start > robot.upper))
+    if outside.size:
+        joint = int(outside[0])
+        low, high = np.rad2deg(robot.lower[joint]), np.rad2deg(robot.upper[joint])
+        value, expected = section.start_deg[joint], f"{robot.names[joint]} within {low:g} to {high:g} deg"
+        raise ProblemFileError(file, f"robot.start_deg.{joint}", value, expected)
+    return robot, start
+
+
+def _angles(rotations: Array, references: Array) -> Array:
+    """(N,) [rad] angle of the rotation between two orientations, exact for small ones too."""
+    difference = rotations - references  # |R - S| = 2 sqrt(2) sin(angle / 2), Frobenius norm
+    chord: Array = np.linalg.norm(difference, axis=(1, 2)) / (2 * math.sqrt(2))
+    angles: Array = 2 * np.arcsin(np.minimum(chord, 1.0))
+    return angles

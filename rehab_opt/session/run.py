@@ -1,0 +1,154 @@
+"""The closed run of a problem: path, laws, smoother, numbers. Nothing is written here."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.control.command import Status
+from rehab_opt.errors import ProblemFileError
+from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.session.files import ProblemFile, recording_path
+from rehab_opt.session.laws import LAWS, followed
+from rehab_opt.session.metrics import error_metrics, joint_metrics, path_shares, status_counts, time_metrics
+from rehab_opt.session.outcome import ArmOutcome, LawResult, Outcome, Progress
+from rehab_opt.session.participant import checked_hand, participant_arm, placed_path
+from rehab_opt.session.recordings import Recording, read_recording, resampled
+from rehab_opt.session.robot import robot_at_start, run_pose_tracking
+from rehab_opt.session.schema import PoseTracking, UpperLimb
+from rehab_opt.session.smoothed import smoothed
+
+__all__ = ["FOLLOWED", "Law", "checked", "run_problem"]
+
+Array = NDArray[np.float64]
+Law = Literal["published", "optimised", "both"]
+
+FOLLOWED = 1e-3
+"""[m] A sample counts as followed when the hand is no further off and the handle within its tilt."""
+ROUNDING = 1e-6  # [rad] tilts that differ by less are the same tilt
+
+
+def run_problem(
+    loaded: ProblemFile, *, law: Law = "both", solver: str | None = None, progress: Progress = lambda *_: None
+) -> Outcome:
+    """Run a problem from its recording to its numbers.
+
+    Parameters
+    ----------
+    loaded : from `load_problem`.
+    law : which laws follow the path of an upper limb.
+    solver : replaces the file's solver of the optimised law.
+    progress : told about the run as it goes.
+
+    Raises
+    ------
+    ProblemFileError : the recording or a value of the file cannot be used.
+    ConfigurationError : no such solver.
+    """
+    problem = loaded.problem
+    if isinstance(problem, PoseTracking):
+        if law == "published":
+            raise ProblemFileError(loaded.file, "--law", law, "optimised: pose_tracking has no published law")
+        return run_pose_tracking(problem, name=loaded.name, file=loaded.file, solver=solver, progress=progress)
+    return _run_upper_limb(loaded, problem, laws=LAWS if law == "both" else (law,), solver=solver, progress=progress)
+
+
+def checked(loaded: ProblemFile) -> tuple[str, ...]:
+    """Everything of a problem that can be checked without running it; what was noticed on the way.
+
+    Raises
+    ------
+    ProblemFileError : as `run_problem`.
+    """
+    problem = loaded.problem
+    if isinstance(problem, PoseTracking):
+        robot_at_start(problem.robot, file=loaded.file)
+        return ()
+    participant_arm(problem.arm, file=loaded.file)
+    return placed_recording(loaded, problem)[0].notes
+
+
+def placed_recording(loaded: ProblemFile, problem: UpperLimb) -> tuple[Recording, Array]:
+    """The recording at the run's rate, and its path (N, 3) [m] in the frame of the shoulder.
+
+    Raises
+    ------
+    ProblemFileError : it is absent, unreadable, or of the other hand and not mirrored.
+    """
+    checked_hand(problem, file=loaded.file)
+    source = problem.recording
+    path = recording_path(loaded, source.file)
+    recording = read_recording(path, name=source.file, columns=source.columns, marker=source.marker)
+    recording = resampled(recording, problem.run.rate_hz)
+    points, sentence = placed_path(recording, problem.placement, mirror=source.mirror, file=loaded.file)
+    return recording.noting(sentence), points
+
+
+def _run_upper_limb(
+    loaded: ProblemFile, problem: UpperLimb, *, laws: Sequence[str], solver: str | None, progress: Progress
+) -> ArmOutcome:
+    arm = participant_arm(problem.arm, file=loaded.file)
+    recording, path = placed_recording(loaded, problem)
+    runs = [followed(law, arm, path, problem, file=loaded.file, solver=solver, progress=progress) for law in laws]
+    reachable = None
+    for run in runs:
+        if run.law == "optimised":
+            reachable = np.array([Status(status).certified for status in run.status])
+    results: list[LawResult] = []
+    for run in runs:
+        progress("smoothing", len(results), len(runs))
+        results.append(_measured(run, arm, path, problem, reachable))
+    progress("smoothing", len(runs), len(runs))
+    shares = (None, None) if reachable is None else path_shares(path, reachable)
+    length = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
+    return ArmOutcome(
+        name=loaded.name,
+        title=problem.title,
+        chain=arm,
+        time=recording.time,
+        notes=(*recording.notes, f"the handle may tilt by {problem.arm.handle_tilt_deg:g} deg from the vertical"),
+        metrics={
+            "samples": len(path),
+            "duration_s": recording.duration,
+            "path_length_m": length,
+            "reachable_share_of_length": shares[0],
+            "reachable_share_of_time": shares[1],
+            **{result.law: dict(result.metrics) for result in results},
+        },
+        path=path,
+        laws=tuple(results),
+        reachable=reachable,
+        handle_tilt_limit=math.radians(problem.arm.handle_tilt_deg),
+    )
+
+
+def _measured(
+    run: LawResult, arm: SerialChain, path: Array, problem: UpperLimb, reachable: NDArray[np.bool_] | None
+) -> LawResult:
+    """The run with its smoothed joints and its numbers."""
+    rate, limit = problem.run.rate_hz, math.radians(problem.arm.handle_tilt_deg)
+    met = (run.position_error <= FOLLOWED) & (run.handle_tilt <= limit + ROUNDING)
+    of_length, of_time = path_shares(path, met)
+    smooth, behind = smoothed(arm, run.q, rate, problem.smoothing)
+    hand = np.array([arm.pose(q)[:3, 3] for q in smooth])
+    behind |= error_metrics(np.linalg.norm(hand - path, axis=1), "position_error", "m")
+    numbers: dict[str, Any] = {
+        "followed_share_of_length": of_length,
+        "followed_share_of_time": of_time,
+        **error_metrics(run.position_error, "position_error", "m"),
+        "position_error_reachable_max_m": None,
+        "handle_tilt_max_deg": float(np.rad2deg(run.handle_tilt.max())),
+        "handle_tilt_limit_deg": problem.arm.handle_tilt_deg,
+        **joint_metrics(arm, run.q, rate),
+        **time_metrics(run.seconds, "solve_time"),
+        "status": status_counts(run.status),
+        "smoothed": behind,
+    }
+    if reachable is not None and reachable.any():
+        numbers["position_error_reachable_max_m"] = float(run.position_error[reachable].max())
+    return replace(run, smooth=smooth, metrics=numbers)

@@ -1,0 +1,104 @@
+"""The result of a run as a table for the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from rich.table import Table
+from rich.text import Text
+
+from rehab_opt.session.outcome import ArmOutcome, Outcome
+
+__all__ = ["result_table"]
+
+Numbers = Mapping[str, Any]
+
+
+def result_table(outcome: Outcome) -> Table:
+    """Rows of quantities with their units, a column for each law."""
+    arm = isinstance(outcome, ArmOutcome)
+    laws = [run.law for run in outcome.laws] if isinstance(outcome, ArmOutcome) else ["optimised"]
+    table = Table(title=Text(outcome.title), caption=_caption(outcome) if arm else None, caption_justify="left")
+    table.add_column("quantity")
+    for law in laws:
+        table.add_column(law, justify="right")
+    for label, value in ARM_ROWS if arm else ROBOT_ROWS:
+        table.add_row(label, *(value(outcome.metrics[law]) for law in laws))
+    return table
+
+
+def _caption(outcome: Outcome) -> str:
+    share, of_time = (outcome.metrics[f"reachable_share_of_{of}"] for of in ("length", "time"))
+    if share is None:
+        return "the share of the path within reach is not known: run the optimised law"
+    length = 1e3 * outcome.metrics["path_length_m"]
+    return (
+        f"within this arm's reach: {100 * share:.1f} % of the path's {length:.0f} mm, {100 * of_time:.1f} % of its time"
+    )
+
+
+def _spread(name: str, unit: str, factor: float = 1.0) -> Callable[[Numbers], str]:
+    return lambda of: " / ".join(f"{factor * of[f'{name}_{part}_{unit}']:.3g}" for part in ("mean", "p95", "max"))
+
+
+def _times(name: str) -> Callable[[Numbers], str]:
+    return lambda of: " / ".join(f"{of[f'{name}_{part}_ms']:.3g}" for part in ("median", "p99", "max"))
+
+
+def _margin(of: Numbers) -> str:
+    margin, joint = of["joint_limit_margin_min_deg"], of["joint_limit_margin_joint"]
+    if margin is None:
+        return "no limits"
+    return f"{margin + 0.0 if abs(margin) >= 5e-4 else 0.0:.3f} ({joint.replace('_', ' ')})"
+
+
+def _speed(of: Numbers) -> str:
+    share = 100 * of["joint_speed_max_share_of_limit"]
+    return (
+        f"{of['joint_speed_max_deg_s']:.3g} ({share:.0f} % of limit, {of['joint_speed_max_joint'].replace('_', ' ')})"
+    )
+
+
+def _reachable_error(of: Numbers) -> str:
+    error = of["position_error_reachable_max_m"]
+    return "not known" if error is None else f"{1e3 * error:.3g}"
+
+
+def _statuses(of: Numbers) -> str:
+    return ", ".join(f"{count} {status}" for status, count in of["status"].items())
+
+
+Rows = tuple[tuple[str, Callable[[Numbers], str]], ...]
+
+ARM_ROWS: Rows = (
+    ("path followed to 1 mm, % of length", lambda of: f"{100 * of['followed_share_of_length']:.1f}"),
+    ("position error mean / p95 / max, mm", _spread("position_error", "m", 1e3)),
+    ("   max where the path is within reach, mm", _reachable_error),
+    (
+        "handle tilt max (limit), deg",
+        lambda of: f"{of['handle_tilt_max_deg']:.3g} ({of['handle_tilt_limit_deg']:g})",
+    ),
+    ("smallest joint-limit margin, deg", _margin),
+    ("fastest joint, deg/s (share of limit)", _speed),
+    ("solve time median / p99 / max, ms", _times("solve_time")),
+    ("samples by status", _statuses),
+    (
+        "smoothed at 1 kHz: lag, ms; largest deviation, deg",
+        lambda of: f"{1e3 * of['smoothed']['lag_s']:.0f}; {of['smoothed']['deviation_max_deg']:.3g}",
+    ),
+)
+
+ROBOT_ROWS: Rows = (
+    ("position error mean / p95 / max, mm", _spread("position_error", "m", 1e3)),
+    ("orientation error mean / p95 / max, deg", _spread("orientation_error", "deg")),
+    ("smallest joint-limit margin, deg", _margin),
+    ("fastest joint, deg/s (share of limit)", _speed),
+    ("smallest share of the asked motion delivered, %", lambda of: f"{100 * of['scale_min']:.1f}"),
+    ("tick time median / p99 / max, ms", _times("tick")),
+    ("ticks by status", _statuses),
+    (
+        "ticks in which something yielded",
+        lambda of: ", ".join(f"{n} {what}" for what, n in of["yielded"].items()) or "0",
+    ),
+)
