@@ -1,8 +1,9 @@
-"""One tick of differential inverse kinematics in rehab_opt, placo, pink and mink.
+"""One tick of differential inverse kinematics in rehab_opt, placo, pink and mink, side by side.
 
-`python -m bench.peers.pose_tracking`: a UR5 follows a 1 kHz circle of the hand pose; state, kinematics, QP with position and velocity limits, integration.
-Case "free": the vendor's limits, never active. Case "limited": a lower speed limit, which several joints are at most of
-the time. Exit code 1 where a ratio of issue 2 is missed.
+`python -m bench.peers.pose_tracking`: a UR5 follows a 1 kHz circle of the hand pose. A tick is: take the state, compute
+kinematics, solve the QP with position and velocity limits, integrate. Case "free": the vendor's limits, never active.
+Case "limited": a lower speed limit, which several joints are at most of the time.
+Exit code 1 where a ratio of issue 2 is missed.
 """
 
 from __future__ import annotations

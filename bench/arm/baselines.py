@@ -1,0 +1,91 @@
+"""The arm's inverse kinematics stated from the chain's expressions alone and given to single solvers.
+
+Nothing here uses ArmIK or `rehab_opt.optim`: a mistake there must not hide in its own yardstick.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt import SerialChain
+from rehab_opt.kinematics.human_arm import ARM_REST
+
+__all__ = ["Answer", "Baseline", "nearest_point", "position_ik", "projection"]
+
+Array = NDArray[np.float64]
+
+_QUIET: dict[str, dict[str, object]] = {
+    # bound_relax_factor: an answer beyond a joint limit, by however little, would not count as solved.
+    "ipopt": {"print_level": 0, "sb": "yes", "bound_relax_factor": 0.0, "max_iter": 500},
+    # Fatrop keeps to its bounds within 3e-8 at best. A small barrier and push suit a warm start: 0.65 ms where the
+    # defaults take 1.3 ms on a narrow range of motion, and no slower elsewhere.
+    "fatrop": {"print_level": 0, "max_iter": 500, "mu_init": 1e-3, "bound_push": 1e-5, "bound_frac": 1e-5},
+}
+
+
+class Answer(NamedTuple):
+    """What a single solve gave."""
+
+    q: Array
+    found: bool
+    """The solver's own word."""
+    cost: float
+    multipliers: tuple[ca.DM, ca.DM]
+
+
+class Baseline:
+    """One NLP over the joints that move, with the handle held within its tilt, solved by one solver from one start."""
+
+    def __init__(
+        self, arm: SerialChain, q: ca.SX, parameter: ca.SX, cost: ca.SX, equalities: ca.SX, tilt: float, solver: str
+    ) -> None:
+        self.arm, self.free = arm, np.flatnonzero(~arm.locked)
+        handle = arm.pose_expression(q)[2, 0]
+        joints = ca.SX.sym("joints", len(self.free))
+        every = ca.SX(ca.DM(arm.lower))
+        every[self.free.tolist()] = joints
+        statement = ca.Function("statement", [q, parameter], [cost, ca.vertcat(equalities, handle)])
+        cost, constraints = statement(every, parameter)
+        nlp = {"x": joints, "p": parameter, "f": cost, "g": constraints}
+        self.solver = ca.nlpsol("baseline", solver, nlp, {"print_time": False, solver: _QUIET[solver]})
+        zeros = np.zeros(equalities.numel())
+        self.bounds = {
+            "lbx": ca.DM(arm.lower[self.free]),
+            "ubx": ca.DM(arm.upper[self.free]),
+            "lbg": ca.DM(np.append(zeros, math.cos(tilt))),
+            "ubg": ca.DM(np.append(zeros, math.inf)),
+        }
+
+    def __call__(self, start: Array, parameter: Array, warm: Answer | None = None) -> Answer:
+        """Solve from `start`; `warm` gives the multipliers of a neighbour."""
+        multipliers = {"lam_x0": warm.multipliers[0], "lam_g0": warm.multipliers[1]} if warm else {}
+        result = self.solver(x0=start[self.free], p=parameter, **self.bounds, **multipliers)
+        found = bool(self.solver.stats()["success"])
+        q = self.arm.lower.copy()
+        q[self.free] = result["x"].full().ravel()
+        return Answer(q, found, float(result["f"]), (result["lam_x"], result["lam_g"]))
+
+
+def position_ik(arm: SerialChain, *, tilt: float, solver: str) -> Baseline:
+    """Nearest posture to rest with the hand at the parameter (3,): the problem ArmIK solves by default."""
+    q, target = ca.SX.sym("q", arm.n), ca.SX.sym("target", 3)
+    cost = 0.5 * ca.sumsqr(q - ca.DM(ARM_REST))
+    return Baseline(arm, q, target, cost, arm.pose_expression(q)[:3, 3] - target, tilt, solver)
+
+
+def nearest_point(arm: SerialChain, *, tilt: float, solver: str = "ipopt") -> Baseline:
+    """Hand as near as possible to the parameter (3,); the cost is the squared distance [m^2]."""
+    q, target = ca.SX.sym("q", arm.n), ca.SX.sym("target", 3)
+    return Baseline(arm, q, target, ca.sumsqr(arm.pose_expression(q)[:3, 3] - target), ca.SX(0, 1), tilt, solver)
+
+
+def projection(arm: SerialChain, *, tilt: float, height: float | None = None) -> Baseline:
+    """Nearest joint angles to the parameter (n,) with the handle within `tilt`, the hand in the plane z = `height`."""
+    q, wanted = ca.SX.sym("q", arm.n), ca.SX.sym("wanted", arm.n)
+    plane = ca.SX(0, 1) if height is None else arm.pose_expression(q)[2, 3] - height
+    return Baseline(arm, q, wanted, ca.sumsqr(q - wanted), plane, tilt, "ipopt")
