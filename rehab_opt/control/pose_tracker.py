@@ -114,7 +114,10 @@ class PoseTracker(VelocityController):
         price = DIRECTION_KEEPING * (ca.sumsqr(deliverable) + 1e-6)
         steadying, rest = STEADYING, ca.SX.zeros(n)
         if self.posture is not None:
-            steadying, rest = POSTURE, clipped(self._settling * (self.posture - q), -0.1 * chain.velocity, 0.1 * chain.velocity)
+            steadying, rest = (
+                POSTURE,
+                clipped(self._settling * (self.posture - q), -0.1 * chain.velocity, 0.1 * chain.velocity),
+            )
         cost = ca.sumsqr(error) + steadying * ca.sumsqr(velocity.symbol - rest) + price * ca.sumsqr(scale.symbol - 1)
         missed = ca.sumsqr(deliverable - asked) > 1e-6 * ca.sumsqr(asked)
         return Statement(

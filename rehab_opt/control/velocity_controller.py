@@ -65,7 +65,7 @@ class VelocityController(ABC):
         self._inputs = tuple(part.reshape(shape) for part, shape in zip(others, self.shapes, strict=True))
         self._names = tuple(symbol[0].name().rsplit("_", 1)[0] for symbol in self.stated.parameters)
         self._velocity, self._last, self._predicted = ladder.x[:n], ladder.memory[:n], ladder.memory[n:]
-        self._residual, self._report, self._notes = map(memoryview, (ladder.residual, ladder.report, ladder.notes))
+        self._residual, self._report, self._notes = ladder.residual.data, ladder.report.data, ladder.notes.data
         self.reset()
 
     # ------------------------------------------------------------------------------------------- for subclasses
@@ -151,7 +151,7 @@ class VelocityController(ABC):
         if not solver:
             return self._safe(self._fault())
         value = self._velocity.copy()
-        value.setflags(False)
+        value.setflags(write=False)
         if solver is ladder.solver:
             status, reason = Status.OK, ""
         else:
@@ -168,7 +168,7 @@ class VelocityController(ABC):
         braking()
         memory, report, notes = braking.outputs
         value = memory[: self.chain.n] + 0.0  # a copy, and no negative zeros
-        value.setflags(False)
+        value.setflags(write=False)
         ladder.memory[:] = memory
         ladder.start_from(np.append(value, np.zeros(self.stated.n - value.size)))
         status = Status.BRAKING if value.any() else Status.HOLDING
@@ -180,7 +180,9 @@ class VelocityController(ABC):
         for name, array in zip(self._names, (self._q, *self._inputs), strict=False):
             bad = ~(np.abs(array) <= PLAUSIBLE)
             if bad.any():
-                return f"{name}[{', '.join(str(i) for i in np.argwhere(bad)[0])}] is {array[bad][0]}, not a usable number"
+                return (
+                    f"{name}[{', '.join(str(i) for i in np.argwhere(bad)[0])}] is {array[bad][0]}, not a usable number"
+                )
         return self.unusable() or f"no solver gave a certified answer (residual {self._residual[0]:.1e})"
 
 
@@ -193,11 +195,11 @@ def checked_number(argument: str, value: float, *, above: float, below: float = 
 
 def _write(target: Array, value: ArrayLike, name: str) -> None:
     """Copy a sensor value; its shape is the caller's business, its numbers are judged by the certificate."""
-    if value.__class__ is not np.ndarray or value.dtype is not _FLOAT:  # type: ignore[union-attr]
+    if value.__class__ is not np.ndarray or value.dtype is not _FLOAT:
         try:
             value = np.asarray(value, dtype=np.float64)
         except (TypeError, ValueError) as problem:
             raise ConfigurationError(name, value, f"an array of shape {target.shape}") from problem
-    if value.shape != target.shape:  # type: ignore[union-attr]
+    if value.shape != target.shape:
         raise ConfigurationError(name, value, f"an array of shape {target.shape}")
     target[...] = value

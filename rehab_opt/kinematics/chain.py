@@ -107,7 +107,7 @@ class SerialChain:
     @cached_property
     def locked(self) -> NDArray[np.bool_]:
         """(n,) True where the joint's range has zero width."""
-        mask = self.lower == self.upper
+        mask = np.array(self.lower == self.upper)
         mask.flags.writeable = False
         return mask
 
@@ -141,7 +141,7 @@ class SerialChain:
 
     # -------------------------------------------------------------------------------------------- expressions
     def frames_expression(self, q: ca.SX) -> list[ca.SX]:
-        """n + 2 poses (4, 4) in the base frame: before joint 1, after each row, and the tool."""
+        """N + 2 poses (4, 4) in the base frame: before joint 1, after each row, and the tool."""
         frames = [ca.SX(ca.DM(self.base))]
         for i, row in enumerate(self.rows):
             frames.append(_times(frames[-1], _row_expression(row, q[i])))
@@ -277,5 +277,3 @@ def _exact(function: Callable[[float], float], angle: float) -> float:
 def _times(left: ca.SX, right: ca.SX) -> ca.SX:
     """Product of two poses; zeros and ones vanish from the expression."""
     return ca.sparsify(left) @ ca.sparsify(right)
-
-

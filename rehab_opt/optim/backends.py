@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 import qpsolvers
@@ -152,7 +152,7 @@ class OsqpBackend:
 class QpsolversBackend:
     """Any solver of qpsolvers by name; a problem is made anew each time, so this is for comparison, not for speed."""
 
-    _tight: dict[str, dict[str, float]] = {  # noqa: RUF012  (a constant table)
+    _tight: ClassVar[dict[str, dict[str, Any]]] = {
         "daqp": {"primal_tol": PRECISION, "dual_tol": PRECISION},
         "clarabel": {"tol_gap_abs": PRECISION, "tol_gap_rel": 0.0, "tol_feas": PRECISION},
         "piqp": {"eps_abs": PRECISION, "eps_rel": 0.0},
@@ -161,7 +161,9 @@ class QpsolversBackend:
 
     def __init__(self, name: str) -> None:
         if name not in qpsolvers.available_solvers:
-            known = ", ".join(["qrqp", "proxqp", "osqp", *sorted(set(qpsolvers.available_solvers) - {"proxqp", "osqp"})])
+            known = ", ".join(
+                ["qrqp", "proxqp", "osqp", *sorted(set(qpsolvers.available_solvers) - {"proxqp", "osqp"})]
+            )
             raise ConfigurationError("solver", name, f"an installed solver: {known}")
         self.name = name
         self._options = self._tight.get(name, {})

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import reduce
+from typing import Any
 
 import casadi as ca
 
@@ -44,8 +44,11 @@ def certificate_function(n: int, m: int) -> ca.Function:
 
 def all_true(*conditions: ca.SX) -> ca.SX:
     """1 where every element of every condition holds, else 0; a comparison with NaN does not hold."""
-    elements = [condition[i] for condition in conditions for i in range(condition.numel())]
-    return reduce(ca.logic_and, elements, ca.SX(1))
+    true: ca.SX = ca.SX(1)
+    for condition in conditions:
+        for i in range(condition.numel()):
+            true = ca.logic_and(true, condition[i])
+    return true
 
 
 def is_certified(residual: float, tolerance: float) -> bool:
@@ -53,8 +56,8 @@ def is_certified(residual: float, tolerance: float) -> bool:
     return 0.0 <= residual <= tolerance
 
 
-def clipped(value: ca.SX, lower: ca.SX, upper: ca.SX) -> ca.SX:
-    """`value` moved into [lower, upper]; a NaN value becomes a bound, so guard where NaN must show."""
+def clipped(value: Any, lower: Any, upper: Any) -> ca.SX:
+    """Expression of `value` moved into [lower, upper]; a NaN value becomes a bound, so guard where NaN must show."""
     return ca.fmin(ca.fmax(value, lower), upper)
 
 

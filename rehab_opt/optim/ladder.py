@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.optim.certificate import is_certified
@@ -45,8 +46,8 @@ class Ladder:
         self._fused = fused.evaluate  # its memory belongs to `_buffers`
         self.parameters, self.state = fused.inputs
         self._answer, self.residual, self.notes, self.report = fused.outputs
-        self._read_residual, self._read_answer = memoryview(self.residual), memoryview(self._answer)
-        self._write_state = memoryview(self.state)  # assignment from view to view costs half of numpy's
+        self._read_residual, self._read_answer = self.residual.data, self._answer.data
+        self._write_state = self.state.data  # assignment from view to view costs half of numpy's
         self.x = self._answer[: statement.n]
         self.memory = self.state[2 * statement.n + statement.m :]
         self.iterations = -1
@@ -72,7 +73,7 @@ class Ladder:
             return self.backup
         return ""
 
-    def start_from(self, x: object) -> None:
+    def start_from(self, x: ArrayLike) -> None:
         """Forget the warm start, not the memory; begin at x (n,) or a scalar, with no active bound."""
         n = self.statement.n
         self.state[n : 2 * n + self.statement.m] = 0.0

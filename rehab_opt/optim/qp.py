@@ -67,12 +67,12 @@ def variable(name: str, size: int, *, lower: Any = -np.inf, upper: Any = np.inf)
 
 
 def equal(left: Any, right: Any) -> Row:
-    """left == right."""
+    """The rows left == right."""
     return within(left, right, right)
 
 
 def within(expression: Any, lower: Any, upper: Any) -> Row:
-    """lower <= expression <= upper; bounds may be expressions of variables too, or infinite."""
+    """The rows lower <= expression <= upper; bounds are numbers or expressions of parameters, or infinite."""
     expression = ca.SX(expression)
     ones = ca.SX.ones(expression.size1())
     return Row(expression, ca.SX(lower) * ones, ca.SX(upper) * ones)
@@ -148,7 +148,8 @@ class Statement:
         lower = ca.vertcat(*(v.lower for v in self.variables))
         upper = ca.vertcat(*(v.upper for v in self.variables))
         numbers = [hessian, gradient, matrix, rows.lower - offset, rows.upper - offset, lower, upper, sound, self.notes]
-        return ca.Function(f"{self.name}_build", [p, self.memory], [ca.densify(each) for each in numbers], {"cse": True})
+        outputs = [ca.densify(each) for each in numbers]
+        return ca.Function(f"{self.name}_build", [p, self.memory], outputs, {"cse": True})
 
     @cached_property
     def certify(self) -> ca.Function:
@@ -213,7 +214,7 @@ class Statement:
         return Row(*(ca.vertcat(*parts) for parts in zip(empty, *rows, strict=True)))
 
 
-def qrqp_options() -> dict[str, object]:
+def qrqp_options() -> dict[str, Any]:
     """Quiet, capped, tighter than our tolerance, and a failure is an answer that the certificate rejects."""
     quiet = {"print_iter": False, "print_header": False, "print_info": False, "print_lincomb": False}
     return {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 __all__ = ["BufferedFunction"]
 
@@ -32,16 +32,17 @@ class BufferedFunction:
         self._buffer, self.evaluate = function.buffer()
         self.inputs = tuple(_dense(function.sparsity_in(i)) for i in range(function.n_in()))
         self.outputs = tuple(_dense(function.sparsity_out(i)) for i in range(function.n_out()))
+        # CasADi's stub asks for a size too, which a memoryview carries.
         for i, array in enumerate(self.inputs):
-            self._buffer.set_arg(i, memoryview(array.reshape(-1, order="F")))
+            self._buffer.set_arg(i, array.reshape(-1, order="F").data)  # type: ignore[call-arg]
         for i, array in enumerate(self.outputs):
-            self._buffer.set_res(i, memoryview(array.reshape(-1, order="F")))
+            self._buffer.set_res(i, array.reshape(-1, order="F").data)  # type: ignore[call-arg]
 
     def __call__(self) -> None:
         """Evaluate on what stands in `inputs`."""
         self.evaluate()
 
-    def of(self, *values: object) -> Array:
+    def of(self, *values: ArrayLike) -> Array:
         """First output, copied, for the given inputs: the convenient form, with numpy's conversions."""
         for array, value in zip(self.inputs, values, strict=True):
             array[...] = value

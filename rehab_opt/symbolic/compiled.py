@@ -27,7 +27,7 @@ COMPILE_SECONDS = 300.0
 _log = logging.getLogger(__name__)
 
 
-def compiled(function: ca.Function, *, compile: bool | None = None) -> ca.Function:  # noqa: A002
+def compiled(function: ca.Function, *, compile: bool | None = None) -> ca.Function:
     """`function` as machine code where a compiler is present, unchanged where not.
 
     Parameters
