@@ -1,0 +1,253 @@
+"""Ruckig's time-optimal profiles, followed only where they stay inside the position bounds, and checked as they go."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+__all__ = ["CERTIFIED", "AxisBounds", "Profiles", "stopping_distance"]
+
+Motion = tuple[list[float], list[float], list[float]]  # position, velocity, acceleration of the axes
+Frame = tuple[list[float], list[float]]  # origin [u] at the start of a plan, and speed [u/s]
+
+CERTIFIED = 1e-6
+"""Largest certificate residual that passes."""
+EDGE = 1e-12  # [u] by which rounding may carry a profile that ends on a bound beyond it; the output is clipped
+ROUNDING = 32.0 * float(np.finfo(np.float64).eps)  # of a position, as it shows in its finite differences
+
+
+class AxisBounds(NamedTuple):
+    """Bounds of n free axes, each (n,) in u, u/s, u/s^2 and u/s^3 with u = rad or m."""
+
+    lower: list[float]
+    upper: list[float]
+    velocity: list[float]
+    acceleration: list[float]
+    jerk: list[float]
+
+
+def stopping_distance(speed: float, acceleration: float, jerk: float) -> float:
+    """Distance [u] in which a steadily moving axis comes to rest; it has the sign of `speed` [u/s]."""
+    v = abs(speed)
+    seconds = v / acceleration + acceleration / jerk if v * jerk >= acceleration**2 else 2.0 * math.sqrt(v / jerk)
+    return 0.5 * speed * seconds
+
+
+class Profiles:
+    """The motion in hand: a state, the profile it follows, and the finite differences of what came out.
+
+    The position bounds hold by induction: `move` and `stop` take a profile into use only when all of it is inside and
+    the axes can be stopped inside from its end. Otherwise they leave the profile in hand, known to be safe, as it is.
+
+    Parameters
+    ----------
+    bounds : of the n axes, finite but for the positions.
+    dt : tick [s].
+    return_speed : share of the velocity bound for an axis that comes back from outside its position bounds.
+    """
+
+    def __init__(self, bounds: AxisBounds, *, dt: float, return_speed: float) -> None:
+        import ruckig  # noqa: PLC0415  (loaded when used)
+
+        n = len(bounds.velocity)
+        self.bounds = bounds
+        self._dt, self._rate = dt, 1.0 / dt
+        self._slow = [return_speed * v for v in bounds.velocity]
+        self._bounded = any(map(math.isfinite, bounds.lower + bounds.upper))
+        self._edges = [
+            (low - EDGE * (1.0 + abs(low)), high + EDGE * (1.0 + abs(high)))
+            for low, high in zip(bounds.lower, bounds.upper, strict=True)
+        ]
+        # Results without a name (a profile of more than 7.6e3 s) come out of the binding as ValueError.
+        self._refusals: tuple[type[Exception], ...] = (ruckig.RuckigError, ValueError)
+        self._solver = ruckig.Ruckig(n)
+        self._plan, self._spare = ruckig.Trajectory(n), ruckig.Trajectory(n)
+        self._rest = [0.0] * n
+        self._question = ruckig.InputParameter(n)
+        self._question.synchronization = ruckig.Synchronization.No  # free axes: none waits for another
+        self._question.max_acceleration, self._question.max_jerk = bounds.acceleration, bounds.jerk
+        self._question.target_velocity = self._rest
+        self._to_position, self._to_velocity = ruckig.ControlInterface.Position, ruckig.ControlInterface.Velocity
+
+    # ------------------------------------------------------------------------------------------------- planning
+    def start(self, p: list[float], v: list[float]) -> bool:
+        """Begin at positions p with velocities v and no acceleration, coming to rest; False where Ruckig refuses."""
+        self.p, self.v, self.a = p, v, self._rest
+        self._speeds, self._changes = v, self._rest  # finite differences of p, as if v had always been
+        self._size = -1.0
+        self._allow_rounding(p)
+        self.outside = not self._is_inside()
+        return self.stop(at_any_price=True)
+
+    def move(self, goal: list[float], speed: list[float]) -> bool:
+        """Meet a goal that is at `goal` [u] one tick from now; False where that would leave the bounds.
+
+        Parameters
+        ----------
+        goal : (n,) inside the bounds.
+        speed : (n,) [u/s] at which the goal moves on, below the velocity bounds; taken as zero while outside.
+        """
+        # Planned in the frame that moves with the goal: it rests there, and the velocity bounds shift. Ruckig's own
+        # target velocity passes the goal where it is now: asked again every tick, it trails by centimetres.
+        speed = self._rest if self.outside else speed
+        self._set_velocity_bounds(speed)
+        moving = any(speed)
+        origin = [x - w * self._dt for x, w in zip(goal, speed, strict=True)] if moving else self._rest
+        question = self._question
+        question.control_interface = self._to_position
+        question.target_position = self._rest if moving else goal
+        frame = (origin, speed) if moving else None
+        if not (self._planned(frame) and self._stays_inside(frame)):
+            return False
+        self._allow_rounding(goal)
+        self._adopt(frame, stopping=False)
+        return True
+
+    def stop(self, *, at_any_price: bool = False) -> bool:
+        """Come to rest as soon as acceleration and jerk bounds allow; False where that would leave the bounds."""
+        self._set_velocity_bounds(self._rest)
+        self._question.control_interface = self._to_velocity
+        if not (self._planned(None) and (at_any_price or self._stays_inside(None))):
+            return False
+        self._adopt(None, stopping=True)
+        return True
+
+    def leads_out(self, axis: int, position: float, speed: float) -> bool:
+        """Whether an axis steadily moving at `speed` from `position` can no longer be stopped inside in a tick."""
+        low, high, _, acceleration, jerk = (bound[axis] for bound in self.bounds)
+        return not low <= position + speed * self._dt + stopping_distance(speed, acceleration, jerk) <= high
+
+    @property
+    def arrived(self) -> bool:
+        """Whether the profile in hand has come to its end."""
+        return self.age >= self._end
+
+    # ------------------------------------------------------------------------------------------------ following
+    def advance(self) -> float:
+        """Go one tick on; the certificate residual of the new state, which is always finite.
+
+        The residual is the largest excess of the finite differences of `p` over the velocity, acceleration and jerk
+        bounds, as a share of them and less what rounding explains, and of `p` over the position bounds [u]. Where it
+        does not pass, the axes are stopped from the last state; where that is no number either, they stand.
+        """
+        state = self._sample()
+        residual = self._residual(state[0])
+        if not residual <= CERTIFIED:
+            if self.stop(at_any_price=True):
+                state = self._sample()
+                residual = max(residual, self._residual(state[0]))
+            if not all(math.isfinite(number) for numbers in state for number in numbers):
+                state = list(self.p), self._rest, self._rest
+                self._residual(state[0])
+                self._standing = True
+        self.p, self.v, self.a = state
+        self._speeds, self._changes = self._candidates
+        if self.outside:
+            self.outside = not self._is_inside()
+        return residual
+
+    def _sample(self) -> Motion:
+        self.age += self._dt
+        if self._standing:
+            return list(self.p), self._rest, self._rest
+        p, v, a = self._plan.at_time(self.age)
+        if self._frame is not None:
+            origin, speed = self._frame
+            p = [x + o + w * self.age for x, o, w in zip(p, origin, speed, strict=True)]
+            v = [x + w for x, w in zip(v, speed, strict=True)]
+        if self._bounded:
+            for i, (low, high) in enumerate(zip(self.bounds.lower, self.bounds.upper, strict=True)):
+                if not low <= p[i] <= high and self._edges[i][0] <= p[i] <= self._edges[i][1]:
+                    p[i] = min(max(p[i], low), high)
+        return p, v, a
+
+    def _residual(self, p: list[float]) -> float:
+        """Certificate of p as the next position; its differences are kept as candidates."""
+        rate, speeds, changes, fine = self._rate, [], [], True
+        for i, x in enumerate(p):
+            speed = (x - self.p[i]) * rate
+            change = (speed - self._speeds[i]) * rate
+            jerk = (change - self._changes[i]) * rate
+            speeds.append(speed)
+            changes.append(change)
+            v, a, j, low, high = self._allowed[i]
+            if not (-v <= speed <= v and -a <= change <= a and -j <= jerk <= j and low <= x <= high):  # NaN fails
+                fine = False
+        self._candidates = speeds, changes
+        return 0.0 if fine else self._excess(p)
+
+    def _excess(self, p: list[float]) -> float:
+        """The residual where it is not zero."""
+        speeds, changes = (np.array(numbers) for numbers in self._candidates)
+        differences = np.array([speeds, changes, (changes - self._changes) * self._rate])
+        allowed = np.array(self._allowed)[:, :3].T
+        bounds = np.array(self.bounds[2:])
+        beyond = np.maximum(np.subtract(self.bounds.lower, p), np.subtract(p, self.bounds.upper))
+        before = np.maximum(np.subtract(self.bounds.lower, self.p), np.subtract(self.p, self.bounds.upper))
+        beyond = np.where(beyond <= np.maximum(before, 0.0), 0.0, beyond)  # outside, but not further: no excess
+        residual = float(np.max([np.max((np.abs(differences) - allowed) / bounds), np.max(beyond), 0.0]))
+        return residual if math.isfinite(residual) else math.inf
+
+    # ------------------------------------------------------------------------------------------------- plumbing
+    def _set_velocity_bounds(self, frame_speed: list[float]) -> None:
+        limit = self.bounds.velocity
+        if self.outside:
+            ways = zip(self.p, limit, self._slow, self.bounds.lower, self.bounds.upper, strict=True)
+            limit = [v if low <= x <= high else slow for x, v, slow, low, high in ways]
+        self._question.max_velocity = [v - w for v, w in zip(limit, frame_speed, strict=True)]
+        self._question.min_velocity = [-v - w for v, w in zip(limit, frame_speed, strict=True)]
+
+    def _planned(self, frame: Frame | None) -> bool:
+        """Whether Ruckig answers the question from the present state, in `_spare`."""
+        question, p, v = self._question, self.p, self.v
+        if frame is not None:
+            p = [x - o for x, o in zip(p, frame[0], strict=True)]
+            v = [x - w for x, w in zip(v, frame[1], strict=True)]
+        question.current_position, question.current_velocity, question.current_acceleration = p, v, self.a
+        try:
+            self._solver.calculate(question, self._spare)
+        except self._refusals:
+            return False
+        return math.isfinite(self._spare.duration)
+
+    def _stays_inside(self, frame: Frame | None) -> bool:
+        """Whether the profile in `_spare` leaves the position bounds nowhere, nor goes further out."""
+        if not self._bounded:
+            return True
+        extents = self._spare.position_extrema
+        if frame is None:
+            return all(
+                min(low, x) <= extent.min and extent.max <= max(high, x)
+                for extent, x, (low, high) in zip(extents, self.p, self._edges, strict=True)
+            )
+        seconds = self._spare.duration + self._dt
+        for i, (extent, start, w) in enumerate(zip(extents, *frame, strict=True)):
+            way = w * seconds  # at most what both motions reach, each taken for itself
+            low, high = start + extent.min + min(way, 0.0), start + extent.max + max(way, 0.0)
+            if not (self._edges[i][0] <= low and high <= self._edges[i][1]) or self.leads_out(i, start + way, w):
+                return False
+        return True
+
+    def _adopt(self, frame: Frame | None, *, stopping: bool) -> None:
+        self._plan, self._spare = self._spare, self._plan
+        self._frame = frame
+        self.age, self._end = 0.0, float(self._plan.duration)
+        self._standing = False
+        self.stopping = stopping
+
+    def _is_inside(self) -> bool:
+        return all(low <= x <= high for x, low, high in zip(self.p, self.bounds.lower, self.bounds.upper, strict=True))
+
+    def _allow_rounding(self, positions: list[float]) -> None:
+        """Widen what the differences may show to the rounding of positions of this size."""
+        size = max(map(abs, positions))
+        if size <= self._size:
+            return
+        self._size = size
+        noise = [ROUNDING * size * self._rate**order for order in (1, 2, 3)]
+        self._allowed: list[tuple[float, ...]] = [
+            (*(bound * (1.0 + 1e-9) + extra for bound, extra in zip(axis[2:], noise, strict=True)), axis[0], axis[1])
+            for axis in zip(*self.bounds, strict=True)
+        ]
