@@ -93,7 +93,7 @@ class ArmSection(Section):
     side: Side
     range_of_motion: Annotated[
         Annotated[Literal["regular", "restricted"], Tag("named")] | Annotated[RangeOfMotion, Tag("table")],
-        Discriminator(lambda value: "table" if isinstance(value, dict) else "named"),
+        Discriminator(lambda value: "table" if isinstance(value, dict | RangeOfMotion) else "named"),
     ]
     segments: SegmentsSection = SegmentsSection()
     handle_tilt_deg: float = Field(default=2.0, gt=0, le=90)

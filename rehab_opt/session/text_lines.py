@@ -23,14 +23,14 @@ def whole_text(path: Path, name: str) -> str:
         content = path.read_bytes()
     except OSError as problem:
         raise ProblemFileError(name, "file", problem.strerror, "a file that can be read") from problem
-    if not content.strip():
-        raise ProblemFileError(name, "file", f"{len(content)} bytes", "a file that is not empty")
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as problem:
         line = content.count(b"\n", 0, problem.start) + 1
         value = f"byte 0x{content[problem.start]:02x}"
         raise ProblemFileError(name, f"line {line}", value, "UTF-8 text") from problem
+    if not text.strip():
+        raise ProblemFileError(name, "file", f"{len(content)} bytes", "a file that is not empty")
     if "\0" in text:
         line = text.count("\n", 0, text.index("\0")) + 1
         raise ProblemFileError(name, f"line {line}", "byte 0x00", "UTF-8 text")

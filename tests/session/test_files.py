@@ -1,0 +1,233 @@
+"""Problem files: the shipped ones are sound, and every fault of others is one line that names it."""
+
+from __future__ import annotations
+
+import runpy
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import BaseModel
+
+from rehab_opt.errors import ProblemFileError
+from rehab_opt.session import schema
+from rehab_opt.session.data_folder import ENVIRONMENT
+from rehab_opt.session.files import load_problem, problem_path, recording_path, recording_state, shipped_problems
+from rehab_opt.session.run import checked
+
+Write = Callable[[str, str | bytes], Path]
+
+ARM = """
+system = "upper_limb"
+title = "test"
+[arm]
+side = "left"
+range_of_motion = "restricted"
+[recording]
+file = "path.csv"
+hand = "left"
+[placement]
+centre_m = [-0.172, 0.502]
+"""
+OWN_RANGE = ARM.replace('range_of_motion = "restricted"\n', "") + "[arm.range_of_motion]\n"
+RANGES = """scapular_retraction_deg = [0, 0]
+glenohumeral_rotation_deg = [0, 5]
+shoulder_adduction_deg = [70, 90]
+humeral_flexion_deg = [30, 70]
+forearm_extension_deg = [30, 60]
+wrist_flexion_deg = [30, 60]
+wrist_deviation_deg = [-30, -30]
+wrist_supination_deg = [40, 45]
+"""
+ROBOT = """
+system = "pose_tracking"
+title = "test"
+[robot]
+model = "ur5"
+start_deg = [0, -90, 90, -90, -90, 0]
+[circle]
+radius_m = 0.1
+duration_s = 5
+"""
+CSV = "t_s,x_m,y_m\n0,0,0\n0.1,0.01,0\n0.2,0.01,0.01\n"
+
+
+@pytest.mark.parametrize("name", shipped_problems())
+def test_shipped_problem_is_sound(name: str) -> None:
+    assert load_problem(name).problem.title
+
+
+def test_problem_shipped_for_the_first_run_needs_no_data_folder(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv(ENVIRONMENT, str(tmp_path))
+    loaded = load_problem("upper_limb/figure_eight")
+    assert recording_state(loaded) == "shipped"
+    checked(loaded)
+
+
+def test_shipped_path_is_what_its_generator_writes() -> None:
+    folder = shipped_problems()["upper_limb/figure_eight"].parent
+    generator = runpy.run_path(str(folder / "figure_eight.py"))
+    assert generator["figure_eight_csv"]() == (folder / "figure_eight.csv").read_text(encoding="utf-8")
+
+
+def test_problem_file_is_found_by_name_and_by_path(monkeypatch: pytest.MonkeyPatch) -> None:
+    name, path = problem_path("upper_limb/figure_eight")
+    assert problem_path(str(path)) == (name, path)
+    monkeypatch.chdir(path.parents[1])
+    assert problem_path("upper_limb/figure_eight.toml")[0] == name
+
+
+def test_persons_own_range_of_motion_is_accepted(written: Write) -> None:
+    written("path.csv", CSV)
+    problem = load_problem(str(written("own.toml", OWN_RANGE + RANGES))).problem
+    assert isinstance(problem, schema.UpperLimb)
+    assert isinstance(problem.arm.range_of_motion, schema.RangeOfMotion)
+
+
+def test_every_number_of_the_schema_carries_its_unit_or_has_none() -> None:
+    units = ("_m", "_mm", "_deg", "_s", "_hz", "_deg_s", "_deg_s2", "_deg_s3", "_per_s")
+    without = {"scale", "damping", "posture_cost", "turns", "normal", "towards"}  # ratios, directions, counts
+    for section in vars(schema).values():
+        if isinstance(section, type) and issubclass(section, BaseModel):
+            for key, field in section.model_fields.items():
+                if "float" in str(field.annotation) and key not in without:
+                    assert key.endswith(units), key
+
+
+FAULTS = [
+    (ARM + "[arm2]\n", "arm2", "one of the keys system, title, arm"),
+    (ARM.replace("side", "sied"), "arm.sied", "one of the keys side"),
+    (ARM.replace("centre_m", "centre_cm"), "placement.centre_cm", "centre_m"),
+    (ARM.replace("centre_m", "centre"), "placement.centre", "centre_m"),
+    (ARM.replace('hand = "left"\n', ""), "recording.hand", "this key"),
+    (ARM.replace('side = "left"', 'side = "Left"'), "arm.side", "'left' or 'right'"),
+    (ARM.replace('"restricted"', '"resticted"'), "arm.range_of_motion", "'regular' or 'restricted'"),
+    (ARM.replace('"restricted"', "5"), "arm.range_of_motion", "'regular' or 'restricted'"),
+    (ARM.replace("[-0.172, 0.502]", "[-0.172]"), "placement.centre_m", "at least 2"),
+    (ARM.replace("[-0.172, 0.502]", "[-0.172, 1, 2]"), "placement.centre_m", "at most 2"),
+    (ARM.replace("[-0.172, 0.502]", '["a", 1]'), "placement.centre_m.0", "a valid number"),
+    (ARM.replace("[-0.172, 0.502]", "[-172, 502]"), "placement.centre_m.0", "greater than or equal to -10"),
+    (ARM.replace("[-0.172, 0.502]", "[nan, 0.5]"), "placement.centre_m.0", "finite"),
+    (ARM + "scale = 0\n", "placement.scale", "greater than 0"),
+    (ARM + "scale = true\n", "placement.scale", "a valid number"),
+    (ARM + "scale = 1.0\nfit_m = [1, 1]\n", "placement", "either scale or fit_m"),
+    (ARM + "[run]\nrate_hz = inf\n", "run.rate_hz", "finite"),
+    (ARM + "[run]\nrate_hz = 1e5\n", "run.rate_hz", "less than or equal to 1000"),
+    (ARM + "[optimised]\nposture_cost = {rest = -1.0}\n", "optimised.posture_cost.rest", "greater than or equal to 0"),
+    (OWN_RANGE + RANGES.replace("[70, 90]", "[90, 70]"), "range_of_motion.shoulder_adduction_deg", "lower <= upper"),
+    (
+        OWN_RANGE + RANGES.replace("wrist_flexion_deg", "wrist_flexion_rad"),
+        "arm.range_of_motion.wrist_flexion_rad",
+        "deg",
+    ),
+    (OWN_RANGE + RANGES.replace("wrist_supination_deg = [40, 45]", ""), "wrist_supination_deg", "this key"),
+    (OWN_RANGE + RANGES.replace("[70, 90]", "[70, nan]"), "range_of_motion.shoulder_adduction_deg.1", "finite"),
+    (ARM.replace("upper_limb", "lower_limb"), "system", "one of upper_limb, pose_tracking"),
+    ("title = 'x'\n", "system", "one of upper_limb, pose_tracking"),
+    ("system = \n", "line 1", "TOML"),
+    (ARM + "[arm]\n", "line 12", "TOML"),
+    ("[a\n", "line 1", "TOML"),
+    ("", "file", "not empty"),
+    (b"\x89PNG\r\n\x1a\n\x00\x00", "line 1", "UTF-8"),
+    ("a = '\x00'", "line 1", "UTF-8"),
+    (ROBOT.replace("90, -90, -90, 0]", "90]"), "robot.start_deg", "at least 6"),
+    (ROBOT.replace("90, -90, -90, 0]", "200, -90, -90, 0]"), "robot.start_deg.2", "elbow within -180 to 180 deg"),
+    (ROBOT + "normal = [0, 0, 0]\n", "circle", "neither zero nor parallel"),
+    (ROBOT.replace("ur5", "ur10"), "robot.model", "'ur5'"),
+]
+
+
+@pytest.mark.parametrize(("content", "key", "expected"), FAULTS)
+def test_fault_is_one_line_with_file_key_value_and_expectation(
+    written: Write, content: str | bytes, key: str, expected: str
+) -> None:
+    written("path.csv", CSV)
+    path = written("problem.toml", content)
+    with pytest.raises(ProblemFileError) as refusal:
+        checked(load_problem(str(path)))
+    message = str(refusal.value)
+    assert message.startswith(f"{path}: ")
+    assert key in refusal.value.key
+    assert expected in refusal.value.expected
+    assert "\n" not in message
+
+
+def test_value_stands_in_the_message(written: Write) -> None:
+    path = written("problem.toml", OWN_RANGE + RANGES.replace("[70, 90]", "[90, 70]"))
+    with pytest.raises(ProblemFileError) as refusal:
+        load_problem(str(path))
+    assert str(refusal.value) == (
+        f"{path}: arm.range_of_motion.shoulder_adduction_deg = [90, 70]: expected [lower, upper] with lower <= upper"
+    )
+
+
+def test_directory_is_not_a_problem_file(tmp_path: Path) -> None:
+    with pytest.raises(ProblemFileError, match="a directory"):
+        load_problem(str(tmp_path))
+
+
+@pytest.mark.parametrize("name", ["upper_limb/figure_eigth", "no/such.toml", "a\0b", "x" * 5000])
+def test_unknown_problem_is_refused(name: str) -> None:
+    with pytest.raises(ProblemFileError, match="not found"):
+        load_problem(name)
+
+
+def test_near_miss_of_a_shipped_name_is_pointed_out() -> None:
+    with pytest.raises(ProblemFileError, match="such as upper_limb/figure_eight"):
+        load_problem("upper_limb/figure_eigth")
+
+
+def test_absent_recording_says_where_it_comes_from(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv(ENVIRONMENT, str(tmp_path))
+    loaded = load_problem("upper_limb/pen_trace")
+    assert recording_state(loaded).startswith("absent")
+    with pytest.raises(ProblemFileError, match="BDALab/handwriting-sample") as refusal:
+        checked(loaded)
+    assert refusal.value.key == "recording.file"
+    assert ENVIRONMENT in refusal.value.expected
+
+
+@pytest.mark.parametrize("reference", ["data:../../etc/passwd", "data:/etc/passwd", "data:x", "data:a/\\u0000"])
+def test_reference_stays_within_the_data_folder(written: Write, reference: str) -> None:
+    loaded = load_problem(str(written("problem.toml", ARM.replace("path.csv", reference))))
+    with pytest.raises(ProblemFileError):
+        checked(loaded)
+
+
+def test_recording_lies_beside_its_problem_file(written: Write) -> None:
+    path = written("problem.toml", ARM)
+    with pytest.raises(ProblemFileError, match="beside the problem file"):
+        checked(load_problem(str(path)))
+    csv = written("path.csv", CSV)
+    assert recording_path(load_problem(str(path)), "path.csv") == csv
+
+
+def values() -> st.SearchStrategy[Any]:
+    """Anything TOML can hold."""
+    plain = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5)
+    return st.recursive(plain, lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner))
+
+
+@given(
+    section=st.sampled_from(["arm", "recording", "placement", "run", "optimised", "published", "smoothing"]),
+    key=st.sampled_from(
+        ["side", "range_of_motion", "segments", "file", "columns", "centre_m", "fit_m", "posture_cost"]
+    ),
+    value=values(),
+)
+def test_no_value_ends_in_anything_but_a_problem_or_a_refusal(section: str, key: str, value: Any) -> None:
+    import tomllib  # noqa: PLC0415
+
+    from rehab_opt.session import files  # noqa: PLC0415
+
+    content = tomllib.loads(ARM)
+    content.setdefault(section, {})[key] = value
+    try:
+        schema.UpperLimb.model_validate(content)
+    except files.ValidationError as problem:
+        assert "\n" not in str(files._first_error(problem, "file")).strip("\n")

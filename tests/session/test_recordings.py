@@ -1,0 +1,217 @@
+"""What is read from a recording, and what is said of the ones that cannot be read."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rehab_opt.errors import ProblemFileError
+from rehab_opt.session.recordings import Recording, read_recording, resampled
+
+Write = Callable[[str, str | bytes], Path]
+
+SVC = "4\n0 0 0.0 0 9 9 9\n1 2 0.1 1 9 9 9\n2 2 0.1 1 9 9 9\n3 4 0.2 1 9 9 9\n"
+TRC = (
+    "PathFileType\t4\t(X/Y/Z)\tx.trc\nDataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\n100\t100\t3\t2\tmm\n"
+    "Frame#\tTime\tWRIST\t\t\tHAND\t\t\n\t\tX1\tY1\tZ1\tX2\tY2\tZ2\n\n"
+    "1\t0.00\t1\t2\t3\t10\t20\t30\n2\t0.01\t1\t2\t3\t\t\t\n3\t0.02\t1\t2\t3\t30\t20\t30\n"
+)
+MOT = (
+    "trial\nnRows=9\nnColumns=4\ninDegrees=yes\nendheader\ntime elbow box_tx box_ty\n0.0 90 0.1 0.2\n0.1 180 0.3 0.4\n"
+)
+
+
+def test_csv_is_read_in_the_units_its_header_names(written: Write) -> None:
+    path = written("path.csv", "t_ms,y_m,x_mm,elbow_deg,force_N\n0,1,2000,180,5\n10,2,4000,90,6\n")
+    recording = read_recording(path)
+    np.testing.assert_allclose(recording.time, [0, 0.01])
+    np.testing.assert_allclose(recording.points, [[2, 1], [4, 2]])
+    np.testing.assert_allclose(recording.joints["elbow"], [math.pi, math.pi / 2])
+    assert recording.notes == ("columns not read: force_N",)
+
+
+def test_third_coordinate_of_a_csv_is_read_where_there_is_one(written: Write) -> None:
+    recording = read_recording(written("path.csv", "t_s,x_m,y_m,z_mm\n0,1,2,3000\n1,1,2,4000\n"))
+    np.testing.assert_allclose(recording.points, [[1, 2, 3], [1, 2, 4]])
+
+
+def test_csv_columns_can_be_named(written: Write) -> None:
+    path = written("path.csv", "t_s,right_m,front_cm\n0,1,200\n1,3,400\n")
+    np.testing.assert_allclose(read_recording(path, columns=["right_m", "front_cm"]).points, [[1, 2], [3, 4]])
+
+
+def test_pen_trace_says_how_many_samples_it_dropped(written: Write) -> None:
+    recording = read_recording(written("pen.svc", SVC))
+    np.testing.assert_allclose(recording.time, [0.1, 0.2])
+    np.testing.assert_allclose(recording.points, [[0.001, 0.002], [0.003, 0.004]])
+    assert recording.notes[0] == "dropped: 1 samples with the pen up at the ends, 1 with a repeated time"
+
+
+def test_marker_is_read_by_name_and_hidden_frames_are_left_out(written: Write) -> None:
+    recording = read_recording(written("lift.trc", TRC), marker="HAND")
+    np.testing.assert_allclose(recording.points, [[0.01, 0.02, 0.03], [0.03, 0.02, 0.03]])
+    np.testing.assert_allclose(recording.time, [0, 0.02])
+    assert recording.notes == ("1 frames without marker HAND left out",)
+
+
+def test_motion_file_tells_angles_from_lengths_and_notes_a_wrong_row_count(written: Write) -> None:
+    recording = read_recording(written("lift.mot", MOT), columns=["box_tx", "box_ty"])
+    np.testing.assert_allclose(recording.joints["elbow"], [math.pi / 2, math.pi])
+    np.testing.assert_allclose(recording.points, [[0.1, 0.2], [0.3, 0.4]])
+    assert recording.notes == ("its header states 9 rows, 2 are there",)
+
+
+@pytest.mark.parametrize("separator", [",", "\t", "  "])
+def test_motion_file_is_read_with_every_separator(written: Write, separator: str) -> None:
+    rows = MOT.splitlines()
+    text = "\n".join(rows[:5] + [row.replace(" ", separator) for row in rows[5:]])
+    assert read_recording(written("lift.mot", text)).joints["elbow"].shape == (2,)
+
+
+def test_recording_cannot_be_changed_afterwards(written: Write) -> None:
+    recording = read_recording(written("path.csv", "t_s,x_m,y_m\n0,1,2\n1,1,2\n"))
+    with pytest.raises(ValueError, match="read-only"):
+        recording.points[0, 0] = 5.0
+
+
+BAD = [
+    ("a.csv", "", "file", "not empty"),
+    ("a.csv", "\n\n  \n", "file", "not empty"),
+    ("a.csv", b"t_s,x_m,y_m\n0,\xff\xfe,1\n", "line 2", "UTF-8"),
+    ("a.csv", "t_s,x_m,y_m\n0,\0,1\n", "line 2", "UTF-8"),
+    ("a.csv", "0,1,2\n1,2,3\n", "line 1", "header"),
+    ("a.csv", "t_s,x_m,y_m\n", "line 2", "rows of numbers"),
+    ("a.csv", "t_s,x_m,y_m\n0,1,2\n", "samples", "at least 2"),
+    ("a.csv", "t_s,x_m\n0,1\n1,2\n", "column y", "y_m, y_cm, y_mm"),
+    ("a.csv", "t_s,x_inch,y_m\n0,1,2\n", "column x", "x_m, x_cm, x_mm"),
+    ("a.csv", "x_m,y_m\n0,1\n", "column t", "t_s"),
+    ("a.csv", "t_s,x_m,x_m,y_m\n0,1,1,2\n", "line 1", "a name of its own"),
+    ("a.csv", "t_s,x_m,x_mm,y_m\n0,1,1,2\n", "column x", "one of"),
+    ("a.csv", "t_s,x_m,y_m\n0,1,2\n1,nan,2\n", "line 3, column x_m", "finite"),
+    ("a.csv", "t_s,x_m,y_m\n0,1,2\n1,1e999,2\n", "line 3, column x_m", "finite"),
+    ("a.csv", "t_s,x_m,y_m\n0,1,2\n1,left,2\n", "line 3, column x_m", "finite"),
+    ("a.csv", "t_s,x_m,y_m\n0,1,2\n1,1\n", "line 3", "3, as in the header"),
+    ("a.csv", "t_s,x_m,y_m\n0,1,2\n0,1,3\n1,2,3\n", "time of sample 2", "more than"),
+    ("a.csv", "t_s,x_m,y_m\n0,1,2\n1,1,3\n0.5,2,3\n", "time of sample 3", "more than"),
+    ("a.svc", "5\n" + SVC.partition("\n")[2], "line 1", "the number of samples"),
+    ("a.svc", "x\n" + SVC.partition("\n")[2], "line 1", "the number of samples"),
+    ("a.svc", SVC.replace("3 4 0.2", "3 4 0.05"), "line 5, column t_s", "not before"),
+    ("a.svc", SVC.replace("0.2 1", "0.2 7"), "line 5, column pen_down", "0 or 1"),
+    ("a.svc", "1\n1 2 3\n", "line 2", "at least"),
+    ("a.svc", "1\n1 2 3 0\n", "pen_down", "at least once"),
+    ("a.mot", MOT.replace("endheader", "end"), "header", "endheader"),
+    ("a.mot", MOT.replace("inDegrees=yes\n", ""), "inDegrees", "yes or no"),
+    ("a.mot", MOT.replace("time", "clock"), "column time", "one of"),
+    ("a.mot", MOT.replace("180", "inf"), "line 8, column elbow", "finite"),
+    ("a.trc", TRC.replace("\tmm\n", "\tinch\n"), "Units", "mm"),
+    ("a.trc", TRC.replace("HAND", "FOOT"), "recording.marker", "WRIST, FOOT"),
+    ("a.trc", TRC.replace("\t30\t20", "\tx\t20"), "line 9, column HAND X", "finite"),
+    ("a.trc", TRC.replace("\t0.02\t", "\t0.92\t"), "marker HAND", "at most 0.2 s"),
+    ("a.trc", "PathFileType\n", "line 1", "header"),
+    ("a.png", "x", "file", ".csv, .svc, .mot, .trc"),
+]
+
+
+@pytest.mark.parametrize(("name", "content", "key", "expected"), BAD)
+def test_unusable_recording_is_refused_in_one_line(
+    written: Write, name: str, content: str | bytes, key: str, expected: str
+) -> None:
+    path = written(name, content)
+    with pytest.raises(ProblemFileError) as refusal:
+        read_recording(path, name="the recording", marker="HAND")
+    message = str(refusal.value)
+    assert message.startswith("the recording: ")
+    assert key in refusal.value.key
+    assert expected in refusal.value.expected
+    assert "\n" not in message
+
+
+@given(content=st.binary(max_size=300), suffix=st.sampled_from(["csv", "svc", "mot", "trc"]))
+def test_no_bytes_end_in_anything_but_a_refusal(
+    tmp_path_factory: pytest.TempPathFactory, content: bytes, suffix: str
+) -> None:
+    path = tmp_path_factory.mktemp("bytes") / f"a.{suffix}"
+    path.write_bytes(content)
+    with pytest.raises(ProblemFileError):
+        read_recording(path, marker="HAND")
+
+
+@given(
+    base=st.sampled_from([("a.svc", SVC), ("a.trc", TRC), ("a.mot", MOT), ("a.csv", "t_s,x_m,y_m\n0,1,2\n1,2,3\n")]),
+    at=st.floats(0, 1),
+    cut=st.integers(0, 6),
+    text=st.text(alphabet="0123456789.-,\t\n eEnaif=x", max_size=6),
+)
+def test_damaged_recording_is_read_with_finite_numbers_or_refused(
+    tmp_path_factory: pytest.TempPathFactory, base: tuple[str, str], at: float, cut: int, text: str
+) -> None:
+    name, content = base
+    place = int(at * len(content))
+    path = tmp_path_factory.mktemp("damaged") / name
+    path.write_text(content[:place] + text + content[place + cut :], encoding="utf-8")
+    try:
+        recording = read_recording(path, marker="HAND")
+    except ProblemFileError as refusal:
+        assert "\n" not in str(refusal)
+        return
+    assert np.isfinite(recording.points).all()
+    assert (np.diff(recording.time) > 0).all()
+
+
+@given(
+    steps=st.lists(st.floats(1e-3, 0.5), min_size=1, max_size=30),
+    rate=st.floats(1, 500),
+    slope=st.floats(-2, 2),
+)
+def test_resampling_keeps_a_straight_line_straight(steps: list[float], rate: float, slope: float) -> None:
+    time = 7.0 + np.concatenate(([0.0], np.cumsum(steps)))
+    recording = Recording("line", time, np.column_stack((slope * (time - 7.0), 0 * time)))
+    if recording.duration * rate < 1:
+        with pytest.raises(ProblemFileError, match="1 to"):
+            resampled(recording, rate)
+        return
+    even = resampled(recording, rate)
+    np.testing.assert_allclose(np.diff(even.time), 1 / rate, rtol=1e-9)
+    np.testing.assert_allclose(even.points[:, 0], slope * even.time, atol=1e-9)
+    assert recording.duration - 1 / rate - 1e-9 <= even.duration <= recording.duration + 1e-9
+
+
+def test_times_in_milliseconds_taken_for_seconds_are_refused() -> None:
+    time = np.arange(0.0, 11_000.0, 7.0)
+    with pytest.raises(ProblemFileError, match="are the times in seconds"):
+        resampled(Recording("pen", time, np.zeros((len(time), 2))), 100.0)
+
+
+def test_uneven_sampling_is_said(written: Write) -> None:
+    recording = read_recording(written("path.csv", "t_s,x_m,y_m\n0,0,0\n0.01,0,0\n0.05,0,0\n"))
+    assert resampled(recording, 100.0).notes == (
+        "sampled unevenly, 10 to 40 ms apart; resampled to 100 Hz by linear interpolation",
+    )
+
+
+def test_shared_pen_trace_is_read(recorded: Callable[[str], Path]) -> None:
+    recording = read_recording(recorded("pen_trace/signal.svc"))
+    assert recording.points.shape == (1378, 2)
+    np.testing.assert_allclose(np.ptp(recording.points, axis=0), [0.04042, 0.032295], atol=1e-9)
+    assert "559 samples with the pen up" in recording.notes[1]
+
+
+def test_shared_marker_trial_is_read_and_its_header_corrected(recorded: Callable[[str], Path]) -> None:
+    recording = read_recording(recorded("upper_limb_mocap/markers.trc"), marker="MEDH")
+    assert recording.points.shape == (93, 3)
+    np.testing.assert_allclose(recording.points[0], [0.6260219, 0.455174, 0.0186501])
+    assert recording.notes == ("its header states 652 frames, 93 are there",)
+
+
+def test_shared_joint_angles_are_read_and_their_header_corrected(recorded: Callable[[str], Path]) -> None:
+    recording = read_recording(recorded("upper_limb_mocap/inverse_kin.mot"))
+    assert recording.time.shape == (88,)
+    assert recording.joints["elbow_flexion"][0] == pytest.approx(math.radians(42.06628447))
+    assert "box_transX" not in recording.joints
+    assert recording.notes == ("its header states 250 rows, 88 are there",)
