@@ -1,0 +1,177 @@
+"""A nonlinear programme stated once, symbolically; what every solver needs, and its certificate, are derived."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.errors import ConfigurationError
+from rehab_opt.optim.certificate import all_true, clipped
+from rehab_opt.optim.qp import Row, Variable
+
+__all__ = ["NLP", "PLAUSIBLE", "NLPAnswer"]
+
+Array = NDArray[np.float64]
+
+PLAUSIBLE = 1e9
+"""An answer with a number beyond this size, or a parameter beyond it, is never certified."""
+
+
+class NLPAnswer(NamedTuple):
+    """What a solver answered, certified by us."""
+
+    x: Array
+    """(n,) inside its bounds."""
+    multipliers: Array
+    """(n + m,) of the bounds and of the rows, positive at an upper bound."""
+    cost: float
+    residual: float
+    """2-norm of stationarity, violation and complementarity; accept only 0 <= residual <= tolerance."""
+    violation: float
+    """2-norm of the rows' violation alone."""
+    report: Array
+    """The statement's report at x."""
+    iterations: int
+    """-1 where the solver does not tell."""
+    solver: str
+    certified: bool
+
+
+@dataclass(frozen=True, eq=False)
+class NLP:
+    """minimise f(x, p) subject to lower <= x <= upper and lower <= rows(x, p) <= upper.
+
+    The certificate is absolute, in the statement's own units: scale rows and cost so that one tolerance suits all.
+
+    Parameters
+    ----------
+    name : identifier, used in generated code.
+    parameters : columns that are known when it is solved, in the order in which they are passed.
+    variables : what is decided; bounds are numbers or expressions of the parameters.
+    minimise : scalar, twice differentiable.
+    subject_to : rows, from `equal` and `within`, with numbers or expressions of the parameters as bounds.
+    report : column of expressions evaluated at the answer.
+
+    Raises
+    ------
+    ConfigurationError : no variable, a cost that is not a scalar, a bound that depends on a variable.
+    """
+
+    name: str
+    parameters: Sequence[ca.SX]
+    variables: Sequence[Variable]
+    minimise: ca.SX
+    subject_to: Sequence[Row] = ()
+    report: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
+
+    def __post_init__(self) -> None:
+        """Check what a solver would stumble over."""
+        if not self.n:
+            raise ConfigurationError("variables", self.name, "at least one variable")
+        if self.minimise.numel() != 1:
+            raise ConfigurationError("minimise", self.minimise.shape, "a scalar")
+        for bound in (self.lower, self.upper, self.rows.lower, self.rows.upper):
+            if ca.depends_on(bound, self.x):
+                raise ConfigurationError("subject_to", str(bound)[:60], "bounds without variables")
+
+    @property
+    def n(self) -> int:
+        """Number of variables."""
+        return int(self.x.numel())
+
+    @property
+    def m(self) -> int:
+        """Number of rows."""
+        return int(self.rows.expression.numel())
+
+    @cached_property
+    def x(self) -> ca.SX:
+        """(n,) all variables."""
+        return ca.vertcat(*(v.symbol for v in self.variables))
+
+    @cached_property
+    def p(self) -> ca.SX:
+        """All parameters, one column."""
+        return ca.vertcat(*self.parameters)
+
+    @cached_property
+    def lower(self) -> ca.SX:
+        """(n,) lower bounds of the variables."""
+        return ca.vertcat(*(v.lower for v in self.variables))
+
+    @cached_property
+    def upper(self) -> ca.SX:
+        """(n,) upper bounds of the variables."""
+        return ca.vertcat(*(v.upper for v in self.variables))
+
+    @cached_property
+    def rows(self) -> Row:
+        """All rows in one."""
+        empty = Row(ca.SX(0, 1), ca.SX(0, 1), ca.SX(0, 1))
+        return Row(*(ca.vertcat(*parts) for parts in zip(empty, *self.subject_to, strict=True)))
+
+    @cached_property
+    def jacobian(self) -> ca.SX:
+        """(m, n) derivative of the rows."""
+        return ca.jacobian(self.rows.expression, self.x)
+
+    @cached_property
+    def gradient(self) -> ca.SX:
+        """(n,) derivative of the cost."""
+        return ca.gradient(self.minimise, self.x)
+
+    @cached_property
+    def bounds(self) -> ca.Function:
+        """p -> lower, upper (n,), rows' lower, upper (m,)."""
+        outputs = [self.lower, self.upper, self.rows.lower, self.rows.upper]
+        return ca.Function(f"{self.name}_bounds", [self.p], [ca.densify(each) for each in outputs])
+
+    @cached_property
+    def certify(self) -> ca.Function:
+        """p, claim (n,), multipliers (n + m,) -> x, cost, residual, violation, report.
+
+        x is the claim clipped into its bounds, and what is certified. The residual is the 2-norm of stationarity
+        grad f + y_x + J'y, of the rows' violation, and of |multiplier| * min(slack, 1) for every bound: a product,
+        since an interior-point answer at a weakly active bound has both factors near the root of its tolerance.
+        It is NaN or infinite when a number is: CasADi's fmax and fmin drop NaN, so everything they see is compared.
+        """
+        claim, multipliers = ca.SX.sym("claim", self.n), ca.SX.sym("y", self.n + self.m)
+        of_bounds, of_rows = multipliers[: self.n], multipliers[self.n :]
+        x = clipped(claim, self.lower, self.upper)
+        at = ca.Function(
+            "at",
+            [self.x, self.p],
+            [self.rows.expression, self.gradient, self.jacobian, self.minimise, self.report],
+            ["x", "p"],
+            ["rows", "gradient", "jacobian", "cost", "report"],
+            {"cse": True},
+        )
+        rows, gradient, jacobian, cost, report = at(x, self.p)
+        low, high = self.rows.lower, self.rows.upper
+        violation = ca.fmax(low - rows, 0) + ca.fmax(rows - high, 0)
+        parts = ca.vertcat(
+            gradient + of_bounds + jacobian.T @ of_rows,
+            violation,
+            _slackness(of_bounds, x, self.lower, self.upper),
+            _slackness(of_rows, rows, low, high),
+        )
+        sane = all_true(
+            *(ca.fabs(each) <= PLAUSIBLE for each in (claim, multipliers, rows, cost, self.p)),
+            self.lower <= self.upper,
+            low <= high,
+        )
+        outputs = [x, cost, ca.norm_2(parts) / sane, ca.norm_2(violation) / sane, report]
+        name = f"{self.name}_certificate"
+        return ca.Function(name, [self.p, claim, multipliers], [ca.densify(o) for o in outputs], {"cse": True})
+
+
+def _slackness(multiplier: ca.SX, value: ca.SX, lower: ca.SX, upper: ca.SX) -> ca.SX:
+    at_upper = ca.fmax(multiplier, 0) * ca.fmin(ca.fmax(upper - value, 0), 1)
+    at_lower = ca.fmax(-multiplier, 0) * ca.fmin(ca.fmax(value - lower, 0), 1)
+    return ca.vertcat(at_upper, at_lower)

@@ -1,0 +1,159 @@
+"""CasADi's nonlinear solvers by name behind one interface: quiet, capped, and certified by us."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rehab_opt.errors import ConfigurationError
+from rehab_opt.optim.certificate import is_certified
+from rehab_opt.optim.nlp import PLAUSIBLE, NLP, NLPAnswer
+from rehab_opt.optim.nlp_hessian import convexified
+from rehab_opt.optim.nlp_sqp import SQP
+from rehab_opt.symbolic import BufferedFunction, compiled
+
+__all__ = ["NLPSolver", "nlp_solver"]
+
+
+def nlp_solver(
+    nlp: NLP,
+    name: str,
+    *,
+    tolerance: float = 1e-9,
+    max_iterations: int | None = None,
+    compile: bool | None = None,  # noqa: A002
+) -> SQP | NLPSolver:
+    """Solver of `nlp`: "sqp" (ours, fused), "ipopt", "fatrop", "sqpmethod", or another `nlpsol` plugin by name."""
+    cap: dict[str, Any] = {} if max_iterations is None else {"max_iterations": max_iterations}
+    if name == SQP.name:
+        return SQP(nlp, tolerance=tolerance, compile=compile, **cap)
+    return NLPSolver(nlp, name, tolerance=tolerance, compile=compile, **cap)
+
+
+class NLPSolver:
+    """One of CasADi's `nlpsol` plugins.
+
+    Its own tolerances are set below ours, so that `tolerance` means the certificate's residual for each of them.
+
+    Parameters
+    ----------
+    nlp : the statement.
+    name : "ipopt", "fatrop", "sqpmethod" (with qrqp and a convexified Hessian), or another plugin, at its defaults.
+    tolerance : largest certificate residual that is accepted.
+    max_iterations : cap on iterations; CasADi's exact-Hessian sqpmethod was seen to run for half a second without.
+    compile : whether sqpmethod, which generates C, is compiled; None follows `REHAB_OPT_COMPILE`.
+
+    Raises
+    ------
+    ConfigurationError : no such solver.
+    """
+
+    def __init__(
+        self,
+        nlp: NLP,
+        name: str,
+        *,
+        tolerance: float = 1e-9,
+        max_iterations: int = 200,
+        compile: bool | None = None,  # noqa: A002
+    ) -> None:
+        if not (isinstance(name, str) and name.isidentifier() and ca.has_nlpsol(name)):
+            raise ConfigurationError("solver", name, "'sqp', 'ipopt', 'fatrop', 'sqpmethod' or another of CasADi's")
+        if not 0 < tolerance < 1:
+            raise ConfigurationError("tolerance", tolerance, "a number between 0 and 1")
+        self.nlp, self.name, self.tolerance = nlp, name, float(tolerance)
+        problem = {"x": nlp.x, "p": nlp.p, "f": nlp.minimise, "g": nlp.rows.expression}
+        options = _options(nlp, name, self.tolerance, max_iterations)
+        self._solver = ca.nlpsol(f"{nlp.name}_{name}", name, problem, options)
+        # In the virtual machine the plugin itself is called, since it also tells its iterations.
+        fast = compiled(self._solver, compile=compile) if name == "sqpmethod" else self._solver
+        self._fast = None if fast is self._solver else BufferedFunction(fast)
+        self._bounds, self._certify = BufferedFunction(nlp.bounds), BufferedFunction(nlp.certify)
+        self.parameters = np.zeros(nlp.p.numel())
+
+    def solve(self, start: ArrayLike, multipliers: ArrayLike = 0.0) -> NLPAnswer:
+        """Solve at `parameters` (write into it) from `start` (n,) and `multipliers` (n + m,) of an earlier answer."""
+        n = self.nlp.n
+        x, y = np.zeros(n), np.zeros(n + self.nlp.m)
+        x[:], y[:] = start, multipliers
+        # fatrop was seen to run for ever on NaN, its iteration cap notwithstanding: such data reach no solver.
+        if not all(np.all(np.abs(each) <= PLAUSIBLE) for each in (self.parameters, x, y)):
+            return self._certified(x, y, 0)
+        self._bounds.inputs[0][:] = self.parameters
+        self._bounds()
+        lower, upper, rows_lower, rows_upper = self._bounds.outputs
+        iterations = -1
+        if self._fast is not None:
+            values = (x, self.parameters, lower, upper, rows_lower, rows_upper, y[:n], y[n:])
+            for array, value in zip(self._fast.inputs, values, strict=True):
+                array[...] = value
+            self._fast()
+            # nlpsol's outputs: x, f, g, lam_x, lam_g, lam_p
+            claim, _, _, of_bounds, of_rows, _ = self._fast.outputs
+        else:
+            found = self._solver(
+                x0=x, p=self.parameters, lbx=lower, ubx=upper, lbg=rows_lower, ubg=rows_upper,
+                lam_x0=y[:n], lam_g0=y[n:],
+            )  # fmt: skip
+            claim, of_bounds, of_rows = (found[key].full().reshape(-1) for key in ("x", "lam_x", "lam_g"))
+            iterations = int(self._solver.stats().get("iter_count", -1))
+        return self._certified(claim, np.concatenate([of_bounds, of_rows]), iterations)
+
+    def _certified(self, claim: Any, multipliers: Any, iterations: int) -> NLPAnswer:
+        inputs = self._certify.inputs
+        inputs[0][:], inputs[1][:], inputs[2][:] = self.parameters, claim, multipliers
+        self._certify()
+        x, cost, residual, violation, report = self._certify.outputs
+        return NLPAnswer(
+            x.copy(), multipliers, float(cost[0]), float(residual[0]), float(violation[0]), report.copy(),
+            iterations, self.name, is_certified(float(residual[0]), self.tolerance),
+        )  # fmt: skip
+
+
+def _options(nlp: NLP, name: str, tolerance: float, max_iterations: int) -> dict[str, Any]:
+    """Quiet, capped, without exceptions, and tighter than `tolerance`."""
+    common: dict[str, Any] = {"error_on_fail": False, "print_time": False, "show_eval_warnings": False}
+    tight = 0.1 * tolerance
+    if name == "ipopt":
+        own: dict[str, Any] = {
+            "print_level": 0,
+            "sb": "yes",
+            "max_iter": max_iterations,
+            "tol": tight,
+            "constr_viol_tol": tight,
+            "dual_inf_tol": tight,
+            "compl_inf_tol": tight,
+            "acceptable_iter": 0,
+            "bound_relax_factor": 0.0,
+        }
+        return {**common, "ipopt": own}
+    if name == "fatrop":
+        return {**common, "fatrop": {"print_level": 0, "max_iter": max_iterations, "tol": tight}}
+    if name == "sqpmethod":
+        quiet = {"print_iter": False, "print_header": False, "print_info": False, "print_lincomb": False}
+        return {
+            **common,
+            "print_header": False,
+            "print_iteration": False,
+            "print_status": False,
+            "max_iter": max_iterations,
+            "tol_pr": tight,
+            "tol_du": tight,
+            "hess_lag": _convex_hessian(nlp),
+            "qpsol": "qrqp",
+            "qpsol_options": {**quiet, "error_on_fail": False, "print_time": False, "max_iter": 100},
+        }
+    return common
+
+
+def _convex_hessian(nlp: NLP) -> ca.Function:
+    """Hessian of the Lagrangian as sqpmethod wants it, convexified: an exact one had tails of half a second."""
+    of_cost, of_rows = ca.SX.sym("lam_f"), ca.SX.sym("lam_g", nlp.m)
+    lagrangian = of_cost * nlp.minimise + ca.dot(of_rows, nlp.rows.expression)
+    hessian = convexified(ca.hessian(lagrangian, nlp.x)[0])
+    inputs = [nlp.x, nlp.p, of_cost, of_rows]
+    names = ["x", "p", "lam_f", "lam_g"]
+    return ca.Function("nlp_hess_l", inputs, [hessian], names, ["hess_gamma_x_x"], {"cse": True})
