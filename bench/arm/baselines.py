@@ -42,7 +42,15 @@ class Baseline:
     """One NLP over the joints that move, with the handle held within its tilt, solved by one solver from one start."""
 
     def __init__(
-        self, arm: SerialChain, q: ca.SX, parameter: ca.SX, cost: ca.SX, equalities: ca.SX, tilt: float, solver: str
+        self,
+        arm: SerialChain,
+        *,
+        q: ca.SX,
+        parameter: ca.SX,
+        cost: ca.SX,
+        equalities: ca.SX,
+        tilt: float,
+        solver: str,
     ) -> None:
         self.arm, self.free = arm, np.flatnonzero(~arm.locked)
         handle = arm.pose_expression(q)[2, 0]
@@ -74,18 +82,21 @@ class Baseline:
 def position_ik(arm: SerialChain, *, tilt: float, solver: str) -> Baseline:
     """Nearest posture to rest with the hand at the parameter (3,): the problem ArmIK solves by default."""
     q, target = ca.SX.sym("q", arm.n), ca.SX.sym("target", 3)
+    missed = arm.pose_expression(q)[:3, 3] - target
     cost = 0.5 * ca.sumsqr(q - ca.DM(ARM_REST))
-    return Baseline(arm, q, target, cost, arm.pose_expression(q)[:3, 3] - target, tilt, solver)
+    return Baseline(arm, q=q, parameter=target, cost=cost, equalities=missed, tilt=tilt, solver=solver)
 
 
-def nearest_point(arm: SerialChain, *, tilt: float, solver: str = "ipopt") -> Baseline:
+def nearest_point(arm: SerialChain, *, tilt: float) -> Baseline:
     """Hand as near as possible to the parameter (3,); the cost is the squared distance [m^2]."""
     q, target = ca.SX.sym("q", arm.n), ca.SX.sym("target", 3)
-    return Baseline(arm, q, target, ca.sumsqr(arm.pose_expression(q)[:3, 3] - target), ca.SX(0, 1), tilt, solver)
+    cost = ca.sumsqr(arm.pose_expression(q)[:3, 3] - target)
+    return Baseline(arm, q=q, parameter=target, cost=cost, equalities=ca.SX(0, 1), tilt=tilt, solver="ipopt")
 
 
 def projection(arm: SerialChain, *, tilt: float, height: float | None = None) -> Baseline:
     """Nearest joint angles to the parameter (n,) with the handle within `tilt`, the hand in the plane z = `height`."""
     q, wanted = ca.SX.sym("q", arm.n), ca.SX.sym("wanted", arm.n)
     plane = ca.SX(0, 1) if height is None else arm.pose_expression(q)[2, 3] - height
-    return Baseline(arm, q, wanted, ca.sumsqr(q - wanted), plane, tilt, "ipopt")
+    cost = ca.sumsqr(q - wanted)
+    return Baseline(arm, q=q, parameter=wanted, cost=cost, equalities=plane, tilt=tilt, solver="ipopt")

@@ -1,8 +1,8 @@
 """Hand targets whose answer is known beforehand: reachable ones, unreachable ones, and paths inside the reachable set.
 
 A target is the hand position of joint angles within limits whose handle is within 99.9 % of the tilt: reachable by
-construction, and checked with the chain's own pose. Joint angles are drawn uniformly in the range of motion and moved to
-the nearest ones that hold the handle (an ipopt projection), so the targets spread as the arm does, over all heights.
+construction, and checked with the chain's own pose. Joint angles are drawn uniformly in the range of motion and moved
+to the nearest ones that hold the handle (an ipopt projection), so the targets spread as the arm does, over all heights.
 """
 
 from __future__ import annotations

@@ -75,6 +75,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         records = alternate(contenders, path, START, rounds=options.rounds, ticks=options.ticks)
         measured[case] = rows(records, chain, path)
         console.print(_table(f"{case}: speed limit {limit:.3g} rad/s", measured[case]))
+        for contender in contenders[:2]:
+            console.print(f"{contender.name}: primary solver failed in {getattr(contender, 'not_ok', 0)} ticks")
     console.print(
         "  ".join(f"{key} {value}" for key, value in sorted(versions.items())), highlight=False, soft_wrap=True
     )
@@ -92,7 +94,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def entered(chain: SerialChain) -> list[Contender]:
-    """Everyone who takes part, set up on `chain`."""
+    """Everyone who takes part, set up on `chain`; the two of ours first."""
     from bench.peers.ours import Ours  # noqa: PLC0415  (the peers are an optional extra)
     from bench.peers.with_mink import Mink  # noqa: PLC0415
     from bench.peers.with_pink import Pink  # noqa: PLC0415

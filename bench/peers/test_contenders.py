@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.peers.contender import Contender, verify_kinematics
+from bench.peers.contender import verify_kinematics
 from bench.peers.path import START, circle
 from bench.peers.pose_tracking import DT, entered, rows
 from bench.peers.rounds import alternate
@@ -33,15 +33,8 @@ def test_contenders_have_our_kinematics_and_follow_the_path(limit: float) -> Non
 
 
 def test_another_arm_is_refused() -> None:
-    class Longer(Contender):
-        name = "longer"
-
-        def pose(self, q):  # type: ignore[no-untyped-def]
-            return ur5(tool=np.block([[np.eye(3), [[0], [0], [1e-6]]], [0, 0, 0, 1]])).pose(q)
-
-        def target(self, path, k): ...  # type: ignore[no-untyped-def, empty-body]
-
-        def tick(self, q, target): ...  # type: ignore[no-untyped-def, empty-body]
-
+    tool = np.eye(4)
+    tool[2, 3] = 1e-6
+    contender = entered(ur5(tool=tool))[0]
     with pytest.raises(AssertionError, match="hand pose differs"):
-        verify_kinematics(Longer(), ur5())
+        verify_kinematics(contender, ur5())

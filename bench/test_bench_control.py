@@ -1,0 +1,93 @@
+"""One call of each controller in its loop: the state moves on, so that a warm start is worth what it is in use."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from pytest_benchmark.fixture import BenchmarkFixture
+
+from bench.arm.targets import figure_eight, reachable
+from bench.long_run import DT, round_trip
+from bench.peers.path import START
+from rehab_opt import ArmIK, Command, PoseTracker, Smoother, Status, human_arm, ur5
+
+TILT = math.radians(2)
+
+
+def looped(tracker: PoseTracker) -> Callable[[], Command]:
+    """`step` along a circle that is repeated, the state integrated between calls."""
+    path = round_trip(tracker.chain)
+    samples = itertools.cycle(
+        [(pose.copy(), twist.copy()) for pose, twist in zip(path.poses, path.twists, strict=True)]
+    )
+    q = START.copy()
+
+    def tick() -> Command:
+        command = tracker.step(q, *next(samples))
+        np.add(q, DT * command.value, out=q)
+        return command
+
+    for _ in range(300):
+        tick()
+    return tick
+
+
+@pytest.mark.parametrize("limit", [math.pi, 0.35], ids=["free", "limited"])
+@pytest.mark.parametrize("compiled", [True, False], ids=["compiled", "virtual_machine"])
+def test_pose_tracker(benchmark: BenchmarkFixture, compiled: bool, limit: float) -> None:
+    command = benchmark(looped(PoseTracker(ur5(velocity=limit), dt=DT, compile=compiled)))
+    assert command.status is Status.OK
+
+
+@pytest.mark.parametrize("solver", ["proxqp", "osqp", "daqp"])
+def test_pose_tracker_with_another_solver(benchmark: BenchmarkFixture, solver: str) -> None:
+    benchmark(looped(PoseTracker(ur5(), dt=DT, solver=solver)))
+
+
+def test_pose_tracker_not_enabled(benchmark: BenchmarkFixture) -> None:
+    tracker = PoseTracker(ur5(), dt=DT)
+    pose, twist = tracker.chain.pose(START), np.zeros(6)
+    command = benchmark(lambda: tracker.step(START, pose, twist, enable=False))
+    assert command.status is Status.HOLDING
+
+
+@pytest.mark.parametrize("range_of_motion", ["regular", "restricted"])
+def test_arm_ik_cold(benchmark: BenchmarkFixture, range_of_motion: str) -> None:
+    arm = human_arm(range_of_motion=range_of_motion)
+    solver, targets = ArmIK(arm, handle_tilt=TILT), itertools.cycle(reachable(arm, 100, tilt=TILT))
+    solution = benchmark(lambda: solver.solve(next(targets)))
+    assert solution.status.certified
+
+
+@pytest.mark.parametrize("range_of_motion", ["regular", "restricted"])
+def test_arm_ik_warm(benchmark: BenchmarkFixture, range_of_motion: str) -> None:
+    arm = human_arm(range_of_motion=range_of_motion)
+    solver, path = ArmIK(arm, handle_tilt=TILT), figure_eight(arm, 400, tilt=TILT, cells=9)
+    points, last = itertools.cycle(path), [solver.solve(path[0]).q]
+
+    def sample() -> Status:
+        solution = solver.solve(next(points), start=last[0])
+        last[0] = solution.q
+        return solution.status
+
+    assert benchmark(sample).certified
+
+
+@pytest.mark.parametrize("moving", [True, False], ids=["moving_target", "fixed_target"])
+def test_smoother(benchmark: BenchmarkFixture, moving: bool) -> None:
+    axes = 8
+    smoother = Smoother(velocity=1.0, acceleration=5.0, jerk=50.0, dt=DT, axes=axes)
+    smoother.reset(np.zeros(axes))
+    phase = itertools.count()
+    target = np.full(axes, 0.3)
+
+    def tick() -> Command:
+        if moving:
+            target[:] = 0.3 * math.sin(DT * next(phase))
+        return smoother.step(target)
+
+    benchmark(tick)
