@@ -49,6 +49,7 @@ def test_backend(benchmark: BenchmarkFixture, instances: list[Instance], name: s
     assert np.isfinite(answer.x).all()
 
 
+@pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")  # qpsolvers calls osqp the old way
 @pytest.mark.parametrize("name", ["proxqp", "osqp"])
 def test_fresh_qpsolvers_call(benchmark: BenchmarkFixture, instances: list[Instance], name: str) -> None:
     stream = forth_and_back(instances)
