@@ -36,7 +36,8 @@ def main(arguments: list[str] | None = None) -> None:
     try:
         app(args=arguments)
     except RehabOptError as problem:
-        print(f"rehab-opt: {' '.join(str(problem).split())}", file=sys.stderr)  # one line, whatever a name holds
+        line = "".join(letter if letter.isprintable() else " " for letter in str(problem))  # whatever a file name holds
+        print(f"rehab-opt: {line}", file=sys.stderr)
         sys.exit(2)
 
 

@@ -154,7 +154,8 @@ def _first_error(problem: ValidationError, file: str) -> ProblemFileError:
         expected = f"{_count(context)} entries"
     if isinstance(value, dict | list | str) and len(str(value)) > 60:
         value = shown(str(value), 60)
-    return ProblemFileError(file, ".".join(keys) or "file", value, expected)
+    dotted = ".".join(key if key.isprintable() else repr(key) for key in keys)
+    return ProblemFileError(file, dotted or "file", value, expected)
 
 
 def _keys(location: tuple[int | str, ...]) -> Iterator[int | str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import runpy
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,12 +11,19 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pydantic import BaseModel
+from pydantic import BaseModel, ValidationError
 
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.session import schema
 from rehab_opt.session.data_folder import ENVIRONMENT
-from rehab_opt.session.files import load_problem, problem_path, recording_path, recording_state, shipped_problems
+from rehab_opt.session.files import (
+    _first_error,
+    load_problem,
+    problem_path,
+    recording_path,
+    recording_state,
+    shipped_problems,
+)
 from rehab_opt.session.run import checked
 
 Write = Callable[[str, str | bytes], Path]
@@ -221,13 +229,11 @@ def values() -> st.SearchStrategy[Any]:
     value=values(),
 )
 def test_no_value_ends_in_anything_but_a_problem_or_a_refusal(section: str, key: str, value: Any) -> None:
-    import tomllib  # noqa: PLC0415
-
-    from rehab_opt.session import files  # noqa: PLC0415
-
     content = tomllib.loads(ARM)
     content.setdefault(section, {})[key] = value
+    message = ""
     try:
         schema.UpperLimb.model_validate(content)
-    except files.ValidationError as problem:
-        assert "\n" not in str(files._first_error(problem, "file")).strip("\n")
+    except ValidationError as problem:
+        message = str(_first_error(problem, "file"))
+    assert "\n" not in message

@@ -157,8 +157,7 @@ def test_damaged_recording_is_read_with_finite_numbers_or_refused(
     path.write_text(content[:place] + text + content[place + cut :], encoding="utf-8")
     try:
         recording = read_recording(path, marker="HAND")
-    except ProblemFileError as refusal:
-        assert "\n" not in str(refusal)
+    except ProblemFileError:
         return
     assert np.isfinite(recording.points).all()
     assert (np.diff(recording.time) > 0).all()

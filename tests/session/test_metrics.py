@@ -1,0 +1,87 @@
+"""Numbers of a run, against cases whose answer is known."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rehab_opt.kinematics.human_arm import human_arm
+from rehab_opt.session.metrics import error_metrics, joint_metrics, lag, path_shares, status_counts, time_metrics
+from rehab_opt.session.schema import SmoothingSection
+from rehab_opt.session.smoothed import smoothed
+
+ARM = human_arm(range_of_motion="restricted")
+
+
+def test_share_of_length_ignores_where_the_hand_rests() -> None:
+    path = np.array([[0.0, 0, 0], [0.0, 0, 0], [0.0, 0, 0], [1.0, 0, 0], [2.0, 0, 0]])
+    of_length, of_time = path_shares(path, np.array([True, True, True, False, False]))
+    assert of_length == pytest.approx(0.25)
+    assert of_time == pytest.approx(0.6)
+
+
+def test_share_of_a_path_that_is_one_point_is_that_of_its_time() -> None:
+    assert path_shares(np.zeros((4, 3)), np.array([True, False, False, False])) == (0.25, 0.25)
+
+
+@given(st.lists(st.tuples(st.floats(-1, 1), st.floats(-1, 1), st.booleans()), min_size=2, max_size=20))
+def test_shares_of_a_part_and_of_the_rest_make_one(samples: list[tuple[float, float, bool]]) -> None:
+    path, met = np.array([(x, y, 0.0) for x, y, _ in samples]), np.array([part for *_, part in samples])
+    for part, rest in zip(path_shares(path, met), path_shares(path, ~met), strict=True):
+        assert part + rest == pytest.approx(1.0)
+        assert -1e-12 <= part <= 1 + 1e-12
+
+
+def test_margin_is_that_of_the_nearest_free_joint_and_negative_outside() -> None:
+    middle = (ARM.lower + ARM.upper) / 2
+    q = np.array([middle, middle])
+    q[1, 4] = ARM.upper[4] + np.deg2rad(1.5)
+    numbers = joint_metrics(ARM, q, rate=10.0)
+    assert numbers["joint_limit_margin_joint"] == "forearm_extension"
+    assert numbers["joint_limit_margin_min_deg"] == pytest.approx(-1.5)
+    assert numbers["joint_speed_max_joint"] == "forearm_extension"
+    assert numbers["joint_speed_max_deg_s"] == pytest.approx(165.0)
+    assert numbers["joint_speed_max_share_of_limit"] == pytest.approx(np.deg2rad(165.0) / 3.0)
+
+
+def test_unlimited_and_locked_joints_give_strict_json() -> None:
+    free = ARM.with_limits(lower=np.full(8, -np.inf), upper=np.full(8, np.inf))
+    locked = ARM.with_limits(lower=ARM.lower, upper=ARM.lower)
+    for arm in (free, locked):
+        numbers = joint_metrics(arm, np.array([ARM.lower, ARM.lower]), rate=10.0)
+        assert json.loads(json.dumps(numbers, allow_nan=False))["joint_limit_margin_min_deg"] is None
+
+
+def test_delay_of_a_known_shift_is_found() -> None:
+    time = np.arange(0, 5, 0.001)
+    target = np.column_stack((np.sin(time), np.cos(3 * time)))
+    late = np.column_stack((np.sin(time - 0.042), np.cos(3 * (time - 0.042))))
+    assert lag(target, late, 0.001) == pytest.approx(0.042)
+    assert lag(target, target, 0.001) == 0.0
+
+
+def test_spread_names_its_unit() -> None:
+    assert error_metrics(np.array([1.0, 3.0]), "error", "m") == pytest.approx(
+        {"error_mean_m": 2.0, "error_p95_m": 2.9, "error_max_m": 3.0}
+    )
+    assert time_metrics(np.array([0.001, 0.003]), "tick")["tick_median_ms"] == pytest.approx(2.0)
+
+
+def test_most_frequent_status_stands_first() -> None:
+    assert list(status_counts(["ok", "backup", "ok"]).items()) == [("ok", 2), ("backup", 1)]
+
+
+def test_smoothed_joints_keep_limits_and_speed_and_arrive() -> None:
+    q = np.tile((ARM.lower + ARM.upper) / 2, (200, 1))
+    q[50:, 3] = ARM.upper[3]  # a step up to the limit
+    bounds = SmoothingSection(speed_deg_s=60.0)
+    smooth, numbers = smoothed(ARM, q, 100.0, bounds)
+    assert (smooth >= ARM.lower).all()
+    assert (smooth <= ARM.upper).all()
+    assert numbers["joint_speed_max_deg_s"] <= 60.0 + 1e-6
+    np.testing.assert_allclose(smooth[-1], q[-1], atol=1e-9)
+    assert numbers["lag_s"] > 0

@@ -1,0 +1,73 @@
+"""The circle a robot is asked to follow, and that it follows it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rehab_opt.kinematics.ur5 import ur5
+from rehab_opt.session.files import load_problem
+from rehab_opt.session.outcome import RobotOutcome
+from rehab_opt.session.robot import circle_reference
+from rehab_opt.session.run import run_problem
+from rehab_opt.session.schema import CircleSection, PoseTracking
+
+START = ur5().pose(np.deg2rad([0.0, -90.0, 90.0, -90.0, -90.0, 0.0]))
+direction = st.tuples(st.floats(-1, 1), st.floats(-1, 1), st.floats(-1, 1))
+
+
+@given(normal=direction, towards=direction, turns=st.floats(0.2, 3), swing=st.floats(0, 90))
+def test_twist_is_the_derivative_of_the_pose(
+    normal: tuple[float, ...], towards: tuple[float, ...], turns: float, swing: float
+) -> None:
+    if np.linalg.norm(np.cross(normal, towards)) < 1e-2:
+        return
+    circle = CircleSection(
+        radius_m=0.1, normal=list(normal), towards=list(towards), turns=turns, duration_s=4.0, swing_deg=swing
+    )
+    h = 1e-5
+    times = np.array([1.3 - h, 1.3, 1.3 + h])
+    poses, twists = circle_reference(START, circle, times)
+    np.testing.assert_allclose(twists[1, :3], (poses[2, :3, 3] - poses[0, :3, 3]) / (2 * h), atol=1e-6)
+    spin = (poses[2, :3, :3] - poses[0, :3, :3]) / (2 * h) @ poses[1, :3, :3].T
+    np.testing.assert_allclose(twists[1, 3:], [spin[2, 1], spin[0, 2], spin[1, 0]], atol=1e-6)
+
+
+def test_circle_starts_and_ends_at_rest_in_the_starting_pose() -> None:
+    circle = CircleSection(radius_m=0.1, turns=2.0, duration_s=4.0, swing_deg=30.0)
+    poses, twists = circle_reference(START, circle, np.array([0.0, 4.0]))
+    np.testing.assert_allclose(poses, [START, START], atol=1e-12)
+    np.testing.assert_allclose(twists, 0, atol=1e-12)
+
+
+def test_circle_keeps_its_radius_about_the_centre_it_names() -> None:
+    circle = CircleSection(radius_m=0.1, normal=[0.0, 1.0, 0.0], towards=[0.0, 0.0, 1.0], duration_s=4.0)
+    poses, _ = circle_reference(START, circle, np.linspace(0, 4, 50))
+    centre = START[:3, 3] + [0, 0, 0.1]
+    np.testing.assert_allclose(np.linalg.norm(poses[:, :3, 3] - centre, axis=1), 0.1, atol=1e-12)
+    np.testing.assert_allclose(poses[:, 1, 3], START[1, 3], atol=1e-12)
+
+
+def test_shipped_circle_is_tracked_within_the_limits() -> None:
+    outcome = run_problem(load_problem("robot/ur5_circle"))
+    assert isinstance(outcome, RobotOutcome)
+    numbers = outcome.metrics["optimised"]
+    assert numbers["position_error_max_m"] < 1e-4
+    assert numbers["orientation_error_max_deg"] < 0.01
+    assert numbers["joint_speed_max_share_of_limit"] <= 1.0
+    assert numbers["joint_acceleration_max_share_of_limit"] <= 1.0
+    assert sum(numbers["status"].values()) == numbers["ticks"] == 8001
+    assert numbers["status"].get("braking", 0) == numbers["status"].get("holding", 0) == 0
+
+
+def test_slow_robot_falls_behind_but_keeps_its_speed_limit() -> None:
+    loaded = load_problem("robot/ur5_circle")
+    assert isinstance(loaded.problem, PoseTracking)
+    robot = loaded.problem.robot.model_copy(update={"joint_speed_deg_s": 20.0})
+    slow = replace(loaded, problem=loaded.problem.model_copy(update={"robot": robot}))
+    numbers = run_problem(slow).metrics["optimised"]
+    assert numbers["joint_speed_max_share_of_limit"] <= 1.0 + 1e-9
+    assert numbers["scale_min"] < 1.0

@@ -1,0 +1,264 @@
+"""The command line as a user meets it: results where asked for, one line and exit code 2 for everything unusable."""
+
+from __future__ import annotations
+
+import csv
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from rehab_opt.cli import main
+from rehab_opt.kinematics.human_arm import ARM_JOINTS
+from rehab_opt.session.data_folder import ENVIRONMENT
+from rehab_opt.session.files import shipped_problems
+
+PROBLEM = """
+system = "upper_limb"
+title = "short path"
+[arm]
+side = "left"
+range_of_motion = "restricted"
+[recording]
+file = "path.csv"
+hand = "left"
+[placement]
+centre_m = [-0.172, 0.502]
+[run]
+rate_hz = 20.0
+"""
+CSV = "t_s,x_m,y_m\n0,0,0\n0.5,0.01,0\n1.0,0.01,0.01\n"
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An own folder with a sound problem and its path, to work in."""
+    (tmp_path / "problem.toml").write_text(PROBLEM, encoding="utf-8")
+    (tmp_path / "path.csv").write_text(CSV, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def ended(*arguments: str) -> int:
+    """Exit code of the command."""
+    with pytest.raises(SystemExit) as end:
+        main(list(arguments))
+    return int(end.value.code or 0)
+
+
+def files(folder: Path) -> set[str]:
+    return {str(path.relative_to(folder)) for path in folder.rglob("*")}
+
+
+def change(folder: Path, old: str, new: str) -> None:
+    assert old in PROBLEM
+    (folder / "problem.toml").write_text(PROBLEM.replace(old, new), encoding="utf-8")
+
+
+def test_run_writes_numbers_trace_and_figures(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert ended("run", "problem.toml", "--out", "result") == 0
+    assert files(folder / "result") == {"metrics.json", "trace.csv", "hand_path.png", "joints.png", "error.png"}
+    content = json.loads((folder / "result/metrics.json").read_text(encoding="utf-8"))
+    assert {"optimised", "published"} <= content["metrics"].keys()
+    assert content["metrics"]["reachable_share_of_length"] == 1.0
+    assert content["metrics"]["optimised"]["position_error_max_m"] < 1e-6
+    with (folder / "result/trace.csv").open(encoding="utf-8") as trace:
+        rows = list(csv.DictReader(trace))
+    assert len(rows) == content["metrics"]["samples"] == 21
+    assert float(rows[-1]["path_x_m"]) == pytest.approx(-0.167)
+    assert all((folder / f"result/{name}.png").read_bytes().startswith(b"\x89PNG") for name in ("joints", "error"))
+    printed = capsys.readouterr()
+    assert "within this arm's reach: 100.0 %" in printed.out
+    assert printed.err == ""
+
+
+@pytest.mark.parametrize("law", ["published", "optimised"])
+def test_one_law_alone_can_be_run(folder: Path, law: str) -> None:
+    assert ended("run", "problem.toml", "--law", law) == 0
+    metrics = json.loads((folder / "out/problem/metrics.json").read_text(encoding="utf-8"))["metrics"]
+    assert {"published", "optimised"} & metrics.keys() == {law}
+    assert (metrics["reachable_share_of_length"] is None) == (law == "published")
+
+
+def test_second_run_replaces_its_files_and_leaves_others(folder: Path) -> None:
+    kept = folder / "result" / "notes.txt"
+    kept.parent.mkdir()
+    kept.write_text("mine", encoding="utf-8")
+    for _ in range(2):
+        assert ended("run", "problem.toml", "--law", "published", "--out", "result") == 0
+    assert kept.read_text(encoding="utf-8") == "mine"
+    assert not [name for name in files(folder) if Path(name).name.startswith(".")]
+
+
+def test_shipped_problem_runs_by_name_and_writes_below_out(folder: Path) -> None:
+    assert ended("run", "robot/ur5_circle") == 0
+    assert (folder / "out/robot/ur5_circle/tool_path.png").exists()
+
+
+def test_list_names_every_problem_and_whether_its_data_is_there(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv(ENVIRONMENT, str(folder))
+    monkeypatch.setenv("COLUMNS", "200")
+    assert ended("list") == 0
+    printed = capsys.readouterr().out
+    assert all(name in printed for name in shipped_problems())
+    assert "absent: data:pen_trace/signal.svc" in printed
+    assert "shipped" in printed
+
+
+def test_check_accepts_a_sound_problem_and_writes_nothing(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = files(folder)
+    assert ended("check", "problem.toml") == 0
+    assert capsys.readouterr().out.endswith("ok\n")
+    assert files(folder) == before
+
+
+def spoil_unknown_key(folder: Path) -> str:
+    change(folder, "side =", "colour = 1\nside =")
+    return "arm.colour"
+
+
+def spoil_unit(folder: Path) -> str:
+    change(folder, "centre_m = [-0.172, 0.502]", "centre_mm = [-172, 502]")
+    return "placement.centre_mm"
+
+
+def spoil_limit(folder: Path) -> str:
+    limits = "\n".join(f"{name}_deg = [30, 60]" for name in ARM_JOINTS).replace("wrist_flexion_deg = [30, 60]", WRONG)
+    change(folder, 'range_of_motion = "restricted"', f"[arm.range_of_motion]\n{limits}")
+    return "arm.range_of_motion.wrist_flexion_deg = [60, 30]"
+
+
+def spoil_recording(folder: Path) -> str:
+    (folder / "path.csv").unlink()
+    return "recording.file = 'path.csv'"
+
+
+def spoil_data(folder: Path) -> str:
+    change(folder, "path.csv", "data:pen_trace/signal.svc")
+    return ENVIRONMENT
+
+
+def spoil_sample(folder: Path) -> str:
+    (folder / "path.csv").write_text(CSV.replace("0.5,0.01", "0.5,nan"), encoding="utf-8")
+    return "path.csv: line 3, column x_m = 'nan'"
+
+
+def spoil_hand(folder: Path) -> str:
+    change(folder, 'hand = "left"', 'hand = "right"')
+    return "recording.mirror = False: expected true"
+
+
+def spoil_bytes(folder: Path) -> str:
+    (folder / "problem.toml").write_bytes(bytes(range(256)))
+    return "expected UTF-8 text"
+
+
+def spoil_directory(folder: Path) -> str:
+    (folder / "problem.toml").unlink()
+    (folder / "problem.toml").mkdir()
+    return "a directory"
+
+
+def spoil_empty(folder: Path) -> str:
+    (folder / "problem.toml").write_bytes(b"")
+    return "a file that is not empty"
+
+
+def spoil_file(folder: Path) -> str:
+    (folder / "problem.toml").unlink()
+    return "not found"
+
+
+def spoil_recording_bytes(folder: Path) -> str:
+    (folder / "path.csv").write_bytes(b"t_s,x_m,y_m\n\x80\x81\n")
+    return "path.csv: line 2"
+
+
+def spoil_posture_cost(folder: Path) -> str:
+    change(folder, "[run]", "[optimised.posture_cost]\nelegance = 1.0\n[run]")
+    return "posture_cost"
+
+
+def spoil_solver(folder: Path) -> str:
+    change(folder, "[run]", '[optimised]\nsolver = "no_such_solver"\n[run]')
+    return "no_such_solver"
+
+
+def spoil_duration(folder: Path) -> str:
+    (folder / "path.csv").write_text(CSV.replace("1.0,", "1000000,"), encoding="utf-8")
+    return "are the times in seconds"
+
+
+WRONG = "wrist_flexion_deg = [60, 30]"
+SPOILS = [spoil for name, spoil in sorted(globals().items()) if name.startswith("spoil_")]
+
+
+@pytest.mark.parametrize("spoil", SPOILS, ids=lambda spoil: spoil.__name__)
+def test_unusable_input_is_one_line_and_exit_code_2_and_nothing_written(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], spoil: object
+) -> None:
+    assert callable(spoil)
+    monkeypatch.setenv(ENVIRONMENT, str(folder / "nowhere"))
+    named = spoil(folder)
+    before = files(folder)
+    assert ended("run", "problem.toml", "--out", "result") == 2
+    printed = capsys.readouterr()
+    assert printed.err.count("\n") == 1
+    assert named in printed.err
+    assert "Traceback" not in printed.err
+    assert printed.out == ""
+    assert files(folder) == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (("--law", "fastest"), "published, optimised or both"),
+        (("--solver", "no_such_solver"), "no_such_solver"),
+        (("--out", "path.csv"), "a folder that can be written to"),
+        (("--out", "path.csv/below"), "a folder that can be written to"),
+    ],
+)
+def test_unusable_option_is_one_line_and_exit_code_2(
+    folder: Path, capsys: pytest.CaptureFixture[str], arguments: tuple[str, str], named: str
+) -> None:
+    before = files(folder)
+    assert ended("run", "problem.toml", *arguments) == 2
+    printed = capsys.readouterr().err
+    assert printed.count("\n") == 1
+    assert named in printed
+    assert files(folder) == before
+
+
+def test_figure_that_cannot_be_written_leaves_the_folder_as_it_was(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from matplotlib.figure import Figure  # noqa: PLC0415
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Figure, "savefig", full)
+    before = files(folder)
+    assert ended("run", "problem.toml", "--law", "published", "--out", "result") == 2
+    assert "No space left on device" in capsys.readouterr().err
+    assert files(folder) == before
+
+
+def test_command_ends_with_2_and_one_line_in_a_process_of_its_own(folder: Path) -> None:
+    command = [sys.executable, "-m", "rehab_opt.cli", "run", "missing.toml"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=folder, check=False)
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert done.stdout == ""
+
+
+def test_import_of_the_library_loads_no_plots_no_command_line_and_no_solvers() -> None:
+    late = ("matplotlib", "typer", "rich", "pydantic", "proxsuite", "osqp", "qpsolvers", "ruckig", "scipy")
+    program = f"import sys, rehab_opt; print([name for name in {late} if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
