@@ -15,7 +15,7 @@ Frame = tuple[list[float], list[float]]  # origin [u] at the start of a plan, an
 CERTIFIED = 1e-6
 """Largest certificate residual that passes."""
 EDGE = 1e-12  # [u] by which rounding may carry a profile that ends on a bound beyond it; the output is clipped
-ROUNDING = 32.0 * float(np.finfo(np.float64).eps)  # of a position, as it shows in its finite differences
+ROUNDING = 32.0 * float(np.finfo(np.float64).eps)  # of a position, as a share of the largest one
 
 
 class AxisBounds(NamedTuple):
@@ -102,7 +102,7 @@ class Profiles:
         if not (self._planned(frame) and self._stays_inside(frame)):
             return False
         self._allow_rounding(goal)
-        self._adopt(frame, stopping=False)
+        self._adopt(frame, goal)
         return True
 
     def stop(self, *, at_any_price: bool = False) -> bool:
@@ -111,7 +111,7 @@ class Profiles:
         self._question.control_interface = self._to_velocity
         if not (self._planned(None) and (at_any_price or self._stays_inside(None))):
             return False
-        self._adopt(None, stopping=True)
+        self._adopt(None, None)
         return True
 
     def leads_out(self, axis: int, position: float, speed: float) -> bool:
@@ -141,10 +141,10 @@ class Profiles:
             if not all(math.isfinite(number) for numbers in state for number in numbers):
                 state = list(self.p), self._rest, self._rest
                 self._residual(state[0])
-                self._standing = True
+                self._standing, self._frame = True, None
         self.p, self.v, self.a = state
         self._speeds, self._changes = self._candidates
-        if self.outside:
+        if self.outside or residual > 0.0:
             self.outside = not self._is_inside()
         return residual
 
@@ -153,7 +153,12 @@ class Profiles:
         if self._standing:
             return list(self.p), self._rest, self._rest
         p, v, a = self._plan.at_time(self.age)
-        if self._frame is not None:
+        if self._frame is None and self.arrived:  # exactly at the goal, exactly at rest
+            snap = ROUNDING * self._size
+            p = [y if abs(x - y) <= snap else x for x, y in zip(p, self._goal or p, strict=True)]
+            v = a = self._rest
+            self._standing = True
+        elif self._frame is not None:
             origin, speed = self._frame
             p = [x + o + w * self.age for x, o, w in zip(p, origin, speed, strict=True)]
             v = [x + w for x, w in zip(v, speed, strict=True)]
@@ -230,12 +235,12 @@ class Profiles:
                 return False
         return True
 
-    def _adopt(self, frame: Frame | None, *, stopping: bool) -> None:
+    def _adopt(self, frame: Frame | None, goal: list[float] | None) -> None:
         self._plan, self._spare = self._spare, self._plan
-        self._frame = frame
+        self._frame, self._goal = frame, goal
         self.age, self._end = 0.0, float(self._plan.duration)
         self._standing = False
-        self.stopping = stopping
+        self.stopping = goal is None
 
     def _is_inside(self) -> bool:
         return all(low <= x <= high for x, low, high in zip(self.p, self.bounds.lower, self.bounds.upper, strict=True))

@@ -29,6 +29,7 @@ HORIZON = 3600.0
 HEADROOM = 0.99
 """Largest share of the velocity bound that a target's own velocity counts for: the rest is for catching up with it."""
 AT_REST = "target is about to leave the bounds: approached as if at rest"
+NOT_RENEWED = "moving target was not renewed in time"
 
 
 class Smoother:
@@ -80,6 +81,7 @@ class Smoother:
         self._asked: tuple[object, object] | None = None
         self._note = ""
         self._moving = self._returning = False
+        self._old: tuple[object, object] | None = None
 
     @property
     def n(self) -> int:
@@ -131,6 +133,7 @@ class Smoother:
             raise ConfigurationError("position, velocity", (position, velocity), "a state Ruckig can stop from")
         self._watchdog.reset()
         self._forget()
+        self._old = None
         self._ready = True
 
     def step(
@@ -171,18 +174,19 @@ class Smoother:
             self._forget()
             if not profiles.stopping:
                 profiles.stop()
-        returning = profiles.outside
+        outside = profiles.outside
         residual = profiles.advance()
+        outside = outside or profiles.outside
         value = np.array(profiles.p)
         value.flags.writeable = False
-        yielded = Bound.POSITION if returning else Bound.NOTHING
+        yielded = Bound.POSITION if outside else Bound.NOTHING
         if not residual <= CERTIFIED:
             self._forget()
             reason = reason or f"certificate failed: {residual:.3g} over the bounds"
         if reason:
             status = Status.BRAKING if any(profiles.v) else Status.HOLDING
             return Command(value, status, "", math.inf, -1, reason, yielded | Bound.TASK, 0.0)
-        if returning:
+        if outside:
             return Command(value, Status.OK, "ruckig", residual, -1, "led back into the bounds", yielded, 1.0)
         if self._note:
             return Command(value, Status.OK, "ruckig", residual, -1, self._note, Bound.TASK, 1.0)
@@ -204,13 +208,15 @@ class Smoother:
         profiles = self._profiles
         asked = _copied(target), _copied(target_velocity)
         if asked == self._asked and not (profiles.stopping or self._returning):
-            return self._grown_old() if self._moving else ""
+            if not (self._moving and self._has_grown_old()):
+                return ""
+            self._old = asked
+        if asked == self._old:
+            return NOT_RENEWED
         goal = _finite(target, self._n)
         speed = [0.0] * self._n if target_velocity is None else _finite(target_velocity, self._n)
-        if goal is None:
-            return f"target is not {self._n} finite numbers"
-        if speed is None:
-            return f"target velocity is not {self._n} finite numbers"
+        if goal is None or speed is None:
+            return f"target{' velocity' if goal else ''} is not {self._n} finite numbers"
         if not all(abs(x - y) <= HORIZON * v for x, y, v in zip(goal, profiles.p, self._bounds.velocity, strict=True)):
             return f"target is more than {HORIZON:g} s away"
         note = self._within(goal, speed)
@@ -223,14 +229,12 @@ class Smoother:
         self._moving, self._returning = any(speed), profiles.outside
         return ""
 
-    def _grown_old(self) -> str:
-        """Why a moving target that was not renewed must not be followed any longer, or nothing."""
+    def _has_grown_old(self) -> bool:
+        """Whether a moving target must not be taken to move on any longer."""
         profiles = self._profiles
-        if profiles.age > self._watchdog.max_age:
-            return f"moving target was not renewed for {profiles.age:.3g} s"
-        if profiles.arrived and any(map(profiles.leads_out, range(self._n), profiles.p, profiles.v)):
-            return "moving target leads out of the bounds"
-        return ""
+        return profiles.age > self._watchdog.max_age or (
+            profiles.arrived and any(map(profiles.leads_out, range(self._n), profiles.p, profiles.v))
+        )
 
     def _within(self, goal: list[float], speed: list[float]) -> str:
         """Bring goal and speed inside the bounds; what had to be changed."""

@@ -1,0 +1,132 @@
+import math
+import timeit
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rehab_opt.control.watchdog import Watchdog, default_max_age
+from rehab_opt.errors import ConfigurationError
+
+DT = 0.001
+
+
+def faults(stamps, *, dt=DT, max_age=0.05):
+    dog = Watchdog(dt=dt, max_age=max_age)
+    return [dog.check(stamp) for stamp in stamps]
+
+
+@pytest.mark.parametrize("origin", [0.0, -1e6, 1.7e9])
+def test_a_steady_stream_is_fine_from_any_origin(origin):
+    assert not any(faults([origin + k * DT for k in range(10_000)]))
+
+
+def test_integer_stamps_are_fine():
+    assert faults(range(100), dt=1.0, max_age=3.0) == [""] * 100
+
+
+def test_an_unstamped_state_is_not_checked():
+    assert faults([None, None, 0.0, None, DT]) == [""] * 5
+
+
+@pytest.mark.parametrize(
+    ("stamps", "expected"),
+    [
+        ([0.0, 0.0], "stamp repeated"),
+        ([1.0, 0.999], "stamp went backwards by 0.001 s"),
+        ([1.0, 0.0], "stamp went backwards by 1 s"),
+        ([0.0, 0.1], "gap in stamps: 0.1 s, at most 0.05 s"),
+        ([0.0, 1e300], "gap in stamps"),
+        ([-1e308, 1e308], "gap in stamps: inf s"),
+        ([0.0, math.nan], "stamp is not finite"),
+        ([math.nan], "stamp is not finite"),
+        ([math.inf], "stamp is not finite"),
+        ([0.0, -math.inf], "stamp is not finite"),
+        ([10**400], "stamp is not finite"),
+        (["soon"], "stamp is not finite"),
+        ([np.zeros(2)], "stamp is not finite"),
+    ],
+)
+def test_each_fault_is_named(stamps, expected):
+    assert faults(stamps)[-1].startswith(expected)
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, 0.0, 0.004, 0.1, 1e300])
+def test_a_steady_stream_recovers_within_two_ticks_of_one_bad_stamp(bad):
+    stamps = [0.004 + k * DT for k in range(1, 200)]
+    stamps[50] = bad
+    found = [k for k, reason in enumerate(faults(stamps)) if reason]
+    assert found
+    assert set(found) <= {50, 51}  # a jump ahead by less than max_age shows only as the way back
+
+
+def test_one_tick_is_at_fault_after_a_gap():
+    assert [bool(reason) for reason in faults([0.0, 0.2, 0.201, 0.202])] == [False, True, False, False]
+
+
+def test_a_stream_that_falls_behind_becomes_stale_and_recovers_when_it_catches_up():
+    dog = Watchdog(dt=DT, max_age=0.05)
+    slow = [dog.check(k * 0.5 * DT) for k in range(120)]
+    first = next(k for k, reason in enumerate(slow) if reason)
+    assert 100 <= first <= 102  # half a tick of lag each tick, 50 ms in all; 0.1 % of drift is allowed for
+    assert "stale" in slow[-1]
+    stamp = 119 * 0.5 * DT
+    caught_up = [dog.check(stamp + (k + 1) * 2 * DT) for k in range(30)]
+    assert not caught_up[-1]
+
+
+def test_a_frozen_stream_that_goes_on_where_it_stood_is_stale():
+    stamps = [k * DT for k in range(10)] + [9 * DT] * 100 + [9 * DT + k * DT for k in range(1, 10)]
+    assert all("repeated" in reason for reason in faults(stamps)[10:110])
+    assert all("stale" in reason for reason in faults(stamps)[110:])
+
+
+def test_a_restarted_stream_begins_anew():
+    stamps = [100.0 + k * DT for k in range(10)] + [k * DT for k in range(10)]
+    assert [bool(reason) for reason in faults(stamps)] == [False] * 10 + [True] + [False] * 9
+
+
+def test_clocks_that_drift_apart_as_quartz_does_never_become_stale():
+    assert not any(faults(k * DT * (1 - 2e-4) for k in range(1_000_000)))
+
+
+@given(
+    stamps=st.lists(st.one_of(st.none(), st.floats(), st.integers())),
+    dt=st.floats(1e-4, 0.1),
+    extra=st.floats(0.01, 10),
+)
+def test_nothing_a_stamp_can_be_raises(stamps, dt, extra):
+    dog = Watchdog(dt=dt, max_age=dt + extra)
+    for stamp in stamps:
+        assert isinstance(dog.check(stamp), str)
+        assert dog.lag >= 0.0
+
+
+@given(dt=st.floats(1e-4, 0.1), jitter=st.lists(st.floats(-0.4, 0.4), min_size=2))
+def test_jitter_below_half_a_tick_is_fine(dt, jitter):
+    assert not any(faults([(k + share) * dt for k, share in enumerate(jitter)], dt=dt, max_age=None))
+
+
+def test_reset_forgets_the_last_stamp():
+    dog = Watchdog(dt=DT)
+    assert not dog.check(5.0)
+    dog.reset()
+    assert not dog.check(1.0)
+
+
+def test_the_default_age_is_more_than_two_lost_samples():
+    assert default_max_age(0.001) == 0.05
+    assert default_max_age(0.1) == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize("arguments", [{"dt": 0.0}, {"dt": math.nan}, {"dt": math.inf}, {"dt": 0.1, "max_age": 0.1}])
+def test_unusable_arguments_are_refused(arguments):
+    with pytest.raises(ConfigurationError):
+        Watchdog(**{"max_age": math.nan, **arguments})
+
+
+def test_a_check_costs_less_than_a_microsecond():
+    dog, stamps = Watchdog(dt=DT), iter(np.arange(0, 100, DT).tolist())
+    best = min(timeit.repeat(lambda: dog.check(next(stamps)), number=2_000, repeat=20)) / 2_000
+    assert best < 1e-6  # 0.2 us where it was measured; the rest is for slower machines
