@@ -5,7 +5,6 @@ from __future__ import annotations
 import difflib
 import importlib.resources
 import tomllib
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ from pydantic import ValidationError
 
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.session.data_folder import ENVIRONMENT, PREFIX, data_file
-from rehab_opt.session.schema import PoseTracking, UpperLimb
+from rehab_opt.session.schema import NAME, TABLE, PoseTracking, UpperLimb
 from rehab_opt.session.text_lines import shown, whole_text
 
 __all__ = ["ProblemFile", "load_problem", "problem_path", "recording_path", "recording_state", "shipped_problems"]
@@ -142,7 +141,7 @@ def _shipped_folder() -> Path:
 def _first_error(problem: ValidationError, file: str) -> ProblemFileError:
     """The first of pydantic's complaints, in this project's words."""
     first = problem.errors(include_url=False)[0]
-    keys = [str(part) for part in _keys(first["loc"])]
+    keys = [str(part) for part in first["loc"] if part not in (NAME, TABLE)]
     context: dict[str, Any] = first.get("ctx", {})
     value, expected = first["input"], first["msg"].removeprefix("Input should be ").removeprefix("Value should ")
     if first["type"] == "unknown_key":
@@ -156,13 +155,6 @@ def _first_error(problem: ValidationError, file: str) -> ProblemFileError:
         value = shown(str(value), 60)
     dotted = ".".join(key if key.isprintable() else repr(key) for key in keys)
     return ProblemFileError(file, dotted or "file", value, expected)
-
-
-def _keys(location: tuple[int | str, ...]) -> Iterator[int | str]:
-    """Keys of the file on the way to an error: pydantic puts the tag of a union in between."""
-    for i, part in enumerate(location):
-        if not (i and location[i - 1] == "range_of_motion" and part in ("named", "table")):
-            yield part
 
 
 def _count(context: dict[str, Any]) -> str:

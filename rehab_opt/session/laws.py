@@ -18,7 +18,6 @@ __all__ = ["LAWS", "followed"]
 Array = NDArray[np.float64]
 
 LAWS = ("optimised", "published")
-BLOCK = 50  # samples between two reports of progress
 
 
 def followed(
@@ -44,28 +43,20 @@ def followed(
         if refused.argument == "solver" and solver is not None:
             raise
         raise ProblemFileError(file, f"{law}, {refused.argument}", refused.value, refused.expected) from refused
-    q, status, seconds = [], [], []
-    start = None
-    for first in range(0, len(path), BLOCK):
-        progress(f"{law} law", first, len(path))
-        block = follower.follow(path[first : first + BLOCK], start=start)
-        q.append(block.q)
-        seconds.append(block.seconds)
-        status += [answer.value for answer in block.status]
-        start = block.q[-1]
-    progress(f"{law} law", len(path), len(path))
-    joints = np.concatenate(q)
-    poses = np.array([arm.pose(row) for row in joints])
+    progress(f"{law} law", 0, 1)
+    answer = follower.follow(path)  # in one piece: posture costs refer to the samples before
+    progress(f"{law} law", 1, 1)
+    poses = np.array([arm.pose(q) for q in answer.q])
     hand, handle = poses[:, :3, 3], poses[:, :3, 0]
     return LawResult(
         law=law,
-        q=joints,
+        q=answer.q,
         hand=hand,
         position_error=np.linalg.norm(hand - path, axis=1),
         handle_tilt=np.arctan2(np.hypot(handle[:, 0], handle[:, 1]), handle[:, 2]),
-        status=tuple(status),
-        seconds=np.concatenate(seconds),
-        smooth=joints,
+        status=tuple(status.value for status in answer.status),
+        seconds=answer.seconds,
+        smooth=answer.q,
         metrics={},
     )
 

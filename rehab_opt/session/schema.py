@@ -11,6 +11,8 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field
 from pydantic_core import PydanticCustomError
 
 __all__ = [
+    "NAME",
+    "TABLE",
     "ArmSection",
     "CircleSection",
     "OptimisedSection",
@@ -27,6 +29,9 @@ __all__ = [
     "UpperLimb",
 ]
 
+NAME, TABLE = "<name>", "<table>"
+"""Which form of a key that has two was used; pydantic puts them into the place of an error."""
+
 Side = Literal["left", "right"]
 Positive = Annotated[float, Field(gt=0)]
 Length = Annotated[float, Field(ge=-10, le=10)]
@@ -41,6 +46,11 @@ def _ordered(pair: list[float]) -> list[float]:
 
 Limits = Annotated[
     list[Annotated[float, Field(ge=-360, le=360)]], Field(min_length=2, max_length=2), AfterValidator(_ordered)
+]
+Weight = Annotated[float, Field(ge=0)]
+PostureWeight = Annotated[
+    Annotated[Weight, Tag(NAME)] | Annotated[dict[str, Weight], Tag(TABLE)],
+    Discriminator(lambda value: TABLE if isinstance(value, dict) else NAME),
 ]
 Triple = Annotated[list[Length], Field(min_length=3, max_length=3)]
 
@@ -92,8 +102,8 @@ class ArmSection(Section):
 
     side: Side
     range_of_motion: Annotated[
-        Annotated[Literal["regular", "restricted"], Tag("named")] | Annotated[RangeOfMotion, Tag("table")],
-        Discriminator(lambda value: "table" if isinstance(value, dict | RangeOfMotion) else "named"),
+        Annotated[Literal["regular", "restricted"], Tag(NAME)] | Annotated[RangeOfMotion, Tag(TABLE)],
+        Discriminator(lambda value: TABLE if isinstance(value, dict | RangeOfMotion) else NAME),
     ]
     segments: SegmentsSection = SegmentsSection()
     handle_tilt_deg: float = Field(default=2.0, gt=0, le=90)
@@ -138,7 +148,7 @@ class OptimisedSection(Section):
     """The optimised law, `ArmIK`."""
 
     solver: str | None = None
-    posture_cost: dict[str, Annotated[float, Field(ge=0)]] = Field(default={"rest": 1.0}, min_length=1)
+    posture_cost: dict[str, PostureWeight] = Field(default={"rest": 1.0}, min_length=1)
 
 
 class PublishedSection(Section):
