@@ -103,8 +103,8 @@ def cold(arm: SerialChain, arm_ik: ArmIK, options: argparse.Namespace) -> tuple[
 
 
 def warm(arm: SerialChain, arm_ik: ArmIK, options: argparse.Namespace) -> tuple[list[Verdict], list[str]]:
-    """Paths at 100 Hz; beside ArmIK.follow fatrop, each sample from the one before, multipliers too."""
-    fatrop = position_ik(arm, tilt=TILT, solver="fatrop")
+    """Paths at 100 Hz; beside ArmIK.follow fatrop, each sample from the one before: the faster of two settings."""
+    settings = {name: position_ik(arm, tilt=TILT, solver=name) for name in ("fatrop", "fatrop, small barrier")}
     paths = {"figure-eight": figure_eight(arm, options.samples, tilt=TILT)}
     for seed in range(options.paths):
         paths[f"random {seed}"] = random_path(arm, options.samples, tilt=TILT, seed=seed)
@@ -117,15 +117,18 @@ def warm(arm: SerialChain, arm_ik: ArmIK, options: argparse.Namespace) -> tuple[
             status.certified and solved(arm, q, point)
             for status, q, point in zip(followed.status, followed.q, path, strict=True)
         ]
-        yardstick, found = _followed(arm, fatrop, path)
         step = float(np.abs(np.diff(followed.q, axis=0)).max()) / 0.01
-        lines += [
+        lines.append(
             f"{name}: ArmIK {_spread(followed.seconds)}, whole call {whole * 1e3:.3f} ms a sample, "
-            f"fastest joint {step:.2f} rad/s",
-            f"{name}: fatrop {_spread(yardstick)}, solved by its own word {found.mean():.1%}",
-        ]
-        # Samples that fatrop gave up on took it longer; they do not count for it or against it.
-        base = float(np.median(yardstick[found])) if found.any() else math.nan
+            f"fastest joint {step:.2f} rad/s"
+        )
+        base = math.inf
+        for setting, solver in settings.items():
+            yardstick, found = _followed(arm, solver, path)
+            lines.append(f"{name}: {setting} {_spread(yardstick)}, solved by its own word {found.mean():.1%}")
+            # Samples that fatrop gave up on took it longer; they do not count for it or against it.
+            if found.mean() > 0.5:
+                base = min(base, float(np.median(yardstick[found])))
         ratio = float(np.median(followed.seconds)) / base
         verdicts += [
             Verdict(f"{name}, share solved", float(np.mean(good)), ">=", 1.0),

@@ -19,13 +19,15 @@ __all__ = ["Answer", "Baseline", "nearest_point", "position_ik", "projection"]
 
 Array = NDArray[np.float64]
 
-_QUIET: dict[str, dict[str, object]] = {
-    # bound_relax_factor: an answer beyond a joint limit, by however little, would not count as solved.
-    "ipopt": {"print_level": 0, "sb": "yes", "bound_relax_factor": 0.0, "max_iter": 500},
-    # Fatrop keeps to its bounds within 3e-8 at best. A small barrier and push suit a warm start: 0.65 ms where the
-    # defaults take 1.3 ms on a narrow range of motion, and no slower elsewhere.
-    "fatrop": {"print_level": 0, "max_iter": 500, "mu_init": 1e-3, "bound_push": 1e-5, "bound_frac": 1e-5},
+_QUIET = {"print_level": 0, "max_iter": 500}
+_SETTINGS: dict[str, tuple[str, dict[str, object]]] = {
+    # bound_relax_factor: an answer beyond a joint limit, by however little, would not count as solved. Fatrop has no
+    # such option and keeps to its bounds within 3e-8.
+    "ipopt": ("ipopt", {**_QUIET, "sb": "yes", "bound_relax_factor": 0.0}),
+    "fatrop": ("fatrop", _QUIET),
+    "fatrop, small barrier": ("fatrop", {**_QUIET, "mu_init": 1e-3, "bound_push": 1e-5, "bound_frac": 1e-5}),
 }
+"""Solver and options by the name they are asked for. The small barrier suits warm starts on some paths, not on all."""
 
 
 class Answer(NamedTuple):
@@ -60,7 +62,8 @@ class Baseline:
         statement = ca.Function("statement", [q, parameter], [cost, ca.vertcat(equalities, handle)])
         cost, constraints = statement(every, parameter)
         nlp = {"x": joints, "p": parameter, "f": cost, "g": constraints}
-        self.solver = ca.nlpsol("baseline", solver, nlp, {"print_time": False, solver: _QUIET[solver]})
+        plugin, options = _SETTINGS[solver]
+        self.solver = ca.nlpsol("baseline", plugin, nlp, {"print_time": False, plugin: options})
         zeros = np.zeros(equalities.numel())
         self.bounds = {
             "lbx": ca.DM(arm.lower[self.free]),
@@ -88,9 +91,9 @@ def position_ik(arm: SerialChain, *, tilt: float, solver: str) -> Baseline:
 
 
 def nearest_point(arm: SerialChain, *, tilt: float) -> Baseline:
-    """Hand as near as possible to the parameter (3,); the cost is the squared distance [m^2]."""
+    """Hand as near as possible to the parameter (3,); the cost is in cm^2, for ipopt's absolute tolerance."""
     q, target = ca.SX.sym("q", arm.n), ca.SX.sym("target", 3)
-    cost = ca.sumsqr(arm.pose_expression(q)[:3, 3] - target)
+    cost = ca.sumsqr(100 * (arm.pose_expression(q)[:3, 3] - target))
     return Baseline(arm, q=q, parameter=target, cost=cost, equalities=ca.SX(0, 1), tilt=tilt, solver="ipopt")
 
 

@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.arm.baselines import Baseline, nearest_point, projection
+from bench.arm.baselines import Baseline, nearest_point, position_ik, projection
 from rehab_opt import SerialChain
 
 __all__ = ["figure_eight", "handle_tilt", "holds", "random_path", "reachable", "unreachable"]
@@ -112,7 +112,7 @@ def figure_eight(
     """
     random = np.random.default_rng(0)
     hold = projection(arm, tilt=INSIDE * tilt, height=HEIGHT)
-    nearest = nearest_point(arm, tilt=INSIDE * tilt)
+    nearest, reach = nearest_point(arm, tilt=INSIDE * tilt), position_ik(arm, tilt=INSIDE * tilt, solver="ipopt")
     found = [hold(random.uniform(arm.lower, arm.upper), random.uniform(arm.lower, arm.upper)) for _ in range(100)]
     inside = np.array([arm.pose(answer.q)[:2, 3] for answer in found if answer.found])
     axes = [np.linspace(inside[:, i].min(), inside[:, i].max(), cells) for i in range(2)]
@@ -127,10 +127,17 @@ def figure_eight(
     best = int(np.argmax(room))
     radius = 0.8 * max(room[best] - pitch / 2, pitch / 2)
     phase = 2 * math.pi * dt * np.arange(samples) / period
-    path = np.full((samples, 3), HEIGHT)
-    path[:, 0] = grid[best, 0] + radius * np.sin(phase)
-    path[:, 1] = grid[best, 1] + radius * np.sin(phase) * np.cos(phase)
-    return path
+    shape = np.column_stack([np.sin(phase), np.sin(phase) * np.cos(phase)])
+    while True:
+        path = np.column_stack([grid[best] + radius * shape, np.full(samples, HEIGHT)])
+        once = path[:: max(samples // 100, 1)]  # the grid is coarse: what it promises is checked
+        if all(_reached(arm, reach, point, random) for point in once):
+            return path
+        radius *= 0.8
+
+
+def _reached(arm: SerialChain, reach: Baseline, point: Array, random: np.random.Generator, starts: int = 5) -> bool:
+    return any(reach(random.uniform(arm.lower, arm.upper), point).found for _ in range(starts))
 
 
 def _held(arm: SerialChain, hold: Baseline, q: Array, tilt: float) -> Array | None:
