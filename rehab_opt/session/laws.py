@@ -18,6 +18,14 @@ __all__ = ["LAWS", "followed"]
 Array = NDArray[np.float64]
 
 LAWS = ("optimised", "published")
+KEYS = {
+    "handle_tilt": "arm.handle_tilt_deg",
+    "posture_cost": "optimised.posture_cost",
+    "solver": "optimised.solver",
+    "gain": "published.gain_per_s",
+    "damping": "published.damping",
+}
+"""Where the problem file says what a law calls by its own name."""
 
 
 def followed(
@@ -42,7 +50,8 @@ def followed(
     except ConfigurationError as refused:
         if refused.argument == "solver" and solver is not None:
             raise
-        raise ProblemFileError(file, f"{law}, {refused.argument}", refused.value, refused.expected) from refused
+        key = KEYS.get(refused.argument.partition("[")[0], f"{law}.{refused.argument}")
+        raise ProblemFileError(file, key, refused.value, refused.expected) from refused
     progress(f"{law} law", 0, 1)
     answer = follower.follow(path)  # in one piece: posture costs refer to the samples before
     progress(f"{law} law", 1, 1)

@@ -30,6 +30,8 @@ Law = Literal["published", "optimised", "both"]
 
 FOLLOWED = 1e-3
 """[m] A sample counts as followed when the hand is no further off and the handle within its tilt."""
+REACHED = 2e-6
+"""[m] `ArmIK` calls a sample reached to 1e-6 m; its word is checked against the kinematics with this."""
 ROUNDING = 1e-6  # [rad] tilts that differ by less are the same tilt
 
 
@@ -95,10 +97,7 @@ def _run_upper_limb(
     arm = participant_arm(problem.arm, file=loaded.file)
     recording, path = placed_recording(loaded, problem)
     runs = [followed(law, arm, path, problem, file=loaded.file, solver=solver, progress=progress) for law in laws]
-    reachable = None
-    for run in runs:
-        if run.law == "optimised":
-            reachable = np.array([Status(status).certified for status in run.status])
+    reachable = next((verified(run) for run in runs if run.law == "optimised"), None)
     results: list[LawResult] = []
     for run in runs:
         progress("smoothing", len(results), len(runs))
@@ -127,6 +126,16 @@ def _run_upper_limb(
     )
 
 
+def verified(run: LawResult) -> NDArray[np.bool_]:
+    """(N,) where the law says that the hand is on the path, and the kinematics agrees."""
+    return claimed(run) & (run.position_error <= REACHED)
+
+
+def claimed(run: LawResult) -> NDArray[np.bool_]:
+    """(N,) where the law says that the hand is on the path."""
+    return np.array([Status(status).certified for status in run.status])
+
+
 def _measured(
     run: LawResult, arm: SerialChain, path: Array, problem: UpperLimb, reachable: NDArray[np.bool_] | None
 ) -> LawResult:
@@ -145,10 +154,13 @@ def _measured(
         "handle_tilt_max_deg": float(np.rad2deg(run.handle_tilt.max())),
         "handle_tilt_limit_deg": problem.arm.handle_tilt_deg,
         **joint_metrics(arm, run.q, rate),
-        **time_metrics(run.seconds, "solve_time"),
+        "solve_time_first_ms": float(1e3 * run.seconds[0]),
+        **time_metrics(run.seconds[1:], "solve_time"),
         "status": status_counts(run.status),
         "smoothed": behind,
     }
+    if run.law == "optimised":
+        numbers["status_refuted"] = int(np.count_nonzero(claimed(run) & ~verified(run)))
     if reachable is not None and reachable.any():
         numbers["position_error_reachable_max_m"] = float(run.position_error[reachable].max())
     return replace(run, smooth=smooth, metrics=numbers)

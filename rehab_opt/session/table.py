@@ -66,7 +66,9 @@ def _reachable_error(of: Numbers) -> str:
 
 
 def _statuses(of: Numbers) -> str:
-    return ", ".join(f"{count} {status}" for status, count in of["status"].items())
+    said = ", ".join(f"{count} {status}" for status, count in of["status"].items())
+    refuted = of.get("status_refuted", 0)
+    return f"{said} ({refuted} REFUTED)" if refuted else said
 
 
 Rows = tuple[tuple[str, Callable[[Numbers], str]], ...]
@@ -81,7 +83,8 @@ ARM_ROWS: Rows = (
     ),
     ("smallest joint-limit margin, deg", _margin),
     ("fastest joint, deg/s (share of limit)", _speed),
-    ("solve time median / p99 / max, ms", _times("solve_time")),
+    ("solve time of the first sample, ms", lambda of: f"{of['solve_time_first_ms']:.3g}"),
+    ("   of the others, median / p99 / max, ms", _times("solve_time")),
     ("samples by status", _statuses),
     (
         "smoothed at 1 kHz: lag, ms; largest deviation, deg",
