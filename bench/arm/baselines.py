@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from rehab_opt import SerialChain
 from rehab_opt.kinematics.human_arm import ARM_REST
 
-__all__ = ["Answer", "Baseline", "nearest_point", "position_ik", "projection"]
+__all__ = ["Answer", "Baseline", "nearest_point", "position_ik", "posture_cost", "projection"]
 
 Array = NDArray[np.float64]
 
@@ -55,7 +55,8 @@ class Baseline:
         solver: str,
     ) -> None:
         self.arm, self.free = arm, np.flatnonzero(~arm.locked)
-        handle = arm.pose_expression(q)[2, 0]
+        # In radians, like all the rest: unscaled, the cone of 2 deg is a row of width 6e-4 and fatrop gives up on it.
+        handle = (arm.pose_expression(q)[2, 0] - math.cos(tilt)) / math.sin(tilt)
         joints = ca.SX.sym("joints", len(self.free))
         every = ca.SX(ca.DM(arm.lower))
         every[self.free.tolist()] = joints
@@ -68,7 +69,7 @@ class Baseline:
         self.bounds = {
             "lbx": ca.DM(arm.lower[self.free]),
             "ubx": ca.DM(arm.upper[self.free]),
-            "lbg": ca.DM(np.append(zeros, math.cos(tilt))),
+            "lbg": ca.DM(np.append(zeros, 0.0)),
             "ubg": ca.DM(np.append(zeros, math.inf)),
         }
 
@@ -83,11 +84,16 @@ class Baseline:
 
 
 def position_ik(arm: SerialChain, *, tilt: float, solver: str) -> Baseline:
-    """Nearest posture to rest with the hand at the parameter (3,): the problem ArmIK solves by default."""
+    """Cheapest posture with the hand at the parameter (3,): the problem ArmIK solves by default."""
     q, target = ca.SX.sym("q", arm.n), ca.SX.sym("target", 3)
     missed = arm.pose_expression(q)[:3, 3] - target
-    cost = 0.5 * ca.sumsqr(q - ca.DM(ARM_REST))
+    cost = 0.5 * ca.sumsqr((q - ca.DM(_rest(arm))) / ca.DM(_ranges(arm)))
     return Baseline(arm, q=q, parameter=target, cost=cost, equalities=missed, tilt=tilt, solver=solver)
+
+
+def posture_cost(arm: SerialChain, q: Array) -> float:
+    """Half the sum of squares of each joint's distance from rest, as a share of its range of motion."""
+    return 0.5 * float(np.sum(((q - _rest(arm)) / _ranges(arm)) ** 2))
 
 
 def nearest_point(arm: SerialChain, *, tilt: float) -> Baseline:
@@ -103,3 +109,11 @@ def projection(arm: SerialChain, *, tilt: float, height: float | None = None) ->
     plane = ca.SX(0, 1) if height is None else arm.pose_expression(q)[2, 3] - height
     cost = ca.sumsqr(q - wanted)
     return Baseline(arm, q=q, parameter=wanted, cost=cost, equalities=plane, tilt=tilt, solver="ipopt")
+
+
+def _rest(arm: SerialChain) -> Array:
+    return np.clip(ARM_REST, arm.lower, arm.upper)
+
+
+def _ranges(arm: SerialChain) -> Array:
+    return np.clip(arm.upper - arm.lower, 0.1, 2 * math.pi)
