@@ -128,7 +128,7 @@ class NLP:
 
     @cached_property
     def bounds(self) -> ca.Function:
-        """p -> lower, upper (n,), rows' lower, upper (m,)."""
+        """P -> lower, upper (n,), rows' lower, upper (m,)."""
         outputs = [self.lower, self.upper, self.rows.lower, self.rows.upper]
         return ca.Function(f"{self.name}_bounds", [self.p], [ca.densify(each) for each in outputs])
 

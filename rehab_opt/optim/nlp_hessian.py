@@ -33,9 +33,7 @@ def model(nlp: NLP, multipliers: ca.SX) -> tuple[ca.SX, ca.SX]:
     hessian, _ = ca.hessian(lagrangian, x)
     active = ca.vertcat(*(_is_active(rows, of_rows, i) for i in range(nlp.m)), of_bounds != 0)
     normals = ca.vertcat(jacobian, ca.SX.eye(nlp.n))
-    gap = ca.vertcat(
-        _gap(rows.expression, rows.lower, rows.upper, of_rows), _gap(x, nlp.lower, nlp.upper, of_bounds)
-    )
+    gap = ca.vertcat(_gap(rows.expression, rows.lower, rows.upper, of_rows), _gap(x, nlp.lower, nlp.upper, of_bounds))
     weight = PENALTY * active
     hessian += normals.T @ ca.diag(weight) @ normals
     # if_else, not a product: an infinite bound's gap is infinite, and that bound is never active.

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.optim.certificate import is_certified
-from rehab_opt.optim.nlp import PLAUSIBLE, NLP, NLPAnswer
+from rehab_opt.optim.nlp import NLP, PLAUSIBLE, NLPAnswer
 from rehab_opt.optim.nlp_hessian import convexified
 from rehab_opt.optim.nlp_sqp import SQP
 from rehab_opt.symbolic import BufferedFunction, compiled
@@ -24,7 +24,7 @@ def nlp_solver(
     *,
     tolerance: float = 1e-9,
     max_iterations: int | None = None,
-    compile: bool | None = None,  # noqa: A002
+    compile: bool | None = None,
 ) -> SQP | NLPSolver:
     """Solver of `nlp`: "sqp" (ours, fused), "ipopt", "fatrop", "sqpmethod", or another `nlpsol` plugin by name."""
     cap: dict[str, Any] = {} if max_iterations is None else {"max_iterations": max_iterations}
@@ -58,7 +58,7 @@ class NLPSolver:
         *,
         tolerance: float = 1e-9,
         max_iterations: int = 200,
-        compile: bool | None = None,  # noqa: A002
+        compile: bool | None = None,
     ) -> None:
         if not (isinstance(name, str) and name.isidentifier() and ca.has_nlpsol(name)):
             raise ConfigurationError("solver", name, "'sqp', 'ipopt', 'fatrop', 'sqpmethod' or another of CasADi's")

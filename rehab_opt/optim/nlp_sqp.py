@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.optim.nlp import NLP, NLPAnswer
+from rehab_opt.optim.certificate import all_true, clipped
+from rehab_opt.optim.nlp import NLP, PLAUSIBLE, NLPAnswer
 from rehab_opt.optim.nlp_hessian import model
 from rehab_opt.symbolic import BufferedFunction, compiled
 
@@ -17,6 +20,8 @@ Array = NDArray[np.float64]
 
 QP_ITERATIONS = 60
 """Cap on the active-set changes of one QP; an infeasible one would go on for milliseconds."""
+QP_VIOLATION = 1e-8
+"""A QP whose rows are missed by more has no solution within the bounds and the radius."""
 
 
 class SQP:
@@ -43,7 +48,7 @@ class SQP:
         tolerance: float = 1e-9,
         max_iterations: int = 25,
         radius: float = 1.0,
-        compile: bool | None = None,  # noqa: A002
+        compile: bool | None = None,
     ) -> None:
         if not 0 < tolerance < 1:
             raise ConfigurationError("tolerance", tolerance, "a number between 0 and 1")
@@ -65,7 +70,12 @@ class SQP:
         self._multipliers[:] = multipliers
         cap = self.max_iterations if max_iterations is None else max_iterations
         residual, iterations, certified = np.inf, 0, False
+        p = self.parameters
+        if not p @ p <= PLAUSIBLE**2:  # ill-posed data make CasADi's virtual machine raise
+            cap = 0
         while iterations < cap and not certified:
+            # Compiled, a failed QP ends the function before it writes: the last certificate must not stand.
+            self._residual[0] = math.nan
             self._step()
             iterations += 1
             residual = self._residual[0]
@@ -75,8 +85,8 @@ class SQP:
             self._x[:] = self._next_x
             self._multipliers[:] = self._next_multipliers
         return NLPAnswer(
-            self._x.copy(), self._multipliers.copy(), self._cost[0], residual, self._violation[0],
-            self._report.copy(), iterations, self.name, certified,
+            self._x.copy(), self._multipliers.copy(), self._cost[0], residual,
+            self._violation[0] if residual < np.inf else residual, self._report.copy(), iterations, self.name, certified,
         )  # fmt: skip
 
 
@@ -95,7 +105,9 @@ def step_function(nlp: NLP) -> ca.Function:
         )],
         {"cse": True},
     )  # fmt: skip
-    p, x, y, radius = ca.MX.sym("p", nlp.p.numel()), ca.MX.sym("x", n), ca.MX.sym("y", n + m), ca.MX.sym("radius")
+    inside = ca.Function("inside", [nlp.p, nlp.x], [clipped(nlp.x, nlp.lower, nlp.upper)])
+    p, start, y, radius = ca.MX.sym("p", nlp.p.numel()), ca.MX.sym("x", n), ca.MX.sym("y", n + m), ca.MX.sym("radius")
+    x = inside(p, start)
     h, g, a, rows_lower, rows_upper, lower, upper = derivatives(p, x, y)
     shape = {"h": h.sparsity(), "a": a.sparsity()}
     solution = ca.conic(f"{nlp.name}_qp", "qrqp", shape, _qrqp_options())(
@@ -103,9 +115,19 @@ def step_function(nlp: NLP) -> ca.Function:
         lbx=ca.fmax(lower, -radius), ubx=ca.fmin(upper, radius), lam_x0=y[:n], lam_a0=y[n:],
     )  # fmt: skip
     multipliers = ca.vertcat(solution["lam_x"], solution["lam_a"])
-    certified, cost, residual, violation, report = nlp.certify(p, x + solution["x"], multipliers)
-    outputs = [certified, multipliers, cost, residual, violation, report]
-    return ca.Function(f"{nlp.name}_step", [p, x, y, radius], outputs)
+    next_x, cost, residual, violation, report = nlp.certify(p, x + solution["x"], multipliers)
+    # What ends the compiled function ends the virtual machine's, too: a QP without a solution gives no step.
+    residual = residual / _holds(n, m)(solution["x"], a, rows_lower, rows_upper)
+    outputs = [next_x, multipliers, cost, residual, violation, report]
+    return ca.Function(f"{nlp.name}_step", [p, start, y, radius], outputs)
+
+
+def _holds(n: int, m: int) -> ca.Function:
+    """1 where the QP's rows hold, else 0."""
+    x, matrix, lower, upper = ca.SX.sym("x", n), ca.SX.sym("A", m, n), ca.SX.sym("lower", m), ca.SX.sym("upper", m)
+    rows = matrix @ x
+    held = all_true(rows >= lower - QP_VIOLATION, rows <= upper + QP_VIOLATION)
+    return ca.Function("holds", [x, matrix, lower, upper], [held])
 
 
 def _qrqp_options() -> dict[str, object]:
@@ -114,6 +136,6 @@ def _qrqp_options() -> dict[str, object]:
         **quiet,
         "error_on_fail": False,
         "max_iter": QP_ITERATIONS,
-        "constr_viol_tol": 1e-12,
-        "dual_inf_tol": 1e-12,
+        "constr_viol_tol": 1e-10,
+        "dual_inf_tol": 1e-10,
     }

@@ -1,0 +1,263 @@
+"""Inverse kinematics of a limb within its joint limits: the posture that costs least and holds the hand in place."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rehab_opt.control.command import Status
+from rehab_opt.control.ik_answer import IKPath, IKSolution
+from rehab_opt.control.ik_search import POSITION_TOLERANCE, IKSearch, within_reason
+from rehab_opt.control.posture import History, PostureCost, Quadratic
+from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.optim.nlp import NLPAnswer
+
+__all__ = ["ArmIK", "IKPath", "IKSolution"]
+
+Array = NDArray[np.float64]
+
+JUMP = 0.3
+"""[rad] A joint's change between two samples of a path from which other postures are looked at."""
+
+
+class _Question(NamedTuple):
+    """One sample's target, what it is asked of, and where from."""
+
+    target: Array
+    goal: Array
+    """`target`, or where it is moved to for the search if it is absurdly far."""
+    quadratic: Quadratic
+    start: Array | None
+
+
+class ArmIK:
+    """Posture of least cost with the hand at a position, the handle upright and every joint inside its limits.
+
+        minimise posture cost(q)  s.t.  p(q) = position,  x_n(q) . z_0 >= cos(handle_tilt),  lower <= q <= upper
+
+    Ladder: our SQP from several starts; the backup solver; where the position cannot be reached, the posture with the
+    hand nearest to it. `solve` and `follow` answer to any numbers; q is always finite and inside its limits.
+    One thread at a time; may be pickled.
+
+    Parameters
+    ----------
+    arm : any chain; the handle is the last frame's x axis. Locked joints stay out of the problem.
+    handle_tilt : [rad] 0 to pi, largest angle between the handle and +z0; None for no such constraint. Below 1e-5 the
+        handle is aligned exactly. The default is 2 deg: exact alignment empties the restricted workspace (math.md, 1).
+    posture_cost : weights of `PostureCost`.
+    rest : (n,) [rad] rest posture; None for the arm's own.
+    solver, backup : "sqp" (ours, compiled), "sqpmethod", "ipopt", "fatrop".
+    tolerance : largest certificate residual, in m, rad and scaled cost.
+    starts : starts of a cold solve, of which the best answer is kept.
+    nearest_starts : starts of the search for the nearest reachable position.
+    table_size : postures that starts are picked from; built with the first cold solve, a few tenths of a second.
+    compile : None follows `REHAB_OPT_COMPILE`. A new geometry compiles once, for about two seconds.
+
+    Raises
+    ------
+    ConfigurationError : a value that cannot be used.
+    """
+
+    def __init__(
+        self,
+        arm: SerialChain,
+        *,
+        handle_tilt: float | None = math.radians(2.0),
+        posture_cost: Mapping[str, float | Mapping[str, float]] = {"rest": 1.0},
+        rest: ArrayLike | None = None,
+        solver: str = "sqp",
+        backup: str = "ipopt",
+        tolerance: float = 1e-9,
+        starts: int = 3,
+        nearest_starts: int = 32,
+        table_size: int = 4096,
+        compile: bool | None = None,
+    ) -> None:
+        if handle_tilt is not None and not 0 <= handle_tilt <= math.pi:
+            raise ConfigurationError("handle_tilt", handle_tilt, "an angle from 0 to pi rad, or None")
+        for name, value in (("starts", starts), ("nearest_starts", nearest_starts), ("table_size", table_size)):
+            if not (isinstance(value, int) and value > 0):
+                raise ConfigurationError(name, value, "a positive whole number")
+        if not 0 < tolerance <= POSITION_TOLERANCE:
+            raise ConfigurationError("tolerance", tolerance, f"a number above 0, at most {POSITION_TOLERANCE}")
+        self._arguments: dict[str, Any] = {
+            "handle_tilt": handle_tilt, "posture_cost": dict(posture_cost), "rest": rest, "solver": solver,
+            "backup": backup, "tolerance": tolerance, "starts": starts, "nearest_starts": nearest_starts,
+            "table_size": table_size, "compile": compile,
+        }  # fmt: skip
+        self.arm, self.handle_tilt, self._tolerance = arm, handle_tilt, tolerance
+        self.cost = PostureCost(arm, posture_cost, rest=rest)
+        self._search: IKSearch | None = None
+        if not arm.locked.all():
+            self._search = IKSearch(
+                arm, handle_tilt=handle_tilt, manipulability=self.cost.manipulability, rest=self.cost.rest,
+                solver=solver, backup=backup, tolerance=tolerance, starts=starts,
+                nearest_starts=nearest_starts, table_size=table_size, compile=compile,
+            )  # fmt: skip
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _rebuilt, (self.arm, self._arguments)
+
+    def solve(self, position: ArrayLike, start: ArrayLike | None = None) -> IKSolution:
+        """Posture for one hand position.
+
+        Parameters
+        ----------
+        position : (3,) [m] in the base frame.
+        start : (n,) [rad] posture to search from and the one before for the costs of change; the local answer is
+            kept. None searches from several starts and keeps the best.
+
+        Raises
+        ------
+        ConfigurationError : wrong shape.
+        """
+        target = _numbers("position", position, (3,))
+        q = None if start is None else self._inside(_numbers("start", start, (self.arm.n,)))
+        return self._answer(target, History(previous=q, origin=q))[0]
+
+    def follow(self, path: ArrayLike, start: ArrayLike | None = None) -> IKPath:
+        """Postures along a path, each starting from the one before.
+
+        Parameters
+        ----------
+        path : (N, 3) [m] hand positions in the base frame, in order.
+        start : (n,) [rad] posture before the first sample; None searches for the first one from several starts.
+
+        Returns
+        -------
+        One answer a sample. A posture is left for another branch only where it cannot be continued; `largest_step`
+        and `steps` show it.
+        """
+        targets = _numbers("path", path, (-1, 3))
+        q = None if start is None else self._inside(_numbers("start", start, (self.arm.n,)))
+        history = History(previous=q, origin=q)
+        multipliers: Array | float = 0.0
+        solutions, seconds = [], []
+        for target in targets:
+            began = time.perf_counter()
+            solution, multipliers = self._answer(target, history, multipliers, continuing=True)
+            seconds.append(time.perf_counter() - began)
+            solutions.append(solution)
+            origin = solution.q if history.origin is None else history.origin
+            history = History(solution.q, history.previous, origin)
+        return IKPath.of(solutions, seconds, self.arm.n)
+
+    # --------------------------------------------------------------------------------------------------- ladder
+    def _answer(
+        self, target: Array, history: History, multipliers: Array | float = 0.0, *, continuing: bool = False
+    ) -> tuple[IKSolution, Array | float]:
+        """The ladder; also the multipliers with which the next sample may start."""
+        search = self._search
+        quadratic = self.cost.quadratic(history)
+        start = history.previous
+        if not np.isfinite(target).all():
+            asked = _Question(target, target, quadratic, start)
+            return self._at(self._start_of(asked), asked, Status.HOLDING, "position is not a number"), 0.0
+        asked = _Question(target, within_reason(target), quadratic, start)
+        if search is None:
+            return self._immovable(asked), 0.0
+        near = None if start is None else start[search.free]
+        search.pose_posture(asked.goal, quadratic)
+        if near is not None:
+            answer = search.posture_from(near, multipliers)
+            if answer.certified and not (continuing and np.abs(answer.x - near).max() > JUMP):
+                return self._found(answer, asked), answer.multipliers
+        if search.least_tilt is not None:
+            assert self.handle_tilt is not None
+            reason = f"no posture holds the handle within {math.degrees(self.handle_tilt):.3g} deg: most upright one"
+            return self._found(search.least_tilt, asked, Status.UNREACHABLE, reason), 0.0
+        best = search.posture(asked.goal, near)
+        if best is not None:
+            return self._found(best, asked), best.multipliers
+        return self._second_rung(search, asked, near)
+
+    def _second_rung(self, search: IKSearch, asked: _Question, near: Array | None) -> tuple[IKSolution, Array | float]:
+        """The nearest reachable position first: it tells an unreachable target from a solver's failure."""
+        nearest = search.nearest(asked.goal, near)
+        if nearest is None:
+            reason = "no solver kept the handle within its tilt"
+            return self._at(self._start_of(asked), asked, Status.HOLDING, reason), 0.0
+        if nearest.report[0] > POSITION_TOLERANCE:
+            note = "" if nearest.certified else ", not certified"
+            solution = self._found(nearest, asked, Status.UNREACHABLE, "out of reach")
+            reason = f"out of reach by {solution.position_error:.3g} m: nearest posture{note}"
+            return solution._replace(reason=reason), 0.0
+        for backup in (False, True):
+            answer = search.posture_from(nearest.x, backup=backup)
+            if answer.certified and backup:
+                reason = "no certified answer from the primary solver"
+                return self._found(answer, asked, Status.BACKUP, reason), answer.multipliers
+            if answer.certified:
+                return self._found(answer, asked), answer.multipliers
+        reason = "hand and handle are in place; that no posture costs less is not certified"
+        return self._found(nearest, asked, Status.BACKUP, reason), 0.0
+
+    def _found(self, answer: NLPAnswer, asked: _Question, status: Status = Status.OK, reason: str = "") -> IKSolution:
+        """A solver's answer."""
+        search = self._search
+        assert search is not None
+        q = search.still.copy()
+        q[search.free] = answer.x
+        error, tilt = answer.report.tolist()
+        if status is Status.UNREACHABLE:  # the search's goal may have been another
+            error = self._distance(q, asked.target)
+        cost = self._cost_of(q, asked.quadratic)
+        return IKSolution(q, status, error, tilt, answer.residual, answer.solver, answer.iterations, reason, cost)
+
+    def _at(self, q: Array, asked: _Question, status: Status, reason: str, residual: float = math.inf) -> IKSolution:
+        """An answer without a solver."""
+        error = self._distance(q, asked.target) if np.isfinite(asked.target).all() else math.inf
+        cost = self._cost_of(q, asked.quadratic)
+        return IKSolution(q.copy(), status, error, self._tilt(q), residual, "", 0, reason, cost)
+
+    def _immovable(self, asked: _Question) -> IKSolution:
+        q = self.arm.lower
+        held = self.handle_tilt is None or self._tilt(q) <= self.handle_tilt + self._tolerance
+        if held and self._distance(q, asked.target) <= POSITION_TOLERANCE:
+            return self._at(q, asked, Status.OK, "", residual=0.0)
+        return self._at(q, asked, Status.UNREACHABLE, "every joint is locked")
+
+    def _start_of(self, asked: _Question) -> Array:
+        return self.cost.rest if asked.start is None else asked.start
+
+    # ----------------------------------------------------------------------------------------------- quantities
+    def _cost_of(self, q: Array, quadratic: Quadratic) -> float:
+        weight, centre, constant = quadratic
+        away = q - centre
+        cost = 0.5 * float(away @ (weight * away)) + constant
+        return cost if self._search is None else cost + self._search.manipulability_cost(q[self._search.free])
+
+    def _inside(self, q: Array) -> Array | None:
+        """`q` moved into the limits; None where it is not a number."""
+        if not np.isfinite(q).all():
+            return None
+        inside: Array = np.clip(q, self.arm.lower, self.arm.upper)
+        return inside
+
+    def _distance(self, q: Array, target: Array) -> float:
+        return math.dist(self.arm.pose(q)[:3, 3], target)
+
+    def _tilt(self, q: Array) -> float:
+        x, y, z = self.arm.pose(q)[:3, 0]
+        return math.atan2(math.hypot(x, y), z)
+
+
+def _rebuilt(arm: SerialChain, arguments: dict[str, Any]) -> ArmIK:
+    return ArmIK(arm, **arguments)
+
+
+def _numbers(argument: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
+    expected = "numbers of shape (" + ", ".join("N" if size < 0 else str(size) for size in shape) + ")"
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError) as problem:
+        raise ConfigurationError(argument, value, expected) from problem
+    if array.ndim != len(shape) or any(size not in (-1, own) for size, own in zip(shape, array.shape, strict=True)):
+        raise ConfigurationError(argument, value, expected)
+    return array

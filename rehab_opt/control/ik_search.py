@@ -1,0 +1,224 @@
+"""Where to look for a posture: start, solve, compare. Finds; what an answer is called is `arm_ik`'s business."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.control.ik_statements import IKStatements
+from rehab_opt.control.posture import Quadratic
+from rehab_opt.control.posture_table import PostureTable
+from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.optim.nlp import NLP, NLPAnswer
+from rehab_opt.optim.nlp_solvers import NLPSolver, nlp_solver
+from rehab_opt.optim.nlp_sqp import SQP
+
+__all__ = ["POSITION_TOLERANCE", "IKSearch", "within_reason"]
+
+Array = NDArray[np.float64]
+
+POSITION_TOLERANCE = 1e-6
+"""[m] A target nearer to the reachable set than this counts as reached."""
+CANDIDATES = 32
+"""Table entries nearest to the target that are ranked by what they cost."""
+DISTANCE_PRICE = 20.0
+"""[1/m] by which a candidate's distance counts beside its posture cost, when ranked."""
+FAR = 1e4
+"""[m] Targets further away are moved here along their direction: beyond, squares lose the arm in rounding."""
+
+UNBOUNDED = 1e6
+"""[rad or m] An infinite joint limit counts as this."""
+
+
+class IKSearch:
+    """Searches over the k joints that can move.
+
+    Parameters
+    ----------
+    arm, handle_tilt : as in `ArmIK`; at least one joint can move.
+    manipulability, manipulability weight : of the posture cost; 0 leaves it out.
+    rest : (n,) [rad] start where the table has none.
+    solver, backup, tolerance, compile : as in `ArmIK`.
+    starts, nearest_starts, table_size : how thorough.
+    """
+
+    def __init__(
+        self,
+        arm: SerialChain,
+        *,
+        handle_tilt: float | None,
+        manipulability: float,
+        rest: Array,
+        solver: str,
+        backup: str,
+        tolerance: float,
+        starts: int,
+        nearest_starts: int,
+        table_size: int,
+        compile: bool | None,
+    ) -> None:
+        self.arm, self.handle_tilt, self.rest = arm, handle_tilt, rest
+        self.starts, self.nearest_starts, self.table_size = starts, nearest_starts, table_size
+        self._options = {"tolerance": tolerance, "compile": compile}
+        self._names = {"primary": solver, "backup": backup}
+        self.tolerance = tolerance
+        self.statements = IKStatements(arm, handle_tilt=handle_tilt, manipulability=manipulability > 0)
+        self.free = self.statements.free
+        self.lower = np.maximum(arm.lower[self.free], -UNBOUNDED)
+        self.upper = np.minimum(arm.upper[self.free], UNBOUNDED)
+        self.still = np.where(arm.locked, arm.lower, 0.0)
+        self._fixed = np.concatenate([self.lower, self.upper, self.still, [handle_tilt or 0.0]])
+        self._solvers: dict[tuple[str, str], SQP | NLPSolver] = {}
+        self._manipulability = manipulability
+        k, at = len(self.free), self.statements.fixed_size
+        self._posture_parameters = np.concatenate([self._fixed, np.zeros(3 + 2 * k + 1)])
+        self._target = self._posture_parameters[at : at + 3]
+        self._weight = self._posture_parameters[at + 3 : at + 3 + k]
+        self._centre = self._posture_parameters[at + 3 + k : at + 3 + 2 * k]
+        self._quadratic: Quadratic | None = None
+        self.cost_scale = 1.0
+
+    # ----------------------------------------------------------------------------------------------- statements
+    def pose_posture(self, target: Array, quadratic: Quadratic) -> None:
+        """State the posture problem: hand at `target` (3,), cost `quadratic` over all n joints."""
+        self._target[:] = target
+        if quadratic is not self._quadratic:
+            weight = quadratic.weight[self.free]
+            # Of order one whatever the caller's weights: tolerances are absolute.
+            self.cost_scale = 1.0 / (max(weight.max(), self._manipulability) or 1.0)
+            self._weight[:] = weight * self.cost_scale
+            self._centre[:] = quadratic.centre[self.free]
+            self._posture_parameters[-1] = self._dexterity * self.cost_scale
+            self._quadratic = quadratic
+
+    def posture_from(self, start: Array, multipliers: Array | float = 0.0, *, backup: bool = False) -> NLPAnswer:
+        """Answer to the posture problem stated last, from free joints `start` (k,)."""
+        solver = self._solver(self.statements.posture, "backup" if backup else "primary")
+        solver.parameters[:] = self._posture_parameters
+        return solver.solve(start, multipliers)
+
+    def manipulability_cost(self, x: Array) -> float:
+        """The posture cost's part that is not quadratic, at free joints `x` (k,)."""
+        return self._dexterity * float(self.statements.square(x, self.still)) if self._manipulability else 0.0
+
+    # ------------------------------------------------------------------------------------------------- searches
+    def posture(self, target: Array, near: Array | None = None) -> NLPAnswer | None:
+        """Cheapest certified answer from several starts, or, given `near` (k,), the one with the smallest change."""
+        postures, distances = self.table.near(target, CANDIDATES)
+        if near is None:
+            change = postures - self._centre
+            price = 0.5 * (change * change) @ self._weight
+        else:
+            price = np.abs(postures - near).max(axis=1)
+        order = np.argsort(price + DISTANCE_PRICE * distances)
+        best, best_price, tried = None, np.inf, 0
+        for i in order:
+            answer = self.posture_from(postures[i])
+            tried += 1
+            if answer.certified:
+                own = answer.cost if near is None else float(np.abs(answer.x - near).max())
+                if own < best_price:
+                    best, best_price = answer, own
+            if tried >= self.starts and (best is not None or tried >= 3 * self.starts):
+                break
+        return best
+
+    def nearest(self, target: Array, near: Array | None = None) -> NLPAnswer | None:
+        """Posture with the hand nearest to `target`, the handle in its cone: best of many starts; None if none held.
+
+        Given `near` (k,), the local answer from there is kept unless another start comes closer by a micrometre.
+        """
+        parameters = self._nearest_parameters(target)
+        starts, _ = self.table.near(target, self.nearest_starts)
+        best = None
+        if near is not None:
+            best = self._better(None, self._from("primary", parameters, near), 0.0)
+        margin = 1e-6 if best is not None else 0.0
+        reached = self.tolerance
+        for start in starts:
+            if best is not None and best.report[0] <= reached:
+                break
+            found = self._better(best, self._from("primary", parameters, start), margin)
+            margin = margin if found is best else 0.0
+            best = found
+        if best is None or not best.certified:
+            start = starts[0] if len(starts) else self.rest[self.free]
+            best = self._better(best, self._from("backup", parameters, start if best is None else best.x), 0.0)
+        return best
+
+    @cached_property
+    def table(self) -> PostureTable:
+        """Start postures, built with the first search."""
+        table = PostureTable(self.arm, self.statements, handle_tilt=self.handle_tilt, size=self.table_size)
+        self._least_tilt: NLPAnswer | None = None
+        if not table.within:
+            answers = [self._upright_from(start) for start in table.most_upright]
+            answers = [answer for answer in answers if np.all(np.isfinite(answer.x))]
+            limit = (self.handle_tilt or 0.0) + self.tolerance
+            upright = [answer for answer in answers if answer.report[1] <= limit]
+            if upright:
+                postures = np.array([answer.x for answer in upright])
+                hands = self.statements.measure.map(len(postures))(
+                    postures.T, np.tile(self.still[:, None], len(postures))
+                )[0]
+                table.extend(postures, hands.full().T)
+            else:
+                self._least_tilt = min(answers, key=lambda answer: float(answer.report[1]))
+        return table
+
+    @property
+    def least_tilt(self) -> NLPAnswer | None:
+        """Posture with the most upright handle where none is within the cone; None where some is."""
+        _ = self.table
+        return self._least_tilt
+
+    # ------------------------------------------------------------------------------------------------- plumbing
+    @cached_property
+    def _dexterity(self) -> float:
+        """Weight of w^2: the caller's over the mean of w^2 on the range of motion."""
+        if not self._manipulability:
+            return 0.0
+        postures = self.table.postures
+        squares = self.statements.square.map(len(postures))(
+            postures.T, np.tile(self.still[:, None], len(postures))
+        ).full()
+        mean = float(squares.mean()) if squares.size else 0.0
+        return self._manipulability / mean if mean > 0 else 0.0
+
+    def _solver(self, nlp: NLP, rung: str) -> SQP | NLPSolver:
+        key = (nlp.name, rung)
+        if key not in self._solvers:
+            self._solvers[key] = nlp_solver(nlp, self._names[rung], **self._options)  # type: ignore[arg-type]
+        return self._solvers[key]
+
+    def _from(self, rung: str, parameters: Array, start: Array) -> NLPAnswer:
+        solver = self._solver(self.statements.nearest, rung)
+        solver.parameters[:] = parameters
+        return solver.solve(start)
+
+    def _upright_from(self, start: Array) -> NLPAnswer:
+        solver = self._solver(self.statements.upright, "primary")
+        solver.parameters[:] = np.concatenate([self._fixed, np.zeros(3)])
+        return solver.solve(start)
+
+    def _nearest_parameters(self, target: Array) -> Array:
+        distance = float(np.linalg.norm(target))
+        return np.concatenate([self._fixed, target, [1.0 / max(1.0, distance)]])
+
+    def _better(self, best: NLPAnswer | None, other: NLPAnswer, margin: float) -> NLPAnswer | None:
+        """The one that is closer by more than `margin` [m], of those that hold the handle; certified or not."""
+        if not 0 <= other.violation <= self.tolerance:
+            return best
+        return other if best is None or other.report[0] < best.report[0] - margin else best
+
+
+def within_reason(target: Array) -> Array:
+    """`target` (3,), finite, moved to at most `FAR` along its direction."""
+    largest = float(np.abs(target).max())
+    if largest <= FAR:
+        return target
+    direction = target / largest
+    moved: Array = direction * (FAR / float(np.linalg.norm(direction)))
+    return moved

@@ -1,0 +1,118 @@
+"""The three nonlinear programmes of an arm's inverse kinematics, over the joints that can move.
+
+    posture   min posture cost        s.t.  hand at the target, handle within its tilt of vertical, joint limits
+    nearest   min distance^2          s.t.                      handle within its tilt of vertical, joint limits
+    upright   min 1 - x_n . z_0       s.t.                                                          joint limits
+
+The handle is never posed through Euler angles: Eqs. (4)-(5), Rossa et al., are singular exactly at their own goal.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from rehab_opt.kinematics.chain import SerialChain, determinant
+from rehab_opt.optim.nlp import NLP
+from rehab_opt.optim.qp import Row, equal, parameter, variable, within
+
+__all__ = ["ALMOST_EXACT", "IKStatements"]
+
+ALMOST_EXACT = 1e-5
+"""[rad] Below this tilt the cone's normal vanishes, and the handle is aligned exactly instead."""
+
+
+class IKStatements:
+    """Statements for one arm, one pattern of locked joints and one kind of handle constraint.
+
+    Limits, locked values, tilt and weights are parameters: people who differ in them alone share compiled code.
+
+    Parameters
+    ----------
+    arm : the chain; its handle axis is the x axis of the last frame, to be parallel to +z0.
+    handle_tilt : [rad] largest angle between the two; None for no constraint.
+    manipulability : whether the posture cost contains it.
+
+    Attributes
+    ----------
+    posture : report [distance from the target [m], handle tilt [rad]].
+        Parameters: lower (k,), upper (k,), still (n,), tilt, target (3,), weight (k,), centre (k,), dexterity.
+    nearest : the same report. Parameters: lower, upper, still, tilt, target, scale.
+    upright : the same report. Parameters: lower, upper, still, tilt, target.
+    free : (k,) indices of the joints that can move.
+    fixed_size : how many numbers stand before the target in the parameters.
+    """
+
+    def __init__(self, arm: SerialChain, *, handle_tilt: float | None, manipulability: bool = False) -> None:
+        self.free = np.flatnonzero(~arm.locked)
+        k = len(self.free)
+        lower, upper, still, tilt = (
+            parameter(name, size) for name, size in (("lower", k), ("upper", k), ("still", arm.n), ("tilt", 1))
+        )
+        target, weight, centre = parameter("target", 3), parameter("weight", k), parameter("centre", k)
+        dexterity, scale = parameter("dexterity", 1), parameter("scale", 1)
+        x = variable("x", k, lower=lower, upper=upper)
+        q = ca.vertcat(*ca.vertsplit(still))
+        for i, joint in enumerate(self.free):
+            q[int(joint)] = x.symbol[i]
+        pose = arm.pose_expression(q)
+        hand, axis = pose[:3, 3], pose[:3, 0]
+        handle = handle_rows(axis, tilt, handle_tilt)
+        report = ca.vertcat(ca.norm_2(hand - target), ca.atan2(ca.norm_2(axis[:2]), axis[2]))
+        fixed = [lower, upper, still, tilt]
+        self.fixed_size = sum(int(each.numel()) for each in fixed)
+        cost = ca.dot(weight, (x.symbol - centre) ** 2) / 2
+        if manipulability:
+            cost += dexterity * squared_manipulability(arm, q, self.free)
+        self.posture = NLP(
+            "ik_posture",
+            parameters=[*fixed, target, weight, centre, dexterity],
+            variables=[x],
+            minimise=cost,
+            subject_to=[equal(hand, target), *handle],
+            report=report,
+        )
+        self.nearest = NLP(
+            "ik_nearest",
+            parameters=[*fixed, target, scale],
+            variables=[x],
+            minimise=scale * ca.sumsqr(hand - target) / 2,
+            subject_to=handle,
+            report=report,
+        )
+        self.upright = NLP(
+            "ik_upright",
+            parameters=[*fixed, target],
+            variables=[x],
+            minimise=1 - axis[2],
+            report=report,
+        )
+        self.measure = ca.Function(
+            "ik_measure",
+            [x.symbol, still],
+            [hand, axis, ca.densify(ca.jacobian(axis[:2], x.symbol))],
+            {"cse": True},
+        )
+        self.square = ca.Function(
+            "ik_manipulability", [x.symbol, still], [squared_manipulability(arm, q, self.free)], {"cse": True}
+        )
+
+
+def handle_rows(axis: ca.SX, tilt: ca.SX, handle_tilt: float | None) -> list[Row]:
+    """Rows that hold the handle axis within `tilt` of +z0.
+
+    The cone x_n . z_0 >= cos(tilt), over sin(tilt) so that its unit is the radian. Exact alignment: both horizontal
+    components zero, which leaves the sign open, so the vertical one is not negative.
+    """
+    if handle_tilt is None or handle_tilt >= np.pi:
+        return []
+    if handle_tilt < ALMOST_EXACT:
+        return [equal(axis[:2], ca.SX.zeros(2)), within(axis[2], 0.0, ca.inf)]
+    return [within((axis[2] - ca.cos(tilt)) / ca.sin(tilt), 0.0, ca.inf)]
+
+
+def squared_manipulability(arm: SerialChain, q: ca.SX, free: np.ndarray) -> ca.SX:
+    """w^2 = det(J J') over the joints that can move: smooth where w itself is not."""
+    jacobian = arm.jacobian_expression(q)[:, [int(i) for i in free]]
+    gram = jacobian @ jacobian.T if len(free) >= 6 else jacobian.T @ jacobian
+    return determinant(gram)
