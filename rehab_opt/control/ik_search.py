@@ -113,10 +113,9 @@ class IKSearch:
         else:
             price = np.abs(postures - near).max(axis=1)
         order = np.argsort(price + DISTANCE_PRICE * distances)
-        best, best_price, tried = None, np.inf, 0
-        for i in order:
+        best, best_price = None, np.inf
+        for tried, i in enumerate(order, start=1):
             answer = self.posture_from(postures[i])
-            tried += 1
             if answer.certified:
                 own = answer.cost if near is None else float(np.abs(answer.x - near).max())
                 if own < best_price:

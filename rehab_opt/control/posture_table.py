@@ -105,4 +105,5 @@ def _alignment(axes: Array, slopes: Array, limit: float) -> Array:
     excess = np.where(axes[:, 2:] < 0, -axes[:, :2] / np.maximum(horizontal, 1e-12)[:, None] * 0.5, excess)
     gram = slopes @ slopes.transpose(0, 2, 1) + 1e-4 * np.eye(2)
     step = -np.einsum("nij,ni->nj", slopes, np.linalg.solve(gram, excess[..., None])[..., 0])
-    return np.clip(step, -LARGEST_STEP, LARGEST_STEP)
+    clipped: Array = np.clip(step, -LARGEST_STEP, LARGEST_STEP)
+    return clipped

@@ -128,13 +128,13 @@ class NLP:
 
     @cached_property
     def bounds(self) -> ca.Function:
-        """P -> lower, upper (n,), rows' lower, upper (m,)."""
+        """From p: lower, upper (n,), and the rows' lower, upper (m,)."""
         outputs = [self.lower, self.upper, self.rows.lower, self.rows.upper]
         return ca.Function(f"{self.name}_bounds", [self.p], [ca.densify(each) for each in outputs])
 
     @cached_property
     def certify(self) -> ca.Function:
-        """p, claim (n,), multipliers (n + m,) -> x, cost, residual, violation, report.
+        """From p, claim (n,) and multipliers (n + m,): x, cost, residual, violation, report.
 
         x is the claim clipped into its bounds, and what is certified. The residual is the 2-norm of stationarity
         grad f + y_x + J'y, of the rows' violation, and of |multiplier| * min(slack, 1) for every bound: a product,

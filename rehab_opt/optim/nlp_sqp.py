@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -62,7 +63,7 @@ class SQP:
         step_radius[:] = radius
         self._next_x, self._next_multipliers, cost, residual, violation, self._report = self._step.outputs
         # A memoryview yields Python floats at half the price of an array's element.
-        self._cost, self._residual, self._violation = memoryview(cost), memoryview(residual), memoryview(violation)
+        self._cost, self._residual, self._violation = (_numbers(each) for each in (cost, residual, violation))
 
     def solve(self, start: ArrayLike, multipliers: ArrayLike = 0.0, *, max_iterations: int | None = None) -> NLPAnswer:
         """Solve at `parameters` (write into it) from `start` (n,) and `multipliers` (n + m,) of an earlier answer."""
@@ -84,14 +85,19 @@ class SQP:
             certified = 0.0 <= residual <= self.tolerance
             self._x[:] = self._next_x
             self._multipliers[:] = self._next_multipliers
+        violation = self._violation[0] if residual < np.inf else residual
         return NLPAnswer(
-            self._x.copy(), self._multipliers.copy(), self._cost[0], residual,
-            self._violation[0] if residual < np.inf else residual, self._report.copy(), iterations, self.name, certified,
+            self._x.copy(), self._multipliers.copy(), self._cost[0], residual, violation,
+            self._report.copy(), iterations, self.name, certified,
         )  # fmt: skip
 
 
+def _numbers(array: Array) -> memoryview[float]:
+    return memoryview(array)  # type: ignore[arg-type]
+
+
 def step_function(nlp: NLP) -> ca.Function:
-    """p, x (n,), multipliers (n + m,), radius -> next x, next multipliers, and their cost, residual, violation, report."""
+    """From p, x (n,), multipliers (n + m,), radius: next x and multipliers, their cost, residual, violation, report."""
     n, m = nlp.n, nlp.m
     symbols = ca.SX.sym("y", n + m)
     hessian, gradient = model(nlp, symbols)
@@ -130,7 +136,7 @@ def _holds(n: int, m: int) -> ca.Function:
     return ca.Function("holds", [x, matrix, lower, upper], [held])
 
 
-def _qrqp_options() -> dict[str, object]:
+def _qrqp_options() -> dict[str, Any]:
     quiet = {"print_iter": False, "print_header": False, "print_info": False, "print_lincomb": False}
     return {
         **quiet,
