@@ -110,7 +110,11 @@ def _run_upper_limb(
         title=problem.title,
         chain=arm,
         time=recording.time,
-        notes=(*recording.notes, f"the handle may tilt by {problem.arm.handle_tilt_deg:g} deg from the vertical"),
+        notes=(
+            *recording.notes,
+            f"the handle may tilt by {problem.arm.handle_tilt_deg:g} deg from the vertical",
+            *(note for result in results for note in hurried(result)),
+        ),
         metrics={
             "samples": len(path),
             "duration_s": recording.duration,
@@ -124,6 +128,18 @@ def _run_upper_limb(
         reachable=reachable,
         handle_tilt_limit=math.radians(problem.arm.handle_tilt_deg),
     )
+
+
+def hurried(run: LawResult) -> list[str]:
+    """What to say where a law's joints are faster than the arm may be: between samples nothing bounds them."""
+    share = run.metrics["joint_speed_max_share_of_limit"]
+    if share <= 1:
+        return []
+    joint, behind = run.metrics["joint_speed_max_joint"].replace("_", " "), run.metrics["smoothed"]
+    return [
+        f"the {run.law} law asks {joint} for {share:.1f} times its speed limit; smoothed within limits, the hand is "
+        f"up to {1e3 * behind['position_error_max_m']:.0f} mm off"
+    ]
 
 
 def verified(run: LawResult) -> NDArray[np.bool_]:

@@ -1,0 +1,145 @@
+"""Runs of the shipped problems: what the laws achieve, checked with the kinematics and not with their own word."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rehab_opt.session.figures import figures
+from rehab_opt.session.files import load_problem
+from rehab_opt.session.outcome import ArmOutcome, LawResult
+from rehab_opt.session.report import metrics_json, trace_columns, write_trace
+from rehab_opt.session.run import hurried, run_problem, verified
+from rehab_opt.session.table import result_table
+
+
+def run(name: str) -> ArmOutcome:
+    outcome = run_problem(load_problem(name))
+    assert isinstance(outcome, ArmOutcome)
+    return outcome
+
+
+@pytest.fixture(scope="module")
+def figure_eight() -> ArmOutcome:
+    return run("upper_limb/figure_eight")
+
+
+def check_law(outcome: ArmOutcome, law: LawResult) -> None:
+    """What holds for either law on any path: limits kept, reported positions and tilts those of the joints."""
+    arm = outcome.chain
+    assert (law.q >= arm.lower - 1e-12).all()
+    assert (law.q <= arm.upper + 1e-12).all()
+    assert (law.smooth >= arm.lower).all()
+    assert (law.smooth <= arm.upper).all()
+    for k in range(0, len(law.q), 37):
+        pose = arm.pose(law.q[k])
+        np.testing.assert_allclose(law.hand[k], pose[:3, 3], atol=1e-12)
+        assert law.position_error[k] == pytest.approx(np.linalg.norm(pose[:3, 3] - outcome.path[k]), abs=1e-12)
+        assert np.cos(law.handle_tilt[k]) == pytest.approx(pose[2, 0], abs=1e-9)
+
+
+def test_shipped_path_is_followed_to_a_micrometre_within_every_limit(figure_eight: ArmOutcome) -> None:
+    optimised, published = figure_eight.laws
+    assert (optimised.law, published.law) == ("optimised", "published")
+    for law in figure_eight.laws:
+        check_law(figure_eight, law)
+    assert figure_eight.metrics["reachable_share_of_length"] == 1.0
+    assert optimised.position_error.max() <= 1e-6
+    assert optimised.handle_tilt.max() <= figure_eight.handle_tilt_limit + 1e-6
+    assert optimised.metrics["status_refuted"] == 0
+    assert optimised.metrics["joint_speed_max_share_of_limit"] < 1.0
+    assert optimised.metrics["smoothed"]["position_error_max_m"] < 1e-3
+
+
+def test_optimised_law_is_nearer_to_the_path_than_the_published_one(figure_eight: ArmOutcome) -> None:
+    optimised, published = (law.metrics for law in figure_eight.laws)
+    assert optimised["position_error_mean_m"] < published["position_error_mean_m"]
+
+
+def test_claim_that_the_kinematics_does_not_bear_out_is_not_believed(figure_eight: ArmOutcome) -> None:
+    honest = figure_eight.laws[0]
+    error = honest.position_error.copy()
+    error[5] = 0.02
+    believed = verified(replace(honest, position_error=error))
+    assert not believed[5]
+    assert believed.sum() == len(error) - 1
+
+
+def test_haste_is_said(figure_eight: ArmOutcome) -> None:
+    law = figure_eight.laws[0]
+    assert hurried(law) == []
+    hasty = replace(law, metrics={**law.metrics, "joint_speed_max_share_of_limit": 2.5})
+    assert "2.5 times its speed limit" in hurried(hasty)[0]
+
+
+def test_numbers_are_strict_json_and_the_trace_has_a_unit_in_every_column(
+    figure_eight: ArmOutcome, tmp_path: Path
+) -> None:
+    def refuse(constant: str) -> float:
+        raise AssertionError(constant)
+
+    content = json.loads(metrics_json(figure_eight), parse_constant=refuse)
+    assert content["notes"] == list(figure_eight.notes)
+    units = ("_s", "_m", "_rad", "_status", "reachable")
+    names = [name for name, _ in trace_columns(figure_eight)]
+    assert len(set(names)) == len(names)
+    assert [name for name in names if not name.endswith(units)] == []
+    write_trace(figure_eight, tmp_path / "trace.csv")
+    with (tmp_path / "trace.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == len(figure_eight.time)
+    assert float(rows[3]["optimised_humeral_flexion_rad"]) == pytest.approx(figure_eight.laws[0].q[3, 3], rel=1e-8)
+
+
+def test_table_shows_every_unit(figure_eight: ArmOutcome) -> None:
+    from rich.console import Console  # noqa: PLC0415
+
+    text = io.StringIO()
+    Console(file=text, width=200).print(result_table(figure_eight))
+    printed = text.getvalue()
+    for unit in ("mm", "deg", "deg/s", "ms", "% of length"):
+        assert f", {unit}" in printed
+
+
+def test_figures_name_what_they_show_and_keep_their_legends_outside(figure_eight: ArmOutcome) -> None:
+    drawn = figures(figure_eight)
+    assert set(drawn) == {"hand_path", "joints", "error"}
+    for figure in drawn.values():
+        assert figure_eight.title in figure.get_suptitle()
+        assert len(figure.legends) == 1
+        assert all(axes.get_legend() is None for axes in figure.axes)
+        labelled = [axes for axes in figure.axes if axes.get_visible()]
+        assert all("[" in axes.get_ylabel() for axes in labelled)
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "least", "most"),
+    [
+        ("pen_trace", "pen_trace/signal.svc", 1.0, 1.0),
+        ("mocap_lift", "upper_limb_mocap/markers.trc", 0.35, 0.6),
+        ("mocap_box", "upper_limb_mocap/inverse_kin.mot", 0.45, 0.75),
+    ],
+)
+def test_recording_is_followed_where_it_is_within_reach(
+    recorded: Callable[[str], Path], name: str, data: str, least: float, most: float
+) -> None:
+    recorded(data)
+    outcome = run(f"upper_limb/{name}")
+    for law in outcome.laws:
+        check_law(outcome, law)
+    optimised = outcome.laws[0]
+    assert outcome.reachable is not None
+    assert least <= outcome.metrics["reachable_share_of_length"] <= most
+    assert optimised.metrics["status_refuted"] == 0
+    assert optimised.position_error[outcome.reachable].max() <= 1e-6
+    assert optimised.handle_tilt.max() <= outcome.handle_tilt_limit + 1e-6
+    if not outcome.reachable.all():
+        assert optimised.position_error[~outcome.reachable].min() > 1e-6
+    figures(outcome)
