@@ -62,14 +62,17 @@ def velocity_bounds(chain: SerialChain, q: ca.SX, last: ca.SX, *, dt: float, ret
     back = return_speed * speed
 
     # Hard: speed, and in this tick not beyond the limit, or when beyond it not further and not faster back than `back`.
-    hard_upper = ca.if_else(below, back, clipped(room_up / dt, ca.DM.zeros(chain.n), speed))
-    hard_lower = -ca.if_else(above, back, clipped(room_down / dt, ca.DM.zeros(chain.n), speed))
+    hard_upper = clipped(room_up / dt, 0, ca.if_else(below, back, speed))
+    hard_lower = -clipped(room_down / dt, 0, ca.if_else(above, back, speed))
     # Then acceleration, as far as the hard interval leaves it.
     brake_lower = clipped(last - change, hard_lower, hard_upper)
     brake_upper = clipped(last + change, hard_lower, hard_upper)
-    # Then the way back, or a speed from which the joint still stops at its limit.
-    stop_upper = ca.if_else(above, ca.fmax(room_up / dt, -back), stopping_speed(room_up, change, speed, dt))
-    stop_lower = -ca.if_else(below, ca.fmax(room_down / dt, -back), stopping_speed(room_down, change, speed, dt))
+    # Then a speed from which the joint still stops at its limit, or the way back, at the end of which it can stop too.
+    can_stop_up, can_stop_down = (stopping_speed(room, change, speed, dt) for room in (room_up, room_down))
+    back_from_above = ca.fmax(ca.fmax(room_up / dt, -back), -can_stop_down)
+    back_from_below = -ca.fmax(ca.fmax(room_down / dt, -back), -can_stop_up)
+    stop_upper = ca.if_else(above, back_from_above, can_stop_up)
+    stop_lower = ca.if_else(below, back_from_below, -can_stop_down)
     return VelocityBounds(
         lower=clipped(stop_lower, brake_lower, brake_upper),
         upper=clipped(stop_upper, brake_lower, brake_upper),
@@ -88,7 +91,7 @@ def stopping_speed(room: ca.SX, change: ca.DM, speed: ca.DM, dt: float) -> ca.SX
     dt ((k + 1) v - change k (k + 1)/2). That is piecewise linear in v; this is its inverse.
     """
     enough = speed * dt + speed**2 * dt / (2 * change)  # beyond this room no limit is felt
-    room = clipped(room, ca.DM.zeros(speed.shape), enough)
+    room = clipped(room, 0, enough)
     ticks = ca.floor((ca.sqrt(1 + 8 * room / (change * dt)) - 1) / 2)
     return (room / dt + change * ticks * (ticks + 1) / 2) / (ticks + 1)
 

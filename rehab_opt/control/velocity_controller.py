@@ -54,6 +54,7 @@ class VelocityController(ABC):
     ) -> None:
         self.chain = chain
         self.dt = checked_number("dt", dt, above=0.0, below=1.0)
+        self.tolerance = tolerance
         self.return_speed = checked_number("return_speed", return_speed, above=0.0, below=1.0)
         self._watchdog = Watchdog(dt=dt, max_age=max_age)
         self._ladder = Ladder(self.stated, solver=solver, backup=backup, tolerance=tolerance, compile=compile)
@@ -135,12 +136,9 @@ class VelocityController(ABC):
 
     # ---------------------------------------------------------------------------------------------------- one tick
     def _tick(self, q: ArrayLike, inputs: tuple[ArrayLike, ...], enable: object, stamp: float | None) -> Command:
+        reason = "" if stamp is None else self._watchdog.check(stamp)
         if enable is not True and enable != True:  # noqa: E712  (numpy booleans are welcome, NaN is not)
             reason = "not enabled"
-        elif stamp is None:
-            reason = ""
-        else:
-            reason = self._watchdog.check(stamp)
         _write(self._q, q, "q")
         for i, value in enumerate(inputs):
             _write(self._inputs[i], value, self._names[i + 1])
@@ -161,9 +159,8 @@ class VelocityController(ABC):
 
     def _safe(self, reason: str) -> Command:
         """Decelerate within the bounds, from the last good position where this one is unusable."""
-        known = np.all(np.abs(self._q) <= PLAUSIBLE)
         braking, ladder = self._safe_command, self._ladder
-        braking.inputs[0][:] = self._q if known else self._predicted
+        braking.inputs[0][:] = np.where(np.abs(self._q) <= PLAUSIBLE, self._q, self._predicted)
         braking.inputs[1][:] = self._last
         braking()
         memory, report, notes = braking.outputs

@@ -144,7 +144,7 @@ class OsqpBackend:
         # A fixed adaption interval: the default depends on time, and with it the answer.
         solver.setup(
             hessian, np.array(qp.g), matrix, lower, upper, verbose=False, eps_abs=PRECISION, eps_rel=0.0,
-            polishing=True, max_iter=10_000, adaptive_rho_interval=50, warm_starting=True,
+            polishing=False, max_iter=10_000, adaptive_rho_interval=50, warm_starting=True,
         )  # fmt: skip
         return solver
 

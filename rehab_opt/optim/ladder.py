@@ -45,8 +45,9 @@ class Ladder:
         self._buffers = fused = BufferedFunction(compiled(statement.fused, compile=compile))
         self._fused = fused.evaluate  # its memory belongs to `_buffers`
         self.parameters, self.state = fused.inputs
-        self._answer, self.residual, self.notes, self.report = fused.outputs
-        self._read_residual, self._read_answer = self.residual.data, self._answer.data
+        self._answer, judged, self.notes, self.report = fused.outputs
+        self.residual, self.sound = judged[:1], judged[1:]
+        self._read_residual, self._read_answer = judged.data, self._answer.data
         self._write_state = self.state.data  # assignment from view to view costs half of numpy's
         self.x = self._answer[: statement.n]
         self.memory = self.state[2 * statement.n + statement.m :]
@@ -68,7 +69,13 @@ class Ladder:
                 return FUSED
         elif self._solve_by(self.solver):
             return self.solver
-        self.start_from(0.0)  # a start from which a solver failed is given up
+        if not self.sound[0]:
+            return ""  # the parameters themselves cannot be used
+        # An active set from the last tick can lead qrqp astray where a cold start does not: one in a few hundred of
+        # random states, and none of the continuous motions tried.
+        self.start_from(0.0)
+        if self.solver == FUSED and self._solve_by(FUSED):
+            return FUSED
         if self.backup != self.solver and self._solve_by(self.backup):
             return self.backup
         return ""
@@ -82,7 +89,10 @@ class Ladder:
     def _solve_by(self, name: str) -> bool:
         if name == FUSED:
             self._fused()
-            return is_certified(self._read_residual[0], self.tolerance)
+            certified = is_certified(self._read_residual[0], self.tolerance)
+            if certified:
+                self.state[:] = self._answer
+            return certified
         build, certify, finish = self._build, self._certify, self._finish
         build.inputs[0][:], build.inputs[1][:] = self.parameters, self.memory
         build()
@@ -99,7 +109,7 @@ class Ladder:
         finish()
         report, memory = finish.outputs
         self._answer[:] = np.concatenate([x, *answer[1:3], memory])
-        self.residual[:], self.notes[:], self.report[:] = residual, notes, report
+        self.residual[:], self.sound[:], self.notes[:], self.report[:] = residual, sound, notes, report
         self.iterations = answer.iterations
         if not is_certified(self._read_residual[0], self.tolerance):
             return False

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.optim.certificate import all_true, certificate_function
+from rehab_opt.optim.qrqp import qrqp
 
 if TYPE_CHECKING:
     import qpsolvers
@@ -23,8 +24,6 @@ Array = NDArray[np.float64]
 
 PLAUSIBLE = 1e6
 """Parameters beyond this size, in SI units, are a broken sensor or a broken caller, not a robot."""
-QRQP_ITERATIONS = 100
-"""Cap on active-set changes of the fused solver; what is not solved by then fails its certificate."""
 
 
 class Variable(NamedTuple):
@@ -164,7 +163,7 @@ class Statement:
 
     @cached_property
     def fused(self) -> ca.Function:
-        """Parameters, state -> state, residual, notes, report: kinematics, solve and certificate in one function.
+        """Parameters, state -> state, (residual, sound), notes, report: kinematics, solve and certificate in one function.
 
         A state stacks x (n,), the multipliers of its bounds (n,) and of the rows (m,), and the memory: the warm start
         and all that is known of the last tick. The solver is CasADi's qrqp, an active-set method that generates C.
@@ -173,8 +172,7 @@ class Statement:
         ends = [0, self.n, 2 * self.n, 2 * self.n + self.m, self.state_size]
         x0, bounds0, rows0, memory = ca.vertsplit(last, ends)
         hessian, gradient, matrix, rows_lower, rows_upper, lower, upper, sound, notes = self.build(p, memory)
-        shape = {"h": ca.Sparsity.dense(self.n, self.n), "a": ca.Sparsity.dense(self.m, self.n)}
-        solution = ca.conic(f"{self.name}_qp", "qrqp", shape, qrqp_options())(
+        solution = qrqp(f"{self.name}_qp", self.n, self.m)(
             h=hessian, g=gradient, a=matrix, lba=rows_lower, uba=rows_upper, lbx=lower, ubx=upper,
             x0=x0, lam_x0=bounds0, lam_a0=rows0,
         )  # fmt: skip
@@ -184,7 +182,7 @@ class Statement:
         )  # fmt: skip
         report, memory = self.finish(p, memory, x)
         state = ca.vertcat(x, solution["lam_x"], solution["lam_a"], memory)
-        return ca.Function(self.name, [p, last], [state, residual, notes, report])
+        return ca.Function(self.name, [p, last], [state, ca.vertcat(residual, sound), notes, report])
 
     def instance(self, *parameters: ArrayLike, memory: ArrayLike = ()) -> Instance:
         """The numbers at given parameter and memory values, for inspection."""
@@ -212,18 +210,6 @@ class Statement:
         # A bound that holds variables moves to the left, so that bounds are numbers; only equal() may have one.
         rows = [_numeric_bounds(row, self._x) for row in self.subject_to]
         return Row(*(ca.vertcat(*parts) for parts in zip(empty, *rows, strict=True)))
-
-
-def qrqp_options() -> dict[str, Any]:
-    """Quiet, capped, tighter than our tolerance, and a failure is an answer that the certificate rejects."""
-    quiet = {"print_iter": False, "print_header": False, "print_info": False, "print_lincomb": False}
-    return {
-        **quiet,
-        "error_on_fail": False,
-        "max_iter": QRQP_ITERATIONS,
-        "constr_viol_tol": 1e-10,
-        "dual_inf_tol": 1e-10,
-    }
 
 
 def _numeric_bounds(row: Row, x: ca.SX) -> Row:

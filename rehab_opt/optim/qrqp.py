@@ -1,0 +1,63 @@
+"""CasADi's qrqp, with the room it needs.
+
+casadi 3.6 to 3.8 give its dual line search an integer array as long as the QP has bounds and rows, and it writes one
+entry more when every multiplier changes sign in one step (`casadi_qrqp_dual_breakpoints`; found by our fault campaign
+as a damaged heap, shown by the address sanitizer). The array is the last in a work space that a caller's function
+shares and may enlarge: that is what `with_spare_room` does.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+
+__all__ = ["QRQP_ITERATIONS", "qrqp", "qrqp_options", "with_spare_room"]
+
+QRQP_ITERATIONS = 100
+"""Cap on active-set changes; what is not solved by then fails its certificate."""
+SPARE = 2
+"""Integers more than the function says it needs; one is known to be written."""
+
+
+def qrqp(name: str, n: int, m: int) -> ca.Function:
+    """Solver of a dense QP with n variables and m rows that generates C; inputs and outputs as `casadi.conic`.
+
+    It is quiet, capped, asked for more than our tolerance, and a failure is an answer that the certificate rejects.
+    """
+    shape = {"h": ca.Sparsity.dense(n, n), "a": ca.Sparsity.dense(m, n)}
+    return with_spare_room(ca.conic(name, "qrqp", shape, qrqp_options()))
+
+
+def qrqp_options() -> dict[str, Any]:
+    """Options of every qrqp, also of one inside an NLP solver."""
+    quiet = {"print_iter": False, "print_header": False, "print_info": False, "print_lincomb": False}
+    return {
+        **quiet,
+        "error_on_fail": False,
+        "max_iter": QRQP_ITERATIONS,
+        "constr_viol_tol": 1e-10,
+        "dual_inf_tol": 1e-10,
+    }
+
+
+def with_spare_room(function: ca.Function) -> ca.Function:
+    """The same function with an integer work space longer by at least `SPARE`.
+
+    A branch that is never taken asks for the room: it holds a QP that needs more of it.
+    """
+    size = function.sz_iw() + SPARE
+    shape = {"h": ca.Sparsity.diag(size), "a": ca.Sparsity(0, size)}
+    needy = ca.conic(f"{function.name()}_spare", "qrqp", shape, qrqp_options())
+    zero = ca.MX.sym("zero")
+    taken = ca.Function("taken", [zero], [zero + needy(h=ca.MX.eye(size))["cost"]])
+    passed = ca.Function("passed", [zero], [zero])
+    never = ca.Function.if_else(f"{function.name()}_never", taken, passed)
+
+    names_in = [function.name_in(i) for i in range(function.n_in())]
+    names_out = [function.name_out(i) for i in range(function.n_out())]
+    inputs = [ca.MX.sym(name, function.sparsity_in(i)) for i, name in enumerate(names_in)]
+    outputs = list(function.call(inputs))
+    first = next(i for i, given in enumerate(inputs) if given.nnz())
+    outputs[0] = outputs[0] + never(inputs[first].nz[0] < -1e300, 0)
+    return ca.Function(function.name(), inputs, outputs, names_in, names_out)

@@ -1,0 +1,247 @@
+"""Random states, targets and faults against the tracker, judged by plain numpy that shares nothing with the controller.
+
+    python -m tests.control.fault_campaign --cases 100000
+
+One case is one tick of one of several controllers (chains, tick lengths, solvers), each in a state reached by random
+earlier ticks. Prints what was checked, the largest excess over each bound and how often each rung answered.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections import Counter
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt import DH, Bound, Command, PoseTracker, SerialChain, Status, human_arm, ur5
+
+Array = NDArray[np.float64]
+HOSTILE = (math.nan, math.inf, -math.inf, 1e300, -1e300, 1e7, 1e-320)
+TICKS = (1e-4, 1e-3, 4e-3, 2e-2, 1e-1)
+ROUNDING = 1e-9
+"""[rad or m] What arithmetic on numbers of this size may miss a position bound by."""
+
+
+def slide_arm() -> SerialChain:
+    """A prismatic base with a short arm, one joint locked, one of +-3 degrees, one without limits."""
+    rows = [DH(0, -math.pi / 2, prismatic=True), DH(0.3, 0.0), DH(0.25, math.pi / 2), DH(0.2, 0.0), DH(0.05, 1.0, 0.1)]
+    narrow = math.radians(3)
+    return SerialChain(
+        rows,
+        lower=[-0.4, -2.0, 0.3, -narrow, -math.inf],
+        upper=[0.4, 2.0, 0.3, narrow, math.inf],
+        velocity=[0.5, 2.0, 1.0, 1.5, 4.0],
+        acceleration=[2.0, 20.0, 5.0, 8.0, math.inf],
+    )
+
+
+CHAINS = {
+    "ur5": ur5,
+    "ur5_slow": lambda: ur5(velocity=0.2, acceleration=1.0),
+    "arm": lambda: human_arm(range_of_motion="regular"),
+    "restricted": lambda: human_arm(range_of_motion="restricted", side="right"),
+    "slide": slide_arm,
+}
+
+
+@dataclass
+class Tally:
+    """What was seen."""
+
+    cases: int = 0
+    statuses: Counter[Status] = field(default_factory=Counter)
+    solvers: Counter[str] = field(default_factory=Counter)
+    yielded: Counter[Bound] = field(default_factory=Counter)
+    faults: Counter[str] = field(default_factory=Counter)
+    excess: dict[str, float] = field(
+        default_factory=lambda: dict.fromkeys(("velocity", "position", "acceleration"), 0.0)
+    )
+    broken: list[str] = field(default_factory=list)
+
+
+@dataclass
+class Plant:
+    """What an honest integrator knows about one controller: where it is and what it was told."""
+
+    name: str
+    tracker: PoseTracker
+    q: Array
+    last: Array
+    stamp: float = 0.0
+    fresh: bool = True
+    """No stamp of this stream was accepted by the last tick."""
+    unseen: bool = True
+    """No position was read since the state last jumped."""
+
+
+def run(cases: int, seed: int, *, compile: bool | None = None) -> Tally:
+    """Judge `cases` ticks."""
+    rng = np.random.default_rng(seed)
+    tally = Tally()
+    plants = [_plant(name, dt, compile) for name in CHAINS for dt in TICKS]
+    plants += [_plant("ur5", 1e-3, compile, solver=solver) for solver in ("proxqp", "osqp", "daqp")]
+    for _ in range(cases):
+        plant = plants[rng.integers(len(plants))]
+        if rng.random() < 0.03:
+            _teleport(plant, rng)
+        _one_tick(plant, rng, tally)
+    return tally
+
+
+def _plant(name: str, dt: float, compile: bool | None, solver: str = "qrqp") -> Plant:
+    chain = CHAINS[name]()
+    tracker = PoseTracker(chain, dt=dt, solver=solver, compile=compile)
+    return Plant(f"{name} {solver} dt={dt:g}", tracker, _middle(chain), np.zeros(chain.n))
+
+
+def _middle(chain: SerialChain) -> Array:
+    return (np.clip(chain.lower, -3, 3) + np.clip(chain.upper, -3, 3)) / 2
+
+
+def _teleport(plant: Plant, rng: np.random.Generator) -> None:
+    """Another state: inside, at a limit, singular, or outside; at rest or at speed."""
+    chain = plant.tracker.chain
+    lower, upper = np.clip(chain.lower, -3, 3), np.clip(chain.upper, -3, 3)
+    kind = rng.integers(5)
+    q = rng.uniform(lower, upper)
+    if kind == 1:
+        q = np.where(rng.random(chain.n) < 0.5, lower, upper)
+    elif kind == 2:
+        q = np.zeros(chain.n)  # singular for the UR5
+    elif kind == 3:
+        q = q + rng.choice([1e-12, 1e-6, 1e-2, 1.0]) * rng.standard_normal(chain.n)
+    elif kind == 4:
+        q = np.where(rng.random(chain.n) < 0.5, lower, upper) + 1e-3 * rng.standard_normal(chain.n)
+    plant.q = q
+    plant.last = rng.uniform(-1, 1, chain.n) * chain.velocity * rng.choice([0.0, 0.1, 1.0])
+    plant.tracker.reset(plant.last)
+    plant.fresh = plant.unseen = True
+
+
+def _one_tick(plant: Plant, rng: np.random.Generator, tally: Tally) -> None:
+    tracker, chain = plant.tracker, plant.tracker.chain
+    pose, twist = _target(plant, rng)
+    q, enable, fault = plant.q.copy(), True, "none"
+    previous, plant.stamp = plant.stamp, plant.stamp + tracker.dt
+    stamp: float | None = plant.stamp
+    if rng.random() < 0.25:
+        fault = str(rng.choice(["q", "pose", "twist", "stamp", "repeated", "disabled", "mirrored", "far", "no stamp"]))
+        bad = float(rng.choice(HOSTILE))
+        if fault == "q":
+            q[rng.integers(chain.n)] = bad
+        elif fault == "pose":
+            pose[rng.integers(4), rng.integers(4)] = bad
+        elif fault == "twist":
+            twist[rng.integers(6)] = bad
+        elif fault == "stamp":
+            stamp = bad
+        elif fault == "repeated" and not plant.fresh:
+            stamp = previous
+        elif fault == "disabled":
+            enable = False
+        elif fault == "mirrored":
+            pose[:3, :3] = -pose[:3, :3]
+        elif fault == "far":
+            pose[:3, 3] = 1e5 * rng.standard_normal(3)
+        else:
+            fault, stamp = "no stamp", None
+    tally.faults[fault] += 1
+    command = tracker.step(q, pose, twist, enable=enable, stamp=stamp)
+    usable = bool(np.all(np.abs(q) <= 1e6))
+    plant.unseen &= not usable
+    plant.fresh = stamp != plant.stamp
+    _judge(plant, q if usable else plant.q, command, usable, fault, tally)
+    plant.last = command.value.copy()
+    plant.q = plant.q + command.value * tracker.dt
+
+
+def _target(plant: Plant, rng: np.random.Generator) -> tuple[Array, Array]:
+    chain = plant.tracker.chain
+    near = plant.q + rng.choice([0.0, 1e-3, 0.1, 1.0]) * rng.standard_normal(chain.n)
+    twist = rng.standard_normal(6) * rng.choice([0.0, 0.05, 1.0, 100.0])
+    return chain.pose(near), twist
+
+
+def _judge(plant: Plant, q: Array, command: Command, usable: bool, fault: str, tally: Tally) -> None:
+    """The order of bounds, written down once more without the controller's arithmetic."""
+    chain, dt = plant.tracker.chain, plant.tracker.dt
+    v, last = command.value, plant.last
+    tally.cases += 1
+    tally.statuses[command.status] += 1
+    tally.solvers[command.solver] += 1
+    tally.yielded[command.yielded] += 1
+    where = f"{plant.name}, fault {fault}, {command}, q {q}, last {last}"
+
+    def check(holds: bool, claim: str) -> None:
+        if not holds:
+            tally.broken.append(f"{claim}: {where}")
+
+    check(v.shape == (chain.n,) and bool(np.all(np.isfinite(v))), "finite")
+    check(not v.flags.writeable, "frozen")
+    over = float(np.max(np.abs(v) - chain.velocity))
+    tally.excess["velocity"] = max(tally.excess["velocity"], over)
+    check(over <= 0.0, "velocity never yields")
+    ahead = q + v * dt
+    outside = (q > chain.upper + ROUNDING) | (q < chain.lower - ROUNDING)
+    further = np.maximum(ahead - np.maximum(q, chain.upper), np.minimum(q, chain.lower) - ahead).max()
+    tally.excess["position"] = max(tally.excess["position"], 0.0 if plant.unseen else float(further))
+    check(plant.unseen or bool(further <= ROUNDING), "never further outside")
+    back = plant.tracker.return_speed * chain.velocity
+    check(plant.unseen or bool(np.all(np.abs(v[outside]) <= back[outside] + 1e-12)), "slow way back")
+    change = np.abs(v - last) - chain.acceleration * dt
+    if command.yielded & Bound.ACCELERATION:
+        # It may only yield to a bound above it: with the largest change, a joint would be further outside.
+        needed = _must_exceed(chain, q, last, dt, back)
+        check(plant.unseen or bool(np.all((change <= 1e-9) | needed)), "acceleration yields only where it must")
+    else:
+        worst = float(np.max(change))
+        tally.excess["acceleration"] = max(tally.excess["acceleration"], worst)
+        check(worst <= 1e-9, "acceleration")
+    if usable:
+        check(bool(command.yielded & Bound.POSITION) == bool(outside.any()), "outside is flagged")
+    if command.status.certified:
+        check(0.0 <= command.residual <= plant.tracker.tolerance, "certified")
+        check(0.0 <= command.scale <= 1.0, "scale")
+    else:
+        check(command.reason != "", "reason given")
+    if fault in ("q", "pose", "twist", "stamp", "repeated", "disabled", "mirrored"):
+        hostile_but_small = fault in ("q", "pose", "twist", "stamp") and command.status.certified
+        if not hostile_but_small:
+            check(not command.status.certified, "a fault gives the safe command")
+            brakes = np.abs(v) <= np.maximum(np.abs(last) - np.minimum(chain.acceleration * dt, np.abs(last)), 0) + 1e-9
+            check(bool(np.all(brakes)), "the safe command decelerates")
+
+
+def _must_exceed(chain: SerialChain, q: Array, last: Array, dt: float, back: Array) -> NDArray[np.bool_]:
+    gentlest_up, gentlest_down = last - chain.acceleration * dt, last + chain.acceleration * dt
+    above, below = q > chain.upper, q < chain.lower
+    return (
+        (q + gentlest_up * dt > np.maximum(chain.upper, q))
+        | (q + gentlest_down * dt < np.minimum(chain.lower, q))
+        | (above & (gentlest_down < -back))
+        | (below & (gentlest_up > back))
+    )
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--cases", type=int, default=100_000)
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    tally = run(options.cases, options.seed)
+    print(f"{tally.cases} ticks; faults {dict(tally.faults)}")
+    print("answers", {status.value: count for status, count in tally.statuses.items()}, dict(tally.solvers))
+    print("yielded", {str(bound): count for bound, count in tally.yielded.items()})
+    print("largest excess", {name: f"{value:.1e}" for name, value in tally.excess.items()})
+    print(f"broken claims: {len(tally.broken)}")
+    for line in tally.broken[:10]:
+        print(" ", line)
+    raise SystemExit(bool(tally.broken))
+
+
+if __name__ == "__main__":
+    main()
