@@ -1,0 +1,1 @@
+"""The papers' own laws, kept as the yardstick beside ours."""
