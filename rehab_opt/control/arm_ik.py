@@ -74,7 +74,7 @@ class ArmIK:
         solver: str = "sqp",
         backup: str = "ipopt",
         tolerance: float = 1e-9,
-        starts: int = 3,
+        starts: int = 2,
         nearest_starts: int = 32,
         table_size: int = 4096,
         compile: bool | None = None,
@@ -188,13 +188,15 @@ class ArmIK:
             solution = self._found(nearest, asked, Status.UNREACHABLE, "out of reach")
             reason = f"out of reach by {solution.position_error:.3g} m: nearest posture{note}"
             return solution._replace(reason=reason), 0.0
-        for backup in (False, True):
-            answer = search.posture_from(nearest.x, backup=backup)
-            if answer.certified and backup:
-                reason = "no certified answer from the primary solver"
-                return self._found(answer, asked, Status.BACKUP, reason), answer.multipliers
-            if answer.certified:
-                return self._found(answer, asked), answer.multipliers
+        answer: NLPAnswer | None = search.posture_from(nearest.x)
+        if answer is None or not answer.certified:
+            answer = search.posture(asked.goal, near, patient=True)
+        if answer is not None and answer.certified:
+            return self._found(answer, asked), answer.multipliers
+        answer = search.posture_from(nearest.x, backup=True)
+        if answer.certified:
+            reason = "no certified answer from the primary solver"
+            return self._found(answer, asked, Status.BACKUP, reason), answer.multipliers
         reason = "hand and handle are in place; that no posture costs less is not certified"
         return self._found(nearest, asked, Status.BACKUP, reason), 0.0
 

@@ -104,8 +104,11 @@ class IKSearch:
         return self._dexterity * float(self.statements.square(x, self.still)) if self._manipulability else 0.0
 
     # ------------------------------------------------------------------------------------------------- searches
-    def posture(self, target: Array, near: Array | None = None) -> NLPAnswer | None:
-        """Cheapest certified answer from several starts, or, given `near` (k,), the one with the smallest change."""
+    def posture(self, target: Array, near: Array | None = None, *, patient: bool = False) -> NLPAnswer | None:
+        """Cheapest certified answer from several starts, or, given `near` (k,), the one with the smallest change.
+
+        `patient` goes on until some start succeeds.
+        """
         postures, distances = self.table.near(target, CANDIDATES)
         if near is None:
             change = postures - self._centre
@@ -120,7 +123,7 @@ class IKSearch:
                 own = answer.cost if near is None else float(np.abs(answer.x - near).max())
                 if own < best_price:
                     best, best_price = answer, own
-            if tried >= self.starts and (best is not None or tried >= 3 * self.starts):
+            if tried >= self.starts and (best is not None or not patient):
                 break
         return best
 

@@ -13,6 +13,7 @@ from rehab_opt.optim.certificate import is_certified
 from rehab_opt.optim.nlp import NLP, PLAUSIBLE, NLPAnswer
 from rehab_opt.optim.nlp_hessian import convexified
 from rehab_opt.optim.nlp_sqp import SQP
+from rehab_opt.optim.qrqp import qrqp_options, with_spare_room
 from rehab_opt.symbolic import BufferedFunction, compiled
 
 __all__ = ["NLPSolver", "nlp_solver"]
@@ -68,6 +69,8 @@ class NLPSolver:
         problem = {"x": nlp.x, "p": nlp.p, "f": nlp.minimise, "g": nlp.rows.expression}
         options = _options(nlp, name, self.tolerance, max_iterations)
         self._solver = ca.nlpsol(f"{nlp.name}_{name}", name, problem, options)
+        if name == "sqpmethod":
+            self._solver = with_spare_room(self._solver)  # qrqp works inside
         # In the virtual machine the plugin itself is called, since it also tells its iterations.
         fast = compiled(self._solver, compile=compile) if name == "sqpmethod" else self._solver
         self._fast = None if fast is self._solver else BufferedFunction(fast)
@@ -99,7 +102,7 @@ class NLPSolver:
                 lam_x0=y[:n], lam_g0=y[n:],
             )  # fmt: skip
             claim, of_bounds, of_rows = (found[key].full().reshape(-1) for key in ("x", "lam_x", "lam_g"))
-            iterations = int(self._solver.stats().get("iter_count", -1))
+            iterations = -1 if self.name == "sqpmethod" else int(self._solver.stats().get("iter_count", -1))
         return self._certified(claim, np.concatenate([of_bounds, of_rows]), iterations)
 
     def _certified(self, claim: Any, multipliers: Any, iterations: int) -> NLPAnswer:
@@ -133,7 +136,6 @@ def _options(nlp: NLP, name: str, tolerance: float, max_iterations: int) -> dict
     if name == "fatrop":
         return {**common, "fatrop": {"print_level": 0, "max_iter": max_iterations, "tol": tight}}
     if name == "sqpmethod":
-        quiet = {"print_iter": False, "print_header": False, "print_info": False, "print_lincomb": False}
         return {
             **common,
             "print_header": False,
@@ -144,7 +146,7 @@ def _options(nlp: NLP, name: str, tolerance: float, max_iterations: int) -> dict
             "tol_du": tight,
             "hess_lag": _convex_hessian(nlp),
             "qpsol": "qrqp",
-            "qpsol_options": {**quiet, "error_on_fail": False, "print_time": False, "max_iter": 100},
+            "qpsol_options": qrqp_options(),
         }
     return common
 

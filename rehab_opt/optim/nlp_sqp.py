@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -13,13 +12,14 @@ from rehab_opt.errors import ConfigurationError
 from rehab_opt.optim.certificate import all_true, clipped
 from rehab_opt.optim.nlp import NLP, PLAUSIBLE, NLPAnswer
 from rehab_opt.optim.nlp_hessian import model
+from rehab_opt.optim.qrqp import qrqp
 from rehab_opt.symbolic import BufferedFunction, compiled
 
 __all__ = ["SQP"]
 
 Array = NDArray[np.float64]
 
-QP_ITERATIONS = 60
+QP_ITERATIONS = 30
 """Cap on the active-set changes of one QP; an infeasible one would go on for milliseconds."""
 QP_VIOLATION = 1e-8
 """A QP whose rows are missed by more has no solution within the bounds and the radius."""
@@ -115,8 +115,7 @@ def step_function(nlp: NLP) -> ca.Function:
     p, start, y, radius = ca.MX.sym("p", nlp.p.numel()), ca.MX.sym("x", n), ca.MX.sym("y", n + m), ca.MX.sym("radius")
     x = inside(p, start)
     h, g, a, rows_lower, rows_upper, lower, upper = derivatives(p, x, y)
-    shape = {"h": h.sparsity(), "a": a.sparsity()}
-    solution = ca.conic(f"{nlp.name}_qp", "qrqp", shape, _qrqp_options())(
+    solution = qrqp(f"{nlp.name}_qp", n, m, iterations=QP_ITERATIONS)(
         h=h, g=g, a=a, lba=rows_lower, uba=rows_upper,
         lbx=ca.fmax(lower, -radius), ubx=ca.fmin(upper, radius), lam_x0=y[:n], lam_a0=y[n:],
     )  # fmt: skip
@@ -134,14 +133,3 @@ def _holds(n: int, m: int) -> ca.Function:
     rows = matrix @ x
     held = all_true(rows >= lower - QP_VIOLATION, rows <= upper + QP_VIOLATION)
     return ca.Function("holds", [x, matrix, lower, upper], [held])
-
-
-def _qrqp_options() -> dict[str, Any]:
-    quiet = {"print_iter": False, "print_header": False, "print_info": False, "print_lincomb": False}
-    return {
-        **quiet,
-        "error_on_fail": False,
-        "max_iter": QP_ITERATIONS,
-        "constr_viol_tol": 1e-10,
-        "dual_inf_tol": 1e-10,
-    }
