@@ -1,0 +1,1 @@
+"""State in, Command out; one controller a file."""

@@ -1,0 +1,1 @@
+"""How a problem is stated, solved and certified; nothing here knows of robots."""

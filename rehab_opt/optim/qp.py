@@ -163,7 +163,7 @@ class Statement:
 
     @cached_property
     def fused(self) -> ca.Function:
-        """Parameters, state -> state, (residual, sound), notes, report: kinematics, solve and certificate in one function.
+        """Parameters, state -> state, (residual, sound), notes, report: kinematics, solve, certificate in one function.
 
         A state stacks x (n,), the multipliers of its bounds (n,) and of the rows (m,), and the memory: the warm start
         and all that is known of the last tick. The solver is CasADi's qrqp, an active-set method that generates C.

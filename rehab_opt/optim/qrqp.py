@@ -20,22 +20,22 @@ SPARE = 2
 """Integers more than the function says it needs; one is known to be written."""
 
 
-def qrqp(name: str, n: int, m: int) -> ca.Function:
+def qrqp(name: str, n: int, m: int, *, iterations: int = QRQP_ITERATIONS) -> ca.Function:
     """Solver of a dense QP with n variables and m rows that generates C; inputs and outputs as `casadi.conic`.
 
     It is quiet, capped, asked for more than our tolerance, and a failure is an answer that the certificate rejects.
     """
     shape = {"h": ca.Sparsity.dense(n, n), "a": ca.Sparsity.dense(m, n)}
-    return with_spare_room(ca.conic(name, "qrqp", shape, qrqp_options()))
+    return with_spare_room(ca.conic(name, "qrqp", shape, qrqp_options(iterations)))
 
 
-def qrqp_options() -> dict[str, Any]:
+def qrqp_options(iterations: int = QRQP_ITERATIONS) -> dict[str, Any]:
     """Options of every qrqp, also of one inside an NLP solver."""
     quiet = {"print_iter": False, "print_header": False, "print_info": False, "print_lincomb": False}
     return {
         **quiet,
         "error_on_fail": False,
-        "max_iter": QRQP_ITERATIONS,
+        "max_iter": iterations,
         "constr_viol_tol": 1e-10,
         "dual_inf_tol": 1e-10,
     }
