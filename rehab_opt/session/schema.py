@@ -163,7 +163,7 @@ class SmoothingSection(Section):
 
     speed_deg_s: Positive = 180.0
     acceleration_deg_s2: Positive = 1800.0
-    jerk_deg_s3: Positive = 36000.0
+    jerk_deg_s3: Positive = 180000.0
 
 
 class UpperLimb(Section):

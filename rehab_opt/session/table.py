@@ -87,7 +87,7 @@ ARM_ROWS: Rows = (
     ("   of the others, median / p99 / max, ms", _times("solve_time")),
     ("samples by status", _statuses),
     (
-        "smoothed at 1 kHz: lag, ms; largest deviation, deg",
+        "smoothed: lag, ms; largest deviation, deg",
         lambda of: f"{1e3 * of['smoothed']['lag_s']:.0f}; {of['smoothed']['deviation_max_deg']:.3g}",
     ),
 )
