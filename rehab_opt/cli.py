@@ -108,8 +108,9 @@ def _run_with_progress(loaded: ProblemFile, *, law: Law, solver: str | None) -> 
 
         def progress(what: str, done: int, whole: int) -> None:
             if what not in tasks:
-                tasks[what] = bars.add_task(what, total=whole)
-            bars.update(tasks[what], completed=done)
+                tasks[what] = bars.add_task(what, total=None)
+            whole_known = whole if whole > 1 or done else None  # a law answers in one piece: its bar only moves
+            bars.update(tasks[what], completed=done, total=whole_known)
 
         return run_problem(loaded, law=law, solver=solver, progress=progress)
 

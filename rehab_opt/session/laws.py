@@ -74,18 +74,19 @@ def _optimised(arm: SerialChain, problem: UpperLimb, solver: str | None) -> Any:
     from rehab_opt.control.arm_ik import ArmIK  # noqa: PLC0415  (loads solvers)
 
     chosen = solver or problem.optimised.solver
+    given: dict[str, Any] = {} if chosen is None else {"solver": chosen}
     return ArmIK(
         arm,
         handle_tilt=math.radians(problem.arm.handle_tilt_deg),
         posture_cost=problem.optimised.posture_cost,
-        **({} if chosen is None else {"solver": chosen}),
+        **given,
     )
 
 
 def _published(arm: SerialChain, problem: UpperLimb) -> Any:
     from rehab_opt.published.tangent_law import TangentLaw  # noqa: PLC0415
 
-    given = {"gain": problem.published.gain_per_s, "damping": problem.published.damping}
+    given: dict[str, Any] = {"gain": problem.published.gain_per_s, "damping": problem.published.damping}
     return TangentLaw(
         arm,
         dt=1 / problem.run.rate_hz,
