@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pytest
@@ -53,7 +54,7 @@ def test_backend(benchmark: BenchmarkFixture, instances: list[Instance], name: s
 @pytest.mark.parametrize("name", ["proxqp", "osqp"])
 def test_fresh_qpsolvers_call(benchmark: BenchmarkFixture, instances: list[Instance], name: str) -> None:
     stream = forth_and_back(instances)
-    options = {"eps_abs": 1e-10, "eps_rel": 0.0}
+    options: dict[str, Any] = {"eps_abs": 1e-10, "eps_rel": 0.0}
 
     def fresh() -> qpsolvers.Solution:
         qp = next(stream)

@@ -6,7 +6,7 @@ Nothing here uses ArmIK or `rehab_opt.optim`: a mistake there must not hide in i
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -19,7 +19,7 @@ __all__ = ["Answer", "Baseline", "nearest_point", "position_ik", "posture_cost",
 
 Array = NDArray[np.float64]
 
-_QUIET = {"print_level": 0, "max_iter": 500}
+_QUIET: dict[str, object] = {"print_level": 0, "max_iter": 500}
 _SETTINGS: dict[str, tuple[str, dict[str, object]]] = {
     # bound_relax_factor: an answer beyond a joint limit, by however little, would not count as solved. Fatrop has no
     # such option and keeps to its bounds within 3e-8.
@@ -64,7 +64,8 @@ class Baseline:
         cost, constraints = statement(every, parameter)
         nlp = {"x": joints, "p": parameter, "f": cost, "g": constraints}
         plugin, options = _SETTINGS[solver]
-        self.solver = ca.nlpsol("baseline", plugin, nlp, {"print_time": False, plugin: options})
+        arguments: dict[str, Any] = {"print_time": False, plugin: options}
+        self.solver = ca.nlpsol("baseline", plugin, nlp, arguments)
         zeros = np.zeros(equalities.numel())
         self.bounds = {
             "lbx": ca.DM(arm.lower[self.free]),

@@ -37,8 +37,12 @@ class Contender(abc.ABC):
         """What tick k is given to go from sample k to k + 1, in the library's own type; not in the timed tick."""
 
     @abc.abstractmethod
-    def tick(self, q: Array, target: Any) -> Array:
-        """Timed: take the state q (n,), compute kinematics, solve, integrate. Returns the next q (n,)."""
+    def command(self, q: Array, target: Any) -> Any:
+        """Timed as "step": take the state q (n,), compute kinematics, solve. Returns the library's own answer."""
+
+    @abc.abstractmethod
+    def integrated(self, q: Array, command: Any) -> Array:
+        """(n,) joint angles after one tick of `command`, as the library integrates; with `command` timed as "tick"."""
 
 
 def verify_kinematics(contender: Contender, chain: SerialChain, *, tolerance: float = 1e-9, samples: int = 50) -> None:

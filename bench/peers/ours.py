@@ -6,13 +6,13 @@ from importlib.metadata import PackageNotFoundError, version
 
 from bench.peers.contender import Array, Contender
 from bench.peers.path import HandPath
-from rehab_opt import PoseTracker, SerialChain, Status
+from rehab_opt import Command, PoseTracker, SerialChain, Status
 
 __all__ = ["Ours"]
 
 
 class Ours(Contender):
-    """`PoseTracker.step` and the integration a caller would write; `not_ok` counts what the primary did not solve.
+    """`PoseTracker.step`; `not_ok` counts the ticks that its primary solver did not solve.
 
     Parameters
     ----------
@@ -32,9 +32,11 @@ class Ours(Contender):
     def target(self, path: HandPath, k: int) -> tuple[Array, Array]:
         return path.poses[k].copy(), path.twists[k].copy()
 
-    def tick(self, q: Array, target: tuple[Array, Array]) -> Array:
+    def command(self, q: Array, target: tuple[Array, Array]) -> Command:
         pose, twist = target
-        command = self.tracker.step(q, pose, twist)
+        return self.tracker.step(q, pose, twist)
+
+    def integrated(self, q: Array, command: Command) -> Array:
         if command.status is not Status.OK:
             self.not_ok += 1
         after: Array = q + self.dt * command.value

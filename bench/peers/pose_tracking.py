@@ -1,9 +1,9 @@
-"""One tick of differential inverse kinematics in rehab_opt, placo, pink and mink, side by side.
+"""One step of differential inverse kinematics in rehab_opt, placo, pink and mink, side by side.
 
-`python -m bench.peers.pose_tracking`: a UR5 follows a 1 kHz circle of the hand pose. A tick is: take the state, compute
-kinematics, solve the QP with position and velocity limits, integrate. Case "free": the vendor's limits, never active.
-Case "limited": a lower speed limit, which several joints are at most of the time.
-Exit code 1 where a ratio of issue 2 is missed.
+`python -m bench.peers.pose_tracking`: a UR5 follows a 1 kHz circle of the hand pose. A step is: take the state, compute
+kinematics, solve the QP with position and velocity limits; a tick also integrates. The verdicts take steps.
+Case "free": the vendor's limits, never active. Case "limited": a lower speed limit, which several joints are at most of
+the time. Exit code 1 where a ratio of issue 2 is missed.
 """
 
 from __future__ import annotations
@@ -40,12 +40,15 @@ class Row(NamedTuple):
 
     name: str
     median: float
-    """[us]"""
+    """Of the step [us]."""
     p99: float
-    """[us]"""
+    """Of the step [us]."""
     of_placo: float
-    """Ratio of medians, paired by round: the median over rounds."""
+    """Ratio of the medians of steps, paired by round: the median over rounds."""
     of_pink: float
+    tick: float
+    """Median of the tick [us]."""
+    tick_of_placo: float
     error: float
     """Largest distance of the hand from the path [mm]."""
     over: float
@@ -112,7 +115,8 @@ def entered(chain: SerialChain) -> list[Contender]:
 
 def rows(records: Sequence[Record], chain: SerialChain, path: HandPath) -> list[Row]:
     """The table's numbers, in the order of `records`."""
-    medians = {record.name: np.median(record.microseconds, axis=1) for record in records}
+    steps = {record.name: np.median(record.step, axis=1) for record in records}
+    ticks = {record.name: np.median(record.tick, axis=1) for record in records}
     table = []
     for record in records:
         velocity = np.abs(record.velocity(DT))
@@ -120,10 +124,12 @@ def rows(records: Sequence[Record], chain: SerialChain, path: HandPath) -> list[
         table.append(
             Row(
                 record.name,
-                median=float(np.median(record.microseconds)),
-                p99=float(np.percentile(record.microseconds, 99)),
-                of_placo=float(np.median(medians[record.name] / medians["placo"])),
-                of_pink=float(np.median(medians[record.name] / medians["pink + daqp"])),
+                median=float(np.median(record.step)),
+                p99=float(np.percentile(record.step, 99)),
+                of_placo=float(np.median(steps[record.name] / steps["placo"])),
+                of_pink=float(np.median(steps[record.name] / steps["pink + daqp"])),
+                tick=float(np.median(record.tick)),
+                tick_of_placo=float(np.median(ticks[record.name] / ticks["placo"])),
                 error=1e3 * _worst_distance(record, chain, path),
                 over=float((velocity - chain.velocity).max()),
                 saturated=float(at_limit.any(axis=2).mean()),
@@ -154,11 +160,13 @@ def _worst_distance(record: Record, chain: SerialChain, path: HandPath) -> float
 def _table(title: str, some: Sequence[Row]) -> Table:
     table = Table(title=title)
     table.add_column("contender", no_wrap=True)
-    for column in ("median us", "p99 us", "/ placo", "/ pink+daqp", "error mm", "over limit", "at limit", "joints"):
-        table.add_column(column, justify="right")
+    columns = ("step us", "p99", "/placo", "/pink", "tick us", "/placo", "error mm", "over rad/s", "at limit", "joints")
+    for column in columns:
+        table.add_column(column, justify="right", no_wrap=True)
     for row in some:
         table.add_row(
             row.name, f"{row.median:.1f}", f"{row.p99:.1f}", f"{row.of_placo:.3f}", f"{row.of_pink:.4f}",
+            f"{row.tick:.1f}", f"{row.tick_of_placo:.3f}",
             f"{row.error:.2g}", f"{row.over:.1e}", f"{row.saturated:.0%}", f"{row.joints:.2f}",
         )  # fmt: skip
     return table

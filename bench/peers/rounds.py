@@ -21,13 +21,15 @@ class Record:
 
     Attributes
     ----------
-    microseconds : (rounds, ticks) of one tick.
+    step : (rounds, ticks) from the state to the command [us].
+    tick : (rounds, ticks) the same and the integration [us].
     q : (rounds, ticks + 1, n) joint angles before the first and after every timed tick [rad].
     sample : (rounds,) path sample the first of them belongs to.
     """
 
     name: str
-    microseconds: Array
+    step: Array
+    tick: Array
     q: Array
     sample: Array
 
@@ -57,7 +59,13 @@ def alternate(
         raise ValueError(f"path of {len(path.poses)} samples: {needed} needed")
     n = len(start)
     records = [
-        Record(one.name, np.empty((rounds, ticks)), np.empty((rounds, ticks + 1, n)), np.empty(rounds, dtype=np.int64))
+        Record(
+            one.name,
+            step=np.empty((rounds, ticks)),
+            tick=np.empty((rounds, ticks)),
+            q=np.empty((rounds, ticks + 1, n)),
+            sample=np.empty(rounds, dtype=np.int64),
+        )
         for one in contenders
     ]
     targets = [[one.target(path, k) for k in range(needed - 1)] for one in contenders]
@@ -68,8 +76,10 @@ def alternate(
         for i in order:
             gc.collect()
             q = _untimed(contenders[i], states[i], targets[i][first : first + settle])
-            nanoseconds, visited = _timed(contenders[i], q, targets[i][first + settle : first + settle + ticks])
-            records[i].microseconds[this] = np.array(nanoseconds) / 1e3
+            times, visited = _timed(contenders[i], q, targets[i][first + settle : first + settle + ticks])
+            begun, solved, moved = np.array(times).T / 1e3
+            records[i].step[this] = solved - begun
+            records[i].tick[this] = moved - begun
             records[i].q[this] = visited
             records[i].sample[this] = first + settle
             states[i] = visited[-1]
@@ -79,16 +89,20 @@ def alternate(
 
 def _untimed(contender: Contender, q: Array, targets: Sequence[object]) -> Array:
     for target in targets:
-        q = contender.tick(q, target)
+        q = contender.integrated(q, contender.command(q, target))
     return q
 
 
-def _timed(contender: Contender, q: Array, targets: Sequence[object]) -> tuple[list[int], list[Array]]:
-    clock, tick = time.perf_counter_ns, contender.tick
-    nanoseconds, visited = [], [q]
+def _timed(contender: Contender, q: Array, targets: Sequence[object]) -> tuple[list[tuple[int, int, int]], list[Array]]:
+    """Clock [ns] at the begin, after the step and after the integration of each tick; joint angles on the way."""
+    clock, step, integrated = time.perf_counter_ns, contender.command, contender.integrated
+    times, visited = [], [q]
     for target in targets:
         begun = clock()
-        q = tick(q, target)
-        nanoseconds.append(clock() - begun)
+        command = step(q, target)
+        solved = clock()
+        q = integrated(q, command)
+        moved = clock()
+        times.append((begun, solved, moved))
         visited.append(q)
-    return nanoseconds, visited
+    return times, visited

@@ -38,9 +38,12 @@ class Mink(Contender):
     def target(self, path: HandPath, k: int) -> mink.SE3:
         return mink.SE3.from_matrix(path.poses[k + 1])
 
-    def tick(self, q: Array, target: mink.SE3) -> Array:
+    def command(self, q: Array, target: mink.SE3) -> Array:
         self.configuration.update(q)
         self.task.set_target(target)
-        velocity = mink.solve_ik(self.configuration, self.tasks, self.dt, self.solver, limits=self.limits)
-        after: Array = self.configuration.integrate(velocity, self.dt)
+        velocity: Array = mink.solve_ik(self.configuration, self.tasks, self.dt, self.solver, limits=self.limits)
+        return velocity
+
+    def integrated(self, q: Array, command: Array) -> Array:
+        after: Array = self.configuration.integrate(command, self.dt)
         return after

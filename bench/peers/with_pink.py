@@ -36,11 +36,14 @@ class Pink(Contender):
     def target(self, path: HandPath, k: int) -> pinocchio.SE3:
         return pinocchio.SE3(path.poses[k + 1, :3, :3], path.poses[k + 1, :3, 3])
 
-    def tick(self, q: Array, target: pinocchio.SE3) -> Array:
+    def command(self, q: Array, target: pinocchio.SE3) -> Array:
         self.configuration.update(q)
         self.task.set_target(target)
-        velocity = pink.solve_ik(self.configuration, self.tasks, self.dt, solver=self.solver)
-        after: Array = self.configuration.integrate(velocity, self.dt)
+        velocity: Array = pink.solve_ik(self.configuration, self.tasks, self.dt, solver=self.solver)
+        return velocity
+
+    def integrated(self, q: Array, command: Array) -> Array:
+        after: Array = self.configuration.integrate(command, self.dt)
         return after
 
 

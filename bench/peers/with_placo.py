@@ -18,7 +18,7 @@ _FIXED_BASE = 7  # placo's state begins with the pose of a floating base, masked
 
 
 class Placo(Contender):
-    """`KinematicsSolver` with a soft frame task; `solve(True)` integrates.
+    """`KinematicsSolver` with a soft frame task; `solve(True)` integrates inside, which costs it nothing.
 
     Parameters
     ----------
@@ -53,13 +53,16 @@ class Placo(Contender):
         pose: Array = path.poses[k + 1]
         return pose
 
-    def tick(self, q: Array, target: Array) -> Array:
+    def command(self, q: Array, target: Array) -> Array:
         if not (self.stateful and self.started):
             self.state.q[_FIXED_BASE:] = q
             self.started = True
         self.robot.update_kinematics()
         self.task.T_world_frame = target
-        self.solver.solve(True)
+        displacement: Array = self.solver.solve(True)
+        return displacement
+
+    def integrated(self, q: Array, command: Array) -> Array:
         after: Array = self.state.q[_FIXED_BASE:]
         return after.copy()
 
