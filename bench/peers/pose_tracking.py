@@ -64,7 +64,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _options(arguments)
     if options.core is not None:
         os.sched_setaffinity(0, {options.core})
-    console = Console(width=max(Console().width, 128))
+    console = Console(width=max(Console().width, 132))
     console.print("  ".join(f"{key}: {value}" for key, value in machine().items()), highlight=False)
     measured: dict[str, list[Row]] = {}
     versions: dict[str, str] = {}
@@ -160,7 +160,7 @@ def _worst_distance(record: Record, chain: SerialChain, path: HandPath) -> float
 def _table(title: str, some: Sequence[Row]) -> Table:
     table = Table(title=title)
     table.add_column("contender", no_wrap=True)
-    columns = ("step us", "p99", "/placo", "/pink", "tick us", "/placo", "error mm", "over rad/s", "at limit", "joints")
+    columns = ("step us", "p99", "/placo", "/pink", "tick us", "/placo", "error mm", "over", "at limit", "joints")
     for column in columns:
         table.add_column(column, justify="right", no_wrap=True)
     for row in some:
