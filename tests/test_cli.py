@@ -180,12 +180,12 @@ def spoil_recording_bytes(folder: Path) -> str:
 
 def spoil_posture_cost(folder: Path) -> str:
     change(folder, "[run]", "[optimised.posture_cost]\nelegance = 1.0\n[run]")
-    return "posture_cost"
+    return "problem.toml: optimised.posture_cost"
 
 
 def spoil_solver(folder: Path) -> str:
     change(folder, "[run]", '[optimised]\nsolver = "no_such_solver"\n[run]')
-    return "no_such_solver"
+    return "problem.toml: optimised.solver = 'no_such_solver'"
 
 
 def spoil_duration(folder: Path) -> str:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -13,7 +15,7 @@ from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.session.outcome import LawResult, Progress
 from rehab_opt.session.schema import UpperLimb
 
-__all__ = ["LAWS", "followed"]
+__all__ = ["LAWS", "followed", "follower"]
 
 Array = NDArray[np.float64]
 
@@ -45,15 +47,10 @@ def followed(
     ProblemFileError : the law refuses a value of the file.
     ConfigurationError : the law refuses `solver`.
     """
-    try:
-        follower = _optimised(arm, problem, solver) if law == "optimised" else _published(arm, problem)
-    except ConfigurationError as refused:
-        if refused.argument == "solver" and solver is not None:
-            raise
-        key = KEYS.get(refused.argument.partition("[")[0], f"{law}.{refused.argument}")
-        raise ProblemFileError(file, key, refused.value, refused.expected) from refused
+    law_of_arm = follower(law, arm, problem, file=file, solver=solver)
     progress(f"{law} law", 0, 1)
-    answer = follower.follow(path)  # in one piece: posture costs refer to the samples before
+    with file_keys(law, file=file, solver=solver):
+        answer = law_of_arm.follow(path)  # in one piece: posture costs refer to the samples before
     progress(f"{law} law", 1, 1)
     poses = np.array([arm.pose(q) for q in answer.q])
     hand, handle = poses[:, :3, 3], poses[:, :3, 0]
@@ -68,6 +65,35 @@ def followed(
         smooth=answer.q,
         metrics={},
     )
+
+
+def follower(law: str, arm: SerialChain, problem: UpperLimb, *, file: str, solver: str | None = None) -> Any:
+    """The law with the file's parameters, ready to `follow` a path.
+
+    Raises
+    ------
+    ProblemFileError : the law refuses a value of the file.
+    ConfigurationError : the law refuses `solver`.
+    """
+    with file_keys(law, file=file, solver=solver):
+        return _optimised(arm, problem, solver) if law == "optimised" else _published(arm, problem)
+
+
+@contextmanager
+def file_keys(law: str, *, file: str, solver: str | None) -> Iterator[None]:
+    """Name the file's key where a law refuses one of its arguments.
+
+    Raises
+    ------
+    ProblemFileError : instead of a ConfigurationError, unless `solver`, which is not the file's, is refused.
+    """
+    try:
+        yield
+    except ConfigurationError as refused:
+        if refused.argument == "solver" and solver is not None:
+            raise
+        key = KEYS.get(refused.argument.partition("[")[0], f"{law}.{refused.argument}")
+        raise ProblemFileError(file, key, refused.value, refused.expected) from refused
 
 
 def _optimised(arm: SerialChain, problem: UpperLimb, solver: str | None) -> Any:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,11 +16,16 @@ from rehab_opt.session.metrics import error_metrics, joint_metrics, status_count
 from rehab_opt.session.outcome import Progress, RobotOutcome
 from rehab_opt.session.schema import CircleSection, PoseTracking, RobotSection
 
-__all__ = ["circle_reference", "robot_at_start", "run_pose_tracking"]
+if TYPE_CHECKING:
+    from rehab_opt.control.pose_tracker import PoseTracker
+
+__all__ = ["circle_reference", "robot_at_start", "run_pose_tracking", "tracker_of"]
 
 Array = NDArray[np.float64]
 
 TICKS_A_REPORT = 100
+KEYS = {"gain": "tracker.gain_per_s", "dt": "tracker.rate_hz"}
+"""Where the problem file says what the tracker calls by its own name."""
 
 
 def run_pose_tracking(
@@ -32,16 +37,10 @@ def run_pose_tracking(
     ------
     ProblemFileError : a starting posture outside the limits, or a value the tracker refuses.
     """
-    from rehab_opt.control.pose_tracker import PoseTracker  # noqa: PLC0415  (loads solvers)
-
     robot, start = robot_at_start(problem.robot, file=file)
+    tracker = tracker_of(problem, robot, file=file, solver=solver)
     rate = problem.tracker.rate_hz
     dt = 1 / rate
-    chosen: dict[str, Any] = {"gain": problem.tracker.gain_per_s, "solver": solver or problem.tracker.solver}
-    try:
-        tracker = PoseTracker(robot, dt=dt, **{key: value for key, value in chosen.items() if value is not None})
-    except ConfigurationError as refused:
-        raise ProblemFileError(file, f"tracker, {refused.argument}", refused.value, refused.expected) from refused
     times = dt * np.arange(round(problem.circle.duration_s * rate) + 1, dtype=np.float64)
     poses, twists = circle_reference(robot.pose(start), problem.circle, times)
 
@@ -95,6 +94,27 @@ def run_pose_tracking(
         command=command,
         status=tuple(statuses),
     )
+
+
+def tracker_of(problem: PoseTracking, robot: SerialChain, *, file: str, solver: str | None = None) -> PoseTracker:
+    """The tracker with the file's parameters.
+
+    Raises
+    ------
+    ProblemFileError : it refuses a value of the file.
+    ConfigurationError : it refuses `solver`.
+    """
+    from rehab_opt.control.pose_tracker import PoseTracker  # noqa: PLC0415  (loads solvers)
+
+    given = {"gain": problem.tracker.gain_per_s, "solver": solver or problem.tracker.solver}
+    chosen: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+    try:
+        return PoseTracker(robot, dt=1 / problem.tracker.rate_hz, **chosen)
+    except ConfigurationError as refused:
+        if refused.argument == "solver" and solver is not None:
+            raise
+        key = KEYS.get(refused.argument, f"tracker.{refused.argument}")
+        raise ProblemFileError(file, key, refused.value, refused.expected) from refused
 
 
 def circle_reference(start: Array, circle: CircleSection, times: Array) -> tuple[Array, Array]:

@@ -14,12 +14,12 @@ from rehab_opt.control.command import Status
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.session.files import ProblemFile, recording_path
-from rehab_opt.session.laws import LAWS, followed
+from rehab_opt.session.laws import LAWS, followed, follower
 from rehab_opt.session.metrics import error_metrics, joint_metrics, path_shares, status_counts, time_metrics
 from rehab_opt.session.outcome import ArmOutcome, LawResult, Outcome, Progress
 from rehab_opt.session.participant import checked_hand, participant_arm, placed_path
 from rehab_opt.session.recordings import Recording, read_recording, resampled
-from rehab_opt.session.robot import robot_at_start, run_pose_tracking
+from rehab_opt.session.robot import robot_at_start, run_pose_tracking, tracker_of
 from rehab_opt.session.schema import PoseTracking, UpperLimb
 from rehab_opt.session.smoothed import smoothed
 
@@ -69,10 +69,14 @@ def checked(loaded: ProblemFile) -> tuple[str, ...]:
     """
     problem = loaded.problem
     if isinstance(problem, PoseTracking):
-        robot_at_start(problem.robot, file=loaded.file)
+        robot, _ = robot_at_start(problem.robot, file=loaded.file)
+        tracker_of(problem, robot, file=loaded.file)
         return ()
-    participant_arm(problem.arm, file=loaded.file)
-    return placed_recording(loaded, problem)[0].notes
+    arm = participant_arm(problem.arm, file=loaded.file)
+    recording, _ = placed_recording(loaded, problem)
+    for law in LAWS:
+        follower(law, arm, problem, file=loaded.file)
+    return recording.notes
 
 
 def placed_recording(loaded: ProblemFile, problem: UpperLimb) -> tuple[Recording, Array]:

@@ -154,7 +154,7 @@ class OptimisedSection(Section):
 class PublishedSection(Section):
     """The published law, `TangentLaw`: Eqs. (8)-(14) of Rossa et al."""
 
-    gain_per_s: Positive | None = None
+    gain_per_s: float | None = Field(default=None, gt=0, le=1000)
     damping: Positive | None = None
 
 
@@ -212,7 +212,7 @@ class TrackerSection(Section):
     """The tracking law, `PoseTracker`."""
 
     rate_hz: float = Field(default=1000.0, ge=10, le=10000)
-    gain_per_s: Positive | None = None
+    gain_per_s: float | None = Field(default=None, gt=0, le=10000)
     solver: str | None = None
 
 
