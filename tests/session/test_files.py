@@ -146,6 +146,16 @@ FAULTS = [
     (ROBOT.replace("90, -90, -90, 0]", "90]"), "robot.start_deg", "at least 6"),
     (ROBOT.replace("90, -90, -90, 0]", "200, -90, -90, 0]"), "robot.start_deg.2", "elbow within -180 to 180 deg"),
     (ROBOT + "normal = [0, 0, 0]\n", "circle", "neither zero nor parallel"),
+    (ARM + "[published]\ndamping = 1e-14\n", "published.damping", "at least 1e-12"),
+    (ARM + "[published]\ngain_per_s = 1e12\n", "published.gain_per_s", "less than or equal to 1000"),
+    (
+        ARM + "[optimised.posture_cost.rest]\nhumeral_flexion = -1\n",
+        "rest.humeral_flexion",
+        "greater than or equal to 0",
+    ),
+    (ARM + "[optimised.posture_cost.rest]\nknee = 1\n", "optimised.posture_cost", "joints among"),
+    (ARM + "[optimised.posture_cost]\nelegance = 1\n", "optimised.posture_cost", "names among"),
+    (ROBOT + "[tracker]\nsolver = 'magic'\n", "tracker.solver", "an installed solver"),
     (ROBOT.replace("ur5", "ur10"), "robot.model", "'ur5'"),
 ]
 
