@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rehab_opt.control.command import Command
-from rehab_opt.control.deliverable import deliverable_twist
 from rehab_opt.control.velocity_controller import VelocityController, checked_number
+from rehab_opt.control.wanted import WantedVelocity
 from rehab_opt.kinematics.chain import SerialChain, per_joint
 from rehab_opt.kinematics.frames import is_rotation, rotation_vector
 from rehab_opt.optim.certificate import clipped
@@ -21,20 +21,19 @@ __all__ = ["PoseTracker"]
 DIRECTION_KEEPING = 1e-3
 """Price of slowing down, relative to leaving the asked direction: at half speed it is left by 0.03 degrees."""
 STEADYING = 1e-8
-"""Weight of the joint velocity itself, against the squared twist error: it settles what the task leaves open."""
-POSTURE = 1e-4
-"""Weight of the posture's velocity against the squared twist error."""
+"""Weight of the joint velocities against the squared twist error: it settles what the task leaves open."""
 
 
 class PoseTracker(VelocityController):
     """Joint velocities for a tool that follows a pose and a twist.
 
-    min  1/2 |J q' - s v|^2 + price (1 - s)^2 + small |q' - q'_posture|^2   over q', 0 <= s <= 1
+    min  1/2 |J (q' - s w)|^2 + small |q' - s w|^2 + price (1 - s)^2   over q', 0 <= s <= 1
     s.t. lower(q, q'_last) <= q' <= upper(q, q'_last)
 
-    v is the asked twist plus `gain` times the pose error, no faster than the hand speeds allow, of which the arm can
-    deliver a part at this pose (`deliverable_twist`); s scales it down where the bounds demand, so that the
-    direction of the motion is kept. The interval is that of `velocity_bounds`: it is never empty.
+    w are the joint velocities that would deliver the asked twist, or as much of it as the arm can at this pose
+    (`wanted_velocity`); the asked twist is `twist` plus `gain` times the pose error, no faster than the hand speeds
+    allow. s slows the motion down where the bounds demand, so that its direction is kept. The interval is that of
+    `velocity_bounds`: it is never empty.
 
     Parameters
     ----------
@@ -43,7 +42,7 @@ class PoseTracker(VelocityController):
     gain : [1/s] rate at which a pose error decays.
     linear_speed, angular_speed : [m/s, rad/s] largest asked hand speeds; faster requests are slowed, not cut.
     task_weights : (6,) weights of the twist's components in the base frame; a zero frees one.
-    posture : (n,) joint positions that a redundant chain drifts to, or None.
+    posture : (n,) joint positions that a redundant chain drifts to where the task leaves it free, or None.
     dt : nominal tick [s].
     return_speed : share of the velocity limit at which a joint outside its limits comes back.
     solver, backup : see `Ladder`. tolerance : largest certificate residual accepted [the statement's units].
@@ -96,41 +95,47 @@ class PoseTracker(VelocityController):
 
     def statement(self) -> Statement:
         """The QP of one tick; parameters q (n,), pose (16, by rows), twist (6,); memory as `VelocityController`."""
-        chain, n = self.chain, self.chain.n
-        q, last, predicted = parameter("q", n), parameter("last", n), parameter("predicted", n)
-        entries, twist = parameter("pose", 16), parameter("twist", 6)
-        pose = ca.reshape(entries, 4, 4).T
-        bounds = self.bounds(q, last)
+        n = self.chain.n
+        q, entries, twist = parameter("q", n), parameter("pose", 16), parameter("twist", 6)
+        last, predicted = parameter("last", n), parameter("predicted", n)
+        jacobian, asked, wanted = parameter("jacobian", 6 * n), parameter("asked", 6), parameter("wanted", n)
+        lower, upper, outside = parameter("lower", n), parameter("upper", n), parameter("outside", 1)
+        moves = ca.reshape(jacobian, 6, n)
 
-        weights = ca.sqrt(ca.DM(self.task_weights))
-        jacobian = ca.diag(weights) @ chain.jacobian_expression(q)
-        moving = jacobian @ ca.diag(ca.DM(~chain.locked))
-        asked = weights * self._asked_twist(chain.pose_expression(q), pose, twist)
-        deliverable = deliverable_twist(moving, asked, bounds.stop_lower, bounds.stop_upper)
-
-        velocity = variable("velocity", n, lower=bounds.lower, upper=bounds.upper)
+        velocity = variable("velocity", n, lower=lower, upper=upper)
         scale = variable("scale", 1, lower=0, upper=1)
-        error = jacobian @ velocity.symbol - scale.symbol * deliverable
+        short = velocity.symbol - scale.symbol * wanted
+        deliverable = moves @ wanted
         price = DIRECTION_KEEPING * (ca.sumsqr(deliverable) + 1e-6)
-        steadying, rest = STEADYING, ca.SX.zeros(n)
-        if self.posture is not None:
-            steadying, rest = (
-                POSTURE,
-                clipped(self._settling * (self.posture - q), -0.1 * chain.velocity, 0.1 * chain.velocity),
-            )
-        cost = ca.sumsqr(error) + steadying * ca.sumsqr(velocity.symbol - rest) + price * ca.sumsqr(scale.symbol - 1)
+        cost = ca.sumsqr(moves @ short) + STEADYING * ca.sumsqr(short) + price * ca.sumsqr(scale.symbol - 1)
         missed = ca.sumsqr(deliverable - asked) > 1e-6 * ca.sumsqr(asked)
         return Statement(
             name="pose_tracker",
             parameters=[q, entries, twist],
             variables=[velocity, scale],
             minimise=cost / 2,
-            requires=[is_rotation(pose[:3, :3])],
-            notes=self.notes(bounds, missed),
+            requires=[is_rotation(_pose(entries)[:3, :3])],
+            guess=ca.vertcat(wanted, 1),
+            prepared=[jacobian, asked, lower, upper, outside, wanted],
+            prepare=self._prepare(q, entries, twist, ca.vertcat(last, predicted)),
+            notes=self.notes(outside, missed),
             report=self.report(last, velocity.symbol, scale.symbol),
             memory=ca.vertcat(last, predicted),
             remember=self.remember(q, velocity.symbol),
         )
+
+    def _prepare(self, q: ca.SX, entries: ca.SX, twist: ca.SX, memory: ca.SX) -> ca.Function:
+        """Parameters, memory -> the prepared columns, the Jacobian and the asked twist weighted."""
+        chain, n = self.chain, self.chain.n
+        weights = ca.sqrt(ca.DM(self.task_weights))
+        jacobian = ca.diag(weights) @ chain.jacobian_expression(q)
+        asked = weights * self._asked_twist(chain.pose_expression(q), _pose(entries), twist)
+        drift = ca.SX.zeros(n)
+        if self.posture is not None:
+            slow = 0.1 * chain.velocity
+            drift = clipped(self._settling * (self.posture - q), -slow, slow) * ca.DM(~chain.locked)
+        wanted = WantedVelocity(jacobian, asked, drift, self.bounds(q, memory[:n]), locked=chain.locked)
+        return wanted.prepare(ca.vertcat(q, entries, twist), memory)
 
     def _asked_twist(self, pose: ca.SX, target: ca.SX, twist: ca.SX) -> ca.SX:
         """(6,) twist plus feedback on the pose error, slowed as a whole where a hand speed would be exceeded."""
@@ -165,7 +170,18 @@ class PoseTracker(VelocityController):
         ------
         ConfigurationError : an argument of the wrong shape.
         """
-        return self._tick(q, (pose, twist), enable, stamp)
+        try:
+            # From view to view: half of numpy's cost, and any other type or size is refused.
+            q_view, pose_view, twist_view = self._views
+            q_view[:] = q  # type: ignore[assignment]
+            pose_view[:] = pose.ravel()  # type: ignore[union-attr]
+            twist_view[:] = twist  # type: ignore[assignment]
+            usual = len(pose) == 4  # type: ignore[arg-type]
+        except (ValueError, TypeError, AttributeError):
+            usual = False
+        if not usual:
+            self._write((q, pose, twist))
+        return self._tick(enable, stamp)
 
     def unusable(self) -> str:
         """A target that is not a rigid pose."""
@@ -173,3 +189,8 @@ class PoseTracker(VelocityController):
         if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-4 or np.linalg.det(rotation) < 0:
             return "pose is not a rigid transform"
         return ""
+
+
+def _pose(entries: ca.SX) -> ca.SX:
+    """(4, 4) from its entries by rows."""
+    return ca.reshape(entries, 4, 4).T

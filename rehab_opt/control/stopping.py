@@ -35,7 +35,7 @@ class VelocityBounds(NamedTuple):
     """Bounds by the position limits alone; far away where no limit is near enough to be felt."""
     stop_upper: ca.SX
     outside: ca.SX
-    """(n,) 1 where the joint is beyond its limit."""
+    """1 where any joint is beyond its limit."""
 
 
 def velocity_bounds(chain: SerialChain, q: ca.SX, last: ca.SX, *, dt: float, return_speed: float) -> VelocityBounds:
@@ -80,7 +80,7 @@ def velocity_bounds(chain: SerialChain, q: ca.SX, last: ca.SX, *, dt: float, ret
         brake_upper=brake_upper,
         stop_lower=ca.if_else(stop_lower <= -speed, -FAR, stop_lower),
         stop_upper=ca.if_else(stop_upper >= speed, FAR, stop_upper),
-        outside=ca.logic_or(above, below),
+        outside=ca.sum1(ca.logic_or(above, below)) > 0,
     )
 
 

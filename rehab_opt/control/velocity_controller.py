@@ -16,7 +16,7 @@ from rehab_opt.control.stopping import VelocityBounds, nearest_to_rest, velocity
 from rehab_opt.control.watchdog import Watchdog
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain, per_joint
-from rehab_opt.optim.ladder import Ladder
+from rehab_opt.optim.ladder import GUESS, Ladder
 from rehab_opt.optim.qp import PLAUSIBLE, Instance, Statement
 from rehab_opt.symbolic import BufferedFunction
 
@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 SLOWED = 1e-3
 """Share by which the hand must be slower than asked for the task to count as yielding."""
 
-_FLOAT = np.dtype(np.float64)
+_OK = Status.OK
 _BOUNDS = tuple(Bound(i) for i in range(8))  # looked up, since making an IntFlag costs half a microsecond
 
 
@@ -34,7 +34,8 @@ class VelocityController(ABC):
     """A controller whose command is a joint velocity held until the next tick.
 
     A subclass states its QP. Its first parameter is q (n,), its first variables are the joint velocities (n,), and its
-    memory is the last velocity and the position it leads to (2 n,): `remember` gives both.
+    memory is the last velocity and the position it leads to (2 n,): `remember` gives both. Its `step` writes the
+    inputs into `_views`, or through `_write`, and calls `_tick`.
 
     The velocity last commanded is part of the state: a new controller is at rest, `reset` says otherwise. An object
     belongs to one thread.
@@ -64,6 +65,7 @@ class VelocityController(ABC):
         first, *others = np.split(ladder.parameters, ends[:-1])
         self._q = first
         self._inputs = tuple(part.reshape(shape) for part, shape in zip(others, self.shapes, strict=True))
+        self._views = tuple(part.data for part in (first, *others))
         self._names = tuple(symbol[0].name().rsplit("_", 1)[0] for symbol in self.stated.parameters)
         self._velocity, self._last, self._predicted = ladder.x[:n], ladder.memory[:n], ladder.memory[n:]
         self._residual, self._report, self._notes = ladder.residual.data, ladder.report.data, ladder.notes.data
@@ -90,9 +92,9 @@ class VelocityController(ABC):
         """Intervals of the joint velocities."""
         return velocity_bounds(self.chain, q, last, dt=self.dt, return_speed=self.return_speed)
 
-    def notes(self, bounds: VelocityBounds, missed: ca.SX) -> ca.SX:
+    def notes(self, outside: ca.SX, missed: ca.SX) -> ca.SX:
         """What is known before the solve: a joint is outside its limit; part of the task cannot be delivered."""
-        return int(Bound.POSITION) * (ca.sum1(bounds.outside) > 0) + int(Bound.TASK) * missed
+        return int(Bound.POSITION) * outside + int(Bound.TASK) * missed
 
     def report(self, last: ca.SX, velocity: ca.SX, scale: ca.SX) -> ca.SX:
         """What is known after it: bounds that yielded, and the scale."""
@@ -110,7 +112,7 @@ class VelocityController(ABC):
         q, last = ca.SX.sym("q", self.chain.n), ca.SX.sym("last", self.chain.n)
         bounds = self.bounds(q, last)
         rest = nearest_to_rest(bounds)
-        expressions = [self.remember(q, rest), self.report(last, rest, ca.SX(0)), self.notes(bounds, ca.SX(1))]
+        expressions = [self.remember(q, rest), self.report(last, rest, ca.SX(0)), self.notes(bounds.outside, ca.SX(1))]
         return ca.Function("braking", [q, last], [ca.densify(each) for each in expressions], {"cse": True})
 
     # -------------------------------------------------------------------------------------------------- the user's
@@ -135,13 +137,11 @@ class VelocityController(ABC):
         return self.stated.to_qpsolvers(q, *inputs, memory=self._ladder.memory)
 
     # ---------------------------------------------------------------------------------------------------- one tick
-    def _tick(self, q: ArrayLike, inputs: tuple[ArrayLike, ...], enable: object, stamp: float | None) -> Command:
+    def _tick(self, enable: object, stamp: float | None) -> Command:
+        """One step on what stands in the parameters."""
         reason = "" if stamp is None else self._watchdog.check(stamp)
         if enable is not True and enable != True:  # noqa: E712  (numpy booleans are welcome, NaN is not)
             reason = "not enabled"
-        _write(self._q, q, "q")
-        for i, value in enumerate(inputs):
-            _write(self._inputs[i], value, self._names[i + 1])
         if reason:
             return self._safe(reason)
         ladder = self._ladder
@@ -150,12 +150,29 @@ class VelocityController(ABC):
             return self._safe(self._fault())
         value = self._velocity.copy()
         value.setflags(write=False)
-        if solver is ladder.solver:
-            status, reason = Status.OK, ""
-        else:
+        status = _OK
+        if solver is not GUESS and solver != ladder.solver:
             status, reason = Status.BACKUP, f"{ladder.solver} gave no certified answer"
-        yielded = _BOUNDS[int(self._report[0]) | int(self._notes[0])]
-        return Command(value, status, solver, self._residual[0], ladder.iterations, reason, yielded, self._report[1])
+        report = self._report
+        yielded = _BOUNDS[int(report[0]) | int(self._notes[0])]
+        # What Command(...) does, without its layer of Python.
+        return tuple.__new__(
+            Command, (value, status, solver, self._residual[0], ladder.iterations, reason, yielded, report[1])
+        )
+
+    def _write(self, values: tuple[ArrayLike, ...]) -> None:
+        """Copy what is not a float array, or say what is wrong with it; numbers are judged by the certificate."""
+        for target, value, name in zip((self._q, *self._inputs), values, self._names, strict=True):
+            expected = f"real numbers of shape {target.shape}"
+            try:
+                array = np.asarray(value)
+                if array.dtype.kind not in "fiub":
+                    raise ConfigurationError(name, value, expected)
+            except (TypeError, ValueError) as problem:
+                raise ConfigurationError(name, value, expected) from problem
+            if array.shape != target.shape:
+                raise ConfigurationError(name, value, expected)
+            target[...] = array
 
     def _safe(self, reason: str) -> Command:
         """Decelerate within the bounds, from the last good position where this one is unusable."""
@@ -188,15 +205,3 @@ def checked_number(argument: str, value: float, *, above: float, below: float = 
     if isinstance(value, (int, float, np.floating, np.integer)) and above < value < below:
         return float(value)
     raise ConfigurationError(argument, value, f"a number between {above:g} and {below:g}")
-
-
-def _write(target: Array, value: ArrayLike, name: str) -> None:
-    """Copy a sensor value; its shape is the caller's business, its numbers are judged by the certificate."""
-    if value.__class__ is not np.ndarray or value.dtype is not _FLOAT:
-        try:
-            value = np.asarray(value, dtype=np.float64)
-        except (TypeError, ValueError) as problem:
-            raise ConfigurationError(name, value, f"an array of shape {target.shape}") from problem
-    if value.shape != target.shape:
-        raise ConfigurationError(name, value, f"an array of shape {target.shape}")
-    target[...] = value

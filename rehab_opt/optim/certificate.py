@@ -44,11 +44,11 @@ def certificate_function(n: int, m: int) -> ca.Function:
 
 def all_true(*conditions: ca.SX) -> ca.SX:
     """1 where every element of every condition holds, else 0; a comparison with NaN does not hold."""
-    true: ca.SX = ca.SX(1)
+    true = ca.SX(1)
     for condition in conditions:
         for i in range(condition.numel()):
             true = ca.logic_and(true, condition[i])
-    return true
+    return ca.SX(true)
 
 
 def is_certified(residual: float, tolerance: float) -> bool:

@@ -15,10 +15,12 @@ from rehab_opt.symbolic import BufferedFunction, compiled
 if TYPE_CHECKING:
     from rehab_opt.optim.backends import Backend
 
-__all__ = ["FUSED", "Ladder"]
+__all__ = ["FUSED", "GUESS", "Ladder"]
 
 FUSED = "qrqp"
 """Name of the solver inside the fused function."""
+GUESS = "closed form"
+"""Name under which the statement's certified guess answers."""
 
 
 class Ladder:
@@ -46,8 +48,8 @@ class Ladder:
         self._fused = fused.evaluate  # its memory belongs to `_buffers`
         self.parameters, self.state = fused.inputs
         self._answer, judged, self.notes, self.report = fused.outputs
-        self.residual, self.sound = judged[:1], judged[1:]
-        self._read_residual, self._read_answer = judged.data, self._answer.data
+        self.residual, self.sound = judged[:1], judged[1:2]
+        self._judged, self._read_answer = judged.data, self._answer.data
         self._write_state = self.state.data  # assignment from view to view costs half of numpy's
         self.x = self._answer[: statement.n]
         self.memory = self.state[2 * statement.n + statement.m :]
@@ -55,18 +57,20 @@ class Ladder:
         self._rungs = {name: None if name == FUSED else self._backend(name) for name in (solver, backup)}
         # The parts are made now: a first failure in the loop must not wait for a compiler. They are compiled only
         # where they serve the primary solver.
-        parts = (statement.build, statement.certify, statement.finish)
+        parts = (statement.complete, statement.build, statement.certify, statement.finish)
         wanted = compile if solver != FUSED else False
-        self._build, self._certify, self._finish = (BufferedFunction(compiled(part, compile=wanted)) for part in parts)
+        self._complete, self._build, self._certify, self._finish = (
+            BufferedFunction(compiled(part, compile=wanted)) for part in parts
+        )
 
     def __call__(self) -> str:
         """Solve at `parameters`, warm-started; name of the solver that is certified, or ""."""
         if self.solver == FUSED:
             self.iterations = -1
             self._fused()
-            if 0.0 <= self._read_residual[0] <= self.tolerance:
+            if 0.0 <= self._judged[0] <= self.tolerance:
                 self._write_state[:] = self._read_answer
-                return FUSED
+                return GUESS if self._judged[2] else FUSED
         elif self._solve_by(self.solver):
             return self.solver
         if not self.sound[0]:
@@ -89,14 +93,17 @@ class Ladder:
     def _solve_by(self, name: str) -> bool:
         if name == FUSED:
             self._fused()
-            certified = is_certified(self._read_residual[0], self.tolerance)
+            certified = is_certified(self._judged[0], self.tolerance)
             if certified:
                 self.state[:] = self._answer
             return certified
-        build, certify, finish = self._build, self._certify, self._finish
-        build.inputs[0][:], build.inputs[1][:] = self.parameters, self.memory
+        complete, build, certify, finish = self._complete, self._build, self._certify, self._finish
+        complete.inputs[0][:], complete.inputs[1][:] = self.parameters, self.memory
+        complete()
+        full = complete.outputs[0]
+        build.inputs[0][:], build.inputs[1][:] = full, self.memory
         build()
-        *qp, sound, notes = build.outputs
+        *qp, sound, notes, _ = build.outputs
         solver = self._rungs[name]
         assert solver is not None
         answer = solver.solve(Instance(*qp))
@@ -104,14 +111,14 @@ class Ladder:
             array[...] = number
         certify()
         x, residual = certify.outputs
-        for array, number in zip(finish.inputs, (self.parameters, self.memory, x), strict=True):
+        for array, number in zip(finish.inputs, (full, self.memory, x), strict=True):
             array[:] = number
         finish()
         report, memory = finish.outputs
         self._answer[:] = np.concatenate([x, *answer[1:3], memory])
         self.residual[:], self.sound[:], self.notes[:], self.report[:] = residual, sound, notes, report
         self.iterations = answer.iterations
-        if not is_certified(self._read_residual[0], self.tolerance):
+        if not is_certified(self._judged[0], self.tolerance):
             return False
         self.state[:] = self._answer
         return True

@@ -6,7 +6,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.optim.certificate import is_certified
@@ -17,6 +17,11 @@ from rehab_opt.optim.qrqp import qrqp_options, with_spare_room
 from rehab_opt.symbolic import BufferedFunction, compiled
 
 __all__ = ["NLPSolver", "nlp_solver"]
+
+Array = NDArray[np.float64]
+
+WIDENING = 1e-8
+"""fatrop moves inequality bounds outwards by this, and its option to change that is not passed on by CasADi 3.8."""
 
 
 def nlp_solver(
@@ -88,6 +93,8 @@ class NLPSolver:
         self._bounds.inputs[0][:] = self.parameters
         self._bounds()
         lower, upper, rows_lower, rows_upper = self._bounds.outputs
+        if self.name == "fatrop":
+            (lower, upper), (rows_lower, rows_upper) = _narrowed(lower, upper), _narrowed(rows_lower, rows_upper)
         iterations = -1
         if self._fast is not None:
             values = (x, self.parameters, lower, upper, rows_lower, rows_upper, y[:n], y[n:])
@@ -97,12 +104,15 @@ class NLPSolver:
             # nlpsol's outputs: x, f, g, lam_x, lam_g, lam_p
             claim, _, _, of_bounds, of_rows, _ = self._fast.outputs
         else:
-            found = self._solver(
-                x0=x, p=self.parameters, lbx=lower, ubx=upper, lbg=rows_lower, ubg=rows_upper,
-                lam_x0=y[:n], lam_g0=y[n:],
-            )  # fmt: skip
+            try:
+                found = self._solver(
+                    x0=x, p=self.parameters, lbx=lower, ubx=upper, lbg=rows_lower, ubg=rows_upper,
+                    lam_x0=y[:n], lam_g0=y[n:],
+                )  # fmt: skip
+            except RuntimeError:  # a plugin's refusal is a failure to solve, no more
+                return self._certified(x, y, -1)
             claim, of_bounds, of_rows = (found[key].full().reshape(-1) for key in ("x", "lam_x", "lam_g"))
-            iterations = -1 if self.name == "sqpmethod" else int(self._solver.stats().get("iter_count", -1))
+            iterations = -1 if self.name == "sqpmethod" else _iterations(self._solver.stats())
         return self._certified(claim, np.concatenate([of_bounds, of_rows]), iterations)
 
     def _certified(self, claim: Any, multipliers: Any, iterations: int) -> NLPAnswer:
@@ -114,6 +124,21 @@ class NLPSolver:
             x.copy(), multipliers, float(cost[0]), float(residual[0]), float(violation[0]), report.copy(),
             iterations, self.name, is_certified(float(residual[0]), self.tolerance),
         )  # fmt: skip
+
+
+def _narrowed(lower: Array, upper: Array) -> tuple[Array, Array]:
+    """Bounds that fatrop's fixed widening (1e-8, relative above 1) turns into the ones given, equalities untouched."""
+    with np.errstate(invalid="ignore"):
+        room = np.where(upper > lower, np.maximum(upper - lower, 0.0) / 4, 0.0)
+    by_lower, by_upper = (np.minimum(WIDENING * np.maximum(1.0, np.abs(bound)), room) for bound in (lower, upper))
+    return (
+        np.where(np.isfinite(lower), lower + np.where(np.isfinite(by_lower), by_lower, 0.0), lower),
+        np.where(np.isfinite(upper), upper - np.where(np.isfinite(by_upper), by_upper, 0.0), upper),
+    )
+
+
+def _iterations(stats: dict[str, Any]) -> int:
+    return int(stats.get("iter_count", stats.get("fatrop", {}).get("iterations_count", -1)))
 
 
 def _options(nlp: NLP, name: str, tolerance: float, max_iterations: int) -> dict[str, Any]:

@@ -72,7 +72,7 @@ class SQP:
         cap = self.max_iterations if max_iterations is None else max_iterations
         residual, iterations, certified = np.inf, 0, False
         p = self.parameters
-        if not p @ p <= PLAUSIBLE**2:  # ill-posed data make CasADi's virtual machine raise
+        if not np.abs(p).max(initial=0.0) <= PLAUSIBLE:  # ill-posed data make CasADi's virtual machine raise
             cap = 0
         while iterations < cap and not certified:
             # Compiled, a failed QP ends the function before it writes: the last certificate must not stand.

@@ -25,6 +25,9 @@ Array = NDArray[np.float64]
 PLAUSIBLE = 1e6
 """Parameters beyond this size, in SI units, are a broken sensor or a broken caller, not a robot."""
 
+GUESS_TOLERANCE = 1e-10
+"""Residual to which a guess counts as the answer: as exact as what the solver is asked for."""
+
 
 class Variable(NamedTuple):
     """Decision variables with their bounds; made by `variable`."""
@@ -91,6 +94,10 @@ class Statement:
     requires : conditions on the parameters without which no answer is certified.
     notes : column of parameter expressions handed through with the answer.
     report : column of expressions of parameters and variables, evaluated at the answer; keep it cheap.
+    guess : (n,) expression of the answer when no bound is active, or None. It is certified like any other answer;
+        the solver runs only where it fails.
+    prepared, prepare : columns that hold what `prepare`, a function of (parameters, memory), each one column, gives
+        for them: work that must not be repeated, or that expressions cannot leave out when it is not needed.
     memory : column standing for what the last certified tick left behind (its last velocity, say).
     remember : column of expressions of parameters and variables that becomes the next tick's memory.
 
@@ -107,6 +114,9 @@ class Statement:
     requires: Sequence[ca.SX] = ()
     notes: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
     report: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
+    guess: ca.SX | None = None
+    prepared: Sequence[ca.SX] = ()
+    prepare: ca.Function | None = None
     memory: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
     remember: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
 
@@ -129,26 +139,30 @@ class Statement:
         return int(self._rows.expression.numel())
 
     @property
+    def parameter_size(self) -> int:
+        """Length of the column of all parameters."""
+        return sum(int(symbol.numel()) for symbol in self.parameters)
+
+    @property
     def state_size(self) -> int:
         """Length of what passes from tick to tick: x, the multipliers of its bounds and of the rows, the memory."""
         return 2 * self.n + self.m + int(self.memory.numel())
 
     @cached_property
     def build(self) -> ca.Function:
-        """Parameters (one column), memory -> H, g, A, rows_lower, rows_upper, lower, upper, sound, notes."""
+        """Complete parameters, memory -> H, g, A, rows_lower, rows_upper, lower, upper, sound, notes, guess."""
         x, rows = self._x, self._rows
         origin = ca.SX.zeros(self.n)
         hessian, _ = ca.hessian(self.minimise, x)
         gradient = ca.substitute(ca.gradient(self.minimise, x), x, origin)
         matrix = ca.jacobian(rows.expression, x)
         offset = ca.substitute(rows.expression, x, origin)
-        p = self._p
-        sound = all_true(ca.fabs(p) <= PLAUSIBLE, *self.requires)
+        sound = all_true(ca.fabs(ca.vertcat(*self.parameters)) <= PLAUSIBLE, *self.requires)
         lower = ca.vertcat(*(v.lower for v in self.variables))
         upper = ca.vertcat(*(v.upper for v in self.variables))
         numbers = [hessian, gradient, matrix, rows.lower - offset, rows.upper - offset, lower, upper, sound, self.notes]
-        outputs = [ca.densify(each) for each in numbers]
-        return ca.Function(f"{self.name}_build", [p, self.memory], outputs, {"cse": True})
+        outputs = [ca.densify(each) for each in (*numbers, origin if self.guess is None else self.guess)]
+        return ca.Function(f"{self.name}_build", [self._p, self.memory], outputs, {"cse": True})
 
     @cached_property
     def certify(self) -> ca.Function:
@@ -162,32 +176,64 @@ class Statement:
         return ca.Function(f"{self.name}_finish", [self._p, self.memory, self._x], outputs, {"cse": True})
 
     @cached_property
+    def complete(self) -> ca.Function:
+        """Parameters, memory -> the same parameters with the prepared ones behind, in one column."""
+        p, memory = ca.MX.sym("p", self.parameter_size), ca.MX.sym("memory", self.memory.numel())
+        full = p if self.prepare is None else ca.vertcat(p, self.prepare(p, memory))
+        return ca.Function(f"{self.name}_complete", [p, memory], [full])
+
+    @cached_property
     def fused(self) -> ca.Function:
-        """Parameters, state -> state, (residual, sound), notes, report: kinematics, solve, certificate in one function.
+        """Parameters, state -> state, judged, notes, report: kinematics, solve and certificate in one function.
 
         A state stacks x (n,), the multipliers of its bounds (n,) and of the rows (m,), and the memory: the warm start
-        and all that is known of the last tick. The solver is CasADi's qrqp, an active-set method that generates C.
+        and all that is known of the last tick. Judged are the residual, whether the parameters are sound, and whether
+        the guess answered. The solver is CasADi's qrqp, an active-set method that generates C.
         """
-        p, last = ca.MX.sym("p", self._p.numel()), ca.MX.sym("last", self.state_size)
-        ends = [0, self.n, 2 * self.n, 2 * self.n + self.m, self.state_size]
-        x0, bounds0, rows0, memory = ca.vertsplit(last, ends)
-        hessian, gradient, matrix, rows_lower, rows_upper, lower, upper, sound, notes = self.build(p, memory)
-        solution = qrqp(f"{self.name}_qp", self.n, self.m)(
+        n, m = self.n, self.m
+        p, last = ca.MX.sym("p", self.parameter_size), ca.MX.sym("last", self.state_size)
+        start, memory = last[: 2 * n + m], last[2 * n + m :]
+        full = self.complete(p, memory)
+        *data, notes, guess = self.build(full, memory)
+        guessed, residual = self.certify(*data, guess, ca.MX.zeros(n), ca.MX.zeros(m))
+        answered = residual <= GUESS_TOLERANCE if self.guess is not None else ca.MX(0)
+        held = ca.vertcat(guessed, ca.MX.zeros(n + m), residual)
+        answer = ca.Function.if_else(f"{self.name}_unless", self._passed(), self._solved())(
+            answered, held, start, *data
+        )
+        x = answer[:n]
+        report, memory = self.finish(full, memory, x)
+        state, judged = ca.vertcat(answer[: 2 * n + m], memory), ca.vertcat(answer[2 * n + m], data[-1], answered)
+        return ca.Function(self.name, [p, last], [state, judged, notes, report])
+
+    def _passed(self) -> ca.Function:
+        """Guess with its multipliers and residual, start, data -> the guess."""
+        guess, start, *data = self._answer_inputs()
+        return ca.Function(f"{self.name}_passed", [guess, start, *data], [guess])
+
+    def _solved(self) -> ca.Function:
+        """Guess, start, data -> x, multipliers and residual of qrqp."""
+        n, m = self.n, self.m
+        guess, start, *data = self._answer_inputs()
+        hessian, gradient, matrix, rows_lower, rows_upper, lower, upper, _ = data
+        solution = qrqp(f"{self.name}_qp", n, m)(
             h=hessian, g=gradient, a=matrix, lba=rows_lower, uba=rows_upper, lbx=lower, ubx=upper,
-            x0=x0, lam_x0=bounds0, lam_a0=rows0,
+            x0=start[:n], lam_x0=start[n : 2 * n], lam_a0=start[2 * n :],
         )  # fmt: skip
-        x, residual = self.certify(
-            hessian, gradient, matrix, rows_lower, rows_upper, lower, upper, sound,
-            solution["x"], solution["lam_x"], solution["lam_a"],
-        )  # fmt: skip
-        report, memory = self.finish(p, memory, x)
-        state = ca.vertcat(x, solution["lam_x"], solution["lam_a"], memory)
-        return ca.Function(self.name, [p, last], [state, ca.vertcat(residual, sound), notes, report])
+        x, residual = self.certify(*data, solution["x"], solution["lam_x"], solution["lam_a"])
+        answer = ca.vertcat(x, solution["lam_x"], solution["lam_a"], residual)
+        return ca.Function(f"{self.name}_solved", [guess, start, *data], [answer])
+
+    def _answer_inputs(self) -> list[ca.MX]:
+        sizes = [2 * self.n + self.m + 1, 2 * self.n + self.m]
+        data = [ca.MX.sym("data", self.build.sparsity_out(i)) for i in range(8)]
+        return [*(ca.MX.sym("held", size) for size in sizes), *data]
 
     def instance(self, *parameters: ArrayLike, memory: ArrayLike = ()) -> Instance:
         """The numbers at given parameter and memory values, for inspection."""
         p = np.concatenate([np.asarray(each, dtype=np.float64).reshape(-1) for each in parameters])
-        columns = [np.array(each, dtype=np.float64) for each in self.build(p, np.asarray(memory, dtype=np.float64))[:7]]
+        remembered = np.asarray(memory, dtype=np.float64)
+        columns = [np.array(each) for each in self.build(self.complete(p, remembered), remembered)[:7]]
         return Instance(*(c if i in (0, 2) else c.reshape(-1) for i, c in enumerate(columns)))
 
     def to_qpsolvers(self, *parameters: ArrayLike, memory: ArrayLike = ()) -> qpsolvers.Problem:
@@ -202,7 +248,7 @@ class Statement:
 
     @cached_property
     def _p(self) -> ca.SX:
-        return ca.vertcat(*self.parameters)
+        return ca.vertcat(*self.parameters, *self.prepared)
 
     @cached_property
     def _rows(self) -> Row:
