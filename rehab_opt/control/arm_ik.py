@@ -17,6 +17,7 @@ from rehab_opt.control.posture import History, PostureCost, Quadratic
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.optim.nlp import NLPAnswer
+from rehab_opt.optim.nlp_solvers import checked_name
 
 __all__ = ["ArmIK", "IKPath", "IKSolution"]
 
@@ -86,6 +87,8 @@ class ArmIK:
                 raise ConfigurationError(name, value, "a positive whole number")
         if not 0 < tolerance <= POSITION_TOLERANCE:
             raise ConfigurationError("tolerance", tolerance, f"a number above 0, at most {POSITION_TOLERANCE}")
+        checked_name("solver", solver)
+        checked_name("backup", backup)
         self._arguments: dict[str, Any] = {
             "handle_tilt": handle_tilt, "posture_cost": dict(posture_cost), "rest": rest, "solver": solver,
             "backup": backup, "tolerance": tolerance, "starts": starts, "nearest_starts": nearest_starts,

@@ -16,12 +16,19 @@ from rehab_opt.optim.nlp_sqp import SQP
 from rehab_opt.optim.qrqp import qrqp_options, with_spare_room
 from rehab_opt.symbolic import BufferedFunction, compiled
 
-__all__ = ["NLPSolver", "nlp_solver"]
+__all__ = ["NLPSolver", "checked_name", "nlp_solver"]
 
 Array = NDArray[np.float64]
 
 WIDENING = 1e-8
 """fatrop moves inequality bounds outwards by this, and its option to change that is not passed on by CasADi 3.8."""
+
+
+def checked_name(argument: str, name: object) -> str:
+    """`name`, if it is that of a solver."""
+    if not (isinstance(name, str) and (name == SQP.name or (name.isidentifier() and ca.has_nlpsol(name)))):
+        raise ConfigurationError(argument, name, "'sqp', 'ipopt', 'fatrop', 'sqpmethod' or another of CasADi's")
+    return name
 
 
 def nlp_solver(
@@ -66,8 +73,7 @@ class NLPSolver:
         max_iterations: int = 200,
         compile: bool | None = None,
     ) -> None:
-        if not (isinstance(name, str) and name.isidentifier() and ca.has_nlpsol(name)):
-            raise ConfigurationError("solver", name, "'sqp', 'ipopt', 'fatrop', 'sqpmethod' or another of CasADi's")
+        checked_name("solver", name)
         if not 0 < tolerance < 1:
             raise ConfigurationError("tolerance", tolerance, "a number between 0 and 1")
         self.nlp, self.name, self.tolerance = nlp, name, float(tolerance)

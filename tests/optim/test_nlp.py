@@ -160,8 +160,8 @@ def test_a_convexified_hessian_is_positive_definite_and_unchanged_where_it_was(
 
 def test_both_ways_of_evaluation_give_the_same_numbers() -> None:
     answers = []
-    for compile in (False, True):
-        solver = nlp_solver(valley(sum_to=1.2), "sqp", compile=compile)
+    for wanted in (False, True):
+        solver = nlp_solver(valley(sum_to=1.2), "sqp", compile=wanted)
         solver.parameters[:] = 7.0
         answers.append(solver.solve([0.5, 0.2]))
     np.testing.assert_allclose(answers[0].x, answers[1].x, atol=1e-12)

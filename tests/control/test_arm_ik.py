@@ -1,0 +1,475 @@
+"""Inverse kinematics: the hand in place, the handle upright, no joint outside its limits, whatever is asked."""
+
+import math
+import pickle
+from collections.abc import Callable
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from rehab_opt import ConfigurationError, SerialChain, human_arm, ur5
+from rehab_opt.control.arm_ik import ArmIK, IKPath, IKSolution
+from rehab_opt.control.command import Status
+from rehab_opt.kinematics.human_arm import ARM_JOINTS, ARM_REST
+
+Array = NDArray[np.float64]
+TILT = math.radians(2.0)
+HOSTILE = [0.0, -0.2, 0.4, math.nan, math.inf, -math.inf, 1e300, -1e300, 5e-324]
+
+
+def forward(arm: SerialChain) -> Callable[[Array], tuple[Array, Array]]:
+    """Hand and handle axis by plain numpy, row by row."""
+
+    def at(q: Array) -> tuple[Array, Array]:
+        pose = arm.base.copy()
+        for row, value in zip(arm.rows, q, strict=True):
+            theta, d = (row.theta, row.d + value) if row.prismatic else (row.theta + value, row.d)
+            ct, st_, cal, sal = math.cos(theta), math.sin(theta), math.cos(row.alpha), math.sin(row.alpha)
+            pose = pose @ np.array(
+                [
+                    [ct, -st_ * cal, st_ * sal, row.a * ct],
+                    [st_, ct * cal, -ct * sal, row.a * st_],
+                    [0, sal, cal, d],
+                    [0, 0, 0, 1],
+                ]
+            )
+        pose = pose @ arm.tool
+        return pose[:3, 3], pose[:3, 0]
+
+    return at
+
+
+def reachable(arm: SerialChain, count: int, *, tilt: float | None = TILT, seed: int = 0) -> tuple[Array, Array]:
+    """Hands (count, 3) and postures (count, n) of random postures within the limits and the tilt."""
+    x = ca.SX.sym("q", arm.n)
+    pose = arm.pose_expression(x)
+    at = ca.Function("at", [x], [pose[:3, 3], pose[2, 0]])
+    rng = np.random.default_rng(seed)
+    hands, postures = np.zeros((0, 3)), np.zeros((0, arm.n))
+    while len(hands) < count:
+        q = arm.lower + (arm.upper - arm.lower) * rng.random((5000, arm.n))
+        hand, upright = at(q.T)
+        good = upright.full()[0] > (-2 if tilt is None else math.cos(tilt))
+        hands, postures = np.vstack([hands, hand.full().T[good]]), np.vstack([postures, q[good]])
+    return hands[:count], postures[:count]
+
+
+def assert_safe(arm: SerialChain, answer: IKSolution, tilt: float | None, target: Array | None = None) -> None:
+    """What must hold of every answer."""
+    assert answer.q.shape == (arm.n,)
+    assert np.all(np.isfinite(answer.q))
+    assert np.all(answer.q >= arm.lower)
+    assert np.all(answer.q <= arm.upper)
+    hand, axis = forward(arm)(answer.q)
+    assert answer.handle_tilt == pytest.approx(math.atan2(math.hypot(axis[0], axis[1]), axis[2]), abs=1e-9)
+    if target is not None and np.all(np.isfinite(target)):
+        assert answer.position_error == pytest.approx(math.dist(hand, target), abs=1e-9, rel=1e-9)
+    if answer.status.certified:
+        assert answer.position_error <= 1e-6
+        assert tilt is None or answer.handle_tilt <= tilt + 2e-9
+        assert answer.status is Status.BACKUP or 0 <= answer.residual <= 1e-9
+    assert (answer.status is Status.OK) == (answer.reason == "")
+
+
+@pytest.fixture(scope="module", params=["regular", "restricted"])
+def arm(request: pytest.FixtureRequest) -> SerialChain:
+    return human_arm(range_of_motion=request.param)
+
+
+@pytest.fixture(scope="module")
+def ik(arm: SerialChain) -> ArmIK:
+    return ArmIK(arm)
+
+
+class TestReachable:
+    def test_every_random_reachable_target_is_solved(self, arm: SerialChain, ik: ArmIK) -> None:
+        for target in reachable(arm, 60)[0]:
+            answer = ik.solve(target)
+            assert answer.status is Status.OK
+            assert_safe(arm, answer, TILT, target)
+
+    def test_no_random_start_finds_a_better_posture(self, arm: SerialChain, ik: ArmIK) -> None:
+        free = ~arm.locked
+        weight = np.where(free, 1 / np.clip(arm.upper - arm.lower, 0.1, 2 * math.pi) ** 2, 0)
+        rest = np.clip(ARM_REST, arm.lower, arm.upper)
+        at = forward(arm)
+        rng = np.random.default_rng(4)
+        for target in reachable(arm, 3, seed=8)[0]:
+            answer = ik.solve(target)
+            best = math.inf
+            for _ in range(6):
+                found = minimize(
+                    lambda q: 0.5 * weight @ (q - rest) ** 2,
+                    rng.uniform(arm.lower, arm.upper),
+                    jac=lambda q: weight * (q - rest),
+                    bounds=list(zip(arm.lower, arm.upper, strict=True)),
+                    constraints=[
+                        {"type": "eq", "fun": lambda q, target=target: at(q)[0] - target},
+                        {"type": "ineq", "fun": lambda q: at(q)[1][2] - math.cos(TILT)},
+                    ],
+                    options={"maxiter": 100},
+                    method="SLSQP",
+                )
+                if found.success and np.linalg.norm(at(found.x)[0] - target) < 1e-6:
+                    best = min(best, found.fun)
+            assert answer.cost <= best * (1 + 1e-3) + 1e-9
+
+    def test_the_answer_is_stationary_by_finite_differences(self, arm: SerialChain, ik: ArmIK) -> None:
+        """No admissible direction lowers the cost: the gradient lies in the span of the active normals."""
+        at = forward(arm)
+        rest = np.clip(ARM_REST, arm.lower, arm.upper)
+        weight = 1 / np.clip(arm.upper - arm.lower, 0.1, 2 * math.pi) ** 2
+        free = np.flatnonzero(~arm.locked)
+        for target in reachable(arm, 5, seed=21)[0]:
+            q = ik.solve(target).q
+            rows = []
+            for i in free:
+                step = np.zeros(arm.n)
+                step[i] = 1e-6
+                (ahead, up), (behind, down) = at(q + step), at(q - step)
+                rows.append(np.append(ahead - behind, up[2] - down[2]) / 2e-6)
+            normals = [np.array(rows)]
+            normals += [np.eye(len(free))[:, [k]] for k, i in enumerate(free) if q[i] in (arm.lower[i], arm.upper[i])]
+            span = np.hstack(normals)
+            gradient = (weight * (q - rest))[free]
+            rest_of_it = gradient - span @ np.linalg.lstsq(span, gradient, rcond=None)[0]
+            np.testing.assert_allclose(rest_of_it, 0, atol=1e-6 * max(1.0, np.abs(gradient).max()))
+
+    def test_a_start_is_kept_to(self, arm: SerialChain, ik: ArmIK) -> None:
+        target = reachable(arm, 1)[0][0]
+        first = ik.solve(target)
+        again = ik.solve(target + 1e-4, start=first.q)
+        assert np.abs(again.q - first.q).max() < 0.05
+
+    def test_answers_are_the_same_twice_and_in_another_order(self, arm: SerialChain) -> None:
+        targets = reachable(arm, 6)[0]
+        one, other = ArmIK(arm), ArmIK(arm)
+        forth = [one.solve(target).q for target in targets]
+        back = [other.solve(target).q for target in targets[::-1]][::-1]
+        np.testing.assert_array_equal(forth, back)
+
+    def test_compiled_code_and_virtual_machine_agree(self, arm: SerialChain) -> None:
+        targets = reachable(arm, 20, seed=5)[0]
+        fast, slow = ArmIK(arm, compile=True), ArmIK(arm, compile=False)
+        np.testing.assert_allclose(
+            [fast.solve(target).q for target in targets], [slow.solve(target).q for target in targets], atol=1e-9
+        )
+
+
+class TestLadder:
+    @pytest.mark.parametrize("backup", ["ipopt", "fatrop"])
+    def test_the_backup_answers_where_the_primary_cannot(self, arm: SerialChain, backup: str) -> None:
+        ik = ArmIK(arm, backup=backup, compile=False)
+        search = ik._search
+        assert search is not None
+        search._solver(search.statements.posture, "primary").max_iterations = 0  # type: ignore[union-attr]
+        for target in reachable(arm, 4)[0]:
+            answer = ik.solve(target)
+            assert answer.status is Status.BACKUP
+            assert_safe(arm, answer, TILT, target)
+
+    def test_with_no_solver_for_the_cost_the_hand_is_still_in_place(self, arm: SerialChain) -> None:
+        ik = ArmIK(arm, backup="sqp", compile=False)
+        search = ik._search
+        assert search is not None
+        for rung in ("primary", "backup"):
+            search._solver(search.statements.posture, rung).max_iterations = 0  # type: ignore[union-attr]
+        target = reachable(arm, 1)[0][0]
+        answer = ik.solve(target)
+        assert answer.status is Status.BACKUP
+        assert "not certified" in answer.reason
+        assert_safe(arm, answer, TILT, target)
+
+    def test_with_no_solver_at_all_it_holds(self, arm: SerialChain) -> None:
+        ik = ArmIK(arm, backup="sqp", compile=False)
+        search = ik._search
+        assert search is not None
+        for rung in ("primary", "backup"):
+            for nlp in (search.statements.posture, search.statements.nearest):
+                search._solver(nlp, rung).max_iterations = 0  # type: ignore[union-attr]
+        answer = ik.solve([0.0, 0.4, -0.2])
+        assert answer.status is Status.HOLDING
+        assert_safe(arm, answer, TILT)
+
+    @pytest.mark.parametrize("solver", ["sqpmethod", "ipopt", "fatrop"])
+    def test_every_solver_can_be_the_primary_one(self, arm: SerialChain, solver: str) -> None:
+        ik, other = ArmIK(arm), ArmIK(arm, solver=solver, compile=False)
+        for target in reachable(arm, 3, seed=2)[0]:
+            answer = other.solve(target)
+            assert_safe(arm, answer, TILT, target)
+            assert answer.status.certified
+            np.testing.assert_allclose(answer.cost, ik.solve(target).cost, rtol=1e-6, atol=1e-9)
+
+
+class TestUnreachable:
+    def test_nothing_nearer_is_found_from_random_starts(self, arm: SerialChain, ik: ArmIK) -> None:
+        """Against scipy's SLSQP; the campaign in bench/ does it with ipopt from 200 starts."""
+        at, rng = forward(arm), np.random.default_rng(6)
+        hands = reachable(arm, 200)[0]
+        tried = 0
+        while tried < 4:
+            target = hands[rng.integers(200)] + rng.normal(size=3) * 0.15
+            answer = ik.solve(target)
+            assert_safe(arm, answer, TILT, target)
+            if answer.status.certified:
+                continue
+            tried += 1
+            assert answer.status is Status.UNREACHABLE
+            assert answer.handle_tilt <= TILT + 2e-9
+            for _ in range(6):
+                found = minimize(
+                    lambda q, target=target: 50 * np.sum((at(q)[0] - target) ** 2),
+                    rng.uniform(arm.lower, arm.upper),
+                    bounds=list(zip(arm.lower, arm.upper, strict=True)),
+                    constraints={"type": "ineq", "fun": lambda q: at(q)[1][2] - math.cos(TILT)},
+                    options={"maxiter": 60},
+                    method="SLSQP",
+                )
+                hand, axis = at(np.clip(found.x, arm.lower, arm.upper))
+                if axis[2] >= math.cos(TILT):
+                    assert answer.position_error <= np.linalg.norm(hand - target) + 1e-6
+
+    @pytest.mark.parametrize("distance", [1.0, 1e3, 1e9, 1e300])
+    def test_a_target_however_far_yields_the_posture_towards_it(
+        self, arm: SerialChain, ik: ArmIK, distance: float
+    ) -> None:
+        answer = ik.solve([distance, 0.0, 0.0])
+        assert answer.status is Status.UNREACHABLE
+        assert "out of reach" in answer.reason
+        assert_safe(arm, answer, TILT, np.array([distance, 0.0, 0.0]))
+        if distance > 1e2:
+            furthest = reachable(arm, 300)[0][:, 0].max()
+            assert forward(arm)(answer.q)[0][0] >= furthest - 1e-3
+
+    def test_a_tilt_nobody_can_hold_yields_the_most_upright_posture(self) -> None:
+        ranges = dict.fromkeys(ARM_JOINTS, (0.0, 0.2)) | {"shoulder_adduction": (1.4, 1.6)}
+        arm = human_arm(range_of_motion=ranges)
+        answer = ArmIK(arm, compile=False).solve([0.0, 0.3, -0.3])
+        assert answer.status is Status.UNREACHABLE
+        assert "most upright" in answer.reason
+        assert_safe(arm, answer, None)
+        _, postures = reachable(arm, 2000, tilt=None)
+        at = forward(arm)
+        assert math.cos(answer.handle_tilt) >= max(at(q)[1][2] for q in postures)
+
+
+class TestHandle:
+    @pytest.mark.parametrize("tilt_deg", [0.0, 1e-4, 0.1, 1.0, 30.0, 90.0, 150.0, 180.0])
+    def test_any_tilt_is_held_and_never_upside_down(self, tilt_deg: float) -> None:
+        arm, tilt = human_arm(), math.radians(tilt_deg)
+        ik = ArmIK(arm, handle_tilt=tilt, compile=False)
+        at = forward(arm)
+        # Targets that are reachable at this tilt: where the least posture for a looser one ends up.
+        for target in reachable(arm, 4)[0]:
+            answer = ik.solve(target)
+            assert_safe(arm, answer, tilt, target)
+            assert answer.handle_tilt <= tilt + 2e-9
+            again = ik.solve(at(answer.q)[0])
+            assert again.position_error <= 1e-6
+
+    def test_without_the_constraint_more_is_reached(self) -> None:
+        arm = human_arm()
+        targets = reachable(arm, 10, tilt=None)[0]
+        ik = ArmIK(arm, handle_tilt=None, compile=False)
+        assert all(ik.solve(target).status is Status.OK for target in targets)
+
+    def test_exact_alignment_is_refused_where_the_restricted_range_lacks_it(self) -> None:
+        arm = human_arm(range_of_motion="restricted")
+        answer = ArmIK(arm, handle_tilt=0.0, compile=False).solve(reachable(arm, 1)[0][0])
+        assert answer.status is Status.UNREACHABLE
+        assert answer.handle_tilt > 1e-4
+
+
+class TestArms:
+    @given(
+        centre=st.lists(st.floats(-0.6, 0.6), min_size=8, max_size=8),
+        width=st.lists(st.sampled_from([0.0, 0.0, 1e-9, 1e-4, 0.05, 0.4, 1.2]), min_size=8, max_size=8),
+        segments=st.lists(st.floats(0.05, 0.5), min_size=4, max_size=4),
+        side=st.sampled_from(["left", "right"]),
+        tilt=st.sampled_from([None, 0.0, 0.01, TILT, 0.5, 3.0, math.pi]),
+        seed=st.integers(0, 99),
+    )
+    @settings(max_examples=40, deadline=None)
+    def test_any_arm_answers_safely_and_reaches_where_it_has_been(
+        self,
+        *,
+        centre: list[float],
+        width: list[float],
+        segments: list[float],
+        side: str,
+        tilt: float | None,
+        seed: int,
+    ) -> None:
+        middle = np.deg2rad([0, 0, 80, 50, 30, 20, -38, 40]) + np.array(centre) * 0.5
+        ranges = {name: (m - w / 2, m + w / 2) for name, m, w in zip(ARM_JOINTS, middle, width, strict=True)}
+        arm = human_arm(range_of_motion=ranges, segments=segments, side=side)  # type: ignore[arg-type]
+        ik = ArmIK(arm, handle_tilt=tilt, compile=False, table_size=512)
+        at, rng = forward(arm), np.random.default_rng(seed)
+        q = rng.uniform(arm.lower, arm.upper)
+        hand, axis = at(q)
+        answer = ik.solve(hand)
+        assert_safe(arm, answer, tilt, hand)
+        held = tilt is None or math.atan2(math.hypot(axis[0], axis[1]), axis[2]) <= tilt
+        if held:
+            assert answer.status.certified
+        else:  # wherever it went, it can go again
+            again = ik.solve(at(answer.q)[0])
+            assert again.position_error <= 1e-6 or "most upright" in again.reason
+
+    def test_locked_joints_do_not_move(self) -> None:
+        arm = human_arm(range_of_motion="restricted")
+        answer = ArmIK(arm, compile=False).solve(reachable(arm, 1)[0][0])
+        np.testing.assert_array_equal(answer.q[arm.locked], arm.lower[arm.locked])
+
+    def test_an_arm_that_cannot_move_says_so(self) -> None:
+        arm = human_arm(range_of_motion=dict.fromkeys(ARM_JOINTS, (0.3, 0.3)))
+        hand, axis = forward(arm)(arm.lower)
+        ik = ArmIK(arm, handle_tilt=None)
+        assert ik.solve(hand).status is Status.OK
+        away = ik.solve(hand + 0.1)
+        assert away.status is Status.UNREACHABLE
+        assert away.position_error == pytest.approx(0.1 * math.sqrt(3))
+        assert ik.follow([hand, hand + 0.1]).status == [Status.OK, Status.UNREACHABLE]
+        assert ArmIK(arm, handle_tilt=0.0).solve(hand).status is Status.UNREACHABLE
+        assert axis[2] < 1
+
+    def test_mirrored_targets_give_the_same_joint_angles(self) -> None:
+        left, right = ArmIK(human_arm(), compile=False), ArmIK(human_arm(side="right"), compile=False)
+        for target in reachable(left.arm, 5)[0]:
+            np.testing.assert_allclose(left.solve(target).q, right.solve(target * [-1, 1, 1]).q, atol=1e-6)
+
+    def test_a_robot_is_a_chain_too(self) -> None:
+        robot = ur5()
+        ik = ArmIK(robot, handle_tilt=None, compile=False)
+        for target in reachable(robot, 15, tilt=None)[0]:
+            answer = ik.solve(target)
+            assert answer.status.certified
+            assert_safe(robot, answer, None, target)
+
+    def test_the_base_may_stand_anywhere(self) -> None:
+        base = np.eye(4)
+        base[:3, 3] = 3.0, -2.0, 1.0
+        robot, plain = ur5(base=base), ur5()
+        target = np.array([0.3, 0.2, 0.4])
+        moved = ArmIK(robot, handle_tilt=None, compile=False).solve(target + base[:3, 3])
+        here = ArmIK(plain, handle_tilt=None, compile=False).solve(target)
+        assert moved.status.certified
+        np.testing.assert_allclose(moved.cost, here.cost, rtol=0.5)
+
+
+class TestHostile:
+    @given(position=st.lists(st.sampled_from(HOSTILE), min_size=3, max_size=3), start=st.sampled_from([None, *HOSTILE]))
+    @settings(max_examples=60, deadline=None)
+    def test_no_number_is_too_strange(self, position: list[float], start: float | None) -> None:
+        answer = SHARED.solve(position, start=None if start is None else np.full(8, start))
+        assert_safe(SHARED.arm, answer, TILT, np.array(position))
+        assert (answer.status is Status.HOLDING) == (not np.all(np.isfinite(position)))
+
+    @given(path=st.lists(st.lists(st.sampled_from(HOSTILE), min_size=3, max_size=3), max_size=6))
+    @settings(max_examples=20, deadline=None)
+    def test_no_path_is_too_strange(self, path: list[list[float]]) -> None:
+        followed = SHARED.follow(np.array(path).reshape(-1, 3))
+        assert followed.q.shape == (len(path), 8)
+        assert np.all((followed.q >= SHARED.arm.lower) & (followed.q <= SHARED.arm.upper))
+
+    @pytest.mark.parametrize("posture", ["straight", "rest", "corner"])
+    def test_a_singular_posture_is_solved_from_itself(self, posture: str) -> None:
+        arm = human_arm().with_limits(lower=-np.pi, upper=np.pi + 1e-3)
+        q = {"straight": np.array([np.pi, 0, np.pi / 2, 0, 0, 0, 0, 0]), "rest": ARM_REST, "corner": arm.lower}[posture]
+        ik = ArmIK(arm, handle_tilt=None, compile=False)
+        hand = forward(arm)(np.asarray(q))[0]
+        answer = ik.solve(hand, start=q)
+        assert_safe(arm, answer, None, hand)
+        assert answer.status.certified
+
+    @pytest.mark.parametrize("position", [[0, 0], [[0, 0, 0]], "here", None, [0, 0, 0, 0]])
+    def test_a_wrong_shape_is_named(self, position: object) -> None:
+        with pytest.raises(ConfigurationError, match="position"):
+            SHARED.solve(position)  # type: ignore[arg-type]
+        with pytest.raises(ConfigurationError, match="path"):
+            SHARED.follow(position if position != [[0, 0, 0]] else [0, 0, 0])  # type: ignore[arg-type]
+        with pytest.raises(ConfigurationError, match="start"):
+            SHARED.solve([0, 0, 0], start=[0, 0])
+
+    @pytest.mark.parametrize(
+        ("name", "value"),
+        [
+            ("handle_tilt", -0.1), ("handle_tilt", 3.2), ("handle_tilt", math.nan), ("starts", 0), ("table_size", 0),
+            ("tolerance", 0.0), ("tolerance", math.nan), ("rest", [0.0]), ("solver", "nonesuch"),
+            ("backup", "nonesuch"), ("posture_cost", {}), ("posture_cost", {"comfort": 1.0}),
+            ("posture_cost", {"rest": -1.0}), ("posture_cost", {"rest": math.nan}), ("posture_cost", {"rest": "much"}),
+            ("posture_cost", {"displacement": {"knee": 1.0}}), ("posture_cost", {"manipulability": {"elbow": 1.0}}),
+        ],
+    )  # fmt: skip
+    def test_an_argument_that_cannot_be_used_is_named(self, name: str, value: object) -> None:
+        with pytest.raises(ConfigurationError) as caught:
+            ArmIK(human_arm(), **{name: value})  # type: ignore[arg-type]
+        assert name in caught.value.argument or caught.value.argument in ("solver", "posture_cost")
+
+
+SHARED = ArmIK(human_arm(), compile=False)
+
+
+ANGLE = np.linspace(0, 2 * np.pi, 300)
+CIRCLE = np.array([-0.15, 0.45, -0.24]) + 0.03 * np.c_[np.cos(ANGLE), np.sin(ANGLE), 0 * ANGLE]
+
+
+class TestFollow:
+    def test_a_reachable_path_is_followed_without_a_jump(self) -> None:
+        path = ArmIK(human_arm()).follow(CIRCLE)
+        at = forward(human_arm())
+        assert path.status == [Status.OK] * 300
+        assert path.reached == 1.0
+        np.testing.assert_allclose([at(q)[0] for q in path.q], CIRCLE, atol=1e-6)
+        assert path.handle_tilt.max() <= TILT + 2e-9
+        assert path.largest_step < 0.02
+        assert path.residual.max() <= 1e-9
+        assert np.all(path.seconds > 0)
+
+    def test_a_path_that_leaves_the_reachable_set_is_rejoined(self) -> None:
+        arm = human_arm(range_of_motion="restricted")
+        inside = reachable(arm, 1, seed=3)[0][0]
+        away = inside + np.array([0.0, 0.15, 0.0])
+        share = np.abs(np.linspace(-1, 1, 121))[:, None]
+        path = ArmIK(arm).follow(share * inside + (1 - share) * away)
+        assert path.status[0] is path.status[-1] is Status.OK
+        assert path.status[60] is Status.UNREACHABLE
+        assert path.position_error[60] > 0.05
+        single = ArmIK(arm).solve(away)
+        assert path.position_error[60] == pytest.approx(single.position_error, abs=1e-6)
+        assert path.handle_tilt.max() <= TILT + 2e-9
+
+    def test_a_jump_of_the_hand_shows_as_a_jump_of_the_joints(self) -> None:
+        arm = human_arm()
+        hands = reachable(arm, 2, seed=1)[0]
+        path: IKPath = ArmIK(arm, compile=False).follow([hands[0], hands[0], hands[1], hands[1]])
+        assert path.status == [Status.OK] * 4
+        assert path.largest_step == path.steps[1]
+        assert path.steps[1] > 10 * max(path.steps[0], path.steps[2], 1e-9)
+
+    def test_a_start_is_taken_up(self) -> None:
+        ik = ArmIK(human_arm(), compile=False)
+        first = ik.solve(CIRCLE[0])
+        followed = ik.follow(CIRCLE[:5], start=first.q)
+        np.testing.assert_allclose(followed.q[0], first.q, atol=1e-6)
+
+    def test_an_empty_path_is_followed(self) -> None:
+        path = SHARED.follow(np.zeros((0, 3)))
+        assert path.q.shape == (0, 8)
+        assert path.largest_step == 0.0
+
+    def test_a_single_bad_sample_does_not_end_a_path(self) -> None:
+        broken = CIRCLE[:9].copy()
+        broken[4] = np.nan
+        path = SHARED.follow(broken)
+        assert path.status == [Status.OK] * 4 + [Status.HOLDING] + [Status.OK] * 4
+        np.testing.assert_array_equal(path.q[4], path.q[3])
+
+    def test_a_pickled_solver_gives_the_same_answers(self) -> None:
+        copy = pickle.loads(pickle.dumps(SHARED))
+        np.testing.assert_array_equal(copy.solve(CIRCLE[0]).q, SHARED.solve(CIRCLE[0]).q)
