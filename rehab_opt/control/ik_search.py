@@ -25,6 +25,8 @@ CANDIDATES = 32
 """Table entries nearest to the target that are ranked by what they cost."""
 DISTANCE_PRICE = 20.0
 """[1/m] by which a candidate's distance counts beside its posture cost, when ranked."""
+SHARPNESS = 100.0
+"""[1/m^2] Weight of the squared distance: where the hand hardly moves, tolerances must still mean micrometres."""
 FAR = 1e4
 """[m] Targets further away are moved here along their direction: beyond, squares lose the arm in rounding."""
 
@@ -207,7 +209,7 @@ class IKSearch:
 
     def _nearest_parameters(self, target: Array) -> Array:
         distance = float(np.linalg.norm(target))
-        return np.concatenate([self._fixed, target, [1.0 / max(1.0, distance)]])
+        return np.concatenate([self._fixed, target, [SHARPNESS / max(1.0, distance)]])
 
     def _better(self, best: NLPAnswer | None, other: NLPAnswer, margin: float) -> NLPAnswer | None:
         """The one that is closer by more than `margin` [m], of those that hold the handle; certified or not."""

@@ -100,15 +100,16 @@ class PoseTracker(VelocityController):
         last, predicted = parameter("last", n), parameter("predicted", n)
         jacobian, asked, wanted = parameter("jacobian", 6 * n), parameter("asked", 6), parameter("wanted", n)
         lower, upper, outside = parameter("lower", n), parameter("upper", n), parameter("outside", 1)
+        delivered = parameter("delivered", 6)
         moves = ca.reshape(jacobian, 6, n)
 
         velocity = variable("velocity", n, lower=lower, upper=upper)
         scale = variable("scale", 1, lower=0, upper=1)
         short = velocity.symbol - scale.symbol * wanted
-        deliverable = moves @ wanted
-        price = DIRECTION_KEEPING * (ca.sumsqr(deliverable) + 1e-6)
-        cost = ca.sumsqr(moves @ short) + STEADYING * ca.sumsqr(short) + price * ca.sumsqr(scale.symbol - 1)
-        missed = ca.sumsqr(deliverable - asked) > 1e-6 * ca.sumsqr(asked)
+        price = DIRECTION_KEEPING * (ca.sumsqr(delivered) + 1e-6)
+        error = moves @ velocity.symbol - scale.symbol * delivered
+        cost = ca.sumsqr(error) + STEADYING * ca.sumsqr(short) + price * ca.sumsqr(scale.symbol - 1)
+        missed = ca.sumsqr(delivered - asked) > 1e-6 * ca.sumsqr(asked)
         return Statement(
             name="pose_tracker",
             parameters=[q, entries, twist],
@@ -116,10 +117,9 @@ class PoseTracker(VelocityController):
             minimise=cost / 2,
             requires=[is_rotation(_pose(entries)[:3, :3])],
             guess=ca.vertcat(wanted, 1),
-            prepared=[jacobian, asked, lower, upper, outside, wanted],
+            prepared=[jacobian, asked, lower, upper, outside, wanted, delivered],
             prepare=self._prepare(q, entries, twist, ca.vertcat(last, predicted)),
-            notes=self.notes(outside, missed),
-            report=self.report(last, velocity.symbol, scale.symbol),
+            report=self.report(last, velocity.symbol, scale.symbol, outside, missed),
             memory=ca.vertcat(last, predicted),
             remember=self.remember(q, velocity.symbol),
         )

@@ -62,15 +62,15 @@ def velocity_bounds(chain: SerialChain, q: ca.SX, last: ca.SX, *, dt: float, ret
     back = return_speed * speed
 
     # Hard: speed, and in this tick not beyond the limit, or when beyond it not further and not faster back than `back`.
-    hard_upper = clipped(room_up / dt, 0, ca.if_else(below, back, speed))
-    hard_lower = -clipped(room_down / dt, 0, ca.if_else(above, back, speed))
+    hard_upper = clipped(room_up * (1 / dt), 0, ca.if_else(below, back, speed))
+    hard_lower = -clipped(room_down * (1 / dt), 0, ca.if_else(above, back, speed))
     # Then acceleration, as far as the hard interval leaves it.
     brake_lower = clipped(last - change, hard_lower, hard_upper)
     brake_upper = clipped(last + change, hard_lower, hard_upper)
     # Then a speed from which the joint still stops at its limit, or the way back, at the end of which it can stop too.
     can_stop_up, can_stop_down = (stopping_speed(room, change, speed, dt) for room in (room_up, room_down))
-    back_from_above = ca.fmax(ca.fmax(room_up / dt, -back), -can_stop_down)
-    back_from_below = -ca.fmax(ca.fmax(room_down / dt, -back), -can_stop_up)
+    back_from_above = ca.fmax(ca.fmax(room_up * (1 / dt), -back), -can_stop_down)
+    back_from_below = -ca.fmax(ca.fmax(room_down * (1 / dt), -back), -can_stop_up)
     stop_upper = ca.if_else(above, back_from_above, can_stop_up)
     stop_lower = ca.if_else(below, back_from_below, -can_stop_down)
     return VelocityBounds(
@@ -92,8 +92,8 @@ def stopping_speed(room: ca.SX, change: ca.DM, speed: ca.DM, dt: float) -> ca.SX
     """
     enough = speed * dt + speed**2 * dt / (2 * change)  # beyond this room no limit is felt
     room = clipped(room, 0, enough)
-    ticks = ca.floor((ca.sqrt(1 + 8 * room / (change * dt)) - 1) / 2)
-    return (room / dt + change * ticks * (ticks + 1) / 2) / (ticks + 1)
+    ticks = ca.floor((ca.sqrt(1 + room * (8 / (change * dt))) - 1) / 2)
+    return (room * (1 / dt) + change * ticks * (ticks + 1) / 2) / (ticks + 1)
 
 
 def nearest_to_rest(bounds: VelocityBounds) -> ca.SX:

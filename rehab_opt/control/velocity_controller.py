@@ -16,7 +16,8 @@ from rehab_opt.control.stopping import VelocityBounds, nearest_to_rest, velocity
 from rehab_opt.control.watchdog import Watchdog
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain, per_joint
-from rehab_opt.optim.ladder import GUESS, Ladder
+from rehab_opt.optim.fused import FUSED_SOLVERS
+from rehab_opt.optim.ladder import FUSED, Ladder
 from rehab_opt.optim.qp import PLAUSIBLE, Instance, Statement
 from rehab_opt.symbolic import BufferedFunction
 
@@ -65,10 +66,10 @@ class VelocityController(ABC):
         first, *others = np.split(ladder.parameters, ends[:-1])
         self._q = first
         self._inputs = tuple(part.reshape(shape) for part, shape in zip(others, self.shapes, strict=True))
+        self._fused = solver == FUSED
         self._views = tuple(part.data for part in (first, *others))
         self._names = tuple(symbol[0].name().rsplit("_", 1)[0] for symbol in self.stated.parameters)
-        self._velocity, self._last, self._predicted = ladder.x[:n], ladder.memory[:n], ladder.memory[n:]
-        self._residual, self._report, self._notes = ladder.residual.data, ladder.report.data, ladder.notes.data
+        self._velocity, self._last, self._predicted = ladder.x[:n].data, ladder.memory[:n], ladder.memory[n:]
         self.reset()
 
     # ------------------------------------------------------------------------------------------- for subclasses
@@ -92,15 +93,15 @@ class VelocityController(ABC):
         """Intervals of the joint velocities."""
         return velocity_bounds(self.chain, q, last, dt=self.dt, return_speed=self.return_speed)
 
-    def notes(self, outside: ca.SX, missed: ca.SX) -> ca.SX:
-        """What is known before the solve: a joint is outside its limit; part of the task cannot be delivered."""
-        return int(Bound.POSITION) * outside + int(Bound.TASK) * missed
+    def report(self, last: ca.SX, velocity: ca.SX, scale: ca.SX, outside: ca.SX, missed: ca.SX) -> ca.SX:
+        """What yielded, as a number of `Bound`, and the scale.
 
-    def report(self, last: ca.SX, velocity: ca.SX, scale: ca.SX) -> ca.SX:
-        """What is known after it: bounds that yielded, and the scale."""
+        `outside` says that a joint is beyond its limit, `missed` that the arm cannot deliver the task at this pose.
+        """
         allowed = ca.DM(np.minimum(self.chain.acceleration * self.dt, 2 * self.chain.velocity))
         hurried = ca.sum1(ca.fabs(velocity - last) > allowed * (1 + 1e-9) + 1e-12) > 0
-        yielded = int(Bound.ACCELERATION) * hurried + int(Bound.TASK) * (scale < 1 - SLOWED)
+        slowed = ca.logic_or(missed, scale < 1 - SLOWED)
+        yielded = int(Bound.POSITION) * outside + int(Bound.ACCELERATION) * hurried + int(Bound.TASK) * slowed
         return ca.vertcat(yielded, scale)
 
     def remember(self, q: ca.SX, velocity: ca.SX) -> ca.SX:
@@ -108,12 +109,12 @@ class VelocityController(ABC):
         return ca.vertcat(velocity, q + velocity * self.dt)
 
     def _braking(self) -> ca.Function:
-        """q, last velocity -> what is remembered of the safe command, its report, its notes."""
+        """q, last velocity -> what is remembered of the safe command, and its report."""
         q, last = ca.SX.sym("q", self.chain.n), ca.SX.sym("last", self.chain.n)
         bounds = self.bounds(q, last)
         rest = nearest_to_rest(bounds)
-        expressions = [self.remember(q, rest), self.report(last, rest, ca.SX(0)), self.notes(bounds.outside, ca.SX(1))]
-        return ca.Function("braking", [q, last], [ca.densify(each) for each in expressions], {"cse": True})
+        report = self.report(last, rest, ca.SX(0), bounds.outside, ca.SX(1))
+        return ca.Function("braking", [q, last], [ca.densify(self.remember(q, rest)), report], {"cse": True})
 
     # -------------------------------------------------------------------------------------------------- the user's
     def reset(self, velocity: ArrayLike | None = None) -> None:
@@ -145,20 +146,26 @@ class VelocityController(ABC):
         if reason:
             return self._safe(reason)
         ladder = self._ladder
-        solver = ladder()
+        if self._fused:  # the usual way, without the layers of Python: they would cost as much as the solve
+            ladder.evaluate()
+            residual, _, who, yielded, scale = ladder.verdict.tolist()
+            if 0.0 <= residual <= ladder.tolerance:
+                ladder.keep[:] = ladder.answer
+                value = np.frombuffer(self._velocity.tobytes())  # a read-only copy
+                return tuple.__new__(
+                    Command, (value, _OK, FUSED_SOLVERS[int(who)], residual, -1, "", _BOUNDS[int(yielded)], scale)
+                )
+            solver = ladder.climb()
+        else:
+            solver = ladder()
         if not solver:
             return self._safe(self._fault())
-        value = self._velocity.copy()
-        value.setflags(write=False)
-        status = _OK
-        if solver is not GUESS and solver != ladder.solver:
+        residual, _, _, yielded, scale = ladder.verdict.tolist()
+        status = Status.OK
+        if solver == ladder.backup != ladder.solver:
             status, reason = Status.BACKUP, f"{ladder.solver} gave no certified answer"
-        report = self._report
-        yielded = _BOUNDS[int(report[0]) | int(self._notes[0])]
-        # What Command(...) does, without its layer of Python.
-        return tuple.__new__(
-            Command, (value, status, solver, self._residual[0], ladder.iterations, reason, yielded, report[1])
-        )
+        value = np.frombuffer(self._velocity.tobytes())
+        return Command(value, status, solver, residual, ladder.iterations, reason, _BOUNDS[int(yielded)], scale)
 
     def _write(self, values: tuple[ArrayLike, ...]) -> None:
         """Copy what is not a float array, or say what is wrong with it; numbers are judged by the certificate."""
@@ -180,14 +187,13 @@ class VelocityController(ABC):
         braking.inputs[0][:] = np.where(np.abs(self._q) <= PLAUSIBLE, self._q, self._predicted)
         braking.inputs[1][:] = self._last
         braking()
-        memory, report, notes = braking.outputs
+        memory, (yielded, _) = braking.outputs
         value = memory[: self.chain.n] + 0.0  # a copy, and no negative zeros
         value.setflags(write=False)
         ladder.memory[:] = memory
         ladder.start_from(np.append(value, np.zeros(self.stated.n - value.size)))
         status = Status.BRAKING if value.any() else Status.HOLDING
-        yielded = _BOUNDS[int(report[0]) | int(notes[0])]
-        return Command(value, status, "", math.inf, -1, reason, yielded, 0.0)
+        return Command(value, status, "", math.inf, -1, reason, _BOUNDS[int(yielded)], 0.0)
 
     def _fault(self) -> str:
         """Why no answer was certified."""
@@ -197,7 +203,7 @@ class VelocityController(ABC):
                 return (
                     f"{name}[{', '.join(str(i) for i in np.argwhere(bad)[0])}] is {array[bad][0]}, not a usable number"
                 )
-        return self.unusable() or f"no solver gave a certified answer (residual {self._residual[0]:.1e})"
+        return self.unusable() or f"no solver gave a certified answer (residual {self._ladder.residual[0]:.1e})"
 
 
 def checked_number(argument: str, value: float, *, above: float, below: float = math.inf) -> float:

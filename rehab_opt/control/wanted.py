@@ -53,30 +53,32 @@ class WantedVelocity(NamedTuple):
     """(n,) joints that cannot move at all."""
 
     def prepare(self, parameters: ca.SX, memory: ca.SX) -> ca.Function:
-        """Parameters, memory -> Jacobian (by columns), twist, lower, upper, outside, wanted velocity; one column."""
+        """Parameters, memory -> Jacobian by columns, twist, lower, upper, outside, wanted velocity, its twist."""
         bounds, movable = self.bounds, ca.diag(ca.sparsify(ca.DM(~self.locked)))
-        wanted = wanted_velocity(ca.sparsify(self.jacobian @ movable), self.twist, self.drift)
+        moving = ca.sparsify(self.jacobian @ movable)
+        wanted = wanted_velocity(moving, self.twist, self.drift)
         low, high = bounds.stop_lower, bounds.stop_upper
         leaves = ca.sum1(wanted > high) + ca.sum1(wanted < low) > 0
         task = ca.vertcat(ca.vec(ca.densify(self.jacobian)), self.twist)
         kept = ca.vertcat(bounds.lower, bounds.upper, bounds.outside)
-        outputs = [task, kept, wanted, ca.vertcat(low, high), leaves]
+        outputs = [task, kept, ca.vertcat(wanted, moving @ wanted), ca.vertcat(low, high), leaves]
         first = ca.Function("first", [parameters, memory], [ca.densify(each) for each in outputs], {"cse": True})
 
         p, last = ca.MX.sym("p", parameters.numel()), ca.MX.sym("memory", memory.numel())
-        told, within, velocity, limits, needed = first.call([p, last])
-        velocity = ca.Function.if_else("hold", *self._hold(movable)).call([needed, told, velocity, limits])[0]
-        return ca.Function("prepare", [p, last], [ca.vertcat(told, within, velocity)])
+        told, within, motion, limits, needed = first.call([p, last])
+        motion = ca.Function.if_else("hold", *self._hold(movable)).call([needed, told, motion, limits])[0]
+        return ca.Function("prepare", [p, last], [ca.vertcat(told, within, motion)])
 
     def _hold(self, movable: ca.DM) -> tuple[ca.Function, ca.Function]:
-        """Task, wanted velocity, stopping speeds -> wanted velocity with joints held; and with none."""
+        """Task, wanted motion, stopping speeds -> wanted motion with joints held; and with none."""
         k, n = self.jacobian.shape
-        flat, twist, wanted = ca.SX.sym("jacobian", k * n), ca.SX.sym("twist", k), ca.SX.sym("wanted", n)
+        flat, twist, motion = ca.SX.sym("jacobian", k * n), ca.SX.sym("twist", k), ca.SX.sym("motion", n + k)
         low, high = ca.SX.sym("low", n), ca.SX.sym("high", n)
-        jacobian = ca.reshape(flat, k, n) @ movable
+        jacobian, wanted = ca.reshape(flat, k, n) @ movable, motion[:n]
         free = ca.logic_and(wanted <= high, wanted >= low)
         held = ca.if_else(free, 0, clipped(wanted, low, high))
         others = wanted_velocity(jacobian @ ca.diag(free), twist - jacobian @ held, ca.SX.zeros(n))
-        inputs = [ca.vertcat(flat, twist), wanted, ca.vertcat(low, high)]
-        second = ca.Function("second", inputs, [ca.densify(ca.if_else(free, others, held))], {"cse": True})
-        return second, ca.Function("enough", inputs, [wanted])
+        velocity = ca.if_else(free, others, held)
+        inputs = [ca.vertcat(flat, twist), motion, ca.vertcat(low, high)]
+        second = ca.Function("second", inputs, [ca.densify(ca.vertcat(velocity, jacobian @ velocity))], {"cse": True})
+        return second, ca.Function("enough", inputs, [motion])

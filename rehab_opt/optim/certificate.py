@@ -48,7 +48,8 @@ def all_true(*conditions: ca.SX) -> ca.SX:
     for condition in conditions:
         for i in range(condition.numel()):
             true = ca.logic_and(true, condition[i])
-    return ca.SX(true)
+    everything: ca.SX = true
+    return everything
 
 
 def is_certified(residual: float, tolerance: float) -> bool:

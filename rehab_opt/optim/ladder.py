@@ -5,30 +5,29 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.optim.certificate import is_certified
+from rehab_opt.optim.fused import FUSED_SOLVERS
 from rehab_opt.optim.qp import Instance, Statement
 from rehab_opt.symbolic import BufferedFunction, compiled
 
 if TYPE_CHECKING:
     from rehab_opt.optim.backends import Backend
 
-__all__ = ["FUSED", "GUESS", "Ladder"]
+__all__ = ["FUSED", "Ladder"]
 
-FUSED = "qrqp"
+FUSED = FUSED_SOLVERS[0]
 """Name of the solver inside the fused function."""
-GUESS = "closed form"
-"""Name under which the statement's certified guess answers."""
 
 
 class Ladder:
     """Solves one statement tick after tick.
 
-    Write the parameters into `parameters`, call, and read `x`, `residual`, `notes` and `report`; all are arrays that
-    the next call overwrites. The call returns the name of the solver whose answer is certified, "" if none is; only a
-    certified answer changes `state` (x, multipliers, memory), which the next call starts from.
+    Write the parameters into `parameters`, call, and read `x`, `residual` and `report`; all are arrays that the next
+    call overwrites. The call returns the name of the solver whose answer is certified, "" if none is; only a certified
+    answer changes `state` (x, multipliers, memory), which the next call starts from.
 
     Parameters
     ----------
@@ -45,12 +44,12 @@ class Ladder:
             raise ConfigurationError("tolerance", tolerance, "a number between 0 and 1")
         self.statement, self.solver, self.backup, self.tolerance = statement, solver, backup, tolerance
         self._buffers = fused = BufferedFunction(compiled(statement.fused, compile=compile))
-        self._fused = fused.evaluate  # its memory belongs to `_buffers`
+        self.evaluate = fused.evaluate  # its memory belongs to `_buffers`
         self.parameters, self.state = fused.inputs
-        self._answer, judged, self.notes, self.report = fused.outputs
-        self.residual, self.sound = judged[:1], judged[1:2]
-        self._judged, self._read_answer = judged.data, self._answer.data
-        self._write_state = self.state.data  # assignment from view to view costs half of numpy's
+        self._answer, self._verdict = fused.outputs
+        self.residual, self.sound, self.report = self._verdict[:1], self._verdict[1:2], self._verdict[3:]
+        # Views of views: reading and assigning through them costs half of numpy's.
+        self.verdict, self.answer, self.keep = self._verdict.data, self._answer.data, self.state.data
         self.x = self._answer[: statement.n]
         self.memory = self.state[2 * statement.n + statement.m :]
         self.iterations = -1
@@ -65,14 +64,16 @@ class Ladder:
 
     def __call__(self) -> str:
         """Solve at `parameters`, warm-started; name of the solver that is certified, or ""."""
-        if self.solver == FUSED:
-            self.iterations = -1
-            self._fused()
-            if 0.0 <= self._judged[0] <= self.tolerance:
-                self._write_state[:] = self._read_answer
-                return GUESS if self._judged[2] else FUSED
-        elif self._solve_by(self.solver):
-            return self.solver
+        if self.solver != FUSED:
+            return self.solver if self._solve_by(self.solver) else self.climb()
+        self.evaluate()
+        if 0.0 <= self.verdict[0] <= self.tolerance:
+            self.keep[:] = self.answer
+            return FUSED_SOLVERS[int(self.verdict[2])]
+        return self.climb()
+
+    def climb(self) -> str:
+        """Name of a solver that is certified where the first attempt was not, or ""."""
         if not self.sound[0]:
             return ""  # the parameters themselves cannot be used
         # An active set from the last tick can lead qrqp astray where a cold start does not: one in a few hundred of
@@ -92,38 +93,38 @@ class Ladder:
 
     def _solve_by(self, name: str) -> bool:
         if name == FUSED:
-            self._fused()
-            certified = is_certified(self._judged[0], self.tolerance)
-            if certified:
-                self.state[:] = self._answer
-            return certified
+            self.iterations = -1
+            self.evaluate()
+        else:
+            self._solve_apart(name)
+        certified = is_certified(self.verdict[0], self.tolerance)
+        if certified:
+            self.keep[:] = self.answer
+        return certified
+
+    def _solve_apart(self, name: str) -> None:
+        """What the fused function does, with another solver in its middle."""
         complete, build, certify, finish = self._complete, self._build, self._certify, self._finish
-        complete.inputs[0][:], complete.inputs[1][:] = self.parameters, self.memory
-        complete()
-        full = complete.outputs[0]
-        build.inputs[0][:], build.inputs[1][:] = full, self.memory
-        build()
-        *qp, sound, notes, _ = build.outputs
+        full = _outputs(complete, self.parameters, self.memory)[0]
+        *qp, sound, _ = _outputs(build, full, self.memory)
         solver = self._rungs[name]
         assert solver is not None
-        answer = solver.solve(Instance(*qp))
-        for array, number in zip(certify.inputs, (*qp, sound, *answer[:3]), strict=True):
-            array[...] = number
-        certify()
-        x, residual = certify.outputs
-        for array, number in zip(finish.inputs, (full, self.memory, x), strict=True):
-            array[:] = number
-        finish()
-        report, memory = finish.outputs
-        self._answer[:] = np.concatenate([x, *answer[1:3], memory])
-        self.residual[:], self.sound[:], self.notes[:], self.report[:] = residual, sound, notes, report
-        self.iterations = answer.iterations
-        if not is_certified(self._judged[0], self.tolerance):
-            return False
-        self.state[:] = self._answer
-        return True
+        claim = solver.solve(Instance(*qp))
+        x, residual = _outputs(certify, *qp, sound, *claim[:3])
+        report, memory = _outputs(finish, full, self.memory, x)
+        self._answer[:] = np.concatenate([x, *claim[1:3], memory])
+        self._verdict[:] = np.concatenate([residual, sound, [0.0], report])
+        self.iterations = claim.iterations
 
     def _backend(self, name: str) -> Backend:
         from rehab_opt.optim.backends import backend  # noqa: PLC0415  (solvers load when used)
 
         return backend(name, self.statement.n, self.statement.m)
+
+
+def _outputs(function: BufferedFunction, *values: ArrayLike) -> tuple[NDArray[np.float64], ...]:
+    """The buffers of a function evaluated at `values`; its next call overwrites them."""
+    for array, value in zip(function.inputs, values, strict=True):
+        array[...] = value
+    function()
+    return function.outputs

@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.optim.certificate import all_true, certificate_function
-from rehab_opt.optim.qrqp import qrqp
 
 if TYPE_CHECKING:
     import qpsolvers
@@ -24,9 +23,6 @@ Array = NDArray[np.float64]
 
 PLAUSIBLE = 1e6
 """Parameters beyond this size, in SI units, are a broken sensor or a broken caller, not a robot."""
-
-GUESS_TOLERANCE = 1e-10
-"""Residual to which a guess counts as the answer: as exact as what the solver is asked for."""
 
 
 class Variable(NamedTuple):
@@ -92,7 +88,6 @@ class Statement:
     minimise : scalar, quadratic in the variables.
     subject_to : rows linear in the variables.
     requires : conditions on the parameters without which no answer is certified.
-    notes : column of parameter expressions handed through with the answer.
     report : column of expressions of parameters and variables, evaluated at the answer; keep it cheap.
     guess : (n,) expression of the answer when no bound is active, or None. It is certified like any other answer;
         the solver runs only where it fails.
@@ -112,7 +107,6 @@ class Statement:
     minimise: ca.SX
     subject_to: Sequence[Row] = ()
     requires: Sequence[ca.SX] = ()
-    notes: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
     report: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
     guess: ca.SX | None = None
     prepared: Sequence[ca.SX] = ()
@@ -150,17 +144,17 @@ class Statement:
 
     @cached_property
     def build(self) -> ca.Function:
-        """Complete parameters, memory -> H, g, A, rows_lower, rows_upper, lower, upper, sound, notes, guess."""
+        """Complete parameters, memory -> H, g, A, rows_lower, rows_upper, lower, upper, sound, guess."""
         x, rows = self._x, self._rows
         origin = ca.SX.zeros(self.n)
-        hessian, _ = ca.hessian(self.minimise, x)
+        hessian = ca.triu2symm(ca.triu(ca.hessian(self.minimise, x)[0]))  # half the entries need computing
         gradient = ca.substitute(ca.gradient(self.minimise, x), x, origin)
         matrix = ca.jacobian(rows.expression, x)
         offset = ca.substitute(rows.expression, x, origin)
         sound = all_true(ca.fabs(ca.vertcat(*self.parameters)) <= PLAUSIBLE, *self.requires)
         lower = ca.vertcat(*(v.lower for v in self.variables))
         upper = ca.vertcat(*(v.upper for v in self.variables))
-        numbers = [hessian, gradient, matrix, rows.lower - offset, rows.upper - offset, lower, upper, sound, self.notes]
+        numbers = [hessian, gradient, matrix, rows.lower - offset, rows.upper - offset, lower, upper, sound]
         outputs = [ca.densify(each) for each in (*numbers, origin if self.guess is None else self.guess)]
         return ca.Function(f"{self.name}_build", [self._p, self.memory], outputs, {"cse": True})
 
@@ -184,50 +178,10 @@ class Statement:
 
     @cached_property
     def fused(self) -> ca.Function:
-        """Parameters, state -> state, judged, notes, report: kinematics, solve and certificate in one function.
+        """Everything of one tick in one function: see `rehab_opt.optim.fused`."""
+        from rehab_opt.optim.fused import fused  # noqa: PLC0415  (it derives from what is stated here)
 
-        A state stacks x (n,), the multipliers of its bounds (n,) and of the rows (m,), and the memory: the warm start
-        and all that is known of the last tick. Judged are the residual, whether the parameters are sound, and whether
-        the guess answered. The solver is CasADi's qrqp, an active-set method that generates C.
-        """
-        n, m = self.n, self.m
-        p, last = ca.MX.sym("p", self.parameter_size), ca.MX.sym("last", self.state_size)
-        start, memory = last[: 2 * n + m], last[2 * n + m :]
-        full = self.complete(p, memory)
-        *data, notes, guess = self.build(full, memory)
-        guessed, residual = self.certify(*data, guess, ca.MX.zeros(n), ca.MX.zeros(m))
-        answered = residual <= GUESS_TOLERANCE if self.guess is not None else ca.MX(0)
-        held = ca.vertcat(guessed, ca.MX.zeros(n + m), residual)
-        answer = ca.Function.if_else(f"{self.name}_unless", self._passed(), self._solved())(
-            answered, held, start, *data
-        )
-        x = answer[:n]
-        report, memory = self.finish(full, memory, x)
-        state, judged = ca.vertcat(answer[: 2 * n + m], memory), ca.vertcat(answer[2 * n + m], data[-1], answered)
-        return ca.Function(self.name, [p, last], [state, judged, notes, report])
-
-    def _passed(self) -> ca.Function:
-        """Guess with its multipliers and residual, start, data -> the guess."""
-        guess, start, *data = self._answer_inputs()
-        return ca.Function(f"{self.name}_passed", [guess, start, *data], [guess])
-
-    def _solved(self) -> ca.Function:
-        """Guess, start, data -> x, multipliers and residual of qrqp."""
-        n, m = self.n, self.m
-        guess, start, *data = self._answer_inputs()
-        hessian, gradient, matrix, rows_lower, rows_upper, lower, upper, _ = data
-        solution = qrqp(f"{self.name}_qp", n, m)(
-            h=hessian, g=gradient, a=matrix, lba=rows_lower, uba=rows_upper, lbx=lower, ubx=upper,
-            x0=start[:n], lam_x0=start[n : 2 * n], lam_a0=start[2 * n :],
-        )  # fmt: skip
-        x, residual = self.certify(*data, solution["x"], solution["lam_x"], solution["lam_a"])
-        answer = ca.vertcat(x, solution["lam_x"], solution["lam_a"], residual)
-        return ca.Function(f"{self.name}_solved", [guess, start, *data], [answer])
-
-    def _answer_inputs(self) -> list[ca.MX]:
-        sizes = [2 * self.n + self.m + 1, 2 * self.n + self.m]
-        data = [ca.MX.sym("data", self.build.sparsity_out(i)) for i in range(8)]
-        return [*(ca.MX.sym("held", size) for size in sizes), *data]
+        return fused(self)
 
     def instance(self, *parameters: ArrayLike, memory: ArrayLike = ()) -> Instance:
         """The numbers at given parameter and memory values, for inspection."""

@@ -21,7 +21,7 @@ __all__ = ["cache_folder", "compilation_wanted", "compiled"]
 
 # No -ffast-math: it removes NaN checks. No contraction to fused multiply-adds and no -march=native, so that the
 # virtual machine gives the same numbers and a cache shared by machines holds code that runs on each of them.
-FLAGS = ("-O2", "-fPIC", "-shared", "-ffp-contract=off")
+FLAGS = ("-O3", "-fPIC", "-shared", "-ffp-contract=off")
 COMPILE_SECONDS = 300.0
 
 _log = logging.getLogger(__name__)
