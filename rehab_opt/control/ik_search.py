@@ -26,7 +26,8 @@ CANDIDATES = 32
 DISTANCE_PRICE = 20.0
 """[1/m] by which a candidate's distance counts beside its posture cost, when ranked."""
 SHARPNESS = 100.0
-"""[1/m^2] Weight of the squared distance: where the hand hardly moves, tolerances must still mean micrometres."""
+"""Factor on the squared distance in the last solve: where joints hardly move the hand, a tolerance on the gradient must
+still mean micrometres. From further away it drives steps out of the handle's cone."""
 FAR = 1e4
 """[m] Targets further away are moved here along their direction: beyond, squares lose the arm in rounding."""
 
@@ -134,22 +135,23 @@ class IKSearch:
 
         Given `near` (k,), the local answer from there is kept unless another start comes closer by a micrometre.
         """
-        parameters = self._nearest_parameters(target)
+        plain, sharp = self._nearest_parameters(target), self._nearest_parameters(target, SHARPNESS)
         starts, _ = self.table.near(target, self.nearest_starts)
-        best = None
-        if near is not None:
-            best = self._better(None, self._from("primary", parameters, near), 0.0)
-        margin = 1e-6 if best is not None else 0.0
-        reached = self.tolerance
+        best = None if near is None else self._better(None, self._from("primary", plain, near))
+        kept = best
         for start in starts:
-            if best is not None and best.report[0] <= reached:
+            if best is not None and best.report[0] <= POSITION_TOLERANCE / 10:
                 break
-            found = self._better(best, self._from("primary", parameters, start), margin)
-            margin = margin if found is best else 0.0
-            best = found
+            margin = 1e-6 if best is kept and best is not None else 0.0
+            best = self._better(best, self._from("primary", plain, start), margin)
+        if best is None or not best.certified:
+            for start in starts[:4]:
+                best = self._better(best, self._from("primary", sharp, start))
         if best is None or not best.certified:
             start = starts[0] if len(starts) else self.rest[self.free]
-            best = self._better(best, self._from("backup", parameters, start if best is None else best.x), 0.0)
+            best = self._better(best, self._from("backup", plain, start if best is None else best.x))
+        if best is not None and best.report[0] > self.tolerance:
+            best = self._better(best, self._from("primary", sharp, best.x, best.multipliers * SHARPNESS))
         return best
 
     @cached_property
@@ -197,21 +199,21 @@ class IKSearch:
             self._solvers[key] = nlp_solver(nlp, self._names[rung], **self._options)  # type: ignore[arg-type]
         return self._solvers[key]
 
-    def _from(self, rung: str, parameters: Array, start: Array) -> NLPAnswer:
+    def _from(self, rung: str, parameters: Array, start: Array, multipliers: Array | float = 0.0) -> NLPAnswer:
         solver = self._solver(self.statements.nearest, rung)
         solver.parameters[:] = parameters
-        return solver.solve(start)
+        return solver.solve(start, multipliers)
 
     def _upright_from(self, start: Array) -> NLPAnswer:
         solver = self._solver(self.statements.upright, "primary")
         solver.parameters[:] = np.concatenate([self._fixed, np.zeros(3)])
         return solver.solve(start)
 
-    def _nearest_parameters(self, target: Array) -> Array:
+    def _nearest_parameters(self, target: Array, sharpness: float = 1.0) -> Array:
         distance = float(np.linalg.norm(target))
-        return np.concatenate([self._fixed, target, [SHARPNESS / max(1.0, distance)]])
+        return np.concatenate([self._fixed, target, [sharpness / max(1.0, distance)]])
 
-    def _better(self, best: NLPAnswer | None, other: NLPAnswer, margin: float) -> NLPAnswer | None:
+    def _better(self, best: NLPAnswer | None, other: NLPAnswer, margin: float = 0.0) -> NLPAnswer | None:
         """The one that is closer by more than `margin` [m], of those that hold the handle; certified or not."""
         if not 0 <= other.violation <= self.tolerance:
             return best

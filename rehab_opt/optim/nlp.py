@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -126,6 +126,10 @@ class NLP:
         """(n,) derivative of the cost."""
         return ca.gradient(self.minimise, self.x)
 
+    def parted(self, multipliers: Any) -> Any:
+        """Multipliers (n + m,) of the bounds and of the rows; a slice of a single entry would change its shape."""
+        return ca.vertsplit(multipliers, [0, self.n, self.n + self.m])
+
     @cached_property
     def bounds(self) -> ca.Function:
         """From p: lower, upper (n,), and the rows' lower, upper (m,)."""
@@ -142,7 +146,7 @@ class NLP:
         It is NaN or infinite when a number is: CasADi's fmax and fmin drop NaN, so everything they see is compared.
         """
         claim, multipliers = ca.SX.sym("claim", self.n), ca.SX.sym("y", self.n + self.m)
-        of_bounds, of_rows = multipliers[: self.n], multipliers[self.n :]
+        of_bounds, of_rows = self.parted(multipliers)
         x = clipped(claim, self.lower, self.upper)
         at = ca.Function(
             "at",

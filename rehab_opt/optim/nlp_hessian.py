@@ -28,7 +28,7 @@ def model(nlp: NLP, multipliers: ca.SX) -> tuple[ca.SX, ca.SX]:
     multipliers : (n + m,) of bounds and rows; positive at an upper bound.
     """
     x, rows, jacobian = nlp.x, nlp.rows, nlp.jacobian
-    of_bounds, of_rows = multipliers[: nlp.n], multipliers[nlp.n :]
+    of_bounds, of_rows = nlp.parted(multipliers)
     lagrangian = nlp.minimise + ca.dot(of_rows, rows.expression)
     hessian, _ = ca.hessian(lagrangian, x)
     active = ca.vertcat(*(_is_active(rows, of_rows, i) for i in range(nlp.m)), of_bounds != 0)

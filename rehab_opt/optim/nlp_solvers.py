@@ -99,6 +99,8 @@ class NLPSolver:
         self._bounds.inputs[0][:] = self.parameters
         self._bounds()
         lower, upper, rows_lower, rows_upper = self._bounds.outputs
+        if np.count_nonzero(rows_lower == rows_upper) > n:  # overdetermined: CasADi complains on the terminal
+            return self._certified(x, y, 0)
         if self.name == "fatrop":
             (lower, upper), (rows_lower, rows_upper) = _narrowed(lower, upper), _narrowed(rows_lower, rows_upper)
         iterations = -1

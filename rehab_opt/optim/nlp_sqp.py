@@ -114,10 +114,11 @@ def step_function(nlp: NLP) -> ca.Function:
     inside = ca.Function("inside", [nlp.p, nlp.x], [clipped(nlp.x, nlp.lower, nlp.upper)])
     p, start, y, radius = ca.MX.sym("p", nlp.p.numel()), ca.MX.sym("x", n), ca.MX.sym("y", n + m), ca.MX.sym("radius")
     x = inside(p, start)
+    of_bounds, of_rows = nlp.parted(y)
     h, g, a, rows_lower, rows_upper, lower, upper = derivatives(p, x, y)
     solution = qrqp(f"{nlp.name}_qp", n, m, iterations=QP_ITERATIONS)(
         h=h, g=g, a=a, lba=rows_lower, uba=rows_upper,
-        lbx=ca.fmax(lower, -radius), ubx=ca.fmin(upper, radius), lam_x0=y[:n], lam_a0=y[n:],
+        lbx=ca.fmax(lower, -radius), ubx=ca.fmin(upper, radius), lam_x0=of_bounds, lam_a0=of_rows,
     )  # fmt: skip
     multipliers = ca.vertcat(solution["lam_x"], solution["lam_a"])
     next_x, cost, residual, violation, report = nlp.certify(p, x + solution["x"], multipliers)
