@@ -134,7 +134,7 @@ class PoseTracker(VelocityController):
         if self.posture is not None:
             slow = 0.1 * chain.velocity
             drift = clipped(self._settling * (self.posture - q), -slow, slow) * ca.DM(~chain.locked)
-        wanted = WantedVelocity(jacobian, asked, drift, self.bounds(q, memory[:n]), locked=chain.locked)
+        wanted = WantedVelocity(jacobian, asked, drift, self.bounds(q, memory[:n]), chain.velocity, chain.locked)
         return wanted.prepare(ca.vertcat(q, entries, twist), memory)
 
     def _asked_twist(self, pose: ca.SX, target: ca.SX, twist: ca.SX) -> ca.SX:

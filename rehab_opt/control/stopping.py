@@ -20,7 +20,7 @@ OUTSIDE = 1e-9
 """[rad or m] A joint less than this beyond its limit stands at it: rounding is no excursion."""
 
 FAR = 1e9
-"""[rad, m, rad/s or m/s] A limit that is never felt."""
+"""[rad or m] A position limit that is never felt."""
 
 
 class VelocityBounds(NamedTuple):
@@ -32,7 +32,7 @@ class VelocityBounds(NamedTuple):
     """Bounds without the need to be able to stop or to come back: what a braking command has to keep."""
     brake_upper: ca.SX
     stop_lower: ca.SX
-    """Bounds by the position limits alone; far away where no limit is near enough to be felt."""
+    """Bounds by the position limits alone."""
     stop_upper: ca.SX
     outside: ca.SX
     """1 where any joint is beyond its limit."""
@@ -67,33 +67,31 @@ def velocity_bounds(chain: SerialChain, q: ca.SX, last: ca.SX, *, dt: float, ret
     # Then acceleration, as far as the hard interval leaves it.
     brake_lower = clipped(last - change, hard_lower, hard_upper)
     brake_upper = clipped(last + change, hard_lower, hard_upper)
-    # Then a speed from which the joint still stops at its limit, or the way back, at the end of which it can stop too.
-    can_stop_up, can_stop_down = (stopping_speed(room, change, speed, dt) for room in (room_up, room_down))
-    back_from_above = ca.fmax(ca.fmax(room_up * (1 / dt), -back), -can_stop_down)
-    back_from_below = -ca.fmax(ca.fmax(room_down * (1 / dt), -back), -can_stop_up)
-    stop_upper = ca.if_else(above, back_from_above, can_stop_up)
-    stop_lower = ca.if_else(below, back_from_below, -can_stop_down)
+    # Then a speed from which the joint still stops at its limit, or the way back, at the end of which it can stop too:
+    # of a joint's two speeds one is zero.
+    can_stop_up, can_stop_down = (stopping_speed(room, change, dt) for room in (room_up, room_down))
+    stop_upper = can_stop_up + ca.fmax(ca.fmax(ca.fmin(room_up * (1 / dt), 0), -back), -can_stop_down)
+    stop_lower = -can_stop_down - ca.fmax(ca.fmax(ca.fmin(room_down * (1 / dt), 0), -back), -can_stop_up)
     return VelocityBounds(
         lower=clipped(stop_lower, brake_lower, brake_upper),
         upper=clipped(stop_upper, brake_lower, brake_upper),
         brake_lower=brake_lower,
         brake_upper=brake_upper,
-        stop_lower=ca.if_else(stop_lower <= -speed, -FAR, stop_lower),
-        stop_upper=ca.if_else(stop_upper >= speed, FAR, stop_upper),
+        stop_lower=stop_lower,
+        stop_upper=stop_upper,
         outside=ca.sum1(ca.logic_or(above, below)) > 0,
     )
 
 
-def stopping_speed(room: ca.SX, change: ca.DM, speed: ca.DM, dt: float) -> ca.SX:
+def stopping_speed(room: ca.SX, change: ca.DM, dt: float) -> ca.SX:
     """Largest speed for one tick after which the joint, slowing by `change` a tick, stops within `room`.
 
     A speed v is held for dt, then v - change, v - 2 change and so on: k = floor(v/change) further ticks, in all
-    dt ((k + 1) v - change k (k + 1)/2). That is piecewise linear in v; this is its inverse.
+    dt ((k + 1) v - change k (k + 1)/2). That is piecewise linear in v; this is its inverse. Zero without room.
     """
-    enough = speed * dt + speed**2 * dt / (2 * change)  # beyond this room no limit is felt
-    room = clipped(room, 0, enough)
-    ticks = ca.floor((ca.sqrt(1 + room * (8 / (change * dt))) - 1) / 2)
-    return (room * (1 / dt) + change * ticks * (ticks + 1) / 2) / (ticks + 1)
+    room = ca.fmax(room, 0)
+    ticks = ca.floor(0.5 * ca.sqrt(1 + room * (8 / (change * dt))) - 0.5)
+    return room * (1 / dt) / (ticks + 1) + (0.5 * change) * ticks
 
 
 def nearest_to_rest(bounds: VelocityBounds) -> ca.SX:

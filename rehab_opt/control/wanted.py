@@ -49,6 +49,8 @@ class WantedVelocity(NamedTuple):
     drift: ca.SX
     """(n,) joint velocity where the twist leaves it free."""
     bounds: VelocityBounds
+    speed: NDArray[np.float64]
+    """(n,) velocity limits."""
     locked: NDArray[np.bool_]
     """(n,) joints that cannot move at all."""
 
@@ -58,7 +60,8 @@ class WantedVelocity(NamedTuple):
         moving = ca.sparsify(self.jacobian @ movable)
         wanted = wanted_velocity(moving, self.twist, self.drift)
         low, high = bounds.stop_lower, bounds.stop_upper
-        leaves = ca.sum1(wanted > high) + ca.sum1(wanted < low) > 0
+        at_most = clipped(wanted, -self.speed, self.speed)  # a speed that no bound allows is not why a joint is held
+        leaves = ca.sum1(ca.logic_or(at_most > high, at_most < low)) > 0
         task = ca.vertcat(ca.vec(ca.densify(self.jacobian)), self.twist)
         kept = ca.vertcat(bounds.lower, bounds.upper, bounds.outside)
         outputs = [task, kept, ca.vertcat(wanted, moving @ wanted), ca.vertcat(low, high), leaves]
@@ -75,7 +78,8 @@ class WantedVelocity(NamedTuple):
         flat, twist, motion = ca.SX.sym("jacobian", k * n), ca.SX.sym("twist", k), ca.SX.sym("motion", n + k)
         low, high = ca.SX.sym("low", n), ca.SX.sym("high", n)
         jacobian, wanted = ca.reshape(flat, k, n) @ movable, motion[:n]
-        free = ca.logic_and(wanted <= high, wanted >= low)
+        at_most = clipped(wanted, -self.speed, self.speed)
+        free = ca.logic_and(at_most <= high, at_most >= low)
         held = ca.if_else(free, 0, clipped(wanted, low, high))
         others = wanted_velocity(jacobian @ ca.diag(free), twist - jacobian @ held, ca.SX.zeros(n))
         velocity = ca.if_else(free, others, held)

@@ -7,36 +7,39 @@ import casadi as ca
 __all__ = ["is_rotation", "rotation_vector"]
 
 ROTATION_TOLERANCE = 1e-3
-"""Largest entry of R R' - I in what is still taken for a rotation: a measured one is rounded, a broken one is not."""
+"""Norm of the six products of axes, less 0 or 1, in what is still a rotation: a measured one is rounded, no more."""
 
 
 def rotation_vector(rotation: ca.SX) -> ca.SX:
-    """(3,) axis times angle [rad], angle in [0, pi], of a rotation matrix (3, 3).
+    """(3,) axis times angle [rad], angle in [0, pi], of a rotation matrix (3, 3); accurate from 0 to pi.
 
-    Through the quaternion, from whichever of its entries is largest, so that it holds at 0 and at pi.
+    With c and s the cosine and sine of the angle, R - R' holds s times the axis, which fades towards pi, where
+    (R + R')/2 - c I = (1 - c) axis axis' takes over.
     """
     r = rotation
-    trace = r[0, 0] + r[1, 1] + r[2, 2]
-    # Four ways to 4 w_i (w, x, y, z); each is exact, and accurate where its leading entry is large.
-    ways = [
-        (trace, [1 + trace, r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]]),
-        (r[0, 0], [r[2, 1] - r[1, 2], 1 + 2 * r[0, 0] - trace, r[0, 1] + r[1, 0], r[0, 2] + r[2, 0]]),
-        (r[1, 1], [r[0, 2] - r[2, 0], r[0, 1] + r[1, 0], 1 + 2 * r[1, 1] - trace, r[1, 2] + r[2, 1]]),
-        (r[2, 2], [r[1, 0] - r[0, 1], r[0, 2] + r[2, 0], r[1, 2] + r[2, 1], 1 + 2 * r[2, 2] - trace]),
+    cosine = 0.5 * (r[0, 0] + r[1, 1] + r[2, 2] - 1)
+    skew = 0.5 * ca.vertcat(r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1])
+    sine = ca.norm_2(skew)
+    angle = ca.atan2(sine, cosine)
+    # The column with the largest diagonal is the best conditioned multiple of the axis.
+    off = [0.5 * (r[1, 0] + r[0, 1]), 0.5 * (r[2, 0] + r[0, 2]), 0.5 * (r[2, 1] + r[1, 2])]
+    columns = [
+        ca.vertcat(r[0, 0] - cosine, off[0], off[1]),
+        ca.vertcat(off[0], r[1, 1] - cosine, off[2]),
+        ca.vertcat(off[1], off[2], r[2, 2] - cosine),
     ]
-    largest, chosen = ways[0][0], ca.vertcat(*ways[0][1])
-    for measure, entries in ways[1:]:
-        better = measure > largest
-        largest, chosen = ca.if_else(better, measure, largest), ca.if_else(better, ca.vertcat(*entries), chosen)
-    # A quaternion and its negative are one rotation; w >= 0 is the one with an angle up to pi.
-    w, v = chosen[0], ca.if_else(chosen[0] < 0, -chosen[1:], chosen[1:])
-    length = ca.norm_2(v)
-    tiny = length < 1e-12 * ca.norm_2(chosen)
-    return v * ca.if_else(tiny, 2 / ca.fabs(w), 2 * ca.atan2(length, ca.fabs(w)) / ca.if_else(tiny, 1, length))
+    first = ca.if_else(r[0, 0] >= r[1, 1], columns[0], columns[1])
+    largest = ca.if_else(r[2, 2] > ca.fmax(r[0, 0], r[1, 1]), columns[2], first)
+    along = ca.if_else(ca.dot(largest, skew) < 0, -1, 1)
+    near_pi = cosine < -0.5
+    direction, length = ca.if_else(near_pi, along * largest, skew), ca.if_else(near_pi, ca.norm_2(largest), sine)
+    tiny = length < 1e-150
+    return direction * ca.if_else(tiny, 1, angle / (length + tiny))
 
 
 def is_rotation(matrix: ca.SX) -> ca.SX:
     """1 where `matrix` (3, 3) is a rotation to `ROTATION_TOLERANCE`; not for a mirrored or a NaN one."""
-    excess = matrix @ matrix.T - ca.SX.eye(3)
-    right_handed = ca.dot(ca.cross(matrix[:, 0], matrix[:, 1]), matrix[:, 2])
-    return ca.logic_and(ca.sumsqr(excess) <= ROTATION_TOLERANCE**2, right_handed > 0)
+    x, y, z = (matrix[:, i] for i in range(3))
+    excess = [ca.dot(axis, axis) - 1 for axis in (x, y, z)] + [ca.dot(x, y), ca.dot(y, z), ca.dot(z, x)]
+    right_handed = ca.dot(ca.cross(x, y), z) > 0
+    return ca.logic_and(ca.sumsqr(ca.vertcat(*excess)) <= ROTATION_TOLERANCE**2, right_handed)

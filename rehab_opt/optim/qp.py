@@ -151,7 +151,7 @@ class Statement:
         gradient = ca.substitute(ca.gradient(self.minimise, x), x, origin)
         matrix = ca.jacobian(rows.expression, x)
         offset = ca.substitute(rows.expression, x, origin)
-        sound = all_true(ca.fabs(ca.vertcat(*self.parameters)) <= PLAUSIBLE, *self.requires)
+        sound = all_true(ca.sumsqr(ca.vertcat(*self.parameters)) <= PLAUSIBLE**2, *self.requires)
         lower = ca.vertcat(*(v.lower for v in self.variables))
         upper = ca.vertcat(*(v.upper for v in self.variables))
         numbers = [hessian, gradient, matrix, rows.lower - offset, rows.upper - offset, lower, upper, sound]

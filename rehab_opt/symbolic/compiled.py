@@ -20,8 +20,18 @@ import casadi as ca
 __all__ = ["cache_folder", "compilation_wanted", "compiled"]
 
 # No -ffast-math: it removes NaN checks. No contraction to fused multiply-adds and no -march=native, so that the
-# virtual machine gives the same numbers and a cache shared by machines holds code that runs on each of them.
-FLAGS = ("-O3", "-fPIC", "-shared", "-ffp-contract=off")
+# virtual machine gives the same numbers and a cache shared by machines holds code that runs on each of them. In
+# gnu89 CasADi writes its minimum and maximum as comparisons, where C99 would call a library function for each;
+# the two differ only in which NaN they drop, and what rests on neither is certified.
+FLAGS = (
+    "-O3",
+    "-std=gnu89",
+    "-Werror=implicit-function-declaration",
+    "-fno-math-errno",
+    "-ffp-contract=off",
+    "-fPIC",
+    "-shared",
+)
 COMPILE_SECONDS = 300.0
 
 _log = logging.getLogger(__name__)
