@@ -197,6 +197,8 @@ class ArmIK:
         if answer is not None and answer.certified:
             return self._found(answer, asked), answer.multipliers
         answer = search.posture_from(nearest.x, backup=True)
+        if not answer.certified and np.isfinite(answer.residual):  # fatrop ends an order of magnitude short of 1e-9
+            answer = search.posture_from(answer.x, answer.multipliers)
         if answer.certified:
             reason = "no certified answer from the primary solver"
             return self._found(answer, asked, Status.BACKUP, reason), answer.multipliers

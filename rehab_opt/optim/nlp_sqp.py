@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -121,11 +122,12 @@ def step_function(nlp: NLP) -> ca.Function:
         lbx=ca.fmax(lower, -radius), ubx=ca.fmin(upper, radius), lam_x0=of_bounds, lam_a0=of_rows,
     )  # fmt: skip
     multipliers = ca.vertcat(solution["lam_x"], solution["lam_a"])
+    inputs: list[Any] = [p, start, y, radius]
     next_x, cost, residual, violation, report = nlp.certify(p, x + solution["x"], multipliers)
     # What ends the compiled function ends the virtual machine's, too: a QP without a solution gives no step.
     residual = residual / _holds(n, m)(solution["x"], a, rows_lower, rows_upper)
-    outputs = [next_x, multipliers, cost, residual, violation, report]
-    return ca.Function(f"{nlp.name}_step", [p, start, y, radius], outputs)
+    outputs: list[Any] = [next_x, multipliers, cost, residual, violation, report]
+    return ca.Function(f"{nlp.name}_step", inputs, outputs)
 
 
 def _holds(n: int, m: int) -> ca.Function:
