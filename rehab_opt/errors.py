@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 __all__ = ["ConfigurationError", "ProblemFileError", "RehabOptError"]
 
 
@@ -25,6 +27,10 @@ class ConfigurationError(RehabOptError, ValueError):
         self.expected = expected
         super().__init__(f"{argument} = {value!r}: expected {expected}")
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Made again from its parts: people are processed in pools, and an error must come back from one."""
+        return type(self), (self.argument, self.value, self.expected), self.__dict__
+
 
 class ProblemFileError(RehabOptError, ValueError):
     """A problem file or recording cannot be used; the message is one line.
@@ -43,3 +49,7 @@ class ProblemFileError(RehabOptError, ValueError):
         self.value = value
         self.expected = expected
         super().__init__(f"{file}: {key} = {value!r}: expected {expected}")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Made again from its parts, as a `ConfigurationError` is."""
+        return type(self), (self.file, self.key, self.value, self.expected), self.__dict__

@@ -11,23 +11,29 @@ from numpy.typing import ArrayLike
 from rehab_opt.control.command import Command
 from rehab_opt.control.velocity_controller import VelocityController, checked_number
 from rehab_opt.control.wanted import WantedVelocity
+from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain, per_joint
 from rehab_opt.kinematics.frames import is_rotation, rotation_vector
-from rehab_opt.optim.certificate import clipped
 from rehab_opt.optim.qp import Statement, parameter, variable
 
 __all__ = ["PoseTracker"]
 
-DIRECTION_KEEPING = 1e-3
-"""Price of slowing down, relative to leaving the asked direction: at half speed it is left by 0.03 degrees."""
+DIRECTION_KEEPING = 1e-5
+"""Price of slowing down against leaving the asked direction: at a twentieth of the speed it is left by 0.01 deg."""
 STEADYING = 1e-8
 """Weight of the joint velocities against the squared twist error: it settles what the task leaves open."""
+DRIFT_SPEED = 0.1
+"""Share of the velocity limits at which a redundant chain drifts to its posture."""
+DRIFT_SIZE = 1e-2
+"""[m] Joint velocities count as this much of a hand speed each."""
+TINY = 1e-12
+"""[m/s] A speed that is no motion."""
 
 
 class PoseTracker(VelocityController):
     """Joint velocities for a tool that follows a pose and a twist.
 
-    min  1/2 |J (q' - s w)|^2 + small |q' - s w|^2 + price (1 - s)^2   over q', 0 <= s <= 1
+    min  |J (q' - s w)|^2 + small |q' - s w|^2 + price |w|^2 (1 - s)^2   over q', 0 <= s <= 1
     s.t. lower(q, q'_last) <= q' <= upper(q, q'_last)
 
     w are the joint velocities that would deliver the asked twist, or as much of it as the arm can at this pose
@@ -72,7 +78,7 @@ class PoseTracker(VelocityController):
         dt: float = 0.001,
         return_speed: float = 0.1,
         solver: str = "qrqp",
-        backup: str = "proxqp",
+        backup: str | None = None,
         tolerance: float = 1e-8,
         max_age: float | None = None,
         compile: bool | None = None,
@@ -81,6 +87,8 @@ class PoseTracker(VelocityController):
         self.linear_speed = checked_number("linear_speed", linear_speed, above=0.0)
         self.angular_speed = checked_number("angular_speed", angular_speed, above=0.0)
         self.task_weights = per_joint("task_weights", task_weights, 6, finite=True)
+        if not (np.all(self.task_weights >= 0) and np.any(self.task_weights > 0)):
+            raise ConfigurationError("task_weights", task_weights, "weights of zero or more, one of them above zero")
         self.posture = None if posture is None else per_joint("posture", posture, chain.n, finite=True)
         super().__init__(
             chain.with_limits(lower=lower, upper=upper, velocity=velocity, acceleration=acceleration),
@@ -104,22 +112,26 @@ class PoseTracker(VelocityController):
         moves = ca.reshape(jacobian, 6, n)
 
         velocity = variable("velocity", n, lower=lower, upper=upper)
-        scale = variable("scale", 1, lower=0, upper=1)
-        short = velocity.symbol - scale.symbol * wanted
-        price = DIRECTION_KEEPING * (ca.sumsqr(delivered) + 1e-6)
-        error = moves @ velocity.symbol - scale.symbol * delivered
-        cost = ca.sumsqr(error) + STEADYING * ca.sumsqr(short) + price * ca.sumsqr(scale.symbol - 1)
+        # Progress is s times the size of the wanted motion: in units of velocity like the rest, so that one tolerance
+        # fits all variables. A drift that moves no hand is a motion, too.
+        speed = ca.sqrt(ca.sumsqr(delivered) + DRIFT_SIZE**2 * ca.sumsqr(wanted))
+        progress = variable("progress", 1, lower=0, upper=speed)
+        scale = progress.symbol / ca.fmax(speed, TINY)
+        short = velocity.symbol - scale * wanted
+        error = moves @ velocity.symbol - scale * delivered
+        slower = progress.symbol - speed
+        cost = ca.sumsqr(error) + STEADYING * ca.sumsqr(short) + DIRECTION_KEEPING * ca.sumsqr(slower)
         missed = ca.sumsqr(delivered - asked) > 1e-6 * ca.sumsqr(asked)
         return Statement(
             name="pose_tracker",
             parameters=[q, entries, twist],
-            variables=[velocity, scale],
+            variables=[velocity, progress],
             minimise=cost / 2,
             requires=[is_rotation(_pose(entries)[:3, :3])],
-            guess=ca.vertcat(wanted, 1),
+            guess=ca.vertcat(wanted, speed),
             prepared=[jacobian, asked, lower, upper, outside, wanted, delivered],
             prepare=self._prepare(q, entries, twist, ca.vertcat(last, predicted)),
-            report=self.report(last, velocity.symbol, scale.symbol, outside, missed),
+            report=self.report(last, velocity.symbol, ca.if_else(speed > TINY, scale, 1), outside, missed),
             memory=ca.vertcat(last, predicted),
             remember=self.remember(q, velocity.symbol),
         )
@@ -132,8 +144,9 @@ class PoseTracker(VelocityController):
         asked = weights * self._asked_twist(chain.pose_expression(q), _pose(entries), twist)
         drift = ca.SX.zeros(n)
         if self.posture is not None:
-            slow = 0.1 * chain.velocity
-            drift = clipped(self._settling * (self.posture - q), -slow, slow) * ca.DM(~chain.locked)
+            drift = ca.DM(~chain.locked * self._settling) * (ca.DM(self.posture) - q)
+            fastest = ca.mmax(ca.fabs(drift) / ca.DM(DRIFT_SPEED * chain.velocity))
+            drift = drift / ca.fmax(fastest, 1)  # as a whole: its direction is kept
         wanted = WantedVelocity(jacobian, asked, drift, self.bounds(q, memory[:n]), chain.velocity, chain.locked)
         return wanted.prepare(ca.vertcat(q, entries, twist), memory)
 
@@ -141,7 +154,8 @@ class PoseTracker(VelocityController):
         """(6,) twist plus feedback on the pose error, slowed as a whole where a hand speed would be exceeded."""
         position_error = target[:3, 3] - pose[:3, 3]
         rotation_error = rotation_vector(target[:3, :3] @ pose[:3, :3].T)
-        asked = twist + self._settling * ca.vertcat(position_error, rotation_error)
+        controlled = ca.DM(self.task_weights > 0)
+        asked = controlled * (twist + self._settling * ca.vertcat(position_error, rotation_error))
         share = ca.fmax(ca.norm_2(asked[:3]) / self.linear_speed, ca.norm_2(asked[3:]) / self.angular_speed)
         return asked / ca.fmax(share, 1)
 

@@ -49,7 +49,7 @@ class VelocityController(ABC):
         dt: float,
         return_speed: float,
         solver: str,
-        backup: str,
+        backup: str | None,
         tolerance: float,
         max_age: float | None,
         compile: bool | None,
@@ -147,6 +147,7 @@ class VelocityController(ABC):
             return self._safe(reason)
         ladder = self._ladder
         if self._fused:  # the usual way, without the layers of Python: they would cost as much as the solve
+            ladder.verdict[0] = math.nan  # see `Ladder`: a failure inside leaves the outputs as they are
             ladder.evaluate()
             residual, _, who, yielded, scale = ladder.verdict.tolist()
             if 0.0 <= residual <= ladder.tolerance:

@@ -64,7 +64,7 @@ class WantedVelocity(NamedTuple):
         leaves = ca.sum1(ca.logic_or(at_most > high, at_most < low)) > 0
         task = ca.vertcat(ca.vec(ca.densify(self.jacobian)), self.twist)
         kept = ca.vertcat(bounds.lower, bounds.upper, bounds.outside)
-        outputs = [task, kept, ca.vertcat(wanted, moving @ wanted), ca.vertcat(low, high), leaves]
+        outputs = [task, kept, ca.vertcat(wanted, moving @ wanted), ca.vertcat(low, high, self.drift), leaves]
         first = ca.Function("first", [parameters, memory], [ca.densify(each) for each in outputs], {"cse": True})
 
         p, last = ca.MX.sym("p", parameters.numel()), ca.MX.sym("memory", memory.numel())
@@ -73,16 +73,16 @@ class WantedVelocity(NamedTuple):
         return ca.Function("prepare", [p, last], [ca.vertcat(told, within, motion)])
 
     def _hold(self, movable: ca.DM) -> tuple[ca.Function, ca.Function]:
-        """Task, wanted motion, stopping speeds -> wanted motion with joints held; and with none."""
+        """Task, wanted motion, stopping speeds and drift -> wanted motion with joints held; and with none."""
         k, n = self.jacobian.shape
         flat, twist, motion = ca.SX.sym("jacobian", k * n), ca.SX.sym("twist", k), ca.SX.sym("motion", n + k)
-        low, high = ca.SX.sym("low", n), ca.SX.sym("high", n)
+        low, high, drift = ca.SX.sym("low", n), ca.SX.sym("high", n), ca.SX.sym("drift", n)
         jacobian, wanted = ca.reshape(flat, k, n) @ movable, motion[:n]
         at_most = clipped(wanted, -self.speed, self.speed)
         free = ca.logic_and(at_most <= high, at_most >= low)
         held = ca.if_else(free, 0, clipped(wanted, low, high))
-        others = wanted_velocity(jacobian @ ca.diag(free), twist - jacobian @ held, ca.SX.zeros(n))
+        others = wanted_velocity(jacobian @ ca.diag(free), twist - jacobian @ held, free * drift)
         velocity = ca.if_else(free, others, held)
-        inputs = [ca.vertcat(flat, twist), motion, ca.vertcat(low, high)]
+        inputs = [ca.vertcat(flat, twist), motion, ca.vertcat(low, high, drift)]
         second = ca.Function("second", inputs, [ca.densify(ca.vertcat(velocity, jacobian @ velocity))], {"cse": True})
         return second, ca.Function("enough", inputs, [motion])

@@ -117,7 +117,7 @@ class SerialChain:
 
     def jacobian(self, q: ArrayLike) -> Array:
         """(6, n) geometric Jacobian in the base frame at the tool's origin, linear rows first."""
-        return self._evaluate("jacobian", q)
+        return self._evaluate("jacobian", q).reshape(6, self.n)  # one joint gives a column, which would come flat
 
     def manipulability(self, q: ArrayLike) -> float:
         """Yoshikawa's measure w = sqrt(det(J J')), and sqrt(det(J' J)) below six joints."""
@@ -204,7 +204,7 @@ def per_joint(argument: str, value: ArrayLike, n: int, *, finite: bool = False) 
     """`value` as a read-only float array (n,); a scalar stands for every joint."""
     try:
         array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError) as problem:
+    except (TypeError, ValueError, OverflowError) as problem:
         raise ConfigurationError(argument, value, f"{n} numbers") from problem
     if array.ndim == 0:
         array = np.full(n, float(array))
@@ -221,7 +221,7 @@ def rigid(argument: str, value: ArrayLike) -> Array:
     expected = "a (4, 4) rigid transform"
     try:
         pose = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError) as problem:
+    except (TypeError, ValueError, OverflowError) as problem:
         raise ConfigurationError(argument, value, expected) from problem
     if pose.shape != (4, 4) or not np.all(np.isfinite(pose)):
         raise ConfigurationError(argument, value, expected)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from functools import reduce
+from typing import Any, cast
 
 import casadi as ca
 
@@ -35,7 +36,9 @@ def certificate_function(n: int, m: int) -> ca.Function:
         _one_is_zero(bound_multiplier, x, lower, upper), _one_is_zero(row_multiplier, rows, rows_lower, rows_upper)
     )
     residual = ca.sqrt(ca.sumsqr(stationarity) + ca.sumsqr(violation) + ca.sumsqr(complementarity))
-    sane = all_true(sound > 0, x <= upper, x >= lower, ca.fabs(rows) <= 1e30, rows_lower <= rows_upper)
+    sane = all_true(
+        sound > 0, ca.fabs(claim) <= 1e30, x <= upper, x >= lower, ca.fabs(rows) <= 1e30, rows_lower <= rows_upper
+    )
     data = [hessian, gradient, matrix, rows_lower, rows_upper, lower, upper, sound]
     return ca.Function(
         "certificate", [*data, claim, bound_multiplier, row_multiplier], [x, residual / sane], {"cse": True}
@@ -44,12 +47,8 @@ def certificate_function(n: int, m: int) -> ca.Function:
 
 def all_true(*conditions: ca.SX) -> ca.SX:
     """1 where every element of every condition holds, else 0; a comparison with NaN does not hold."""
-    true = ca.SX(1)
-    for condition in conditions:
-        for i in range(condition.numel()):
-            true = ca.logic_and(true, condition[i])
-    everything: ca.SX = true
-    return everything
+    elements = [condition[i] for condition in conditions for i in range(condition.numel())]
+    return cast("ca.SX", reduce(ca.logic_and, elements, ca.SX(1)))
 
 
 def is_certified(residual: float, tolerance: float) -> bool:

@@ -42,7 +42,8 @@ def fused(statement: Statement) -> ca.Function:
         attempt = _unless_certified(statement, "active_set", _last_active_set(statement), 2, attempt)
     if statement.guess is not None:
         attempt = _unless_certified(statement, "closed_form", _guessed(statement), 1, attempt)
-    answer = attempt(guess, start, *data)
+    attempt = ca.Function.if_else(f"{statement.name}_sound", attempt, _refused(statement))
+    answer = attempt(data[-1], guess, start, *data)
 
     x = answer[:n]
     report, memory = statement.finish(full, memory, x)
@@ -106,6 +107,13 @@ def _solve(statement: Statement) -> ca.Function:
     x, residual = statement.certify(*data, solution["x"], solution["lam_x"], solution["lam_a"])
     answer = ca.vertcat(x, solution["lam_x"], solution["lam_a"], residual, 0)
     return ca.Function(f"{statement.name}_solve", inputs, [answer])
+
+
+def _refused(statement: Statement) -> ca.Function:
+    """Guess, start, data -> nothing, with an infinite residual: no solver sees parameters that cannot be used."""
+    inputs = _inputs(statement)
+    nothing = ca.MX(ca.DM([0.0] * (2 * statement.n + statement.m) + [ca.inf, 0.0]))
+    return ca.Function(f"{statement.name}_refused", inputs, [nothing])
 
 
 def _inputs(statement: Statement) -> list[ca.MX]:

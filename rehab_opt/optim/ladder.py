@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import math
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,19 +30,25 @@ class Ladder:
     call overwrites. The call returns the name of the solver whose answer is certified, "" if none is; only a certified
     answer changes `state` (x, multipliers, memory), which the next call starts from.
 
+    Where compiled qrqp gives up, the function returns before it writes any output and nobody says so: the residual is
+    therefore set to NaN before each evaluation.
+
     Parameters
     ----------
     statement : the QP.
-    solver, backup : "qrqp" (fused), "proxqp" or "osqp" (kept alive), or any solver known to qpsolvers.
+    solver, backup : "qrqp" (fused), "proxqp" or "osqp" (kept alive), or any solver known to qpsolvers. Backup None is
+        proxqp, and qrqp behind proxqp.
     tolerance : largest certificate residual that is accepted, in the statement's units.
     compile : None follows `REHAB_OPT_COMPILE`.
     """
 
     def __init__(
-        self, statement: Statement, *, solver: str, backup: str, tolerance: float, compile: bool | None = None
+        self, statement: Statement, *, solver: str, backup: str | None, tolerance: float, compile: bool | None = None
     ) -> None:
         if not 0 < tolerance < 1:
             raise ConfigurationError("tolerance", tolerance, "a number between 0 and 1")
+        if backup is None:
+            backup = "proxqp" if solver != "proxqp" else FUSED
         self.statement, self.solver, self.backup, self.tolerance = statement, solver, backup, tolerance
         self._buffers = fused = BufferedFunction(compiled(statement.fused, compile=compile))
         self.evaluate = fused.evaluate  # its memory belongs to `_buffers`
@@ -49,11 +56,12 @@ class Ladder:
         self._answer, self._verdict = fused.outputs
         self.residual, self.sound, self.report = self._verdict[:1], self._verdict[1:2], self._verdict[3:]
         # Views of views: reading and assigning through them costs half of numpy's.
-        self.verdict, self.answer, self.keep = self._verdict.data, self._answer.data, self.state.data
+        self.verdict = cast("memoryview[float]", self._verdict.data)
+        self.answer, self.keep = self._answer.data, self.state.data
         self.x = self._answer[: statement.n]
         self.memory = self.state[2 * statement.n + statement.m :]
         self.iterations = -1
-        self._rungs = {name: None if name == FUSED else self._backend(name) for name in (solver, backup)}
+        self._rungs = {FUSED: None, solver: self._backend("solver", solver), backup: self._backend("backup", backup)}
         # The parts are made now: a first failure in the loop must not wait for a compiler. They are compiled only
         # where they serve the primary solver.
         parts = (statement.complete, statement.build, statement.certify, statement.finish)
@@ -66,6 +74,7 @@ class Ladder:
         """Solve at `parameters`, warm-started; name of the solver that is certified, or ""."""
         if self.solver != FUSED:
             return self.solver if self._solve_by(self.solver) else self.climb()
+        self.verdict[0] = math.nan
         self.evaluate()
         if 0.0 <= self.verdict[0] <= self.tolerance:
             self.keep[:] = self.answer
@@ -94,6 +103,7 @@ class Ladder:
     def _solve_by(self, name: str) -> bool:
         if name == FUSED:
             self.iterations = -1
+            self.verdict[0] = math.nan
             self.evaluate()
         else:
             self._solve_apart(name)
@@ -107,19 +117,22 @@ class Ladder:
         complete, build, certify, finish = self._complete, self._build, self._certify, self._finish
         full = _outputs(complete, self.parameters, self.memory)[0]
         *qp, sound, _ = _outputs(build, full, self.memory)
-        solver = self._rungs[name]
+        solver, n, m = self._rungs[name], self.statement.n, self.statement.m
         assert solver is not None
-        claim = solver.solve(Instance(*qp))
+        # A matrix of one column comes flat.
+        claim = solver.solve(Instance(qp[0].reshape(n, n), qp[1], qp[2].reshape(m, n), *qp[3:]))
         x, residual = _outputs(certify, *qp, sound, *claim[:3])
         report, memory = _outputs(finish, full, self.memory, x)
         self._answer[:] = np.concatenate([x, *claim[1:3], memory])
         self._verdict[:] = np.concatenate([residual, sound, [0.0], report])
         self.iterations = claim.iterations
 
-    def _backend(self, name: str) -> Backend:
+    def _backend(self, argument: str, name: str) -> Backend | None:
+        if name == FUSED:
+            return None
         from rehab_opt.optim.backends import backend  # noqa: PLC0415  (solvers load when used)
 
-        return backend(name, self.statement.n, self.statement.m)
+        return backend(name, self.statement.n, self.statement.m, argument=argument)
 
 
 def _outputs(function: BufferedFunction, *values: ArrayLike) -> tuple[NDArray[np.float64], ...]:

@@ -1,0 +1,400 @@
+"""Claims about PoseTracker that a person's safety rests on, judged by plain numpy."""
+
+import math
+
+import numpy as np
+import pytest
+import qpsolvers
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from rehab_opt import Bound, ConfigurationError, PoseTracker, SerialChain, Status, human_arm, ur5
+from rehab_opt.control.command import Command
+from tests.control import fault_campaign
+
+START = np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.0])
+REST = np.zeros(6)
+
+
+def tracker(chain: SerialChain | None = None, **options: object) -> PoseTracker:
+    return PoseTracker(chain or ur5(), compile=False, **options)  # type: ignore[arg-type]
+
+
+def moved(pose: np.ndarray, *shift: float) -> np.ndarray:
+    target = pose.copy()
+    target[:3, 3] += shift
+    return target
+
+
+def test_no_fault_of_the_campaign_breaks_a_bound() -> None:
+    tally = fault_campaign.run(3000, seed=1, compile=False)
+    assert tally.broken == []
+    assert set(tally.statuses) == {Status.OK, Status.BACKUP, Status.BRAKING, Status.HOLDING}
+    assert all(tally.faults[fault] for fault in ("q", "pose", "twist", "stamp", "repeated", "disabled", "mirrored"))
+
+
+@pytest.mark.parametrize("dt", [1e-4, 1e-3, 2e-2, 1e-1])
+def test_a_pose_within_reach_is_reached_at_any_tick_length(dt: float) -> None:
+    chain = ur5()
+    robot, q = tracker(chain, dt=dt, gain=20.0), START.copy()
+    target = chain.pose(START + [0.2, 0.1, -0.1, 0.2, 0.1, 0.3])
+    for _ in range(max(round(2.0 / dt), 60)):
+        q = q + robot.step(q, target, REST).value * dt
+    np.testing.assert_allclose(chain.pose(q), target, atol=1e-7)
+
+
+@pytest.mark.parametrize("dt", [1e-3, 2e-2])
+def test_a_moving_pose_is_followed_without_lag(dt: float) -> None:
+    chain = ur5()
+    robot, q, centre = tracker(chain, dt=dt), START.copy(), chain.pose(START)
+    worst = 0.0
+    for k in range(round(3.0 / dt)):
+        t = k * dt
+        target = moved(centre, 0.0, 0.05 * (1 - math.cos(2 * t)), 0.05 * math.sin(2 * t))
+        twist = np.array([0.0, 0.1 * math.sin(2 * t), 0.1 * math.cos(2 * t), 0.0, 0.0, 0.0])
+        if t > 1.0:
+            worst = max(worst, float(np.linalg.norm(chain.pose(q)[:3, 3] - target[:3, 3])))
+        q = q + robot.step(q, target, twist).value * dt
+    assert worst < 0.05 * (2 * dt) ** 2 + 2e-5  # what holding a velocity for a tick costs on this circle, and damping
+
+
+def test_the_direction_is_kept_when_a_velocity_limit_slows_the_hand() -> None:
+    chain = ur5(velocity=0.1, acceleration=math.inf)
+    robot = tracker(chain, linear_speed=10.0)
+    twist = np.array([0.3, 0.4, -0.2, 0.0, 0.0, 0.0])
+    command = robot.step(START, chain.pose(START), twist)
+    achieved = chain.jacobian(START) @ command.value
+    assert np.max(np.abs(command.value)) == pytest.approx(0.1, abs=1e-12)
+    assert command.yielded & Bound.TASK
+    assert 0.05 < command.scale < 0.5
+    cosine = achieved @ twist / np.linalg.norm(achieved) / np.linalg.norm(twist)
+    assert math.degrees(math.acos(min(cosine, 1.0))) < 0.1
+
+
+def test_hand_speeds_are_slowed_as_a_whole() -> None:
+    chain = ur5(acceleration=math.inf)
+    robot = tracker(chain, linear_speed=0.25, angular_speed=1.0)
+    command = robot.step(START, chain.pose(START), [3.0, 0.0, 4.0, 0.0, 0.0, 0.1])
+    np.testing.assert_allclose(chain.jacobian(START) @ command.value, [0.15, 0, 0.2, 0, 0, 0.005], atol=1e-5)
+
+
+def test_a_joint_at_its_limit_does_not_stop_the_others() -> None:
+    chain = ur5()
+    chain = chain.with_limits(lower=START - 0.5, upper=START + 0.5)
+    robot, q = tracker(chain), START.copy()
+    target = chain.pose(START + [0.9, 0.0, 0.0, 0.0, 0.0, 0.0])  # the first joint would have to go 0.4 too far
+    for _ in range(4000):
+        q = q + robot.step(q, target, REST).value * robot.dt
+    assert q[0] == pytest.approx(chain.upper[0], abs=1e-9)
+    before = np.linalg.norm(chain.pose(START)[:3, 3] - target[:3, 3])
+    assert np.linalg.norm(chain.pose(q)[:3, 3] - target[:3, 3]) < 0.6 * before
+
+
+@pytest.mark.parametrize("pose_at", [[0.0] * 6, [0, -1.57, 0, 0, 0, 0], [0, -1.2, 1.5, -1.8, 0.0, 0]])
+def test_a_singular_pose_is_left_and_speeds_stay_bounded(pose_at: list[float]) -> None:
+    chain = ur5()
+    robot, q = tracker(chain), np.array(pose_at, dtype=float)
+    target = chain.pose(q + [0.3, 0.3, -0.4, 0.3, 0.5, 0.1])
+    for _ in range(6000):
+        command = robot.step(q, target, REST)
+        assert command.status.certified
+        q = q + command.value * robot.dt
+    assert np.linalg.norm(chain.pose(q) - target) < 0.05 * np.linalg.norm(chain.pose(np.array(pose_at)) - target)
+
+
+@pytest.mark.parametrize("dt", [1e-4, 1e-3, 2e-2, 1e-1])
+def test_from_every_state_that_can_stop_all_bounds_hold_together(dt: float) -> None:
+    chain = fault_campaign.slide_arm()
+    robot, rng = tracker(chain, dt=dt), np.random.default_rng(7)
+    q, last = np.array([0.0, 0.0, 0.3, 0.0, 0.0]), np.zeros(5)
+    for k in range(1500):
+        if k % 25 == 0:
+            twist = rng.standard_normal(6) * rng.choice([0.1, 1.0, 10.0])
+        command = robot.step(q, chain.pose(q), twist)
+        v = command.value
+        assert not command.yielded & (Bound.POSITION | Bound.ACCELERATION)
+        assert np.all(np.abs(v) <= chain.velocity)
+        assert np.all(np.abs(v - last) <= chain.acceleration * dt * (1 + 1e-9) + 1e-12)
+        q, last = q + v * dt, v
+        assert np.all(q <= chain.upper + 1e-12)
+        assert np.all(q >= chain.lower - 1e-12)
+
+
+def test_a_state_that_cannot_stop_brakes_at_the_maximum_and_then_stands_at_the_limit() -> None:
+    chain = ur5(acceleration=2.0)
+    robot, q = tracker(chain), START.copy()
+    q[0] = chain.upper[0] - 0.01
+    last = np.array([1.0, 0, 0, 0, 0, 0])  # would need 0.25 rad
+    robot.reset(last)
+    speeds = []
+    for _ in range(40):
+        command = robot.step(q, chain.pose(q), [0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+        q = q + command.value * robot.dt
+        speeds.append(command.value[0])
+        assert q[0] <= chain.upper[0] + 1e-12
+    assert speeds[0] == pytest.approx(1.0 - 2.0e-3, abs=1e-12)
+    assert speeds[-1] == pytest.approx(0.0, abs=1e-9)
+
+
+@given(beyond=st.floats(1e-6, 1.0), joint=st.integers(0, 5), up=st.booleans(), share=st.sampled_from([0.05, 0.1, 0.5]))
+@settings(max_examples=25, deadline=None)
+def test_outside_a_limit_the_way_back_is_slow_and_ends_inside(
+    beyond: float, joint: int, up: bool, share: float
+) -> None:
+    chain = ur5().with_limits(lower=START - 0.3, upper=START + 0.3)
+    robot, q = tracker(chain, return_speed=share, dt=4e-3), START.copy()
+    q[joint] = chain.upper[joint] + beyond if up else chain.lower[joint] - beyond
+    for _ in range(round(beyond / (share * math.pi * 4e-3)) + 60):
+        command = robot.step(q, chain.pose(START), REST)
+        outside = (q > chain.upper + 1e-9) | (q < chain.lower - 1e-9)
+        assert np.all(np.abs(command.value[outside]) <= share * math.pi + 1e-12)
+        assert bool(command.yielded & Bound.POSITION) == outside.any()
+        q = q + command.value * robot.dt
+    assert np.all(q <= chain.upper + 1e-9)
+    assert np.all(q >= chain.lower - 1e-9)
+
+
+def test_who_lets_go_of_the_enable_switch_stops_smoothly_and_is_not_moved() -> None:
+    chain = ur5().with_limits(lower=START - 0.1, upper=START + 0.1)
+    robot, q = tracker(chain), START.copy()
+    for _ in range(50):
+        last = robot.step(q, chain.pose(START), [0.1, 0.2, 0.0, 0.0, 0.0, 0.5]).value
+        q = q + last * robot.dt
+    for _ in range(400):
+        command = robot.step(q, chain.pose(START), REST, enable=False)
+        assert np.all(np.abs(command.value) <= np.maximum(np.abs(last) - chain.acceleration * robot.dt, 0) + 1e-12)
+        q, last = q + command.value * robot.dt, command.value
+    assert command.status is Status.HOLDING
+    assert command.reason == "not enabled"
+    outside = q + 1.0
+    assert not robot.step(outside, chain.pose(START), REST, enable=False).value.any()
+    again = robot.step(q, chain.pose(START), [0.5, 0.0, 0.0, 0.0, 0.0, 0.0])
+    assert again.status is Status.OK
+    assert np.all(np.abs(again.value) <= chain.acceleration * robot.dt + 1e-12)
+
+
+@pytest.mark.parametrize("enable", [False, 0, None, math.nan, np.False_])
+def test_only_true_enables(enable: object) -> None:
+    robot = tracker()
+    assert robot.step(START, ur5().pose(START), [0.1, 0, 0, 0, 0, 0], enable=enable).status is Status.HOLDING
+
+
+@pytest.mark.parametrize("enable", [True, 1, np.True_])
+def test_truth_comes_in_several_types(enable: object) -> None:
+    assert tracker().step(START, ur5().pose(START), REST, enable=enable).status is Status.OK
+
+
+def test_stamps_that_repeat_or_fall_behind_brake_and_fresh_ones_resume() -> None:
+    robot, pose = tracker(max_age=0.02), ur5().pose(START)
+    assert robot.step(START, pose, REST, stamp=1.0).status is Status.OK
+    assert "repeated" in robot.step(START, pose, REST, stamp=1.0).reason
+    assert robot.step(START, pose, REST, stamp=1.002).status is Status.OK
+    slow = [robot.step(START, pose, REST, stamp=1.002 + 1e-4 * (k + 1)).status for k in range(60)]
+    assert slow[0] is Status.OK
+    assert slow[-1] is Status.HOLDING
+
+
+def test_a_position_that_is_lost_is_carried_on_from_what_was_commanded() -> None:
+    chain = ur5()
+    robot, q = tracker(chain), START.copy()
+    q[0] = chain.upper[0] - 0.002
+    last = np.array([0.2, 0, 0, 0, 0, 0])
+    robot.reset(last)
+    robot.step(q, chain.pose(q), REST)
+    lost = np.full(6, math.nan)
+    for _ in range(100):
+        command = robot.step(lost, chain.pose(q), REST)
+        q = q + command.value * robot.dt
+        assert q[0] <= chain.upper[0] + 1e-12
+    assert command.status is Status.HOLDING
+    assert "q[0] is nan" in command.reason
+
+
+def test_the_backup_answers_when_the_primary_is_made_to_fail(monkeypatch: pytest.MonkeyPatch) -> None:
+    chain = ur5()
+    robot, plain = tracker(chain), tracker(chain)
+    ladder = robot._ladder
+    monkeypatch.setattr(ladder, "evaluate", lambda: ladder._verdict.__setitem__(slice(0, 2), [math.nan, 1.0]))
+    command = robot.step(START, chain.pose(START), [0.05, 0, 0, 0, 0, 0])
+    assert command.status is Status.BACKUP
+    assert command.solver == "proxqp"
+    assert "qrqp" in command.reason
+    expected = plain.step(START, chain.pose(START), [0.05, 0, 0, 0, 0, 0])
+    np.testing.assert_allclose(command.value, expected.value, atol=1e-6)
+
+
+def test_the_safe_command_answers_when_every_solver_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    chain = ur5()
+    robot, last = tracker(chain), np.full(6, 0.1)
+    robot.reset(last)
+    monkeypatch.setattr(robot._ladder, "_solve_by", lambda name: False)
+    monkeypatch.setattr(robot._ladder, "evaluate", lambda: robot._ladder._verdict.__setitem__(slice(0, 2), [9.0, 1.0]))
+    command = robot.step(START, chain.pose(START), REST)
+    assert command.status is Status.BRAKING
+    assert "no solver" in command.reason
+    np.testing.assert_allclose(command.value, last - chain.acceleration * robot.dt, atol=1e-12)
+
+
+def test_compiled_and_interpreted_give_the_same_commands() -> None:
+    chain = ur5(velocity=0.6)
+    robots = [PoseTracker(chain, compile=fast) for fast in (True, False)]
+    q, rng, twist = START.copy(), np.random.default_rng(3), REST
+    for k in range(2000):
+        if k % 100 == 0:
+            twist = rng.standard_normal(6) * 0.5
+        commands = [robot.step(q, chain.pose(START), twist) for robot in robots]
+        np.testing.assert_allclose(commands[0].value, commands[1].value, rtol=0, atol=1e-12)
+        q = q + commands[0].value * robots[0].dt
+
+
+@pytest.mark.parametrize("solver", ["proxqp", "osqp", "daqp"])
+def test_every_solver_gives_the_same_command(solver: str) -> None:
+    chain = ur5(velocity=0.4)
+    ours, other = tracker(chain), tracker(chain, solver=solver)
+    q = START.copy()
+    for k in range(150):
+        twist = [0.3 * math.sin(0.05 * k), 0.2, 0.0, 0.0, 0.3, 0.0]
+        expected, command = ours.step(q, chain.pose(START), twist), other.step(q, chain.pose(START), twist)
+        assert command.status is Status.OK
+        assert command.solver == solver
+        np.testing.assert_allclose(chain.jacobian(q) @ (command.value - expected.value), 0, atol=1e-5)
+        q = q + expected.value * ours.dt
+        other.reset(expected.value)
+
+
+def test_the_qp_can_be_inspected_and_solved_elsewhere() -> None:
+    chain = ur5(velocity=0.3)
+    robot, twist = tracker(chain), np.array([0.5, 0.0, 0.2, 0.0, 0.0, 0.0])
+    robot.reset(np.full(6, 0.1))
+    problem = robot.to_qpsolvers(START, chain.pose(START), twist)
+    answer = qpsolvers.solve_problem(problem, solver="daqp", primal_tol=1e-12, dual_tol=1e-12).x
+    command = robot.step(START, chain.pose(START), twist)
+    np.testing.assert_allclose(command.value, answer[:6], atol=1e-7)
+    assert command.scale * np.linalg.norm(twist) == pytest.approx(answer[6], abs=1e-6)
+
+
+def test_a_redundant_arm_drifts_to_its_posture_without_moving_the_hand() -> None:
+    arm = human_arm(range_of_motion="regular")
+    middle = (arm.lower + arm.upper) / 2
+    along = np.linalg.svd(arm.jacobian(middle))[2][-1]  # moves no hand
+    posture = middle + 0.1 * along
+    robot, q = tracker(arm, posture=posture, gain=20.0), middle.copy()
+    hand = arm.pose(q)
+    for _ in range(1500):
+        q = q + robot.step(q, hand, REST).value * robot.dt
+    assert np.linalg.norm(arm.pose(q)[:3, 3] - hand[:3, 3]) < 1e-4
+    assert np.linalg.norm(q - posture) < 0.2 * np.linalg.norm(middle - posture)
+
+
+def test_locked_joints_stay_and_the_others_do_the_work() -> None:
+    arm = human_arm(range_of_motion="restricted")
+    middle = (arm.lower + arm.upper) / 2
+    robot, q = tracker(arm, task_weights=[1, 1, 1, 0, 0, 0]), middle.copy()
+    target = arm.pose(middle + 0.1 * (arm.upper - arm.lower))
+    for _ in range(1000):
+        q = q + robot.step(q, target, REST).value * robot.dt
+    np.testing.assert_allclose(arm.pose(q)[:3, 3], target[:3, 3], atol=1e-5)
+    assert np.array_equal(q[arm.locked], middle[arm.locked])
+
+
+def test_a_freed_axis_is_not_controlled() -> None:
+    chain = ur5(acceleration=math.inf)
+    robot = tracker(chain, task_weights=[1, 1, 1, 0, 0, 0])
+    achieved = chain.jacobian(START) @ robot.step(START, chain.pose(START), [0.1, 0, 0, 5.0, 5.0, 5.0]).value
+    np.testing.assert_allclose(achieved[:3], [0.1, 0, 0], atol=1e-5)
+    assert np.linalg.norm(achieved[3:]) < 1.0
+
+
+def test_a_command_is_its_own_and_frozen() -> None:
+    robot, pose = tracker(), ur5().pose(START)
+    first = robot.step(START, pose, [0.1, 0, 0, 0, 0, 0])
+    kept = first.value.copy()
+    robot.step(START, pose, [0.0, 0.3, 0, 0, 0, 0])
+    assert np.array_equal(first.value, kept)
+    assert isinstance(first, Command)
+    with pytest.raises(ValueError, match="read-only"):
+        first.value[0] = 1.0
+    with pytest.raises(AttributeError):
+        first.status = Status.OK  # type: ignore[misc]
+
+
+def test_lists_and_other_number_types_are_read_as_what_they_are() -> None:
+    pose = ur5().pose(START)
+    expected = tracker().step(START, pose, REST + 0.1).value
+    for q, target, twist in (
+        (list(START), pose.tolist(), [0.1] * 6),
+        (START, np.asfortranarray(pose), REST + 0.1),
+        (np.repeat(START, 2)[::2], np.kron(pose, np.ones((2, 2)))[::2, ::2], REST + 0.1),
+    ):
+        np.testing.assert_array_equal(tracker().step(q, target, twist).value, expected)
+    single = tracker().step(START.astype(np.float32), pose, REST + 0.1)
+    np.testing.assert_allclose(single.value, expected, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("q", "pose", "twist"),
+    [
+        (START[:5], np.eye(4), REST),
+        (START.reshape(1, 6), np.eye(4), REST),
+        (1.0, np.eye(4), REST),
+        (START, np.eye(3), REST),
+        (START, np.eye(4).reshape(16), REST),
+        (START, np.eye(4).reshape(2, 8), REST),
+        (START, np.eye(4), REST[:3]),
+        (START, np.eye(4), ["a"] * 6),
+        (START, np.eye(4), REST + 1j),
+        (None, np.eye(4), REST),
+    ],
+)
+def test_a_wrong_shape_is_a_typed_error_of_the_caller(q: object, pose: object, twist: object) -> None:
+    with pytest.raises(ConfigurationError, match="real numbers of shape"):
+        tracker().step(q, pose, twist)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [
+        ("dt", 0.0), ("dt", math.nan), ("dt", -1e-3), ("dt", "fast"),
+        ("gain", 0.0), ("gain", math.inf), ("linear_speed", -1.0), ("angular_speed", math.nan),
+        ("velocity", 0.0), ("velocity", math.nan), ("velocity", math.inf), ("velocity", [1.0, 2.0]),
+        ("acceleration", -1.0), ("acceleration", math.nan),
+        ("lower", math.nan), ("lower", 7.0), ("upper", [math.nan] * 6),
+        ("return_speed", 0.0), ("return_speed", 2.0), ("tolerance", 0.0), ("tolerance", math.nan),
+        ("solver", "simplex"), ("backup", "none"), ("posture", [0.0] * 5), ("task_weights", [1, 1, 1, -1, 0, 0]),
+        ("max_age", -1.0),
+    ],
+)  # fmt: skip
+def test_bad_configuration_names_the_argument(option: str, value: object) -> None:
+    with pytest.raises(ConfigurationError) as caught:
+        tracker(**{option: value})
+    assert option in str(caught.value)
+
+
+@given(
+    lower=st.floats(-2, 2), width=st.floats(0, 3), where=st.floats(-1, 2), last=st.floats(-1, 1),
+    dt=st.sampled_from([1e-4, 1e-3, 2e-2, 0.1]), speed=st.floats(0.05, 4), change=st.floats(0.1, 50),
+)  # fmt: skip
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+def test_one_joint_obeys_the_order_of_bounds(
+    lower: float, width: float, where: float, last: float, dt: float, speed: float, change: float
+) -> None:
+    chain = SerialChain(
+        [(0.5, 0.0)],
+        lower=lower,
+        upper=lower + width,
+        velocity=speed,
+        acceleration=change,  # type: ignore[arg-type]
+    )
+    robot, q = tracker(chain, dt=dt), np.array([lower + where * width])
+    last *= speed
+    robot.reset([last])
+    for push in (1.0, -1.0, 0.0):
+        command = robot.step(q, chain.pose(q), [0, 0, 0, 0, 0, push])
+        v = command.value
+        assert abs(v[0]) <= speed
+        ahead = q + v * dt
+        assert ahead[0] <= max(lower + width, q[0]) + 1e-9
+        assert ahead[0] >= min(lower, q[0]) - 1e-9
+        if not command.yielded & Bound.ACCELERATION:
+            assert abs(v[0] - last) <= change * dt + 1e-9
+        q, last = ahead, float(v[0])
