@@ -1,0 +1,249 @@
+"""A chain is what its Denavit-Hartenberg rows say; everything else about it follows by differentiation."""
+
+import copy
+import pickle
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import FrozenInstanceError
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from rehab_opt import DH, ConfigurationError, SerialChain, human_arm, ur5
+from tests.kinematics.dh_oracle import Array, chain_pose, chains_with_joints, differentiated
+
+LIMITS = {"lower": -1.0, "upper": 1.0, "velocity": 1.0, "acceleration": 1.0}
+ROWS = (DH(a=0.1, alpha=0.2), DH(a=0.3, alpha=0.0))
+
+
+def planar(n: int) -> SerialChain:
+    """Parallel axes: no more than three ways to move, whatever the number of joints."""
+    return SerialChain((DH(a=0.2, alpha=0.0),) * n, **LIMITS)
+
+
+# -------------------------------------------------------------------------------------------------------- pose
+@settings(max_examples=60)
+@given(chains_with_joints())
+def test_pose_is_the_product_of_the_rows(case: tuple[SerialChain, Array]) -> None:
+    chain, q = case
+    expected = chain_pose(chain.rows, q, chain.base, chain.tool)
+    np.testing.assert_allclose(chain.pose(q), expected, atol=1e-12)
+
+
+@settings(max_examples=30)
+@given(chains_with_joints())
+def test_jacobian_is_the_derivative_of_the_pose(case: tuple[SerialChain, Array]) -> None:
+    chain, q = case
+    jacobian = chain.jacobian(q)
+    assert jacobian.shape == (6, chain.n)
+    np.testing.assert_allclose(jacobian, differentiated(chain, q), atol=1e-7)
+
+
+def test_a_prismatic_joint_moves_along_its_axis_and_turns_nothing() -> None:
+    chain = SerialChain((DH(a=0.0, alpha=np.pi / 2), DH(a=0.3, alpha=0.4, prismatic=True)), **LIMITS)
+    np.testing.assert_allclose(chain.jacobian([0.0, 0.2])[:, 1], [0, -1, 0, 0, 0, 0], atol=1e-15)
+
+
+def test_numbers_are_copies_that_the_next_call_does_not_overwrite() -> None:
+    chain = planar(2)
+    first = chain.pose([0.1, 0.2])
+    kept = first.copy()
+    chain.pose([1.0, -1.0])
+    np.testing.assert_array_equal(first, kept)
+
+
+def test_a_chain_may_be_used_by_several_threads_at_once() -> None:
+    chain = ur5()
+    angles = np.random.default_rng(1).uniform(-3, 3, (400, 6))
+    expected = [chain_pose(chain.rows, q, chain.base, chain.tool) for q in angles]
+    with ThreadPoolExecutor(4) as pool:
+        poses = list(pool.map(chain.pose, angles))
+    np.testing.assert_allclose(poses, expected, atol=1e-12)
+
+
+def test_nan_in_a_joint_shows_in_the_pose() -> None:
+    assert np.isnan(planar(2).pose([0.0, np.nan])).any()
+
+
+# ---------------------------------------------------------------------------------------------- manipulability
+def volume(chain: SerialChain, q: Array) -> float:
+    return float(np.prod(np.linalg.svd(chain.jacobian(q), compute_uv=False)))
+
+
+def size(chain: SerialChain, q: Array) -> float:
+    """What rounding in a determinant is to be measured by."""
+    return max(1.0, float(np.linalg.norm(chain.jacobian(q), 2))) ** min(chain.n, 6)
+
+
+@settings(max_examples=40)
+@given(chains_with_joints())
+def test_manipulability_is_the_product_of_singular_values(case: tuple[SerialChain, Array]) -> None:
+    chain, q = case
+    assert chain.manipulability(q) == pytest.approx(volume(chain, q), abs=1e-7 * size(chain, q), rel=1e-6)
+
+
+@settings(max_examples=30)
+@given(chains_with_joints(st.sampled_from([2, 3, 5, 6, 7, 8])))
+def test_manipulability_gradient_is_its_derivative(case: tuple[SerialChain, Array]) -> None:
+    chain, q = case
+    scale = size(chain, q)
+    assume(volume(chain, q) > 1e-3 * scale)
+    h = 1e-5
+    steps = h * np.eye(chain.n)
+    expected = [(volume(chain, q + step) - volume(chain, q - step)) / (2 * h) for step in steps]
+    np.testing.assert_allclose(chain.manipulability_gradient(q), expected, atol=1e-5 * scale)
+
+
+@settings(max_examples=12)
+@given(st.integers(6, 9), st.data())
+def test_gradient_is_exactly_zero_where_the_chain_can_never_move_freely(n: int, data: st.DataObject) -> None:
+    q = [data.draw(st.floats(-3, 3)) for _ in range(n)]
+    chain = planar(n)
+    assert chain.manipulability(q) == 0.0
+    np.testing.assert_array_equal(chain.manipulability_gradient(q), np.zeros(n))
+
+
+def test_gradient_is_exactly_zero_for_the_ur5_at_its_zero_position() -> None:
+    chain = ur5()
+    assert chain.manipulability(np.zeros(6)) == 0.0
+    np.testing.assert_array_equal(chain.manipulability_gradient(np.zeros(6)), np.zeros(6))
+
+
+@settings(max_examples=30)
+@given(chains_with_joints(), st.data())
+def test_gradient_is_finite_where_two_axes_coincide(case: tuple[SerialChain, Array], data: st.DataObject) -> None:
+    chain, q = case
+    i = data.draw(st.integers(0, chain.n - 1))
+    doubled = SerialChain(
+        (*chain.rows[:i], DH(a=0.0, alpha=0.0, prismatic=chain.rows[i].prismatic), *chain.rows[i:]), **LIMITS
+    )
+    q = np.insert(q, i, 0.3)
+    w, gradient = doubled.manipulability(q), doubled.manipulability_gradient(q)
+    assert np.isfinite(gradient).all()
+    assert w >= 0.0
+    if w == 0.0:
+        np.testing.assert_array_equal(gradient, np.zeros(doubled.n))
+
+
+@pytest.mark.parametrize("chain", [ur5(), human_arm(), human_arm(range_of_motion="restricted")])
+@pytest.mark.parametrize("angle", [0.0, np.pi / 2, np.pi])
+def test_gradient_is_finite_at_stretched_postures(chain: SerialChain, angle: float) -> None:
+    q = np.full(chain.n, angle)
+    assert np.isfinite(chain.manipulability(q))
+    assert np.isfinite(chain.manipulability_gradient(q)).all()
+
+
+# ------------------------------------------------------------------------------------------- limits and freezing
+def test_a_scalar_limit_stands_for_every_joint() -> None:
+    chain = planar(3)
+    for array in (chain.lower, chain.upper, chain.velocity, chain.acceleration):
+        assert array.shape == (3,)
+
+
+def test_joints_of_zero_width_are_locked() -> None:
+    chain = SerialChain(ROWS, **{**LIMITS, "lower": [0.5, -1.0], "upper": [0.5, 1.0]})
+    assert chain.locked.tolist() == [True, False]
+    assert chain.jacobian([0.5, 0.0]).shape == (6, 2)
+
+
+def test_other_limits_leave_the_first_chain_as_it_was() -> None:
+    chain = planar(2)
+    slower = chain.with_limits(velocity=[0.1, 0.2], upper=0.3)
+    assert slower.velocity.tolist() == [0.1, 0.2]
+    assert slower.upper.tolist() == [0.3, 0.3]
+    assert slower.lower.tolist() == chain.lower.tolist()
+    assert chain.velocity.tolist() == [1.0, 1.0]
+    assert chain.with_limits(lower=1.0).locked.tolist() == [True, True]
+
+
+def test_other_limits_are_checked_like_the_first() -> None:
+    with pytest.raises(ConfigurationError, match="lower"):
+        planar(2).with_limits(lower=2.0)
+
+
+def test_a_chain_cannot_be_changed() -> None:
+    chain = planar(2)
+    with pytest.raises(FrozenInstanceError):
+        chain.lower = np.zeros(2)  # type: ignore[misc]
+    for name in ("lower", "upper", "velocity", "acceleration", "base", "tool", "locked"):
+        with pytest.raises(ValueError, match="read-only"):
+            getattr(chain, name)[0] = 5.0
+
+
+def test_a_chain_does_not_follow_the_arrays_it_was_made_from() -> None:
+    given_limits = np.array([1.0, 1.0])
+    chain = SerialChain(ROWS, **{**LIMITS, "upper": given_limits})
+    given_limits[0] = -9.0
+    assert chain.upper.tolist() == [1.0, 1.0]
+
+
+@pytest.mark.parametrize("used", [False, True])
+@pytest.mark.parametrize("again", [lambda chain: pickle.loads(pickle.dumps(chain)), copy.copy, copy.deepcopy])
+def test_a_chain_survives_pickling_and_copying(used: bool, again: object) -> None:
+    chain, q = human_arm(range_of_motion="restricted", side="right"), np.linspace(-1, 1, 8)
+    if used:  # its functions exist by now
+        chain.pose(q)
+        assert chain.locked.any()
+    twin = again(chain)  # type: ignore[operator]
+    np.testing.assert_array_equal(twin.pose(q), chain.pose(q))
+    np.testing.assert_array_equal(twin.locked, chain.locked)
+    assert twin.names == chain.names
+    for name in ("lower", "upper", "velocity", "acceleration", "base", "tool"):
+        np.testing.assert_array_equal(getattr(twin, name), getattr(chain, name))
+
+
+@pytest.mark.xfail(strict=True, reason="defect: unpickled arrays are writable")
+def test_a_chain_that_was_pickled_cannot_be_changed_either() -> None:
+    twin = pickle.loads(pickle.dumps(planar(2)))
+    with pytest.raises(ValueError, match="read-only"):
+        twin.velocity[0] = 5.0
+
+
+# --------------------------------------------------------------------------------------------------- bad arguments
+@pytest.mark.parametrize(
+    ("argument", "value"),
+    [
+        ("lower", np.nan), ("lower", 2.0), ("lower", [0.0]), ("lower", "low"), ("lower", np.inf),
+        pytest.param("lower", 10**400, id="lower-10^400"),
+        ("upper", np.nan), ("upper", -2.0), ("upper", [1.0, 1.0, 1.0]), ("upper", -np.inf),
+        ("velocity", 0.0), ("velocity", -1.0), ("velocity", np.nan), ("velocity", np.inf), ("velocity", [1.0, 0.0]),
+        ("acceleration", 0.0), ("acceleration", -1.0), ("acceleration", np.nan), ("acceleration", object()),
+        ("names", ("a",)), ("names", ("a", "a")),
+        pytest.param(
+            "names", 3, marks=pytest.mark.xfail(raises=TypeError, strict=True, reason="defect: TypeError for names")
+        ),
+        ("base", np.zeros((4, 4))), ("base", np.eye(3)), ("base", "here"), ("base", np.diag([1, 1, -1, 1])),
+        ("tool", np.full((4, 4), np.nan)), ("tool", 2 * np.eye(4)), ("tool", np.eye(4) + np.eye(4)[[1, 2, 3, 0]]),
+    ],
+)  # fmt: skip
+def test_a_bad_argument_is_named_with_its_value(argument: str, value: object) -> None:
+    with pytest.raises(ConfigurationError) as caught:
+        SerialChain(ROWS, **{**LIMITS, argument: value})
+    assert argument in caught.value.argument
+    assert caught.value.expected
+    assert argument in str(caught.value)
+
+
+@pytest.mark.parametrize("rows", [(), (DH(np.nan, 0.0),), (DH(0.0, 0.0, np.inf),)])
+def test_a_bad_row_is_named(rows: object) -> None:
+    with pytest.raises(ConfigurationError, match="rows"):
+        SerialChain(rows, **LIMITS)  # type: ignore[arg-type]
+
+
+@pytest.mark.xfail(raises=TypeError, strict=True, reason="defect: rows that are no rows give a TypeError")
+@pytest.mark.parametrize("rows", [3, None, ((1.0,),), ((1.0, 2.0, 3.0, 4.0, False, 6.0),), ((1.0, "a"),), (7,)])
+def test_what_is_no_row_is_named(rows: object) -> None:
+    with pytest.raises(ConfigurationError, match="rows"):
+        SerialChain(rows, **LIMITS)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("q", ["here", [1.0], np.zeros((2, 2)), [1.0, 2.0, 3.0]])
+def test_joint_values_of_the_wrong_shape_are_refused(q: object) -> None:
+    with pytest.raises(ConfigurationError, match="q = "):
+        planar(2).pose(q)  # type: ignore[arg-type]
+
+
+def test_limits_cannot_be_given_by_position() -> None:
+    with pytest.raises(TypeError):
+        SerialChain(ROWS, -1.0, 1.0, 1.0, 1.0)  # type: ignore[misc]
