@@ -62,9 +62,7 @@ def rigid_poses(draw: st.DrawFn) -> Array:
 
 
 @st.composite
-def chains_with_joints(
-    draw: st.DrawFn, sizes: st.SearchStrategy[int] = st.integers(1, 9)
-) -> tuple[SerialChain, Array]:
+def chains_with_joints(draw: st.DrawFn, sizes: st.SearchStrategy[int] = st.integers(1, 9)) -> tuple[SerialChain, Array]:
     """A chain without limits to speak of, and joint values for it."""
     n = draw(sizes)
     chain = SerialChain(

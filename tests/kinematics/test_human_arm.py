@@ -1,0 +1,193 @@
+"""The arm of Rossa et al. hangs where math.md says, mirrors, and keeps to the participant's ranges."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import minimize
+
+from rehab_opt import ConfigurationError, SerialChain, human_arm
+from rehab_opt.kinematics.human_arm import ARM_JOINTS, ARM_REST, ARM_SEGMENTS, RANGES_OF_MOTION_DEG
+from tests.kinematics.dh_oracle import Array
+
+MIRROR = np.diag([-1.0, 1.0, 1.0])
+postures = st.lists(st.floats(-np.pi, np.pi), min_size=8, max_size=8).map(np.array)
+ARMS = {"left": human_arm(side="left"), "right": human_arm(side="right")}
+WHOLE_RANGE: Mapping[str, Sequence[float]] = dict.fromkeys(ARM_JOINTS, (-1.0, 1.0))
+
+
+def test_the_arm_at_rest_hangs() -> None:
+    hand = human_arm().pose(ARM_REST)
+    np.testing.assert_allclose(hand[:3, 3], [-0.13, 0.0, -0.66], atol=1e-15)
+
+
+def test_segments_lengthen_the_hanging_arm() -> None:
+    hand = human_arm(segments={"forearm": 0.25, "hand": 0.0}).pose(ARM_REST)
+    np.testing.assert_allclose(hand[:3, 3], [-0.13, 0.0, -0.54], atol=1e-15)
+    hand = human_arm(segments=[0.1, 0.2, 0.3, 0.04]).pose(ARM_REST)
+    np.testing.assert_allclose(hand[:3, 3], [-0.1, 0.0, -0.54], atol=1e-15)
+
+
+@settings(max_examples=50)
+@given(postures)
+def test_the_right_arm_is_the_mirror_image_of_the_left(q: Array) -> None:
+    left, right = ARMS["left"], ARMS["right"]
+    pose, mirrored = left.pose(q), right.pose(q)
+    np.testing.assert_allclose(mirrored[:3, 3], MIRROR @ pose[:3, 3], atol=1e-12)
+    np.testing.assert_allclose(mirrored[:3, 0], MIRROR @ pose[:3, 0], atol=1e-12)  # the handle
+    np.testing.assert_allclose(mirrored[:3, 2], MIRROR @ pose[:3, 2], atol=1e-12)  # the fingers
+    assert np.linalg.det(mirrored[:3, :3]) == pytest.approx(1.0)
+    jacobian = left.jacobian(q)
+    np.testing.assert_allclose(right.jacobian(q)[:3], MIRROR @ jacobian[:3], atol=1e-12)
+    np.testing.assert_allclose(right.jacobian(q)[3:], -MIRROR @ jacobian[3:], atol=1e-12)
+    assert right.manipulability(q) == pytest.approx(left.manipulability(q), abs=1e-7)
+
+
+@settings(max_examples=30)
+@given(postures, st.sampled_from(["left", "right"]))
+def test_the_hand_stays_within_the_length_of_the_arm(q: Array, side: str) -> None:
+    hand = ARMS[side].pose(q)[:3, 3]
+    assert np.linalg.norm(hand) <= sum(ARM_SEGMENTS.values()) + 1e-12
+
+
+# ----------------------------------------------------------------------------------------------- ranges of motion
+def test_ranges_are_those_of_table_i() -> None:
+    regular, restricted = human_arm(), human_arm(range_of_motion="restricted")
+    np.testing.assert_allclose(np.rad2deg(regular.lower), [170, -20, 50, 20, 0, -50, -45, 10])
+    np.testing.assert_allclose(np.rad2deg(regular.upper), [195, 10, 90, 80, 70, 60, -30, 50])
+    np.testing.assert_allclose(np.rad2deg(restricted.lower), [180, 0, 70, 30, 30, 30, -30, 40])
+    np.testing.assert_allclose(np.rad2deg(restricted.upper), [180, 5, 90, 70, 60, 60, -30, 45])
+
+
+def test_the_restricted_range_lies_within_the_regular_one() -> None:
+    regular, restricted = human_arm(), human_arm(range_of_motion="restricted")
+    assert np.all(regular.lower <= restricted.lower)
+    assert np.all(restricted.upper <= regular.upper)
+
+
+def test_joints_of_zero_width_are_locked_in_the_restricted_range_alone() -> None:
+    locked = human_arm(range_of_motion="restricted").locked
+    assert [name for name, fixed in zip(ARM_JOINTS, locked, strict=True) if fixed] == [
+        "scapular_retraction", "wrist_deviation",
+    ]  # fmt: skip
+    assert not human_arm().locked.any()
+
+
+@pytest.mark.parametrize(("rom", "best_deg"), [("regular", 0.0), ("restricted", 0.7)])
+def test_both_ranges_hold_the_handle_upright_at_the_height_of_the_table(rom: str, best_deg: float) -> None:
+    arm = human_arm(range_of_motion=rom)
+    tilt = smallest_tilt(arm, height=-0.24)
+    assert np.rad2deg(tilt) == pytest.approx(best_deg, abs=0.06)
+
+
+def smallest_tilt(arm: SerialChain, *, height: float) -> float:
+    """Angle of the handle to the vertical [rad], the least that scipy finds with the hand at `height`."""
+    rng, best = np.random.default_rng(6), np.pi
+    for _ in range(8):
+        found = minimize(
+            lambda q: 1 - arm.pose(q)[2, 0],
+            rng.uniform(arm.lower, arm.upper),
+            method="SLSQP",
+            bounds=list(zip(arm.lower, arm.upper, strict=True)),
+            constraints={"type": "eq", "fun": lambda q: arm.pose(q)[2, 3] - height},
+            options={"ftol": 1e-14, "maxiter": 300},
+        )
+        if abs(arm.pose(found.x)[2, 3] - height) <= 1e-8:
+            assert np.all((arm.lower - 1e-9 <= found.x) & (found.x <= arm.upper + 1e-9))
+            best = min(best, float(np.arctan2(np.linalg.norm(arm.pose(found.x)[:2, 0]), arm.pose(found.x)[2, 0])))
+    return best
+
+
+def test_read_as_offsets_from_rest_the_handle_could_never_be_upright() -> None:
+    pairs = np.deg2rad(list(RANGES_OF_MOTION_DEG["restricted"].values())) + ARM_REST[:, None]
+    arm = human_arm().with_limits(lower=pairs[:, 0], upper=pairs[:, 1])
+    assert np.rad2deg(smallest_tilt(arm, height=-0.24)) > 10
+
+
+def test_ranges_by_anatomical_names_count_the_scapula_from_its_rest() -> None:
+    ranges = {name: (-0.1 * i, 0.2 * i) for i, name in enumerate(ARM_JOINTS, start=1)}
+    arm = human_arm(range_of_motion=dict(reversed(ranges.items())))
+    assert arm.names == ARM_JOINTS
+    i = np.arange(1, 9)
+    np.testing.assert_allclose(arm.lower, -0.1 * i + [np.pi, *[0] * 7])
+    np.testing.assert_allclose(arm.upper, 0.2 * i + [np.pi, *[0] * 7])
+
+
+def test_a_joint_of_equal_limits_is_locked() -> None:
+    arm = human_arm(range_of_motion={**WHOLE_RANGE, "forearm_extension": (0.5, 0.5)})
+    assert np.flatnonzero(arm.locked).tolist() == [ARM_JOINTS.index("forearm_extension")]
+
+
+def test_the_shipped_tables_cannot_be_changed() -> None:
+    with pytest.raises(TypeError):
+        RANGES_OF_MOTION_DEG["regular"]["wrist_flexion"] = (0, 1)  # type: ignore[index]
+    with pytest.raises(TypeError):
+        ARM_SEGMENTS["hand"] = 1.0  # type: ignore[index]
+    with pytest.raises(ValueError, match="read-only"):
+        ARM_REST[0] = 0.0
+
+
+# --------------------------------------------------------------------------------------------------- bad arguments
+BAD = [
+    ("range_of_motion", "narrow"),
+    ("range_of_motion", {**WHOLE_RANGE, "elbow": (0.0, 1.0)}),
+    ("range_of_motion", {"wrist_flexion": (0.0, 1.0)}),
+    ("range_of_motion", {**WHOLE_RANGE, "wrist_flexion": (1.0, 0.0)}),
+    ("range_of_motion", {**WHOLE_RANGE, "wrist_flexion": (np.nan, 1.0)}),
+    ("range_of_motion", {**WHOLE_RANGE, "wrist_flexion": (0.0, 1.0, 2.0)}),
+    ("range_of_motion", {**WHOLE_RANGE, "wrist_flexion": 1.0}),
+    ("segments", [0.1, 0.2, 0.3]),
+    ("segments", {"thigh": 0.4}),
+    ("segments", {"humerus": 0.0}),
+    ("segments", {"forearm": -0.3}),
+    ("segments", {"hand": np.nan}),
+    ("segments", {"hand": 70.0}),
+    ("side", "both"),
+    ("side", None),
+    ("velocity", 0.0),
+    ("velocity", [1.0, 2.0]),
+    ("velocity", np.inf),
+    ("acceleration", -1.0),
+    ("acceleration", np.nan),
+    ("acceleration", "fast"),
+]
+UNTYPED = [
+    ("range_of_motion", None),
+    ("range_of_motion", np.zeros((8, 2))),
+    ("range_of_motion", {**WHOLE_RANGE, "wrist_flexion": ("low", 1.0)}),
+    ("segments", None),
+    ("segments", 0.3),
+    ("segments", [0.1, 0.2, 0.3, "short"]),
+    ("segments", {"hand": None}),
+]
+
+
+@pytest.mark.parametrize(("argument", "value"), BAD)
+def test_a_bad_argument_is_named_with_what_was_expected(argument: str, value: object) -> None:
+    with pytest.raises(ConfigurationError) as caught:
+        human_arm(**{argument: value})  # type: ignore[arg-type]
+    assert caught.value.argument.startswith(argument)
+    assert caught.value.expected
+    assert repr(caught.value.value) in str(caught.value)
+
+
+@pytest.mark.xfail(
+    raises=(AttributeError, TypeError, ValueError),
+    strict=True,
+    reason="defect: what is neither text nor a table of numbers gives no ConfigurationError",
+)
+@pytest.mark.parametrize(("argument", "value"), UNTYPED)
+def test_an_argument_of_another_type_is_named_too(argument: str, value: object) -> None:
+    try:
+        human_arm(**{argument: value})  # type: ignore[arg-type]
+    except ConfigurationError as error:
+        assert error.argument.startswith(argument)
+    else:
+        pytest.fail(f"{argument} = {value!r} was accepted")
+
+
+def test_limits_are_keywords() -> None:
+    with pytest.raises(TypeError):
+        human_arm("restricted")  # type: ignore[misc]

@@ -1,0 +1,216 @@
+"""Machine code gives the virtual machine's numbers, and whatever stands in its way, the virtual machine takes over."""
+
+import os
+import re
+import shutil
+from collections.abc import Callable, Iterator
+from multiprocessing import get_context
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from rehab_opt.symbolic import BufferedFunction, compiled
+from rehab_opt.symbolic.compiled import FLAGS, _compiler, cache_folder, compilation_wanted
+
+needs_compiler = pytest.mark.skipif(_compiler() is None, reason="no C compiler on this machine")
+MACHINE_CODE, VIRTUAL_MACHINE = "External", "SXFunction"
+
+
+@pytest.fixture
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    folder = tmp_path / "cache"
+    monkeypatch.setenv("REHAB_OPT_CACHE", str(folder))
+    monkeypatch.delenv("REHAB_OPT_COMPILE", raising=False)
+    return folder
+
+
+@pytest.fixture
+def look_again() -> Iterator[Callable[[], None]]:
+    """The compiler is looked for once in a process: forget what was found, now and afterwards."""
+    _compiler.cache_clear()
+    yield _compiler.cache_clear
+    _compiler.cache_clear()
+
+
+def square(name: str = "square") -> ca.Function:
+    x = ca.SX.sym("x", 2)
+    return ca.Function(name, [x], [x * x + 1])
+
+
+def random_function(seed: int, size: int = 300) -> ca.Function:
+    """A random graph of the operations that kinematics and certificates are made of, on 4 numbers.
+
+    Minimum and maximum may give a zero of another sign in machine code, so the cut of atan2 is kept away from.
+    """
+    rng = np.random.default_rng(seed)
+    x = ca.SX.sym("x", 4)
+    nodes = [x[i] for i in range(4)]
+    one = [
+        ca.sin, ca.cos, ca.fabs, ca.sign, ca.floor, ca.tanh, ca.atan,
+        lambda a: ca.sqrt(ca.fabs(a)), lambda a: ca.exp(ca.tanh(a)), lambda a: 1 / (1 + a * a),
+    ]  # fmt: skip
+    two = [
+        lambda a, b: a + b, lambda a, b: a - b, lambda a, b: ca.sin(a) * b, ca.fmin, ca.fmax,
+        lambda a, b: ca.atan2(a, 0.1 + b * b),
+        lambda a, b: ca.if_else(a <= b, a, ca.cos(b)), lambda a, b: ca.logic_and(a > 0, b > 0),
+    ]  # fmt: skip
+    for _ in range(size):
+        a, b = (nodes[i] for i in rng.integers(max(0, len(nodes) - 40), len(nodes), 2))
+        nodes.append(rng.choice(one)(a) if rng.random() < 0.5 else rng.choice(two)(a, b))
+    return ca.Function(f"random_{seed}", [x], [ca.vertcat(*nodes[-60:])], {"cse": True})
+
+
+# ------------------------------------------------------------------------------------------------------- numbers
+@needs_compiler
+@pytest.mark.parametrize("seed", range(4))
+def test_machine_code_gives_the_virtual_machine_s_numbers(cache: Path, seed: int) -> None:
+    function = random_function(seed)
+    fast = compiled(function, compile=True)
+    assert fast.class_name() == MACHINE_CODE
+    assert (fast.name(), fast.size1_in(0), fast.size1_out(0)) == (function.name(), 4, 60)
+    slow, quick = BufferedFunction(function), BufferedFunction(fast)
+    for values in np.random.default_rng(seed).normal(scale=3, size=(500, 4)):
+        np.testing.assert_allclose(quick.of(values), slow.of(values), rtol=1e-12, atol=1e-12)
+
+
+@needs_compiler
+def test_products_and_sums_are_rounded_apart(cache: Path) -> None:
+    x = ca.SX.sym("x", 3)
+    function = ca.Function("muladd", [x], [x[0] * x[1] + x[2]])
+    slow, quick = BufferedFunction(function), BufferedFunction(compiled(function, compile=True))
+    a = 1 + 2.0**-30
+    assert quick.of([a, a, -a * a])[0] == 0.0  # a fused multiply-add would give 2^-60
+    for values in np.random.default_rng(0).normal(size=(1000, 3)):
+        assert quick.of(values)[0] == slow.of(values)[0]
+
+
+@needs_compiler
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_no_comparison_with_nan_holds_in_machine_code(cache: Path, value: float) -> None:
+    x = ca.SX.sym("x")
+    function = ca.Function("compare", [x], [ca.vertcat(x <= 1, x >= 1, x < 1, x > 1, ca.fabs(x) <= 1e30, x + 0)])
+    expected = [value <= 1, value >= 1, value < 1, value > 1, abs(value) <= 1e30, value]
+    np.testing.assert_array_equal(BufferedFunction(compiled(function, compile=True)).of([value]), expected)
+
+
+def test_flags_keep_nan_and_rounding_and_the_kind_of_processor() -> None:
+    assert "-ffp-contract=off" in FLAGS
+    forbidden = r"-O?fast(-math)?|-funsafe.*|-ffinite.*|-fassociative.*|-freciprocal.*|-march=.*|-mfma|-mtune=native"
+    assert not [flag for flag in FLAGS if re.fullmatch(forbidden, flag)]
+
+
+# --------------------------------------------------------------------------------------------------------- cache
+@needs_compiler
+def test_code_is_built_once_and_kept(cache: Path) -> None:
+    assert compiled(square(), compile=True).class_name() == MACHINE_CODE
+    (library,) = cache.iterdir()
+    built = library.stat().st_mtime_ns
+    assert compiled(square(), compile=True).class_name() == MACHINE_CODE
+    assert library.stat().st_mtime_ns == built
+    assert compiled(random_function(9), compile=True).class_name() == MACHINE_CODE
+    assert len(list(cache.iterdir())) == 2
+
+
+@needs_compiler
+@pytest.mark.parametrize("content", [b"", b"this is no library", b"\x7fELF" + bytes(100)])
+def test_a_damaged_library_is_replaced(cache: Path, content: bytes) -> None:
+    compiled(square(), compile=True)
+    (library,) = cache.iterdir()
+    library.unlink()  # what is loaded stays loaded: the name gets another file
+    library.write_bytes(content)
+    first = compiled(square(), compile=True)
+    assert BufferedFunction(first).of([2.0, 3.0]).tolist() == [5.0, 10.0]
+    again = compiled(square(), compile=True)
+    assert again.class_name() == MACHINE_CODE
+    assert BufferedFunction(again).of([2.0, 3.0]).tolist() == [5.0, 10.0]
+
+
+@needs_compiler
+def test_a_cache_that_cannot_be_written_is_done_without(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "file").write_text("in the way")
+    monkeypatch.setenv("REHAB_OPT_CACHE", str(tmp_path / "file" / "cache"))
+    assert compiled(square(), compile=True).class_name() == VIRTUAL_MACHINE
+
+
+@needs_compiler
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write everywhere")
+def test_a_read_only_cache_is_done_without(cache: Path) -> None:
+    cache.mkdir()
+    cache.chmod(0o500)
+    assert compiled(square(), compile=True).class_name() == VIRTUAL_MACHINE
+    cache.chmod(0o700)
+
+
+@needs_compiler
+def test_a_folder_in_the_library_s_place_is_done_without(cache: Path) -> None:
+    compiled(square(), compile=True)
+    (library,) = cache.iterdir()
+    library.unlink()
+    library.mkdir()
+    assert BufferedFunction(compiled(square(), compile=True)).of([2.0, 3.0]).tolist() == [5.0, 10.0]
+
+
+def test_the_cache_is_where_the_environment_says(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert cache_folder() == cache
+    monkeypatch.delenv("REHAB_OPT_CACHE")
+    assert cache_folder().name == "rehab_opt"
+
+
+def _built_in_another_process(seed: int) -> tuple[str, list[float]]:
+    function = compiled(random_function(seed), compile=True)
+    return function.class_name(), BufferedFunction(function).of([0.1, -0.2, 0.3, 0.4]).tolist()
+
+
+@needs_compiler
+def test_two_processes_may_build_at_once(cache: Path) -> None:
+    with get_context("spawn").Pool(2) as pool:
+        answers = pool.map(_built_in_another_process, [11, 11, 12, 12], chunksize=1)
+    assert [kind for kind, _ in answers] == [MACHINE_CODE] * 4
+    assert answers[0] == answers[1]
+    assert answers[2] == answers[3]
+    assert sorted(path.suffix for path in cache.iterdir()) == [".so", ".so"]  # nothing half made stays behind
+
+
+# --------------------------------------------------------------------------------------------- without a compiler
+def test_without_a_compiler_the_virtual_machine_takes_over(
+    cache: Path, monkeypatch: pytest.MonkeyPatch, look_again: Callable[[], None], capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("CC", "/nowhere/cc")
+    monkeypatch.setenv("PATH", "")
+    function = compiled(square(), compile=True)
+    assert function.class_name() == VIRTUAL_MACHINE
+    assert BufferedFunction(function).of([2.0, 3.0]).tolist() == [5.0, 10.0]
+    assert not cache.exists()
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("script", ["exit 1", "echo 1.0; [ $# = 1 ]", "echo 1.0; for a; do :; done"])
+def test_a_compiler_that_fails_is_done_without(
+    cache: Path, monkeypatch: pytest.MonkeyPatch, look_again: Callable[[], None], tmp_path: Path, script: str
+) -> None:
+    shell = shutil.which("sh")
+    broken = tmp_path / "broken-cc"
+    broken.write_text(f"#!{shell}\n{script}\n")
+    broken.chmod(0o700)
+    monkeypatch.setenv("CC", str(broken))
+    function = compiled(square(), compile=True)
+    assert function.class_name() == VIRTUAL_MACHINE
+    assert BufferedFunction(function).of([2.0, 3.0]).tolist() == [5.0, 10.0]
+
+
+@pytest.mark.parametrize(("said", "wanted"), [("0", False), ("no", False), (" OFF ", False), ("1", True), ("", True)])
+def test_the_environment_decides_where_the_caller_does_not(
+    cache: Path, monkeypatch: pytest.MonkeyPatch, said: str, wanted: bool
+) -> None:
+    monkeypatch.setenv("REHAB_OPT_COMPILE", said)
+    assert compilation_wanted() is wanted
+    if not wanted:
+        assert compiled(square()).class_name() == VIRTUAL_MACHINE
+        assert not cache.exists()
+
+
+def test_the_caller_may_refuse(cache: Path) -> None:
+    assert compiled(square(), compile=False).class_name() == VIRTUAL_MACHINE
+    assert not cache.exists()
