@@ -66,7 +66,8 @@ class VelocityController(ABC):
         first, *others = np.split(ladder.parameters, ends[:-1])
         self._q = first
         self._inputs = tuple(part.reshape(shape) for part, shape in zip(others, self.shapes, strict=True))
-        self._fused = solver == FUSED
+        self._fused, self._evaluate, self._verdict = solver == FUSED, ladder.evaluate, ladder.verdict
+        self._keep, self._answer = ladder.keep, ladder.answer
         self._views = tuple(part.data for part in (first, *others))
         self._names = tuple(symbol[0].name().rsplit("_", 1)[0] for symbol in self.stated.parameters)
         self._velocity, self._last, self._predicted = ladder.x[:n].data, ladder.memory[:n], ladder.memory[n:]
@@ -145,26 +146,25 @@ class VelocityController(ABC):
             reason = "not enabled"
         if reason:
             return self._safe(reason)
-        ladder = self._ladder
         if self._fused:  # the usual way, without the layers of Python: they would cost as much as the solve
-            ladder.verdict[0] = math.nan  # see `Ladder`: a failure inside leaves the outputs as they are
-            ladder.evaluate()
-            residual, _, who, yielded, scale = ladder.verdict.tolist()
-            if 0.0 <= residual <= ladder.tolerance:
-                ladder.keep[:] = ladder.answer
-                value = np.frombuffer(self._velocity.tobytes())  # a read-only copy
+            verdict = self._verdict
+            verdict[0] = math.nan  # see `Ladder`: a failure inside leaves the outputs as they are
+            self._evaluate()
+            residual, _, who, yielded, scale = verdict.tolist()
+            if 0.0 <= residual <= self.tolerance:
+                self._keep[:] = self._answer
+                value = np.frombuffer(self._velocity.tobytes())  # a copy, and read-only
                 return tuple.__new__(
                     Command, (value, _OK, FUSED_SOLVERS[int(who)], residual, -1, "", _BOUNDS[int(yielded)], scale)
                 )
-            solver = ladder.climb()
-        else:
-            solver = ladder()
+        ladder = self._ladder
+        solver = ladder.climb() if self._fused else ladder()
         if not solver:
             return self._safe(self._fault())
-        residual, _, _, yielded, scale = ladder.verdict.tolist()
         status = Status.OK
         if solver == ladder.backup != ladder.solver:
             status, reason = Status.BACKUP, f"{ladder.solver} gave no certified answer"
+        residual, _, _, yielded, scale = ladder.verdict.tolist()
         value = np.frombuffer(self._velocity.tobytes())
         return Command(value, status, solver, residual, ladder.iterations, reason, _BOUNDS[int(yielded)], scale)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import reduce
-from typing import Any, cast
+from typing import Any
 
 import casadi as ca
 
@@ -48,7 +48,7 @@ def certificate_function(n: int, m: int) -> ca.Function:
 def all_true(*conditions: ca.SX) -> ca.SX:
     """1 where every element of every condition holds, else 0; a comparison with NaN does not hold."""
     elements = [condition[i] for condition in conditions for i in range(condition.numel())]
-    return cast("ca.SX", reduce(ca.logic_and, elements, ca.SX(1)))
+    return reduce(ca.logic_and, elements, ca.SX(1))
 
 
 def is_certified(residual: float, tolerance: float) -> bool:
@@ -58,7 +58,8 @@ def is_certified(residual: float, tolerance: float) -> bool:
 
 def clipped(value: Any, lower: Any, upper: Any) -> ca.SX:
     """Expression of `value` moved into [lower, upper]; a NaN value becomes a bound, so guard where NaN must show."""
-    return ca.fmin(ca.fmax(value, lower), upper)
+    inside: ca.SX = ca.fmin(ca.fmax(value, lower), upper)
+    return inside
 
 
 def _one_is_zero(multiplier: ca.SX, value: ca.SX, lower: ca.SX, upper: ca.SX) -> ca.SX:

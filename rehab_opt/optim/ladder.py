@@ -116,7 +116,7 @@ class Ladder:
         """What the fused function does, with another solver in its middle."""
         complete, build, certify, finish = self._complete, self._build, self._certify, self._finish
         full = _outputs(complete, self.parameters, self.memory)[0]
-        *qp, sound, _ = _outputs(build, full, self.memory)
+        *qp, sound = _outputs(build, full, self.memory)
         solver, n, m = self._rungs[name], self.statement.n, self.statement.m
         assert solver is not None
         # A matrix of one column comes flat.

@@ -144,19 +144,35 @@ class Statement:
 
     @cached_property
     def build(self) -> ca.Function:
-        """Complete parameters, memory -> H, g, A, rows_lower, rows_upper, lower, upper, sound, guess."""
+        """Complete parameters, memory -> H, g, A, rows_lower, rows_upper, lower, upper, sound."""
         x, rows = self._x, self._rows
         origin = ca.SX.zeros(self.n)
         hessian = ca.triu2symm(ca.triu(ca.hessian(self.minimise, x)[0]))  # half the entries need computing
         gradient = ca.substitute(ca.gradient(self.minimise, x), x, origin)
         matrix = ca.jacobian(rows.expression, x)
         offset = ca.substitute(rows.expression, x, origin)
-        sound = all_true(ca.sumsqr(ca.vertcat(*self.parameters)) <= PLAUSIBLE**2, *self.requires)
-        lower = ca.vertcat(*(v.lower for v in self.variables))
-        upper = ca.vertcat(*(v.upper for v in self.variables))
-        numbers = [hessian, gradient, matrix, rows.lower - offset, rows.upper - offset, lower, upper, sound]
-        outputs = [ca.densify(each) for each in (*numbers, origin if self.guess is None else self.guess)]
+        lower, upper = self._bounds
+        numbers = [hessian, gradient, matrix, rows.lower - offset, rows.upper - offset, lower, upper, self._sound]
+        outputs = [ca.densify(each) for each in numbers]
         return ca.Function(f"{self.name}_build", [self._p, self.memory], outputs, {"cse": True})
+
+    @cached_property
+    def screen(self) -> ca.Function:
+        """Complete parameters, memory -> the guess, its residual, and whether the parameters are sound.
+
+        Within its bounds and rows, a point without gradient is the answer: that is the guess's certificate, and needs
+        no Hessian. Outside, or where nothing is guessed, the residual is infinite.
+        """
+        if self.guess is None:
+            guess, residual = ca.SX.zeros(self.n), ca.SX(ca.inf)
+        else:
+            guess, rows = self.guess, self._rows
+            slope, values = ca.substitute([ca.gradient(self.minimise, self._x), rows.expression], [self._x], [guess])
+            lower, upper = self._bounds
+            inside = all_true(guess >= lower, guess <= upper, values >= rows.lower, values <= rows.upper)
+            residual = ca.norm_2(slope) / ca.logic_and(inside, self._sound)
+        outputs = [ca.densify(guess), residual, self._sound]
+        return ca.Function(f"{self.name}_screen", [self._p, self.memory], outputs, {"cse": True})
 
     @cached_property
     def certify(self) -> ca.Function:
@@ -195,6 +211,14 @@ class Statement:
         from rehab_opt.optim.backends import to_qpsolvers  # noqa: PLC0415  (solvers load when used)
 
         return to_qpsolvers(self.instance(*parameters, memory=memory))
+
+    @cached_property
+    def _bounds(self) -> tuple[ca.SX, ca.SX]:
+        return ca.vertcat(*(v.lower for v in self.variables)), ca.vertcat(*(v.upper for v in self.variables))
+
+    @cached_property
+    def _sound(self) -> ca.SX:
+        return all_true(ca.sumsqr(ca.vertcat(*self.parameters)) <= PLAUSIBLE**2, *self.requires)
 
     @cached_property
     def _x(self) -> ca.SX:

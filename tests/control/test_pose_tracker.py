@@ -210,11 +210,20 @@ def test_a_position_that_is_lost_is_carried_on_from_what_was_commanded() -> None
     assert "q[0] is nan" in command.reason
 
 
+def without_primary(robot: PoseTracker, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The fused function leaves its outputs as they are but for the verdict: no residual, parameters sound."""
+
+    def fails() -> None:
+        robot._ladder._verdict[:2] = [math.nan, 1.0]
+
+    monkeypatch.setattr(robot, "_evaluate", fails)
+    monkeypatch.setattr(robot._ladder, "evaluate", fails)
+
+
 def test_the_backup_answers_when_the_primary_is_made_to_fail(monkeypatch: pytest.MonkeyPatch) -> None:
     chain = ur5()
     robot, plain = tracker(chain), tracker(chain)
-    ladder = robot._ladder
-    monkeypatch.setattr(ladder, "evaluate", lambda: ladder._verdict.__setitem__(slice(0, 2), [math.nan, 1.0]))
+    without_primary(robot, monkeypatch)
     command = robot.step(START, chain.pose(START), [0.05, 0, 0, 0, 0, 0])
     assert command.status is Status.BACKUP
     assert command.solver == "proxqp"
@@ -227,12 +236,21 @@ def test_the_safe_command_answers_when_every_solver_fails(monkeypatch: pytest.Mo
     chain = ur5()
     robot, last = tracker(chain), np.full(6, 0.1)
     robot.reset(last)
+    without_primary(robot, monkeypatch)
     monkeypatch.setattr(robot._ladder, "_solve_by", lambda name: False)
-    monkeypatch.setattr(robot._ladder, "evaluate", lambda: robot._ladder._verdict.__setitem__(slice(0, 2), [9.0, 1.0]))
     command = robot.step(START, chain.pose(START), REST)
     assert command.status is Status.BRAKING
     assert "no solver" in command.reason
     np.testing.assert_allclose(command.value, last - chain.acceleration * robot.dt, atol=1e-12)
+
+
+def test_a_failure_that_leaves_the_outputs_untouched_is_no_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    chain = ur5()
+    robot = tracker(chain)
+    robot.step(START, chain.pose(START), [0.05, 0, 0, 0, 0, 0])  # leaves a good verdict behind
+    monkeypatch.setattr(robot, "_evaluate", lambda: None)
+    monkeypatch.setattr(robot._ladder, "evaluate", lambda: None)
+    assert robot.step(START, chain.pose(START), [0.05, 0, 0, 0, 0, 0]).solver == "proxqp"
 
 
 def test_compiled_and_interpreted_give_the_same_commands() -> None:
