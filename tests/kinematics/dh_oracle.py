@@ -60,9 +60,11 @@ def rigid_poses(draw: st.DrawFn) -> Array:
     pose[:3, 3] = [draw(lengths) for _ in range(3)]
     return pose
 
+one_to_nine = st.integers(1, 9)
+
 
 @st.composite
-def chains_with_joints(draw: st.DrawFn, sizes: st.SearchStrategy[int] = st.integers(1, 9)) -> tuple[SerialChain, Array]:
+def chains_with_joints(draw: st.DrawFn, sizes: st.SearchStrategy[int] = one_to_nine) -> tuple[SerialChain, Array]:
     """A chain without limits to speak of, and joint values for it."""
     n = draw(sizes)
     chain = SerialChain(
