@@ -170,7 +170,8 @@ class Statement:
             slope, values = ca.substitute([ca.gradient(self.minimise, self._x), rows.expression], [self._x], [guess])
             lower, upper = self._bounds
             inside = all_true(guess >= lower, guess <= upper, values >= rows.lower, values <= rows.upper)
-            residual = ca.norm_2(slope) / ca.logic_and(inside, self._sound)
+            # Not a quotient: of a slope that is zero by its form CasADi would drop the divisor, and with it the bounds.
+            residual = ca.if_else(ca.logic_and(inside, self._sound), ca.norm_2(slope), ca.inf)
         outputs = [ca.densify(guess), residual, self._sound]
         return ca.Function(f"{self.name}_screen", [self._p, self.memory], outputs, {"cse": True})
 
