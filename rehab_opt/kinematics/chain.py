@@ -63,15 +63,11 @@ class SerialChain:
 
     def __post_init__(self) -> None:
         """Check and freeze every argument."""
-        rows = tuple(DH(*row) for row in self.rows)
-        if not rows:
-            raise ConfigurationError("rows", self.rows, "at least one Denavit-Hartenberg row")
-        for i, row in enumerate(rows):
-            if not all(math.isfinite(number) for number in row[:4]):
-                raise ConfigurationError(f"rows[{i}]", row, "finite numbers")
+        rows = _checked_rows(self.rows)
         n = len(rows)
-        names = tuple(self.names) or tuple(f"joint_{i + 1}" for i in range(n))
-        if len(names) != n or len(set(names)) != n:
+        given = self.names if isinstance(self.names, Sequence) else (None,)
+        names = tuple(given) or tuple(f"joint_{i + 1}" for i in range(n))
+        if not all(isinstance(name, str) for name in names) or len(names) != n or len(set(names)) != n:
             raise ConfigurationError("names", self.names, f"{n} different names")
         lower, upper = per_joint("lower", self.lower, n), per_joint("upper", self.upper, n)
         for i in range(n):
@@ -198,6 +194,30 @@ class SerialChain:
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in self.__dict__.items() if name != "_functions"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        for value in state.values():
+            if isinstance(value, np.ndarray):
+                value.flags.writeable = False  # pickle forgets it
+        self.__dict__.update(state)
+
+
+def _checked_rows(rows: object) -> tuple[DH, ...]:
+    if not isinstance(rows, Sequence) or not rows:
+        raise ConfigurationError("rows", rows, "at least one Denavit-Hartenberg row")
+    checked = []
+    for i, row in enumerate(rows):
+        try:
+            dh = DH(*row)
+            usable = all(math.isfinite(number) for number in dh[:4])
+        except (TypeError, ValueError, OverflowError):
+            usable = False
+        if not usable:
+            raise ConfigurationError(
+                f"rows[{i}]", row, "finite numbers a, alpha, d, theta, and whether it is prismatic"
+            )
+        checked.append(dh)
+    return tuple(checked)
 
 
 def per_joint(argument: str, value: ArrayLike, n: int, *, finite: bool = False) -> Array:

@@ -7,12 +7,12 @@ a vertical handle has `pose[:3, 0]` along +z. Joint values are the absolute angl
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import DH, SerialChain
@@ -131,21 +131,28 @@ def _limits(range_of_motion: str | Mapping[str, Sequence[float]]) -> tuple[Array
             expected = " or ".join(repr(name) for name in RANGES_OF_MOTION_DEG)
             raise ConfigurationError("range_of_motion", range_of_motion, f"{expected}, or limits by joint name")
         by_name = {name: np.deg2rad(pair) for name, pair in RANGES_OF_MOTION_DEG[range_of_motion].items()}
-    else:
-        by_name = {}
-        for name, pair in range_of_motion.items():
-            if name not in ARM_JOINTS:
-                raise ConfigurationError("range_of_motion", name, f"joint names among {', '.join(ARM_JOINTS)}")
-            limits = np.asarray(pair, dtype=np.float64)
-            if limits.shape != (2,) or not limits[0] <= limits[1]:
-                raise ConfigurationError(f"range_of_motion[{name!r}]", pair, "(lower, upper) with lower <= upper")
-            by_name[name] = limits
+    elif isinstance(range_of_motion, Mapping):
+        by_name = {name: _pair(name, pair) for name, pair in range_of_motion.items()}
         missing = [name for name in ARM_JOINTS if name not in by_name]
         if missing:
             raise ConfigurationError("range_of_motion", sorted(by_name), f"limits of {', '.join(missing)} too")
+    else:
+        raise ConfigurationError("range_of_motion", range_of_motion, "a name, or limits by joint name")
     limits = np.array([by_name[name] for name in ARM_JOINTS])
     limits[0] += ARM_REST[0]
     return limits[:, 0], limits[:, 1]
+
+
+def _pair(name: str, pair: object) -> NDArray[np.float64]:
+    if name not in ARM_JOINTS:
+        raise ConfigurationError("range_of_motion", name, f"joint names among {', '.join(ARM_JOINTS)}")
+    try:
+        limits = np.asarray(pair, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        limits = np.empty(0)
+    if limits.shape != (2,) or not limits[0] <= limits[1]:
+        raise ConfigurationError(f"range_of_motion[{name!r}]", pair, "(lower, upper) with lower <= upper")
+    return limits
 
 
 def _lengths(segments: Mapping[str, float] | Sequence[float]) -> tuple[float, ...]:
@@ -153,9 +160,13 @@ def _lengths(segments: Mapping[str, float] | Sequence[float]) -> tuple[float, ..
         unknown = [name for name in segments if name not in ARM_SEGMENTS]
         if unknown:
             raise ConfigurationError("segments", unknown[0], f"segment names among {', '.join(ARM_SEGMENTS)}")
-        lengths = tuple(float({**ARM_SEGMENTS, **segments}[name]) for name in ARM_SEGMENTS)
+        given: Iterable[object] = [{**ARM_SEGMENTS, **segments}[name] for name in ARM_SEGMENTS]
     else:
-        lengths = tuple(float(length) for length in segments)
+        given = segments if isinstance(segments, Sequence | np.ndarray) else ()
+    try:
+        lengths = tuple(float(length) for length in given)  # type: ignore[arg-type]
+    except (TypeError, ValueError, OverflowError):
+        lengths = ()
     if len(lengths) != len(ARM_SEGMENTS):
         raise ConfigurationError("segments", segments, f"{len(ARM_SEGMENTS)} lengths: {', '.join(ARM_SEGMENTS)}")
     # l0 and l3 may be zero (a wrist without a hand); the humerus and forearm may not.

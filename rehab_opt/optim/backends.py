@@ -66,10 +66,14 @@ class ProxqpBackend:
     name = "proxqp"
 
     def __init__(self, n: int, m: int) -> None:
+        self._n, self._m = n, m
+        self._start_afresh()
+
+    def _start_afresh(self) -> None:
         from proxsuite import proxqp  # noqa: PLC0415  (loads when used)
 
-        self._n, self._m, self._ready = n, m, False
-        self._qp = proxqp.dense.QP(n, 0, m, True)
+        n, m, self._ready = self._n, self._m, False
+        self._qp, self._solved = proxqp.dense.QP(n, 0, m, True), proxqp.PROXQP_SOLVED
         settings = self._qp.settings
         settings.eps_abs, settings.eps_rel = PRECISION, 0.0
         settings.eps_primal_inf = settings.eps_dual_inf = 0.0
@@ -82,6 +86,7 @@ class ProxqpBackend:
         n, m = self._n, self._m
         if not _usable(qp):
             return _no_answer(n, m)
+        fresh = not self._ready
         matrices = {
             "H": qp.H, "g": qp.g, "C": qp.A if m else None, "l": qp.rows_lower if m else None,
             "u": qp.rows_upper if m else None, "l_box": qp.lower, "u_box": qp.upper,
@@ -92,10 +97,13 @@ class ProxqpBackend:
             self._qp.init(**matrices)
             self._ready = True
         self._qp.solve()
+        if self._qp.results.info.status != self._solved and not fresh:
+            self._start_afresh()  # its scaling and warm start were of problems too different
+            return self.solve(qp)
         result = self._qp.results
         x, z = np.array(result.x), np.array(result.z)
         if not (np.all(np.isfinite(x)) and np.all(np.isfinite(z))):
-            self.__init__(n, m)  # type: ignore[misc]  # a poisoned warm start would fail every later solve
+            self._start_afresh()  # a poisoned warm start would fail every later solve
             return _no_answer(n, m)
         return Answer(x, z[m:], z[:m], int(result.info.iter))
 
@@ -121,13 +129,19 @@ class OsqpBackend:
         lower = np.concatenate([qp.rows_lower, qp.lower])
         upper = np.concatenate([qp.rows_upper, qp.upper])
         stacked = np.vstack([qp.A, np.eye(n)])
-        if self._solver is None:
-            self._solver = self._set_up(qp, stacked, lower, upper)
-        else:
-            self._solver.update(
-                Px=qp.H[self._upper], q=np.array(qp.g), Ax=stacked.reshape(-1, order="F"), l=lower, u=upper
-            )
-        result = self._solver.solve(raise_error=False)
+        import osqp  # noqa: PLC0415  (loads when used)
+
+        try:
+            if self._solver is None:
+                self._solver = self._set_up(qp, stacked, lower, upper)
+            else:
+                self._solver.update(
+                    Px=qp.H[self._upper], q=np.array(qp.g), Ax=stacked.reshape(-1, order="F"), l=lower, u=upper
+                )
+            result = self._solver.solve(raise_error=False)
+        except osqp.OSQPException:
+            self._solver = None  # it says so of a concave cost, or of numbers out of its range
+            return _no_answer(n, m)
         if not (np.all(np.isfinite(result.x)) and np.all(np.isfinite(result.y))):
             self._solver = None
             return _no_answer(n, m)

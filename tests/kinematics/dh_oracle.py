@@ -60,6 +60,7 @@ def rigid_poses(draw: st.DrawFn) -> Array:
     pose[:3, 3] = [draw(lengths) for _ in range(3)]
     return pose
 
+
 one_to_nine = st.integers(1, 9)
 
 
