@@ -39,9 +39,7 @@ def random_qp(seed: int, n: int, m: int, *, unbounded: bool = True) -> Instance:
     kind[np.cumsum(kind == 0) > max(0, n - fixed.sum() - 1)] = 1  # no more equalities than the free variables can keep
     rows_lower[kind == 0] = rows_upper[kind == 0] = middle[kind == 0]
     rows_lower[kind == 2], rows_upper[kind == 3] = -far, far
-    return Instance(
-        root @ root.T + np.eye(n), 3 * rng.normal(size=n), matrix, rows_lower, rows_upper, lower, upper
-    )
+    return Instance(root @ root.T + np.eye(n), 3 * rng.normal(size=n), matrix, rows_lower, rows_upper, lower, upper)
 
 
 def solved(qp: Instance, solver: str = "daqp") -> Solution:

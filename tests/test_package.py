@@ -1,0 +1,124 @@
+"""What the package promises from outside: light to import, typed, layered."""
+
+import ast
+import importlib
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import rehab_opt
+
+PACKAGE = Path(rehab_opt.__file__).parent
+HEAVY = {
+    "matplotlib", "scipy", "ruckig", "osqp", "proxsuite", "qpsolvers", "pydantic", "typer", "rich", "shapely",
+    "platformdirs",
+}  # fmt: skip
+PUBLIC = {
+    "ArmIK", "Command", "ConfigurationError", "DH", "PoseTracker", "ProblemFileError", "RehabOptError", "SerialChain",
+    "Smoother", "Status", "human_arm", "ur5",
+}  # fmt: skip
+# Each layer with those it may use. `session` runs the published laws beside ours; nobody else knows them.
+LAYERS = {
+    "errors": set(),
+    "symbolic": {"errors"},
+    "kinematics": {"errors", "symbolic"},
+    "optim": {"errors", "symbolic"},
+    "control": {"errors", "symbolic", "kinematics", "optim"},
+    "published": {"errors", "symbolic", "kinematics"},
+    "session": {"errors", "symbolic", "kinematics", "optim", "control", "published"},
+    "cli": {"errors", "session"},
+}
+
+
+def fresh(code: str) -> str:
+    """What a new interpreter prints."""
+    done = subprocess.run([sys.executable, "-c", code], cwd=PACKAGE.parent, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def imported(file: Path) -> Iterator[str]:
+    """Layers of this package that a file imports anywhere in it, also within functions and for types alone."""
+    for node in ast.walk(ast.parse(file.read_text())):
+        if isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{file}: relative import"
+            names = [f"{node.module}.{alias.name}" for alias in node.names]
+        elif isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        else:
+            continue
+        for name in names:
+            first, _, rest = name.partition(".")
+            if first == "rehab_opt":
+                yield rest.partition(".")[0]
+
+
+@pytest.mark.parametrize("module", ["rehab_opt", "rehab_opt.cli"])
+def test_importing_loads_no_solver_and_no_plot(module: str) -> None:
+    needed = {"typer", "rich"} if module == "rehab_opt.cli" else set()
+    code = f"import sys, casadi, numpy; before = set(sys.modules); import {module}; print(*set(sys.modules) - before)"
+    loaded = {name.partition(".")[0] for name in fresh(code).split()}
+    assert sorted(loaded & HEAVY - needed) == []
+
+
+def test_importing_compiles_and_writes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("REHAB_OPT_CACHE", str(tmp_path / "cache"))
+    monkeypatch.delenv("REHAB_OPT_COMPILE", raising=False)
+    fresh("import rehab_opt")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_public_names_are_there() -> None:
+    assert set(rehab_opt.__all__) >= PUBLIC
+    for name in rehab_opt.__all__:
+        assert getattr(rehab_opt, name) is not None
+
+
+@pytest.mark.parametrize("name", rehab_opt.__all__)
+def test_every_public_name_is_documented(name: str) -> None:
+    assert (getattr(rehab_opt, name).__doc__ or "").strip()
+
+
+def test_every_module_declares_names_that_it_has() -> None:
+    for file in sorted(PACKAGE.rglob("*.py")):
+        parts = file.relative_to(PACKAGE.parent).with_suffix("").parts
+        name = ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+        if "problems" in parts or name == "rehab_opt.cli":
+            continue
+        module = importlib.import_module(name)
+        for public in getattr(module, "__all__", ()):
+            assert hasattr(module, public), f"{name}.{public}"
+
+
+def test_the_types_are_for_users_too() -> None:
+    assert (PACKAGE / "py.typed").exists()
+
+
+@pytest.mark.parametrize("layer", sorted(LAYERS))
+def test_arrows_between_layers_point_one_way(layer: str) -> None:
+    files = [PACKAGE / f"{layer}.py"] if (PACKAGE / f"{layer}.py").exists() else sorted((PACKAGE / layer).rglob("*.py"))
+    assert files
+    for file in files:
+        wrong = set(imported(file)) - LAYERS[layer] - {layer}
+        assert not wrong, f"{file.relative_to(PACKAGE)} imports {', '.join(sorted(wrong))}"
+
+
+def test_every_module_belongs_to_a_layer() -> None:
+    here = {path.stem if path.is_file() else path.name for path in PACKAGE.iterdir() if path.suffix in ("", ".py")}
+    assert here - {"__init__", "__pycache__", "problems"} == set(LAYERS)
+
+
+def test_no_layer_is_named_for_nothing() -> None:
+    banned = {"utils", "util", "helpers", "common", "misc", "manager"}
+    assert [file for file in PACKAGE.rglob("*.py") if file.stem in banned] == []
+
+
+def test_nobody_catches_every_exception() -> None:
+    for file in PACKAGE.rglob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, ast.ExceptHandler):
+                caught = {name.id for name in ast.walk(node.type) if isinstance(name, ast.Name)} if node.type else {""}
+                assert not caught & {"", "Exception", "BaseException"}, f"{file}:{node.lineno}"
