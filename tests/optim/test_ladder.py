@@ -85,26 +85,30 @@ FAILURES = [garbage, nan, nan_among_good_numbers, without_multipliers, infinite]
 @pytest.mark.parametrize("solver", SOLVERS)
 @settings(max_examples=25)
 @given(st.integers(0, 10**6))
-def test_the_answer_is_the_solution_and_the_primary_s(solver: str, seed: int) -> None:
+def test_what_is_certified_is_the_solution(solver: str, seed: int) -> None:
     qp = random_qp(seed, N, M, unbounded=False)
     climbed = ladder(GENERAL, solver=solver, backup="daqp" if solver != "daqp" else "qrqp")
     climbed.parameters[:] = parameters_of(qp)
-    who = climbed()
-    assert who == solver or (who and solver == "qrqp")  # qrqp gives up on a tenth of these: see the next test
+    assert climbed()
     assert 0 <= climbed.residual[0] <= TOLERANCE
     np.testing.assert_allclose(climbed.x, solved(qp).x, atol=1e-6)
 
 
-def test_qrqp_solves_all_problems_without_rows_and_most_with_rows() -> None:
-    for m, least in ((0, 1.0), (M, 0.85)):
-        climbed = ladder(general_statement(N, m))
-        answers = []
-        for seed in range(300):
-            climbed.start_from(0.0)
-            climbed.parameters[:] = parameters_of(random_qp(seed, N, m, unbounded=False))
-            answers.append(climbed())
-        assert sum(who in FUSED_SOLVERS for who in answers) >= least * len(answers)
-        assert "" not in answers
+@pytest.mark.parametrize(
+    ("solver", "rows", "least"),
+    [("qrqp", 0, 1.0), ("qrqp", M, 0.85), ("proxqp", M, 1.0), ("osqp", M, 0.99), ("daqp", M, 1.0)],
+)
+def test_the_primary_answers_nearly_always_and_its_backup_else(solver: str, rows: int, least: float) -> None:
+    """A tenth of random QPs with rows is too much for qrqp, also in casadi's own hands and with more iterations."""
+    climbed = ladder(general_statement(N, rows), solver=solver, backup="daqp" if solver != "daqp" else "osqp")
+    answers = []
+    for seed in range(200):
+        climbed.start_from(0.0)
+        climbed.parameters[:] = parameters_of(random_qp(seed, N, rows, unbounded=False))
+        answers.append(climbed())
+    primary = FUSED_SOLVERS if solver == "qrqp" else (solver,)
+    assert sum(who in primary for who in answers) >= least * len(answers)
+    assert "" not in answers
 
 
 GENERAL = general_statement(N, M)
