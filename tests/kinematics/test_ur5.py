@@ -32,6 +32,12 @@ def test_manipulability_is_the_closed_form(q: Array) -> None:
     assert ROBOT.manipulability(q) == pytest.approx(closed_form(q), abs=1e-13)
 
 
+def test_the_stretched_robot_reaches_as_far_as_its_links() -> None:
+    pose = ROBOT.pose(np.zeros(6))
+    np.testing.assert_allclose(pose[:3, 3], [-0.425 - 0.39225, -0.10915 - 0.0823, 0.089159 - 0.09465], atol=1e-15)
+    np.testing.assert_allclose(pose[:3, :3], [[1, 0, 0], [0, 0, -1], [0, 1, 0]], atol=1e-15)
+
+
 def test_largest_manipulability_is_the_one_computed_before() -> None:
     rng = np.random.default_rng(3)
     best = 0.0

@@ -149,25 +149,40 @@ def test_crossed_bounds_never_pass(seed: int, gap: float) -> None:
             assert not is_certified(CERTIFICATES[N, M](crossed, truth._replace(x=x))[1], TOLERANCE)
 
 
-@settings(max_examples=60)
-@given(st.one_of(seeds, st.just(None)), st.sampled_from(INPUTS), st.sampled_from([np.nan, np.inf, -np.inf]), st.data())
-def test_one_number_that_is_none_is_never_certified(
-    both: list[Certify], seed: int | None, name: str, bad: float, data: st.DataObject
-) -> None:
-    if seed is None:  # a problem whose solution is zero and at its lower bounds: what NaN is clipped to
-        lines, zeros = np.ones(M), np.zeros(N)
-        qp = Instance(np.eye(N), np.ones(N), np.zeros((M, N)), -lines, lines, zeros, np.ones(N))
-        truth = Solution(zeros, -np.ones(N), np.zeros(M))
-    else:
-        qp = random_qp(seed, N, M)
-        truth = solved(qp)
+def at_its_lower_bounds() -> tuple[Instance, Solution]:
+    """A solution that NaN would be clipped to, with rows that do not matter."""
+    lines, zeros = np.ones(M), np.zeros(N)
+    qp = Instance(np.eye(N), np.ones(N), np.zeros((M, N)), -lines, lines, zeros, np.ones(N))
+    return qp, Solution(zeros, -np.ones(N), np.zeros(M))
+
+
+@pytest.mark.parametrize("name", INPUTS)
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_one_number_that_is_none_is_never_certified(both: list[Certify], name: str, bad: float) -> None:
+    if (bad, name) in {
+        (np.inf, "upper"), (np.inf, "rows_upper"), (np.inf, "sound"), (-np.inf, "lower"), (-np.inf, "rows_lower"),
+    }:  # fmt: skip
+        return  # no bound, and a way to say yes
+    cases = [at_its_lower_bounds()]
+    cases += [(qp, solved(qp)) for qp in (random_qp(seed, N, M) for seed in range(8))]
+    for qp, truth in cases:
+        for place in range(np.size([*qp, 1.0, *truth][INPUTS.index(name)])):
+            parts = [np.array(part, dtype=np.float64) for part in (*qp, 1.0, *truth)]
+            parts[INPUTS.index(name)].reshape(-1)[place] = bad
+            for certify in both:
+                residual = certify(Instance(*parts[:7]), Solution(*parts[8:]), float(parts[7]))[1]
+                assert not is_certified(residual, TOLERANCE)
+
+
+@settings(max_examples=100)
+@given(st.integers(0, 2 ** len(INPUTS) - 2), seeds)
+def test_nan_in_several_places_is_never_certified(both: list[Certify], hit: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    qp, truth = at_its_lower_bounds()
     parts = [np.array(part, dtype=np.float64) for part in (*qp, 1.0, *truth)]
-    target = parts[INPUTS.index(name)].reshape(-1)
-    if bad == np.inf:
-        assume(name not in ("upper", "rows_upper", "sound"))
-    if bad == -np.inf:
-        assume(name not in ("lower", "rows_lower"))
-    target[data.draw(st.integers(0, target.size - 1))] = bad
+    for i, part in enumerate(parts):
+        if (hit + 1) >> i & 1:
+            part.reshape(-1)[rng.integers(part.size)] = np.nan
     for certify in both:
         residual = certify(Instance(*parts[:7]), Solution(*parts[8:]), float(parts[7]))[1]
         assert not is_certified(residual, TOLERANCE)

@@ -186,6 +186,17 @@ def test_a_guess_without_gradient_by_its_form_is_not_certified_for_bad_parameter
     assert np.isfinite(climbed.state).all()
 
 
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_a_guess_within_its_bounds_is_not_certified_where_data_are_unsound(solver: str) -> None:
+    p, x = parameter("p", 2), variable("x", 2, lower=-1, upper=1)
+    cost = 0.5 * ca.sumsqr(x.symbol - p)
+    climbed = ladder(Statement("unsound", [p], [x], cost, requires=[p[0] > p[1]], guess=p), solver=solver)
+    climbed.parameters[:] = 0.1, 0.2
+    assert climbed() == ""
+    climbed.parameters[:] = 0.2, 0.1
+    assert climbed()
+
+
 @settings(max_examples=30)
 @given(seeds)
 def test_the_last_active_set_changes_no_answer(seed: int) -> None:
