@@ -28,7 +28,7 @@ class Ladder:
 
     Write the parameters into `parameters`, call, and read `x`, `residual` and `report`; all are arrays that the next
     call overwrites. The call returns the name of the solver whose answer is certified, "" if none is; only a certified
-    answer changes `state` (x, multipliers, memory), which the next call starts from.
+    answer changes the memory in `state`, and what the next call starts from, but that a start that failed is forgotten.
 
     Where compiled qrqp gives up, the function returns before it writes any output and nobody says so: the residual is
     therefore set to NaN before each evaluation.
@@ -45,7 +45,7 @@ class Ladder:
     def __init__(
         self, statement: Statement, *, solver: str, backup: str | None, tolerance: float, compile: bool | None = None
     ) -> None:
-        if not 0 < tolerance < 1:
+        if not (isinstance(tolerance, float) and 0 < tolerance < 1):
             raise ConfigurationError("tolerance", tolerance, "a number between 0 and 1")
         if backup is None:
             backup = "proxqp" if solver != "proxqp" else FUSED
@@ -85,8 +85,8 @@ class Ladder:
         """Name of a solver that is certified where the first attempt was not, or ""."""
         if not self.sound[0]:
             return ""  # the parameters themselves cannot be used
-        # An active set from the last tick can lead qrqp astray where a cold start does not: one in a few hundred of
-        # random states, and none of the continuous motions tried.
+        # An active set from the last tick can lead qrqp astray where a cold start does not: without rows, in one of a
+        # few hundred random states, and in none of the continuous motions tried.
         self.start_from(0.0)
         if self.solver == FUSED and self._solve_by(FUSED):
             return FUSED

@@ -170,7 +170,9 @@ class NLP:
             self.lower <= self.upper,
             low <= high,
         )
-        outputs = [x, cost, ca.norm_2(parts) / sane, ca.norm_2(violation) / sane, report]
+        # Not quotients: of a violation that is zero by its form, without rows, CasADi would drop the divisor.
+        judged = [ca.if_else(sane, ca.norm_2(each), ca.inf) for each in (parts, violation)]
+        outputs = [x, cost, *judged, report]
         name = f"{self.name}_certificate"
         return ca.Function(name, [self.p, claim, multipliers], [ca.densify(o) for o in outputs], {"cse": True})
 

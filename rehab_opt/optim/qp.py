@@ -71,9 +71,9 @@ def equal(left: Any, right: Any) -> Row:
 
 def within(expression: Any, lower: Any, upper: Any) -> Row:
     """The rows lower <= expression <= upper; bounds are numbers or expressions of parameters, or infinite."""
-    expression = ca.SX(expression)
-    ones = ca.SX.ones(expression.size1())
-    return Row(expression, ca.SX(lower) * ones, ca.SX(upper) * ones)
+    columns = [ca.SX(each) for each in (expression, lower, upper)]
+    ones = ca.SX.ones(max(column.size1() for column in columns))  # a scalar stands for every row
+    return Row(*(column * ones for column in columns))
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +98,8 @@ class Statement:
 
     Raises
     ------
-    ConfigurationError : the cost is not quadratic or a row not linear in the variables.
+    ConfigurationError : the cost is no scalar quadratic in the variables, a row is not linear in them, or a symbol in
+        either is not given.
     """
 
     name: str
@@ -117,6 +118,19 @@ class Statement:
     def __post_init__(self) -> None:
         """Check that it is a QP."""
         x = self._x
+        if self.minimise.numel() != 1:
+            raise ConfigurationError("minimise", self.minimise.shape, "a scalar cost")
+        given = {symbol.element_hash() for column in (self._p, self.memory) for symbol in ca.vertsplit(column)}
+        decided = {symbol.element_hash() for symbol in ca.vertsplit(x)}
+        bounds = ca.vertcat(*self._bounds)
+        for argument, expression, known in (
+            ("variables", bounds, given),
+            ("minimise", self.minimise, given | decided),
+            ("subject_to", ca.vertcat(*self._rows), given | decided),
+        ):
+            for symbol in ca.symvar(expression):
+                if symbol.element_hash() not in known:
+                    raise ConfigurationError(argument, symbol.name(), "expressions of what is given before")
         if not ca.is_quadratic(self.minimise, x):
             raise ConfigurationError("minimise", self.name, "a cost quadratic in the variables")
         if not ca.is_linear(self._rows.expression, x):

@@ -43,13 +43,13 @@ def compiled(function: ca.Function, *, compile: bool | None = None) -> ca.Functi
     Parameters
     ----------
     function : what to compile; must support code generation.
-    compile : None follows `REHAB_OPT_COMPILE` (default yes).
+    compile : False keeps the virtual machine, and so does `REHAB_OPT_COMPILE=0` whatever stands here.
 
     Returns
     -------
     A function of the same name, shapes and, to rounding, the same results.
     """
-    if not (compilation_wanted() if compile is None else compile):
+    if compile is False or not compilation_wanted():
         return function
     compiler = _compiler()
     if compiler is None:

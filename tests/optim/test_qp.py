@@ -117,11 +117,6 @@ def test_a_scalar_on_the_left_stands_for_every_row() -> None:
     assert qp.rows_lower.tolist() == [0, 0, -1]
 
 
-test_a_scalar_on_the_left_stands_for_every_row = pytest.mark.xfail(
-    raises=RuntimeError, strict=True, reason="defect: equal(scalar, column) counts one row"
-)(test_a_scalar_on_the_left_stands_for_every_row)
-
-
 # ----------------------------------------------------------------------------------------------- what is no QP
 X, P = variable("x", 2), parameter("p", 2)
 
@@ -170,7 +165,6 @@ def use_before_giving() -> list[object]:
     ]
 
 
-@pytest.mark.xfail(strict=True, reason="defect: found only when the functions are built, as casadi's RuntimeError")
 @pytest.mark.parametrize(("variables", "cost", "rows"), use_before_giving())
 def test_what_is_not_given_is_found_when_it_is_stated(variables: list, cost: ca.SX, rows: list) -> None:  # type: ignore[type-arg]
     with pytest.raises(ConfigurationError):
