@@ -58,26 +58,24 @@ def _choice(name: str, otherwise: ca.Function) -> ca.Function:
 
 def _solve(statement: Statement) -> ca.Function:
     """Complete parameters, memory, start -> x, multipliers, residual, who answered."""
-    n, m = statement.n, statement.m
-    full = ca.MX.sym("full", statement.build.sparsity_in(0))
-    memory, start = ca.MX.sym("memory", statement.memory.numel()), ca.MX.sym("start", 2 * n + m)
-    data = statement.build(full, memory)
     solver = _qrqp(statement)
-    if m:
-        answer = solver(start, *data)
-    else:
-        x, bounds = _last_active_set(statement)(*(data[i] for i in (0, 1, 5, 6)), start[n:])
-        x, residual = statement.certify(*data, x, bounds, ca.MX.zeros(0))
-        held = ca.vertcat(x, bounds, residual, 2)
-        answer = _choice(f"{statement.name}_active_set", solver)(residual <= GUESS_TOLERANCE, held, start, *data)
+    if statement.m:
+        return solver
+    full, memory, start = _inputs(statement)
+    x, bounds, residual = _last_active_set(statement)(full, memory, start[statement.n :])
+    held = ca.vertcat(x, bounds, residual, 2)
+    choice = _choice(f"{statement.name}_active_set", solver)
+    answer = choice(residual <= GUESS_TOLERANCE, held, full, memory, start)
     return ca.Function(f"{statement.name}_solve", [full, memory, start], [answer])
 
 
 def _last_active_set(statement: Statement) -> ca.Function:
-    """H, g, lower, upper, the last multipliers -> x and multipliers if the same bounds are active again; m = 0."""
+    """Parameters, memory, last multipliers -> x, multipliers, residual if the same bounds are active again; m = 0."""
     n = statement.n
-    hessian, gradient = ca.SX.sym("H", n, n), ca.SX.sym("g", n)
-    lower, upper, multipliers = ca.SX.sym("lower", n), ca.SX.sym("upper", n), ca.SX.sym("multipliers", n)
+    full, memory = ca.SX.sym("full", statement.build.sparsity_in(0)), ca.SX.sym("memory", statement.memory.numel())
+    multipliers = ca.SX.sym("multipliers", n)
+    *data, _ = statement.build.call([full, memory])
+    hessian, gradient, _, _, _, lower, upper = data
     at_upper, at_lower = multipliers > 0, multipliers < 0
     free = ca.logic_not(ca.logic_or(at_upper, at_lower))
     fixed = ca.if_else(at_upper, upper, ca.if_else(at_lower, lower, 0))
@@ -86,15 +84,17 @@ def _last_active_set(statement: Statement) -> ca.Function:
     diagonal, factor, order = ca.ldl(ca.densify(masked), False)
     x = ca.ldl_solve(fixed - free * (gradient + hessian @ fixed), diagonal, factor, order)
     balance = -(1 - free) * (hessian @ x + gradient)
-    inputs = [hessian, gradient, lower, upper, multipliers]
-    return ca.Function("last_active_set", inputs, [ca.densify(x), ca.densify(balance)], {"cse": True})
+    # Only sound parameters come here.
+    x, residual = statement.certify.call([*data, ca.SX(1), x, balance, ca.SX(0, 1)])
+    outputs = [ca.densify(each) for each in (x, balance, residual)]
+    return ca.Function("last_active_set", [full, memory, multipliers], outputs, {"cse": True})
 
 
 def _qrqp(statement: Statement) -> ca.Function:
-    """Start, outputs of `Statement.build` -> x, multipliers, residual, who answered."""
-    n, build = statement.n, statement.build
-    start = ca.MX.sym("start", 2 * n + statement.m)
-    data = [ca.MX.sym("data", build.sparsity_out(i)) for i in range(build.n_out())]
+    """Complete parameters, memory, start -> x, multipliers, residual, who answered."""
+    n = statement.n
+    full, memory, start = _inputs(statement)
+    data = statement.build(full, memory)
     hessian, gradient, matrix, rows_lower, rows_upper, lower, upper, _ = data
     solution = qrqp(f"{statement.name}_qp", n, statement.m)(
         h=hessian, g=gradient, a=matrix, lba=rows_lower, uba=rows_upper, lbx=lower, ubx=upper,
@@ -102,4 +102,10 @@ def _qrqp(statement: Statement) -> ca.Function:
     )  # fmt: skip
     x, residual = statement.certify(*data, solution["x"], solution["lam_x"], solution["lam_a"])
     answer = ca.vertcat(x, solution["lam_x"], solution["lam_a"], residual, 0)
-    return ca.Function(f"{statement.name}_qrqp", [start, *data], [answer])
+    return ca.Function(f"{statement.name}_qrqp", [full, memory, start], [answer])
+
+
+def _inputs(statement: Statement) -> list[ca.MX]:
+    """Complete parameters, memory, start (x and multipliers)."""
+    sizes = (statement.memory.numel(), 2 * statement.n + statement.m)
+    return [ca.MX.sym("full", statement.build.sparsity_in(0)), *(ca.MX.sym("column", size) for size in sizes)]
