@@ -15,14 +15,14 @@ class Status(Enum):
     """The rung of the ladder that answered."""
 
     OK = "ok"  #: solved by the primary solver, certified
-    BACKUP = "backup"  #: solved by the backup solver, certified
+    BACKUP = "backup"  #: by the backup solver, or with a lesser claim, which the reason names; its bounds certified
     UNREACHABLE = "unreachable"  #: the nearest reachable point is given instead (inverse kinematics)
     BRAKING = "braking"  #: safe command: decelerating within the limits
     HOLDING = "holding"  #: safe command: at rest
 
     @property
     def certified(self) -> bool:
-        """Whether a solver's answer to the stated problem stands behind the value."""
+        """Whether a certificate of every bound stands behind the value."""
         return self in (Status.OK, Status.BACKUP)
 
 
@@ -53,4 +53,4 @@ class Command(NamedTuple):
     yielded: Bound
     """Which bounds or tasks gave way."""
     scale: float
-    """Share of the asked motion that is delivered, 0 to 1."""
+    """Share of the asked motion that is delivered, 0 to 1; of a tracker: along the asked twist, feedback included."""

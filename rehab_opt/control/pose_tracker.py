@@ -13,14 +13,14 @@ from rehab_opt.control.velocity_controller import VelocityController, checked_nu
 from rehab_opt.control.wanted import WantedVelocity
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain, per_joint
-from rehab_opt.kinematics.frames import is_rotation, rotation_vector
+from rehab_opt.kinematics.frames import is_rigid, rotation_vector
 from rehab_opt.optim.qp import Statement, parameter, variable
 
 __all__ = ["PoseTracker"]
 
 DIRECTION_KEEPING = 1e-5
 """Price of slowing down against leaving the asked direction: at a twentieth of the speed it is left by 0.01 deg."""
-STEADYING = 1e-8
+STEADYING = 1e-5
 """Weight of the joint velocities against the squared twist error: it settles what the task leaves open."""
 DRIFT_SPEED = 0.1
 """Share of the velocity limits at which a redundant chain drifts to its posture."""
@@ -61,6 +61,7 @@ class PoseTracker(VelocityController):
     """
 
     shapes = ((4, 4), (6,))
+    requirement = "pose is not a rigid transform"
 
     def __init__(
         self,
@@ -108,7 +109,7 @@ class PoseTracker(VelocityController):
         last, predicted = parameter("last", n), parameter("predicted", n)
         jacobian, asked, wanted = parameter("jacobian", 6 * n), parameter("asked", 6), parameter("wanted", n)
         lower, upper, outside = parameter("lower", n), parameter("upper", n), parameter("outside", 1)
-        delivered = parameter("delivered", 6)
+        delivered, slowdown = parameter("delivered", 6), parameter("slowdown", 1)
         moves = ca.reshape(jacobian, 6, n)
 
         velocity = variable("velocity", n, lower=lower, upper=upper)
@@ -121,17 +122,16 @@ class PoseTracker(VelocityController):
         error = moves @ velocity.symbol - scale * delivered
         slower = progress.symbol - speed
         cost = ca.sumsqr(error) + STEADYING * ca.sumsqr(short) + DIRECTION_KEEPING * ca.sumsqr(slower)
-        missed = ca.sumsqr(delivered - asked) > 1e-6 * ca.sumsqr(asked)
         return Statement(
             name="pose_tracker",
             parameters=[q, entries, twist],
             variables=[velocity, progress],
             minimise=cost / 2,
-            requires=[is_rotation(_pose(entries)[:3, :3])],
+            requires=[is_rigid(_pose(entries))],
             guess=ca.vertcat(wanted, speed),
-            prepared=[jacobian, asked, lower, upper, outside, wanted, delivered],
+            prepared=[jacobian, asked, slowdown, lower, upper, outside, wanted, delivered],
             prepare=self._prepare(q, entries, twist, ca.vertcat(last, predicted)),
-            report=self.report(last, velocity.symbol, ca.if_else(speed > TINY, scale, 1), outside, missed),
+            report=self.report(last, velocity.symbol, moves @ velocity.symbol, slowdown * asked, outside),
             memory=ca.vertcat(last, predicted),
             remember=self.remember(q, velocity.symbol),
         )
@@ -141,23 +141,25 @@ class PoseTracker(VelocityController):
         chain, n = self.chain, self.chain.n
         weights = ca.sqrt(ca.DM(self.task_weights))
         jacobian = ca.diag(weights) @ chain.jacobian_expression(q)
-        asked = weights * self._asked_twist(chain.pose_expression(q), _pose(entries), twist)
+        asked, slowdown = self._asked_twist(chain.pose_expression(q), _pose(entries), twist)
         drift = ca.SX.zeros(n)
         if self.posture is not None:
             drift = ca.DM(~chain.locked * self._settling) * (ca.DM(self.posture) - q)
             fastest = ca.mmax(ca.fabs(drift) / ca.DM(DRIFT_SPEED * chain.velocity))
             drift = drift / ca.fmax(fastest, 1)  # as a whole: its direction is kept
-        wanted = WantedVelocity(jacobian, asked, drift, self.bounds(q, memory[:n]), chain.velocity, chain.locked)
+        bounds = self.bounds(q, memory[:n])
+        wanted = WantedVelocity(jacobian, weights * asked, slowdown, drift, bounds, chain.velocity, chain.locked)
         return wanted.prepare(ca.vertcat(q, entries, twist), memory)
 
-    def _asked_twist(self, pose: ca.SX, target: ca.SX, twist: ca.SX) -> ca.SX:
-        """(6,) twist plus feedback on the pose error, slowed as a whole where a hand speed would be exceeded."""
+    def _asked_twist(self, pose: ca.SX, target: ca.SX, twist: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """(6,) twist plus feedback on the pose error, slowed as a whole to the hand speeds; and by how much."""
         position_error = target[:3, 3] - pose[:3, 3]
         rotation_error = rotation_vector(target[:3, :3] @ pose[:3, :3].T)
         controlled = ca.DM(self.task_weights > 0)
         asked = controlled * (twist + self._settling * ca.vertcat(position_error, rotation_error))
-        share = ca.fmax(ca.norm_2(asked[:3]) / self.linear_speed, ca.norm_2(asked[3:]) / self.angular_speed)
-        return asked / ca.fmax(share, 1)
+        excess = ca.fmax(ca.norm_2(asked[:3]) / self.linear_speed, ca.norm_2(asked[3:]) / self.angular_speed)
+        slowdown = ca.fmax(excess, 1)
+        return asked / slowdown, slowdown
 
     @property
     def _settling(self) -> float:
@@ -190,19 +192,12 @@ class PoseTracker(VelocityController):
             q_view[:] = q  # type: ignore[assignment]
             pose_view[:] = pose.ravel()  # type: ignore[union-attr]
             twist_view[:] = twist  # type: ignore[assignment]
-            usual = len(pose) == 4  # type: ignore[arg-type]
+            usual = pose.shape == (4, 4)  # type: ignore[union-attr]
         except (ValueError, TypeError, AttributeError):
             usual = False
         if not usual:
             self._write((q, pose, twist))
         return self._tick(enable, stamp)
-
-    def unusable(self) -> str:
-        """A target that is not a rigid pose."""
-        rotation = self._inputs[0][:3, :3]
-        if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-4 or np.linalg.det(rotation) < 0:
-            return "pose is not a rigid transform"
-        return ""
 
 
 def _pose(entries: ca.SX) -> ca.SX:

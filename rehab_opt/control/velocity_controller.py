@@ -16,6 +16,7 @@ from rehab_opt.control.stopping import VelocityBounds, nearest_to_rest, velocity
 from rehab_opt.control.watchdog import Watchdog
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain, per_joint
+from rehab_opt.optim.certificate import clipped
 from rehab_opt.optim.fused import FUSED_SOLVERS
 from rehab_opt.optim.ladder import FUSED, Ladder
 from rehab_opt.optim.qp import PLAUSIBLE, Instance, Statement
@@ -24,8 +25,10 @@ from rehab_opt.symbolic import BufferedFunction
 __all__ = ["VelocityController", "checked_number"]
 
 Array = NDArray[np.float64]
-SLOWED = 1e-3
-"""Share by which the hand must be slower than asked for the task to count as yielding."""
+MISSED = 1e-3
+"""Share of the asked motion by which the delivered one must differ for the task to count as yielding."""
+STILL = 1e-6
+"""[m/s] Motions below this are none."""
 
 _OK = Status.OK
 _BOUNDS = tuple(Bound(i) for i in range(8))  # looked up, since making an IntFlag costs half a microsecond
@@ -54,6 +57,8 @@ class VelocityController(ABC):
         max_age: float | None,
         compile: bool | None,
     ) -> None:
+        if not isinstance(chain, SerialChain):
+            raise ConfigurationError("chain", chain, "a SerialChain")
         self.chain = chain
         self.dt = checked_number("dt", dt, above=0.0, below=1.0)
         self.tolerance = tolerance
@@ -75,15 +80,13 @@ class VelocityController(ABC):
 
     # ------------------------------------------------------------------------------------------- for subclasses
     shapes: ClassVar[tuple[tuple[int, ...], ...]] = ()
-    """Shapes of the statement's parameters between q and the last velocity, as `step` takes them."""
+    """Shapes of the statement's parameters after q, as `step` takes them."""
+    requirement: ClassVar[str] = ""
+    """What is wrong when the statement's requirements are not met."""
 
     @abstractmethod
     def statement(self) -> Statement:
         """The QP of one tick."""
-
-    def unusable(self) -> str:
-        """What is wrong with inputs that are numbers but cannot be meant; empty where nothing is."""
-        return ""
 
     @cached_property
     def stated(self) -> Statement:
@@ -94,16 +97,18 @@ class VelocityController(ABC):
         """Intervals of the joint velocities."""
         return velocity_bounds(self.chain, q, last, dt=self.dt, return_speed=self.return_speed)
 
-    def report(self, last: ca.SX, velocity: ca.SX, scale: ca.SX, outside: ca.SX, missed: ca.SX) -> ca.SX:
-        """What yielded, as a number of `Bound`, and the scale.
+    def report(self, last: ca.SX, velocity: ca.SX, delivered: ca.SX, asked: ca.SX, outside: ca.SX) -> ca.SX:
+        """What yielded, as a number of `Bound`, and the share of the asked motion that is delivered.
 
-        `outside` says that a joint is beyond its limit, `missed` that the arm cannot deliver the task at this pose.
+        `delivered` and `asked` are twists, weighted alike; `outside` says that a joint is beyond its limit.
         """
         allowed = ca.DM(np.minimum(self.chain.acceleration * self.dt, 2 * self.chain.velocity))
         hurried = ca.sum1(ca.fabs(velocity - last) > allowed * (1 + 1e-9) + 1e-12) > 0
-        slowed = ca.logic_or(missed, scale < 1 - SLOWED)
-        yielded = int(Bound.POSITION) * outside + int(Bound.ACCELERATION) * hurried + int(Bound.TASK) * slowed
-        return ca.vertcat(yielded, scale)
+        size = ca.sumsqr(asked)
+        missed = ca.sumsqr(delivered - asked) > MISSED**2 * size + STILL**2
+        along = clipped(ca.dot(delivered, asked) / ca.fmax(size, STILL**2), 0, 1)
+        yielded = int(Bound.POSITION) * outside + int(Bound.ACCELERATION) * hurried + int(Bound.TASK) * missed
+        return ca.vertcat(yielded, ca.if_else(missed, ca.if_else(size > STILL**2, along, 0), 1))
 
     def remember(self, q: ca.SX, velocity: ca.SX) -> ca.SX:
         """The velocity, and where it leads by the next tick."""
@@ -114,7 +119,7 @@ class VelocityController(ABC):
         q, last = ca.SX.sym("q", self.chain.n), ca.SX.sym("last", self.chain.n)
         bounds = self.bounds(q, last)
         rest = nearest_to_rest(bounds)
-        report = self.report(last, rest, ca.SX(0), bounds.outside, ca.SX(1))
+        report = self.report(last, rest, ca.SX(0), ca.SX(1), bounds.outside)  # nothing of the task is delivered
         return ca.Function("braking", [q, last], [ca.densify(self.remember(q, rest)), report], {"cse": True})
 
     # -------------------------------------------------------------------------------------------------- the user's
@@ -129,6 +134,7 @@ class VelocityController(ABC):
         lower, upper = np.maximum(self.chain.lower, -PLAUSIBLE), np.minimum(self.chain.upper, PLAUSIBLE)
         self._predicted[:] = (lower + upper) / 2
         self._watchdog.reset()
+        self._stamped = False
 
     def instance(self, q: ArrayLike, *inputs: ArrayLike) -> Instance:
         """The QP that `step` would solve now, as numbers, for inspection."""
@@ -141,8 +147,12 @@ class VelocityController(ABC):
     # ---------------------------------------------------------------------------------------------------- one tick
     def _tick(self, enable: object, stamp: float | None) -> Command:
         """One step on what stands in the parameters."""
-        reason = "" if stamp is None else self._watchdog.check(stamp)
-        if enable is not True and enable != True:  # noqa: E712  (numpy booleans are welcome, NaN is not)
+        reason = ""
+        if stamp is not None:
+            reason, self._stamped = self._watchdog.check(stamp), True
+        elif self._stamped:
+            reason = "stamp is missing"  # who gave stamps before has lost them
+        if enable is not True and not (isinstance(enable, np.bool_ | int | float) and enable == 1):
             reason = "not enabled"
         if reason:
             return self._safe(reason)
@@ -174,10 +184,14 @@ class VelocityController(ABC):
             expected = f"real numbers of shape {target.shape}"
             try:
                 array = np.asarray(value)
-                if array.dtype.kind not in "fiub":
-                    raise ConfigurationError(name, value, expected)
+                if array.dtype.kind == "O":  # integers beyond 64 bits are numbers, too
+                    array = array.astype(np.float64)
+            except OverflowError:
+                array = np.full(target.shape, math.inf)
             except (TypeError, ValueError) as problem:
                 raise ConfigurationError(name, value, expected) from problem
+            if array.dtype.kind not in "fiub":
+                raise ConfigurationError(name, value, expected)
             if array.shape != target.shape:
                 raise ConfigurationError(name, value, expected)
             target[...] = array
@@ -204,7 +218,11 @@ class VelocityController(ABC):
                 return (
                     f"{name}[{', '.join(str(i) for i in np.argwhere(bad)[0])}] is {array[bad][0]}, not a usable number"
                 )
-        return self.unusable() or f"no solver gave a certified answer (residual {self._ladder.residual[0]:.1e})"
+        if self._ladder.sound[0]:
+            return f"no solver gave a certified answer (residual {self._ladder.residual[0]:.1e})"
+        if not np.linalg.norm(self._ladder.parameters) <= PLAUSIBLE:
+            return "the numbers are too large to be meant"
+        return self.requirement
 
 
 def checked_number(argument: str, value: float, *, above: float, below: float = math.inf) -> float:

@@ -8,8 +8,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.control.stopping import VelocityBounds
-from rehab_opt.optim.certificate import clipped
+from rehab_opt.control.stopping import FAR, VelocityBounds
+from rehab_opt.optim.qp import PLAUSIBLE
+from rehab_opt.optim.qrqp import qrqp
 
 __all__ = ["WantedVelocity", "wanted_velocity"]
 
@@ -37,15 +38,20 @@ def wanted_velocity(jacobian: ca.SX, twist: ca.SX, drift: ca.SX) -> ca.SX:
 class WantedVelocity(NamedTuple):
     """What is wanted of the joints, in expressions of a controller's parameters and memory.
 
-    Joints that would move faster than they can still stop at their position limits are held at that speed while the
-    others make up for them; that second solve is left out where no joint is held. Without it, keeping the direction
-    of an undeliverable motion would stop the arm where going on to the nearest pose is wanted.
+    Where a joint would move faster than it can still stop at its position limit, the joints' velocities are those of
+
+    min |J q' - v|^2 + damping |q' - drift|^2    s.t.  q' within the speeds from which the joints can still stop,
+
+    iterated as `wanted_velocity` is; that solve is left out where no joint is near its limit. Without it, keeping the
+    direction of an undeliverable motion would stop the arm where going on to the nearest pose is wanted.
     """
 
     jacobian: ca.SX
     """(k, n)"""
     twist: ca.SX
     """(k,)"""
+    slowdown: ca.SX
+    """By what the twist was slowed before."""
     drift: ca.SX
     """(n,) joint velocity where the twist leaves it free."""
     bounds: VelocityBounds
@@ -55,15 +61,17 @@ class WantedVelocity(NamedTuple):
     """(n,) joints that cannot move at all."""
 
     def prepare(self, parameters: ca.SX, memory: ca.SX) -> ca.Function:
-        """Parameters, memory -> Jacobian by columns, twist, lower, upper, outside, wanted velocity, its twist."""
+        """Parameters, memory -> Jacobian by columns, twist, slowdown, bounds, outside, wanted velocity, its twist."""
         bounds, movable = self.bounds, ca.diag(ca.sparsify(ca.DM(~self.locked)))
         moving = ca.sparsify(self.jacobian @ movable)
         wanted = wanted_velocity(moving, self.twist, self.drift)
-        low, high = bounds.stop_lower, bounds.stop_upper
-        at_most = clipped(wanted, -self.speed, self.speed)  # a speed that no bound allows is not why a joint is held
-        leaves = ca.sum1(ca.logic_or(at_most > high, at_most < low)) > 0
+        # A limit that is felt only above the velocity limit is not why a joint is held: the whole motion slows down.
+        low = ca.if_else(bounds.stop_lower <= -self.speed, -FAR, bounds.stop_lower)
+        high = ca.if_else(bounds.stop_upper >= self.speed, FAR, bounds.stop_upper)
+        leaves = ca.sum1(ca.logic_or(wanted > high, wanted < low)) > 0
+        leaves = ca.logic_and(leaves, ca.sumsqr(parameters) <= PLAUSIBLE**2)  # no solver sees what cannot be used
         task = ca.vertcat(ca.vec(ca.densify(self.jacobian)), self.twist)
-        kept = ca.vertcat(bounds.lower, bounds.upper, bounds.outside)
+        kept = ca.vertcat(self.slowdown, bounds.lower, bounds.upper, bounds.outside)
         outputs = [task, kept, ca.vertcat(wanted, moving @ wanted), ca.vertcat(low, high, self.drift), leaves]
         first = ca.Function("first", [parameters, memory], [ca.densify(each) for each in outputs], {"cse": True})
 
@@ -73,16 +81,23 @@ class WantedVelocity(NamedTuple):
         return ca.Function("prepare", [p, last], [ca.vertcat(told, within, motion)])
 
     def _hold(self, movable: ca.DM) -> tuple[ca.Function, ca.Function]:
-        """Task, wanted motion, stopping speeds and drift -> wanted motion with joints held; and with none."""
+        """Task, wanted motion, stopping speeds and drift -> wanted motion within those speeds; and as it was."""
         k, n = self.jacobian.shape
-        flat, twist, motion = ca.SX.sym("jacobian", k * n), ca.SX.sym("twist", k), ca.SX.sym("motion", n + k)
-        low, high, drift = ca.SX.sym("low", n), ca.SX.sym("high", n), ca.SX.sym("drift", n)
-        jacobian, wanted = ca.reshape(flat, k, n) @ movable, motion[:n]
-        at_most = clipped(wanted, -self.speed, self.speed)
-        free = ca.logic_and(at_most <= high, at_most >= low)
-        held = ca.if_else(free, 0, clipped(wanted, low, high))
-        others = wanted_velocity(jacobian @ ca.diag(free), twist - jacobian @ held, free * drift)
-        velocity = ca.if_else(free, others, held)
-        inputs = [ca.vertcat(flat, twist), motion, ca.vertcat(low, high, drift)]
-        second = ca.Function("second", inputs, [ca.densify(ca.vertcat(velocity, jacobian @ velocity))], {"cse": True})
-        return second, ca.Function("enough", inputs, [motion])
+        flat, twist, velocity = ca.SX.sym("jacobian", k * n), ca.SX.sym("twist", k), ca.SX.sym("velocity", n)
+        jacobian = ca.reshape(flat, k, n) @ movable
+        inputs = [ca.vertcat(flat, twist), velocity]
+        hessian = jacobian.T @ jacobian + DAMPING * ca.SX.eye(n)
+        gradient = -(jacobian.T @ twist) - DAMPING * velocity
+        model = ca.Function("model", inputs, [ca.densify(hessian), ca.densify(gradient)], {"cse": True})
+        delivered = ca.Function("delivered", inputs, [ca.densify(ca.vertcat(velocity, jacobian @ velocity))])
+
+        task, motion, limits = ca.MX.sym("task", k * n + k), ca.MX.sym("motion", n + k), ca.MX.sym("limits", 3 * n)
+        low, high, answer = ca.vertsplit(limits, n)
+        low, high = (ca.MX(ca.DM(~self.locked)) * each for each in (low, high))
+        solver = qrqp("bounded", n, 0)
+        for _ in range(PASSES):
+            h, g = model(task, answer)
+            answer = solver(h=h, g=g, lbx=low, ubx=high)["x"]
+        arguments = [task, motion, limits]
+        bounded = ca.Function("within", arguments, [delivered(task, ca.fmin(ca.fmax(answer, low), high))])
+        return bounded, ca.Function("enough", arguments, [motion])

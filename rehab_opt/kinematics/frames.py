@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import casadi as ca
 
-__all__ = ["is_rotation", "rotation_vector"]
+__all__ = ["is_rigid", "is_rotation", "rotation_vector"]
 
 ROTATION_TOLERANCE = 1e-3
 """Norm of the six products of axes, less 0 or 1, in what is still a rotation: a measured one is rounded, no more."""
@@ -35,6 +35,12 @@ def rotation_vector(rotation: ca.SX) -> ca.SX:
     direction, length = ca.if_else(near_pi, along * largest, skew), ca.if_else(near_pi, ca.norm_2(largest), sine)
     tiny = length < 1e-150
     return direction * ca.if_else(tiny, 1, angle / (length + tiny))
+
+
+def is_rigid(pose: ca.SX) -> ca.SX:
+    """1 where `pose` (4, 4) is a rotation with a translation beside and (0, 0, 0, 1) below, to `ROTATION_TOLERANCE`."""
+    below = ca.sumsqr(pose[3, :] - ca.DM([[0, 0, 0, 1]])) <= ROTATION_TOLERANCE**2
+    return ca.logic_and(is_rotation(pose[:3, :3]), below)
 
 
 def is_rotation(matrix: ca.SX) -> ca.SX:

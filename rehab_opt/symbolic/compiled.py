@@ -59,14 +59,12 @@ def compiled(function: ca.Function, *, compile: bool | None = None) -> ca.Functi
     generator.add(function)
     source: str = generator.dump()
     key = hashlib.sha256("\0".join((source, compiler[1], *FLAGS, platform.machine())).encode()).hexdigest()[:32]
-    library = cache_folder() / f"{function.name()}-{key}.so"
+    name, result = f"{function.name()}-{key}", function
     try:
-        if not library.exists():
-            _build(source, compiler[0], library)
-        return _loaded(function, library)
+        result = ca.external(function.name(), str(_cached(name) or _build(source, compiler[0], name)))
     except (OSError, subprocess.SubprocessError, RuntimeError) as problem:
         _log.info("%s stays in the virtual machine: %s", function.name(), problem)
-        return function
+    return result
 
 
 def compilation_wanted() -> bool:
@@ -84,19 +82,25 @@ def cache_folder() -> Path:
     return Path(platformdirs.user_cache_dir("rehab_opt"))
 
 
-def _loaded(function: ca.Function, library: Path) -> ca.Function:
-    try:
-        return ca.external(function.name(), str(library))
-    except RuntimeError:
-        library.unlink(missing_ok=True)  # a damaged file must not keep later runs from compiling
-        raise
+def _cached(name: str) -> Path | None:
+    """The library of that name, undamaged: its own digest ends its name. Loading a cut one would end the process."""
+    for library in cache_folder().glob(f"{name}-*.so"):
+        if library.stem.rpartition("-")[2] == _digest(library):
+            return library
+        library.unlink(missing_ok=True)
+    return None
 
 
-def _build(source: str, compiler: str, library: Path) -> None:
+def _digest(library: Path) -> str:
+    return hashlib.sha256(library.read_bytes()).hexdigest()[:16]
+
+
+def _build(source: str, compiler: str, name: str) -> Path:
     """Compile beside the target and move it there in one step: two processes may build at once."""
-    library.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-    with tempfile.TemporaryDirectory(dir=library.parent) as folder:
-        code, product = Path(folder) / "code.c", Path(folder) / "code.so"
+    folder = cache_folder()
+    folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+    with tempfile.TemporaryDirectory(dir=folder) as workplace:
+        code, product = Path(workplace) / "code.c", Path(workplace) / "code.so"
         code.write_text(source)
         subprocess.run(
             [compiler, *FLAGS, str(code), "-o", str(product), "-lm"],
@@ -104,7 +108,7 @@ def _build(source: str, compiler: str, library: Path) -> None:
             capture_output=True,
             timeout=COMPILE_SECONDS,
         )
-        product.replace(library)
+        return product.replace(folder / f"{name}-{_digest(product)}.so")
 
 
 @functools.cache
