@@ -416,3 +416,54 @@ def test_one_joint_obeys_the_order_of_bounds(
         if not command.yielded & Bound.ACCELERATION:
             assert abs(v[0] - last) <= change * dt + 1e-9
         q, last = ahead, float(v[0])
+
+
+def test_an_arm_far_from_a_reachable_pose_does_not_stall_at_its_joint_limits() -> None:
+    arm = human_arm()
+    q = np.array([3.33707, -0.12037, 0.88955, 0.4132, 0.30347, -0.79847, -0.74127, 0.21882])
+    there = arm.pose([3.02864, -0.29736, 1.16928, 1.21412, 0.95736, 0.14461, -0.76913, 0.83629])
+    robot = tracker(arm, dt=5e-3)
+    for _ in range(2000):
+        q = q + robot.step(q, there, REST).value * robot.dt
+    np.testing.assert_allclose(arm.pose(q), there, atol=1e-6)
+
+
+def test_what_is_not_delivered_is_said() -> None:
+    chain = ur5(velocity=1.0)
+    robot, q = tracker(chain, linear_speed=0.25), START.copy()
+    for _ in range(300):
+        command = robot.step(q, chain.pose(q), [0.25, 0, 0, 0, 0, 0])
+        q = q + command.value * robot.dt
+    assert command.yielded is Bound.NOTHING
+    assert command.scale == 1.0
+    still = robot.step(q, chain.pose(q), REST)  # asked to stand, it can only brake
+    assert still.yielded & Bound.TASK
+    assert still.scale == 0.0
+    fast = robot.step(q, chain.pose(q), [10.0, 0, 0, 0, 0, 0])
+    assert fast.yielded & Bound.TASK
+    assert fast.scale < 0.03
+
+
+def test_a_transposed_pose_is_no_pose() -> None:
+    pose = ur5().pose(START)
+    command = tracker().step(START, pose.T.copy(), REST)
+    assert command.status is Status.HOLDING
+    assert command.reason == "pose is not a rigid transform"
+
+
+def test_stamps_that_stop_coming_are_a_fault() -> None:
+    robot, pose = tracker(), ur5().pose(START)
+    robot.step(START, pose, REST, stamp=0.001)
+    assert robot.step(START, pose, REST).reason == "stamp is missing"
+    assert robot.step(START, pose, REST, stamp=0.002).status is Status.OK
+
+
+@pytest.mark.parametrize("enable", [np.array([True, True]), "yes", 2, [True]])
+def test_what_is_not_one_truth_value_does_not_enable(enable: object) -> None:
+    assert tracker().step(START, ur5().pose(START), REST, enable=enable).reason == "not enabled"
+
+
+def test_integers_of_any_size_are_numbers() -> None:
+    pose = ur5().pose(START)
+    for huge in (10**300, 10**400):
+        assert tracker().step([huge, 0, 0, 0, 0, 0], pose, REST).status is Status.HOLDING

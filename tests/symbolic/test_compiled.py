@@ -214,3 +214,17 @@ def test_the_environment_decides_where_the_caller_does_not(
 def test_the_caller_may_refuse(cache: Path) -> None:
     assert compiled(square(), compile=False).class_name() == VIRTUAL_MACHINE
     assert not cache.exists()
+
+
+@needs_compiler
+def test_a_library_cut_short_is_compiled_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("REHAB_OPT_CACHE", str(tmp_path))
+    monkeypatch.delenv("REHAB_OPT_COMPILE", raising=False)
+    x = ca.SX.sym("x", 3)
+    function = ca.Function("cut_short", [x], [ca.sin(x)])
+    compiled(function)
+    (library,) = tmp_path.glob("*.so")
+    library.write_bytes(library.read_bytes()[:5000])  # loading this would end the process with a bus error
+    assert compiled(function).class_name() == MACHINE_CODE
+    (again,) = tmp_path.glob("*.so")
+    assert again.stat().st_size > 5000
