@@ -80,22 +80,26 @@ class ArmIK:
         table_size: int = 4096,
         compile: bool | None = None,
     ) -> None:
-        if handle_tilt is not None and not 0 <= handle_tilt <= math.pi:
+        if not isinstance(arm, SerialChain):
+            raise ConfigurationError("arm", arm, "a SerialChain")
+        number = (int, float, np.integer, np.floating)
+        if handle_tilt is not None and not (isinstance(handle_tilt, number) and 0 <= handle_tilt <= math.pi):
             raise ConfigurationError("handle_tilt", handle_tilt, "an angle from 0 to pi rad, or None")
         for name, value in (("starts", starts), ("nearest_starts", nearest_starts), ("table_size", table_size)):
             if not (isinstance(value, int) and value > 0):
                 raise ConfigurationError(name, value, "a positive whole number")
-        if not 0 < tolerance <= POSITION_TOLERANCE:
+        if not (isinstance(tolerance, number) and 0 < tolerance <= POSITION_TOLERANCE):
             raise ConfigurationError("tolerance", tolerance, f"a number above 0, at most {POSITION_TOLERANCE}")
         checked_name("solver", solver)
         checked_name("backup", backup)
+        rest = None if rest is None else _numbers("rest", rest, (arm.n,))
+        self.cost = PostureCost(arm, posture_cost, rest=rest)
         self._arguments: dict[str, Any] = {
             "handle_tilt": handle_tilt, "posture_cost": dict(posture_cost), "rest": rest, "solver": solver,
             "backup": backup, "tolerance": tolerance, "starts": starts, "nearest_starts": nearest_starts,
             "table_size": table_size, "compile": compile,
         }  # fmt: skip
         self.arm, self.handle_tilt, self._tolerance = arm, handle_tilt, tolerance
-        self.cost = PostureCost(arm, posture_cost, rest=rest)
         self._search: IKSearch | None = None
         if not arm.locked.all():
             self._search = IKSearch(
@@ -263,7 +267,7 @@ def _numbers(argument: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
     expected = "numbers of shape (" + ", ".join("N" if size < 0 else str(size) for size in shape) + ")"
     try:
         array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError) as problem:
+    except (TypeError, ValueError, OverflowError) as problem:
         raise ConfigurationError(argument, value, expected) from problem
     if array.ndim != len(shape) or any(size not in (-1, own) for size, own in zip(shape, array.shape, strict=True)):
         raise ConfigurationError(argument, value, expected)

@@ -67,7 +67,7 @@ class Smoother:
         return_speed: float = RETURN_SPEED,
         max_age: float | None = None,
     ) -> None:
-        if not 0.0 < return_speed <= 1.0:
+        if not (isinstance(return_speed, (int, float, np.integer, np.floating)) and 0.0 < return_speed <= 1.0):
             raise ConfigurationError("return_speed", return_speed, "a share of the velocity, above 0 and at most 1")
         bounds = _axis_bounds(
             lower=lower, upper=upper, velocity=velocity, acceleration=acceleration, jerk=jerk, axes=axes
@@ -141,7 +141,7 @@ class Smoother:
         target: ArrayLike,
         target_velocity: ArrayLike | None = None,
         *,
-        enable: bool = True,
+        enable: object = True,
         stamp: float | None = None,
     ) -> Command:
         """Position one tick on, on the way to the target.
@@ -311,7 +311,7 @@ def smooth_path(
     """
     from scipy.interpolate import PchipInterpolator  # noqa: PLC0415  (loaded when used)
 
-    t, x = np.array(times, dtype=np.float64), np.array(points, dtype=np.float64)
+    t, x = _numbers("times", times), _numbers("points", points)
     if t.ndim != 1 or t.size < 2 or not np.all(np.diff(t) > 0.0) or not np.all(np.isfinite(t)):
         raise ConfigurationError("times", times, "at least two finite, increasing times (N,)")
     if x.ndim != 2 or len(x) != len(t) or not np.all(np.isfinite(x)):
@@ -411,9 +411,9 @@ def _axis_bounds(
         "acceleration": acceleration,
         "jerk": jerk,
     }
-    n = axes if axes is not None else max(np.size(value) for value in given.values())
-    if n < 1:
-        raise ConfigurationError("axes", axes, "at least one axis")
+    n = axes if axes is not None else max(_numbers(name, value).size for name, value in given.items())
+    if not (isinstance(n, (int, np.integer)) and n >= 1):
+        raise ConfigurationError("axes", axes, "a whole number of axes, at least one")
     bounds = AxisBounds(**{name: per_joint(name, value, n).tolist() for name, value in given.items()})
     for name in ("velocity", "acceleration", "jerk"):
         if not all(0.0 < number < math.inf for number in getattr(bounds, name)):
@@ -422,6 +422,14 @@ def _axis_bounds(
         if not (low <= high and low < math.inf and high > -math.inf):
             raise ConfigurationError("lower, upper", (low, high), "lower <= upper, neither NaN")
     return bounds
+
+
+def _numbers(argument: str, value: ArrayLike) -> Array:
+    """`value` as an array of its own."""
+    try:
+        return np.array(value, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError) as problem:
+        raise ConfigurationError(argument, value, "numbers") from problem
 
 
 def _is_true(signal: object) -> bool:

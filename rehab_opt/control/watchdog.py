@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from rehab_opt.errors import ConfigurationError
 
 __all__ = ["DRIFT", "Watchdog", "default_max_age"]
@@ -37,16 +39,16 @@ class Watchdog:
 
     Raises
     ------
-    ConfigurationError : dt not positive and finite, max_age not above dt.
+    ConfigurationError : dt not a positive, finite number, max_age not one above dt.
     """
 
     __slots__ = ("_dt", "_gained", "_lag", "_last", "_max_age")
 
     def __init__(self, *, dt: float, max_age: float | None = None) -> None:
-        if not 0.0 < dt < math.inf:
+        if not (isinstance(dt, (int, float, np.integer, np.floating)) and 0.0 < dt < math.inf):
             raise ConfigurationError("dt", dt, "a positive, finite number of seconds")
         max_age = default_max_age(dt) if max_age is None else max_age
-        if not max_age > dt:
+        if not (isinstance(max_age, (int, float, np.integer, np.floating)) and max_age > dt):
             raise ConfigurationError("max_age", max_age, f"seconds, more than dt = {dt:g}")
         self._dt = float(dt)
         self._gained = float(dt) * (1.0 - DRIFT)

@@ -84,7 +84,7 @@ class TangentLaw:
 
     Raises
     ------
-    ConfigurationError : an infinite joint limit, a number that is not positive and finite.
+    ConfigurationError : no chain, an infinite joint limit, a number that is not positive and finite.
     """
 
     def __init__(
@@ -99,6 +99,8 @@ class TangentLaw:
         substeps: int | None = None,
         saturation: float = SATURATION,
     ) -> None:
+        if not isinstance(arm, SerialChain):
+            raise ConfigurationError("arm", arm, "a SerialChain")
         if not np.all(np.isfinite([arm.lower, arm.upper])):
             raise ConfigurationError("arm", (arm.lower, arm.upper), "finite joint limits")
         positive = {
@@ -108,14 +110,15 @@ class TangentLaw:
             "tolerance": tolerance,
             "saturation": saturation,
         }
+        real = (int, float, np.integer, np.floating)
         for name, number in positive.items():
-            if not 0.0 < number < math.inf:
+            if not (isinstance(number, real) and 0.0 < number < math.inf):
                 raise ConfigurationError(name, number, "a positive finite number")
-        if not 1e-12 <= damping < math.inf:
+        if not (isinstance(damping, real) and 1e-12 <= damping < math.inf):
             raise ConfigurationError("damping", damping, "a number of at least 1e-12")
         substeps = math.ceil(gain * dt / STEP) if substeps is None else substeps
-        if substeps < 1:
-            raise ConfigurationError("substeps", substeps, "at least 1")
+        if not (isinstance(substeps, (int, np.integer)) and substeps >= 1):
+            raise ConfigurationError("substeps", substeps, "a whole number, at least 1")
         self.arm = arm
         self.gain, self.damping, self.dt = gain, damping, dt
         self.handle_tilt, self.tolerance = handle_tilt, tolerance
@@ -173,13 +176,13 @@ class TangentLaw:
         ------
         ConfigurationError : a path or start of the wrong shape, a start that is not finite.
         """
-        targets = np.array(path, dtype=np.float64)
+        targets = _numbers("path", path, "numbers of shape (N, 3)")
         if targets.ndim != 2 or targets.shape[1] != 3:
             raise ConfigurationError("path", targets.shape, "shape (N, 3)")
         known = np.all(np.abs(targets) <= PLAUSIBLE, axis=1)
         v = np.zeros(self._width.shape)
         if start is not None:
-            q = np.array(start, dtype=np.float64)
+            q = _numbers("start", start, f"{self.arm.n} finite joint angles")
             if q.shape != (self.arm.n,) or not np.all(np.isfinite(q)):
                 raise ConfigurationError("start", start, f"{self.arm.n} finite joint angles")
             v = self.transformed(q)
@@ -212,3 +215,10 @@ class TangentLaw:
             v = v + h * self.rate(v, begin + (end - begin) * (i / steps))
             v = np.clip(v, -self.saturation, self.saturation)
         return v
+
+
+def _numbers(argument: str, value: ArrayLike, expected: str) -> Array:
+    try:
+        return np.array(value, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError) as problem:
+        raise ConfigurationError(argument, value, expected) from problem

@@ -404,6 +404,8 @@ class TestHostile:
             ("tolerance", 0.0), ("tolerance", math.nan), ("rest", [0.0]), ("solver", "nonesuch"),
             ("backup", "nonesuch"), ("posture_cost", {}), ("posture_cost", {"comfort": 1.0}),
             ("posture_cost", {"rest": -1.0}), ("posture_cost", {"rest": math.nan}), ("posture_cost", {"rest": "much"}),
+            ("handle_tilt", "x"), ("handle_tilt", [0.1, 0.2]), ("tolerance", "x"), ("tolerance", None), ("rest", "x"),
+            ("starts", "x"), ("posture_cost", None), ("posture_cost", 3), ("posture_cost", "rest"), ("solver", None),
             ("posture_cost", {"displacement": {"knee": 1.0}}), ("posture_cost", {"manipulability": {"elbow": 1.0}}),
         ],
     )  # fmt: skip
@@ -411,6 +413,12 @@ class TestHostile:
         with pytest.raises(ConfigurationError) as caught:
             ArmIK(human_arm(), **{name: value})  # type: ignore[arg-type]
         assert name in caught.value.argument or caught.value.argument in ("solver", "posture_cost")
+
+    @pytest.mark.parametrize("arm", [3, None, "arm", human_arm])
+    def test_what_is_no_chain_is_refused(self, arm: object) -> None:
+        with pytest.raises(ConfigurationError) as caught:
+            ArmIK(arm)  # type: ignore[arg-type]
+        assert caught.value.argument == "arm"
 
 
 SHARED = ArmIK(human_arm(), compile=False)

@@ -209,6 +209,9 @@ def test_the_stop_keeps_the_position_bounds_wherever_it_is_asked_for(limits, see
         ({"target": [0.5], "enable": math.nan}, "disabled"),
         ({"target": [0.5], "enable": None}, "disabled"),
         ({"target": [0.5], "enable": "yes"}, "disabled"),
+        ({"target": [0.5], "enable": np.array(True)}, "disabled"),
+        ({"target": [0.5], "enable": np.array([True, True])}, "disabled"),
+        ({"target": [0.5], "enable": np.float32("nan")}, "disabled"),
         ({"target": [0.5], "stamp": math.nan}, "stamp is not finite"),
         ({"target": [0.5], "stamp": 0.0}, "stamp"),
     ],
@@ -416,6 +419,10 @@ def test_a_known_delay_is_measured():
         ([0.0, 1.0], [[0.0], [math.inf]]),
         ([0.0, 1.0], [0.0, 1.0]),
         ([0.0, 1.0], [[0.0]]),
+        ("a", [[0.0], [1.0]]),
+        ([0.0, 1.0], "a"),
+        ([0.0, 10**400], [[0.0], [1.0]]),
+        ([0.0, 1.0], [[0.0], [1.0, 2.0]]),
     ],
 )
 def test_an_unusable_path_is_refused(times, points):
@@ -441,11 +448,37 @@ def test_an_unusable_path_is_refused(times, points):
         {"axes": 2, "velocity": [1.0, 1.0, 1.0]},
         {"return_speed": 0.0},
         {"max_age": 0.0},
+        {"dt": "x"},
+        {"max_age": "x"},
+        {"axes": "x"},
+        {"axes": 1.5},
+        {"return_speed": "x"},
+        {"return_speed": [0.1, 0.1]},
+        {"velocity": "x"},
+        {"velocity": None},
+        {"acceleration": {}},
+        {"jerk": [[1.0], [1.0, 2.0]]},
+        {"lower": "x"},
+        {"upper": 10**400},
     ],
 )
 def test_unusable_bounds_are_refused_by_name(changes):
     with pytest.raises(ConfigurationError, match="|".join(changes)):
         smoother(**changes)
+
+
+@pytest.mark.parametrize("changes", [{"dt": "x"}, {"velocity": "x"}, {"lower": "x"}])
+def test_what_no_smoother_can_use_is_refused_with_a_path_by_name(changes):
+    with pytest.raises(ConfigurationError) as caught:
+        smooth_path([0.0, 1.0], [[0.0], [1.0]], **{"velocity": V, "acceleration": A, "jerk": J, **changes})
+    assert caught.value.argument in changes
+
+
+@pytest.mark.parametrize("enable", [True, 1, 1.0, np.True_])
+def test_a_scalar_that_is_true_enables(enable):
+    s = smoother()
+    s.reset([0.0])
+    assert s.step([0.5], enable=enable).status is Status.OK
 
 
 @pytest.mark.parametrize("state", [([math.nan],), ([0.0, 0.0],), ([0.0], [2.0]), ([0.0], [math.nan])])

@@ -126,6 +126,18 @@ def test_unusable_arguments_are_refused(arguments):
         Watchdog(**{"max_age": math.nan, **arguments})
 
 
+@pytest.mark.parametrize("name", ["dt", "max_age"])
+@pytest.mark.parametrize("value", ["x", [1.0], {}, 1j, np.ones(2)])
+def test_arguments_that_are_no_numbers_are_refused_by_name(name, value):
+    with pytest.raises(ConfigurationError) as caught:
+        Watchdog(**{"dt": DT, name: value})
+    assert caught.value.argument == name
+
+
+def test_numpy_numbers_are_welcome():
+    assert Watchdog(dt=np.float32(0.01), max_age=np.int64(1)).max_age == 1.0
+
+
 def test_a_check_costs_less_than_a_microsecond():
     dog, stamps = Watchdog(dt=DT), iter(np.arange(0, 100, DT).tolist())
     best = min(timeit.repeat(lambda: dog.check(next(stamps)), number=2_000, repeat=20)) / 2_000

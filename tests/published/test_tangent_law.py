@@ -184,6 +184,12 @@ def test_every_sample_has_its_computing_time():
         {"tolerance": 0.0},
         {"saturation": math.nan},
         {"substeps": 0},
+        {"substeps": 1.5},
+        {"substeps": "x"},
+        {"gain": "x"},
+        {"damping": "x"},
+        {"dt": None},
+        {"tolerance": [1.0, 1.0]},
     ],
 )
 def test_unusable_numbers_are_refused_by_name(arguments):
@@ -191,12 +197,28 @@ def test_unusable_numbers_are_refused_by_name(arguments):
         TangentLaw(REGULAR, **arguments)
 
 
+@pytest.mark.parametrize("arm", [3, None, "arm"])
+def test_what_is_no_chain_is_refused(arm):
+    with pytest.raises(ConfigurationError, match="a SerialChain"):
+        TangentLaw(arm)
+
+
 def test_unlimited_joints_are_refused():
     with pytest.raises(ConfigurationError, match="finite joint limits"):
         TangentLaw(ur5(lower=-math.inf))
 
 
-@pytest.mark.parametrize(("path", "start"), [(HELD, None), ([HELD], [0.0]), ([HELD], np.full(8, math.nan))])
+@pytest.mark.parametrize(
+    ("path", "start"),
+    [
+        (HELD, None),
+        ("abc", None),
+        ([[0.0], [0.0, 1.0]], None),
+        ([HELD], [0.0]),
+        ([HELD], np.full(8, math.nan)),
+        ([HELD], "abc"),
+    ],
+)
 def test_unusable_paths_and_starts_are_refused(path, start):
     with pytest.raises(ConfigurationError, match=r"path|start"):
         TangentLaw(REGULAR).follow(path, start=start)
