@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.stopping import FAR, VelocityBounds
+from rehab_opt.optim.certificate import clipped
 from rehab_opt.optim.qp import PLAUSIBLE
 from rehab_opt.optim.qrqp import qrqp
 
@@ -16,6 +17,8 @@ __all__ = ["WantedVelocity", "wanted_velocity"]
 
 DAMPING = 4e-4
 """Square of the singular value [m/rad or 1] below which a direction counts as lost."""
+CLAIM_TOLERANCE = 1e-6
+"""[rad/s] How far a claimed bounded answer may move on."""
 PASSES = 3
 """Passes of the damped solve: each removes the damping's error where the arm is far from singular."""
 
@@ -89,8 +92,6 @@ class WantedVelocity(NamedTuple):
         hessian = jacobian.T @ jacobian + DAMPING * ca.SX.eye(n)
         gradient = -(jacobian.T @ twist) - DAMPING * velocity
         model = ca.Function("model", inputs, [ca.densify(hessian), ca.densify(gradient)], {"cse": True})
-        delivered = ca.Function("delivered", inputs, [ca.densify(ca.vertcat(velocity, jacobian @ velocity))])
-
         task, motion, limits = ca.MX.sym("task", k * n + k), ca.MX.sym("motion", n + k), ca.MX.sym("limits", 3 * n)
         low, high, answer = ca.vertsplit(limits, n)
         low, high = (ca.MX(ca.DM(~self.locked)) * each for each in (low, high))
@@ -99,5 +100,19 @@ class WantedVelocity(NamedTuple):
             h, g = model(task, answer)
             answer = solver(h=h, g=g, lbx=low, ubx=high)["x"]
         arguments = [task, motion, limits]
-        bounded = ca.Function("within", arguments, [delivered(task, ca.fmin(ca.fmax(answer, low), high))])
-        return bounded, ca.Function("enough", arguments, [motion])
+        bounded = self._checked(jacobian, flat, twist)(task, h, g, answer, low, high, motion[:n])
+        return ca.Function("within", arguments, [bounded]), ca.Function("enough", arguments, [motion])
+
+    def _checked(self, jacobian: ca.SX, flat: ca.SX, twist: ca.SX) -> ca.Function:
+        """Task, H, g, claimed answer, low, high, free answer -> velocity and its twist.
+
+        The velocity is the claim where it is the bounded QP's solution, else the free answer moved into the bounds.
+        """
+        n = self.jacobian.size2()
+        hessian = ca.SX.sym("H", n, n)
+        gradient, claim, low, high, free = (ca.SX.sym(name, n) for name in ("g", "claim", "low", "high", "free"))
+        # A solution stays where it is when it goes down the slope and back into the bounds; NaN fails.
+        fixed = ca.sumsqr(clipped(claim - hessian @ claim - gradient, low, high) - claim) <= CLAIM_TOLERANCE**2
+        velocity = ca.if_else(fixed, clipped(claim, low, high), clipped(free, low, high))
+        inputs = [ca.vertcat(flat, twist), hessian, gradient, claim, low, high, free]
+        return ca.Function("checked", inputs, [ca.densify(ca.vertcat(velocity, jacobian @ velocity))], {"cse": True})
