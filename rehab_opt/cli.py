@@ -5,9 +5,14 @@ Bad input ends with one line on the error stream and exit code 2; nothing is wri
 
 from __future__ import annotations
 
+import os
+import signal
 import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
@@ -33,12 +38,11 @@ Problem = Annotated[str, typer.Argument(metavar="FILE", help="A problem file, or
 
 def main(arguments: list[str] | None = None) -> None:
     """Entry point; `arguments` default to those of the command line."""
-    try:
-        app(args=arguments)
-    except RehabOptError as problem:
-        line = "".join(letter if letter.isprintable() else " " for letter in str(problem))  # whatever a file name holds
-        print(f"rehab-opt: {line}", file=sys.stderr)
-        sys.exit(2)
+    with _on_interrupt(_interrupted):
+        try:
+            app(args=arguments)
+        except RehabOptError as problem:
+            _refuse(problem)
 
 
 @app.command()
@@ -58,7 +62,8 @@ def run(
     loaded = load_problem(file)
     folder = checked_folder(out if out is not None else Path("out") / loaded.name)
     outcome = _run_with_progress(loaded, law=_law(law), solver=solver)
-    written = write_report(outcome, folder)
+    with _undisturbed():
+        written = write_report(outcome, folder)
     console = Console()
     console.print(result_table(outcome))
     for note in outcome.notes:
@@ -113,6 +118,43 @@ def _run_with_progress(loaded: ProblemFile, *, law: Law, solver: str | None) -> 
             bars.update(tasks[what], completed=done, total=whole_known)
 
         return run_problem(loaded, law=law, solver=solver, progress=progress)
+
+
+def _refuse(problem: RehabOptError) -> NoReturn:
+    """One line on the error stream, whatever a file name holds, and exit code 2."""
+    line = "".join(letter if letter.isprintable() else " " for letter in str(problem))
+    print(f"rehab-opt: {line}", file=sys.stderr)
+    sys.exit(2)
+
+
+def _interrupted(*_: Any) -> NoReturn:
+    """End at once: CasADi would swallow an exception and raise another one."""
+    clear = b"\r\x1b[2K\x1b[?25h" if os.isatty(2) else b""  # a progress bar hides the cursor
+    os.write(2, clear + b"rehab-opt: interrupted\n")
+    os._exit(130)
+
+
+@contextmanager
+def _on_interrupt(handler: Any) -> Iterator[None]:
+    """Ctrl-C calls `handler` meanwhile; only the main thread may say so."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+@contextmanager
+def _undisturbed() -> Iterator[None]:
+    """Ctrl-C waits until the files of a run are all there, or none."""
+    came: list[bool] = []
+    with _on_interrupt(lambda *_: came.append(True)):
+        yield
+    if came:
+        _interrupted()
 
 
 def _law(law: str) -> Law:

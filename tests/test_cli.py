@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import csv
 import json
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -255,6 +257,51 @@ def test_command_ends_with_2_and_one_line_in_a_process_of_its_own(folder: Path) 
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
     assert done.stdout == ""
+
+
+INTERRUPTED = """
+import os, signal, sys
+import rehab_opt.cli as cli
+from rehab_opt.session import report, run
+{patch}
+cli.main(sys.argv[1:])
+"""
+NOW = "lambda *_, **__: os.kill(os.getpid(), signal.SIGINT)"
+DURING_WRITING = f"""
+whole = report.metrics_json
+report.metrics_json = lambda outcome: [({NOW})(), whole(outcome)][1]
+"""
+
+
+@pytest.mark.parametrize(
+    ("patch", "left"),
+    [(f"run.placed_path = {NOW}", set()), (DURING_WRITING, None)],
+    ids=["running", "writing"],
+)
+def test_interrupt_is_one_line_and_exit_code_130_and_leaves_all_files_or_none(
+    folder: Path, patch: str, left: set[str] | None
+) -> None:
+    arguments = ["run", "problem.toml", "--law", "published", "--out", "result"]
+    program = [sys.executable, "-c", INTERRUPTED.format(patch=patch), *arguments]
+    done = subprocess.run(program, capture_output=True, text=True, cwd=folder, check=False)
+    assert (done.returncode, done.stderr) == (130, "rehab-opt: interrupted\n")
+    present = files(folder)
+    assert not [name for name in present if Path(name).name.startswith(".")]
+    assert ("result" in present) == (left is None)
+    if left is None:
+        assert {"result/metrics.json", "result/error.png"} <= present
+
+
+def test_interrupt_inside_a_solver_is_one_line_and_exit_code_130(folder: Path) -> None:
+    change(folder, "rate_hz = 20.0", "rate_hz = 1000.0")
+    (folder / "path.csv").write_text("t_s,x_m,y_m\n0,0,0\n60,0.05,0.05\n", encoding="utf-8")
+    command = [sys.executable, "-m", "rehab_opt.cli", "run", "problem.toml", "--solver", "ipopt", "--law", "optimised"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=folder) as process:
+        time.sleep(4.0)
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=30)
+    assert (process.returncode, said) == (130, "rehab-opt: interrupted\n")
+    assert files(folder) == {"problem.toml", "path.csv"}
 
 
 def test_import_of_the_library_loads_no_plots_no_command_line_and_no_solvers() -> None:
