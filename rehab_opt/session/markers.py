@@ -9,7 +9,7 @@ import numpy as np
 
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.session.recordings import Recording
-from rehab_opt.session.text_lines import finite_number, shown, text_lines
+from rehab_opt.session.text_lines import FARTHEST, LATEST, finite_number, shown, text_lines
 
 __all__ = ["read_trc"]
 
@@ -36,12 +36,13 @@ def read_trc(path: Path, *, name: str, marker: str | None) -> Recording:
     facts = {key.strip(): value.strip() for key, value in facts.items()}
     if facts.get("Units") not in LENGTH:
         raise ProblemFileError(name, "line 3, Units", facts.get("Units"), f"one of {', '.join(LENGTH)}")
+    unit = LENGTH[facts["Units"]]
     header = [cell.strip() for cell in lines[3].split(separator)]
     if header[:2] != ["Frame#", "Time"]:
         raise ProblemFileError(name, "line 4", shown(lines[3]), "Frame#, Time and the names of the markers")
     markers = [cell for cell in header[2:] if cell]
     if marker not in markers:
-        raise ProblemFileError(name, "recording.marker", marker, f"one of {', '.join(markers)}")
+        raise ProblemFileError(name, "recording.marker", marker, f"one of {shown(', '.join(markers), 120)}")
     place = header.index(marker)
     rows = []
     for number, text in enumerate(lines[FIRST_ROW - 1 :], start=FIRST_ROW):
@@ -50,16 +51,17 @@ def read_trc(path: Path, *, name: str, marker: str | None) -> Recording:
             continue
         if len(row) < place + 3:
             raise ProblemFileError(name, f"line {number}", f"{len(row)} cells", f"at least {place + 3}")
-        time = finite_number(row[1], name=name, line=number, column="Time")
-        rows.append([time, *_position(row[place : place + 3], name=name, line=number, marker=marker)])
-    return _seen(np.array(rows).reshape(-1, 4), name, marker, LENGTH[facts["Units"]], facts.get("NumFrames", ""))
+        time = finite_number(row[1], name=name, line=number, column="Time", most=LATEST)
+        cells = row[place : place + 3]
+        rows.append([time, *_position(cells, name=name, line=number, marker=marker, most=FARTHEST / unit)])
+    return _seen(np.array(rows).reshape(-1, 4), name, marker, unit, facts.get("NumFrames", ""))
 
 
-def _position(cells: list[str], *, name: str, line: int, marker: str) -> list[float]:
+def _position(cells: list[str], *, name: str, line: int, marker: str, most: float) -> list[float]:
     if all(cell.lower() in ("", "nan") for cell in cells):
         return [math.nan] * 3
     return [
-        finite_number(cell, name=name, line=line, column=f"{marker} {axis}")
+        finite_number(cell, name=name, line=line, column=f"{marker} {axis}", most=most)
         for cell, axis in zip(cells, "XYZ", strict=True)
     ]
 

@@ -12,6 +12,7 @@ from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.human_arm import human_arm
 from rehab_opt.session.recordings import Recording
 from rehab_opt.session.schema import ArmSection, PlacementSection, RangeOfMotion, UpperLimb
+from rehab_opt.session.text_lines import FARTHEST
 
 __all__ = ["checked_hand", "participant_arm", "placed_path"]
 
@@ -75,7 +76,7 @@ def placed_path(recording: Recording, placement: PlacementSection, *, mirror: bo
 
     Raises
     ------
-    ProblemFileError : no points, or `fit_m` of a path without extent.
+    ProblemFileError : no points, `fit_m` of a path without extent, or a path out of any arm's reach.
     """
     if recording.points.shape[1] < 2:
         raise ProblemFileError(file, "recording.columns", None, "the columns that hold the hand's x and y")
@@ -93,6 +94,11 @@ def placed_path(recording: Recording, placement: PlacementSection, *, mirror: bo
     if recording.points.shape[1] == 3:
         rise = 1e3 * float(np.ptp(recording.points[:, 2]))
         said.append(f"projected onto the plane ({rise:.0f} mm of height left out)")
+    beyond = float(np.abs(flat).max())
+    if not beyond <= FARTHEST:
+        raise ProblemFileError(
+            file, "placement", f"a path up to {beyond:.3g} m from the shoulder", f"at most {FARTHEST:g} m"
+        )
     path = np.column_stack((flat, np.full(len(flat), placement.plane_height_m)))
     return path, f"path {', '.join(said)}"
 

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
 
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.session.recordings import Recording
-from rehab_opt.session.text_lines import finite_number, shown, text_lines
+from rehab_opt.session.text_lines import FARTHEST, LATEST, finite_number, shown, text_lines
 
 __all__ = ["read_svc"]
 
-COLUMNS = ("x_mm", "y_mm", "t_s", "pen_down")
+COLUMNS = {"x_mm": 1e3 * FARTHEST, "y_mm": 1e3 * FARTHEST, "t_s": LATEST, "pen_down": math.inf}
+"""Each with the largest number it may hold."""
+DIGITS = 12  # a count with more is none, and Python refuses to read a very long one
 LONG_GAP = 0.1  # [s] a tablet samples every 5 to 10 ms; a longer pause means the pen was out of its range
 
 
@@ -29,17 +32,18 @@ def read_svc(path: Path, *, name: str) -> Recording:
         pen-down other than 0 or 1, a time before the one above it, a pen that is never down.
     """
     lines = text_lines(path, name)
-    if not lines[0].strip().isdecimal():
-        raise ProblemFileError(name, "line 1", shown(lines[0]), "the number of samples")
-    if int(lines[0]) != len(lines) - 1:
-        raise ProblemFileError(name, "line 1", int(lines[0]), f"the number of samples below it, {len(lines) - 1}")
+    stated = lines[0].strip()
+    if not stated.isdecimal() or len(stated) > DIGITS:
+        raise ProblemFileError(name, "line 1", shown(stated), "the number of samples")
+    if int(stated) != len(lines) - 1:
+        raise ProblemFileError(name, "line 1", int(stated), f"the number of samples below it, {len(lines) - 1}")
     samples = np.empty((len(lines) - 1, len(COLUMNS)))
     for i, text in enumerate(lines[1:]):
         cells = text.split()
         if len(cells) < len(COLUMNS):
             raise ProblemFileError(name, f"line {i + 2}", shown(text), f"at least {', '.join(COLUMNS)}")
-        for j, column in enumerate(COLUMNS):
-            samples[i, j] = finite_number(cells[j], name=name, line=i + 2, column=column)
+        for j, (column, most) in enumerate(COLUMNS.items()):
+            samples[i, j] = finite_number(cells[j], name=name, line=i + 2, column=column, most=most)
         if samples[i, 3] not in (0, 1):
             raise ProblemFileError(name, f"line {i + 2}, column pen_down", cells[3], "0 or 1")
         if i and samples[i, 2] < samples[i - 1, 2]:

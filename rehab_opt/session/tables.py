@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.session.recordings import Recording
-from rehab_opt.session.text_lines import finite_number, shown, text_lines
+from rehab_opt.session.text_lines import FARTHEST, LATEST, finite_number, shown, text_lines
 
 __all__ = ["read_csv", "read_mot"]
 
@@ -47,13 +47,15 @@ def read_csv(path: Path, *, name: str, columns: Sequence[str] | None = None) -> 
     if columns is None:
         columns = [_column(header, (axis,), LENGTH, name) for axis in ("x", "y")]
         columns += [cell for cell in (f"z_{unit}" for unit in LENGTH) if cell in header][:1]
-    _check_present(columns, header, name, line=1)
+    _check_named(columns, header, name)
     for column in columns:
         if _unit(column) not in LENGTH:
-            raise ProblemFileError(name, "line 1", column, f"a length: a name ending in {_endings(LENGTH)}")
+            raise ProblemFileError(name, "recording.columns", column, f"a length: a name ending in {_endings(LENGTH)}")
     angles = [cell for cell in header if _unit(cell) in ANGLE]
     wanted = [time_column, *columns, *angles]
-    cells = _cells(lines, header, wanted, name=name, first=2, separator=",")
+    most = {time_column: LATEST / UNITS[_unit(time_column)]}
+    most |= {column: FARTHEST / UNITS[_unit(column)] for column in columns}
+    cells = _cells(lines, header, wanted, most, name=name, first=2, separator=",")
     values = {column: numbers * UNITS[_unit(column)] for column, numbers in zip(wanted, cells.T, strict=True)}
     unread = [cell for cell in header if cell not in wanted]
     return Recording(
@@ -93,14 +95,16 @@ def read_mot(path: Path, *, name: str, columns: Sequence[str] | None = None) -> 
     header = [cell.strip() for cell in lines[top].split(separator)]
     _check_once(header, name, line=top + 1)
     columns = list(columns or ())
-    _check_present(["time", *columns], header, name, line=top + 1)
-    cells = _cells(lines, header, header, name=name, first=top + 2, separator=separator)
+    _check_present("time", header, name, line=top + 1)
+    _check_named(columns, header, name)
+    lengths = {cell for cell in header if re.search(r"(^|_)t[xyz]$|trans[XYZ]$", cell)}
+    most = {"time": LATEST, **dict.fromkeys(lengths, FARTHEST)}
+    cells = _cells(lines, header, header, most, name=name, first=top + 2, separator=separator)
     by_name = dict(zip(header, cells.T, strict=True))
     unit = ANGLE["deg"] if facts["indegrees"] == "yes" else 1.0
-    lengths = {cell for cell in header if re.search(r"(^|_)t[xyz]$|trans[XYZ]$", cell)}
     for column in columns:
         if column not in lengths:
-            raise ProblemFileError(name, f"line {top + 1}", column, "a length: a name ending in tx..tz or transX..Z")
+            raise ProblemFileError(name, "recording.columns", column, "a length: a name ending in tx..tz or transX..Z")
     stated = facts.get("nrows", str(len(cells)))
     notes = [] if stated == str(len(cells)) else [f"its header states {stated} rows, {len(cells)} are there"]
     return Recording(
@@ -113,9 +117,19 @@ def read_mot(path: Path, *, name: str, columns: Sequence[str] | None = None) -> 
 
 
 def _cells(
-    lines: list[str], header: list[str], wanted: list[str], *, name: str, first: int, separator: str | None
+    lines: list[str],
+    header: list[str],
+    wanted: list[str],
+    most: dict[str, float],
+    *,
+    name: str,
+    first: int,
+    separator: str | None,
 ) -> Array:
-    """(rows, len(wanted)) numbers of the wanted columns; `first` is the first row's line, counted from 1."""
+    """(rows, len(wanted)) numbers of the wanted columns; `first` is the first row's line, counted from 1.
+
+    `most` bounds the size of the numbers of some columns.
+    """
     places = [header.index(column) for column in wanted]
     rows = []
     for number, text in enumerate(lines[first - 1 :], start=first):
@@ -124,7 +138,7 @@ def _cells(
             raise ProblemFileError(name, f"line {number}", f"{len(row)} cells", f"{len(header)}, as in the header")
         rows.append(
             [
-                finite_number(row[place], name=name, line=number, column=column)
+                finite_number(row[place], name=name, line=number, column=column, most=most.get(column, math.inf))
                 for place, column in zip(places, wanted, strict=True)
             ]
         )
@@ -154,10 +168,19 @@ def _numeric(cell: str) -> bool:
     return re.fullmatch(r"[-+]?\.?\d.*", cell) is not None
 
 
-def _check_present(columns: Sequence[str], header: list[str], name: str, *, line: int) -> None:
+def _check_present(column: str, header: list[str], name: str, *, line: int) -> None:
+    if column not in header:
+        raise ProblemFileError(
+            name, f"line {line}, column {column}", "missing", f"one of {shown(', '.join(header), 120)}"
+        )
+
+
+def _check_named(columns: Sequence[str], header: list[str], name: str) -> None:
     for column in columns:
         if column not in header:
-            raise ProblemFileError(name, f"line {line}, column {column}", "missing", f"one of {', '.join(header)}")
+            raise ProblemFileError(
+                name, "recording.columns", column, f"columns of {name}: {shown(', '.join(header), 120)}"
+            )
 
 
 def _check_once(header: list[str], name: str, *, line: int) -> None:

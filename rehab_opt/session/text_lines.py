@@ -7,7 +7,7 @@ from pathlib import Path
 
 from rehab_opt.errors import ProblemFileError
 
-__all__ = ["finite_number", "shown", "text_lines", "whole_text"]
+__all__ = ["FARTHEST", "LATEST", "finite_number", "shown", "text_lines", "whole_text"]
 
 
 def whole_text(path: Path, name: str) -> str:
@@ -45,12 +45,18 @@ def text_lines(path: Path, name: str) -> list[str]:
     return lines
 
 
-def finite_number(text: str, *, name: str, line: int, column: str) -> float:
+FARTHEST = 10.0
+"""[m] A coordinate beyond is in another unit than it says."""
+LATEST = 1e9
+"""[s] A time beyond is no time of a recording: this is thirty years."""
+
+
+def finite_number(text: str, *, name: str, line: int, column: str, most: float = math.inf) -> float:
     """The number written in one cell; `line` counts from 1.
 
     Raises
     ------
-    ProblemFileError : not a number, NaN or infinite.
+    ProblemFileError : not a number, NaN, infinite, or beyond `most` in size.
     """
     try:
         number = float(text)
@@ -58,6 +64,10 @@ def finite_number(text: str, *, name: str, line: int, column: str) -> float:
         number = math.nan
     if not math.isfinite(number):
         raise ProblemFileError(name, f"line {line}, column {column}", shown(text), "a finite number")
+    if abs(number) > most:
+        raise ProblemFileError(
+            name, f"line {line}, column {column}", shown(text), f"a number from {-most:g} to {most:g} (another unit?)"
+        )
     return number
 
 

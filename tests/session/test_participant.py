@@ -91,6 +91,12 @@ def test_height_is_projected_away_and_said() -> None:
     assert "50 mm of height left out" in sentence
 
 
+def test_path_scaled_out_of_any_arms_reach_is_refused() -> None:
+    placement = PlacementSection(centre_m=[0.0, 0.4], scale=1000.0)
+    with pytest.raises(ProblemFileError, match=r"f: placement = 'a path up to 100 m .* at most 10 m"):
+        placed_path(recording([[0, 0], [0.2, 0]]), placement, mirror=False, file="f")
+
+
 def test_point_cannot_be_fitted() -> None:
     placement = PlacementSection(centre_m=[0.0, 0.4], fit_m=[0.1, 0.1])
     with pytest.raises(ProblemFileError, match="more than one point"):
