@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -15,7 +16,7 @@ from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.session.outcome import LawResult, Progress
 from rehab_opt.session.schema import UpperLimb
 
-__all__ = ["LAWS", "followed", "follower"]
+__all__ = ["LAWS", "followed", "follower", "hand_and_tilt"]
 
 Array = NDArray[np.float64]
 
@@ -52,19 +53,26 @@ def followed(
     with file_keys(law, file=file, solver=solver):
         answer = law_of_arm.follow(path)  # in one piece: posture costs refer to the samples before
     progress(f"{law} law", 1, 1)
-    poses = np.array([arm.pose(q) for q in answer.q])
-    hand, handle = poses[:, :3, 3], poses[:, :3, 0]
+    hand, tilt = hand_and_tilt(arm, answer.q)
     return LawResult(
         law=law,
         q=answer.q,
         hand=hand,
         position_error=np.linalg.norm(hand - path, axis=1),
-        handle_tilt=np.arctan2(np.hypot(handle[:, 0], handle[:, 1]), handle[:, 2]),
+        handle_tilt=tilt,
         status=tuple(status.value for status in answer.status),
+        reason=tuple(getattr(answer, "reason", [""] * len(path))),
         seconds=answer.seconds,
         smooth=answer.q,
-        metrics={},
+        metrics={"parameters": _parameters(law_of_arm, problem, solver)},
     )
+
+
+def hand_and_tilt(arm: SerialChain, q: Array) -> tuple[Array, Array]:
+    """Hands (N, 3) [m], and angles (N,) [rad] of the handle from the vertical, of postures q (N, n)."""
+    poses = np.array([arm.pose(posture) for posture in q])
+    hand, handle = poses[:, :3, 3], poses[:, :3, 0]
+    return hand, np.arctan2(np.hypot(handle[:, 0], handle[:, 1]), handle[:, 2])
 
 
 def follower(law: str, arm: SerialChain, problem: UpperLimb, *, file: str, solver: str | None = None) -> Any:
@@ -77,6 +85,23 @@ def follower(law: str, arm: SerialChain, problem: UpperLimb, *, file: str, solve
     """
     with file_keys(law, file=file, solver=solver):
         return _optimised(arm, problem, solver) if law == "optimised" else _published(arm, problem)
+
+
+def _parameters(law: Any, problem: UpperLimb, solver: str | None) -> dict[str, Any]:
+    """What the law runs with, its own defaults included."""
+    if hasattr(law, "gain"):
+        return {
+            "gain_per_s": law.gain,
+            "damping": law.damping,
+            "saturation": law.saturation,
+            "steps_a_sample": law.substeps,
+        }
+    own = inspect.signature(type(law)).parameters
+    return {
+        "solver": solver or problem.optimised.solver or own["solver"].default,
+        "backup": own["backup"].default,
+        "posture_cost": dict(problem.optimised.posture_cost),
+    }
 
 
 @contextmanager

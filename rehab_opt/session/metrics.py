@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -11,9 +12,12 @@ from numpy.typing import NDArray
 
 from rehab_opt.kinematics.chain import SerialChain
 
-__all__ = ["error_metrics", "joint_metrics", "lag", "path_shares", "status_counts", "time_metrics"]
+__all__ = ["error_metrics", "joint_metrics", "lag", "path_shares", "reason_counts", "status_counts", "time_metrics"]
 
 Array = NDArray[np.float64]
+
+MEASURED = re.compile(r" by \S+ m(?=:)|(?<=failed:) \S+ over(?= the bounds)")
+"""What a reason measures, which differs from sample to sample."""
 
 
 def path_shares(path: Array, met: NDArray[np.bool_]) -> tuple[float, float]:
@@ -70,6 +74,11 @@ def time_metrics(seconds: Array, name: str) -> dict[str, float]:
 def status_counts(statuses: Iterable[str]) -> dict[str, int]:
     """How often each status occurs, the most frequent first."""
     return dict(Counter(statuses).most_common())
+
+
+def reason_counts(reasons: Iterable[str]) -> dict[str, int]:
+    """How often each reason occurs, whatever it measures; the most frequent first. No reason is not counted."""
+    return status_counts(MEASURED.sub("", reason) for reason in reasons if reason)
 
 
 def lag(target: Array, answer: Array, dt: float, longest: float = 0.5) -> float:

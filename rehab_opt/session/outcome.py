@@ -30,6 +30,7 @@ class LawResult:
     position_error : (N,) [m] distance of the hand from the path.
     handle_tilt : (N,) [rad] angle of the handle from the vertical.
     status : (N,) what the law said of each sample.
+    reason : (N,) why, where that is not a plain ok; empty otherwise, and where the law does not tell.
     seconds : (N,) time it took [s].
     smooth : (N, n) joint values behind the smoother [rad].
     metrics : its numbers.
@@ -41,6 +42,7 @@ class LawResult:
     position_error: Array
     handle_tilt: Array
     status: tuple[str, ...]
+    reason: tuple[str, ...]
     seconds: Array
     smooth: Array
     metrics: Mapping[str, Any]

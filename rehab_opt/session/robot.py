@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 import time
 from typing import TYPE_CHECKING, Any
@@ -66,7 +67,16 @@ def run_pose_tracking(
     position_error = np.linalg.norm(tool[:, :3, 3] - poses[:, :3, 3], axis=1)
     orientation_error = _angles(tool[:, :3, :3], poses[:, :3, :3])
     acceleration = np.abs(np.diff(command, axis=0, prepend=np.zeros((1, robot.n)))) * rate
+    own = inspect.signature(type(tracker)).parameters
     metrics: dict[str, Any] = {
+        "parameters": {
+            "controller": "PoseTracker",
+            "solver": solver or problem.tracker.solver or own["solver"].default,
+            "backup": own["backup"].default,
+            "gain_per_s": tracker.gain,
+            "joint_speed_deg_s": np.rad2deg(robot.velocity).tolist(),
+            "joint_acceleration_deg_s2": np.rad2deg(robot.acceleration).tolist(),
+        },
         "ticks": len(times),
         "duration_s": float(times[-1]),
         **error_metrics(position_error, "position_error", "m"),
@@ -85,7 +95,7 @@ def run_pose_tracking(
         chain=robot,
         time=times,
         notes=("the robot is simulated: its joints move exactly as commanded",),
-        metrics={"optimised": metrics},
+        metrics={"parameters": problem.model_dump(mode="json", exclude={"title"}), "optimised": metrics},
         reference=poses[:, :3, 3],
         tool=tool[:, :3, 3],
         position_error=position_error,

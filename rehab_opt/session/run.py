@@ -14,8 +14,16 @@ from rehab_opt.control.command import Status
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.session.files import ProblemFile, recording_path
-from rehab_opt.session.laws import LAWS, followed, follower
-from rehab_opt.session.metrics import error_metrics, joint_metrics, path_shares, status_counts, time_metrics
+from rehab_opt.session.laws import LAWS, followed, follower, hand_and_tilt
+from rehab_opt.session.metrics import (
+    error_metrics,
+    joint_metrics,
+    path_shares,
+    reason_counts,
+    status_counts,
+    time_metrics,
+)
+from rehab_opt.session.notes import law_notes, smoothing_note
 from rehab_opt.session.outcome import ArmOutcome, LawResult, Outcome, Progress
 from rehab_opt.session.participant import checked_hand, participant_arm, placed_path
 from rehab_opt.session.recordings import Recording, read_recording, resampled
@@ -108,6 +116,7 @@ def _run_upper_limb(
         results.append(_measured(run, arm, path, problem, reachable))
     progress("smoothing", len(runs), len(runs))
     shares = (None, None) if reachable is None else path_shares(path, reachable)
+    within_reach = reachable is not None and bool(reachable.all())
     length = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
     return ArmOutcome(
         name=loaded.name,
@@ -117,7 +126,8 @@ def _run_upper_limb(
         notes=(
             *recording.notes,
             f"the handle may tilt by {problem.arm.handle_tilt_deg:g} deg from the vertical",
-            *(note for result in results for note in hurried(result)),
+            smoothing_note(results[0].metrics["smoothed"]["bounds"]),
+            *(note for result in results for note in law_notes(result, within_reach=within_reach)),
         ),
         metrics={
             "samples": len(path),
@@ -125,6 +135,7 @@ def _run_upper_limb(
             "path_length_m": length,
             "reachable_share_of_length": shares[0],
             "reachable_share_of_time": shares[1],
+            "parameters": problem.model_dump(mode="json", exclude={"title"}),
             **{result.law: dict(result.metrics) for result in results},
         },
         path=path,
@@ -132,18 +143,6 @@ def _run_upper_limb(
         reachable=reachable,
         handle_tilt_limit=math.radians(problem.arm.handle_tilt_deg),
     )
-
-
-def hurried(run: LawResult) -> list[str]:
-    """What to say where a law's joints are faster than the arm may be: between samples nothing bounds them."""
-    share = run.metrics["joint_speed_max_share_of_limit"]
-    if share <= 1:
-        return []
-    joint, behind = run.metrics["joint_speed_max_joint"].replace("_", " "), run.metrics["smoothed"]
-    return [
-        f"the {run.law} law asks {joint} for {share:.1f} times its speed limit; smoothed within limits, the hand is "
-        f"up to {1e3 * behind['position_error_max_m']:.0f} mm off"
-    ]
 
 
 def verified(run: LawResult) -> NDArray[np.bool_]:
@@ -161,22 +160,32 @@ def _measured(
 ) -> LawResult:
     """The run with its smoothed joints and its numbers."""
     rate, limit = problem.run.rate_hz, math.radians(problem.arm.handle_tilt_deg)
-    met = (run.position_error <= FOLLOWED) & (run.handle_tilt <= limit + ROUNDING)
-    of_length, of_time = path_shares(path, met)
+    of_length, of_time = path_shares(path, _met(run.position_error, run.handle_tilt, limit))
     smooth, behind = smoothed(arm, run.q, rate, problem.smoothing)
-    hand = np.array([arm.pose(q)[:3, 3] for q in smooth])
-    behind |= error_metrics(np.linalg.norm(hand - path, axis=1), "position_error", "m")
+    hand, tilt = hand_and_tilt(arm, smooth)
+    error = np.linalg.norm(hand - path, axis=1)
+    smooth_of_length, smooth_of_time = path_shares(path, _met(error, tilt, limit))
+    behind |= {
+        "followed_share_of_length": smooth_of_length,
+        "followed_share_of_time": smooth_of_time,
+        **error_metrics(error, "position_error", "m"),
+        "hand_deviation_max_m": float(np.linalg.norm(hand - run.hand, axis=1).max()),
+        "handle_tilt_max_deg": float(np.rad2deg(tilt.max())),
+    }
     numbers: dict[str, Any] = {
+        "parameters": run.metrics["parameters"],
         "followed_share_of_length": of_length,
         "followed_share_of_time": of_time,
         **error_metrics(run.position_error, "position_error", "m"),
         "position_error_reachable_max_m": None,
+        "height_off_plane_max_m": float(np.abs(run.hand[:, 2] - path[:, 2]).max()),
         "handle_tilt_max_deg": float(np.rad2deg(run.handle_tilt.max())),
         "handle_tilt_limit_deg": problem.arm.handle_tilt_deg,
         **joint_metrics(arm, run.q, rate),
         "solve_time_first_ms": float(1e3 * run.seconds[0]),
         **time_metrics(run.seconds[1:], "solve_time"),
         "status": status_counts(run.status),
+        "reasons": reason_counts(run.reason),
         "smoothed": behind,
     }
     if run.law == "optimised":
@@ -184,3 +193,9 @@ def _measured(
     if reachable is not None and reachable.any():
         numbers["position_error_reachable_max_m"] = float(run.position_error[reachable].max())
     return replace(run, smooth=smooth, metrics=numbers)
+
+
+def _met(error: Array, tilt: Array, limit: float) -> NDArray[np.bool_]:
+    """(N,) where a sample counts as followed; `limit` [rad] of the tilt."""
+    met: NDArray[np.bool_] = (error <= FOLLOWED) & (tilt <= limit + ROUNDING)
+    return met

@@ -10,7 +10,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rehab_opt.kinematics.human_arm import human_arm
-from rehab_opt.session.metrics import error_metrics, joint_metrics, lag, path_shares, status_counts, time_metrics
+from rehab_opt.session.metrics import (
+    error_metrics,
+    joint_metrics,
+    lag,
+    path_shares,
+    reason_counts,
+    status_counts,
+    time_metrics,
+)
 from rehab_opt.session.schema import SmoothingSection
 from rehab_opt.session.smoothed import smoothed
 
@@ -73,6 +81,24 @@ def test_spread_names_its_unit() -> None:
 
 def test_most_frequent_status_stands_first() -> None:
     assert list(status_counts(["ok", "backup", "ok"]).items()) == [("ok", 2), ("backup", 1)]
+
+
+def test_reasons_that_differ_in_what_they_measure_alone_are_one() -> None:
+    far = [f"out of reach by {error:.3g} m: nearest posture" for error in (0.01, 2.5e-5)]
+    assert reason_counts(["", *far, "every joint is locked"]) == {
+        "out of reach: nearest posture": 2,
+        "every joint is locked": 1,
+    }
+
+
+def test_arm_slower_to_accelerate_than_the_file_says_is_smoothed_at_its_own_acceleration() -> None:
+    slow = ARM.with_limits(acceleration=np.deg2rad(100.0))
+    q = np.tile((ARM.lower + ARM.upper) / 2, (200, 1))
+    q[50:, 3] = ARM.upper[3]
+    smooth, numbers = smoothed(slow, q, 100.0, SmoothingSection())
+    assert numbers["bounds"]["acceleration_deg_s2"] == pytest.approx(100.0)
+    acceleration = np.abs(np.diff(smooth[:, 3], 2)).max() * 100.0**2
+    assert np.rad2deg(acceleration) <= 100.0 * (1 + 1e-6)
 
 
 def test_smoothed_joints_keep_limits_and_speed_and_arrive() -> None:

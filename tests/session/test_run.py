@@ -14,9 +14,11 @@ import pytest
 
 from rehab_opt.session.figures import figures
 from rehab_opt.session.files import load_problem
+from rehab_opt.session.notes import hurried, law_notes
 from rehab_opt.session.outcome import ArmOutcome, LawResult
 from rehab_opt.session.report import metrics_json, trace_columns, write_trace
-from rehab_opt.session.run import hurried, run_problem, verified
+from rehab_opt.session.run import run_problem, verified
+from rehab_opt.session.schema import UpperLimb
 from rehab_opt.session.table import result_table
 
 
@@ -77,6 +79,58 @@ def test_haste_is_said(figure_eight: ArmOutcome) -> None:
     assert hurried(law) == []
     hasty = replace(law, metrics={**law.metrics, "joint_speed_max_share_of_limit": 2.5})
     assert "2.5 times its speed limit" in hurried(hasty)[0]
+
+
+def test_smoothed_handle_beyond_its_tilt_is_said(figure_eight: ArmOutcome) -> None:
+    law = figure_eight.laws[0]
+    assert not any("BEYOND" in note for note in figure_eight.notes)
+    behind = {**law.metrics["smoothed"], "handle_tilt_max_deg": 3.69}
+    tilted = replace(law, metrics={**law.metrics, "smoothed": behind})
+    assert any("up to 3.69 deg, 2 allowed" in note for note in law_notes(tilted, within_reach=True))
+
+
+def test_smoothed_numbers_are_those_of_the_smoothed_joints(figure_eight: ArmOutcome) -> None:
+    for law in figure_eight.laws:
+        poses = np.array([figure_eight.chain.pose(q) for q in law.smooth])
+        behind = law.metrics["smoothed"]
+        tilt = np.rad2deg(np.arccos(np.clip(poses[:, 2, 0], -1, 1))).max()
+        assert behind["handle_tilt_max_deg"] == pytest.approx(tilt, abs=1e-5)
+        moved = np.linalg.norm(poses[:, :3, 3] - law.hand, axis=1).max()
+        assert behind["hand_deviation_max_m"] == pytest.approx(moved, abs=1e-12)
+        assert sum(behind["status"].values()) == 10_000
+    assert figure_eight.laws[0].metrics["smoothed"]["followed_share_of_length"] == 1.0
+
+
+def test_result_tells_what_it_was_run_with(figure_eight: ArmOutcome) -> None:
+    content = json.loads(metrics_json(figure_eight))["metrics"]
+    assert content["parameters"]["arm"]["segments"]["humerus_mm"] == 290.0
+    assert content["parameters"]["run"]["rate_hz"] == 100.0
+    assert content["optimised"]["parameters"] == {"solver": "sqp", "backup": "ipopt", "posture_cost": {"rest": 1.0}}
+    assert content["published"]["parameters"]["gain_per_s"] == 50.0
+    assert content["published"]["parameters"]["damping"] == 1e-6
+    assert any("k0 = 50/s and mu = 1e-06: choices" in note for note in figure_eight.notes)
+
+
+@pytest.mark.parametrize(("gain", "share"), [(200.0, 0.989), (500.0, 1.0)])
+def test_published_law_depends_on_its_gain_as_the_note_says(gain: float, share: float) -> None:
+    loaded = load_problem("upper_limb/figure_eight")
+    assert isinstance(loaded.problem, UpperLimb)
+    published = loaded.problem.published.model_copy(update={"gain_per_s": gain})
+    faster = replace(loaded, problem=loaded.problem.model_copy(update={"published": published}))
+    numbers = run_problem(faster, law="published").metrics["published"]
+    assert numbers["followed_share_of_length"] == pytest.approx(share, abs=1e-3)
+
+
+def test_tilt_that_no_posture_keeps_is_the_reason_that_is_given() -> None:
+    loaded = load_problem("upper_limb/figure_eight")
+    assert isinstance(loaded.problem, UpperLimb)
+    arm = loaded.problem.arm.model_copy(update={"handle_tilt_deg": 0.01})
+    upright = replace(loaded, problem=loaded.problem.model_copy(update={"arm": arm}))
+    outcome = run_problem(upright, law="optimised")
+    ((reason, count),) = outcome.metrics["optimised"]["reasons"].items()
+    assert reason == "no posture holds the handle within 0.01 deg: most upright one"
+    assert count == outcome.metrics["samples"]
+    assert any(reason in note for note in outcome.notes)
 
 
 def test_numbers_are_strict_json_and_the_trace_has_a_unit_in_every_column(
