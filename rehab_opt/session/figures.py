@@ -18,7 +18,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rehab_opt.kinematics.chain import SerialChain
-from rehab_opt.session.outcome import ArmOutcome, Outcome, RobotOutcome
+from rehab_opt.session.outcome import ArmOutcome, LawResult, Outcome, RobotOutcome
+from rehab_opt.session.table import TRACKER
 
 __all__ = ["figures"]
 
@@ -30,12 +31,13 @@ LAW_STYLES: Mapping[str, Mapping[str, Any]] = {
     "published": {"color": "#D55E00", "linestyle": "--", "linewidth": 1.5},
 }
 MM = 1e3
+SEEN = 1.0  # [mm] from which a height off the plane is worth a word
 
 
 def figures(outcome: Outcome) -> dict[str, Figure]:
     """The figures of a run by file name (without suffix)."""
     if isinstance(outcome, ArmOutcome):
-        joints: Mapping[str, Array] = {run.law: run.q for run in outcome.laws}
+        joints = {f"{run.law} law": (run.q, LAW_STYLES[run.law]) for run in outcome.laws}
         return {
             "hand_path": _hand_path(outcome),
             "joints": _joints(outcome, joints),
@@ -44,7 +46,7 @@ def figures(outcome: Outcome) -> dict[str, Figure]:
     if isinstance(outcome, RobotOutcome):
         return {
             "tool_path": _tool_path(outcome),
-            "joints": _joints(outcome, {"optimised": outcome.q}),
+            "joints": _joints(outcome, {TRACKER: (outcome.q, LAW_STYLES["optimised"])}),
             "error": _robot_error(outcome),
         }
     raise TypeError(outcome)
@@ -76,7 +78,8 @@ def _hand_path(outcome: ArmOutcome) -> Figure:
         label = f"out of this arm's reach ({share:.0f} % of the path)"
         axes.plot(missed[:, 0], missed[:, 1], "x", color=MISSED, markersize=5, label=label)
     for run in outcome.laws:
-        axes.plot(MM * run.hand[:, 0], MM * run.hand[:, 1], **LAW_STYLES[run.law], label=f"hand, {run.law} law")
+        label = f"hand, {run.law} law{_off_plane(run)}"
+        axes.plot(MM * run.hand[:, 0], MM * run.hand[:, 1], **LAW_STYLES[run.law], label=label)
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel("left of the shoulder (negative) or right of it (positive) [mm]")
     axes.set_ylabel("in front of the shoulder [mm]")
@@ -85,15 +88,22 @@ def _hand_path(outcome: ArmOutcome) -> Figure:
     return figure
 
 
-def _joints(outcome: Outcome, joints: Mapping[str, Array]) -> Figure:
+def _off_plane(run: LawResult) -> str:
+    """How far the hand leaves the plane that the figure shows."""
+    height = MM * run.metrics["height_off_plane_max_m"]
+    return f" (up to {height:.0f} mm above or below the plane)" if height >= SEEN else ""
+
+
+def _joints(outcome: Outcome, joints: Mapping[str, tuple[Array, Mapping[str, Any]]]) -> Figure:
     chain = outcome.chain
     rows = math.ceil(chain.n / 2)
-    figure = _figure(f"{outcome.title}\nJoint angles and the limits near them", 9.0, 1.3 + 1.9 * rows)
+    figure = _figure(outcome.title, 9.0, 1.3 + 1.9 * rows)
     grid = np.atleast_1d(figure.subplots(rows, 2, sharex=True)).ravel()
+    limits_seen = False
     for joint, axes in enumerate(grid[: chain.n]):
-        for law, q in joints.items():
-            axes.plot(outcome.time, np.rad2deg(q[:, joint]), **LAW_STYLES[law], label=f"{law} law")
-        _shade_limits(axes, chain, joint)
+        for label, (q, style) in joints.items():
+            axes.plot(outcome.time, np.rad2deg(q[:, joint]), **style, label=label)
+        limits_seen |= _shade_limits(axes, chain, joint)
         axes.set_title(chain.names[joint].replace("_", " "), fontsize=9, loc="left")
         axes.set_ylabel("angle [deg]", fontsize=8)
         axes.tick_params(labelsize=8)
@@ -101,12 +111,21 @@ def _joints(outcome: Outcome, joints: Mapping[str, Array]) -> Figure:
         axes.set_xlabel("time [s]", fontsize=9)
     for axes in grid[chain.n :]:
         axes.set_visible(False)
+    what = (
+        "Joint angles and the limits near them" if limits_seen else "Joint angles; all limits lie outside these panels"
+    )
+    figure.suptitle(f"{outcome.title}\n{what}", fontsize=12)
+    if limits_seen:
+        grid[0].plot([], [], color=LIMIT, linewidth=8, alpha=0.6, label="outside the joint's range")
     _legend_below(figure, grid[0], 4)
     return figure
 
 
-def _shade_limits(axes: Axes, chain: SerialChain, joint: int) -> None:
-    """Grey where the joint may not be; limits beyond half a turn are left out, so that the motion can be seen."""
+def _shade_limits(axes: Axes, chain: SerialChain, joint: int) -> bool:
+    """Grey where the joint may not be, and whether that is in the panel.
+
+    Limits beyond half a turn are left out, so that the motion can be seen.
+    """
     lower, upper = np.rad2deg(chain.lower[joint]), np.rad2deg(chain.upper[joint])
     low, high = axes.dataLim.intervaly
     for limit in (lower, upper):
@@ -116,9 +135,9 @@ def _shade_limits(axes: Axes, chain: SerialChain, joint: int) -> None:
     axes.set_ylim(low - margin, high + margin)
     for outside in ((-1e4, lower), (upper, 1e4)):
         axes.axhspan(*outside, color=LIMIT, alpha=0.6, linewidth=0, zorder=0)
-    axes.plot([], [], color=LIMIT, linewidth=8, alpha=0.6, label="outside the joint's range")
     if chain.locked[joint]:
         axes.annotate("locked: a range of zero width", (0.98, 0.06), xycoords="axes fraction", ha="right", fontsize=7)
+    return bool(lower > low - margin or upper < high + margin)
 
 
 def _arm_error(outcome: ArmOutcome) -> Figure:
@@ -174,7 +193,7 @@ def _tool_path(outcome: RobotOutcome) -> Figure:
 def _robot_error(outcome: RobotOutcome) -> Figure:
     figure = _figure(f"{outcome.title}\nTracking error, and how much of the joints' speed is used", 9.0, 7.0)
     distance, angle, speed = figure.subplots(3, 1, sharex=True)
-    distance.plot(outcome.time, MM * outcome.position_error, **LAW_STYLES["optimised"], label="optimised law")
+    distance.plot(outcome.time, MM * outcome.position_error, **LAW_STYLES["optimised"], label=TRACKER)
     angle.plot(outcome.time, np.rad2deg(outcome.orientation_error), **LAW_STYLES["optimised"])
     used = 100 * (np.abs(outcome.command) / outcome.chain.velocity).max(axis=1)
     speed.plot(outcome.time, used, **LAW_STYLES["optimised"])

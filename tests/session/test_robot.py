@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from rehab_opt.kinematics.ur5 import ur5
+from rehab_opt.session.figures import figures
 from rehab_opt.session.files import load_problem
 from rehab_opt.session.outcome import RobotOutcome
 from rehab_opt.session.robot import circle_reference
@@ -61,6 +63,21 @@ def test_shipped_circle_is_tracked_within_the_limits() -> None:
     assert numbers["joint_acceleration_max_share_of_limit"] <= 1.0
     assert sum(numbers["status"].values()) == numbers["ticks"] == 8001
     assert numbers["status"].get("braking", 0) == numbers["status"].get("holding", 0) == 0
+    assert numbers["parameters"]["joint_speed_deg_s"] == pytest.approx([180.0] * 6)
+
+
+def test_limits_are_spoken_of_only_where_a_panel_shows_one() -> None:
+    loaded = load_problem("robot/ur5_circle")
+    assert isinstance(loaded.problem, PoseTracking)
+    tracker = loaded.problem.tracker.model_copy(update={"rate_hz": 100.0})
+    outcome = run_problem(replace(loaded, problem=loaded.problem.model_copy(update={"tracker": tracker})))
+    joints = figures(outcome)["joints"]
+    assert [text.get_text() for text in joints.legends[0].get_texts()] == ["PoseTracker"]
+    assert "all limits lie outside" in joints.get_suptitle()
+    bent = outcome.q.max(axis=0) if isinstance(outcome, RobotOutcome) else None
+    near = replace(outcome, chain=outcome.chain.with_limits(upper=bent))
+    joints = figures(near)["joints"]
+    assert [text.get_text() for text in joints.legends[0].get_texts()] == ["PoseTracker", "outside the joint's range"]
 
 
 def test_slow_robot_falls_behind_but_keeps_its_speed_limit() -> None:

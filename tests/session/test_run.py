@@ -194,6 +194,16 @@ def test_recording_is_followed_where_it_is_within_reach(
     assert optimised.metrics["status_refuted"] == 0
     assert optimised.position_error[outcome.reachable].max() <= 1e-6
     assert optimised.handle_tilt.max() <= outcome.handle_tilt_limit + 1e-6
+    beyond = (
+        optimised.metrics["smoothed"]["handle_tilt_max_deg"] > outcome.metrics["optimised"]["handle_tilt_limit_deg"]
+    )
+    assert any("SMOOTHED HANDLE" in note and "optimised" in note for note in outcome.notes) == beyond
+    drawn = figures(outcome)
     if not outcome.reachable.all():
         assert optimised.position_error[~outcome.reachable].min() > 1e-6
-    figures(outcome)
+        assert optimised.metrics["reasons"] == {"out of reach: nearest posture": int((~outcome.reachable).sum())}
+        assert any("winds up" in note for note in outcome.notes)
+        for law in outcome.laws:
+            height = 1e3 * np.abs(law.hand[:, 2] - outcome.path[:, 2]).max()
+            said = [text.get_text() for text in drawn["hand_path"].legends[0].get_texts() if law.law in text.get_text()]
+            assert (f"up to {height:.0f} mm above or below the plane" in said[0]) == (height >= 1.0)
