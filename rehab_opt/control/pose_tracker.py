@@ -190,9 +190,9 @@ class PoseTracker(VelocityController):
             # From view to view: half of numpy's cost, and any other type or size is refused.
             q_view, pose_view, twist_view = self._views
             q_view[:] = q  # type: ignore[assignment]
-            pose_view[:] = pose.ravel()  # type: ignore[union-attr]
             twist_view[:] = twist  # type: ignore[assignment]
-            usual = pose.shape == (4, 4)  # type: ignore[union-attr]
+            pose_view[:] = pose.ravel()  # type: ignore[union-attr]
+            usual = pose.ndim == 2 and len(pose) == 4  # type: ignore[union-attr, arg-type]
         except (ValueError, TypeError, AttributeError):
             usual = False
         if not usual:

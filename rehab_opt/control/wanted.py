@@ -39,7 +39,7 @@ def wanted_velocity(jacobian: ca.SX, twist: ca.SX, drift: ca.SX) -> ca.SX:
 
 
 class WantedVelocity(NamedTuple):
-    """What is wanted of the joints, in expressions of a controller's parameters and memory.
+    """What is wanted of the joints, in expressions of a controller's parameters, q first, and memory.
 
     Where a joint would move faster than it can still stop at its position limit, the joints' velocities are those of
 
@@ -72,7 +72,8 @@ class WantedVelocity(NamedTuple):
         low = ca.if_else(bounds.stop_lower <= -self.speed, -FAR, bounds.stop_lower)
         high = ca.if_else(bounds.stop_upper >= self.speed, FAR, bounds.stop_upper)
         leaves = ca.sum1(ca.logic_or(wanted > high, wanted < low)) > 0
-        leaves = ca.logic_and(leaves, ca.sumsqr(parameters) <= PLAUSIBLE**2)  # no solver sees what cannot be used
+        finite = ca.sumsqr(ca.vertcat(parameters[: self.jacobian.size2()], wanted)) <= PLAUSIBLE**2
+        leaves = ca.logic_and(leaves, finite)  # no solver sees what cannot be used
         task = ca.vertcat(ca.vec(ca.densify(self.jacobian)), self.twist)
         kept = ca.vertcat(self.slowdown, bounds.lower, bounds.upper, bounds.outside)
         outputs = [task, kept, ca.vertcat(wanted, moving @ wanted), ca.vertcat(low, high, self.drift), leaves]
