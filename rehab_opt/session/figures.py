@@ -91,7 +91,7 @@ def _hand_path(outcome: ArmOutcome) -> Figure:
 def _off_plane(run: LawResult) -> str:
     """How far the hand leaves the plane that the figure shows."""
     height = MM * run.metrics["height_off_plane_max_m"]
-    return f" (up to {height:.0f} mm above or below the plane)" if height >= SEEN else ""
+    return f" (up to {height:.0f} mm off the plane)" if height >= SEEN else ""
 
 
 def _joints(outcome: Outcome, joints: Mapping[str, tuple[Array, Mapping[str, Any]]]) -> Figure:

@@ -72,6 +72,6 @@ def _published(run: LawResult, *, within_reach: bool) -> Iterator[str]:
     )
     if not within_reach:
         yield (
-            "the published law winds up: after a sample out of its reach its joints stay at their limits for a while, "
-            "and samples within reach are missed too"
+            "the published law winds up: after a sample out of its reach its joints may stay at their limits, "
+            "and samples within reach be missed too"
         )

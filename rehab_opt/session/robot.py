@@ -25,6 +25,8 @@ __all__ = ["circle_reference", "robot_at_start", "run_pose_tracking", "tracker_o
 Array = NDArray[np.float64]
 
 TICKS_A_REPORT = 100
+MOVING = 1e-3
+"""[m/s, rad/s] A reference slower than this stands still: a solver may leave micrometres a second undelivered."""
 KEYS = {"gain": "tracker.gain_per_s", "dt": "tracker.rate_hz"}
 """Where the problem file says what the tracker calls by its own name."""
 
@@ -67,6 +69,7 @@ def run_pose_tracking(
     position_error = np.linalg.norm(tool[:, :3, 3] - poses[:, :3, 3], axis=1)
     orientation_error = _angles(tool[:, :3, :3], poses[:, :3, :3])
     acceleration = np.abs(np.diff(command, axis=0, prepend=np.zeros((1, robot.n)))) * rate
+    moving = np.maximum(np.linalg.norm(twists[:, :3], axis=1), np.linalg.norm(twists[:, 3:], axis=1)) >= MOVING
     own = inspect.signature(type(tracker)).parameters
     metrics: dict[str, Any] = {
         "parameters": {
@@ -86,6 +89,7 @@ def run_pose_tracking(
         **time_metrics(seconds, "tick"),
         "tick_p99_9_ms": float(1e3 * np.percentile(seconds, 99.9)),
         "scale_min": float(scales.min()),
+        "scale_min_moving": float(scales[moving].min()) if moving.any() else None,
         "status": status_counts(statuses),
         "yielded": status_counts(text for text in yielded if text and text != "nothing"),
     }

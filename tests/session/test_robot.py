@@ -88,3 +88,11 @@ def test_slow_robot_falls_behind_but_keeps_its_speed_limit() -> None:
     numbers = run_problem(slow).metrics["optimised"]
     assert numbers["joint_speed_max_share_of_limit"] <= 1.0 + 1e-9
     assert numbers["scale_min"] < 1.0
+
+
+def test_solver_that_leaves_the_slowest_motion_undelivered_is_not_taken_for_one_that_falls_behind() -> None:
+    numbers = run_problem(load_problem("robot/ur5_circle"), solver="proxqp").metrics["optimised"]
+    assert numbers["parameters"]["solver"] == "proxqp"
+    assert numbers["position_error_max_m"] < 1e-4
+    assert numbers["scale_min"] <= numbers["scale_min_moving"]
+    assert numbers["scale_min_moving"] > 0.9

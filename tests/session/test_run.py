@@ -206,4 +206,4 @@ def test_recording_is_followed_where_it_is_within_reach(
         for law in outcome.laws:
             height = 1e3 * np.abs(law.hand[:, 2] - outcome.path[:, 2]).max()
             said = [text.get_text() for text in drawn["hand_path"].legends[0].get_texts() if law.law in text.get_text()]
-            assert (f"up to {height:.0f} mm above or below the plane" in said[0]) == (height >= 1.0)
+            assert (f"up to {height:.0f} mm off the plane" in said[0]) == (height >= 1.0)
