@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
-from rehab_opt.errors import ConfigurationError, RehabOptError
+from rehab_opt.errors import ConfigurationError, ProblemFileError, RehabOptError
 
 if TYPE_CHECKING:
     from rehab_opt.session.files import ProblemFile
@@ -33,6 +33,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
+MOST_OF_A_VALUE = 120  # characters of a message
+
 Problem = Annotated[str, typer.Argument(metavar="FILE", help="A problem file, or the name of a shipped problem.")]
 
 
@@ -40,9 +42,16 @@ def main(arguments: list[str] | None = None) -> None:
     """Entry point; `arguments` default to those of the command line."""
     with _on_interrupt(_interrupted):
         try:
-            app(args=arguments)
+            try:
+                app(args=arguments)
+            finally:
+                sys.stdout.flush()
         except RehabOptError as problem:
             _refuse(problem)
+        except OSError as problem:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what could not be printed fails no second time at the end
+            place = str(problem.filename or "standard output")
+            _refuse(ConfigurationError(place, problem.strerror, "a place that can be read and written to"))
 
 
 @app.command()
@@ -60,8 +69,13 @@ def run(
     from rehab_opt.session.table import result_table  # noqa: PLC0415
 
     loaded = load_problem(file)
-    folder = checked_folder(out if out is not None else Path("out") / loaded.name)
-    outcome = _run_with_progress(loaded, law=_law(law), solver=solver)
+    folder = out if out is not None else Path("out") / loaded.name
+    try:
+        checked_folder(folder)
+    except OSError as problem:
+        raise ConfigurationError("--out", str(folder), f"a folder's name ({problem.strerror})") from problem
+    with _keys_of_the_user(loaded, solver):
+        outcome = _run_with_progress(loaded, law=_law(law), solver=_solver(solver, law))
     with _undisturbed():
         written = write_report(outcome, folder)
     console = Console()
@@ -94,8 +108,10 @@ def check(file: Problem) -> None:
     from rehab_opt.session.run import checked  # noqa: PLC0415
 
     loaded = load_problem(file)
+    with _keys_of_the_user(loaded, None):
+        notes = checked(loaded)
     print(f"{loaded.name}: {loaded.problem.title}")
-    for note in checked(loaded):
+    for note in notes:
         print(f"- {note}")
     print("ok")
 
@@ -120,9 +136,54 @@ def _run_with_progress(loaded: ProblemFile, *, law: Law, solver: str | None) -> 
         return run_problem(loaded, law=law, solver=solver, progress=progress)
 
 
+def _solver(solver: str | None, law: str) -> str | None:
+    from rehab_opt.session.schema import UNUSABLE_SOLVERS  # noqa: PLC0415
+
+    if solver == "" or solver in UNUSABLE_SOLVERS:
+        raise ConfigurationError("--solver", solver, "the name of a solver that this problem can be given to")
+    if solver is not None and law == "published":
+        raise ConfigurationError("--solver", solver, "no such option with --law published, which needs no solver")
+    return solver
+
+
+@contextmanager
+def _keys_of_the_user(loaded: ProblemFile, solver: str | None) -> Iterator[None]:
+    """Name the option or the key of the problem file where a law or a reader speaks of its own argument.
+
+    Raises
+    ------
+    ConfigurationError : `--solver` is refused.
+    ProblemFileError : a key of the file is.
+    """
+    problem = loaded.problem
+    try:
+        yield
+    except ProblemFileError as refused:
+        if not refused.key.startswith("recording."):
+            raise
+        raise ProblemFileError(loaded.file, refused.key, refused.value, refused.expected) from refused
+    except ConfigurationError as refused:
+        if refused.argument != "solver" or solver is None:
+            raise
+        raise ConfigurationError("--solver", refused.value, refused.expected) from refused
+    except RuntimeError as failed:
+        if "::init for" not in str(failed):  # not CasADi's word for a solver that it cannot make
+            raise
+        expected = "a solver that this problem can be given to"
+        if solver is not None:
+            raise ConfigurationError("--solver", solver, expected) from failed
+        key, section = (
+            ("optimised", problem.optimised) if problem.system == "upper_limb" else ("tracker", problem.tracker)
+        )
+        raise ProblemFileError(loaded.file, f"{key}.solver", section.solver, expected) from failed
+
+
 def _refuse(problem: RehabOptError) -> NoReturn:
     """One line on the error stream, whatever a file name holds, and exit code 2."""
-    line = "".join(letter if letter.isprintable() else " " for letter in str(problem))
+    text, value = str(problem), repr(getattr(problem, "value", ""))
+    if len(value) > MOST_OF_A_VALUE:
+        text = text.replace(value, value[:MOST_OF_A_VALUE] + "...")
+    line = "".join(letter if letter.isprintable() else " " for letter in text)
     print(f"rehab-opt: {line}", file=sys.stderr)
     sys.exit(2)
 

@@ -195,6 +195,31 @@ def spoil_duration(folder: Path) -> str:
     return "are the times in seconds"
 
 
+def spoil_solver_for_lifted_problems(folder: Path) -> str:
+    change(folder, "[run]", '[optimised]\nsolver = "scpgen"\n[run]')
+    return "problem.toml: optimised.solver = 'scpgen'"
+
+
+def spoil_columns(folder: Path) -> str:
+    change(folder, "[placement]", 'columns = ["a_m", "y_m"]\n[placement]')
+    return "problem.toml: recording.columns = 'a_m': expected columns of path.csv: t_s, x_m, y_m"
+
+
+def spoil_long_value(folder: Path) -> str:
+    change(folder, "path.csv", "x" * 5000)
+    return "xxx...: expected a recording"
+
+
+def spoil_cell(folder: Path) -> str:
+    (folder / "path.csv").write_text(CSV.replace("0.5,0.01", "0.5,1e300"), encoding="utf-8")
+    return "path.csv: line 3, column x_m = '1e300': expected a number from -10 to 10"
+
+
+def spoil_times(folder: Path) -> str:
+    (folder / "path.csv").write_text(CSV.replace("0,0,0", "-1e308,0,0").replace("1.0,", "1e308,"), encoding="utf-8")
+    return "path.csv: line 2, column t_s"
+
+
 WRONG = "wrist_flexion_deg = [60, 30]"
 SPOILS = [spoil for name, spoil in sorted(globals().items()) if name.startswith("spoil_")]
 
@@ -220,7 +245,12 @@ def test_unusable_input_is_one_line_and_exit_code_2_and_nothing_written(
     ("arguments", "named"),
     [
         (("--law", "fastest"), "published, optimised or both"),
-        (("--solver", "no_such_solver"), "no_such_solver"),
+        (("--solver", "no_such_solver"), "--solver = 'no_such_solver'"),
+        (("--solver", "scpgen"), "--solver = 'scpgen'"),
+        (("--solver", ""), "--solver = ''"),
+        (("--solver", "x" * 5000), "--solver = 'xxx"),
+        (("--law", "published", "--solver", "sqp"), "--solver = 'sqp'"),
+        (("--out", "x" * 300), "--out = 'xxx"),
         (("--out", "path.csv"), "a folder that can be written to"),
         (("--out", "path.csv/below"), "a folder that can be written to"),
     ],
@@ -233,6 +263,7 @@ def test_unusable_option_is_one_line_and_exit_code_2(
     printed = capsys.readouterr().err
     assert printed.count("\n") == 1
     assert named in printed
+    assert len(printed) < 400
     assert files(folder) == before
 
 
@@ -257,6 +288,32 @@ def test_command_ends_with_2_and_one_line_in_a_process_of_its_own(folder: Path) 
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
     assert done.stdout == ""
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+@pytest.mark.parametrize("arguments", [("list",), ("check", "problem.toml"), ("--help",)])
+def test_output_that_cannot_be_written_is_one_line_and_exit_code_2(folder: Path, arguments: tuple[str, ...]) -> None:
+    command = [sys.executable, "-m", "rehab_opt.cli", *arguments]
+    with Path("/dev/full").open("w", encoding="utf-8") as full:
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, cwd=folder, check=False)
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert "No space left on device" in done.stderr
+
+
+@pytest.mark.skipif(not Path("/dev/zero").exists(), reason="needs /dev/zero")
+def test_device_is_no_problem_file(capsys: pytest.CaptureFixture[str]) -> None:
+    assert ended("check", "/dev/zero") == 2
+    assert capsys.readouterr().err == "rehab-opt: /dev/zero: file = 'a device': expected a file\n"
+
+
+def test_processes_own_mistake_is_not_called_the_users(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: object, **__: object) -> None:
+        raise RuntimeError("a mistake of ours")
+
+    monkeypatch.setattr("rehab_opt.session.run.checked", broken)
+    with pytest.raises(RuntimeError, match="of ours"):
+        main(["check", "problem.toml"])
 
 
 INTERRUPTED = """

@@ -49,4 +49,6 @@ def data_file(reference: str, *, problem: str, key: str) -> Path:
         source = f" (from github.com/{origin})" if origin else ""
         expected = f"{inside}{source} in the folder named by {ENVIRONMENT}, or in ../shared/data beside the checkout"
         raise ProblemFileError(problem, key, reference, expected)
+    if path.is_dir():
+        raise ProblemFileError(problem, key, reference, "a file, this is a directory")
     return path

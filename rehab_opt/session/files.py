@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.session.data_folder import ENVIRONMENT, PREFIX, data_file
 from rehab_opt.session.schema import NAME, TABLE, PoseTracking, UpperLimb
-from rehab_opt.session.text_lines import shown, whole_text
+from rehab_opt.session.text_lines import brief, shown, whole_text
 
 __all__ = ["ProblemFile", "load_problem", "problem_path", "recording_path", "recording_state", "shipped_problems"]
 
@@ -58,9 +58,15 @@ def load_problem(file: str) -> ProblemFile:
         line = _line_of(problem, text)
         value = shown(text.splitlines()[line - 1]) if line <= len(text.splitlines()) else "end of file"
         raise ProblemFileError(file, f"line {line}", value, f"TOML ({str(problem).split(' (at')[0]})") from problem
+    except ValueError as problem:  # Python refuses to read integers of thousands of digits
+        longest = max(text.splitlines(), key=len)
+        line = text.splitlines().index(longest) + 1
+        raise ProblemFileError(file, f"line {line}", shown(longest), "a number of fewer digits") from problem
+    except RecursionError as problem:
+        raise ProblemFileError(file, "file", "nested too deeply", "tables and lists inside a few others") from problem
     system = content.get("system")
     if not isinstance(system, str) or system not in SYSTEMS:
-        raise ProblemFileError(file, "system", system, f"one of {', '.join(SYSTEMS)}")
+        raise ProblemFileError(file, "system", brief(system), f"one of {', '.join(SYSTEMS)}")
     try:
         return ProblemFile(name=name, file=file, path=path, problem=SYSTEMS[system].model_validate(content))
     except ValidationError as problem:
@@ -114,6 +120,8 @@ def recording_path(loaded: ProblemFile, reference: str) -> Path:
         present = False
     if not present:
         raise ProblemFileError(loaded.file, key, reference, "a recording beside the problem file, or data:folder/file")
+    if path.is_dir():
+        raise ProblemFileError(loaded.file, key, reference, "a file, this is a directory")
     return path
 
 
@@ -144,17 +152,15 @@ def _first_error(problem: ValidationError, file: str) -> ProblemFileError:
     keys = [str(part) for part in first["loc"] if part not in (NAME, TABLE)]
     context: dict[str, Any] = first.get("ctx", {})
     value, expected = first["input"], first["msg"].removeprefix("Input should be ").removeprefix("Value should ")
-    if first["type"] == "unknown_key":
-        keys.append(context["key"])
+    if "key" in context:  # one of the schema's own
+        keys.append(shown(context["key"]))
         value, expected = context["value"], context["expected"]
     elif first["type"] == "missing":
         value, expected = None, "this key"
     elif first["type"] in ("too_short", "too_long"):
         expected = f"{_count(context)} entries"
-    if isinstance(value, dict | list | str) and len(str(value)) > 60:
-        value = shown(str(value), 60)
-    dotted = ".".join(key if key.isprintable() else repr(key) for key in keys)
-    return ProblemFileError(file, dotted or "file", value, expected)
+    dotted = ".".join(key if key.isprintable() else repr(key) for key in map(shown, keys))
+    return ProblemFileError(file, dotted or "file", brief(value), expected)
 
 
 def _count(context: dict[str, Any]) -> str:

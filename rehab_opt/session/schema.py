@@ -5,14 +5,18 @@
 
 from __future__ import annotations
 
+from pathlib import PurePath
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
 from pydantic_core import PydanticCustomError
 
+from rehab_opt.session.text_lines import brief
+
 __all__ = [
     "NAME",
     "TABLE",
+    "UNUSABLE_SOLVERS",
     "ArmSection",
     "CircleSection",
     "OptimisedSection",
@@ -32,6 +36,10 @@ __all__ = [
 NAME, TABLE = "<name>", "<table>"
 """Which form of a key that has two was used; pydantic puts them into the place of an error."""
 
+MOST_TICKS = 2_000_000
+UNUSABLE_SOLVERS = ("scpgen",)
+"""CasADi has them, but cannot make them of these problems and warns on the error stream while it tries."""
+
 Side = Literal["left", "right"]
 Positive = Annotated[float, Field(gt=0)]
 Length = Annotated[float, Field(ge=-10, le=10)]
@@ -41,9 +49,25 @@ Length = Annotated[float, Field(ge=-10, le=10)]
 def _ordered(pair: list[float]) -> list[float]:
     if not pair[0] <= pair[1]:
         raise PydanticCustomError("inverted", "[lower, upper] with lower <= upper")
+    if pair[1] - pair[0] > 360:
+        raise PydanticCustomError("too_wide", "[lower, upper] at most 360 deg apart")
     return pair
 
 
+def _bone(length: float) -> float:
+    if not 20 <= length <= 1000:
+        raise PydanticCustomError("unit", "20 to 1000 mm (is the length in another unit?)")
+    return length
+
+
+def _usable(solver: str) -> str:
+    if solver in UNUSABLE_SOLVERS:
+        raise PydanticCustomError("unusable", "a solver that this problem can be given to")
+    return solver
+
+
+SolverName = Annotated[str, Field(min_length=1), AfterValidator(_usable)]
+LongBone = Annotated[float, AfterValidator(_bone)]
 Limits = Annotated[
     list[Annotated[float, Field(ge=-360, le=360)]], Field(min_length=2, max_length=2), AfterValidator(_ordered)
 ]
@@ -53,6 +77,11 @@ PostureWeight = Annotated[
     Discriminator(lambda value: TABLE if isinstance(value, dict) else NAME),
 ]
 Triple = Annotated[list[Length], Field(min_length=3, max_length=3)]
+
+
+def refusal(key: str, value: object, expected: str) -> PydanticCustomError:
+    """The error of a key that a whole section refuses."""
+    return PydanticCustomError("refused", "{expected}", {"key": key, "value": brief(value), "expected": expected})
 
 
 class Section(BaseModel):
@@ -67,11 +96,7 @@ class Section(BaseModel):
         if isinstance(data, dict):
             for key, value in data.items():
                 if key not in cls.model_fields:
-                    raise PydanticCustomError(
-                        "unknown_key",
-                        "{expected}",
-                        {"key": key, "value": value, "expected": f"one of the keys {', '.join(cls.model_fields)}"},
-                    )
+                    raise refusal(key, value, f"one of the keys {', '.join(cls.model_fields)}")
         return data
 
 
@@ -92,8 +117,8 @@ class SegmentsSection(Section):
     """Segment lengths l0 to l3 of Table I."""
 
     acromiohumeral_mm: float = Field(default=130.0, ge=0, le=1000)
-    humerus_mm: float = Field(default=290.0, gt=0, le=1000)
-    forearm_mm: float = Field(default=300.0, gt=0, le=1000)
+    humerus_mm: LongBone = 290.0
+    forearm_mm: LongBone = 300.0
     hand_mm: float = Field(default=70.0, ge=0, le=1000)
 
 
@@ -119,6 +144,18 @@ class RecordingSection(Section):
     mirror: bool = False
     marker: str | None = None
     columns: Annotated[list[str], Field(min_length=2, max_length=3)] | None = None
+
+    @model_validator(mode="after")
+    def hand_is_named_as_its_file_allows(self) -> Self:
+        """Refuse a marker or columns that the file's format has none of, and one column in two places."""
+        suffix = PurePath(self.file).suffix.lower()
+        if self.marker is not None and suffix != ".trc":
+            raise refusal("marker", self.marker, "no such key: only a .trc has markers")
+        if self.columns is not None and suffix not in (".csv", ".mot"):
+            raise refusal("columns", self.columns, "no such key: only a .csv or .mot has named columns")
+        if self.columns is not None and len(set(self.columns)) < len(self.columns):
+            raise refusal("columns", self.columns, "each column once")
+        return self
 
 
 class PlacementSection(Section):
@@ -147,7 +184,7 @@ class RunSection(Section):
 class OptimisedSection(Section):
     """The optimised law, `ArmIK`."""
 
-    solver: str | None = None
+    solver: SolverName | None = None
     posture_cost: dict[str, PostureWeight] = Field(default={"rest": 1.0}, min_length=1)
 
 
@@ -161,9 +198,9 @@ class PublishedSection(Section):
 class SmoothingSection(Section):
     """Bounds of the smoothed joint motion; the same for every joint."""
 
-    speed_deg_s: Positive = 180.0
-    acceleration_deg_s2: Positive = 1800.0
-    jerk_deg_s3: Positive = 180000.0
+    speed_deg_s: float = Field(default=180.0, ge=1, le=1e4)
+    acceleration_deg_s2: float = Field(default=1800.0, ge=1, le=1e7)
+    jerk_deg_s3: float = Field(default=180000.0, ge=1, le=1e10)
 
 
 class UpperLimb(Section):
@@ -213,7 +250,7 @@ class TrackerSection(Section):
 
     rate_hz: float = Field(default=1000.0, ge=10, le=10000)
     gain_per_s: float | None = Field(default=None, gt=0, le=10000)
-    solver: str | None = None
+    solver: SolverName | None = None
 
 
 class PoseTracking(Section):
@@ -224,3 +261,11 @@ class PoseTracking(Section):
     robot: RobotSection
     circle: CircleSection
     tracker: TrackerSection = TrackerSection()
+
+    @model_validator(mode="after")
+    def ticks_fit_into_memory(self) -> Self:
+        """Refuse a run that is as long as it is dense."""
+        rate, duration = self.tracker.rate_hz, self.circle.duration_s
+        if rate * duration > MOST_TICKS:
+            raise refusal("tracker.rate_hz", rate, f"at most {MOST_TICKS} ticks in circle.duration_s = {duration:g}")
+        return self

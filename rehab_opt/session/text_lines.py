@@ -7,7 +7,7 @@ from pathlib import Path
 
 from rehab_opt.errors import ProblemFileError
 
-__all__ = ["FARTHEST", "LATEST", "finite_number", "shown", "text_lines", "whole_text"]
+__all__ = ["FARTHEST", "LATEST", "brief", "finite_number", "shown", "text_lines", "whole_text"]
 
 
 def whole_text(path: Path, name: str) -> str:
@@ -19,6 +19,8 @@ def whole_text(path: Path, name: str) -> str:
     """
     if path.is_dir():
         raise ProblemFileError(name, "file", "a directory", "a file")
+    if path.is_char_device():
+        raise ProblemFileError(name, "file", "a device", "a file")  # it may never end
     try:
         content = path.read_bytes()
     except OSError as problem:
@@ -69,6 +71,15 @@ def finite_number(text: str, *, name: str, line: int, column: str, most: float =
             name, f"line {line}, column {column}", shown(text), f"a number from {-most:g} to {most:g} (another unit?)"
         )
     return number
+
+
+def brief(value: object, most: int = 60) -> object:
+    """`value`, or a text in its place where writing it out would be long or, as Python has it, refused."""
+    try:
+        written = str(value)
+    except (ValueError, RecursionError):
+        return "too long to be shown"
+    return value if len(written) <= most else shown(written, most)
 
 
 def shown(text: str, most: int = 40) -> str:

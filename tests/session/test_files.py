@@ -108,6 +108,29 @@ def test_every_number_of_the_schema_carries_its_unit_or_has_none() -> None:
 
 
 FAULTS = [
+    (ARM + f"turn_deg = {'9' * 5000}\n", "line 12", "a number of fewer digits"),
+    (ARM + f"turn_deg = 0x{'f' * 5000}\n", "placement.turn_deg", ""),
+    (ARM + f"turn = 0x{'f' * 5000}\n", "placement.turn", "one of the keys"),
+    (f"system = 0x{'f' * 5000}\n", "system", "upper_limb"),
+    (f"system = {'[' * 5000}{']' * 5000}\n", "file", "tables and lists inside a few others"),
+    (ARM + f"[{'a.' * 5000}b]\n", "a", "one of the keys"),
+    (ARM + f"[placement.turn_deg.{'a.' * 5000}b]\n", "placement.turn_deg", "a valid number"),
+    (ARM + f"{'x' * 5000} = 1\n", "placement.xxx", "one of the keys"),
+    (ARM + "[arm.segments]\nhumerus_mm = 0.29\n", "arm.segments.humerus_mm", "another unit"),
+    (ARM + "[arm.segments]\nforearm_mm = 2000\n", "arm.segments.forearm_mm", "20 to 1000 mm"),
+    (ARM.replace("[placement]", 'marker = "HAND"\n[placement]'), "recording.marker", "only a .trc"),
+    (
+        ARM.replace("path.csv", "a.trc").replace("[placement]", 'columns = ["x_m", "y_m"]\n[placement]'),
+        "recording.columns",
+        "only a .csv or .mot",
+    ),
+    (ARM.replace("[placement]", 'columns = ["x_m", "x_m"]\n[placement]'), "recording.columns", "each column once"),
+    (ARM + "[smoothing]\njerk_deg_s3 = 1e-300\n", "smoothing.jerk_deg_s3", "greater than or equal to 1"),
+    (ARM + "[smoothing]\nspeed_deg_s = 0.5\n", "smoothing.speed_deg_s", "greater than or equal to 1"),
+    (ARM + '[optimised]\nsolver = ""\n', "optimised.solver", "at least 1 character"),
+    (ROBOT.replace("= 5\n", "= 600\n[tracker]\nrate_hz = 10000\n"), "tracker.rate_hz", "at most 2000000 ticks"),
+    (OWN_RANGE + RANGES.replace("[30, 70]", "[-200, 200]"), "humeral_flexion_deg", "at most 360 deg apart"),
+    (OWN_RANGE + RANGES.replace("[30, 70]", "[0, 400]"), "humeral_flexion_deg.1", "less than or equal to 360"),
     (ARM + "[arm2]\n", "arm2", "one of the keys system, title, arm"),
     (ARM.replace("side", "sied"), "arm.sied", "one of the keys side"),
     (ARM.replace("centre_m", "centre_cm"), "placement.centre_cm", "centre_m"),
@@ -223,6 +246,16 @@ def test_recording_lies_beside_its_problem_file(written: Write) -> None:
         checked(load_problem(str(path)))
     csv = written("path.csv", CSV)
     assert recording_path(load_problem(str(path)), "path.csv") == csv
+
+
+def test_directory_is_no_recording(written: Write, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    (tmp_path / "a" / "b.csv").mkdir(parents=True)
+    monkeypatch.setenv(ENVIRONMENT, str(tmp_path))
+    for reference in (".", "a/b.csv", "data:a/b.csv"):
+        loaded = load_problem(str(written("problem.toml", ARM.replace("path.csv", reference))))
+        with pytest.raises(ProblemFileError) as refusal:
+            checked(loaded)
+        assert (refusal.value.key, refusal.value.expected) == ("recording.file", "a file, this is a directory")
 
 
 def values() -> st.SearchStrategy[Any]:
