@@ -83,7 +83,7 @@ class Ladder:
 
     def climb(self) -> str:
         """Name of a solver that is certified where the first attempt was not, or ""."""
-        if not self.sound[0]:
+        if not (self.sound[0] or math.isnan(self.verdict[0])):  # NaN: nothing was written, so nothing is known of them
             return ""  # the parameters themselves cannot be used
         # An active set from the last tick can lead qrqp astray where a cold start does not: without rows, in one of a
         # few hundred random states, and in none of the continuous motions tried.

@@ -253,6 +253,13 @@ def test_a_failure_that_leaves_the_outputs_untouched_is_no_answer(monkeypatch: p
     assert robot.step(START, chain.pose(START), [0.05, 0, 0, 0, 0, 0]).solver == "proxqp"
 
 
+def test_a_failure_in_the_very_first_tick_reaches_the_backup(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot = tracker()
+    monkeypatch.setattr(robot, "_evaluate", lambda: None)
+    monkeypatch.setattr(robot._ladder, "evaluate", lambda: None)
+    assert robot.step(START, ur5().pose(START), [0.05, 0, 0, 0, 0, 0]).status is Status.BACKUP
+
+
 def test_compiled_and_interpreted_give_the_same_commands() -> None:
     chain = ur5(velocity=0.6)
     robots = [PoseTracker(chain, compile=fast) for fast in (True, False)]
