@@ -14,7 +14,7 @@ import rehab_opt
 PACKAGE = Path(rehab_opt.__file__).parent
 HEAVY = {
     "matplotlib", "scipy", "ruckig", "osqp", "proxsuite", "qpsolvers", "pydantic", "typer", "rich", "shapely",
-    "platformdirs",
+    "platformdirs", "skimage", "distributed",
 }  # fmt: skip
 PUBLIC = {
     "ArmIK", "Command", "ConfigurationError", "DH", "PoseTracker", "ProblemFileError", "RehabOptError", "SerialChain",
@@ -26,9 +26,10 @@ LAYERS = {
     "symbolic": {"errors"},
     "kinematics": {"errors", "symbolic"},
     "optim": {"errors", "symbolic"},
-    "control": {"errors", "symbolic", "kinematics", "optim"},
+    "workspace": {"errors", "symbolic", "kinematics", "optim"},
+    "control": {"errors", "symbolic", "kinematics", "optim", "workspace"},
     "published": {"errors", "symbolic", "kinematics"},
-    "session": {"errors", "symbolic", "kinematics", "optim", "control", "published"},
+    "session": {"errors", "symbolic", "kinematics", "optim", "workspace", "control", "published"},
     "cli": {"errors", "session"},
 }
 

@@ -1,0 +1,1 @@
+"""Where a limb reaches, and maps between such sets."""
