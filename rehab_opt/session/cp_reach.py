@@ -1,0 +1,158 @@
+"""The ranges of motion used in reaches: people with dyskinetic cerebral palsy beside typically developing people.
+
+    arms = {key: human_arm(range_of_motion=group.used) for key, group in reach_groups(folder).items()}
+
+Each range is that of a typical limb of its group: the medians of the limbs' own limits. The limits of all limbs pooled
+would be another thing and mislead: people with cerebral palsy differ more from each other, so together they cover more
+than typically developing people do, although each of them uses less.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.human_arm import ARM_JOINTS
+from rehab_opt.session.reach_rows import SAMPLES, TASKS, ReachAngles, Suspect, read_cp_reach
+from rehab_opt.workspace.clinical_angles import CLINICAL_ANGLES, model_scapula, model_shoulder, model_wrist
+from rehab_opt.workspace.used_range import UsedRange
+
+__all__ = ["ReachGroup", "group_range", "reach_groups"]
+
+Array = NDArray[np.float64]
+
+EVERY = 5
+"""Shoulder and wrist are taken at every 5 % of the reach: mean reaches are smooth, and combinations are many."""
+
+ASSUMPTIONS = (
+    "the range used in one task, not the range possible",
+    "limits are medians over limbs of each limb's own; a box of them reaches further than any of the limbs",
+    "rows do not align across files: the three angles of shoulder and wrist are combined as if independent",
+    "joint 1 is counted from the start of each reach; its median is taken from joint 2, both being about the vertical",
+    "signs and zeros of clinical angles as in CLINICAL_ANGLES",
+)
+
+
+@dataclass(frozen=True, eq=False)
+class ReachGroup:
+    """The range a group used in a task.
+
+    Parameters
+    ----------
+    task, group : as in `reach_rows.TASKS` and `GROUPS`.
+    used : limits of all eight joints, ready for `human_arm(range_of_motion=...)`; none is assumed.
+    spread : by joint, how much the lower and the upper limit vary between limbs [rad]: half of what lies between the
+        16th and 84th percentile, a standard deviation where they are normal.
+    rows : limbs by clinical column.
+    left_out : rows suspected of a turned sign.
+    """
+
+    task: str
+    group: str
+    used: UsedRange
+    spread: Mapping[str, tuple[float, float]]
+    rows: Mapping[str, int]
+    left_out: tuple[Suspect, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Freeze the mappings."""
+        for part in ("spread", "rows"):
+            object.__setattr__(self, part, MappingProxyType(dict(getattr(self, part))))
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a reader of a result has to know."""
+        return self.used.notes
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        parts = (self.task, self.group, self.used, dict(self.spread), dict(self.rows), self.left_out)
+        return type(self), parts  # a mapping proxy cannot be pickled
+
+
+def reach_groups(folder: Path, *, cover: float = 0.5) -> dict[tuple[str, str], ReachGroup]:
+    """The range used by (task, group), of the files in `folder` (`cp_dyskinetic_reach`).
+
+    Parameters
+    ----------
+    cover : see `group_range`.
+
+    Raises
+    ------
+    ProblemFileError : a file is absent or not as `read_cp_reach` expects it.
+    """
+    both = (angles for task in TASKS for angles in read_cp_reach(folder, task))
+    return {(angles.task, angles.group): group_range(angles, cover=cover) for angles in both}
+
+
+def group_range(
+    reach: ReachAngles, *, cover: float = 0.5, lower_percentile: float = 0.0, upper_percentile: float = 100.0
+) -> ReachGroup:
+    """The range of the model's joints that a group used in a task.
+
+    Parameters
+    ----------
+    cover : share of limbs whose own lower limit is not below the group's, and likewise above: 0.5 is the typical limb,
+        0.95 nearly the whole group together.
+    lower_percentile, upper_percentile : of a limb's samples over its reach, for its own limits. The rows are means of
+        several reaches, smooth: their ends are taken as they are.
+
+    Raises
+    ------
+    ConfigurationError : `cover` outside 0.5 to 1, percentiles out of order.
+    """
+    if not 0.5 <= cover <= 1:
+        raise ConfigurationError("cover", cover, "a share from 0.5 to 1")
+    if not 0 <= lower_percentile < upper_percentile <= 100:
+        value = (lower_percentile, upper_percentile)
+        raise ConfigurationError("lower_percentile, upper_percentile", value, "0 <= lower < upper <= 100")
+    columns = {angle.column: angle for angle in CLINICAL_ANGLES}
+    rows = {column: len(reach.angles[column]) for column in columns}
+    limits, spread, trials, samples = {}, {}, {}, {}
+    for joint, curves in _model_curves(reach.angles).items():
+        lowers, uppers = np.percentile(curves, [lower_percentile, upper_percentile], axis=-1)
+        limits[joint] = (float(np.quantile(lowers, 1 - cover)), float(np.quantile(uppers, cover)))
+        spread[joint] = (_deviation(lowers), _deviation(uppers))
+        trials[joint] = min(rows[column] for column, angle in columns.items() if joint in angle.joints)
+        samples[joint] = trials[joint] * SAMPLES
+    notes = (f"{TASKS[reach.task]}, {reach.group}", *ASSUMPTIONS, *reach.notes)
+    used = UsedRange({joint: limits[joint] for joint in ARM_JOINTS}, samples, trials, {}, (), notes)
+    return ReachGroup(reach.task, reach.group, used, spread, rows, reach.left_out)
+
+
+def _model_curves(angles: Mapping[str, Array]) -> dict[str, Array]:
+    """Curves (limbs, T) [rad] of each model joint; of shoulder and wrist every combination of rows is a limb."""
+    scapula = model_scapula(angles["ScPro"])
+    turn, adduction, flexion = model_shoulder(*_combined(angles["ShAbd"], angles["ShEl"], angles["ShRot"]))
+    turn = _smooth(turn) - np.median(scapula, axis=0)[::EVERY]
+    bend, deviation, roll = model_wrist(*_combined(angles["ElbProSup"], angles["WristFlExt"], angles["WristDev"]))
+    curves = (
+        scapula, turn, adduction, _smooth(flexion), angles["ElbFlExt"],
+        _smooth(bend), deviation, _smooth(roll, around=math.pi / 2),
+    )  # fmt: skip
+    return dict(zip(ARM_JOINTS, curves, strict=True))
+
+
+def _combined(first: Array, second: Array, third: Array) -> list[Array]:
+    """Every row of each with every row of the others, (n1 n2 n3, T) three times."""
+    rows = (first[:, None, None, ::EVERY], second[None, :, None, ::EVERY], third[None, None, :, ::EVERY])
+    return [combined.reshape(-1, combined.shape[-1]) for combined in np.broadcast_arrays(*rows)]
+
+
+def _smooth(curves: Array, *, around: float = 0.0) -> Array:
+    """Curves without jumps by whole turns, each with its mean within half a turn of `around`."""
+    unwrapped = np.unwrap(curves, axis=-1)
+    turns = np.round((unwrapped.mean(axis=-1, keepdims=True) - around) / (2 * math.pi))
+    return np.asarray(unwrapped - 2 * math.pi * turns)
+
+
+def _deviation(values: Array) -> float:
+    low, high = np.percentile(values, [16, 84])
+    return float(high - low) / 2

@@ -1,0 +1,176 @@
+"""Reaches of people with dyskinetic cerebral palsy beside typically developing people (Vanmechelen et al.).
+
+Two tasks, thirteen joint angles: one file each, without header. A row is the mean reach of one upper limb (a person can
+stand in two rows), its first cell the group, then 101 angles [deg] from 0 to 100 % of the reach. There is no subject
+id and rows do not align across files, so a range can be formed for a group, never for one person in all joints.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.errors import ProblemFileError
+from rehab_opt.session.text_lines import finite_number, text_lines
+from rehab_opt.workspace.clinical_angles import CLINICAL_ANGLES, WITHOUT_A_JOINT
+
+__all__ = ["COLUMNS", "GROUPS", "SAMPLES", "TASKS", "ReachAngles", "Suspect", "flip_suspects", "read_cp_reach"]
+
+Array = NDArray[np.float64]
+
+TASKS = MappingProxyType({"RF": "reach forwards", "RGV": "reach and grasp vertical"})
+GROUPS = ("typically developing", "dyskinetic cerebral palsy")
+"""By the number in column 0."""
+SAMPLES = 101
+COLUMNS = (*(angle.column for angle in CLINICAL_ANGLES), *WITHOUT_A_JOINT)
+MOST_DEG = 360.0
+FEWEST = 5
+"""Rows a group needs before its typical row says anything."""
+CLEAR, CLOSE, SIGNED = 4.0, 3.0, 2.0
+"""Robust standard deviations, see `flip_suspects`."""
+
+
+class Suspect(NamedTuple):
+    """A row that looks like its group's with the sign turned round."""
+
+    file: str
+    line: int  # counted from 1
+    mean: float  # [rad] of the row
+    typical: float  # [rad] median of the group's means
+
+
+@dataclass(frozen=True, eq=False)
+class ReachAngles:
+    """Angles of one group in one task.
+
+    Parameters
+    ----------
+    task, group : keys of `TASKS`, members of `GROUPS`.
+    angles : (rows, 101) [rad] by the files' column names, positive as `CLINICAL_ANGLES` says; rows of different
+        columns are not of the same limb. Columns the task has no file of are not there.
+    left_out : rows not in `angles`, suspected of a turned sign.
+    notes : what a reader of a result has to know.
+    """
+
+    task: str
+    group: str
+    angles: Mapping[str, Array]
+    left_out: tuple[Suspect, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Freeze the angles."""
+        for rows in self.angles.values():
+            rows.flags.writeable = False
+        object.__setattr__(self, "angles", MappingProxyType(dict(self.angles)))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.task, self.group, dict(self.angles), self.left_out, self.notes)
+
+
+def read_cp_reach(folder: Path, task: str, *, keep_suspects: bool = False) -> tuple[ReachAngles, ReachAngles]:
+    """Angles of both groups (in the order of `GROUPS`) in one task, from `{task}_MEAN_{column}.csv`.
+
+    Rows whose sign looks turned round (`flip_suspects`) are left out and listed, unless they are to be kept. Groups
+    with identical rows under two columns are noted: one of the files cannot be what it says.
+
+    Raises
+    ------
+    ProblemFileError : no such task or file of an angle the model needs, a row of the wrong length, a group other than
+        0 or 1, a group without rows, a cell that is not an angle in degrees.
+    """
+    if task not in TASKS:
+        raise ProblemFileError(folder, "task", task, f"one of {', '.join(TASKS)}")
+    signs = {angle.column: angle.sign for angle in CLINICAL_ANGLES}
+    rows_of: tuple[dict[str, Array], ...] = ({}, {})
+    left_out: tuple[list[Suspect], ...] = ([], [])
+    absent = []
+    for column in COLUMNS:
+        path = folder / f"{task}_MEAN_{column}.csv"
+        if column in WITHOUT_A_JOINT and not path.exists():
+            absent.append(column)
+            continue
+        lines, groups, angles = _table(path)
+        for group in range(len(GROUPS)):
+            rows, at = signs.get(column, 1) * angles[groups == group], lines[groups == group]
+            turned = np.zeros(len(rows), dtype=bool) if keep_suspects else flip_suspects(rows)
+            typical = float(np.median(rows.mean(axis=1)))
+            left_out[group].extend(
+                Suspect(path.name, int(at[i]), float(rows[i].mean()), typical) for i in np.flatnonzero(turned)
+            )
+            rows_of[group][column] = rows[~turned]
+    shared = [f"{task}: no file of {', '.join(absent)}"] if absent else []
+    both = []
+    for group, name in enumerate(GROUPS):
+        notes = [*shared, *_repeated(rows_of[group])]
+        if left_out[group]:
+            notes.append(
+                f"left out, sign looks turned round: {', '.join(f'{s.file} line {s.line}' for s in left_out[group])}"
+            )
+        both.append(ReachAngles(task, name, rows_of[group], tuple(left_out[group]), tuple(notes)))
+    return both[0], both[1]
+
+
+def flip_suspects(rows: Array) -> NDArray[np.bool_]:
+    """(n,) True for rows (n, T) of one group that look like the others with the sign turned round.
+
+    The rule: of the other sign than the group's median, which is itself `SIGNED` robust standard deviations or more
+    from zero; further from the group's median curve (root mean square over
+    the reach) than `CLEAR` robust standard deviations; and within `CLOSE` of it once its sign is turned. The standard
+    deviation is that of the rows' means, by the median absolute deviation. A row near 180 deg or so looks the same
+    wrapped by a whole turn as flipped: both are suspect. Groups under `FEWEST` rows have none.
+    """
+    if len(rows) < FEWEST:
+        return np.zeros(len(rows), dtype=bool)
+    means, typical = rows.mean(axis=1), np.median(rows, axis=0)
+    middle = float(np.median(means))
+    deviation = 1.4826 * float(np.median(np.abs(means - middle)))
+    away = np.sqrt(np.mean((rows - typical) ** 2, axis=1))
+    turned = np.sqrt(np.mean((-rows - typical) ** 2, axis=1))
+    signed = abs(middle) > SIGNED * deviation  # trunk angles are near zero: their sign says nothing
+    return np.asarray(signed & (means * middle < 0) & (away > CLEAR * deviation) & (turned < CLOSE * deviation))
+
+
+def _table(path: Path) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
+    """Lines (counted from 1), groups and angles [rad] of the rows of a file."""
+    name = str(path)
+    lines, groups, angles = [], [], []
+    for number, text in enumerate(text_lines(path, name), start=1):
+        if not text.strip():
+            continue
+        cells = text.split(",")
+        if len(cells) != 1 + SAMPLES:
+            raise ProblemFileError(name, f"line {number}", f"{len(cells)} cells", f"a group and {SAMPLES} angles")
+        group = finite_number(cells[0], name=name, line=number, column="1")
+        if group not in range(len(GROUPS)):
+            raise ProblemFileError(name, f"line {number}, column 1", group, "group 0 or 1")
+        lines.append(number)
+        groups.append(int(group))
+        angles.append(
+            [
+                math.radians(finite_number(cell, name=name, line=number, column=str(i), most=MOST_DEG))
+                for i, cell in enumerate(cells[1:], start=2)
+            ]
+        )
+    for group, title in enumerate(GROUPS):
+        if group not in groups:
+            raise ProblemFileError(name, "column 1", "no rows", f"rows of group {group} ({title})")
+    return np.array(lines), np.array(groups), np.array(angles)
+
+
+def _repeated(rows_of: Mapping[str, Array]) -> list[str]:
+    """Notes on columns whose rows are those of another."""
+    columns = list(rows_of)
+    return [
+        f"the rows of {second} are those of {first}: one of the files is not what it says"
+        for i, first in enumerate(columns)
+        for second in columns[i + 1 :]
+        if rows_of[first].shape == rows_of[second].shape and np.array_equal(rows_of[first], rows_of[second])
+    ]

@@ -1,0 +1,126 @@
+"""From clinical (ISB) angles of the arm to the model joints of Table I: by rotation, not name by name.
+
+The model's shoulder (joints 2 to 4) and wrist (6 to 8) each turn about three axes through one point, as the clinical
+angles do, but in another order and about other axes. So three clinical angles together give three model joints, exactly
+(away from the two singular postures named below), and no table of one clinical angle for one model joint would: in a
+reach with the arm raised, axial rotation of the humerus is the model's adduction.
+
+What is assumed, and how sure it is, stands in `CLINICAL_ANGLES`.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rehab_opt.kinematics.human_arm import ARM_REST
+
+__all__ = ["CLINICAL_ANGLES", "WITHOUT_A_JOINT", "ClinicalAngle", "model_scapula", "model_shoulder", "model_wrist"]
+
+Array = NDArray[np.float64]
+
+
+class ClinicalAngle(NamedTuple):
+    """How a clinical angle enters the model."""
+
+    column: str  # name in the files of Vanmechelen et al.
+    name: str  # clinical name, positive as the name says
+    sign: int  # clinical value = sign * (value in the file)
+    joints: tuple[str, ...]  # model joints it moves
+    zero: str  # what zero means
+    sure: str  # "high": shown by forward kinematics; "fair": convention read off the data; "low": a choice
+    why: str
+
+
+SHOULDER = ("glenohumeral_rotation", "shoulder_adduction", "humeral_flexion")
+WRIST = ("wrist_flexion", "wrist_deviation", "wrist_supination")
+
+CLINICAL_ANGLES = (
+    ClinicalAngle(
+        "ScPro", "scapular_protraction", 1, ("scapular_retraction",), "each row's own start of the reach", "low",
+        "the model counts retraction from a rest the files do not hold; it turns 0.13 m about the vertical, all the "
+        "scapula does in it",
+    ),
+    ClinicalAngle(
+        "ShAbd", "elevation_plane", 1, SHOULDER, "raised to the side; 90 deg: to the front", "fair",
+        "ISB order plane, elevation, axial rotation; forward reaches end at 85 to 95 deg, as they must",
+    ),
+    ClinicalAngle(
+        "ShEl", "shoulder_elevation", -1, SHOULDER, "arm hangs", "high",
+        "negative in the files, as ISB counts it; grows from 20 to 85 deg in a forward reach",
+    ),
+    ClinicalAngle(
+        "ShRot", "humeral_axial_rotation", 1, SHOULDER, "anatomical posture; internal rotation positive", "fair",
+        "plane and axial rotation are of opposite sign, as for an elbow that stays near the side",
+    ),
+    ClinicalAngle(
+        "ElbFlExt", "elbow_flexion", 1, ("forearm_extension",), "straight arm", "high",
+        "joint 5 moves the forearm forward as it grows, whatever its name; the carrying angle is left out",
+    ),
+    ClinicalAngle(
+        "ElbProSup", "forearm_pronation", 1, WRIST, "fully supinated (palm forward in the hanging arm)", "fair",
+        "values of 80 to 180 deg in reaches leave no other zero; joint 8 at zero has the thumb to the side",
+    ),
+    ClinicalAngle(
+        "WristFlExt", "wrist_flexion", 1, WRIST, "hand in line with the forearm", "fair",
+        "the paper reports more wrist flexion in dyskinetic cerebral palsy: its rows are the larger ones",
+    ),
+    ClinicalAngle(
+        "WristDev", "ulnar_deviation", 1, WRIST, "hand in line with the forearm", "low",
+        "ISB counts ulnar deviation positive; nothing in the files contradicts or confirms it, means are near zero",
+    ),
+)  # fmt: skip
+"""The mapping as data. Left and right arms count alike (the files are taken to mirror left arms, as `human_arm` does)."""
+
+WITHOUT_A_JOINT = ("ScRot", "ScTil", "TrFl", "TrLatFl", "TrRot")
+"""Columns that the model has no joint for: scapular rotation and tilt, and the trunk, which it holds still."""
+
+
+def model_shoulder(plane: ArrayLike, elevation: ArrayLike, axial: ArrayLike) -> tuple[Array, Array, Array]:
+    """Joints 2, 3 and 4 [rad] of the model from the humerothoracic angles [rad], which broadcast together.
+
+    Assumes joint 1 at its rest; where it is turned by r, joint 2 is r less (both turn about the vertical).
+
+    Rz(q2) Ry(pi/2 - q3) Rx(q4) = Rz(-plane) Ry(elevation) Rz(-axial) in the left arm's base frame. Singular where the
+    arm is raised sideways with no axial rotation (sin(elevation) cos(axial) = 1): joints 2 and 4 turn alike there.
+    """
+    p, e, r = _together(plane, elevation, axial)
+    abduction = np.arcsin(np.clip(np.sin(e) * np.cos(r), -1.0, 1.0))
+    flexion = np.arctan2(-np.sin(e) * np.sin(r), np.cos(e))
+    turn = np.arctan2(-np.sin(r), np.cos(e) * np.cos(r)) - p
+    return _wrapped(turn), ARM_REST[2] - abduction, flexion
+
+
+def model_wrist(pronation: ArrayLike, flexion: ArrayLike, ulnar: ArrayLike) -> tuple[Array, Array, Array]:
+    """Joints 6, 7 and 8 [rad] of the model from the angles [rad] of forearm and wrist, which broadcast together.
+
+    The model turns the hand about its own length last, people first (in the forearm): its wrist flexion and deviation
+    are about axes of the supinated forearm. Rx(q6) Ry(-(q7 + pi/2)) Rz(-q8) = Rz(-pronation) Rx(flexion) Ry(-ulnar).
+    Singular where the hand points sideways at a right angle to the forearm. Joint 8 is given within half a turn of
+    90 deg, the thumb on top.
+    """
+    g, f, d = _together(pronation, flexion, ulnar)
+    sg, cg, sf, cf, sd, cd = np.sin(g), np.cos(g), np.sin(f), np.cos(f), np.sin(d), np.cos(d)
+    # Fingers (-z of the hanging hand) and the first row of the rotation.
+    across, forward, down = cg * sd + sg * sf * cd, -sg * sd + cg * sf * cd, cf * cd
+    first_x, first_y = cg * cd - sg * sf * sd, sg * cf
+    joint_7 = ARM_REST[6] + np.arcsin(np.clip(across, -1.0, 1.0))
+    joint_8 = np.pi / 2 + _wrapped(np.arctan2(first_y, first_x) - np.pi / 2)
+    return np.arctan2(forward, down), joint_7, joint_8
+
+
+def model_scapula(protraction: ArrayLike) -> Array:
+    """Joint 1 [rad] from its rest, of protraction (..., T) [rad], with the first sample of each row as the rest."""
+    rows = np.asarray(protraction, dtype=np.float64)
+    return rows[..., :1] - rows
+
+
+def _wrapped(angle: Array) -> Array:
+    """`angle` in (-pi, pi]."""
+    return np.asarray(-((np.pi - angle) % (2 * np.pi)) + np.pi)
+
+
+def _together(*angles: ArrayLike) -> tuple[Array, ...]:
+    return tuple(np.broadcast_arrays(*(np.asarray(angle, dtype=np.float64) for angle in angles)))

@@ -1,0 +1,91 @@
+"""Joint angles of one or many trials, however they were handed over, on one branch of the circle."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.human_arm import ARM_JOINTS
+
+__all__ = ["joint_trials", "one_branch"]
+
+Array = NDArray[np.float64]
+
+MOST = 4 * math.pi
+"""[rad] No joint of an arm reads more: such angles are degrees."""
+
+
+def joint_trials(angles: object, names: Sequence[str] | None) -> dict[str, list[Array]]:
+    """Trials (T_i,) of each joint, of what `range_of_motion` accepts as angles.
+
+    Raises
+    ------
+    ConfigurationError : arrays of another rank, or names that do not fit the columns.
+    """
+    if isinstance(angles, Mapping):
+        if names is not None:
+            raise ConfigurationError("names", names, "no names where the angles have theirs")
+        if not angles:
+            raise ConfigurationError("angles", angles, "at least one joint")
+        return {name: [_of_rank(f"angles[{name!r}]", t, 1) for t in _split(given, 1)] for name, given in angles.items()}
+    trials = [_of_rank("angles", trial, 2) for trial in _split(angles, 2)]
+    if not trials:
+        raise ConfigurationError("angles", angles, "at least one trial")
+    n = trials[0].shape[1]
+    columns = tuple(names) if names is not None else (ARM_JOINTS if n == len(ARM_JOINTS) else ())
+    if any(trial.shape[1] != len(columns) for trial in trials) or len(set(columns)) != len(columns) or not columns:
+        shapes = [trial.shape for trial in trials[:3]]
+        raise ConfigurationError("names", names, f"one different name a column of angles (T, n), here {shapes}")
+    return {name: [trial[:, i] for trial in trials] for i, name in enumerate(columns)}
+
+
+def _split(given: object, rank: int) -> list[object]:
+    """`given` as its trials: the elements of a list or stacked array of more than one trial, or it alone."""
+    if isinstance(given, np.ndarray):
+        return list(given) if given.ndim == rank + 1 else [given]
+    if isinstance(given, Sequence) and len(given) and not isinstance(given, str):
+        try:
+            deeper = np.ndim(given[0]) >= rank
+        except ValueError:  # ragged inside
+            deeper = True
+        return list(given) if deeper else [given]
+    return [given]
+
+
+def _of_rank(argument: str, trial: object, rank: int) -> Array:
+    expected = "numbers (T,)" if rank == 1 else "numbers (T, n)"
+    try:
+        array = np.asarray(trial, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError) as problem:
+        raise ConfigurationError(argument, trial, expected) from problem
+    if array.ndim != rank:
+        raise ConfigurationError(argument, f"an array of shape {array.shape}", expected)
+    return array
+
+
+def one_branch(name: str, trials: Sequence[Array], bound: tuple[float, float] | None) -> Array:
+    """All samples of a joint on one branch: that of the first trial, or the one that lies in `bound`.
+
+    Raises
+    ------
+    ConfigurationError : angles that must be degrees, or a scapula not counted from its rest.
+    """
+    worst = max(float(np.abs(trial).max()) for trial in trials)
+    if worst > MOST:
+        raise ConfigurationError(f"angles of {name}", worst, "radians (are these degrees?)")
+    turn = 2 * math.pi
+    branches = [np.unwrap(trial) for trial in trials]
+    first = float(np.median(branches[0]))
+    values = np.concatenate([trial + turn * round((first - float(np.median(trial))) / turn) for trial in branches])
+    middle = float(np.median(values))
+    if bound is not None:  # fewest turns that bring the median in, or nearest to it
+        outside = {k: max(bound[0] - middle - k * turn, middle + k * turn - bound[1], 0.0) for k in (0, 1, -1, 2, -2)}
+        values = values + turn * min(outside, key=outside.__getitem__)
+    elif name == ARM_JOINTS[0] and not abs(middle) <= math.pi / 2:
+        # Handed to human_arm, 180 deg too many would turn the whole workspace about the vertical.
+        raise ConfigurationError(f"angles of {name}", middle, "angles from its rest: subtract ARM_REST[0]")
+    return values

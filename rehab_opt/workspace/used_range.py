@@ -1,0 +1,206 @@
+"""The range of motion a person used in recordings: what was seen, which is not all that is possible."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.human_arm import ARM_JOINTS, RANGES_OF_MOTION_DEG
+from rehab_opt.workspace.joint_trials import joint_trials, one_branch
+
+__all__ = ["Limits", "UsedRange", "named_ranges", "range_of_motion"]
+
+Limits = Mapping[str, tuple[float, float]]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class UsedRange(Mapping[str, tuple[float, float]]):
+    """(lower, upper) [rad] by joint name: the range USED, a lower bound on the range possible.
+
+    Usable as `human_arm(range_of_motion=...)` once it has all of `ARM_JOINTS`.
+
+    Parameters
+    ----------
+    limits : (lower, upper) [rad] by name.
+    samples, trials, gaps : by name, how many samples and trials a range rests on, and how many samples were missing.
+    assumed : names whose range was not seen but filled in by the caller's default.
+    notes : what a reader of a result has to know.
+    """
+
+    limits: Limits
+    samples: Mapping[str, int] = field(default_factory=dict)
+    trials: Mapping[str, int] = field(default_factory=dict)
+    gaps: Mapping[str, int] = field(default_factory=dict)
+    assumed: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Freeze the mappings and check the order of the limits."""
+        for name, (lower, upper) in self.limits.items():
+            if not -math.inf < lower <= upper < math.inf:
+                raise ConfigurationError(f"limits[{name!r}]", (lower, upper), "finite (lower, upper), lower <= upper")
+        for part in ("limits", "samples", "trials", "gaps"):
+            object.__setattr__(self, part, MappingProxyType(dict(getattr(self, part))))
+
+    def __getitem__(self, name: str) -> tuple[float, float]:
+        return self.limits[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.limits)
+
+    def __len__(self) -> int:
+        return len(self.limits)
+
+    @property
+    def covered(self) -> tuple[str, ...]:
+        """Names whose range was seen in the data."""
+        return tuple(name for name in self.limits if name not in self.assumed)
+
+    @property
+    def uncovered(self) -> tuple[str, ...]:
+        """Joints of the arm model that the data say nothing about, filled in or not."""
+        return tuple(name for name in ARM_JOINTS if name not in self.covered)
+
+    def __repr__(self) -> str:
+        ranges = [
+            f"{name} {math.degrees(lower):.1f}..{math.degrees(upper):.1f} deg "
+            + ("assumed" if name in self.assumed else f"({self.trials.get(name, 0)} trials)")
+            for name, (lower, upper) in self.limits.items()
+        ]
+        return f"UsedRange(range used, not the range possible: {', '.join(ranges)})"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        parts = (dict(self.limits), dict(self.samples), dict(self.trials), dict(self.gaps))
+        return type(self), (*parts, self.assumed, self.notes)  # a mapping proxy cannot be pickled
+
+
+def range_of_motion(
+    angles: ArrayLike | Mapping[str, object] | Sequence[ArrayLike],
+    *,
+    names: Sequence[str] | None = None,
+    lower_percentile: float = 5.0,
+    upper_percentile: float = 95.0,
+    margin: float = 0.0,
+    minimum_width: float = 0.0,
+    within: Mapping[str, Sequence[float]] | None = None,
+    uncovered: str | Mapping[str, Sequence[float]] | None = None,
+    minimum_samples: int = 10,
+) -> UsedRange:
+    """Range of each joint that was used in joint-angle recordings.
+
+    It is the range used in what was recorded, not the range possible: a short reach shows little of what an arm can do.
+
+    Parameters
+    ----------
+    angles : (T, n) [rad], or a list of trials (T_i, n) of any lengths, or by joint name (T,), (trials, T) or a list of
+        trials (T_i,). Model joints as `human_arm(range_of_motion=...)` counts them: scapular_retraction from its rest.
+        Jumps by whole turns are undone, within a trial and between trials; what is not finite is a gap, counted.
+    names : the n column names of arrays; `ARM_JOINTS` where n is 8.
+    lower_percentile, upper_percentile : of all samples of all trials together, 0 <= lower < upper <= 100.
+    margin : [rad] added at both ends.
+    minimum_width : [rad] narrower ranges are widened about their middle (after the margin).
+    within : (lower, upper) [rad] by name: anatomical limits, to which ranges are cut last; a cut one is noted.
+    uncovered : ranges for joints of the arm model without data: "regular", "restricted" or by name; they are listed as
+        `assumed`. By default such joints are left out.
+    minimum_samples : fewer finite samples of a joint are refused.
+
+    Raises
+    ------
+    ConfigurationError : no or too few finite samples of a joint, angles that must be degrees, a range wholly outside
+        `within`, an unknown name, a percentile, width or margin out of order.
+    """
+    _check_numbers(lower_percentile, upper_percentile, margin, minimum_width, minimum_samples)
+    trials_of = joint_trials(angles, names)
+    bounds = {name: _pair(f"within[{name!r}]", pair) for name, pair in (within or {}).items()}
+    for name in bounds:
+        if name not in trials_of:
+            raise ConfigurationError("within", name, f"joint names of the data: {', '.join(trials_of)}")
+    limits: dict[str, tuple[float, float]] = {}
+    samples, trials, gaps = {}, {}, {}
+    notes: list[str] = []
+    for name in sorted(trials_of, key=lambda name: ARM_JOINTS.index(name) if name in ARM_JOINTS else len(ARM_JOINTS)):
+        seen = [trial[np.isfinite(trial)] for trial in trials_of[name]]
+        gaps[name] = sum(trial.size for trial in trials_of[name]) - sum(trial.size for trial in seen)
+        seen = [trial for trial in seen if trial.size]
+        samples[name], trials[name] = sum(trial.size for trial in seen), len(seen)
+        if samples[name] < minimum_samples:
+            expected = f"at least {minimum_samples} finite samples"
+            raise ConfigurationError(f"angles of {name}", f"{samples[name]} finite samples", expected)
+        values = one_branch(name, seen, bounds.get(name))
+        lower, upper = np.sort(np.percentile(values, [lower_percentile, upper_percentile])).tolist()
+        lower, upper = lower - margin, upper + margin
+        if upper - lower < minimum_width:
+            middle = (lower + upper) / 2
+            lower, upper = middle - minimum_width / 2, middle + minimum_width / 2
+        if name in bounds:
+            lower, upper = _cut(name, (lower, upper), bounds[name], notes)
+        limits[name] = (lower, upper)
+        if gaps[name]:
+            notes.append(f"{name}: {gaps[name]} of {gaps[name] + samples[name]} samples missing")
+    assumed = _assumed(limits, uncovered)
+    if assumed:
+        notes.append(f"not in the data, assumed: {', '.join(assumed)}")
+        limits |= assumed
+    ordered = [name for name in ARM_JOINTS if name in limits] + [name for name in limits if name not in ARM_JOINTS]
+    return UsedRange({name: limits[name] for name in ordered}, samples, trials, gaps, tuple(assumed), tuple(notes))
+
+
+def _check_numbers(lower: float, upper: float, margin: float, minimum_width: float, minimum_samples: int) -> None:
+    if not 0 <= lower < upper <= 100:
+        value = (lower, upper)
+        raise ConfigurationError("lower_percentile, upper_percentile", value, "0 <= lower < upper <= 100")
+    for argument, width in (("margin", margin), ("minimum_width", minimum_width)):
+        if not 0 <= width < math.inf:
+            raise ConfigurationError(argument, width, "a finite angle of 0 or more")
+    if not minimum_samples >= 1:
+        raise ConfigurationError("minimum_samples", minimum_samples, "1 or more")
+
+
+def _assumed(limits: Limits, uncovered: str | Mapping[str, Sequence[float]] | None) -> dict[str, tuple[float, float]]:
+    """Ranges of the arm's joints that have none, from the caller's default."""
+    missing = [name for name in ARM_JOINTS if name not in limits] if uncovered is not None else []
+    if not missing:
+        return {}
+    defaults = named_ranges("uncovered", uncovered)
+    absent = [name for name in missing if name not in defaults]
+    if absent:
+        raise ConfigurationError("uncovered", sorted(defaults), f"ranges of {', '.join(absent)} too")
+    return {name: defaults[name] for name in missing}
+
+
+def named_ranges(argument: str, ranges: object) -> dict[str, tuple[float, float]]:
+    """Ranges [rad] by name, of Table I by its name or as given; ConfigurationError names `argument`."""
+    if isinstance(ranges, str) and ranges in RANGES_OF_MOTION_DEG:
+        table = RANGES_OF_MOTION_DEG[ranges]
+        return {name: (math.radians(lower), math.radians(upper)) for name, (lower, upper) in table.items()}
+    if not isinstance(ranges, Mapping):
+        names = " or ".join(repr(name) for name in RANGES_OF_MOTION_DEG)
+        raise ConfigurationError(argument, ranges, f"{names}, or (lower, upper) by joint name")
+    return {name: _pair(f"{argument}[{name!r}]", pair) for name, pair in ranges.items()}
+
+
+def _cut(name: str, limits: tuple[float, float], bound: tuple[float, float], notes: list[str]) -> tuple[float, float]:
+    lower, upper = max(limits[0], bound[0]), min(limits[1], bound[1])
+    if not lower <= upper:
+        expected = f"a range that meets within[{name!r}] = {bound} (sign or unit?)"
+        raise ConfigurationError(f"angles of {name}", limits, expected)
+    if (lower, upper) != limits:
+        notes.append(f"{name}: cut to its anatomical limits")
+    return lower, upper
+
+
+def _pair(argument: str, pair: object) -> tuple[float, float]:
+    try:
+        lower, upper = (float(limit) for limit in pair)  # type: ignore[attr-defined]
+    except (TypeError, ValueError, OverflowError):
+        lower = upper = math.nan
+    if not -math.inf < lower <= upper < math.inf:
+        raise ConfigurationError(argument, pair, "finite (lower, upper) with lower <= upper")
+    return lower, upper

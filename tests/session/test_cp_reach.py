@@ -1,0 +1,193 @@
+"""Ranges used in recorded reaches: what the files hold, what was left out, and what the groups come to."""
+
+import itertools
+import pickle
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from rehab_opt import ConfigurationError, ProblemFileError, human_arm
+from rehab_opt.kinematics.human_arm import ARM_JOINTS
+from rehab_opt.session.cp_reach import group_range, reach_groups
+from rehab_opt.session.reach_rows import COLUMNS, GROUPS, TASKS, flip_suspects, read_cp_reach
+from rehab_opt.session.recordings import read_recording
+from rehab_opt.workspace.clinical_angles import WITHOUT_A_JOINT, model_shoulder, model_wrist
+from rehab_opt.workspace.used_range import range_of_motion
+
+Array = NDArray[np.float64]
+Recorded = Callable[[str], Path]
+TYPICAL, DYSKINETIC = GROUPS
+
+
+def rows_of(path: Path) -> Array:
+    return np.genfromtxt(path, delimiter=",")
+
+
+# ----------------------------------------------------------------------------------------------------- the real files
+@pytest.mark.parametrize("task", list(TASKS))
+def test_the_reader_returns_every_row_of_the_files_but_the_suspects(recorded: Recorded, task: str) -> None:
+    folder = recorded("cp_dyskinetic_reach")
+    groups = read_cp_reach(folder, task)
+    for column in COLUMNS:
+        path = folder / f"{task}_MEAN_{column}.csv"
+        if not path.exists():
+            assert column in WITHOUT_A_JOINT
+            assert column not in groups[0].angles
+            continue
+        table = rows_of(path)
+        sign = -1 if column == "ShEl" else 1  # ISB counts elevation negative
+        for number, group in enumerate(groups):
+            raw = table[table[:, 0] == number]
+            lines = {s.line for s in group.left_out if s.file == path.name}
+            kept = [row for line, row in enumerate(table, start=1) if row[0] == number and line not in lines]
+            np.testing.assert_allclose(group.angles[column], sign * np.deg2rad(np.array(kept)[:, 1:]))
+            assert len(kept) + len(lines) == len(raw)
+
+
+def test_two_rows_of_pronation_look_turned_round_and_none_of_a_shoulder(recorded: Recorded) -> None:
+    folder = recorded("cp_dyskinetic_reach")
+    left_out = [s for task in TASKS for group in read_cp_reach(folder, task) for s in group.left_out]
+    assert [(s.file, s.line) for s in left_out] == [("RF_MEAN_ElbProSup.csv", 50), ("RF_MEAN_ElbProSup.csv", 51)]
+    for suspect in left_out:
+        assert np.rad2deg(suspect.mean) == pytest.approx(-181.8, abs=1)
+        assert np.rad2deg(suspect.typical) == pytest.approx(135, abs=1)
+    _, kept = read_cp_reach(folder, "RF", keep_suspects=True)
+    assert len(kept.angles["ElbProSup"]) == 33
+    assert kept.left_out == ()
+
+
+def test_a_file_that_repeats_another_is_noted(recorded: Recorded) -> None:
+    typical, dyskinetic = read_cp_reach(recorded("cp_dyskinetic_reach"), "RF")
+    assert any("TrLatFl are those of TrFl" in note for note in dyskinetic.notes)
+    assert typical.notes == ()
+
+
+def test_both_groups_have_arms_for_both_tasks(recorded: Recorded) -> None:
+    groups = reach_groups(recorded("cp_dyskinetic_reach"))
+    assert set(groups) == {(task, group) for task in TASKS for group in GROUPS}
+    for (task, group), found in groups.items():
+        assert tuple(found.used) == found.used.covered == ARM_JOINTS
+        assert (found.task, found.group) == (task, group)
+        assert "not the range possible" in found.notes[1]
+        arm = human_arm(range_of_motion=found.used)
+        assert not arm.locked.any()
+        again = pickle.loads(pickle.dumps(found))
+        assert again.used == found.used
+    assert groups["RF", TYPICAL].rows["ShAbd"] == 18
+    assert groups["RF", DYSKINETIC].used.trials["wrist_supination"] == 31
+    # What the papers of the data's authors report of the reach forwards, here in the model's joints: people with
+    # dyskinetic cerebral palsy extend the elbow less, and protract the shoulder blade less.
+    typical, dyskinetic = groups["RF", TYPICAL].used, groups["RF", DYSKINETIC].used
+    assert dyskinetic["forearm_extension"][0] > typical["forearm_extension"][0] + np.deg2rad(15)
+    assert dyskinetic["scapular_retraction"][0] > typical["scapular_retraction"][0] + np.deg2rad(5)
+
+
+def test_a_joint_of_one_clinical_angle_has_the_medians_of_its_rows(recorded: Recorded) -> None:
+    folder = recorded("cp_dyskinetic_reach")
+    table = rows_of(folder / "RF_MEAN_ElbFlExt.csv")
+    elbow = np.deg2rad(table[table[:, 0] == 1, 1:])
+    found = group_range(read_cp_reach(folder, "RF")[1])
+    expected = (np.median(elbow.min(axis=1)), np.median(elbow.max(axis=1)))
+    np.testing.assert_allclose(found.used["forearm_extension"], expected)
+    pooled = group_range(read_cp_reach(folder, "RF")[1], cover=1.0)
+    np.testing.assert_allclose(pooled.used["forearm_extension"], (elbow.min(), elbow.max()))
+
+
+@pytest.mark.parametrize("group", [0, 1])
+def test_the_group_s_own_mean_reach_lies_within_its_range(recorded: Recorded, group: int) -> None:
+    """The medians of the clinical angles at each instant, converted as one reach, stay near the box of the medians."""
+    reach = read_cp_reach(recorded("cp_dyskinetic_reach"), "RF")[group]
+    used = group_range(reach).used
+    median = {column: np.median(rows, axis=0) for column, rows in reach.angles.items()}
+    shoulder = model_shoulder(median["ShAbd"], median["ShEl"], median["ShRot"])
+    wrist = model_wrist(median["ElbProSup"], median["WristFlExt"], median["WristDev"])
+    curves = dict(zip(ARM_JOINTS[2:], [*shoulder[1:], median["ElbFlExt"], *wrist], strict=True))
+    for joint, curve in curves.items():
+        lower, upper = used[joint]
+        assert lower - np.deg2rad(12) <= curve.min(), joint
+        assert curve.max() <= upper + np.deg2rad(12), joint
+
+
+def test_ranges_grow_with_the_share_of_limbs_they_cover(recorded: Recorded) -> None:
+    reach = read_cp_reach(recorded("cp_dyskinetic_reach"), "RGV")[1]
+    ranges = [group_range(reach, cover=cover).used for cover in (0.5, 0.7, 0.9)]
+    for narrow, wide in itertools.pairwise(ranges):
+        assert all(wide[j][0] <= narrow[j][0] <= narrow[j][1] <= wide[j][1] for j in ARM_JOINTS)
+    with pytest.raises(ConfigurationError):
+        group_range(reach, cover=0.4)
+    with pytest.raises(ConfigurationError):
+        group_range(reach, lower_percentile=50, upper_percentile=50)
+
+
+def test_the_range_used_while_lifting_a_box(recorded: Recorded) -> None:
+    recording = read_recording(recorded("upper_limb_mocap/inverse_kin.mot"))
+    used = range_of_motion({name: recording.joints[name] for name in ("elbow_flexion", "pro_sup", "shoulder_ele")})
+    for name, limits in used.items():
+        np.testing.assert_allclose(limits, np.percentile(recording.joints[name], [5, 95]))
+        assert used.samples[name] == 88
+    # Its names are not the model's: nothing of the model is covered until they are mapped.
+    assert used.uncovered == ARM_JOINTS
+    elbow = range_of_motion({"forearm_extension": recording.joints["elbow_flexion"]}, uncovered="regular")
+    assert elbow.covered == ("forearm_extension",)
+    human_arm(range_of_motion=elbow)
+
+
+# -------------------------------------------------------------------------------------------------------- made-up files
+def test_a_row_turned_round_is_found_and_an_unusual_one_is_not() -> None:
+    rng = np.random.default_rng(1)
+    rows = 1.2 + 0.1 * rng.standard_normal((20, 1)) + np.linspace(0, 0.3, 101)
+    assert not flip_suspects(rows).any()
+    rows[4] *= -1
+    rows[7] = 0.0  # flat, unusual
+    rows[9] -= 3.5  # of the other sign, but not the mirror image of the others
+    assert np.flatnonzero(flip_suspects(rows)).tolist() == [4]
+    assert not flip_suspects(rows - np.median(rows)).any()  # near zero a sign says nothing
+    assert not flip_suspects(rows[3:6]).any()  # too few to say what is usual
+
+
+def folder_with(tmp_path: Path, **changed: str) -> Path:
+    rng = np.random.default_rng(2)
+    for column in COLUMNS:
+        rows = [[group, *(20 + 50 * rng.random() + np.linspace(0, 9, 101))] for group in (0, 0, 0, 1, 1, 1)]
+        text = "\n".join(",".join(f"{cell:.6g}" for cell in row) for row in rows)
+        (tmp_path / f"RF_MEAN_{column}.csv").write_text(changed.get(column, text + "\n"))
+    return tmp_path
+
+
+ROW = ",".join(["1", *["10"] * 101])
+
+
+@pytest.mark.parametrize(
+    ("text", "where"),
+    [
+        ("0,1,2\n", "line 1"),
+        (f"{ROW}\n2{ROW[1:]}\n", "line 2, column 1"),
+        (f"{ROW}\n{ROW[:-2]}ten\n", "line 2, column 102"),
+        (f"{ROW}\n{ROW[:-2]}nan\n", "line 2, column 102"),
+        (f"{ROW}\n{ROW[:-2]}1000\n", "line 2, column 102"),
+        (f"{ROW}\n", "column 1"),  # nobody in group 0
+        ("", "file"),
+    ],
+)
+def test_a_bad_file_is_named_with_the_place(tmp_path: Path, text: str, where: str) -> None:
+    folder = folder_with(tmp_path, ElbFlExt=text)
+    with pytest.raises(ProblemFileError) as caught:
+        read_cp_reach(folder, "RF")
+    assert caught.value.file.endswith("RF_MEAN_ElbFlExt.csv")
+    assert caught.value.key == where
+
+
+def test_a_missing_file_matters_where_the_model_needs_it(tmp_path: Path) -> None:
+    folder = folder_with(tmp_path)
+    (folder / "RF_MEAN_ScRot.csv").unlink()
+    typical, _ = read_cp_reach(folder, "RF")
+    assert typical.notes == ("RF: no file of ScRot",)
+    assert tuple(group_range(typical).used) == ARM_JOINTS
+    (folder / "RF_MEAN_ShEl.csv").unlink()
+    with pytest.raises(ProblemFileError, match="ShEl"):
+        read_cp_reach(folder, "RF")
+    with pytest.raises(ProblemFileError, match="task"):
+        read_cp_reach(folder, "RS")

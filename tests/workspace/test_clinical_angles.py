@@ -1,0 +1,123 @@
+"""Clinical angles and model joints describe one arm: scipy's rotations on one side, the chain on the other."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from rehab_opt import human_arm
+from rehab_opt.kinematics.human_arm import ARM_JOINTS, ARM_REST
+from rehab_opt.workspace.clinical_angles import (
+    CLINICAL_ANGLES,
+    WITHOUT_A_JOINT,
+    model_scapula,
+    model_shoulder,
+    model_wrist,
+)
+
+Array = NDArray[np.float64]
+ARM = human_arm()
+RIGHT, FORWARD, UP = np.eye(3)
+LEFT = -RIGHT
+
+
+def moved(joint: str, angle: float = 0.3, posture: Array = ARM_REST) -> tuple[Array, Array]:
+    """The hand's displacement, and the axis out of its thumb's side, after a joint moved from `posture`."""
+    q = posture.copy()
+    q[ARM_JOINTS.index(joint)] += angle
+    pose = ARM.pose(q)
+    return pose[:3, 3] - ARM.pose(posture)[:3, 3], pose[:3, 0]
+
+
+# ------------------------------------------------------------- which movement each joint of Table I is, of a left arm
+@pytest.mark.parametrize(
+    ("joint", "direction"),
+    [
+        ("scapular_retraction", -FORWARD),
+        ("shoulder_adduction", RIGHT),  # towards the body, and beyond
+        ("humeral_flexion", FORWARD),
+        ("forearm_extension", FORWARD),  # as it grows the elbow FLEXES
+        ("wrist_flexion", FORWARD),  # the palm of the supinated hand faces forward
+        ("wrist_deviation", RIGHT),  # to the little finger's side, which is the body's in that posture
+    ],
+)
+def test_a_joint_moves_the_hanging_hand(joint: str, direction: Array) -> None:
+    displacement, _ = moved(joint, 1e-6)
+    np.testing.assert_allclose(displacement / np.linalg.norm(displacement), direction, atol=1e-5)
+
+
+def test_glenohumeral_rotation_turns_the_flexed_forearm_outwards() -> None:
+    bent = ARM_REST.copy()
+    bent[4] = np.pi / 2
+    displacement, _ = moved("glenohumeral_rotation", 1e-6, bent)
+    np.testing.assert_allclose(displacement / np.linalg.norm(displacement), LEFT, atol=1e-5)
+
+
+def test_wrist_supination_pronates_as_it_grows() -> None:
+    displacement, thumb = moved("wrist_supination", 0.0)
+    np.testing.assert_allclose(thumb, LEFT, atol=1e-12)  # palm forward, thumb to the side: fully supinated
+    displacement, thumb = moved("wrist_supination", np.pi / 2)
+    np.testing.assert_allclose(displacement, 0, atol=1e-12)
+    np.testing.assert_allclose(thumb, FORWARD, atol=1e-12)  # half way to palm backward
+
+
+# ----------------------------------------------------------------------------------------------------- the conversion
+angle = st.floats(-3.0, 3.0)
+
+
+@given(angle, st.floats(0.01, 3.0), angle, st.floats(0.0, 2.6), angle, st.floats(-1.4, 1.4), st.floats(-0.7, 0.7))
+def test_the_model_stands_as_the_clinical_angles_say(
+    plane: float, elevation: float, axial: float, elbow: float, pronation: float, flexion: float, ulnar: float
+) -> None:
+    """ISB orders: plane, elevation, axial rotation; elbow; pronation, flexion, deviation, each about the moved axes.
+
+    For a left arm in a frame right, forward, up; the arm hangs along -z with the palm forward where all are zero.
+    """
+    humerus = Rotation.from_euler("ZYZ", [-plane, elevation, -axial])
+    forearm = humerus * Rotation.from_euler("X", elbow)
+    hand = forearm * Rotation.from_euler("ZXY", [-pronation, flexion, -ulnar])
+    down = np.array([0.0, 0.0, -1.0])
+    position = 0.13 * LEFT + humerus.apply(0.29 * down) + forearm.apply(0.30 * down) + hand.apply(0.07 * down)
+    q = [np.pi, *model_shoulder(plane, elevation, axial), elbow, *model_wrist(pronation, flexion, ulnar)]
+    pose = ARM.pose(np.array(q, dtype=float))
+    np.testing.assert_allclose(pose[:3, 3], position, atol=1e-7)
+    np.testing.assert_allclose(pose[:3, 0], hand.apply(LEFT), atol=1e-7)
+    np.testing.assert_allclose(pose[:3, 2], hand.apply(down), atol=1e-7)
+
+
+def test_pure_movements_are_single_joints() -> None:
+    e = np.linspace(0.0, 1.5, 20)
+    zero, right_angle = np.zeros_like(e), np.pi / 2
+    # Raised to the front with the elbow's axis across: humeral flexion. To the side: less adduction.
+    np.testing.assert_allclose(model_shoulder(right_angle, e, -right_angle), [zero, zero + right_angle, e], atol=1e-12)
+    np.testing.assert_allclose(model_shoulder(0.0, e, 0.0), [zero, right_angle - e, zero], atol=1e-12)
+    # Hanging, internal rotation: joint 2 falls.
+    np.testing.assert_allclose(model_shoulder(0.0, 0.0, e), [-e, zero + right_angle, zero], atol=1e-12)
+    np.testing.assert_allclose(model_wrist(e, 0.0, 0.0), [zero, zero - right_angle, e], atol=1e-12)
+    np.testing.assert_allclose(model_wrist(0.0, e, 0.0), [e, zero - right_angle, zero], atol=1e-12)
+    np.testing.assert_allclose(model_wrist(0.0, 0.0, e / 3), [zero, e / 3 - right_angle, zero], atol=1e-12)
+
+
+def test_name_by_name_axial_rotation_would_be_lost() -> None:
+    """With the arm raised to the front, turning the humerus about itself is the model's adduction, one to one."""
+    axial = np.deg2rad([-80.0, -60.0, -30.0])
+    _, adduction, _ = model_shoulder(np.pi / 2, np.pi / 2, axial)
+    np.testing.assert_allclose(adduction, -axial, atol=1e-12)
+
+
+def test_a_right_arm_takes_the_same_angles_mirrored() -> None:
+    q = np.array([np.pi, *model_shoulder(1.4, 1.0, -0.8), 0.6, *model_wrist(2.0, -0.2, 0.1)], dtype=float)
+    left, right = ARM.pose(q), human_arm(side="right").pose(q)
+    np.testing.assert_allclose(right[:3, 3], left[:3, 3] * [-1, 1, 1], atol=1e-12)
+
+
+def test_the_scapula_is_counted_from_the_start_and_backwards() -> None:
+    np.testing.assert_allclose(model_scapula([[0.5, 0.7, 0.6], [0.1, 0.0, 0.1]]), [[0, -0.2, -0.1], [0, 0.1, 0]])
+
+
+def test_the_table_covers_every_joint_and_says_how_sure_it_is() -> None:
+    assert {joint for row in CLINICAL_ANGLES for joint in row.joints} == set(ARM_JOINTS)
+    assert all(row.sure in ("high", "fair", "low") and abs(row.sign) == 1 and row.why for row in CLINICAL_ANGLES)
+    assert not {row.column for row in CLINICAL_ANGLES} & set(WITHOUT_A_JOINT)

@@ -1,0 +1,177 @@
+"""The range used is what numpy's percentiles say of the samples seen, and says what it does not know."""
+
+import pickle
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from numpy.typing import NDArray
+
+from rehab_opt import ConfigurationError, human_arm
+from rehab_opt.kinematics.human_arm import ARM_JOINTS, RANGES_OF_MOTION_DEG
+from rehab_opt.workspace.used_range import UsedRange, range_of_motion
+
+Array = NDArray[np.float64]
+recordings = arrays(np.float64, st.tuples(st.integers(12, 60)), elements=st.floats(-1.5, 1.5))
+RNG = np.random.default_rng(3)
+SWING = 0.6 * np.sin(np.linspace(0.0, 9.0, 400)) + 0.05 * RNG.standard_normal(400)
+
+
+# ------------------------------------------------------------------------------------------------------- the numbers
+def test_a_range_is_the_percentiles_of_all_trials_together() -> None:
+    trials = [SWING[:100], SWING[100:130], SWING[130:]]
+    used = range_of_motion({"elbow": trials}, lower_percentile=2.5, upper_percentile=90)
+    np.testing.assert_allclose(used["elbow"], np.percentile(SWING, [2.5, 90]))
+    assert (used.samples["elbow"], used.trials["elbow"], used.gaps["elbow"]) == (400, 3, 0)
+
+
+def test_one_array_ragged_trials_and_names_mean_the_same() -> None:
+    table = np.column_stack([SWING, -SWING, 0.5 * SWING])
+    names = ("a", "b", "c")
+    whole = range_of_motion(table, names=names)
+    assert whole == range_of_motion([table[:7], table[7:250], table[250:]], names=names)
+    assert whole == range_of_motion(dict(zip(names, table.T, strict=True)))
+    assert whole == range_of_motion(table.reshape(4, 100, 3), names=names)
+    assert whole == range_of_motion({name: column.reshape(8, 50) for name, column in zip(names, table.T, strict=True)})
+    assert whole == range_of_motion({name: list(column) for name, column in zip(names, table.T, strict=True)})
+
+
+def test_gaps_are_counted_and_change_nothing() -> None:
+    holed = np.insert(SWING, [3, 90, 399], [np.nan, np.nan, np.inf])
+    used = range_of_motion({"elbow": [holed, np.full(5, np.nan)]})
+    np.testing.assert_allclose(used["elbow"], np.percentile(SWING, [5, 95]))
+    assert (used.samples["elbow"], used.trials["elbow"], used.gaps["elbow"]) == (400, 1, 8)
+    assert "8 of 408" in used.notes[0]
+
+
+def test_jumps_by_whole_turns_are_undone_within_and_between_trials() -> None:
+    around = 3.0 + SWING  # crosses pi
+    jumping = np.angle(np.exp(1j * around))
+    assert np.ptp(jumping) > 6
+    expected = np.percentile(around, [5, 95])
+    np.testing.assert_allclose(range_of_motion({"wrist": jumping})["wrist"], expected)
+    trials = [around[:200], around[200:] - 2 * np.pi]
+    np.testing.assert_allclose(range_of_motion({"wrist": trials})["wrist"], expected)
+    near = range_of_motion({"wrist": around}, within={"wrist": (-2 * np.pi, 0.0)})  # the branch of the limits
+    np.testing.assert_allclose(near["wrist"], expected - 2 * np.pi)
+
+
+def test_margin_adds_then_minimum_width_widens_about_the_middle_then_limits_cut() -> None:
+    lower, upper = np.percentile(SWING, [5, 95])
+    used = range_of_motion({"a": SWING}, margin=0.1)
+    np.testing.assert_allclose(used["a"], (lower - 0.1, upper + 0.1))
+    middle = (lower + upper) / 2
+    used = range_of_motion({"a": SWING}, margin=0.1, minimum_width=3.0)
+    np.testing.assert_allclose(used["a"], (middle - 1.5, middle + 1.5))
+    used = range_of_motion({"a": SWING}, margin=0.1, minimum_width=3.0, within={"a": (-0.2, 9.0)})
+    np.testing.assert_allclose(used["a"], (-0.2, middle + 1.5))
+    assert any("cut" in note for note in used.notes)
+
+
+@settings(max_examples=60)
+@given(recordings, st.floats(0, 49), st.floats(51, 100), st.floats(0, 0.5), st.floats(0, 2))
+def test_a_range_is_ordered_wide_enough_and_grows_with_what_widens_it(
+    values: Array, low: float, high: float, margin: float, width: float
+) -> None:
+    narrow = range_of_motion({"a": values}, lower_percentile=low, upper_percentile=high)["a"]
+    wide = range_of_motion(
+        {"a": values}, lower_percentile=low / 2, upper_percentile=high, margin=margin, minimum_width=width
+    )["a"]
+    assert wide[0] <= narrow[0] <= narrow[1] <= wide[1]
+    assert wide[1] - wide[0] >= max(width, 2 * margin) - 1e-12
+    cut = range_of_motion({"a": values}, margin=margin, minimum_width=width, within={"a": (-2.0, 1.6)})["a"]
+    assert -2.0 <= cut[0] <= cut[1] <= 1.6
+
+
+@settings(max_examples=40)
+@given(recordings, recordings)
+def test_the_whole_range_of_more_trials_contains_that_of_fewer(first: Array, second: Array) -> None:
+    steady = [np.clip(first, -1.0, 1.0), np.clip(second, -1.0, 1.0)]  # no step of half a turn: nothing to unwrap
+    one = range_of_motion({"a": steady[:1]}, lower_percentile=0, upper_percentile=100)["a"]
+    two = range_of_motion({"a": steady}, lower_percentile=0, upper_percentile=100)["a"]
+    assert two[0] <= one[0] <= one[1] <= two[1]
+
+
+# --------------------------------------------------------------------------------------------------------- as a range
+def test_all_eight_joints_make_an_arm() -> None:
+    q = np.column_stack([0.1 * i + 0.2 * SWING for i in range(8)])
+    arm = human_arm(range_of_motion=range_of_motion(q))
+    lower, upper = np.percentile(q, [5, 95], axis=0)
+    np.testing.assert_allclose(arm.lower, lower + [np.pi, *[0] * 7])
+    np.testing.assert_allclose(arm.upper, upper + [np.pi, *[0] * 7])
+
+
+def test_joints_without_data_stay_away_unless_a_default_is_stated() -> None:
+    data = {"humeral_flexion": SWING, "forearm_extension": 0.5 + SWING}
+    seen = range_of_motion(data)
+    assert tuple(seen) == seen.covered == ("humeral_flexion", "forearm_extension")
+    assert set(seen.uncovered) == set(ARM_JOINTS) - set(seen)
+    with pytest.raises(ConfigurationError, match="wrist_flexion"):
+        human_arm(range_of_motion=seen)
+    filled = range_of_motion(data, uncovered="regular")
+    assert tuple(filled) == ARM_JOINTS
+    assert filled.assumed == filled.uncovered == seen.uncovered
+    np.testing.assert_allclose(filled["wrist_flexion"], np.deg2rad(RANGES_OF_MOTION_DEG["regular"]["wrist_flexion"]))
+    assert filled["humeral_flexion"] == seen["humeral_flexion"]
+    assert "wrist_flexion" in filled.notes[-1]
+    human_arm(range_of_motion=filled)
+    mine = dict.fromkeys(ARM_JOINTS, (-0.1, 0.1))
+    assert range_of_motion(data, uncovered=mine)["wrist_flexion"] == (-0.1, 0.1)
+    with pytest.raises(ConfigurationError, match="wrist_deviation"):
+        range_of_motion(data, uncovered={name: (0, 0) for name in ARM_JOINTS if name != "wrist_deviation"})
+
+
+def test_it_calls_itself_the_range_used() -> None:
+    used = range_of_motion({"forearm_extension": SWING}, uncovered="regular")
+    assert "range used, not the range possible" in repr(used)
+    assert "wrist_flexion -50.0..60.0 deg assumed" in repr(used)
+
+
+def test_it_is_frozen_and_survives_a_process_pool() -> None:
+    used = range_of_motion({"forearm_extension": SWING}, uncovered="restricted")
+    again = pickle.loads(pickle.dumps(used))
+    assert again == used
+    assert (again.assumed, again.notes, again.samples) == (used.assumed, used.notes, used.samples)
+    with pytest.raises(TypeError):
+        used.limits["forearm_extension"] = (0.0, 1.0)  # type: ignore[index]
+    with pytest.raises(ConfigurationError):
+        UsedRange({"forearm_extension": (1.0, 0.0)})
+
+
+# ------------------------------------------------------------------------------------------------------ bad arguments
+@pytest.mark.parametrize(
+    ("angles", "options"),
+    [
+        ({"a": np.full(50, np.nan)}, {}),
+        ({"a": SWING[:9]}, {}),
+        ({"a": SWING}, {"minimum_samples": 401}),
+        ({"a": SWING}, {"minimum_samples": 0}),
+        ({"a": np.rad2deg(SWING)}, {}),
+        ({"a": SWING}, {"lower_percentile": 95, "upper_percentile": 5}),
+        ({"a": SWING}, {"lower_percentile": np.nan}),
+        ({"a": SWING}, {"margin": -0.1}),
+        ({"a": SWING}, {"margin": np.nan}),
+        ({"a": SWING}, {"minimum_width": np.inf}),
+        ({"a": SWING}, {"within": {"b": (0, 1)}}),
+        ({"a": SWING}, {"within": {"a": (1, 0)}}),
+        ({"a": SWING}, {"within": {"a": (2.0, 3.0)}}),
+        ({"a": SWING}, {"uncovered": "wide"}),
+        ({"a": SWING}, {"names": ["a"]}),
+        ({"a": SWING}, {"uncovered": {"wrist_flexion": (1, 0)}}),
+        ({"a": "text"}, {}),
+        ({"a": np.zeros((2, 3, 4))}, {}),
+        ({}, {}),
+        ([], {}),
+        (SWING, {}),
+        (np.zeros((50, 3)), {}),
+        (np.zeros((50, 3)), {"names": ["a", "b"]}),
+        (np.zeros((50, 3)), {"names": ["a", "b", "b"]}),
+        ([np.zeros((50, 2)), np.zeros((50, 3))], {"names": ["a", "b"]}),
+        (np.full((50, 8), np.pi), {}),  # joint 1 as the chain counts it, not from its rest
+    ],
+)
+def test_what_cannot_be_a_recording_is_refused(angles: object, options: dict[str, object]) -> None:
+    with pytest.raises(ConfigurationError):
+        range_of_motion(angles, **options)  # type: ignore[arg-type]
