@@ -148,6 +148,18 @@ def test_a_grasp_of_something_vertical_calibrates_pronation(recorded: Recorded) 
         group_range(typical, pronation_zero=np.nan)
 
 
+@pytest.mark.parametrize("task", list(TASKS))
+@pytest.mark.parametrize("group", [0, 1])
+def test_elevation_plane_and_axial_rotation_are_of_the_same_limbs(recorded: Recorded, task: str, group: int) -> None:
+    """Near the hanging arm the two compensate each other in one limb; rows of different limbs could not know."""
+    angles = read_cp_reach(recorded("cp_dyskinetic_reach"), task)[group].angles
+    plane, axial = angles["ShAbd"][:, 0], angles["ShRot"][:, 0]
+    found = np.corrcoef(plane, axial)[0, 1]
+    rng = np.random.default_rng(0)
+    shuffled = [np.corrcoef(plane, rng.permutation(axial))[0, 1] for _ in range(2000)]
+    assert np.mean(np.array(shuffled) <= found) < 0.05
+
+
 def test_ranges_grow_with_the_share_of_limbs_they_cover(recorded: Recorded) -> None:
     reach = read_cp_reach(recorded("cp_dyskinetic_reach"), "RGV")[1]
     ranges = [group_range(reach, cover=cover).used for cover in (0.5, 0.7, 0.9)]
