@@ -16,6 +16,7 @@ from rehab_opt.session.reach_rows import COLUMNS, GROUPS, TASKS, ReachAngles, fl
 from rehab_opt.session.recordings import read_recording
 from rehab_opt.workspace.clinical_angles import WITHOUT_A_JOINT, model_shoulder, model_wrist
 from rehab_opt.workspace.used_range import range_of_motion
+from rehab_opt.workspace.varied_ranges import varied_ranges
 
 Array = NDArray[np.float64]
 Recorded = Callable[[str], Path]
@@ -146,6 +147,16 @@ def test_a_grasp_of_something_vertical_calibrates_pronation(recorded: Recorded) 
     np.testing.assert_allclose(found["RGV", TYPICAL].used["wrist_supination"], np.array(plain) - zero, atol=0.1)
     with pytest.raises(ConfigurationError):
         group_range(typical, pronation_zero=np.nan)
+
+
+def test_a_group_s_spread_draws_people_around_its_range(recorded: Recorded) -> None:
+    found = group_range(read_cp_reach(recorded("cp_dyskinetic_reach"), "RF")[1])
+    people = varied_ranges(found.used, spread=found.spread, count=20, seed=3)
+    for name in ARM_JOINTS:
+        lower = np.array([person[name][0] for person in people])
+        assert np.abs(lower - found.used[name][0]).max() <= 2 * found.spread[name][0] + 1e-12
+        assert lower.std() > 0
+    assert len({human_arm(range_of_motion=person).lower.tobytes() for person in people}) == 20
 
 
 @pytest.mark.parametrize("task", list(TASKS))
