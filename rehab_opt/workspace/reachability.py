@@ -108,7 +108,7 @@ class ReachabilityMap:
             height=first.height,
             handle_tilt=first.handle_tilt,
             placement=first.placement,
-            reason=f"no point is reachable in {at_least:g} of {len(self.workspaces)} trials"
+            reason=f"no point is reachable in {100 * at_least:g} % of {len(self.workspaces)} trials"
             if polygon.is_empty
             else "",
         )
