@@ -60,7 +60,7 @@ def reachability_map(
     """
     from rehab_opt.workspace.region import Workspace  # noqa: PLC0415  (brings shapely)
 
-    if isinstance(limbs, Mapping | Workspace | SerialChain | str) or not len(limbs):
+    if isinstance(limbs, str) or not isinstance(limbs, Sequence) or not limbs:
         raise ConfigurationError("limbs", limbs, "a sequence of ranges of motion, arms or workspaces, at least one")
     if not 0 < spacing < math.inf:
         raise ConfigurationError("spacing", spacing, "a length above 0")

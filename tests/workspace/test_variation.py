@@ -74,13 +74,13 @@ def test_the_grid_samples_the_probability_and_surrounds_the_workspaces() -> None
 
 
 # ------------------------------------------------------------------------------------------------------------ regions
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(st.lists(boxes, min_size=1, max_size=7), st.data())
 def test_a_region_has_exactly_the_points_of_that_share(limits: list[tuple[float, ...]], data: Any) -> None:
     """The oracle counts cells of the lattice that all corners lie on."""
     weights = data.draw(st.lists(st.integers(1, 5), min_size=len(limits), max_size=len(limits)))
     share = data.draw(st.sampled_from([0.1, 0.25, 0.5, 0.6, 0.75, 0.9, 1.0]))
-    shares = reachability_map([box(*b) for b in limits], weights=weights)
+    shares = reachability_map([box(*b) for b in limits], weights=weights, spacing=0.1)
     centres = (np.arange(24) + 0.5) / 40
     x, y = np.meshgrid(centres, centres)
     counts = sum(w * ((b[0] < x) & (x < b[2]) & (b[1] < y) & (y < b[3])) for w, b in zip(weights, limits, strict=True))
@@ -152,6 +152,20 @@ def test_few_trials_promise_little() -> None:
     assert ten.region(0.9).area == pytest.approx(0.01)
     assert ten.region(0.9, confidence=0.95).empty  # ten of ten promise 0.72
     assert hundred.region(0.9, confidence=0.95).area == pytest.approx(0.01)
+
+
+def test_a_map_survives_a_process_pool_and_cannot_be_changed() -> None:
+    shares = reachability_map(THREE)
+    again = pickle.loads(pickle.dumps(shares))
+    np.testing.assert_array_equal(again.grid, shares.grid)
+    assert again.region(0.5).area == pytest.approx(shares.region(0.5).area)
+    with pytest.raises(ValueError, match="read-only"):
+        shares.grid[0, 0] = 1.0
+
+
+def test_workspaces_known_exactly_are_overlaid_exactly() -> None:
+    exact = [Workspace(w.polygon, accuracy=0.0) for w in THREE]
+    assert reachability_map(exact).region(1.0).area == pytest.approx(0.01, abs=1e-15)
 
 
 def test_one_heavy_trial_is_worth_few() -> None:
@@ -240,6 +254,8 @@ def test_equal_seeds_draw_equal_ranges_and_only_named_joints_vary() -> None:
         ([], {}),
         (THREE[0], {}),
         ("regular", {}),
+        (iter(THREE), {}),
+        ([None], {}),
         (named_ranges("", "regular"), {}),
         (THREE, {"weights": [1, 1]}),
         (THREE, {"weights": [1, 1, -1]}),
