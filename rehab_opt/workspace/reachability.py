@@ -49,6 +49,9 @@ class ReachabilityMap:
         for array in (self.x, self.y, self.grid, self.weights):
             array.flags.writeable = False
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.x, self.y, self.grid, self.workspaces, self.weights)  # pickle forgets what is frozen
+
     @property
     def trials(self) -> float:
         """Effective number of trials, 1 / sum(weights^2): n where all weigh the same (Kish)."""

@@ -160,7 +160,7 @@ def test_a_map_survives_a_process_pool_and_cannot_be_changed() -> None:
     np.testing.assert_array_equal(again.grid, shares.grid)
     assert again.region(0.5).area == pytest.approx(shares.region(0.5).area)
     with pytest.raises(ValueError, match="read-only"):
-        shares.grid[0, 0] = 1.0
+        again.grid[0, 0] = 1.0
 
 
 def test_workspaces_known_exactly_are_overlaid_exactly() -> None:
