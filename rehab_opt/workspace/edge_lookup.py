@@ -32,6 +32,8 @@ REACHES = (2.0, 24.0)
 """Sides of the grids, in sizes of the polygon: a person's hand is often many widths away from a small workspace."""
 MOST = 48
 """Edges in a cell's list; where more matter (a boundary of thousands from afar) all are compared at once."""
+BEYOND = 1e100
+"""[m] counts as infinitely far: its square would be no number."""
 ROUNDING = 1e-9
 UNKNOWN = -1
 """Status of a cell that the boundary may cross."""
@@ -119,7 +121,7 @@ class EdgeLookup:
 
     def _compared(self, x: float, y: float) -> list[Edge]:
         """The nearest of all edges, with those as near but for rounding; none for what is not finite."""
-        if not (math.isfinite(x) and math.isfinite(y)):
+        if not (abs(x) < BEYOND and abs(y) < BEYOND):
             return []
         square = _squares(self._table, np.array([x]), np.array([y]))
         return [self._edges[i] for i in np.flatnonzero(square <= square.min() * (1 + ROUNDING))]

@@ -134,7 +134,7 @@ class Workspace:
         if status >= 0:
             return status == 1
         x, y = point
-        return lookup.signed(x, y).distance <= ON_BOUNDARY * (1.0 + abs(x) + abs(y))
+        return lookup.signed(x, y).distance - ON_BOUNDARY * (1.0 + abs(x) + abs(y)) <= 0.0  # so that inf - inf fails
 
     def distance(self, points: ArrayLike) -> float | Array:
         """Signed distance to the boundary [m], negative inside: (2,) -> float, (N, 2) -> (N,).
