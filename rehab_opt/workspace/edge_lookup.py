@@ -14,12 +14,12 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["EdgeLookup", "Foot"]
+__all__ = ["EdgeLookup"]
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -37,15 +37,6 @@ BEYOND = 1e100
 ROUNDING = 1e-9
 UNKNOWN = -1
 """Status of a cell that the boundary may cross."""
-
-
-class Foot(NamedTuple):
-    """The nearest point of the boundary."""
-
-    distance: float
-    """[m] to it, negative from inside; infinite from infinitely far, NaN from nowhere."""
-    x: float
-    y: float
 
 
 class EdgeLookup:
@@ -71,8 +62,11 @@ class EdgeLookup:
             known = [None if each is None else [edges[i] for i in each] for each in lists]
             self._grids.append((float(corner[0]), float(corner[1]), 1.0 / pitch, known, status))
 
-    def signed(self, x: float, y: float) -> Foot:
-        """Signed distance [m], negative inside, and the nearest point of the boundary; NaN for what is not finite."""
+    def signed(self, x: float, y: float) -> tuple[float, float, float]:
+        """Signed distance [m], negative inside, and x and y of the boundary's nearest point.
+
+        Of an infinite point the distance is infinite, of one that is NaN it is NaN; either has no nearest point: NaN.
+        """
         cells = self._cells
         for x0, y0, per_metre, lists, _ in self._grids:
             column, row = (x - x0) * per_metre, (y - y0) * per_metre
@@ -106,8 +100,8 @@ class EdgeLookup:
         distance = math.sqrt(best)
         if distance == math.inf:
             nowhere = math.isnan(x) or math.isnan(y)
-            return Foot(math.nan if nowhere else math.inf, math.nan, math.nan)
-        return Foot(distance if sign > 0.0 else -distance, nearest_x, nearest_y)
+            return (math.nan if nowhere else math.inf), math.nan, math.nan
+        return (distance if sign > 0.0 else -distance), nearest_x, nearest_y
 
     def status(self, x: float, y: float) -> int:
         """1 where the cell of the point lies wholly inside, 0 wholly outside, `UNKNOWN` where edges must be asked."""

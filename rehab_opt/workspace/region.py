@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 __all__ = ["Workspace"]
 
 Array = NDArray[np.float64]
+_FLOATS = np.dtype(np.float64)
 
 ON_BOUNDARY = 1e-12
 """[m], and per metre of coordinate: nearer to the boundary than this counts as on it, and so as inside."""
@@ -134,7 +135,7 @@ class Workspace:
         if status >= 0:
             return status == 1
         x, y = point
-        return lookup.signed(x, y).distance - ON_BOUNDARY * (1.0 + abs(x) + abs(y)) <= 0.0  # so that inf - inf fails
+        return lookup.signed(x, y)[0] - ON_BOUNDARY * (1.0 + abs(x) + abs(y)) <= 0.0  # so that inf - inf fails
 
     def distance(self, points: ArrayLike) -> float | Array:
         """Signed distance to the boundary [m], negative inside: (2,) -> float, (N, 2) -> (N,).
@@ -147,7 +148,7 @@ class Workspace:
         lookup = self._lookup
         if lookup is None:
             return math.nan if any(map(math.isnan, point)) else math.inf
-        return lookup.signed(*point).distance
+        return lookup.signed(*point)[0]
 
     def nearest(self, point: ArrayLike) -> Array:
         """(2,) [m] the reachable point nearest to `point` (2,), itself where it is reachable.
@@ -215,10 +216,12 @@ def _rebuilt(given: dict[str, Any]) -> Workspace:
 def _one(points: ArrayLike) -> tuple[float, float] | None:
     """The coordinates of a single point; None where these are several, or none."""
     if isinstance(points, np.ndarray):
-        if points.shape != (2,) or points.dtype.kind not in "fiu":
+        if points.shape != (2,):
             return None
         x, y = points.tolist()
-        return float(x), float(y)
+        if points.dtype is _FLOATS:  # the usual case, in a tick
+            return x, y
+        return (float(x), float(y)) if points.dtype.kind in "fiu" else None
     if not isinstance(points, tuple | list):
         return None
     try:
