@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.symbolic import BufferedFunction
 from rehab_opt.workspace.spline_fit import Fit, checked_landmarks, checked_smoothing, fitted
 from rehab_opt.workspace.spline_inverse import Starts, preimage, preimages, tolerances
 from rehab_opt.workspace.spline_kernel import jacobians, point_function, values
@@ -92,10 +91,10 @@ class ThinPlateSpline:
     def __call__(self, points: ArrayLike) -> Array:
         """Images [m]: (2,) -> (2,), (M, 2) -> (M, 2)."""
         if getattr(points, "shape", None) == (2,):
-            buffers = self._for_value()
-            buffers.inputs[0][:] = points
-            buffers.evaluate()
-            return buffers.outputs[0].copy()
+            point, evaluate, image = self._value.parts
+            point[...] = points
+            evaluate()
+            return image.copy()  # type: ignore[no-any-return]
         array = _points(points)
         return self(array) if array.ndim == 1 else values(self._fit, array)
 
@@ -106,10 +105,14 @@ class ThinPlateSpline:
 
     def value_and_jacobian(self, point: ArrayLike) -> tuple[Array, Array]:
         """Image (2,) [m] and Jacobian (2, 2) of one point (2,) in one evaluation."""
-        buffers = self._for_jacobian()
-        buffers.inputs[0][:] = point
-        buffers.evaluate()
-        return buffers.outputs[0].copy(), buffers.outputs[1].copy()
+        if getattr(point, "shape", None) != (2,):
+            point = _points(point)
+            if point.ndim != 1:
+                raise ConfigurationError("point", point, "one point (2,)")
+        given, evaluate, image, slopes = self._value_and_jacobian.parts
+        given[...] = point
+        evaluate()
+        return image.copy(), slopes.copy()
 
     def inverse(self, points: ArrayLike, start: ArrayLike | None = None) -> Array:
         """Points that the map sends to the given ones: (2,) -> (2,), (M, 2) -> (M, 2).
@@ -150,12 +153,11 @@ class ThinPlateSpline:
         x, y = image.tolist()
         if not (math.isfinite(x) and math.isfinite(y)):
             return np.full(2, np.nan)
-        buffers = self._for_jacobian()
-        point, (value, slopes) = buffers.inputs[0], buffers.outputs
+        point, evaluate, value, slopes = self._value_and_jacobian.parts
 
-        def evaluate(x: float, y: float) -> tuple[float, ...]:
-            point[:] = x, y
-            buffers.evaluate()
+        def values_at(x: float, y: float) -> tuple[float, ...]:
+            point[0], point[1] = x, y
+            evaluate()
             return *value.tolist(), *slopes.ravel().tolist()
 
         def starts() -> Iterator[tuple[float, float]]:
@@ -164,7 +166,7 @@ class ThinPlateSpline:
             for more in self._starts:
                 yield tuple(more(image[np.newaxis])[0].tolist())
 
-        return np.array(preimage(evaluate, x, y, starts(), float(tolerances(self._fit, image[np.newaxis])[0])))
+        return np.array(preimage(values_at, x, y, starts(), float(tolerances(self._fit, image[np.newaxis])[0])))
 
     @cached_property
     def _starts(self) -> list[Starts]:
@@ -191,23 +193,13 @@ class ThinPlateSpline:
     def _evaluated(self, points: Array) -> tuple[Array, Array]:
         return jacobians(self._fit, points)
 
-    def _for_value(self) -> BufferedFunction:
-        try:
-            return self._buffers.value  # type: ignore[no-any-return]
-        except AttributeError:
-            self._buffers.value = point_function(self._fit, with_jacobian=False)
-            return self._buffers.value  # type: ignore[no-any-return]
-
-    def _for_jacobian(self) -> BufferedFunction:
-        try:
-            return self._buffers.jacobian  # type: ignore[no-any-return]
-        except AttributeError:
-            self._buffers.jacobian = point_function(self._fit, with_jacobian=True)
-            return self._buffers.jacobian  # type: ignore[no-any-return]
+    @cached_property
+    def _value(self) -> _OfThisThread:
+        return _OfThisThread(self._fit, with_jacobian=False)
 
     @cached_property
-    def _buffers(self) -> threading.local:
-        return threading.local()  # a buffer belongs to one thread
+    def _value_and_jacobian(self) -> _OfThisThread:
+        return _OfThisThread(self._fit, with_jacobian=True)
 
     def _freeze(self) -> None:
         for array in (self.source, self.target, self.weights, self.affine, *self._fit):
@@ -215,11 +207,21 @@ class ThinPlateSpline:
                 array.flags.writeable = False
 
     def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in self.__dict__.items() if name not in {"_buffers", "_starts"}}
+        made = {"_value", "_value_and_jacobian", "_starts"}
+        return {name: value for name, value in self.__dict__.items() if name not in made}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
         self._freeze()  # pickle forgets it
+
+
+class _OfThisThread(threading.local):
+    """The compiled map of one thread: a buffer belongs to one. Python makes it anew for each that looks."""
+
+    def __init__(self, fit: Fit, *, with_jacobian: bool) -> None:
+        function = self.function = point_function(fit, with_jacobian=with_jacobian)  # kept: `evaluate` lives by it
+        self.parts: tuple[Any, ...] = (function.inputs[0], function.evaluate, *function.outputs)
+        """The point to be written, what evaluates it, and the arrays that hold the results."""
 
 
 def _in_given_units(fit: Fit) -> tuple[Array, Array]:

@@ -69,60 +69,61 @@ def fitted(source: Array, target: Array, smoothing: float) -> Fit:
     ------
     ConfigurationError : source landmarks that coincide, lie on a line, or are too close together to solve for.
     """
+    centre, scale, landmarks = _unit_spread(source)
+    square = _square_distances(landmarks)
+    _check_apart(square, source, scale)
+    R = np.column_stack((np.ones(len(source)), landmarks))
+
+    middle = target.mean(axis=0)
+    values = target - middle
+    affine = np.linalg.lstsq(R, values, rcond=None)[0]
+    departure = values - R @ affine
+    terms = np.abs(target).max(axis=0) + np.abs(source).max(axis=0) @ np.abs(affine[1:]) / scale
+    departure[:, np.abs(departure).max(axis=0) <= AFFINE_ROUNDING * terms] = 0.0
+    weights, energy = np.zeros_like(values), 0.0
+    if np.any(departure):
+        K = _kernel_matrix(square)
+        K[np.diag_indices_from(K)] = smoothing
+        solve = _solver(K, R)
+        left, more = departure, np.zeros_like(affine)
+        for _ in range(3):
+            correction = solve(left)
+            weights, more = weights + correction[0], more + correction[1]
+            left = departure - K @ weights - R @ more
+        if not float(np.abs(left).max()) <= RESIDUAL * float(np.abs(values).max()):
+            raise ConfigurationError("source", source, "landmarks far enough apart to tell their targets apart")
+        affine += more
+        # w' K w without the smoothing's share of the diagonal; w is orthogonal to the affine part.
+        energy = float(np.sum(weights * (departure - smoothing * weights)))
+    affine[0] += middle
+    return Fit(centre, scale, landmarks, weights, affine, max(0.0, 16 * math.pi * energy / scale**2))
+
+
+def _solver(K: Array, R: Array) -> Callable[[Array], tuple[Array, Array]]:
+    """Values (N, 2) -> w, b with K w + R b = values and R' w = 0, all else factored."""
     from scipy.linalg import LinAlgError, cho_factor, cho_solve, lapack, lu_factor, lu_solve  # noqa: PLC0415  (heavy)
 
-    centre, scale, landmarks = _unit_spread(source)
-    K, square = _kernel_matrix(landmarks)
-    _check_apart(square, source, scale)
-    K[np.diag_indices_from(K)] = smoothing
-    n = len(source)
-    R = np.column_stack((np.ones(n), landmarks))
     reflectors, tau, _, _ = lapack.dgeqrf(R)
     triangle = np.triu(reflectors[:3])
 
     def turned(side: str, transposed: str, matrix: Array) -> Array:
-        return lapack.dormqr(side, transposed, reflectors, tau, matrix, max(64 * n, 64))[0]  # type: ignore[no-any-return]
+        result: Array = lapack.dormqr(side, transposed, reflectors, tau, np.asfortranarray(matrix), 64 * len(R))[0]
+        return result
 
     reduced = turned("R", "N", turned("L", "T", K))  # Q' K Q by its three reflectors, without forming Q
     coupling, definite = reduced[:3, 3:], reduced[3:, 3:]
-    if n == 3:
-        solve: Callable[[Array], Array] = lambda rows: rows  # noqa: E731  (no bending is left to solve for)
-    else:
-        try:
-            factor = cho_factor(definite, lower=True, check_finite=False)
-            solve = lambda rows: cho_solve(factor, rows, check_finite=False)  # noqa: E731
-        except LinAlgError:  # definite on paper; landmarks very close together lose it to rounding
-            lu = lu_factor(definite, check_finite=False)
-            solve = lambda rows: lu_solve(lu, rows, check_finite=False)  # noqa: E731
+    try:
+        factor, back = cho_factor(definite, lower=True, check_finite=False), cho_solve
+    except LinAlgError:  # definite on paper; landmarks very close together lose it to rounding
+        factor, back = lu_factor(definite, check_finite=False), lu_solve
 
-    def solution(values: Array) -> tuple[Array, Array]:
-        z = turned("L", "T", np.asfortranarray(values))
-        c = solve(z[3:])
-        w = turned("L", "N", np.asfortranarray(np.vstack((np.zeros((3, 2)), c))))
+    def solve(values: Array) -> tuple[Array, Array]:
+        z = turned("L", "T", values)
+        c = back(factor, z[3:], check_finite=False)
+        w = turned("L", "N", np.vstack((np.zeros((3, values.shape[1])), c)))
         return w, np.linalg.solve(triangle, z[:3] - coupling @ c)
 
-    middle = target.mean(axis=0)
-    values = target - middle
-    affine = np.linalg.solve(triangle, turned("L", "T", np.asfortranarray(values))[:3])
-    departure = values - R @ affine
-    terms = np.abs(target).max(axis=0) + np.abs(source).max(axis=0) @ np.abs(affine[1:]) / scale
-    bent = np.abs(departure).max(axis=0) > AFFINE_ROUNDING * terms
-    departure[:, ~bent] = 0.0
-
-    weights, more = solution(departure)
-    for _ in range(2):
-        left = departure - K @ weights - R @ more
-        correction = solution(left)
-        weights, more = weights + correction[0], more + correction[1]
-    left = departure - K @ weights - R @ more
-    spread = float(np.abs(values).max())
-    if not (np.all(np.isfinite(weights)) and float(np.abs(left).max()) <= RESIDUAL * spread):
-        raise ConfigurationError("source", source, "landmarks far enough apart to tell their targets apart")
-    affine += more
-    affine[0] += middle
-    # w' K w without the smoothing's share of the diagonal; w is orthogonal to the affine part.
-    energy = float(np.sum(weights * (departure - smoothing * weights)))
-    return Fit(centre, scale, landmarks, weights, affine, max(0.0, 16 * math.pi * energy / scale**2))
+    return solve
 
 
 def checked_landmarks(argument: str, value: ArrayLike) -> Array:
@@ -167,18 +168,22 @@ def _unit_spread(source: Array) -> tuple[Array, float, Array]:
     return centre, spread, centred / spread
 
 
-def _kernel_matrix(points: Array) -> tuple[Array, Array]:
-    """U of all distances, Eq. (27), column by column for LAPACK; and the squared distances."""
+def _square_distances(points: Array) -> Array:
     square = (points[:, :1] - points[:, 0]) ** 2
     square += (points[:, 1:] - points[:, 1]) ** 2
-    kernel = np.log(square + TINY)
+    return square
+
+
+def _kernel_matrix(square: Array) -> Array:
+    """U of all distances, Eq. (27); its diagonal is left to the caller."""
+    kernel = np.log(square)
     kernel *= square
-    return np.asfortranarray(kernel), square
+    return np.asfortranarray(kernel)  # as LAPACK wants it
 
 
 def _check_apart(square: Array, source: Array, scale: float) -> None:
-    """Refuse landmarks that coincide; spoils the diagonal of `square`."""
-    square[np.diag_indices_from(square)] = np.inf
+    """Refuse landmarks that coincide; fills the diagonal of `square`."""
+    np.fill_diagonal(square, np.inf)
     least = max(CLOSEST, 8 * EPSILON * float(np.abs(source).max()) / scale)
     first, second = divmod(int(np.argmin(square)), len(source))
     if not square[first, second] > least**2:

@@ -33,20 +33,21 @@ def point_function(fit: Fit, *, with_jacobian: bool) -> BufferedFunction:
     The landmarks stand in the other inputs. Code is compiled for a few landmark counts only, at most an eighth apart
     (weights of zero fill up the rest), so that maps share it.
     """
-    count, block = _rounded(len(fit.landmarks) if np.any(fit.weights) else 0)
+    n = len(fit.landmarks) if np.any(fit.weights) else 0
+    count, block = _rounded(n)
     evaluated = BufferedFunction(_function(count, block, with_jacobian, compilation_wanted()))
     _, frame, affine, landmarks, weights = evaluated.inputs
     frame[:] = *fit.centre, 1 / fit.scale
     affine[...] = fit.affine.T
-    if count:
-        landmarks[:, : len(fit.landmarks)] = fit.landmarks.T
-        weights[:, : len(fit.landmarks)] = fit.weights.T
+    landmarks[:, :n] = fit.landmarks[:n].T
+    weights[:, :n] = fit.weights[:n].T
     return evaluated
 
 
 def _rounded(count: int) -> tuple[int, int]:
     """Landmarks to compile for, and how many of them to a block."""
-    step = max(4, 2 ** (max(count, 1).bit_length() - 4))
+    count = max(count, 1)  # one of weight zero lets NaN through an affine map
+    step = max(4, 2 ** (count.bit_length() - 4))
     return -(-count // step) * step, min(step, BLOCK)
 
 
@@ -56,11 +57,12 @@ def _function(count: int, block: int, with_jacobian: bool, _wanted: bool) -> ca.
     landmarks, weights = ca.MX.sym("landmarks", 2, count), ca.MX.sym("weights", 2, count)
     s = (point - frame[:2]) * frame[2]
     linear = affine[:, 1:]
-    total = ca.vertcat(affine[:, 0] + linear @ s, ca.vec(linear)) if with_jacobian else affine[:, 0] + linear @ s
-    if count:
-        # The loop sums as it goes and takes the same point every time.
-        bending = _bending(block, with_jacobian).map("bending", "serial", count // block, [0], [0])
-        total += bending(s, landmarks, weights)
+    total = affine[:, 0] + linear @ s
+    if with_jacobian:
+        total = ca.vertcat(total, ca.vec(linear))
+    # The loop sums as it goes and takes the same point every time.
+    bending = _bending(block, with_jacobian).map("bending", "serial", count // block, [0], [0])
+    total += bending(s, landmarks, weights)
     results = [total[:2]]
     if with_jacobian:
         results.append(ca.reshape(total[2:], 2, 2) * frame[2])
@@ -88,29 +90,29 @@ def _bending(block: int, with_jacobian: bool) -> ca.Function:
 # ---------------------------------------------------------------------------------------------------- many points
 def values(fit: Fit, points: Array) -> Array:
     """(M, 2) images of points (M, 2)."""
-    s = (points - fit.centre) / fit.scale
-    images = fit.affine[0] + s @ fit.affine[1:]
-    if np.any(fit.weights):
-        for rows, (_, _, square, logarithm) in _distances(fit, s):
-            images[rows] += np.multiply(square, logarithm, out=square) @ fit.weights
+    with np.errstate(invalid="ignore", over="ignore"):  # what is infinite ends as NaN, without a word in a loop
+        s = (points - fit.centre) / fit.scale
+        images = fit.affine[0] + s @ fit.affine[1:]
+        if np.any(fit.weights):
+            for rows, (_, _, square, logarithm) in _distances(fit, s):
+                images[rows] += np.multiply(square, logarithm, out=square) @ fit.weights
     return images  # type: ignore[no-any-return]
 
 
 def jacobians(fit: Fit, points: Array) -> tuple[Array, Array]:
     """(M, 2) images and (M, 2, 2) Jacobians of points (M, 2)."""
-    s = (points - fit.centre) / fit.scale
-    images = fit.affine[0] + s @ fit.affine[1:]
-    slopes = np.empty((len(s), 2, 2))
-    slopes[:] = fit.affine[1:].T
-    slopes += 0 * s[:, np.newaxis, :]  # NaN in, NaN out, for affine maps too
-    if np.any(fit.weights):
-        for rows, (x, y, square, logarithm) in _distances(fit, s):
-            images[rows] += np.multiply(square, logarithm, out=square) @ fit.weights
-            slope = np.multiply(logarithm, 2, out=logarithm)
-            slope += 2
-            slopes[rows, :, 0] += np.multiply(x, slope, out=x) @ fit.weights
-            slopes[rows, :, 1] += np.multiply(y, slope, out=y) @ fit.weights
-    slopes /= fit.scale
+    with np.errstate(invalid="ignore", over="ignore"):
+        s = (points - fit.centre) / fit.scale
+        images = fit.affine[0] + s @ fit.affine[1:]
+        slopes = fit.affine[1:].T + 0 * s[:, np.newaxis, :]  # NaN in, NaN out, where nothing bends too
+        if np.any(fit.weights):
+            for rows, (x, y, square, logarithm) in _distances(fit, s):
+                images[rows] += np.multiply(square, logarithm, out=square) @ fit.weights
+                slope = np.multiply(logarithm, 2, out=logarithm)
+                slope += 2
+                slopes[rows, :, 0] += np.multiply(x, slope, out=x) @ fit.weights
+                slopes[rows, :, 1] += np.multiply(y, slope, out=y) @ fit.weights
+        slopes /= fit.scale
     return images, slopes
 
 
