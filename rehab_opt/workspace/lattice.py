@@ -19,8 +19,6 @@ Key = tuple[int, int]
 AROUND = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1))
 IMPROVED = 1e-7
 """[m] An answer counts as better from here on."""
-MOST_OFFERS = 3
-"""Postures of neighbours that a node outside tries although they promise nothing."""
 SAME = 0.02
 """[rad or m] Postures nearer to each other than this lead to the same answer."""
 MOST_NODES = 2_000_000
@@ -53,6 +51,7 @@ class Lattice:
     spacing : [m].
     others : from a point, further postures to start from where the first offer did not reach it.
     spreads : from a node, whether its neighbours are to be made.
+    most_offers : postures of neighbours that a node outside tries although they promise nothing.
     """
 
     def __init__(
@@ -62,8 +61,9 @@ class Lattice:
         *,
         others: Callable[[float, float], Iterable[Array]],
         spreads: Callable[[Node], bool],
+        most_offers: int,
     ) -> None:
-        self.search, self.spacing = search, spacing
+        self.search, self.spacing, self.most_offers = search, spacing, most_offers
         self._others, self._spreads = others, spreads
         self.nodes: dict[Key, Node] = {}
         self._queue: deque[Key] = deque()
@@ -98,7 +98,7 @@ class Lattice:
         if node.distance == 0.0:
             return node
         if not promising:
-            if node.offers >= MOST_OFFERS:
+            if node.offers >= self.most_offers:
                 return node
             if node.posture is not None and float(np.abs(node.posture - posture).max()) < SAME:
                 return node

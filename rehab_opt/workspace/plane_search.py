@@ -90,7 +90,8 @@ class PlaneSearch:
     def spread(self, count: int) -> list[Nearest]:
         """Points of the slice from `count` postures spread over the range of motion, each brought to the plane.
 
-        Each is asked for the slice's point nearest to its own hand, so that the points are spread too.
+        Each is asked for the slice's point nearest to its own hand, so that the points are spread too; distance 0
+        where that is the hand itself.
         """
         statement = self.statement
         arm, free = statement.arm, statement.free
@@ -101,7 +102,7 @@ class PlaneSearch:
             x, y, _ = arm.pose(q)[:3, 3]
             answer = self.nearest(float(x), float(y), posture)
             if answer is not None:
-                found.append(answer._replace(distance=0.0))
+                found.append(answer)
         return found
 
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from rehab_opt.workspace.region import Workspace
 
-__all__ = ["Slice", "planar_workspace", "slice_at"]
+__all__ = ["Slice", "checked_plane", "planar_workspace", "slice_at"]
 
 SPREAD = 512
 """Postures the search begins with."""
@@ -77,9 +77,9 @@ def planar_workspace(
     handle_tilt : [rad] 0 to pi, largest angle between the handle and +z; None for no such constraint.
     accuracy : [m] 1e-5 to 0.05; largest distance between the true boundary and the polygon's. What the check could
         not confirm raises the accuracy the result states.
-    resolution : [m] spacing of the nodes inside; None for 8 mm, or 1/24 of a smaller set. Holes into which a disc of
-        0.71 times its diameter fits are sure to be found; smaller ones where a node meets them. Separate parts are
-        found from 512 spread postures: one that holds less than some 1 % of all postures may be missed.
+    resolution : [m] largest spacing of the nodes inside, at most 1/24 of the set; None for 8 mm. Holes into which a
+        disc of 1.42 times that diameter fits are sure to be found; smaller ones where a node meets them. Separate parts
+        are found from 512 spread postures: one that holds less than some 1 % of all postures may be missed.
     placement : of the shoulder in the robot's frame, which is the polygon's.
     compile : None follows `REHAB_OPT_COMPILE`. A new kind of arm compiles once, for about two seconds.
 
@@ -116,7 +116,7 @@ def slice_at(
     compile: bool | None = None,
 ) -> Slice:
     """`planar_workspace` in the shoulder's frame, with the counts of its search."""
-    _check(arm, height, handle_tilt, accuracy, resolution)
+    checked_plane(arm, height, handle_tilt, accuracy, resolution)
     limit = None if handle_tilt is None or handle_tilt >= math.pi else float(handle_tilt)
     if arm.locked.all():
         return _empty(_of_one_posture(arm, height, limit), accuracy)
@@ -180,7 +180,8 @@ def _empty(reason: str, accuracy: float, search: PlaneSearch | None = None) -> S
     return Slice(shapely.Polygon(), accuracy, reason, 0, 0, *counts)
 
 
-def _check(arm: object, height: object, handle_tilt: object, accuracy: object, resolution: object) -> None:
+def checked_plane(arm: object, height: object, handle_tilt: object, accuracy: object, resolution: object) -> None:
+    """Raise a `ConfigurationError` for what no slice can be asked for."""
     if not isinstance(arm, SerialChain):
         raise ConfigurationError("arm", arm, "a SerialChain")
     for name, value, low, high, expected in (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import TYPE_CHECKING
 
@@ -25,12 +26,20 @@ COARSEST = 8e-3
 """[m] Spacing of the nodes inside, by default."""
 ACROSS = 24
 """Nodes across a small set, at least."""
+FINE = 1.5
+"""Spacing along the boundary, in accuracies: the vertices are exact at any spacing, and chords are followed."""
 LEVEL = 0.75
 """Distance, in fine spacings, of the curve whose nearest points are the boundary."""
 CHORD = 0.02
 """Share of the accuracy by which a chord may leave the slice."""
 SIMPLIFIED = 0.05
 """Share of the accuracy given up for fewer vertices."""
+FEW, MANY = 3, 24
+"""Further starts where a probe was not reached. A third of all postures was seen to lead to a local minimum."""
+OTHERS = 3
+"""Of them, for a node inside's spacing."""
+GAP = 0.1
+"""Share of the probes' distance: narrower gaps are rounded corners, and are not probed."""
 PROBES = 1.0
 """Spacing of the probes that check the boundary, in accuracies."""
 
@@ -44,16 +53,27 @@ class SliceSearch:
         self.search, self.seeds, self.accuracy = search, seeds, accuracy
         points = np.array([(seed.x, seed.y) for seed in seeds])
         extent = float(np.ptp(points, axis=0).max())
-        coarse = min(COARSEST, extent / ACROSS) if resolution is None else resolution
-        self.fine_spacing = min(accuracy, max(coarse, accuracy / 2))
+        coarse = min(COARSEST if resolution is None else resolution, extent / ACROSS)
+        self.fine_spacing = min(FINE * accuracy, max(coarse, accuracy / 2))
         self.ratio = max(1, round(coarse / self.fine_spacing))
         spacing = self.ratio * self.fine_spacing
         self._seed_tree = cKDTree(points)
+        # A posture that was not asked to come nearer than it could holds fewer joints at their limits.
+        free = [seed.posture for seed in seeds if seed.distance == 0.0] or [seed.posture for seed in seeds]
+        self._others = itertools.cycle(free)
         self.coarse = Lattice(
-            search, spacing, others=self._seeds_near, spreads=lambda node: node.distance <= 1.5 * spacing
+            search,
+            spacing,
+            others=lambda x, y: [*self._seeds_near(x, y), *itertools.islice(self._others, OTHERS)],
+            spreads=lambda node: node.distance <= 1.5 * spacing,
+            most_offers=2 * FEW,
         )
         self.fine = Lattice(
-            search, self.fine_spacing, others=lambda x, y: self._inside_near(x, y)[:1], spreads=self._is_near
+            search,
+            self.fine_spacing,
+            others=self._inside_of_cell,
+            spreads=self._is_near,
+            most_offers=FEW,
         )
         self._coarse_tree: tuple[cKDTree, list[Array]] | None = None
 
@@ -107,23 +127,24 @@ class SliceSearch:
         wrong, count = [], 0
         for side in (1.0, -1.0):
             ring = polygon.buffer(side * distance).boundary
-            for x, y in _along(ring, PROBES * self.accuracy * (2 if side > 0 else 1)):
+            spacing = PROBES * self.accuracy * (2 if side > 0 else 1)
+            for x, y in [*_along(ring, spacing), *(_gaps(polygon, distance) if side > 0 else ())]:
                 count += 1
-                reached, posture = self._reached(x, y)
+                reached, posture = self._reached(x, y, FEW if side > 0 else MANY)
                 if reached != (side < 0):
                     wrong.append((x, y, posture))
         return wrong, count
 
-    def _reached(self, x: float, y: float) -> tuple[bool, Array]:
-        starts = [*self._inside_near(x, y), *self._seeds_near(x, y)]
-        for posture in starts:
+    def _reached(self, x: float, y: float, others: int) -> tuple[bool, Array]:
+        for posture in (*self._inside_near(x, y), *self._seeds_near(x, y), *itertools.islice(self._others, others)):
             answer = self.search.nearest(x, y, posture)
             if answer is not None and answer.distance == 0.0:
                 return True, answer.posture
-        return False, starts[0]
+        return False, self._seeds_near(x, y)[0]
 
     def repair(self, wrong: list[tuple[float, float, Array]]) -> None:
         """Look closer around probes that contradicted."""
+        self.fine.most_offers = MANY
         for x, y, posture in wrong:
             for key in self.fine.keys_around(x, y):
                 self.fine.offer(key, posture)
@@ -151,9 +172,17 @@ class SliceSearch:
         return 0.0 < node.distance <= 0.8 * self.fine_spacing
 
     def _seeds_near(self, x: float, y: float) -> list[Array]:
-        count = min(3, len(self.seeds))
+        count = min(2, len(self.seeds))
         indices = np.atleast_1d(self._seed_tree.query((x, y), count)[1])
         return [self.seeds[i].posture for i in indices]
+
+    def _inside_of_cell(self, x: float, y: float) -> list[Array]:
+        """One posture from inside: a look-up, for what is asked at every fine node."""
+        for key in self.coarse.keys_around(x, y):
+            node = self.coarse.nodes.get(key)
+            if node is not None and node.distance == 0.0 and node.posture is not None:
+                return [node.posture]
+        return []
 
     def _inside_near(self, x: float, y: float) -> list[Array]:
         if self._coarse_tree is None:
@@ -161,6 +190,16 @@ class SliceSearch:
         tree, postures = self._coarse_tree
         indices = np.atleast_1d(tree.query((x, y), min(2, len(postures)))[1])
         return [postures[i] for i in indices]
+
+
+def _gaps(polygon: BaseGeometry, distance: float) -> Array:
+    """(N, 2) a point in every hole and notch too narrow for a probe at `distance` from all of its sides."""
+    import shapely  # noqa: PLC0415  (heavy)
+
+    narrow = shapely.get_parts(polygon.buffer(distance).buffer(-distance).difference(polygon))
+    wide_enough = [part for part in narrow if part.area > (GAP * distance) ** 2]
+    points: Array = shapely.get_coordinates(shapely.point_on_surface(wide_enough))
+    return points
 
 
 def _along(lines: BaseGeometry, spacing: float) -> Array:

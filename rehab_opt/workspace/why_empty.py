@@ -47,7 +47,7 @@ def last_try(search: PlaneSearch, handle_tilt: float | None) -> LastTry:
         for solve in (search.nearest, search.by_backup):
             answer = solve(float(hand[0]), float(hand[1]), start)
             if answer is not None:
-                return LastTry([answer._replace(distance=0.0)], "")
+                return LastTry([answer], "")
     if len(ends) == 2:
         low, high = float(ends[0].report[0]), float(ends[1].report[0])
         held = "" if handle_tilt is None else f" with the handle within {math.degrees(handle_tilt):.4g} deg of vertical"

@@ -1,0 +1,110 @@
+"""A closed surface through stacked planar sets: interpolation of their signed distances, and marching cubes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from shapely.geometry.base import BaseGeometry
+
+__all__ = ["Mesh", "closed_mesh", "edges_of_slabs", "enclosed_volume", "signed_distances"]
+
+Array = NDArray[np.float64]
+
+ON_SURFACE = 1e-6
+"""[m] A node nearer than this to the surface is moved off it: triangles without area would follow."""
+FAR = 1.0
+"""[m] Distance of a layer that is empty like its neighbours."""
+
+
+class Mesh(NamedTuple):
+    """Triangles of a surface."""
+
+    vertices: Array
+    """(V, 3) [m]"""
+    triangles: NDArray[np.int64]
+    """(T, 3) counterclockwise from outside."""
+
+
+def edges_of_slabs(heights: Array) -> Array:
+    """(n + 1,) [m] where the slab each of n >= 2 layers stands for begins and ends: halfway to its neighbours."""
+    middle = (heights[1:] + heights[:-1]) / 2
+    return np.concatenate([[2 * heights[0] - middle[0]], middle, [2 * heights[-1] - middle[-1]]])
+
+
+def signed_distances(polygon: BaseGeometry, points: Array) -> Array:
+    """(N,) [m] from points (N, 2) to a polygon's boundary, negative inside; infinite for an empty one."""
+    import shapely  # noqa: PLC0415  (heavy)
+
+    if polygon.is_empty:
+        return np.full(len(points), np.inf)
+    boundary = polygon.boundary
+    shapely.prepare([polygon, boundary])
+    away: Array = shapely.distance(boundary, shapely.points(points))
+    return np.where(shapely.contains_xy(polygon, points), -away, away)
+
+
+def padded(layers: Array) -> Array:
+    """(n + 2, ...) layers (n, ...) of signed distances with one beyond either end, none of them infinite.
+
+    Beyond the ends, and where a layer is empty, the neighbour's distances stand without their sign: the surface then
+    closes halfway.
+    """
+    n = len(layers)
+    filled = np.concatenate([np.full_like(layers[:1], np.inf), layers, np.full_like(layers[:1], np.inf)])
+    result = filled.copy()
+    for i in range(n + 2):
+        if np.isinf(filled[i]).all():
+            near = [np.abs(filled[j]) for j in (i - 1, i + 1) if 0 <= j < n + 2 and np.isfinite(filled[j]).all()]
+            result[i] = np.max(near, axis=0) if near else FAR
+    return result
+
+
+def closed_mesh(polygons: Sequence[BaseGeometry], heights: Array, *, spacing: float) -> Mesh:
+    """Surface around n >= 2 layers: every edge belongs to two triangles, whatever parts and tunnels there are.
+
+    Parameters
+    ----------
+    polygons : n, some not empty.
+    heights : (n,) [m], increasing.
+    spacing : [m] of the nodes in a layer; what is thinner is lost.
+    """
+    import shapely  # noqa: PLC0415  (heavy)
+    from skimage.measure import marching_cubes  # noqa: PLC0415  (heavy)
+
+    west, south, east, north = shapely.total_bounds(list(polygons))
+    x = np.arange(west - 2 * spacing, east + 3 * spacing, spacing)
+    y = np.arange(south - 2 * spacing, north + 3 * spacing, spacing)
+    nodes = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
+    layers = np.stack([signed_distances(polygon, nodes).reshape(len(x), len(y)) for polygon in polygons])
+    field = padded(layers)
+    field = np.where(np.abs(field) < ON_SURFACE, ON_SURFACE, field)
+    if not (field < 0).any():
+        return Mesh(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64))
+    found, triangles, _, _ = marching_cubes(field, 0.0, gradient_direction="ascent")  # type: ignore[no-untyped-call]
+    places = found.astype(np.float64)
+    below, above = 2 * heights[0] - heights[1], 2 * heights[-1] - heights[-2]
+    levels = np.concatenate([[below], heights, [above]])
+    vertices = np.stack(
+        [
+            x[0] + spacing * places[:, 1],
+            y[0] + spacing * places[:, 2],
+            np.interp(places[:, 0], np.arange(len(levels)), levels),
+        ],
+        axis=1,
+    )
+    mesh = Mesh(vertices, triangles.astype(np.int64))
+    return mesh if enclosed_volume(mesh) >= 0 else Mesh(vertices, mesh.triangles[:, ::-1].copy())
+
+
+def enclosed_volume(mesh: Mesh) -> float:
+    """[m^3] by the divergence theorem; negative where the triangles face inwards."""
+    if not len(mesh.triangles):
+        return 0.0
+    centred = mesh.vertices - mesh.vertices.mean(axis=0)
+    a, b, c = (centred[mesh.triangles[:, corner]] for corner in range(3))
+    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)

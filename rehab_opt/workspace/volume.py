@@ -1,0 +1,208 @@
+"""The three-dimensional sets of Fig. 3(a), Rossa et al.: slices on top of each other, and a closed mesh around them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.workspace.layered_mesh import Mesh, closed_mesh, edges_of_slabs, padded, signed_distances
+from rehab_opt.workspace.placement import ShoulderPlacement
+from rehab_opt.workspace.plane_statement import PlaneStatement
+from rehab_opt.workspace.reach import checked_plane, planar_workspace
+from rehab_opt.workspace.why_empty import heights as extreme_heights
+
+if TYPE_CHECKING:
+    from rehab_opt.workspace.region import Workspace
+
+__all__ = ["ReachableVolume", "reachable_volume"]
+
+Array = NDArray[np.float64]
+
+SLABS = 24
+"""Slices between the lowest and the highest hand, by default."""
+MOST_SLABS = 10_000
+ACROSS = 4.0
+"""Spacing of the nodes inside a slice, in accuracies."""
+
+
+@dataclass(frozen=True, eq=False)
+class ReachableVolume:
+    """Points a hand reaches, with the handle within its tilt of vertical or, without one, any way at all.
+
+    Each slice stands for a slab that ends halfway to its neighbours. Picklable.
+
+    Parameters
+    ----------
+    heights : (n,) [m] of the slices in the shoulder's frame, increasing.
+    slices : n workspaces in the robot's frame, some may be empty.
+    vertices : (V, 3) [m] of the mesh, in the robot's frame.
+    triangles : (T, 3) counterclockwise from outside; every edge belongs to two.
+    reason : why it is empty; "" where it is not.
+    """
+
+    heights: Array
+    slices: tuple[Workspace, ...]
+    vertices: Array
+    triangles: NDArray[np.int64]
+    reason: str = ""
+
+    @property
+    def empty(self) -> bool:
+        """Whether nothing is reached, or nothing with a volume."""
+        return all(each.empty for each in self.slices)
+
+    @cached_property
+    def volume(self) -> float:
+        """[m^3] of the slabs: area by thickness."""
+        return float(self._thickness @ [each.area for each in self.slices]) if self.slices else 0.0
+
+    @cached_property
+    def volume_bound(self) -> float:
+        """[m^3] by which the mesh's own volume can differ from `volume`.
+
+        Between two slices A, B the mesh holds no less than their intersection and no more than their union, while the
+        slabs hold the mean of both: half of the symmetric difference. To it comes a node's spacing along the outlines.
+        """
+        if self.empty:
+            return 0.0
+        polygons = [each.polygon for each in self.slices]
+        steps = np.diff(self.heights)
+        between = [0.5 * step * a.symmetric_difference(b).area for step, a, b in zip(steps, polygons, polygons[1:])]  # noqa: B905
+        outlines = [
+            each.accuracy * each.polygon.length * thickness
+            for each, thickness in zip(self.slices, self._thickness, strict=True)
+        ]
+        return float(sum(between) + sum(outlines))
+
+    def contains(self, points: ArrayLike) -> bool | NDArray[np.bool_]:
+        """Whether points (3,) -> bool or (N, 3) -> (N,) [m] in the robot's frame are inside, as the mesh has it.
+
+        Signed distances of the slices below and above, interpolated.
+        """
+        try:
+            at = np.asarray(points, dtype=np.float64)
+        except (TypeError, ValueError) as problem:
+            raise ConfigurationError("points", points, "numbers") from problem
+        if at.shape[-1:] != (3,) or at.ndim > 2:
+            raise ConfigurationError("points", f"shape {at.shape}", "points of shape (3,) or (N, 3)")
+        inside = self._contained(at.reshape(-1, 3))
+        return bool(inside[0]) if at.ndim == 1 else inside
+
+    def _contained(self, points: Array) -> NDArray[np.bool_]:
+        inside = np.zeros(len(points), dtype=bool)
+        if self.empty:
+            return inside
+        levels = np.concatenate(
+            [[2 * self.heights[0] - self.heights[1]], self.heights, [2 * self.heights[-1] - self.heights[-2]]]
+        )
+        z = points[:, 2] - self.slices[0].placement.position[2]
+        finite = np.isfinite(points).all(axis=1)
+        gap = np.where(finite, np.searchsorted(levels, z), 0)
+        for i in range(1, len(levels)):
+            here = np.flatnonzero((gap == i) & finite)
+            if not len(here):
+                continue
+            flat = points[here, :2]
+            first, last = max(i - 3, 0), min(i + 1, len(self.slices))  # with the neighbours that fill an empty one
+            layers = padded(np.stack([signed_distances(each.polygon, flat) for each in self.slices[first:last]]))
+            share = (z[here] - levels[i - 1]) / (levels[i] - levels[i - 1])
+            below = layers[i - 1 - first]
+            inside[here] = (1 - share) * below + share * layers[i - first] < 0
+        return inside
+
+    @cached_property
+    def _thickness(self) -> Array:
+        return np.diff(edges_of_slabs(self.heights))
+
+
+def reachable_volume(
+    arm: SerialChain,
+    *,
+    heights: Sequence[float] | Array | None = None,
+    spacing: float | None = None,
+    handle_tilt: float | None = math.radians(2.0),
+    accuracy: float = 4e-3,
+    placement: ShoulderPlacement | None = None,
+    executor: Executor | None = None,
+    compile: bool | None = None,
+) -> ReachableVolume:
+    """Every point the hand reaches within the joint limits, as stacked slices and a closed mesh.
+
+    Parameters
+    ----------
+    arm : as for `planar_workspace`.
+    heights : (n,) [m] of at least two slices, increasing, in the shoulder's frame; the volume is then that of their
+        slabs. None spreads them between the lowest and the highest hand, which are found by optimisation.
+    spacing : [m] between them then; None for 1/24 of the range.
+    handle_tilt : [rad] largest angle between handle and vertical; None drops the constraint, as Fig. 3(a) does.
+    accuracy : [m] of the slices' outlines, and spacing of the nodes the mesh is made from. The default is coarser than
+        a single slice's, so that a volume takes seconds. Holes narrower than six times as much may be missed.
+    placement : of the shoulder in the robot's frame.
+    executor : where the slices are found, one task each: a pool of processes, or a dask client's; None: here.
+    compile : None follows `REHAB_OPT_COMPILE`.
+
+    Raises
+    ------
+    ConfigurationError : a value that cannot be used.
+    """
+    placement = ShoulderPlacement() if placement is None else placement
+    checked_plane(arm, 0.0, handle_tilt, accuracy, None)
+    if spacing is not None and not 0 < spacing < math.inf:
+        raise ConfigurationError("spacing", spacing, "a length above 0, or None")
+    levels: Array | str = _spread(arm, handle_tilt, spacing) if heights is None else _checked_heights(heights)
+    nothing = np.zeros((0, 3))
+    if isinstance(levels, str):
+        return ReachableVolume(np.zeros(0), (), nothing, nothing.astype(np.int64), levels)
+    asked: list[dict[str, Any]] = [
+        {
+            "height": float(height), "handle_tilt": handle_tilt, "accuracy": accuracy,
+            "resolution": ACROSS * accuracy, "placement": placement, "compile": compile,
+        }
+        for height in levels
+    ]  # fmt: skip
+    if executor is None:
+        slices = tuple(planar_workspace(arm, **each) for each in asked)
+    else:
+        tasks = [executor.submit(planar_workspace, arm, **each) for each in asked]
+        slices = tuple(task.result() for task in tasks)
+    if all(each.empty for each in slices):
+        return ReachableVolume(levels, slices, nothing, nothing.astype(np.int64), slices[len(slices) // 2].reason)
+    mesh: Mesh = closed_mesh([each.polygon for each in slices], levels, spacing=accuracy)
+    mesh.vertices[:, 2] += placement.position[2]
+    return ReachableVolume(levels, slices, mesh.vertices, mesh.triangles)
+
+
+def _spread(arm: SerialChain, handle_tilt: float | None, spacing: float | None) -> Array | str:
+    """(n,) heights at the middles of equal slabs between the lowest and the highest hand, or why there are none."""
+    if arm.locked.all():
+        return "every joint is locked: the hand is at one point"
+    statement = PlaneStatement(arm, handle_tilt=None if handle_tilt is None or handle_tilt >= math.pi else handle_tilt)
+    low, high = extreme_heights(statement, held=True)
+    if not max(low.violation, high.violation) <= 1e-8:
+        return "no posture was found that holds the handle within its tilt"
+    bottom, top = float(low.report[0]), float(high.report[0])
+    if not top - bottom > 1e-6:
+        return f"the hand stays at {bottom:.4g} m"
+    count = SLABS if spacing is None else max(2, math.ceil((top - bottom) / spacing))
+    if count > MOST_SLABS:
+        raise ConfigurationError("spacing", spacing, f"at most {MOST_SLABS} slices")
+    return bottom + (top - bottom) * (np.arange(count) + 0.5) / count
+
+
+def _checked_heights(heights: object) -> Array:
+    try:
+        levels = np.array(heights, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        levels = np.empty(0)
+    if levels.ndim != 1 or len(levels) < 2 or not np.all(np.isfinite(levels)) or not np.all(np.diff(levels) > 0):
+        raise ConfigurationError("heights", heights, "at least two finite heights, increasing")
+    return levels

@@ -1,0 +1,120 @@
+"""Reachable volumes: slabs, closed meshes, and what is known about them in closed form."""
+
+import math
+import pickle
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+import shapely
+from numpy.typing import NDArray
+
+from rehab_opt import DH, ConfigurationError, SerialChain, human_arm
+from rehab_opt.workspace.layered_mesh import Mesh, closed_mesh, enclosed_volume
+from rehab_opt.workspace.placement import ShoulderPlacement
+from rehab_opt.workspace.volume import ReachableVolume, reachable_volume
+
+Array = NDArray[np.float64]
+TILT = math.radians(2.0)
+
+
+def edge_counts(triangles: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Of every directed edge, how often its reverse occurs: 1 everywhere in a closed, oriented surface."""
+    directed = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    forward, times = np.unique(directed, axis=0, return_counts=True)
+    backward = {(int(b), int(a)) for a, b in forward}
+    assert backward == {(int(a), int(b)) for a, b in forward}
+    return times
+
+
+def spherical(turn: float, pitch: float, near: float, far: float) -> SerialChain:
+    """Turns about the vertical, pitches, and slides along its own direction."""
+    rows = (DH(0, math.pi / 2), DH(0, math.pi / 2, theta=math.pi / 2), DH(0, 0, prismatic=True))
+    limits = np.array([(-turn, turn), (-pitch, pitch), (near, far)])
+    return SerialChain(rows, lower=limits[:, 0], upper=limits[:, 1], velocity=1.0, acceleration=1.0)  # type: ignore[arg-type]
+
+
+class TestClosedForms:
+    def test_a_wedge_of_a_spherical_shell(self) -> None:
+        turn, pitch, near, far = 1.0, 0.6, 0.2, 0.4
+        found = reachable_volume(spherical(turn, pitch, near, far), handle_tilt=None, spacing=0.03)
+        true = 2 * turn * 2 * math.sin(pitch) * (far**3 - near**3) / 3
+        mesh = Mesh(found.vertices, found.triangles)
+        assert found.volume == pytest.approx(true, rel=0.02)
+        assert abs(enclosed_volume(mesh) - found.volume) <= found.volume_bound
+        assert np.all(edge_counts(found.triangles) == 1)
+        points = np.random.default_rng(0).uniform((-0.1, -0.5, -0.3), (0.5, 0.5, 0.3), (4000, 3))
+        radius, up = np.linalg.norm(points, axis=1), np.arcsin(points[:, 2] / np.linalg.norm(points, axis=1))
+        around = np.arctan2(points[:, 1], points[:, 0])
+        margin = np.max(
+            [near - radius, radius - far, radius * (np.abs(around) - turn), radius * (np.abs(up) - pitch)], axis=0
+        )
+        sure = np.abs(margin) > 0.03
+        assert np.array_equal(found.contains(points)[sure], margin[sure] < 0)  # type: ignore[index]
+
+    @pytest.mark.parametrize("seed", range(4))
+    def test_any_stack_of_sets_closes(self, seed: int) -> None:
+        random = np.random.default_rng(seed)
+        layers = []
+        for _ in range(6):
+            discs = shapely.buffer(shapely.points(random.uniform(0, 0.4, (5, 2))), random.uniform(0.02, 0.12, 5))
+            holes = shapely.buffer(shapely.points(random.uniform(0, 0.4, (3, 2))), 0.03)
+            layers.append(shapely.union_all(discs).difference(shapely.union_all(holes)))
+        layers[3] = shapely.Polygon()
+        mesh = closed_mesh(layers, np.linspace(0, 0.5, 6), spacing=0.01)
+        assert np.all(edge_counts(mesh.triangles) == 1)
+        assert enclosed_volume(mesh) > 0
+
+    def test_a_box_on_the_nodes_closes_too(self) -> None:
+        mesh = closed_mesh([shapely.box(0, 0, 0.3, 0.2)] * 3, np.array([0.0, 0.1, 0.2]), spacing=0.01)
+        assert np.all(edge_counts(mesh.triangles) == 1)
+        assert enclosed_volume(mesh) == pytest.approx(0.3 * 0.2 * 0.3, rel=0.03)
+
+
+@pytest.fixture(scope="module")
+def upright() -> ReachableVolume:
+    return reachable_volume(human_arm(range_of_motion="restricted"), handle_tilt=TILT, spacing=0.02)
+
+
+class TestTheParticipant:
+    def test_the_handle_costs_volume(self, upright: ReachableVolume) -> None:
+        heights = upright.heights
+        free = reachable_volume(human_arm(range_of_motion="restricted"), handle_tilt=None, heights=heights)
+        assert 0 < upright.volume < free.volume
+        for held, open_ in zip(upright.slices, free.slices, strict=True):
+            assert open_.polygon.buffer(4e-3).contains(held.polygon)
+
+    def test_the_mesh_is_closed_and_holds_the_volume(self, upright: ReachableVolume) -> None:
+        assert np.all(edge_counts(upright.triangles) == 1)
+        inside = enclosed_volume(Mesh(upright.vertices, upright.triangles))
+        assert abs(inside - upright.volume) <= upright.volume_bound
+
+    def test_other_threads_find_the_same_and_it_may_be_pickled(self, upright: ReachableVolume) -> None:
+        placement = ShoulderPlacement(position=(0.1, 0.2, 0.3), turn=0.4)
+        with ThreadPoolExecutor(2) as executor:
+            found = reachable_volume(
+                human_arm(range_of_motion="restricted"), handle_tilt=TILT, spacing=0.02, executor=executor,
+                placement=placement,
+            )  # fmt: skip
+        again = pickle.loads(pickle.dumps(found))
+        assert again.volume == pytest.approx(upright.volume, rel=1e-9)
+        centre = upright.slices[len(upright.slices) // 2].polygon.representative_point()
+        point = np.array([centre.x, centre.y, upright.heights[len(upright.slices) // 2]])
+        assert upright.contains(point) is True
+        moved = np.array([*placement.to_robot(point[:2]), point[2] + 0.3])
+        assert again.contains(moved) is True
+        assert again.contains([moved, [math.nan] * 3, moved + 1.0]).tolist() == [True, False, False]
+
+
+def test_a_handle_that_is_never_upright_leaves_no_volume() -> None:
+    found = reachable_volume(human_arm(range_of_motion="restricted"), handle_tilt=math.radians(0.3))
+    assert found.empty
+    assert found.volume == 0.0
+    assert "handle" in found.reason
+    assert found.contains((0.0, 0.4, -0.2)) is False
+
+
+@pytest.mark.parametrize("heights", [[0.0], [0.1, 0.0], [0.0, math.nan], "low", [[0.0, 1.0]]])
+def test_heights_that_are_none_are_refused(heights: object) -> None:
+    with pytest.raises(ConfigurationError, match="heights"):
+        reachable_volume(human_arm(), heights=heights)  # type: ignore[arg-type]
