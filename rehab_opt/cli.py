@@ -16,12 +16,11 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
-from rehab_opt.errors import ConfigurationError, ProblemFileError, RehabOptError
+from rehab_opt.errors import ConfigurationError, RehabOptError
 
 if TYPE_CHECKING:
     from rehab_opt.session.files import ProblemFile
     from rehab_opt.session.outcome import Outcome
-    from rehab_opt.session.run import Law
 
 __all__ = ["app", "main"]
 
@@ -59,27 +58,22 @@ def run(
     file: Problem,
     out: Annotated[Path | None, typer.Option(help="Folder of the result; ./out/<problem> by default.")] = None,
     solver: Annotated[str | None, typer.Option(help="Solver of the optimised law, instead of the file's.")] = None,
-    law: Annotated[str, typer.Option(help="published, optimised or both.")] = "both",
+    law: Annotated[str | None, typer.Option(help="Of an upper limb: published, optimised or both (default).")] = None,
 ) -> None:
     """Run a problem; print its table; write metrics.json, trace.csv and figures."""
     from rich.console import Console  # noqa: PLC0415  (each command loads what it uses)
 
     from rehab_opt.session.files import load_problem  # noqa: PLC0415
-    from rehab_opt.session.report import checked_folder, write_report  # noqa: PLC0415
-    from rehab_opt.session.table import result_table  # noqa: PLC0415
+    from rehab_opt.session.report import write_report  # noqa: PLC0415
+    from rehab_opt.session.systems import system_named  # noqa: PLC0415
 
     loaded = load_problem(file)
-    folder = out if out is not None else Path("out") / loaded.name
-    try:
-        checked_folder(folder)
-    except OSError as problem:
-        raise ConfigurationError("--out", str(folder), f"a folder's name ({problem.strerror})") from problem
-    with _keys_of_the_user(loaded, solver):
-        outcome = _run_with_progress(loaded, law=_law(law), solver=_solver(solver, law))
+    folder = _writable(out if out is not None else Path("out") / loaded.name)
+    outcome = _run_with_progress(loaded, law=law, solver=solver)
     with _undisturbed():
         written = write_report(outcome, folder)
     console = Console()
-    console.print(result_table(outcome))
+    console.print(system_named(outcome.system).table(outcome))
     for note in outcome.notes:
         console.print(f"- {note}", highlight=False, markup=False)
     names = ", ".join(path.name for path in written)
@@ -108,15 +102,14 @@ def check(file: Problem) -> None:
     from rehab_opt.session.run import checked  # noqa: PLC0415
 
     loaded = load_problem(file)
-    with _keys_of_the_user(loaded, None):
-        notes = checked(loaded)
+    notes = checked(loaded)
     print(f"{loaded.name}: {loaded.problem.title}")
     for note in notes:
         print(f"- {note}")
     print("ok")
 
 
-def _run_with_progress(loaded: ProblemFile, *, law: Law, solver: str | None) -> Outcome:
+def _run_with_progress(loaded: ProblemFile[Any], **options: str | None) -> Outcome:
     """The run, with a bar on the error stream where that is a terminal."""
     from rich.console import Console  # noqa: PLC0415
     from rich.progress import Progress, TaskID  # noqa: PLC0415
@@ -133,49 +126,17 @@ def _run_with_progress(loaded: ProblemFile, *, law: Law, solver: str | None) -> 
             whole_known = whole if whole > 1 or done else None  # a law answers in one piece: its bar only moves
             bars.update(tasks[what], completed=done, total=whole_known)
 
-        return run_problem(loaded, law=law, solver=solver, progress=progress)
+        return run_problem(loaded, progress=progress, **options)
 
 
-def _solver(solver: str | None, law: str) -> str | None:
-    from rehab_opt.session.schema import UNUSABLE_SOLVERS  # noqa: PLC0415
+def _writable(folder: Path) -> Path:
+    """The folder of `--out`, refused before the run where it cannot take its files."""
+    from rehab_opt.session.report import checked_folder  # noqa: PLC0415
 
-    if solver == "" or solver in UNUSABLE_SOLVERS:
-        raise ConfigurationError("--solver", solver, "the name of a solver that this problem can be given to")
-    if solver is not None and law == "published":
-        raise ConfigurationError("--solver", solver, "no such option with --law published, which needs no solver")
-    return solver
-
-
-@contextmanager
-def _keys_of_the_user(loaded: ProblemFile, solver: str | None) -> Iterator[None]:
-    """Name the option or the key of the problem file where a law or a reader speaks of its own argument.
-
-    Raises
-    ------
-    ConfigurationError : `--solver` is refused.
-    ProblemFileError : a key of the file is.
-    """
-    problem = loaded.problem
     try:
-        yield
-    except ProblemFileError as refused:
-        if not refused.key.startswith("recording."):
-            raise
-        raise ProblemFileError(loaded.file, refused.key, refused.value, refused.expected) from refused
-    except ConfigurationError as refused:
-        if refused.argument != "solver" or solver is None:
-            raise
-        raise ConfigurationError("--solver", refused.value, refused.expected) from refused
-    except RuntimeError as failed:
-        if "::init for" not in str(failed):  # not CasADi's word for a solver that it cannot make
-            raise
-        expected = "a solver that this problem can be given to"
-        if solver is not None:
-            raise ConfigurationError("--solver", solver, expected) from failed
-        key, section = (
-            ("optimised", problem.optimised) if problem.system == "upper_limb" else ("tracker", problem.tracker)
-        )
-        raise ProblemFileError(loaded.file, f"{key}.solver", section.solver, expected) from failed
+        return checked_folder(folder)
+    except OSError as problem:
+        raise ConfigurationError("--out", str(folder), f"a folder's name ({problem.strerror})") from problem
 
 
 def _refuse(problem: RehabOptError) -> NoReturn:
@@ -216,12 +177,6 @@ def _undisturbed() -> Iterator[None]:
         yield
     if came:
         _interrupted()
-
-
-def _law(law: str) -> Law:
-    if law not in ("published", "optimised", "both"):
-        raise ConfigurationError("--law", law, "published, optimised or both")
-    return law  # type: ignore[return-value]
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -118,119 +119,73 @@ def test_check_accepts_a_sound_problem_and_writes_nothing(folder: Path, capsys: 
     assert files(folder) == before
 
 
-def spoil_unknown_key(folder: Path) -> str:
-    change(folder, "side =", "colour = 1\nside =")
-    return "arm.colour"
-
-
-def spoil_unit(folder: Path) -> str:
-    change(folder, "centre_m = [-0.172, 0.502]", "centre_mm = [-172, 502]")
-    return "placement.centre_mm"
-
-
-def spoil_limit(folder: Path) -> str:
+def spoil_limit(folder: Path) -> None:
     limits = "\n".join(f"{name}_deg = [30, 60]" for name in ARM_JOINTS).replace("wrist_flexion_deg = [30, 60]", WRONG)
     change(folder, 'range_of_motion = "restricted"', f"[arm.range_of_motion]\n{limits}")
-    return "arm.range_of_motion.wrist_flexion_deg = [60, 30]"
 
 
-def spoil_recording(folder: Path) -> str:
-    (folder / "path.csv").unlink()
-    return "recording.file = 'path.csv'"
-
-
-def spoil_data(folder: Path) -> str:
-    change(folder, "path.csv", "data:pen_trace/signal.svc")
-    return ENVIRONMENT
-
-
-def spoil_sample(folder: Path) -> str:
-    (folder / "path.csv").write_text(CSV.replace("0.5,0.01", "0.5,nan"), encoding="utf-8")
-    return "path.csv: line 3, column x_m = 'nan'"
-
-
-def spoil_hand(folder: Path) -> str:
-    change(folder, 'hand = "left"', 'hand = "right"')
-    return "recording.mirror = False: expected true"
-
-
-def spoil_bytes(folder: Path) -> str:
-    (folder / "problem.toml").write_bytes(bytes(range(256)))
-    return "expected UTF-8 text"
-
-
-def spoil_directory(folder: Path) -> str:
+def spoil_directory(folder: Path) -> None:
     (folder / "problem.toml").unlink()
     (folder / "problem.toml").mkdir()
-    return "a directory"
 
 
-def spoil_empty(folder: Path) -> str:
-    (folder / "problem.toml").write_bytes(b"")
-    return "a file that is not empty"
+def changed(old: str, new: str) -> Callable[[Path], None]:
+    """Another problem file."""
+    return lambda folder: change(folder, old, new)
 
 
-def spoil_file(folder: Path) -> str:
-    (folder / "problem.toml").unlink()
-    return "not found"
+def recorded_as(content: str | bytes) -> Callable[[Path], None]:
+    """Another recording."""
+    return lambda folder: (
+        Path(folder / "path.csv").write_bytes(content if isinstance(content, bytes) else content.encode()) and None
+    )
 
 
-def spoil_recording_bytes(folder: Path) -> str:
-    (folder / "path.csv").write_bytes(b"t_s,x_m,y_m\n\x80\x81\n")
-    return "path.csv: line 2"
+def without(name: str) -> Callable[[Path], None]:
+    return lambda folder: (folder / name).unlink()
 
 
-def spoil_posture_cost(folder: Path) -> str:
-    change(folder, "[run]", "[optimised.posture_cost]\nelegance = 1.0\n[run]")
-    return "problem.toml: optimised.posture_cost"
-
-
-def spoil_solver(folder: Path) -> str:
-    change(folder, "[run]", '[optimised]\nsolver = "no_such_solver"\n[run]')
-    return "problem.toml: optimised.solver = 'no_such_solver'"
-
-
-def spoil_duration(folder: Path) -> str:
-    (folder / "path.csv").write_text(CSV.replace("1.0,", "1000000,"), encoding="utf-8")
-    return "are the times in seconds"
-
-
-def spoil_solver_for_lifted_problems(folder: Path) -> str:
-    change(folder, "[run]", '[optimised]\nsolver = "scpgen"\n[run]')
-    return "problem.toml: optimised.solver = 'scpgen'"
-
-
-def spoil_columns(folder: Path) -> str:
-    change(folder, "[placement]", 'columns = ["a_m", "y_m"]\n[placement]')
-    return "problem.toml: recording.columns = 'a_m': expected columns of path.csv: t_s, x_m, y_m"
-
-
-def spoil_long_value(folder: Path) -> str:
-    change(folder, "path.csv", "x" * 5000)
-    return "xxx...: expected a recording"
-
-
-def spoil_cell(folder: Path) -> str:
-    (folder / "path.csv").write_text(CSV.replace("0.5,0.01", "0.5,1e300"), encoding="utf-8")
-    return "path.csv: line 3, column x_m = '1e300': expected a number from -10 to 10"
-
-
-def spoil_times(folder: Path) -> str:
-    (folder / "path.csv").write_text(CSV.replace("0,0,0", "-1e308,0,0").replace("1.0,", "1e308,"), encoding="utf-8")
-    return "path.csv: line 2, column t_s"
+def holding(content: bytes) -> Callable[[Path], None]:
+    return lambda folder: (folder / "problem.toml").write_bytes(content) and None
 
 
 WRONG = "wrist_flexion_deg = [60, 30]"
-SPOILS = [spoil for name, spoil in sorted(globals().items()) if name.startswith("spoil_")]
+SPOILS = {
+    "arm.colour": changed("side =", "colour = 1\nside ="),
+    "placement.centre_mm": changed("centre_m = [-0.172, 0.502]", "centre_mm = [-172, 502]"),
+    "arm.range_of_motion.wrist_flexion_deg = [60, 30]": spoil_limit,
+    "recording.file = 'path.csv'": without("path.csv"),
+    ENVIRONMENT: changed("path.csv", "data:pen_trace/signal.svc"),
+    "path.csv: line 3, column x_m = 'nan'": recorded_as(CSV.replace("0.5,0.01", "0.5,nan")),
+    "recording.mirror = False: expected true": changed('hand = "left"', 'hand = "right"'),
+    "expected UTF-8 text": holding(bytes(range(256))),
+    "a directory": spoil_directory,
+    "a file that is not empty": holding(b""),
+    "not found": without("problem.toml"),
+    "path.csv: line 2": recorded_as(b"t_s,x_m,y_m\n\x80\x81\n"),
+    "problem.toml: optimised.posture_cost": changed("[run]", "[optimised.posture_cost]\nelegance = 1.0\n[run]"),
+    "problem.toml: optimised.solver = 'no_such_solver'": changed(
+        "[run]", '[optimised]\nsolver = "no_such_solver"\n[run]'
+    ),
+    "are the times in seconds": recorded_as(CSV.replace("1.0,", "1000000,")),
+    "problem.toml: optimised.solver = 'scpgen'": changed("[run]", '[optimised]\nsolver = "scpgen"\n[run]'),
+    "problem.toml: recording.columns = 'a_m': expected columns of path.csv: t_s, x_m, y_m": changed(
+        "[placement]", 'columns = ["a_m", "y_m"]\n[placement]'
+    ),
+    "xxx...: expected a recording": changed("path.csv", "x" * 5000),
+    "path.csv: line 3, column x_m = '1e300': expected a number from -10 to 10": recorded_as(
+        CSV.replace("0.5,0.01", "0.5,1e300")
+    ),
+    "path.csv: line 2, column t_s": recorded_as(CSV.replace("0,0,0", "-1e308,0,0").replace("1.0,", "1e308,")),
+}
 
 
-@pytest.mark.parametrize("spoil", SPOILS, ids=lambda spoil: spoil.__name__)
+@pytest.mark.parametrize("named", SPOILS)
 def test_unusable_input_is_one_line_and_exit_code_2_and_nothing_written(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], spoil: object
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], named: str
 ) -> None:
-    assert callable(spoil)
     monkeypatch.setenv(ENVIRONMENT, str(folder / "nowhere"))
-    named = spoil(folder)
+    SPOILS[named](folder)
     before = files(folder)
     assert ended("run", "problem.toml", "--out", "result") == 2
     printed = capsys.readouterr()
@@ -264,6 +219,14 @@ def test_unusable_option_is_one_line_and_exit_code_2(
     assert printed.count("\n") == 1
     assert named in printed
     assert len(printed) < 400
+    assert files(folder) == before
+
+
+def test_option_that_a_system_does_not_know_is_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = files(folder)
+    assert ended("run", "robot/ur5_circle", "--law", "optimised") == 2
+    expected = "rehab-opt: --law = 'optimised': expected no such option: those of system 'pose_tracking' are --solver\n"
+    assert capsys.readouterr().err == expected
     assert files(folder) == before
 
 
@@ -319,7 +282,7 @@ def test_processes_own_mistake_is_not_called_the_users(folder: Path, monkeypatch
 INTERRUPTED = """
 import os, signal, sys
 import rehab_opt.cli as cli
-from rehab_opt.session import report, run
+from rehab_opt.session import placed_recording, report
 {patch}
 cli.main(sys.argv[1:])
 """
@@ -332,7 +295,7 @@ report.metrics_json = lambda outcome: [({NOW})(), whole(outcome)][1]
 
 @pytest.mark.parametrize(
     ("patch", "left"),
-    [(f"run.placed_path = {NOW}", set()), (DURING_WRITING, None)],
+    [(f"placed_recording.placed_path = {NOW}", set()), (DURING_WRITING, None)],
     ids=["running", "writing"],
 )
 def test_interrupt_is_one_line_and_exit_code_130_and_leaves_all_files_or_none(

@@ -7,22 +7,32 @@ import importlib.resources
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 from pydantic import ValidationError
 
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.session.data_folder import ENVIRONMENT, PREFIX, data_file
-from rehab_opt.session.schema import NAME, TABLE, PoseTracking, UpperLimb
+from rehab_opt.session.schema import NAME, TABLE, Problem
+from rehab_opt.session.systems import SYSTEMS, system_named
 from rehab_opt.session.text_lines import brief, shown, whole_text
 
-__all__ = ["ProblemFile", "load_problem", "problem_path", "recording_path", "recording_state", "shipped_problems"]
+__all__ = [
+    "ProblemFile",
+    "load_problem",
+    "problem_content",
+    "problem_of",
+    "problem_path",
+    "recording_path",
+    "recording_state",
+    "shipped_problems",
+]
 
-SYSTEMS: dict[str, type[UpperLimb] | type[PoseTracking]] = {"upper_limb": UpperLimb, "pose_tracking": PoseTracking}
+P_co = TypeVar("P_co", bound=Problem, covariant=True)
 
 
 @dataclass(frozen=True)
-class ProblemFile:
+class ProblemFile(Generic[P_co]):
     """A checked problem.
 
     Parameters
@@ -36,10 +46,10 @@ class ProblemFile:
     name: str
     file: str
     path: Path
-    problem: UpperLimb | PoseTracking
+    problem: P_co
 
 
-def load_problem(file: str) -> ProblemFile:
+def load_problem(file: str) -> ProblemFile[Any]:
     """Read and check a problem file.
 
     Parameters
@@ -51,9 +61,14 @@ def load_problem(file: str) -> ProblemFile:
     ProblemFileError : one line naming the file, the dotted key, its value and what was expected.
     """
     name, path = problem_path(file)
+    return problem_of(problem_content(path, file), name=name, file=file, path=path)
+
+
+def problem_content(path: Path, file: str) -> dict[str, Any]:
+    """What a TOML file says, not yet checked; raises as `load_problem`, `file` being what errors call it."""
     text = whole_text(path, file)
     try:
-        content = tomllib.loads(text)
+        return tomllib.loads(text)
     except tomllib.TOMLDecodeError as problem:
         line = _line_of(problem, text)
         value = shown(text.splitlines()[line - 1]) if line <= len(text.splitlines()) else "end of file"
@@ -64,11 +79,24 @@ def load_problem(file: str) -> ProblemFile:
         raise ProblemFileError(file, f"line {line}", shown(longest), "a number of fewer digits") from problem
     except RecursionError as problem:
         raise ProblemFileError(file, "file", "nested too deeply", "tables and lists inside a few others") from problem
+
+
+def problem_of(content: dict[str, Any], *, name: str, file: str, path: Path) -> ProblemFile[Any]:
+    """The problem that a file's content states, checked to the last key.
+
+    Parameters
+    ----------
+    name, file, path : as in `ProblemFile`.
+
+    Raises
+    ------
+    ProblemFileError : an unknown system or key, a value out of its range.
+    """
     system = content.get("system")
     if not isinstance(system, str) or system not in SYSTEMS:
         raise ProblemFileError(file, "system", brief(system), f"one of {', '.join(SYSTEMS)}")
     try:
-        return ProblemFile(name=name, file=file, path=path, problem=SYSTEMS[system].model_validate(content))
+        return ProblemFile(name=name, file=file, path=path, problem=system_named(system).schema.model_validate(content))
     except ValidationError as problem:
         raise _first_error(problem, file) from problem
 
@@ -103,14 +131,13 @@ def shipped_problems() -> dict[str, Path]:
     return {str(path.relative_to(folder).with_suffix("").as_posix()): path for path in sorted(folder.glob("*/*.toml"))}
 
 
-def recording_path(loaded: ProblemFile, reference: str) -> Path:
-    """Where the recording that a problem names lies: beside the problem file, or in the data folder (`data:`).
+def recording_path(loaded: ProblemFile[Problem], reference: str, *, key: str = "recording.file") -> Path:
+    """Where the recording that a problem names under `key` lies: beside its file, or in the data folder (`data:`).
 
     Raises
     ------
     ProblemFileError : it is absent.
     """
-    key = "recording.file"
     if reference.startswith(PREFIX):
         return data_file(reference, problem=loaded.file, key=key)
     path = loaded.path.parent / reference
@@ -125,17 +152,17 @@ def recording_path(loaded: ProblemFile, reference: str) -> Path:
     return path
 
 
-def recording_state(loaded: ProblemFile) -> str:
-    """Whether the recording of a problem is there, in a few words."""
-    problem = loaded.problem
-    if isinstance(problem, PoseTracking):
+def recording_state(loaded: ProblemFile[Problem]) -> str:
+    """Whether the recordings of a problem are there, in a few words."""
+    needed = system_named(loaded.problem.system).recordings(loaded.problem)
+    for each in needed:
+        try:
+            recording_path(loaded, each.reference, key=each.key)
+        except ProblemFileError:
+            return f"absent: {each.reference} (set {ENVIRONMENT})"
+    if not needed:
         return "none needed"
-    reference = problem.recording.file
-    try:
-        recording_path(loaded, reference)
-    except ProblemFileError:
-        return f"absent: {reference} (set {ENVIRONMENT})"
-    return "present" if reference.startswith(PREFIX) else "shipped"
+    return "present" if any(each.reference.startswith(PREFIX) for each in needed) else "shipped"
 
 
 def _shipped_folder() -> Path:

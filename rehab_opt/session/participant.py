@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,10 +13,18 @@ from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.human_arm import human_arm
 from rehab_opt.session.recordings import Recording
-from rehab_opt.session.schema import ArmSection, PlacementSection, RangeOfMotion, UpperLimb
+from rehab_opt.session.schema import (
+    ArmSection,
+    PlacementSection,
+    PlanarPlacement,
+    RangeOfMotion,
+    RecordingSection,
+    SegmentsSection,
+    Side,
+)
 from rehab_opt.session.text_lines import FARTHEST
 
-__all__ = ["checked_hand", "participant_arm", "placed_path"]
+__all__ = ["arm_of", "checked_hand", "participant_arm", "placed_path"]
 
 Array = NDArray[np.float64]
 
@@ -28,39 +38,60 @@ def participant_arm(section: ArmSection, *, file: str) -> SerialChain:
     ------
     ProblemFileError : the kinematics refuses a value of the file.
     """
-    ranges = section.range_of_motion
-    if isinstance(ranges, RangeOfMotion):
-        by_joint = {key.removesuffix("_deg"): np.deg2rad(pair) for key, pair in ranges.model_dump().items()}
-    segments = {key.removesuffix("_mm"): 1e-3 * length for key, length in section.segments.model_dump().items()}
+    arm = arm_of(section.side, section.segments, section.range_of_motion, file=file)
     bounds = {"velocity": section.joint_speed_deg_s, "acceleration": section.joint_acceleration_deg_s2}
-    try:
-        arm = human_arm(
-            range_of_motion=ranges if isinstance(ranges, str) else by_joint, segments=segments, side=section.side
-        )
+    with _keys_of("arm", file=file):
         return arm.with_limits(**{name: math.radians(bound) for name, bound in bounds.items() if bound is not None})
+
+
+def arm_of(
+    side: Side, segments: SegmentsSection, ranges: str | RangeOfMotion, *, file: str, key: str = "arm"
+) -> SerialChain:
+    """An arm with a range of motion by its name or by its limits; `key` is where the problem file speaks of it.
+
+    Raises
+    ------
+    ProblemFileError : the kinematics refuses a value of the file.
+    """
+    chosen = (
+        ranges
+        if isinstance(ranges, str)
+        else {name.removesuffix("_deg"): np.deg2rad(pair) for name, pair in ranges.model_dump().items()}
+    )
+    lengths = {name.removesuffix("_mm"): 1e-3 * length for name, length in segments.model_dump().items()}
+    with _keys_of(key, file=file):
+        return human_arm(range_of_motion=chosen, segments=lengths, side=side)
+
+
+@contextmanager
+def _keys_of(key: str, *, file: str) -> Iterator[None]:
+    try:
+        yield
     except ConfigurationError as problem:
-        raise ProblemFileError(file, f"arm, {problem.argument}", problem.value, problem.expected) from problem
+        raise ProblemFileError(file, f"{key}, {problem.argument}", problem.value, problem.expected) from problem
 
 
-def checked_hand(problem: UpperLimb, *, file: str) -> None:
+def checked_hand(recording: RecordingSection, *, side: Side, file: str) -> None:
     """Refuse a path of the other hand that is not mirrored, and a path of the same hand that is.
 
     Raises
     ------
     ProblemFileError : mirroring is said explicitly, or the run would treat the wrong side.
     """
-    other = problem.recording.hand != problem.arm.side
-    if problem.recording.mirror != other:
+    other = recording.hand != side
+    if recording.mirror != other:
         expected = (
-            f"true, since a {problem.recording.hand} hand was recorded and the arm is a {problem.arm.side} one"
+            f"true, since a {recording.hand} hand was recorded and the arm is a {side} one"
             if other
-            else f"false, since the recorded hand and the arm are both {problem.arm.side} ones"
+            else f"false, since the recorded hand and the arm are both {side} ones"
         )
-        raise ProblemFileError(file, "recording.mirror", problem.recording.mirror, expected)
+        raise ProblemFileError(file, "recording.mirror", recording.mirror, expected)
 
 
-def placed_path(recording: Recording, placement: PlacementSection, *, mirror: bool, file: str) -> tuple[Array, str]:
-    """The path of the hand in the frame of the shoulder, and a sentence on what was done to it.
+def placed_path(
+    recording: Recording, placement: PlanarPlacement | PlacementSection, *, mirror: bool, file: str
+) -> tuple[Array, str]:
+    """The path of the hand where the placement puts it, and a sentence on what was done to it.
 
     Turned about the vertical, mirrored if it is the other hand's, scaled, and shifted so that the middle of its
     bounding box lies at the centre, in this order; a third coordinate is projected away.
@@ -71,7 +102,7 @@ def placed_path(recording: Recording, placement: PlacementSection, *, mirror: bo
 
     Returns
     -------
-    path : (N, 3) [m], z up, y forward, x to the participant's right.
+    path : (N, 3) [m], z up (0 where the placement names no plane), y forward, x to the participant's right.
     sentence : for the notes of the result.
 
     Raises
@@ -99,11 +130,12 @@ def placed_path(recording: Recording, placement: PlacementSection, *, mirror: bo
         raise ProblemFileError(
             file, "placement", f"a path up to {beyond:.3g} m from the shoulder", f"at most {FARTHEST:g} m"
         )
-    path = np.column_stack((flat, np.full(len(flat), placement.plane_height_m)))
+    height = placement.plane_height_m if isinstance(placement, PlacementSection) else 0.0
+    path = np.column_stack((flat, np.full(len(flat), height)))
     return path, f"path {', '.join(said)}"
 
 
-def _scale(placement: PlacementSection, extent: Array, *, file: str) -> float:
+def _scale(placement: PlanarPlacement, extent: Array, *, file: str) -> float:
     if placement.fit_m is None:
         return placement.scale or 1.0
     sized = extent > 1e-9

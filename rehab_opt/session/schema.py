@@ -1,6 +1,6 @@
-"""What a problem file may say: every key, its unit (the end of its name), its range and its default.
+"""What problem files of several systems may say: each key, its unit (the end of its name), its range, its default.
 
-`problems/README.md` says what each key means for the problem that is solved.
+The keys of one system stand beside it; `problems/README.md` says what each means for the problem that is solved.
 """
 
 from __future__ import annotations
@@ -18,25 +18,25 @@ __all__ = [
     "TABLE",
     "UNUSABLE_SOLVERS",
     "ArmSection",
-    "CircleSection",
-    "OptimisedSection",
+    "Length",
+    "Limits",
     "PlacementSection",
-    "PoseTracking",
-    "PublishedSection",
+    "PlanarPlacement",
+    "Positive",
+    "Problem",
     "RangeOfMotion",
     "RecordingSection",
-    "RobotSection",
-    "RunSection",
+    "Section",
     "SegmentsSection",
-    "SmoothingSection",
-    "TrackerSection",
-    "UpperLimb",
+    "Side",
+    "SolverName",
+    "Triple",
+    "refusal",
 ]
 
 NAME, TABLE = "<name>", "<table>"
 """Which form of a key that has two was used; pydantic puts them into the place of an error."""
 
-MOST_TICKS = 2_000_000
 UNUSABLE_SOLVERS = ("scpgen",)
 """CasADi has them, but cannot make them of these problems and warns on the error stream while it tries."""
 
@@ -71,11 +71,6 @@ LongBone = Annotated[float, AfterValidator(_bone)]
 Limits = Annotated[
     list[Annotated[float, Field(ge=-360, le=360)]], Field(min_length=2, max_length=2), AfterValidator(_ordered)
 ]
-Weight = Annotated[float, Field(ge=0)]
-PostureWeight = Annotated[
-    Annotated[Weight, Tag(NAME)] | Annotated[dict[str, Weight], Tag(TABLE)],
-    Discriminator(lambda value: TABLE if isinstance(value, dict) else NAME),
-]
 Triple = Annotated[list[Length], Field(min_length=3, max_length=3)]
 
 
@@ -98,6 +93,13 @@ class Section(BaseModel):
                 if key not in cls.model_fields:
                     raise refusal(key, value, f"one of the keys {', '.join(cls.model_fields)}")
         return data
+
+
+class Problem(Section):
+    """The whole of a problem file."""
+
+    system: str
+    title: str = Field(min_length=1, max_length=120)
 
 
 class RangeOfMotion(Section):
@@ -158,11 +160,10 @@ class RecordingSection(Section):
         return self
 
 
-class PlacementSection(Section):
-    """Where the movement lies in the frame of the shoulder."""
+class PlanarPlacement(Section):
+    """Where a movement lies in its plane."""
 
     centre_m: Annotated[list[Length], Field(min_length=2, max_length=2)]
-    plane_height_m: Length = -0.24
     turn_deg: float = Field(default=0.0, ge=-360, le=360)
     scale: float | None = Field(default=None, gt=0, le=1000)
     fit_m: Annotated[list[Annotated[float, Field(gt=0, le=10)]], Field(min_length=2, max_length=2)] | None = None
@@ -175,97 +176,7 @@ class PlacementSection(Section):
         return self
 
 
-class RunSection(Section):
-    """How densely the movement is sampled."""
+class PlacementSection(PlanarPlacement):
+    """Where a movement lies in the frame of the shoulder."""
 
-    rate_hz: float = Field(default=100.0, ge=1, le=1000)
-
-
-class OptimisedSection(Section):
-    """The optimised law, `ArmIK`."""
-
-    solver: SolverName | None = None
-    posture_cost: dict[str, PostureWeight] = Field(default={"rest": 1.0}, min_length=1)
-
-
-class PublishedSection(Section):
-    """The published law, `TangentLaw`: Eqs. (8)-(14) of Rossa et al."""
-
-    gain_per_s: float | None = Field(default=None, gt=0, le=1000)
-    damping: Positive | None = None
-
-
-class SmoothingSection(Section):
-    """Bounds of the smoothed joint motion; the same for every joint."""
-
-    speed_deg_s: float = Field(default=180.0, ge=1, le=1e4)
-    acceleration_deg_s2: float = Field(default=1800.0, ge=1, le=1e7)
-    jerk_deg_s3: float = Field(default=180000.0, ge=1, le=1e10)
-
-
-class UpperLimb(Section):
-    """A recorded hand path followed within a person's joint limits."""
-
-    system: Literal["upper_limb"]
-    title: str = Field(min_length=1, max_length=120)
-    arm: ArmSection
-    recording: RecordingSection
-    placement: PlacementSection
-    run: RunSection = RunSection()
-    optimised: OptimisedSection = OptimisedSection()
-    published: PublishedSection = PublishedSection()
-    smoothing: SmoothingSection = SmoothingSection()
-
-
-class RobotSection(Section):
-    """Which robot, and from where it starts."""
-
-    model: Literal["ur5"]
-    start_deg: Annotated[list[Annotated[float, Field(ge=-360, le=360)]], Field(min_length=6, max_length=6)]
-    joint_speed_deg_s: Annotated[float, Field(gt=0, le=180)] = 180.0
-    joint_acceleration_deg_s2: Annotated[float, Field(gt=0, le=1e5)] | None = None
-
-
-class CircleSection(Section):
-    """A circle of the tool through its starting point, from rest to rest."""
-
-    radius_m: float = Field(gt=0, le=1)
-    normal: Triple = [0.0, 0.0, 1.0]
-    towards: Triple = [1.0, 0.0, 0.0]
-    turns: float = Field(default=1.0, gt=0, le=100)
-    duration_s: float = Field(gt=0, le=600)
-    swing_deg: float = Field(default=0.0, ge=0, le=90)
-
-    @model_validator(mode="after")
-    def directions_differ(self) -> Self:
-        """Refuse a circle without a plane."""
-        (a, b, c), (x, y, z) = self.normal, self.towards
-        if (b * z - c * y) ** 2 + (c * x - a * z) ** 2 + (a * y - b * x) ** 2 < 1e-12:
-            raise PydanticCustomError("no_plane", "normal and towards neither zero nor parallel")
-        return self
-
-
-class TrackerSection(Section):
-    """The tracking law, `PoseTracker`."""
-
-    rate_hz: float = Field(default=1000.0, ge=10, le=10000)
-    gain_per_s: float | None = Field(default=None, gt=0, le=10000)
-    solver: SolverName | None = None
-
-
-class PoseTracking(Section):
-    """A robot whose tool follows a moving pose."""
-
-    system: Literal["pose_tracking"]
-    title: str = Field(min_length=1, max_length=120)
-    robot: RobotSection
-    circle: CircleSection
-    tracker: TrackerSection = TrackerSection()
-
-    @model_validator(mode="after")
-    def ticks_fit_into_memory(self) -> Self:
-        """Refuse a run that is as long as it is dense."""
-        rate, duration = self.tracker.rate_hz, self.circle.duration_s
-        if rate * duration > MOST_TICKS:
-            raise refusal("tracker.rate_hz", rate, f"at most {MOST_TICKS} ticks in circle.duration_s = {duration:g}")
-        return self
+    plane_height_m: Length = -0.24

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import runpy
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import pytest
 from hypothesis import given
@@ -25,6 +25,8 @@ from rehab_opt.session.files import (
     shipped_problems,
 )
 from rehab_opt.session.run import checked
+from rehab_opt.session.systems import SYSTEMS, system_named
+from rehab_opt.session.upper_limb.problem import UpperLimb
 
 Write = Callable[[str, str | bytes], Path]
 
@@ -93,18 +95,27 @@ def test_problem_file_is_found_by_name_and_by_path(monkeypatch: pytest.MonkeyPat
 def test_persons_own_range_of_motion_is_accepted(written: Write) -> None:
     written("path.csv", CSV)
     problem = load_problem(str(written("own.toml", OWN_RANGE + RANGES))).problem
-    assert isinstance(problem, schema.UpperLimb)
+    assert isinstance(problem, UpperLimb)
     assert isinstance(problem.arm.range_of_motion, schema.RangeOfMotion)
 
 
 def test_every_number_of_the_schema_carries_its_unit_or_has_none() -> None:
     units = ("_m", "_mm", "_deg", "_s", "_hz", "_deg_s", "_deg_s2", "_deg_s3", "_per_s")
     without = {"scale", "damping", "posture_cost", "turns", "normal", "towards"}  # ratios, directions, counts
-    for section in vars(schema).values():
-        if isinstance(section, type) and issubclass(section, BaseModel):
-            for key, field in section.model_fields.items():
-                if "float" in str(field.annotation) and key not in without:
-                    assert key.endswith(units), key
+    for section in {found for name in SYSTEMS for found in sections(system_named(name).schema)}:
+        for key, field in section.model_fields.items():
+            if "float" in str(field.annotation) and key not in without:
+                assert key.endswith(units), key
+
+
+def sections(annotation: Any) -> Iterator[type[BaseModel]]:
+    """A section and all that stand in it, however deep in lists, tables and alternatives."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+        for field in annotation.model_fields.values():
+            yield from sections(field.annotation)
+    for part in get_args(annotation):
+        yield from sections(part)
 
 
 FAULTS = [
@@ -276,7 +287,7 @@ def test_no_value_ends_in_anything_but_a_problem_or_a_refusal(section: str, key:
     content.setdefault(section, {})[key] = value
     message = ""
     try:
-        schema.UpperLimb.model_validate(content)
+        UpperLimb.model_validate(content)
     except ValidationError as problem:
         message = str(_first_error(problem, "file"))
     assert "\n" not in message

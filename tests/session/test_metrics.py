@@ -19,8 +19,8 @@ from rehab_opt.session.metrics import (
     status_counts,
     time_metrics,
 )
-from rehab_opt.session.schema import SmoothingSection
-from rehab_opt.session.smoothed import smoothed
+from rehab_opt.session.upper_limb.problem import SmoothingSection
+from rehab_opt.session.upper_limb.smoothed import smoothed
 
 ARM = human_arm(range_of_motion="restricted")
 

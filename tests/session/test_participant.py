@@ -11,7 +11,7 @@ from rehab_opt.errors import ProblemFileError
 from rehab_opt.kinematics.human_arm import human_arm
 from rehab_opt.session.participant import checked_hand, participant_arm, placed_path
 from rehab_opt.session.recordings import Recording
-from rehab_opt.session.schema import ArmSection, PlacementSection, RangeOfMotion, UpperLimb
+from rehab_opt.session.schema import ArmSection, PlacementSection, RangeOfMotion, RecordingSection, Side
 
 RANGE = RangeOfMotion(
     scapular_retraction_deg=[0, 0],
@@ -29,16 +29,8 @@ def recording(points: list[list[float]]) -> Recording:
     return Recording("hand", np.arange(float(len(points))), np.array(points))
 
 
-def problem(*, side: str, hand: str, mirror: bool) -> UpperLimb:
-    return UpperLimb.model_validate(
-        {
-            "system": "upper_limb",
-            "title": "test",
-            "arm": {"side": side, "range_of_motion": "regular"},
-            "recording": {"file": "x.csv", "hand": hand, "mirror": mirror},
-            "placement": {"centre_m": [0, 0.4]},
-        }
-    )
+def hand(side: Side, *, mirror: bool) -> RecordingSection:
+    return RecordingSection(file="x.csv", hand=side, mirror=mirror)
 
 
 def test_own_range_of_motion_equal_to_table_i_gives_the_participants_arm() -> None:
@@ -58,17 +50,17 @@ def test_segments_and_speeds_reach_the_arm() -> None:
     assert arm.rows[7].d == 0.0
 
 
-@pytest.mark.parametrize(("side", "hand"), [("left", "right"), ("right", "left")])
-def test_other_hand_must_be_mirrored_explicitly(side: str, hand: str) -> None:
-    checked_hand(problem(side=side, hand=hand, mirror=True), file="f")
+@pytest.mark.parametrize(("side", "other"), [("left", "right"), ("right", "left")])
+def test_other_hand_must_be_mirrored_explicitly(side: Side, other: Side) -> None:
+    checked_hand(hand(other, mirror=True), side=side, file="f")
     with pytest.raises(ProblemFileError, match="expected true, since"):
-        checked_hand(problem(side=side, hand=hand, mirror=False), file="f")
+        checked_hand(hand(other, mirror=False), side=side, file="f")
 
 
 def test_same_hand_must_not_be_mirrored() -> None:
-    checked_hand(problem(side="left", hand="left", mirror=False), file="f")
+    checked_hand(hand("left", mirror=False), side="left", file="f")
     with pytest.raises(ProblemFileError, match="expected false, since"):
-        checked_hand(problem(side="left", hand="left", mirror=True), file="f")
+        checked_hand(hand("left", mirror=True), side="left", file="f")
 
 
 def test_quarter_turn_brings_right_to_front() -> None:

@@ -10,12 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rehab_opt.kinematics.ur5 import ur5
-from rehab_opt.session.figures import figures
 from rehab_opt.session.files import load_problem
-from rehab_opt.session.outcome import RobotOutcome
-from rehab_opt.session.robot import circle_reference
+from rehab_opt.session.pose_tracking.figures import robot_figures
+from rehab_opt.session.pose_tracking.outcome import RobotOutcome
+from rehab_opt.session.pose_tracking.problem import CircleSection, PoseTracking
+from rehab_opt.session.pose_tracking.robot import circle_reference
 from rehab_opt.session.run import run_problem
-from rehab_opt.session.schema import CircleSection, PoseTracking
 
 START = ur5().pose(np.deg2rad([0.0, -90.0, 90.0, -90.0, -90.0, 0.0]))
 direction = st.tuples(st.floats(-1, 1), st.floats(-1, 1), st.floats(-1, 1))
@@ -71,12 +71,12 @@ def test_limits_are_spoken_of_only_where_a_panel_shows_one() -> None:
     assert isinstance(loaded.problem, PoseTracking)
     tracker = loaded.problem.tracker.model_copy(update={"rate_hz": 100.0})
     outcome = run_problem(replace(loaded, problem=loaded.problem.model_copy(update={"tracker": tracker})))
-    joints = figures(outcome)["joints"]
+    joints = robot_figures(outcome)["joints"]
     assert [text.get_text() for text in joints.legends[0].get_texts()] == ["PoseTracker"]
     assert "all limits lie outside" in joints.get_suptitle()
     bent = outcome.q.max(axis=0) if isinstance(outcome, RobotOutcome) else None
     near = replace(outcome, chain=outcome.chain.with_limits(upper=bent))
-    joints = figures(near)["joints"]
+    joints = robot_figures(near)["joints"]
     assert [text.get_text() for text in joints.legends[0].get_texts()] == ["PoseTracker", "outside the joint's range"]
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from rehab_opt.session.outcome import LawResult
+from rehab_opt.session.cells import ROUNDING_DEG
+from rehab_opt.session.upper_limb.outcome import LawResult
 
 __all__ = ["hurried", "law_notes", "smoothing_note"]
 
-ROUNDING_DEG = 1e-4  # tilts that differ by less are the same tilt
 TICKS_OK = "ok"
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rehab_opt.control.smoothing import Smoother
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.session.metrics import lag, reason_counts, status_counts
-from rehab_opt.session.schema import SmoothingSection
+from rehab_opt.session.upper_limb.problem import SmoothingSection
 
 __all__ = ["smoothed"]
 

@@ -14,8 +14,9 @@ from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.ur5 import ur5
 from rehab_opt.session.metrics import error_metrics, joint_metrics, status_counts, time_metrics
-from rehab_opt.session.outcome import Progress, RobotOutcome
-from rehab_opt.session.schema import CircleSection, PoseTracking, RobotSection
+from rehab_opt.session.outcome import Progress
+from rehab_opt.session.pose_tracking.outcome import RobotOutcome
+from rehab_opt.session.pose_tracking.problem import CircleSection, PoseTracking, RobotSection
 
 if TYPE_CHECKING:
     from rehab_opt.control.pose_tracker import PoseTracker
@@ -94,6 +95,7 @@ def run_pose_tracking(
         "yielded": status_counts(text for text in yielded if text and text != "nothing"),
     }
     return RobotOutcome(
+        system=problem.system,
         name=name,
         title=problem.title,
         chain=robot,

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.kinematics.chain import SerialChain
-from rehab_opt.session.outcome import LawResult, Progress
-from rehab_opt.session.schema import UpperLimb
+from rehab_opt.session.outcome import Progress
+from rehab_opt.session.upper_limb.outcome import LawResult
+from rehab_opt.session.upper_limb.problem import UpperLimb
 
 __all__ = ["LAWS", "followed", "follower", "hand_and_tilt"]
 

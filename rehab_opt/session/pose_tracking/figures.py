@@ -1,0 +1,59 @@
+"""Figures of a followed pose: what was asked, what the robot did."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from rehab_opt.session.drawing import GRID, MM, REFERENCE, framed, legend_below
+from rehab_opt.session.joint_figure import LAW_STYLES, joint_figure
+from rehab_opt.session.pose_tracking.outcome import RobotOutcome
+from rehab_opt.session.pose_tracking.table import TRACKER
+
+__all__ = ["robot_figures"]
+
+
+def robot_figures(outcome: RobotOutcome) -> dict[str, Figure]:
+    """The figures of a run by file name (without suffix)."""
+    return {
+        "tool_path": _tool_path(outcome),
+        "joints": joint_figure(outcome, {TRACKER: (outcome.q, LAW_STYLES["optimised"])}),
+        "error": _robot_error(outcome),
+    }
+
+
+def _tool_path(outcome: RobotOutcome) -> Figure:
+    figure = framed(f"{outcome.title}\nTool path seen from above and from the side", 9.0, 5.5)
+    above, side = figure.subplots(1, 2)
+    for axes, (a, b), labels in ((above, (0, 1), ("x", "y")), (side, (0, 2), ("x", "z"))):
+        reference, tool = MM * outcome.reference, MM * outcome.tool
+        axes.plot(reference[:, a], reference[:, b], color=REFERENCE, linewidth=4.5, alpha=0.25, label="path asked for")
+        axes.plot(tool[:, a], tool[:, b], **LAW_STYLES["optimised"], label="tool")
+        axes.plot(reference[0, a], reference[0, b], "o", color=REFERENCE, markersize=6, label="start")
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.set_xlabel(f"{labels[0]} [mm]")
+        axes.set_ylabel(f"{labels[1]} [mm]")
+        axes.grid(**GRID)
+    legend_below(figure, above, 3)
+    return figure
+
+
+def _robot_error(outcome: RobotOutcome) -> Figure:
+    figure = framed(f"{outcome.title}\nTracking error, and how much of the joints' speed is used", 9.0, 7.0)
+    distance, angle, speed = figure.subplots(3, 1, sharex=True)
+    distance.plot(outcome.time, MM * outcome.position_error, **LAW_STYLES["optimised"], label=TRACKER)
+    angle.plot(outcome.time, np.rad2deg(outcome.orientation_error), **LAW_STYLES["optimised"])
+    used = 100 * (np.abs(outcome.command) / outcome.chain.velocity).max(axis=1)
+    speed.plot(outcome.time, used, **LAW_STYLES["optimised"])
+    speed.axhline(100, color=REFERENCE, linewidth=1, linestyle=":")
+    speed.annotate("speed limit", (0.995, 100), xycoords=("axes fraction", "data"), ha="right", va="top", fontsize=9)
+    distance.set_ylabel("position error [mm]")
+    angle.set_ylabel("orientation error [deg]")
+    speed.set_ylabel("fastest joint [% of limit]")
+    speed.set_xlabel("time [s]")
+    for axes in (distance, angle, speed):
+        axes.set_ylim(bottom=0)
+        axes.margins(x=0.01)
+        axes.grid(**GRID)
+    legend_below(figure, distance, 1)
+    return figure

@@ -1,0 +1,53 @@
+"""Refusals of a solver, in the words of whoever named it: an option of the command line, or a key of the file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from rehab_opt.errors import ConfigurationError, ProblemFileError
+from rehab_opt.session.schema import UNUSABLE_SOLVERS
+
+__all__ = ["checked_solver", "solver_refusals"]
+
+USABLE = "a solver that this problem can be given to"
+
+
+def checked_solver(solver: str | None) -> str | None:
+    """The solver of `--solver`; what a library asks for by the same name is checked where it is made.
+
+    Raises
+    ------
+    ConfigurationError : it is empty, or known to be unusable.
+    """
+    if solver == "" or solver in UNUSABLE_SOLVERS:
+        raise ConfigurationError("--solver", solver, USABLE)
+    return solver
+
+
+@contextmanager
+def solver_refusals(option: str | None, *, file: str, key: str, value: str | None) -> Iterator[None]:
+    """Name `--solver` or the file's key where making a solver fails.
+
+    Parameters
+    ----------
+    option : what `--solver` said, if it was given.
+    key, value : of the file, which counts where it was not.
+
+    Raises
+    ------
+    ConfigurationError : `--solver` is refused.
+    ProblemFileError : the key of the file is.
+    """
+    try:
+        yield
+    except ConfigurationError as refused:
+        if refused.argument != "solver" or option is None:
+            raise
+        raise ConfigurationError("--solver", refused.value, refused.expected) from refused
+    except RuntimeError as failed:
+        if "::init for" not in str(failed):  # not CasADi's word for a solver that it cannot make
+            raise
+        if option is not None:
+            raise ConfigurationError("--solver", option, USABLE) from failed
+        raise ProblemFileError(file, key, value, USABLE) from failed

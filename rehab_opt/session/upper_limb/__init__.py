@@ -1,0 +1,1 @@
+"""A recorded hand path followed within a person's joint limits."""

@@ -1,0 +1,155 @@
+"""The run along a recorded path: laws, smoother, numbers. Nothing is written here."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.control.command import Status
+from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.session.files import ProblemFile
+from rehab_opt.session.metrics import (
+    error_metrics,
+    joint_metrics,
+    path_shares,
+    reason_counts,
+    status_counts,
+    time_metrics,
+)
+from rehab_opt.session.outcome import Progress
+from rehab_opt.session.participant import participant_arm
+from rehab_opt.session.placed_recording import placed_recording
+from rehab_opt.session.upper_limb.laws import followed, hand_and_tilt
+from rehab_opt.session.upper_limb.notes import law_notes, smoothing_note
+from rehab_opt.session.upper_limb.outcome import ArmOutcome, LawResult
+from rehab_opt.session.upper_limb.problem import UpperLimb
+from rehab_opt.session.upper_limb.smoothed import smoothed
+
+__all__ = ["FOLLOWED", "run_upper_limb", "verified"]
+
+Array = NDArray[np.float64]
+
+FOLLOWED = 1e-3
+"""[m] A sample counts as followed when the hand is no further off and the handle within its tilt."""
+REACHED = 2e-6
+"""[m] `ArmIK` calls a sample reached to 1e-6 m; its word is checked against the kinematics with this."""
+ROUNDING = 1e-6  # [rad] tilts that differ by less are the same tilt
+
+
+def run_upper_limb(
+    loaded: ProblemFile[UpperLimb], *, laws: Sequence[str], solver: str | None, progress: Progress
+) -> ArmOutcome:
+    """Run laws along the recorded path.
+
+    Parameters
+    ----------
+    laws : which of `LAWS`.
+    solver : replaces the file's solver of the optimised law.
+
+    Raises
+    ------
+    ProblemFileError : the recording or a value of the file cannot be used.
+    ConfigurationError : no such solver.
+    """
+    problem = loaded.problem
+    arm = participant_arm(problem.arm, file=loaded.file)
+    recording, path = placed_recording(
+        loaded, problem.recording, problem.placement, side=problem.arm.side, rate=problem.run.rate_hz
+    )
+    runs = [followed(law, arm, path, problem, file=loaded.file, solver=solver, progress=progress) for law in laws]
+    reachable = next((verified(run) for run in runs if run.law == "optimised"), None)
+    results: list[LawResult] = []
+    for run in runs:
+        progress("smoothing", len(results), len(runs))
+        results.append(_measured(run, arm, path, problem, reachable))
+    progress("smoothing", len(runs), len(runs))
+    shares = (None, None) if reachable is None else path_shares(path, reachable)
+    within_reach = reachable is not None and bool(reachable.all())
+    length = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
+    return ArmOutcome(
+        system=problem.system,
+        name=loaded.name,
+        title=problem.title,
+        chain=arm,
+        time=recording.time,
+        notes=(
+            *recording.notes,
+            f"the handle may tilt by {problem.arm.handle_tilt_deg:g} deg from the vertical",
+            smoothing_note(results[0].metrics["smoothed"]["bounds"]),
+            *(note for result in results for note in law_notes(result, within_reach=within_reach)),
+        ),
+        metrics={
+            "samples": len(path),
+            "duration_s": recording.duration,
+            "path_length_m": length,
+            "reachable_share_of_length": shares[0],
+            "reachable_share_of_time": shares[1],
+            "parameters": problem.model_dump(mode="json", exclude={"title"}),
+            **{result.law: dict(result.metrics) for result in results},
+        },
+        path=path,
+        laws=tuple(results),
+        reachable=reachable,
+        handle_tilt_limit=math.radians(problem.arm.handle_tilt_deg),
+    )
+
+
+def verified(run: LawResult) -> NDArray[np.bool_]:
+    """(N,) where the law says that the hand is on the path, and the kinematics agrees."""
+    return claimed(run) & (run.position_error <= REACHED)
+
+
+def claimed(run: LawResult) -> NDArray[np.bool_]:
+    """(N,) where the law says that the hand is on the path."""
+    return np.array([Status(status).certified for status in run.status])
+
+
+def _measured(
+    run: LawResult, arm: SerialChain, path: Array, problem: UpperLimb, reachable: NDArray[np.bool_] | None
+) -> LawResult:
+    """The run with its smoothed joints and its numbers."""
+    rate, limit = problem.run.rate_hz, math.radians(problem.arm.handle_tilt_deg)
+    of_length, of_time = path_shares(path, _met(run.position_error, run.handle_tilt, limit))
+    smooth, behind = smoothed(arm, run.q, rate, problem.smoothing)
+    hand, tilt = hand_and_tilt(arm, smooth)
+    error = np.linalg.norm(hand - path, axis=1)
+    smooth_of_length, smooth_of_time = path_shares(path, _met(error, tilt, limit))
+    behind |= {
+        "followed_share_of_length": smooth_of_length,
+        "followed_share_of_time": smooth_of_time,
+        **error_metrics(error, "position_error", "m"),
+        "hand_deviation_max_m": float(np.linalg.norm(hand - run.hand, axis=1).max()),
+        "handle_tilt_max_deg": float(np.rad2deg(tilt.max())),
+    }
+    numbers: dict[str, Any] = {
+        "parameters": run.metrics["parameters"],
+        "followed_share_of_length": of_length,
+        "followed_share_of_time": of_time,
+        **error_metrics(run.position_error, "position_error", "m"),
+        "position_error_reachable_max_m": None,
+        "height_off_plane_max_m": float(np.abs(run.hand[:, 2] - path[:, 2]).max()),
+        "handle_tilt_max_deg": float(np.rad2deg(run.handle_tilt.max())),
+        "handle_tilt_limit_deg": problem.arm.handle_tilt_deg,
+        **joint_metrics(arm, run.q, rate),
+        "solve_time_first_ms": float(1e3 * run.seconds[0]),
+        **time_metrics(run.seconds[1:], "solve_time"),
+        "status": status_counts(run.status),
+        "reasons": reason_counts(run.reason),
+        "smoothed": behind,
+    }
+    if run.law == "optimised":
+        numbers["status_refuted"] = int(np.count_nonzero(claimed(run) & ~verified(run)))
+    if reachable is not None and reachable.any():
+        numbers["position_error_reachable_max_m"] = float(run.position_error[reachable].max())
+    return replace(run, smooth=smooth, metrics=numbers)
+
+
+def _met(error: Array, tilt: Array, limit: float) -> NDArray[np.bool_]:
+    """(N,) where a sample counts as followed; `limit` [rad] of the tilt."""
+    met: NDArray[np.bool_] = (error <= FOLLOWED) & (tilt <= limit + ROUNDING)
+    return met

@@ -1,0 +1,84 @@
+"""`system = "upper_limb"`: what a session asks of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager
+from typing import TYPE_CHECKING
+
+from rehab_opt.errors import ConfigurationError
+from rehab_opt.session.files import ProblemFile
+from rehab_opt.session.outcome import Progress
+from rehab_opt.session.participant import participant_arm
+from rehab_opt.session.placed_recording import placed_recording
+from rehab_opt.session.solver_option import checked_solver, solver_refusals
+from rehab_opt.session.systems import Column, Needed
+from rehab_opt.session.upper_limb.laws import LAWS, follower
+from rehab_opt.session.upper_limb.outcome import ArmOutcome
+from rehab_opt.session.upper_limb.problem import UpperLimb
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from rich.table import Table
+
+__all__ = ["UpperLimbSystem"]
+
+BOTH = "both"
+
+
+class UpperLimbSystem:
+    """A recorded hand path followed by the optimised and the published law."""
+
+    schema = UpperLimb
+    options = frozenset({"law", "solver"})
+
+    def recordings(self, problem: UpperLimb) -> tuple[Needed, ...]:
+        """The recorded path."""
+        return (Needed("recording.file", problem.recording.file),)
+
+    def check(self, loaded: ProblemFile[UpperLimb]) -> tuple[str, ...]:
+        """Reads the recording and builds the laws."""
+        problem = loaded.problem
+        arm = participant_arm(problem.arm, file=loaded.file)
+        recording, _ = placed_recording(
+            loaded, problem.recording, problem.placement, side=problem.arm.side, rate=problem.run.rate_hz
+        )
+        with _refusals(loaded, None):
+            for law in LAWS:
+                follower(law, arm, problem, file=loaded.file)
+        return recording.notes
+
+    def run(self, loaded: ProblemFile[UpperLimb], *, options: Mapping[str, str], progress: Progress) -> ArmOutcome:
+        """Options: `law` ("optimised", "published", "both") and `solver` of the optimised one."""
+        from rehab_opt.session.upper_limb.run import run_upper_limb  # noqa: PLC0415  (loads the smoother)
+
+        law, solver = options.get("law", BOTH), checked_solver(options.get("solver"))
+        if law not in (BOTH, *LAWS):
+            raise ConfigurationError("--law", law, "published, optimised or both")
+        if solver is not None and law == "published":
+            raise ConfigurationError("--solver", solver, "no such option with --law published, which needs no solver")
+        with _refusals(loaded, solver):
+            return run_upper_limb(loaded, laws=LAWS if law == BOTH else (law,), solver=solver, progress=progress)
+
+    def table(self, outcome: ArmOutcome) -> Table:
+        """A column for each law."""
+        from rehab_opt.session.upper_limb.table import arm_table  # noqa: PLC0415  (loads rich)
+
+        return arm_table(outcome)
+
+    def trace(self, outcome: ArmOutcome) -> Iterator[Column]:
+        """A row for each sample of the path."""
+        from rehab_opt.session.upper_limb.trace import arm_columns  # noqa: PLC0415
+
+        return arm_columns(outcome)
+
+    def figures(self, outcome: ArmOutcome) -> dict[str, Figure]:
+        """The path on its plane, the joints, the errors."""
+        from rehab_opt.session.upper_limb.figures import arm_figures  # noqa: PLC0415  (loads matplotlib)
+
+        return arm_figures(outcome)
+
+
+def _refusals(loaded: ProblemFile[UpperLimb], solver: str | None) -> AbstractContextManager[None]:
+    section = loaded.problem.optimised
+    return solver_refusals(solver, file=loaded.file, key="optimised.solver", value=section.solver)
