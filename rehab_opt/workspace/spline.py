@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import math
-import threading
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -14,9 +13,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
+from rehab_opt.workspace.spline_cells import Cells
 from rehab_opt.workspace.spline_fit import Fit, checked_landmarks, checked_smoothing, fitted
 from rehab_opt.workspace.spline_inverse import Starts, preimage, preimages, tolerances
-from rehab_opt.workspace.spline_kernel import jacobians, point_function, values
+from rehab_opt.workspace.spline_kernel import jacobians, values
+from rehab_opt.workspace.spline_point import PointMap, cells_worth_having
 
 __all__ = ["ThinPlateSpline"]
 
@@ -33,8 +34,9 @@ class ThinPlateSpline:
     """g(x, y) = b_0 + b_1 x + b_2 y + sum_i w_i U(|(x, y) - source_i|), U(r) = r^2 ln r^2: Eqs. (24)-(30), Rossa et al.
 
     Immutable, may be pickled and shared by threads: each thread gets its own buffers and compiled code when it first
-    maps a single point, so map one before a loop that must not wait (up to a second where nothing is cached yet). One
-    point costs microseconds, an array of points bounded memory. NaN in gives NaN out; nothing raises on numbers.
+    maps a single point, so map one before a loop that must not wait: up to seconds where nothing is compiled yet, and
+    a fraction of one for the table that replaces summing over 64 landmarks and more. Afterwards a point costs
+    microseconds; an array of points costs bounded memory. NaN in gives NaN out; nothing raises on numbers.
 
     Parameters
     ----------
@@ -91,10 +93,7 @@ class ThinPlateSpline:
     def __call__(self, points: ArrayLike) -> Array:
         """Images [m]: (2,) -> (2,), (M, 2) -> (M, 2)."""
         if getattr(points, "shape", None) == (2,):
-            point, evaluate, image = self._value.parts
-            point[...] = points
-            evaluate()
-            return image.copy()  # type: ignore[no-any-return]
+            return self._value.at(points)[0].copy()  # type: ignore[arg-type]
         array = _points(points)
         return self(array) if array.ndim == 1 else values(self._fit, array)
 
@@ -109,9 +108,7 @@ class ThinPlateSpline:
             point = _points(point)
             if point.ndim != 1:
                 raise ConfigurationError("point", point, "one point (2,)")
-        given, evaluate, image, slopes = self._value_and_jacobian.parts
-        given[...] = point
-        evaluate()
+        image, slopes = self._value_and_jacobian.at(point)  # type: ignore[arg-type]
         return image.copy(), slopes.copy()
 
     def inverse(self, points: ArrayLike, start: ArrayLike | None = None) -> Array:
@@ -153,11 +150,11 @@ class ThinPlateSpline:
         x, y = image.tolist()
         if not (math.isfinite(x) and math.isfinite(y)):
             return np.full(2, np.nan)
-        point, evaluate, value, slopes = self._value_and_jacobian.parts
+        at, point = self._value_and_jacobian.at, np.empty(2)
 
         def values_at(x: float, y: float) -> tuple[float, ...]:
             point[0], point[1] = x, y
-            evaluate()
+            value, slopes = at(point)
             return *value.tolist(), *slopes.ravel().tolist()
 
         def starts() -> Iterator[tuple[float, float]]:
@@ -194,12 +191,16 @@ class ThinPlateSpline:
         return jacobians(self._fit, points)
 
     @cached_property
-    def _value(self) -> _OfThisThread:
-        return _OfThisThread(self._fit, with_jacobian=False)
+    def _cells(self) -> Cells | None:
+        return cells_worth_having(self._fit)
 
     @cached_property
-    def _value_and_jacobian(self) -> _OfThisThread:
-        return _OfThisThread(self._fit, with_jacobian=True)
+    def _value(self) -> PointMap:
+        return PointMap(self._fit, self._cells, with_jacobian=False)
+
+    @cached_property
+    def _value_and_jacobian(self) -> PointMap:
+        return PointMap(self._fit, self._cells, with_jacobian=True)
 
     def _freeze(self) -> None:
         for array in (self.source, self.target, self.weights, self.affine, *self._fit):
@@ -207,21 +208,12 @@ class ThinPlateSpline:
                 array.flags.writeable = False
 
     def __getstate__(self) -> dict[str, Any]:
-        made = {"_value", "_value_and_jacobian", "_starts"}
+        made = {"_cells", "_value", "_value_and_jacobian", "_starts"}
         return {name: value for name, value in self.__dict__.items() if name not in made}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
         self._freeze()  # pickle forgets it
-
-
-class _OfThisThread(threading.local):
-    """The compiled map of one thread: a buffer belongs to one. Python makes it anew for each that looks."""
-
-    def __init__(self, fit: Fit, *, with_jacobian: bool) -> None:
-        function = self.function = point_function(fit, with_jacobian=with_jacobian)  # kept: `evaluate` lives by it
-        self.parts: tuple[Any, ...] = (function.inputs[0], function.evaluate, *function.outputs)
-        """The point to be written, what evaluates it, and the arrays that hold the results."""
 
 
 def _in_given_units(fit: Fit) -> tuple[Array, Array]:
