@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any
 
@@ -15,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.workspace.spline_cells import Cells
 from rehab_opt.workspace.spline_fit import Fit, checked_landmarks, checked_smoothing, fitted
-from rehab_opt.workspace.spline_inverse import Starts, preimage, preimages, tolerances
+from rehab_opt.workspace.spline_inverse import Starts, preimage, preimages, tolerance_terms
 from rehab_opt.workspace.spline_kernel import jacobians, values
 from rehab_opt.workspace.spline_point import PointMap, cells_worth_having
 
@@ -160,16 +159,28 @@ class ThinPlateSpline:
         def starts() -> Iterator[tuple[float, float]]:
             if start is not None:
                 yield tuple(start.tolist())
-            for more in self._starts:
+            if self._other_way is not None:
+                yield tuple(self._other_way(image).tolist())  # as one point, which is quicker
+            for more in self._starts[self._other_way is not None :]:
                 yield tuple(more(image[np.newaxis])[0].tolist())
 
-        return np.array(preimage(values_at, x, y, starts(), float(tolerances(self._fit, image[np.newaxis])[0])))
+        constant, growth = self._tolerance
+        return np.array(preimage(values_at, x, y, starts(), constant + growth * math.hypot(x, y)))
+
+    @cached_property
+    def _tolerance(self) -> tuple[float, float]:
+        return tolerance_terms(self._fit)
+
+    @cached_property
+    def _other_way(self) -> ThinPlateSpline | None:
+        try:
+            return ThinPlateSpline(self.target, self.source)
+        except ConfigurationError:  # where targets coincide; elsewhere there may be an inverse
+            return None
 
     @cached_property
     def _starts(self) -> list[Starts]:
-        starts: list[Starts] = []
-        with contextlib.suppress(ConfigurationError):  # where targets coincide; elsewhere there may be an inverse
-            starts.append(ThinPlateSpline(self.target, self.source))
+        starts: list[Starts] = [] if self._other_way is None else [self._other_way]
         linear = self._fit.affine[1:]
         if abs(np.linalg.det(linear)) > 1e-12 * float(np.sum(linear**2)):
             back = np.linalg.inv(linear) * self._fit.scale
@@ -208,8 +219,7 @@ class ThinPlateSpline:
                 array.flags.writeable = False
 
     def __getstate__(self) -> dict[str, Any]:
-        made = {"_cells", "_value", "_value_and_jacobian", "_starts"}
-        return {name: value for name, value in self.__dict__.items() if name not in made}
+        return {one.name: self.__dict__[one.name] for one in fields(self)}  # what is made when needed is made anew
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)

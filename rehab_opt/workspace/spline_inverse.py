@@ -1,7 +1,7 @@
 """Points that a thin-plate spline sends to given ones: damped Newton on the map itself, from several starts.
 
-The spline fitted the other way is no inverse, only a good start. A row is solved when its image is `tolerances` off at
-most; then it is polished until rounding stops it, so that the error is that of evaluating the map.
+The spline fitted the other way is no inverse, only a good start. A row is solved when its image is as near as
+`tolerance_terms` say; then it is polished until rounding stops it, so that the error is that of evaluating the map.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.workspace.spline_fit import Fit
 
-__all__ = ["preimage", "preimages", "tolerances"]
+__all__ = ["preimage", "preimages", "tolerance_terms"]
 
 Array = NDArray[np.float64]
 Starts = Callable[[Array], Array]
@@ -24,13 +24,19 @@ ITERATIONS = 40
 HALVINGS = 12
 DECREASE = 1e-4
 """Share of the decrease that the linear model promises which a step must deliver."""
+SHARE = 1e-13
 EPSILON = float(np.finfo(np.float64).eps)
 
 
-def tolerances(fit: Fit, images: Array) -> Array:
-    """(M,) distance [m] from a wanted image (M, 2) to which rounding lets a preimage be judged, with a margin."""
-    reach = float(np.abs(fit.affine).sum()) + np.hypot(images[:, 0], images[:, 1])
-    return 1e-13 * reach + 16 * EPSILON * float(np.abs(fit.weights).sum())
+def tolerance_terms(fit: Fit) -> tuple[float, float]:
+    """Distance [m] between a wanted image and one that rounding lets us tell from it, with a margin.
+
+    Returns
+    -------
+    What it is at the origin [m], and by how much it grows with the wanted image's distance from there.
+    """
+    constant = SHARE * float(np.abs(fit.affine).sum()) + 16 * EPSILON * float(np.abs(fit.weights).sum())
+    return constant, SHARE
 
 
 def preimages(evaluate: Callable[[Array], tuple[Array, Array]], fit: Fit, images: Array, starts: list[Starts]) -> Array:
@@ -42,7 +48,8 @@ def preimages(evaluate: Callable[[Array], tuple[Array, Array]], fit: Fit, images
     starts : tried in turn, each on the rows that those before it left open.
     """
     found = np.full(images.shape, np.nan)
-    tolerance = tolerances(fit, images)
+    constant, growth = tolerance_terms(fit)
+    tolerance = constant + growth * np.hypot(images[:, 0], images[:, 1])
     open_rows = np.flatnonzero(np.isfinite(images).all(axis=1))
     for start in starts:
         if not open_rows.size:
