@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.optim.nlp import NLPAnswer
-from rehab_opt.optim.nlp_solvers import nlp_solver
+from rehab_opt.optim.nlp_solvers import NLPSolver, nlp_solver
 from rehab_opt.optim.nlp_sqp import SQP
 from rehab_opt.workspace.plane_statement import PlaneStatement
 from rehab_opt.workspace.spread import spread_postures
@@ -77,7 +78,7 @@ class PlaneSearch:
         if self._backup_calls >= BACKUP_CALLS:
             return None
         self._backup_calls += 1
-        solver = nlp_solver(self.statement.nearest, "ipopt", tolerance=TOLERANCE)
+        solver = self._backup
         solver.parameters[:] = self._sqp.parameters
         solver.parameters[-3:-1] = x, y
         answer = solver.solve(start)
@@ -86,6 +87,10 @@ class PlaneSearch:
             self.failures += 1
             return None
         return _nearest(answer)
+
+    @cached_property
+    def _backup(self) -> SQP | NLPSolver:
+        return nlp_solver(self.statement.nearest, "ipopt", tolerance=TOLERANCE)
 
     def spread(self, count: int) -> list[Nearest]:
         """Points of the slice from `count` postures spread over the range of motion, each brought to the plane.

@@ -73,6 +73,36 @@ class TestClosedForms:
         edges += [hand(first[::-1], 0 * t + elbow[1]), hand(0 * t + turn[0], second[::-1])]
         assert boundary_gap(workspace.polygon, shapely.Polygon(np.concatenate(edges))) <= 2e-4
 
+    @pytest.mark.parametrize(
+        ("lengths", "turn", "bend"),
+        [((0.17, 0.22), (-0.4, 0.9), (-2.4, 1.1)), ((0.12, 0.1), (-3.1, 2.9), (-0.7, 2.6))],
+        ids=["notches", "a hole and a gap"],
+    )
+    def test_an_elbow_that_bends_both_ways_reaches_the_union(
+        self, lengths: tuple[float, float], turn: tuple[float, float], bend: tuple[float, float]
+    ) -> None:
+        arm = chain((DH(lengths[0], 0.0), DH(lengths[1], 0.0)), [turn[0], bend[0]], [turn[1], bend[1]])
+        strips = []
+        turns = np.linspace(*turn, 60)
+        for first, last in itertools.pairwise(turns):
+            for ends in ((bend[0], 0.0), (0.0, bend[1])):
+                e, v = np.linspace(first, last, 40), np.linspace(*ends, 800)
+                corners = [
+                    (e, 0 * e + ends[0]),
+                    (0 * v + last, v),
+                    (e[::-1], 0 * e + ends[1]),
+                    (0 * v + first, v[::-1]),
+                ]
+                hands = np.concatenate(
+                    [lengths[0] * np.exp(1j * one) + lengths[1] * np.exp(1j * (one + two)) for one, two in corners]
+                )
+                strips.append(shapely.make_valid(shapely.Polygon(np.stack([hands.real, hands.imag], axis=1))))
+        true = shapely.union_all(strips).buffer(1e-7)
+        workspace = planar_workspace(arm, height=0.0, handle_tilt=None, accuracy=2e-3, resolution=0.012)
+        assert workspace.accuracy == 2e-3
+        assert workspace.holes == len(true.interiors)
+        assert boundary_gap(workspace.polygon, true) <= 1e-3
+
     def test_the_two_ways_to_bend_an_elbow_reach_separate_parts_of_a_plane(self) -> None:
         # Height 0 asks 0.3 sin q2 = -0.2 sin(q2 + q3): two branches, each an annular sector about the first axis.
         arm = chain((DH(0.0, math.pi / 2), DH(0.3, 0.0), DH(0.2, 0.0)), [0.0, 0.5, -3.0], [1.5, 0.65, -1.0])
@@ -91,7 +121,7 @@ class TestClosedForms:
         assert sorted((right - x, top - y)) == pytest.approx([0.2, 0.3], abs=1e-4)
         assert workspace.area == pytest.approx(0.06, rel=1e-3)
 
-    @settings(max_examples=5)
+    @settings(max_examples=3)
     @given(st.floats(0.1, 0.4), st.floats(0.1, 0.4), st.floats(0.3, 1.5), st.floats(0.4, 2.0))
     def test_the_area_of_a_bent_sector(self, upper: float, fore: float, turn: float, bend: float) -> None:
         arm = chain((DH(upper, 0.0), DH(fore, 0.0)), [0.0, 0.3], [turn, 0.3 + bend])
@@ -137,14 +167,17 @@ class TestTheParticipant:
         drawn = np.random.default_rng(2).uniform(arm.lower, arm.upper, (200_000, arm.n))
         hands, upright = at(drawn.T)
         hands = hands.full().T[upright.full()[0] >= math.cos(TILT)]
-        assert len(hands) >= 3
-        for x, y, z in hands[:3]:
-            level = planar_workspace(arm, height=z, accuracy=3e-3)
+        assert len(hands) >= 2
+        for x, y, z in hands[:2]:
+            level = planar_workspace(arm, height=z, accuracy=3e-3, resolution=0.016)
             assert level.distance((x, y)) <= 3e-3
 
     def test_the_restricted_range_reaches_a_part_of_the_regular_one(self) -> None:
-        regular, restricted = (planar_workspace(human_arm(range_of_motion=name)) for name in RANGES_OF_MOTION_DEG)
-        assert regular.polygon.buffer(1e-3).contains(restricted.polygon)
+        regular, restricted = (
+            planar_workspace(human_arm(range_of_motion=name), accuracy=3e-3, resolution=0.016)
+            for name in RANGES_OF_MOTION_DEG
+        )
+        assert regular.polygon.buffer(3e-3).contains(restricted.polygon)
 
     def test_a_wider_tilt_reaches_more(self) -> None:
         restricted = human_arm(range_of_motion="restricted")
@@ -161,9 +194,9 @@ class TestTheParticipant:
         mirrored = shapely.transform(right.polygon, lambda points: points * (-1, 1))
         assert boundary_gap(left.polygon, mirrored) <= 2e-4
 
-    def test_it_is_the_same_every_time(self, arm: SerialChain, workspace: Workspace) -> None:
-        if arm.locked.any():
-            assert shapely.equals_exact(planar_workspace(arm).polygon, workspace.polygon, 0.0)
+    def test_it_is_the_same_every_time(self) -> None:
+        one, other = (planar_workspace(human_arm(range_of_motion="restricted")) for _ in range(2))
+        assert shapely.equals_exact(one.polygon, other.polygon, 0.0)
 
     def test_a_finer_accuracy_is_kept(self) -> None:
         restricted = human_arm(range_of_motion="restricted")
@@ -173,11 +206,10 @@ class TestTheParticipant:
         for x, y in probes(fine, 2e-4, 20):
             assert not arm_ik.solve([x, y, -0.24]).status.certified
 
-    def test_a_shoulder_elsewhere_moves_the_set(self, arm: SerialChain) -> None:
-        if not arm.locked.any():
-            return
+    def test_a_shoulder_elsewhere_moves_the_set(self) -> None:
+        restricted = human_arm(range_of_motion="restricted")
         placement = ShoulderPlacement(position=(0.3, -0.2, 0.5), turn=0.7)
-        here, there = planar_workspace(arm), planar_workspace(arm, placement=placement)
+        here, there = planar_workspace(restricted), planar_workspace(restricted, placement=placement)
         assert boundary_gap(here.placed(placement).polygon, there.polygon) <= 1e-9
 
 

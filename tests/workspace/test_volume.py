@@ -37,10 +37,10 @@ def spherical(turn: float, pitch: float, near: float, far: float) -> SerialChain
 class TestClosedForms:
     def test_a_wedge_of_a_spherical_shell(self) -> None:
         turn, pitch, near, far = 1.0, 0.6, 0.2, 0.4
-        found = reachable_volume(spherical(turn, pitch, near, far), handle_tilt=None, spacing=0.03)
+        found = reachable_volume(spherical(turn, pitch, near, far), handle_tilt=None, spacing=0.05, accuracy=8e-3)
         true = 2 * turn * 2 * math.sin(pitch) * (far**3 - near**3) / 3
         mesh = Mesh(found.vertices, found.triangles)
-        assert found.volume == pytest.approx(true, rel=0.02)
+        assert found.volume == pytest.approx(true, rel=0.03)
         assert abs(enclosed_volume(mesh) - found.volume) <= found.volume_bound
         assert np.all(edge_counts(found.triangles) == 1)
         points = np.random.default_rng(0).uniform((-0.1, -0.5, -0.3), (0.5, 0.5, 0.3), (4000, 3))
@@ -49,7 +49,7 @@ class TestClosedForms:
         margin = np.max(
             [near - radius, radius - far, radius * (np.abs(around) - turn), radius * (np.abs(up) - pitch)], axis=0
         )
-        sure = np.abs(margin) > 0.03
+        sure = np.abs(margin) > 0.05
         assert np.array_equal(found.contains(points)[sure], margin[sure] < 0)  # type: ignore[index]
 
     @pytest.mark.parametrize("seed", range(4))
@@ -73,7 +73,7 @@ class TestClosedForms:
 
 @pytest.fixture(scope="module")
 def upright() -> ReachableVolume:
-    return reachable_volume(human_arm(range_of_motion="restricted"), handle_tilt=TILT, spacing=0.02)
+    return reachable_volume(human_arm(range_of_motion="restricted"), handle_tilt=TILT, spacing=0.04)
 
 
 class TestTheParticipant:
@@ -93,7 +93,7 @@ class TestTheParticipant:
         placement = ShoulderPlacement(position=(0.1, 0.2, 0.3), turn=0.4)
         with ThreadPoolExecutor(2) as executor:
             found = reachable_volume(
-                human_arm(range_of_motion="restricted"), handle_tilt=TILT, spacing=0.02, executor=executor,
+                human_arm(range_of_motion="restricted"), handle_tilt=TILT, spacing=0.04, executor=executor,
                 placement=placement,
             )  # fmt: skip
         again = pickle.loads(pickle.dumps(found))
