@@ -13,7 +13,7 @@ from pydantic import ValidationError
 
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.session.data_folder import ENVIRONMENT, PREFIX, data_file
-from rehab_opt.session.schema import NAME, TABLE, Problem
+from rehab_opt.session.schema import FORMS, Problem
 from rehab_opt.session.systems import SYSTEMS, system_named
 from rehab_opt.session.text_lines import brief, shown, whole_text
 
@@ -176,7 +176,7 @@ def _shipped_folder() -> Path:
 def _first_error(problem: ValidationError, file: str) -> ProblemFileError:
     """The first of pydantic's complaints, in this project's words."""
     first = problem.errors(include_url=False)[0]
-    keys = [str(part) for part in first["loc"] if part not in (NAME, TABLE)]
+    keys = [str(part) for part in first["loc"] if part not in FORMS]
     context: dict[str, Any] = first.get("ctx", {})
     value, expected = first["input"], first["msg"].removeprefix("Input should be ").removeprefix("Value should ")
     if "key" in context:  # one of the schema's own

@@ -14,7 +14,9 @@ from pydantic_core import PydanticCustomError
 from rehab_opt.session.text_lines import brief
 
 __all__ = [
+    "FORMS",
     "NAME",
+    "NAMED",
     "TABLE",
     "UNUSABLE_SOLVERS",
     "ArmSection",
@@ -34,8 +36,8 @@ __all__ = [
     "refusal",
 ]
 
-NAME, TABLE = "<name>", "<table>"
-"""Which form of a key that has two was used; pydantic puts them into the place of an error."""
+NAME, TABLE, NAMED = FORMS = ("<name>", "<table>", "<named>")
+"""Which form of a key that has several was used; pydantic puts them into the place of an error."""
 
 UNUSABLE_SOLVERS = ("scpgen",)
 """CasADi has them, but cannot make them of these problems and warns on the error stream while it tries."""

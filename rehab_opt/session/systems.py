@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from rehab_opt.session.pose_tracking.problem import PoseTracking
     from rehab_opt.session.upper_limb.outcome import ArmOutcome
     from rehab_opt.session.upper_limb.problem import UpperLimb
+    from rehab_opt.session.workspaces.outcome import WorkspaceOutcome
+    from rehab_opt.session.workspaces.problem import WorkspaceProblem
 
 __all__ = ["SYSTEMS", "Column", "Needed", "System", "system_named"]
 
@@ -115,6 +117,12 @@ def _pose_tracking() -> System[PoseTracking, RobotOutcome]:
     return PoseTrackingSystem()
 
 
+def _workspace() -> System[WorkspaceProblem, WorkspaceOutcome]:
+    from rehab_opt.session.workspaces.system import WorkspaceSystem  # noqa: PLC0415
+
+    return WorkspaceSystem()
+
+
 SYSTEMS: Mapping[str, Callable[[], System[Any, Any]]] = MappingProxyType(
-    {"upper_limb": _upper_limb, "pose_tracking": _pose_tracking}
+    {"upper_limb": _upper_limb, "pose_tracking": _pose_tracking, "workspace": _workspace}
 )

@@ -1,0 +1,1 @@
+"""Where an arm reaches, and maps between such sets."""

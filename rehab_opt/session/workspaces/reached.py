@@ -1,0 +1,75 @@
+"""The workspace of a problem's arm, with the time it took."""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import NamedTuple
+
+from rehab_opt.errors import ConfigurationError, ProblemFileError
+from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.session.participant import arm_of
+from rehab_opt.session.schema import RangeOfMotion
+from rehab_opt.session.workspaces.sections import ArmInPlane
+from rehab_opt.workspace.placement import ShoulderPlacement
+from rehab_opt.workspace.reach import planar_workspace
+from rehab_opt.workspace.region import Workspace
+
+__all__ = ["Reached", "handle_words", "placement_of", "plane_words", "reached", "tilt_of"]
+
+KEYS = {"height": "plane_height_m", "handle_tilt": "handle_tilt_deg", "accuracy": "accuracy_mm"}
+
+
+class Reached(NamedTuple):
+    """A workspace, the arm it belongs to, and how long it took to find [s]."""
+
+    arm: SerialChain
+    workspace: Workspace
+    seconds: float
+
+
+def reached(section: ArmInPlane, ranges: str | RangeOfMotion, *, file: str, key: str) -> Reached:
+    """What the arm reaches with a range of motion; `key` is where the problem file speaks of the arm.
+
+    Raises
+    ------
+    ProblemFileError : a value of the file is refused.
+    """
+    arm = arm_of(section.side, section.segments, ranges, file=file, key=key)
+    began = time.perf_counter()
+    try:
+        workspace = planar_workspace(
+            arm,
+            height=section.plane_height_m,
+            handle_tilt=tilt_of(section),
+            accuracy=1e-3 * section.accuracy_mm,
+            placement=placement_of(section),
+        )
+    except ConfigurationError as refused:
+        raise ProblemFileError(
+            file, f"{key}.{KEYS.get(refused.argument, refused.argument)}", refused.value, refused.expected
+        ) from refused
+    return Reached(arm, workspace, time.perf_counter() - began)
+
+
+def tilt_of(section: ArmInPlane) -> float | None:
+    """[rad] the largest angle of the handle; None for any."""
+    return None if isinstance(section.handle_tilt_deg, str) else math.radians(section.handle_tilt_deg)
+
+
+def placement_of(section: ArmInPlane) -> ShoulderPlacement:
+    """Where the shoulder stands in the robot's frame."""
+    x, y, z = section.shoulder_m
+    return ShoulderPlacement((x, y, z), math.radians(section.shoulder_turn_deg))
+
+
+def plane_words(section: ArmInPlane) -> str:
+    """Where the plane lies."""
+    height = section.plane_height_m
+    return f"{abs(height):g} m {'above' if height > 0 else 'below'} the shoulder"
+
+
+def handle_words(section: ArmInPlane) -> str:
+    """What the handle may do."""
+    tilt = section.handle_tilt_deg
+    return "the handle may tilt any way" if isinstance(tilt, str) else f"the handle within {tilt:g} deg of vertical"

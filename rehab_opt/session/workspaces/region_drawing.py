@@ -1,0 +1,76 @@
+"""Workspaces drawn from above: each with its own colour, line and hatching, and the shoulder they belong to."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path
+
+from rehab_opt.session.drawing import ACROSS, FORWARD, GRID, MM, REFERENCE
+from rehab_opt.session.workspaces.sections import ArmInPlane
+from rehab_opt.session.workspaces.trace import rings
+from rehab_opt.workspace.region import Workspace
+
+__all__ = ["SET_STYLES", "draw_region", "draw_shoulder", "region_label", "region_path", "seen_from_above"]
+
+SET_STYLES: Sequence[Mapping[str, Any]] = (
+    {"facecolor": "#BBBBBB", "edgecolor": "#555555", "linestyle": "-"},
+    {"facecolor": "#D55E00", "edgecolor": "#7A3600", "linestyle": "-", "hatch": "////"},
+    {"facecolor": "#0072B2", "edgecolor": "#003F63", "linestyle": "--", "hatch": "\\\\\\\\"},
+    {"facecolor": "#009E73", "edgecolor": "#00573F", "linestyle": "-.", "hatch": "...."},
+    {"facecolor": "#E69F00", "edgecolor": "#7F5800", "linestyle": ":", "hatch": "xxxx"},
+    {"facecolor": "#CC79A7", "edgecolor": "#75405E", "linestyle": "--", "hatch": "oo"},
+)
+"""Of the sets in the order of the file; more than these repeat."""
+WRAPPED = 62  # characters of a legend's line
+
+
+def draw_region(axes: Axes, workspace: Workspace, style: Mapping[str, Any], *, label: str = "") -> None:
+    """A workspace as a translucent area; an empty one leaves its label in the legend alone."""
+    patch = PathPatch(region_path(workspace), linewidth=1.6, label=label or None, **_translucent(style))
+    axes.add_patch(patch)
+
+
+def region_path(workspace: Workspace) -> Path:
+    """The boundary [mm], holes left open."""
+    vertices, codes = [(0.0, 0.0)], [Path.MOVETO]
+    for _, _, points in rings(workspace):
+        vertices += [(MM * x, MM * y) for x, y in points]
+        codes += [Path.MOVETO, *[Path.LINETO] * (len(points) - 2), Path.CLOSEPOLY]
+    return Path(vertices, codes)
+
+
+def draw_shoulder(axes: Axes, section: ArmInPlane) -> None:
+    """The shoulder as a dot, and an arrow of 60 mm to where the participant looks."""
+    x, y = MM * np.array(section.shoulder_m[:2])
+    turn = math.radians(section.shoulder_turn_deg)
+    ahead = (x - 60 * math.sin(turn), y + 60 * math.cos(turn))
+    axes.annotate("", ahead, (x, y), arrowprops={"arrowstyle": "-|>", "color": REFERENCE, "linewidth": 1.5})
+    axes.plot(x, y, "o", color=REFERENCE, markersize=8, label=f"{section.side} shoulder; the arrow points forwards")
+
+
+def seen_from_above(axes: Axes, section: ArmInPlane) -> None:
+    """Equal scales in millimetres, labelled in the shoulder's frame or, where that is turned or moved, the robot's."""
+    placed = any(section.shoulder_m) or section.shoulder_turn_deg
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_xlabel("x in the robot's frame [mm]" if placed else ACROSS)
+    axes.set_ylabel("y in the robot's frame [mm]" if placed else FORWARD)
+    axes.grid(**GRID)
+    axes.autoscale_view()
+
+
+def region_label(name: str, workspace: Workspace) -> str:
+    """Name and area for a legend, or why the set is empty."""
+    said = f"{name}: empty, {workspace.reason}" if workspace.empty else f"{name}: {1e4 * workspace.area:.4g} cm$^2$"
+    return "\n".join(textwrap.wrap(said.replace("_", " "), WRAPPED))
+
+
+def _translucent(style: Mapping[str, Any]) -> dict[str, Any]:
+    red, green, blue = (int(style["facecolor"][k : k + 2], 16) / 255 for k in (1, 3, 5))
+    return {**style, "facecolor": (red, green, blue, 0.45)}

@@ -1,0 +1,129 @@
+"""The run of `system = "workspace"`: slices, volumes where asked for, and their numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from rehab_opt.session.files import ProblemFile
+from rehab_opt.session.outcome import Progress
+from rehab_opt.session.workspaces.outcome import WorkspaceOutcome
+from rehab_opt.session.workspaces.problem import WorkspaceProblem
+from rehab_opt.session.workspaces.reached import (
+    Reached,
+    handle_words,
+    placement_of,
+    plane_words,
+    reached,
+    tilt_of,
+)
+from rehab_opt.session.workspaces.sections import ArmInPlane, ranges_by_name
+from rehab_opt.workspace.region import Workspace
+from rehab_opt.workspace.volume import ReachableVolume, reachable_volume
+
+__all__ = ["plane_notes", "run_workspace", "share_inside", "workspace_metrics"]
+
+WORSE = 1.0001
+"""An accuracy this much above the one asked for is told."""
+
+
+def run_workspace(loaded: ProblemFile[WorkspaceProblem], *, progress: Progress) -> WorkspaceOutcome:
+    """Find every workspace of the file.
+
+    Raises
+    ------
+    ProblemFileError : a value of the file is refused.
+    """
+    problem = loaded.problem
+    ranges = ranges_by_name(problem.arm.range_of_motion)
+    sets: dict[str, Reached] = {}
+    for name, limits in ranges.items():
+        progress("workspaces", len(sets), len(ranges))
+        sets[name] = reached(problem.arm, limits, file=loaded.file, key="arm")
+    progress("workspaces", len(sets), len(ranges))
+    volumes: dict[tuple[str, bool], ReachableVolume] = {}
+    if problem.volume:
+        held = (True, False) if tilt_of(problem.arm) is not None else (False,)
+        for name, of in sets.items():
+            for upright in held:
+                progress("volumes", len(volumes), len(sets) * len(held))
+                volumes[name, upright] = reachable_volume(
+                    of.arm,
+                    spacing=1e-3 * problem.volume_spacing_mm,
+                    handle_tilt=tilt_of(problem.arm) if upright else None,
+                    accuracy=1e-3 * problem.volume_accuracy_mm,
+                    placement=placement_of(problem.arm),
+                )
+    spaces = {name: of.workspace for name, of in sets.items()}
+    return WorkspaceOutcome(
+        system=problem.system,
+        name=loaded.name,
+        title=problem.title,
+        notes=tuple(plane_notes(problem.arm, spaces)),
+        metrics={
+            "sets": {
+                name: workspace_metrics(of.workspace)
+                | {
+                    "seconds": of.seconds,
+                    "share_inside": {
+                        other: share_inside(of.workspace, larger) for other, larger in spaces.items() if other != name
+                    },
+                }
+                for name, of in sets.items()
+            },
+            "volumes": _volume_metrics(volumes),
+            "parameters": problem.model_dump(mode="json", exclude={"title"}),
+        },
+        section=problem.arm,
+        sets=sets,
+        volumes=volumes,
+    )
+
+
+def workspace_metrics(workspace: Workspace) -> dict[str, Any]:
+    """Area, shape and extent; the extent of an empty workspace is None."""
+    bounds: tuple[float, ...] | tuple[None, ...] = workspace.polygon.bounds if not workspace.empty else (None,) * 4
+    return {
+        "empty": workspace.empty,
+        "reason": workspace.reason,
+        "area_m2": workspace.area,
+        "components": workspace.components,
+        "holes": workspace.holes,
+        **dict(zip(("x_min_m", "y_min_m", "x_max_m", "y_max_m"), bounds, strict=True)),
+        "accuracy_m": workspace.accuracy,
+    }
+
+
+def share_inside(workspace: Workspace, larger: Workspace) -> float | None:
+    """Share of a workspace's area that lies in another one; None where it has no area."""
+    if workspace.empty:
+        return None
+    return float(workspace.polygon.intersection(larger.polygon).area / workspace.area)
+
+
+def plane_notes(section: ArmInPlane, spaces: Mapping[str, Workspace]) -> Iterator[str]:
+    """What a reader of areas has to know."""
+    yield f"the plane lies {plane_words(section)}; {handle_words(section)}"
+    yield "what joint limits and segment lengths allow: no muscle, no contact, no effort is part of it"
+    for name, workspace in spaces.items():
+        if workspace.empty:
+            yield f"{name}: EMPTY, {workspace.reason}"
+        elif workspace.accuracy > WORSE * 1e-3 * section.accuracy_mm:
+            yield (
+                f"{name}: its boundary could be confirmed to {1e3 * workspace.accuracy:.3g} mm only, "
+                f"{section.accuracy_mm:g} mm were asked for"
+            )
+    if any(section.shoulder_m) or section.shoulder_turn_deg:
+        yield f"in the robot's frame: the shoulder stands at {section.shoulder_m} m, {section.shoulder_turn_deg:g} deg"
+
+
+def _volume_metrics(volumes: Mapping[tuple[str, bool], ReachableVolume]) -> dict[str, Any]:
+    numbers: dict[str, Any] = {}
+    for (name, upright), volume in volumes.items():
+        numbers.setdefault(name, {})["handle_held" if upright else "handle_free"] = {
+            "volume_m3": volume.volume,
+            "volume_bound_m3": volume.volume_bound,
+            "slices": len(volume.slices),
+            "reason": volume.reason,
+        }
+    return numbers

@@ -1,0 +1,91 @@
+"""What problem files say about an arm and the plane it reaches in."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, Discriminator, Field, Tag
+from pydantic_core import PydanticCustomError
+
+from rehab_opt.session.schema import (
+    NAME,
+    NAMED,
+    TABLE,
+    Length,
+    RangeOfMotion,
+    Section,
+    SegmentsSection,
+    Side,
+    Triple,
+)
+
+__all__ = ["AnyTilt", "ArmInPlane", "ArmOfOneRange", "ArmOfRanges", "NamedRanges", "OneRange", "ranges_by_name"]
+
+LONGEST_NAME = 40
+
+TABLE_I = Literal["regular", "restricted"]
+OwnRange = Annotated[TABLE_I, Tag(NAME)] | Annotated[RangeOfMotion, Tag(TABLE)]
+
+
+def _form_of_one(value: object) -> str:
+    return TABLE if isinstance(value, dict | RangeOfMotion) else NAME
+
+
+def _form(value: object) -> str:
+    if isinstance(value, RangeOfMotion):
+        return TABLE
+    if not isinstance(value, Mapping):
+        return NAME
+    return TABLE if any(str(key).endswith("_deg") for key in value) else NAMED
+
+
+def _named_well(name: str) -> str:
+    if not name.strip() or not name.isprintable() or len(name) > LONGEST_NAME:
+        raise PydanticCustomError("name", f"a name of 1 to {LONGEST_NAME} printable characters")
+    return name
+
+
+OneRange = Annotated[OwnRange, Discriminator(_form_of_one)]
+"""Table I's name, or a table of the eight joints."""
+RangeName = Annotated[str, AfterValidator(_named_well)]
+NamedRanges = Annotated[
+    OwnRange | Annotated[dict[RangeName, OneRange], Field(min_length=1, max_length=12), Tag(NAMED)],
+    Discriminator(_form),
+]
+"""One range, or several by names of the user's choice."""
+AnyTilt = Annotated[
+    Annotated[Literal["any"], Tag(NAME)] | Annotated[float, Field(ge=0, le=180), Tag(TABLE)],
+    Discriminator(lambda value: NAME if isinstance(value, str) else TABLE),
+]
+
+
+class ArmInPlane(Section):
+    """Whose arm, in which plane, and where its shoulder stands."""
+
+    side: Side
+    segments: SegmentsSection = SegmentsSection()
+    handle_tilt_deg: AnyTilt = 2.0
+    plane_height_m: Length = -0.24
+    accuracy_mm: float = Field(default=1.0, ge=0.01, le=50)
+    shoulder_m: Triple = Field(default=[0.0, 0.0, 0.0])
+    shoulder_turn_deg: float = Field(default=0.0, ge=-360, le=360)
+
+
+class ArmOfOneRange(ArmInPlane):
+    """With one range of motion."""
+
+    range_of_motion: OneRange
+
+
+class ArmOfRanges(ArmInPlane):
+    """With one range of motion, or several to be compared."""
+
+    range_of_motion: NamedRanges
+
+
+def ranges_by_name(ranges: Any) -> dict[str, str | RangeOfMotion]:
+    """The ranges of `NamedRanges` with what they are called; one that has no name is the person's "own range"."""
+    if isinstance(ranges, str):
+        return {ranges: ranges}
+    return {"own range": ranges} if isinstance(ranges, RangeOfMotion) else dict(ranges)
