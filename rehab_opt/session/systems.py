@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from rehab_opt.session.pose_tracking.problem import PoseTracking
     from rehab_opt.session.upper_limb.outcome import ArmOutcome
     from rehab_opt.session.upper_limb.problem import UpperLimb
+    from rehab_opt.session.workspace_maps.outcome import MapOutcome
+    from rehab_opt.session.workspace_maps.problem import WorkspaceMapProblem
     from rehab_opt.session.workspaces.outcome import WorkspaceOutcome
     from rehab_opt.session.workspaces.problem import WorkspaceProblem
 
@@ -123,6 +125,17 @@ def _workspace() -> System[WorkspaceProblem, WorkspaceOutcome]:
     return WorkspaceSystem()
 
 
+def _workspace_map() -> System[WorkspaceMapProblem, MapOutcome]:
+    from rehab_opt.session.workspace_maps.system import WorkspaceMapSystem  # noqa: PLC0415
+
+    return WorkspaceMapSystem()
+
+
 SYSTEMS: Mapping[str, Callable[[], System[Any, Any]]] = MappingProxyType(
-    {"upper_limb": _upper_limb, "pose_tracking": _pose_tracking, "workspace": _workspace}
+    {
+        "upper_limb": _upper_limb,
+        "pose_tracking": _pose_tracking,
+        "workspace": _workspace,
+        "workspace_map": _workspace_map,
+    }
 )

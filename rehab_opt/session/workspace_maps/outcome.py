@@ -1,0 +1,81 @@
+"""What is found of maps between two workspaces."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.session.outcome import Outcome
+from rehab_opt.session.workspaces.reached import Reached
+from rehab_opt.session.workspaces.sections import ArmInPlane
+from rehab_opt.workspace.audit import Audit
+from rehab_opt.workspace.mapping import WorkspaceMap
+
+__all__ = ["CarriedPath", "MadeMap", "MapDirection", "MapOutcome", "MappedSet"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class MappedSet:
+    """One of the two sets: what it is called, the arm it belongs to, its workspace."""
+
+    name: str
+    section: ArmInPlane
+    reached: Reached
+
+
+@dataclass(frozen=True, eq=False)
+class MadeMap:
+    """A map with its audit, or why there is none.
+
+    Parameters
+    ----------
+    mapped, audit : both None where the rule found no map.
+    reason : then why; "" otherwise.
+    seconds : what making it took [s], the audit not counted.
+    """
+
+    rule: str
+    mapped: WorkspaceMap | None
+    audit: Audit | None
+    reason: str
+    seconds: float
+
+
+@dataclass(frozen=True, eq=False)
+class CarriedPath:
+    """A trajectory before and after.
+
+    Parameters
+    ----------
+    time : (N,) [s].
+    before : (N, 2) [m] in the frame of the set where it starts.
+    after : by rule, (N, 2) [m]; no entry for a rule without a map.
+    """
+
+    name: str
+    time: Array
+    before: Array
+    after: Mapping[str, Array]
+
+
+@dataclass(frozen=True, eq=False)
+class MapDirection:
+    """From one set into the other: a map for each rule, and the trajectories that it carries."""
+
+    key: str
+    start: MappedSet
+    end: MappedSet
+    maps: tuple[MadeMap, ...]
+    paths: tuple[CarriedPath, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class MapOutcome(Outcome):
+    """Maps in one direction, or there and back (two maps of their own: one is not the inverse of the other)."""
+
+    directions: tuple[MapDirection, ...] = field(kw_only=True)

@@ -1,0 +1,93 @@
+"""What a problem file of `system = "workspace_map"` may say; `problems/README.md` says what each key means."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Discriminator, Field, Tag, model_validator
+
+from rehab_opt.session.schema import (
+    NAME,
+    TABLE,
+    PlanarPlacement,
+    Problem,
+    RecordingSection,
+    Section,
+    refusal,
+)
+from rehab_opt.session.workspaces.sections import ArmOfOneRange, ArmOfRanges, ranges_by_name
+
+__all__ = ["MapSection", "TrajectorySection", "WorkspaceMapProblem"]
+
+MOST_TRAJECTORIES = 12
+
+End = Literal["source", "target"]
+MappedSet = Annotated[
+    Annotated[str, Field(min_length=1), Tag(NAME)] | Annotated[ArmOfOneRange, Tag(TABLE)],
+    Discriminator(lambda value: TABLE if isinstance(value, dict | ArmOfOneRange) else NAME),
+]
+Rotation = Annotated[
+    Annotated[Literal["best"], Tag(NAME)] | Annotated[float, Field(ge=-360, le=360), Tag(TABLE)],
+    Discriminator(lambda value: NAME if isinstance(value, str) else TABLE),
+]
+
+
+class MapSection(Section):
+    """How the sets are mapped."""
+
+    rules: Annotated[list[Literal["safe", "polar"]], Field(min_length=1, max_length=2)] = Field(
+        default=["safe", "polar"]
+    )
+    directions: Literal["both", "forward"] = "both"
+    landmarks: int | None = Field(default=None, ge=50, le=2000)
+    polar_landmarks: int = Field(default=20, ge=3, le=2000)
+    rotation_deg: Rotation = 0.0
+    audit_points: int = Field(default=20_000, ge=100, le=1_000_000)
+    seed: int = Field(default=0, ge=0, le=2**31)
+
+    @model_validator(mode="after")
+    def each_rule_stands_once(self) -> Self:
+        """Refuse one rule twice."""
+        if len(set(self.rules)) < len(self.rules):
+            raise refusal("rules", self.rules, "each rule once")
+        return self
+
+
+class TrajectorySection(Section):
+    """A movement that lies in one of the sets and is carried into the other."""
+
+    name: str = Field(min_length=1, max_length=40)
+    set: End
+    recording: RecordingSection
+    placement: PlanarPlacement
+    rate_hz: float = Field(default=100.0, ge=1, le=1000)
+
+
+class WorkspaceMapProblem(Problem):
+    """A map between two workspaces, in one or both directions."""
+
+    system: Literal["workspace_map"]
+    source: MappedSet
+    target: MappedSet
+    arm: ArmOfRanges | None = None
+    map: MapSection = MapSection()
+    trajectory: Annotated[list[TrajectorySection], Field(max_length=MOST_TRAJECTORIES)] = Field(default=[])
+
+    @model_validator(mode="after")
+    def sets_are_there(self) -> Self:
+        """Refuse the name of a range that `arm` has none of, and one trajectory's name twice."""
+        there = ranges_by_name(self.arm.range_of_motion) if self.arm is not None else {}
+        for key in ("source", "target"):
+            named = getattr(self, key)
+            if isinstance(named, str) and named not in there:
+                known = f"the name of a range of arm.range_of_motion ({', '.join(there) or 'there is none'})"
+                raise refusal(key, named, f"{known}, or a table such as [arm] with one range")
+        if self.source == self.target:
+            raise refusal("target", self.target, "another set than the source")
+        names = [trajectory.name for trajectory in self.trajectory]
+        for i, trajectory in enumerate(self.trajectory):
+            if trajectory.name in names[:i]:
+                raise refusal(f"trajectory.{i}.name", trajectory.name, "each name once")
+            if trajectory.set == "target" and self.map.directions == "forward":
+                raise refusal(f"trajectory.{i}.set", "target", '"source", since map.directions = "forward"')
+        return self

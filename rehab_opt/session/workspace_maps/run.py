@@ -1,0 +1,167 @@
+"""The run of `system = "workspace_map"`: both sets, a map for each rule and direction, and what it does to paths."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.errors import ConfigurationError, ProblemFileError
+from rehab_opt.session.files import ProblemFile
+from rehab_opt.session.outcome import Progress
+from rehab_opt.session.placed_recording import placed_recording
+from rehab_opt.session.recordings import Recording
+from rehab_opt.session.schema import RangeOfMotion
+from rehab_opt.session.workspace_maps.metrics import direction_metrics, mapped_set_metrics
+from rehab_opt.session.workspace_maps.outcome import CarriedPath, MadeMap, MapDirection, MapOutcome, MappedSet
+from rehab_opt.session.workspace_maps.problem import MapSection, TrajectorySection, WorkspaceMapProblem
+from rehab_opt.session.workspaces.reached import reached
+from rehab_opt.session.workspaces.run import plane_notes
+from rehab_opt.session.workspaces.sections import ArmInPlane, ranges_by_name
+from rehab_opt.workspace.mapping import WorkspaceMap
+
+__all__ = ["ENDS", "ArmOfSet", "arm_of_set", "placed_trajectory", "run_workspace_map"]
+
+Array = NDArray[np.float64]
+End = Literal["source", "target"]
+Rule = Literal["safe", "polar"]
+
+ENDS: tuple[End, ...] = ("source", "target")
+OTHER: dict[End, End] = {"source": "target", "target": "source"}
+
+
+class ArmOfSet(NamedTuple):
+    """One of the sets as the file states it: its name, arm and range, and the key that speaks of the arm."""
+
+    name: str
+    section: ArmInPlane
+    ranges: str | RangeOfMotion
+    key: str
+
+
+def run_workspace_map(loaded: ProblemFile[WorkspaceMapProblem], *, progress: Progress) -> MapOutcome:
+    """Find both workspaces and map them.
+
+    Raises
+    ------
+    ProblemFileError : a value of the file or a recording cannot be used; a set is empty, has holes or several parts.
+    """
+    problem = loaded.problem
+    placed = [placed_trajectory(loaded, i) for i in range(len(problem.trajectory))]
+    sets: dict[End, MappedSet] = {}
+    for end in ENDS:
+        progress("workspaces", len(sets), 2)
+        said = arm_of_set(problem, end)
+        found = reached(said.section, said.ranges, file=loaded.file, key=said.key)
+        sets[end] = MappedSet(said.name, said.section, found)
+    progress("workspaces", 2, 2)
+    starts = ENDS if problem.map.directions == "both" else ENDS[:1]
+    whole = len(starts) * len(problem.map.rules)
+    directions: list[MapDirection] = []
+    for start in starts:
+        maps: list[MadeMap] = []
+        for rule in problem.map.rules:
+            progress("maps", len(directions) * len(problem.map.rules) + len(maps), whole)
+            maps.append(_made(rule, start, sets, problem.map, file=loaded.file))
+        paths = [
+            _carried(trajectory, *recorded, maps)
+            for trajectory, recorded in zip(problem.trajectory, placed, strict=True)
+            if trajectory.set == start
+        ]
+        directions.append(
+            MapDirection(f"{start}_to_{OTHER[start]}", sets[start], sets[OTHER[start]], tuple(maps), tuple(paths))
+        )
+    progress("maps", whole, whole)
+    return MapOutcome(
+        system=problem.system,
+        name=loaded.name,
+        title=problem.title,
+        notes=tuple(_notes(sets, directions, [recording for recording, _ in placed])),
+        metrics={
+            "sets": {end: mapped_set_metrics(of) for end, of in sets.items()},
+            "maps": {direction.key: direction_metrics(direction) for direction in directions},
+            "parameters": problem.model_dump(mode="json", exclude={"title"}),
+        },
+        directions=tuple(directions),
+    )
+
+
+def arm_of_set(problem: WorkspaceMapProblem, end: End) -> ArmOfSet:
+    """What the file says of one of the sets."""
+    said = problem.source if end == "source" else problem.target
+    if not isinstance(said, str):
+        return ArmOfSet(end, said, said.range_of_motion, end)
+    assert problem.arm is not None  # the schema refuses a name without an arm
+    return ArmOfSet(said, problem.arm, ranges_by_name(problem.arm.range_of_motion)[said], "arm")
+
+
+def placed_trajectory(loaded: ProblemFile[WorkspaceMapProblem], index: int) -> tuple[Recording, Array]:
+    """A trajectory's recording, and its path (N, 2) [m] in the frame of its set.
+
+    Raises
+    ------
+    ProblemFileError : as `placed_recording`.
+    """
+    trajectory = loaded.problem.trajectory[index]
+    section = arm_of_set(loaded.problem, trajectory.set).section
+    recording, path = placed_recording(
+        loaded,
+        trajectory.recording,
+        trajectory.placement,
+        side=section.side,
+        rate=trajectory.rate_hz,
+        keys=f"trajectory.{index}.",
+    )
+    return recording, path[:, :2]
+
+
+def _made(rule: Rule, start: End, sets: dict[End, MappedSet], how: MapSection, *, file: str) -> MadeMap:
+    source, target = (sets[end].reached.workspace for end in (start, OTHER[start]))
+    began = time.perf_counter()
+    try:
+        mapped = WorkspaceMap.between(
+            source,
+            target,
+            rule=rule,
+            landmarks=how.landmarks if rule == "safe" else how.polar_landmarks,
+            rotation="best" if isinstance(how.rotation_deg, str) else math.radians(how.rotation_deg),
+        )
+    except ConfigurationError as refused:
+        if refused.argument in OTHER:
+            key = start if refused.argument == "source" else OTHER[start]
+            value = f"{sets[key].name}: {refused.value}"
+            raise ProblemFileError(file, key, value, refused.expected) from refused
+        return MadeMap(rule, None, None, f"no map: {refused}", time.perf_counter() - began)
+    seconds = time.perf_counter() - began
+    return MadeMap(rule, mapped, mapped.audit(how.audit_points, how.seed), "", seconds)
+
+
+def _carried(trajectory: TrajectorySection, recording: Recording, before: Array, maps: list[MadeMap]) -> CarriedPath:
+    after = {made.rule: made.mapped(before) for made in maps if made.mapped is not None}
+    return CarriedPath(trajectory.name, recording.time, before, after)
+
+
+def _notes(sets: dict[End, MappedSet], directions: list[MapDirection], recordings: list[Recording]) -> Iterator[str]:
+    sections = [sets["source"].section, sets["target"].section]
+    for section in sections[:1] if sections[0] == sections[1] else sections:
+        yield from plane_notes(
+            section, {of.name: of.reached.workspace for of in sets.values() if of.section == section}
+        )
+    for direction in directions:
+        where = f"{direction.start.name} -> {direction.end.name}"
+        for made in direction.maps:
+            for reason in made.audit.reasons if made.audit is not None else (made.reason,):
+                yield f"{where}, {made.rule} rule, NOT FOR A CONTROLLER: {reason}"
+        for path in direction.paths:
+            away = ~np.asarray(direction.start.reached.workspace.contains(path.before))
+            if away.any():
+                yield (
+                    f"{path.name}: {100 * away.mean():.1f} % of its samples lie outside {direction.start.name}; the "
+                    "nearest point of the set is mapped in their place"
+                )
+    for recording in recordings:
+        yield from (f"{recording.file}: {note}" for note in recording.notes)
