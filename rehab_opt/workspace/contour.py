@@ -26,13 +26,14 @@ class Crossing(NamedTuple):
 
 
 def missing_nodes(lattice: Lattice, level: float) -> list[tuple[Key, Key]]:
-    """Nodes not made yet of cells that the level crosses, each with a node of its cell: until there are none."""
+    """Nodes not made yet of cells that the level crosses, each with its cell's node nearest to the slice."""
     missing: dict[Key, Key] = {}
     for cell in _cells(lattice):
         keys = [(cell[0] + di, cell[1] + dj) for di, dj in CORNERS]
         known = [key for key in keys if key in lattice.nodes]
         if len(known) < 4 and len({lattice.nodes[key].distance < level for key in known}) == 2:
-            missing.update((key, known[0]) for key in keys if key not in lattice.nodes)
+            nearest = min(known, key=lambda key: lattice.nodes[key].distance)
+            missing.update((key, nearest) for key in keys if key not in lattice.nodes)
     return list(missing.items())
 
 

@@ -112,15 +112,17 @@ class SliceSearch:
         while missing := missing_nodes(self.fine, LEVEL * self.fine_spacing):
             for key, known in missing:
                 posture = self.fine.nodes[known].posture
-                if posture is not None:
-                    self.fine.offer(key, posture)
+                assert posture is not None  # it is nearer than the level
+                self.fine.offer(key, posture)
             self.fine.spread()
 
     def polygon(self) -> BaseGeometry:
         """The set, as the fine lattice knows it now."""
         curves = contours(self.fine, LEVEL * self.fine_spacing)
         rings = [boundary_ring(self.search, self.fine, curve, CHORD * self.accuracy) for curve in curves]
-        return polygon_of_rings(rings).simplify(SIMPLIFIED * self.accuracy)
+        exact = polygon_of_rings(rings)
+        fewer = exact.simplify(SIMPLIFIED * self.accuracy)
+        return fewer if fewer.is_valid else exact
 
     def contradictions(self, polygon: BaseGeometry, distance: float) -> tuple[list[tuple[float, float, Array]], int]:
         """Probes at `distance` on either side that are reachable outside or not inside, and how many were made."""
