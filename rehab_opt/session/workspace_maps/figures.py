@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 GRID_LINES = 16
 """Across the larger side of a set."""
 ALONG_A_LINE = 60
+ALONG_AN_OUTLINE = 600
 PIXELS = 260
 FOLDED, OUTSIDE = "#D55E00", "#CC79A7"
 PATH_STYLES: Sequence[Mapping[str, Any]] = (
@@ -33,7 +34,7 @@ PATH_STYLES: Sequence[Mapping[str, Any]] = (
     {"color": "#000000", "linestyle": ":"},
 )
 OUTLINE: Mapping[str, Any] = {"facecolor": "#DDDDDD", "edgecolor": "#333333", "linestyle": "-"}
-DENSITY = (0.05, 5.0)
+DENSITY = (0.1, 10.0)
 """Of local area in overall ratios, the ends of the colour scale."""
 
 
@@ -55,6 +56,7 @@ def _before_and_after(outcome: MapOutcome, direction: MapDirection) -> Figure:
     draw_region(first, start, OUTLINE, label="workspace")
     for k, line in enumerate(_grid(start)):
         first.plot(*(MM * line.T), color="#777777", linewidth=0.6, label="grid" if k == 0 else None)
+    first.plot([], [], color=REFERENCE, linewidth=1.0, linestyle=":", label="edge of the workspace, mapped")
     for k, path in enumerate(direction.paths):
         _draw_path(first, path.before, k, path.name)
     _finish(first, f"before: {direction.start.name}")
@@ -63,6 +65,8 @@ def _before_and_after(outcome: MapOutcome, direction: MapDirection) -> Figure:
         if made.mapped is None:
             axes.annotate("no map", (0.5, 0.5), xycoords="axes fraction", ha="center")
         else:
+            for ring in _outline(start):
+                axes.plot(*(MM * made.mapped.spline(ring).T), color=REFERENCE, linewidth=1.0, linestyle=":")
             for line in _grid(start):
                 axes.plot(*(MM * made.mapped.spline(line).T), color="#777777", linewidth=0.6)
             for k, path in enumerate(direction.paths):
@@ -92,6 +96,7 @@ def _finish(axes: Axes, title: str) -> None:
     axes.set_xlabel("x, to the right [mm]")
     axes.set_ylabel("y, forwards [mm]")
     axes.grid(**GRID)
+    axes.set_axisbelow(True)
     axes.autoscale_view()
 
 
@@ -108,6 +113,14 @@ def _grid(workspace: Workspace) -> Iterator[Array]:
         if piece.length > 0:
             dense = shapely.segmentize(piece, max(right - left, high - low) / (GRID_LINES * ALONG_A_LINE / 10))
             yield shapely.get_coordinates(dense)
+
+
+def _outline(workspace: Workspace) -> Iterator[Array]:
+    """Points (n, 2) [m] close together along the outlines."""
+    import shapely  # noqa: PLC0415  (heavy)
+
+    for ring in shapely.get_parts(workspace.polygon.boundary):
+        yield shapely.get_coordinates(shapely.segmentize(ring, ring.length / ALONG_AN_OUTLINE))
 
 
 def _folds(outcome: MapOutcome, direction: MapDirection) -> Figure:
@@ -128,7 +141,10 @@ def _folds(outcome: MapOutcome, direction: MapDirection) -> Figure:
         axes.add_patch(_edge(start))
         _finish(axes, f"{made.rule} rule: {_verdict(made)}")
     if shown is not None:
-        bar = figure.colorbar(shown, ax=list(panels), shrink=0.8, extend="both")
+        bar = figure.colorbar(
+            shown, ax=list(panels), shrink=0.8, extend="both", ticks=[0.1, 0.3, 1, 3, 10], format="%g"
+        )
+        bar.minorticks_off()
         bar.set_label("local enlargement of area (1: as the whole set's)")
     marks = [
         Patch(facecolor=FOLDED, edgecolor="none", label="folded: movements are reversed there"),

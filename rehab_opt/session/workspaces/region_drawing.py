@@ -38,12 +38,13 @@ def draw_region(axes: Axes, workspace: Workspace, style: Mapping[str, Any], *, l
 
 
 def region_path(workspace: Workspace) -> Path:
-    """The boundary [mm], holes left open."""
-    vertices, codes = [(0.0, 0.0)], [Path.MOVETO]
+    """The boundary [mm], holes left open; no vertices where the set is empty."""
+    vertices: list[tuple[float, float]] = []
+    codes: list[Any] = []
     for _, _, points in rings(workspace):
         vertices += [(MM * x, MM * y) for x, y in points]
         codes += [Path.MOVETO, *[Path.LINETO] * (len(points) - 2), Path.CLOSEPOLY]
-    return Path(vertices, codes)
+    return Path(np.array(vertices).reshape(-1, 2), codes or None)
 
 
 def draw_shoulder(axes: Axes, section: ArmInPlane) -> None:
