@@ -36,7 +36,7 @@ MOST_CELLS = 400_000
 # A bound is kept as soon as it is this share of the value at the cell's own points; a margin also above this share of
 # the size.
 KEPT = 0.3
-WIDE_MARGIN = 0.03
+MARGIN_KEPT, WIDE_MARGIN = 0.6, 0.03
 # Pieces of the outline at first, how often they are halved, and the reach of the one-to-one triangles in pieces.
 PIECES = 800
 PIECE_HALVINGS = 4
@@ -79,7 +79,7 @@ def certificate(spline: PlaneSpline, source: Workspace, target: Workspace) -> Ce
         room = -np.atleast_1d(target.distance(spline(centres)))
         margin = room - bounds.stretch * radii
         determinant_kept = (bounds.determinant > 0.0) & (bounds.determinant >= KEPT * bounds.corner_determinant)
-        margin_kept = (margin > 0.0) & ((margin >= KEPT * room) | (margin >= WIDE_MARGIN * size))
+        margin_kept = (margin > 0.0) & ((margin >= MARGIN_KEPT * room) | (margin >= WIDE_MARGIN * size))
         kept = determinant_kept & margin_kept
         if kept.any():
             least_determinant = min(least_determinant, float(bounds.determinant[kept].min()))

@@ -24,10 +24,11 @@ def descent(
     steps: int,
     enough: float,
     keeps: Callable[[Array], bool] | None = None,
-) -> Array:
-    """A point of lower cost, by L-BFGS (Nocedal and Wright, Algorithm 7.4) with backtracking.
+) -> tuple[Array, bool]:
+    """A point of lower cost, and whether `keeps` stopped the descent.
 
-    scipy's line search interpolates and so cannot meet an infinite cost; halving the step can.
+    L-BFGS (Nocedal and Wright, Numerical Optimization, Algorithm 7.4) with backtracking: scipy's line search
+    interpolates and so cannot meet an infinite cost; halving the step can.
 
     Parameters
     ----------
@@ -67,12 +68,13 @@ def descent(
         Y, value, slope = Z, new, new_slope
         if step % BETWEEN_LOOKS == 0:
             if looks is not None and not looks(Y):
-                return kept
+                return kept, True
             done = looked - value < enough * abs(value)
             kept, looked = Y, value
             if done:
                 break
-    return kept if looks is not None and not looks(Y) else Y
+    lost = looks is not None and not looks(Y)
+    return (kept if lost else Y), lost
 
 
 def _solved(slope: Array, moves: list[Array], bends: list[Array], metric: Callable[[Array], Array]) -> Array:

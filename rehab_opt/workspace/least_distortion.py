@@ -33,9 +33,9 @@ __all__ = ["Sampled", "distortion", "least_distorted", "sampled"]
 
 # Pull to the outline from inside and from outside, per squared distance over area; the second grows until all is
 # inside.
-PULL_INSIDE = 20.0
+PULL_INSIDE = 150.0
 PULL_OUTSIDE = 1000.0
-ROUNDS = 5
+ROUNDS = 8
 ROTATION_WEIGHT = 100.0
 # What may stay outside of the shrunk target [sqrt(area)], and the share of the distortion one more round must win.
 ALLOWED_OUTSIDE = 0.004
@@ -50,11 +50,13 @@ class Sampled(NamedTuple):
     gradient : (2 m, n): d/dx at all m points, then d/dy.
     shares : (m,) share of the area of each point.
     outline : (b, n): values at points along the outline.
+    before : (b, 2): those points.
     """
 
     gradient: NDArray[np.float64]
     shares: NDArray[np.float64]
     outline: NDArray[np.float64]
+    before: NDArray[np.float64]
 
     def jacobians(self, images: NDArray[np.float64]) -> NDArray[np.float64]:
         """D image_i / d point_j at [j, point, i], (2, m, 2)."""
@@ -74,7 +76,8 @@ def sampled(
     system[n:, :n] = system[:n, n:].T
     cardinal = np.linalg.inv(system)[:, :n]
     dx, dy = _slopes(landmarks, points)
-    return Sampled(np.concatenate([dx @ cardinal, dy @ cardinal]), shares, _values(landmarks, outline) @ cardinal)
+    gradient = np.concatenate([dx @ cardinal, dy @ cardinal])
+    return Sampled(gradient, shares, _values(landmarks, outline) @ cardinal, outline)
 
 
 def distortion(jacobians: NDArray[np.float64], shares: NDArray[np.float64], eps: float) -> float:
@@ -95,7 +98,7 @@ def least_distorted(
     rotation : wanted mean rotation [rad]; None: any.
     pull : weight of the pull to the outline from inside.
     """
-    outline = OutlinePull(target, spline.outline, pull, PULL_OUTSIDE)
+    outline = OutlinePull(target, spline.outline, spline.before, inside=pull, outside=PULL_OUTSIDE)
     curvature = 0.5 * spline.gradient.T @ (np.tile(spline.shares, 2)[:, None] * spline.gradient)
     curvature += pull / len(spline.outline) * spline.outline.T @ spline.outline
 
@@ -118,16 +121,19 @@ def least_distorted(
     for _ in range(30):
         if eps == 0.0:
             break
-        images = descent(partial(cost, eps), images, curvature, steps=12, enough=1e-3)
+        images, _ = descent(partial(cost, eps), images, curvature, steps=12, enough=1e-3)
         folded = least_determinant(images)
         eps = 0.0 if folded > UNFOLDED else max((0.5 if folded > -eps else 0.8) * eps, LEAST_EPS)
     if eps > 0.0:
         return images
     for _ in range(ROUNDS):
-        images = descent(partial(cost, 0.0), images, curvature, steps=120, enough=2e-4, keeps=outline.simple)
-        if outline.outside(images) <= ALLOWED_OUTSIDE:
+        images, stopped = descent(partial(cost, 0.0), images, curvature, steps=120, enough=2e-4, keeps=outline.simple)
+        if outline.outside(images) <= ALLOWED_OUTSIDE and not stopped:
             break
-        outline.tighten()
+        if stopped:  # the outline was about to cross itself
+            outline.keep_apart()
+        else:
+            outline.tighten()
     return images
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.workspace.audit import Audit, random_points
+from rehab_opt.workspace.audit import LARGEST_STRETCH, SMALLEST_STRETCH, Audit, random_points
 from rehab_opt.workspace.certificate import Certificate, certificate
 from rehab_opt.workspace.controller_map import ControllerMap
 from rehab_opt.workspace.polar import LANDMARKS, polar_landmarks
@@ -90,10 +90,10 @@ class WorkspaceMap:
             _outline(source), _outline(target), accuracy=target.accuracy, landmarks=landmarks, rotation=rotation
         ):
             spline = ThinPlateSpline(*pairs)
-            proven = certificate(spline, source, target)
-            if best is None or proven.valid:
-                best = cls(source, target, spline, rule, proven)
-            if proven.valid:
+            tried = cls(source, target, spline, rule, certificate(spline, source, target))
+            if best is None or tried.certificate.valid:
+                best = tried
+            if tried.certificate.valid and tried._even:
                 break
         assert best is not None  # there is at least one attempt
         return best
@@ -176,6 +176,15 @@ class WorkspaceMap:
     @cached_property
     def _audit(self) -> Audit:
         return self.audit()
+
+    @property
+    def _even(self) -> bool:
+        """Whether nothing is stretched or squeezed by more than an audit allows, at the points where that is quick to see."""
+        points = random_points(self.source, STARTS, 0)
+        over = np.linalg.svd(self.spline.jacobian(points), compute_uv=False) / np.sqrt(
+            self.target.area / self.source.area
+        )
+        return bool(over.max() <= LARGEST_STRETCH and over.min() >= SMALLEST_STRETCH)
 
     @cached_property
     def _starts(self) -> tuple[Any, NDArray[np.float64]]:

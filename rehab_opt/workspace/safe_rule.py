@@ -25,15 +25,16 @@ if TYPE_CHECKING:
 __all__ = ["LandmarkPairs", "safe_landmarks"]
 
 # The source grows by this share of sqrt(area), the target shrinks by this share of its inradius.
-GROWTH, SHRINKAGE, MOST_SHRINKAGE = 0.04, 0.04, 0.15
+GROWTH, SHRINKAGE, MOST_SHRINKAGE = 0.04, 0.04, 0.3
 # Where the outline's image is drawn to the target's outline: on the source grown by this share of sqrt(area).
 DRAWN = 0.01
 # Points at which distortion is summed, for each landmark, and points along the outline.
 SAMPLES_PER_LANDMARK = 4
 OUTLINE_SAMPLES = 320
+OUTLINE_SHARE = 0.25
 # Landmarks at first. What is tried when a map cannot be certified: more landmarks, and a stronger pull to the outline.
 LANDMARKS = 300
-ATTEMPTS = ((1.0, 1.0), (1.0, 10.0), (1.6, 3.0), (2.5, 30.0))
+ATTEMPTS = ((1.0, 1.0), (1.5, 0.2), (2.2, 1.0))
 
 
 class LandmarkPairs(NamedTuple):
@@ -85,7 +86,7 @@ def _pairs(
         for each, at, size in zip((source, target), middle, unit, strict=True)
     )
     wide, radius = grown(start, GROWTH), inradius(goal)
-    narrow = shrunk(goal, min(SHRINKAGE * radius + accuracy / unit[1], MOST_SHRINKAGE * radius))
+    narrow = shrunk(goal, min(SHRINKAGE * radius + 1.6 * accuracy / unit[1], MOST_SHRINKAGE * radius))
     # Euler: about 1.15 times the area of a hexagonal pattern's cells, of which those on the outline are halves.
     points = mesh_of(wide, float(np.sqrt(1.15 * wide.area / count) * 1.07)).points
     spline = _sampled(start, wide, points, count)
@@ -108,4 +109,6 @@ def _sampled(source: Polygon, wide: Polygon, landmarks: NDArray[np.float64], cou
     shares = np.bincount(over.triangles.ravel(), np.repeat(areas, 3), len(over.points))
     outline = source.buffer(DRAWN).exterior
     along = get_coordinates(outline.interpolate(np.arange(OUTLINE_SAMPLES) / OUTLINE_SAMPLES, normalized=True))
-    return sampled(landmarks, over.points, shares / shares.sum(), along)
+    # Folds begin at the outline, so its points count too, for little area.
+    shares = np.concatenate([shares, np.full(len(along), OUTLINE_SHARE * shares.mean())])
+    return sampled(landmarks, np.concatenate([over.points, along]), shares / shares.sum(), along)
