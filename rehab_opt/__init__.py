@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from rehab_opt.workspace.spline import ThinPlateSpline
     from rehab_opt.workspace.used_range import range_of_motion
     from rehab_opt.workspace.variation import reachability_map
+    from rehab_opt.workspace.volume import reachable_volume
 
 __all__ = [
     "DH",
@@ -43,6 +44,7 @@ __all__ = [
     "planar_workspace",
     "range_of_motion",
     "reachability_map",
+    "reachable_volume",
     "smooth_path",
     "ur5",
 ]
@@ -56,6 +58,7 @@ _LATER = {
     "planar_workspace": "workspace.reach",
     "range_of_motion": "workspace.used_range",
     "reachability_map": "workspace.variation",
+    "reachable_volume": "workspace.volume",
 }
 
 
