@@ -28,7 +28,7 @@ from bench.machine import machine
 from bench.verdict import Verdict, all_met, print_verdicts
 from rehab_opt import human_arm
 from rehab_opt.kinematics.human_arm import ARM_SEGMENTS
-from rehab_opt.workspace.audit import Audit
+from rehab_opt.workspace.audit import LARGEST_STRETCH, Audit
 from rehab_opt.workspace.mapping import WorkspaceMap
 from rehab_opt.workspace.reach import planar_workspace
 from rehab_opt.workspace.region import Workspace
@@ -183,7 +183,7 @@ def _verdicts(name: str, outcomes: list[Outcome]) -> list[Verdict]:
         Verdict(f"{name}: share certified", float(np.mean([a.certificate.valid for a in safe])), ">=", 1.0),
         Verdict(f"{name}: worst round trip", max(a.round_trip for a in safe), "<=", 1e-9, "m"),
         Verdict(f"{name}: share that a controller accepts", float(np.mean([a.passed for a in safe])), ">=", 1.0),
-        Verdict(f"{name}: largest stretch or squeeze over the overall ratio", max(extreme), "<=", 6.0),
+        Verdict(f"{name}: largest stretch or squeeze over the overall ratio", max(extreme), "<=", LARGEST_STRETCH),
     ]
 
 

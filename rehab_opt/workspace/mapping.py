@@ -158,6 +158,7 @@ class WorkspaceMap:
             round_trip=float(np.where(np.isnan(back), np.inf, back).max()),
             coverage=float(np.abs(determinant).mean() * self.source.area / self.target.area),
             certificate=self.certificate,
+            target_accuracy=self.target.accuracy,
         )
 
     def for_controller(self, *, unsafe: bool = False) -> ControllerMap:
@@ -179,11 +180,9 @@ class WorkspaceMap:
 
     @property
     def _even(self) -> bool:
-        """Whether nothing is stretched or squeezed by more than an audit allows, at the points where that is quick to see."""
-        points = random_points(self.source, STARTS, 0)
-        over = np.linalg.svd(self.spline.jacobian(points), compute_uv=False) / np.sqrt(
-            self.target.area / self.source.area
-        )
+        """Whether nothing is stretched or squeezed by more than an audit allows, at a few points."""
+        ratio = np.sqrt(self.target.area / self.source.area)
+        over = np.linalg.svd(self.spline.jacobian(random_points(self.source, STARTS, 0)), compute_uv=False) / ratio
         return bool(over.max() <= LARGEST_STRETCH and over.min() >= SMALLEST_STRETCH)
 
     @cached_property

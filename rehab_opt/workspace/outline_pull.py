@@ -74,11 +74,11 @@ class OutlinePull:
         self._outside *= 5.0
 
     def keep_apart(self) -> None:
-        """From now on also cost what brings points closer together than `CLOSE` times what they were; more at each call."""
+        """Cost from now on what brings points closer than `CLOSE` times their distance before; more at each call."""
         self._apart = APART if self._apart == 0.0 else 3.0 * self._apart
 
     def _touching(self, points: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
-        """Sum of ln(CLOSE before / now)^2 over pairs closer than that, by the number of points, and its derivative (b, 2)."""
+        """Sum of ln(CLOSE before / now)^2 over pairs closer than that, over their number, and its derivative (b, 2)."""
         x, y = (points[:, None, k] - points[None, :, k] for k in range(2))
         now2 = x**2 + y**2
         i, j = np.nonzero(now2 < (CLOSE * self._before) ** 2)
