@@ -1,4 +1,4 @@
-"""The command `rehab-opt`: run, list and check problem files.
+"""The command `rehab-opt`: run, list and check problem files, one or many.
 
 Bad input ends with one line on the error stream and exit code 2; nothing is written then.
 """
@@ -20,7 +20,7 @@ from rehab_opt.errors import ConfigurationError, RehabOptError
 
 if TYPE_CHECKING:
     from rehab_opt.session.files import ProblemFile
-    from rehab_opt.session.outcome import Outcome
+    from rehab_opt.session.outcome import Outcome, Progress
 
 __all__ = ["app", "main"]
 
@@ -109,15 +109,57 @@ def check(file: Problem) -> None:
     print("ok")
 
 
-def _run_with_progress(loaded: ProblemFile[Any], **options: str | None) -> Outcome:
-    """The run, with a bar on the error stream where that is a terminal."""
-    from rich.console import Console  # noqa: PLC0415
-    from rich.progress import Progress, TaskID  # noqa: PLC0415
+@app.command()
+def many(
+    people: Annotated[
+        Path, typer.Argument(metavar="TABLE_OR_FOLDER", help="A .csv, or a folder of problem files, one a participant.")
+    ],
+    problem: Annotated[
+        str | None, typer.Option(help="What the rows of a table change; upper_limb/workspace by default.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder of the results; ./out/many/<name> by default.")] = None,
+    workers: Annotated[int | None, typer.Option(help="Processes; one for each core by default.")] = None,
+) -> None:
+    """Run a problem for each of many people; write a folder for each and results.csv. What is done is not done again.
 
+    Exit code 1 if some rows are not done: results.csv says why.
+    """
+    from rich.console import Console  # noqa: PLC0415
+
+    from rehab_opt.session.many.participants import participants_of  # noqa: PLC0415
+    from rehab_opt.session.many.run import RESULTS, run_many  # noqa: PLC0415
+    from rehab_opt.session.many.summary import summary_table  # noqa: PLC0415
+
+    participants = participants_of(people, problem=problem)
+    folder = _writable(out if out is not None else Path("out") / "many" / people.resolve().stem)
+    try:
+        with _on_interrupt(signal.default_int_handler), _bars() as progress:
+            rows = run_many(participants, out=folder, workers=workers, progress=progress)
+    except KeyboardInterrupt:
+        _interrupted()
+    console = Console()
+    console.print(summary_table(rows))
+    console.print(f"written to {folder}: {RESULTS}", highlight=False, markup=False, soft_wrap=True)
+    if any(row.error for row in rows):
+        raise typer.Exit(1)
+
+
+def _run_with_progress(loaded: ProblemFile[Any], **options: str | None) -> Outcome:
     from rehab_opt.session.run import run_problem  # noqa: PLC0415
 
+    with _bars() as progress:
+        return run_problem(loaded, progress=progress, **options)
+
+
+@contextmanager
+def _bars() -> Iterator[Progress]:
+    """Progress as bars on the error stream, where that is a terminal."""
+    from rich.console import Console  # noqa: PLC0415
+    from rich.progress import Progress as Bars  # noqa: PLC0415
+    from rich.progress import TaskID  # noqa: PLC0415
+
     console = Console(stderr=True)
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as bars:
+    with Bars(console=console, transient=True, disable=not console.is_terminal) as bars:
         tasks: dict[str, TaskID] = {}
 
         def progress(what: str, done: int, whole: int) -> None:
@@ -126,7 +168,7 @@ def _run_with_progress(loaded: ProblemFile[Any], **options: str | None) -> Outco
             whole_known = whole if whole > 1 or done else None  # a law answers in one piece: its bar only moves
             bars.update(tasks[what], completed=done, total=whole_known)
 
-        return run_problem(loaded, progress=progress, **options)
+        yield progress
 
 
 def _writable(folder: Path) -> Path:

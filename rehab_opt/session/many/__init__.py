@@ -1,0 +1,1 @@
+"""Many people at once: one problem for each of them, on every core or on a cluster."""

@@ -1,0 +1,44 @@
+"""What a result depends on, as one number: equal ones need no second computation."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+import importlib.resources
+import json
+from functools import cache
+
+from rehab_opt.session.files import ProblemFile, recording_path
+from rehab_opt.session.schema import Problem
+from rehab_opt.session.systems import system_named
+
+__all__ = ["inputs_digest"]
+
+NUMERICS = ("casadi", "numpy", "scipy", "shapely")
+
+
+def inputs_digest(loaded: ProblemFile[Problem]) -> str:
+    """SHA-256 of a problem, its recordings, this library's source and the versions of what it computes with.
+
+    Raises
+    ------
+    ProblemFileError : a recording is absent.
+    """
+    digest = hashlib.sha256(_software().encode())
+    problem = loaded.problem
+    said = {"name": loaded.name, "problem": problem.model_dump(mode="json")}
+    digest.update(json.dumps(said, sort_keys=True).encode())
+    for needed in system_named(problem.system).recordings(problem):
+        digest.update(recording_path(loaded, needed.reference, key=needed.key).read_bytes())
+    return digest.hexdigest()
+
+
+@cache
+def _software() -> str:
+    """The source itself, not its version: a checkout changes without one."""
+    digest = hashlib.sha256()
+    with importlib.resources.as_file(importlib.resources.files("rehab_opt")) as package:
+        for path in sorted(package.rglob("*.py")):
+            digest.update(path.relative_to(package).as_posix().encode())
+            digest.update(path.read_bytes())
+    return " ".join([digest.hexdigest(), *(f"{name} {importlib.metadata.version(name)}" for name in NUMERICS)])

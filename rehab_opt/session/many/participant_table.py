@@ -1,0 +1,174 @@
+"""A table of participants: each row is a problem file with some of its values replaced.
+
+Column `participant` names the person; every other column is a dotted key of the problem. `problems/README.md` has the
+rules.
+"""
+
+from __future__ import annotations
+
+import copy
+import csv
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from rehab_opt.errors import ProblemFileError
+from rehab_opt.kinematics.human_arm import RANGES_OF_MOTION_DEG
+from rehab_opt.session.files import problem_content, problem_path
+from rehab_opt.session.many.participants import Participant, checked_name, without_twins
+from rehab_opt.session.text_lines import shown, whole_text
+
+__all__ = ["BASE", "cell_value", "participants_in_table", "replaced"]
+
+BASE = "upper_limb/workspace"
+NAME = "participant"
+ENDS = {"lower": 0, "upper": 1}
+LONGEST_TITLE = 120
+
+
+def participants_in_table(table: Path, *, problem: str = BASE) -> tuple[Participant, ...]:
+    """One person for each row.
+
+    Parameters
+    ----------
+    table : a comma-separated file in UTF-8 with a header.
+    problem : the problem file that the rows change, or the name of a shipped one.
+
+    Raises
+    ------
+    ProblemFileError : the table or the problem file cannot be read; no or two columns `participant`, a column without a
+        name, no rows, a name that cannot be a folder's or stands twice. What concerns one person alone is in their
+        `error`.
+    """
+    _, path = problem_path(problem)
+    base = problem_content(path, problem)
+    file = str(table)
+    header, rows = _rows(table, file)
+    people, keys = [], []
+    for line, cells in rows:
+        key = f"line {line}, column {NAME}"
+        at = header.index(NAME)
+        name = checked_name(cells[at].strip() if at < len(cells) else "", file=file, key=key)
+        people.append(_person(name, header, cells, base, file=f"{file}, line {line}", path=path))
+        keys.append(key)
+    if not people:
+        raise ProblemFileError(file, "rows", 0, "a row for each participant")
+    return without_twins(people, file=file, keys=keys)
+
+
+def _rows(table: Path, file: str) -> tuple[list[str], list[tuple[int, list[str]]]]:
+    reader = csv.reader(whole_text(table, file).splitlines(keepends=True), strict=True)
+    rows: list[tuple[int, list[str]]] = []
+    try:
+        for cells in reader:
+            if any(cell.strip() for cell in cells):
+                rows.append((reader.line_num, cells))  # noqa: PERF401  (the number belongs to this moment)
+    except csv.Error as problem:
+        raise ProblemFileError(
+            file, f"line {reader.line_num}", shown(str(problem)), "comma-separated cells"
+        ) from problem
+    line, header = rows[0][0], [cell.strip() for cell in rows[0][1]]
+    for i, column in enumerate(header, start=1):
+        if not column:
+            raise ProblemFileError(file, f"line {line}, column {i}", column, "a name: participant, or a dotted key")
+        if column in header[: i - 1]:
+            raise ProblemFileError(file, f"line {line}, column {i}", shown(column), "each column once")
+    if NAME not in header:
+        found = shown(", ".join(header), 80)
+        raise ProblemFileError(file, f"line {line}", found, f"a column {NAME} (cells are separated by commas)")
+    return header, rows[1:]
+
+
+def _person(
+    name: str, header: Sequence[str], cells: Sequence[str], base: dict[str, Any], *, file: str, path: Path
+) -> Participant:
+    if len(cells) != len(header):
+        refused = ProblemFileError(file, "cells", len(cells), f"{len(header)}, one for each column")
+        return Participant(name, {}, file, path, str(refused))
+    given = {key: cell for key, cell in zip(header, cells, strict=True) if key != NAME and cell.strip()}
+    try:
+        content = replaced(base, given, file=file)
+    except ProblemFileError as problem:
+        return Participant(name, {}, file, path, str(problem))
+    title = content.get("title")
+    if "title" not in given and isinstance(title, str):
+        content["title"] = f"{name}: {title}"[:LONGEST_TITLE]
+    return Participant(name, content, file, path)
+
+
+def replaced(base: dict[str, Any], given: dict[str, str], *, file: str) -> dict[str, Any]:
+    """A problem's content with the values of dotted keys replaced by cells; `base` stays as it is.
+
+    Raises
+    ------
+    ProblemFileError : a key leads into a value that is no table, or names one end of a pair whose other end is missing.
+    """
+    content = copy.deepcopy(base)
+    own: set[int] = set()  # ranges of motion that this row makes up anew
+    for key, cell in given.items():
+        *places, last = key.split(".")
+        into: Any = content
+        for i, part in enumerate(places):
+            after = places[i + 1] if i + 1 < len(places) else last
+            into = _entered(into, part, after, own, key=key, cell=cell, file=file)
+        _set(into, last, cell_value(cell), key=key, file=file)
+    for key in given:
+        *places, last = key.split(".")
+        if last in ENDS:
+            pair = _at(content, places)
+            missing = [end for end, i in ENDS.items() if isinstance(pair, list) and pair[i] is None]
+            if missing:
+                raise ProblemFileError(file, ".".join((*places, missing[0])), None, "this cell, beside the other end")
+    return content
+
+
+def cell_value(cell: str) -> Any:
+    """What a cell says: a number, true or false, a list or a quoted text as in TOML; else the text itself."""
+    text = cell.strip()
+    try:
+        value = tomllib.loads(f"value = {text}")
+    except (tomllib.TOMLDecodeError, ValueError, RecursionError):
+        return text
+    read = value.get("value")
+    return read if len(value) == 1 and isinstance(read, bool | int | float | str | list) else text
+
+
+def _entered(into: Any, part: str, after: str, own: set[int], *, key: str, cell: str, file: str) -> Any:
+    """What lies below `part`, made where it is missing; `after` is what comes below that."""
+    if isinstance(into, list) and part.isdecimal() and int(part) < len(into):
+        return into[int(part)]
+    if not isinstance(into, dict):
+        raise ProblemFileError(file, key, shown(cell), f"a key of the problem: {part} stands in no table")
+    below = into.get(part)
+    if after in ENDS:
+        if not (isinstance(below, list) and len(below) == 2):
+            below = into[part] = [None, None]
+    elif after.endswith("_deg") and isinstance(below, str) and below in RANGES_OF_MOTION_DEG:
+        table = RANGES_OF_MOTION_DEG[below]
+        below = into[part] = {f"{joint}_deg": list(limits) for joint, limits in table.items()}
+    elif below is None or (_holds_named_ranges(part, below) and after.endswith("_deg") and id(below) not in own):
+        below = into[part] = {}
+        own.add(id(below))
+    return below
+
+
+def _holds_named_ranges(part: str, below: Any) -> bool:
+    return part == "range_of_motion" and isinstance(below, dict) and not any(name.endswith("_deg") for name in below)
+
+
+def _set(into: Any, last: str, value: Any, *, key: str, file: str) -> None:
+    if isinstance(into, list) and (last in ENDS or last.isdecimal()):
+        i = ENDS.get(last, int(last) if last.isdecimal() else 0)
+        if i < len(into):
+            into[i] = value
+            return
+    if not isinstance(into, dict):
+        raise ProblemFileError(file, key, value, "a key of the problem: what it leads into is no table")
+    into[last] = value
+
+
+def _at(content: Any, places: Sequence[str]) -> Any:
+    for part in places:
+        content = content[int(part)] if isinstance(content, list) else content[part]
+    return content
