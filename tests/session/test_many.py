@@ -1,0 +1,187 @@
+"""Many people at once: nobody's failure is anybody else's, and nothing is computed twice."""
+
+from __future__ import annotations
+
+import csv
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from rehab_opt.errors import ConfigurationError, ProblemFileError
+from rehab_opt.session.many.participants import Participant, participants_of
+from rehab_opt.session.many.results import Row
+from rehab_opt.session.many.run import RESULTS, run_many
+from tests.session.stand_in_work import person, quick
+
+
+def done(people: Sequence[Participant], out: Path, *, executor: Executor | None = None) -> dict[str, Row]:
+    rows = run_many(people, out=out, executor=executor, workers=2, work=quick)
+    assert [row.participant for row in rows] == [each.name for each in people]
+    with (out / RESULTS).open(encoding="utf-8", newline="") as file:
+        written = list(csv.DictReader(file))
+    assert [(row["participant"], row["status"], row["error"]) for row in written] == [
+        (row.participant, row.status, row.error) for row in rows
+    ]
+    return {row.participant: row for row in rows}
+
+
+def test_five_of_two_hundred_fail_each_in_their_own_row(tmp_path: Path) -> None:
+    people = [person(f"P{i:03}") for i in range(200)]
+    broken = {17: "killed", 18: "broken", 90: "odd", 150: "refused", 199: "killed"}
+    for i, what in broken.items():
+        people[i] = person(people[i].name, what)
+    told: list[tuple[int, int]] = []
+    rows = run_many(people, out=tmp_path, workers=2, work=quick, progress=lambda _, k, n: told.append((k, n)))
+    failed = {i: row for i, row in enumerate(rows) if row.status != "done"}
+    assert failed.keys() == broken.keys()
+    assert [failed[i].status for i in sorted(failed)] == ["failed", "failed", "failed", "refused", "failed"]
+    assert "its worker process died" in failed[17].error
+    assert "its worker process died" in failed[199].error
+    assert failed[18].error == "ZeroDivisionError: a mistake in two lines"
+    assert failed[150].error == "hand = 3: expected one of two"
+    assert told[-1] == (200, 200)
+    assert (tmp_path / "P042" / "metrics.json").read_text(encoding="utf-8") == "P042"
+    assert not (tmp_path / "P017").exists()
+
+
+def test_what_is_done_is_not_done_again_and_what_failed_is(tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    people = [person("A", f"fine {log}"), person("B", f"broken {log}"), person("C", f"fine {log}")]
+    with ThreadPoolExecutor(1) as pool:
+        first = done(people, tmp_path / "out", executor=pool)
+        before = (tmp_path / "out" / RESULTS).read_bytes()
+        second = done(people, tmp_path / "out", executor=pool)
+    assert log.read_text(encoding="utf-8").split() == ["A", "B", "C", "B"]
+    assert (first["A"].kept, second["A"].kept, second["B"].kept) == (False, True, False)
+    assert (tmp_path / "out" / RESULTS).read_bytes() == before
+
+
+def test_changed_problem_is_computed_again(tmp_path: Path) -> None:
+    with ThreadPoolExecutor(1) as pool:
+        done([person("A")], tmp_path, executor=pool)
+        changed = replace(person("A"), content={**person("A").content, "title": "changed"})
+        assert not done([changed], tmp_path, executor=pool)["A"].kept
+        assert done([changed], tmp_path, executor=pool)["A"].kept
+
+
+def test_result_half_written_or_half_deleted_does_not_count(tmp_path: Path) -> None:
+    with ThreadPoolExecutor(1) as pool:
+        done([person("A"), person("B"), person("C")], tmp_path, executor=pool)
+        (tmp_path / "A" / "result.json").write_text('{"digest": ', encoding="utf-8")
+        (tmp_path / "B" / "metrics.json").unlink()
+        rows = done([person("A"), person("B"), person("C")], tmp_path, executor=pool)
+    assert {name: row.kept for name, row in rows.items()} == {"A": False, "B": False, "C": True}
+    assert all(row.status == "done" for row in rows.values())
+
+
+def test_failure_leaves_no_result_of_earlier_inputs_and_nothing_of_others_is_touched(tmp_path: Path) -> None:
+    with ThreadPoolExecutor(1) as pool:
+        done([person("A"), person("B")], tmp_path, executor=pool)
+        (tmp_path / "A" / "notes.txt").write_text("mine", encoding="utf-8")
+        rows = done([person("A", "broken"), replace(person("B"), error="unreadable")], tmp_path, executor=pool)
+    assert (rows["A"].status, rows["B"].status, rows["B"].error) == ("failed", "refused", "unreadable")
+    assert [path.name for path in (tmp_path / "A").iterdir()] == ["notes.txt"]
+    assert not (tmp_path / "B").exists()
+
+
+def test_unusable_problem_is_its_own_row(tmp_path: Path) -> None:
+    wrong = replace(person("W"), content={"system": "workspace", "title": "x", "arm": {"side": "up"}})
+    with ThreadPoolExecutor(1) as pool:
+        rows = done([person("A"), wrong], tmp_path, executor=pool)
+    assert rows["A"].status == "done"
+    assert rows["W"].error == "W.toml: arm.side = 'up': expected 'left' or 'right'"
+
+
+def test_nobody_usable_is_the_first_ones_refusal_and_nothing_is_written(tmp_path: Path) -> None:
+    wrong = [replace(person(name), content={"system": name}) for name in "AB"]
+    with pytest.raises(ProblemFileError, match=r"A\.toml: system = 'A'"):
+        run_many(wrong, out=tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_executor_that_is_shut_down_fails_rows_not_the_run(tmp_path: Path) -> None:
+    pool = ThreadPoolExecutor(1)
+    pool.shutdown()
+    row = done([person("A")], tmp_path, executor=pool)["A"]
+    assert row.status == "failed"
+    assert "after shutdown" in row.error
+
+
+@pytest.mark.parametrize("workers", [0, -1])
+def test_workers_are_one_at_least(tmp_path: Path, workers: int) -> None:
+    with pytest.raises(ConfigurationError, match="--workers"):
+        run_many([person("A")], out=tmp_path, workers=workers)
+
+
+def test_people_have_names_of_their_own(tmp_path: Path) -> None:
+    for people in ([], [person("A"), person("A")]):
+        with pytest.raises(ConfigurationError, match="participants"):
+            run_many(people, out=tmp_path)
+
+
+MANY = """
+import sys
+from pathlib import Path
+from rehab_opt.session.many.run import run_many
+from tests.session.stand_in_work import person, quick
+if __name__ == "__main__":
+    log, what = sys.argv[1], sys.argv[2]
+    people = [person("A", f"fine {log}"), person("B", f"{what} {log}"), person("C", f"fine {log}")]
+    run_many(people, out=Path("out"), workers=1, work=quick)
+"""
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs SIGKILL")
+@pytest.mark.parametrize("how", ["SIGINT", "SIGKILL"])
+def test_interrupted_run_goes_on_where_it_was(tmp_path: Path, how: str) -> None:
+    log, root = tmp_path / "log", str(Path(__file__).resolve().parents[2])
+    (tmp_path / "many.py").write_text(f"import sys\nsys.path.insert(0, {root!r})\n{MANY}", encoding="utf-8")
+    command = [sys.executable, "many.py", str(log)]
+    with subprocess.Popen([*command, "slow"], cwd=tmp_path, stderr=subprocess.DEVNULL) as process:
+        for _ in range(300):
+            if log.exists() and log.read_text(encoding="utf-8").split() == ["A", "B"]:
+                break
+            time.sleep(0.1)
+        process.send_signal(getattr(signal, how))
+        assert process.wait(timeout=20) != 0
+    out = tmp_path / "out"
+    assert (out / "A" / "result.json").exists()
+    assert not (out / "B").exists()
+    if how == "SIGINT":
+        with (out / RESULTS).open(encoding="utf-8", newline="") as file:
+            assert [row["status"] for row in csv.DictReader(file)] == ["done", "not run", "not run"]
+    subprocess.run([*command, "fine"], cwd=tmp_path, check=True)
+    assert log.read_text(encoding="utf-8").split() == ["A", "B", "B", "C"]
+    with (out / RESULTS).open(encoding="utf-8", newline="") as file:
+        assert [row["status"] for row in csv.DictReader(file)] == ["done"] * 3
+
+
+PROBLEM = """
+system = "workspace"
+title = "coarse"
+[arm]
+side = "left"
+range_of_motion = "restricted"
+accuracy_mm = 5.0
+"""
+
+
+def test_folder_of_problem_files_is_worked_through_for_real(tmp_path: Path) -> None:
+    for name, side in (("anna", "left"), ("ben", "right")):
+        (tmp_path / f"{name}.toml").write_text(PROBLEM.replace("left", side), encoding="utf-8")
+    (tmp_path / "carla.toml").write_text("system = ", encoding="utf-8")
+    rows = {row.participant: row for row in run_many(participants_of(tmp_path), out=tmp_path / "out", workers=2)}
+    assert {name: row.status for name, row in rows.items()} == {"anna": "done", "ben": "done", "carla": "refused"}
+    assert "carla.toml: line 1" in rows["carla"].error
+    left, right = (rows[name].numbers for name in ("anna", "ben"))
+    assert left["sets.restricted.area_m2"] == pytest.approx(right["sets.restricted.area_m2"], rel=0.05)  # mirrored
+    assert left["sets.restricted.x_min_m"] == pytest.approx(-float(str(right["sets.restricted.x_max_m"])), abs=0.01)
+    written = {path.name for path in (tmp_path / "out" / "anna").iterdir()}
+    assert written == {"metrics.json", "trace.csv", "workspace.png", "result.json"}

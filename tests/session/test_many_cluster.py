@@ -1,0 +1,31 @@
+"""Many people on a dask.distributed cluster: its client's executor takes the place of a pool."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from rehab_opt.session.many.run import run_many
+from tests.session.stand_in_work import person, quick
+
+distributed = pytest.importorskip("distributed")
+
+
+@pytest.mark.filterwarnings("default")  # what a cluster warns of while it starts and ends is no error of ours
+def test_people_are_worked_through_on_a_real_local_cluster(tmp_path: Path) -> None:
+    people = [person(f"P{i}") for i in range(12)]
+    people[4] = person("P4", "broken")
+    with (
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
+        ) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        rows = run_many(people, out=tmp_path / "stub", executor=client.get_executor(), work=quick)
+        real = run_many([person("anna")], out=tmp_path / "real", executor=client.get_executor())
+    assert [row.status for row in rows] == ["done"] * 4 + ["failed"] + ["done"] * 7
+    assert rows[4].error == "ZeroDivisionError: a mistake in two lines"
+    assert real[0].status == "done"
+    assert float(str(real[0].numbers["sets.regular.area_m2"])) == pytest.approx(0.1037, rel=0.02)
+    assert (tmp_path / "real" / "anna" / "workspace.png").read_bytes().startswith(b"\x89PNG")

@@ -1,0 +1,151 @@
+"""Workspaces of problem files: numbers, boundaries and figures of one arm with any ranges of motion."""
+
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+
+from rehab_opt.errors import ProblemFileError
+from rehab_opt.session.files import load_problem, problem_of
+from rehab_opt.session.report import metrics_json
+from rehab_opt.session.run import checked, run_problem
+from rehab_opt.session.workspaces.figures import workspace_figures
+from rehab_opt.session.workspaces.outcome import WorkspaceOutcome
+from rehab_opt.session.workspaces.table import workspace_table
+from rehab_opt.session.workspaces.trace import boundary_columns
+
+COARSE = {"side": "left", "accuracy_mm": 5.0}
+
+
+def run(**arm: object) -> WorkspaceOutcome:
+    content = {"system": "workspace", "title": "test", "arm": {**COARSE, **arm}}
+    outcome = run_problem(problem_of(content, name="test", file="test.toml", path=Path("test.toml")))
+    assert isinstance(outcome, WorkspaceOutcome)
+    return outcome
+
+
+@pytest.fixture(scope="module")
+def shipped() -> WorkspaceOutcome:
+    outcome = run_problem(load_problem("upper_limb/workspace"))
+    assert isinstance(outcome, WorkspaceOutcome)
+    return outcome
+
+
+def test_shipped_problem_gives_both_sets_of_table_i_one_inside_the_other(shipped: WorkspaceOutcome) -> None:
+    numbers = shipped.metrics["sets"]
+    assert numbers["regular"]["area_m2"] == pytest.approx(0.1037, rel=0.01)
+    assert numbers["restricted"]["area_m2"] == pytest.approx(0.00331, rel=0.02)
+    assert numbers["restricted"]["share_inside"]["regular"] == pytest.approx(1.0, abs=1e-3)
+    assert numbers["regular"]["share_inside"]["restricted"] == pytest.approx(0.0319, abs=1e-3)
+    assert [of["components"] for of in numbers.values()] == [1, 1]
+    json.loads(metrics_json(shipped), parse_constant=pytest.fail)
+
+
+def test_trace_holds_the_boundaries_themselves(shipped: WorkspaceOutcome) -> None:
+    columns = dict(boundary_columns({name: of.workspace for name, of in shipped.sets.items()}))
+    names, xs, ys = np.array(columns["set"]), columns["x_m"], columns["y_m"]
+    for name, of in shipped.sets.items():
+        rows = np.flatnonzero(names == name)
+        rebuilt = shapely.Polygon([(float(xs[i]), float(ys[i])) for i in rows])
+        assert rebuilt.symmetric_difference(of.workspace.polygon).area < 1e-12
+        assert {columns["ring"][i] for i in rows} == {0}
+
+
+def test_trace_numbers_parts_and_holes(shipped: WorkspaceOutcome) -> None:
+    from rehab_opt.workspace.region import Workspace  # noqa: PLC0415
+
+    square = shapely.box(0, 0, 3, 3).difference(shapely.box(1, 1, 2, 2))
+    parts = Workspace(shapely.MultiPolygon([square, shapely.box(5, 5, 6, 6)]), accuracy=1e-3)
+    columns = dict(boundary_columns({"odd": parts}))
+    assert set(zip(columns["component"], columns["ring"], strict=True)) == {(1, 0), (1, 1), (2, 0)}
+
+
+def test_empty_set_is_an_answer_with_its_reason_in_table_note_and_figure() -> None:
+    outcome = run(range_of_motion={"person [bold]7": "restricted"}, handle_tilt_deg=0.1)
+    of = outcome.metrics["sets"]["person [bold]7"]
+    assert (of["empty"], of["area_m2"], of["x_min_m"]) == (True, 0.0, None)
+    assert any("EMPTY, no posture holds the handle within 0.1 deg" in note for note in outcome.notes)
+    printed = shown(outcome)
+    assert "0 (empty)" in printed
+    assert "person [bold]7" in printed
+    legend = workspace_figures(outcome)["workspace"].legends[0]
+    assert any("no posture holds the handle" in text.get_text() for text in legend.get_texts())
+    assert dict(boundary_columns({name: of.workspace for name, of in outcome.sets.items()}))["x_m"] == []
+
+
+def test_placed_shoulder_moves_the_set_and_keeps_its_area() -> None:
+    here = run(range_of_motion="restricted")
+    there = run(range_of_motion="restricted", shoulder_m=[0.5, 0.0, 1.0], shoulder_turn_deg=90.0)
+    a, b = (of.sets["restricted"].workspace for of in (here, there))
+    turned = shapely.affinity.rotate(a.polygon, 90, origin=(0, 0))
+    moved = shapely.affinity.translate(turned, 0.5, 0.0)
+    assert moved.symmetric_difference(b.polygon).area < 1e-9
+    axes = workspace_figures(there)["workspace"].axes[0]
+    assert "robot's frame" in axes.get_xlabel()
+
+
+def test_any_handle_reaches_at_least_what_a_vertical_one_does() -> None:
+    held, free = (run(range_of_motion="restricted", handle_tilt_deg=tilt) for tilt in (2.0, "any"))
+    a, b = (of.sets["restricted"].workspace for of in (held, free))
+    assert a.polygon.buffer(-0.006).difference(b.polygon.buffer(0.006)).area == 0
+    assert b.area > a.area
+    assert any("may tilt any way" in note for note in free.notes)
+
+
+def test_volumes_come_with_and_without_the_handle() -> None:
+    content = {
+        "system": "workspace",
+        "title": "test",
+        "volume": True,
+        "volume_accuracy_mm": 20.0,
+        "volume_spacing_mm": 120.0,
+        "arm": {**COARSE, "range_of_motion": "restricted"},
+    }
+    outcome = run_problem(problem_of(content, name="test", file="f", path=Path("f")))
+    assert isinstance(outcome, WorkspaceOutcome)
+    of = outcome.metrics["volumes"]["restricted"]
+    assert 0 < of["handle_held"]["volume_m3"] < of["handle_free"]["volume_m3"]
+    assert set(workspace_figures(outcome)) == {"workspace", "volume"}
+    assert "volume, handle free" in shown(outcome)
+
+
+def shown(outcome: WorkspaceOutcome) -> str:
+    from rich.console import Console  # noqa: PLC0415
+
+    text = io.StringIO()
+    Console(file=text, width=160).print(workspace_table(outcome))
+    return text.getvalue()
+
+
+OWN = {"scapular_retraction_deg": [0, 0]}
+FAULTS = [
+    ({"range_of_motion": "normal"}, "arm.range_of_motion", "'regular' or 'restricted'"),
+    ({"range_of_motion": {}}, "arm.range_of_motion", "at least 1"),
+    ({"range_of_motion": {"a": "normal"}}, "arm.range_of_motion.a", "'regular' or 'restricted'"),
+    ({"range_of_motion": {"a": {"wrist_deg": [0, 1]}}}, "arm.range_of_motion.a.wrist_deg", "one of the keys"),
+    ({"range_of_motion": OWN}, "arm.range_of_motion.glenohumeral_rotation_deg", "this key"),
+    ({"range_of_motion": {"scapular_retraction": [0, 0]}}, "arm.range_of_motion.scapular_retraction", "'regular'"),
+    ({"range_of_motion": {"x" * 41: "regular"}}, "arm.range_of_motion", "1 to 40 printable characters"),
+    ({"range_of_motion": {" ": "regular"}}, "arm.range_of_motion", "1 to 40 printable characters"),
+    ({"range_of_motion": "regular", "handle_tilt_deg": "none"}, "arm.handle_tilt_deg", "'any'"),
+    ({"range_of_motion": "regular", "handle_tilt_deg": -1}, "arm.handle_tilt_deg", "greater than or equal to 0"),
+    ({"range_of_motion": "regular", "accuracy_mm": 0}, "arm.accuracy_mm", "greater than or equal to 0.01"),
+    ({"range_of_motion": "regular", "plane_height_m": -240}, "arm.plane_height_m", "greater than or equal to -10"),
+    ({"range_of_motion": "regular", "shoulder_m": [0, 0]}, "arm.shoulder_m", "at least 3"),
+    ({"range_of_motion": "regular", "joint_speed_deg_s": 90.0}, "arm.joint_speed_deg_s", "one of the keys"),
+]
+
+
+@pytest.mark.parametrize(("arm", "key", "expected"), FAULTS)
+def test_fault_is_one_line_with_its_key(arm: dict[str, object], key: str, expected: str) -> None:
+    content = {"system": "workspace", "title": "test", "arm": {"side": "left", **arm}}
+    with pytest.raises(ProblemFileError) as refusal:
+        checked(problem_of(content, name="test", file="test.toml", path=Path("test.toml")))
+    assert refusal.value.key.startswith(key)
+    assert expected in refusal.value.expected
+    assert "\n" not in str(refusal.value)
