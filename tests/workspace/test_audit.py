@@ -1,0 +1,142 @@
+"""An audit says what is wrong in numbers, and a controller gets no map that fails it."""
+
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rehab_opt.errors import ConfigurationError
+from rehab_opt.workspace.audit import Audit, random_points
+from rehab_opt.workspace.certificate import Certificate
+from tests.workspace.mapped import ell, mapped, shape, sliver, workspace
+
+GOOD = Audit(
+    samples=10, folded=0.0, outside=0.0, largest_stretch=0.4, smallest_stretch=0.1, overall_ratio=0.2, round_trip=1e-12,
+    coverage=0.8, certificate=Certificate(0.01, 0.002, True, 100, ""), target_accuracy=0.001,
+)  # fmt: skip
+
+
+def test_safe_maps_between_the_workspaces_of_table_one_pass_both_ways():
+    for way in (("regular", "restricted"), ("restricted", "regular")):
+        audit = mapped(*way).audit()
+        assert audit.samples == 20_000
+        assert audit.folded == 0.0
+        assert audit.outside == 0.0
+        assert audit.round_trip <= 1e-9
+        assert audit.certificate.valid
+        assert audit.passed
+        assert audit.reasons == ()
+        assert audit.coverage > 0.6
+
+
+@pytest.mark.parametrize(
+    ("source", "target"), [("crescent", "blob"), ("blob", "crescent"), ("blob", "ell"), ("sliver", "blob")]
+)
+def test_safe_maps_between_shapes_of_other_kinds_pass(source, target):
+    assert mapped(source, target).audit(5000).reasons == ()
+
+
+def test_the_published_rule_folds_and_leaves_the_target_and_its_audit_says_so():
+    audit = mapped("regular", "restricted", rule="polar", landmarks=20).audit()
+    assert 0.2 < audit.folded < 0.5
+    assert 0.2 < audit.outside < 0.7
+    assert not audit.certificate.valid
+    assert not audit.passed
+    texts = " | ".join(audit.reasons)
+    assert f"{audit.folded:.3%}" in texts
+    assert f"{audit.outside:.3%}" in texts
+    assert "not certified" in texts
+
+
+@pytest.mark.parametrize(
+    ("wrong", "word"),
+    [
+        ({"folded": 1e-4}, "folded"),
+        ({"outside": 5e-5}, "outside"),
+        ({"largest_stretch": 0.2 * 5.01}, "stretches"),
+        ({"smallest_stretch": 0.2 / 5.01}, "squeezes"),
+        ({"round_trip": 1.1e-9}, "round trip"),
+        ({"certificate": Certificate(-1.0, 0.002, True, 1, "")}, "not certified"),
+        ({"certificate": Certificate(0.1, 0.002, False, 1, "")}, "not certified"),
+        ({"certificate": Certificate(0.1, 0.002, True, 1, "left open")}, "left open"),
+        ({"target_accuracy": 0.003}, "3 mm"),
+    ],
+)
+def test_each_figure_alone_refuses_a_map(wrong, word):
+    assert GOOD.passed
+    audit = replace(GOOD, **wrong)
+    assert not audit.passed
+    (reason,) = audit.reasons
+    assert word in reason
+
+
+@given(
+    st.sampled_from(
+        ["folded", "outside", "largest_stretch", "smallest_stretch", "round_trip", "overall_ratio", "target_accuracy"]
+    )
+)
+def test_a_figure_that_is_not_a_number_refuses_a_map(name):
+    assert not replace(GOOD, **{name: np.nan}).passed
+
+
+def test_a_certificate_of_not_a_number_is_not_valid():
+    assert not Certificate(np.nan, 0.1, True, 1, "").valid
+    assert not Certificate(0.1, np.nan, True, 1, "").valid
+
+
+def test_a_map_that_fails_reaches_no_controller_unless_unsafe_is_said():
+    unsafe = mapped("regular", "restricted", rule="polar", landmarks=20)
+    with pytest.raises(ConfigurationError, match=r"map.*unsafe=True.*folded over.*not certified") as refused:
+        unsafe.for_controller()
+    assert refused.value.argument == "map"
+    for nearly in (1, "yes", np.True_):
+        with pytest.raises(ConfigurationError):
+            unsafe.for_controller(unsafe=nearly)
+    assert not unsafe.for_controller(unsafe=True).audit.passed
+
+
+def test_a_map_itself_has_no_tick_so_the_gate_cannot_be_forgotten():
+    assert not hasattr(mapped("regular", "restricted"), "image")
+
+
+def test_a_controller_gets_the_same_map_as_was_audited():
+    made = mapped("regular", "restricted")
+    held = pickle.loads(pickle.dumps(made.for_controller()))
+    assert held.audit.passed
+    for point in random_points(made.source, 20, 3):
+        force = np.array([3.0, -2.0])
+        assert held.image(point) == pytest.approx(made(point), abs=1e-15)
+        assert held.push_force(point, force) == pytest.approx(made.push_force(point, force), abs=1e-12)
+
+
+def test_no_input_drives_a_controller_outside_the_target_or_into_an_error():
+    made = mapped("restricted", "regular")
+    held = made.for_controller()
+    for point in 10.0 * np.random.default_rng(1).normal(size=(300, 2)):
+        assert made.target.contains(held.image(point))
+    for bad in ([np.nan, 0.0], [np.inf, 0.0], [np.nan, np.nan]):
+        image = held.image(np.array(bad))
+        assert np.isnan(image).all() or made.target.contains(image)
+        held.push_force(np.array(bad), np.array([1.0, np.nan]))
+    assert np.isnan(held.image(np.array([np.nan, 0.1]))).all()
+
+
+def test_drawn_points_are_all_inside_and_spread_by_area():
+    space = workspace(ell())
+    points = random_points(space, 20_000, 0)
+    assert space.contains(points).all()
+    foot = points[:, 1] < 0.1  # 3/5 of the area
+    assert foot.mean() == pytest.approx(0.6, abs=0.02)
+    assert (random_points(space, 100, 5) == random_points(space, 100, 5)).all()
+    assert len(random_points(workspace(sliver()), 1, 0)) == 1
+
+
+def test_an_audit_reads_as_a_sentence():
+    text = str(mapped("regular", "restricted").audit(1000))
+    assert "folded 0.000%" in text
+    assert "one-to-one" in text
+    assert "not certified" in str(replace(GOOD, certificate=Certificate(-1.0, 0.0, False, 1, "it folds")))
+    assert shape("regular").area > shape("restricted").area

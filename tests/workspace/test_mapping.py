@@ -1,0 +1,139 @@
+"""A map between workspaces: exact inverse, equal power, defined everywhere, and refused where none can exist."""
+
+import pickle
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from shapely import MultiPolygon, Point, Polygon, affinity, box
+
+from rehab_opt.errors import ConfigurationError
+from rehab_opt.workspace.audit import random_points
+from rehab_opt.workspace.mapping import WorkspaceMap
+from tests.workspace.mapped import blob, mapped, shape, workspace
+
+WAYS = [("regular", "restricted"), ("restricted", "regular"), ("crescent", "blob")]
+RING = workspace(Point(0.0, 0.0).buffer(0.2).difference(Point(0.0, 0.0).buffer(0.1)))
+TWO = workspace(MultiPolygon([box(0.0, 0.0, 0.1, 0.1), box(0.2, 0.0, 0.3, 0.1)]))
+EMPTY = workspace(Polygon())
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_the_inverse_returns_every_point(way):
+    made = mapped(*way)
+    points = random_points(made.source, 2000, 1)
+    assert np.linalg.norm(made.inverse(made(points)) - points, axis=1).max() <= 1e-9
+    one = points[0]
+    assert made.inverse(made(one)) == pytest.approx(one, abs=1e-9)
+
+
+def test_what_is_no_image_has_no_inverse():
+    made = mapped("regular", "restricted")
+    far = np.array([[5.0, 5.0], [np.nan, 0.0], made(random_points(made.source, 1, 0))[0]])
+    assert np.isnan(made.inverse(far)).all(axis=1).tolist() == [True, True, False]
+
+
+@pytest.mark.parametrize("way", WAYS)
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 2**31), st.floats(-3.0, 3.0), st.floats(-3.0, 3.0))
+def test_force_and_motion_carry_the_same_power_on_both_sides(way, seed, fx, fy):
+    made = mapped(*way)
+    (point,) = random_points(made.source, 1, seed)
+    force, velocity = np.array([fx, fy]), np.random.default_rng(seed).normal(size=2)
+    step = 1e-7
+    moved = (made.spline(point + step * velocity) - made.spline(point - step * velocity)) / (2.0 * step)
+    assert made.push_force(point, force) @ velocity == pytest.approx(force @ moved, rel=1e-5, abs=1e-6)
+
+
+def test_arrays_and_single_points_agree():
+    made = mapped("regular", "restricted")
+    points = np.concatenate([random_points(made.source, 5, 2), [[3.0, 3.0], [np.nan, 0.0]]])
+    forces = np.ones((7, 2))
+    for k, point in enumerate(points):
+        assert made(points)[k] == pytest.approx(made(point), abs=1e-14, nan_ok=True)
+        assert made.jacobian(points)[k] == pytest.approx(made.jacobian(point), abs=1e-12, nan_ok=True)
+        pushed = made.push_force(points, forces)[k]
+        assert pushed == pytest.approx(made.push_force(point, forces[k]), abs=1e-12, nan_ok=True)
+    assert np.isnan(made(points)[-1]).all()
+
+
+def test_a_point_outside_counts_as_the_nearest_of_the_source():
+    made = mapped("crescent", "blob")
+    outside = np.array([[0.5, 0.5], [0.02, -0.05], [-9.0, 0.0]])
+    assert not made.source.contains(outside).any()
+    for point in outside:
+        assert made(point) == pytest.approx(made(made.source.nearest(point)), abs=1e-12)
+    assert made.target.contains(made(outside)).all()
+    assert outside[0].tolist() == [0.5, 0.5]  # the caller's array is untouched
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.7, -2.0])
+def test_directions_turn_by_the_wanted_rotation(turn):
+    wide = affinity.scale(blob(), 3.0, 3.0)
+    made = WorkspaceMap.between(
+        workspace(wide), workspace(affinity.rotate(blob(), turn, use_radians=True)), rotation=turn
+    )
+    assert made.rotation == pytest.approx(turn, abs=np.radians(3.0))
+    # A set mapped onto a smaller, turned copy of itself is hardly distorted at all.
+    audit = made.audit(2000)
+    assert audit.passed
+    assert audit.largest_stretch / audit.smallest_stretch < 1.3
+
+
+def test_the_best_rotation_distorts_less_than_none_where_the_sets_lie_across_each_other():
+    lying, standing = workspace(box(0.0, 0.0, 0.3, 0.1)), workspace(box(0.0, 0.0, 0.1, 0.3))
+    kept, best = (WorkspaceMap.between(lying, standing, rotation=turn) for turn in (0.0, "best"))
+    assert abs(kept.rotation) < 0.1
+    assert abs(abs(best.rotation) - np.pi / 2.0) < 0.1
+    assert best.audit(2000).largest_stretch < 0.7 * kept.audit(2000).largest_stretch
+
+
+def test_the_number_of_landmarks_can_be_chosen():
+    made = mapped("crescent", "blob", landmarks=150)
+    assert 100 < len(made.spline.source) < 200
+    assert len(mapped("crescent", "blob").spline.source) > 230
+
+
+def test_a_map_survives_pickling():
+    made = mapped("restricted", "regular")
+    copy = pickle.loads(pickle.dumps(made))
+    points = random_points(made.source, 10, 0)
+    assert (copy(points) == made(points)).all()
+    assert copy.certificate == made.certificate
+
+
+@pytest.mark.parametrize("rule", ["safe", "polar"])
+@pytest.mark.parametrize(
+    ("source", "target", "argument", "text"),
+    [
+        (EMPTY, shape("blob"), "source", "not empty"),
+        (shape("blob"), EMPTY, "target", "not empty"),
+        (TWO, shape("blob"), "source", "source has 2 components, target 1"),
+        (shape("blob"), TWO, "target", "source has 1 component, target 2"),
+        (RING, shape("blob"), "source", "source has 1 hole, target 0"),
+        (shape("blob"), RING, "target", "source has 0 holes, target 1"),
+        (RING, RING, "source", "source has 1 hole, target 1"),
+    ],
+)
+def test_pairs_without_a_one_to_one_map_are_refused_by_name(rule, source, target, argument, text):
+    with pytest.raises(ConfigurationError, match=text) as refused:
+        WorkspaceMap.between(source, target, rule=rule)
+    assert refused.value.argument == argument
+
+
+@pytest.mark.parametrize(
+    ("argument", "value"),
+    [
+        ("rule", "conformal"),
+        ("landmarks", 2),
+        ("landmarks", 1e9),
+        ("landmarks", 60.5),
+        ("rotation", np.nan),
+        ("rotation", "worst"),
+    ],
+)
+def test_arguments_that_cannot_be_used_are_named(argument, value):
+    with pytest.raises(ConfigurationError) as refused:
+        WorkspaceMap.between(shape("blob"), shape("ell"), **{argument: value})
+    assert refused.value.argument == argument
