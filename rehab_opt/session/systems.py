@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from rehab_opt.session.pose_tracking.problem import PoseTracking
     from rehab_opt.session.upper_limb.outcome import ArmOutcome
     from rehab_opt.session.upper_limb.problem import UpperLimb
+    from rehab_opt.session.used_ranges.outcome import UsedRangesOutcome
+    from rehab_opt.session.used_ranges.problem import UsedRangesProblem
     from rehab_opt.session.workspace_maps.outcome import MapOutcome
     from rehab_opt.session.workspace_maps.problem import WorkspaceMapProblem
     from rehab_opt.session.workspaces.outcome import WorkspaceOutcome
@@ -131,11 +133,18 @@ def _workspace_map() -> System[WorkspaceMapProblem, MapOutcome]:
     return WorkspaceMapSystem()
 
 
+def _used_ranges() -> System[UsedRangesProblem, UsedRangesOutcome]:
+    from rehab_opt.session.used_ranges.system import UsedRangesSystem  # noqa: PLC0415
+
+    return UsedRangesSystem()
+
+
 SYSTEMS: Mapping[str, Callable[[], System[Any, Any]]] = MappingProxyType(
     {
         "upper_limb": _upper_limb,
         "pose_tracking": _pose_tracking,
         "workspace": _workspace,
         "workspace_map": _workspace_map,
+        "used_ranges": _used_ranges,
     }
 )

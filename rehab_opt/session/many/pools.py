@@ -50,7 +50,12 @@ def answers(
             if not isinstance(answer, BrokenExecutor):
                 yield task, answer
             elif alone:
-                yield task, WorkerDiedError("its worker process died (killed, out of memory, crashed), or sent what cannot be read")
+                yield (
+                    task,
+                    WorkerDiedError(
+                        "its worker process died (killed, out of memory, crashed), or sent what cannot be read"
+                    ),
+                )
             else:
                 suspects.append(task)
 

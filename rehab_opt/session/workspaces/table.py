@@ -12,7 +12,7 @@ from rehab_opt.session.cells import Numbers, Rows
 from rehab_opt.session.workspaces.outcome import WorkspaceOutcome
 from rehab_opt.session.workspaces.reached import handle_words, plane_words
 
-__all__ = ["AREA_ROWS", "set_columns", "workspace_table"]
+__all__ = ["AREA_ROWS", "percent", "set_columns", "workspace_table"]
 
 
 def workspace_table(outcome: WorkspaceOutcome) -> Table:
@@ -24,7 +24,7 @@ def workspace_table(outcome: WorkspaceOutcome) -> Table:
         table.add_row(label, *(value(numbers) for numbers in sets.values()))
     for other in sets if len(sets) > 1 else ():
         shares = (numbers["share_inside"].get(other) for numbers in sets.values())
-        table.add_row(Text(f"share of it inside {other}, %"), *map(_percent, shares))
+        table.add_row(Text(f"share of it inside {other}, %"), *map(percent, shares))
     table.add_row("time to find it, s", *(f"{numbers['seconds']:.2f}" for numbers in sets.values()))
     volumes = outcome.metrics["volumes"]
     for key, label in (("handle_held", "volume, handle held as above, l"), ("handle_free", "volume, handle free, l")):
@@ -54,7 +54,8 @@ def _area(of: Numbers) -> str:
     return "0 (empty)" if of["empty"] else f"{1e4 * of['area_m2']:.4g}"
 
 
-def _percent(share: float | None) -> str:
+def percent(share: float | None) -> str:
+    """A share, or that there is none."""
     return "-" if share is None else f"{100 * share:.1f}"
 
 

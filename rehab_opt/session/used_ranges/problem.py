@@ -1,0 +1,51 @@
+"""What a problem file of `system = "used_ranges"` may say; `problems/README.md` says what each key means."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Discriminator, Field, Tag, model_validator
+
+from rehab_opt.session.schema import NAME, TABLE, Problem, Section, refusal
+from rehab_opt.session.workspaces.sections import ArmInPlane
+
+__all__ = ["RecordedSection", "UsedRangesProblem", "VariationSection"]
+
+Zero = Annotated[
+    Annotated[Literal["grasp"], Tag(NAME)] | Annotated[float, Field(ge=-180, le=180), Tag(TABLE)],
+    Discriminator(lambda value: NAME if isinstance(value, str) else TABLE),
+]
+
+
+class RecordedSection(Section):
+    """Whose reaches: the files of Vanmechelen et al. in one folder."""
+
+    folder: str = Field(min_length=1)
+    tasks: Annotated[list[Literal["RF", "RGV"]], Field(min_length=1, max_length=2)] = Field(default=["RF", "RGV"])
+    cover: float = Field(default=0.5, ge=0.5, le=1)
+    pronation_zero_deg: Zero = 0.0
+
+    @model_validator(mode="after")
+    def each_task_stands_once(self) -> Self:
+        """Refuse one task twice."""
+        if len(set(self.tasks)) < len(self.tasks):
+            raise refusal("tasks", self.tasks, "each task once")
+        return self
+
+
+class VariationSection(Section):
+    """People drawn around each group's typical limb, with the spread of its limbs."""
+
+    people: int = Field(ge=2, le=1000)
+    seed: int = Field(default=0, ge=0, le=2**31)
+    at_least: float = Field(default=0.5, gt=0, le=1)
+    spacing_mm: float = Field(default=5.0, ge=1, le=50)
+
+
+class UsedRangesProblem(Problem):
+    """Ranges used by two groups, and the workspaces of those ranges."""
+
+    system: Literal["used_ranges"]
+    recorded: RecordedSection
+    arm: ArmInPlane
+    variation: VariationSection | None = None

@@ -1,0 +1,165 @@
+"""The run of `system = "used_ranges"`: ranges from recorded reaches, and the workspaces of arms that have them."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from rehab_opt.errors import ConfigurationError, ProblemFileError
+from rehab_opt.kinematics.human_arm import human_arm
+from rehab_opt.session.cp_reach import ReachGroup, reach_groups
+from rehab_opt.session.files import ProblemFile, recording_path
+from rehab_opt.session.outcome import Progress
+from rehab_opt.session.reach_rows import GROUPS, TASKS
+from rehab_opt.session.systems import Needed
+from rehab_opt.session.used_ranges.outcome import GroupResult, UsedRangesOutcome
+from rehab_opt.session.used_ranges.problem import UsedRangesProblem, VariationSection
+from rehab_opt.session.workspaces.reached import Reached, placement_of, tilt_of
+from rehab_opt.session.workspaces.run import plane_notes, share_inside, workspace_metrics
+from rehab_opt.session.workspaces.sections import ArmInPlane
+from rehab_opt.workspace.clinical_angles import CLINICAL_ANGLES
+from rehab_opt.workspace.reach import planar_workspace
+from rehab_opt.workspace.reachability import ReachabilityMap
+from rehab_opt.workspace.variation import reachability_map, varied_ranges
+
+__all__ = ["groups_of", "needed_files", "run_used_ranges"]
+
+
+def run_used_ranges(loaded: ProblemFile[UsedRangesProblem], *, progress: Progress) -> UsedRangesOutcome:
+    """Ranges and workspaces of both groups in each task.
+
+    Raises
+    ------
+    ProblemFileError : a file is absent or not as expected, or a value is refused.
+    """
+    problem = loaded.problem
+    groups = groups_of(loaded)
+    results: dict[str, tuple[GroupResult, ...]] = {}
+    whole = len(problem.recorded.tasks) * len(GROUPS)
+    for task in problem.recorded.tasks:
+        of_task: list[GroupResult] = []
+        for name in GROUPS:
+            progress("groups", len(results) * len(GROUPS) + len(of_task), whole)
+            group = groups[task, name]
+            of_task.append(
+                GroupResult(
+                    label=f"{TASKS[task]}, {name}",
+                    group=group,
+                    reached=_reached(problem.arm, group, file=loaded.file),
+                    shares=_shares(problem.arm, group, problem.variation),
+                )
+            )
+        results[task] = tuple(of_task)
+    progress("groups", whole, whole)
+    return UsedRangesOutcome(
+        system=problem.system,
+        name=loaded.name,
+        title=problem.title,
+        notes=tuple(_notes(problem, results)),
+        metrics={
+            "groups": {
+                of.label: _group_metrics(of, other)
+                for of_task in results.values()
+                for of, other in zip(of_task, reversed(of_task), strict=True)
+            },
+            "parameters": problem.model_dump(mode="json", exclude={"title"}),
+        },
+        section=problem.arm,
+        tasks=results,
+    )
+
+
+def needed_files(problem: UsedRangesProblem) -> tuple[Needed, ...]:
+    """The files of every angle that the model needs."""
+    return tuple(
+        Needed("recorded.folder", f"{problem.recorded.folder}/{task}_MEAN_{angle.column}.csv")
+        for task in TASKS
+        for angle in CLINICAL_ANGLES
+    )
+
+
+def groups_of(loaded: ProblemFile[UsedRangesProblem]) -> dict[tuple[str, str], ReachGroup]:
+    """The range used by (task, group).
+
+    Raises
+    ------
+    ProblemFileError : as `run_used_ranges`.
+    """
+    recorded = loaded.problem.recorded
+    files = [recording_path(loaded, each.reference, key=each.key) for each in needed_files(loaded.problem)]
+    zero = recorded.pronation_zero_deg
+    return reach_groups(
+        Path(files[0]).parent,
+        cover=recorded.cover,
+        pronation_zero="grasp" if isinstance(zero, str) else math.radians(zero),
+    )
+
+
+def _reached(section: ArmInPlane, group: ReachGroup, *, file: str) -> Reached:
+    began = time.perf_counter()
+    try:
+        arm = human_arm(range_of_motion=group.used, segments=_lengths(section), side=section.side)
+        workspace = planar_workspace(arm, accuracy=1e-3 * section.accuracy_mm, **_plane(section))
+    except ConfigurationError as refused:
+        raise ProblemFileError(file, f"arm, {refused.argument}", refused.value, refused.expected) from refused
+    return Reached(arm, workspace, time.perf_counter() - began)
+
+
+def _shares(section: ArmInPlane, group: ReachGroup, variation: VariationSection | None) -> ReachabilityMap | None:
+    if variation is None:
+        return None
+    drawn = varied_ranges(group.used, spread=group.spread, count=variation.people, seed=variation.seed)
+    return reachability_map(
+        drawn,
+        spacing=1e-3 * variation.spacing_mm,
+        segments=_lengths(section),
+        side=section.side,
+        accuracy=1e-3 * section.accuracy_mm,
+        **_plane(section),
+    )
+
+
+def _plane(section: ArmInPlane) -> dict[str, Any]:
+    return {
+        "height": section.plane_height_m,
+        "handle_tilt": tilt_of(section),
+        "placement": placement_of(section),
+    }
+
+
+def _lengths(section: ArmInPlane) -> dict[str, float]:
+    return {name.removesuffix("_mm"): 1e-3 * length for name, length in section.segments.model_dump().items()}
+
+
+def _group_metrics(of: GroupResult, other: GroupResult) -> dict[str, Any]:
+    numbers = {
+        "range_used": {
+            f"{joint}_deg": {"lower": math.degrees(lower), "upper": math.degrees(upper)}
+            for joint, (lower, upper) in of.group.used.items()
+        },
+        "limbs": dict(of.group.rows),
+        **workspace_metrics(of.reached.workspace),
+        "share_inside_other_group": share_inside(of.reached.workspace, other.reached.workspace),
+        "seconds": of.reached.seconds,
+    }
+    if of.shares is not None:
+        numbers["people_drawn"] = len(of.shares.workspaces)
+        numbers["people_who_reach_nothing"] = of.shares.empty
+    return numbers
+
+
+def _notes(problem: UsedRangesProblem, results: dict[str, tuple[GroupResult, ...]]) -> Iterator[str]:
+    yield "RANGE USED in one task, not the range possible: a short reach shows little of what an arm can do"
+    yield "the same segment lengths for everybody: the files have none, so areas compare ranges, not people"
+    spaces = {of.label: of.reached.workspace for of_task in results.values() for of in of_task}
+    yield from plane_notes(problem.arm, spaces)
+    said = [note for of_task in results.values() for of in of_task for note in of.group.notes[1:]]
+    yield from dict.fromkeys(said)
+    if problem.variation is not None:
+        yield (
+            f"{problem.variation.people} people drawn around each group's typical limb, every limit on its own: limits "
+            "of one person tend to fall together, so real people may differ more or less than these"
+        )
