@@ -32,7 +32,7 @@ __all__ = ["Certificate", "certificate", "covering"]
 ACROSS = 24
 HALVINGS = 7
 # Cells given up when they are so many: the bounds do not close.
-MOST_CELLS = 400_000
+MOST_CELLS = 60_000
 # A bound is kept as soon as it is this share of the value at the cell's own points; a margin also above this share of
 # the size.
 KEPT = 0.3

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-import numpy as np
+from rehab_opt.errors import ConfigurationError
 
 if TYPE_CHECKING:
+    import numpy as np
     from numpy.typing import NDArray
 
     from rehab_opt.workspace.audit import Audit
@@ -19,18 +20,33 @@ __all__ = ["ControllerMap"]
 
 @dataclass(frozen=True, eq=False)
 class ControllerMap:
-    """Made by `WorkspaceMap.for_controller` alone, which refuses a map that fails its audit.
+    """The type by which a controller takes a map: made by `WorkspaceMap.for_controller`, it cannot hold a failed one.
 
     A point outside the source counts as the nearest point of the source. NaN gives NaN; nothing raises on numbers.
 
     Attributes
     ----------
-    audit : of the map; `audit.passed` is False for one that was handed out with unsafe=True.
+    audit : of the map.
+    unsafe : whether it was handed out although its audit failed.
+
+    Raises
+    ------
+    ConfigurationError : the audit fails and `unsafe` is not True.
     """
 
     source: Workspace
     spline: ThinPlateSpline
     audit: Audit
+    unsafe: bool = field(default=False, kw_only=True)
+
+    def __post_init__(self) -> None:
+        """Refuse a map that fails, and build now what would be built in the first tick."""
+        if not self.audit.passed and self.unsafe is not True:
+            expected = f"a map that passes its audit, or unsafe=True; this one: {'; '.join(self.audit.reasons)}"
+            raise ConfigurationError("map", f"map of {len(self.spline.source)} landmarks", expected)
+        point = self.spline.source[0]
+        self.image(point)
+        self.jacobian(point)
 
     def image(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
         """Where a point (2,) [m] is mapped, (2,) [m]."""

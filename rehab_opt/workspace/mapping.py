@@ -168,11 +168,7 @@ class WorkspaceMap:
         ------
         ConfigurationError : the audit fails, unless `unsafe` is True.
         """
-        audit = self._audit
-        if not audit.passed and unsafe is not True:
-            reasons = "; ".join(audit.reasons)
-            raise ConfigurationError("map", self, f"a map that passes its audit, or unsafe=True; this one: {reasons}")
-        return ControllerMap(self.source, self.spline, audit)
+        return ControllerMap(self.source, self.spline, self._audit, unsafe=unsafe)
 
     @cached_property
     def _audit(self) -> Audit:

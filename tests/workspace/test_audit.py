@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.workspace.audit import Audit, random_points
 from rehab_opt.workspace.certificate import Certificate
+from rehab_opt.workspace.controller_map import ControllerMap
 from tests.workspace.mapped import ell, mapped, shape, sliver, workspace
 
 GOOD = Audit(
@@ -98,8 +99,13 @@ def test_a_map_that_fails_reaches_no_controller_unless_unsafe_is_said():
     assert not unsafe.for_controller(unsafe=True).audit.passed
 
 
-def test_a_map_itself_has_no_tick_so_the_gate_cannot_be_forgotten():
-    assert not hasattr(mapped("regular", "restricted"), "image")
+def test_the_gate_cannot_be_walked_around():
+    unsafe = mapped("regular", "restricted", rule="polar", landmarks=20)
+    assert not hasattr(unsafe, "image")
+    with pytest.raises(ConfigurationError, match="unsafe=True"):
+        ControllerMap(unsafe.source, unsafe.spline, unsafe.audit(100))
+    assert unsafe.for_controller(unsafe=True).unsafe
+    assert not mapped("regular", "restricted").for_controller().unsafe
 
 
 def test_a_controller_gets_the_same_map_as_was_audited():
