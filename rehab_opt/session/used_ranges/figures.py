@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import PathPatch
 
 from rehab_opt.kinematics.human_arm import ARM_JOINTS
 from rehab_opt.session.drawing import GRID, MM, REFERENCE, framed, legend_below
@@ -18,6 +19,7 @@ from rehab_opt.session.workspaces.region_drawing import (
     draw_region,
     draw_shoulder,
     region_label,
+    region_path,
     seen_from_above,
 )
 
@@ -29,7 +31,7 @@ OFFSETS = (-0.17, 0.17)
 def used_ranges_figures(outcome: UsedRangesOutcome) -> dict[str, Figure]:
     """The figures by file name (without suffix)."""
     drawn = {"range_used": _ranges(outcome), "workspace_of_range_used": _workspaces(outcome)}
-    if any(of.shares is not None for of_task in outcome.tasks.values() for of in of_task):
+    if outcome.variation is not None:
         drawn["share_of_people"] = _shares(outcome)
     return drawn
 
@@ -60,29 +62,31 @@ def _workspaces(outcome: UsedRangesOutcome) -> Figure:
         f"{outcome.title}\nWorkspace of the range used, seen from above, in the plane {plane_words(outcome.section)};\n"
         f"{handle_words(outcome.section)}; the same segment lengths for all"
     )
-    figure = framed(title, 6.5 * len(outcome.tasks), 6.8)
+    figure = framed(title, 6.5 * len(outcome.tasks), 7.2)
     panels = figure.subplots(1, len(outcome.tasks), sharex=True, sharey=True, squeeze=False)[0]
     for axes, (task, of_task) in zip(panels, outcome.tasks.items(), strict=True):
         for k, of in enumerate(of_task):
-            draw_region(axes, of.reached.workspace, SET_STYLES[k], label=region_label(GROUPS[k], of.reached.workspace))
-        _finish(axes, outcome, TASKS[task])
-        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12), frameon=False, fontsize=9)
+            draw_region(axes, of.reached.workspace, SET_STYLES[k], label=GROUPS[k])
+        areas = (region_label(GROUPS[k], of.reached.workspace) for k, of in enumerate(of_task))
+        _finish(axes, outcome, "\n".join((TASKS[task], *areas)))
+    legend_below(figure, panels[0], 3)
     return figure
 
 
 def _shares(outcome: UsedRangesOutcome) -> Figure:
-    count = max(len(of.shares.workspaces) for of_task in outcome.tasks.values() for of in of_task if of.shares)
+    variation = outcome.variation
+    assert variation is not None
     figure = framed(
-        f"{outcome.title}\nShare of {count} people, drawn around each group's range used, who reach a point;\n"
+        f"{outcome.title}\nShare of {variation.people} people, drawn around each range used, who reach a point;\n"
         f"plane {plane_words(outcome.section)}, {handle_words(outcome.section)}",
         6.5 * len(GROUPS),
-        1.5 + 5.0 * len(outcome.tasks),
+        1.6 + 4.2 * len(outcome.tasks),
     )
     grid = figure.subplots(len(outcome.tasks), len(GROUPS), sharex=True, sharey=True, squeeze=False)
     shown = None
     for row, of_task in zip(grid, outcome.tasks.values(), strict=True):
         for axes, of in zip(row, of_task, strict=True):
-            shown = _draw_shares(axes, of) or shown
+            shown = _draw_shares(axes, of, variation.at_least) or shown
             _finish(axes, outcome, of.label)
     if shown is not None:
         figure.colorbar(shown, ax=grid, shrink=0.7).set_label("share of the people who reach the point")
@@ -90,15 +94,16 @@ def _shares(outcome: UsedRangesOutcome) -> Figure:
     return figure
 
 
-def _draw_shares(axes: Axes, of: GroupResult) -> Any:
+def _draw_shares(axes: Axes, of: GroupResult, at_least: float) -> Any:
     """The shares as an image; None where nobody reaches anything."""
+    label = f"reached by {100 * at_least:g} % of them or more"
+    axes.plot([], [], color=REFERENCE, linewidth=1.5, label=label)
     if of.shares is None or of.shares.grid.size == 0:
         axes.annotate("nobody reaches this plane", (0.5, 0.5), xycoords="axes fraction", ha="center")
         return None
     held = np.where(of.shares.grid > 0, of.shares.grid, np.nan)
     image = axes.pcolormesh(MM * of.shares.x, MM * of.shares.y, held, cmap="cividis", vmin=0, vmax=1, shading="nearest")
-    axes.contour(MM * of.shares.x, MM * of.shares.y, of.shares.grid, levels=[0.5], colors=REFERENCE, linewidths=1.5)
-    axes.plot([], [], color=REFERENCE, linewidth=1.5, label="reached by half of the people")
+    axes.add_patch(PathPatch(region_path(of.shares.region(at_least)), fill=False, edgecolor=REFERENCE, linewidth=1.5))
     return image
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from rehab_opt.session.cp_reach import ReachGroup
 from rehab_opt.session.outcome import Outcome
+from rehab_opt.session.used_ranges.problem import VariationSection
 from rehab_opt.session.workspaces.reached import Reached
 from rehab_opt.session.workspaces.sections import ArmInPlane
 from rehab_opt.workspace.reachability import ReachabilityMap
@@ -26,7 +27,8 @@ class GroupResult:
 
 @dataclass(frozen=True, eq=False)
 class UsedRangesOutcome(Outcome):
-    """Results by task, the groups in the order of `reach_rows.GROUPS`."""
+    """Results by task, the groups in the order of `reach_rows.GROUPS`; how people were drawn, if they were."""
 
     section: ArmInPlane = field(kw_only=True)
+    variation: VariationSection | None = field(kw_only=True)
     tasks: Mapping[str, tuple[GroupResult, ...]] = field(kw_only=True)

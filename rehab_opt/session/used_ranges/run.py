@@ -61,13 +61,14 @@ def run_used_ranges(loaded: ProblemFile[UsedRangesProblem], *, progress: Progres
         notes=tuple(_notes(problem, results)),
         metrics={
             "groups": {
-                of.label: _group_metrics(of, other)
+                of.label: _group_metrics(of, other, problem.variation)
                 for of_task in results.values()
                 for of, other in zip(of_task, reversed(of_task), strict=True)
             },
             "parameters": problem.model_dump(mode="json", exclude={"title"}),
         },
         section=problem.arm,
+        variation=problem.variation,
         tasks=results,
     )
 
@@ -134,7 +135,7 @@ def _lengths(section: ArmInPlane) -> dict[str, float]:
     return {name.removesuffix("_mm"): 1e-3 * length for name, length in section.segments.model_dump().items()}
 
 
-def _group_metrics(of: GroupResult, other: GroupResult) -> dict[str, Any]:
+def _group_metrics(of: GroupResult, other: GroupResult, variation: VariationSection | None) -> dict[str, Any]:
     numbers = {
         "range_used": {
             f"{joint}_deg": {"lower": math.degrees(lower), "upper": math.degrees(upper)}
@@ -145,7 +146,9 @@ def _group_metrics(of: GroupResult, other: GroupResult) -> dict[str, Any]:
         "share_inside_other_group": share_inside(of.reached.workspace, other.reached.workspace),
         "seconds": of.reached.seconds,
     }
-    if of.shares is not None:
+    if of.shares is not None and variation is not None:
+        numbers["reached_by_share_of_people"] = variation.at_least
+        numbers["area_reached_by_them_m2"] = of.shares.region(variation.at_least).area
         numbers["people_drawn"] = len(of.shares.workspaces)
         numbers["people_who_reach_nothing"] = of.shares.empty
     return numbers
