@@ -136,7 +136,8 @@ def many(
         with _on_interrupt(signal.default_int_handler), _bars() as progress:
             rows = run_many(participants, out=folder, workers=workers, progress=progress)
     except KeyboardInterrupt:
-        _interrupted()
+        print("rehab-opt: interrupted", file=sys.stderr)
+        raise typer.Exit(130) from None
     console = Console()
     console.print(summary_table(rows))
     console.print(f"written to {folder}: {RESULTS}", highlight=False, markup=False, soft_wrap=True)
