@@ -32,6 +32,8 @@ BEYOND = 1e100
 """[m] counts as infinitely far: its square would be no number."""
 MOST = 64
 """Edges of a cell that are looked at one by one; where more matter numpy compares them first."""
+NOWHERE: Edge = (math.nan,) * 5 + ((math.nan,) * 4,)
+"""The nearest edge of what is not finite."""
 TIED = 1e-9
 """Relative: squares that close to the least are compared again, in order."""
 AT_ONCE = 200_000
@@ -62,7 +64,7 @@ class EdgeLookup:
         self._polygon, self._contains_xy = polygon, shapely.contains_xy
         self._table = table = np.asfortranarray(edge_table(polygon))
         self._all = np.arange(len(table))
-        self._edges: list[Edge] = [tuple(row) for row in table.tolist()]
+        self._edges: list[Edge] = [(*row[:5], tuple(row[5:])) for row in table.tolist()]
         doubtful = doubtful_edges(table, tolerance)
         low, high = table[:, :2].min(axis=0), table[:, :2].max(axis=0)
         size = float((high - low).max())
@@ -75,11 +77,27 @@ class EdgeLookup:
             known = square
         self._grids = tuple(grids)
 
-    def signed(self, x: float, y: float) -> tuple[float, float, float]:
-        """Signed distance [m], negative inside, and x and y of the boundary's nearest point.
+    def distance(self, x: float, y: float) -> float:
+        """Signed distance [m], negative inside; infinite for an infinite point, NaN for one that is NaN."""
+        square, edge, side = self._nearest(x, y)
+        distance = math.sqrt(square)
+        if side >= 0:
+            return -distance if side == INSIDE else distance
+        return distance if self._outside(x, y, edge, side) else -distance
 
-        Of an infinite point the distance is infinite, of one that is NaN it is NaN; either has no nearest point: NaN.
-        """
+    def signed(self, x: float, y: float) -> tuple[float, float, float]:
+        """`distance`, and x and y of the boundary's nearest point: NaN where the point is not finite."""
+        square, edge, side = self._nearest(x, y)
+        if edge is NOWHERE:
+            return square, math.nan, math.nan
+        start_x, start_y, along_x, along_y, inverse, _ = edge
+        share = min(max(((x - start_x) * along_x + (y - start_y) * along_y) * inverse, 0.0), 1.0)
+        outside = side == OUTSIDE if side >= 0 else self._outside(x, y, edge, side)
+        distance = math.sqrt(square)
+        return (distance if outside else -distance), start_x + share * along_x, start_y + share * along_y
+
+    def _nearest(self, x: float, y: float) -> tuple[float, Edge, int]:
+        """Squared distance [m^2], the nearest edge, and the side of the cell."""
         side = OUTSIDE  # so it is beyond all grids
         for x0, y0, per_metre, lists, sides, starts, rows in self._grids:
             column, row = (x - x0) * per_metre, (y - y0) * per_metre
@@ -89,37 +107,38 @@ class EdgeLookup:
                 side = sides[cell]
                 break
         else:
+            if not (abs(x) < BEYOND and abs(y) < BEYOND):
+                return (math.nan if math.isnan(x) or math.isnan(y) else math.inf), NOWHERE, side
             edges = self._compared(x, y, self._all)
-        best = math.inf
-        nearest_x = nearest_y = math.nan
-        sign = 0.0
-        for start_x, start_y, along_x, along_y, inverse, start_nx, start_ny, end_nx, end_ny in edges:
+        best, nearest = math.inf, NOWHERE
+        for edge in edges:
+            start_x, start_y, along_x, along_y, inverse, _ = edge
             off_x, off_y = x - start_x, y - start_y
             share = (off_x * along_x + off_y * along_y) * inverse
-            if share <= 0.0:
-                square = off_x * off_x + off_y * off_y
-                if square < best:
-                    best, sign = square, off_x * start_nx + off_y * start_ny
-                    nearest_x, nearest_y = start_x, start_y
-            elif share >= 1.0:
-                off_x, off_y = off_x - along_x, off_y - along_y
-                square = off_x * off_x + off_y * off_y
-                if square < best:
-                    best, sign = square, off_x * end_nx + off_y * end_ny
-                    nearest_x, nearest_y = start_x + along_x, start_y + along_y
-            else:
-                off_x, off_y = off_x - share * along_x, off_y - share * along_y
-                square = off_x * off_x + off_y * off_y
-                if square < best:
-                    best, sign = square, off_x * along_y - off_y * along_x
-                    nearest_x, nearest_y = start_x + share * along_x, start_y + share * along_y
-        distance = math.sqrt(best)
-        if side < 0:
-            outside = sign > 0.0 if side != ASK else not self._contains_xy(self._polygon, x, y)
-            return (distance if outside else -distance), nearest_x, nearest_y
-        if distance == math.inf and (math.isnan(x) or math.isnan(y)):
-            return math.nan, math.nan, math.nan
-        return (-distance if side == INSIDE else distance), nearest_x, nearest_y
+            if share > 0.0:
+                if share >= 1.0:
+                    off_x -= along_x
+                    off_y -= along_y
+                else:
+                    off_x -= share * along_x
+                    off_y -= share * along_y
+            square = off_x * off_x + off_y * off_y
+            if square < best:
+                best, nearest = square, edge
+        return best, nearest, side
+
+    def _outside(self, x: float, y: float, edge: Edge, side: int) -> bool:
+        """On which side a point is, by its nearest edge or, where that may be the wrong one, by shapely."""
+        if side == ASK:
+            return not self._contains_xy(self._polygon, x, y)
+        start_x, start_y, along_x, along_y, inverse, (start_nx, start_ny, end_nx, end_ny) = edge
+        off_x, off_y = x - start_x, y - start_y
+        share = (off_x * along_x + off_y * along_y) * inverse
+        if share <= 0.0:
+            return off_x * start_nx + off_y * start_ny > 0.0
+        if share >= 1.0:
+            return (off_x - along_x) * end_nx + (off_y - along_y) * end_ny > 0.0
+        return (off_x - share * along_x) * along_y - (off_y - share * along_y) * along_x > 0.0
 
     def side(self, x: float, y: float) -> int:
         """`INSIDE` or `OUTSIDE` where the whole cell of the point lies there; below zero where edges must be asked.
@@ -215,8 +234,6 @@ class EdgeLookup:
         return edges
 
     def _compared(self, x: float, y: float, rows: Integers) -> list[Edge]:
-        """The nearest edges of those rows; none of them for what is not finite."""
-        if not (abs(x) < BEYOND and abs(y) < BEYOND):
-            return []
+        """The nearest edges of those rows."""
         square = edge_squares(self._table, rows, x, y)
         return [self._edges[i] for i in rows[square <= square.min() * (1 + TIED)].tolist()]

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 __all__ = ["Edge", "doubtful_edges", "edge_squares", "edge_table"]
 
 Array = NDArray[np.float64]
-Edge = tuple[float, float, float, float, float, float, float, float, float]
-"""x, y of its start; its vector; 1 / length^2; sums of the unit normals that meet at its start and at its end."""
+Edge = tuple[float, float, float, float, float, tuple[float, float, float, float]]
+"""x, y of its start; its vector; 1 / length^2; the sums of the unit normals that meet at its start and at its end."""
 
 SHORTEST_SQUARE = 1e-200
 """[m^2] below which an edge is left out: it has no direction in floating point."""
@@ -21,7 +21,7 @@ SHARP = 0.02
 
 
 def edge_table(polygon: Any) -> Array:
-    """(E, 9) an `Edge` a row, of all rings of a valid polygon, the interior to the left."""
+    """(E, 9) the numbers of an `Edge` a row, of all rings of a valid polygon, the interior to the left."""
     import shapely  # noqa: PLC0415  (loaded with the first workspace)
 
     rings = []

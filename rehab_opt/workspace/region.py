@@ -142,7 +142,7 @@ class Workspace:
         side = lookup.side(x, y)
         if side >= 0:
             return side == INSIDE
-        return lookup.signed(x, y)[0] <= ON_BOUNDARY * (1.0 + abs(x) + abs(y))
+        return lookup.distance(x, y) <= ON_BOUNDARY * (1.0 + abs(x) + abs(y))
 
     def distance(self, points: ArrayLike) -> float | Array:
         """Signed distance to the boundary [m], negative inside: (2,) -> float, (N, 2) -> (N,).
@@ -157,8 +157,8 @@ class Workspace:
                 return np.where(np.isnan(rows).any(axis=1), np.nan, np.inf)
             return lookup.signed_rows(rows)[:, 0]
         if lookup is None:
-            return math.nan if any(map(math.isnan, point)) else math.inf
-        return lookup.signed(*point)[0]
+            return math.nan if math.isnan(point[0]) or math.isnan(point[1]) else math.inf
+        return lookup.distance(*point)
 
     def nearest(self, point: ArrayLike) -> Array:
         """(2,) [m] the reachable point nearest to `point` (2,), itself where `contains` has it inside.
