@@ -261,6 +261,7 @@ def test_many_writes_a_folder_for_each_and_a_row_for_all_and_goes_on_where_it_wa
     assert (folder / "out/many/people/anna/workspace.png").exists()
     (folder / "people.csv").write_text(PEOPLE.replace("0.3", ""), encoding="utf-8")
     assert ended("many", "people.csv", "--problem", "range.toml", "--workers", "1") == 0
+    assert capsys.readouterr().out.startswith("2 of 2 participants done, 1 of them from an earlier run\n")
 
 
 @pytest.mark.parametrize(

@@ -51,6 +51,8 @@ def test_safe_rule_folds_nowhere_and_stays_inside_both_ways_where_the_published_
         safe, polar = numbers["safe"], numbers["polar"]
         assert (safe["folded_share"], safe["outside_share"]) == (0.0, 0.0)
         assert safe["certificate"]["valid"]
+        assert safe["certificate"]["margin_m"] >= safe["target_accuracy_m"] == pytest.approx(1e-3)
+        assert safe["passed"]
         assert safe["round_trip_max_m"] <= 1e-9
         assert polar["folded_share"] > 0.1
         assert polar["outside_share"] > 0.1
