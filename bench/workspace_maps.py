@@ -171,13 +171,14 @@ def yardstick_lines(outcomes: list[Outcome]) -> list[str]:
     polar = [each.polar for each in outcomes]
     folded, outside = ([getattr(audit, name) for audit in polar] for name in ("folded", "outside"))
     seconds = [each.seconds for each in outcomes]
+    landmarks = [each.landmarks for each in outcomes]
+    used = [each.safe.coverage for each in outcomes]
     return [
-        f"polar rule, {len(polar)} maps: {np.mean([a.passed for a in polar]):.0%} pass their audit; folded median "
-        f"{np.median(folded):.1%}, worst {max(folded):.1%}; outside median {np.median(outside):.1%}, worst {max(outside):.1%}",
+        f"polar rule, {len(polar)} maps: {np.mean([a.passed for a in polar]):.0%} pass their audit; "
+        f"folded: median {np.median(folded):.1%}, worst {max(folded):.1%}; "
+        f"outside: median {np.median(outside):.1%}, worst {max(outside):.1%}",
         f"safe rule: built and certified in {np.median(seconds):.1f} s (median), {max(seconds):.1f} s (longest); "
-        f"{np.median([each.landmarks for each in outcomes]):.0f} to {max(each.landmarks for each in outcomes)} landmarks; "
-        f"share of the target used {min(each.safe.coverage for each in outcomes):.0%} to "
-        f"{max(each.safe.coverage for each in outcomes):.0%}",
+        f"{min(landmarks)} to {max(landmarks)} landmarks; {min(used):.0%} to {max(used):.0%} of the target used",
     ]
 
 
