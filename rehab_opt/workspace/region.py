@@ -113,7 +113,7 @@ class Workspace:
     @property
     def components(self) -> int:
         """Number of separate parts."""
-        return 0 if self.empty else len(getattr(self.polygon, "geoms", (self.polygon,)))
+        return sum(not part.is_empty for part in getattr(self.polygon, "geoms", (self.polygon,)))
 
     @property
     def holes(self) -> int:
@@ -132,8 +132,7 @@ class Workspace:
 
         The boundary, to rounding, is inside; what is not a finite number is not.
         """
-        point = one_point(points)
-        lookup = self._lookup
+        point, lookup = one_point(points), self._lookup
         if point is None:
             return self._all_contained(point_rows(points))
         if lookup is None:
