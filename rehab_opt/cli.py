@@ -131,7 +131,7 @@ def many(
     from rehab_opt.session.many.summary import counted, failed_table  # noqa: PLC0415
 
     participants = participants_of(people, problem=problem)
-    folder = _writable(out if out is not None else Path("out") / "many" / people.resolve().stem)
+    folder = _writable(out if out is not None else Path("out") / "many" / people.resolve().name.removesuffix(".csv"))
     try:
         with _on_interrupt(signal.default_int_handler), _bars() as progress:
             rows = run_many(participants, out=folder, workers=workers, progress=progress)
