@@ -33,7 +33,7 @@ BEYOND = 1e100
 MOST = 64
 """Edges of a cell that are looked at one by one; where more matter numpy compares them first."""
 NOWHERE: Edge = (math.nan,) * 5 + ((math.nan,) * 4,)
-"""The nearest edge of what is not finite."""
+"""The nearest edge of what is not finite; its feet are NaN."""
 TIED = 1e-9
 """Relative: squares that close to the least are compared again, in order."""
 AT_ONCE = 200_000
@@ -88,8 +88,6 @@ class EdgeLookup:
     def signed(self, x: float, y: float) -> tuple[float, float, float]:
         """`distance`, and x and y of the boundary's nearest point: NaN where the point is not finite."""
         square, edge, side = self._nearest(x, y)
-        if edge is NOWHERE:
-            return square, math.nan, math.nan
         start_x, start_y, along_x, along_y, inverse, _ = edge
         share = min(max(((x - start_x) * along_x + (y - start_y) * along_y) * inverse, 0.0), 1.0)
         outside = side == OUTSIDE if side >= 0 else self._outside(x, y, edge, side)

@@ -85,8 +85,9 @@ def test_a_set_thinner_than_the_rounding_of_its_place_has_an_outside() -> None:
     assert_right_sides(thin, around(thin, 400, 1.5, 0))
 
 
-def test_an_edge_without_length_in_floating_point_turns_nothing_around() -> None:
-    asked = Workspace(shapely.Polygon([(0, 0), (1e-170, 0), (1, -0.5), (1, 1)]), accuracy=1e-3)
+@pytest.mark.parametrize("length", [1e-120, 1e-155, 1e-170, 5e-324])
+def test_an_edge_without_length_in_floating_point_turns_nothing_around(length: float) -> None:
+    asked = Workspace(shapely.Polygon([(0, 0), (length, 0), (1, -0.5), (1, 1)]), accuracy=1e-3)
     assert asked.distance((-1.0, 0.0)) == pytest.approx(1.0)
     assert asked.distance((0.0, -3.0)) > 0
     assert asked.contains((0.5, 0.2)) is True
@@ -140,6 +141,16 @@ def test_ragged_outlines_of_many_corners_are_searched_exactly(corners: int, ragg
         exact = shapely.distance(polygon.boundary, shapely.points(points))
         lookup = EdgeLookup(polygon, tolerance=1e-11)
         np.testing.assert_allclose(np.abs([lookup.distance(x, y) for x, y in points.tolist()]), exact, atol=1e-14)
+
+
+@settings(max_examples=5)
+@given(polygons(), st.integers(0, 2**16))
+def test_only_points_beyond_the_grids_are_compared_with_all_edges(polygon: shapely.Geometry, seed: int) -> None:
+    lookup = EdgeLookup(polygon, tolerance=1e-11)
+    for grid, chosen, cell in lookup._located(around(polygon, 2000, 20.0, seed)):
+        if grid is not None:
+            assert len(chosen) > 0
+            assert (np.diff(grid.starts)[cell] > 0).all()
 
 
 def test_the_centre_of_a_circle_is_a_radius_from_everything() -> None:
