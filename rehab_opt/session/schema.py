@@ -22,6 +22,7 @@ __all__ = [
     "ArmSection",
     "Length",
     "Limits",
+    "Once",
     "PlacementSection",
     "PlanarPlacement",
     "Positive",
@@ -68,6 +69,14 @@ def _usable(solver: str) -> str:
     return solver
 
 
+def _different(values: list[str]) -> list[str]:
+    if len(set(values)) < len(values):
+        raise PydanticCustomError("repeated", "each one once")
+    return values
+
+
+Once = AfterValidator(_different)
+"""Of a list: nothing stands in it twice."""
 SolverName = Annotated[str, Field(min_length=1), AfterValidator(_usable)]
 LongBone = Annotated[float, AfterValidator(_bone)]
 Limits = Annotated[

@@ -62,14 +62,19 @@ def test_groups_stand_side_by_side_and_the_words_are_range_used(recorded: Callab
 
 def test_range_that_holds_no_handle_upright_is_an_answer(recorded: Callable[[str], Path]) -> None:
     recorded(f"{FOLDER}/RF_MEAN_ShEl.csv")
-    content = {**CONTENT, "arm": {**CONTENT["arm"], "handle_tilt_deg": 2.0}}
+    content = {**CONTENT, "arm": {**CONTENT["arm"], "handle_tilt_deg": 2.0}, "variation": None}
     outcome = run(content)
     assert all(numbers["empty"] for numbers in outcome.metrics["groups"].values())
     assert sum("EMPTY, no posture holds the handle" in note for note in outcome.notes) == 2
-    panels = used_ranges_figures(outcome)["share_of_people"].axes
-    for panel, numbers in zip(panels, outcome.metrics["groups"].values(), strict=False):
-        said = any("nobody reaches" in text.get_text() for text in panel.texts)
-        assert said == (numbers["people_who_reach_nothing"] == numbers["people_drawn"])
+    assert "share_of_people" not in used_ranges_figures(outcome)
+
+
+def test_plane_that_nobody_reaches_is_an_answer(recorded: Callable[[str], Path]) -> None:
+    recorded(f"{FOLDER}/RF_MEAN_ShEl.csv")
+    outcome = run({**CONTENT, "arm": {**CONTENT["arm"], "plane_height_m": 1.5}})
+    assert all(numbers["people_who_reach_nothing"] == 2 for numbers in outcome.metrics["groups"].values())
+    for panel in used_ranges_figures(outcome)["share_of_people"].axes[:2]:
+        assert any("nobody reaches this plane" in text.get_text() for text in panel.texts)
 
 
 def test_absent_recordings_are_said_with_their_origin(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
