@@ -7,7 +7,7 @@ import numpy as np
 
 from rehab_opt.optim.qp import Row, equal, within
 
-__all__ = ["ALMOST_EXACT", "handle_rows"]
+__all__ = ["ALMOST_EXACT", "beyond_cone", "handle_rows"]
 
 ALMOST_EXACT = 1e-5
 """[rad] Below this tilt the cone's normal vanishes, and the handle is aligned exactly instead."""
@@ -26,3 +26,13 @@ def handle_rows(axis: ca.SX, tilt: ca.SX, handle_tilt: float | None) -> list[Row
     if handle_tilt < ALMOST_EXACT:
         return [equal(axis[:2], ca.SX.zeros(2)), within(axis[2], 0.0, ca.inf)]
     return [within((axis[2] - ca.cos(tilt)) / ca.sin(tilt), 0.0, ca.inf)]
+
+
+def beyond_cone(axis: ca.SX, tilt: ca.SX) -> ca.SX:
+    """(3,) what is left of axis - z0 beyond the cone, in rad where it is small; zero inside, and never without a slope.
+
+    For least squares, which have no use for an inequality.
+    """
+    off = axis - ca.vertcat(0, 0, 1)
+    length = ca.sqrt(ca.sumsqr(off) + 1e-20)
+    return off * ca.fmax(0, 1 - 2 * ca.sin(tilt / 2) / length)

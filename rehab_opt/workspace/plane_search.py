@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from rehab_opt.optim.nlp import NLPAnswer
 from rehab_opt.optim.nlp_solvers import NLPSolver, nlp_solver
 from rehab_opt.optim.nlp_sqp import SQP
+from rehab_opt.workspace.plane_approach import PlaneApproach
 from rehab_opt.workspace.plane_statement import PlaneStatement
 from rehab_opt.workspace.spread import spread_postures
 
@@ -68,6 +69,9 @@ class PlaneSearch:
         answer = self._sqp.solve(start)
         self.solves += 1
         if not answer.violation <= VIOLATION:  # NaN and infinity too
+            answer = self._sqp.solve(self._approach.near(self._sqp.parameters, start))
+            self.solves += 1
+        if not answer.violation <= VIOLATION:
             self.failures += 1
             return None
         self.uncertified += not answer.certified
@@ -87,6 +91,10 @@ class PlaneSearch:
             self.failures += 1
             return None
         return _nearest(answer)
+
+    @cached_property
+    def _approach(self) -> PlaneApproach:
+        return PlaneApproach(self.statement)
 
     @cached_property
     def _backup(self) -> SQP | NLPSolver:

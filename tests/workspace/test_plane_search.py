@@ -1,0 +1,61 @@
+"""Slices of arms that move far: starts from which the programme's linearised rows have no common point."""
+
+import math
+
+import numpy as np
+import pytest
+
+from rehab_opt import SerialChain, human_arm
+from rehab_opt.kinematics.human_arm import ARM_JOINTS
+from rehab_opt.workspace.plane_approach import PlaneApproach
+from rehab_opt.workspace.plane_search import PlaneSearch
+from rehab_opt.workspace.plane_statement import PlaneStatement
+from rehab_opt.workspace.reach import planar_workspace
+from rehab_opt.workspace.spread import spread_postures
+
+TILTS = [None, math.radians(2.0), 0.0]
+
+
+@pytest.fixture(scope="module")
+def wide_arm() -> SerialChain:
+    return human_arm(range_of_motion=dict.fromkeys(ARM_JOINTS, (-2.1, 2.1)))
+
+
+@pytest.mark.parametrize("tilt", TILTS)
+def test_spread_postures_of_a_wide_range_lead_to_the_slice(wide_arm: SerialChain, tilt: float | None) -> None:
+    search = PlaneSearch(PlaneStatement(wide_arm, handle_tilt=tilt), height=-0.24, compile=False)
+    found = search.spread(64)
+    assert len(found) >= 45
+    for each in found:
+        pose = wide_arm.pose(each.posture)
+        assert np.allclose(pose[:3, 3], [each.x, each.y, -0.24], atol=1e-6)
+        assert tilt is None or math.atan2(math.hypot(*pose[:2, 0]), pose[2, 0]) <= tilt + 1e-6
+        assert np.all((wide_arm.lower <= each.posture) & (each.posture <= wide_arm.upper))
+
+
+def test_a_wide_range_reaches_one_region_of_the_accuracy_asked_for(wide_arm: SerialChain) -> None:
+    workspace = planar_workspace(wide_arm, handle_tilt=None, accuracy=0.02, resolution=0.05)
+    assert (workspace.components, workspace.holes, workspace.accuracy) == (1, 0, 0.02)
+
+
+@pytest.mark.parametrize("tilt", TILTS)
+def test_an_approach_stays_within_the_limits_and_never_ends_further_off(
+    wide_arm: SerialChain, tilt: float | None
+) -> None:
+    statement = PlaneStatement(wide_arm, handle_tilt=tilt)
+    approach = PlaneApproach(statement)
+    parameters = np.concatenate([statement.fixed, [-0.24, 0.3, 0.35, statement.size**-2]])
+    arrived = 0
+    for start in spread_postures(wide_arm, statement.free, 32):
+        x = approach.near(parameters, start)
+        before, after = (float(np.linalg.norm(statement.approach(each, parameters).full())) for each in (start, x))
+        assert after <= before
+        assert np.all((wide_arm.lower <= x) & (x <= wide_arm.upper))
+        arrived += after < 1e-4
+    assert arrived >= 10
+
+
+def test_an_approach_from_what_is_no_number_comes_to_an_end(wide_arm: SerialChain) -> None:
+    statement = PlaneStatement(wide_arm, handle_tilt=None)
+    parameters = np.concatenate([statement.fixed, [math.nan, 0.3, 0.35, 1.0]])
+    assert np.isnan(PlaneApproach(statement).near(parameters, np.full(8, math.nan))).all()
