@@ -179,7 +179,8 @@ class MobileArm:
 
     def posture_gradient_expression(self, q: ca.SX) -> ca.SX:
         """(7,) expression of `posture_gradient`."""
-        return ca.gradient(self.posture_cost_expression(q), q)
+        symbol = ca.SX.sym("q", self.chain.n)  # q may be an expression
+        return ca.substitute(ca.gradient(self.posture_cost_expression(symbol), symbol), symbol, q)
 
     # ------------------------------------------------------------------------------------------------ plumbing
     def _evaluate(self, name: str, q: ArrayLike) -> Array:

@@ -1,0 +1,336 @@
+"""The QP of chair and arm for one set of task rows: Honzik's Eq. (1) with bounds."""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rehab_opt.control.command import Command
+from rehab_opt.control.easing import Easing, Room
+from rehab_opt.control.keep_out import closing_rows
+from rehab_opt.control.obstacles import NUMBERS, approach
+from rehab_opt.control.velocity_controller import VelocityController
+from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
+from rehab_opt.optim.certificate import clipped
+from rehab_opt.optim.qp import PLAUSIBLE, Statement, equal, parameter, variable, within
+
+__all__ = ["ROWS", "ChairAndArm", "Drive"]
+
+Array = NDArray[np.float64]
+Drive = Literal["mecanum", "differential"]
+ROWS = ("x", "y", "z", "rx", "ry", "rz", "roll7")
+"""Task rows: hand velocity along and about the axes of the chosen frame, and about the wrist's own axis z7."""
+WORLD = 1.0
+"""Number that says that rows are meant in the world frame."""
+PROGRESS = 20.0
+"""[m/s] Price of a missing m/s of hand speed; the kinetic energy per robot's mass that one more m/s costs is about 1."""
+STEEP = 1e3
+"""[m/s] Up to which the price follows that cost where it is higher, as it is near singular postures."""
+TIGHTER = 1e-7
+"""Share by which row limits are drawn in, so that what a certificate may leave open never passes them."""
+SLACK = 1.1
+"""By how much longer the stopping barriers count than stopping takes: obstacles' directions change as the chair turns."""
+FACETS = 8
+"""Sides of the polygon inside the circle of chassis velocities; its corners lie on the axes."""
+TINY = 1e-12
+"""[m/s] A speed that is no motion."""
+
+
+class ChairAndArm(VelocityController):
+    """Joint velocities for a hand twist in one set of rows.
+
+    min  1/2 u'W u + v(|r|) (W grad c)'u - price progress     over u, 0 <= progress <= |r|
+    s.t. J u = progress r/|r|,  and the bounds below: `Room`
+
+    u are the joint velocities with the chair's in the chassis frame (forward, left, turn), in which neither W nor the
+    arm's Jacobian knows where the chair stands: that a turned or shifted scene changes nothing is by construction, and
+    the rolling row, Eq. (4), is a left speed of zero. r is the asked twist, led there from the twist of the last
+    command as fast as the accelerations allow: r = r_last + share (asked - r_last). u = 0 is always feasible.
+
+    Where the answer changes a joint faster than its acceleration allows after all, `Easing` goes only a part of the
+    way from the last command to it. The result is certified again, against all bounds, before it is sent.
+
+    The parameters are q (7,), twist (k,), frame (1,), obstacles (4 each,). See `RedundancyResolver` for the rest.
+    """
+
+    requirement = "the rows are dependent at this posture"
+
+    def __init__(
+        self,
+        robot: MobileArm,
+        rows: tuple[str, ...],
+        *,
+        drive: Drive,
+        self_motion: float,
+        slots: int,
+        dt: float,
+        return_speed: float,
+        solver: str,
+        backup: str | None,
+        tolerance: float,
+        max_age: float | None,
+        compile: bool | None,
+    ) -> None:
+        self.robot, self.rows, self.drive, self.slots = robot, rows, drive, slots
+        self.self_motion = self_motion
+        self.wheelset = getattr(robot, drive)
+        n, k, wheels = robot.chain.n, len(rows), len(self.wheelset.rolling)
+        self.shapes = ((k,), (1,), (NUMBERS * slots,))  # type: ignore[misc]
+        self.shapes = self.shapes if slots else self.shapes[:2]  # type: ignore[misc]
+        # What is remembered: u, where it leads, then what is sent, the wheels' share of it, and r.
+        self.sent, self.wheels = slice(2 * n, 3 * n), slice(3 * n, 3 * n + wheels)
+        self.limited = slice(3 * n + wheels, 3 * n + wheels + k)
+        super().__init__(
+            robot.chain, dt=dt, return_speed=return_speed, solver=solver, backup=backup, tolerance=tolerance,
+            max_age=max_age, compile=compile,
+        )  # fmt: skip
+
+    # ------------------------------------------------------------------------------------------- what may be moved
+    @property
+    def moving(self) -> list[int]:
+        """Joints that the drive allows to move, by number from 0."""
+        return [i for i in range(self.chain.n) if self.drive == "mecanum" or i != 1]
+
+    def stopping_time(self, joints: slice) -> float:
+        """[s] that joints at their largest speeds need to stop, all slowing down in proportion, in whole ticks."""
+        ticks = np.max(self.chain.velocity[joints] / np.minimum(self.chain.acceleration[joints] * self.dt, math.inf))
+        return SLACK * self.dt * max(1.0, float(ticks))
+
+    def room(self, q: ca.SX, last: ca.SX, obstacles: ca.SX) -> Room:
+        """Bounds on u without acceleration; u = 0 keeps them all."""
+        chain, n, speed = self.chain, self.chain.n, self.chain.velocity
+        joints = self.bounds(q, last)
+        upper = ca.fmax(clipped(joints.stop_upper, joints.hard_lower, joints.hard_upper), 0)
+        lower = ca.fmin(clipped(joints.stop_lower, joints.hard_lower, joints.hard_upper), 0)
+        rolls = ca.DM([[0.0 if i not in self.moving else 1.0] for i in range(n)])
+        chair = [ca.DM(self.wheelset.radius * self.wheelset.rolling)]
+        limits = [np.full(len(self.wheelset.rolling), self.wheelset.radius * self.wheelset.limit)]
+        if self.drive == "mecanum":
+            angles = (np.arange(FACETS // 2) + 0.5) * 2 * np.pi / FACETS
+            chair.append(ca.DM(np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)))
+            limits.append(np.full(angles.size, speed[0] * math.cos(np.pi / FACETS)))
+        limit = ca.DM(np.concatenate(limits) * (1 - TIGHTER))
+        towards = [
+            approach(
+                obstacles[NUMBERS * i : NUMBERS * (i + 1)], q[:CHAIR], self.robot.outline,
+                dt=self.dt, horizon=self.stopping_time(slice(CHAIR)), turn=float(speed[2]),
+            )
+            for i in range(self.slots)
+        ]  # fmt: skip
+        arm, closing, gaps = q[CHAIR:], ca.SX(0, n - CHAIR), ca.SX(0, 1)
+        if self.robot.keep_out:
+            closing, gaps = closing_rows(self.robot, arm)
+        inside = ca.sum1(ca.vertcat(joints.outside, *(each.inside for each in towards), gaps < 0)) > 0
+        return Room(
+            lower=rolls * lower,
+            upper=rolls * upper,
+            chair=ca.vertcat(*chair),
+            chair_limit=limit,
+            towards=ca.vertcat(ca.SX(0, CHAIR), *(each.matrix for each in towards)),
+            towards_limit=ca.vertcat(ca.SX(0, 1), *(each.room * (1 - TIGHTER) for each in towards)),
+            closing=-closing,
+            closing_limit=ca.fmax(gaps, 0) / self.stopping_time(slice(CHAIR, n)),
+            outside=inside,
+        )
+
+    # --------------------------------------------------------------------------------------------- the task
+    def task_jacobian(self, q: ca.SX, world: ca.SX) -> ca.SX:
+        """(k, 7) rows that the stick asks for, by velocities with the chair's in the chassis frame."""
+        posture = ca.vertcat(ca.SX.zeros(CHAIR), q[CHAIR:])
+        jacobian, pose = self.chain.jacobian_expression(posture), self.chain.pose_expression(posture)
+        heading = ca.if_else(world, q[2], 0)
+        cos, sin = ca.cos(heading), ca.sin(heading)
+        turn = ca.vertcat(ca.horzcat(cos, -sin, 0), ca.horzcat(sin, cos, 0), ca.horzcat(0, 0, 1))
+        every = ca.vertcat(turn @ jacobian[:3, :], turn @ jacobian[3:, :], pose[:3, 2].T @ jacobian[3:, :])
+        return every[[ROWS.index(row) for row in self.rows], :]
+
+    def statement(self) -> Statement:
+        """The QP of one tick."""
+        n, k, name = self.chain.n, len(self.rows), "_".join(self.rows)
+        q, twist, world = parameter("q", n), parameter("twist", k), parameter("frame", 1)
+        obstacles = parameter("obstacles", NUMBERS * self.slots)
+        size = 3 * n + len(self.wheelset.rolling) + k
+        memory = parameter("last", size)
+        parameters = [q, twist, world, obstacles] if self.slots else [q, twist, world]
+
+        prepared = self._prepared(q, twist, world, obstacles, memory[:n])
+        columns = [parameter(key, value.numel()) for key, value in prepared.items()]
+        given = dict(zip(prepared, columns, strict=True))
+        jacobian = ca.reshape(given["jacobian"], k, n)
+        room = self.room(q, memory[:n], obstacles).like(given)
+        weight = _symmetric(given["inertia"], n)
+
+        u = variable("velocity", n, lower=room.lower, upper=room.upper)
+        progress = variable("progress", 1, lower=0, upper=given["speed"])
+        delivered = jacobian @ u.symbol
+        kinetic = u.symbol.T @ weight @ u.symbol / 2
+        easing = Easing(self.robot, self.dt, room, base=given["base"])
+        sent = easing.towards(memory[:n], u.symbol, q[CHAIR:])
+        return Statement(
+            name=f"chair_and_arm_{self.drive}_{name}",
+            parameters=parameters,
+            variables=[u, progress],
+            minimise=kinetic + given["self_motion"].T @ u.symbol - given["price"] * progress.symbol,
+            subject_to=[
+                equal(delivered, given["direction"] * progress.symbol),  # the direction of the hand is kept
+                *room.rows(u.symbol),
+            ],
+            guess=ca.vertcat(given["guess"], given["speed"]),
+            multipliers=ca.vertcat(given["multipliers"], ca.SX.zeros(room.count)),
+            prepared=columns,
+            prepare=ca.Function(
+                "prepare", [ca.vertcat(*parameters), memory], [ca.densify(ca.vertcat(*prepared.values()))], {"cse": True}
+            ),
+            report=self.report(memory[:n], sent, jacobian @ sent, twist, room.outside),
+            memory=memory,
+            remember=self.remembered(q, sent, given["direction"] * given["speed"]),
+            violation=room.violation(sent),
+        )
+
+    def _prepared(
+        self, q: ca.SX, twist: ca.SX, world: ca.SX, obstacles: ca.SX, last: ca.SX
+    ) -> dict[str, ca.SX]:
+        """What the QP is made of, each one column."""
+        n, moving = self.chain.n, self.moving
+        posture = ca.vertcat(ca.SX.zeros(CHAIR), q[CHAIR:])
+        jacobian = self.task_jacobian(q, world)
+        inertia = self.robot.inertia_expression(posture) / self.robot.mass
+        gradient = self.self_motion * self.robot.posture_gradient_expression(posture)
+        room = self.room(q, last, obstacles)
+
+        # Eq. (1), and (5) by leaving out the left speed: u = W^-1 J' y - v grad c with J u = r.
+        rows = ca.densify(jacobian[:, moving])
+        soft = _solved(inertia[moving, moving], rows.T)
+        mobility = rows @ soft
+        idle = rows @ gradient[moving]
+
+        def law(r: ca.SX, size: ca.SX) -> tuple[ca.SX, ca.SX]:
+            y = _solved(mobility, r + size * idle)
+            velocity, at = ca.SX.zeros(n), soft @ y - size * gradient[moving]
+            for i, joint in enumerate(moving):
+                velocity[joint] = at[i]
+            return velocity, y
+
+        # The asked twist, led there from the last one.
+        full, _ = law(twist, ca.norm_2(twist))
+        needed = ca.fabs(clipped(full, room.lower, room.upper) - last)
+        allowed = ca.DM(np.minimum(self.chain.acceleration * self.dt, 2 * self.chain.velocity))
+        share = ca.fmin(1, ca.mmin(allowed / ca.fmax(needed, TINY)))
+        share = ca.if_else(ca.sumsqr(full) <= PLAUSIBLE**4, share, 1)  # no law at a singular posture
+        before = jacobian @ last
+        limited = ca.if_else(ca.sumsqr(twist) > 0, before + share * (twist - before), 0)
+        speed = ca.norm_2(limited)
+        direction = limited / ca.fmax(speed, TINY)
+        guess, y = law(limited, speed)
+        steepness = ca.fmin(ca.fabs(ca.dot(direction, y)), STEEP)  # of the cost, at the guess
+        return {
+            "jacobian": ca.vec(ca.densify(jacobian)),
+            "inertia": ca.densify(_upper(inertia)),
+            "self_motion": ca.densify(inertia @ gradient * speed),
+            "direction": direction,
+            "speed": speed,
+            "price": PROGRESS + 2 * steepness,
+            "guess": guess,
+            "multipliers": -y,
+            "base": Easing(self.robot, self.dt, room).base_of(last),
+            **room.columns(),
+        }
+
+    # ------------------------------------------------------------------------------------------ what is remembered
+    def remembered(self, q: ca.SX, u: ca.SX, limited: ca.SX) -> ca.SX:
+        """The memory: see `__init__`."""
+        cos, sin = ca.cos(q[2]), ca.sin(q[2])
+        value = ca.vertcat(cos * u[0] - sin * u[1], sin * u[0] + cos * u[1], u[2:])
+        wheels = self.wheelset.wheel_speeds_expression(u[:CHAIR])
+        return ca.densify(ca.vertcat(u, q + value * self.dt, value, wheels, limited))
+
+    def braking(self) -> ca.Function:
+        """q, memory, obstacles -> what is remembered of the safe command, and its report."""
+        n = self.chain.n
+        q, obstacles = ca.SX.sym("q", n), ca.SX.sym("obstacles", NUMBERS * self.slots)
+        memory = ca.SX.sym("memory", self.stated.memory.numel())
+        last = memory[:n]
+        room = self.room(q, last, obstacles)
+        easing = Easing(self.robot, self.dt, room)
+        rest = easing.towards(last, ca.SX.zeros(n), q[CHAIR:])
+        report = self.report(last, rest, ca.SX(0), ca.SX(1), room.outside)  # nothing of the task is delivered
+        outputs = [self.remembered(q, rest, ca.SX.zeros(len(self.rows))), report]
+        inputs = [q, memory, obstacles] if self.slots else [q, memory]
+        return ca.Function("braking", inputs, outputs, {"cse": True})
+
+    def tell_braking(self, inputs: tuple[Array, ...]) -> None:
+        """Also the obstacles, where they are usable: the chair could stop before them, and brakes."""
+        super().tell_braking(inputs)
+        if self.slots:
+            told = self._inputs[-1]
+            inputs[2][:] = told if np.all(np.abs(told) <= PLAUSIBLE) else 0.0
+
+    # ----------------------------------------------------------------------------------------- for the resolver
+    def tell(self, q: ArrayLike, twist: ArrayLike, world: float, obstacles: Array) -> None:
+        """Write the parameters of a tick.
+
+        Raises
+        ------
+        ConfigurationError : an argument of the wrong shape, or no numbers.
+        """
+        views = self._views
+        try:
+            # From view to view: half of numpy's cost, and any other type or size is refused.
+            views[0][:] = q  # type: ignore[assignment]
+            views[1][:] = twist  # type: ignore[assignment]
+            views[2][0] = world
+            if self.slots:
+                views[3][:] = obstacles.data
+        except (ValueError, TypeError):
+            given: tuple[ArrayLike, ...] = (q, twist, [world], obstacles)
+            self._write(given[: len(views)])
+
+    def tick(self, enable: object, stamp: float | None) -> Command:
+        """One step on what was told."""
+        return self._tick(enable, stamp)
+
+    def brake(self, reason: str) -> Command:
+        """The safe command at what was told."""
+        return self._safe(reason)
+
+    def take_over(self, other: ChairAndArm) -> None:
+        """Go on where another set of rows ends: its velocity, position and stamps are this one's."""
+        self._last[:], self._predicted[:] = other._last, other._predicted
+        self._ladder.start_from(np.append(self._last, 0.0))
+        self._watchdog, self._stamped = other._watchdog, other._stamped
+
+    @property
+    def velocity(self) -> Array:
+        """(7,) last command, the chair's share in its own frame."""
+        return self._last.copy()
+
+    @property
+    def limited_twist(self) -> Array:
+        """(k,) what the last tick's twist became within the accelerations."""
+        return self._ladder.memory[self.limited].copy()
+
+
+def _solved(matrix: ca.SX, right: ca.SX) -> ca.SX:
+    """matrix^-1 right for a symmetric, positive definite matrix."""
+    diagonal, factor, order = ca.ldl(ca.densify(matrix), False)
+    columns = [ca.ldl_solve(ca.densify(right[:, i]), diagonal, factor, order) for i in range(right.size2())]
+    return ca.horzcat(*columns)
+
+
+def _upper(matrix: ca.SX) -> ca.SX:
+    """Upper triangle of a symmetric matrix as a column."""
+    n = matrix.size1()
+    return ca.vertcat(*(matrix[i, j] for j in range(n) for i in range(j + 1)))
+
+
+def _symmetric(column: ca.SX, n: int) -> ca.SX:
+    """The symmetric matrix (n, n) of that upper triangle."""
+    matrix, entries = ca.SX(n, n), iter(range(n * (n + 1) // 2))
+    for j in range(n):
+        for i in range(j + 1):
+            matrix[i, j] = matrix[j, i] = column[next(entries)]
+    return matrix
