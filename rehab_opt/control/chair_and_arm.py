@@ -100,12 +100,19 @@ class ChairAndArm(VelocityController):
         ticks = np.max(self.chain.velocity[joints] / np.minimum(self.chain.acceleration[joints] * self.dt, math.inf))
         return SLACK * self.dt * max(1.0, float(ticks))
 
+    @property
+    def skin(self) -> float:
+        """[m] by which a link's end may leave its straight way within a tick, at the arm's largest speeds."""
+        upper, fore = abs(self.chain.rows[4].d), abs(self.chain.rows[6].d)
+        return (upper + fore) * float(np.sum(self.chain.velocity[CHAIR:]) * self.dt) ** 2 / 2
+
     def room(self, q: ca.SX, last: ca.SX, obstacles: ca.SX) -> Room:
         """Bounds on u without acceleration; u = 0 keeps them all."""
         chain, n, speed = self.chain, self.chain.n, self.chain.velocity
         joints = self.bounds(q, last)
-        upper = ca.fmax(clipped(joints.stop_upper, joints.hard_lower, joints.hard_upper), 0)
-        lower = ca.fmin(clipped(joints.stop_lower, joints.hard_lower, joints.hard_upper), 0)
+        # A joint that can no longer stop in time brakes as hard as it may, and is held by the limit itself.
+        upper = ca.fmax(ca.fmax(ca.fmin(joints.stop_upper, joints.hard_upper), joints.brake_lower), 0)
+        lower = ca.fmin(ca.fmin(ca.fmax(joints.stop_lower, joints.hard_lower), joints.brake_upper), 0)
         rolls = ca.DM([[0.0 if i not in self.moving else 1.0] for i in range(n)])
         chair = [ca.DM(self.wheelset.radius * self.wheelset.rolling)]
         limits = [np.full(len(self.wheelset.rolling), self.wheelset.radius * self.wheelset.limit)]
@@ -133,7 +140,7 @@ class ChairAndArm(VelocityController):
             towards=ca.vertcat(ca.SX(0, CHAIR), *(each.matrix for each in towards)),
             towards_limit=ca.vertcat(ca.SX(0, 1), *(each.room * (1 - TIGHTER) for each in towards)),
             closing=-closing,
-            closing_limit=ca.fmax(gaps, 0) / self.stopping_time(slice(CHAIR, n)),
+            closing_limit=ca.fmax(gaps - self.skin, 0) / self.stopping_time(slice(CHAIR, n)),
             outside=inside,
         )
 
@@ -169,7 +176,8 @@ class ChairAndArm(VelocityController):
         delivered = jacobian @ u.symbol
         kinetic = u.symbol.T @ weight @ u.symbol / 2
         easing = Easing(self.robot, self.dt, room, base=given["base"])
-        sent = easing.towards(memory[:n], u.symbol, q[CHAIR:])
+        wanted = ca.if_else(given["speed"] > 0, u.symbol, 0)  # exactly, whichever solver answers
+        sent = easing.towards(memory[:n], wanted, q[CHAIR:])
         return Statement(
             name=f"chair_and_arm_{self.drive}_{name}",
             parameters=parameters,

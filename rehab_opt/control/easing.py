@@ -102,13 +102,23 @@ class Easing:
     def towards(self, last: ca.SX, wanted: ca.SX, arm: ca.SX) -> ca.SX:
         """(7,) command on the way from `last` to `wanted` (7,), with the arm at `arm` (4,)."""
         base = self.base_of(last) if self._base is None else self._base
-        way = wanted - base
-        ahead = ca.fmax(last + self._allowed, base) - base
-        behind = ca.fmin(last - self._allowed, base) - base
-        free = ca.if_else(ca.fabs(way) > TINY, ca.if_else(way > 0, ahead, -behind) / ca.fmax(ca.fabs(way), TINY), 1)
+        eased = self._part_way(last, base, wanted, slice(None))
+        if not self.robot.keep_out:
+            return eased
+        share, chair = self._unhindered(eased[CHAIR:], arm), slice(CHAIR)
+        slower = self._part_way(last, eased, share * eased, chair)  # the chair waits for the arm as soon as it may
+        return ca.vertcat(slower, share * eased[CHAIR:])
+
+    def _part_way(self, last: ca.SX, begin: ca.SX, end: ca.SX, joints: slice) -> ca.SX:
+        """As far from `begin` to `end` as the accelerations of the joints allow, or all the way."""
+        last, begin, end, allowed = last[joints], begin[joints], end[joints], self._allowed[joints]
+        way = end - begin
+        ahead = ca.fmax(last + allowed, begin) - begin
+        behind = begin - ca.fmin(last - allowed, begin)
+        size = ca.fabs(way)
+        free = ca.if_else(size > TINY, ca.if_else(way > 0, ahead, behind) / ca.fmax(size, TINY), 1)
         share = ca.mmin(free)
-        eased = ca.if_else(share >= ENOUGH, wanted, base + share * way)
-        return eased * self._unhindered(eased, arm)
+        return ca.if_else(share >= ENOUGH, end, begin + share * way)
 
     def _pressed_in(self, u: ca.SX) -> ca.SX:
         """The nearest to u, joint by joint and then in proportion, that keeps all bounds."""
@@ -118,13 +128,14 @@ class Easing:
         arm = joints[CHAIR:] * _share(room.closing @ joints[CHAIR:], room.closing_limit)
         return ca.vertcat(chair, arm)
 
-    def _unhindered(self, u: ca.SX, arm: ca.SX) -> ca.SX:
-        """Largest of `SHORTER` with which no link goes into a keep-out, or deeper; zero if none."""
-        if not self.robot.keep_out:
-            return ca.SX(1)
+    def _unhindered(self, velocity: ca.SX, arm: ca.SX) -> ca.SX:
+        """Largest of `SHORTER` with which no link goes into a keep-out, or deeper; zero if none.
+
+        The rows of the QP say so to first order, which is not enough where a link slides along a keep-out.
+        """
         now, largest = ca.fmin(arm_gaps(self.robot, arm), 0), ca.SX(0)
         for share in reversed(SHORTER):
-            then = arm_gaps(self.robot, arm + share * self.dt * u[CHAIR:])
+            then = arm_gaps(self.robot, arm + share * self.dt * velocity)
             largest = ca.if_else(all_true(then >= now), share, largest)
         return largest
 
