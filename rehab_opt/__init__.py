@@ -2,6 +2,7 @@
 
 from rehab_opt.control.arm_ik import ArmIK, IKPath, IKSolution
 from rehab_opt.control.command import Bound, Command, Status
+from rehab_opt.control.joystick import Joystick
 from rehab_opt.control.pose_tracker import PoseTracker
 from rehab_opt.control.redundancy import RedundancyResolver
 from rehab_opt.control.smoothing import Smoother, smooth_path
@@ -19,6 +20,7 @@ __all__ = [
     "ConfigurationError",
     "IKPath",
     "IKSolution",
+    "Joystick",
     "PoseTracker",
     "ProblemFileError",
     "RedundancyResolver",

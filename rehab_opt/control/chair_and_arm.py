@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Literal
 
 import casadi as ca
@@ -10,13 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.command import Command
-from rehab_opt.control.easing import Easing, Room
-from rehab_opt.control.keep_out import closing_rows
-from rehab_opt.control.obstacles import NUMBERS, approach
+from rehab_opt.control.easing import Easing
+from rehab_opt.control.obstacles import NUMBERS
+from rehab_opt.control.room import Surroundings
 from rehab_opt.control.velocity_controller import VelocityController
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 from rehab_opt.optim.certificate import clipped
-from rehab_opt.optim.qp import PLAUSIBLE, Statement, equal, parameter, variable, within
+from rehab_opt.optim.qp import PLAUSIBLE, Statement, equal, parameter, variable
 
 __all__ = ["ROWS", "ChairAndArm", "Drive"]
 
@@ -27,15 +26,9 @@ ROWS = ("x", "y", "z", "rx", "ry", "rz", "roll7")
 WORLD = 1.0
 """Number that says that rows are meant in the world frame."""
 PROGRESS = 20.0
-"""[m/s] Price of a missing m/s of hand speed; the kinetic energy per robot's mass that one more m/s costs is about 1."""
+"""[m/s] Price of a missing m/s of hand speed; one more costs about 1 in kinetic energy by the robot's mass."""
 STEEP = 1e3
 """[m/s] Up to which the price follows that cost where it is higher, as it is near singular postures."""
-TIGHTER = 1e-7
-"""Share by which row limits are drawn in, so that what a certificate may leave open never passes them."""
-SLACK = 1.1
-"""By how much longer the stopping barriers count than stopping takes: obstacles' directions change as the chair turns."""
-FACETS = 8
-"""Sides of the polygon inside the circle of chassis velocities; its corners lie on the axes."""
 TINY = 1e-12
 """[m/s] A speed that is no motion."""
 
@@ -78,6 +71,7 @@ class ChairAndArm(VelocityController):
         self.robot, self.rows, self.drive, self.slots = robot, rows, drive, slots
         self.self_motion = self_motion
         self.wheelset = getattr(robot, drive)
+        self.surroundings = Surroundings(robot, self.wheelset, slots=slots, dt=dt, return_speed=return_speed)
         n, k, wheels = robot.chain.n, len(rows), len(self.wheelset.rolling)
         self.shapes = ((k,), (1,), (NUMBERS * slots,))  # type: ignore[misc]
         self.shapes = self.shapes if slots else self.shapes[:2]  # type: ignore[misc]
@@ -88,61 +82,6 @@ class ChairAndArm(VelocityController):
             robot.chain, dt=dt, return_speed=return_speed, solver=solver, backup=backup, tolerance=tolerance,
             max_age=max_age, compile=compile,
         )  # fmt: skip
-
-    # ------------------------------------------------------------------------------------------- what may be moved
-    @property
-    def moving(self) -> list[int]:
-        """Joints that the drive allows to move, by number from 0."""
-        return [i for i in range(self.chain.n) if self.drive == "mecanum" or i != 1]
-
-    def stopping_time(self, joints: slice) -> float:
-        """[s] that joints at their largest speeds need to stop, all slowing down in proportion, in whole ticks."""
-        ticks = np.max(self.chain.velocity[joints] / np.minimum(self.chain.acceleration[joints] * self.dt, math.inf))
-        return SLACK * self.dt * max(1.0, float(ticks))
-
-    @property
-    def skin(self) -> float:
-        """[m] by which a link's end may leave its straight way within a tick, at the arm's largest speeds."""
-        upper, fore = abs(self.chain.rows[4].d), abs(self.chain.rows[6].d)
-        return (upper + fore) * float(np.sum(self.chain.velocity[CHAIR:]) * self.dt) ** 2 / 2
-
-    def room(self, q: ca.SX, last: ca.SX, obstacles: ca.SX) -> Room:
-        """Bounds on u without acceleration; u = 0 keeps them all."""
-        chain, n, speed = self.chain, self.chain.n, self.chain.velocity
-        joints = self.bounds(q, last)
-        # A joint that can no longer stop in time brakes as hard as it may, and is held by the limit itself.
-        upper = ca.fmax(ca.fmax(ca.fmin(joints.stop_upper, joints.hard_upper), joints.brake_lower), 0)
-        lower = ca.fmin(ca.fmin(ca.fmax(joints.stop_lower, joints.hard_lower), joints.brake_upper), 0)
-        rolls = ca.DM([[0.0 if i not in self.moving else 1.0] for i in range(n)])
-        chair = [ca.DM(self.wheelset.radius * self.wheelset.rolling)]
-        limits = [np.full(len(self.wheelset.rolling), self.wheelset.radius * self.wheelset.limit)]
-        if self.drive == "mecanum":
-            angles = (np.arange(FACETS // 2) + 0.5) * 2 * np.pi / FACETS
-            chair.append(ca.DM(np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)))
-            limits.append(np.full(angles.size, speed[0] * math.cos(np.pi / FACETS)))
-        limit = ca.DM(np.concatenate(limits) * (1 - TIGHTER))
-        towards = [
-            approach(
-                obstacles[NUMBERS * i : NUMBERS * (i + 1)], q[:CHAIR], self.robot.outline,
-                dt=self.dt, horizon=self.stopping_time(slice(CHAIR)), turn=float(speed[2]),
-            )
-            for i in range(self.slots)
-        ]  # fmt: skip
-        arm, closing, gaps = q[CHAIR:], ca.SX(0, n - CHAIR), ca.SX(0, 1)
-        if self.robot.keep_out:
-            closing, gaps = closing_rows(self.robot, arm)
-        inside = ca.sum1(ca.vertcat(joints.outside, *(each.inside for each in towards), gaps < 0)) > 0
-        return Room(
-            lower=rolls * lower,
-            upper=rolls * upper,
-            chair=ca.vertcat(*chair),
-            chair_limit=limit,
-            towards=ca.vertcat(ca.SX(0, CHAIR), *(each.matrix for each in towards)),
-            towards_limit=ca.vertcat(ca.SX(0, 1), *(each.room * (1 - TIGHTER) for each in towards)),
-            closing=-closing,
-            closing_limit=ca.fmax(gaps - self.skin, 0) / self.stopping_time(slice(CHAIR, n)),
-            outside=inside,
-        )
 
     # --------------------------------------------------------------------------------------------- the task
     def task_jacobian(self, q: ca.SX, world: ca.SX) -> ca.SX:
@@ -168,7 +107,7 @@ class ChairAndArm(VelocityController):
         columns = [parameter(key, value.numel()) for key, value in prepared.items()]
         given = dict(zip(prepared, columns, strict=True))
         jacobian = ca.reshape(given["jacobian"], k, n)
-        room = self.room(q, memory[:n], obstacles).like(given)
+        room = self.surroundings.room(q, memory[:n], obstacles).like(given)
         weight = _symmetric(given["inertia"], n)
 
         u = variable("velocity", n, lower=room.lower, upper=room.upper)
@@ -188,10 +127,13 @@ class ChairAndArm(VelocityController):
                 *room.rows(u.symbol),
             ],
             guess=ca.vertcat(given["guess"], given["speed"]),
-            multipliers=ca.vertcat(given["multipliers"], ca.SX.zeros(room.count)),
+            multipliers=ca.vertcat(given["multipliers"], ca.SX.zeros(room.row_count)),
             prepared=columns,
             prepare=ca.Function(
-                "prepare", [ca.vertcat(*parameters), memory], [ca.densify(ca.vertcat(*prepared.values()))], {"cse": True}
+                "prepare",
+                [ca.vertcat(*parameters), memory],
+                [ca.densify(ca.vertcat(*prepared.values()))],
+                {"cse": True},
             ),
             report=self.report(memory[:n], sent, jacobian @ sent, twist, room.outside),
             memory=memory,
@@ -199,16 +141,14 @@ class ChairAndArm(VelocityController):
             violation=room.violation(sent),
         )
 
-    def _prepared(
-        self, q: ca.SX, twist: ca.SX, world: ca.SX, obstacles: ca.SX, last: ca.SX
-    ) -> dict[str, ca.SX]:
+    def _prepared(self, q: ca.SX, twist: ca.SX, world: ca.SX, obstacles: ca.SX, last: ca.SX) -> dict[str, ca.SX]:
         """What the QP is made of, each one column."""
-        n, moving = self.chain.n, self.moving
+        n, moving = self.chain.n, self.surroundings.moving
         posture = ca.vertcat(ca.SX.zeros(CHAIR), q[CHAIR:])
         jacobian = self.task_jacobian(q, world)
         inertia = self.robot.inertia_expression(posture) / self.robot.mass
         gradient = self.self_motion * self.robot.posture_gradient_expression(posture)
-        room = self.room(q, last, obstacles)
+        room = self.surroundings.room(q, last, obstacles)
 
         # Eq. (1), and (5) by leaving out the left speed: u = W^-1 J' y - v grad c with J u = r.
         rows = ca.densify(jacobian[:, moving])
@@ -262,7 +202,7 @@ class ChairAndArm(VelocityController):
         q, obstacles = ca.SX.sym("q", n), ca.SX.sym("obstacles", NUMBERS * self.slots)
         memory = ca.SX.sym("memory", self.stated.memory.numel())
         last = memory[:n]
-        room = self.room(q, last, obstacles)
+        room = self.surroundings.room(q, last, obstacles)
         easing = Easing(self.robot, self.dt, room)
         rest = easing.towards(last, ca.SX.zeros(n), q[CHAIR:])
         report = self.report(last, rest, ca.SX(0), ca.SX(1), room.outside)  # nothing of the task is delivered
@@ -290,7 +230,7 @@ class ChairAndArm(VelocityController):
             # From view to view: half of numpy's cost, and any other type or size is refused.
             views[0][:] = q  # type: ignore[assignment]
             views[1][:] = twist  # type: ignore[assignment]
-            views[2][0] = world
+            views[2][0] = world  # type: ignore[call-overload]
             if self.slots:
                 views[3][:] = obstacles.data
         except (ValueError, TypeError):

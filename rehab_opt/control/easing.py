@@ -2,81 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import NamedTuple
-
 import casadi as ca
 import numpy as np
 
 from rehab_opt.control.keep_out import arm_gaps
+from rehab_opt.control.room import Room
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 from rehab_opt.optim.certificate import all_true, clipped
-from rehab_opt.optim.qp import Row, within
 
-__all__ = ["Easing", "Room"]
+__all__ = ["Easing"]
 
 SHORTER = (1.0, 0.5, 0.25)
 """Shares of a step that are tried where the arm's true way would lead into a keep-out."""
 TINY = 1e-12
 ENOUGH = 1.0 - 1e-12
 """Share of the way that is all of it."""
-
-
-class Room(NamedTuple):
-    """Bounds on chair and arm velocities u (7,) that never yield, the chair's in its own frame; u = 0 keeps them."""
-
-    lower: ca.SX
-    """(7,) of each joint alone: speed, and where it could still stop at its position limit."""
-    upper: ca.SX
-    chair: ca.SX
-    """(a, 3) rows of rim speeds and of the chassis speed, both ways within chair_limit (a,) [m/s]."""
-    chair_limit: ca.SX
-    towards: ca.SX
-    """(b, 3) rows towards obstacles, at most towards_limit (b,) [m/s]."""
-    towards_limit: ca.SX
-    closing: ca.SX
-    """(c, 4) rows of the arm towards its keep-outs, at most closing_limit (c,) [m/s]."""
-    closing_limit: ca.SX
-    outside: ca.SX
-    """1 where the state is beyond one of them already."""
-
-    @property
-    def count(self) -> int:
-        """Number of rows."""
-        return int(self.chair.size1() + self.towards.size1() + self.closing.size1())
-
-    def rows(self, u: ca.SX) -> list[Row]:
-        """The rows as a statement wants them."""
-        chair, arm = u[:CHAIR], u[CHAIR:]
-        rows = [within(self.chair @ chair, -self.chair_limit, self.chair_limit)]
-        if self.towards.size1():
-            rows.append(within(self.towards @ chair, -np.inf, self.towards_limit))
-        if self.closing.size1():
-            rows.append(within(self.closing @ arm, -np.inf, self.closing_limit))
-        return rows
-
-    def columns(self) -> dict[str, ca.SX]:
-        """What changes from tick to tick, each as one column."""
-        changing = ("lower", "upper", "towards", "towards_limit", "closing", "closing_limit", "outside")
-        return {name: ca.vec(ca.densify(getattr(self, name))) for name in changing}
-
-    def like(self, given: Mapping[str, ca.SX]) -> Room:
-        """The same with those columns as symbols."""
-        return self._replace(
-            **{name: ca.reshape(given[name], *getattr(self, name).shape) for name in self.columns()}
-        )
-
-    def violation(self, u: ca.SX) -> ca.SX:
-        """By how much u breaks them; infinite for NaN."""
-        chair, arm = u[:CHAIR], u[CHAIR:]
-        over = ca.vertcat(
-            u - self.upper,
-            self.lower - u,
-            ca.fabs(self.chair @ chair) - self.chair_limit,
-            self.towards @ chair - self.towards_limit,
-            self.closing @ arm - self.closing_limit,
-        )
-        return ca.if_else(all_true(ca.fabs(over) < ca.inf), ca.norm_2(ca.fmax(over, 0)), ca.inf)
 
 
 class Easing:

@@ -53,6 +53,8 @@ class Approach(NamedTuple):
     """(2, 3)"""
     room: ca.SX
     """(2,) [m/s]"""
+    more: ca.SX
+    """[m/s] by which both could be wider, and the chair would still not be inside after this tick."""
     inside: ca.SX
     """1 where the chair is within the obstacle."""
 
@@ -112,8 +114,7 @@ def approach(numbers: ca.SX, place: ca.SX, outline: Outline, *, dt: float, horiz
     distance, from_middle = ca.hypot(*away), ca.fmax(ca.hypot(*centre), TINY)
     touching = distance > TINY
     to_disc = [
-        ca.if_else(touching, a / ca.fmax(distance, TINY), c / from_middle)
-        for a, c in zip(away, centre, strict=True)
+        ca.if_else(touching, a / ca.fmax(distance, TINY), c / from_middle) for a, c in zip(away, centre, strict=True)
     ]
     to_wall = to_chassis(numbers[0], numbers[1])
     there = numbers[3] != _NONE
@@ -134,6 +135,8 @@ def approach(numbers: ca.SX, place: ca.SX, outline: Outline, *, dt: float, horiz
         left = ca.fmin(left, speed - turn * lever - sweep * there)
         right = ca.fmin(right, speed + turn * lever - sweep * there)
     matrix = ca.vertcat(
-        ca.horzcat(normal[0], normal[1], (still - left) / turn), ca.horzcat(normal[0], normal[1], (right - still) / turn)
+        ca.horzcat(normal[0], normal[1], (still - left) / turn),
+        ca.horzcat(normal[0], normal[1], (right - still) / turn),
     )
-    return Approach(matrix, ca.vertcat(still, still), ca.logic_and(there, least < -OUTSIDE))
+    more = ca.fmax(least, 0) * (1 / dt - 1 / horizon)
+    return Approach(matrix, ca.vertcat(still, still), more, ca.logic_and(there, least < -OUTSIDE))

@@ -47,12 +47,12 @@ class Reaching:
         """Begin anew at the next tick."""
         self._begun = False
 
-    def twist(self, q: Array, target: Array, enable: object) -> Array:
+    def twist(self, q: Array, target: Array, *, moving: bool) -> Array:
         """(3,) velocity of the hand in the world frame [m/s] at joint values q (7,); NaN where a number is unusable."""
         hand = self._robot.chain.pose(q)[:3, 3]
-        if enable is not True or not (np.all(np.isfinite(hand)) and np.all(np.isfinite(target))):
+        if not (moving and np.all(np.isfinite(hand)) and np.all(np.isfinite(target))):
             self._begun = False
-            return np.full(3, math.nan) if enable is True else np.zeros(3)
+            return np.full(3, math.nan) if moving else np.zeros(3)
         smoother = self._smoother
         if not self._begun or not np.linalg.norm(smoother.position - hand) <= LEASH:
             smoother.reset(hand, np.clip(smoother.velocity if self._begun else np.zeros(3), -HAND_SPEED, HAND_SPEED))

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.chair_and_arm import ROWS, ChairAndArm, Drive
 from rehab_opt.control.command import Command
+from rehab_opt.control.joystick import pressed
 from rehab_opt.control.obstacles import Obstacle, obstacle_numbers
 from rehab_opt.control.reaching import Reaching
 from rehab_opt.control.velocity_controller import checked_number
@@ -17,6 +19,9 @@ from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import per_joint
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 from rehab_opt.optim.qp import Instance
+
+if TYPE_CHECKING:
+    import qpsolvers
 
 __all__ = ["RedundancyResolver"]
 
@@ -226,26 +231,29 @@ class RedundancyResolver:
         """
         if self._reaching is None:
             self._reaching = Reaching(self.robot, dt=self.dt)
-        twist = self._reaching.twist(per_joint("q", q, self.robot.chain.n), per_joint("target", target, 3), enable)
+        place, joints = per_joint("target", target, 3), per_joint("q", q, self.robot.chain.n)
+        twist = self._reaching.twist(joints, place, moving=pressed(enable))
         command = self._step(q, twist, ("x", "y", "z"), "world", enable, stamp)
         if not command.status.certified:
             self._reaching.forget()
         return command
 
-    def instance(self, q: ArrayLike, twist: ArrayLike, rows: Sequence[str] = ("x", "y", "z"), frame: str = "chassis") -> Instance:
+    def instance(
+        self, q: ArrayLike, twist: ArrayLike, rows: Sequence[str] = ("x", "y", "z"), frame: str = "chassis"
+    ) -> Instance:
         """The QP that `step` would solve now, as numbers, for inspection; velocities with the chair's in its frame."""
-        active = self._at_hand(tuple(rows), frame)
-        inputs = (twist, [FRAMES[frame]], self._numbers) if self._places else (twist, [FRAMES[frame]])
+        active, inputs = self._at_hand(tuple(rows), twist, frame)
         return active.instance(q, *inputs)
 
-    def to_qpsolvers(self, q: ArrayLike, twist: ArrayLike, rows: Sequence[str] = ("x", "y", "z"), frame: str = "chassis"):  # type: ignore[no-untyped-def]
+    def to_qpsolvers(
+        self, q: ArrayLike, twist: ArrayLike, rows: Sequence[str] = ("x", "y", "z"), frame: str = "chassis"
+    ) -> qpsolvers.Problem:
         """The same QP as a `qpsolvers.Problem`."""
-        active = self._at_hand(tuple(rows), frame)
-        inputs = (twist, [FRAMES[frame]], self._numbers) if self._places else (twist, [FRAMES[frame]])
-        return active.to_qpsolvers(q, *inputs)
+        active, inputs = self._at_hand(tuple(rows), twist, frame)
+        return active.to_qpsolvers(q, *inputs)  # type: ignore[no-any-return]
 
     # --------------------------------------------------------------------------------------------------- plumbing
-    def _step(
+    def _step(  # noqa: PLR0917  (in the hot path, keywords cost)
         self, q: ArrayLike, twist: ArrayLike, rows: tuple[str, ...], frame: str, enable: object, stamp: float | None
     ) -> Command:
         active = self._active
@@ -267,14 +275,16 @@ class RedundancyResolver:
         active.tell(q, twist, world, self._numbers)
         return active.tick(enable, stamp)
 
-    def _at_hand(self, rows: tuple[str, ...], frame: str) -> ChairAndArm:
+    def _at_hand(
+        self, rows: tuple[str, ...], twist: ArrayLike, frame: str
+    ) -> tuple[ChairAndArm, tuple[ArrayLike, ...]]:
         if frame not in FRAMES:
             raise ConfigurationError("frame", frame, "chassis or world")
         names = _checked_rows(rows)
         chosen = self._sets.get(names) or self._prepare(names, compile=False)
         if chosen is not self._active:
             chosen.take_over(self._active)
-        return chosen
+        return chosen, (twist, [FRAMES[frame]], self._numbers)[: 3 if self._places else 2]
 
     def _prepare(self, rows: tuple[str, ...], *, compile: bool | None) -> ChairAndArm:
         chosen = ChairAndArm(self.robot, rows, compile=compile, **self._options)  # type: ignore[arg-type]

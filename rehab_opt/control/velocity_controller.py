@@ -179,9 +179,9 @@ class VelocityController(ABC):
             if 0.0 <= residual <= self.tolerance:
                 self._keep[:] = self._answer
                 value = _read_only(self._velocity.tobytes())  # a copy
-                wheels = self._wheels and _read_only(self._wheels.tobytes())
-                who = FUSED_SOLVERS[int(who)]
-                return _new(Command, (value, _OK, who, residual, -1, "", _BOUNDS[int(yielded)], scale, wheels))
+                wheels = None if self._wheels is None else _read_only(self._wheels.tobytes())
+                name, bound = FUSED_SOLVERS[int(who)], _BOUNDS[int(yielded)]
+                return _new(Command, (value, _OK, name, residual, -1, "", bound, scale, wheels))
         ladder = self._ladder
         solver = ladder.climb() if self._fused else ladder()
         if not solver:
@@ -190,18 +190,18 @@ class VelocityController(ABC):
         if solver == ladder.backup != ladder.solver:
             status, reason = Status.BACKUP, f"{ladder.solver} gave no certified answer"
         residual, _, _, yielded, scale = ladder.verdict.tolist()
-        value, wheels, bound = self._copied(self._velocity), self._copied(self._wheels), _BOUNDS[int(yielded)]
-        assert value is not None
+        bound = _BOUNDS[int(yielded)]
+        value, wheels = self._told()
         return Command(value, status, solver, residual, ladder.iterations, reason, bound, scale, wheels)
 
-    @staticmethod
-    def _copied(view: memoryview | None) -> Array | None:
-        """The numbers of a view, read-only and without negative zeros."""
-        if view is None:
-            return None
-        numbers = np.frombuffer(view.tobytes()) + 0.0
-        numbers.setflags(write=False)
-        return numbers
+    def _told(self) -> tuple[Array, Array | None]:
+        """What is sent, copied, read-only and without negative zeros."""
+        value, wheels = self._sent + 0.0, None
+        value.setflags(write=False)
+        if self._wheels is not None:
+            wheels = np.frombuffer(self._wheels.tobytes()) + 0.0
+            wheels.setflags(write=False)
+        return value, wheels
 
     def _write(self, values: tuple[ArrayLike, ...]) -> None:
         """Copy what is not a float array, or say what is wrong with it; numbers are judged by the certificate."""
@@ -229,8 +229,7 @@ class VelocityController(ABC):
         memory, (yielded, _) = braking.outputs
         ladder.memory[:] = memory
         ladder.start_from(np.append(self._last, np.zeros(self.stated.n - self._last.size)))
-        value, wheels = self._copied(self._velocity), self._copied(self._wheels)
-        assert value is not None
+        value, wheels = self._told()
         status = Status.BRAKING if value.any() else Status.HOLDING
         return Command(value, status, "", math.inf, -1, reason, _BOUNDS[int(yielded)], 0.0, wheels)
 

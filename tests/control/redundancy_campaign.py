@@ -65,7 +65,7 @@ class Plant:
     unseen: bool = True
     """No position was read since the state last jumped."""
     jumped: bool = True
-    """The velocity was set from outside, and need not be one that can stop in time."""
+    """The velocity was set from outside and may not be one that can stop in time; until the robot is at rest."""
     intended: Array | None = None
 
 
@@ -130,7 +130,8 @@ def _teleport(plant: Plant, rng: np.random.Generator) -> None:
     wanted[:3] /= max(1.0, *np.abs(wheels.wheel_speeds(wanted[:3])) / (0.999 * wheels.limit))
     resolver.reset(resolver.robot.world_velocity(plant.q, wanted), heading=plant.q[2])
     plant.last = wanted
-    plant.fresh = plant.unseen = plant.jumped = True
+    plant.fresh = plant.unseen = True
+    plant.jumped = bool(np.any(wanted))
 
 
 def _one_tick(plant: Plant, rng: np.random.Generator, tally: Tally) -> None:
@@ -168,7 +169,7 @@ def _one_tick(plant: Plant, rng: np.random.Generator, tally: Tally) -> None:
     seen = q if usable else plant.q
     _judge(plant, seen, command, usable, fault, twist, frame, tally)
     plant.last = resolver.chassis_velocity if plant.unseen else resolver.robot.chassis_velocity(seen, command.value)
-    plant.jumped &= plant.unseen
+    plant.jumped &= plant.unseen or bool(np.any(plant.last))
     plant.q = plant.q + command.value * resolver.dt
     if not usable and np.any(np.abs(plant.q - q)[np.isfinite(q)] > 1e3):
         plant.jumped = True
@@ -216,31 +217,14 @@ def _judge(
     back = resolver._options["return_speed"] * chain.velocity
     check(bool(np.all(np.abs(v[outside]) <= back[outside] + 1e-12)), "slow way back")
 
-    now, then = gaps(resolver, q), gaps(resolver, ahead)
-    if now.size:
-        deeper = float(np.max(np.minimum(now, 0.0) - then))
-        check(tally.worst("into obstacles", deeper) <= ROUNDING, "never further into an obstacle")
-    now_arm, then_arm = arm_gaps(robot, q), arm_gaps(robot, ahead)
-    if now_arm.size:
-        deeper = float(np.max(np.minimum(now_arm, 0.0) - then_arm))
-        check(tally.worst("into keep-outs", deeper) <= ROUNDING, "never further into a keep-out")
-
+    now_arm = _judge_surroundings(resolver, q, ahead, tally, check)
     allowed = np.minimum(chain.acceleration * dt, 2 * chain.velocity)
     change = np.abs(u - plant.last) - allowed
     hurried = bool(np.max(change) > 1e-9)
     tally.worst("acceleration, unflagged", -math.inf if command.yielded & Bound.ACCELERATION else float(np.max(change)))
     if hurried:
         check(bool(command.yielded & Bound.ACCELERATION), "acceleration yields flagged")
-        needed = _must_exceed(resolver, q, plant.last, back)
-        arm, chair = change[3:] > 1e-9, change[:3] > 1e-9
-        if not plant.jumped:
-            if now_arm.size == 0 or now_arm.min() > 0:
-                tally.seen["arm hurried"] += bool(np.any(arm & ~needed[3:]))
-            if now.size and now.min() > 0:
-                tally.seen["chair hurried"] += bool(np.any(chair))
-                tally.worst("chair's hurry, share", float(np.max(change[:3] / allowed[:3])))
-        check(bool(np.all(~arm | needed[3:])) or now_arm.size > 0, "joints hurry only where they must")
-        check(not np.any(chair) or bool(resolver.obstacles), "the chair hurries only before obstacles")
+        _judge_hurry(plant, q, change, allowed, now_arm, tally, check)
     slowing = np.max(np.abs(u) / allowed) <= max(np.max(np.abs(plant.last) / allowed) - 1.0, 0.0) + 1e-9
     if fault in ("q", "twist", "stamp", "repeated", "disabled"):
         if not (fault in ("q", "twist", "stamp") and command.status.certified):  # hostile, but a small number
@@ -248,8 +232,39 @@ def _judge(
             check(bool(slowing), "the safe command decelerates")
     elif command.status.certified and not twist.any():
         check(bool(slowing), "no command decelerates")
-    if usable and command.status.certified and not hurried and bool(np.all(change < -1e-9 * allowed - 1e-12)):
+    sliding = (
+        now_arm.size > 0 and now_arm.min() < resolver._active.surroundings.skin
+    )  # the arm may then wait for part of the step
+    unhurried = bool(np.all(change < -1e-9 * allowed - 1e-12))
+    if usable and command.status.certified and not hurried and unhurried and not sliding:
         _judge_direction(plant, q, v, frame, tally, check)  # type: ignore[arg-type]
+
+
+def _judge_hurry(plant: Plant, q: Array, change: Array, allowed: Array, now_arm: Array, tally: Tally, check) -> None:  # type: ignore[no-untyped-def]
+    """Accelerations yield to a bound above them only, and never after a start from which the chair could stop."""
+    resolver = plant.resolver
+    needed = _must_exceed(resolver, q, plant.last, resolver._options["return_speed"] * resolver.robot.chain.velocity)
+    arm, chair, now = change[3:] > 1e-9, change[:3] > 1e-9, gaps(resolver, q)
+    check(bool(np.all(~arm | needed[3:])) or now_arm.size > 0, "joints hurry only where they must")
+    check(not np.any(chair) or bool(resolver.obstacles), "the chair hurries only before obstacles")
+    if not plant.jumped:
+        if now_arm.size == 0 or now_arm.min() > 0:
+            tally.seen["arm hurried"] += bool(np.any(arm & ~needed[3:]))
+        if now.size and now.min() > 0:
+            tally.seen["chair hurried"] += bool(np.any(chair))
+            tally.worst("chair's hurry, share", float(np.max(change[:3] / allowed[:3])))
+
+
+def _judge_surroundings(resolver: RedundancyResolver, q: Array, ahead: Array, tally: Tally, check) -> Array:  # type: ignore[no-untyped-def]
+    now, then = gaps(resolver, q), gaps(resolver, ahead)
+    if now.size:
+        deeper = float(np.max(np.minimum(now, 0.0) - then))
+        check(tally.worst("into obstacles", deeper) <= ROUNDING, "never further into an obstacle")
+    now_arm, then_arm = arm_gaps(resolver.robot, q), arm_gaps(resolver.robot, ahead)
+    if now_arm.size:
+        deeper = float(np.max(np.minimum(now_arm, 0.0) - then_arm))
+        check(tally.worst("into keep-outs", deeper) <= ROUNDING, "never further into a keep-out")
+    return now_arm
 
 
 def _judge_direction(plant: Plant, q: Array, v: Array, frame: str, tally: Tally, check) -> None:  # type: ignore[no-untyped-def]
@@ -316,7 +331,9 @@ def segment_distance(begin: Array, end: Array, capsule: Capsule) -> float:
     """Between two segments: where the lines are nearest if that is on both, else from an end of one."""
     start, stop = np.asarray(capsule.start), np.asarray(capsule.end)
     one, two = end - begin, stop - start
-    candidates = [_from_point(p, start, two) for p in (begin, end)] + [_from_point(p, begin, one) for p in (start, stop)]
+    candidates = [_from_point(p, start, two) for p in (begin, end)] + [
+        _from_point(p, begin, one) for p in (start, stop)
+    ]
     system = np.stack([one, -two], axis=1)
     share, *_ = np.linalg.lstsq(system, start - begin, rcond=None)
     if np.all((share >= 0) & (share <= 1)):
