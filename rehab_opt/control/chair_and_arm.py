@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Literal
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rehab_opt.control.command import Command
+from rehab_opt.control.command import Bound, Command, Status
 from rehab_opt.control.easing import Easing
 from rehab_opt.control.obstacles import NUMBERS
 from rehab_opt.control.room import Surroundings
@@ -16,6 +17,7 @@ from rehab_opt.control.velocity_controller import VelocityController
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 from rehab_opt.optim.certificate import clipped
 from rehab_opt.optim.qp import PLAUSIBLE, Statement, equal, parameter, variable
+from rehab_opt.symbolic import BufferedFunction
 
 __all__ = ["ROWS", "ChairAndArm", "Drive"]
 
@@ -42,7 +44,8 @@ class ChairAndArm(VelocityController):
     u are the joint velocities with the chair's in the chassis frame (forward, left, turn), in which neither W nor the
     arm's Jacobian knows where the chair stands: that a turned or shifted scene changes nothing is by construction, and
     the rolling row, Eq. (4), is a left speed of zero. r is the asked twist, led there from the twist of the last
-    command as fast as the accelerations allow: r = r_last + share (asked - r_last). u = 0 is always feasible.
+    command as fast as the accelerations allow: r = r_last + share (asked - r_last). u = 0 is always feasible. The QP's
+    own variables are u in `units`, which differ by what each joint weighs.
 
     Where the answer changes a joint faster than its acceleration allows after all, `Easing` goes only a part of the
     way from the last command to it. The result is certified again, against all bounds, before it is sent.
@@ -82,8 +85,23 @@ class ChairAndArm(VelocityController):
             robot.chain, dt=dt, return_speed=return_speed, solver=solver, backup=backup, tolerance=tolerance,
             max_age=max_age, compile=compile,
         )  # fmt: skip
+        full, memory = ca.MX.sym("p", self.stated.parameter_size), ca.MX.sym("memory", self.stated.memory.numel())
+        complete = self.stated.complete(full, memory)
+        outputs = self.stated.finish(complete, memory, self._slowed(complete, memory))
+        self._slowed_law = BufferedFunction(ca.Function("slowed_law", [full, memory], outputs))
 
     # --------------------------------------------------------------------------------------------- the task
+    @cached_property
+    def units(self) -> Array:
+        """(7,) sizes in which velocities are decided: such that each, in mid-range, has the robot's kinetic energy.
+
+        A wrist weighs a ten-thousandth of a chair; without this qrqp gives up on a quarter of random states.
+        """
+        middle = np.zeros(self.chain.n)
+        middle[CHAIR:] = (self.chain.lower[CHAIR:] + self.chain.upper[CHAIR:]) / 2
+        sizes: Array = np.sqrt(self.robot.mass / np.diag(self.robot.inertia(middle)))
+        return sizes
+
     def task_jacobian(self, q: ca.SX, world: ca.SX) -> ca.SX:
         """(k, 7) rows that the stick asks for, by velocities with the chair's in the chassis frame."""
         posture = ca.vertcat(ca.SX.zeros(CHAIR), q[CHAIR:])
@@ -93,6 +111,12 @@ class ChairAndArm(VelocityController):
         turn = ca.vertcat(ca.horzcat(cos, -sin, 0), ca.horzcat(sin, cos, 0), ca.horzcat(0, 0, 1))
         every = ca.vertcat(turn @ jacobian[:3, :], turn @ jacobian[3:, :], pose[:3, 2].T @ jacobian[3:, :])
         return every[[ROWS.index(row) for row in self.rows], :]
+
+    @property
+    def fastest(self) -> float:
+        """[m/s or rad/s] more than a hand can do in all rows together; what asks for more is slowed as a whole."""
+        reach = sum(abs(row.a) + abs(row.d) for row in self.chain.rows[CHAIR - 1 :])
+        return float(self.chain.velocity[0] + (1 + reach) * np.sum(self.chain.velocity[CHAIR - 1 :]))
 
     def statement(self) -> Statement:
         """The QP of one tick."""
@@ -110,23 +134,30 @@ class ChairAndArm(VelocityController):
         room = self.surroundings.room(q, memory[:n], obstacles).like(given)
         weight = _symmetric(given["inertia"], n)
 
-        u = variable("velocity", n, lower=room.lower, upper=room.upper)
+        unit = ca.DM(self.units)
+        decided = variable("velocity", n, lower=room.lower / unit, upper=room.upper / unit)
+        u = unit * decided.symbol
         progress = variable("progress", 1, lower=0, upper=given["speed"])
-        delivered = jacobian @ u.symbol
-        kinetic = u.symbol.T @ weight @ u.symbol / 2
+        kinetic = u.T @ weight @ u / 2
+        # Steeper the more is missing, since solvers fail more often on a cost that is flat in a variable.
+        missing = given["speed"] - progress.symbol
+        reward = -given["price"] * progress.symbol + PROGRESS * missing**2 / 2
         easing = Easing(self.robot, self.dt, room, base=given["base"])
-        wanted = ca.if_else(given["speed"] > 0, u.symbol, 0)  # exactly, whichever solver answers
+        wanted = ca.if_else(given["speed"] > 0, u, 0)  # exactly, whichever solver answers
         sent = easing.towards(memory[:n], wanted, q[CHAIR:])
+        share = room.share_of(given["guess"])
+        slowed = ca.vertcat(share * given["guess"] / unit, share * given["speed"])
+        self._slowed = ca.Function("slowed", [ca.vertcat(*parameters, *columns), memory], [slowed], {"cse": True})
         return Statement(
             name=f"chair_and_arm_{self.drive}_{name}",
             parameters=parameters,
-            variables=[u, progress],
-            minimise=kinetic + given["self_motion"].T @ u.symbol - given["price"] * progress.symbol,
+            variables=[decided, progress],
+            minimise=kinetic + given["self_motion"].T @ u + reward,
             subject_to=[
-                equal(delivered, given["direction"] * progress.symbol),  # the direction of the hand is kept
-                *room.rows(u.symbol),
+                equal(jacobian @ u, given["direction"] * progress.symbol),  # the direction of the hand is kept
+                *room.rows(u),
             ],
-            guess=ca.vertcat(given["guess"], given["speed"]),
+            guess=ca.vertcat(given["guess"] / unit, given["speed"]),
             multipliers=ca.vertcat(given["multipliers"], ca.SX.zeros(room.row_count)),
             prepared=columns,
             prepare=ca.Function(
@@ -164,13 +195,14 @@ class ChairAndArm(VelocityController):
             return velocity, y
 
         # The asked twist, led there from the last one.
-        full, _ = law(twist, ca.norm_2(twist))
+        asked = twist / ca.fmax(ca.norm_2(twist) / self.fastest, 1)
+        full, _ = law(asked, ca.norm_2(asked))
         needed = ca.fabs(clipped(full, room.lower, room.upper) - last)
         allowed = ca.DM(np.minimum(self.chain.acceleration * self.dt, 2 * self.chain.velocity))
         share = ca.fmin(1, ca.mmin(allowed / ca.fmax(needed, TINY)))
         share = ca.if_else(ca.sumsqr(full) <= PLAUSIBLE**4, share, 1)  # no law at a singular posture
         before = jacobian @ last
-        limited = ca.if_else(ca.sumsqr(twist) > 0, before + share * (twist - before), 0)
+        limited = ca.if_else(ca.sumsqr(twist) > 0, before + share * (asked - before), 0)
         speed = ca.norm_2(limited)
         direction = limited / ca.fmax(speed, TINY)
         guess, y = law(limited, speed)
@@ -195,6 +227,22 @@ class ChairAndArm(VelocityController):
         value = ca.vertcat(cos * u[0] - sin * u[1], sin * u[0] + cos * u[1], u[2:])
         wheels = self.wheelset.wheel_speeds_expression(u[:CHAIR])
         return ca.densify(ca.vertcat(u, q + value * self.dt, value, wheels, limited))
+
+    def lesser_command(self) -> Command | None:
+        """Eq. (1) slowed as a whole into the bounds: not the best that they allow, but as safe."""
+        law, ladder = self._slowed_law, self._ladder
+        if not ladder.sound[0]:
+            return None
+        law.inputs[0][:], law.inputs[1][:] = ladder.parameters, ladder.memory
+        law()
+        (yielded, scale), memory, (violation,) = law.outputs
+        if not 0.0 <= violation <= self.tolerance:
+            return None
+        ladder.memory[:] = memory
+        ladder.start_from(0.0)
+        value, wheels = self._told()
+        bound, reason = Bound(int(yielded)), f"{self._fault()}: Eq. (1), slowed into the bounds"
+        return Command(value, Status.BACKUP, "slowed law", float(violation), -1, reason, bound, float(scale), wheels)
 
     def braking(self) -> ca.Function:
         """q, memory, obstacles -> what is remembered of the safe command, and its report."""
@@ -248,7 +296,7 @@ class ChairAndArm(VelocityController):
     def take_over(self, other: ChairAndArm) -> None:
         """Go on where another set of rows ends: its velocity, position and stamps are this one's."""
         self._last[:], self._predicted[:] = other._last, other._predicted
-        self._ladder.start_from(np.append(self._last, 0.0))
+        self._ladder.start_from(0.0)
         self._watchdog, self._stamped = other._watchdog, other._stamped
 
     @property

@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 
 from rehab_opt.control.keep_out import arm_gaps
-from rehab_opt.control.room import Room
+from rehab_opt.control.room import Room, largest_share
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 from rehab_opt.optim.certificate import all_true, clipped
 
@@ -64,8 +64,8 @@ class Easing:
         """The nearest to u, joint by joint and then in proportion, that keeps all bounds."""
         room = self.room
         joints = clipped(u, room.lower, room.upper)
-        chair = joints[:CHAIR] * _share(room.towards @ joints[:CHAIR], room.towards_limit)
-        arm = joints[CHAIR:] * _share(room.closing @ joints[CHAIR:], room.closing_limit)
+        chair = joints[:CHAIR] * largest_share(room.towards @ joints[:CHAIR], room.towards_limit)
+        arm = joints[CHAIR:] * largest_share(room.closing @ joints[CHAIR:], room.closing_limit)
         return ca.vertcat(chair, arm)
 
     def _unhindered(self, velocity: ca.SX, arm: ca.SX) -> ca.SX:
@@ -78,10 +78,3 @@ class Easing:
             then = arm_gaps(self.robot, arm + share * self.dt * velocity)
             largest = ca.if_else(all_true(then >= now), share, largest)
         return largest
-
-
-def _share(values: ca.SX, limits: ca.SX) -> ca.SX:
-    """Largest share, at most 1, of values that does not pass the limits, zero or more."""
-    if not values.numel():
-        return ca.SX(1)
-    return ca.fmin(1, ca.mmin(ca.if_else(values > limits, limits / ca.fmax(values, TINY), 1)))

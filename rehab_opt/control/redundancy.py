@@ -241,7 +241,10 @@ class RedundancyResolver:
     def instance(
         self, q: ArrayLike, twist: ArrayLike, rows: Sequence[str] = ("x", "y", "z"), frame: str = "chassis"
     ) -> Instance:
-        """The QP that `step` would solve now, as numbers, for inspection; velocities with the chair's in its frame."""
+        """The QP that `step` would solve now, as numbers, for inspection.
+
+        Its variables are velocities with the chair's in its own frame, in `ChairAndArm.units`, and the hand's speed.
+        """
         active, inputs = self._at_hand(tuple(rows), twist, frame)
         return active.instance(q, *inputs)
 

@@ -18,12 +18,13 @@ from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 from rehab_opt.optim.certificate import all_true
 from rehab_opt.optim.qp import Row, within
 
-__all__ = ["Room", "Surroundings"]
+__all__ = ["Room", "Surroundings", "largest_share"]
 
 TIGHTER = 1e-7
 """Share by which row limits are drawn in, so that what a certificate may leave open never passes them."""
 SLACK = 1.1
 """By how much longer the barriers count than stopping takes: the direction of an obstacle changes on the way."""
+TINY = 1e-12
 FACETS = 8
 """Sides of the polygon inside the circle of chassis velocities; its corners lie on the axes."""
 
@@ -70,6 +71,20 @@ class Room(NamedTuple):
         """The same with those columns as symbols."""
         return self._replace(**{name: ca.reshape(given[name], *getattr(self, name).shape) for name in self.columns()})
 
+    def share_of(self, u: ca.SX) -> ca.SX:
+        """Largest share of u, at most all of it, that keeps the bounds."""
+        chair, arm = self.chair @ u[:CHAIR], u[CHAIR:]
+        return ca.fmin(
+            ca.fmin(largest_share(u, self.upper), largest_share(-u, -self.lower)),
+            ca.fmin(
+                largest_share(ca.fabs(chair), self.chair_limit),
+                ca.fmin(
+                    largest_share(self.towards @ u[:CHAIR], self.towards_limit),
+                    largest_share(self.closing @ arm, self.closing_limit),
+                ),
+            ),
+        )
+
     def violation(self, u: ca.SX) -> ca.SX:
         """By how much u breaks them; infinite for NaN."""
         chair, arm = u[:CHAIR], u[CHAIR:]
@@ -81,6 +96,13 @@ class Room(NamedTuple):
             self.closing @ arm - self.closing_limit,
         )
         return ca.if_else(all_true(ca.fabs(over) < ca.inf), ca.norm_2(ca.fmax(over, 0)), ca.inf)
+
+
+def largest_share(values: ca.SX, limits: ca.SX) -> ca.SX:
+    """Largest share, at most 1, of values that does not pass the limits, zero or more."""
+    if not values.numel():
+        return ca.SX(1)
+    return ca.fmin(1, ca.mmin(ca.if_else(values > limits, limits / ca.fmax(values, TINY), 1)))
 
 
 class Surroundings:

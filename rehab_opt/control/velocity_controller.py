@@ -132,6 +132,10 @@ class VelocityController(ABC):
         report = self.report(last, rest, ca.SX(0), ca.SX(1), bounds.outside)  # nothing of the task is delivered
         return ca.Function("braking", [q, memory], [ca.densify(self.remember(q, rest)), report], {"cse": True})
 
+    def lesser_command(self) -> Command | None:
+        """What may be sent where every solver failed and the parameters are sound; the safe command if None."""
+        return None
+
     def tell_braking(self, inputs: tuple[Array, ...]) -> None:
         """Write the inputs of `braking`; the last good position stands in for one that is unusable."""
         inputs[0][:] = np.where(np.abs(self._q) <= PLAUSIBLE, self._q, self._predicted)
@@ -185,7 +189,7 @@ class VelocityController(ABC):
         ladder = self._ladder
         solver = ladder.climb() if self._fused else ladder()
         if not solver:
-            return self._safe(self._fault())
+            return self.lesser_command() or self._safe(self._fault())
         status = Status.OK
         if solver == ladder.backup != ladder.solver:
             status, reason = Status.BACKUP, f"{ladder.solver} gave no certified answer"
