@@ -13,6 +13,9 @@ from rehab_opt.kinematics.human_arm import human_arm
 from rehab_opt.kinematics.ur5 import ur5
 
 if TYPE_CHECKING:
+    from rehab_opt.control.joystick import Joystick
+    from rehab_opt.control.redundancy import RedundancyResolver
+    from rehab_opt.kinematics.ardis import ardis
     from rehab_opt.workspace.mapping import WorkspaceMap
     from rehab_opt.workspace.placement import ShoulderPlacement
     from rehab_opt.workspace.reach import planar_workspace
@@ -30,8 +33,10 @@ __all__ = [
     "ConfigurationError",
     "IKPath",
     "IKSolution",
+    "Joystick",
     "PoseTracker",
     "ProblemFileError",
+    "RedundancyResolver",
     "RehabOptError",
     "SerialChain",
     "ShoulderPlacement",
@@ -40,6 +45,7 @@ __all__ = [
     "ThinPlateSpline",
     "Workspace",
     "WorkspaceMap",
+    "ardis",
     "human_arm",
     "planar_workspace",
     "range_of_motion",
@@ -49,12 +55,15 @@ __all__ = [
     "ur5",
 ]
 
-# Loaded when first named: a controller's process starts in a tenth of a second, and not everyone maps workspaces.
+# Loaded when first named: a controller's process starts in a tenth of a second, and not everyone needs all of it.
 _LATER = {
+    "Joystick": "control.joystick",
+    "RedundancyResolver": "control.redundancy",
     "ShoulderPlacement": "workspace.placement",
     "ThinPlateSpline": "workspace.spline",
     "Workspace": "workspace.region",
     "WorkspaceMap": "workspace.mapping",
+    "ardis": "kinematics.ardis",
     "planar_workspace": "workspace.reach",
     "range_of_motion": "workspace.used_range",
     "reachability_map": "workspace.variation",

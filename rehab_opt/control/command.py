@@ -30,7 +30,7 @@ class Bound(IntFlag):
     """What had to give way in this tick, in the order of house.md; velocity never does."""
 
     NOTHING = 0
-    POSITION = 1  #: the state is outside a joint limit; it is led back, never further out
+    POSITION = 1  #: the state is outside a joint limit, or within an obstacle; never further, led back where stated
     ACCELERATION = 2  #: the change was larger than the acceleration bound, to keep a bound above it
     TASK = 4  #: the hand moves slower than asked, or off the asked direction
 
@@ -54,3 +54,5 @@ class Command(NamedTuple):
     """Which bounds or tasks gave way."""
     scale: float
     """Share of the asked motion that is delivered, 0 to 1; of a tracker: along the asked twist, feedback included."""
+    wheels: NDArray[np.float64] | None = None
+    """Wheel speeds [rad/s] that belong to `value`, where there are wheels."""

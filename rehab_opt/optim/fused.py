@@ -37,13 +37,13 @@ def fused(statement: Statement) -> ca.Function:
     full = statement.complete(p, memory)
     guess, residual, sound = statement.screen(full, memory)
 
-    held = ca.vertcat(guess, ca.MX.zeros(n + m), residual, 1)
+    held = ca.vertcat(guess, residual, 1)
     answered = ca.logic_or(residual <= GUESS_TOLERANCE, ca.logic_not(sound))  # no solver sees unusable parameters
     answer = _choice(f"{statement.name}_closed_form", _solve(statement))(answered, held, full, memory, start)
 
     x = answer[:n]
-    report, memory = statement.finish(full, memory, x)
-    verdict = ca.vertcat(answer[-2], sound, answer[-1], report)
+    report, memory, violation = statement.finish(full, memory, x)
+    verdict = ca.vertcat(answer[-2] + violation, sound, answer[-1], report)
     return ca.Function(statement.name, [p, last], [ca.vertcat(answer[: 2 * n + m], memory), verdict])
 
 

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from rich.table import Table
 
+    from rehab_opt.session.ardis.outcome import ArdisOutcome
+    from rehab_opt.session.ardis.problem import ArdisProblem
     from rehab_opt.session.files import ProblemFile
     from rehab_opt.session.pose_tracking.outcome import RobotOutcome
     from rehab_opt.session.pose_tracking.problem import PoseTracking
@@ -139,6 +141,12 @@ def _used_ranges() -> System[UsedRangesProblem, UsedRangesOutcome]:
     return UsedRangesSystem()
 
 
+def _ardis() -> System[ArdisProblem, ArdisOutcome]:
+    from rehab_opt.session.ardis.system import ArdisSystem  # noqa: PLC0415
+
+    return ArdisSystem()
+
+
 SYSTEMS: Mapping[str, Callable[[], System[Any, Any]]] = MappingProxyType(
     {
         "upper_limb": _upper_limb,
@@ -146,5 +154,6 @@ SYSTEMS: Mapping[str, Callable[[], System[Any, Any]]] = MappingProxyType(
         "workspace": _workspace,
         "workspace_map": _workspace_map,
         "used_ranges": _used_ranges,
+        "ardis": _ardis,
     }
 )

@@ -1,0 +1,2 @@
+def drive_metrics(*a, **k):
+    return {}
