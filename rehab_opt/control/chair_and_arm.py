@@ -157,6 +157,7 @@ class ChairAndArm(VelocityController):
                 equal(jacobian @ u, given["direction"] * progress.symbol),  # the direction of the hand is kept
                 *room.rows(u),
             ],
+            seldom=room.towards.size1() + room.closing.size1(),
             guess=ca.vertcat(given["guess"] / unit, given["speed"]),
             multipliers=ca.vertcat(given["multipliers"], ca.SX.zeros(room.row_count)),
             prepared=columns,
