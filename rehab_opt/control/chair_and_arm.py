@@ -87,7 +87,7 @@ class ChairAndArm(VelocityController):
         )  # fmt: skip
         full, memory = ca.MX.sym("p", self.stated.parameter_size), ca.MX.sym("memory", self.stated.memory.numel())
         complete = self.stated.complete(full, memory)
-        outputs = self.stated.finish(complete, memory, self._slowed(complete, memory))
+        outputs = self.stated.finish.call([complete, memory, self._slowed(complete, memory)])
         self._slowed_law = BufferedFunction(ca.Function("slowed_law", [full, memory], outputs))
 
     # --------------------------------------------------------------------------------------------- the task

@@ -133,7 +133,9 @@ def test_the_answer_is_the_qp_s_by_another_solver() -> None:
         command = robot.step(q, twist)
         other = qpsolvers.solve_problem(problem, solver="proxqp", eps_abs=1e-11, eps_rel=0.0)
         if other.found:
-            np.testing.assert_allclose(robot.robot.chassis_velocity(q, command.value), robot._active.units * other.x[:7], atol=2e-5)
+            np.testing.assert_allclose(
+                robot.robot.chassis_velocity(q, command.value), robot._active.units * other.x[:7], atol=2e-5
+            )
 
 
 # --------------------------------------------------------------------------------------------------- zero commands
@@ -161,16 +163,13 @@ def test_no_command_while_moving_stops_in_as_many_ticks_as_the_slowest_joint_nee
     moving[1] *= drive == "mecanum"
     robot.reset(robot.robot.world_velocity(q, moving), heading=q[2])
     allowed = math.ceil(np.max(np.abs(moving) / (chain.acceleration * dt)) - 1e-9)
-    for ticks in range(1, allowed + 1):
+    for _ in range(allowed):
         last = robot.chassis_velocity
         command = robot.step(q, [0.0, 0.0, 0.0])
         assert command.status is Status.OK
         assert np.all(np.abs(robot.chassis_velocity - last) <= chain.acceleration * dt * (1 + 1e-9) + 1e-12)
         q = q + command.value * dt
-        if not command.value.any():
-            break
     assert not command.value.any()
-    assert ticks <= allowed
 
 
 @cache
