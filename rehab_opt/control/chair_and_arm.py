@@ -294,6 +294,11 @@ class ChairAndArm(VelocityController):
         """The safe command at what was told."""
         return self._safe(reason)
 
+    def begin(self, velocity: Array, heading: float) -> None:
+        """Forget the past; `velocity` (7,) has the chair's share in its own frame."""
+        self.reset(velocity)
+        self._predicted[2] = heading  # should the first position be unusable
+
     def take_over(self, other: ChairAndArm) -> None:
         """Go on where another set of rows ends: its velocity, position and stamps are this one's."""
         self._last[:], self._predicted[:] = other._last, other._predicted
