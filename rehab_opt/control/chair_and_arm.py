@@ -31,6 +31,8 @@ PROGRESS = 20.0
 """[m/s] Price of a missing m/s of hand speed; one more costs about 1 in kinetic energy by the robot's mass."""
 STEEP = 1e3
 """[m/s] Up to which the price follows that cost where it is higher, as it is near singular postures."""
+ITERATIONS = 20
+"""Cap on qrqp's active-set changes: most ticks need three, and what takes more than this cycles."""
 TINY = 1e-12
 """[m/s] A speed that is no motion."""
 
@@ -158,6 +160,7 @@ class ChairAndArm(VelocityController):
                 *room.rows(u),
             ],
             seldom=room.towards.size1() + room.closing.size1(),
+            iterations=ITERATIONS,
             guess=ca.vertcat(given["guess"] / unit, given["speed"]),
             multipliers=ca.vertcat(given["multipliers"], ca.SX.zeros(room.row_count)),
             prepared=columns,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import casadi as ca
 
-from rehab_opt.optim.qrqp import qrqp
+from rehab_opt.optim.qrqp import QRQP_ITERATIONS, qrqp
 
 if TYPE_CHECKING:
     from rehab_opt.optim.qp import Statement
@@ -104,7 +104,8 @@ def _qrqp(statement: Statement, m: int) -> ca.Function:
     full, memory, start = _inputs(statement)
     data = statement.build(full, memory)
     hessian, gradient, matrix, rows_lower, rows_upper, lower, upper, _ = data
-    solution = qrqp(f"{statement.name}_qp_{m}", n, m)(
+    cap = statement.iterations or QRQP_ITERATIONS
+    solution = qrqp(f"{statement.name}_qp_{m}", n, m, iterations=cap)(
         h=hessian, g=gradient, a=matrix[:m, :], lba=rows_lower[:m], uba=rows_upper[:m], lbx=lower, ubx=upper,
         x0=start[:n], lam_x0=start[n : 2 * n], lam_a0=start[2 * n : 2 * n + m],
     )  # fmt: skip
