@@ -31,6 +31,8 @@ PROGRESS = 20.0
 """[m/s] Price of a missing m/s of hand speed; one more costs about 1 in kinetic energy by the robot's mass."""
 STEEP = 1e3
 """[m/s] Up to which the price follows that cost where it is higher, as it is near singular postures."""
+ITERATIONS = 20
+"""Cap on qrqp's active-set changes: most ticks need three, and what takes more than this cycles."""
 TINY = 1e-12
 """[m/s] A speed that is no motion."""
 
@@ -87,7 +89,7 @@ class ChairAndArm(VelocityController):
         )  # fmt: skip
         full, memory = ca.MX.sym("p", self.stated.parameter_size), ca.MX.sym("memory", self.stated.memory.numel())
         complete = self.stated.complete(full, memory)
-        outputs = self.stated.finish(complete, memory, self._slowed(complete, memory))
+        outputs = self.stated.finish.call([complete, memory, self._slowed(complete, memory)])
         self._slowed_law = BufferedFunction(ca.Function("slowed_law", [full, memory], outputs))
 
     # --------------------------------------------------------------------------------------------- the task
@@ -157,6 +159,8 @@ class ChairAndArm(VelocityController):
                 equal(jacobian @ u, given["direction"] * progress.symbol),  # the direction of the hand is kept
                 *room.rows(u),
             ],
+            seldom=room.towards.size1() + room.closing.size1(),
+            iterations=ITERATIONS,
             guess=ca.vertcat(given["guess"] / unit, given["speed"]),
             multipliers=ca.vertcat(given["multipliers"], ca.SX.zeros(room.row_count)),
             prepared=columns,
@@ -292,6 +296,11 @@ class ChairAndArm(VelocityController):
     def brake(self, reason: str) -> Command:
         """The safe command at what was told."""
         return self._safe(reason)
+
+    def begin(self, velocity: Array, heading: float) -> None:
+        """Forget the past; `velocity` (7,) has the chair's share in its own frame."""
+        self.reset(velocity)
+        self._predicted[2] = heading  # should the first position be unusable
 
     def take_over(self, other: ChairAndArm) -> None:
         """Go on where another set of rows ends: its velocity, position and stamps are this one's."""

@@ -172,7 +172,7 @@ class RedundancyResolver:
             if abs(chassis[1]) > FASTER:
                 raise ConfigurationError("velocity", velocity, "no speed sideways: the wheels roll")
             chassis[1] = 0.0
-        self._active.reset(np.clip(chassis, -self.robot.chain.velocity, self.robot.chain.velocity))
+        self._active.begin(np.clip(chassis, -self.robot.chain.velocity, self.robot.chain.velocity), turned[2])
         if self._reaching is not None:
             self._reaching.forget()
 

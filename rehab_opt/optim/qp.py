@@ -87,6 +87,10 @@ class Statement:
     variables : what is decided.
     minimise : scalar, quadratic in the variables.
     subject_to : rows linear in the variables.
+    seldom : how many of the last rows are seldom active: the fused function solves without them first, and again with
+        them only where the certificate, which always has all rows, says that one was missed.
+    iterations : cap on the active-set changes of the fused solver, None for its own: what is not found soon is seldom
+        found later, and the backup waits.
     requires : conditions on the parameters without which no answer is certified.
     report : column of expressions of parameters and variables, evaluated at the answer; keep it cheap.
     guess : (n,) expression of the answer when no bound is active, or None. It is certified like any other answer;
@@ -110,6 +114,8 @@ class Statement:
     variables: Sequence[Variable]
     minimise: ca.SX
     subject_to: Sequence[Row] = ()
+    seldom: int = 0
+    iterations: int | None = None
     requires: Sequence[ca.SX] = ()
     report: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
     guess: ca.SX | None = None

@@ -133,7 +133,35 @@ def test_the_answer_is_the_qp_s_by_another_solver() -> None:
         command = robot.step(q, twist)
         other = qpsolvers.solve_problem(problem, solver="proxqp", eps_abs=1e-11, eps_rel=0.0)
         if other.found:
-            np.testing.assert_allclose(robot.robot.chassis_velocity(q, command.value), robot._active.units * other.x[:7], atol=2e-5)
+            np.testing.assert_allclose(
+                robot.robot.chassis_velocity(q, command.value), robot._active.units * other.x[:7], atol=2e-5
+            )
+
+
+@pytest.mark.parametrize("drive", DRIVES)
+def test_a_hand_held_back_by_accelerations_moves_between_the_last_and_the_new_twist(drive: str) -> None:
+    rng, robot, held = np.random.default_rng(12), stopper(drive, 1e-2), 0
+    chain = robot.robot.chain
+    for _ in range(100):
+        q, twist = posture(rng, robot.robot, 0.5), 0.3 * rng.standard_normal(3)
+        moving = 0.2 * rng.uniform(-1, 1, 7) * chain.velocity
+        moving[1] *= drive == "mecanum"
+        last = robot.robot.world_velocity(q, moving)
+        robot.reset(last, heading=q[2])
+        command = robot.step(q, twist)
+        change = np.abs(robot.chassis_velocity - moving) / (chain.acceleration * robot.dt)
+        assert np.max(change) <= 1 + 1e-9
+        before, now = (hand_twist(robot.robot, q, v, ("x", "y", "z"), "chassis") for v in (last, command.value))
+        new = robot.limited_twist
+        shares = np.linalg.lstsq(np.stack([before, new], axis=1), now, rcond=None)[0]
+        np.testing.assert_allclose(shares @ [before, new], now, atol=1e-9)
+        # `new` itself lies between the last and the asked twist.
+        between = np.linalg.lstsq(np.stack([before, twist], axis=1), new, rcond=None)[0]
+        np.testing.assert_allclose(between @ [before, twist], new, atol=1e-9)
+        assert np.all((shares >= -1e-9) & (shares <= 1 + 1e-9) & (between >= -1e-9) & (between <= 1 + 1e-9))
+        assert bool(command.yielded & Bound.TASK)
+        held += np.max(change) > 1 - 1e-9
+    assert held > 50
 
 
 # --------------------------------------------------------------------------------------------------- zero commands
@@ -161,16 +189,13 @@ def test_no_command_while_moving_stops_in_as_many_ticks_as_the_slowest_joint_nee
     moving[1] *= drive == "mecanum"
     robot.reset(robot.robot.world_velocity(q, moving), heading=q[2])
     allowed = math.ceil(np.max(np.abs(moving) / (chain.acceleration * dt)) - 1e-9)
-    for ticks in range(1, allowed + 1):
+    for _ in range(allowed):
         last = robot.chassis_velocity
         command = robot.step(q, [0.0, 0.0, 0.0])
         assert command.status is Status.OK
         assert np.all(np.abs(robot.chassis_velocity - last) <= chain.acceleration * dt * (1 + 1e-9) + 1e-12)
         q = q + command.value * dt
-        if not command.value.any():
-            break
     assert not command.value.any()
-    assert ticks <= allowed
 
 
 @cache
@@ -299,6 +324,35 @@ def test_beyond_the_arm_s_reach_the_chair_comes_along_without_being_asked(drive:
     assert q[0] > travelled - 0.6
     assert np.all(q[3:] <= robot.robot.chain.upper[3:] + 1e-9)
     assert np.all(q[3:] >= robot.robot.chain.lower[3:] - 1e-9)
+
+
+@pytest.mark.parametrize("drive", DRIVES)
+def test_beyond_reach_the_published_law_breaks_limits_and_the_resolver_none(drive: str) -> None:
+    robot, q = resolver(drive=drive), ARDIS_READY.copy()
+    law = PseudoinverseLaw(robot.robot, drive=drive)  # type: ignore[arg-type]
+    theirs, last, before, broken, ours = q.copy(), np.zeros(7), np.zeros(7), 0, 0
+    for _ in range(1000):
+        published = law.rate(theirs, [0.15, 0.0, 0.0])
+        excess = law.excess(theirs, published, before, robot.dt)
+        broken += max(excess.position, excess.velocity, excess.wheels) > 1e-9
+        theirs, before = theirs + published * robot.dt, published
+        command = robot.step(q, [0.15, 0.0, 0.0])
+        excess = law.excess(q, command.value, last, robot.dt)
+        ours += max(excess.position, excess.velocity, excess.wheels) > 1e-9
+        q, last = q + command.value * robot.dt, command.value
+    assert ours == 0
+    assert broken > 30
+
+
+def test_a_lost_first_position_does_not_turn_the_chair_s_motion() -> None:
+    robot = resolver(drive="differential")
+    heading = 1.1
+    robot.reset([0.5 * math.cos(heading), 0.5 * math.sin(heading), 0, 0, 0, 0, 0], heading=heading)
+    command = robot.step(np.full(7, math.nan), [0.0, 0.0, 0.0])
+    assert command.status is Status.BRAKING
+    row = Differential.rolling_row([0, 0, heading, 0, 0, 0, 0])
+    assert abs(row @ command.value) < 1e-9
+    assert np.hypot(*command.value[:2]) == pytest.approx(0.49, abs=1e-9)
 
 
 def test_within_reach_the_arm_does_the_work_with_less_kinetic_energy_than_the_chair() -> None:
