@@ -54,7 +54,9 @@ class Motion(NamedTuple):
     velocity: ca.SX
     """(n,)"""
     scale: ca.SX
-    """Share of the wanted motion."""
+    """Share of the wanted motion; zero of none."""
+    speed: ca.SX
+    """Size of the wanted motion."""
     delivered: ca.SX
     """(6,) twist, weighted."""
     asked: ca.SX
@@ -159,7 +161,8 @@ class PoseTracker(VelocityController):
         error = moves @ velocity.symbol - scale * delivered
         slower = progress.symbol - speed
         cost = ca.sumsqr(error) + STEADYING * ca.sumsqr(short) + DIRECTION_KEEPING * ca.sumsqr(slower)
-        motion = Motion(velocity.symbol, scale, moves @ velocity.symbol, slowdown * asked, outside)
+        delivers = moves @ velocity.symbol
+        motion = Motion(velocity.symbol, scale, speed, delivers, slowdown * asked, outside)
         return Statement(
             name=self.name,
             parameters=[q, entries, twist, *others],

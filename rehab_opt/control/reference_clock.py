@@ -1,0 +1,181 @@
+"""The time at which a reference is followed: it waits, slows down and catches up; the path itself is kept."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["ReferenceClock", "turn_between"]
+
+Array = NDArray[np.float64]
+
+THINNED = 40_000
+"""Samples that wait at most; beyond, every second one is left out."""
+CURVED = 0.1
+"""[rad] Turns between samples up to this are interpolated by entries, larger ones along the arc."""
+
+
+class ReferenceClock:
+    """Poses that arrive tick by tick, read at a time of one's own.
+
+    Poses are joined by straight lines and even turns. A clock is *current* while it stands at the newest sample.
+
+    Parameters
+    ----------
+    dt : [s] between samples as they arrive.
+    linear_speed, angular_speed : [m/s, rad/s] at which a jump between samples is bridged.
+    """
+
+    def __init__(self, dt: float, *, linear_speed: float, angular_speed: float) -> None:
+        self.dt, self._linear, self._angular = dt, linear_speed, angular_speed
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget every sample."""
+        self._poses: list[Array] = []
+        self._twists: list[Array] = []
+        self._seconds: list[float] = []  # since the sample before
+        self._at = 0
+        self._fraction = 0.0
+        self.lag = 0.0
+        """[s] by which the clock is behind the newest sample, bridges included."""
+        self._turn: Array | None = None
+
+    @property
+    def empty(self) -> bool:
+        """Whether there is no sample yet."""
+        return not self._poses
+
+    @property
+    def current(self) -> bool:
+        """Whether the newest sample is the one that is read."""
+        return self._at >= len(self._poses) - 1
+
+    @property
+    def newest(self) -> Array:
+        """(4, 4) the last pose that arrived."""
+        return self._poses[-1]
+
+    def start(self, pose: Array, twist: Array) -> None:
+        """Stand at one sample, and forget the others."""
+        self.reset()
+        self._poses, self._twists, self._seconds = [pose.copy()], [twist.copy()], [0.0]
+
+    def push(self, pose: Array, twist: Array, *, seconds: float | None = None, bridge: bool = False) -> None:
+        """A new sample, one tick (or `seconds`) after the newest; with `bridge`, as late as a calm way to it takes."""
+        seconds = self.dt if seconds is None else seconds
+        if bridge:
+            shift, turn = pose[:3, 3] - self._poses[-1][:3, 3], turn_between(self._poses[-1], pose)
+            calm = max(float(np.linalg.norm(shift)) / self._linear, float(np.linalg.norm(turn)) / self._angular)
+            if calm > seconds:
+                between = np.append(shift, turn) / calm
+                self._twists[-1] = between  # all the way, and steadily: the tracker's own bounds round the corners
+                self._append(pose, between, calm)
+                seconds = 0.0
+        self._append(pose, twist, seconds)
+        if len(self._poses) > THINNED:
+            self._thin()
+
+    def advance(self, seconds: float) -> None:
+        """Go on by this much reference time, at most to the newest sample."""
+        last = len(self._poses) - 1
+        while self._at < last:
+            length = self._seconds[self._at + 1]
+            left = length * (1.0 - self._fraction)
+            if seconds < left:
+                self._fraction += seconds / length
+                self.lag -= seconds
+                break
+            seconds -= left
+            self.lag -= left
+            self._at, self._fraction, self._turn = self._at + 1, 0.0, None
+        if self._at >= last:
+            self._fraction, self.lag = 0.0, 0.0
+        if self._at > 256:
+            self._forget(self._at)
+
+    def read(self, ahead: float = 0.0) -> tuple[Array, Array]:
+        """Pose (4, 4) and twist (6,), `ahead` seconds of reference time from now; the clock stays where it is."""
+        at, fraction = self._at, self._fraction
+        last = len(self._poses) - 1
+        while ahead > 0.0 and at < last:
+            length = self._seconds[at + 1]
+            left = length * (1.0 - fraction)
+            if ahead < left:
+                fraction += ahead / length
+                break
+            ahead -= left
+            at, fraction = at + 1, 0.0
+        if at >= last or fraction == 0.0:
+            return self._poses[at], self._twists[at]
+        a, b = self._poses[at], self._poses[at + 1]
+        twist = self._twists[at] + fraction * (self._twists[at + 1] - self._twists[at])
+        pose = a + fraction * (b - a)
+        # Between neighbouring samples entries suffice: what they miss of a rotation is an eighth of the angle's square.
+        if self._seconds[at + 1] > 1.5 * self.dt or float(np.abs(a[:3, :3] - b[:3, :3]).max()) > CURVED:
+            pose[:3, :3] = _turned(a[:3, :3], fraction * turn_between(a, b))
+        return pose, twist
+
+    def waiting(self) -> tuple[Array, Array, Array]:
+        """Positions (N, 3), poses (N, 4, 4) and reference time from now (N,) of the samples still to come."""
+        poses = np.array(self._poses[self._at + 1 :]).reshape(-1, 4, 4)
+        times = np.cumsum(self._seconds[self._at + 1 :]) if len(poses) else np.zeros(0)
+        if len(poses):
+            times = times - self._fraction * self._seconds[self._at + 1]
+        return poses[:, :3, 3], poses, times
+
+    def skip(self, samples: int) -> None:
+        """Leave out what lies before the `samples`-th of the samples still to come, counted from 1."""
+        self.lag = max(0.0, self.lag - self._time_to(samples))
+        self._forget(self._at + samples)
+
+    def _time_to(self, samples: int) -> float:
+        return sum(self._seconds[self._at + 1 : self._at + 1 + samples]) - self._fraction * self._seconds[self._at + 1]
+
+    def _append(self, pose: Array, twist: Array, seconds: float) -> None:
+        self._poses.append(pose.copy())
+        self._twists.append(twist.copy())
+        self._seconds.append(seconds)
+        self.lag += seconds
+
+    def _forget(self, before: int) -> None:
+        if before > self._at:
+            self._fraction = 0.0
+        del self._poses[:before], self._twists[:before], self._seconds[:before]
+        self._at = max(self._at - before, 0)
+
+    def _thin(self) -> None:
+        """Leave out every second sample that waits; their time is kept."""
+        first = self._at + 2
+        for i in range(first, len(self._poses) - 1):
+            if (i - first) % 2 == 0:
+                self._seconds[i + 1] += self._seconds[i]
+        gone = slice(first, len(self._poses) - 1, 2)
+        del self._poses[gone], self._twists[gone], self._seconds[gone]
+
+
+def turn_between(a: Array, b: Array) -> Array:
+    """(3,) rotation vector [rad] in the base frame that turns pose a's axes into b's."""
+    r = b[:3, :3] @ a[:3, :3].T
+    skew = 0.5 * np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]])
+    sine, cosine = float(np.linalg.norm(skew)), 0.5 * (float(np.trace(r)) - 1.0)
+    angle = math.atan2(sine, cosine)
+    if sine > 1e-6:
+        return np.asarray(skew * (angle / sine))
+    if cosine > 0.0:
+        return skew
+    symmetric = 0.5 * (r + r.T) + np.eye(3)  # half a turn: twice the axis times itself
+    column = symmetric[:, int(np.argmax(np.diag(symmetric)))]
+    return np.asarray(math.pi * column / np.linalg.norm(column))
+
+
+def _turned(rotation: Array, vector: Array) -> Array:
+    """`rotation` (3, 3) turned about the base frame's axes by a rotation vector (Rodrigues)."""
+    angle = float(np.linalg.norm(vector))
+    if angle < 1e-12:
+        return rotation
+    x, y, z = vector / angle
+    k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.asarray((np.eye(3) + math.sin(angle) * k + (1.0 - math.cos(angle)) * (k @ k)) @ rotation)
