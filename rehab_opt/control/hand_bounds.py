@@ -29,6 +29,8 @@ FREE = 1e3
 """[m/s] A row that is not felt."""
 SHARE = 0.9
 """Share of what the joints can do that recovery may ask for: the rest is for the task."""
+ABOVE = 5e-5
+"""Of w / w_max, above the floor where the tangents' barrier lies: sliding along it needs no step shortened."""
 ROUNDING = 1e-12
 
 
@@ -111,7 +113,7 @@ class HandBounds:
         share = (1 - math.exp(-self.rate * self.dt)) / self.dt
         w, gradient = self.manipulability(q)
         gradient = gradient + lead
-        climb = share * (self.floor - w) + loss / self.dt
+        climb = share * (self.floor + ABOVE - w) + loss / self.dt
         pose = self.chain.pose_expression(q)
         normals, most = [], []
         away = pose[:3, 3] - centre

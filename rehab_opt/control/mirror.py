@@ -340,7 +340,10 @@ class MirrorTracker(PoseTracker):
             return self._safe(reason)
         here = self.chain.pose(self._q)
         self._take(here, pose, twist)
-        rate = self._pace(here)
+        return self._tracked(here, self._pace(here))
+
+    def _tracked(self, here: Array, rate: float) -> Command:
+        """One tick of following what the clock holds, at a pace."""
         target, motion, ahead = self._reference(here, rate)
         self._rate = ahead / self.dt
         self._note_waiting(here)
