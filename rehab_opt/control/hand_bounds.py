@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import casadi as ca
@@ -92,6 +93,13 @@ class HandBounds:
         """Number of rows."""
         return 2 + len(self.planes)
 
+    @cached_property
+    def guarded(self) -> list[int]:
+        """Frames whose origins some joint moves, the tool first: what stays out of the planes."""
+        q = ca.SX.sym("q", self.chain.n)
+        frames = self.chain.frames_expression(q)
+        return [i for i in reversed(range(len(frames))) if ca.depends_on(frames[i][:3, 3], q)]
+
     def manipulability(self, q: ca.SX) -> tuple[ca.SX, ca.SX]:
         """w / w_max and its gradient (n,)."""
         w, gradient = self.chain.manipulability_expression(q), self.chain.manipulability_gradient_expression(q)
@@ -159,9 +167,8 @@ class HandBounds:
 
     def _heights(self, q: ca.SX, plane: KeepOut) -> list[ca.SX]:
         """[m] of each guarded point above a plane; those that no joint moves are left out."""
-        origins = [frame[:3, 3] for frame in self.chain.frames_expression(q)]
-        heights = [ca.dot(ca.DM(plane.normal), origin) - plane.offset for origin in origins]
-        return [height for height in reversed(heights) if ca.depends_on(height, q)]
+        frames = self.chain.frames_expression(q)
+        return [ca.dot(ca.DM(plane.normal), frames[i][:3, 3]) - plane.offset for i in self.guarded]
 
 
 def feasible_rows(

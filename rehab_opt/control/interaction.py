@@ -78,7 +78,7 @@ class Feeling:
             felt = np.full(3, math.inf)
         if felt.shape != (3,):
             raise ConfigurationError("force", force, "real numbers of shape (3,)")
-        size = float(np.linalg.norm(felt))
+        size = math.hypot(*felt.tolist())  # numpy's would warn where squares overflow
         self.active = True
         if not size < math.inf:
             self.pace = 0.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -15,6 +16,8 @@ __all__ = ["largest_manipulability", "way_out"]
 Array = NDArray[np.float64]
 
 STARTS, LOOKED_AT = 6, 600
+SHARES = (0.002, 0.006, 0.02, 0.06, 0.2, 0.5)
+"""Of a way out, where w must have grown: next to a posture singular twice it may fall first."""
 TURN, SLIDE = math.pi, 1.0
 """[rad, m] Where a joint without limits is looked at: a full turn, and a metre either way."""
 
@@ -59,21 +62,24 @@ def way_out(chain: SerialChain, q: Array, *, turn: int = 0) -> Array:
     """(n,) direction, of length 1/2, in which w grows from a posture where its gradient shows none.
 
     The best of the joint axes, their pairs and a few directions drawn by a seed, either way, at the smallest distance at
-    which any of them gains: the same in every run. `turn` is the seed: another one draws others.
+    which any of them gains without losing before: the same in every run. `turn` is the seed: another one draws others.
     """
     n, rng = chain.n, np.random.default_rng(turn)
     axes = np.eye(n)
     pairs = [axes[i] + sign * axes[j] for i in range(n) for j in range(i) for sign in (1.0, -1.0)]
-    drawn = list(rng.standard_normal((8 * n, n)))
+    drawn = list(rng.standard_normal((16 * n, n)))
     ways = [way / np.linalg.norm(way) for way in (*axes, *pairs, *drawn)]
     here = chain.manipulability(q)
     best, direction = here, np.zeros(n)
     for distance in (0.05, 0.1, 0.2, 0.4, 0.8):
         for way in ways:
             for sign in (1.0, -1.0):
-                there = np.clip(q + sign * distance * way, np.minimum(chain.lower, q), np.maximum(chain.upper, q))
-                w = chain.manipulability(there)
-                if w > best + 1e-9:
+                steps = [q + sign * share * distance * way for share in (1.0, *SHARES)]
+                w, *before = (
+                    chain.manipulability(np.clip(step, np.minimum(chain.lower, q), np.maximum(chain.upper, q)))
+                    for step in steps
+                )
+                if w > best + 1e-9 and all(a <= b for a, b in itertools.pairwise((here, *before, w))):
                     best, direction = w, sign * way
         if direction.any():
             break

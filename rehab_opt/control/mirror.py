@@ -18,18 +18,19 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.control.command import Bound, Command, Status
 from rehab_opt.control.hand_bounds import HandBounds, KeepOut
 from rehab_opt.control.interaction import Interaction
+from rehab_opt.control.mirror_plan import MirrorPath, plan
 from rehab_opt.control.manipulability import largest_manipulability, way_out
 from rehab_opt.control.person_limit import PersonLimit
 from rehab_opt.control.pose_tracker import Motion, PoseTracker, Tick
-from rehab_opt.control.reference_clock import ReferenceClock, turn_between
+from rehab_opt.control.reference_clock import ReferenceClock
 from rehab_opt.control.stopping import VelocityBounds
 from rehab_opt.control.velocity_controller import checked_number
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.frames import ROTATION_TOLERANCE, rotation_vector
 from rehab_opt.optim.fused import FUSED_SOLVERS
-from rehab_opt.optim.qp import PLAUSIBLE, parameter
-from rehab_opt.symbolic import BufferedFunction
+from rehab_opt.optim.qp import PLAUSIBLE, Instance, parameter
+from rehab_opt.symbolic import BufferedFunction, compiled
 
 __all__ = ["MirrorTracker"]
 
@@ -47,6 +48,8 @@ HASTE = 4.0
 """[1] Feedback on the error asks for at most this many times the largest hand speed."""
 QUICKENING, CATCHING_UP = 0.1, 0.3
 """[s] in which the clock regains its pace, and in which it makes up for its lag."""
+GIVEN_UP = 3.0
+"""[s] of waiting with all the future known, after which a plan ends incomplete."""
 STUCK = 0.1, 0.005
 """[s, m/s] How long the clock must have waited, and how slow the hand be, before a stretch of path is given up."""
 JUMP, SPIN = 5.0, 30.0
@@ -113,7 +116,7 @@ class MirrorTracker(PoseTracker):
         grip: ArrayLike | None = None,
         interaction: Interaction | None = None,
         catch_up: float = 0.5,
-        turn_length: float = 0.2,
+        turn_length: float = 0.1,
         rate: float = 20.0,
         largest: float | None = None,
         dt: float = 0.001,
@@ -154,6 +157,9 @@ class MirrorTracker(PoseTracker):
             self._limit = PersonLimit(person, grip=np.eye(4) if grip is None else grip, dt=dt, compile=compile)
         self._interaction = (Interaction() if interaction is None else interaction).started(dt)
         self._audit = BufferedFunction(self._auditing())
+        symbol = ca.SX.sym("q", self.chain.n)
+        tool = ca.Function("tool", [symbol], [ca.densify(self.chain.pose_expression(symbol))], {"cse": True})
+        self._tool = BufferedFunction(compiled(tool, compile=compile))
         self.clock = ReferenceClock(dt, linear_speed=BRIDGE * linear_speed, angular_speed=BRIDGE * angular_speed)
         """Where the reference is read."""
         self.counts: Counter[str] = Counter()
@@ -233,6 +239,10 @@ class MirrorTracker(PoseTracker):
         if hasattr(self, "clock"):
             self._begin()
 
+    def instance(self, q: ArrayLike, *inputs: ArrayLike) -> Instance:
+        """The QP of a tick at q, pose and twist, as numbers, for inspection."""
+        return super().instance(q, *inputs, *(np.zeros(3), np.zeros(self.chain.n))[len(inputs) - 2 :])
+
     @property
     def reference(self) -> Array:
         """(4, 4) the pose that the clock stands at, before the person's range of motion and forces are considered."""
@@ -309,6 +319,57 @@ class MirrorTracker(PoseTracker):
                 )
         return self._followed(q, pose, twist, force, reason)
 
+    # ----------------------------------------------------------------------------------------------- whole motions
+    def plan(self, poses: ArrayLike, twists: ArrayLike, q: ArrayLike) -> MirrorPath:
+        """The whole motion along a recording, with every guarantee of `step` and the future known.
+
+        The clock slows down ahead of what is too fast, and knows at once where a stretch it must leave out ends.
+
+        Parameters
+        ----------
+        poses, twists : (N, 4, 4), (N, 6) mirrored poses of the tool and how they move, `dt` apart; samples with NaN are
+            lost sight, and bridged.
+        q : (n,) joint positions at the start, at rest.
+
+        Raises
+        ------
+        ConfigurationError : wrong shapes, or nothing usable.
+        """
+        return plan(self, poses, twists, q)
+
+    def foresee(self, q: Array, poses: Array, twists: Array, stamps: Array) -> list[tuple[float, float]]:
+        """Hand a whole recording to the clock; its time and the recording's of each sample."""
+        clock, marks = self.clock, []
+        here = self.chain.pose(q)
+        self._live = False
+        clock.start(here, np.zeros(6))
+        before, stamp = here, stamps[0] - self.dt
+        for pose, twist, now in zip(poses, twists, stamps.tolist(), strict=True):
+            seconds = now - stamp
+            jumps = self._jumps(before, pose, seconds) or len(marks) == 0
+            clock.push(pose, twist, seconds=seconds, bridge=jumps)
+            marks.append((clock.lag, now))
+            before, stamp = pose, now
+        clock.slow_ahead(
+            linear_speed=SPARE * self.linear_speed, angular_speed=SPARE * self.angular_speed, quickening=QUICKENING
+        )
+        return marks
+
+    def follow(self, q: Array) -> Command:
+        """One tick along what the clock foresees."""
+        self._q[:] = q
+        here = self._tool.of(q)
+        return self._tracked(here, self._pace(here, foreseen=True))
+
+    def tool(self, q: Array) -> Array:
+        """(4, 4) pose of the tool, as `chain.pose`, faster."""
+        return self._tool.of(q)
+
+    @property
+    def given_up(self) -> bool:
+        """Whether the clock has waited for so long that nothing will change."""
+        return self._waited > GIVEN_UP
+
     # ------------------------------------------------------------------------------------------- the careful way
     def _begin(self) -> None:
         self.clock.reset()
@@ -338,12 +399,13 @@ class MirrorTracker(PoseTracker):
         reason = reason or self._unusable(pose, twist) or pushed
         if reason:
             return self._safe(reason)
-        here = self.chain.pose(self._q)
+        here = self._tool.of(self._q)
         self._take(here, pose, twist)
         return self._tracked(here, self._pace(here))
 
     def _tracked(self, here: Array, rate: float) -> Command:
         """One tick of following what the clock holds, at a pace."""
+        self._bridging = self.clock.bridging
         target, motion, ahead = self._reference(here, rate)
         self._rate = ahead / self.dt
         self._note_waiting(here)
@@ -384,6 +446,8 @@ class MirrorTracker(PoseTracker):
             self.counts["slowed"] += 1
             flags |= Bound.TASK
             notes.append(f"the reference is followed at {self._rate:.0%} of its pace, {self.clock.lag:.2f} s behind")
+        if self._bridging:
+            notes.append("bridging a jump of the reference")
         usual = self._limit is None and not self._interaction.active and self.clock.current and not flat
         if usual and self._rate >= WHOLE and share >= WHOLE:
             pose, twist = self.clock.read()
@@ -398,23 +462,25 @@ class MirrorTracker(PoseTracker):
             clock.start(here, np.zeros(6))
             clock.push(pose, twist, bridge=True)
             return
-        newest = clock.newest
-        jumps = math.dist(pose[:3, 3], newest[:3, 3]) > JUMP * self.dt + 1e-3
-        if not jumps:
-            cosine = 0.5 * (float(np.sum(pose[:3, :3] * newest[:3, :3])) - 1.0)
-            jumps = cosine < math.cos(min(SPIN * self.dt + 1e-2, 3.0))
-        clock.push(pose, twist, bridge=bool(jumps))
+        clock.push(pose, twist, bridge=self._jumps(clock.newest, pose, self.dt))
 
-    def _pace(self, here: Array) -> float:
-        """Seconds of the reference to follow in a second."""
+    def _jumps(self, before: Array, pose: Array, seconds: float) -> bool:
+        """Whether no hand goes from one pose to the next in this time."""
+        return _distance(pose, before) > JUMP * seconds + 1e-3 or _angle(pose, before) > SPIN * seconds + 1e-2
+
+    def _pace(self, here: Array, *, foreseen: bool = False) -> float:
+        """Seconds of the reference to follow in a second; what is foreseen is not late."""
         clock = self.clock
         pose, twist = clock.read()
-        speed, turning = math.hypot(*twist[:3].tolist()), math.hypot(*twist[3:].tolist())
-        pace = 1.0 + min(self.catch_up, max(clock.lag - self.dt, 0.0) / CATCHING_UP)
-        away, turned = self._deviation(here, pose)
-        worst = max(away / self.max_deviation, turned / self.max_turn)
+        x, y, z, turning_x, turning_y, turning_z = twist.tolist()
+        speed, turning = math.hypot(x, y, z), math.hypot(turning_x, turning_y, turning_z)
+        pace = 1.0
+        if not foreseen and self._interaction.pace == 1.0:  # nobody is hurried who pushes
+            pace += min(self.catch_up, max(clock.lag - self.dt, 0.0) / CATCHING_UP)
+        worst = max(_distance(here, pose) / self.max_deviation, _angle(here, pose) / self.max_turn)
         pace *= min(max((WAITS - worst) / (WAITS - CALM), 0.0), 1.0) * self._interaction.pace
-        pace = min(pace, SPARE * self.linear_speed / max(speed, 1e-9), SPARE * self.angular_speed / max(turning, 1e-9))
+        linear, angular = SPARE * self.linear_speed, SPARE * self.angular_speed
+        pace = min(pace, clock.pace, linear / max(speed, 1e-9), angular / max(turning, 1e-9))
         before = self._rate * (self._share if self._share < WHOLE else 1.0)
         return min(pace, max(before, 0.0) + self.dt / QUICKENING)
 
@@ -422,11 +488,10 @@ class MirrorTracker(PoseTracker):
         """Pose and twist to follow now, and the reference seconds gone on by: as many as the deviation allows."""
         clock, ahead = self.clock, rate * self.dt
         now = clock.read()
-        from_now = math.dist(now[0][:3, 3], here[:3, 3])
-        allowed = max(WAITS * self.max_deviation, from_now)
+        allowed = max(WAITS * self.max_deviation, _distance(now[0], here))
         for _ in range(3):
             pose, twist = clock.read(ahead)
-            if math.dist(pose[:3, 3], here[:3, 3]) <= allowed:
+            if _distance(pose, here) <= allowed:
                 clock.advance(ahead)
                 return pose, twist, ahead
             ahead *= 0.5
@@ -447,15 +512,11 @@ class MirrorTracker(PoseTracker):
         first = self.clock.read()[0]
         beyond = np.linalg.norm(positions - first[:3, 3], axis=1)
         for index in near.tolist():
-            if self._deviation(here, poses[index])[1] <= CALM * self.max_turn and beyond[: index + 1].max() > 1e-3:
+            if _angle(here, poses[index]) <= CALM * self.max_turn and beyond[: index + 1].max() > 1e-3:
                 self.clock.skip(index + 1)
                 self.counts["left out"] += 1
                 self._waited = 0.0
                 return
-
-    def _deviation(self, here: Array, pose: Array) -> tuple[float, float]:
-        """[m, rad] between two poses."""
-        return math.dist(here[:3, 3], pose[:3, 3]), math.hypot(*turn_between(here, pose).tolist())
 
     # --------------------------------------------------------------------------------------------- true bounds
     def _kept(self, value: Array, centre: Array) -> bool:
@@ -529,3 +590,15 @@ class MirrorTracker(PoseTracker):
         if not (skewed <= ROTATION_TOLERANCE and np.linalg.det(rotation) > 0 and level):
             return self.requirement
         return ""
+
+
+def _distance(a: Array, b: Array) -> float:
+    """[m] between the origins of two poses."""
+    (_, _, _, ax), (_, _, _, ay), (_, _, _, az), _ = a.tolist()
+    (_, _, _, bx), (_, _, _, by), (_, _, _, bz), _ = b.tolist()
+    return math.hypot(ax - bx, ay - by, az - bz)
+
+
+def _angle(a: Array, b: Array) -> float:
+    """[rad] between the axes of two poses, to 1e-7: from the trace of one's inverse times the other."""
+    return math.acos(min(max(0.5 * (float(np.vdot(a[:3, :3], b[:3, :3])) - 1.0), -1.0), 1.0))

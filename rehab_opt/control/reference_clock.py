@@ -37,6 +37,7 @@ class ReferenceClock:
         self._poses: list[Array] = []
         self._twists: list[Array] = []
         self._seconds: list[float] = []  # since the sample before
+        self._paces: list[float] = []  # the most that what follows allows, where it is known
         self._at = 0
         self._fraction = 0.0
         self.lag = 0.0
@@ -54,6 +55,11 @@ class ReferenceClock:
         return self._at >= len(self._poses) - 1
 
     @property
+    def bridging(self) -> bool:
+        """Whether the clock is between samples that a jump lies between."""
+        return self._at < len(self._poses) - 1 and self._seconds[self._at + 1] > 1.5 * self.dt
+
+    @property
     def newest(self) -> Array:
         """(4, 4) the last pose that arrived."""
         return self._poses[-1]
@@ -61,7 +67,7 @@ class ReferenceClock:
     def start(self, pose: Array, twist: Array) -> None:
         """Stand at one sample, and forget the others."""
         self.reset()
-        self._poses, self._twists, self._seconds = [pose.copy()], [twist.copy()], [0.0]
+        self._poses, self._twists, self._seconds, self._paces = [pose.copy()], [twist.copy()], [0.0], [math.inf]
 
     def push(self, pose: Array, twist: Array, *, seconds: float | None = None, bridge: bool = False) -> None:
         """A new sample, one tick (or `seconds`) after the newest; with `bridge`, as late as a calm way to it takes."""
@@ -118,6 +124,26 @@ class ReferenceClock:
             pose[:3, :3] = _turned(a[:3, :3], fraction * turn_between(a, b))
         return pose, twist
 
+    @property
+    def pace(self) -> float:
+        """The most that what follows allows, where `slow_ahead` has looked at it."""
+        return self._paces[self._at]
+
+    def slow_ahead(self, *, linear_speed: float, angular_speed: float, quickening: float) -> None:
+        """Look at all samples: the pace at which none is faster than these speeds [m/s, rad/s], slowed down in time.
+
+        The pace falls by at most 1 in `quickening` seconds.
+        """
+        motion = np.array(self._twists)
+        fastest = np.maximum(
+            np.linalg.norm(motion[:, :3], axis=1) / linear_speed, np.linalg.norm(motion[:, 3:], axis=1) / angular_speed
+        )
+        paces = (1.0 / np.maximum(fastest, 1e-9)).tolist()
+        for i in range(len(paces) - 2, -1, -1):
+            # d(pace^2)/d(reference time) = 2 d(pace)/dt
+            paces[i] = min(paces[i], math.sqrt(paces[i + 1] ** 2 + 2.0 * self._seconds[i + 1] / quickening))
+        self._paces = paces
+
     def waiting(self) -> tuple[Array, Array, Array]:
         """Positions (N, 3), poses (N, 4, 4) and reference time from now (N,) of the samples still to come."""
         poses = np.array(self._poses[self._at + 1 :]).reshape(-1, 4, 4)
@@ -138,12 +164,13 @@ class ReferenceClock:
         self._poses.append(pose.copy())
         self._twists.append(twist.copy())
         self._seconds.append(seconds)
+        self._paces.append(math.inf)
         self.lag += seconds
 
     def _forget(self, before: int) -> None:
         if before > self._at:
             self._fraction = 0.0
-        del self._poses[:before], self._twists[:before], self._seconds[:before]
+        del self._poses[:before], self._twists[:before], self._seconds[:before], self._paces[:before]
         self._at = max(self._at - before, 0)
 
     def _thin(self) -> None:
@@ -153,7 +180,7 @@ class ReferenceClock:
             if (i - first) % 2 == 0:
                 self._seconds[i + 1] += self._seconds[i]
         gone = slice(first, len(self._poses) - 1, 2)
-        del self._poses[gone], self._twists[gone], self._seconds[gone]
+        del self._poses[gone], self._twists[gone], self._seconds[gone], self._paces[gone]
 
 
 def turn_between(a: Array, b: Array) -> Array:
