@@ -359,7 +359,7 @@ class MirrorTracker(PoseTracker):
         """One tick along what the clock foresees."""
         self._q[:] = q
         here = self._tool.of(q)
-        return self._tracked(here, self._pace(here, foreseen=True))
+        return self._tracked(here, foreseen=True)
 
     def tool(self, q: Array) -> Array:
         """(4, 4) pose of the tool, as `chain.pose`, faster."""
@@ -381,6 +381,8 @@ class MirrorTracker(PoseTracker):
         self._live = False
         self._good = b"", b""
         self._centre: Array | None = None
+        self.followed: Array = np.full((4, 4), math.nan)
+        """(4, 4) the reference of the last tick with a clock, before the range of motion and forces."""
         self._still, self._lead_w, self._lead_age = np.zeros(self.chain.n), -1.0, 0
         self._inputs[2][:] = self._inputs[3][:] = 0.0
 
@@ -401,14 +403,17 @@ class MirrorTracker(PoseTracker):
             return self._safe(reason)
         here = self._tool.of(self._q)
         self._take(here, pose, twist)
-        return self._tracked(here, self._pace(here))
+        return self._tracked(here)
 
-    def _tracked(self, here: Array, rate: float) -> Command:
-        """One tick of following what the clock holds, at a pace."""
+    def _tracked(self, here: Array, *, foreseen: bool = False) -> Command:
+        """One tick of following what the clock holds."""
         self._bridging = self.clock.bridging
-        target, motion, ahead = self._reference(here, rate)
+        now = self.clock.read()
+        rate = self._pace(here, *now, foreseen=foreseen)
+        target, motion, ahead = self._reference(here, now, rate)
         self._rate = ahead / self.dt
         self._note_waiting(here)
+        self.followed = target
         centre = target[:3, 3].copy()
         self._centre = centre
         motion = motion * self._rate
@@ -417,7 +422,9 @@ class MirrorTracker(PoseTracker):
         if self._interaction.active:
             target = target.copy()
             target[:3, 3] += self._interaction.offset
-        self._inputs[0][:], self._inputs[1][:], self._inputs[2][:] = target, motion, centre - target[:3, 3]
+        if target is not self.followed:
+            self._inputs[2][:] = centre - target[:3, 3]
+        self._inputs[0][:], self._inputs[1][:] = target, motion
         self._last_before = self._last.copy()
         solver = self._ladder()
         if not solver:
@@ -468,10 +475,9 @@ class MirrorTracker(PoseTracker):
         """Whether no hand goes from one pose to the next in this time."""
         return _distance(pose, before) > JUMP * seconds + 1e-3 or _angle(pose, before) > SPIN * seconds + 1e-2
 
-    def _pace(self, here: Array, *, foreseen: bool = False) -> float:
+    def _pace(self, here: Array, pose: Array, twist: Array, *, foreseen: bool) -> float:
         """Seconds of the reference to follow in a second; what is foreseen is not late."""
         clock = self.clock
-        pose, twist = clock.read()
         x, y, z, turning_x, turning_y, turning_z = twist.tolist()
         speed, turning = math.hypot(x, y, z), math.hypot(turning_x, turning_y, turning_z)
         pace = 1.0
@@ -484,10 +490,9 @@ class MirrorTracker(PoseTracker):
         before = self._rate * (self._share if self._share < WHOLE else 1.0)
         return min(pace, max(before, 0.0) + self.dt / QUICKENING)
 
-    def _reference(self, here: Array, rate: float) -> tuple[Array, Array, float]:
+    def _reference(self, here: Array, now: tuple[Array, Array], rate: float) -> tuple[Array, Array, float]:
         """Pose and twist to follow now, and the reference seconds gone on by: as many as the deviation allows."""
         clock, ahead = self.clock, rate * self.dt
-        now = clock.read()
         allowed = max(WAITS * self.max_deviation, _distance(now[0], here))
         for _ in range(3):
             pose, twist = clock.read(ahead)
@@ -599,6 +604,9 @@ def _distance(a: Array, b: Array) -> float:
     return math.hypot(ax - bx, ay - by, az - bz)
 
 
-def _angle(a: Array, b: Array) -> float:
+def _angle(one: Array, other: Array) -> float:
     """[rad] between the axes of two poses, to 1e-7: from the trace of one's inverse times the other."""
-    return math.acos(min(max(0.5 * (float(np.vdot(a[:3, :3], b[:3, :3])) - 1.0), -1.0), 1.0))
+    (a, b, c, _), (d, e, f, _), (g, h, i, _), _ = one.tolist()
+    (j, k, l, _), (m, n, o, _), (p, q, r, _), _ = other.tolist()
+    trace = a * j + b * k + c * l + d * m + e * n + f * o + g * p + h * q + i * r
+    return math.acos(min(max(0.5 * (trace - 1.0), -1.0), 1.0))

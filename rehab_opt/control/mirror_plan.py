@@ -31,7 +31,7 @@ class MirrorPath(NamedTuple):
     """M ticks of a planned motion."""
 
     times: Array
-    """(M,) [s] dt apart; at the end of each tick."""
+    """(M,) [s] dt apart; at the beginning of each tick, like the positions."""
     q: Array
     """(M, n) joint positions [rad, m]."""
     velocities: Array
@@ -39,11 +39,11 @@ class MirrorPath(NamedTuple):
     poses: Array
     """(M, 4, 4) of the tool."""
     references: Array
-    """(M, 4, 4) the reference pose that the clock stood at."""
+    """(M, 4, 4) the reference pose where the clock stands in the tick."""
     clock: Array
     """(M,) [s] of the reference's own time; where a jump was bridged or a stretch left out, it leaps."""
     manipulability: Array
-    """(M,) w / w_max."""
+    """(M,) w / w_max where the tick leads."""
     yielded: list[Bound]
     """What had to give way in each tick."""
     complete: bool
@@ -90,15 +90,15 @@ def plan(tracker: MirrorTracker, poses: ArrayLike, twists: ArrayLike, q: ArrayLi
     marks, own = (np.array(column) for column in zip(*stamps, strict=True))
     complete = False
     for k in range(most):
+        path.append(joints)
         command = tracker.follow(joints)
         joints = joints + command.value * dt
-        times.append((k + 1) * dt)
-        path.append(joints)
+        times.append(k * dt)
         speeds.append(command.value)
-        shown.append(tracker.clock.read()[0])
+        shown.append(tracker.followed)
         clock.append(ends - tracker.clock.lag)
-        yielded.append(command.yielded)
         w.append(tracker.manipulability)
+        yielded.append(command.yielded)
         if tracker.clock.current and float(np.abs(command.value).max()) < STANDING:
             complete = True
             break

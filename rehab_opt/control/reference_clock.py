@@ -42,7 +42,7 @@ class ReferenceClock:
         self._fraction = 0.0
         self.lag = 0.0
         """[s] by which the clock is behind the newest sample, bridges included."""
-        self._turn: Array | None = None
+        self._looked_at: tuple[int, Array | None, bool] = (-1, None, False)
 
     @property
     def empty(self) -> bool:
@@ -96,7 +96,7 @@ class ReferenceClock:
                 break
             seconds -= left
             self.lag -= left
-            self._at, self._fraction, self._turn = self._at + 1, 0.0, None
+            self._at, self._fraction = self._at + 1, 0.0
         if self._at >= last:
             self._fraction, self.lag = 0.0, 0.0
         if self._at > 256:
@@ -120,9 +120,15 @@ class ReferenceClock:
         twist = self._twists[at] + fraction * (self._twists[at + 1] - self._twists[at])
         pose = a + fraction * (b - a)
         # Between neighbouring samples entries suffice: what they miss of a rotation is an eighth of the angle's square.
-        if self._seconds[at + 1] > 1.5 * self.dt or float(np.abs(a[:3, :3] - b[:3, :3]).max()) > CURVED:
+        if self._seconds[at + 1] > 1.5 * self.dt or self._is_curved(at):
             pose[:3, :3] = _turned(a[:3, :3], fraction * turn_between(a, b))
         return pose, twist
+
+    def _is_curved(self, at: int) -> bool:
+        if at != self._looked_at[0] or self._poses[at] is not self._looked_at[1]:
+            turn = float(np.abs(self._poses[at][:3, :3] - self._poses[at + 1][:3, :3]).max())
+            self._looked_at = at, self._poses[at], turn > CURVED
+        return self._looked_at[2]
 
     @property
     def pace(self) -> float:

@@ -73,10 +73,10 @@ def astar_path(
     *,
     floor: float,
     largest: float,
-    resolution: float = 0.005,
-    stretch: float = 0.1,
+    resolution: float = 0.002,
+    stretch: float = 0.03,
     pull: float = 4.0,
-    most: int = 20_000,
+    most: int = 200_000,
 ) -> AStarPath:
     """Path of hand positions along a reference, its manipulability above a threshold.
 
