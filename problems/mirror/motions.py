@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt import ur5
-from rehab_opt.control.reference_clock import turn_between
+from rehab_opt.control.between_poses import turn_between, turned
 from rehab_opt.kinematics.vr import Mirror, quaternions_of, unity_from_robot
 
 Array = NDArray[np.float64]
@@ -61,19 +61,9 @@ def line(a: Array, b: Array, speed: float) -> list[Array]:
 def between(a: Array, b: Array, turn: Array, share: float) -> Array:
     """The pose a share of the way from a to b."""
     pose = np.eye(4)
-    pose[:3, :3] = turned(share * turn) @ a[:3, :3]
+    pose[:3, :3] = turned(a[:3, :3], share * turn)
     pose[:3, 3] = a[:3, 3] + share * (b[:3, 3] - a[:3, 3])
     return pose
-
-
-def turned(vector: Array) -> Array:
-    """(3, 3) rotation by a vector [rad] (Rodrigues)."""
-    angle = float(np.linalg.norm(vector))
-    if angle == 0.0:
-        return np.eye(3)
-    x, y, z = vector / angle
-    k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.asarray(np.eye(3) + math.sin(angle) * k + (1.0 - math.cos(angle)) * (k @ k))
 
 
 def pick_fruit() -> list[Array]:
@@ -101,7 +91,7 @@ def refrigerator_door() -> list[Array]:
 
 def around(pose: Array, hinge: Array, angle: float) -> Array:
     """`pose` turned about the vertical through `hinge`."""
-    rotation = turned(np.array([0.0, 0.0, angle]))
+    rotation = turned(np.eye(3), np.array([0.0, 0.0, angle]))
     found = np.eye(4)
     found[:3, :3] = rotation @ pose[:3, :3]
     found[:3, 3] = hinge + rotation @ (pose[:3, 3] - hinge)

@@ -75,7 +75,7 @@ class Conditioner:
 
     @property
     def lag(self) -> float:
-        """[s] by which the filter delays a steady motion: twice (1 - a)/a ticks; a sample interval comes on top live."""
+        """[s] by which the filter delays a steady motion: 2 (1 - a)/a ticks; live, a sample interval comes on top."""
         return 2.0 * (1.0 - self.gain) / self.gain * self.dt
 
     def reset(self) -> None:
@@ -183,9 +183,7 @@ def conditioned(
     """
     from scipy.signal import lfilter  # noqa: PLC0415  (loaded when used)
 
-    rule = Conditioner(
-        dt, cutoff_hz=cutoff_hz, max_gap=max_gap, largest_speed=largest_speed, largest_turn=largest_turn
-    )
+    rule = Conditioner(dt, cutoff_hz=cutoff_hz, max_gap=max_gap, largest_speed=largest_speed, largest_turn=largest_turn)
     t = np.array(times, dtype=np.float64)
     x = np.concatenate([np.array(positions, dtype=np.float64), np.array(quaternions, dtype=np.float64)], axis=1)
     if t.shape != (len(x),) or x.shape[1] != 7:

@@ -101,7 +101,7 @@ class HandBounds:
         return [i for i in reversed(range(len(frames))) if ca.depends_on(frames[i][:3, 3], q)]
 
     def manipulability(self, q: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """w / w_max and its gradient (n,)."""
+        """W / w_max and its gradient (n,)."""
         w, gradient = self.chain.manipulability_expression(q), self.chain.manipulability_gradient_expression(q)
         return w / self.largest, gradient / self.largest
 
@@ -141,7 +141,9 @@ class HandBounds:
             most.append(share * ca.fmax(nearest, 0))
         slow = ca.DM(self.return_speed * self.chain.velocity)
         calm = ca.dot(ca.fabs(gradient), slow)
-        return feasible_rows(gradient, climb, calm, ca.vertcat(*normals), ca.vertcat(*most), bounds)
+        return feasible_rows(
+            gradient, climb, calm=calm, normals=ca.vertcat(*normals), most=ca.vertcat(*most), bounds=bounds
+        )
 
     def kept(self, q: ca.SX, velocity: ca.SX, centre: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
         """Whether the true state after the tick keeps every bound; w / w_max now and then; and the deviation then.
@@ -172,14 +174,14 @@ class HandBounds:
 
 
 def feasible_rows(
-    gradient: ca.SX, climb: ca.SX, calm: ca.SX, normals: ca.SX, most: ca.SX, bounds: VelocityBounds
+    gradient: ca.SX, climb: ca.SX, *, calm: ca.SX, normals: ca.SX, most: ca.SX, bounds: VelocityBounds
 ) -> tuple[ca.SX, ca.SX, VelocityBounds]:
     """Rows that some velocity within the (perhaps opened) intervals satisfies, always.
 
     The floor's row asks for gradient . q' >= climb; where that is positive, at most for `calm`, and for what the joints
-    can do in this tick. The witness is the velocity nearest to rest, moved towards the fastest climb as far as the floor
-    asks, and scaled down as far as the other rows ask. Where it leaves the intervals, they are opened up to it: the
-    acceleration yields, no more than that.
+    can do in this tick. The witness is the velocity nearest to rest, moved towards the fastest climb as far as the
+    floor asks, and scaled down as far as the other rows ask. Where it leaves the intervals, they are opened up to it:
+    the acceleration yields, no more than that.
     """
     lower, upper = bounds.lower, bounds.upper
     rest = nearest_to_rest(bounds._replace(brake_lower=lower, brake_upper=upper))

@@ -61,8 +61,8 @@ def largest_manipulability(chain: SerialChain, *, starts: int = STARTS, seed: in
 def way_out(chain: SerialChain, q: Array, *, turn: int = 0) -> Array:
     """(n,) direction, of length 1/2, in which w grows from a posture where its gradient shows none.
 
-    The best of the joint axes, their pairs and a few directions drawn by a seed, either way, at the smallest distance at
-    which any of them gains without losing before: the same in every run. `turn` is the seed: another one draws others.
+    The best of the joint axes, their pairs and a few directions drawn by a seed, either way, at the smallest distance
+    at which any of them gains without losing before: the same in every run. `turn` is the seed.
     """
     n, rng = chain.n, np.random.default_rng(turn)
     axes = np.eye(n)

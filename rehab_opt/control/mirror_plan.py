@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rehab_opt.control.between_poses import turn_between
 from rehab_opt.control.command import Bound
-from rehab_opt.control.reference_clock import turn_between
 from rehab_opt.errors import ConfigurationError
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ def plan(tracker: MirrorTracker, poses: ArrayLike, twists: ArrayLike, q: ArrayLi
         raise ConfigurationError("poses", reference.shape, "at least one usable sample")
     tracker.reset()
     dt = tracker.dt
-    stamps = tracker.foresee(joints, reference[usable], motion[usable], dt * usable)
+    stamps = tracker.foresee(joints, reference[usable], motion[usable], np.asarray(dt * usable, dtype=np.float64))
     ends = stamps[-1][0]
     most = math.ceil((PATIENCE + PATIENCE * ends) / dt)
     times, path, speeds, clock, shown, w, yielded = [], [], [], [], [], [], []
@@ -109,6 +109,6 @@ def plan(tracker: MirrorTracker, poses: ArrayLike, twists: ArrayLike, q: ArrayLi
     own_time = np.interp(np.array(clock), marks, own)
     counts = Counter(tracker.counts)
     return MirrorPath(
-        np.array(times), q_path, np.array(speeds), found, np.array(shown), own_time, np.array(w), yielded, complete, counts,
-        time.perf_counter() - begun,
+        np.array(times), q_path, np.array(speeds), found, np.array(shown), own_time, np.array(w), yielded, complete,
+        counts, time.perf_counter() - begun,
     )  # fmt: skip

@@ -143,7 +143,6 @@ class PoseTracker(VelocityController):
         n, m = self.chain.n, self.row_count
         q, entries, twist, others = parameter("q", n), parameter("pose", 16), parameter("twist", 6), self.others()
         memory = parameter("memory", 2 * n + self.memory_extra)
-        last = memory[:n]
         jacobian, asked, wanted = parameter("jacobian", 6 * n), parameter("asked", 6), parameter("wanted", n)
         lower, upper, outside = parameter("lower", n), parameter("upper", n), parameter("outside", 1)
         rows, most = parameter("rows", m * n), parameter("most", m)

@@ -7,7 +7,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["ReferenceClock", "turn_between"]
+from rehab_opt.control.between_poses import turn_between, turned
+
+__all__ = ["ReferenceClock"]
 
 Array = NDArray[np.float64]
 
@@ -121,7 +123,7 @@ class ReferenceClock:
         pose = a + fraction * (b - a)
         # Between neighbouring samples entries suffice: what they miss of a rotation is an eighth of the angle's square.
         if self._seconds[at + 1] > 1.5 * self.dt or self._is_curved(at):
-            pose[:3, :3] = _turned(a[:3, :3], fraction * turn_between(a, b))
+            pose[:3, :3] = turned(a[:3, :3], fraction * turn_between(a, b))
         return pose, twist
 
     def _is_curved(self, at: int) -> bool:
@@ -187,28 +189,3 @@ class ReferenceClock:
                 self._seconds[i + 1] += self._seconds[i]
         gone = slice(first, len(self._poses) - 1, 2)
         del self._poses[gone], self._twists[gone], self._seconds[gone], self._paces[gone]
-
-
-def turn_between(a: Array, b: Array) -> Array:
-    """(3,) rotation vector [rad] in the base frame that turns pose a's axes into b's."""
-    r = b[:3, :3] @ a[:3, :3].T
-    skew = 0.5 * np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]])
-    sine, cosine = float(np.linalg.norm(skew)), 0.5 * (float(np.trace(r)) - 1.0)
-    angle = math.atan2(sine, cosine)
-    if sine > 1e-6:
-        return np.asarray(skew * (angle / sine))
-    if cosine > 0.0:
-        return skew
-    symmetric = 0.5 * (r + r.T) + np.eye(3)  # half a turn: twice the axis times itself
-    column = symmetric[:, int(np.argmax(np.diag(symmetric)))]
-    return np.asarray(math.pi * column / np.linalg.norm(column))
-
-
-def _turned(rotation: Array, vector: Array) -> Array:
-    """`rotation` (3, 3) turned about the base frame's axes by a rotation vector (Rodrigues)."""
-    angle = float(np.linalg.norm(vector))
-    if angle < 1e-12:
-        return rotation
-    x, y, z = vector / angle
-    k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.asarray((np.eye(3) + math.sin(angle) * k + (1.0 - math.cos(angle)) * (k @ k)) @ rotation)

@@ -74,7 +74,7 @@ class WantedVelocity(NamedTuple):
     def prepare(
         self, parameters: ca.SX, memory: ca.SX, caps: tuple[float, float, NDArray[np.float64]] | None = None
     ) -> ca.Function:
-        """Parameters, memory -> Jacobian by columns, twist, slowdown, bounds, outside, R, r, wanted velocity, its twist.
+        """Parameters, memory -> Jacobian by columns, twist, slowdown, bounds, outside, R, r, wanted velocity, twist.
 
         `caps` are hand speeds [m/s, rad/s] to which the wanted motion is slowed as a whole, and the (6,) weights whose
         roots the Jacobian's rows were multiplied by, none of them zero.
@@ -90,9 +90,9 @@ class WantedVelocity(NamedTuple):
         leaves = ca.logic_and(leaves, finite)  # no solver sees what cannot be used
         task = ca.vertcat(ca.vec(ca.densify(self.jacobian)), self.twist)
         kept = ca.vertcat(self.slowdown, bounds.lower, bounds.upper, bounds.outside)
-        limits = ca.vertcat(low, high, self.drift)
-        outputs = [task, kept, ca.vertcat(ca.vec(ca.densify(self.rows)), self.most)]
-        outputs += [ca.vertcat(wanted, moving @ wanted), limits, leaves]
+        kept_rows = ca.vertcat(ca.vec(ca.densify(self.rows)), self.most)
+        motion_limits = [ca.vertcat(wanted, moving @ wanted), ca.vertcat(low, high, self.drift)]
+        outputs = [task, kept, kept_rows, *motion_limits, leaves]
         first = ca.Function("first", [parameters, memory], [ca.densify(each) for each in outputs], {"cse": True})
 
         p, last = ca.MX.sym("p", parameters.numel()), ca.MX.sym("memory", memory.numel())
@@ -126,7 +126,7 @@ class WantedVelocity(NamedTuple):
         low, high = (ca.MX(ca.DM(~self.locked)) * each for each in (low, high))
         solver = qrqp("bounded", n, m)
         # Just inside the rows, so that rounding does not make the guess look as if it were outside.
-        over = {"a": ca.reshape(rows[: m * n], m, n), "lba": -ca.MX(ca.inf) * ca.MX.ones(m), "uba": rows[m * n :] - INSIDE}
+        over = {"a": ca.reshape(rows[: m * n], m, n), "lba": ca.MX(ca.DM([-ca.inf] * m)), "uba": rows[m * n :] - INSIDE}
         claim: dict[str, ca.MX] = {}
         for _ in range(PASSES):
             h, g = model(task, answer)

@@ -2,10 +2,10 @@
 
 Xu, Guo, Zhang 2021; its equations and the numbers in its steps are lost from the text at hand, so this is a
 reconstruction of what the text describes: an open, a closed and a result list; f = g + h plus a term that pulls to the
-nearest reference position; positions where the manipulability is under its threshold are blocked. Choices of ours, said
-in each argument: the lattice, the weight of the pull, that the hand keeps the orientation of the nearest reference pose,
-and that a motion is searched stretch by stretch, from one free reference pose to another: a motion that ends where it
-began would otherwise be no motion.
+nearest reference position; positions where the manipulability is under its threshold are blocked. Choices of ours: the
+lattice, the weight of the pull, that the hand keeps the orientation of the nearest reference pose, and that a motion is
+searched stretch by stretch, from one free reference pose to another: a motion that ends where it began would otherwise
+be no motion.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class AStarPath:
         """(N,) [m] from each reference position (N, 3) to the nearest point of the path: the kindest measure."""
         points = np.array(reference, dtype=np.float64)
         if len(self.positions) < 2:
-            return np.linalg.norm(points - self.positions[:1], axis=1)
+            return np.asarray(np.linalg.norm(points - self.positions[:1], axis=1))
         a, b = self.positions[:-1], self.positions[1:]
         way = b - a
         length = np.maximum(np.sum(way**2, axis=1), 1e-18)
@@ -96,7 +96,7 @@ def astar_path(
     if reference.ndim != 3 or reference.shape[1:] != (4, 4) or q.shape != (chain.n,):
         raise ConfigurationError("poses, start", (reference.shape, q.shape), f"(N, 4, 4) and ({chain.n},)")
     begun = time.perf_counter()
-    search = _Search(chain, reference, floor * largest, resolution, pull, most)
+    search = _Search(chain, reference, floor * largest, resolution=resolution, pull=pull, most=most)
     result_q, result_at, first, complete = [q], [0], 0, True
     for last in _ends(reference, stretch):
         goal = search.free_from(last, result_q[-1])
@@ -125,7 +125,7 @@ def _ends(reference: Array, stretch: float) -> list[int]:
 
 class _Search:
     def __init__(
-        self, chain: SerialChain, reference: Array, threshold: float, resolution: float, pull: float, most: int
+        self, chain: SerialChain, reference: Array, threshold: float, *, resolution: float, pull: float, most: int
     ) -> None:
         self.chain, self.reference, self.threshold = chain, reference, threshold
         self.resolution, self.pull, self.most = resolution, pull, most
@@ -161,7 +161,7 @@ class _Search:
             self.expanded += 1
             place = origin + self.resolution * np.array(cell)
             if math.dist(place, goal) < self.resolution:
-                return self._result(cell, start, parents, joints, samples, last)
+                return self._result(cell, start=start, parents=parents, joints=joints, samples=samples, last=last)
             for step in STEPS:
                 near = (cell[0] + step[0], cell[1] + step[1], cell[2] + step[2])
                 if near in closed:
@@ -185,8 +185,8 @@ class _Search:
         return None
 
     def _result(
-        self, cell: Cell, start: Cell, parents: dict[Cell, Cell], joints: dict[Cell, Array], samples: dict[Cell, int],
-        last: int,
+        self, cell: Cell, *, start: Cell, parents: dict[Cell, Cell], joints: dict[Cell, Array],
+        samples: dict[Cell, int], last: int,
     ) -> tuple[list[Array], list[int]]:  # fmt: skip
         """The third list: back from the goal by the parents."""
         q, at = [], []

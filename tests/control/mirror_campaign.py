@@ -10,6 +10,7 @@ once with faults. Manipulability is judged by its closed form, which shares noth
 from __future__ import annotations
 
 import argparse
+import itertools
 import math
 from collections import Counter
 from dataclasses import dataclass, field
@@ -73,7 +74,9 @@ def start_above(rng: np.random.Generator, share: float) -> Array:
             return q
 
 
-def random_path(chain: SerialChain, rng: np.random.Generator, dt: float, *, below: bool = False) -> tuple[Array, Array, Array]:
+def random_path(
+    chain: SerialChain, rng: np.random.Generator, dt: float, *, below: bool = False
+) -> tuple[Array, Array, Array]:
     """Start (6,), poses (N, 4, 4) and twists (N, 6) of a motion from a good posture through a singular one and back."""
     start = singular_postures(rng) + 0.02 * rng.standard_normal(6) if below else start_above(rng, 0.35)
     middle = singular_postures(rng)
@@ -82,7 +85,7 @@ def random_path(chain: SerialChain, rng: np.random.Generator, dt: float, *, belo
     seconds = rng.uniform(1.0, 4.0)
     knots = [start, middle, end, start]
     q = []
-    for a, b in zip(knots, knots[1:], strict=False):
+    for a, b in itertools.pairwise(knots):
         u = np.linspace(0, 1, max(round(seconds / 3 / dt), 3), endpoint=False)[:, None]
         q.append(a + (b - a) * u**3 * (10 - 15 * u + 6 * u**2))
     joints = np.concatenate(q)
@@ -93,8 +96,13 @@ def random_path(chain: SerialChain, rng: np.random.Generator, dt: float, *, belo
 
 
 def follow(
-    tracker: MirrorTracker, path: tuple[Array, Array, Array], tally: Tally, *, rng: np.random.Generator | None = None,
-    label: str = "", rest: float = 1.0,
+    tracker: MirrorTracker,
+    path: tuple[Array, Array, Array],
+    tally: Tally,
+    *,
+    rng: np.random.Generator | None = None,
+    label: str = "",
+    rest: float = 1.0,
 ) -> tuple[Array, Array]:
     """Follow one path, with faults where `rng` is given; joint positions and references of each tick."""
     chain, dt = tracker.chain, tracker.dt
@@ -114,24 +122,8 @@ def follow(
                 tally.faults[fault] += 1
             if left:
                 left -= 1
-                if fault == "nan pose":
-                    pose[rng.integers(3), rng.integers(4)] = math.nan
-                elif fault == "nan q":
-                    given[rng.integers(6)] = rng.choice([math.nan, math.inf, 1e300])
-                elif fault == "repeated":
-                    shown = before
-                elif fault == "disabled":
-                    enable = False
-                elif fault == "jump":
-                    pose[:3, 3] += [0.4, -0.3, 0.2]
-                elif fault == "twist":
-                    twist[rng.integers(6)] = rng.choice([math.nan, 1e5, -1e4, math.inf])
-                elif fault == "flip":
-                    pose[:3, :3] = pose[:3, :3] @ np.diag([1.0, -1.0, -1.0])
-                elif fault == "force":
-                    force = rng.standard_normal(3) * rng.choice([1.0, 10.0, 40.0])
-                elif fault == "mirrored":
-                    pose[:3, :3] = -pose[:3, :3]
+                stamps = before, stamp
+                force, enable, shown = _spoilt(fault, rng, pose, twist, given, stamps)
         command = tracker.step(given, pose, twist, force=force, enable=enable, stamp=shown)
         judge(tracker, q, last, command, given, tally, f"{label} tick {k} fault {fault if left else ''}")
         last = command.value.copy()
@@ -141,6 +133,26 @@ def follow(
     tally.counts.update(tracker.counts)
     tracker.counts.clear()
     return np.array(joints), np.array(references)
+
+
+def _spoilt(
+    fault: str, rng: np.random.Generator, pose: Array, twist: Array, given: Array, stamps: tuple[float, float]
+) -> tuple[Array | None, bool, float]:
+    """Force, enable and stamp of a tick with a fault; poses, twist and positions are spoilt in place."""
+    if fault == "nan pose":
+        pose[rng.integers(3), rng.integers(4)] = math.nan
+    elif fault == "nan q":
+        given[rng.integers(6)] = rng.choice([math.nan, math.inf, 1e300])
+    elif fault == "jump":
+        pose[:3, 3] += [0.4, -0.3, 0.2]
+    elif fault == "twist":
+        twist[rng.integers(6)] = rng.choice([math.nan, 1e5, -1e4, math.inf])
+    elif fault == "flip":
+        pose[:3, :3] = pose[:3, :3] @ np.diag([1.0, -1.0, -1.0])
+    elif fault == "mirrored":
+        pose[:3, :3] = -pose[:3, :3]
+    force = rng.standard_normal(3) * rng.choice([1.0, 10.0, 40.0]) if fault == "force" else None
+    return force, fault != "disabled", stamps[0 if fault == "repeated" else 1]
 
 
 def judge(

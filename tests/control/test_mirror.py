@@ -9,7 +9,17 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from rehab_opt import Bound, ConfigurationError, Interaction, KeepOut, MirrorTracker, PoseTracker, Status, human_arm, ur5
+from rehab_opt import (
+    Bound,
+    ConfigurationError,
+    Interaction,
+    KeepOut,
+    MirrorTracker,
+    PoseTracker,
+    Status,
+    human_arm,
+    ur5,
+)
 from rehab_opt.control.manipulability import largest_manipulability, way_out
 from tests.control import mirror_campaign
 from tests.control.mirror_campaign import LARGEST, Array, closed_form
@@ -86,7 +96,8 @@ def test_braking_keeps_the_floor_and_acceleration_yields_to_it(dt: float) -> Non
 
 @pytest.mark.parametrize("dt", TICKS)
 @pytest.mark.parametrize(
-    "posture", [[0.0] * 6, [3.2, -1.5, 0.0, -2.0, -1.4, 0.2], [3.2, -1.5, 1.9, -2.0, 0.0, 0.2], [0, -1.57, 0, -1.57, 0, 0]]
+    "posture",
+    [[0.0] * 6, [3.2, -1.5, 0.0, -2.0, -1.4, 0.2], [3.2, -1.5, 1.9, -2.0, 0.0, 0.2], [0, -1.57, 0, -1.57, 0, 0]],
 )
 def test_from_below_the_floor_w_never_decreases_and_a_way_out_is_found(dt: float, posture: list[float]) -> None:
     robot, q = tracker(dt=dt, max_deviation=2.0), np.array(posture)
@@ -98,7 +109,6 @@ def test_from_below_the_floor_w_never_decreases_and_a_way_out_is_found(dt: float
         if w >= 0.3:
             break
     assert w >= 0.299
-    assert 0 < robot.counts["braked"] + 1
 
 
 def test_a_way_out_is_deterministic_and_gains() -> None:
@@ -265,9 +275,7 @@ def test_no_number_makes_it_raise_or_answer_with_one_that_is_not_finite(
     pose = ur5().pose(START)
     pose[:3, 3] = p
     for given_q, given_pose in ((q, ur5().pose(START)), (START, pose), (q, pose)):
-        command = robot.step(
-            given_q, given_pose, [v, 0, 0, 0, 0, v], force=[f, 0.0, 0.0], stamp=stamp, enable=enable
-        )
+        command = robot.step(given_q, given_pose, [v, 0, 0, 0, 0, v], force=[f, 0.0, 0.0], stamp=stamp, enable=enable)
         assert np.all(np.abs(command.value) <= math.pi)
 
 
@@ -402,9 +410,7 @@ def test_without_its_bounds_it_is_the_pose_tracker() -> None:
     ours.step(START, pose, twist)
     ours._last[:] = 0.0  # in mid-motion, but at rest
     ours._ladder.memory[-1] = 0.0
-    np.testing.assert_allclose(
-        ours.step(START, pose, twist).value, theirs.step(START, pose, twist).value, atol=1e-6
-    )
+    np.testing.assert_allclose(ours.step(START, pose, twist).value, theirs.step(START, pose, twist).value, atol=1e-6)
 
 
 def test_the_qp_can_be_inspected_and_its_floor_row_is_the_gradient() -> None:
