@@ -61,6 +61,17 @@ class KeepOut(NamedTuple):
         return cls((x, y, z), float(p @ (x, y, z)))
 
 
+class Now(NamedTuple):
+    """What holds at the beginning of a tick, in expressions."""
+
+    w: ca.SX
+    """W / w_max."""
+    gradient: ca.SX
+    """(n,) of it."""
+    pose: ca.SX
+    """(4, 4) of the tool."""
+
+
 @dataclass(frozen=True, eq=False)
 class HandBounds:
     """The bounds of one arm as expressions.
@@ -107,8 +118,8 @@ class HandBounds:
 
     def rows(
         self, q: ca.SX, *, centre: ca.SX, lead: ca.SX, loss: ca.SX, bounds: VelocityBounds
-    ) -> tuple[ca.SX, ca.SX, VelocityBounds]:
-        """R (m, n), r (m,), and the joint intervals, opened where the acceleration bound has to yield.
+    ) -> tuple[ca.SX, ca.SX, VelocityBounds, Now]:
+        """R (m, n), r (m,), the joint intervals, opened where the acceleration bound has to yield, and how things are.
 
         Parameters
         ----------
@@ -119,8 +130,8 @@ class HandBounds:
         bounds : of the joint velocities.
         """
         share = (1 - math.exp(-self.rate * self.dt)) / self.dt
-        w, gradient = self.manipulability(q)
-        gradient = gradient + lead
+        w, slope_of_w = self.manipulability(q)
+        gradient = slope_of_w + lead
         climb = share * (self.floor + ABOVE - w) + loss / self.dt
         pose = self.chain.pose_expression(q)
         normals, most = [], []
@@ -141,20 +152,23 @@ class HandBounds:
             most.append(share * ca.fmax(nearest, 0))
         slow = ca.DM(self.return_speed * self.chain.velocity)
         calm = ca.dot(ca.fabs(gradient), slow)
-        return feasible_rows(
+        rows = feasible_rows(
             gradient, climb, calm=calm, normals=ca.vertcat(*normals), most=ca.vertcat(*most), bounds=bounds
         )
+        return *rows, Now(w, slope_of_w, pose)
 
-    def kept(self, q: ca.SX, velocity: ca.SX, centre: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
-        """Whether the true state after the tick keeps every bound; w / w_max now and then; and the deviation then.
+    def kept(
+        self, q: ca.SX, velocity: ca.SX, centre: ca.SX, *, w: ca.SX, here: ca.SX, hand: ca.SX
+    ) -> tuple[ca.SX, ca.SX]:
+        """Whether the true state after the tick keeps every bound; and w / w_max then.
 
-        What is broken already must not get worse.
+        What is broken already must not get worse. `w`, `here` (3,) and `hand` (3,) are w / w_max and the tool's origin
+        at q and its velocity.
         """
         ahead = q + velocity * self.dt
-        w, then = (self.chain.manipulability_expression(each) / self.largest for each in (q, ahead))
-        here, there = (self.chain.pose_expression(each)[:3, 3] for each in (q, ahead))
+        then = self.chain.manipulability_expression(ahead) / self.largest
+        there = self.chain.pose_expression(ahead)[:3, 3]
         reach = self.linear_speed * (1 + 1e-9)
-        hand = self.chain.jacobian_expression(q)[:3, :] @ velocity
         before, after = ca.norm_2(here - centre), ca.norm_2(there - centre)
         conditions = [
             then >= ca.fmin(w, self.floor) - ROUNDING,
@@ -165,7 +179,7 @@ class HandBounds:
         for plane in self.planes:
             now, later = self._heights(q, plane), self._heights(ahead, plane)
             conditions += [b >= ca.fmin(a, 0) - ROUNDING for a, b in zip(now, later, strict=True)]
-        return all_true(*conditions), w, then, after
+        return all_true(*conditions), then
 
     def _heights(self, q: ca.SX, plane: KeepOut) -> list[ca.SX]:
         """[m] of each guarded point above a plane; those that no joint moves are left out."""

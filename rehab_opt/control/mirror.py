@@ -35,6 +35,7 @@ Array = NDArray[np.float64]
 
 _OK, _NAN, _new, _read_only = Status.OK, math.nan, tuple.__new__, np.frombuffer
 _BOUNDS = tuple(Bound(i) for i in range(8))
+_SQUARE = (4, 4)
 
 
 class MirrorTracker(MirrorFollowing):
@@ -138,6 +139,9 @@ class MirrorTracker(MirrorFollowing):
         """Where the reference is read."""
         self.counts: Counter[str] = Counter()
         """How many ticks yielded acceleration, were shortened, waited, braked, and how many stretches were left out."""
+        self._hot = (
+            *self._views[:3], self._ladder.parameters.data, self._verdict, self._keep, self._answer, self._velocity,
+        )  # fmt: skip
         self._begin()
 
     # ------------------------------------------------------------------------------------------------ the user's
@@ -152,7 +156,7 @@ class MirrorTracker(MirrorFollowing):
     def reference(self) -> Array:
         """(4, 4) the pose that the clock stands at, before the person's range of motion and forces are considered."""
         if self._live:
-            return np.frombuffer(self._good[0]).reshape(4, 4).copy()
+            return self._accepted()[0]
         return np.full((4, 4), math.nan) if self.clock.empty else self.clock.read()[0].copy()
 
     @property
@@ -200,25 +204,24 @@ class MirrorTracker(MirrorFollowing):
         """
         if not self._live or force is not None:
             return self._followed(q, pose, twist, force, self._refusal(enable, stamp))
+        # The usual way, without the layers of Python: they would cost as much as the solve.
+        q_view, pose_view, twist_view, given, verdict, keep, answer, velocity = self._hot
         try:
-            q_view, pose_view, twist_view, _, _ = self._views
             q_view[:] = q  # type: ignore[assignment]
             twist_view[:] = twist  # type: ignore[assignment]
             pose_view[:] = pose.ravel()  # type: ignore[union-attr]
-            usual = pose.ndim == 2 and len(pose) == 4  # type: ignore[union-attr, arg-type]
+            usual = pose.shape == _SQUARE  # type: ignore[union-attr]
         except (ValueError, TypeError, AttributeError):
             usual = False
-        reason = self._refusal(enable, stamp)
-        if usual and not reason and self._fused:
-            verdict = self._verdict
-            verdict[0] = _NAN
+        reason = "" if enable is True and stamp is None and not self._stamped else self._refusal(enable, stamp)
+        if usual and not reason:
+            verdict[0] = _NAN  # see `Ladder`: a failure inside leaves the outputs as they are
             self._evaluate()
-            residual, _, who, yielded, scale, usual, _, _, then, _ = verdict.tolist()
+            residual, _, who, yielded, scale, usual, _, _, self._then, _ = verdict.tolist()
             if usual and 0.0 <= residual <= self.tolerance:
-                self._keep[:] = self._answer
-                self._good = pose_view.tobytes(), twist_view.tobytes()
-                self._then = then
-                value = _read_only(self._velocity.tobytes())
+                keep[:] = answer
+                self._good = given.tobytes()
+                value = _read_only(velocity.tobytes())
                 return _new(
                     Command, (value, _OK, FUSED_SOLVERS[int(who)], residual, -1, "", _BOUNDS[int(yielded)], scale)
                 )

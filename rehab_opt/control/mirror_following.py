@@ -53,7 +53,7 @@ class MirrorFollowing(MirrorStatement):
         self._rate, self._share, self._then = 1.0, 1.0, math.nan
         self._waited = 0.0
         self._live = False
-        self._good = b"", b""
+        self._good = b""
         self._centre: Array | None = None
         self.followed: Array = np.full((4, 4), math.nan)
         """(4, 4) the reference of the last tick with a clock, before the range of motion and forces."""
@@ -68,8 +68,7 @@ class MirrorFollowing(MirrorStatement):
         self._write((q, pose, twist, np.zeros(3), lead))
         pose, twist = self._inputs[0].copy(), self._inputs[1].copy()
         if self._live:
-            good, motion = (np.frombuffer(part) for part in self._good)
-            self.clock.start(good.reshape(4, 4), motion)
+            self.clock.start(*self._accepted())
             self._live = False
         pushed = self._interaction.feel(force)
         reason = reason or self._unusable(pose, twist) or pushed
@@ -115,12 +114,13 @@ class MirrorFollowing(MirrorStatement):
         value = np.frombuffer(self._velocity.tobytes())
         flags = Bound(int(yielded))
         if not kept:
-            value, flags = self._shortened(value, centre, flags)
+            value, flags = self._shortened(self._q.copy(), value, centre, flags)
             notes.append("step shortened: the bounds' tangents promised too much")
-            then = self._then
+        else:
+            self._then = then
         if flags & Bound.ACCELERATION:
             self.counts["acceleration"] += 1
-        self._then, self._share = then, share
+        self._share = share
         self._find_way_out(bool(flat), w)
         slow = min(1.0, self._rate) * share
         if self._rate < WHOLE:
@@ -132,9 +132,15 @@ class MirrorFollowing(MirrorStatement):
         usual = self._limit is None and not self._interaction.active and self.clock.current and not flat
         if usual and self._rate >= WHOLE and share >= WHOLE:
             pose, twist = self.clock.read()
-            self._good, self._live, self._rate = (pose.tobytes(), twist.tobytes()), True, 1.0
+            self._inputs[0][:], self._inputs[1][:] = pose, twist
             self._inputs[2][:] = self._inputs[3][:] = 0.0
+            self._good, self._live, self._rate = self._ladder.parameters.tobytes(), self._fused, 1.0
         return Command(value, status, solver, residual, ladder.iterations, "; ".join(notes), flags, slow)
+
+    def _accepted(self) -> tuple[Array, Array]:
+        """Pose (4, 4) and twist (6,) of the last tick that needed no clock."""
+        _, pose, twist, _ = np.split(np.frombuffer(self._good), np.cumsum((self.chain.n, 16, 6)))
+        return pose.reshape(4, 4).copy(), twist.copy()
 
     def _take(self, here: Array, pose: Array, twist: Array) -> None:
         """Hand a sample to the clock, bridging what no hand can do."""
@@ -206,14 +212,13 @@ class MirrorFollowing(MirrorStatement):
         self._rate = 0.0
         self.counts["braked"] += 1
         self._last_before = self._last.copy()
+        q, centre = self._audited, self._centre  # before the prediction goes on
         command = super()._safe(reason)
-        centre = self._centre
-        q = self._audited
         if centre is None:
             centre = self.chain.pose(q)[:3, 3]
         self._ladder.memory[2 * self.chain.n :] = 0.0
-        if command.value.any() and not self._kept(command.value, centre):
-            value, flags = self._shortened(command.value, centre, command.yielded)
+        if command.value.any() and not self._kept(q, command.value, centre):
+            value, flags = self._shortened(q, command.value, centre, command.yielded)
             if flags & Bound.ACCELERATION:
                 self.counts["acceleration"] += 1
             status = Status.BRAKING if value.any() else Status.HOLDING

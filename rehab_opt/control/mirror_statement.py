@@ -62,12 +62,19 @@ class MirrorStatement(PoseTracker):
         """Shapes of the statement's parameters after q."""
         return ((4, 4), (6,), (3,), (self.chain.n,))
 
-    def rows(self, tick: Tick, bounds: VelocityBounds) -> tuple[ca.SX, ca.SX, VelocityBounds]:
+    @property
+    def told_size(self) -> int:  # type: ignore[override]
+        """W / w_max, its gradient, the tool's origin, and the square of its turn from the target."""
+        return self.chain.n + 5
+
+    def rows(self, tick: Tick, bounds: VelocityBounds) -> tuple[ca.SX, ca.SX, VelocityBounds, ca.SX]:
         """See `HandBounds.rows`."""
         offset, lead = tick.others
-        return self.hand_bounds.rows(
+        rows, most, opened, now = self.hand_bounds.rows(
             tick.q, centre=tick.target[:3, 3] + offset, lead=lead, loss=tick.memory[-1], bounds=bounds
         )
+        turned = ca.sumsqr(rotation_vector(tick.target[:3, :3] @ now.pose[:3, :3].T))
+        return rows, most, opened, ca.vertcat(now.w, now.gradient, now.pose[:3, 3], turned)
 
     def hand_speeds(self) -> tuple[float, float]:
         """The wanted motion is slowed, not the asked one: what the floor takes from it must not slow the rest."""
@@ -83,19 +90,16 @@ class MirrorStatement(PoseTracker):
 
     def outcome(self, tick: Tick, motion: Motion) -> ca.SX:
         """Yielded, share of the wanted motion, nothing unusual, bounds truly kept, w before and after, w is flat."""
-        q, centre = tick.q, tick.target[:3, 3] + tick.others[0]
+        centre = tick.target[:3, 3] + tick.others[0]
+        w, gradient, here, turned = self._told(motion)
         yielded = super().outcome(tick, motion)[0]
         share = ca.if_else(motion.speed > 1e-9, motion.scale, 1)
-        kept, w, then, _ = self.hand_bounds.kept(q, motion.velocity, centre)
-        slope = ca.sumsqr(self.hand_bounds.manipulability(q)[1])
-        flat = ca.logic_and(slope < FLAT**2, w < self.floor)
-        here = self.chain.pose_expression(q)
-        away = ca.sumsqr(here[:3, 3] - centre)
-        turned = ca.sumsqr(rotation_vector(tick.target[:3, :3] @ here[:3, :3].T))
+        kept, then = self._ends(tick, motion)
+        flat = ca.logic_and(ca.sumsqr(gradient) < FLAT**2, w < self.floor)
         usual = [
             kept, share >= WHOLE, ca.logic_not(flat), motion.outside < 0.5,
             ca.logic_or(yielded == int(Bound.NOTHING), yielded == int(Bound.TASK)),
-            away <= (CALM * self.max_deviation) ** 2, turned <= (CALM * self.max_turn) ** 2,
+            ca.sumsqr(here - centre) <= (CALM * self.max_deviation) ** 2, turned <= (CALM * self.max_turn) ** 2,
             ca.sumsqr(tick.twist[:3]) <= (SPARE * self.linear_speed) ** 2,
             ca.sumsqr(tick.twist[3:]) <= (SPARE * self.angular_speed) ** 2,
         ]  # fmt: skip
@@ -103,15 +107,27 @@ class MirrorStatement(PoseTracker):
 
     def remembered(self, tick: Tick, motion: Motion) -> ca.SX:
         """Velocity, where it leads, and the loss of w against its tangent."""
-        _, w, then, _ = self.hand_bounds.kept(tick.q, motion.velocity, tick.target[:3, 3])
-        gradient = self.hand_bounds.manipulability(tick.q)[1]
+        w, gradient, _, _ = self._told(motion)
+        _, then = self._ends(tick, motion)
         loss = ca.fmax(w + ca.dot(gradient, motion.velocity) * self.dt - then, 0)
         return ca.vertcat(super().remembered(tick, motion), ca.fmin(loss, self.floor))
+
+    def _told(self, motion: Motion) -> list[ca.SX]:
+        n = self.chain.n
+        w, gradient, here, turned = ca.vertsplit(motion.told, [0, 1, n + 1, n + 4, n + 5])
+        return [w, gradient, here, turned]
+
+    def _ends(self, tick: Tick, motion: Motion) -> tuple[ca.SX, ca.SX]:
+        w, _, here, _ = self._told(motion)
+        centre, hand = tick.target[:3, 3] + tick.others[0], motion.delivered[:3]  # places weigh 1
+        return self.hand_bounds.kept(tick.q, motion.velocity, centre, w=w, here=here, hand=hand)
 
     def _auditing(self) -> ca.Function:
         """q, velocity, centre -> see `HandBounds.kept`."""
         q, velocity, centre = ca.SX.sym("q", self.chain.n), ca.SX.sym("v", self.chain.n), ca.SX.sym("centre", 3)
-        kept = self.hand_bounds.kept(q, velocity, centre)
+        w, here = self.hand_bounds.manipulability(q)[0], self.chain.pose_expression(q)[:3, 3]
+        hand = self.chain.jacobian_expression(q)[:3, :] @ velocity
+        kept = self.hand_bounds.kept(q, velocity, centre, w=w, here=here, hand=hand)
         return ca.Function("audit", [q, velocity, centre], [ca.densify(ca.vertcat(*kept))], {"cse": True})
 
     def instance(self, q: ArrayLike, *inputs: ArrayLike) -> Instance:
@@ -119,8 +135,8 @@ class MirrorStatement(PoseTracker):
         return super().instance(q, *inputs, *(np.zeros(3), np.zeros(self.chain.n))[len(inputs) - 2 :])
 
     # --------------------------------------------------------------------------------------------- true bounds
-    def _kept(self, value: Array, centre: Array) -> bool:
-        kept, _, self._then, _ = self._audit.of(self._audited, value, centre).tolist()
+    def _kept(self, q: Array, value: Array, centre: Array) -> bool:
+        kept, self._then = self._audit.of(q, value, centre).tolist()
         return bool(kept)
 
     @property
@@ -128,20 +144,19 @@ class MirrorStatement(PoseTracker):
         """(n,) positions that can be used: as measured, or where the last command led."""
         return np.where(np.abs(self._q) <= PLAUSIBLE, self._q, self._predicted)
 
-    def _shortened(self, value: Array, centre: Array, flags: Bound) -> tuple[Array, Bound]:
+    def _shortened(self, q: Array, value: Array, centre: Array, flags: Bound) -> tuple[Array, Bound]:
         """The longest part of a step that keeps every bound truly, to a thousandth; and what yields to it."""
         short, long = 0.0, 1.0
         for _ in range(HALVINGS):
             middle = (short + long) / 2
-            short, long = (middle, long) if self._kept(middle * value, centre) else (short, middle)
+            short, long = (middle, long) if self._kept(q, middle * value, centre) else (short, middle)
         value = short * value + 0.0
         value.setflags(write=False)
-        q, n = self._audited, self.chain.n
-        self._kept(value, centre)
+        self._kept(q, value, centre)
         if np.any(np.abs(value - self._last_before) > self.chain.acceleration * self.dt * (1 + 1e-9) + 1e-12):
             flags |= Bound.ACCELERATION
         self.counts["shortened"] += 1
-        self._ladder.memory[: 2 * n] = np.concatenate([value, q + value * self.dt])
+        self._ladder.memory[: 2 * self.chain.n] = np.concatenate([value, q + value * self.dt])
         return value, flags | Bound.TASK
 
     def _find_way_out(self, flat: bool, w: float) -> None:

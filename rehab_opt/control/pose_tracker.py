@@ -63,6 +63,8 @@ class Motion(NamedTuple):
     """(6,) twist, weighted."""
     outside: ca.SX
     """1 where a joint is beyond its limit."""
+    told: ca.SX
+    """(k,) what `rows` computed and need not be computed again."""
 
 
 class PoseTracker(VelocityController):
@@ -146,7 +148,11 @@ class PoseTracker(VelocityController):
         jacobian, asked, wanted = parameter("jacobian", 6 * n), parameter("asked", 6), parameter("wanted", n)
         lower, upper, outside = parameter("lower", n), parameter("upper", n), parameter("outside", 1)
         rows, most = parameter("rows", m * n), parameter("most", m)
-        delivered, slowdown = parameter("delivered", 6), parameter("slowdown", 1)
+        delivered, slowdown, told = (
+            parameter("delivered", 6),
+            parameter("slowdown", 1),
+            parameter("told", self.told_size),
+        )
         moves = ca.reshape(jacobian, 6, n)
         given = Tick(q, _pose(entries), twist, others, memory)
 
@@ -161,7 +167,7 @@ class PoseTracker(VelocityController):
         slower = progress.symbol - speed
         cost = ca.sumsqr(error) + STEADYING * ca.sumsqr(short) + DIRECTION_KEEPING * ca.sumsqr(slower)
         delivers = moves @ velocity.symbol
-        motion = Motion(velocity.symbol, scale, speed, delivers, slowdown * asked, outside)
+        motion = Motion(velocity.symbol, scale, speed, delivers, slowdown * asked, outside, told)
         return Statement(
             name=self.name,
             parameters=[q, entries, twist, *others],
@@ -170,7 +176,7 @@ class PoseTracker(VelocityController):
             subject_to=[within(ca.reshape(rows, m, n) @ velocity.symbol, -ca.inf, most)] if m else [],
             requires=[is_rigid(given.target)],
             guess=ca.vertcat(wanted, speed),
-            prepared=[jacobian, asked, slowdown, lower, upper, outside, rows, most, wanted, delivered],
+            prepared=[jacobian, asked, slowdown, lower, upper, outside, rows, most, told, wanted, delivered],
             prepare=self._prepare(given, entries),
             report=self.outcome(given, motion),
             memory=memory,
@@ -182,6 +188,8 @@ class PoseTracker(VelocityController):
     """Number of linear bounds on the joint velocities besides their intervals."""
     memory_extra = 0
     """Numbers remembered besides velocity and position."""
+    told_size = 0
+    """Numbers that `rows` hands on to `outcome` and `remembered`."""
 
     def others(self) -> list[ca.SX]:
         """Parameters besides q, pose and twist."""
@@ -195,9 +203,9 @@ class PoseTracker(VelocityController):
         """The memory that a tick leaves."""
         return self.remember(tick.q, motion.velocity)
 
-    def rows(self, tick: Tick, bounds: VelocityBounds) -> tuple[ca.SX, ca.SX, VelocityBounds]:
-        """R (m, n) and r (m,) of the bounds R q' <= r, and the intervals that have room for them."""
-        return ca.SX(0, self.chain.n), ca.SX(0, 1), bounds
+    def rows(self, tick: Tick, bounds: VelocityBounds) -> tuple[ca.SX, ca.SX, VelocityBounds, ca.SX]:
+        """R (m, n) and r (m,) of the bounds R q' <= r, the intervals that have room for them, and what is told on."""
+        return ca.SX(0, self.chain.n), ca.SX(0, 1), bounds, ca.SX(0, 1)
 
     def hand_speeds(self) -> tuple[float, float] | None:
         """[m/s, rad/s] to which the wanted motion is slowed as a whole; None where the asked twist was."""
@@ -215,9 +223,9 @@ class PoseTracker(VelocityController):
             drift = ca.DM(~chain.locked * self._settling) * (ca.DM(self.posture) - tick.q)
             fastest = ca.mmax(ca.fabs(drift) / ca.DM(DRIFT_SPEED * chain.velocity))
             drift = drift / ca.fmax(fastest, 1)  # as a whole: its direction is kept
-        rows, most, bounds = self.rows(tick, self.bounds(tick.q, tick.last))
+        rows, most, bounds, told = self.rows(tick, self.bounds(tick.q, tick.last))
         wanted = WantedVelocity(
-            jacobian, weights * asked, slowdown, drift, bounds, chain.velocity, chain.locked, rows, most
+            jacobian, weights * asked, slowdown, drift, bounds, chain.velocity, chain.locked, rows, most, told
         )
         caps = None if (speeds := self.hand_speeds()) is None else (*speeds, self.task_weights)
         return wanted.prepare(ca.vertcat(tick.q, entries, tick.twist, *tick.others), tick.memory, caps)

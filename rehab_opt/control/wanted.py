@@ -70,11 +70,13 @@ class WantedVelocity(NamedTuple):
     """(m, n) R"""
     most: ca.SX
     """(m,) r"""
+    told: ca.SX
+    """What else is to be prepared."""
 
     def prepare(
         self, parameters: ca.SX, memory: ca.SX, caps: tuple[float, float, NDArray[np.float64]] | None = None
     ) -> ca.Function:
-        """Parameters, memory -> Jacobian by columns, twist, slowdown, bounds, outside, R, r, wanted velocity, twist.
+        """Parameters, memory -> Jacobian by columns, twist, slowdown, bounds, outside, R, r, told, wanted velocity, twist.
 
         `caps` are hand speeds [m/s, rad/s] to which the wanted motion is slowed as a whole, and the (6,) weights whose
         roots the Jacobian's rows were multiplied by, none of them zero.
@@ -92,15 +94,15 @@ class WantedVelocity(NamedTuple):
         kept = ca.vertcat(self.slowdown, bounds.lower, bounds.upper, bounds.outside)
         kept_rows = ca.vertcat(ca.vec(ca.densify(self.rows)), self.most)
         motion_limits = [ca.vertcat(wanted, moving @ wanted), ca.vertcat(low, high, self.drift)]
-        outputs = [task, kept, kept_rows, *motion_limits, leaves]
+        outputs = [task, kept, kept_rows, self.told, *motion_limits, leaves]
         first = ca.Function("first", [parameters, memory], [ca.densify(each) for each in outputs], {"cse": True})
 
         p, last = ca.MX.sym("p", parameters.numel()), ca.MX.sym("memory", memory.numel())
-        told, within, rows, motion, limits, needed = first.call([p, last])
+        told, within, rows, more, motion, limits, needed = first.call([p, last])
         motion = ca.Function.if_else("hold", *self._hold(movable)).call([needed, told, motion, limits, rows])[0]
         if caps is not None:
             motion = self._slowed(caps)(motion)
-        return ca.Function("prepare", [p, last], [ca.vertcat(told, within, rows, motion)])
+        return ca.Function("prepare", [p, last], [ca.vertcat(told, within, rows, more, motion)])
 
     def _slowed(self, caps: tuple[float, float, NDArray[np.float64]]) -> ca.Function:
         """Wanted velocity and its twist, as one column -> both slowed to the hand speeds."""
@@ -141,7 +143,46 @@ class WantedVelocity(NamedTuple):
             bounded = self._certified(jacobian, flat, twist)(task, x, residual, low, high, motion[:n])
         else:
             bounded = self._checked(jacobian, flat, twist)(task, h, g, answer, low, high, motion[:n])
-        return ca.Function("within", arguments, [bounded]), ca.Function("enough", arguments, [motion])
+        within = ca.Function("within", arguments, [bounded])
+        if m:
+            within = self._by_the_first_row(model, within, jacobian, flat, twist)
+        return within, ca.Function("enough", arguments, [motion])
+
+    def _by_the_first_row(
+        self, model: ca.Function, otherwise: ca.Function, jacobian: ca.SX, flat: ca.SX, twist: ca.SX
+    ) -> ca.Function:
+        """As `otherwise`, in closed form where the first row alone is active, which is the usual case."""
+        k, n = self.jacobian.shape
+        m = self.rows.size1()
+        motion, limits, rows = ca.SX.sym("motion", n + k), ca.SX.sym("limits", 3 * n), ca.SX.sym("rows", m * n + m)
+        task, x = ca.vertcat(flat, twist), limits[2 * n :]
+        low, high = (ca.DM(~self.locked) * each for each in (limits[:n], limits[n : 2 * n]))
+        matrix, most = ca.reshape(rows[: m * n], m, n), rows[m * n :]
+        normal = matrix[0, :].T
+        factors = None
+        multiplier = ca.SX(0)
+        for _ in range(PASSES):
+            h, g = model.call([task, x])
+            if factors is None:
+                factors = ca.ldl(ca.densify(h), False)
+                diagonal, factor, order = factors
+                towards = ca.ldl_solve(normal, diagonal, factor, order)
+                stiffness = ca.fmax(ca.dot(normal, towards), 1e-12)
+            free = -ca.ldl_solve(g, diagonal, factor, order)
+            multiplier = (ca.dot(normal, free) - most[0] + INSIDE) / stiffness
+            x = free - multiplier * towards
+        fits = ca.vertcat(x >= low, x <= high, matrix @ x <= most)
+        right = ca.logic_and(multiplier >= 0, ca.sum1(fits) == fits.numel())  # NaN fails
+        arguments = [task, motion, limits, rows]
+        outputs = [ca.densify(ca.vertcat(x, jacobian @ x)), right]
+        closed = ca.Function("first_row", arguments, outputs, {"cse": True, "allow_free": False})
+        given = [ca.MX.sym("given", otherwise.sparsity_in(i)) for i in range(4)]
+        answer, fine = closed.call(given)
+        held = ca.MX.sym("held", n + k)
+        keep = ca.Function("keep", [held, *given], [held])
+        go_on = ca.Function("go_on", [held, *given], otherwise.call(given))
+        chosen = ca.Function.if_else("one_row", keep, go_on).call([fine, answer, *given])
+        return ca.Function("within_rows", given, chosen)
 
     def _certified(self, jacobian: ca.SX, flat: ca.SX, twist: ca.SX) -> ca.Function:
         """As `_checked`, of a claim with rows: they leave no way to tell a solution but its multipliers."""
