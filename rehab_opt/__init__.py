@@ -5,6 +5,9 @@ from typing import TYPE_CHECKING, Any
 
 from rehab_opt.control.arm_ik import ArmIK, IKPath, IKSolution
 from rehab_opt.control.command import Bound, Command, Status
+from rehab_opt.control.hand_bounds import KeepOut
+from rehab_opt.control.interaction import Interaction
+from rehab_opt.control.mirror import MirrorTracker
 from rehab_opt.control.pose_tracker import PoseTracker
 from rehab_opt.control.smoothing import Smoother, smooth_path
 from rehab_opt.errors import ConfigurationError, ProblemFileError, RehabOptError
@@ -30,6 +33,9 @@ __all__ = [
     "ConfigurationError",
     "IKPath",
     "IKSolution",
+    "Interaction",
+    "KeepOut",
+    "MirrorTracker",
     "PoseTracker",
     "ProblemFileError",
     "RehabOptError",

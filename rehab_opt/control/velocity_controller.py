@@ -39,8 +39,8 @@ class VelocityController(ABC):
     """A controller whose command is a joint velocity held until the next tick.
 
     A subclass states its QP. Its first parameter is q (n,), its first variables are the joint velocities (n,), and its
-    memory is the last velocity and the position it leads to (2 n,): `remember` gives both. Its `step` writes the
-    inputs into `_views`, or through `_write`, and calls `_tick`.
+    memory begins with the last velocity and the position it leads to (2 n,): `remember` gives both. Its `step` writes
+    the inputs into `_views`, or through `_write`, and calls `_tick`.
 
     The velocity last commanded is part of the state: a new controller is at rest, `reset` says otherwise. An object
     belongs to one thread.
@@ -76,7 +76,7 @@ class VelocityController(ABC):
         self._keep, self._answer = ladder.keep, ladder.answer
         self._views = tuple(part.data for part in (first, *others))
         self._names = tuple(symbol[0].name().rsplit("_", 1)[0] for symbol in self.stated.parameters)
-        self._velocity, self._last, self._predicted = ladder.x[:n].data, ladder.memory[:n], ladder.memory[n:]
+        self._velocity, self._last, self._predicted = ladder.x[:n].data, ladder.memory[:n], ladder.memory[n : 2 * n]
         self.reset()
 
     # ------------------------------------------------------------------------------------------- for subclasses
@@ -116,7 +116,7 @@ class VelocityController(ABC):
         return ca.vertcat(velocity, q + velocity * self.dt)
 
     def _braking(self) -> ca.Function:
-        """q, last velocity -> what is remembered of the safe command, and its report."""
+        """q, last velocity -> the velocity of the safe command, where it leads, and its report."""
         q, last = ca.SX.sym("q", self.chain.n), ca.SX.sym("last", self.chain.n)
         bounds = self.bounds(q, last)
         rest = nearest_to_rest(bounds)
@@ -146,8 +146,8 @@ class VelocityController(ABC):
         return self.stated.to_qpsolvers(q, *inputs, memory=self._ladder.memory)
 
     # ---------------------------------------------------------------------------------------------------- one tick
-    def _tick(self, enable: object, stamp: float | None) -> Command:
-        """One step on what stands in the parameters."""
+    def _refusal(self, enable: object, stamp: float | None) -> str:
+        """Why this state must not be acted on, or nothing."""
         reason = ""
         if stamp is not None:
             reason, self._stamped = self._watchdog.check(stamp), True
@@ -155,6 +155,11 @@ class VelocityController(ABC):
             reason = "stamp is missing"  # who gave stamps before has lost them
         if enable is not True and not (isinstance(enable, np.bool_ | int | float) and enable == 1):
             reason = "not enabled"
+        return reason
+
+    def _tick(self, enable: object, stamp: float | None) -> Command:
+        """One step on what stands in the parameters."""
+        reason = self._refusal(enable, stamp)
         if reason:
             return self._safe(reason)
         if self._fused:  # the usual way, without the layers of Python: they would cost as much as the solve
@@ -206,7 +211,7 @@ class VelocityController(ABC):
         memory, (yielded, _) = braking.outputs
         value = memory[: self.chain.n] + 0.0  # a copy, and no negative zeros
         value.setflags(write=False)
-        ladder.memory[:] = memory
+        ladder.memory[: memory.size] = memory
         ladder.start_from(np.append(value, np.zeros(self.stated.n - value.size)))
         status = Status.BRAKING if value.any() else Status.HOLDING
         return Command(value, status, "", math.inf, -1, reason, _BOUNDS[int(yielded)], 0.0)
