@@ -5,9 +5,6 @@ from typing import TYPE_CHECKING, Any
 
 from rehab_opt.control.arm_ik import ArmIK, IKPath, IKSolution
 from rehab_opt.control.command import Bound, Command, Status
-from rehab_opt.control.hand_bounds import KeepOut
-from rehab_opt.control.interaction import Interaction
-from rehab_opt.control.mirror import MirrorTracker
 from rehab_opt.control.pose_tracker import PoseTracker
 from rehab_opt.control.smoothing import Smoother, smooth_path
 from rehab_opt.errors import ConfigurationError, ProblemFileError, RehabOptError
@@ -16,6 +13,9 @@ from rehab_opt.kinematics.human_arm import human_arm
 from rehab_opt.kinematics.ur5 import ur5
 
 if TYPE_CHECKING:
+    from rehab_opt.control.hand_bounds import KeepOut
+    from rehab_opt.control.interaction import Interaction
+    from rehab_opt.control.mirror import MirrorTracker
     from rehab_opt.workspace.mapping import WorkspaceMap
     from rehab_opt.workspace.placement import ShoulderPlacement
     from rehab_opt.workspace.reach import planar_workspace
@@ -55,8 +55,11 @@ __all__ = [
     "ur5",
 ]
 
-# Loaded when first named: a controller's process starts in a tenth of a second, and not everyone maps workspaces.
+# Loaded when first named: a controller's process starts in a tenth of a second, and not everyone needs all of it.
 _LATER = {
+    "Interaction": "control.interaction",
+    "KeepOut": "control.hand_bounds",
+    "MirrorTracker": "control.mirror",
     "ShoulderPlacement": "workspace.placement",
     "ThinPlateSpline": "workspace.spline",
     "Workspace": "workspace.region",
