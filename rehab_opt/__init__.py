@@ -13,7 +13,10 @@ from rehab_opt.kinematics.human_arm import human_arm
 from rehab_opt.kinematics.ur5 import ur5
 
 if TYPE_CHECKING:
+    from rehab_opt.control.hand_bounds import KeepOut
+    from rehab_opt.control.interaction import Interaction
     from rehab_opt.control.joystick import Joystick
+    from rehab_opt.control.mirror import MirrorTracker
     from rehab_opt.control.redundancy import RedundancyResolver
     from rehab_opt.kinematics.ardis import ardis
     from rehab_opt.workspace.mapping import WorkspaceMap
@@ -33,7 +36,10 @@ __all__ = [
     "ConfigurationError",
     "IKPath",
     "IKSolution",
+    "Interaction",
     "Joystick",
+    "KeepOut",
+    "MirrorTracker",
     "PoseTracker",
     "ProblemFileError",
     "RedundancyResolver",
@@ -57,7 +63,10 @@ __all__ = [
 
 # Loaded when first named: a controller's process starts in a tenth of a second, and not everyone needs all of it.
 _LATER = {
+    "Interaction": "control.interaction",
     "Joystick": "control.joystick",
+    "KeepOut": "control.hand_bounds",
+    "MirrorTracker": "control.mirror",
     "RedundancyResolver": "control.redundancy",
     "ShoulderPlacement": "workspace.placement",
     "ThinPlateSpline": "workspace.spline",

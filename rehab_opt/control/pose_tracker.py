@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import math
+from typing import ClassVar, NamedTuple
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
 from rehab_opt.control.command import Command
+from rehab_opt.control.stopping import VelocityBounds
 from rehab_opt.control.velocity_controller import VelocityController, checked_number
 from rehab_opt.control.wanted import WantedVelocity
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain, per_joint
 from rehab_opt.kinematics.frames import is_rigid, rotation_vector
-from rehab_opt.optim.qp import Statement, parameter, variable
+from rehab_opt.optim.qp import Statement, parameter, variable, within
 
-__all__ = ["PoseTracker"]
+__all__ = ["Motion", "PoseTracker", "Tick"]
 
 DIRECTION_KEEPING = 1e-5
 """Price of slowing down against leaving the asked direction: at a twentieth of the speed it is left by 0.01 deg."""
@@ -28,6 +30,41 @@ DRIFT_SIZE = 1e-2
 """[m] Joint velocities count as this much of a hand speed each."""
 TINY = 1e-12
 """[m/s] A speed that is no motion."""
+
+
+class Tick(NamedTuple):
+    """What is given in a tick, in expressions."""
+
+    q: ca.SX
+    target: ca.SX
+    """(4, 4)"""
+    twist: ca.SX
+    others: list[ca.SX]
+    memory: ca.SX
+
+    @property
+    def last(self) -> ca.SX:
+        """(n,) the last velocity."""
+        return self.memory[: self.q.numel()]
+
+
+class Motion(NamedTuple):
+    """What is decided in a tick, in expressions."""
+
+    velocity: ca.SX
+    """(n,)"""
+    scale: ca.SX
+    """Share of the wanted motion; zero of none."""
+    speed: ca.SX
+    """Size of the wanted motion."""
+    delivered: ca.SX
+    """(6,) twist, weighted."""
+    asked: ca.SX
+    """(6,) twist, weighted."""
+    outside: ca.SX
+    """1 where a joint is beyond its limit."""
+    told: ca.SX
+    """(k,) what `rows` computed and need not be computed again."""
 
 
 class PoseTracker(VelocityController):
@@ -60,8 +97,9 @@ class PoseTracker(VelocityController):
     ConfigurationError : an argument that cannot be used.
     """
 
-    shapes = ((4, 4), (6,))
+    shapes: ClassVar[tuple[tuple[int, ...], ...]] = ((4, 4), (6,))
     requirement = "pose is not a rigid transform"
+    name: ClassVar[str] = "pose_tracker"
 
     def __init__(
         self,
@@ -104,13 +142,19 @@ class PoseTracker(VelocityController):
 
     def statement(self) -> Statement:
         """The QP of one tick; parameters q (n,), pose (16, by rows), twist (6,); memory as `VelocityController`."""
-        n = self.chain.n
-        q, entries, twist = parameter("q", n), parameter("pose", 16), parameter("twist", 6)
-        last, predicted = parameter("last", n), parameter("predicted", n)
+        n, m = self.chain.n, self.row_count
+        q, entries, twist, others = parameter("q", n), parameter("pose", 16), parameter("twist", 6), self.others()
+        memory = parameter("memory", 2 * n + self.memory_extra)
         jacobian, asked, wanted = parameter("jacobian", 6 * n), parameter("asked", 6), parameter("wanted", n)
         lower, upper, outside = parameter("lower", n), parameter("upper", n), parameter("outside", 1)
-        delivered, slowdown = parameter("delivered", 6), parameter("slowdown", 1)
+        rows, most = parameter("rows", m * n), parameter("most", m)
+        delivered, slowdown, told = (
+            parameter("delivered", 6),
+            parameter("slowdown", 1),
+            parameter("told", self.told_size),
+        )
         moves = ca.reshape(jacobian, 6, n)
+        given = Tick(q, _pose(entries), twist, others, memory)
 
         velocity = variable("velocity", n, lower=lower, upper=upper)
         # Progress is s times the size of the wanted motion: in units of velocity like the rest, so that one tolerance
@@ -122,34 +166,69 @@ class PoseTracker(VelocityController):
         error = moves @ velocity.symbol - scale * delivered
         slower = progress.symbol - speed
         cost = ca.sumsqr(error) + STEADYING * ca.sumsqr(short) + DIRECTION_KEEPING * ca.sumsqr(slower)
+        delivers = moves @ velocity.symbol
+        motion = Motion(velocity.symbol, scale, speed, delivers, slowdown * asked, outside, told)
         return Statement(
-            name="pose_tracker",
-            parameters=[q, entries, twist],
+            name=self.name,
+            parameters=[q, entries, twist, *others],
             variables=[velocity, progress],
             minimise=cost / 2,
-            requires=[is_rigid(_pose(entries))],
+            subject_to=[within(ca.reshape(rows, m, n) @ velocity.symbol, -ca.inf, most)] if m else [],
+            requires=[is_rigid(given.target)],
             guess=ca.vertcat(wanted, speed),
-            prepared=[jacobian, asked, slowdown, lower, upper, outside, wanted, delivered],
-            prepare=self._prepare(q, entries, twist, ca.vertcat(last, predicted)),
-            report=self.report(last, velocity.symbol, moves @ velocity.symbol, slowdown * asked, outside),
-            memory=ca.vertcat(last, predicted),
-            remember=self.remember(q, velocity.symbol),
+            prepared=[jacobian, asked, slowdown, lower, upper, outside, rows, most, told, wanted, delivered],
+            prepare=self._prepare(given, entries),
+            report=self.outcome(given, motion),
+            memory=memory,
+            remember=self.remembered(given, motion),
         )
 
-    def _prepare(self, q: ca.SX, entries: ca.SX, twist: ca.SX, memory: ca.SX) -> ca.Function:
+    # -------------------------------------------------------------------------- what a tracker with more bounds adds
+    row_count = 0
+    """Number of linear bounds on the joint velocities besides their intervals."""
+    memory_extra = 0
+    """Numbers remembered besides velocity and position."""
+    told_size = 0
+    """Numbers that `rows` hands on to `outcome` and `remembered`."""
+
+    def others(self) -> list[ca.SX]:
+        """Parameters besides q, pose and twist."""
+        return []
+
+    def outcome(self, tick: Tick, motion: Motion) -> ca.SX:
+        """The report of a tick, what yielded and the scale first."""
+        return self.report(tick.last, motion.velocity, motion.delivered, motion.asked, motion.outside)
+
+    def remembered(self, tick: Tick, motion: Motion) -> ca.SX:
+        """The memory that a tick leaves."""
+        return self.remember(tick.q, motion.velocity)
+
+    def rows(self, tick: Tick, bounds: VelocityBounds) -> tuple[ca.SX, ca.SX, VelocityBounds, ca.SX]:
+        """R (m, n) and r (m,) of the bounds R q' <= r, the intervals that have room for them, and what is told on."""
+        return ca.SX(0, self.chain.n), ca.SX(0, 1), bounds, ca.SX(0, 1)
+
+    def hand_speeds(self) -> tuple[float, float] | None:
+        """[m/s, rad/s] to which the wanted motion is slowed as a whole; None where the asked twist was."""
+        return None
+
+    # -------------------------------------------------------------------------------------------------------------
+    def _prepare(self, tick: Tick, entries: ca.SX) -> ca.Function:
         """Parameters, memory -> the prepared columns, the Jacobian and the asked twist weighted."""
         chain, n = self.chain, self.chain.n
         weights = ca.sqrt(ca.DM(self.task_weights))
-        jacobian = ca.diag(weights) @ chain.jacobian_expression(q)
-        asked, slowdown = self._asked_twist(chain.pose_expression(q), _pose(entries), twist)
+        jacobian = ca.diag(weights) @ chain.jacobian_expression(tick.q)
+        asked, slowdown = self._asked_twist(chain.pose_expression(tick.q), tick.target, tick.twist)
         drift = ca.SX.zeros(n)
         if self.posture is not None:
-            drift = ca.DM(~chain.locked * self._settling) * (ca.DM(self.posture) - q)
+            drift = ca.DM(~chain.locked * self._settling) * (ca.DM(self.posture) - tick.q)
             fastest = ca.mmax(ca.fabs(drift) / ca.DM(DRIFT_SPEED * chain.velocity))
             drift = drift / ca.fmax(fastest, 1)  # as a whole: its direction is kept
-        bounds = self.bounds(q, memory[:n])
-        wanted = WantedVelocity(jacobian, weights * asked, slowdown, drift, bounds, chain.velocity, chain.locked)
-        return wanted.prepare(ca.vertcat(q, entries, twist), memory)
+        rows, most, bounds, told = self.rows(tick, self.bounds(tick.q, tick.last))
+        wanted = WantedVelocity(
+            jacobian, weights * asked, slowdown, drift, bounds, chain.velocity, chain.locked, rows, most, told
+        )
+        caps = None if (speeds := self.hand_speeds()) is None else (*speeds, self.task_weights)
+        return wanted.prepare(ca.vertcat(tick.q, entries, tick.twist, *tick.others), tick.memory, caps)
 
     def _asked_twist(self, pose: ca.SX, target: ca.SX, twist: ca.SX) -> tuple[ca.SX, ca.SX]:
         """(6,) twist plus feedback on the pose error, slowed as a whole to the hand speeds; and by how much."""

@@ -164,8 +164,8 @@ class VelocityController(ABC):
         return self.stated.to_qpsolvers(q, *inputs, memory=self._ladder.memory)
 
     # ---------------------------------------------------------------------------------------------------- one tick
-    def _tick(self, enable: object, stamp: float | None) -> Command:
-        """One step on what stands in the parameters."""
+    def _refusal(self, enable: object, stamp: float | None) -> str:
+        """Why this state must not be acted on, or nothing."""
         reason = ""
         if stamp is not None:
             reason, self._stamped = self._watchdog.check(stamp), True
@@ -173,6 +173,11 @@ class VelocityController(ABC):
             reason = "stamp is missing"  # who gave stamps before has lost them
         if enable is not True and not (isinstance(enable, np.bool_ | int | float) and enable == 1):
             reason = "not enabled"
+        return reason
+
+    def _tick(self, enable: object, stamp: float | None) -> Command:
+        """One step on what stands in the parameters."""
+        reason = self._refusal(enable, stamp)
         if reason:
             return self._safe(reason)
         if self._fused:  # the usual way, without the layers of Python: they would cost as much as the solve
@@ -231,7 +236,7 @@ class VelocityController(ABC):
         self.tell_braking(braking.inputs)
         braking()
         memory, (yielded, _) = braking.outputs
-        ladder.memory[:] = memory
+        ladder.memory[: memory.size] = memory  # what else a subclass remembers is its own to forget
         ladder.start_from(np.append(self._last, np.zeros(self.stated.n - self._last.size)))
         value, wheels = self._told()
         status = Status.BRAKING if value.any() else Status.HOLDING

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.stopping import FAR, VelocityBounds
-from rehab_opt.optim.certificate import clipped
+from rehab_opt.optim.certificate import certificate_function, clipped
 from rehab_opt.optim.qp import PLAUSIBLE
 from rehab_opt.optim.qrqp import qrqp
 
@@ -19,6 +19,8 @@ DAMPING = 4e-4
 """Square of the singular value [m/rad or 1] below which a direction counts as lost."""
 CLAIM_TOLERANCE = 1e-6
 """[rad/s] How far a claimed bounded answer may move on."""
+INSIDE = 1e-9
+"""[rad/s] By how much the wanted motion stays inside its rows."""
 PASSES = 3
 """Passes of the damped solve: each removes the damping's error where the arm is far from singular."""
 
@@ -44,9 +46,11 @@ class WantedVelocity(NamedTuple):
     Where a joint would move faster than it can still stop at its position limit, the joints' velocities are those of
 
     min |J q' - v|^2 + damping |q' - drift|^2    s.t.  q' within the speeds from which the joints can still stop,
+                                                       R q' <= r,
 
-    iterated as `wanted_velocity` is; that solve is left out where no joint is near its limit. Without it, keeping the
-    direction of an undeliverable motion would stop the arm where going on to the nearest pose is wanted.
+    iterated as `wanted_velocity` is; that solve is left out where no joint is near its limit and no row is reached.
+    Without it, keeping the direction of an undeliverable motion would stop the arm where going on to the nearest pose
+    is wanted.
     """
 
     jacobian: ca.SX
@@ -62,31 +66,56 @@ class WantedVelocity(NamedTuple):
     """(n,) velocity limits."""
     locked: NDArray[np.bool_]
     """(n,) joints that cannot move at all."""
+    rows: ca.SX
+    """(m, n) R"""
+    most: ca.SX
+    """(m,) r"""
+    told: ca.SX
+    """What else is to be prepared."""
 
-    def prepare(self, parameters: ca.SX, memory: ca.SX) -> ca.Function:
-        """Parameters, memory -> Jacobian by columns, twist, slowdown, bounds, outside, wanted velocity, its twist."""
+    def prepare(
+        self, parameters: ca.SX, memory: ca.SX, caps: tuple[float, float, NDArray[np.float64]] | None = None
+    ) -> ca.Function:
+        """Parameters, memory -> Jacobian by columns, twist, slowdown, bounds, outside, R, r, told, wanted velocity, twist.
+
+        `caps` are hand speeds [m/s, rad/s] to which the wanted motion is slowed as a whole, and the (6,) weights whose
+        roots the Jacobian's rows were multiplied by, none of them zero.
+        """
         bounds, movable = self.bounds, ca.diag(ca.sparsify(ca.DM(~self.locked)))
         moving = ca.sparsify(self.jacobian @ movable)
         wanted = wanted_velocity(moving, self.twist, self.drift)
         # A limit that is felt only above the velocity limit is not why a joint is held: the whole motion slows down.
         low = ca.if_else(bounds.stop_lower <= -self.speed, -FAR, bounds.stop_lower)
         high = ca.if_else(bounds.stop_upper >= self.speed, FAR, bounds.stop_upper)
-        leaves = ca.sum1(ca.logic_or(wanted > high, wanted < low)) > 0
+        leaves = ca.sum1(ca.vertcat(wanted > high, wanted < low, self.rows @ wanted > self.most)) > 0
         finite = ca.sumsqr(ca.vertcat(parameters[: self.jacobian.size2()], wanted)) <= PLAUSIBLE**2
         leaves = ca.logic_and(leaves, finite)  # no solver sees what cannot be used
         task = ca.vertcat(ca.vec(ca.densify(self.jacobian)), self.twist)
         kept = ca.vertcat(self.slowdown, bounds.lower, bounds.upper, bounds.outside)
-        outputs = [task, kept, ca.vertcat(wanted, moving @ wanted), ca.vertcat(low, high, self.drift), leaves]
+        kept_rows = ca.vertcat(ca.vec(ca.densify(self.rows)), self.most)
+        motion_limits = [ca.vertcat(wanted, moving @ wanted), ca.vertcat(low, high, self.drift)]
+        outputs = [task, kept, kept_rows, self.told, *motion_limits, leaves]
         first = ca.Function("first", [parameters, memory], [ca.densify(each) for each in outputs], {"cse": True})
 
         p, last = ca.MX.sym("p", parameters.numel()), ca.MX.sym("memory", memory.numel())
-        told, within, motion, limits, needed = first.call([p, last])
-        motion = ca.Function.if_else("hold", *self._hold(movable)).call([needed, told, motion, limits])[0]
-        return ca.Function("prepare", [p, last], [ca.vertcat(told, within, motion)])
+        told, within, rows, more, motion, limits, needed = first.call([p, last])
+        motion = ca.Function.if_else("hold", *self._hold(movable)).call([needed, told, motion, limits, rows])[0]
+        if caps is not None:
+            motion = self._slowed(caps)(motion)
+        return ca.Function("prepare", [p, last], [ca.vertcat(told, within, rows, more, motion)])
+
+    def _slowed(self, caps: tuple[float, float, NDArray[np.float64]]) -> ca.Function:
+        """Wanted velocity and its twist, as one column -> both slowed to the hand speeds."""
+        linear, angular, weights = caps
+        motion = ca.SX.sym("motion", sum(self.jacobian.shape))
+        twist = motion[self.jacobian.size2() :] / np.sqrt(weights)
+        excess = ca.fmax(ca.norm_2(twist[:3]) / linear, ca.norm_2(twist[3:]) / angular)
+        return ca.Function("slowed", [motion], [motion / ca.fmax(excess, 1)], {"cse": True})
 
     def _hold(self, movable: ca.DM) -> tuple[ca.Function, ca.Function]:
-        """Task, wanted motion, stopping speeds and drift -> wanted motion within those speeds; and as it was."""
+        """Task, wanted motion, stopping speeds and drift, rows -> wanted motion within both; and as it was."""
         k, n = self.jacobian.shape
+        m = self.rows.size1()
         flat, twist, velocity = ca.SX.sym("jacobian", k * n), ca.SX.sym("twist", k), ca.SX.sym("velocity", n)
         jacobian = ca.reshape(flat, k, n) @ movable
         inputs = [ca.vertcat(flat, twist), velocity]
@@ -94,15 +123,75 @@ class WantedVelocity(NamedTuple):
         gradient = -(jacobian.T @ twist) - DAMPING * velocity
         model = ca.Function("model", inputs, [ca.densify(hessian), ca.densify(gradient)], {"cse": True})
         task, motion, limits = ca.MX.sym("task", k * n + k), ca.MX.sym("motion", n + k), ca.MX.sym("limits", 3 * n)
+        rows = ca.MX.sym("rows", m * n + m)
         low, high, answer = ca.vertsplit(limits, n)
         low, high = (ca.MX(ca.DM(~self.locked)) * each for each in (low, high))
-        solver = qrqp("bounded", n, 0)
+        solver = qrqp("bounded", n, m)
+        # Just inside the rows, so that rounding does not make the guess look as if it were outside.
+        over = {"a": ca.reshape(rows[: m * n], m, n), "lba": ca.MX(ca.DM([-ca.inf] * m)), "uba": rows[m * n :] - INSIDE}
+        claim: dict[str, ca.MX] = {}
         for _ in range(PASSES):
             h, g = model(task, answer)
-            answer = solver(h=h, g=g, lbx=low, ubx=high)["x"]
-        arguments = [task, motion, limits]
-        bounded = self._checked(jacobian, flat, twist)(task, h, g, answer, low, high, motion[:n])
-        return ca.Function("within", arguments, [bounded]), ca.Function("enough", arguments, [motion])
+            start = {"x0": claim["x"], "lam_x0": claim["lam_x"], "lam_a0": claim["lam_a"]} if claim and m else {}
+            claim = solver(h=h, g=g, lbx=low, ubx=high, **(over if m else {}), **start)
+            answer = claim["x"]
+        arguments = [task, motion, limits, rows]
+        if m:
+            x, residual = certificate_function(n, m)(
+                h, g, over["a"], over["lba"], over["uba"], low, high, 1, answer, claim["lam_x"], claim["lam_a"]
+            )
+            bounded = self._certified(jacobian, flat, twist)(task, x, residual, low, high, motion[:n])
+        else:
+            bounded = self._checked(jacobian, flat, twist)(task, h, g, answer, low, high, motion[:n])
+        within = ca.Function("within", arguments, [bounded])
+        if m:
+            within = self._by_the_first_row(model, within, jacobian, flat, twist)
+        return within, ca.Function("enough", arguments, [motion])
+
+    def _by_the_first_row(
+        self, model: ca.Function, otherwise: ca.Function, jacobian: ca.SX, flat: ca.SX, twist: ca.SX
+    ) -> ca.Function:
+        """As `otherwise`, in closed form where the first row alone is active, which is the usual case."""
+        k, n = self.jacobian.shape
+        m = self.rows.size1()
+        motion, limits, rows = ca.SX.sym("motion", n + k), ca.SX.sym("limits", 3 * n), ca.SX.sym("rows", m * n + m)
+        task, x = ca.vertcat(flat, twist), limits[2 * n :]
+        low, high = (ca.DM(~self.locked) * each for each in (limits[:n], limits[n : 2 * n]))
+        matrix, most = ca.reshape(rows[: m * n], m, n), rows[m * n :]
+        normal = matrix[0, :].T
+        factors = None
+        multiplier = ca.SX(0)
+        for _ in range(PASSES):
+            h, g = model.call([task, x])
+            if factors is None:
+                factors = ca.ldl(ca.densify(h), False)
+                diagonal, factor, order = factors
+                towards = ca.ldl_solve(normal, diagonal, factor, order)
+                stiffness = ca.fmax(ca.dot(normal, towards), 1e-12)
+            free = -ca.ldl_solve(g, diagonal, factor, order)
+            multiplier = (ca.dot(normal, free) - most[0] + INSIDE) / stiffness
+            x = free - multiplier * towards
+        fits = ca.vertcat(x >= low, x <= high, matrix @ x <= most)
+        right = ca.logic_and(multiplier >= 0, ca.sum1(fits) == fits.numel())  # NaN fails
+        arguments = [task, motion, limits, rows]
+        outputs = [ca.densify(ca.vertcat(x, jacobian @ x)), right]
+        closed = ca.Function("first_row", arguments, outputs, {"cse": True, "allow_free": False})
+        given = [ca.MX.sym("given", otherwise.sparsity_in(i)) for i in range(4)]
+        answer, fine = closed.call(given)
+        held = ca.MX.sym("held", n + k)
+        keep = ca.Function("keep", [held, *given], [held])
+        go_on = ca.Function("go_on", [held, *given], otherwise.call(given))
+        chosen = ca.Function.if_else("one_row", keep, go_on).call([fine, answer, *given])
+        return ca.Function("within_rows", given, chosen)
+
+    def _certified(self, jacobian: ca.SX, flat: ca.SX, twist: ca.SX) -> ca.Function:
+        """As `_checked`, of a claim with rows: they leave no way to tell a solution but its multipliers."""
+        n = self.jacobian.size2()
+        claim, low, high, free = (ca.SX.sym(name, n) for name in ("claim", "low", "high", "free"))
+        residual = ca.SX.sym("residual")
+        velocity = ca.if_else(residual <= CLAIM_TOLERANCE, claim, clipped(free, low, high))  # NaN fails
+        inputs = [ca.vertcat(flat, twist), claim, residual, low, high, free]
+        return ca.Function("certified", inputs, [ca.densify(ca.vertcat(velocity, jacobian @ velocity))], {"cse": True})
 
     def _checked(self, jacobian: ca.SX, flat: ca.SX, twist: ca.SX) -> ca.Function:
         """Task, H, g, claimed answer, low, high, free answer -> velocity and its twist.

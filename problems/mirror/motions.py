@@ -1,0 +1,131 @@
+"""Write pick_fruit.csv, refrigerator_door.csv and calibration_points.csv: `python problems/mirror/motions.py`.
+
+Two tasks of Xu, Guo, Zhang 2021 as a healthy right hand would do them, generated, since the paper's recordings are not
+published. Each is laid out for the mirrored left hand on a UR5 at the origin (x forward from the robot, y left, z up),
+so that it passes near the elbow, wrist and shoulder singularities, then mirrored to the right hand and written as a
+tracker of virtual reality would: Unity axes, 90 Hz, quaternions x, y, z, w.
+
+The patient sits 1.1 m in front of the robot and faces it. Frames:
+
+    hand frame  x to the fingertips, y out of the back of the hand, z across it ("lateral" = z); the robot's tool frame
+    mirror      plane y = SAGITTAL of the robot's frame, normal y
+    VR          Unity axes; turned to x forward, y left, z up, its frame lies at VR_POSE in the robot's frame
+
+Between the poses below the hand moves in straight lines and even turns with minimum jerk, and rests for a moment at
+each; the door's handle goes round its hinge.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt import ur5
+from rehab_opt.control.between_poses import turn_between, turned
+from rehab_opt.kinematics.vr import Mirror, quaternions_of, unity_from_robot
+
+Array = NDArray[np.float64]
+
+RATE = 90.0  # [Hz]
+SAGITTAL = 0.45  # [m]
+MIRROR = Mirror((0.0, SAGITTAL, 0.0), (0.0, 1.0, 0.0), "z")
+VR_POSE = np.array([[-1.0, 0, 0, 1.1], [0, -1.0, 0, SAGITTAL], [0, 0, 1.0, -0.6], [0, 0, 0, 1.0]])
+REST = 0.4  # [s]
+
+START = np.array([3.2, -1.5, 1.9, -2.0, -1.4, 0.2])
+"""(6,) [rad] joint angles of the robot where both motions begin."""
+# Postures that the hand comes to, each near a singularity: w / w_max is 0.2, 0.2 and 0.15.
+FRUIT = np.array([3.4, -0.85, 0.20, -1.00, -1.4, 0.2])  # the arm stretched: elbow
+TWIST = np.array([3.3, -1.3, 1.6, -1.9, -0.24, 0.5])  # the hand turned aside: wrist
+BASKET = np.array([3.0, -2.25, 2.15, -1.9, -1.4, 0.2])  # close to the robot's axis: shoulder
+HANDLE = np.array([3.3, -0.80, 0.22, -1.0, -1.0, 0.2])  # far out: elbow; the pull turns the hand towards the wrist's
+HINGE = 0.42, math.radians(55.0)  # [m] from the handle, and how far the door is opened
+
+
+def minimum_jerk(seconds: float) -> Array:
+    """(N,) from 0 to 1 at the recording's rate."""
+    u = np.linspace(0.0, 1.0, max(round(seconds * RATE), 2), endpoint=False)
+    return u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
+
+
+def line(a: Array, b: Array, speed: float) -> list[Array]:
+    """Poses from a to b, the hand at most at `speed` [m/s] and 1 rad/s, then a rest."""
+    way, turn = float(np.linalg.norm(b[:3, 3] - a[:3, 3])), turn_between(a, b)
+    seconds = 1.875 * max(way / speed, float(np.linalg.norm(turn)) / 1.0)
+    return [between(a, b, turn, s) for s in minimum_jerk(seconds)] + [b] * round(REST * RATE)
+
+
+def between(a: Array, b: Array, turn: Array, share: float) -> Array:
+    """The pose a share of the way from a to b."""
+    pose = np.eye(4)
+    pose[:3, :3] = turned(a[:3, :3], share * turn)
+    pose[:3, 3] = a[:3, 3] + share * (b[:3, 3] - a[:3, 3])
+    return pose
+
+
+def pick_fruit() -> list[Array]:
+    """Poses of the left hand: reach up for the fruit, turn it off its twig, put it into the basket, come back."""
+    start, fruit, twist, basket = (ur5().pose(q) for q in (START, FRUIT, TWIST, BASKET))
+    return [
+        *[start] * round(REST * RATE), *line(start, fruit, 0.22), *line(fruit, twist, 0.22), *line(twist, basket, 0.22),
+        *line(basket, start, 0.22),
+    ]  # fmt: skip
+
+
+def refrigerator_door() -> list[Array]:
+    """Poses of the left hand: to the handle, round the hinge and back, faster than a hand may be led, and home."""
+    start, handle = (ur5().pose(q) for q in (START, HANDLE))
+    radius, opening = HINGE
+    hinge = handle[:3, 3] + [0.0, -radius, 0.0]
+    pull = [around(handle, hinge, opening * s) for s in minimum_jerk(2.2)]
+    opened = around(handle, hinge, opening)
+    push = [around(handle, hinge, opening * (1.0 - s)) for s in minimum_jerk(1.8)]
+    return [
+        *[start] * round(REST * RATE), *line(start, handle, 0.35), *pull, *[opened] * round(REST * RATE), *push,
+        *line(handle, start, 0.35),
+    ]  # fmt: skip
+
+
+def around(pose: Array, hinge: Array, angle: float) -> Array:
+    """`pose` turned about the vertical through `hinge`."""
+    rotation = turned(np.eye(3), np.array([0.0, 0.0, angle]))
+    found = np.eye(4)
+    found[:3, :3] = rotation @ pose[:3, :3]
+    found[:3, 3] = hinge + rotation @ (pose[:3, 3] - hinge)
+    return found
+
+
+def recorded(poses: list[Array]) -> str:
+    """The text of a recording of the right hand whose mirror image moves through `poses`."""
+    right = np.linalg.inv(VR_POSE) @ MIRROR.poses(np.array(poses))
+    positions, quaternions = unity_from_robot(right[:, :3, 3], quaternions_of(right[:, :3, :3]))
+    lines = ["t_s,x_m,y_m,z_m,qx,qy,qz,qw"]
+    for i, (p, q) in enumerate(zip(positions, quaternions, strict=True)):
+        lines.append(",".join([f"{i / RATE:.6f}", *(f"{x:.6f}" for x in p), *(f"{x:.7f}" for x in q)]))
+    return "\n".join(lines) + "\n"
+
+
+def calibration_points() -> str:
+    """Corners of the table and two points above, in VR and in the robot's frame, touched with 1 mm of error."""
+    rng = np.random.default_rng(6)
+    robot = np.array([[0.3, -0.3, 0], [0.3, 0.6, 0], [0.8, 0.6, 0], [0.8, -0.3, 0], [0.5, 0.1, 0.4], [0.7, 0.4, 0.3]])
+    seen = (robot - VR_POSE[:3, 3]) @ VR_POSE[:3, :3] + 1e-3 * rng.standard_normal(robot.shape)
+    unity, _ = unity_from_robot(seen, np.tile([0.0, 0.0, 0.0, 1.0], (len(seen), 1)))
+    lines = ["vr_x_m,vr_y_m,vr_z_m,robot_x_m,robot_y_m,robot_z_m"]
+    lines += [",".join(f"{x:.4f}" for x in (*a, *b)) for a, b in zip(unity, robot, strict=True)]
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    """Write the three files beside this script."""
+    here = Path(__file__).parent
+    (here / "pick_fruit.csv").write_text(recorded(pick_fruit()))
+    (here / "refrigerator_door.csv").write_text(recorded(refrigerator_door()))
+    (here / "calibration_points.csv").write_text(calibration_points())
+
+
+if __name__ == "__main__":
+    main()

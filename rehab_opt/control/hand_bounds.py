@@ -1,0 +1,217 @@
+"""Bounds of a hand-holding arm besides its joints': manipulability floor, hand speed, keep-out planes, deviation.
+
+Each is stated twice. As a row R q' <= r of the QP, linear about the present state, that slows the approach to the bound
+exponentially; every r but the floor's is at least zero, so that standing still always remains. And as a condition on
+the true state at the end of the tick, `kept`: the rows are about a tangent, and tangents promise too much.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rehab_opt.control.stopping import VelocityBounds, nearest_to_rest
+from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.optim.certificate import all_true, clipped
+
+__all__ = ["HandBounds", "KeepOut", "feasible_rows"]
+
+Array = NDArray[np.float64]
+
+FREE = 1e3
+"""[m/s] A row that is not felt."""
+SHARE = 0.9
+"""Share of what the joints can do that recovery may ask for: the rest is for the task."""
+ABOVE = 5e-5
+"""Of w / w_max, above the floor where the tangents' barrier lies: sliding along it needs no step shortened."""
+ROUNDING = 1e-12
+
+
+class KeepOut(NamedTuple):
+    """Half-space that the arm stays out of: the side of a plane that its normal points away from."""
+
+    normal: tuple[float, float, float]
+    """Unit normal in the base frame, towards where the arm may be."""
+    offset: float
+    """[m] normal . x of the plane's points."""
+
+    @classmethod
+    def through(cls, point: ArrayLike, normal: ArrayLike) -> KeepOut:
+        """The plane through `point` (3,) [m] that keeps the arm on the side of `normal` (3,), of any length.
+
+        Raises
+        ------
+        ConfigurationError : numbers that are no plane.
+        """
+        try:
+            p, n = (np.array(value, dtype=np.float64) for value in (point, normal))
+        except (TypeError, ValueError, OverflowError) as problem:
+            raise ConfigurationError("point, normal", (point, normal), "three numbers each") from problem
+        if p.shape != (3,) or n.shape != (3,) or not np.all(np.isfinite([p, n])) or not np.linalg.norm(n) > 1e-9:
+            raise ConfigurationError("point, normal", (point, normal), "three finite numbers each, a normal above zero")
+        x, y, z = (float(each) for each in n / np.linalg.norm(n))
+        return cls((x, y, z), float(p @ (x, y, z)))
+
+
+class Now(NamedTuple):
+    """What holds at the beginning of a tick, in expressions."""
+
+    w: ca.SX
+    """W / w_max."""
+    gradient: ca.SX
+    """(n,) of it."""
+    pose: ca.SX
+    """(4, 4) of the tool."""
+
+
+@dataclass(frozen=True, eq=False)
+class HandBounds:
+    """The bounds of one arm as expressions.
+
+    Parameters
+    ----------
+    chain : the arm.
+    floor : least manipulability, as a share of `largest`.
+    largest : largest manipulability of the arm.
+    linear_speed : [m/s] of the tool's origin, its true norm.
+    deviation : [m] largest distance of the tool's origin from the reference.
+    planes : what to stay out of, with the tool's origin and the origins of every frame that moves against the base.
+    rate : [1/s] at which the distance to a bound may decay.
+    dt : tick [s].
+    return_speed : share of the joints' speeds at which the arm is led back above the floor.
+    """
+
+    chain: SerialChain
+    floor: float
+    largest: float
+    linear_speed: float
+    deviation: float
+    planes: Sequence[KeepOut]
+    rate: float
+    dt: float
+    return_speed: float
+
+    @property
+    def count(self) -> int:
+        """Number of rows."""
+        return 2 + len(self.planes)
+
+    @cached_property
+    def guarded(self) -> list[int]:
+        """Frames whose origins some joint moves, the tool first: what stays out of the planes."""
+        q = ca.SX.sym("q", self.chain.n)
+        frames = self.chain.frames_expression(q)
+        return [i for i in reversed(range(len(frames))) if ca.depends_on(frames[i][:3, 3], q)]
+
+    def manipulability(self, q: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """W / w_max and its gradient (n,)."""
+        w, gradient = self.chain.manipulability_expression(q), self.chain.manipulability_gradient_expression(q)
+        return w / self.largest, gradient / self.largest
+
+    def rows(
+        self, q: ca.SX, *, centre: ca.SX, lead: ca.SX, loss: ca.SX, bounds: VelocityBounds
+    ) -> tuple[ca.SX, ca.SX, VelocityBounds, Now]:
+        """R (m, n), r (m,), the joint intervals, opened where the acceleration bound has to yield, and how things are.
+
+        Parameters
+        ----------
+        q : (n,) joint positions.
+        centre : (3,) [m] the reference.
+        lead : (n,) stands for the gradient of w where that vanishes, else zero.
+        loss : what the last tick lost of w / w_max against its tangent: counted on again.
+        bounds : of the joint velocities.
+        """
+        share = (1 - math.exp(-self.rate * self.dt)) / self.dt
+        w, slope_of_w = self.manipulability(q)
+        gradient = slope_of_w + lead
+        climb = share * (self.floor + ABOVE - w) + loss / self.dt
+        pose = self.chain.pose_expression(q)
+        normals, most = [], []
+        away = pose[:3, 3] - centre
+        distance = ca.norm_2(away)
+        unit = away / ca.fmax(distance, 1e-9)
+        far = distance > 0.25 * self.deviation  # a row at the very centre has no direction
+        normals.append(unit.T @ self.chain.jacobian_expression(q)[:3, :])
+        most.append(ca.if_else(far, share * ca.fmax(self.deviation - distance, 0), FREE))
+        for plane in self.planes:
+            heights = self._heights(q, plane)
+            nearest = heights[0]
+            slope = ca.jacobian(nearest, q)
+            for height in heights[1:]:
+                closer = height < nearest
+                nearest, slope = ca.if_else(closer, height, nearest), ca.if_else(closer, ca.jacobian(height, q), slope)
+            normals.append(-slope)
+            most.append(share * ca.fmax(nearest, 0))
+        slow = ca.DM(self.return_speed * self.chain.velocity)
+        calm = ca.dot(ca.fabs(gradient), slow)
+        rows = feasible_rows(
+            gradient, climb, calm=calm, normals=ca.vertcat(*normals), most=ca.vertcat(*most), bounds=bounds
+        )
+        return *rows, Now(w, slope_of_w, pose)
+
+    def kept(
+        self, q: ca.SX, velocity: ca.SX, centre: ca.SX, *, w: ca.SX, here: ca.SX, hand: ca.SX
+    ) -> tuple[ca.SX, ca.SX]:
+        """Whether the true state after the tick keeps every bound; and w / w_max then.
+
+        What is broken already must not get worse. `w`, `here` (3,) and `hand` (3,) are w / w_max and the tool's origin
+        at q and its velocity.
+        """
+        ahead = q + velocity * self.dt
+        then = self.chain.manipulability_expression(ahead) / self.largest
+        there = self.chain.pose_expression(ahead)[:3, 3]
+        reach = self.linear_speed * (1 + 1e-9)
+        before, after = ca.norm_2(here - centre), ca.norm_2(there - centre)
+        conditions = [
+            then >= ca.fmin(w, self.floor) - ROUNDING,
+            ca.sumsqr(hand) <= reach**2,
+            ca.sumsqr(there - here) <= (reach * self.dt) ** 2,
+            after <= ca.fmax(before, self.deviation) + ROUNDING,
+        ]
+        for plane in self.planes:
+            now, later = self._heights(q, plane), self._heights(ahead, plane)
+            conditions += [b >= ca.fmin(a, 0) - ROUNDING for a, b in zip(now, later, strict=True)]
+        return all_true(*conditions), then
+
+    def _heights(self, q: ca.SX, plane: KeepOut) -> list[ca.SX]:
+        """[m] of each guarded point above a plane; those that no joint moves are left out."""
+        frames = self.chain.frames_expression(q)
+        return [ca.dot(ca.DM(plane.normal), frames[i][:3, 3]) - plane.offset for i in self.guarded]
+
+
+def feasible_rows(
+    gradient: ca.SX, climb: ca.SX, *, calm: ca.SX, normals: ca.SX, most: ca.SX, bounds: VelocityBounds
+) -> tuple[ca.SX, ca.SX, VelocityBounds]:
+    """Rows that some velocity within the (perhaps opened) intervals satisfies, always.
+
+    The floor's row asks for gradient . q' >= climb; where that is positive, at most for `calm`, and for what the joints
+    can do in this tick. The witness is the velocity nearest to rest, moved towards the fastest climb as far as the
+    floor asks, and scaled down as far as the other rows ask. Where it leaves the intervals, they are opened up to it:
+    the acceleration yields, no more than that.
+    """
+    lower, upper = bounds.lower, bounds.upper
+    rest = nearest_to_rest(bounds._replace(brake_lower=lower, brake_upper=upper))
+    fastest = ca.if_else(gradient > 0, upper, lower)
+    slope, most_climb = ca.dot(gradient, rest), ca.dot(gradient, fastest)
+    asked = ca.if_else(climb > 0, ca.fmin(ca.fmin(climb, calm), SHARE * ca.fmax(most_climb, 0)), climb)
+    part = clipped((asked - slope) / ca.fmax(most_climb - slope, 1e-12), 0, 1)
+    towards = rest + part * (fastest - rest)
+    slowed = fastest * clipped(asked / ca.fmin(most_climb, -1e-12), 0, 1)
+    witness = ca.if_else(slope >= asked, rest, ca.if_else(most_climb >= asked, towards, slowed))
+    speeds = normals @ witness
+    share = ca.SX(1)
+    for i in range(most.numel()):
+        share = ca.fmin(share, ca.if_else(speeds[i] > most[i], most[i] / ca.fmax(speeds[i], 1e-12), 1))
+    witness = share * witness
+    least = ca.fmin(asked, ca.dot(gradient, witness))
+    rows = ca.vertcat(-gradient.T, normals)
+    opened = bounds._replace(lower=ca.fmin(lower, witness), upper=ca.fmax(upper, witness))
+    return rows, ca.vertcat(-least, most), opened

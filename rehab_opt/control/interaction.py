@@ -1,0 +1,97 @@
+"""What a measured interaction force does to a reference: it slows it, turns it aside, and stops it at a limit."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rehab_opt.control.velocity_controller import checked_number
+from rehab_opt.errors import ConfigurationError
+
+__all__ = ["Feeling", "Interaction"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Interaction:
+    """Admittance of a led hand, B x' + K x = F, and how its reference slows down.
+
+    Defaults are choices: ISO/TS 15066 as quoted allows a hand 140 N, of healthy adults; this stays far below.
+    """
+
+    slow_from: float = 8.0
+    """[N] from which the reference slows down."""
+    limit: float = 30.0
+    """[N] at which the reference stands still and the arm decelerates to rest, until the force is below again."""
+    stiffness: float = 1500.0
+    """[N/m] K"""
+    damping: float = 150.0
+    """[N s/m] B"""
+    most: float = 0.02
+    """[m] largest displacement of the reference."""
+
+    def __post_init__(self) -> None:
+        """Check every number."""
+        for name in ("limit", "stiffness", "damping", "most"):
+            checked_number(name, getattr(self, name), above=0.0)
+        if not 0.0 <= self.slow_from < self.limit:
+            raise ConfigurationError("slow_from", self.slow_from, f"newtons from 0 to below the limit, {self.limit:g}")
+
+    def started(self, dt: float) -> Feeling:
+        """What is felt tick by tick [s]."""
+        return Feeling(self, dt)
+
+
+class Feeling:
+    """The displacement and pace that the forces so far lead to."""
+
+    def __init__(self, law: Interaction, dt: float) -> None:
+        self.law, self._decay = law, math.exp(-law.stiffness / law.damping * dt)
+        self.reset()
+
+    def reset(self) -> None:
+        """No force was felt."""
+        self.offset: Array = np.zeros(3)
+        """(3,) [m] displacement of the reference."""
+        self.pace = 1.0
+        """Share of its pace that the reference keeps."""
+        self.active = False
+
+    def feel(self, force: ArrayLike | None) -> str:
+        """Take one measurement (3,) [N], None for none; why the arm must stop, or nothing."""
+        if force is None:
+            if self.active:
+                self._move(np.zeros(3))
+                self.active = bool(np.linalg.norm(self.offset) > 1e-6)
+                self.offset = self.offset if self.active else np.zeros(3)
+            self.pace = 1.0
+            return ""
+        try:
+            felt = np.array(force, dtype=np.float64)
+        except (TypeError, ValueError) as problem:
+            raise ConfigurationError("force", force, "real numbers of shape (3,)") from problem
+        except OverflowError:
+            felt = np.full(3, math.inf)
+        if felt.shape != (3,):
+            raise ConfigurationError("force", force, "real numbers of shape (3,)")
+        size = math.hypot(*felt.tolist())  # numpy's would warn where squares overflow
+        self.active = True
+        if not size < math.inf:
+            self.pace = 0.0
+            return "force is not a usable number"
+        law = self.law
+        self._move(felt * min(1.0, law.limit / max(size, 1e-12)))
+        self.pace = min(max((law.limit - size) / (law.limit - law.slow_from), 0.0), 1.0)
+        if size >= law.limit:
+            return f"interaction force of {size:.1f} N, at most {law.limit:g} N"
+        return ""
+
+    def _move(self, force: Array) -> None:
+        goal = force / self.law.stiffness
+        offset = goal + self._decay * (self.offset - goal)
+        size = float(np.linalg.norm(offset))
+        self.offset = offset * min(1.0, self.law.most / size) if size > 0.0 else offset

@@ -1,0 +1,246 @@
+"""Mirror therapy: joint velocities of an arm that leads a hand along the other hand's mirrored path.
+
+The equations of the paper (Xu, Guo, Zhang 2021) are lost from the text at hand: this is a reconstruction of what it
+describes, a manipulability floor under a path that otherwise keeps to the reference, as a QP instead of a search.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rehab_opt.control.command import Bound, Command, Status
+from rehab_opt.control.hand_bounds import HandBounds, KeepOut
+from rehab_opt.control.interaction import Interaction
+from rehab_opt.control.manipulability import largest_manipulability
+from rehab_opt.control.mirror_following import BRIDGE, MirrorFollowing
+from rehab_opt.control.mirror_plan import MirrorPath, plan
+from rehab_opt.control.person_limit import PersonLimit
+from rehab_opt.control.reference_clock import ReferenceClock
+from rehab_opt.control.velocity_controller import checked_number
+from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.optim.fused import FUSED_SOLVERS
+from rehab_opt.symbolic import BufferedFunction, compiled
+
+__all__ = ["MirrorTracker"]
+
+Array = NDArray[np.float64]
+
+_OK, _NAN, _new, _read_only = Status.OK, math.nan, tuple.__new__, np.frombuffer
+_BOUNDS = tuple(Bound(i) for i in range(8))
+_SQUARE = (4, 4)
+
+
+class MirrorTracker(MirrorFollowing):
+    """Joint velocities for a hand that is led along a mirrored path, kept out of singular postures.
+
+    `PoseTracker`'s QP with the rows of `HandBounds`: w(q) + grad w . q' dt stays above the floor as a discrete barrier,
+    the hand near the reference and out of what it must not enter. Then the true state at the end of the tick is
+    computed, and the step shortened where the tangents promised too much: w(q + q' dt) / w_max >= min(floor, w / w_max)
+    holds in every tick, also while braking. Where the acceleration bound is in the way of it, it yields, is flagged and
+    counted.
+
+    The reference is read by a clock. It slows down where the reference is faster than the hand may be, where the
+    deviation grows and where the person pushes, waits at the largest deviation, and catches up afterwards; what was
+    slowed is late, not cut. A stretch that the arm cannot do at all is left out once the reference is back
+    within reach. Jumps of the reference are bridged at half the hand speeds; the first bridge starts at the hand.
+
+    Parameters
+    ----------
+    chain : any serial chain.
+    floor : least w / w_max, above 0 and below 1; w is Yoshikawa's measure, w_max the chain's own maximum (`largest`).
+    max_deviation : [m] of the tool from the reference that the clock stands at.
+    max_turn : [rad] of the tool from it, from which the clock waits; no bound of the QP.
+    linear_speed, angular_speed : [m/s, rad/s] largest hand speeds; the linear one holds exactly, in every tick.
+    keep_out : planes that no part of the arm crosses: `KeepOut.through(point, normal)`.
+    person : the arm that is led, in the robot's base frame; the reference is limited to its range of motion
+        (`PersonLimit`). grip : (4, 4) pose of the tool in its hand frame.
+    interaction : how measured forces slow and turn aside; default `Interaction()`.
+    catch_up : share by which the clock may run fast to make up for a lag.
+    turn_length : [m/rad] what a turn of the hand counts for against its place where both cannot be had.
+    rate : [1/s] at which the distance to a bound may decay.
+    largest : w_max where it is known; searched for by default, which takes half a second.
+    gain, posture, lower, upper, velocity, acceleration, dt, return_speed, solver, backup, tolerance, max_age, compile :
+        as for `PoseTracker`.
+
+    Raises
+    ------
+    ConfigurationError : an argument that cannot be used.
+    """
+
+    name: ClassVar[str] = "mirror_tracker"
+
+    def __init__(
+        self,
+        chain: SerialChain,
+        *,
+        floor: float = 0.3,
+        max_deviation: float = 0.05,
+        max_turn: float = math.radians(45.0),
+        linear_speed: float = 0.25,
+        angular_speed: float = 1.5,
+        keep_out: Sequence[KeepOut] = (),
+        person: SerialChain | None = None,
+        grip: ArrayLike | None = None,
+        interaction: Interaction | None = None,
+        catch_up: float = 0.5,
+        turn_length: float = 0.1,
+        rate: float = 20.0,
+        largest: float | None = None,
+        dt: float = 0.001,
+        return_speed: float = 0.1,
+        compile: bool | None = None,
+        **options: Any,
+    ) -> None:
+        if not isinstance(chain, SerialChain):
+            raise ConfigurationError("chain", chain, "a SerialChain")
+        if any(name in options for name in ("task_weights",)):
+            raise ConfigurationError("task_weights", options["task_weights"], "turn_length instead")
+        checked_number("dt", dt, above=0.0, below=1.0)
+        limited = chain.with_limits(
+            **{name: options.get(name) for name in ("lower", "upper", "velocity", "acceleration")}
+        )
+        if not all(isinstance(plane, KeepOut) for plane in keep_out):
+            raise ConfigurationError("keep_out", keep_out, "planes made by KeepOut.through")
+        self.floor = checked_number("floor", floor, above=0.0, below=1.0)
+        self.max_deviation = checked_number("max_deviation", max_deviation, above=0.0)
+        self.max_turn = checked_number("max_turn", max_turn, above=0.0, below=math.pi)
+        self.catch_up = checked_number("catch_up", catch_up, above=-1e-9, below=10.0)
+        turn_length = checked_number("turn_length", turn_length, above=0.0)
+        self.largest = (
+            largest_manipulability(limited)[0] if largest is None else checked_number("largest", largest, above=0.0)
+        )
+        self.hand_bounds = HandBounds(
+            limited, self.floor, self.largest, checked_number("linear_speed", linear_speed, above=0.0),
+            self.max_deviation, tuple(keep_out), checked_number("rate", rate, above=0.0), dt,
+            checked_number("return_speed", return_speed, above=0.0, below=1.0),
+        )  # fmt: skip
+        self.row_count = self.hand_bounds.count
+        super().__init__(
+            chain, linear_speed=linear_speed, angular_speed=angular_speed, dt=dt, return_speed=return_speed,
+            task_weights=[1.0, 1.0, 1.0, *(turn_length**2,) * 3], compile=compile, **options,
+        )  # fmt: skip
+        self._limit = None
+        if person is not None:
+            self._limit = PersonLimit(person, grip=np.eye(4) if grip is None else grip, dt=dt, compile=compile)
+        self._interaction = (Interaction() if interaction is None else interaction).started(dt)
+        self._audit = BufferedFunction(self._auditing())
+        symbol = ca.SX.sym("q", self.chain.n)
+        tool = ca.Function("tool", [symbol], [ca.densify(self.chain.pose_expression(symbol))], {"cse": True})
+        self._tool = BufferedFunction(compiled(tool, compile=compile))
+        self.clock = ReferenceClock(dt, linear_speed=BRIDGE * linear_speed, angular_speed=BRIDGE * angular_speed)
+        """Where the reference is read."""
+        self.counts: Counter[str] = Counter()
+        """How many ticks yielded acceleration, were shortened, waited, braked, and how many stretches were left out."""
+        self._hot = (
+            *self._views[:3], self._ladder.parameters.data, self._verdict, self._keep, self._answer, self._velocity,
+        )  # fmt: skip
+        self._begin()
+
+    # ------------------------------------------------------------------------------------------------ the user's
+    def reset(self, velocity: ArrayLike | None = None) -> None:
+        """Forget the past; `velocity` (n,) is what the joints do now [rad/s or m/s], rest by default."""
+        super().reset(velocity)
+        self._ladder.memory[2 * self.chain.n :] = 0.0
+        if hasattr(self, "clock"):
+            self._begin()
+
+    @property
+    def reference(self) -> Array:
+        """(4, 4) the pose that the clock stands at, before the person's range of motion and forces are considered."""
+        if self._live:
+            return self._accepted()[0]
+        return np.full((4, 4), math.nan) if self.clock.empty else self.clock.read()[0].copy()
+
+    @property
+    def time_scale(self) -> float:
+        """Seconds of the reference followed in a second, in the last tick."""
+        return self._rate
+
+    @property
+    def lag(self) -> float:
+        """[s] by which the reference that is followed is older than the newest, bridges included."""
+        return 0.0 if self._live else self.clock.lag
+
+    @property
+    def manipulability(self) -> float:
+        """W / w_max where the last command leads."""
+        return self._then
+
+    def step(
+        self,
+        q: ArrayLike,
+        pose: ArrayLike,
+        twist: ArrayLike,
+        *,
+        force: ArrayLike | None = None,
+        enable: object = True,
+        stamp: float | None = None,
+    ) -> Command:
+        """Joint velocity (n,) [rad/s, m/s] to hold until the next tick; its `scale` is the time scaling, at most 1.
+
+        Never raises on numbers: what is not usable gives the safe command, decelerating within the limits, and its
+        reason; the clock waits meanwhile.
+
+        Parameters
+        ----------
+        q : (n,) joint positions now [rad, m].
+        pose : (4, 4) the mirrored pose of the tool now, in the base frame.
+        twist : (6,) how that moves, linear [m/s] first, then angular [rad/s], in the base frame.
+        force : (3,) [N] that the person exerts on the tool, in the base frame, where it is measured.
+        enable : the dead-man input; anything but true decelerates to rest.
+        stamp : time of the state [s]; checked by the watchdog when given.
+
+        Raises
+        ------
+        ConfigurationError : an argument of the wrong shape.
+        """
+        if not self._live or force is not None:
+            return self._followed(q, pose, twist, force, self._refusal(enable, stamp))
+        # The usual way, without the layers of Python: they would cost as much as the solve.
+        q_view, pose_view, twist_view, given, verdict, keep, answer, velocity = self._hot
+        try:
+            q_view[:] = q  # type: ignore[assignment]
+            twist_view[:] = twist  # type: ignore[assignment]
+            pose_view[:] = pose.ravel()  # type: ignore[union-attr]
+            usual = pose.shape == _SQUARE  # type: ignore[union-attr]
+        except (ValueError, TypeError, AttributeError):
+            usual = False
+        reason = "" if enable is True and stamp is None and not self._stamped else self._refusal(enable, stamp)
+        if usual and not reason:
+            verdict[0] = _NAN  # see `Ladder`: a failure inside leaves the outputs as they are
+            self._evaluate()
+            residual, _, who, yielded, scale, usual, _, _, self._then, _ = verdict.tolist()
+            if usual and 0.0 <= residual <= self.tolerance:
+                keep[:] = answer
+                self._good = given.tobytes()
+                value = _read_only(velocity.tobytes())
+                return _new(
+                    Command, (value, _OK, FUSED_SOLVERS[int(who)], residual, -1, "", _BOUNDS[int(yielded)], scale)
+                )
+        return self._followed(q, pose, twist, force, reason)
+
+    # ----------------------------------------------------------------------------------------------- whole motions
+    def plan(self, poses: ArrayLike, twists: ArrayLike, q: ArrayLike) -> MirrorPath:
+        """The whole motion along a recording, with every guarantee of `step` and the future known.
+
+        The clock slows down ahead of what is too fast, and knows at once where a stretch it must leave out ends.
+
+        Parameters
+        ----------
+        poses, twists : (N, 4, 4), (N, 6) mirrored poses of the tool and how they move, `dt` apart; samples with NaN are
+            lost sight, and bridged.
+        q : (n,) joint positions at the start, at rest.
+
+        Raises
+        ------
+        ConfigurationError : wrong shapes, or nothing usable.
+        """
+        return plan(self, poses, twists, q)

@@ -1,0 +1,275 @@
+"""A mirrored hand's reference clock at work: what is followed in a tick, how fast, and what is left out."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rehab_opt.control.between_poses import angle_between, distance_between
+from rehab_opt.control.command import Bound, Command, Status
+from rehab_opt.control.interaction import Feeling
+from rehab_opt.control.mirror_statement import CALM, SPARE, WHOLE, MirrorStatement
+from rehab_opt.control.person_limit import PersonLimit
+from rehab_opt.control.reference_clock import ReferenceClock
+from rehab_opt.kinematics.frames import ROTATION_TOLERANCE
+from rehab_opt.optim.qp import PLAUSIBLE
+from rehab_opt.symbolic import BufferedFunction
+
+__all__ = ["BRIDGE", "MirrorFollowing"]
+
+Array = NDArray[np.float64]
+
+WAITS = 0.9
+"""Share of the largest deviation from which the clock waits."""
+QUICKENING, CATCHING_UP = 0.1, 0.3
+"""[s] in which the clock regains its pace, and in which it makes up for its lag."""
+STUCK = 0.1, 0.005
+"""[s, m/s] How long the clock must have waited, and how slow the hand be, before a stretch of path is given up."""
+GIVEN_UP = 3.0
+"""[s] of waiting with all the future known, after which a plan ends incomplete."""
+JUMP, SPIN = 5.0, 30.0
+"""[m/s, rad/s] Faster samples than a hand can move: a jump of the tracker, and bridged."""
+BRIDGE = 0.5
+"""Share of the hand speeds at which a jump is bridged."""
+
+
+class MirrorFollowing(MirrorStatement):
+    """The tick of `MirrorTracker` wherever something is unusual: late, pushed, led by a range of motion, or faulty."""
+
+    clock: ReferenceClock
+    catch_up: float
+    _interaction: Feeling
+    _limit: PersonLimit | None
+    _tool: BufferedFunction
+    _rate: float
+
+    def _begin(self) -> None:
+        self.clock.reset()
+        if self._limit is not None:
+            self._limit.reset()
+        self._interaction.reset()
+        self._rate, self._share, self._then = 1.0, 1.0, math.nan
+        self._waited = 0.0
+        self._live = False
+        self._good = b""
+        self._centre: Array | None = None
+        self.followed: Array = np.full((4, 4), math.nan)
+        """(4, 4) the reference of the last tick with a clock, before the range of motion and forces."""
+        self._lead_w, self._lead_age = -1.0, 0
+        self._inputs[2][:] = self._inputs[3][:] = 0.0
+
+    def _followed(
+        self, q: ArrayLike, pose: ArrayLike, twist: ArrayLike, force: ArrayLike | None, reason: str
+    ) -> Command:
+        """One tick with the clock."""
+        lead = self._inputs[3].copy()
+        self._write((q, pose, twist, np.zeros(3), lead))
+        pose, twist = self._inputs[0].copy(), self._inputs[1].copy()
+        if self._live:
+            self.clock.start(*self._accepted())
+            self._live = False
+        pushed = self._interaction.feel(force)
+        reason = reason or self._unusable(pose, twist) or pushed
+        if reason:
+            return self._safe(reason)
+        here = self._tool.of(self._q)
+        self._take(here, pose, twist)
+        return self._tracked(here)
+
+    def _tracked(self, here: Array, *, foreseen: bool = False) -> Command:
+        """One tick of following what the clock holds."""
+        self._bridging = self.clock.bridging
+        now = self.clock.read()
+        rate = self._pace(here, *now, foreseen=foreseen)
+        target, motion, ahead = self._reference(here, now, rate)
+        self._rate = ahead / self.dt
+        self._note_waiting(here)
+        self.followed = target
+        centre = target[:3, 3].copy()
+        self._centre = centre
+        motion = motion * self._rate
+        if self._limit is not None:
+            target, motion = self._limit.limited(target, motion)
+        if self._interaction.active:
+            target = target.copy()
+            target[:3, 3] += self._interaction.offset
+        if target is not self.followed:
+            self._inputs[2][:] = centre - target[:3, 3]
+        self._inputs[0][:], self._inputs[1][:] = target, motion
+        self._last_before = self._last.copy()
+        solver = self._ladder()
+        if not solver:
+            return self._safe(self._fault())
+        return self._delivered(solver, centre)
+
+    def _delivered(self, solver: str, centre: Array) -> Command:
+        """The command of a certified answer, shortened where the true state asks for it."""
+        ladder = self._ladder
+        residual, _, _, yielded, share, _, kept, w, then, flat = ladder.verdict.tolist()
+        status, notes = Status.OK, []
+        if solver == ladder.backup != ladder.solver:
+            status, notes = Status.BACKUP, [f"{ladder.solver} gave no certified answer"]
+        value = np.frombuffer(self._velocity.tobytes())
+        flags = Bound(int(yielded))
+        if not kept:
+            value, flags = self._shortened(self._q.copy(), value, centre, flags)
+            notes.append("step shortened: the bounds' tangents promised too much")
+        else:
+            self._then = then
+        if flags & Bound.ACCELERATION:
+            self.counts["acceleration"] += 1
+        self._share = share
+        self._find_way_out(bool(flat), w)
+        slow = min(1.0, self._rate) * share
+        if self._rate < WHOLE:
+            self.counts["slowed"] += 1
+            flags |= Bound.TASK
+            notes.append(f"the reference is followed at {self._rate:.0%} of its pace, {self.clock.lag:.2f} s behind")
+        if self._bridging:
+            notes.append("bridging a jump of the reference")
+        usual = self._limit is None and not self._interaction.active and self.clock.current and not flat
+        if usual and self._rate >= WHOLE and share >= WHOLE:
+            pose, twist = self.clock.read()
+            self._inputs[0][:], self._inputs[1][:] = pose, twist
+            self._inputs[2][:] = self._inputs[3][:] = 0.0
+            self._good, self._live, self._rate = self._ladder.parameters.tobytes(), self._fused, 1.0
+        return Command(value, status, solver, residual, ladder.iterations, "; ".join(notes), flags, slow)
+
+    def _accepted(self) -> tuple[Array, Array]:
+        """Pose (4, 4) and twist (6,) of the last tick that needed no clock."""
+        _, pose, twist, _ = np.split(np.frombuffer(self._good), np.cumsum((self.chain.n, 16, 6)))
+        return pose.reshape(4, 4).copy(), twist.copy()
+
+    def _take(self, here: Array, pose: Array, twist: Array) -> None:
+        """Hand a sample to the clock, bridging what no hand can do."""
+        clock = self.clock
+        if clock.empty:
+            clock.start(here, np.zeros(6))
+            clock.push(pose, twist, bridge=True)
+            return
+        clock.push(pose, twist, bridge=self._jumps(clock.newest, pose, self.dt))
+
+    def _jumps(self, before: Array, pose: Array, seconds: float) -> bool:
+        """Whether no hand goes from one pose to the next in this time."""
+        return (
+            distance_between(pose, before) > JUMP * seconds + 1e-3
+            or angle_between(pose, before) > SPIN * seconds + 1e-2
+        )
+
+    def _pace(self, here: Array, pose: Array, twist: Array, *, foreseen: bool) -> float:
+        """Seconds of the reference to follow in a second; what is foreseen is not late."""
+        clock = self.clock
+        x, y, z, turning_x, turning_y, turning_z = twist.tolist()
+        speed, turning = math.hypot(x, y, z), math.hypot(turning_x, turning_y, turning_z)
+        pace = 1.0
+        if not foreseen and self._interaction.pace == 1.0:  # nobody is hurried who pushes
+            pace += min(self.catch_up, max(clock.lag - self.dt, 0.0) / CATCHING_UP)
+        worst = max(distance_between(here, pose) / self.max_deviation, angle_between(here, pose) / self.max_turn)
+        pace *= min(max((WAITS - worst) / (WAITS - CALM), 0.0), 1.0) * self._interaction.pace
+        linear, angular = SPARE * self.linear_speed, SPARE * self.angular_speed
+        pace = min(pace, clock.pace, linear / max(speed, 1e-9), angular / max(turning, 1e-9))
+        before = self._rate * (self._share if self._share < WHOLE else 1.0)
+        return min(pace, max(before, 0.0) + self.dt / QUICKENING)
+
+    def _reference(self, here: Array, now: tuple[Array, Array], rate: float) -> tuple[Array, Array, float]:
+        """Pose and twist to follow now, and the reference seconds gone on by: as many as the deviation allows."""
+        clock, ahead = self.clock, rate * self.dt
+        allowed = max(WAITS * self.max_deviation, distance_between(now[0], here))
+        for _ in range(3):
+            pose, twist = clock.read(ahead)
+            if distance_between(pose, here) <= allowed:
+                clock.advance(ahead)
+                return pose, twist, ahead
+            ahead *= 0.5
+        return *now, 0.0
+
+    def _note_waiting(self, here: Array) -> None:
+        """Leave out the stretch the clock waits at, once a later pose is within reach of a hand that stands."""
+        if self._rate > 0.02:
+            self._waited = 0.0
+            return
+        self.counts["waited"] += 1
+        self._waited += self.dt
+        hand = self.chain.jacobian(self._q)[:3] @ self._last
+        if self._waited < STUCK[0] or float(np.linalg.norm(hand)) > STUCK[1]:
+            return
+        positions, poses, _ = self.clock.waiting()
+        near = np.flatnonzero(np.linalg.norm(positions - here[:3, 3], axis=1) <= CALM * self.max_deviation)
+        first = self.clock.read()[0]
+        beyond = np.linalg.norm(positions - first[:3, 3], axis=1)
+        for index in near.tolist():
+            if angle_between(here, poses[index]) <= CALM * self.max_turn and beyond[: index + 1].max() > 1e-3:
+                self.clock.skip(index + 1)
+                self.counts["left out"] += 1
+                self._waited = 0.0
+                return
+
+    def _safe(self, reason: str) -> Command:
+        """Decelerate within the bounds, and faster where the floor or the planes ask for it."""
+        self._live, self._waited = False, 0.0
+        self._rate = 0.0
+        self.counts["braked"] += 1
+        self._last_before = self._last.copy()
+        q, centre = self._audited, self._centre  # before the prediction goes on
+        command = super()._safe(reason)
+        if centre is None:
+            centre = self.chain.pose(q)[:3, 3]
+        self._ladder.memory[2 * self.chain.n :] = 0.0
+        if command.value.any() and not self._kept(q, command.value, centre):
+            value, flags = self._shortened(q, command.value, centre, command.yielded)
+            if flags & Bound.ACCELERATION:
+                self.counts["acceleration"] += 1
+            status = Status.BRAKING if value.any() else Status.HOLDING
+            command = command._replace(value=value, yielded=flags, status=status)
+        return command
+
+    def _unusable(self, pose: Array, twist: Array) -> str:
+        """Why a state or sample cannot be used, or nothing."""
+        for name, array in (("q", self._q), ("pose", pose), ("twist", twist)):
+            bad = ~(np.abs(array) <= PLAUSIBLE)
+            if bad.any():
+                where = ", ".join(str(i) for i in np.argwhere(bad)[0])
+                return f"{name}[{where}] is {array[bad][0]}, not a usable number"
+        rotation = pose[:3, :3]
+        skewed = float(np.linalg.norm(rotation @ rotation.T - np.eye(3)))
+        level = np.array_equal(pose[3], (0.0, 0.0, 0.0, 1.0))
+        if not (skewed <= ROTATION_TOLERANCE and np.linalg.det(rotation) > 0 and level):
+            return self.requirement
+        return ""
+
+    # ----------------------------------------------------------------------------------------------- whole motions
+    def foresee(self, q: Array, poses: Array, twists: Array, stamps: Array) -> list[tuple[float, float]]:
+        """Hand a whole recording to the clock; its time and the recording's of each sample."""
+        clock = self.clock
+        marks: list[tuple[float, float]] = []
+        here = self.chain.pose(q)
+        self._live = False
+        clock.start(here, np.zeros(6))
+        before, stamp = here, stamps[0] - self.dt
+        for pose, twist, now in zip(poses, twists, stamps.tolist(), strict=True):
+            seconds = now - stamp
+            jumps = self._jumps(before, pose, seconds) or len(marks) == 0
+            clock.push(pose, twist, seconds=seconds, bridge=jumps)
+            marks.append((clock.lag, now))
+            before, stamp = pose, now
+        clock.slow_ahead(
+            linear_speed=SPARE * self.linear_speed, angular_speed=SPARE * self.angular_speed, quickening=QUICKENING
+        )
+        return marks
+
+    def follow(self, q: Array) -> Command:
+        """One tick along what the clock foresees."""
+        self._q[:] = q
+        here = self._tool.of(q)
+        return self._tracked(here, foreseen=True)
+
+    def tool(self, q: Array) -> Array:
+        """(4, 4) pose of the tool, as `chain.pose`, faster."""
+        return self._tool.of(q)
+
+    @property
+    def given_up(self) -> bool:
+        """Whether the clock has waited for so long that nothing will change."""
+        return self._waited > GIVEN_UP

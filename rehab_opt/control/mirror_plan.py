@@ -1,0 +1,114 @@
+"""A whole mirrored motion at once: `MirrorTracker`'s guarantees, with the reference's future known."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import Counter
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rehab_opt.control.between_poses import turn_between
+from rehab_opt.control.command import Bound
+from rehab_opt.errors import ConfigurationError
+
+if TYPE_CHECKING:
+    from rehab_opt.control.mirror import MirrorTracker
+
+__all__ = ["MirrorPath", "plan"]
+
+Array = NDArray[np.float64]
+
+STANDING = 1e-4
+"""[rad/s or m/s] Joint speeds at which a motion has come to its end."""
+PATIENCE = 10.0
+"""[s] beyond the reference's own length, and as a multiple of that, after which a plan ends incomplete."""
+
+
+class MirrorPath(NamedTuple):
+    """M ticks of a planned motion."""
+
+    times: Array
+    """(M,) [s] dt apart; at the beginning of each tick, like the positions."""
+    q: Array
+    """(M, n) joint positions [rad, m]."""
+    velocities: Array
+    """(M, n) joint velocities held during the tick [rad/s, m/s]."""
+    poses: Array
+    """(M, 4, 4) of the tool."""
+    references: Array
+    """(M, 4, 4) the reference pose where the clock stands in the tick."""
+    clock: Array
+    """(M,) [s] of the reference's own time; where a jump was bridged or a stretch left out, it leaps."""
+    manipulability: Array
+    """(M,) w / w_max where the tick leads."""
+    yielded: list[Bound]
+    """What had to give way in each tick."""
+    complete: bool
+    """Whether the reference's end was reached."""
+    counts: Counter[str]
+    """See `MirrorTracker.counts`."""
+    seconds: float
+    """Computing time."""
+
+    @property
+    def deviations(self) -> Array:
+        """(M,) [m] from the reference."""
+        return np.asarray(np.linalg.norm(self.poses[:, :3, 3] - self.references[:, :3, 3], axis=1))
+
+    @property
+    def turns(self) -> Array:
+        """(M,) [rad] from the reference's orientation."""
+        return np.array([math.hypot(*turn_between(a, b)) for a, b in zip(self.poses, self.references, strict=True)])
+
+    @property
+    def delay(self) -> float:
+        """[s] by which the motion ends later than the reference."""
+        return float(self.times[-1] - self.clock[-1]) if len(self.times) else 0.0
+
+
+def plan(tracker: MirrorTracker, poses: ArrayLike, twists: ArrayLike, q: ArrayLike) -> MirrorPath:
+    """Follow a whole recording from posture q; see `MirrorTracker.plan`."""
+    reference, motion = np.array(poses, dtype=np.float64), np.array(twists, dtype=np.float64)
+    if reference.ndim != 3 or reference.shape[1:] != (4, 4) or motion.shape != (len(reference), 6):
+        raise ConfigurationError("poses, twists", (reference.shape, motion.shape), "(N, 4, 4) and (N, 6)")
+    joints = np.array(q, dtype=np.float64)
+    if joints.shape != (tracker.chain.n,) or not np.all(np.isfinite(joints)):
+        raise ConfigurationError("q", q, f"{tracker.chain.n} finite numbers")
+    begun = time.perf_counter()
+    usable = np.flatnonzero(np.all(np.isfinite(reference), axis=(1, 2)) & np.all(np.isfinite(motion), axis=1))
+    if not len(usable):
+        raise ConfigurationError("poses", reference.shape, "at least one usable sample")
+    tracker.reset()
+    dt = tracker.dt
+    stamps = tracker.foresee(joints, reference[usable], motion[usable], np.asarray(dt * usable, dtype=np.float64))
+    ends = stamps[-1][0]
+    most = math.ceil((PATIENCE + PATIENCE * ends) / dt)
+    times, path, speeds, clock, shown, w, yielded = [], [], [], [], [], [], []
+    marks, own = (np.array(column) for column in zip(*stamps, strict=True))
+    complete = False
+    for k in range(most):
+        path.append(joints)
+        command = tracker.follow(joints)
+        joints = joints + command.value * dt
+        times.append(k * dt)
+        speeds.append(command.value)
+        shown.append(tracker.followed)
+        clock.append(ends - tracker.clock.lag)
+        w.append(tracker.manipulability)
+        yielded.append(command.yielded)
+        if tracker.clock.current and float(np.abs(command.value).max()) < STANDING:
+            complete = True
+            break
+        if tracker.given_up:
+            break
+    q_path = np.array(path)
+    found = np.array([tracker.tool(each) for each in path])
+    own_time = np.interp(np.array(clock), marks, own)
+    counts = Counter(tracker.counts)
+    return MirrorPath(
+        np.array(times), q_path, np.array(speeds), found, np.array(shown), own_time, np.array(w), yielded, complete,
+        counts, time.perf_counter() - begun,
+    )  # fmt: skip

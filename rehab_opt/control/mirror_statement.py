@@ -1,0 +1,173 @@
+"""The QP of a mirrored hand, and what is true at the end of its tick."""
+
+from __future__ import annotations
+
+from collections import Counter
+from functools import reduce
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rehab_opt.control.command import Bound
+from rehab_opt.control.hand_bounds import HandBounds
+from rehab_opt.control.manipulability import way_out
+from rehab_opt.control.pose_tracker import Motion, PoseTracker, Tick
+from rehab_opt.control.stopping import VelocityBounds
+from rehab_opt.kinematics.frames import rotation_vector
+from rehab_opt.optim.qp import PLAUSIBLE, Instance, parameter
+from rehab_opt.symbolic import BufferedFunction
+
+__all__ = ["CALM", "SPARE", "WHOLE", "MirrorStatement"]
+
+Array = NDArray[np.float64]
+
+FLAT = 2e-3
+"""[1/rad] Slope of w / w_max below which the gradient shows no way up."""
+WHOLE = 0.999
+"""Share of the wanted motion from which nothing was slowed."""
+CALM = 0.45
+"""Share of the largest deviation up to which the clock keeps its pace."""
+SPARE = 0.95
+"""Share of the hand speeds that the reference may take: the rest is for catching up with it."""
+HASTE = 4.0
+"""[1] Feedback on the error asks for at most this many times the largest hand speed."""
+HALVINGS = 12
+STALE = 200
+"""Ticks without gain after which another way out is looked for."""
+
+
+class MirrorStatement(PoseTracker):
+    """`PoseTracker`'s QP with the rows of `HandBounds`, its true state at the end of the tick, and shortened steps."""
+
+    memory_extra = 1  # what the last tick lost of w / w_max against its tangent
+    floor: float
+    max_deviation: float
+    max_turn: float
+    hand_bounds: HandBounds
+    counts: Counter[str]
+    _audit: BufferedFunction
+    _last_before: Array
+    """(n,) the velocity before this tick's."""
+    _then: float
+    _lead_w: float
+    _lead_age: int
+
+    def others(self) -> list[ca.SX]:
+        """From the target to the deviation's centre (3,), and what stands for a gradient that vanishes (n,)."""
+        return [parameter("offset", 3), parameter("lead", self.chain.n)]
+
+    @property
+    def shapes(self) -> tuple[tuple[int, ...], ...]:  # type: ignore[override]
+        """Shapes of the statement's parameters after q."""
+        return ((4, 4), (6,), (3,), (self.chain.n,))
+
+    @property
+    def told_size(self) -> int:  # type: ignore[override]
+        """W / w_max, its gradient, the tool's origin, and the square of its turn from the target."""
+        return self.chain.n + 5
+
+    def rows(self, tick: Tick, bounds: VelocityBounds) -> tuple[ca.SX, ca.SX, VelocityBounds, ca.SX]:
+        """See `HandBounds.rows`."""
+        offset, lead = tick.others
+        rows, most, opened, now = self.hand_bounds.rows(
+            tick.q, centre=tick.target[:3, 3] + offset, lead=lead, loss=tick.memory[-1], bounds=bounds
+        )
+        turned = ca.sumsqr(rotation_vector(tick.target[:3, :3] @ now.pose[:3, :3].T))
+        return rows, most, opened, ca.vertcat(now.w, now.gradient, now.pose[:3, 3], turned)
+
+    def hand_speeds(self) -> tuple[float, float]:
+        """The wanted motion is slowed, not the asked one: what the floor takes from it must not slow the rest."""
+        return self.linear_speed, self.angular_speed
+
+    def _asked_twist(self, pose: ca.SX, target: ca.SX, twist: ca.SX) -> tuple[ca.SX, ca.SX]:
+        feedback = self._settling * ca.vertcat(
+            target[:3, 3] - pose[:3, 3], rotation_vector(target[:3, :3] @ pose[:3, :3].T)
+        )
+        linear, angular = ca.norm_2(feedback[:3]), ca.norm_2(feedback[3:])
+        excess = ca.fmax(linear / (HASTE * self.linear_speed), angular / (HASTE * self.angular_speed))
+        return twist + feedback / ca.fmax(excess, 1), ca.SX(1)
+
+    def outcome(self, tick: Tick, motion: Motion) -> ca.SX:
+        """Yielded, share of the wanted motion, nothing unusual, bounds truly kept, w before and after, w is flat."""
+        centre = tick.target[:3, 3] + tick.others[0]
+        w, gradient, here, turned = self._told(motion)
+        yielded = super().outcome(tick, motion)[0]
+        share = ca.if_else(motion.speed > 1e-9, motion.scale, 1)
+        kept, then = self._ends(tick, motion)
+        flat = ca.logic_and(ca.sumsqr(gradient) < FLAT**2, w < self.floor)
+        usual = [
+            kept, share >= WHOLE, ca.logic_not(flat), motion.outside < 0.5,
+            ca.logic_or(yielded == int(Bound.NOTHING), yielded == int(Bound.TASK)),
+            ca.sumsqr(here - centre) <= (CALM * self.max_deviation) ** 2, turned <= (CALM * self.max_turn) ** 2,
+            ca.sumsqr(tick.twist[:3]) <= (SPARE * self.linear_speed) ** 2,
+            ca.sumsqr(tick.twist[3:]) <= (SPARE * self.angular_speed) ** 2,
+        ]  # fmt: skip
+        return ca.vertcat(yielded, share, reduce(ca.logic_and, usual), kept, w, then, flat)
+
+    def remembered(self, tick: Tick, motion: Motion) -> ca.SX:
+        """Velocity, where it leads, and the loss of w against its tangent."""
+        w, gradient, _, _ = self._told(motion)
+        _, then = self._ends(tick, motion)
+        loss = ca.fmax(w + ca.dot(gradient, motion.velocity) * self.dt - then, 0)
+        return ca.vertcat(super().remembered(tick, motion), ca.fmin(loss, self.floor))
+
+    def _told(self, motion: Motion) -> list[ca.SX]:
+        n = self.chain.n
+        w, gradient, here, turned = ca.vertsplit(motion.told, [0, 1, n + 1, n + 4, n + 5])
+        return [w, gradient, here, turned]
+
+    def _ends(self, tick: Tick, motion: Motion) -> tuple[ca.SX, ca.SX]:
+        w, _, here, _ = self._told(motion)
+        centre, hand = tick.target[:3, 3] + tick.others[0], motion.delivered[:3]  # places weigh 1
+        return self.hand_bounds.kept(tick.q, motion.velocity, centre, w=w, here=here, hand=hand)
+
+    def _auditing(self) -> ca.Function:
+        """q, velocity, centre -> see `HandBounds.kept`."""
+        q, velocity, centre = ca.SX.sym("q", self.chain.n), ca.SX.sym("v", self.chain.n), ca.SX.sym("centre", 3)
+        w, here = self.hand_bounds.manipulability(q)[0], self.chain.pose_expression(q)[:3, 3]
+        hand = self.chain.jacobian_expression(q)[:3, :] @ velocity
+        kept = self.hand_bounds.kept(q, velocity, centre, w=w, here=here, hand=hand)
+        return ca.Function("audit", [q, velocity, centre], [ca.densify(ca.vertcat(*kept))], {"cse": True})
+
+    def instance(self, q: ArrayLike, *inputs: ArrayLike) -> Instance:
+        """The QP of a tick at q, pose and twist, as numbers, for inspection."""
+        return super().instance(q, *inputs, *(np.zeros(3), np.zeros(self.chain.n))[len(inputs) - 2 :])
+
+    # --------------------------------------------------------------------------------------------- true bounds
+    def _kept(self, q: Array, value: Array, centre: Array) -> bool:
+        kept, self._then = self._audit.of(q, value, centre).tolist()
+        return bool(kept)
+
+    @property
+    def _audited(self) -> Array:
+        """(n,) positions that can be used: as measured, or where the last command led."""
+        return np.where(np.abs(self._q) <= PLAUSIBLE, self._q, self._predicted)
+
+    def _shortened(self, q: Array, value: Array, centre: Array, flags: Bound) -> tuple[Array, Bound]:
+        """The longest part of a step that keeps every bound truly, to a thousandth; and what yields to it."""
+        short, long = 0.0, 1.0
+        for _ in range(HALVINGS):
+            middle = (short + long) / 2
+            short, long = (middle, long) if self._kept(q, middle * value, centre) else (short, middle)
+        value = short * value + 0.0
+        value.setflags(write=False)
+        self._kept(q, value, centre)
+        if np.any(np.abs(value - self._last_before) > self.chain.acceleration * self.dt * (1 + 1e-9) + 1e-12):
+            flags |= Bound.ACCELERATION
+        self.counts["shortened"] += 1
+        self._ladder.memory[: 2 * self.chain.n] = np.concatenate([value, q + value * self.dt])
+        return value, flags | Bound.TASK
+
+    def _find_way_out(self, flat: bool, w: float) -> None:
+        """What stands for the gradient in the next tick, where there is none."""
+        lead = self._inputs[3]
+        if not flat:
+            if lead.any():
+                lead[:] = 0.0
+            return
+        self._lead_age = 0 if w > self._lead_w + 1e-7 else self._lead_age + 1
+        self._lead_w = max(w, self._lead_w) if lead.any() else w
+        if not lead.any() or self._lead_age > STALE:
+            lead[:] = way_out(self.chain, self._q, turn=self._lead_age)
+            self._lead_age = 0

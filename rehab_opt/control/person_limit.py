@@ -1,0 +1,74 @@
+"""What a person's own arm can do of a pose: a model of the arm follows it, and its hand is the pose that is asked."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rehab_opt.control.pose_tracker import PoseTracker
+from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.chain import SerialChain, rigid
+
+__all__ = ["PersonLimit"]
+
+Array = NDArray[np.float64]
+
+TURN_LENGTH = 0.1
+"""[m/rad] What a turn of the hand counts for against its place: a narrow wrist gives way first."""
+SETTLING, SETTLING_DT = 300, 0.05
+"""Ticks [and their length, s] in which the model finds to the first pose."""
+GAIN = 30.0
+"""[1/s]"""
+
+
+class PersonLimit:
+    """The nearest pose to a moving one that an arm of this range of motion follows to, joint by joint.
+
+    The model arm keeps its joint limits exactly and never jumps; where the pose is within its range it is given back,
+    but for a lag of the model below a millimetre. Nearest is meant locally: from where the model arm is.
+
+    Parameters
+    ----------
+    person : the arm, with finite limits, in the robot's base frame (`dataclasses.replace(human_arm(...), base=...)`).
+    grip : (4, 4) pose of the robot's tool in the arm's hand frame.
+    dt : tick [s].
+    """
+
+    def __init__(self, person: SerialChain, *, grip: ArrayLike, dt: float, compile: bool | None = None) -> None:
+        if not isinstance(person, SerialChain) or not np.all(np.isfinite([person.lower, person.upper])):
+            raise ConfigurationError("person", person, "a SerialChain with finite joint limits")
+        chain = replace(person, tool=person.tool @ rigid("grip", grip), acceleration=np.full(person.n, np.inf))
+        self.chain = chain
+        weights = [1.0, 1.0, 1.0, *(TURN_LENGTH**2,) * 3]
+
+        def tracker(dt: float) -> PoseTracker:
+            return PoseTracker(
+                chain, dt=dt, gain=GAIN, linear_speed=3.0, angular_speed=10.0, task_weights=weights, compile=compile
+            )
+
+        self._tracker, self._settler = tracker(dt), tracker(SETTLING_DT)
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin anew at the middle of the range of motion."""
+        self.q: Array | None = None
+        """(n,) posture of the model [rad]; None before the first pose."""
+        self._tracker.reset()
+
+    def limited(self, pose: Array, twist: Array) -> tuple[Array, Array]:
+        """Pose (4, 4) and twist (6,) of the model's hand after this tick."""
+        if self.q is None:
+            self.q = (self.chain.lower + self.chain.upper) / 2
+            self._settler.reset()
+            for _ in range(SETTLING):
+                self._go(self._settler, pose, np.zeros(6))
+        velocity = self._go(self._tracker, pose, twist)
+        return self.chain.pose(self.q), self.chain.jacobian(self.q) @ velocity
+
+    def _go(self, tracker: PoseTracker, pose: Array, twist: Array) -> Array:
+        assert self.q is not None
+        velocity = tracker.step(self.q, pose, twist).value
+        self.q = np.clip(self.q + velocity * tracker.dt, self.chain.lower, self.chain.upper)
+        return velocity

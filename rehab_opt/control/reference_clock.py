@@ -1,0 +1,191 @@
+"""The time at which a reference is followed: it waits, slows down and catches up; the path itself is kept."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.control.between_poses import turn_between, turned
+
+__all__ = ["ReferenceClock"]
+
+Array = NDArray[np.float64]
+
+THINNED = 40_000
+"""Samples that wait at most; beyond, every second one is left out."""
+CURVED = 0.1
+"""[rad] Turns between samples up to this are interpolated by entries, larger ones along the arc."""
+
+
+class ReferenceClock:
+    """Poses that arrive tick by tick, read at a time of one's own.
+
+    Poses are joined by straight lines and even turns. A clock is *current* while it stands at the newest sample.
+
+    Parameters
+    ----------
+    dt : [s] between samples as they arrive.
+    linear_speed, angular_speed : [m/s, rad/s] at which a jump between samples is bridged.
+    """
+
+    def __init__(self, dt: float, *, linear_speed: float, angular_speed: float) -> None:
+        self.dt, self._linear, self._angular = dt, linear_speed, angular_speed
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget every sample."""
+        self._poses: list[Array] = []
+        self._twists: list[Array] = []
+        self._seconds: list[float] = []  # since the sample before
+        self._paces: list[float] = []  # the most that what follows allows, where it is known
+        self._at = 0
+        self._fraction = 0.0
+        self.lag = 0.0
+        """[s] by which the clock is behind the newest sample, bridges included."""
+        self._looked_at: tuple[int, Array | None, bool] = (-1, None, False)
+
+    @property
+    def empty(self) -> bool:
+        """Whether there is no sample yet."""
+        return not self._poses
+
+    @property
+    def current(self) -> bool:
+        """Whether the newest sample is the one that is read."""
+        return self._at >= len(self._poses) - 1
+
+    @property
+    def bridging(self) -> bool:
+        """Whether the clock is between samples that a jump lies between."""
+        return self._at < len(self._poses) - 1 and self._seconds[self._at + 1] > 1.5 * self.dt
+
+    @property
+    def newest(self) -> Array:
+        """(4, 4) the last pose that arrived."""
+        return self._poses[-1]
+
+    def start(self, pose: Array, twist: Array) -> None:
+        """Stand at one sample, and forget the others."""
+        self.reset()
+        self._poses, self._twists, self._seconds, self._paces = [pose.copy()], [twist.copy()], [0.0], [math.inf]
+
+    def push(self, pose: Array, twist: Array, *, seconds: float | None = None, bridge: bool = False) -> None:
+        """A new sample, one tick (or `seconds`) after the newest; with `bridge`, as late as a calm way to it takes."""
+        seconds = self.dt if seconds is None else seconds
+        if bridge:
+            shift, turn = pose[:3, 3] - self._poses[-1][:3, 3], turn_between(self._poses[-1], pose)
+            calm = max(float(np.linalg.norm(shift)) / self._linear, float(np.linalg.norm(turn)) / self._angular)
+            if calm > seconds:
+                between = np.append(shift, turn) / calm
+                self._twists[-1] = between  # all the way, and steadily: the tracker's own bounds round the corners
+                self._append(pose, between, calm)
+                seconds = 0.0
+        self._append(pose, twist, seconds)
+        if len(self._poses) > THINNED:
+            self._thin()
+
+    def advance(self, seconds: float) -> None:
+        """Go on by this much reference time, at most to the newest sample."""
+        last = len(self._poses) - 1
+        while self._at < last:
+            length = self._seconds[self._at + 1]
+            left = length * (1.0 - self._fraction)
+            if seconds < left:
+                self._fraction += seconds / length
+                self.lag -= seconds
+                break
+            seconds -= left
+            self.lag -= left
+            self._at, self._fraction = self._at + 1, 0.0
+        if self._at >= last:
+            self._fraction, self.lag = 0.0, 0.0
+        if self._at > 256:
+            self._forget(self._at)
+
+    def read(self, ahead: float = 0.0) -> tuple[Array, Array]:
+        """Pose (4, 4) and twist (6,), `ahead` seconds of reference time from now; the clock stays where it is."""
+        at, fraction = self._at, self._fraction
+        last = len(self._poses) - 1
+        while ahead > 0.0 and at < last:
+            length = self._seconds[at + 1]
+            left = length * (1.0 - fraction)
+            if ahead < left:
+                fraction += ahead / length
+                break
+            ahead -= left
+            at, fraction = at + 1, 0.0
+        if at >= last or fraction == 0.0:
+            return self._poses[at], self._twists[at]
+        a, b = self._poses[at], self._poses[at + 1]
+        twist = self._twists[at] + fraction * (self._twists[at + 1] - self._twists[at])
+        pose = a + fraction * (b - a)
+        # Between neighbouring samples entries suffice: what they miss of a rotation is an eighth of the angle's square.
+        if self._seconds[at + 1] > 1.5 * self.dt or self._is_curved(at):
+            pose[:3, :3] = turned(a[:3, :3], fraction * turn_between(a, b))
+        return pose, twist
+
+    def _is_curved(self, at: int) -> bool:
+        if at != self._looked_at[0] or self._poses[at] is not self._looked_at[1]:
+            turn = float(np.abs(self._poses[at][:3, :3] - self._poses[at + 1][:3, :3]).max())
+            self._looked_at = at, self._poses[at], turn > CURVED
+        return self._looked_at[2]
+
+    @property
+    def pace(self) -> float:
+        """The most that what follows allows, where `slow_ahead` has looked at it."""
+        return self._paces[self._at]
+
+    def slow_ahead(self, *, linear_speed: float, angular_speed: float, quickening: float) -> None:
+        """Look at all samples: the pace at which none is faster than these speeds [m/s, rad/s], slowed down in time.
+
+        The pace falls by at most 1 in `quickening` seconds.
+        """
+        motion = np.array(self._twists)
+        fastest = np.maximum(
+            np.linalg.norm(motion[:, :3], axis=1) / linear_speed, np.linalg.norm(motion[:, 3:], axis=1) / angular_speed
+        )
+        paces = (1.0 / np.maximum(fastest, 1e-9)).tolist()
+        for i in range(len(paces) - 2, -1, -1):
+            # d(pace^2)/d(reference time) = 2 d(pace)/dt
+            paces[i] = min(paces[i], math.sqrt(paces[i + 1] ** 2 + 2.0 * self._seconds[i + 1] / quickening))
+        self._paces = paces
+
+    def waiting(self) -> tuple[Array, Array, Array]:
+        """Positions (N, 3), poses (N, 4, 4) and reference time from now (N,) of the samples still to come."""
+        poses = np.array(self._poses[self._at + 1 :]).reshape(-1, 4, 4)
+        times = np.cumsum(self._seconds[self._at + 1 :]) if len(poses) else np.zeros(0)
+        if len(poses):
+            times = times - self._fraction * self._seconds[self._at + 1]
+        return poses[:, :3, 3], poses, times
+
+    def skip(self, samples: int) -> None:
+        """Leave out what lies before the `samples`-th of the samples still to come, counted from 1."""
+        self.lag = max(0.0, self.lag - self._time_to(samples))
+        self._forget(self._at + samples)
+
+    def _time_to(self, samples: int) -> float:
+        return sum(self._seconds[self._at + 1 : self._at + 1 + samples]) - self._fraction * self._seconds[self._at + 1]
+
+    def _append(self, pose: Array, twist: Array, seconds: float) -> None:
+        self._poses.append(pose.copy())
+        self._twists.append(twist.copy())
+        self._seconds.append(seconds)
+        self._paces.append(math.inf)
+        self.lag += seconds
+
+    def _forget(self, before: int) -> None:
+        if before > self._at:
+            self._fraction = 0.0
+        del self._poses[:before], self._twists[:before], self._seconds[:before], self._paces[:before]
+        self._at = max(self._at - before, 0)
+
+    def _thin(self) -> None:
+        """Leave out every second sample that waits; their time is kept."""
+        first = self._at + 2
+        for i in range(first, len(self._poses) - 1):
+            if (i - first) % 2 == 0:
+                self._seconds[i + 1] += self._seconds[i]
+        gone = slice(first, len(self._poses) - 1, 2)
+        del self._poses[gone], self._twists[gone], self._seconds[gone], self._paces[gone]

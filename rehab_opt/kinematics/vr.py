@@ -1,0 +1,244 @@
+"""Poses from virtual reality to a robot: handedness, frames found from points, the mirror, and continuity.
+
+Positions are (3,) or (N, 3) [m], quaternions (4,) or (N, 4) in the order x, y, z, w, rotations (3, 3) or (N, 3, 3),
+poses (4, 4) or (N, 4, 4).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rehab_opt.errors import ConfigurationError
+
+__all__ = [
+    "FrameFit",
+    "Mirror",
+    "continuous_angles",
+    "continuous_quaternions",
+    "fit_frame",
+    "poses_of",
+    "quaternions_of",
+    "robot_from_unity",
+    "rotations_of",
+    "unity_from_robot",
+]
+
+Array = NDArray[np.float64]
+
+COLLINEAR = 1e-3
+"""Second extent of the points over the first below which they do not fix a turn about their line."""
+
+
+def robot_from_unity(positions: ArrayLike, quaternions: ArrayLike) -> tuple[Array, Array]:
+    """Positions and quaternions of Unity (x right, y up, z forward, left-handed) in a frame of robots.
+
+    That is x forward, y left, z up, right-handed: p = (z, -x, y); the turn (x, y, z, w) becomes (-z, x, -y, w).
+    """
+    p, q = _columns("positions", positions, 3), _columns("quaternions", quaternions, 4)
+    return (
+        np.stack([p[..., 2], -p[..., 0], p[..., 1]], axis=-1),
+        np.stack([-q[..., 2], q[..., 0], -q[..., 1], q[..., 3]], axis=-1),
+    )
+
+
+def unity_from_robot(positions: ArrayLike, quaternions: ArrayLike) -> tuple[Array, Array]:
+    """The inverse of `robot_from_unity`."""
+    p, q = _columns("positions", positions, 3), _columns("quaternions", quaternions, 4)
+    return (
+        np.stack([-p[..., 1], p[..., 2], p[..., 0]], axis=-1),
+        np.stack([q[..., 1], -q[..., 2], -q[..., 0], q[..., 3]], axis=-1),
+    )
+
+
+class FrameFit(NamedTuple):
+    """How one frame lies in another, from corresponding points."""
+
+    pose: Array
+    """(4, 4) of the source frame in the target frame."""
+    scale: float
+    """Target lengths over source lengths; 1 unless asked for."""
+    residuals: Array
+    """(N,) [m] from each point's image to its partner."""
+
+    @property
+    def rms(self) -> float:
+        """[m] root mean square of the residuals."""
+        return float(np.sqrt(np.mean(self.residuals**2)))
+
+    def points(self, points: ArrayLike) -> Array:
+        """Points (..., 3) of the source frame in the target frame."""
+        p = _columns("points", points, 3)
+        return np.asarray(self.scale * p @ self.pose[:3, :3].T + self.pose[:3, 3])
+
+    def poses(self, poses: ArrayLike) -> Array:
+        """Poses (..., 4, 4) of the source frame in the target frame."""
+        given = np.array(poses, dtype=np.float64)
+        found = self.pose @ given
+        found[..., :3, 3] = self.points(given[..., :3, 3])
+        return np.asarray(found)
+
+
+def fit_frame(source: ArrayLike, target: ArrayLike, *, scale: bool = False) -> FrameFit:
+    """Rigid transform that brings points (N, 3) of a source frame nearest to their partners in a target frame.
+
+    Least squares over turns and shifts by singular values (Kabsch), never a reflection: a left-handed frame is to be
+    converted before. With `scale`, lengths too (Umeyama): a recording of another person's arm.
+
+    Raises
+    ------
+    ConfigurationError : fewer than three points, not finite, or all near one line.
+    """
+    a, b = _columns("source", source, 3), _columns("target", target, 3)
+    if a.ndim != 2 or a.shape != b.shape or len(a) < 3 or not np.all(np.isfinite([a, b])):
+        raise ConfigurationError("source, target", (a.shape, b.shape), "the same three or more finite points, (N, 3)")
+    from_centre, to_centre = a.mean(axis=0), b.mean(axis=0)
+    x, y = a - from_centre, b - to_centre
+    for name, points in (("source", x), ("target", y)):
+        extents = np.linalg.svd(points, compute_uv=False)
+        if not extents[1] > COLLINEAR * extents[0]:
+            raise ConfigurationError(name, extents.tolist(), "points that do not lie on one line")
+    u, s, vt = np.linalg.svd(y.T @ x)
+    handed = np.array([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
+    rotation = (u * handed) @ vt
+    size = float(s @ handed / np.sum(x**2)) if scale else 1.0
+    pose = np.eye(4)
+    pose[:3, :3] = rotation
+    pose[:3, 3] = to_centre - size * rotation @ from_centre
+    images = size * x @ rotation.T
+    return FrameFit(pose, size, np.linalg.norm(images - y, axis=1))
+
+
+@dataclass(frozen=True)
+class Mirror:
+    """Mirror in a plane: the patient's sagittal plane, as a rule.
+
+    p' = M p about a point of the plane, R' = M R M_b, with M = I - 2 n n' and M_b flipping the axis of the hand frame
+    that points across the hand (to the thumb or away from it). Which axis that is depends on the tracker: there is no
+    default, since with M R M the mirrored fingers point backwards in many of them.
+    """
+
+    point: tuple[float, float, float]
+    """[m] of the plane."""
+    normal: tuple[float, float, float]
+    """Of any length."""
+    lateral: Literal["x", "y", "z"]
+    """Axis of the hand frame across the hand; the two along the hand and out of its back keep their meaning."""
+
+    def __post_init__(self) -> None:
+        """Check the plane and the axis."""
+        point, normal = _columns("point", self.point, 3), _columns("normal", self.normal, 3)
+        if point.shape != (3,) or normal.shape != (3,) or not np.all(np.isfinite([point, normal])):
+            raise ConfigurationError("point, normal", (self.point, self.normal), "three finite numbers each")
+        if not np.linalg.norm(normal) > 1e-9:
+            raise ConfigurationError("normal", self.normal, "a direction")
+        if self.lateral not in ("x", "y", "z"):
+            raise ConfigurationError("lateral", self.lateral, "'x', 'y' or 'z'")
+
+    @property
+    def matrix(self) -> Array:
+        """(3, 3) M."""
+        n = np.array(self.normal, dtype=np.float64)
+        n /= np.linalg.norm(n)
+        return np.asarray(np.eye(3) - 2.0 * np.outer(n, n))
+
+    @property
+    def flip(self) -> Array:
+        """(3, 3) M_b."""
+        return np.diag([-1.0 if axis == self.lateral else 1.0 for axis in "xyz"])
+
+    def positions(self, positions: ArrayLike) -> Array:
+        """(..., 3) mirrored."""
+        about = np.array(self.point, dtype=np.float64)
+        return np.asarray((_columns("positions", positions, 3) - about) @ self.matrix + about)
+
+    def poses(self, poses: ArrayLike) -> Array:
+        """(..., 4, 4) mirrored; twice is the pose itself."""
+        given = np.array(poses, dtype=np.float64)
+        found = given.copy()
+        found[..., :3, :3] = self.matrix @ given[..., :3, :3] @ self.flip
+        found[..., :3, 3] = self.positions(given[..., :3, 3])
+        return found
+
+    def twists(self, twists: ArrayLike) -> Array:
+        """(..., 6) mirrored: velocities by M, angular velocities, which are axial, by -M."""
+        given = np.array(twists, dtype=np.float64)
+        return np.concatenate([given[..., :3] @ self.matrix, -given[..., 3:] @ self.matrix], axis=-1)
+
+
+def continuous_quaternions(quaternions: ArrayLike, last: ArrayLike | None = None) -> Array:
+    """(N, 4) of unit length, each in the hemisphere of the one before: q and -q are one rotation.
+
+    `last` (4,) is the one before the first. A quaternion of no length stays as it is, and is passed over.
+    """
+    q = _columns("quaternions", quaternions, 4)
+    length = np.linalg.norm(q, axis=-1, keepdims=True)
+    usable = np.isfinite(length[:, 0]) & (length[:, 0] > 1e-9)
+    unit = np.where(usable[:, None], q / np.where(usable[:, None], length, 1.0), q)
+    chain = unit[usable] if last is None else np.concatenate([_columns("last", last, 4)[None], unit[usable]])
+    # A sign is the product of the signs of all neighbours' products so far; a product of zero keeps it.
+    signs = np.cumprod(np.where(np.sum(chain[1:] * chain[:-1], axis=1) < 0.0, -1.0, 1.0))
+    unit[usable] *= (np.concatenate([[1.0], signs]) if last is None else signs)[:, None]
+    return np.asarray(unit)
+
+
+def continuous_angles(angles: ArrayLike, last: ArrayLike | None = None) -> Array:
+    """(N,) or (N, k) [rad] without jumps by whole turns: each the nearest to the one before.
+
+    `last` is the one before the first.
+    """
+    a = np.array(angles, dtype=np.float64)
+    if last is None:
+        return np.asarray(np.unwrap(a, axis=0))
+    return np.asarray(np.unwrap(np.concatenate([np.array(last, dtype=np.float64)[None], a]), axis=0)[1:])
+
+
+def rotations_of(quaternions: ArrayLike) -> Array:
+    """(..., 3, 3) of quaternions (..., 4) x, y, z, w, which need not be of unit length."""
+    q = _columns("quaternions", quaternions, 4)
+    x, y, z, w = np.moveaxis(q / np.linalg.norm(q, axis=-1, keepdims=True), -1, 0)
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.asarray(np.moveaxis(np.array(rows), (0, 1), (-2, -1)))
+
+
+def quaternions_of(rotations: ArrayLike) -> Array:
+    """(N, 4) x, y, z, w of rotations (N, 3, 3), continuous; from the largest of the four, which is never small."""
+    r = np.array(rotations, dtype=np.float64).reshape(-1, 3, 3)
+    found = np.empty((len(r), 4))
+    for i, m in enumerate(r):
+        trace = float(np.trace(m))
+        squares = np.array([1 + 2 * m[0, 0] - trace, 1 + 2 * m[1, 1] - trace, 1 + 2 * m[2, 2] - trace, 1 + trace])
+        skew = [m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]]
+        k = int(np.argmax(squares))
+        if k == 3:
+            row = [*skew, squares[3]]
+        else:
+            row = [m[k, j] + m[j, k] if j != k else squares[k] for j in range(3)] + [skew[k]]
+        found[i] = np.array(row) / (2 * math.sqrt(squares[k]))
+    return continuous_quaternions(found / np.linalg.norm(found, axis=1, keepdims=True))
+
+
+def poses_of(positions: ArrayLike, quaternions: ArrayLike) -> Array:
+    """(N, 4, 4) of positions (N, 3) and quaternions (N, 4)."""
+    p, q = _columns("positions", positions, 3), _columns("quaternions", quaternions, 4)
+    poses = np.tile(np.eye(4), (*p.shape[:-1], 1, 1))
+    poses[..., :3, :3], poses[..., :3, 3] = rotations_of(q), p
+    return poses
+
+
+def _columns(argument: str, value: ArrayLike, width: int) -> Array:
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError) as problem:
+        raise ConfigurationError(argument, value, f"numbers of shape (..., {width})") from problem
+    if array.ndim == 0 or array.shape[-1] != width:
+        raise ConfigurationError(argument, array.shape, f"numbers of shape (..., {width})")
+    return array

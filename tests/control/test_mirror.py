@@ -1,0 +1,437 @@
+"""Claims about MirrorTracker that a person's safety rests on, judged by plain numpy and the UR5's closed form."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from rehab_opt import (
+    Bound,
+    ConfigurationError,
+    Interaction,
+    KeepOut,
+    MirrorTracker,
+    PoseTracker,
+    Status,
+    human_arm,
+    ur5,
+)
+from rehab_opt.control.manipulability import largest_manipulability, way_out
+from tests.control import mirror_campaign
+from tests.control.mirror_campaign import LARGEST, Array, closed_form
+
+START = np.array([3.2, -1.5, 1.9, -2.0, -1.4, 0.2])
+REST = np.zeros(6)
+TICKS = [1e-3, 5e-3, 2e-2]
+
+
+def tracker(**options: object) -> MirrorTracker:
+    return MirrorTracker(ur5(), **{"largest": LARGEST, "compile": False, **options})  # type: ignore[arg-type]
+
+
+def turned(pose: Array, vector: list[float] | Array) -> Array:
+    found = pose.copy()
+    found[:3, :3] = Rotation.from_rotvec(vector).as_matrix() @ pose[:3, :3]
+    return found
+
+
+def moved(pose: Array, *shift: float) -> Array:
+    found = pose.copy()
+    found[:3, 3] += shift
+    return found
+
+
+def errors(pose: Array, target: Array) -> tuple[float, float]:
+    """[mm, deg]"""
+    turn = Rotation.from_matrix(target[:3, :3] @ pose[:3, :3].T).magnitude()
+    return 1e3 * float(np.linalg.norm(pose[:3, 3] - target[:3, 3])), math.degrees(turn)
+
+
+# ----------------------------------------------------------------------------------------------------- the floor
+@pytest.mark.parametrize("dt", TICKS)
+def test_no_path_and_no_fault_of_the_campaign_breaks_a_bound(dt: float) -> None:
+    paths = {1e-3: 2, 5e-3: 6, 2e-2: 16}[dt]
+    tally = mirror_campaign.run(paths, seed=1, ticks=(dt,), compile=False)
+    assert tally.broken == []
+    assert tally.counts["slowed"]
+    if dt > 1e-3:
+        assert all(tally.counts[name] for name in ("acceleration", "shortened", "waited", "braked"))
+        assert set(tally.statuses) >= {"ok", "braking", "holding"}
+
+
+def test_the_judge_of_the_campaign_sees_a_tracker_without_a_floor(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mirror_campaign, "FLOOR", 0.05)  # what the tracker is told, not what is judged
+    loose = tracker(floor=0.05, dt=5e-3)
+    monkeypatch.setattr(mirror_campaign, "FLOOR", 0.3)
+    tally = mirror_campaign.Tally()
+    for number in range(3):
+        path = mirror_campaign.random_path(ur5(), np.random.default_rng((1, number)), 5e-3)
+        mirror_campaign.follow(loose, path, tally)
+    assert any(line.startswith("floor") for line in tally.broken)
+
+
+@pytest.mark.parametrize("dt", TICKS)
+def test_braking_keeps_the_floor_and_acceleration_yields_to_it(dt: float) -> None:
+    q = np.array([3.4, -0.85, 0.33, -1.10, -1.4, 0.2])
+    robot = tracker(dt=dt, floor=closed_form(q) - 0.002)  # a little above it, and closing fast
+    last = np.array([0.0, 0.0, -0.6, 0.0, 0.0, 0.0])
+    robot.reset(last)
+    flagged = False
+    for k in range(20):
+        command = robot.step(q, ur5().pose(q), REST, enable=k > 300)
+        change = np.abs(command.value - last)
+        over = bool(np.any(change > ur5().acceleration * dt + 1e-9))
+        assert over <= bool(command.yielded & Bound.ACCELERATION)
+        flagged |= over
+        q, last = q + command.value * dt, command.value
+        assert closed_form(q) >= robot.floor - 1e-9
+    assert flagged
+    assert robot.counts["acceleration"] >= 1
+    assert command.status is Status.HOLDING
+
+
+@pytest.mark.parametrize("dt", TICKS)
+@pytest.mark.parametrize(
+    "posture",
+    [[0.0] * 6, [3.2, -1.5, 0.0, -2.0, -1.4, 0.2], [3.2, -1.5, 1.9, -2.0, 0.0, 0.2], [0, -1.57, 0, -1.57, 0, 0]],
+)
+def test_from_below_the_floor_w_never_decreases_and_a_way_out_is_found(dt: float, posture: list[float]) -> None:
+    robot, q = tracker(dt=dt, max_deviation=2.0), np.array(posture)
+    pose, w = ur5().pose(q), closed_form(q)
+    for _ in range(round(6.0 / dt)):
+        q = q + robot.step(q, pose, REST).value * dt
+        assert closed_form(q) >= min(w, 0.3) - 1e-9
+        w = closed_form(q)
+        if w >= 0.3:
+            break
+    assert w >= 0.299
+
+
+def test_a_way_out_is_deterministic_and_gains() -> None:
+    chain = ur5()
+    first, again = way_out(chain, np.zeros(6)), way_out(chain, np.zeros(6))
+    np.testing.assert_array_equal(first, again)
+    assert not chain.manipulability_gradient(np.zeros(6)).any()
+    assert closed_form(0.4 * first) > 1e-3
+
+
+def test_the_largest_manipulability_of_the_ur5_is_the_closed_forms() -> None:
+    largest, q = largest_manipulability(ur5())
+    assert largest == pytest.approx(LARGEST, abs=1e-9)
+    assert closed_form(q) == pytest.approx(1.0, abs=1e-7)
+    arm, posture = largest_manipulability(human_arm())  # any chain: nothing near it is better
+    assert arm > 0.09
+    assert np.all((posture >= human_arm().lower - 1e-12) & (posture <= human_arm().upper + 1e-12))
+
+
+# ------------------------------------------------------------------------------------------- coming to the reference
+@pytest.mark.parametrize("dt", TICKS)
+def test_where_the_floor_is_far_the_path_is_the_reference_within_two_seconds(dt: float) -> None:
+    chain, centre = ur5(), ur5().pose(START)
+    robot = tracker(dt=dt)
+    q = START + [0.02, -0.02, 0.03, 0.0, 0.05, 0.03]  # off by some 20 mm
+    assert errors(chain.pose(q), centre)[0] > 5
+    worst = [0.0, 0.0]
+    for k in range(round(5.0 / dt)):
+        t = k * dt
+        a, b = 0.06 * math.sin(1.5 * t), 0.06 * (1 - math.cos(1.5 * t))
+        pose = turned(moved(centre, 0.0, a, b), [0.0, 0.0, 0.2 * math.sin(t)])
+        twist = np.array([0, 0.09 * math.cos(1.5 * t), 0.09 * math.sin(1.5 * t), 0, 0, 0.2 * math.cos(t)])
+        if t > 2.0:
+            worst = [max(x) for x in zip(worst, errors(chain.pose(q), pose), strict=True)]
+            assert closed_form(q) > 0.35
+        q = q + robot.step(q, pose, twist).value * dt
+    assert worst[0] <= 0.5
+    assert worst[1] <= 0.2
+
+
+def test_a_fast_reference_is_slowed_in_time_and_not_cut_in_space() -> None:
+    dt, chain = 2e-3, ur5()
+    robot, q, centre = tracker(dt=dt, catch_up=0.5), START.copy(), ur5().pose(START)
+    angles = np.linspace(0, 2 * math.pi, 400)
+    circle = centre[:3, 3] + 0.08 * np.stack([0 * angles, np.sin(angles), 1 - np.cos(angles)], axis=1)
+    off, lags, scales = 0.0, [], []
+    for k in range(round(6.0 / dt)):
+        t = k * dt
+        u = min(t / 1.2, 1.0)  # a round in 1.2 s: up to 0.8 m/s
+        phase, rate = 2 * math.pi * u**2 * (3 - 2 * u), 2 * math.pi * 6 * u * (1 - u) / 1.2
+        pose = moved(centre, 0.0, 0.08 * math.sin(phase), 0.08 * (1 - math.cos(phase)))
+        twist = 0.08 * rate * np.array([0, math.cos(phase), math.sin(phase), 0, 0, 0])
+        command = robot.step(q, pose, twist)
+        lags.append(robot.lag)
+        scales.append(command.scale)
+        before, q = q, q + command.value * dt
+        assert np.linalg.norm(chain.pose(q)[:3, 3] - chain.pose(before)[:3, 3]) <= 0.25 * dt * (1 + 1e-9)
+        off = max(off, float(np.linalg.norm(circle - chain.pose(q)[:3, 3], axis=1).min()))
+    assert off < 2e-3
+    assert max(lags) > 0.5
+    assert lags[-1] < 1e-3
+    assert min(scales) < 0.5
+    assert errors(chain.pose(q), centre)[0] < 0.1
+
+
+@pytest.mark.parametrize("dt", [5e-3, 2e-2])
+def test_out_of_reach_the_clock_waits_at_the_largest_deviation_and_the_stretch_is_left_out(dt: float) -> None:
+    chain, centre = ur5(), ur5().pose(START)
+    robot, q, farthest = tracker(dt=dt), START.copy(), 0.0
+    waited = False
+    for k in range(round(14.0 / dt)):
+        t = k * dt
+        x = 0.9 * math.sin(math.pi * min(t / 8.0, 1.0)) ** 2  # a metre out, and back
+        twist = np.zeros(6)
+        if t < 8.0:
+            twist[0] = 0.9 * math.pi / 8.0 * math.sin(2 * math.pi * t / 8.0)
+        q = q + robot.step(q, moved(centre, x, 0, 0), twist).value * dt
+        waited |= robot.time_scale < 0.01
+        farthest = max(farthest, np.linalg.norm(chain.pose(q)[:3, 3] - robot.reference[:3, 3]))
+        assert closed_form(q) >= 0.3 - 1e-9
+    assert waited
+    assert 0.03 < farthest <= 0.05
+    assert robot.counts["left out"] == 1
+    assert errors(chain.pose(q), centre)[0] < 0.5
+
+
+@pytest.mark.parametrize("axis", [[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]])
+def test_half_turns_and_sign_flips_of_quaternions_make_no_step(axis: list[float]) -> None:
+    dt, chain, rng = 5e-3, ur5(), np.random.default_rng(2)
+    centre = chain.pose(START)
+    # The base turned so that the hand's orientation passes 180 deg in every convention of angles.
+    flipped = np.eye(4)
+    flipped[:3, :3] = Rotation.from_rotvec(math.pi * np.array(axis)).as_matrix() @ centre[:3, :3].T
+    arm = replace(chain, base=flipped)
+    robot = MirrorTracker(arm, dt=dt, largest=LARGEST, compile=False)
+    q, last, worst = START.copy(), np.zeros(6), 0.0
+    for k in range(600):
+        t = k * dt
+        angle = 0.25 * math.sin(1.5 * t)
+        about = Rotation.from_rotvec(angle * np.array(axis))
+        quaternion = (about * Rotation.from_matrix(arm.pose(START)[:3, :3])).as_quat() * rng.choice([-1.0, 1.0])
+        pose = arm.pose(START)
+        pose[:3, :3] = Rotation.from_quat(quaternion).as_matrix()
+        twist = np.append(np.zeros(3), 0.375 * math.cos(1.5 * t) * np.array(axis))
+        if t > 1.0:
+            worst = max(worst, errors(arm.pose(q), pose)[1])
+        value = robot.step(q, pose, twist).value
+        assert np.all(np.abs(value) <= arm.velocity)
+        assert np.all(np.abs(value - last) <= arm.acceleration * dt + 1e-9)
+        q, last = q + value * dt, value
+    assert worst < 0.2
+
+
+# -------------------------------------------------------------------------------------------------- what goes wrong
+@pytest.mark.parametrize("fault", ["nan", "jump", "repeated", "gone", "mirrored"])
+def test_lost_tracking_decelerates_says_why_and_resumes_without_a_jump(fault: str) -> None:
+    dt, chain = 5e-3, ur5()
+    robot, q, last, centre = tracker(dt=dt), START.copy(), np.zeros(6), ur5().pose(START)
+    reasons, stamp, reference = [], 0.0, centre
+    for k in range(1600):
+        t, stamp = k * dt, stamp + dt
+        pose = moved(centre, 0.0, 0.05 * math.sin(2 * t), 0.0)
+        twist = np.array([0, 0.1 * math.cos(2 * t), 0, 0, 0, 0])
+        shown: float | None = stamp
+        if 200 <= k < 400:
+            if fault == "nan":
+                pose[0, 3] = math.nan
+            elif fault == "jump":
+                pose = moved(pose, 0.0, 0.3, 0.1)
+            elif fault == "repeated":
+                shown = 200 * dt
+            elif fault == "gone":
+                shown = None
+            else:
+                pose[:3, 0] *= -1
+        command = robot.step(q, pose, twist, stamp=shown)
+        if 205 <= k < 399:
+            reasons.append(command.reason)
+            if fault != "jump":
+                assert not command.status.certified
+        value = command.value
+        assert np.all(np.abs(value - last) <= chain.acceleration * dt + 1e-9)
+        now = robot.reference
+        assert np.linalg.norm(now[:3, 3] - reference[:3, 3]) < 0.25 * dt * 1.5 + 1e-3  # nor does the reference jump
+        q, last, reference = q + value * dt, value, now
+        assert np.linalg.norm(chain.pose(q)[:3, 3] - now[:3, 3]) <= 0.05
+    assert any("jump" in reason for reason in reasons) if fault == "jump" else all(reasons)
+    assert errors(chain.pose(q), robot.reference)[0] < 1.0
+    assert robot.lag < (2.5 if fault == "jump" else 0.02)  # two bridges, made up for by a half
+
+
+numbers = st.floats(allow_nan=True, allow_infinity=True, width=64)
+
+
+@given(
+    q=st.lists(numbers, min_size=6, max_size=6), p=st.lists(numbers, min_size=3, max_size=3), v=numbers, f=numbers,
+    stamp=st.one_of(st.none(), numbers), enable=st.one_of(st.booleans(), numbers, st.none()),
+)  # fmt: skip
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_no_number_makes_it_raise_or_answer_with_one_that_is_not_finite(
+    q: list[float], p: list[float], v: float, f: float, stamp: float | None, enable: object
+) -> None:
+    robot = SHARED
+    pose = ur5().pose(START)
+    pose[:3, 3] = p
+    for given_q, given_pose in ((q, ur5().pose(START)), (START, pose), (q, pose)):
+        command = robot.step(given_q, given_pose, [v, 0, 0, 0, 0, v], force=[f, 0.0, 0.0], stamp=stamp, enable=enable)
+        assert np.all(np.abs(command.value) <= math.pi)
+
+
+SHARED = tracker()
+
+
+@pytest.mark.parametrize("wrong", [np.zeros((3, 3)), "pose", None, np.zeros((4, 4, 1))])
+def test_a_wrong_shape_is_refused(wrong: object) -> None:
+    robot = tracker(dt=5e-3)
+    for _ in range(2):
+        with pytest.raises(ConfigurationError, match="pose"):
+            robot.step(START, wrong, REST)  # type: ignore[arg-type]
+        robot.step(START, ur5().pose(START), REST)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("floor", 0.0), ("floor", 1.0), ("floor", math.nan), ("max_deviation", -1.0), ("linear_speed", 0.0),
+        ("keep_out", [1.0]), ("task_weights", 1.0), ("largest", 0.0), ("dt", 0.0), ("rate", math.nan), ("person", 3),
+    ],
+)  # fmt: skip
+def test_arguments_that_cannot_be_used_are_named(name: str, value: object) -> None:
+    with pytest.raises(ConfigurationError, match=name):
+        tracker(**{name: value})
+
+
+def test_the_backup_answers_under_the_same_bounds(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot, q = tracker(dt=5e-3), START.copy()
+    pose = moved(ur5().pose(START), 0.05, 0, 0)
+
+    def fails() -> None:
+        robot._ladder._verdict[:2] = [math.nan, 1.0]
+
+    monkeypatch.setattr(robot, "_evaluate", fails)
+    monkeypatch.setattr(robot._ladder, "evaluate", fails)
+    for _ in range(40):
+        command = robot.step(q, pose, [0.2, 0, 0, 0, 0, 0])
+        assert command.status is Status.BACKUP
+        q = q + command.value * 5e-3
+        assert closed_form(q) >= 0.3
+    monkeypatch.setattr(robot._ladder, "_solve_by", lambda name: False)
+    assert robot.step(q, pose, REST).status is Status.BRAKING
+
+
+# ------------------------------------------------------------------------------------------- table, person, forces
+@pytest.mark.parametrize("dt", [1e-3, 2e-2])
+def test_no_part_of_the_arm_crosses_table_or_body(dt: float) -> None:
+    chain, centre = ur5(), ur5().pose(START)
+    height, front = centre[2, 3] - 0.06, centre[0, 3] + 0.06
+    planes = [KeepOut.through([0, 0, height], [0, 0, 2.0]), KeepOut.through([front, 0, 0], [-1.0, 0, 0])]
+    low = tracker(dt=dt, keep_out=planes[1:])
+    robot, q, nearest = tracker(dt=dt, keep_out=planes), START.copy(), math.inf
+    for k in range(round(4.0 / dt)):
+        s = min(k * dt / 2.0, 1.0)
+        pose = moved(centre, 0.15 * s, 0.0, -0.15 * s)
+        q = q + robot.step(q, pose, [0.075, 0, -0.075, 0, 0, 0] if s < 1 else REST).value * dt
+        tip = chain.pose(q)[:3, 3]
+        nearest = min(nearest, tip[2] - height, front - tip[0])
+        assert nearest >= -1e-9
+    assert nearest < 2e-3
+    assert low.hand_bounds.count == 3
+
+
+def test_every_joint_frame_is_guarded() -> None:
+    chain = ur5()
+    assert tracker(dt=5e-3).hand_bounds.guarded == [7, 6, 5, 4, 3, 2]  # all but the base and what turns on it
+    # A plane that the tool is far from, and the elbow near: raising the arm must stop at it.
+    q = START.copy()
+    frames = [chain.pose(q)]
+    top = max(0.425 * math.sin(1.5) + 0.089159, frames[0][2, 3])
+    robot = tracker(dt=5e-3, keep_out=[KeepOut.through([0, 0, top + 0.01], [0, 0, -1.0])])
+    for k in range(300):
+        pose = moved(chain.pose(START), -0.1 * min(k / 150, 1), 0, 0)  # pulling in lifts the elbow
+        q = q + robot.step(q, pose, REST).value * 5e-3
+        assert 0.089159 - 0.425 * math.sin(q[1]) <= top + 0.01 + 1e-9
+
+
+def test_a_hand_is_not_pulled_where_the_persons_joints_do_not_go() -> None:
+    dt, arm = 5e-3, human_arm(range_of_motion="restricted")
+    chain = ur5()
+    middle = (arm.lower + arm.upper) / 2
+    # The shoulder where the hand of the arm in its middle posture holds the tool at the start.
+    grip = np.eye(4)
+    person = replace(arm, base=chain.pose(START) @ np.linalg.inv(arm.pose(middle)) @ arm.base)
+    robot = tracker(dt=dt, person=person, grip=grip, max_deviation=0.3)
+    q, centre = START.copy(), chain.pose(START)
+    far = 0.0
+    for k in range(1300):
+        x = 0.2 * math.sin(math.pi * min(k / 1000, 1.0))
+        pose = moved(centre, x, x, x)
+        q = q + robot.step(q, pose, REST).value * dt
+        model = robot._limit.q  # type: ignore[union-attr]
+        assert np.all((model >= person.lower) & (model <= person.upper))  # type: ignore[operator]
+        asked = person.pose(model)  # type: ignore[arg-type]
+        far = max(far, float(np.linalg.norm(asked[:3, 3] - robot.reference[:3, 3])))
+        assert np.linalg.norm(chain.pose(q)[:3, 3] - asked[:3, 3]) < 0.01 + 0.05 * (k < 20)
+    assert far > 0.02  # the reference did leave the range of motion
+    assert errors(chain.pose(q), centre)[0] < 3.0
+
+
+def test_a_push_slows_the_clock_yields_and_stops_at_the_limit() -> None:
+    dt, chain = 5e-3, ur5()
+    law = Interaction(slow_from=5.0, limit=25.0, stiffness=1000.0, damping=100.0, most=0.02)
+    robot, q, centre = tracker(dt=dt, interaction=law), START.copy(), ur5().pose(START)
+    for _ in range(300):
+        q = q + robot.step(q, centre, REST, force=[0.0, 0.0, 15.0]).value * dt
+    np.testing.assert_allclose(chain.pose(q)[:3, 3] - centre[:3, 3], [0, 0, 0.015], atol=1e-4)
+    for k in range(60):
+        pose = moved(centre, 0.0, 0.1 * k * dt, 0.0)
+        q = q + robot.step(q, pose, [0, 0.1, 0, 0, 0, 0], force=[0.0, 0.0, 15.0]).value * dt
+    assert robot.time_scale == pytest.approx(0.5, abs=0.05)
+    for _ in range(60):
+        command = robot.step(q, centre, REST, force=[0.0, 0.0, 26.0])
+        q = q + command.value * dt
+    assert command.status is Status.HOLDING
+    assert "force" in command.reason
+    assert robot.step(q, centre, REST, force=[math.nan, 0, 0]).reason == "force is not a usable number"
+    for _ in range(600):
+        command = robot.step(q, centre, REST)
+        q = q + command.value * dt
+    assert errors(chain.pose(q), centre)[0] < 0.5
+
+
+# ---------------------------------------------------------------------------------------------------- the statement
+def test_without_its_bounds_it_is_the_pose_tracker() -> None:
+    chain = ur5()
+    ours = tracker(linear_speed=1.0, turn_length=0.999999, max_deviation=1.0)
+    theirs = PoseTracker(chain, compile=False)
+    pose, twist = chain.pose(START), np.array([0.01, 0.02, -0.01, 0.0, 0.01, 0.0])
+    ours.step(START, pose, twist)
+    ours.step(START, pose, twist)
+    ours._last[:] = 0.0  # in mid-motion, but at rest
+    ours._ladder.memory[-1] = 0.0
+    np.testing.assert_allclose(ours.step(START, pose, twist).value, theirs.step(START, pose, twist).value, atol=1e-6)
+
+
+def test_the_qp_can_be_inspected_and_its_floor_row_is_the_gradient() -> None:
+    robot = tracker()
+    numbers = robot.instance(START, ur5().pose(START), REST)
+    assert numbers.A.shape == (2, 7)
+    h = 1e-6
+    gradient = [(closed_form(START + h * e) - closed_form(START - h * e)) / (2 * h) for e in np.eye(6)]
+    np.testing.assert_allclose(numbers.A[0, :6], -np.array(gradient), atol=1e-6)
+    share = (1 - math.exp(-20 * 1e-3)) / 1e-3
+    assert numbers.rows_upper[0] == pytest.approx(share * (closed_form(START) - 0.3), rel=1e-3)
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_any_chain_can_be_led(side: str) -> None:
+    arm = human_arm(side=side)  # type: ignore[arg-type]
+    robot = MirrorTracker(arm, floor=0.2, dt=5e-3, compile=False)
+    q = largest_manipulability(arm)[1]
+    q = np.clip(q, arm.lower + 0.05, arm.upper - 0.05)
+    pose = arm.pose(q)
+    for k in range(300):
+        q = q + robot.step(q, moved(pose, 0.0, 0.0, 0.1 * math.sin(0.02 * k)), REST).value * 5e-3
+        assert arm.manipulability(q) / robot.largest >= 0.2 - 1e-9
+        assert np.all((q >= arm.lower - 1e-9) & (q <= arm.upper + 1e-9))
