@@ -244,7 +244,7 @@ class ChairAndArm(VelocityController):
             return None
         ladder.memory[:] = memory
         ladder.start_from(0.0)
-        value, wheels = self._told()
+        value, wheels = self._sent_now()
         bound, reason = Bound(int(yielded)), f"{self._fault()}: Eq. (1), slowed into the bounds"
         return Command(value, Status.BACKUP, "slowed law", float(violation), -1, reason, bound, float(scale), wheels)
 

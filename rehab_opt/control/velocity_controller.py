@@ -200,10 +200,10 @@ class VelocityController(ABC):
             status, reason = Status.BACKUP, f"{ladder.solver} gave no certified answer"
         residual, _, _, yielded, scale = ladder.verdict.tolist()
         bound = _BOUNDS[int(yielded)]
-        value, wheels = self._told()
+        value, wheels = self._sent_now()
         return Command(value, status, solver, residual, ladder.iterations, reason, bound, scale, wheels)
 
-    def _told(self) -> tuple[Array, Array | None]:
+    def _sent_now(self) -> tuple[Array, Array | None]:
         """What is sent, copied, read-only and without negative zeros."""
         value, wheels = self._sent + 0.0, None
         value.setflags(write=False)
@@ -238,7 +238,7 @@ class VelocityController(ABC):
         memory, (yielded, _) = braking.outputs
         ladder.memory[: memory.size] = memory  # what else a subclass remembers is its own to forget
         ladder.start_from(np.append(self._last, np.zeros(self.stated.n - self._last.size)))
-        value, wheels = self._told()
+        value, wheels = self._sent_now()
         status = Status.BRAKING if value.any() else Status.HOLDING
         return Command(value, status, "", math.inf, -1, reason, _BOUNDS[int(yielded)], 0.0, wheels)
 
