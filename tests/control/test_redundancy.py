@@ -307,7 +307,7 @@ def test_a_stick_or_a_switch_drives_the_hand_in_both_modes(user: Joystick | Scan
         q = q + command.value * robot.dt
     assert gained[0] > 0.5 * asked[0] > 0.05
     assert gained[2] > 0.5 * asked[1] > 0.02
-    assert abs(gained[1]) < 0.05 * gained[0]  # held in this mode, but while the arm's accelerations are used up
+    assert abs(gained[1]) < 0.1 * gained[0]  # held in this mode, but while the arm's accelerations are used up
 
 
 def test_a_change_of_rows_while_moving_changes_no_joint_faster_than_it_may() -> None:
