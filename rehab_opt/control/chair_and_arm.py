@@ -25,8 +25,8 @@ Array = NDArray[np.float64]
 Drive = Literal["mecanum", "differential"]
 ROWS = ("x", "y", "z", "rx", "ry", "rz", "roll7")
 """Task rows: hand velocity along and about the axes of the chosen frame, and about the wrist's own axis z7."""
-WORLD = 1.0
-"""Number that says that rows are meant in the world frame."""
+UNKNOWN = -1.0
+"""In place of the frame: 0 for the chassis frame, 1 for the world, this where no twist is remembered."""
 PROGRESS = 20.0
 """[m/s] Price of a missing m/s of hand speed; one more costs about 1 in kinetic energy by the robot's mass."""
 STEEP = 1e3
@@ -80,7 +80,8 @@ class ChairAndArm(VelocityController):
         n, k, wheels = robot.chain.n, len(rows), len(self.wheelset.rolling)
         self.shapes = ((k,), (1,), (NUMBERS * slots,))  # type: ignore[misc]
         self.shapes = self.shapes if slots else self.shapes[:2]  # type: ignore[misc]
-        # What is remembered: u, where it leads, then what is sent, the wheels' share of it, and r.
+        # What is remembered: u, where it leads, what is sent, the wheels' share of it, r, what of it was delivered, and
+        # in which frame.
         self.sent, self.wheels = slice(2 * n, 3 * n), slice(3 * n, 3 * n + wheels)
         self.limited = slice(3 * n + wheels, 3 * n + wheels + k)
         super().__init__(
@@ -125,11 +126,11 @@ class ChairAndArm(VelocityController):
         n, k, name = self.chain.n, len(self.rows), "_".join(self.rows)
         q, twist, world = parameter("q", n), parameter("twist", k), parameter("frame", 1)
         obstacles = parameter("obstacles", NUMBERS * self.slots)
-        size = 3 * n + len(self.wheelset.rolling) + k
+        size = 3 * n + len(self.wheelset.rolling) + 2 * k + 1
         memory = parameter("last", size)
         parameters = [q, twist, world, obstacles] if self.slots else [q, twist, world]
 
-        prepared = self._prepared(q, twist, world, obstacles, memory[:n])
+        prepared = self._prepared(q, twist, world, obstacles, memory)
         columns = [parameter(key, value.numel()) for key, value in prepared.items()]
         given = dict(zip(prepared, columns, strict=True))
         jacobian = ca.reshape(given["jacobian"], k, n)
@@ -172,12 +173,13 @@ class ChairAndArm(VelocityController):
             ),
             report=self.report(memory[:n], sent, jacobian @ sent, twist, room.outside),
             memory=memory,
-            remember=self.remembered(q, sent, given["direction"] * given["speed"]),
+            remember=self.remembered(q, sent, given["direction"] * given["speed"], jacobian @ sent, world),
             violation=room.violation(sent),
         )
 
-    def _prepared(self, q: ca.SX, twist: ca.SX, world: ca.SX, obstacles: ca.SX, last: ca.SX) -> dict[str, ca.SX]:
+    def _prepared(self, q: ca.SX, twist: ca.SX, world: ca.SX, obstacles: ca.SX, memory: ca.SX) -> dict[str, ca.SX]:
         """What the QP is made of, each one column."""
+        last = memory[: self.chain.n]
         n, moving = self.chain.n, self.surroundings.moving
         posture = ca.vertcat(ca.SX.zeros(CHAIR), q[CHAIR:])
         jacobian = self.task_jacobian(q, world)
@@ -205,7 +207,8 @@ class ChairAndArm(VelocityController):
         allowed = ca.DM(np.minimum(self.chain.acceleration * self.dt, 2 * self.chain.velocity))
         share = ca.fmin(1, ca.mmin(allowed / ca.fmax(needed, TINY)))
         share = ca.if_else(ca.sumsqr(full) <= PLAUSIBLE**4, share, 1)  # no law at a singular posture
-        before = jacobian @ last
+        # As it was delivered, not as the last velocities would move the hand from here: that turns with the arm.
+        before = ca.if_else(memory[-1] == world, memory[-1 - len(self.rows) : -1], jacobian @ last)
         limited = ca.if_else(ca.sumsqr(twist) > 0, before + share * (asked - before), 0)
         speed = ca.norm_2(limited)
         direction = limited / ca.fmax(speed, TINY)
@@ -225,12 +228,12 @@ class ChairAndArm(VelocityController):
         }
 
     # ------------------------------------------------------------------------------------------ what is remembered
-    def remembered(self, q: ca.SX, u: ca.SX, limited: ca.SX) -> ca.SX:
+    def remembered(self, q: ca.SX, u: ca.SX, limited: ca.SX, delivered: ca.SX, frame: ca.SX) -> ca.SX:
         """The memory: see `__init__`."""
         cos, sin = ca.cos(q[2]), ca.sin(q[2])
         value = ca.vertcat(cos * u[0] - sin * u[1], sin * u[0] + cos * u[1], u[2:])
         wheels = self.wheelset.wheel_speeds_expression(u[:CHAIR])
-        return ca.densify(ca.vertcat(u, q + value * self.dt, value, wheels, limited))
+        return ca.densify(ca.vertcat(u, q + value * self.dt, value, wheels, limited, delivered, frame))
 
     def lesser_command(self) -> Command | None:
         """Eq. (1) slowed as a whole into the bounds: not the best that they allow, but as safe."""
@@ -258,7 +261,8 @@ class ChairAndArm(VelocityController):
         easing = Easing(self.robot, self.dt, room)
         rest = easing.towards(last, ca.SX.zeros(n), q[CHAIR:])
         report = self.report(last, rest, ca.SX(0), ca.SX(1), room.outside)  # nothing of the task is delivered
-        outputs = [self.remembered(q, rest, ca.SX.zeros(len(self.rows))), report]
+        nothing = ca.SX.zeros(len(self.rows))
+        outputs = [self.remembered(q, rest, nothing, nothing, ca.SX(UNKNOWN)), report]
         inputs = [q, memory, obstacles] if self.slots else [q, memory]
         return ca.Function("braking", inputs, outputs, {"cse": True})
 
@@ -301,10 +305,12 @@ class ChairAndArm(VelocityController):
         """Forget the past; `velocity` (7,) has the chair's share in its own frame."""
         self.reset(velocity)
         self._predicted[2] = heading  # should the first position be unusable
+        self._ladder.memory[-1] = UNKNOWN
 
     def take_over(self, other: ChairAndArm) -> None:
         """Go on where another set of rows ends: its velocity, position and stamps are this one's."""
         self._last[:], self._predicted[:] = other._last, other._predicted
+        self._ladder.memory[-1] = UNKNOWN
         self._ladder.start_from(0.0)
         self._watchdog, self._stamped = other._watchdog, other._stamped
 

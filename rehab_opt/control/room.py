@@ -24,6 +24,9 @@ TIGHTER = 1e-7
 """Share by which row limits are drawn in, so that what a certificate may leave open never passes them."""
 SLACK = 1.1
 """By how much longer the barriers count than stopping takes: the direction of an obstacle changes on the way."""
+GENTLY = 0.7
+"""Share of its acceleration with which a joint stops before its limit: with nothing left, the hand would have to wait
+until that joint has stopped."""
 TINY = 1e-12
 FACETS = 8
 """Sides of the polygon inside the circle of chassis velocities; its corners lie on the axes."""
@@ -146,10 +149,13 @@ class Surroundings:
         )
 
     def _joints(self, q: ca.SX, last: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-        bounds = velocity_bounds(self.robot.chain, q, last, dt=self.dt, return_speed=self.return_speed)
+        chain = self.robot.chain
+        bounds = velocity_bounds(chain, q, last, dt=self.dt, return_speed=self.return_speed)
+        gentle = chain.with_limits(acceleration=GENTLY * chain.acceleration)
+        stop = velocity_bounds(gentle, q, last, dt=self.dt, return_speed=self.return_speed)
         # A joint that can no longer stop in time brakes as hard as it may, and is held by the limit itself.
-        upper = ca.fmax(ca.fmax(ca.fmin(bounds.stop_upper, bounds.hard_upper), bounds.brake_lower), 0)
-        lower = ca.fmin(ca.fmin(ca.fmax(bounds.stop_lower, bounds.hard_lower), bounds.brake_upper), 0)
+        upper = ca.fmax(ca.fmax(ca.fmin(stop.stop_upper, bounds.hard_upper), bounds.brake_lower), 0)
+        lower = ca.fmin(ca.fmin(ca.fmax(stop.stop_lower, bounds.hard_lower), bounds.brake_upper), 0)
         moves = ca.DM([1.0 if i in self.moving else 0.0 for i in range(self.robot.chain.n)])
         return moves * lower, moves * upper, bounds.outside
 

@@ -10,8 +10,10 @@ import qpsolvers
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rehab_opt import Bound, ConfigurationError, RedundancyResolver, Status, ardis
+from rehab_opt import Bound, ConfigurationError, Joystick, RedundancyResolver, Status, ardis
+from rehab_opt.control.joystick import STICK_MODES
 from rehab_opt.control.obstacles import Disc, HalfPlane
+from rehab_opt.control.scanning import Scanning
 from rehab_opt.kinematics.ardis import ARDIS_READY
 from rehab_opt.kinematics.differential import Differential
 from rehab_opt.kinematics.mobile_arm import MobileArm
@@ -42,11 +44,11 @@ def posture(rng: np.random.Generator, robot: MobileArm, share: float = 1.0) -> n
 
 
 def test_no_fault_of_the_campaign_breaks_a_bound() -> None:
-    tally = redundancy_campaign.run(4000, seed=1, plants=16)
+    tally = redundancy_campaign.run(3000, seed=1, plants=12)
     assert tally.broken == []
     assert set(tally.statuses) == {Status.OK, Status.BACKUP, Status.BRAKING, Status.HOLDING}
     assert all(tally.faults[fault] for fault in ("q", "twist", "stamp", "repeated", "disabled", "no stamp"))
-    assert tally.seen["direction checked"] > 300
+    assert tally.seen["direction checked"] > 200
     assert tally.seen["chair hurried"] == 0  # from a start at which the chair could stop, it always could
 
 
@@ -287,6 +289,27 @@ def test_a_stick_in_the_chair_s_frame_keeps_its_meaning_as_the_chair_turns() -> 
         np.testing.assert_allclose(hand, [0.1, 0.0, 0.0], atol=1e-9)
 
 
+@pytest.mark.parametrize("user", [Joystick(), Scanning()], ids=["stick", "switch"])
+def test_a_stick_or_a_switch_drives_the_hand_in_both_modes(user: Joystick | Scanning) -> None:
+    robot, q, gained = resolver(row_sets=[mode.rows for mode in STICK_MODES]), ARDIS_READY.copy(), np.zeros(3)
+    asked = np.zeros(2)
+    for k in range(1500):
+        if isinstance(user, Joystick):
+            told = user.step([float(k % 700 > 50), 0.0], switch=k == 700)
+        else:
+            told = user.step(float((user.lit.name == "x+" and 50 < k < 300) or user.lit.name == "z+"))
+        command = robot.step(q, told.twist, told.rows, told.frame)
+        assert command.status.certified
+        hand = hand_twist(robot.robot, q, command.value, ("x", "y", "z"), "chassis")
+        mode = int(told.rows == ("z", "roll7"))
+        asked[mode] += told.twist[0] * robot.dt
+        gained += hand * robot.dt * ([1, 1, 0] if mode == 0 else [0, 0, 1])
+        q = q + command.value * robot.dt
+    assert gained[0] > 0.5 * asked[0] > 0.05
+    assert gained[2] > 0.5 * asked[1] > 0.02
+    assert abs(gained[1]) < 0.1 * gained[0]  # held in this mode, but while the arm's accelerations are used up
+
+
 def test_a_change_of_rows_while_moving_changes_no_joint_faster_than_it_may() -> None:
     robot, q = resolver(row_sets=[("x", "y"), ("z", "roll7")]), ARDIS_READY.copy()
     chain, last = robot.robot.chain, np.zeros(7)
@@ -320,7 +343,7 @@ def test_beyond_the_arm_s_reach_the_chair_comes_along_without_being_asked(drive:
     for _ in range(1500):
         q = q + robot.step(q, [0.15, 0.0, 0.0]).value * robot.dt
     travelled = robot.robot.chain.pose(q)[0, 3] - begin
-    assert travelled > 1.5  # the arm alone reaches 0.4 further
+    assert travelled > 1.7  # the arm alone reaches 0.4 further
     assert q[0] > travelled - 0.6
     assert np.all(q[3:] <= robot.robot.chain.upper[3:] + 1e-9)
     assert np.all(q[3:] >= robot.robot.chain.lower[3:] - 1e-9)
@@ -390,8 +413,9 @@ def test_a_chair_driven_at_walls_and_posts_stops_before_them_at_any_tick_length(
     room = [HalfPlane((1, 0.2), 1.2), HalfPlane((-1, 0), 1.0), Disc((0.2, 1.2), 0.3), Disc((0.5, -1.1), 0.1)]
     robot, q, rng = resolver(drive=drive, dt=dt, obstacles=room), ARDIS_READY.copy(), np.random.default_rng(7)
     chain, last, nearest = robot.robot.chain, np.zeros(7), math.inf
-    for k in range(400):
-        if k % 40 == 0:
+    ticks = int(np.clip(20.0 / dt, 200, 1200))
+    for k in range(ticks):
+        if k % (ticks // 5) == 0:
             twist = np.append(rng.standard_normal(2), 0.0)
             twist *= 1.5 / np.linalg.norm(twist)
         command = robot.step(q, twist)
@@ -401,7 +425,7 @@ def test_a_chair_driven_at_walls_and_posts_stops_before_them_at_any_tick_length(
         last, nearest = now, min(nearest, float(gaps(robot, q).min()))
         assert nearest >= -1e-9
     if dt >= 1e-2:
-        assert nearest < 0.35  # it did drive at them
+        assert nearest < 0.3  # it did drive at them
 
 
 def test_a_chair_within_an_obstacle_may_leave_it_and_not_go_deeper() -> None:
@@ -503,13 +527,16 @@ def test_the_safe_command_answers_when_even_that_fails(monkeypatch: pytest.Monke
 def test_compiled_and_interpreted_give_the_same_commands() -> None:
     room = [HalfPlane((1, 0), 1.5)]
     robots = [RedundancyResolver(ardis(), row_sets=[("x", "y", "z")], obstacles=room, compile=c) for c in (True, False)]
-    q, rng = ARDIS_READY.copy(), np.random.default_rng(9)
+    q, rng, exact = ARDIS_READY.copy(), np.random.default_rng(9), 0
     for k in range(500):
         if k % 50 == 0:
             twist = rng.standard_normal(3) * 0.5
         commands = [robot.step(q, twist) for robot in robots]
-        np.testing.assert_allclose(commands[0].value, commands[1].value, rtol=0, atol=1e-11)
+        # Rounding may let one of them fall back to the other solver.
+        np.testing.assert_allclose(commands[0].value, commands[1].value, rtol=0, atol=1e-7)
+        exact += np.allclose(commands[0].value, commands[1].value, rtol=0, atol=1e-11)
         q = q + commands[0].value * robots[0].dt
+    assert exact > 400
 
 
 def test_commands_are_read_only_and_their_own() -> None:
