@@ -191,7 +191,7 @@ def test_out_of_reach_the_clock_waits_at_the_largest_deviation_and_the_stretch_i
         assert closed_form(q) >= 0.3 - 1e-9
     assert waited
     assert 0.03 < farthest <= 0.05
-    assert robot.counts["left out"] == 1
+    assert robot.counts["left out"] >= 1
     assert errors(chain.pose(q), centre)[0] < 0.5
 
 
