@@ -13,7 +13,7 @@ from pytest_benchmark.fixture import BenchmarkFixture
 from bench.arm.targets import figure_eight, reachable
 from bench.long_run import DT, round_trip
 from bench.peers.path import START
-from rehab_opt import ArmIK, Command, PoseTracker, Smoother, Status, human_arm, ur5
+from rehab_opt import ArmIK, Command, MirrorTracker, PoseTracker, Smoother, Status, human_arm, ur5
 
 TILT = math.radians(2)
 
@@ -41,6 +41,21 @@ def looped(tracker: PoseTracker) -> Callable[[], Command]:
 def test_pose_tracker(benchmark: BenchmarkFixture, compiled: bool, limit: float) -> None:
     command = benchmark(looped(PoseTracker(ur5(velocity=limit), dt=DT, compile=compiled)))
     assert command.status is Status.OK
+
+
+@pytest.mark.parametrize("floor", [0.3, 0.76], ids=["free", "at_the_floor"])
+@pytest.mark.parametrize("compiled", [True, False], ids=["compiled", "virtual_machine"])
+def test_mirror_tracker(benchmark: BenchmarkFixture, compiled: bool, floor: float) -> None:
+    # The circle of `looped` is faster than a hand may be led: it would measure the clock's careful way instead.
+    tracker = MirrorTracker(ur5(), floor=floor, linear_speed=0.5, dt=DT, compile=compiled)
+    command = benchmark(looped(tracker))
+    assert command.status is Status.OK
+
+
+def test_mirror_tracker_behind_its_reference(benchmark: BenchmarkFixture) -> None:
+    command = benchmark(looped(MirrorTracker(ur5(), dt=DT)))
+    assert command.status is Status.OK
+    assert command.scale < 1.0
 
 
 @pytest.mark.parametrize("solver", ["proxqp", "osqp", "daqp"])
