@@ -25,6 +25,8 @@ WAITS = 0.9
 """Share of the largest deviation from which the clock waits."""
 QUICKENING, CATCHING_UP = 0.1, 0.3
 """[s] in which the clock regains its pace, and in which it makes up for its lag."""
+AT_LEAST = 0.02
+"""Share by which the clock runs fast while it is late at all: so that it does catch up."""
 STUCK = 0.1, 0.005
 """[s, m/s] How long the clock must have waited, and how slow the hand be, before a stretch of path is given up."""
 PATIENCE = 0.5
@@ -51,6 +53,7 @@ class MirrorFollowing(MirrorStatement):
 
     def _begin(self) -> None:
         self.clock.reset()
+        self.counts.clear()
         if self._limit is not None:
             self._limit.reset()
         self._interaction.reset()
@@ -169,7 +172,8 @@ class MirrorFollowing(MirrorStatement):
         speed, turning = math.hypot(x, y, z), math.hypot(turning_x, turning_y, turning_z)
         pace = 1.0
         if not foreseen and self._interaction.pace == 1.0:  # nobody is hurried who pushes
-            pace += min(self.catch_up, max(clock.lag - self.dt, 0.0) / CATCHING_UP)
+            late = clock.lag - self.dt
+            pace += min(self.catch_up, late / CATCHING_UP + AT_LEAST) if late > 0.0 else 0.0
         worst = max(distance_between(here, pose) / self.max_deviation, angle_between(here, pose) / self.max_turn)
         pace *= min(max((WAITS - worst) / (WAITS - CALM), 0.0), 1.0) * self._interaction.pace
         linear, angular = SPARE * self.linear_speed, SPARE * self.angular_speed
