@@ -17,7 +17,7 @@ HEAVY = {
     "platformdirs", "skimage", "distributed",
 }  # fmt: skip
 PUBLIC = {
-    "ArmIK", "Command", "ConfigurationError", "DH", "PoseTracker", "ProblemFileError", "RehabOptError", "SerialChain",
+    "ArmIK", "Command", "ConfigurationError", "DH", "MirrorTracker", "PoseTracker", "ProblemFileError", "RehabOptError", "SerialChain",
     "Smoother", "Status", "human_arm", "ur5",
 }  # fmt: skip
 # Each layer with those it may use. `session` runs the published laws beside ours; nobody else knows them.
