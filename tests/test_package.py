@@ -17,8 +17,8 @@ HEAVY = {
     "platformdirs", "skimage", "distributed",
 }  # fmt: skip
 PUBLIC = {
-    "ArmIK", "Command", "ConfigurationError", "DH", "PoseTracker", "ProblemFileError", "RehabOptError", "SerialChain",
-    "Smoother", "Status", "human_arm", "ur5",
+    "ArmIK", "Command", "ConfigurationError", "DH", "MirrorTracker", "PoseTracker", "ProblemFileError", "RehabOptError",
+    "SerialChain", "Smoother", "Status", "human_arm", "ur5",
 }  # fmt: skip
 # Each layer with those it may use. `session` runs the published laws beside ours; nobody else knows them.
 LAYERS = {
