@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.workspace.number_arguments import real_number
+from rehab_opt.workspace.point_arguments import point_array
 
 if TYPE_CHECKING:
     from rehab_opt.workspace.region import Workspace
@@ -65,12 +66,7 @@ class ReachabilityMap:
 
     def probability(self, points: ArrayLike) -> Array | float:
         """Share of the trials, exactly, at (2,) -> float or (N, 2) -> (N,) points [m]; 0 where a point is NaN."""
-        try:
-            at = np.asarray(points, dtype=np.float64)
-        except (TypeError, ValueError, OverflowError) as problem:
-            raise ConfigurationError("points", points, "points of shape (2,) or (N, 2), numbers in metres") from problem
-        if at.shape[-1:] != (2,) or at.ndim > 2:
-            raise ConfigurationError("points", f"shape {at.shape}", "points of shape (2,) or (N, 2)")
+        at = point_array(points)
         found = shares(self.workspaces, self.weights, at.reshape(-1, 2))
         return float(found[0]) if at.ndim == 1 else found
 
