@@ -5,7 +5,7 @@ not cross it; else that of the nearest edge, or at a corner of the sum of both e
 2005); and where edges nearly coincide, so that rounding may name the wrong one, that of shapely's exact predicate.
 
 What a point may cost, on the machine of bench/workspace_queries.py: about 0.1 us for each edge of its cell's list and
-1.5 us besides; 20 us where more than `MOST` edges matter and beyond the outermost grid, and there 20 ns more for each
+1.5 us besides; 15 us where more than `MOST` edges matter and beyond the outermost grid, and there 10 ns more for each
 edge; 5 us more where shapely is asked. A cell's list is made when a point first lies there, which takes as long again.
 """
 

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
 
-__all__ = ["one_point", "point_rows", "single_point"]
+__all__ = ["one_point", "point_array", "point_rows", "single_point"]
 
 Array = NDArray[np.float64]
 _FLOATS = np.dtype(np.float64)
@@ -57,6 +57,19 @@ def point_rows(points: ArrayLike) -> Array:
     if rows.ndim != 2 or rows.shape[1] != 2:
         raise ConfigurationError("points", f"an array of shape {rows.shape}", _EXPECTED)
     return rows
+
+
+def point_array(points: ArrayLike, argument: str = "points") -> Array:
+    """(2,) of a point, (N, 2) of several.
+
+    Raises
+    ------
+    ConfigurationError : another shape, or what is not numbers, naming `argument`.
+    """
+    array = _numbers(points, argument, _EXPECTED)
+    if array.ndim not in {1, 2} or array.shape[-1] != 2:
+        raise ConfigurationError(argument, f"an array of shape {array.shape}", _EXPECTED)
+    return array
 
 
 def _numbers(points: Any, argument: str, expected: str) -> Array:

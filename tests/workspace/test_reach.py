@@ -255,6 +255,7 @@ class TestNothingReached:
     [
         ("height", math.nan), ("height", "low"), ("handle_tilt", -0.1), ("handle_tilt", 4.0), ("handle_tilt", math.nan),
         ("accuracy", 0.0), ("accuracy", math.inf), ("accuracy", True), ("resolution", 0.0), ("arm", None),
+        ("placement", (0.0, 0.0, 0.0)), ("height", None), ("height", 10**400),
     ],
 )  # fmt: skip
 def test_what_cannot_be_used_is_refused_by_name(name: str, value: object) -> None:

@@ -114,6 +114,12 @@ def test_a_handle_that_is_never_upright_leaves_no_volume() -> None:
     assert found.contains((0.0, 0.4, -0.2)) is False
 
 
+@pytest.mark.parametrize(("name", "value"), [("spacing", "fine"), ("spacing", 0.0), ("placement", (0.0, 0.0, 0.0))])
+def test_what_cannot_be_used_is_refused_by_name(name: str, value: object) -> None:
+    with pytest.raises(ConfigurationError, match=name):
+        reachable_volume(human_arm(), **{name: value})  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize("heights", [[0.0], [0.1, 0.0], [0.0, math.nan], "low", [[0.0, 1.0]]])
 def test_heights_that_are_none_are_refused(heights: object) -> None:
     with pytest.raises(ConfigurationError, match="heights"):

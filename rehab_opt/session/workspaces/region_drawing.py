@@ -17,7 +17,7 @@ from rehab_opt.session.workspaces.sections import ArmInPlane
 from rehab_opt.session.workspaces.trace import rings
 from rehab_opt.workspace.region import Workspace
 
-__all__ = ["SET_STYLES", "draw_region", "draw_shoulder", "region_label", "region_path", "seen_from_above"]
+__all__ = ["SET_STYLES", "draw_region", "draw_shoulder", "is_placed", "region_label", "region_path", "seen_from_above"]
 
 SET_STYLES: Sequence[Mapping[str, Any]] = (
     {"facecolor": "#BBBBBB", "edgecolor": "#555555", "linestyle": "-"},
@@ -58,12 +58,17 @@ def draw_shoulder(axes: Axes, section: ArmInPlane) -> None:
 
 def seen_from_above(axes: Axes, section: ArmInPlane) -> None:
     """Equal scales in millimetres, labelled in the shoulder's frame or, where that is turned or moved, the robot's."""
-    placed = any(section.shoulder_m) or section.shoulder_turn_deg
+    placed = is_placed(section)
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel("x in the robot's frame [mm]" if placed else ACROSS)
     axes.set_ylabel("y in the robot's frame [mm]" if placed else FORWARD)
     axes.grid(**GRID)
     axes.autoscale_view()
+
+
+def is_placed(section: ArmInPlane) -> bool:
+    """Whether the robot's frame is another one than the shoulder's."""
+    return any(section.shoulder_m) or section.shoulder_turn_deg != 0
 
 
 def region_label(name: str, workspace: Workspace) -> str:
