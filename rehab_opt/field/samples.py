@@ -1,0 +1,88 @@
+"""What a field keeps of its demonstrations: points spread evenly along them, and how far each is from the end."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rehab_opt.errors import ConfigurationError
+
+__all__ = ["Demonstration", "arc_length", "checked_paths", "resampled_path"]
+
+Array = NDArray[np.float64]
+
+PLAUSIBLE = 1e3
+"""[m] A path that leaves this is in another unit."""
+
+
+class Demonstration(NamedTuple):
+    """One path, spread evenly by arc length."""
+
+    points: Array
+    """(m, 2) [m] first to last."""
+    remaining: Array
+    """(m,) [m] length along the path to its end: Eq. (22), Rossa et al."""
+    travelled: Array
+    """(m,) [m] length along the path from its start."""
+    tangents: Array
+    """(m, 2) unit direction of travel; zero for a path that is one point."""
+
+
+def checked_paths(path: ArrayLike | Sequence[ArrayLike]) -> tuple[Array, ...]:
+    """One path (N, 2) or a sequence of them as float arrays.
+
+    Raises
+    ------
+    ConfigurationError : no points, another shape, numbers that are not finite or not metres.
+    """
+    if isinstance(path, np.ndarray):
+        given: Sequence[ArrayLike] = [path]
+    elif isinstance(path, Sequence) and path:
+        given = path if np.ndim(path[0]) == 2 else [path]  # type: ignore[assignment, arg-type]
+    else:
+        given = []
+    paths = []
+    for i, each in enumerate(given):
+        name = "path" if len(given) == 1 else f"path[{i}]"
+        try:
+            points = np.array(each, dtype=np.float64)
+        except (TypeError, ValueError, OverflowError) as problem:
+            raise ConfigurationError(name, each, "points (N, 2) in metres") from problem
+        if points.ndim != 2 or points.shape[1] != 2 or not len(points):
+            raise ConfigurationError(name, f"an array of shape {points.shape}", "points (N, 2) in metres")
+        if not np.all(np.abs(points) <= PLAUSIBLE):
+            worst = points[~(np.abs(points) <= PLAUSIBLE)][0]
+            raise ConfigurationError(name, float(worst), f"finite coordinates within {PLAUSIBLE:g} m")
+        paths.append(points)
+    if not paths:
+        raise ConfigurationError("path", path, "points (N, 2) in metres, or a sequence of such paths")
+    return tuple(paths)
+
+
+def arc_length(points: Array) -> Array:
+    """(N,) [m] length along `points` (N, 2) up to each."""
+    return np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))))
+
+
+def resampled_path(points: Array, spacing: float) -> Demonstration:
+    """Points at equal distances of at most `spacing` [m] along the path; both ends are kept.
+
+    The weighted mean of Eq. (17) would otherwise depend on how long the hand rested where: pauses count nothing.
+    """
+    length = arc_length(points)
+    moving = np.concatenate(([True], np.diff(length) > 0))
+    points, length = points[moving], length[moving]
+    whole = float(length[-1])
+    if whole == 0.0:
+        zero = np.zeros(1)
+        return Demonstration(points[:1].copy(), zero, zero.copy(), np.zeros((1, 2)))
+    along = np.linspace(0.0, whole, int(np.ceil(whole / spacing)) + 1)
+    even = np.column_stack([np.interp(along, length, column) for column in points.T])
+    even[-1] = points[-1]
+    slopes = np.gradient(even, along, axis=0)
+    sizes = np.linalg.norm(slopes, axis=1, keepdims=True)
+    tangents = np.divide(slopes, sizes, out=np.zeros_like(slopes), where=sizes > 0)
+    return Demonstration(even, whole - along, along, tangents)
