@@ -14,12 +14,10 @@ import numpy as np
 
 from rehab_opt.kinematics.chain import SerialChain, determinant
 from rehab_opt.optim.nlp import NLP
-from rehab_opt.optim.qp import Row, equal, parameter, variable, within
+from rehab_opt.optim.qp import equal, parameter, variable
+from rehab_opt.workspace.handle import handle_rows
 
-__all__ = ["ALMOST_EXACT", "IKStatements"]
-
-ALMOST_EXACT = 1e-5
-"""[rad] Below this tilt the cone's normal vanishes, and the handle is aligned exactly instead."""
+__all__ = ["IKStatements"]
 
 
 class IKStatements:
@@ -96,19 +94,6 @@ class IKStatements:
         self.square = ca.Function(
             "ik_manipulability", [x.symbol, still], [squared_manipulability(arm, q, self.free)], {"cse": True}
         )
-
-
-def handle_rows(axis: ca.SX, tilt: ca.SX, handle_tilt: float | None) -> list[Row]:
-    """Rows that hold the handle axis within `tilt` of +z0.
-
-    The cone x_n . z_0 >= cos(tilt), over sin(tilt) so that its unit is the radian. Exact alignment: both horizontal
-    components zero, which leaves the sign open, so the vertical one is not negative.
-    """
-    if handle_tilt is None or handle_tilt >= np.pi:
-        return []
-    if handle_tilt < ALMOST_EXACT:
-        return [equal(axis[:2], ca.SX.zeros(2)), within(axis[2], 0.0, ca.inf)]
-    return [within((axis[2] - ca.cos(tilt)) / ca.sin(tilt), 0.0, ca.inf)]
 
 
 def squared_manipulability(arm: SerialChain, q: ca.SX, free: np.ndarray) -> ca.SX:

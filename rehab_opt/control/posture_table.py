@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.control.ik_statements import IKStatements
 from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.workspace.spread import spread_postures
 
 __all__ = ["PostureTable"]
 
@@ -39,13 +40,9 @@ class PostureTable:
     """
 
     def __init__(self, arm: SerialChain, statements: IKStatements, *, handle_tilt: float | None, size: int) -> None:
-        from scipy.stats import qmc  # noqa: PLC0415  (built with the first cold solve, not on import)
-
         free = statements.free
         lower, upper = arm.lower[free], arm.upper[free]
-        low, high = sampling_range(lower, upper, arm, free)
-        samples = qmc.Sobol(len(free), seed=0).random(size)
-        postures = np.clip(low + (high - low) * samples, lower, upper)
+        postures = spread_postures(arm, free, size)
         still = np.where(arm.locked, arm.lower, 0.0)
         limit = math.pi if handle_tilt is None else handle_tilt
         for _ in range(ALIGNMENT_STEPS):
@@ -80,14 +77,6 @@ class PostureTable:
             return self.postures, np.zeros(0)
         distances, indices = self._tree.query(target, count)
         return self.postures[np.atleast_1d(indices)], np.atleast_1d(distances)
-
-
-def sampling_range(lower: Array, upper: Array, arm: SerialChain, free: NDArray[np.int64]) -> tuple[Array, Array]:
-    """Limits (k,) cut to one turn of a revolute joint, and to the chain's size of a prismatic one."""
-    size = sum(abs(row.a) + abs(row.d) for row in arm.rows) + 1.0
-    half = np.array([size if arm.rows[i].prismatic else math.pi for i in free])
-    centre = np.clip(0.0, lower + half, np.maximum(upper - half, lower + half))
-    return np.maximum(lower, centre - half), np.minimum(upper, centre + half)
 
 
 def _measured(statements: IKStatements, postures: Array, still: Array) -> tuple[Array, Array, Array]:

@@ -136,17 +136,20 @@ class SerialChain:
         return replace(self, **{name: value for name, value in given.items() if value is not None})  # type: ignore[arg-type]
 
     # -------------------------------------------------------------------------------------------- expressions
-    def frames_expression(self, q: ca.SX) -> list[ca.SX]:
-        """N + 2 poses (4, 4) in the base frame: before joint 1, after each row, and the tool."""
+    def frames_expression(self, q: ca.SX, rows: Sequence[DH] | None = None) -> list[ca.SX]:
+        """N + 2 poses (4, 4) in the base frame: before joint 1, after each row, and the tool.
+
+        `rows` take the place of the chain's own; their a and d may be expressions, so that code serves any lengths.
+        """
         frames = [ca.SX(ca.DM(self.base))]
-        for i, row in enumerate(self.rows):
+        for i, row in enumerate(self.rows if rows is None else rows):
             frames.append(_times(frames[-1], _row_expression(row, q[i])))
         frames.append(_times(frames[-1], ca.SX(ca.DM(self.tool))))
         return frames
 
-    def pose_expression(self, q: ca.SX) -> ca.SX:
-        """(4, 4) expression of `pose`: Eq. (2), Rossa et al."""
-        return self.frames_expression(q)[-1]
+    def pose_expression(self, q: ca.SX, rows: Sequence[DH] | None = None) -> ca.SX:
+        """(4, 4) expression of `pose`: Eq. (2), Rossa et al.; `rows` as for `frames_expression`."""
+        return self.frames_expression(q, rows)[-1]
 
     def jacobian_expression(self, q: ca.SX) -> ca.SX:
         """(6, n) expression of `jacobian`."""

@@ -14,18 +14,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.kinematics.human_arm import ARM_JOINTS
-from rehab_opt.session.reach_rows import SAMPLES, TASKS, ReachAngles, Suspect, read_cp_reach
+from rehab_opt.kinematics.human_arm import ARM_JOINTS, human_arm
+from rehab_opt.session.reach_rows import GROUPS, SAMPLES, TASKS, ReachAngles, Suspect, read_cp_reach
 from rehab_opt.workspace.clinical_angles import CLINICAL_ANGLES, model_scapula, model_shoulder, model_wrist
 from rehab_opt.workspace.used_range import UsedRange
 
-__all__ = ["ReachGroup", "group_range", "reach_groups"]
+__all__ = ["ReachGroup", "grasp_zero", "group_range", "reach_groups"]
 
 Array = NDArray[np.float64]
 
@@ -35,7 +35,8 @@ EVERY = 5
 ASSUMPTIONS = (
     "the range used in one task, not the range possible",
     "limits are medians over limbs of each limb's own; a box of them reaches further than any of the limbs",
-    "rows do not align across files: the three angles of shoulder and wrist are combined as if independent",
+    "rows do not align across files: angles of shoulder and of wrist are combined as if independent, but elevation "
+    "plane and axial rotation row by row where they have as many rows (they compensate each other as one arm's do)",
     "joint 1 is counted from the start of each reach; its median is taken from joint 2, both being about the vertical",
     "signs and zeros of clinical angles as in CLINICAL_ANGLES",
 )
@@ -77,23 +78,52 @@ class ReachGroup:
         return type(self), parts  # a mapping proxy cannot be pickled
 
 
-def reach_groups(folder: Path, *, cover: float = 0.5) -> dict[tuple[str, str], ReachGroup]:
+def reach_groups(
+    folder: Path, *, cover: float = 0.5, pronation_zero: float | Literal["grasp"] = 0.0
+) -> dict[tuple[str, str], ReachGroup]:
     """The range used by (task, group), of the files in `folder` (`cp_dyskinetic_reach`).
 
     Parameters
     ----------
     cover : see `group_range`.
+    pronation_zero : see `group_range`; "grasp" is `grasp_zero` of the typically developing group's grasp.
 
     Raises
     ------
     ProblemFileError : a file is absent or not as `read_cp_reach` expects it.
     """
-    both = (angles for task in TASKS for angles in read_cp_reach(folder, task))
-    return {(angles.task, angles.group): group_range(angles, cover=cover) for angles in both}
+    both = [angles for task in TASKS for angles in read_cp_reach(folder, task)]
+    if pronation_zero == "grasp":
+        pronation_zero = grasp_zero(next(a for a in both if (a.task, a.group) == ("RGV", GROUPS[0])))
+    ranges = [group_range(angles, cover=cover, pronation_zero=pronation_zero) for angles in both]
+    return {(found.task, found.group): found for found in ranges}
+
+
+def grasp_zero(reach: ReachAngles) -> float:
+    """Pronation [rad] to take as zero so that the median limb ends with its thumb nearest to upright.
+
+    The end of a grasp of a vertical object is such a posture, so this calibrates what the files leave open; it is zero
+    where the files count as ISB does and the hand grasps squarely.
+    """
+    end = {column: float(np.median(rows[:, -1])) for column, rows in reach.angles.items()}
+    shoulder = model_shoulder(end["ShAbd"], end["ShEl"], end["ShRot"])
+    arm = human_arm()
+
+    def thumb_height(zero: float) -> float:
+        wrist = model_wrist(end["ElbProSup"] - zero, end["WristFlExt"], end["WristDev"])
+        return float(arm.pose(np.array([math.pi, *shoulder, end["ElbFlExt"], *wrist]))[2, 0])
+
+    zeros = [math.radians(half / 2) for half in range(-180, 181)]
+    return max(zeros, key=thumb_height)
 
 
 def group_range(
-    reach: ReachAngles, *, cover: float = 0.5, lower_percentile: float = 0.0, upper_percentile: float = 100.0
+    reach: ReachAngles,
+    *,
+    cover: float = 0.5,
+    pronation_zero: float = 0.0,
+    lower_percentile: float = 0.0,
+    upper_percentile: float = 100.0,
 ) -> ReachGroup:
     """The range of the model's joints that a group used in a task.
 
@@ -101,6 +131,7 @@ def group_range(
     ----------
     cover : share of limbs whose own lower limit is not below the group's, and likewise above: 0.5 is the typical limb,
         0.95 nearly the whole group together.
+    pronation_zero : [rad] the files' pronation where the palm faces forward in the hanging arm; 0 is the convention.
     lower_percentile, upper_percentile : of a limb's samples over its reach, for its own limits. The rows are means of
         several reaches, smooth: their ends are taken as they are.
 
@@ -113,31 +144,50 @@ def group_range(
     if not 0 <= lower_percentile < upper_percentile <= 100:
         value = (lower_percentile, upper_percentile)
         raise ConfigurationError("lower_percentile, upper_percentile", value, "0 <= lower < upper <= 100")
+    if not abs(pronation_zero) <= math.pi:
+        raise ConfigurationError("pronation_zero", pronation_zero, "an angle within half a turn")
     columns = {angle.column: angle for angle in CLINICAL_ANGLES}
     rows = {column: len(reach.angles[column]) for column in columns}
     limits, spread, trials, samples = {}, {}, {}, {}
-    for joint, curves in _model_curves(reach.angles).items():
+    for joint, curves in _model_curves(reach.angles, pronation_zero).items():
         lowers, uppers = np.percentile(curves, [lower_percentile, upper_percentile], axis=-1)
         limits[joint] = (float(np.quantile(lowers, 1 - cover)), float(np.quantile(uppers, cover)))
         spread[joint] = (_deviation(lowers), _deviation(uppers))
         trials[joint] = min(rows[column] for column, angle in columns.items() if joint in angle.joints)
         samples[joint] = trials[joint] * SAMPLES
     notes = (f"{TASKS[reach.task]}, {reach.group}", *ASSUMPTIONS, *reach.notes)
+    if pronation_zero:
+        notes += (f"pronation counted from {math.degrees(pronation_zero):.1f} deg of the files",)
     used = UsedRange({joint: limits[joint] for joint in ARM_JOINTS}, samples, trials, {}, (), notes)
     return ReachGroup(reach.task, reach.group, used, spread, rows, reach.left_out)
 
 
-def _model_curves(angles: Mapping[str, Array]) -> dict[str, Array]:
-    """Curves (limbs, T) [rad] of each model joint; of shoulder and wrist every combination of rows is a limb."""
+def _model_curves(angles: Mapping[str, Array], pronation_zero: float) -> dict[str, Array]:
+    """Curves (limbs, T) [rad] of each model joint; of shoulder and wrist every combination of rows is a limb.
+
+    Rows of elevation plane and axial rotation belong together: the same ones were dropped from both files, and at the
+    start, where the arm hangs and the two compensate each other, they correlate by -0.41 to -0.85; shuffled rows do so
+    in 4 % of shuffles or fewer, in both tasks and groups (tests). Taken as independent, joint 2 would vary twice as
+    much.
+    """
     scapula = model_scapula(angles["ScPro"])
-    turn, adduction, flexion = model_shoulder(*_combined(angles["ShAbd"], angles["ShEl"], angles["ShRot"]))
+    turn, adduction, flexion = model_shoulder(*_shoulder_rows(angles["ShAbd"], angles["ShEl"], angles["ShRot"]))
     turn = _smooth(turn) - np.median(scapula, axis=0)[::EVERY]
-    bend, deviation, roll = model_wrist(*_combined(angles["ElbProSup"], angles["WristFlExt"], angles["WristDev"]))
+    pronation = angles["ElbProSup"] - pronation_zero
+    bend, deviation, roll = model_wrist(*_combined(pronation, angles["WristFlExt"], angles["WristDev"]))
     curves = (
         scapula, turn, adduction, _smooth(flexion), angles["ElbFlExt"],
         _smooth(bend), deviation, _smooth(roll, around=math.pi / 2),
     )  # fmt: skip
     return dict(zip(ARM_JOINTS, curves, strict=True))
+
+
+def _shoulder_rows(plane: Array, elevation: Array, axial: Array) -> list[Array]:
+    """Rows (limbs, T) of the three angles: plane and axial rotation by row, each with every row of elevation."""
+    if len(plane) != len(axial):
+        return _combined(plane, elevation, axial)
+    pairs = np.arange(len(plane)).repeat(len(elevation))
+    return [plane[pairs, ::EVERY], np.tile(elevation[:, ::EVERY], (len(plane), 1)), axial[pairs, ::EVERY]]
 
 
 def _combined(first: Array, second: Array, third: Array) -> list[Array]:

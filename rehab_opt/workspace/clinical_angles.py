@@ -61,7 +61,8 @@ CLINICAL_ANGLES = (
     ),
     ClinicalAngle(
         "ElbProSup", "forearm_pronation", 1, WRIST, "fully supinated (palm forward in the hanging arm)", "fair",
-        "values of 80 to 180 deg in reaches leave no other zero; joint 8 at zero has the thumb to the side",
+        "reaches forwards end palm down (within 10 deg) and the thumb rises in the grasp of a vertical object, but "
+        "to 43 deg from upright only: the zero may be off by that (`grasp_zero` in session/cp_reach.py)",
     ),
     ClinicalAngle(
         "WristFlExt", "wrist_flexion", 1, WRIST, "hand in line with the forearm", "fair",
@@ -72,7 +73,7 @@ CLINICAL_ANGLES = (
         "ISB counts ulnar deviation positive; nothing in the files contradicts or confirms it, means are near zero",
     ),
 )  # fmt: skip
-"""The mapping as data. Left and right arms count alike (the files are taken to mirror left arms, as `human_arm` does)."""
+"""The mapping as data. Left and right arms count alike: files are taken to mirror left arms, as `human_arm` does."""
 
 WITHOUT_A_JOINT = ("ScRot", "ScTil", "TrFl", "TrLatFl", "TrRot")
 """Columns that the model has no joint for: scapular rotation and tilt, and the trunk, which it holds still."""

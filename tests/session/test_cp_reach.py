@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from rehab_opt import ConfigurationError, ProblemFileError, human_arm
 from rehab_opt.kinematics.human_arm import ARM_JOINTS
-from rehab_opt.session.cp_reach import group_range, reach_groups
-from rehab_opt.session.reach_rows import COLUMNS, GROUPS, TASKS, flip_suspects, read_cp_reach
+from rehab_opt.session.cp_reach import grasp_zero, group_range, reach_groups
+from rehab_opt.session.reach_rows import COLUMNS, GROUPS, TASKS, ReachAngles, flip_suspects, read_cp_reach
 from rehab_opt.session.recordings import read_recording
 from rehab_opt.workspace.clinical_angles import WITHOUT_A_JOINT, model_shoulder, model_wrist
 from rehab_opt.workspace.used_range import range_of_motion
+from rehab_opt.workspace.varied_ranges import varied_ranges
 
 Array = NDArray[np.float64]
 Recorded = Callable[[str], Path]
@@ -109,6 +110,65 @@ def test_the_group_s_own_mean_reach_lies_within_its_range(recorded: Recorded, gr
         lower, upper = used[joint]
         assert lower - np.deg2rad(12) <= curve.min(), joint
         assert curve.max() <= upper + np.deg2rad(12), joint
+
+
+def end_pose(reach: ReachAngles, *, zero: float = 0.0) -> Array:
+    """(4, 4) hand pose of the median limb at the end of its reach."""
+    end = {column: float(np.median(rows[:, -1])) for column, rows in reach.angles.items()}
+    shoulder = model_shoulder(end["ShAbd"], end["ShEl"], end["ShRot"])
+    wrist = model_wrist(end["ElbProSup"] - zero, end["WristFlExt"], end["WristDev"])
+    return human_arm().pose(np.array([np.pi, *shoulder, end["ElbFlExt"], *wrist]))
+
+
+@pytest.mark.parametrize("group", [0, 1])
+def test_the_median_reach_ends_as_the_task_asks(recorded: Recorded, group: int) -> None:
+    """What no mapping name by name or of a wrong sign would do: in front, at the shoulder's height, palm down."""
+    folder = recorded("cp_dyskinetic_reach")
+    forwards, grasp = (end_pose(read_cp_reach(folder, task)[group]) for task in ("RF", "RGV"))
+    for hand in (forwards, grasp):
+        assert hand[1, 3] > 0.55
+        assert abs(hand[0, 3]) < 0.10
+        assert abs(hand[2, 3]) < 0.15
+    assert abs(forwards[2, 0]) < np.sin(np.deg2rad(15))  # the thumb points inwards (a left arm: to the right)
+    assert forwards[0, 0] > 0.9
+    assert grasp[2, 0] > forwards[2, 0] + 0.4  # it rises to grasp what is vertical
+
+
+def test_a_grasp_of_something_vertical_calibrates_pronation(recorded: Recorded) -> None:
+    folder = recorded("cp_dyskinetic_reach")
+    typical = read_cp_reach(folder, "RGV")[0]
+    zero = grasp_zero(typical)
+    assert np.rad2deg(zero) == pytest.approx(42, abs=5)
+    heights = [end_pose(typical, zero=zero + shift)[2, 0] for shift in (-0.02, 0.0, 0.02)]
+    assert heights[1] == max(heights) > np.cos(np.deg2rad(15))
+    found = reach_groups(folder, pronation_zero="grasp")
+    assert all("pronation counted from" in group.notes[-1] for group in found.values())
+    plain = group_range(typical).used["wrist_supination"]
+    np.testing.assert_allclose(found["RGV", TYPICAL].used["wrist_supination"], np.array(plain) - zero, atol=0.1)
+    with pytest.raises(ConfigurationError):
+        group_range(typical, pronation_zero=np.nan)
+
+
+def test_a_group_s_spread_draws_people_around_its_range(recorded: Recorded) -> None:
+    found = group_range(read_cp_reach(recorded("cp_dyskinetic_reach"), "RF")[1])
+    people = varied_ranges(found.used, spread=found.spread, count=20, seed=3)
+    for name in ARM_JOINTS:
+        lower = np.array([person[name][0] for person in people])
+        assert np.abs(lower - found.used[name][0]).max() <= 2 * found.spread[name][0] + 1e-12
+        assert lower.std() > 0
+    assert len({human_arm(range_of_motion=person).lower.tobytes() for person in people}) == 20
+
+
+@pytest.mark.parametrize("task", list(TASKS))
+@pytest.mark.parametrize("group", [0, 1])
+def test_elevation_plane_and_axial_rotation_are_of_the_same_limbs(recorded: Recorded, task: str, group: int) -> None:
+    """Near the hanging arm the two compensate each other in one limb; rows of different limbs could not know."""
+    angles = read_cp_reach(recorded("cp_dyskinetic_reach"), task)[group].angles
+    plane, axial = angles["ShAbd"][:, 0], angles["ShRot"][:, 0]
+    found = np.corrcoef(plane, axial)[0, 1]
+    rng = np.random.default_rng(0)
+    shuffled = [np.corrcoef(plane, rng.permutation(axial))[0, 1] for _ in range(2000)]
+    assert np.mean(np.array(shuffled) <= found) < 0.05
 
 
 def test_ranges_grow_with_the_share_of_limbs_they_cover(recorded: Recorded) -> None:

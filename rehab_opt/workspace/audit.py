@@ -1,0 +1,99 @@
+"""What a map between workspaces does to them: measured at random points, and proven in between."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from rehab_opt.workspace.certificate import Certificate
+    from rehab_opt.workspace.region import Workspace
+
+__all__ = ["LARGEST_STRETCH", "ROUND_TRIP", "SMALLEST_STRETCH", "Audit", "random_points"]
+
+# Local stretch over the pair's overall ratio from which a map is refused. A map of equal areas between a disc and a
+# set ten times as long as wide must stretch by sqrt(10) = 3.2 somewhere; twice that is left for shape. Where W_c (6
+# cm) drives W_r (30 cm) a tremor of 2 mm then moves the other side by 6 cm at most, a fifth of its size. Maps of Table
+# I reach about a third of it.
+LARGEST_STRETCH = 6.0
+SMALLEST_STRETCH = 1.0 / LARGEST_STRETCH
+# [m], asked for by the issue.
+ROUND_TRIP = 1e-9
+
+
+@dataclass(frozen=True)
+class Audit:
+    """Figures of one map.
+
+    samples : points drawn evenly over the source.
+    folded : share of them where det J <= 0 or is not a number.
+    outside : share of them mapped outside the target.
+    largest_stretch, smallest_stretch : singular values of J over the samples [-].
+    overall_ratio : sqrt(area of the target / area of the source) [-].
+    round_trip : largest |inverse(map(x)) - x| [m]; inf where an inverse was not found.
+    coverage : share of the target's area that is the image of the source.
+    certificate : what is proven everywhere, between the samples too.
+    """
+
+    samples: int
+    folded: float
+    outside: float
+    largest_stretch: float
+    smallest_stretch: float
+    overall_ratio: float
+    round_trip: float
+    coverage: float
+    certificate: Certificate
+
+    @property
+    def passed(self) -> bool:
+        """Whether the map may be given to a controller."""
+        return not self.reasons
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why it may not: one sentence for each number that is not within its threshold. A NaN never is."""
+        ratio = self.overall_ratio
+        largest, smallest = self.largest_stretch / ratio, self.smallest_stretch / ratio
+        found = {
+            f"folded over {self.folded:.3%} of the source (0 allowed)": self.folded <= 0.0,
+            f"{self.outside:.3%} of the source is mapped outside the target (0 allowed)": self.outside <= 0.0,
+            f"stretches {largest:.3g} times the overall ratio {ratio:.3g} (at most {LARGEST_STRETCH:.3g})": (
+                largest <= LARGEST_STRETCH
+            ),
+            f"squeezes to {smallest:.3g} of the overall ratio {ratio:.3g} (at least {SMALLEST_STRETCH:.3g})": (
+                smallest >= SMALLEST_STRETCH
+            ),
+            f"round trip {self.round_trip:.2g} m (at most {ROUND_TRIP:.0e} m)": self.round_trip <= ROUND_TRIP,
+            f"not certified: {self.certificate.reason or 'a bound is not positive'}": self.certificate.valid,
+        }
+        return tuple(reason for reason, within in found.items() if not within)
+
+    def __str__(self) -> str:
+        proven, ratio = self.certificate, self.overall_ratio
+        lines = [
+            f"folded {self.folded:.3%}, outside {self.outside:.3%} of {self.samples} points",
+            f"stretch {self.smallest_stretch / ratio:.3g} to {self.largest_stretch / ratio:.3g}"
+            f" times the overall ratio {ratio:.4g}",
+            f"round trip {self.round_trip:.2g} m; {self.coverage:.1%} of the target used",
+            f"proven: det J >= {proven.determinant:.3g}, {1e3 * proven.margin:.3g} mm inside, one-to-one"
+            if proven.valid
+            else f"not certified: {proven.reason}",
+        ]
+        return "; ".join(lines)
+
+
+def random_points(workspace: Workspace, samples: int, seed: int) -> NDArray[np.float64]:
+    """Points (samples, 2) [m] drawn evenly from a workspace that is not empty."""
+    random = np.random.default_rng(seed)
+    left, bottom, right, top = workspace.polygon.bounds
+    share = workspace.area / ((right - left) * (top - bottom))
+    found = np.empty((0, 2))
+    while len(found) < samples:
+        drawn = random.uniform((left, bottom), (right, top), (int(1.1 * samples / share) + 16, 2))
+        found = np.concatenate([found, drawn[workspace.contains(drawn)]])
+    return found[:samples]

@@ -1,0 +1,28 @@
+"""The handle as rows of a nonlinear programme: the last frame's x axis within a tilt of vertical."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from rehab_opt.optim.qp import Row, equal, within
+
+__all__ = ["ALMOST_EXACT", "handle_rows"]
+
+ALMOST_EXACT = 1e-5
+"""[rad] Below this tilt the cone's normal vanishes, and the handle is aligned exactly instead."""
+
+
+def handle_rows(axis: ca.SX, tilt: ca.SX, handle_tilt: float | None) -> list[Row]:
+    """Rows that hold the handle axis within `tilt` of +z0.
+
+    The cone x_n . z_0 >= cos(tilt), over sin(tilt) so that its unit is the radian. Exact alignment: both horizontal
+    components zero, which leaves the sign open, so the vertical one is not negative.
+
+    Never posed through Euler angles: Eqs. (4)-(5), Rossa et al., are singular exactly at their own goal.
+    """
+    if handle_tilt is None or handle_tilt >= np.pi:
+        return []
+    if handle_tilt < ALMOST_EXACT:
+        return [equal(axis[:2], ca.SX.zeros(2)), within(axis[2], 0.0, ca.inf)]
+    return [within((axis[2] - ca.cos(tilt)) / ca.sin(tilt), 0.0, ca.inf)]

@@ -1,0 +1,153 @@
+"""A one-to-one map between two simply connected sets, through the unit disc: where the landmarks of the safe rule
+start.
+
+A harmonic map of a set onto a convex one that takes outline to outline is one-to-one (Rado, Kneser, Choquet), and so
+is its discrete form on a triangle mesh with positive weights (Tutte; Floater 1997). Neither needs to hold onto a set
+that is not convex, and workspaces are not. So both sets are mapped onto the unit disc, their outlines evenly by arc
+length, and the answer is the first map followed by the inverse of the second. What is free is the turn of one disc
+against the other: it is chosen so that the pairs on the outlines fit a similarity best.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal, NamedTuple
+
+import numpy as np
+
+from rehab_opt.workspace.triangulation import Mesh, mesh_of
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+    from shapely import Polygon
+
+__all__ = ["DiscMap", "carried", "disc_map", "harmonic_images", "turns"]
+
+# Points of each mesh, roughly.
+MESH_POINTS = 2500
+# Turns of the disc that are compared.
+TURNS = 720
+# Smallest weight of an edge, relative to that of an edge between equilateral triangles: keeps weights positive in
+# floating point.
+LEAST_WEIGHT = 1e-6
+# Triangles looked at around a point that is to be located.
+NEIGHBOURS = 32
+
+
+class DiscMap(NamedTuple):
+    """A mesh and where the harmonic map takes its points on the unit disc, (n, 2)."""
+
+    mesh: Mesh
+    images: NDArray[np.float64]
+
+
+def harmonic_images(
+    source: Polygon, target: Polygon, points: NDArray[np.float64], rotation: float | Literal["best"]
+) -> list[NDArray[np.float64]]:
+    """Where harmonic maps of source onto target take points of the source, (n, 2) [m]; most promising first.
+
+    Parameters
+    ----------
+    source, target : sets without holes [m].
+    points : (n, 2) [m], inside the source or on its outline.
+    rotation : angle [rad] by which directions should turn on average, or "best".
+
+    Returns
+    -------
+    One array (n, 2) [m] where the rotation is given; for "best" one for each turn whose pairs fit a similarity better
+    than those of its neighbours, at most four.
+    """
+    meshes = [mesh_of(each, float(np.sqrt(each.area / MESH_POINTS))) for each in (source, target)]
+    discs = [disc_map(mesh) for mesh in meshes]
+    on_disc = carried(meshes[0].points, meshes[0].triangles, discs[0].images, points)
+    answers = []
+    for turn in turns(meshes[0], meshes[1], rotation):
+        c, s = np.cos(turn), np.sin(turn)
+        turned = on_disc @ np.array([[c, s], [-s, c]])
+        answers.append(carried(discs[1].images, meshes[1].triangles, meshes[1].points, turned))
+    return answers
+
+
+def disc_map(mesh: Mesh) -> DiscMap:
+    """The discrete harmonic map onto the unit disc whose outline is spread evenly."""
+    from scipy.sparse.linalg import splu  # noqa: PLC0415  (slow to import)
+
+    b = mesh.boundary
+    laplacian = _laplacian(mesh)
+    angles = 2.0 * np.pi / b * np.arange(b)
+    rim = np.column_stack([np.cos(angles), np.sin(angles)])
+    inside = splu(laplacian[b:, b:].tocsc()).solve(-(laplacian[b:, :b] @ rim)) if b < len(mesh.points) else rim[:0]
+    return DiscMap(mesh, np.concatenate([rim, inside]))
+
+
+def turns(source: Mesh, target: Mesh, rotation: float | Literal["best"]) -> list[float]:
+    """Turns [rad] of the source's disc after which pairs on the outlines fit a similarity best.
+
+    The fit's residual is smallest where the sum of conj(z) w over centred pairs, as complex numbers, is largest in the
+    wanted direction, or in modulus where any rotation will do.
+    """
+    share = np.arange(TURNS) / TURNS
+    z, w = (_along(mesh, share) for mesh in (source, target))
+    fit = np.fft.ifft(np.conj(np.fft.fft(z)) * np.fft.fft(w))  # at k: sum of conj(z_j) w_{j+k}, over TURNS points
+    if rotation != "best":
+        return [float(2.0 * np.pi * share[np.argmax((fit * np.exp(-1j * rotation)).real)])]
+    size = np.abs(fit)
+    peaks = np.flatnonzero((size >= np.roll(size, 1)) & (size > np.roll(size, -1)))
+    best = peaks[np.argsort(-size[peaks])][:4]
+    return [float(2.0 * np.pi * share[k]) for k in best] or [0.0]
+
+
+def _along(mesh: Mesh, share: NDArray[np.float64]) -> NDArray[np.complex128]:
+    """Centred points of the outline at these shares of its length, as complex numbers."""
+    outline = mesh.points[: mesh.boundary]
+    closed = np.concatenate([outline, outline[:1]])
+    at = share * mesh.boundary
+    z = np.interp(at, np.arange(len(closed)), closed[:, 0]) + 1j * np.interp(at, np.arange(len(closed)), closed[:, 1])
+    return np.asarray(z - z.mean())
+
+
+def carried(
+    points: NDArray[np.float64],
+    triangles: NDArray[np.intp],
+    images: NDArray[np.float64],
+    at: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """The piecewise linear map points -> images of a mesh, (n, 2) each, at other points (m, 2).
+
+    A point that lies in no triangle (outside by a chord, or rounding) is taken to the nearest place of the one it is
+    least outside of.
+    """
+    from scipy.spatial import cKDTree  # noqa: PLC0415  (slow to import)
+
+    corners = points[triangles]
+    near = cKDTree(corners.mean(axis=1)).query(at, k=min(NEIGHBOURS, len(triangles)))[1].reshape(len(at), -1)
+    a, b, c = (corners[near, k] for k in range(3))
+    x = at[:, None]
+    area = _cross(b - a, c - a)
+    shares = np.stack([_cross(b - x, c - x), _cross(c - x, a - x), _cross(a - x, b - x)], axis=-1)
+    shares /= np.where(area > 0.0, area, np.nan)[..., None]
+    least = np.where(np.isnan(shares[..., 0]), -np.inf, shares.min(axis=-1))
+    row, best = np.arange(len(at)), np.argmax(least, axis=1)
+    share = np.clip(shares[row, best], 0.0, None)
+    share /= share.sum(axis=1, keepdims=True)
+    return np.asarray((images[triangles[near[row, best]]] * share[..., None]).sum(axis=1))
+
+
+def _laplacian(mesh: Mesh):  # type: ignore[no-untyped-def]
+    """Cotangent weights: positive on a Delaunay mesh, up to rounding."""
+    from scipy.sparse import coo_array, diags_array  # noqa: PLC0415  (slow to import)
+
+    n, rows, columns, weights = len(mesh.points), [], [], []
+    for k in range(3):
+        i, j, opposite = (mesh.triangles[:, (k + m) % 3] for m in range(3))
+        u, v = mesh.points[i] - mesh.points[opposite], mesh.points[j] - mesh.points[opposite]
+        rows.append(i)
+        columns.append(j)
+        weights.append(0.5 * (u * v).sum(axis=1) / _cross(u, v))
+    half = coo_array((np.concatenate(weights), (np.concatenate(rows), np.concatenate(columns))), shape=(n, n)).tocsr()
+    edges = half + half.T
+    edges.data = np.maximum(edges.data, LEAST_WEIGHT)
+    return (diags_array(edges.sum(axis=1)) - edges).tocsr()
+
+
+def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])

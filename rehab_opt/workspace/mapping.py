@@ -1,0 +1,229 @@
+"""One workspace mapped onto another: motion one way, force the other with the same power. Section V, Rossa et al."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from rehab_opt.errors import ConfigurationError
+from rehab_opt.workspace.audit import Audit, random_points
+from rehab_opt.workspace.certificate import Certificate, certificate
+from rehab_opt.workspace.controller_map import ControllerMap
+from rehab_opt.workspace.polar import LANDMARKS, polar_landmarks
+from rehab_opt.workspace.safe_rule import safe_landmarks
+from rehab_opt.workspace.spline import ThinPlateSpline
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from rehab_opt.workspace.region import Workspace
+
+__all__ = ["WorkspaceMap"]
+
+# Fewest and most landmarks of the safe rule that may be asked for.
+FEWEST, MOST = 50, 2000
+# Points whose images are kept as starts of the inverse.
+STARTS = 2000
+# How far from the source a preimage may lie by rounding [m].
+ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class WorkspaceMap:
+    """A thin-plate spline from one workspace into another, made by `between`.
+
+    A point outside the source is first moved to the nearest point of the source, here and in a controller, so that a
+    certified map leads into the target from anywhere; `spline` alone extrapolates. Immutable and picklable.
+
+    Attributes
+    ----------
+    source, target : the workspaces.
+    spline : the map without that first move.
+    rule : "safe" or "polar".
+    certificate : what is proven of it. A safe map that could not be certified says so here, and in its audit.
+    """
+
+    source: Workspace
+    target: Workspace
+    spline: ThinPlateSpline
+    rule: Literal["safe", "polar"]
+    certificate: Certificate = field(repr=False)
+
+    @classmethod
+    def between(
+        cls,
+        source: Workspace,
+        target: Workspace,
+        *,
+        rule: Literal["safe", "polar"] = "safe",
+        landmarks: int | None = None,
+        rotation: float | Literal["best"] = 0.0,
+    ) -> WorkspaceMap:
+        """The map of one workspace into another.
+
+        Parameters
+        ----------
+        source, target : each in one piece and without holes.
+        rule : "safe": landmarks that fold nowhere and stay inside, distorted as little as that allows; a few seconds.
+            "polar": the paper's, as a yardstick.
+        landmarks : how many, roughly for the safe rule. None: 20 for "polar"; for "safe" 300, more where that cannot
+            be certified.
+        rotation : angle [rad], counterclockwise, by which directions turn on average. 0 keeps them: a movement away
+            from the body stays one. "best": the one that distorts least. Orientation is always kept: left never
+            becomes right.
+
+        Raises
+        ------
+        ConfigurationError : naming source or target where it is empty, or not one piece without holes (no one-to-one
+            map exists onto a set with another number of holes or pieces; none is attempted between equal numbers).
+        """
+        _check(source, target, rule, landmarks, rotation)
+        if rule == "polar":
+            pairs = polar_landmarks(source.polygon, target.polygon, landmarks=landmarks or LANDMARKS, rotation=rotation)
+            spline = ThinPlateSpline(*pairs)
+            return cls(source, target, spline, rule, certificate(spline, source, target))
+        best: WorkspaceMap | None = None
+        for pairs in safe_landmarks(
+            _outline(source), _outline(target), accuracy=target.accuracy, landmarks=landmarks, rotation=rotation
+        ):
+            spline = ThinPlateSpline(*pairs)
+            proven = certificate(spline, source, target)
+            if best is None or proven.valid:
+                best = cls(source, target, spline, rule, proven)
+            if proven.valid:
+                break
+        assert best is not None  # there is at least one attempt
+        return best
+
+    # ------------------------------------------------------------------------------------------------ the map
+    def __call__(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Images [m] of points (2,) or (N, 2) [m]; for one outside, of the nearest point of the source. NaN: NaN."""
+        return self.spline(self._inside(points))
+
+    def jacobian(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Derivatives d image_i / d point_j, (2, 2) or (N, 2, 2); outside, those at the nearest point of the source."""
+        return self.spline.jacobian(self._inside(points))
+
+    def inverse(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Points of the source [m] whose images are these (2,) or (N, 2) [m]; NaN where no point of the source has
+        that image.
+
+        Exact: Newton on the map itself. The inverse is no map of the whole target (see the audit's coverage); for
+        that build the map the other way.
+        """
+        wanted = np.asarray(points, dtype=float)
+        many = wanted.reshape(-1, 2)
+        found = np.full_like(many, np.nan)
+        finite = np.isfinite(many).all(axis=1)
+        if finite.any():
+            tree, at = self._starts
+            found[finite] = self.spline.inverse(many[finite], start=at[tree.query(many[finite])[1]])
+            far = ~(np.atleast_1d(self.source.distance(found)) <= ROUNDING)
+            found[far] = np.nan
+        return found.reshape(wanted.shape)
+
+    def push_force(self, point: ArrayLike, force: ArrayLike) -> NDArray[np.float64]:
+        """A force [N] at the image of a point, as felt at the point: J' F, (2,) for (2,) or (N, 2) for (N, 2).
+
+        From the target to the source, against the direction of the map: a hand at x with velocity v moves the image
+        with J v, and F . (J v) = (J' F) . v is the same power on both sides. Outside of the source: J at its nearest
+        point.
+        """
+        return np.asarray(np.einsum("...ij,...i->...j", self.jacobian(point), np.asarray(force, dtype=float)))
+
+    @property
+    def rotation(self) -> float:
+        """Angle [rad], counterclockwise, by which directions turn on average over the source."""
+        mean = self.spline.jacobian(random_points(self.source, STARTS, 0)).mean(axis=0)
+        return float(np.arctan2(mean[1, 0] - mean[0, 1], mean[0, 0] + mean[1, 1]))
+
+    # ------------------------------------------------------------------------------------------------ its safety
+    def audit(self, samples: int = 20_000, seed: int = 0) -> Audit:
+        """Figures at random points of the source, with the certificate for what lies in between."""
+        points = random_points(self.source, samples, seed)
+        images, slopes = self.spline(points), self.spline.jacobian(points)
+        stretch = np.linalg.svd(slopes, compute_uv=False)
+        back = np.linalg.norm(self.inverse(images) - points, axis=1)
+        determinant = np.linalg.det(slopes)
+        return Audit(
+            samples=samples,
+            folded=float(np.mean(~(determinant > 0.0))),
+            outside=float(np.mean(~self.target.contains(images))),
+            largest_stretch=float(stretch.max()),
+            smallest_stretch=float(stretch.min()),
+            overall_ratio=float(np.sqrt(self.target.area / self.source.area)),
+            round_trip=float(np.where(np.isnan(back), np.inf, back).max()),
+            coverage=float(np.abs(determinant).mean() * self.source.area / self.target.area),
+            certificate=self.certificate,
+        )
+
+    def for_controller(self, *, unsafe: bool = False) -> ControllerMap:
+        """The map as a controller takes it: no other object has its per-tick methods.
+
+        Raises
+        ------
+        ConfigurationError : the audit fails, unless `unsafe` is True.
+        """
+        audit = self._audit
+        if not audit.passed and unsafe is not True:
+            reasons = "; ".join(audit.reasons)
+            raise ConfigurationError("map", self, f"a map that passes its audit, or unsafe=True; this one: {reasons}")
+        return ControllerMap(self.source, self.spline, audit)
+
+    @cached_property
+    def _audit(self) -> Audit:
+        return self.audit()
+
+    @cached_property
+    def _starts(self) -> tuple[Any, NDArray[np.float64]]:
+        """A search tree of images and the points they belong to."""
+        from scipy.spatial import cKDTree  # noqa: PLC0415  (slow to import)
+
+        points = random_points(self.source, STARTS, 0)
+        return cKDTree(self.spline(points)), points
+
+    def _inside(self, points: ArrayLike) -> NDArray[np.float64]:
+        given = np.array(points, dtype=float)
+        many = given.reshape(-1, 2)
+        for k in np.flatnonzero(~np.atleast_1d(self.source.contains(many))):
+            many[k] = self.source.nearest(many[k])
+        return many.reshape(given.shape)
+
+    def __repr__(self) -> str:
+        return (
+            f"WorkspaceMap({self.source.area:.4g} m^2 -> {self.target.area:.4g} m^2, rule={self.rule!r}, "
+            f"{len(self.spline.source)} landmarks)"
+        )
+
+
+def _check(source: Workspace, target: Workspace, rule: str, landmarks: int | None, rotation: float | str) -> None:
+    """Refuse what no map can be made of."""
+    for name, each in (("source", source), ("target", target)):
+        if each.empty:
+            raise ConfigurationError(
+                name, each, f"a workspace that is not empty{f' ({each.reason})' * bool(each.reason)}"
+            )
+    for what in ("components", "holes"):
+        here, there = getattr(source, what), getattr(target, what)
+        wanted = 1 if what == "components" else 0
+        name, each = ("source", source) if here != wanted else ("target", target)
+        if here != wanted or there != wanted:
+            singular = what[:-1]
+            both = f"source has {here} {what if here != 1 else singular}, target {there}"
+            raise ConfigurationError(name, each, f"one component without holes in both workspaces; {both}")
+    if rule not in {"safe", "polar"}:
+        raise ConfigurationError("rule", rule, '"safe" or "polar"')
+    fewest, most = (3, MOST) if rule == "polar" else (FEWEST, MOST)
+    if landmarks is not None and not (isinstance(landmarks, int | np.integer) and fewest <= landmarks <= most):
+        raise ConfigurationError("landmarks", landmarks, f"None or a whole number from {fewest} to {most}")
+    if rotation != "best" and not (isinstance(rotation, float | int | np.number) and np.isfinite(rotation)):
+        raise ConfigurationError("rotation", rotation, 'an angle in radians, or "best"')
+
+
+def _outline(workspace: Workspace) -> Any:
+    """The one polygon of a workspace."""
+    polygon = workspace.polygon
+    return polygon.geoms[0] if polygon.geom_type == "MultiPolygon" else polygon

@@ -1,0 +1,74 @@
+"""Where a shoulder stands in the frame of a robot."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rehab_opt.errors import ConfigurationError
+
+__all__ = ["ShoulderPlacement"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ShoulderPlacement:
+    """Pose of the shoulder's frame in the robot's; both have z up. The side is the arm's (`human_arm(side=...)`).
+
+    Parameters
+    ----------
+    position : (3,) [m] of the shoulder in the robot's frame.
+    turn : [rad] of the shoulder's axes about the vertical, counterclockwise from above.
+
+    Raises
+    ------
+    ConfigurationError : numbers that are not finite, or not three of them.
+    """
+
+    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    turn: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check and freeze."""
+        try:
+            position = tuple(float(each) for each in self.position)
+        except (TypeError, ValueError, OverflowError):
+            position = ()
+        if len(position) != 3 or not all(map(math.isfinite, position)):
+            raise ConfigurationError("position", self.position, "three finite numbers, in metres")
+        try:
+            turn = float(self.turn)
+        except (TypeError, ValueError, OverflowError):
+            turn = math.nan
+        if not math.isfinite(turn):
+            raise ConfigurationError("turn", self.turn, "a finite angle in radians")
+        object.__setattr__(self, "position", position)
+        object.__setattr__(self, "turn", turn)
+
+    @property
+    def rotation(self) -> Array:
+        """(2, 2) from the shoulder's axes to the robot's."""
+        c, s = math.cos(self.turn), math.sin(self.turn)
+        return np.array([[c, -s], [s, c]])
+
+    @property
+    def pose(self) -> Array:
+        """(4, 4) of the shoulder in the robot's frame."""
+        pose = np.eye(4)
+        pose[:2, :2] = self.rotation
+        pose[:3, 3] = self.position
+        return pose
+
+    def to_robot(self, points: ArrayLike) -> Array:
+        """Points (..., 2) [m] of the shoulder's frame in the robot's."""
+        moved: Array = np.asarray(points, dtype=np.float64) @ self.rotation.T + self.position[:2]
+        return moved
+
+    def to_shoulder(self, points: ArrayLike) -> Array:
+        """Points (..., 2) [m] of the robot's frame in the shoulder's."""
+        moved: Array = (np.asarray(points, dtype=np.float64) - self.position[:2]) @ self.rotation
+        return moved

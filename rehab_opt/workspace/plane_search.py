@@ -1,0 +1,110 @@
+"""Answers to one question, from many starts: how far is the slice from here, and which posture comes nearest?"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.optim.nlp import NLPAnswer
+from rehab_opt.optim.nlp_solvers import nlp_solver
+from rehab_opt.optim.nlp_sqp import SQP
+from rehab_opt.workspace.plane_statement import PlaneStatement
+from rehab_opt.workspace.spread import spread_postures
+
+__all__ = ["REACHED", "Nearest", "PlaneSearch"]
+
+Array = NDArray[np.float64]
+
+REACHED = 1e-6
+"""[m] A probe nearer to the slice than this is in it."""
+VIOLATION = 1e-8
+"""[m, rad] by which an answer may miss the plane or the handle's cone."""
+TOLERANCE = 1e-9
+BACKUP_CALLS = 64
+"""The backup solver takes ten milliseconds; it is not to turn a second into minutes."""
+
+
+class Nearest(NamedTuple):
+    """A point of the slice near a probe, the nearest one if the search was not caught in a local minimum."""
+
+    distance: float
+    """[m]; 0 where the probe was reached."""
+    x: float
+    """[m] the point."""
+    y: float
+    posture: Array
+    """(k,) of the free joints."""
+
+
+class PlaneSearch:
+    """Solves `PlaneStatement.nearest` for one arm and one plane. One thread at a time.
+
+    Parameters
+    ----------
+    statement : of the arm.
+    height : [m] of the plane.
+    compile : as for `SQP`.
+
+    Attributes
+    ----------
+    solves, uncertified, failures : counts of all solver calls, of those that kept the rows but did not certify a
+        minimum, and of those that ended off the plane or with a tilted handle.
+    """
+
+    def __init__(self, statement: PlaneStatement, *, height: float, compile: bool | None = None) -> None:
+        self.statement, self.height = statement, height
+        self._sqp = SQP(statement.nearest, tolerance=TOLERANCE, compile=compile)
+        self._sqp.parameters[:] = np.concatenate([statement.fixed, [height, 0.0, 0.0, statement.size**-2]])
+        self._probe = self._sqp.parameters[-3:-1]
+        self.solves = self.uncertified = self.failures = 0
+        self._backup_calls = 0
+
+    def nearest(self, x: float, y: float, start: Array) -> Nearest | None:
+        """Local answer for the probe (x, y) from the posture `start` (k,); None where no row-keeping one was found."""
+        self._probe[0], self._probe[1] = x, y
+        answer = self._sqp.solve(start)
+        self.solves += 1
+        if not answer.violation <= VIOLATION:  # NaN and infinity too
+            self.failures += 1
+            return None
+        self.uncertified += not answer.certified
+        return _nearest(answer)
+
+    def by_backup(self, x: float, y: float, start: Array) -> Nearest | None:
+        """The same by another algorithm, for what the first one failed at; at most `BACKUP_CALLS` times."""
+        if self._backup_calls >= BACKUP_CALLS:
+            return None
+        self._backup_calls += 1
+        solver = nlp_solver(self.statement.nearest, "ipopt", tolerance=TOLERANCE)
+        solver.parameters[:] = self._sqp.parameters
+        solver.parameters[-3:-1] = x, y
+        answer = solver.solve(start)
+        self.solves += 1
+        if not answer.violation <= VIOLATION:
+            self.failures += 1
+            return None
+        return _nearest(answer)
+
+    def spread(self, count: int) -> list[Nearest]:
+        """Points of the slice from `count` postures spread over the range of motion, each brought to the plane.
+
+        Each is asked for the slice's point nearest to its own hand, so that the points are spread too.
+        """
+        statement = self.statement
+        arm, free = statement.arm, statement.free
+        q = np.where(arm.locked, arm.lower, 0.0)
+        found = []
+        for posture in spread_postures(arm, free, count):
+            q[free] = posture
+            x, y, _ = arm.pose(q)[:3, 3]
+            answer = self.nearest(float(x), float(y), posture)
+            if answer is not None:
+                found.append(answer._replace(distance=0.0))
+        return found
+
+
+def _nearest(answer: NLPAnswer) -> Nearest:
+    distance, x, y = answer.report.tolist()
+    return Nearest(distance if distance > REACHED else 0.0, x, y, answer.x)

@@ -1,0 +1,84 @@
+"""The published landmarks: where lines at equal angles leave both workspaces. Section V, Rossa et al.; the yardstick.
+
+It folds and leaves the target on workspaces that are not star-shaped around their centre; an audit says by how much.
+Choices where the paper leaves them open: the centre of a workspace is its centroid; a line that leaves a contour more
+than once is taken to leave it where it is furthest from the centre; an angle at which either contour is missed (a
+centroid outside) gives no pair.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from rehab_opt.errors import ConfigurationError
+from rehab_opt.workspace.safe_rule import LandmarkPairs
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+    from shapely import Polygon
+
+__all__ = ["LANDMARKS", "polar_landmarks"]
+
+# Fig. 8.
+LANDMARKS = 20
+# Rotations that are compared for "best".
+ROTATIONS = 360
+
+
+def polar_landmarks(
+    source: Polygon, target: Polygon, *, landmarks: int = LANDMARKS, rotation: float | Literal["best"] = 0.0
+) -> LandmarkPairs:
+    """Pairs of contour points at the angles 2 pi j / landmarks around both centroids.
+
+    Parameters
+    ----------
+    source, target : sets [m].
+    landmarks : number of lines, 3 at least.
+    rotation : angle [rad], counterclockwise, by which the lines in the target are turned (Section VII-C); "best": by
+        the whole degree after which the pairs fit a similarity with that rotation best.
+
+    Raises
+    ------
+    ConfigurationError : fewer than three lines meet both contours.
+    """
+    angles = 2.0 * np.pi / landmarks * np.arange(1.0, landmarks + 1.0)
+    start = _contour_points(source, angles)
+    if rotation == "best":
+        turns = (2.0 * np.pi / ROTATIONS * np.arange(ROTATIONS)).tolist()
+        turn: float = max(turns, key=lambda each: _fit(start, _contour_points(target, angles + each), each))
+    else:
+        turn = rotation
+    end = _contour_points(target, angles + turn)
+    met = np.isfinite(start).all(axis=1) & np.isfinite(end).all(axis=1)
+    if met.sum() < 3:
+        raise ConfigurationError("landmarks", landmarks, "three lines at least that meet both contours")
+    return LandmarkPairs(start[met], end[met])
+
+
+def _contour_points(polygon: Polygon, angles: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
+    """Furthest point of the contour at each angle from the centroid, (n, 2) [m]; NaN where there is none."""
+    from shapely import LineString, distance, get_coordinates, intersection, points  # noqa: PLC0415
+
+    centre = polygon.centroid
+    origin = np.asarray(centre.coords[0])
+    length = 2.0 * np.hypot(*np.ptp(np.asarray(polygon.envelope.exterior.coords), axis=0))
+    found = np.full((len(angles), 2), np.nan)
+    for k, angle in enumerate(angles):
+        line = LineString([origin, origin + length * np.array([np.cos(angle), np.sin(angle)])])
+        crossings = get_coordinates(intersection(line, polygon.exterior))
+        if len(crossings):
+            found[k] = crossings[np.argmax(distance(points(crossings), centre))]
+    return found
+
+
+def _fit(start: NDArray[np.float64], end: NDArray[np.float64], rotation: float) -> float:
+    """How well pairs fit a similarity with this rotation: minus its squared residual, up to a constant share."""
+    both = np.isfinite(start).all(axis=1) & np.isfinite(end).all(axis=1)
+    if both.sum() < 3:
+        return -np.inf
+    z, w = (each[both] @ np.array([1.0, 1.0j]) for each in (start, end))
+    z, w = z - z.mean(), w - w.mean()
+    along = float((np.exp(-1j * rotation) * np.conj(z) @ w).real)
+    return max(along, 0.0) / float(np.linalg.norm(w) * np.linalg.norm(z))

@@ -1,0 +1,166 @@
+"""The share of trials in which a point was reachable, and the region of any share."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from statistics import NormalDist
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rehab_opt.errors import ConfigurationError
+
+if TYPE_CHECKING:
+    from rehab_opt.workspace.region import Workspace
+
+__all__ = ["ReachabilityMap", "shares"]
+
+Array = NDArray[np.float64]
+
+SNAPPING = 0.1
+"""Of the accuracy of workspaces: the grid on which they are overlaid."""
+ROUNDING = 1e-9
+"""Shares are sums of weights: 0.9 is reached by nine times 0.1, whatever the last bit says."""
+
+
+@dataclass(frozen=True, eq=False)
+class ReachabilityMap:
+    """Weighted share of the trials in which each point was reachable.
+
+    Parameters
+    ----------
+    x, y : (nx,), (ny,) [m] nodes in the robot's frame, at multiples of the spacing, around all workspaces.
+    grid : (ny, nx) share at the nodes.
+    workspaces : n sets of the same plane, one a trial.
+    weights : (n,) summing to one.
+    """
+
+    x: Array
+    y: Array
+    grid: Array
+    workspaces: tuple[Workspace, ...]
+    weights: Array
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays."""
+        for array in (self.x, self.y, self.grid, self.weights):
+            array.flags.writeable = False
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.x, self.y, self.grid, self.workspaces, self.weights)  # pickle forgets what is frozen
+
+    @property
+    def trials(self) -> float:
+        """Effective number of trials, 1 / sum(weights^2): n where all weigh the same (Kish)."""
+        return float(1 / np.sum(self.weights**2))
+
+    @property
+    def empty(self) -> int:
+        """Number of trials in which nothing of the plane was reachable."""
+        return sum(workspace.empty for workspace in self.workspaces)
+
+    def probability(self, points: ArrayLike) -> Array | float:
+        """Share of the trials, exactly, at (2,) -> float or (N, 2) -> (N,) points [m]; 0 where a point is NaN."""
+        at = np.asarray(points, dtype=np.float64)
+        if at.shape[-1:] != (2,) or at.ndim > 2:
+            raise ConfigurationError("points", f"shape {at.shape}", "points of shape (2,) or (N, 2)")
+        found = shares(self.workspaces, self.weights, at.reshape(-1, 2))
+        return float(found[0]) if at.ndim == 1 else found
+
+    def standard_error(self, points: ArrayLike) -> Array | float:
+        """Binomial standard error of `probability`, sqrt(p (1 - p) / trials). Zero at p = 0 and 1: see `interval`."""
+        p = np.asarray(self.probability(points))
+        error = np.sqrt(p * (1 - p) / self.trials)
+        return float(error) if error.ndim == 0 else np.asarray(error)
+
+    def interval(self, points: ArrayLike, *, confidence: float = 0.95) -> tuple[Array, Array]:
+        """Wilson's interval for the true probability of reaching each point, given so few trials.
+
+        Trials count as independent. Of drawn ranges it is the error of the drawing, not what is unknown of the person.
+        """
+        return _wilson(np.asarray(self.probability(points)), self.trials, confidence)
+
+    def region(self, at_least: float = 0.9, *, confidence: float | None = None) -> Workspace:
+        """The points reachable in at least that share of the trials, from the overlaid polygons (not from the grid).
+
+        Parameters
+        ----------
+        at_least : share, above 0, at most 1.
+        confidence : if given, the lower end of the Wilson interval must reach `at_least` instead of the share itself:
+            ten trials that all reach a point promise 0.72 at 95 %.
+
+        Returns
+        -------
+        Its boundary consists of pieces of the trials' boundaries, each as accurate as theirs and `snapping`. Where
+        polygons meet in a line or point only, that line or point is left out.
+        """
+        from rehab_opt.workspace.region import Workspace  # noqa: PLC0415  (brings shapely)
+
+        if not 0 < at_least <= 1:
+            raise ConfigurationError("at_least", at_least, "a share above 0, at most 1")
+        faces, seen = self._overlay
+        promised = seen if confidence is None else _wilson(seen, self.trials, confidence)[0]
+        polygon = _union(faces[promised >= at_least - ROUNDING])
+        first = self.workspaces[0]
+        return Workspace(
+            polygon,
+            accuracy=max(workspace.accuracy for workspace in self.workspaces) + self.snapping,
+            height=first.height,
+            handle_tilt=first.handle_tilt,
+            placement=first.placement,
+            reason=f"no point is reachable in {100 * at_least:g} % of {len(self.workspaces)} trials"
+            if polygon.is_empty
+            else "",
+        )
+
+    @property
+    def snapping(self) -> float:
+        """[m] grid on which regions are overlaid, a tenth of the finest workspace's accuracy.
+
+        Where a limit did not vary boundaries coincide but for their accuracy, and cross thousands of times over.
+        """
+        return SNAPPING * float(min(workspace.accuracy for workspace in self.workspaces))
+
+    @cached_property
+    def _overlay(self) -> tuple[NDArray[Any], Array]:
+        """Faces (m,) into which all boundaries together cut the plane, and the share (m,) of trials in each."""
+        import shapely  # noqa: PLC0415  (heavy)
+
+        rings = [workspace.polygon.boundary for workspace in self.workspaces if not workspace.empty]
+        faces = (
+            shapely.get_parts(shapely.polygonize([shapely.unary_union(rings, grid_size=self.snapping)]))
+            if rings
+            else np.array([])
+        )
+        inside = shapely.get_coordinates(shapely.point_on_surface(faces)) if len(faces) else np.empty((0, 2))
+        return np.asarray(faces), shares(self.workspaces, self.weights, inside)
+
+
+def shares(workspaces: Sequence[Workspace], weights: Array, points: Array) -> Array:
+    """(N,) weighted share of the workspaces that contain each of the points (N, 2)."""
+    total = np.zeros(len(points))
+    for workspace, weight in zip(workspaces, weights, strict=True):
+        if not workspace.empty and len(points):
+            total += weight * np.asarray(workspace.contains(points))
+    return np.where(total > 1 - ROUNDING, 1.0, total)  # of all trials is certain, and has no error of its own
+
+
+def _union(faces: NDArray[Any]) -> Any:
+    """One polygon or multipolygon of faces; an empty polygon of none."""
+    import shapely  # noqa: PLC0415  (heavy)
+
+    union = shapely.unary_union(faces) if len(faces) else shapely.Polygon()
+    return union if isinstance(union, shapely.Polygon | shapely.MultiPolygon) else shapely.Polygon()
+
+
+def _wilson(share: Array, trials: float, confidence: float) -> tuple[Array, Array]:
+    """Wilson's score interval (E. B. Wilson, 1927) for shares of `trials` trials."""
+    if not 0 < confidence < 1:
+        raise ConfigurationError("confidence", confidence, "a probability between 0 and 1")
+    z = NormalDist().inv_cdf((1 + confidence) / 2)
+    middle = (share + z**2 / (2 * trials)) / (1 + z**2 / trials)
+    half = z * np.sqrt(share * (1 - share) / trials + z**2 / (4 * trials**2)) / (1 + z**2 / trials)
+    return np.asarray(np.clip(middle - half, 0, share)), np.asarray(np.clip(middle + half, share, 1))

@@ -1,0 +1,137 @@
+"""A fitted thin-plate spline as fast numbers: compiled code for one point, chunks of arrays for many. Eq. (25).
+
+One logarithm a landmark in both.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterator
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.symbolic import BufferedFunction, compiled
+from rehab_opt.symbolic.compiled import compilation_wanted
+from rehab_opt.workspace.spline_fit import TINY, Fit
+
+__all__ = ["jacobians", "point_function", "values"]
+
+Array = NDArray[np.float64]
+
+CHUNK = 32768
+"""Numbers in a temporary array: a few of them stay in a processor's second-level cache, and memory is bounded."""
+BLOCK = 16
+"""Landmarks written out in the body of the compiled loop."""
+
+
+# ------------------------------------------------------------------------------------------------------ one point
+def point_function(fit: Fit, *, with_jacobian: bool) -> BufferedFunction:
+    """Point (2,) in `inputs[0]` -> `outputs[0]` (2,) and, where asked for, the Jacobian `outputs[1]` (2, 2).
+
+    The landmarks stand in the other inputs. Code is compiled for a few landmark counts only, at most an eighth apart
+    (weights of zero fill up the rest), so that maps share it.
+    """
+    n = len(fit.landmarks) if np.any(fit.weights) else 0
+    count, block = _rounded(n)
+    evaluated = BufferedFunction(_function(count, block, with_jacobian, compilation_wanted()))
+    _, frame, affine, landmarks, weights = evaluated.inputs
+    frame[:] = *fit.centre, 1 / fit.scale
+    affine[...] = fit.affine.T
+    landmarks[:, :n] = fit.landmarks[:n].T
+    weights[:, :n] = fit.weights[:n].T
+    return evaluated
+
+
+def _rounded(count: int) -> tuple[int, int]:
+    """Landmarks to compile for, and how many of them to a block."""
+    count = max(count, 1)  # one of weight zero lets NaN through an affine map
+    step = max(4, 2 ** (count.bit_length() - 4))
+    return -(-count // step) * step, min(step, BLOCK)
+
+
+@functools.lru_cache(maxsize=64)
+def _function(count: int, block: int, with_jacobian: bool, _wanted: bool) -> ca.Function:
+    point, frame, affine = ca.MX.sym("point", 2), ca.MX.sym("frame", 3), ca.MX.sym("affine", 2, 3)
+    landmarks, weights = ca.MX.sym("landmarks", 2, count), ca.MX.sym("weights", 2, count)
+    s = (point - frame[:2]) * frame[2]
+    linear = affine[:, 1:]
+    total = affine[:, 0] + linear @ s
+    if with_jacobian:
+        total = ca.vertcat(total, ca.vec(linear))
+    # The loop sums as it goes and takes the same point every time.
+    bending = _bending(block, with_jacobian).map("bending", "serial", count // block, [0], [0])
+    total += bending(s, landmarks, weights)
+    results = [total[:2]]
+    if with_jacobian:
+        results.append(ca.reshape(total[2:], 2, 2) * frame[2])
+    name = f"thin_plate_{'jacobian' if with_jacobian else 'value'}_{count}"
+    inputs = [point, frame, affine, landmarks, weights]
+    return compiled(ca.Function(name, inputs, [ca.densify(result) for result in results]))
+
+
+def _bending(block: int, with_jacobian: bool) -> ca.Function:
+    """s, some landmarks, their weights -> their share of the sum in Eq. (25), and of its derivatives by s_x and s_y."""
+    s, landmarks, weights = ca.SX.sym("s", 2), ca.SX.sym("landmarks", 2, block), ca.SX.sym("weights", 2, block)
+    value, by_x, by_y = ca.SX.zeros(2), ca.SX.zeros(2), ca.SX.zeros(2)
+    for i in range(block):
+        d, w = s - landmarks[:, i], weights[:, i]
+        square = d[0] * d[0] + d[1] * d[1]
+        logarithm = ca.log(square + TINY)
+        value += w * (square * logarithm)
+        slope = 2 * logarithm + 2
+        by_x += w * (slope * d[0])
+        by_y += w * (slope * d[1])
+    total = ca.vertcat(value, by_x, by_y) if with_jacobian else value
+    return ca.Function("landmarks", [s, landmarks, weights], [total])
+
+
+# ---------------------------------------------------------------------------------------------------- many points
+def values(fit: Fit, points: Array) -> Array:
+    """(M, 2) images of points (M, 2)."""
+    with np.errstate(invalid="ignore", over="ignore"):  # what is infinite ends as NaN, without a word in a loop
+        s = (points - fit.centre) / fit.scale
+        images = fit.affine[0] + s @ fit.affine[1:]
+        if np.any(fit.weights):
+            for rows, (_, _, square, logarithm) in _distances(fit, s):
+                images[rows] += np.multiply(square, logarithm, out=square) @ fit.weights
+    return images  # type: ignore[no-any-return]
+
+
+def jacobians(fit: Fit, points: Array) -> tuple[Array, Array]:
+    """(M, 2) images and (M, 2, 2) Jacobians of points (M, 2)."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        s = (points - fit.centre) / fit.scale
+        images = fit.affine[0] + s @ fit.affine[1:]
+        slopes = fit.affine[1:].T + 0 * s[:, np.newaxis, :]  # NaN in, NaN out, where nothing bends too
+        if np.any(fit.weights):
+            for rows, (x, y, square, logarithm) in _distances(fit, s):
+                images[rows] += np.multiply(square, logarithm, out=square) @ fit.weights
+                slope = np.multiply(logarithm, 2, out=logarithm)
+                slope += 2
+                slopes[rows, :, 0] += np.multiply(x, slope, out=x) @ fit.weights
+                slopes[rows, :, 1] += np.multiply(y, slope, out=y) @ fit.weights
+        slopes /= fit.scale
+    return images, slopes
+
+
+def _distances(fit: Fit, s: Array) -> Iterator[tuple[slice, Array]]:
+    """Chunk by chunk: which rows, and x, y, r^2 and ln r^2 between them and all landmarks, to be overwritten."""
+    across, along = np.ascontiguousarray(fit.landmarks.T)
+    n = len(across)
+    size = max(1, min(len(s), CHUNK // n))
+    memory = np.empty((4, size, n))
+    for begin in range(0, len(s), size):
+        rows = slice(begin, begin + size)
+        some = s[rows]
+        held = memory[:, : len(some)]
+        x, y, square, logarithm = held
+        np.subtract(some[:, :1], across, out=x)
+        np.subtract(some[:, 1:], along, out=y)
+        np.multiply(x, x, out=square)
+        np.multiply(y, y, out=logarithm)
+        square += logarithm
+        np.add(square, TINY, out=logarithm)
+        np.log(logarithm, out=logarithm)
+        yield rows, held

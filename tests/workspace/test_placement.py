@@ -1,0 +1,44 @@
+"""A shoulder in a robot's frame."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rehab_opt.errors import ConfigurationError
+from rehab_opt.workspace.placement import ShoulderPlacement
+
+coordinate = st.floats(-10, 10)
+
+
+@given(coordinate, coordinate, coordinate, st.floats(-10, 10), coordinate, coordinate)
+def test_there_and_back_is_where_it_was(x: float, y: float, z: float, turn: float, a: float, b: float) -> None:
+    placement = ShoulderPlacement((x, y, z), turn)
+    np.testing.assert_allclose(placement.to_shoulder(placement.to_robot((a, b))), (a, b), atol=1e-12)
+    homogeneous = placement.pose @ (a, b, 0.0, 1.0)
+    np.testing.assert_allclose(homogeneous[:2], placement.to_robot((a, b)), atol=1e-12)
+    assert homogeneous[2] == pytest.approx(z)
+
+
+def test_a_quarter_turn_brings_forward_to_the_left() -> None:
+    placement = ShoulderPlacement((1.0, 0.0, 0.0), math.pi / 2)
+    np.testing.assert_allclose(placement.to_robot([(0.0, 1.0), (1.0, 0.0)]), [(0.0, 0.0), (1.0, 1.0)], atol=1e-15)
+
+
+@pytest.mark.parametrize("position", [(0, 0), "abc", None, (0, 0, math.nan), (0, 0, math.inf)])
+def test_a_position_that_is_none_is_refused(position: object) -> None:
+    with pytest.raises(ConfigurationError, match="position"):
+        ShoulderPlacement(position)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("turn", [math.nan, math.inf, "a", None])
+def test_a_turn_that_is_none_is_refused(turn: object) -> None:
+    with pytest.raises(ConfigurationError, match="turn"):
+        ShoulderPlacement(turn=turn)  # type: ignore[arg-type]
+
+
+def test_equal_placements_are_equal() -> None:
+    assert ShoulderPlacement(np.array([1.0, 2.0, 3.0]), 1) == ShoulderPlacement((1, 2, 3), 1.0)
+    assert hash(ShoulderPlacement()) == hash(ShoulderPlacement())

@@ -1,0 +1,236 @@
+"""Reachable slices: the boundary where it is known in closed form, and where only another solver can tell."""
+
+import itertools
+import math
+
+import casadi as ca
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from rehab_opt import DH, ArmIK, ConfigurationError, SerialChain, Status, human_arm
+from rehab_opt.kinematics.human_arm import ARM_JOINTS, RANGES_OF_MOTION_DEG
+from rehab_opt.workspace.placement import ShoulderPlacement
+from rehab_opt.workspace.reach import planar_workspace, slice_at
+from rehab_opt.workspace.region import Workspace
+
+Array = NDArray[np.float64]
+TILT = math.radians(2.0)
+TWO_LINKS = (DH(0.3, 0.0), DH(0.2, 0.0))
+
+
+def chain(rows: tuple[DH, ...], lower: list[float], upper: list[float]) -> SerialChain:
+    return SerialChain(rows, lower=lower, upper=upper, velocity=1.0, acceleration=1.0)  # type: ignore[arg-type]
+
+
+def ring(radius: float, start: float, stop: float, count: int = 2000) -> list[tuple[float, float]]:
+    return [(radius * math.cos(a), radius * math.sin(a)) for a in np.linspace(start, stop, count)]
+
+
+def sector(inner: float, outer: float, start: float, stop: float) -> shapely.Polygon:
+    return shapely.Polygon(ring(outer, start, stop) + ring(inner, stop, start))
+
+
+def boundary_gap(one: shapely.Geometry, other: shapely.Geometry) -> float:
+    """[m] largest distance between the boundaries, either way."""
+    fine = [shapely.segmentize(each.boundary, 1e-3) for each in (one, other)]
+    return float(shapely.hausdorff_distance(*fine))
+
+
+def probes(workspace: Workspace, distance: float, count: int, seed: int = 0) -> Array:
+    """Points at `distance` from the boundary, outside where positive."""
+    line = workspace.polygon.buffer(distance).boundary
+    at = np.random.default_rng(seed).uniform(0, line.length, count)
+    points: Array = shapely.get_coordinates(shapely.line_interpolate_point(line, at))
+    return points
+
+
+class TestClosedForms:
+    def test_two_links_without_limits_reach_an_annulus(self) -> None:
+        arm = chain(TWO_LINKS, [-math.inf] * 2, [math.inf] * 2)
+        workspace = planar_workspace(arm, height=0.0, handle_tilt=None, accuracy=4e-3, resolution=0.04)
+        annulus = shapely.Polygon(ring(0.5, 0, 2 * math.pi), [ring(0.1, 0, 2 * math.pi)])
+        assert workspace.holes == 1
+        assert workspace.components == 1
+        assert workspace.accuracy == 4e-3
+        assert boundary_gap(workspace.polygon, annulus) <= 4e-3
+
+    def test_an_elbow_that_bends_one_way_reaches_a_bent_sector(self) -> None:
+        turn, elbow = (0.0, 1.0), (0.5, 2.5)
+        arm = chain(TWO_LINKS, [turn[0], elbow[0]], [turn[1], elbow[1]])
+        workspace = planar_workspace(arm, height=0.0, handle_tilt=None)
+
+        def hand(first: Array, second: Array) -> Array:
+            along = 0.3 * np.exp(1j * first) + 0.2 * np.exp(1j * (first + second))
+            return np.stack([along.real, along.imag], axis=1)
+
+        t = np.linspace(0, 1, 2000)
+        first, second = turn[0] + t * (turn[1] - turn[0]), elbow[0] + t * (elbow[1] - elbow[0])
+        edges = [hand(first, 0 * t + elbow[0]), hand(0 * t + turn[1], second)]
+        edges += [hand(first[::-1], 0 * t + elbow[1]), hand(0 * t + turn[0], second[::-1])]
+        assert boundary_gap(workspace.polygon, shapely.Polygon(np.concatenate(edges))) <= 2e-4
+
+    def test_the_two_ways_to_bend_an_elbow_reach_separate_parts_of_a_plane(self) -> None:
+        # Height 0 asks 0.3 sin q2 = -0.2 sin(q2 + q3): two branches, each an annular sector about the first axis.
+        arm = chain((DH(0.0, math.pi / 2), DH(0.3, 0.0), DH(0.2, 0.0)), [0.0, 0.5, -3.0], [1.5, 0.65, -1.0])
+        pitch = np.linspace(0.5, 0.65, 100)
+        fore = np.sqrt(1 - (1.5 * np.sin(pitch)) ** 2)
+        parts = [0.3 * np.cos(pitch) + sign * 0.2 * fore for sign in (1, -1)]
+        true = shapely.union_all([sector(radii.min(), radii.max(), 0.0, 1.5) for radii in parts])
+        workspace = planar_workspace(arm, height=0.0, handle_tilt=None)
+        assert workspace.components == 2
+        assert boundary_gap(workspace.polygon, true) <= 2e-4
+
+    def test_slides_reach_a_rectangle(self) -> None:
+        rows = [DH(0.0, math.pi / 2, theta=theta, prismatic=True) for theta in (0.0, math.pi / 2, math.pi / 2)]
+        workspace = planar_workspace(chain(tuple(rows), [0.0] * 3, [0.4, 0.3, 0.2]), height=0.1, handle_tilt=None)
+        x, y, right, top = workspace.polygon.bounds
+        assert sorted((right - x, top - y)) == pytest.approx([0.2, 0.3], abs=1e-4)
+        assert workspace.area == pytest.approx(0.06, rel=1e-3)
+
+    @settings(max_examples=5)
+    @given(st.floats(0.1, 0.4), st.floats(0.1, 0.4), st.floats(0.3, 1.5), st.floats(0.4, 2.0))
+    def test_the_area_of_a_bent_sector(self, upper: float, fore: float, turn: float, bend: float) -> None:
+        arm = chain((DH(upper, 0.0), DH(fore, 0.0)), [0.0, 0.3], [turn, 0.3 + bend])
+        found = slice_at(arm, height=0.0, handle_tilt=None, accuracy=2e-3)
+        true = turn * upper * fore * (math.cos(0.3) - math.cos(0.3 + bend))
+        assert found.failed == 0
+        assert found.polygon.area == pytest.approx(true, abs=2e-3 * found.polygon.length)
+
+
+@pytest.fixture(scope="module", params=["regular", "restricted"])
+def arm(request: pytest.FixtureRequest) -> SerialChain:
+    return human_arm(range_of_motion=request.param)
+
+
+@pytest.fixture(scope="module")
+def workspace(arm: SerialChain) -> Workspace:
+    return planar_workspace(arm)
+
+
+class TestTheParticipant:
+    def test_another_solver_reaches_every_probe_inside_and_none_outside(
+        self, arm: SerialChain, workspace: Workspace
+    ) -> None:
+        arm_ik = ArmIK(arm, handle_tilt=TILT)
+        assert workspace.accuracy == 1e-3
+        for distance, reachable in ((1e-3, False), (-1e-3, True)):
+            for x, y in probes(workspace, distance, 60):
+                status = arm_ik.solve([x, y, -0.24]).status
+                assert status.certified == reachable
+                assert reachable or status is Status.UNREACHABLE
+
+    def test_the_middle_is_reached_everywhere(self, arm: SerialChain, workspace: Workspace) -> None:
+        arm_ik = ArmIK(arm, handle_tilt=TILT)
+        x, y, right, top = workspace.polygon.bounds
+        points = np.random.default_rng(1).uniform((x, y), (right, top), (60, 2))
+        for point in points[np.asarray(workspace.contains(points))]:
+            assert arm_ik.solve([*point, -0.24]).status.certified
+
+    def test_random_postures_lie_in_the_slice_of_their_height(self, arm: SerialChain) -> None:
+        q = ca.SX.sym("q", arm.n)
+        pose = arm.pose_expression(q)
+        at = ca.Function("at", [q], [pose[:3, 3], pose[2, 0]])
+        drawn = np.random.default_rng(2).uniform(arm.lower, arm.upper, (200_000, arm.n))
+        hands, upright = at(drawn.T)
+        hands = hands.full().T[upright.full()[0] >= math.cos(TILT)]
+        assert len(hands) >= 3
+        for x, y, z in hands[:3]:
+            level = planar_workspace(arm, height=z, accuracy=3e-3)
+            assert level.distance((x, y)) <= 3e-3
+
+    def test_the_restricted_range_reaches_a_part_of_the_regular_one(self) -> None:
+        regular, restricted = (planar_workspace(human_arm(range_of_motion=name)) for name in RANGES_OF_MOTION_DEG)
+        assert regular.polygon.buffer(1e-3).contains(restricted.polygon)
+
+    def test_a_wider_tilt_reaches_more(self) -> None:
+        restricted = human_arm(range_of_motion="restricted")
+        found = [planar_workspace(restricted, handle_tilt=tilt) for tilt in (math.radians(0.72), TILT, 0.3, None)]
+        for smaller, larger in itertools.pairwise(found):
+            assert larger.polygon.buffer(1e-3).contains(smaller.polygon)
+            assert larger.area > smaller.area
+
+    def test_sides_mirror_each_other(self) -> None:
+        left, right = (
+            planar_workspace(human_arm(range_of_motion="restricted", side=side), accuracy=5e-4)
+            for side in ("left", "right")
+        )
+        mirrored = shapely.transform(right.polygon, lambda points: points * (-1, 1))
+        assert boundary_gap(left.polygon, mirrored) <= 2e-4
+
+    def test_it_is_the_same_every_time(self, arm: SerialChain, workspace: Workspace) -> None:
+        if arm.locked.any():
+            assert shapely.equals_exact(planar_workspace(arm).polygon, workspace.polygon, 0.0)
+
+    def test_a_finer_accuracy_is_kept(self) -> None:
+        restricted = human_arm(range_of_motion="restricted")
+        coarse, fine = (planar_workspace(restricted, accuracy=accuracy) for accuracy in (2e-3, 2e-4))
+        assert boundary_gap(coarse.polygon, fine.polygon) <= 2e-3
+        arm_ik = ArmIK(restricted, handle_tilt=TILT)
+        for x, y in probes(fine, 2e-4, 20):
+            assert not arm_ik.solve([x, y, -0.24]).status.certified
+
+    def test_a_shoulder_elsewhere_moves_the_set(self, arm: SerialChain) -> None:
+        if not arm.locked.any():
+            return
+        placement = ShoulderPlacement(position=(0.3, -0.2, 0.5), turn=0.7)
+        here, there = planar_workspace(arm), planar_workspace(arm, placement=placement)
+        assert boundary_gap(here.placed(placement).polygon, there.polygon) <= 1e-9
+
+
+class TestNothingReached:
+    @pytest.mark.parametrize(
+        ("height", "tilt", "reason"),
+        [
+            (0.9, TILT, "out of reach"),
+            (-0.24, math.radians(0.5), "no posture holds the handle"),
+            (-0.5, TILT, "height"),
+        ],
+    )
+    def test_the_reason_says_which_constraint_fails(self, height: float, tilt: float, reason: str) -> None:
+        workspace = planar_workspace(human_arm(range_of_motion="restricted"), height=height, handle_tilt=tilt)
+        assert workspace.empty
+        assert workspace.area == 0.0
+        assert reason in workspace.reason
+        assert workspace.contains((0.0, 0.4)) is False
+
+    def test_an_arm_that_cannot_move_is_a_point(self) -> None:
+        upper = dict.fromkeys(ARM_JOINTS, (0.5, 0.5))
+        workspace = planar_workspace(human_arm(range_of_motion=upper))
+        assert workspace.empty
+        assert "every joint is locked" in workspace.reason
+
+    @pytest.mark.parametrize("free", [1, 2])
+    def test_a_curve_has_no_area(self, free: int) -> None:
+        rows = (DH(0.0, math.pi / 2), DH(0.3, 0.0)) if free == 2 else (DH(0.3, 0.0),)
+        workspace = planar_workspace(
+            chain(rows, [0.0] * free, [1.0] * free), height=0.05 * (free - 1), handle_tilt=None
+        )
+        assert workspace.empty
+        assert "thinner" in workspace.reason
+
+    def test_a_planar_chain_stays_in_its_plane(self) -> None:
+        arm = chain(TWO_LINKS, [0.0, 0.5], [1.0, 1.5])
+        assert "stays at 0 m" in planar_workspace(arm, height=0.1, handle_tilt=None).reason
+        assert "handle" in planar_workspace(arm, height=0.0, handle_tilt=0.1).reason
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("height", math.nan), ("height", "low"), ("handle_tilt", -0.1), ("handle_tilt", 4.0), ("handle_tilt", math.nan),
+        ("accuracy", 0.0), ("accuracy", math.inf), ("accuracy", True), ("resolution", 0.0), ("arm", None),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_used_is_refused_by_name(name: str, value: object) -> None:
+    arguments = {"arm": human_arm(range_of_motion="restricted"), name: value}
+    with pytest.raises(ConfigurationError, match=name):
+        planar_workspace(**arguments)  # type: ignore[arg-type]
+
+
+def test_a_slide_without_end_is_refused() -> None:
+    with pytest.raises(ConfigurationError, match="slide"):
+        planar_workspace(chain((DH(0.0, 1.0, prismatic=True),), [0.0], [math.inf]), handle_tilt=None)

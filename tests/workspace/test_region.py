@@ -1,0 +1,185 @@
+"""What a workspace answers, against shapely and closed forms."""
+
+import math
+import pickle
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rehab_opt.errors import ConfigurationError
+from rehab_opt.workspace.placement import ShoulderPlacement
+from rehab_opt.workspace.region import Workspace
+from tests.workspace.polygons import around, polygons
+
+SQUARE = shapely.box(0.0, 0.0, 2.0, 1.0)
+EMPTY = Workspace(shapely.Polygon(), accuracy=1e-3, reason="out of reach")
+
+
+def workspace(polygon: shapely.Geometry) -> Workspace:
+    return Workspace(polygon, accuracy=1e-3)
+
+
+@settings(max_examples=20)
+@given(polygons(), st.sampled_from([1.5, 6.0, 60.0]), st.integers(0, 2**16))
+def test_distance_is_that_to_the_boundary_with_its_sign(polygon: shapely.Geometry, reach: float, seed: int) -> None:
+    points = around(polygon, 200, reach, seed)
+    distances = workspace(polygon).distance(points)
+    exact = shapely.distance(polygon.boundary, shapely.points(points))
+    rounding = 1e-13 * (1 + np.abs(points).max())
+    np.testing.assert_allclose(np.abs(distances), exact, rtol=1e-12, atol=rounding)
+    clear = exact > rounding
+    np.testing.assert_array_equal(distances[clear] < 0, shapely.contains_xy(polygon, *points[clear].T))
+
+
+@settings(max_examples=15)
+@given(polygons(), st.integers(0, 2**16))
+def test_one_point_and_many_are_answered_alike(polygon: shapely.Geometry, seed: int) -> None:
+    asked = workspace(polygon)
+    points = around(polygon, 60, 1.5, seed)
+    points = np.concatenate((points, shapely.get_coordinates(polygon)[:20]))
+    assert asked.contains(points).tolist() == [asked.contains(point) for point in points]
+    assert asked.contains(points.tolist()).tolist() == [asked.contains(tuple(point)) for point in points]
+    assert asked.distance(points).tolist() == [asked.distance(list(point)) for point in points]
+
+
+@settings(max_examples=20)
+@given(polygons(), st.sampled_from([1.2, 5.0, 60.0]), st.integers(0, 2**16))
+def test_the_nearest_point_is_reachable_and_as_far_as_the_distance_says(
+    polygon: shapely.Geometry, reach: float, seed: int
+) -> None:
+    asked = workspace(polygon)
+    for point in around(polygon, 40, reach, seed):
+        foot = asked.nearest(point)
+        assert asked.contains(foot)
+        assert math.dist(foot, point) == pytest.approx(max(asked.distance(point), 0.0), abs=1e-12 * (1 + reach))
+
+
+def test_the_boundary_is_inside() -> None:
+    asked = workspace(SQUARE)
+    on = np.array([(0, 0), (2, 1), (1, 0), (0, 0.5), (2, 0.3)])
+    assert asked.contains(on).all()
+    np.testing.assert_allclose(asked.distance(on), 0.0, atol=1e-15)
+
+
+def test_distances_of_a_rectangle_in_closed_form() -> None:
+    asked = workspace(SQUARE)
+    assert asked.distance((1.0, 0.25)) == pytest.approx(-0.25)
+    assert asked.distance((5.0, 5.0)) == pytest.approx(5.0)
+    assert asked.distance((-300.0, 0.5)) == pytest.approx(300.0)
+    np.testing.assert_allclose(asked.nearest((5.0, 0.3)), (2.0, 0.3))
+    np.testing.assert_allclose(asked.nearest((0.2, 0.3)), (0.2, 0.3))
+
+
+def test_a_hole_is_outside_and_its_rim_the_nearest_boundary() -> None:
+    asked = workspace(shapely.Point(0, 0).buffer(1.0, 64).difference(shapely.Point(0, 0).buffer(0.5, 64)))
+    assert asked.holes == 1
+    assert not asked.contains((0.0, 0.0))
+    assert asked.distance((0.1, 0.0)) == pytest.approx(0.4, abs=1e-3)
+    assert asked.distance((0.75, 0.0)) == pytest.approx(-0.25, abs=1e-3)
+
+
+@pytest.mark.parametrize("bad", [(math.nan, 0.0), (0.0, math.nan), (math.nan, math.inf)])
+def test_nan_is_nowhere(bad: tuple[float, float]) -> None:
+    asked = workspace(SQUARE)
+    assert asked.contains(bad) is False
+    assert not asked.contains([bad, (1.0, 0.5)])[0]
+    assert math.isnan(asked.distance(bad))
+    assert np.isnan(asked.nearest(bad)).all()
+    assert math.isnan(EMPTY.distance(bad))
+
+
+@pytest.mark.parametrize("far", [(math.inf, 0.0), (0.0, -math.inf), (-math.inf, math.inf)])
+def test_infinity_is_infinitely_far(far: tuple[float, float]) -> None:
+    assert workspace(SQUARE).distance(far) == math.inf
+    assert workspace(SQUARE).contains(far) is False
+    assert np.isnan(workspace(SQUARE).nearest(far)).all()
+
+
+@settings(max_examples=40)
+@given(st.floats(), st.floats())
+def test_no_number_raises(x: float, y: float) -> None:
+    for asked in (workspace(SQUARE), EMPTY):
+        inside = asked.contains((x, y))
+        assert inside is (asked.distance((x, y)) <= 1e-11)
+        assert asked.nearest((x, y)).shape == (2,)
+
+
+def test_an_empty_workspace_is_an_answer() -> None:
+    assert EMPTY.empty
+    assert (EMPTY.area, EMPTY.components, EMPTY.holes) == (0.0, 0, 0)
+    assert EMPTY.contains((0.0, 0.0)) is False
+    assert EMPTY.contains([(0.0, 0.0)]).tolist() == [False]
+    assert EMPTY.distance((0.0, 0.0)) == math.inf
+    assert np.isnan(EMPTY.nearest((0.0, 0.0))).all()
+    assert "out of reach" in repr(EMPTY)
+
+
+@pytest.mark.parametrize("points", ["ab", 3.0, None, [[1, 2, 3]], [["a", "b"]], np.zeros((2, 2, 2)), {}])
+def test_what_is_no_point_is_refused_by_name(points: object) -> None:
+    with pytest.raises(ConfigurationError, match="points"):
+        workspace(SQUARE).contains(points)
+
+
+@pytest.mark.parametrize(
+    "polygon",
+    [
+        None,
+        "square",
+        shapely.Point(0, 0),
+        shapely.Polygon([(0, 0), (1, 1), (1, 0), (0, 1)]),
+        shapely.Polygon([(0, 0), (1, 0), (math.inf, 1)]),
+    ],
+)
+def test_what_is_no_valid_polygon_is_refused(polygon: object) -> None:
+    with pytest.raises(ConfigurationError, match="polygon"):
+        workspace(polygon)
+
+
+def test_no_points_get_no_answers() -> None:
+    assert workspace(SQUARE).contains(np.empty((0, 2))).shape == (0,)
+    assert workspace(SQUARE).distance(np.empty((0, 2))).shape == (0,)
+
+
+def test_a_workspace_cannot_be_changed() -> None:
+    asked = workspace(SQUARE)
+    with pytest.raises(AttributeError):
+        asked.polygon = shapely.box(0, 0, 9, 9)
+    with pytest.raises(AttributeError):
+        del asked.height
+
+
+def test_a_workspace_survives_pickling() -> None:
+    placement = ShoulderPlacement((1.0, 2.0, 3.0), 0.4)
+    asked = Workspace(SQUARE, accuracy=2e-3, height=-0.2, handle_tilt=0.03, placement=placement, reason="")
+    asked.distance((0.0, 0.0))
+    again = pickle.loads(pickle.dumps(asked))
+    assert again.distance((5.0, 5.0)) == asked.distance((5.0, 5.0))
+    assert (again.accuracy, again.height, again.handle_tilt, again.placement) == (2e-3, -0.2, 0.03, placement)
+
+
+@settings(max_examples=10)
+@given(polygons(), st.floats(-5, 5), st.floats(-5, 5), st.floats(-7, 7), st.integers(0, 2**16))
+def test_a_moved_shoulder_moves_its_workspace(
+    polygon: shapely.Geometry, x: float, y: float, turn: float, seed: int
+) -> None:
+    here = Workspace(polygon, accuracy=1e-3, height=-0.24)
+    placement = ShoulderPlacement((x, y, 0.9), turn)
+    there = here.placed(placement)
+    points = around(polygon, 30, 2.0, seed)
+    np.testing.assert_allclose(there.distance(placement.to_robot(points)), here.distance(points), atol=1e-12)
+    assert there.height == -0.24
+    assert there.robot_height == pytest.approx(0.66)
+    np.testing.assert_allclose(there.placed(ShoulderPlacement()).distance(points), here.distance(points), atol=1e-12)
+
+
+def test_thousands_of_corners_are_searched_exactly_from_near_and_far() -> None:
+    angle = np.linspace(0, 2 * math.pi, 5000, endpoint=False)
+    radius = 0.2 + 0.05 * np.sin(5 * angle)
+    polygon = shapely.Polygon(np.column_stack((radius * np.cos(angle), radius * np.sin(angle))))
+    for reach in (1.2, 40.0):
+        points = around(polygon, 150, reach, 1)
+        exact = shapely.distance(polygon.boundary, shapely.points(points))
+        np.testing.assert_allclose(np.abs(workspace(polygon).distance(points)), exact, atol=1e-14)

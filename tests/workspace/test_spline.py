@@ -1,0 +1,374 @@
+"""A thin-plate spline goes through its landmarks, bends as little as they allow, and is what scipy makes of them."""
+
+import copy
+import math
+import pickle
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import FrozenInstanceError
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.interpolate import RBFInterpolator
+
+from rehab_opt import ConfigurationError
+from rehab_opt.symbolic.compiled import _compiler
+from rehab_opt.workspace.spline import ThinPlateSpline
+
+Array = NDArray[np.float64]
+
+SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
+
+
+def landmarks(seed: int, n: int, *, bend: float = 0.02) -> tuple[Array, Array]:
+    """Sources in a rectangle somewhere, at least a fiftieth of the mean spacing apart; targets near an affine image."""
+    rng = np.random.default_rng(seed)
+    size, offset = rng.uniform(0.05, 2, 2), rng.uniform(-1, 1, 2)
+    source = rng.uniform(0, 1, (n, 2)) * size + offset
+    linear = np.eye(2) + rng.uniform(-0.3, 0.3, (2, 2))
+    return source, source @ linear + rng.uniform(-1, 1, 2) + bend * size.min() * rng.normal(size=(n, 2))
+
+
+@st.composite
+def cases(draw: st.DrawFn, most: int = 40) -> tuple[Array, Array]:
+    """Random landmarks, no two nearly the same and not nearly on a line."""
+    source, target = landmarks(draw(st.integers(0, 2**32 - 1)), draw(st.integers(3, most)))
+    centred = source - source.mean(axis=0)
+    apart = np.hypot(*(source[:, None] - source).T) + 9 * np.eye(len(source))
+    spread = np.linalg.svd(centred, compute_uv=False)
+    assume(apart.min() > 1e-3 * np.ptp(source) and spread[1] > 1e-2 * spread[0])
+    return source, target
+
+
+def around(source: Array, n: int, seed: int = 0) -> Array:
+    """Points in the landmarks' box and half its size around it."""
+    low, size = source.min(axis=0), np.ptp(source, axis=0)
+    return low + np.random.default_rng(seed).uniform(-0.5, 1.5, (n, 2)) * size
+
+
+def kernel_matrix(source: Array) -> Array:
+    """Eq. (27), one entry at a time."""
+    n = len(source)
+    matrix = np.zeros((n, n))
+    for i in range(n):
+        for j in range(n):
+            square = float(np.sum((source[i] - source[j]) ** 2))
+            matrix[i, j] = square * math.log(square) if i != j else 0.0
+    return matrix
+
+
+# ------------------------------------------------------------------------------------------------------ the map
+@settings(max_examples=60, deadline=None)
+@given(cases())
+def test_it_goes_through_its_landmarks(case: tuple[Array, Array]) -> None:
+    source, target = case
+    np.testing.assert_allclose(ThinPlateSpline(source, target)(source), target, atol=1e-11)
+
+
+@settings(max_examples=60, deadline=None)
+@given(cases(), st.sampled_from([0.0, 1e-6, 1e-3, 0.1, 10.0]))
+def test_it_is_the_spline_that_scipy_makes_of_the_landmarks(case: tuple[Array, Array], smoothing: float) -> None:
+    source, target = case
+    spread = np.mean(np.sum((source - source.mean(axis=0)) ** 2, axis=1))
+    oracle = RBFInterpolator(source, target, kernel="thin_plate_spline", smoothing=smoothing * spread / 2)
+    points = around(source, 50)
+    np.testing.assert_allclose(ThinPlateSpline(source, target, smoothing)(points), oracle(points), rtol=1e-8, atol=1e-8)
+
+
+@settings(max_examples=30, deadline=None)
+@given(cases())
+def test_weights_and_affine_part_solve_the_papers_equations(case: tuple[Array, Array]) -> None:
+    source, target = case
+    n = len(source)
+    spline = ThinPlateSpline(source, target)
+    R = np.column_stack((np.ones(n), source))
+    assert spline.weights.shape == (n, 2)
+    assert spline.affine.shape == (3, 2)
+    size = np.abs(spline.weights).max()
+    np.testing.assert_allclose(kernel_matrix(source) @ spline.weights + R @ spline.affine, target, atol=1e-10)
+    np.testing.assert_allclose(R.T @ spline.weights, 0, atol=1e-12 * max(size, 1e-3) * n)
+
+
+@settings(max_examples=30, deadline=None)
+@given(cases())
+def test_its_jacobian_is_its_derivative(case: tuple[Array, Array]) -> None:
+    source, target = case
+    spline = ThinPlateSpline(source, target)
+    points = around(source, 20)
+    # A difference is off by h^2 times the third derivatives, which grow like w / r near a landmark: keep away.
+    step = 1e-4 * np.ptp(source, axis=0).min()
+    away = np.hypot(*(points[:, None] - source).T).min(axis=0) > 20 * step
+    points = points[away]
+    columns = [(spline(points + h) - spline(points - h)) / (2 * step) for h in step * np.eye(2)]
+    size = np.abs(spline.affine[1:]).max() + np.abs(spline.weights).max() * np.ptp(source)
+    np.testing.assert_allclose(spline.jacobian(points), np.stack(columns, axis=2), atol=1e-5 * size)
+
+
+@settings(max_examples=30, deadline=None)
+@given(cases(), st.floats(-math.pi, math.pi), st.floats(1e-3, 1e3), st.integers(0, 99))
+def test_turning_scaling_and_shifting_either_side_changes_nothing_else(
+    case: tuple[Array, Array], angle: float, scale: float, seed: int
+) -> None:
+    source, target = case
+    turn = scale * np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+    shift = np.random.default_rng(seed).uniform(-2, 2, 2) * scale
+    points = around(source, 20)
+    spline = ThinPlateSpline(source, target, 1e-3)
+    images = spline(points)
+    moved_source = ThinPlateSpline(source @ turn.T + shift, target, 1e-3)
+    np.testing.assert_allclose(moved_source(points @ turn.T + shift), images, atol=1e-9)
+    assert moved_source.bending_energy * scale**2 == pytest.approx(spline.bending_energy, rel=1e-6, abs=1e-12)
+    moved_target = ThinPlateSpline(source, target @ turn.T + shift, 1e-3)
+    np.testing.assert_allclose(moved_target(points), images @ turn.T + shift, atol=1e-9 * max(scale, 1))
+    assert moved_target.bending_energy / scale**2 == pytest.approx(spline.bending_energy, rel=1e-6, abs=1e-12)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(3, 150), st.floats(-4, 4), st.floats(-4, 2))
+def test_affine_data_give_weights_that_are_exactly_zero(seed: int, n: int, shift: float, scale: float) -> None:
+    rng = np.random.default_rng(seed)
+    source = rng.uniform(-1, 1, (n, 2)) * 10**scale + 10**shift
+    target = source @ rng.normal(size=(2, 2)) + rng.normal(size=2)
+    assume(np.linalg.svd(source - source.mean(axis=0), compute_uv=False)[1] > 1e-6 * 10**shift)
+    spline = ThinPlateSpline(source, target)
+    assert not spline.weights.any()
+    assert spline.bending_energy == 0
+    np.testing.assert_allclose(spline(source), target, atol=1e-12 * max(np.abs(target).max(), np.abs(source).max()))
+
+
+def test_a_bend_of_a_nanometre_is_not_taken_for_rounding() -> None:
+    source, _ = landmarks(3, 30)
+    target = source.copy()
+    target[7] += 1e-9
+    spline = ThinPlateSpline(source, target)
+    assert spline.weights.all()
+    np.testing.assert_allclose(spline(source), target, atol=1e-14)
+
+
+def test_one_coordinate_may_bend_while_the_other_does_not() -> None:
+    source, _ = landmarks(4, 12)
+    spline = ThinPlateSpline(source, np.column_stack((source[:, 0] ** 2, 3 - 2 * source[:, 1])))
+    assert spline.weights[:, 0].all()
+    assert not spline.weights[:, 1].any()
+
+
+def test_three_landmarks_give_their_affine_map() -> None:
+    source, target = SQUARE[:3], np.array([[2.0, 1.0], [2.5, 1.0], [2.0, 4.0]])
+    spline = ThinPlateSpline(source, target)
+    np.testing.assert_allclose(spline.affine, [[2, 1], [0.5, 0], [0, 3]], atol=1e-14)
+    np.testing.assert_allclose(spline([0.5, 0.5]), [2.25, 2.5], atol=1e-14)
+    np.testing.assert_allclose(spline.inverse([2.25, 2.5]), [0.5, 0.5], atol=1e-14)
+
+
+def test_more_smoothing_bends_less_and_ends_in_the_least_squares_affine_map() -> None:
+    source, target = landmarks(5, 30, bend=0.1)
+    energies = [ThinPlateSpline(source, target, s).bending_energy for s in (0, 1e-4, 1e-2, 1, 100)]
+    assert all(more > less for more, less in pairwise(energies))
+    fitted = np.linalg.lstsq(np.column_stack((np.ones(30), source)), target, rcond=None)[0]
+    np.testing.assert_allclose(ThinPlateSpline(source, target, 1e12).affine, fitted, atol=1e-9)
+
+
+def test_two_thousand_landmarks_are_met() -> None:
+    grid = np.stack(np.meshgrid(np.linspace(0, 0.6, 50), np.linspace(0, 0.4, 40)), axis=-1).reshape(-1, 2)
+    target = grid + 0.02 * np.sin(9 * grid[:, ::-1])
+    spline = ThinPlateSpline(grid, target)
+    np.testing.assert_allclose(spline(grid), target, atol=1e-11)
+    np.testing.assert_allclose(
+        spline(np.array([0.3, 0.2])), [0.3 + 0.02 * math.sin(1.8), 0.2 + 0.02 * math.sin(2.7)], atol=1e-4
+    )
+
+
+# --------------------------------------------------------------------------------------------------- bending energy
+def test_bending_energy_is_the_integral_of_the_second_derivatives() -> None:
+    """Eq. (24) by quadrature over a disc; beyond radius a the integrand falls like r^-4, so the rest like a^-2."""
+    source = np.array([[0.0, 0.0], [1.0, 0.1], [-0.2, 0.9], [1.1, 1.2], [0.4, 0.5]])
+    target = source + np.array([[0.0, 0.1], [0.2, 0.0], [0.0, 0.0], [-0.1, 0.0], [0.1, -0.2]])
+    spline = ThinPlateSpline(source, target)
+    # Midpoints in the logarithm of the radius, and in the angle; the peaks at the landmarks are logarithmic only.
+    edges = np.linspace(math.log(1e-4), math.log(1e3), 1201)
+    log_radius, angle = (edges[1:] + edges[:-1]) / 2, np.linspace(0, 2 * math.pi, 400, endpoint=False)
+    directions = np.stack((np.cos(angle), np.sin(angle)), axis=-1)
+    total = 0.0
+    for radius in np.exp(log_radius):
+        d = source.mean(axis=0) + radius * directions[:, np.newaxis] - source
+        square = np.sum(d * d, axis=-1)[..., np.newaxis, np.newaxis]
+        # Second derivatives of r^2 ln r^2: 2 (ln r^2 + 1) on the diagonal, and 4 d d' / r^2.
+        hessian = 2 * (np.log(square) + 1) * np.eye(2) + 4 * d[..., :, np.newaxis] * d[..., np.newaxis, :] / square
+        total += radius**2 * float(np.sum(np.einsum("nc,anij->acij", spline.weights, hessian) ** 2))
+    total *= (edges[1] - edges[0]) * (angle[1] - angle[0])
+    assert spline.bending_energy == pytest.approx(total, rel=2e-3)
+
+
+@settings(max_examples=30, deadline=None)
+@given(cases(), st.sampled_from([0.0, 1e-4, 1.0]))
+def test_bending_energy_is_the_quadratic_form_of_the_weights(case: tuple[Array, Array], smoothing: float) -> None:
+    source, target = case
+    spline = ThinPlateSpline(source, target, smoothing)
+    form = 16 * math.pi * float(np.einsum("ic,ij,jc->", spline.weights, kernel_matrix(source), spline.weights))
+    assert spline.bending_energy == pytest.approx(form, rel=1e-6, abs=1e-9)
+    assert spline.bending_energy >= 0
+
+
+# ------------------------------------------------------------------------------------------ single points and arrays
+@settings(max_examples=20, deadline=None)
+@given(st.sampled_from([3, 4, 20, 33, 64]), st.integers(0, 2**32 - 1))
+def test_a_point_alone_and_in_an_array_has_the_same_image(n: int, seed: int) -> None:
+    source, target = landmarks(seed, n)
+    spline = ThinPlateSpline(source, target)
+    points = np.vstack((around(source, 5), source[:3]))
+    images, slopes = spline(points), spline.jacobian(points)
+    size = 1 + np.abs(slopes).max()
+    for point, image, slope in zip(points, images, slopes, strict=True):
+        np.testing.assert_allclose(spline(point), image, rtol=1e-12, atol=1e-12 * size)
+        np.testing.assert_allclose(spline(point.tolist()), spline(point), rtol=0, atol=0)
+        np.testing.assert_allclose(spline.jacobian(point), slope, atol=1e-11 * size)
+        value, jacobian = spline.value_and_jacobian(point)
+        np.testing.assert_allclose(value, image, rtol=1e-12, atol=1e-12 * size)
+        np.testing.assert_allclose(jacobian, slope, atol=1e-11 * size)
+
+
+@pytest.mark.skipif(_compiler() is None, reason="no C compiler on this machine")
+@pytest.mark.parametrize("n", [3, 4, 20, 33, 200])
+def test_the_virtual_machine_gives_the_same_numbers(n: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    source, target = landmarks(n, n)
+    points = np.vstack((around(source, 20), source))
+    monkeypatch.setenv("REHAB_OPT_COMPILE", "1")
+    quick = ThinPlateSpline(source, target)
+    fast = [quick.value_and_jacobian(p) for p in points], [quick(p) for p in points]
+    monkeypatch.setenv("REHAB_OPT_COMPILE", "0")
+    plain = ThinPlateSpline(source, target)
+    slow = [plain.value_and_jacobian(p) for p in points], [plain(p) for p in points]
+    for (value, jacobian), image, (slow_value, slow_jacobian), slow_image in zip(*fast, *slow, strict=True):
+        np.testing.assert_allclose(value, slow_value, rtol=1e-12)
+        np.testing.assert_allclose(image, slow_image, rtol=1e-12)
+        np.testing.assert_allclose(jacobian, slow_jacobian, rtol=1e-12, atol=1e-12)
+
+
+def test_chunks_of_a_large_array_join_without_a_seam() -> None:
+    spline = ThinPlateSpline(*landmarks(8, 200))
+    points = around(spline.source, 1000)
+    halves = np.vstack([spline(some) for some in np.array_split(points, 7)])
+    np.testing.assert_allclose(
+        spline(points), halves, rtol=1e-10, atol=1e-10
+    )  # a matrix product sums in an order of its own
+    assert spline(np.empty((0, 2))).shape == (0, 2)
+    assert spline.jacobian(np.empty((0, 2))).shape == (0, 2, 2)
+    assert spline.inverse(np.empty((0, 2))).shape == (0, 2)
+
+
+def test_what_is_no_number_stays_so_and_harms_no_neighbour() -> None:
+    for target_of in (lambda s: s, lambda s: s**2):  # affine and bent
+        source, _ = landmarks(9, 20)
+        spline = ThinPlateSpline(source, target_of(source))
+        points = np.array([[math.nan, 0.1], [0.1, 0.2], [0.1, math.nan], [math.inf, 0.0]])
+        for row in (0, 2, 3):
+            assert np.isnan(spline.inverse(points)[row]).all()
+            assert np.isnan(spline.inverse(points[row])).all()
+            assert not np.isfinite(spline(points)[row]).all()
+            assert not np.isfinite(spline(points[row])).all()
+            assert np.isnan(spline.jacobian(points)[row]).any()
+            assert np.isnan(spline.jacobian(points[row])).any()
+        np.testing.assert_allclose(spline(points)[1], spline(points[1]), rtol=1e-12)
+        assert np.isfinite(spline.inverse(points)[1]).all() == np.isfinite(spline.inverse(points[1])).all()
+
+
+def test_it_is_finite_at_a_landmark_and_a_kilometre_away() -> None:
+    spline = ThinPlateSpline(*landmarks(10, 20))
+    points = np.vstack((spline.source, [[1e3, 0.0], [-700.0, 700.0]]))
+    assert np.isfinite(spline(points)).all()
+    assert np.isfinite(spline.jacobian(points)).all()
+    assert all(np.isfinite(part).all() for point in points for part in spline.value_and_jacobian(point))
+
+
+def test_numbers_are_copies_that_the_next_call_does_not_overwrite() -> None:
+    spline = ThinPlateSpline(*landmarks(11, 20))
+    image, slope = spline.value_and_jacobian(np.zeros(2))
+    kept = image.copy(), slope.copy()
+    spline.value_and_jacobian(np.ones(2))
+    np.testing.assert_array_equal(image, kept[0])
+    np.testing.assert_array_equal(slope, kept[1])
+    value = spline(np.zeros(2))
+    spline(np.ones(2))
+    np.testing.assert_array_equal(value, spline(np.zeros(2)))
+
+
+# ----------------------------------------------------------------------------------------------------- as an object
+def test_threads_may_share_it() -> None:
+    spline = ThinPlateSpline(*landmarks(12, 20))
+    points = around(spline.source, 400)
+    expected = spline(points)
+    with ThreadPoolExecutor(4) as pool:
+        np.testing.assert_allclose(list(pool.map(spline, points)), expected, rtol=1e-12, atol=1e-12)
+
+
+def test_copies_and_pickles_are_the_same_map_and_as_unchangeable() -> None:
+    spline = ThinPlateSpline(*landmarks(13, 20), smoothing=1e-4)
+    point = spline.source.mean(axis=0)
+    spline.inverse(spline(point))  # with buffers and starts made
+    for other in (pickle.loads(pickle.dumps(spline)), copy.copy(spline), copy.deepcopy(spline)):
+        np.testing.assert_array_equal(other(point), spline(point))
+        np.testing.assert_array_equal(other.inverse(point), spline.inverse(point))
+        for array in (other.source, other.target, other.weights, other.affine):
+            with pytest.raises(ValueError, match="read-only"):
+                array[0] = 0
+        with pytest.raises(FrozenInstanceError):
+            other.smoothing = 1.0
+
+
+def test_it_does_not_follow_the_callers_array() -> None:
+    source, target = landmarks(14, 10)
+    spline = ThinPlateSpline(source, target)
+    before = spline(np.zeros(2))
+    source += 1
+    target += 1
+    np.testing.assert_array_equal(spline(np.zeros(2)), before)
+
+
+# ---------------------------------------------------------------------------------------------------------- refusals
+NAN = [[0, 0], [1, 0], [0, math.nan], [1, 1]]
+
+
+@pytest.mark.parametrize(
+    ("source", "target", "smoothing", "argument"),
+    [
+        (SQUARE[:2], SQUARE[:2], 0, "source"),
+        (SQUARE[:3], SQUARE, 0, "target"),
+        (SQUARE, SQUARE[:2], 0, "target"),
+        (SQUARE[:, :1], SQUARE, 0, "source"),
+        (SQUARE[0], SQUARE, 0, "source"),
+        ("landmarks", SQUARE, 0, "source"),
+        (SQUARE, [[1, 2], [3]], 0, "target"),
+        (SQUARE, None, 0, "target"),
+        (NAN, SQUARE, 0, r"source\[2\]"),
+        (SQUARE, NAN, 0, r"target\[2\]"),
+        (np.full((4, 2), math.inf), SQUARE, 0, r"source\[0\]"),
+        (SQUARE * 1e200, SQUARE, 0, r"source\[1\]"),
+        (SQUARE, SQUARE, -1e-9, "smoothing"),
+        (SQUARE, SQUARE, math.nan, "smoothing"),
+        (SQUARE, SQUARE, math.inf, "smoothing"),
+        (SQUARE, SQUARE, "much", "smoothing"),
+        (np.vstack((SQUARE, SQUARE[1])), np.vstack((SQUARE, [[5, 5]])), 0, r"source\[1\], source\[4\]"),
+        (np.vstack((SQUARE, SQUARE[1] + 1e-12)), np.vstack((SQUARE, [[5, 5]])), 0, r"source\[1\], source\[4\]"),
+        (np.vstack((SQUARE, SQUARE[1])) + 1e6, np.vstack((SQUARE, [[5, 5]])), 1, r"source\[1\], source\[4\]"),
+        (np.ones((5, 2)), np.ones((5, 2)), 0, "source"),
+        (np.outer(np.arange(5), [0.3, 0.7]), np.eye(5, 2), 0, "source"),
+        (np.outer(np.arange(5), [0.3, 0.7]) + 1e3, np.eye(5, 2), 0, "source"),
+        (np.outer(np.linspace(0, 1, 3), [1, 1]) * 1e-6, SQUARE[:3], 0, "source"),
+    ],
+)
+def test_landmarks_that_determine_no_map_are_refused_by_name(
+    source: object, target: object, smoothing: object, argument: str
+) -> None:
+    with pytest.raises(ConfigurationError, match=rf"^{argument} = "):
+        ThinPlateSpline(source, target, smoothing)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("points", [0.0, [1.0], [1.0, 2.0, 3.0], np.zeros((2, 3)), np.zeros((1, 2, 2)), "here", None])
+def test_what_is_no_point_is_refused(points: object) -> None:
+    spline = ThinPlateSpline(SQUARE, SQUARE)
+    for method in (spline, spline.jacobian, spline.inverse, spline.value_and_jacobian):
+        with pytest.raises(ConfigurationError, match=r"^points? = "):
+            method(points)  # type: ignore[operator]

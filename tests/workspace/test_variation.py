@@ -1,0 +1,307 @@
+"""How often a point is reachable: exact counts of the polygons, honest about how few trials there are."""
+
+import math
+import pickle
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from multiprocessing import get_context
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.stats import binomtest, kstest, truncnorm
+
+from rehab_opt import ConfigurationError, human_arm
+from rehab_opt.kinematics.human_arm import ARM_JOINTS, RANGES_OF_MOTION_DEG
+from rehab_opt.workspace import variation
+from rehab_opt.workspace.reach import planar_workspace
+from rehab_opt.workspace.region import Workspace
+from rehab_opt.workspace.used_range import named_ranges
+from rehab_opt.workspace.variation import ReachabilityMap, reachability_map, varied_ranges
+
+Array = NDArray[np.float64]
+
+
+def box(left: float, low: float, right: float, high: float) -> Workspace:
+    return Workspace(shapely.box(left, low, right, high), accuracy=1e-3, height=-0.24)
+
+
+NOTHING = Workspace(shapely.Polygon(), accuracy=1e-3, height=-0.24, reason="no posture")
+THREE = [box(0, 0, 0.2, 0.2), box(0.1, 0, 0.3, 0.2), box(0.1, 0.1, 0.3, 0.3)]
+corner = st.integers(0, 12).map(lambda n: n / 40)
+boxes = st.tuples(corner, corner, st.integers(1, 8), st.integers(1, 8)).map(
+    lambda b: (b[0], b[1], b[0] + b[2] / 40, b[1] + b[3] / 40)
+)
+
+
+# ------------------------------------------------------------------------------------------------------------- shares
+def test_the_share_of_a_point_is_that_of_the_trials_that_reach_it() -> None:
+    shares = reachability_map(THREE)
+    points = [[0.05, 0.05], [0.15, 0.05], [0.15, 0.15], [0.25, 0.25], [0.4, 0.4], [math.nan, 0.1]]
+    np.testing.assert_allclose(shares.probability(points), [1 / 3, 2 / 3, 1, 1 / 3, 0, 0])
+    assert shares.probability([0.15, 0.05]) == pytest.approx(2 / 3)
+    weighted = reachability_map(THREE, weights=[2, 1, 1])
+    np.testing.assert_allclose(weighted.probability(points), [0.5, 0.75, 1, 0.25, 0, 0])
+
+
+def test_a_trial_that_reaches_nothing_counts_against_every_point() -> None:
+    shares = reachability_map([*THREE, NOTHING])
+    assert shares.probability([0.15, 0.15]) == pytest.approx(0.75)
+    assert shares.empty == 1
+    assert shares.region(0.76).empty
+    assert "no point" in shares.region(0.76).reason
+
+
+def test_where_no_trial_reaches_anything_the_map_is_empty() -> None:
+    shares = reachability_map([NOTHING, NOTHING])
+    assert shares.grid.shape == (0, 0)
+    assert shares.probability([0.0, 0.0]) == 0
+    assert shares.region(0.1).empty
+
+
+def test_the_grid_samples_the_probability_and_surrounds_the_workspaces() -> None:
+    shares = reachability_map(THREE, spacing=0.07)
+    assert shares.grid.shape == (len(shares.y), len(shares.x))
+    for i, j in [(0, 0), (1, 2), (3, 1), (-1, -1)]:
+        assert shares.grid[i, j] == shares.probability([shares.x[j], shares.y[i]])
+    for nodes in (shares.x, shares.y):
+        assert nodes[0] <= 0
+        assert nodes[-1] >= 0.3
+    np.testing.assert_allclose(np.diff(shares.x), 0.07)
+
+
+# ------------------------------------------------------------------------------------------------------------ regions
+@settings(max_examples=40, deadline=None)
+@given(st.lists(boxes, min_size=1, max_size=7), st.data())
+def test_a_region_has_exactly_the_points_of_that_share(limits: list[tuple[float, ...]], data: Any) -> None:
+    """The oracle counts cells of the lattice that all corners lie on."""
+    weights = data.draw(st.lists(st.integers(1, 5), min_size=len(limits), max_size=len(limits)))
+    share = data.draw(st.sampled_from([0.1, 0.25, 0.5, 0.6, 0.75, 0.9, 1.0]))
+    shares = reachability_map([box(*b) for b in limits], weights=weights, spacing=0.1)
+    centres = (np.arange(24) + 0.5) / 40
+    x, y = np.meshgrid(centres, centres)
+    counts = sum(w * ((b[0] < x) & (x < b[2]) & (b[1] < y) & (y < b[3])) for w, b in zip(weights, limits, strict=True))
+    wanted = np.asarray(counts) >= share * sum(weights) - 1e-9
+    region = shares.region(share)
+    assert region.area == pytest.approx(wanted.sum() / 1600, abs=1e-9)
+    inside = shapely.contains_xy(region.polygon, x, y)
+    np.testing.assert_array_equal(inside, wanted)
+
+
+def test_one_hundred_percent_is_the_intersection_and_any_share_the_union() -> None:
+    rng = np.random.default_rng(4)
+    angles = np.linspace(0, 2 * np.pi, 120, endpoint=False)
+    circle = np.column_stack([np.cos(angles), np.sin(angles)])
+    radii, shifts = 0.3 + 0.02 * rng.standard_normal((12, 120, 1)), 0.1 * rng.standard_normal((12, 1, 2))
+    polygons = [shapely.Polygon(outline) for outline in shifts + radii * circle]
+    shares = reachability_map([Workspace(p, accuracy=1e-10) for p in polygons])
+    every, some = shares.region(1.0), shares.region(1e-6)
+    assert every.polygon.symmetric_difference(shapely.intersection_all(polygons)).area < 1e-9
+    assert some.polygon.symmetric_difference(shapely.union_all(polygons)).area < 1e-9
+    areas = [shares.region(k / 12).area for k in range(1, 13)]
+    assert areas == sorted(areas, reverse=True)
+    # Every square metre is counted once for each trial that reaches it.
+    assert sum(areas) == pytest.approx(sum(p.area for p in polygons), rel=1e-9)
+
+
+def test_boundaries_that_coincide_but_for_their_accuracy_do_not_multiply() -> None:
+    """Trials with a limit in common: their boundaries cross wherever noise has it, ten thousand times in all."""
+    rng = np.random.default_rng(5)
+    angles = np.linspace(0, 2 * np.pi, 300, endpoint=False)
+    circle = 0.2 * np.column_stack([np.cos(angles), np.sin(angles)])
+    noisy = [shapely.Polygon(circle * (1 + 1e-6 * rng.standard_normal((300, 1)))) for _ in range(12)]
+    shares = reachability_map([Workspace(polygon, accuracy=1e-3) for polygon in noisy])
+    for share in (0.1, 0.9, 1.0):
+        region = shares.region(share)
+        assert region.polygon.geom_type == "Polygon"
+        assert shapely.hausdorff_distance(region.polygon, shapely.Polygon(circle)) < shares.snapping
+        assert region.accuracy == pytest.approx(1.1e-3)
+    assert shares.snapping == pytest.approx(1e-4)
+
+
+def test_nine_of_ten_trials_are_at_least_nine_tenths() -> None:
+    shares = reachability_map([box(0, 0, 0.1, 0.1)] * 9 + [NOTHING])
+    assert shares.region(0.9).area == pytest.approx(0.01)
+
+
+def test_a_region_is_of_the_plane_of_its_trials_and_no_more_accurate() -> None:
+    coarse = Workspace(shapely.box(0, 0, 1, 1), accuracy=5e-3, height=-0.24)
+    region = reachability_map([THREE[0], coarse]).region(0.5)
+    assert (region.height, region.handle_tilt) == (-0.24, None)
+    assert 5e-3 < region.accuracy <= 5.1e-3
+
+
+# --------------------------------------------------------------------------------------------------------- confidence
+@settings(max_examples=40)
+@given(st.integers(1, 40), st.data())
+def test_the_interval_is_wilson_s(n: int, data: Any) -> None:
+    k = data.draw(st.integers(0, n))
+    shares = reachability_map([box(0, 0, 0.1, 0.1)] * k + [NOTHING] * (n - k))
+    low, high = shares.interval([0.05, 0.05], confidence=0.9)
+    expected = binomtest(k, n).proportion_ci(confidence_level=0.9, method="wilson")
+    assert (float(low), float(high)) == pytest.approx((expected.low, expected.high), abs=1e-9)
+    assert shares.standard_error([0.05, 0.05]) == pytest.approx(math.sqrt(k * (n - k) / n**3))
+    assert shares.trials == pytest.approx(n)
+
+
+def test_few_trials_promise_little() -> None:
+    ten, hundred = (reachability_map([box(0, 0, 0.1, 0.1)] * n) for n in (10, 100))
+    assert ten.region(0.9).area == pytest.approx(0.01)
+    assert ten.region(0.9, confidence=0.95).empty  # ten of ten promise 0.72
+    assert hundred.region(0.9, confidence=0.95).area == pytest.approx(0.01)
+
+
+def test_a_map_survives_a_process_pool_and_cannot_be_changed() -> None:
+    shares = reachability_map(THREE)
+    again = pickle.loads(pickle.dumps(shares))
+    np.testing.assert_array_equal(again.grid, shares.grid)
+    assert again.region(0.5).area == pytest.approx(shares.region(0.5).area)
+    with pytest.raises(ValueError, match="read-only"):
+        again.grid[0, 0] = 1.0
+
+
+def test_workspaces_known_exactly_are_overlaid_exactly() -> None:
+    exact = [Workspace(w.polygon, accuracy=0.0) for w in THREE]
+    assert reachability_map(exact).region(1.0).area == pytest.approx(0.01, abs=1e-15)
+
+
+def test_one_heavy_trial_is_worth_few() -> None:
+    assert reachability_map(THREE, weights=[1, 0, 0]).trials == pytest.approx(1)
+    assert 1 < reachability_map(THREE, weights=[8, 1, 1]).trials < 3
+
+
+# -------------------------------------------------------------------------------------------------- ranges and draws
+def test_ranges_and_arms_become_workspaces_here_or_elsewhere_in_the_given_order(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """With a stand-in for the workspace, whose width is the elbow's range: what counts is who is asked for what."""
+
+    def stand_in(arm: Any, asked: Any) -> Workspace:
+        return Workspace(
+            shapely.box(0, 0, float(arm.upper[4]), asked["height"] + 1), accuracy=1e-3, height=asked["height"]
+        )
+
+    monkeypatch.setattr(variation, "_workspace", stand_in)
+    ranges = [{**named_ranges("", "regular"), "forearm_extension": (0.0, 0.2 * k)} for k in (1, 2, 3)]
+    mixed: list[Any] = [ranges[0], human_arm(range_of_motion=ranges[1]), ranges[2], box(0, 0, 0.5, 0.76)]
+    here = reachability_map(mixed)
+    with ThreadPoolExecutor(2) as pool:
+        there = reachability_map(mixed, executor=pool)
+    for found in (here, there):
+        assert [w.polygon.bounds[2] for w in found.workspaces] == pytest.approx([0.2, 0.4, 0.6, 0.5])
+    np.testing.assert_array_equal(here.grid, there.grid)
+    with pytest.raises(ConfigurationError, match="limbs"):
+        reachability_map(mixed, height=-0.3)  # the given workspace is of another plane
+
+
+def test_drawn_ranges_become_true_workspaces_in_other_processes() -> None:
+    ranges = varied_ranges("regular", spread=0.05, count=2, seed=2)
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
+        shares = reachability_map(ranges, accuracy=5e-3, spacing=0.01, executor=pool)
+    for drawn, workspace in zip(ranges, shares.workspaces, strict=True):
+        alone = planar_workspace(human_arm(range_of_motion=drawn), accuracy=5e-3)
+        assert alone.area == pytest.approx(workspace.area, rel=1e-6)
+    always, ever = shares.region(1.0), shares.region(0.1)
+    assert 0.01 < always.area < ever.area
+    sizes = [w.area for w in shares.workspaces]
+    assert always.area + ever.area == pytest.approx(sum(sizes), rel=1e-3)
+    assert shares.grid.max() == pytest.approx(1.0)
+
+
+def test_drawn_limits_follow_the_stated_truncated_normal() -> None:
+    ranges = varied_ranges("regular", spread=0.05, count=3000, seed=1)
+    lower = np.array([r["wrist_flexion"][0] for r in ranges])
+    nominal = np.deg2rad(RANGES_OF_MOTION_DEG["regular"]["wrist_flexion"][0])
+    assert kstest((lower - nominal) / 0.05, truncnorm(-2, 2).cdf).pvalue > 1e-3
+    upper = np.array([r["wrist_flexion"][1] for r in ranges])
+    assert abs(np.corrcoef(lower, upper)[0, 1]) < 0.06
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.just(0.0) | st.floats(1e-3, 2), st.integers(0, 2**31), st.booleans())
+def test_no_drawn_range_is_inverted_or_far_off_and_locked_joints_stay(spread: float, seed: int, keep: bool) -> None:
+    nominal = named_ranges("", "restricted")
+    for drawn in varied_ranges("restricted", spread=spread, count=5, seed=seed, keep_locked=keep):
+        assert tuple(drawn) == ARM_JOINTS
+        for name, (lower, upper) in drawn.items():
+            assert lower <= upper
+            assert abs(lower - nominal[name][0]) <= 2 * spread + 1e-12
+            assert abs(upper - nominal[name][1]) <= 2 * spread + 1e-12
+        arm = human_arm(range_of_motion=drawn)
+        assert arm.locked[[0, 6]].all() == (keep or spread == 0)
+
+
+def test_equal_seeds_draw_equal_ranges_and_only_named_joints_vary() -> None:
+    spread: dict[str, Any] = {"wrist_flexion": (0.0, 0.1), "humeral_flexion": 0.2}
+    first = varied_ranges("regular", spread=spread, count=4, seed=7)
+    assert first == varied_ranges("regular", spread=spread, count=9, seed=7)[:4]
+    assert first != varied_ranges("regular", spread=spread, count=4, seed=8)
+    nominal = named_ranges("", "regular")
+    for drawn in first:
+        assert drawn["wrist_flexion"][0] == nominal["wrist_flexion"][0]
+        assert drawn["wrist_flexion"][1] != nominal["wrist_flexion"][1]
+        assert drawn["forearm_extension"] == nominal["forearm_extension"]
+    assert pickle.loads(pickle.dumps(first)) == first
+
+
+# ------------------------------------------------------------------------------------------------------ bad arguments
+@pytest.mark.parametrize(
+    ("limbs", "options"),
+    [
+        ([], {}),
+        (THREE[0], {}),
+        ("regular", {}),
+        (iter(THREE), {}),
+        ([None], {}),
+        (named_ranges("", "regular"), {}),
+        (THREE, {"weights": [1, 1]}),
+        (THREE, {"weights": [1, 1, -1]}),
+        (THREE, {"weights": [0, 0, 0]}),
+        (THREE, {"weights": [1, 1, math.nan]}),
+        (THREE, {"weights": "equal"}),
+        (THREE, {"spacing": 0.0}),
+        (THREE, {"spacing": math.nan}),
+        (THREE, {"spacing": 1e-6}),
+        ([*THREE, Workspace(shapely.box(0, 0, 1, 1), accuracy=1e-3, height=0.1)], {}),
+    ],
+)
+def test_limbs_that_cannot_be_overlaid_are_refused(limbs: Any, options: dict[str, Any]) -> None:
+    with pytest.raises(ConfigurationError):
+        reachability_map(limbs, **options)
+
+
+@pytest.mark.parametrize("at_least", [0.0, -1.0, 1.1, math.nan])
+def test_a_share_is_above_zero_and_at_most_one(at_least: float) -> None:
+    with pytest.raises(ConfigurationError, match="at_least"):
+        reachability_map(THREE).region(at_least)
+
+
+def test_points_and_confidence_are_checked() -> None:
+    shares: ReachabilityMap = reachability_map(THREE)
+    with pytest.raises(ConfigurationError, match="points"):
+        shares.probability([1.0, 2.0, 3.0])
+    with pytest.raises(ConfigurationError, match="confidence"):
+        shares.interval([0.0, 0.0], confidence=1.0)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"count": 0},
+        {"count": 1.5},
+        {"seed": -1},
+        {"spread": -0.1},
+        {"spread": math.nan},
+        {"spread": {"elbow": 0.1}},
+        {"spread": {"wrist_flexion": (0.1, 0.1, 0.1)}},
+        {"spread": {"wrist_flexion": "wide"}},
+        {"range_of_motion": "wide"},
+        {"range_of_motion": {"wrist_flexion": (1.0, 0.0)}},
+    ],
+)
+def test_bad_draws_are_refused(options: dict[str, Any]) -> None:
+    with pytest.raises(ConfigurationError):
+        varied_ranges(**{"range_of_motion": "regular", "spread": 0.1, "count": 2, "seed": 0, **options})
