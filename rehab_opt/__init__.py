@@ -13,6 +13,8 @@ from rehab_opt.kinematics.human_arm import human_arm
 from rehab_opt.kinematics.ur5 import ur5
 
 if TYPE_CHECKING:
+    from rehab_opt.control.assistance import Assistance
+    from rehab_opt.field.potential import PotentialField
     from rehab_opt.workspace.mapping import WorkspaceMap
     from rehab_opt.workspace.placement import ShoulderPlacement
     from rehab_opt.workspace.reach import planar_workspace
@@ -24,12 +26,14 @@ if TYPE_CHECKING:
 __all__ = [
     "DH",
     "ArmIK",
+    "Assistance",
     "Bound",
     "Command",
     "ConfigurationError",
     "IKPath",
     "IKSolution",
     "PoseTracker",
+    "PotentialField",
     "ProblemFileError",
     "RehabOptError",
     "SerialChain",
@@ -49,6 +53,8 @@ __all__ = [
 
 # Loaded when first named: a controller's process starts in a tenth of a second, and not everyone maps workspaces.
 _LATER = {
+    "Assistance": "control.assistance",
+    "PotentialField": "field.potential",
     "ShoulderPlacement": "workspace.placement",
     "ThinPlateSpline": "workspace.spline",
     "Workspace": "workspace.region",

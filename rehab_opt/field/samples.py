@@ -1,4 +1,4 @@
-"""What a field keeps of its demonstrations: points spread evenly along them, and how far each is from the end."""
+"""What a field keeps of its paths: points spread evenly along them, and how far each is from the end."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
 
-__all__ = ["Demonstration", "arc_length", "checked_paths", "resampled_path"]
+__all__ = ["SampledPath", "Samples", "arc_length", "checked_paths", "resampled_path"]
 
 Array = NDArray[np.float64]
 
@@ -18,7 +18,43 @@ PLAUSIBLE = 1e3
 """[m] A path that leaves this is in another unit."""
 
 
-class Demonstration(NamedTuple):
+class Samples(NamedTuple):
+    """All that a field is made of, whatever it came from: Eqs. (15)-(17) are sums over its rows.
+
+    With d = x - x_j, phi_j = phi_0j + lean_j'd + 1/2 d'S_j d.
+    """
+
+    points: Array
+    """(K, 2) [m]"""
+    offsets: Array
+    """(K,) phi_0 [J]"""
+    stiffness: Array
+    """(K, 2) diagonal of S [N/m]"""
+    log_weights: Array
+    """(K,) logarithm of how many samples this one stands for."""
+    lean: Array
+    """(K, 2) [N] slope added to a sample's energy: of what a path itself gives, zero."""
+
+    @classmethod
+    def of_path(cls, points: Array, offsets: Array, stiffness: Array) -> Samples:
+        """One sample a point (m, 2)."""
+        return cls(points, offsets, stiffness, np.zeros(len(points)), np.zeros_like(points))
+
+    def energies(self, away: Array) -> Array:
+        """(..., K) phi [J] of each, `away` (..., K, 2) [m] from it."""
+        energies: Array = self.offsets + ((self.lean + 0.5 * self.stiffness * away) * away).sum(axis=-1)
+        return energies
+
+    def joined(self, other: Samples) -> Samples:
+        """These and the others."""
+        return Samples(*(np.concatenate(pair) for pair in zip(self, other, strict=True)))
+
+    def taken(self, rows: NDArray[np.int64] | NDArray[np.bool_]) -> Samples:
+        """Some of them."""
+        return Samples(*(column[rows] for column in self))
+
+
+class SampledPath(NamedTuple):
     """One path, spread evenly by arc length."""
 
     points: Array
@@ -31,22 +67,24 @@ class Demonstration(NamedTuple):
     """(m, 2) unit direction of travel; zero for a path that is one point."""
 
 
-def checked_paths(path: ArrayLike | Sequence[ArrayLike]) -> tuple[Array, ...]:
+def checked_paths(path: ArrayLike | Sequence[ArrayLike], argument: str = "path") -> tuple[Array, ...]:
     """One path (N, 2) or a sequence of them as float arrays.
 
     Raises
     ------
     ConfigurationError : no points, another shape, numbers that are not finite or not metres.
     """
-    if isinstance(path, np.ndarray):
+    if isinstance(path, np.ndarray) and path.ndim != 3:
         given: Sequence[ArrayLike] = [path]
+    elif isinstance(path, np.ndarray):
+        given = list(path)
     elif isinstance(path, Sequence) and path:
         given = path if np.ndim(path[0]) == 2 else [path]  # type: ignore[assignment, arg-type]
     else:
         given = []
     paths = []
     for i, each in enumerate(given):
-        name = "path" if len(given) == 1 else f"path[{i}]"
+        name = argument if len(given) == 1 else f"{argument}[{i}]"
         try:
             points = np.array(each, dtype=np.float64)
         except (TypeError, ValueError, OverflowError) as problem:
@@ -58,7 +96,7 @@ def checked_paths(path: ArrayLike | Sequence[ArrayLike]) -> tuple[Array, ...]:
             raise ConfigurationError(name, float(worst), f"finite coordinates within {PLAUSIBLE:g} m")
         paths.append(points)
     if not paths:
-        raise ConfigurationError("path", path, "points (N, 2) in metres, or a sequence of such paths")
+        raise ConfigurationError(argument, path, "points (N, 2) in metres, or a sequence of such paths")
     return tuple(paths)
 
 
@@ -67,22 +105,27 @@ def arc_length(points: Array) -> Array:
     return np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))))
 
 
-def resampled_path(points: Array, spacing: float) -> Demonstration:
+def resampled_path(points: Array, spacing: float) -> SampledPath:
     """Points at equal distances of at most `spacing` [m] along the path; both ends are kept.
 
     The weighted mean of Eq. (17) would otherwise depend on how long the hand rested where: pauses count nothing.
     """
     length = arc_length(points)
-    moving = np.concatenate(([True], np.diff(length) > 0))
-    points, length = points[moving], length[moving]
     whole = float(length[-1])
     if whole == 0.0:
         zero = np.zeros(1)
-        return Demonstration(points[:1].copy(), zero, zero.copy(), np.zeros((1, 2)))
+        return SampledPath(points[:1].copy(), zero, zero.copy(), np.zeros((1, 2)))
     along = np.linspace(0.0, whole, int(np.ceil(whole / spacing)) + 1)
-    even = np.column_stack([np.interp(along, length, column) for column in points.T])
+    even = interpolated(points, points, along)
     even[-1] = points[-1]
     slopes = np.gradient(even, along, axis=0)
     sizes = np.linalg.norm(slopes, axis=1, keepdims=True)
     tangents = np.divide(slopes, sizes, out=np.zeros_like(slopes), where=sizes > 0)
-    return Demonstration(even, whole - along, along, tangents)
+    return SampledPath(even, whole - along, along, tangents)
+
+
+def interpolated(points: Array, values: Array, along: Array) -> Array:
+    """`values` (N, k) that belong to the points (N, 2) of a path, at the lengths `along` (m,) of it."""
+    length = arc_length(points)
+    moving = np.concatenate(([True], np.diff(length) > 0))
+    return np.column_stack([np.interp(along, length[moving], column) for column in values[moving].T])
