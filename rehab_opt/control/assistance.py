@@ -35,6 +35,8 @@ EXACT = 1 - 1e-12
 """Shrinking aims so far below a bound that rounding stays below it, too."""
 TINY = 1e-12
 """[N] A force that is none."""
+NOTHING = 1e-9
+"""[N] A force below this is commanded as zero: iterative solvers reach zero to 1e-11."""
 MISSED = 1e-6
 """Share of the wanted force by which the commanded one must differ for the task to count as yielding."""
 
@@ -153,6 +155,8 @@ class Assistance:
         moved = F - last
         near = last + moved * ca.fmin(1, EXACT * step / ca.fmax(ca.norm_2(moved), TINY))
         bounded = near * ca.fmin(1, EXACT * self.force_limit / ca.fmax(ca.norm_2(near), TINY))
+        # What a solver leaves of a force that shall be zero.
+        bounded = ca.if_else(ca.logic_and(ca.norm_2(bounded) < NOTHING, ca.norm_2(last) <= step), 0, bounded)
         holds = all_true(
             ca.norm_2(bounded) <= self.force_limit,
             ca.norm_2(bounded - last) <= step + TINY,

@@ -15,8 +15,8 @@ class EnergyTank:
 
     A force F that acts while the hand goes dx delivers F.dx, which is known only afterwards. While a position is
     missing, or repeats itself exactly as that of a frozen sensor does, the most that a hand no faster than
-    `speed_cap` could have drawn is set aside; the next position settles it. Energy that the hand puts in is given
-    back, up to the budget.
+    `speed_cap` could have drawn is set aside; the next position settles it, and one that jumps right after it disputes
+    that. Energy that the hand puts in is given back, up to the budget, where every step of it was seen.
 
     `ceiling` is the largest force F from which a release within the slew bound is still affordable, whatever the hand
     does below the speed cap, after one tick that lasts `late`:
@@ -33,7 +33,7 @@ class EnergyTank:
     late : [s] longest time between two ticks that the reserve covers.
     """
 
-    __slots__ = ("_along_x", "_along_y", "_peak", "_per_newton", "_slew", "_speed", "_varied", "budget", "level",
+    __slots__ = ("_along_x", "_along_y", "_disputed", "_gap", "_peak", "_per_newton", "_slew", "_speed", "_varied", "budget", "level",
                  "pending", "unseen")  # fmt: skip
 
     def __init__(self, *, budget: float, slew: float, speed_cap: float, late: float) -> None:
@@ -44,6 +44,7 @@ class EnergyTank:
     def reset(self) -> None:
         """Full again, with nothing unseen."""
         self.level = self.budget
+        self._disputed = 0.0
         self._settled()
 
     @property
@@ -67,6 +68,7 @@ class EnergyTank:
         if self.unseen == 0.0:
             self._along_x, self._along_y, self._peak = force_x, force_y, size
         else:
+            self._gap = True
             self._varied += math.hypot(force_x - self._along_x, force_y - self._along_y) * reach
             if size > self._peak:
                 self._peak = size
@@ -76,15 +78,22 @@ class EnergyTank:
     def seen(self, dx: float, dy: float) -> None:
         """The hand has moved by (dx, dy) [m] since it was last seen, within the speed cap."""
         work = self._along_x * dx + self._along_y * dy + self._varied
-        level = self.level - (work if work < self.pending else self.pending)
+        if self._gap:
+            work = min(max(work, 0.0), self.pending)
+            self._disputed = self.pending - work
+        else:
+            self._disputed = 0.0
+        level = self.level - work
         self.level = level if level < self.budget else self.budget
         self._settled()
 
     def jumped(self, distance: float) -> None:
         """The position has moved faster than the speed cap: what a hand could have drawn so is gone for good."""
-        self.level -= self.pending + self._peak * min(distance, HAND_SPEED * self.unseen)
+        self.level -= self._disputed + self.pending + self._peak * min(distance, HAND_SPEED * self.unseen)
+        self._disputed = 0.0
         self._settled()
 
     def _settled(self) -> None:
         self.pending = self.unseen = self._varied = self._peak = 0.0
         self._along_x = self._along_y = 0.0
+        self._gap = False
