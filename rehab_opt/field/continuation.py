@@ -8,10 +8,11 @@ through the end, the path has samples on both sides:
   sides, and its gradient at the end zero, whatever the path;
 - at the other end phi_0 goes on as it came (an odd continuation), so that the drag there is that of the path.
 
-Beyond an end that holds, phi_0 of the reflected samples is raised by 1/2 d'Sd - a u, d from the end and u along the
-path, which brings a hand that overshoots back to the end itself; a is such that the force along the path stays what it
-was at the end. Across a curved path some tenths of a newton remain: where the field rests, the reflected samples lean
-against them, and what is left is rounding.
+Where the field rests, phi_0 of the reflected samples is raised by 1/2 d'Sd - a u, d from the end and u along the path,
+which brings a hand that overshoots back to the target itself; a is such that the force along the path stays zero
+there. Across a curved path some tenths of a newton remain: the reflected samples lean against them, and what is left is
+rounding. At the other end of a path that leads or holds a hand, phi_0 is raised from two sigma beyond the end on, where
+it no longer pulls backwards on the path itself.
 """
 
 from __future__ import annotations
@@ -30,6 +31,8 @@ Array = NDArray[np.float64]
 
 REACH = 6.0
 """[sigma] Samples further from an end are not reflected: their weights there are below exp(-18) = 1.5e-8 of one."""
+AWAY = 2.0
+"""[sigma] So far beyond the end where the field does not rest, a hand is brought back."""
 SAME = 1e-9
 """[sigma] A sample as near to the end as this is its own reflection."""
 
@@ -42,7 +45,7 @@ class PathEnd(NamedTuple):
     offset: float | None
     """phi_0 [J] that an odd continuation goes through, or None for an even one."""
     held: bool
-    """Whether a hand beyond it is brought back to it."""
+    """Whether a hand beyond it is brought back."""
 
 
 def at_rest(samples: Samples, target: Array, width: float) -> Samples:
@@ -67,8 +70,11 @@ def reflected(samples: Samples, end: PathEnd, width: float) -> Samples:
     near = samples.taken((distance <= REACH * width) & (distance > SAME * width))
     away = end.point - near.points  # of the reflections, from the end
     offsets = near.offsets.copy() if end.offset is None else 2 * end.offset - near.offsets
-    if end.held and len(away):
-        raised = 0.5 * (near.stiffness * away**2).sum(axis=1)
+    raised = 0.5 * (near.stiffness * away**2).sum(axis=1)
+    if end.held and end.offset is not None:
+        distance = np.linalg.norm(away, axis=1)
+        offsets = offsets + raised * np.maximum(0.0, 1.0 - AWAY * width / np.maximum(distance, SAME * width)) ** 2
+    elif end.held and len(away):
         weights = np.exp(near.log_weights - (away**2).sum(axis=1) / (2 * width**2))
         moments = (away * weights[:, None]).T @ away
         along = away @ np.linalg.eigh(moments)[1][:, -1]

@@ -187,7 +187,7 @@ def _one_tick(plant: Plant, rng: np.random.Generator, tally: Tally) -> None:
     plant.frozen = max(0, plant.frozen - 1)
     if np.all(np.isfinite(x)):
         plant.shown = x
-    lie = float(np.linalg.norm(x - plant.position)) if fault in ("nudge", "glitch") and np.isfinite(x).all() else 0.0
+    lie = math.hypot(*(x - plant.position)) if fault in ("nudge", "glitch") else 0.0
     # A position that lies by no more than a hand can move is believed, and counted with the force of the wrong tick.
     if fault in ("nudge", "glitch"):
         plant.allowed += 4 * assistance.slew_limit * dt * min(lie, cap * dt)
