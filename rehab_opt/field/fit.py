@@ -45,6 +45,8 @@ class Fit(NamedTuple):
     """Largest by smallest of them."""
     unidentified: tuple[str, ...]
     """Parameters that the data leave open, alone or against each other: their values are the regularisation's."""
+    rest_stiffness: float
+    """[N/m] least curvature of the energy at the target; below zero the field does not rest there. NaN without one."""
     constraints_active: int
     """Samples of the path where the force along it is held from pointing backwards."""
     solver: str
@@ -77,7 +79,7 @@ def identified(design: Array, names: Sequence[str], residual: float) -> Identifi
         error = residual * np.sqrt(variance) / sizes
     error[silent] = np.inf
     condition = float(singular[0] / singular[-1]) if singular[-1] > 0 else np.inf
-    return Identified(singular, condition, tuple(np.array(names)[open_].tolist()), np.nan_to_num(error, nan=0.0))
+    return Identified(singular, condition, tuple(np.array(names)[open_].tolist()), np.nan_to_num(error, nan=0.0, posinf=np.inf))
 
 
 def rms(vectors: Array) -> float:

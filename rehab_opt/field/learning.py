@@ -158,6 +158,7 @@ def _learnt(
         singular_values=told.singular_values,
         condition=told.condition,
         unidentified=told.unidentified,
+        rest_stiffness=field.rest_stiffness,
         constraints_active=solution.active,
         solver=solution.solver,
         residual=solution.residual,

