@@ -31,6 +31,8 @@ Array = NDArray[np.float64]
 
 FURTHEST = 1e3
 """[m] A position beyond this is a broken sensor."""
+MUCH = 1e3
+"""[J] More than any tick could take: what is beyond it need not be said to the QP."""
 EXACT = 1 - 1e-12
 """Shrinking aims so far below a bound that rounding stays below it, too."""
 TINY = 1e-12
@@ -216,7 +218,7 @@ class Assistance:
         (px, py), (vx, vy) = _pair("x", x), _pair("v", v)
         ceiling = min(self.force_limit, self._tank.ceiling)
         wanted = np.array(self._wanted(px, py, vx, vy))
-        return wanted * min(1.0, ceiling / max(float(np.hypot(*wanted)), TINY)), (vx, vy), ceiling, max(0.0, self._tank.left)
+        return wanted * min(1.0, ceiling / max(float(np.hypot(*wanted)), TINY)), (vx, vy), ceiling, min(max(0.0, self._tank.left), MUCH)
 
     def step(
         self, x: ArrayLike, v: ArrayLike | None = None, *, enable: object = True, stamp: float | None = None
@@ -281,7 +283,7 @@ class Assistance:
         inputs[2] = vx
         inputs[3] = vy
         inputs[4] = ceiling
-        inputs[5] = left if left > 0.0 else 0.0
+        inputs[5] = 0.0 if left < 0.0 else (left if left < MUCH else MUCH)
         ladder, status = self._ladder, _OK
         if self._fused:  # the usual way, without the layers of Python
             verdict = self._verdict
