@@ -133,7 +133,12 @@ class Assistance:
         self.stated = self.statement()
         self._ladder = ladder = Ladder(self.stated, solver=solver, backup=backup, tolerance=tolerance, compile=compile)
         self._fused, self.tolerance = solver == FUSED, tolerance
-        self._inputs, self._verdict, self._keep, self._answer = ladder.parameters.data, ladder.verdict, ladder.keep, ladder.answer
+        self._inputs, self._verdict, self._keep, self._answer = (
+            ladder.parameters.data,
+            ladder.verdict,
+            ladder.keep,
+            ladder.answer,
+        )
         self._force = ladder.memory.data
         self.reset()
 
@@ -218,7 +223,12 @@ class Assistance:
         (px, py), (vx, vy) = _pair("x", x), _pair("v", v)
         ceiling = min(self.force_limit, self._tank.ceiling)
         wanted = np.array(self._wanted(px, py, vx, vy))
-        return wanted * min(1.0, ceiling / max(float(np.hypot(*wanted)), TINY)), (vx, vy), ceiling, min(max(0.0, self._tank.left), MUCH)
+        return (
+            wanted * min(1.0, ceiling / max(float(np.hypot(*wanted)), TINY)),
+            (vx, vy),
+            ceiling,
+            min(max(0.0, self._tank.left), MUCH),
+        )
 
     def step(
         self, x: ArrayLike, v: ArrayLike | None = None, *, enable: object = True, stamp: float | None = None
@@ -296,7 +306,9 @@ class Assistance:
                 return self._command(status, solver, residual, "", asked_x, asked_y, size)
         solver = self._climbed(last_x, last_y)
         if not solver:
-            return self._release(f"no solver gave a certified answer (residual {ladder.residual[0]:.1e})", at_once=False)
+            return self._release(
+                f"no solver gave a certified answer (residual {ladder.residual[0]:.1e})", at_once=False
+            )
         if solver == ladder.backup != ladder.solver:
             status, reason = Status.BACKUP, f"{ladder.solver} gave no certified answer"
         return self._command(status, solver, float(ladder.residual[0]), reason, asked_x, asked_y, size)

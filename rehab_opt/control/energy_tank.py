@@ -70,8 +70,7 @@ class EnergyTank:
         else:
             self._gap = True
             self._varied += math.hypot(force_x - self._along_x, force_y - self._along_y) * reach
-            if size > self._peak:
-                self._peak = size
+            self._peak = max(self._peak, size)
         self.unseen += seconds
         self.pending += size * reach
 

@@ -19,7 +19,13 @@ WantedForce = Callable[[float, float, float, float], tuple[float, float]]
 
 
 def wanted_force(
-    field: PotentialField, comfortable: Workspace, mode: Mode, *, onset: float, return_stiffness: float, return_force: float
+    field: PotentialField,
+    comfortable: Workspace,
+    mode: Mode,
+    *,
+    onset: float,
+    return_stiffness: float,
+    return_force: float,
 ) -> WantedForce:
     """The field, where the mode lets it act.
 

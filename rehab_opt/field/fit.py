@@ -79,7 +79,9 @@ def identified(design: Array, names: Sequence[str], residual: float) -> Identifi
         error = residual * np.sqrt(variance) / sizes
     error[silent] = np.inf
     condition = float(singular[0] / singular[-1]) if singular[-1] > 0 else np.inf
-    return Identified(singular, condition, tuple(np.array(names)[open_].tolist()), np.nan_to_num(error, nan=0.0, posinf=np.inf))
+    return Identified(
+        singular, condition, tuple(np.array(names)[open_].tolist()), np.nan_to_num(error, nan=0.0, posinf=np.inf)
+    )
 
 
 def rms(vectors: Array) -> float:
@@ -87,9 +89,7 @@ def rms(vectors: Array) -> float:
     return float(np.sqrt((vectors**2).sum(axis=1).mean())) if len(vectors) else float("nan")
 
 
-def constant_stiffness_error(
-    path: Array, training: Sequence[Demonstration], tested: Sequence[Demonstration]
-) -> float:
+def constant_stiffness_error(path: Array, training: Sequence[Demonstration], tested: Sequence[Demonstration]) -> float:
     """[N] rms error on `tested` of F = S (nearest point of `path` (m, 2) - x) - D v, fitted to `training`."""
 
     def design(parts: Sequence[Demonstration]) -> tuple[Array, Array]:

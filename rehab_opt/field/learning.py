@@ -95,7 +95,16 @@ def learnt_field(
         step = each / SAMPLES_PER_WIDTH if spacing is None else positive("spacing", spacing)
         paths = [resampled_path(points, step) for points in given]
         field = _learnt(
-            training, tested, kept, paths, each, stations if per_point else 0, regularisation, rest_on_target, solvers, compile
+            training,
+            tested,
+            kept,
+            paths,
+            each,
+            stations if per_point else 0,
+            regularisation,
+            rest_on_target,
+            solvers,
+            compile,
         )
         if best is None or _judged(field) < _judged(best):
             best = field
@@ -122,7 +131,9 @@ def _learnt(
     compile: bool | None,
 ) -> PotentialField:
     begun = time.perf_counter()
-    x, v, forces = (np.concatenate([getattr(each, name) for each in training]) for name in ("positions", "velocities", "forces"))
+    x, v, forces = (
+        np.concatenate([getattr(each, name) for each in training]) for name in ("positions", "velocities", "forces")
+    )
     model = shared_model(paths, width, rest_on_target=rest_on_target)
     design = model.design(x, v).reshape(-1, len(model.names))
     along = _along_path(model)
@@ -133,7 +144,9 @@ def _learnt(
         design = model.design(x, v).reshape(-1, len(model.names))
         along = _along_path(model)
         prior = _as_stations(shared, paths, stations)
-        solution = _solved(design, forces.reshape(-1), along, _roughness(stations, prior, regularisation), prior, solvers)
+        solution = _solved(
+            design, forces.reshape(-1), along, _roughness(stations, prior, regularisation), prior, solvers
+        )
     theta = solution.parameters
     options = {"width": width, "damping": theta[-1], "rest_on_target": rest_on_target, "compile": compile}
     field = PotentialField.of_samples(paths, *model.path_values(theta), **options)
@@ -177,8 +190,10 @@ def _along_path(model: ForceModel) -> Array:
     counted = np.linalg.norm(points - target, axis=1) > spread + 1e-9
     points, tangents = points[counted], tangents[counted]
     chosen = np.unique(np.linspace(0, len(points) - 1, min(len(points), MOST_ROWS)).astype(int)) if len(points) else []
-    rows: Array = np.einsum("ki,kin->kn", tangents[chosen], model.design(points[chosen])) if len(points) else np.zeros(
-        (0, len(model.names))
+    rows: Array = (
+        np.einsum("ki,kin->kn", tangents[chosen], model.design(points[chosen]))
+        if len(points)
+        else np.zeros((0, len(model.names)))
     )
     return rows
 
@@ -216,7 +231,9 @@ def _solved(
     rows = along * unit
     rows = rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-12) if len(rows) else rows
     n, m = len(unit), len(rows)
-    qp = Instance((hessian + hessian.T) / 2, gradient, rows, np.zeros(m), np.full(m, np.inf), np.zeros(n), np.full(n, np.inf))
+    qp = Instance(
+        (hessian + hessian.T) / 2, gradient, rows, np.zeros(m), np.full(m, np.inf), np.zeros(n), np.full(n, np.inf)
+    )
     certify = certificate_function(n, m)
     tried = []
     for name in solvers:
@@ -233,6 +250,6 @@ def _held_out(held_out: Sequence[int] | None, count: int) -> tuple[int, ...]:
     if held_out is None:
         return tuple(range(4, count, 5)) if count >= 5 else ((count - 1,) if count > 1 else ())
     kept = tuple(sorted({int(i) for i in held_out}))
-    if kept and not (0 <= kept[0] and kept[-1] < count) or len(kept) >= count:
+    if (kept and not (kept[0] >= 0 and kept[-1] < count)) or len(kept) >= count:
         raise ConfigurationError("held_out", held_out, f"numbers from 0 to {count - 1}, and not all of them")
     return kept

@@ -139,9 +139,7 @@ class PotentialField:
         self.drag_along: DragAlong = drag_along
         self.drag: float
         self.target = rest_point(paths, drag_along, width) if rest_on_target else None
-        self.whole: Assembled = assembled(
-            paths, offsets, stiffness, along=drag_along, width=width, target=self.target
-        )
+        self.whole: Assembled = assembled(paths, offsets, stiffness, along=drag_along, width=width, target=self.target)
         self.count = sum(len(path.points) for path in paths)
         self._compile = compile
 
@@ -268,7 +266,9 @@ def _stiffness(value: Any, given: Sequence[Array], paths: Sequence[SampledPath])
         return [np.broadcast_to(same, path.points.shape) for path in paths]
     each = list(value) if several and len(value) == len(given) else [value]
     if len(each) != len(given):
-        raise ConfigurationError("stiffness", f"{len(each)} entries", f"a number, two, or one array for {len(given)} paths")
+        raise ConfigurationError(
+            "stiffness", f"{len(each)} entries", f"a number, two, or one array for {len(given)} paths"
+        )
     stiff = []
     for points, path, array in zip(given, paths, each, strict=True):
         numbers = np.asarray(array, dtype=np.float64)

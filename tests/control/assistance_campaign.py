@@ -44,9 +44,7 @@ class Tally:
     yielded: Counter[Bound] = field(default_factory=Counter)
     faults: Counter[str] = field(default_factory=Counter)
     sudden: Counter[str] = field(default_factory=Counter)
-    excess: dict[str, float] = field(
-        default_factory=lambda: dict.fromkeys(("force", "slew", "energy"), -math.inf)
-    )
+    excess: dict[str, float] = field(default_factory=lambda: dict.fromkeys(("force", "slew", "energy"), -math.inf))
     spent: float = 0.0
     """Largest share of a budget that was drawn."""
     broken: list[str] = field(default_factory=list)

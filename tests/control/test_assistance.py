@@ -264,7 +264,9 @@ def test_the_estimated_velocity_lags_by_what_is_stated() -> None:
 
 
 def test_velocity_given_damps_without_lag() -> None:
-    helper = assistance("follow", each=field("follow", damping=20.0), force_limit=300.0, slew_limit=1e5, energy_budget=1e6)
+    helper = assistance(
+        "follow", each=field("follow", damping=20.0), force_limit=300.0, slew_limit=1e5, energy_budget=1e6
+    )
     for _ in range(5):
         command = helper.step(INSIDE, [0.3, -0.2])
     np.testing.assert_allclose(command.value, READY["follow"].force(INSIDE) - [6.0, -4.0], atol=1e-9)

@@ -19,7 +19,7 @@ def tank(budget: float = 5.0, late: float = LATE) -> EnergyTank:
 def test_the_ceiling_leaves_a_late_tick_and_a_release() -> None:
     each = tank()
     F = each.ceiling
-    assert F * CAP * LATE + F**2 * CAP / (2 * SLEW) == pytest.approx(5.0, rel=1e-12)
+    assert pytest.approx(5.0, rel=1e-12) == F * CAP * LATE + F**2 * CAP / (2 * SLEW)
 
 
 @settings(max_examples=150, deadline=None)

@@ -111,7 +111,12 @@ def test_the_design_is_the_force_of_the_field(rest_on_target: bool) -> None:
                   station_model(paths, 0.025, 6, rest_on_target=rest_on_target)):  # fmt: skip
         theta = rng.uniform(0.5, 2.0, len(model.names)) * np.array([1000.0] + [5.0] * (len(model.names) - 1))
         field = PotentialField.of_samples(
-            paths, *model.path_values(theta), width=0.025, damping=theta[-1], rest_on_target=rest_on_target, compile=False
+            paths,
+            *model.path_values(theta),
+            width=0.025,
+            damping=theta[-1],
+            rest_on_target=rest_on_target,
+            compile=False,
         )
         np.testing.assert_allclose(model.design(x, v) @ theta, field.force(x, v), rtol=1e-9, atol=1e-8)
 
@@ -120,7 +125,10 @@ def test_velocities_come_from_positions_where_none_were_recorded() -> None:
     times = np.array([0.0, 0.1, 0.3, 0.4])
     positions = np.column_stack([2.0 * times, -times])
     forces = np.zeros((4, 2))
-    for hand in (Demonstration(positions, forces, times=times), Demonstration(positions[:2].repeat(2, 0), forces, dt=0.1)):
+    for hand in (
+        Demonstration(positions, forces, times=times),
+        Demonstration(positions[:2].repeat(2, 0), forces, dt=0.1),
+    ):
         assert hand.velocities.shape == (4, 2)
     np.testing.assert_allclose(Demonstration(positions, forces, times=times).velocities, [[2.0, -1.0]] * 4)
 

@@ -154,7 +154,9 @@ def test_where_a_hand_paused_does_not_matter() -> None:
 def test_more_samples_change_nothing() -> None:
     x = np.random.default_rng(7).uniform((-0.2, 0.35), (0.2, 0.55), (30, 2))
     fine = field(HOOK, drag=200.0, spacing=0.025 / 16)
-    assert np.linalg.norm(fine.force(x) - FAR.force(x), axis=1).max() < 0.4  # of up to 200 N: from the curved path's chords
+    assert (
+        np.linalg.norm(fine.force(x) - FAR.force(x), axis=1).max() < 0.4
+    )  # of up to 200 N: from the curved path's chords
 
 
 def test_stiffness_may_vary_along_the_path() -> None:
@@ -169,7 +171,9 @@ def test_stiffness_may_vary_along_the_path() -> None:
 
 def test_several_demonstrations_share_one_target() -> None:
     rng = np.random.default_rng(9)
-    paths = [LINE + S[:, None] * rng.normal(0, 0.004, 2) + 0.01 * rng.standard_normal(2) * (1 - S[:, None]) for _ in range(6)]
+    paths = [
+        LINE + S[:, None] * rng.normal(0, 0.004, 2) + 0.01 * rng.standard_normal(2) * (1 - S[:, None]) for _ in range(6)
+    ]
     each = field(paths, drag=200.0)
     np.testing.assert_allclose(each.target, np.mean([path[-1] for path in paths], axis=0))
     np.testing.assert_allclose(each.force(each.target), 0.0, atol=1e-9)
@@ -250,7 +254,9 @@ def test_what_cannot_be_used_is_named(options: dict, named: str) -> None:
         field(LINE, **options)
 
 
-@pytest.mark.parametrize("path", [[], np.zeros((0, 2)), np.zeros((3, 3)), [[0.0, math.nan]], [[0.0, 1e9]], "path", None])
+@pytest.mark.parametrize(
+    "path", [[], np.zeros((0, 2)), np.zeros((3, 3)), [[0.0, math.nan]], [[0.0, 1e9]], "path", None]
+)
 def test_what_is_no_path_is_named(path: object) -> None:
     with pytest.raises(ConfigurationError, match=r"^path"):
         field(path)
