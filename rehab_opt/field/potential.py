@@ -12,14 +12,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.field.assembly import Assembled, DragAlong, assembled, rest_point
-from rehab_opt.field.energy import field_function
+from rehab_opt.field.energy import field_kernel
 from rehab_opt.field.merging import merging_bound
 from rehab_opt.field.samples import SampledPath, Samples, arc_length, checked_paths, interpolated, resampled_path
 from rehab_opt.field.weights import energies_and_forces, stiffness_at
-from rehab_opt.symbolic import BufferedFunction, compiled
 
 if TYPE_CHECKING:
-    from rehab_opt.field.learning import Fit
+    from rehab_opt.field.fit import Fit
+    from rehab_opt.symbolic import BufferedFunction
 
 __all__ = ["SAMPLES_PER_WIDTH", "PotentialField"]
 
@@ -212,12 +212,7 @@ class PotentialField:
 
     @cached_property
     def _kernel(self) -> BufferedFunction:
-        points, offsets, stiffness, log_weights, lean = self.samples
-        kernel = BufferedFunction(compiled(field_function(len(points)), compile=self._compile))
-        values = (points, offsets, log_weights, stiffness, lean, 1 / self.width**2)
-        for array, value in zip(kernel.inputs[1:], values, strict=True):
-            array[...] = np.reshape(value, array.shape)
-        return kernel
+        return field_kernel(self.samples, self.width, compile=self._compile)
 
     @cached_property
     def _hot(self) -> tuple[Any, Any, Any]:
