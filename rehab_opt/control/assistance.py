@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, cast
 
 import casadi as ca
 import numpy as np
@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.control.command import Bound, Command, Status
 from rehab_opt.control.energy_tank import EnergyTank
 from rehab_opt.control.gate import Mode, wanted_force
+from rehab_opt.control.hand import Hand
 from rehab_opt.control.velocity_controller import checked_number
 from rehab_opt.control.watchdog import Watchdog
 from rehab_opt.errors import ConfigurationError
@@ -29,8 +30,6 @@ __all__ = ["Assistance"]
 
 Array = NDArray[np.float64]
 
-FURTHEST = 1e3
-"""[m] A position beyond this is a broken sensor."""
 MUCH = 1e3
 """[J] More than any tick could take: what is beyond it need not be said to the QP."""
 EXACT = 1 - 1e-12
@@ -42,8 +41,8 @@ NOTHING = 1e-9
 MISSED = 1e-6
 """Share of the wanted force by which the commanded one must differ for the task to count as yielding."""
 
-_OK, _NAN, _INF, _hypot, _new, _read_only = Status.OK, math.nan, math.inf, math.hypot, tuple.__new__, np.frombuffer
-_FLOATS = np.dtype(np.float64)
+_OK, _NOTHING, _TASK, _NAN, _INF = Status.OK, Bound.NOTHING, Bound.TASK, math.nan, math.inf
+_hypot, _new, _read_only = math.hypot, tuple.__new__, np.frombuffer
 
 
 class Assistance:
@@ -114,32 +113,39 @@ class Assistance:
         self.slew_limit = checked_number("slew_limit", slew_limit, above=0.0, below=1e6)
         self.speed_cap = checked_number("speed_cap", speed_cap, above=0.0, below=10.0)
         self.dt = checked_number("dt", dt, above=0.0, below=1.0)
-        self.velocity_lag = checked_number("velocity_lag", velocity_lag, above=0.0)
         self._gates = {
             "onset": checked_number("onset", onset, above=-TINY),
             "return_stiffness": checked_number("return_stiffness", return_stiffness, above=0.0),
             "return_force": checked_number("return_force", return_force, above=0.0),
         }
-        self.trust_stillness = bool(trust_stillness)
-        self._watchdog = Watchdog(dt=dt, max_age=max_age)
+        watchdog = Watchdog(dt=dt, max_age=max_age)
         self._step = self.slew_limit * self.dt
         self._tank = EnergyTank(
             budget=checked_number("energy_budget", energy_budget, above=0.0),
             slew=self.slew_limit * math.sqrt(0.5),  # in any direction: see `statement`
             speed_cap=self.speed_cap,
-            late=max(self.dt, min(self._watchdog.max_age, 1.0)),
+            late=max(self.dt, min(watchdog.max_age, 1.0)),
+        )
+        self._hand = Hand(
+            self._tank,
+            watchdog,
+            dt=self.dt,
+            speed_cap=self.speed_cap,
+            velocity_lag=checked_number("velocity_lag", velocity_lag, above=0.0),
+            trust_stillness=bool(trust_stillness),
         )
         self.aim(field)
         self.stated = self.statement()
         self._ladder = ladder = Ladder(self.stated, solver=solver, backup=backup, tolerance=tolerance, compile=compile)
         self._fused, self.tolerance = solver == FUSED, tolerance
-        self._inputs, self._verdict, self._keep, self._answer = (
-            ladder.parameters.data,
+        self._evaluate, self._verdict, self._keep, self._answer = (
+            ladder.evaluate,
             ladder.verdict,
             ladder.keep,
             ladder.answer,
         )
-        self._force = ladder.memory.data
+        self._inputs = cast("memoryview[float]", ladder.parameters.data)
+        self._force = cast("memoryview[float]", ladder.memory.data)
         self.reset()
 
     def statement(self) -> Statement:
@@ -199,12 +205,9 @@ class Assistance:
         """Forget the past: no force is applied now, and, but for energy=False, the tank is full."""
         if energy:
             self._tank.reset()
-        self._watchdog.reset()
+        self._hand.reset()
         self._ladder.memory[:] = 0.0
         self._ladder.start_from(0.0)
-        self._stamp = self._x = self._y = _NAN
-        self._vx = self._vy = 0.0
-        self._stamped = False
 
     @property
     def energy_left(self) -> float:
@@ -220,15 +223,11 @@ class Assistance:
         return self.stated.to_qpsolvers(*self._parameters(x, v), memory=self._ladder.memory)
 
     def _parameters(self, x: ArrayLike, v: ArrayLike) -> tuple[ArrayLike, ...]:
-        (px, py), (vx, vy) = _pair("x", x), _pair("v", v)
+        point, velocity = np.asarray(x, dtype=np.float64), np.asarray(v, dtype=np.float64)
         ceiling = min(self.force_limit, self._tank.ceiling)
-        wanted = np.array(self._wanted(px, py, vx, vy))
-        return (
-            wanted * min(1.0, ceiling / max(float(np.hypot(*wanted)), TINY)),
-            (vx, vy),
-            ceiling,
-            min(max(0.0, self._tank.left), MUCH),
-        )
+        wanted = np.array(self._wanted(*point.tolist(), *velocity.tolist()))
+        fitting = min(1.0, ceiling / max(float(np.hypot(*wanted)), TINY))
+        return wanted * fitting, velocity, ceiling, min(max(0.0, self._tank.left), MUCH)
 
     def step(
         self, x: ArrayLike, v: ArrayLike | None = None, *, enable: object = True, stamp: float | None = None
@@ -248,110 +247,44 @@ class Assistance:
         ------
         ConfigurationError : an argument of the wrong shape.
         """
-        if type(x) is np.ndarray and x.dtype is _FLOATS and x.shape == (2,):
-            px, py = x.tolist()
-        else:
-            px, py = _pair("x", x)
-        reason, seconds = "", self.dt
-        if stamp is not None:
-            reason, self._stamped = self._watchdog.check(stamp), True
-            seconds = self._since(stamp)
-        elif self._stamped:
-            reason = "stamp is missing"  # who gave stamps before has lost them
-        if not (-FURTHEST <= px <= FURTHEST and -FURTHEST <= py <= FURTHEST):
-            reason = reason or f"x is ({px}, {py}), not a usable position"
-        tank, force = self._tank, self._force
-        last_x, last_y = force[0], force[1]
-        tank.elapse(last_x, last_y, seconds)
-        sudden = "" if reason else self._look(px, py)
-        vx, vy = self._vx, self._vy
-        if v is not None:
-            vx, vy = v.tolist() if type(v) is np.ndarray and v.dtype is _FLOATS and v.shape == (2,) else _pair("v", v)
-            speed = _hypot(vx, vy)
-            if not speed <= self.speed_cap:
-                if speed < _INF:
-                    sudden = f"the hand moves at {speed:.3g} m/s, at most {self.speed_cap:g} m/s"
-                else:
-                    reason = reason or f"v is ({vx}, {vy}), not a usable velocity"
+        hand, tank, force = self._hand, self._tank, self._force
+        reason, at_once = hand.read(x, v, stamp, force)
         if enable is not True and not (isinstance(enable, np.bool_ | int | float) and enable == 1):
-            reason = "not enabled"
+            reason = reason if at_once else "not enabled"
         ceiling = tank.ceiling
         if ceiling > self.force_limit:
             ceiling = self.force_limit
-        elif not sudden and _hypot(last_x, last_y) - self._step > ceiling:
-            sudden = "the energy left does not afford a slower release"
-        if sudden or reason:
-            return self._release(sudden or reason, at_once=bool(sudden))
-        asked_x, asked_y = self._wanted(px, py, vx, vy)
+        elif _hypot(force[0], force[1]) - self._step > ceiling and not at_once:
+            reason, at_once = "energy left does not afford a slower release", True
+        if reason:
+            return self._release(reason, at_once=at_once)
+        asked_x, asked_y = self._wanted(hand.x, hand.y, hand.vx, hand.vy)
         size = _hypot(asked_x, asked_y)
         if not size < _INF:
             return self._release("the field gives no number here", at_once=False)
         fitting = 1.0 if size <= ceiling else ceiling / size * EXACT
-        inputs, left = self._inputs, tank.level - tank.pending
+        inputs, left = self._inputs, tank.left
         inputs[0] = asked_x * fitting
         inputs[1] = asked_y * fitting
-        inputs[2] = vx
-        inputs[3] = vy
+        inputs[2] = hand.vx
+        inputs[3] = hand.vy
         inputs[4] = ceiling
         inputs[5] = 0.0 if left < 0.0 else (left if left < MUCH else MUCH)
-        ladder, status = self._ladder, _OK
         if self._fused:  # the usual way, without the layers of Python
             verdict = self._verdict
             verdict[0] = _NAN  # see `Ladder`
-            ladder.evaluate()
+            self._evaluate()
             residual, _, who, holds = verdict.tolist()
             if 0.0 <= residual <= self.tolerance and holds:
                 self._keep[:] = self._answer
-                solver = FUSED_SOLVERS[int(who)]
-                return self._command(status, solver, residual, "", asked_x, asked_y, size)
-        solver = self._climbed(last_x, last_y)
+                return self._command(FUSED_SOLVERS[int(who)], residual, (asked_x, asked_y, size))
+        solver = self._climbed(force[0], force[1])
         if not solver:
-            return self._release(
-                f"no solver gave a certified answer (residual {ladder.residual[0]:.1e})", at_once=False
-            )
-        if solver == ladder.backup != ladder.solver:
-            status, reason = Status.BACKUP, f"{ladder.solver} gave no certified answer"
-        return self._command(status, solver, float(ladder.residual[0]), reason, asked_x, asked_y, size)
+            residual = self._ladder.residual[0]
+            return self._release(f"no solver gave a certified answer (residual {residual:.1e})", at_once=False)
+        return self._command(solver, float(self._ladder.residual[0]), (asked_x, asked_y, size))
 
     # ---------------------------------------------------------------------------------------------------- one tick
-    def _since(self, stamp: object) -> float:
-        """[s] since the last stamp, and no less than a tick."""
-        try:
-            now = float(stamp)  # type: ignore[arg-type]
-        except (TypeError, ValueError, OverflowError):
-            return self.dt
-        advance = now - self._stamp
-        if now == now and abs(now) < _INF:
-            self._stamp = now
-        return advance if self.dt < advance < _INF else self.dt
-
-    def _look(self, x: float, y: float) -> str:
-        """Account for where the hand is; why the force must be let go, or ""."""
-        tank = self._tank
-        dx, dy = x - self._x, y - self._y
-        if dx == 0.0 and dy == 0.0:
-            self._follow_velocity(0.0, 0.0, tank.unseen)
-            if self.trust_stillness:
-                tank.seen(0.0, 0.0)
-            return ""
-        distance, seconds = _hypot(dx, dy), tank.unseen
-        self._x, self._y = x, y
-        if distance <= self.speed_cap * seconds * (1 + 1e-9) + TINY:
-            self._follow_velocity(dx / seconds, dy / seconds, seconds)
-            tank.seen(dx, dy)
-            return ""
-        self._vx = self._vy = 0.0
-        if distance != distance:  # the first position
-            tank.seen(0.0, 0.0)
-            return ""
-        tank.jumped(distance)
-        return f"the position moved {distance:.3g} m in {seconds:.3g} s, at most {self.speed_cap:g} m/s"
-
-    def _follow_velocity(self, vx: float, vy: float, seconds: float) -> None:
-        share = seconds / (self.velocity_lag + seconds)
-        self._vx += share * (vx - self._vx)
-        self._vy += share * (vy - self._vy)
-
     def _climbed(self, last_x: float, last_y: float) -> str:
         """Name of the solver whose answer is certified and, shrunk, within all bounds; else ""."""
         ladder = self._ladder
@@ -361,18 +294,17 @@ class Assistance:
         self._force[0], self._force[1] = last_x, last_y
         return ""
 
-    def _command(
-        self, status: Status, solver: str, residual: float, reason: str, asked_x: float, asked_y: float, size: float
-    ) -> Command:
-        force = self._force
-        x, y = force[0], force[1]
-        missed = _hypot(x - asked_x, y - asked_y) > MISSED * size + TINY
-        if missed:
+    def _command(self, solver: str, residual: float, asked: tuple[float, float, float]) -> Command:
+        """A certified force, beside the one that was asked for: its components and size."""
+        (x, y), (asked_x, asked_y, size) = self._force, asked
+        yielded, scale = _NOTHING, 1.0
+        if _hypot(x - asked_x, y - asked_y) > MISSED * size + TINY:
             along = (x * asked_x + y * asked_y) / (size * size) if size > TINY else 0.0
-            scale, yielded = (min(along, 1.0) if along > 0.0 else 0.0), Bound.TASK
-        else:
-            scale, yielded = 1.0, Bound.NOTHING
-        value = _read_only(self._ladder.memory.tobytes())  # a copy
+            yielded, scale = _TASK, (min(along, 1.0) if along > 0.0 else 0.0)
+        ladder, status, reason = self._ladder, _OK, ""
+        if solver == ladder.backup != ladder.solver:
+            status, reason = Status.BACKUP, f"{ladder.solver} gave no certified answer"
+        value = _read_only(ladder.memory.tobytes())  # a copy
         return _new(Command, (value, status, solver, residual, -1, reason, yielded, scale))
 
     def _release(self, reason: str, *, at_once: bool) -> Command:
@@ -393,21 +325,3 @@ def _direction(vector: ca.SX) -> ca.SX:
     """Unit vector, or along x where there is none."""
     size = ca.norm_2(vector)
     return ca.if_else(size > TINY, vector / ca.fmax(size, TINY), ca.SX([1, 0]))
-
-
-def _pair(argument: str, value: Any) -> tuple[float, float]:
-    """Two floats; a number too large for one is infinite."""
-    try:
-        first, second = np.asarray(value).tolist()
-        return _float(first), _float(second)
-    except (TypeError, ValueError) as problem:
-        raise ConfigurationError(argument, value, "two real numbers") from problem
-
-
-def _float(value: Any) -> float:
-    if isinstance(value, str | bytes | complex):
-        raise TypeError(value)
-    try:
-        return float(value)
-    except OverflowError:
-        return _INF

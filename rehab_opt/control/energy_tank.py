@@ -33,8 +33,19 @@ class EnergyTank:
     late : [s] longest time between two ticks that the reserve covers.
     """
 
-    __slots__ = ("_along_x", "_along_y", "_disputed", "_gap", "_peak", "_per_newton", "_slew", "_speed", "_varied", "budget", "level",
-                 "pending", "unseen")  # fmt: skip
+    __slots__ = (
+        "_along_x", "_along_y", "_disputed", "_gap", "_peak", "_per_newton", "_slew", "_speed", "_varied", "budget",
+        "level", "pending", "unseen",
+    )  # fmt: skip
+
+    level: float
+    """[J] left, as far as the hand was seen."""
+    pending: float
+    """[J] set aside since."""
+    unseen: float
+    """[s] since the hand was seen."""
+    _varied: float
+    _peak: float
 
     def __init__(self, *, budget: float, slew: float, speed_cap: float, late: float) -> None:
         self.budget, self._slew, self._speed = budget, slew, speed_cap

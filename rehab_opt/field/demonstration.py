@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -35,7 +35,7 @@ class Demonstration:
 
     positions: Array
     forces: Array
-    velocities: Array = field(default=None)  # type: ignore[assignment]
+    velocities: Array = None  # type: ignore[assignment]  # always there once it is made
     dt: float | None = None
     times: Array | None = None
 

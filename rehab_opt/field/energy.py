@@ -29,7 +29,7 @@ ABSENT = -1e300
 
 
 def field_kernel(samples: Samples, width: float, *, compile: bool | None = None) -> BufferedFunction:
-    """x (2,) -> energy [J], elastic force (2,) [N]; the samples stand in the other inputs."""
+    """From x (2,): energy [J], elastic force (2,) [N]; the samples stand in the other inputs."""
     points, offsets, stiffness, log_weights, lean = samples
     count = len(points)
     filled = -(-count // BLOCK) * BLOCK
@@ -47,7 +47,7 @@ def field_kernel(samples: Samples, width: float, *, compile: bool | None = None)
 
 
 def field_function(size: int) -> ca.Function:
-    """x (2,), samples (size, 8), 1 / sigma^2 -> energy [J], elastic force (2,) [N].
+    """From x (2,), samples (size, 8) and 1 / sigma^2: energy [J], elastic force (2,) [N].
 
     Columns of the samples: x, y [m], phi_0 [J], log weight, diagonal of S [N/m], lean [N].
     """
@@ -61,7 +61,7 @@ def field_function(size: int) -> ca.Function:
 
 
 def field_function_in_blocks(size: int) -> ca.Function:
-    """x (2,), samples (8, size), 1 / sigma^2 -> the same, for a size that is a multiple of `BLOCK`."""
+    """From x (2,), samples (8, size) and 1 / sigma^2 the same, for a size that is a multiple of `BLOCK`."""
     x, table, sharpness, largest = ca.SX.sym("x", 2), ca.SX.sym("samples", 8, BLOCK), ca.SX.sym("s"), ca.SX.sym("m")
     exponents, sums = [], ca.SX.zeros(8)
     for sample in ca.horzsplit(table):
@@ -73,10 +73,10 @@ def field_function_in_blocks(size: int) -> ca.Function:
     best = ca.Function("largest_of_block", [x, table, sharpness], [ca.mmax(ca.vertcat(*exponents))], {"cse": True})
     block = ca.Function("sums_of_block", [x, table, sharpness, largest], [sums], {"cse": True})
     blocks = size // BLOCK
-    x, table, sharpness = ca.MX.sym("x", 2), ca.MX.sym("samples", 8, size), ca.MX.sym("sharpness")
-    largest = ca.mmax(best.map(blocks, [True, False, True], [False])(x, table, sharpness))
-    sums = block.map(blocks, [True, False, True, True], [True])(x, table, sharpness, largest)
-    return ca.Function(f"field_in_blocks_{size}", [x, table, sharpness], _answer(ca.vertsplit(sums), sharpness))
+    inputs = [ca.MX.sym("x", 2), ca.MX.sym("samples", 8, size), ca.MX.sym("sharpness")]
+    top = ca.mmax(best.map(blocks, [True, False, True], [False])(*inputs))
+    whole = block.map(blocks, [True, False, True, True], [True])(*inputs, top)
+    return ca.Function(f"field_in_blocks_{size}", inputs, _answer(ca.vertsplit(whole), inputs[-1]))
 
 
 def _terms(x: Any, sample: list[Any], sharpness: Any) -> tuple[Any, Any, tuple[Any, Any], tuple[Any, Any]]:

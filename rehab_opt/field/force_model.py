@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,10 +89,7 @@ def station_model(paths: Sequence[SampledPath], width: float, stations: int, *, 
         offsets = np.interp(share, shares, np.concatenate(([0.0], np.cumsum(falls))))
         return offsets, np.repeat(np.interp(share, shares, stiffness)[:, None], 2, axis=1)
 
-    names = [
-        f"fall of phi_0 at {(low + high) / 2:.2f} of the way left"
-        for low, high in zip(shares, shares[1:], strict=False)
-    ]
+    names = [f"fall of phi_0 at {(low + high) / 2:.2f} of the way left" for low, high in pairwise(shares)]
     names += [f"stiffness at {share:.2f} of the way left" for share in shares]
     target = rest_point(paths, "remaining", width) if rest_on_target else None
     return ForceModel(paths, width, target, (*names, "damping"), profile)

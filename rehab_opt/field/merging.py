@@ -1,10 +1,11 @@
 """Many samples as few: those in one small cell become one at their centroid, and by how much that can change a force.
 
-Let a group have its centroid a vector d away from x, its members within h of the centroid, and b = |d| h / sigma^2.
-A member's weight differs from that of the centroid by exp(y), y = (d.delta - |delta|^2 / 2) / sigma^2. The deltas have
-mean zero, so that by Jensen's and Hoeffding's inequalities the group's whole weight is wrong by a factor between
-exp(-h^2 / 2 sigma^2) and exp(b^2 / 2) only: an error of second order. `merging_bound` carries these factors, and
-what the members' own offsets can do within a group, through Eq. (20).
+Let a group have its centroid a vector d away from x, its members r (root mean square) and at most h away from it. A
+member's weight differs from that of the centroid by exp(y), y = (d.delta - |delta|^2 / 2) / sigma^2. The deltas have
+mean zero, so that the whole weight of the group is wrong by a factor between exp(-r^2 / 2 sigma^2) (Jensen) and
+exp((|d| r / sigma^2)^2 exp(b) / 2), b = |d| h / sigma^2: an error of second order. Within a group, a mean of f under
+such weights differs from the plain one by the integral of covariances of f and y, at most exp(2 max|y|) times the
+product of their plain deviations: of second order, too. `merging_bound` carries both through Eq. (20).
 """
 
 from __future__ import annotations
@@ -32,10 +33,14 @@ class Merged(NamedTuple):
     samples: Samples
     radius: Array
     """(K,) [m] distance of the furthest member from the centroid."""
-    offset_spread: Array
-    """(K,) [J] largest difference of a member's phi_0 from the mean."""
-    stiffness_spread: Array
-    """(K,) [N/m] largest difference of a member's stiffness from the mean."""
+    deviation: Array
+    """(K,) [m] root mean square of those distances."""
+    offset_deviation: Array
+    """(K,) [J] standard deviation of the members' phi_0."""
+    stiffness_deviation: Array
+    """(K,) [N/m] of their stiffness, of the axis where it is largest."""
+    stiffest: Array
+    """(K,) [N/m] largest stiffness of a member."""
     cell: float
     """[m] side of the cells; 0 where nothing was merged."""
 
@@ -47,7 +52,8 @@ def merged(samples: Samples, width: float, most: int = MOST) -> Merged:
     """
     count = len(samples.points)
     if count <= most:
-        return Merged(samples, np.zeros(count), np.zeros(count), np.zeros(count), 0.0)
+        zero = np.zeros(count)
+        return Merged(samples, zero, zero, zero, zero, samples.stiffness.max(axis=1), 0.0)
     division = FINEST
     group = _cells(samples.points, width / division)
     while group.max() >= most and division > COARSEST:
@@ -62,19 +68,19 @@ def merged(samples: Samples, width: float, most: int = MOST) -> Merged:
     points = np.column_stack([mean(column) for column in samples.points.T])
     offsets = mean(samples.offsets)
     stiffness = np.column_stack([mean(column) for column in samples.stiffness.T])
-    spreads = [np.zeros(len(total)) for _ in range(3)]
-    for spread, difference in zip(
-        spreads,
-        (
-            np.linalg.norm(samples.points - points[group], axis=1),
-            np.abs(samples.offsets - offsets[group]),
-            np.abs(samples.stiffness - stiffness[group]).max(axis=1),
-        ),
-        strict=True,
-    ):
-        np.maximum.at(spread, group, difference)
-    few = Samples(points, offsets, stiffness, np.log(total), np.zeros_like(points))
-    return Merged(few, *spreads, width / division)
+    square = ((samples.points - points[group]) ** 2).sum(axis=1)
+    farthest, stiffest = np.zeros(len(total)), np.zeros(len(total))
+    np.maximum.at(farthest, group, square)
+    np.maximum.at(stiffest, group, samples.stiffness.max(axis=1))
+    return Merged(
+        Samples(points, offsets, stiffness, np.log(total), np.zeros_like(points)),
+        radius=np.sqrt(farthest),
+        deviation=np.sqrt(mean(square)),
+        offset_deviation=np.sqrt(mean((samples.offsets - offsets[group]) ** 2)),
+        stiffness_deviation=np.sqrt(np.max([mean(c**2) for c in (samples.stiffness - stiffness[group]).T], axis=0)),
+        stiffest=stiffest,
+        cell=width / division,
+    )
 
 
 def _cells(points: Array, side: float) -> NDArray[np.int64]:
@@ -89,27 +95,26 @@ def merging_bound(merge: Merged, width: float, point: Array) -> float:
     if not merge.cell:
         return 0.0
     points, offsets, stiffness, log_weights, _ = merge.samples
-    h, stiff = merge.radius, stiffness.max(axis=1) + merge.stiffness_spread
+    h, r, o, s, stiff = merge[1:6]
     away = point - points
     size = np.linalg.norm(away, axis=1)
     exponents = log_weights - size**2 / (2 * width**2)
     q = np.exp(exponents - exponents.max())
     q /= q.sum()
     with np.errstate(over="ignore", invalid="ignore"):
-        loss, b = h**2 / (2 * width**2), size * h / width**2
-        gain = np.exp(b**2 / 2)
-        most, least = gain / np.exp(-(loss.max())), np.exp(-loss) / (q @ gain)
-        wrong = np.maximum(most - 1, 1 - least)  # |p - q| / q of a group's weight
-        tilt = np.minimum(1.0, b + loss)  # a mean within a group moves by at most the spread times that of y
-        moved = h * tilt
-        spread = merge.offset_spread + stiff * (size * h + h**2 / 2) + merge.stiffness_spread * size**2 / 2
-        shifted = tilt * spread + stiff * h**2 / 2 + merge.stiffness_spread * size * h
+        b, loss = size * h / width**2, r**2 / (2 * width**2)
+        gain = np.exp((size * r / width**2) ** 2 * np.exp(b) / 2)
+        wrong = np.maximum(gain * np.exp(loss.max()) - 1, 1 - np.exp(-loss) / (q @ gain))  # |p - q| / q of a group
+        p = q * (1 + wrong)
+        favour = np.exp(2 * (b + h**2 / (2 * width**2)))  # at most, of one member's weight over another's
+        tilt = favour * r * (size + h / 2) / width**2  # times a deviation: what a mean within the group moves by
+        moved = tilt * r
+        shifted = tilt * (o + s * size**2 / 2 + stiff * size * r) + favour * (size * s * r + stiff * r**2 / 2)
+        together = favour * r * (o + s * size**2 / 2 + stiff * size * r + stiff * h * r / 2)
         energies = offsets + 0.5 * (stiffness * away**2).sum(axis=1)
         over, around = np.abs(energies - q @ energies), np.linalg.norm(away - q @ away, axis=1)
-        p = q * (1 + wrong)
-        mean_over = q @ (wrong * over) + p @ shifted
-        mean_around = q @ (wrong * around) + p @ moved
-        product = q @ (wrong * over * around) + p @ (over * moved + around * shifted + h * spread)
-        pull = q @ (wrong * stiff * size) + p @ (stiff * moved + merge.stiffness_spread * (size * tilt + h))
+        mean_over, mean_around = q @ (wrong * over) + p @ shifted, q @ (wrong * around) + p @ moved
+        product = q @ (wrong * over * around) + p @ (over * moved + around * shifted + together)
+        pull = q @ (wrong * stiff * size) + p @ (stiff * moved + s * (size * tilt + favour * r))
         bound = float(pull + (product + mean_over * mean_around) / width**2)
     return bound if bound >= 0 else np.inf

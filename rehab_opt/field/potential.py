@@ -60,6 +60,8 @@ class PotentialField:
         negative drag, or a path that comes back to its target so that no rest is possible there.
     """
 
+    drag: float
+    """[N/m] k1; NaN where phi_0 is none of Eq. (21)."""
     fit: Fit | None = None
     """How well it reproduces what it was learnt from."""
 
@@ -117,12 +119,12 @@ class PotentialField:
 
     @classmethod
     def learn(cls, demonstrations: Sequence[Any], **options: Any) -> PotentialField:
-        """The field that reproduces recorded forces: see `rehab_opt.field.learning.learnt_field`; `fit` says how well."""
+        """The field that reproduces recorded forces: see `learnt_field` for the options; its `fit` says how well."""
         from rehab_opt.field.learning import learnt_field  # noqa: PLC0415  (solvers load when something is learnt)
 
         return learnt_field(demonstrations, **options)
 
-    def _set(
+    def _set(  # noqa: PLR0917  (the two ways to make one)
         self,
         paths: list[SampledPath],
         offsets: list[Array],
@@ -137,7 +139,6 @@ class PotentialField:
         self.width = width
         self.damping = _per_axis("damping", damping)
         self.drag_along: DragAlong = drag_along
-        self.drag: float
         self.target = rest_point(paths, drag_along, width) if rest_on_target else None
         self.whole: Assembled = assembled(paths, offsets, stiffness, along=drag_along, width=width, target=self.target)
         self.count = sum(len(path.points) for path in paths)

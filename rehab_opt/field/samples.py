@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -74,14 +74,10 @@ def checked_paths(path: ArrayLike | Sequence[ArrayLike], argument: str = "path")
     ------
     ConfigurationError : no points, another shape, numbers that are not finite or not metres.
     """
-    if isinstance(path, np.ndarray) and path.ndim != 3:
-        given: Sequence[ArrayLike] = [path]
-    elif isinstance(path, np.ndarray):
-        given = list(path)
-    elif isinstance(path, Sequence) and path:
-        given = path if np.ndim(path[0]) == 2 else [path]  # type: ignore[assignment, arg-type]
-    else:
-        given = []
+    several = (isinstance(path, np.ndarray) and path.ndim == 3) or (
+        isinstance(path, Sequence) and len(path) > 0 and np.ndim(path[0]) == 2
+    )
+    given: list[Any] = list(path) if several else [path]  # type: ignore[arg-type]
     paths = []
     for i, each in enumerate(given):
         name = argument if len(given) == 1 else f"{argument}[{i}]"
@@ -95,8 +91,6 @@ def checked_paths(path: ArrayLike | Sequence[ArrayLike], argument: str = "path")
             worst = points[~(np.abs(points) <= PLAUSIBLE)][0]
             raise ConfigurationError(name, float(worst), f"finite coordinates within {PLAUSIBLE:g} m")
         paths.append(points)
-    if not paths:
-        raise ConfigurationError(argument, path, "points (N, 2) in metres, or a sequence of such paths")
     return tuple(paths)
 
 

@@ -40,10 +40,10 @@ class FieldLaw:
     """
 
     path: Array
-    stiffness: ArrayLike
+    stiffness: float | Array
     drag: float
     width: float
-    damping: ArrayLike = 0.0
+    damping: float | Array = 0.0
     released: Callable[[Array], bool] | None = None
     force_limit: float = math.inf
 
@@ -53,6 +53,8 @@ class FieldLaw:
         if path.ndim != 2 or path.shape[1] != 2 or not len(path) or not np.isfinite(path).all():
             raise ConfigurationError("path", np.shape(self.path), "finite points (m, 2) in metres")
         object.__setattr__(self, "path", path)
+        for name in ("stiffness", "damping"):
+            object.__setattr__(self, name, np.array(getattr(self, name), dtype=np.float64))
         for name in ("width", "force_limit"):
             if not getattr(self, name) > 0:
                 raise ConfigurationError(name, getattr(self, name), "a number above zero")
@@ -80,7 +82,7 @@ class FieldLaw:
         weights = weights / total
         slope = weights * (energies - weights @ energies) / self.width**2
         elastic = slope @ away - weights @ (self.stiffness * away)
-        force: Array = elastic - np.asarray(self.damping) * np.asarray(v, dtype=np.float64)
+        force: Array = elastic - self.damping * np.asarray(v, dtype=np.float64)
         size = float(np.linalg.norm(force))
         return force * (self.force_limit / size) if size > self.force_limit else force
 

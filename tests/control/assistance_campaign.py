@@ -218,7 +218,7 @@ def _judge(plant: Plant, command: Command, x: Array, fault: str, tally: Tally) -
     check(size <= limit, "the force bound never yields")
     change = float(np.linalg.norm(force - last))
     if command.yielded & Bound.SLEW:
-        tally.sudden[command.reason.split(" ")[1]] += 1
+        tally.sudden[command.reason.split(" ")[0]] += 1
         check(size == 0.0, "only a release breaks the slew bound")
         check(not command.status.certified and command.reason != "", "a release says why")
     else:
