@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -38,6 +39,43 @@ class Solution(NamedTuple):
     solver: str
     residual: float
     active: int
+
+
+class Problem(NamedTuple):
+    """min mean |design theta - forces|^2,  theta >= 0,  along theta >= 0."""
+
+    design: Array
+    """(rows, n)"""
+    forces: Array
+    """(rows,) [N]"""
+    along: Array
+    """(m, n)"""
+
+    def solved(self, solvers: Sequence[str], penalty: Array | None = None, prior: Array | None = None) -> Solution:
+        """With (theta - prior)' penalty (theta - prior) added, in units that make its numbers about one."""
+        design, forces, along = self
+        n, m = design.shape[1], len(along)
+        penalty, prior = (np.zeros((n, n)), np.zeros(n)) if penalty is None or prior is None else (penalty, prior)
+        mean_square = max(float((forces**2).mean()), 1e-12)
+        size = np.sqrt((design**2).mean(axis=0) / mean_square)
+        unit = 1 / np.maximum(np.where(size > 1e-12 * size.max(), size, size.max()), 1e-12)
+        columns = design * unit
+        hessian = columns.T @ columns / len(forces) / mean_square + penalty * np.outer(unit, unit) + RIDGE * np.eye(n)
+        gradient = -columns.T @ forces / len(forces) / mean_square - unit * (penalty @ prior)
+        rows = along * unit
+        rows = rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-12)
+        free = np.full(m, np.inf), np.full(n, np.inf)
+        qp = Instance((hessian + hessian.T) / 2, gradient, rows, np.zeros(m), free[0], np.zeros(n), free[1])
+        certify = certificate_function(n, m)
+        tried = []
+        for name in solvers:
+            claim = backend(name, n, m, argument="solvers").solve(qp)
+            x, residual = certify(*qp, 1, *claim[:3])
+            tried.append(f"{name} {float(residual):.1e}")
+            if is_certified(float(residual), TOLERANCE):
+                active = int((np.abs(claim.row_multipliers) > TOLERANCE).sum())
+                return Solution(np.array(x).reshape(-1) * unit, name, float(residual), active)
+        raise RehabOptError(f"no solver gave a certified fit: residuals {', '.join(tried)}, at most {TOLERANCE:g}")
 
 
 def learnt_field(
@@ -82,92 +120,85 @@ def learnt_field(
     demonstrations = list(demonstrations)
     if not demonstrations or not all(isinstance(each, Demonstration) for each in demonstrations):
         raise ConfigurationError("demonstrations", demonstrations, "at least one Demonstration")
-    kept = _held_out(held_out, len(demonstrations))
     if not isinstance(stations, int) or not 2 <= stations <= 100:
         raise ConfigurationError("stations", stations, "an integer from 2 to 100")
-    regularisation = positive("regularisation", regularisation)
-    widths = [width] if np.ndim(width) == 0 else list(width)  # type: ignore[arg-type]
-    training = [each for i, each in enumerate(demonstrations) if i not in kept]
-    tested = [demonstrations[i] for i in kept]
-    given = checked_paths([each.positions for each in training] if path is None else path)
-    best: PotentialField | None = None
-    for each in (positive("width", w) for w in widths):
-        step = each / SAMPLES_PER_WIDTH if spacing is None else positive("spacing", spacing)
-        paths = [resampled_path(points, step) for points in given]
-        field = _learnt(
-            training,
-            tested,
-            kept,
-            paths,
-            each,
-            stations if per_point else 0,
-            regularisation,
-            rest_on_target,
-            solvers,
-            compile,
-        )
-        if best is None or _judged(field) < _judged(best):
-            best = field
-    assert best is not None
-    return best
-
-
-def _judged(field: PotentialField) -> float:
-    assert field.fit is not None
-    error = field.fit.held_out_error
-    return error if error == error else field.fit.training_error
-
-
-def _learnt(
-    training: Sequence[Demonstration],
-    tested: Sequence[Demonstration],
-    kept: tuple[int, ...],
-    paths: Sequence[SampledPath],
-    width: float,
-    stations: int,
-    regularisation: float,
-    rest_on_target: bool,
-    solvers: Sequence[str],
-    compile: bool | None,
-) -> PotentialField:
-    begun = time.perf_counter()
-    x, v, forces = (
-        np.concatenate([getattr(each, name) for each in training]) for name in ("positions", "velocities", "forces")
+    kept = _held_out(held_out, len(demonstrations))
+    task = Task(
+        training=[each for i, each in enumerate(demonstrations) if i not in kept],
+        tested=[demonstrations[i] for i in kept],
+        kept=kept,
+        stations=stations if per_point else 0,
+        regularisation=positive("regularisation", regularisation),
+        rest_on_target=rest_on_target,
+        solvers=tuple(solvers),
+        compile=compile,
     )
-    model = shared_model(paths, width, rest_on_target=rest_on_target)
-    design = model.design(x, v).reshape(-1, len(model.names))
-    along = _along_path(model)
-    solution = _solved(design, forces.reshape(-1), along, np.zeros((3, 3)), np.zeros(3), solvers)
-    if stations:
-        shared = solution.parameters
-        model = station_model(paths, width, stations, rest_on_target=rest_on_target)
-        design = model.design(x, v).reshape(-1, len(model.names))
-        along = _along_path(model)
-        prior = _as_stations(shared, paths, stations)
-        solution = _solved(
-            design, forces.reshape(-1), along, _roughness(stations, prior, regularisation), prior, solvers
-        )
+    given = checked_paths([each.positions for each in task.training] if path is None else path)
+    widths = list(width) if isinstance(width, Sequence) else [width]
+    fields = []
+    for each in (positive("width", one) for one in widths):
+        step = each / SAMPLES_PER_WIDTH if spacing is None else positive("spacing", spacing)
+        fields.append(_learnt(task, [resampled_path(points, step) for points in given], each))
+    return min(fields, key=_error)
+
+
+class Task(NamedTuple):
+    """What is learnt from what."""
+
+    training: Sequence[Demonstration]
+    tested: Sequence[Demonstration]
+    kept: tuple[int, ...]
+    stations: int
+    regularisation: float
+    rest_on_target: bool
+    solvers: tuple[str, ...]
+    compile: bool | None
+
+
+def _error(field: PotentialField) -> float:
+    fit = cast("Fit", field.fit)
+    return fit.training_error if math.isnan(fit.held_out_error) else fit.held_out_error
+
+
+def _learnt(task: Task, paths: Sequence[SampledPath], width: float) -> PotentialField:
+    begun = time.perf_counter()
+    x = np.concatenate([each.positions for each in task.training])
+    v = np.concatenate([each.velocities for each in task.training])
+    forces = np.concatenate([each.forces for each in task.training]).reshape(-1)
+    model = shared_model(paths, width, rest_on_target=task.rest_on_target)
+    problem = Problem(model.design(x, v).reshape(len(forces), -1), forces, _along_path(model))
+    solution = problem.solved(task.solvers)
+    if task.stations:
+        model = station_model(paths, width, task.stations, rest_on_target=task.rest_on_target)
+        prior = _as_stations(solution.parameters, paths, task.stations)
+        problem = Problem(model.design(x, v).reshape(len(forces), -1), forces, _along_path(model))
+        solution = problem.solved(task.solvers, _roughness(task.stations, prior, task.regularisation), prior)
     theta = solution.parameters
-    options = {"width": width, "damping": theta[-1], "rest_on_target": rest_on_target, "compile": compile}
-    field = PotentialField.of_samples(paths, *model.path_values(theta), **options)
-    if not stations:
+    field = PotentialField.of_samples(
+        paths,
+        *model.path_values(theta),
+        width=width,
+        damping=theta[-1],
+        rest_on_target=task.rest_on_target,
+        compile=task.compile,
+    )
+    if not task.stations:
         field.drag = float(theta[1])
-    left = (design @ theta - forces.reshape(-1)).reshape(-1, 2)
-    told = identified(design, model.names, rms(left) / np.sqrt(2))
-    wrong = [field.force(each.positions, each.velocities) - each.forces for each in tested]
-    error = rms(np.concatenate(wrong)) if wrong else float("nan")
-    size = rms(np.concatenate([each.forces for each in tested])) if wrong else float("nan")
+    left = rms((problem.design @ theta - forces).reshape(-1, 2))
+    told = identified(problem.design, model.names, left / math.sqrt(2))
+    wrong = [field.force(each.positions, each.velocities) - each.forces for each in task.tested]
+    error = rms(np.concatenate(wrong)) if wrong else math.nan
+    size = rms(np.concatenate([each.forces for each in task.tested])) if wrong else math.nan
+    points = np.concatenate([path.points for path in paths])
     field.fit = Fit(
         parameters=dict(zip(model.names, theta.tolist(), strict=True)),
         standard_error=dict(zip(model.names, told.standard_error.tolist(), strict=True)),
         width=width,
-        training_error=rms(left),
-        held_out=kept,
+        training_error=left,
+        held_out=task.kept,
         held_out_error=error,
-        held_out_share=error / size if size else float("nan"),
-        constant_stiffness_error=constant_stiffness_error(
-            np.concatenate([path.points for path in paths]), training, tested
-        ),
+        held_out_share=error / size if size else math.nan,
+        constant_stiffness_error=constant_stiffness_error(points, task.training, task.tested),
         singular_values=told.singular_values,
         condition=told.condition,
         unidentified=told.unidentified,
@@ -185,16 +216,12 @@ def _along_path(model: ForceModel) -> Array:
     points = np.concatenate([path.points for path in model.paths])
     tangents = np.concatenate([path.tangents for path in model.paths])
     ends = np.array([path.points[-1] for path in model.paths])
-    target = ends.mean(axis=0)
-    spread = float(np.linalg.norm(ends - target, axis=1).max())
-    counted = np.linalg.norm(points - target, axis=1) > spread + 1e-9
-    points, tangents = points[counted], tangents[counted]
-    chosen = np.unique(np.linspace(0, len(points) - 1, min(len(points), MOST_ROWS)).astype(int)) if len(points) else []
-    rows: Array = (
-        np.einsum("ki,kin->kn", tangents[chosen], model.design(points[chosen]))
-        if len(points)
-        else np.zeros((0, len(model.names)))
-    )
+    spread = float(np.linalg.norm(ends - ends.mean(axis=0), axis=1).max())
+    counted = np.flatnonzero(np.linalg.norm(points - ends.mean(axis=0), axis=1) > spread + 1e-9)
+    if not len(counted):
+        return np.zeros((0, len(model.names)))
+    chosen = counted[np.unique(np.linspace(0, len(counted) - 1, min(len(counted), MOST_ROWS)).astype(int))]
+    rows: Array = np.einsum("ki,kin->kn", tangents[chosen], model.design(points[chosen]))
     return rows
 
 
@@ -217,39 +244,10 @@ def _roughness(stations: int, prior: Array, weight: float) -> Array:
     return penalty
 
 
-def _solved(
-    design: Array, forces: Array, along: Array, penalty: Array, prior: Array, solvers: Sequence[str]
-) -> Solution:
-    """Least squares with bounds and rows, in units that make its numbers about one."""
-    mean_square = max(float((forces**2).mean()), 1e-12)
-    size = np.sqrt((design**2).mean(axis=0) / mean_square)
-    unit = 1 / np.where(size > 1e-12 * size.max(initial=1e-300), size, max(size.max(initial=0.0), 1e-12))
-    columns = design * unit
-    hessian = columns.T @ columns / len(forces) / mean_square + penalty * np.outer(unit, unit)
-    hessian += RIDGE * np.eye(len(unit))
-    gradient = -columns.T @ forces / len(forces) / mean_square - unit * (penalty @ prior)
-    rows = along * unit
-    rows = rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-12) if len(rows) else rows
-    n, m = len(unit), len(rows)
-    qp = Instance(
-        (hessian + hessian.T) / 2, gradient, rows, np.zeros(m), np.full(m, np.inf), np.zeros(n), np.full(n, np.inf)
-    )
-    certify = certificate_function(n, m)
-    tried = []
-    for name in solvers:
-        claim = backend(name, n, m, argument="solvers").solve(qp)
-        x, residual = certify(*qp, 1, *claim[:3])
-        tried.append(f"{name} {float(residual):.1e}")
-        if is_certified(float(residual), TOLERANCE):
-            active = int((np.abs(claim.row_multipliers) > TOLERANCE).sum())
-            return Solution(np.array(x).reshape(-1) * unit, name, float(residual), active)
-    raise RehabOptError(f"no solver gave a certified fit: residuals {', '.join(tried)}, at most {TOLERANCE:g}")
-
-
 def _held_out(held_out: Sequence[int] | None, count: int) -> tuple[int, ...]:
     if held_out is None:
         return tuple(range(4, count, 5)) if count >= 5 else ((count - 1,) if count > 1 else ())
     kept = tuple(sorted({int(i) for i in held_out}))
-    if (kept and not (kept[0] >= 0 and kept[-1] < count)) or len(kept) >= count:
+    if len(kept) >= count or not all(0 <= i < count for i in kept):
         raise ConfigurationError("held_out", held_out, f"numbers from 0 to {count - 1}, and not all of them")
     return kept

@@ -161,7 +161,23 @@ def _one_tick(plant: Plant, rng: np.random.Generator, tally: Tally) -> None:
     plant.delivered += float(plant.force @ moved)
     plant.velocity = moved / seconds
     plant.time += seconds
-    # What the controller is told.
+    x, v, stamp, enable = _told(plant, fault, rng)
+    lie = math.hypot(*(x - plant.position)) if fault in ("nudge", "glitch") else 0.0
+    # A position that lies by no more than a hand can move is believed, and counted with the force of the wrong tick.
+    if fault in ("nudge", "glitch"):
+        plant.allowed += 4 * assistance.slew_limit * dt * min(lie, cap * dt)
+    tally.faults[fault] += 1
+    command = assistance.step(
+        x, v if plant.gives_velocity else None, enable=enable, stamp=stamp if plant.stamped else None
+    )
+    plant.last_stamp = stamp
+    _judge(plant, command, x, fault, tally)
+    plant.force = command.value.copy()
+
+
+def _told(plant: Plant, fault: str, rng: np.random.Generator) -> tuple[Array, Array, float, bool]:
+    """Position, velocity, stamp and switch, as sensors give them."""
+    cap, dt = plant.assistance.speed_cap, plant.assistance.dt
     x, v, stamp, enable = plant.position.copy(), plant.velocity.copy(), plant.time, True
     if fault == "position":
         x[rng.integers(2)] = rng.choice(HOSTILE)
@@ -185,17 +201,7 @@ def _one_tick(plant: Plant, rng: np.random.Generator, tally: Tally) -> None:
     plant.frozen = max(0, plant.frozen - 1)
     if np.all(np.isfinite(x)):
         plant.shown = x
-    lie = math.hypot(*(x - plant.position)) if fault in ("nudge", "glitch") else 0.0
-    # A position that lies by no more than a hand can move is believed, and counted with the force of the wrong tick.
-    if fault in ("nudge", "glitch"):
-        plant.allowed += 4 * assistance.slew_limit * dt * min(lie, cap * dt)
-    tally.faults[fault] += 1
-    command = assistance.step(
-        x, v if plant.gives_velocity else None, enable=enable, stamp=stamp if plant.stamped else None
-    )
-    plant.last_stamp = stamp
-    _judge(plant, command, x, fault, tally)
-    plant.force = command.value.copy()
+    return x, v, stamp, enable
 
 
 def _judge(plant: Plant, command: Command, x: Array, fault: str, tally: Tally) -> None:

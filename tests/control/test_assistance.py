@@ -15,6 +15,7 @@ from tests.control import assistance_campaign
 S = np.linspace(0.0, 1.0, 200)
 PATH = np.column_stack([-0.15 + 0.3 * S, 0.4 + 0.03 * np.sin(3 * S)])
 COMFORTABLE = Workspace(shapely.box(-0.18, 0.365, -0.06, 0.435), accuracy=1e-3)
+EMPTY = Workspace(shapely.Polygon(), accuracy=0.0)
 INSIDE, OUTSIDE = np.array([-0.1, 0.4]), np.array([0.0, 0.44])
 DT, SLEW, LIMIT = 1e-3, 200.0, 30.0
 FIELDS = {
@@ -272,6 +273,22 @@ def test_velocity_given_damps_without_lag() -> None:
     np.testing.assert_allclose(command.value, READY["follow"].force(INSIDE) - [6.0, -4.0], atol=1e-9)
 
 
+@pytest.mark.parametrize("start", [(-0.05, 0.41), (0.05, 0.47), (0.2, 0.35)])
+def test_a_passive_hand_is_led_to_the_target_and_stays_there(start: tuple[float, float]) -> None:
+    helper = assistance(energy_budget=20.0, trust_stillness=False)
+    x, v = np.array(start), np.zeros(2)
+    for _ in range(6000):
+        v = v + DT * (helper.step(x).value - 20.0 * v) / 1.5
+        x = x + DT * v
+    assert np.linalg.norm(x - PATH[-1]) < 1e-3
+    published = assistance("assist", each=field(rest_on_target=False), energy_budget=20.0)
+    x, v = np.array(start), np.zeros(2)
+    for _ in range(6000):
+        v = v + DT * (published.step(x).value - 20.0 * v) / 1.5
+        x = x + DT * v
+    assert np.linalg.norm(x - PATH[-1]) > 5e-3  # math.md 3(c)
+
+
 # ------------------------------------------------------------------------------------------------------------ the rest
 @pytest.mark.parametrize("solver", ["proxqp", "osqp", "daqp"])
 def test_other_solvers_command_the_same(solver: str) -> None:
@@ -305,9 +322,10 @@ def test_another_field_takes_over_within_the_slew_bound() -> None:
 @pytest.mark.parametrize(
     ("options", "named"),
     [
-        ({"comfortable": None}, "comfortable"), ({"comfortable": Workspace(shapely.Polygon(), accuracy=0.0)}, "comfortable"),
-        ({"mode": "push"}, "mode"), ({"mode": "resist", "each": READY["assist"]}, "mode"), ({"each": READY["resist"]}, "mode"),
-        ({"force_limit": 0.0}, "force_limit"), ({"force_limit": math.nan}, "force_limit"), ({"slew_limit": -1.0}, "slew_limit"),
+        ({"comfortable": None}, "comfortable"), ({"comfortable": EMPTY}, "comfortable"), ({"mode": "push"}, "mode"),
+        ({"mode": "resist", "each": READY["assist"]}, "mode"), ({"each": READY["resist"]}, "mode"),
+        ({"force_limit": 0.0}, "force_limit"), ({"force_limit": math.nan}, "force_limit"),
+        ({"slew_limit": -1.0}, "slew_limit"),
         ({"energy_budget": math.inf}, "energy_budget"), ({"speed_cap": 0.0}, "speed_cap"), ({"dt": 0.0}, "dt"),
         ({"onset": -1.0}, "onset"), ({"return_force": 0.0}, "return_force"), ({"solver": "none"}, "solver"),
         ({"max_age": 0.0}, "max_age"), ({"velocity_lag": 0.0}, "velocity_lag"), ({"tolerance": 2.0}, "tolerance"),

@@ -136,7 +136,8 @@ def test_velocities_come_from_positions_where_none_were_recorded() -> None:
 @pytest.mark.parametrize(
     ("options", "named"),
     [
-        ({"forces": np.zeros((3, 2))}, "forces"), ({"forces": np.full((4, 2), math.nan)}, "forces"), ({"dt": None}, "dt"),
+        ({"forces": np.zeros((3, 2))}, "forces"), ({"forces": np.full((4, 2), math.nan)}, "forces"),
+        ({"dt": None}, "dt"),
         ({"dt": -1.0}, "dt"), ({"times": np.zeros(4)}, "times"), ({"positions": np.zeros((2, 2))}, "positions"),
         ({"velocities": np.zeros(4)}, "velocities"),
     ],
