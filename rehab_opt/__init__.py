@@ -13,11 +13,13 @@ from rehab_opt.kinematics.human_arm import human_arm
 from rehab_opt.kinematics.ur5 import ur5
 
 if TYPE_CHECKING:
+    from rehab_opt.control.assistance import Assistance
     from rehab_opt.control.hand_bounds import KeepOut
     from rehab_opt.control.interaction import Interaction
     from rehab_opt.control.joystick import Joystick
     from rehab_opt.control.mirror import MirrorTracker
     from rehab_opt.control.redundancy import RedundancyResolver
+    from rehab_opt.field.potential import PotentialField
     from rehab_opt.kinematics.ardis import ardis
     from rehab_opt.workspace.mapping import WorkspaceMap
     from rehab_opt.workspace.placement import ShoulderPlacement
@@ -31,6 +33,7 @@ if TYPE_CHECKING:
 __all__ = [
     "DH",
     "ArmIK",
+    "Assistance",
     "Bound",
     "Command",
     "ConfigurationError",
@@ -41,6 +44,7 @@ __all__ = [
     "KeepOut",
     "MirrorTracker",
     "PoseTracker",
+    "PotentialField",
     "ProblemFileError",
     "RedundancyResolver",
     "RehabOptError",
@@ -63,10 +67,12 @@ __all__ = [
 
 # Loaded when first named: a controller's process starts in a tenth of a second, and not everyone needs all of it.
 _LATER = {
+    "Assistance": "control.assistance",
     "Interaction": "control.interaction",
     "Joystick": "control.joystick",
     "KeepOut": "control.hand_bounds",
     "MirrorTracker": "control.mirror",
+    "PotentialField": "field.potential",
     "RedundancyResolver": "control.redundancy",
     "ShoulderPlacement": "workspace.placement",
     "ThinPlateSpline": "workspace.spline",

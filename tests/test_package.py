@@ -27,9 +27,10 @@ LAYERS = {
     "kinematics": {"errors", "symbolic"},
     "optim": {"errors", "symbolic"},
     "workspace": {"errors", "symbolic", "kinematics", "optim"},
-    "control": {"errors", "symbolic", "kinematics", "optim", "workspace"},
+    "field": {"errors", "symbolic", "kinematics", "optim"},
+    "control": {"errors", "symbolic", "kinematics", "optim", "workspace", "field"},
     "published": {"errors", "symbolic", "kinematics"},
-    "session": {"errors", "symbolic", "kinematics", "optim", "workspace", "control", "published"},
+    "session": {"errors", "symbolic", "kinematics", "optim", "workspace", "field", "control", "published"},
     "cli": {"errors", "session"},
 }
 
