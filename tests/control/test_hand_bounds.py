@@ -19,7 +19,7 @@ CLIMB, CALM, LOWER, UPPER = ca.SX.sym("f"), ca.SX.sym("c"), ca.SX.sym("l", N), c
 
 def function() -> BufferedFunction:
     nothing = ca.SX.zeros(N)
-    bounds = VelocityBounds(LOWER, UPPER, nothing, nothing, nothing, nothing, ca.SX(0))
+    bounds = VelocityBounds(LOWER, UPPER, *[nothing] * 4, ca.SX(0), nothing, nothing)
     rows, most, opened = feasible_rows(GRADIENT, CLIMB, calm=CALM, normals=NORMALS, most=MOST, bounds=bounds)
     inputs = [GRADIENT, CLIMB, CALM, NORMALS, MOST, LOWER, UPPER]
     outputs = [ca.densify(each) for each in (rows, most, opened.lower, opened.upper)]
