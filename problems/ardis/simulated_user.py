@@ -1,8 +1,8 @@
 """Write the stick recordings of this folder: `python problems/ardis/simulated_user.py [problem ...]`.
 
-A simulated user watches the hand and steers it to the goals of the problem file, one after the other: level with the
-stick's mode "plane", up and down with "lift", changed over by the switch, until the hand is near enough; then the
-gripper, where the goal asks for it. The stick is moved 20 times a second, in steps of a hundredth; nothing is random.
+A simulated user watches the hand and steers it to the goals of the problem file, one after the other, with the
+modes of the stick in turn, changed over by the switch where little is left to do in one, until the hand is near enough;
+then the gripper, where the goal asks for it. The stick is moved 20 times a second, in steps of a hundredth; nothing is random.
 Each drive gets a recording of its own, since the user reacts to where the robot goes.
 """
 
@@ -10,11 +10,13 @@ from __future__ import annotations
 
 import math
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rehab_opt.control.joystick import StickMode
 from rehab_opt.session.ardis.loop import Motion, Optimised, moved
 from rehab_opt.session.ardis.problem import DRIVES, ArdisProblem, DriveName, GoalSection
 from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, start_of
@@ -35,8 +37,8 @@ class User:
 
     duration = LONGEST
 
-    def __init__(self, goals: list[GoalSection], speeds: dict[str, float]) -> None:
-        self.goals, self.speeds = list(goals), speeds
+    def __init__(self, goals: list[GoalSection], modes: Sequence[StickMode]) -> None:
+        self.goals, self.modes = list(goals), {mode.name: mode for mode in modes}
         self.samples: list[tuple[float, StickSample]] = []
         self.closed, self.busy_until, self.pressed_until, self.button = False, 0.5, 0.0, ""
         self.done_at: float | None = None
@@ -57,19 +59,21 @@ class User:
         while self.goals:
             goal = self.goals[0]
             error = np.array(goal.hand_m) - moment.hand
-            near = NEAR * goal.within_m
-            level, height = float(np.hypot(error[0], error[1])), abs(float(error[2]))
-            if math.hypot(level, height) <= 1.2 * near:
+            near, size = NEAR * goal.within_m, float(np.linalg.norm(error))
+            if size <= 1.2 * near:
                 if goal.gripper is not None and (goal.gripper == "closed") != self.closed:
                     self.closed = not self.closed
                     return self.press("gripper", moment.time)
                 self.goals.pop(0)
                 continue
+            ways = self.ways(error, moment)
+            mine = float(np.hypot(*ways))
+            other = math.sqrt(max(size**2 - mine**2, 0.0))
             # What is in hand is finished before changing over.
-            mine, other = (level, height) if moment.mode == "plane" else (height, level)
             if mine <= 0.6 * near or (mine <= near and other > 3 * near):
                 return self.press("switch", moment.time)
-            return StickSample(self.deflection(error, moment))
+            share = DEAD + (1 - DEAD) * min(SLOW * mine / self.modes[moment.mode].speeds[0], 1.0)
+            return StickSample((round(share * ways[0] / mine, 2) + 0.0, round(share * ways[1] / mine, 2) + 0.0))
         if self.done_at is None:
             self.done_at = moment.time
         return StickSample((0.0, 0.0))
@@ -79,23 +83,18 @@ class User:
         self.button, self.pressed_until, self.busy_until = button, time + PRESS, time + PRESS + PAUSE
         return StickSample((0.0, 0.0), switch=button == "switch", gripper=button == "gripper")
 
-    def deflection(self, error: NDArray[np.float64], moment: Moment) -> tuple[float, float]:
-        """Towards the goal, slower near it."""
-        if moment.mode == "plane":
-            heading = moment.q[2]
-            x = math.cos(heading) * error[0] + math.sin(heading) * error[1]
-            y = math.cos(heading) * error[1] - math.sin(heading) * error[0]
-        else:
-            x, y = float(error[2]), 0.0
-        size = math.hypot(x, y)
-        share = DEAD + (1 - DEAD) * min(SLOW * size / self.speeds[moment.mode], 1.0)
-        return round(share * x / size, 2) + 0.0, round(share * y / size, 2) + 0.0
+    def ways(self, error: NDArray[np.float64], moment: Moment) -> tuple[float, float]:
+        """How far it still is along the two rows of the stick's mode [m]; the wrist is as it should be."""
+        cos, sin = math.cos(moment.q[2]), math.sin(moment.q[2])
+        along = {"x": cos * error[0] + sin * error[1], "y": cos * error[1] - sin * error[0], "z": error[2]}
+        first, second = self.modes[moment.mode].rows
+        return float(along.get(first, 0.0)), float(along.get(second, 0.0))
 
 
 def steered(loaded: ProblemFile[ArdisProblem], drive: DriveName) -> tuple[User, Motion]:
     """The user at the stick of one drive."""
     robot, joystick = robot_of(loaded), joystick_of(loaded)
-    user = User(loaded.problem.goals, {mode.name: abs(mode.speeds[0]) for mode in joystick.modes})
+    user = User(loaded.problem.goals, joystick.modes)
     law = Optimised(resolver_of(loaded, robot, drive))
     motion = moved(robot, law, joystick, user, start_of(loaded, robot), dt=1 / loaded.problem.run.rate_hz)
     return user, motion

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar, runtime_checkable
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.session.outcome import Outcome, Progress
 from rehab_opt.session.schema import Problem
 
 if TYPE_CHECKING:
+    from matplotlib.animation import Animation
     from matplotlib.figure import Figure
     from rich.table import Table
 
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
     from rehab_opt.session.workspaces.outcome import WorkspaceOutcome
     from rehab_opt.session.workspaces.problem import WorkspaceProblem
 
-__all__ = ["SYSTEMS", "Column", "Needed", "System", "system_named"]
+__all__ = ["SYSTEMS", "Animated", "Column", "Needed", "System", "system_named"]
 
 P = TypeVar("P", bound=Problem)
 O = TypeVar("O", bound=Outcome)  # noqa: E741  (an outcome)
@@ -96,6 +97,15 @@ class System(Protocol[P, O]):
 
     def figures(self, outcome: O) -> dict[str, Figure]:
         """The figures by file name, without suffix."""
+        ...
+
+
+@runtime_checkable
+class Animated(Protocol):
+    """A system that also shows its runs as films."""
+
+    def animations(self, outcome: Any) -> dict[str, Animation]:
+        """The films by file name, without suffix."""
         ...
 
 
