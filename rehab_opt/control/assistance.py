@@ -58,6 +58,10 @@ class Assistance:
     A missing answer, a sensor value that is no number, a stale stamp, an open dead-man switch: the force falls to zero
     within the slew bound. Nothing is pulled or pushed in a state that is not known.
 
+    What it does not see: a sensor that lies by less than a hand can move in a tick; how late a tick comes, where no
+    stamps are given; a jump after a rest so exact that the sensor may have been frozen, which counts as the motion of
+    all that time (its energy does not go beyond the budget either).
+
     Inside the comfortable workspace a therapy mode wants no force: its size never grows there, and is exactly zero
     after force_limit / slew_limit seconds.
 

@@ -46,7 +46,8 @@ class PotentialField:
     stiffness : S [N/m], scalar or (2,) for both axes, or one for every point of the path (N,), (N, 2), a sequence of
         such for several paths.
     width : sigma [m] over which the influences of points blend.
-    drag : k1 [N/m]: along the path the force is 2 k1 (length).
+    drag : k1 [N/m]: along the path the force is 2 k1 (length). To resist with F newtons at the target, and with less
+        before, give F / (2 length).
     damping : D [N s/m], scalar or (2,).
     drag_along : "remaining" or "travelled".
     rest_on_target : continue the path beyond its ends so that the force at its target is zero (see `continuation`);
