@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, cast
 
-import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rehab_opt.control.assistance_statement import EXACT, TINY, assistance_statement
 from rehab_opt.control.command import Bound, Command, Status
 from rehab_opt.control.energy_tank import EnergyTank
 from rehab_opt.control.gate import Mode, wanted_force
@@ -17,10 +17,9 @@ from rehab_opt.control.velocity_controller import checked_number
 from rehab_opt.control.watchdog import Watchdog
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.field.potential import PotentialField
-from rehab_opt.optim.certificate import all_true
 from rehab_opt.optim.fused import FUSED_SOLVERS
 from rehab_opt.optim.ladder import FUSED, Ladder
-from rehab_opt.optim.qp import Instance, Statement, parameter, variable, within
+from rehab_opt.optim.qp import Instance, Statement
 from rehab_opt.workspace.region import Workspace
 
 if TYPE_CHECKING:
@@ -32,12 +31,6 @@ Array = NDArray[np.float64]
 
 MUCH = 1e3
 """[J] More than any tick could take: what is beyond it need not be said to the QP."""
-EXACT = 1 - 1e-12
-"""Shrinking aims so far below a bound that rounding stays below it, too."""
-TINY = 1e-12
-"""[N] A force that is none."""
-NOTHING = 1e-9
-"""[N] A force below this is commanded as zero: iterative solvers reach zero to 1e-11."""
 MISSED = 1e-6
 """Share of the wanted force by which the commanded one must differ for the task to count as yielding."""
 
@@ -57,6 +50,10 @@ class Assistance:
     ticks come within `max_age`; a faster hand can draw the force limit times its jump more, once, before the release.
     A missing answer, a sensor value that is no number, a stale stamp, an open dead-man switch: the force falls to zero
     within the slew bound. Nothing is pulled or pushed in a state that is not known.
+
+    What it does not see: a sensor that lies by less than a hand can move in a tick; how late a tick comes, where no
+    stamps are given; a jump after a rest so exact that the sensor may have been frozen, which counts as the motion of
+    all that time (its energy does not go beyond the budget either).
 
     Inside the comfortable workspace a therapy mode wants no force: its size never grows there, and is exactly zero
     after force_limit / slew_limit seconds.
@@ -122,7 +119,7 @@ class Assistance:
         self._step = self.slew_limit * self.dt
         self._tank = EnergyTank(
             budget=checked_number("energy_budget", energy_budget, above=0.0),
-            slew=self.slew_limit * math.sqrt(0.5),  # in any direction: see `statement`
+            slew=self.slew_limit * math.sqrt(0.5),  # in any direction: see `assistance_statement`
             speed_cap=self.speed_cap,
             late=max(self.dt, min(watchdog.max_age, 1.0)),
         )
@@ -149,48 +146,8 @@ class Assistance:
         self.reset()
 
     def statement(self) -> Statement:
-        """The QP of one tick; parameters wanted force (2,), velocity (2,), ceiling, energy left; memory the last force.
-
-        The wanted force comes no larger than the ceiling, the smaller of the force limit and what the tank affords:
-        the nearest point of a disc is known. The disc of the slew bound is replaced by the square inside it that has a
-        corner on the way to the wanted force, which therefore is reached at full rate. What the ceiling's tangent
-        leaves outside the disc, and solvers outside the square, is shrunk after the solve.
-        """
-        wanted, velocity = parameter("wanted", 2), parameter("velocity", 2)
-        ceiling, left, last = parameter("ceiling", 1), parameter("left", 1), parameter("last", 2)
-        force = variable("force", 2)
-        F = force.symbol
-        along = _direction(wanted - last)
-        diagonals = ca.vertcat(ca.horzcat(along[0] - along[1], along[1] + along[0]),
-                               ca.horzcat(along[0] + along[1], along[1] - along[0]))  # fmt: skip
-        step = self._step
-        # Both shrinkings keep what the other bounds say: F_last is in the disc, and so is what lies between.
-        moved = F - last
-        near = last + moved * ca.fmin(1, EXACT * step / ca.fmax(ca.norm_2(moved), TINY))
-        bounded = near * ca.fmin(1, EXACT * self.force_limit / ca.fmax(ca.norm_2(near), TINY))
-        # What a solver leaves of a force that shall be zero.
-        bounded = ca.if_else(ca.logic_and(ca.norm_2(bounded) < NOTHING, ca.norm_2(last) <= step), 0, bounded)
-        holds = all_true(
-            ca.norm_2(bounded) <= self.force_limit,
-            ca.norm_2(bounded - last) <= step + TINY,
-            ca.dot(bounded, velocity) * self.dt <= left + 1e-9,
-        )
-        return Statement(
-            name="assistance",
-            parameters=[wanted, velocity, ceiling, left],
-            variables=[force],
-            minimise=ca.sumsqr(F - wanted) / 2,
-            subject_to=[
-                within(diagonals @ (F - last), -step, step),
-                within(ca.dot(_direction(last), F), -ca.inf, ceiling),
-                within(ca.dot(F, velocity) * self.dt, -ca.inf, left),
-            ],
-            requires=[ceiling >= 0, left >= 0],
-            guess=wanted,
-            memory=last,
-            remember=bounded,
-            report=holds,
-        )
+        """The QP of one tick."""
+        return assistance_statement(force_limit=self.force_limit, step=self._step, dt=self.dt)
 
     # -------------------------------------------------------------------------------------------------- the user's
     def aim(self, field: PotentialField) -> None:
@@ -319,9 +276,3 @@ class Assistance:
         yielded = Bound.TASK | Bound.SLEW if at_once and size > self._step else Bound.TASK
         status = Status.RELEASING if keep else Status.RELEASED
         return Command(value, status, "", _INF, -1, reason, yielded, 0.0)
-
-
-def _direction(vector: ca.SX) -> ca.SX:
-    """Unit vector, or along x where there is none."""
-    size = ca.norm_2(vector)
-    return ca.if_else(size > TINY, vector / ca.fmax(size, TINY), ca.SX([1, 0]))

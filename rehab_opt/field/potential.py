@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
+from rehab_opt.field.arguments import as_point, as_points, checked_drag, path_stiffness, per_axis, positive
 from rehab_opt.field.assembly import Assembled, DragAlong, assembled, rest_point
 from rehab_opt.field.energy import field_kernel
 from rehab_opt.field.merging import merging_bound
-from rehab_opt.field.samples import SampledPath, Samples, arc_length, checked_paths, interpolated, resampled_path
+from rehab_opt.field.samples import SampledPath, Samples, checked_paths, resampled_path
 from rehab_opt.field.weights import energies_and_forces, stiffness_at
 
 if TYPE_CHECKING:
@@ -46,7 +47,8 @@ class PotentialField:
     stiffness : S [N/m], scalar or (2,) for both axes, or one for every point of the path (N,), (N, 2), a sequence of
         such for several paths.
     width : sigma [m] over which the influences of points blend.
-    drag : k1 [N/m]: along the path the force is 2 k1 (length).
+    drag : k1 [N/m]: along the path the force is 2 k1 (length). To resist with F newtons at the target, and with less
+        before, give F / (2 length).
     damping : D [N s/m], scalar or (2,).
     drag_along : "remaining" or "travelled".
     rest_on_target : continue the path beyond its ends so that the force at its target is zero (see `continuation`);
@@ -84,8 +86,8 @@ class PotentialField:
         paths = [resampled_path(points, spacing) for points in given]
         if drag_along not in get_args(DragAlong):
             raise ConfigurationError("drag_along", drag_along, "'remaining' or 'travelled'")
-        drag = _drag(drag, drag_along, rest_on_target)
-        stiff = _stiffness(stiffness, given, paths)
+        drag = checked_drag(drag, drag_along, rest_on_target)
+        stiff = path_stiffness(stiffness, given, paths)
         offsets = [drag * getattr(path, drag_along) ** 2 for path in paths]
         self._set(paths, offsets, stiff, width, damping, drag_along, rest_on_target, compile)
         self.drag = drag
@@ -137,7 +139,7 @@ class PotentialField:
     ) -> None:
         self.paths = tuple(paths)
         self.width = width
-        self.damping = _per_axis("damping", damping)
+        self.damping = per_axis("damping", damping)
         self.drag_along: DragAlong = drag_along
         self.target = rest_point(paths, drag_along, width) if rest_on_target else None
         self.whole: Assembled = assembled(paths, offsets, stiffness, along=drag_along, width=width, target=self.target)
@@ -171,7 +173,7 @@ class PotentialField:
 
     def merging_bound(self, x: ArrayLike) -> float:
         """[N] by how much the force at x (2,) can differ from that of all samples; 0 where none were merged."""
-        return merging_bound(self.whole.merge, self.width, _point(x))
+        return merging_bound(self.whole.merge, self.width, as_point(x))
 
     # ----------------------------------------------------------------------------------------------- what it answers
     def energy(self, x: ArrayLike) -> float | Array:
@@ -180,7 +182,7 @@ class PotentialField:
         if points.shape == (2,):
             self.pull(float(points[0]), float(points[1]))
             return float(self._kernel.outputs[0][0])
-        return energies_and_forces(self.samples, self.width, _points(points))[0]
+        return energies_and_forces(self.samples, self.width, as_points(points))[0]
 
     def force(self, x: ArrayLike, v: ArrayLike | None = None) -> Array:
         """F [N] at x (2,) or (N, 2) [m] for a hand moving at v of the same shape [m/s], resting by default.
@@ -191,7 +193,7 @@ class PotentialField:
         if points.shape == (2,):
             force = np.array(self.pull(float(points[0]), float(points[1])))
         else:
-            force = energies_and_forces(self.samples, self.width, _points(points))[1]
+            force = energies_and_forces(self.samples, self.width, as_points(points))[1]
         if v is None:
             return force
         velocity = np.asarray(v, dtype=np.float64)
@@ -209,7 +211,7 @@ class PotentialField:
 
     def stiffness(self, x: ArrayLike) -> Array:
         """(2, 2) [N/m] second derivative of Phi at x (2,)."""
-        return stiffness_at(self.samples, self.width, _point(x))
+        return stiffness_at(self.samples, self.width, as_point(x))
 
     @cached_property
     def _kernel(self) -> BufferedFunction:
@@ -223,69 +225,3 @@ class PotentialField:
     def __getstate__(self) -> dict[str, Any]:
         """Without the compiled part: fields are made in one process and used in another."""
         return {name: value for name, value in self.__dict__.items() if name not in ("_kernel", "_hot")}
-
-
-def positive(argument: str, value: object) -> float:
-    """`value` as a float above zero and finite."""
-    if isinstance(value, int | float | np.integer | np.floating) and 0 < value < math.inf:
-        return float(value)
-    raise ConfigurationError(argument, value, "a positive, finite number")
-
-
-def _drag(drag: object, along: DragAlong, rest_on_target: bool) -> float:
-    if not (isinstance(drag, int | float | np.integer | np.floating) and math.isfinite(drag)):
-        raise ConfigurationError("drag", drag, "a finite number")
-    if drag < 0 and along == "travelled":
-        raise ConfigurationError("drag", drag, "a drag of zero or more: along the travelled length it resists")
-    if drag < 0 and rest_on_target:
-        raise ConfigurationError(
-            "drag", drag, "drag_along='travelled' to resist, or rest_on_target=False for the published form"
-        )
-    return float(drag)
-
-
-def _per_axis(argument: str, value: ArrayLike) -> Array:
-    try:
-        array = np.broadcast_to(np.asarray(value, dtype=np.float64), (2,)).copy()
-    except (TypeError, ValueError) as problem:
-        raise ConfigurationError(argument, value, "a number or two") from problem
-    if not (np.all(array >= 0) and np.all(np.isfinite(array))):
-        raise ConfigurationError(argument, value, "finite numbers of zero or more")
-    return array
-
-
-def _stiffness(value: Any, given: Sequence[Array], paths: Sequence[SampledPath]) -> list[Array]:
-    """(m, 2) of every sample of every path."""
-    several = isinstance(value, list | tuple) and len(value) and all(np.ndim(each) > 0 for each in value)
-    if not several and np.shape(value) in ((), (2,)):
-        same = _per_axis("stiffness", value)
-        return [np.broadcast_to(same, path.points.shape) for path in paths]
-    each = list(value) if several and len(value) == len(given) else [value]
-    if len(each) != len(given):
-        raise ConfigurationError(
-            "stiffness", f"{len(each)} entries", f"a number, two, or one array for {len(given)} paths"
-        )
-    stiff = []
-    for points, path, array in zip(given, paths, each, strict=True):
-        numbers = np.asarray(array, dtype=np.float64)
-        if numbers.shape not in ((len(points),), points.shape):
-            raise ConfigurationError("stiffness", numbers.shape, f"({len(points)},) or {points.shape}: one a point")
-        if not (np.all(numbers >= 0) and np.all(np.isfinite(numbers))):
-            raise ConfigurationError("stiffness", array, "finite numbers of zero or more")
-        numbers = np.broadcast_to(numbers.reshape(len(points), -1), points.shape)
-        still = arc_length(points)[-1] == 0
-        stiff.append(numbers[:1].copy() if still else interpolated(points, numbers, path.travelled))
-    return stiff
-
-
-def _point(x: ArrayLike) -> Array:
-    point = np.asarray(x, dtype=np.float64)
-    if point.shape != (2,):
-        raise ConfigurationError("x", point.shape, "a point (2,) in metres")
-    return point
-
-
-def _points(points: Array) -> Array:
-    if points.ndim != 2 or points.shape[1] != 2:
-        raise ConfigurationError("x", points.shape, "points (2,) or (N, 2) in metres")
-    return points

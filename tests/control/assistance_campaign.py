@@ -72,6 +72,10 @@ class Plant:
     """[J] beyond the budget: what fast motions and undetectable lies of the sensor excuse."""
     lie: float = 0.0
     habit: int = 0
+    seen: bool = False
+    """The last tick was given a true, fresh position."""
+    too_fast: bool = False
+    """The hand has moved faster than the cap since then, and the sensors say so."""
 
 
 def run(cases: int, seed: int, *, compile: bool | None = None) -> Tally:
@@ -117,6 +121,7 @@ def _begin(plant: Plant, rng: np.random.Generator) -> None:
     plant.force, plant.velocity, plant.shown = np.zeros(2), np.zeros(2), None
     plant.delivered = plant.allowed = plant.lie = plant.time = plant.last_stamp = 0.0
     plant.frozen = 0
+    plant.seen = plant.too_fast = False
 
 
 def _motion(plant: Plant, rng: np.random.Generator, seconds: float) -> Array:
@@ -157,6 +162,7 @@ def _one_tick(plant: Plant, rng: np.random.Generator, tally: Tally) -> None:
         too_far = float(np.linalg.norm(moved)) - cap * seconds
         # math.md 5: beyond the cap, the force limit times the jump; a position in between may have been unseen.
         plant.allowed += assistance.force_limit * (float(np.linalg.norm(moved)) if too_far > 0 else 0.0)
+    plant.too_fast = plant.seen and float(np.linalg.norm(moved)) > 1.001 * cap * max(seconds, dt)
     plant.position = plant.position + moved
     plant.delivered += float(plant.force @ moved)
     plant.velocity = moved / seconds
@@ -171,6 +177,10 @@ def _one_tick(plant: Plant, rng: np.random.Generator, tally: Tally) -> None:
         x, v if plant.gives_velocity else None, enable=enable, stamp=stamp if plant.stamped else None
     )
     plant.last_stamp = stamp
+    # An exact rest may be a frozen sensor: what comes after it counts as the motion of all that time.
+    clean = fault in ("none", "burst", "dropped") or not plant.stamped
+    plant.seen = clean and bool(moved.any() and np.all(x == plant.position))
+    plant.too_fast &= plant.seen
     _judge(plant, command, x, fault, tally)
     plant.force = command.value.copy()
 
@@ -230,6 +240,7 @@ def _judge(plant: Plant, command: Command, x: Array, fault: str, tally: Tally) -
     else:
         tally.excess["slew"] = max(tally.excess["slew"], change - slew)
         check(change <= slew + ROUNDING, "slew")
+    check(not plant.too_fast or (size == 0.0 and not command.status.certified), "a hand beyond the cap is let go")
     over = plant.delivered - plant.budget - plant.allowed
     tally.excess["energy"] = max(tally.excess["energy"], over)
     tally.spent = max(tally.spent, (plant.delivered - plant.allowed) / plant.budget)
