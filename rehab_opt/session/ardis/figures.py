@@ -42,7 +42,9 @@ def _top_view(outcome: ArdisOutcome) -> Figure:
         draw_room(axes, outcome, x, y)
         _draw_chairs(axes, outcome, of.optimised)
         for law, motion in of.by_law.items():
-            axes.plot(motion.hand[:, 0], motion.hand[:, 1], **LAW_STYLES[law], label=f"hand, {NAMES[law]}", zorder=ORDER[law])
+            axes.plot(
+                motion.hand[:, 0], motion.hand[:, 1], **LAW_STYLES[law], label=f"hand, {NAMES[law]}", zorder=ORDER[law]
+            )
         axes.plot(*of.optimised.hand[0, :2], "o", color=REFERENCE, markersize=5, label="hand at the start", zorder=5)
         axes.set_title(f"{drive} drive", fontsize=10, loc="left")
     legend_below(figure, grid[0], 3)
@@ -68,7 +70,12 @@ def draw_room(axes: Axes, outcome: ArdisOutcome, x: np.ndarray, y: np.ndarray) -
             normal = np.asarray(obstacle.normal) / np.hypot(*obstacle.normal)
             along, edge = np.array([-normal[1], normal[0]]), normal * obstacle.offset / np.hypot(*obstacle.normal)
             far = 100.0
-            corners = [edge + far * along, edge - far * along, edge + far * (normal - along), edge + far * (normal + along)]
+            corners = [
+                edge + far * along,
+                edge - far * along,
+                edge + far * (normal - along),
+                edge + far * (normal + along),
+            ]
             axes.add_patch(Polygon(corners, closed=True, color=OBSTACLE, linewidth=0, zorder=0))
         else:
             axes.add_patch(Circle(obstacle.centre, obstacle.radius, color=OBSTACLE, linewidth=0, zorder=0))
@@ -160,14 +167,22 @@ def _limits(outcome: ArdisOutcome) -> Figure:
             accelerations = np.abs(motion.chassis - last) / motion.dt / chain.acceleration
             ranges = np.abs(motion.q[:, arm] - middle) / half
             for axes, shares in zip(column, (ranges, speeds, accelerations), strict=True):
-                axes.plot(motion.time, 100 * shares.max(axis=1), **{**LAW_STYLES[law], "linewidth": 1.0}, label=NAMES[law], zorder=ORDER[law])
+                axes.plot(
+                    motion.time,
+                    100 * shares.max(axis=1),
+                    **{**LAW_STYLES[law], "linewidth": 1.0},
+                    label=NAMES[law],
+                    zorder=ORDER[law],
+                )
         for axes in column:
             axes.axhline(100, color=REFERENCE, linewidth=1, linestyle=":")
             axes.set_ylim(0, 200)
             axes.grid(**GRID)
         column[0].set_title(f"{drive} drive", fontsize=10, loc="left")
         column[2].set_xlabel("time [s]")
-    for axes, name in zip(grid[:, 0], ("arm joint nearest to its limit", "fastest joint or wheel", "hardest acceleration"), strict=True):
+    for axes, name in zip(
+        grid[:, 0], ("arm joint nearest to its limit", "fastest joint or wheel", "hardest acceleration"), strict=True
+    ):
         axes.set_ylabel(f"{name}\n[% of limit]", fontsize=9)
     legend_below(figure, grid[0, 0], 2)
     return figure

@@ -44,9 +44,7 @@ def robot_of(loaded: ProblemFile[ArdisProblem]) -> MobileArm:
 
     section = loaded.problem.robot
     with _refusals(loaded.file):
-        return ardis(
-            mount_height=section.mount_height_m, chair_mass=section.chair_mass_kg, payload=section.payload_kg
-        )
+        return ardis(mount_height=section.mount_height_m, chair_mass=section.chair_mass_kg, payload=section.payload_kg)
 
 
 def start_of(loaded: ProblemFile[ArdisProblem], robot: MobileArm) -> Array:
