@@ -193,7 +193,7 @@ def test_user_who_is_simulated_again_still_reaches_the_goals() -> None:
     folder = shipped_problems()["ardis/press_lift_button"].parent
     script = runpy.run_path(str(folder / "simulated_user.py"))
     loaded = load_problem("ardis/press_lift_button")
-    user, motion = script["steered"](loaded, "mecanum")
+    user, _ = script["steered"](loaded, "mecanum")
     assert user.goals == []
     shipped = read_stick(folder / "press_lift_button_mecanum.csv", name="shipped")
     # What is shipped is what the generator wrote, as far as rounding of the robot's motion allows.

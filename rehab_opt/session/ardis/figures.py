@@ -65,8 +65,10 @@ def draw_room(axes: Axes, outcome: ArdisOutcome, x: np.ndarray, y: np.ndarray) -
     """Walls, posts and goals."""
     from matplotlib.patches import Circle, Polygon  # noqa: PLC0415
 
+    from rehab_opt.control.obstacles import HalfPlane  # noqa: PLC0415
+
     for obstacle in outcome.room:
-        if hasattr(obstacle, "normal"):
+        if isinstance(obstacle, HalfPlane):
             normal = np.asarray(obstacle.normal) / np.hypot(*obstacle.normal)
             along, edge = np.array([-normal[1], normal[0]]), normal * obstacle.offset / np.hypot(*obstacle.normal)
             far = 100.0
@@ -83,11 +85,10 @@ def draw_room(axes: Axes, outcome: ArdisOutcome, x: np.ndarray, y: np.ndarray) -
         axes.plot([], [], "s", color=OBSTACLE, markersize=9, label="obstacle of the chair")
     for i, goal in enumerate(outcome.goals):
         label = "goal, as wide as its tolerance" if i == 0 else None
-        axes.add_patch(Circle(goal.hand_m[:2], goal.within_m, fill=False, color=GOAL, linewidth=1.5, zorder=3))
+        place = (goal.hand_m[0], goal.hand_m[1])
+        axes.add_patch(Circle(place, goal.within_m, fill=False, color=GOAL, linewidth=1.5, zorder=3))
         axes.plot([], [], "o", markerfacecolor="none", color=GOAL, linestyle="", label=label)
-        axes.annotate(
-            str(i + 1), goal.hand_m[:2], xytext=(5, 5), textcoords="offset points", fontsize=9, color=GOAL, zorder=6
-        )
+        axes.annotate(str(i + 1), place, xytext=(5, 5), textcoords="offset points", fontsize=9, color=GOAL, zorder=6)
     axes.set_xlim(*x)
     axes.set_ylim(*y)
     axes.set_aspect("equal")
