@@ -1,8 +1,9 @@
 """Write the stick recordings of this folder: `python problems/ardis/simulated_user.py [problem ...]`.
 
 A simulated user watches the hand and steers it to the goals of the problem file, one after the other, with the
-modes of the stick in turn, changed over by the switch where little is left to do in one, until the hand is near enough;
-then the gripper, where the goal asks for it. The stick is moved 20 times a second, in steps of a hundredth; nothing is random.
+modes of the stick in turn, changed over by the switch where little is left to do in one, until the hand is near;
+then the gripper, where the goal asks for it. The stick is moved 20 times a second, in steps of a hundredth; nothing is
+random.
 Each drive gets a recording of its own, since the user reacts to where the robot goes.
 """
 

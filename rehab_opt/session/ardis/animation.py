@@ -16,9 +16,9 @@ from rehab_opt.session.joint_figure import LAW_STYLES
 
 __all__ = ["ardis_animation"]
 
-FRAMES = 60
+FRAMES = 40
 """However long the run is, so that the file stays small."""
-INTERVAL = 100
+INTERVAL = 150
 """[ms] a frame"""
 
 
@@ -54,7 +54,9 @@ def ardis_animation(outcome: ArdisOutcome) -> FuncAnimation:
                     chair.set_data(*np.vstack([outline, outline[:1]]).T)
                     arm.set_data(points[:, 0], points[:, 1])
                     held = ", gripper closed" if motion.closed[k] else ""
-                    words = f"{drive} drive, {now:.1f} s: stick mode {motion.mode[k]}, hand at {points[2, 2]:.2f} m{held}"
+                    words = (
+                        f"{drive} drive, {now:.1f} s: stick mode {motion.mode[k]}, hand at {points[2, 2]:.2f} m{held}"
+                    )
                     axes.set_title(words, fontsize=8, loc="left")
             changed += [*hands.values(), chair, arm]
         return changed

@@ -1,4 +1,4 @@
-"""Distances of chair and arm from what they must not touch, by plain geometry: the controller's own word is not asked."""
+"""Distances of chair and arm from what they must not touch, by plain geometry: the controller is not asked."""
 
 from __future__ import annotations
 
@@ -28,9 +28,11 @@ def chair_corners(outline: Outline, q: Array) -> Array:
 
 def chair_gaps(outline: Outline, room: Sequence[Obstacle], q: Array) -> Array:
     """(N, k) [m] distance of the chair's outline from each obstacle, negative where it is within it."""
+    from rehab_opt.control.obstacles import HalfPlane  # noqa: PLC0415  (loads CasADi)
+
     corners, gaps = chair_corners(outline, q), []
     for obstacle in room:
-        if hasattr(obstacle, "normal"):
+        if isinstance(obstacle, HalfPlane):
             size = float(np.hypot(*obstacle.normal))
             gaps.append((obstacle.offset - (corners @ np.asarray(obstacle.normal)).max(axis=1)) / size)
             continue
@@ -46,9 +48,11 @@ def chair_gaps(outline: Outline, room: Sequence[Obstacle], q: Array) -> Array:
 
 def point_gaps(room: Sequence[Obstacle], points: Array) -> Array:
     """(N, k) [m] distance of points (N, 2) of the floor from each obstacle."""
+    from rehab_opt.control.obstacles import HalfPlane  # noqa: PLC0415  (loads CasADi)
+
     gaps = []
     for obstacle in room:
-        if hasattr(obstacle, "normal"):
+        if isinstance(obstacle, HalfPlane):
             normal = np.asarray(obstacle.normal)
             gaps.append((obstacle.offset - points @ normal) / float(np.hypot(*normal)))
         else:

@@ -159,7 +159,7 @@ def moved(
     velocity = np.array([row[1].velocity for row in rows])
     return Motion(
         dt=dt,
-        time=dt * np.arange(len(rows)),
+        time=dt * np.arange(len(rows), dtype=np.float64),
         q=q,
         velocity=velocity,
         chassis=np.array([robot.chassis_velocity(*pair) for pair in zip(q, velocity, strict=True)]),

@@ -104,8 +104,8 @@ class PostSection(Section):
 class RoomSection(Section):
     """What the chair must not run into."""
 
-    walls: Annotated[list[WallSection], Field(max_length=20)] = []
-    posts: Annotated[list[PostSection], Field(max_length=40)] = []
+    walls: Annotated[list[WallSection], Field(max_length=20)] = Field(default=[])
+    posts: Annotated[list[PostSection], Field(max_length=40)] = Field(default=[])
 
 
 class RunSection(Section):
@@ -122,6 +122,6 @@ class ArdisProblem(Problem):
     system: Literal["ardis"]
     robot: RobotSection = RobotSection()
     stick: StickSection
-    goals: Annotated[list[GoalSection], Field(max_length=20)] = []
+    goals: Annotated[list[GoalSection], Field(max_length=20)] = Field(default=[])
     room: RoomSection = RoomSection()
     run: RunSection = RunSection()

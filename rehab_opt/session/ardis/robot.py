@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,9 +44,7 @@ def robot_of(loaded: ProblemFile[ArdisProblem]) -> MobileArm:
 
     section = loaded.problem.robot
     with _refusals(loaded.file):
-        return ardis(
-            mount_height=section.mount_height_m, chair_mass=section.chair_mass_kg, payload=section.payload_kg
-        )
+        return ardis(mount_height=section.mount_height_m, chair_mass=section.chair_mass_kg, payload=section.payload_kg)
 
 
 def start_of(loaded: ProblemFile[ArdisProblem], robot: MobileArm) -> Array:
@@ -96,7 +94,7 @@ def joystick_of(loaded: ProblemFile[ArdisProblem]) -> Joystick:
     from rehab_opt.control.joystick import STICK_MODES, Joystick, StickMode  # noqa: PLC0415
 
     section = loaded.problem.stick
-    modes = STICK_MODES
+    modes: tuple[StickMode, ...] = STICK_MODES
     if section.modes is not None:
         modes = tuple(
             StickMode(mode.name, (mode.rows[0], mode.rows[1]), (mode.speeds[0], mode.speeds[1]))
@@ -121,7 +119,8 @@ def resolver_of(
     from rehab_opt.control.redundancy import RedundancyResolver  # noqa: PLC0415  (loads solvers)
 
     run = loaded.problem.run
-    chosen = solver or run.solver
+    name = solver or run.solver
+    chosen: dict[str, Any] = {} if name is None else {"solver": name}
     with _refusals(loaded.file, option=solver):
         return RedundancyResolver(
             robot,
@@ -132,7 +131,7 @@ def resolver_of(
             dt=1 / run.rate_hz,
             # A run is over before a compiler would be; the answers are the same.
             compile=False,
-            **({} if chosen is None else {"solver": chosen}),
+            **chosen,
         )
 
 

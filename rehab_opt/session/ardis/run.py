@@ -60,12 +60,9 @@ def run_ardis(loaded: ProblemFile[ArdisProblem], *, solver: str | None, progress
     for drive in sticks:
         ours = Optimised(resolver_of(loaded, robot, drive, solver=solver))
         theirs = Published(PseudoinverseLaw(robot, drive=drive, self_motion=problem.run.self_motion))
-        drives[drive] = DriveOutcome(
-            published=run(drive, "published", theirs), optimised=run(drive, "optimised", ours)
-        )
+        drives[drive] = DriveOutcome(published=run(drive, "published", theirs), optimised=run(drive, "optimised", ours))
     metrics = {
-        drive: drive_metrics(robot, drive, outcome, room=room, goals=problem.goals)
-        for drive, outcome in drives.items()
+        drive: drive_metrics(robot, drive, outcome, room=room, goals=problem.goals) for drive, outcome in drives.items()
     }
     return ArdisOutcome(
         system=problem.system,

@@ -79,7 +79,9 @@ class StickRecording(NamedTuple):
         if moment.time > self.duration + 1e-9:
             return None
         k = max(int(np.searchsorted(self.time, moment.time + 1e-9, side="right")) - 1, 0)
-        return StickSample((float(self.axes[k, 0]), float(self.axes[k, 1])), bool(self.switch[k]), bool(self.gripper[k]))
+        return StickSample(
+            (float(self.axes[k, 0]), float(self.axes[k, 1])), bool(self.switch[k]), bool(self.gripper[k])
+        )
 
 
 def read_stick(path: Path, *, name: str) -> StickRecording:

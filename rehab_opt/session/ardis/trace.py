@@ -18,9 +18,7 @@ METRES = 2
 
 def ardis_columns(outcome: ArdisOutcome) -> Iterator[Column]:
     """One row a drive, law and tick; wheels that a drive does not have are at rest."""
-    motions = [
-        (drive, law, motion) for drive, of in outcome.drives.items() for law, motion in of.by_law.items()
-    ]
+    motions = [(drive, law, motion) for drive, of in outcome.drives.items() for law, motion in of.by_law.items()]
 
     def numbers(of: Callable[[Motion], NDArray[np.float64]]) -> list[float]:
         return [float(value) for _, _, motion in motions for value in of(motion)]
