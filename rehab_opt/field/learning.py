@@ -16,7 +16,7 @@ from rehab_opt.field.demonstration import Demonstration
 from rehab_opt.field.fit import Fit, constant_stiffness_error, identified, rms
 from rehab_opt.field.force_model import ForceModel, shared_model, station_model
 from rehab_opt.field.potential import SAMPLES_PER_WIDTH, PotentialField
-from rehab_opt.field.samples import SampledPath, checked_paths, resampled_path
+from rehab_opt.field.samples import SampledPath, checked_paths, mean_path, resampled_path
 from rehab_opt.optim.backends import backend
 from rehab_opt.optim.certificate import certificate_function, is_certified
 from rehab_opt.optim.qp import Instance
@@ -52,14 +52,18 @@ class Problem(NamedTuple):
     along: Array
     """(m, n)"""
 
+    @property
+    def unit(self) -> Array:
+        """(n,) value of each parameter that alone would give forces of the recorded size."""
+        size = np.sqrt((self.design**2).mean(axis=0) / max(float((self.forces**2).mean()), 1e-12))
+        return np.asarray(1 / np.maximum(np.where(size > 1e-12 * size.max(), size, size.max()), 1e-12))
+
     def solved(self, solvers: Sequence[str], penalty: Array | None = None, prior: Array | None = None) -> Solution:
         """With (theta - prior)' penalty (theta - prior) added, in units that make its numbers about one."""
         design, forces, along = self
-        n, m = design.shape[1], len(along)
+        n, m, unit = design.shape[1], len(along), self.unit
         penalty, prior = (np.zeros((n, n)), np.zeros(n)) if penalty is None or prior is None else (penalty, prior)
         mean_square = max(float((forces**2).mean()), 1e-12)
-        size = np.sqrt((design**2).mean(axis=0) / mean_square)
-        unit = 1 / np.maximum(np.where(size > 1e-12 * size.max(), size, size.max()), 1e-12)
         columns = design * unit
         hessian = columns.T @ columns / len(forces) / mean_square + penalty * np.outer(unit, unit) + RIDGE * np.eye(n)
         gradient = -columns.T @ forces / len(forces) / mean_square - unit * (penalty @ prior)
@@ -106,8 +110,9 @@ def learnt_field(
     ----------
     demonstrations : what was recorded.
     width : sigma [m]; of several the one with the least error on what is held out.
-    path : what the field is built around, as in `PotentialField`; the positions of the demonstrations it learns from
-        where None.
+    path : what the field is built around, as in `PotentialField`; where None, the mean of the demonstrations it learns
+        from, without bends finer than half the width: around their own positions, every sway of a hand would be a path
+        along which no spring may pull back.
     per_point : phi_0 and S at `stations` along the way instead of one S and k1 for all of it. The stations are drawn
         to the shared solution, and to being smooth, by `regularisation` (relative to the mean square force).
     held_out : numbers of the demonstrations that are kept back to judge; every fifth by default, one of two to four.
@@ -134,12 +139,13 @@ def learnt_field(
         solvers=tuple(solvers),
         compile=compile,
     )
-    given = checked_paths([each.positions for each in task.training] if path is None else path)
+    given = None if path is None else checked_paths(path)
     widths = list(width) if isinstance(width, Sequence) else [width]
     fields = []
     for each in (positive("width", one) for one in widths):
         step = each / SAMPLES_PER_WIDTH if spacing is None else positive("spacing", spacing)
-        fields.append(_learnt(task, [resampled_path(points, step) for points in given], each))
+        around = given or (mean_path([one.positions for one in task.training], each / 2),)
+        fields.append(_learnt(task, [resampled_path(points, step) for points in around], each))
     return min(fields, key=_error)
 
 
@@ -173,7 +179,9 @@ def _learnt(task: Task, paths: Sequence[SampledPath], width: float) -> Potential
         model = station_model(paths, width, task.stations, rest_on_target=task.rest_on_target)
         prior = _as_stations(solution.parameters, paths, task.stations)
         problem = Problem(model.design(x, v).reshape(len(forces), -1), forces, _along_path(model))
-        solution = problem.solved(task.solvers, _roughness(task.stations, prior, task.regularisation), prior)
+        solution = problem.solved(
+            task.solvers, _roughness(task.stations, prior, problem.unit, task.regularisation), prior
+        )
     theta = solution.parameters
     field = PotentialField.of_samples(
         paths,
@@ -234,11 +242,11 @@ def _as_stations(shared: Array, paths: Sequence[SampledPath], stations: int) -> 
     return np.concatenate((np.diff(offsets), np.full(stations, stiffness), [damping]))
 
 
-def _roughness(stations: int, prior: Array, weight: float) -> Array:
+def _roughness(stations: int, prior: Array, unit: Array, weight: float) -> Array:
     """(n, n) penalty on what differs from the prior, and on how unevenly it does so from station to station."""
     penalty = np.zeros((len(prior), len(prior)))
     for part in (slice(0, stations - 1), slice(stations - 1, 2 * stations - 1)):
-        size = max(float(np.abs(prior[part]).mean()), 1e-3)
+        size = max(float(np.abs(prior[part]).mean()), 0.1 * float(np.median(unit[part])))
         count = part.stop - part.start
         bend = np.diff(np.eye(count), n=2, axis=0) if count > 2 else np.zeros((0, count))
         penalty[part, part] = (1e-2 * np.eye(count) + bend.T @ bend) * weight / size**2

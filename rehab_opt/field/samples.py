@@ -10,10 +10,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
 
-__all__ = ["SampledPath", "Samples", "arc_length", "checked_paths", "resampled_path"]
+__all__ = ["SampledPath", "Samples", "arc_length", "checked_paths", "interpolated", "mean_path", "resampled_path"]
 
 Array = NDArray[np.float64]
 
+MEAN_POINTS = 400
+"""Points of a mean path."""
 PLAUSIBLE = 1e3
 """[m] A path that leaves this is in another unit."""
 
@@ -123,3 +125,23 @@ def interpolated(points: Array, values: Array, along: Array) -> Array:
     length = arc_length(points)
     moving = np.concatenate(([True], np.diff(length) > 0))
     return np.column_stack([np.interp(along, length[moving], column) for column in values[moving].T])
+
+
+def mean_path(paths: Sequence[Array], smoothing: float) -> Array:
+    """(N, 2) the mean of several paths at equal shares of their lengths, without bends finer than `smoothing` [m].
+
+    It begins and ends at the mean of their starts and ends.
+    """
+    shares = np.linspace(0.0, 1.0, MEAN_POINTS)
+    mean: Array = np.mean([interpolated(each, each, shares * arc_length(each)[-1]) for each in paths], axis=0)
+    for _ in range(2):  # what bends back and forth is shorter once it is smooth
+        length = arc_length(mean)[-1]
+        reach = int(np.ceil(4 * smoothing / max(length, smoothing) * MEAN_POINTS))
+        reach = min(reach, MEAN_POINTS - 1)
+        kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) * length / MEAN_POINTS / smoothing) ** 2)
+        # Reflected through its ends, so that they stay.
+        before, after = 2 * mean[0] - mean[reach:0:-1], 2 * mean[-1] - mean[-2 : -2 - reach : -1]
+        longer = np.concatenate((before, mean, after))
+        mean = np.column_stack([np.convolve(column, kernel / kernel.sum(), "valid") for column in longer.T])
+        mean = interpolated(mean, mean, shares * arc_length(mean)[-1])
+    return mean

@@ -182,6 +182,7 @@ def _one_tick(plant: Plant, rng: np.random.Generator, tally: Tally) -> None:
     plant.seen = clean and bool(moved.any() and np.all(x == plant.position))
     plant.too_fast &= plant.seen
     _judge(plant, command, x, fault, tally)
+    plant.seen &= command.status.certified
     plant.force = command.value.copy()
 
 
@@ -240,7 +241,8 @@ def _judge(plant: Plant, command: Command, x: Array, fault: str, tally: Tally) -
     else:
         tally.excess["slew"] = max(tally.excess["slew"], change - slew)
         check(change <= slew + ROUNDING, "slew")
-    check(not plant.too_fast or (size == 0.0 and not command.status.certified), "a hand beyond the cap is let go")
+    judged = plant.too_fast and "stale" not in command.reason
+    check(not judged or (size == 0.0 and not command.status.certified), "a hand beyond the cap is let go")
     over = plant.delivered - plant.budget - plant.allowed
     tally.excess["energy"] = max(tally.excess["energy"], over)
     tally.spent = max(tally.spent, (plant.delivered - plant.allowed) / plant.budget)
