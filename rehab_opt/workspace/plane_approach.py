@@ -1,7 +1,8 @@
 """A posture brought near a slice and a probe from anywhere: damped least squares, for starts the programme fails from.
 
-Far from the slice the linearised rows of `PlaneStatement.nearest` often have no common point, and its solver gives up:
-for a range of motion of 240 deg a joint from nine starts in ten, and then reachable points were called unreachable.
+Far from the slice the linearised rows of `PlaneStatement.nearest` often have no common point: for a range of motion of
+240 deg a joint from nine starts in ten. Near a folded elbow its full steps go round and round. Either way reachable
+points were called unreachable.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.symbolic import BufferedFunction
+from rehab_opt.symbolic import BufferedFunction, compiled
 from rehab_opt.workspace.plane_statement import PlaneStatement
 
 __all__ = ["PlaneApproach"]
@@ -34,9 +35,10 @@ class PlaneApproach:
     Parameters
     ----------
     statement : of the arm.
+    compile : as for `SQP`.
     """
 
-    def __init__(self, statement: PlaneStatement) -> None:
+    def __init__(self, statement: PlaneStatement, *, compile: bool | None = None) -> None:
         k = len(statement.free)
         x, damping, p = ca.SX.sym("x", k), ca.SX.sym("damping"), ca.SX.sym("p", statement.approach.size1_in(1))
         off = statement.approach(x, p)
@@ -49,8 +51,8 @@ class PlaneApproach:
         taken = ca.fmax(lower, ca.fmin(upper, x + ca.fmax(-LONGEST, ca.fmin(LONGEST, step))))
         costs = [ca.sumsqr(off), ca.sumsqr(statement.approach(taken, p))]
         outputs = [ca.densify(taken), *map(ca.densify, costs)]
-        # In the virtual machine: most arms never need it, and compiling takes a second.
-        self._step = BufferedFunction(ca.Function("plane_approach_step", [x, damping, p], outputs, {"cse": True}))
+        function = ca.Function("plane_approach_step", [x, damping, p], outputs, {"cse": True})
+        self._step = BufferedFunction(compiled(function, compile=compile))
 
     def near(self, parameters: Array, start: Array) -> Array:
         """(k,) a posture, from `start` (k,), that is near the slice and the probe; parameters as of `nearest`."""

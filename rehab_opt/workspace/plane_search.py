@@ -56,7 +56,7 @@ class PlaneSearch:
     """
 
     def __init__(self, statement: PlaneStatement, *, height: float, compile: bool | None = None) -> None:
-        self.statement, self.height = statement, height
+        self.statement, self.height, self._compile = statement, height, compile
         self._sqp = SQP(statement.nearest, tolerance=TOLERANCE, compile=compile)
         self._sqp.parameters[:] = np.concatenate([statement.fixed, [height, 0.0, 0.0, statement.size**-2]])
         self._probe = self._sqp.parameters[-3:-1]
@@ -68,9 +68,11 @@ class PlaneSearch:
         self._probe[0], self._probe[1] = x, y
         answer = self._sqp.solve(start)
         self.solves += 1
-        if not answer.violation <= VIOLATION:  # NaN and infinity too
-            answer = self._sqp.solve(self._approach.near(self._sqp.parameters, start))
+        if not (answer.certified and answer.violation <= VIOLATION):  # NaN and infinity too
+            again = self._sqp.solve(self._approach.near(self._sqp.parameters, start))
             self.solves += 1
+            if (not again.violation <= VIOLATION, again.cost) < (not answer.violation <= VIOLATION, answer.cost):
+                answer = again
         if not answer.violation <= VIOLATION:
             self.failures += 1
             return None
@@ -94,7 +96,7 @@ class PlaneSearch:
 
     @cached_property
     def _approach(self) -> PlaneApproach:
-        return PlaneApproach(self.statement)
+        return PlaneApproach(self.statement, compile=self._compile)
 
     @cached_property
     def _backup(self) -> SQP | NLPSolver:

@@ -4,8 +4,9 @@ import math
 
 import numpy as np
 import pytest
+import shapely
 
-from rehab_opt import SerialChain, human_arm
+from rehab_opt import DH, SerialChain, human_arm
 from rehab_opt.kinematics.human_arm import ARM_JOINTS
 from rehab_opt.workspace.plane_approach import PlaneApproach
 from rehab_opt.workspace.plane_search import PlaneSearch
@@ -31,6 +32,27 @@ def test_spread_postures_of_a_wide_range_lead_to_the_slice(wide_arm: SerialChain
         assert np.allclose(pose[:3, 3], [each.x, each.y, -0.24], atol=1e-6)
         assert tilt is None or math.atan2(math.hypot(*pose[:2, 0]), pose[2, 0]) <= tilt + 1e-6
         assert np.all((wide_arm.lower <= each.posture) & (each.posture <= wide_arm.upper))
+
+
+def test_a_probe_near_a_folded_elbow_finds_its_nearest_point_from_anywhere() -> None:
+    links = (DH(0.2, 0.0), DH(0.19, 0.0))
+    arm = SerialChain(links, lower=[-math.inf] * 2, upper=[math.inf] * 2, velocity=1.0, acceleration=1.0)  # type: ignore[arg-type]
+    search = PlaneSearch(PlaneStatement(arm, handle_tilt=None), height=0.0, compile=False)
+    for x in (0.0085, 0.0101, 0.02):
+        answers = [search.nearest(x, 0.0, start) for start in spread_postures(arm, np.arange(2), 16)]
+        found = [answer.distance for answer in answers if answer is not None]
+        assert np.sum(np.abs(np.array(found) - max(0.0, 0.01 - x)) < 1e-6) >= 14
+
+
+@pytest.mark.parametrize("other", [0.19, 0.196])
+def test_a_small_hole_around_the_base_is_one_hole(other: float) -> None:
+    links = (DH(0.2, 0.0), DH(other, 0.0))
+    arm = SerialChain(links, lower=[-math.inf] * 2, upper=[math.inf] * 2, velocity=1.0, acceleration=1.0)  # type: ignore[arg-type]
+    workspace = planar_workspace(arm, height=0.0, handle_tilt=None, accuracy=2e-3)
+    assert (workspace.components, workspace.holes, workspace.accuracy) == (1, 1, 2e-3)
+    hole = shapely.Polygon(workspace.polygon.interiors[0])
+    radius = 0.2 - other
+    assert abs(hole.area - math.pi * radius**2) < 0.05 * math.pi * radius**2
 
 
 def test_a_wide_range_reaches_one_region_of_the_accuracy_asked_for(wide_arm: SerialChain) -> None:
