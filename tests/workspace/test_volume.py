@@ -120,6 +120,11 @@ def test_what_cannot_be_used_is_refused_by_name(name: str, value: object) -> Non
         reachable_volume(human_arm(), **{name: value})  # type: ignore[arg-type]
 
 
+def test_a_mesh_that_would_fill_the_memory_is_refused() -> None:
+    with pytest.raises(ConfigurationError, match="accuracy"):
+        closed_mesh([shapely.box(0.0, 0.0, 1.0, 1.0)] * 2, np.array([0.0, 0.1]), spacing=1e-4)
+
+
 @pytest.mark.parametrize("heights", [[0.0], [0.1, 0.0], [0.0, math.nan], "low", [[0.0, 1.0]]])
 def test_heights_that_are_none_are_refused(heights: object) -> None:
     with pytest.raises(ConfigurationError, match="heights"):
