@@ -262,7 +262,7 @@ class Assistance:
         if solver == ladder.backup != ladder.solver:
             status, reason = Status.BACKUP, f"{ladder.solver} gave no certified answer"
         value = _read_only(ladder.memory.tobytes())  # a copy
-        return _new(Command, (value, status, solver, residual, -1, reason, yielded, scale))
+        return _new(Command, (value, status, solver, residual, -1, reason, yielded, scale, None))
 
     def _release(self, reason: str, *, at_once: bool) -> Command:
         """The last rung: no force, as fast as the slew bound allows, or at once."""

@@ -223,9 +223,8 @@ class MirrorTracker(MirrorFollowing):
                 keep[:] = answer
                 self._good = given.tobytes()
                 value = _read_only(velocity.tobytes())
-                return _new(
-                    Command, (value, _OK, FUSED_SOLVERS[int(who)], residual, -1, "", _BOUNDS[int(yielded)], scale)
-                )
+                name, bound = FUSED_SOLVERS[int(who)], _BOUNDS[int(yielded)]
+                return _new(Command, (value, _OK, name, residual, -1, "", bound, scale, None))
         return self._followed(q, pose, twist, force, reason)
 
     # ----------------------------------------------------------------------------------------------- whole motions
