@@ -13,8 +13,8 @@ EXACT = 1 - 1e-12
 """Shrinking aims so far below a bound that rounding stays below it, too."""
 TINY = 1e-12
 """[N] A force that is none."""
-NOTHING = 1e-9
-"""[N] A force below this is commanded as zero: iterative solvers reach zero to 1e-11."""
+NEARLY = 1e-7
+"""[N] A certified answer is nearer than this to what it approximates."""
 ENERGY_ROUNDING = 1e-9
 """[J]"""
 
@@ -37,12 +37,17 @@ def assistance_statement(*, force_limit: float, step: float, dt: float) -> State
     along = _direction(wanted - last)
     diagonals = ca.vertcat(ca.horzcat(along[0] - along[1], along[1] + along[0]),
                            ca.horzcat(along[0] + along[1], along[1] - along[0]))  # fmt: skip
+    # What an iterative solver leaves of a wanted force that no bound holds back: zero must be zero.
+    reached = all_true(
+        ca.norm_2(F - wanted) <= NEARLY,
+        ca.norm_2(wanted - last) <= EXACT * step,
+        ca.dot(wanted, velocity) * dt <= left,
+    )
+    answer = ca.if_else(reached, wanted, F)
     # Both shrinkings keep what the other bounds say: F_last is in the disc, and so is what lies between.
-    moved = F - last
+    moved = answer - last
     near = last + moved * ca.fmin(1, EXACT * step / ca.fmax(ca.norm_2(moved), TINY))
     bounded = near * ca.fmin(1, EXACT * force_limit / ca.fmax(ca.norm_2(near), TINY))
-    # What a solver leaves of a force that shall be zero.
-    bounded = ca.if_else(ca.logic_and(ca.norm_2(bounded) < NOTHING, ca.norm_2(last) <= step), 0, bounded)
     holds = all_true(
         ca.norm_2(bounded) <= force_limit,
         ca.norm_2(bounded - last) <= step + TINY,
