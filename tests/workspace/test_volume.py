@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from rehab_opt import DH, ConfigurationError, SerialChain, human_arm
 from rehab_opt.workspace.layered_mesh import Mesh, closed_mesh, enclosed_volume
 from rehab_opt.workspace.placement import ShoulderPlacement
+from rehab_opt.workspace.region import Workspace
 from rehab_opt.workspace.volume import ReachableVolume, reachable_volume
 
 Array = NDArray[np.float64]
@@ -64,6 +65,13 @@ class TestClosedForms:
         mesh = closed_mesh(layers, np.linspace(0, 0.5, 6), spacing=0.01)
         assert np.all(edge_counts(mesh.triangles) == 1)
         assert enclosed_volume(mesh) > 0
+
+    def test_equal_slices_leave_their_outlines_to_bound_the_mesh(self) -> None:
+        disc, heights, accuracy = shapely.Point(0.0, 0.0).buffer(0.05), np.array([0.0, 0.1, 0.2]), 0.01
+        mesh = closed_mesh([disc] * 3, heights, spacing=accuracy)
+        volume = ReachableVolume(heights, (Workspace(disc, accuracy=accuracy),) * 3, mesh.vertices, mesh.triangles)
+        assert volume.volume == pytest.approx(0.3 * disc.area)
+        assert 0 < abs(enclosed_volume(mesh) - volume.volume) <= volume.volume_bound
 
     def test_a_box_on_the_nodes_closes_too(self) -> None:
         mesh = closed_mesh([shapely.box(0, 0, 0.3, 0.2)] * 3, np.array([0.0, 0.1, 0.2]), spacing=0.01)
