@@ -93,10 +93,10 @@ class ThinPlateSpline:
     # ------------------------------------------------------------------------------------------------ the map
     def __call__(self, points: ArrayLike) -> Array:
         """Images [m]: (2,) -> (2,), (M, 2) -> (M, 2)."""
-        if _is_point(points):
-            return self._value.at(points)[0].copy()
+        if type(points) is np.ndarray and points.shape == (2,) and points.dtype is _FLOATS:  # without a call to ask it
+            return self._value.at(points)  # type: ignore[no-any-return]
         array = point_array(points)
-        return self._value.at(array)[0].copy() if array.ndim == 1 else values(self._fit, array)
+        return self._value.at(array) if array.ndim == 1 else values(self._fit, array)
 
     def jacobian(self, points: ArrayLike) -> Array:
         """Derivatives [[dg_x/dx, dg_x/dy], [dg_y/dx, dg_y/dy]]: (2,) -> (2, 2), (M, 2) -> (M, 2, 2)."""
@@ -107,8 +107,7 @@ class ThinPlateSpline:
         """Image (2,) [m] and Jacobian (2, 2) of one point (2,) in one evaluation."""
         if not _is_point(point):
             point = np.array(single_point(point))
-        image, slopes = self._value_and_jacobian.at(point)
-        return image.copy(), slopes.copy()
+        return self._value_and_jacobian.at(point)  # type: ignore[no-any-return]
 
     def inverse(self, points: ArrayLike, start: ArrayLike | None = None) -> Array:
         """Points that the map sends to the given ones: (2,) -> (2,), (M, 2) -> (M, 2).
