@@ -36,7 +36,7 @@ class ThinPlateSpline:
 
     Immutable, may be pickled and shared by threads: each thread gets its own buffers and compiled code when it first
     maps a single point, so map one before a loop that must not wait: up to seconds where nothing is compiled yet, and
-    a fraction of one for the table that replaces summing over 64 landmarks and more. Afterwards a point costs
+    a tenth to one for the table that replaces summing over 64 landmarks and more. Afterwards a point costs
     microseconds; an array of points costs bounded memory. NaN in gives NaN out; nothing raises on numbers.
 
     Parameters
