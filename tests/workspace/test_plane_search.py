@@ -81,3 +81,10 @@ def test_an_approach_from_what_is_no_number_comes_to_an_end(wide_arm: SerialChai
     statement = PlaneStatement(wide_arm, handle_tilt=None)
     parameters = np.concatenate([statement.fixed, [math.nan, 0.3, 0.35, 1.0]])
     assert np.isnan(PlaneApproach(statement).near(parameters, np.full(8, math.nan))).all()
+
+
+def test_a_cone_that_leaves_out_next_to_nothing_is_as_good_as_none() -> None:
+    arm = human_arm(range_of_motion="restricted")
+    free, almost = (planar_workspace(arm, handle_tilt=t, accuracy=4e-3) for t in (None, math.pi - 1e-7))
+    assert almost.accuracy == 4e-3
+    assert almost.polygon.symmetric_difference(free.polygon).area < 0.01 * free.area
