@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -72,8 +73,8 @@ def obstacle_numbers(obstacles: Sequence[Obstacle], slots: int) -> Array:
     numbers = np.zeros((slots, NUMBERS))
     for i, obstacle in enumerate(obstacles):
         if isinstance(obstacle, HalfPlane):
-            size = float(np.hypot(*obstacle.normal))
-            row = [obstacle.normal[0] / size, obstacle.normal[1] / size, obstacle.offset / size] if size > 0 else []
+            (x, y), size = obstacle.normal, math.hypot(*obstacle.normal)
+            row = [x / size, y / size, obstacle.offset / size] if 0 < size < math.inf else []
             kind = _HALF_PLANE
         elif isinstance(obstacle, Disc):
             row = [*obstacle.centre, obstacle.radius] if obstacle.radius >= 0 else []

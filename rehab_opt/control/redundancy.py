@@ -260,19 +260,18 @@ class RedundancyResolver:
         self, q: ArrayLike, twist: ArrayLike, rows: tuple[str, ...], frame: str, enable: object, stamp: float | None
     ) -> Command:
         active = self._active
-        if rows != active.rows:
-            other = self._sets.get(rows) if isinstance(rows, tuple) else None
+        if not isinstance(rows, tuple) or rows != active.rows:
+            names = _checked_rows(rows)
+            other = self._sets.get(names)
             if other is None:
-                names = _checked_rows(rows)
-                other = self._sets.get(names)
-                if other is None and active.velocity.any():
+                if active.velocity.any():
                     active.tell(q, np.zeros(len(active.rows)), 0.0, self._numbers)
                     return active.brake(f"rows {', '.join(names)} are prepared at rest")
-                other = other or self._prepare(names, compile=False)
+                other = self._prepare(names, compile=False)
             if other is not active:
                 other.take_over(active)
                 self._active = active = other
-        world = FRAMES.get(frame)
+        world = FRAMES.get(frame) if isinstance(frame, str) else None
         if world is None:
             raise ConfigurationError("frame", frame, "chassis or world")
         active.tell(q, twist, world, self._numbers)
@@ -297,7 +296,8 @@ class RedundancyResolver:
 
 def _checked_rows(rows: Sequence[str]) -> tuple[str, ...]:
     names = tuple(rows) if isinstance(rows, (tuple, list)) else ()
-    if not names or any(name not in ROWS for name in names) or len(set(names)) != len(names):
+    known = all(isinstance(name, str) and name in ROWS for name in names)
+    if not names or not known or len(set(names)) != len(names):
         raise ConfigurationError("rows", rows, f"different ones of {', '.join(ROWS)}")
     if {"rx", "ry", "rz", "roll7"} <= set(names):
         raise ConfigurationError("rows", rows, "roll7, or all of rx, ry and rz, which say it already")

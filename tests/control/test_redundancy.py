@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from rehab_opt import Bound, ConfigurationError, Joystick, RedundancyResolver, Status, ardis
 from rehab_opt.control.joystick import STICK_MODES
-from rehab_opt.control.obstacles import Disc, HalfPlane
+from rehab_opt.control.obstacles import Disc, HalfPlane, obstacle_numbers
 from rehab_opt.control.scanning import Scanning
 from rehab_opt.kinematics.ardis import ARDIS_READY
 from rehab_opt.kinematics.differential import Differential
@@ -631,3 +631,15 @@ def test_a_start_that_breaks_a_limit_is_refused() -> None:
             robot.reset(velocity)
     robot.reset([0.0, 0.5, 0, 0, 0, 0, 0], heading=math.pi / 2)  # that is forward
     np.testing.assert_allclose(robot.chassis_velocity, [0.5, 0, 0, 0, 0, 0, 0], atol=1e-12)
+
+
+@pytest.mark.parametrize("wrong", [{"rows": np.array(["x", "y", "z"])}, {"rows": (["x"], "y", "z")}, {"frame": []}])
+def test_rows_and_frames_that_are_no_names_are_refused_by_name(wrong: dict[str, object]) -> None:
+    resolver = RedundancyResolver(ardis(), row_sets=(("x", "y", "z"),), compile=False)
+    with pytest.raises(ConfigurationError, match=next(iter(wrong))):
+        resolver.step(ARDIS_READY, [0.1, 0.0, 0.0], **wrong)  # type: ignore[arg-type]
+
+
+def test_a_wall_whose_normal_is_too_long_for_a_number_is_refused_and_not_dropped() -> None:
+    with pytest.raises(ConfigurationError, match="obstacles"):
+        obstacle_numbers([HalfPlane((1.7e308, 1.7e308), 1.0)], 1)
