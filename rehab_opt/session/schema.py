@@ -58,8 +58,8 @@ def _ordered(pair: list[float]) -> list[float]:
 
 
 def _bone(length: float) -> float:
-    if not 20 <= length <= 1000:
-        raise PydanticCustomError("unit", "20 to 1000 mm (is the length in another unit?)")
+    if not 50 <= length <= 1000:  # a long bone is 60 mm at birth, and less than 50 cm in anybody
+        raise PydanticCustomError("unit", "50 to 1000 mm (is the length in another unit?)")
     return length
 
 

@@ -138,7 +138,8 @@ FAULTS = [
     (ARM + f"[placement.turn_deg.{'a.' * 5000}b]\n", "placement.turn_deg", "a valid number"),
     (ARM + f"{'x' * 5000} = 1\n", "placement.xxx", "one of the keys"),
     (ARM + "[arm.segments]\nhumerus_mm = 0.29\n", "arm.segments.humerus_mm", "another unit"),
-    (ARM + "[arm.segments]\nforearm_mm = 2000\n", "arm.segments.forearm_mm", "20 to 1000 mm"),
+    (ARM + "[arm.segments]\nforearm_mm = 2000\n", "arm.segments.forearm_mm", "50 to 1000 mm"),
+    (ARM + "[arm.segments]\nhumerus_mm = 29\n", "arm.segments.humerus_mm", "50 to 1000 mm"),  # cm
     (ARM.replace("[placement]", 'marker = "HAND"\n[placement]'), "recording.marker", "only a .trc"),
     (
         ARM.replace("path.csv", "a.trc").replace("[placement]", 'columns = ["x_m", "y_m"]\n[placement]'),

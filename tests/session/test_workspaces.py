@@ -75,6 +75,9 @@ def test_empty_set_is_an_answer_with_its_reason_in_table_note_and_figure() -> No
     assert "person [bold]7" in printed
     legend = workspace_figures(outcome)["workspace"].legends[0]
     assert any("no posture holds the handle" in text.get_text() for text in legend.get_texts())
+    axes = workspace_figures(outcome)["workspace"].axes[0]
+    assert axes.get_ylim()[1] > 60.0  # [mm] the arrow of the shoulder is to be seen, and no grid of micrometres
+    assert axes.get_xlim()[1] < 500.0
     assert dict(boundary_columns({name: of.workspace for name, of in outcome.sets.items()}))["x_m"] == []
 
 

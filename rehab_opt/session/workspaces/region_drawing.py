@@ -29,6 +29,7 @@ SET_STYLES: Sequence[Mapping[str, Any]] = (
 )
 """Of the sets in the order of the file; more than these repeat."""
 WRAPPED = 62  # characters of a legend's line
+ARROW = 60  # [mm]
 
 
 def draw_region(axes: Axes, workspace: Workspace, style: Mapping[str, Any], *, label: str = "") -> None:
@@ -48,10 +49,12 @@ def region_path(workspace: Workspace) -> Path:
 
 
 def draw_shoulder(axes: Axes, section: ArmInPlane) -> None:
-    """The shoulder as a dot, and an arrow of 60 mm to where the participant looks."""
+    """The shoulder as a dot, and an arrow of 60 mm to where the participant looks; both are within the frame drawn."""
     x, y = MM * np.array(section.shoulder_m[:2])
     turn = math.radians(section.shoulder_turn_deg)
-    ahead = (x - 60 * math.sin(turn), y + 60 * math.cos(turn))
+    ahead = (x - ARROW * math.sin(turn), y + ARROW * math.cos(turn))
+    # Axes make no room for an annotation; where every set is empty the frame would be a tenth of a millimetre wide.
+    axes.update_datalim([(x - ARROW, y - ARROW), (x + ARROW, y + ARROW)])
     axes.annotate("", ahead, (x, y), arrowprops={"arrowstyle": "-|>", "color": REFERENCE, "linewidth": 1.5})
     axes.plot(x, y, "o", color=REFERENCE, markersize=8, label=f"{section.side} shoulder; the arrow points forwards")
 
