@@ -257,7 +257,7 @@ def test_many_writes_a_folder_for_each_and_a_row_for_all_and_goes_on_where_it_wa
         rows = {row["participant"]: row for row in csv.DictReader(results)}
     assert (rows["anna"]["status"], rows["ben"]["status"]) == ("done", "refused")
     assert float(rows["anna"]["sets.restricted.area_m2"]) > 0.002
-    assert rows["ben"]["error"].startswith("people.csv, line 3: arm.segments.humerus_mm = 0.3: expected 20 to 1000 mm")
+    assert rows["ben"]["error"].startswith("people.csv, line 3: arm.segments.humerus_mm = 0.3: expected 50 to 1000 mm")
     assert (folder / "out/many/people/anna/workspace.png").exists()
     (folder / "people.csv").write_text(PEOPLE.replace("0.3", ""), encoding="utf-8")
     assert ended("many", "people.csv", "--problem", "range.toml", "--workers", "1") == 0
