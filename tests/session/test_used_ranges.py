@@ -60,6 +60,20 @@ def test_groups_stand_side_by_side_and_the_words_are_range_used(recorded: Callab
     assert all("ange used" in figure.get_suptitle() for figure in drawn.values())
 
 
+def test_figures_of_two_tasks_overlap_nowhere_and_cut_no_bar(recorded: Callable[[str], Path]) -> None:
+    recorded(f"{FOLDER}/RF_MEAN_ShEl.csv")
+    content = {key: value for key, value in CONTENT.items() if key != "variation"}
+    drawn = used_ranges_figures(run({**content, "recorded": {"folder": CONTENT["recorded"]["folder"]}}))
+    figure = drawn["workspace_of_range_used"]
+    figure.savefig(io.BytesIO())
+    above, below = (each.get_window_extent() for each in (figure.texts[0], figure.legends[0]))
+    for panel in figure.axes:
+        assert panel.title.get_window_extent().y1 <= above.y0
+        assert panel.xaxis.label.get_window_extent().y0 >= below.y1
+    for panel in drawn["range_used"].axes:
+        assert panel.get_xlim()[0] < min(bar.get_x() for bar in panel.patches)  # type: ignore[attr-defined]
+
+
 def test_range_that_holds_no_handle_upright_is_an_answer(recorded: Callable[[str], Path]) -> None:
     recorded(f"{FOLDER}/RF_MEAN_ShEl.csv")
     content = {**CONTENT, "arm": {**CONTENT["arm"], "handle_tilt_deg": 2.0}, "variation": None}

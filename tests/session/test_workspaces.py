@@ -16,6 +16,7 @@ from rehab_opt.session.report import metrics_json
 from rehab_opt.session.run import checked, run_problem
 from rehab_opt.session.workspaces.figures import workspace_figures
 from rehab_opt.session.workspaces.outcome import WorkspaceOutcome
+from rehab_opt.session.workspaces.region_drawing import SET_STYLES
 from rehab_opt.session.workspaces.table import workspace_table
 from rehab_opt.session.workspaces.trace import boundary_columns
 
@@ -152,3 +153,8 @@ def test_fault_is_one_line_with_its_key(arm: dict[str, object], key: str, expect
     assert refusal.value.key.startswith(key)
     assert expected in refusal.value.expected
     assert "\n" not in str(refusal.value)
+
+
+def test_as_many_sets_as_may_be_compared_look_different() -> None:
+    assert len({style["facecolor"] for style in SET_STYLES}) == len(SET_STYLES) >= 12
+    assert len({(style["linestyle"], style.get("hatch")) for style in SET_STYLES}) == len(SET_STYLES)

@@ -26,8 +26,14 @@ SET_STYLES: Sequence[Mapping[str, Any]] = (
     {"facecolor": "#009E73", "edgecolor": "#00573F", "linestyle": "-.", "hatch": "...."},
     {"facecolor": "#E69F00", "edgecolor": "#7F5800", "linestyle": ":", "hatch": "xxxx"},
     {"facecolor": "#CC79A7", "edgecolor": "#75405E", "linestyle": "--", "hatch": "oo"},
+    {"facecolor": "#F0E442", "edgecolor": "#786F00", "linestyle": "-.", "hatch": "++"},
+    {"facecolor": "#56B4E9", "edgecolor": "#1F5F86", "linestyle": ":", "hatch": "||||"},
+    {"facecolor": "#8B5A2B", "edgecolor": "#452D15", "linestyle": "-", "hatch": "----"},
+    {"facecolor": "#5D3A9B", "edgecolor": "#2E1D4D", "linestyle": "--", "hatch": "**"},
+    {"facecolor": "#E8C4B8", "edgecolor": "#8A5A4A", "linestyle": "-.", "hatch": "OO"},
+    {"facecolor": "#333333", "edgecolor": "#000000", "linestyle": ":", "hatch": "xx"},
 )
-"""Of the sets in the order of the file; more than these repeat."""
+"""Of the sets in the order of the file, as many as may be compared."""
 WRAPPED = 62  # characters of a legend's line
 ARROW = 60  # [mm]
 
