@@ -1,0 +1,128 @@
+"""A simulated planar robot whose force on the hand is controlled by a proportional-integral loop."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from rehab_opt.errors import ConfigurationError
+
+__all__ = ["ForceRobot", "RobotModel"]
+
+SMOOTH = 2e-3
+"""[m/s] Below this speed dry friction fades to zero, so that it has a derivative."""
+
+
+@dataclass(frozen=True)
+class RobotModel:
+    """A planar robot, its force loop and where it can go.
+
+    The motors give u = F + gain e + integral * int e, with e = F - measured force on the hand; robot and hand move as
+    one, (m_robot + m_hand) a = u - friction + force of the person. All numbers are assumptions: the paper publishes
+    none of its robot's.
+
+    Parameters
+    ----------
+    mass : [kg] moved at the handle. viscous : [N s/m]. coulomb : [N] dry friction.
+    gain, integral : [1], [1/s] of the force loop; without dead time it is stable for gain < (m_robot + m_hand) / m_hand.
+    noise : [N] standard deviation of the force sensor, per axis.
+    motor_limit : [N] per axis.
+    lower, upper : (2,) [m] mechanical stops in the robot's frame.
+    """
+
+    mass: float = 1.5
+    viscous: float = 3.0
+    coulomb: float = 1.5
+    gain: float = 0.8
+    integral: float = 60.0
+    noise: float = 0.05
+    motor_limit: float = 80.0
+    lower: tuple[float, float] = (-math.inf, -math.inf)
+    upper: tuple[float, float] = (math.inf, math.inf)
+
+    def check(self, hand_mass: float) -> None:
+        """Refuse a loop that is unstable with this hand.
+
+        Raises
+        ------
+        ConfigurationError : its gain is too large.
+        """
+        most = (self.mass + hand_mass) / hand_mass
+        if not self.gain < most:
+            raise ConfigurationError("gain", self.gain, f"less than {most:.3g} for a hand of {hand_mass:g} kg")
+
+
+class ForceRobot:
+    """The robot with a hand on its handle, from tick to tick.
+
+    Parameters
+    ----------
+    model : the robot. hand_mass : [kg] of the hand and what moves with it.
+    start : (2,) [m] where it rests at first. dt : [s] of a tick. rng : of the sensor's noise. ticks : how many at most.
+
+    Raises
+    ------
+    ConfigurationError : see `RobotModel.check`.
+    """
+
+    __slots__ = (
+        "_dt", "_hand_mass", "_integral", "_model", "_noise", "_tick", "measured_x", "measured_y", "vx", "vy", "x", "y",
+    )  # fmt: skip
+
+    def __init__(
+        self,
+        model: RobotModel,
+        *,
+        hand_mass: float,
+        start: tuple[float, float],
+        dt: float,
+        rng: np.random.Generator,
+        ticks: int,
+    ) -> None:
+        model.check(hand_mass)
+        self._model, self._hand_mass, self._dt = model, hand_mass, dt
+        self.x, self.y = map(float, start)
+        self.vx = self.vy = self.measured_x = self.measured_y = 0.0
+        self._integral = [0.0, 0.0]
+        self._noise: list[list[float]] = (model.noise * rng.standard_normal((ticks, 2))).tolist()
+        self._tick = 0
+
+    def step(self, force_x: float, force_y: float, person_x: float, person_y: float) -> None:
+        """One tick under the commanded force [N], with a person who pushes the handle with person_x, person_y [N].
+
+        Afterwards x, y, vx, vy are the new state, and measured_x, measured_y the force on the hand in this tick.
+        """
+        model, integral, dt = self._model, self._integral, self._dt
+        noise_x, noise_y = self._noise[self._tick]
+        self._tick += 1
+        slip = model.viscous + model.coulomb / math.sqrt(self.vx * self.vx + self.vy * self.vy + SMOOTH * SMOOTH)
+        whole = model.mass + self._hand_mass
+
+        motor = self._motor(0, force_x - self.measured_x, force_x)
+        acceleration = (motor - slip * self.vx + person_x) / whole
+        self.measured_x = self._hand_mass * acceleration - person_x + noise_x
+        self.vx += acceleration * dt
+        self.x += self.vx * dt
+
+        motor = self._motor(1, force_y - self.measured_y, force_y)
+        acceleration = (motor - slip * self.vy + person_y) / whole
+        self.measured_y = self._hand_mass * acceleration - person_y + noise_y
+        self.vy += acceleration * dt
+        self.y += self.vy * dt
+
+        if not (model.lower[0] <= self.x <= model.upper[0]):
+            self.x, self.vx = min(max(self.x, model.lower[0]), model.upper[0]), 0.0
+        if not (model.lower[1] <= self.y <= model.upper[1]):
+            self.y, self.vy = min(max(self.y, model.lower[1]), model.upper[1]), 0.0
+
+    def _motor(self, axis: int, error: float, force: float) -> float:
+        """[N] of the motors; the integral waits while they are at their limit."""
+        model, integral = self._model, self._integral
+        summed = integral[axis] + model.integral * self._dt * error
+        motor = force + model.gain * error + summed
+        if -model.motor_limit <= motor <= model.motor_limit:
+            integral[axis] = summed
+            return motor
+        return min(max(motor, -model.motor_limit), model.motor_limit)

@@ -1,0 +1,156 @@
+"""A simulated person who moves a hand: voluntary reaching, weakness and stiffness outside W_c, tremor and spasms."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.workspace.region import Workspace
+
+__all__ = ["Person", "SimulatedPerson"]
+
+Array = NDArray[np.float64]
+
+TREMOR_LINES = 3
+
+
+@dataclass(frozen=True)
+class Person:
+    """What the hand does; every number is an assumption, none was measured on the paper's participant.
+
+    The hand is pushed by
+
+        sat(K (x_i + wander - x) + B (v_i - v) + effort, strength(x)) - passive(x, v) + tremor + spasms
+
+    towards the intended motion x_i(t), with an effort that grows while the hand lags behind. Outside the comfortable
+    workspace the strength falls over `fades_over` to `weak_strength`, and joints near their limits push back with
+    `passive_stiffness` towards the nearest comfortable point.
+
+    Parameters
+    ----------
+    hand_mass : [kg] effective mass of hand and arm at the handle.
+    stiffness, damping : K [N/m], B [N s/m] of the voluntary impedance.
+    persistence : [1/s] how fast the effort grows with the distance that is left: d effort / dt = persistence K distance.
+    strength, weak_strength : [N] largest voluntary force inside W_c, and far outside.
+    fades_over : [m] beyond the boundary.
+    passive_stiffness, passive_damping : [N/m] outside W_c, [N s/m] everywhere.
+    wander, wander_time : [m], [s] standard deviation and correlation time of where the person takes the hand to be meant.
+    tremor, tremor_hz : [N] root mean square, [Hz] centre of three lines.
+    spasm_rate, spasm_force, spasm_time : [1/s] how often, [N] mean peak, [s] mean length of involuntary bursts in random
+        directions.
+    """
+
+    hand_mass: float = 1.2
+    stiffness: float = 200.0
+    damping: float = 20.0
+    persistence: float = 0.6
+    strength: float = 25.0
+    weak_strength: float = 3.0
+    fades_over: float = 0.02
+    passive_stiffness: float = 120.0
+    passive_damping: float = 8.0
+    wander: float = 0.006
+    wander_time: float = 0.5
+    tremor: float = 0.3
+    tremor_hz: float = 6.0
+    spasm_rate: float = 0.15
+    spasm_force: float = 5.0
+    spasm_time: float = 0.3
+
+
+class SimulatedPerson:
+    """One person in one trial; the same seed gives the same moods, whatever the robot does.
+
+    Parameters
+    ----------
+    person : the numbers. comfortable : W_c in the robot's frame. dt : [s]. ticks : how many at most. seed : of the moods.
+    """
+
+    def __init__(self, person: Person, comfortable: Workspace, *, dt: float, ticks: int, seed: int) -> None:
+        self.person = person
+        self._where = comfortable.signed_distance_and_foot
+        self._dt = dt
+        rng = np.random.default_rng(seed)
+        self._wander: list[list[float]] = _wander(person, ticks, dt, rng).tolist()
+        self._involuntary: list[list[float]] = (_tremor(person, ticks, dt, rng) + _spasms(person, ticks, dt, rng)).tolist()
+        self._effort_x = self._effort_y = 0.0
+        self._tick = 0
+        self.beyond = -math.inf
+
+    def force(  # noqa: PLR0917  (a hot call: state, then intention)
+        self, x: float, y: float, vx: float, vy: float, to_x: float, to_y: float, to_vx: float, to_vy: float
+    ) -> tuple[float, float]:
+        """[N] on the handle, of a hand at (x, y) that means to be at (to_x, to_y); `beyond` is then its distance.
+
+        `beyond` [m] is the signed distance to the comfortable workspace, negative inside.
+        """
+        person, tick = self.person, self._tick
+        self._tick += 1
+        wander_x, wander_y = self._wander[tick]
+        pushed_x, pushed_y = self._involuntary[tick]
+        beyond, foot_x, foot_y = self._where((x, y))
+        self.beyond = beyond
+        spring, damper = person.stiffness, person.damping
+        off_x, off_y = to_x + wander_x - x, to_y + wander_y - y
+        effort_x, effort_y = self._effort_x, self._effort_y
+        will_x = spring * off_x + damper * (to_vx - vx) + effort_x
+        will_y = spring * off_y + damper * (to_vy - vy) + effort_y
+        most = person.strength
+        if beyond > 0.0:
+            left = 1.0 - beyond / person.fades_over
+            most = person.weak_strength + ((most - person.weak_strength) * left if left > 0.0 else 0.0)
+            pushed_x -= person.passive_stiffness * (x - foot_x)
+            pushed_y -= person.passive_stiffness * (y - foot_y)
+        size = math.hypot(will_x, will_y)
+        if size > most:  # the effort stops growing where nothing is left to give
+            will_x *= most / size
+            will_y *= most / size
+            keep = min(1.0, most / max(math.hypot(effort_x, effort_y), most))
+            self._effort_x, self._effort_y = keep * effort_x, keep * effort_y
+        else:
+            grow = person.persistence * spring * self._dt
+            self._effort_x = effort_x + grow * (to_x - x)
+            self._effort_y = effort_y + grow * (to_y - y)
+        return (
+            will_x - person.passive_damping * vx + pushed_x,
+            will_y - person.passive_damping * vy + pushed_y,
+        )
+
+
+def _wander(person: Person, ticks: int, dt: float, rng: np.random.Generator) -> Array:
+    """(N, 2) [m] a smooth stationary random walk: an Ornstein-Uhlenbeck process through a second low-pass filter."""
+    from scipy.signal import lfilter  # noqa: PLC0415  (loads slowly)
+
+    keep = math.exp(-dt / person.wander_time)
+    settle = math.ceil(8 * person.wander_time / dt)  # so that the first tick is like any other
+    noise = rng.standard_normal((ticks + settle, 2))
+    walk = lfilter([1 - keep], [1, -2 * keep, keep * keep], noise, axis=0)[settle:]
+    # Variance of two equal first-order filters in a row: (1 + k^2) / (1 - k^2)^3 for unit noise.
+    spread = (1 - keep) * math.sqrt((1 + keep**2) / (1 - keep**2) ** 3)
+    moved: Array = person.wander / spread * walk
+    return moved
+
+
+def _tremor(person: Person, ticks: int, dt: float, rng: np.random.Generator) -> Array:
+    """(N, 2) [N] lines about the tremor's frequency, of random phases, and so of random directions."""
+    time = dt * np.arange(ticks)
+    total = np.zeros((ticks, 2))
+    for _ in range(TREMOR_LINES):
+        hertz = person.tremor_hz * rng.uniform(0.85, 1.15)
+        total += np.sin(2 * math.pi * (hertz * time[:, None] + rng.uniform(0, 1, 2)))
+    return total * person.tremor / math.sqrt(TREMOR_LINES)
+
+
+def _spasms(person: Person, ticks: int, dt: float, rng: np.random.Generator) -> Array:
+    """(N, 2) [N] half sines at the times of a Poisson process."""
+    total = np.zeros((ticks, 2))
+    for _ in range(rng.poisson(person.spasm_rate * ticks * dt)):
+        start = int(rng.integers(ticks))
+        length = max(2, int(person.spasm_time * rng.uniform(0.5, 1.5) / dt))
+        size, angle = person.spasm_force * rng.uniform(0.5, 1.5), rng.uniform(0, 2 * math.pi)
+        burst = size * np.sin(math.pi * np.arange(length) / length)[: ticks - start]
+        total[start : start + len(burst)] += burst[:, None] * np.array([math.cos(angle), math.sin(angle)])
+    return total
