@@ -1,0 +1,173 @@
+"""What is measured of a trial: deviation, force, speed, time, and the clinical measures of reaching.
+
+Every key ends in its unit, every value is strict JSON; None says that there is no such number.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rehab_opt.control.command import Status
+from rehab_opt.control.gate import Mode
+from rehab_opt.errors import ConfigurationError
+from rehab_opt.session.metrics import finite
+from rehab_opt.session.scenario.claims import promised
+from rehab_opt.session.scenario.deviation import Projection, path_length, projected
+from rehab_opt.session.scenario.smoothness import spectral_arc_length
+from rehab_opt.session.scenario.trial import Trial
+
+__all__ = ["REACHES", "deviation_of", "trial_measures"]
+
+Array = NDArray[np.float64]
+Ticks = NDArray[np.bool_]
+Numbers = dict[str, Any]
+
+REACHES: tuple[Mode, ...] = ("stretch", "assist", "resist")
+"""Modes in which one place is to be reached; in the others a path is to be followed, or places held."""
+LETTING_GO = (Status.RELEASING, Status.RELEASED)
+
+
+def trial_measures(
+    trial: Trial, *, reference: ArrayLike, mode: Mode, target: ArrayLike | None, within: float
+) -> Numbers:
+    """All measures of a trial.
+
+    Parameters
+    ----------
+    reference : (M, 2) [m] the path, or the points to be held.
+    target : (2,) [m] the point to be reached; None where any place of the reference will do (stretch), or for the end
+        of the reference (follow); not asked for in "hold".
+    within : [m] nearer than this is on the target.
+
+    Raises
+    ------
+    ConfigurationError : a trial of less than two ticks, a reference that is no path, a tolerance not above zero.
+    """
+    if len(trial.time) < 2:
+        raise ConfigurationError("trial", f"{len(trial.time)} ticks", "two ticks or more")
+    path = np.asarray(reference, dtype=np.float64)
+    if path.ndim != 2 or path.shape[1:] != (2,) or not len(path) or not np.isfinite(path).all():
+        raise ConfigurationError("reference", path.shape, "finite points (M, 2) in metres")
+    if not 0 < within < math.inf:
+        raise ConfigurationError("within", within, "metres above zero")
+    where = projected(trial.position, path)
+    deviation, counts = deviation_of(trial, where.distance, mode)
+    return {
+        **_deviations(deviation, counts, trial.inside),
+        **_forces(trial),
+        **_motion(trial, mode, counts),
+        **_arrival(trial, where, mode, path[-1] if target is None and mode == "follow" else target, within),
+        "smoothness_sparc": _smoothness(trial),
+        **_statuses(trial),
+        **promised(trial, where, mode),
+    }
+
+
+def deviation_of(trial: Trial, to_path: Array, mode: Mode) -> tuple[Array, Ticks]:
+    """(N,) [m] from the path or, where points are held, the goal; and (N,) the ticks in which it counts.
+
+    `to_path` (N,) [m] is the distance from the reference.
+    """
+    if mode != "hold":
+        return to_path, np.ones(len(to_path), dtype=bool)
+    return np.linalg.norm(trial.position - trial.goal, axis=1), np.isfinite(trial.goal).all(axis=1)
+
+
+def _deviations(deviation: Array, counts: Ticks, inside: Ticks) -> Numbers:
+    numbers: Numbers = {}
+    both = bool(inside[counts].any()) and not bool(inside[counts].all())
+    parts = {"deviation": counts, "deviation_inside": counts & inside, "deviation_outside": counts & ~inside}
+    for name, ticks in parts.items():
+        of = deviation[ticks] if both or name == "deviation" else deviation[:0]
+        known = len(of) > 0
+        numbers |= {
+            f"{name}_mean_m": float(np.mean(of)) if known else None,
+            f"{name}_rms_m": float(np.sqrt(np.mean(of**2))) if known else None,
+            f"{name}_p95_m": float(np.percentile(of, 95)) if known else None,
+            f"{name}_max_m": float(np.max(of)) if known else None,
+        }
+    return numbers
+
+
+def _forces(trial: Trial) -> Numbers:
+    measured, commanded = np.linalg.norm(trial.measured, axis=1), np.linalg.norm(trial.commanded, axis=1)
+    from_rest = np.vstack((np.zeros(2), trial.commanded))
+    change = np.linalg.norm(np.diff(from_rest, axis=0), axis=1).max() / _tick(trial)
+    moved = np.diff(trial.position, axis=0)
+    return {
+        "force_measured_mean_N": float(measured.mean()),
+        "force_measured_max_N": float(measured.max()),
+        "force_commanded_mean_N": float(commanded.mean()),
+        "force_commanded_max_N": float(commanded.max()),
+        "force_change_max_N_s": finite(change),
+        # A force is held until the next tick: this is its work on the hand.
+        "energy_delivered_J": float((trial.commanded[:-1] * moved).sum()),
+    }
+
+
+def _motion(trial: Trial, mode: Mode, counts: Ticks) -> Numbers:
+    speed, measured = np.linalg.norm(trial.velocity, axis=1), np.linalg.norm(trial.measured, axis=1)
+    holds = mode == "hold" and bool(counts.any())
+    travelled = path_length(trial.position)
+    # Of a reach that fell short, the way to the target would flatter: the straight line ends where the hand did.
+    straight = float(np.linalg.norm(trial.position[-1] - trial.position[0]))
+    meant = straight if mode in REACHES else path_length(trial.intended)
+    return {
+        "speed_mean_m_s": float(speed.mean()),
+        "speed_max_m_s": float(speed.max()),
+        "speed_held_mean_m_s": float(speed[counts].mean()) if holds else None,
+        "force_measured_held_mean_N": float(measured[counts].mean()) if holds else None,
+        "duration_s": float(trial.time[-1] - trial.time[0]),
+        "path_length_m": travelled,
+        "path_length_ratio": travelled / meant if meant > 0 else None,
+    }
+
+
+def _arrival(trial: Trial, where: Projection, mode: Mode, target: ArrayLike | None, within: float) -> Numbers:
+    aimed, counts = deviation_of(trial, where.distance, mode)
+    to_target = (
+        aimed if target is None or mode == "hold" else np.linalg.norm(trial.position - np.asarray(target), axis=1)
+    )
+    on_target = counts & ((to_target if mode in REACHES else aimed) <= within)
+    last = float(to_target[counts][-1]) if counts.any() else math.nan
+    reached_share = _reached_share(trial, on_target) if mode == "hold" else None
+    first = np.flatnonzero(on_target)
+    met = last <= within if reached_share is None else reached_share == 1.0
+    return {
+        "success": bool(trial.ended == "done" and met),
+        "final_distance_m": finite(last),
+        "time_to_target_s": float(trial.time[first[0]] - trial.time[0]) if mode in REACHES and len(first) else None,
+        "time_on_target_s": float(on_target.sum() * _tick(trial)),
+        "time_on_target_share": float(on_target.sum() / counts.sum()) if counts.any() else None,
+        "goals_reached_share": reached_share,
+    }
+
+
+def _reached_share(trial: Trial, on_target: Ticks) -> float:
+    """Of the points that were to be held, how many the hand was at while it was to be there."""
+    goals = {tuple(goal) for goal in trial.goal[np.isfinite(trial.goal).all(axis=1)].tolist()}
+    reached = {tuple(goal) for goal in trial.goal[on_target].tolist()}
+    return len(reached) / len(goals) if goals else 0.0
+
+
+def _smoothness(trial: Trial) -> float | None:
+    return finite(spectral_arc_length(np.linalg.norm(trial.velocity, axis=1), 1.0 / _tick(trial)))
+
+
+def _statuses(trial: Trial) -> Numbers:
+    counts = np.bincount(trial.status, minlength=len(Status)) / len(trial.status)
+    let_go = np.isin(trial.status, [i for i, status in enumerate(Status) if status in LETTING_GO])
+    return {
+        "status_share": {status.value: float(share) for status, share in zip(Status, counts, strict=True) if share},
+        "releases": int(let_go[0]) + int((let_go[1:] & ~let_go[:-1]).sum()),
+        "inside_share": float(trial.inside.mean()),
+    }
+
+
+def _tick(trial: Trial) -> float:
+    """[s]"""
+    return float(np.median(np.diff(trial.time)))
