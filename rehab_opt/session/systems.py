@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from rehab_opt.session.files import ProblemFile
     from rehab_opt.session.pose_tracking.outcome import RobotOutcome
     from rehab_opt.session.pose_tracking.problem import PoseTracking
+    from rehab_opt.session.scenario.outcome import ScenarioOutcome
+    from rehab_opt.session.scenario.problem import ScenarioProblem
     from rehab_opt.session.upper_limb.outcome import ArmOutcome
     from rehab_opt.session.upper_limb.problem import UpperLimb
     from rehab_opt.session.used_ranges.outcome import UsedRangesOutcome
@@ -151,6 +153,12 @@ def _used_ranges() -> System[UsedRangesProblem, UsedRangesOutcome]:
     return UsedRangesSystem()
 
 
+def _scenario() -> System[ScenarioProblem, ScenarioOutcome]:
+    from rehab_opt.session.scenario.system import ScenarioSystem  # noqa: PLC0415
+
+    return ScenarioSystem()
+
+
 def _ardis() -> System[ArdisProblem, ArdisOutcome]:
     from rehab_opt.session.ardis.system import ArdisSystem  # noqa: PLC0415
 
@@ -164,6 +172,7 @@ SYSTEMS: Mapping[str, Callable[[], System[Any, Any]]] = MappingProxyType(
         "workspace": _workspace,
         "workspace_map": _workspace_map,
         "used_ranges": _used_ranges,
+        "scenario": _scenario,
         "ardis": _ardis,
     }
 )

@@ -49,9 +49,9 @@ def reached(path: Array, *, seconds: float, rest: float, dt: float) -> Intention
     return Intention(places, _velocities(places, dt), np.zeros(len(time), dtype=np.int64), path[-1:], everywhere)
 
 
-def traced(path: Array, *, seconds: float, dt: float) -> Intention:
-    """Along samples (M, 2) [m] that are equal times apart, in `seconds` in all; there is no goal but the path."""
-    time = dt * np.arange(math.ceil(seconds / dt))
+def traced(path: Array, *, seconds: float, rest: float, dt: float) -> Intention:
+    """Along samples (M, 2) [m] that are equal times apart in `seconds`, then at the last; there is no goal but the path."""
+    time = dt * np.arange(math.ceil((seconds + rest) / dt))
     at = np.linspace(0.0, seconds, len(path))
     places = np.column_stack([np.interp(time, at, path[:, axis]) for axis in (0, 1)])
     everywhere = np.ones(len(time), dtype=bool)

@@ -1,0 +1,210 @@
+"""What a scenario's trials need, made from its problem file: the sets, the reference, the fields, the person's intention."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.errors import ConfigurationError, ProblemFileError
+from rehab_opt.field.potential import PotentialField
+from rehab_opt.session.files import ProblemFile
+from rehab_opt.session.outcome import Progress
+from rehab_opt.session.placed_recording import placed_recording
+from rehab_opt.session.scenario.force_robot import RobotModel
+from rehab_opt.session.scenario.intention import Intention, held, nearest_next, reached, traced
+from rehab_opt.session.scenario.problem import THERAPY, ScenarioProblem
+from rehab_opt.session.scenario.simulated_person import Person
+from rehab_opt.session.workspaces import reached as sets
+from rehab_opt.workspace.mapping import WorkspaceMap
+from rehab_opt.workspace.region import Workspace
+
+__all__ = ["Prepared", "given_path", "person_of", "prepared", "robot_model_of"]
+
+Array = NDArray[np.float64]
+
+
+class Prepared(NamedTuple):
+    """All places in the robot's frame."""
+
+    comfortable: Workspace
+    reachable: Workspace
+    reference: Array
+    """(N, 2) [m] path, or points in the order in which they are held."""
+    demonstrated: Array | None
+    """(N, 2) [m] what the reference was mapped from."""
+    fields: tuple[PotentialField, ...]
+    intention: Intention
+    notes: tuple[str, ...]
+
+
+def prepared(loaded: ProblemFile[ScenarioProblem], *, progress: Progress) -> Prepared:
+    """Workspaces, map, field and intention.
+
+    Raises
+    ------
+    ProblemFileError : a value of the file or a recording cannot be used; a workspace is empty; the task lies where it
+        cannot be done.
+    """
+    problem = loaded.problem
+    path, notes = given_path(loaded)
+    there: dict[str, Workspace] = {}
+    for name in ("comfortable", "reachable"):
+        progress("workspaces", len(there), 2)
+        found = sets.reached(problem.arm, getattr(problem.arm, name), file=loaded.file, key="arm").workspace
+        if found.empty:
+            raise ProblemFileError(loaded.file, f"arm.{name}", "an empty workspace", found.reason)
+        there[name] = found
+    progress("workspaces", 2, 2)
+    comfortable, reachable = there["comfortable"], there["reachable"]
+    _refuse_outside(loaded, path, reachable)
+    _refuse_stops(loaded, comfortable)
+    demonstrated = None
+    if problem.mode not in THERAPY and problem.task.mapped:
+        progress("map", 0, 1)
+        demonstrated, path = path, _mapped(loaded, path, reachable, comfortable)
+        progress("map", 1, 1)
+    elif problem.mode not in THERAPY:
+        _refuse_outside(loaded, path, comfortable)
+    if problem.mode == "hold":
+        path = nearest_next(path)
+    try:
+        fields = _fields(problem, path)
+    except ConfigurationError as refused:
+        raise ProblemFileError(loaded.file, f"field, {refused.argument}", refused.value, refused.expected) from refused
+    return Prepared(comfortable, reachable, path, demonstrated, fields, _intention(problem, path), tuple(notes))
+
+
+def given_path(loaded: ProblemFile[ScenarioProblem]) -> tuple[Array, list[str]]:
+    """The task's points (N, 2) [m] in the robot's frame, and what was noticed.
+
+    Raises
+    ------
+    ProblemFileError : the recording cannot be used.
+    """
+    task, arm = loaded.problem.task, loaded.problem.arm
+    if task.points_m is not None:
+        points, notes = np.array(task.points_m), []
+    else:
+        assert task.recording is not None
+        assert task.placement is not None
+        recording, placed = placed_recording(
+            loaded, task.recording, task.placement, side=arm.side, rate=task.record_rate_hz, keys="task."
+        )
+        points, notes = placed[:, :2], [f"{recording.file}: {note}" for note in recording.notes]
+    return sets.placement_of(arm).to_robot(points), notes
+
+
+def person_of(problem: ScenarioProblem) -> Person:
+    """The simulated person's numbers."""
+    said = problem.person
+    return Person(
+        hand_mass=said.hand_mass_kg,
+        stiffness=said.stiffness_N_m,
+        damping=said.damping_Ns_m,
+        persistence=said.persistence_per_s,
+        strength=said.strength_N,
+        weak_strength=said.weak_strength_N,
+        fades_over=1e-3 * said.fades_over_mm,
+        passive_stiffness=said.passive_stiffness_N_m,
+        passive_damping=said.passive_damping_Ns_m,
+        wander=1e-3 * said.wander_mm,
+        wander_time=said.wander_s,
+        tremor=said.tremor_N,
+        tremor_hz=said.tremor_hz,
+        spasm_rate=said.spasms_per_s,
+        spasm_force=said.spasm_N,
+        spasm_time=said.spasm_s,
+    )
+
+
+def robot_model_of(loaded: ProblemFile[ScenarioProblem]) -> RobotModel:
+    """The simulated robot's numbers.
+
+    Raises
+    ------
+    ProblemFileError : its force loop is unstable with this hand.
+    """
+    said = loaded.problem.robot
+    model = RobotModel(
+        mass=said.mass_kg,
+        viscous=said.viscous_Ns_m,
+        coulomb=said.coulomb_N,
+        gain=said.gain,
+        integral=said.integral_per_s,
+        noise=said.sensor_noise_N,
+        motor_limit=said.motor_limit_N,
+        lower=(said.lower_m[0], said.lower_m[1]),
+        upper=(said.upper_m[0], said.upper_m[1]),
+    )
+    try:
+        model.check(loaded.problem.person.hand_mass_kg)
+    except ConfigurationError as refused:
+        raise ProblemFileError(loaded.file, f"robot.{refused.argument}", refused.value, refused.expected) from refused
+    return model
+
+
+def _refuse_outside(loaded: ProblemFile[ScenarioProblem], path: Array, where: Workspace) -> None:
+    """A person is led nowhere where the arm does not go."""
+    away = np.asarray(where.distance(path))
+    worst = int(np.argmax(away))
+    if not away[worst] <= where.accuracy:
+        key = "task.points_m" if loaded.problem.task.points_m is not None else "task.placement"
+        value = f"a point {1e3 * away[worst]:.1f} mm outside, at {np.round(path[worst], 4).tolist()} m (robot's frame)"
+        low_x, low_y, high_x, high_y = where.polygon.bounds
+        expected = (
+            f"points that the arm reaches: between {low_x:.3f} and {high_x:.3f} m along x, {low_y:.3f} and "
+            f"{high_y:.3f} m along y, within the outline"
+        )
+        raise ProblemFileError(loaded.file, key, value, expected)
+
+
+def _refuse_stops(loaded: ProblemFile[ScenarioProblem], comfortable: Workspace) -> None:
+    """The robot must reach what is comfortable, or the shoulder is placed wrongly."""
+    low, high = np.array(comfortable.polygon.bounds).reshape(2, 2)
+    robot = loaded.problem.robot
+    if not (np.all(low >= robot.lower_m) and np.all(high <= robot.upper_m)):
+        value = f"comfortable workspace from {np.round(low, 3).tolist()} to {np.round(high, 3).tolist()} m"
+        expected = f"within the robot's stops {robot.lower_m} to {robot.upper_m}"
+        raise ProblemFileError(loaded.file, "arm.shoulder_m", value, expected)
+
+
+def _mapped(loaded: ProblemFile[ScenarioProblem], path: Array, source: Workspace, target: Workspace) -> Array:
+    """The path's images; a map that is not safe is refused."""
+    try:
+        carry = WorkspaceMap.between(source, target).for_controller()
+    except ConfigurationError as refused:
+        value, expected = f"{refused.argument}: {refused.value}", refused.expected
+        raise ProblemFileError(loaded.file, "task.mapped", value, expected) from refused
+    return np.array([carry.image(point) for point in path])
+
+
+def _fields(problem: ScenarioProblem, path: Array) -> tuple[PotentialField, ...]:
+    """One along the path, or one for each point."""
+    said = problem.field
+    common = {
+        "stiffness": said.stiffness_N_m,
+        "width": 1e-3 * said.width_mm,
+        "damping": said.damping_Ns_m,
+    }
+    if problem.mode == "hold":
+        return tuple(PotentialField(point[None, :], **common) for point in path)
+    if problem.mode == "resist":
+        length = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
+        drag = said.resistance_N / (2 * length)  # so that the force at the end is what was asked for
+        return (PotentialField(path, drag=drag, drag_along="travelled", **common),)
+    rests = problem.mode == "assist"  # the others have no end to come to rest at
+    return (PotentialField(path, drag=said.drag_N_m, rest_on_target=rests, **common),)
+
+
+def _intention(problem: ScenarioProblem, path: Array) -> Intention:
+    task, dt = problem.task, 1 / problem.run.rate_hz
+    if problem.mode == "hold":
+        return held(path, move=task.movement_s, dwell=task.dwell_s, dt=dt)
+    if problem.mode == "follow":
+        return traced(path, seconds=task.movement_s, rest=task.rest_s, dt=dt)
+    if task.start_m is not None:
+        start = sets.placement_of(problem.arm).to_robot(np.array(task.start_m))
+        path = np.vstack((start, path))
+    return reached(path, seconds=task.movement_s, rest=task.rest_s, dt=dt)

@@ -1,0 +1,150 @@
+"""The run of `system = "scenario"`: the same person and task under each law, and what came of it."""
+
+from __future__ import annotations
+
+import math
+
+from rehab_opt.control.assistance import Assistance
+from rehab_opt.errors import ConfigurationError, ProblemFileError
+from rehab_opt.session.files import ProblemFile
+from rehab_opt.session.outcome import Progress
+from rehab_opt.session.scenario.laws import Assisted, ForceLaw, Published, Unassisted
+from rehab_opt.session.scenario.loop import Arrival, Scene, ran
+from rehab_opt.session.scenario.measures import trial_measures
+from rehab_opt.session.scenario.outcome import ScenarioOutcome
+from rehab_opt.session.scenario.prepared import Prepared, person_of, prepared, robot_model_of
+from rehab_opt.session.scenario.problem import THERAPY, ScenarioProblem
+from rehab_opt.session.scenario.summary import law_summary
+from rehab_opt.session.scenario.trial import Law, Trial
+from rehab_opt.session.solver_option import solver_refusals
+
+__all__ = ["law_of", "run_scenario", "scene_of"]
+
+REST = 0.5
+"""[s] A reach is over when the hand has been at its goal so long."""
+
+ASSUMPTIONS = (
+    "person and robot are simulated: their masses, stiffnesses, strengths and disturbances are assumptions",
+    "S is not published for scenarios 1 to 3, and sigma and k1 are suspect: the field's numbers are choices of the file",
+)
+
+
+def run_scenario(loaded: ProblemFile[ScenarioProblem], *, solver: str | None, progress: Progress) -> ScenarioOutcome:
+    """Every trial under every law of the file.
+
+    Raises
+    ------
+    ProblemFileError : a value of the file or a recording cannot be used.
+    ConfigurationError : `solver` cannot be used.
+    """
+    problem = loaded.problem
+    ready = prepared(loaded, progress=progress)
+    scene = scene_of(loaded, ready)
+    task = problem.task
+    trials: dict[Law, tuple[Trial, ...]] = {}
+    for name in problem.run.laws:
+        law = law_of(name, loaded, ready, solver=solver)
+        done: list[Trial] = []
+        for number in range(task.trials):
+            progress(f"trials, {name}", number, task.trials)
+            done.append(ran(scene, law, name=name, number=number, seed=task.seed + number))
+        progress(f"trials, {name}", task.trials, task.trials)
+        trials[name] = tuple(done)
+    target = ready.reference[-1] if problem.mode in THERAPY else None
+    measures = {
+        name: tuple(
+            trial_measures(
+                trial, reference=ready.reference, mode=problem.mode, target=target, within=1e-3 * task.within_mm
+            )
+            for trial in done
+        )
+        for name, done in trials.items()
+    }
+    return ScenarioOutcome(
+        system=problem.system,
+        name=loaded.name,
+        title=problem.title,
+        notes=(*ready.notes, *ASSUMPTIONS),
+        metrics={
+            "laws": {name: law_summary(list(of)) | {"trials": list(of)} for name, of in measures.items()},
+            "workspaces": {"comfortable_cm2": 1e4 * ready.comfortable.area, "reachable_cm2": 1e4 * ready.reachable.area},
+            "parameters": problem.model_dump(mode="json", exclude={"title"}),
+        },
+        mode=problem.mode,
+        comfortable=ready.comfortable,
+        reachable=ready.reachable,
+        reference=ready.reference,
+        demonstrated=ready.demonstrated,
+        fields=ready.fields,
+        force_limit=problem.assistance.force_limit_N,
+        trials=trials,
+        measures=measures,
+    )
+
+
+def scene_of(loaded: ProblemFile[ScenarioProblem], ready: Prepared) -> Scene:
+    """What all trials share."""
+    problem = loaded.problem
+    arrival = Arrival(1e-3 * problem.task.within_mm, REST) if problem.mode in THERAPY else None
+    return Scene(
+        comfortable=ready.comfortable,
+        person=person_of(problem),
+        robot=robot_model_of(loaded),
+        intention=ready.intention,
+        arrival=arrival,
+        dt=1 / problem.run.rate_hz,
+    )
+
+
+def law_of(name: Law, loaded: ProblemFile[ScenarioProblem], ready: Prepared, *, solver: str | None = None) -> ForceLaw:
+    """A law as the loop calls it.
+
+    Raises
+    ------
+    ProblemFileError : a value of the file cannot be used.
+    ConfigurationError : `solver` cannot be used.
+    """
+    problem, said = loaded.problem, loaded.problem.assistance
+    dt = 1 / problem.run.rate_hz
+    if name == "unassisted":
+        return Unassisted()
+    if name == "published":
+        return Published(_field_law(problem, ready), dt=dt)
+    chosen = {} if (solver or problem.run.solver) is None else {"solver": solver or problem.run.solver or ""}
+    try:
+        with solver_refusals(solver, file=loaded.file, key="run.solver", value=problem.run.solver):
+            assistance = Assistance(
+                ready.fields[0],
+                comfortable=ready.comfortable,
+                mode=problem.mode,
+                force_limit=said.force_limit_N,
+                slew_limit=said.slew_limit_N_s,
+                energy_budget=said.energy_budget_J,
+                speed_cap=said.speed_cap_m_s,
+                onset=1e-3 * said.onset_mm,
+                trust_stillness=True,  # a simulated sensor does not freeze
+                dt=dt,
+                **chosen,  # type: ignore[typeddict-item]
+            )
+    except ConfigurationError as refused:
+        if refused.argument.startswith("--") or isinstance(refused, ProblemFileError):
+            raise
+        raise ProblemFileError(loaded.file, f"assistance, {refused.argument}", refused.value, refused.expected) from refused
+    return Assisted(assistance, ready.fields)
+
+
+def _field_law(problem: ScenarioProblem, ready: Prepared):  # type: ignore[no-untyped-def]
+    """The paper's field of the same numbers; in "resist" k1 < 0 gives the same force where the path begins."""
+    from rehab_opt.published.field_law import FieldLaw  # noqa: PLC0415
+
+    field, said = ready.fields[0], problem.field
+    drag = -field.drag if problem.mode == "resist" else said.drag_N_m
+    return FieldLaw(
+        path=ready.reference if problem.mode == "hold" else field.paths[0].points,
+        stiffness=said.stiffness_N_m,
+        drag=drag,
+        width=1e-3 * said.width_mm,
+        damping=said.damping_Ns_m,
+        released=ready.comfortable.contains if problem.mode in THERAPY else None,
+        force_limit=problem.assistance.force_limit_N,
+    )

@@ -1,0 +1,66 @@
+"""`system = "scenario"`: what a session asks of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING
+
+from rehab_opt.session.files import ProblemFile
+from rehab_opt.session.outcome import Progress
+from rehab_opt.session.participant import arm_of
+from rehab_opt.session.scenario.outcome import ScenarioOutcome
+from rehab_opt.session.scenario.prepared import given_path, robot_model_of
+from rehab_opt.session.scenario.problem import ScenarioProblem
+from rehab_opt.session.scenario.run import run_scenario
+from rehab_opt.session.solver_option import checked_solver
+from rehab_opt.session.systems import Column, Needed
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from rich.table import Table
+
+__all__ = ["ScenarioSystem"]
+
+
+class ScenarioSystem:
+    """The five scenarios of therapy and help."""
+
+    schema = ScenarioProblem
+    options = frozenset({"solver"})
+
+    def recordings(self, problem: ScenarioProblem) -> tuple[Needed, ...]:
+        """The helper's movement, where one is named."""
+        recording = problem.task.recording
+        return () if recording is None else (Needed("task.recording.file", recording.file),)
+
+    def check(self, loaded: ProblemFile[ScenarioProblem]) -> tuple[str, ...]:
+        """Builds the arm and the robot, reads the recording; where the task lies is seen in the run."""
+        arm = loaded.problem.arm
+        for name in ("comfortable", "reachable"):
+            arm_of(arm.side, arm.segments, getattr(arm, name), file=loaded.file)
+        robot_model_of(loaded)
+        return tuple(given_path(loaded)[1])
+
+    def run(
+        self, loaded: ProblemFile[ScenarioProblem], *, options: Mapping[str, str], progress: Progress
+    ) -> ScenarioOutcome:
+        """The option is `solver`."""
+        return run_scenario(loaded, solver=checked_solver(options.get("solver")), progress=progress)
+
+    def table(self, outcome: ScenarioOutcome) -> Table:
+        """A column for each law."""
+        from rehab_opt.session.scenario.table import scenario_table  # noqa: PLC0415  (loads rich)
+
+        return scenario_table(outcome)
+
+    def trace(self, outcome: ScenarioOutcome) -> Iterator[Column]:
+        """Law by law, trial by trial."""
+        from rehab_opt.session.scenario.trace import trial_columns  # noqa: PLC0415
+
+        return trial_columns(outcome)
+
+    def figures(self, outcome: ScenarioOutcome) -> dict[str, Figure]:
+        """The field, the trials beside each other, and the study of the field's parameters."""
+        from rehab_opt.session.scenario.figures import scenario_figures  # noqa: PLC0415  (loads matplotlib)
+
+        return scenario_figures(outcome)
