@@ -37,6 +37,8 @@ class Assistance(BoundedForce):
     ConfigurationError : an argument that cannot be used.
     """
 
+    _by: list[float] | None
+
     def __init__(
         self,
         field: PotentialField,
@@ -65,5 +67,16 @@ class Assistance(BoundedForce):
         if not isinstance(field, PotentialField):
             raise ConfigurationError("field", field, "a PotentialField")
         self._wanted = wanted_force(field, self.comfortable, self.mode, **self._gates)
-        self.field = field
+        self.field, self._by = field, None
         field.pull(0.0, 0.0)  # compiled now, not in the loop
+
+    def carry(self, dx: float, dy: float) -> None:
+        """Let the field stand (dx, dy) [m] from where it was made, for a target that moves; `aim` puts it back.
+
+        Called in every tick, with a motion that is smooth: the force follows as fast as its slew bound allows. Where
+        the target is no number, the force is released.
+        """
+        if self._by is None:
+            self._by = [0.0, 0.0]
+            self._wanted = wanted_force(self.field, self.comfortable, self.mode, carried=self._by, **self._gates)
+        self._by[0], self._by[1] = dx, dy

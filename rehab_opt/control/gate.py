@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Literal, get_args
 
 from rehab_opt.errors import ConfigurationError
@@ -26,12 +26,15 @@ def wanted_force(
     onset: float,
     return_stiffness: float,
     return_force: float,
+    carried: Sequence[float] | None = None,
 ) -> WantedForce:
     """The field, where the mode lets it act.
 
     stretch, assist, resist (therapy): nothing inside the comfortable workspace, the field outside, growing to its full
     size over `onset` [m] beyond the boundary. follow, hold (help in a task): the field inside; outside a pull back to
     the nearest comfortable point, of `return_stiffness` [N/m] and at most `return_force` [N].
+
+    `carried` is read in every tick: how far [m] the field then stands from where it was made.
 
     Raises
     ------
@@ -45,7 +48,8 @@ def wanted_force(
     if mode != "resist" and resists:
         raise ConfigurationError("mode", mode, "'resist' for a field that drags against the motion")
     damping_x, damping_y = field.damping.tolist()
-    where, pull = comfortable.signed_distance_and_foot, field.pull
+    where = comfortable.signed_distance_and_foot
+    pull = field.pull if carried is None else _carried(field.pull, carried)
 
     def outside(x: float, y: float, vx: float, vy: float) -> tuple[float, float]:
         beyond = where((x, y))[0]
@@ -64,3 +68,9 @@ def wanted_force(
         return size * (foot_x - x), size * (foot_y - y)
 
     return inside if mode in ("follow", "hold") else outside
+
+
+def _carried(
+    pull: Callable[[float, float], tuple[float, float]], by: Sequence[float]
+) -> Callable[[float, float], tuple[float, float]]:
+    return lambda x, y: pull(x - by[0], y - by[1])

@@ -26,7 +26,8 @@ class RobotModel:
     Parameters
     ----------
     mass : [kg] moved at the handle. viscous : [N s/m]. coulomb : [N] dry friction.
-    gain, integral : [1], [1/s] of the force loop; without dead time it is stable for gain < (m_robot + m_hand) / m_hand.
+    gain, integral : [1], [1/s] of the force loop; the gain must be less than (m_robot + m_hand) / m_hand: the force
+        that is measured is a tick old.
     noise : [N] standard deviation of the force sensor, per axis.
     motor_limit : [N] per axis.
     lower, upper : (2,) [m] mechanical stops in the robot's frame.
@@ -94,7 +95,7 @@ class ForceRobot:
 
         Afterwards x, y, vx, vy are the new state, and measured_x, measured_y the force on the hand in this tick.
         """
-        model, integral, dt = self._model, self._integral, self._dt
+        model, dt = self._model, self._dt
         noise_x, noise_y = self._noise[self._tick]
         self._tick += 1
         slip = model.viscous + model.coulomb / math.sqrt(self.vx * self.vx + self.vy * self.vy + SMOOTH * SMOOTH)

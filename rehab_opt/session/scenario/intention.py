@@ -50,7 +50,7 @@ def reached(path: Array, *, seconds: float, rest: float, dt: float) -> Intention
 
 
 def traced(path: Array, *, seconds: float, rest: float, dt: float) -> Intention:
-    """Along samples (M, 2) [m] that are equal times apart in `seconds`, then at the last; there is no goal but the path."""
+    """Along samples (M, 2) [m] that are equal times apart in `seconds`, then rests at the last."""
     time = dt * np.arange(math.ceil((seconds + rest) / dt))
     at = np.linspace(0.0, seconds, len(path))
     places = np.column_stack([np.interp(time, at, path[:, axis]) for axis in (0, 1)])
@@ -59,9 +59,9 @@ def traced(path: Array, *, seconds: float, rest: float, dt: float) -> Intention:
 
 
 def held(points: Array, *, move: float, dwell: float, dt: float) -> Intention:
-    """From point to point (M, 2) [m] by minimum-jerk motions of `move` [s], each held for `dwell` [s]; begins at the first.
+    """From point to point (M, 2) [m] by minimum-jerk motions of `move` [s], each held for `dwell` [s].
 
-    A point counts from when the hand should be there.
+    It begins at the first. A point counts from when the hand should be there.
     """
     moving, holding = math.ceil(move / dt), math.ceil(dwell / dt)
     way = minimum_jerk(np.arange(1, moving + 1) / moving)[:, None]

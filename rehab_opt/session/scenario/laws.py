@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rehab_opt.control.assistance import Assistance
 from rehab_opt.control.command import Status
-from rehab_opt.field.potential import PotentialField
+from rehab_opt.control.smoothing import Smoother
 from rehab_opt.published.field_law import FieldLaw
 
-__all__ = ["Answer", "Assisted", "ForceLaw", "Published", "Unassisted"]
+__all__ = ["Answer", "Assisted", "AssistedAtPoints", "ForceLaw", "Published", "Unassisted"]
+
+Array = NDArray[np.float64]
 
 NONE = (0.0, 0.0)
 INDEX = {status: i for i, status in enumerate(Status)}
@@ -58,20 +60,17 @@ class Unassisted:
 
 
 class Assisted:
-    """`Assistance`, which estimates the velocity from the positions; aims at one field after the other."""
+    """`Assistance`, which estimates the velocity from the positions."""
 
-    def __init__(self, assistance: Assistance, fields: Sequence[PotentialField]) -> None:
-        self._assistance, self._fields = assistance, fields
+    def __init__(self, assistance: Assistance) -> None:
+        self._assistance = assistance
 
     def start(self) -> None:
         """No force yet, and a full tank."""
-        self._assistance.aim(self._fields[0])
         self._assistance.reset()
 
     def aim(self, goal: int) -> None:
-        """The field of that goal, where there is one for each."""
-        if len(self._fields) > 1:
-            self._assistance.aim(self._fields[goal])
+        """The field is of the whole path."""
 
     def answer(self, x: float, y: float) -> Answer:
         """The certified force."""
@@ -81,6 +80,39 @@ class Assisted:
         return Answer(
             wanted, (force_x, force_y), INDEX[command.status], command.yielded._value_, self._assistance.energy_left
         )
+
+
+class AssistedAtPoints(Assisted):
+    """Holds one point after the other; on the way from one to the next the field is carried by a `Smoother`.
+
+    A field that jumped to the next point would pull the hand there as fast as its force allows.
+
+    Parameters
+    ----------
+    assistance : with the field of points[0]. points : (M, 2) [m]. pace : how fast the field is carried.
+    """
+
+    def __init__(self, assistance: Assistance, points: Array, pace: Smoother) -> None:
+        super().__init__(assistance)
+        self._points, self._pace = points, pace
+
+    def start(self) -> None:
+        """At the first point."""
+        super().start()
+        self._goal, self._there = self._points[0], False
+        self._pace.reset(self._points[0])
+
+    def aim(self, goal: int) -> None:
+        """To the next one."""
+        self._goal, self._there = self._points[goal], False
+
+    def answer(self, x: float, y: float) -> Answer:
+        """The certified force towards where the field now is."""
+        if not self._there:
+            to_x, to_y = (self._pace.step(self._goal).value - self._points[0]).tolist()
+            self._assistance.carry(to_x, to_y)
+            self._there = self._pace.arrived
+        return super().answer(x, y)
 
 
 class Published:

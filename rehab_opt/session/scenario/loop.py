@@ -40,7 +40,7 @@ class Scene(NamedTuple):
 
 
 def ran(scene: Scene, law: ForceLaw, *, name: Law, number: int, seed: int) -> Trial:
-    """One trial from rest at the intention's first place; the seed decides the person's moods and the sensor's noise."""
+    """One trial from rest at the intention's first place; the seed decides the person's moods and the sensor's."""
     intention, dt, arrival = scene.intention, scene.dt, scene.arrival
     ticks = len(intention.places)
     start = tuple(intention.places[0].tolist())

@@ -1,7 +1,8 @@
-"""What a scenario's trials need, made from its problem file: the sets, the reference, the fields, the person's intention."""
+"""What a scenario's trials need, made from its problem file: sets, reference, fields, the person's intention."""
 
 from __future__ import annotations
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -183,19 +184,15 @@ def _mapped(loaded: ProblemFile[ScenarioProblem], path: Array, source: Workspace
 def _fields(problem: ScenarioProblem, path: Array) -> tuple[PotentialField, ...]:
     """One along the path, or one for each point."""
     said = problem.field
-    common = {
-        "stiffness": said.stiffness_N_m,
-        "width": 1e-3 * said.width_mm,
-        "damping": said.damping_Ns_m,
-    }
+    make = partial(PotentialField, stiffness=said.stiffness_N_m, width=1e-3 * said.width_mm, damping=said.damping_Ns_m)
     if problem.mode == "hold":
-        return tuple(PotentialField(point[None, :], **common) for point in path)
+        return tuple(make(point[None, :]) for point in path)
     if problem.mode == "resist":
         length = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
         drag = said.resistance_N / (2 * length)  # so that the force at the end is what was asked for
-        return (PotentialField(path, drag=drag, drag_along="travelled", **common),)
+        return (make(path, drag=drag, drag_along="travelled"),)
     rests = problem.mode == "assist"  # the others have no end to come to rest at
-    return (PotentialField(path, drag=said.drag_N_m, rest_on_target=rests, **common),)
+    return (make(path, drag=said.drag_N_m, rest_on_target=rests),)
 
 
 def _intention(problem: ScenarioProblem, path: Array) -> Intention:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-import math
+import numpy as np
+from numpy.typing import NDArray
 
 from rehab_opt.control.assistance import Assistance
+from rehab_opt.control.smoothing import Smoother
 from rehab_opt.errors import ConfigurationError, ProblemFileError
+from rehab_opt.optim.ladder import FUSED
+from rehab_opt.published.field_law import FieldLaw
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
-from rehab_opt.session.scenario.laws import Assisted, ForceLaw, Published, Unassisted
+from rehab_opt.session.scenario.laws import Assisted, AssistedAtPoints, ForceLaw, Published, Unassisted
 from rehab_opt.session.scenario.loop import Arrival, Scene, ran
 from rehab_opt.session.scenario.measures import trial_measures
 from rehab_opt.session.scenario.outcome import ScenarioOutcome
@@ -20,12 +24,16 @@ from rehab_opt.session.solver_option import solver_refusals
 
 __all__ = ["law_of", "run_scenario", "scene_of"]
 
+Array = NDArray[np.float64]
+
+SHORTEST_WAY = 1e-3
+"""[m] between points; a single point needs no pace."""
 REST = 0.5
 """[s] A reach is over when the hand has been at its goal so long."""
 
 ASSUMPTIONS = (
     "person and robot are simulated: their masses, stiffnesses, strengths and disturbances are assumptions",
-    "S is not published for scenarios 1 to 3, and sigma and k1 are suspect: the field's numbers are choices of the file",
+    "the field's numbers are choices of the file: S is not published for scenarios 1 to 3, sigma and k1 are suspect",
 )
 
 
@@ -67,7 +75,10 @@ def run_scenario(loaded: ProblemFile[ScenarioProblem], *, solver: str | None, pr
         notes=(*ready.notes, *ASSUMPTIONS),
         metrics={
             "laws": {name: law_summary(list(of)) | {"trials": list(of)} for name, of in measures.items()},
-            "workspaces": {"comfortable_cm2": 1e4 * ready.comfortable.area, "reachable_cm2": 1e4 * ready.reachable.area},
+            "workspaces": {
+                "comfortable_cm2": 1e4 * ready.comfortable.area,
+                "reachable_cm2": 1e4 * ready.reachable.area,
+            },
             "parameters": problem.model_dump(mode="json", exclude={"title"}),
         },
         mode=problem.mode,
@@ -110,7 +121,6 @@ def law_of(name: Law, loaded: ProblemFile[ScenarioProblem], ready: Prepared, *, 
         return Unassisted()
     if name == "published":
         return Published(_field_law(problem, ready), dt=dt)
-    chosen = {} if (solver or problem.run.solver) is None else {"solver": solver or problem.run.solver or ""}
     try:
         with solver_refusals(solver, file=loaded.file, key="run.solver", value=problem.run.solver):
             assistance = Assistance(
@@ -124,19 +134,35 @@ def law_of(name: Law, loaded: ProblemFile[ScenarioProblem], ready: Prepared, *, 
                 onset=1e-3 * said.onset_mm,
                 trust_stillness=True,  # a simulated sensor does not freeze
                 dt=dt,
-                **chosen,  # type: ignore[typeddict-item]
+                solver=solver or problem.run.solver or FUSED,
             )
     except ConfigurationError as refused:
         if refused.argument.startswith("--") or isinstance(refused, ProblemFileError):
             raise
-        raise ProblemFileError(loaded.file, f"assistance, {refused.argument}", refused.value, refused.expected) from refused
-    return Assisted(assistance, ready.fields)
+        raise ProblemFileError(
+            loaded.file, f"assistance, {refused.argument}", refused.value, refused.expected
+        ) from refused
+    if problem.mode != "hold":
+        return Assisted(assistance)
+    return AssistedAtPoints(assistance, ready.reference, _pace(problem, ready.reference))
 
 
-def _field_law(problem: ScenarioProblem, ready: Prepared):  # type: ignore[no-untyped-def]
+def _pace(problem: ScenarioProblem, points: Array) -> Smoother:
+    """Bounds with which the longest way between points takes about `movement_s`, each axis by itself."""
+    way = max(float(np.abs(np.diff(points, axis=0)).max(initial=0.0)), SHORTEST_WAY)
+    seconds = problem.task.movement_s
+    # The largest speed, acceleration and jerk of the minimum-jerk motion of that length and time.
+    return Smoother(
+        velocity=1.875 * way / seconds,
+        acceleration=5.7735 * way / seconds**2,
+        jerk=60.0 * way / seconds**3,
+        axes=2,
+        dt=1 / problem.run.rate_hz,
+    )
+
+
+def _field_law(problem: ScenarioProblem, ready: Prepared) -> FieldLaw:
     """The paper's field of the same numbers; in "resist" k1 < 0 gives the same force where the path begins."""
-    from rehab_opt.published.field_law import FieldLaw  # noqa: PLC0415
-
     field, said = ready.fields[0], problem.field
     drag = -field.drag if problem.mode == "resist" else said.drag_N_m
     return FieldLaw(
@@ -145,6 +171,6 @@ def _field_law(problem: ScenarioProblem, ready: Prepared):  # type: ignore[no-un
         drag=drag,
         width=1e-3 * said.width_mm,
         damping=said.damping_Ns_m,
-        released=ready.comfortable.contains if problem.mode in THERAPY else None,
+        released=(lambda x: bool(ready.comfortable.contains(x))) if problem.mode in THERAPY else None,
         force_limit=problem.assistance.force_limit_N,
     )

@@ -33,14 +33,16 @@ class Person:
     ----------
     hand_mass : [kg] effective mass of hand and arm at the handle.
     stiffness, damping : K [N/m], B [N s/m] of the voluntary impedance.
-    persistence : [1/s] how fast the effort grows with the distance that is left: d effort / dt = persistence K distance.
+    persistence : [1/s] how fast the effort grows with the distance that is left: by
+        persistence K distance a second.
     strength, weak_strength : [N] largest voluntary force inside W_c, and far outside.
     fades_over : [m] beyond the boundary.
     passive_stiffness, passive_damping : [N/m] outside W_c, [N s/m] everywhere.
-    wander, wander_time : [m], [s] standard deviation and correlation time of where the person takes the hand to be meant.
+    wander, wander_time : [m], [s] standard deviation and correlation time of where the hand is
+        thought to be meant.
     tremor, tremor_hz : [N] root mean square, [Hz] centre of three lines.
-    spasm_rate, spasm_force, spasm_time : [1/s] how often, [N] mean peak, [s] mean length of involuntary bursts in random
-        directions.
+    spasm_rate, spasm_force, spasm_time : [1/s] how often, [N] mean peak, [s] mean length of involuntary bursts in
+        random directions.
     """
 
     hand_mass: float = 1.2
@@ -66,7 +68,8 @@ class SimulatedPerson:
 
     Parameters
     ----------
-    person : the numbers. comfortable : W_c in the robot's frame. dt : [s]. ticks : how many at most. seed : of the moods.
+    person : the numbers. comfortable : W_c in the robot's frame. dt : [s]. ticks : how many at most.
+    seed : of the moods.
     """
 
     def __init__(self, person: Person, comfortable: Workspace, *, dt: float, ticks: int, seed: int) -> None:
@@ -75,7 +78,9 @@ class SimulatedPerson:
         self._dt = dt
         rng = np.random.default_rng(seed)
         self._wander: list[list[float]] = _wander(person, ticks, dt, rng).tolist()
-        self._involuntary: list[list[float]] = (_tremor(person, ticks, dt, rng) + _spasms(person, ticks, dt, rng)).tolist()
+        self._involuntary: list[list[float]] = (
+            _tremor(person, ticks, dt, rng) + _spasms(person, ticks, dt, rng)
+        ).tolist()
         self._effort_x = self._effort_y = 0.0
         self._tick = 0
         self.beyond = -math.inf
