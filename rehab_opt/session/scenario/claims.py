@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rehab_opt.control.gate import Mode
 from rehab_opt.session.scenario.deviation import Projection
 from rehab_opt.session.scenario.trial import Trial
 
 __all__ = ["promised", "time_to_zero_force"]
+
+NEAR = 0.25
+"""Share of the reference that counts as near its end."""
 
 
 def promised(trial: Trial, where: Projection, mode: Mode) -> dict[str, Any]:
@@ -24,16 +27,15 @@ def promised(trial: Trial, where: Projection, mode: Mode) -> dict[str, Any]:
     inside, outside = trial.inside, ~trial.inside
     along = (trial.commanded * where.tangent).sum(axis=1)
     led = mode != "hold" and bool(outside.any())
-    against = led and along[outside].min() < 0
+    near = where.length - where.along <= NEAR * where.length
     return {
         "force_wanted_inside_max_N": float(wanted[inside].max()) if inside.any() else None,
         "force_growth_inside_max_N": float(growth[inside].max()) if inside.any() else None,
         "time_to_zero_force_after_entry_max_s": time_to_zero_force(trial),
         "force_along_reference_outside_min_N": float(along[outside].min()) if led else None,
         "force_along_reference_outside_max_N": float(along[outside].max()) if led else None,
-        "remaining_at_largest_resistance_m": (
-            float(where.length - where.along[np.where(outside, along, math.inf).argmin()]) if against else None
-        ),
+        "force_along_reference_last_quarter_mean_N": _mean(along, outside & near if led else None),
+        "force_along_reference_before_mean_N": _mean(along, outside & ~near if led else None),
     }
 
 
@@ -44,9 +46,13 @@ def time_to_zero_force(trial: Trial) -> float | None:
     the hand was never inside.
     """
     edges = np.flatnonzero(np.diff(np.concatenate(([0], trial.inside.astype(np.int8), [0]))))
-    zero = ~trial.commanded.any(axis=1)
+    zero: NDArray[np.bool_] = (trial.commanded == 0).all(axis=1)
     longest: float | None = None
     for entry, left in zip(edges[::2], edges[1::2], strict=True):
         first = entry + int(np.argmax(zero[entry:left])) if zero[entry:left].any() else min(left, len(zero) - 1)
         longest = max(longest or 0.0, float(trial.time[first] - trial.time[entry]))
     return longest
+
+
+def _mean(values: NDArray[np.float64], ticks: NDArray[np.bool_] | None) -> float | None:
+    return float(values[ticks].mean()) if ticks is not None and ticks.any() else None

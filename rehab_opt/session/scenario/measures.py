@@ -61,7 +61,7 @@ def trial_measures(
         **_forces(trial),
         **_motion(trial, mode, counts),
         **_arrival(trial, where, mode, path[-1] if target is None and mode == "follow" else target, within),
-        "smoothness_sparc": _smoothness(trial),
+        "smoothness_sparc": None if mode == "hold" else _smoothness(trial),  # it tells of one movement, not of many
         **_statuses(trial),
         **promised(trial, where, mode),
     }
@@ -74,7 +74,8 @@ def deviation_of(trial: Trial, to_path: Array, mode: Mode) -> tuple[Array, Ticks
     """
     if mode != "hold":
         return to_path, np.ones(len(to_path), dtype=bool)
-    return np.linalg.norm(trial.position - trial.goal, axis=1), np.isfinite(trial.goal).all(axis=1)
+    known: Ticks = np.isfinite(trial.goal[:, 0]) & np.isfinite(trial.goal[:, 1])
+    return np.linalg.norm(trial.position - trial.goal, axis=1), known
 
 
 def _deviations(deviation: Array, counts: Ticks, inside: Ticks) -> Numbers:

@@ -1,0 +1,110 @@
+"""What sigma, S and k1 do to the published field: Fig. 4, with this scenario's path and numbers."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from rehab_opt.field.potential import PotentialField
+from rehab_opt.session.drawing import MM, REFERENCE, framed, legend_below
+from rehab_opt.session.scenario.force_colours import force_colours
+from rehab_opt.session.scenario.outcome import ScenarioOutcome
+from rehab_opt.session.scenario.plane_drawing import shown_box
+
+__all__ = ["Variant", "parameter_figure", "variants"]
+
+Array = NDArray[np.float64]
+
+FINE, COARSE = 121, 15
+NARROWER, STIFFER = 0.4, 2.0
+DRAGS = 0.15
+"""k1 as a share of S where the scenario has none."""
+LEVELS = 12
+
+
+class Variant(NamedTuple):
+    """Numbers of a field, and what was changed from the one before."""
+
+    changed: str
+    width: float
+    """[m]"""
+    stiffness: float
+    """[N/m]"""
+    drag: float
+    """[N/m]"""
+
+
+def variants(outcome: ScenarioOutcome) -> tuple[Variant, ...]:
+    """(a) the scenario's own sigma and S without k1; then one number after the other is changed."""
+    field = outcome.fields[0]
+    width, stiffness = field.width, float(np.mean(field.samples.stiffness))
+    drag = abs(field.drag) if abs(field.drag) > 0 else DRAGS * stiffness
+    return (
+        Variant("as here, $k_1$ = 0", width, stiffness, 0.0),
+        Variant(r"smaller $\sigma$", NARROWER * width, stiffness, 0.0),
+        Variant("larger $S$", NARROWER * width, STIFFER * stiffness, 0.0),
+        Variant("with $k_1$", NARROWER * width, STIFFER * stiffness, drag),
+    )
+
+
+def parameter_figure(outcome: ScenarioOutcome) -> Figure:
+    """Potential above, force below, one panel for each set of numbers; without gate and bound."""
+    path = outcome.fields[0].paths[0].points
+    figure = framed(f"{outcome.title}\nthe published field along this path: what its numbers do", 14.0, 7.2)
+    grid = figure.subplots(2, 4, sharex=True, sharey=True)
+    box = shown_box(path)
+    room = 2.0 * outcome.fields[0].width * MM
+    (left, right), (low, high) = box
+    left, right, low, high = left - room, right + room, low - room, high + room
+    x, y, points = _grid(left, right, low, high, FINE)
+    coarse_x, coarse_y, coarse = _grid(left, right, low, high, COARSE)
+    fields = [
+        PotentialField(
+            path, stiffness=of.stiffness, width=of.width, drag=of.drag, rest_on_target=False, compile=False
+        )
+        for of in variants(outcome)
+    ]  # fmt: skip
+    forces = [np.linalg.norm(field.force(points), axis=1).reshape(len(y), len(x)) for field in fields]
+    # Away from the path a spring grows without end: what is beyond most places' force would leave no colours for them.
+    most = float(np.percentile(np.concatenate(forces), 95))
+    shown = None
+    for i, (of, field, column, size) in enumerate(zip(variants(outcome), fields, grid.T, forces, strict=True)):
+        energy = np.asarray(field.energy(points)).reshape(len(y), len(x))
+        energy = (energy - energy.min()) / max(float(np.ptp(energy)), 1e-12)
+        contours = column[0].contourf(MM * x, MM * y, energy, levels=np.linspace(0, 1, LEVELS + 1), cmap="cividis")
+        shown = column[1].pcolormesh(MM * x, MM * y, np.minimum(size, most), cmap=force_colours(), vmin=0, vmax=most)
+        _draw_arrows(column[1], coarse_x, coarse_y, np.asarray(field.force(coarse)))
+        column[0].set_title(
+            f"({'abcd'[i]}) {of.changed}\n"
+            rf"$\sigma$ = {MM * of.width:.3g} mm, $S$ = {of.stiffness:.4g} N/m, $k_1$ = {of.drag:.3g} N/m",
+            fontsize=8.5,
+            loc="left",
+        )
+        for axes, colour in zip(column, ("white", REFERENCE), strict=True):
+            axes.plot(*(MM * path.T), "--", color=colour, linewidth=1.4, label="path")
+            axes.plot(*(MM * path[-1]), "X", color=colour, markersize=8, markeredgecolor="#888888", label="target")
+            axes.set_aspect("equal")
+            axes.set_xlim(left, right)
+            axes.set_ylim(low, high)
+        column[1].set_xlabel("x [mm]")
+    grid[0, 0].set_ylabel("y [mm]")
+    grid[1, 0].set_ylabel("y [mm]")
+    figure.colorbar(contours, ax=grid[0, :], label="potential, each panel\nfrom 0 to 1", shrink=0.8, ticks=[0, 0.5, 1])
+    figure.colorbar(shown, ax=grid[1, :], label="force [N]", shrink=0.8, extend="max")
+    legend_below(figure, grid[1, 0], 2)
+    return figure
+
+
+def _grid(left: float, right: float, low: float, high: float, count: int) -> tuple[Array, Array, Array]:
+    step = max(right - left, high - low) / MM / count
+    x, y = np.arange(left / MM + step / 2, right / MM, step), np.arange(low / MM + step / 2, high / MM, step)
+    return x, y, np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+
+
+def _draw_arrows(axes: Axes, x: Array, y: Array, forces: Array) -> None:
+    unit = (forces / np.maximum(np.linalg.norm(forces, axis=1, keepdims=True), 1e-9)).reshape(len(y), len(x), 2)
+    axes.quiver(MM * x, MM * y, unit[..., 0], unit[..., 1], pivot="mid", scale=1.3 * COARSE, width=0.005, color="black")

@@ -1,0 +1,93 @@
+"""What the figures of scenarios share: how laws look, the plane with its workspaces, and means over trials."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+
+from rehab_opt.session.drawing import ACROSS, FORWARD, GRID, MM, REFERENCE
+from rehab_opt.session.scenario.outcome import ScenarioOutcome
+from rehab_opt.session.scenario.trial import Law, Trial
+from rehab_opt.session.workspaces.region_drawing import draw_region
+
+__all__ = [
+    "COMFORTABLE", "LAW_COLOURS", "LAW_NAMES", "draw_reference", "draw_workspaces", "mean_over_trials", "seen_box",
+    "shown_box",
+]  # fmt: skip
+
+Array = NDArray[np.float64]
+
+LAW_COLOURS: Mapping[Law, str] = {"unassisted": "#555555", "assisted": "#0072B2", "published": "#D55E00"}
+LAW_NAMES: Mapping[Law, str] = {
+    "unassisted": "unassisted",
+    "assisted": "assisted (ours)",
+    "published": "assisted (published law)",
+}
+COMFORTABLE = "#009E73"
+REGION_STYLES: Mapping[str, Mapping[str, Any]] = {
+    "reachable": {"facecolor": "#DDDDDD", "edgecolor": "#555555", "linestyle": "--"},
+    "comfortable": {"facecolor": COMFORTABLE, "edgecolor": "#00573F", "linestyle": "-"},
+}
+ROOM = 0.15
+"""Share of what is shown that is left free around it."""
+
+
+def draw_workspaces(axes: Axes, outcome: ScenarioOutcome) -> None:
+    """W_r below W_c."""
+    draw_region(axes, outcome.reachable, REGION_STYLES["reachable"], label="$W_r$, where the hand can be led")
+    draw_region(axes, outcome.comfortable, REGION_STYLES["comfortable"], label="$W_c$, comfortable by oneself")
+
+
+def draw_reference(
+    axes: Axes, outcome: ScenarioOutcome, path: Array | None = None, *, label: str = "reference"
+) -> None:
+    """The reference, or another path (N, 2) [m] in its style: dashed with its end marked, or points with numbers."""
+    points = MM * (outcome.reference if path is None else path)
+    if outcome.mode != "hold":
+        axes.plot(points[:, 0], points[:, 1], "--", color=REFERENCE, linewidth=1.3, label=label, zorder=4)
+        if outcome.mode != "follow":
+            axes.plot(
+                *points[-1], "X", color=REFERENCE, markersize=8, markeredgecolor="white", label="target", zorder=6
+            )
+        return
+    axes.plot(
+        points[:, 0], points[:, 1], "+", color=REFERENCE, markersize=9, markeredgewidth=1.8, label=label, zorder=6
+    )
+    for i, point in enumerate(points if path is None else ()):
+        axes.annotate(str(i + 1), point, xytext=(5, 5), textcoords="offset points", fontsize=8, zorder=6)
+
+
+def shown_box(points: Array) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Limits of x and y [mm] around points (N, 2) [m], with some room."""
+    low, high = MM * points.min(axis=0), MM * points.max(axis=0)
+    room = ROOM * max(*(high - low), 1.0)
+    return (low[0] - room, high[0] + room), (low[1] - room, high[1] + room)
+
+
+def seen_box(axes: Axes, outcome: ScenarioOutcome, box: tuple[tuple[float, float], tuple[float, float]]) -> None:
+    """Equal scales within the limits; the labels say in which frame."""
+    axes.set_xlim(*box[0])
+    axes.set_ylim(*box[1])
+    axes.set_aspect("equal")
+    placement = outcome.comfortable.placement
+    placed = any(placement.position) or placement.turn != 0
+    axes.set_xlabel("x in the robot's frame [mm]" if placed else ACROSS)
+    axes.set_ylabel("y in the robot's frame [mm]" if placed else FORWARD)
+    axes.grid(**GRID)
+
+
+def mean_over_trials(trials: Sequence[Trial], of: Callable[[Trial], Array]) -> tuple[Array, Array]:
+    """(K,) [s] and the mean of a quantity (N,) or (N, 2) over the trials that are under way, while half of them are."""
+    longest = max(trials, key=lambda trial: len(trial.time))
+    under_way = sorted((len(trial.time) for trial in trials), reverse=True)[(len(trials) - 1) // 2]
+    total: Array = np.zeros_like(of(longest)[:under_way])
+    count = np.zeros(under_way)
+    for trial in trials:
+        values = of(trial)[:under_way]
+        total[: len(values)] += values
+        count[: len(values)] += 1
+    return longest.time[:under_way], (total.T / count).T

@@ -1,0 +1,136 @@
+"""What came of a scenario's trials under each law, as a table for the terminal."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Callable
+
+from rich.table import Table
+from rich.text import Text
+
+from rehab_opt.control.gate import Mode
+from rehab_opt.session.cells import Numbers
+from rehab_opt.session.scenario.measures import REACHES
+from rehab_opt.session.scenario.outcome import ScenarioOutcome
+from rehab_opt.session.scenario.summary import law_summary
+
+__all__ = ["scenario_table"]
+
+Cell = Callable[[Numbers], str]
+WRAPPED = 90
+MM = 1e3
+
+
+def scenario_table(outcome: ScenarioOutcome) -> Table:
+    """Rows of quantities with their units, a column for each law: the mean over its trials, and the worst of them."""
+    summaries = {law: law_summary(of) for law, of in outcome.measures.items()}
+    trials = max(len(of) for of in outcome.measures.values())
+    said = f"mode {outcome.mode}, {trials} trial{'s' if trials > 1 else ''} each: mean (worst trial); - is no number"
+    table = Table(
+        title=Text("\n".join(textwrap.wrap(outcome.title, WRAPPED))), caption=Text(said), caption_justify="left"
+    )
+    table.add_column("quantity")
+    for law in summaries:
+        table.add_column(Text(law), justify="right")
+    for heading, rows in _groups(outcome.mode):
+        table.add_section()
+        table.add_row(Text(heading, style="bold"))
+        for label, cell in rows:
+            table.add_row(Text(f"  {label}"), *map(cell, summaries.values()))
+    return table
+
+
+def _number(key: str, *, scale: float = 1.0) -> Cell:
+    """Mean and worst; "never" for a time that a trial never came to."""
+
+    def cell(of: Numbers) -> str:
+        mean, worst = of["mean"][key], of["worst"][key]
+        if mean is None:
+            return "never" if key == "time_to_target_s" else "-"
+        return f"{_short(scale * mean)} ({'never' if worst is None else _short(scale * worst)})"
+
+    return cell
+
+
+def _short(value: float) -> str:
+    return f"{value:.3g}" if 0.001 <= abs(value) < 1000 or value == 0 else f"{value:.1e}"
+
+
+def _percent(key: str) -> Cell:
+    return lambda of: "-" if of["mean"][key] is None else f"{100 * of['mean'][key]:.3g} ({100 * of['worst'][key]:.3g})"
+
+
+def _statuses(of: Numbers) -> str:
+    return ", ".join(f"{100 * share:.3g} {status}" for status, share in of["mean"]["status_share"].items())
+
+
+def _success(of: Numbers) -> str:
+    return f"{100 * of['success_rate']:.0f}"
+
+
+def _groups(mode: Mode) -> list[tuple[str, list[tuple[str, Cell]]]]:
+    """Headings and rows: what says nothing about a mode is left out."""
+    reaches, holds = mode in REACHES, mode == "hold"
+    deviation: list[tuple[str, Cell]] = [
+        ("mean, mm", _number("deviation_mean_m", scale=MM)),
+        ("root mean square, mm", _number("deviation_rms_m", scale=MM)),
+        ("95th percentile, mm", _number("deviation_p95_m", scale=MM)),
+        ("largest, mm", _number("deviation_max_m", scale=MM)),
+        ("mean outside W_c, mm", _number("deviation_outside_mean_m", scale=MM)),
+    ]
+    force: list[tuple[str, Cell]] = [
+        ("measured, mean, N", _number("force_measured_mean_N")),
+        ("measured, largest, N", _number("force_measured_max_N")),
+        ("commanded, mean, N", _number("force_commanded_mean_N")),
+        ("commanded, largest, N", _number("force_commanded_max_N")),
+        ("commanded, largest change, N/s", _number("force_change_max_N_s")),
+        ("work on the hand, J", _number("energy_delivered_J")),
+    ]
+    if reaches:
+        force += [
+            ("wanted inside W_c, largest, N", _number("force_wanted_inside_max_N")),
+            ("zero after entering W_c, s", _number("time_to_zero_force_after_entry_max_s")),
+        ]
+    if mode == "resist":
+        force += [
+            ("towards the target, last quarter, N", _number("force_along_reference_last_quarter_mean_N")),
+            ("towards the target, before it, N", _number("force_along_reference_before_mean_N")),
+        ]
+    motion: list[tuple[str, Cell]] = [
+        ("speed, mean, mm/s", _number("speed_mean_m_s", scale=MM)),
+        ("speed, largest, mm/s", _number("speed_max_m_s", scale=MM)),
+        ("duration, s", _number("duration_s")),
+    ]
+    if holds:
+        force.append(("measured while holding, mean, N", _number("force_measured_held_mean_N")))
+        motion.append(("speed while holding, mean, mm/s", _number("speed_held_mean_m_s", scale=MM)))
+    clinical: list[tuple[str, Cell]] = [
+        ("trials that succeeded, %", _success),
+        (
+            "path of the hand / straight line" if reaches else "path of the hand / meant path",
+            _number("path_length_ratio"),
+        ),
+        ("distance to the target at the end, mm", _number("final_distance_m", scale=MM)),
+        ("time on target, s", _number("time_on_target_s")),
+    ]
+    if reaches:
+        clinical.insert(3, ("time to the target, s", _number("time_to_target_s")))
+    else:
+        clinical.append(("time on target, %", _percent("time_on_target_share")))
+    if not holds:
+        clinical.insert(1, ("smoothness (SPARC; nearer 0 is smoother)", _number("smoothness_sparc")))
+    if holds:
+        clinical.append(("points reached, %", _percent("goals_reached_share")))
+    law: list[tuple[str, Cell]] = [
+        ("ticks inside W_c, %", _percent("inside_share")),
+        ("ticks by status, %", _statuses),
+        ("releases", _number("releases")),
+    ]
+    headings: list[tuple[str, list[tuple[str, Cell]]]] = [
+        ("Deviation from the point to be held" if holds else "Deviation from the reference", deviation),
+        ("Force", force),
+        ("Speed and time", motion),
+        ("Clinical measures", clinical),
+        ("Workspace and law", law),
+    ]
+    return headings
