@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Unpack
 
 from rehab_opt.control.assistance_statement import TINY
@@ -54,11 +55,14 @@ class Assistance(BoundedForce):
         if not isinstance(comfortable, Workspace) or comfortable.empty:
             raise ConfigurationError("comfortable", comfortable, "a Workspace that is not empty")
         self.comfortable, self.mode = comfortable, mode
-        self._gates = {
-            "onset": checked_number("onset", onset, above=-TINY),
-            "return_stiffness": checked_number("return_stiffness", return_stiffness, above=0.0),
-            "return_force": checked_number("return_force", return_force, above=0.0),
-        }
+        self._gate = partial(
+            wanted_force,
+            comfortable=comfortable,
+            mode=mode,
+            onset=checked_number("onset", onset, above=-TINY),
+            return_stiffness=checked_number("return_stiffness", return_stiffness, above=0.0),
+            return_force=checked_number("return_force", return_force, above=0.0),
+        )
         self.aim(field)
         super().__init__(self._wanted, force_limit=force_limit, **bounds)
 
@@ -66,7 +70,7 @@ class Assistance(BoundedForce):
         """Another field from now on: the next target of a grid, say; the slew bound makes the change smooth."""
         if not isinstance(field, PotentialField):
             raise ConfigurationError("field", field, "a PotentialField")
-        self._wanted = wanted_force(field, self.comfortable, self.mode, **self._gates)
+        self._wanted = self._gate(field)
         self.field, self._by = field, None
         field.pull(0.0, 0.0)  # compiled now, not in the loop
 
@@ -78,5 +82,5 @@ class Assistance(BoundedForce):
         """
         if self._by is None:
             self._by = [0.0, 0.0]
-            self._wanted = wanted_force(self.field, self.comfortable, self.mode, carried=self._by, **self._gates)
+            self._wanted = self._gate(self.field, carried=self._by)
         self._by[0], self._by[1] = dx, dy

@@ -87,6 +87,8 @@ class BoundedForce:
     ConfigurationError : an argument that cannot be used.
     """
 
+    usable: bool
+    """Whether the last tick's state and inputs could be acted on."""
     wanted: tuple[float, float]
     """[N] what was wanted in the last tick, before any bound; zero where the state was not usable."""
 
@@ -151,7 +153,7 @@ class BoundedForce:
         if energy:
             self._tank.reset()
         self._hand.reset()
-        self.wanted = (0.0, 0.0)
+        self.wanted, self.usable = (0.0, 0.0), False
         self._ladder.memory[:] = 0.0
         self._ladder.start_from(0.0)
 
@@ -159,6 +161,14 @@ class BoundedForce:
     def energy_left(self) -> float:
         """[J] what may certainly still be delivered."""
         return self._tank.left
+
+    def give_energy(self, share: float) -> float:
+        """[J] taken from the tank for another one, a share of what is certainly left; see `Bilateral`."""
+        return self._tank.give(share)
+
+    def take_energy(self, joules: float) -> None:
+        """What another tank has given [J]; beyond the budget it is lost."""
+        self._tank.take(joules)
 
     def instance(self, x: ArrayLike, v: ArrayLike = (0.0, 0.0)) -> Instance:
         """The QP for a hand at x (2,) moving at v (2,), with the last force and the energy of now, for inspection."""
@@ -202,6 +212,7 @@ class BoundedForce:
             ceiling = self.force_limit
         elif _hypot(force[0], force[1]) - self._step > ceiling and not at_once:
             reason, at_once = "energy left does not afford a slower release", True
+        self.usable = not reason
         if reason:
             return self._release(reason, at_once=at_once)
         asked_x, asked_y = self.wanted = self._wanted(hand.x, hand.y, hand.vx, hand.vy)

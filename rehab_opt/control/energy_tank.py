@@ -103,6 +103,19 @@ class EnergyTank:
         self._disputed = 0.0
         self._settled()
 
+    def give(self, share: float) -> float:
+        """[J] taken out, a share of what is certainly left and nobody can dispute any more."""
+        given = share * (self.level - self.pending - self._disputed)
+        if not given > 0.0:
+            return 0.0
+        self.level -= given
+        return given
+
+    def take(self, joules: float) -> None:
+        """Filled by what another tank gave [J], up to the budget; the rest is lost."""
+        if 0.0 < joules < math.inf:
+            self.level = min(self.level + joules, self.budget)
+
     def _settled(self) -> None:
         self.pending = self.unseen = self._varied = self._peak = 0.0
         self._along_x = self._along_y = 0.0

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from rehab_opt.field.potential import PotentialField
     from rehab_opt.workspace.region import Workspace
 
-__all__ = ["Mode", "WantedForce", "wanted_force"]
+__all__ = ["Mode", "WantedForce", "kept_inside", "wanted_force"]
 
 Mode = Literal["stretch", "assist", "resist", "follow", "hold"]
 WantedForce = Callable[[float, float, float, float], tuple[float, float]]
@@ -60,14 +60,28 @@ def wanted_force(
         return share * (fx - damping_x * vx), share * (fy - damping_y * vy)
 
     def inside(x: float, y: float, vx: float, vy: float) -> tuple[float, float]:
+        fx, fy = pull(x, y)
+        return fx - damping_x * vx, fy - damping_y * vy
+
+    if mode not in ("follow", "hold"):
+        return outside
+    return kept_inside(inside, comfortable, return_stiffness=return_stiffness, return_force=return_force)
+
+
+def kept_inside(
+    inside: WantedForce, workspace: Workspace, *, return_stiffness: float, return_force: float
+) -> WantedForce:
+    """A force inside a workspace; outside a pull to its nearest point, of a stiffness [N/m] and at most a force [N]."""
+    where = workspace.signed_distance_and_foot
+
+    def force(x: float, y: float, vx: float, vy: float) -> tuple[float, float]:
         beyond, foot_x, foot_y = where((x, y))
         if beyond <= 0.0:
-            fx, fy = pull(x, y)
-            return fx - damping_x * vx, fy - damping_y * vy
+            return inside(x, y, vx, vy)
         size = min(return_stiffness, return_force / beyond)
         return size * (foot_x - x), size * (foot_y - y)
 
-    return inside if mode in ("follow", "hold") else outside
+    return force
 
 
 def _carried(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -65,6 +66,11 @@ class ControllerMap:
         moves away from the edge feels the force while the image stands still. Keep it inside by other means.
         """
         return self.jacobian(point).T @ force
+
+    def preimage(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The point of the source (2,) [m] whose image is this one; NaN where there is none. Newton: for displays."""
+        found = self.spline.inverse(point)
+        return found if self.source.contains(found) else found * math.nan
 
     def _inside(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
         return point if self.source.contains(point) else self.source.nearest(point)

@@ -1,0 +1,272 @@
+"""Helper and participant at one task, each in their own workspace: sections V and VII-C, Rossa et al.
+
+The helper's hand x_h is mapped to g(x_h), and a spring draws the participant's hand there. The participant's force goes
+back as J(x_h)' F, the transpose of the map's Jacobian, so that power is the same on both sides. Each side has a force
+with bounds and a tank of its own; the sides exchange messages, which may take time. A tank gives a share of its energy
+with every message and takes what it is told was given: what one hand puts in can move the other, and whatever the delay
+and the hands do, no more leaves than the tanks held at first and the hands put in since.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import NamedTuple, Unpack
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rehab_opt.control.assistance import Assistance
+from rehab_opt.control.bounded_force import BoundedForce, ForceBounds
+from rehab_opt.control.command import Command
+from rehab_opt.control.gate import kept_inside
+from rehab_opt.control.velocity_controller import checked_number
+from rehab_opt.errors import ConfigurationError
+from rehab_opt.field.potential import PotentialField
+from rehab_opt.workspace.controller_map import ControllerMap
+from rehab_opt.workspace.region import Workspace
+
+__all__ = ["Bilateral", "BilateralCommand", "FromHelper", "FromParticipant", "HelperSide", "ParticipantSide"]
+
+Array = NDArray[np.float64]
+NO_FORCE = (math.nan, math.nan)
+POINT = 0.01
+"""[m] Width of a field of one point: it has no meaning there."""
+
+
+class FromHelper(NamedTuple):
+    """What the helper's side says in a tick: where the hand is [m], and the energy given [J]."""
+
+    x: float
+    y: float
+    energy: float
+
+
+class FromParticipant(NamedTuple):
+    """What the participant's side says: where the hand is [m], the force on it [N], and the energy given [J]."""
+
+    x: float
+    y: float
+    force_x: float
+    force_y: float
+    energy: float
+
+
+class BilateralCommand(NamedTuple):
+    """The forces of both sides."""
+
+    helper: Command
+    participant: Command
+
+
+class ParticipantSide:
+    """Draws the participant's hand to the image of the helper's, inside the participant's comfortable workspace.
+
+    Parameters
+    ----------
+    carry : from the helper's workspace to the participant's.
+    comfortable : of the participant; outside it there is a bounded pull back, see `Assistance`.
+    stiffness, damping : [N/m], [N s/m] of the spring.
+    exchange : [1/s] share of the tank's energy that is given away a second.
+    force_limit : [N]. bounds : see `BoundedForce`.
+
+    Raises
+    ------
+    ConfigurationError : an argument that cannot be used.
+    """
+
+    def __init__(
+        self,
+        carry: ControllerMap,
+        *,
+        comfortable: Workspace,
+        stiffness: float = 400.0,
+        damping: float = 20.0,
+        exchange: float = 5.0,
+        force_limit: float = 30.0,
+        **bounds: Unpack[ForceBounds],
+    ) -> None:
+        self._carry = _checked_map(carry)
+        spring = PotentialField(
+            np.zeros((1, 2)),
+            stiffness=checked_number("stiffness", stiffness, above=0.0),
+            damping=checked_number("damping", damping, above=-1e-12),
+            width=POINT,
+        )
+        self.force = Assistance(spring, comfortable=comfortable, mode="hold", force_limit=force_limit, **bounds)
+        self._share = _checked_share(exchange, self.force.dt)
+        self.reset()
+
+    def reset(self) -> None:
+        """No force, a full tank, nothing heard."""
+        self.force.reset()
+        self.force.carry(*NO_FORCE)
+
+    def step(
+        self,
+        x: ArrayLike,
+        heard: FromHelper | None,
+        v: ArrayLike | None = None,
+        *,
+        enable: object = True,
+        stamp: float | None = None,
+    ) -> tuple[Command, FromParticipant]:
+        """Force on the participant's hand at x (2,) [m], and what the helper is to hear; see `BoundedForce.step`.
+
+        Without a message the force is released.
+        """
+        target: tuple[float, ...] = NO_FORCE
+        if heard is not None:
+            self.force.take_energy(heard.energy)
+            target = tuple(self._carry.image(np.array((heard.x, heard.y))).tolist())
+        self.force.carry(*target)
+        command = self.force.step(x, v, enable=enable, stamp=stamp)
+        force_x, force_y = command.value.tolist()
+        return command, FromParticipant(*_place(x, self.force), force_x, force_y, self.force.give_energy(self._share))
+
+
+class HelperSide:
+    """Lets the helper feel the participant's force, by J(x_h)' of the map; inside the map's source.
+
+    Parameters
+    ----------
+    carry, exchange, force_limit, bounds : as `ParticipantSide`.
+    damping : [N s/m] of the helper's hand.
+    return_stiffness, return_force : [N/m, N] outside the map's source.
+
+    Raises
+    ------
+    ConfigurationError : an argument that cannot be used.
+    """
+
+    def __init__(
+        self,
+        carry: ControllerMap,
+        *,
+        damping: float = 2.0,
+        exchange: float = 5.0,
+        force_limit: float = 30.0,
+        return_stiffness: float = 500.0,
+        return_force: float = 10.0,
+        **bounds: Unpack[ForceBounds],
+    ) -> None:
+        self._carry = _checked_map(carry)
+        self._damping = checked_number("damping", damping, above=-1e-12)
+        self._felt = np.full(2, math.nan)
+        self._partner = (math.nan, math.nan)
+        kept = kept_inside(
+            self._reflected,
+            carry.source,
+            return_stiffness=checked_number("return_stiffness", return_stiffness, above=0.0),
+            return_force=checked_number("return_force", return_force, above=0.0),
+        )
+        self.force = BoundedForce(kept, force_limit=force_limit, **bounds)
+        self._share = _checked_share(exchange, self.force.dt)
+
+    def reset(self) -> None:
+        """No force, a full tank, nothing heard."""
+        self.force.reset()
+        self._felt[:] = math.nan
+        self._partner = (math.nan, math.nan)
+
+    @property
+    def partner(self) -> Array:
+        """(2,) [m] the participant's hand, as last heard, in the helper's workspace: g inverse; NaN where there is none.
+
+        For a display: a Newton solve.
+        """
+        return self._carry.preimage(np.array(self._partner))
+
+    def step(
+        self,
+        x: ArrayLike,
+        heard: FromParticipant | None,
+        v: ArrayLike | None = None,
+        *,
+        enable: object = True,
+        stamp: float | None = None,
+    ) -> tuple[Command, FromHelper]:
+        """Force on the helper's hand at x (2,) [m], and what the participant's side is to hear.
+
+        Without a message the force is released.
+        """
+        if heard is None:
+            self._felt[:] = math.nan
+        else:
+            self.force.take_energy(heard.energy)
+            self._felt[:] = heard.force_x, heard.force_y
+            self._partner = (heard.x, heard.y)
+        command = self.force.step(x, v, enable=enable, stamp=stamp)
+        return command, FromHelper(*_place(x, self.force), self.force.give_energy(self._share))
+
+    def _reflected(self, x: float, y: float, vx: float, vy: float) -> tuple[float, float]:
+        back_x, back_y = self._carry.push_force(np.array((x, y)), self._felt).tolist()
+        return -back_x - self._damping * vx, -back_y - self._damping * vy
+
+
+class Bilateral:
+    """Both sides in one process, with a delay between them: for simulation, and robots on one computer.
+
+    Parameters
+    ----------
+    helper, participant : the sides, of one tick.
+    delay : [s] one way, whole ticks.
+
+    Raises
+    ------
+    ConfigurationError : ticks that differ, a delay that is none.
+    """
+
+    def __init__(self, helper: HelperSide, participant: ParticipantSide, *, delay: float = 0.0) -> None:
+        if helper.force.dt != participant.force.dt:
+            raise ConfigurationError("helper", helper.force.dt, f"a tick as the participant's, {participant.force.dt} s")
+        self.helper, self.participant, self.dt = helper, participant, helper.force.dt
+        self.delay = checked_number("delay", delay, above=-1e-12, below=10.0)
+        self._ticks = round(self.delay / self.dt)
+        self.reset()
+
+    def reset(self) -> None:
+        """Nothing is under way."""
+        self.helper.reset()
+        self.participant.reset()
+        self._there: deque[FromHelper | None] = deque([None] * (self._ticks + 1))
+        self._back: deque[FromParticipant | None] = deque([None] * (self._ticks + 1))
+
+    def step(
+        self,
+        helper: ArrayLike,
+        participant: ArrayLike,
+        helper_velocity: ArrayLike | None = None,
+        participant_velocity: ArrayLike | None = None,
+        *,
+        enable: object = True,
+    ) -> BilateralCommand:
+        """Forces for the helper's hand (2,) [m] in their workspace and the participant's (2,) [m] in theirs.
+
+        A message takes the delay and one tick.
+        """
+        felt, said = self.helper.step(helper, self._back.popleft(), helper_velocity, enable=enable)
+        drawn, answer = self.participant.step(
+            participant, self._there.popleft(), participant_velocity, enable=enable
+        )
+        self._there.append(said)
+        self._back.append(answer)
+        return BilateralCommand(felt, drawn)
+
+
+def _place(x: ArrayLike, force: BoundedForce) -> tuple[float, float]:
+    """Where a hand is; nowhere when its side had to let go, so that the other side does too."""
+    if not force.usable:
+        return NO_FORCE
+    at_x, at_y = np.asarray(x, dtype=np.float64).tolist()
+    return at_x, at_y
+
+
+def _checked_map(carry: object) -> ControllerMap:
+    if not isinstance(carry, ControllerMap):
+        raise ConfigurationError("carry", carry, "a ControllerMap, from WorkspaceMap.for_controller()")
+    return carry
+
+
+def _checked_share(exchange: float, dt: float) -> float:
+    return min(checked_number("exchange", exchange, above=-1e-12, below=1e4) * dt, 1.0)

@@ -1,0 +1,178 @@
+"""Claims about helper and participant at one task."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+import pytest
+
+from rehab_opt import ConfigurationError, Status
+from rehab_opt.control.bilateral import Bilateral, FromHelper, HelperSide, ParticipantSide
+from rehab_opt.workspace.controller_map import ControllerMap
+from tests.workspace.mapped import mapped, shape
+
+DT, BUDGET, LIMIT, SLEW = 1e-3, 2.0, 20.0, 400.0
+BOUNDS = {
+    "dt": DT, "energy_budget": BUDGET, "slew_limit": SLEW, "force_limit": LIMIT, "trust_stillness": True,
+    "compile": False,
+}  # fmt: skip
+HELPER = np.array([-0.17, 0.49])  # inside the regular workspace
+
+
+@cache
+def carry() -> ControllerMap:
+    return mapped("regular", "restricted").for_controller()
+
+
+def pair(*, delay: float = 0.0, helper: dict[str, float] | None = None, **participant: float) -> Bilateral:
+    return Bilateral(
+        HelperSide(carry(), **{**BOUNDS, **(helper or {})}),  # type: ignore[arg-type]
+        ParticipantSide(carry(), comfortable=shape("restricted"), **{**BOUNDS, **participant}),  # type: ignore[arg-type]
+        delay=delay,
+    )
+
+
+def test_at_rest_on_the_image_there_is_no_force() -> None:
+    both, there = pair(), carry().image(HELPER)
+    for _ in range(50):
+        forces = both.step(HELPER, there)
+    assert forces.helper.status is forces.participant.status is Status.OK
+    assert max(np.abs(forces.helper.value).max(), np.abs(forces.participant.value).max()) < 1e-9
+
+
+def test_power_is_the_same_on_both_sides() -> None:
+    both, there = pair(helper={"damping": 0.0}, damping=0.0), carry().image(HELPER) + [0.004, -0.003]
+    for _ in range(200):
+        forces = both.step(HELPER, there)
+    np.testing.assert_allclose(np.linalg.norm(forces.participant.value), 400.0 * 0.005, rtol=1e-6)
+    for way in ([1.0, 0.0], [0.0, 1.0], [0.6, -0.8]):
+        step = 1e-6 * np.array(way)
+        moved = (carry().image(HELPER + step) - carry().image(HELPER - step)) / 2
+        assert forces.helper.value @ step == pytest.approx(-forces.participant.value @ moved, rel=1e-5)
+
+
+def drawn(delay: float, budget: float) -> float:
+    """[J] the most that greedy hands had drawn at any time.
+
+    The helper's shuttles and goes with every force it feels, the participant's goes with every force.
+    """
+    both = pair(delay=delay, stiffness=4000.0, energy_budget=budget, helper={"energy_budget": budget})
+    helper, participant = HELPER.copy(), carry().image(HELPER)
+    total = most = 0.0
+    for k in range(3000):
+        forces = both.step(helper, participant)
+        felt, led = forces.helper.value, forces.participant.value
+        assert max(math.hypot(*felt), math.hypot(*led)) <= LIMIT
+        away = HELPER + [0.1 if (k // 50) % 2 else -0.1, 0.0] - helper
+        step = cut(away)
+        if felt @ step < 0 and math.hypot(*felt) > 0.5:
+            step = cut(felt)
+        yielding = cut(led) if math.hypot(*led) > 0.5 else np.zeros(2)
+        total += felt @ step + led @ yielding
+        helper, participant, most = helper + step, participant + yielding, max(most, total)
+    return most
+
+
+def cut(way: np.ndarray) -> np.ndarray:
+    """No faster than a hand that still belongs to the claim."""
+    return way * min(1.0, 0.9 * DT / math.hypot(*way))
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.02, 0.15])
+def test_no_hands_draw_more_than_the_tanks_held_whatever_the_delay(delay: float) -> None:
+    assert drawn(delay, 0.1) <= 2 * 0.1
+    assert drawn(delay, 1000.0) > 2 * 0.1  # it is the tanks that stop them
+
+
+def test_what_the_helper_puts_in_moves_the_participant_beyond_their_own_tank() -> None:
+    """The participant's arm is heavy: each round costs energy, which the helper delivers."""
+
+    def delivered(exchange: float) -> float:
+        budget = {"energy_budget": 0.3}
+        both = pair(helper={"exchange": exchange, **budget}, exchange=exchange, stiffness=2000.0, damping=0.0, **budget)
+        participant, total = carry().image(HELPER), 0.0
+        for k in range(20_000):
+            angle = 2 * math.pi * k * DT / 2.0
+            helper = HELPER + [0.10 * math.sin(angle), 0.03 * math.sin(2 * angle)]
+            force = both.step(helper, participant).participant.value
+            step = force * DT / 150.0  # viscous: 150 N s/m
+            total += force @ step
+            participant = participant + step
+        return total
+
+    assert delivered(0.0) <= 0.3 + 1e-9
+    assert delivered(20.0) > 0.5
+
+
+@pytest.mark.parametrize("lose", ["message", "helper", "participant"])
+def test_whatever_is_lost_both_sides_let_go_and_resume_within_the_slew_bound(lose: str) -> None:
+    both, there = pair(), carry().image(HELPER) + [0.008, 0.0]
+    broken: Callable[[], object] = {
+        "message": lambda: both._there.__setitem__(0, None) or both._back.__setitem__(0, None),
+        "helper": lambda: None,
+        "participant": lambda: None,
+    }[lose]
+    last, released = np.zeros((2, 2)), [False, False]
+    for k in range(900):
+        lost = 300 <= k < 600
+        if lost:
+            broken()
+        nowhere = np.full(2, math.nan)
+        forces = both.step(
+            nowhere if lost and lose == "helper" else HELPER, nowhere if lost and lose == "participant" else there
+        )
+        now = np.array([forces.helper.value, forces.participant.value])
+        assert np.isfinite(now).all()
+        assert np.linalg.norm(now - last, axis=1).max() <= SLEW * DT * (1 + 1e-9)
+        last = now
+        if k == 599:
+            released = [not np.any(each) for each in now]
+    assert released == [True, True]
+    assert np.linalg.norm(last[1]) > 2.0  # and it came back
+
+
+def test_outside_the_comfortable_workspace_the_participant_is_only_brought_back() -> None:
+    both = pair(stiffness=2000.0)
+    outside = np.array([-0.25, 0.50])
+    for _ in range(300):
+        force = both.step(HELPER, outside).participant.value
+    foot = shape("restricted").nearest(outside)
+    assert math.hypot(*force) == pytest.approx(10.0, rel=1e-6)
+    np.testing.assert_allclose(force / 10.0, (foot - outside) / np.linalg.norm(foot - outside), atol=1e-6)
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.01])
+def test_a_message_takes_the_delay_and_a_tick(delay: float) -> None:
+    both, there = pair(delay=delay), carry().image(HELPER) + [0.004, 0.0]
+    first = next(k for k in range(100) if np.any(both.step(HELPER, there).participant.value))
+    assert first == round(delay / DT) + 1
+
+
+def test_the_helper_sees_the_participant_in_their_own_workspace() -> None:
+    both, there = pair(), carry().image(HELPER) + [0.003, -0.002]
+    for _ in range(3):
+        both.step(HELPER, there)
+    np.testing.assert_allclose(carry().image(both.helper.partner), there, atol=1e-9)
+    both.reset()
+    assert np.isnan(both.helper.partner).all()
+
+
+@pytest.mark.parametrize("energy", [math.nan, math.inf, -5.0, 1e9])
+def test_energy_that_cannot_have_been_given_is_not_taken_beyond_the_budget(energy: float) -> None:
+    side = ParticipantSide(carry(), comfortable=shape("restricted"), **BOUNDS)  # type: ignore[arg-type]
+    side.step(carry().image(HELPER), FromHelper(*HELPER, energy))
+    assert 0.9 * BUDGET < side.force.energy_left <= BUDGET
+
+
+def test_bad_configuration_is_named() -> None:
+    with pytest.raises(ConfigurationError, match="carry"):
+        HelperSide("map")  # type: ignore[arg-type]
+    with pytest.raises(ConfigurationError, match="stiffness"):
+        ParticipantSide(carry(), comfortable=shape("restricted"), stiffness=-1.0)
+    with pytest.raises(ConfigurationError, match="delay"):
+        pair(delay=math.nan)
+    with pytest.raises(ConfigurationError, match="tick"):
+        pair(dt=0.002)
