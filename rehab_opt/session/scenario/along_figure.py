@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -11,7 +14,7 @@ from rehab_opt.field.potential import PotentialField
 from rehab_opt.session.drawing import GRID, MM, REFERENCE, framed, legend_below
 from rehab_opt.session.scenario.deviation import projected
 from rehab_opt.session.scenario.outcome import ScenarioOutcome
-from rehab_opt.session.scenario.plane_drawing import COMFORTABLE, LAW_COLOURS, LAW_NAMES
+from rehab_opt.session.scenario.plane_drawing import COMFORTABLE, LAW_COLOURS
 from rehab_opt.session.scenario.trial import Law
 
 __all__ = ["along_figure", "fields_along", "force_along"]
@@ -21,6 +24,11 @@ Array = NDArray[np.float64]
 PLACES = 400
 """Along the path."""
 BINS = 16
+CURVES: Mapping[Law, tuple[str, str]] = {
+    "assisted": ("ours ($k_1$ and travelled length)", "-"),
+    "published": ("published ($k_1$ < 0, Eq. (21))", "--"),
+}
+MARKERS: Mapping[Law, str] = {"assisted": "o", "published": "s"}
 ENOUGH = 20
 """Ticks that a bin needs."""
 
@@ -28,22 +36,20 @@ ENOUGH = 20
 def along_figure(outcome: ScenarioOutcome) -> Figure:
     """Below zero the force is against the motion; the target is at the right."""
     field = outcome.fields[0]
-    figure = framed(
-        f"{outcome.title}\nforce along the path for a hand at rest on it, and in the trials: below 0 it resists",
-        9.0,
-        5.8,
-    )
+    figure = framed(f"{outcome.title}\nforce along the path towards the target: below 0 it resists", 10.0, 6.4)
     axes = figure.add_subplot()
     points, remaining = _places(field)
     inside = np.asarray(outcome.comfortable.contains(points))
+    without = fields_along(outcome, drags=False)
     for law, of in fields_along(outcome).items():
-        force = np.where(inside, 0.0, force_along(of, points))
-        words = "ours, from the travelled length" if law == "assisted" else "published, Eq. (21) with $k_1$ < 0"
-        style = "-" if law == "assisted" else "--"
-        axes.plot(MM * remaining, force, style, color=LAW_COLOURS[law], linewidth=2.2, label=words)
-    for law, marker in (("assisted", "o"), ("published", "s")):
+        whole = force_along(of, points)
+        by_drag = whole - force_along(without[law], points)
+        words, style = CURVES[law]
+        for force, width, said in ((whole, 2.2, f"{words}, at rest"), (by_drag, 1.1, "of this, given by $k_1$")):
+            shown = np.where(inside, 0.0, force)
+            axes.plot(MM * remaining, shown, style, color=LAW_COLOURS[law], linewidth=width, label=said)
         if law in outcome.trials:
-            _draw_trials(axes, outcome, law, marker)  # type: ignore[arg-type]
+            _draw_trials(axes, outcome, law)
     axes.fill_between(
         MM * remaining, 0, 1, where=inside, transform=axes.get_xaxis_transform(), color=COMFORTABLE, alpha=0.2,
         linewidth=0, label="path within $W_c$: no force",
@@ -58,18 +64,18 @@ def along_figure(outcome: ScenarioOutcome) -> Figure:
     return figure
 
 
-def fields_along(outcome: ScenarioOutcome) -> dict[Law, PotentialField]:
-    """Our field, and the published one of the same |k1|, S and sigma: the remaining length, and no rest on the target."""
+def fields_along(outcome: ScenarioOutcome, *, drags: bool = True) -> dict[Law, PotentialField]:
+    """Our field, and the published one of the same |k1|, S and sigma: of the remaining length, with no rest on its end.
+
+    With drags=False the same without k1: the difference is what Eq. (21) gives.
+    """
     ours = outcome.fields[0]
-    published = PotentialField(
-        ours.paths[0].points,
-        stiffness=ours.samples.stiffness[0],
-        width=ours.width,
-        drag=-abs(ours.drag),
-        rest_on_target=False,
-        compile=False,
-    )
-    return {"assisted": ours, "published": published}
+    path, size = ours.paths[0].points, abs(ours.drag) if drags else 0.0
+    numbers: dict[str, Any] = {"stiffness": ours.samples.stiffness[0], "width": ours.width, "compile": False}
+    published = PotentialField(path, drag=-size, rest_on_target=False, **numbers)
+    if drags:
+        return {"assisted": ours, "published": published}
+    return {"assisted": PotentialField(path, drag_along=ours.drag_along, **numbers), "published": published}
 
 
 def force_along(field: PotentialField, points: Array) -> Array:
@@ -88,8 +94,9 @@ def _places(field: PotentialField) -> tuple[Array, Array]:
     return points, travelled[-1] - travelled
 
 
-def _draw_trials(axes: Axes, outcome: ScenarioOutcome, law: Law, marker: str) -> None:
+def _draw_trials(axes: Axes, outcome: ScenarioOutcome, law: Law) -> None:
     """The commanded force of all trials outside W_c: its median by what is left of the path."""
+    marker = MARKERS[law]
     left, along = [], []
     for trial in outcome.trials[law]:
         where = projected(trial.position, outcome.reference)
@@ -110,5 +117,5 @@ def _draw_trials(axes: Axes, outcome: ScenarioOutcome, law: Law, marker: str) ->
             axes.plot(place, middle, marker, color=LAW_COLOURS[law], markersize=5)
     axes.plot(
         [], [], marker, linestyle="-", linewidth=1.0, color=LAW_COLOURS[law], markersize=5,
-        label=f"trials, {LAW_NAMES[law]}:\nmedian, 10 to 90 % of ticks",
+        label="in the trials, with damping\n(median, 10 to 90 %)",
     )  # fmt: skip

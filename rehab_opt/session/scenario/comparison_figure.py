@@ -11,7 +11,7 @@ from rehab_opt.session.scenario.measures import REACHES
 from rehab_opt.session.scenario.outcome import ScenarioOutcome
 from rehab_opt.session.scenario.plane_drawing import LAW_COLOURS
 
-__all__ = ["comparison_figure", "compared"]
+__all__ = ["compared", "comparison_figure"]
 
 SIDEWAYS = 0.18
 """Of a place on the axis: trials are set apart by so much to either side."""
@@ -35,7 +35,7 @@ def compared(outcome: ScenarioOutcome) -> tuple[tuple[str, str, float], ...]:
     if outcome.mode in REACHES:
         outside = ("deviation outside $W_c$,\nmean [mm]", "deviation_outside_mean_m", MM)
         return (outside, *whole[1:], ("distance to the target\nat the end [mm]", "final_distance_m", MM))
-    return (*whole, ("time on target [%]", "time_on_target_share", 100.0))
+    return (*whole, ("path that the hand\ncame by [%]", "reference_covered_share", 100.0))
 
 
 def comparison_figure(outcome: ScenarioOutcome) -> Figure:
@@ -47,7 +47,7 @@ def comparison_figure(outcome: ScenarioOutcome) -> Figure:
         axes.set_title(label, fontsize=9.5, loc="left")
         axes.grid(**{**GRID, "axis": "y"})
     figure.axes[0].plot([], [], "o", color=REFERENCE, markersize=4, alpha=0.6, label="one trial")
-    figure.axes[0].plot([], [], color=REFERENCE, linewidth=2.2, label="mean of the trials")
+    figure.axes[0].plot([], [], color=REFERENCE, linewidth=2.2, label="mean of the trials, also as a number")
     legend_below(figure, figure.axes[0], 2)
     return figure
 
@@ -63,11 +63,11 @@ def _draw_measure(axes: Axes, outcome: ScenarioOutcome, key: str, factor: float)
         mean = values.mean()
         axes.plot([place - 0.32, place + 0.32], [mean, mean], color=LAW_COLOURS[law], linewidth=2.2)
         axes.annotate(
-            f"{mean:.3g}", (place + 0.32, mean), xytext=(0, 3), textcoords="offset points", ha="right", va="bottom",
-            fontsize=8, color=LAW_COLOURS[law],
+            f"{mean:.3g}", (place, 0.98), xycoords=("data", "axes fraction"), ha="center", va="top", fontsize=8.5,
+            color=LAW_COLOURS[law],
         )  # fmt: skip
     axes.set_xlim(-0.6, len(outcome.measures) - 0.4)
     axes.set_xticks(range(len(outcome.measures)), list(outcome.measures), fontsize=8)
-    if key != "smoothness_sparc":
-        axes.set_ylim(bottom=0)
-    axes.margins(y=0.15)
+    low, high = axes.get_ylim()
+    low = low if key == "smoothness_sparc" else 0.0
+    axes.set_ylim(low, high + 0.15 * (high - low))  # room for the numbers

@@ -28,6 +28,8 @@ Numbers = dict[str, Any]
 
 REACHES: tuple[Mode, ...] = ("stretch", "assist", "resist")
 """Modes in which one place is to be reached; in the others a path is to be followed, or places held."""
+PLACES = 1000
+"""Along a reference, evenly, that a hand may come by."""
 LETTING_GO = (Status.RELEASING, Status.RELEASED)
 
 
@@ -60,6 +62,7 @@ def trial_measures(
         **_deviations(deviation, counts, trial.inside),
         **_forces(trial),
         **_motion(trial, mode, counts),
+        **_followed(trial, path, mode, within),
         **_arrival(trial, where, mode, path[-1] if target is None and mode == "follow" else target, within),
         "smoothness_sparc": None if mode == "hold" else _smoothness(trial),  # it tells of one movement, not of many
         **_statuses(trial),
@@ -145,6 +148,25 @@ def _arrival(trial: Trial, where: Projection, mode: Mode, target: ArrayLike | No
         "time_on_target_s": float(on_target.sum() * _tick(trial)),
         "time_on_target_share": float(on_target.sum() / counts.sum()) if counts.any() else None,
         "goals_reached_share": reached_share,
+    }
+
+
+def _followed(trial: Trial, path: Array, mode: Mode, within: float) -> Numbers:
+    """How far the hand was from where the person meant to be, and how much of the path it came by.
+
+    A hand that leaves out a part of a path that comes back is near the path all the same.
+    """
+    behind = np.linalg.norm(trial.position - trial.intended, axis=1)
+    share: float | None = None
+    if mode == "follow":
+        travelled = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))))
+        evenly = np.linspace(0.0, travelled[-1], PLACES)
+        places = np.column_stack([np.interp(evenly, travelled, path[:, axis]) for axis in (0, 1)])
+        share = float((projected(places, trial.position).distance <= within).mean())
+    return {
+        "from_intended_mean_m": float(behind.mean()),
+        "from_intended_max_m": float(behind.max()),
+        "reference_covered_share": share,
     }
 
 

@@ -21,8 +21,8 @@ Array = NDArray[np.float64]
 
 FINE, COARSE = 121, 15
 NARROWER, STIFFER = 0.4, 2.0
-DRAGS = 0.15
-"""k1 as a share of S where the scenario has none."""
+SHOWN = 2.0
+"""Of the scenario's force limit: what is larger has the darkest colour, far from the path a spring has no end."""
 LEVELS = 12
 
 
@@ -42,7 +42,7 @@ def variants(outcome: ScenarioOutcome) -> tuple[Variant, ...]:
     """(a) the scenario's own sigma and S without k1; then one number after the other is changed."""
     field = outcome.fields[0]
     width, stiffness = field.width, float(np.mean(field.samples.stiffness))
-    drag = abs(field.drag) if abs(field.drag) > 0 else DRAGS * stiffness
+    drag = max(abs(field.drag), outcome.force_limit / (2 * field.length))  # pulls as strongly as allowed at the start
     return (
         Variant("as here, $k_1$ = 0", width, stiffness, 0.0),
         Variant(r"smaller $\sigma$", NARROWER * width, stiffness, 0.0),
@@ -53,13 +53,14 @@ def variants(outcome: ScenarioOutcome) -> tuple[Variant, ...]:
 
 def parameter_figure(outcome: ScenarioOutcome) -> Figure:
     """Potential above, force below, one panel for each set of numbers; without gate and bound."""
-    path = outcome.fields[0].paths[0].points
-    figure = framed(f"{outcome.title}\nthe published field along this path: what its numbers do", 14.0, 7.2)
-    grid = figure.subplots(2, 4, sharex=True, sharey=True)
-    box = shown_box(path)
-    room = 2.0 * outcome.fields[0].width * MM
-    (left, right), (low, high) = box
+    path, room = outcome.fields[0].paths[0].points, MM * outcome.fields[0].width
+    (left, right), (low, high) = shown_box(path)
     left, right, low, high = left - room, right + room, low - room, high + room
+    width = 3.2
+    height = 2 * width * np.clip((high - low) / (right - left), 0.3, 1.6) + 2.2
+    words = "the published field along this path, without gate and bound: what its numbers do"
+    figure = framed(f"{outcome.title}\n{words}", 4 * width + 1.6, height)
+    grid = figure.subplots(2, 4, sharex=True, sharey=True)
     x, y, points = _grid(left, right, low, high, FINE)
     coarse_x, coarse_y, coarse = _grid(left, right, low, high, COARSE)
     fields = [
@@ -69,9 +70,7 @@ def parameter_figure(outcome: ScenarioOutcome) -> Figure:
         for of in variants(outcome)
     ]  # fmt: skip
     forces = [np.linalg.norm(field.force(points), axis=1).reshape(len(y), len(x)) for field in fields]
-    # Away from the path a spring grows without end: what is beyond most places' force would leave no colours for them.
-    most = float(np.percentile(np.concatenate(forces), 95))
-    shown = None
+    most = SHOWN * outcome.force_limit
     for i, (of, field, column, size) in enumerate(zip(variants(outcome), fields, grid.T, forces, strict=True)):
         energy = np.asarray(field.energy(points)).reshape(len(y), len(x))
         energy = (energy - energy.min()) / max(float(np.ptp(energy)), 1e-12)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,9 +15,16 @@ from rehab_opt.session.scenario.trial import Law, Trial
 from rehab_opt.session.workspaces.region_drawing import draw_region
 
 __all__ = [
-    "COMFORTABLE", "LAW_COLOURS", "LAW_NAMES", "draw_reference", "draw_workspaces", "mean_over_trials", "seen_box",
+    "COMFORTABLE",
+    "LAW_COLOURS",
+    "LAW_NAMES",
+    "draw_reference",
+    "draw_workspace",
+    "draw_workspaces",
+    "mean_over_trials",
+    "seen_box",
     "shown_box",
-]  # fmt: skip
+]
 
 Array = NDArray[np.float64]
 
@@ -38,8 +45,20 @@ ROOM = 0.15
 
 def draw_workspaces(axes: Axes, outcome: ScenarioOutcome) -> None:
     """W_r below W_c."""
-    draw_region(axes, outcome.reachable, REGION_STYLES["reachable"], label="$W_r$, where the hand can be led")
-    draw_region(axes, outcome.comfortable, REGION_STYLES["comfortable"], label="$W_c$, comfortable by oneself")
+    draw_workspace(axes, outcome, "reachable", label="$W_r$, where the hand can be led")
+    draw_workspace(axes, outcome, "comfortable", label="$W_c$, where it moves by itself")
+
+
+def draw_workspace(
+    axes: Axes,
+    outcome: ScenarioOutcome,
+    which: Literal["reachable", "comfortable"],
+    *,
+    label: str = "",
+    zorder: float = 1,
+) -> None:
+    """One of them, in its colours."""
+    draw_region(axes, getattr(outcome, which), {**REGION_STYLES[which], "zorder": zorder}, label=label)
 
 
 def draw_reference(
@@ -75,8 +94,8 @@ def seen_box(axes: Axes, outcome: ScenarioOutcome, box: tuple[tuple[float, float
     axes.set_aspect("equal")
     placement = outcome.comfortable.placement
     placed = any(placement.position) or placement.turn != 0
-    axes.set_xlabel("x in the robot's frame [mm]" if placed else ACROSS)
-    axes.set_ylabel("y in the robot's frame [mm]" if placed else FORWARD)
+    axes.set_xlabel("x in the robot's frame [mm]" if placed else ACROSS, fontsize=8)
+    axes.set_ylabel("y in the robot's frame [mm]" if placed else FORWARD, fontsize=8)
     axes.grid(**GRID)
 
 

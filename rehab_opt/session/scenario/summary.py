@@ -10,7 +10,14 @@ import numpy as np
 __all__ = ["law_summary"]
 
 LESS_IS_WORSE = frozenset(
-    {"smoothness_sparc", "time_on_target_s", "time_on_target_share", "goals_reached_share", "inside_share"}
+    {
+        "smoothness_sparc",
+        "time_on_target_s",
+        "time_on_target_share",
+        "goals_reached_share",
+        "reference_covered_share",
+        "inside_share",
+    }
 )
 """Of all other measures the largest is the worst."""
 NEVER_IS_WORST = frozenset({"time_to_target_s"})

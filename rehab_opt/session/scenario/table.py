@@ -77,6 +77,7 @@ def _groups(mode: Mode) -> list[tuple[str, list[tuple[str, Cell]]]]:
         ("95th percentile, mm", _number("deviation_p95_m", scale=MM)),
         ("largest, mm", _number("deviation_max_m", scale=MM)),
         ("mean outside W_c, mm", _number("deviation_outside_mean_m", scale=MM)),
+        ("from where the person meant to be, mm", _number("from_intended_mean_m", scale=MM)),
     ]
     force: list[tuple[str, Cell]] = [
         ("measured, mean, N", _number("force_measured_mean_N")),
@@ -119,6 +120,8 @@ def _groups(mode: Mode) -> list[tuple[str, list[tuple[str, Cell]]]]:
         clinical.append(("time on target, %", _percent("time_on_target_share")))
     if not holds:
         clinical.insert(1, ("smoothness (SPARC; nearer 0 is smoother)", _number("smoothness_sparc")))
+    if mode == "follow":
+        clinical.append(("path that the hand came by, %", _percent("reference_covered_share")))
     if holds:
         clinical.append(("points reached, %", _percent("goals_reached_share")))
     law: list[tuple[str, Cell]] = [
