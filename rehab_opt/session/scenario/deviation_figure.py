@@ -27,21 +27,18 @@ def deviation_figure(outcome: ScenarioOutcome) -> Figure:
     figure = framed(f"{outcome.title}\ndistance of the hand from {of_what}", 10.0, 1.6 + 2.3 * len(outcome.trials))
     rows = figure.subplots(len(outcome.trials), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
 
-    def deviation(trial: Trial) -> Array:
-        far, counts = deviation_of(trial, projected(trial.position, outcome.reference).distance, outcome.mode)
-        return MM * np.where(counts, far, np.nan)
-
     for axes, (law, trials) in zip(rows, outcome.trials.items(), strict=True):
-        for trial in trials:
+        far = [_deviation(outcome, trial) for trial in trials]
+        for trial, of in zip(trials, far, strict=True):
             ticks = thinned_ticks(trial)
             axes.plot(
                 trial.time[ticks],
-                largest_between(deviation(trial), ticks),
+                largest_between(of, ticks),
                 color=LAW_COLOURS[law],
                 linewidth=0.8,
                 alpha=0.6,
             )
-        axes.plot(*mean_over_trials(trials, deviation), color=LAW_COLOURS[law], linewidth=2.2)
+        axes.plot(*mean_over_trials(trials, far), color=LAW_COLOURS[law], linewidth=2.2)
         axes.set_title(LAW_NAMES[law], fontsize=10, loc="left", color=LAW_COLOURS[law])
         axes.set_ylabel("deviation [mm]")
         axes.grid(**GRID)
@@ -53,6 +50,12 @@ def deviation_figure(outcome: ScenarioOutcome) -> Figure:
     rows[0].plot([], [], color=REFERENCE, linewidth=2.2, label="mean of the trials")
     legend_below(figure, rows[0], 2)
     return figure
+
+
+def _deviation(outcome: ScenarioOutcome, trial: Trial) -> Array:
+    """(N,) [mm], NaN where it does not count."""
+    far, counts = deviation_of(trial, projected(trial.position, outcome.reference).distance, outcome.mode)
+    return MM * np.where(counts, far, np.nan)
 
 
 def _number_points(outcome: ScenarioOutcome, rows: NDArray[np.object_]) -> None:

@@ -38,7 +38,7 @@ def field_figure(outcome: ScenarioOutcome) -> Figure:
     acts = "none within $W_c$" if outcome.mode in REACHES else "within $W_c$; outside there is only a pull back into it"
     of = "\neach place has the force towards its nearest point" if len(outcome.fields) > 1 else ""
     box = shown_box(_corners(outcome, everything=False))
-    height = 3.0 + 5.0 * np.clip((box[1][1] - box[1][0]) / (box[0][1] - box[0][0]), 0.5, 1.2)
+    height = 2.4 + (4.6 if mapped else 5.4) * np.clip((box[1][1] - box[1][0]) / (box[0][1] - box[0][0]), 0.5, 1.2)
     figure = framed(f"{outcome.title}\nforce that is wanted: {acts}{of}", 12.5 if mapped else 8.5, height)
     panels = figure.subplots(1, 2 if mapped else 1, squeeze=False)[0]
     what = "points to be held" if outcome.mode == "hold" else "reference"

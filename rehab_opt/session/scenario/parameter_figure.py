@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rehab_opt.field.potential import PotentialField
+from rehab_opt.field.weights import energies_and_forces
 from rehab_opt.session.drawing import MM, REFERENCE, framed, legend_below
 from rehab_opt.session.scenario.force_colours import force_colours
 from rehab_opt.session.scenario.outcome import ScenarioOutcome
@@ -19,7 +20,7 @@ __all__ = ["Variant", "parameter_figure", "variants"]
 
 Array = NDArray[np.float64]
 
-FINE, COARSE = 121, 15
+FINE, COARSE = 91, 15
 NARROWER, STIFFER = 0.4, 2.0
 SHOWN = 2.0
 """Of the scenario's force limit: what is larger has the darkest colour, far from the path a spring has no end."""
@@ -69,10 +70,10 @@ def parameter_figure(outcome: ScenarioOutcome) -> Figure:
         )
         for of in variants(outcome)
     ]  # fmt: skip
-    forces = [np.linalg.norm(field.force(points), axis=1).reshape(len(y), len(x)) for field in fields]
     most = SHOWN * outcome.force_limit
-    for i, (of, field, column, size) in enumerate(zip(variants(outcome), fields, grid.T, forces, strict=True)):
-        energy = np.asarray(field.energy(points)).reshape(len(y), len(x))
+    for i, (of, field, column) in enumerate(zip(variants(outcome), fields, grid.T, strict=True)):
+        energies, forces = energies_and_forces(field.samples, field.width, points)
+        energy, size = energies.reshape(len(y), len(x)), np.linalg.norm(forces, axis=1).reshape(len(y), len(x))
         energy = (energy - energy.min()) / max(float(np.ptp(energy)), 1e-12)
         contours = column[0].contourf(MM * x, MM * y, energy, levels=np.linspace(0, 1, LEVELS + 1), cmap="cividis")
         shown = column[1].pcolormesh(MM * x, MM * y, np.minimum(size, most), cmap=force_colours(), vmin=0, vmax=most)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -46,7 +46,7 @@ ROOM = 0.15
 def draw_workspaces(axes: Axes, outcome: ScenarioOutcome) -> None:
     """W_r below W_c."""
     draw_workspace(axes, outcome, "reachable", label="$W_r$, where the hand can be led")
-    draw_workspace(axes, outcome, "comfortable", label="$W_c$, where it moves by itself")
+    draw_workspace(axes, outcome, "comfortable", label="$W_c$, comfortable without help")
 
 
 def draw_workspace(
@@ -67,7 +67,9 @@ def draw_reference(
     """The reference, or another path (N, 2) [m] in its style: dashed with its end marked, or points with numbers."""
     points = MM * (outcome.reference if path is None else path)
     if outcome.mode != "hold":
-        axes.plot(points[:, 0], points[:, 1], "--", color=REFERENCE, linewidth=1.3, label=label, zorder=4)
+        # Of a path that is gone along more than once the dashes would fill each other's gaps.
+        style = "-" if outcome.mode == "follow" else "--"
+        axes.plot(points[:, 0], points[:, 1], style, color=REFERENCE, linewidth=1.2, label=label, zorder=4)
         if outcome.mode != "follow":
             axes.plot(
                 *points[-1], "X", color=REFERENCE, markersize=8, markeredgecolor="white", label="target", zorder=6
@@ -99,14 +101,14 @@ def seen_box(axes: Axes, outcome: ScenarioOutcome, box: tuple[tuple[float, float
     axes.grid(**GRID)
 
 
-def mean_over_trials(trials: Sequence[Trial], of: Callable[[Trial], Array]) -> tuple[Array, Array]:
-    """(K,) [s] and the mean of a quantity (N,) or (N, 2) over the trials that are under way, while half of them are."""
-    longest = max(trials, key=lambda trial: len(trial.time))
+def mean_over_trials(trials: Sequence[Trial], values: Sequence[Array]) -> tuple[Array, Array]:
+    """(K,) [s] and the mean of `values`, (N,) or (N, 2) of each trial, over those under way, while half of them are."""
+    longest = max(trials, key=lambda trial: len(trial.time)).time
     under_way = sorted((len(trial.time) for trial in trials), reverse=True)[(len(trials) - 1) // 2]
-    total: Array = np.zeros_like(of(longest)[:under_way])
+    total: Array = np.zeros((under_way, *values[0].shape[1:]))
     count = np.zeros(under_way)
-    for trial in trials:
-        values = of(trial)[:under_way]
-        total[: len(values)] += values
-        count[: len(values)] += 1
-    return longest.time[:under_way], (total.T / count).T
+    for of in values:
+        ongoing = of[:under_way]
+        total[: len(ongoing)] += ongoing
+        count[: len(ongoing)] += 1
+    return longest[:under_way], (total.T / count).T

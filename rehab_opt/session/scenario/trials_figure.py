@@ -21,7 +21,7 @@ from rehab_opt.session.scenario.plane_drawing import (
     shown_box,
 )
 from rehab_opt.session.scenario.trace import thinned_ticks
-from rehab_opt.session.scenario.trial import Law, Trial
+from rehab_opt.session.scenario.trial import Law
 
 __all__ = ["largest_between", "trials_figure"]
 
@@ -90,13 +90,14 @@ def _draw_paths(axes: Axes, outcome: ScenarioOutcome, law: Law) -> None:
                 )
         axes.plot([], [], "o", color=REFERENCE, markersize=6, label="mean place while it was to be held")
         return
-    _, mean = mean_over_trials(trials, lambda trial: trial.position)
+    _, mean = mean_over_trials(trials, [trial.position for trial in trials])
     axes.plot(*(MM * mean.T), color=colour, linewidth=2.2, zorder=5.5)
 
 
 def _draw_force(axes: Axes, outcome: ScenarioOutcome, law: Law) -> None:
     if outcome.mode in REACHES:
-        time, inside = mean_over_trials(outcome.trials[law], lambda trial: trial.inside.astype(np.float64))
+        trials = outcome.trials[law]
+        time, inside = mean_over_trials(trials, [trial.inside.astype(np.float64) for trial in trials])
         axes.fill_between(
             time, 0, inside, step="mid", transform=axes.get_xaxis_transform(), color=COMFORTABLE, alpha=0.2, linewidth=0
         )
@@ -105,15 +106,12 @@ def _draw_force(axes: Axes, outcome: ScenarioOutcome, law: Law) -> None:
 
 
 def _draw_over_time(axes: Axes, outcome: ScenarioOutcome, law: Law, what: str, unit: float) -> None:
-    def size(trial: Trial) -> Array:
-        length: Array = unit * np.linalg.norm(getattr(trial, what), axis=1)
-        return length
-
     trials, colour = outcome.trials[law], LAW_COLOURS[law]
-    for trial in trials:
+    sizes = [unit * np.linalg.norm(getattr(trial, what), axis=1) for trial in trials]
+    for trial, size in zip(trials, sizes, strict=True):
         ticks = thinned_ticks(trial)
-        axes.plot(trial.time[ticks], largest_between(size(trial), ticks), color=colour, linewidth=0.8, alpha=0.6)
-    time, mean = mean_over_trials(trials, size)
+        axes.plot(trial.time[ticks], largest_between(size, ticks), color=colour, linewidth=0.8, alpha=0.6)
+    time, mean = mean_over_trials(trials, sizes)
     axes.plot(time, mean, color=colour, linewidth=2.2)
 
 
