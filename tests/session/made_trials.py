@@ -1,0 +1,135 @@
+"""Trials and outcomes of scenarios made by hand, with answers that are known."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import ArrayLike, NDArray
+
+from rehab_opt.control.gate import Mode
+from rehab_opt.field.potential import PotentialField
+from rehab_opt.session.scenario.measures import REACHES, trial_measures
+from rehab_opt.session.scenario.outcome import ScenarioOutcome
+from rehab_opt.session.scenario.summary import law_summary
+from rehab_opt.session.scenario.trial import LAWS, Law, Trial
+from rehab_opt.workspace.region import Workspace
+
+Array = NDArray[np.float64]
+
+COMFORTABLE = Workspace(shapely.box(-0.05, 0.40, 0.05, 0.50), accuracy=1e-6)
+REACHABLE = Workspace(shapely.Point(0.0, 0.45).buffer(0.25), accuracy=1e-6)
+LINE = np.array([[0.0, 0.45], [0.20, 0.45]])
+WITHIN = 0.005
+
+
+def minimum_jerk_speed(share: ArrayLike) -> Array:
+    """Speed of a reach of length 1 in time 1 at a share of its time, zero before and after."""
+    u = np.clip(np.asarray(share, dtype=np.float64), 0.0, 1.0)
+    speed: Array = 30.0 * (u * (1.0 - u)) ** 2
+    return speed
+
+
+def trial_of(position: ArrayLike, *, dt: float = 0.01, **given: Any) -> Trial:
+    """A trial along positions (N, 2): no force, never in W_c, no goal; what is given replaces that."""
+    places = np.asarray(position, dtype=np.float64)
+    count = len(places)
+    none = np.zeros((count, 2))
+    velocity = np.gradient(places, dt, axis=0)
+    values: dict[str, Any] = {
+        "law": "assisted", "number": 0, "time": dt * np.arange(count), "position": places, "velocity": velocity,
+        "intended": places, "wanted": none, "commanded": none, "measured": none, "inside": np.zeros(count, dtype=bool),
+        "status": np.zeros(count, dtype=np.uint8), "yielded": np.zeros(count, dtype=np.uint8),
+        "energy_left": np.full(count, 20.0), "goal": np.full((count, 2), np.nan), "ended": "done",
+    }  # fmt: skip
+    return Trial(**{**values, **given})
+
+
+def wavering_trial(law: Law, number: int, mode: Mode, points: Array, *, seconds: float, rate: float = 200.0) -> Trial:
+    """Along the reference by a minimum-jerk motion, with a wavering that assistance makes smaller; forces pull back."""
+    rng = np.random.default_rng((number, LAWS.index(law)))
+    count = int(seconds * rate) + 7 * number
+    time = np.arange(count) / rate
+    along = np.cumsum(minimum_jerk_speed(time / seconds))
+    along /= along[-1]
+    corners = np.linspace(0.0, 1.0, len(points))
+    meant = np.column_stack([np.interp(along, corners, points[:, axis]) for axis in (0, 1)])
+    size = 0.008 if law == "unassisted" else 0.002
+    phase = rng.uniform(0, 2 * np.pi, 2)
+    waver = size * np.sin(2 * np.pi * np.outer(time, (0.9, 1.3)) + phase)
+    places = meant + waver
+    inside = np.asarray(COMFORTABLE.contains(places))
+    gate = inside == (mode not in REACHES)
+    force = np.zeros((count, 2)) if law == "unassisted" else np.where(gate[:, None], -1500.0 * waver, 0.0)
+    goal = np.full((count, 2), np.nan)
+    if mode == "hold":
+        slot = np.minimum((len(points) * np.arange(count)) // count, len(points) - 1)
+        late = (len(points) * np.arange(count)) % count > count // 3
+        goal = np.where(late[:, None], points[slot], np.nan)
+        places = points[slot] + waver
+    return trial_of(
+        places, dt=1 / rate, law=law, number=number, intended=meant, wanted=force, commanded=force, goal=goal,
+        measured=force + 0.05 * rng.standard_normal((count, 2)), inside=inside,
+        energy_left=np.full(count, np.nan if law != "assisted" else 15.0), ended="late" if number else "done",
+    )  # fmt: skip
+
+
+def made_outcome(mode: Mode, *, trials: int = 3, laws: tuple[Law, ...] = LAWS) -> ScenarioOutcome:
+    """A scenario of a kind, with workspaces, fields and trials made by hand."""
+    reference, fields = REFERENCES[mode](), FIELDS[mode]
+    done = {
+        law: tuple(wavering_trial(law, number, mode, reference, seconds=2.0) for number in range(trials))
+        for law in laws
+    }
+    target = reference[-1] if mode in REACHES else None
+    measures = {
+        law: tuple(trial_measures(of, reference=reference, mode=mode, target=target, within=WITHIN) for of in each)
+        for law, each in done.items()
+    }
+    return ScenarioOutcome(
+        system="scenario",
+        name=f"made_{mode}",
+        title=f"Made by hand: {mode}",
+        notes=("made by hand",),
+        metrics={"laws": {law: law_summary(of) for law, of in measures.items()}},
+        mode=mode,
+        comfortable=COMFORTABLE,
+        reachable=REACHABLE,
+        reference=reference,
+        demonstrated=None if mode in REACHES else 3.0 * (reference - (0.0, 0.45)) + (0.0, 0.45),
+        fields=fields(reference),
+        force_limit=30.0,
+        trials=done,
+        measures=measures,
+    )
+
+
+def _circle() -> Array:
+    angle = np.linspace(0.0, 2 * np.pi, 60)
+    return np.column_stack((0.03 * np.cos(angle), 0.45 + 0.03 * np.sin(angle)))
+
+
+def _springs(reference: Array) -> tuple[PotentialField, ...]:
+    return tuple(PotentialField(point[None, :], stiffness=3500.0, width=0.04, compile=False) for point in reference)
+
+
+def _field(**numbers: Any) -> Callable[[Array], tuple[PotentialField, ...]]:
+    return lambda reference: (PotentialField(reference, stiffness=2000.0, width=0.02, compile=False, **numbers),)
+
+
+REFERENCES: dict[Mode, Callable[[], Array]] = {
+    "stretch": lambda: np.array([[0.10, 0.40], [0.12, 0.52]]),
+    "assist": lambda: LINE,
+    "resist": lambda: LINE,
+    "follow": _circle,
+    "hold": lambda: np.array([[-0.03, 0.42], [0.03, 0.42], [0.0, 0.48]]),
+}
+FIELDS: dict[Mode, Callable[[Array], tuple[PotentialField, ...]]] = {
+    "stretch": _field(rest_on_target=False),
+    "assist": _field(drag=100.0),
+    "resist": _field(drag=40.0, drag_along="travelled"),
+    "follow": _field(rest_on_target=False),
+    "hold": _springs,
+}

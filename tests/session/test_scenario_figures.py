@@ -1,0 +1,210 @@
+"""Table, trace and figures of scenarios: complete, finite, and readable where they are read."""
+
+from __future__ import annotations
+
+import io
+import itertools
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from matplotlib.collections import QuadMesh
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+from PIL import Image
+from rich.console import Console
+
+from rehab_opt.control.command import Bound
+from rehab_opt.control.gate import Mode
+from rehab_opt.session.scenario.along_figure import along_figure, fields_along, force_along
+from rehab_opt.session.scenario.field_figure import field_figure, gated_forces
+from rehab_opt.session.scenario.figures import scenario_figures
+from rehab_opt.session.scenario.outcome import ScenarioOutcome
+from rehab_opt.session.scenario.parameter_figure import variants
+from rehab_opt.session.scenario.plane_drawing import LAW_NAMES, mean_over_trials
+from rehab_opt.session.scenario.table import scenario_table
+from rehab_opt.session.scenario.trace import RATE, thinned_ticks, trial_columns
+from rehab_opt.session.scenario.trial import LAWS
+from rehab_opt.session.scenario.trials_figure import largest_between, trials_figure
+from tests.session.made_trials import COMFORTABLE, REACHABLE, made_outcome, trial_of
+
+NAMES: dict[Mode, set[str]] = {
+    "stretch": {"field", "trials", "comparison", "parameters"},
+    "assist": {"field", "trials", "comparison", "parameters"},
+    "resist": {"field", "trials", "comparison", "parameters", "along"},
+    "follow": {"field", "trials", "comparison", "parameters", "deviation"},
+    "hold": {"field", "trials", "comparison", "deviation"},
+}
+MODES = tuple(NAMES)
+
+
+def words(figure: Figure) -> str:
+    """All that is written in a figure."""
+    return "\n".join(text.get_text() for text in figure.findobj(Text))
+
+
+def lines(figure: Figure) -> Iterator[np.ndarray]:
+    for axes in figure.axes:
+        for line in axes.get_lines():
+            yield np.asarray(line.get_xydata(), dtype=float)
+
+
+# ---------------------------------------------------------------------------------------------------------- figures
+@pytest.mark.parametrize("mode", MODES)
+def test_figures_of_every_mode_are_there_and_can_be_drawn(mode: Mode) -> None:
+    drawn = scenario_figures(made_outcome(mode))
+    assert set(drawn) == NAMES[mode]
+    for name, figure in drawn.items():
+        assert "Made by hand" in words(figure), name
+        file = io.BytesIO()
+        figure.savefig(file, dpi=40)
+        image = np.asarray(Image.open(file).convert("L"))
+        assert image.std() > 5, f"{name} is blank"
+        for data in lines(figure):
+            assert not np.isinf(data).any(), name
+    for law in LAWS:
+        assert LAW_NAMES[law] in words(drawn["trials"])
+        assert law in words(drawn["comparison"])
+
+
+@pytest.mark.parametrize("laws", [("assisted",), ("unassisted", "assisted")])
+def test_figures_are_drawn_of_the_laws_that_were_run(laws: tuple[str, ...]) -> None:
+    outcome = made_outcome("resist", trials=1, laws=laws)  # type: ignore[arg-type]
+    trials, along = trials_figure(outcome), along_figure(outcome)
+    assert len(trials.axes) == 3 * len(laws)
+    assert LAW_NAMES["published"] not in words(trials)
+    assert words(along).count("in the trials") == 1
+
+
+def test_every_trial_is_a_line_and_no_peak_of_a_force_is_lost() -> None:
+    outcome = made_outcome("assist", trials=4, laws=("assisted",))
+    outcome.trials["assisted"][2].measured[101] = (0.0, 27.0)  # between two ticks that are drawn
+    place, force, speed = trials_figure(outcome).axes
+    for axes in (place, force, speed):
+        thin = [line for line in axes.get_lines() if line.get_linewidth() == 0.8 and np.asarray(line.get_xydata()).size]
+        assert len(thin) == 4
+    assert force.get_ylabel() == "measured force [N]"
+    assert max(np.asarray(line.get_ydata()).max() for line in force.get_lines()[1:]) == pytest.approx(27.0, abs=0.01)
+
+
+def test_largest_between_two_kept_ticks_is_kept() -> None:
+    values = np.array([1.0, 5.0, 2.0, 0.0, 7.0, 3.0])
+    assert largest_between(values, np.array([0, 2, 5])).tolist() == [1.0, 5.0, 7.0]
+
+
+def test_mean_over_trials_is_of_those_under_way_and_ends_with_half_of_them() -> None:
+    trials = [trial_of(np.zeros((length, 2))) for length in (10, 30, 20)]
+    time, mean = mean_over_trials(trials, [np.full(len(of.time), float(i)) for i, of in enumerate(trials)])
+    assert len(time) == 20
+    assert mean[:10].tolist() == [1.0] * 10
+    assert mean[10:].tolist() == [1.5] * 10
+
+
+@pytest.mark.parametrize("mode", ["stretch", "assist", "resist"])
+def test_drawn_field_is_zero_within_the_comfortable_workspace_in_therapy(mode: Mode) -> None:
+    outcome, points = made_outcome(mode, trials=1), _spread_points()
+    forces, inside = gated_forces(outcome, points), np.asarray(COMFORTABLE.contains(points))
+    there = np.asarray(REACHABLE.contains(points))
+    assert not forces[inside].any()
+    assert np.isnan(forces[~there]).all()
+    drawn = there & ~inside
+    assert np.allclose(forces[drawn], outcome.fields[0].force(points[drawn]))
+
+
+@pytest.mark.parametrize("mode", ["follow", "hold"])
+def test_drawn_field_is_within_the_comfortable_workspace_alone_in_help(mode: Mode) -> None:
+    outcome, points = made_outcome(mode, trials=1), _spread_points()
+    forces, inside = gated_forces(outcome, points), np.asarray(COMFORTABLE.contains(points))
+    assert np.isnan(forces[~inside]).all()
+    assert np.isfinite(forces[inside]).all()
+    if mode == "hold":  # a spring to the nearest of the points
+        away = outcome.reference[None] - points[inside][:, None]
+        nearest = away[np.arange(inside.sum()), np.linalg.norm(away, axis=2).argmin(axis=1)]
+        assert np.allclose(forces[inside], 3500.0 * nearest)
+
+
+def _spread_points() -> np.ndarray:
+    return np.random.default_rng(3).uniform((-0.3, 0.15), (0.3, 0.75), (400, 2))
+
+
+def test_colours_end_at_the_force_limit() -> None:
+    figure = field_figure(made_outcome("stretch", trials=1))
+    meshes = [of for axes in figure.axes for of in axes.collections if isinstance(of, QuadMesh) and of.get_clip_path()]
+    assert any(mesh.get_clim() == (0.0, 30.0) and np.asarray(mesh.get_array()).max() <= 30.0 for mesh in meshes)
+
+
+def test_parameters_change_one_at_a_time() -> None:
+    of = variants(made_outcome("assist", trials=1))
+    for before, after in itertools.pairwise(of):
+        assert sum(before[i] != after[i] for i in (1, 2, 3)) == 1
+
+
+def test_published_resistance_falls_to_nothing_at_the_target_and_ours_is_largest_there() -> None:
+    outcome = made_outcome("resist", trials=1)
+    share = np.array([0.3, 0.6, 0.9])
+    points = outcome.reference[0] + share[:, None] * np.diff(outcome.reference, axis=0)
+    whole, without = fields_along(outcome), fields_along(outcome, drags=False)
+    ours, published = (force_along(whole[law], points) - force_along(without[law], points) for law in whole)
+    # Without the smoothing of width sigma: -2 k1 travelled, and Eq. (21)'s -2 |k1| remaining.
+    assert np.allclose(ours, -2 * 40.0 * 0.2 * share, atol=2.0)
+    assert np.allclose(published, -2 * 40.0 * 0.2 * (1 - share), atol=2.0)
+    assert np.all(np.diff(ours) < -2.0)
+    assert np.all(np.diff(published) > 2.0)
+
+
+# --------------------------------------------------------------------------------------------------- table and trace
+@pytest.mark.parametrize("mode", MODES)
+def test_table_fits_a_hundred_columns_and_names_every_law(mode: Mode) -> None:
+    text = _printed(made_outcome(mode))
+    assert max(map(len, text.splitlines())) <= 100
+    for heading in ("unassisted", "assisted", "published", "Deviation", "Force", "Speed and time", "Clinical measures"):
+        assert heading in text
+    assert "nan" not in text
+    assert "…" not in text
+    assert ("SPARC" in text) == (mode != "hold")
+
+
+def test_table_says_when_a_target_was_never_reached() -> None:
+    outcome = made_outcome("assist", trials=2)
+    for of in outcome.measures["unassisted"]:
+        of["time_to_target_s"] = None  # type: ignore[index]
+    row = next(line for line in _printed(outcome).splitlines() if "time to the target" in line)
+    assert "never" in row
+
+
+def _printed(outcome: ScenarioOutcome) -> str:
+    file = io.StringIO()
+    Console(file=file, width=100).print(scenario_table(outcome))
+    return file.getvalue()
+
+
+def test_trace_has_a_row_a_kept_tick_and_a_unit_in_every_header() -> None:
+    outcome = made_outcome("hold", trials=2)
+    columns = dict(trial_columns(outcome))
+    lengths = {len(column) for column in columns.values()}
+    trials = [trial for of in outcome.trials.values() for trial in of]
+    assert lengths == {sum(len(thinned_ticks(trial)) for trial in trials)}
+    assert set(columns["law"]) == set(outcome.trials)
+    bare = {"law", "trial", "inside", "status", "yielded"}
+    for name in set(columns) - bare:
+        assert name.endswith(("_m", "_m_s", "_N", "_J", "_s")), name
+    assert "" in columns["goal_x_m"]
+    assert not any(word == "nan" for column in columns.values() for word in column)
+
+
+def test_trace_is_thinned_to_at_most_a_hundred_rows_a_second_with_both_ends() -> None:
+    for dt, expected in ((0.001, 0.010), (0.002, 0.010), (0.003, 0.012), (0.010, 0.010), (0.040, 0.040)):
+        trial = trial_of(np.zeros((1001, 2)), dt=dt)
+        ticks = thinned_ticks(trial)
+        assert np.median(np.diff(trial.time[ticks])) == pytest.approx(expected)
+        assert np.median(np.diff(trial.time[ticks])) >= 1 / RATE - 1e-9
+        assert (ticks[0], ticks[-1]) == (0, 1000)
+
+
+def test_a_bound_that_yields_between_two_rows_is_in_the_second() -> None:
+    yielded = np.zeros(41, dtype=np.uint8)
+    yielded[13], yielded[17] = int(Bound.SLEW), int(Bound.TASK)
+    outcome = made_outcome("assist", trials=1, laws=("assisted",))
+    outcome.trials["assisted"] = (trial_of(np.zeros((41, 2)), dt=0.001, yielded=yielded),)  # type: ignore[index]
+    said = dict(trial_columns(outcome))["yielded"]
+    assert said == ("", "", "task, slew", "", "")

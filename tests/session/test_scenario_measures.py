@@ -1,0 +1,285 @@
+"""Measures of a trial: smoothness against its closed form, everything else on trials whose answers are known."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import quad
+from scipy.optimize import brentq
+from scipy.special import spherical_jn
+
+from rehab_opt.control.command import Status
+from rehab_opt.control.gate import Mode
+from rehab_opt.errors import ConfigurationError
+from rehab_opt.session.scenario.claims import time_to_zero_force
+from rehab_opt.session.scenario.deviation import projected
+from rehab_opt.session.scenario.measures import trial_measures
+from rehab_opt.session.scenario.smoothness import THRESHOLD, spectral_arc_length
+from rehab_opt.session.scenario.summary import law_summary
+from rehab_opt.session.scenario.trial import Trial
+from tests.session.made_trials import LINE, WITHIN, made_outcome, minimum_jerk_speed, trial_of
+
+MODES: tuple[Mode, ...] = ("stretch", "assist", "resist", "follow", "hold")
+SHARES = np.linspace(0.0, 1.0, 1001)
+ALONG = np.column_stack((np.linspace(0.0, 0.2, 101), np.full(101, 0.45)))
+"""From end to end of `LINE` in 1 s."""
+STILL = np.zeros((101, 2))
+
+
+def measured(trial: Trial, mode: Mode = "assist", *, target: Any = LINE[-1], reference: Any = LINE) -> dict[str, Any]:
+    return trial_measures(trial, reference=reference, mode=mode, target=target, within=WITHIN)
+
+
+def reaches_in_a_row(count: int) -> np.ndarray:
+    return np.concatenate([minimum_jerk_speed(np.linspace(0, 1, 500)) for _ in range(count)])
+
+
+# ------------------------------------------------------------------------------------------------------- smoothness
+def minimum_jerk_arc_length() -> float:
+    """Of the Fourier transform of 30 u^2 (1 - u)^2, which is 15 j_2(w) / w^2 with w = pi f T, in closed form."""
+
+    def amplitude(w: float) -> float:
+        return 15.0 * float(spherical_jn(2, w)) / w**2
+
+    def slope(w: float) -> float:
+        return -15.0 * float(spherical_jn(3, w)) / w**2
+
+    end = brentq(lambda w: amplitude(w) - THRESHOLD, 2.0, 5.5)
+    return -float(quad(lambda w: math.hypot(1.0 / end, slope(w) if w > 1e-9 else 0.0), 0.0, end)[0])
+
+
+@pytest.mark.parametrize(("count", "seconds"), [(1001, 1.0), (301, 1.0), (3001, 3.0), (101, 0.5)])
+def test_smoothness_of_a_minimum_jerk_reach_is_its_closed_form(count: int, seconds: float) -> None:
+    speed = minimum_jerk_speed(np.linspace(0, 1, count))
+    assert minimum_jerk_arc_length() == pytest.approx(-1.408, abs=1e-3)
+    assert spectral_arc_length(speed, (count - 1) / seconds) == pytest.approx(minimum_jerk_arc_length(), abs=0.01)
+
+
+@settings(max_examples=40, deadline=None)
+@given(scale=st.floats(1e-6, 1e6), rate=st.floats(100.0, 2000.0))
+def test_smoothness_does_not_depend_on_the_unit_of_speed_nor_on_duration(scale: float, rate: float) -> None:
+    speed = reaches_in_a_row(2)
+    # The two reaches in 0.5 to 10 s: up to the threshold their spectrum lies below the cut-off.
+    assert spectral_arc_length(scale * speed, rate) == pytest.approx(spectral_arc_length(speed, 1000.0), rel=1e-9)
+
+
+def test_more_submovements_are_less_smooth() -> None:
+    values = [spectral_arc_length(reaches_in_a_row(count), 1000.0) for count in range(1, 6)]
+    assert np.all(np.diff(values) < -0.2)
+
+
+@settings(max_examples=25, deadline=None)
+@given(size=st.floats(0.3, 0.8), hertz=st.floats(4.0, 8.0))
+def test_tremor_makes_a_reach_less_smooth(size: float, hertz: float) -> None:
+    calm = minimum_jerk_speed(SHARES)
+    shaken = np.abs(calm + size * np.sin(2 * np.pi * hertz * SHARES))
+    assert spectral_arc_length(shaken, 1000.0) < spectral_arc_length(calm, 1000.0) - 0.02
+
+
+def test_frequencies_above_ten_hertz_do_not_count() -> None:
+    calm = minimum_jerk_speed(SHARES)
+    noisy = calm + 0.5 * np.sin(2 * np.pi * 60.0 * SHARES)
+    assert spectral_arc_length(noisy, 1000.0) == pytest.approx(spectral_arc_length(calm, 1000.0), abs=0.02)
+
+
+def test_rest_has_no_smoothness_and_what_is_no_speed_is_refused() -> None:
+    assert math.isnan(spectral_arc_length(np.zeros(50), 100.0))
+    for speed, rate, argument in (([], 1.0, "speed"), ([math.nan], 1.0, "speed"), ([1.0], 0.0, "rate_hz")):
+        with pytest.raises(ConfigurationError) as refused:
+            spectral_arc_length(speed, rate)
+        assert refused.value.argument == argument
+
+
+# -------------------------------------------------------------------------------------------------------- deviation
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_distance_to_a_path_is_the_least_over_all_of_its_segments(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    path, points = rng.uniform(-1, 1, (rng.integers(1, 12), 2)), rng.uniform(-1.5, 1.5, (20, 2))
+    path = np.repeat(path, rng.integers(1, 3, len(path)), axis=0)
+    found = projected(points, path)
+    shares = np.linspace(0, 1, 2001)[:, None]
+    pieces = [a + shares * (b - a) for a, b in zip(path, np.vstack((path[1:], path[-1:])), strict=True)]
+    dense = np.vstack(pieces)
+    brute = np.array([np.linalg.norm(dense - point, axis=1).min() for point in points])
+    assert np.all(found.distance <= brute + 1e-12)
+    assert np.all(found.distance >= brute - 1e-3)
+    # The place that far along the path is that far from the point.
+    travelled = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))))
+    places = np.column_stack([np.interp(found.along, travelled, path[:, axis]) for axis in (0, 1)])
+    assert np.allclose(np.linalg.norm(points - places, axis=1), found.distance, atol=1e-9)
+    assert found.length == pytest.approx(travelled[-1])
+
+
+def test_deviation_is_the_distance_from_the_reference() -> None:
+    beside = ALONG + np.column_stack((np.zeros(101), np.where(np.arange(101) < 50, 0.002, 0.006)))
+    inside = np.arange(101) < 50
+    numbers = measured(trial_of(beside, inside=inside))
+    assert numbers["deviation_max_m"] == pytest.approx(0.006)
+    assert numbers["deviation_mean_m"] == pytest.approx((50 * 0.002 + 51 * 0.006) / 101)
+    assert numbers["deviation_rms_m"] == pytest.approx(math.sqrt((50 * 0.002**2 + 51 * 0.006**2) / 101))
+    assert numbers["deviation_inside_max_m"] == pytest.approx(0.002)
+    assert numbers["deviation_outside_mean_m"] == pytest.approx(0.006)
+    assert measured(trial_of(beside))["deviation_outside_mean_m"] is None  # all of it is outside
+
+
+def test_of_points_to_be_held_only_the_time_counts_in_which_they_were() -> None:
+    goal = np.full((101, 2), np.nan)
+    goal[40:60], goal[80:] = (0.0, 0.45), (0.03, 0.45)
+    places = np.where(np.isfinite(goal), goal + (0.0, 0.003), (9.0, 9.0))
+    places[80:] += (0.0, 0.004)
+    numbers = measured(
+        trial_of(places, goal=goal), "hold", target=None, reference=np.array([[0.0, 0.45], [0.03, 0.45]])
+    )
+    assert numbers["deviation_max_m"] == pytest.approx(0.007)
+    assert numbers["time_on_target_s"] == pytest.approx(0.20)
+    assert numbers["time_on_target_share"] == pytest.approx(20 / 41)
+    assert numbers["goals_reached_share"] == 0.5
+    assert not numbers["success"]
+    assert numbers["smoothness_sparc"] is None
+
+
+# -------------------------------------------------------------------------------------------- force, speed and time
+def test_force_speed_and_work_of_a_straight_motion_under_a_constant_force() -> None:
+    force = np.tile((3.0, 4.0), (101, 1))
+    numbers = measured(trial_of(ALONG, commanded=force, measured=2 * force))
+    assert numbers["force_commanded_mean_N"] == pytest.approx(5.0)
+    assert numbers["force_measured_max_N"] == pytest.approx(10.0)
+    assert numbers["energy_delivered_J"] == pytest.approx(3.0 * 0.2)  # across the motion there is no work
+    assert numbers["force_change_max_N_s"] == pytest.approx(5.0 / 0.01)  # it was zero before the trial
+    assert numbers["speed_mean_m_s"] == pytest.approx(0.2)
+    assert numbers["duration_s"] == pytest.approx(1.0)
+    assert numbers["path_length_m"] == pytest.approx(0.2)
+    assert numbers["path_length_ratio"] == pytest.approx(1.0)
+
+
+def test_path_ratio_of_two_sides_of_a_triangle() -> None:
+    corner = np.vstack((np.linspace((0.0, 0.45), (0.03, 0.45), 50), np.linspace((0.03, 0.45), (0.03, 0.49), 50)))
+    numbers = measured(trial_of(corner))
+    assert numbers["path_length_ratio"] == pytest.approx(7 / 5)
+
+
+def test_target_is_reached_when_the_hand_first_comes_within_it() -> None:
+    numbers = measured(trial_of(ALONG))
+    assert numbers["time_to_target_s"] == pytest.approx(0.98)  # 0.196 m of 0.200: 4 mm away
+    assert numbers["time_on_target_s"] == pytest.approx(0.03)
+    assert numbers["final_distance_m"] == pytest.approx(0.0)
+    assert numbers["success"]
+    assert not measured(trial_of(ALONG, ended="late"))["success"]
+    short = measured(trial_of(ALONG[:90]))
+    assert short["time_to_target_s"] is None
+    assert not short["success"]
+
+
+def test_stretch_without_a_target_is_done_on_any_place_of_the_line() -> None:
+    line = np.array([[0.2, 0.40], [0.2, 0.52]])
+    numbers = measured(trial_of(ALONG), "stretch", target=None, reference=line)
+    assert numbers["success"]
+    assert numbers["time_to_target_s"] == pytest.approx(0.98)
+
+
+def test_a_part_of_a_path_that_is_left_out_shows_though_the_hand_stays_near() -> None:
+    there_and_back = np.vstack((ALONG, ALONG[::-1] + (0.0, 0.02)))
+    half = np.vstack((ALONG, ALONG[::-1]))  # twice along the first side
+    whole = measured(trial_of(there_and_back), "follow", target=None, reference=there_and_back)
+    left_out = measured(trial_of(half, intended=there_and_back), "follow", target=None, reference=there_and_back)
+    assert whole["reference_covered_share"] == 1.0
+    assert left_out["deviation_max_m"] < 1e-9
+    assert left_out["reference_covered_share"] == pytest.approx((0.2 + 2 * 0.005) / 0.42, abs=0.02)
+    assert left_out["from_intended_max_m"] == pytest.approx(0.02)
+
+
+# ----------------------------------------------------------------------------------------------------------- claims
+def test_time_from_entry_to_zero_force_is_that_of_the_slowest_stay() -> None:
+    inside, force = np.zeros(101, dtype=bool), np.zeros((101, 2))
+    inside[10:30], inside[50:80] = True, True
+    force[5:14], force[45:62] = (2.0, 0.0), (0.0, -1.0)
+    assert time_to_zero_force(trial_of(STILL, inside=inside, commanded=force)) == pytest.approx(0.12)
+    force[45:90] = (0.0, 1e-300)  # never let go: the whole stay counts
+    assert time_to_zero_force(trial_of(STILL, inside=inside, commanded=force)) == pytest.approx(0.30)
+    assert time_to_zero_force(trial_of(STILL, commanded=force)) is None
+
+
+def test_force_that_is_wanted_or_grows_inside_is_seen() -> None:
+    inside, force = np.arange(101) >= 50, np.zeros((101, 2))
+    force[40:50] = (7.0, 0.0)
+    force[50:53] = [(6.0, 0.0), (3.0, 0.0), (4.0, 0.0)]
+    wanted = np.zeros((101, 2))
+    wanted[:50], wanted[70] = 9.0, (0.3, 0.4)
+    numbers = measured(trial_of(STILL, inside=inside, commanded=force, wanted=wanted))
+    assert numbers["force_growth_inside_max_N"] == pytest.approx(1.0)
+    assert numbers["force_wanted_inside_max_N"] == pytest.approx(0.5)
+
+
+def test_resistance_is_told_apart_near_the_target_and_before_it() -> None:
+    hand = np.delete(ALONG, 75, axis=0)  # without the place where the quarter begins
+    against = -np.column_stack((np.where(hand[:, 0] > 0.15, 9.0, 2.0), np.full(100, 50.0)))
+    numbers = measured(trial_of(hand, commanded=against), "resist")
+    assert numbers["force_along_reference_last_quarter_mean_N"] == pytest.approx(-9.0)
+    assert numbers["force_along_reference_before_mean_N"] == pytest.approx(-2.0)
+    assert numbers["force_along_reference_outside_max_N"] == pytest.approx(-2.0)
+    backwards = measured(trial_of(hand, commanded=against), "resist", reference=LINE[::-1])
+    assert backwards["force_along_reference_outside_min_N"] == pytest.approx(2.0)
+
+
+def test_releases_are_counted_once_each() -> None:
+    names = [Status.OK] * 20 + [Status.RELEASING] * 5 + [Status.RELEASED] * 5 + [Status.BACKUP] * 10 + [Status.RELEASED]
+    status = np.array([list(Status).index(name) for name in names + [Status.OK] * (101 - len(names))], dtype=np.uint8)
+    numbers = measured(trial_of(STILL, status=status))
+    assert numbers["releases"] == 2
+    assert sum(numbers["status_share"].values()) == pytest.approx(1.0)
+    assert numbers["status_share"]["backup"] == pytest.approx(10 / 101)
+
+
+# ---------------------------------------------------------------------------------------------------------- numbers
+@pytest.mark.parametrize("mode", MODES)
+def test_numbers_are_strict_json_and_their_keys_the_same_for_every_trial(mode: Mode) -> None:
+    outcome = made_outcome(mode)
+    every = [of for law in outcome.measures.values() for of in law]
+    assert len({tuple(of) for of in every}) == 1
+    json.dumps([every, outcome.metrics], allow_nan=False)
+
+
+def test_a_hand_that_never_moves_has_numbers_too() -> None:
+    numbers = measured(trial_of(STILL + LINE[0]))
+    json.dumps(numbers, allow_nan=False)
+    assert numbers["path_length_ratio"] is None
+    assert numbers["smoothness_sparc"] is None
+    assert numbers["success"] is False
+
+
+def test_summary_is_mean_and_worst_and_a_time_that_was_never_reached_is_the_worst() -> None:
+    numbers: list[dict[str, Any]] = [
+        {"success": True, "a_N": 1.0, "smoothness_sparc": -2.0, "time_to_target_s": 3.0, "status_share": {"ok": 1.0}},
+        {
+            "success": False,
+            "a_N": 4.0,
+            "smoothness_sparc": -5.0,
+            "time_to_target_s": None,
+            "status_share": {"backup": 1.0},
+        },
+    ]
+    summary = law_summary(numbers)
+    assert summary["success_rate"] == 0.5
+    assert summary["mean"] == {
+        "a_N": 2.5, "smoothness_sparc": -3.5, "time_to_target_s": 3.0, "status_share": {"ok": 0.5, "backup": 0.5},
+    }  # fmt: skip
+    assert summary["worst"] == {"a_N": 4.0, "smoothness_sparc": -5.0, "time_to_target_s": None}
+
+
+def test_what_cannot_be_measured_is_refused_by_name() -> None:
+    for argument, trial, reference, within in (
+        ("trial", trial_of(STILL[:2], time=np.zeros(1)), LINE, WITHIN),
+        ("reference", trial_of(STILL), LINE[0], WITHIN),
+        ("reference", trial_of(STILL), LINE * math.nan, WITHIN),
+        ("within", trial_of(STILL), LINE, math.nan),
+    ):
+        with pytest.raises(ConfigurationError) as refused:
+            trial_measures(trial, reference=reference, mode="assist", target=None, within=within)
+        assert refused.value.argument == argument
