@@ -23,10 +23,12 @@ from rehab_opt.session.schema import (
 )
 from rehab_opt.session.workspaces.sections import ArmInPlane, OneRange
 
-__all__ = ["THERAPY", "FieldSection", "PersonSection", "RobotSection", "ScenarioProblem", "TaskSection"]
+__all__ = ["REACHES", "THERAPY", "FieldSection", "PersonSection", "RobotSection", "ScenarioProblem", "TaskSection"]
 
 THERAPY: tuple[Mode, ...] = ("stretch", "assist", "resist")
-"""Modes in which a goal outside the comfortable workspace is reached."""
+"""Modes that go beyond the comfortable workspace."""
+REACHES: tuple[Mode, ...] = ("assist", "resist")
+"""Modes that are over when the end of the reference is reached."""
 
 Point = Annotated[list[Length], Field(min_length=2, max_length=2)]
 Seconds = Annotated[float, Field(gt=0, le=600)]

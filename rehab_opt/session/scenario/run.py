@@ -17,7 +17,7 @@ from rehab_opt.session.scenario.loop import Arrival, Scene, ran
 from rehab_opt.session.scenario.measures import trial_measures
 from rehab_opt.session.scenario.outcome import ScenarioOutcome
 from rehab_opt.session.scenario.prepared import Prepared, person_of, prepared, robot_model_of
-from rehab_opt.session.scenario.problem import THERAPY, ScenarioProblem
+from rehab_opt.session.scenario.problem import REACHES, THERAPY, ScenarioProblem
 from rehab_opt.session.scenario.summary import law_summary
 from rehab_opt.session.scenario.trial import Law, Trial
 from rehab_opt.session.solver_option import solver_refusals
@@ -46,6 +46,7 @@ def run_scenario(loaded: ProblemFile[ScenarioProblem], *, solver: str | None, pr
     ConfigurationError : `solver` cannot be used.
     """
     problem = loaded.problem
+    robot_model_of(loaded)  # refused before the workspaces take their seconds
     ready = prepared(loaded, progress=progress)
     scene = scene_of(loaded, ready)
     task = problem.task
@@ -58,7 +59,7 @@ def run_scenario(loaded: ProblemFile[ScenarioProblem], *, solver: str | None, pr
             done.append(ran(scene, law, name=name, number=number, seed=task.seed + number))
         progress(f"trials, {name}", task.trials, task.trials)
         trials[name] = tuple(done)
-    target = ready.reference[-1] if problem.mode in THERAPY else None
+    target = ready.reference[-1] if problem.mode in REACHES else None
     measures = {
         name: tuple(
             trial_measures(
@@ -96,7 +97,7 @@ def run_scenario(loaded: ProblemFile[ScenarioProblem], *, solver: str | None, pr
 def scene_of(loaded: ProblemFile[ScenarioProblem], ready: Prepared) -> Scene:
     """What all trials share."""
     problem = loaded.problem
-    arrival = Arrival(1e-3 * problem.task.within_mm, REST) if problem.mode in THERAPY else None
+    arrival = Arrival(1e-3 * problem.task.within_mm, REST) if problem.mode in REACHES else None
     return Scene(
         comfortable=ready.comfortable,
         person=person_of(problem),
@@ -139,9 +140,8 @@ def law_of(name: Law, loaded: ProblemFile[ScenarioProblem], ready: Prepared, *, 
     except ConfigurationError as refused:
         if refused.argument.startswith("--") or isinstance(refused, ProblemFileError):
             raise
-        raise ProblemFileError(
-            loaded.file, f"assistance, {refused.argument}", refused.value, refused.expected
-        ) from refused
+        key = "run.solver" if refused.argument == "solver" else f"assistance, {refused.argument}"
+        raise ProblemFileError(loaded.file, key, refused.value, refused.expected) from refused
     if problem.mode != "hold":
         return Assisted(assistance)
     return AssistedAtPoints(assistance, ready.reference, _pace(problem, ready.reference))

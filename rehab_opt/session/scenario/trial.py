@@ -61,4 +61,5 @@ class Trial:
 
     def flagged(self, bound: Bound) -> NDArray[np.bool_]:
         """(N,) where the bound gave way."""
-        return (self.yielded & int(bound)) != 0
+        gave: NDArray[np.bool_] = (self.yielded & int(bound)) != 0
+        return gave

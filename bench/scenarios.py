@@ -1,0 +1,123 @@
+"""The five scenarios with 20 simulated people each, and a session of 60 s: `python -m bench.scenarios`.
+
+Prints one line a number, asked and measured; exit code 1 where one is missed. The people differ by their seed: wander,
+tremor and spasms. Only the paper's claims are judged; `rehab-opt run upper_limb/scenario_...` shows everything.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from rich.console import Console
+
+from bench.machine import machine
+from bench.verdict import Verdict, all_met, print_verdicts
+from rehab_opt.session.files import ProblemFile, problem_content, problem_of, problem_path
+from rehab_opt.session.scenario.loop import ran
+from rehab_opt.session.scenario.outcome import ScenarioOutcome
+from rehab_opt.session.scenario.prepared import prepared
+from rehab_opt.session.scenario.run import law_of, run_scenario, scene_of
+
+__all__ = ["SCENARIOS", "changed", "judged", "main"]
+
+SCENARIOS = ("scenario_1_stretch", "scenario_2_assist", "scenario_3_resist", "scenario_4_follow", "scenario_5_hold")
+LAWS = ["unassisted", "assisted"]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run and judge."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--people", type=int, default=20)
+    parser.add_argument("--parts", nargs="+", choices=["people", "session"], default=["people", "session"])
+    options = parser.parse_args(arguments)
+    console = Console()
+    console.print("  ".join(f"{key}: {value}" for key, value in machine().items()), highlight=False)
+    verdicts: list[Verdict] = []
+    if "people" in options.parts:
+        for name in SCENARIOS:
+            loaded = changed(name, task={"trials": options.people}, run={"laws": LAWS})
+            measured = judged(name, run_scenario(loaded, solver=None, progress=_silent))
+            print_verdicts(console, measured)
+            verdicts += measured
+    if "session" in options.parts:
+        measured = [session()]
+        print_verdicts(console, measured)
+        verdicts += measured
+    return 0 if all_met(verdicts) else 1
+
+
+def changed(name: str, **sections: Mapping[str, Any]) -> ProblemFile[Any]:
+    """A shipped scenario with some keys of its sections replaced."""
+    file = f"upper_limb/{name}"
+    _, path = problem_path(file)
+    content = problem_content(path, file)
+    for section, keys in sections.items():
+        content[section] = {**content.get(section, {}), **keys}
+    return problem_of(content, name=file, file=file, path=path)
+
+
+def judged(name: str, outcome: ScenarioOutcome) -> list[Verdict]:
+    """What the paper reports of a scenario, of every person or of their mean."""
+    number = name.removeprefix("scenario_")[0]
+    scenario = f"ES{number}"
+    ours, none = outcome.measures["assisted"], outcome.measures["unassisted"]
+    parameters = outcome.metrics["parameters"]
+    if number in "123":
+        bounds, tick = parameters["assistance"], 1 / parameters["run"]["rate_hz"]
+        soonest = bounds["force_limit_N"] / bounds["slew_limit_N_s"] + 2 * tick
+        verdicts = [
+            _worst(f"{scenario} wanted inside W_c", ours, "force_wanted_inside_max_N", 0.0, "N"),
+            _worst(f"{scenario} growth of the force inside W_c", ours, "force_growth_inside_max_N", 0.0, "N"),
+            _worst(f"{scenario} zero after entering W_c", ours, "time_to_zero_force_after_entry_max_s", soonest, "s"),
+        ]
+        if number == "2":
+            verdicts.append(
+                _worst(f"{scenario} distance from the target at the end", ours, "final_distance_m", 5e-3, "m")
+            )
+        if number == "3":
+            last = max(each["force_along_reference_last_quarter_mean_N"] for each in ours)
+            before = min(each["force_along_reference_before_mean_N"] for each in ours)
+            verdicts += [
+                _worst(f"{scenario} force along the path (negative is against)", ours,
+                       "force_along_reference_outside_max_N", 0.0, "N"),
+                Verdict(f"{scenario} the same in the last quarter, beside the rest", last, "<=", before, "N"),
+            ]  # fmt: skip
+        return verdicts
+    ratio = max(one["deviation_mean_m"] / other["deviation_mean_m"] for one, other in zip(ours, none, strict=True))
+    verdicts = [
+        Verdict(f"{scenario} deviation with help / without, worst person", ratio, "<=", 0.5 if number == "4" else 1.0)
+    ]
+    if number == "5":
+        for key, relation in (("speed_mean_m_s", "<="), ("force_measured_mean_N", ">=")):
+            ratios = [one[key] / other[key] for one, other in zip(ours, none, strict=True)]
+            worst = max(ratios) if relation == "<=" else min(ratios)
+            verdicts.append(Verdict(f"{scenario} {key} with help / without, worst person", worst, relation, 1.0))
+    return verdicts
+
+
+def session() -> Verdict:
+    """A minute at 1 kHz beside the time it takes to simulate: participant, robot and assistance."""
+    loaded = changed("scenario_4_follow", task={"movement_s": 60.0, "rest_s": 0.0, "trials": 1})
+    ready = prepared(loaded, progress=_silent)
+    scene, law = scene_of(loaded, ready), law_of("assisted", loaded, ready)
+    ran(scene, law, name="assisted", number=0, seed=1)  # what is loaded late is loaded now
+    began = time.perf_counter()
+    trial = ran(scene, law, name="assisted", number=0, seed=0)
+    seconds = time.perf_counter() - began
+    return Verdict("60 s session at 1 kHz, times real time", (trial.time[-1] + scene.dt) / seconds, ">=", 20.0)
+
+
+def _worst(what: str, measures: Sequence[Mapping[str, Any]], key: str, asked: float, unit: str) -> Verdict:
+    return Verdict(f"{what}, worst person", max(each[key] for each in measures), "<=", asked, unit)
+
+
+def _silent(*_: object) -> None:
+    """No progress."""
+
+
+if __name__ == "__main__":
+    sys.exit(main())

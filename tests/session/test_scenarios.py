@@ -1,0 +1,251 @@
+"""Claims about the five scenarios, on the shipped problem files."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench.scenarios import SCENARIOS, changed, judged
+from rehab_opt import Status
+from rehab_opt.errors import ProblemFileError
+from rehab_opt.session.files import load_problem
+from rehab_opt.session.run import run_problem
+from rehab_opt.session.scenario import prepared as prepared_module
+from rehab_opt.session.scenario.force_robot import ForceRobot, RobotModel
+from rehab_opt.session.scenario.intention import held, nearest_next, reached
+from rehab_opt.session.scenario.loop import ran
+from rehab_opt.session.scenario.outcome import ScenarioOutcome
+from rehab_opt.session.scenario.prepared import prepared
+from rehab_opt.session.scenario.run import law_of, scene_of
+from rehab_opt.session.scenario.simulated_person import Person, SimulatedPerson
+from rehab_opt.session.workspaces import reached as sets
+from rehab_opt.session.workspaces.sections import ArmInPlane
+from rehab_opt.workspace.mapping import WorkspaceMap
+from tests.workspace.mapped import table_one
+
+FAST = {"rate_hz": 400.0, "laws": ["unassisted", "assisted"]}
+"""The full rate, and every number, by `python -m bench.scenarios`."""
+PEOPLE = {"scenario_4_follow": 20, "scenario_5_hold": 20}
+SHORTER = {"scenario_4_follow": {"movement_s": 8.0}, "scenario_5_hold": {"movement_s": 0.7, "dwell_s": 1.0}}
+
+
+@pytest.fixture(autouse=True)
+def _found_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Workspaces and maps, which take seconds, are those of the first test that asks for the same ones."""
+    monkeypatch.setattr(prepared_module.sets, "reached", _reached)
+    monkeypatch.setattr(WorkspaceMap, "between", _between)
+
+
+REACHED, BETWEEN = sets.reached, WorkspaceMap.between
+MADE: dict[object, object] = {}
+
+
+def _reached(section: ArmInPlane, ranges: object, *, file: str, key: str) -> object:
+    told = (section.model_dump_json(), str(ranges))
+    if told not in MADE:
+        MADE[told] = REACHED(section, ranges, file=file, key=key)  # type: ignore[arg-type]
+    return MADE[told]
+
+
+def _between(source: object, target: object) -> object:
+    told = (id(source), id(target))
+    if told not in MADE:
+        MADE[told] = BETWEEN(source, target)  # type: ignore[arg-type]
+    return MADE[told]
+
+
+@cache
+def outcome(name: str) -> ScenarioOutcome:
+    task = {"trials": PEOPLE.get(name, 3), **SHORTER.get(name, {})}
+    loaded = changed(name, task=task, run=FAST)
+    found = run_problem(loaded)
+    assert isinstance(found, ScenarioOutcome)
+    return found
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_what_the_paper_reports_of_a_scenario_is_seen(name: str) -> None:
+    missed = [str(verdict) for verdict in judged(name, outcome(name)) if not verdict.met]
+    assert missed == []
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_no_bound_of_the_force_is_exceeded_in_a_run(name: str) -> None:
+    found = outcome(name)
+    bounds = found.metrics["parameters"]["assistance"]
+    for trial in found.trials["assisted"]:
+        sizes = np.linalg.norm(trial.commanded, axis=1)
+        changes = np.linalg.norm(np.diff(trial.commanded, axis=0), axis=1)
+        assert sizes.max() <= bounds["force_limit_N"]
+        assert changes.max() <= bounds["slew_limit_N_s"] / FAST["rate_hz"] * (1 + 1e-9)  # type: ignore[operator]
+        assert set(trial.statuses) <= {Status.OK}
+        work = float((trial.commanded[:-1] * np.diff(trial.position, axis=0)).sum())
+        assert work <= bounds["energy_budget_J"]
+
+
+def test_without_help_the_target_outside_is_not_reached() -> None:
+    """So that a success is the assistance's."""
+    assert not any(each["success"] for each in outcome("scenario_2_assist").measures["unassisted"])
+
+
+def test_the_same_seed_is_the_same_person_under_every_law() -> None:
+    found = outcome("scenario_5_hold")
+    none, ours = found.trials["unassisted"][3], found.trials["assisted"][3]
+    np.testing.assert_array_equal(none.intended[:400], ours.intended[:400])
+    again = run_problem(changed("scenario_5_hold", task={"trials": 4, **SHORTER["scenario_5_hold"]}, run=FAST))
+    assert isinstance(again, ScenarioOutcome)
+    np.testing.assert_array_equal(again.trials["assisted"][3].position, ours.position)
+    assert not np.array_equal(found.trials["assisted"][2].position, ours.position)
+
+
+def test_the_reference_of_a_mapped_scenario_lies_in_the_comfortable_workspace() -> None:
+    for name in ("scenario_4_follow", "scenario_5_hold"):
+        found = outcome(name)
+        assert np.all(found.comfortable.contains(found.reference))
+        assert found.demonstrated is not None
+        assert not np.all(found.comfortable.contains(found.demonstrated))
+        assert np.all(found.reachable.contains(found.demonstrated))
+
+
+def test_the_published_field_holds_the_hand_in_the_middle_of_its_points() -> None:
+    """Its sigma of 40 mm is wider than the mapped grid: the points cannot be told apart."""
+    task = {"trials": 1, **SHORTER["scenario_5_hold"]}
+    found = run_problem(changed("scenario_5_hold", task=task, run={**FAST, "laws": ["assisted", "published"]}))
+    assert isinstance(found, ScenarioOutcome)
+    ours, theirs = (found.measures[law][0]["deviation_mean_m"] for law in ("assisted", "published"))
+    assert theirs > 5 * ours
+
+
+def test_a_shoulder_placed_elsewhere_changes_nothing_but_the_frame() -> None:
+    shift, turn = np.array([0.6, -0.3]), 30.0
+    arm = {"shoulder_m": [*shift.tolist(), 0.1], "shoulder_turn_deg": turn}
+    quick = {"task": {"trials": 1}, "run": {"rate_hz": 200.0, "laws": ["assisted"]}}
+    person = {"tremor_N": 0.0, "wander_mm": 0.0, "spasms_per_s": 0.0}  # moods have directions of their own
+    robot = {"sensor_noise_N": 0.0}
+    here = run_problem(changed("scenario_2_assist", person=person, robot=robot, **quick))
+    there = run_problem(changed("scenario_2_assist", person=person, robot=robot, arm=arm, **quick))
+    assert isinstance(here, ScenarioOutcome)
+    assert isinstance(there, ScenarioOutcome)
+    c, s = math.cos(math.radians(turn)), math.sin(math.radians(turn))
+    moved = here.trials["assisted"][0].position @ np.array([[c, -s], [s, c]]).T + shift
+    count = min(len(moved), len(there.trials["assisted"][0].position))
+    np.testing.assert_allclose(there.trials["assisted"][0].position[:count], moved[:count], atol=5e-4)
+
+
+# --------------------------------------------------------------------------------------------- robot, person, intention
+def test_the_force_loop_delivers_what_is_commanded() -> None:
+    """Against a hand held fast by a stiff spring, friction notwithstanding."""
+    robot = ForceRobot(
+        RobotModel(noise=0.0), hand_mass=1.2, start=(0.0, 0.0), dt=1e-3, rng=np.random.default_rng(0), ticks=3000
+    )
+    for _ in range(3000):
+        robot.step(8.0, -6.0, -3000.0 * robot.x - 60.0 * robot.vx, -3000.0 * robot.y - 60.0 * robot.vy)
+    np.testing.assert_allclose([robot.measured_x, robot.measured_y], [8.0, -6.0], atol=1e-3)
+    np.testing.assert_allclose([robot.x, robot.y], [8.0 / 3000, -6.0 / 3000], atol=1e-6)
+
+
+def test_a_robot_that_is_told_no_force_is_hardly_felt() -> None:
+    """A hand of 1.2 kg pushed with 2 N: the loop hides most of the robot's friction and mass."""
+    robot = ForceRobot(
+        RobotModel(noise=0.0), hand_mass=1.2, start=(0.0, 0.0), dt=1e-3, rng=np.random.default_rng(0), ticks=400
+    )
+    for _ in range(400):
+        robot.step(0.0, 0.0, 2.0, 0.0)
+    free = 2.0 / 1.2 * 0.4
+    assert 0.7 * free < robot.vx < free
+
+
+def test_stops_end_the_motion() -> None:
+    robot = ForceRobot(
+        RobotModel(noise=0.0, lower=(-0.01, -0.01), upper=(0.01, 0.01)), hand_mass=1.2, start=(0.0, 0.0), dt=1e-3,
+        rng=np.random.default_rng(0), ticks=2000,
+    )  # fmt: skip
+    for _ in range(2000):
+        robot.step(10.0, 0.0, 0.0, 0.0)
+    assert (robot.x, robot.vx) == (0.01, 0.0)
+
+
+def test_the_person_has_less_strength_and_stiffer_joints_outside() -> None:
+    still = Person(wander=0.0, tremor=0.0, spasm_rate=0.0, persistence=0.0)
+    person = SimulatedPerson(still, table_one("restricted"), dt=1e-3, ticks=10, seed=0)
+    inside = person.force(-0.17, 0.50, 0, 0, -0.60, 0.50, 0, 0)
+    assert math.hypot(*inside) == pytest.approx(still.strength)
+    outside = person.force(-0.28, 0.50, 0, 0, -0.60, 0.50, 0, 0)
+    beyond = float(table_one("restricted").distance([-0.28, 0.50]))
+    foot = table_one("restricted").nearest(np.array([-0.28, 0.50]))
+    expected = np.array([-still.weak_strength, 0.0]) + still.passive_stiffness * (foot - [-0.28, 0.50])
+    np.testing.assert_allclose(outside, expected, atol=1e-9)
+    assert person.beyond == pytest.approx(beyond)
+
+
+def test_moods_have_the_size_that_was_asked_for() -> None:
+    calm = Person(stiffness=1.0, damping=0.0, persistence=0.0, wander=5e-3, tremor=0.4, spasm_rate=0.0)
+    ticks = 120_000
+    person = SimulatedPerson(calm, table_one("restricted"), dt=1e-3, ticks=ticks, seed=1)
+    wander, tremor = np.array(person._wander), np.array(person._involuntary)
+    np.testing.assert_allclose(wander.std(axis=0), 5e-3, rtol=0.15)  # 240 correlation times
+    np.testing.assert_allclose(np.sqrt((tremor**2).sum(axis=1).mean()), 0.4, rtol=0.02)
+
+
+def test_a_reach_begins_and_ends_at_rest_on_its_path() -> None:
+    path = np.array([[0.0, 0.0], [0.1, 0.0], [0.1, 0.1]])
+    meant = reached(path, seconds=2.0, rest=0.5, dt=1e-3)
+    speed = np.linalg.norm(meant.velocities, axis=1)
+    assert speed[0] < 1e-3
+    assert speed[-1] == 0.0
+    np.testing.assert_allclose(speed.max(), 1.875 * 0.2 / 2.0, rtol=1e-3)  # of a minimum-jerk motion
+    np.testing.assert_allclose(meant.places[-1], path[-1], atol=1e-12)
+
+
+def test_points_are_held_in_the_order_of_nearest_next_and_counted_only_when_due() -> None:
+    points = nearest_next(np.array([[0.0, 0.0], [0.3, 0.0], [0.1, 0.0], [0.2, 0.01]]))
+    np.testing.assert_allclose(points[:, 0], [0.0, 0.1, 0.2, 0.3])
+    meant = held(points, move=0.5, dwell=1.0, dt=0.01)
+    assert len(meant.places) == 4 * 100 + 3 * 50
+    np.testing.assert_allclose(meant.places[meant.active], points[meant.goal[meant.active]], atol=1e-12)
+
+
+# ------------------------------------------------------------------------------------------------------- hostile files
+@pytest.mark.parametrize(
+    ("name", "sections", "key"),
+    [
+        ("scenario_2_assist", {"task": {"points_m": [[-0.16, 0.5], [-0.16, 1.2]]}}, "task.points_m"),
+        ("scenario_2_assist", {"task": {"start_m": [0.0, 0.0]}}, "task.start_m"),
+        ("scenario_2_assist", {"field": {"resistance_N": 5.0}}, "field.resistance_N"),
+        ("scenario_3_resist", {"field": {"resistance_N": 0.0}}, "field.resistance_N"),
+        ("scenario_3_resist", {"field": {"drag_N_m": 10.0}}, "field.drag_N_m"),
+        ("scenario_5_hold", {"field": {"drag_N_m": 10.0}}, "field.drag_N_m"),
+        ("scenario_1_stretch", {"field": {"width_mm": math.nan}}, "field.width_mm"),
+        ("scenario_1_stretch", {"robot": {"gain": 5.0}}, "robot.gain"),
+        ("scenario_1_stretch", {"robot": {"lower_m": [0.0, 0.0], "upper_m": [0.1, 0.1]}}, "arm.shoulder_m"),
+        ("scenario_1_stretch", {"robot": {"lower_m": [0.0, 0.0], "upper_m": [0.0, 0.1]}}, "robot.upper_m"),
+        ("scenario_4_follow", {"task": {"mapped": False}}, "task.placement"),
+        ("scenario_4_follow", {"task": {"recording": {"file": "absent.csv", "hand": "left"}}}, "task.recording.file"),
+        ("scenario_4_follow", {"run": {"solver": "nonsense"}}, "run.solver"),
+        ("scenario_4_follow", {"arm": {"plane_height_m": -2.0}}, "arm.comfortable"),
+    ],
+)
+def test_what_cannot_be_done_is_refused_by_the_key_that_says_it(name: str, sections: dict, key: str) -> None:
+    with pytest.raises(ProblemFileError) as refused:
+        run_problem(changed(name, **sections))
+    assert key in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_real_pen_trace_is_the_helpers_path(recorded: Callable[[str], Path]) -> None:
+    recorded("pen_trace/signal.svc")
+    loaded = load_problem("upper_limb/scenario_4_pen_trace")
+    ready = prepared(loaded, progress=lambda *_: None)
+    assert np.all(ready.comfortable.contains(ready.reference))
+    scene = scene_of(loaded, ready)
+    means = []
+    for name in ("unassisted", "assisted"):
+        trial = ran(scene, law_of(name, loaded, ready), name=name, number=0, seed=0)  # type: ignore[arg-type]
+        away = np.linalg.norm(trial.position[::50, None] - ready.reference[None, :], axis=2).min(axis=1)
+        means.append(away.mean())
+    assert means[1] <= 0.5 * means[0]
