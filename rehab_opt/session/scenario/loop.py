@@ -6,7 +6,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rehab_opt.session.scenario.force_robot import ForceRobot, RobotModel
 from rehab_opt.session.scenario.intention import Intention
@@ -77,7 +76,7 @@ def ran(scene: Scene, law: ForceLaw, *, name: Law, number: int, seed: int) -> Tr
             break
     count = len(rows)
     table, flags = np.array(rows), np.array(marks, dtype=np.uint8)
-    time: NDArray[np.float64] = np.arange(count) * dt
+    time = np.asarray(np.arange(count) * dt, dtype=np.float64)
     goal = np.where(intention.active[:count, None], intention.goals[intention.goal[:count]], np.nan)
     return Trial(
         law=name,
