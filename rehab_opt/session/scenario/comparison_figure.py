@@ -13,6 +13,7 @@ from rehab_opt.session.scenario.plane_drawing import LAW_COLOURS
 
 __all__ = ["compared", "comparison_figure"]
 
+PERCENT = 100.0
 SIDEWAYS = 0.18
 """Of a place on the axis: trials are set apart by so much to either side."""
 
@@ -24,7 +25,7 @@ def compared(outcome: ScenarioOutcome) -> tuple[tuple[str, str, float], ...]:
             ("deviation, mean [mm]", "deviation_mean_m", MM),
             ("measured force\nwhile holding, mean [N]", "force_measured_held_mean_N", 1.0),
             ("speed while holding,\nmean [mm/s]", "speed_held_mean_m_s", MM),
-            ("time on target [%]", "time_on_target_share", 100.0),
+            ("time on target [%]", "time_on_target_share", PERCENT),
         )
     whole = (
         ("deviation, mean [mm]", "deviation_mean_m", MM),
@@ -35,7 +36,7 @@ def compared(outcome: ScenarioOutcome) -> tuple[tuple[str, str, float], ...]:
     if outcome.mode in REACHES:
         outside = ("deviation outside $W_c$,\nmean [mm]", "deviation_outside_mean_m", MM)
         return (outside, *whole[1:], ("distance to the target\nat the end [mm]", "final_distance_m", MM))
-    return (*whole, ("path that the hand\ncame by [%]", "reference_covered_share", 100.0))
+    return (*whole, ("path that the hand\ncame by [%]", "reference_covered_share", PERCENT))
 
 
 def comparison_figure(outcome: ScenarioOutcome) -> Figure:
@@ -70,4 +71,7 @@ def _draw_measure(axes: Axes, outcome: ScenarioOutcome, key: str, factor: float)
     axes.set_xticks(range(len(outcome.measures)), list(outcome.measures), fontsize=8)
     low, high = axes.get_ylim()
     low = low if key == "smoothness_sparc" else 0.0
+    high = 100.0 if factor == PERCENT else high
     axes.set_ylim(low, high + 0.15 * (high - low))  # room for the numbers
+    if factor == PERCENT:
+        axes.set_yticks(np.linspace(0, PERCENT, 6))

@@ -36,10 +36,10 @@ def field_figure(outcome: ScenarioOutcome) -> Figure:
     """Colours say how large the wanted force is, arrows its direction, for a hand at rest."""
     mapped = outcome.demonstrated is not None
     acts = "none within $W_c$" if outcome.mode in REACHES else "within $W_c$; outside there is only a pull back into it"
-    of = "\neach place has the force towards its nearest point" if len(outcome.fields) > 1 else ""
+    leads = "to the nearest of them" if len(outcome.fields) > 1 else "there"
     box = shown_box(_corners(outcome, everything=False))
     height = 2.4 + (4.6 if mapped else 5.4) * np.clip((box[1][1] - box[1][0]) / (box[0][1] - box[0][0]), 0.5, 1.2)
-    figure = framed(f"{outcome.title}\nforce that is wanted: {acts}{of}", 12.5 if mapped else 8.5, height)
+    figure = framed(f"{outcome.title}\nforce that is wanted: {acts}", 12.5 if mapped else 8.5, height)
     panels = figure.subplots(1, 2 if mapped else 1, squeeze=False)[0]
     what = "points to be held" if outcome.mode == "hold" else "reference"
     if outcome.demonstrated is not None:
@@ -47,7 +47,7 @@ def field_figure(outcome: ScenarioOutcome) -> Figure:
         draw_reference(panels[0], outcome, outcome.demonstrated)
         seen_box(panels[0], outcome, shown_box(_corners(outcome, everything=True)))
         panels[0].set_title("as the helper gave it, in $W_r$", fontsize=10, loc="left")
-        panels[1].set_title("mapped into $W_c$, with the force that leads there", fontsize=10, loc="left")
+        panels[1].set_title(f"mapped into $W_c$, with the force that leads {leads}", fontsize=10, loc="left")
     axes = panels[-1]
     draw_workspaces(axes, outcome)
     _draw_sizes(axes, outcome, box)
