@@ -249,3 +249,21 @@ def test_a_real_pen_trace_is_the_helpers_path(recorded: Callable[[str], Path]) -
         away = np.linalg.norm(trial.position[::50, None] - ready.reference[None, :], axis=2).min(axis=1)
         means.append(away.mean())
     assert means[1] <= 0.5 * means[0]
+
+
+def test_with_a_helper_the_participant_keeps_to_the_path_and_no_delay_makes_the_pair_active() -> None:
+    loaded = changed("scenario_together", task={"trials": 2, "movement_s": 8.0}, run={"rate_hz": 400.0})
+    found = run_problem(loaded)
+    assert isinstance(found, ScenarioOutcome)
+    budget = found.metrics["parameters"]["assistance"]["energy_budget_J"]
+    for law in ("together", "delayed"):
+        for alone, led in zip(found.measures["unassisted"], found.measures[law], strict=True):  # type: ignore[index]
+            assert led["deviation_mean_m"] <= 0.5 * alone["deviation_mean_m"]
+            assert led["pair_energy_drawn_max_J"] <= 2 * budget
+            assert led["helper_force_max_N"] <= 30.0
+    helper = found.trials["together"][0].helper
+    assert helper is not None
+    assert np.all(found.reachable.distance(helper.position) < 0.02)
+    assert any(note.startswith("delayed: the helper felt") for note in found.notes)
+    with pytest.raises(ProblemFileError, match="run.laws"):
+        changed("scenario_2_assist", run={"laws": ["together"]})

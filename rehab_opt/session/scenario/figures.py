@@ -11,6 +11,7 @@ from rehab_opt.session.scenario.field_figure import field_figure
 from rehab_opt.session.scenario.measures import REACHES
 from rehab_opt.session.scenario.outcome import ScenarioOutcome
 from rehab_opt.session.scenario.parameter_figure import parameter_figure
+from rehab_opt.session.scenario.together_figure import pairs_of, together_figure
 from rehab_opt.session.scenario.trials_figure import trials_figure
 
 __all__ = ["scenario_figures"]
@@ -32,4 +33,6 @@ def scenario_figures(outcome: ScenarioOutcome) -> dict[str, Figure]:
         drawn["deviation"] = deviation_figure(outcome)
     if outcome.mode == "resist":
         drawn["along"] = along_figure(outcome)
+    if pairs_of(outcome):
+        drawn["together"] = together_figure(outcome)
     return drawn

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, Protocol
+from abc import ABC, abstractmethod
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from rehab_opt.control.assistance import Assistance
 from rehab_opt.control.command import Status
 from rehab_opt.control.smoothing import Smoother
 from rehab_opt.published.field_law import FieldLaw
+from rehab_opt.session.scenario.trial import HelperTrace
 
 __all__ = ["Answer", "Assisted", "AssistedAtPoints", "ForceLaw", "Published", "Unassisted"]
 
@@ -31,46 +33,41 @@ class Answer(NamedTuple):
     energy_left: float = math.nan
 
 
-class ForceLaw(Protocol):
+class ForceLaw(ABC):
     """Positions in, forces out."""
 
-    def start(self) -> None:
+    def start(self, number: int) -> None:  # noqa: B027  (most have nothing to forget)
         """A trial begins."""
 
-    def aim(self, goal: int) -> None:
+    def aim(self, goal: int) -> None:  # noqa: B027  (most have one field for all)
         """The goal has changed."""
 
+    @abstractmethod
     def answer(self, x: float, y: float) -> Answer:
         """The force for a hand at (x, y) [m]."""
-        ...
+
+    def partner(self) -> HelperTrace | None:
+        """Who has done the trial along with the participant."""
+        return None
 
 
-class Unassisted:
+class Unassisted(ForceLaw):
     """The robot follows the hand without a force of its own."""
-
-    def start(self) -> None:
-        """Nothing to forget."""
-
-    def aim(self, goal: int) -> None:
-        """Nothing to aim."""
 
     def answer(self, x: float, y: float) -> Answer:
         """No force."""
         return Answer(NONE, NONE)
 
 
-class Assisted:
+class Assisted(ForceLaw):
     """`Assistance`, which estimates the velocity from the positions."""
 
     def __init__(self, assistance: Assistance) -> None:
         self._assistance = assistance
 
-    def start(self) -> None:
+    def start(self, number: int) -> None:
         """No force yet, and a full tank."""
         self._assistance.reset()
-
-    def aim(self, goal: int) -> None:
-        """The field is of the whole path."""
 
     def answer(self, x: float, y: float) -> Answer:
         """The certified force."""
@@ -96,9 +93,9 @@ class AssistedAtPoints(Assisted):
         super().__init__(assistance)
         self._points, self._pace = points, pace
 
-    def start(self) -> None:
+    def start(self, number: int) -> None:
         """At the first point."""
-        super().start()
+        super().start(number)
         self._goal, self._there = self._points[0], False
         self._pace.reset(self._points[0])
 
@@ -115,19 +112,16 @@ class AssistedAtPoints(Assisted):
         return super().answer(x, y)
 
 
-class Published:
+class Published(ForceLaw):
     """Eq. (20) with a hard gate and a clip; velocities by differences of positions, `dt` [s] apart."""
 
     def __init__(self, law: FieldLaw, *, dt: float) -> None:
         self._law, self._dt = law, dt
-        self.start()
+        self.start(0)
 
-    def start(self) -> None:
+    def start(self, number: int) -> None:
         """Nothing is known of the velocity."""
         self._last: tuple[float, float] | None = None
-
-    def aim(self, goal: int) -> None:
-        """The published field is of all points at once."""
 
     def answer(self, x: float, y: float) -> Answer:
         """The clipped force."""

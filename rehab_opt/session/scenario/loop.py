@@ -57,7 +57,7 @@ def ran(scene: Scene, law: ForceLaw, *, name: Law, number: int, seed: int) -> Tr
     goals, goal_x, goal_y = intention.goal.tolist(), 0.0, 0.0
     calm, needed = 0, math.inf if arrival is None else math.ceil(arrival.seconds / dt)
     within = 0.0 if arrival is None else arrival.within
-    law.start()
+    law.start(number)
     aimed, rows, marks = -1, [], []
     for k in range(ticks):
         if goals[k] != aimed:
@@ -94,4 +94,5 @@ def ran(scene: Scene, law: ForceLaw, *, name: Law, number: int, seed: int) -> Tr
         energy_left=table[:, 10],
         goal=goal,
         ended="late" if arrival is not None and calm < needed else "done",
+        helper=law.partner(),
     )

@@ -28,11 +28,19 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
-LAW_COLOURS: Mapping[Law, str] = {"unassisted": "#555555", "assisted": "#0072B2", "published": "#D55E00"}
+LAW_COLOURS: Mapping[Law, str] = {
+    "unassisted": "#555555",
+    "assisted": "#0072B2",
+    "published": "#D55E00",
+    "together": "#0072B2",
+    "delayed": "#8C3B78",
+}
 LAW_NAMES: Mapping[Law, str] = {
     "unassisted": "unassisted",
     "assisted": "assisted (ours)",
     "published": "assisted (published law)",
+    "together": "with a helper",
+    "delayed": "with a helper, delayed",
 }
 COMFORTABLE = "#009E73"
 REGION_STYLES: Mapping[str, Mapping[str, Any]] = {

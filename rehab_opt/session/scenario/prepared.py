@@ -18,6 +18,7 @@ from rehab_opt.session.scenario.intention import Intention, held, nearest_next, 
 from rehab_opt.session.scenario.problem import THERAPY, ScenarioProblem
 from rehab_opt.session.scenario.simulated_person import Person
 from rehab_opt.session.workspaces import reached as sets
+from rehab_opt.workspace.controller_map import ControllerMap
 from rehab_opt.workspace.mapping import WorkspaceMap
 from rehab_opt.workspace.region import Workspace
 
@@ -35,6 +36,8 @@ class Prepared(NamedTuple):
     """(N, 2) [m] path, or points in the order in which they are held."""
     demonstrated: Array | None
     """(N, 2) [m] what the reference was mapped from."""
+    carry: ControllerMap | None
+    """The map."""
     fields: tuple[PotentialField, ...]
     intention: Intention
     notes: tuple[str, ...]
@@ -61,10 +64,11 @@ def prepared(loaded: ProblemFile[ScenarioProblem], *, progress: Progress) -> Pre
     comfortable, reachable = there["comfortable"], there["reachable"]
     _refuse_outside(loaded, path, reachable)
     _refuse_stops(loaded, comfortable)
-    demonstrated = None
+    demonstrated = carry = None
     if problem.mode not in THERAPY and problem.task.mapped:
         progress("map", 0, 1)
-        demonstrated, path = path, _mapped(loaded, path, reachable, comfortable)
+        carry = _safe_map(loaded, reachable, comfortable)
+        demonstrated, path = path, np.array([carry.image(point) for point in path])
         progress("map", 1, 1)
     elif problem.mode not in THERAPY:
         _refuse_outside(loaded, path, comfortable)
@@ -74,7 +78,8 @@ def prepared(loaded: ProblemFile[ScenarioProblem], *, progress: Progress) -> Pre
         fields = _fields(problem, path)
     except ConfigurationError as refused:
         raise ProblemFileError(loaded.file, f"field, {refused.argument}", refused.value, refused.expected) from refused
-    return Prepared(comfortable, reachable, path, demonstrated, fields, _intention(problem, path), tuple(notes))
+    intention = _intention(problem, path)
+    return Prepared(comfortable, reachable, path, demonstrated, carry, fields, intention, tuple(notes))
 
 
 def given_path(loaded: ProblemFile[ScenarioProblem]) -> tuple[Array, list[str]]:
@@ -171,14 +176,13 @@ def _refuse_stops(loaded: ProblemFile[ScenarioProblem], comfortable: Workspace) 
         raise ProblemFileError(loaded.file, "arm.shoulder_m", value, expected)
 
 
-def _mapped(loaded: ProblemFile[ScenarioProblem], path: Array, source: Workspace, target: Workspace) -> Array:
-    """The path's images; a map that is not safe is refused."""
+def _safe_map(loaded: ProblemFile[ScenarioProblem], source: Workspace, target: Workspace) -> ControllerMap:
+    """The map of the workspaces; one that is not safe is refused."""
     try:
-        carry = WorkspaceMap.between(source, target).for_controller()
+        return WorkspaceMap.between(source, target).for_controller()
     except ConfigurationError as refused:
         value, expected = f"{refused.argument}: {refused.value}", refused.expected
         raise ProblemFileError(loaded.file, "task.mapped", value, expected) from refused
-    return np.array([carry.image(point) for point in path])
 
 
 def _fields(problem: ScenarioProblem, path: Array) -> tuple[PotentialField, ...]:

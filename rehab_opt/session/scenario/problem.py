@@ -131,6 +131,17 @@ class PersonSection(Section):
     spasm_s: float = Field(default=Person.spasm_time, gt=0, le=5)
 
 
+class HelperSection(Section):
+    """Who does the task along with the participant in the laws "together" and "delayed": see `Bilateral`."""
+
+    delay_s: float = Field(default=0.1, gt=0, le=5)
+    stiffness_N_m: float = Field(default=400.0, gt=0, le=1e5)
+    damping_Ns_m: float = Field(default=20.0, ge=0, le=1e4)
+    hand_damping_Ns_m: float = Field(default=2.0, ge=0, le=1e4)
+    exchange_per_s: float = Field(default=5.0, ge=0, le=1000)
+    wander_mm: float = Field(default=2.0, ge=0, le=100)
+
+
 class RunSection(Section):
     """How it is run."""
 
@@ -148,6 +159,7 @@ class ScenarioProblem(Problem):
     task: TaskSection
     field: FieldSection
     assistance: AssistanceSection = AssistanceSection()
+    helper: HelperSection = HelperSection()
     robot: RobotSection = RobotSection()
     person: PersonSection = PersonSection()
     run: RunSection = RunSection()
@@ -169,6 +181,9 @@ class ScenarioProblem(Problem):
             raise refusal("task.points_m", task.points_m, "at least two points of a path")
         if self.mode == "hold" and task.points_m is None:
             raise refusal("task.points_m", None, "the points to be held")
+        pairs = [law for law in self.run.laws if law in ("together", "delayed")]
+        if pairs and not (self.mode == "follow" and task.mapped):
+            raise refusal("run.laws", pairs[0], 'other laws, but for mode = "follow" and a mapped path')
         if task.start_m is not None and self.mode != "stretch":
             raise refusal("task.start_m", task.start_m, 'no such key but for mode = "stretch"')
         if task.start_m is None and self.mode == "stretch":

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,6 +19,7 @@ from rehab_opt.session.scenario.laws import Assisted, AssistedAtPoints, ForceLaw
 from rehab_opt.session.scenario.loop import Arrival, Scene, ran
 from rehab_opt.session.scenario.measures import trial_measures
 from rehab_opt.session.scenario.outcome import ScenarioOutcome
+from rehab_opt.session.scenario.pair import pair_measures, pair_of
 from rehab_opt.session.scenario.prepared import Prepared, person_of, prepared, robot_model_of
 from rehab_opt.session.scenario.problem import REACHES, THERAPY, ScenarioProblem
 from rehab_opt.session.scenario.summary import law_summary
@@ -65,6 +69,7 @@ def run_scenario(loaded: ProblemFile[ScenarioProblem], *, solver: str | None, pr
             trial_measures(
                 trial, reference=ready.reference, mode=problem.mode, target=target, within=1e-3 * task.within_mm
             )
+            | pair_measures(trial)
             for trial in done
         )
         for name, done in trials.items()
@@ -73,7 +78,7 @@ def run_scenario(loaded: ProblemFile[ScenarioProblem], *, solver: str | None, pr
         system=problem.system,
         name=loaded.name,
         title=problem.title,
-        notes=(*ready.notes, *ASSUMPTIONS),
+        notes=(*ready.notes, *ASSUMPTIONS, *_pair_notes(problem, measures)),
         metrics={
             "laws": {name: law_summary(list(of)) | {"trials": list(of)} for name, of in measures.items()},
             "workspaces": {
@@ -92,6 +97,21 @@ def run_scenario(loaded: ProblemFile[ScenarioProblem], *, solver: str | None, pr
         trials=trials,
         measures=measures,
     )
+
+
+def _pair_notes(problem: ScenarioProblem, measures: Mapping[Law, tuple[Mapping[str, Any], ...]]) -> Iterator[str]:
+    """What the table of the participant does not tell of the helper."""
+    for law, trials in measures.items():
+        if "helper_force_mean_N" not in trials[0]:
+            continue
+        felt, most, drawn = (
+            [each[key] for each in trials]
+            for key in ("helper_force_mean_N", "helper_force_max_N", "pair_energy_drawn_max_J")
+        )
+        yield (
+            f"{law}: the helper felt {np.mean(felt):.2g} N on average and {max(most):.2g} N at most; both hands together "
+            f"had drawn {max(drawn):.2g} J at most, of {2 * problem.assistance.energy_budget_J:g} J in both tanks"
+        )
 
 
 def scene_of(loaded: ProblemFile[ScenarioProblem], ready: Prepared) -> Scene:
@@ -122,6 +142,8 @@ def law_of(name: Law, loaded: ProblemFile[ScenarioProblem], ready: Prepared, *, 
         return Unassisted()
     if name == "published":
         return Published(_field_law(problem, ready), dt=dt)
+    if name in ("together", "delayed"):
+        return pair_of(loaded, ready, delay=problem.helper.delay_s if name == "delayed" else 0.0, solver=solver)
     try:
         with solver_refusals(solver, file=loaded.file, key="run.solver", value=problem.run.solver):
             assistance = Assistance(

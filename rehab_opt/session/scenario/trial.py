@@ -10,12 +10,30 @@ from numpy.typing import NDArray
 
 from rehab_opt.control.command import Bound, Status
 
-__all__ = ["LAWS", "Law", "Trial"]
+__all__ = ["LAWS", "HelperTrace", "Law", "Trial"]
 
 Array = NDArray[np.float64]
-Law = Literal["unassisted", "assisted", "published"]
-LAWS: tuple[Law, ...] = ("unassisted", "assisted", "published")
-"""No force wanted; `Assistance`; the paper's field with a hard gate and a clip (`FieldLaw`), certified by nobody."""
+Law = Literal["unassisted", "assisted", "published", "together", "delayed"]
+LAWS: tuple[Law, ...] = ("unassisted", "assisted", "published", "together", "delayed")
+"""No force wanted; `Assistance`; the paper's field with a hard gate and a clip (`FieldLaw`), certified by nobody;
+`Bilateral`, drawn along by a helper, without and with a delay."""
+
+
+@dataclass(frozen=True, eq=False)
+class HelperTrace:
+    """The helper's side of a trial, in the same frame; a row for each tick.
+
+    Attributes
+    ----------
+    position, intended : (N, 2) [m] of the helper's hand.
+    commanded : (N, 2) [N] what the helper is to feel.
+    energy_left : (N,) [J] in the helper's tank.
+    """
+
+    position: Array
+    intended: Array
+    commanded: Array
+    energy_left: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +52,7 @@ class Trial:
     status, yielded : (N,) index into `tuple(Status)`, and `Bound` flags; 0 for laws that have none.
     energy_left : (N,) [J] in the tank; NaN for laws that have none.
     goal : (N, 2) [m] the point that was to be reached or held; NaN where there is none.
+    helper : who did it along with the participant; None where there is nobody.
     ended : "done" where the task was finished, "late" where its time was over.
     """
 
@@ -52,6 +71,7 @@ class Trial:
     energy_left: Array
     goal: Array
     ended: Literal["done", "late"]
+    helper: HelperTrace | None = None
 
     @property
     def statuses(self) -> list[Status]:
