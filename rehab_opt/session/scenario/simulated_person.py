@@ -72,7 +72,9 @@ class SimulatedPerson:
     seed : of the moods.
     """
 
-    def __init__(self, person: Person, comfortable: Workspace, *, dt: float, ticks: int, seed: int | tuple[int, ...]) -> None:
+    def __init__(
+        self, person: Person, comfortable: Workspace, *, dt: float, ticks: int, seed: int | tuple[int, ...]
+    ) -> None:
         self.person = person
         self._where = comfortable.signed_distance_and_foot
         self._dt = dt

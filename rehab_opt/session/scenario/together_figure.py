@@ -59,7 +59,7 @@ def together_figure(outcome: ScenarioOutcome) -> Figure:
         column[2].axhline(outcome.force_limit, color=LIMIT, linewidth=2.0, linestyle=":", label="largest force allowed")
         column[2].set_ylim(0, 1.1 * outcome.force_limit)
         _over_time(column[3], trial, {"helper": helper.energy_left, "participant": trial.energy_left}, ticks, colour)
-        column[3].set_ylim(bottom=0)
+        column[3].set_ylim(0, 1.1 * max(trial.energy_left.max(), helper.energy_left.max()))
         column[3].set_xlabel("time [s]")
     grid[2, 0].set_ylabel("force on the hand [N]")
     grid[3, 0].set_ylabel("energy in the tank [J]")
