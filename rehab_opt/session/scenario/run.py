@@ -110,7 +110,7 @@ def _pair_notes(problem: ScenarioProblem, measures: Mapping[Law, tuple[Mapping[s
         )
         yield (
             f"{law}: the helper felt {np.mean(felt):.2g} N on average and {max(most):.2g} N at most; both hands "
-            f"together had drawn {max(drawn):.2g} J at most, of {2 * problem.assistance.energy_budget_J:g} J in both tanks"
+            f"together had drawn {max(drawn):.2g} J at most, of {2 * problem.assistance.energy_budget_J:g} J in the tanks"
         )
 
 
