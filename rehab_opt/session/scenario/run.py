@@ -101,6 +101,7 @@ def run_scenario(loaded: ProblemFile[ScenarioProblem], *, solver: str | None, pr
 
 def _pair_notes(problem: ScenarioProblem, measures: Mapping[Law, tuple[Mapping[str, Any], ...]]) -> Iterator[str]:
     """What the table of the participant does not tell of the helper."""
+    tanks = 2 * problem.assistance.energy_budget_J
     for law, trials in measures.items():
         if "helper_force_mean_N" not in trials[0]:
             continue
@@ -110,7 +111,7 @@ def _pair_notes(problem: ScenarioProblem, measures: Mapping[Law, tuple[Mapping[s
         )
         yield (
             f"{law}: the helper felt {np.mean(felt):.2g} N on average and {max(most):.2g} N at most; both hands "
-            f"together had drawn {max(drawn):.2g} J at most, of {2 * problem.assistance.energy_budget_J:g} J in the tanks"
+            f"together had drawn {max(drawn):.2g} J at most, of {tanks:g} J in the tanks"
         )
 
 
