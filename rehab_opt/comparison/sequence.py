@@ -219,7 +219,7 @@ def read_sequence(path: Path | str) -> QPSequence:
     unknown = next((key for key in arrays if key not in ARRAYS), None)
     if unknown is not None:
         raise ProblemFileError(path, unknown, "an array", f"only {', '.join(ARRAYS)} and {META}")
-    content: dict[str, Any] = {key: _kind(path, meta, key, str, "a text") for key in ("name", "command", "about")}
+    texts: dict[str, Any] = {key: _kind(path, meta, key, str, "a text") for key in ("name", "command", "about")}
     dt = _kind(path, meta, "dt", (int, float, type(None)), "seconds, or null")
     tolerance = _kind(path, meta, "tolerance", (int, float), "a number between 0 and 1")
     marks = _kind(path, meta, "marks", list, "a list of lists of marks")
