@@ -92,6 +92,13 @@ class Ladder:
         # An active set from the last tick can lead qrqp astray where a cold start does not: without rows, in one of a
         # few hundred random states, and in none of the continuous motions tried.
         self.start_from(0.0)
+        self._same_problem = True
+        try:
+            return self._climbed()
+        finally:
+            self._same_problem = False
+
+    def _climbed(self) -> str:
         if self.solver == FUSED and self._solve_by(FUSED):
             return FUSED
         if self.backup != self.solver and self._solve_by(self.backup):
@@ -107,6 +114,8 @@ class Ladder:
     def _tell_witness(self) -> None:
         """Let a witness see each tick's problem, if there is one now."""
         self._met: Callable[[], None] = _nobody
+        self._same_problem = False
+        """Whether what is solved next was met before, and is only tried again."""
         witness = witness_now()
         if witness is None:
             return
@@ -118,14 +127,14 @@ class Ladder:
         def values() -> tuple[NDArray[np.float64], ...]:
             return self.parameters, self.memory
 
-        self._met = witness.watched(_nobody, stream, values)
-        self.evaluate = witness.watched(self._buffers.evaluate, stream, values)
+        self._met = witness.watched(_nobody, stream, values, unless=lambda: self._same_problem)
+        self.evaluate = witness.watched(self._buffers.evaluate, stream, values, unless=lambda: self._same_problem)
 
     def _solve_by(self, name: str) -> bool:
         if name == FUSED:
             self.iterations = -1
             self.verdict[0] = math.nan
-            self._buffers.evaluate()  # not a new problem: no witness is told again
+            self.evaluate()
         else:
             self._solve_apart(name)
         certified = is_certified(self.verdict[0], self.tolerance)

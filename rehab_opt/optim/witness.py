@@ -72,12 +72,17 @@ class Witness:
         return found
 
     def watched(
-        self, solve: Callable[[], None], stream: Stream, values: Callable[[], tuple[Array, ...]]
+        self,
+        solve: Callable[[], None],
+        stream: Stream,
+        values: Callable[[], tuple[Array, ...]],
+        *,
+        unless: Callable[[], bool] = lambda: False,
     ) -> Callable[[], None]:
-        """`solve`, before which the stream sees the values of now."""
+        """`solve`, before which the stream sees the values of now; but not what is only tried again."""
 
         def seen_and_solved() -> None:
-            if self.open:
+            if self.open and not unless():
                 stream.see(*values())
             solve()
 
