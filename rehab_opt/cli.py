@@ -110,6 +110,33 @@ def check(file: Problem) -> None:
 
 
 @app.command()
+def record(
+    file: Problem,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="The .npz; ./out/<problem>.npz by default. Several solvers: each adds its name to it."),
+    ] = None,
+    skip: Annotated[int, typer.Option(help="QPs of each solver that are let pass first.")] = 0,
+    ticks: Annotated[int, typer.Option(help="QPs of each solver that are then kept at most.")] = 1000,
+    solver: Annotated[str | None, typer.Option(help="Solver of the optimised law, instead of the file's.")] = None,
+) -> None:
+    """Run a problem and write down the QPs that its controllers solve, for comparing solvers: problems/qp/README.md."""
+    from rehab_opt.comparison.recording import file_names, recorded_run  # noqa: PLC0415
+    from rehab_opt.comparison.sequence import write_sequence  # noqa: PLC0415
+    from rehab_opt.session.files import load_problem  # noqa: PLC0415
+
+    loaded = load_problem(file)
+    place = out if out is not None else Path("out") / f"{loaded.name}.npz"
+    if place.suffix != ".npz":
+        raise ConfigurationError("--out", str(place), "a file that ends in .npz")
+    with _bars() as progress:
+        sequences = recorded_run(loaded, skip=skip, ticks=ticks, progress=progress, solver=solver)
+    for path, sequence in zip(file_names(place, sequences), sequences, strict=True):
+        write_sequence(path, sequence)
+        print(f"{path}: {len(sequence)} QPs of {sequence.n} variables and {sequence.m} rows")
+
+
+@app.command()
 def many(
     people: Annotated[
         Path, typer.Argument(metavar="TABLE_OR_FOLDER", help="A .csv, or a folder of problem files, one a participant.")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -132,6 +132,11 @@ class QPSequence:
     def marks_of(self, tick: int) -> tuple[str, ...]:
         """The marks of one tick."""
         return self.marks[tick if len(self.marks) > 1 else 0]
+
+    def called(self, name: str, *, about: str | None = None) -> QPSequence:
+        """The same numbers under a name of the corpus, made by the corpus' own command."""
+        command = f"python -m rehab_opt.comparison.regenerate {name}"
+        return replace(self, name=name, command=command, about=self.about if about is None else about)
 
     def _check_shapes(self) -> None:
         n, m = (np.shape(self.rows)[2], np.shape(self.rows)[1]) if np.ndim(self.rows) == 3 else (0, 0)
