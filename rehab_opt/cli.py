@@ -175,6 +175,26 @@ def many(
         raise typer.Exit(1)
 
 
+@app.command()
+def bench(
+    family: Annotated[list[str] | None, typer.Option(help="Family or sequence; all of them by default.")] = None,
+    solver: Annotated[list[str] | None, typer.Option(help="Solver; every installed one by default.")] = None,
+    time_limit: Annotated[float, typer.Option(help="Of one solve [s]: then its process is killed.")] = 1.0,
+    out: Annotated[Path, typer.Option(help="Folder of the results, and of what an interrupted run kept.")] = Path(
+        "out/bench"
+    ),
+) -> None:
+    """Compare solvers on recorded QPs; write table.md, results.json and figures. What is done is not done again."""
+    from rehab_opt.comparison.command import bench_command  # noqa: PLC0415  (it loads every solver)
+
+    try:
+        with _on_interrupt(signal.default_int_handler), _bars() as progress:
+            bench_command(family, solver, time_limit=time_limit, out=_writable(out), progress=progress)
+    except KeyboardInterrupt:
+        print("rehab-opt: interrupted; the same command goes on from here", file=sys.stderr)
+        raise typer.Exit(130) from None
+
+
 def _run_with_progress(loaded: ProblemFile[Any], **options: str | None) -> Outcome:
     from rehab_opt.session.run import run_problem  # noqa: PLC0415
 

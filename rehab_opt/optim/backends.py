@@ -218,7 +218,7 @@ def answer_from(qp: Instance, solution: qpsolvers.Solution) -> Answer:
     n, m = qp.g.size, qp.rows_lower.size
     if not solution.found or solution.x is None:
         return _no_answer(n, m)
-    given = np.size(solution.z_box) == n and solution.z_box is not None
+    given = solution.z_box is not None and np.size(solution.z_box) == n
     bounds = np.asarray(solution.z_box, dtype=np.float64) if given else np.zeros(n)
     return Answer(np.asarray(solution.x, dtype=np.float64), bounds, _row_multipliers(qp, solution), -1)
 

@@ -1,0 +1,63 @@
+"""Which solver should be the default of a capability: the present one, and the best that is certified as often."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from rehab_opt.comparison.summary import Row
+from rehab_opt.comparison.table import Grid
+
+__all__ = ["DEFAULT", "SLACK", "Recommendation", "recommendation_grid", "recommendations"]
+
+DEFAULT = "qrqp-fused"
+"""What every controller solves its QP with where nothing else is said."""
+SLACK = 1.2
+"""A default may be slower than the best alternative by this factor."""
+
+
+class Recommendation(NamedTuple):
+    """One family, solvers warm."""
+
+    family: str
+    default: Row
+    best: Row | None
+    """Of the solvers of others that solve at least as large a share the one with the smallest mean time, if any."""
+
+    @property
+    def ratio(self) -> float:
+        """Mean time of the default beside the best alternative's."""
+        return self.default.mean / self.best.mean if self.best is not None else math.nan
+
+    @property
+    def stays(self) -> bool:
+        """Whether the default is not beaten by more than `SLACK`."""
+        return self.best is None or self.ratio <= SLACK
+
+
+def recommendations(rows: Sequence[Row], default: str = DEFAULT) -> tuple[Recommendation, ...]:
+    """One for each family in which the default took part, warm."""
+    warm = [row for row in rows if row.mode == "warm" and row.ticks]
+    found = []
+    for own in (row for row in warm if row.solver == default):
+        others = [
+            row for row in warm if row.family == own.family and row.solver != default and row.solved >= own.solved
+        ]
+        best = min((row for row in others if row.solved > 0), key=lambda row: row.mean, default=None)
+        found.append(Recommendation(own.family, own, best))
+    return tuple(found)
+
+
+def recommendation_grid(found: Sequence[Recommendation]) -> Grid:
+    """As a grid."""
+    columns = ("family", "default", "solved", "mean, us", "best alternative", "solved", "mean, us", "ratio", "verdict")
+    cells: list[tuple[str, ...]] = []
+    for each in found:
+        other = ("none solves as many", "-", "-", "-")
+        if each.best is not None:
+            name, solved = each.best.solver, f"{100 * each.best.solved:.4g} %"
+            other = (name, solved, f"{1e6 * each.best.mean:.3g}", f"{each.ratio:.2f}")
+        own = (each.family, each.default.solver, f"{100 * each.default.solved:.4g} %", f"{1e6 * each.default.mean:.3g}")
+        cells.append((*own, *other, "stays" if each.stays else f"slower by more than {SLACK - 1:.0%}"))
+    return Grid("The default beside the best alternative, warm", columns, cells)
