@@ -89,6 +89,7 @@ def _distribution(family: str, times: Mapping[str, Times]) -> Figure:
                 axes.plot(largest, i, ".", color="#555555", markersize=5)
             failed = of_mode.size - solved.size
             if failed:
+                axes.set_xmargin(0.25)
                 note = f"{100 * failed / of_mode.size:.2g} % failed"
                 axes.annotate(note, (0.985, i), xycoords=("axes fraction", "data"), ha="right", va="center",
                               fontsize=7, color="#D55E00")  # fmt: skip

@@ -41,8 +41,11 @@ def recommendations(rows: Sequence[Row], default: str = DEFAULT) -> tuple[Recomm
     warm = [row for row in rows if row.mode == "warm" and row.ticks]
     found = []
     for own in (row for row in warm if row.solver == default):
+        algorithm = own.solver.partition("-")[0]  # its way through CasADi's virtual machine is no other solver
         others = [
-            row for row in warm if row.family == own.family and row.solver != default and row.solved >= own.solved
+            row
+            for row in warm
+            if row.family == own.family and row.solver.partition("-")[0] != algorithm and row.solved >= own.solved
         ]
         best = min((row for row in others if row.solved > 0), key=lambda row: row.mean, default=None)
         found.append(Recommendation(own.family, own, best))
