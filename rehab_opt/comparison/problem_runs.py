@@ -69,13 +69,13 @@ PROBLEM_RUNS: Mapping[str, ProblemRun] = MappingProxyType(
             "ardis/through_doorway", "mecanum_x_y", 1080, 220, "Between two posts and the walls of a corridor.",
         ),
         "ardis/mecanum_roll": ProblemRun(
-            "ardis/place_on_table", "mecanum_z_roll7", 150, 150, "The stick's second mode: height and roll of the hand.",
+            "ardis/place_on_table", "mecanum_z_roll7", 150, 150, "The stick's second mode: height and roll.",
         ),
         "ardis/differential_table": ProblemRun(
-            "ardis/place_on_table", "differential_x_y", 200, 220, "A chair that cannot move sideways, at a table's edge.",
+            "ardis/place_on_table", "differential_x_y", 200, 220, "A chair that cannot go sideways, at a table.",
         ),
         "ardis/differential_beyond_reach": ProblemRun(
-            "ardis/beyond_reach", "differential_x_y", 650, 200, "The same chair comes along where the arm does not reach.",
+            "ardis/beyond_reach", "differential_x_y", 650, 200, "The same chair comes along with the arm.",
         ),
         "ardis/differential_doorway": ProblemRun(
             "ardis/through_doorway", "differential_x_y", 780, 220, "The same chair between posts and walls.",

@@ -74,7 +74,7 @@ def sequence_of_stream(stream: Stream, *, name: str, dt: float, command: str, ab
 
 
 def file_names(out: Path, sequences: list[QPSequence]) -> list[Path]:
-    """Where each of a run's sequences is written: `out` itself for one, else with what sets it apart behind its stem."""
+    """Where each of a run's sequences is written: `out` for one, else with what sets it apart behind the stem."""
     words = [_last(sequence.name).split("_") for sequence in sequences]
     shared = 0
     while all(len(each) > shared and each[shared] == words[0][shared] for each in words):

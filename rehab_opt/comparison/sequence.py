@@ -138,6 +138,11 @@ class QPSequence:
         command = f"python -m rehab_opt.comparison.regenerate {name}"
         return replace(self, name=name, command=command, about=self.about if about is None else about)
 
+    def first(self, ticks: int) -> QPSequence:
+        """Its first ticks, at most as many."""
+        parts: dict[str, Any] = {key: getattr(self, key)[:ticks] for key in ARRAYS}
+        return replace(self, **parts, marks=self.marks[:ticks])
+
     def _check_shapes(self) -> None:
         n, m = (np.shape(self.rows)[2], np.shape(self.rows)[1]) if np.ndim(self.rows) == 3 else (0, 0)
         ends = {"hessian": (n, n), "gradient": (n,), "rows": (m, n), "rows_lower": (m,), "rows_upper": (m,)}
