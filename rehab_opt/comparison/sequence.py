@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.comparison.array_file import META, read_arrays, write_arrays
+from rehab_opt.comparison.provenance import versions_now
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.optim.qp import Instance
 
@@ -193,7 +194,7 @@ def sequence_of(
         kept["gradient"] = columns["gradient"]
     each = tuple(tuple(marked) for marked in marks)
     return QPSequence(
-        name=name, **kept, dt=dt, tolerance=tolerance, marks=each, command=command, about=about, versions=_versions()
+        name=name, **kept, dt=dt, tolerance=tolerance, marks=each, command=command, about=about, versions=versions_now()
     )
 
 
@@ -264,15 +265,3 @@ def _kind(path: Path | str, meta: dict[str, Any], key: str, kind: Any, expected:
     if key not in meta or not isinstance(value, kind) or isinstance(value, bool):
         raise ProblemFileError(path, f"{META}.{key}", value, expected)
     return value
-
-
-def _versions() -> dict[str, str]:
-    from importlib.metadata import PackageNotFoundError, version  # noqa: PLC0415  (only where a sequence is made)
-
-    found = {}
-    for name in ("rehab_opt", "casadi", "numpy"):
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            found[name] = "a checkout"
-    return found

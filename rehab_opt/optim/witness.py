@@ -47,6 +47,11 @@ class Stream:
     def __len__(self) -> int:
         return len(self._seen)
 
+    @property
+    def seen(self) -> list[tuple[Array, ...]]:
+        """The numbers that `see` was given, of those that were kept."""
+        return list(self._seen)
+
     def instances(self) -> list[Instance]:
         """Those that were kept."""
         return [self._make(*values) for values in self._seen]
