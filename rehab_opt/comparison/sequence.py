@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.comparison.array_file import META, read_arrays, write_arrays
 from rehab_opt.comparison.provenance import versions_now
+from rehab_opt.comparison.sequence_arrays import ARRAYS, checked_arrays, checked_numbers
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.optim.qp import Instance
 
@@ -35,9 +36,6 @@ Array = NDArray[np.float64]
 FORMAT = "rehab_opt qp sequence 1"
 MARKS = ("infeasible", "degenerate", "badly_scaled", "nan")
 """What a tick may be said to be beside an ordinary one."""
-ARRAYS = ("hessian", "gradient", "rows", "rows_lower", "rows_upper", "lower", "upper")
-"""The fields of numbers, in the order of `Instance`."""
-BOUNDS = ("rows_lower", "rows_upper", "lower", "upper")
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,13 +87,15 @@ class QPSequence:
             raise ConfigurationError("tolerance", self.tolerance, "a number between 0 and 1")
         if not (self.dt > 0 or math.isnan(self.dt)) or math.isinf(self.dt):
             raise ConfigurationError("dt", self.dt, "seconds, or NaN")
-        self._check_shapes()
+        for key, array in checked_arrays({key: getattr(self, key) for key in ARRAYS}).items():
+            object.__setattr__(self, key, array)
         if len(self.marks) not in (1, len(self)):
             raise ConfigurationError("marks", f"{len(self.marks)} entries", f"1, or one for each of {len(self)} ticks")
         for mark in {mark for marks in self.marks for mark in marks}:
             if mark not in MARKS:
                 raise ConfigurationError("marks", mark, f"of {', '.join(MARKS)}")
-        self._check_numbers()
+        arrays = {key: getattr(self, key) for key in ARRAYS}
+        checked_numbers(arrays, len(self), lambda tick: "nan" in self.marks_of(tick))
 
     @property
     def family(self) -> str:
@@ -144,28 +144,6 @@ class QPSequence:
         parts: dict[str, Any] = {key: getattr(self, key)[:ticks] for key in ARRAYS}
         return replace(self, **parts, marks=self.marks[:ticks])
 
-    def _check_shapes(self) -> None:
-        n, m = (np.shape(self.rows)[2], np.shape(self.rows)[1]) if np.ndim(self.rows) == 3 else (0, 0)
-        ends = {"hessian": (n, n), "gradient": (n,), "rows": (m, n), "rows_lower": (m,), "rows_upper": (m,)}
-        ticks = max(np.shape(getattr(self, key))[0] if np.ndim(getattr(self, key)) else 0 for key in ARRAYS)
-        for key in ARRAYS:
-            array, end = np.array(getattr(self, key), dtype=np.float64), ends.get(key, (n,))
-            if n == 0 or array.shape not in ((1, *end), (ticks, *end)):
-                expected = (
-                    f"shape ({ticks} or 1, {', '.join(map(str, end))}) with as many variables as rows has columns"
-                )
-                raise ConfigurationError(key, f"shape {array.shape}", expected)
-            array.setflags(write=False)
-            object.__setattr__(self, key, array)
-
-    def _check_numbers(self) -> None:
-        for key in ARRAYS:
-            array = getattr(self, key)
-            broken = np.isnan(array) if key in BOUNDS else ~np.isfinite(array)
-            for tick in map(int, np.flatnonzero(broken.reshape(len(array), -1).any(axis=1))):
-                if not all("nan" in self.marks_of(each) for each in ([tick] if len(array) > 1 else range(len(self)))):
-                    raise ConfigurationError(key, f"not finite in tick {tick}", 'numbers in a tick not marked "nan"')
-
 
 def sequence_of(
     name: str,
@@ -206,8 +184,8 @@ def write_sequence(path: Path | str, sequence: QPSequence) -> None:
     ConfigurationError : the file cannot be written.
     """
     meta = {
-        "format": FORMAT, "name": sequence.name, "dt": None if math.isnan(sequence.dt) else sequence.dt,
-        "tolerance": sequence.tolerance, "marks": sequence.marks, "command": sequence.command,
+        "format": FORMAT, "name": sequence.name, "dt": None if math.isnan(sequence.dt) else float(sequence.dt),
+        "tolerance": float(sequence.tolerance), "marks": sequence.marks, "command": sequence.command,
         "about": sequence.about, "versions": dict(sequence.versions),
     }  # fmt: skip
     write_arrays(Path(path), meta, {key: getattr(sequence, key) for key in ARRAYS})
@@ -231,15 +209,15 @@ def read_sequence(path: Path | str) -> QPSequence:
     if unknown is not None:
         raise ProblemFileError(path, unknown, "an array", f"only {', '.join(ARRAYS)} and {META}")
     texts: dict[str, Any] = {key: _kind(path, meta, key, str, "a text") for key in ("name", "command", "about")}
-    dt = _kind(path, meta, "dt", (int, float, type(None)), "seconds, or null")
-    tolerance = _kind(path, meta, "tolerance", (int, float), "a number between 0 and 1")
+    dt = _kind(path, meta, "dt", (float, type(None)), "seconds, or null")
+    tolerance = _kind(path, meta, "tolerance", float, "a number between 0 and 1")
     marks = _kind(path, meta, "marks", list, "a list of lists of marks")
     versions = _kind(path, meta, "versions", dict, "versions by name")
     if not all(isinstance(each, list) and all(isinstance(mark, str) for mark in each) for each in marks):
         raise ProblemFileError(path, f"{META}.marks", marks, "a list of lists of marks")
     try:
         return QPSequence(
-            **texts, **numbers, dt=math.nan if dt is None else float(dt), tolerance=float(tolerance),
+            **texts, **numbers, dt=math.nan if dt is None else dt, tolerance=tolerance,
             marks=tuple(tuple(each) for each in marks), versions=versions,
         )  # fmt: skip
     except ConfigurationError as problem:
