@@ -8,6 +8,7 @@ from functools import cache
 from typing import Any
 
 from rehab_opt.comparison.entrants import Entrant
+from rehab_opt.comparison.instances import RecordedQPs
 from rehab_opt.comparison.judgement import HOPELESS
 from rehab_opt.comparison.sequence import QPSequence, read_sequence, shipped_sequences
 
@@ -32,7 +33,7 @@ def read(name: str) -> QPSequence:
 
 def along(entrant: Entrant, sequence: QPSequence) -> Callable[[], Any]:
     """A call that solves the next instance, warm; what it is given has been prepared before."""
-    solver = entrant.make(sequence, entrant.solver)
+    solver = entrant.make(RecordedQPs(sequence), entrant.solver)
     given = [solver.prepared(qp) for qp in sequence]
     stream: Iterator[Any] = itertools.cycle([*given, *reversed(given)])  # a jump would spoil the warm start
     return lambda: solver.solve(next(stream), warm=True)

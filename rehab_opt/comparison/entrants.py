@@ -9,6 +9,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from rehab_opt.comparison.dense_qp import Certificate, DenseQP
+from rehab_opt.comparison.instances import RecordedQPs
 from rehab_opt.comparison.sequence import QPSequence
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.optim.backends import TIGHT, Answer, Backend, answer_from, backend, to_qpsolvers
@@ -36,7 +37,7 @@ class Claim(NamedTuple):
 class Solver(Protocol):
     """One solver at work on one sequence. Only `solve` is timed."""
 
-    def prepared(self, qp: Instance) -> Any:
+    def prepared(self, instance: Any, /) -> Any:
         """The instance in the solver's own type."""
         ...
 
@@ -44,7 +45,7 @@ class Solver(Protocol):
         """What the solver answers, in its own type; not warm: knowing nothing of what it solved before."""
         ...
 
-    def claim(self, qp: Instance, answered: Any) -> Claim:
+    def claim(self, instance: Any, answered: Any, /) -> Claim:
         """What it says."""
         ...
 
@@ -56,19 +57,21 @@ class Entrant:
     Parameters
     ----------
     name : as `--solver` has it.
-    make : importable by name, of a sequence and `solver`.
+    make : importable by name, of the instances (`Instances`) and `solver`.
     solver : what `make` is told.
     packages : whose versions matter.
+    kind : of the instances that it takes.
     """
 
     name: str
-    make: Callable[[QPSequence, str], Solver]
+    make: Callable[[Any, str], Solver]
     solver: str = ""
     packages: tuple[str, ...] = ()
+    kind: str = "qp"
 
 
 def entrants() -> tuple[Entrant, ...]:
-    """Every installed solver: ours first, then those of qpsolvers by name."""
+    """Every installed solver: of QPs ours first, then those of qpsolvers by name, then those of programmes."""
     import qpsolvers  # noqa: PLC0415  (it loads every solver it finds)
 
     ours = (
@@ -80,7 +83,9 @@ def entrants() -> tuple[Entrant, ...]:
         Entrant(name, by_qpsolvers, name, ("qpsolvers", PACKAGES.get(name, name)))
         for name in sorted(qpsolvers.available_solvers)
     )
-    return (*ours, *theirs)
+    from rehab_opt.comparison.programmes import PROGRAMME_ENTRANTS  # noqa: PLC0415  (builds on this)
+
+    return (*ours, *theirs, *PROGRAMME_ENTRANTS)
 
 
 PACKAGES: Mapping[str, str] = {"proxqp": "proxsuite", "highs": "highspy"}
@@ -101,19 +106,19 @@ def entrants_named(names: Sequence[str] | None) -> tuple[Entrant, ...]:
     return tuple(entrant for entrant in known.values() if not names or entrant.name in names)
 
 
-def fused_qrqp(sequence: QPSequence, solver: str) -> Solver:
+def fused_qrqp(recorded: RecordedQPs, solver: str) -> Solver:
     """The way of our controllers; its word is its certificate."""
-    return _Fused(sequence, compile=None if solver == "compiled" else False)
+    return _Fused(recorded.sequence, compile=None if solver == "compiled" else False)
 
 
-def kept_alive(sequence: QPSequence, solver: str) -> Solver:
+def kept_alive(recorded: RecordedQPs, solver: str) -> Solver:
     """The backup's way: a workspace updated in place, and the certificate as its word."""
-    return _Kept(sequence, solver)
+    return _Kept(recorded.sequence, solver)
 
 
-def by_qpsolvers(sequence: QPSequence, solver: str) -> Solver:
+def by_qpsolvers(recorded: RecordedQPs, solver: str) -> Solver:
     """A fresh call of qpsolvers; warm means the last answer as `initvals`, which few of its solvers use."""
-    return _Qpsolvers(sequence, solver)
+    return _Qpsolvers(solver)
 
 
 class _Fused:
@@ -153,7 +158,7 @@ class _Kept:
 
 
 class _Qpsolvers:
-    def __init__(self, sequence: QPSequence, solver: str) -> None:
+    def __init__(self, solver: str) -> None:
         import qpsolvers  # noqa: PLC0415
 
         self._solve: Any

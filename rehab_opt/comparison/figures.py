@@ -41,7 +41,7 @@ def figures_of(
     }  # fmt: skip
     drawn = {}
     for family in dict.fromkeys(row.family for row in rows):
-        times = {mode: family_times(passes, hopeless, family=family, mode=mode) for mode in MODES}
+        times = {mode: family_times(passes, hopeless, family=family, mode=mode) for mode in MODES["qp"]}
         if not any(times.values()):
             continue
         drawn[f"{family}_profile"] = _profile(family, times, styles)
@@ -98,7 +98,7 @@ def _distribution(family: str, times: Mapping[str, Times]) -> Figure:
 
 def _accuracy(family: str, rows: Sequence[Row], styles: Styles) -> Figure:
     figure = framed(f"{family}: accuracy and time of what is certified", 10.0, 5.4)
-    panels = _panels(figure, {mode: [row for row in rows if row.mode == mode] for mode in MODES})
+    panels = _panels(figure, {mode: [row for row in rows if row.mode == mode] for mode in MODES["qp"]})
     for mode, axes in panels.items():
         axes.set(xscale="log", yscale="log")
         axes.set_title(mode, fontsize=10, loc="left")
@@ -116,7 +116,7 @@ def _accuracy(family: str, rows: Sequence[Row], styles: Styles) -> Figure:
 
 def _panels(figure: Figure, times: Mapping[str, Any]) -> dict[str, Axes]:
     """One panel for each mode that has something."""
-    modes = [mode for mode in MODES if len(times[mode])]
+    modes = [mode for mode in MODES["qp"] if len(times[mode])]
     grid = np.atleast_1d(figure.subplots(1, len(modes), sharey=True)).ravel()
     for axes in grid:
         axes.grid(**GRID)

@@ -8,9 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.comparison.dense_qp import Certificate
+from rehab_opt.comparison.instances import Instances
 from rehab_opt.comparison.reference import Reference
-from rehab_opt.comparison.sequence import QPSequence
 from rehab_opt.comparison.worker import Timed
 from rehab_opt.optim.certificate import is_certified
 
@@ -62,9 +61,8 @@ class Judge:
     limit : [s] of a solve.
     """
 
-    def __init__(self, sequence: QPSequence, references: tuple[Reference, ...], *, limit: float) -> None:
+    def __init__(self, sequence: Instances, references: tuple[Reference, ...], *, limit: float) -> None:
         self._sequence, self._references, self._limit = sequence, references, limit
-        self._certificate = Certificate(sequence.n, sequence.m)
 
     def hopeless(self, tick: int) -> bool:
         """Whether the instance has no answer."""
@@ -77,7 +75,7 @@ class Judge:
         if timed.claim is None:
             return Judged(Outcome.RAISED, timed.seconds, np.inf, np.nan, timed.raised)
         claim = timed.claim
-        residual = self._certificate.residual(self._sequence[tick], claim.answer)
+        residual = self._sequence.residual(tick, claim.answer)
         if self.hopeless(tick):
             outcome = Outcome.CLAIMED if claim.word else Outcome.SAID_NO
             return Judged(outcome, timed.seconds, residual, np.nan, claim.said)

@@ -7,13 +7,14 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from rehab_opt.comparison.entrants import Entrant
+from rehab_opt.comparison.instances import Instances
 from rehab_opt.comparison.judgement import Judge, Judged, Outcome
-from rehab_opt.comparison.sequence import QPSequence
 from rehab_opt.comparison.worker import Timed, TooLateError, Worker, WorkerDiedError
 
 __all__ = ["MODES", "Pass", "Rules", "passed"]
 
-MODES = ("cold", "warm")
+MODES = {"qp": ("cold", "warm"), "nlp": ("cold",)}
+"""Of each kind of instances; programmes are no run in time, and start where their capability starts them."""
 BLOCK = 25
 """Ticks a worker does before it reports: a report between two solves would cool the processor's caches."""
 MOST_TOO_LATE = 3
@@ -46,7 +47,7 @@ class Pass(NamedTuple):
 def passed(
     worker: Worker,
     entrant: Entrant,
-    sequence: QPSequence,
+    sequence: Instances,
     *,
     mode: str,
     judge: Judge,
@@ -72,7 +73,7 @@ def passed(
 def _once(
     worker: Worker,
     entrant: Entrant,
-    sequence: QPSequence,
+    sequence: Instances,
     *,
     warm: bool,
     judge: Judge,
@@ -117,7 +118,7 @@ def _once(
     return done
 
 
-def _begun(worker: Worker, entrant: Entrant, sequence: QPSequence, warm: bool, rules: Rules) -> str:
+def _begun(worker: Worker, entrant: Entrant, sequence: Instances, warm: bool, rules: Rules) -> str:
     """Why the solver cannot be made, or nothing."""
     try:
         return worker.begin(entrant, sequence, warm=warm, limit=rules.setup)

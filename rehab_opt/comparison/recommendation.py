@@ -9,16 +9,16 @@ from typing import NamedTuple
 from rehab_opt.comparison.summary import Row
 from rehab_opt.comparison.table import Grid
 
-__all__ = ["DEFAULT", "SLACK", "Recommendation", "recommendation_grid", "recommendations"]
+__all__ = ["DEFAULTS", "SLACK", "Recommendation", "recommendation_grid", "recommendations"]
 
-DEFAULT = "qrqp-fused"
-"""What every controller solves its QP with where nothing else is said."""
+DEFAULTS = {"qrqp-fused": "warm", "sqp": "cold"}
+"""What every controller solves its QP with where nothing else is said, tick after tick; and `ArmIK` its programmes."""
 SLACK = 1.2
 """A default may be slower than the best alternative by this factor."""
 
 
 class Recommendation(NamedTuple):
-    """One family, solvers warm."""
+    """One family: QPs warm, programmes from the starts that `ArmIK` gives."""
 
     family: str
     default: Row
@@ -36,16 +36,17 @@ class Recommendation(NamedTuple):
         return self.best is None or self.ratio <= SLACK
 
 
-def recommendations(rows: Sequence[Row], default: str = DEFAULT) -> tuple[Recommendation, ...]:
-    """One for each family in which the default took part, warm."""
-    warm = [row for row in rows if row.mode == "warm" and row.ticks]
+def recommendations(rows: Sequence[Row]) -> tuple[Recommendation, ...]:
+    """One for each family in which a default took part."""
     found = []
-    for own in (row for row in warm if row.solver == default):
+    for own in (row for row in rows if DEFAULTS.get(row.solver) == row.mode and row.ticks):
         algorithm = own.solver.partition("-")[0]  # its way through CasADi's virtual machine is no other solver
         others = [
             row
-            for row in warm
-            if row.family == own.family and row.solver.partition("-")[0] != algorithm and row.solved >= own.solved
+            for row in rows
+            if (row.family, row.mode) == (own.family, own.mode)
+            and row.solver.partition("-")[0] != algorithm
+            and row.solved >= own.solved
         ]
         best = min((row for row in others if row.solved > 0), key=lambda row: row.mean, default=None)
         found.append(Recommendation(own.family, own, best))
@@ -63,4 +64,4 @@ def recommendation_grid(found: Sequence[Recommendation]) -> Grid:
             other = (name, solved, f"{1e6 * each.best.mean:.3g}", f"{each.ratio:.2f}")
         own = (each.family, each.default.solver, f"{100 * each.default.solved:.4g} %", f"{1e6 * each.default.mean:.3g}")
         cells.append((*own, *other, "stays" if each.stays else f"slower by more than {SLACK - 1:.0%}"))
-    return Grid("The default beside the best alternative, warm", columns, cells)
+    return Grid("The default beside the best alternative: QPs warm, programmes from their first start", columns, cells)

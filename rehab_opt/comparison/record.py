@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from rehab_opt.comparison.entrants import Entrant
+from rehab_opt.comparison.instances import Instances
 from rehab_opt.comparison.judgement import Judged, Outcome
 from rehab_opt.comparison.passes import Pass, Rules
-from rehab_opt.comparison.sequence import ARRAYS, QPSequence
 
 __all__ = ["RECORD", "Key", "keep_pass", "kept_passes", "key_of", "versions_of"]
 
@@ -30,13 +30,10 @@ class Key(NamedTuple):
     digest: str
 
 
-def key_of(entrant: Entrant, sequence: QPSequence, mode: str, *, rules: Rules, processor: str) -> Key:
+def key_of(entrant: Entrant, sequence: Instances, mode: str, *, rules: Rules, processor: str) -> Key:
     """Key of a pass: besides its names, the numbers, the versions, the rules and the processor."""
-    digest = hashlib.sha256()
-    for array in ARRAYS:
-        digest.update(getattr(sequence, array).tobytes())
-    rest = [sequence.tolerance, sequence.marks, versions_of(entrant), rules, processor]
-    digest.update(json.dumps(rest).encode())
+    rest = [sequence.digest, sequence.tolerance, versions_of(entrant), rules, processor]
+    digest = hashlib.sha256(json.dumps(rest).encode())
     return Key(entrant.name, sequence.name, mode, digest.hexdigest()[:16])
 
 

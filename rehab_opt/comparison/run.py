@@ -13,13 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.comparison.entrants import Entrant
+from rehab_opt.comparison.instances import Instances, RecordedQPs
 from rehab_opt.comparison.judgement import Judge
 from rehab_opt.comparison.machine import machine
 from rehab_opt.comparison.passes import MODES, Pass, Rules, passed
+from rehab_opt.comparison.programmes import Programmes, shipped_programmes
 from rehab_opt.comparison.recommendation import recommendation_grid, recommendations
 from rehab_opt.comparison.record import RECORD, Key, keep_pass, kept_passes, key_of, versions_of
-from rehab_opt.comparison.reference import ACCURACY, Reference, references
-from rehab_opt.comparison.sequence import QPSequence, read_sequence, shipped_sequences
+from rehab_opt.comparison.reference import ACCURACY, Reference
+from rehab_opt.comparison.sequence import read_sequence, shipped_sequences
 from rehab_opt.comparison.summary import Row, rows_of
 from rehab_opt.comparison.table import Grid, as_markdown, family_grids, refusal_grid
 from rehab_opt.comparison.worker import THREADS, Worker
@@ -47,14 +49,15 @@ class Comparison(NamedTuple):
         return [*family_grids(self.rows), *(grid for grid in (refusals, advice) if grid.cells)]
 
 
-def chosen_sequences(families: Sequence[str] | None) -> tuple[QPSequence, ...]:
-    """The shipped sequences of these families; a name may also be that of one sequence, or a file.
+def chosen_sequences(families: Sequence[str] | None) -> tuple[Instances, ...]:
+    """The shipped sequences and programmes of these families; a name may also be that of one of them, or a file of QPs.
 
     Raises
     ------
     ConfigurationError : a name of neither kind. ProblemFileError : a file that is no sequence.
     """
-    shipped = shipped_sequences()
+    programmes = shipped_programmes()
+    shipped = shipped_sequences() | programmes
     known = tuple(dict.fromkeys(name.partition("/")[0] for name in shipped))
     chosen: dict[str, Path] = {}
     for name in families or known:
@@ -64,11 +67,13 @@ def chosen_sequences(families: Sequence[str] | None) -> tuple[QPSequence, ...]:
         if not found:
             raise ConfigurationError("--family", name, f"a family: {', '.join(known)}; or a sequence, or its file")
         chosen |= found
-    return tuple(read_sequence(path) for path in chosen.values())
+    return tuple(
+        Programmes(path) if name in programmes else RecordedQPs(read_sequence(path)) for name, path in chosen.items()
+    )
 
 
 def compare(
-    sequences: Sequence[QPSequence],
+    sequences: Sequence[Instances],
     entrants: Sequence[Entrant],
     *,
     out: Path,
@@ -103,19 +108,20 @@ def compare(
     worker = Worker()
     try:
         for sequence in sequences:
-            known = references(sequence)
+            known = sequence.references()
             judge = Judge(sequence, known, limit=rules.limit)
             hopeless[sequence.name] = np.array([judge.hopeless(tick) for tick in range(len(sequence))])
             about["sequences"][sequence.name] = _described(sequence, known)
-            for i, (entrant, mode) in enumerate((entrant, mode) for entrant in entrants for mode in MODES):
-                progress(sequence.name, i, len(entrants) * len(MODES))
+            own = [(each, mode) for each in entrants if each.kind == sequence.kind for mode in MODES[sequence.kind]]
+            for i, (entrant, mode) in enumerate(own):
+                progress(sequence.name, i, len(own))
                 key: Key = key_of(entrant, sequence, mode, rules=rules, processor=here["processor"])
                 one = kept.get(key)
                 if one is None:
                     one = passed(worker, entrant, sequence, mode=mode, judge=judge, rules=rules)
                     keep_pass(out / RECORD, key, one)
                 done.append(one)
-            progress(sequence.name, len(entrants) * len(MODES), len(entrants) * len(MODES))
+            progress(sequence.name, len(own), len(own))
             about["load_at_the_end"] = f"{os.getloadavg()[0]:.2f}" if hasattr(os, "getloadavg") else "unknown"
             yield Comparison(tuple(done), rows_of(done, hopeless, limit=rules.limit), dict(hopeless), about)
     finally:
@@ -149,14 +155,14 @@ def header(found: Comparison) -> str:
     )
 
 
-def _described(sequence: QPSequence, known: Sequence[Reference]) -> dict[str, Any]:
+def _described(sequence: Instances, known: Sequence[Reference]) -> dict[str, Any]:
     answered = [each for each in known if each.solver]
     return {
         "about": sequence.about,
         "command": sequence.command,
         "ticks": len(sequence),
-        "variables": sequence.n,
-        "rows": sequence.m,
+        "variables": sequence.sizes[0],
+        "rows": sequence.sizes[1],
         "tolerance": sequence.tolerance,
         "references": {name: sum(each.solver == name for each in known) for name in {each.solver for each in answered}},
         "references_within_accuracy": sum(each.residual <= ACCURACY for each in answered),

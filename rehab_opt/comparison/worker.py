@@ -13,7 +13,7 @@ from multiprocessing.connection import Connection
 from typing import Any, NamedTuple
 
 from rehab_opt.comparison.entrants import Claim, Entrant
-from rehab_opt.comparison.sequence import QPSequence
+from rehab_opt.comparison.instances import Instances
 
 __all__ = ["THREADS", "Timed", "TooLateError", "Worker", "WorkerDiedError"]
 
@@ -52,7 +52,7 @@ class Worker:
         self._process: Any = None
         self._pipe: Any = None
 
-    def begin(self, entrant: Entrant, sequence: QPSequence, *, warm: bool, limit: float) -> str:
+    def begin(self, entrant: Entrant, sequence: Instances, *, warm: bool, limit: float) -> str:
         """Make the solver, after a first solve that pays for imports and compilation; "" or why it cannot be made."""
         return str(self._asked(("begin", entrant, sequence, warm), limit))
 
@@ -125,7 +125,7 @@ def serve(pipe: Connection) -> None:
 class _Work:
     """A solver at its sequence."""
 
-    def __init__(self, entrant: Entrant, sequence: QPSequence, warm: bool) -> None:
+    def __init__(self, entrant: Entrant, sequence: Instances, warm: bool) -> None:
         self.sequence, self.warm = sequence, warm
         self.solver = entrant.make(sequence, entrant.solver)
         tame = next((i for i in range(len(sequence)) if not {"nan", "infeasible"} & {*sequence.marks_of(i)}), None)

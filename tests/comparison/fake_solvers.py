@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from rehab_opt.comparison.entrants import Claim, Entrant
+from rehab_opt.comparison.instances import RecordedQPs
 from rehab_opt.comparison.sequence import QPSequence, sequence_of
 from rehab_opt.optim.backends import Answer
 from rehab_opt.optim.qp import Instance
@@ -46,7 +47,7 @@ def exact(qp: Instance) -> Answer:
 class Fake:
     """Answers exactly but in tick `TRAP`, where it fails in its own way."""
 
-    def __init__(self, sequence: QPSequence, how: str) -> None:
+    def __init__(self, sequence: RecordedQPs, how: str) -> None:
         self.trap = exact(sequence[TRAP]).x.tobytes()
         self.how = how
 
@@ -97,29 +98,29 @@ class Wary(Fake):
 class Counted(Fake):
     """Leaves a mark in a file each time it is made."""
 
-    def __init__(self, sequence: QPSequence, file: str) -> None:
+    def __init__(self, sequence: RecordedQPs, file: str) -> None:
         super().__init__(sequence, "")
         with Path(file).open("a") as marks:
             marks.write("x")
 
 
-def fake(sequence: QPSequence, how: str) -> Fake:
+def fake(sequence: RecordedQPs, how: str) -> Fake:
     return Fake(sequence, how)
 
 
-def gullible(sequence: QPSequence, how: str) -> Fake:
+def gullible(sequence: RecordedQPs, how: str) -> Fake:
     return Gullible(sequence, how)
 
 
-def wary(sequence: QPSequence, how: str) -> Fake:
+def wary(sequence: RecordedQPs, how: str) -> Fake:
     return Wary(sequence, how)
 
 
-def counted(sequence: QPSequence, file: str) -> Fake:
+def counted(sequence: RecordedQPs, file: str) -> Fake:
     return Counted(sequence, file)
 
 
-def unmakeable(sequence: QPSequence, why: str) -> Fake:
+def unmakeable(sequence: RecordedQPs, why: str) -> Fake:
     raise ValueError(why)
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from rehab_opt.comparison.entrants import Entrant
+from rehab_opt.comparison.instances import RecordedQPs
 from rehab_opt.comparison.passes import Rules
 from rehab_opt.comparison.record import RECORD
 from rehab_opt.comparison.run import Comparison, chosen_sequences, compare, write_comparison
@@ -20,7 +21,7 @@ NAN = ((), ("nan",), (), (), (), ())
 
 
 def whole(out: Path, who: list[Entrant], **options: object) -> Comparison:
-    sequences = [boxes(), boxes(name="box/second"), boxes(name="other/nan", marks=NAN)]
+    sequences = [RecordedQPs(each) for each in (boxes(), boxes(name="box/second"), boxes(name="other/nan", marks=NAN))]
     return list(compare(sequences, who, out=out, rules=RULES, **options))[-1]  # type: ignore[arg-type]
 
 
@@ -70,9 +71,9 @@ def test_what_is_done_is_not_done_again(tmp_path: Path) -> None:
 def test_other_rules_are_another_measurement(tmp_path: Path) -> None:
     made = tmp_path / "made"
     who = Entrant("counted", counted, str(made))
-    list(compare([boxes()], [who], out=tmp_path, rules=RULES))
+    list(compare([RecordedQPs(boxes())], [who], out=tmp_path, rules=RULES))
     before = len(made.read_text())
-    list(compare([boxes()], [who], out=tmp_path, rules=RULES._replace(limit=0.6)))
+    list(compare([RecordedQPs(boxes())], [who], out=tmp_path, rules=RULES._replace(limit=0.6)))
     assert len(made.read_text()) == 2 * before
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from rehab_opt.comparison.entrants import Entrant
+from rehab_opt.comparison.instances import RecordedQPs
 from rehab_opt.comparison.judgement import Judge, Outcome
 from rehab_opt.comparison.passes import Pass, Rules, passed
 from rehab_opt.comparison.reference import references
@@ -29,8 +30,9 @@ def worker() -> Iterator[Worker]:
 
 
 def run(worker: Worker, who: Entrant, sequence: QPSequence, mode: str = "cold") -> Pass:
-    judge = Judge(sequence, references(sequence), limit=RULES.limit)
-    return passed(worker, who, sequence, mode=mode, judge=judge, rules=RULES)
+    recorded = RecordedQPs(sequence)
+    judge = Judge(recorded, references(sequence), limit=RULES.limit)
+    return passed(worker, who, recorded, mode=mode, judge=judge, rules=RULES)
 
 
 @pytest.mark.parametrize(
