@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import io
 import json
+import lzma
 import math
+import struct
 import zipfile
 import zlib
 from collections.abc import Mapping
@@ -25,6 +27,11 @@ META = "meta"
 SUFFIX = ".npy"
 MOST_BYTES = 500_000_000
 """Of an unpacked file: a small one may claim to hold more than any memory."""
+UNREADABLE = (
+    OSError, EOFError, NotImplementedError, RuntimeError, UnicodeDecodeError, struct.error,
+    zipfile.BadZipFile, zlib.error, lzma.LZMAError,
+)  # fmt: skip
+"""What Python's zipfile raises, by whatever is wrong with the bytes."""
 
 
 class ArrayFile(NamedTuple):
@@ -74,7 +81,7 @@ def read_arrays(path: Path | str) -> ArrayFile:
                     meta = _json_object(_array_of(content, path, key, "U"), path)
                 else:
                     arrays[key] = _array_of(content, path, key, "f")
-    except (OSError, zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as problem:
+    except UNREADABLE as problem:
         found = str(problem) or type(problem).__name__
         raise ProblemFileError(path, "file", found, "an .npz file that is whole") from problem
     if meta is None:
