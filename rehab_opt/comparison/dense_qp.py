@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.optim.backends import Answer
-from rehab_opt.optim.certificate import certificate_function
+from rehab_opt.optim.certificate import certificate_function, is_certified
 from rehab_opt.optim.qp import Instance, Statement, variable, within
 from rehab_opt.symbolic import BufferedFunction, compiled
 
@@ -46,17 +46,18 @@ class DenseQP:
 
     Parameters
     ----------
+    tolerance : largest residual of an answer that the next solve starts from; after any other it starts from nothing.
     compile : None follows `REHAB_OPT_COMPILE`.
     """
 
-    def __init__(self, n: int, m: int, *, compile: bool | None = None) -> None:
-        self.n, self.m = n, m
+    def __init__(self, n: int, m: int, *, tolerance: float = 1e-8, compile: bool | None = None) -> None:
+        self.n, self.m, self._tolerance = n, m, tolerance
         self._fused = BufferedFunction(compiled(dense_statement(n, m).fused, compile=compile))
         self._state = self._fused.inputs[1]
         self._start, self._data = self._state[: 2 * n + m], self._state[2 * n + m :]
 
     def solve(self, data: Array, *, warm: bool) -> tuple[Array, float]:
-        """Answer (2 n + m,) and its residual, for `flat` data; warm: from the last answer that had a residual."""
+        """Answer (2 n + m,) and its residual, for `flat` data; warm: from the last answer."""
         fused = self._fused
         if not warm:
             self._start[:] = 0.0
@@ -66,9 +67,12 @@ class DenseQP:
         fused.evaluate()
         residual = float(verdict[0]) if verdict[1] else math.inf
         found: Array = answer[: self._start.size].copy()
-        if residual < 1.0:
-            self._start[:] = found
+        self._start[:] = found if is_certified(residual, self._tolerance) else 0.0
         return found, residual
+
+    def start_from(self, answer: Answer) -> None:
+        """Begin the next warm solve at an answer of another solver."""
+        self._start[:] = np.concatenate(answer[:3])
 
     def parted(self, found: Array) -> Answer:
         """An answer as other solvers give it."""

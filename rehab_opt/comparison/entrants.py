@@ -75,6 +75,7 @@ def entrants() -> tuple[Entrant, ...]:
     import qpsolvers  # noqa: PLC0415  (it loads every solver it finds)
 
     ours = (
+        Entrant("ladder", both_rungs, "proxqp", ("casadi", "proxsuite")),
         Entrant("qrqp-fused", fused_qrqp, "compiled", ("casadi",)),
         Entrant("qrqp-virtual", fused_qrqp, "virtual", ("casadi",)),
         *(Entrant(f"{name}-kept", kept_alive, name, (PACKAGES.get(name, name),)) for name in KEPT),
@@ -111,6 +112,11 @@ def fused_qrqp(recorded: RecordedQPs, solver: str) -> Solver:
     return _Fused(recorded.sequence, compile=None if solver == "compiled" else False)
 
 
+def both_rungs(recorded: RecordedQPs, solver: str) -> Solver:
+    """What our controllers do: fused qrqp, once more without its warm start, then the kept-alive backup."""
+    return _Ladder(recorded.sequence, solver)
+
+
 def kept_alive(recorded: RecordedQPs, solver: str) -> Solver:
     """The backup's way: a workspace updated in place, and the certificate as its word."""
     return _Kept(recorded.sequence, solver)
@@ -124,7 +130,7 @@ def by_qpsolvers(recorded: RecordedQPs, solver: str) -> Solver:
 class _Fused:
     def __init__(self, sequence: QPSequence, *, compile: bool | None) -> None:
         self._tolerance = sequence.tolerance
-        self._qp = DenseQP(sequence.n, sequence.m, compile=compile)
+        self._qp = DenseQP(sequence.n, sequence.m, tolerance=sequence.tolerance, compile=compile)
 
     def prepared(self, qp: Instance) -> Any:
         return self._qp.flat(qp)
@@ -155,6 +161,27 @@ class _Kept:
     def claim(self, qp: Instance, answered: Any) -> Claim:
         answer, residual = answered
         return _certified_claim(answer, residual, self._tolerance)
+
+
+class _Ladder(_Kept):
+    def __init__(self, sequence: QPSequence, backup: str) -> None:
+        super().__init__(sequence, backup)
+        self._qp = DenseQP(sequence.n, sequence.m, tolerance=sequence.tolerance)
+
+    def prepared(self, instance: Any) -> Any:
+        return instance, self._qp.flat(instance)
+
+    def solve(self, given: Any, *, warm: bool) -> Any:
+        instance, flat = given
+        found, residual = self._qp.solve(flat, warm=warm)
+        if not is_certified(residual, self._tolerance) and warm:
+            found, residual = self._qp.solve(flat, warm=False)
+        if is_certified(residual, self._tolerance):
+            return self._qp.parted(found), residual
+        answer, residual = super().solve(instance, warm=warm)
+        if is_certified(residual, self._tolerance):
+            self._qp.start_from(answer)
+        return answer, residual
 
 
 class _Qpsolvers:

@@ -15,8 +15,9 @@ __all__ = ["MODES", "Pass", "Rules", "passed"]
 
 MODES = {"qp": ("cold", "warm"), "nlp": ("cold",)}
 """Of each kind of instances; programmes are no run in time, and start where their capability starts them."""
-BLOCK = 25
-"""Ticks a worker does before it reports: a report between two solves would cool the processor's caches."""
+BLOCKS = (250, 25, 1)
+"""Ticks a worker does before it reports, since a report between two solves cools the processor's caches. All of them
+share one limit: where it is passed, the next smaller number shows whether a tick hangs or all of them are slow."""
 MOST_TOO_LATE = 3
 """Ticks of a pass that may be too late before the rest is not tried."""
 SETUP_SECONDS = 120.0
@@ -82,7 +83,7 @@ def _once(
 ) -> list[Judged]:
     whole = len(sequence)
     done: list[Judged] = []
-    begun, block, late = False, BLOCK, 0
+    begun, blocks, late = False, list(BLOCKS), 0
     while len(done) < whole:
         if late >= MOST_TOO_LATE:
             why = f"{late} ticks before it were too late"
@@ -97,7 +98,7 @@ def _once(
         first = len(done)
         # An instance without an answer is where solvers hang: it goes alone.
         last = first + 1
-        while last < min(first + block, whole) and not (judge.hopeless(last) or judge.hopeless(first)):
+        while last < min(first + blocks[0], whole) and not (judge.hopeless(last) or judge.hopeless(first)):
             last += 1
         answers: list[Timed] | None = None
         try:
@@ -113,7 +114,8 @@ def _once(
             if last - first == 1:
                 late += 1
                 done.append(ended)
-            block = 1  # whose fault it was, or how slow each is, shows tick by tick
+            elif len(blocks) > 1:
+                blocks.pop(0)
         told(len(done))
     return done
 

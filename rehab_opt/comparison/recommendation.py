@@ -11,8 +11,10 @@ from rehab_opt.comparison.table import Grid
 
 __all__ = ["DEFAULTS", "SLACK", "Recommendation", "recommendation_grid", "recommendations"]
 
-DEFAULTS = {"qrqp-fused": "warm", "sqp": "cold"}
+DEFAULTS = {"ladder": "warm", "sqp": "cold"}
 """What every controller solves its QP with where nothing else is said, tick after tick; and `ArmIK` its programmes."""
+RUNGS = ("ladder", "qrqp-fused", "qrqp-virtual", "sqp")
+"""These are no alternatives: parts of the default, and its way through CasADi's virtual machine."""
 SLACK = 1.2
 """A default may be slower than the best alternative by this factor."""
 
@@ -40,13 +42,10 @@ def recommendations(rows: Sequence[Row]) -> tuple[Recommendation, ...]:
     """One for each family in which a default took part."""
     found = []
     for own in (row for row in rows if DEFAULTS.get(row.solver) == row.mode and row.ticks):
-        algorithm = own.solver.partition("-")[0]  # its way through CasADi's virtual machine is no other solver
         others = [
             row
             for row in rows
-            if (row.family, row.mode) == (own.family, own.mode)
-            and row.solver.partition("-")[0] != algorithm
-            and row.solved >= own.solved
+            if (row.family, row.mode) == (own.family, own.mode) and row.solver not in RUNGS and row.solved >= own.solved
         ]
         best = min((row for row in others if row.solved > 0), key=lambda row: row.mean, default=None)
         found.append(Recommendation(own.family, own, best))
