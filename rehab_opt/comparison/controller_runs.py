@@ -164,7 +164,7 @@ CONTROLLER_RUNS: Mapping[str, Callable[[str], QPSequence]] = MappingProxyType(
         ),
         "assistance/within_bounds": partial(
             assistance, force_limit=30.0, slew_limit=200.0, energy=1e3, speed=1.0, skip=700, ticks=250,
-            about="A hand led along a reach at 1 kHz with a tremor; the slew bound is active now and then.",
+            about="A hand led along a reach at 1 kHz with a tremor; a bound is active now and then.",
         ),
         "assistance/at_bounds": partial(
             assistance, force_limit=8.0, slew_limit=60.0, energy=3.0, speed=2.0, skip=300, ticks=250,

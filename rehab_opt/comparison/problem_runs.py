@@ -57,7 +57,7 @@ PROBLEM_RUNS: Mapping[str, ProblemRun] = MappingProxyType(
         ),
         "pose_tracking/limited": ProblemRun(
             "robot/ur5_circle", "pose_tracker", 1000, 250,
-            "The same circle twice as fast with slower joints: several are at their speed limit.", SLOW_JOINTS,
+            "The same circle too fast for its joints: one is at its limit, the motion is slowed.", SLOW_JOINTS,
         ),
         "ardis/mecanum_within_reach": ProblemRun(
             "ardis/beyond_reach", "mecanum_x_y", 100, 150, "Chair and arm, mecanum wheels; the hand within reach.",
