@@ -127,12 +127,16 @@ def record(
 
     loaded = load_problem(file)
     place = out if out is not None else Path("out") / f"{loaded.name}.npz"
-    if place.suffix != ".npz":
+    if place.suffix != ".npz" or place.is_dir():
         raise ConfigurationError("--out", str(place), "a file that ends in .npz")
+    _writable(place.parent)
     with _bars() as progress:
         sequences = recorded_run(loaded, skip=skip, ticks=ticks, progress=progress, solver=solver)
-    for path, sequence in zip(file_names(place, sequences), sequences, strict=True):
-        write_sequence(path, sequence)
+    paths = file_names(place, sequences)
+    with _undisturbed():
+        for path, sequence in zip(paths, sequences, strict=True):
+            write_sequence(path, sequence)
+    for path, sequence in zip(paths, sequences, strict=True):
         print(f"{path}: {len(sequence)} QPs of {sequence.n} variables and {sequence.m} rows")
 
 

@@ -49,12 +49,16 @@ def write_arrays(path: Path, meta: Mapping[str, Any], arrays: Mapping[str, Array
     ConfigurationError : the file cannot be written there.
     """
     text = np.array(json.dumps(meta, allow_nan=False, ensure_ascii=False, sort_keys=True))
-    content = io.BytesIO()  # in one piece: what is interrupted leaves no half of a file
+    content = io.BytesIO()
     np.savez_compressed(content, allow_pickle=False, **{META: text}, **{k: np.asarray(v) for k, v in arrays.items()})
+    part = path.with_name(f".{path.name}.part")  # what is interrupted leaves no half of a file
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(content.getvalue())
+        part.write_bytes(content.getvalue())
+        part.replace(path)
     except (OSError, ValueError) as problem:
+        if part.is_file():
+            part.unlink()
         raise ConfigurationError("path", str(path), f"a file that can be written ({problem})") from problem
 
 

@@ -300,6 +300,10 @@ def test_a_place_that_cannot_be_written_is_refused_by_name(tmp_path: Path) -> No
     (tmp_path / "file").write_text("")
     with pytest.raises(ConfigurationError, match="path"):
         write_sequence(tmp_path / "file" / "x.npz", small())
+    (tmp_path / "folder.npz").mkdir()
+    with pytest.raises(ConfigurationError, match="path"):
+        write_sequence(tmp_path / "folder.npz", small())
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "folder.npz"]  # nothing half done
 
 
 # ---------------------------------------------------------------------------------------------------- what is shipped
