@@ -23,7 +23,7 @@ from rehab_opt.comparison.record import RECORD, Key, keep_pass, kept_passes, key
 from rehab_opt.comparison.reference import ACCURACY, Reference
 from rehab_opt.comparison.sequence import read_sequence, shipped_sequences
 from rehab_opt.comparison.summary import Row, rows_of
-from rehab_opt.comparison.table import Grid, as_markdown, family_grids, refusal_grid
+from rehab_opt.comparison.table import Grid, as_markdown, family_grids, overview_grids, refusal_grid
 from rehab_opt.comparison.worker import THREADS, Worker
 from rehab_opt.errors import ConfigurationError
 
@@ -46,7 +46,8 @@ class Comparison(NamedTuple):
     def grids(self) -> list[Grid]:
         """The tables, in the order in which they are read."""
         refusals, advice = refusal_grid(self.rows), recommendation_grid(recommendations(self.rows))
-        return [*family_grids(self.rows), *(grid for grid in (refusals, advice) if grid.cells)]
+        tail = [grid for grid in (refusals, advice) if grid.cells]
+        return [*overview_grids(self.rows), *family_grids(self.rows), *tail]
 
 
 def chosen_sequences(families: Sequence[str] | None) -> tuple[Instances, ...]:

@@ -11,7 +11,7 @@ from rich.table import Table
 from rehab_opt.comparison.judgement import Outcome
 from rehab_opt.comparison.summary import Row
 
-__all__ = ["Grid", "as_markdown", "as_table", "family_grids", "refusal_grid"]
+__all__ = ["Grid", "as_markdown", "as_table", "family_grids", "overview_grids", "refusal_grid"]
 
 SHORT = {
     Outcome.WRONG: "wrong",
@@ -44,6 +44,31 @@ def family_grids(rows: Sequence[Row]) -> list[Grid]:
             title = f"{family}: {own[0].ticks} instances"
             grids.append(Grid(title, columns, [_cells(row) for row in own]))
     return grids
+
+
+def overview_grids(rows: Sequence[Row]) -> list[Grid]:
+    """Solvers by families: QPs warm, and programmes, which are only ever cold."""
+    grids = []
+    for title, mode, programmes in (
+        ("QPs of consecutive ticks, warm", "warm", False),
+        ("Nonlinear programmes", "cold", True),
+    ):
+        warm = {row.family for row in rows if row.mode == "warm"}
+        own = [row for row in rows if row.mode == mode and row.ticks and (row.family not in warm) is programmes]
+        families, solvers = (tuple(dict.fromkeys(getattr(row, key) for row in own)) for key in ("family", "solver"))
+        by_name = {(row.solver, row.family): row for row in own}
+        cells = [(solver, *(_overview(by_name.get((solver, family))) for family in families)) for solver in solvers]
+        if cells:
+            grids.append(Grid(f"{title}: mean time in us, and what share was solved", ("solver", *families), cells))
+    return grids
+
+
+def _overview(row: Row | None) -> str:
+    if row is None:
+        return "-"
+    if row.solved == 1.0:
+        return _microseconds(row.mean)
+    return f"{_microseconds(row.mean)} ({_share(row.solved)})" if row.solved >= 0.9 else f"({_share(row.solved)})"
 
 
 def refusal_grid(rows: Sequence[Row]) -> Grid:

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from rehab_opt.comparison.judgement import Judged, Outcome
 from rehab_opt.comparison.recommendation import recommendations
 from rehab_opt.comparison.statistics import percentile, performance_profile, shifted_geometric_mean
-from rehab_opt.comparison.summary import row_of
-from rehab_opt.comparison.table import as_markdown, family_grids, refusal_grid
+from rehab_opt.comparison.summary import Row, row_of
+from rehab_opt.comparison.table import as_markdown, family_grids, overview_grids, refusal_grid
 
 TIMES = st.lists(st.floats(1e-7, 1.0), min_size=1, max_size=50)
 
@@ -87,18 +87,28 @@ def test_a_row_counts_what_became_of_each_tick() -> None:
     assert "| family | solver | warm | 5 | 1 | 1 | 2 | 1 | 10.0 | 10.0 |" in as_markdown(refusal_grid([row]))
 
 
+def test_the_overview_says_where_a_time_is_not_of_all_instances() -> None:
+    def row(solver: str, family: str, solved: int) -> Row:
+        outcomes = [Outcome.SOLVED] * solved + [Outcome.NO_ANSWER] * (20 - solved)
+        return row_of(family, solver, "warm", [(judged(each), False) for each in outcomes], limit=1e-5)
+
+    (grid,) = overview_grids([row("a", "one", 20), row("a", "two", 19), row("b", "one", 10)])
+    assert grid.columns == ("solver", "one", "two")
+    assert grid.cells == [("a", "10.0", "10.0 (95 %)"), ("b", "(50 %)", "-")]
+
+
 def test_one_failure_in_many_is_never_rounded_to_all() -> None:
     ticks = [(judged(Outcome.SOLVED), False)] * 99_999 + [(judged(Outcome.WRONG), False)]
     assert "| 99.99 % |" in as_markdown(family_grids([row_of("f", "s", "cold", ticks, limit=1.0)])[0])
 
 
 def test_a_quicker_solver_that_fails_more_often_is_no_alternative() -> None:
-    def row(solver: str, seconds: float, failures: int) -> object:
+    def row(solver: str, seconds: float, failures: int) -> Row:
         outcomes = [Outcome.SOLVED] * (10 - failures) + [Outcome.WRONG] * failures
         return row_of("f", solver, "warm", [(judged(each, seconds), False) for each in outcomes], limit=1.0)
 
     rows = [row("ladder", 3e-5, 0), row("rash", 1e-5, 1), row("daqp", 2e-5, 0), row("qrqp-virtual", 1e-6, 0)]
-    (found,) = recommendations(rows)  # type: ignore[arg-type]
+    (found,) = recommendations(rows)
     assert found.best is not None
     assert found.best.solver == "daqp"
     assert found.ratio == pytest.approx(1.5)
