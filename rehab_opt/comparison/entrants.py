@@ -20,6 +20,8 @@ __all__ = ["KEPT", "Claim", "Entrant", "Solver", "entrants", "entrants_named"]
 
 KEPT = ("proxqp", "osqp")
 """Solvers with a kept-alive backend of ours."""
+OTHER_BACKUPS = ("daqp",)
+"""Of the same ladder, to see what the backup costs; daqp kept alive was no quicker than a fresh call."""
 BOUNDS_AS_ROWS = ("cvxopt", "ecos", "quadprog")
 """qpsolvers gives these every bound as a row, also an infinite one, which they cannot read."""
 
@@ -76,6 +78,11 @@ def entrants() -> tuple[Entrant, ...]:
 
     ours = (
         Entrant("ladder", both_rungs, "proxqp", ("casadi", "proxsuite")),
+        *(
+            Entrant(f"ladder-{name}", both_rungs, name, ("casadi", "qpsolvers", name))
+            for name in OTHER_BACKUPS
+            if name in qpsolvers.available_solvers
+        ),
         Entrant("qrqp-fused", fused_qrqp, "compiled", ("casadi",)),
         Entrant("qrqp-virtual", fused_qrqp, "virtual", ("casadi",)),
         *(Entrant(f"{name}-kept", kept_alive, name, (PACKAGES.get(name, name),)) for name in KEPT),

@@ -13,7 +13,7 @@ __all__ = ["DEFAULTS", "SLACK", "Recommendation", "recommendation_grid", "recomm
 
 DEFAULTS = {"ladder": "warm", "sqp": "cold"}
 """What every controller solves its QP with where nothing else is said, tick after tick; and `ArmIK` its programmes."""
-RUNGS = ("ladder", "qrqp-fused", "qrqp-virtual", "sqp")
+RUNGS = ("ladder", "ladder-daqp", "qrqp-fused", "qrqp-virtual", "sqp")
 """These are no alternatives: parts of the default, and its way through CasADi's virtual machine."""
 SLACK = 1.2
 """A default may be slower than the best alternative by this factor."""
