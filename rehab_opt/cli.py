@@ -110,6 +110,37 @@ def check(file: Problem) -> None:
 
 
 @app.command()
+def record(
+    file: Problem,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="The .npz; ./out/<problem>.npz by default. Several solvers: each adds its name to it."),
+    ] = None,
+    skip: Annotated[int, typer.Option(help="QPs of each solver that are let pass first.")] = 0,
+    ticks: Annotated[int, typer.Option(help="QPs of each solver that are then kept at most.")] = 1000,
+    solver: Annotated[str | None, typer.Option(help="Solver of the optimised law, instead of the file's.")] = None,
+) -> None:
+    """Run a problem and write down the QPs that its controllers solve, for comparing solvers: problems/qp/README.md."""
+    from rehab_opt.comparison.recording import file_names, recorded_run  # noqa: PLC0415
+    from rehab_opt.comparison.sequence import write_sequence  # noqa: PLC0415
+    from rehab_opt.session.files import load_problem  # noqa: PLC0415
+
+    loaded = load_problem(file)
+    place = out if out is not None else Path("out") / f"{loaded.name}.npz"
+    if place.suffix != ".npz" or place.is_dir():
+        raise ConfigurationError("--out", str(place), "a file that ends in .npz")
+    _writable(place.parent)
+    with _bars() as progress:
+        sequences = recorded_run(loaded, skip=skip, ticks=ticks, progress=progress, solver=solver)
+    paths = file_names(place, sequences)
+    with _undisturbed():
+        for path, sequence in zip(paths, sequences, strict=True):
+            write_sequence(path, sequence)
+    for path, sequence in zip(paths, sequences, strict=True):
+        print(f"{path}: {len(sequence)} QPs of {sequence.n} variables and {sequence.m} rows")
+
+
+@app.command()
 def many(
     people: Annotated[
         Path, typer.Argument(metavar="TABLE_OR_FOLDER", help="A .csv, or a folder of problem files, one a participant.")
@@ -146,6 +177,26 @@ def many(
     console.print(f"written to {folder}: {RESULTS}", highlight=False, markup=False, soft_wrap=True)
     if failed:
         raise typer.Exit(1)
+
+
+@app.command()
+def bench(
+    family: Annotated[list[str] | None, typer.Option(help="Family or sequence; all of them by default.")] = None,
+    solver: Annotated[list[str] | None, typer.Option(help="Solver; every installed one by default.")] = None,
+    time_limit: Annotated[float, typer.Option(help="Of one solve [s]: then its process is killed.")] = 1.0,
+    out: Annotated[Path, typer.Option(help="Folder of the results, and of what an interrupted run kept.")] = Path(
+        "out/bench"
+    ),
+) -> None:
+    """Compare solvers on recorded QPs; write table.md, results.json and figures. What is done is not done again."""
+    from rehab_opt.comparison.command import bench_command  # noqa: PLC0415  (it loads every solver)
+
+    try:
+        with _on_interrupt(signal.default_int_handler), _bars() as progress:
+            bench_command(family, solver, time_limit=time_limit, out=_writable(out), progress=progress)
+    except KeyboardInterrupt:
+        print("rehab-opt: interrupted; the same command goes on from here", file=sys.stderr)
+        raise typer.Exit(130) from None
 
 
 def _run_with_progress(loaded: ProblemFile[Any], **options: str | None) -> Outcome:

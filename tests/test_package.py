@@ -31,7 +31,18 @@ LAYERS = {
     "control": {"errors", "symbolic", "kinematics", "optim", "workspace", "field"},
     "published": {"errors", "symbolic", "kinematics"},
     "session": {"errors", "symbolic", "kinematics", "optim", "workspace", "field", "control", "published"},
-    "cli": {"errors", "session"},
+    "comparison": {
+        "errors",
+        "symbolic",
+        "kinematics",
+        "optim",
+        "workspace",
+        "field",
+        "control",
+        "published",
+        "session",
+    },
+    "cli": {"errors", "session", "comparison"},
 }
 
 

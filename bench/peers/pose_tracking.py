@@ -9,6 +9,7 @@ the time. Exit code 1 where a ratio of issue 2 is missed.
 from __future__ import annotations
 
 import argparse
+import importlib.util
 import json
 import math
 import os
@@ -110,7 +111,17 @@ def entered(chain: SerialChain) -> list[Contender]:
         Placo(chain, dt=DT, stateful=True),
         *(Pink(chain, dt=DT, solver=solver) for solver in ("daqp", "quadprog", "proxqp")),
         *(Mink(chain, dt=DT, solver=solver) for solver in ("daqp", "quadprog")),
+        *_robotics_toolbox(chain),
     ]
+
+
+def _robotics_toolbox(chain: SerialChain) -> list[Contender]:
+    """None where it is not installed: it asks for much, and many have no room for it."""
+    if importlib.util.find_spec("roboticstoolbox") is None:
+        return []
+    from bench.peers.with_roboticstoolbox import RoboticsToolbox  # noqa: PLC0415
+
+    return [RoboticsToolbox(chain, dt=DT, solver="daqp")]
 
 
 def rows(records: Sequence[Record], chain: SerialChain, path: HandPath) -> list[Row]:

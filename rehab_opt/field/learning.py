@@ -20,6 +20,7 @@ from rehab_opt.field.samples import SampledPath, checked_paths, mean_path, resam
 from rehab_opt.optim.backends import backend
 from rehab_opt.optim.certificate import certificate_function, is_certified
 from rehab_opt.optim.qp import Instance
+from rehab_opt.optim.witness import witness_now
 
 __all__ = ["learnt_field"]
 
@@ -71,6 +72,9 @@ class Problem(NamedTuple):
         rows = rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-12)
         free = np.full(m, np.inf), np.full(n, np.inf)
         qp = Instance((hessian + hessian.T) / 2, gradient, rows, np.zeros(m), free[0], np.zeros(n), free[1])
+        witness = witness_now()
+        if witness is not None:
+            witness.stream(f"field_learning_{n}", TOLERANCE, Instance, shared=True).see(*qp)
         certify = certificate_function(n, m)
         tried = []
         for name in solvers:

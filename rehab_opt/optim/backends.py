@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, NamedTuple, Protocol
+from collections.abc import Mapping
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import qpsolvers
@@ -12,12 +13,34 @@ from numpy.typing import NDArray
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.optim.qp import Instance
 
-__all__ = ["Answer", "Backend", "OsqpBackend", "ProxqpBackend", "QpsolversBackend", "backend", "to_qpsolvers"]
+__all__ = [
+    "TIGHT",
+    "Answer",
+    "Backend",
+    "OsqpBackend",
+    "ProxqpBackend",
+    "QpsolversBackend",
+    "answer_from",
+    "backend",
+    "to_qpsolvers",
+]
 
 Array = NDArray[np.float64]
 
 PRECISION = 1e-10
 """What every solver is asked for, absolute, so that its answers pass the certificate."""
+TIGHT: Mapping[str, Mapping[str, Any]] = {
+    "clarabel": {"tol_gap_abs": PRECISION, "tol_gap_rel": 0.0, "tol_feas": PRECISION},
+    "cvxopt": {"abstol": PRECISION, "reltol": PRECISION, "feastol": PRECISION},
+    "daqp": {"primal_tol": PRECISION, "dual_tol": PRECISION},
+    "ecos": {"abstol": PRECISION, "reltol": PRECISION, "feastol": PRECISION},
+    "highs": {"primal_feasibility_tolerance": PRECISION, "dual_feasibility_tolerance": PRECISION},
+    "osqp": {"eps_abs": PRECISION, "eps_rel": 0.0, "max_iter": 10_000},
+    "piqp": {"eps_abs": PRECISION, "eps_rel": 0.0},
+    "proxqp": {"eps_abs": PRECISION, "eps_rel": 0.0},
+    "scs": {"eps_abs": PRECISION, "eps_rel": 0.0},
+}
+"""The same in the words of each solver of qpsolvers; quadprog has no such setting."""
 
 
 class Answer(NamedTuple):
@@ -168,13 +191,6 @@ class OsqpBackend:
 class QpsolversBackend:
     """Any solver of qpsolvers by name; a problem is made anew each time, so this is for comparison, not for speed."""
 
-    _tight: ClassVar[dict[str, dict[str, Any]]] = {
-        "daqp": {"primal_tol": PRECISION, "dual_tol": PRECISION},
-        "clarabel": {"tol_gap_abs": PRECISION, "tol_gap_rel": 0.0, "tol_feas": PRECISION},
-        "piqp": {"eps_abs": PRECISION, "eps_rel": 0.0},
-        "scs": {"eps_abs": PRECISION, "eps_rel": 0.0},
-    }
-
     def __init__(self, name: str, *, argument: str = "solver") -> None:
         if name not in qpsolvers.available_solvers:
             known = ", ".join(
@@ -182,7 +198,7 @@ class QpsolversBackend:
             )
             raise ConfigurationError(argument, name, f"an installed solver: {known}")
         self.name = name
-        self._options = self._tight.get(name, {})
+        self._options = TIGHT.get(name, {})
 
     def solve(self, qp: Instance) -> Answer:
         """Claimed solution of `qp`."""
@@ -194,10 +210,17 @@ class QpsolversBackend:
             solution = qpsolvers.solve_problem(problem, solver=self.name, **self._options)
         except (qpsolvers.exceptions.QPError, ValueError, ArithmeticError, RuntimeError):
             return _no_answer(n, m)  # solvers differ in how they say no
-        if not solution.found or solution.x is None:
-            return _no_answer(n, m)
-        bounds = np.zeros(n) if solution.z_box is None else np.asarray(solution.z_box, dtype=np.float64)
-        return Answer(np.asarray(solution.x, dtype=np.float64), bounds, _row_multipliers(qp, solution), -1)
+        return answer_from(qp, solution)
+
+
+def answer_from(qp: Instance, solution: qpsolvers.Solution) -> Answer:
+    """What qpsolvers found for `to_qpsolvers(qp)`, as a claim about `qp`."""
+    n, m = qp.g.size, qp.rows_lower.size
+    if not solution.found or solution.x is None:
+        return _no_answer(n, m)
+    given = solution.z_box is not None and np.size(solution.z_box) == n
+    bounds = np.asarray(solution.z_box, dtype=np.float64) if given else np.zeros(n)
+    return Answer(np.asarray(solution.x, dtype=np.float64), bounds, _row_multipliers(qp, solution), -1)
 
 
 def to_qpsolvers(qp: Instance) -> qpsolvers.Problem:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
@@ -12,6 +13,7 @@ from rehab_opt.errors import ConfigurationError
 from rehab_opt.optim.certificate import is_certified
 from rehab_opt.optim.fused import FUSED_SOLVERS
 from rehab_opt.optim.qp import Instance, Statement
+from rehab_opt.optim.witness import witness_now
 from rehab_opt.symbolic import BufferedFunction, compiled
 
 if TYPE_CHECKING:
@@ -61,6 +63,7 @@ class Ladder:
         self.x = self._answer[: statement.n]
         self.memory = self.state[2 * statement.n + statement.m :]
         self.iterations = -1
+        self._tell_witness()
         self._rungs = {FUSED: None, solver: self._backend("solver", solver), backup: self._backend("backup", backup)}
         # The parts are made now: a first failure in the loop must not wait for a compiler. They are compiled only
         # where they serve the primary solver.
@@ -73,6 +76,7 @@ class Ladder:
     def __call__(self) -> str:
         """Solve at `parameters`, warm-started; name of the solver that is certified, or ""."""
         if self.solver != FUSED:
+            self._met()
             return self.solver if self._solve_by(self.solver) else self.climb()
         self.verdict[0] = math.nan
         self.evaluate()
@@ -88,6 +92,13 @@ class Ladder:
         # An active set from the last tick can lead qrqp astray where a cold start does not: without rows, in one of a
         # few hundred random states, and in none of the continuous motions tried.
         self.start_from(0.0)
+        self._same_problem = True
+        try:
+            return self._climbed()
+        finally:
+            self._same_problem = False
+
+    def _climbed(self) -> str:
         if self.solver == FUSED and self._solve_by(FUSED):
             return FUSED
         if self.backup != self.solver and self._solve_by(self.backup):
@@ -99,6 +110,25 @@ class Ladder:
         n = self.statement.n
         self.state[n : 2 * n + self.statement.m] = 0.0
         self.state[:n] = x
+
+    def _tell_witness(self) -> None:
+        """Let a witness see each tick's problem, if there is one now."""
+        self._met: Callable[[], None] = _nobody
+        self._same_problem = False
+        """Whether what is solved next was met before, and is only tried again."""
+        witness = witness_now()
+        if witness is None:
+            return
+        statement = self.statement
+        stream = witness.stream(
+            statement.name, self.tolerance, lambda given, memory: statement.instance(given, memory=memory)
+        )
+
+        def values() -> tuple[NDArray[np.float64], ...]:
+            return self.parameters, self.memory
+
+        self._met = witness.watched(_nobody, stream, values, unless=lambda: self._same_problem)
+        self.evaluate = witness.watched(self._buffers.evaluate, stream, values, unless=lambda: self._same_problem)
 
     def _solve_by(self, name: str) -> bool:
         if name == FUSED:
@@ -133,6 +163,10 @@ class Ladder:
         from rehab_opt.optim.backends import backend  # noqa: PLC0415  (solvers load when used)
 
         return backend(name, self.statement.n, self.statement.m, argument=argument)
+
+
+def _nobody() -> None:
+    """Who is told where there is no witness."""
 
 
 def _outputs(function: BufferedFunction, *values: ArrayLike) -> tuple[NDArray[np.float64], ...]:

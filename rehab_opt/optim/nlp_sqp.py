@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import casadi as ca
@@ -13,7 +14,9 @@ from rehab_opt.errors import ConfigurationError
 from rehab_opt.optim.certificate import all_true, clipped
 from rehab_opt.optim.nlp import NLP, PLAUSIBLE, NLPAnswer
 from rehab_opt.optim.nlp_hessian import model
+from rehab_opt.optim.qp import Instance
 from rehab_opt.optim.qrqp import qrqp
+from rehab_opt.optim.witness import witness_now
 from rehab_opt.symbolic import BufferedFunction, compiled
 
 __all__ = ["SQP"]
@@ -60,11 +63,12 @@ class SQP:
             raise ConfigurationError("radius", radius, "a positive number")
         self.nlp, self.tolerance, self.max_iterations = nlp, float(tolerance), int(max_iterations)
         self._step = BufferedFunction(compiled(step_function(nlp), compile=compile))
-        self.parameters, self._x, self._multipliers, step_radius = self._step.inputs
-        step_radius[:] = radius
+        self.parameters, self._x, self._multipliers, self._radius = self._step.inputs
+        self._radius[:] = radius
         self._next_x, self._next_multipliers, cost, residual, violation, self._report = self._step.outputs
         # A memoryview yields Python floats at half the price of an array's element.
         self._cost, self._residual, self._violation = (_numbers(each) for each in (cost, residual, violation))
+        self._iterate = self._watched_step()
 
     def solve(self, start: ArrayLike, multipliers: ArrayLike = 0.0, *, max_iterations: int | None = None) -> NLPAnswer:
         """Solve at `parameters` (write into it) from `start` (n,) and `multipliers` (n + m,) of an earlier answer."""
@@ -78,7 +82,7 @@ class SQP:
         while iterations < cap and not certified:
             # Compiled, a failed QP ends the function before it writes: the last certificate must not stand.
             self._residual[0] = math.nan
-            self._step()
+            self._iterate()
             iterations += 1
             residual = self._residual[0]
             if not residual < np.inf:  # NaN or infinite: the next step would be no better
@@ -92,6 +96,20 @@ class SQP:
             self._report.copy(), iterations, self.name, certified,
         )  # fmt: skip
 
+    def _watched_step(self) -> Callable[[], None]:
+        """The step, of whose QP a witness is told if there is one now."""
+        witness = witness_now()
+        if witness is None:
+            return self._step
+        subproblem = subproblem_function(self.nlp)
+
+        def instance(*values: Array) -> Instance:
+            columns = [each.full() for each in subproblem(*values)]
+            return Instance(*(c if i in (0, 2) else c.reshape(-1) for i, c in enumerate(columns)))
+
+        stream = witness.stream(f"{self.nlp.name}_step", self.tolerance, instance)
+        return witness.watched(self._step, stream, lambda: tuple(self._step.inputs))
+
 
 def _numbers(array: Array) -> memoryview[float]:
     return memoryview(array)  # type: ignore[arg-type]
@@ -100,10 +118,46 @@ def _numbers(array: Array) -> memoryview[float]:
 def step_function(nlp: NLP) -> ca.Function:
     """From p, x (n,), multipliers (n + m,), radius: next x and multipliers, their cost, residual, violation, report."""
     n, m = nlp.n, nlp.m
-    symbols = ca.SX.sym("y", n + m)
+    p, start, y, radius = inputs = _step_inputs(nlp)
+    x = _inside(nlp)(p, start)
+    of_bounds, of_rows = nlp.parted(y)
+    h, g, a, rows_lower, rows_upper, lower, upper = _derivatives(nlp)(p, x, y)
+    solution = qrqp(f"{nlp.name}_qp", n, m, iterations=QP_ITERATIONS)(
+        h=h, g=g, a=a, lba=rows_lower, uba=rows_upper,
+        lbx=ca.fmax(lower, -radius), ubx=ca.fmin(upper, radius), lam_x0=of_bounds, lam_a0=of_rows,
+    )  # fmt: skip
+    multipliers = ca.vertcat(solution["lam_x"], solution["lam_a"])
+    next_x, cost, residual, violation, report = nlp.certify(p, x + solution["x"], multipliers)
+    # What ends the compiled function ends the virtual machine's, too: a QP without a solution gives no step.
+    residual = residual / _holds(n, m)(solution["x"], a, rows_lower, rows_upper)
+    outputs: list[Any] = [next_x, multipliers, cost, residual, violation, report]
+    return ca.Function(f"{nlp.name}_step", inputs, outputs)
+
+
+def subproblem_function(nlp: NLP) -> ca.Function:
+    """From what `step_function` is given: the QP in its middle, over the change of x, as in `Instance`."""
+    p, start, y, radius = inputs = _step_inputs(nlp)
+    *others, lower, upper = _derivatives(nlp)(p, _inside(nlp)(p, start), y)
+    outputs = [*others, ca.fmax(lower, -radius), ca.fmin(upper, radius)]
+    return ca.Function(f"{nlp.name}_subproblem", inputs, outputs)
+
+
+def _step_inputs(nlp: NLP) -> list[Any]:
+    """P, x, multipliers, radius."""
+    sizes = {"p": nlp.p.numel(), "x": nlp.n, "y": nlp.n + nlp.m, "radius": 1}
+    return [ca.MX.sym(name, size) for name, size in sizes.items()]
+
+
+def _inside(nlp: NLP) -> ca.Function:
+    return ca.Function("inside", [nlp.p, nlp.x], [clipped(nlp.x, nlp.lower, nlp.upper)])
+
+
+def _derivatives(nlp: NLP) -> ca.Function:
+    """From p, x, multipliers: H, g, A, and how far the rows and x are from their bounds, lower and upper."""
+    symbols = ca.SX.sym("y", nlp.n + nlp.m)
     hessian, gradient = model(nlp, symbols)
     rows = nlp.rows
-    derivatives = ca.Function(
+    return ca.Function(
         f"{nlp.name}_model",
         [nlp.p, nlp.x, symbols],
         [ca.densify(each) for each in (
@@ -112,22 +166,6 @@ def step_function(nlp: NLP) -> ca.Function:
         )],
         {"cse": True},
     )  # fmt: skip
-    inside = ca.Function("inside", [nlp.p, nlp.x], [clipped(nlp.x, nlp.lower, nlp.upper)])
-    p, start, y, radius = ca.MX.sym("p", nlp.p.numel()), ca.MX.sym("x", n), ca.MX.sym("y", n + m), ca.MX.sym("radius")
-    x = inside(p, start)
-    of_bounds, of_rows = nlp.parted(y)
-    h, g, a, rows_lower, rows_upper, lower, upper = derivatives(p, x, y)
-    solution = qrqp(f"{nlp.name}_qp", n, m, iterations=QP_ITERATIONS)(
-        h=h, g=g, a=a, lba=rows_lower, uba=rows_upper,
-        lbx=ca.fmax(lower, -radius), ubx=ca.fmin(upper, radius), lam_x0=of_bounds, lam_a0=of_rows,
-    )  # fmt: skip
-    multipliers = ca.vertcat(solution["lam_x"], solution["lam_a"])
-    inputs: list[Any] = [p, start, y, radius]
-    next_x, cost, residual, violation, report = nlp.certify(p, x + solution["x"], multipliers)
-    # What ends the compiled function ends the virtual machine's, too: a QP without a solution gives no step.
-    residual = residual / _holds(n, m)(solution["x"], a, rows_lower, rows_upper)
-    outputs: list[Any] = [next_x, multipliers, cost, residual, violation, report]
-    return ca.Function(f"{nlp.name}_step", inputs, outputs)
 
 
 def _holds(n: int, m: int) -> ca.Function:

@@ -25,6 +25,7 @@ __all__ = [
     "problem_path",
     "recording_path",
     "recording_state",
+    "shipped_folder",
     "shipped_problems",
 ]
 
@@ -127,7 +128,7 @@ def problem_path(file: str) -> tuple[str, Path]:
 
 def shipped_problems() -> dict[str, Path]:
     """Name and file of every problem the project ships, in the order of their names."""
-    folder = _shipped_folder()
+    folder = shipped_folder()
     return {str(path.relative_to(folder).with_suffix("").as_posix()): path for path in sorted(folder.glob("*/*.toml"))}
 
 
@@ -165,7 +166,7 @@ def recording_state(loaded: ProblemFile[Problem]) -> str:
     return "present" if any(each.reference.startswith(PREFIX) for each in needed) else "shipped"
 
 
-def _shipped_folder() -> Path:
+def shipped_folder() -> Path:
     """`problems` inside the installed package (a wheel), or at the top of the checkout."""
     package = importlib.resources.files("rehab_opt")
     with importlib.resources.as_file(package) as root:

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from rehab_opt.session.workspaces.outcome import WorkspaceOutcome
     from rehab_opt.session.workspaces.problem import WorkspaceProblem
 
-__all__ = ["SYSTEMS", "Animated", "Column", "Needed", "System", "system_named"]
+__all__ = ["SYSTEMS", "Animated", "Column", "Needed", "Recorded", "System", "system_named"]
 
 P = TypeVar("P", bound=Problem)
 O = TypeVar("O", bound=Outcome)  # noqa: E741  (an outcome)
@@ -108,6 +108,15 @@ class Animated(Protocol):
 
     def animations(self, outcome: Any) -> dict[str, Animation]:
         """The films by file name, without suffix."""
+        ...
+
+
+@runtime_checkable
+class Recorded(Protocol):
+    """A system whose controllers solve QPs as it runs: `rehab-opt record` writes them down."""
+
+    def seconds_a_tick(self, problem: Any) -> float:
+        """From one QP to the next; NaN where they are no ticks, as iterations are."""
         ...
 
 

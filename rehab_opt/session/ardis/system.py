@@ -50,6 +50,10 @@ class ArdisSystem:
         with _refusals(loaded, solver):
             return run_ardis(loaded, solver=solver, progress=progress)
 
+    def seconds_a_tick(self, problem: ArdisProblem) -> float:
+        """Of the controller."""
+        return 1 / problem.run.rate_hz
+
     def table(self, outcome: ArdisOutcome) -> Table:
         """Two columns a drive: the published law and ours."""
         from rehab_opt.session.ardis.table import ardis_table  # noqa: PLC0415  (loads rich)

@@ -46,6 +46,10 @@ class PoseTrackingSystem:
                 loaded.problem, name=loaded.name, file=loaded.file, solver=solver, progress=progress
             )
 
+    def seconds_a_tick(self, problem: PoseTracking) -> float:
+        """Of the tracker."""
+        return 1 / problem.tracker.rate_hz
+
     def table(self, outcome: RobotOutcome) -> Table:
         """One column, the tracker's."""
         from rehab_opt.session.pose_tracking.table import robot_table  # noqa: PLC0415  (loads rich)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING
@@ -59,6 +60,10 @@ class UpperLimbSystem:
             raise ConfigurationError("--solver", solver, "no such option with --law published, which needs no solver")
         with _refusals(loaded, solver):
             return run_upper_limb(loaded, laws=LAWS if law == BOTH else (law,), solver=solver, progress=progress)
+
+    def seconds_a_tick(self, problem: UpperLimb) -> float:
+        """NaN: its QPs are the iterations of inverse kinematics, one or more a sample."""
+        return math.nan
 
     def table(self, outcome: ArmOutcome) -> Table:
         """A column for each law."""

@@ -1,0 +1,176 @@
+"""Whole ticks of each capability by each of its solvers: `python -m bench.defaults`.
+
+`rehab-opt bench` compares solvers on recorded QPs; this is the same question to the controllers themselves, with their
+kinematics, closed forms, certificates and rungs: is what they use by default slower than the best of what `solver=` and
+`backup=` offer? A solver is an alternative where at least as many of its ticks are certified. Each keeps its own state;
+rounds alternate. Times are the thread's processor time, so that what other programs take away does not count; the mean
+is arithmetic, so that rare slow ticks do. Exit code 1 where a default's mean is longer by more than a fifth.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import json
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import qpsolvers
+from rich.console import Console
+from rich.table import Table
+
+from bench.arm.targets import reachable
+from bench.long_run import DT, round_trip
+from bench.machine import machine
+from bench.peers.path import START
+from bench.test_bench_control import ROOM, TILT
+from bench.verdict import Verdict, all_met, print_verdicts
+from rehab_opt import ArmIK, MirrorTracker, PoseTracker, RedundancyResolver, Status, ardis, human_arm, ur5
+from rehab_opt.kinematics.ardis import ARDIS_READY
+
+__all__ = ["main"]
+
+SLACK = 1.2
+DEFAULT = "default"
+Tick = Callable[[], bool]
+"""One tick; whether it is certified."""
+
+
+class Row(NamedTuple):
+    """One solver of one capability; times in us."""
+
+    capability: str
+    solver: str
+    certified: float
+    median: float
+    mean: float
+    p99: float
+    largest: float
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measure every capability, print the table and the verdicts."""
+    parser = argparse.ArgumentParser(prog="python -m bench.defaults", description=__doc__)
+    parser.add_argument("--rounds", type=int, default=12)
+    parser.add_argument("--ticks", type=int, default=200, help="of each solver in a round")
+    parser.add_argument("--json", type=Path, help="write the numbers here too")
+    options = parser.parse_args(arguments)
+    console = Console(width=max(Console().width, 110))
+    console.print("  ".join(f"{key}: {value}" for key, value in machine().items()), highlight=False)
+    table = Table("capability", "solver", "certified", "median, us", "mean", "p99", "largest")
+    found, verdicts = [], []
+    for capability, contenders in _capabilities().items():
+        rows = _measured(capability, contenders, options.rounds, options.ticks)
+        default = next(row for row in rows if row.solver == DEFAULT)
+        others = [row for row in rows if row.solver != DEFAULT and row.certified >= default.certified]
+        for row in sorted(rows, key=lambda row: row.mean):
+            numbers = (f"{value:.1f}" for value in row[3:])
+            table.add_row(row.capability, row.solver, f"{row.certified:.3%}", *numbers)
+        if others:
+            best = min(others, key=lambda row: row.mean)
+            what = f"{capability}: default / {best.solver}"
+            verdicts.append(Verdict(what, default.mean / best.mean, "<=", SLACK))
+        found += rows
+    console.print(table)
+    print_verdicts(console, verdicts)
+    if options.json:
+        report = {"machine": machine(), "rows": [row._asdict() for row in found]}
+        options.json.write_text(json.dumps(report, indent=2))
+    return 0 if all_met(verdicts) else 1
+
+
+def _capabilities() -> dict[str, dict[str, Tick]]:
+    """Of every capability its contenders."""
+    installed = [name for name in ("daqp", "quadprog") if name in qpsolvers.available_solvers]
+    choices: dict[str, dict[str, Any]] = {DEFAULT: {}}
+    choices |= {f"default, backup {name}": {"backup": name} for name in ("osqp", *installed)}
+    choices |= {name: {"solver": name} for name in ("proxqp", "osqp", *installed)}
+
+    def each(make: Callable[..., Tick]) -> dict[str, Tick]:
+        return {name: make(**options) for name, options in choices.items()}
+
+    found = {
+        "pose, free": each(lambda **o: _poses(PoseTracker(ur5(), dt=DT, **o))),
+        "pose, limited": each(lambda **o: _poses(PoseTracker(ur5(velocity=0.35), dt=DT, **o))),
+        "mirror": each(lambda **o: _poses(MirrorTracker(ur5(), floor=0.76, linear_speed=0.5, dt=DT, **o))),
+    }
+    for drive, (name, speed) in itertools.product(("mecanum", "differential"), {"near": 0.1, "beyond": 1.0}.items()):
+        found[f"{drive}, {name}"] = each(lambda drive=drive, speed=speed, **o: _chair(drive, speed, **o))
+    programmes = ("ipopt", "fatrop", "sqpmethod")
+    found["arm IK, cold"] = {
+        DEFAULT: _postures(),
+        **{name: _postures(solver=name, backup="ipopt") for name in programmes},
+    }
+    return found
+
+
+def _poses(tracker: PoseTracker | MirrorTracker) -> Tick:
+    path, q = round_trip(tracker.chain), START.copy()
+    samples = itertools.cycle([(p.copy(), t.copy()) for p, t in zip(path.poses, path.twists, strict=True)])
+
+    def tick() -> bool:
+        command = tracker.step(q, *next(samples))
+        np.add(q, DT * command.value, out=q)
+        return command.status.certified
+
+    return tick
+
+
+def _chair(drive: Any, speed: float, **options: Any) -> Tick:
+    resolver = RedundancyResolver(ardis(), drive=drive, row_sets=[("x", "y", "z")], obstacles=ROOM, **options)
+    rng, q, ticks = np.random.default_rng(0), ARDIS_READY.copy(), itertools.count()
+    stick = np.zeros(3)
+
+    def tick() -> bool:
+        k = next(ticks)
+        if k % 100 == 0:
+            stick[:] = speed * rng.standard_normal(3) * [1.0, 1.0, 0.3]
+        if k % 400 == 0:
+            q[:] = ARDIS_READY
+            resolver.reset()
+        command = resolver.step(q, stick)
+        np.add(q, resolver.dt * command.value, out=q)
+        return command.status.certified
+
+    return tick
+
+
+def _postures(**options: Any) -> Tick:
+    arm = human_arm(range_of_motion="regular")
+    solver, targets = ArmIK(arm, handle_tilt=TILT, **options), itertools.cycle(reachable(arm, 100, tilt=TILT))
+    solver.solve(next(targets))  # makes what is made once
+    return lambda: solver.solve(next(targets)).status in (Status.OK, Status.BACKUP)
+
+
+def _measured(capability: str, contenders: dict[str, Tick], rounds: int, ticks: int) -> list[Row]:
+    if capability.startswith("arm IK"):
+        rounds, ticks = max(rounds // 3, 1), max(ticks // 20, 1)  # a thousand times slower
+    clock, order = time.thread_time, list(contenders)
+    times: dict[str, list[float]] = {name: [] for name in order}
+    certified: dict[str, list[bool]] = {name: [] for name in order}
+    for each in range(-1, rounds):  # the first round warms up
+        for name in order:
+            tick = contenders[name]
+            for i in range(-5, ticks):  # cold caches after another solver
+                began = clock()
+                good = tick()
+                spent = clock() - began
+                if each >= 0 and i >= 0:
+                    times[name].append(1e6 * spent)
+                    certified[name].append(good)
+        order.append(order.pop(0))
+    return [
+        Row(
+            capability, name, float(np.mean(certified[name])), float(np.median(times[name])),
+            float(np.mean(times[name])), float(np.percentile(times[name], 99)), max(times[name]),
+        )
+        for name in contenders
+    ]  # fmt: skip
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""QPs and NLPs recorded from this library's controllers, and solvers compared on them."""

@@ -1,0 +1,102 @@
+"""Any QP of one size through the way our controllers take: fused with its certificate, compiled, warm-started."""
+
+from __future__ import annotations
+
+import math
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.optim.backends import Answer
+from rehab_opt.optim.certificate import certificate_function, is_certified
+from rehab_opt.optim.qp import Instance, Statement, variable, within
+from rehab_opt.symbolic import BufferedFunction, compiled
+
+__all__ = ["Certificate", "DenseQP", "dense_statement"]
+
+Array = NDArray[np.float64]
+
+
+def dense_statement(n: int, m: int) -> Statement:
+    """The QP whose every number is given: n variables, m rows.
+
+    The numbers stand where a controller has its memory, one column: H by its columns, g, A by its columns, the rows'
+    bounds, the variables' bounds. Parameters must be of a sensor's size, and an absent bound is infinite.
+    """
+    data = ca.SX.sym("data", n * n + n + m * n + 2 * m + 2 * n)
+    hessian, gradient, matrix, rows_lower, rows_upper, lower, upper = ca.vertsplit(
+        data, [0, *np.cumsum([n * n, n, m * n, m, m, n, n]).tolist()]
+    )
+    x = variable("x", n, lower=lower, upper=upper)
+    costs = ca.vertcat(hessian, gradient, matrix)
+    return Statement(
+        name=f"dense_qp_{n}_{m}",
+        parameters=[ca.SX.sym("unused", 1)],
+        variables=[x],
+        minimise=0.5 * x.symbol.T @ ca.reshape(hessian, n, n) @ x.symbol + gradient.T @ x.symbol,
+        subject_to=[within(ca.reshape(matrix, m, n) @ x.symbol, rows_lower, rows_upper)] if m else [],
+        requires=[ca.sumsqr(costs) < math.inf, rows_lower <= rows_upper, lower <= upper],
+        memory=data,
+    )
+
+
+class DenseQP:
+    """The fused function of `dense_statement`: last tick's bounds where there are no rows, then qrqp; certified.
+
+    Parameters
+    ----------
+    tolerance : largest residual of an answer that the next solve starts from; after any other it starts from nothing.
+    compile : None follows `REHAB_OPT_COMPILE`.
+    """
+
+    def __init__(self, n: int, m: int, *, tolerance: float = 1e-8, compile: bool | None = None) -> None:
+        self.n, self.m, self._tolerance = n, m, tolerance
+        self._fused = BufferedFunction(compiled(dense_statement(n, m).fused, compile=compile))
+        self._state = self._fused.inputs[1]
+        self._start, self._data = self._state[: 2 * n + m], self._state[2 * n + m :]
+
+    def solve(self, data: Array, *, warm: bool) -> tuple[Array, float]:
+        """Answer (2 n + m,) and its residual, for `flat` data; warm: from the last answer."""
+        fused = self._fused
+        if not warm:
+            self._start[:] = 0.0
+        self._data[:] = data
+        answer, verdict = fused.outputs
+        verdict[0] = math.nan  # a failure inside leaves the outputs as they are
+        fused.evaluate()
+        residual = float(verdict[0]) if verdict[1] else math.inf
+        found: Array = answer[: self._start.size].copy()
+        self._start[:] = found if is_certified(residual, self._tolerance) else 0.0
+        return found, residual
+
+    def start_from(self, answer: Answer) -> None:
+        """Begin the next warm solve at an answer of another solver."""
+        self._start[:] = np.concatenate(answer[:3])
+
+    def parted(self, found: Array) -> Answer:
+        """An answer as other solvers give it."""
+        return Answer(found[: self.n], found[self.n : 2 * self.n], found[2 * self.n :], -1)
+
+    @staticmethod
+    def flat(qp: Instance) -> Array:
+        """The numbers of a QP as one column, as `dense_statement` has them."""
+        return np.concatenate([np.asarray(part).reshape(-1, order="F") for part in qp])
+
+
+class Certificate:
+    """Residual of any claim about QPs of one size, computed by us: see `certificate_function`."""
+
+    def __init__(self, n: int, m: int) -> None:
+        self._function = BufferedFunction(certificate_function(n, m))
+
+    def residual(self, qp: Instance, claim: Answer) -> float:
+        """Residual of the claim clipped into its bounds; NaN or infinite where a number is."""
+        # A claim of another shape is no answer to this QP.
+        for array, value in zip(self._function.inputs, (*qp, 1.0, *claim[:3]), strict=True):
+            given = np.asarray(value, dtype=np.float64)
+            if given.size != array.size:
+                return math.nan
+            array[...] = given.reshape(array.shape)
+        self._function()
+        return float(self._function.outputs[1][0])

@@ -1,0 +1,137 @@
+"""One solver's way through one sequence, cold or warm, with a hard limit on every solve."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+from rehab_opt.comparison.entrants import Entrant
+from rehab_opt.comparison.instances import Instances
+from rehab_opt.comparison.judgement import Judge, Judged, Outcome
+from rehab_opt.comparison.worker import Timed, TooLateError, Worker, WorkerDiedError
+
+__all__ = ["MODES", "Pass", "Rules", "passed"]
+
+MODES = {"qp": ("cold", "warm"), "nlp": ("cold",)}
+"""Of each kind of instances; programmes are no run in time, and start where their capability starts them."""
+BLOCKS = (250, 25, 1)
+"""Ticks a worker does before it reports, since a report between two solves cools the processor's caches. All of them
+share one limit: where it is passed, the next smaller number shows whether a tick hangs or all of them are slow."""
+MOST_TOO_LATE = 3
+"""Ticks of a pass that may be too late before the rest is not tried."""
+SETUP_SECONDS = 120.0
+"""Limit of making a solver: its imports, and a compiler."""
+
+
+class Rules(NamedTuple):
+    """What holds for every pass."""
+
+    limit: float
+    """[s] of one solve."""
+    repeats: int = 3
+    """Times a pass is made: the smallest time of each tick counts, since what disturbs only adds."""
+    patience: float = 2.0
+    """[s] of a pass from which it is not repeated."""
+    setup: float = SETUP_SECONDS
+
+
+class Pass(NamedTuple):
+    """What became of every tick."""
+
+    solver: str
+    sequence: str
+    mode: str
+    ticks: tuple[Judged, ...]
+
+
+def passed(
+    worker: Worker,
+    entrant: Entrant,
+    sequence: Instances,
+    *,
+    mode: str,
+    judge: Judge,
+    rules: Rules,
+    told: Callable[[int], None] = lambda _: None,
+) -> Pass:
+    """Solve every tick of `sequence`; a worker that hangs or dies is replaced.
+
+    Parameters
+    ----------
+    told : called with how many ticks are done.
+    """
+    best: list[Judged] = []
+    for _ in range(rules.repeats):
+        ticks = _once(worker, entrant, sequence, warm=mode == "warm", judge=judge, rules=rules, told=told)
+        best = [_better(*each) for each in zip(best, ticks, strict=True)] if best else ticks
+        spent = sum(tick.seconds for tick in ticks)
+        if spent > rules.patience or any(tick.outcome is Outcome.TOO_LATE for tick in ticks):
+            break
+    return Pass(entrant.name, sequence.name, mode, tuple(best))
+
+
+def _once(
+    worker: Worker,
+    entrant: Entrant,
+    sequence: Instances,
+    *,
+    warm: bool,
+    judge: Judge,
+    rules: Rules,
+    told: Callable[[int], None],
+) -> list[Judged]:
+    whole = len(sequence)
+    done: list[Judged] = []
+    begun, blocks, late = False, list(BLOCKS), 0
+    while len(done) < whole:
+        if late >= MOST_TOO_LATE:
+            why = f"{late} ticks before it were too late"
+            done += [Judged(Outcome.NOT_TRIED, math.inf, math.inf, math.nan, why)] * (whole - len(done))
+            break
+        if not begun:
+            refusal = _begun(worker, entrant, sequence, warm, rules)
+            if refusal:
+                done += [Judged(Outcome.RAISED, math.inf, math.inf, math.nan, refusal)] * (whole - len(done))
+                break
+            begun = True
+        first = len(done)
+        # An instance without an answer is where solvers hang: it goes alone.
+        last = first + 1
+        while last < min(first + blocks[0], whole) and not (judge.hopeless(last) or judge.hopeless(first)):
+            last += 1
+        answers: list[Timed] | None = None
+        try:
+            answers = worker.solved(first, last, limit=rules.limit)
+        except TooLateError:
+            ended = judge.too_late(first)
+        except WorkerDiedError as death:
+            ended = Judged(Outcome.RAISED, math.nan, math.inf, math.nan, str(death))
+        if answers is not None:
+            done += [judge.judged(first + i, timed) for i, timed in enumerate(answers)]
+        else:
+            begun = False
+            if last - first == 1:
+                late += 1
+                done.append(ended)
+            elif len(blocks) > 1:
+                blocks.pop(0)
+        told(len(done))
+    return done
+
+
+def _begun(worker: Worker, entrant: Entrant, sequence: Instances, warm: bool, rules: Rules) -> str:
+    """Why the solver cannot be made, or nothing."""
+    try:
+        return worker.begin(entrant, sequence, warm=warm, limit=rules.setup)
+    except TooLateError:
+        return f"not ready after {rules.setup:g} s"
+    except WorkerDiedError as death:
+        return str(death)
+
+
+def _better(one: Judged, other: Judged) -> Judged:
+    """The faster of two solves of the same tick; an answer that is not the same each time counts as its worse one."""
+    if one.outcome is not other.outcome:
+        return one if one.outcome is not Outcome.SOLVED else other
+    return one if one.seconds <= other.seconds else other

@@ -1,0 +1,182 @@
+"""The whole comparison: every solver on every sequence, cold and warm, and what is written of it."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.comparison.entrants import Entrant
+from rehab_opt.comparison.instances import Instances, RecordedQPs
+from rehab_opt.comparison.judgement import Judge
+from rehab_opt.comparison.machine import machine
+from rehab_opt.comparison.passes import MODES, Pass, Rules, passed
+from rehab_opt.comparison.programmes import Programmes, shipped_programmes
+from rehab_opt.comparison.recommendation import recommendation_grid, recommendations
+from rehab_opt.comparison.record import RECORD, Key, keep_pass, kept_passes, key_of, versions_of
+from rehab_opt.comparison.reference import ACCURACY, Reference
+from rehab_opt.comparison.sequence import read_sequence, shipped_sequences
+from rehab_opt.comparison.summary import Row, rows_of
+from rehab_opt.comparison.table import Grid, as_markdown, family_grids, overview_grids, refusal_grid
+from rehab_opt.comparison.worker import THREADS, Worker
+from rehab_opt.errors import ConfigurationError
+
+__all__ = ["Comparison", "chosen_sequences", "compare", "header", "write_comparison"]
+
+Progress = Callable[[str, int, int], None]
+
+
+class Comparison(NamedTuple):
+    """What a comparison has found, whole or as far as it got."""
+
+    passes: tuple[Pass, ...]
+    rows: tuple[Row, ...]
+    hopeless: dict[str, NDArray[np.bool_]]
+    """(T,) of each sequence: which ticks have no answer."""
+    about: dict[str, Any]
+    """Machine, versions, settings, sequences and their references."""
+
+    @property
+    def grids(self) -> list[Grid]:
+        """The tables, in the order in which they are read."""
+        refusals, advice = refusal_grid(self.rows), recommendation_grid(recommendations(self.rows))
+        tail = [grid for grid in (refusals, advice) if grid.cells]
+        return [*overview_grids(self.rows), *family_grids(self.rows), *tail]
+
+
+def chosen_sequences(families: Sequence[str] | None) -> tuple[Instances, ...]:
+    """The shipped sequences and programmes of these families; a name may also be that of one of them, or a file of QPs.
+
+    Raises
+    ------
+    ConfigurationError : a name of neither kind. ProblemFileError : a file that is no sequence.
+    """
+    programmes = shipped_programmes()
+    shipped = shipped_sequences() | programmes
+    known = tuple(dict.fromkeys(name.partition("/")[0] for name in shipped))
+    chosen: dict[str, Path] = {}
+    for name in families or known:
+        found = {each: path for each, path in shipped.items() if name in (each, each.partition("/")[0])}
+        if not found and Path(name).is_file():
+            found = {name: Path(name)}
+        if not found:
+            raise ConfigurationError("--family", name, f"a family: {', '.join(known)}; or a sequence, or its file")
+        chosen |= found
+    return tuple(
+        Programmes(path) if name in programmes else RecordedQPs(read_sequence(path)) for name, path in chosen.items()
+    )
+
+
+def compare(
+    sequences: Sequence[Instances],
+    entrants: Sequence[Entrant],
+    *,
+    out: Path,
+    rules: Rules,
+    progress: Progress = lambda *_: None,
+) -> Iterator[Comparison]:
+    """Solve everything; yields what is known after each sequence, the last one being all of it.
+
+    Every finished pass is a line of `passes.jsonl` in `out`; passes that stand there, of the same numbers, versions,
+    rules and processor, are not made again.
+
+    Parameters
+    ----------
+    progress : told what is done of each sequence, in passes.
+
+    Raises
+    ------
+    ConfigurationError : two sequences of one name.
+    """
+    if len({sequence.name for sequence in sequences}) < len(sequences):
+        raise ConfigurationError("--family", [sequence.name for sequence in sequences], "sequences of different names")
+    out.mkdir(parents=True, exist_ok=True)
+    here, kept = machine(), kept_passes(out / RECORD)
+    done: list[Pass] = []
+    hopeless: dict[str, NDArray[np.bool_]] = {}
+    about: dict[str, Any] = {
+        "machine": here,
+        "versions": {name: text for each in entrants for name, text in versions_of(each).items()},
+        "settings": {**rules._asdict(), "threads": dict(THREADS), "reference_residual": ACCURACY},
+        "sequences": {},
+    }
+    worker = Worker()
+    try:
+        for sequence in sequences:
+            known = sequence.references()
+            judge = Judge(sequence, known, limit=rules.limit)
+            hopeless[sequence.name] = np.array([judge.hopeless(tick) for tick in range(len(sequence))])
+            about["sequences"][sequence.name] = _described(sequence, known)
+            own = [(each, mode) for each in entrants if each.kind == sequence.kind for mode in MODES[sequence.kind]]
+            for i, (entrant, mode) in enumerate(own):
+                progress(sequence.name, i, len(own))
+                key: Key = key_of(entrant, sequence, mode, rules=rules, processor=here["processor"])
+                one = kept.get(key)
+                if one is None:
+                    one = passed(worker, entrant, sequence, mode=mode, judge=judge, rules=rules)
+                    keep_pass(out / RECORD, key, one)
+                done.append(one)
+            progress(sequence.name, len(own), len(own))
+            about["load_at_the_end"] = f"{os.getloadavg()[0]:.2f}" if hasattr(os, "getloadavg") else "unknown"
+            yield Comparison(tuple(done), rows_of(done, hopeless, limit=rules.limit), dict(hopeless), about)
+    finally:
+        worker.stop()
+
+
+def write_comparison(found: Comparison, out: Path) -> tuple[Path, ...]:
+    """Write results.json, table.md and the figures."""
+    from rehab_opt.comparison.figures import figures_of  # noqa: PLC0415  (matplotlib)
+
+    results, table = out / "results.json", out / "table.md"
+    content = {**found.about, "rows": [_strict(row._asdict()) for row in found.rows]}
+    results.write_text(json.dumps(_strict(content), indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    table.write_text(header(found) + "\n\n" + "\n".join(as_markdown(grid) for grid in found.grids), encoding="utf-8")
+    written = [results, table]
+    for name, figure in figures_of(found.passes, found.rows, found.hopeless).items():
+        written.append(out / f"{name}.png")
+        figure.savefig(written[-1])
+    return tuple(written)
+
+
+def header(found: Comparison) -> str:
+    """One paragraph: where it was measured, with what, by which rules."""
+    about, settings = found.about, found.about["settings"]
+    versions = ", ".join(f"{name} {text}" for name, text in sorted(about["versions"].items()))
+    here = ", ".join(f"{name}: {text}" for name, text in about["machine"].items())
+    return (
+        f"{here}, load at the end: {about.get('load_at_the_end')}, threads of a solver: 1. {versions}. "
+        f"Time limit of a solve {settings['limit']:g} s; each tick's time is the smallest of at most "
+        f"{settings['repeats']} passes; solved means certified at the sequence's tolerance."
+    )
+
+
+def _described(sequence: Instances, known: Sequence[Reference]) -> dict[str, Any]:
+    answered = [each for each in known if each.solver]
+    return {
+        "about": sequence.about,
+        "command": sequence.command,
+        "ticks": len(sequence),
+        "variables": sequence.sizes[0],
+        "rows": sequence.sizes[1],
+        "tolerance": sequence.tolerance,
+        "references": {name: sum(each.solver == name for each in known) for name in {each.solver for each in answered}},
+        "references_within_accuracy": sum(each.residual <= ACCURACY for each in answered),
+        "largest_reference_residual": max((each.residual for each in answered), default=math.nan),
+    }
+
+
+def _strict(value: Any) -> Any:
+    """The same with null for what JSON has no number for."""
+    if isinstance(value, Mapping):
+        return {str(key): _strict(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_strict(each) for each in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

@@ -1,0 +1,131 @@
+"""The rows of a comparison as text: on the terminal, and in Markdown."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from rich.table import Table
+
+from rehab_opt.comparison.judgement import Outcome
+from rehab_opt.comparison.summary import Row
+
+__all__ = ["Grid", "as_markdown", "as_table", "family_grids", "overview_grids", "refusal_grid"]
+
+SHORT = {
+    Outcome.WRONG: "wrong",
+    Outcome.NO_ANSWER: "none",
+    Outcome.TOO_LATE: "late",
+    Outcome.RAISED: "raised",
+    Outcome.NOT_TRIED: "not tried",
+}
+
+
+class Grid(NamedTuple):
+    """A table before it is drawn."""
+
+    title: str
+    columns: tuple[str, ...]
+    cells: list[tuple[str, ...]]
+
+
+def family_grids(rows: Sequence[Row]) -> list[Grid]:
+    """A grid for each family: warm solvers by their mean time, then cold ones."""
+    columns = (
+        "solver", "mode", "solved", "failures", "median, us", "p99", "p99.9", "largest", "mean", "error", "largest",
+    )  # fmt: skip
+    grids = []
+    for family in dict.fromkeys(row.family for row in rows):
+        own = sorted(
+            (row for row in rows if row.family == family and row.ticks), key=lambda row: (row.mode != "warm", row.mean)
+        )
+        if own:
+            title = f"{family}: {own[0].ticks} instances"
+            grids.append(Grid(title, columns, [_cells(row) for row in own]))
+    return grids
+
+
+def overview_grids(rows: Sequence[Row]) -> list[Grid]:
+    """Solvers by families: QPs warm, and programmes, which are only ever cold."""
+    grids = []
+    for title, mode, programmes in (
+        ("QPs of consecutive ticks, warm", "warm", False),
+        ("Nonlinear programmes", "cold", True),
+    ):
+        warm = {row.family for row in rows if row.mode == "warm"}
+        own = [row for row in rows if row.mode == mode and row.ticks and (row.family not in warm) is programmes]
+        families, solvers = (tuple(dict.fromkeys(getattr(row, key) for row in own)) for key in ("family", "solver"))
+        by_name = {(row.solver, row.family): row for row in own}
+        cells = [(solver, *(_overview(by_name.get((solver, family))) for family in families)) for solver in solvers]
+        if cells:
+            grids.append(Grid(f"{title}: mean time in us, and what share was solved", ("solver", *families), cells))
+    return grids
+
+
+def _overview(row: Row | None) -> str:
+    if row is None:
+        return "-"
+    if row.solved == 1.0:
+        return _microseconds(row.mean)
+    return f"{_microseconds(row.mean)} ({_share(row.solved)})" if row.solved >= 0.9 else f"({_share(row.solved)})"
+
+
+def refusal_grid(rows: Sequence[Row]) -> Grid:
+    """Infeasible and NaN instances: who says no, and when."""
+    columns = (
+        "family", "solver", "mode", "instances", "said no", "claimed an answer", "hung", "raised",
+        "median time to say no, us", "largest",
+    )  # fmt: skip
+    cells: list[tuple[str, ...]] = [
+        (
+            row.family, row.solver, row.mode, str(row.hopeless), str(row.said_no), str(row.claimed), str(row.hung),
+            str(row.raised), _microseconds(row.no_median), _microseconds(row.no_largest),
+        )
+        for row in rows if row.hopeless
+    ]  # fmt: skip
+    return Grid("Instances without an answer: infeasible ones, and NaN", columns, cells)
+
+
+def as_table(grid: Grid) -> Table:
+    """For the terminal."""
+    table = Table(title=grid.title, title_justify="left")
+    for i, column in enumerate(grid.columns):
+        table.add_column(column, justify="left" if i < 2 else "right", overflow="fold")
+    for cells in grid.cells:
+        table.add_row(*cells)
+    return table
+
+
+def as_markdown(grid: Grid) -> str:
+    """The same as a table of GitHub's kind."""
+    lines = [f"### {grid.title}", "", _line(grid.columns), _line(["---"] * len(grid.columns))]
+    return "\n".join([*lines, *(_line(cells) for cells in grid.cells), ""])
+
+
+def _line(cells: Sequence[str]) -> str:
+    return f"| {' | '.join(cells)} |"
+
+
+def _cells(row: Row) -> tuple[str, ...]:
+    failed = ", ".join(f"{row.failures[kind.value]} {word}" for kind, word in SHORT.items() if row.failures[kind.value])
+    times = (row.median, row.p99, row.p999, row.largest, row.mean)
+    errors = (row.error, row.largest_error)
+    return (
+        row.solver, row.mode, _share(row.solved), failed or "-", *(_microseconds(each) for each in times),
+        *(f"{each:.0e}" if math.isfinite(each) else "-" for each in errors),
+    )  # fmt: skip
+
+
+def _share(share: float) -> str:
+    """In per cent, and 100 only for all of them."""
+    return f"{math.floor(1e4 * share) / 100:g} %"
+
+
+def _microseconds(seconds: float) -> str:
+    if math.isnan(seconds):
+        return "-"
+    if math.isinf(seconds):
+        return "failed"
+    value = 1e6 * seconds
+    return f"{value:.1f}" if value < 99.5 else f"{float(f'{value:.3g}'):.0f}"

@@ -1,0 +1,175 @@
+"""A process that solves for another one: it may hang, crash or be killed, and nothing but its own solve is lost."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import time
+import warnings
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from multiprocessing.connection import Connection
+from typing import Any, NamedTuple
+
+from rehab_opt.comparison.entrants import Claim, Entrant
+from rehab_opt.comparison.instances import Instances
+
+__all__ = ["THREADS", "Timed", "TooLateError", "Worker", "WorkerDiedError"]
+
+THREADS: Mapping[str, str] = dict.fromkeys(
+    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "RAYON_NUM_THREADS"), "1"
+)
+"""Environment of a worker: a QP of this size gains nothing from threads, and their wake-up would be measured."""
+RAISED = (ArithmeticError, AssertionError, AttributeError, LookupError, MemoryError, OSError, RuntimeError, TypeError,
+          ValueError)  # fmt: skip
+"""What a solver's exception is reported as; one of any other kind ends the worker, which is reported too."""
+LONGEST = 300
+"""Characters of what a solver said."""
+
+
+class TooLateError(Exception):
+    """No answer within the limit; the worker was killed."""
+
+
+class WorkerDiedError(Exception):
+    """The worker ended by itself: a crash, or an exception of a kind that nobody expects of a solver."""
+
+
+class Timed(NamedTuple):
+    """One solve."""
+
+    seconds: float
+    claim: Claim | None
+    """None where it raised."""
+    raised: str = ""
+
+
+class Worker:
+    """One child process at a time, started when it is needed."""
+
+    def __init__(self) -> None:
+        self._process: Any = None
+        self._pipe: Any = None
+
+    def begin(self, entrant: Entrant, sequence: Instances, *, warm: bool, limit: float) -> str:
+        """Make the solver, after a first solve that pays for imports and compilation; "" or why it cannot be made."""
+        return str(self._asked(("begin", entrant, sequence, warm), limit))
+
+    def solved(self, first: int, last: int, *, limit: float) -> list[Timed]:
+        """The ticks first to last - 1 of what was begun, all together within the limit."""
+        answer: list[Timed] = self._asked(("solve", first, last), limit)
+        return answer
+
+    def stop(self) -> None:
+        """Kill the process, if there is one."""
+        if self._process is not None:
+            self._process.kill()
+            self._process.join()
+            self._pipe.close()
+            self._process = None
+
+    def _asked(self, question: tuple[Any, ...], limit: float) -> Any:
+        """The worker's answer.
+
+        Raises
+        ------
+        TooLateError, WorkerDiedError : there is none, and no process any more.
+        """
+        if self._process is None:
+            self._start()
+        try:
+            self._pipe.send(question)
+            if not self._pipe.poll(limit):
+                self.stop()
+                raise TooLateError
+            return self._pipe.recv()
+        except (EOFError, BrokenPipeError, ConnectionResetError) as problem:
+            self._process.join(5.0)
+            code = self._process.exitcode
+            self.stop()
+            raise WorkerDiedError(f"its process ended with code {code}") from problem
+
+    def _start(self) -> None:
+        context = multiprocessing.get_context("spawn")
+        self._pipe, theirs = context.Pipe()
+        self._process = context.Process(target=serve, args=(theirs,), daemon=True)
+        with _environment(THREADS), _deaf_to_interrupts():
+            self._process.start()
+        theirs.close()
+
+
+def serve(pipe: Connection) -> None:
+    """Answer until the other end is closed. Solvers write to the standard output even when asked not to."""
+    silence = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(silence, 1)
+    os.dup2(silence, 2)
+    warnings.simplefilter("ignore")
+    work: _Work | None = None
+    while True:
+        try:
+            kind, *what = pipe.recv()
+        except EOFError:
+            return
+        if kind == "begin":
+            try:
+                work = _Work(*what)
+            except RAISED as problem:
+                pipe.send(f"{type(problem).__name__}: {problem}"[:LONGEST])
+            else:
+                pipe.send("")
+        elif work is not None:
+            pipe.send([work.solved(tick) for tick in range(*what)])
+
+
+class _Work:
+    """A solver at its sequence."""
+
+    def __init__(self, entrant: Entrant, sequence: Instances, warm: bool) -> None:
+        self.sequence, self.warm = sequence, warm
+        self.solver = entrant.make(sequence, entrant.solver)
+        tame = next((i for i in range(len(sequence)) if not {"nan", "infeasible"} & {*sequence.marks_of(i)}), None)
+        if tame is not None:
+            self.solved(tame)
+            self.solver = entrant.make(sequence, entrant.solver)
+
+    def solved(self, tick: int) -> Timed:
+        qp, solver, warm = self.sequence[tick], self.solver, self.warm
+        clock = time.perf_counter
+        began = clock()
+        try:
+            given = solver.prepared(qp)
+            began = clock()
+            answered = solver.solve(given, warm=warm)
+            seconds = clock() - began
+            claim = solver.claim(qp, answered)
+        except RAISED as problem:
+            return Timed(clock() - began, None, f"{type(problem).__name__}: {problem}"[:LONGEST])
+        return Timed(seconds, claim)
+
+
+@contextmanager
+def _environment(values: Mapping[str, str]) -> Iterator[None]:
+    before = {name: os.environ.get(name) for name in values}
+    os.environ.update(values)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+@contextmanager
+def _deaf_to_interrupts() -> Iterator[None]:
+    """A process that starts meanwhile never sees Ctrl-C, which is for the one that starts it."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

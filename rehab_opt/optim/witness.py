@@ -1,0 +1,119 @@
+"""The QPs that solvers meet while a controller runs, kept for inspection; nothing is paid where nobody asks.
+
+A solver made within `witnessed` tells of every problem before it solves it. Whether anybody listens is decided where
+the solver is made, so that a tick without a witness is the same machine code as before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.optim.qp import Instance
+
+__all__ = ["Stream", "Witness", "witness_now", "witnessed"]
+
+Array = NDArray[np.float64]
+
+
+class Stream:
+    """The QPs of one solver, in the order in which it met them; the numbers that make them, until they are asked for.
+
+    Parameters
+    ----------
+    name : of the statement.
+    tolerance : certificate tolerance of who solves it.
+    make : the instance from what `see` is given.
+    skip, most : how many are let pass first, and how many are then kept.
+    """
+
+    def __init__(
+        self, name: str, tolerance: float, make: Callable[..., Instance], *, skip: int, most: int | None
+    ) -> None:
+        self.name, self.tolerance, self.met = name, tolerance, 0
+        self._make, self._skip, self._most = make, skip, most
+        self._seen: list[tuple[Array, ...]] = []
+
+    def see(self, *values: Array) -> None:
+        """One QP, by the numbers that make it; they are copied."""
+        self.met += 1
+        if self.met > self._skip and (self._most is None or len(self._seen) < self._most):
+            self._seen.append(tuple(np.array(value) for value in values))
+
+    def __len__(self) -> int:
+        return len(self._seen)
+
+    @property
+    def seen(self) -> list[tuple[Array, ...]]:
+        """The numbers that `see` was given, of those that were kept."""
+        return list(self._seen)
+
+    def instances(self) -> list[Instance]:
+        """Those that were kept."""
+        return [self._make(*values) for values in self._seen]
+
+
+class Witness:
+    """Streams of QPs, one for each solver that was made meanwhile; see `witnessed`."""
+
+    def __init__(self, *, skip: int = 0, most: int | None = None) -> None:
+        self.streams: list[Stream] = []
+        self.open = True
+        self._skip, self._most = skip, most
+        self._shared: dict[str, Stream] = {}
+
+    def stream(self, name: str, tolerance: float, make: Callable[..., Instance], *, shared: bool = False) -> Stream:
+        """A new stream, or, where it is shared, the one of that name."""
+        if shared and name in self._shared:
+            return self._shared[name]
+        found = Stream(name, tolerance, make, skip=self._skip, most=self._most)
+        self.streams.append(found)
+        if shared:
+            self._shared[name] = found
+        return found
+
+    def watched(
+        self,
+        solve: Callable[[], None],
+        stream: Stream,
+        values: Callable[[], tuple[Array, ...]],
+        *,
+        unless: Callable[[], bool] = lambda: False,
+    ) -> Callable[[], None]:
+        """`solve`, before which the stream sees the values of now; but not what is only tried again."""
+
+        def seen_and_solved() -> None:
+            if self.open and not unless():
+                stream.see(*values())
+            solve()
+
+        return seen_and_solved
+
+
+_NOW: ContextVar[Witness | None] = ContextVar("witness", default=None)
+
+
+def witness_now() -> Witness | None:
+    """Who wants to know of the solvers that are made now, or None."""
+    return _NOW.get()
+
+
+@contextmanager
+def witnessed(*, skip: int = 0, most: int | None = None) -> Iterator[Witness]:
+    """Within it, solvers that are made tell of their QPs; what is made before or after does not.
+
+    Parameters
+    ----------
+    skip, most : of each solver's QPs, how many are let pass first, and how many are then kept; None for all.
+    """
+    witness = Witness(skip=skip, most=most)
+    token = _NOW.set(witness)
+    try:
+        yield witness
+    finally:
+        _NOW.reset(token)
+        witness.open = False

@@ -1,0 +1,84 @@
+"""A whole comparison: what it writes, and that an interrupted one goes on where it stopped."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from rehab_opt.comparison.entrants import Entrant
+from rehab_opt.comparison.instances import RecordedQPs
+from rehab_opt.comparison.passes import Rules
+from rehab_opt.comparison.record import RECORD
+from rehab_opt.comparison.run import Comparison, chosen_sequences, compare, write_comparison
+from rehab_opt.comparison.sequence import write_sequence
+from rehab_opt.errors import ConfigurationError
+from tests.comparison.fake_solvers import boxes, counted, entrant
+
+RULES = Rules(limit=0.5, repeats=1)
+NAN = ((), ("nan",), (), (), (), ())
+
+
+def whole(out: Path, who: list[Entrant], **options: object) -> Comparison:
+    sequences = [RecordedQPs(each) for each in (boxes(), boxes(name="box/second"), boxes(name="other/nan", marks=NAN))]
+    return list(compare(sequences, who, out=out, rules=RULES, **options))[-1]  # type: ignore[arg-type]
+
+
+def test_a_table_figures_and_numbers_are_written(tmp_path: Path) -> None:
+    found = whole(tmp_path, [entrant("is honest"), entrant("lies")])
+    written = {path.name for path in write_comparison(found, tmp_path)}
+    figures = {f"{family}_{kind}.png" for family in ("box", "other") for kind in ("profile", "times", "accuracy")}
+    assert written == {"results.json", "table.md", *figures}
+    assert all((tmp_path / name).read_bytes().startswith(b"\x89PNG") for name in figures)
+    results = json.loads((tmp_path / "results.json").read_text())
+    assert results["settings"]["threads"]["OMP_NUM_THREADS"] == "1"
+    assert results["machine"]["processor"]
+    rows = {(row["family"], row["solver"], row["mode"]): row for row in results["rows"]}
+    assert rows["box", "is honest", "warm"]["solved"] == 1.0
+    assert rows["box", "lies", "cold"]["failures"]["wrong answer"] == 2
+    assert rows["other", "is honest", "cold"]["claimed"] == 1
+    table = (tmp_path / "table.md").read_text()
+    assert "### box: 12 instances" in table
+    assert "2 wrong" in table
+
+
+def test_what_is_done_is_not_done_again(tmp_path: Path) -> None:
+    made = tmp_path / "made"
+    who = Entrant("counted", counted, str(made))
+
+    class Stopped(Exception):  # noqa: N818
+        pass
+
+    def interrupt(sequence: str, done: int, of: int) -> None:
+        if sequence == "box/second" and done == 1:
+            raise Stopped
+
+    with pytest.raises(Stopped):
+        whole(tmp_path, [who], progress=interrupt)
+    assert len((tmp_path / RECORD).read_text().splitlines()) == 3
+    before = len(made.read_text())
+    with (tmp_path / RECORD).open("a") as record:
+        record.write('{"solver": "counted", "sequence": "box/sec')  # cut off while it was written
+    found = whole(tmp_path, [who])
+    again = len(made.read_text()) - before
+    assert len(found.passes) == 6
+    assert again == before  # three passes then, three now
+    assert repr(whole(tmp_path, [who]).rows) == repr(found.rows)  # NaN is not equal to itself
+    assert len(made.read_text()) == 2 * before
+
+
+def test_other_rules_are_another_measurement(tmp_path: Path) -> None:
+    made = tmp_path / "made"
+    who = Entrant("counted", counted, str(made))
+    list(compare([RecordedQPs(boxes())], [who], out=tmp_path, rules=RULES))
+    before = len(made.read_text())
+    list(compare([RecordedQPs(boxes())], [who], out=tmp_path, rules=RULES._replace(limit=0.6)))
+    assert len(made.read_text()) == 2 * before
+
+
+def test_a_sequence_is_chosen_by_its_file(tmp_path: Path) -> None:
+    write_sequence(tmp_path / "boxes.npz", boxes())
+    assert [sequence.name for sequence in chosen_sequences([str(tmp_path / "boxes.npz")])] == ["box/plain"]
+    with pytest.raises(ConfigurationError, match="--family"):
+        chosen_sequences(["no such family"])

@@ -1,0 +1,102 @@
+"""Every way in which a solver can fail is told apart, and costs nobody else an answer."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from rehab_opt.comparison.entrants import Entrant
+from rehab_opt.comparison.instances import RecordedQPs
+from rehab_opt.comparison.judgement import Judge, Outcome
+from rehab_opt.comparison.passes import Pass, Rules, passed
+from rehab_opt.comparison.reference import references
+from rehab_opt.comparison.sequence import QPSequence
+from rehab_opt.comparison.worker import Worker
+from tests.comparison.fake_solvers import SLEEP, TRAP, boxes, entrant, gullible, unmakeable, wary
+
+RULES = Rules(limit=0.5, repeats=2)
+S = Outcome.SOLVED
+
+
+@pytest.fixture(scope="module")
+def worker() -> Iterator[Worker]:
+    made = Worker()
+    yield made
+    made.stop()
+
+
+def run(worker: Worker, who: Entrant, sequence: QPSequence, mode: str = "cold") -> Pass:
+    recorded = RecordedQPs(sequence)
+    judge = Judge(recorded, references(sequence), limit=RULES.limit)
+    return passed(worker, who, recorded, mode=mode, judge=judge, rules=RULES)
+
+
+@pytest.mark.parametrize(
+    ("how", "outcome"),
+    [
+        ("lies", Outcome.WRONG),
+        ("gives NaN", Outcome.WRONG),
+        ("gives up", Outcome.NO_ANSWER),
+        ("raises", Outcome.RAISED),
+        ("dies", Outcome.RAISED),
+        ("is modest", Outcome.SOLVED),
+        ("is honest", Outcome.SOLVED),
+    ],
+)
+def test_each_failure_has_its_own_name_and_concerns_its_own_tick(worker: Worker, how: str, outcome: Outcome) -> None:
+    done = run(worker, entrant(how), boxes())
+    assert [tick.outcome for tick in done.ticks] == [S, S, outcome, S, S, S]
+    for tick in done.ticks:
+        if tick.outcome is S:
+            assert tick.residual <= 1e-8
+            assert tick.distance <= 1e-9
+            assert 0 < tick.seconds < RULES.limit
+        else:
+            assert math.isnan(tick.distance)
+
+
+def test_what_was_raised_is_kept(worker: Worker) -> None:
+    assert run(worker, entrant("raises"), boxes()).ticks[TRAP].said == "ZeroDivisionError: one over nothing"
+
+
+def test_a_solver_that_sleeps_is_killed_in_time_and_the_other_ticks_are_kept(worker: Worker) -> None:
+    run(worker, entrant("is honest"), boxes())  # the process is there, so that its start is not measured
+    began = time.monotonic()
+    done = run(worker, entrant("sleeps"), boxes(), "warm")
+    assert time.monotonic() - began < SLEEP / 2
+    assert [tick.outcome for tick in done.ticks] == [S, S, Outcome.TOO_LATE, S, S, S]
+    assert done.ticks[TRAP].seconds == RULES.limit
+
+
+def test_a_solver_that_cannot_be_made_says_why(worker: Worker) -> None:
+    done = run(worker, Entrant("never", unmakeable, "it needs more rows"), boxes())
+    assert {tick.outcome for tick in done.ticks} == {Outcome.RAISED}
+    assert done.ticks[0].said == "ValueError: it needs more rows"
+
+
+def test_on_instances_without_an_answer_only_a_no_is_right(worker: Worker) -> None:
+    sequence = boxes(marks=((), ("nan",), (), ("infeasible",), (), ()))
+    careful, naive = run(worker, Entrant("wary", wary), sequence), run(worker, Entrant("gullible", gullible), sequence)
+    assert [careful.ticks[i].outcome for i in (1, 3)] == [Outcome.SAID_NO] * 2
+    assert [naive.ticks[i].outcome for i in (1, 3)] == [Outcome.CLAIMED] * 2
+    assert [careful.ticks[i].outcome for i in (0, 2, 4, 5)] == [S] * 4
+    assert {naive.ticks[i].outcome for i in (0, 2, 4, 5)} == {Outcome.WRONG}
+
+
+def test_one_that_hangs_again_and_again_is_not_tried_for_ever(worker: Worker) -> None:
+    sequence = boxes(marks=((), ("nan",), ("nan",), ("nan",), ("nan",), ("nan",)))
+    done = run(worker, Entrant("wary", wary, "sleeps"), sequence)
+    assert [tick.outcome for tick in done.ticks] == [S, *[Outcome.TOO_LATE] * 3, *[Outcome.NOT_TRIED] * 2]
+
+
+def test_the_reference_is_the_closed_form() -> None:
+    from tests.comparison.fake_solvers import exact  # noqa: PLC0415
+
+    sequence = boxes(50)
+    for qp, known in zip(sequence, references(sequence), strict=True):
+        assert known.residual <= 1e-10
+        assert np.abs(known.x - exact(qp).x).max() <= 1e-12
