@@ -31,7 +31,8 @@ LAYERS = {
     "control": {"errors", "symbolic", "kinematics", "optim", "workspace", "field"},
     "published": {"errors", "symbolic", "kinematics"},
     "session": {"errors", "symbolic", "kinematics", "optim", "workspace", "field", "control", "published"},
-    "cli": {"errors", "session"},
+    "export": {"errors", "optim", "control", "session"},
+    "cli": {"errors", "session", "export"},
 }
 
 
