@@ -40,4 +40,10 @@ def _pose_tracking(loaded: ProblemFile[Any], progress: Progress) -> Sequence[Exp
     return (exported_pose_tracker(loaded, progress=progress),)
 
 
-EXPORTERS: Mapping[str, Exporter] = MappingProxyType({"pose_tracking": _pose_tracking})
+def _ardis(loaded: ProblemFile[Any], progress: Progress) -> Sequence[ExportedController]:
+    from rehab_opt.export.controllers.redundancy import exported_resolvers  # noqa: PLC0415
+
+    return exported_resolvers(loaded, progress=progress)
+
+
+EXPORTERS: Mapping[str, Exporter] = MappingProxyType({"pose_tracking": _pose_tracking, "ardis": _ardis})

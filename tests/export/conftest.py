@@ -4,17 +4,40 @@ from __future__ import annotations
 
 import shutil
 import subprocess
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from rehab_opt.export.export_c import export_c
 from rehab_opt.session.files import load_problem
+from tests.export.calling_c import ROBOT, SECONDS, Built, Exported
 
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Werror")
 ARITHMETIC = ("-fno-math-errno", "-ffp-contract=off")
-SECONDS = 120.0
+
+CHAIR = """
+system = "ardis"
+title = "out of a corner and up"
+[stick]
+mecanum = "stick.csv"
+differential = "stick.csv"
+[room]
+walls = [{ normal = [1.0, 0.0], offset_m = 1.2 }]
+posts = [{ centre_m = [0.2, 1.0], radius_m = 0.2 }]
+"""
+STICK = """t_s,forward,left,switch,gripper
+0,0,0,0,0
+0.2,1,0.3,0,0
+1.8,0,0,0,0
+2,0,0,1,0
+2.1,0,0,0,0
+2.3,0.8,-0.6,0,0
+3.2,0,0,0,0
+3.4,0,0,1,0
+3.5,0,0,0,0
+3.7,-0.5,1,0,0
+4.6,0,0,0,0
+"""
 
 
 @pytest.fixture(scope="session")
@@ -27,34 +50,38 @@ def c_compiler() -> str:
 
 
 @pytest.fixture(scope="session")
-def exported(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
-    """Folder of the C files of a problem."""
+def chair(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """A short problem of chair and arm, with both sets of rows, a wall and a post."""
+    folder = tmp_path_factory.mktemp("chair")
+    (folder / "stick.csv").write_text(STICK)
+    (folder / "chair.toml").write_text(CHAIR)
+    return str(folder / "chair.toml")
+
+
+@pytest.fixture(scope="session")
+def exported(tmp_path_factory: pytest.TempPathFactory, chair: str) -> Exported:
+    """Folder of the C files of a controller: `pose_tracker`, `redundancy_mecanum`, `redundancy_differential`."""
     folders: dict[str, Path] = {}
 
-    def folder(problem: str) -> Path:
+    def folder(name: str) -> Path:
+        problem = ROBOT if name == "pose_tracker" else chair
         if problem not in folders:
             folders[problem] = tmp_path_factory.mktemp("c") / "exported"
             export_c(load_problem(problem), folders[problem])
-        return folders[problem]
+        return folders[problem] if name == "pose_tracker" else folders[problem] / name
 
     return folder
 
 
 @pytest.fixture(scope="session")
-def built(c_compiler: str) -> Callable[..., Path]:
+def built(c_compiler: str) -> Built:
     """Compile files of a folder, with the flags of the project's CMake file and more, into a product beside them."""
 
     def product(folder: Path, name: str, *files: str, flags: tuple[str, ...] = ()) -> Path:
-        command = [c_compiler, *WARNINGS, *ARITHMETIC, *flags, *files, "-o", name, "-lm"]
-        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=SECONDS)
-        assert done.returncode == 0, done.stderr
+        if not (folder / name).exists():
+            command = [c_compiler, *WARNINGS, *ARITHMETIC, *flags, *files, "-o", name, "-lm"]
+            done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=SECONDS)
+            assert done.returncode == 0, done.stderr
         return folder / name
 
     return product
-
-
-def ran(program: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """What a program printed and how it ended."""
-    return subprocess.run(
-        [program, *arguments], cwd=program.parent, capture_output=True, text=True, check=False, timeout=SECONDS
-    )
