@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 
 from rehab_opt.control.watchdog import DRIFT
-from rehab_opt.export.c_text import filled, indented, initialiser, number
+from rehab_opt.export.c_text import comment, filled, indented, initialiser, number
 from rehab_opt.export.exported import ExportedController
 from rehab_opt.export.generated import Generated, generated, renamed
 from rehab_opt.export.reasons import REASONS
@@ -87,8 +87,8 @@ def _values(exported: ExportedController, code: Generated, problem: str) -> dict
         **{name: str(size) for name, size in sizes.items()},
         "name": exported.name,
         "guard": exported.name.upper(),
-        "title": exported.title,
-        "problem": problem,
+        "title": comment(exported.title),
+        "problem": comment(problem),
         "casadi": ca.CasadiMeta.version(),
         "notice": "\n".join(f" *     {line}" for line in code.notice.splitlines()),
         "notice_quoted": "\n".join(f"> {line}  " for line in code.notice.splitlines()),
@@ -110,7 +110,7 @@ def _values(exported: ExportedController, code: Generated, problem: str) -> dict
         "call": exported.call,
         "usage": exported.usage,
         "recording": recording.about,
-        "comment": f"The recorded run: {recording.about}.",
+        "comment": f"The recorded run: {comment(recording.about)}.",
         "fields": recording.fields(),
         "ticks": ",\n".join(recording.initialisers()),
         "differences": "\n".join(f"- {sentence}" for sentence in exported.differences),

@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterable, Mapping
 from string import Template
 
-__all__ = ["filled", "indented", "initialiser", "number"]
+__all__ = ["comment", "filled", "indented", "initialiser", "number"]
 
 
 def number(value: float) -> str:
@@ -22,6 +22,12 @@ def number(value: float) -> str:
 def initialiser(values: Iterable[float]) -> str:
     """{a, b, c}"""
     return "{" + ", ".join(number(value) for value in values) + "}"
+
+
+def comment(text: str) -> str:
+    """Text that neither ends a C comment, nor begins one in it, nor breaks its line."""
+    line = "".join(letter if letter.isprintable() else " " for letter in text)
+    return line.replace("\\", "/").replace("*/", "* /").replace("/*", "/ *")
 
 
 def indented(lines: Iterable[str]) -> str:

@@ -19,6 +19,10 @@ DEFINITION = re.compile(r"^(?=(?:casadi_real|casadi_int|void|int) casadi_\w+\()"
 """Where a function of CasADi's runtime begins: each is visible to the linker as it comes."""
 
 
+UNUSED = ("#include <stdarg.h>\n", "#include <stdio.h>\n")
+"""Nothing is printed; a robot's processor may have no such thing."""
+
+
 class Generated(NamedTuple):
     """C of some functions, and the largest work space that one of them needs."""
 
@@ -46,6 +50,8 @@ def generated(functions: Sequence[ca.Function]) -> Generated:
     notice, end, code = text.partition("*/")
     if not (notice.startswith("/*") and end and OLD_C in code):
         raise RuntimeError(f"casadi {ca.CasadiMeta.version()} writes C of another form than is known here")
+    for unused in UNUSED:
+        code = code.replace(unused, "")
     lines = (line.strip(" *") for line in notice.removeprefix("/*").splitlines())
     return Generated(
         code=DEFINITION.sub("static ", code.replace(OLD_C, COMPARISONS)).strip() + "\n",

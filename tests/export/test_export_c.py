@@ -5,8 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from rehab_opt.cli import main
+from rehab_opt.export.c_text import comment
 from rehab_opt.export.exporters import EXPORTERS
 
 NAMES = {"CMakeLists.txt", "README.md", "main.c", "recorded_run.csv", "recorded_run.h"}
@@ -26,6 +29,16 @@ def ended(*arguments: str) -> int:
     with pytest.raises(SystemExit) as end:
         main(list(arguments))
     return int(end.value.code or 0)
+
+
+@settings(max_examples=200)
+@given(text=st.text())
+def test_a_comment_of_any_title_is_one_line_and_one_comment(text: str) -> None:
+    whole = f"/* {comment(text)} */"
+    assert whole.count("/*") == 1
+    assert whole.index("*/") == len(whole) - 2
+    assert len(whole.splitlines()) == 1
+    assert "\\" not in whole
 
 
 @pytest.fixture
