@@ -31,7 +31,7 @@ LAYERS = {
     "control": {"errors", "symbolic", "kinematics", "optim", "workspace", "field"},
     "published": {"errors", "symbolic", "kinematics"},
     "session": {"errors", "symbolic", "kinematics", "optim", "workspace", "field", "control", "published"},
-    "export": {"errors", "optim", "control", "session"},
+    "export": {"errors", "optim", "workspace", "field", "control", "session"},
     "cli": {"errors", "session", "export"},
 }
 

@@ -35,6 +35,12 @@ REASONS = (
     Reason("ROWS_DEPENDENT", "the rows are dependent at this posture", "the rows are dependent"),
     Reason("ROWS_UNKNOWN", "rows or frame that this controller was not made for", None),
     Reason("NOT_INITIALISED", "the controller was not initialised", None),
+    Reason("POSITION_UNUSABLE", "x is not a usable position", "not a usable position"),
+    Reason("VELOCITY_UNUSABLE", "v is not a usable velocity", "not a usable velocity"),
+    Reason("HAND_TOO_FAST", "the hand moves faster than its speed cap", "hand moves at"),
+    Reason("POSITION_JUMPED", "the position moved faster than a hand", "position moved"),
+    Reason("ENERGY_SPENT", "energy left does not afford a slower release", "energy left does not afford"),
+    Reason("FIELD_NO_NUMBER", "the field gives no number here", "the field gives no number here"),
 )
 """In the order of their numbers, which never change."""
 

@@ -10,7 +10,7 @@ from rehab_opt.control.command import Command
 from rehab_opt.control.pose_tracker import PoseTracker
 from rehab_opt.control.wanted import PASSES
 from rehab_opt.errors import ProblemFileError
-from rehab_opt.export.exported import ExportedController, Law
+from rehab_opt.export.exported import ExportedController, ExportedVelocity, Law
 from rehab_opt.export.recording import Tick, recorded, thinned, with_faults
 from rehab_opt.optim.ladder import FUSED
 from rehab_opt.session.files import ProblemFile
@@ -66,7 +66,7 @@ def exported_pose_tracker(loaded: ProblemFile[PoseTracking], *, progress: Progre
     def answer(tick: Tick) -> Command:
         return tracker.step(tick["q"], tick["pose"], tick["twist"], enable=tick["enable"], stamp=tick["stamp"])
 
-    return ExportedController(
+    return ExportedVelocity(
         name="pose_tracker",
         title=f"{problem.title}: joint velocities that make a tool follow a pose",
         laws=(Law("pose_tracker", tracker),),

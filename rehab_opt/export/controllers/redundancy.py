@@ -13,7 +13,7 @@ from rehab_opt.control.obstacles import NUMBERS
 from rehab_opt.control.redundancy import FRAMES, RedundancyResolver
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.export.c_text import indented, initialiser, number
-from rehab_opt.export.exported import ExportedController, Law
+from rehab_opt.export.exported import ExportedController, ExportedVelocity, Law
 from rehab_opt.export.recording import Recording, Tick, recorded, thinned, with_faults
 from rehab_opt.optim.ladder import FUSED
 from rehab_opt.session.ardis.loop import Answer, Array, Optimised, moved
@@ -73,7 +73,7 @@ def _exported(loaded: ProblemFile[ArdisProblem], drive: DriveName, *, progress: 
     active = list(resolver._sets.values())
     places = active[0].slots
     rows = [f"REHAB_{name.upper()}_{'_'.join(names).upper()}" for names in resolver.row_sets]
-    return ExportedController(
+    return ExportedVelocity(
         name=name,
         title=f"{loaded.problem.title}: joint velocities of a chair with an arm, {drive} drive",
         laws=[
