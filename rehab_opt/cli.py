@@ -1,4 +1,4 @@
-"""The command `rehab-opt`: run, list and check problem files, one or many.
+"""The command `rehab-opt`: run, list and check problem files, one or many; export their controllers.
 
 Bad input ends with one line on the error stream and exit code 2; nothing is written then.
 """
@@ -199,6 +199,27 @@ def bench(
         raise typer.Exit(130) from None
 
 
+@app.command(name="export-c")
+def export_controller(
+    file: Problem,
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the C files; made where it is absent.")],
+) -> None:
+    """Write a problem's controller as C: one source and header, a recorded run that it repeats, and how to build it."""
+    from rehab_opt.export.export_c import export_c  # noqa: PLC0415
+    from rehab_opt.session.files import load_problem  # noqa: PLC0415
+
+    loaded = load_problem(file)
+    with _bars() as progress:
+        written = export_c(loaded, _writable(folder, argument="DIR"), progress=progress)
+    for place in sorted({path.parent for path in written}):
+        names = ", ".join(path.name for path in written if path.parent == place)
+        print(f"written to {place}: {names}")
+        print(
+            f"build and compare with Python: cmake -S {place} -B {place / 'build'} && cmake --build {place / 'build'} "
+            f"&& {place / 'build' / 'example'}"
+        )
+
+
 def _run_with_progress(loaded: ProblemFile[Any], **options: str | None) -> Outcome:
     from rehab_opt.session.run import run_problem  # noqa: PLC0415
 
@@ -226,14 +247,14 @@ def _bars() -> Iterator[Progress]:
         yield progress
 
 
-def _writable(folder: Path) -> Path:
-    """The folder of `--out`, refused before the run where it cannot take its files."""
+def _writable(folder: Path, *, argument: str = "--out") -> Path:
+    """The folder of `argument`, refused before the run where it cannot take its files."""
     from rehab_opt.session.report import checked_folder  # noqa: PLC0415
 
     try:
-        return checked_folder(folder)
+        return checked_folder(folder, argument=argument)
     except OSError as problem:
-        raise ConfigurationError("--out", str(folder), f"a folder's name ({problem.strerror})") from problem
+        raise ConfigurationError(argument, str(folder), f"a folder's name ({problem.strerror})") from problem
 
 
 def _refuse(problem: RehabOptError) -> NoReturn:

@@ -42,7 +42,8 @@ LAYERS = {
         "published",
         "session",
     },
-    "cli": {"errors", "session", "comparison"},
+    "export": {"errors", "optim", "workspace", "field", "control", "session"},
+    "cli": {"errors", "session", "comparison", "export"},
 }
 
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from rehab_opt.field.samples import Samples
 from rehab_opt.symbolic import BufferedFunction, compiled
 
-__all__ = ["field_function", "field_function_in_blocks", "field_kernel"]
+__all__ = ["field_function", "field_function_in_blocks", "field_kernel", "field_table"]
 
 BLOCK = 10
 """Samples that compiled code sums at once: half the time of a pass over all of them for every operation."""
@@ -30,20 +30,24 @@ ABSENT = -1e300
 
 def field_kernel(samples: Samples, width: float, *, compile: bool | None = None) -> BufferedFunction:
     """From x (2,): energy [J], elastic force (2,) [N]; the samples stand in the other inputs."""
-    points, offsets, stiffness, log_weights, lean = samples
-    count = len(points)
-    filled = -(-count // BLOCK) * BLOCK
-    in_blocks = field_function_in_blocks(filled)
+    count, table = len(samples.points), field_table(samples)
+    in_blocks = field_function_in_blocks(len(table))
     function = compiled(in_blocks, compile=compile)
-    table = np.column_stack((points, offsets, log_weights, stiffness, lean))
     if function is in_blocks:  # not compiled: the virtual machine is better at few operations on long columns
         kernel = BufferedFunction(field_function(count))
-        kernel.inputs[1][...] = table
+        kernel.inputs[1][...] = table[:count]
     else:
         kernel = BufferedFunction(function)
-        kernel.inputs[1][...] = _filled_up(table, filled).T
+        kernel.inputs[1][...] = table.T
     kernel.inputs[2][...] = 1 / width**2
     return kernel
+
+
+def field_table(samples: Samples) -> NDArray[np.float64]:
+    """(size, 8) the samples as `field_function` takes them, filled up to a multiple of `BLOCK` with absent ones."""
+    points, offsets, stiffness, log_weights, lean = samples
+    table = np.column_stack((points, offsets, log_weights, stiffness, lean))
+    return _filled_up(table, -(-len(table) // BLOCK) * BLOCK)
 
 
 def field_function(size: int) -> ca.Function:

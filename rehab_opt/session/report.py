@@ -18,8 +18,8 @@ __all__ = ["checked_folder", "write_report", "write_results"]
 SOFTWARE = ("rehab_opt", "casadi", "numpy", "ruckig")
 
 
-def checked_folder(folder: Path) -> Path:
-    """Refuse, before a run, a folder that cannot take its files.
+def checked_folder(folder: Path, *, argument: str = "--out") -> Path:
+    """Refuse, before a run, a folder that cannot take its files; `argument` is what the user calls it.
 
     Raises
     ------
@@ -27,7 +27,7 @@ def checked_folder(folder: Path) -> Path:
     """
     existing = next(path for path in (folder, *folder.absolute().parents) if path.exists())
     if not existing.is_dir() or not os.access(existing, os.W_OK | os.X_OK):
-        raise ConfigurationError("--out", str(folder), "a folder that can be written to")
+        raise ConfigurationError(argument, str(folder), "a folder that can be written to")
     return folder
 
 

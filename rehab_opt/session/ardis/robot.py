@@ -107,9 +107,14 @@ def joystick_of(loaded: ProblemFile[ArdisProblem]) -> Joystick:
 
 
 def resolver_of(
-    loaded: ProblemFile[ArdisProblem], robot: MobileArm, drive: DriveName, *, solver: str | None = None
+    loaded: ProblemFile[ArdisProblem],
+    robot: MobileArm,
+    drive: DriveName,
+    *,
+    solver: str | None = None,
+    backup: str | None = None,
 ) -> RedundancyResolver:
-    """The controller with the file's room, and functions for the modes of its stick.
+    """The controller with the file's room, and functions for the modes of its stick; `backup` as it takes it.
 
     Raises
     ------
@@ -129,6 +134,7 @@ def resolver_of(
             obstacles=room_of(loaded),
             self_motion=run.self_motion,
             dt=1 / run.rate_hz,
+            backup=backup,
             # A run is over before a compiler would be; the answers are the same.
             compile=False,
             **chosen,

@@ -112,8 +112,10 @@ def run_pose_tracking(
     )
 
 
-def tracker_of(problem: PoseTracking, robot: SerialChain, *, file: str, solver: str | None = None) -> PoseTracker:
-    """The tracker with the file's parameters.
+def tracker_of(
+    problem: PoseTracking, robot: SerialChain, *, file: str, solver: str | None = None, backup: str | None = None
+) -> PoseTracker:
+    """The tracker with the file's parameters; `backup` as `PoseTracker` takes it.
 
     Raises
     ------
@@ -125,7 +127,7 @@ def tracker_of(problem: PoseTracking, robot: SerialChain, *, file: str, solver: 
     given = {"gain": problem.tracker.gain_per_s, "solver": solver or problem.tracker.solver}
     chosen: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
     try:
-        return PoseTracker(robot, dt=1 / problem.tracker.rate_hz, **chosen)
+        return PoseTracker(robot, dt=1 / problem.tracker.rate_hz, backup=backup, **chosen)
     except ConfigurationError as refused:
         if refused.argument == "solver" and solver is not None:
             raise

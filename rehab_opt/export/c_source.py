@@ -1,0 +1,76 @@
+"""The files of one exported controller, as text."""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from rehab_opt.export.c_text import comment, filled, indented
+from rehab_opt.export.exported import ExportedController
+from rehab_opt.export.generated import Generated, generated
+from rehab_opt.export.reasons import REASONS
+
+__all__ = ["files_of"]
+
+BYTES = 8
+"""Of a number or an address."""
+
+
+def files_of(exported: ExportedController, *, problem: str) -> dict[str, str]:
+    """Content of every file by its name; `problem` is what the controller was made from."""
+    functions = exported.functions()
+    code = generated(functions)
+    values = _values(exported, code, problem)
+    values["work_functions"] = ", ".join(f"{function.name()}_work" for function in functions)
+    values["command"] = filled("rehab_command.h", values)
+    values["watchdog"] = filled("watchdog.c", values)
+    values |= {"memory": filled(f"{exported.core}.h", values), "core": filled(f"{exported.core}.c", values)}
+    header = filled("header.h", {**values, "interface": filled(f"{exported.interface}.h", values)})
+    source = filled("source.c", {**values, "interface": filled(f"{exported.interface}.c", values)})
+    return {
+        f"rehab_{exported.name}.h": header + "\n",
+        f"rehab_{exported.name}.c": source + "\n",
+        "recorded_run.h": filled("recorded_run.h", values) + "\n",
+        "recorded_run.csv": exported.recording.csv(),
+        "main.c": filled("main.c", values) + "\n",
+        "CMakeLists.txt": filled("CMakeLists.txt", values) + "\n",
+        "README.md": filled("README.md", values) + "\n",
+    }
+
+
+def _values(exported: ExportedController, code: Generated, problem: str) -> dict[str, str]:
+    """What stands for the names in the templates."""
+    shape, recording = exported.shape(), exported.recording
+    arguments, results, reals = max(code.arguments, 3), max(code.results, 3), max(code.reals, 1)
+    memory = BYTES * (int(shape["numbers"]) + arguments + results + reals + code.integers)
+    return {
+        **shape,
+        "arguments": str(arguments),
+        "results": str(results),
+        "integers": str(code.integers),
+        "reals": str(reals),
+        "name": exported.name,
+        "guard": exported.name.upper(),
+        "title": comment(exported.title),
+        "problem": comment(problem),
+        "casadi": ca.CasadiMeta.version(),
+        "notice": "\n".join(f" *     {line}" for line in code.notice.splitlines()),
+        "notice_quoted": "\n".join(f"> {line}  " for line in code.notice.splitlines()),
+        "generated": code.code,
+        "iterations": str(exported.iterations),
+        "solves": str(exported.solves),
+        "reason_constants": indented(
+            f"REHAB_{reason.name}{',' if reason is not REASONS[-1] else ''}" for reason in REASONS
+        ),
+        "reason_cases": indented(f'case REHAB_{reason.name}: return "{reason.text}";' for reason in REASONS),
+        "more_memory": indented(exported.more_memory.splitlines()),
+        "call": exported.call,
+        "usage": exported.usage,
+        "recording": recording.about,
+        "comment": f"The recorded run: {comment(recording.about)}.",
+        "fields": recording.fields(),
+        "ticks": ",\n".join(recording.initialisers()),
+        "count": str(len(recording.ticks)),
+        "differences": "\n".join(f"- {sentence}" for sentence in exported.differences),
+        "size": f"about {round(memory / 1024)} kB",
+        **exported.values,
+    }

@@ -1,0 +1,91 @@
+"""`PoseTracker` of `system = "pose_tracking"`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from rehab_opt.control.command import Command
+from rehab_opt.control.pose_tracker import PoseTracker
+from rehab_opt.control.wanted import PASSES
+from rehab_opt.errors import ProblemFileError
+from rehab_opt.export.exported import ExportedController, ExportedVelocity, Law
+from rehab_opt.export.recording import Tick, recorded, thinned, with_faults
+from rehab_opt.optim.ladder import FUSED
+from rehab_opt.session.files import ProblemFile
+from rehab_opt.session.outcome import Progress
+from rehab_opt.session.pose_tracking.problem import PoseTracking
+from rehab_opt.session.pose_tracking.robot import circle_reference, robot_at_start, run_pose_tracking, tracker_of
+
+__all__ = ["exported_pose_tracker"]
+
+CALL = "rehab_pose_tracker_step(&controller, tick->q, tick->pose, tick->twist, tick->enable, tick->stamp, out);"
+USAGE = """\
+static rehab_pose_tracker controller;
+rehab_command command;
+
+rehab_pose_tracker_init(&controller);
+for (;;) { /* every tick */
+    rehab_pose_tracker_step(&controller, q, pose, twist, enable, stamp, &command);
+    send(command.value); /* joint velocities, rad/s */
+}"""
+DIFFERENCES = (
+    "There is no backup solver. Where Python would ask proxqp, C gives the safe command and "
+    "`REHAB_NOT_CERTIFIED`; the recorded run is of a Python controller without the backup, too.",
+    "A stamp is always asked for and checked. In Python it may be left out.",
+    "An input that is NULL counts as not a number; Python raises an error for an argument of the wrong shape.",
+    "`iterations` of Python's command is not told.",
+)
+
+
+def exported_pose_tracker(loaded: ProblemFile[PoseTracking], *, progress: Progress) -> ExportedController:
+    """The tracker of a problem file, and the run of its session.
+
+    Raises
+    ------
+    ProblemFileError : a solver that does not generate C, or a value of the file that cannot be used.
+    """
+    problem = loaded.problem
+    if problem.tracker.solver not in (None, FUSED):
+        raise ProblemFileError(loaded.file, "tracker.solver", problem.tracker.solver, f"{FUSED}, which can become C")
+    robot, start = robot_at_start(problem.robot, file=loaded.file)
+    tracker = tracker_of(problem, robot, file=loaded.file, backup=FUSED)
+    run = run_pose_tracking(problem, name=loaded.name, file=loaded.file, solver=None, progress=progress)
+    poses, twists = circle_reference(robot.pose(start), problem.circle, run.time)
+    kept = thinned(len(run.time))
+    sound: list[Tick] = [{"q": run.q[i], "pose": poses[i], "twist": twists[i]} for i in kept]
+    ticks = with_faults(sound, dt=tracker.dt, max_age=tracker._watchdog.max_age, more=_faults(tracker))
+    step = 1 if len(kept) < 2 else int(kept[1])
+    about = (
+        f"{len(ticks)} ticks of `rehab-opt run {loaded.name}`"
+        + ("" if step == 1 else f" (one of {step}, since the run is longer)")
+        + ", with faults among them: numbers that are none, stamps that are wrong, the enable input released"
+    )
+
+    def answer(tick: Tick) -> Command:
+        return tracker.step(tick["q"], tick["pose"], tick["twist"], enable=tick["enable"], stamp=tick["stamp"])
+
+    return ExportedVelocity(
+        name="pose_tracker",
+        title=f"{problem.title}: joint velocities that make a tool follow a pose",
+        laws=(Law("pose_tracker", tracker),),
+        interface="pose_tracker",
+        call=CALL,
+        usage=USAGE,
+        recording=recorded(answer, ticks, about),
+        differences=DIFFERENCES,
+        solves=2 * (PASSES + 1),  # of the wanted motion and of the QP, and all again from a cold start
+    )
+
+
+def _faults(tracker: PoseTracker) -> tuple[Callable[[Tick], Tick], ...]:
+    """What can be wrong with a tick of a tracker besides, and what is only strange."""
+    chain = tracker.chain
+    return (
+        lambda tick: {**tick, "pose": 1.1 * tick["pose"]},  # no rigid transform
+        lambda tick: {**tick, "pose": np.zeros((4, 4))},
+        lambda tick: {**tick, "twist": 1e4 * np.ones(6)},
+        lambda tick: {**tick, "q": np.minimum(chain.upper, 10.0) + 0.05},  # beyond every limit
+        lambda tick: {**tick, "q": np.minimum(chain.upper, 10.0) - 1e-4, "twist": np.ones(6)},
+    )

@@ -1,0 +1,159 @@
+"""`RedundancyResolver` of `system = "ardis"`, one for each drive that has a stick."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from rehab_opt.control.chair_and_arm import UNKNOWN, ChairAndArm
+from rehab_opt.control.command import Command
+from rehab_opt.control.joystick import StickCommand
+from rehab_opt.control.obstacles import NUMBERS
+from rehab_opt.control.redundancy import FRAMES, RedundancyResolver
+from rehab_opt.errors import ProblemFileError
+from rehab_opt.export.c_text import indented, initialiser, number
+from rehab_opt.export.exported import ExportedController, ExportedVelocity, Law
+from rehab_opt.export.recording import Recording, Tick, recorded, thinned, with_faults
+from rehab_opt.optim.ladder import FUSED
+from rehab_opt.session.ardis.loop import Answer, Array, Optimised, moved
+from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
+from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, start_of
+from rehab_opt.session.ardis.run import sticks_of
+from rehab_opt.session.files import ProblemFile
+from rehab_opt.session.outcome import Progress
+
+__all__ = ["exported_resolvers"]
+
+DIFFERENCES = (
+    "There is no backup solver. Where Python would ask proxqp, C goes on to Eq. (1) slowed into the bounds "
+    "(`REHAB_BACKUP`), as Python does where proxqp fails, and to the safe command where that is not certified; the "
+    "recorded run is of a Python controller without the backup, too.",
+    "Only the sets of rows of the problem's stick are there. Others give the safe command and `REHAB_ROWS_UNKNOWN`; "
+    "Python prepares them when the robot is at rest.",
+    "`reset` is to rest. In Python it may be told a velocity.",
+    "`reach`, which leads the hand to a place, is not there: it needs Ruckig. Neither is the stick itself.",
+    "A stamp is always asked for and checked. In Python it may be left out.",
+    "A q or twist that is NULL counts as not a number; Python raises an error for an argument of the wrong shape.",
+    "`iterations` of Python's command is not told.",
+)
+
+
+class Listening:
+    """`RedundancyResolver`, and what it was told."""
+
+    def __init__(self, resolver: RedundancyResolver) -> None:
+        self._law = Optimised(resolver)
+        self.ticks: list[Tick] = []
+        self._rows = resolver.row_sets
+
+    def step(self, q: Array, asked: StickCommand) -> Answer:
+        """Its command."""
+        told = {"q": q.copy(), "twist": np.array(asked.twist), "rows": self._rows.index(asked.rows)}
+        self.ticks.append({**told, "frame": int(FRAMES[asked.frame])})
+        return self._law.step(q, asked)
+
+
+def exported_resolvers(loaded: ProblemFile[ArdisProblem], *, progress: Progress) -> Sequence[ExportedController]:
+    """The controllers of a problem file, and the runs of its session.
+
+    Raises
+    ------
+    ProblemFileError : a solver that does not generate C, or a value of the file that cannot be used.
+    """
+    solver = loaded.problem.run.solver
+    if solver not in (None, FUSED):
+        raise ProblemFileError(loaded.file, "run.solver", solver, f"{FUSED}, which can become C")
+    return [_exported(loaded, drive, progress=progress) for drive in sticks_of(loaded)]
+
+
+def _exported(loaded: ProblemFile[ArdisProblem], drive: DriveName, *, progress: Progress) -> ExportedController:
+    name = f"redundancy_{drive}"
+    resolver = resolver_of(loaded, robot_of(loaded), drive, backup=FUSED)
+    active = list(resolver._sets.values())
+    places = active[0].slots
+    rows = [f"REHAB_{name.upper()}_{'_'.join(names).upper()}" for names in resolver.row_sets]
+    return ExportedVelocity(
+        name=name,
+        title=f"{loaded.problem.title}: joint velocities of a chair with an arm, {drive} drive",
+        laws=[
+            Law(f"law_{i}", law, lesser=law._slowed_law.function, obstacles=NUMBERS * places)
+            for i, law in enumerate(active)
+        ],
+        interface="redundancy",
+        call=f"rehab_{name}_step(&controller, tick->q, tick->twist, tick->rows, tick->frame, tick->enable, "
+        "tick->stamp, out);",
+        usage=_usage(name, rows[0]),
+        recording=_recording(loaded, drive, resolver, progress=progress),
+        differences=DIFFERENCES,
+        solves=2 * 2,  # without the rows that are seldom active and with them, and both again from a cold start
+        values=_values(rows, active, places, resolver),
+        more_memory=f"double obstacles[{max(1, NUMBERS * places)}]; /* places for {places}, four numbers each */",
+    )
+
+
+def _recording(
+    loaded: ProblemFile[ArdisProblem], drive: DriveName, resolver: RedundancyResolver, *, progress: Progress
+) -> Recording:
+    """The session's run with a controller of its own, told to `resolver` once more with faults in it."""
+    robot, dt = resolver.robot, 1 / loaded.problem.run.rate_hz
+    listening = Listening(resolver_of(loaded, robot, drive))
+    moved(
+        robot, listening, joystick_of(loaded), sticks_of(loaded)[drive], start_of(loaded, robot), dt=dt,
+        progress=lambda done, of: progress(f"{drive}, recorded", done, of),
+    )  # fmt: skip
+    kept = thinned(len(listening.ticks))
+    step = 1 if len(kept) < 2 else int(kept[1])
+    sound = [listening.ticks[i] for i in kept]
+    max_age = next(iter(resolver._sets.values()))._watchdog.max_age
+    ticks = with_faults(
+        sound, dt=dt, max_age=max_age,
+        more=(
+            lambda tick: {**tick, "twist": 1e4 * np.ones_like(tick["twist"])},
+            lambda tick: {**tick, "frame": 1},
+            lambda tick: {**tick, "q": np.minimum(robot.chain.upper, 10.0) + 0.05},  # beyond every limit
+        ),
+    )  # fmt: skip
+    frames = {int(value): name for name, value in FRAMES.items()}
+
+    def answer(tick: Tick) -> Command:
+        return resolver.step(
+            tick["q"], tick["twist"], resolver.row_sets[tick["rows"]], frames[tick["frame"]], enable=tick["enable"],
+            stamp=tick["stamp"],
+        )  # fmt: skip
+
+    about = (
+        f"{len(ticks)} ticks of `rehab-opt run {loaded.name}`, {drive} drive"
+        + ("" if step == 1 else f" (one of {step}, since the run is longer)")
+        + ", with faults among them: numbers that are none, stamps that are wrong, the enable input released"
+    )
+    return recorded(answer, ticks, about)
+
+
+def _values(
+    rows: Sequence[str], laws: Sequence[ChairAndArm], places: int, resolver: RedundancyResolver
+) -> dict[str, str]:
+    """What the templates of the interface hold besides."""
+    return {
+        "row_constants": indented(
+            f"{constant}{'' if i == len(rows) - 1 else ','} /* twist[{len(law.rows)}]: {', '.join(law.rows)} */"
+            for i, (constant, law) in enumerate(zip(rows, laws, strict=True))
+        ),
+        "row_counts": "{" + ", ".join(str(len(law.rows)) for law in laws) + "}",
+        "obstacle_numbers": str(NUMBERS * places),
+        "places": str(places),
+        "room": initialiser(resolver._numbers if places else [0.0]),
+        "unknown": number(UNKNOWN),
+    }
+
+
+def _usage(name: str, rows: str) -> str:
+    return f"""\
+static rehab_{name} controller;
+rehab_command command;
+
+rehab_{name}_init(&controller);
+for (;;) {{ /* every tick */
+    rehab_{name}_step(&controller, q, twist, {rows}, REHAB_CHASSIS, enable, stamp, &command);
+    send(command.value, command.wheels); /* joint velocities, m/s and rad/s, and wheel speeds, rad/s */
+}}"""

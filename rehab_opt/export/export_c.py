@@ -1,0 +1,47 @@
+"""Write the controllers of a problem file as C."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from rehab_opt.export.c_source import files_of
+from rehab_opt.export.exported import ExportedController
+from rehab_opt.export.exporters import exported_controllers
+from rehab_opt.session.files import ProblemFile
+from rehab_opt.session.outcome import Progress
+
+__all__ = ["export_c", "written_files"]
+
+
+def export_c(loaded: ProblemFile[Any], folder: Path, *, progress: Progress = lambda *_: None) -> tuple[Path, ...]:
+    """Write every file beside `folder`, then move them into it; what was written.
+
+    A problem with several controllers gets a folder for each, named after it. Files of other names stay.
+
+    Raises
+    ------
+    ProblemFileError : the file's controller cannot be exported.
+    OSError : the folder cannot be made or written to.
+    """
+    controllers = exported_controllers(loaded, progress=progress)
+    places = [folder] if len(controllers) == 1 else [folder / controller.name for controller in controllers]
+    return written_files(dict(zip(places, controllers, strict=True)), folder, problem=loaded.name)
+
+
+def written_files(places: Mapping[Path, ExportedController], folder: Path, *, problem: str) -> tuple[Path, ...]:
+    """Write every controller into its place, `folder` or a folder in it: all files or none."""
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    written = []
+    with tempfile.TemporaryDirectory(prefix=f".{folder.name}-", dir=folder.parent) as scratch:
+        for i, (place, controller) in enumerate(places.items()):
+            for name, text in files_of(controller, problem=problem).items():
+                draft = Path(scratch) / f"{i}-{name}"
+                draft.write_text(text, encoding="utf-8")
+                written.append((draft, place / name))
+        for draft, target in written:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            draft.replace(target)
+    return tuple(target for _, target in written)

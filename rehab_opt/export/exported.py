@@ -1,0 +1,187 @@
+"""What is known of a controller that goes into C, and the table that C reads its shape from."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import casadi as ca
+import numpy as np
+
+from rehab_opt.control.velocity_controller import VelocityController
+from rehab_opt.control.watchdog import DRIFT, Watchdog
+from rehab_opt.export.c_text import indented, initialiser, number
+from rehab_opt.export.generated import renamed
+from rehab_opt.export.reasons import REASONS, reason_number
+from rehab_opt.export.recording import Recording
+from rehab_opt.optim.qp import PLAUSIBLE
+from rehab_opt.optim.qrqp import QRQP_ITERATIONS
+
+__all__ = ["ExportedController", "ExportedVelocity", "Law", "watchdog_of"]
+
+VERDICT = 3
+"""Numbers of a verdict before its report."""
+
+
+@dataclass(frozen=True, eq=False)
+class Law:
+    """One controller of a velocity QP as its functions and the sizes of what they take.
+
+    Parameters
+    ----------
+    name : identifier, different from those of other laws of the same file.
+    controller : what answers in Python.
+    lesser : (parameters, memory) -> report, memory, violation: what may be sent where the solver failed, or None.
+    obstacles : how many of the last parameters `braking` needs, too.
+    """
+
+    name: str
+    controller: VelocityController
+    lesser: ca.Function | None = None
+    obstacles: int = 0
+
+    @property
+    def iterations(self) -> int:
+        """Cap on the active-set changes of a solve."""
+        return self.controller.stated.iterations or QRQP_ITERATIONS
+
+    @property
+    def memory(self) -> int:
+        """How many numbers pass from tick to tick, besides the warm start."""
+        return int(self.controller.stated.memory.numel())
+
+    @property
+    def state(self) -> int:
+        """The same with the warm start."""
+        return self.controller.stated.state_size
+
+    @property
+    def reported(self) -> int:
+        """Numbers of the statement's report."""
+        return int(self.controller.stated.report.numel())
+
+    def functions(self) -> list[ca.Function]:
+        """Its tick, its safe command, and its lesser law where there is one."""
+        pairs = {"tick": self.controller.stated.fused, "brake": self.controller.braking(), "lesser": self.lesser}
+        return [renamed(function, f"{self.name}_{what}") for what, function in pairs.items() if function is not None]
+
+    def row(self) -> str:
+        """The C initialiser of its `law_shape`."""
+        controller, stated, n = self.controller, self.controller.stated, self.controller.chain.n
+        sent = controller.sent or slice(n)
+        wheels = controller.wheels
+        inputs = [int(symbol.numel()) for symbol in stated.parameters]
+        braked = int(controller.braking().size1_out(0))
+        requirement = REASONS[reason_number(controller.requirement)].name
+        begin, count = (-1, 0) if wheels is None else (wheels.start, wheels.stop - wheels.start)
+        cells = (
+            *(stated.parameter_size, stated.n, self.state - self.memory, self.memory, braked, self.reported),
+            *(sent.start or 0, begin, count),
+            *(len(inputs), "{" + ", ".join(map(str, inputs)) + "}"),
+            *(stated.parameter_size - self.obstacles, self.obstacles, f"REHAB_{requirement}"),
+            *(f"{self.name}_tick", f"{self.name}_brake", f"{self.name}_lesser" if self.lesser else "NULL"),
+        )
+        return "{" + ", ".join(map(str, cells)) + "}"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ExportedController(ABC):
+    """A controller that goes into C.
+
+    Parameters
+    ----------
+    name : identifier; files are named after it.
+    title : what it is, in a few words.
+    interface : the templates of what the user calls, without their suffixes .h.in and .c.in.
+    call : C that gives the inputs of `tick`, a `recorded_tick`, to `controller`.
+    usage : C of a loop, for the reader.
+    recording : the run that it repeats.
+    differences : sentences on what C does not do as Python does.
+    solves : most solves of a tick.
+    values : what the templates of the interface hold besides.
+    more_memory : members of the C struct besides.
+    """
+
+    core: ClassVar[str]
+    """The templates of its memory and its tick, likewise."""
+
+    name: str
+    title: str
+    interface: str
+    call: str
+    usage: str
+    recording: Recording
+    differences: Sequence[str]
+    solves: int
+    values: Mapping[str, str] = field(default_factory=dict)
+    more_memory: str = ""
+
+    @property
+    @abstractmethod
+    def iterations(self) -> int:
+        """Cap on the active-set changes of a solve."""
+
+    @abstractmethod
+    def functions(self) -> list[ca.Function]:
+        """All that is generated, each under a name of its own."""
+
+    @abstractmethod
+    def shape(self) -> dict[str, str]:
+        """What the templates of the core hold; `watchdog_of` among it, and `numbers`, the doubles of its memory."""
+
+
+def watchdog_of(watchdog: Watchdog, dt: float) -> dict[str, str]:
+    """What the template of the watchdog holds."""
+    return {"dt": number(dt), "max_age": number(watchdog.max_age), "gained": number(dt * (1.0 - DRIFT))}
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ExportedVelocity(ExportedController):
+    """A controller of joint velocities.
+
+    Parameters
+    ----------
+    laws : its QPs, of which one is in use at a time; all of the same chain.
+    """
+
+    core: ClassVar[str] = "velocity_controller"
+    laws: Sequence[Law]
+
+    @property
+    def iterations(self) -> int:
+        """The largest of its laws."""
+        return max(law.iterations for law in self.laws)
+
+    def functions(self) -> list[ca.Function]:
+        """Of each law its tick, its safe command, and its lesser law where there is one."""
+        return [function for law in self.laws for function in law.functions()]
+
+    def shape(self) -> dict[str, str]:
+        """Sizes, limits and the table of the laws."""
+        laws, first = self.laws, self.laws[0].controller
+        chain, wheels = first.chain, first.wheels
+        lower, upper = np.maximum(chain.lower, -PLAUSIBLE), np.minimum(chain.upper, PLAUSIBLE)
+        sizes = {
+            "joints": chain.n,
+            "laws": len(laws),
+            "parameters_most": max(law.controller.stated.parameter_size for law in laws),
+            "state_most": max(law.state for law in laws),
+            "memory_most": max(law.memory for law in laws),
+            "verdict_most": VERDICT + max(law.reported for law in laws),
+            "inputs_most": max(len(law.controller.stated.parameters) for law in laws),
+            "obstacle_room": max(1, *(law.obstacles for law in laws)),
+            "values": chain.n,
+            "wheels": 0 if wheels is None else wheels.stop - wheels.start,
+        }
+        sizes["numbers"] = len(laws) * (sizes["parameters_most"] + 2 * sizes["state_most"] + sizes["verdict_most"])
+        return {
+            **{name: str(size) for name, size in sizes.items()},
+            **watchdog_of(first._watchdog, first.dt),
+            "law_shapes": indented(law.row() + "," for law in laws).rstrip(","),
+            "plausible": number(PLAUSIBLE),
+            "tolerance": number(first.tolerance),
+            "middle": initialiser((lower + upper) / 2),
+            "fastest": initialiser(chain.velocity),
+        }

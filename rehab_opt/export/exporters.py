@@ -1,0 +1,49 @@
+"""The controllers that can be exported, by the system of their problem files: the one place that knows them.
+
+A new one is a file in `controllers` and a line in `EXPORTERS`, and templates of what its user calls.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
+from typing import Any
+
+from rehab_opt.errors import ProblemFileError
+from rehab_opt.export.exported import ExportedController
+from rehab_opt.session.files import ProblemFile
+from rehab_opt.session.outcome import Progress
+
+__all__ = ["EXPORTERS", "Exporter", "exported_controllers"]
+
+Exporter = Callable[[ProblemFile[Any], Progress], Sequence[ExportedController]]
+"""A problem file -> its controllers, recorded."""
+
+
+def exported_controllers(loaded: ProblemFile[Any], *, progress: Progress) -> Sequence[ExportedController]:
+    """The controllers of a problem file, each with the run that it has to repeat.
+
+    Raises
+    ------
+    ProblemFileError : a system without a controller that can be exported, or a value of the file that cannot be used.
+    """
+    system = loaded.problem.system
+    if system not in EXPORTERS:
+        expected = f"a system whose controller can be exported: {', '.join(EXPORTERS)}"
+        raise ProblemFileError(loaded.file, "system", system, expected)
+    return EXPORTERS[system](loaded, progress)
+
+
+def _pose_tracking(loaded: ProblemFile[Any], progress: Progress) -> Sequence[ExportedController]:
+    from rehab_opt.export.controllers.pose_tracker import exported_pose_tracker  # noqa: PLC0415  (loads solvers)
+
+    return (exported_pose_tracker(loaded, progress=progress),)
+
+
+def _ardis(loaded: ProblemFile[Any], progress: Progress) -> Sequence[ExportedController]:
+    from rehab_opt.export.controllers.redundancy import exported_resolvers  # noqa: PLC0415
+
+    return exported_resolvers(loaded, progress=progress)
+
+
+EXPORTERS: Mapping[str, Exporter] = MappingProxyType({"pose_tracking": _pose_tracking, "ardis": _ardis})

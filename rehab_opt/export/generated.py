@@ -1,0 +1,69 @@
+"""CasADi functions as C that may stand inside a file of ours: nothing of it is visible outside."""
+
+from __future__ import annotations
+
+import re
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import casadi as ca
+
+__all__ = ["Generated", "generated", "renamed"]
+
+OLD_C = "#if __STDC_VERSION__ < 199901L"
+"""Before CasADi's own minimum, maximum and absolute value."""
+COMPARISONS = "#if 1 /* comparisons, as in the code that Python runs: it is compiled as gnu89 (symbolic/compiled.py) */"
+DEFINITION = re.compile(r"^(?=(?:casadi_real|casadi_int|void|int) casadi_\w+\()", re.MULTILINE)
+"""Where a function of CasADi's runtime begins: each is visible to the linker as it comes."""
+
+
+UNUSED = ("#include <stdarg.h>\n", "#include <stdio.h>\n")
+"""Nothing is printed; a robot's processor may have no such thing."""
+
+
+class Generated(NamedTuple):
+    """C of some functions, and the largest work space that one of them needs."""
+
+    code: str
+    notice: str
+    """What CasADi says of the licence of this code, from its own first comment."""
+    arguments: int
+    results: int
+    integers: int
+    reals: int
+
+
+def generated(functions: Sequence[ca.Function]) -> Generated:
+    """C of all functions, each static and called by its name.
+
+    The sizes are those of the virtual machine, which are never smaller than the code's: they hold the integers that
+    `optim/qrqp.py` asks for beyond CasADi's count, since qrqp writes one too many.
+    """
+    generator = ca.CodeGenerator("generated", {"with_header": False})
+    for function in functions:
+        generator.add(function)
+    with tempfile.TemporaryDirectory() as folder:
+        generator.generate(f"{folder}/")
+        text = (Path(folder) / "generated.c").read_text(encoding="utf-8")
+    notice, end, code = text.partition("*/")
+    if not (notice.startswith("/*") and end and OLD_C in code):
+        raise RuntimeError(f"casadi {ca.CasadiMeta.version()} writes C of another form than is known here")
+    for unused in UNUSED:
+        code = code.replace(unused, "")
+    lines = (line.strip(" *") for line in notice.removeprefix("/*").splitlines())
+    return Generated(
+        code=DEFINITION.sub("static ", code.replace(OLD_C, COMPARISONS)).strip() + "\n",
+        notice="\n".join(line for line in lines if line),
+        arguments=max(function.sz_arg() for function in functions),
+        results=max(function.sz_res() for function in functions),
+        integers=max(function.sz_iw() for function in functions),
+        reals=max(function.sz_w() for function in functions),
+    )
+
+
+def renamed(function: ca.Function, name: str) -> ca.Function:
+    """The same function under a name that no other has in its file."""
+    inputs = [ca.MX.sym(f"input_{i}", function.sparsity_in(i)) for i in range(function.n_in())]
+    return ca.Function(name, inputs, function.call(inputs))

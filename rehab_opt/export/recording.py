@@ -1,0 +1,147 @@
+"""A run that C repeats: what a controller was told, tick by tick, and what Python commanded."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.control.command import Command, Status
+from rehab_opt.export.c_text import indented, initialiser, number
+from rehab_opt.export.reasons import reason_number
+
+__all__ = ["MOST_TICKS", "Recording", "Tick", "recorded", "thinned", "with_faults"]
+
+Array = NDArray[np.float64]
+Tick = dict[str, Any]
+"""Inputs of a tick by name: arrays, whole numbers (int), and `enable` (int) and `stamp` (float) [s]."""
+
+MOST_TICKS = 4000
+"""Of a run; a longer one is thinned, or its header would be read for minutes."""
+STATUSES = {
+    Status.OK: 0, Status.BACKUP: 1, Status.BRAKING: 2, Status.HOLDING: 3, Status.RELEASING: 4, Status.RELEASED: 5,
+}  # fmt: skip
+"""Numbers of `enum rehab_status`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """A run, N ticks.
+
+    Parameters
+    ----------
+    ticks : what the controller was told; every tick has the same names and sizes.
+    commands : what Python answered, with no more rungs than C has.
+    about : what was recorded, for the reader.
+    """
+
+    ticks: Sequence[Tick]
+    commands: Sequence[Command]
+    about: str
+
+    def fields(self) -> str:
+        """The members of the C struct of one tick."""
+        lines = []
+        for name, value in self.ticks[0].items():
+            kind = "int" if isinstance(value, int) else "double"
+            lines.append(f"{kind} {name}{f'[{value.size}]' if isinstance(value, np.ndarray) else ''};")
+        first = self.commands[0]
+        lines += [f"double value[{first.value.size}];", f"double wheels[{max(1, _wheels(first).size)}];"]
+        return indented([*lines, "double scale;", "int status, yielded, reason;"])
+
+    def initialisers(self) -> Iterator[str]:
+        """One C initialiser a tick."""
+        for tick, command in zip(self.ticks, self.commands, strict=True):
+            parts = [_c(value) for value in tick.values()]
+            wheels = _wheels(command)
+            parts += [initialiser(command.value), initialiser(wheels if wheels.size else [0.0]), number(command.scale)]
+            yield "    {" + ", ".join([*parts, *(str(each) for each in _said(command))]) + "}"
+
+    def csv(self) -> str:
+        """The same as a table, each array spread over columns."""
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        header: list[str] = []
+        for name, value in self.ticks[0].items():
+            header += [f"{name}_{i}" for i in range(value.size)] if isinstance(value, np.ndarray) else [name]
+        first = self.commands[0]
+        header += [f"value_{i}" for i in range(first.value.size)] + [f"wheel_{i}" for i in range(_wheels(first).size)]
+        writer.writerow([*header, "scale", "status", "yielded", "reason"])
+        for tick, command in zip(self.ticks, self.commands, strict=True):
+            row: list[Any] = []
+            for value in tick.values():
+                row += value.reshape(-1).tolist() if isinstance(value, np.ndarray) else [value]
+            wheels = _wheels(command).tolist()
+            writer.writerow([*row, *command.value.tolist(), *wheels, command.scale, *_said(command)])
+        return text.getvalue()
+
+
+def recorded(step: Callable[[Tick], Command], ticks: Sequence[Tick], about: str) -> Recording:
+    """What `step` answers to every tick."""
+    return Recording(ticks, [step(tick) for tick in ticks], about)
+
+
+def thinned(count: int) -> NDArray[np.intp]:
+    """Which of `count` ticks are kept: all, or every second, third and so on."""
+    return np.arange(0, count, -(-count // MOST_TICKS))
+
+
+def with_faults(
+    ticks: Sequence[Tick], *, dt: float, max_age: float, more: Sequence[Callable[[Tick], Tick]] = ()
+) -> list[Tick]:
+    """The ticks with everything that can be wrong with one, spread among them; stamps are made here.
+
+    Parameters
+    ----------
+    ticks : sound ones, without `enable` and `stamp`.
+    dt, max_age : [s] of the watchdog.
+    more : faults besides: each takes a sound tick.
+    """
+    arrays = [name for name, value in ticks[0].items() if isinstance(value, np.ndarray) and value.size]
+    faults: list[Callable[[Tick], Tick]] = [lambda tick: {**tick, "enable": 0}, lambda tick: {**tick, "enable": 2}]
+    for name in arrays:
+        faults += [_element(name, 0, np.nan), _element(name, -1, np.inf), _element(name, -1, -1.1e6)]
+    faults.append(lambda tick: {**tick, **{name: np.full_like(tick[name], 9e5) for name in arrays}})
+    faults += more
+    stale = int(max_age / (0.9 * dt)) + 10 if max_age < 10.0 else 0
+    # What the clock of the state does then; the stream that begins anew ends the lag that was gathered.
+    late = [0.0, -dt, -1.0 - max_age, 1.0 + max_age, *([0.1 * dt] * stale), -1.0 - max_age]
+    spread = np.linspace(0, len(ticks), len(faults) + 3).astype(int)[1:-1]
+    at = dict(zip(spread[:-1].tolist(), faults, strict=True))
+    result, clock = [], 0.0
+    for i, tick in enumerate(ticks):
+        clock += late[i - spread[-1]] if 0 <= i - spread[-1] < len(late) else dt
+        stamp = np.nan if i == spread[0] - 1 else clock
+        result.append(at.get(i, dict)({**tick, "enable": 1, "stamp": float(stamp)}))
+    return result
+
+
+def _element(name: str, index: int, value: float) -> Callable[[Tick], Tick]:
+    """One number of an input replaced."""
+
+    def replaced(tick: Tick) -> Tick:
+        array = np.array(tick[name])
+        array.flat[index] = value
+        return {**tick, name: array}
+
+    return replaced
+
+
+def _wheels(command: Command) -> Array:
+    return np.empty(0) if command.wheels is None else command.wheels
+
+
+def _said(command: Command) -> tuple[int, int, int]:
+    """Status, what yielded and the reason, in the numbers of C."""
+    return STATUSES[command.status], int(command.yielded), reason_number(command.reason)
+
+
+def _c(value: Any) -> str:
+    if isinstance(value, np.ndarray):
+        return initialiser(value.reshape(-1).tolist())
+    return str(value) if isinstance(value, int) else number(value)

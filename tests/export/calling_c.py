@@ -1,0 +1,86 @@
+"""Controllers in C, called from Python."""
+
+from __future__ import annotations
+
+import ctypes
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rehab_opt.control.command import Command
+from rehab_opt.export.reasons import REASONS, reason_number
+from rehab_opt.export.recording import STATUSES
+
+Built = Callable[..., Path]
+Exported = Callable[[str], Path]
+
+ROBOT = "robot/ur5_circle"
+SECONDS = 200.0
+SAME = 1e-9
+
+
+def compiled_once(folder: Path, name: str, built: Built) -> str:
+    """Name of the controller's object file, which every test of it may link."""
+    level = "-O1" if name == "redundancy_mecanum" else "-O2"  # one of the two is enough at the level of the CMake file
+    return built(folder, "controller.o", "-c", f"rehab_{name}.c", flags=(level, "-fPIC")).name
+
+
+def shared(folder: Path, name: str, built: Built) -> ctypes.CDLL:
+    """The controller, to be called from Python, with `controller_size` besides."""
+    (folder / "size.c").write_text(
+        f'#include <stddef.h>\n#include "rehab_{name}.h"\nsize_t controller_size(void);\n'
+        f"size_t controller_size(void) {{ return sizeof(rehab_{name}); }}\n"
+    )
+    object_file = compiled_once(folder, name, built)
+    library = ctypes.CDLL(str(built(folder, "controller.so", object_file, "size.c", flags=("-shared", "-fPIC"))))
+    library.controller_size.restype = ctypes.c_size_t
+    return library
+
+
+def ran(program: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """What a program printed and how it ended."""
+    return subprocess.run(
+        [program, *arguments], cwd=program.parent, capture_output=True, text=True, check=False, timeout=SECONDS
+    )
+
+
+class CCommand(ctypes.Structure):
+    """`rehab_command`."""
+
+    _fields_ = [
+        ("value", ctypes.c_double * 8),
+        ("wheels", ctypes.c_double * 4),
+        ("scale", ctypes.c_double),
+        ("residual", ctypes.c_double),
+        *((name, ctypes.c_int) for name in ("status", "yielded", "reason", "solver", "input", "element")),
+    ]
+
+    @property
+    def why(self) -> str:
+        """Name of the reason."""
+        return REASONS[self.reason].name
+
+
+def doubles(values: Any) -> Any:
+    """An array for C, NULL for None."""
+    if values is None:
+        return None
+    flat = np.ascontiguousarray(values, dtype=np.float64).reshape(-1)
+    return (ctypes.c_double * flat.size)(*flat)
+
+
+def assert_same(answer: CCommand, command: Command, tolerance: float = SAME) -> None:
+    """C commands what Python does, and says the same of it."""
+    n, wheels = command.value.size, np.empty(0) if command.wheels is None else command.wheels
+    np.testing.assert_allclose(answer.value[:n], command.value, rtol=0, atol=tolerance)
+    np.testing.assert_allclose(answer.wheels[: wheels.size], wheels, rtol=0, atol=tolerance)
+    assert not any(answer.value[n:])
+    assert not any(answer.wheels[wheels.size :])
+    assert answer.reason == reason_number(command.reason), (answer.why, command.reason)
+    assert (answer.status, answer.yielded) == (STATUSES[command.status], int(command.yielded))
+    assert abs(answer.scale - command.scale) <= tolerance
+    assert answer.residual == pytest.approx(command.residual, abs=SAME)

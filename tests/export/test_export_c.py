@@ -1,0 +1,84 @@
+"""`rehab-opt export-c` as a user meets it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rehab_opt.cli import main
+from rehab_opt.export.c_text import comment
+from rehab_opt.export.exporters import EXPORTERS
+
+NAMES = {"CMakeLists.txt", "README.md", "main.c", "recorded_run.csv", "recorded_run.h"}
+ROBOT = """
+system = "pose_tracking"
+title = "short circle"
+[robot]
+model = "ur5"
+start_deg = [0, -90, 90, -90, -90, 0]
+[circle]
+radius_m = 0.05
+duration_s = 0.2
+"""
+
+
+def ended(*arguments: str) -> int:
+    with pytest.raises(SystemExit) as end:
+        main(list(arguments))
+    return int(end.value.code or 0)
+
+
+@settings(max_examples=200)
+@given(text=st.text())
+def test_a_comment_of_any_title_is_one_line_and_one_comment(text: str) -> None:
+    whole = f"/* {comment(text)} */"
+    assert whole.count("/*") == 1
+    assert whole.index("*/") == len(whole) - 2
+    assert len(whole.splitlines()) == 1
+    assert "\\" not in whole
+
+
+@pytest.fixture
+def robot(tmp_path: Path) -> Path:
+    (tmp_path / "robot.toml").write_text(ROBOT)
+    return tmp_path / "robot.toml"
+
+
+def test_it_writes_every_file_and_says_how_to_build_them(
+    robot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert ended("export-c", str(robot), str(tmp_path / "c")) == 0
+    assert {path.name for path in (tmp_path / "c").iterdir()} == NAMES | {
+        "rehab_pose_tracker.c",
+        "rehab_pose_tracker.h",
+    }
+    assert "cmake -S" in capsys.readouterr().out
+    assert {path.name for path in tmp_path.iterdir()} == {"robot.toml", "c"}
+
+
+def test_a_system_that_has_no_controller_in_c_is_refused_by_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert ended("export-c", "upper_limb/figure_eight", str(tmp_path / "c")) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "system = 'upper_limb'" in error
+    assert ", ".join(EXPORTERS) in error
+    assert not (tmp_path / "c").exists()
+
+
+def test_a_solver_that_does_not_become_c_is_refused(
+    robot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    robot.write_text(f'{ROBOT}[tracker]\nsolver = "proxqp"\n')
+    assert ended("export-c", str(robot), str(tmp_path / "c")) == 2
+    assert "tracker.solver = 'proxqp': expected qrqp" in capsys.readouterr().err
+    assert not (tmp_path / "c").exists()
+
+
+def test_a_folder_that_is_a_file_is_refused_before_the_run(robot: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert ended("export-c", str(robot), str(robot)) == 2
+    assert capsys.readouterr().err.startswith("rehab-opt: DIR = ")

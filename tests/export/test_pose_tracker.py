@@ -1,0 +1,147 @@
+"""The tracker in C commands what it commands in Python, whatever it is told, with no memory but its own."""
+
+from __future__ import annotations
+
+import ctypes
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rehab_opt import PoseTracker
+from rehab_opt.session.files import load_problem
+from rehab_opt.session.pose_tracking.robot import robot_at_start, tracker_of
+from tests.export.calling_c import ROBOT, Built, CCommand, Exported, assert_same, compiled_once, doubles, ran, shared
+
+NAME = "pose_tracker"
+
+
+class CTracker:
+    """The C tracker, called from Python."""
+
+    def __init__(self, library: ctypes.CDLL, *, initialise: bool = True) -> None:
+        self.library, self.memory = library, ctypes.create_string_buffer(library.controller_size())
+        if initialise:
+            assert library.rehab_pose_tracker_init(self.memory) == 0
+
+    def reset(self, velocity: np.ndarray | None) -> int:
+        return int(self.library.rehab_pose_tracker_reset(self.memory, doubles(velocity)))
+
+    def step(self, q: Any, pose: Any, twist: Any, *, enable: int, stamp: float) -> CCommand:
+        out = CCommand()
+        self.library.rehab_pose_tracker_step(
+            self.memory, doubles(q), doubles(pose), doubles(twist), enable, ctypes.c_double(stamp), ctypes.byref(out)
+        )
+        return out
+
+
+@pytest.fixture(scope="module")
+def library(exported: Exported, built: Built) -> ctypes.CDLL:
+    return shared(exported(NAME), "pose_tracker", built)
+
+
+@pytest.fixture(scope="module")
+def tracker() -> PoseTracker:
+    """The same controller in Python, with the rungs that C has."""
+    loaded = load_problem(ROBOT)
+    robot, _ = robot_at_start(loaded.problem.robot, file=ROBOT)
+    return tracker_of(loaded.problem, robot, file=ROBOT, backup="qrqp")
+
+
+def test_a_changed_command_is_found(exported: Exported, built: Built, tmp_path: Path) -> None:
+    """The comparison can fail: a hundred-millionth of a rad/s is enough."""
+    folder = exported(NAME)
+    header = (folder / "recorded_run.h").read_text()
+    lines = header.splitlines()
+    at = next(i for i, line in enumerate(lines) if line.startswith("    {{")) + 1500
+    before, _, after = lines[at].rpartition("}, {0.0}, ")
+    begin = before.rindex("{") + 1
+    first, _, others = before[begin:].partition(", ")
+    lines[at] = f"{before[:begin]}{float(first) + 1e-8!r}, {others}}}, {{0.0}}, {after}"
+    for name in (compiled_once(folder, NAME, built), "rehab_pose_tracker.h", "main.c"):
+        (tmp_path / name).write_bytes((folder / name).read_bytes())
+    (tmp_path / "recorded_run.h").write_text("\n".join(lines))
+    done = ran(built(tmp_path, "changed", "controller.o", "main.c"), "0")
+    assert done.returncode == 1
+    assert "in tick 1500" in done.stdout
+
+
+def test_two_instances_are_independent(library: ctypes.CDLL, tracker: PoseTracker) -> None:
+    """One is led, the other is told nonsense between its ticks: the first never notices."""
+    rng = np.random.default_rng(1)
+    q, alone, led, other = np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.0]), *(CTracker(library) for _ in range(3))
+    for k in range(50):
+        pose, twist = tracker.chain.pose(q), rng.normal(size=6) * 0.1
+        expected = alone.step(q, pose, twist, enable=1, stamp=0.001 * k)
+        other.step(rng.normal(size=6), pose * rng.normal(), 1e3 * rng.normal(size=6), enable=k % 3, stamp=rng.normal())
+        answer = led.step(q, pose, twist, enable=1, stamp=0.001 * k)
+        assert bytes(answer) == bytes(expected)
+        q = q + 0.001 * np.array(answer.value[:6])
+
+
+def state(rng: np.random.Generator, tracker: PoseTracker) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A position within or somewhat beyond its limits, a pose near or far from it, a twist small or large."""
+    chain = tracker.chain
+    q = rng.uniform(chain.lower, chain.upper) * rng.choice([0.3, 1.0, 1.01])
+    pose = chain.pose(q + rng.normal(size=6) * rng.choice([1e-5, 1e-2, 1.0]))
+    return q, pose, rng.normal(size=6) * rng.choice([0.0, 0.1, 10.0])
+
+
+@settings(max_examples=150)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_any_states_give_the_commands_of_python(library: ctypes.CDLL, tracker: PoseTracker, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    c, stamp = CTracker(library), 0.0
+    speed = rng.uniform(-1, 1, 6) * tracker.chain.velocity
+    tracker.reset(speed)
+    assert c.reset(speed) == 0
+    for _ in range(8):
+        q, pose, twist = state(rng, tracker)
+        for array in (q, pose, twist):
+            if rng.random() < 0.03:
+                array.flat[rng.integers(array.size)] = rng.choice([np.nan, np.inf, -np.inf, 1e7, -9e5])
+        stamp += 0.001 if rng.random() < 0.9 else rng.choice([0.002, 0.0, -0.001, 0.2, -0.2, np.nan])
+        told = {"enable": int(rng.choice([1, 1, 1, 1, 1, 1, 0, -1])), "stamp": float(stamp)}
+        assert_same(c.step(q, pose, twist, **told), tracker.step(q, pose, twist, **told))
+        stamp = 0.0 if np.isnan(stamp) else stamp
+
+
+@settings(max_examples=200)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_the_safe_command_is_the_one_of_python(library: ctypes.CDLL, tracker: PoseTracker, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    c, speed = CTracker(library), rng.uniform(-1, 1, 6) * tracker.chain.velocity
+    tracker.reset(speed)
+    c.reset(speed)
+    q, pose, twist = state(rng, tracker)
+    q[rng.integers(6)] = rng.choice([np.nan, q[0], 1e300])
+    for k in range(3):
+        told = {"enable": 0, "stamp": 0.001 * k}
+        assert_same(c.step(q, pose, twist, **told), tracker.step(q, pose, twist, **told), tolerance=1e-12)
+
+
+def test_an_input_that_is_not_there_is_named(library: ctypes.CDLL, tracker: PoseTracker) -> None:
+    q = np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.0])
+    pose = tracker.chain.pose(q)
+    pose[1, 2] = np.nan
+    holes = [((None, pose, np.zeros(6)), (0, 0)), ((q, None, np.zeros(6)), (1, 0)), ((q, pose, np.zeros(6)), (1, 6))]
+    for inputs, where in holes:
+        answer = CTracker(library).step(*inputs, enable=1, stamp=0.0)
+        assert answer.why == "INPUT_UNUSABLE"
+        assert (answer.input, answer.element) == where
+        assert list(answer.value) == [0.0] * 8
+
+
+def test_a_tracker_that_was_not_initialised_holds(library: ctypes.CDLL) -> None:
+    tracker = CTracker(library, initialise=False)
+    answer = tracker.step(np.zeros(6), np.eye(4), np.ones(6), enable=1, stamp=0.0)
+    assert (answer.why, answer.status, list(answer.value)) == ("NOT_INITIALISED", 3, [0.0] * 8)
+    assert tracker.reset(np.zeros(6)) == 1
+
+
+def test_a_speed_beyond_its_limit_is_refused(library: ctypes.CDLL, tracker: PoseTracker) -> None:
+    for bad in (1.01 * tracker.chain.velocity, np.full(6, np.nan)):
+        assert CTracker(library).reset(bad) == 1

@@ -1,0 +1,169 @@
+"""Chair and arm in C do what they do in Python: rows that change, obstacles that come and go, inputs that are none."""
+
+from __future__ import annotations
+
+import ctypes
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rehab_opt.control.command import Command
+from rehab_opt.control.obstacles import Disc, HalfPlane
+from rehab_opt.control.redundancy import RedundancyResolver
+from rehab_opt.kinematics.ardis import ARDIS_READY
+from rehab_opt.session.ardis.robot import resolver_of, robot_of
+from rehab_opt.session.files import load_problem
+from tests.export.calling_c import Built, CCommand, Exported, assert_same, doubles, shared
+
+DRIVES = ("mecanum", "differential")
+FRAMES = ("chassis", "world")
+DT = 0.01
+
+
+class CResolver:
+    """The C resolver, called from Python."""
+
+    def __init__(self, library: ctypes.CDLL, drive: str, *, initialise: bool = True) -> None:
+        self.library, self.name = library, f"rehab_redundancy_{drive}"
+        self.memory = ctypes.create_string_buffer(library.controller_size())
+        if initialise:
+            assert self.call("init") == 0
+
+    def call(self, what: str, *arguments: Any) -> int:
+        given = [ctypes.c_double(each) if isinstance(each, float) else each for each in arguments]
+        return int(getattr(self.library, f"{self.name}_{what}")(self.memory, *given))
+
+    def step(self, q: Any, twist: Any, rows: int, frame: int, *, enable: int, stamp: float) -> CCommand:
+        out = CCommand()
+        self.call("step", doubles(q), doubles(twist), rows, frame, enable, float(stamp), ctypes.byref(out))
+        return out
+
+
+@pytest.fixture(scope="module", params=DRIVES)
+def drive(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
+@pytest.fixture(scope="module")
+def library(drive: str, exported: Exported, built: Built) -> ctypes.CDLL:
+    name = f"redundancy_{drive}"
+    return shared(exported(name), name, built)
+
+
+@pytest.fixture(scope="module")
+def made(drive: str, chair: str) -> RedundancyResolver:
+    """The same controller in Python, with the rungs that C has."""
+    loaded = load_problem(chair)
+    return resolver_of(loaded, robot_of(loaded), drive, backup="qrqp")  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def resolver(made: RedundancyResolver, chair: str) -> RedundancyResolver:
+    """Made once, new in every test: at rest, in its first rows, in the room of the file."""
+    return begun(made)
+
+
+def begun(made: RedundancyResolver) -> RedundancyResolver:
+    made._active = next(iter(made._sets.values()))
+    made.obstacles = (HalfPlane((1.0, 0.0), 1.2), Disc((0.2, 1.0), 0.2))
+    made.reset()
+    return made
+
+
+def python(resolver: RedundancyResolver, q: Any, twist: Any, rows: int, frame: int, **told: Any) -> Command:
+    return resolver.step(q, twist, resolver.row_sets[rows], FRAMES[frame], **told)
+
+
+@settings(max_examples=40)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_any_motion_gives_the_commands_of_python(
+    library: ctypes.CDLL, made: RedundancyResolver, drive: str, seed: int
+) -> None:
+    """A robot that goes where C sends it, with a stick that jumps, modes that change and sensors that fail."""
+    rng, resolver, c = np.random.default_rng(seed), begun(made), CResolver(library, drive)
+    q, stamp, rows, frame = np.array(ARDIS_READY) + 0.2 * rng.normal(size=7), 0.0, 0, 0
+    twist = np.zeros(2)
+    for _ in range(25):
+        if rng.random() < 0.2:
+            rows, frame = int(rng.integers(2)), int(rng.integers(2))
+        if rng.random() < 0.3:
+            twist = rng.normal(size=2) * rng.choice([0.0, 0.1, 1.0])
+        seen, asked = q.copy(), twist.copy()
+        if rng.random() < 0.05:
+            target = rng.choice([0, 1])
+            (seen, asked)[target].flat[rng.integers(2)] = rng.choice([np.nan, np.inf, -np.inf, 1e7, -9e5])
+        stamp += DT if rng.random() < 0.95 else rng.choice([0.02, 0.0, -DT, 0.2, -0.2])
+        told = {"enable": int(rng.random() < 0.95), "stamp": stamp}
+        answer = c.step(seen, asked, rows, frame, **told)
+        assert_same(answer, python(resolver, seen, asked, rows, frame, **told))
+        q = q + DT * np.array(answer.value[:7])
+
+
+@settings(max_examples=40)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_the_safe_command_is_the_one_of_python(
+    library: ctypes.CDLL, made: RedundancyResolver, drive: str, seed: int
+) -> None:
+    rng, resolver, c = np.random.default_rng(seed), begun(made), CResolver(library, drive)
+    q, twist = np.array(ARDIS_READY), rng.normal(size=2)
+    for k in range(30):
+        told = {"enable": int(k < 20), "stamp": DT * k}
+        seen = np.full(7, np.nan) if k == 22 else q
+        answer = c.step(seen, twist, 0, 0, **told)
+        assert_same(answer, python(resolver, seen, twist, 0, 0, **told), tolerance=1e-9 if k < 20 else 1e-12)
+        q = q + DT * np.array(answer.value[:7])
+
+
+def test_obstacles_may_change_between_ticks(library: ctypes.CDLL, resolver: RedundancyResolver, drive: str) -> None:
+    c, q = CResolver(library, drive), np.array(ARDIS_READY)
+    rooms = (
+        ([("wall", 3.0, 4.0, 2.0), ("free",)], (HalfPlane((3.0, 4.0), 2.0),)),
+        ([("post", 0.9, 0.1, 0.3), ("wall", -1.0, 0.0, 0.6)], (Disc((0.9, 0.1), 0.3), HalfPlane((-1.0, 0.0), 0.6))),
+        ([("free",), ("free",)], ()),
+    )
+    for k in range(90):
+        if k % 30 == 0:
+            calls, obstacles = rooms[k // 30]
+            assert [c.call(kind, place, *numbers) for place, (kind, *numbers) in enumerate(calls)] == [0, 0]
+            resolver.obstacles = obstacles
+        told = {"enable": 1, "stamp": DT * k}
+        answer = c.step(q, [0.2, 0.1], 0, 0, **told)
+        assert_same(answer, python(resolver, q, [0.2, 0.1], 0, 0, **told))
+        q = q + DT * np.array(answer.value[:7])
+
+
+def test_obstacles_that_are_none_are_refused(library: ctypes.CDLL, drive: str) -> None:
+    c = CResolver(library, drive)
+    nan = float("nan")
+    refused = [
+        ("wall", 0, 0.0, 0.0, 1.0), ("wall", 0, nan, 1.0, 1.0), ("wall", 0, 1.0, 0.0, nan), ("wall", 2, 1.0, 0.0, 1.0),
+        ("post", -1, 0.0, 0.0, 1.0), ("post", 0, nan, 0.0, 1.0), ("post", 0, 0.0, 0.0, -0.1), ("free", 2),
+    ]  # fmt: skip
+    assert [c.call(*each) for each in refused] == [1] * len(refused)
+    assert c.call("reset", nan) == 1
+
+
+def test_rows_that_it_was_not_made_for_brake(library: ctypes.CDLL, drive: str) -> None:
+    c, q, answer = CResolver(library, drive), np.array(ARDIS_READY), CCommand()
+    for k in range(20):
+        answer = c.step(q, [0.2, 0.0], 0, 0, enable=1, stamp=DT * k)
+        q = q + DT * np.array(answer.value[:7])
+    fast = np.abs(answer.value[:7]).max()
+    for rows, frame in ((2, 0), (-1, 0), (0, 2)):
+        answer = c.step(q, [0.2, 0.0], rows, frame, enable=1, stamp=0.2)
+        assert (answer.why, answer.status) == ("ROWS_UNKNOWN", 2)
+        assert np.abs(answer.value[:7]).max() < fast
+        fast = np.abs(answer.value[:7]).max()
+
+
+def test_what_is_not_there_is_named(library: ctypes.CDLL, drive: str) -> None:
+    q, twist = np.array(ARDIS_READY), np.zeros(2)
+    for inputs, where in (((None, twist), (0, 0)), ((q, None), (1, 0)), ((q, [0.0, np.inf]), (1, 1))):
+        answer = CResolver(library, drive).step(*inputs, 0, 0, enable=1, stamp=0.0)
+        assert (answer.why, answer.input, answer.element) == ("INPUT_UNUSABLE", *where)
+        assert not any(answer.value)
+    answer = CResolver(library, drive, initialise=False).step(q, twist, 0, 0, enable=1, stamp=0.0)
+    assert (answer.why, answer.status) == ("NOT_INITIALISED", 3)
