@@ -17,7 +17,7 @@ from rehab_opt.optim.certificate import certified_expressions
 if TYPE_CHECKING:
     from rehab_opt.optim.qp import Statement
 
-__all__ = ["active_set_round"]
+__all__ = ["BROKEN", "active_set_round", "picked", "solver_of"]
 
 BROKEN = 1e-11
 """By how much a bound must be passed to become active: less is rounding."""
@@ -56,17 +56,17 @@ def active_set_round(statement: Statement) -> ca.Function:
     active = ca.logic_or(at_high, at_low)
     target = ca.if_else(at_high, high, ca.if_else(at_low, low, 0))
 
-    taken = _places(active[n:][others], max(n - len(equalities), 0))
+    taken = picked(active[n:][others], max(n - len(equalities), 0))
     used = ca.vertcat(ca.SX.ones(len(equalities)), ca.sum2(taken))
     rows = ca.vertcat(matrix[equalities, :], taken @ matrix[others, :])
     wanted = ca.vertcat(rows_upper[equalities], taken @ target[n:][others])
 
     free, fixed = ca.diag(ca.logic_not(active[:n])), target[:n]
-    solve = _solver(free @ hessian @ free + ca.diag(active[:n]))
+    solve = solver_of(free @ hessian @ free + ca.diag(active[:n]))
     sideways = solve(free @ rows.T)
     alone = fixed - solve(free @ (gradient + hessian @ fixed))
     stiffness = ca.triu2symm(ca.triu((rows @ free) @ sideways))  # half the entries need computing
-    softened = _solver(stiffness + ca.diag(ca.if_else(used, SOFTENED * ca.diag(stiffness), 1)))
+    softened = solver_of(stiffness + ca.diag(ca.if_else(used, SOFTENED * ca.diag(stiffness), 1)))
     missing = rows @ alone - wanted
     pushing = softened(missing)
     for _ in range(PASSES):
@@ -85,7 +85,7 @@ def active_set_round(statement: Statement) -> ca.Function:
     return ca.Function(f"{statement.name}_round", [full, memory, multipliers, point, first], outputs, {"cse": True})
 
 
-def _places(active: ca.SX, count: int) -> ca.SX:
+def picked(active: ca.SX, count: int) -> ca.SX:
     """(count, rows) matrix that picks the first `count` active rows: one 1 a line, or none."""
     ranks, rank = [], ca.SX(0)
     for i in range(active.numel()):
@@ -99,7 +99,7 @@ def _places(active: ca.SX, count: int) -> ca.SX:
     )
 
 
-def _solver(matrix: ca.SX) -> Callable[[ca.SX], ca.SX]:
+def solver_of(matrix: ca.SX) -> Callable[[ca.SX], ca.SX]:
     """Right-hand sides -> solutions for a symmetric, positive definite matrix; not finite where it is none."""
     diagonal, factor, order = ca.ldl(ca.densify(matrix), False)
 

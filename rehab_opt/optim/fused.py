@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import casadi as ca
 
 from rehab_opt.optim.active_set import active_set_round
+from rehab_opt.optim.dual_active_set import dual_active_set
 from rehab_opt.optim.qrqp import QRQP_ITERATIONS, qrqp
 
 if TYPE_CHECKING:
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["FUSED_SOLVERS", "GUESS_TOLERANCE", "fused"]
 
-FUSED_SOLVERS = ("qrqp", "closed form", "active set")
+FUSED_SOLVERS = ("qrqp", "closed form", "active set", "dual active set")
 """Who answered, by the number that the fused function gives."""
 GUESS_TOLERANCE = 1e-10
 """Residual to which a guess counts as the answer: as exact as what the solver is asked for."""
@@ -80,7 +81,7 @@ def _solve(statement: Statement) -> ca.Function:
 
 
 def _rounds(statement: Statement, solver: ca.Function) -> ca.Function:
-    """As `solver`, after up to `statement.rounds` of `active_set_round`, each only where the one before failed.
+    """As `solver`, after `statement.rounds` of `active_set_round` and `dual_active_set`, each only where those failed.
 
     Complete parameters, memory, start, multipliers, point, whether it is the first round -> as `_solve`.
     """
@@ -89,7 +90,11 @@ def _rounds(statement: Statement, solver: ca.Function) -> ca.Function:
     multipliers, point = ca.MX.sym("multipliers", n + statement.m), ca.MX.sym("point", n)
     first = ca.MX.sym("first")
     arguments = [full, memory, start, multipliers, point, first]
-    otherwise = ca.Function("solver", arguments, [solver(full, memory, start)])
+    # What the rounds do not find, the slower method that cannot cycle does; a round makes its answer exact.
+    dual, _ = one(full, memory, dual_active_set(statement)(full, memory), point, 1)
+    choice = _choice(f"{statement.name}_dual_choice", solver)
+    answer = choice(dual[-1] <= GUESS_TOLERANCE, ca.vertcat(dual, 3), full, memory, start)
+    otherwise = ca.Function("solver", arguments, [answer])
     for k in range(statement.rounds):
         found, following = one(full, memory, multipliers, point, first)
         further = [full, memory, start, following, found[:n], 0]
