@@ -108,9 +108,9 @@ class RedundancyResolver:
             "max_age": max_age,
         }  # fmt: skip
         self._places = int(places)
+        self._sets: dict[tuple[str, ...], ChairAndArm] = {}
         self.obstacles = obstacles
         self._compile = compile
-        self._sets: dict[tuple[str, ...], ChairAndArm] = {}
         for rows in row_sets:
             self._prepare(_checked_rows(rows), compile=compile)
         self._active = next(iter(self._sets.values()))
@@ -130,6 +130,8 @@ class RedundancyResolver:
     def obstacles(self, obstacles: Sequence[Obstacle]) -> None:
         self._numbers = obstacle_numbers(obstacles, self._places)
         self._obstacles = tuple(obstacles)
+        for each in self._sets.values():
+            each.tell_obstacles(self._numbers)
 
     # ------------------------------------------------------------------------------------------------- the state
     @property
@@ -268,13 +270,13 @@ class RedundancyResolver:
             other = self._sets.get(names)
             if other is None:
                 if active.velocity.any():
-                    active.tell(q, np.zeros(len(active.rows)), 0.0, self._numbers)
+                    active.tell(q, np.zeros(len(active.rows)), 0.0)
                     return active.brake(f"rows {', '.join(names)} are prepared at rest")
                 other = self._prepare(names, compile=False)
             if other is not active:
                 other.take_over(active)
                 self._active = active = other
-        active.tell(q, twist, _frame(frame), self._numbers)
+        active.tell(q, twist, 0.0 if frame == "chassis" else _frame(frame))
         return active.tick(enable, stamp)
 
     def _at_hand(
@@ -290,6 +292,7 @@ class RedundancyResolver:
 
     def _prepare(self, rows: tuple[str, ...], *, compile: bool | None) -> ChairAndArm:
         chosen = ChairAndArm(self.robot, rows, compile=compile, **self._options)  # type: ignore[arg-type]
+        chosen.tell_obstacles(self._numbers)
         self._sets[rows] = chosen
         return chosen
 

@@ -177,9 +177,11 @@ class VelocityController(ABC):
 
     def _tick(self, enable: object, stamp: float | None) -> Command:
         """One step on what stands in the parameters."""
-        reason = self._refusal(enable, stamp)
-        if reason:
-            return self._safe(reason)
+        reason = ""
+        if enable is not True or stamp is not None or self._stamped:
+            reason = self._refusal(enable, stamp)
+            if reason:
+                return self._safe(reason)
         if self._fused:  # the usual way, without the layers of Python: they would cost as much as the solve
             verdict = self._verdict
             verdict[0] = _NAN  # see `Ladder`: a failure inside leaves the outputs as they are
