@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.chair_and_arm import ROWS
-from rehab_opt.control.velocity_controller import checked_number
+from rehab_opt.control.velocity_controller import checked_number, real_numbers
 from rehab_opt.errors import ConfigurationError
+from rehab_opt.optim.qp import PLAUSIBLE
 
-__all__ = ["STICK_MODES", "Joystick", "StickCommand", "StickMode", "checked_modes", "pressed"]
+__all__ = ["STICK_MODES", "Button", "Joystick", "StickCommand", "StickMode", "checked_modes", "pressed"]
 
 Array = NDArray[np.float64]
 
@@ -72,7 +73,7 @@ class Joystick:
     ) -> None:
         self.modes = checked_modes(modes)
         self._dt = checked_number("dt", dt, above=0.0, below=1.0)
-        self._dead = checked_number("dead_zone", dead_zone, above=-1e-300, below=1.0)
+        self._dead = 0.0 if dead_zone == 0 else checked_number("dead_zone", dead_zone, above=0.0, below=1.0)
         self._rate = checked_number("rate", rate, above=0.0)
         self.reset()
 
@@ -85,7 +86,7 @@ class Joystick:
         """First mode, gripper open, stick to be let go first."""
         self._mode, self._closed, self._free = 0, False, False
         self._deflection = np.zeros(2)
-        self._switch, self._gripper = _Button(self._dt), _Button(self._dt)
+        self._switch, self._gripper = Button(self._dt), Button(self._dt)
 
     def step(self, axes: ArrayLike, *, switch: object = False, gripper: object = False) -> StickCommand:
         """What the user asks for now. Never raises on numbers.
@@ -99,12 +100,7 @@ class Joystick:
         ------
         ConfigurationError : axes of the wrong shape.
         """
-        try:
-            told = np.asarray(axes, dtype=np.float64)
-        except (TypeError, ValueError, OverflowError) as problem:
-            raise ConfigurationError("axes", axes, "2 numbers") from problem
-        if told.shape != (2,):
-            raise ConfigurationError("axes", axes, "2 numbers")
+        told = real_numbers("axes", axes, (2,))
         if self._switch.press(switch):
             self._mode, self._free = (self._mode + 1) % len(self.modes), False
         if self._gripper.press(gripper):
@@ -138,7 +134,7 @@ def moved_towards(last: Array, wanted: Array, most: float) -> Array:
     return np.asarray(last + way * (most / size))
 
 
-class _Button:
+class Button:
     """Presses of a button, each once."""
 
     def __init__(self, dt: float) -> None:
@@ -147,6 +143,7 @@ class _Button:
         self._down, self._since = None, self._ticks
 
     def press(self, down: object) -> bool:
+        """Whether a press begins now; call it every tick."""
         now = pressed(down)
         if self._down is None:
             self._down = now  # one that is down from the beginning is stuck, not pressed
@@ -163,13 +160,21 @@ def pressed(value: object) -> bool:
 
 def checked_modes(modes: Sequence[StickMode]) -> tuple[StickMode, ...]:
     """Modes that a resolver can follow."""
-    checked = tuple(StickMode(*mode) for mode in modes)
-    if not checked:
-        raise ConfigurationError("modes", modes, "at least one mode")
-    for i, mode in enumerate(checked):
-        rows = tuple(mode.rows)
-        if len(rows) != 2 or rows[0] == rows[1] or not set(rows) <= set(ROWS):
-            raise ConfigurationError(f"modes[{i}].rows", mode.rows, f"two different ones of {', '.join(ROWS)}")
-        if len(mode.speeds) != 2 or not np.all(np.isfinite(mode.speeds)):
-            raise ConfigurationError(f"modes[{i}].speeds", mode.speeds, "two finite numbers")
-    return checked
+    if not isinstance(modes, (list, tuple)) or isinstance(modes, StickMode) or not modes:
+        raise ConfigurationError("modes", modes, "a list or tuple of at least one StickMode")
+    return tuple(_checked_mode(f"modes[{i}]", mode) for i, mode in enumerate(modes))
+
+
+def _checked_mode(argument: str, mode: object) -> StickMode:
+    if not (isinstance(mode, (list, tuple)) and len(mode) == len(StickMode._fields)):
+        raise ConfigurationError(argument, mode, "a StickMode: name, two rows, two speeds")
+    name, rows, speeds = mode
+    pair = tuple(rows) if isinstance(rows, (list, tuple)) else ()
+    known = all(isinstance(row, str) and row in ROWS for row in pair)
+    if len(pair) != 2 or not known or pair[0] == pair[1]:
+        raise ConfigurationError(f"{argument}.rows", rows, f"two different ones of {', '.join(ROWS)}")
+    sizes = tuple(speeds) if isinstance(speeds, (list, tuple, np.ndarray)) else ()
+    if len(sizes) != 2:
+        raise ConfigurationError(f"{argument}.speeds", speeds, "two numbers")
+    one, two = (checked_number(f"{argument}.speeds", each, above=-PLAUSIBLE, below=PLAUSIBLE) for each in sizes)
+    return StickMode(str(name), pair, (one, two))

@@ -14,6 +14,7 @@ from rehab_opt.control.stopping import OUTSIDE
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.mobile_arm import Outline
 from rehab_opt.optim.certificate import clipped
+from rehab_opt.optim.qp import PLAUSIBLE
 
 __all__ = ["NUMBERS", "Approach", "Disc", "HalfPlane", "Obstacle", "approach", "obstacle_numbers"]
 
@@ -65,26 +66,45 @@ def obstacle_numbers(obstacles: Sequence[Obstacle], slots: int) -> Array:
 
     Raises
     ------
-    ConfigurationError : more obstacles than places, neither half-plane nor disc, a normal of length zero, a number
-        that is not finite.
+    ConfigurationError : no list or tuple, more obstacles than places, neither half-plane nor disc, a normal of length
+        zero, a number that is none or no place in metres.
     """
+    if not isinstance(obstacles, (list, tuple)) or isinstance(obstacles, Obstacle):
+        raise ConfigurationError("obstacles", obstacles, "a list or tuple of HalfPlane and Disc")
     if len(obstacles) > slots:
         raise ConfigurationError("obstacles", len(obstacles), f"at most {slots}, as told at construction")
     numbers = np.zeros((slots, NUMBERS))
     for i, obstacle in enumerate(obstacles):
-        if isinstance(obstacle, HalfPlane):
-            (x, y), size = obstacle.normal, math.hypot(*obstacle.normal)
-            row = [x / size, y / size, obstacle.offset / size] if 0 < size < math.inf else []
-            kind = _HALF_PLANE
-        elif isinstance(obstacle, Disc):
-            row = [*obstacle.centre, obstacle.radius] if obstacle.radius >= 0 else []
-            kind = _DISC
-        else:
-            row, kind = [], _NONE
-        if not (row and np.all(np.isfinite(row))):
-            raise ConfigurationError(f"obstacles[{i}]", obstacle, "a HalfPlane or a Disc of finite numbers")
-        numbers[i] = *row, kind
+        row = _row(obstacle)
+        if row is None:
+            expected = (
+                f"a HalfPlane of two numbers, not both zero, and one, or a Disc of two and one, up to {PLAUSIBLE:g}"
+            )
+            raise ConfigurationError(f"obstacles[{i}]", obstacle, expected)
+        numbers[i] = row
     return numbers.reshape(-1)
+
+
+def _row(obstacle: object) -> tuple[float, ...] | None:
+    """(4,) the numbers of one obstacle, None where it is none."""
+    if not isinstance(obstacle, Obstacle):
+        return None
+    try:
+        (x, y), size = (_number(each) for each in obstacle[0]), _number(obstacle[1])
+        length = math.hypot(x, y) if isinstance(obstacle, HalfPlane) else 1.0
+        row = (x / length, y / length, size / length)
+    except (TypeError, ValueError, ArithmeticError):
+        return None
+    usable = all(abs(number) <= PLAUSIBLE for number in row)  # NaN fails
+    if isinstance(obstacle, HalfPlane):
+        return (*row, _HALF_PLANE) if usable and 0.0 < length < math.inf else None
+    return (*row, _DISC) if usable and size >= 0.0 else None
+
+
+def _number(value: object) -> float:
+    if not isinstance(value, (int, float, np.integer, np.floating)):
+        raise TypeError
+    return float(value)
 
 
 def approach(numbers: ca.SX, place: ca.SX, outline: Outline, *, dt: float, horizon: float, turn: float) -> Approach:

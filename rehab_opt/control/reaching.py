@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.control.smoothing import Smoother
 from rehab_opt.kinematics.mobile_arm import MobileArm
+from rehab_opt.optim.qp import PLAUSIBLE
 
 __all__ = ["Reaching"]
 
@@ -49,10 +50,11 @@ class Reaching:
 
     def twist(self, q: Array, target: Array, *, moving: bool) -> Array:
         """(3,) velocity of the hand in the world frame [m/s] at joint values q (7,); NaN where a number is unusable."""
-        hand = self._robot.chain.pose(q)[:3, 3]
-        if not (moving and np.all(np.isfinite(hand)) and np.all(np.isfinite(target))):
+        usable = np.all(np.abs(q) <= PLAUSIBLE) and np.all(np.abs(target) <= PLAUSIBLE)  # NaN fails
+        if not (moving and usable):
             self._begun = False
             return np.full(3, math.nan) if moving else np.zeros(3)
+        hand = self._robot.chain.pose(q)[:3, 3]
         smoother = self._smoother
         if not self._begun or not np.linalg.norm(smoother.position - hand) <= LEASH:
             smoother.reset(hand, np.clip(smoother.velocity if self._begun else np.zeros(3), -HAND_SPEED, HAND_SPEED))

@@ -14,7 +14,7 @@ from rehab_opt.control.command import Command
 from rehab_opt.control.joystick import pressed
 from rehab_opt.control.obstacles import Obstacle, obstacle_numbers
 from rehab_opt.control.reaching import Reaching
-from rehab_opt.control.velocity_controller import checked_number
+from rehab_opt.control.velocity_controller import checked_number, real_numbers
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import per_joint
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
@@ -90,14 +90,17 @@ class RedundancyResolver:
             raise ConfigurationError("robot", robot, "a MobileArm, as ardis() makes")
         if drive not in ("mecanum", "differential"):
             raise ConfigurationError("drive", drive, "mecanum or differential")
-        places = len(obstacles) if places is None else places
+        if places is None:
+            places = len(obstacles) if isinstance(obstacles, (list, tuple)) else 0
         if not (isinstance(places, (int, np.integer)) and places >= 0):
             raise ConfigurationError("places", places, "a whole number of zero or more")
-        if not row_sets:
-            raise ConfigurationError("row_sets", row_sets, "at least one set of rows")
+        if not (isinstance(row_sets, (list, tuple)) and row_sets):
+            raise ConfigurationError("row_sets", row_sets, "a list or tuple of at least one set of rows")
+        if not isinstance(keep_out, bool):
+            raise ConfigurationError("keep_out", keep_out, "True or False")
         self.robot = robot if keep_out else replace(robot, keep_out=())
         self.drive, self.dt = drive, checked_number("dt", dt, above=0.0, below=1.0)
-        if self_motion != 0.0:
+        if not (isinstance(self_motion, (int, float)) and self_motion == 0.0):
             checked_number("self_motion", self_motion, above=0.0)
         self._options = {
             "drive": drive, "self_motion": float(self_motion), "slots": int(places), "dt": dt,
@@ -105,9 +108,9 @@ class RedundancyResolver:
             "max_age": max_age,
         }  # fmt: skip
         self._places = int(places)
-        self.obstacles = tuple(obstacles)
-        self._compile = compile
         self._sets: dict[tuple[str, ...], ChairAndArm] = {}
+        self.obstacles = obstacles
+        self._compile = compile
         for rows in row_sets:
             self._prepare(_checked_rows(rows), compile=compile)
         self._active = next(iter(self._sets.values()))
@@ -116,7 +119,7 @@ class RedundancyResolver:
 
     # -------------------------------------------------------------------------------------------------- the room
     @property
-    def obstacles(self) -> tuple[Obstacle, ...]:
+    def obstacles(self) -> Sequence[Obstacle]:
         """Walls and posts in the world frame; may be set between ticks, as many as there are places for.
 
         One that appears around the chair lets it out, and not further in.
@@ -127,6 +130,8 @@ class RedundancyResolver:
     def obstacles(self, obstacles: Sequence[Obstacle]) -> None:
         self._numbers = obstacle_numbers(obstacles, self._places)
         self._obstacles = tuple(obstacles)
+        for each in self._sets.values():
+            each.tell_obstacles(self._numbers)
 
     # ------------------------------------------------------------------------------------------------- the state
     @property
@@ -231,7 +236,7 @@ class RedundancyResolver:
         """
         if self._reaching is None:
             self._reaching = Reaching(self.robot, dt=self.dt)
-        place, joints = per_joint("target", target, 3), per_joint("q", q, self.robot.chain.n)
+        place, joints = real_numbers("target", target, (3,)), real_numbers("q", q, (self.robot.chain.n,))
         twist = self._reaching.twist(joints, place, moving=pressed(enable))
         command = self._step(q, twist, ("x", "y", "z"), "world", enable, stamp)
         if not command.status.certified:
@@ -245,15 +250,15 @@ class RedundancyResolver:
 
         Its variables are velocities with the chair's in its own frame, in `ChairAndArm.units`, and the hand's speed.
         """
-        active, inputs = self._at_hand(tuple(rows), twist, frame)
-        return active.instance(q, *inputs)
+        active, inputs = self._at_hand(q, twist, rows, frame)
+        return active.instance(*inputs)
 
     def to_qpsolvers(
         self, q: ArrayLike, twist: ArrayLike, rows: Sequence[str] = ("x", "y", "z"), frame: str = "chassis"
     ) -> qpsolvers.Problem:
         """The same QP as a `qpsolvers.Problem`."""
-        active, inputs = self._at_hand(tuple(rows), twist, frame)
-        return active.to_qpsolvers(q, *inputs)  # type: ignore[no-any-return]
+        active, inputs = self._at_hand(q, twist, rows, frame)
+        return active.to_qpsolvers(*inputs)  # type: ignore[no-any-return]
 
     # --------------------------------------------------------------------------------------------------- plumbing
     def _step(  # noqa: PLR0917  (in the hot path, keywords cost)
@@ -265,33 +270,38 @@ class RedundancyResolver:
             other = self._sets.get(names)
             if other is None:
                 if active.velocity.any():
-                    active.tell(q, np.zeros(len(active.rows)), 0.0, self._numbers)
+                    active.tell(q, np.zeros(len(active.rows)), 0.0)
                     return active.brake(f"rows {', '.join(names)} are prepared at rest")
                 other = self._prepare(names, compile=False)
             if other is not active:
                 other.take_over(active)
                 self._active = active = other
-        world = FRAMES.get(frame) if isinstance(frame, str) else None
-        if world is None:
-            raise ConfigurationError("frame", frame, "chassis or world")
-        active.tell(q, twist, world, self._numbers)
+        active.tell(q, twist, 0.0 if frame == "chassis" else _frame(frame))
         return active.tick(enable, stamp)
 
     def _at_hand(
-        self, rows: tuple[str, ...], twist: ArrayLike, frame: str
-    ) -> tuple[ChairAndArm, tuple[ArrayLike, ...]]:
-        if frame not in FRAMES:
-            raise ConfigurationError("frame", frame, "chassis or world")
-        names = _checked_rows(rows)
+        self, q: ArrayLike, twist: ArrayLike, rows: Sequence[str], frame: str
+    ) -> tuple[ChairAndArm, tuple[Array, ...]]:
+        names, world = _checked_rows(rows), _frame(frame)
+        joints = real_numbers("q", q, (self.robot.chain.n,))
+        asked = real_numbers("twist", twist, (len(names),))
         chosen = self._sets.get(names) or self._prepare(names, compile=False)
         if chosen is not self._active:
             chosen.take_over(self._active)
-        return chosen, (twist, [FRAMES[frame]], self._numbers)[: 3 if self._places else 2]
+        return chosen, (joints, asked, np.array([world]), self._numbers)[: 4 if self._places else 3]
 
     def _prepare(self, rows: tuple[str, ...], *, compile: bool | None) -> ChairAndArm:
         chosen = ChairAndArm(self.robot, rows, compile=compile, **self._options)  # type: ignore[arg-type]
+        chosen.tell_obstacles(self._numbers)
         self._sets[rows] = chosen
         return chosen
+
+
+def _frame(frame: str) -> float:
+    world = FRAMES.get(frame) if isinstance(frame, str) else None
+    if world is None:
+        raise ConfigurationError("frame", frame, "chassis or world")
+    return world
 
 
 def _checked_rows(rows: Sequence[str]) -> tuple[str, ...]:

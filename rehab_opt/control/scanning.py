@@ -8,10 +8,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rehab_opt.control.joystick import STICK_MODES, StickCommand, StickMode, checked_modes, moved_towards
+from rehab_opt.control.joystick import STICK_MODES, Button, StickCommand, StickMode, checked_modes, moved_towards
 from rehab_opt.control.velocity_controller import checked_number
+from rehab_opt.errors import ConfigurationError
 
 __all__ = ["ScanOption", "Scanning"]
+
+
+HELD = 0.7
+"""Share of the threshold down to which a press lasts: breath wavers."""
 
 
 class ScanOption(NamedTuple):
@@ -29,7 +34,7 @@ class Scanning:
 
     Each option is lit for `dwell` seconds. Pressing holds it and moves while the press lasts; letting go stops, and
     scanning goes on from there. With a sip-and-puff straw a puff moves one way and a sip the other; a single switch
-    scans both ways one after the other. The gripper opens or closes once a press.
+    scans both ways one after the other. The gripper opens or closes once a press, however it bounces.
 
     Parameters
     ----------
@@ -37,7 +42,7 @@ class Scanning:
     dt : tick [s].
     dwell : [s] for which an option is lit.
     sip : whether there is a straw that can be sipped at, too.
-    threshold : pressure, of 1, from which it counts.
+    threshold : pressure, of 1, from which it counts; a press lasts until less than `HELD` of it is left.
     rate : [1/s] at which the speed grows.
 
     Raises
@@ -58,7 +63,9 @@ class Scanning:
         self.options = _options(checked_modes(modes), both_ways=not sip)
         self._dt = checked_number("dt", dt, above=0.0, below=1.0)
         self._dwell = math.ceil(checked_number("dwell", dwell, above=0.0, below=1e3) / dt)
-        self._sip, self._rate = bool(sip), checked_number("rate", rate, above=0.0)
+        if not isinstance(sip, bool):
+            raise ConfigurationError("sip", sip, "True or False")
+        self._sip, self._rate = sip, checked_number("rate", rate, above=0.0)
         self._threshold = checked_number("threshold", threshold, above=0.0, below=1.0)
         self.reset()
 
@@ -71,6 +78,7 @@ class Scanning:
         """First option, gripper open, nothing pressed."""
         self._lit, self._ticks, self._closed = 0, 0, False
         self._way, self._free = 0, False
+        self._puff, self._sipped = Button(self._dt), Button(self._dt)
         self._deflection = np.zeros(2)
 
     def step(self, pressure: float) -> StickCommand:
@@ -90,10 +98,9 @@ class Scanning:
             way, reason = 0, "the switch must be let go first"
         else:
             self._ticks = 0
-        option = self.lit
-        if way and way != self._way and option.mode is None:
+        option, begun = self.lit, (self._puff.press(way > 0), self._sipped.press(way < 0))
+        if any(begun) and option.mode is None:
             self._closed = not self._closed
-        self._way = way
         wanted = way * np.array(option.deflection)
         self._deflection = moved_towards(self._deflection, wanted, self._rate * self._dt)
         mode = option.mode or next(each.mode for each in self.options if each.mode)
@@ -103,14 +110,16 @@ class Scanning:
 
     def _pressed(self, pressure: object) -> tuple[int, str]:
         try:
-            value = float(pressure)  # type: ignore[arg-type]
+            value = math.nan if isinstance(pressure, (str, bytes)) else float(pressure)  # type: ignore[arg-type]
         except (TypeError, ValueError, OverflowError):
             value = math.nan
         if not math.isfinite(value):
+            self._way = 0
             return 0, "pressure is not finite"
-        if value >= self._threshold:
-            return 1, ""
-        return (-1, "") if self._sip and value <= -self._threshold else (0, "")
+        way, size = (-1, -value) if self._sip and value < 0 else (1, value)
+        enough = self._threshold * (HELD if way == self._way else 1.0)
+        self._way = way if size >= enough else 0
+        return self._way, ""
 
 
 def _options(modes: tuple[StickMode, ...], *, both_ways: bool) -> tuple[ScanOption, ...]:

@@ -22,7 +22,7 @@ from rehab_opt.optim.ladder import FUSED, Ladder
 from rehab_opt.optim.qp import PLAUSIBLE, Instance, Statement
 from rehab_opt.symbolic import BufferedFunction
 
-__all__ = ["VelocityController", "checked_number"]
+__all__ = ["VelocityController", "checked_number", "real_numbers"]
 
 Array = NDArray[np.float64]
 MISSED = 1e-3
@@ -177,9 +177,11 @@ class VelocityController(ABC):
 
     def _tick(self, enable: object, stamp: float | None) -> Command:
         """One step on what stands in the parameters."""
-        reason = self._refusal(enable, stamp)
-        if reason:
-            return self._safe(reason)
+        reason = ""
+        if enable is not True or stamp is not None or self._stamped:
+            reason = self._refusal(enable, stamp)
+            if reason:
+                return self._safe(reason)
         if self._fused:  # the usual way, without the layers of Python: they would cost as much as the solve
             verdict = self._verdict
             verdict[0] = _NAN  # see `Ladder`: a failure inside leaves the outputs as they are
@@ -215,20 +217,7 @@ class VelocityController(ABC):
     def _write(self, values: tuple[ArrayLike, ...]) -> None:
         """Copy what is not a float array, or say what is wrong with it; numbers are judged by the certificate."""
         for target, value, name in zip((self._q, *self._inputs), values, self._names, strict=True):
-            expected = f"real numbers of shape {target.shape}"
-            try:
-                array = np.asarray(value)
-                if array.dtype.kind == "O":  # integers beyond 64 bits are numbers, too
-                    array = array.astype(np.float64)
-            except OverflowError:
-                array = np.full(target.shape, math.inf)
-            except (TypeError, ValueError) as problem:
-                raise ConfigurationError(name, value, expected) from problem
-            if array.dtype.kind not in "fiub":
-                raise ConfigurationError(name, value, expected)
-            if array.shape != target.shape:
-                raise ConfigurationError(name, value, expected)
-            target[...] = array
+            target[...] = real_numbers(name, value, target.shape)
 
     def _safe(self, reason: str) -> Command:
         """Decelerate within the bounds, from the last good position where this one is unusable."""
@@ -255,6 +244,22 @@ class VelocityController(ABC):
         if not np.linalg.norm(self._ladder.parameters) <= PLAUSIBLE:
             return "the numbers are too large to be meant"
         return self.requirement
+
+
+def real_numbers(argument: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
+    """`value` as an array of that shape, whatever its numbers are: an integer that no float holds is infinite."""
+    expected = f"real numbers of shape {shape}"
+    try:
+        array = np.asarray(value)
+        if array.dtype.kind == "O":  # integers beyond 64 bits are numbers, too
+            array = array.astype(np.float64)
+    except OverflowError:
+        array = np.full(shape, math.inf)
+    except (TypeError, ValueError) as problem:
+        raise ConfigurationError(argument, value, expected) from problem
+    if array.dtype.kind not in "fiub" or array.shape != shape:
+        raise ConfigurationError(argument, value, expected)
+    return array.astype(np.float64)
 
 
 def checked_number(argument: str, value: float, *, above: float, below: float = math.inf) -> float:

@@ -12,10 +12,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rehab_opt.kinematics.chain import DH, SerialChain
+from rehab_opt.kinematics.chain import DH, SerialChain, per_joint
 from rehab_opt.kinematics.differential import Differential
 from rehab_opt.kinematics.inertia import Body, rod
-from rehab_opt.kinematics.mecanum import Mecanum, checked_lengths
+from rehab_opt.kinematics.mecanum import Mecanum, checked_amounts, checked_lengths
 from rehab_opt.kinematics.mobile_arm import CHAIR, Capsule, MobileArm, Outline
 
 __all__ = ["ARDIS_KEEP_OUT", "ARDIS_READY", "ardis"]
@@ -86,6 +86,10 @@ def ardis(
     ConfigurationError : an argument that cannot be used.
     """
     checked_lengths(d5=d5, d7=d7, mount_height=mount_height, chair_mass=chair_mass)
+    checked_amounts(
+        chair_turn_inertia=chair_turn_inertia, shoulder_mass=shoulder_mass, upper_arm_mass=upper_arm_mass,
+        forearm_mass=forearm_mass, hand_mass=hand_mass, payload=payload,
+    )  # fmt: skip
     rows = (
         DH(0.0, -math.pi / 2, 0.0, math.pi / 2, prismatic=True),
         DH(0.0, math.pi / 2, 0.0, -math.pi / 2, prismatic=True),
@@ -113,11 +117,11 @@ def ardis(
     return MobileArm(
         chain,
         bodies=bodies,
-        rotors=np.asarray(rotors, dtype=np.float64),
-        mecanum=mecanum or Mecanum(radius=0.10, half_gauge=0.28, half_base=0.25, limit=10.0),
-        differential=differential or Differential(radius=0.15, half_gauge=0.28, limit=7.0),
-        outline=outline or Outline(rear=-0.45, front=0.55, right=-0.33, left=0.33),
-        keep_out=tuple(keep_out),
+        rotors=per_joint("rotors", rotors, len(rows)),
+        mecanum=Mecanum(radius=0.10, half_gauge=0.28, half_base=0.25, limit=10.0) if mecanum is None else mecanum,
+        differential=Differential(radius=0.15, half_gauge=0.28, limit=7.0) if differential is None else differential,
+        outline=Outline(rear=-0.45, front=0.55, right=-0.33, left=0.33) if outline is None else outline,
+        keep_out=keep_out,  # type: ignore[arg-type]
         limit_cost=limit_cost,
         singular_cost=singular_cost,
     )

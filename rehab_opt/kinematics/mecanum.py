@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+import sys
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import per_joint
 
-__all__ = ["ChassisMotion", "Mecanum", "checked_lengths"]
+__all__ = ["ChassisMotion", "Mecanum", "checked_amounts", "checked_lengths"]
 
 Array = NDArray[np.float64]
 
@@ -82,5 +82,17 @@ class Mecanum:
 def checked_lengths(**numbers: float) -> None:
     """Refuse what is not a positive, finite number."""
     for name, number in numbers.items():
-        if not (isinstance(number, (int, float, np.integer, np.floating)) and 0.0 < number < math.inf):
+        if not (_finite(number) and number > 0.0):
             raise ConfigurationError(name, number, "a positive finite number")
+
+
+def checked_amounts(**numbers: float) -> None:
+    """Refuse what is not a finite number of zero or more."""
+    for name, number in numbers.items():
+        if not (_finite(number) and number >= 0.0):
+            raise ConfigurationError(name, number, "a finite number of zero or more")
+
+
+def _finite(number: object) -> bool:
+    real = isinstance(number, (int, float, np.integer, np.floating))
+    return real and bool(abs(number) <= sys.float_info.max)  # type: ignore[arg-type]  # an integer may be larger

@@ -16,7 +16,7 @@ from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain, per_joint
 from rehab_opt.kinematics.differential import Differential
 from rehab_opt.kinematics.inertia import Body, inertia_expression
-from rehab_opt.kinematics.mecanum import Mecanum
+from rehab_opt.kinematics.mecanum import Mecanum, checked_amounts
 from rehab_opt.symbolic.buffered import BufferedFunction
 
 __all__ = ["CHAIR", "Capsule", "MobileArm", "Outline"]
@@ -98,12 +98,13 @@ class MobileArm:
             raise ConfigurationError(
                 "velocity, acceleration", (chain.velocity, chain.acceleration), "the same forward and to the left"
             )
-        if not (self.outline.rear < self.outline.front and self.outline.right < self.outline.left):
-            raise ConfigurationError("outline", self.outline, "rear before front and right before left, in metres")
+        for name, kind in (("mecanum", Mecanum), ("differential", Differential)):
+            if not isinstance(getattr(self, name), kind):
+                raise ConfigurationError(name, getattr(self, name), f"a {kind.__name__}")
+        _check_outline(self.outline)
+        object.__setattr__(self, "keep_out", _checked_keep_out(self.keep_out))
+        checked_amounts(arm_radius=self.arm_radius, limit_cost=self.limit_cost, singular_cost=self.singular_cost)
         rotors = per_joint("rotors", self.rotors, chain.n, finite=True)
-        for name, number in (("limit_cost", self.limit_cost), ("singular_cost", self.singular_cost)):
-            if not 0.0 <= number < math.inf:
-                raise ConfigurationError(name, number, "a finite number of zero or more")
         object.__setattr__(self, "rotors", rotors)
         if not np.linalg.eigvalsh(self.inertia(np.zeros(chain.n)))[0] > 0.0:
             raise ConfigurationError("bodies, rotors", (self.bodies, rotors), "masses that make W positive definite")
@@ -201,3 +202,32 @@ class MobileArm:
     def __setstate__(self, state: dict[str, Any]) -> None:
         state["rotors"].flags.writeable = False  # pickle forgets it
         self.__dict__.update(state)
+
+
+def _check_outline(outline: object) -> None:
+    expected = "an Outline of finite numbers, rear before front and right before left"
+    if not isinstance(outline, Outline):
+        raise ConfigurationError("outline", outline, expected)
+    rear, front, right, left = _metres("outline", outline, 4, expected)
+    if not (rear < front and right < left):
+        raise ConfigurationError("outline", outline, expected)
+
+
+def _checked_keep_out(keep_out: object) -> tuple[Capsule, ...]:
+    """Capsules of finite numbers; one of NaN would let the arm through."""
+    if not isinstance(keep_out, (list, tuple)) or isinstance(keep_out, Capsule):
+        raise ConfigurationError("keep_out", keep_out, "a list or tuple of Capsule")
+    for i, capsule in enumerate(keep_out):
+        if not isinstance(capsule, Capsule):
+            raise ConfigurationError(f"keep_out[{i}]", capsule, "a Capsule")
+        for end in (capsule.start, capsule.end):
+            _metres(f"keep_out[{i}]", end, 3, "a Capsule with three finite numbers for either end")
+        checked_amounts(**{f"keep_out[{i}].radius": capsule.radius})
+    return tuple(keep_out)
+
+
+def _metres(argument: str, value: Any, n: int, expected: str) -> Array:
+    try:
+        return per_joint(argument, [each + 0.0 for each in value], n, finite=True)
+    except (TypeError, ValueError, OverflowError, ConfigurationError) as problem:
+        raise ConfigurationError(argument, value, expected) from problem

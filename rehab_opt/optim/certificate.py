@@ -7,7 +7,15 @@ from typing import Any
 
 import casadi as ca
 
-__all__ = ["all_true", "certificate_function", "clipped", "is_certified", "one_is_zero"]
+__all__ = [
+    "all_true",
+    "certificate_function",
+    "certified_expressions",
+    "clipped",
+    "is_certified",
+    "one_is_zero",
+    "violation",
+]
 
 
 def certificate_function(n: int, m: int) -> ca.Function:
@@ -28,21 +36,48 @@ def certificate_function(n: int, m: int) -> ca.Function:
     lower, upper, sound = ca.SX.sym("lower", n), ca.SX.sym("upper", n), ca.SX.sym("sound")
     claim, bound_multiplier, row_multiplier = ca.SX.sym("x", n), ca.SX.sym("y_x", n), ca.SX.sym("y_A", m)
 
+    data = [hessian, gradient, matrix, rows_lower, rows_upper, lower, upper, sound]
+    outputs = certified_expressions(*data, claim, bound_multiplier, row_multiplier)
+    return ca.Function("certificate", [*data, claim, bound_multiplier, row_multiplier], outputs, {"cse": True})
+
+
+def certified_expressions(  # noqa: PLR0917  (the order of `certificate_function`)
+    hessian: ca.SX,
+    gradient: ca.SX,
+    matrix: ca.SX,
+    rows_lower: ca.SX,
+    rows_upper: ca.SX,
+    lower: ca.SX,
+    upper: ca.SX,
+    sound: ca.SX,
+    claim: ca.SX,
+    bound_multiplier: ca.SX,
+    row_multiplier: ca.SX,
+) -> tuple[ca.SX, ca.SX]:
+    """What `certificate_function` gives, of expressions: what is zero or infinite by its form costs nothing there."""
     x = clipped(claim, lower, upper)
     rows = matrix @ x
     stationarity = hessian @ x + gradient + bound_multiplier + matrix.T @ row_multiplier
-    violation = ca.fmax(rows_lower - rows, 0) + ca.fmax(rows - rows_upper, 0)
     complementarity = ca.vertcat(
         one_is_zero(bound_multiplier, x, lower, upper), one_is_zero(row_multiplier, rows, rows_lower, rows_upper)
     )
-    residual = ca.sqrt(ca.sumsqr(stationarity) + ca.sumsqr(violation) + ca.sumsqr(complementarity))
+    outside = violation(rows, rows_lower, rows_upper)
+    residual = ca.sqrt(ca.sumsqr(stationarity) + ca.sumsqr(outside) + ca.sumsqr(complementarity))
     sane = all_true(
         sound > 0, ca.fabs(claim) <= 1e30, x <= upper, x >= lower, ca.fabs(rows) <= 1e30, rows_lower <= rows_upper
     )
-    data = [hessian, gradient, matrix, rows_lower, rows_upper, lower, upper, sound]
-    return ca.Function(
-        "certificate", [*data, claim, bound_multiplier, row_multiplier], [x, residual / sane], {"cse": True}
-    )
+    return x, residual / sane
+
+
+def violation(values: ca.SX, lower: ca.SX, upper: ca.SX) -> ca.SX:
+    """By how much each value is outside its bounds; none that is infinite by its form."""
+    below = [ca.fmax(lower[i] - values[i], 0) for i in range(values.numel()) if not _is(lower[i], -ca.inf)]
+    above = [ca.fmax(values[i] - upper[i], 0) for i in range(values.numel()) if not _is(upper[i], ca.inf)]
+    return ca.vertcat(*below, *above)
+
+
+def _is(element: ca.SX, number: float) -> bool:
+    return bool(element.is_constant()) and float(element) == number
 
 
 def all_true(*conditions: ca.SX) -> ca.SX:
@@ -64,6 +99,7 @@ def clipped(value: Any, lower: Any, upper: Any) -> ca.SX:
 
 def one_is_zero(multiplier: ca.SX, value: ca.SX, lower: ca.SX, upper: ca.SX) -> ca.SX:
     """Complementarity as min(multiplier, slack): zero iff one of them is, and infinite bounds need no special case."""
-    at_upper = ca.fmin(ca.fmax(multiplier, 0), ca.fmax(upper - value, 0))
-    at_lower = ca.fmin(ca.fmax(-multiplier, 0), ca.fmax(value - lower, 0))
-    return ca.vertcat(at_upper, at_lower)
+    told = [i for i in range(multiplier.numel()) if not _is(multiplier[i], 0.0)]
+    at_upper = [ca.fmin(ca.fmax(multiplier[i], 0), ca.fmax(upper[i] - value[i], 0)) for i in told]
+    at_lower = [ca.fmin(ca.fmax(-multiplier[i], 0), ca.fmax(value[i] - lower[i], 0)) for i in told]
+    return ca.vertcat(*at_upper, *at_lower)

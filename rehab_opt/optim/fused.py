@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 
 import casadi as ca
 
+from rehab_opt.optim.active_set import active_set_round
+from rehab_opt.optim.dual_active_set import dual_active_set
 from rehab_opt.optim.qrqp import QRQP_ITERATIONS, qrqp
 
 if TYPE_CHECKING:
@@ -17,7 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["FUSED_SOLVERS", "GUESS_TOLERANCE", "fused"]
 
-FUSED_SOLVERS = ("qrqp", "closed form", "active set")
+FUSED_SOLVERS = ("qrqp", "closed form", "active set", "dual active set")
 """Who answered, by the number that the fused function gives."""
 GUESS_TOLERANCE = 1e-10
 """Residual to which a guess counts as the answer: as exact as what the solver is asked for."""
@@ -39,7 +41,7 @@ def fused(statement: Statement) -> ca.Function:
 
     held = ca.vertcat(guess, residual, 1)
     answered = ca.logic_or(residual <= GUESS_TOLERANCE, ca.logic_not(sound))  # no solver sees unusable parameters
-    answer = _choice(f"{statement.name}_closed_form", _solve(statement))(answered, held, full, memory, start)
+    answer = _choice(f"{statement.name}_closed_form", _solve(statement))(answered, held, full, memory, start, guess[:n])
 
     x = answer[:n]
     report, memory, violation = statement.finish(full, memory, x)
@@ -57,21 +59,49 @@ def _choice(name: str, otherwise: ca.Function) -> ca.Function:
 
 
 def _solve(statement: Statement) -> ca.Function:
-    """Complete parameters, memory, start -> x, multipliers, residual, who answered."""
+    """Complete parameters, memory, start, guess -> x, multipliers, residual, who answered."""
     solver = _qrqp(statement, statement.m)
     full, memory, start = _inputs(statement)
+    guess = ca.MX.sym("guess", statement.n)
     if statement.seldom:
         likely = _qrqp(statement, statement.m - statement.seldom)(full, memory, start)
         choice = _choice(f"{statement.name}_likely", solver)
         answer = choice(likely[-2] <= GUESS_TOLERANCE, likely, full, memory, start)
-        return ca.Function(f"{statement.name}_solve", [full, memory, start], [answer])
-    if statement.m:
-        return solver
-    x, bounds, residual = _last_active_set(statement)(full, memory, start[statement.n :])
-    held = ca.vertcat(x, bounds, residual, 2)
-    choice = _choice(f"{statement.name}_active_set", solver)
-    answer = choice(residual <= GUESS_TOLERANCE, held, full, memory, start)
-    return ca.Function(f"{statement.name}_solve", [full, memory, start], [answer])
+        solver = ca.Function(f"{statement.name}_any", [full, memory, start], [answer])
+    if statement.rounds:
+        answer = _rounds(statement, solver)(full, memory, start, start[statement.n :], guess, 1)
+    elif statement.m:
+        answer = solver(full, memory, start)
+    else:
+        x, bounds, residual = _last_active_set(statement)(full, memory, start[statement.n :])
+        held = ca.vertcat(x, bounds, residual, 2)
+        choice = _choice(f"{statement.name}_active_set", solver)
+        answer = choice(residual <= GUESS_TOLERANCE, held, full, memory, start)
+    return ca.Function(f"{statement.name}_solve", [full, memory, start, guess], [answer])
+
+
+def _rounds(statement: Statement, solver: ca.Function) -> ca.Function:
+    """As `solver`, after `statement.rounds` of `active_set_round` and `dual_active_set`, each only where those failed.
+
+    Complete parameters, memory, start, multipliers, point, whether it is the first round -> as `_solve`.
+    """
+    n, one = statement.n, active_set_round(statement)
+    full, memory, start = _inputs(statement)
+    multipliers, point = ca.MX.sym("multipliers", n + statement.m), ca.MX.sym("point", n)
+    first = ca.MX.sym("first")
+    arguments = [full, memory, start, multipliers, point, first]
+    # What the rounds do not find, the slower method that cannot cycle does; a round makes its answer exact.
+    dual, _ = one(full, memory, dual_active_set(statement)(full, memory), point, 1)
+    choice = _choice(f"{statement.name}_dual_choice", solver)
+    answer = choice(dual[-1] <= GUESS_TOLERANCE, ca.vertcat(dual, 3), full, memory, start)
+    otherwise = ca.Function("solver", arguments, [answer])
+    for k in range(statement.rounds):
+        found, following = one(full, memory, multipliers, point, first)
+        further = [full, memory, start, following, found[:n], 0]
+        choice = _choice(f"{statement.name}_round_{k}", otherwise)
+        answer = choice(found[-1] <= GUESS_TOLERANCE, ca.vertcat(found, 2), *further)
+        otherwise = ca.Function(f"{statement.name}_rounds_{k}", arguments, [answer])
+    return otherwise
 
 
 def _last_active_set(statement: Statement) -> ca.Function:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.optim.certificate import all_true, certificate_function, one_is_zero
+from rehab_opt.optim.certificate import all_true, certificate_function, one_is_zero, violation
 
 if TYPE_CHECKING:
     import qpsolvers
@@ -89,6 +89,7 @@ class Statement:
     subject_to : rows linear in the variables.
     seldom : how many of the last rows are seldom active: the fused function solves without them first, and again with
         them only where the certificate, which always has all rows, says that one was missed.
+    rounds : how often the fused function corrects the active set of the last tick before the solver runs.
     iterations : cap on the active-set changes of the fused solver, None for its own: what is not found soon is seldom
         found later, and the backup waits.
     requires : conditions on the parameters without which no answer is certified.
@@ -115,6 +116,7 @@ class Statement:
     minimise: ca.SX
     subject_to: Sequence[Row] = ()
     seldom: int = 0
+    rounds: int = 0
     iterations: int | None = None
     requires: Sequence[ca.SX] = ()
     report: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
@@ -215,7 +217,7 @@ class Statement:
         )
         pressed = -(slope + matrix.T @ multipliers)
         at_bound = ca.logic_or(ca.logic_and(guess >= upper, pressed > 0), ca.logic_and(guess <= lower, pressed < 0))
-        violated = ca.fmax(rows.lower - values, 0) + ca.fmax(values - rows.upper, 0)
+        violated = violation(values, rows.lower, rows.upper)
         loose = one_is_zero(multipliers, values, rows.lower, rows.upper)
         squares = ca.sumsqr(ca.if_else(at_bound, 0, pressed)) + ca.sumsqr(violated) + ca.sumsqr(loose)
         # A sum that NaN poisons, where fmax and a choice would drop it.

@@ -1,6 +1,7 @@
 """What a user's hand may and may not cause."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -154,7 +155,31 @@ def test_a_puff_moves_one_way_and_a_sip_the_other_and_each_works_the_gripper_onc
     assert states == [True, True, True, False, False, False]
 
 
-@pytest.mark.parametrize("pressure", [math.nan, math.inf, None, "x", 10**400])
+def test_a_switch_that_bounces_opens_no_gripper_that_it_has_just_closed() -> None:
+    scan = Scanning(sip=True, dt=0.01, dwell=0.3)
+    while scan.lit.name != "gripper":
+        scan.step(0.0)
+    states = [scan.step(p).gripper_closed for p in (0.9, 0.0, 0.9, 0.0, 0.0, 0.9, 0.9)]
+    assert states == [True] * 7
+    for _ in range(16):
+        scan.step(0.0)
+    assert scan.lit.name == "gripper"
+    assert scan.step(0.9).gripper_closed is False  # a second press
+
+
+def test_breath_that_wavers_about_the_threshold_is_one_press() -> None:
+    scan = Scanning(sip=True, dt=0.01, threshold=0.3, rate=1e3)
+    scan.step(0.0)
+    assert not scan.step(0.29).twist.any()
+    assert scan.step(0.31).twist[0] > 0
+    assert scan.step(0.22).twist[0] > 0
+    assert not scan.step(0.2).twist.any()
+    assert not scan.step(0.22).twist.any()
+    assert not scan.step(-0.22).twist.any()
+    assert scan.step(-0.31).twist[0] < 0
+
+
+@pytest.mark.parametrize("pressure", [math.nan, math.inf, None, "x", "1", b"1", 10**400])
 def test_what_is_no_pressure_is_no_press(pressure: object) -> None:
     scan = Scanning()
     scan.step(0.0)
@@ -173,14 +198,42 @@ def test_what_is_no_pressure_is_no_press(pressure: object) -> None:
         ("modes", [StickMode("a", ("x", "x"), (1, 1))]),
         ("modes", [StickMode("a", ("x", "up"), (1, 1))]),
         ("modes", [StickMode("a", ("x", "y"), (1, math.nan))]),
+        ("modes", 5),
+        ("modes", None),
+        ("modes", [5]),
+        ("modes", ["xyz"]),
+        ("modes", [("x", "y")]),
+        ("modes", StickMode("a", ("x", "y"), (1, 1))),
+        ("modes[0].rows", [StickMode("a", None, (1, 1))]),  # type: ignore[arg-type]
+        ("modes[0].rows", [StickMode("a", "xy", (1, 1))]),  # type: ignore[arg-type]
+        ("modes[0].rows", [StickMode("a", ("x", ["y"]), (1, 1))]),  # type: ignore[arg-type]
+        ("modes[0].speeds", [StickMode("a", ("x", "y"), None)]),  # type: ignore[arg-type]
+        ("modes[0].speeds", [StickMode("a", ("x", "y"), ("a", "b"))]),  # type: ignore[arg-type]
+        ("modes[0].speeds", [StickMode("a", ("x", "y"), (10**400, 1))]),
     ],
 )
 def test_a_stick_that_cannot_be_is_refused(argument: str, value: object) -> None:
-    with pytest.raises(ConfigurationError, match=argument):
-        Joystick(**{argument: value})  # type: ignore[arg-type]
+    for device in (Joystick, Scanning):
+        if argument not in ("dead_zone",) or device is Joystick:
+            with pytest.raises(ConfigurationError, match=re.escape(argument)):
+                device(**{argument.partition("[")[0]: value})  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("axes", [[0.0], [0, 0, 0], "up", None])
+def test_a_mode_given_as_lists_moves_the_resolver_s_rows() -> None:
+    stick = let_go(Joystick([("tilt", ["rx", "z"], [0.1, 0.2])]))  # type: ignore[list-item]
+    assert stick.step([1.0, 0.0]).rows == ("rx", "z")
+
+
+def test_a_straw_is_there_or_not() -> None:
+    with pytest.raises(ConfigurationError, match="sip"):
+        Scanning(sip="no")  # type: ignore[arg-type]
+
+
+def test_axes_beyond_all_floats_move_nothing() -> None:
+    assert not let_go(Joystick()).step([10**400, 0]).twist.any()
+
+
+@pytest.mark.parametrize("axes", [[0.0], [0, 0, 0], "up", None, ["1", "0"], [b"1", b"0"], [1j, 0]])
 def test_axes_of_the_wrong_shape_are_an_error(axes: object) -> None:
     with pytest.raises(ConfigurationError, match="axes"):
         Joystick().step(axes)  # type: ignore[arg-type]

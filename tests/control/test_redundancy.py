@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -203,6 +204,11 @@ def test_no_command_while_moving_stops_in_as_many_ticks_as_the_slowest_joint_nee
 @cache
 def stopper(drive: str, dt: float) -> RedundancyResolver:
     return resolver(drive=drive, dt=dt, keep_out=False)
+
+
+@cache
+def with_a_place() -> RedundancyResolver:
+    return resolver(places=1, keep_out=False)
 
 
 def test_nobody_who_lets_go_of_the_enable_switch_is_moved() -> None:
@@ -600,6 +606,15 @@ def test_reaching_stops_on_a_target_that_is_no_number_and_goes_on_with_the_next(
         ("tolerance", 2.0),
         ("max_age", 1e-9),
         ("solver", "nobody"),
+        ("row_sets", 5),
+        ("row_sets", "xyz"),
+        ("obstacles", 5),
+        ("obstacles", None),
+        ("obstacles", Disc((1, 1), 1)),
+        ("places", math.nan),
+        ("keep_out", None),
+        ("keep_out", "no"),
+        ("self_motion", np.array([1.0, 2.0])),
     ],
 )
 def test_an_argument_that_cannot_be_used_is_refused(argument: str, value: object) -> None:
@@ -622,6 +637,71 @@ def test_a_call_of_the_wrong_shape_is_an_error_that_names_it(argument: str, call
     usual = {"q": ARDIS_READY, "twist": [0.1, 0.0, 0.0], **call}
     with pytest.raises(ConfigurationError, match=argument):
         stopper("mecanum", 1e-2).step(**usual)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("make", [HalfPlane, Disc])
+@pytest.mark.parametrize(
+    ("place", "size"),
+    [
+        (("a", "b"), 1),
+        (("1", "2"), 1),
+        (None, 1),
+        (5, 1),
+        ((1,), 1),
+        ((1, 0, 0), 1),
+        ({1, 2, 3}, 1),
+        ((1j, 0), 1),
+        ((10**400, 0), 1),
+        ((math.nan, 1), 1),
+        (np.array([[1.0, 0.0]]), 1),
+        ((1, 0), None),
+        ((1, 0), "1"),
+        ((1, 0), [1]),
+        ((1, 0), np.array([1.0, 2.0])),
+        ((1, 0), 1e308),
+        ((1, 0), 10**400),
+        ((1, 0), math.nan),
+        ((1, 0), math.inf),
+    ],
+)
+def test_an_obstacle_that_is_none_is_refused_by_its_number_and_the_last_ones_stay(
+    make: Any, place: object, size: object
+) -> None:
+    robot = with_a_place()
+    before = robot.obstacles
+    with pytest.raises(ConfigurationError, match=r"obstacles\[0\] = .*expected a HalfPlane"):
+        robot.obstacles = (make(place, size),)
+    assert robot.obstacles == before
+
+
+def test_a_place_of_strings_is_refused_and_one_beyond_all_floats_brakes() -> None:
+    robot = stopper("mecanum", 1e-2)
+    for target in ("1", ["1", "2", "3"], 5.0, [1.0, 2.0], None):
+        with pytest.raises(ConfigurationError, match="target"):
+            robot.reach(ARDIS_READY, target)  # type: ignore[arg-type]
+    for q, target in (([1e300] * 7, [1.0, 0, 0]), (ARDIS_READY, [10**400, 0, 0]), ([10**400] * 7, [1.0, 0, 0])):
+        command = robot.reach(q, target)
+        assert not command.status.certified
+        assert command.reason
+
+
+@pytest.mark.parametrize(
+    ("argument", "call"),
+    [
+        ("frame", {"frame": []}),
+        ("rows", {"rows": None}),
+        ("rows", {"rows": "xyz"}),
+        ("q", {"q": [0.0]}),
+        ("q", {"q": "here"}),
+        ("twist", {"twist": None}),
+        ("twist", {"twist": [0.1, 0.2]}),
+    ],
+)
+def test_an_inspection_of_the_wrong_shape_is_an_error_that_names_it(argument: str, call: dict[str, object]) -> None:
+    robot = with_a_place()
+    for look in (robot.instance, robot.to_qpsolvers):
+        with pytest.raises(ConfigurationError, match=argument):
+            look(**{"q": ARDIS_READY, "twist": [0.1, 0.0, 0.0], **call})  # type: ignore[arg-type]
 
 
 def test_a_start_that_breaks_a_limit_is_refused() -> None:

@@ -1,6 +1,7 @@
 """The chain, its frames and its inertia against poses in plain numpy and their numerical derivatives."""
 
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,10 +11,12 @@ from scipy.spatial.transform import Rotation
 
 from rehab_opt import ConfigurationError
 from rehab_opt.kinematics.ardis import ARDIS_READY, ardis
-from rehab_opt.kinematics.mobile_arm import MobileArm
+from rehab_opt.kinematics.mecanum import Mecanum
+from rehab_opt.kinematics.mobile_arm import Capsule, MobileArm, Outline
 from tests.kinematics.dh_oracle import chain_pose
 
 ROBOT = ardis(payload=1.0)
+HOSTILE = (None, "a", np.nan, np.inf, -1.0, [1, 2])
 numbers = st.floats(-3, 3)
 joints = st.lists(numbers, min_size=7, max_size=7).map(np.array)
 
@@ -124,8 +127,32 @@ def test_a_robot_survives_pickling() -> None:
         ("rotors", (0, 0, 0, np.nan, 1, 1, 1)),
         ("rotors", (0, 0, 0, -5, 0, 0, 0)),
         ("limit_cost", -1.0),
+        ("limit_cost", "a"),
+        ("singular_cost", 10**400),
+        *((mass, bad) for mass in ("shoulder_mass", "payload", "chair_turn_inertia") for bad in HOSTILE),
+        ("chair_mass", 10**400),
+        ("rotors", "a"),
+        ("mecanum", 5),
+        ("differential", Mecanum(radius=0.1, half_gauge=0.2, half_base=0.2, limit=5.0)),
+        ("outline", (0, 1, 0, 1)),
+        ("outline", Outline(1.0, 0.0, 0.0, 1.0)),
+        ("outline", Outline(None, 1.0, 0.0, 1.0)),  # type: ignore[arg-type]
+        ("outline", Outline(-np.inf, 1.0, 0.0, 1.0)),
+        ("keep_out", None),
+        ("keep_out", [5]),
+        ("keep_out", Capsule("user", (0, 0, 0), (0, 0, 1), 0.2)),
+        ("keep_out", [Capsule("user", (0, 0), (0, 0, 1), 0.2)]),  # type: ignore[arg-type]
+        ("keep_out", [Capsule("user", ("0", 0, 0), (0, 0, 1), 0.2)]),  # type: ignore[arg-type]
+        ("keep_out", [Capsule("user", (0, 0, np.nan), (0, 0, 1), 0.2)]),
+        *(("keep_out", [Capsule("user", (0, 0, 0), (0, 0, 1), bad)]) for bad in HOSTILE),
     ],
 )
 def test_a_robot_that_cannot_be_is_refused(argument: str, value: object) -> None:
     with pytest.raises(ConfigurationError, match=argument):
         ardis(**{argument: value})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("radius", HOSTILE)
+def test_an_arm_of_no_thickness_in_metres_is_refused(radius: object) -> None:
+    with pytest.raises(ConfigurationError, match="arm_radius"):
+        replace(ROBOT, arm_radius=radius)  # type: ignore[arg-type]

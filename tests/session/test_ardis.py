@@ -6,6 +6,7 @@ import io
 import json
 import runpy
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,9 @@ from rich.console import Console
 from rehab_opt.control.obstacles import Disc, HalfPlane
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.kinematics.ardis import ARDIS_READY, ardis
+from rehab_opt.session.ardis.animation import ardis_animation
 from rehab_opt.session.ardis.clearance import arm_gaps, arm_points, chair_corners, chair_gaps
+from rehab_opt.session.ardis.figures import ardis_figures
 from rehab_opt.session.ardis.loop import Optimised, moved
 from rehab_opt.session.ardis.measures import KEPT, excesses, goals_met, hand_shares, kinetic_energies
 from rehab_opt.session.ardis.outcome import ArdisOutcome
@@ -149,6 +152,25 @@ def test_files_of_a_run_are_whole(button: ArdisOutcome, tmp_path: Path, monkeypa
     Console(file=text, width=200).print(ardis_table(button))
     assert "published" in text.getvalue()
     assert "before the button" in text.getvalue()
+
+
+def test_no_words_of_film_and_top_view_lie_on_each_other_where_goals_do(button: ArdisOutcome) -> None:
+    first = button.goals[0]
+    above = first.model_copy(update={"name": "above", "hand_m": (*first.hand_m[:2], 1.4)})
+    side = first.model_copy(update={"name": "side", "hand_m": (0.5, 1.5, 1.0)})  # panels stand side by side
+    crowded = replace(button, goals=(*button.goals, above, side))
+    film = ardis_animation(crowded)
+    film._draw_frame(20)  # type: ignore[attr-defined]
+    pictures = [film._fig, ardis_figures(crowded)["top_view"]]  # type: ignore[attr-defined]
+    for figure in pictures:
+        figure.canvas.draw()
+        boxes = []
+        for axes in figure.axes:
+            numbers = [text for text in axes.texts if text.get_text()]
+            assert f"1, {len(button.goals) + 1}" in [text.get_text() for text in numbers]
+            assert len({text.xy for text in numbers}) == len(numbers)  # type: ignore[attr-defined]
+            boxes.append(axes._left_title.get_window_extent())  # type: ignore[attr-defined]
+        assert not any(one.overlaps(other) for i, one in enumerate(boxes) for other in boxes[:i])
 
 
 def test_shares_of_arm_and_chair_explain_the_hand(beyond: ArdisOutcome) -> None:

@@ -28,11 +28,11 @@ def ardis_animation(outcome: ArdisOutcome) -> FuncAnimation:
     count = len(outcome.drives)
     stacked = np.ptp(x) > 1.3 * np.ptp(y)
     ratio = float(np.ptp(y) / np.ptp(x))
-    size = (6.0, 0.6 + count * (5.2 * ratio + 0.9)) if stacked else (4.0 * count, 1.0 + 3.4 * ratio)
+    size = (6.0, 0.7 + count * (5.2 * ratio + 0.9)) if stacked else (4.0 * count, 1.1 + 3.4 * ratio)
     figure = Figure(figsize=size, dpi=80)
     FigureCanvasAgg(figure)
     grid = np.atleast_1d(figure.subplots(count if stacked else 1, 1 if stacked else count)).ravel()
-    figure.subplots_adjust(left=0.11, right=0.97, top=1 - 0.4 / size[1], bottom=0.6 / size[1], hspace=0.5, wspace=0.3)
+    figure.subplots_adjust(left=0.11, right=0.97, top=1 - 0.5 / size[1], bottom=0.6 / size[1], hspace=0.5, wspace=0.3)
     longest = max(float(of.optimised.time[-1]) for of in outcome.drives.values())
     panels = []
     for axes, (drive, of) in zip(grid, outcome.drives.items(), strict=True):
@@ -54,8 +54,9 @@ def ardis_animation(outcome: ArdisOutcome) -> FuncAnimation:
                     chair.set_data(*np.vstack([outline, outline[:1]]).T)
                     arm.set_data(points[:, 0], points[:, 1])
                     held = ", gripper closed" if motion.closed[k] else ""
+                    # On two lines, since panels may stand side by side.
                     words = (
-                        f"{drive} drive, {now:.1f} s: stick mode {motion.mode[k]}, hand at {points[2, 2]:.2f} m{held}"
+                        f"{drive} drive, {now:.1f} s\nstick mode {motion.mode[k]}, hand at {points[2, 2]:.2f} m{held}"
                     )
                     axes.set_title(words, fontsize=8, loc="left")
             changed += [*hands.values(), chair, arm]

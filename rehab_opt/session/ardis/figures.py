@@ -19,6 +19,8 @@ INSTANTS = 4
 """Chairs that are drawn, from the first to the last."""
 EDGE = 0.35
 """[m] drawn around what moves."""
+ABOVE = 0.03
+"""[m] Goals nearer than this, seen from above, share a label: two would lie on each other."""
 NAMES = {"published": "published law, Eq. (1)", "optimised": "ours"}
 ORDER = {"optimised": 4, "published": 4.5}
 """Dashes are drawn over what they agree with."""
@@ -88,13 +90,26 @@ def draw_room(axes: Axes, outcome: ArdisOutcome, x: np.ndarray, y: np.ndarray) -
         place = (goal.hand_m[0], goal.hand_m[1])
         axes.add_patch(Circle(place, goal.within_m, fill=False, color=GOAL, linewidth=1.5, zorder=3))
         axes.plot([], [], "o", markerfacecolor="none", color=GOAL, linestyle="", label=label)
-        axes.annotate(str(i + 1), place, xytext=(5, 5), textcoords="offset points", fontsize=9, color=GOAL, zorder=6)
+    for numbers, place in _goal_labels([(goal.hand_m[0], goal.hand_m[1]) for goal in outcome.goals]):
+        axes.annotate(numbers, place, xytext=(5, 5), textcoords="offset points", fontsize=9, color=GOAL, zorder=6)
     axes.set_xlim(*x)
     axes.set_ylim(*y)
     axes.set_aspect("equal")
     axes.set_xlabel("x, forward [m]")
     axes.set_ylabel("y, left [m]")
     axes.grid(**GRID)
+
+
+def _goal_labels(places: list[tuple[float, float]]) -> list[tuple[str, tuple[float, float]]]:
+    """Numbers of the goals, those above each other together: "1, 3"."""
+    labels: list[tuple[str, tuple[float, float]]] = []
+    for i, place in enumerate(places, start=1):
+        same = next((k for k, (_, there) in enumerate(labels) if np.hypot(*np.subtract(there, place)) < ABOVE), None)
+        if same is None:
+            labels.append((str(i), place))
+        else:
+            labels[same] = (f"{labels[same][0]}, {i}", labels[same][1])
+    return labels
 
 
 def _draw_chairs(axes: Axes, outcome: ArdisOutcome, motion: Motion) -> None:

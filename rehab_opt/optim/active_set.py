@@ -1,0 +1,110 @@
+"""A QP by guessing which bounds are active and correcting the guess: a few matrix products where a solver iterates.
+
+From tick to tick the active bounds seldom change. A round takes them for equalities, which leaves a linear system; its
+answer tells which of them push the wrong way and which others it breaks, for the next round (the primal-dual active
+set method of Hintermueller, Ito and Kunisch). It may cycle: an answer counts only by its certificate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import casadi as ca
+
+from rehab_opt.optim.certificate import certified_expressions
+
+if TYPE_CHECKING:
+    from rehab_opt.optim.qp import Statement
+
+__all__ = ["BROKEN", "active_set_round", "picked", "solver_of"]
+
+BROKEN = 1e-11
+"""By how much a bound must be passed to become active: less is rounding."""
+SOFTENED = 1e-9
+"""Share by which rows yield, so that dependent ones leave a system that can be solved."""
+PASSES = 2
+"""Corrections of what that takes away."""
+
+
+def active_set_round(statement: Statement) -> ca.Function:
+    """One round.
+
+    Inputs: complete parameters, memory, multipliers of the bounds and rows (n + m,), a point (n,), and whether this is
+    the first round. Bounds with a multiplier are active, and those that the point breaks; in the first round, where
+    the multipliers are of the last tick, the latter only if no inequality had a multiplier then.
+
+    Outputs: x, multipliers of bounds and rows, the certificate's residual in one column; and the multipliers (n + m,)
+    of the next round, those that push the wrong way being zero.
+
+    Of the inequality rows, only as many as can be independent are taken for active, the first ones.
+    """
+    n, m = statement.n, statement.m
+    full, memory = ca.SX.sym("full", statement.build.sparsity_in(0)), ca.SX.sym("memory", statement.memory.numel())
+    multipliers, point, first = ca.SX.sym("multipliers", n + m), ca.SX.sym("point", n), ca.SX.sym("first")
+    *data, _ = statement.build.call([full, memory])
+    hessian, gradient, matrix, rows_lower, rows_upper, lower, upper = data
+    equalities = [i for i in range(m) if ca.is_equal(rows_lower[i], rows_upper[i], 10)]
+    others = [i for i in range(m) if i not in equalities]
+
+    low, high, values = ca.vertcat(lower, rows_lower), ca.vertcat(upper, rows_upper), ca.vertcat(point, matrix @ point)
+    inequality = [*range(n), *(n + i for i in others)]
+    fresh = ca.sum1(multipliers[inequality] != 0) <= 0
+    look = ca.logic_and(ca.logic_or(ca.logic_not(first), fresh), multipliers == 0)
+    at_high = ca.logic_or(multipliers > 0, ca.logic_and(look, values > high + BROKEN))
+    at_low = ca.logic_or(multipliers < 0, ca.logic_and(look, values < low - BROKEN))
+    active = ca.logic_or(at_high, at_low)
+    target = ca.if_else(at_high, high, ca.if_else(at_low, low, 0))
+
+    taken = picked(active[n:][others], max(n - len(equalities), 0))
+    used = ca.vertcat(ca.SX.ones(len(equalities)), ca.sum2(taken))
+    rows = ca.vertcat(matrix[equalities, :], taken @ matrix[others, :])
+    wanted = ca.vertcat(rows_upper[equalities], taken @ target[n:][others])
+
+    free, fixed = ca.diag(ca.logic_not(active[:n])), target[:n]
+    solve = solver_of(free @ hessian @ free + ca.diag(active[:n]))
+    sideways = solve(free @ rows.T)
+    alone = fixed - solve(free @ (gradient + hessian @ fixed))
+    stiffness = ca.triu2symm(ca.triu((rows @ free) @ sideways))  # half the entries need computing
+    softened = solver_of(stiffness + ca.diag(ca.if_else(used, SOFTENED * ca.diag(stiffness), 1)))
+    missing = rows @ alone - wanted
+    pushing = softened(missing)
+    for _ in range(PASSES):
+        pushing += softened(missing - stiffness @ pushing)
+    x = alone - sideways @ pushing
+    balance = ca.diag(active[:n]) @ -(hessian @ x + gradient + rows.T @ pushing)
+
+    found = ca.SX.zeros(m)
+    found[equalities] = pushing[: len(equalities)]
+    found[others] = taken.T @ pushing[len(equalities) :]
+    x, residual = certified_expressions(*data, ca.SX(1), x, balance, found)  # only sound parameters come here
+    every = ca.vertcat(balance, found)
+    right = ca.if_else(at_high, every > 0, every < 0)
+    right[[n + i for i in equalities]] = 1
+    outputs = [ca.densify(ca.vertcat(x, every, residual)), ca.densify(ca.if_else(right, every, 0))]
+    return ca.Function(f"{statement.name}_round", [full, memory, multipliers, point, first], outputs, {"cse": True})
+
+
+def picked(active: ca.SX, count: int) -> ca.SX:
+    """(count, rows) matrix that picks the first `count` active rows: one 1 a line, or none."""
+    ranks, rank = [], ca.SX(0)
+    for i in range(active.numel()):
+        rank += active[i]
+        ranks.append(rank)
+    return ca.vertcat(
+        *(
+            ca.horzcat(*(ca.logic_and(active[i], ranks[i] == j + 1) for i in range(active.numel())))
+            for j in range(count)
+        )
+    )
+
+
+def solver_of(matrix: ca.SX) -> Callable[[ca.SX], ca.SX]:
+    """Right-hand sides -> solutions for a symmetric, positive definite matrix; not finite where it is none."""
+    diagonal, factor, order = ca.ldl(ca.densify(matrix), False)
+
+    def solve(right: ca.SX) -> ca.SX:
+        columns = [ca.ldl_solve(ca.densify(right[:, i]), diagonal, factor, order) for i in range(right.size2())]
+        return ca.horzcat(*columns)
+
+    return solve
