@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from rehab_opt.session.files import ProblemFile
+    from rehab_opt.session.mirror.outcome import MirrorOutcome
+    from rehab_opt.session.mirror.problem import MirrorProblem
     from rehab_opt.session.pose_tracking.outcome import RobotOutcome
     from rehab_opt.session.pose_tracking.problem import PoseTracking
     from rehab_opt.session.upper_limb.outcome import ArmOutcome
@@ -121,6 +123,12 @@ def _pose_tracking() -> System[PoseTracking, RobotOutcome]:
     return PoseTrackingSystem()
 
 
+def _mirror() -> System[MirrorProblem, MirrorOutcome]:
+    from rehab_opt.session.mirror.system import MirrorSystem  # noqa: PLC0415
+
+    return MirrorSystem()
+
+
 def _workspace() -> System[WorkspaceProblem, WorkspaceOutcome]:
     from rehab_opt.session.workspaces.system import WorkspaceSystem  # noqa: PLC0415
 
@@ -143,6 +151,7 @@ SYSTEMS: Mapping[str, Callable[[], System[Any, Any]]] = MappingProxyType(
     {
         "upper_limb": _upper_limb,
         "pose_tracking": _pose_tracking,
+        "mirror": _mirror,
         "workspace": _workspace,
         "workspace_map": _workspace_map,
         "used_ranges": _used_ranges,
