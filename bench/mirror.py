@@ -102,7 +102,7 @@ def long(console: Console, options: argparse.Namespace) -> list[Verdict]:
     nanoseconds, statuses, memory = run(tracker, path, options.ticks)
     numbers = np.percentile(nanoseconds / 1e3, (50, 99, 99.9, 99.99, 100))
     console.print(
-        f"{options.ticks} ticks: median, p99, p99.9, p99.99, max [us]: " + " ".join(f"{x:.1f}" for x in numbers)
+        f"{options.ticks} ticks: median, p99, p99.9, p99.99, max in us: " + " ".join(f"{x:.1f}" for x in numbers)
     )
     console.print(f"status {dict(statuses)}, memory gained after the first tenth {memory[-1] - memory[1]:.2f} MB")
     return [Verdict("memory gained after the first tenth", memory[-1] - memory[1], "<=", 0.5, "MB")]

@@ -13,13 +13,26 @@ from pytest_benchmark.fixture import BenchmarkFixture
 from bench.arm.targets import figure_eight, reachable
 from bench.long_run import DT, round_trip
 from bench.peers.path import START
-from rehab_opt import ArmIK, Command, PoseTracker, Smoother, Status, human_arm, ur5
+from rehab_opt import (
+    ArmIK,
+    Command,
+    MirrorTracker,
+    PoseTracker,
+    RedundancyResolver,
+    Smoother,
+    Status,
+    ardis,
+    human_arm,
+    ur5,
+)
+from rehab_opt.control.obstacles import Disc, HalfPlane
+from rehab_opt.kinematics.ardis import ARDIS_READY
 
 TILT = math.radians(2)
 
 
-def looped(tracker: PoseTracker) -> Callable[[], Command]:
-    """`step` along a circle that is repeated, the state integrated between calls."""
+def looped(tracker: PoseTracker, *, settle: int = 300) -> Callable[[], Command]:
+    """`step` along a circle that is repeated, the state integrated between calls, after `settle` ticks."""
     path = round_trip(tracker.chain)
     samples = itertools.cycle(
         [(pose.copy(), twist.copy()) for pose, twist in zip(path.poses, path.twists, strict=True)]
@@ -31,7 +44,7 @@ def looped(tracker: PoseTracker) -> Callable[[], Command]:
         np.add(q, DT * command.value, out=q)
         return command
 
-    for _ in range(300):
+    for _ in range(settle):
         tick()
     return tick
 
@@ -41,6 +54,21 @@ def looped(tracker: PoseTracker) -> Callable[[], Command]:
 def test_pose_tracker(benchmark: BenchmarkFixture, compiled: bool, limit: float) -> None:
     command = benchmark(looped(PoseTracker(ur5(velocity=limit), dt=DT, compile=compiled)))
     assert command.status is Status.OK
+
+
+@pytest.mark.parametrize("floor", [0.3, 0.76], ids=["free", "at_the_floor"])
+@pytest.mark.parametrize("compiled", [True, False], ids=["compiled", "virtual_machine"])
+def test_mirror_tracker(benchmark: BenchmarkFixture, compiled: bool, floor: float) -> None:
+    # The circle of `looped` is faster than a hand may be led: it would measure the clock's careful way instead.
+    tracker = MirrorTracker(ur5(), floor=floor, linear_speed=0.5, dt=DT, compile=compiled)
+    command = benchmark(looped(tracker, settle=6000))
+    assert command.status is Status.OK
+
+
+def test_mirror_tracker_behind_its_reference(benchmark: BenchmarkFixture) -> None:
+    command = benchmark(looped(MirrorTracker(ur5(), dt=DT)))
+    assert command.status is Status.OK
+    assert command.scale < 1.0
 
 
 @pytest.mark.parametrize("solver", ["proxqp", "osqp", "daqp"])
@@ -92,3 +120,38 @@ def test_smoother(benchmark: BenchmarkFixture, moving: bool) -> None:
         return smoother.step(target)
 
     benchmark(tick)
+
+
+ROOM = (
+    HalfPlane((1, 0), 3.0), HalfPlane((-1, 0), 3.0), HalfPlane((0, 1), 2.0), HalfPlane((0, -1), 2.0),
+    Disc((1.5, 1.2), 0.3), Disc((-1.5, -1.0), 0.2),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("speed", [0.1, 1.0], ids=["free", "limited"])
+@pytest.mark.parametrize("drive", ["mecanum", "differential"])
+@pytest.mark.parametrize("obstacles", [(), ROOM], ids=["free_floor", "room"])
+def test_redundancy_resolver(
+    benchmark: BenchmarkFixture, obstacles: tuple[object, ...], drive: str, speed: float
+) -> None:
+    """A stick that wanders; `limited` asks for more than the chair can do, so that the QP is solved in most ticks."""
+    resolver = RedundancyResolver(ardis(), drive=drive, row_sets=[("x", "y", "z")], obstacles=obstacles)
+    rng, q, ticks = np.random.default_rng(0), ARDIS_READY.copy(), itertools.count()
+    sticks = itertools.cycle(speed * rng.standard_normal((40, 3)) * [1.0, 1.0, 0.3])
+    stick = next(sticks)
+
+    def tick() -> Command:
+        nonlocal stick
+        k = next(ticks)
+        if k % 100 == 0:
+            stick = next(sticks)
+        if k % 400 == 0:
+            q[:] = ARDIS_READY
+            resolver.reset()
+        command = resolver.step(q, stick)
+        np.add(q, resolver.dt * command.value, out=q)
+        return command
+
+    for _ in range(300):
+        tick()
+    assert benchmark(tick).status.certified

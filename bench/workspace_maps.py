@@ -63,7 +63,7 @@ class Outcome(NamedTuple):
 def main(arguments: Sequence[str] | None = None) -> int:
     """Build and audit all maps, print a row for each and the verdicts."""
     options = _options(arguments)
-    console = Console()
+    console = Console(width=150)
     console.print("  ".join(f"{key}: {value}" for key, value in machine().items()), highlight=False)
     pairs = [
         Pair("Table I", *(planar_workspace(human_arm(range_of_motion=name)) for name in ("regular", "restricted")))
@@ -100,6 +100,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     console.print(
         "passed over while drawing people: " + (", ".join(f"{n} {why}" for why, n in passed_over.items()) or "none")
     )
+    for line in yardstick_lines(outcomes):
+        console.print(line, highlight=False)
     verdicts = [*table_verdicts(outcomes), *people_verdicts(outcomes, options.people)]
     print_verdicts(console, verdicts)
     return 0 if all_met(verdicts) else 1
@@ -161,6 +163,22 @@ def row(outcome: Outcome, source: Workspace, target: Workspace) -> list[str]:
         f"{outcome.seconds:.1f}",
         f"{polar.folded:.1%}",
         f"{polar.outside:.1%}",
+    ]
+
+
+def yardstick_lines(outcomes: list[Outcome]) -> list[str]:
+    """The published rule over all maps, and what building ours cost."""
+    polar = [each.polar for each in outcomes]
+    folded, outside = ([getattr(audit, name) for audit in polar] for name in ("folded", "outside"))
+    seconds = [each.seconds for each in outcomes]
+    landmarks = [each.landmarks for each in outcomes]
+    used = [each.safe.coverage for each in outcomes]
+    return [
+        f"polar rule, {len(polar)} maps: {np.mean([a.passed for a in polar]):.0%} pass their audit; "
+        f"folded: median {np.median(folded):.1%}, worst {max(folded):.1%}; "
+        f"outside: median {np.median(outside):.1%}, worst {max(outside):.1%}",
+        f"safe rule: built and certified in {np.median(seconds):.1f} s (median), {max(seconds):.1f} s (longest); "
+        f"{min(landmarks)} to {max(landmarks)} landmarks; {min(used):.0%} to {max(used):.0%} of the target used",
     ]
 
 

@@ -13,9 +13,14 @@ from rehab_opt.kinematics.human_arm import human_arm
 from rehab_opt.kinematics.ur5 import ur5
 
 if TYPE_CHECKING:
+    from rehab_opt.control.assistance import Assistance
     from rehab_opt.control.hand_bounds import KeepOut
     from rehab_opt.control.interaction import Interaction
+    from rehab_opt.control.joystick import Joystick
     from rehab_opt.control.mirror import MirrorTracker
+    from rehab_opt.control.redundancy import RedundancyResolver
+    from rehab_opt.field.potential import PotentialField
+    from rehab_opt.kinematics.ardis import ardis
     from rehab_opt.workspace.mapping import WorkspaceMap
     from rehab_opt.workspace.placement import ShoulderPlacement
     from rehab_opt.workspace.reach import planar_workspace
@@ -28,16 +33,20 @@ if TYPE_CHECKING:
 __all__ = [
     "DH",
     "ArmIK",
+    "Assistance",
     "Bound",
     "Command",
     "ConfigurationError",
     "IKPath",
     "IKSolution",
     "Interaction",
+    "Joystick",
     "KeepOut",
     "MirrorTracker",
     "PoseTracker",
+    "PotentialField",
     "ProblemFileError",
+    "RedundancyResolver",
     "RehabOptError",
     "SerialChain",
     "ShoulderPlacement",
@@ -46,6 +55,7 @@ __all__ = [
     "ThinPlateSpline",
     "Workspace",
     "WorkspaceMap",
+    "ardis",
     "human_arm",
     "planar_workspace",
     "range_of_motion",
@@ -57,13 +67,18 @@ __all__ = [
 
 # Loaded when first named: a controller's process starts in a tenth of a second, and not everyone needs all of it.
 _LATER = {
+    "Assistance": "control.assistance",
     "Interaction": "control.interaction",
+    "Joystick": "control.joystick",
     "KeepOut": "control.hand_bounds",
     "MirrorTracker": "control.mirror",
+    "PotentialField": "field.potential",
+    "RedundancyResolver": "control.redundancy",
     "ShoulderPlacement": "workspace.placement",
     "ThinPlateSpline": "workspace.spline",
     "Workspace": "workspace.region",
     "WorkspaceMap": "workspace.mapping",
+    "ardis": "kinematics.ardis",
     "planar_workspace": "workspace.reach",
     "range_of_motion": "workspace.used_range",
     "reachability_map": "workspace.variation",

@@ -128,19 +128,23 @@ def many(
 
     from rehab_opt.session.many.participants import participants_of  # noqa: PLC0415
     from rehab_opt.session.many.run import RESULTS, run_many  # noqa: PLC0415
-    from rehab_opt.session.many.summary import summary_table  # noqa: PLC0415
+    from rehab_opt.session.many.summary import counted, failed_table  # noqa: PLC0415
 
     participants = participants_of(people, problem=problem)
-    folder = _writable(out if out is not None else Path("out") / "many" / people.resolve().stem)
+    folder = _writable(out if out is not None else Path("out") / "many" / people.resolve().name.removesuffix(".csv"))
     try:
         with _on_interrupt(signal.default_int_handler), _bars() as progress:
             rows = run_many(participants, out=folder, workers=workers, progress=progress)
     except KeyboardInterrupt:
-        _interrupted()
+        print("rehab-opt: interrupted", file=sys.stderr)
+        raise typer.Exit(130) from None
     console = Console()
-    console.print(summary_table(rows))
+    failed = any(row.error for row in rows)
+    if failed:
+        console.print(failed_table(rows))
+    console.print(counted(rows), highlight=False)
     console.print(f"written to {folder}: {RESULTS}", highlight=False, markup=False, soft_wrap=True)
-    if any(row.error for row in rows):
+    if failed:
         raise typer.Exit(1)
 
 

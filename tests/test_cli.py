@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -228,6 +229,83 @@ def test_option_that_a_system_does_not_know_is_refused(folder: Path, capsys: pyt
     expected = "rehab-opt: --law = 'optimised': expected no such option: those of system 'pose_tracking' are --solver\n"
     assert capsys.readouterr().err == expected
     assert files(folder) == before
+
+
+RANGE = """
+system = "workspace"
+title = "small"
+[arm]
+side = "left"
+range_of_motion = "restricted"
+accuracy_mm = 10.0
+"""
+PEOPLE = "participant,arm.side,arm.segments.humerus_mm\nanna,right,\nben,left,0.3\n"
+
+
+def test_many_writes_a_folder_for_each_and_a_row_for_all_and_goes_on_where_it_was(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "range.toml").write_text(RANGE, encoding="utf-8")
+    (folder / "people.csv").write_text(PEOPLE, encoding="utf-8")
+    for kept in ("", ", 1 of them from an earlier run"):
+        assert ended("many", "people.csv", "--problem", "range.toml", "--workers", "1") == 1
+        printed = capsys.readouterr()
+        assert f"1 of 2 participants done{kept}" in [line.strip() for line in printed.out.splitlines()]
+        assert "people.csv, line 3" in printed.out
+        assert printed.err == ""
+    with (folder / "out/many/people/results.csv").open(encoding="utf-8") as results:
+        rows = {row["participant"]: row for row in csv.DictReader(results)}
+    assert (rows["anna"]["status"], rows["ben"]["status"]) == ("done", "refused")
+    assert float(rows["anna"]["sets.restricted.area_m2"]) > 0.002
+    assert rows["ben"]["error"].startswith("people.csv, line 3: arm.segments.humerus_mm = 0.3: expected 50 to 1000 mm")
+    assert (folder / "out/many/people/anna/workspace.png").exists()
+    (folder / "people.csv").write_text(PEOPLE.replace("0.3", ""), encoding="utf-8")
+    assert ended("many", "people.csv", "--problem", "range.toml", "--workers", "1") == 0
+    assert capsys.readouterr().out.startswith("2 of 2 participants done, 1 of them from an earlier run\n")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (("nobody",), "nobody: file = 'not found'"),
+        (("problem.toml",), "a folder of problem files, or a table ending in .csv"),
+        (("path.csv",), "a column participant"),
+        (("people.csv", "--problem", "no/such"), "no/such: file = 'not found'"),
+        (("people.csv", "--workers", "0"), "--workers = 0"),
+        (("people.csv", "--out", "path.csv"), "a folder that can be written to"),
+        (("nobodys.csv",), "nobodys.csv, line 2: arm.sied = 'left': expected one of the keys"),
+        ((".", "--problem", "range.toml"), "--problem = 'range.toml': expected no such option with a folder"),
+    ],
+)
+def test_unusable_people_are_one_line_and_exit_code_2(
+    folder: Path, capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], named: str
+) -> None:
+    (folder / "people.csv").write_text(PEOPLE, encoding="utf-8")
+    (folder / "nobodys.csv").write_text("participant,arm.sied\nanna,left\n", encoding="utf-8")
+    before = files(folder)
+    assert ended("many", *arguments) == 2
+    printed = capsys.readouterr()
+    assert printed.err.count("\n") == 1
+    assert named in printed.err
+    assert files(folder) == before
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGINT"), reason="needs signals")
+def test_interrupted_many_is_one_line_and_exit_code_130_and_says_who_is_left(folder: Path) -> None:
+    (folder / "range.toml").write_text(RANGE.replace("10.0", "0.02"), encoding="utf-8")
+    (folder / "people.csv").write_text(PEOPLE.replace("0.3", "280"), encoding="utf-8")
+    command = [sys.executable, "-m", "rehab_opt.cli", "many", "people.csv", "--problem", "range.toml"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=folder, start_new_session=True) as process:
+        for _ in range(600):  # however slow the machine
+            if (folder / "out/many/people").exists():
+                break
+            time.sleep(0.1)
+        time.sleep(1.0)
+        os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to every process
+        _, said = process.communicate(timeout=30)
+    assert (process.returncode, said) == (130, "rehab-opt: interrupted\n")
+    results = (folder / "out/many/people/results.csv").read_text(encoding="utf-8")
+    assert results.count("not run,interrupted before it was done") == 2
 
 
 def test_figure_that_cannot_be_written_leaves_the_folder_as_it_was(

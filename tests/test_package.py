@@ -17,8 +17,8 @@ HEAVY = {
     "platformdirs", "skimage", "distributed",
 }  # fmt: skip
 PUBLIC = {
-    "ArmIK", "Command", "ConfigurationError", "DH", "PoseTracker", "ProblemFileError", "RehabOptError", "SerialChain",
-    "Smoother", "Status", "human_arm", "ur5",
+    "ArmIK", "Command", "ConfigurationError", "DH", "MirrorTracker", "PoseTracker", "ProblemFileError", "RehabOptError",
+    "SerialChain", "Smoother", "Status", "human_arm", "ur5",
 }  # fmt: skip
 # Each layer with those it may use. `session` runs the published laws beside ours; nobody else knows them.
 LAYERS = {
@@ -27,9 +27,10 @@ LAYERS = {
     "kinematics": {"errors", "symbolic"},
     "optim": {"errors", "symbolic"},
     "workspace": {"errors", "symbolic", "kinematics", "optim"},
-    "control": {"errors", "symbolic", "kinematics", "optim", "workspace"},
+    "field": {"errors", "symbolic", "kinematics", "optim"},
+    "control": {"errors", "symbolic", "kinematics", "optim", "workspace", "field"},
     "published": {"errors", "symbolic", "kinematics"},
-    "session": {"errors", "symbolic", "kinematics", "optim", "workspace", "control", "published"},
+    "session": {"errors", "symbolic", "kinematics", "optim", "workspace", "field", "control", "published"},
     "cli": {"errors", "session"},
 }
 

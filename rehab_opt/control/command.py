@@ -19,6 +19,8 @@ class Status(Enum):
     UNREACHABLE = "unreachable"  #: the nearest reachable point is given instead (inverse kinematics)
     BRAKING = "braking"  #: safe command: decelerating within the limits
     HOLDING = "holding"  #: safe command: at rest
+    RELEASING = "releasing"  #: safe command of a force: falling to zero
+    RELEASED = "released"  #: safe command of a force: zero
 
     @property
     def certified(self) -> bool:
@@ -27,19 +29,20 @@ class Status(Enum):
 
 
 class Bound(IntFlag):
-    """What had to give way in this tick, in the order of house.md; velocity never does."""
+    """What had to give way in this tick, in the order of house.md; velocity and force bounds never do."""
 
     NOTHING = 0
-    POSITION = 1  #: the state is outside a joint limit; it is led back, never further out
+    POSITION = 1  #: the state is outside a joint limit, or within an obstacle; never further, led back where stated
     ACCELERATION = 2  #: the change was larger than the acceleration bound, to keep a bound above it
-    TASK = 4  #: the hand moves slower than asked, or off the asked direction
+    TASK = 4  #: the hand moves slower than asked, or off the asked direction; or another force than the wanted one
+    SLEW = 8  #: the force was let go faster than its slew bound; it ranks with ACCELERATION
 
 
 class Command(NamedTuple):
     """One answer of a controller; frozen, its array read-only and its own."""
 
     value: NDArray[np.float64]
-    """What to send: joint velocity (n,) in rad/s or m/s for a tracker; always finite."""
+    """What to send: joint velocity (n,) in rad/s or m/s for a tracker, force (2,) in N of assistance; always finite."""
     status: Status
     """Which rung of the ladder answered."""
     solver: str
@@ -53,4 +56,7 @@ class Command(NamedTuple):
     yielded: Bound
     """Which bounds or tasks gave way."""
     scale: float
-    """Share of the asked motion that is delivered, 0 to 1; of a tracker: along the asked twist, feedback included."""
+    """Share of the asked motion that is delivered, 0 to 1; of a tracker: along the asked twist, feedback included; of
+    assistance: of the wanted force, along it."""
+    wheels: NDArray[np.float64] | None = None
+    """Wheel speeds [rad/s] that belong to `value`, where there are wheels."""

@@ -49,8 +49,9 @@ class MirrorTracker(MirrorFollowing):
 
     The reference is read by a clock. It slows down where the reference is faster than the hand may be, where the
     deviation grows and where the person pushes, waits at the largest deviation, and catches up afterwards; what was
-    slowed is late, not cut. A stretch that the arm cannot do at all is left out once the reference is back
-    within reach. Jumps of the reference are bridged at half the hand speeds; the first bridge starts at the hand.
+    slowed is late, not cut. A stretch that the arm cannot do at all is left out: once the hand stands, it is led, at
+    half the hand speeds, to where the reference is by then. Jumps of the reference are bridged in the same way; the
+    first bridge starts at the hand.
 
     Parameters
     ----------
@@ -139,7 +140,7 @@ class MirrorTracker(MirrorFollowing):
         """Where the reference is read."""
         self.counts: Counter[str] = Counter()
         """How many ticks yielded acceleration, were shortened, waited, braked, and how many stretches were left out."""
-        self._hot = (
+        self._hot: tuple[Any, ...] = (
             *self._views[:3], self._ladder.parameters.data, self._verdict, self._keep, self._answer, self._velocity,
         )  # fmt: skip
         self._begin()
@@ -207,8 +208,8 @@ class MirrorTracker(MirrorFollowing):
         # The usual way, without the layers of Python: they would cost as much as the solve.
         q_view, pose_view, twist_view, given, verdict, keep, answer, velocity = self._hot
         try:
-            q_view[:] = q  # type: ignore[assignment]
-            twist_view[:] = twist  # type: ignore[assignment]
+            q_view[:] = q
+            twist_view[:] = twist
             pose_view[:] = pose.ravel()  # type: ignore[union-attr]
             usual = pose.shape == _SQUARE  # type: ignore[union-attr]
         except (ValueError, TypeError, AttributeError):
@@ -222,9 +223,8 @@ class MirrorTracker(MirrorFollowing):
                 keep[:] = answer
                 self._good = given.tobytes()
                 value = _read_only(velocity.tobytes())
-                return _new(
-                    Command, (value, _OK, FUSED_SOLVERS[int(who)], residual, -1, "", _BOUNDS[int(yielded)], scale)
-                )
+                name, bound = FUSED_SOLVERS[int(who)], _BOUNDS[int(yielded)]
+                return _new(Command, (value, _OK, name, residual, -1, "", bound, scale, None))
         return self._followed(q, pose, twist, force, reason)
 
     # ----------------------------------------------------------------------------------------------- whole motions

@@ -25,8 +25,14 @@ WAITS = 0.9
 """Share of the largest deviation from which the clock waits."""
 QUICKENING, CATCHING_UP = 0.1, 0.3
 """[s] in which the clock regains its pace, and in which it makes up for its lag."""
+AT_LEAST = 0.02
+"""Share by which the clock runs fast while it is late at all: so that it does catch up."""
 STUCK = 0.1, 0.005
 """[s, m/s] How long the clock must have waited, and how slow the hand be, before a stretch of path is given up."""
+PATIENCE = 0.5
+"""[s] of waiting after which the hand is led on to a later pose."""
+LEAVE_OUT = 0.25
+"""[s] of a recording that are left out first; twice as many each time it does not help."""
 GIVEN_UP = 3.0
 """[s] of waiting with all the future known, after which a plan ends incomplete."""
 JUMP, SPIN = 5.0, 30.0
@@ -47,11 +53,12 @@ class MirrorFollowing(MirrorStatement):
 
     def _begin(self) -> None:
         self.clock.reset()
+        self.counts.clear()
         if self._limit is not None:
             self._limit.reset()
         self._interaction.reset()
         self._rate, self._share, self._then = 1.0, 1.0, math.nan
-        self._waited = 0.0
+        self._waited, self._gone_on, self._ahead = 0.0, 0.0, LEAVE_OUT
         self._live = False
         self._good = b""
         self._centre: Array | None = None
@@ -85,7 +92,7 @@ class MirrorFollowing(MirrorStatement):
         rate = self._pace(here, *now, foreseen=foreseen)
         target, motion, ahead = self._reference(here, now, rate)
         self._rate = ahead / self.dt
-        self._note_waiting(here)
+        self._note_waiting(here, foreseen=foreseen)
         self.followed = target
         centre = target[:3, 3].copy()
         self._centre = centre
@@ -165,7 +172,8 @@ class MirrorFollowing(MirrorStatement):
         speed, turning = math.hypot(x, y, z), math.hypot(turning_x, turning_y, turning_z)
         pace = 1.0
         if not foreseen and self._interaction.pace == 1.0:  # nobody is hurried who pushes
-            pace += min(self.catch_up, max(clock.lag - self.dt, 0.0) / CATCHING_UP)
+            late = clock.lag - self.dt
+            pace += min(self.catch_up, late / CATCHING_UP + AT_LEAST) if late > 0.0 else 0.0
         worst = max(distance_between(here, pose) / self.max_deviation, angle_between(here, pose) / self.max_turn)
         pace *= min(max((WAITS - worst) / (WAITS - CALM), 0.0), 1.0) * self._interaction.pace
         linear, angular = SPARE * self.linear_speed, SPARE * self.angular_speed
@@ -185,26 +193,39 @@ class MirrorFollowing(MirrorStatement):
             ahead *= 0.5
         return *now, 0.0
 
-    def _note_waiting(self, here: Array) -> None:
-        """Leave out the stretch the clock waits at, once a later pose is within reach of a hand that stands."""
-        if self._rate > 0.02:
+    def _note_waiting(self, here: Array, *, foreseen: bool) -> None:
+        """Leave out the stretch the clock waits at, once the hand stands.
+
+        The next pose that is near the hand again is gone on from. Where there is none, the hand is led, calmly and as
+        far as it goes, to the newest pose, or of a recording, whose end is known, to one a little later, then later
+        still.
+        """
+        if self._rate > 0.02 or self._interaction.pace < 1.0:
             self._waited = 0.0
+            self._gone_on += self._rate * self.dt
+            if self._gone_on > 1.0:
+                self._ahead = LEAVE_OUT
             return
         self.counts["waited"] += 1
         self._waited += self.dt
         hand = self.chain.jacobian(self._q)[:3] @ self._last
         if self._waited < STUCK[0] or float(np.linalg.norm(hand)) > STUCK[1]:
             return
-        positions, poses, _ = self.clock.waiting()
+        positions, poses, times = self.clock.waiting()
         near = np.flatnonzero(np.linalg.norm(positions - here[:3, 3], axis=1) <= CALM * self.max_deviation)
-        first = self.clock.read()[0]
-        beyond = np.linalg.norm(positions - first[:3, 3], axis=1)
+        beyond = np.linalg.norm(positions - self.clock.read()[0][:3, 3], axis=1)
         for index in near.tolist():
             if angle_between(here, poses[index]) <= CALM * self.max_turn and beyond[: index + 1].max() > 1e-3:
                 self.clock.skip(index + 1)
                 self.counts["left out"] += 1
                 self._waited = 0.0
                 return
+        if self._waited < PATIENCE or len(poses) < 2:
+            return
+        later = min(int(np.searchsorted(times, self._ahead)), len(poses) - 1) if foreseen else len(poses) - 1
+        self.clock.lead_to(later + 1, here)
+        self.counts["left out"] += 1
+        self._waited, self._gone_on, self._ahead = 0.0, 0.0, 2.0 * self._ahead
 
     def _safe(self, reason: str) -> Command:
         """Decelerate within the bounds, and faster where the floor or the planes ask for it."""
@@ -240,24 +261,21 @@ class MirrorFollowing(MirrorStatement):
         return ""
 
     # ----------------------------------------------------------------------------------------------- whole motions
-    def foresee(self, q: Array, poses: Array, twists: Array, stamps: Array) -> list[tuple[float, float]]:
-        """Hand a whole recording to the clock; its time and the recording's of each sample."""
+    def foresee(self, q: Array, poses: Array, twists: Array, stamps: Array) -> None:
+        """Hand a whole recording, stamped (N,) [s], to the clock."""
         clock = self.clock
-        marks: list[tuple[float, float]] = []
         here = self.chain.pose(q)
         self._live = False
-        clock.start(here, np.zeros(6))
-        before, stamp = here, stamps[0] - self.dt
+        clock.start(here, np.zeros(6), stamp=float(stamps[0]) - self.dt)
+        before, stamp = here, float(stamps[0]) - self.dt
         for pose, twist, now in zip(poses, twists, stamps.tolist(), strict=True):
             seconds = now - stamp
-            jumps = self._jumps(before, pose, seconds) or len(marks) == 0
+            jumps = self._jumps(before, pose, seconds) or before is here
             clock.push(pose, twist, seconds=seconds, bridge=jumps)
-            marks.append((clock.lag, now))
             before, stamp = pose, now
         clock.slow_ahead(
             linear_speed=SPARE * self.linear_speed, angular_speed=SPARE * self.angular_speed, quickening=QUICKENING
         )
-        return marks
 
     def follow(self, q: Array) -> Command:
         """One tick along what the clock foresees."""

@@ -41,7 +41,7 @@ class MirrorPath(NamedTuple):
     references: Array
     """(M, 4, 4) the reference pose where the clock stands in the tick."""
     clock: Array
-    """(M,) [s] of the reference's own time; where a jump was bridged or a stretch left out, it leaps."""
+    """(M,) [s] of the reference's own time; over a stretch left out or a jump it runs as the bridge takes."""
     manipulability: Array
     """(M,) w / w_max where the tick leads."""
     yielded: list[Bound]
@@ -83,11 +83,9 @@ def plan(tracker: MirrorTracker, poses: ArrayLike, twists: ArrayLike, q: ArrayLi
         raise ConfigurationError("poses", reference.shape, "at least one usable sample")
     tracker.reset()
     dt = tracker.dt
-    stamps = tracker.foresee(joints, reference[usable], motion[usable], np.asarray(dt * usable, dtype=np.float64))
-    ends = stamps[-1][0]
-    most = math.ceil((PATIENCE + PATIENCE * ends) / dt)
+    tracker.foresee(joints, reference[usable], motion[usable], np.asarray(dt * usable, dtype=np.float64))
+    most = math.ceil((PATIENCE + PATIENCE * tracker.clock.lag) / dt)
     times, path, speeds, clock, shown, w, yielded = [], [], [], [], [], [], []
-    marks, own = (np.array(column) for column in zip(*stamps, strict=True))
     complete = False
     for k in range(most):
         path.append(joints)
@@ -96,7 +94,7 @@ def plan(tracker: MirrorTracker, poses: ArrayLike, twists: ArrayLike, q: ArrayLi
         times.append(k * dt)
         speeds.append(command.value)
         shown.append(tracker.followed)
-        clock.append(ends - tracker.clock.lag)
+        clock.append(tracker.clock.stamp)
         w.append(tracker.manipulability)
         yielded.append(command.yielded)
         if tracker.clock.current and float(np.abs(command.value).max()) < STANDING:
@@ -106,9 +104,8 @@ def plan(tracker: MirrorTracker, poses: ArrayLike, twists: ArrayLike, q: ArrayLi
             break
     q_path = np.array(path)
     found = np.array([tracker.tool(each) for each in path])
-    own_time = np.interp(np.array(clock), marks, own)
     counts = Counter(tracker.counts)
     return MirrorPath(
-        np.array(times), q_path, np.array(speeds), found, np.array(shown), own_time, np.array(w), yielded, complete,
-        counts, time.perf_counter() - begun,
+        np.array(times), q_path, np.array(speeds), found, np.array(shown), np.array(clock), np.array(w), yielded,
+        complete, counts, time.perf_counter() - begun,
     )  # fmt: skip

@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 THINNED = 40_000
 """Samples that wait at most; beyond, every second one is left out."""
-CURVED = 0.1
+CURVED = 0.02
 """[rad] Turns between samples up to this are interpolated by entries, larger ones along the arc."""
 
 
@@ -40,6 +40,7 @@ class ReferenceClock:
         self._twists: list[Array] = []
         self._seconds: list[float] = []  # since the sample before
         self._paces: list[float] = []  # the most that what follows allows, where it is known
+        self._stamps: list[float] = []  # of the reference's own time
         self._at = 0
         self._fraction = 0.0
         self.lag = 0.0
@@ -62,27 +63,35 @@ class ReferenceClock:
         return self._at < len(self._poses) - 1 and self._seconds[self._at + 1] > 1.5 * self.dt
 
     @property
+    def stamp(self) -> float:
+        """[s] of the reference's own time, from the first sample on, where the clock stands; in a bridge, between."""
+        at = self._at
+        if self._fraction == 0.0:
+            return self._stamps[at]
+        return self._stamps[at] + self._fraction * (self._stamps[at + 1] - self._stamps[at])
+
+    @property
     def newest(self) -> Array:
         """(4, 4) the last pose that arrived."""
         return self._poses[-1]
 
-    def start(self, pose: Array, twist: Array) -> None:
+    def start(self, pose: Array, twist: Array, *, stamp: float = 0.0) -> None:
         """Stand at one sample, and forget the others."""
         self.reset()
+        self._stamps = [stamp]
         self._poses, self._twists, self._seconds, self._paces = [pose.copy()], [twist.copy()], [0.0], [math.inf]
 
     def push(self, pose: Array, twist: Array, *, seconds: float | None = None, bridge: bool = False) -> None:
         """A new sample, one tick (or `seconds`) after the newest; with `bridge`, as late as a calm way to it takes."""
         seconds = self.dt if seconds is None else seconds
+        stamp = self._stamps[-1] + seconds
         if bridge:
-            shift, turn = pose[:3, 3] - self._poses[-1][:3, 3], turn_between(self._poses[-1], pose)
-            calm = max(float(np.linalg.norm(shift)) / self._linear, float(np.linalg.norm(turn)) / self._angular)
+            calm, between = self._bridge(self._poses[-1], pose, seconds)
             if calm > seconds:
-                between = np.append(shift, turn) / calm
                 self._twists[-1] = between  # all the way, and steadily: the tracker's own bounds round the corners
-                self._append(pose, between, calm)
+                self._append(pose, between, calm, stamp)
                 seconds = 0.0
-        self._append(pose, twist, seconds)
+        self._append(pose, twist, seconds, stamp)
         if len(self._poses) > THINNED:
             self._thin()
 
@@ -165,10 +174,28 @@ class ReferenceClock:
         self.lag = max(0.0, self.lag - self._time_to(samples))
         self._forget(self._at + samples)
 
+    def lead_to(self, samples: int, here: Array) -> None:
+        """As `skip`, by a bridge from the pose `here` (4, 4)."""
+        target, stamp = self._at + samples, self.stamp
+        seconds, between = self._bridge(here, self._poses[target], self.dt)
+        self._poses = [here.copy(), *self._poses[target:]]
+        self._twists = [between, *self._twists[target:]]
+        self._seconds = [0.0, seconds, *self._seconds[target + 1 :]]
+        self._paces = [math.inf, *self._paces[target:]]
+        self._stamps = [stamp, *self._stamps[target:]]
+        self._at, self._fraction, self.lag = 0, 0.0, sum(self._seconds)
+
+    def _bridge(self, a: Array, b: Array, least: float) -> tuple[float, Array]:
+        """Seconds (at least so many) and twist (6,) of the calm way from one pose to another."""
+        shift, turn = b[:3, 3] - a[:3, 3], turn_between(a, b)
+        calm = max(float(np.linalg.norm(shift)) / self._linear, float(np.linalg.norm(turn)) / self._angular, least)
+        return calm, np.append(shift, turn) / calm
+
     def _time_to(self, samples: int) -> float:
         return sum(self._seconds[self._at + 1 : self._at + 1 + samples]) - self._fraction * self._seconds[self._at + 1]
 
-    def _append(self, pose: Array, twist: Array, seconds: float) -> None:
+    def _append(self, pose: Array, twist: Array, seconds: float, stamp: float) -> None:
+        self._stamps.append(stamp)
         self._poses.append(pose.copy())
         self._twists.append(twist.copy())
         self._seconds.append(seconds)
@@ -178,7 +205,8 @@ class ReferenceClock:
     def _forget(self, before: int) -> None:
         if before > self._at:
             self._fraction = 0.0
-        del self._poses[:before], self._twists[:before], self._seconds[:before], self._paces[:before]
+        for column in (self._poses, self._twists, self._seconds, self._paces, self._stamps):
+            del column[:before]
         self._at = max(self._at - before, 0)
 
     def _thin(self) -> None:
@@ -188,4 +216,5 @@ class ReferenceClock:
             if (i - first) % 2 == 0:
                 self._seconds[i + 1] += self._seconds[i]
         gone = slice(first, len(self._poses) - 1, 2)
-        del self._poses[gone], self._twists[gone], self._seconds[gone], self._paces[gone]
+        for column in (self._poses, self._twists, self._seconds, self._paces, self._stamps):
+            del column[gone]

@@ -36,6 +36,9 @@ class VelocityBounds(NamedTuple):
     stop_upper: ca.SX
     outside: ca.SX
     """1 where any joint is beyond its limit."""
+    hard_lower: ca.SX
+    """Bounds without acceleration: speed, and in this tick not beyond, or not further beyond, a position limit."""
+    hard_upper: ca.SX
 
 
 def velocity_bounds(chain: SerialChain, q: ca.SX, last: ca.SX, *, dt: float, return_speed: float) -> VelocityBounds:
@@ -80,6 +83,8 @@ def velocity_bounds(chain: SerialChain, q: ca.SX, last: ca.SX, *, dt: float, ret
         stop_lower=stop_lower,
         stop_upper=stop_upper,
         outside=ca.sum1(ca.logic_or(above, below)) > 0,
+        hard_lower=hard_lower,
+        hard_upper=hard_upper,
     )
 
 

@@ -40,7 +40,8 @@ class VelocityController(ABC):
 
     A subclass states its QP. Its first parameter is q (n,), its first variables are the joint velocities (n,), and its
     memory begins with the last velocity and the position it leads to (2 n,): `remember` gives both. Its `step` writes
-    the inputs into `_views`, or through `_write`, and calls `_tick`.
+    the inputs into `_views`, or through `_write`, and calls `_tick`. What is sent is the part `sent` of the memory,
+    the last velocity where nothing else is said, with the part `wheels` beside it.
 
     The velocity last commanded is part of the state: a new controller is at rest, `reset` says otherwise. An object
     belongs to one thread.
@@ -66,7 +67,7 @@ class VelocityController(ABC):
         self.return_speed = checked_number("return_speed", return_speed, above=0.0, below=1.0)
         self._watchdog = Watchdog(dt=dt, max_age=max_age)
         self._ladder = Ladder(self.stated, solver=solver, backup=backup, tolerance=tolerance, compile=compile)
-        self._safe_command = BufferedFunction(self._braking())
+        self._safe_command = BufferedFunction(self.braking())
         ladder, n = self._ladder, chain.n
         ends = np.cumsum([symbol.numel() for symbol in self.stated.parameters])
         first, *others = np.split(ladder.parameters, ends[:-1])
@@ -76,7 +77,10 @@ class VelocityController(ABC):
         self._keep, self._answer = ladder.keep, ladder.answer
         self._views = tuple(part.data for part in (first, *others))
         self._names = tuple(symbol[0].name().rsplit("_", 1)[0] for symbol in self.stated.parameters)
-        self._velocity, self._last, self._predicted = ladder.x[:n].data, ladder.memory[:n], ladder.memory[n : 2 * n]
+        self._last, self._predicted = ladder.memory[:n], ladder.memory[n : 2 * n]
+        self._sent = ladder.memory[slice(n) if self.sent is None else self.sent]
+        self._velocity = self._sent.data
+        self._wheels = None if self.wheels is None else ladder.memory[self.wheels].data
         self.reset()
 
     # ------------------------------------------------------------------------------------------- for subclasses
@@ -84,6 +88,10 @@ class VelocityController(ABC):
     """Shapes of the statement's parameters after q, as `step` takes them."""
     requirement: ClassVar[str] = ""
     """What is wrong when the statement's requirements are not met."""
+    sent: slice | None = None
+    """Part of the memory (n,) that is sent, None for the last velocity."""
+    wheels: slice | None = None
+    """Part of the memory that goes to wheels, None where there are none."""
 
     @abstractmethod
     def statement(self) -> Statement:
@@ -115,13 +123,23 @@ class VelocityController(ABC):
         """The velocity, and where it leads by the next tick."""
         return ca.vertcat(velocity, q + velocity * self.dt)
 
-    def _braking(self) -> ca.Function:
-        """q, last velocity -> the velocity of the safe command, where it leads, and its report."""
-        q, last = ca.SX.sym("q", self.chain.n), ca.SX.sym("last", self.chain.n)
+    def braking(self) -> ca.Function:
+        """q, memory -> what is remembered of the safe command, and its report."""
+        q, memory = ca.SX.sym("q", self.chain.n), ca.SX.sym("memory", self.stated.memory.numel())
+        last = memory[: self.chain.n]
         bounds = self.bounds(q, last)
         rest = nearest_to_rest(bounds)
         report = self.report(last, rest, ca.SX(0), ca.SX(1), bounds.outside)  # nothing of the task is delivered
-        return ca.Function("braking", [q, last], [ca.densify(self.remember(q, rest)), report], {"cse": True})
+        return ca.Function("braking", [q, memory], [ca.densify(self.remember(q, rest)), report], {"cse": True})
+
+    def lesser_command(self) -> Command | None:
+        """What may be sent where every solver failed and the parameters are sound; the safe command if None."""
+        return None
+
+    def tell_braking(self, inputs: tuple[Array, ...]) -> None:
+        """Write the inputs of `braking`; the last good position stands in for one that is unusable."""
+        inputs[0][:] = np.where(np.abs(self._q) <= PLAUSIBLE, self._q, self._predicted)
+        inputs[1][:] = self._ladder.memory
 
     # -------------------------------------------------------------------------------------------------- the user's
     def reset(self, velocity: ArrayLike | None = None) -> None:
@@ -170,19 +188,29 @@ class VelocityController(ABC):
             if 0.0 <= residual <= self.tolerance:
                 self._keep[:] = self._answer
                 value = _read_only(self._velocity.tobytes())  # a copy
-                return _new(
-                    Command, (value, _OK, FUSED_SOLVERS[int(who)], residual, -1, "", _BOUNDS[int(yielded)], scale)
-                )
+                wheels = None if self._wheels is None else _read_only(self._wheels.tobytes())
+                name, bound = FUSED_SOLVERS[int(who)], _BOUNDS[int(yielded)]
+                return _new(Command, (value, _OK, name, residual, -1, "", bound, scale, wheels))
         ladder = self._ladder
         solver = ladder.climb() if self._fused else ladder()
         if not solver:
-            return self._safe(self._fault())
+            return self.lesser_command() or self._safe(self._fault())
         status = Status.OK
         if solver == ladder.backup != ladder.solver:
             status, reason = Status.BACKUP, f"{ladder.solver} gave no certified answer"
         residual, _, _, yielded, scale = ladder.verdict.tolist()
-        value = np.frombuffer(self._velocity.tobytes())
-        return Command(value, status, solver, residual, ladder.iterations, reason, _BOUNDS[int(yielded)], scale)
+        bound = _BOUNDS[int(yielded)]
+        value, wheels = self._sent_now()
+        return Command(value, status, solver, residual, ladder.iterations, reason, bound, scale, wheels)
+
+    def _sent_now(self) -> tuple[Array, Array | None]:
+        """What is sent, copied, read-only and without negative zeros."""
+        value, wheels = self._sent + 0.0, None
+        value.setflags(write=False)
+        if self._wheels is not None:
+            wheels = np.frombuffer(self._wheels.tobytes()) + 0.0
+            wheels.setflags(write=False)
+        return value, wheels
 
     def _write(self, values: tuple[ArrayLike, ...]) -> None:
         """Copy what is not a float array, or say what is wrong with it; numbers are judged by the certificate."""
@@ -205,16 +233,14 @@ class VelocityController(ABC):
     def _safe(self, reason: str) -> Command:
         """Decelerate within the bounds, from the last good position where this one is unusable."""
         braking, ladder = self._safe_command, self._ladder
-        braking.inputs[0][:] = np.where(np.abs(self._q) <= PLAUSIBLE, self._q, self._predicted)
-        braking.inputs[1][:] = self._last
+        self.tell_braking(braking.inputs)
         braking()
         memory, (yielded, _) = braking.outputs
-        value = memory[: self.chain.n] + 0.0  # a copy, and no negative zeros
-        value.setflags(write=False)
-        ladder.memory[: memory.size] = memory
-        ladder.start_from(np.append(value, np.zeros(self.stated.n - value.size)))
+        ladder.memory[: memory.size] = memory  # what else a subclass remembers is its own to forget
+        ladder.start_from(np.append(self._last, np.zeros(self.stated.n - self._last.size)))
+        value, wheels = self._sent_now()
         status = Status.BRAKING if value.any() else Status.HOLDING
-        return Command(value, status, "", math.inf, -1, reason, _BOUNDS[int(yielded)], 0.0)
+        return Command(value, status, "", math.inf, -1, reason, _BOUNDS[int(yielded)], 0.0, wheels)
 
     def _fault(self) -> str:
         """Why no answer was certified."""

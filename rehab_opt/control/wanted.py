@@ -19,6 +19,8 @@ DAMPING = 4e-4
 """Square of the singular value [m/rad or 1] below which a direction counts as lost."""
 CLAIM_TOLERANCE = 1e-6
 """[rad/s] How far a claimed bounded answer may move on."""
+ROW_PASSES = 2
+"""Of the closed form with one row active: it is used away from singular poses, where the damping hardly errs."""
 INSIDE = 1e-9
 """[rad/s] By how much the wanted motion stays inside its rows."""
 PASSES = 3
@@ -76,7 +78,7 @@ class WantedVelocity(NamedTuple):
     def prepare(
         self, parameters: ca.SX, memory: ca.SX, caps: tuple[float, float, NDArray[np.float64]] | None = None
     ) -> ca.Function:
-        """Parameters, memory -> Jacobian by columns, twist, slowdown, bounds, outside, R, r, told, wanted velocity, twist.
+        """Parameters, memory -> Jacobian by columns, twist, slowdown, bounds, outside, R, r, told, wanted motion.
 
         `caps` are hand speeds [m/s, rad/s] to which the wanted motion is slowed as a whole, and the (6,) weights whose
         roots the Jacobian's rows were multiplied by, none of them zero.
@@ -161,7 +163,7 @@ class WantedVelocity(NamedTuple):
         normal = matrix[0, :].T
         factors = None
         multiplier = ca.SX(0)
-        for _ in range(PASSES):
+        for _ in range(ROW_PASSES):
             h, g = model.call([task, x])
             if factors is None:
                 factors = ca.ldl(ca.densify(h), False)

@@ -7,7 +7,7 @@ from typing import Any
 
 import casadi as ca
 
-__all__ = ["all_true", "certificate_function", "clipped", "is_certified"]
+__all__ = ["all_true", "certificate_function", "clipped", "is_certified", "one_is_zero"]
 
 
 def certificate_function(n: int, m: int) -> ca.Function:
@@ -33,7 +33,7 @@ def certificate_function(n: int, m: int) -> ca.Function:
     stationarity = hessian @ x + gradient + bound_multiplier + matrix.T @ row_multiplier
     violation = ca.fmax(rows_lower - rows, 0) + ca.fmax(rows - rows_upper, 0)
     complementarity = ca.vertcat(
-        _one_is_zero(bound_multiplier, x, lower, upper), _one_is_zero(row_multiplier, rows, rows_lower, rows_upper)
+        one_is_zero(bound_multiplier, x, lower, upper), one_is_zero(row_multiplier, rows, rows_lower, rows_upper)
     )
     residual = ca.sqrt(ca.sumsqr(stationarity) + ca.sumsqr(violation) + ca.sumsqr(complementarity))
     sane = all_true(
@@ -62,7 +62,7 @@ def clipped(value: Any, lower: Any, upper: Any) -> ca.SX:
     return inside
 
 
-def _one_is_zero(multiplier: ca.SX, value: ca.SX, lower: ca.SX, upper: ca.SX) -> ca.SX:
+def one_is_zero(multiplier: ca.SX, value: ca.SX, lower: ca.SX, upper: ca.SX) -> ca.SX:
     """Complementarity as min(multiplier, slack): zero iff one of them is, and infinite bounds need no special case."""
     at_upper = ca.fmin(ca.fmax(multiplier, 0), ca.fmax(upper - value, 0))
     at_lower = ca.fmin(ca.fmax(-multiplier, 0), ca.fmax(value - lower, 0))

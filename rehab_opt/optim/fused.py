@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import casadi as ca
 
-from rehab_opt.optim.qrqp import qrqp
+from rehab_opt.optim.qrqp import QRQP_ITERATIONS, qrqp
 
 if TYPE_CHECKING:
     from rehab_opt.optim.qp import Statement
@@ -37,13 +37,13 @@ def fused(statement: Statement) -> ca.Function:
     full = statement.complete(p, memory)
     guess, residual, sound = statement.screen(full, memory)
 
-    held = ca.vertcat(guess, ca.MX.zeros(n + m), residual, 1)
+    held = ca.vertcat(guess, residual, 1)
     answered = ca.logic_or(residual <= GUESS_TOLERANCE, ca.logic_not(sound))  # no solver sees unusable parameters
     answer = _choice(f"{statement.name}_closed_form", _solve(statement))(answered, held, full, memory, start)
 
     x = answer[:n]
-    report, memory = statement.finish(full, memory, x)
-    verdict = ca.vertcat(answer[-2], sound, answer[-1], report)
+    report, memory, violation = statement.finish(full, memory, x)
+    verdict = ca.vertcat(answer[-2] + violation, sound, answer[-1], report)
     return ca.Function(statement.name, [p, last], [ca.vertcat(answer[: 2 * n + m], memory), verdict])
 
 
@@ -58,10 +58,15 @@ def _choice(name: str, otherwise: ca.Function) -> ca.Function:
 
 def _solve(statement: Statement) -> ca.Function:
     """Complete parameters, memory, start -> x, multipliers, residual, who answered."""
-    solver = _qrqp(statement)
+    solver = _qrqp(statement, statement.m)
+    full, memory, start = _inputs(statement)
+    if statement.seldom:
+        likely = _qrqp(statement, statement.m - statement.seldom)(full, memory, start)
+        choice = _choice(f"{statement.name}_likely", solver)
+        answer = choice(likely[-2] <= GUESS_TOLERANCE, likely, full, memory, start)
+        return ca.Function(f"{statement.name}_solve", [full, memory, start], [answer])
     if statement.m:
         return solver
-    full, memory, start = _inputs(statement)
     x, bounds, residual = _last_active_set(statement)(full, memory, start[statement.n :])
     held = ca.vertcat(x, bounds, residual, 2)
     choice = _choice(f"{statement.name}_active_set", solver)
@@ -90,19 +95,24 @@ def _last_active_set(statement: Statement) -> ca.Function:
     return ca.Function("last_active_set", [full, memory, multipliers], outputs, {"cse": True})
 
 
-def _qrqp(statement: Statement) -> ca.Function:
-    """Complete parameters, memory, start -> x, multipliers, residual, who answered."""
-    n = statement.n
+def _qrqp(statement: Statement, m: int) -> ca.Function:
+    """Complete parameters, memory, start -> x, multipliers, residual, who answered; with the first m rows only.
+
+    The certificate is that of all rows.
+    """
+    n, all_rows = statement.n, statement.m
     full, memory, start = _inputs(statement)
     data = statement.build(full, memory)
     hessian, gradient, matrix, rows_lower, rows_upper, lower, upper, _ = data
-    solution = qrqp(f"{statement.name}_qp", n, statement.m)(
-        h=hessian, g=gradient, a=matrix, lba=rows_lower, uba=rows_upper, lbx=lower, ubx=upper,
-        x0=start[:n], lam_x0=start[n : 2 * n], lam_a0=start[2 * n :],
+    cap = statement.iterations or QRQP_ITERATIONS
+    solution = qrqp(f"{statement.name}_qp_{m}", n, m, iterations=cap)(
+        h=hessian, g=gradient, a=matrix[:m, :], lba=rows_lower[:m], uba=rows_upper[:m], lbx=lower, ubx=upper,
+        x0=start[:n], lam_x0=start[n : 2 * n], lam_a0=start[2 * n : 2 * n + m],
     )  # fmt: skip
-    x, residual = statement.certify(*data, solution["x"], solution["lam_x"], solution["lam_a"])
-    answer = ca.vertcat(x, solution["lam_x"], solution["lam_a"], residual, 0)
-    return ca.Function(f"{statement.name}_qrqp", [full, memory, start], [answer])
+    rows = ca.vertcat(solution["lam_a"], ca.MX.zeros(all_rows - m))
+    x, residual = statement.certify(*data, solution["x"], solution["lam_x"], rows)
+    answer = ca.vertcat(x, solution["lam_x"], rows, residual, 0)
+    return ca.Function(f"{statement.name}_qrqp_{m}", [full, memory, start], [answer])
 
 
 def _inputs(statement: Statement) -> list[ca.MX]:

@@ -122,9 +122,9 @@ class Ladder:
         # A matrix of one column comes flat.
         claim = solver.solve(Instance(qp[0].reshape(n, n), qp[1], qp[2].reshape(m, n), *qp[3:]))
         x, residual = _outputs(certify, *qp, sound, *claim[:3])
-        report, memory = _outputs(finish, full, self.memory, x)
+        report, memory, violation = _outputs(finish, full, self.memory, x)
         self._answer[:] = np.concatenate([x, *claim[1:3], memory])
-        self._verdict[:] = np.concatenate([residual, sound, [0.0], report])
+        self._verdict[:] = np.concatenate([residual + violation, sound, [0.0], report])
         self.iterations = claim.iterations
 
     def _backend(self, argument: str, name: str) -> Backend | None:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.optim.certificate import all_true, certificate_function
+from rehab_opt.optim.certificate import all_true, certificate_function, one_is_zero
 
 if TYPE_CHECKING:
     import qpsolvers
@@ -87,14 +87,21 @@ class Statement:
     variables : what is decided.
     minimise : scalar, quadratic in the variables.
     subject_to : rows linear in the variables.
+    seldom : how many of the last rows are seldom active: the fused function solves without them first, and again with
+        them only where the certificate, which always has all rows, says that one was missed.
+    iterations : cap on the active-set changes of the fused solver, None for its own: what is not found soon is seldom
+        found later, and the backup waits.
     requires : conditions on the parameters without which no answer is certified.
     report : column of expressions of parameters and variables, evaluated at the answer; keep it cheap.
     guess : (n,) expression of the answer when no bound is active, or None. It is certified like any other answer;
         the solver runs only where it fails.
+    multipliers : (m,) expression of the rows' multipliers at the guess, or None where no row is active there.
     prepared, prepare : columns that hold what `prepare`, a function of (parameters, memory), each one column, gives
         for them: work that must not be repeated, or that expressions cannot leave out when it is not needed.
     memory : column standing for what the last certified tick left behind (its last velocity, say).
     remember : column of expressions of parameters and variables that becomes the next tick's memory.
+    violation : by how much what is made of the answer in `remember` breaks the bounds, zero or more; it is added to
+        the certificate's residual. NaN fails.
 
     Raises
     ------
@@ -107,13 +114,17 @@ class Statement:
     variables: Sequence[Variable]
     minimise: ca.SX
     subject_to: Sequence[Row] = ()
+    seldom: int = 0
+    iterations: int | None = None
     requires: Sequence[ca.SX] = ()
     report: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
     guess: ca.SX | None = None
+    multipliers: ca.SX | None = None
     prepared: Sequence[ca.SX] = ()
     prepare: ca.Function | None = None
     memory: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
     remember: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
+    violation: ca.SX = field(default_factory=lambda: ca.SX(1, 1))
 
     def __post_init__(self) -> None:
         """Check that it is a QP."""
@@ -172,22 +183,46 @@ class Statement:
 
     @cached_property
     def screen(self) -> ca.Function:
-        """Complete parameters, memory -> the guess, its residual, and whether the parameters are sound.
+        """Complete parameters, memory -> x, its multipliers, its residual of the guess; whether parameters are sound.
 
         Within its bounds and rows, a point without gradient is the answer: that is the guess's certificate, and needs
-        no Hessian. Outside, or where nothing is guessed, the residual is infinite.
+        no Hessian. So is one whose gradient the multipliers balance, or press against a bound. Outside, or where
+        nothing is guessed, the residual is infinite.
         """
+        nothing = ca.SX.zeros(self.n + self.m)
         if self.guess is None:
-            guess, residual = ca.SX.zeros(self.n), ca.SX(ca.inf)
-        else:
+            told = [ca.vertcat(ca.SX.zeros(self.n), nothing), ca.SX(ca.inf)]
+        elif self.multipliers is None:
             guess, rows = self.guess, self._rows
             slope, values = ca.substitute([ca.gradient(self.minimise, self._x), rows.expression], [self._x], [guess])
             lower, upper = self._bounds
             inside = all_true(guess >= lower, guess <= upper, values >= rows.lower, values <= rows.upper)
             # Not a quotient: of a slope that is zero by its form CasADi would drop the divisor, and with it the bounds.
             residual = ca.if_else(ca.logic_and(inside, self._sound), ca.norm_2(slope), ca.inf)
-        outputs = [ca.densify(guess), residual, self._sound]
+            told = [ca.vertcat(guess, nothing), residual]
+        else:
+            told = self._balanced_guess(self.guess, self.multipliers)
+        outputs = [ca.densify(told[0]), told[1], self._sound]
         return ca.Function(f"{self.name}_screen", [self._p, self.memory], outputs, {"cse": True})
+
+    def _balanced_guess(self, guess: ca.SX, multipliers: ca.SX) -> list[ca.SX]:
+        """The guess with its multipliers, and the certificate's residual of it."""
+        rows, (lower, upper) = self._rows, self._bounds
+        slope, values, matrix = ca.substitute(
+            [ca.gradient(self.minimise, self._x), rows.expression, ca.jacobian(rows.expression, self._x)],
+            [self._x],
+            [guess],
+        )
+        pressed = -(slope + matrix.T @ multipliers)
+        at_bound = ca.logic_or(ca.logic_and(guess >= upper, pressed > 0), ca.logic_and(guess <= lower, pressed < 0))
+        violated = ca.fmax(rows.lower - values, 0) + ca.fmax(values - rows.upper, 0)
+        loose = one_is_zero(multipliers, values, rows.lower, rows.upper)
+        squares = ca.sumsqr(ca.if_else(at_bound, 0, pressed)) + ca.sumsqr(violated) + ca.sumsqr(loose)
+        # A sum that NaN poisons, where fmax and a choice would drop it.
+        finite = ca.sumsqr(guess) + ca.sumsqr(pressed) + ca.sumsqr(values) <= PLAUSIBLE**2
+        inside = all_true(guess >= lower, guess <= upper, finite, self._sound)
+        bound_multipliers = ca.if_else(at_bound, pressed, 0)
+        return [ca.vertcat(guess, bound_multipliers, multipliers), ca.if_else(inside, ca.sqrt(squares), ca.inf)]
 
     @cached_property
     def certify(self) -> ca.Function:
@@ -196,8 +231,8 @@ class Statement:
 
     @cached_property
     def finish(self) -> ca.Function:
-        """Parameters, memory, x -> report, the next memory."""
-        outputs = [ca.densify(self.report), ca.densify(self.remember)]
+        """Parameters, memory, x -> report, the next memory, the violation that it holds."""
+        outputs = [ca.densify(each) for each in (self.report, self.remember, self.violation)]
         return ca.Function(f"{self.name}_finish", [self._p, self.memory, self._x], outputs, {"cse": True})
 
     @cached_property

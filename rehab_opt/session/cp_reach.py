@@ -23,6 +23,7 @@ from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.human_arm import ARM_JOINTS, human_arm
 from rehab_opt.session.reach_rows import GROUPS, SAMPLES, TASKS, ReachAngles, Suspect, read_cp_reach
 from rehab_opt.workspace.clinical_angles import CLINICAL_ANGLES, model_scapula, model_shoulder, model_wrist
+from rehab_opt.workspace.number_arguments import real_number
 from rehab_opt.workspace.used_range import UsedRange
 
 __all__ = ["ReachGroup", "grasp_zero", "group_range", "reach_groups"]
@@ -79,7 +80,7 @@ class ReachGroup:
 
 
 def reach_groups(
-    folder: Path, *, cover: float = 0.5, pronation_zero: float | Literal["grasp"] = 0.0
+    folder: Path | str, *, cover: float = 0.5, pronation_zero: float | Literal["grasp"] = 0.0
 ) -> dict[tuple[str, str], ReachGroup]:
     """The range used by (task, group), of the files in `folder` (`cp_dyskinetic_reach`).
 
@@ -92,6 +93,7 @@ def reach_groups(
     ------
     ProblemFileError : a file is absent or not as `read_cp_reach` expects it.
     """
+    folder = Path(folder)
     both = [angles for task in TASKS for angles in read_cp_reach(folder, task)]
     if pronation_zero == "grasp":
         pronation_zero = grasp_zero(next(a for a in both if (a.task, a.group) == ("RGV", GROUPS[0])))
@@ -139,12 +141,12 @@ def group_range(
     ------
     ConfigurationError : `cover` outside 0.5 to 1, percentiles out of order.
     """
-    if not 0.5 <= cover <= 1:
+    if not 0.5 <= real_number(cover) <= 1:
         raise ConfigurationError("cover", cover, "a share from 0.5 to 1")
-    if not 0 <= lower_percentile < upper_percentile <= 100:
+    if not 0 <= real_number(lower_percentile) < real_number(upper_percentile) <= 100:
         value = (lower_percentile, upper_percentile)
         raise ConfigurationError("lower_percentile, upper_percentile", value, "0 <= lower < upper <= 100")
-    if not abs(pronation_zero) <= math.pi:
+    if not abs(real_number(pronation_zero)) <= math.pi:
         raise ConfigurationError("pronation_zero", pronation_zero, "an angle within half a turn")
     columns = {angle.column: angle for angle in CLINICAL_ANGLES}
     rows = {column: len(reach.angles[column]) for column in columns}

@@ -1,4 +1,4 @@
-"""The files of a run: metrics.json, trace.csv and figures, all of them or none."""
+"""The files of a run: metrics.json, trace.csv, figures and films, all of them or none."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pathlib import Path
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.session.outcome import Outcome
-from rehab_opt.session.systems import system_named
+from rehab_opt.session.systems import Animated, system_named
 
 __all__ = ["checked_folder", "write_report", "write_results"]
 
@@ -52,11 +52,15 @@ def write_report(outcome: Outcome, folder: Path) -> tuple[Path, ...]:
 
 def write_results(outcome: Outcome, folder: Path) -> list[Path]:
     """Write every file of a run straight into an existing folder; OSError where that fails."""
-    drawn = system_named(outcome.system).figures(outcome)
+    system = system_named(outcome.system)
+    drawn = system.figures(outcome)
+    films = system.animations(outcome) if isinstance(system, Animated) else {}
     (folder / "metrics.json").write_text(metrics_json(outcome), encoding="utf-8")
     write_trace(outcome, folder / "trace.csv")
     for name, figure in drawn.items():
         figure.savefig(folder / f"{name}.png")
+    for name, film in films.items():
+        film.save(folder / f"{name}.gif", writer="pillow")
     return sorted(folder.iterdir())
 
 

@@ -22,6 +22,7 @@ __all__ = [
     "ArmSection",
     "Length",
     "Limits",
+    "Once",
     "PlacementSection",
     "PlanarPlacement",
     "Positive",
@@ -57,8 +58,8 @@ def _ordered(pair: list[float]) -> list[float]:
 
 
 def _bone(length: float) -> float:
-    if not 20 <= length <= 1000:
-        raise PydanticCustomError("unit", "20 to 1000 mm (is the length in another unit?)")
+    if not 50 <= length <= 1000:  # a long bone is 60 mm at birth, and less than 50 cm in anybody
+        raise PydanticCustomError("unit", "50 to 1000 mm (is the length in another unit?)")
     return length
 
 
@@ -68,6 +69,14 @@ def _usable(solver: str) -> str:
     return solver
 
 
+def _different(values: list[str]) -> list[str]:
+    if len(set(values)) < len(values):
+        raise PydanticCustomError("repeated", "each one once")
+    return values
+
+
+Once = AfterValidator(_different)
+"""Of a list: nothing stands in it twice."""
 SolverName = Annotated[str, Field(min_length=1), AfterValidator(_usable)]
 LongBone = Annotated[float, AfterValidator(_bone)]
 Limits = Annotated[

@@ -8,16 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar, runtime_checkable
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.session.outcome import Outcome, Progress
 from rehab_opt.session.schema import Problem
 
 if TYPE_CHECKING:
+    from matplotlib.animation import Animation
     from matplotlib.figure import Figure
     from rich.table import Table
 
+    from rehab_opt.session.ardis.outcome import ArdisOutcome
+    from rehab_opt.session.ardis.problem import ArdisProblem
     from rehab_opt.session.files import ProblemFile
     from rehab_opt.session.mirror.outcome import MirrorOutcome
     from rehab_opt.session.mirror.problem import MirrorProblem
@@ -32,7 +35,7 @@ if TYPE_CHECKING:
     from rehab_opt.session.workspaces.outcome import WorkspaceOutcome
     from rehab_opt.session.workspaces.problem import WorkspaceProblem
 
-__all__ = ["SYSTEMS", "Column", "Needed", "System", "system_named"]
+__all__ = ["SYSTEMS", "Animated", "Column", "Needed", "System", "system_named"]
 
 P = TypeVar("P", bound=Problem)
 O = TypeVar("O", bound=Outcome)  # noqa: E741  (an outcome)
@@ -99,6 +102,15 @@ class System(Protocol[P, O]):
         ...
 
 
+@runtime_checkable
+class Animated(Protocol):
+    """A system that also shows its runs as films."""
+
+    def animations(self, outcome: Any) -> dict[str, Animation]:
+        """The films by file name, without suffix."""
+        ...
+
+
 def system_named(name: str) -> System[Any, Any]:
     """The system that a problem file calls by this name.
 
@@ -147,6 +159,12 @@ def _used_ranges() -> System[UsedRangesProblem, UsedRangesOutcome]:
     return UsedRangesSystem()
 
 
+def _ardis() -> System[ArdisProblem, ArdisOutcome]:
+    from rehab_opt.session.ardis.system import ArdisSystem  # noqa: PLC0415
+
+    return ArdisSystem()
+
+
 SYSTEMS: Mapping[str, Callable[[], System[Any, Any]]] = MappingProxyType(
     {
         "upper_limb": _upper_limb,
@@ -155,5 +173,6 @@ SYSTEMS: Mapping[str, Callable[[], System[Any, Any]]] = MappingProxyType(
         "workspace": _workspace,
         "workspace_map": _workspace_map,
         "used_ranges": _used_ranges,
+        "ardis": _ardis,
     }
 )

@@ -22,6 +22,8 @@ __all__ = ["ControllerMap"]
 class ControllerMap:
     """The type by which a controller takes a map: made by `WorkspaceMap.for_controller`, it cannot hold a failed one.
 
+    Made by hand it trusts that the audit is this spline's.
+
     A point outside the source counts as the nearest point of the source. NaN gives NaN; nothing raises on numbers.
 
     Attributes
@@ -57,7 +59,11 @@ class ControllerMap:
         return self.spline.jacobian(self._inside(point))
 
     def push_force(self, point: NDArray[np.float64], force: NDArray[np.float64]) -> NDArray[np.float64]:
-        """A force (2,) [N] at the image of a point (2,) [m], as felt at the point: J' F, equal power on both sides."""
+        """A force (2,) [N] at the image of a point (2,) [m], as felt at the point: J' F.
+
+        Equal power on both sides within the source. Outside it is J' F of the nearest point, which is not: a hand that
+        moves away from the edge feels the force while the image stands still. Keep it inside by other means.
+        """
         return self.jacobian(point).T @ force
 
     def _inside(self, point: NDArray[np.float64]) -> NDArray[np.float64]:

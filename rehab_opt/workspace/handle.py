@@ -7,7 +7,7 @@ import numpy as np
 
 from rehab_opt.optim.qp import Row, equal, within
 
-__all__ = ["ALMOST_EXACT", "handle_rows"]
+__all__ = ["ALMOST_EXACT", "beyond_cone", "handle_rows"]
 
 ALMOST_EXACT = 1e-5
 """[rad] Below this tilt the cone's normal vanishes, and the handle is aligned exactly instead."""
@@ -16,8 +16,8 @@ ALMOST_EXACT = 1e-5
 def handle_rows(axis: ca.SX, tilt: ca.SX, handle_tilt: float | None) -> list[Row]:
     """Rows that hold the handle axis within `tilt` of +z0.
 
-    The cone x_n . z_0 >= cos(tilt), over sin(tilt) so that its unit is the radian. Exact alignment: both horizontal
-    components zero, which leaves the sign open, so the vertical one is not negative.
+    The cone x_n . z_0 >= cos(tilt), up to 90 deg over sin(tilt) so that its unit is the radian. Exact alignment: both
+    horizontal components zero, which leaves the sign open, so the vertical one is not negative.
 
     Never posed through Euler angles: Eqs. (4)-(5), Rossa et al., are singular exactly at their own goal.
     """
@@ -25,4 +25,16 @@ def handle_rows(axis: ca.SX, tilt: ca.SX, handle_tilt: float | None) -> list[Row
         return []
     if handle_tilt < ALMOST_EXACT:
         return [equal(axis[:2], ca.SX.zeros(2)), within(axis[2], 0.0, ca.inf)]
-    return [within((axis[2] - ca.cos(tilt)) / ca.sin(tilt), 0.0, ca.inf)]
+    # Below horizontal the unit does not matter, and almost straight down the sine would blow the row up.
+    slope = ca.sin(tilt) if handle_tilt <= np.pi / 2 else 1.0
+    return [within((axis[2] - ca.cos(tilt)) / slope, 0.0, ca.inf)]
+
+
+def beyond_cone(axis: ca.SX, tilt: ca.SX) -> ca.SX:
+    """(3,) what is left of axis - z0 beyond the cone, in rad where it is small; zero inside, and never without a slope.
+
+    For least squares, which have no use for an inequality.
+    """
+    off = axis - ca.vertcat(0, 0, 1)
+    length = ca.sqrt(ca.sumsqr(off) + 1e-20)
+    return off * ca.fmax(0, 1 - 2 * ca.sin(tilt / 2) / length)

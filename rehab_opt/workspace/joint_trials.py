@@ -17,6 +17,8 @@ Array = NDArray[np.float64]
 
 MOST = 4 * math.pi
 """[rad] No joint of an arm reads more: such angles are degrees."""
+WIDEST = 2 * math.pi
+"""[rad] No joint of an arm moves through more: small angles in degrees do."""
 
 
 def joint_trials(angles: object, names: Sequence[str] | None) -> dict[str, list[Array]]:
@@ -36,6 +38,12 @@ def joint_trials(angles: object, names: Sequence[str] | None) -> dict[str, list[
     if not trials:
         raise ConfigurationError("angles", angles, "at least one trial")
     n = trials[0].shape[1]
+    if names is not None and (
+        isinstance(names, str)
+        or not isinstance(names, Sequence | np.ndarray)
+        or not all(isinstance(name, str) for name in names)
+    ):
+        raise ConfigurationError("names", names, "one name (str) a column of angles, or None")
     columns = tuple(names) if names is not None else (ARM_JOINTS if n == len(ARM_JOINTS) else ())
     if any(trial.shape[1] != len(columns) for trial in trials) or len(set(columns)) != len(columns) or not columns:
         shapes = [trial.shape for trial in trials[:3]]
@@ -59,6 +67,8 @@ def _split(given: object, rank: int) -> list[object]:
 def _of_rank(argument: str, trial: object, rank: int) -> Array:
     expected = "numbers (T,)" if rank == 1 else "numbers (T, n)"
     try:
+        if isinstance(trial, np.ma.MaskedArray):  # whose masked samples are gaps, whatever stands under the mask
+            trial = np.ma.filled(np.ma.asarray(trial, dtype=np.float64), np.nan)
         array = np.asarray(trial, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as problem:
         raise ConfigurationError(argument, trial, expected) from problem
@@ -81,6 +91,11 @@ def one_branch(name: str, trials: Sequence[Array], bound: tuple[float, float] | 
     branches = [np.unwrap(trial) for trial in trials]
     first = float(np.median(branches[0]))
     values = np.concatenate([trial + turn * round((first - float(np.median(trial))) / turn) for trial in branches])
+    width = float(np.ptp(values))
+    if width > WIDEST:
+        raise ConfigurationError(
+            f"angles of {name}", f"a range {width:.3g} wide", "radians within one turn (are these degrees, or noise?)"
+        )
     middle = float(np.median(values))
     if bound is not None:  # fewest turns that bring the median in, or nearest to it
         outside = {k: max(bound[0] - middle - k * turn, middle + k * turn - bound[1], 0.0) for k in (0, 1, -1, 2, -2)}

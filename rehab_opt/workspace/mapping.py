@@ -12,6 +12,8 @@ from rehab_opt.errors import ConfigurationError
 from rehab_opt.workspace.audit import LARGEST_STRETCH, SMALLEST_STRETCH, Audit, random_points
 from rehab_opt.workspace.certificate import Certificate, certificate
 from rehab_opt.workspace.controller_map import ControllerMap
+from rehab_opt.workspace.number_arguments import real_number
+from rehab_opt.workspace.point_arguments import point_array
 from rehab_opt.workspace.polar import LANDMARKS, polar_landmarks
 from rehab_opt.workspace.safe_rule import safe_landmarks
 from rehab_opt.workspace.spline import ThinPlateSpline
@@ -67,7 +69,8 @@ class WorkspaceMap:
         Parameters
         ----------
         source, target : each in one piece and without holes.
-        rule : "safe": landmarks that fold nowhere and stay inside, distorted as little as that allows; a few seconds.
+        rule : "safe": landmarks that fold nowhere and stay inside, distorted as little as that allows; a few seconds,
+            minutes where a shape resists (deep slits, slivers).
             "polar": the paper's, as a yardstick.
         landmarks : how many, roughly for the safe rule. None: 20 for "polar"; for "safe" 300, more where that cannot
             be certified.
@@ -114,7 +117,7 @@ class WorkspaceMap:
         Exact: Newton on the map itself. The inverse is no map of the whole target (see the audit's coverage); for
         that build the map the other way.
         """
-        wanted = np.asarray(points, dtype=float)
+        wanted = point_array(points)
         many = wanted.reshape(-1, 2)
         found = np.full_like(many, np.nan)
         finite = np.isfinite(many).all(axis=1)
@@ -130,9 +133,16 @@ class WorkspaceMap:
 
         From the target to the source, against the direction of the map: a hand at x with velocity v moves the image
         with J v, and F . (J v) = (J' F) . v is the same power on both sides. Outside of the source: J at its nearest
-        point.
+        point, and the powers differ: the image stays where it is while the hand moves away from the edge.
+
+        Raises
+        ------
+        ConfigurationError : a force is not two numbers, or there are not as many as points.
         """
-        return np.asarray(np.einsum("...ij,...i->...j", self.jacobian(point), np.asarray(force, dtype=float)))
+        slopes, pushed = self.jacobian(point), point_array(force, "force")
+        if slopes.ndim == 3 and pushed.ndim == 2 and len(slopes) != len(pushed):
+            raise ConfigurationError("force", f"{len(pushed)} forces", f"one, or one for each of {len(slopes)} points")
+        return np.asarray(np.einsum("...ij,...i->...j", slopes, pushed))
 
     @property
     def rotation(self) -> float:
@@ -142,7 +152,14 @@ class WorkspaceMap:
 
     # ------------------------------------------------------------------------------------------------ its safety
     def audit(self, samples: int = 20_000, seed: int = 0) -> Audit:
-        """Figures at random points of the source, with the certificate for what lies in between."""
+        """Figures at random points of the source, with the certificate for what lies in between.
+
+        Raises
+        ------
+        ConfigurationError : `samples` is no whole number from 1.
+        """
+        if isinstance(samples, bool) or not isinstance(samples, int | np.integer) or not samples >= 1:
+            raise ConfigurationError("samples", samples, "a whole number of points, 1 or more")
         points = random_points(self.source, samples, seed)
         images, slopes = self.spline(points), self.spline.jacobian(points)
         stretch = np.linalg.svd(slopes, compute_uv=False)
@@ -190,7 +207,7 @@ class WorkspaceMap:
         return cKDTree(self.spline(points)), points
 
     def _inside(self, points: ArrayLike) -> NDArray[np.float64]:
-        given = np.array(points, dtype=float)
+        given = np.array(point_array(points))
         many = given.reshape(-1, 2)
         for k in np.flatnonzero(~np.atleast_1d(self.source.contains(many))):
             many[k] = self.source.nearest(many[k])
@@ -218,12 +235,13 @@ def _check(source: Workspace, target: Workspace, rule: str, landmarks: int | Non
             singular = what[:-1]
             both = f"source has {here} {what if here != 1 else singular}, target {there}"
             raise ConfigurationError(name, each, f"one component without holes in both workspaces; {both}")
-    if rule not in {"safe", "polar"}:
+    if rule not in ("safe", "polar"):  # a tuple: what cannot be hashed is refused like the rest
         raise ConfigurationError("rule", rule, '"safe" or "polar"')
     fewest, most = (3, MOST) if rule == "polar" else (FEWEST, MOST)
-    if landmarks is not None and not (isinstance(landmarks, int | np.integer) and fewest <= landmarks <= most):
+    counted = isinstance(landmarks, int | np.integer) and not isinstance(landmarks, bool)
+    if landmarks is not None and not (counted and fewest <= landmarks <= most):
         raise ConfigurationError("landmarks", landmarks, f"None or a whole number from {fewest} to {most}")
-    if rotation != "best" and not (isinstance(rotation, float | int | np.number) and np.isfinite(rotation)):
+    if not (isinstance(rotation, str) and rotation == "best") and not np.isfinite(real_number(rotation)):
         raise ConfigurationError("rotation", rotation, 'an angle in radians, or "best"')
 
 

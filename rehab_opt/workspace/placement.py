@@ -35,13 +35,14 @@ class ShoulderPlacement:
     def __post_init__(self) -> None:
         """Check and freeze."""
         try:
-            position = tuple(float(each) for each in self.position)
+            numbers = np.asarray(self.position)
+            position = tuple(map(float, numbers.tolist())) if numbers.dtype.kind in "fiu" else ()
         except (TypeError, ValueError, OverflowError):
             position = ()
         if len(position) != 3 or not all(map(math.isfinite, position)):
             raise ConfigurationError("position", self.position, "three finite numbers, in metres")
         try:
-            turn = float(self.turn)
+            turn = math.nan if isinstance(self.turn, str | bytes) else float(self.turn)
         except (TypeError, ValueError, OverflowError):
             turn = math.nan
         if not math.isfinite(turn):
@@ -65,10 +66,22 @@ class ShoulderPlacement:
 
     def to_robot(self, points: ArrayLike) -> Array:
         """Points (..., 2) [m] of the shoulder's frame in the robot's."""
-        moved: Array = np.asarray(points, dtype=np.float64) @ self.rotation.T + self.position[:2]
+        moved: Array = _planar(points) @ self.rotation.T + self.position[:2]
         return moved
 
     def to_shoulder(self, points: ArrayLike) -> Array:
         """Points (..., 2) [m] of the robot's frame in the shoulder's."""
-        moved: Array = (np.asarray(points, dtype=np.float64) - self.position[:2]) @ self.rotation
+        moved: Array = (_planar(points) - self.position[:2]) @ self.rotation
         return moved
+
+
+def _planar(points: ArrayLike) -> Array:
+    """Points (..., 2); whatever else is given, named."""
+    expected = "points (..., 2), numbers in metres"
+    try:
+        array = np.asarray(points)
+    except (TypeError, ValueError, OverflowError) as problem:  # ragged
+        raise ConfigurationError("points", points, expected) from problem
+    if array.dtype.kind not in "fiu" or array.ndim == 0 or array.shape[-1] != 2:
+        raise ConfigurationError("points", points, expected)
+    return array.astype(np.float64, copy=False)

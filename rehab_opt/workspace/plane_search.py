@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from rehab_opt.optim.nlp import NLPAnswer
 from rehab_opt.optim.nlp_solvers import NLPSolver, nlp_solver
 from rehab_opt.optim.nlp_sqp import SQP
+from rehab_opt.workspace.plane_approach import PlaneApproach
 from rehab_opt.workspace.plane_statement import PlaneStatement
 from rehab_opt.workspace.spread import spread_postures
 
@@ -55,7 +56,7 @@ class PlaneSearch:
     """
 
     def __init__(self, statement: PlaneStatement, *, height: float, compile: bool | None = None) -> None:
-        self.statement, self.height = statement, height
+        self.statement, self.height, self._compile = statement, height, compile
         self._sqp = SQP(statement.nearest, tolerance=TOLERANCE, compile=compile)
         self._sqp.parameters[:] = np.concatenate([statement.fixed, [height, 0.0, 0.0, statement.size**-2]])
         self._probe = self._sqp.parameters[-3:-1]
@@ -67,7 +68,12 @@ class PlaneSearch:
         self._probe[0], self._probe[1] = x, y
         answer = self._sqp.solve(start)
         self.solves += 1
-        if not answer.violation <= VIOLATION:  # NaN and infinity too
+        if not (answer.certified and answer.violation <= VIOLATION):  # NaN and infinity too
+            again = self._sqp.solve(self._approach.near(self._sqp.parameters, start))
+            self.solves += 1
+            if (not again.violation <= VIOLATION, again.cost) < (not answer.violation <= VIOLATION, answer.cost):
+                answer = again
+        if not answer.violation <= VIOLATION:
             self.failures += 1
             return None
         self.uncertified += not answer.certified
@@ -87,6 +93,10 @@ class PlaneSearch:
             self.failures += 1
             return None
         return _nearest(answer)
+
+    @cached_property
+    def _approach(self) -> PlaneApproach:
+        return PlaneApproach(self.statement, compile=self._compile)
 
     @cached_property
     def _backup(self) -> SQP | NLPSolver:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from rehab_opt.kinematics.chain import DH, SerialChain
 from rehab_opt.optim.nlp import NLP
 from rehab_opt.optim.qp import Row, equal, parameter, variable
-from rehab_opt.workspace.handle import handle_rows
+from rehab_opt.workspace.handle import beyond_cone, handle_rows
 from rehab_opt.workspace.spread import spread_postures
 
 __all__ = ["PlaneStatement"]
@@ -31,6 +31,8 @@ UNBOUNDED = 1e6
 STILL = 1e-11
 """A quantity whose derivatives are all below this, in m or rad per joint unit, does not move."""
 CHECKED_POSTURES = 16
+FIRMER = 5.0
+"""Plane and handle count so much more than the way to the probe, which may be out of reach."""
 
 
 class PlaneStatement:
@@ -51,6 +53,8 @@ class PlaneStatement:
     vertical, vertical_free : with the handle's rows and without; report [z].
         Parameters: fixed, sign (1 for the lowest, -1 for the highest hand).
     upright : report [handle tilt [rad]]. Parameters: fixed.
+    approach : function (x, parameters of `nearest`) -> what is left between hand and probe and, times `FIRMER`, between
+        hand and plane (in `size`s) and handle and cone (rad). Zero where the probe is reached. See `PlaneApproach`.
     fixed : numbers of the common parameters: lower (k,), upper (k,), still (n,), lengths, tilt.
     free : (k,) indices of the joints that can move.
     constant_height : [m] of a hand that no joint moves up or down, else None; then it is no row.
@@ -94,6 +98,12 @@ class PlaneStatement:
             minimise=scale * ca.sumsqr(away) / 2,
             subject_to=[*plane, *handle],
             report=ca.vertcat(ca.norm_2(away), hand[:2]),
+        )
+        rows = ca.vertcat(away, FIRMER * (hand[2] - height)) * ca.sqrt(scale)
+        if handle:
+            rows = ca.vertcat(rows, FIRMER * beyond_cone(axis, tilt))
+        self.approach = ca.Function(
+            "plane_approach", [x.symbol, ca.vertcat(*fixed, height, probe, scale)], [ca.densify(rows)]
         )
         self.vertical, self.vertical_free = (
             NLP(

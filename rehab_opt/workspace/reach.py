@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
-import numpy as np
-
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.workspace.lattice import TooManyNodesError
+from rehab_opt.workspace.number_arguments import real_number
 from rehab_opt.workspace.outline import THINNEST
 from rehab_opt.workspace.placement import ShoulderPlacement
 from rehab_opt.workspace.plane_search import PlaneSearch
@@ -22,14 +21,14 @@ if TYPE_CHECKING:
 
     from rehab_opt.workspace.region import Workspace
 
-__all__ = ["Slice", "checked_plane", "planar_workspace", "slice_at"]
+__all__ = ["Slice", "checked_placement", "checked_plane", "planar_workspace", "slice_at"]
 
 SPREAD = 512
 """Postures the search begins with."""
 REPAIRS = 3
 CHECKED = 0.9
 """Share of the accuracy at which the polygon is probed: what lies between two probes is left for the rest."""
-MORE = 4096
+MORE = 1024
 """Spread postures where the first ones gave nothing."""
 CONSTANT = 1e-6
 """[m, rad] What no joint moves is in its place up to here."""
@@ -95,7 +94,7 @@ def planar_workspace(
 
     from rehab_opt.workspace.region import Workspace  # noqa: PLC0415  (brings shapely)
 
-    placement = ShoulderPlacement() if placement is None else placement
+    placement = checked_placement(placement)
     found = slice_at(
         arm, height=height, handle_tilt=handle_tilt, accuracy=accuracy, resolution=resolution, compile=compile
     )
@@ -120,6 +119,7 @@ def slice_at(
     limit = None if handle_tilt is None or handle_tilt >= math.pi else float(handle_tilt)
     if arm.locked.all():
         return _empty(_of_one_posture(arm, height, limit), accuracy)
+    height, accuracy = float(height), float(accuracy)  # numpy's single precision overflows in comparisons
     statement = PlaneStatement(arm, handle_tilt=limit)
     still, upright = statement.constant_height, statement.constant_tilt
     if still is not None and not abs(still - height) <= CONSTANT:
@@ -196,12 +196,17 @@ def checked_plane(arm: object, height: object, handle_tilt: object, accuracy: ob
         ("accuracy", accuracy, 1e-5, 0.05, "a length from 1e-5 to 0.05 m"),
         ("resolution", 1.0 if resolution is None else resolution, 1e-5, 1.0, "a length from 1e-5 to 1 m, or None"),
     ):
-        if (
-            isinstance(value, bool)
-            or not isinstance(value, int | float | np.integer | np.floating)
-            or not low <= value <= high
-        ):
+        if not low <= real_number(value) <= high:
             raise ConfigurationError(name, value, expected)
     for row, name, low, high in zip(arm.rows, arm.names, arm.lower, arm.upper, strict=True):
         if row.prismatic and not -FAR <= low <= high <= FAR:
             raise ConfigurationError(f"limits of {name}", (float(low), float(high)), f"a slide within {FAR:g} m")
+
+
+def checked_placement(placement: object) -> ShoulderPlacement:
+    """`placement`, at the origin by default."""
+    if placement is None:
+        return ShoulderPlacement()
+    if not isinstance(placement, ShoulderPlacement):
+        raise ConfigurationError("placement", placement, "a ShoulderPlacement, or None")
+    return placement

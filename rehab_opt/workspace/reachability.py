@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
+from rehab_opt.workspace.number_arguments import real_number
+from rehab_opt.workspace.point_arguments import point_array
 
 if TYPE_CHECKING:
     from rehab_opt.workspace.region import Workspace
@@ -64,9 +66,7 @@ class ReachabilityMap:
 
     def probability(self, points: ArrayLike) -> Array | float:
         """Share of the trials, exactly, at (2,) -> float or (N, 2) -> (N,) points [m]; 0 where a point is NaN."""
-        at = np.asarray(points, dtype=np.float64)
-        if at.shape[-1:] != (2,) or at.ndim > 2:
-            raise ConfigurationError("points", f"shape {at.shape}", "points of shape (2,) or (N, 2)")
+        at = point_array(points)
         found = shares(self.workspaces, self.weights, at.reshape(-1, 2))
         return float(found[0]) if at.ndim == 1 else found
 
@@ -99,7 +99,7 @@ class ReachabilityMap:
         """
         from rehab_opt.workspace.region import Workspace  # noqa: PLC0415  (brings shapely)
 
-        if not 0 < at_least <= 1:
+        if not 0 < real_number(at_least) <= 1:
             raise ConfigurationError("at_least", at_least, "a share above 0, at most 1")
         faces, seen = self._overlay
         promised = seen if confidence is None else _wilson(seen, self.trials, confidence)[0]
@@ -158,7 +158,7 @@ def _union(faces: NDArray[Any]) -> Any:
 
 def _wilson(share: Array, trials: float, confidence: float) -> tuple[Array, Array]:
     """Wilson's score interval (E. B. Wilson, 1927) for shares of `trials` trials."""
-    if not 0 < confidence < 1:
+    if not 0 < real_number(confidence) < 1:
         raise ConfigurationError("confidence", confidence, "a probability between 0 and 1")
     z = NormalDist().inv_cdf((1 + confidence) / 2)
     middle = (share + z**2 / (2 * trials)) / (1 + z**2 / trials)

@@ -6,12 +6,13 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
+from rehab_opt.workspace.point_arguments import point_array, single_point
 from rehab_opt.workspace.spline_cells import Cells
 from rehab_opt.workspace.spline_fit import Fit, checked_landmarks, checked_smoothing, fitted
 from rehab_opt.workspace.spline_inverse import Starts, preimage, preimages, tolerance_terms
@@ -21,6 +22,7 @@ from rehab_opt.workspace.spline_point import PointMap, cells_worth_having
 __all__ = ["ThinPlateSpline"]
 
 Array = NDArray[np.float64]
+_FLOATS = np.dtype(np.float64)
 
 NEIGHBOURS = 8
 """Landmarks around a wanted image whose sources are tried as starts of its inverse."""
@@ -34,7 +36,7 @@ class ThinPlateSpline:
 
     Immutable, may be pickled and shared by threads: each thread gets its own buffers and compiled code when it first
     maps a single point, so map one before a loop that must not wait: up to seconds where nothing is compiled yet, and
-    a fraction of one for the table that replaces summing over 64 landmarks and more. Afterwards a point costs
+    a tenth to one for the table that replaces summing over 64 landmarks and more. Afterwards a point costs
     microseconds; an array of points costs bounded memory. NaN in gives NaN out; nothing raises on numbers.
 
     Parameters
@@ -91,24 +93,21 @@ class ThinPlateSpline:
     # ------------------------------------------------------------------------------------------------ the map
     def __call__(self, points: ArrayLike) -> Array:
         """Images [m]: (2,) -> (2,), (M, 2) -> (M, 2)."""
-        if getattr(points, "shape", None) == (2,):
-            return self._value.at(points)[0].copy()  # type: ignore[arg-type]
-        array = _points(points)
-        return self(array) if array.ndim == 1 else values(self._fit, array)
+        if type(points) is np.ndarray and points.shape == (2,) and points.dtype is _FLOATS:  # without a call to ask it
+            return self._value.at(points)  # type: ignore[no-any-return]
+        array = point_array(points)
+        return self._value.at(array) if array.ndim == 1 else values(self._fit, array)
 
     def jacobian(self, points: ArrayLike) -> Array:
         """Derivatives [[dg_x/dx, dg_x/dy], [dg_y/dx, dg_y/dy]]: (2,) -> (2, 2), (M, 2) -> (M, 2, 2)."""
-        array = _points(points)
+        array = point_array(points)
         return self.value_and_jacobian(array)[1] if array.ndim == 1 else jacobians(self._fit, array)[1]
 
     def value_and_jacobian(self, point: ArrayLike) -> tuple[Array, Array]:
         """Image (2,) [m] and Jacobian (2, 2) of one point (2,) in one evaluation."""
-        if getattr(point, "shape", None) != (2,):
-            point = _points(point)
-            if point.ndim != 1:
-                raise ConfigurationError("point", point, "one point (2,)")
-        image, slopes = self._value_and_jacobian.at(point)  # type: ignore[arg-type]
-        return image.copy(), slopes.copy()
+        if not _is_point(point):
+            point = np.array(single_point(point))
+        return self._value_and_jacobian.at(point)  # type: ignore[no-any-return]
 
     def inverse(self, points: ArrayLike, start: ArrayLike | None = None) -> Array:
         """Points that the map sends to the given ones: (2,) -> (2,), (M, 2) -> (M, 2).
@@ -123,9 +122,9 @@ class ThinPlateSpline:
         points : wanted images [m].
         start : a first guess of the same shape, or (2,) for all [m]; the last answer, along a path.
         """
-        array = _points(points)
+        array = point_array(points)
         if start is not None:
-            start = np.broadcast_to(_points(start), array.shape)
+            start = _first_guess(start, array.shape)
         if array.ndim == 1:
             return self._inverse_of_one(array, start)
         found = np.empty_like(array)
@@ -192,7 +191,8 @@ class ThinPlateSpline:
         """Source of the landmark whose target is the k-th nearest."""
 
         def start(images: Array) -> Array:
-            square = (images[:, :1] - self.target[:, 0]) ** 2 + (images[:, 1:] - self.target[:, 1]) ** 2
+            with np.errstate(over="ignore"):
+                square = (images[:, :1] - self.target[:, 0]) ** 2 + (images[:, 1:] - self.target[:, 1]) ** 2
             return self.source[np.argpartition(square, k, axis=1)[:, k]]
 
         return start
@@ -236,12 +236,13 @@ def _in_given_units(fit: Fit) -> tuple[Array, Array]:
     return fit.weights / fit.scale**2, np.vstack((fit.affine[0] - fit.centre @ linear - shift, linear))
 
 
-def _points(points: ArrayLike) -> Array:
-    """A point (2,) or points (M, 2)."""
-    try:
-        array = np.asarray(points, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError) as problem:
-        raise ConfigurationError("points", points, "a point (2,) or points (M, 2)") from problem
-    if array.ndim not in {1, 2} or array.shape[-1] != 2:
-        raise ConfigurationError("points", points, "a point (2,) or points (M, 2)")
-    return array
+def _is_point(points: ArrayLike) -> TypeGuard[Array]:
+    """Whether it is an array (2,) that compiled code may take as it is: the usual case, in a tick."""
+    return type(points) is np.ndarray and points.shape == (2,) and points.dtype is _FLOATS
+
+
+def _first_guess(start: ArrayLike, shape: tuple[int, ...]) -> Array:
+    guess = point_array(start, "start")
+    if guess.shape not in {shape, (2,)}:
+        raise ConfigurationError("start", f"an array of shape {guess.shape}", f"a point (2,), or of shape {shape}")
+    return np.broadcast_to(guess, shape)

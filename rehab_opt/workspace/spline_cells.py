@@ -29,8 +29,8 @@ Array = NDArray[np.float64]
 
 MANY = 64
 """Landmarks from which on cells are worth their table."""
-FAR, TERMS = 3.0, 28
-CELLS_A_LANDMARK, MOST_CELLS = 2.5, 1024
+FAR, TERMS = 4.0, 23
+CELLS_A_LANDMARK, MOST_CELLS = 5.0, 2048
 MARGIN = 0.1
 """Share of the landmarks' box by which the grid reaches beyond it on each side."""
 CHUNK = 2**16

@@ -91,7 +91,8 @@ def fitted(source: Array, target: Array, smoothing: float) -> Fit:
             weights, more = weights + correction[0], more + correction[1]
             left = departure - K @ weights - R @ more
         if not float(np.abs(left).max()) <= RESIDUAL * float(np.abs(values).max()):
-            raise ConfigurationError("source", source, "landmarks far enough apart to tell their targets apart")
+            argument, pair = _closest(square, source)
+            raise ConfigurationError(argument, pair, "landmarks far enough apart to tell their targets apart")
         affine += more
         # w' K w without the smoothing's share of the diagonal; w is orthogonal to the affine part.
         energy = float(np.sum(weights * (departure - smoothing * weights)))
@@ -128,6 +129,8 @@ def _solver(K: Array, R: Array) -> Callable[[Array], tuple[Array, Array]]:
 def checked_landmarks(argument: str, value: ArrayLike) -> Array:
     """`value` as a read-only array (N, 2) of at least three finite points."""
     try:
+        if isinstance(value, np.ma.MaskedArray):  # what is missing is no landmark, whatever stands under the mask
+            value = np.ma.filled(np.ma.asarray(value, dtype=np.float64), np.nan)
         points = np.array(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as problem:
         raise ConfigurationError(argument, value, "an array of points (N, 2)") from problem
@@ -184,9 +187,11 @@ def _check_apart(square: Array, source: Array, scale: float) -> None:
     """Refuse landmarks that coincide; fills the diagonal of `square`."""
     np.fill_diagonal(square, np.inf)
     least = max(CLOSEST, 8 * EPSILON * float(np.abs(source).max()) / scale)
-    first, second = divmod(int(np.argmin(square)), len(source))
-    if not square[first, second] > least**2:
-        pair = sorted((first, second))
-        raise ConfigurationError(
-            f"source[{pair[0]}], source[{pair[1]}]", source[pair].tolist(), "different landmarks; these coincide"
-        )
+    if not float(square.min()) > least**2:
+        raise ConfigurationError(*_closest(square, source), "different landmarks; these coincide")
+
+
+def _closest(square: Array, source: Array) -> tuple[str, list[list[float]]]:
+    """The names and coordinates of the two landmarks nearest to each other."""
+    first, second = sorted(divmod(int(np.argmin(square)), len(source)))
+    return f"source[{first}], source[{second}]", source[[first, second]].tolist()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,8 @@ from rehab_opt.workspace.spline_kernel import point_function
 __all__ = ["PointMap", "cells_worth_having"]
 
 Array = NDArray[np.float64]
+PointFunction = Callable[[Array], Any]
+"""Array (2,) -> image (2,), or image and Jacobian (2, 2) where that was asked for."""
 
 
 def cells_worth_having(fit: Fit) -> Cells | None:
@@ -27,70 +30,62 @@ def cells_worth_having(fit: Fit) -> Cells | None:
 class PointMap(threading.local):
     """The compiled map of the thread that asks: a buffer belongs to one. Python makes it anew for each.
 
-    `at` takes an array (2,) and gives the arrays of image (2,) and, where asked for, Jacobian (2, 2), which the next
-    call overwrites.
+    `at` takes an array (2,) and gives the arrays of image (2,) and, where asked for, Jacobian (2, 2), all its caller's
+    own.
     """
 
     def __init__(self, fit: Fit, cells: Cells | None, *, with_jacobian: bool) -> None:
-        direct = _Direct(point_function(fit, with_jacobian=with_jacobian))
-        self.at: Callable[[Array], tuple[Array, ...]] = direct
+        self.at: PointFunction = _direct(point_function(fit, with_jacobian=with_jacobian))
         if cells is not None:
             function = cell_function(cells.near, with_jacobian, compilation_wanted())
-            self.at = _ByCell(BufferedFunction(function), fit, cells, direct)
+            self.at = _by_cell(BufferedFunction(function), fit, cells, self.at)
 
 
-class _Direct:
-    __slots__ = ("evaluate", "function", "outputs", "point")
+# Closures and memory views: a method's attributes and numpy's assignments cost as much as the compiled code.
+def _direct(function: BufferedFunction) -> PointFunction:
+    evaluate, held, copies = function.evaluate, function.inputs[0].data, _copies(function)
 
-    def __init__(self, function: BufferedFunction) -> None:
-        self.function, self.evaluate = function, function.evaluate  # which lives by the function
-        self.point, self.outputs = function.inputs[0], function.outputs
+    def at(point: Array, _owner: BufferedFunction = function) -> Any:  # `evaluate` lives by its owner
+        held[0], held[1] = point.tolist()
+        evaluate()
+        return copies()
 
-    def __call__(self, point: Array) -> tuple[Array, ...]:
-        self.point[...] = point
-        self.evaluate()
-        return self.outputs
+    return at
 
 
-class _ByCell:
-    __slots__ = (
-        "cell",
-        "columns",
-        "direct",
-        "evaluate",
-        "function",
-        "outputs",
-        "per_length",
-        "place",
-        "point",
-        "row",
-        "rows",
-        "table",
-        "x",
-        "y",
-    )
+def _by_cell(function: BufferedFunction, fit: Fit, cells: Cells, direct: PointFunction) -> PointFunction:
+    evaluate, copies = function.evaluate, _copies(function)
+    point_of, frame, affine, row_of = function.inputs
+    frame[:] = *fit.centre, 1 / fit.scale
+    affine[...] = fit.affine.T
+    held, held_row = point_of.data, row_of.data
+    (left, bottom), per_length, columns, rows = cells[:4]
+    table = [cells.table[place].data if place >= 0 else None for place in cells.place]
+    last = -1
 
-    def __init__(self, function: BufferedFunction, fit: Fit, cells: Cells, direct: _Direct) -> None:
-        self.function, self.evaluate, self.outputs = function, function.evaluate, function.outputs
-        self.point, frame, affine, self.row = function.inputs
-        frame[:] = *fit.centre, 1 / fit.scale
-        affine[...] = fit.affine.T
-        (self.x, self.y), self.per_length, self.columns, self.rows = cells[:4]
-        self.place, self.table = cells.place, cells.table
-        self.cell, self.direct = -1, direct
-
-    def __call__(self, point: Array) -> tuple[Array, ...]:
+    def at(point: Array, _owner: BufferedFunction = function) -> Any:  # `evaluate` lives by its owner
+        nonlocal last
         x, y = point.tolist()
-        column, row = (x - self.x) * self.per_length, (y - self.y) * self.per_length
-        if not (0 <= column < self.columns and 0 <= row < self.rows):  # NaN too
-            return self.direct(point)
-        cell = int(row) * self.columns + int(column)
-        if cell != self.cell:  # seldom so along a path
-            place = self.place[cell]
-            if place < 0:
-                return self.direct(point)
-            self.row[...] = self.table[place]
-            self.cell = cell
-        self.point[...] = point
-        self.evaluate()
-        return self.outputs
+        column, row = (x - left) * per_length, (y - bottom) * per_length
+        if not (0 <= column < columns and 0 <= row < rows):  # NaN too
+            return direct(point)
+        cell = int(row) * columns + int(column)
+        if cell != last:  # seldom so along a path
+            series = table[cell]
+            if series is None:
+                return direct(point)
+            held_row[:] = series
+            last = cell
+        held[0], held[1] = x, y
+        evaluate()
+        return copies()
+
+    return at
+
+
+def _copies(function: BufferedFunction) -> Callable[[], Any]:
+    """What copies the outputs, alone or as a pair."""
+    if len(function.outputs) == 1:
+        return function.outputs[0].copy
+    image, slopes = (output.copy for output in function.outputs)
+    return lambda: (image(), slopes())

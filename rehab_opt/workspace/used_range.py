@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.human_arm import ARM_JOINTS, RANGES_OF_MOTION_DEG
 from rehab_opt.workspace.joint_trials import joint_trials, one_branch
+from rehab_opt.workspace.number_arguments import real_number
 
 __all__ = ["Limits", "UsedRange", "named_ranges", "range_of_motion"]
 
@@ -89,7 +90,7 @@ def range_of_motion(
     upper_percentile: float = 95.0,
     margin: float = 0.0,
     minimum_width: float = 0.0,
-    within: Mapping[str, Sequence[float]] | None = None,
+    within: str | Mapping[str, Sequence[float]] | None = None,
     uncovered: str | Mapping[str, Sequence[float]] | None = None,
     minimum_samples: int = 10,
 ) -> UsedRange:
@@ -101,12 +102,14 @@ def range_of_motion(
     ----------
     angles : (T, n) [rad], or a list of trials (T_i, n) of any lengths, or by joint name (T,), (trials, T) or a list of
         trials (T_i,). Model joints as `human_arm(range_of_motion=...)` counts them: scapular_retraction from its rest.
-        Jumps by whole turns are undone, within a trial and between trials; what is not finite is a gap, counted.
+        Jumps by whole turns are undone, within a trial and between trials; what is not finite or masked is a gap, and
+        counted.
     names : the n column names of arrays; `ARM_JOINTS` where n is 8.
     lower_percentile, upper_percentile : of all samples of all trials together, 0 <= lower < upper <= 100.
     margin : [rad] added at both ends.
     minimum_width : [rad] narrower ranges are widened about their middle (after the margin).
-    within : (lower, upper) [rad] by name: anatomical limits, to which ranges are cut last; a cut one is noted.
+    within : anatomical limits, (lower, upper) [rad] by name or "regular", "restricted", to which ranges are cut last; a
+        cut one is noted.
     uncovered : ranges for joints of the arm model without data: "regular", "restricted" or by name; they are listed as
         `assumed`. By default such joints are left out.
     minimum_samples : fewer finite samples of a joint are refused.
@@ -118,7 +121,7 @@ def range_of_motion(
     """
     _check_numbers(lower_percentile, upper_percentile, margin, minimum_width, minimum_samples)
     trials_of = joint_trials(angles, names)
-    bounds = {name: _pair(f"within[{name!r}]", pair) for name, pair in (within or {}).items()}
+    bounds = {} if within is None else named_ranges("within", within)
     for name in bounds:
         if name not in trials_of:
             raise ConfigurationError("within", name, f"joint names of the data: {', '.join(trials_of)}")
@@ -153,13 +156,13 @@ def range_of_motion(
 
 
 def _check_numbers(lower: float, upper: float, margin: float, minimum_width: float, minimum_samples: int) -> None:
-    if not 0 <= lower < upper <= 100:
+    if not 0 <= real_number(lower) < real_number(upper) <= 100:
         value = (lower, upper)
         raise ConfigurationError("lower_percentile, upper_percentile", value, "0 <= lower < upper <= 100")
     for argument, width in (("margin", margin), ("minimum_width", minimum_width)):
-        if not 0 <= width < math.inf:
+        if not 0 <= real_number(width) < math.inf:
             raise ConfigurationError(argument, width, "a finite angle of 0 or more")
-    if not minimum_samples >= 1:
+    if not real_number(minimum_samples) >= 1:
         raise ConfigurationError("minimum_samples", minimum_samples, "1 or more")
 
 

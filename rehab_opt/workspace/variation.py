@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.human_arm import ARM_SEGMENTS, human_arm
+from rehab_opt.workspace.number_arguments import real_number
 from rehab_opt.workspace.reachability import ReachabilityMap, shares
 from rehab_opt.workspace.varied_ranges import varied_ranges
 
@@ -62,7 +63,7 @@ def reachability_map(
 
     if isinstance(limbs, str) or not isinstance(limbs, Sequence) or not limbs:
         raise ConfigurationError("limbs", limbs, "a sequence of ranges of motion, arms or workspaces, at least one")
-    if not 0 < spacing < math.inf:
+    if not 0 < real_number(spacing) < math.inf:
         raise ConfigurationError("spacing", spacing, "a length above 0")
     given = _checked_weights(weights, len(limbs))
     known = [limb if isinstance(limb, Workspace) else None for limb in limbs]

@@ -15,9 +15,10 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.workspace.layered_mesh import Mesh, closed_mesh, edges_of_slabs, padded, signed_distances
+from rehab_opt.workspace.number_arguments import real_number
 from rehab_opt.workspace.placement import ShoulderPlacement
 from rehab_opt.workspace.plane_statement import PlaneStatement
-from rehab_opt.workspace.reach import checked_plane, planar_workspace
+from rehab_opt.workspace.reach import checked_placement, checked_plane, planar_workspace
 from rehab_opt.workspace.why_empty import heights as extreme_heights
 
 if TYPE_CHECKING:
@@ -90,7 +91,7 @@ class ReachableVolume:
         """
         try:
             at = np.asarray(points, dtype=np.float64)
-        except (TypeError, ValueError) as problem:
+        except (TypeError, ValueError, OverflowError) as problem:
             raise ConfigurationError("points", points, "numbers") from problem
         if at.shape[-1:] != (3,) or at.ndim > 2:
             raise ConfigurationError("points", f"shape {at.shape}", "points of shape (3,) or (N, 3)")
@@ -154,9 +155,9 @@ def reachable_volume(
     ------
     ConfigurationError : a value that cannot be used.
     """
-    placement = ShoulderPlacement() if placement is None else placement
+    placement = checked_placement(placement)
     checked_plane(arm, 0.0, handle_tilt, accuracy, None)
-    if spacing is not None and not 0 < spacing < math.inf:
+    if spacing is not None and not 0 < real_number(spacing) < math.inf:
         raise ConfigurationError("spacing", spacing, "a length above 0, or None")
     levels: Array | str = _spread(arm, handle_tilt, spacing) if heights is None else _checked_heights(heights)
     nothing = np.zeros((0, 3))

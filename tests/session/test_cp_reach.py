@@ -176,8 +176,9 @@ def test_ranges_grow_with_the_share_of_limbs_they_cover(recorded: Recorded) -> N
     ranges = [group_range(reach, cover=cover).used for cover in (0.5, 0.7, 0.9)]
     for narrow, wide in itertools.pairwise(ranges):
         assert all(wide[j][0] <= narrow[j][0] <= narrow[j][1] <= wide[j][1] for j in ARM_JOINTS)
-    with pytest.raises(ConfigurationError):
-        group_range(reach, cover=0.4)
+    for options in ({"cover": 0.4}, {"cover": "most"}, {"pronation_zero": "x"}, {"lower_percentile": None}):
+        with pytest.raises(ConfigurationError, match=next(iter(options))):
+            group_range(reach, **options)  # type: ignore[arg-type]
     with pytest.raises(ConfigurationError):
         group_range(reach, lower_percentile=50, upper_percentile=50)
 

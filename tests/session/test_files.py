@@ -100,8 +100,18 @@ def test_persons_own_range_of_motion_is_accepted(written: Write) -> None:
 
 
 def test_every_number_of_the_schema_carries_its_unit_or_has_none() -> None:
-    units = ("_m", "_mm", "_deg", "_s", "_hz", "_deg_s", "_deg_s2", "_deg_s3", "_per_s")
-    without = {"scale", "damping", "posture_cost", "turns", "normal", "towards"}  # ratios, directions, counts
+    units = ("_m", "_mm", "_deg", "_s", "_hz", "_deg_s", "_deg_s2", "_deg_s3", "_per_s", "_kg")
+    without = {
+        "scale",
+        "damping",
+        "posture_cost",
+        "turns",
+        "normal",
+        "towards",
+        "cover",
+        "at_least",
+    }  # ratios, directions
+    without |= {"dead_zone", "self_motion", "speeds"}  # ratios; m/s or rad/s, as the row next to it says
     for section in {found for name in SYSTEMS for found in sections(system_named(name).schema)}:
         for key, field in section.model_fields.items():
             if "float" in str(field.annotation) and key not in without:
@@ -128,7 +138,8 @@ FAULTS = [
     (ARM + f"[placement.turn_deg.{'a.' * 5000}b]\n", "placement.turn_deg", "a valid number"),
     (ARM + f"{'x' * 5000} = 1\n", "placement.xxx", "one of the keys"),
     (ARM + "[arm.segments]\nhumerus_mm = 0.29\n", "arm.segments.humerus_mm", "another unit"),
-    (ARM + "[arm.segments]\nforearm_mm = 2000\n", "arm.segments.forearm_mm", "20 to 1000 mm"),
+    (ARM + "[arm.segments]\nforearm_mm = 2000\n", "arm.segments.forearm_mm", "50 to 1000 mm"),
+    (ARM + "[arm.segments]\nhumerus_mm = 29\n", "arm.segments.humerus_mm", "50 to 1000 mm"),  # cm
     (ARM.replace("[placement]", 'marker = "HAND"\n[placement]'), "recording.marker", "only a .trc"),
     (
         ARM.replace("path.csv", "a.trc").replace("[placement]", 'columns = ["x_m", "y_m"]\n[placement]'),

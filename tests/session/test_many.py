@@ -91,6 +91,16 @@ def test_failure_leaves_no_result_of_earlier_inputs_and_nothing_of_others_is_tou
     assert not (tmp_path / "B").exists()
 
 
+def test_place_that_cannot_be_written_to_is_its_own_row(tmp_path: Path) -> None:
+    for name in "AB":
+        (tmp_path / name).write_text("a file where a folder should be", encoding="utf-8")
+    with ThreadPoolExecutor(1) as pool:
+        rows = done([person("A"), person("B", "broken"), person("C")], tmp_path, executor=pool)
+    assert [row.status for row in rows.values()] == ["failed", "failed", "done"]
+    assert "cannot be written to" in rows["A"].error
+    assert (tmp_path / "A").is_file()
+
+
 def test_unusable_problem_is_its_own_row(tmp_path: Path) -> None:
     wrong = replace(person("W"), content={"system": "workspace", "title": "x", "arm": {"side": "up"}})
     with ThreadPoolExecutor(1) as pool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -23,9 +24,12 @@ def test_people_are_worked_through_on_a_real_local_cluster(tmp_path: Path) -> No
         distributed.Client(cluster) as client,
     ):
         rows = run_many(people, out=tmp_path / "stub", executor=client.get_executor(), work=quick)
-        real = run_many([person("anna")], out=tmp_path / "real", executor=client.get_executor())
+        anna = person("anna")
+        arm = {"side": "left", "range_of_motion": "restricted", "accuracy_mm": 3.0}
+        anna = replace(anna, content={**anna.content, "arm": arm})
+        real = run_many([anna], out=tmp_path / "real", executor=client.get_executor())
     assert [row.status for row in rows] == ["done"] * 4 + ["failed"] + ["done"] * 7
     assert rows[4].error == "ZeroDivisionError: a mistake in two lines"
     assert real[0].status == "done"
-    assert float(str(real[0].numbers["sets.regular.area_m2"])) == pytest.approx(0.1037, rel=0.02)
+    assert float(str(real[0].numbers["sets.restricted.area_m2"])) == pytest.approx(0.00331, rel=0.05)
     assert (tmp_path / "real" / "anna" / "workspace.png").read_bytes().startswith(b"\x89PNG")

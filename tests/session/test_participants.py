@@ -160,7 +160,9 @@ def test_what_is_neither_folder_nor_table_is_refused(written: Write, tmp_path: P
     ("cell", "value"),
     [("290", 290), (" 2.5 ", 2.5), ("true", True), ("[1, 2]", [1, 2]), ("left", "left"), ('"12"', "12"),
      ("1\nx=2", "1\nx=2"),
-     ("2024-01-01", "2024-01-01"), ("{a = 1}", "{a = 1}"), ("29,5", "29,5")],
+     ("2024-01-01", "2024-01-01"), ("{a = 1}", "{a = 1}"), ("29,5", "29,5"),
+     ("29#0", "29#0"), ("290 # or 300", "290 # or 300"), ("[1, 2] # ?", "[1, 2] # ?"), ('"P #1"', "P #1"),
+     ("1\nside = 2", "1\nside = 2"), ("1], [2", "1], [2")],
 )  # fmt: skip
 def test_cell_is_a_number_where_it_reads_as_one_and_else_a_text(cell: str, value: object) -> None:
     assert cell_value(cell) == value

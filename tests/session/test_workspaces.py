@@ -16,6 +16,7 @@ from rehab_opt.session.report import metrics_json
 from rehab_opt.session.run import checked, run_problem
 from rehab_opt.session.workspaces.figures import workspace_figures
 from rehab_opt.session.workspaces.outcome import WorkspaceOutcome
+from rehab_opt.session.workspaces.region_drawing import SET_STYLES
 from rehab_opt.session.workspaces.table import workspace_table
 from rehab_opt.session.workspaces.trace import boundary_columns
 
@@ -75,6 +76,9 @@ def test_empty_set_is_an_answer_with_its_reason_in_table_note_and_figure() -> No
     assert "person [bold]7" in printed
     legend = workspace_figures(outcome)["workspace"].legends[0]
     assert any("no posture holds the handle" in text.get_text() for text in legend.get_texts())
+    axes = workspace_figures(outcome)["workspace"].axes[0]
+    assert axes.get_ylim()[1] > 60.0  # [mm] the arrow of the shoulder is to be seen, and no grid of micrometres
+    assert axes.get_xlim()[1] < 500.0
     assert dict(boundary_columns({name: of.workspace for name, of in outcome.sets.items()}))["x_m"] == []
 
 
@@ -149,3 +153,8 @@ def test_fault_is_one_line_with_its_key(arm: dict[str, object], key: str, expect
     assert refusal.value.key.startswith(key)
     assert expected in refusal.value.expected
     assert "\n" not in str(refusal.value)
+
+
+def test_as_many_sets_as_may_be_compared_look_different() -> None:
+    assert len({style["facecolor"] for style in SET_STYLES}) == len(SET_STYLES) >= 12
+    assert len({(style["linestyle"], style.get("hatch")) for style in SET_STYLES}) == len(SET_STYLES)

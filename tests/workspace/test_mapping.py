@@ -131,9 +131,35 @@ def test_pairs_without_a_one_to_one_map_are_refused_by_name(rule, source, target
         ("landmarks", 60.5),
         ("rotation", np.nan),
         ("rotation", "worst"),
+        ("rotation", True),
+        ("rotation", np.zeros(2)),
+        ("rule", ["safe"]),
+        ("landmarks", True),
     ],
 )
 def test_arguments_that_cannot_be_used_are_named(argument, value):
     with pytest.raises(ConfigurationError) as refused:
         WorkspaceMap.between(shape("blob"), shape("ell"), **{argument: value})
     assert refused.value.argument == argument
+
+
+@pytest.mark.parametrize("method", ["__call__", "jacobian", "inverse"])
+@pytest.mark.parametrize("points", [np.zeros((2, 3)), np.zeros(4), np.zeros((2, 1, 2)), [0.0], "ab", [None, 0.0]])
+def test_what_is_no_point_of_the_plane_is_refused_and_never_read_as_other_points(method, points):
+    with pytest.raises(ConfigurationError) as refused:
+        getattr(mapped("regular", "restricted"), method)(points)
+    assert refused.value.argument == "points"
+
+
+@pytest.mark.parametrize("force", [[1.0], 1.0, [1.0, 2.0, 3.0], np.ones((3, 2)), "a"])
+def test_what_is_no_force_for_these_points_is_refused(force):
+    made = mapped("regular", "restricted")
+    with pytest.raises(ConfigurationError) as refused:
+        made.push_force(random_points(made.source, 2, 0), force)
+    assert refused.value.argument == "force"
+
+
+@pytest.mark.parametrize("samples", [0, -1, 2.5, True])
+def test_an_audit_of_no_points_is_refused(samples):
+    with pytest.raises(ConfigurationError, match="samples"):
+        mapped("regular", "restricted").audit(samples)

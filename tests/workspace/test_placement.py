@@ -27,13 +27,16 @@ def test_a_quarter_turn_brings_forward_to_the_left() -> None:
     np.testing.assert_allclose(placement.to_robot([(0.0, 1.0), (1.0, 0.0)]), [(0.0, 0.0), (1.0, 1.0)], atol=1e-15)
 
 
-@pytest.mark.parametrize("position", [(0, 0), "abc", None, (0, 0, math.nan), (0, 0, math.inf)])
+@pytest.mark.parametrize(
+    "position",
+    [(0, 0), "abc", "123", ("1", "2", "3"), {1, 2, 3}, None, 1.0, np.zeros((3, 1)), (0, 0, math.nan), (0, 0, math.inf)],
+)
 def test_a_position_that_is_none_is_refused(position: object) -> None:
     with pytest.raises(ConfigurationError, match="position"):
         ShoulderPlacement(position)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("turn", [math.nan, math.inf, "a", None])
+@pytest.mark.parametrize("turn", [math.nan, math.inf, "a", "1.5", None])
 def test_a_turn_that_is_none_is_refused(turn: object) -> None:
     with pytest.raises(ConfigurationError, match="turn"):
         ShoulderPlacement(turn=turn)  # type: ignore[arg-type]
@@ -42,3 +45,17 @@ def test_a_turn_that_is_none_is_refused(turn: object) -> None:
 def test_equal_placements_are_equal() -> None:
     assert ShoulderPlacement(np.array([1.0, 2.0, 3.0]), 1) == ShoulderPlacement((1, 2, 3), 1.0)
     assert hash(ShoulderPlacement()) == hash(ShoulderPlacement())
+
+
+@pytest.mark.parametrize("points", [(1, 2, 3), 1.0, "ab", [["1", "2"]], [[1], [1, 2]], None])
+def test_what_is_no_point_is_refused(points: object) -> None:
+    for move in (ShoulderPlacement().to_robot, ShoulderPlacement().to_shoulder):
+        with pytest.raises(ConfigurationError, match="points"):
+            move(points)
+
+
+@pytest.mark.parametrize("shape", [(2,), (5, 2), (3, 4, 2), (0, 2)])
+def test_points_keep_their_shape(shape: tuple[int, ...]) -> None:
+    placement = ShoulderPlacement((1.0, 2.0, 3.0), 0.5)
+    assert placement.to_robot(np.zeros(shape)).shape == shape
+    assert placement.to_shoulder(np.zeros(shape)).shape == shape

@@ -117,10 +117,38 @@ def test_an_empty_workspace_is_an_answer() -> None:
     assert "out of reach" in repr(EMPTY)
 
 
-@pytest.mark.parametrize("points", ["ab", 3.0, None, [[1, 2, 3]], [["a", "b"]], np.zeros((2, 2, 2)), {}])
+NO_POINTS = [
+    "ab", 3.0, None, [[1, 2, 3]], [["a", "b"]], np.zeros((2, 2, 2)), {}, ("1", "2"), [["1", "2"]], (None, 1.0),
+    [[None, 1.0]], np.array([1j, 2.0]), [[1j, 2.0]], [[1.0], [1.0, 2.0]], [], np.zeros(3), np.zeros((2, 0)),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("points", NO_POINTS)
 def test_what_is_no_point_is_refused_by_name(points: object) -> None:
-    with pytest.raises(ConfigurationError, match="points"):
-        workspace(SQUARE).contains(points)
+    for asked in (workspace(SQUARE), EMPTY):
+        for question in (asked.contains, asked.distance):
+            with pytest.raises(ConfigurationError, match=r"^points"):
+                question(points)
+        for question in (asked.nearest, asked.signed_distance_and_foot):
+            with pytest.raises(ConfigurationError, match=r"^point "):
+                question(points)
+
+
+def test_a_point_may_come_as_any_two_numbers() -> None:
+    asked = workspace(SQUARE)
+    forms = [(1, 2), [1.0, 2.0], np.array([1, 2]), np.array([1.0, 2.0], dtype="f4"), (np.float64(1), np.int32(2))]
+    for form in forms:
+        assert type(asked.distance(form)) is float
+        assert asked.distance(form) == 1.0
+        assert asked.contains(form) is False
+        assert asked.nearest(form).tolist() == [1.0, 1.0]
+    assert asked.distance([[1, 2], [1, 3]]).tolist() == [1.0, 2.0]
+
+
+def test_a_reading_that_is_missing_is_nowhere() -> None:
+    missing = np.ma.array([1.0, 0.5], mask=[True, False])
+    assert workspace(SQUARE).contains(missing) is False
+    assert math.isnan(workspace(SQUARE).distance(missing))
 
 
 @pytest.mark.parametrize(
@@ -131,6 +159,8 @@ def test_what_is_no_point_is_refused_by_name(points: object) -> None:
         shapely.Point(0, 0),
         shapely.Polygon([(0, 0), (1, 1), (1, 0), (0, 1)]),
         shapely.Polygon([(0, 0), (1, 0), (math.inf, 1)]),
+        shapely.box(0, 0, 1e-10, 1e-10),
+        shapely.box(0, 0, 1e10, 1),
     ],
 )
 def test_what_is_no_valid_polygon_is_refused(polygon: object) -> None:
@@ -157,6 +187,8 @@ def test_a_workspace_survives_pickling() -> None:
     asked.distance((0.0, 0.0))
     again = pickle.loads(pickle.dumps(asked))
     assert again.distance((5.0, 5.0)) == asked.distance((5.0, 5.0))
+    assert again != asked
+    assert len(pickle.dumps(asked)) < 2000  # the look-up is made again instead
     assert (again.accuracy, again.height, again.handle_tilt, again.placement) == (2e-3, -0.2, 0.03, placement)
 
 
@@ -173,6 +205,30 @@ def test_a_moved_shoulder_moves_its_workspace(
     assert there.height == -0.24
     assert there.robot_height == pytest.approx(0.66)
     np.testing.assert_allclose(there.placed(ShoulderPlacement()).distance(points), here.distance(points), atol=1e-12)
+
+
+def test_only_a_placement_places() -> None:
+    with pytest.raises(ConfigurationError, match="placement"):
+        workspace(SQUARE).placed((1.0, 2.0, 3.0))
+    assert EMPTY.placed(ShoulderPlacement((1.0, 2.0, 3.0))).reason == "out of reach"
+
+
+def test_a_height_given_with_points_is_dropped() -> None:
+    flat = workspace(shapely.Polygon([(0, 0, 1), (1, 0, 2), (0, 1, 3)]))
+    assert not flat.polygon.has_z
+    assert flat.area == 0.5
+
+
+def test_its_name_says_what_it_is() -> None:
+    said = repr(Workspace(SQUARE, accuracy=1e-3, height=-0.24, handle_tilt=math.radians(2)))
+    for part in ("2e+04 cm^2", "1 part", "0 holes", "-0.24 m", "2 deg", "1 mm"):
+        assert part in said
+
+
+def test_parts_and_holes_are_counted() -> None:
+    ring = shapely.Point(0, 0).buffer(1.0).difference(shapely.Point(0, 0).buffer(0.5))
+    asked = workspace(shapely.MultiPolygon([ring, shapely.box(2, 2, 3, 3), shapely.Polygon()]))
+    assert (asked.components, asked.holes) == (2, 1)
 
 
 def test_thousands_of_corners_are_searched_exactly_from_near_and_far() -> None:

@@ -328,6 +328,8 @@ def test_it_does_not_follow_the_callers_array() -> None:
 
 
 # ---------------------------------------------------------------------------------------------------------- refusals
+GRID = np.stack(np.meshgrid(np.linspace(0, 1, 10), np.linspace(0, 1, 10)), axis=-1).reshape(-1, 2)
+TORN = (np.vstack((GRID, GRID[7] + 3e-7)), np.vstack((GRID, [[5, 5]])))
 NAN = [[0, 0], [1, 0], [0, math.nan], [1, 1]]
 
 
@@ -353,6 +355,8 @@ NAN = [[0, 0], [1, 0], [0, math.nan], [1, 1]]
         (np.vstack((SQUARE, SQUARE[1])), np.vstack((SQUARE, [[5, 5]])), 0, r"source\[1\], source\[4\]"),
         (np.vstack((SQUARE, SQUARE[1] + 1e-12)), np.vstack((SQUARE, [[5, 5]])), 0, r"source\[1\], source\[4\]"),
         (np.vstack((SQUARE, SQUARE[1])) + 1e6, np.vstack((SQUARE, [[5, 5]])), 1, r"source\[1\], source\[4\]"),
+        (*TORN, 0, r"source\[7\], source\[100\]"),
+        (np.ma.masked_array(SQUARE, [[0, 0], [0, 0], [1, 0], [0, 0]]), SQUARE, 0, r"source\[2\]"),
         (np.ones((5, 2)), np.ones((5, 2)), 0, "source"),
         (np.outer(np.arange(5), [0.3, 0.7]), np.eye(5, 2), 0, "source"),
         (np.outer(np.arange(5), [0.3, 0.7]) + 1e3, np.eye(5, 2), 0, "source"),
@@ -366,7 +370,22 @@ def test_landmarks_that_determine_no_map_are_refused_by_name(
         ThinPlateSpline(source, target, smoothing)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("points", [0.0, [1.0], [1.0, 2.0, 3.0], np.zeros((2, 3)), np.zeros((1, 2, 2)), "here", None])
+@pytest.mark.parametrize(
+    "points",
+    [
+        0.0,
+        [1.0],
+        [1.0, 2.0, 3.0],
+        np.zeros((2, 3)),
+        np.zeros((1, 2, 2)),
+        "here",
+        None,
+        np.array(["1", "2"]),
+        np.array([None, 1.0]),
+        np.zeros(2, dtype=complex),
+        [10**400, 0],
+    ],
+)
 def test_what_is_no_point_is_refused(points: object) -> None:
     spline = ThinPlateSpline(SQUARE, SQUARE)
     for method in (spline, spline.jacobian, spline.inverse, spline.value_and_jacobian):

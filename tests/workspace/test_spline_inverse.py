@@ -1,6 +1,8 @@
 """The inverse of a thin-plate spline is that of the map itself, and says so where there is none."""
 
 import math
+import warnings
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from rehab_opt import ConfigurationError
 from rehab_opt.workspace.spline import ThinPlateSpline
 
 Array = NDArray[np.float64]
@@ -114,6 +117,20 @@ def test_a_useless_start_does_no_harm() -> None:
     for start in ([math.nan, 0.0], [1e9, -1e9], [0.0, math.inf]):
         np.testing.assert_allclose(spline.inverse(images, start), points, atol=1e-12)
         np.testing.assert_allclose(spline.inverse(images[0], start), points[0], atol=1e-12)
+
+
+@pytest.mark.parametrize("start", [[[1.0, 1.0], [2.0, 2.0]], [0.1, 0.2, 0.3], "here", [None, 1.0]])
+def test_a_first_guess_that_is_none_is_refused_by_name(start: Any) -> None:
+    for images in ([0.1, 0.1], [[0.1, 0.1]] * 3):
+        with pytest.raises(ConfigurationError, match=r"^start = "):
+            mild(1).inverse(images, start)
+
+
+def test_numbers_that_overflow_have_no_preimage_and_say_nothing() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert np.isnan(mild(1).inverse([1e200, 1e200])).all()
+        assert np.isnan(mild(1).inverse([[1e200, 1e200], [-1e300, 0.0]])).all()
 
 
 def test_targets_that_coincide_leave_an_inverse_elsewhere() -> None:

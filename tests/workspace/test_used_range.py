@@ -46,6 +46,20 @@ def test_gaps_are_counted_and_change_nothing() -> None:
     assert "8 of 408" in used.notes[0]
 
 
+def test_masked_samples_are_gaps_whatever_stands_under_the_mask() -> None:
+    holed = np.insert(SWING, [3, 90, 399], [9.0, -9.0, 1e9])
+    used = range_of_motion({"elbow": np.ma.masked_array(holed, ~np.isin(holed, SWING))})
+    np.testing.assert_allclose(used["elbow"], np.percentile(SWING, [5, 95]))
+    assert used.gaps["elbow"] == 3
+    eight = np.ma.masked_array(np.tile(holed[:, None], 8), np.tile(~np.isin(holed, SWING)[:, None], 8))
+    assert range_of_motion(eight)["wrist_flexion"] == used["elbow"]
+
+
+def test_small_angles_in_degrees_are_told_by_their_width() -> None:
+    with pytest.raises(ConfigurationError, match="degrees"):
+        range_of_motion({"wrist_flexion": np.linspace(2.0, 10.0, 300)})
+
+
 def test_jumps_by_whole_turns_are_undone_within_and_between_trials() -> None:
     around = 3.0 + SWING  # crosses pi
     jumping = np.angle(np.exp(1j * around))
@@ -160,6 +174,15 @@ def test_it_is_frozen_and_survives_a_process_pool() -> None:
         ({"a": SWING}, {"uncovered": "wide"}),
         ({"a": SWING}, {"names": ["a"]}),
         ({"a": SWING}, {"uncovered": {"wrist_flexion": (1, 0)}}),
+        ({"a": SWING}, {"margin": "wide"}),
+        ({"a": SWING}, {"lower_percentile": "5"}),
+        ({"a": SWING}, {"upper_percentile": None}),
+        ({"a": SWING}, {"minimum_samples": None}),
+        ({"a": SWING}, {"within": "regular"}),
+        ({"a": SWING}, {"within": 3}),
+        (np.zeros((50, 8)), {"names": "abcdefgh"}),
+        (np.zeros((50, 3)), {"names": [1, 2, 3]}),
+        (np.zeros((50, 3)), {"names": 3}),
         ({"a": "text"}, {}),
         ({"a": np.zeros((2, 3, 4))}, {}),
         ({}, {}),

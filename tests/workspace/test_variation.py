@@ -263,6 +263,7 @@ def test_equal_seeds_draw_equal_ranges_and_only_named_joints_vary() -> None:
         (THREE, {"weights": [1, 1, math.nan]}),
         (THREE, {"weights": "equal"}),
         (THREE, {"spacing": 0.0}),
+        (THREE, {"spacing": "fine"}),
         (THREE, {"spacing": math.nan}),
         (THREE, {"spacing": 1e-6}),
         ([*THREE, Workspace(shapely.box(0, 0, 1, 1), accuracy=1e-3, height=0.1)], {}),
@@ -273,8 +274,8 @@ def test_limbs_that_cannot_be_overlaid_are_refused(limbs: Any, options: dict[str
         reachability_map(limbs, **options)
 
 
-@pytest.mark.parametrize("at_least", [0.0, -1.0, 1.1, math.nan])
-def test_a_share_is_above_zero_and_at_most_one(at_least: float) -> None:
+@pytest.mark.parametrize("at_least", [0.0, -1.0, 1.1, math.nan, "most", None])
+def test_a_share_is_above_zero_and_at_most_one(at_least: Any) -> None:
     with pytest.raises(ConfigurationError, match="at_least"):
         reachability_map(THREE).region(at_least)
 
@@ -283,8 +284,12 @@ def test_points_and_confidence_are_checked() -> None:
     shares: ReachabilityMap = reachability_map(THREE)
     with pytest.raises(ConfigurationError, match="points"):
         shares.probability([1.0, 2.0, 3.0])
-    with pytest.raises(ConfigurationError, match="confidence"):
-        shares.interval([0.0, 0.0], confidence=1.0)
+    for bad in ("here", [10**400, 0]):
+        with pytest.raises(ConfigurationError, match="points"):
+            shares.probability(bad)
+    for confidence in (1.0, "sure"):
+        with pytest.raises(ConfigurationError, match="confidence"):
+            shares.interval([0.0, 0.0], confidence=confidence)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(

@@ -127,11 +127,14 @@ def cell_value(cell: str) -> Any:
     """What a cell says: a number, true or false, a list or a quoted text as in TOML; else the text itself."""
     text = cell.strip()
     try:
-        value = tomllib.loads(f"value = {text}")
+        # The 0 behind it: a # would begin a comment, and of 29#0 the number 29 would be left.
+        read = tomllib.loads(f"value = [{text}, 0]")
     except (tomllib.TOMLDecodeError, ValueError, RecursionError):
         return text
-    read = value.get("value")
-    return read if len(value) == 1 and isinstance(read, bool | int | float | str | list) else text
+    values = read["value"]
+    if len(read) > 1 or len(values) != 2:  # lines of their own, or values that no list is around
+        return text
+    return values[0] if isinstance(values[0], bool | int | float | str | list) else text
 
 
 def _entered(into: Any, part: str, after: str, own: set[int], *, key: str, cell: str, file: str) -> Any:

@@ -95,10 +95,10 @@ def _in_one_pool(waiting: deque[T], work: Callable[[T], A], workers: int) -> Ite
                 broken = broken or isinstance(answer, BrokenExecutor)
                 yield running.pop(future), answer
     finally:
-        processes = list((getattr(pool, "_processes", None) or {}).values())  # public from Python 3.14 on
-        pool.shutdown(wait=not running, cancel_futures=True)
-        for process in processes if running else ():
-            process.terminate()
+        if running:  # interrupted: nobody waits for these
+            for process in list((getattr(pool, "_processes", None) or {}).values()):  # public from Python 3.14 on
+                process.terminate()
+        pool.shutdown(cancel_futures=True)
 
 
 def _submitted(pool: ProcessPoolExecutor, work: Callable[[T], A], task: T) -> Future[A]:

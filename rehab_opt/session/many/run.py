@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
+from contextlib import suppress
 from pathlib import Path
 
 from rehab_opt.errors import ConfigurationError, RehabOptError
@@ -77,7 +78,8 @@ def run_many(
     try:
         out.mkdir(parents=True, exist_ok=True)
         for name in rows:
-            forget(out / name)
+            with suppress(OSError):  # what is no folder of ours holds no result of ours
+                forget(out / name)
         for name, digest in digests.items():
             kept = kept_row(name, out / name, digest)
             if kept is not None:
@@ -108,9 +110,13 @@ class UnusableParticipantError(RehabOptError):
 
 
 def _row(name: str, answer: Answer | BaseException, folder: Path, digest: str) -> Row:
-    if isinstance(answer, Answer):
-        return keep(name, answer, folder, digest)
-    forget(folder)
+    """The row of an answer, which is kept; what cannot be written is one person's failure."""
+    try:
+        if isinstance(answer, Answer):
+            return keep(name, answer, folder, digest)
+        forget(folder)
+    except OSError as problem:
+        return Row(name, FAILED, f"{folder} cannot be written to: {problem.strerror}")
     return Row(name, REFUSED if isinstance(answer, RehabOptError) else FAILED, _one_line(answer))
 
 

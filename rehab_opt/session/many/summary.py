@@ -1,4 +1,4 @@
-"""What became of many people, as a table for the terminal."""
+"""What became of many people, for the terminal."""
 
 from __future__ import annotations
 
@@ -9,23 +9,25 @@ from rich.text import Text
 
 from rehab_opt.session.many.results import Row
 
-__all__ = ["summary_table"]
+__all__ = ["counted", "failed_table"]
 
 MOST_LISTED = 20
 
 
-def summary_table(rows: Sequence[Row]) -> Table:
-    """Those that are not done and why, the first ones of them; the caption counts all."""
+def counted(rows: Sequence[Row]) -> str:
+    """How many are done, and how many of them were so before."""
+    failed, kept = sum(bool(row.error) for row in rows), sum(row.kept for row in rows)
+    said = f"{len(rows) - failed} of {len(rows)} participants done"
+    return f"{said}, {kept} of them from an earlier run" if kept else said
+
+
+def failed_table(rows: Sequence[Row]) -> Table:
+    """Those that are not done and why, the first ones of them."""
     failed = [row for row in rows if row.error]
-    kept = sum(row.kept for row in rows)
-    counted = f"{len(rows) - len(failed)} of {len(rows)} participants done"
-    counted += f", {kept} of them from an earlier run" if kept else ""
-    if len(failed) > MOST_LISTED:
-        counted += f"; {len(failed) - MOST_LISTED} more are not done, see results.csv"
-    table = Table(caption=Text(counted), caption_justify="left", box=None if not failed else Table().box)
-    if failed:
-        for column in ("participant", "status", "error"):
-            table.add_column(column, overflow="fold")
+    more = len(failed) - MOST_LISTED
+    table = Table(caption=f"{more} more are not done: see results.csv" if more > 0 else None)
+    for column in ("participant", "status", "error"):
+        table.add_column(column, overflow="fold")
     for row in failed[:MOST_LISTED]:
         table.add_row(Text(row.participant), row.status, Text(row.error))
     return table

@@ -33,6 +33,9 @@ def used_ranges_figures(outcome: UsedRangesOutcome) -> dict[str, Figure]:
     drawn = {"range_used": _ranges(outcome), "workspace_of_range_used": _workspaces(outcome)}
     if outcome.variation is not None:
         drawn["share_of_people"] = _shares(outcome)
+    for figure in drawn.values():
+        for _ in range(2):  # panels that share axes of equal scales find their place in the third layout
+            figure.draw_without_rendering()
     return drawn
 
 
@@ -47,6 +50,7 @@ def _ranges(outcome: UsedRangesOutcome) -> Figure:
                 np.arange(len(ARM_JOINTS)) + OFFSETS[k], limits[:, 1] - limits[:, 0], left=limits[:, 0], height=0.3,
                 facecolor=style["facecolor"], edgecolor=style["edgecolor"], hatch=style.get("hatch"), label=GROUPS[k],
             )  # fmt: skip
+        axes.use_sticky_edges = False  # a bar that ends at the frame might go on behind it
         axes.set_yticks(range(len(ARM_JOINTS)), [joint.replace("_", " ") for joint in ARM_JOINTS])
         axes.set_xlabel("angle of the model's joint [deg]")
         axes.set_title(TASKS[task], fontsize=10)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
-from pydantic import Discriminator, Field, Tag, model_validator
+from pydantic import Discriminator, Field, Tag
 
-from rehab_opt.session.schema import NAME, TABLE, Problem, Section, refusal
+from rehab_opt.session.schema import NAME, TABLE, Once, Problem, Section
 from rehab_opt.session.workspaces.sections import ArmInPlane
 
 __all__ = ["RecordedSection", "UsedRangesProblem", "VariationSection"]
@@ -21,16 +21,9 @@ class RecordedSection(Section):
     """Whose reaches: the files of Vanmechelen et al. in one folder."""
 
     folder: str = Field(min_length=1)
-    tasks: Annotated[list[Literal["RF", "RGV"]], Field(min_length=1, max_length=2)] = Field(default=["RF", "RGV"])
+    tasks: Annotated[list[Literal["RF", "RGV"]], Field(min_length=1, max_length=2), Once] = Field(default=["RF", "RGV"])
     cover: float = Field(default=0.5, ge=0.5, le=1)
     pronation_zero_deg: Zero = 0.0
-
-    @model_validator(mode="after")
-    def each_task_stands_once(self) -> Self:
-        """Refuse one task twice."""
-        if len(set(self.tasks)) < len(self.tasks):
-            raise refusal("tasks", self.tasks, "each task once")
-        return self
 
 
 class VariationSection(Section):

@@ -12,9 +12,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch, PathPatch
 from numpy.typing import NDArray
 
-from rehab_opt.session.drawing import GRID, MM, REFERENCE, framed, legend_below
+from rehab_opt.session.drawing import MM, REFERENCE, framed, legend_below
 from rehab_opt.session.workspace_maps.outcome import MadeMap, MapDirection, MapOutcome
-from rehab_opt.session.workspaces.region_drawing import draw_region, region_path
+from rehab_opt.session.workspaces.region_drawing import draw_region, is_placed, region_path, seen_from_above
+from rehab_opt.session.workspaces.sections import ArmInPlane
 from rehab_opt.workspace.region import Workspace
 
 __all__ = ["map_figures"]
@@ -59,7 +60,7 @@ def _before_and_after(outcome: MapOutcome, direction: MapDirection) -> Figure:
     first.plot([], [], color=REFERENCE, linewidth=1.0, linestyle=":", label="edge of the workspace, mapped")
     for k, path in enumerate(direction.paths):
         _draw_path(first, path.before, k, path.name)
-    _finish(first, f"before: {direction.start.name}")
+    _finish(first, f"before: {direction.start.name}", direction.start.section)
     for axes, made in zip(rest, direction.maps, strict=True):
         draw_region(axes, end, OUTLINE)
         if made.mapped is None:
@@ -71,7 +72,7 @@ def _before_and_after(outcome: MapOutcome, direction: MapDirection) -> Figure:
                 axes.plot(*(MM * made.mapped.spline(line).T), color="#777777", linewidth=0.6)
             for k, path in enumerate(direction.paths):
                 _draw_path(axes, path.after[made.rule], k, path.name)
-        _finish(axes, f"after, {made.rule} rule: {direction.end.name}\n{_verdict(made)}")
+        _finish(axes, f"after, {made.rule} rule: {direction.end.name}\n{_verdict(made)}", direction.end.section)
     legend_below(figure, first, 4)
     return figure
 
@@ -90,14 +91,12 @@ def _draw_path(axes: Axes, points: Array, index: int, name: str) -> None:
     axes.plot(*(MM * points[0]), "o", color=style["color"], markersize=5)
 
 
-def _finish(axes: Axes, title: str) -> None:
+def _finish(axes: Axes, title: str, section: ArmInPlane) -> None:
     axes.set_title(title, fontsize=10)
-    axes.set_aspect("equal", adjustable="datalim")
-    axes.set_xlabel("x, to the right [mm]")
-    axes.set_ylabel("y, forwards [mm]")
-    axes.grid(**GRID)
+    seen_from_above(axes, section)
     axes.set_axisbelow(True)
-    axes.autoscale_view()
+    if not is_placed(section):
+        axes.set_xlabel("left (negative) or right of the shoulder [mm]")  # panels are narrow
 
 
 def _grid(workspace: Workspace) -> Iterator[Array]:
@@ -139,7 +138,7 @@ def _folds(outcome: MapOutcome, direction: MapDirection) -> Figure:
         else:
             axes.annotate("no map", (0.5, 0.5), xycoords="axes fraction", ha="center")
         axes.add_patch(_edge(start))
-        _finish(axes, f"{made.rule} rule: {_verdict(made)}")
+        _finish(axes, f"{made.rule} rule: {_verdict(made)}", direction.start.section)
     if shown is not None:
         bar = figure.colorbar(
             shown, ax=list(panels), shrink=0.8, extend="both", ticks=[0.1, 0.3, 1, 3, 10], format="%g"

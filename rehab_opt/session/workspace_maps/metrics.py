@@ -50,6 +50,7 @@ def map_metrics(made: MadeMap) -> dict[str, Any]:
         "stretch_min_relative": finite(audit.smallest_stretch / audit.overall_ratio),
         "round_trip_max_m": finite(audit.round_trip),
         "coverage_share": audit.coverage,
+        "target_accuracy_m": audit.target_accuracy,
         "landmarks": len(made.mapped.spline.source),
         "rotation_deg": math.degrees(made.mapped.rotation),
         "certificate": {

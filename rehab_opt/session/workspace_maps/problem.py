@@ -9,6 +9,7 @@ from pydantic import Discriminator, Field, Tag, model_validator
 from rehab_opt.session.schema import (
     NAME,
     TABLE,
+    Once,
     PlanarPlacement,
     Problem,
     RecordingSection,
@@ -35,7 +36,7 @@ Rotation = Annotated[
 class MapSection(Section):
     """How the sets are mapped."""
 
-    rules: Annotated[list[Literal["safe", "polar"]], Field(min_length=1, max_length=2)] = Field(
+    rules: Annotated[list[Literal["safe", "polar"]], Field(min_length=1, max_length=2), Once] = Field(
         default=["safe", "polar"]
     )
     directions: Literal["both", "forward"] = "both"
@@ -44,13 +45,6 @@ class MapSection(Section):
     rotation_deg: Rotation = 0.0
     audit_points: int = Field(default=20_000, ge=100, le=1_000_000)
     seed: int = Field(default=0, ge=0, le=2**31)
-
-    @model_validator(mode="after")
-    def each_rule_stands_once(self) -> Self:
-        """Refuse one rule twice."""
-        if len(set(self.rules)) < len(self.rules):
-            raise refusal("rules", self.rules, "each rule once")
-        return self
 
 
 class TrajectorySection(Section):

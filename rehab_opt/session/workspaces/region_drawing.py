@@ -17,7 +17,7 @@ from rehab_opt.session.workspaces.sections import ArmInPlane
 from rehab_opt.session.workspaces.trace import rings
 from rehab_opt.workspace.region import Workspace
 
-__all__ = ["SET_STYLES", "draw_region", "draw_shoulder", "region_label", "region_path", "seen_from_above"]
+__all__ = ["SET_STYLES", "draw_region", "draw_shoulder", "is_placed", "region_label", "region_path", "seen_from_above"]
 
 SET_STYLES: Sequence[Mapping[str, Any]] = (
     {"facecolor": "#BBBBBB", "edgecolor": "#555555", "linestyle": "-"},
@@ -26,9 +26,16 @@ SET_STYLES: Sequence[Mapping[str, Any]] = (
     {"facecolor": "#009E73", "edgecolor": "#00573F", "linestyle": "-.", "hatch": "...."},
     {"facecolor": "#E69F00", "edgecolor": "#7F5800", "linestyle": ":", "hatch": "xxxx"},
     {"facecolor": "#CC79A7", "edgecolor": "#75405E", "linestyle": "--", "hatch": "oo"},
+    {"facecolor": "#F0E442", "edgecolor": "#786F00", "linestyle": "-.", "hatch": "++"},
+    {"facecolor": "#56B4E9", "edgecolor": "#1F5F86", "linestyle": ":", "hatch": "||||"},
+    {"facecolor": "#8B5A2B", "edgecolor": "#452D15", "linestyle": "-", "hatch": "----"},
+    {"facecolor": "#5D3A9B", "edgecolor": "#2E1D4D", "linestyle": "--", "hatch": "**"},
+    {"facecolor": "#E8C4B8", "edgecolor": "#8A5A4A", "linestyle": "-.", "hatch": "OO"},
+    {"facecolor": "#333333", "edgecolor": "#000000", "linestyle": ":", "hatch": "xx"},
 )
-"""Of the sets in the order of the file; more than these repeat."""
+"""Of the sets in the order of the file, as many as may be compared."""
 WRAPPED = 62  # characters of a legend's line
+ARROW = 60  # [mm]
 
 
 def draw_region(axes: Axes, workspace: Workspace, style: Mapping[str, Any], *, label: str = "") -> None:
@@ -48,22 +55,29 @@ def region_path(workspace: Workspace) -> Path:
 
 
 def draw_shoulder(axes: Axes, section: ArmInPlane) -> None:
-    """The shoulder as a dot, and an arrow of 60 mm to where the participant looks."""
+    """The shoulder as a dot, and an arrow of 60 mm to where the participant looks; both are within the frame drawn."""
     x, y = MM * np.array(section.shoulder_m[:2])
     turn = math.radians(section.shoulder_turn_deg)
-    ahead = (x - 60 * math.sin(turn), y + 60 * math.cos(turn))
+    ahead = (x - ARROW * math.sin(turn), y + ARROW * math.cos(turn))
+    # Axes make no room for an annotation; where every set is empty the frame would be a tenth of a millimetre wide.
+    axes.update_datalim([(x - ARROW, y - ARROW), (x + ARROW, y + ARROW)])
     axes.annotate("", ahead, (x, y), arrowprops={"arrowstyle": "-|>", "color": REFERENCE, "linewidth": 1.5})
     axes.plot(x, y, "o", color=REFERENCE, markersize=8, label=f"{section.side} shoulder; the arrow points forwards")
 
 
 def seen_from_above(axes: Axes, section: ArmInPlane) -> None:
     """Equal scales in millimetres, labelled in the shoulder's frame or, where that is turned or moved, the robot's."""
-    placed = any(section.shoulder_m) or section.shoulder_turn_deg
+    placed = is_placed(section)
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel("x in the robot's frame [mm]" if placed else ACROSS)
     axes.set_ylabel("y in the robot's frame [mm]" if placed else FORWARD)
     axes.grid(**GRID)
     axes.autoscale_view()
+
+
+def is_placed(section: ArmInPlane) -> bool:
+    """Whether the robot's frame is another one than the shoulder's."""
+    return any(section.shoulder_m) or section.shoulder_turn_deg != 0
 
 
 def region_label(name: str, workspace: Workspace) -> str:

@@ -114,7 +114,11 @@ def plane_notes(section: ArmInPlane, spaces: Mapping[str, Workspace]) -> Iterato
                 f"{section.accuracy_mm:g} mm were asked for"
             )
     if any(section.shoulder_m) or section.shoulder_turn_deg:
-        yield f"in the robot's frame: the shoulder stands at {section.shoulder_m} m, {section.shoulder_turn_deg:g} deg"
+        place = ", ".join(f"{each:g}" for each in section.shoulder_m)
+        yield (
+            f"in the robot's frame: the {section.side} shoulder stands at ({place}) m, turned by "
+            f"{section.shoulder_turn_deg:g} deg"
+        )
 
 
 def _volume_metrics(volumes: Mapping[tuple[str, bool], ReachableVolume]) -> dict[str, Any]:

@@ -1,0 +1,177 @@
+"""Chair and arm by one stick, beside pink: `python -m bench.peers.mobile_manipulator` (extra `peers`).
+
+Both get the same chain (hand positions compared before anything is timed), rows x, y, z of the hand in the chassis
+frame, limits of joint positions, joint speeds and wheels and, of an ordinary chair, the non-holonomic row.
+Ours keeps what it adds: six obstacles, the keep-out of the arm, acceleration bounds, certificate and Command; pink has
+none of these here. Each integrates its own state along the same wandering stick; rounds alternate.
+"""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+import sys
+import time
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import pink
+import pinocchio
+from pink.limits import ConfigurationLimit, Limit, VelocityLimit
+from rich.console import Console
+from rich.table import Table
+
+from bench.machine import machine
+from bench.test_bench_control import ROOM
+from bench.verdict import Verdict, all_met, print_verdicts
+from rehab_opt import RedundancyResolver, ardis
+from rehab_opt.kinematics.ardis import ARDIS_READY
+from rehab_opt.kinematics.chain import DH
+from rehab_opt.kinematics.mobile_arm import MobileArm
+
+__all__ = ["main"]
+
+DT, HOLD = 0.01, 100
+SPEEDS = {"slow": 0.1, "fast": 1.0}
+"""[m/s] of the stick: within what chair and arm can do, and beyond it."""
+HAND = "hand"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run both drives, slow and fast, and judge."""
+    parser = argparse.ArgumentParser(prog="python -m bench.peers.mobile_manipulator", description=__doc__)
+    parser.add_argument("--rounds", type=int, default=20)
+    parser.add_argument("--ticks", type=int, default=200)
+    options = parser.parse_args(arguments)
+    console, robot = Console(), ardis()
+    console.print("  ".join(f"{key}: {value}" for key, value in machine().items()), highlight=False)
+    table = Table("drive", "stick", "ours, us", "p99", "pink + daqp, us", "p99", "ratio")
+    verdicts = []
+    for drive in ("mecanum", "differential"):
+        for name, speed in SPEEDS.items():
+            ours = _ours(robot, drive)
+            theirs = _pink(robot, drive)
+            times = _alternated((ours, theirs), speed, options.rounds, options.ticks)
+            ratio = statistics.median(np.median(times[0], axis=1) / np.median(times[1], axis=1))
+            cells = [f"{value:.1f}" for each in times for value in (np.median(each), np.percentile(each, 99))]
+            table.add_row(drive, name, *cells, f"{ratio:.3f}")
+            verdicts.append(Verdict(f"{drive}, {name} stick: ours / pink + daqp", ratio, "<=", 1 / 20))
+    console.print(table)
+    print_verdicts(console, verdicts)
+    return 0 if all_met(verdicts) else 1
+
+
+Step = Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+
+def _ours(robot: MobileArm, drive: str) -> Step:
+    resolver = RedundancyResolver(robot, drive=drive, row_sets=[("x", "y", "z")], obstacles=ROOM, dt=DT)  # type: ignore[arg-type]
+    return lambda q, stick: resolver.step(q, stick).value
+
+
+def _pink(robot: MobileArm, drive: str) -> Step:
+    model = _model(robot)
+    _same_hand(robot, model)
+    configuration = pink.Configuration(model, model.createData(), ARDIS_READY.copy())
+    hand = pink.FrameTask(HAND, position_cost=1.0, orientation_cost=0.0)
+    rest = pink.tasks.DampingTask(cost=1e-3)
+    wheels = robot.mecanum if drive == "mecanum" else robot.differential
+    limits = (ConfigurationLimit(model), VelocityLimit(model), _WheelLimit(model, wheels.rolling, wheels.limit))
+    rolling = (_Rolling(cost=1.0),) if drive == "differential" else None
+
+    def step(q: np.ndarray, stick: np.ndarray) -> np.ndarray:
+        configuration.update(q)
+        target = configuration.get_transform_frame_to_world(HAND).copy()
+        target.translation += _turned(q, stick) * DT
+        hand.set_target(target)
+        return pink.solve_ik(  # type: ignore[no-any-return]
+            configuration, (hand, rest), DT, solver="daqp", limits=limits, constraints=rolling, safety_break=False
+        )
+
+    return step
+
+
+def _turned(q: np.ndarray, stick: np.ndarray) -> np.ndarray:
+    """The stick (forward, left, up) of the chassis frame in world axes."""
+    cos, sin = np.cos(q[2]), np.sin(q[2])
+    forward, left = cos * stick[0] - sin * stick[1], sin * stick[0] + cos * stick[1]
+    return np.array([forward, left, stick[2]])
+
+
+class _WheelLimit(Limit):
+    """Wheel speeds within their limit, of the chassis twist that the first three joints make."""
+
+    def __init__(self, model: pinocchio.Model, rolling: np.ndarray, limit: float) -> None:
+        self.rolling, self.bound, self.n = rolling, np.full(2 * len(rolling), limit), model.nv
+
+    def compute_qp_inequalities(self, configuration: pink.Configuration, dt: float) -> tuple[np.ndarray, np.ndarray]:
+        cos, sin = np.cos(configuration.q[2]), np.sin(configuration.q[2])
+        rows = np.zeros((len(self.rolling), self.n))
+        rows[:, :3] = self.rolling @ np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]])
+        return np.vstack((rows, -rows)), self.bound * dt
+
+
+class _Rolling(pink.tasks.Task):
+    """No sideways motion of an ordinary chair: Eq. (4), Honzik."""
+
+    def compute_error(self, configuration: pink.Configuration) -> np.ndarray:
+        return np.zeros(1)
+
+    def compute_jacobian(self, configuration: pink.Configuration) -> np.ndarray:
+        row = np.zeros((1, configuration.model.nv))
+        row[0, :2] = -np.sin(configuration.q[2]), np.cos(configuration.q[2])
+        return row
+
+    def __repr__(self) -> str:
+        return "_Rolling()"
+
+
+def _model(robot: MobileArm) -> pinocchio.Model:
+    """The chain in pinocchio: a standard Denavit-Hartenberg row turns and slides along its z, then moves on."""
+    model, parent, chain = pinocchio.Model(), 0, robot.chain
+    before = pinocchio.SE3(chain.base[:3, :3], chain.base[:3, 3])
+    for i, row in enumerate(chain.rows):
+        joint = pinocchio.JointModelPZ() if row.prismatic else pinocchio.JointModelRZ()
+        placement = before * pinocchio.SE3(pinocchio.utils.rotate("z", row.theta), np.zeros(3))
+        bounds = [np.array([float(value)]) for value in (chain.velocity[i], chain.lower[i], chain.upper[i])]
+        parent = model.addJoint(parent, joint, placement, chain.names[i], np.array([1e3]), *bounds)
+        before = _fixed(row)
+    tool = before * pinocchio.SE3(chain.tool[:3, :3], chain.tool[:3, 3])
+    model.addFrame(pinocchio.Frame(HAND, parent, 0, tool, pinocchio.FrameType.OP_FRAME))
+    return model
+
+
+def _fixed(row: DH) -> pinocchio.SE3:
+    along = pinocchio.SE3(np.eye(3), np.array([row.a, 0.0, row.d]))
+    return along * pinocchio.SE3(pinocchio.utils.rotate("x", row.alpha), np.zeros(3))
+
+
+def _same_hand(robot: MobileArm, model: pinocchio.Model) -> None:
+    """Raise AssertionError where pinocchio's hand is not ours: its times would mean nothing."""
+    data, rng = model.createData(), np.random.default_rng(0)
+    for _ in range(50):
+        q = ARDIS_READY + 0.3 * rng.standard_normal(robot.chain.n)
+        pinocchio.framesForwardKinematics(model, data, q)
+        difference = np.abs(data.oMf[model.getFrameId(HAND)].homogeneous - robot.chain.pose(q)).max()
+        if not difference <= 1e-9:
+            raise AssertionError(f"hand pose differs by {difference:.1e} at q = {q.tolist()}")
+
+
+def _alternated(steps: Sequence[Step], speed: float, rounds: int, ticks: int) -> list[np.ndarray]:
+    """(rounds, ticks) [us] of each."""
+    rng = np.random.default_rng(0)
+    states = [ARDIS_READY.copy() for _ in steps]
+    times = [np.empty((rounds, ticks)) for _ in steps]
+    for k in range(-1, rounds):  # the first round warms up
+        sticks = np.repeat(speed * rng.standard_normal((ticks // HOLD + 1, 3)) * [1.0, 1.0, 0.3], HOLD, axis=0)
+        for step, kept, q in zip(steps, times, states, strict=True):
+            for i in range(ticks):
+                began = time.perf_counter()
+                velocity = step(q, sticks[i])
+                kept[max(k, 0), i] = 1e6 * (time.perf_counter() - began)
+                q[:] = q + DT * velocity
+    return times
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,77 @@
+"""The QP of one tick of assistance: math of the bounds on a force, of its rate and of its energy."""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from rehab_opt.optim.certificate import all_true
+from rehab_opt.optim.qp import Statement, parameter, variable, within
+
+__all__ = ["EXACT", "TINY", "assistance_statement"]
+
+EXACT = 1 - 1e-12
+"""Shrinking aims so far below a bound that rounding stays below it, too."""
+TINY = 1e-12
+"""[N] A force that is none."""
+NEARLY = 1e-7
+"""[N] A certified answer is nearer than this to what it approximates."""
+ENERGY_ROUNDING = 1e-9
+"""[J]"""
+
+
+def assistance_statement(*, force_limit: float, step: float, dt: float) -> Statement:
+    """Min |F - F_wanted|^2  s.t.  |F| <= ceiling, |F - F_last| <= step, F.v dt <= energy left.
+
+    Parameters are the wanted force (2,), velocity (2,), ceiling and energy left; the memory is the last force; the
+    report says whether every bound holds for the force that is remembered, which is the one to send.
+
+    The wanted force comes no larger than the ceiling, the smaller of `force_limit` and what the tank affords: the
+    nearest point of a disc is known. The disc of the slew bound is replaced by the square inside it that has a corner
+    on the way to the wanted force, which therefore is approached at full rate. What the ceiling's tangent leaves
+    outside the disc, and solvers outside the square, is shrunk after the solve, and judged again.
+    """
+    wanted, velocity = parameter("wanted", 2), parameter("velocity", 2)
+    ceiling, left, last = parameter("ceiling", 1), parameter("left", 1), parameter("last", 2)
+    force = variable("force", 2)
+    F = force.symbol
+    along = _direction(wanted - last)
+    diagonals = ca.vertcat(ca.horzcat(along[0] - along[1], along[1] + along[0]),
+                           ca.horzcat(along[0] + along[1], along[1] - along[0]))  # fmt: skip
+    # What an iterative solver leaves of a wanted force that no bound holds back: zero must be zero.
+    reached = all_true(
+        ca.norm_2(F - wanted) <= NEARLY,
+        ca.norm_2(wanted - last) <= EXACT * step,
+        ca.dot(wanted, velocity) * dt <= left,
+    )
+    answer = ca.if_else(reached, wanted, F)
+    # Both shrinkings keep what the other bounds say: F_last is in the disc, and so is what lies between.
+    moved = answer - last
+    near = last + moved * ca.fmin(1, EXACT * step / ca.fmax(ca.norm_2(moved), TINY))
+    bounded = near * ca.fmin(1, EXACT * force_limit / ca.fmax(ca.norm_2(near), TINY))
+    holds = all_true(
+        ca.norm_2(bounded) <= force_limit,
+        ca.norm_2(bounded - last) <= step + TINY,
+        ca.dot(bounded, velocity) * dt <= left + ENERGY_ROUNDING,
+    )
+    return Statement(
+        name="assistance",
+        parameters=[wanted, velocity, ceiling, left],
+        variables=[force],
+        minimise=ca.sumsqr(F - wanted) / 2,
+        subject_to=[
+            within(diagonals @ (F - last), -step, step),
+            within(ca.dot(_direction(last), F), -ca.inf, ceiling),
+            within(ca.dot(F, velocity) * dt, -ca.inf, left),
+        ],
+        requires=[ceiling >= 0, left >= 0],
+        guess=wanted,
+        memory=last,
+        remember=bounded,
+        report=holds,
+    )
+
+
+def _direction(vector: ca.SX) -> ca.SX:
+    """Unit vector, or along x where there is none."""
+    size = ca.norm_2(vector)
+    return ca.if_else(size > TINY, vector / ca.fmax(size, TINY), ca.SX([1, 0]))

@@ -1,0 +1,347 @@
+"""The QP of chair and arm for one set of task rows: Honzik's Eq. (1) with bounds."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Literal
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rehab_opt.control.command import Bound, Command, Status
+from rehab_opt.control.easing import Easing
+from rehab_opt.control.obstacles import NUMBERS
+from rehab_opt.control.room import Surroundings
+from rehab_opt.control.velocity_controller import VelocityController
+from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
+from rehab_opt.optim.certificate import clipped
+from rehab_opt.optim.qp import PLAUSIBLE, Statement, equal, parameter, variable
+from rehab_opt.symbolic import BufferedFunction
+
+__all__ = ["ROWS", "ChairAndArm", "Drive"]
+
+Array = NDArray[np.float64]
+Drive = Literal["mecanum", "differential"]
+ROWS = ("x", "y", "z", "rx", "ry", "rz", "roll7")
+"""Task rows: hand velocity along and about the axes of the chosen frame, and about the wrist's own axis z7."""
+UNKNOWN = -1.0
+"""In place of the frame: 0 for the chassis frame, 1 for the world, this where no twist is remembered."""
+PROGRESS = 20.0
+"""[m/s] Price of a missing m/s of hand speed; one more costs about 1 in kinetic energy by the robot's mass."""
+STEEP = 1e3
+"""[m/s] Up to which the price follows that cost where it is higher, as it is near singular postures."""
+ITERATIONS = 20
+"""Cap on qrqp's active-set changes: most ticks need three, and what takes more than this cycles."""
+TINY = 1e-12
+"""[m/s] A speed that is no motion."""
+
+
+class ChairAndArm(VelocityController):
+    """Joint velocities for a hand twist in one set of rows.
+
+    min  1/2 u'W u + v(|r|) (W grad c)'u - price progress     over u, 0 <= progress <= |r|
+    s.t. J u = progress r/|r|,  and the bounds below: `Room`
+
+    u are the joint velocities with the chair's in the chassis frame (forward, left, turn), in which neither W nor the
+    arm's Jacobian knows where the chair stands: that a turned or shifted scene changes nothing is by construction, and
+    the rolling row, Eq. (4), is a left speed of zero. r is the asked twist, led there from the twist of the last
+    command as fast as the accelerations allow: r = r_last + share (asked - r_last). u = 0 is always feasible. The QP's
+    own variables are u in `units`, which differ by what each joint weighs.
+
+    Where the answer changes a joint faster than its acceleration allows after all, `Easing` goes only a part of the
+    way from the last command to it. The result is certified again, against all bounds, before it is sent.
+
+    The parameters are q (7,), twist (k,), frame (1,), obstacles (4 each,). See `RedundancyResolver` for the rest.
+    """
+
+    requirement = "the rows are dependent at this posture"
+
+    def __init__(
+        self,
+        robot: MobileArm,
+        rows: tuple[str, ...],
+        *,
+        drive: Drive,
+        self_motion: float,
+        slots: int,
+        dt: float,
+        return_speed: float,
+        solver: str,
+        backup: str | None,
+        tolerance: float,
+        max_age: float | None,
+        compile: bool | None,
+    ) -> None:
+        self.robot, self.rows, self.drive, self.slots = robot, rows, drive, slots
+        self.self_motion = self_motion
+        self.wheelset = getattr(robot, drive)
+        self.surroundings = Surroundings(robot, self.wheelset, slots=slots, dt=dt, return_speed=return_speed)
+        n, k, wheels = robot.chain.n, len(rows), len(self.wheelset.rolling)
+        self.shapes = ((k,), (1,), (NUMBERS * slots,))  # type: ignore[misc]
+        self.shapes = self.shapes if slots else self.shapes[:2]  # type: ignore[misc]
+        # What is remembered: u, where it leads, what is sent, the wheels' share of it, r, what of it was delivered, and
+        # in which frame.
+        self.sent, self.wheels = slice(2 * n, 3 * n), slice(3 * n, 3 * n + wheels)
+        self.limited = slice(3 * n + wheels, 3 * n + wheels + k)
+        super().__init__(
+            robot.chain, dt=dt, return_speed=return_speed, solver=solver, backup=backup, tolerance=tolerance,
+            max_age=max_age, compile=compile,
+        )  # fmt: skip
+        full, memory = ca.MX.sym("p", self.stated.parameter_size), ca.MX.sym("memory", self.stated.memory.numel())
+        complete = self.stated.complete(full, memory)
+        outputs = self.stated.finish.call([complete, memory, self._slowed(complete, memory)])
+        self._slowed_law = BufferedFunction(ca.Function("slowed_law", [full, memory], outputs))
+
+    # --------------------------------------------------------------------------------------------- the task
+    @cached_property
+    def units(self) -> Array:
+        """(7,) sizes in which velocities are decided: such that each, in mid-range, has the robot's kinetic energy.
+
+        A wrist weighs a ten-thousandth of a chair; without this qrqp gives up on a quarter of random states.
+        """
+        middle = np.zeros(self.chain.n)
+        middle[CHAIR:] = (self.chain.lower[CHAIR:] + self.chain.upper[CHAIR:]) / 2
+        sizes: Array = np.sqrt(self.robot.mass / np.diag(self.robot.inertia(middle)))
+        return sizes
+
+    def task_jacobian(self, q: ca.SX, world: ca.SX) -> ca.SX:
+        """(k, 7) rows that the stick asks for, by velocities with the chair's in the chassis frame."""
+        posture = ca.vertcat(ca.SX.zeros(CHAIR), q[CHAIR:])
+        jacobian, pose = self.chain.jacobian_expression(posture), self.chain.pose_expression(posture)
+        heading = ca.if_else(world, q[2], 0)
+        cos, sin = ca.cos(heading), ca.sin(heading)
+        turn = ca.vertcat(ca.horzcat(cos, -sin, 0), ca.horzcat(sin, cos, 0), ca.horzcat(0, 0, 1))
+        every = ca.vertcat(turn @ jacobian[:3, :], turn @ jacobian[3:, :], pose[:3, 2].T @ jacobian[3:, :])
+        return every[[ROWS.index(row) for row in self.rows], :]
+
+    @property
+    def fastest(self) -> float:
+        """[m/s or rad/s] more than a hand can do in all rows together; what asks for more is slowed as a whole."""
+        reach = sum(abs(row.a) + abs(row.d) for row in self.chain.rows[CHAIR - 1 :])
+        return float(self.chain.velocity[0] + (1 + reach) * np.sum(self.chain.velocity[CHAIR - 1 :]))
+
+    def statement(self) -> Statement:
+        """The QP of one tick."""
+        n, k, name = self.chain.n, len(self.rows), "_".join(self.rows)
+        q, twist, world = parameter("q", n), parameter("twist", k), parameter("frame", 1)
+        obstacles = parameter("obstacles", NUMBERS * self.slots)
+        size = 3 * n + len(self.wheelset.rolling) + 2 * k + 1
+        memory = parameter("last", size)
+        parameters = [q, twist, world, obstacles] if self.slots else [q, twist, world]
+
+        prepared = self._prepared(q, twist, world, obstacles, memory)
+        columns = [parameter(key, value.numel()) for key, value in prepared.items()]
+        given = dict(zip(prepared, columns, strict=True))
+        jacobian = ca.reshape(given["jacobian"], k, n)
+        room = self.surroundings.room(q, memory[:n], obstacles).like(given)
+        weight = _symmetric(given["inertia"], n)
+
+        unit = ca.DM(self.units)
+        decided = variable("velocity", n, lower=room.lower / unit, upper=room.upper / unit)
+        u = unit * decided.symbol
+        progress = variable("progress", 1, lower=0, upper=given["speed"])
+        kinetic = u.T @ weight @ u / 2
+        # Steeper the more is missing, since solvers fail more often on a cost that is flat in a variable.
+        missing = given["speed"] - progress.symbol
+        reward = -given["price"] * progress.symbol + PROGRESS * missing**2 / 2
+        easing = Easing(self.robot, self.dt, room, base=given["base"])
+        wanted = ca.if_else(given["speed"] > 0, u, 0)  # exactly, whichever solver answers
+        sent = easing.towards(memory[:n], wanted, q[CHAIR:])
+        share = room.share_of(given["guess"])
+        slowed = ca.vertcat(share * given["guess"] / unit, share * given["speed"])
+        self._slowed = ca.Function("slowed", [ca.vertcat(*parameters, *columns), memory], [slowed], {"cse": True})
+        return Statement(
+            name=f"chair_and_arm_{self.drive}_{name}",
+            parameters=parameters,
+            variables=[decided, progress],
+            minimise=kinetic + given["self_motion"].T @ u + reward,
+            subject_to=[
+                equal(jacobian @ u, given["direction"] * progress.symbol),  # the direction of the hand is kept
+                *room.rows(u),
+            ],
+            seldom=room.towards.size1() + room.closing.size1(),
+            iterations=ITERATIONS,
+            guess=ca.vertcat(given["guess"] / unit, given["speed"]),
+            multipliers=ca.vertcat(given["multipliers"], ca.SX.zeros(room.row_count)),
+            prepared=columns,
+            prepare=ca.Function(
+                "prepare",
+                [ca.vertcat(*parameters), memory],
+                [ca.densify(ca.vertcat(*prepared.values()))],
+                {"cse": True},
+            ),
+            report=self.report(memory[:n], sent, jacobian @ sent, twist, room.outside),
+            memory=memory,
+            remember=self.remembered(q, sent, given["direction"] * given["speed"], jacobian @ sent, world),
+            violation=room.violation(sent),
+        )
+
+    def _prepared(self, q: ca.SX, twist: ca.SX, world: ca.SX, obstacles: ca.SX, memory: ca.SX) -> dict[str, ca.SX]:
+        """What the QP is made of, each one column."""
+        last = memory[: self.chain.n]
+        n, moving = self.chain.n, self.surroundings.moving
+        posture = ca.vertcat(ca.SX.zeros(CHAIR), q[CHAIR:])
+        jacobian = self.task_jacobian(q, world)
+        inertia = self.robot.inertia_expression(posture) / self.robot.mass
+        gradient = self.self_motion * self.robot.posture_gradient_expression(posture)
+        room = self.surroundings.room(q, last, obstacles)
+
+        # Eq. (1), and (5) by leaving out the left speed: u = W^-1 J' y - v grad c with J u = r.
+        rows = ca.densify(jacobian[:, moving])
+        soft = _solved(inertia[moving, moving], rows.T)
+        mobility = rows @ soft
+        idle = rows @ gradient[moving]
+
+        def law(r: ca.SX, size: ca.SX) -> tuple[ca.SX, ca.SX]:
+            y = _solved(mobility, r + size * idle)
+            velocity, at = ca.SX.zeros(n), soft @ y - size * gradient[moving]
+            for i, joint in enumerate(moving):
+                velocity[joint] = at[i]
+            return velocity, y
+
+        # The asked twist, led there from the last one.
+        asked = twist / ca.fmax(ca.norm_2(twist) / self.fastest, 1)
+        full, _ = law(asked, ca.norm_2(asked))
+        needed = ca.fabs(clipped(full, room.lower, room.upper) - last)
+        allowed = ca.DM(np.minimum(self.chain.acceleration * self.dt, 2 * self.chain.velocity))
+        share = ca.fmin(1, ca.mmin(allowed / ca.fmax(needed, TINY)))
+        share = ca.if_else(ca.sumsqr(full) <= PLAUSIBLE**4, share, 1)  # no law at a singular posture
+        # As it was delivered, not as the last velocities would move the hand from here: that turns with the arm.
+        before = ca.if_else(memory[-1] == world, memory[-1 - len(self.rows) : -1], jacobian @ last)
+        limited = ca.if_else(ca.sumsqr(twist) > 0, before + share * (asked - before), 0)
+        speed = ca.norm_2(limited)
+        direction = limited / ca.fmax(speed, TINY)
+        guess, y = law(limited, speed)
+        steepness = ca.fmin(ca.fabs(ca.dot(direction, y)), STEEP)  # of the cost, at the guess
+        return {
+            "jacobian": ca.vec(ca.densify(jacobian)),
+            "inertia": ca.densify(_upper(inertia)),
+            "self_motion": ca.densify(inertia @ gradient * speed),
+            "direction": direction,
+            "speed": speed,
+            "price": PROGRESS + 2 * steepness,
+            "guess": guess,
+            "multipliers": -y,
+            "base": Easing(self.robot, self.dt, room).base_of(last),
+            **room.columns(),
+        }
+
+    # ------------------------------------------------------------------------------------------ what is remembered
+    def remembered(self, q: ca.SX, u: ca.SX, limited: ca.SX, delivered: ca.SX, frame: ca.SX) -> ca.SX:
+        """The memory: see `__init__`."""
+        cos, sin = ca.cos(q[2]), ca.sin(q[2])
+        value = ca.vertcat(cos * u[0] - sin * u[1], sin * u[0] + cos * u[1], u[2:])
+        wheels = self.wheelset.wheel_speeds_expression(u[:CHAIR])
+        return ca.densify(ca.vertcat(u, q + value * self.dt, value, wheels, limited, delivered, frame))
+
+    def lesser_command(self) -> Command | None:
+        """Eq. (1) slowed as a whole into the bounds: not the best that they allow, but as safe."""
+        law, ladder = self._slowed_law, self._ladder
+        if not ladder.sound[0]:
+            return None
+        law.inputs[0][:], law.inputs[1][:] = ladder.parameters, ladder.memory
+        law()
+        (yielded, scale), memory, (violation,) = law.outputs
+        if not 0.0 <= violation <= self.tolerance:
+            return None
+        ladder.memory[:] = memory
+        ladder.start_from(0.0)
+        value, wheels = self._sent_now()
+        bound, reason = Bound(int(yielded)), f"{self._fault()}: Eq. (1), slowed into the bounds"
+        return Command(value, Status.BACKUP, "slowed law", float(violation), -1, reason, bound, float(scale), wheels)
+
+    def braking(self) -> ca.Function:
+        """q, memory, obstacles -> what is remembered of the safe command, and its report."""
+        n = self.chain.n
+        q, obstacles = ca.SX.sym("q", n), ca.SX.sym("obstacles", NUMBERS * self.slots)
+        memory = ca.SX.sym("memory", self.stated.memory.numel())
+        last = memory[:n]
+        room = self.surroundings.room(q, last, obstacles)
+        easing = Easing(self.robot, self.dt, room)
+        rest = easing.towards(last, ca.SX.zeros(n), q[CHAIR:])
+        report = self.report(last, rest, ca.SX(0), ca.SX(1), room.outside)  # nothing of the task is delivered
+        nothing = ca.SX.zeros(len(self.rows))
+        outputs = [self.remembered(q, rest, nothing, nothing, ca.SX(UNKNOWN)), report]
+        inputs = [q, memory, obstacles] if self.slots else [q, memory]
+        return ca.Function("braking", inputs, outputs, {"cse": True})
+
+    def tell_braking(self, inputs: tuple[Array, ...]) -> None:
+        """Also the obstacles, where they are usable: the chair could stop before them, and brakes."""
+        super().tell_braking(inputs)
+        if self.slots:
+            told = self._inputs[-1]
+            inputs[2][:] = told if np.all(np.abs(told) <= PLAUSIBLE) else 0.0
+
+    # ----------------------------------------------------------------------------------------- for the resolver
+    def tell(self, q: ArrayLike, twist: ArrayLike, world: float, obstacles: Array) -> None:
+        """Write the parameters of a tick.
+
+        Raises
+        ------
+        ConfigurationError : an argument of the wrong shape, or no numbers.
+        """
+        views = self._views
+        try:
+            # From view to view: half of numpy's cost, and any other type or size is refused.
+            views[0][:] = q  # type: ignore[assignment]
+            views[1][:] = twist  # type: ignore[assignment]
+            views[2][0] = world  # type: ignore[call-overload]
+            if self.slots:
+                views[3][:] = obstacles.data
+        except (ValueError, TypeError):
+            given: tuple[ArrayLike, ...] = (q, twist, [world], obstacles)
+            self._write(given[: len(views)])
+
+    def tick(self, enable: object, stamp: float | None) -> Command:
+        """One step on what was told."""
+        return self._tick(enable, stamp)
+
+    def brake(self, reason: str) -> Command:
+        """The safe command at what was told."""
+        return self._safe(reason)
+
+    def begin(self, velocity: Array, heading: float) -> None:
+        """Forget the past; `velocity` (7,) has the chair's share in its own frame."""
+        self.reset(velocity)
+        self._predicted[2] = heading  # should the first position be unusable
+        self._ladder.memory[-1] = UNKNOWN
+
+    def take_over(self, other: ChairAndArm) -> None:
+        """Go on where another set of rows ends: its velocity, position and stamps are this one's."""
+        self._last[:], self._predicted[:] = other._last, other._predicted
+        self._ladder.memory[-1] = UNKNOWN
+        self._ladder.start_from(0.0)
+        self._watchdog, self._stamped = other._watchdog, other._stamped
+
+    @property
+    def velocity(self) -> Array:
+        """(7,) last command, the chair's share in its own frame."""
+        return self._last.copy()
+
+    @property
+    def limited_twist(self) -> Array:
+        """(k,) what the last tick's twist became within the accelerations."""
+        return self._ladder.memory[self.limited].copy()
+
+
+def _solved(matrix: ca.SX, right: ca.SX) -> ca.SX:
+    """matrix^-1 right for a symmetric, positive definite matrix."""
+    diagonal, factor, order = ca.ldl(ca.densify(matrix), False)
+    columns = [ca.ldl_solve(ca.densify(right[:, i]), diagonal, factor, order) for i in range(right.size2())]
+    return ca.horzcat(*columns)
+
+
+def _upper(matrix: ca.SX) -> ca.SX:
+    """Upper triangle of a symmetric matrix as a column."""
+    n = matrix.size1()
+    return ca.vertcat(*(matrix[i, j] for j in range(n) for i in range(j + 1)))
+
+
+def _symmetric(column: ca.SX, n: int) -> ca.SX:
+    """The symmetric matrix (n, n) of that upper triangle."""
+    matrix, entries = ca.SX(n, n), iter(range(n * (n + 1) // 2))
+    for j in range(n):
+        for i in range(j + 1):
+            matrix[i, j] = matrix[j, i] = column[next(entries)]
+    return matrix

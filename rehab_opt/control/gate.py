@@ -1,0 +1,66 @@
+"""When assistance acts: Eq. (23), Rossa et al., and its counterpart of section VI."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Literal, get_args
+
+from rehab_opt.errors import ConfigurationError
+
+if TYPE_CHECKING:
+    from rehab_opt.field.potential import PotentialField
+    from rehab_opt.workspace.region import Workspace
+
+__all__ = ["Mode", "WantedForce", "wanted_force"]
+
+Mode = Literal["stretch", "assist", "resist", "follow", "hold"]
+WantedForce = Callable[[float, float, float, float], tuple[float, float]]
+"""x, y [m] and velocity [m/s] of the hand -> the force that is wanted [N], before any bound."""
+
+
+def wanted_force(
+    field: PotentialField,
+    comfortable: Workspace,
+    mode: Mode,
+    *,
+    onset: float,
+    return_stiffness: float,
+    return_force: float,
+) -> WantedForce:
+    """The field, where the mode lets it act.
+
+    stretch, assist, resist (therapy): nothing inside the comfortable workspace, the field outside, growing to its full
+    size over `onset` [m] beyond the boundary. follow, hold (help in a task): the field inside; outside a pull back to
+    the nearest comfortable point, of `return_stiffness` [N/m] and at most `return_force` [N].
+
+    Raises
+    ------
+    ConfigurationError : a mode that does not exist, or does not go with the field's drag.
+    """
+    if mode not in get_args(Mode):
+        raise ConfigurationError("mode", mode, f"one of {', '.join(get_args(Mode))}")
+    resists = field.drag < 0 or (field.drag > 0 and field.drag_along == "travelled")
+    if mode == "resist" and not resists and field.drag == field.drag:  # of a learnt field nobody knows beforehand
+        raise ConfigurationError("mode", mode, "another mode for a field without drag against the motion")
+    if mode != "resist" and resists:
+        raise ConfigurationError("mode", mode, "'resist' for a field that drags against the motion")
+    damping_x, damping_y = field.damping.tolist()
+    where, pull = comfortable.signed_distance_and_foot, field.pull
+
+    def outside(x: float, y: float, vx: float, vy: float) -> tuple[float, float]:
+        beyond = where((x, y))[0]
+        if beyond <= 0.0:
+            return 0.0, 0.0
+        share = 1.0 if beyond >= onset else beyond / onset
+        fx, fy = pull(x, y)
+        return share * (fx - damping_x * vx), share * (fy - damping_y * vy)
+
+    def inside(x: float, y: float, vx: float, vy: float) -> tuple[float, float]:
+        beyond, foot_x, foot_y = where((x, y))
+        if beyond <= 0.0:
+            fx, fy = pull(x, y)
+            return fx - damping_x * vx, fy - damping_y * vy
+        size = min(return_stiffness, return_force / beyond)
+        return size * (foot_x - x), size * (foot_y - y)
+
+    return inside if mode in ("follow", "hold") else outside

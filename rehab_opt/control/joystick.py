@@ -1,0 +1,175 @@
+"""A two-axis stick, switched between pairs of task rows: section 4, Honzik."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rehab_opt.control.chair_and_arm import ROWS
+from rehab_opt.control.velocity_controller import checked_number
+from rehab_opt.errors import ConfigurationError
+
+__all__ = ["STICK_MODES", "Joystick", "StickCommand", "StickMode", "checked_modes", "pressed"]
+
+Array = NDArray[np.float64]
+
+DEBOUNCE = 0.15
+"""[s] A button pressed again sooner is one press: contacts bounce, and hands tremble."""
+
+
+class StickMode(NamedTuple):
+    """What the two axes of the stick, forward and left, move."""
+
+    name: str
+    rows: tuple[str, str]
+    speeds: tuple[float, float]
+    """[m/s or rad/s] at full deflection; negative turns an axis round."""
+
+
+STICK_MODES = (StickMode("plane", ("x", "y"), (0.25, 0.25)), StickMode("lift", ("z", "roll7"), (0.15, 0.6)))
+"""Those of the paper; the speeds are choices."""
+
+
+class StickCommand(NamedTuple):
+    """What the user asks for, in the arguments of `RedundancyResolver.step`."""
+
+    twist: Array
+    """(2,) [m/s or rad/s], read-only; zero where nothing is asked."""
+    rows: tuple[str, ...]
+    frame: str
+    """Always the chair's, so that the stick keeps its meaning as the chair turns."""
+    gripper_closed: bool
+    """What the gripper should be."""
+    reason: str
+    """Why nothing is asked although the user may want something; empty otherwise."""
+
+
+class Joystick:
+    """Stick deflections to hand velocities in one of several modes.
+
+    A round dead zone takes tremor away and leaves the direction; beyond it the speed grows from zero. The deflection
+    follows the hand at `rate`; letting go stops at once, as fast as the resolver's accelerations allow. After a
+    change of mode, at the beginning and after a fault the stick must have been let go before it moves anything.
+
+    Parameters
+    ----------
+    modes : at least one; the switch goes round.
+    dt : tick [s].
+    dead_zone : share of the deflection that is none.
+    rate : [1/s] largest change of the deflection, whose full size is 1.
+
+    Raises
+    ------
+    ConfigurationError : an argument that cannot be used.
+    """
+
+    def __init__(
+        self, modes: Sequence[StickMode] = STICK_MODES, *, dt: float = 0.01, dead_zone: float = 0.12, rate: float = 3.0
+    ) -> None:
+        self.modes = checked_modes(modes)
+        self._dt = checked_number("dt", dt, above=0.0, below=1.0)
+        self._dead = checked_number("dead_zone", dead_zone, above=-1e-300, below=1.0)
+        self._rate = checked_number("rate", rate, above=0.0)
+        self.reset()
+
+    @property
+    def mode(self) -> StickMode:
+        """The mode now."""
+        return self.modes[self._mode]
+
+    def reset(self) -> None:
+        """First mode, gripper open, stick to be let go first."""
+        self._mode, self._closed, self._free = 0, False, False
+        self._deflection = np.zeros(2)
+        self._switch, self._gripper = _Button(self._dt), _Button(self._dt)
+
+    def step(self, axes: ArrayLike, *, switch: object = False, gripper: object = False) -> StickCommand:
+        """What the user asks for now. Never raises on numbers.
+
+        Parameters
+        ----------
+        axes : (2,) deflection forward and to the left, each -1 to 1.
+        switch : the button that changes the mode, on the press. gripper : the one that opens and closes it.
+
+        Raises
+        ------
+        ConfigurationError : axes of the wrong shape.
+        """
+        try:
+            told = np.asarray(axes, dtype=np.float64)
+        except (TypeError, ValueError, OverflowError) as problem:
+            raise ConfigurationError("axes", axes, "2 numbers") from problem
+        if told.shape != (2,):
+            raise ConfigurationError("axes", axes, "2 numbers")
+        if self._switch.press(switch):
+            self._mode, self._free = (self._mode + 1) % len(self.modes), False
+        if self._gripper.press(gripper):
+            self._closed = not self._closed
+        reason = ""
+        if not np.all(np.isfinite(told)):
+            reason, self._free, told = "axes are not finite", False, np.zeros(2)
+        else:
+            told = self._beyond_dead_zone(np.clip(told, -1.0, 1.0))
+            self._free = self._free or not told.any()
+            if not self._free:
+                reason, told = "the stick must be let go first", np.zeros(2)
+        self._deflection = moved_towards(self._deflection, told, self._rate * self._dt)
+        twist = self._deflection * self.mode.speeds + 0.0
+        twist.flags.writeable = False
+        return StickCommand(twist, self.mode.rows, "chassis", self._closed, reason)
+
+    def _beyond_dead_zone(self, axes: Array) -> Array:
+        size = float(np.hypot(*axes))
+        if not size > self._dead:
+            return np.zeros(2)
+        return axes / size * min((size - self._dead) / (1.0 - self._dead), 1.0)
+
+
+def moved_towards(last: Array, wanted: Array, most: float) -> Array:
+    """`wanted`, or as far on the way there from `last` as `most`; nothing wanted is nothing at once."""
+    way = wanted - last
+    size = float(np.linalg.norm(way))
+    if size <= most or not wanted.any():
+        return wanted.copy()
+    return np.asarray(last + way * (most / size))
+
+
+class _Button:
+    """Presses of a button, each once."""
+
+    def __init__(self, dt: float) -> None:
+        self._ticks = math.ceil(DEBOUNCE / dt)
+        self._down: bool | None
+        self._down, self._since = None, self._ticks
+
+    def press(self, down: object) -> bool:
+        now = pressed(down)
+        if self._down is None:
+            self._down = now  # one that is down from the beginning is stuck, not pressed
+        begun = now and not self._down and self._since >= self._ticks
+        self._since = 0 if now != self._down else self._since + 1
+        self._down = now
+        return begun
+
+
+def pressed(value: object) -> bool:
+    """Whether a button's value says that it is pressed: true or 1; anything else, NaN too, does not."""
+    return value is True or (isinstance(value, (np.bool_, int, float)) and value == 1)
+
+
+def checked_modes(modes: Sequence[StickMode]) -> tuple[StickMode, ...]:
+    """Modes that a resolver can follow."""
+    checked = tuple(StickMode(*mode) for mode in modes)
+    if not checked:
+        raise ConfigurationError("modes", modes, "at least one mode")
+    for i, mode in enumerate(checked):
+        rows = tuple(mode.rows)
+        if len(rows) != 2 or rows[0] == rows[1] or not set(rows) <= set(ROWS):
+            raise ConfigurationError(f"modes[{i}].rows", mode.rows, f"two different ones of {', '.join(ROWS)}")
+        if len(mode.speeds) != 2 or not np.all(np.isfinite(mode.speeds)):
+            raise ConfigurationError(f"modes[{i}].speeds", mode.speeds, "two finite numbers")
+    return checked

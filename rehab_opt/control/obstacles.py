@@ -1,0 +1,143 @@
+"""Obstacles on the floor as rows on the chair's velocity: a stopping barrier that holds at any tick length."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.control.stopping import OUTSIDE
+from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.mobile_arm import Outline
+from rehab_opt.optim.certificate import clipped
+
+__all__ = ["NUMBERS", "Approach", "Disc", "HalfPlane", "Obstacle", "approach", "obstacle_numbers"]
+
+Array = NDArray[np.float64]
+
+NUMBERS = 4
+"""How many numbers one obstacle is."""
+TINY = 1e-9
+"""[m] A distance that gives no direction."""
+_NONE, _HALF_PLANE, _DISC = 0.0, 1.0, 2.0
+
+
+class HalfPlane(NamedTuple):
+    """A wall in the world frame: points p with normal . p > offset are not free."""
+
+    normal: tuple[float, float]
+    """Into the wall; of any length above zero."""
+    offset: float
+    """[m] times the normal's length."""
+
+
+class Disc(NamedTuple):
+    """A post in the world frame."""
+
+    centre: tuple[float, float]
+    """[m]"""
+    radius: float
+    """[m]"""
+
+
+Obstacle = HalfPlane | Disc
+
+
+class Approach(NamedTuple):
+    """Rows matrix @ (forward, left, turn) <= room of one obstacle; at rest they always hold."""
+
+    matrix: ca.SX
+    """(2, 3)"""
+    room: ca.SX
+    """(2,) [m/s]"""
+    more: ca.SX
+    """[m/s] by which both could be wider, and the chair would still not be inside after this tick."""
+    inside: ca.SX
+    """1 where the chair is within the obstacle."""
+
+
+def obstacle_numbers(obstacles: Sequence[Obstacle], slots: int) -> Array:
+    """(4 slots,) obstacles as a parameter: kind in the last place, free places say that there is nothing.
+
+    Raises
+    ------
+    ConfigurationError : more obstacles than places, neither half-plane nor disc, a normal of length zero, a number
+        that is not finite.
+    """
+    if len(obstacles) > slots:
+        raise ConfigurationError("obstacles", len(obstacles), f"at most {slots}, as told at construction")
+    numbers = np.zeros((slots, NUMBERS))
+    for i, obstacle in enumerate(obstacles):
+        if isinstance(obstacle, HalfPlane):
+            (x, y), size = obstacle.normal, math.hypot(*obstacle.normal)
+            row = [x / size, y / size, obstacle.offset / size] if 0 < size < math.inf else []
+            kind = _HALF_PLANE
+        elif isinstance(obstacle, Disc):
+            row = [*obstacle.centre, obstacle.radius] if obstacle.radius >= 0 else []
+            kind = _DISC
+        else:
+            row, kind = [], _NONE
+        if not (row and np.all(np.isfinite(row))):
+            raise ConfigurationError(f"obstacles[{i}]", obstacle, "a HalfPlane or a Disc of finite numbers")
+        numbers[i] = *row, kind
+    return numbers.reshape(-1)
+
+
+def approach(numbers: ca.SX, place: ca.SX, outline: Outline, *, dt: float, horizon: float, turn: float) -> Approach:
+    """Rows that keep the chair's outline out of one obstacle, wherever its corners turn to within the tick.
+
+    Parameters
+    ----------
+    numbers : (4,) of `obstacle_numbers`. place : (3,) q1, q2, q3 of the chair.
+    dt : tick [s]. turn : [rad/s] fastest turn.
+    horizon : [s] no corner comes nearer than its gap divided by this, per second. At least dt; and no less than the
+        chair needs to stop from any speed when all its components slow down together: then a chair that kept these
+        rows in the last tick can keep them in this one within its accelerations.
+
+    A disc is the wall that touches it where it is nearest to the outline. A corner p turns by w dt within the tick and
+    is then off its straight way by at most |p| (w dt)^2/2: with it, and over all corners, the largest speed towards
+    the wall is a concave function of w, zero or more at w = 0. The rows are its two chords from there to the fastest
+    turns.
+    """
+    cos, sin = ca.cos(place[2]), ca.sin(place[2])
+    disc = numbers[3] == _DISC
+
+    def to_chassis(x: ca.SX, y: ca.SX) -> tuple[ca.SX, ca.SX]:
+        return cos * x + sin * y, cos * y - sin * x
+
+    centre = to_chassis(numbers[0] - place[0], numbers[1] - place[1])
+    nearest = clipped(centre[0], outline.rear, outline.front), clipped(centre[1], outline.right, outline.left)
+    away = centre[0] - nearest[0], centre[1] - nearest[1]
+    distance, from_middle = ca.hypot(*away), ca.fmax(ca.hypot(*centre), TINY)
+    touching = distance > TINY
+    to_disc = [
+        ca.if_else(touching, a / ca.fmax(distance, TINY), c / from_middle) for a, c in zip(away, centre, strict=True)
+    ]
+    to_wall = to_chassis(numbers[0], numbers[1])
+    there = numbers[3] != _NONE
+    normal = [ca.if_else(disc, d, ca.if_else(there, w, 0)) for d, w in zip(to_disc, to_wall, strict=True)]
+    offset = ca.if_else(
+        disc,
+        normal[0] * centre[0] + normal[1] * centre[1] - numbers[2],
+        ca.if_else(there, numbers[2] - numbers[0] * place[0] - numbers[1] * place[1], horizon),
+    )
+
+    still, left, right, least = (ca.SX(ca.inf) for _ in range(4))
+    for x, y in outline.corners.tolist():
+        gap = offset - normal[0] * x - normal[1] * y
+        speed = ca.fmax(gap, 0) / horizon
+        lever = normal[1] * x - normal[0] * y
+        sweep = float(np.hypot(x, y)) * turn**2 * dt / 2
+        least, still = ca.fmin(least, gap), ca.fmin(still, speed)
+        left = ca.fmin(left, speed - turn * lever - sweep * there)
+        right = ca.fmin(right, speed + turn * lever - sweep * there)
+    matrix = ca.vertcat(
+        ca.horzcat(normal[0], normal[1], (still - left) / turn),
+        ca.horzcat(normal[0], normal[1], (right - still) / turn),
+    )
+    more = ca.fmax(least, 0) * (1 / dt - 1 / horizon)
+    return Approach(matrix, ca.vertcat(still, still), more, ca.logic_and(there, least < -OUTSIDE))

@@ -1,0 +1,64 @@
+"""Motion of the hand to a place, without a stick: a smoothed target and what brings the hand to it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.control.smoothing import Smoother
+from rehab_opt.kinematics.mobile_arm import MobileArm
+
+__all__ = ["Reaching"]
+
+Array = NDArray[np.float64]
+
+HAND_SPEED = 0.25
+"""[m/s] of the target, on each axis; the cap usual for machines that people stand beside."""
+HAND_ACCELERATION = 0.5
+"""[m/s^2]"""
+HAND_JERK = 2.0
+"""[m/s^3]"""
+GAIN = 4.0
+"""[1/s] rate at which the hand's distance from the smoothed target decays."""
+LEASH = 0.03
+"""[m] The smoothed target waits for a hand that lags by more."""
+ARRIVED = 1e-4
+"""[m] Nearer than this the hand is there."""
+
+
+class Reaching:
+    """Twist of the hand that follows a smoothed target.
+
+    Where bounds slow the hand by more than `LEASH`, the target starts again from the hand, so that the motion goes on
+    as if it had begun there.
+    """
+
+    def __init__(self, robot: MobileArm, *, dt: float) -> None:
+        self._robot = robot
+        self._smoother = Smoother(
+            velocity=HAND_SPEED, acceleration=HAND_ACCELERATION, jerk=HAND_JERK, dt=dt, axes=3, max_age=math.inf
+        )
+        self._gain = (1 - math.exp(-GAIN * dt)) / dt
+        self._begun = False
+
+    def forget(self) -> None:
+        """Begin anew at the next tick."""
+        self._begun = False
+
+    def twist(self, q: Array, target: Array, *, moving: bool) -> Array:
+        """(3,) velocity of the hand in the world frame [m/s] at joint values q (7,); NaN where a number is unusable."""
+        hand = self._robot.chain.pose(q)[:3, 3]
+        if not (moving and np.all(np.isfinite(hand)) and np.all(np.isfinite(target))):
+            self._begun = False
+            return np.full(3, math.nan) if moving else np.zeros(3)
+        smoother = self._smoother
+        if not self._begun or not np.linalg.norm(smoother.position - hand) <= LEASH:
+            smoother.reset(hand, np.clip(smoother.velocity if self._begun else np.zeros(3), -HAND_SPEED, HAND_SPEED))
+            self._begun = True
+        place = smoother.step(target).value
+        error = place - hand
+        if smoother.arrived and np.linalg.norm(error) <= ARRIVED:
+            return np.zeros(3)
+        return np.asarray(smoother.velocity + self._gain * error)

@@ -1,0 +1,304 @@
+"""One stick moves chair and arm: joint velocities of a redundant robot for a commanded hand twist."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rehab_opt.control.chair_and_arm import ROWS, ChairAndArm, Drive
+from rehab_opt.control.command import Command
+from rehab_opt.control.joystick import pressed
+from rehab_opt.control.obstacles import Obstacle, obstacle_numbers
+from rehab_opt.control.reaching import Reaching
+from rehab_opt.control.velocity_controller import checked_number
+from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.chain import per_joint
+from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
+from rehab_opt.optim.qp import Instance
+
+if TYPE_CHECKING:
+    import qpsolvers
+
+__all__ = ["RedundancyResolver"]
+
+Array = NDArray[np.float64]
+
+STICK_ROWS = (("x", "y", "z"), ("x", "y"), ("z", "roll7"))
+"""Sets of rows that are prepared where nothing else is said: reaching, and the paper's two modes of the stick."""
+FRAMES = {"chassis": 0.0, "world": 1.0}
+FASTER = 1e-9
+"""Share by which a velocity that is reset may pass a limit: rounding."""
+
+
+class RedundancyResolver:
+    """Chair and arm velocities for a hand twist: Eq. (1), Honzik, as a QP with bounds; stated in `ChairAndArm`.
+
+    With no bound active the answer is Eq. (1). Never broken, in this order: joint and chassis speeds, wheel speeds and
+    rolling; then no joint goes beyond its limit, or further beyond, and neither does the chair into an obstacle nor the
+    arm into a keep-out; then accelerations; then the task, which keeps its direction and is slowed. Obstacles and
+    keep-outs are approached no faster than their distance divided by the time the chair, or the arm, needs to stop.
+    A joint outside its limits comes back where the task moves it, or the posture cost does, and is not moved by itself:
+    without a command there is no motion.
+
+    The velocity last commanded is part of the state: a new resolver is at rest, `reset` says otherwise. An object
+    belongs to one thread.
+
+    Parameters
+    ----------
+    robot : what `ardis` makes.
+    drive : "mecanum", or "differential", which cannot move sideways.
+    row_sets : sets of task rows that get their functions now, each compiled; `ROWS` names the rows. Any other set gets
+        its own, uncompiled, when it is first asked for while the robot is at rest, which takes a second or two; asked
+        for while moving, the robot brakes first.
+    obstacles : walls and posts in the world frame. places : most there will ever be; default as many as there are now.
+    keep_out : whether the arm is kept from the robot's keep-outs.
+    self_motion : weight of grad c in Eq. (1): v(r') = self_motion |r'|.
+    dt : nominal tick [s].
+    return_speed : share of the velocity limit at which a joint outside its limits comes back at most.
+    solver, backup : see `Ladder`. tolerance : largest certificate residual accepted [m/s, rad/s].
+    max_age : [s] see `Watchdog`.
+    compile : None follows `REHAB_OPT_COMPILE`.
+
+    Raises
+    ------
+    ConfigurationError : an argument that cannot be used.
+    """
+
+    def __init__(
+        self,
+        robot: MobileArm,
+        *,
+        drive: Drive = "mecanum",
+        row_sets: Sequence[Sequence[str]] = STICK_ROWS,
+        obstacles: Sequence[Obstacle] = (),
+        places: int | None = None,
+        keep_out: bool = True,
+        self_motion: float = 1.0,
+        dt: float = 0.01,
+        return_speed: float = 0.1,
+        solver: str = "qrqp",
+        backup: str | None = None,
+        tolerance: float = 1e-8,
+        max_age: float | None = None,
+        compile: bool | None = None,
+    ) -> None:
+        if not isinstance(robot, MobileArm):
+            raise ConfigurationError("robot", robot, "a MobileArm, as ardis() makes")
+        if drive not in ("mecanum", "differential"):
+            raise ConfigurationError("drive", drive, "mecanum or differential")
+        places = len(obstacles) if places is None else places
+        if not (isinstance(places, (int, np.integer)) and places >= 0):
+            raise ConfigurationError("places", places, "a whole number of zero or more")
+        if not row_sets:
+            raise ConfigurationError("row_sets", row_sets, "at least one set of rows")
+        self.robot = robot if keep_out else replace(robot, keep_out=())
+        self.drive, self.dt = drive, checked_number("dt", dt, above=0.0, below=1.0)
+        if self_motion != 0.0:
+            checked_number("self_motion", self_motion, above=0.0)
+        self._options = {
+            "drive": drive, "self_motion": float(self_motion), "slots": int(places), "dt": dt,
+            "return_speed": return_speed, "solver": solver, "backup": backup, "tolerance": tolerance,
+            "max_age": max_age,
+        }  # fmt: skip
+        self._places = int(places)
+        self.obstacles = tuple(obstacles)
+        self._compile = compile
+        self._sets: dict[tuple[str, ...], ChairAndArm] = {}
+        for rows in row_sets:
+            self._prepare(_checked_rows(rows), compile=compile)
+        self._active = next(iter(self._sets.values()))
+        self._reaching: Reaching | None = None
+        self.reset()
+
+    # -------------------------------------------------------------------------------------------------- the room
+    @property
+    def obstacles(self) -> tuple[Obstacle, ...]:
+        """Walls and posts in the world frame; may be set between ticks, as many as there are places for.
+
+        One that appears around the chair lets it out, and not further in.
+        """
+        return self._obstacles
+
+    @obstacles.setter
+    def obstacles(self, obstacles: Sequence[Obstacle]) -> None:
+        self._numbers = obstacle_numbers(obstacles, self._places)
+        self._obstacles = tuple(obstacles)
+
+    # ------------------------------------------------------------------------------------------------- the state
+    @property
+    def row_sets(self) -> tuple[tuple[str, ...], ...]:
+        """Sets of rows that have their functions."""
+        return tuple(self._sets)
+
+    @property
+    def chassis_velocity(self) -> Array:
+        """(7,) last command, the chair's share in its own frame: forward, left, turn, arm [m/s, rad/s]."""
+        return self._active.velocity
+
+    @property
+    def limited_twist(self) -> Array:
+        """(k,) what the last twist became within the accelerations; the hand's is a share of it."""
+        return self._active.limited_twist
+
+    def reset(self, velocity: ArrayLike | None = None, *, heading: float = 0.0) -> None:
+        """Forget the past.
+
+        Parameters
+        ----------
+        velocity : (7,) what the joints do now [m/s, rad/s], as a Command tells it; rest by default.
+        heading : [rad] q3, which tells where in the world the chair's front is.
+
+        Raises
+        ------
+        ConfigurationError : faster than a limit, or sideways on wheels that roll.
+        """
+        n = self.robot.chain.n
+        given = per_joint("velocity", 0.0 if velocity is None else velocity, n, finite=True)
+        turned = np.zeros(n)
+        turned[2] = checked_number("heading", heading, above=-1e6, below=1e6)
+        chassis = self.robot.chassis_velocity(turned, given)
+        wheels = getattr(self.robot, self.drive)
+        limits = np.concatenate([self.robot.chain.velocity, [self.robot.chain.velocity[0]]])
+        speeds = np.append(np.abs(chassis), np.hypot(*chassis[:2]))
+        if not np.all(speeds <= limits * (1 + FASTER)):
+            raise ConfigurationError("velocity", velocity, "joint and chassis speeds within their limits")
+        if not np.all(np.abs(wheels.wheel_speeds(chassis[:CHAIR])) <= wheels.limit * (1 + FASTER)):
+            raise ConfigurationError("velocity", velocity, "wheel speeds within their limit")
+        if self.drive == "differential":
+            if abs(chassis[1]) > FASTER:
+                raise ConfigurationError("velocity", velocity, "no speed sideways: the wheels roll")
+            chassis[1] = 0.0
+        self._active.begin(np.clip(chassis, -self.robot.chain.velocity, self.robot.chain.velocity), turned[2])
+        if self._reaching is not None:
+            self._reaching.forget()
+
+    # -------------------------------------------------------------------------------------------------- one tick
+    def step(
+        self,
+        q: ArrayLike,
+        twist: ArrayLike,
+        rows: tuple[str, ...] = ("x", "y", "z"),
+        frame: str = "chassis",
+        *,
+        enable: object = True,
+        stamp: float | None = None,
+    ) -> Command:
+        """Joint velocities (7,) to hold until the next tick, and wheel speeds.
+
+        Never raises on numbers: what is not usable gives the safe command, decelerating within the limits, and its
+        reason.
+
+        Parameters
+        ----------
+        q : (7,) joint positions now [m, rad].
+        twist : (k,) asked hand velocity, one number a row [m/s, rad/s].
+        rows : any of x, y, z, rx, ry, rz in `frame`, and roll7 about the wrist axis; all else is free.
+        frame : "chassis", which turns with the chair, or "world"; at the hand, both.
+        enable : the dead-man input; anything but true decelerates to rest.
+        stamp : time of the state [s]; checked by the watchdog when given.
+
+        Raises
+        ------
+        ConfigurationError : an argument of the wrong shape, a row or frame that does not exist.
+        """
+        if self._reaching is not None:
+            self._reaching.forget()
+        return self._step(q, twist, rows, frame, enable, stamp)
+
+    def reach(
+        self,
+        q: ArrayLike,
+        target: ArrayLike,
+        *,
+        enable: object = True,
+        stamp: float | None = None,
+    ) -> Command:
+        """Joint velocities (7,) that lead the hand to a place, through the same QP; call it every tick.
+
+        Parameters
+        ----------
+        q : (7,) joint positions now [m, rad].
+        target : (3,) where the hand should go, in the world frame [m]; smoothed by a `Smoother`, so it may jump.
+        enable, stamp : see `step`.
+
+        Raises
+        ------
+        ConfigurationError : an argument of the wrong shape.
+        """
+        if self._reaching is None:
+            self._reaching = Reaching(self.robot, dt=self.dt)
+        place, joints = per_joint("target", target, 3), per_joint("q", q, self.robot.chain.n)
+        twist = self._reaching.twist(joints, place, moving=pressed(enable))
+        command = self._step(q, twist, ("x", "y", "z"), "world", enable, stamp)
+        if not command.status.certified:
+            self._reaching.forget()
+        return command
+
+    def instance(
+        self, q: ArrayLike, twist: ArrayLike, rows: Sequence[str] = ("x", "y", "z"), frame: str = "chassis"
+    ) -> Instance:
+        """The QP that `step` would solve now, as numbers, for inspection.
+
+        Its variables are velocities with the chair's in its own frame, in `ChairAndArm.units`, and the hand's speed.
+        """
+        active, inputs = self._at_hand(tuple(rows), twist, frame)
+        return active.instance(q, *inputs)
+
+    def to_qpsolvers(
+        self, q: ArrayLike, twist: ArrayLike, rows: Sequence[str] = ("x", "y", "z"), frame: str = "chassis"
+    ) -> qpsolvers.Problem:
+        """The same QP as a `qpsolvers.Problem`."""
+        active, inputs = self._at_hand(tuple(rows), twist, frame)
+        return active.to_qpsolvers(q, *inputs)  # type: ignore[no-any-return]
+
+    # --------------------------------------------------------------------------------------------------- plumbing
+    def _step(  # noqa: PLR0917  (in the hot path, keywords cost)
+        self, q: ArrayLike, twist: ArrayLike, rows: tuple[str, ...], frame: str, enable: object, stamp: float | None
+    ) -> Command:
+        active = self._active
+        if not isinstance(rows, tuple) or rows != active.rows:
+            names = _checked_rows(rows)
+            other = self._sets.get(names)
+            if other is None:
+                if active.velocity.any():
+                    active.tell(q, np.zeros(len(active.rows)), 0.0, self._numbers)
+                    return active.brake(f"rows {', '.join(names)} are prepared at rest")
+                other = self._prepare(names, compile=False)
+            if other is not active:
+                other.take_over(active)
+                self._active = active = other
+        world = FRAMES.get(frame) if isinstance(frame, str) else None
+        if world is None:
+            raise ConfigurationError("frame", frame, "chassis or world")
+        active.tell(q, twist, world, self._numbers)
+        return active.tick(enable, stamp)
+
+    def _at_hand(
+        self, rows: tuple[str, ...], twist: ArrayLike, frame: str
+    ) -> tuple[ChairAndArm, tuple[ArrayLike, ...]]:
+        if frame not in FRAMES:
+            raise ConfigurationError("frame", frame, "chassis or world")
+        names = _checked_rows(rows)
+        chosen = self._sets.get(names) or self._prepare(names, compile=False)
+        if chosen is not self._active:
+            chosen.take_over(self._active)
+        return chosen, (twist, [FRAMES[frame]], self._numbers)[: 3 if self._places else 2]
+
+    def _prepare(self, rows: tuple[str, ...], *, compile: bool | None) -> ChairAndArm:
+        chosen = ChairAndArm(self.robot, rows, compile=compile, **self._options)  # type: ignore[arg-type]
+        self._sets[rows] = chosen
+        return chosen
+
+
+def _checked_rows(rows: Sequence[str]) -> tuple[str, ...]:
+    names = tuple(rows) if isinstance(rows, (tuple, list)) else ()
+    known = all(isinstance(name, str) and name in ROWS for name in names)
+    if not names or not known or len(set(names)) != len(names):
+        raise ConfigurationError("rows", rows, f"different ones of {', '.join(ROWS)}")
+    if {"rx", "ry", "rz", "roll7"} <= set(names):
+        raise ConfigurationError("rows", rows, "roll7, or all of rx, ry and rz, which say it already")
+    return names

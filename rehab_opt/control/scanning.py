@@ -1,0 +1,126 @@
+"""One switch, or sip and puff, instead of a stick: options light up in turn, and a press acts on the lit one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from rehab_opt.control.joystick import STICK_MODES, StickCommand, StickMode, checked_modes, moved_towards
+from rehab_opt.control.velocity_controller import checked_number
+
+__all__ = ["ScanOption", "Scanning"]
+
+
+class ScanOption(NamedTuple):
+    """One thing a press can do."""
+
+    name: str
+    mode: StickMode | None
+    """None for the gripper."""
+    deflection: tuple[float, float]
+    """Of the stick that it stands for."""
+
+
+class Scanning:
+    """Presses on lit options to hand velocities.
+
+    Each option is lit for `dwell` seconds. Pressing holds it and moves while the press lasts; letting go stops, and
+    scanning goes on from there. With a sip-and-puff straw a puff moves one way and a sip the other; a single switch
+    scans both ways one after the other. The gripper opens or closes once a press.
+
+    Parameters
+    ----------
+    modes : as of the `Joystick`; every row is scanned once.
+    dt : tick [s].
+    dwell : [s] for which an option is lit.
+    sip : whether there is a straw that can be sipped at, too.
+    threshold : pressure, of 1, from which it counts.
+    rate : [1/s] at which the speed grows.
+
+    Raises
+    ------
+    ConfigurationError : an argument that cannot be used.
+    """
+
+    def __init__(
+        self,
+        modes: Sequence[StickMode] = STICK_MODES,
+        *,
+        dt: float = 0.01,
+        dwell: float = 1.0,
+        sip: bool = False,
+        threshold: float = 0.3,
+        rate: float = 3.0,
+    ) -> None:
+        self.options = _options(checked_modes(modes), both_ways=not sip)
+        self._dt = checked_number("dt", dt, above=0.0, below=1.0)
+        self._dwell = math.ceil(checked_number("dwell", dwell, above=0.0, below=1e3) / dt)
+        self._sip, self._rate = bool(sip), checked_number("rate", rate, above=0.0)
+        self._threshold = checked_number("threshold", threshold, above=0.0, below=1.0)
+        self.reset()
+
+    @property
+    def lit(self) -> ScanOption:
+        """The option that a press would act on now."""
+        return self.options[self._lit]
+
+    def reset(self) -> None:
+        """First option, gripper open, nothing pressed."""
+        self._lit, self._ticks, self._closed = 0, 0, False
+        self._way, self._free = 0, False
+        self._deflection = np.zeros(2)
+
+    def step(self, pressure: float) -> StickCommand:
+        """What the user asks for now. Never raises: what is no number is no press.
+
+        Parameters
+        ----------
+        pressure : 0 to 1 of a switch or a puff, 0 to -1 of a sip.
+        """
+        way, reason = self._pressed(pressure)
+        if way == 0:
+            self._free = not reason
+            self._ticks += 1
+            if self._ticks >= self._dwell:
+                self._lit, self._ticks = (self._lit + 1) % len(self.options), 0
+        elif not self._free:
+            way, reason = 0, "the switch must be let go first"
+        else:
+            self._ticks = 0
+        option = self.lit
+        if way and way != self._way and option.mode is None:
+            self._closed = not self._closed
+        self._way = way
+        wanted = way * np.array(option.deflection)
+        self._deflection = moved_towards(self._deflection, wanted, self._rate * self._dt)
+        mode = option.mode or next(each.mode for each in self.options if each.mode)
+        twist = self._deflection * mode.speeds + 0.0
+        twist.flags.writeable = False
+        return StickCommand(twist, mode.rows, "chassis", self._closed, reason)
+
+    def _pressed(self, pressure: object) -> tuple[int, str]:
+        try:
+            value = float(pressure)  # type: ignore[arg-type]
+        except (TypeError, ValueError, OverflowError):
+            value = math.nan
+        if not math.isfinite(value):
+            return 0, "pressure is not finite"
+        if value >= self._threshold:
+            return 1, ""
+        return (-1, "") if self._sip and value <= -self._threshold else (0, "")
+
+
+def _options(modes: tuple[StickMode, ...], *, both_ways: bool) -> tuple[ScanOption, ...]:
+    options, seen = [], set()
+    for mode in modes:
+        for axis, row in enumerate(mode.rows):
+            if row in seen:
+                continue
+            seen.add(row)
+            for sign, suffix in ((1.0, "+"), (-1.0, "-")) if both_ways else ((1.0, ""),):
+                deflection = (sign, 0.0) if axis == 0 else (0.0, sign)
+                options.append(ScanOption(row + suffix, mode, deflection))
+    return (*options, ScanOption("gripper", None, (0.0, 0.0)))

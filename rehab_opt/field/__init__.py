@@ -1,0 +1,1 @@
+"""Demonstrations, and the force fields learnt from them."""

@@ -1,0 +1,88 @@
+"""Arguments of a field, checked."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rehab_opt.errors import ConfigurationError
+from rehab_opt.field.assembly import DragAlong
+from rehab_opt.field.samples import SampledPath, arc_length, interpolated
+
+__all__ = ["as_point", "as_points", "checked_drag", "path_stiffness", "per_axis", "positive"]
+
+Array = NDArray[np.float64]
+
+
+def positive(argument: str, value: object) -> float:
+    """`value` as a float above zero and finite."""
+    if isinstance(value, int | float | np.integer | np.floating) and 0 < value < math.inf:
+        return float(value)
+    raise ConfigurationError(argument, value, "a positive, finite number")
+
+
+def checked_drag(drag: object, along: DragAlong, rest_on_target: bool) -> float:
+    """k1 as a float, of a sign that goes with the rest."""
+    if not (isinstance(drag, int | float | np.integer | np.floating) and math.isfinite(drag)):
+        raise ConfigurationError("drag", drag, "a finite number")
+    if drag < 0 and along == "travelled":
+        raise ConfigurationError("drag", drag, "a drag of zero or more: along the travelled length it resists")
+    if drag < 0 and rest_on_target:
+        raise ConfigurationError(
+            "drag", drag, "drag_along='travelled' to resist, or rest_on_target=False for the published form"
+        )
+    return float(drag)
+
+
+def per_axis(argument: str, value: ArrayLike) -> Array:
+    """(2,) from one number or two, of zero or more."""
+    try:
+        array = np.broadcast_to(np.asarray(value, dtype=np.float64), (2,)).copy()
+    except (TypeError, ValueError) as problem:
+        raise ConfigurationError(argument, value, "a number or two") from problem
+    if not (np.all(array >= 0) and np.all(np.isfinite(array))):
+        raise ConfigurationError(argument, value, "finite numbers of zero or more")
+    return array
+
+
+def path_stiffness(value: Any, given: Sequence[Array], paths: Sequence[SampledPath]) -> list[Array]:
+    """(m, 2) of every sample of every path."""
+    several = isinstance(value, list | tuple) and len(value) and all(np.ndim(each) > 0 for each in value)
+    if not several and np.shape(value) in ((), (2,)):
+        same = per_axis("stiffness", value)
+        return [np.broadcast_to(same, path.points.shape) for path in paths]
+    each = list(value) if several and len(value) == len(given) else [value]
+    if len(each) != len(given):
+        raise ConfigurationError(
+            "stiffness", f"{len(each)} entries", f"a number, two, or one array for {len(given)} paths"
+        )
+    stiff = []
+    for points, path, array in zip(given, paths, each, strict=True):
+        numbers = np.asarray(array, dtype=np.float64)
+        if numbers.shape not in ((len(points),), points.shape):
+            raise ConfigurationError("stiffness", numbers.shape, f"({len(points)},) or {points.shape}: one a point")
+        if not (np.all(numbers >= 0) and np.all(np.isfinite(numbers))):
+            raise ConfigurationError("stiffness", array, "finite numbers of zero or more")
+        numbers = np.broadcast_to(numbers.reshape(len(points), -1), points.shape)
+        still = arc_length(points)[-1] == 0
+        stiff.append(numbers[:1].copy() if still else interpolated(points, numbers, path.travelled))
+    return stiff
+
+
+def as_point(x: ArrayLike) -> Array:
+    """(2,) one point."""
+    point = np.asarray(x, dtype=np.float64)
+    if point.shape != (2,):
+        raise ConfigurationError("x", point.shape, "a point (2,) in metres")
+    return point
+
+
+def as_points(points: Array) -> Array:
+    """(N, 2) several."""
+    if points.ndim != 2 or points.shape[1] != 2:
+        raise ConfigurationError("x", points.shape, "points (2,) or (N, 2) in metres")
+    return points

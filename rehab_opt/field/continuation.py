@@ -1,0 +1,82 @@
+"""A path continued beyond its ends, so that the field does not feel that it ends and rests on its target.
+
+Eq. (17) averages over the samples near a point, and at the end of a path all of them lie to one side: the field pulls
+back with about 0.4 S sigma there, and rests about one sigma short of its target. Continued by its own reflection
+through the end, the path has samples on both sides:
+
+- at the end where the field rests, phi_0 of a reflected sample is that of its original: the field is the same on both
+  sides, and its gradient at the end zero, whatever the path;
+- at the other end phi_0 goes on as it came (an odd continuation), so that the drag there is that of the path.
+
+Where the field rests, phi_0 of the reflected samples is raised by 1/2 d'Sd - a u, d from the end and u along the path,
+which brings a hand that overshoots back to the target itself; a is such that the force along the path stays zero
+there. Across a curved path some tenths of a newton remain: the reflected samples lean against them, and what is left is
+rounding. At the other end of a path that leads or holds a hand, phi_0 is raised from two sigma beyond the end on, where
+it no longer pulls backwards on the path itself.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.field.samples import Samples
+from rehab_opt.field.weights import energies_and_forces
+
+__all__ = ["REACH", "PathEnd", "at_rest", "reflected"]
+
+Array = NDArray[np.float64]
+
+REACH = 6.0
+"""[sigma] Samples further from an end are not reflected: their weights there are below exp(-18) = 1.5e-8 of one."""
+AWAY = 2.0
+"""[sigma] So far beyond the end where the field does not rest, a hand is brought back."""
+SAME = 1e-9
+"""[sigma] A sample as near to the end as this is its own reflection."""
+
+
+class PathEnd(NamedTuple):
+    """Where samples are reflected."""
+
+    point: Array
+    """(2,) [m]"""
+    offset: float | None
+    """phi_0 [J] that an odd continuation goes through, or None for an even one."""
+    held: bool
+    """Whether a hand beyond it is brought back."""
+
+
+def at_rest(samples: Samples, target: Array, width: float) -> Samples:
+    """`samples` and their even reflection, with no force at `target` (2,)."""
+    mirrored = reflected(samples, PathEnd(target, None, held=True), width)
+    if not len(mirrored.points):
+        return samples
+    whole = samples.joined(mirrored)
+    force = energies_and_forces(whole, width, target[None])[1][0]
+    square = ((whole.points - target) ** 2).sum(axis=1) / (2 * width**2)
+    weights = np.exp(whole.log_weights - square)
+    share = weights[len(samples.points) :].sum() / weights.sum()
+    lean = np.broadcast_to(force / share, mirrored.points.shape)
+    away = target - mirrored.points
+    # A slope about the target, not about the sample: at the target it changes the force, not the energy.
+    return samples.joined(mirrored._replace(lean=lean, offsets=mirrored.offsets - (lean * away).sum(axis=1)))
+
+
+def reflected(samples: Samples, end: PathEnd, width: float) -> Samples:
+    """The reflections of `samples`, which do not lean, through `end`."""
+    distance = np.linalg.norm(samples.points - end.point, axis=1)
+    near = samples.taken((distance <= REACH * width) & (distance > SAME * width))
+    away = end.point - near.points  # of the reflections, from the end
+    offsets = near.offsets.copy() if end.offset is None else 2 * end.offset - near.offsets
+    raised = 0.5 * (near.stiffness * away**2).sum(axis=1)
+    if end.held and end.offset is not None:
+        distance = np.linalg.norm(away, axis=1)
+        offsets = offsets + raised * np.maximum(0.0, 1.0 - AWAY * width / np.maximum(distance, SAME * width)) ** 2
+    elif end.held and len(away):
+        weights = np.exp(near.log_weights - (away**2).sum(axis=1) / (2 * width**2))
+        moments = (away * weights[:, None]).T @ away
+        along = away @ np.linalg.eigh(moments)[1][:, -1]
+        offsets = offsets + raised - along * (weights @ (along * raised)) / (weights @ along**2)
+    return near._replace(points=end.point + away, offsets=offsets)

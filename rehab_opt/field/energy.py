@@ -1,0 +1,105 @@
+"""The field's energy and force as one expression over its samples: Eqs. (15)-(20), Rossa et al.
+
+With d = x - x_j and omega_j = exp(log_weight_j - |d|^2 / (2 sigma^2)), normalised,
+
+    Phi = sum_j omega_j phi_j,                phi_j = phi_0j + lean_j'd + 1/2 d'S_j d
+    -grad Phi = -sum_j omega_j (lean_j + S_j d) + 1/sigma^2 sum_j omega_j (phi_j - Phi) d
+
+The largest exponent is taken out before the exponential, so that some weight is always one: far from every sample
+Eq. (16) as printed is 0 / 0.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.field.samples import Samples
+from rehab_opt.symbolic import BufferedFunction, compiled
+
+__all__ = ["field_function", "field_function_in_blocks", "field_kernel"]
+
+BLOCK = 10
+"""Samples that compiled code sums at once: half the time of a pass over all of them for every operation."""
+ABSENT = -1e300
+"""Logarithm of the weight of a sample that fills up a block."""
+
+
+def field_kernel(samples: Samples, width: float, *, compile: bool | None = None) -> BufferedFunction:
+    """From x (2,): energy [J], elastic force (2,) [N]; the samples stand in the other inputs."""
+    points, offsets, stiffness, log_weights, lean = samples
+    count = len(points)
+    filled = -(-count // BLOCK) * BLOCK
+    in_blocks = field_function_in_blocks(filled)
+    function = compiled(in_blocks, compile=compile)
+    table = np.column_stack((points, offsets, log_weights, stiffness, lean))
+    if function is in_blocks:  # not compiled: the virtual machine is better at few operations on long columns
+        kernel = BufferedFunction(field_function(count))
+        kernel.inputs[1][...] = table
+    else:
+        kernel = BufferedFunction(function)
+        kernel.inputs[1][...] = _filled_up(table, filled).T
+    kernel.inputs[2][...] = 1 / width**2
+    return kernel
+
+
+def field_function(size: int) -> ca.Function:
+    """From x (2,), samples (size, 8) and 1 / sigma^2: energy [J], elastic force (2,) [N].
+
+    Columns of the samples: x, y [m], phi_0 [J], log weight, diagonal of S [N/m], lean [N].
+    """
+    x, table, sharpness = ca.MX.sym("x", 2), ca.MX.sym("samples", size, 8), ca.MX.sym("sharpness")
+    exponents, energies, away, pull = _terms(x, ca.horzsplit(table), sharpness)
+    weights = ca.exp(exponents - ca.mmax(exponents))
+    weighted = weights * energies
+    sums = [ca.sum1(weights), ca.sum1(weighted)]
+    sums += [ca.dot(weighted, each) for each in away] + [ca.dot(weights, each) for each in (*away, *pull)]
+    return ca.Function(f"field_{size}", [x, table, sharpness], _answer(sums, sharpness))
+
+
+def field_function_in_blocks(size: int) -> ca.Function:
+    """From x (2,), samples (8, size) and 1 / sigma^2 the same, for a size that is a multiple of `BLOCK`."""
+    x, table, sharpness, largest = ca.SX.sym("x", 2), ca.SX.sym("samples", 8, BLOCK), ca.SX.sym("s"), ca.SX.sym("m")
+    exponents, sums = [], ca.SX.zeros(8)
+    for sample in ca.horzsplit(table):
+        exponent, energy, away, pull = _terms(x, ca.vertsplit(sample), sharpness)
+        exponents.append(exponent)
+        weight = ca.exp(exponent - largest)
+        weighted = weight * energy
+        sums += ca.vertcat(weight, weighted, *(weighted * each for each in away), *(weight * e for e in (*away, *pull)))
+    best = ca.Function("largest_of_block", [x, table, sharpness], [ca.mmax(ca.vertcat(*exponents))], {"cse": True})
+    block = ca.Function("sums_of_block", [x, table, sharpness, largest], [sums], {"cse": True})
+    blocks = size // BLOCK
+    inputs = [ca.MX.sym("x", 2), ca.MX.sym("samples", 8, size), ca.MX.sym("sharpness")]
+    top = ca.mmax(best.map(blocks, [True, False, True], [False])(*inputs))
+    whole = block.map(blocks, [True, False, True, True], [True])(*inputs, top)
+    return ca.Function(f"field_in_blocks_{size}", inputs, _answer(ca.vertsplit(whole), inputs[-1]))
+
+
+def _terms(x: Any, sample: list[Any], sharpness: Any) -> tuple[Any, Any, tuple[Any, Any], tuple[Any, Any]]:
+    """Exponent, phi, d and the pull lean + S d: of one sample, or of columns of them."""
+    at_x, at_y, offset, log_weight, stiff_x, stiff_y, lean_x, lean_y = sample
+    away_x, away_y = x[0] - at_x, x[1] - at_y
+    half_x, half_y = stiff_x * away_x / 2, stiff_y * away_y / 2
+    slope_x, slope_y = lean_x + half_x, lean_y + half_y
+    energy = offset + slope_x * away_x + slope_y * away_y
+    exponent = log_weight - (sharpness / 2) * (away_x**2 + away_y**2)
+    return exponent, energy, (away_x, away_y), (slope_x + half_x, slope_y + half_y)
+
+
+def _answer(sums: list[Any], sharpness: Any) -> list[Any]:
+    """Energy and force from the sums of omega times 1, phi, phi d, d and the pull."""
+    total, weighted, energy_x, energy_y, away_x, away_y, pull_x, pull_y = sums
+    energy = weighted / total
+    force_x = (sharpness * (energy_x - energy * away_x) - pull_x) / total
+    force_y = (sharpness * (energy_y - energy * away_y) - pull_y) / total
+    return [energy, ca.vertcat(force_x, force_y)]
+
+
+def _filled_up(table: NDArray[np.float64], size: int) -> NDArray[np.float64]:
+    extra = np.zeros((size - len(table), 8))
+    extra[:, 3] = ABSENT
+    return np.vstack((table, extra))

@@ -1,0 +1,262 @@
+"""Fields learnt from recorded forces: convex QPs, since given sigma the force is linear in what is learnt."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from typing import NamedTuple, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rehab_opt.errors import ConfigurationError, RehabOptError
+from rehab_opt.field.arguments import positive
+from rehab_opt.field.demonstration import Demonstration
+from rehab_opt.field.fit import Fit, constant_stiffness_error, identified, rms
+from rehab_opt.field.force_model import ForceModel, shared_model, station_model
+from rehab_opt.field.potential import SAMPLES_PER_WIDTH, PotentialField
+from rehab_opt.field.samples import SampledPath, checked_paths, mean_path, resampled_path
+from rehab_opt.optim.backends import backend
+from rehab_opt.optim.certificate import certificate_function, is_certified
+from rehab_opt.optim.qp import Instance
+
+__all__ = ["learnt_field"]
+
+Array = NDArray[np.float64]
+
+TOLERANCE = 1e-6
+"""Certificate residual of the scaled QP, whose numbers are about one."""
+MOST_ROWS = 400
+"""Samples of the path at which the force may not point backwards; evenly among more."""
+RIDGE = 1e-12
+"""Weight of the parameters, in units of their effect, against the data: it settles what nothing else does."""
+
+
+class Solution(NamedTuple):
+    """Of one QP."""
+
+    parameters: Array
+    solver: str
+    residual: float
+    active: int
+
+
+class Problem(NamedTuple):
+    """min mean |design theta - forces|^2,  theta >= 0,  along theta >= 0."""
+
+    design: Array
+    """(rows, n)"""
+    forces: Array
+    """(rows,) [N]"""
+    along: Array
+    """(m, n)"""
+
+    @property
+    def unit(self) -> Array:
+        """(n,) value of each parameter that alone would give forces of the recorded size."""
+        size = np.sqrt((self.design**2).mean(axis=0) / max(float((self.forces**2).mean()), 1e-12))
+        return np.asarray(1 / np.maximum(np.where(size > 1e-12 * size.max(), size, size.max()), 1e-12))
+
+    def solved(self, solvers: Sequence[str], penalty: Array | None = None, prior: Array | None = None) -> Solution:
+        """With (theta - prior)' penalty (theta - prior) added, in units that make its numbers about one."""
+        design, forces, along = self
+        n, m, unit = design.shape[1], len(along), self.unit
+        penalty, prior = (np.zeros((n, n)), np.zeros(n)) if penalty is None or prior is None else (penalty, prior)
+        mean_square = max(float((forces**2).mean()), 1e-12)
+        columns = design * unit
+        hessian = columns.T @ columns / len(forces) / mean_square + penalty * np.outer(unit, unit) + RIDGE * np.eye(n)
+        gradient = -columns.T @ forces / len(forces) / mean_square - unit * (penalty @ prior)
+        rows = along * unit
+        rows = rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-12)
+        free = np.full(m, np.inf), np.full(n, np.inf)
+        qp = Instance((hessian + hessian.T) / 2, gradient, rows, np.zeros(m), free[0], np.zeros(n), free[1])
+        certify = certificate_function(n, m)
+        tried = []
+        for name in solvers:
+            claim = backend(name, n, m, argument="solvers").solve(qp)
+            x, residual = certify(*qp, 1, *claim[:3])
+            tried.append(f"{name} {float(residual):.1e}")
+            if is_certified(float(residual), TOLERANCE):
+                active = int((np.abs(claim.row_multipliers) > TOLERANCE).sum())
+                return Solution(np.array(x).reshape(-1) * unit, name, float(residual), active)
+        raise RehabOptError(f"no solver gave a certified fit: residuals {', '.join(tried)}, at most {TOLERANCE:g}")
+
+
+def learnt_field(
+    demonstrations: Sequence[Demonstration],
+    *,
+    width: float | Sequence[float],
+    path: ArrayLike | Sequence[ArrayLike] | None = None,
+    per_point: bool = False,
+    stations: int = 12,
+    regularisation: float = 1e-4,
+    held_out: Sequence[int] | None = None,
+    rest_on_target: bool = True,
+    spacing: float | None = None,
+    solvers: Sequence[str] = ("proxqp", "osqp"),
+    compile: bool | None = None,
+) -> PotentialField:
+    """The field whose forces are nearest to the recorded ones; its `fit` says how near.
+
+        min   mean |F(x, v) - F_recorded|^2 + regularisation
+        s.t.  S >= 0, D >= 0, phi_0 never rising along the path, t_j . F(x_j) >= 0 at its samples x_j
+
+    The last holds for the force itself: with a falling phi_0 alone the stiffness can still pull backwards. Samples as
+    near to the target as the paths' ends lie from each other are left out: a path that ends beyond the target must be
+    pulled back to it.
+
+    Parameters
+    ----------
+    demonstrations : what was recorded.
+    width : sigma [m]; of several the one with the least error on what is held out.
+    path : what the field is built around, as in `PotentialField`; where None, the mean of the demonstrations it learns
+        from, without bends finer than half the width: around their own positions, every sway of a hand would be a path
+        along which no spring may pull back.
+    per_point : phi_0 and S at `stations` along the way instead of one S and k1 for all of it. The stations are drawn
+        to the shared solution, and to being smooth, by `regularisation` (relative to the mean square force).
+    held_out : numbers of the demonstrations that are kept back to judge; every fifth by default, one of two to four.
+    rest_on_target, spacing, compile : as in `PotentialField`.
+    solvers : tried in turn until one gives a certified answer.
+
+    Raises
+    ------
+    ConfigurationError : an argument that cannot be used. RehabOptError : no solver gave a certified answer.
+    """
+    demonstrations = list(demonstrations)
+    if not demonstrations or not all(isinstance(each, Demonstration) for each in demonstrations):
+        raise ConfigurationError("demonstrations", demonstrations, "at least one Demonstration")
+    if not isinstance(stations, int) or not 2 <= stations <= 100:
+        raise ConfigurationError("stations", stations, "an integer from 2 to 100")
+    kept = _held_out(held_out, len(demonstrations))
+    task = Task(
+        training=[each for i, each in enumerate(demonstrations) if i not in kept],
+        tested=[demonstrations[i] for i in kept],
+        kept=kept,
+        stations=stations if per_point else 0,
+        regularisation=positive("regularisation", regularisation),
+        rest_on_target=rest_on_target,
+        solvers=tuple(solvers),
+        compile=compile,
+    )
+    given = None if path is None else checked_paths(path)
+    widths = list(width) if isinstance(width, Sequence) else [width]
+    fields = []
+    for each in (positive("width", one) for one in widths):
+        step = each / SAMPLES_PER_WIDTH if spacing is None else positive("spacing", spacing)
+        around = given or (mean_path([one.positions for one in task.training], each / 2),)
+        fields.append(_learnt(task, [resampled_path(points, step) for points in around], each))
+    return min(fields, key=_error)
+
+
+class Task(NamedTuple):
+    """What is learnt from what."""
+
+    training: Sequence[Demonstration]
+    tested: Sequence[Demonstration]
+    kept: tuple[int, ...]
+    stations: int
+    regularisation: float
+    rest_on_target: bool
+    solvers: tuple[str, ...]
+    compile: bool | None
+
+
+def _error(field: PotentialField) -> float:
+    fit = cast("Fit", field.fit)
+    return fit.training_error if math.isnan(fit.held_out_error) else fit.held_out_error
+
+
+def _learnt(task: Task, paths: Sequence[SampledPath], width: float) -> PotentialField:
+    begun = time.perf_counter()
+    x = np.concatenate([each.positions for each in task.training])
+    v = np.concatenate([each.velocities for each in task.training])
+    forces = np.concatenate([each.forces for each in task.training]).reshape(-1)
+    model = shared_model(paths, width, rest_on_target=task.rest_on_target)
+    problem = Problem(model.design(x, v).reshape(len(forces), -1), forces, _along_path(model))
+    solution = problem.solved(task.solvers)
+    if task.stations:
+        model = station_model(paths, width, task.stations, rest_on_target=task.rest_on_target)
+        prior = _as_stations(solution.parameters, paths, task.stations)
+        problem = Problem(model.design(x, v).reshape(len(forces), -1), forces, _along_path(model))
+        solution = problem.solved(
+            task.solvers, _roughness(task.stations, prior, problem.unit, task.regularisation), prior
+        )
+    theta = solution.parameters
+    field = PotentialField.of_samples(
+        paths,
+        *model.path_values(theta),
+        width=width,
+        damping=theta[-1],
+        rest_on_target=task.rest_on_target,
+        compile=task.compile,
+    )
+    if not task.stations:
+        field.drag = float(theta[1])
+    left = rms((problem.design @ theta - forces).reshape(-1, 2))
+    told = identified(problem.design, model.names, left / math.sqrt(2))
+    wrong = [field.force(each.positions, each.velocities) - each.forces for each in task.tested]
+    error = rms(np.concatenate(wrong)) if wrong else math.nan
+    size = rms(np.concatenate([each.forces for each in task.tested])) if wrong else math.nan
+    points = np.concatenate([path.points for path in paths])
+    field.fit = Fit(
+        parameters=dict(zip(model.names, theta.tolist(), strict=True)),
+        standard_error=dict(zip(model.names, told.standard_error.tolist(), strict=True)),
+        width=width,
+        training_error=left,
+        held_out=task.kept,
+        held_out_error=error,
+        held_out_share=error / size if size else math.nan,
+        constant_stiffness_error=constant_stiffness_error(points, task.training, task.tested),
+        singular_values=told.singular_values,
+        condition=told.condition,
+        unidentified=told.unidentified,
+        rest_stiffness=field.rest_stiffness,
+        constraints_active=solution.active,
+        solver=solution.solver,
+        residual=solution.residual,
+        seconds=time.perf_counter() - begun,
+    )
+    return field
+
+
+def _along_path(model: ForceModel) -> Array:
+    """(m, n) force along the path at its samples, of each parameter."""
+    points = np.concatenate([path.points for path in model.paths])
+    tangents = np.concatenate([path.tangents for path in model.paths])
+    ends = np.array([path.points[-1] for path in model.paths])
+    spread = float(np.linalg.norm(ends - ends.mean(axis=0), axis=1).max())
+    counted = np.flatnonzero(np.linalg.norm(points - ends.mean(axis=0), axis=1) > spread + 1e-9)
+    if not len(counted):
+        return np.zeros((0, len(model.names)))
+    chosen = counted[np.unique(np.linspace(0, len(counted) - 1, min(len(counted), MOST_ROWS)).astype(int))]
+    rows: Array = np.einsum("ki,kin->kn", tangents[chosen], model.design(points[chosen]))
+    return rows
+
+
+def _as_stations(shared: Array, paths: Sequence[SampledPath], stations: int) -> Array:
+    """The parameters of `station_model` that come nearest to the shared ones."""
+    stiffness, drag, damping = shared
+    length = float(np.mean([path.remaining[0] for path in paths]))
+    offsets = drag * (length * np.linspace(0, 1, stations)) ** 2
+    return np.concatenate((np.diff(offsets), np.full(stations, stiffness), [damping]))
+
+
+def _roughness(stations: int, prior: Array, unit: Array, weight: float) -> Array:
+    """(n, n) penalty on what differs from the prior, and on how unevenly it does so from station to station."""
+    penalty = np.zeros((len(prior), len(prior)))
+    for part in (slice(0, stations - 1), slice(stations - 1, 2 * stations - 1)):
+        size = max(float(np.abs(prior[part]).mean()), 0.1 * float(np.median(unit[part])))
+        count = part.stop - part.start
+        bend = np.diff(np.eye(count), n=2, axis=0) if count > 2 else np.zeros((0, count))
+        penalty[part, part] = (1e-2 * np.eye(count) + bend.T @ bend) * weight / size**2
+    return penalty
+
+
+def _held_out(held_out: Sequence[int] | None, count: int) -> tuple[int, ...]:
+    if held_out is None:
+        return tuple(range(4, count, 5)) if count >= 5 else ((count - 1,) if count > 1 else ())
+    kept = tuple(sorted({int(i) for i in held_out}))
+    if len(kept) >= count or not all(0 <= i < count for i in kept):
+        raise ConfigurationError("held_out", held_out, f"numbers from 0 to {count - 1}, and not all of them")
+    return kept

@@ -1,0 +1,227 @@
+"""Force field around demonstrated paths: Eqs. (15)-(22), Rossa et al., at rest on its target."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rehab_opt.errors import ConfigurationError
+from rehab_opt.field.arguments import as_point, as_points, checked_drag, path_stiffness, per_axis, positive
+from rehab_opt.field.assembly import Assembled, DragAlong, assembled, rest_point
+from rehab_opt.field.energy import field_kernel
+from rehab_opt.field.merging import merging_bound
+from rehab_opt.field.samples import SampledPath, Samples, checked_paths, resampled_path
+from rehab_opt.field.weights import energies_and_forces, stiffness_at
+
+if TYPE_CHECKING:
+    from rehab_opt.field.fit import Fit
+    from rehab_opt.symbolic import BufferedFunction
+
+__all__ = ["SAMPLES_PER_WIDTH", "PotentialField"]
+
+Array = NDArray[np.float64]
+
+SAMPLES_PER_WIDTH = 4
+"""Samples along one sigma: from two on, more change the field by less than rounding, as equal steps through a Gaussian
+do."""
+FLAT = 1e-6
+"""Share of the stiffness: a curvature this far below zero is rounding."""
+
+
+class PotentialField:
+    """Energy Phi(x) and force F(x, v) = -grad Phi - D v that lead a hand along demonstrated paths.
+
+    phi_0 grows with the square of the length along the path: remaining to the target, so that the drag k1 leads to it
+    (Eq. 21), or travelled from the start, so that it resists the motion towards the target, most at the target. (With
+    the published k1 < 0 and the remaining length, resistance falls to nothing at the target, where the paper reports
+    the most of it.)
+
+    Parameters
+    ----------
+    path : (N, 2) [m] one path, or a sequence of them; a single point is a path, too.
+    stiffness : S [N/m], scalar or (2,) for both axes, or one for every point of the path (N,), (N, 2), a sequence of
+        such for several paths.
+    width : sigma [m] over which the influences of points blend.
+    drag : k1 [N/m]: along the path the force is 2 k1 (length). To resist with F newtons at the target, and with less
+        before, give F / (2 length).
+    damping : D [N s/m], scalar or (2,).
+    drag_along : "remaining" or "travelled".
+    rest_on_target : continue the path beyond its ends so that the force at its target is zero (see `continuation`);
+        False is the published field, which rests up to a sigma short of it.
+    spacing : [m] between samples along the path; a quarter of the width by default.
+    compile : None follows `REHAB_OPT_COMPILE`.
+
+    Raises
+    ------
+    ConfigurationError : an argument that cannot be used; with `rest_on_target`, paths without a common target, a
+        negative drag, or a path that comes back to its target so that no rest is possible there.
+    """
+
+    drag: float
+    """[N/m] k1; NaN where phi_0 is none of Eq. (21)."""
+    fit: Fit | None = None
+    """How well it reproduces what it was learnt from."""
+
+    def __init__(
+        self,
+        path: ArrayLike | Sequence[ArrayLike],
+        *,
+        stiffness: ArrayLike | Sequence[ArrayLike],
+        width: float,
+        drag: float = 0.0,
+        damping: ArrayLike = 0.0,
+        drag_along: DragAlong = "remaining",
+        rest_on_target: bool = True,
+        spacing: float | None = None,
+        compile: bool | None = None,
+    ) -> None:
+        given = checked_paths(path)
+        width = positive("width", width)
+        spacing = width / SAMPLES_PER_WIDTH if spacing is None else positive("spacing", spacing)
+        paths = [resampled_path(points, spacing) for points in given]
+        if drag_along not in get_args(DragAlong):
+            raise ConfigurationError("drag_along", drag_along, "'remaining' or 'travelled'")
+        drag = checked_drag(drag, drag_along, rest_on_target)
+        stiff = path_stiffness(stiffness, given, paths)
+        offsets = [drag * getattr(path, drag_along) ** 2 for path in paths]
+        self._set(paths, offsets, stiff, width, damping, drag_along, rest_on_target, compile)
+        self.drag = drag
+        if self.target is not None and not self.rests:
+            raise ConfigurationError(
+                "path",
+                f"one whose field curves by {self.rest_stiffness:.3g} N/m at {self.target}",
+                "a path that does not come back to its target, or rest_on_target=False",
+            )
+
+    @classmethod
+    def of_samples(
+        cls,
+        paths: Sequence[SampledPath],
+        offsets: Sequence[Array],
+        stiffness: Sequence[Array],
+        *,
+        width: float,
+        damping: ArrayLike = 0.0,
+        rest_on_target: bool = True,
+        compile: bool | None = None,
+    ) -> PotentialField:
+        """From phi_0 (m,) [J] and S (m, 2) [N/m] of every sample of the paths; `drag` is NaN.
+
+        The force at the target is zero, but whether it is a minimum depends on them: see `rests`.
+        """
+        field = cls.__new__(cls)
+        field._set(list(paths), list(offsets), list(stiffness), width, damping, "remaining", rest_on_target, compile)
+        field.drag = math.nan
+        return field
+
+    @classmethod
+    def learn(cls, demonstrations: Sequence[Any], **options: Any) -> PotentialField:
+        """The field that reproduces recorded forces: see `learnt_field` for the options; its `fit` says how well."""
+        from rehab_opt.field.learning import learnt_field  # noqa: PLC0415  (solvers load when something is learnt)
+
+        return learnt_field(demonstrations, **options)
+
+    def _set(  # noqa: PLR0917  (the two ways to make one)
+        self,
+        paths: list[SampledPath],
+        offsets: list[Array],
+        stiffness: list[Array],
+        width: float,
+        damping: ArrayLike,
+        drag_along: DragAlong,
+        rest_on_target: bool,
+        compile: bool | None,
+    ) -> None:
+        self.paths = tuple(paths)
+        self.width = width
+        self.damping = per_axis("damping", damping)
+        self.drag_along: DragAlong = drag_along
+        self.target = rest_point(paths, drag_along, width) if rest_on_target else None
+        self.whole: Assembled = assembled(paths, offsets, stiffness, along=drag_along, width=width, target=self.target)
+        self.count = sum(len(path.points) for path in paths)
+        self._compile = compile
+
+    # --------------------------------------------------------------------------------------------------- what it is
+    @property
+    def samples(self) -> Samples:
+        """What is summed over: the paths' samples, merged where they are many, and their continuation."""
+        return self.whole.samples
+
+    @property
+    def length(self) -> float:
+        """[m] of the longest path."""
+        return max(float(path.travelled[-1]) for path in self.paths)
+
+    @property
+    def rest_stiffness(self) -> float:
+        """[N/m] the least curvature of the energy at the target, of any direction; NaN without one."""
+        return math.nan if self.target is None else float(np.linalg.eigvalsh(self.stiffness(self.target))[0])
+
+    @property
+    def rests(self) -> bool:
+        """Whether the target is a minimum of the energy, to rounding."""
+        return self.rest_stiffness >= -FLAT * max(1.0, float(self.samples.stiffness.max()))
+
+    def __repr__(self) -> str:
+        kept = f", evaluated as {len(self.samples.points)}" if len(self.samples.points) != self.count else ""
+        return f"PotentialField({len(self.paths)} paths, {self.count} samples{kept}, width {self.width:g} m)"
+
+    def merging_bound(self, x: ArrayLike) -> float:
+        """[N] by how much the force at x (2,) can differ from that of all samples; 0 where none were merged."""
+        return merging_bound(self.whole.merge, self.width, as_point(x))
+
+    # ----------------------------------------------------------------------------------------------- what it answers
+    def energy(self, x: ArrayLike) -> float | Array:
+        """Phi [J] at x: (2,) -> float, (N, 2) -> (N,); NaN for what is not finite."""
+        points = np.asarray(x, dtype=np.float64)
+        if points.shape == (2,):
+            self.pull(float(points[0]), float(points[1]))
+            return float(self._kernel.outputs[0][0])
+        return energies_and_forces(self.samples, self.width, as_points(points))[0]
+
+    def force(self, x: ArrayLike, v: ArrayLike | None = None) -> Array:
+        """F [N] at x (2,) or (N, 2) [m] for a hand moving at v of the same shape [m/s], resting by default.
+
+        Not bounded: far from its path a spring pulls without end. `Assistance` bounds it.
+        """
+        points = np.asarray(x, dtype=np.float64)
+        if points.shape == (2,):
+            force = np.array(self.pull(float(points[0]), float(points[1])))
+        else:
+            force = energies_and_forces(self.samples, self.width, as_points(points))[1]
+        if v is None:
+            return force
+        velocity = np.asarray(v, dtype=np.float64)
+        if velocity.shape != force.shape:
+            raise ConfigurationError("v", velocity.shape, f"an array of shape {force.shape}")
+        return force - self.damping * velocity
+
+    def pull(self, x: float, y: float) -> tuple[float, float]:
+        """-grad Phi [N] at one point, for a control loop."""
+        point, elastic, evaluate = self._hot
+        point[0] = x
+        point[1] = y
+        evaluate()
+        return elastic[0], elastic[1]
+
+    def stiffness(self, x: ArrayLike) -> Array:
+        """(2, 2) [N/m] second derivative of Phi at x (2,)."""
+        return stiffness_at(self.samples, self.width, as_point(x))
+
+    @cached_property
+    def _kernel(self) -> BufferedFunction:
+        return field_kernel(self.samples, self.width, compile=self._compile)
+
+    @cached_property
+    def _hot(self) -> tuple[Any, Any, Any]:
+        kernel = self._kernel
+        return kernel.inputs[0].data, kernel.outputs[1].data, kernel.evaluate
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the compiled part: fields are made in one process and used in another."""
+        return {name: value for name, value in self.__dict__.items() if name not in ("_kernel", "_hot")}

@@ -1,0 +1,147 @@
+"""What a field keeps of its paths: points spread evenly along them, and how far each is from the end."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rehab_opt.errors import ConfigurationError
+
+__all__ = ["SampledPath", "Samples", "arc_length", "checked_paths", "interpolated", "mean_path", "resampled_path"]
+
+Array = NDArray[np.float64]
+
+MEAN_POINTS = 400
+"""Points of a mean path."""
+PLAUSIBLE = 1e3
+"""[m] A path that leaves this is in another unit."""
+
+
+class Samples(NamedTuple):
+    """All that a field is made of, whatever it came from: Eqs. (15)-(17) are sums over its rows.
+
+    With d = x - x_j, phi_j = phi_0j + lean_j'd + 1/2 d'S_j d.
+    """
+
+    points: Array
+    """(K, 2) [m]"""
+    offsets: Array
+    """(K,) phi_0 [J]"""
+    stiffness: Array
+    """(K, 2) diagonal of S [N/m]"""
+    log_weights: Array
+    """(K,) logarithm of how many samples this one stands for."""
+    lean: Array
+    """(K, 2) [N] slope added to a sample's energy: of what a path itself gives, zero."""
+
+    @classmethod
+    def of_path(cls, points: Array, offsets: Array, stiffness: Array) -> Samples:
+        """One sample a point (m, 2)."""
+        return cls(points, offsets, stiffness, np.zeros(len(points)), np.zeros_like(points))
+
+    def energies(self, away: Array) -> Array:
+        """(..., K) phi [J] of each, `away` (..., K, 2) [m] from it."""
+        energies: Array = self.offsets + ((self.lean + 0.5 * self.stiffness * away) * away).sum(axis=-1)
+        return energies
+
+    def joined(self, other: Samples) -> Samples:
+        """These and the others."""
+        return Samples(*(np.concatenate(pair) for pair in zip(self, other, strict=True)))
+
+    def taken(self, rows: NDArray[np.int64] | NDArray[np.bool_]) -> Samples:
+        """Some of them."""
+        return Samples(*(column[rows] for column in self))
+
+
+class SampledPath(NamedTuple):
+    """One path, spread evenly by arc length."""
+
+    points: Array
+    """(m, 2) [m] first to last."""
+    remaining: Array
+    """(m,) [m] length along the path to its end: Eq. (22), Rossa et al."""
+    travelled: Array
+    """(m,) [m] length along the path from its start."""
+    tangents: Array
+    """(m, 2) unit direction of travel; zero for a path that is one point."""
+
+
+def checked_paths(path: ArrayLike | Sequence[ArrayLike], argument: str = "path") -> tuple[Array, ...]:
+    """One path (N, 2) or a sequence of them as float arrays.
+
+    Raises
+    ------
+    ConfigurationError : no points, another shape, numbers that are not finite or not metres.
+    """
+    several = (isinstance(path, np.ndarray) and path.ndim == 3) or (
+        isinstance(path, Sequence) and len(path) > 0 and np.ndim(path[0]) == 2
+    )
+    given: list[Any] = list(path) if several else [path]  # type: ignore[arg-type]
+    paths = []
+    for i, each in enumerate(given):
+        name = argument if len(given) == 1 else f"{argument}[{i}]"
+        try:
+            points = np.array(each, dtype=np.float64)
+        except (TypeError, ValueError, OverflowError) as problem:
+            raise ConfigurationError(name, each, "points (N, 2) in metres") from problem
+        if points.ndim != 2 or points.shape[1] != 2 or not len(points):
+            raise ConfigurationError(name, f"an array of shape {points.shape}", "points (N, 2) in metres")
+        if not np.all(np.abs(points) <= PLAUSIBLE):
+            worst = points[~(np.abs(points) <= PLAUSIBLE)][0]
+            raise ConfigurationError(name, float(worst), f"finite coordinates within {PLAUSIBLE:g} m")
+        paths.append(points)
+    return tuple(paths)
+
+
+def arc_length(points: Array) -> Array:
+    """(N,) [m] length along `points` (N, 2) up to each."""
+    return np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))))
+
+
+def resampled_path(points: Array, spacing: float) -> SampledPath:
+    """Points at equal distances of at most `spacing` [m] along the path; both ends are kept.
+
+    The weighted mean of Eq. (17) would otherwise depend on how long the hand rested where: pauses count nothing.
+    """
+    length = arc_length(points)
+    whole = float(length[-1])
+    if whole == 0.0:
+        zero = np.zeros(1)
+        return SampledPath(points[:1].copy(), zero, zero.copy(), np.zeros((1, 2)))
+    along = np.linspace(0.0, whole, int(np.ceil(whole / spacing)) + 1)
+    even = interpolated(points, points, along)
+    even[-1] = points[-1]
+    slopes = np.gradient(even, along, axis=0)
+    sizes = np.linalg.norm(slopes, axis=1, keepdims=True)
+    tangents = np.divide(slopes, sizes, out=np.zeros_like(slopes), where=sizes > 0)
+    return SampledPath(even, whole - along, along, tangents)
+
+
+def interpolated(points: Array, values: Array, along: Array) -> Array:
+    """`values` (N, k) that belong to the points (N, 2) of a path, at the lengths `along` (m,) of it."""
+    length = arc_length(points)
+    moving = np.concatenate(([True], np.diff(length) > 0))
+    return np.column_stack([np.interp(along, length[moving], column) for column in values[moving].T])
+
+
+def mean_path(paths: Sequence[Array], smoothing: float) -> Array:
+    """(N, 2) the mean of several paths at equal shares of their lengths, without bends finer than `smoothing` [m].
+
+    It begins and ends at the mean of their starts and ends.
+    """
+    shares = np.linspace(0.0, 1.0, MEAN_POINTS)
+    mean: Array = np.mean([interpolated(each, each, shares * arc_length(each)[-1]) for each in paths], axis=0)
+    for _ in range(2):  # what bends back and forth is shorter once it is smooth
+        length = arc_length(mean)[-1]
+        reach = int(np.ceil(4 * smoothing / max(length, smoothing) * MEAN_POINTS))
+        reach = min(reach, MEAN_POINTS - 1)
+        kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) * length / MEAN_POINTS / smoothing) ** 2)
+        # Reflected through its ends, so that they stay.
+        before, after = 2 * mean[0] - mean[reach:0:-1], 2 * mean[-1] - mean[-2 : -2 - reach : -1]
+        longer = np.concatenate((before, mean, after))
+        mean = np.column_stack([np.convolve(column, kernel / kernel.sum(), "valid") for column in longer.T])
+        mean = interpolated(mean, mean, shares * arc_length(mean)[-1])
+    return mean

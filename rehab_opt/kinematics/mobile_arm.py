@@ -1,0 +1,203 @@
+"""A chair and the arm on it as one redundant robot: chain, inertia, wheels, outline and posture."""
+
+from __future__ import annotations
+
+import math
+import threading
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.chain import SerialChain, per_joint
+from rehab_opt.kinematics.differential import Differential
+from rehab_opt.kinematics.inertia import Body, inertia_expression
+from rehab_opt.kinematics.mecanum import Mecanum
+from rehab_opt.symbolic.buffered import BufferedFunction
+
+__all__ = ["CHAIR", "Capsule", "MobileArm", "Outline"]
+
+Array = NDArray[np.float64]
+
+CHAIR = 3
+"""Joints of the chair: forward, left, turn. Those of the arm follow."""
+SATURATED = 1.5
+"""Share of half its range at which a joint's posture cost stops growing steeper: a start far outside stays sane."""
+
+
+class Outline(NamedTuple):
+    """The chair from above, a rectangle in the chassis frame [m]: x forward, y left."""
+
+    rear: float
+    front: float
+    right: float
+    left: float
+
+    @property
+    def corners(self) -> Array:
+        """(4, 2) [m]"""
+        return np.array([[x, y] for x in (self.front, self.rear) for y in (self.left, self.right)])
+
+
+class Capsule(NamedTuple):
+    """All points within `radius` [m] of the segment from `start` to `end` (3,), in the chassis frame [m]."""
+
+    name: str
+    start: tuple[float, float, float]
+    end: tuple[float, float, float]
+    radius: float
+
+
+@dataclass(frozen=True, eq=False)
+class MobileArm:
+    """Seven joints: chair forward q1 and left q2 [m] in the world, turn q3, and an arm q4 to q7 [rad].
+
+    World and chassis frames have x forward, y left, z up, the floor at z = 0; at q = 0 they coincide. The speed of
+    q1, q2 together is bounded, whatever the heading, and so the first two limits of the chain are one number;
+    accelerations of the chair are those of the chassis frame. Positions of the chair are not bounded: use obstacles.
+
+    Parameters
+    ----------
+    chain : of those seven joints.
+    bodies : masses. rotors : (7,) what motors and gears add to each joint's inertia [kg m^2 or kg].
+    mecanum, differential : wheels of the two kinds of chair.
+    outline : of the chair from above.
+    keep_out : chair and user, where the arm must not be. arm_radius : [m] of upper arm and forearm, as capsules.
+    limit_cost, singular_cost : weights of what `posture_cost` adds up.
+
+    Raises
+    ------
+    ConfigurationError : a chain of another kind, a bounded position of the chair, a number out of range.
+    """
+
+    chain: SerialChain
+    bodies: tuple[Body, ...] = field(kw_only=True)
+    rotors: Array = field(kw_only=True)
+    mecanum: Mecanum = field(kw_only=True)
+    differential: Differential = field(kw_only=True)
+    outline: Outline = field(kw_only=True)
+    keep_out: tuple[Capsule, ...] = field(default=(), kw_only=True)
+    arm_radius: float = field(default=0.05, kw_only=True)
+    limit_cost: float = field(default=1.0, kw_only=True)
+    singular_cost: float = field(default=1.0, kw_only=True)
+
+    def __post_init__(self) -> None:
+        """Check what the controller rests on."""
+        chain = self.chain
+        if not isinstance(chain, SerialChain) or [row.prismatic for row in chain.rows] != [True] * 2 + [False] * 5:
+            raise ConfigurationError("chain", chain, "two prismatic and five revolute joints")
+        if np.isfinite(chain.lower[:CHAIR]).any() or np.isfinite(chain.upper[:CHAIR]).any():
+            raise ConfigurationError("lower, upper", (chain.lower, chain.upper), "a chair without position limits")
+        if not (np.isfinite(chain.lower[CHAIR:]).all() and np.isfinite(chain.upper[CHAIR:]).all()):
+            raise ConfigurationError("lower, upper", (chain.lower, chain.upper), "finite limits of the arm's joints")
+        if chain.velocity[0] != chain.velocity[1] or chain.acceleration[0] != chain.acceleration[1]:
+            raise ConfigurationError(
+                "velocity, acceleration", (chain.velocity, chain.acceleration), "the same forward and to the left"
+            )
+        if not (self.outline.rear < self.outline.front and self.outline.right < self.outline.left):
+            raise ConfigurationError("outline", self.outline, "rear before front and right before left, in metres")
+        rotors = per_joint("rotors", self.rotors, chain.n, finite=True)
+        for name, number in (("limit_cost", self.limit_cost), ("singular_cost", self.singular_cost)):
+            if not 0.0 <= number < math.inf:
+                raise ConfigurationError(name, number, "a finite number of zero or more")
+        object.__setattr__(self, "rotors", rotors)
+        if not np.linalg.eigvalsh(self.inertia(np.zeros(chain.n)))[0] > 0.0:
+            raise ConfigurationError("bodies, rotors", (self.bodies, rotors), "masses that make W positive definite")
+
+    # ------------------------------------------------------------------------------------------------ numbers
+    @property
+    def mass(self) -> float:
+        """[kg] of everything."""
+        return float(sum(body.mass for body in self.bodies))
+
+    def inertia(self, q: ArrayLike) -> Array:
+        """(7, 7) W at joint values q (7,): the kinetic energy is q'^T W q' / 2 [J]."""
+        return self._evaluate("inertia", q)
+
+    def kinetic_energy(self, q: ArrayLike, velocity: ArrayLike) -> float:
+        """[J] at joint values and velocities (7,)."""
+        v = per_joint("velocity", velocity, self.chain.n)
+        return float(v @ self.inertia(q) @ v) / 2
+
+    def posture_cost(self, q: ArrayLike) -> float:
+        """Scalar c of Eq. (1): grows towards joint limits and singular postures of the arm; without unit."""
+        return float(self._evaluate("posture_cost", q)[0])
+
+    def posture_gradient(self, q: ArrayLike) -> Array:
+        """(7,) gradient of `posture_cost`; zero for the chair."""
+        return self._evaluate("posture_gradient", q)
+
+    def chassis_velocity(self, q: ArrayLike, velocity: ArrayLike) -> Array:
+        """(7,) joint velocities with the chair's in the chassis frame: forward, left, turn, arm."""
+        return self._turned(q, velocity, -1.0)
+
+    def world_velocity(self, q: ArrayLike, velocity: ArrayLike) -> Array:
+        """(7,) joint velocities from those with the chair's in the chassis frame."""
+        return self._turned(q, velocity, 1.0)
+
+    def with_limits(self, **limits: Any) -> MobileArm:
+        """The same robot with other joint limits: see `SerialChain.with_limits`."""
+        return replace(self, chain=self.chain.with_limits(**limits))
+
+    def _turned(self, q: ArrayLike, velocity: ArrayLike, sign: float) -> Array:
+        heading = sign * float(per_joint("q", q, self.chain.n)[2])
+        v = np.array(per_joint("velocity", velocity, self.chain.n))
+        cos, sin = math.cos(heading), math.sin(heading)
+        v[:2] = cos * v[0] - sin * v[1], sin * v[0] + cos * v[1]
+        return v
+
+    # -------------------------------------------------------------------------------------------- expressions
+    def inertia_expression(self, q: ca.SX) -> ca.SX:
+        """(7, 7) expression of `inertia`."""
+        return inertia_expression(self.chain, self.bodies, self.rotors, q)
+
+    def posture_cost_expression(self, q: ca.SX) -> ca.SX:
+        """Sum over the arm of x^4/4, x the joint's place in its range from -1 to 1, plus (1 - m)^2/2.
+
+        m is the squared volume of the arm's three positioning columns, as a share of its largest, d5 d7^2: it is zero
+        where the arm alone cannot move its hand in every direction. x^4/4 goes on straight beyond `SATURATED`.
+        """
+        chain = self.chain
+        cost = ca.SX(0)
+        for i in range(CHAIR, chain.n):
+            half = float(chain.upper[i] - chain.lower[i]) / 2
+            if half == 0.0:
+                continue
+            x = ca.fabs(q[i] - float(chain.upper[i] + chain.lower[i]) / 2) / half
+            beyond = ca.fmax(x - SATURATED, 0)
+            cost += self.limit_cost * (ca.fmin(x, SATURATED) ** 4 / 4 + SATURATED**3 * beyond)
+        still = ca.vertcat(ca.SX.zeros(CHAIR), q[CHAIR:])  # the chair's place changes no posture
+        columns = chain.jacobian_expression(still)[:3, CHAIR : CHAIR + 3]
+        volume = ca.dot(columns[:, 0], ca.cross(columns[:, 1], columns[:, 2]))
+        upper, fore = chain.rows[4].d, chain.rows[6].d
+        share = (volume / (upper * fore**2)) ** 2
+        return cost + self.singular_cost * (1 - share) ** 2 / 2
+
+    def posture_gradient_expression(self, q: ca.SX) -> ca.SX:
+        """(7,) expression of `posture_gradient`."""
+        symbol = ca.SX.sym("q", self.chain.n)  # q may be an expression
+        return ca.substitute(ca.gradient(self.posture_cost_expression(symbol), symbol), symbol, q)
+
+    # ------------------------------------------------------------------------------------------------ plumbing
+    def _evaluate(self, name: str, q: ArrayLike) -> Array:
+        functions = self._functions.__dict__
+        if name not in functions:
+            symbol = ca.SX.sym("q", self.chain.n)
+            expression = getattr(self, f"{name}_expression")(symbol)
+            functions[name] = BufferedFunction(ca.Function(name, [symbol], [ca.densify(expression)], {"cse": True}))
+        return functions[name].of(per_joint("q", q, self.chain.n))  # type: ignore[no-any-return]
+
+    @cached_property
+    def _functions(self) -> threading.local:
+        return threading.local()  # a buffer belongs to one thread
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name != "_functions"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        state["rotors"].flags.writeable = False  # pickle forgets it
+        self.__dict__.update(state)

@@ -1,0 +1,94 @@
+"""Force field with a hard gate and an upper bound as published: Eqs. (15)-(23), Rossa et al., in numpy.
+
+Left as published: the weighted mean pulls back before the end of the path, by about 0.4 S sigma at the end itself; the
+path's points count as they were recorded, so that where the hand rested the field is denser; the force jumps at the
+boundary of the comfortable workspace; resistance by k1 < 0 falls to nothing at the target; far from the path, where
+every weight of Eq. (16) underflows and Eq. (17) is 0 / 0, there is no force.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rehab_opt.errors import ConfigurationError
+
+__all__ = ["FieldLaw"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class FieldLaw:
+    """F(x, v) of Eq. (20), zero where Eq. (23) says so, no larger than a bound (section IV).
+
+    Parameters
+    ----------
+    path : (m, 2) [m] reference points xi_t; its last is the target.
+    stiffness : S [N/m] for both axes, scalar or (2,).
+    drag : k1 [N/m] of Eq. (21), of either sign. width : sigma [m]. damping : D [N s/m], scalar or (2,).
+    released : whether a point (2,) gets no force: `comfortable.contains` for scenarios 1-3; None for nowhere.
+    force_limit : [N].
+
+    Raises
+    ------
+    ConfigurationError : an argument that cannot be used.
+    """
+
+    path: Array
+    stiffness: float | Array
+    drag: float
+    width: float
+    damping: float | Array = 0.0
+    released: Callable[[Array], bool] | None = None
+    force_limit: float = math.inf
+
+    def __post_init__(self) -> None:
+        """Check."""
+        path = np.array(self.path, dtype=np.float64)
+        if path.ndim != 2 or path.shape[1] != 2 or not len(path) or not np.isfinite(path).all():
+            raise ConfigurationError("path", np.shape(self.path), "finite points (m, 2) in metres")
+        object.__setattr__(self, "path", path)
+        for name in ("stiffness", "damping"):
+            object.__setattr__(self, name, np.array(getattr(self, name), dtype=np.float64))
+        for name in ("width", "force_limit"):
+            if not getattr(self, name) > 0:
+                raise ConfigurationError(name, getattr(self, name), "a number above zero")
+
+    def remaining_length(self) -> Array:
+        """(m,) [m] xi_l, Eq. (22)."""
+        steps = np.linalg.norm(np.diff(self.path, axis=0), axis=1)
+        return np.concatenate((np.cumsum(steps[::-1])[::-1], [0.0]))
+
+    def energy(self, x: ArrayLike) -> float:
+        """Phi [J] at x (2,), Eq. (17)."""
+        weights, energies, _ = self._terms(np.asarray(x, dtype=np.float64))
+        total = weights.sum()
+        return float(weights @ energies / total) if total > 0 else 0.0
+
+    def force(self, x: ArrayLike, v: ArrayLike = (0.0, 0.0)) -> Array:
+        """(2,) [N] for a hand at x (2,) moving at v (2,)."""
+        point = np.asarray(x, dtype=np.float64)
+        if self.released is not None and self.released(point):  # Eq. (23)
+            return np.zeros(2)
+        weights, energies, away = self._terms(point)
+        total = weights.sum()
+        if not total > 0:
+            return np.zeros(2)
+        weights = weights / total
+        slope = weights * (energies - weights @ energies) / self.width**2
+        elastic = slope @ away - weights @ (self.stiffness * away)
+        force: Array = elastic - self.damping * np.asarray(v, dtype=np.float64)
+        size = float(np.linalg.norm(force))
+        return force * (self.force_limit / size) if size > self.force_limit else force
+
+    def _terms(self, x: Array) -> tuple[Array, Array, Array]:
+        """Weights (m,) of Eq. (16), energies (m,) of Eq. (15), and x - xi_t (m, 2)."""
+        away = x - self.path
+        weights = np.exp(-(away**2).sum(axis=1) / (2 * self.width**2))
+        energies = self.drag * self.remaining_length() ** 2 + 0.5 * (self.stiffness * away**2).sum(axis=1)
+        return weights, energies, away

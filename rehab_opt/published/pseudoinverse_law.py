@@ -1,0 +1,110 @@
+"""Weighted pseudoinverse with self-motion for chair and arm: Eqs. (1)-(5), Honzik.
+
+Deviations: Eq. (3) feeds the joints' world-frame speeds to the wheels, which is right at heading zero only; here the
+chair's speeds are turned into its own frame first, and Eq. (2) gets its axes and half lengths (see `Mecanum`). The
+stick's translation is in the chair's frame, as section 4 asks, so the rows of the Jacobian are turned by the heading.
+
+Left as published: nothing bounds the answer, and near a singular posture it grows beyond every limit.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
+
+__all__ = ["Excess", "PseudoinverseLaw"]
+
+Array = NDArray[np.float64]
+ROWS = ("x", "y", "z", "rx", "ry", "rz", "roll7")
+
+
+class Excess(NamedTuple):
+    """By how much a command breaks each limit; zero or less where it keeps it."""
+
+    position: float
+    """[rad] after one tick."""
+    velocity: float
+    """[rad/s, m/s], the chair's in its own frame."""
+    acceleration: float
+    """[rad/s^2, m/s^2]"""
+    wheels: float
+    """[rad/s]"""
+
+
+class PseudoinverseLaw:
+    """q' = J_W+ r' - (E - J_W+ J) grad c v(r'), with v(r') = |r'| times `self_motion`, Eq. (1).
+
+    Parameters
+    ----------
+    robot : its inertia is W, its `posture_cost` is c.
+    drive : "mecanum", or "differential", whose rolling row is added to the task, Eq. (5).
+    self_motion : weight of the self-motion, a choice: the paper gives none.
+
+    Raises
+    ------
+    ConfigurationError : another drive.
+    """
+
+    def __init__(
+        self, robot: MobileArm, *, drive: Literal["mecanum", "differential"] = "mecanum", self_motion: float = 1.0
+    ) -> None:
+        if drive not in ("mecanum", "differential"):
+            raise ConfigurationError("drive", drive, "mecanum or differential")
+        self.robot, self.drive, self.self_motion = robot, drive, self_motion
+
+    def task_jacobian(self, q: ArrayLike, rows: Sequence[str], frame: str = "chassis") -> Array:
+        """(k, 7) rows of the Jacobian that the stick asks for, in the chair's frame or in the world's."""
+        angles = np.asarray(q, dtype=np.float64)
+        jacobian, pose = self.robot.chain.jacobian(angles), self.robot.chain.pose(angles)
+        heading = float(angles[2]) if frame == "chassis" else 0.0
+        cos, sin = math.cos(heading), math.sin(heading)
+        to_frame = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
+        linear, angular = to_frame @ jacobian[:3], to_frame @ jacobian[3:]
+        every = dict(zip(ROWS, [*linear, *angular, pose[:3, 2] @ jacobian[3:]], strict=True))
+        return np.array([every[row] for row in rows])
+
+    def rate(
+        self, q: ArrayLike, twist: ArrayLike, rows: Sequence[str] = ("x", "y", "z"), frame: str = "chassis"
+    ) -> Array:
+        """(7,) joint velocities, q1' and q2' in the world frame, for a hand twist (k,) in the given rows and frame.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError : the rows are dependent at this posture.
+        """
+        asked = np.asarray(twist, dtype=np.float64)
+        jacobian, task = self.task_jacobian(q, rows, frame), asked
+        if self.drive == "differential":  # Eqs. (4) and (5)
+            jacobian, task = np.vstack([jacobian, self.robot.differential.rolling_row(q)]), np.append(asked, 0.0)
+        softness = np.linalg.inv(self.robot.inertia(q))
+        inverse = softness @ jacobian.T @ np.linalg.inv(jacobian @ softness @ jacobian.T)
+        free = np.eye(self.robot.chain.n) - inverse @ jacobian
+        size = self.self_motion * float(np.linalg.norm(asked))
+        return np.asarray(inverse @ task - free @ self.robot.posture_gradient(q) * size)
+
+    def wheels(self, q: ArrayLike, velocity: ArrayLike) -> Array:
+        """Wheel speeds [rad/s] of joint velocities (7,): Eqs. (2) and (3), corrected as said above."""
+        chassis = self.robot.chassis_velocity(q, velocity)[:CHAIR]
+        return getattr(self.robot, self.drive).wheel_speeds(chassis)  # type: ignore[no-any-return]
+
+    def excess(self, q: ArrayLike, velocity: ArrayLike, last: ArrayLike, dt: float) -> Excess:
+        """What sending `velocity` (7,) for dt [s] breaks after `last` (7,), both as the chair had them at q (7,)."""
+        chain, angles = self.robot.chain, np.asarray(q, dtype=np.float64)
+        now, before = (self.robot.chassis_velocity(angles, each) for each in (velocity, last))
+        ahead = angles + np.asarray(velocity, dtype=np.float64) * dt
+        beyond = np.maximum(ahead - np.maximum(chain.upper, angles), np.minimum(chain.lower, angles) - ahead)
+        speeds = np.append(np.abs(now[2:]) - chain.velocity[2:], np.hypot(now[0], now[1]) - chain.velocity[0])
+        wheels = getattr(self.robot, self.drive)
+        return Excess(
+            position=float(np.max(beyond)),
+            velocity=float(np.max(speeds)),
+            acceleration=float(np.max(np.abs(now - before) / dt - chain.acceleration)),
+            wheels=float(np.max(np.abs(wheels.wheel_speeds(now[:CHAIR]))) - wheels.limit),
+        )

@@ -1,0 +1,1 @@
+"""One stick moves a wheelchair and the arm on it."""

@@ -1,0 +1,118 @@
+"""Distances of chair and arm from what they must not touch, by plain geometry: the controller is not asked."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from rehab_opt.control.obstacles import Obstacle
+    from rehab_opt.kinematics.mobile_arm import Capsule, MobileArm, Outline
+
+__all__ = ["arm_gaps", "arm_points", "chair_corners", "chair_gaps", "point_gaps"]
+
+Array = NDArray[np.float64]
+
+
+def chair_corners(outline: Outline, q: Array) -> Array:
+    """(N, 4, 2) [m] corners of the chair, in turn, at joint values q (N, 7)."""
+    corners = outline.corners[[0, 1, 3, 2]]
+    cos, sin = np.cos(q[:, 2]), np.sin(q[:, 2])
+    x = q[:, :1] + cos[:, None] * corners[:, 0] - sin[:, None] * corners[:, 1]
+    y = q[:, 1:2] + sin[:, None] * corners[:, 0] + cos[:, None] * corners[:, 1]
+    return np.stack([x, y], axis=2)
+
+
+def chair_gaps(outline: Outline, room: Sequence[Obstacle], q: Array) -> Array:
+    """(N, k) [m] distance of the chair's outline from each obstacle, negative where it is within it."""
+    from rehab_opt.control.obstacles import HalfPlane  # noqa: PLC0415  (loads CasADi)
+
+    corners, gaps = chair_corners(outline, q), []
+    for obstacle in room:
+        if isinstance(obstacle, HalfPlane):
+            size = float(np.hypot(*obstacle.normal))
+            gaps.append((obstacle.offset - (corners @ np.asarray(obstacle.normal)).max(axis=1)) / size)
+            continue
+        cos, sin = np.cos(q[:, 2]), np.sin(q[:, 2])
+        dx, dy = obstacle.centre[0] - q[:, 0], obstacle.centre[1] - q[:, 1]
+        x, y = cos * dx + sin * dy, cos * dy - sin * dx
+        beyond_x = np.maximum(outline.rear - x, x - outline.front)
+        beyond_y = np.maximum(outline.right - y, y - outline.left)
+        outside = np.hypot(np.maximum(beyond_x, 0), np.maximum(beyond_y, 0))
+        gaps.append(outside + np.minimum(np.maximum(beyond_x, beyond_y), 0) - obstacle.radius)
+    return np.stack(gaps, axis=1) if gaps else np.empty((len(q), 0))
+
+
+def point_gaps(room: Sequence[Obstacle], points: Array) -> Array:
+    """(N, k) [m] distance of points (N, 2) of the floor from each obstacle."""
+    from rehab_opt.control.obstacles import HalfPlane  # noqa: PLC0415  (loads CasADi)
+
+    gaps = []
+    for obstacle in room:
+        if isinstance(obstacle, HalfPlane):
+            normal = np.asarray(obstacle.normal)
+            gaps.append((obstacle.offset - points @ normal) / float(np.hypot(*normal)))
+        else:
+            gaps.append(np.linalg.norm(points - obstacle.centre, axis=1) - obstacle.radius)
+    return np.stack(gaps, axis=1) if gaps else np.empty((len(points), 0))
+
+
+def arm_points(robot: MobileArm, q: Array) -> Array:
+    """(N, 3, 3) [m] shoulder, elbow and hand in the world frame at joint values q (N, 7)."""
+    rows, base = robot.chain.rows, robot.chain.base
+    points = np.empty((len(q), 3, 3))
+    cos, sin = np.cos(q[:, 2]), np.sin(q[:, 2])
+    before, right = rows[2].a, rows[3].d
+    points[:, 0, 0] = q[:, 0] + cos * before + sin * right
+    points[:, 0, 1] = q[:, 1] + sin * before - cos * right
+    points[:, 0, 2] = base[2, 3]
+    for i, each in enumerate(q):
+        pose = robot.chain.pose(each)
+        points[i, 2] = pose[:3, 3]
+        points[i, 1] = pose[:3, 3] - rows[6].d * pose[:3, 2]
+    return points
+
+
+def arm_gaps(robot: MobileArm, q: Array) -> Array:
+    """(N, 2 k) [m] distance of upper arm and forearm from each of the k keep-outs, negative inside."""
+    still = q.copy()
+    still[:, :3] = 0.0  # in the chassis frame, where the keep-outs are
+    points = arm_points(robot, still)
+    links = (points[:, 0], points[:, 1]), (points[:, 1], points[:, 2])
+    gaps = [
+        _between_segments(begin, end, capsule) - capsule.radius - robot.arm_radius
+        for capsule in robot.keep_out
+        for begin, end in links
+    ]
+    return np.stack(gaps, axis=1) if gaps else np.empty((len(q), 0))
+
+
+def _between_segments(begin: Array, end: Array, capsule: Capsule) -> Array:
+    """(N,) [m] between segments and a capsule's: from an end of one, or where the lines are nearest inside both."""
+    start, stop = (np.broadcast_to(np.asarray(each), begin.shape) for each in (capsule.start, capsule.end))
+    least = np.minimum.reduce(
+        [
+            _from_segment(begin, start, stop),
+            _from_segment(end, start, stop),
+            _from_segment(start, begin, end),
+            _from_segment(stop, begin, end),
+        ]
+    )
+    one, two, apart = end - begin, stop - start, begin - start
+    a, b, c = (np.sum(u * v, axis=1) for u, v in ((one, one), (one, two), (two, two)))
+    d, e = np.sum(one * apart, axis=1), np.sum(two * apart, axis=1)
+    across = a * c - b * b
+    safe = np.where(across > 1e-12, across, 1.0)
+    s, t = (b * e - c * d) / safe, (a * e - b * d) / safe
+    inside = (across > 1e-12) & (s >= 0) & (s <= 1) & (t >= 0) & (t <= 1)
+    there = np.linalg.norm(apart + s[:, None] * one - t[:, None] * two, axis=1)
+    return np.asarray(np.where(inside, np.minimum(there, least), least))
+
+
+def _from_segment(point: Array, start: Array, stop: Array) -> Array:
+    way = stop - start
+    share = np.clip(np.sum((point - start) * way, axis=1) / np.maximum(np.sum(way * way, axis=1), 1e-12), 0, 1)
+    return np.asarray(np.linalg.norm(point - start - share[:, None] * way, axis=1))

@@ -1,0 +1,189 @@
+"""Figures of chair and arm under one stick: from above, the hand over time, and what of the limits is used."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from rehab_opt.session.ardis.clearance import arm_points, chair_corners
+from rehab_opt.session.ardis.loop import Motion
+from rehab_opt.session.ardis.outcome import ArdisOutcome
+from rehab_opt.session.drawing import GRID, REFERENCE, framed, legend_below
+from rehab_opt.session.joint_figure import LAW_STYLES
+
+__all__ = ["ardis_figures", "draw_room", "seen_from_above"]
+
+OBSTACLE, GOAL = "#BBBBBB", "#009E73"
+INSTANTS = 4
+"""Chairs that are drawn, from the first to the last."""
+EDGE = 0.35
+"""[m] drawn around what moves."""
+NAMES = {"published": "published law, Eq. (1)", "optimised": "ours"}
+ORDER = {"optimised": 4, "published": 4.5}
+"""Dashes are drawn over what they agree with."""
+
+
+def ardis_figures(outcome: ArdisOutcome) -> dict[str, Figure]:
+    """The figures by file name (without suffix)."""
+    return {"top_view": _top_view(outcome), "hand": _hand(outcome), "limits": _limits(outcome)}
+
+
+def _top_view(outcome: ArdisOutcome) -> Figure:
+    x, y = seen_from_above(outcome)
+    # Side by side where the scene is tall, one above the other where it is wide.
+    stacked = np.ptp(x) > 1.3 * np.ptp(y)
+    count = len(outcome.drives)
+    panel = 7.5 * np.ptp(y) / np.ptp(x) + 0.9 if stacked else 5.5
+    size = (8.5, 1.6 + count * panel) if stacked else (5.0 * count, 7.0)
+    figure = framed(f"{outcome.title}\nseen from above; chair and arm of our law at {INSTANTS} instants", *size)
+    grid = np.atleast_1d(figure.subplots(count if stacked else 1, 1 if stacked else count)).ravel()
+    for axes, (drive, of) in zip(grid, outcome.drives.items(), strict=True):
+        draw_room(axes, outcome, x, y)
+        _draw_chairs(axes, outcome, of.optimised)
+        for law, motion in of.by_law.items():
+            axes.plot(
+                motion.hand[:, 0], motion.hand[:, 1], **LAW_STYLES[law], label=f"hand, {NAMES[law]}", zorder=ORDER[law]
+            )
+        axes.plot(*of.optimised.hand[0, :2], "o", color=REFERENCE, markersize=5, label="hand at the start", zorder=5)
+        axes.set_title(f"{drive} drive", fontsize=10, loc="left")
+    legend_below(figure, grid[0], 3)
+    return figure
+
+
+def seen_from_above(outcome: ArdisOutcome) -> tuple[np.ndarray, np.ndarray]:
+    """Limits (2,) of x and y [m] that show our motions, the goals and the posts near them."""
+    points = [np.array([goal.hand_m[:2] for goal in outcome.goals]).reshape(-1, 2)]
+    for of in outcome.drives.values():
+        points += [chair_corners(outcome.robot.outline, of.optimised.q).reshape(-1, 2), of.optimised.hand[:, :2]]
+    every = np.vstack(points)
+    low, high = every.min(axis=0) - EDGE, every.max(axis=0) + EDGE
+    return np.array([low[0], high[0]]), np.array([low[1], high[1]])
+
+
+def draw_room(axes: Axes, outcome: ArdisOutcome, x: np.ndarray, y: np.ndarray) -> None:
+    """Walls, posts and goals."""
+    from matplotlib.patches import Circle, Polygon  # noqa: PLC0415
+
+    from rehab_opt.control.obstacles import HalfPlane  # noqa: PLC0415
+
+    for obstacle in outcome.room:
+        if isinstance(obstacle, HalfPlane):
+            normal = np.asarray(obstacle.normal) / np.hypot(*obstacle.normal)
+            along, edge = np.array([-normal[1], normal[0]]), normal * obstacle.offset / np.hypot(*obstacle.normal)
+            far = 100.0
+            corners = [
+                edge + far * along,
+                edge - far * along,
+                edge + far * (normal - along),
+                edge + far * (normal + along),
+            ]
+            axes.add_patch(Polygon(corners, closed=True, color=OBSTACLE, linewidth=0, zorder=0))
+        else:
+            axes.add_patch(Circle(obstacle.centre, obstacle.radius, color=OBSTACLE, linewidth=0, zorder=0))
+    if outcome.room:
+        axes.plot([], [], "s", color=OBSTACLE, markersize=9, label="obstacle of the chair")
+    for i, goal in enumerate(outcome.goals):
+        label = "goal, as wide as its tolerance" if i == 0 else None
+        place = (goal.hand_m[0], goal.hand_m[1])
+        axes.add_patch(Circle(place, goal.within_m, fill=False, color=GOAL, linewidth=1.5, zorder=3))
+        axes.plot([], [], "o", markerfacecolor="none", color=GOAL, linestyle="", label=label)
+        axes.annotate(str(i + 1), place, xytext=(5, 5), textcoords="offset points", fontsize=9, color=GOAL, zorder=6)
+    axes.set_xlim(*x)
+    axes.set_ylim(*y)
+    axes.set_aspect("equal")
+    axes.set_xlabel("x, forward [m]")
+    axes.set_ylabel("y, left [m]")
+    axes.grid(**GRID)
+
+
+def _draw_chairs(axes: Axes, outcome: ArdisOutcome, motion: Motion) -> None:
+    # As far apart on the chair's way as can be, so that a chair that stands is drawn once.
+    way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(motion.q[:, :3], axis=0)).sum(axis=1))])
+    picked = np.searchsorted(way, np.linspace(0, way[-1], INSTANTS)).clip(max=len(way) - 1)
+    q = motion.q[picked]
+    corners, arms = chair_corners(outcome.robot.outline, q), arm_points(outcome.robot, q)
+    for i, (outline, arm) in enumerate(zip(corners, arms, strict=True)):
+        shade = 0.25 + 0.75 * i / (INSTANTS - 1)
+        closed = np.vstack([outline, outline[:1]])
+        label = "chair, later ones darker" if i == INSTANTS - 1 else None
+        axes.plot(closed[:, 0], closed[:, 1], color=REFERENCE, linewidth=1.2, alpha=shade, label=label, zorder=2)
+        front = outline[[0, 1]]  # as `chair_corners` has them: its front
+        axes.plot(front[:, 0], front[:, 1], color=REFERENCE, linewidth=3, alpha=shade, zorder=2)
+        axes.plot(arm[:, 0], arm[:, 1], "o-", color="#56B4E9", linewidth=2, markersize=3, alpha=shade, zorder=3)
+    axes.plot([], [], "o-", color="#56B4E9", linewidth=2, markersize=3, label="arm")
+
+
+def _hand(outcome: ArdisOutcome) -> Figure:
+    figure = framed(f"{outcome.title}\nheight of the hand, and the chair's way", 9.0, 6.0)
+    grid = figure.subplots(2, len(outcome.drives), sharex="col", sharey="row", squeeze=False)
+    for column, (drive, of) in zip(grid.T, outcome.drives.items(), strict=True):
+        for law, motion in of.by_law.items():
+            gone = np.cumsum(np.hypot(motion.velocity[:, 0], motion.velocity[:, 1])) * motion.dt
+            column[0].plot(motion.time, motion.hand[:, 2], **LAW_STYLES[law], label=NAMES[law], zorder=ORDER[law])
+            column[1].plot(motion.time, gone, **LAW_STYLES[law], zorder=ORDER[law])
+        # A law that leaves its limits may go anywhere: the room is shown.
+        column[0].set_ylim(-0.2, 1.8)
+        column[1].set_ylim(0, 1.3 * max(1e-2, _way(of.optimised)))
+        column[0].axhline(0, color=REFERENCE, linewidth=1, linestyle=":")
+        reached = outcome.metrics["drives"][drive]["optimised"]["goals"]
+        for i, when in enumerate(reached.values()):
+            for axes in column if when is not None else ():
+                axes.axvline(when, color=GOAL, linewidth=1)
+            if when is not None:
+                column[0].annotate(
+                    str(i + 1), (when, 0.97), xycoords=("data", "axes fraction"), xytext=(2, 0),
+                    textcoords="offset points", va="top", fontsize=8, color=GOAL,
+                )  # fmt: skip
+        column[0].plot([], [], color=GOAL, linewidth=1, label="goal reached by ours")
+        column[0].set_title(f"{drive} drive", fontsize=10, loc="left")
+        column[1].set_xlabel("time [s]")
+        for axes in column:
+            axes.grid(**GRID)
+    grid[0, 0].set_ylabel("hand above the floor [m]")
+    grid[1, 0].set_ylabel("way of the chair [m]")
+    legend_below(figure, grid[0, 0], 3)
+    return figure
+
+
+def _way(motion: Motion) -> float:
+    return float(np.hypot(motion.velocity[:, 0], motion.velocity[:, 1]).sum() * motion.dt)
+
+
+def _limits(outcome: ArdisOutcome) -> Figure:
+    figure = framed(f"{outcome.title}\nhow much of its limits each law uses", 9.0, 8.0)
+    grid = figure.subplots(3, len(outcome.drives), sharex="col", sharey="row", squeeze=False)
+    chain = outcome.robot.chain
+    arm = slice(3, chain.n)
+    middle, half = (chain.upper[arm] + chain.lower[arm]) / 2, (chain.upper[arm] - chain.lower[arm]) / 2
+    for column, (drive, of) in zip(grid.T, outcome.drives.items(), strict=True):
+        limit = getattr(outcome.robot, drive).limit
+        for law, motion in of.by_law.items():
+            speeds = np.column_stack(
+                [np.hypot(motion.chassis[:, 0], motion.chassis[:, 1]) / chain.velocity[0],
+                 np.abs(motion.chassis[:, 2:]) / chain.velocity[2:],
+                 np.abs(motion.wheels) / limit]
+            )  # fmt: skip
+            last = np.vstack([np.zeros(chain.n), motion.chassis[:-1]])
+            accelerations = np.abs(motion.chassis - last) / motion.dt / chain.acceleration
+            ranges = np.abs(motion.q[:, arm] - middle) / half
+            for axes, shares in zip(column, (ranges, speeds, accelerations), strict=True):
+                axes.plot(
+                    motion.time,
+                    100 * shares.max(axis=1),
+                    **{**LAW_STYLES[law], "linewidth": 1.0},
+                    label=NAMES[law],
+                    zorder=ORDER[law],
+                )
+        for axes in column:
+            axes.axhline(100, color=REFERENCE, linewidth=1, linestyle=":")
+            axes.set_ylim(0, 200)
+            axes.grid(**GRID)
+        column[0].set_title(f"{drive} drive", fontsize=10, loc="left")
+        column[2].set_xlabel("time [s]")
+    for axes, name in zip(
+        grid[:, 0], ("arm joint nearest to its limit", "fastest joint or wheel", "hardest acceleration"), strict=True
+    ):
+        axes.set_ylabel(f"{name}\n[% of limit]", fontsize=9)
+    legend_below(figure, grid[0, 0], 2)
+    return figure

@@ -1,0 +1,193 @@
+"""Numbers of a run: who moved the hand, what it cost, which limits were kept; judged from what was sent alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.session.ardis.clearance import arm_gaps, arm_points, chair_gaps, point_gaps
+from rehab_opt.session.ardis.loop import Motion
+from rehab_opt.session.ardis.outcome import DriveOutcome
+from rehab_opt.session.ardis.problem import DriveName, GoalSection
+from rehab_opt.session.metrics import finite, status_counts
+
+if TYPE_CHECKING:
+    from rehab_opt.control.obstacles import Obstacle
+    from rehab_opt.kinematics.mobile_arm import MobileArm
+
+__all__ = ["KEPT", "Excesses", "drive_metrics", "excesses", "goals_met", "hand_shares", "kinetic_energies"]
+
+Array = NDArray[np.float64]
+
+CHAIR = 3
+KEPT = 1e-6
+"""[m, rad, and the same per s or s^2] What passes a limit by less keeps it: rounding, and what a certificate allows."""
+MOVING = 1e-9
+"""[m/s, rad/s] A hand that is slower stands still."""
+
+Excesses = dict[str, Array]
+"""By how much each tick (N,) passes each kind of limit, negative where there is room."""
+
+
+def drive_metrics(
+    robot: MobileArm,
+    drive: DriveName,
+    outcome: DriveOutcome,
+    *,
+    room: Sequence[Obstacle],
+    goals: Sequence[GoalSection],
+) -> dict[str, Any]:
+    """All numbers of one drive, by law."""
+    return {name: _motion_metrics(robot, drive, motion, room, goals) for name, motion in outcome.by_law.items()}
+
+
+def _motion_metrics(
+    robot: MobileArm, drive: DriveName, motion: Motion, room: Sequence[Obstacle], goals: Sequence[GoalSection]
+) -> dict[str, Any]:
+    over = excesses(robot, drive, motion, room)
+    broken = {name: values > KEPT for name, values in over.items()}
+    met = goals_met(motion, goals)
+    moving = motion.asked
+    energy, alone = kinetic_energies(robot, drive, motion)
+    chassis = motion.chassis[:, :CHAIR]
+    wheels = getattr(robot, drive)
+    rolled = np.array([wheels.motion(speeds).twist for speeds in motion.wheels])
+    points = arm_points(robot, motion.q)
+    over_floor = points[:, 1:].reshape(-1, 3)
+    to_room = point_gaps(room, over_floor[:, :2])
+    return {
+        "ticks": len(motion.time),
+        "duration_s": float(motion.time[-1]),
+        "goals": {goal.name: when for goal, when in zip(goals, met, strict=True)},
+        "goals_met": sum(when is not None for when in met),
+        **hand_shares(motion, slice(None)),
+        "kinetic_energy_mean_J": _mean(energy[moving]),
+        "kinetic_energy_max_J": float(energy.max()),
+        "kinetic_energy_chair_alone_mean_J": _mean(alone[moving]),
+        "legs": _legs(motion, goals, met, energy, alone),
+        "excess_max": {name: finite(values.max()) for name, values in over.items()},
+        "broken_share": {name: float(np.mean(of)) for name, of in broken.items()},
+        "broken_any_share": float(np.mean(np.logical_or.reduce(list(broken.values())))),
+        # The rolling row of Eq. (4) is a left speed of zero in the chassis frame, at each tick's heading.
+        "rolling_residual_max_m_s": _rolling(robot, motion) if drive == "differential" else None,
+        "wheel_residual_max_m_s": float(np.abs(rolled - chassis).max()),
+        "arm_to_obstacles_min_m": float(to_room.min()) if to_room.size else None,
+        "arm_height_min_m": float(over_floor[:, 2].min()),
+        "at_rest_at_the_end": not motion.velocity[-1].any(),
+        "scale_min": float(motion.scale.min()),
+        "status": status_counts(motion.status),
+        "yielded": status_counts(text for text in motion.yielded if text),
+    }
+
+
+def excesses(robot: MobileArm, drive: DriveName, motion: Motion, room: Sequence[Obstacle]) -> Excesses:
+    """By how much each tick passes the limits; accelerations against the last tick's velocity in the chair's frame."""
+    chain, wheels = robot.chain, getattr(robot, drive)
+    ahead = motion.q + motion.velocity * motion.dt
+    chassis = motion.chassis
+    last = np.vstack([np.zeros(chain.n), chassis[:-1]])
+    speeds = np.column_stack(
+        [np.abs(chassis[:, 2:]) - chain.velocity[2:], np.hypot(chassis[:, 0], chassis[:, 1]) - chain.velocity[0]]
+    )
+    over = {
+        "position": np.maximum(ahead - chain.upper, chain.lower - ahead)[:, CHAIR:].max(axis=1),
+        "velocity": speeds.max(axis=1),
+        "acceleration": (np.abs(chassis - last) / motion.dt - chain.acceleration).max(axis=1),
+        "wheels": np.abs(motion.wheels).max(axis=1) - wheels.limit,
+        "keep_out": -arm_gaps(robot, ahead).min(axis=1, initial=np.inf),
+    }
+    if room:
+        over["obstacles"] = -chair_gaps(robot.outline, room, ahead).min(axis=1)
+    return over
+
+
+def hand_shares(motion: Motion, when: slice) -> dict[str, float | None]:
+    """What arm and chair gave to the hand's path and turning; the shares of both add up to one.
+
+    The hand's velocity is the sum of what the chair's joints and the arm's give it. The share of one is its part along
+    the hand's own direction, added up over the path: negative where it went against it, above one where it had to make
+    up for the other.
+    """
+    chair = np.einsum("nij,nj->ni", motion.jacobians[when, :, :CHAIR], motion.velocity[when, :CHAIR])
+    arm = np.einsum("nij,nj->ni", motion.jacobians[when, :, CHAIR:], motion.velocity[when, CHAIR:])
+    numbers: dict[str, float | None] = {}
+    for name, part, unit in (("path", slice(0, 3), "m"), ("turn", slice(3, 6), "rad")):
+        whole = (chair + arm)[:, part]
+        size = np.linalg.norm(whole, axis=1)
+        along = np.sum(arm[:, part] * whole, axis=1) / np.where(size > MOVING, size, 1.0)
+        total = float(size.sum() * motion.dt)
+        share = float(np.where(size > MOVING, along, 0.0).sum() * motion.dt / total) if total > MOVING else None
+        numbers[f"hand_{name}_{unit}"] = total
+        numbers[f"hand_{name}_arm_share"] = share
+        numbers[f"hand_{name}_chair_share"] = None if share is None else 1.0 - share
+    numbers["chair_path_m"] = float(np.hypot(*motion.velocity[when, :2].T).sum() * motion.dt)
+    numbers["chair_turn_rad"] = float(np.abs(motion.velocity[when, 2]).sum() * motion.dt)
+    return numbers
+
+
+def kinetic_energies(robot: MobileArm, drive: DriveName, motion: Motion) -> tuple[Array, Array]:
+    """(N,) [J] what the robot has, and what it would have if the chair alone gave the hand its level velocity.
+
+    The latter is the least that does it: the arm is held, and the drive's joints of the chair move.
+    """
+    moving = [0, 1, 2] if drive == "mecanum" else [0, 2]
+    energy, alone = np.empty(len(motion.q)), np.empty(len(motion.q))
+    for k, (q, velocity, jacobian) in enumerate(zip(motion.q, motion.velocity, motion.jacobians, strict=True)):
+        inertia = robot.inertia(q)
+        energy[k] = velocity @ inertia @ velocity / 2
+        cos, sin = np.cos(q[2]), np.sin(q[2])
+        turned = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])[:, moving]
+        level = (jacobian[:2, :CHAIR] @ turned, jacobian[:2] @ velocity)
+        weight = turned.T @ inertia[:CHAIR, :CHAIR] @ turned
+        root = np.linalg.cholesky(weight)
+        # With y = L' u the energy is |y|^2/2, and the least y is the pseudoinverse's.
+        y = np.linalg.pinv(np.linalg.solve(root, level[0].T).T) @ level[1]
+        alone[k] = y @ y / 2
+    return energy, alone
+
+
+def goals_met(motion: Motion, goals: Sequence[GoalSection]) -> list[float | None]:
+    """[s] when each goal was reached, after the one before it; None for one that was not, and all after it."""
+    met: list[float | None] = []
+    begin = 0
+    for goal in goals:
+        there = np.linalg.norm(motion.hand[begin:] - goal.hand_m, axis=1) <= goal.within_m
+        if goal.gripper is not None:
+            there &= motion.closed[begin:] == (goal.gripper == "closed")
+        if not there.any():
+            break
+        begin += int(there.argmax())
+        met.append(float(motion.time[begin]))
+    return met + [None] * (len(goals) - len(met))
+
+
+def _legs(
+    motion: Motion, goals: Sequence[GoalSection], met: Sequence[float | None], energy: Array, alone: Array
+) -> dict[str, Any]:
+    """The way to each goal that was reached."""
+    legs, begin = {}, 0
+    for goal, when in zip(goals, met, strict=True):
+        if when is None:
+            break
+        end = round(when / motion.dt)
+        if end > begin:
+            moving = motion.asked[begin:end]
+            legs[goal.name] = {
+                **hand_shares(motion, slice(begin, end)),
+                "kinetic_energy_mean_J": _mean(energy[begin:end][moving]),
+                "kinetic_energy_chair_alone_mean_J": _mean(alone[begin:end][moving]),
+            }
+        begin = end
+    return legs
+
+
+def _rolling(robot: MobileArm, motion: Motion) -> float:
+    rows = np.array([robot.differential.rolling_row(q) for q in motion.q])
+    return float(np.abs(np.sum(rows * motion.velocity, axis=1)).max())
+
+
+def _mean(values: Array) -> float | None:
+    return float(values.mean()) if values.size else None

@@ -1,0 +1,146 @@
+"""The robot, the stick, the room and the resolver of a problem file, each refusal in the file's words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.errors import ConfigurationError, ProblemFileError
+from rehab_opt.session.ardis.clearance import chair_gaps
+from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
+from rehab_opt.session.files import ProblemFile
+
+if TYPE_CHECKING:
+    from rehab_opt.control.joystick import Joystick
+    from rehab_opt.control.obstacles import Obstacle
+    from rehab_opt.control.redundancy import RedundancyResolver
+    from rehab_opt.kinematics.mobile_arm import MobileArm
+
+__all__ = ["joystick_of", "resolver_of", "robot_of", "room_of", "start_of"]
+
+Array = NDArray[np.float64]
+
+KEYS = {
+    "mount_height": "robot.mount_height_m",
+    "chair_mass": "robot.chair_mass_kg",
+    "payload": "robot.payload_kg",
+    "rate": "stick.rate_per_s",
+    "dead_zone": "stick.dead_zone",
+    "dt": "run.rate_hz",
+    "self_motion": "run.self_motion",
+    "solver": "run.solver",
+    "obstacles": "room",
+}
+"""Where the problem file says what the library calls by its own name."""
+
+
+def robot_of(loaded: ProblemFile[ArdisProblem]) -> MobileArm:
+    """The robot with the file's masses."""
+    from rehab_opt.kinematics.ardis import ardis  # noqa: PLC0415  (loads CasADi)
+
+    section = loaded.problem.robot
+    with _refusals(loaded.file):
+        return ardis(mount_height=section.mount_height_m, chair_mass=section.chair_mass_kg, payload=section.payload_kg)
+
+
+def start_of(loaded: ProblemFile[ArdisProblem], robot: MobileArm) -> Array:
+    """(7,) [m, rad] where it begins.
+
+    Raises
+    ------
+    ProblemFileError : outside a joint's limits, or within an obstacle.
+    """
+    from rehab_opt.kinematics.ardis import ARDIS_READY  # noqa: PLC0415
+    from rehab_opt.kinematics.mobile_arm import CHAIR  # noqa: PLC0415
+
+    section, chain = loaded.problem.robot, robot.chain
+    q = np.array([*section.start_m, np.deg2rad(section.heading_deg), *ARDIS_READY[CHAIR:]])
+    if section.arm_deg is not None:
+        q[CHAIR:] = np.deg2rad(section.arm_deg)
+        outside = np.flatnonzero((q < chain.lower) | (q > chain.upper))
+        if outside.size:
+            joint = int(outside[0])
+            low, high = np.rad2deg(chain.lower[joint]), np.rad2deg(chain.upper[joint])
+            value, expected = section.arm_deg[joint - CHAIR], f"{chain.names[joint]} within {low:g} to {high:g} deg"
+            raise ProblemFileError(loaded.file, f"robot.arm_deg.{joint - CHAIR}", value, expected)
+    gaps = chair_gaps(robot.outline, room_of(loaded), q[None, :])
+    if gaps.size and gaps.min() < 0:
+        raise ProblemFileError(
+            loaded.file, "robot.start_m", section.start_m, "a place where the chair is clear of walls and posts"
+        )
+    return q
+
+
+def room_of(loaded: ProblemFile[ArdisProblem]) -> tuple[Obstacle, ...]:
+    """Walls and posts, in the order of the file."""
+    from rehab_opt.control.obstacles import Disc, HalfPlane  # noqa: PLC0415
+
+    room = loaded.problem.room
+    walls = [HalfPlane((wall.normal[0], wall.normal[1]), wall.offset_m) for wall in room.walls]
+    return (*walls, *(Disc((post.centre_m[0], post.centre_m[1]), post.radius_m) for post in room.posts))
+
+
+def joystick_of(loaded: ProblemFile[ArdisProblem]) -> Joystick:
+    """The stick with the file's modes.
+
+    Raises
+    ------
+    ProblemFileError : a value it refuses.
+    """
+    from rehab_opt.control.joystick import STICK_MODES, Joystick, StickMode  # noqa: PLC0415
+
+    section = loaded.problem.stick
+    modes: tuple[StickMode, ...] = STICK_MODES
+    if section.modes is not None:
+        modes = tuple(
+            StickMode(mode.name, (mode.rows[0], mode.rows[1]), (mode.speeds[0], mode.speeds[1]))
+            for mode in section.modes
+        )
+    told = {"dead_zone": section.dead_zone, "rate": section.rate_per_s}
+    given = {name: value for name, value in told.items() if value is not None}
+    with _refusals(loaded.file):
+        return Joystick(modes, dt=1 / loaded.problem.run.rate_hz, **given)
+
+
+def resolver_of(
+    loaded: ProblemFile[ArdisProblem], robot: MobileArm, drive: DriveName, *, solver: str | None = None
+) -> RedundancyResolver:
+    """The controller with the file's room, and functions for the modes of its stick.
+
+    Raises
+    ------
+    ProblemFileError : it refuses a value of the file.
+    ConfigurationError : it refuses `solver`.
+    """
+    from rehab_opt.control.redundancy import RedundancyResolver  # noqa: PLC0415  (loads solvers)
+
+    run = loaded.problem.run
+    name = solver or run.solver
+    chosen: dict[str, Any] = {} if name is None else {"solver": name}
+    with _refusals(loaded.file, option=solver):
+        return RedundancyResolver(
+            robot,
+            drive=drive,
+            row_sets=list(dict.fromkeys(tuple(mode.rows) for mode in joystick_of(loaded).modes)),
+            obstacles=room_of(loaded),
+            self_motion=run.self_motion,
+            dt=1 / run.rate_hz,
+            # A run is over before a compiler would be; the answers are the same.
+            compile=False,
+            **chosen,
+        )
+
+
+@contextmanager
+def _refusals(file: str, *, option: str | None = None) -> Iterator[None]:
+    try:
+        yield
+    except ConfigurationError as refused:
+        if refused.argument == "solver" and option is not None:
+            raise
+        key = KEYS.get(refused.argument, f"stick.{refused.argument}".replace("[", ".").replace("]", ""))
+        raise ProblemFileError(file, key, refused.value, refused.expected) from refused

@@ -1,0 +1,81 @@
+"""The run of `system = "ardis"`: each drive under its stick, with the published law and with ours."""
+
+from __future__ import annotations
+
+from rehab_opt.errors import ProblemFileError
+from rehab_opt.session.ardis.loop import Law, Motion, Optimised, Published, moved
+from rehab_opt.session.ardis.measures import drive_metrics
+from rehab_opt.session.ardis.outcome import ArdisOutcome, DriveOutcome
+from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
+from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, room_of, start_of
+from rehab_opt.session.ardis.stick import StickRecording, read_stick
+from rehab_opt.session.files import ProblemFile, recording_path
+from rehab_opt.session.outcome import Progress
+
+__all__ = ["run_ardis", "sticks_of"]
+
+MOST_TICKS = 500_000
+"""More keep more than a gigabyte of poses and Jacobians."""
+
+
+def sticks_of(loaded: ProblemFile[ArdisProblem]) -> dict[DriveName, StickRecording]:
+    """The recordings of the sticks.
+
+    Raises
+    ------
+    ProblemFileError : absent, not a stick's, or as long as the run is dense.
+    """
+    sticks = {}
+    for drive, file in loaded.problem.stick.recordings.items():
+        stick = read_stick(recording_path(loaded, file, key=f"stick.{drive}"), name=file)
+        rate = loaded.problem.run.rate_hz
+        if stick.duration * rate > MOST_TICKS:
+            expected = f"at most {MOST_TICKS} ticks in the {stick.duration:.6g} s of stick.{drive}"
+            raise ProblemFileError(loaded.file, "run.rate_hz", rate, expected)
+        sticks[drive] = stick
+    return sticks
+
+
+def run_ardis(loaded: ProblemFile[ArdisProblem], *, solver: str | None, progress: Progress) -> ArdisOutcome:
+    """Give each drive's stick to both laws and measure.
+
+    Raises
+    ------
+    ProblemFileError : a value of the file or a recording cannot be used.
+    ConfigurationError : `solver` cannot be used.
+    """
+    from rehab_opt.published.pseudoinverse_law import PseudoinverseLaw  # noqa: PLC0415  (loads CasADi)
+
+    problem, robot = loaded.problem, robot_of(loaded)
+    start, room, sticks = start_of(loaded, robot), room_of(loaded), sticks_of(loaded)
+    dt = 1 / problem.run.rate_hz
+
+    def run(drive: DriveName, name: str, law: Law) -> Motion:
+        return moved(
+            robot, law, joystick_of(loaded), sticks[drive], start, dt=dt,
+            progress=lambda done, of: progress(f"{drive}, {name} law", done, of),
+        )  # fmt: skip
+
+    drives = {}
+    for drive in sticks:
+        ours = Optimised(resolver_of(loaded, robot, drive, solver=solver))
+        theirs = Published(PseudoinverseLaw(robot, drive=drive, self_motion=problem.run.self_motion))
+        drives[drive] = DriveOutcome(published=run(drive, "published", theirs), optimised=run(drive, "optimised", ours))
+    metrics = {
+        drive: drive_metrics(robot, drive, outcome, room=room, goals=problem.goals) for drive, outcome in drives.items()
+    }
+    return ArdisOutcome(
+        system=problem.system,
+        name=loaded.name,
+        title=problem.title,
+        notes=(
+            "the robot is simulated: chair and arm move exactly as commanded, whichever law commands",
+            "lengths, masses and limits of the robot are assumptions: the paper gives joints and axes only",
+            "walls and posts are kept from the chair's outline; the arm may reach over them",
+        ),
+        metrics={"drives": metrics, "parameters": problem.model_dump(mode="json", exclude={"title"})},
+        robot=robot,
+        room=room,
+        goals=tuple(problem.goals),
+        drives=drives,
+    )

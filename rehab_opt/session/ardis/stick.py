@@ -1,0 +1,123 @@
+"""A stick over time: where it stood, which buttons were down. Read from a recording and held between its samples."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.errors import ProblemFileError
+from rehab_opt.session.text_lines import LATEST, finite_number, shown, text_lines
+
+__all__ = ["HEADER", "Moment", "Stick", "StickRecording", "StickSample", "read_stick"]
+
+Array = NDArray[np.float64]
+
+HEADER = ("t_s", "forward", "left", "switch", "gripper")
+MOST_SAMPLES = 200_000
+LONGEST = 3600.0
+"""[s] A recording that takes longer has its times in another unit."""
+
+
+class StickSample(NamedTuple):
+    """One moment of a stick."""
+
+    axes: tuple[float, float]
+    """Deflection forward and to the left, -1 to 1."""
+    switch: bool = False
+    gripper: bool = False
+
+
+class Moment(NamedTuple):
+    """What someone who holds the stick sees."""
+
+    time: float
+    """[s]"""
+    q: Array
+    """(7,) joint positions [m, rad]"""
+    hand: Array
+    """(3,) [m] in the world frame"""
+    mode: str
+    """Of the stick."""
+
+
+class Stick(Protocol):
+    """Whoever moves the stick: a recording, or a simulated user."""
+
+    @property
+    def duration(self) -> float:
+        """[s] The longest it will be moved."""
+        ...
+
+    def at(self, moment: Moment) -> StickSample | None:
+        """The stick now; None when it is let go for good."""
+        ...
+
+
+class StickRecording(NamedTuple):
+    """Samples of a stick, each held until the next.
+
+    Parameters
+    ----------
+    time : (N,) [s] from zero, increasing. axes : (N, 2). switch, gripper : (N,) buttons.
+    """
+
+    time: Array
+    axes: Array
+    switch: NDArray[np.bool_]
+    gripper: NDArray[np.bool_]
+
+    @property
+    def duration(self) -> float:
+        """[s] until the last sample."""
+        return float(self.time[-1])
+
+    def at(self, moment: Moment) -> StickSample | None:
+        """The newest sample that is not of the future."""
+        if moment.time > self.duration + 1e-9:
+            return None
+        k = max(int(np.searchsorted(self.time, moment.time + 1e-9, side="right")) - 1, 0)
+        return StickSample(
+            (float(self.axes[k, 0]), float(self.axes[k, 1])), bool(self.switch[k]), bool(self.gripper[k])
+        )
+
+
+def read_stick(path: Path, *, name: str) -> StickRecording:
+    """Read a recording of a stick: CSV with the columns of `HEADER`; deflections -1 to 1, buttons 0 or 1.
+
+    Raises
+    ------
+    ProblemFileError : names the line and column, the value, and what was expected.
+    """
+    lines = text_lines(path, name)
+    header = tuple(cell.strip() for cell in lines[0].split(","))
+    if header != HEADER:
+        raise ProblemFileError(name, "line 1", shown(lines[0]), f"the header {','.join(HEADER)}")
+    rows = []
+    for line, text in enumerate(lines[1:], start=2):
+        cells = text.split(",")
+        if len(cells) != len(HEADER):
+            raise ProblemFileError(name, f"line {line}", f"{len(cells)} cells", f"{len(HEADER)}, as in the header")
+        most = (LATEST, 1.0, 1.0, 1.0, 1.0)
+        row = [
+            finite_number(cell, name=name, line=line, column=column, most=limit)
+            for cell, column, limit in zip(cells, HEADER, most, strict=True)
+        ]
+        for column, number in zip(HEADER[3:], row[3:], strict=True):
+            if number not in (0.0, 1.0):
+                raise ProblemFileError(name, f"line {line}, column {column}", number, "0 or 1")
+        rows.append(row)
+    if not 2 <= len(rows) <= MOST_SAMPLES:
+        raise ProblemFileError(name, "samples", len(rows), f"2 to {MOST_SAMPLES}")
+    values = np.array(rows)
+    time = values[:, 0] - values[0, 0]
+    back = np.flatnonzero(~(np.diff(time) > 0))
+    if back.size:
+        at = int(back[0]) + 1
+        value, expected = f"{values[at, 0]:.9g} s", f"more than the {values[at - 1, 0]:.9g} s before it"
+        raise ProblemFileError(name, f"line {at + 2}, column t_s", value, expected)
+    if not time[-1] <= LONGEST:
+        raise ProblemFileError(name, "duration", f"{time[-1]:.6g} s", f"at most {LONGEST:g} s (are the times in s?)")
+    return StickRecording(time, values[:, 1:3], values[:, 3] == 1.0, values[:, 4] == 1.0)

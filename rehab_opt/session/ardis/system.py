@@ -1,0 +1,79 @@
+"""`system = "ardis"`: what a session asks of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager
+from typing import TYPE_CHECKING
+
+from rehab_opt.session.ardis.outcome import ArdisOutcome
+from rehab_opt.session.ardis.problem import ArdisProblem
+from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, start_of
+from rehab_opt.session.ardis.run import run_ardis, sticks_of
+from rehab_opt.session.files import ProblemFile
+from rehab_opt.session.outcome import Progress
+from rehab_opt.session.solver_option import checked_solver, solver_refusals
+from rehab_opt.session.systems import Column, Needed
+
+if TYPE_CHECKING:
+    from matplotlib.animation import Animation
+    from matplotlib.figure import Figure
+    from rich.table import Table
+
+__all__ = ["ArdisSystem"]
+
+
+class ArdisSystem:
+    """A wheelchair with an arm, moved by one stick, with each drive that has a recording of it."""
+
+    schema = ArdisProblem
+    options = frozenset({"solver"})
+
+    def recordings(self, problem: ArdisProblem) -> tuple[Needed, ...]:
+        """A recording of the stick for each drive."""
+        return tuple(Needed(f"stick.{drive}", file) for drive, file in problem.stick.recordings.items())
+
+    def check(self, loaded: ProblemFile[ArdisProblem]) -> tuple[str, ...]:
+        """Reads the sticks, builds the robot and its controllers."""
+        robot = robot_of(loaded)
+        start_of(loaded, robot)
+        joystick_of(loaded)
+        sticks = sticks_of(loaded)
+        with _refusals(loaded, None):
+            for drive in sticks:
+                resolver_of(loaded, robot, drive)
+        return ()
+
+    def run(self, loaded: ProblemFile[ArdisProblem], *, options: Mapping[str, str], progress: Progress) -> ArdisOutcome:
+        """Option: `solver` of the controller."""
+        solver = checked_solver(options.get("solver"))
+        with _refusals(loaded, solver):
+            return run_ardis(loaded, solver=solver, progress=progress)
+
+    def table(self, outcome: ArdisOutcome) -> Table:
+        """Two columns a drive: the published law and ours."""
+        from rehab_opt.session.ardis.table import ardis_table  # noqa: PLC0415  (loads rich)
+
+        return ardis_table(outcome)
+
+    def trace(self, outcome: ArdisOutcome) -> Iterator[Column]:
+        """A row for each drive, law and tick."""
+        from rehab_opt.session.ardis.trace import ardis_columns  # noqa: PLC0415
+
+        return ardis_columns(outcome)
+
+    def figures(self, outcome: ArdisOutcome) -> dict[str, Figure]:
+        """Chair and hand from above, the hand's height and speeds over time, and the limits."""
+        from rehab_opt.session.ardis.figures import ardis_figures  # noqa: PLC0415  (loads matplotlib)
+
+        return ardis_figures(outcome)
+
+    def animations(self, outcome: ArdisOutcome) -> dict[str, Animation]:
+        """The run from above and from the side."""
+        from rehab_opt.session.ardis.animation import ardis_animation  # noqa: PLC0415  (loads matplotlib)
+
+        return {"motion": ardis_animation(outcome)}
+
+
+def _refusals(loaded: ProblemFile[ArdisProblem], solver: str | None) -> AbstractContextManager[None]:
+    return solver_refusals(solver, file=loaded.file, key="run.solver", value=loaded.problem.run.solver)

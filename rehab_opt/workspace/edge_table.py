@@ -1,0 +1,74 @@
+"""The boundary of a polygon as a table of edges, and which of them say little about sides."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Edge", "doubtful_edges", "edge_squares", "edge_table"]
+
+Array = NDArray[np.float64]
+Edge = tuple[float, float, float, float, float, tuple[float, float, float, float]]
+"""x, y of its start; its vector; 1 / length^2; the sums of the unit normals that meet at its start and at its end."""
+
+SHORTEST_SQUARE = 1e-200
+"""[m^2] below which an edge is left out: it has no direction in floating point."""
+SHARP = 0.02
+"""[rad] Two edges at a smaller angle may be mistaken for each other so far from their corner that it matters."""
+
+
+def edge_table(polygon: Any) -> Array:
+    """(E, 9) the numbers of an `Edge` a row, of all rings of a valid polygon, the interior to the left."""
+    import shapely  # noqa: PLC0415  (loaded with the first workspace)
+
+    rings = []
+    for part in shapely.get_parts(polygon):
+        if part.is_empty:
+            continue
+        for ring, wanted in ((part.exterior, True), *((hole, False) for hole in part.interiors)):
+            points = shapely.get_coordinates(ring)
+            square = (np.diff(points, axis=0) ** 2).sum(axis=1)
+            points = points[:-1][square > SHORTEST_SQUARE]
+            if len(points) < 3:
+                continue
+            if bool(shapely.is_ccw(ring)) is not wanted:
+                points = points[::-1]
+            vector = np.roll(points, -1, axis=0) - points
+            square = (vector**2).sum(axis=1, keepdims=True)
+            normal = np.column_stack((vector[:, 1], -vector[:, 0])) / np.sqrt(square)
+            at_start = normal + np.roll(normal, 1, axis=0)
+            rings.append(np.hstack((points, vector, 1 / square, at_start, np.roll(at_start, -1, axis=0))))
+    return np.concatenate(rings)
+
+
+def edge_squares(table: Array, edges: NDArray[np.int64], x: Array | float, y: Array | float) -> Array:
+    """(N,) squared distances [m^2] of points from those rows of the table, one each; one point stands for all."""
+    start_x, start_y, along_x, along_y, inverse = (table[:, i].take(edges) for i in range(5))
+    off_x, off_y = x - start_x, y - start_y
+    share = np.minimum(np.maximum((off_x * along_x + off_y * along_y) * inverse, 0.0), 1.0)
+    off_x -= share * along_x
+    off_y -= share * along_y
+    squares: Array = off_x * off_x + off_y * off_y
+    return squares
+
+
+def doubtful_edges(table: Array, within: float) -> NDArray[np.bool_]:
+    """(E,) whether an edge's own side may not be the side a point is on.
+
+    So it is where another edge than its two neighbours comes nearer than `within` [m] (rings that touch, slivers), and
+    at sharp corners: rounding then decides which of two edges counts as nearest, and they name opposite sides.
+    """
+    import shapely  # noqa: PLC0415
+
+    # |n + n'| of two unit normals is 2 sin(angle / 2).
+    sharp_start = np.hypot(table[:, 5], table[:, 6]) < 2 * math.sin(SHARP / 2)
+    sharp_end = np.hypot(table[:, 7], table[:, 8]) < 2 * math.sin(SHARP / 2)
+    ends = np.stack((table[:, :2], table[:, :2] + table[:, 2:4]), axis=1)
+    edges = shapely.linestrings(ends)
+    found = shapely.STRtree(edges).query(edges, predicate="dwithin", distance=within)[0]
+    crowded = np.bincount(found, minlength=len(table)) > 3  # itself and its neighbours
+    doubtful: NDArray[np.bool_] = sharp_start | sharp_end | crowded
+    return doubtful

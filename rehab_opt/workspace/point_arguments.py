@@ -1,0 +1,85 @@
+"""Points as callers give them: one as an array, a tuple or a list of two numbers, or several as rows."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rehab_opt.errors import ConfigurationError
+
+__all__ = ["one_point", "point_array", "point_rows", "single_point"]
+
+Array = NDArray[np.float64]
+_FLOATS = np.dtype(np.float64)
+_EXPECTED = "points (2,) or (N, 2), numbers in metres"
+
+
+def one_point(points: ArrayLike) -> tuple[float, float] | None:
+    """The coordinates of a point (2,); None for what `point_rows` has to look at: several points, or none."""
+    if type(points) is np.ndarray:
+        if points.dtype is _FLOATS and points.shape == (2,):  # the usual case, in a tick
+            x, y = points.tolist()
+            return x, y
+    elif isinstance(points, tuple | list) and len(points) == 2:
+        x, y = points
+        if isinstance(x, float) and isinstance(y, float):
+            return float(x), float(y)
+    rows = _numbers(points, "points", _EXPECTED)
+    return (float(rows[0]), float(rows[1])) if rows.shape == (2,) else None
+
+
+def single_point(point: ArrayLike) -> tuple[float, float]:
+    """The coordinates of a point (2,).
+
+    Raises
+    ------
+    ConfigurationError : anything else, naming `point`.
+    """
+    if type(point) is np.ndarray and point.dtype is _FLOATS and point.shape == (2,):
+        x, y = point.tolist()
+        return x, y
+    row = _numbers(point, "point", "two numbers in metres")
+    if row.shape != (2,):
+        raise ConfigurationError("point", f"an array of shape {row.shape}", "two numbers in metres")
+    return float(row[0]), float(row[1])
+
+
+def point_rows(points: ArrayLike) -> Array:
+    """(N, 2) of several points.
+
+    Raises
+    ------
+    ConfigurationError : another shape, or what is not numbers, naming `points`.
+    """
+    rows = _numbers(points, "points", _EXPECTED)
+    if rows.ndim != 2 or rows.shape[1] != 2:
+        raise ConfigurationError("points", f"an array of shape {rows.shape}", _EXPECTED)
+    return rows
+
+
+def point_array(points: ArrayLike, argument: str = "points") -> Array:
+    """(2,) of a point, (N, 2) of several.
+
+    Raises
+    ------
+    ConfigurationError : another shape, or what is not numbers, naming `argument`.
+    """
+    array = _numbers(points, argument, _EXPECTED)
+    if array.ndim not in {1, 2} or array.shape[-1] != 2:
+        raise ConfigurationError(argument, f"an array of shape {array.shape}", _EXPECTED)
+    return array
+
+
+def _numbers(points: Any, argument: str, expected: str) -> Array:
+    """An array of floats; numpy itself would read strings as numbers and None as NaN."""
+    try:
+        array: Any = points if isinstance(points, np.ndarray) else np.asarray(points)
+    except (TypeError, ValueError, OverflowError) as problem:  # ragged
+        raise ConfigurationError(argument, points, expected) from problem
+    if array.dtype.kind not in "fiu" and array.size:
+        raise ConfigurationError(argument, points, expected)
+    numbers: Array = np.asarray(array, dtype=np.float64)
+    mask = np.ma.getmaskarray(array) if isinstance(array, np.ma.MaskedArray) else False
+    return np.where(mask, np.nan, numbers) if np.any(mask) else numbers  # a reading that is missing is no number

@@ -1,0 +1,380 @@
+"""Random robots, states, twists, rooms and faults against the resolver, judged by plain numpy and shapely.
+
+    python -m tests.control.redundancy_campaign --cases 100000
+
+One case is one tick of one of several resolvers (robots, drives, tick lengths, rooms), each in a state reached by
+random earlier ticks or set anew. Nothing of the controller's arithmetic is used: limits, wheels, rolling, gaps to
+obstacles and keep-outs, accelerations and the hand's direction are worked out again from the numbers sent.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections import Counter
+from dataclasses import dataclass, field
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from rehab_opt import Bound, Command, RedundancyResolver, Status, ardis
+from rehab_opt.control.obstacles import Disc, HalfPlane, Obstacle
+from rehab_opt.kinematics.differential import Differential
+from rehab_opt.kinematics.mobile_arm import Capsule, MobileArm
+
+Array = NDArray[np.float64]
+HOSTILE = (math.nan, math.inf, -math.inf, 1e300, -1e300, 1e7, 1e-320)
+TICKS = (1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 5e-2)
+SETS = (("x", "y", "z"), ("x", "y"), ("z", "roll7"), ("x", "y", "z", "rz"), ("rx", "y"), ("x", "y", "z", "rx", "ry"))
+ROUNDING = 1e-9
+"""[m or rad] What arithmetic on numbers of this size may miss a bound by."""
+
+
+@dataclass
+class Tally:
+    """What was seen."""
+
+    cases: int = 0
+    statuses: Counter[Status] = field(default_factory=Counter)
+    solvers: Counter[str] = field(default_factory=Counter)
+    yielded: Counter[Bound] = field(default_factory=Counter)
+    faults: Counter[str] = field(default_factory=Counter)
+    seen: Counter[str] = field(default_factory=Counter)
+    excess: dict[str, float] = field(default_factory=dict)
+    broken: list[str] = field(default_factory=list)
+
+    def worst(self, name: str, value: float) -> float:
+        self.excess[name] = max(self.excess.get(name, -math.inf), value)
+        return value
+
+
+@dataclass
+class Plant:
+    """What an honest integrator knows about one resolver: where it is and what it was told."""
+
+    name: str
+    resolver: RedundancyResolver
+    sets: tuple[tuple[str, ...], ...]
+    q: Array
+    last: Array
+    """Last command with the chair's share in the chassis frame."""
+    rows: tuple[str, ...]
+    stamp: float = 0.0
+    fresh: bool = True
+    unseen: bool = True
+    """No position was read since the state last jumped."""
+    jumped: bool = True
+    """The velocity was set from outside and may not be one that can stop in time; until the robot is at rest."""
+    intended: Array | None = None
+
+
+def run(cases: int, seed: int, *, plants: int = 24, compile: bool | None = False) -> Tally:
+    """Judge `cases` ticks."""
+    rng = np.random.default_rng(seed)
+    tally = Tally()
+    everyone = [_plant(i, rng, compile) for i in range(plants)]
+    for _ in range(cases):
+        plant = everyone[rng.integers(len(everyone))]
+        if rng.random() < 0.03:
+            _teleport(plant, rng)
+        _one_tick(plant, rng, tally)
+    return tally
+
+
+def _plant(i: int, rng: np.random.Generator, compile: bool | None) -> Plant:
+    drive = ("mecanum", "differential")[i % 2]
+    dt = TICKS[(i // 2) % len(TICKS)]
+    slow, hurry = rng.choice([0.2, 1.0, 2.0], 2)
+    robot = ardis(
+        a3=rng.uniform(-0.1, 0.2),
+        d4=rng.uniform(0.3, 0.45),
+        d5=rng.uniform(0.3, 0.5),
+        d7=rng.uniform(0.3, 0.6),
+        chair_mass=rng.uniform(40, 200),
+        payload=rng.choice([0.0, 2.0]),
+        velocity=slow * np.array([0.8, 0.8, 1.0, 1.0, 1.0, 1.2, 1.5]),
+        acceleration=math.inf if rng.random() < 0.1 else hurry * np.array([1.0, 1.0, 1.5, 4.0, 4.0, 4.0, 6.0]),
+    )
+    room: list[Obstacle] = []
+    if rng.random() < 0.7:
+        room = [HalfPlane((1, 0.1), 2.5), HalfPlane((-1, 0), 2.0), Disc((0.5, 1.5), 0.3), Disc((1.0, -1.4), 0.1)]
+    sets = tuple(SETS[k] for k in rng.permutation(len(SETS))[:2])
+    resolver = RedundancyResolver(
+        robot, drive=drive, row_sets=sets, dt=dt, obstacles=room, keep_out=bool(rng.random() < 0.7),
+        self_motion=float(rng.choice([0.0, 1.0, 5.0])), return_speed=float(rng.choice([0.05, 0.3])), compile=compile,
+        solver=str(rng.choice(["qrqp", "qrqp", "qrqp", "qrqp", "proxqp"])),
+    )  # fmt: skip
+    plant = Plant(f"{drive} dt={dt:g}", resolver, sets, np.zeros(7), np.zeros(7), sets[0])
+    _teleport(plant, rng)
+    return plant
+
+
+def _teleport(plant: Plant, rng: np.random.Generator) -> None:
+    """Another state: inside, at a limit, singular or outside; near a wall or in a post; at rest or at speed."""
+    chain, resolver = plant.resolver.robot.chain, plant.resolver
+    lower, upper = chain.lower[3:], chain.upper[3:]
+    arm, kind = rng.uniform(lower, upper), rng.integers(5)
+    if kind == 1:
+        arm = np.where(rng.random(4) < 0.5, lower, upper)
+    elif kind == 2:
+        arm = np.array([-np.pi / 2, 0.0, np.pi / 2, 0.0])  # stretched: singular, and beyond the elbow's limit
+    elif kind == 3:
+        arm = arm + rng.choice([1e-12, 1e-6, 1e-2, 1.0]) * rng.standard_normal(4)
+    chair = np.array([*rng.uniform(-1.5, 2.0, 2), rng.uniform(-7, 7)])
+    plant.q = np.concatenate([chair, arm])
+    wanted = rng.uniform(-1, 1, 7) * chain.velocity * rng.choice([0.0, 0.1, 0.55])
+    if resolver.drive == "differential":
+        wanted[1] = 0.0
+    wheels = getattr(resolver.robot, resolver.drive)
+    wanted[:3] /= max(1.0, *np.abs(wheels.wheel_speeds(wanted[:3])) / (0.999 * wheels.limit))
+    resolver.reset(resolver.robot.world_velocity(plant.q, wanted), heading=plant.q[2])
+    plant.last = wanted
+    plant.fresh = plant.unseen = True
+    plant.jumped = bool(np.any(wanted))
+
+
+def _one_tick(plant: Plant, rng: np.random.Generator, tally: Tally) -> None:
+    resolver = plant.resolver
+    if rng.random() < 0.05:
+        plant.rows = plant.sets[rng.integers(len(plant.sets))]
+        plant.intended = None
+    if plant.intended is None or rng.random() < 0.05:
+        size = rng.choice([0.0, 0.0, 1e-6, 0.05, 0.3, 1.0, 100.0])
+        plant.intended = size * rng.standard_normal(len(plant.rows))
+    twist, frame = plant.intended.copy(), str(rng.choice(["chassis", "world"]))
+    q, enable, fault = plant.q.copy(), True, "none"
+    previous, plant.stamp = plant.stamp, plant.stamp + resolver.dt
+    stamp: float | None = plant.stamp
+    if rng.random() < 0.1:
+        fault = str(rng.choice(["q", "twist", "stamp", "repeated", "disabled", "no stamp"]))
+        bad = float(rng.choice(HOSTILE))
+        if fault == "q":
+            q[rng.integers(7)] = bad
+        elif fault == "twist":
+            twist[rng.integers(twist.size)] = bad
+        elif fault == "stamp":
+            stamp = bad
+        elif fault == "repeated" and not plant.fresh:
+            stamp = previous
+        elif fault == "disabled":
+            enable = False
+        else:
+            fault, stamp = "no stamp", None
+    tally.faults[fault] += 1
+    command = resolver.step(q, twist, plant.rows, frame, enable=enable, stamp=stamp)
+    usable = bool(np.all(np.abs(q) <= 1e6))
+    plant.unseen &= not usable
+    plant.fresh = stamp != plant.stamp
+    seen = q if usable else plant.q
+    _judge(plant, seen, command, usable, fault, twist, frame, tally)
+    plant.last = resolver.chassis_velocity if plant.unseen else resolver.robot.chassis_velocity(seen, command.value)
+    plant.jumped &= plant.unseen or bool(np.any(plant.last))
+    plant.q = plant.q + command.value * resolver.dt
+    if not usable and np.any(np.abs(plant.q - q)[np.isfinite(q)] > 1e3):
+        plant.jumped = True
+
+
+def _judge(
+    plant: Plant, q: Array, command: Command, usable: bool, fault: str, twist: Array, frame: str, tally: Tally
+) -> None:
+    """The order of bounds, written down once more."""
+    resolver, robot = plant.resolver, plant.resolver.robot
+    chain, dt, v = robot.chain, plant.resolver.dt, command.value
+    tally.cases += 1
+    tally.statuses[command.status] += 1
+    tally.solvers[command.solver] += 1
+    tally.yielded[command.yielded] += 1
+
+    def check(holds: bool, claim: str) -> None:
+        if not holds:
+            where = f"{plant.name}, fault {fault}, {plant.rows} {frame} {twist}, {command}, q {q}, last {plant.last}"
+            tally.broken.append(f"{claim}: {where}")
+
+    check(v.shape == (7,) and bool(np.all(np.isfinite(v))) and not v.flags.writeable, "finite and frozen")
+    if command.status.certified:
+        check(0.0 <= command.residual <= 1e-8 and 0.0 <= command.scale <= 1.0, "certified")
+    else:
+        check(command.reason != "", "reason given")
+    if plant.unseen:
+        return  # where the chair heads is not known, nor which way it was last sent
+    u = robot.chassis_velocity(q, v)
+    check(bool(np.all(np.abs(u[2:]) <= chain.velocity[2:] + 1e-12)), "joint speeds never yield")
+    check(tally.worst("chassis speed", math.hypot(u[0], u[1]) - chain.velocity[0]) <= 1e-9, "chassis speed")
+    wheels = getattr(robot, resolver.drive)
+    assert command.wheels is not None
+    check(bool(np.allclose(command.wheels, wheels.wheel_speeds(u[:3]), atol=1e-9)), "wheels belong to the value")
+    over = tally.worst("wheel speed", float(np.max(np.abs(command.wheels))) - wheels.limit)
+    check(over <= 1e-9, "wheel speeds never yield")
+    if resolver.drive == "differential":
+        slip = abs(float(Differential.rolling_row(q) @ v))
+        check(tally.worst("rolling residual", slip) <= 1e-9, "rolling")
+
+    ahead = q + v * dt
+    outside = (q > chain.upper + ROUNDING) | (q < chain.lower - ROUNDING)
+    further = float(np.maximum(ahead - np.maximum(q, chain.upper), np.minimum(q, chain.lower) - ahead).max())
+    check(tally.worst("position", further) <= ROUNDING, "never further outside")
+    back = resolver._options["return_speed"] * chain.velocity
+    check(bool(np.all(np.abs(v[outside]) <= back[outside] + 1e-12)), "slow way back")
+
+    now_arm = _judge_surroundings(resolver, q, ahead, tally, check)
+    allowed = np.minimum(chain.acceleration * dt, 2 * chain.velocity)
+    change = np.abs(u - plant.last) - allowed
+    hurried = bool(np.max(change) > 1e-9)
+    tally.worst("acceleration, unflagged", -math.inf if command.yielded & Bound.ACCELERATION else float(np.max(change)))
+    if hurried:
+        check(bool(command.yielded & Bound.ACCELERATION), "acceleration yields flagged")
+        _judge_hurry(plant, q, change, allowed, now_arm, tally, check)
+    slowing = np.max(np.abs(u) / allowed) <= max(np.max(np.abs(plant.last) / allowed) - 1.0, 0.0) + 1e-9
+    if fault in ("q", "twist", "stamp", "repeated", "disabled"):
+        if not (fault in ("q", "twist", "stamp") and command.status.certified):  # hostile, but a small number
+            check(not command.status.certified, "a fault gives the safe command")
+            check(bool(slowing), "the safe command decelerates")
+    elif command.status.certified and not twist.any():
+        check(bool(slowing), "no command decelerates")
+    sliding = (
+        now_arm.size > 0 and now_arm.min() < resolver._active.surroundings.skin
+    )  # the arm may then wait for part of the step
+    unhurried = bool(np.all(change < -1e-9 * allowed - 1e-12))
+    if usable and command.status.certified and not hurried and unhurried and not sliding:
+        _judge_direction(plant, q, v, frame, tally, check)  # type: ignore[arg-type]
+
+
+def _judge_hurry(plant: Plant, q: Array, change: Array, allowed: Array, now_arm: Array, tally: Tally, check) -> None:  # type: ignore[no-untyped-def]
+    """Accelerations yield to a bound above them only, and never after a start from which the chair could stop."""
+    resolver = plant.resolver
+    needed = _must_exceed(resolver, q, plant.last, resolver._options["return_speed"] * resolver.robot.chain.velocity)
+    arm, chair, now = change[3:] > 1e-9, change[:3] > 1e-9, gaps(resolver, q)
+    check(bool(np.all(~arm | needed[3:])) or now_arm.size > 0, "joints hurry only where they must")
+    check(not np.any(chair) or bool(resolver.obstacles), "the chair hurries only before obstacles")
+    if not plant.jumped:
+        if now_arm.size == 0 or now_arm.min() > 0:
+            tally.seen["arm hurried"] += bool(np.any(arm & ~needed[3:]))
+        if now.size and now.min() > 0:
+            tally.seen["chair hurried"] += bool(np.any(chair))
+            tally.worst("chair's hurry, share", float(np.max(change[:3] / allowed[:3])))
+
+
+def _judge_surroundings(resolver: RedundancyResolver, q: Array, ahead: Array, tally: Tally, check) -> Array:  # type: ignore[no-untyped-def]
+    now, then = gaps(resolver, q), gaps(resolver, ahead)
+    if now.size:
+        deeper = float(np.max(np.minimum(now, 0.0) - then))
+        check(tally.worst("into obstacles", deeper) <= ROUNDING, "never further into an obstacle")
+    now_arm, then_arm = arm_gaps(resolver.robot, q), arm_gaps(resolver.robot, ahead)
+    if now_arm.size:
+        deeper = float(np.max(np.minimum(now_arm, 0.0) - then_arm))
+        check(tally.worst("into keep-outs", deeper) <= ROUNDING, "never further into a keep-out")
+    return now_arm
+
+
+def _judge_direction(plant: Plant, q: Array, v: Array, frame: str, tally: Tally, check) -> None:  # type: ignore[no-untyped-def]
+    hand = hand_twist(plant.resolver.robot, q, v, plant.rows, frame)
+    asked = plant.resolver.limited_twist
+    size = float(np.linalg.norm(asked))
+    if size < 1e-9:
+        check(float(np.linalg.norm(hand)) < 1e-7, "no motion asked, none made")
+        return
+    along = float(hand @ asked) / size
+    off = float(np.linalg.norm(hand - along * asked / size))
+    tally.seen["direction checked"] += 1
+    tally.worst("off direction, m/s beyond 1e-6 rad", off - 1e-6 * abs(along))
+    check(off <= 1e-6 * abs(along) + 1e-8 and -1e-8 <= along <= size + 1e-8, "the hand keeps its direction")
+
+
+def hand_twist(robot: MobileArm, q: Array, v: Array, rows: tuple[str, ...], frame: str) -> Array:
+    """What the hand does in the given rows."""
+    twist = robot.chain.jacobian(q) @ v
+    roll = robot.chain.pose(q)[:3, 2] @ twist[3:]
+    if frame == "chassis":
+        cos, sin = math.cos(q[2]), math.sin(q[2])
+        turn = np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]])
+        twist = np.concatenate([turn @ twist[:3], turn @ twist[3:]])
+    every = dict(zip(("x", "y", "z", "rx", "ry", "rz", "roll7"), [*twist, roll], strict=True))
+    return np.array([every[row] for row in rows])
+
+
+def gaps(resolver: RedundancyResolver, q: Array) -> Array:
+    """Distance of the chair's outline from each obstacle, negative inside; none for a post under the chair's middle."""
+    cos, sin = math.cos(q[2]), math.sin(q[2])
+    corners = resolver.robot.outline.corners[[0, 1, 3, 2]] @ np.array([[cos, sin], [-sin, cos]]) + q[:2]
+    chair, result = shapely.Polygon(corners), []
+    for obstacle in resolver.obstacles:
+        if isinstance(obstacle, HalfPlane):
+            normal = np.asarray(obstacle.normal)
+            result.append((obstacle.offset - np.max(corners @ normal)) / np.linalg.norm(normal))
+        else:
+            distance = chair.distance(shapely.Point(obstacle.centre))
+            result.append(distance - obstacle.radius if distance > 1e-6 else math.nan)
+    return np.array([each for each in result if not math.isnan(each)]) if _all_outside(result) else np.zeros(0)
+
+
+def _all_outside(result: list[float]) -> bool:
+    return not any(math.isnan(each) for each in result)
+
+
+def arm_gaps(robot: MobileArm, q: Array) -> Array:
+    """Distance of both links from each keep-out."""
+    posture = np.array([0, 0, 0, *q[3:]])
+    shoulder = robot.chain.base[:3, 3] + [robot.chain.rows[2].a, -robot.chain.rows[3].d, 0]
+    hand = robot.chain.pose(posture)
+    elbow = hand[:3, 3] - robot.chain.rows[6].d * hand[:3, 2]
+    return np.array(
+        [
+            segment_distance(begin, end, capsule) - capsule.radius - robot.arm_radius
+            for capsule in robot.keep_out
+            for begin, end in ((shoulder, elbow), (elbow, hand[:3, 3]))
+        ]
+    )
+
+
+def segment_distance(begin: Array, end: Array, capsule: Capsule) -> float:
+    """Between two segments: where the lines are nearest if that is on both, else from an end of one."""
+    start, stop = np.asarray(capsule.start), np.asarray(capsule.end)
+    one, two = end - begin, stop - start
+    candidates = [_from_point(p, start, two) for p in (begin, end)] + [
+        _from_point(p, begin, one) for p in (start, stop)
+    ]
+    system = np.stack([one, -two], axis=1)
+    share, *_ = np.linalg.lstsq(system, start - begin, rcond=None)
+    if np.all((share >= 0) & (share <= 1)):
+        candidates.append(float(np.linalg.norm(begin + share[0] * one - start - share[1] * two)))
+    return min(candidates)
+
+
+def _from_point(point: Array, start: Array, along: Array) -> float:
+    share = np.clip((point - start) @ along / (along @ along), 0, 1)
+    return float(np.linalg.norm(point - start - share * along))
+
+
+def _must_exceed(resolver: RedundancyResolver, q: Array, last: Array, back: Array) -> NDArray[np.bool_]:
+    """Joints that would be beyond a limit, or further beyond, with the largest change."""
+    chain, dt = resolver.robot.chain, resolver.dt
+    gentlest_up, gentlest_down = last - chain.acceleration * dt, last + chain.acceleration * dt
+    above, below = q > chain.upper, q < chain.lower
+    return (
+        (q + gentlest_up * dt > np.maximum(chain.upper, q))
+        | (q + gentlest_down * dt < np.minimum(chain.lower, q))
+        | (above & (gentlest_down < -back))
+        | (below & (gentlest_up > back))
+    )
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--cases", type=int, default=100_000)
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    tally = run(options.cases, options.seed)
+    print(f"{tally.cases} ticks; faults {dict(tally.faults)}")
+    print("answers", {status.value: count for status, count in tally.statuses.items()}, dict(tally.solvers))
+    print("yielded", {str(bound): count for bound, count in tally.yielded.items()}, dict(tally.seen))
+    print("largest excess", {name: f"{value:.1e}" for name, value in tally.excess.items()})
+    print(f"broken claims: {len(tally.broken)}", Counter(line.partition(":")[0] for line in tally.broken))
+    for line in tally.broken[:10]:
+        print(" ", line)
+    raise SystemExit(bool(tally.broken))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,362 @@
+"""Claims about Assistance that a person's safety rests on."""
+
+import math
+
+import numpy as np
+import pytest
+import qpsolvers
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rehab_opt import Assistance, Bound, ConfigurationError, PotentialField, Status, Workspace
+from tests.control import assistance_campaign
+
+S = np.linspace(0.0, 1.0, 200)
+PATH = np.column_stack([-0.15 + 0.3 * S, 0.4 + 0.03 * np.sin(3 * S)])
+COMFORTABLE = Workspace(shapely.box(-0.18, 0.365, -0.06, 0.435), accuracy=1e-3)
+EMPTY = Workspace(shapely.Polygon(), accuracy=0.0)
+INSIDE, OUTSIDE = np.array([-0.1, 0.4]), np.array([0.0, 0.44])
+DT, SLEW, LIMIT = 1e-3, 200.0, 30.0
+FIELDS = {
+    "stretch": {"drag": 0.0}, "assist": {"drag": 200.0}, "resist": {"drag": 100.0, "drag_along": "travelled"},
+    "follow": {"drag": 0.0}, "hold": {"drag": 0.0},
+}  # fmt: skip
+THERAPY = ("stretch", "assist", "resist")
+
+
+def field(mode: str = "assist", **options: object) -> PotentialField:
+    given = {"stiffness": 1000.0, "width": 0.025, "compile": False, **FIELDS[mode], **options}
+    return PotentialField(PATH, **given)  # type: ignore[arg-type]
+
+
+READY = {mode: field(mode) for mode in FIELDS}
+
+
+def assistance(mode: str = "assist", each: PotentialField | None = None, **options: object) -> Assistance:
+    given = {"comfortable": COMFORTABLE, "mode": mode, "compile": False, "energy_budget": 1e3, "trust_stillness": True}
+    return Assistance(each or READY.get(mode, READY["assist"]), **{**given, **options})  # type: ignore[arg-type]
+
+
+def sizes(helper: Assistance, points: list[np.ndarray]) -> list[float]:
+    return [math.hypot(*helper.step(x).value) for x in points]
+
+
+# ------------------------------------------------------------------------------------------------------------- faults
+def test_no_fault_of_the_campaign_breaks_a_bound() -> None:
+    tally = assistance_campaign.run(9000, seed=1, compile=False)
+    assert tally.broken == []
+    assert set(tally.statuses) >= {Status.OK, Status.RELEASING, Status.RELEASED}
+    assert set(tally.faults) == {*assistance_campaign.FAULTS, "none"}
+    assert tally.yielded[Bound.TASK | Bound.SLEW] > 10
+    assert {"position", "energy"} <= set(tally.sudden)
+    assert tally.excess["force"] <= 0.0
+    assert tally.spent > 0.5  # the hands did draw on the budget
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e300, 1e7])
+@pytest.mark.parametrize("where", ["x", "v"])
+def test_a_number_that_is_none_releases_within_the_slew_bound_and_says_so(bad: float, where: str) -> None:
+    helper = assistance()
+    before = sizes(helper, [OUTSIDE] * 100)[-1]
+    x, v = np.array([bad, 0.4]), np.array([0.0, bad])
+    command = helper.step(x if where == "x" else OUTSIDE, v if where == "v" else None)
+    at_once = where == "v" and math.isfinite(bad)  # that is a hand beyond the speed cap
+    assert math.hypot(*command.value) == pytest.approx(0.0 if at_once else before - SLEW * DT, abs=1e-9)
+    assert command.status is (Status.RELEASED if at_once else Status.RELEASING)
+    assert command.reason != ""
+    assert bool(command.yielded & Bound.SLEW) == at_once
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [({"enable": False}, "enabled"), ({"enable": "yes"}, "enabled"), ({"stamp": 0.1}, "repeated"),
+     ({"stamp": math.nan}, "finite"), ({"stamp": -5.0}, "backwards"), ({}, "missing"), ({"stamp": 9.0}, "gap")],
+)  # fmt: skip
+def test_a_fault_of_switch_or_clock_releases_and_resumes(options: dict, reason: str) -> None:
+    helper = assistance()
+    for k in range(101):
+        before = helper.step(OUTSIDE, stamp=k * DT)
+    command = helper.step(OUTSIDE, **options)
+    assert command.status is Status.RELEASING
+    assert reason in command.reason
+    assert math.hypot(*command.value) == pytest.approx(math.hypot(*before.value) - SLEW * DT, abs=1e-9)
+    later = 20.0 if reason == "gap" else 0.102
+    helper.step(OUTSIDE, stamp=later)
+    assert helper.step(OUTSIDE, stamp=later + DT).status is Status.OK
+
+
+def test_an_argument_of_the_wrong_shape_is_named() -> None:
+    helper = assistance()
+    for x, v in (([1.0], None), ("ab", None), (OUTSIDE, [1.0, 2.0, 3.0]), (None, None), ([1j, 0], None)):
+        with pytest.raises(ConfigurationError):
+            helper.step(x, v)
+    for x in ([0, 0], (10**400, 1), np.float32([0.1, 0.2]), [True, False]):
+        assert np.all(np.isfinite(helper.step(x).value))
+
+
+# --------------------------------------------------------------------------------------------------------------- gate
+@pytest.mark.parametrize("mode", THERAPY)
+def test_from_a_start_inside_there_is_no_force_inside(mode: str) -> None:
+    helper = assistance(mode)
+    for x in np.random.default_rng(0).uniform((-0.18, 0.365), (-0.06, 0.435), (300, 2)):
+        helper.reset()
+        assert not helper.step(x).value.any()
+
+
+@pytest.mark.parametrize("mode", THERAPY)
+@pytest.mark.parametrize("limit", [5.0, 30.0, 77.7])
+def test_on_entry_the_force_never_grows_and_is_zero_within_force_limit_over_slew(mode: str, limit: float) -> None:
+    ticks, rng = math.ceil(limit / SLEW / DT), np.random.default_rng(1)
+    helper = assistance(mode, force_limit=limit, speed_cap=9.0)
+    x = np.array([-0.0595, 0.4355])
+    for _ in range(1200):
+        last = helper.step(x).value
+    start = math.hypot(*last)
+    assert start > 4.0
+    previous, zero_after = start, None
+    for k in range(ticks + 2):
+        size = math.hypot(*helper.step(np.array([-0.0605, 0.4345]) + 1e-5 * rng.standard_normal(2)).value)
+        assert size <= previous
+        previous = size
+        if size == 0.0 and zero_after is None:
+            zero_after = k
+    assert zero_after is not None
+    assert zero_after * DT <= limit / SLEW
+
+
+@pytest.mark.parametrize("mode", THERAPY)
+def test_outside_the_force_is_that_of_the_field(mode: str) -> None:
+    helper = assistance(mode, force_limit=500.0, slew_limit=1e5, energy_budget=1e6)
+    for x in np.random.default_rng(2).uniform((-0.05, 0.36), (0.2, 0.48), (30, 2)):
+        helper.reset()
+        for _ in range(30):
+            command = helper.step(x)
+        np.testing.assert_allclose(command.value, READY[mode].force(x), rtol=1e-9, atol=1e-9)
+        assert command.yielded == Bound.NOTHING
+        assert command.scale == 1.0
+
+
+@pytest.mark.parametrize("mode", ["follow", "hold"])
+def test_help_in_a_task_acts_inside_and_outside_only_pulls_back(mode: str) -> None:
+    helper = assistance(mode, force_limit=500.0, slew_limit=1e5, energy_budget=1e6)
+    for _ in range(30):
+        command = helper.step(INSIDE)
+    np.testing.assert_allclose(command.value, READY[mode].force(INSIDE), atol=1e-9)
+    for x in np.random.default_rng(3).uniform((-0.3, 0.2), (0.2, 0.6), (60, 2)):
+        if COMFORTABLE.contains(x):
+            continue
+        helper.reset()
+        for _ in range(30):
+            command = helper.step(x)
+        back = COMFORTABLE.nearest(x) - x
+        size = np.linalg.norm(command.value)
+        assert size == pytest.approx(min(500.0 * np.linalg.norm(back), 10.0), rel=1e-9)
+        assert command.value @ back == pytest.approx(size * np.linalg.norm(back), rel=1e-9)
+
+
+def test_the_onset_grows_from_the_boundary() -> None:
+    helper = assistance(onset=0.01, force_limit=500.0, slew_limit=1e5, energy_budget=1e6)
+    for beyond in (0.0, 0.002, 0.005, 0.01, 0.02):
+        x = np.array([-0.06 + beyond, 0.41])
+        helper.reset()
+        for _ in range(30):
+            command = helper.step(x)
+        np.testing.assert_allclose(command.value, min(1.0, beyond / 0.01) * READY["assist"].force(x), atol=1e-7)
+
+
+# ------------------------------------------------------------------------------------------------------------- bounds
+@settings(max_examples=60, deadline=None)
+@given(st.data())
+def test_every_tick_is_the_qp_of_the_statement(data: st.DataObject) -> None:
+    """The command is the optimum of the stated QP, by another solver, and within its bounds."""
+    helper = HELPERS[data.draw(st.sampled_from(sorted(HELPERS)))]
+    helper.reset()
+    number = st.floats(-0.3, 0.3)
+    x = np.array([data.draw(number), 0.4 + data.draw(number)])
+    helper.step(x)
+    helper._ladder.memory[:] = last = np.array([data.draw(st.floats(-20, 20)), data.draw(st.floats(-20, 20))])
+    v = np.array([data.draw(number), data.draw(number)])
+    problem = helper.to_qpsolvers(x, v)
+    best = qpsolvers.solve_problem(problem, solver="daqp", primal_tol=1e-10, dual_tol=1e-10).x
+    command = helper.step(x, v)
+    assert command.status is Status.OK
+    assert np.linalg.norm(command.value - best) < 1e-6
+    assert np.linalg.norm(command.value - last) <= SLEW * DT + 1e-12
+
+
+HELPERS = {mode: assistance(mode) for mode in FIELDS}
+
+
+def test_a_large_force_keeps_its_direction_and_the_bound_exactly() -> None:
+    helper = assistance(speed_cap=9.0)
+    for k in range(400):
+        x = np.array([0.4 * math.cos(k / 300), 0.4 + 0.4 * math.sin(k / 300)])
+        command = helper.step(x)
+        assert math.hypot(*command.value) <= LIMIT
+    assert math.hypot(*command.value) == pytest.approx(LIMIT, rel=1e-9)
+    wanted = READY["assist"].force(x)
+    assert command.value @ wanted == pytest.approx(LIMIT * np.linalg.norm(wanted), rel=1e-3)
+    assert command.yielded == Bound.TASK
+    assert command.scale == pytest.approx(LIMIT / np.linalg.norm(wanted), rel=1e-2)
+
+
+@pytest.mark.parametrize("heading", np.linspace(0, 2 * math.pi, 7))
+def test_the_force_changes_at_the_full_slew_rate_in_every_direction(heading: float) -> None:
+    helper = assistance("hold", each=PotentialField(INSIDE[None], stiffness=3000.0, width=0.03, compile=False))
+    x = INSIDE + 0.03 * np.array([math.cos(heading), math.sin(heading)])
+    values = [helper.step(x).value for _ in range(20)]
+    np.testing.assert_allclose(np.linalg.norm(np.diff(values, axis=0), axis=1), SLEW * DT, rtol=1e-6)
+
+
+def test_a_hand_beyond_the_speed_cap_is_let_go_at_once() -> None:
+    for given_velocity in (True, False):
+        helper = assistance()
+        sizes(helper, [OUTSIDE] * 100)
+        command = helper.step(OUTSIDE, [0.8, 0.8]) if given_velocity else helper.step(OUTSIDE + [0.01, 0.0])
+        assert not command.value.any()
+        assert command.yielded == Bound.TASK | Bound.SLEW
+        assert "at most" in command.reason
+        after = helper.step(OUTSIDE + ([0.0, 0.0] if given_velocity else [0.01, 0.0]))
+        assert after.status is Status.OK
+        assert math.hypot(*after.value) <= SLEW * DT * (1 + 1e-9)
+
+
+def test_a_budget_that_is_spent_ends_the_force_gently() -> None:
+    far = PotentialField([[50.0, 0.4]], stiffness=100.0, width=0.1, compile=False)
+    helper = assistance("stretch", each=far, energy_budget=6.0, trust_stillness=False)
+    x, delivered, last = OUTSIDE.copy(), 0.0, np.zeros(2)
+    for _ in range(4000):
+        command = helper.step(x)
+        assert np.linalg.norm(command.value - last) <= SLEW * DT + 1e-12
+        assert not command.yielded & Bound.SLEW
+        last = command.value
+        size = np.linalg.norm(last)
+        moved = 0.99 * DT * last / size if size else np.array([1e-6, 0.0])
+        delivered += float(last @ moved)
+        x = x + moved
+    assert 5.9 < delivered <= 6.0 + 1e-9  # a sum of thousands of terms
+    helper.reset()
+    assert helper.energy_left == 6.0
+
+
+def test_a_frozen_sensor_cannot_be_drawn_from() -> None:
+    helper = assistance(energy_budget=6.0, trust_stillness=False)
+    delivered = 0.0
+    for _ in range(20_000):  # the hand is led away at the speed cap, and nothing of it is seen
+        delivered += math.hypot(*helper.step(OUTSIDE).value) * 1.0 * DT
+    assert delivered <= 6.0
+    assert math.hypot(*helper.step(OUTSIDE).value) < 0.5
+
+
+def test_a_resting_hand_that_is_trusted_keeps_its_force() -> None:
+    assert sizes(assistance(energy_budget=6.0), [OUTSIDE] * 3000)[-1] == pytest.approx(LIMIT, rel=0.2)
+
+
+def test_the_estimated_velocity_lags_by_what_is_stated() -> None:
+    damped = field("follow", damping=100.0, stiffness=0.0)
+    helper = assistance("follow", each=damped, velocity_lag=0.02, force_limit=300.0, slew_limit=1e5, energy_budget=1e6)
+    acceleration, x0 = 0.5, np.array([-0.17, 0.4])
+    for k in range(400):
+        t = k * DT
+        command = helper.step(x0 + [0.5 * acceleration * t**2, 0.0])
+    lag = t - (-command.value[0] / 100.0) / acceleration
+    assert lag == pytest.approx(0.02 + DT / 2, rel=0.02)
+
+
+def test_velocity_given_damps_without_lag() -> None:
+    helper = assistance(
+        "follow", each=field("follow", damping=20.0), force_limit=300.0, slew_limit=1e5, energy_budget=1e6
+    )
+    for _ in range(5):
+        command = helper.step(INSIDE, [0.3, -0.2])
+    np.testing.assert_allclose(command.value, READY["follow"].force(INSIDE) - [6.0, -4.0], atol=1e-9)
+
+
+@pytest.mark.parametrize("start", [(-0.05, 0.41), (0.05, 0.47), (0.2, 0.35)])
+def test_a_passive_hand_is_led_to_the_target_and_stays_there(start: tuple[float, float]) -> None:
+    helper = assistance(energy_budget=20.0, trust_stillness=False)
+    x, v = np.array(start), np.zeros(2)
+    for _ in range(6000):
+        v = v + DT * (helper.step(x).value - 20.0 * v) / 1.5
+        x = x + DT * v
+    assert np.linalg.norm(x - PATH[-1]) < 1e-3
+    published = assistance("assist", each=field(rest_on_target=False), energy_budget=20.0)
+    x, v = np.array(start), np.zeros(2)
+    for _ in range(6000):
+        v = v + DT * (published.step(x).value - 20.0 * v) / 1.5
+        x = x + DT * v
+    assert np.linalg.norm(x - PATH[-1]) > 5e-3  # math.md 3(c)
+
+
+# ------------------------------------------------------------------------------------------------------------ the rest
+@pytest.mark.parametrize("solver", ["proxqp", "osqp"])
+def test_zero_is_zero_by_iterative_solvers_too(solver: str) -> None:
+    helper, rng = assistance(solver=solver), np.random.default_rng(6)
+    seen = sizes(helper, [OUTSIDE + 1e-4 * rng.standard_normal(2) for _ in range(5)])
+    assert seen[-1] > 0.5
+    helper.reset()
+    for x in rng.uniform((-0.1, 0.39), (-0.0995, 0.3905), (100, 2)):
+        assert not helper.step(x, [0.1, -0.2]).value.any()
+
+
+@pytest.mark.parametrize("solver", ["proxqp", "osqp", "daqp"])
+def test_other_solvers_command_the_same(solver: str) -> None:
+    ours, theirs = assistance(), assistance(solver=solver)
+    rng, x = np.random.default_rng(4), OUTSIDE.copy()
+    for _ in range(100):
+        x = x + 5e-4 * rng.standard_normal(2)
+        np.testing.assert_allclose(theirs.step(x).value, ours.step(x).value, atol=1e-5)
+
+
+def test_compiled_and_interpreted_agree() -> None:
+    ours, theirs = assistance(), assistance(compile=None)
+    rng, x = np.random.default_rng(5), OUTSIDE.copy()
+    for _ in range(200):
+        x = x + 5e-4 * rng.standard_normal(2)
+        np.testing.assert_allclose(theirs.step(x).value, ours.step(x).value, atol=1e-9)
+
+
+def test_another_field_takes_over_within_the_slew_bound() -> None:
+    points = [np.array([[-0.15, 0.4]]), np.array([[-0.08, 0.42]])]
+    first, second = (PotentialField(point, stiffness=3500.0, width=0.04, compile=False) for point in points)
+    helper = assistance("hold", each=first)
+    before = [helper.step(INSIDE) for _ in range(400)][-1].value
+    helper.aim(second)
+    after = helper.step(INSIDE).value
+    assert np.linalg.norm(after - before) <= SLEW * DT + 1e-12
+    settled = [helper.step(INSIDE) for _ in range(600)][-1].value
+    assert settled @ (points[1][0] - INSIDE) > 0.9 * np.linalg.norm(settled) * np.linalg.norm(points[1][0] - INSIDE)
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        ({"comfortable": None}, "comfortable"), ({"comfortable": EMPTY}, "comfortable"), ({"mode": "push"}, "mode"),
+        ({"mode": "resist", "each": READY["assist"]}, "mode"), ({"each": READY["resist"]}, "mode"),
+        ({"force_limit": 0.0}, "force_limit"), ({"force_limit": math.nan}, "force_limit"),
+        ({"slew_limit": -1.0}, "slew_limit"),
+        ({"energy_budget": math.inf}, "energy_budget"), ({"speed_cap": 0.0}, "speed_cap"), ({"dt": 0.0}, "dt"),
+        ({"onset": -1.0}, "onset"), ({"return_force": 0.0}, "return_force"), ({"solver": "none"}, "solver"),
+        ({"max_age": 0.0}, "max_age"), ({"velocity_lag": 0.0}, "velocity_lag"), ({"tolerance": 2.0}, "tolerance"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_used_is_named(options: dict, named: str) -> None:
+    with pytest.raises(ConfigurationError, match=f"^{named}"):
+        assistance(**options)
+
+
+def test_safety_arguments_are_keyword_only() -> None:
+    with pytest.raises(TypeError):
+        Assistance(READY["assist"], COMFORTABLE)  # type: ignore[misc]
+    with pytest.raises(ConfigurationError, match="field"):
+        assistance().aim("a field")  # type: ignore[arg-type]
+
+
+def test_a_command_is_its_own() -> None:
+    helper = assistance()
+    first = helper.step(OUTSIDE)
+    kept = first.value.copy()
+    sizes(helper, [OUTSIDE] * 50)
+    np.testing.assert_array_equal(first.value, kept)
+    assert not first.value.flags.writeable

@@ -1,0 +1,132 @@
+"""Whole mirrored motions: the guarantees of every tick, on every problem, and the lag of the chain."""
+
+import csv
+import functools
+import math
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from problems.mirror import motions
+from rehab_opt import Bound, ConfigurationError, MirrorTracker, Smoother, ur5
+from rehab_opt.control.conditioning import Conditioned, conditioned
+from rehab_opt.control.smoothing import measured_lag
+from rehab_opt.kinematics.vr import fit_frame, poses_of, quaternions_of, robot_from_unity
+from tests.control.mirror_campaign import LARGEST, closed_form
+
+TASKS = ("pick_fruit", "refrigerator_door", "vr_hand_tracker")
+TICKS = (1e-3, 5e-3, 2e-2)
+
+
+def shipped(task: str) -> tuple[np.ndarray, np.ndarray]:
+    """Times and mirrored poses in the robot's frame, found the way a clinic would: from points touched with both."""
+    folder = Path(motions.__file__).parent
+    points = np.loadtxt(folder / "calibration_points.csv", delimiter=",", skiprows=1)
+    seen, _ = robot_from_unity(points[:, :3], np.tile([0, 0, 0, 1.0], (len(points), 1)))
+    fit = fit_frame(seen, points[:, 3:])
+    assert fit.rms < 2e-3
+    rows = np.loadtxt(folder / f"{task}.csv", delimiter=",", skiprows=1)
+    right = fit.poses(poses_of(*robot_from_unity(rows[:, 1:4], rows[:, 4:8])))
+    return rows[:, 0], motions.MIRROR.poses(right)
+
+
+def recorded() -> tuple[np.ndarray, np.ndarray]:
+    """The real right hand: 4 s of it, scaled to a 0.6 m arm, mirrored, from the start. 90 Hz is an assumption."""
+    data = Path(os.environ.get("REHAB_OPT_DATA", Path(__file__).parents[2] / ".." / "shared" / "data"))
+    file = data / "vr_hand_tracker" / "tracker_record_rows_1_3000.csv"
+    if not file.exists():
+        assert "REHAB_OPT_REQUIRE_DATA" not in os.environ, f"{file} is required"
+        pytest.skip("the recording is not here")
+    with file.open() as lines:
+        rows = np.array([[float(x) for x in row] for row in csv.reader(lines)])[:360]
+    # Columns: places of the lower arm and of the hand, then their quaternions; lengths in shares of the arm's.
+    poses = motions.MIRROR.poses(poses_of(*robot_from_unity(0.6 * rows[:, 3:6], rows[:, 10:14])))
+    start = ur5().pose(motions.START)
+    poses[:, :3, 3] += start[:3, 3] - poses[0, :3, 3]
+    poses[:, :3, :3] = poses[:, :3, :3] @ (poses[0, :3, :3].T @ start[:3, :3])  # how the hand holds the tool
+    return np.arange(len(rows)) / 90.0, poses
+
+
+def samples(task: str, dt: float) -> Conditioned:
+    times, poses = recorded() if task == "vr_hand_tracker" else shipped(task)
+    return conditioned(times, poses[:, :3, 3], quaternions_of(poses[:, :3, :3]), dt=dt)
+
+
+@functools.cache
+def tracker(dt: float) -> MirrorTracker:
+    return MirrorTracker(ur5(), dt=dt, largest=LARGEST, compile=False)
+
+
+@pytest.mark.parametrize(
+    ("task", "dt"), [(task, dt) for task in TASKS for dt in TICKS if (task, dt) != (TASKS[2], 1e-3)]
+)
+def test_every_bound_holds_in_every_tick_of_a_plan(task: str, dt: float) -> None:
+    chain, given = ur5(), samples(task, dt)
+    path = tracker(dt).plan(given.poses, given.twists, motions.START)
+    assert path.complete or task == "vr_hand_tracker"
+    assert bool(path.counts["left out"]) == (task == "vr_hand_tracker")  # which goes where this arm does not
+    assert min(map(closed_form, path.q)) >= 0.3 - 1e-9
+    assert path.deviations.max() <= 0.05
+    assert np.all(np.abs(path.velocities) <= chain.velocity)
+    hands = path.poses[:, :3, 3]
+    assert np.linalg.norm(np.diff(hands, axis=0), axis=1).max() <= 0.25 * dt * (1 + 1e-9)
+    change = np.abs(np.diff(path.velocities, axis=0, prepend=0.0)).max(axis=1)
+    for over, flags in zip(change > 15.0 * dt + 1e-9, path.yielded, strict=True):
+        assert not over or flags & Bound.ACCELERATION
+    assert np.all(np.diff(path.clock) >= -1e-9)
+    assert path.clock[-1] == pytest.approx(given.times[-1] - given.times[0], abs=2 * dt) or not path.complete
+    np.testing.assert_allclose(path.q[1:] - path.q[:-1], path.velocities[:-1] * dt, atol=1e-12)
+
+
+@pytest.mark.parametrize("task", TASKS[:2])
+def test_where_the_reference_is_above_the_floor_the_plan_is_the_reference(task: str) -> None:
+    given = samples(task, 5e-3)
+    robot = tracker(5e-3)
+    path = robot.plan(given.poses, given.twists, motions.START)
+    # Reference's own manipulability, from the plan's posture where they agree: far from the floor for two seconds.
+    high = path.manipulability > 0.35
+    settled = np.array([high[max(0, i - 400) : i + 1].all() and i >= 400 for i in range(len(high))])
+    assert settled.sum() > 100
+    assert 1e3 * path.deviations[settled].max() <= 0.5
+    assert math.degrees(path.turns[settled].max()) <= 0.2
+
+
+def test_a_plan_does_not_pass_a_stretch_it_cannot_do_in_silence() -> None:
+    dt, start = 2e-2, ur5().pose(motions.START)
+    poses = np.tile(start, (200, 1, 1))
+    poses[:, 0, 3] += np.linspace(0, 1.0, 200)  # out of reach, and not back
+    path = tracker(dt).plan(poses, np.zeros((200, 6)), motions.START)
+    assert not path.complete
+    assert path.deviations.max() <= 0.05
+    assert path.counts["waited"]
+
+
+def test_lost_samples_are_bridged() -> None:
+    given = samples("pick_fruit", 2e-2)
+    poses, twists = given.poses.copy(), given.twists.copy()
+    poses[100:150] = np.nan
+    path = tracker(2e-2).plan(poses, twists, motions.START)
+    assert path.complete
+    assert path.deviations.max() <= 0.05
+    assert np.isfinite(path.q).all()
+    with pytest.raises(ConfigurationError, match="usable"):
+        tracker(2e-2).plan(np.full((5, 4, 4), np.nan), np.zeros((5, 6)), motions.START)
+
+
+def test_filter_qp_and_smoothing_together_lag_by_less_than_a_tenth_of_a_second() -> None:
+    dt, chain = 5e-3, ur5()
+    times, poses = shipped("pick_fruit")
+    given = conditioned(times, poses[:, :3, 3], quaternions_of(poses[:, :3, :3]), dt=dt)
+    robot = MirrorTracker(chain, dt=dt, floor=0.05, largest=LARGEST, compile=False)
+    smoother = Smoother(velocity=chain.velocity, acceleration=chain.acceleration, jerk=500.0, dt=dt, axes=6)
+    q, hands = motions.START.copy(), []
+    smoother.reset(q)
+    for pose, twist in zip(given.poses, given.twists, strict=True):
+        command = robot.step(q, pose, twist)
+        q = q + dt * command.value
+        hands.append(chain.pose(smoother.step(q, command.value).value)[:3, 3])
+    raw = np.array([np.interp(given.times, times, column) for column in poses[:, :3, 3].T]).T
+    lag = measured_lag(given.times, raw, np.array(hands))
+    assert 0.02 < lag <= 0.1

@@ -1,0 +1,645 @@
+"""Claims about RedundancyResolver that a user's safety rests on, judged by plain numpy."""
+
+import math
+from collections.abc import Sequence
+from functools import cache
+
+import numpy as np
+import pytest
+import qpsolvers
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rehab_opt import Bound, ConfigurationError, Joystick, RedundancyResolver, Status, ardis
+from rehab_opt.control.joystick import STICK_MODES
+from rehab_opt.control.obstacles import Disc, HalfPlane, obstacle_numbers
+from rehab_opt.control.scanning import Scanning
+from rehab_opt.kinematics.ardis import ARDIS_READY
+from rehab_opt.kinematics.differential import Differential
+from rehab_opt.kinematics.mobile_arm import MobileArm
+from rehab_opt.published.pseudoinverse_law import PseudoinverseLaw
+from tests.control import redundancy_campaign
+from tests.control.redundancy_campaign import gaps, hand_twist
+
+UNHURRIED = {"acceleration": math.inf}
+DRIVES = ("mecanum", "differential")
+every_row = st.lists(st.sampled_from(("x", "y", "z", "rx", "ry", "rz", "roll7")), min_size=1, max_size=4, unique=True)
+
+
+def resolver(robot: MobileArm | None = None, **options: object) -> RedundancyResolver:
+    options = {"compile": False, "row_sets": [("x", "y", "z")], **options}
+    return RedundancyResolver(robot or ardis(), **options)  # type: ignore[arg-type]
+
+
+@cache
+def unhurried(drive: str) -> RedundancyResolver:
+    """Without acceleration bounds, so that a command is the QP's answer."""
+    return resolver(ardis(**UNHURRIED), drive=drive, keep_out=False)  # type: ignore[arg-type]
+
+
+def posture(rng: np.random.Generator, robot: MobileArm, share: float = 1.0) -> np.ndarray:
+    middle = (robot.chain.lower[3:] + robot.chain.upper[3:]) / 2
+    half = share * (robot.chain.upper[3:] - robot.chain.lower[3:]) / 2
+    return np.concatenate([rng.uniform(-3, 3, 3), middle + half * rng.uniform(-1, 1, 4)])
+
+
+def test_no_fault_of_the_campaign_breaks_a_bound() -> None:
+    tally = redundancy_campaign.run(3000, seed=1, plants=12)
+    assert tally.broken == []
+    assert set(tally.statuses) == {Status.OK, Status.BACKUP, Status.BRAKING, Status.HOLDING}
+    assert all(tally.faults[fault] for fault in ("q", "twist", "stamp", "repeated", "disabled", "no stamp"))
+    assert tally.seen["direction checked"] > 200
+    assert tally.seen["chair hurried"] == 0  # from a start at which the chair could stop, it always could
+
+
+# ---------------------------------------------------------------------------------------------- the published law
+@given(st.integers(0, 10**6), every_row, st.sampled_from(DRIVES), st.sampled_from(["chassis", "world"]))
+@settings(max_examples=60)
+def test_with_no_bound_active_the_command_is_the_published_law(
+    seed: int, rows: Sequence[str], drive: str, frame: str
+) -> None:
+    rows = rows[:3] if {"rx", "ry", "rz", "roll7"} <= set(rows) else rows
+    rng, robot = np.random.default_rng(seed), unhurried(drive)
+    law = PseudoinverseLaw(robot.robot, drive=drive)  # type: ignore[arg-type]
+    q, twist = posture(rng, robot.robot, 0.8), 0.05 * rng.standard_normal(len(rows))
+    robot.reset()
+    try:
+        published = law.rate(q, twist, rows, frame)
+    except np.linalg.LinAlgError:
+        return
+    excess = law.excess(q, published, np.zeros(7), robot.dt)
+    # Joints stop at their limits by themselves; without acceleration bounds within one tick.
+    if max(excess.position, excess.velocity, excess.wheels) > -1e-3:
+        return
+    command = robot.step(q, twist, tuple(rows), frame)
+    if np.linalg.cond(law.task_jacobian(q, rows, frame)) < 1e4:
+        np.testing.assert_allclose(command.value, published, rtol=0, atol=1e-9)
+        assert command.yielded == Bound.NOTHING
+        assert command.scale == 1.0
+
+
+@pytest.mark.parametrize("drive", DRIVES)
+def test_the_law_is_met_along_a_motion_with_all_bounds_at_hand(drive: str) -> None:
+    robot = resolver(drive=drive, obstacles=[HalfPlane((1, 0), 5.0), Disc((3, 3), 1.0)])
+    law, q, met = PseudoinverseLaw(robot.robot, drive=drive), ARDIS_READY.copy(), 0  # type: ignore[arg-type]
+    for k in range(400):
+        twist = 0.08 * np.array([math.sin(0.02 * k), math.cos(0.03 * k), 0.5 * math.sin(0.05 * k)])
+        command = robot.step(q, twist)
+        if command.yielded == Bound.NOTHING and k > 20:
+            asked = robot.limited_twist
+            met += np.allclose(command.value, law.rate(q, asked), rtol=0, atol=1e-9)
+        q = q + command.value * robot.dt
+    assert met > 350
+
+
+# ----------------------------------------------------------------------------------------------- speed and direction
+@pytest.mark.parametrize("drive", DRIVES)
+def test_a_hand_that_must_slow_down_keeps_its_direction_within_a_microradian(drive: str) -> None:
+    rng, robot, slowed = np.random.default_rng(2), unhurried(drive), 0
+    for _ in range(150):
+        q, twist = posture(rng, robot.robot, 0.9), rng.standard_normal(3) * rng.choice([0.3, 1.0, 10.0])
+        robot.reset()
+        command = robot.step(q, twist)
+        hand = hand_twist(robot.robot, q, command.value, ("x", "y", "z"), "chassis")
+        along = hand @ twist / np.linalg.norm(twist)
+        if along < 1e-3:
+            continue
+        slowed += command.scale < 0.99
+        assert np.linalg.norm(np.cross(hand, twist)) / np.linalg.norm(twist) <= 1e-6 * along
+        assert command.scale == pytest.approx(along / np.linalg.norm(twist), rel=1e-6, abs=2e-3)
+    assert slowed > 50
+
+
+def test_no_other_command_within_the_bounds_moves_the_hand_faster_in_the_direction_asked() -> None:
+    robot, rng = unhurried("mecanum"), np.random.default_rng(3)
+    for _ in range(40):
+        q, twist = posture(rng, robot.robot, 0.7), rng.standard_normal(3)
+        twist *= 5.0 / np.linalg.norm(twist)
+        robot.reset()
+        command = robot.step(q, twist)
+        problem = robot.to_qpsolvers(q, twist)
+        n = 8
+        fastest = qpsolvers.Problem(
+            1e-9 * np.eye(n), -np.eye(n)[7], problem.G, problem.h, problem.A, problem.b, problem.lb, problem.ub
+        )
+        best = qpsolvers.solve_problem(fastest, solver="daqp", primal_tol=1e-11, dual_tol=1e-11).x[7]
+        assert command.scale * 5.0 >= best - max(0.02 * best, 1e-3)
+
+
+def test_the_answer_is_the_qp_s_by_another_solver() -> None:
+    robot, rng = unhurried("mecanum"), np.random.default_rng(4)
+    for _ in range(60):
+        q, twist = posture(rng, robot.robot, 0.9), rng.standard_normal(3) * 0.8
+        robot.reset()
+        problem = robot.to_qpsolvers(q, twist)
+        command = robot.step(q, twist)
+        other = qpsolvers.solve_problem(problem, solver="proxqp", eps_abs=1e-11, eps_rel=0.0)
+        if other.found:
+            np.testing.assert_allclose(
+                robot.robot.chassis_velocity(q, command.value), robot._active.units * other.x[:7], atol=2e-5
+            )
+
+
+@pytest.mark.parametrize("drive", DRIVES)
+def test_a_hand_held_back_by_accelerations_moves_between_the_last_and_the_new_twist(drive: str) -> None:
+    rng, robot, held = np.random.default_rng(12), stopper(drive, 1e-2), 0
+    chain = robot.robot.chain
+    for _ in range(100):
+        q, twist = posture(rng, robot.robot, 0.5), 0.3 * rng.standard_normal(3)
+        moving = 0.2 * rng.uniform(-1, 1, 7) * chain.velocity
+        moving[1] *= drive == "mecanum"
+        last = robot.robot.world_velocity(q, moving)
+        robot.reset(last, heading=q[2])
+        command = robot.step(q, twist)
+        change = np.abs(robot.chassis_velocity - moving) / (chain.acceleration * robot.dt)
+        assert np.max(change) <= 1 + 1e-9
+        before, now = (hand_twist(robot.robot, q, v, ("x", "y", "z"), "chassis") for v in (last, command.value))
+        new = robot.limited_twist
+        shares = np.linalg.lstsq(np.stack([before, new], axis=1), now, rcond=None)[0]
+        np.testing.assert_allclose(shares @ [before, new], now, atol=1e-9)
+        # `new` itself lies between the last and the asked twist.
+        between = np.linalg.lstsq(np.stack([before, twist], axis=1), new, rcond=None)[0]
+        np.testing.assert_allclose(between @ [before, twist], new, atol=1e-9)
+        assert np.all((shares >= -1e-9) & (shares <= 1 + 1e-9) & (between >= -1e-9) & (between <= 1 + 1e-9))
+        assert bool(command.yielded & Bound.TASK)
+        held += np.max(change) > 1 - 1e-9
+    assert held > 50
+
+
+# --------------------------------------------------------------------------------------------------- zero commands
+@pytest.mark.parametrize("drive", DRIVES)
+@pytest.mark.parametrize("rows", [("x", "y", "z"), ("x", "y"), ("z", "roll7")])
+def test_no_command_after_no_command_is_exactly_nothing(drive: str, rows: tuple[str, ...]) -> None:
+    robot, rng = resolver(drive=drive, row_sets=[rows]), np.random.default_rng(5)
+    for _ in range(50):
+        command = robot.step(posture(rng, robot.robot, 1.2), np.zeros(len(rows)), rows)
+        assert command.status is Status.OK
+        assert not command.value.any()
+        assert command.wheels is not None
+        assert not command.wheels.any()
+
+
+@given(st.integers(0, 10**6), st.sampled_from([1e-3, 1e-2, 5e-2]), st.sampled_from(DRIVES))
+@settings(max_examples=25)
+def test_no_command_while_moving_stops_in_as_many_ticks_as_the_slowest_joint_needs(
+    seed: int, dt: float, drive: str
+) -> None:
+    rng = np.random.default_rng(seed)
+    robot = stopper(drive, dt)
+    chain, q = robot.robot.chain, posture(rng, robot.robot, 0.5)
+    moving = 0.3 * rng.uniform(-1, 1, 7) * chain.velocity
+    moving[1] *= drive == "mecanum"
+    robot.reset(robot.robot.world_velocity(q, moving), heading=q[2])
+    allowed = math.ceil(np.max(np.abs(moving) / (chain.acceleration * dt)) - 1e-9)
+    for _ in range(allowed):
+        last = robot.chassis_velocity
+        command = robot.step(q, [0.0, 0.0, 0.0])
+        assert command.status is Status.OK
+        assert np.all(np.abs(robot.chassis_velocity - last) <= chain.acceleration * dt * (1 + 1e-9) + 1e-12)
+        q = q + command.value * dt
+    assert not command.value.any()
+
+
+@cache
+def stopper(drive: str, dt: float) -> RedundancyResolver:
+    return resolver(drive=drive, dt=dt, keep_out=False)
+
+
+def test_nobody_who_lets_go_of_the_enable_switch_is_moved() -> None:
+    robot, q = resolver(), ARDIS_READY.copy()
+    for _ in range(100):
+        q = q + robot.step(q, [0.2, 0.1, 0.1]).value * robot.dt
+    speeds = [robot.chassis_velocity]
+    for _ in range(60):
+        command = robot.step(q, [0.2, 0.1, 0.1], enable=False)
+        q = q + command.value * robot.dt
+        speeds.append(robot.chassis_velocity)
+        assert np.all(np.abs(speeds[-1]) <= np.abs(speeds[-2]) + 1e-12)
+    assert command.status is Status.HOLDING
+    assert command.reason == "not enabled"
+    assert robot.step(q, [0.2, 0.1, 0.1]).status is Status.OK
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, 1e300])
+@pytest.mark.parametrize("where", ["q", "twist"])
+def test_a_number_that_cannot_be_used_brakes_and_says_which(bad: float, where: str) -> None:
+    robot, q = resolver(), ARDIS_READY.copy()
+    for _ in range(30):
+        q = q + robot.step(q, [0.1, 0.0, 0.05]).value * robot.dt
+    broken, twist = q.copy(), [0.1, 0.0, 0.05]
+    if where == "q":
+        broken[4] = bad
+    else:
+        twist[1] = bad
+    last = robot.chassis_velocity
+    command = robot.step(broken, twist)
+    assert command.status is Status.BRAKING
+    assert where in command.reason
+    assert np.all(np.abs(robot.chassis_velocity) <= np.abs(last))
+    assert np.isfinite(command.wheels).all()  # type: ignore[type-var]
+
+
+def test_stamps_are_watched_across_changes_of_rows() -> None:
+    robot = resolver(row_sets=[("x", "y"), ("z", "roll7")], max_age=0.05)
+    assert robot.step(ARDIS_READY, [0.1, 0], ("x", "y"), stamp=1.0).status is Status.OK
+    assert "repeated" in robot.step(ARDIS_READY, [0.1, 0], ("z", "roll7"), stamp=1.0).reason
+    assert "missing" in robot.step(ARDIS_READY, [0.1, 0], ("x", "y")).reason
+
+
+# ------------------------------------------------------------------------------------------------ rows and frames
+@pytest.mark.parametrize("drive", DRIVES)
+def test_turning_or_shifting_the_scene_changes_nothing_in_the_chair_s_frame(drive: str) -> None:
+    walls = [HalfPlane((1, 0), 1.2), Disc((0.9, 0.8), 0.2)]
+    turn, shift = 2.1, np.array([4.0, -3.0])
+    cos, sin = math.cos(turn), math.sin(turn)
+    there = [
+        HalfPlane((cos, sin), 1.2 + float(np.array([cos, sin]) @ shift)),
+        Disc(tuple(np.array([[cos, -sin], [sin, cos]]) @ [0.9, 0.8] + shift), 0.2),  # type: ignore[arg-type]
+    ]
+    here, elsewhere = (resolver(drive=drive, obstacles=room) for room in (walls, there))
+    q, moved = ARDIS_READY.copy(), ARDIS_READY.copy()
+    moved[:3] = *shift, turn
+    for k in range(300):
+        twist = np.array([0.4 * math.cos(0.03 * k), 0.4 * math.sin(0.02 * k), 0.05])
+        first, second = here.step(q, twist), elsewhere.step(moved, twist)
+        np.testing.assert_allclose(elsewhere.chassis_velocity, here.chassis_velocity, atol=1e-7)
+        np.testing.assert_allclose(second.wheels, first.wheels, atol=1e-6)  # type: ignore[arg-type]
+        q, moved = q + first.value * here.dt, moved + second.value * here.dt
+
+
+def test_rows_not_asked_for_are_free_and_may_be_of_any_kind() -> None:
+    robot, q = resolver(ardis(**UNHURRIED), keep_out=False), ARDIS_READY.copy()  # type: ignore[arg-type]
+    for rows in (("x",), ("roll7",), ("rz", "z"), ("x", "y", "z", "rx", "ry", "rz"), ("rx", "ry", "roll7")):
+        robot.reset()
+        twist = 0.02 * np.arange(1, len(rows) + 1)
+        command = robot.step(q, twist, rows)
+        np.testing.assert_allclose(hand_twist(robot.robot, q, command.value, rows, "chassis"), twist, atol=1e-9)
+
+
+def test_a_stick_in_the_chair_s_frame_keeps_its_meaning_as_the_chair_turns() -> None:
+    robot = unhurried("mecanum")
+    for heading in (0.0, 1.0, -2.5):
+        q = ARDIS_READY.copy()
+        q[2] = heading
+        robot.reset()
+        hand = robot.robot.chain.jacobian(q)[:3] @ robot.step(q, [0.1, 0.0, 0.0]).value
+        np.testing.assert_allclose(hand, [0.1 * math.cos(heading), 0.1 * math.sin(heading), 0.0], atol=1e-9)
+        robot.reset()
+        hand = robot.robot.chain.jacobian(q)[:3] @ robot.step(q, [0.1, 0.0, 0.0], frame="world").value
+        np.testing.assert_allclose(hand, [0.1, 0.0, 0.0], atol=1e-9)
+
+
+@pytest.mark.parametrize("user", [Joystick(), Scanning()], ids=["stick", "switch"])
+def test_a_stick_or_a_switch_drives_the_hand_in_both_modes(user: Joystick | Scanning) -> None:
+    robot, q, gained = resolver(row_sets=[mode.rows for mode in STICK_MODES]), ARDIS_READY.copy(), np.zeros(3)
+    asked = np.zeros(2)
+    for k in range(1500):
+        if isinstance(user, Joystick):
+            told = user.step([float(k % 700 > 50), 0.0], switch=k == 700)
+        else:
+            told = user.step(float((user.lit.name == "x+" and 50 < k < 300) or user.lit.name == "z+"))
+        command = robot.step(q, told.twist, told.rows, told.frame)
+        assert command.status.certified
+        hand = hand_twist(robot.robot, q, command.value, ("x", "y", "z"), "chassis")
+        mode = int(told.rows == ("z", "roll7"))
+        asked[mode] += told.twist[0] * robot.dt
+        gained += hand * robot.dt * ([1, 1, 0] if mode == 0 else [0, 0, 1])
+        q = q + command.value * robot.dt
+    assert gained[0] > 0.5 * asked[0] > 0.05
+    assert gained[2] > 0.5 * asked[1] > 0.02
+    assert abs(gained[1]) < 0.1 * gained[0]  # held in this mode, but while the arm's accelerations are used up
+
+
+def test_a_change_of_rows_while_moving_changes_no_joint_faster_than_it_may() -> None:
+    robot, q = resolver(row_sets=[("x", "y"), ("z", "roll7")]), ARDIS_READY.copy()
+    chain, last = robot.robot.chain, np.zeros(7)
+    for k in range(200):
+        rows = (("x", "y"), ("z", "roll7"))[k // 40 % 2]
+        command = robot.step(q, [0.15, 0.1], rows)
+        now = robot.chassis_velocity
+        assert np.all(np.abs(now - last) <= chain.acceleration * robot.dt * (1 + 1e-9) + 1e-12)
+        q, last = q + command.value * robot.dt, now
+
+
+def test_rows_that_are_not_prepared_are_made_at_rest_only() -> None:
+    robot, q = resolver(row_sets=[("x", "y")]), ARDIS_READY.copy()
+    for _ in range(30):
+        q = q + robot.step(q, [0.1, 0.0], ("x", "y")).value * robot.dt
+    command = robot.step(q, [0.1], ("rz",))
+    assert command.status is Status.BRAKING
+    assert "prepared at rest" in command.reason
+    assert ("rz",) not in robot.row_sets
+    while command.status is not Status.OK:
+        q = q + command.value * robot.dt
+        command = robot.step(q, [0.1], ("rz",))
+    assert ("rz",) in robot.row_sets
+
+
+# ------------------------------------------------------------------------------------------------- chair and arm
+@pytest.mark.parametrize("drive", DRIVES)
+def test_beyond_the_arm_s_reach_the_chair_comes_along_without_being_asked(drive: str) -> None:
+    robot, q = resolver(drive=drive), ARDIS_READY.copy()
+    begin = robot.robot.chain.pose(q)[0, 3]
+    for _ in range(1500):
+        q = q + robot.step(q, [0.15, 0.0, 0.0]).value * robot.dt
+    travelled = robot.robot.chain.pose(q)[0, 3] - begin
+    assert travelled > 1.7  # the arm alone reaches 0.4 further
+    assert q[0] > travelled - 0.6
+    assert np.all(q[3:] <= robot.robot.chain.upper[3:] + 1e-9)
+    assert np.all(q[3:] >= robot.robot.chain.lower[3:] - 1e-9)
+
+
+@pytest.mark.parametrize("drive", DRIVES)
+def test_beyond_reach_the_published_law_breaks_limits_and_the_resolver_none(drive: str) -> None:
+    robot, q = resolver(drive=drive), ARDIS_READY.copy()
+    law = PseudoinverseLaw(robot.robot, drive=drive)  # type: ignore[arg-type]
+    theirs, last, before, broken, ours = q.copy(), np.zeros(7), np.zeros(7), 0, 0
+    for _ in range(1000):
+        published = law.rate(theirs, [0.15, 0.0, 0.0])
+        excess = law.excess(theirs, published, before, robot.dt)
+        broken += max(excess.position, excess.velocity, excess.wheels) > 1e-9
+        theirs, before = theirs + published * robot.dt, published
+        command = robot.step(q, [0.15, 0.0, 0.0])
+        excess = law.excess(q, command.value, last, robot.dt)
+        ours += max(excess.position, excess.velocity, excess.wheels) > 1e-9
+        q, last = q + command.value * robot.dt, command.value
+    assert ours == 0
+    assert broken > 30
+
+
+def test_a_lost_first_position_does_not_turn_the_chair_s_motion() -> None:
+    robot = resolver(drive="differential")
+    heading = 1.1
+    robot.reset([0.5 * math.cos(heading), 0.5 * math.sin(heading), 0, 0, 0, 0, 0], heading=heading)
+    command = robot.step(np.full(7, math.nan), [0.0, 0.0, 0.0])
+    assert command.status is Status.BRAKING
+    row = Differential.rolling_row([0, 0, heading, 0, 0, 0, 0])
+    assert abs(row @ command.value) < 1e-9
+    assert np.hypot(*command.value[:2]) == pytest.approx(0.49, abs=1e-9)
+
+
+def test_within_reach_the_arm_does_the_work_with_less_kinetic_energy_than_the_chair() -> None:
+    robot, q = resolver(), ARDIS_READY.copy()
+    begin, chair = q[:3].copy(), robot.robot.kinetic_energy(q, [0.1, 0.05, 0, 0, 0, 0, 0])
+    for _ in range(100):
+        command = robot.step(q, [0.1, 0.05, 0.0])
+        assert robot.robot.kinetic_energy(q, command.value) < 0.05 * chair
+        q = q + command.value * robot.dt
+    assert np.all(np.abs(q[:2] - begin[:2]) < 0.01)
+
+
+@pytest.mark.parametrize("drive", DRIVES)
+@pytest.mark.parametrize("dt", [1e-3, 1e-2, 5e-2])
+def test_an_ordinary_chair_never_slips_sideways_and_no_wheel_is_too_fast(drive: str, dt: float) -> None:
+    robot, q, rng = resolver(drive=drive, dt=dt), ARDIS_READY.copy(), np.random.default_rng(6)
+    wheels = getattr(robot.robot, drive)
+    for k in range(300):
+        if k % 20 == 0:
+            twist = rng.standard_normal(3) * rng.choice([0.0, 0.3, 3.0])
+        command = robot.step(q, twist)
+        assert command.wheels is not None
+        assert np.max(np.abs(command.wheels)) <= wheels.limit
+        chassis = robot.robot.chassis_velocity(q, command.value)[:3]
+        np.testing.assert_allclose(wheels.wheel_speeds(chassis), command.wheels, atol=1e-9)
+        if drive == "differential":
+            assert abs(Differential.rolling_row(q) @ command.value) <= 1e-9
+        q = q + command.value * dt
+
+
+# ------------------------------------------------------------------------------------------------------ obstacles
+@pytest.mark.parametrize("drive", DRIVES)
+@pytest.mark.parametrize("dt", [1e-3, 1e-2, 5e-2, 0.2])
+def test_a_chair_driven_at_walls_and_posts_stops_before_them_at_any_tick_length(drive: str, dt: float) -> None:
+    room = [HalfPlane((1, 0.2), 1.2), HalfPlane((-1, 0), 1.0), Disc((0.2, 1.2), 0.3), Disc((0.5, -1.1), 0.1)]
+    robot, q, rng = resolver(drive=drive, dt=dt, obstacles=room), ARDIS_READY.copy(), np.random.default_rng(7)
+    chain, last, nearest = robot.robot.chain, np.zeros(7), math.inf
+    ticks = int(np.clip(20.0 / dt, 200, 1200))
+    for k in range(ticks):
+        if k % (ticks // 5) == 0:
+            twist = np.append(rng.standard_normal(2), 0.0)
+            twist *= 1.5 / np.linalg.norm(twist)
+        command = robot.step(q, twist)
+        assert command.status.certified
+        q, now = q + command.value * dt, robot.chassis_velocity
+        assert np.all(np.abs(now[:3] - last[:3]) <= chain.acceleration[:3] * dt * (1 + 1e-9) + 1e-12)
+        last, nearest = now, min(nearest, float(gaps(robot, q).min()))
+        assert nearest >= -1e-9
+    if dt >= 1e-2:
+        assert nearest < 0.3  # it did drive at them
+
+
+def test_a_chair_within_an_obstacle_may_leave_it_and_not_go_deeper() -> None:
+    robot = resolver(ardis(**UNHURRIED), obstacles=[HalfPlane((1, 0), 0.4)], keep_out=False)  # type: ignore[arg-type]
+    q = ARDIS_READY.copy()  # the front is at 0.55
+    command = robot.step(q, [1.0, 0.0, 0.0])
+    assert command.yielded & Bound.POSITION
+    assert command.value[0] <= 1e-9
+    robot.reset()
+    assert robot.step(q, [-2.0, 0.0, 0.0]).value[0] < -0.1
+
+
+def test_obstacles_may_change_between_ticks_within_their_places() -> None:
+    robot = resolver(ardis(**UNHURRIED), places=2, keep_out=False)  # type: ignore[arg-type]
+    q = ARDIS_READY.copy()
+    fast = robot.step(q, [2.0, 0.0, 0.0]).value[0]
+    robot.obstacles = (Disc((0.65, 0.0), 0.05),)
+    robot.reset()
+    slow = robot.step(q, [2.0, 0.0, 0.0]).value[0]
+    assert fast > 0.5
+    assert slow <= 0.05 / robot.dt + 1e-9
+    with pytest.raises(ConfigurationError, match="obstacles"):
+        robot.obstacles = (Disc((0, 0), 1.0),) * 3
+    with pytest.raises(ConfigurationError, match="obstacles"):
+        robot.obstacles = (Disc((math.nan, 0), 1.0),)
+
+
+def test_the_arm_stays_out_of_the_user_and_the_chair() -> None:
+    robot, q, rng = resolver(), ARDIS_READY.copy(), np.random.default_rng(8)
+    nearest, free = math.inf, resolver(keep_out=False)
+    touched, without = math.inf, q.copy()
+    for k in range(1500):
+        if k % 150 == 0:
+            twist = np.array([-0.3, rng.uniform(0.1, 0.4), rng.uniform(-0.2, 0.2)])
+        command = robot.step(q, twist)
+        q = q + command.value * robot.dt
+        nearest = min(nearest, float(redundancy_campaign.arm_gaps(robot.robot, q).min()))
+        without = without + free.step(without, twist).value * free.dt
+        touched = min(touched, float(redundancy_campaign.arm_gaps(robot.robot, without).min()))
+    assert nearest >= -1e-9
+    assert touched < -0.02  # without keep-outs the same stick does lead the arm into somebody
+
+
+# ---------------------------------------------------------------------------------------------------------- ladder
+def without_primary(robot: RedundancyResolver, monkeypatch: pytest.MonkeyPatch) -> None:
+    active = robot._active
+
+    def fails() -> None:
+        active._ladder._verdict[:2] = [math.nan, 1.0]
+
+    monkeypatch.setattr(active, "_evaluate", fails)
+    monkeypatch.setattr(active._ladder, "evaluate", fails)
+
+
+def test_the_backup_answers_when_the_primary_is_made_to_fail(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot, plain = resolver(), resolver()
+    without_primary(robot, monkeypatch)
+    command = robot.step(ARDIS_READY, [0.05, 0.0, 0.02])
+    expected = plain.step(ARDIS_READY, [0.05, 0.0, 0.02])
+    assert command.status is Status.BACKUP
+    assert command.solver == "proxqp"
+    np.testing.assert_allclose(command.value, expected.value, atol=1e-6)
+    np.testing.assert_allclose(command.wheels, expected.wheels, atol=1e-5)  # type: ignore[arg-type]
+
+
+def test_where_every_solver_fails_the_law_is_slowed_into_the_bounds(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot, rng = resolver(ardis(**UNHURRIED), keep_out=False), np.random.default_rng(11)  # type: ignore[arg-type]
+    without_primary(robot, monkeypatch)
+    monkeypatch.setattr(robot._active._ladder, "_solve_by", lambda name: False)
+    law, moved = PseudoinverseLaw(robot.robot), 0
+    for _ in range(40):
+        q, twist = posture(rng, robot.robot, 0.7), rng.standard_normal(3) * rng.choice([0.1, 1.0])
+        robot.reset()
+        command = robot.step(q, twist)
+        assert command.status is Status.BACKUP
+        assert command.solver == "slowed law"
+        published = law.rate(q, twist)
+        np.testing.assert_allclose(command.value, command.scale * published, atol=2e-3 * np.abs(published).max())
+        assert np.all(np.abs(command.wheels) <= robot.robot.mecanum.limit)  # type: ignore[arg-type]
+        assert np.all(np.abs(command.value[2:]) <= robot.robot.chain.velocity[2:] + 1e-12)
+        moved += command.scale > 0.1
+    assert moved > 20
+
+
+def test_the_safe_command_answers_when_even_that_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot, q = resolver(), ARDIS_READY.copy()
+    for _ in range(30):
+        q = q + robot.step(q, [0.2, 0.1, 0.1]).value * robot.dt
+    without_primary(robot, monkeypatch)
+    monkeypatch.setattr(robot._active._ladder, "_solve_by", lambda name: False)
+    monkeypatch.setattr(robot._active, "lesser_command", lambda: None)
+    last = robot.chassis_velocity
+    command = robot.step(q, [0.2, 0.1, 0.1])
+    assert command.status is Status.BRAKING
+    assert "no solver" in command.reason
+    assert np.all(np.abs(robot.chassis_velocity) <= np.abs(last))
+
+
+def test_compiled_and_interpreted_give_the_same_commands() -> None:
+    room = [HalfPlane((1, 0), 1.5)]
+    robots = [RedundancyResolver(ardis(), row_sets=[("x", "y", "z")], obstacles=room, compile=c) for c in (True, False)]
+    q, rng, exact = ARDIS_READY.copy(), np.random.default_rng(9), 0
+    for k in range(500):
+        if k % 50 == 0:
+            twist = rng.standard_normal(3) * 0.5
+        commands = [robot.step(q, twist) for robot in robots]
+        # Rounding may let one of them fall back to the other solver.
+        np.testing.assert_allclose(commands[0].value, commands[1].value, rtol=0, atol=1e-7)
+        exact += np.allclose(commands[0].value, commands[1].value, rtol=0, atol=1e-11)
+        q = q + commands[0].value * robots[0].dt
+    assert exact > 400
+
+
+def test_commands_are_read_only_and_their_own() -> None:
+    robot = resolver()
+    first = robot.step(ARDIS_READY, [0.1, 0.0, 0.0])
+    kept = first.value.copy()
+    robot.step(ARDIS_READY, [0.0, 0.3, 0.1])
+    np.testing.assert_array_equal(first.value, kept)
+    with pytest.raises(ValueError, match="read-only"):
+        first.value[0] = 1.0
+    with pytest.raises(ValueError, match="read-only"):
+        first.wheels[0] = 1.0  # type: ignore[index]
+
+
+# ----------------------------------------------------------------------------------------------------------- reach
+@pytest.mark.parametrize("drive", DRIVES)
+@pytest.mark.parametrize("way", [(0.15, 0.1, -0.1), (2.0, 0.5, 0.1), (0.0, 1.5, 0.0)])
+def test_a_place_is_reached_within_the_arm_s_reach_and_beyond_it(drive: str, way: tuple[float, float, float]) -> None:
+    robot, q = resolver(drive=drive), ARDIS_READY.copy()
+    target = robot.robot.chain.pose(q)[:3, 3] + way
+    chain, last = robot.robot.chain, np.zeros(7)
+    for _ in range(4000):
+        command = robot.reach(q, target)
+        now = robot.chassis_velocity
+        assert np.all(np.abs(now - last) <= chain.acceleration * robot.dt * (1 + 1e-9) + 1e-12)
+        q, last = q + command.value * robot.dt, now
+        if not command.value.any():
+            break
+    assert np.linalg.norm(robot.robot.chain.pose(q)[:3, 3] - target) < 1e-3
+    assert not command.value.any()
+
+
+def test_reaching_stops_on_a_target_that_is_no_number_and_goes_on_with_the_next() -> None:
+    robot, q = resolver(), ARDIS_READY.copy()
+    target = robot.robot.chain.pose(q)[:3, 3] + [0.2, 0, 0]
+    for _ in range(60):
+        q = q + robot.reach(q, target).value * robot.dt
+    assert robot.reach(q, [math.nan, 0, 0]).status is Status.BRAKING
+    for _ in range(100):
+        q = q + robot.reach(q, target, enable=False).value * robot.dt
+    assert not robot.reach(q, target, enable=False).value.any()
+    for _ in range(600):
+        q = q + robot.reach(q, target).value * robot.dt
+    assert np.linalg.norm(robot.robot.chain.pose(q)[:3, 3] - target) < 1e-3
+
+
+# ------------------------------------------------------------------------------------------------------- arguments
+@pytest.mark.parametrize(
+    ("argument", "value"),
+    [
+        ("drive", "legs"),
+        ("dt", 0.0),
+        ("row_sets", []),
+        ("row_sets", [("x", "x")]),
+        ("row_sets", [("x", "up")]),
+        ("places", -1),
+        ("obstacles", [HalfPlane((0, 0), 1)]),
+        ("obstacles", [Disc((0, 0), -1)]),
+        ("self_motion", -1.0),
+        ("return_speed", 1.5),
+        ("tolerance", 2.0),
+        ("max_age", 1e-9),
+        ("solver", "nobody"),
+    ],
+)
+def test_an_argument_that_cannot_be_used_is_refused(argument: str, value: object) -> None:
+    with pytest.raises(ConfigurationError, match=argument.removesuffix("_sets")):
+        resolver(**{argument: value})
+
+
+@pytest.mark.parametrize(
+    ("argument", "call"),
+    [
+        ("q", {"q": np.zeros(6)}),
+        ("twist", {"twist": [0.1, 0.2]}),
+        ("twist", {"twist": "fast"}),
+        ("rows", {"rows": ("x", "up", "z")}),
+        ("rows", {"rows": ("rx", "ry", "rz", "roll7")}),
+        ("frame", {"frame": "hand"}),
+    ],
+)
+def test_a_call_of_the_wrong_shape_is_an_error_that_names_it(argument: str, call: dict[str, object]) -> None:
+    usual = {"q": ARDIS_READY, "twist": [0.1, 0.0, 0.0], **call}
+    with pytest.raises(ConfigurationError, match=argument):
+        stopper("mecanum", 1e-2).step(**usual)  # type: ignore[arg-type]
+
+
+def test_a_start_that_breaks_a_limit_is_refused() -> None:
+    robot = resolver(drive="differential")
+    for velocity in ([0.9, 0, 0, 0, 0, 0, 0], [0, 0.1, 0, 0, 0, 0, 0], [0, 0, 0, 1.1, 0, 0, 0], [math.nan] * 7):
+        with pytest.raises(ConfigurationError, match="velocity"):
+            robot.reset(velocity)
+    robot.reset([0.0, 0.5, 0, 0, 0, 0, 0], heading=math.pi / 2)  # that is forward
+    np.testing.assert_allclose(robot.chassis_velocity, [0.5, 0, 0, 0, 0, 0, 0], atol=1e-12)
+
+
+@pytest.mark.parametrize("wrong", [{"rows": np.array(["x", "y", "z"])}, {"rows": (["x"], "y", "z")}, {"frame": []}])
+def test_rows_and_frames_that_are_no_names_are_refused_by_name(wrong: dict[str, object]) -> None:
+    resolver = RedundancyResolver(ardis(), row_sets=(("x", "y", "z"),), compile=False)
+    with pytest.raises(ConfigurationError, match=next(iter(wrong))):
+        resolver.step(ARDIS_READY, [0.1, 0.0, 0.0], **wrong)  # type: ignore[arg-type]
+
+
+def test_a_wall_whose_normal_is_too_long_for_a_number_is_refused_and_not_dropped() -> None:
+    with pytest.raises(ConfigurationError, match="obstacles"):
+        obstacle_numbers([HalfPlane((1.7e308, 1.7e308), 1.0)], 1)

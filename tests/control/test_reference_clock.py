@@ -1,0 +1,110 @@
+"""The clock gives back the path it was handed, at whatever pace; jumps become bridges."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation, Slerp
+
+from rehab_opt.control import reference_clock
+from rehab_opt.control.between_poses import angle_between, distance_between, turn_between, turned
+from rehab_opt.control.reference_clock import ReferenceClock
+
+DT = 0.01
+
+
+def pose(x: float, angle: float = 0.0) -> np.ndarray:
+    found = np.eye(4)
+    found[:3, :3] = Rotation.from_rotvec([0.0, angle, 0.0]).as_matrix()
+    found[0, 3] = x
+    return found
+
+
+def clock(n: int, *, speed: float = 0.1) -> ReferenceClock:
+    made = ReferenceClock(DT, linear_speed=0.1, angular_speed=0.5)
+    made.start(pose(0.0), np.array([speed, 0, 0, 0, 0, 0]))
+    for k in range(1, n):
+        made.push(pose(speed * k * DT), np.array([speed, 0, 0, 0, 0, 0]))
+    return made
+
+
+@given(st.lists(st.floats(0.0, 2.0), max_size=400))
+@settings(deadline=None, max_examples=50)
+def test_read_where_the_paces_add_up_to(paces: list[float]) -> None:
+    made, gone = clock(300), 0.0
+    for pace in paces:
+        made.advance(pace * DT)
+        gone = min(gone + pace * DT, 299 * DT)
+        assert made.read()[0][0, 3] == pytest.approx(0.1 * gone, abs=1e-12)
+        assert made.lag == pytest.approx(299 * DT - gone, abs=1e-9)
+        assert made.current == (gone >= 299 * DT - 1e-12) or abs(gone - 299 * DT) < 1e-9
+    ahead = made.read(0.05)[0][0, 3]
+    assert ahead == pytest.approx(0.1 * min(gone + 0.05, 299 * DT), abs=1e-12)
+
+
+def test_a_bridge_is_straight_even_and_calm() -> None:
+    made = clock(2)
+    made.push(pose(0.501, math.pi / 2), np.zeros(6), bridge=True)
+    made.advance(DT)
+    assert made.bridging
+    turns = Slerp([0, 1], Rotation.from_rotvec([[0, 0, 0], [0, math.pi / 2, 0]]))
+    duration = made.lag
+    assert duration == pytest.approx(max(0.5 / 0.1, math.pi / 2 / 0.5))
+    for share in (0.1, 0.5, 0.9):
+        between, twist = made.read(share * duration)
+        assert between[0, 3] == pytest.approx(0.001 + 0.5 * share)
+        np.testing.assert_allclose(between[:3, :3], turns(share).as_matrix(), atol=1e-9)
+        assert np.linalg.norm(twist[:3]) <= 0.1 + 1e-9
+
+
+def test_skipping_leaves_out_what_lies_between() -> None:
+    made = clock(50)
+    made.advance(5.5 * DT)
+    positions, _, times = made.waiting()
+    assert times[0] == pytest.approx(0.5 * DT)
+    made.skip(10)
+    assert made.read()[0][0, 3] == pytest.approx(positions[9, 0])
+    assert made.lag == pytest.approx((49 - 15) * DT)
+
+
+def test_a_clock_that_waits_for_ever_keeps_the_path_and_bounds_its_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(reference_clock, "THINNED", 100)
+    made = clock(1000)
+    assert len(made.waiting()[0]) <= 100
+    assert made.lag == pytest.approx(999 * DT)
+    made.advance(4.56)
+    assert made.read()[0][0, 3] == pytest.approx(0.456, abs=1e-9)
+
+
+def test_looking_ahead_the_pace_falls_in_time() -> None:
+    made = ReferenceClock(DT, linear_speed=0.1, angular_speed=0.5)
+    made.start(pose(0.0), np.zeros(6))
+    for k in range(1, 200):
+        made.push(pose(0.0), np.array([0.05 if k < 100 else 0.4, 0, 0, 0, 0, 0]))
+    made.slow_ahead(linear_speed=0.1, angular_speed=0.5, quickening=0.1)
+    paces = []
+    for _ in range(199):
+        paces.append(made.pace)
+        made.advance(DT)
+    assert paces[150] == pytest.approx(0.25)
+    assert paces[50] >= 1.0
+    assert paces[98] < 1.0
+    squares = np.array(paces[90:110]) ** 2
+    assert np.diff(squares).min() >= -2 * DT / 0.1 - 1e-12
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_turns_between_poses_are_scipys(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    a, b = np.eye(4), np.eye(4)
+    first = Rotation.random(rng=rng)
+    vector = rng.standard_normal(3)
+    vector *= rng.choice([1e-9, 1e-3, 1.0, math.pi - 1e-4, math.pi]) / np.linalg.norm(vector)
+    a[:3, :3] = first.as_matrix()
+    b[:3, :3] = (Rotation.from_rotvec(vector) * first).as_matrix()
+    a[:3, 3], b[:3, 3] = rng.standard_normal((2, 3))
+    np.testing.assert_allclose(turned(a[:3, :3], turn_between(a, b)), b[:3, :3], atol=1e-7)
+    assert angle_between(a, b) == pytest.approx(np.linalg.norm(vector), abs=1e-6)
+    assert distance_between(a, b) == pytest.approx(np.linalg.norm(a[:3, 3] - b[:3, 3]))

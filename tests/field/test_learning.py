@@ -1,0 +1,196 @@
+"""Claims about fields learnt from recorded forces."""
+
+import math
+
+import numpy as np
+import pytest
+
+from rehab_opt import ConfigurationError, PotentialField, RehabOptError
+from rehab_opt.field.demonstration import Demonstration
+from rehab_opt.field.force_model import shared_model, station_model
+from rehab_opt.field.samples import arc_length, mean_path, resampled_path
+from tests.field.demonstrators import WAY, S, led_hands
+
+TRUE = {"stiffness": 1000.0, "drag": 200.0, "damping": 8.0}
+
+
+def truth(**options: object) -> PotentialField:
+    return PotentialField(WAY, **{**TRUE, "width": 0.025, "compile": False, **options})  # type: ignore[arg-type]
+
+
+def learnt(hands: list[Demonstration], **options: object) -> PotentialField:
+    return PotentialField.learn(hands, **{"width": 0.025, "path": WAY, "compile": False, **options})
+
+
+@pytest.mark.parametrize("rest_on_target", [True, False])
+def test_without_noise_stiffness_drag_and_damping_are_recovered(rest_on_target: bool) -> None:
+    fit = learnt(led_hands(truth(rest_on_target=rest_on_target)), rest_on_target=rest_on_target).fit
+    assert fit.parameters == pytest.approx(TRUE, rel=1e-6)
+    assert fit.held_out == (4, 9)
+    assert fit.held_out_share < 1e-6
+    assert fit.unidentified == ()
+    assert 0.0 <= fit.residual <= 1e-6
+
+
+def test_with_noise_the_error_left_is_the_noise() -> None:
+    fit = learnt(led_hands(truth(), noise=1.0)).fit
+    assert fit.parameters == pytest.approx(TRUE, rel=0.02)
+    assert fit.held_out_error == pytest.approx(math.sqrt(2.0), rel=0.05)
+    assert fit.constant_stiffness_error > 10 * fit.held_out_error
+    for name, value in fit.parameters.items():
+        assert abs(value - TRUE[name]) < 5 * fit.standard_error[name]
+
+
+def test_per_point_parameters_reproduce_what_one_stiffness_cannot() -> None:
+    hands = led_hands(truth(stiffness=np.linspace(400.0, 2000.0, 300)), noise=0.2)
+    shared, each = learnt(hands).fit, learnt(hands, per_point=True).fit
+    assert each.held_out_error < 0.5 * shared.held_out_error
+    assert each.parameters["stiffness at 1.00 of the way left"] < 700.0
+    assert each.parameters["stiffness at 0.18 of the way left"] > 1400.0
+    assert len(each.parameters) == 24
+
+
+def test_a_hidden_truth_is_found_from_the_demonstrations_alone() -> None:
+    field = learnt(led_hands(truth(), noise=0.5), path=None)
+    assert len(field.paths) == 1
+    assert np.linalg.norm(field.paths[0].points[:, None] - WAY, axis=2).min(axis=1).max() < 0.005
+    assert field.fit.held_out_share < 0.1
+    assert field.fit.held_out_error < 0.1 * field.fit.constant_stiffness_error
+
+
+def test_the_force_never_points_against_the_demonstration_whatever_was_recorded() -> None:
+    # Where stiffness rises along the path, its mean under the Gaussian pulls back, though no phi_0 does.
+    rising = truth(stiffness=np.linspace(400.0, 4000.0, 300), drag=0.0)
+    path = rising.paths[0]
+    along = np.sum(rising.force(path.points) * path.tangents, axis=1)
+    assert along.min() < -3.0
+    field = learnt(led_hands(rising), per_point=True)
+    along = np.sum(field.force(path.points) * path.tangents, axis=1)
+    assert along.min() >= -1e-6
+    assert field.fit.constraints_active > 0
+    assert min(field.fit.parameters.values()) >= 0.0  # stiffness, damping, and every fall of phi_0
+
+
+def test_forces_that_pull_back_teach_no_rising_offset() -> None:
+    hands = []
+    for hand in led_hands(truth()):
+        back = np.where(np.abs(hand.positions[:, :1]) < 0.05, -90.0, 0.0) * np.array([1.0, 0.0])
+        hands.append(Demonstration(hand.positions, hand.forces + back, hand.velocities))
+    field = learnt(hands, per_point=True)
+    assert min(field.fit.parameters.values()) >= 0.0
+    assert np.sum(field.force(field.paths[0].points) * field.paths[0].tangents, axis=1).min() >= -1e-6
+    assert field.fit.rest_stiffness > 0.0
+
+
+def test_forces_that_push_off_the_path_teach_no_negative_stiffness() -> None:
+    hands = [Demonstration(h.positions, -h.forces, -h.velocities) for h in led_hands(truth())]
+    assert learnt(hands).fit.parameters == pytest.approx({"stiffness": 0.0, "drag": 0.0, "damping": 0.0}, abs=1e-3)
+
+
+def test_what_the_data_do_not_tell_is_named() -> None:
+    still = [Demonstration(h.positions, h.forces, np.zeros_like(h.positions)) for h in led_hands(truth(damping=0.0))]
+    fit = learnt(still).fit
+    assert fit.unidentified == ("damping",)
+    assert fit.standard_error["damping"] == math.inf
+    line = np.column_stack([-0.15 + 0.3 * S, np.full(300, 0.4)])
+    on_it = led_hands(PotentialField(line, **TRUE, width=0.025, compile=False), sway=0.0, count=2)
+    alone = PotentialField.learn(on_it, path=line, width=0.025, per_point=True, stations=10, compile=False).fit
+    assert alone.condition > 1e3
+    assert any(name.startswith("stiffness") for name in alone.unidentified)
+
+
+def test_of_several_widths_the_one_that_held_out_data_prefer_is_taken() -> None:
+    assert learnt(led_hands(truth()), width=[0.015, 0.025, 0.04]).fit.width == 0.025
+
+
+@pytest.mark.parametrize("rest_on_target", [True, False])
+def test_the_design_is_the_force_of_the_field(rest_on_target: bool) -> None:
+    paths = [resampled_path(WAY, 0.006), resampled_path(WAY + 0.004 * np.sin(5 * S[:, None]), 0.006)]
+    rng = np.random.default_rng(0)
+    x, v = rng.uniform((-0.2, 0.3), (0.2, 0.5), (30, 2)), rng.standard_normal((30, 2))
+    for model in (shared_model(paths, 0.025, rest_on_target=rest_on_target),
+                  station_model(paths, 0.025, 6, rest_on_target=rest_on_target)):  # fmt: skip
+        theta = rng.uniform(0.5, 2.0, len(model.names)) * np.array([1000.0] + [5.0] * (len(model.names) - 1))
+        field = PotentialField.of_samples(
+            paths,
+            *model.path_values(theta),
+            width=0.025,
+            damping=theta[-1],
+            rest_on_target=rest_on_target,
+            compile=False,
+        )
+        np.testing.assert_allclose(model.design(x, v) @ theta, field.force(x, v), rtol=1e-9, atol=1e-8)
+
+
+@pytest.mark.parametrize("solver", ["proxqp", "daqp"])
+def test_any_solver_that_is_certified_teaches_the_same(solver: str) -> None:
+    hands = led_hands(truth(stiffness=np.linspace(400.0, 4000.0, 300), drag=0.0), samples=100)
+    field, reference = learnt(hands, per_point=True, solvers=[solver]), learnt(hands, per_point=True)
+    assert field.fit.solver == solver
+    x = np.random.default_rng(1).uniform((-0.15, 0.38), (0.15, 0.47), (20, 2))
+    np.testing.assert_allclose(field.force(x), reference.force(x), atol=0.02)
+
+
+def test_what_cannot_be_certified_is_not_learnt() -> None:
+    with pytest.raises(RehabOptError, match="certified"):
+        learnt(led_hands(truth(), samples=50), solvers=[])
+
+
+def test_the_mean_of_swaying_paths_is_smooth_and_keeps_its_ends() -> None:
+    rng = np.random.default_rng(2)
+    paths = [
+        WAY + 0.01 * np.sin(20 * S[:, None] + rng.uniform(0, 6, 2)) * np.sin(np.pi * S[:, None]) for _ in range(10)
+    ]
+    mean = mean_path(paths, 0.0125)
+    np.testing.assert_allclose(mean[[0, -1]], WAY[[0, -1]], atol=1e-12)
+    assert np.linalg.norm(mean[:, None] - WAY, axis=2).min(axis=1).max() < 0.004
+    assert arc_length(mean)[-1] == pytest.approx(arc_length(WAY)[-1], rel=0.02)
+    np.testing.assert_allclose(
+        mean_path([WAY], 1e-4)[[0, 200, -1]], mean_path([WAY, WAY], 1e-4)[[0, 200, -1]], atol=1e-12
+    )
+    still = np.zeros((5, 2))
+    np.testing.assert_array_equal(mean_path([still], 0.01), np.zeros((400, 2)))
+
+
+def test_velocities_come_from_positions_where_none_were_recorded() -> None:
+    times = np.array([0.0, 0.1, 0.3, 0.4])
+    positions = np.column_stack([2.0 * times, -times])
+    forces = np.zeros((4, 2))
+    for hand in (
+        Demonstration(positions, forces, times=times),
+        Demonstration(positions[:2].repeat(2, 0), forces, dt=0.1),
+    ):
+        assert hand.velocities.shape == (4, 2)
+    np.testing.assert_allclose(Demonstration(positions, forces, times=times).velocities, [[2.0, -1.0]] * 4)
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        ({"forces": np.zeros((3, 2))}, "forces"), ({"forces": np.full((4, 2), math.nan)}, "forces"),
+        ({"dt": None}, "dt"),
+        ({"dt": -1.0}, "dt"), ({"times": np.zeros(4)}, "times"), ({"positions": np.zeros((2, 2))}, "positions"),
+        ({"velocities": np.zeros(4)}, "velocities"),
+    ],
+)  # fmt: skip
+def test_a_recording_that_cannot_be_used_is_named(options: dict, named: str) -> None:
+    given = {"positions": np.arange(8.0).reshape(4, 2), "forces": np.zeros((4, 2)), "dt": 0.1, **options}
+    with pytest.raises(ConfigurationError, match=f"^{named}"):
+        Demonstration(**given)
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        ({"width": -1.0}, "width"), ({"held_out": [99]}, "held_out"), ({"held_out": range(10)}, "held_out"),
+        ({"stations": 1}, "stations"), ({"solvers": ["none"]}, "solvers"), ({"regularisation": 0.0}, "regularisation"),
+    ],
+)  # fmt: skip
+def test_options_that_cannot_be_used_are_named(options: dict, named: str) -> None:
+    with pytest.raises(ConfigurationError, match=f"^{named}"):
+        learnt(led_hands(truth(), samples=20), **options)
+
+
+def test_nothing_is_learnt_from_nothing() -> None:
+    with pytest.raises(ConfigurationError, match="demonstrations"):
+        learnt([])

@@ -1,0 +1,131 @@
+"""The chain, its frames and its inertia against poses in plain numpy and their numerical derivatives."""
+
+import pickle
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from rehab_opt import ConfigurationError
+from rehab_opt.kinematics.ardis import ARDIS_READY, ardis
+from rehab_opt.kinematics.mobile_arm import MobileArm
+from tests.kinematics.dh_oracle import chain_pose
+
+ROBOT = ardis(payload=1.0)
+numbers = st.floats(-3, 3)
+joints = st.lists(numbers, min_size=7, max_size=7).map(np.array)
+
+
+def moved(q: np.ndarray, joint: int, by: float = 1e-6) -> np.ndarray:
+    step = np.zeros(7)
+    step[joint] = by
+    return (ROBOT.chain.pose(q + step)[:3, 3] - ROBOT.chain.pose(q - step)[:3, 3]) / (2 * by)
+
+
+@given(joints)
+def test_the_chair_moves_the_hand_forward_left_and_about_the_vertical_of_the_world(q: np.ndarray) -> None:
+    np.testing.assert_allclose(moved(q, 0), [1, 0, 0], atol=1e-8)
+    np.testing.assert_allclose(moved(q, 1), [0, 1, 0], atol=1e-8)
+    hand = ROBOT.chain.pose(q)[:3, 3] - [q[0], q[1], 0]
+    np.testing.assert_allclose(moved(q, 2), [-hand[1], hand[0], 0], atol=1e-8)
+
+
+def test_at_zero_the_upper_arm_points_up_and_the_forearm_forward_on_the_right_side() -> None:
+    robot = ardis(a3=0.1, d4=0.38, d5=0.45, d7=0.5, mount_height=0.7)
+    np.testing.assert_allclose(robot.chain.pose(np.zeros(7))[:3, 3], [0.1 + 0.5, -0.38, 0.7 + 0.45], atol=1e-12)
+    stretched = [0, 0, 0, -np.pi / 2, 0, np.pi / 2, 0]
+    np.testing.assert_allclose(robot.chain.pose(stretched)[:3, 3], [0.1 + 0.95, -0.38, 0.7], atol=1e-12)
+
+
+def test_the_hand_reaches_floor_table_and_lift_button() -> None:
+    rng = np.random.default_rng(1)
+    arms = rng.uniform(ROBOT.chain.lower[3:], ROBOT.chain.upper[3:], (4000, 4))
+    hands = np.array([ROBOT.chain.pose([0, 0, 0, *arm])[:3, 3] for arm in arms])
+    before = hands[hands[:, 0] > 0.5]
+    for height in (0.05, 0.75, 1.1):
+        assert np.min(np.abs(before[:, 2] - height)) < 0.02
+
+
+def kinetic_energy(robot: MobileArm, q: np.ndarray, velocity: np.ndarray, h: float = 1e-6) -> float:
+    """From link poses a moment before and after, told by matrices alone."""
+    rows, total = robot.chain.rows, float(robot.rotors @ velocity**2) / 2
+    for body in robot.bodies:
+        ahead, now, behind = (
+            chain_pose(rows[: body.link], (q + t * velocity)[: body.link], robot.chain.base, np.eye(4))
+            for t in (h, 0.0, -h)
+        )
+        speed = (ahead - behind) @ np.append(body.centre, 1.0) / (2 * h)
+        spin = Rotation.from_matrix(ahead[:3, :3] @ behind[:3, :3].T).as_rotvec() / (2 * h)
+        inertia = now[:3, :3] @ body.inertia @ now[:3, :3].T
+        total += (body.mass * speed[:3] @ speed[:3] + spin @ inertia @ spin) / 2
+    return total
+
+
+@given(joints, joints)
+def test_inertia_gives_the_kinetic_energy_of_the_moving_links(q: np.ndarray, velocity: np.ndarray) -> None:
+    expected = kinetic_energy(ROBOT, q, velocity)
+    assert ROBOT.kinetic_energy(q, velocity) == pytest.approx(expected, rel=1e-6, abs=1e-6)
+
+
+@given(joints)
+def test_inertia_is_symmetric_positive_definite_and_blind_to_where_the_chair_stands(q: np.ndarray) -> None:
+    w = ROBOT.inertia(q)
+    np.testing.assert_array_equal(w, w.T)
+    assert np.linalg.eigvalsh(w)[0] > 1e-3
+    elsewhere = ROBOT.inertia([*(q[:2] + 5.0), *q[2:]])
+    np.testing.assert_allclose(elsewhere, w, atol=1e-12)
+
+
+@given(joints, joints)
+def test_energy_in_chassis_velocities_does_not_know_the_heading(q: np.ndarray, velocity: np.ndarray) -> None:
+    still = np.array([0, 0, 0, *q[3:]])
+    energy = ROBOT.kinetic_energy(q, ROBOT.world_velocity(q, velocity))
+    assert energy == pytest.approx(ROBOT.kinetic_energy(still, velocity), rel=1e-9)
+    np.testing.assert_allclose(ROBOT.chassis_velocity(q, ROBOT.world_velocity(q, velocity)), velocity, atol=1e-12)
+
+
+@given(joints)
+def test_posture_gradient_is_the_derivative_of_the_posture_cost_and_leaves_the_chair_alone(q: np.ndarray) -> None:
+    gradient, h = ROBOT.posture_gradient(q), 1e-6
+    for i in range(7):
+        step = h * np.eye(7)[i]
+        slope = (ROBOT.posture_cost(q + step) - ROBOT.posture_cost(q - step)) / (2 * h)
+        assert gradient[i] == pytest.approx(slope, abs=1e-6)
+    assert not gradient[:3].any()
+
+
+def test_posture_costs_more_at_limits_and_where_the_arm_is_stretched() -> None:
+    free = ardis(limit_cost=0.0)
+    for elbow in (-1.2, 0.8, 1.4):
+        q = ARDIS_READY.copy()
+        q[5] = elbow
+        assert free.posture_cost(q) > free.posture_cost(ARDIS_READY)
+    q = ARDIS_READY.copy()
+    q[6] = ROBOT.chain.upper[6]
+    assert ROBOT.posture_cost(q) > ROBOT.posture_cost(ARDIS_READY) + 0.2
+
+
+def test_a_robot_survives_pickling() -> None:
+    robot = pickle.loads(pickle.dumps(ROBOT))
+    np.testing.assert_array_equal(robot.inertia(ARDIS_READY), ROBOT.inertia(ARDIS_READY))
+
+
+@pytest.mark.parametrize(
+    ("argument", "value"),
+    [
+        ("velocity", (0.8, 0.7, 1, 1, 1, 1, 1)),
+        ("acceleration", (1, 2, 1, 1, 1, 1, 1)),
+        ("lower", (0, -np.inf, -np.inf, -1, -1, -1, -1)),
+        ("upper", (np.inf, np.inf, np.inf, np.inf, 1, 1, 1)),
+        ("d5", 0.0),
+        ("chair_mass", np.nan),
+        ("rotors", (0, 0, 0, np.nan, 1, 1, 1)),
+        ("rotors", (0, 0, 0, -5, 0, 0, 0)),
+        ("limit_cost", -1.0),
+    ],
+)
+def test_a_robot_that_cannot_be_is_refused(argument: str, value: object) -> None:
+    with pytest.raises(ConfigurationError, match=argument):
+        ardis(**{argument: value})  # type: ignore[arg-type]

@@ -1,0 +1,111 @@
+"""Shortcuts of the fused function never change an answer: what they find is certified against the whole statement."""
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rehab_opt.optim.ladder import Ladder
+from rehab_opt.optim.qp import Statement, equal, parameter, variable, within
+
+rng_seeds = st.integers(0, 10**6)
+WALLS = np.random.default_rng(0).standard_normal((4, 3))
+
+
+def nearest_point(*, seldom: int = 0) -> Statement:
+    """The point nearest to p on a plane, in a box, behind four walls."""
+    p, offsets, x = parameter("p", 3), parameter("offsets", 4), variable("x", 3, lower=-1, upper=1)
+    return Statement(
+        name=f"nearest_point_{seldom}",
+        parameters=[p, offsets],
+        variables=[x],
+        minimise=ca.sumsqr(x.symbol - p) / 2,
+        subject_to=[
+            equal(ca.sum1(x.symbol), 0.1),
+            within(ca.DM(WALLS) @ x.symbol, -np.inf, offsets),
+        ],
+        seldom=seldom,
+    )
+
+
+def solved(ladder: Ladder, *values: np.ndarray) -> tuple[str, np.ndarray]:
+    ladder.parameters[:] = np.concatenate(values)
+    return ladder(), ladder.x.copy()
+
+
+WHOLE, LIKELY = (
+    Ladder(nearest_point(seldom=k), solver="qrqp", backup=None, tolerance=1e-8, compile=False) for k in (0, 4)
+)
+
+
+@given(rng_seeds)
+@settings(max_examples=150)
+def test_leaving_out_rows_that_are_seldom_active_finds_the_same_answer(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    p, offsets = 2 * rng.standard_normal(3), rng.uniform(0.2, 2.0, 4)
+    answers = [solved(ladder, p, offsets) for ladder in (WHOLE, LIKELY)]
+    assert all(name for name, _ in answers)
+    np.testing.assert_allclose(answers[0][1], answers[1][1], atol=1e-7)
+    assert np.all(WALLS @ answers[1][1] <= offsets + 1e-8)
+
+
+def guessed(multipliers: bool, *, wrong: float = 0.0) -> Ladder:
+    """The nearest point on a plane, guessed by its closed form."""
+    p, x = parameter("p", 3), variable("x", 3, lower=-1, upper=1)
+    lift = (ca.sum1(p) - 0.1) / 3
+    statement = Statement(
+        name="guessed",
+        parameters=[p],
+        variables=[x],
+        minimise=ca.sumsqr(x.symbol - p) / 2,
+        subject_to=[equal(ca.sum1(x.symbol), 0.1)],
+        guess=p - lift,
+        multipliers=lift + wrong if multipliers else None,
+    )
+    return Ladder(statement, solver="qrqp", backup=None, tolerance=1e-8, compile=False)
+
+
+def test_a_guess_on_active_rows_is_certified_by_its_multipliers() -> None:
+    inside, outside = np.array([0.3, 0.2, -0.1]), np.array([3.0, 0.2, -0.1])
+    assert solved(guessed(True), inside)[0] == "closed form"
+    assert solved(guessed(False), inside)[0] == "qrqp"  # without them it is no answer, and the solver finds it
+    assert solved(guessed(True, wrong=1e-6), inside)[0] == "qrqp"
+    name, x = solved(guessed(True), outside)  # the box is active: the guess is none
+    assert name == "qrqp"
+    assert x[0] == pytest.approx(1.0)
+
+
+def test_a_guess_pressed_against_a_bound_is_an_answer_and_one_pressed_away_is_none() -> None:
+    p, x = parameter("p", 1), variable("x", 1, lower=0, upper=1)
+    y = variable("y", 1)
+    statement = Statement(
+        name="pressed",
+        parameters=[p],
+        variables=[x, y],
+        minimise=p * x.symbol + y.symbol**2 / 2,
+        subject_to=[equal(y.symbol, x.symbol)],
+        guess=ca.SX.ones(2),
+        multipliers=ca.SX(-1),
+    )
+    ladder = Ladder(statement, solver="qrqp", backup=None, tolerance=1e-8, compile=False)
+    assert solved(ladder, np.array([-3.0]))[0] == "closed form"
+    name, x_away = solved(ladder, np.array([0.5]))
+    assert name == "qrqp"
+    np.testing.assert_allclose(x_away, 0.0, atol=1e-9)
+    assert solved(ladder, np.array([np.nan]))[0] == ""
+
+
+@pytest.mark.parametrize(("violation", "expected"), [(0.0, True), (1e-9, True), (1e-6, False), (np.nan, False)])
+@pytest.mark.parametrize("solver", ["qrqp", "proxqp"])
+def test_what_is_made_of_an_answer_is_certified_with_it(violation: float, expected: bool, solver: str) -> None:
+    p, x = parameter("p", 1), variable("x", 1)
+    statement = Statement(
+        name="made",
+        parameters=[p],
+        variables=[x],
+        minimise=(x.symbol - p) ** 2 / 2,
+        violation=ca.SX(violation) + 0 * p,
+    )
+    ladder = Ladder(statement, solver=solver, backup=None, tolerance=1e-8, compile=False)
+    assert bool(solved(ladder, np.array([0.5]))[0]) is expected

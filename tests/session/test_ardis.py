@@ -1,0 +1,272 @@
+"""One stick, chair and arm: the shipped problems reach their goals within every limit, and faults are one line."""
+
+from __future__ import annotations
+
+import io
+import json
+import runpy
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+from PIL import Image
+from rich.console import Console
+
+from rehab_opt.control.obstacles import Disc, HalfPlane
+from rehab_opt.errors import ConfigurationError, ProblemFileError
+from rehab_opt.kinematics.ardis import ARDIS_READY, ardis
+from rehab_opt.session.ardis.clearance import arm_gaps, arm_points, chair_corners, chair_gaps
+from rehab_opt.session.ardis.loop import Optimised, moved
+from rehab_opt.session.ardis.measures import KEPT, excesses, goals_met, hand_shares, kinetic_energies
+from rehab_opt.session.ardis.outcome import ArdisOutcome
+from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, room_of, start_of
+from rehab_opt.session.ardis.run import sticks_of
+from rehab_opt.session.ardis.stick import HEADER, Moment, read_stick
+from rehab_opt.session.ardis.table import ardis_table
+from rehab_opt.session.ardis.trace import ardis_columns
+from rehab_opt.session.files import load_problem, problem_of, shipped_problems
+from rehab_opt.session.report import metrics_json, write_report
+from rehab_opt.session.run import checked, run_problem
+from tests.control.redundancy_campaign import segment_distance
+
+NAMES = [name for name in shipped_problems() if name.startswith("ardis/")]
+Write = Callable[[str, str | bytes], Path]
+
+
+def run(name: str) -> ArdisOutcome:
+    outcome = run_problem(load_problem(name))
+    assert isinstance(outcome, ArdisOutcome)
+    return outcome
+
+
+@pytest.fixture(scope="module")
+def button() -> ArdisOutcome:
+    return run("ardis/press_lift_button")
+
+
+@pytest.fixture(scope="module")
+def doorway() -> ArdisOutcome:
+    return run("ardis/through_doorway")
+
+
+@pytest.fixture(scope="module")
+def beyond() -> ArdisOutcome:
+    return run("ardis/beyond_reach")
+
+
+def test_there_is_a_problem_for_each_task_of_the_paper() -> None:
+    tasks = {"beyond_reach", "pick_from_floor", "place_on_table", "press_lift_button", "through_doorway"}
+    assert {name.removeprefix("ardis/") for name in NAMES} == tasks
+
+
+@pytest.mark.parametrize("scene", ["button", "doorway", "beyond"])
+def test_shipped_sticks_reach_their_goals_with_both_drives_and_break_no_limit(
+    scene: str, request: pytest.FixtureRequest
+) -> None:
+    outcome = request.getfixturevalue(scene)
+    assert set(outcome.drives) == {"mecanum", "differential"}
+    for numbers in outcome.metrics["drives"].values():
+        ours = numbers["optimised"]
+        assert ours["goals_met"] == len(outcome.goals) > 0
+        assert ours["broken_any_share"] == 0.0
+        assert max(value for value in ours["excess_max"].values() if value is not None) <= 1e-6
+        assert sum(ours["status"].values()) == ours["ticks"]
+        assert set(ours["status"]) <= {"ok", "backup"}
+        assert ours["wheel_residual_max_m_s"] < 1e-9
+        assert ours["at_rest_at_the_end"]
+
+
+def test_wheels_that_roll_never_slip(beyond: ArdisOutcome, doorway: ArdisOutcome) -> None:
+    for outcome in (beyond, doorway):
+        assert outcome.metrics["drives"]["differential"]["optimised"]["rolling_residual_max_m_s"] <= 1e-9
+        motion = outcome.drives["differential"].optimised
+        heading = motion.q[:, 2]
+        slip = np.sin(heading) * motion.velocity[:, 0] - np.cos(heading) * motion.velocity[:, 1]
+        assert np.abs(slip).max() <= 1e-9
+
+
+def test_published_law_breaks_limits_under_the_same_stick(beyond: ArdisOutcome) -> None:
+    for numbers in beyond.metrics["drives"].values():
+        assert numbers["published"]["broken_share"]["velocity"] > 0.005
+
+
+def test_arm_alone_works_within_its_reach_with_less_energy_and_beyond_it_the_chair_comes_along(
+    beyond: ArdisOutcome,
+) -> None:
+    for numbers in beyond.metrics["drives"].values():
+        legs = numbers["optimised"]["legs"]
+        near, far = legs["within reach"], legs["beyond reach"]
+        assert near["hand_path_arm_share"] > 0.95
+        assert near["kinetic_energy_mean_J"] < 0.1 * near["kinetic_energy_chair_alone_mean_J"]
+        assert far["hand_path_chair_share"] > 0.7
+        assert far["chair_path_m"] > 1.5
+
+
+def test_chair_passes_between_the_posts(doorway: ArdisOutcome) -> None:
+    for of in doorway.drives.values():
+        corners = chair_corners(doorway.robot.outline, of.optimised.q[::20])
+        assert corners[0, :, 0].max() < 2.05
+        assert corners[-1, :, 0].min() > 2.2
+        for chair in map(shapely.Polygon, corners):
+            for post in (each for each in doorway.room if isinstance(each, Disc)):
+                assert chair.distance(shapely.Point(post.centre)) >= post.radius - 1e-6
+
+
+@pytest.mark.parametrize(
+    ("name", "pattern"), [("pick_from_floor", [False, True]), ("place_on_table", [False, True, False])]
+)
+def test_gripper_closes_on_the_cup_and_opens_on_the_table(name: str, pattern: list[bool]) -> None:
+    loaded = load_problem(f"ardis/{name}")
+    robot = robot_of(loaded)
+    law = Optimised(resolver_of(loaded, robot, "mecanum"))
+    stick = sticks_of(loaded)["mecanum"]
+    motion = moved(robot, law, joystick_of(loaded), stick, start_of(loaded, robot), dt=0.01)
+    changes = motion.closed[np.concatenate([[True], np.diff(motion.closed)])]
+    assert changes.tolist() == pattern
+    assert None not in goals_met(motion, loaded.problem.goals)
+    for limit, over in excesses(robot, "mecanum", motion, room_of(loaded)).items():
+        assert over.max() <= KEPT, limit
+
+
+def test_files_of_a_run_are_whole(button: ArdisOutcome, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rehab_opt.session.ardis.animation.FRAMES", 6)
+    written = {path.name: path for path in write_report(button, tmp_path / "out")}
+    assert set(written) == {
+        "hand.png", "limits.png", "metrics.json", "motion.gif", "top_view.png", "trace.csv",
+    }  # fmt: skip
+    json.loads(metrics_json(button), parse_constant=pytest.fail)
+    with Image.open(written["motion.gif"]) as film:
+        assert 1 < film.n_frames <= 6
+    assert written["motion.gif"].stat().st_size < 2_000_000
+    rows = written["trace.csv"].read_text().splitlines()
+    assert len(rows) == 1 + sum(len(m.time) for of in button.drives.values() for m in of.by_law.values())
+    columns = dict(ardis_columns(button))
+    assert len({len(cells) for cells in columns.values()}) == 1
+    text = io.StringIO()
+    Console(file=text, width=200).print(ardis_table(button))
+    assert "published" in text.getvalue()
+    assert "before the button" in text.getvalue()
+
+
+def test_shares_of_arm_and_chair_explain_the_hand(beyond: ArdisOutcome) -> None:
+    motion = beyond.drives["mecanum"].optimised
+    numbers = hand_shares(motion, slice(None))
+    assert numbers["hand_path_m"] == pytest.approx(
+        float(np.linalg.norm(np.diff(motion.hand, axis=0), axis=1).sum()), rel=5e-3
+    )
+    held = hand_shares(motion, slice(0, 2))  # nothing moves yet
+    assert held["hand_path_arm_share"] is None
+    energy, alone = kinetic_energies(beyond.robot, "mecanum", motion)
+    assert np.all(energy >= 0)
+    # A chair that carries a held arm straight ahead at v has half of m v^2, apart from its turning.
+    fast = int(energy.argmax())
+    assert alone[fast] <= 0.5 * beyond.robot.inertia(motion.q[fast])[0, 0] * 0.8**2
+
+
+def test_clearances_are_those_of_shapely() -> None:
+    robot, rng = ardis(), np.random.default_rng(4)
+    q = np.concatenate([rng.uniform(-1, 1, (40, 3)), rng.uniform(-1, 1, (40, 4))], axis=1)
+    room = (Disc((0.9, 0.4), 0.2), Disc((-1.5, 0.1), 0.05), HalfPlane((0.0, 2.0), 3.0))
+    gaps = chair_gaps(robot.outline, room, q)
+    for corners, row in zip(chair_corners(robot.outline, q), gaps, strict=True):
+        chair = shapely.Polygon(corners)
+        for post, gap in zip(room[:2], row, strict=False):
+            distance = chair.distance(shapely.Point(post.centre))
+            if distance > 0:
+                assert gap == pytest.approx(distance - post.radius, abs=1e-9)
+            else:
+                assert gap < -post.radius + 1e-9
+        assert row[2] == pytest.approx(1.5 - corners[:, 1].max(), abs=1e-9)
+    points = arm_points(robot, np.column_stack([0 * q[:, :3], q[:, 3:]]))
+    for (shoulder, elbow, hand), row in zip(points, arm_gaps(robot, q), strict=True):
+        oracle = [
+            segment_distance(*link, capsule) - capsule.radius - robot.arm_radius
+            for capsule in robot.keep_out
+            for link in ((shoulder, elbow), (elbow, hand))
+        ]
+        np.testing.assert_allclose(row, oracle, atol=1e-9)
+
+
+def test_user_who_is_simulated_again_still_reaches_the_goals() -> None:
+    folder = shipped_problems()["ardis/press_lift_button"].parent
+    script = runpy.run_path(str(folder / "simulated_user.py"))
+    loaded = load_problem("ardis/press_lift_button")
+    user, _ = script["steered"](loaded, "mecanum")
+    assert user.goals == []
+    shipped = read_stick(folder / "press_lift_button_mecanum.csv", name="shipped")
+    # What is shipped is what the generator wrote, as far as rounding of the robot's motion allows.
+    assert user.samples[-1][0] == pytest.approx(shipped.duration, abs=2.0)
+    np.testing.assert_allclose([sample.axes for _, sample in user.samples[:40]], shipped.axes[:40], atol=0.021)
+
+
+def test_recording_is_held_between_its_samples(written: Write) -> None:
+    path = written("stick.csv", ",".join(HEADER) + "\n5.0,0,0,0,0\n5.5,1,-0.5,0,1\n6.0,0,0,1,0\n")
+    stick = read_stick(path, name="stick.csv")
+    moments = [Moment(t, ARDIS_READY, np.zeros(3), "plane") for t in (0.0, 0.49, 0.5, 0.99, 1.0, 1.01)]
+    samples = [stick.at(moment) for moment in moments]
+    assert [sample and sample.axes[0] for sample in samples] == [0.0, 0.0, 1.0, 1.0, 0.0, None]
+    assert [sample and sample.gripper for sample in samples[:5]] == [False, False, True, True, False]
+
+
+STICK_FAULTS = [
+    ("t_s,x,y\n", "line 1", "the header t_s,forward"),
+    (",".join(HEADER) + "\n0,0,0,0,0\n", "samples", "2 to"),
+    (",".join(HEADER) + "\n0,0,0,0,0\n1,2,0,0,0\n", "line 3, column forward", "from -1 to 1"),
+    (",".join(HEADER) + "\n0,0,0,0,0\n1,nan,0,0,0\n", "line 3, column forward", "finite"),
+    (",".join(HEADER) + "\n0,0,0,0,0\n1,0,0,0.5,0\n", "line 3, column switch", "0 or 1"),
+    (",".join(HEADER) + "\n0,0,0,0,0\n0,0,0,0,0\n", "line 3, column t_s", "more than"),
+    (",".join(HEADER) + "\n0,0,0,0\n", "line 2", "5, as in the header"),
+    (",".join(HEADER) + "\n0,0,0,0,0\n9000,0,0,0,0\n", "duration", "times in s"),
+]
+
+
+@pytest.mark.parametrize(("text", "key", "expected"), STICK_FAULTS)
+def test_fault_of_a_stick_is_one_line_with_its_place(text: str, key: str, expected: str, written: Write) -> None:
+    with pytest.raises(ProblemFileError) as refusal:
+        read_stick(written("stick.csv", text), name="stick.csv")
+    assert refusal.value.key == key
+    assert expected in refusal.value.expected
+    assert "\n" not in str(refusal.value)
+
+
+FAULTS: list[tuple[dict[str, Any], str, str]] = [
+    ({"stick": {}}, "stick.mecanum", "a recording for one of the drives"),
+    ({"stick": {"mecanum": "absent.csv"}}, "stick.mecanum", "a recording beside"),
+    ({"stick": {"mecanum": "s.csv", "tracks": "s.csv"}}, "stick.tracks", "one of the keys"),
+    ({"stick": {"mecanum": "s.csv", "dead_zone": 1.0}}, "stick.dead_zone", "less than 1"),
+    ({"stick": {"mecanum": "s.csv", "modes": [{"name": "a", "rows": ["x", "x"], "speeds": [1.0, 1.0]}]}},
+     "stick.modes.0.rows", "two different"),
+    ({"stick": {"mecanum": "s.csv", "modes": [{"name": "a", "rows": ["x", "w"], "speeds": [1.0, 1.0]}]}},
+     "stick.modes.0.rows.1", "'roll7'"),
+    ({"robot": {"arm_deg": [90.0, 0.0, 0.0, 0.0]}}, "robot.arm_deg.0", "shoulder_flexion within -165 to 20 deg"),
+    ({"robot": {"start_m": [100.0, 0.0]}}, "robot.start_m.0", "less than or equal to 10"),
+    ({"robot": {"payload_kg": -1.0}}, "robot.payload_kg", "greater than or equal to 0"),
+    ({"room": {"walls": [{"normal": [1.0, 0.0], "offset_m": 0.2}]}}, "robot.start_m", "clear of walls"),
+    ({"room": {"walls": [{"normal": [2.0, 0.0], "offset_m": 9.0}]}}, "room.walls.0.normal", "length 1"),
+    ({"room": {"posts": [{"centre_m": [2.0, 0.0], "radius_m": -1.0}]}}, "room.posts.0.radius_m", "greater than"),
+    ({"goals": [{"name": "a", "hand_m": [0.0, 0.0, 0.0], "gripper": "shut"}]}, "goals.0.gripper", "'open'"),
+    ({"run": {"rate_hz": 1.0}}, "run.rate_hz", "greater than or equal to 20"),
+    ({"run": {"solver": "no_such"}}, "run.solver", ""),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("change", "key", "expected"), FAULTS)
+def test_fault_is_one_line_with_its_key(
+    change: dict[str, Any], key: str, expected: str, written: Write, tmp_path: Path
+) -> None:
+    written("s.csv", ",".join(HEADER) + "\n0,0,0,0,0\n0.1,0,0,0,0\n")
+    content = {"system": "ardis", "title": "test", "stick": {"mecanum": "s.csv"}, **change}
+    with pytest.raises(ProblemFileError) as refusal:
+        checked(problem_of(content, name="test", file="test.toml", path=tmp_path / "test.toml"))
+    assert refusal.value.key == key
+    assert expected in refusal.value.expected
+    assert "\n" not in str(refusal.value)
+
+
+def test_unknown_solver_of_the_command_line_is_named() -> None:
+    with pytest.raises(ConfigurationError) as refusal:
+        run_problem(load_problem("ardis/press_lift_button"), solver="no_such")
+    assert refusal.value.argument == "--solver"

@@ -1,0 +1,187 @@
+"""Maps of problem files: both rules, both directions, and what they do to trajectories."""
+
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rehab_opt.errors import ProblemFileError
+from rehab_opt.session.files import load_problem, problem_of
+from rehab_opt.session.report import metrics_json
+from rehab_opt.session.run import checked, run_problem
+from rehab_opt.session.workspace_maps.figures import map_figures
+from rehab_opt.session.workspace_maps.outcome import MapOutcome
+from rehab_opt.session.workspace_maps.table import map_table
+from rehab_opt.session.workspace_maps.trace import trajectory_columns
+
+CONTENT: dict[str, Any] = {
+    "system": "workspace_map",
+    "title": "test",
+    "source": "regular",
+    "target": "restricted",
+    "arm": {"side": "left", "accuracy_mm": 5.0, "range_of_motion": {"regular": "regular", "restricted": "restricted"}},
+    "map": {"rules": ["polar"], "directions": "forward", "audit_points": 500},
+}
+
+
+def run(content: dict[str, Any], path: Path = Path("test.toml")) -> MapOutcome:
+    outcome = run_problem(problem_of(content, name="test", file="test.toml", path=path))
+    assert isinstance(outcome, MapOutcome)
+    return outcome
+
+
+@pytest.fixture(scope="module")
+def shipped() -> MapOutcome:
+    outcome = run_problem(load_problem("upper_limb/workspace_map"))
+    assert isinstance(outcome, MapOutcome)
+    return outcome
+
+
+def test_safe_rule_folds_nowhere_and_stays_inside_both_ways_where_the_published_one_does_not(
+    shipped: MapOutcome,
+) -> None:
+    maps = shipped.metrics["maps"]
+    assert list(maps) == ["source_to_target", "target_to_source"]
+    for numbers in maps.values():
+        safe, polar = numbers["safe"], numbers["polar"]
+        assert (safe["folded_share"], safe["outside_share"]) == (0.0, 0.0)
+        assert safe["certificate"]["valid"]
+        assert safe["certificate"]["margin_m"] >= safe["target_accuracy_m"] == pytest.approx(1e-3)
+        assert safe["passed"]
+        assert safe["round_trip_max_m"] <= 1e-9
+        assert polar["folded_share"] > 0.1
+        assert polar["outside_share"] > 0.1
+        assert not polar["passed"]
+        assert polar["landmarks"] == 20
+    assert 0.25 <= maps["source_to_target"]["polar"]["folded_share"] <= 0.45
+    json.loads(metrics_json(shipped), parse_constant=pytest.fail)
+
+
+def test_trajectories_are_carried_by_the_map_that_starts_where_they_lie(shipped: MapOutcome) -> None:
+    columns = dict(trajectory_columns(shipped))
+    assert len({len(column) for column in columns.values()}) == 1
+    names = np.array(columns["trajectory"])
+    for direction in shipped.directions:
+        (path,) = direction.paths
+        rows = np.flatnonzero(names == path.name)
+        before = np.column_stack([np.array(columns[f"before_{axis}_m"], dtype=float)[rows] for axis in "xy"])
+        after = np.column_stack([np.array(columns[f"safe_after_{axis}_m"], dtype=float)[rows] for axis in "xy"])
+        safe = direction.maps[0].mapped
+        assert safe is not None
+        np.testing.assert_allclose(after, safe(before), atol=1e-12)
+        assert np.all(direction.end.reached.workspace.contains(after))
+        np.testing.assert_allclose(safe.inverse(after), before, atol=1e-9)
+
+
+def test_table_and_notes_say_which_map_may_go_to_a_controller(shipped: MapOutcome) -> None:
+    from rich.console import Console  # noqa: PLC0415
+
+    text = io.StringIO()
+    Console(file=text, width=120).print(map_table(shipped))
+    verdicts = [line for line in text.getvalue().splitlines() if "may go to a controller" in line]
+    assert len(verdicts) == 2
+    assert all("NO" in line for line in verdicts)
+    refused = [note for note in shipped.notes if "NOT FOR A CONTROLLER" in note]
+    assert any("regular -> restricted, polar rule" in note and "folded" in note for note in refused)
+
+
+def test_figures_show_each_direction_before_and_after_and_where_it_folds(shipped: MapOutcome) -> None:
+    drawn = map_figures(shipped)
+    assert set(drawn) == {
+        f"{what}_{key}" for what in ("map", "folds") for key in ("source_to_target", "target_to_source")
+    }
+    for name, figure in drawn.items():
+        assert shipped.title in figure.get_suptitle()
+        panels = [axes for axes in figure.axes if axes.get_title()]
+        assert len(panels) == (3 if name.startswith("map") else 2)
+        assert any("NOT for a controller" in axes.get_title() for axes in panels)
+        for axes in panels:  # nothing but the sets decides what is shown
+            assert np.ptp(axes.dataLim.intervalx) < 750
+            assert axes.dataLim.y0 > 200
+
+
+def test_path_outside_its_set_is_mapped_from_the_nearest_points_and_said(tmp_path: Path) -> None:
+    (tmp_path / "line.csv").write_text("t_s,x_m,y_m\n0,0,0\n1,0.3,0\n", encoding="utf-8")
+    line = {
+        "name": "line",
+        "set": "source",
+        "recording": {"file": "line.csv", "hand": "right", "mirror": True},
+        "placement": {"centre_m": [0.15, 0.5]},
+    }
+    outcome = run({**CONTENT, "trajectory": [line]}, tmp_path / "test.toml")
+    numbers = outcome.metrics["maps"]["source_to_target"]["trajectories"]["line"]
+    assert 0.2 < numbers["outside_start_share"] < 0.8
+    assert any("line: " in note and "nearest point of the set" in note for note in outcome.notes)
+    (path,) = outcome.directions[0].paths
+    assert path.before[0, 0] > path.before[-1, 0]  # mirrored
+    assert np.isfinite(path.after["polar"]).all()
+
+
+def test_sets_of_two_people_in_one_robots_frame_can_be_mapped() -> None:
+    one = {"side": "left", "range_of_motion": "restricted", "accuracy_mm": 2.0}
+    other = {**one, "side": "right", "shoulder_m": [0.4, 0.1, 0.0], "segments": {"humerus_mm": 250.0}}
+    content = {**CONTENT, "source": one, "target": other}
+    del content["arm"]
+    outcome = run(content)
+    assert [of["name"] for of in outcome.metrics["sets"].values()] == ["source", "target"]
+    assert outcome.metrics["sets"]["target"]["x_min_m"] > 0.4
+    assert any("robot's frame" in note for note in outcome.notes)
+
+
+def test_set_that_is_empty_is_refused_with_its_reason() -> None:
+    arm = {**CONTENT["arm"], "handle_tilt_deg": 0.1}
+    with pytest.raises(ProblemFileError, match=r"source = .*not empty \(no posture holds the handle"):
+        run({**CONTENT, "arm": arm, "source": "restricted", "target": "regular"})
+
+
+def changed(**values: Any) -> dict[str, Any]:
+    return {**CONTENT, **values}
+
+
+TRAJECTORY = {
+    "name": "a",
+    "set": "source",
+    "recording": {"file": "none.csv", "hand": "left"},
+    "placement": {"centre_m": [0, 0]},
+}
+FAULTS = [
+    (changed(source="regulr"), "source", "the name of a range of arm.range_of_motion (regular, restricted)"),
+    (changed(target="regular"), "target", "another set than the source"),
+    (changed(arm=None), "arm", ""),
+    ({key: value for key, value in CONTENT.items() if key != "arm"}, "source", "(there is none)"),
+    (changed(source={"side": "left"}), "source.range_of_motion", "this key"),
+    (changed(map={"rules": []}), "map.rules", "at least 1"),
+    (changed(map={"rules": ["safe", "safe"]}), "map.rules", "each one once"),
+    (changed(map={"rules": ["quick"]}), "map.rules.0", "'safe' or 'polar'"),
+    (changed(map={"landmarks": 10}), "map.landmarks", "greater than or equal to 50"),
+    (changed(map={"rotation_deg": "worst"}), "map.rotation_deg", "'best'"),
+    (changed(trajectory=[TRAJECTORY]), "trajectory.0.recording.file", "a recording beside the problem file"),
+    (changed(trajectory=[TRAJECTORY, TRAJECTORY]), "trajectory.1.name", "each name once"),
+    (changed(trajectory=[{**TRAJECTORY, "set": "target"}]), "trajectory.0.set", '"source", since'),
+    (
+        changed(trajectory=[{**TRAJECTORY, "placement": {"centre_m": [0, 0], "plane_height_m": 0}}]),
+        "trajectory.0.placement.plane_height_m",
+        "one of the keys",
+    ),
+    (
+        changed(trajectory=[{**TRAJECTORY, "recording": {"file": "a.csv", "hand": "right"}}]),
+        "trajectory.0.recording.mirror",
+        "true, since a right hand",
+    ),
+]
+
+
+@pytest.mark.parametrize(("content", "key", "expected"), FAULTS)
+def test_fault_is_one_line_with_its_key(content: dict[str, Any], key: str, expected: str, tmp_path: Path) -> None:
+    if content.get("arm", 0) is None:
+        content = {**content, "arm": {}}
+    with pytest.raises(ProblemFileError) as refusal:
+        checked(problem_of(content, name="test", file="test.toml", path=tmp_path / "test.toml"))
+    assert refusal.value.key.startswith(key)
+    assert expected in refusal.value.expected
+    assert "\n" not in str(refusal.value)
