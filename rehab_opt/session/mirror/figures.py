@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.session.drawing import GRID, LIMIT, MM, REFERENCE, framed, legend_below
 from rehab_opt.session.joint_figure import LAW_STYLES, joint_figure
-from rehab_opt.session.mirror.outcome import BEFORE, PLAN, STEP, Led, MirrorOutcome
+from rehab_opt.session.mirror.outcome import BEFORE, PLAN, STEP, MirrorOutcome
 from rehab_opt.session.mirror.space_figure import space_figure
 
 __all__ = ["STYLES", "mirror_figures"]
@@ -48,9 +48,11 @@ def mirror_figures(outcome: MirrorOutcome) -> dict[str, Figure]:
 def _manipulability(outcome: MirrorOutcome) -> Figure:
     """Against the reference's own time, so that the same moments of the motion stand above each other."""
     figure = framed(f"{outcome.title}\nManipulability before and after", 9.0, 5.0)
-    axes = figure.add_subplot()
+    axes, end = figure.add_subplot(), float(outcome.time[-1])
     for name, led in outcome.laws.items():
-        axes.plot(led.time - led.lag, led.manipulability, **STYLES[name], label=LABELS[name])
+        moment = led.time - led.lag
+        moment = np.where(moment <= end, moment, np.nan)  # afterwards the hand settles at the last pose
+        axes.plot(moment, led.manipulability, **STYLES[name], label=LABELS[name])
     path = outcome.astar
     if path is not None:
         largest = outcome.metrics["manipulability_largest"]
@@ -61,7 +63,7 @@ def _manipulability(outcome: MirrorOutcome) -> Figure:
     axes.set_ylim(0, 1)
     axes.set_xlabel("time in the reference [s]")
     axes.set_ylabel("manipulability, share of the robot's largest")
-    axes.margins(x=0.01)
+    axes.set_xlim(-0.01 * end, 1.01 * end)
     axes.grid(**GRID)
     legend_below(figure, axes, 5)
     return figure
@@ -78,14 +80,8 @@ def _position(outcome: MirrorOutcome) -> Figure:
         axes.set_ylabel(f"{axis} [mm]")
     for name, led in outcome.laws.items():
         panels[3].plot(led.time, MM * led.deviation, **STYLES[name])
-    most = MM * outcome.max_deviation
-    panels[3].axhline(most, color=REFERENCE, linewidth=1, linestyle=":")
-    panels[3].annotate(
-        "largest deviation", (0.995, most), xycoords=("axes fraction", "data"), ha="right", va="top", fontsize=9
-    )
-    panels[3].set_ylim(0, 1.6 * most)
     panels[3].set_ylabel("distance [mm]")
-    _cut_short(panels[3], outcome.laws[BEFORE], 1.6 * most)
+    _scale_distances(panels[3], outcome)
     panels[3].set_xlabel("time [s]")
     for axes in panels:
         axes.margins(x=0.01)
@@ -94,12 +90,24 @@ def _position(outcome: MirrorOutcome) -> Figure:
     return figure
 
 
-def _cut_short(axes: Axes, led: Led, top: float) -> None:
-    """Say how far a curve goes that leaves its panel."""
-    furthest = MM * float(np.nanmax(led.deviation))
-    if furthest > top:
-        text = f"before: up to {furthest:.0f} mm"
-        axes.annotate(text, (0.005, 0.97), xycoords="axes fraction", ha="left", va="top", fontsize=9)
+def _scale_distances(axes: Axes, outcome: MirrorOutcome) -> None:
+    """Scale to the laws with a floor, and say in words what lies beyond the panel."""
+    allowed = MM * outcome.max_deviation
+    furthest = {name: MM * float(np.nanmax(led.deviation)) for name, led in outcome.laws.items()}
+    top = 1.3 * max(furthest[STEP], furthest[PLAN], 1.0)
+    axes.set_ylim(0, top)
+    beyond = []
+    if allowed <= top:
+        axes.axhline(allowed, color=REFERENCE, linewidth=1, linestyle=":")
+        place: dict[str, Any] = {"xycoords": ("axes fraction", "data"), "ha": "right", "va": "bottom", "fontsize": 9}
+        axes.annotate("largest deviation", (0.995, allowed), **place)
+    else:
+        beyond.append(f"largest deviation: {allowed:.0f} mm")
+    if furthest[BEFORE] > top:
+        beyond.append(f"before: up to {furthest[BEFORE]:.0f} mm")
+    if beyond:
+        text = "above this panel: " + ", ".join(beyond)
+        axes.annotate(text, (0.995, 0.96), xycoords="axes fraction", ha="right", va="top", fontsize=9)
 
 
 def _pace(outcome: MirrorOutcome) -> Figure:
@@ -116,7 +124,11 @@ def _pace(outcome: MirrorOutcome) -> Figure:
         "cap", (0.995, outcome.linear_speed), xycoords=("axes fraction", "data"), ha="right", va="bottom", fontsize=9
     )
     speed.set_ylim(0, 3 * outcome.linear_speed)
-    pace.set_ylim(0, 170)
+    before = outcome.metrics["laws"][BEFORE]["tool_speed_max_m_s"]
+    if before > 3 * outcome.linear_speed:
+        text = f"above this panel: before, up to {before:.2g} m/s"
+        speed.annotate(text, (0.995, 0.96), xycoords="axes fraction", ha="right", va="top", fontsize=9)
+    pace.set_ylim(0, 110 * max(float(led.pace.max()) for led in outcome.laws.values()))
     pace.set_ylabel("pace of the\nreference [%]")
     lag.set_ylabel("lag [s]")
     lag.set_ylim(bottom=0)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rehab_opt.control.command import Bound
 from rehab_opt.control.hand_bounds import KeepOut
 from rehab_opt.control.mirror import MirrorTracker
 from rehab_opt.control.pose_tracker import PoseTracker
@@ -72,6 +73,11 @@ def tracker_of(problem: MirrorProblem, scene: Scene, *, file: str) -> MirrorTrac
         raise ProblemFileError(file, key, refused.value, refused.expected) from refused
 
 
+def said(yielded: Bound) -> str:
+    """What had to give way, in words; nothing where nothing did."""
+    return str(yielded.name).lower().replace("|", "+") if yielded else ""
+
+
 class _Diary:
     """What happens in a run, tick by tick."""
 
@@ -80,16 +86,16 @@ class _Diary:
         self.rows: list[tuple[Any, ...]] = []
 
     def note(self, q: Array, reference: Array, command: Any, *, lag: float, pace: float, seconds: float) -> None:
-        """One tick; q is the position at its end."""
-        said = "" if not command.yielded else str(command.yielded.name or "").lower().replace("|", ", ")
-        self.rows.append((q, command.value, reference, lag, pace, command.status.value, said, command.reason, seconds))
+        """One tick; q is the position at its beginning."""
+        what = said(command.yielded)
+        self.rows.append((q, command.value, reference, lag, pace, command.status.value, what, command.reason, seconds))
 
     def led(self, dt: float, *, complete: bool, counts: dict[str, int]) -> Led:
         q, command, reference, lag, pace, status, yielded, reasons, seconds = zip(*self.rows, strict=True)
         joints = np.array(q)
         robot = self.scene.robot
         return Led(
-            time=dt * np.arange(len(joints)),
+            time=np.asarray(dt * np.arange(len(joints)), dtype=np.float64),
             q=joints,
             command=np.array(command),
             tool=np.array([robot.pose(each) for each in joints]),
@@ -116,8 +122,8 @@ def without_floor(scene: Scene, *, rate: float, largest: float, progress: Progre
         began = time.perf_counter()
         command = tracker.step(q, pose, twist)
         spent = time.perf_counter() - began
-        q = q + command.value * dt
         diary.note(q, pose, command, lag=0.0, pace=1.0, seconds=spent)
+        q = q + command.value * dt
         if k % TICKS_A_REPORT == 0:
             progress("without floor", k, total)
     progress("without floor", total, total)
@@ -141,8 +147,8 @@ def followed(tracker: MirrorTracker, scene: Scene, *, patience: float, progress:
         began = time.perf_counter()
         command = tracker.step(q, pose, twist)
         spent = time.perf_counter() - began
-        q = q + command.value * dt
         diary.note(q, tracker.reference, command, lag=tracker.lag, pace=tracker.time_scale, seconds=spent)
+        q = q + command.value * dt
         if k % TICKS_A_REPORT == 0:
             progress("step", min(k, total), total)
         if k >= total and tracker.lag < 2 * dt and float(np.abs(command.value).max()) < SETTLED:
@@ -158,20 +164,19 @@ def planned(tracker: MirrorTracker, scene: Scene, *, progress: Progress) -> Led:
     tracker.counts.clear()
     path = tracker.plan(scene.reference.poses, scene.reference.twists, scene.start)
     progress("plan", 1, 1)
-    q = path.q + tracker.dt * path.velocities
     robot = scene.robot
     return Led(
         time=path.times,
-        q=q,
+        q=path.q,
         command=path.velocities,
-        tool=np.array([robot.pose(each) for each in q]),
+        tool=path.poses,
         reference=path.references,
-        manipulability=np.array([robot.manipulability(each) for each in q]) / tracker.largest,
+        manipulability=np.array([robot.manipulability(each) for each in path.q]) / tracker.largest,
         lag=path.times - path.clock,
-        pace=np.diff(path.clock, append=path.clock[-1:]) / tracker.dt,
-        status=("planned",) * len(q),
-        yielded=tuple(str(each.name or "").lower().replace("|", ", ") if each else "" for each in path.yielded),
-        reasons=("",) * len(q),
+        pace=path.paces,
+        status=("planned",) * len(path.q),
+        yielded=tuple(map(said, path.yielded)),
+        reasons=("",) * len(path.q),
         seconds=np.array([path.seconds]),
         complete=path.complete,
         counts=dict(path.counts),

@@ -12,20 +12,20 @@ from rehab_opt.published.astar import AStarPath
 from rehab_opt.session.metrics import error_metrics, joint_metrics, reason_counts, status_counts, time_metrics
 from rehab_opt.session.mirror.outcome import Led
 
-__all__ = ["BELOW", "STANDING", "astar_metrics", "led_metrics"]
+__all__ = ["BELOW", "astar_metrics", "led_metrics"]
 
 Array = NDArray[np.float64]
 
 BELOW = 1e-3
 """Of w / w_max under the floor, that counts as under it."""
-STANDING = 0.02
-"""Pace below which the reference waits."""
 
 
-def led_metrics(led: Led, robot: SerialChain, start: Array, *, floor: float, rate: float) -> dict[str, Any]:
+def led_metrics(led: Led, robot: SerialChain, *, floor: float, rate: float, largest: float) -> dict[str, Any]:
     """Of one law; where sight was lost there is no reference, and no distance to it."""
     seen = np.isfinite(led.deviation)
-    tool = np.concatenate([robot.pose(start)[None, :3, 3], led.tool[:, :3, 3]])
+    q = np.concatenate([led.q, led.q[-1:] + led.command[-1:] / rate])  # and where the last tick leads
+    tool = np.concatenate([led.tool[:, :3, 3], robot.pose(q[-1])[None, :3, 3]])
+    w = np.append(led.manipulability, robot.manipulability(q[-1]) / largest)
     speed = np.linalg.norm(np.diff(tool, axis=0), axis=1) * rate
     before = np.concatenate([np.zeros((1, robot.n)), led.command[:-1]])
     change = (np.abs(led.command - before) * rate / robot.acceleration).max(axis=1)
@@ -34,20 +34,20 @@ def led_metrics(led: Led, robot: SerialChain, start: Array, *, floor: float, rat
         "ticks": len(led.time),
         "duration_s": float(led.time[-1]),
         "complete": led.complete,
-        "manipulability_min": float(led.manipulability.min()),
-        "manipulability_median": float(np.median(led.manipulability)),
-        "below_floor_share_of_time": float(np.mean(led.manipulability < floor - BELOW)),
+        "manipulability_min": float(w.min()),
+        "manipulability_median": float(np.median(w)),
+        "below_floor_share_of_time": float(np.mean(w < floor - BELOW)),
         **error_metrics(led.deviation[seen], "deviation", "m"),
         **error_metrics(np.rad2deg(led.turn[seen]), "turn", "deg"),
         "tool_speed_max_m_s": float(speed.max()),
-        **joint_metrics(robot, np.concatenate([start[None], led.q]), rate),
+        **joint_metrics(robot, q, rate),
         "joint_acceleration_max_share_of_limit": float(change.max()),
         "joint_acceleration_above_limit_ticks": int(np.sum(change > 1.0 + 1e-6)),
         "lag_mean_s": float(led.lag.mean()),
         "lag_max_s": float(led.lag.max()),
         "lag_at_end_s": float(led.lag[-1]),
         "pace_mean": float(led.pace.mean()),
-        "reference_waited_s": float(np.sum(led.pace[:-1] < STANDING) / rate),
+        "reference_held_back_s": float(np.maximum(1.0 - led.pace, 0.0).sum() / rate),
         "computing_s": float(led.seconds.sum()),
         **times,
         "status": status_counts(led.status),

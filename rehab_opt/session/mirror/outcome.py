@@ -22,13 +22,13 @@ LAWS = (BEFORE, STEP, PLAN)
 
 @dataclass(frozen=True, eq=False)
 class Led:
-    """One law along the reference, M ticks; everything holds at the end of its tick.
+    """One law along the reference, M ticks; everything holds at the beginning of its tick.
 
     Parameters
     ----------
     time : (M,) [s] when each tick begins.
-    q, command : (M, n) [rad], and held during the tick [rad/s].
-    tool, reference : (M, 4, 4) what the robot did, and the reference where it was read.
+    q, command : (M, n) [rad], and the velocity held during the tick [rad/s].
+    tool, reference : (M, 4, 4) where the robot is, and the reference where it was read.
     manipulability : (M,) w / w_max, computed from q.
     lag : (M,) [s] how old the reference is that is followed.
     pace : (M,) seconds of the reference in a second.

@@ -57,7 +57,7 @@ def run_mirror(loaded: ProblemFile[MirrorProblem], *, progress: Progress) -> Mir
         },
         "manipulability_largest": largest,
         "laws": {
-            name: led_metrics(led, robot, scene.start, floor=section.floor, rate=rate) for name, led in laws.items()
+            name: led_metrics(led, robot, floor=section.floor, rate=rate, largest=largest) for name, led in laws.items()
         },
         "astar": astar_metrics(astar, robot, asked, largest=largest) if astar is not None else None,
     }

@@ -49,11 +49,12 @@ def space_figure(
     low, high = points.min(axis=0), points.max(axis=0)
     _draw_mirror(axes, outcome, low, high)
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-    axes.set_box_aspect(np.maximum(high - low, 1.0))
+    axes.set_box_aspect(np.maximum(high - low, 1.0), zoom=1.1)
     axes.view_init(elev=24, azim=-125)
     axes.set_xlabel("x [mm]")
     axes.set_ylabel("y [mm]")
-    axes.set_zlabel("z [mm]")
+    axes.zaxis.set_rotate_label(False)
+    axes.set_zlabel("z [mm]", rotation=90)
     legend_below(figure, axes, 4)
     return figure
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+
 from rich.table import Table
 from rich.text import Text
 
@@ -29,7 +31,9 @@ def mirror_table(outcome: MirrorOutcome) -> Table:
         table.add_column(f"A*, {numbers['parameters']['astar']['resolution_mm']:g} mm", justify="right")
     for label, value in MIRROR_ROWS:
         row = [value(of) for of in numbers["laws"].values()]
-        table.add_row(label, *row, *([ASTAR_CELLS.get(label, lambda _: "-")(astar)] if astar is not None else []))
+        if astar is not None:
+            row.append(ASTAR_CELLS[label](astar) if label in ASTAR_CELLS else "-")
+        table.add_row(label, *row)
     return table
 
 
@@ -51,7 +55,7 @@ MIRROR_ROWS: Rows = (
         "lag mean / max / at the end, s",
         lambda of: " / ".join(f"{of[f'lag_{k}_s']:.2f}" for k in ("mean", "max", "at_end")),
     ),
-    ("the reference stood still, s", lambda of: f"{of['reference_waited_s']:.2f}"),
+    ("reference held back, s", lambda of: f"{of['reference_held_back_s']:.2f}"),
     ("fastest tool, m/s", lambda of: f"{of['tool_speed_max_m_s']:.4f}"),
     ("fastest joint, deg/s (share of limit)", speed),
     ("smallest joint-limit margin, deg", margin),
@@ -61,7 +65,7 @@ MIRROR_ROWS: Rows = (
     ("tick time median / p99 / max, ms", _ticks),
     ("computing time, s", lambda of: f"{of['computing_s']:.3g}"),
 )
-ASTAR_CELLS = {
+ASTAR_CELLS: Mapping[str, Callable[[Numbers], str]] = {
     "least manipulability, share of largest": MIRROR_ROWS[0][1],
     "distance to the reference mean / p95 / max, mm": MIRROR_ROWS[2][1],
     "duration, s": lambda of: "no times" if of["complete"] else "no times, INCOMPLETE",

@@ -14,7 +14,7 @@ __all__ = ["mirror_columns"]
 
 
 def mirror_columns(outcome: MirrorOutcome) -> Iterator[Column]:
-    """One row a tick of each law, one law after the other; cells are nan where there is no reference."""
+    """One row a tick of each law, one law after the other; cells are empty where there is no reference."""
     laws = outcome.laws
     yield "law", tuple(name for name, led in laws.items() for _ in led.time)
     for name in ("time", "lag"):
