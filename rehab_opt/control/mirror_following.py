@@ -75,8 +75,9 @@ class MirrorFollowing(MirrorStatement):
         self._write((q, pose, twist, np.zeros(3), lead))
         pose, twist = self._inputs[0].copy(), self._inputs[1].copy()
         if self._live:
-            self.clock.start(*self._accepted())
-            self._live = False
+            last, motion = self._accepted()
+            self.clock.start(last, motion)
+            self._live, self._centre = False, last[:3, 3]
         pushed = self._interaction.feel(force)
         reason = reason or self._unusable(pose, twist) or pushed
         if reason:
