@@ -59,7 +59,8 @@ class MirrorTracker(MirrorForeseen):
     chain : any serial chain.
     floor : least w / w_max, above 0 and below 1; w is Yoshikawa's measure, w_max the chain's own maximum (`largest`).
     max_deviation : [m] of the tool from the reference that the clock stands at.
-    max_turn : [rad] of the tool from it, from which the clock waits; no bound of the QP.
+    max_turn : [rad] of the tool from it, or from what the person's arm can do of it, from which the clock waits; no
+        bound of the QP.
     linear_speed, angular_speed : [m/s, rad/s] largest hand speeds; the linear one holds exactly, in every tick.
     keep_out : planes that no part of the arm crosses: `KeepOut.through(point, normal)`.
     person : the arm that is led, in the robot's base frame; the reference is limited to its range of motion

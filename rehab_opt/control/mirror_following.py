@@ -60,6 +60,7 @@ class MirrorFollowing(MirrorStatement):
         self._live = False
         self._good = b""
         self._centre: Array | None = None
+        self._aim: Array | None = None
         self.followed: Array = np.full((4, 4), math.nan)
         """(4, 4) the reference of the last tick with a clock, before the range of motion and forces."""
         self._lead_w, self._lead_age = -1.0, 0
@@ -98,6 +99,7 @@ class MirrorFollowing(MirrorStatement):
         motion = motion * self._rate
         if self._limit is not None:
             target, motion = self._limit.limited(target, motion)
+            self._aim = target
         if self._interaction.active:
             target = target.copy()
             target[:3, 3] += self._interaction.offset
@@ -173,7 +175,9 @@ class MirrorFollowing(MirrorStatement):
         if not foreseen and self._interaction.pace == 1.0:  # nobody is hurried who pushes
             late = clock.lag - self.dt
             pace += min(self.catch_up, late / CATCHING_UP + AT_LEAST) if late > 0.0 else 0.0
-        worst = max(distance_between(here, pose) / self.max_deviation, angle_between(here, pose) / self.max_turn)
+        # What the person's arm cannot do of the reference is no reason to dwell there: it would not come to an end.
+        aim = pose if self._aim is None else self._aim
+        worst = max(distance_between(here, aim) / self.max_deviation, angle_between(here, aim) / self.max_turn)
         pace *= min(max((WAITS - worst) / (WAITS - CALM), 0.0), 1.0) * self._interaction.pace
         linear, angular = SPARE * self.linear_speed, SPARE * self.angular_speed
         pace = min(pace, clock.pace, linear / max(speed, 1e-9), angular / max(turning, 1e-9))

@@ -208,11 +208,12 @@ class ReferenceClock:
         """As `skip`, by a bridge from the pose `here` (4, 4)."""
         target, stamp = self._at + samples, self.stamp
         seconds, between = self._bridge(here, self._poses[target], self.dt)
-        self._poses = [here.copy(), *self._poses[target:]]
-        self._twists = [between, *self._twists[target:]]
-        self._seconds = [0.0, seconds, *self._seconds[target + 1 :]]
-        self._paces = [math.inf, *self._paces[target:]]
-        self._stamps = [stamp, *self._stamps[target:]]
+        # As in `push` it arrives as steadily as it came: what the recording does from there on is no part of it.
+        self._poses = [here.copy(), self._poses[target], *self._poses[target:]]
+        self._twists = [between, between, *self._twists[target:]]
+        self._seconds = [0.0, seconds, 0.0, *self._seconds[target + 1 :]]
+        self._paces = [math.inf, math.inf, *self._paces[target:]]
+        self._stamps = [stamp, self._stamps[target], *self._stamps[target:]]
         self._at, self._fraction, self.lag = 0, 0.0, sum(self._seconds)
         self.cuts += 1
 

@@ -180,7 +180,7 @@ def test_the_real_hand_is_mirrored_scaled_limited_to_an_arm_and_its_rate_assumed
 # ----------------------------------------------------------------------------------------------------- lost sight
 @pytest.fixture(scope="module")
 def blinded(tmp_path_factory: pytest.TempPathFactory) -> MirrorOutcome:
-    """The first five seconds of the fruit; the tracker loses the hand for 0.4 s in mid-motion, and sees it elsewhere once."""
+    """Five seconds of the fruit; the tracker loses the hand for 0.4 s in mid-motion, and sees it elsewhere once."""
     folder = tmp_path_factory.mktemp("blinded")
     rows = (FOLDER / "pick_fruit.csv").read_text().splitlines()[:451]
     for i in range(180, 216):
@@ -290,6 +290,16 @@ def test_fault_is_one_line_with_its_key(section: str, change: dict[str, Any], ke
     assert refusal.value.key == key
     assert expected in refusal.value.expected
     assert "\n" not in str(refusal.value)
+
+
+def test_recording_that_would_fill_the_memory_is_refused(written: Write) -> None:
+    given = content()
+    path = written("hand.csv", f"{HEADER}\n" + "".join(f"{t},0.3,0.8,0.6,0,0,0,1\n" for t in (0, 1, 2, 900_000)))
+    written("calibration_points.csv", (FOLDER / "calibration_points.csv").read_text())
+    given["recording"]["file"] = "hand.csv"
+    with pytest.raises(ProblemFileError, match="2000000 ticks") as refusal:
+        checked(problem_of(given, name="test", file="test.toml", path=path.with_name("test.toml")))
+    assert refusal.value.key == "tracker.rate_hz"
 
 
 HEADER = "t_s,x_m,y_m,z_m,qx,qy,qz,qw"

@@ -16,6 +16,7 @@ from rehab_opt.session.files import ProblemFile, recording_path
 from rehab_opt.session.mirror.hand_poses import HandPoses, calibration_points, read_hand_poses
 from rehab_opt.session.mirror.problem import MirrorProblem, PatientSection, PoseRecordingSection
 from rehab_opt.session.participant import arm_of
+from rehab_opt.session.pose_tracking.problem import MOST_TICKS
 from rehab_opt.session.pose_tracking.robot import robot_at_start
 from rehab_opt.session.schema import Side
 
@@ -78,13 +79,17 @@ def laid_out(loaded: ProblemFile[MirrorProblem]) -> Scene:
     usable = np.flatnonzero(np.all(np.isfinite(tools), axis=(1, 2)) & np.isfinite(seen.times))
     if not usable.size:
         raise ProblemFileError(section.file, "samples", 0, "at least 3 usable samples together")
+    seconds, rate = float(np.ptp(seen.times[usable])), problem.tracker.rate_hz
+    if seconds * rate > MOST_TICKS:
+        expected = f"at most {MOST_TICKS} ticks in the recording's {seconds:g} s"
+        raise ProblemFileError(file, "tracker.rate_hz", rate, expected)
     # The filter comes last, so that what is filtered is what the robot is asked for.
     try:
         reference = conditioned(
             seen.times[usable],
             tools[usable, :3, 3],
             quaternions_of(tools[usable, :3, :3]),
-            dt=1.0 / problem.tracker.rate_hz,
+            dt=1.0 / rate,
             cutoff_hz=rule.cutoff_hz,
             max_gap=rule.max_gap_s,
             largest_speed=rule.largest_speed_m_s,
