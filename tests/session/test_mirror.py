@@ -21,6 +21,7 @@ from rich.console import Console
 from rehab_opt.control.smoothing import measured_lag
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.session.files import load_problem, problem_of, shipped_problems
+from rehab_opt.session.mirror.metrics import passed_share
 from rehab_opt.session.mirror.outcome import BEFORE, PLAN, STEP, Led, MirrorOutcome
 from rehab_opt.session.mirror.table import mirror_table
 from rehab_opt.session.mirror.trace import mirror_columns
@@ -150,6 +151,19 @@ def test_what_is_too_fast_is_late_and_says_by_how_much(name: str, ran: Callable[
         assert numbers["reference_held_back_s"] > 1.0
         assert led.lag.max() > 0.3
         assert led.time[-1] > outcome.time[-1]
+
+
+def test_what_is_left_out_is_seen_in_the_share_that_is_passed(ran: Callable[[str], MirrorOutcome]) -> None:
+    for name, least in (("pick_fruit", 0.4), ("open_refrigerator", 0.8), ("vr_hand", 0.4)):
+        outcome = ran(name)
+        share = outcome.metrics["laws"][PLAN]["passed_share_of_time"]
+        assert least < share <= 1.0
+    path, asked = outcome.laws[PLAN].tool, outcome.asked[~np.isnan(outcome.asked[:, 0, 0])]
+    moved = asked.copy()
+    moved[: len(asked) // 2, 2, 3] += 5.0
+    assert passed_share(asked, asked) == 1.0
+    assert passed_share(asked, moved) == pytest.approx(0.5, abs=0.01)
+    assert passed_share(path, asked) == share
 
 
 @pytest.mark.parametrize("name", NAMES[:2])

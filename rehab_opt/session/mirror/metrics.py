@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -12,16 +13,25 @@ from rehab_opt.published.astar import AStarPath
 from rehab_opt.session.metrics import error_metrics, joint_metrics, reason_counts, status_counts, time_metrics
 from rehab_opt.session.mirror.outcome import Led
 
-__all__ = ["BELOW", "astar_metrics", "led_metrics"]
+__all__ = ["BELOW", "astar_metrics", "led_metrics", "passed_share"]
 
 Array = NDArray[np.float64]
 
 BELOW = 1e-3
 """Of w / w_max under the floor, that counts as under it."""
+NEAR, TURNED = 5e-3, math.radians(5.0)
+"""[m, rad] within which a hand passes a pose."""
+SAMPLES = 400
+"""Poses of the reference at most that are looked for on a path."""
 
 
-def led_metrics(led: Led, robot: SerialChain, *, floor: float, rate: float, largest: float) -> dict[str, Any]:
-    """Of one law; where sight was lost there is no reference, and no distance to it."""
+def led_metrics(
+    led: Led, robot: SerialChain, asked: Array, *, floor: float, rate: float, largest: float
+) -> dict[str, Any]:
+    """Of one law; where sight was lost there is no reference, and no distance to it.
+
+    `asked` (N, 4, 4) are the poses asked for, those of lost sight left out.
+    """
     seen = np.isfinite(led.deviation)
     q = np.concatenate([led.q, led.q[-1:] + led.command[-1:] / rate])  # and where the last tick leads
     tool = np.concatenate([led.tool[:, :3, 3], robot.pose(q[-1])[None, :3, 3]])
@@ -37,6 +47,7 @@ def led_metrics(led: Led, robot: SerialChain, *, floor: float, rate: float, larg
         "manipulability_min": float(w.min()),
         "manipulability_median": float(np.median(w)),
         "below_floor_share_of_time": float(np.mean(w < floor - BELOW)),
+        "passed_share_of_time": passed_share(led.tool, asked),
         **error_metrics(led.deviation[seen], "deviation", "m"),
         **error_metrics(np.rad2deg(led.turn[seen]), "turn", "deg"),
         "tool_speed_max_m_s": float(speed.max()),
@@ -55,6 +66,17 @@ def led_metrics(led: Led, robot: SerialChain, *, floor: float, rate: float, larg
         "reasons": reason_counts(_kind(text) for text in led.reasons),
         "counts": led.counts,
     }
+
+
+def passed_share(tool: Array, asked: Array) -> float:
+    """Share of poses asked for (N, 4, 4) that a path (M, 4, 4) passes, at whatever time."""
+    poses = asked[:: math.ceil(len(asked) / SAMPLES)]
+    met = 0
+    for pose in poses:
+        near = np.linalg.norm(tool[:, :3, 3] - pose[:3, 3], axis=1) <= NEAR
+        cosines = 0.5 * (np.einsum("nij,ij->n", tool[near, :3, :3], pose[:3, :3]) - 1.0)
+        met += bool(np.any(cosines >= math.cos(TURNED)))
+    return met / len(poses)
 
 
 def astar_metrics(path: AStarPath, robot: SerialChain, reference: Array, *, largest: float) -> dict[str, Any]:

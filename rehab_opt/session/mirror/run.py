@@ -39,7 +39,7 @@ def run_mirror(loaded: ProblemFile[MirrorProblem], *, progress: Progress) -> Mir
         PLAN: planned(tracker, scene, progress=progress),
     }
     astar = searched(problem, scene, largest=largest, progress=progress)
-    asked = reference.poses[~reference.lost, :3, 3]
+    asked = reference.poses[~reference.lost]
     speeds = np.linalg.norm(reference.twists[~reference.lost, :3], axis=1)
     metrics: dict[str, Any] = {
         "parameters": problem.model_dump(mode="json", exclude={"title"}),
@@ -57,9 +57,10 @@ def run_mirror(loaded: ProblemFile[MirrorProblem], *, progress: Progress) -> Mir
         },
         "manipulability_largest": largest,
         "laws": {
-            name: led_metrics(led, robot, floor=section.floor, rate=rate, largest=largest) for name, led in laws.items()
+            name: led_metrics(led, robot, asked, floor=section.floor, rate=rate, largest=largest)
+            for name, led in laws.items()
         },
-        "astar": astar_metrics(astar, robot, asked, largest=largest) if astar is not None else None,
+        "astar": astar_metrics(astar, robot, asked[:, :3, 3], largest=largest) if astar is not None else None,
     }
     return MirrorOutcome(
         system=problem.system,

@@ -48,6 +48,7 @@ def _ticks(of: Numbers) -> str:
 MIRROR_ROWS: Rows = (
     ("least manipulability, share of largest", lambda of: f"{of['manipulability_min']:.4f}"),
     ("time below the floor, %", lambda of: f"{100 * of['below_floor_share_of_time']:.1f}"),
+    ("reference passed within 5 mm and 5 deg, %", lambda of: f"{100 * of['passed_share_of_time']:.0f}"),
     ("distance to the reference mean / p95 / max, mm", millimetres("deviation")),
     ("turn from the reference mean / p95 / max, deg", spread("turn", "deg")),
     ("duration, s", _ends),
@@ -67,7 +68,7 @@ MIRROR_ROWS: Rows = (
 )
 ASTAR_CELLS: Mapping[str, Callable[[Numbers], str]] = {
     "least manipulability, share of largest": MIRROR_ROWS[0][1],
-    "distance to the reference mean / p95 / max, mm": MIRROR_ROWS[2][1],
+    "distance to the reference mean / p95 / max, mm": MIRROR_ROWS[3][1],
     "duration, s": lambda of: "no times" if of["complete"] else "no times, INCOMPLETE",
     "computing time, s": MIRROR_ROWS[-1][1],
     "events": lambda of: f"{of['expanded']} expanded, {of['blocked']} blocked",
