@@ -19,7 +19,8 @@ from rehab_opt.control.command import Bound, Command, Status
 from rehab_opt.control.hand_bounds import HandBounds, KeepOut
 from rehab_opt.control.interaction import Interaction
 from rehab_opt.control.manipulability import largest_manipulability
-from rehab_opt.control.mirror_following import BRIDGE, MirrorFollowing
+from rehab_opt.control.mirror_following import BRIDGE
+from rehab_opt.control.mirror_foreseen import MirrorForeseen
 from rehab_opt.control.mirror_plan import MirrorPath, plan
 from rehab_opt.control.person_limit import PersonLimit
 from rehab_opt.control.reference_clock import ReferenceClock
@@ -38,7 +39,7 @@ _BOUNDS = tuple(Bound(i) for i in range(8))
 _SQUARE = (4, 4)
 
 
-class MirrorTracker(MirrorFollowing):
+class MirrorTracker(MirrorForeseen):
     """Joint velocities for a hand that is led along a mirrored path, kept out of singular postures.
 
     `PoseTracker`'s QP with the rows of `HandBounds`: w(q) + grad w . q' dt stays above the floor as a discrete barrier,
@@ -58,7 +59,8 @@ class MirrorTracker(MirrorFollowing):
     chain : any serial chain.
     floor : least w / w_max, above 0 and below 1; w is Yoshikawa's measure, w_max the chain's own maximum (`largest`).
     max_deviation : [m] of the tool from the reference that the clock stands at.
-    max_turn : [rad] of the tool from it, from which the clock waits; no bound of the QP.
+    max_turn : [rad] of the tool from it, or from what the person's arm can do of it, from which the clock waits; no
+        bound of the QP.
     linear_speed, angular_speed : [m/s, rad/s] largest hand speeds; the linear one holds exactly, in every tick.
     keep_out : planes that no part of the arm crosses: `KeepOut.through(point, normal)`.
     person : the arm that is led, in the robot's base frame; the reference is limited to its range of motion

@@ -33,8 +33,6 @@ PATIENCE = 0.5
 """[s] of waiting after which the hand is led on to a later pose."""
 LEAVE_OUT = 0.25
 """[s] of a recording that are left out first; twice as many each time it does not help."""
-GIVEN_UP = 3.0
-"""[s] of waiting with all the future known, after which a plan ends incomplete."""
 JUMP, SPIN = 5.0, 30.0
 """[m/s, rad/s] Faster samples than a hand can move: a jump of the tracker, and bridged."""
 BRIDGE = 0.5
@@ -62,6 +60,7 @@ class MirrorFollowing(MirrorStatement):
         self._live = False
         self._good = b""
         self._centre: Array | None = None
+        self._aim: Array | None = None
         self.followed: Array = np.full((4, 4), math.nan)
         """(4, 4) the reference of the last tick with a clock, before the range of motion and forces."""
         self._lead_w, self._lead_age = -1.0, 0
@@ -75,8 +74,9 @@ class MirrorFollowing(MirrorStatement):
         self._write((q, pose, twist, np.zeros(3), lead))
         pose, twist = self._inputs[0].copy(), self._inputs[1].copy()
         if self._live:
-            self.clock.start(*self._accepted())
-            self._live = False
+            last, motion = self._accepted()
+            self.clock.start(last, motion)
+            self._live, self._centre = False, last[:3, 3]
         pushed = self._interaction.feel(force)
         reason = reason or self._unusable(pose, twist) or pushed
         if reason:
@@ -99,6 +99,7 @@ class MirrorFollowing(MirrorStatement):
         motion = motion * self._rate
         if self._limit is not None:
             target, motion = self._limit.limited(target, motion)
+            self._aim = target
         if self._interaction.active:
             target = target.copy()
             target[:3, 3] += self._interaction.offset
@@ -174,7 +175,9 @@ class MirrorFollowing(MirrorStatement):
         if not foreseen and self._interaction.pace == 1.0:  # nobody is hurried who pushes
             late = clock.lag - self.dt
             pace += min(self.catch_up, late / CATCHING_UP + AT_LEAST) if late > 0.0 else 0.0
-        worst = max(distance_between(here, pose) / self.max_deviation, angle_between(here, pose) / self.max_turn)
+        # What the person's arm cannot do of the reference is no reason to dwell there: it would not come to an end.
+        aim = pose if self._aim is None else self._aim
+        worst = max(distance_between(here, aim) / self.max_deviation, angle_between(here, aim) / self.max_turn)
         pace *= min(max((WAITS - worst) / (WAITS - CALM), 0.0), 1.0) * self._interaction.pace
         linear, angular = SPARE * self.linear_speed, SPARE * self.angular_speed
         pace = min(pace, clock.pace, linear / max(speed, 1e-9), angular / max(turning, 1e-9))
@@ -201,10 +204,7 @@ class MirrorFollowing(MirrorStatement):
         still.
         """
         if self._rate > 0.02 or self._interaction.pace < 1.0:
-            self._waited = 0.0
-            self._gone_on += self._rate * self.dt
-            if self._gone_on > 1.0:
-                self._ahead = LEAVE_OUT
+            self._count_pace()
             return
         self.counts["waited"] += 1
         self._waited += self.dt
@@ -226,6 +226,13 @@ class MirrorFollowing(MirrorStatement):
         self.clock.lead_to(later + 1, here)
         self.counts["left out"] += 1
         self._waited, self._gone_on, self._ahead = 0.0, 0.0, 2.0 * self._ahead
+
+    def _count_pace(self) -> None:
+        """The clock went on in this tick: what it waited is forgotten, and what it left out is left behind."""
+        self._waited = 0.0
+        self._gone_on += self._rate * self.dt
+        if self._gone_on > 1.0:
+            self._ahead = LEAVE_OUT
 
     def _safe(self, reason: str) -> Command:
         """Decelerate within the bounds, and faster where the floor or the planes ask for it."""
@@ -259,35 +266,3 @@ class MirrorFollowing(MirrorStatement):
         if not (skewed <= ROTATION_TOLERANCE and np.linalg.det(rotation) > 0 and level):
             return self.requirement
         return ""
-
-    # ----------------------------------------------------------------------------------------------- whole motions
-    def foresee(self, q: Array, poses: Array, twists: Array, stamps: Array) -> None:
-        """Hand a whole recording, stamped (N,) [s], to the clock."""
-        clock = self.clock
-        here = self.chain.pose(q)
-        self._live = False
-        clock.start(here, np.zeros(6), stamp=float(stamps[0]) - self.dt)
-        before, stamp = here, float(stamps[0]) - self.dt
-        for pose, twist, now in zip(poses, twists, stamps.tolist(), strict=True):
-            seconds = now - stamp
-            jumps = self._jumps(before, pose, seconds) or before is here
-            clock.push(pose, twist, seconds=seconds, bridge=jumps)
-            before, stamp = pose, now
-        clock.slow_ahead(
-            linear_speed=SPARE * self.linear_speed, angular_speed=SPARE * self.angular_speed, quickening=QUICKENING
-        )
-
-    def follow(self, q: Array) -> Command:
-        """One tick along what the clock foresees."""
-        self._q[:] = q
-        here = self._tool.of(q)
-        return self._tracked(here, foreseen=True)
-
-    def tool(self, q: Array) -> Array:
-        """(4, 4) pose of the tool, as `chain.pose`, faster."""
-        return self._tool.of(q)
-
-    @property
-    def given_up(self) -> bool:
-        """Whether the clock has waited for so long that nothing will change."""
-        return self._waited > GIVEN_UP

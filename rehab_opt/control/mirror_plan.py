@@ -42,6 +42,8 @@ class MirrorPath(NamedTuple):
     """(M, 4, 4) the reference pose where the clock stands in the tick."""
     clock: Array
     """(M,) [s] of the reference's own time; over a stretch left out or a jump it runs as the bridge takes."""
+    paces: Array
+    """(M,) seconds of the reference followed in a second."""
     manipulability: Array
     """(M,) w / w_max where the tick leads."""
     yielded: list[Bound]
@@ -85,7 +87,7 @@ def plan(tracker: MirrorTracker, poses: ArrayLike, twists: ArrayLike, q: ArrayLi
     dt = tracker.dt
     tracker.foresee(joints, reference[usable], motion[usable], np.asarray(dt * usable, dtype=np.float64))
     most = math.ceil((PATIENCE + PATIENCE * tracker.clock.lag) / dt)
-    times, path, speeds, clock, shown, w, yielded = [], [], [], [], [], [], []
+    times, path, speeds, clock, paces, shown, w, yielded = [], [], [], [], [], [], [], []
     complete = False
     for k in range(most):
         path.append(joints)
@@ -95,6 +97,7 @@ def plan(tracker: MirrorTracker, poses: ArrayLike, twists: ArrayLike, q: ArrayLi
         speeds.append(command.value)
         shown.append(tracker.followed)
         clock.append(tracker.clock.stamp)
+        paces.append(tracker.time_scale)
         w.append(tracker.manipulability)
         yielded.append(command.yielded)
         if tracker.clock.current and float(np.abs(command.value).max()) < STANDING:
@@ -106,6 +109,6 @@ def plan(tracker: MirrorTracker, poses: ArrayLike, twists: ArrayLike, q: ArrayLi
     found = np.array([tracker.tool(each) for each in path])
     counts = Counter(tracker.counts)
     return MirrorPath(
-        np.array(times), q_path, np.array(speeds), found, np.array(shown), np.array(clock), np.array(w), yielded,
-        complete, counts, time.perf_counter() - begun,
+        np.array(times), q_path, np.array(speeds), found, np.array(shown), np.array(clock), np.array(paces),
+        np.array(w), yielded, complete, counts, time.perf_counter() - begun,
     )  # fmt: skip

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.between_poses import turn_between, turned
+from rehab_opt.control.foreseen import Foreseen
 
 __all__ = ["ReferenceClock"]
 
@@ -45,6 +46,8 @@ class ReferenceClock:
         self._fraction = 0.0
         self.lag = 0.0
         """[s] by which the clock is behind the newest sample, bridges included."""
+        self.passed, self.cuts = 0, 0
+        """Samples that the clock has passed, and how often some were left out."""
         self._looked_at: tuple[int, Array | None, bool] = (-1, None, False)
 
     @property
@@ -71,6 +74,11 @@ class ReferenceClock:
         return self._stamps[at] + self._fraction * (self._stamps[at + 1] - self._stamps[at])
 
     @property
+    def fraction(self) -> float:
+        """Share of the way to the next sample that the clock has gone."""
+        return self._fraction
+
+    @property
     def newest(self) -> Array:
         """(4, 4) the last pose that arrived."""
         return self._poses[-1]
@@ -95,6 +103,27 @@ class ReferenceClock:
         if len(self._poses) > THINNED:
             self._thin()
 
+    def extend(self, poses: Array, twists: Array, seconds: Array) -> None:
+        """Many samples (N, 4, 4), (N, 6) at once, so many seconds (N,) after each other; none of them bridged."""
+        self._stamps.extend((self._stamps[-1] + np.cumsum(seconds)).tolist())
+        self._poses.extend(poses.copy())
+        self._twists.extend(twists.copy())
+        self._seconds.extend(seconds.tolist())
+        self._paces.extend([math.inf] * len(poses))
+        self.lag += float(seconds.sum())
+
+    def go_on(self, samples: int, fraction: float, seconds: float) -> None:
+        """Stand so many samples further, and at this share of the way to the next one."""
+        self._at, self.passed, self._fraction = self._at + samples, self.passed + samples, fraction
+        self.lag = 0.0 if self.current else self.lag - seconds
+
+    def foreseen(self, *, linear_speed: float, angular_speed: float) -> Foreseen:
+        """The samples from the one at hand on, to be laid out in time, at most at these speeds [m/s, rad/s]."""
+        poses, twists, seconds, paces = (
+            np.array(column[self._at :]) for column in (self._poses, self._twists, self._seconds, self._paces)
+        )
+        return Foreseen(poses, twists, seconds, paces, linear_speed=linear_speed, angular_speed=angular_speed)
+
     def advance(self, seconds: float) -> None:
         """Go on by this much reference time, at most to the newest sample."""
         last = len(self._poses) - 1
@@ -107,7 +136,7 @@ class ReferenceClock:
                 break
             seconds -= left
             self.lag -= left
-            self._at, self._fraction = self._at + 1, 0.0
+            self._at, self.passed, self._fraction = self._at + 1, self.passed + 1, 0.0
         if self._at >= last:
             self._fraction, self.lag = 0.0, 0.0
         if self._at > 256:
@@ -172,18 +201,21 @@ class ReferenceClock:
     def skip(self, samples: int) -> None:
         """Leave out what lies before the `samples`-th of the samples still to come, counted from 1."""
         self.lag = max(0.0, self.lag - self._time_to(samples))
+        self.cuts += 1
         self._forget(self._at + samples)
 
     def lead_to(self, samples: int, here: Array) -> None:
         """As `skip`, by a bridge from the pose `here` (4, 4)."""
         target, stamp = self._at + samples, self.stamp
         seconds, between = self._bridge(here, self._poses[target], self.dt)
-        self._poses = [here.copy(), *self._poses[target:]]
-        self._twists = [between, *self._twists[target:]]
-        self._seconds = [0.0, seconds, *self._seconds[target + 1 :]]
-        self._paces = [math.inf, *self._paces[target:]]
-        self._stamps = [stamp, *self._stamps[target:]]
+        # As in `push` it arrives as steadily as it came: what the recording does from there on is no part of it.
+        self._poses = [here.copy(), self._poses[target], *self._poses[target:]]
+        self._twists = [between, between, *self._twists[target:]]
+        self._seconds = [0.0, seconds, 0.0, *self._seconds[target + 1 :]]
+        self._paces = [math.inf, math.inf, *self._paces[target:]]
+        self._stamps = [stamp, self._stamps[target], *self._stamps[target:]]
         self._at, self._fraction, self.lag = 0, 0.0, sum(self._seconds)
+        self.cuts += 1
 
     def _bridge(self, a: Array, b: Array, least: float) -> tuple[float, Array]:
         """Seconds (at least so many) and twist (6,) of the calm way from one pose to another."""

@@ -25,8 +25,16 @@ LAW_STYLES: Mapping[str, Mapping[str, Any]] = {
 }
 
 
-def joint_figure(outcome: MovementOutcome, joints: Mapping[str, tuple[Array, Mapping[str, Any]]]) -> Figure:
-    """A panel for each joint; `joints` holds values (N, n) [rad] and their style by label."""
+def joint_figure(
+    outcome: MovementOutcome,
+    joints: Mapping[str, tuple[Array, Mapping[str, Any]]],
+    *,
+    times: Mapping[str, Array] | None = None,
+) -> Figure:
+    """A panel for each joint; `joints` holds values (N, n) [rad] and their style by label.
+
+    `times` (N,) [s] by label, where they are not all sampled at the outcome's own.
+    """
     chain = outcome.chain
     rows = math.ceil(chain.n / 2)
     figure = framed(outcome.title, 9.0, 1.3 + 1.9 * rows)
@@ -34,7 +42,7 @@ def joint_figure(outcome: MovementOutcome, joints: Mapping[str, tuple[Array, Map
     limits_seen = False
     for joint, axes in enumerate(grid[: chain.n]):
         for label, (q, style) in joints.items():
-            axes.plot(outcome.time, np.rad2deg(q[:, joint]), **style, label=label)
+            axes.plot((times or {}).get(label, outcome.time), np.rad2deg(q[:, joint]), **style, label=label)
         limits_seen |= _shade_limits(axes, chain, joint)
         axes.set_title(chain.names[joint].replace("_", " "), fontsize=9, loc="left")
         axes.set_ylabel("angle [deg]", fontsize=8)

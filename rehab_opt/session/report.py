@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import importlib.metadata
 import json
+import math
 import os
 import tempfile
 from pathlib import Path
@@ -77,13 +78,19 @@ def metrics_json(outcome: Outcome) -> str:
 
 
 def write_trace(outcome: Outcome, path: Path) -> None:
-    """One column a quantity, its unit at the end of its name."""
+    """One column a quantity, its unit at the end of its name; a number that is not there (NaN) is an empty cell."""
     columns = dict(system_named(outcome.system).trace(outcome))
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
         for row in zip(*columns.values(), strict=True):
-            writer.writerow(f"{cell:.9g}" if isinstance(cell, float) else cell for cell in row)
+            writer.writerow(_cell(cell) for cell in row)
+
+
+def _cell(value: float | int | str) -> float | int | str:
+    if not isinstance(value, float):
+        return value
+    return "" if math.isnan(value) else f"{value:.9g}"
 
 
 def _version(name: str) -> str | None:

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from rehab_opt.session.ardis.outcome import ArdisOutcome
     from rehab_opt.session.ardis.problem import ArdisProblem
     from rehab_opt.session.files import ProblemFile
+    from rehab_opt.session.mirror.outcome import MirrorOutcome
+    from rehab_opt.session.mirror.problem import MirrorProblem
     from rehab_opt.session.pose_tracking.outcome import RobotOutcome
     from rehab_opt.session.pose_tracking.problem import PoseTracking
     from rehab_opt.session.scenario.outcome import ScenarioOutcome
@@ -144,6 +146,12 @@ def _pose_tracking() -> System[PoseTracking, RobotOutcome]:
     return PoseTrackingSystem()
 
 
+def _mirror() -> System[MirrorProblem, MirrorOutcome]:
+    from rehab_opt.session.mirror.system import MirrorSystem  # noqa: PLC0415
+
+    return MirrorSystem()
+
+
 def _workspace() -> System[WorkspaceProblem, WorkspaceOutcome]:
     from rehab_opt.session.workspaces.system import WorkspaceSystem  # noqa: PLC0415
 
@@ -178,6 +186,7 @@ SYSTEMS: Mapping[str, Callable[[], System[Any, Any]]] = MappingProxyType(
     {
         "upper_limb": _upper_limb,
         "pose_tracking": _pose_tracking,
+        "mirror": _mirror,
         "workspace": _workspace,
         "workspace_map": _workspace_map,
         "used_ranges": _used_ranges,

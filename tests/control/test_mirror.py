@@ -269,6 +269,21 @@ def test_lost_tracking_decelerates_says_why_and_resumes_without_a_jump(fault: st
     assert robot.lag < (2.5 if fault == "jump" else 0.02)  # two bridges, made up for by a half
 
 
+def test_sight_lost_far_from_where_the_motion_began_is_braked_for_within_the_accelerations() -> None:
+    dt, chain, centre = 5e-3, ur5(), ur5().pose(START)
+    robot, q, last = tracker(dt=dt), START.copy(), np.zeros(6)
+    for k in range(460):
+        t = min(max(k * dt - 1.0, 0.0), 1.0)
+        y = 0.15 * t * t * (3 - 2 * t)  # up to 0.225 m/s
+        pose = moved(centre, 0.0, y, 0.0)
+        if 320 <= k < 400:
+            pose[:] = math.nan
+        value = robot.step(q, pose, np.array([0, 0.9 * t * (1 - t), 0, 0, 0, 0])).value
+        assert np.all(np.abs(value - last) <= chain.acceleration * dt + 1e-9)
+        q, last = q + value * dt, value
+    assert robot.counts["braked"] == 80
+
+
 numbers = st.floats(allow_nan=True, allow_infinity=True, width=64)
 
 

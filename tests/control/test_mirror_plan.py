@@ -130,3 +130,22 @@ def test_filter_qp_and_smoothing_together_lag_by_less_than_a_tenth_of_a_second()
     raw = np.array([np.interp(given.times, times, column) for column in poses[:, :3, 3].T]).T
     lag = measured_lag(given.times, raw, np.array(hands))
     assert 0.02 < lag <= 0.1
+
+
+@pytest.mark.parametrize("task", TASKS[:2])
+def test_ticks_that_are_laid_out_lead_where_the_others_do(task: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    given, robot = samples(task, 2e-2), tracker(2e-2)
+    seen: list[bool] = []
+    as_laid_out = robot._as_laid_out
+    monkeypatch.setattr(robot, "_as_laid_out", lambda q: seen.append(True) or as_laid_out(q))
+    quick = robot.plan(given.poses, given.twists, motions.START)
+    assert len(seen) > 0.9 * len(quick.q)  # else this says nothing
+    monkeypatch.setattr(robot, "_lay_out", lambda: False)
+    slow = robot.plan(given.poses, given.twists, motions.START)
+    assert slow.complete
+    at = np.linspace(0.0, given.times[-1] - given.times[0], 300)
+    for one, other in zip(quick.q.T, slow.q.T, strict=True):
+        np.testing.assert_allclose(
+            np.interp(at, quick.clock, one), np.interp(at, slow.clock, other), atol=math.radians(0.3)
+        )
+    assert quick.times[-1] <= slow.times[-1] + 0.1

@@ -108,3 +108,52 @@ def test_turns_between_poses_are_scipys(seed: int) -> None:
     np.testing.assert_allclose(turned(a[:3, :3], turn_between(a, b)), b[:3, :3], atol=1e-7)
     assert angle_between(a, b) == pytest.approx(np.linalg.norm(vector), abs=1e-6)
     assert distance_between(a, b) == pytest.approx(np.linalg.norm(a[:3, 3] - b[:3, 3]))
+
+
+def test_a_lead_is_steady_to_its_end_whatever_the_recording_does_there() -> None:
+    made = clock(100, speed=2.0)
+    made.lead_to(60, pose(0.5))
+    there = pose(2.0 * 60 * DT)
+    calm = float(distance_between(pose(0.5), there)) / 0.1
+    for share in (0.0, 0.3, 0.9, 0.999):
+        at, twist = made.read(share * calm)
+        assert at[0, 3] == pytest.approx(0.5 + share * (there[0, 3] - 0.5), abs=1e-9)
+        np.testing.assert_allclose(twist, [0.1, 0, 0, 0, 0, 0], atol=1e-9)
+    assert made.bridging
+    made.advance(calm + 1e-9)
+    assert not made.bridging
+    np.testing.assert_allclose(made.read()[1], [2.0, 0, 0, 0, 0, 0], atol=1e-6)
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(deadline=None, max_examples=25)
+def test_what_is_laid_out_is_where_the_clock_comes_to(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    speeds = np.abs(np.cumsum(rng.normal(0.0, 0.05, 120)))
+    places, angles = np.cumsum(speeds) * DT, np.cumsum(rng.normal(0.0, 0.02, 120))
+    poses = np.array([pose(x, angle) for x, angle in zip(places, angles, strict=True)])
+    twists = np.zeros((120, 6))
+    twists[:, 0], twists[:, 4] = speeds, np.gradient(angles, DT)
+    made = ReferenceClock(DT, linear_speed=0.1, angular_speed=0.5)
+    made.start(poses[0], twists[0])
+    made.extend(poses[1:], twists[1:], np.full(119, DT))
+    made.slow_ahead(linear_speed=0.25, angular_speed=1.5, quickening=0.1)
+    for _ in range(7):
+        made.advance(0.37 * DT)
+    laid = made.foreseen(linear_speed=0.25, angular_speed=1.5).ahead(
+        (0, made.fraction), 0.3, 200, dt=DT, quickening=0.1
+    )
+    assert len(laid.paces) == 200
+    before, rate = made.passed, 0.3
+    for there, twist, pace in zip(laid.poses, laid.twists, laid.paces, strict=True):
+        assert pace <= min(1.0, made.pace, rate + 0.1) + 1e-12
+        made.advance(pace * DT)
+        found, motion = made.read()
+        np.testing.assert_allclose(there, found, atol=3e-4)  # entries of near turns stand for the arc there
+        assert math.hypot(*twist[:3]) <= 0.25
+        assert math.hypot(*twist[3:]) <= 1.5
+        share = float(np.linalg.norm(twist)) / max(float(np.linalg.norm(pace * motion)), 1e-12)
+        assert share <= 1 + 1e-9
+        np.testing.assert_allclose(twist, share * pace * motion, atol=1e-9)
+        rate = pace
+    assert made.current == (before + laid.places[-1][0] == 119)

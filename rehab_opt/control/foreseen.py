@@ -1,0 +1,119 @@
+"""A recording whose end is known, laid out in time: where the clock is in each tick if nothing comes in its way."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Foreseen", "Layout", "turned_each", "turns_between"]
+
+Array = NDArray[np.float64]
+
+NEAR = 1e-12
+"""Share by which what is laid out stays below the hand speeds it may take: rounding must not decide."""
+
+
+class Layout(NamedTuple):
+    """K ticks."""
+
+    poses: Array
+    """(K, 4, 4) of the reference."""
+    twists: Array
+    """(K, 6) at the clock's pace [m/s, rad/s]."""
+    paces: list[float]
+    """Seconds of the reference in a second."""
+    places: list[tuple[int, float]]
+    """Sample, and share of the way to the next one, after the tick."""
+
+
+class Foreseen:
+    """N samples, joined by straight lines and even turns.
+
+    Parameters
+    ----------
+    poses, twists : (N, 4, 4), (N, 6).
+    seconds : (N,) [s] since the sample before.
+    paces : (N,) the most that what follows allows.
+    linear_speed, angular_speed : [m/s, rad/s] that the reference may take.
+    """
+
+    def __init__(
+        self, poses: Array, twists: Array, seconds: Array, paces: Array, *, linear_speed: float, angular_speed: float
+    ) -> None:
+        self._poses, self._twists, self._seconds, self._paces = poses, twists, seconds.tolist(), paces.tolist()
+        self._turns = turns_between(poses[:-1, :3, :3], poses[1:, :3, :3])
+        self._limits = np.array([linear_speed, angular_speed]) * (1.0 - NEAR)
+        self._fastest = self._speeds(twists).tolist()
+
+    def _speeds(self, twists: Array) -> Array:
+        """(N,) share of the speeds that may be taken."""
+        linear, angular = np.linalg.norm(twists[:, :3], axis=1), np.linalg.norm(twists[:, 3:], axis=1)
+        return np.asarray(np.maximum(linear / self._limits[0], angular / self._limits[1]))
+
+    def ahead(self, place: tuple[int, float], pace: float, most: int, *, dt: float, quickening: float) -> Layout:
+        """At most so many ticks from a place and a pace on; a bridge, which takes longer than a tick, ends them.
+
+        The pace rises by at most 1 in `quickening` seconds, and nowhere exceeds what the speeds allow.
+        """
+        at, share = place
+        last, rise = len(self._seconds) - 1, dt / quickening
+        seconds, fastest, paces = self._seconds, self._fastest, self._paces
+        taken, places = [], []
+        for _ in range(most):
+            fast = fastest[at] if share == 0.0 else fastest[at] + share * (fastest[at + 1] - fastest[at])
+            pace = min(1.0, paces[at], 1.0 / fast if fast > 1.0 else 1.0, pace + rise)
+            left = pace * dt
+            while at < last and left > 0.0:
+                length = seconds[at + 1]
+                if length > 1.5 * dt:
+                    break
+                to_next = length * (1.0 - share)
+                if left < to_next:
+                    share += left / length
+                    left = 0.0
+                    break
+                left -= to_next
+                at, share = at + 1, 0.0
+            if at < last and left > 0.0:
+                break  # before a bridge
+            taken.append(pace)
+            places.append((at, share))
+        return Layout(*self._read(places, np.array(taken)), taken, places)
+
+    def _read(self, places: list[tuple[int, float]], paces: Array) -> tuple[Array, Array]:
+        """Poses (K, 4, 4) and twists (K, 6) at places."""
+        at = np.array([each[0] for each in places], dtype=np.int64)
+        share = np.array([each[1] for each in places])
+        after = np.minimum(at + 1, len(self._poses) - 1)
+        poses, here = self._poses[at], self._poses[at]
+        poses[:, :3, 3] += share[:, None] * (self._poses[after, :3, 3] - here[:, :3, 3])
+        between = np.minimum(at, len(self._turns) - 1)
+        poses[:, :3, :3] = turned_each(here[:, :3, :3], share[:, None] * self._turns[between])
+        twists = self._twists[at] + share[:, None] * (self._twists[after] - self._twists[at])
+        twists *= (paces / np.maximum(1.0, paces * self._speeds(twists)))[:, None]
+        return poses, twists
+
+
+def turns_between(before: Array, after: Array) -> Array:
+    """(N, 3) rotation vectors [rad] in the base frame from rotations to others (N, 3, 3); none of half a turn."""
+    r = after @ before.transpose(0, 2, 1)
+    skew = 0.5 * np.stack([r[:, 2, 1] - r[:, 1, 2], r[:, 0, 2] - r[:, 2, 0], r[:, 1, 0] - r[:, 0, 1]], axis=1)
+    sine = np.linalg.norm(skew, axis=1)
+    angle = np.arctan2(sine, 0.5 * (np.trace(r, axis1=1, axis2=2) - 1.0))
+    return np.asarray(skew * np.where(sine > 1e-9, angle / np.maximum(sine, 1e-300), 1.0)[:, None])
+
+
+def turned_each(rotations: Array, vectors: Array) -> Array:
+    """Rotations (N, 3, 3) turned about the base frame's axes by rotation vectors (N, 3) (Rodrigues)."""
+    angle = np.linalg.norm(vectors, axis=1)[:, None, None]
+    small = angle < 1e-6
+    safe = np.where(small, 1.0, angle)
+    x, y, z = vectors.T
+    nought = np.zeros_like(x)
+    k = np.stack([nought, -z, y, z, nought, -x, -y, x, nought], axis=1).reshape(-1, 3, 3)
+    first = np.where(small, 1.0 - angle**2 / 6.0, np.sin(safe) / safe)
+    second = np.where(small, 0.5, (1.0 - np.cos(safe)) / safe**2)
+    step = first * k + second * (k @ k)
+    return np.asarray(rotations + step @ rotations)

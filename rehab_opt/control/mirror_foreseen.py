@@ -1,0 +1,137 @@
+"""A mirrored hand that follows a recording whose future is known: most ticks are laid out beforehand."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.control.command import Bound, Command, Status
+from rehab_opt.control.foreseen import Foreseen, Layout
+from rehab_opt.control.mirror_following import JUMP, QUICKENING, SPIN, MirrorFollowing
+from rehab_opt.control.mirror_statement import SPARE, WHOLE
+from rehab_opt.optim.fused import FUSED_SOLVERS
+
+__all__ = ["MirrorForeseen"]
+
+Array = NDArray[np.float64]
+
+GIVEN_UP = 3.0
+"""[s] of waiting with all the future known, after which a plan ends incomplete."""
+SPAN = 16, 512
+"""Ticks laid out at first, and at most: twice as many each time that all of them were taken."""
+REST = 32
+"""Ticks at most after something unusual until a layout is tried again: one at first, then twice as many."""
+
+_OK, _NAN, _new, _read_only = Status.OK, math.nan, tuple.__new__, np.frombuffer
+_NOTHING = Layout(np.zeros((0, 4, 4)), np.zeros((0, 6)), [], [])
+
+
+class MirrorForeseen(MirrorFollowing):
+    """The tick of a plan.
+
+    While nothing is unusual the clock goes on as it was laid out, and the tick is the fused function alone, with the
+    same verdict on residual and true bounds as in `MirrorTracker.step`. Everything else is `MirrorFollowing`'s.
+    """
+
+    _hot: tuple[Any, ...]
+
+    def _begin(self) -> None:
+        super()._begin()
+        self._foreseen: Foreseen | None = None
+        self._laid, self._flat, self._next = _NOTHING, np.zeros((0, 16)), 0
+        self._span, self._rest, self._resting = SPAN[0], 1, 0
+        self._origin = (0, 0)
+
+    def foresee(self, q: Array, poses: Array, twists: Array, stamps: Array) -> None:
+        """Hand a whole recording (N, 4, 4), (N, 6), stamped (N,) [s], to the clock."""
+        clock, here = self.clock, self.chain.pose(q)
+        self._live = False
+        first = float(stamps[0]) - self.dt
+        clock.start(here, np.zeros(6), stamp=first)
+        seconds = np.diff(stamps, prepend=first)
+        way = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
+        cosine = 0.5 * (np.einsum("nij,nij->n", poses[1:, :3, :3], poses[:-1, :3, :3]) - 1.0)
+        turn = np.arccos(np.clip(cosine, -1.0, 1.0))
+        jumps = (way > JUMP * seconds[1:] + 1e-3) | (turn > SPIN * seconds[1:] + 1e-2)
+        starts = [0, *(np.flatnonzero(jumps) + 1).tolist()]
+        for i, j in zip(starts, [*starts[1:], len(poses)], strict=True):
+            clock.push(poses[i], twists[i], seconds=float(seconds[i]), bridge=True)
+            clock.extend(poses[i + 1 : j], twists[i + 1 : j], seconds[i + 1 : j])
+        clock.slow_ahead(
+            linear_speed=SPARE * self.linear_speed, angular_speed=SPARE * self.angular_speed, quickening=QUICKENING
+        )
+
+    def follow(self, q: Array) -> Command:
+        """One tick along what the clock foresees."""
+        if self._resting > 0:
+            self._resting -= 1
+        elif self._next < len(self._laid.paces) or self._lay_out():
+            command = self._as_laid_out(q)
+            if command is not None:
+                self._rest = 1
+                return command
+            self._laid, self._span = _NOTHING, SPAN[0]
+            self._resting, self._rest = self._rest, min(2 * self._rest, REST)
+        self._q[:] = q
+        return self._tracked(self._tool.of(q), foreseen=True)
+
+    def tool(self, q: Array) -> Array:
+        """(4, 4) pose of the tool, as `chain.pose`, faster."""
+        return self._tool.of(q)
+
+    @property
+    def given_up(self) -> bool:
+        """Whether the clock has waited for so long that nothing will change."""
+        return self._waited > GIVEN_UP
+
+    # ------------------------------------------------------------------------------------------------ what is laid out
+    def _lay_out(self) -> bool:
+        """Lay out the next ticks from where the clock stands, if they may be taken one after the other."""
+        clock = self.clock
+        plain = self._limit is None and not self._interaction.active and self._fused and not self._inputs[3].any()
+        if not plain or clock.bridging:
+            return False
+        if self._foreseen is None or self._origin[0] != clock.cuts:
+            self._foreseen = clock.foreseen(
+                linear_speed=SPARE * self.linear_speed, angular_speed=SPARE * self.angular_speed
+            )
+            self._origin = clock.cuts, clock.passed
+        before = self._rate * (self._share if self._share < WHOLE else 1.0)
+        place = clock.passed - self._origin[1], clock.fraction
+        self._laid = self._foreseen.ahead(place, before, self._span, dt=self.dt, quickening=QUICKENING)
+        self._flat, self._next, self._span = self._laid.poses.reshape(-1, 16), 0, min(2 * self._span, SPAN[1])
+        self._place = place[0]
+        self._inputs[2][:] = 0.0
+        return bool(self._laid.paces)
+
+    def _as_laid_out(self, q: Array) -> Command | None:
+        """The command of the next tick that is laid out, or None where something about it is unusual."""
+        k, laid = self._next, self._laid
+        q_view, pose_view, twist_view, _, verdict, keep, answer, velocity = self._hot
+        q_view[:] = q
+        pose_view[:] = self._flat[k]
+        twist_view[:] = laid.twists[k]
+        verdict[0] = _NAN  # see `Ladder`: a failure inside leaves the outputs as they are
+        self._evaluate()
+        residual, _, who, yielded, share, usual, _, _, then, _ = verdict.tolist()
+        if not (usual and 0.0 <= residual <= self.tolerance):
+            return None
+        keep[:] = answer
+        self._next = k + 1
+        pace, (at, fraction) = laid.paces[k], laid.places[k]
+        self.clock.go_on(at - self._place, fraction, pace * self.dt)
+        self._place, self._then, self._rate, self._share = at, then, pace, share
+        self.followed = pose = laid.poses[k]
+        self._centre = pose[:3, 3]
+        self._count_pace()
+        flags = Bound(int(yielded))
+        if pace < WHOLE:
+            self.counts["slowed"] += 1
+            flags |= Bound.TASK
+        value = _read_only(velocity.tobytes())
+        return _new(
+            Command, (value, _OK, FUSED_SOLVERS[int(who)], residual, -1, "", flags, min(1.0, pace) * share, None)
+        )

@@ -1,0 +1,1 @@
+"""A robot that leads a hand along the other hand's mirrored path."""

@@ -1,0 +1,162 @@
+"""Figures of a mirrored motion, after Figs. 3-11 of Xu, Guo, Zhang 2021."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from rehab_opt.session.drawing import GRID, LIMIT, MM, REFERENCE, framed, legend_below
+from rehab_opt.session.joint_figure import LAW_STYLES, joint_figure
+from rehab_opt.session.mirror.outcome import BEFORE, PLAN, STEP, MirrorOutcome
+from rehab_opt.session.mirror.space_figure import space_figure
+
+__all__ = ["STYLES", "mirror_figures"]
+
+Array = NDArray[np.float64]
+
+STYLES: Mapping[str, Mapping[str, Any]] = {
+    BEFORE: {"color": "#E69F00", "linestyle": ":", "linewidth": 1.8},
+    STEP: LAW_STYLES["optimised"],
+    PLAN: {"color": "#009E73", "linestyle": "-.", "linewidth": 1.5},
+}
+ASTAR = LAW_STYLES["published"]
+LABELS = {BEFORE: "before: no floor", STEP: "tick by tick", PLAN: "planned as a whole"}
+EVENTS = ("braking", "holding", "backup", "acceleration", "position", "task")
+
+
+def mirror_figures(outcome: MirrorOutcome) -> dict[str, Figure]:
+    """The figures of a run by file name (without suffix)."""
+    led = outcome.laws
+    return {
+        "manipulability": _manipulability(outcome),
+        "position": _position(outcome),
+        "joints": joint_figure(
+            outcome,
+            {LABELS[name]: (of.q, STYLES[name]) for name, of in led.items()},
+            times={LABELS[name]: of.time for name, of in led.items()},
+        ),
+        "pace": _pace(outcome),
+        "space": space_figure(outcome, STYLES, LABELS, ASTAR),
+    }
+
+
+def _manipulability(outcome: MirrorOutcome) -> Figure:
+    """Against the reference's own time, so that the same moments of the motion stand above each other."""
+    figure = framed(f"{outcome.title}\nManipulability before and after", 9.0, 5.0)
+    axes, end = figure.add_subplot(), float(outcome.time[-1])
+    for name, led in outcome.laws.items():
+        moment = led.time - led.lag
+        moment = np.where(moment <= end, moment, np.nan)  # afterwards the hand settles at the last pose
+        axes.plot(moment, led.manipulability, **STYLES[name], label=LABELS[name])
+    path = outcome.astar
+    if path is not None:
+        largest = outcome.metrics["manipulability_largest"]
+        w = np.array([outcome.chain.manipulability(q) for q in path.q]) / largest
+        seen = outcome.time[np.isfinite(outcome.asked[:, 0, 3])]
+        axes.plot(seen[path.nearest], w, **ASTAR, label="published A*")
+    axes.axhspan(-1, outcome.floor, color=LIMIT, alpha=0.4, linewidth=0, zorder=0, label="below the floor")
+    axes.set_ylim(0, 1)
+    axes.set_xlabel("time in the reference [s]")
+    axes.set_ylabel("manipulability, share of the robot's largest")
+    axes.set_xlim(-0.01 * end, 1.01 * end)
+    axes.grid(**GRID)
+    legend_below(figure, axes, 5)
+    return figure
+
+
+def _position(outcome: MirrorOutcome) -> Figure:
+    figure = framed(f"{outcome.title}\nPosition of the hand, and its distance to the reference", 9.0, 9.0)
+    panels = figure.subplots(4, 1, sharex=True)
+    for i, (axes, axis) in enumerate(zip(panels[:3], "xyz", strict=True)):
+        asked = MM * outcome.asked[:, i, 3]
+        axes.plot(outcome.time, asked, color=REFERENCE, linewidth=4.0, alpha=0.25, label="mirrored hand")
+        for name, led in outcome.laws.items():
+            axes.plot(led.time, MM * led.tool[:, i, 3], **STYLES[name], label=LABELS[name])
+        axes.set_ylabel(f"{axis} [mm]")
+    for name, led in outcome.laws.items():
+        panels[3].plot(led.time, MM * led.deviation, **STYLES[name])
+    panels[3].set_ylabel("distance [mm]")
+    _scale_distances(panels[3], outcome)
+    panels[3].set_xlabel("time [s]")
+    for axes in panels:
+        axes.margins(x=0.01)
+        axes.grid(**GRID)
+    legend_below(figure, panels[0], 4)
+    return figure
+
+
+def _scale_distances(axes: Axes, outcome: MirrorOutcome) -> None:
+    """Scale to the laws with a floor, and say in words what lies beyond the panel."""
+    allowed = MM * outcome.max_deviation
+    furthest = {name: MM * float(np.nanmax(led.deviation)) for name, led in outcome.laws.items()}
+    top = 1.3 * max(furthest[STEP], furthest[PLAN], 1.0)
+    axes.set_ylim(0, top)
+    beyond = []
+    if allowed <= top:
+        axes.axhline(allowed, color=REFERENCE, linewidth=1, linestyle=":")
+        place: dict[str, Any] = {"xycoords": ("axes fraction", "data"), "ha": "right", "va": "bottom", "fontsize": 9}
+        axes.annotate("largest deviation", (0.995, allowed), **place)
+    else:
+        beyond.append(f"largest deviation: {allowed:.0f} mm")
+    if furthest[BEFORE] > top:
+        beyond.append(f"before: up to {furthest[BEFORE]:.0f} mm")
+    if beyond:
+        text = "above this panel: " + ", ".join(beyond)
+        axes.annotate(text, (0.995, 0.96), xycoords="axes fraction", ha="right", va="top", fontsize=9)
+
+
+def _pace(outcome: MirrorOutcome) -> Figure:
+    figure = framed(f"{outcome.title}\nHow the reference is slowed in time, and what yielded", 9.0, 9.5)
+    pace, lag, speed, events = figure.subplots(4, 1, sharex=True, height_ratios=(1, 1, 1, 1.1))
+    for name, led in outcome.laws.items():
+        tool = np.linalg.norm(np.diff(led.tool[:, :3, 3], axis=0), axis=1) / np.diff(led.time)
+        speed.plot(led.time[1:], tool, **STYLES[name], label=LABELS[name])
+        if name != BEFORE:
+            pace.plot(led.time, 100 * led.pace, **STYLES[name])
+            lag.plot(led.time, led.lag, **STYLES[name])
+    speed.axhline(outcome.linear_speed, color=REFERENCE, linewidth=1, linestyle=":")
+    speed.annotate(
+        "cap", (0.995, outcome.linear_speed), xycoords=("axes fraction", "data"), ha="right", va="bottom", fontsize=9
+    )
+    speed.set_ylim(0, 3 * outcome.linear_speed)
+    before = outcome.metrics["laws"][BEFORE]["tool_speed_max_m_s"]
+    if before > 3 * outcome.linear_speed:
+        text = f"above this panel: before, up to {before:.2g} m/s"
+        speed.annotate(text, (0.995, 0.96), xycoords="axes fraction", ha="right", va="top", fontsize=9)
+    pace.set_ylim(0, 110 * max(float(led.pace.max()) for led in outcome.laws.values()))
+    pace.set_ylabel("pace of the\nreference [%]")
+    lag.set_ylabel("lag [s]")
+    lag.set_ylim(bottom=0)
+    speed.set_ylabel("speed of the\ntool [m/s]")
+    _events(events, outcome)
+    events.set_xlabel("time [s]")
+    for axes in (pace, lag, speed, events):
+        axes.margins(x=0.01)
+        axes.grid(**GRID)
+    legend_below(figure, speed, 3)
+    return figure
+
+
+def _events(axes: Axes, outcome: MirrorOutcome) -> None:
+    """When each thing happened, a row for each law and thing that did."""
+    rows = []
+    for name in (STEP, PLAN):
+        led = outcome.laws[name]
+        for event in EVENTS:
+            ticks = np.array(
+                [event == status or event in said for status, said in zip(led.status, led.yielded, strict=True)]
+            )
+            if ticks.any():
+                rows.append((f"{name}: {event}", led.time[ticks], STYLES[name]["color"]))
+    for i, (_, at, colour) in enumerate(rows):
+        axes.plot(at, np.full(len(at), i), "|", color=colour, markersize=9, markeredgewidth=1)
+    axes.set_yticks(range(len(rows)), [label for label, _, _ in rows], fontsize=8)
+    axes.set_ylim(len(rows) - 0.5, -0.5)
+    if not rows:
+        axes.set_ylim(0, 1)
+        axes.annotate("nothing yielded", (0.5, 0.5), xycoords="axes fraction", ha="center")

@@ -1,0 +1,149 @@
+"""Recordings of a hand's poses, as a tracker of virtual reality writes them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.errors import ProblemFileError
+from rehab_opt.session.mirror.problem import PoseRecordingSection
+from rehab_opt.session.text_lines import LATEST, shown, text_lines
+
+__all__ = ["HandPoses", "calibration_points", "read_hand_poses"]
+
+Array = NDArray[np.float64]
+
+HEADER = ("t_s", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
+POINTS = ("vr_x_m", "vr_y_m", "vr_z_m", "robot_x_m", "robot_y_m", "robot_z_m")
+FAR = 10.0
+"""[m] A recorded hand is not further away: it is in another unit."""
+
+
+@dataclass(frozen=True, eq=False)
+class HandPoses:
+    """N samples as they were recorded; those that the tracker lost may hold NaN.
+
+    Parameters
+    ----------
+    times : (N,) [s]
+    positions, quaternions : (N, 3) in the recording's unit of length, (N, 4) x, y, z, w.
+    notes : what a reader of the result has to know.
+    """
+
+    times: Array
+    positions: Array
+    quaternions: Array
+    notes: tuple[str, ...]
+
+
+def read_hand_poses(path: Path, section: PoseRecordingSection, *, file: str) -> HandPoses:
+    """Read a header `t_s,x_m,y_m,z_m,qx,qy,qz,qw` or, where columns are numbered, rows of numbers without a header.
+
+    Cells may be empty or nan: sight was lost there.
+
+    Parameters
+    ----------
+    file : the problem file, for errors about its keys.
+
+    Raises
+    ------
+    ProblemFileError : a missing column or row, a cell that is no number, a header without a sampling rate.
+    """
+    name = section.file
+    lines = text_lines(path, name)
+    if section.position_columns is not None and section.quaternion_columns is not None:
+        width = len(lines[0].split(","))
+        for key in ("position_columns", "quaternion_columns"):
+            for column in getattr(section, key):
+                if column > width:
+                    raise ProblemFileError(file, f"recording.{key}", column, f"a column from 1 to {width} of {name}")
+        wanted = [column - 1 for column in (*section.position_columns, *section.quaternion_columns)]
+        table, stamped = _numbers(lines, wanted, width, name=name, first=1), False
+    else:
+        header = [cell.strip() for cell in lines[0].split(",")]
+        stamped = section.rate_hz is None
+        columns = HEADER if stamped else HEADER[1:]
+        missing = [column for column in columns if header.count(column) != 1]
+        if missing:
+            raise ProblemFileError(
+                name, f"line 1, column {missing[0]}", shown(lines[0], 60), "once " + ", ".join(columns)
+            )
+        table = _numbers(lines, [header.index(column) for column in columns], len(header), name=name, first=2)
+    table = _rows(table, section, file=file)
+    notes: list[str] = []
+    if stamped:
+        times, table = table[:, 0], table[:, 1:]
+        if np.any(np.abs(times) > LATEST):
+            raise ProblemFileError(name, "column t_s", float(np.abs(times).max()), f"times up to {LATEST:g} s")
+    else:
+        assert section.rate_hz is not None  # the schema asks for it
+        times = np.arange(len(table)) / section.rate_hz
+        notes.append(
+            f"ASSUMED: {section.rate_hz:g} samples a second; the recording has no time stamps, and every speed and "
+            "time rests on this"
+        )
+    farthest = np.abs(table[:, :3])
+    if np.any(farthest > FAR):
+        row = int(np.argmax(np.any(farthest > FAR, axis=1))) + 1
+        raise ProblemFileError(
+            name, f"sample {row}", float(np.nanmax(farthest)), f"positions up to {FAR:g} m (another unit?)"
+        )
+    lost = int(np.sum(~np.all(np.isfinite(table), axis=1)))
+    if lost:
+        notes.append(f"{lost} of {len(table)} samples hold no pose: the tracker had lost the hand")
+    return HandPoses(times, table[:, :3], table[:, 3:], tuple(notes))
+
+
+def calibration_points(path: Path, *, name: str) -> tuple[Array, Array]:
+    """Corresponding points (N, 3) [m] in the recording's frame and in the robot's.
+
+    Raises
+    ------
+    ProblemFileError : a missing column, a cell that is no finite number.
+    """
+    lines = text_lines(path, name)
+    header = [cell.strip() for cell in lines[0].split(",")]
+    missing = [column for column in POINTS if header.count(column) != 1]
+    if missing:
+        raise ProblemFileError(name, f"line 1, column {missing[0]}", shown(lines[0], 60), "once " + ", ".join(POINTS))
+    table = _numbers(lines, [header.index(column) for column in POINTS], len(header), name=name, first=2)
+    if not np.all(np.abs(table) <= FAR):
+        row = int(np.argmin(np.all(np.abs(table) <= FAR, axis=1))) + 2
+        raise ProblemFileError(name, f"line {row}", "not usable", f"finite numbers up to {FAR:g} m")
+    return table[:, :3], table[:, 3:]
+
+
+def _rows(table: Array, section: PoseRecordingSection, *, file: str) -> Array:
+    if section.rows is None:
+        return table
+    first, last = section.rows
+    if last > len(table):
+        raise ProblemFileError(file, "recording.rows", section.rows, f"rows from 1 to {len(table)}")
+    return table[first - 1 : last]
+
+
+def _numbers(lines: list[str], wanted: list[int], width: int, *, name: str, first: int) -> Array:
+    """(rows, len(wanted)) cells; empty ones are NaN. `first` is the line of the first row, counted from 1."""
+    rows = []
+    for number, text in enumerate(lines[first - 1 :], start=first):
+        cells = text.split(",")
+        if len(cells) != width:
+            raise ProblemFileError(name, f"line {number}", f"{len(cells)} cells", f"{width}, as in the first line")
+        rows.append([_number(cells[column], name=name, line=number, column=column + 1) for column in wanted])
+    if len(rows) < 3:
+        raise ProblemFileError(name, "rows", len(rows), "at least 3 rows of numbers")
+    return np.array(rows)
+
+
+def _number(text: str, *, name: str, line: int, column: int) -> float:
+    if not text.strip():
+        return math.nan
+    try:
+        number = float(text)
+    except ValueError:
+        raise ProblemFileError(name, f"line {line}, column {column}", shown(text), "a number, or nothing") from None
+    return number if math.isfinite(number) else math.nan

@@ -1,0 +1,99 @@
+"""The numbers of a mirrored motion; every key ends in its unit, every value is strict JSON."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.published.astar import AStarPath
+from rehab_opt.session.metrics import error_metrics, joint_metrics, reason_counts, status_counts, time_metrics
+from rehab_opt.session.mirror.outcome import Led
+
+__all__ = ["BELOW", "astar_metrics", "led_metrics", "passed_share"]
+
+Array = NDArray[np.float64]
+
+BELOW = 1e-3
+"""Of w / w_max under the floor, that counts as under it."""
+NEAR, TURNED = 5e-3, math.radians(5.0)
+"""[m, rad] within which a hand passes a pose."""
+SAMPLES = 400
+"""Poses of the reference at most that are looked for on a path."""
+
+
+def led_metrics(
+    led: Led, robot: SerialChain, asked: Array, *, floor: float, rate: float, largest: float
+) -> dict[str, Any]:
+    """Of one law; where sight was lost there is no reference, and no distance to it.
+
+    `asked` (N, 4, 4) are the poses asked for, those of lost sight left out.
+    """
+    seen = np.isfinite(led.deviation)
+    q = np.concatenate([led.q, led.q[-1:] + led.command[-1:] / rate])  # and where the last tick leads
+    tool = np.concatenate([led.tool[:, :3, 3], robot.pose(q[-1])[None, :3, 3]])
+    w = np.append(led.manipulability, robot.manipulability(q[-1]) / largest)
+    speed = np.linalg.norm(np.diff(tool, axis=0), axis=1) * rate
+    before = np.concatenate([np.zeros((1, robot.n)), led.command[:-1]])
+    change = (np.abs(led.command - before) * rate / robot.acceleration).max(axis=1)
+    times = time_metrics(led.seconds, "tick") if len(led.seconds) > 1 else {}
+    return {
+        "ticks": len(led.time),
+        "duration_s": float(led.time[-1]),
+        "complete": led.complete,
+        "manipulability_min": float(w.min()),
+        "manipulability_median": float(np.median(w)),
+        "below_floor_share_of_time": float(np.mean(w < floor - BELOW)),
+        "passed_share_of_time": passed_share(led.tool, asked),
+        **error_metrics(led.deviation[seen], "deviation", "m"),
+        **error_metrics(np.rad2deg(led.turn[seen]), "turn", "deg"),
+        "tool_speed_max_m_s": float(speed.max()),
+        **joint_metrics(robot, q, rate),
+        "joint_acceleration_max_share_of_limit": float(change.max()),
+        "joint_acceleration_above_limit_ticks": int(np.sum(change > 1.0 + 1e-6)),
+        "lag_mean_s": float(led.lag.mean()),
+        "lag_max_s": float(led.lag.max()),
+        "lag_at_end_s": float(led.lag[-1]),
+        "pace_mean": float(led.pace.mean()),
+        "reference_held_back_s": float(np.maximum(1.0 - led.pace, 0.0).sum() / rate),
+        "computing_s": float(led.seconds.sum()),
+        **times,
+        "status": status_counts(led.status),
+        "yielded": status_counts(text for text in led.yielded if text),
+        "reasons": reason_counts(_kind(text) for text in led.reasons),
+        "counts": led.counts,
+    }
+
+
+def passed_share(tool: Array, asked: Array) -> float:
+    """Share of poses asked for (N, 4, 4) that a path (M, 4, 4) passes, at whatever time."""
+    poses = asked[:: math.ceil(len(asked) / SAMPLES)]
+    met = 0
+    for pose in poses:
+        near = np.linalg.norm(tool[:, :3, 3] - pose[:3, 3], axis=1) <= NEAR
+        cosines = 0.5 * (np.einsum("nij,ij->n", tool[near, :3, :3], pose[:3, :3]) - 1.0)
+        met += bool(np.any(cosines >= math.cos(TURNED)))
+    return met / len(poses)
+
+
+def astar_metrics(path: AStarPath, robot: SerialChain, reference: Array, *, largest: float) -> dict[str, Any]:
+    """Of the published path, which has no times: each reference position's distance to the nearest point of it."""
+    w = np.array([robot.manipulability(each) for each in path.q]) / largest
+    return {
+        "positions": len(path.q),
+        "complete": path.complete,
+        "manipulability_min": float(w.min()),
+        **error_metrics(path.deviations(reference), "deviation", "m"),
+        "expanded": path.expanded,
+        "blocked": path.blocked,
+        "computing_s": path.seconds,
+    }
+
+
+def _kind(reason: str) -> str:
+    """A reason without what it measures."""
+    parts = ["the reference is slowed" if "of its pace" in part else part for part in reason.split("; ") if part]
+    return "; ".join(parts)

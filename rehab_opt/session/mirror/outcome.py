@@ -1,0 +1,91 @@
+"""What a robot did that led a hand along a mirrored path."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.kinematics.vr import Mirror
+from rehab_opt.published.astar import AStarPath
+from rehab_opt.session.outcome import MovementOutcome
+
+__all__ = ["LAWS", "Led", "MirrorOutcome"]
+
+Array = NDArray[np.float64]
+
+BEFORE, STEP, PLAN = "without floor", "step", "plan"
+LAWS = (BEFORE, STEP, PLAN)
+"""Names of what is run, in the order they are shown; A* is a path without times, and apart."""
+
+
+@dataclass(frozen=True, eq=False)
+class Led:
+    """One law along the reference, M ticks; everything holds at the beginning of its tick.
+
+    Parameters
+    ----------
+    time : (M,) [s] when each tick begins.
+    q, command : (M, n) [rad], and the velocity held during the tick [rad/s].
+    tool, reference : (M, 4, 4) where the robot is, and the reference where it was read.
+    manipulability : (M,) w / w_max, computed from q.
+    lag : (M,) [s] how old the reference is that is followed.
+    pace : (M,) seconds of the reference in a second.
+    status, yielded : (M,) of each command.
+    reasons : (M,) why a command is not a plain one.
+    seconds : (M,) computing time of each tick, or (1,) of all of them.
+    complete : whether the reference's end was reached.
+    counts : how often the tracker waited, left out, shortened and so on.
+    """
+
+    time: Array
+    q: Array
+    command: Array
+    tool: Array
+    reference: Array
+    manipulability: Array
+    lag: Array
+    pace: Array
+    status: tuple[str, ...]
+    yielded: tuple[str, ...]
+    reasons: tuple[str, ...]
+    seconds: Array
+    complete: bool
+    counts: dict[str, int]
+
+    @property
+    def deviation(self) -> Array:
+        """(M,) [m] of the tool from the reference."""
+        return np.asarray(np.linalg.norm(self.tool[:, :3, 3] - self.reference[:, :3, 3], axis=1))
+
+    @property
+    def turn(self) -> Array:
+        """(M,) [rad] of the tool from the reference's orientation."""
+        chord = np.linalg.norm(self.tool[:, :3, :3] - self.reference[:, :3, :3], axis=(1, 2)) / (2 * np.sqrt(2))
+        return np.asarray(2 * np.arcsin(np.minimum(chord, 1.0)))
+
+
+@dataclass(frozen=True, eq=False)
+class MirrorOutcome(MovementOutcome):
+    """A hand led along the other hand's mirrored path.
+
+    Parameters
+    ----------
+    floor : least w / w_max.
+    mirror : of the patient.
+    asked : (N, 4, 4) the mirrored poses of the tool, even samples at `time`; NaN where sight was lost.
+    recorded : (K, 3) [m] the healthy hand in the robot's frame.
+    laws : what was run, by its name among `LAWS`.
+    astar : the published path where it was asked for.
+    max_deviation, linear_speed : [m, m/s] the bounds.
+    """
+
+    floor: float = field(kw_only=True)
+    mirror: Mirror = field(kw_only=True)
+    asked: Array = field(kw_only=True)
+    recorded: Array = field(kw_only=True)
+    laws: dict[str, Led] = field(kw_only=True)
+    astar: AStarPath | None = field(kw_only=True)
+    max_deviation: float = field(kw_only=True)
+    linear_speed: float = field(kw_only=True)

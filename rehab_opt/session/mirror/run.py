@@ -1,0 +1,100 @@
+"""The run of `system = "mirror"`: the recording laid out, every law on it, and the numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from rehab_opt.control.conditioning import Conditioner
+from rehab_opt.session.files import ProblemFile
+from rehab_opt.session.mirror.laws import followed, planned, searched, tracker_of, without_floor
+from rehab_opt.session.mirror.metrics import astar_metrics, led_metrics
+from rehab_opt.session.mirror.outcome import BEFORE, PLAN, STEP, Led, MirrorOutcome
+from rehab_opt.session.mirror.problem import MirrorProblem
+from rehab_opt.session.mirror.scene import Scene, laid_out
+from rehab_opt.session.outcome import Progress
+
+__all__ = ["run_mirror"]
+
+FAR = 1e-3
+"""[m] from the first reference pose, where a start is told to be elsewhere."""
+
+
+def run_mirror(loaded: ProblemFile[MirrorProblem], *, progress: Progress) -> MirrorOutcome:
+    """Follow the mirrored recording without a floor, tick by tick, as a plan, and by A* where it is asked for.
+
+    Raises
+    ------
+    ProblemFileError : a recording or a value that cannot be used.
+    """
+    problem, scene = loaded.problem, laid_out(loaded)
+    section, reference, robot = problem.tracker, scene.reference, scene.robot
+    tracker = tracker_of(problem, scene, file=loaded.file)
+    largest, rate = tracker.largest, section.rate_hz
+    laws = {
+        BEFORE: without_floor(scene, rate=rate, largest=largest, progress=progress),
+        STEP: followed(tracker, scene, patience=section.patience, progress=progress),
+        PLAN: planned(tracker, scene, progress=progress),
+    }
+    astar = searched(problem, scene, largest=largest, progress=progress)
+    asked = reference.poses[~reference.lost]
+    speeds = np.linalg.norm(reference.twists[~reference.lost, :3], axis=1)
+    metrics: dict[str, Any] = {
+        "parameters": problem.model_dump(mode="json", exclude={"title"}),
+        "reference": {
+            "duration_s": float(reference.times[-1] - reference.times[0]),
+            "samples": len(reference.poses),
+            "samples_lost": int(reference.lost.sum()),
+            "samples_dropped": reference.dropped,
+            "gaps": reference.gaps,
+            "speed_max_m_s": float(speeds.max()),
+            "faster_than_cap_share_of_time": float(np.mean(speeds > section.linear_speed_m_s)),
+            "filter_lag_s": Conditioner(1 / rate, cutoff_hz=problem.conditioning.cutoff_hz).lag,
+            "calibration_rms_m": scene.fit.rms if scene.fit is not None else None,
+            "scale": problem.placement.scale,
+        },
+        "manipulability_largest": largest,
+        "laws": {
+            name: led_metrics(led, robot, asked, floor=section.floor, rate=rate, largest=largest)
+            for name, led in laws.items()
+        },
+        "astar": astar_metrics(astar, robot, asked[:, :3, 3], largest=largest) if astar is not None else None,
+    }
+    return MirrorOutcome(
+        system=problem.system,
+        name=loaded.name,
+        title=problem.title,
+        chain=robot,
+        time=reference.times - reference.times[0],
+        notes=(*scene.notes, *_notes(problem, scene, laws, largest)),
+        metrics=metrics,
+        floor=section.floor,
+        mirror=scene.mirror,
+        asked=reference.poses,
+        recorded=scene.recorded,
+        laws=laws,
+        astar=astar,
+        max_deviation=1e-3 * section.max_deviation_mm,
+        linear_speed=section.linear_speed_m_s,
+    )
+
+
+def _notes(problem: MirrorProblem, scene: Scene, laws: dict[str, Led], largest: float) -> Iterator[str]:
+    yield "a reconstruction: the equations of the paper (Xu, Guo, Zhang 2021) are lost from the text at hand"
+    yield "the robot is simulated: its joints move exactly as commanded"
+    first = scene.reference.poses[~scene.reference.lost][0]
+    away = float(np.linalg.norm(scene.robot.pose(scene.start)[:3, 3] - first[:3, 3]))
+    if away > FAR:
+        yield f"the robot starts {1e3 * away:.0f} mm from the first pose, and goes there first"
+    if scene.person is not None:
+        yield "the reference is limited to the range of motion of the arm that is led; distances are to what was asked"
+    w = scene.robot.manipulability(scene.start) / largest
+    if w < problem.tracker.floor:
+        yield f"the robot starts below the floor, at {w:.3f}"
+    for name, led in laws.items():
+        if not led.complete:
+            yield f"{name}: INCOMPLETE, the reference's end was not reached within the patience"
+        if led.counts.get("left out"):
+            yield f"{name}: {led.counts['left out']} stretches of the reference left out, which the arm cannot do"

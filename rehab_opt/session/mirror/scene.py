@@ -1,0 +1,205 @@
+"""Where everything stands: the recording laid into the robot's frame, mirrored, and handed to the robot's tool."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.control.conditioning import Conditioned, conditioned
+from rehab_opt.errors import ConfigurationError, ProblemFileError
+from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.kinematics.vr import FrameFit, Mirror, fit_frame, quaternions_of, robot_from_unity, rotations_of
+from rehab_opt.session.files import ProblemFile, recording_path
+from rehab_opt.session.mirror.hand_poses import HandPoses, calibration_points, read_hand_poses
+from rehab_opt.session.mirror.problem import MirrorProblem, PatientSection, PoseRecordingSection
+from rehab_opt.session.participant import arm_of
+from rehab_opt.session.pose_tracking.problem import MOST_TICKS
+from rehab_opt.session.pose_tracking.robot import robot_at_start
+from rehab_opt.session.schema import Side
+
+__all__ = ["Scene", "hand_axes", "laid_out", "patient_mirror"]
+
+Array = NDArray[np.float64]
+
+UNITY_AXES = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+"""Unity's axes in a frame of robots: p = (z, -x, y)."""
+ARM_HAND = {
+    "left": np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]]),
+    "right": np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]),
+}
+"""Axes fingers, back and across of a hand in the hand frame of `human_arm`: x along the handle, towards the thumb, z to
+the fingers; of a left hand -y, of a right one +y is the back."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """What a run needs of its surroundings.
+
+    Parameters
+    ----------
+    robot, start : the arm, and its joint positions (n,) [rad] at the beginning.
+    mirror : of the patient.
+    reference : poses of the tool that are asked for, the recording mirrored; even samples.
+    recorded : (N, 3) [m] the healthy hand in the robot's frame, where it was seen; not filtered.
+    person : the arm that is led, in the robot's base frame, and the tool's pose (4, 4) in its hand frame; or None.
+    fit : of the recording's frame, where points fix it.
+    notes : what a reader of the result has to know.
+    """
+
+    robot: SerialChain
+    start: Array
+    mirror: Mirror
+    reference: Conditioned
+    recorded: Array
+    person: tuple[SerialChain, Array] | None
+    fit: FrameFit | None
+    notes: tuple[str, ...]
+
+
+def laid_out(loaded: ProblemFile[MirrorProblem]) -> Scene:
+    """Read the recording and lay everything out.
+
+    Raises
+    ------
+    ProblemFileError : a recording or a value that cannot be used.
+    """
+    problem, file = loaded.problem, loaded.file
+    robot, start = robot_at_start(problem.robot, file=file)
+    section = problem.recording
+    seen = read_hand_poses(recording_path(loaded, section.file), section, file=file)
+    fit = _frame(loaded)
+    poses = fit.poses(_robot_axes(seen, section))
+    mirror = patient_mirror(problem.patient)
+    grip = _rigid(problem.robot.grip_deg, problem.robot.grip_m)
+    tools = mirror.poses(poses) @ grip
+    rule = problem.conditioning
+    usable = np.flatnonzero(np.all(np.isfinite(tools), axis=(1, 2)) & np.isfinite(seen.times))
+    if not usable.size:
+        raise ProblemFileError(section.file, "samples", 0, "at least 3 usable samples together")
+    seconds, rate = float(np.ptp(seen.times[usable])), problem.tracker.rate_hz
+    if seconds * rate > MOST_TICKS:
+        expected = f"at most {MOST_TICKS} ticks in the recording's {seconds:g} s"
+        raise ProblemFileError(file, "tracker.rate_hz", rate, expected)
+    # The filter comes last, so that what is filtered is what the robot is asked for.
+    try:
+        reference = conditioned(
+            seen.times[usable],
+            tools[usable, :3, 3],
+            quaternions_of(tools[usable, :3, :3]),
+            dt=1.0 / rate,
+            cutoff_hz=rule.cutoff_hz,
+            max_gap=rule.max_gap_s,
+            largest_speed=rule.largest_speed_m_s,
+            largest_turn=math.radians(rule.largest_turn_deg_s),
+        )
+    except ConfigurationError as refused:
+        raise ProblemFileError(section.file, refused.argument, refused.value, refused.expected) from refused
+    notes = [*seen.notes]
+    if problem.placement.calibration_file is not None:
+        notes.append(
+            f"the recording's frame was found from {len(fit.residuals)} points, {1e3 * fit.rms:.2g} mm (rms) and at "
+            f"most {1e3 * float(fit.residuals.max()):.2g} mm off"
+        )
+    elif problem.placement.scale != 1.0:
+        notes.append(f"the recording is scaled by {problem.placement.scale:.4g}, the arms' lengths")
+    if reference.dropped or reference.gaps:
+        notes.append(
+            f"{reference.dropped} samples left out (spikes, stamps that do not advance), "
+            f"sight lost {reference.gaps} times"
+        )
+    return Scene(
+        robot=robot,
+        start=start,
+        mirror=mirror,
+        reference=reference,
+        recorded=poses[usable, :3, 3],
+        person=_person(problem, grip, file=file),
+        fit=fit if problem.placement.calibration_file is not None else None,
+        notes=tuple(notes),
+    )
+
+
+def hand_axes(section: PoseRecordingSection) -> Array:
+    """(3, 3) whose columns are fingers, back and across in the recording's hand frame, its axes turned to the robot's.
+
+    Across is fingers x back, in the robot's (right-handed) kind of frame.
+    """
+    fingers, back = (_axis(name, unity=section.frame == "unity") for name in (section.fingers, section.back))
+    return np.column_stack([fingers, back, np.cross(fingers, back)])
+
+
+def patient_mirror(section: PatientSection) -> Mirror:
+    """The patient's sagittal plane; hands in the frame fingers, back, across."""
+    facing = math.radians(section.facing_deg)
+    x, y, z = section.sagittal_point_m
+    return Mirror((x, y, z), (-math.sin(facing), math.cos(facing), 0.0), "z")
+
+
+def _robot_axes(seen: HandPoses, section: PoseRecordingSection) -> Array:
+    """(N, 4, 4) poses of the hand in the recording's frame, right-handed, the hand's axes fingers, back and across."""
+    positions, quaternions = seen.positions, seen.quaternions
+    if section.frame == "unity":
+        positions, quaternions = robot_from_unity(positions, quaternions)
+    lengths = np.linalg.norm(quaternions, axis=1)
+    lost = ~(np.all(np.isfinite(positions), axis=1) & (lengths > 1e-6))
+    poses = np.tile(np.eye(4), (len(positions), 1, 1))
+    poses[:, :3, :3] = rotations_of(np.where(lost[:, None], [0.0, 0.0, 0.0, 1.0], quaternions)) @ hand_axes(section)
+    poses[:, :3, 3] = positions
+    poses[lost] = math.nan
+    return poses
+
+
+def _frame(loaded: ProblemFile[MirrorProblem]) -> FrameFit:
+    placement = loaded.problem.placement
+    if placement.calibration_file is None:
+        assert placement.origin_m is not None  # the schema asks for either
+        pose = _rigid([0.0, 0.0, placement.turn_deg], placement.origin_m)
+        return FrameFit(pose, placement.scale, np.zeros(0))
+    key = "placement.calibration_file"
+    path = recording_path(loaded, placement.calibration_file, key=key)
+    source, target = calibration_points(path, name=placement.calibration_file)
+    if loaded.problem.recording.frame == "unity":
+        source = source @ UNITY_AXES.T
+    try:
+        return fit_frame(source, target)
+    except ConfigurationError as refused:
+        raise ProblemFileError(
+            placement.calibration_file, refused.argument, refused.value, refused.expected
+        ) from refused
+
+
+def _person(problem: MirrorProblem, grip: Array, *, file: str) -> tuple[SerialChain, Array] | None:
+    section = problem.patient.arm
+    if section is None:
+        return None
+    side: Side = "left" if problem.recording.hand == "right" else "right"
+    arm = arm_of(side, section.segments, section.range_of_motion, file=file, key="patient.arm")
+    facing = math.radians(problem.patient.facing_deg)
+    forward, left = (math.cos(facing), math.sin(facing), 0.0), (-math.sin(facing), math.cos(facing), 0.0)
+    base = np.eye(4)
+    base[:3, :3] = np.column_stack([-np.array(left), forward, (0.0, 0.0, 1.0)])
+    base[:3, 3] = section.shoulder_m
+    hand = np.eye(4)
+    hand[:3, :3] = ARM_HAND[side]
+    return replace(arm, base=base @ arm.base), hand @ grip
+
+
+def _axis(name: str, *, unity: bool) -> Array:
+    axis = np.zeros(3)
+    axis["xyz".index(name[1])] = 1.0 if name[0] == "+" else -1.0
+    return UNITY_AXES @ axis if unity else axis
+
+
+def _rigid(angles_deg: list[float], place: list[float]) -> Array:
+    """(4, 4) turned about x, then y, then z of the fixed frame [deg], then shifted [m]."""
+    pose = np.eye(4)
+    for angle, (i, j) in zip(np.deg2rad(angles_deg), ((1, 2), (2, 0), (0, 1)), strict=True):
+        turn = np.eye(3)
+        turn[i, i] = turn[j, j] = math.cos(angle)
+        turn[i, j], turn[j, i] = -math.sin(angle), math.sin(angle)
+        pose[:3, :3] = turn @ pose[:3, :3]
+    pose[:3, 3] = place
+    return pose

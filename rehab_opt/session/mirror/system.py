@@ -1,0 +1,67 @@
+"""`system = "mirror"`: what a session asks of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING
+
+from rehab_opt.session.files import ProblemFile
+from rehab_opt.session.mirror.problem import MirrorProblem
+from rehab_opt.session.outcome import Progress
+from rehab_opt.session.systems import Column, Needed
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from rich.table import Table
+
+    from rehab_opt.session.mirror.outcome import MirrorOutcome
+
+__all__ = ["MirrorSystem"]
+
+
+class MirrorSystem:
+    """A hand led along the other hand's mirrored path."""
+
+    schema = MirrorProblem
+    options: frozenset[str] = frozenset()
+
+    def recordings(self, problem: MirrorProblem) -> tuple[Needed, ...]:
+        """The hand's poses, and the points that tell where they were seen."""
+        needed = (Needed("recording.file", problem.recording.file),)
+        points = problem.placement.calibration_file
+        return needed if points is None else (*needed, Needed("placement.calibration_file", points))
+
+    def check(self, loaded: ProblemFile[MirrorProblem]) -> tuple[str, ...]:
+        """Reads the recording, lays it out and builds the tracker."""
+        from rehab_opt.session.mirror.laws import tracker_of  # noqa: PLC0415  (loads solvers)
+        from rehab_opt.session.mirror.scene import laid_out  # noqa: PLC0415
+
+        scene = laid_out(loaded)
+        tracker_of(loaded.problem, scene, file=loaded.file)
+        return scene.notes
+
+    def run(
+        self, loaded: ProblemFile[MirrorProblem], *, options: Mapping[str, str], progress: Progress
+    ) -> MirrorOutcome:
+        """No options."""
+        from rehab_opt.session.mirror.run import run_mirror  # noqa: PLC0415  (loads solvers)
+
+        return run_mirror(loaded, progress=progress)
+
+    def table(self, outcome: MirrorOutcome) -> Table:
+        """A column for each law."""
+        from rehab_opt.session.mirror.table import mirror_table  # noqa: PLC0415  (loads rich)
+
+        return mirror_table(outcome)
+
+    def trace(self, outcome: MirrorOutcome) -> Iterator[Column]:
+        """A row for each tick of each law."""
+        from rehab_opt.session.mirror.trace import mirror_columns  # noqa: PLC0415
+
+        return mirror_columns(outcome)
+
+    def figures(self, outcome: MirrorOutcome) -> dict[str, Figure]:
+        """Manipulability, positions, joints, pace, and the motion in space."""
+        from rehab_opt.session.mirror.figures import mirror_figures  # noqa: PLC0415  (loads matplotlib)
+
+        return mirror_figures(outcome)

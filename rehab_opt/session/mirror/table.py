@@ -1,0 +1,75 @@
+"""A mirrored motion as a table for the terminal: a column for each law."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from rich.table import Table
+from rich.text import Text
+
+from rehab_opt.session.cells import Numbers, Rows, counts, margin, millimetres, speed, spread, statuses, times
+from rehab_opt.session.mirror.outcome import MirrorOutcome
+
+__all__ = ["mirror_table"]
+
+
+def mirror_table(outcome: MirrorOutcome) -> Table:
+    """Rows of quantities with their units; A* is a path without times and without a robot that follows it."""
+    numbers = outcome.metrics
+    reference, astar = numbers["reference"], numbers["astar"]
+    caption = (
+        f"floor {outcome.floor:g} of the robot's largest manipulability; reference of {reference['duration_s']:.1f} s, "
+        f"up to {reference['speed_max_m_s']:.2g} m/s, above the cap "
+        f"{100 * reference['faster_than_cap_share_of_time']:.0f} % of the time; "
+        f"filter lag {1e3 * reference['filter_lag_s']:.0f} ms"
+    )
+    table = Table(title=Text(outcome.title), caption=Text(caption), caption_justify="left")
+    table.add_column("quantity")
+    for name in numbers["laws"]:
+        table.add_column(name, justify="right")
+    if astar is not None:
+        table.add_column(f"A*, {numbers['parameters']['astar']['resolution_mm']:g} mm", justify="right")
+    for label, value in MIRROR_ROWS:
+        row = [value(of) for of in numbers["laws"].values()]
+        if astar is not None:
+            row.append(ASTAR_CELLS[label](astar) if label in ASTAR_CELLS else "-")
+        table.add_row(label, *row)
+    return table
+
+
+def _ends(of: Numbers) -> str:
+    return f"{of['duration_s']:.1f}" if of["complete"] else f"{of['duration_s']:.1f} INCOMPLETE"
+
+
+def _ticks(of: Numbers) -> str:
+    return times("tick")(of) if "tick_median_ms" in of else "-"
+
+
+MIRROR_ROWS: Rows = (
+    ("least manipulability, share of largest", lambda of: f"{of['manipulability_min']:.4f}"),
+    ("time below the floor, %", lambda of: f"{100 * of['below_floor_share_of_time']:.1f}"),
+    ("reference passed within 5 mm and 5 deg, %", lambda of: f"{100 * of['passed_share_of_time']:.0f}"),
+    ("distance to the reference mean / p95 / max, mm", millimetres("deviation")),
+    ("turn from the reference mean / p95 / max, deg", spread("turn", "deg")),
+    ("duration, s", _ends),
+    (
+        "lag mean / max / at the end, s",
+        lambda of: " / ".join(f"{of[f'lag_{k}_s']:.2f}" for k in ("mean", "max", "at_end")),
+    ),
+    ("reference held back, s", lambda of: f"{of['reference_held_back_s']:.2f}"),
+    ("fastest tool, m/s", lambda of: f"{of['tool_speed_max_m_s']:.4f}"),
+    ("fastest joint, deg/s (share of limit)", speed),
+    ("smallest joint-limit margin, deg", margin),
+    ("ticks by status", statuses),
+    ("ticks in which something yielded", lambda of: counts(of["yielded"]) or "0"),
+    ("events", lambda of: counts({key: n for key, n in of["counts"].items() if n}) or "none"),
+    ("tick time median / p99 / max, ms", _ticks),
+    ("computing time, s", lambda of: f"{of['computing_s']:.3g}"),
+)
+ASTAR_CELLS: Mapping[str, Callable[[Numbers], str]] = {
+    "least manipulability, share of largest": MIRROR_ROWS[0][1],
+    "distance to the reference mean / p95 / max, mm": MIRROR_ROWS[3][1],
+    "duration, s": lambda of: "no times" if of["complete"] else "no times, INCOMPLETE",
+    "computing time, s": MIRROR_ROWS[-1][1],
+    "events": lambda of: f"{of['expanded']} expanded, {of['blocked']} blocked",
+}

@@ -1,0 +1,342 @@
+"""A hand led along the other hand's mirrored path: every bound at every tick, and faults that are one line."""
+
+from __future__ import annotations
+
+import copy
+import csv
+import io
+import json
+import math
+import runpy
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+from rich.console import Console
+
+from rehab_opt.control.smoothing import measured_lag
+from rehab_opt.errors import ProblemFileError
+from rehab_opt.session.files import load_problem, problem_of, shipped_problems
+from rehab_opt.session.mirror.metrics import passed_share
+from rehab_opt.session.mirror.outcome import BEFORE, PLAN, STEP, Led, MirrorOutcome
+from rehab_opt.session.mirror.table import mirror_table
+from rehab_opt.session.mirror.trace import mirror_columns
+from rehab_opt.session.report import metrics_json, write_report
+from rehab_opt.session.run import checked, run_problem
+from tests.control.mirror_campaign import closed_form
+
+Array = np.ndarray
+Write = Callable[[str, str | bytes], Path]
+
+FLOOR, DEVIATION, SPEED = 0.3, 0.05, 0.25
+BRAKING = 0.05
+"""[s] in which the barrier slows an arm that closes in on its floor: `MirrorTracker`'s 1 / rate."""
+NAMES = ("pick_fruit", "open_refrigerator", "vr_hand")
+FOLDER = shipped_problems()["mirror/pick_fruit"].parent
+SHARED: dict[str, MirrorOutcome] = {}
+
+
+@pytest.fixture
+def ran(recorded: Callable[[str], Path]) -> Callable[[str], MirrorOutcome]:
+    """The outcome of a shipped problem; each is run once."""
+
+    def run(name: str) -> MirrorOutcome:
+        if name == "vr_hand":
+            recorded("vr_hand_tracker/tracker_record_rows_1_3000.csv")
+        if name not in SHARED:
+            outcome = run_problem(load_problem(f"mirror/{name}"))
+            assert isinstance(outcome, MirrorOutcome)
+            SHARED[name] = outcome
+        return SHARED[name]
+
+    return run
+
+
+def ends(outcome: MirrorOutcome, led: Led) -> Array:
+    """(M, n) where each tick leads."""
+    return led.q + led.command / outcome.metrics["parameters"]["tracker"]["rate_hz"]
+
+
+def content(name: str = "pick_fruit") -> dict[str, Any]:
+    """What a shipped file says."""
+    return tomllib.loads((FOLDER / f"{name}.toml").read_text())
+
+
+# ------------------------------------------------------------------------------------------------------- the bounds
+@pytest.mark.parametrize("law", [STEP, PLAN])
+@pytest.mark.parametrize("name", NAMES)
+def test_floor_deviation_speeds_and_planes_hold_at_every_tick(
+    name: str, law: str, ran: Callable[[str], MirrorOutcome]
+) -> None:
+    outcome = ran(name)
+    led, robot = outcome.laws[law], outcome.chain
+    dt, after = 1.0 / outcome.metrics["parameters"]["tracker"]["rate_hz"], ends(outcome, outcome.laws[law])
+    assert led.complete
+    assert min(map(closed_form, after)) >= FLOOR - 1e-6
+    np.testing.assert_allclose(led.manipulability, [closed_form(q) for q in led.q], atol=1e-6)
+    np.testing.assert_allclose(after[:-1], led.q[1:], atol=1e-12)
+
+    here = np.array([robot.pose(q)[:3, 3] for q in led.q])
+    there = np.array([robot.pose(q)[:3, 3] for q in after])
+    asked = led.reference[:, :3, 3]
+    assert np.nanmax(np.linalg.norm(there - asked, axis=1)) <= DEVIATION + 1e-9
+    assert np.linalg.norm(there - here, axis=1).max() <= SPEED * dt * (1 + 1e-6)
+
+    assert np.all(np.abs(led.command) <= robot.velocity)
+    assert np.all((after >= robot.lower - 1e-9) & (after <= robot.upper + 1e-9))
+    change = np.abs(np.diff(led.command, axis=0, prepend=np.zeros((1, robot.n))))
+    for over, what in zip(np.any(change > robot.acceleration * dt + 1e-9, axis=1), led.yielded, strict=True):
+        assert not over or "acceleration" in what
+
+    symbol = ca.SX.sym("q", robot.n)
+    frames = ca.Function("frames", [symbol], [ca.horzcat(*(f[:3, 3] for f in robot.frames_expression(symbol)))])
+    points = np.array([np.array(frames(q)) for q in after[::5]])[:, :, 2:]  # the first two stay where they are
+    for plane in outcome.metrics["parameters"]["tracker"]["keep_out"]:
+        room = np.einsum("i,nij->nj", plane["normal"], points - np.array(plane["point_m"])[None, :, None])
+        assert room.min() >= -1e-9
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_without_a_floor_the_same_reference_goes_below_it_and_is_not_led_slowly(
+    name: str, ran: Callable[[str], MirrorOutcome]
+) -> None:
+    outcome = ran(name)
+    before = outcome.metrics["laws"][BEFORE]
+    assert before["manipulability_min"] < 0.2
+    assert before["below_floor_share_of_time"] > 0.05
+    for law in (STEP, PLAN):
+        assert outcome.metrics["laws"][law]["below_floor_share_of_time"] == 0.0
+
+
+# ------------------------------------------------------------------------------------------- keeping to the reference
+@pytest.mark.parametrize("law", [STEP, PLAN])
+@pytest.mark.parametrize("name", NAMES[:2])
+def test_two_seconds_after_the_floor_is_far_the_path_is_the_reference(
+    name: str, law: str, ran: Callable[[str], MirrorOutcome]
+) -> None:
+    outcome = ran(name)
+    led = outcome.laws[law]
+    rate = outcome.metrics["parameters"]["tracker"]["rate_hz"]
+    high = led.manipulability > FLOOR + 0.05
+    before, ahead = round(2.0 * rate), round(BRAKING * rate)
+    settled = [k for k in range(before, len(high) - ahead) if high[k - before : k + ahead + 1].all()]
+    assert len(settled) > 100
+    assert 1e3 * led.deviation[settled].max() <= 0.5
+    assert math.degrees(led.turn[settled].max()) <= 0.2
+
+
+def test_what_is_slow_enough_lags_by_less_than_a_tenth_of_a_second(ran: Callable[[str], MirrorOutcome]) -> None:
+    outcome = ran("pick_fruit")
+    led = outcome.laws[STEP]
+    rows = np.loadtxt(FOLDER / "pick_fruit.csv", delimiter=",", skiprows=1)
+    raw = outcome.mirror.positions(outcome.recorded)  # before the filter
+    at = led.time[led.time <= rows[-1, 0]]
+    asked = np.stack([np.interp(at, rows[:, 0], column) for column in raw.T], axis=1)
+    assert 0.02 < measured_lag(at, asked, led.tool[: len(at), :3, 3]) <= 0.1
+    assert outcome.metrics["laws"][STEP]["lag_at_end_s"] <= 0.01
+
+
+@pytest.mark.parametrize("name", NAMES[1:])
+def test_what_is_too_fast_is_late_and_says_by_how_much(name: str, ran: Callable[[str], MirrorOutcome]) -> None:
+    outcome = ran(name)
+    assert outcome.metrics["reference"]["speed_max_m_s"] > 1.5 * SPEED
+    for law in (STEP, PLAN):
+        led, numbers = outcome.laws[law], outcome.metrics["laws"][law]
+        rate = outcome.metrics["parameters"]["tracker"]["rate_hz"]
+        assert numbers["reference_held_back_s"] == pytest.approx(np.maximum(1 - led.pace, 0).sum() / rate)
+        assert numbers["reference_held_back_s"] > 1.0
+        assert led.lag.max() > 0.3
+        assert led.time[-1] > outcome.time[-1]
+
+
+def test_what_is_left_out_is_seen_in_the_share_that_is_passed(ran: Callable[[str], MirrorOutcome]) -> None:
+    for name, least in (("pick_fruit", 0.4), ("open_refrigerator", 0.8), ("vr_hand", 0.4)):
+        outcome = ran(name)
+        share = outcome.metrics["laws"][PLAN]["passed_share_of_time"]
+        assert least < share <= 1.0
+    path, asked = outcome.laws[PLAN].tool, outcome.asked[~np.isnan(outcome.asked[:, 0, 0])]
+    moved = asked.copy()
+    moved[: len(asked) // 2, 2, 3] += 5.0
+    assert passed_share(asked, asked) == 1.0
+    assert passed_share(asked, moved) == pytest.approx(0.5, abs=0.01)
+    assert passed_share(path, asked) == share
+
+
+@pytest.mark.parametrize("name", NAMES[:2])
+def test_no_plan_deviates_more_than_the_published_search(name: str, ran: Callable[[str], MirrorOutcome]) -> None:
+    outcome = ran(name)
+    ours, theirs = outcome.metrics["laws"][PLAN], outcome.metrics["astar"]
+    assert outcome.astar is not None
+    assert theirs["complete"]
+    assert min(map(closed_form, outcome.astar.q)) >= FLOOR - 1e-6
+    for number in ("deviation_mean_m", "deviation_max_m"):
+        assert ours[number] <= theirs[number]
+
+
+# ---------------------------------------------------------------------------------------------- the real hand
+def test_the_real_hand_is_mirrored_scaled_limited_to_an_arm_and_its_rate_assumed(
+    ran: Callable[[str], MirrorOutcome],
+) -> None:
+    outcome = ran("vr_hand")
+    assert any(note.startswith("ASSUMED: 90 samples a second") for note in outcome.notes)
+    assert any("range of motion" in note for note in outcome.notes)
+    assert outcome.metrics["reference"]["scale"] == pytest.approx(0.59 / 0.98)
+    assert outcome.metrics["reference"]["speed_max_m_s"] > 1.5
+    asked, mirrored = outcome.asked[:, :3, 3], outcome.mirror.positions(outcome.recorded)
+    assert 0.5 < np.ptp(asked, axis=0).max() < 1.2  # metres, of an arm of 0.59
+    assert np.abs(asked.min(axis=0) - mirrored.min(axis=0)).max() < 0.05  # but for the filter
+
+
+# ----------------------------------------------------------------------------------------------------- lost sight
+@pytest.fixture(scope="module")
+def blinded(tmp_path_factory: pytest.TempPathFactory) -> MirrorOutcome:
+    """Five seconds of the fruit; the tracker loses the hand for 0.4 s in mid-motion, and sees it elsewhere once."""
+    folder = tmp_path_factory.mktemp("blinded")
+    rows = (FOLDER / "pick_fruit.csv").read_text().splitlines()[:451]
+    for i in range(180, 216):
+        rows[i] = rows[i].split(",")[0] + "," * 7
+    for i in (330, 331):
+        cells = rows[i].split(",")
+        rows[i] = ",".join([cells[0], "1.5", *cells[2:]])
+    (folder / "blinded.csv").write_text("\n".join(rows) + "\n")
+    (folder / "calibration_points.csv").write_text((FOLDER / "calibration_points.csv").read_text())
+    given = content()
+    del given["astar"]
+    given["recording"]["file"] = "blinded.csv"
+    outcome = run_problem(problem_of(given, name="blinded", file="blinded.toml", path=folder / "blinded.toml"))
+    assert isinstance(outcome, MirrorOutcome)
+    return outcome
+
+
+def test_lost_sight_is_held_told_and_gone_on_from(blinded: MirrorOutcome, tmp_path: Path) -> None:
+    assert blinded.metrics["reference"]["gaps"] == 2  # the spike of two samples is left out
+    assert blinded.metrics["reference"]["samples_dropped"] == 2
+    assert any("36 of 450 samples hold no pose" in note for note in blinded.notes)
+    assert any("sight lost 2 times" in note for note in blinded.notes)
+    for law in (STEP, PLAN):
+        led = blinded.laws[law]
+        assert led.complete
+        assert min(map(closed_form, ends(blinded, led))) >= FLOOR - 1e-6
+        assert np.linalg.norm(np.diff(led.tool[:, :3, 3], axis=0), axis=1).max() <= SPEED / 200 * (1 + 1e-6)
+    led = blinded.laws[STEP]
+    change = np.abs(np.diff(led.command, axis=0)).max(axis=1)
+    for over, what in zip(change > 15.0 / 200 + 1e-9, led.yielded[1:], strict=True):
+        assert not over or "acceleration" in what
+    lost = np.flatnonzero(np.isin(led.status, ("braking", "holding")))
+    assert len(lost) > 0.4 * 200
+    assert change[lost[0] - 1 : lost[0] + 20].max() <= 15.0 / 200 + 1e-9  # in full motion, and far from where it began
+    assert all("not a usable number" in led.reasons[k] for k in lost)
+    np.testing.assert_allclose(led.command[lost[60]], 0.0, atol=1e-9)
+    assert led.deviation[-1] < 5e-4
+    json.loads(metrics_json(blinded), parse_constant=pytest.fail)
+
+
+def test_trace_has_empty_cells_where_nothing_is_seen(blinded: MirrorOutcome, tmp_path: Path) -> None:
+    written = {path.name: path for path in write_report(blinded, tmp_path / "out")}
+    assert set(written) == {
+        "joints.png", "manipulability.png", "metrics.json", "pace.png", "position.png", "space.png", "trace.csv",
+    }  # fmt: skip
+    text = written["trace.csv"].read_text()
+    assert "nan" not in text
+    rows = list(csv.DictReader(io.StringIO(text)))
+    assert len(rows) == sum(len(led.time) for led in blinded.laws.values())
+    empty = [row for row in rows if row["reference_x_m"] == ""]
+    assert 0.4 * 200 < len(empty) < 0.6 * 200
+    assert {row["law"] for row in empty} == {BEFORE}  # the clock of the others stands at the last pose seen
+    assert all(row["deviation_m"] == "" and float(row["joint_elbow_rad"]) for row in empty)
+    columns = dict(mirror_columns(blinded))
+    assert len({len(cells) for cells in columns.values()}) == 1
+
+
+# -------------------------------------------------------------------------------------------------- what one is told
+def test_table_shows_every_law_and_what_yielded(ran: Callable[[str], MirrorOutcome]) -> None:
+    text = io.StringIO()
+    Console(file=text, width=200).print(mirror_table(ran("open_refrigerator")))
+    for part in ("without floor", "step", "plan", "A*, 5 mm", "reference held back, s", "acceleration+task"):
+        assert part in text.getvalue()
+    assert any("reconstruction" in note for note in ran("open_refrigerator").notes)
+
+
+def test_shipped_recordings_are_what_their_generator_writes(tmp_path: Path) -> None:
+    script = runpy.run_path(str(FOLDER / "motions.py"))
+    for task, file in (("pick_fruit", "pick_fruit.csv"), ("refrigerator_door", "refrigerator_door.csv")):
+        fresh = np.loadtxt(io.StringIO(script["recorded"](script[task]())), delimiter=",", skiprows=1)
+        np.testing.assert_allclose(fresh, np.loadtxt(FOLDER / file, delimiter=",", skiprows=1), atol=2e-6)
+
+
+FAULTS: list[tuple[str, dict[str, Any], str, str]] = [
+    ("recording", {"file": "absent.csv"}, "recording.file", "a recording beside"),
+    ("recording", {"hand": "both"}, "recording.hand", "'left' or 'right'"),
+    ("recording", {"back": "+z"}, "recording.back", "an axis across fingers"),
+    ("recording", {"fingers": "z"}, "recording.fingers", "'+x'"),
+    ("recording", {"palm": "+z"}, "recording.palm", "one of the keys"),
+    ("recording", {"rows": [1, 10_000]}, "recording.rows", "rows from 1 to"),
+    ("recording", {"rows": [9, 3]}, "recording.rows", "at least three rows"),
+    ("recording", {"position_columns": [1, 2, 3]}, "recording.quaternion_columns", "both"),
+    ("recording", {"position_columns": [1, 2, 3], "quaternion_columns": [4, 5, 6, 7]}, "recording.rate_hz", "no time"),
+    ("placement", {"origin_m": [0.0, 0.0, 0.0]}, "placement.origin_m", "no such key beside calibration_file"),
+    ("placement", {"calibration_file": "absent.csv"}, "placement.calibration_file", "a recording beside"),
+    ("patient", {"facing_deg": math.nan}, "patient.facing_deg", "finite"),
+    ("patient", {"sagittal_point_m": [0.0, 0.45]}, "patient.sagittal_point_m", "3"),
+    ("robot", {"start_deg": [0.0, 0.0]}, "robot.start_deg", "6"),
+    ("robot", {"model": "ur7"}, "robot.model", "'ur5'"),
+    ("tracker", {"floor": 1.0}, "tracker.floor", "less than 1"),
+    ("tracker", {"floor": math.nan}, "tracker.floor", ""),
+    ("tracker", {"max_deviation_mm": 0.0}, "tracker.max_deviation_mm", "greater than 0"),
+    ("tracker", {"linear_speed_m_s": math.inf}, "tracker.linear_speed_m_s", "finite"),
+    ("tracker", {"keep_out": [{"point_m": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, 0.0]}]}, "tracker.keep_out.0.normal",
+     "a direction"),
+    ("astar", {"resolution_mm": -1.0}, "astar.resolution_mm", "greater than"),
+    ("conditioning", {"cutoff_hz": 0.0}, "conditioning.cutoff_hz", "greater than 0"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("section", "change", "key", "expected"), FAULTS)
+def test_fault_is_one_line_with_its_key(section: str, change: dict[str, Any], key: str, expected: str) -> None:
+    given = copy.deepcopy(content())
+    given.setdefault(section, {}).update(change)
+    with pytest.raises(ProblemFileError) as refusal:
+        checked(problem_of(given, name="test", file="test.toml", path=FOLDER / "test.toml"))
+    assert refusal.value.key == key
+    assert expected in refusal.value.expected
+    assert "\n" not in str(refusal.value)
+
+
+def test_recording_that_would_fill_the_memory_is_refused(written: Write) -> None:
+    given = content()
+    path = written("hand.csv", f"{HEADER}\n" + "".join(f"{t},0.3,0.8,0.6,0,0,0,1\n" for t in (0, 1, 2, 900_000)))
+    written("calibration_points.csv", (FOLDER / "calibration_points.csv").read_text())
+    given["recording"]["file"] = "hand.csv"
+    with pytest.raises(ProblemFileError, match="2000000 ticks") as refusal:
+        checked(problem_of(given, name="test", file="test.toml", path=path.with_name("test.toml")))
+    assert refusal.value.key == "tracker.rate_hz"
+
+
+HEADER = "t_s,x_m,y_m,z_m,qx,qy,qz,qw"
+RECORDING_FAULTS = [
+    ("t_s,x_m,y_m\n0,0,0\n", "line 1, column z_m", "once"),
+    (f"{HEADER}\n0,0,0,0,0,0,0,1\n", "rows", "at least 3"),
+    (f"{HEADER}\n0,0,0,0,0,0,0,1\n1,0,0,0\n", "line 3", "8, as in the first line"),
+    (f"{HEADER}\n" + "0,zero,0,0,0,0,0,1\n" * 3, "line 2, column 2", "a number, or nothing"),
+    (f"{HEADER}\n" + "0,900,0,0,0,0,0,1\n" * 3, "sample 1", "another unit"),
+    (f"{HEADER}\n" + "0,,,,,,,\n" * 5, "samples", "usable"),
+    (f"{HEADER}\n" + "1,0.3,0.8,0.6,0,0,0,1\n" * 5, "times", "usable"),
+]
+
+
+@pytest.mark.parametrize(("text", "key", "expected"), RECORDING_FAULTS)
+def test_fault_of_a_recording_is_one_line_with_its_place(text: str, key: str, expected: str, written: Write) -> None:
+    given = content()
+    path = written("hand.csv", text)
+    written("calibration_points.csv", (FOLDER / "calibration_points.csv").read_text())
+    given["recording"]["file"] = "hand.csv"
+    with pytest.raises(ProblemFileError) as refusal:
+        checked(problem_of(given, name="test", file="test.toml", path=path.with_name("test.toml")))
+    assert refusal.value.file == "hand.csv"
+    assert refusal.value.key == key
+    assert expected in refusal.value.expected
+    assert "\n" not in str(refusal.value)
