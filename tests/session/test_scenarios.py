@@ -265,5 +265,5 @@ def test_with_a_helper_the_participant_keeps_to_the_path_and_no_delay_makes_the_
     assert helper is not None
     assert np.all(found.reachable.distance(helper.position) < 0.02)
     assert any(note.startswith("delayed: the helper felt") for note in found.notes)
-    with pytest.raises(ProblemFileError, match="run.laws"):
+    with pytest.raises(ProblemFileError, match=r"run\.laws"):
         changed("scenario_2_assist", run={"laws": ["together"]})
