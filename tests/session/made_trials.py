@@ -75,8 +75,8 @@ def wavering_trial(law: Law, number: int, mode: Mode, points: Array, *, seconds:
     return trial_of(
         places, dt=1 / rate, law=law, number=number, intended=meant, wanted=force, commanded=force, goal=goal,
         measured=force + 0.05 * rng.standard_normal((count, 2)), inside=inside,
-        energy_left=np.full(count, 15.0 if law in ("assisted", "together") else np.nan), ended="late" if number else "done",
-        helper=helper,
+        energy_left=np.full(count, 15.0 if law in ("assisted", "together") else np.nan), helper=helper,
+        ended="late" if number else "done",
     )  # fmt: skip
 
 
