@@ -62,7 +62,7 @@ def _percent(key: str) -> Cell:
 
 
 def _statuses(of: Numbers) -> str:
-    return ", ".join(f"{100 * share:.3g} {status}" for status, share in of["mean"]["status_share"].items())
+    return "\n".join(f"{100 * share:.3g} {status}" for status, share in of["mean"]["status_share"].items())
 
 
 def _success(of: Numbers) -> str:
