@@ -210,10 +210,10 @@ def test_trace_is_thinned_to_at_most_a_hundred_rows_a_second_with_both_ends() ->
         assert (ticks[0], ticks[-1]) == (0, 1000)
 
 
-def test_a_bound_that_yields_between_two_rows_is_in_the_second() -> None:
+def test_a_bound_that_yields_between_two_rows_is_in_the_second_and_in_no_other() -> None:
     yielded = np.zeros(41, dtype=np.uint8)
-    yielded[13], yielded[17] = int(Bound.SLEW), int(Bound.TASK)
+    yielded[13], yielded[17], yielded[30] = int(Bound.SLEW), int(Bound.TASK), int(Bound.SLEW)
     outcome = made_outcome("assist", trials=1, laws=("assisted",))
     outcome.trials["assisted"] = (trial_of(np.zeros((41, 2)), dt=0.001, yielded=yielded),)  # type: ignore[index]
     said = dict(trial_columns(outcome))["yielded"]
-    assert said == ("", "", "task, slew", "", "")
+    assert said == ("", "", "task, slew", "slew", "")
