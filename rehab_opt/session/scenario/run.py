@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.assistance import Assistance
+from rehab_opt.control.bounded_force import ForceBounds
+from rehab_opt.control.path_assistance import PathAssistance
 from rehab_opt.control.smoothing import Smoother
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.optim.ladder import FUSED
@@ -137,7 +139,7 @@ def law_of(name: Law, loaded: ProblemFile[ScenarioProblem], ready: Prepared, *, 
     ProblemFileError : a value of the file cannot be used.
     ConfigurationError : `solver` cannot be used.
     """
-    problem, said = loaded.problem, loaded.problem.assistance
+    problem = loaded.problem
     dt = 1 / problem.run.rate_hz
     if name == "unassisted":
         return Unassisted()
@@ -147,19 +149,7 @@ def law_of(name: Law, loaded: ProblemFile[ScenarioProblem], ready: Prepared, *, 
         return pair_of(loaded, ready, delay=problem.helper.delay_s if name == "delayed" else 0.0, solver=solver)
     try:
         with solver_refusals(solver, file=loaded.file, key="run.solver", value=problem.run.solver):
-            assistance = Assistance(
-                ready.fields[0],
-                comfortable=ready.comfortable,
-                mode=problem.mode,
-                force_limit=said.force_limit_N,
-                slew_limit=said.slew_limit_N_s,
-                energy_budget=said.energy_budget_J,
-                speed_cap=said.speed_cap_m_s,
-                onset=1e-3 * said.onset_mm,
-                trust_stillness=True,  # a simulated sensor does not freeze
-                dt=dt,
-                solver=solver or problem.run.solver or FUSED,
-            )
+            assistance = _assistance(problem, ready, solver=solver or problem.run.solver or FUSED)
     except ConfigurationError as refused:
         if refused.argument.startswith("--") or isinstance(refused, ProblemFileError):
             raise
@@ -168,6 +158,37 @@ def law_of(name: Law, loaded: ProblemFile[ScenarioProblem], ready: Prepared, *, 
     if problem.mode != "hold":
         return Assisted(assistance)
     return AssistedAtPoints(assistance, ready.reference, _pace(problem, ready.reference))
+
+
+def _assistance(problem: ScenarioProblem, ready: Prepared, *, solver: str) -> Assistance:
+    """Ours, of the whole field; along a path that may cross itself, of the piece where the hand is."""
+    said, field = problem.assistance, problem.field
+    bounds: ForceBounds = {
+        "slew_limit": said.slew_limit_N_s,
+        "energy_budget": said.energy_budget_J,
+        "speed_cap": said.speed_cap_m_s,
+        "trust_stillness": True,  # a simulated sensor does not freeze
+        "dt": 1 / problem.run.rate_hz,
+        "solver": solver,
+    }
+    if problem.mode == "follow" and not field.drag_N_m:
+        return PathAssistance(
+            ready.reference,
+            stiffness=field.stiffness_N_m,
+            width=1e-3 * field.width_mm,
+            damping=field.damping_Ns_m,
+            comfortable=ready.comfortable,
+            force_limit=said.force_limit_N,
+            **bounds,
+        )
+    return Assistance(
+        ready.fields[0],
+        comfortable=ready.comfortable,
+        mode=problem.mode,
+        force_limit=said.force_limit_N,
+        onset=1e-3 * said.onset_mm,
+        **bounds,
+    )
 
 
 def _pace(problem: ScenarioProblem, points: Array) -> Smoother:
