@@ -189,11 +189,13 @@ def bench(
     ),
 ) -> None:
     """Compare solvers on recorded QPs; write table.md, results.json and figures. What is done is not done again."""
-    from rehab_opt.comparison.command import bench_command  # noqa: PLC0415  (it loads every solver)
+    from rehab_opt.comparison.command import Interruption, bench_command  # noqa: PLC0415  (it loads every solver)
 
+    interruption = Interruption()
     try:
-        with _on_interrupt(signal.default_int_handler), _bars() as progress:
-            bench_command(family, solver, time_limit=time_limit, out=_writable(out), progress=progress)
+        with _on_interrupt(interruption), _bars() as progress:
+            told = interruption.checked(progress)
+            bench_command(family, solver, time_limit=time_limit, out=_writable(out), progress=told)
     except KeyboardInterrupt:
         print("rehab-opt: interrupted; the same command goes on from here", file=sys.stderr)
         raise typer.Exit(130) from None
