@@ -6,6 +6,7 @@ Bad input ends with one line on the error stream and exit code 2; nothing is wri
 from __future__ import annotations
 
 import os
+import shlex
 import signal
 import sys
 import threading
@@ -161,11 +162,11 @@ def export_controller(
     with _bars() as progress:
         written = export_c(loaded, _writable(folder, argument="DIR"), progress=progress)
     for place in sorted({path.parent for path in written}):
-        names = ", ".join(path.name for path in written if path.parent == place)
-        print(f"written to {place}: {names}")
+        print(f"written to {place}: {', '.join(path.name for path in written if path.parent == place)}")
+        source, build = shlex.quote(str(place)), shlex.quote(str(place / "build"))
+        example = shlex.quote(str(place / "build" / "example"))
         print(
-            f"build and compare with Python: cmake -S {place} -B {place / 'build'} && cmake --build {place / 'build'} "
-            f"&& {place / 'build' / 'example'}"
+            f"build it and compare it with Python: cmake -S {source} -B {build} && cmake --build {build} && {example}"
         )
 
 
