@@ -139,6 +139,19 @@ def test_any_stamps_are_judged_as_in_python(library: ctypes.CDLL, tracker: PoseT
         stamp -= rng.choice([0.0, 0.0, 0.0, 1.0])
 
 
+def test_a_gap_pays_back_no_more_of_a_lag_than_it_is_long(library: ctypes.CDLL, tracker: PoseTracker) -> None:
+    c, stamp, q = CTracker(library), 0.0, np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.0])
+    tracker.reset()
+    why = []
+    for advance in (*[1e-4] * 300, 0.06, *[0.001] * 5):
+        stamp += advance
+        told = {"enable": 1, "stamp": stamp}
+        answer = c.step(q, tracker.chain.pose(q), np.zeros(6), **told)
+        assert_same(answer, tracker.step(q, tracker.chain.pose(q), np.zeros(6), **told))
+        why.append(answer.why)
+    assert why[-6:] == ["STAMP_GAP", *["STATE_STALE"] * 5]
+
+
 def test_a_solver_that_writes_nothing_brakes(exported: Exported, built: Built, tracker: PoseTracker) -> None:
     """What it answered before is not taken for an answer."""
     library = giving_up(exported(NAME), NAME, built, "pose_tracker_tick")
