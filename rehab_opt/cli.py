@@ -6,6 +6,7 @@ Bad input ends with one line on the error stream and exit code 2; nothing is wri
 from __future__ import annotations
 
 import os
+import shlex
 import signal
 import sys
 import threading
@@ -189,11 +190,13 @@ def bench(
     ),
 ) -> None:
     """Compare solvers on recorded QPs; write table.md, results.json and figures. What is done is not done again."""
-    from rehab_opt.comparison.command import bench_command  # noqa: PLC0415  (it loads every solver)
+    from rehab_opt.comparison.command import Interruption, bench_command  # noqa: PLC0415  (it loads every solver)
 
+    interruption = Interruption()
     try:
-        with _on_interrupt(signal.default_int_handler), _bars() as progress:
-            bench_command(family, solver, time_limit=time_limit, out=_writable(out), progress=progress)
+        with _on_interrupt(interruption), _bars() as progress:
+            told = interruption.checked(progress)
+            bench_command(family, solver, time_limit=time_limit, out=_writable(out), progress=told)
     except KeyboardInterrupt:
         print("rehab-opt: interrupted; the same command goes on from here", file=sys.stderr)
         raise typer.Exit(130) from None
@@ -212,11 +215,11 @@ def export_controller(
     with _bars() as progress:
         written = export_c(loaded, _writable(folder, argument="DIR"), progress=progress)
     for place in sorted({path.parent for path in written}):
-        names = ", ".join(path.name for path in written if path.parent == place)
-        print(f"written to {place}: {names}")
+        print(f"written to {place}: {', '.join(path.name for path in written if path.parent == place)}")
+        source, build = shlex.quote(str(place)), shlex.quote(str(place / "build"))
+        example = shlex.quote(str(place / "build" / "example"))
         print(
-            f"build and compare with Python: cmake -S {place} -B {place / 'build'} && cmake --build {place / 'build'} "
-            f"&& {place / 'build' / 'example'}"
+            f"build it and compare it with Python: cmake -S {source} -B {build} && cmake --build {build} && {example}"
         )
 
 

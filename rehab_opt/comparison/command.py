@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 
@@ -13,9 +14,32 @@ from rehab_opt.comparison.run import Comparison, chosen_sequences, compare, head
 from rehab_opt.comparison.table import as_table
 from rehab_opt.errors import ConfigurationError
 
-__all__ = ["bench_command"]
+__all__ = ["Interruption", "bench_command"]
 
 WIDEST = 140
+Progress = Callable[[str, int, int], None]
+
+
+class Interruption:
+    """Handler of Ctrl-C that remembers it: where it comes during a solve, CasADi makes a failed solve of it."""
+
+    def __init__(self) -> None:
+        self._came = False
+
+    def __call__(self, *_: Any) -> None:
+        """It comes."""
+        self._came = True
+        raise KeyboardInterrupt
+
+    def checked(self, progress: Progress) -> Progress:
+        """`progress`, which raises what was swallowed before."""
+
+        def told(what: str, done: int, whole: int) -> None:
+            if self._came:
+                raise KeyboardInterrupt
+            progress(what, done, whole)
+
+        return told
 
 
 def bench_command(
@@ -24,7 +48,7 @@ def bench_command(
     *,
     time_limit: float,
     out: Path,
-    progress: Callable[[str, int, int], None],
+    progress: Progress,
 ) -> None:
     """Compare, print and write; interrupted, it writes what there is before the interruption goes on.
 

@@ -20,7 +20,7 @@ __all__ = ["figures_of"]
 
 COLOURS = ("#000000", "#E69F00", "#56B4E9", "#009E73", "#0072B2", "#D55E00", "#CC79A7")
 DASHES = ("-", "--", ":")
-MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*", "<", ">", "h", "p", "d", "8")
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*", "<", ">", "h")
 LARGEST_FACTOR = 300.0
 LEAST_ERROR = 1e-17
 """What is exact is drawn here: a logarithm has no zero."""
@@ -33,21 +33,25 @@ def figures_of(
     passes: Sequence[Pass], rows: Sequence[Row], hopeless: dict[str, NDArray[np.bool_]]
 ) -> dict[str, Figure]:
     """Figures by the name of their file, of every family with instances that have an answer."""
-    solvers = list(dict.fromkeys(row.solver for row in rows))
-    styles = {
-        name: {"color": COLOURS[i % len(COLOURS)], "linestyle": DASHES[i // len(COLOURS) % len(DASHES)],
-               "marker": MARKERS[i % len(MARKERS)]}
-        for i, name in enumerate(solvers)
-    }  # fmt: skip
     drawn = {}
     for family in dict.fromkeys(row.family for row in rows):
         times = {mode: family_times(passes, hopeless, family=family, mode=mode) for mode in MODES["qp"]}
         if not any(times.values()):
             continue
+        styles = _styles(list(dict.fromkeys(row.solver for row in rows if row.family == family)))
         drawn[f"{family}_profile"] = _profile(family, times, styles)
         drawn[f"{family}_times"] = _distribution(family, times)
         drawn[f"{family}_accuracy"] = _accuracy(family, [row for row in rows if row.family == family], styles)
     return drawn
+
+
+def _styles(solvers: Sequence[str]) -> Styles:
+    """The same for families with the same solvers; as many as colours times markers, whose numbers share no factor."""
+    return {
+        name: {"color": COLOURS[i % len(COLOURS)], "linestyle": DASHES[i // len(COLOURS) % len(DASHES)],
+               "marker": MARKERS[i % len(MARKERS)]}
+        for i, name in enumerate(solvers)
+    }  # fmt: skip
 
 
 def _profile(family: str, times: Mapping[str, Times], styles: Styles) -> Figure:

@@ -66,7 +66,8 @@ def passed(
         ticks = _once(worker, entrant, sequence, warm=mode == "warm", judge=judge, rules=rules, told=told)
         best = [_better(*each) for each in zip(best, ticks, strict=True)] if best else ticks
         spent = sum(tick.seconds for tick in ticks)
-        if spent > rules.patience or any(tick.outcome is Outcome.TOO_LATE for tick in ticks):
+        cut_off = any(tick.outcome is Outcome.TOO_LATE or not math.isfinite(tick.seconds) for tick in ticks)
+        if cut_off or spent > rules.patience:
             break
     return Pass(entrant.name, sequence.name, mode, tuple(best))
 
@@ -106,6 +107,7 @@ def _once(
         except TooLateError:
             ended = judge.too_late(first)
         except WorkerDiedError as death:
+            blocks = [1]
             ended = Judged(Outcome.RAISED, math.nan, math.inf, math.nan, str(death))
         if answers is not None:
             done += [judge.judged(first + i, timed) for i, timed in enumerate(answers)]
@@ -114,8 +116,8 @@ def _once(
             if last - first == 1:
                 late += 1
                 done.append(ended)
-            elif len(blocks) > 1:
-                blocks.pop(0)
+            else:
+                blocks = [each for each in blocks if each < last - first] or [1]
         told(len(done))
     return done
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from rehab_opt.comparison.summary import Row
@@ -11,8 +11,15 @@ from rehab_opt.comparison.table import Grid
 
 __all__ = ["DEFAULTS", "SLACK", "Recommendation", "recommendation_grid", "recommendations"]
 
-DEFAULTS = {"ladder": "warm", "sqp": "cold"}
-"""What every controller solves its QP with where nothing else is said, tick after tick; and `ArmIK` its programmes."""
+DEFAULTS: Mapping[str, tuple[str, str]] = {
+    "arm_ik": ("qrqp-fused", "warm"),
+    "field_learning": ("proxqp-kept", "cold"),
+    "nlp_arm_ik": ("sqp", "cold"),
+    "nlp_boundary": ("sqp", "cold"),
+}
+"""Solver and mode of a family where nothing else is said, of those that are not solved by the ladder tick after tick:
+steps of the SQP, fits that are made once, programmes."""
+LADDER = ("ladder", "warm")
 RUNGS = ("ladder", "ladder-daqp", "qrqp-fused", "qrqp-virtual", "sqp")
 """These are no alternatives: parts of the default, and its way through CasADi's virtual machine."""
 SLACK = 1.2
@@ -20,7 +27,7 @@ SLACK = 1.2
 
 
 class Recommendation(NamedTuple):
-    """One family: QPs warm, programmes from the starts that `ArmIK` gives."""
+    """One family, in the mode in which its capability solves."""
 
     family: str
     default: Row
@@ -41,11 +48,12 @@ class Recommendation(NamedTuple):
 def recommendations(rows: Sequence[Row]) -> tuple[Recommendation, ...]:
     """One for each family in which a default took part."""
     found = []
-    for own in (row for row in rows if DEFAULTS.get(row.solver) == row.mode and row.ticks):
+    for own in (row for row in rows if DEFAULTS.get(row.family, LADDER) == (row.solver, row.mode) and row.ticks):
+        same = RUNGS if own.solver in RUNGS else (own.solver,)
         others = [
             row
             for row in rows
-            if (row.family, row.mode) == (own.family, own.mode) and row.solver not in RUNGS and row.solved >= own.solved
+            if (row.family, row.mode) == (own.family, own.mode) and row.solver not in same and row.solved >= own.solved
         ]
         best = min((row for row in others if row.solved > 0), key=lambda row: row.mean, default=None)
         found.append(Recommendation(own.family, own, best))
@@ -63,4 +71,4 @@ def recommendation_grid(found: Sequence[Recommendation]) -> Grid:
             other = (name, solved, f"{1e6 * each.best.mean:.3g}", f"{each.ratio:.2f}")
         own = (each.family, each.default.solver, f"{100 * each.default.solved:.4g} %", f"{1e6 * each.default.mean:.3g}")
         cells.append((*own, *other, "stays" if each.stays else f"slower by more than {SLACK - 1:.0%}"))
-    return Grid("The default beside the best alternative: QPs warm, programmes from their first start", columns, cells)
+    return Grid("The default beside the best alternative, in the mode in which the capability solves", columns, cells)

@@ -108,9 +108,9 @@ def with_faults(
         faults += [_element(name, 0, np.nan), _element(name, -1, np.inf), _element(name, -1, -1.1e6)]
     faults.append(lambda tick: {**tick, **{name: np.full_like(tick[name], 9e5) for name in arrays}})
     faults += more
-    stale = int(max_age / (0.9 * dt)) + 10 if max_age < 10.0 else 0
+    stale, jump = (int(max_age / (0.9 * dt)) + 10, 1.0 + max_age) if max_age < 10.0 else (0, 1.0)
     # What the clock of the state does then; the stream that begins anew ends the lag that was gathered.
-    late = [0.0, -dt, -1.0 - max_age, 1.0 + max_age, *([0.1 * dt] * stale), -1.0 - max_age]
+    late = [0.0, -dt, -jump, jump, *([0.1 * dt] * stale), -jump]
     spread = np.linspace(0, len(ticks), len(faults) + 3).astype(int)[1:-1]
     at = dict(zip(spread[:-1].tolist(), faults, strict=True))
     result, clock = [], 0.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
@@ -13,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from rehab_opt.cli import main
+from rehab_opt.comparison.command import Interruption
 from rehab_opt.comparison.record import RECORD
 from rehab_opt.comparison.sequence import write_sequence
 from tests.comparison.fake_solvers import boxes
@@ -63,6 +65,17 @@ def test_what_cannot_be_used_is_one_line_and_exit_code_2_and_writes_nothing(
     assert said.count("\n") == 1
     assert named in said
     assert [path.name for path in folder.iterdir()] == ["boxes.npz"]
+
+
+def test_an_interruption_that_a_solver_swallowed_is_seen_at_the_next_step() -> None:
+    interruption, seen = Interruption(), []
+    progress = interruption.checked(lambda *told: seen.append(told))
+    progress("before", 1, 2)
+    with contextlib.suppress(KeyboardInterrupt):  # as CasADi does
+        interruption()
+    with pytest.raises(KeyboardInterrupt):
+        progress("after", 2, 2)
+    assert seen == [("before", 1, 2)]
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGINT"), reason="needs signals")

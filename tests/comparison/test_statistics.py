@@ -113,3 +113,15 @@ def test_a_quicker_solver_that_fails_more_often_is_no_alternative() -> None:
     assert found.best.solver == "daqp"
     assert found.ratio == pytest.approx(1.5)
     assert not found.stays
+
+
+def test_a_capability_that_solves_otherwise_is_judged_by_its_own_way() -> None:
+    def row(solver: str, mode: str, seconds: float) -> Row:
+        return row_of("field_learning", solver, mode, [(judged(Outcome.SOLVED, seconds), False)], limit=1.0)
+
+    rows = [row("ladder", "warm", 1e-6), row("proxqp-kept", "cold", 1e-4), row("qrqp-fused", "cold", 9e-5)]
+    (found,) = recommendations(rows)
+    assert found.default.solver == "proxqp-kept"
+    assert found.best is not None
+    assert found.best.solver == "qrqp-fused"
+    assert found.stays

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import ctypes
+import re
 import subprocess
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +16,7 @@ import pytest
 from rehab_opt.control.command import Command
 from rehab_opt.export.reasons import REASONS, reason_number
 from rehab_opt.export.recording import STATUSES
+from rehab_opt.optim.ladder import Ladder
 
 Built = Callable[..., Path]
 Exported = Callable[[str], Path]
@@ -21,6 +24,12 @@ Exported = Callable[[str], Path]
 ROBOT = "robot/ur5_circle"
 SECONDS = 200.0
 SAME = 1e-9
+SIZE = """\
+#include <stddef.h>
+#include "rehab_{0}.h"
+size_t controller_size(void);
+size_t controller_size(void) {{ return sizeof(rehab_{0}); }}
+"""
 
 
 def compiled_once(folder: Path, name: str, built: Built) -> str:
@@ -31,14 +40,45 @@ def compiled_once(folder: Path, name: str, built: Built) -> str:
 
 def shared(folder: Path, name: str, built: Built) -> ctypes.CDLL:
     """The controller, to be called from Python, with `controller_size` besides."""
-    (folder / "size.c").write_text(
-        f'#include <stddef.h>\n#include "rehab_{name}.h"\nsize_t controller_size(void);\n'
-        f"size_t controller_size(void) {{ return sizeof(rehab_{name}); }}\n"
-    )
+    (folder / "size.c").write_text(SIZE.format(name))
     object_file = compiled_once(folder, name, built)
     library = ctypes.CDLL(str(built(folder, "controller.so", object_file, "size.c", flags=("-shared", "-fPIC"))))
     library.controller_size.restype = ctypes.c_size_t
     return library
+
+
+def giving_up(folder: Path, name: str, built: Built, *functions: str) -> ctypes.CDLL:
+    """The same, with `give_up(1)` besides: from then on the solves return before they write anything, as qrqp may."""
+    source = (folder / f"rehab_{name}.c").read_text()
+    export = "#define CASADI_SYMBOL_EXPORT static\n"
+    assert source.count(export) == 1
+    source = source.replace(export, f"{export}static int given_up;\n")
+    for function in functions:
+        begin = re.compile(rf"^CASADI_SYMBOL_EXPORT int {function}\(.*\{{$", re.MULTILINE)
+        source, count = begin.subn(lambda found: f"{found[0]}\n  if (given_up) return 1;", source)
+        assert count == 1
+    source += "\nvoid give_up(int now);\nvoid give_up(int now) { given_up = now; }\n"
+    (folder / "giving_up.c").write_text(source)
+    (folder / "size.c").write_text(SIZE.format(name))
+    flags = ("-O0", "-shared", "-fPIC")
+    library = ctypes.CDLL(str(built(folder, "giving_up.so", "giving_up.c", "size.c", flags=flags)))
+    library.controller_size.restype = ctypes.c_size_t
+    return library
+
+
+@contextmanager
+def solver_gives_up(ladder: Ladder, *controllers: Any) -> Iterator[None]:
+    """Meanwhile nothing is written where Python's `controllers` evaluate their fused function."""
+    owners = (ladder, *controllers)
+    kept = [vars(owner).copy() for owner in owners]
+    ladder.evaluate = lambda: None
+    for controller in controllers:
+        controller._evaluate = lambda: None
+    try:
+        yield
+    finally:
+        for owner, before in zip(owners, kept, strict=True):
+            owner.__dict__.update({name: before[name] for name in ("evaluate", "_evaluate") if name in before})
 
 
 def ran(program: Path, *arguments: str) -> subprocess.CompletedProcess[str]:

@@ -15,7 +15,7 @@ from rehab_opt import Assistance, ConfigurationError, Workspace
 from rehab_opt.control.command import Status
 from rehab_opt.export.controllers.assistance import exported_assistance
 from tests.export.assisting import DT, exported_to, made
-from tests.export.calling_c import Built, CCommand, Exported, assert_same, doubles, shared
+from tests.export.calling_c import Built, CCommand, Exported, assert_same, doubles, giving_up, shared, solver_gives_up
 
 MODES = ("assist", "follow")
 
@@ -100,6 +100,21 @@ def test_the_energy_runs_out_as_it_does_in_python(library: ctypes.CDLL, helper: 
         assert_same(c.step(x, None, stamp=DT * k), command)
         statuses.add(command.status)
     assert statuses > {Status.OK}
+
+
+def test_a_solver_that_writes_nothing_releases(exported: Exported, built: Built) -> None:
+    """What it answered before is not taken for an answer."""
+    library = giving_up(exported("assistance"), "assistance", built, "assistance_tick")
+    c, helper, x = CAssistance(library), made("assist"), np.array([0.02, 0.45])
+    for k in range(60):
+        assert_same(c.step(x, None, stamp=DT * k), helper.step(x, stamp=DT * k))
+    library.give_up(1)
+    with solver_gives_up(helper._ladder, helper):
+        for k in range(60, 200):
+            answer = c.step(x, None, stamp=DT * k)
+            assert_same(answer, helper.step(x, stamp=DT * k))
+            assert answer.why == "NOT_CERTIFIED"
+    assert answer.status == 5
 
 
 def test_a_hand_that_is_not_there_and_a_controller_that_was_not_made_apply_nothing(library: ctypes.CDLL) -> None:

@@ -14,7 +14,19 @@ from hypothesis import strategies as st
 from rehab_opt import PoseTracker
 from rehab_opt.session.files import load_problem
 from rehab_opt.session.pose_tracking.robot import robot_at_start, tracker_of
-from tests.export.calling_c import ROBOT, Built, CCommand, Exported, assert_same, compiled_once, doubles, ran, shared
+from tests.export.calling_c import (
+    ROBOT,
+    Built,
+    CCommand,
+    Exported,
+    assert_same,
+    compiled_once,
+    doubles,
+    giving_up,
+    ran,
+    shared,
+    solver_gives_up,
+)
 
 NAME = "pose_tracker"
 
@@ -107,6 +119,58 @@ def test_any_states_give_the_commands_of_python(library: ctypes.CDLL, tracker: P
         told = {"enable": int(rng.choice([1, 1, 1, 1, 1, 1, 0, -1])), "stamp": float(stamp)}
         assert_same(c.step(q, pose, twist, **told), tracker.step(q, pose, twist, **told))
         stamp = 0.0 if np.isnan(stamp) else stamp
+
+
+@settings(max_examples=30)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_any_stamps_are_judged_as_in_python(library: ctypes.CDLL, tracker: PoseTracker, seed: int) -> None:
+    """Streams that are slow, late, lost, repeated, reversed and begun anew, for as long as it takes to matter."""
+    rng, c, stamp = np.random.default_rng(seed), CTracker(library), 0.0
+    tracker.reset()
+    q = np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.0])
+    pose, twist = tracker.chain.pose(q), np.zeros(6)
+    for _ in range(12):
+        kind = rng.integers(7)
+        for _ in range(int(rng.choice([1, 20, 100]))):
+            advance = (0.001, 0.0001, np.nan, 0.0, -0.0005, rng.uniform(0.051, 0.2), 0.002)[kind]
+            told = {"enable": 1, "stamp": float(stamp + advance)}
+            assert_same(c.step(q, pose, twist, **told), tracker.step(q, pose, twist, **told))
+            stamp += 0.0 if np.isnan(advance) else advance
+        stamp -= rng.choice([0.0, 0.0, 0.0, 1.0])
+
+
+def test_a_gap_pays_back_no_more_of_a_lag_than_it_is_long(library: ctypes.CDLL, tracker: PoseTracker) -> None:
+    c, stamp, q = CTracker(library), 0.0, np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.0])
+    tracker.reset()
+    why = []
+    for advance in (*[1e-4] * 300, 0.06, *[0.001] * 5):
+        stamp += advance
+        told = {"enable": 1, "stamp": stamp}
+        answer = c.step(q, tracker.chain.pose(q), np.zeros(6), **told)
+        assert_same(answer, tracker.step(q, tracker.chain.pose(q), np.zeros(6), **told))
+        why.append(answer.why)
+    assert why[-6:] == ["STAMP_GAP", *["STATE_STALE"] * 5]
+
+
+def test_a_solver_that_writes_nothing_brakes(exported: Exported, built: Built, tracker: PoseTracker) -> None:
+    """What it answered before is not taken for an answer."""
+    library = giving_up(exported(NAME), NAME, built, "pose_tracker_tick")
+    c, q = CTracker(library), np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.0])
+    tracker.reset()
+    pose, twist = tracker.chain.pose(q), np.array([0.1, 0.0, 0.0, 0.0, 0.2, 0.0])
+    for k in range(20):
+        told = {"enable": 1, "stamp": 0.001 * k}
+        assert_same(c.step(q, pose, twist, **told), tracker.step(q, pose, twist, **told))
+    library.give_up(1)
+    with solver_gives_up(tracker._ladder, tracker):
+        for k in range(20, 40):
+            told = {"enable": 1, "stamp": 0.001 * k}
+            answer = c.step(q, pose, twist, **told)
+            assert_same(answer, tracker.step(q, pose, twist, **told))
+            assert answer.why == "NOT_CERTIFIED"
+    library.give_up(0)
+    told = {"enable": 1, "stamp": 0.04}
+    assert_same(c.step(q, pose, twist, **told), tracker.step(q, pose, twist, **told))
 
 
 @settings(max_examples=200)

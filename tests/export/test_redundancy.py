@@ -16,7 +16,7 @@ from rehab_opt.control.redundancy import RedundancyResolver
 from rehab_opt.kinematics.ardis import ARDIS_READY
 from rehab_opt.session.ardis.robot import resolver_of, robot_of
 from rehab_opt.session.files import load_problem
-from tests.export.calling_c import Built, CCommand, Exported, assert_same, doubles, shared
+from tests.export.calling_c import Built, CCommand, Exported, assert_same, doubles, giving_up, shared, solver_gives_up
 
 DRIVES = ("mecanum", "differential")
 FRAMES = ("chassis", "world")
@@ -115,6 +115,32 @@ def test_the_safe_command_is_the_one_of_python(
         answer = c.step(seen, twist, 0, 0, **told)
         assert_same(answer, python(resolver, seen, twist, 0, 0, **told), tolerance=1e-9 if k < 20 else 1e-12)
         q = q + DT * np.array(answer.value[:7])
+
+
+def test_where_the_solver_writes_nothing_the_law_is_slowed_into_its_bounds(
+    drive: str, exported: Exported, built: Built, resolver: RedundancyResolver
+) -> None:
+    """As in Python: certified, and no worse than that; and the safe command where the bounds leave nothing of it."""
+    name = f"redundancy_{drive}"
+    library = giving_up(exported(name), name, built, "law_0_tick", "law_1_tick")
+    c, q, met, rng = CResolver(library, drive), np.array(ARDIS_READY), set(), np.random.default_rng(3)
+    rows, twist = 0, np.array([0.2, 0.1])
+    for k in range(300):
+        if k % 20 == 0:
+            rows, twist = int(rng.integers(2)), rng.normal(size=2) * 0.2
+        fails, told = bool(rng.random() < 0.5), {"enable": 1, "stamp": DT * k}
+        library.give_up(int(fails))
+        answer = c.step(q, twist, rows, 0, **told)
+        if fails:
+            law = resolver._sets[resolver.row_sets[rows]]
+            with solver_gives_up(law._ladder, law):
+                command = python(resolver, q, twist, rows, 0, **told)
+        else:
+            command = python(resolver, q, twist, rows, 0, **told)
+        assert_same(answer, command)
+        met.add((answer.status, answer.why))
+        q = q + DT * np.array(answer.value[:7])
+    assert (1, "NOT_CERTIFIED") in met
 
 
 def test_obstacles_may_change_between_ticks(library: ctypes.CDLL, resolver: RedundancyResolver, drive: str) -> None:
