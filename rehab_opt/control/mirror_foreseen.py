@@ -20,12 +20,13 @@ Array = NDArray[np.float64]
 
 GIVEN_UP = 3.0
 """[s] of waiting with all the future known, after which a plan ends incomplete."""
-SPAN = 16, 512
+SPAN = 64, 128
 """Ticks laid out at first, and at most: twice as many each time that all of them were taken."""
 REST = 32
 """Ticks at most after something unusual until a layout is tried again: one at first, then twice as many."""
 
 _OK, _NAN, _new, _read_only = Status.OK, math.nan, tuple.__new__, np.frombuffer
+_BOUNDS, _TASK = tuple(Bound(i) for i in range(8)), int(Bound.TASK)
 _NOTHING = Layout(np.zeros((0, 4, 4)), np.zeros((0, 6)), [], [])
 
 
@@ -127,11 +128,10 @@ class MirrorForeseen(MirrorFollowing):
         self.followed = pose = laid.poses[k]
         self._centre = pose[:3, 3]
         self._count_pace()
-        flags = Bound(int(yielded))
+        flags = int(yielded)
         if pace < WHOLE:
             self.counts["slowed"] += 1
-            flags |= Bound.TASK
+            flags |= _TASK
         value = _read_only(velocity.tobytes())
-        return _new(
-            Command, (value, _OK, FUSED_SOLVERS[int(who)], residual, -1, "", flags, min(1.0, pace) * share, None)
-        )
+        solver = FUSED_SOLVERS[int(who)]
+        return _new(Command, (value, _OK, solver, residual, -1, "", _BOUNDS[flags], pace * share, None))
