@@ -105,10 +105,9 @@ def plan(tracker: MirrorTracker, poses: ArrayLike, twists: ArrayLike, q: ArrayLi
             break
         if tracker.given_up:
             break
-    q_path = np.array(path)
-    found = np.array([tracker.tool(each) for each in path])
-    counts = Counter(tracker.counts)
+    found, counts = np.array([tracker.tool(each) for each in path]), Counter(tracker.counts)
     return MirrorPath(
-        dt * np.arange(len(path), dtype=np.float64), q_path, np.array(speeds), found, np.array(shown), np.array(clock), np.array(paces),
-        np.array(w), yielded, complete, counts, time.perf_counter() - begun,
+        np.asarray(dt * np.arange(len(path)), dtype=np.float64), np.array(path), np.array(speeds), found,
+        np.array(shown), np.array(clock), np.array(paces), np.array(w), yielded, complete, counts,
+        time.perf_counter() - begun,
     )  # fmt: skip
