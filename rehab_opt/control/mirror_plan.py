@@ -105,7 +105,7 @@ def plan(tracker: MirrorTracker, poses: ArrayLike, twists: ArrayLike, q: ArrayLi
             break
         if tracker.given_up:
             break
-    found, counts = np.array([tracker.tool(each) for each in path]), Counter(tracker.counts)
+    found, counts = tracker.tools(path), Counter(tracker.counts)
     return MirrorPath(
         np.asarray(dt * np.arange(len(path)), dtype=np.float64), np.array(path), np.array(speeds), found,
         np.array(shown), np.array(clock), np.array(paces), np.array(w), yielded, complete, counts,
