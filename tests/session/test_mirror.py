@@ -184,6 +184,7 @@ def test_the_real_hand_is_mirrored_scaled_limited_to_an_arm_and_its_rate_assumed
 ) -> None:
     outcome = ran("vr_hand")
     assert any(note.startswith("ASSUMED: 90 samples a second") for note in outcome.notes)
+    assert "rows 1 to 720 of the recording's 3000" in outcome.notes
     assert any("range of motion" in note for note in outcome.notes)
     assert outcome.metrics["reference"]["scale"] == pytest.approx(0.59 / 0.98)
     assert outcome.metrics["reference"]["speed_max_m_s"] > 1.5
