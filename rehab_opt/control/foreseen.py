@@ -60,14 +60,19 @@ class Foreseen:
         at, share = place
         last, rise = len(self._seconds) - 1, dt / quickening
         seconds, fastest, paces = self._seconds, self._fastest, self._paces
-        taken, places = [], []
+        taken, places, longest = [], [], 1.5 * dt
         for _ in range(most):
             fast = fastest[at] if share == 0.0 else fastest[at] + share * (fastest[at + 1] - fastest[at])
             pace = min(1.0, paces[at], 1.0 / fast if fast > 1.0 else 1.0, pace + rise)
             left = pace * dt
+            if at < last and left < (1.0 - share) * seconds[at + 1] <= longest:  # the usual way, and the quick one
+                share += left / seconds[at + 1]
+                taken.append(pace)
+                places.append((at, share))
+                continue
             while at < last and left > 0.0:
                 length = seconds[at + 1]
-                if length > 1.5 * dt:
+                if length > longest:
                     break
                 to_next = length * (1.0 - share)
                 if left < to_next:

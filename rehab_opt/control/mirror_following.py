@@ -1,4 +1,4 @@
-"""A mirrored hand's reference clock at work: what is followed in a tick, how fast, and what is left out."""
+"""A mirrored hand's reference clock at work: what is followed in a tick, and how fast."""
 
 from __future__ import annotations
 
@@ -9,10 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.between_poses import angle_between, distance_between
 from rehab_opt.control.command import Bound, Command, Status
-from rehab_opt.control.interaction import Feeling
-from rehab_opt.control.mirror_statement import CALM, SPARE, WHOLE, MirrorStatement
+from rehab_opt.control.mirror_statement import CALM, SPARE, WHOLE
+from rehab_opt.control.mirror_waiting import MirrorWaiting
 from rehab_opt.control.person_limit import PersonLimit
-from rehab_opt.control.reference_clock import ReferenceClock
 from rehab_opt.kinematics.frames import ROTATION_TOLERANCE
 from rehab_opt.optim.qp import PLAUSIBLE
 from rehab_opt.symbolic import BufferedFunction
@@ -27,27 +26,18 @@ QUICKENING, CATCHING_UP = 0.1, 0.3
 """[s] in which the clock regains its pace, and in which it makes up for its lag."""
 AT_LEAST = 0.02
 """Share by which the clock runs fast while it is late at all: so that it does catch up."""
-STUCK = 0.1, 0.005
-"""[s, m/s] How long the clock must have waited, and how slow the hand be, before a stretch of path is given up."""
-PATIENCE = 0.5
-"""[s] of waiting after which the hand is led on to a later pose."""
-LEAVE_OUT = 0.25
-"""[s] of a recording that are left out first; twice as many each time it does not help."""
 JUMP, SPIN = 5.0, 30.0
 """[m/s, rad/s] Faster samples than a hand can move: a jump of the tracker, and bridged."""
 BRIDGE = 0.5
 """Share of the hand speeds at which a jump is bridged."""
 
 
-class MirrorFollowing(MirrorStatement):
+class MirrorFollowing(MirrorWaiting):
     """The tick of `MirrorTracker` wherever something is unusual: late, pushed, led by a range of motion, or faulty."""
 
-    clock: ReferenceClock
     catch_up: float
-    _interaction: Feeling
     _limit: PersonLimit | None
     _tool: BufferedFunction
-    _rate: float
 
     def _begin(self) -> None:
         self.clock.reset()
@@ -56,7 +46,7 @@ class MirrorFollowing(MirrorStatement):
             self._limit.reset()
         self._interaction.reset()
         self._rate, self._share, self._then = 1.0, 1.0, math.nan
-        self._waited, self._gone_on, self._ahead = 0.0, 0.0, LEAVE_OUT
+        self._begin_waiting()
         self._live = False
         self._good = b""
         self._centre: Array | None = None
@@ -195,44 +185,6 @@ class MirrorFollowing(MirrorStatement):
                 return pose, twist, ahead
             ahead *= 0.5
         return *now, 0.0
-
-    def _note_waiting(self, here: Array, *, foreseen: bool) -> None:
-        """Leave out the stretch the clock waits at, once the hand stands.
-
-        The next pose that is near the hand again is gone on from. Where there is none, the hand is led, calmly and as
-        far as it goes, to the newest pose, or of a recording, whose end is known, to one a little later, then later
-        still.
-        """
-        if self._rate > 0.02 or self._interaction.pace < 1.0:
-            self._count_pace()
-            return
-        self.counts["waited"] += 1
-        self._waited += self.dt
-        hand = self.chain.jacobian(self._q)[:3] @ self._last
-        if self._waited < STUCK[0] or float(np.linalg.norm(hand)) > STUCK[1]:
-            return
-        positions, poses, times = self.clock.waiting()
-        near = np.flatnonzero(np.linalg.norm(positions - here[:3, 3], axis=1) <= CALM * self.max_deviation)
-        beyond = np.linalg.norm(positions - self.clock.read()[0][:3, 3], axis=1)
-        for index in near.tolist():
-            if angle_between(here, poses[index]) <= CALM * self.max_turn and beyond[: index + 1].max() > 1e-3:
-                self.clock.skip(index + 1)
-                self.counts["left out"] += 1
-                self._waited = 0.0
-                return
-        if self._waited < PATIENCE or len(poses) < 2:
-            return
-        later = min(int(np.searchsorted(times, self._ahead)), len(poses) - 1) if foreseen else len(poses) - 1
-        self.clock.lead_to(later + 1, here)
-        self.counts["left out"] += 1
-        self._waited, self._gone_on, self._ahead = 0.0, 0.0, 2.0 * self._ahead
-
-    def _count_pace(self) -> None:
-        """The clock went on in this tick: what it waited is forgotten, and what it left out is left behind."""
-        self._waited = 0.0
-        self._gone_on += self._rate * self.dt
-        if self._gone_on > 1.0:
-            self._ahead = LEAVE_OUT
 
     def _safe(self, reason: str) -> Command:
         """Decelerate within the bounds, and faster where the floor or the planes ask for it."""

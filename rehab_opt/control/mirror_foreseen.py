@@ -20,12 +20,15 @@ Array = NDArray[np.float64]
 
 GIVEN_UP = 3.0
 """[s] of waiting with all the future known, after which a plan ends incomplete."""
-SPAN = 16, 512
+SPAN = 64, 128
 """Ticks laid out at first, and at most: twice as many each time that all of them were taken."""
 REST = 32
 """Ticks at most after something unusual until a layout is tried again: one at first, then twice as many."""
+USUAL = 5
+"""Where the verdict on a tick says that nothing about it was unusual."""
 
 _OK, _NAN, _new, _read_only = Status.OK, math.nan, tuple.__new__, np.frombuffer
+_BOUNDS, _TASK = tuple(Bound(i) for i in range(8)), int(Bound.TASK)
 _NOTHING = Layout(np.zeros((0, 4, 4)), np.zeros((0, 6)), [], [])
 
 
@@ -66,7 +69,7 @@ class MirrorForeseen(MirrorFollowing):
 
     def follow(self, q: Array) -> Command:
         """One tick along what the clock foresees."""
-        if self._resting > 0:
+        if self._resting > 0 or not self._verdict[USUAL]:
             self._resting -= 1
         elif self._next < len(self._laid.paces) or self._lay_out():
             command = self._as_laid_out(q)
@@ -78,9 +81,15 @@ class MirrorForeseen(MirrorFollowing):
         self._q[:] = q
         return self._tracked(self._tool.of(q), foreseen=True)
 
-    def tool(self, q: Array) -> Array:
-        """(4, 4) pose of the tool, as `chain.pose`, faster."""
-        return self._tool.of(q)
+    def tools(self, path: list[Array]) -> Array:
+        """(M, 4, 4) poses of the tool, as `chain.pose` of each (n,), faster."""
+        (q,), (pose,) = self._tool.inputs, self._tool.outputs
+        found = np.empty((len(path), 4, 4))
+        for i, each in enumerate(path):
+            q[:] = each
+            self._tool.evaluate()
+            found[i] = pose
+        return found
 
     @property
     def given_up(self) -> bool:
@@ -127,11 +136,10 @@ class MirrorForeseen(MirrorFollowing):
         self.followed = pose = laid.poses[k]
         self._centre = pose[:3, 3]
         self._count_pace()
-        flags = Bound(int(yielded))
+        flags = int(yielded)
         if pace < WHOLE:
             self.counts["slowed"] += 1
-            flags |= Bound.TASK
+            flags |= _TASK
         value = _read_only(velocity.tobytes())
-        return _new(
-            Command, (value, _OK, FUSED_SOLVERS[int(who)], residual, -1, "", flags, min(1.0, pace) * share, None)
-        )
+        solver = FUSED_SOLVERS[int(who)]
+        return _new(Command, (value, _OK, solver, residual, -1, "", _BOUNDS[flags], pace * share, None))

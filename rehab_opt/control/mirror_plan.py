@@ -87,28 +87,27 @@ def plan(tracker: MirrorTracker, poses: ArrayLike, twists: ArrayLike, q: ArrayLi
     dt = tracker.dt
     tracker.foresee(joints, reference[usable], motion[usable], np.asarray(dt * usable, dtype=np.float64))
     most = math.ceil((PATIENCE + PATIENCE * tracker.clock.lag) / dt)
-    times, path, speeds, clock, paces, shown, w, yielded = [], [], [], [], [], [], [], []
-    complete = False
-    for k in range(most):
+    path, speeds, clock, paces, shown, w, yielded = [], [], [], [], [], [], []
+    complete, reference_clock, follow = False, tracker.clock, tracker.follow
+    for _ in range(most):
+        command = follow(joints)
+        value = command.value
         path.append(joints)
-        command = tracker.follow(joints)
-        joints = joints + command.value * dt
-        times.append(k * dt)
-        speeds.append(command.value)
+        speeds.append(value)
         shown.append(tracker.followed)
-        clock.append(tracker.clock.stamp)
+        clock.append(reference_clock.stamp)
         paces.append(tracker.time_scale)
         w.append(tracker.manipulability)
         yielded.append(command.yielded)
-        if tracker.clock.current and float(np.abs(command.value).max()) < STANDING:
+        joints = joints + value * dt
+        if reference_clock.current and float(np.abs(value).max()) < STANDING:
             complete = True
             break
         if tracker.given_up:
             break
-    q_path = np.array(path)
-    found = np.array([tracker.tool(each) for each in path])
-    counts = Counter(tracker.counts)
+    found, counts = tracker.tools(path), Counter(tracker.counts)
     return MirrorPath(
-        np.array(times), q_path, np.array(speeds), found, np.array(shown), np.array(clock), np.array(paces),
-        np.array(w), yielded, complete, counts, time.perf_counter() - begun,
+        np.asarray(dt * np.arange(len(path)), dtype=np.float64), np.array(path), np.array(speeds), found,
+        np.array(shown), np.array(clock), np.array(paces), np.array(w), yielded, complete, counts,
+        time.perf_counter() - begun,
     )  # fmt: skip

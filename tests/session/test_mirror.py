@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from rehab_opt import MirrorTracker, ur5
 from rehab_opt.control.smoothing import measured_lag
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.session.files import load_problem, problem_of, shipped_problems
@@ -27,7 +28,7 @@ from rehab_opt.session.mirror.table import mirror_table
 from rehab_opt.session.mirror.trace import mirror_columns
 from rehab_opt.session.report import metrics_json, write_report
 from rehab_opt.session.run import checked, run_problem
-from tests.control.mirror_campaign import closed_form
+from tests.control.mirror_campaign import LARGEST, closed_form
 
 Array = np.ndarray
 Write = Callable[[str, str | bytes], Path]
@@ -183,12 +184,29 @@ def test_the_real_hand_is_mirrored_scaled_limited_to_an_arm_and_its_rate_assumed
 ) -> None:
     outcome = ran("vr_hand")
     assert any(note.startswith("ASSUMED: 90 samples a second") for note in outcome.notes)
+    assert "rows 1 to 720 of the recording's 3000" in outcome.notes
     assert any("range of motion" in note for note in outcome.notes)
     assert outcome.metrics["reference"]["scale"] == pytest.approx(0.59 / 0.98)
     assert outcome.metrics["reference"]["speed_max_m_s"] > 1.5
     asked, mirrored = outcome.asked[:, :3, 3], outcome.mirror.positions(outcome.recorded)
     assert 0.5 < np.ptp(asked, axis=0).max() < 1.2  # metres, of an arm of 0.59
     assert np.abs(asked.min(axis=0) - mirrored.min(axis=0)).max() < 0.05  # but for the filter
+
+
+def test_shipped_seat_and_grip_are_as_good_as_the_script_says(recorded: Callable[[str], Path]) -> None:
+    recorded("vr_hand_tracker/tracker_record_rows_1_3000.csv")
+    script = runpy.run_path(str(FOLDER / "place_recording.py"))
+    given = content("vr_hand")
+    facing = given["patient"]["facing_deg"]
+    place = script["Place"](
+        given["robot"]["start_deg"], facing, given["placement"]["origin_m"], given["robot"]["grip_deg"]
+    )
+    seat = script["axes"](facing)
+    assert given["placement"]["turn_deg"] == facing
+    for key, across in ((given["patient"]["sagittal_point_m"], 0.18), (given["patient"]["arm"]["shoulder_m"], 0.36)):
+        np.testing.assert_allclose(key, place.origin_m + seat @ [0.0, across, 0.0], atol=1e-3)
+    tracker = MirrorTracker(ur5(), dt=script["DT"], largest=LARGEST)
+    assert script["passed"](tracker, place, script["hand_path"]()) > 0.7
 
 
 # ----------------------------------------------------------------------------------------------------- lost sight

@@ -73,8 +73,10 @@ def read_hand_poses(path: Path, section: PoseRecordingSection, *, file: str) -> 
                 name, f"line 1, column {missing[0]}", shown(lines[0], 60), "once " + ", ".join(columns)
             )
         table = _numbers(lines, [header.index(column) for column in columns], len(header), name=name, first=2)
-    table = _rows(table, section, file=file)
     notes: list[str] = []
+    if section.rows is not None:
+        notes.append(f"rows {section.rows[0]} to {section.rows[1]} of the recording's {len(table)}")
+    table = _rows(table, section, file=file)
     if stamped:
         times, table = table[:, 0], table[:, 1:]
         if np.any(np.abs(times) > LATEST):
