@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.control.command import Bound, Command, Status
 from rehab_opt.control.easing import Easing
 from rehab_opt.control.obstacles import NUMBERS
-from rehab_opt.control.room import Surroundings
+from rehab_opt.control.room import Room, Surroundings
 from rehab_opt.control.velocity_controller import VelocityController
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 from rehab_opt.optim.certificate import clipped
@@ -147,12 +147,13 @@ class ChairAndArm(VelocityController):
         # Steeper the more is missing, since solvers fail more often on a cost that is flat in a variable.
         missing = given["speed"] - progress.symbol
         reward = -given["price"] * progress.symbol + PROGRESS * missing**2 / 2
-        easing = Easing(self.robot, self.dt, room, base=given["base"])
+        base, eased, unhindered = parameter("base", n), parameter("eased", n), parameter("unhindered", 1)
+        easing = Easing(self.robot, self.dt, room, base=base)
         wanted = ca.if_else(given["speed"] > 0, u, 0)  # exactly, whichever solver answers
-        sent = easing.towards(memory[:n], wanted, q[CHAIR:])
+        sent = easing.waiting(memory[:n], eased, unhindered)
         share = room.share_of(given["guess"])
         slowed = ca.vertcat(share * given["guess"] / unit, share * given["speed"])
-        self._slowed = ca.Function("slowed", [ca.vertcat(*parameters, *columns), memory], [slowed], {"cse": True})
+        self._slowed = ca.Function("slowed", [ca.vertcat(*parameters, *columns, base), memory], [slowed], {"cse": True})
         return Statement(
             name=f"chair_and_arm_{self.drive}_{name}",
             parameters=parameters,
@@ -167,12 +168,15 @@ class ChairAndArm(VelocityController):
             iterations=ITERATIONS,
             guess=ca.vertcat(given["guess"] / unit, given["speed"]),
             multipliers=ca.vertcat(given["multipliers"], ca.SX.zeros(room.row_count)),
-            prepared=columns,
-            prepare=ca.Function(
-                "prepare",
-                [ca.vertcat(*parameters), memory],
-                [ca.densify(ca.vertcat(*prepared.values()))],
-                {"cse": True},
+            prepared=[*columns, base],
+            prepare=self._with_base(ca.vertcat(*parameters), prepared, columns, memory, room),
+            settled=[eased, unhindered],
+            settle=self._settle(
+                ca.vertcat(*parameters, *columns, base),
+                memory,
+                ca.vertcat(decided.symbol, progress.symbol),
+                easing,
+                wanted,
             ),
             report=self.report(memory[:n], sent, jacobian @ sent, twist, room.outside),
             memory=memory,
@@ -226,9 +230,39 @@ class ChairAndArm(VelocityController):
             "price": PROGRESS + 2 * steepness,
             "guess": guess,
             "multipliers": -y,
-            "base": Easing(self.robot, self.dt, room).base_of(last),
             **room.columns(),
         }
+
+    def _with_base(
+        self, parameters: ca.SX, prepared: dict[str, ca.SX], columns: list[ca.SX], memory: ca.SX, room: Room
+    ) -> ca.Function:
+        """Parameters, memory -> `prepared`, and where the way from the last command begins, which is seldom sought."""
+        n, told = self.chain.n, ca.vertcat(*columns)
+        easing = Easing(self.robot, self.dt, room)
+        first = ca.Function(
+            "prepared", [parameters, memory], [ca.densify(ca.vertcat(*prepared.values()))], {"cse": True}
+        )
+        keeps = ca.Function("keeps", [told, memory], [easing.keeps(memory[:n])], {"cse": True})
+        slower = ca.Function("slower", [told, memory], [ca.densify(easing.slower(memory[:n]))], {"cse": True})
+        same = ca.Function("same", [told, memory], [memory[:n]])
+        p, last = ca.MX.sym("p", parameters.numel()), ca.MX.sym("memory", memory.numel())
+        found = first(p, last)
+        base = ca.Function.if_else("base", same, slower)(keeps(found, last), found, last)
+        return ca.Function("prepare", [p, last], [ca.vertcat(found, base)])
+
+    def _settle(self, full: ca.SX, memory: ca.SX, x: ca.SX, easing: Easing, wanted: ca.SX) -> ca.Function:
+        """Complete parameters, memory, x -> velocities eased, and the share of the arm's step that keep-outs leave."""
+        n = self.chain.n
+        eased, step, q = easing.eased(memory[:n], wanted), ca.SX.sym("step", n), ca.SX.sym("q", n)
+        inputs = [full, memory, x]
+        first = ca.Function("eased", inputs, [ca.densify(eased), easing.clear(eased[CHAIR:])], {"cse": True})
+        share = easing.unhindered(step[CHAIR:], q[CHAIR:]) if self.robot.keep_out else ca.SX(1)
+        sought = ca.Function("sought", [step, q], [share], {"cse": True})
+        given = [ca.MX.sym("given", each.numel()) for each in inputs]
+        command, clear = first(*given)
+        all_of_it = ca.Function("all_of_it", [step, q], [ca.SX(1)])
+        share = ca.Function.if_else("unhindered", all_of_it, sought)(clear, command, given[0][:n])
+        return ca.Function("settle", given, [ca.vertcat(command, share)])
 
     # ------------------------------------------------------------------------------------------ what is remembered
     def remembered(self, q: ca.SX, u: ca.SX, limited: ca.SX, delivered: ca.SX, frame: ca.SX) -> ca.SX:
