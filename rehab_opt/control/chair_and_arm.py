@@ -31,7 +31,7 @@ PROGRESS = 20.0
 """[m/s] Price of a missing m/s of hand speed; one more costs about 1 in kinetic energy by the robot's mass."""
 STEEP = 1e3
 """[m/s] Up to which the price follows that cost where it is higher, as it is near singular postures."""
-ROUNDS = 2
+ROUNDS = 3
 """Corrections of the last tick's active set: it is the same in 95 % of the ticks in which any bound is active."""
 ITERATIONS = 20
 """Cap on qrqp's active-set changes: most ticks need three, and what takes more than this cycles."""
