@@ -11,11 +11,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.command import Bound, Command, Status
 from rehab_opt.control.easing import Easing
+from rehab_opt.control.easing_branches import eased_and_unhindered, where_the_way_begins
 from rehab_opt.control.obstacles import NUMBERS
-from rehab_opt.control.room import Room, Surroundings
+from rehab_opt.control.room import Surroundings
 from rehab_opt.control.velocity_controller import VelocityController
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 from rehab_opt.optim.certificate import clipped
+from rehab_opt.optim.factor import solver_of
 from rehab_opt.optim.qp import PLAUSIBLE, Statement, equal, parameter, variable
 from rehab_opt.symbolic import BufferedFunction
 
@@ -169,9 +171,9 @@ class ChairAndArm(VelocityController):
             guess=ca.vertcat(given["guess"] / unit, given["speed"]),
             multipliers=ca.vertcat(given["multipliers"], ca.SX.zeros(room.row_count)),
             prepared=[*columns, base],
-            prepare=self._with_base(ca.vertcat(*parameters), prepared, columns, memory, room),
+            prepare=_completed(ca.vertcat(*parameters), memory, prepared, columns, Easing(self.robot, self.dt, room)),
             settled=[eased, unhindered],
-            settle=self._settle(
+            settle=eased_and_unhindered(
                 ca.vertcat(*parameters, *columns, base),
                 memory,
                 ca.vertcat(decided.symbol, progress.symbol),
@@ -196,12 +198,12 @@ class ChairAndArm(VelocityController):
 
         # Eq. (1), and (5) by leaving out the left speed: u = W^-1 J' y - v grad c with J u = r.
         rows = ca.densify(jacobian[:, moving])
-        soft = _solved(inertia[moving, moving], rows.T)
-        mobility = rows @ soft
+        soft = solver_of(inertia[moving, moving])(rows.T)
+        firmness = solver_of(ca.triu2symm(ca.triu(rows @ soft)))
         idle = rows @ gradient[moving]
 
         def law(r: ca.SX, size: ca.SX) -> tuple[ca.SX, ca.SX]:
-            y = _solved(mobility, r + size * idle)
+            y = firmness(r + size * idle)
             velocity, at = ca.SX.zeros(n), soft @ y - size * gradient[moving]
             for i, joint in enumerate(moving):
                 velocity[joint] = at[i]
@@ -232,37 +234,6 @@ class ChairAndArm(VelocityController):
             "multipliers": -y,
             **room.columns(),
         }
-
-    def _with_base(
-        self, parameters: ca.SX, prepared: dict[str, ca.SX], columns: list[ca.SX], memory: ca.SX, room: Room
-    ) -> ca.Function:
-        """Parameters, memory -> `prepared`, and where the way from the last command begins, which is seldom sought."""
-        n, told = self.chain.n, ca.vertcat(*columns)
-        easing = Easing(self.robot, self.dt, room)
-        first = ca.Function(
-            "prepared", [parameters, memory], [ca.densify(ca.vertcat(*prepared.values()))], {"cse": True}
-        )
-        keeps = ca.Function("keeps", [told, memory], [easing.keeps(memory[:n])], {"cse": True})
-        slower = ca.Function("slower", [told, memory], [ca.densify(easing.slower(memory[:n]))], {"cse": True})
-        same = ca.Function("same", [told, memory], [memory[:n]])
-        p, last = ca.MX.sym("p", parameters.numel()), ca.MX.sym("memory", memory.numel())
-        found = first(p, last)
-        base = ca.Function.if_else("base", same, slower)(keeps(found, last), found, last)
-        return ca.Function("prepare", [p, last], [ca.vertcat(found, base)])
-
-    def _settle(self, full: ca.SX, memory: ca.SX, x: ca.SX, easing: Easing, wanted: ca.SX) -> ca.Function:
-        """Complete parameters, memory, x -> velocities eased, and the share of the arm's step that keep-outs leave."""
-        n = self.chain.n
-        eased, step, q = easing.eased(memory[:n], wanted), ca.SX.sym("step", n), ca.SX.sym("q", n)
-        inputs = [full, memory, x]
-        first = ca.Function("eased", inputs, [ca.densify(eased), easing.clear(eased[CHAIR:])], {"cse": True})
-        share = easing.unhindered(step[CHAIR:], q[CHAIR:]) if self.robot.keep_out else ca.SX(1)
-        sought = ca.Function("sought", [step, q], [share], {"cse": True})
-        given = [ca.MX.sym("given", each.numel()) for each in inputs]
-        command, clear = first(*given)
-        all_of_it = ca.Function("all_of_it", [step, q], [ca.SX(1)])
-        share = ca.Function.if_else("unhindered", all_of_it, sought)(clear, command, given[0][:n])
-        return ca.Function("settle", given, [ca.vertcat(command, share)])
 
     # ------------------------------------------------------------------------------------------ what is remembered
     def remembered(self, q: ca.SX, u: ca.SX, limited: ca.SX, delivered: ca.SX, frame: ca.SX) -> ca.SX:
@@ -363,11 +334,15 @@ class ChairAndArm(VelocityController):
         return self._ladder.memory[self.limited].copy()
 
 
-def _solved(matrix: ca.SX, right: ca.SX) -> ca.SX:
-    """matrix^-1 right for a symmetric, positive definite matrix."""
-    diagonal, factor, order = ca.ldl(ca.densify(matrix), False)
-    columns = [ca.ldl_solve(ca.densify(right[:, i]), diagonal, factor, order) for i in range(right.size2())]
-    return ca.horzcat(*columns)
+def _completed(
+    parameters: ca.SX, memory: ca.SX, prepared: dict[str, ca.SX], columns: list[ca.SX], easing: Easing
+) -> ca.Function:
+    """Parameters, memory -> `prepared`, of which `columns` are the symbols, and where the way begins."""
+    first = ca.Function("prepared", [parameters, memory], [ca.densify(ca.vertcat(*prepared.values()))], {"cse": True})
+    begins = where_the_way_begins(ca.vertcat(*columns), memory, easing)
+    given = [ca.MX.sym("given", each.numel()) for each in (parameters, memory)]
+    found = first(*given)
+    return ca.Function("prepare", given, [ca.vertcat(found, begins(found, given[1]))])
 
 
 def _upper(matrix: ca.SX) -> ca.SX:

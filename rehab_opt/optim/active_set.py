@@ -7,17 +7,17 @@ set method of Hintermueller, Ito and Kunisch). It may cycle: an answer counts on
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import casadi as ca
 
 from rehab_opt.optim.certificate import certified_expressions
+from rehab_opt.optim.factor import solver_of
 
 if TYPE_CHECKING:
     from rehab_opt.optim.qp import Statement
 
-__all__ = ["BROKEN", "TOGETHER", "active_set_round", "picked", "solver_of"]
+__all__ = ["BROKEN", "TOGETHER", "active_set_round", "picked"]
 
 BROKEN = 1e-11
 """By how much a bound must be passed to become active: less is rounding."""
@@ -77,7 +77,7 @@ def active_set_round(statement: Statement, *, looking: bool, together: int, pass
     found = ca.SX.zeros(m)
     found[equalities] = pushing[: len(equalities)]
     found[others] = taken.T @ pushing[len(equalities) :]
-    x, residual = certified_expressions(*data, ca.SX(1), x, balance, found)  # only sound parameters come here
+    x, residual = certified_expressions([*data, ca.SX(1)], x, balance, found)  # only sound parameters come here
     every = ca.vertcat(balance, found)
     right = ca.if_else(at_high, every > 0, every < 0)
     right[[n + i for i in equalities]] = 1
@@ -98,14 +98,3 @@ def picked(active: ca.SX, count: int) -> ca.SX:
             for j in range(count)
         )
     )
-
-
-def solver_of(matrix: ca.SX) -> Callable[[ca.SX], ca.SX]:
-    """Right-hand sides -> solutions for a symmetric, positive definite matrix; not finite where it is none."""
-    diagonal, factor, order = ca.ldl(ca.densify(matrix), False)
-
-    def solve(right: ca.SX) -> ca.SX:
-        columns = [ca.ldl_solve(ca.densify(right[:, i]), diagonal, factor, order) for i in range(right.size2())]
-        return ca.horzcat(*columns)
-
-    return solve

@@ -80,7 +80,7 @@ def _solve(statement: Statement) -> ca.Function:
 
 
 def _rounds(statement: Statement, solver: ca.Function) -> ca.Function:
-    """As `solver`, after `statement.rounds` of `active_set_round` and `dual_active_set`, each only where those failed."""
+    """As `solver`, after `active_set_round`s and `dual_active_set`, each only where what came before failed."""
     n = statement.n
     exact, looking = (active_set_round(statement, looking=looking, together=TOGETHER) for looking in (False, True))
     whole = active_set_round(statement, looking=False, together=n, passes=3)
