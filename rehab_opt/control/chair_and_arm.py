@@ -11,11 +11,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.command import Bound, Command, Status
 from rehab_opt.control.easing import Easing
+from rehab_opt.control.easing_branches import eased_and_unhindered, where_the_way_begins
 from rehab_opt.control.obstacles import NUMBERS
 from rehab_opt.control.room import Surroundings
 from rehab_opt.control.velocity_controller import VelocityController
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 from rehab_opt.optim.certificate import clipped
+from rehab_opt.optim.factor import solver_of
 from rehab_opt.optim.qp import PLAUSIBLE, Statement, equal, parameter, variable
 from rehab_opt.symbolic import BufferedFunction
 
@@ -31,7 +33,7 @@ PROGRESS = 20.0
 """[m/s] Price of a missing m/s of hand speed; one more costs about 1 in kinetic energy by the robot's mass."""
 STEEP = 1e3
 """[m/s] Up to which the price follows that cost where it is higher, as it is near singular postures."""
-ROUNDS = 2
+ROUNDS = 3
 """Corrections of the last tick's active set: it is the same in 95 % of the ticks in which any bound is active."""
 ITERATIONS = 20
 """Cap on qrqp's active-set changes: most ticks need three, and what takes more than this cycles."""
@@ -147,12 +149,13 @@ class ChairAndArm(VelocityController):
         # Steeper the more is missing, since solvers fail more often on a cost that is flat in a variable.
         missing = given["speed"] - progress.symbol
         reward = -given["price"] * progress.symbol + PROGRESS * missing**2 / 2
-        easing = Easing(self.robot, self.dt, room, base=given["base"])
+        base, eased, unhindered = parameter("base", n), parameter("eased", n), parameter("unhindered", 1)
+        easing = Easing(self.robot, self.dt, room, base=base)
         wanted = ca.if_else(given["speed"] > 0, u, 0)  # exactly, whichever solver answers
-        sent = easing.towards(memory[:n], wanted, q[CHAIR:])
+        sent = easing.waiting(memory[:n], eased, unhindered)
         share = room.share_of(given["guess"])
         slowed = ca.vertcat(share * given["guess"] / unit, share * given["speed"])
-        self._slowed = ca.Function("slowed", [ca.vertcat(*parameters, *columns), memory], [slowed], {"cse": True})
+        self._slowed = ca.Function("slowed", [ca.vertcat(*parameters, *columns, base), memory], [slowed], {"cse": True})
         return Statement(
             name=f"chair_and_arm_{self.drive}_{name}",
             parameters=parameters,
@@ -167,12 +170,15 @@ class ChairAndArm(VelocityController):
             iterations=ITERATIONS,
             guess=ca.vertcat(given["guess"] / unit, given["speed"]),
             multipliers=ca.vertcat(given["multipliers"], ca.SX.zeros(room.row_count)),
-            prepared=columns,
-            prepare=ca.Function(
-                "prepare",
-                [ca.vertcat(*parameters), memory],
-                [ca.densify(ca.vertcat(*prepared.values()))],
-                {"cse": True},
+            prepared=[*columns, base],
+            prepare=_completed(ca.vertcat(*parameters), memory, prepared, columns, Easing(self.robot, self.dt, room)),
+            settled=[eased, unhindered],
+            settle=eased_and_unhindered(
+                ca.vertcat(*parameters, *columns, base),
+                memory,
+                ca.vertcat(decided.symbol, progress.symbol),
+                easing,
+                wanted,
             ),
             report=self.report(memory[:n], sent, jacobian @ sent, twist, room.outside),
             memory=memory,
@@ -192,12 +198,12 @@ class ChairAndArm(VelocityController):
 
         # Eq. (1), and (5) by leaving out the left speed: u = W^-1 J' y - v grad c with J u = r.
         rows = ca.densify(jacobian[:, moving])
-        soft = _solved(inertia[moving, moving], rows.T)
-        mobility = rows @ soft
+        soft = solver_of(inertia[moving, moving])(rows.T)
+        firmness = solver_of(ca.triu2symm(ca.triu(rows @ soft)))
         idle = rows @ gradient[moving]
 
         def law(r: ca.SX, size: ca.SX) -> tuple[ca.SX, ca.SX]:
-            y = _solved(mobility, r + size * idle)
+            y = firmness(r + size * idle)
             velocity, at = ca.SX.zeros(n), soft @ y - size * gradient[moving]
             for i, joint in enumerate(moving):
                 velocity[joint] = at[i]
@@ -226,7 +232,6 @@ class ChairAndArm(VelocityController):
             "price": PROGRESS + 2 * steepness,
             "guess": guess,
             "multipliers": -y,
-            "base": Easing(self.robot, self.dt, room).base_of(last),
             **room.columns(),
         }
 
@@ -329,11 +334,15 @@ class ChairAndArm(VelocityController):
         return self._ladder.memory[self.limited].copy()
 
 
-def _solved(matrix: ca.SX, right: ca.SX) -> ca.SX:
-    """matrix^-1 right for a symmetric, positive definite matrix."""
-    diagonal, factor, order = ca.ldl(ca.densify(matrix), False)
-    columns = [ca.ldl_solve(ca.densify(right[:, i]), diagonal, factor, order) for i in range(right.size2())]
-    return ca.horzcat(*columns)
+def _completed(
+    parameters: ca.SX, memory: ca.SX, prepared: dict[str, ca.SX], columns: list[ca.SX], easing: Easing
+) -> ca.Function:
+    """Parameters, memory -> `prepared`, of which `columns` are the symbols, and where the way begins."""
+    first = ca.Function("prepared", [parameters, memory], [ca.densify(ca.vertcat(*prepared.values()))], {"cse": True})
+    begins = where_the_way_begins(ca.vertcat(*columns), memory, easing)
+    given = [ca.MX.sym("given", each.numel()) for each in (parameters, memory)]
+    found = first(*given)
+    return ca.Function("prepare", given, [ca.vertcat(found, begins(found, given[1]))])
 
 
 def _upper(matrix: ca.SX) -> ca.SX:

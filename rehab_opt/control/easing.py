@@ -15,6 +15,8 @@ __all__ = ["Easing"]
 SHORTER = (1.0, 0.5, 0.25)
 """Shares of a step that are tried where the arm's true way would lead into a keep-out."""
 TINY = 1e-12
+ROUNDED = 1.01
+"""By how much more a step is taken to move the arm than it can."""
 ENOUGH = 1.0 - 1e-12
 """Share of the way that is all of it."""
 
@@ -33,21 +35,37 @@ class Easing:
         chain = robot.chain
         self._allowed = ca.DM(np.minimum(chain.acceleration * dt, 2 * chain.velocity))
 
-    def base_of(self, last: ca.SX) -> ca.SX:
-        """(7,) where the way begins."""
-        kept = self._pressed_in(last)
-        slower = self._pressed_in(last * ca.fmax(0, 1 - 1 / ca.fmax(ca.mmax(ca.fabs(last) / self._allowed), 1)))
-        return ca.if_else(ca.sumsqr(kept - last) <= 0, last, slower)
+    def keeps(self, last: ca.SX) -> ca.SX:
+        """1 where the last command keeps the bounds: there the way begins."""
+        room = self.room
+        towards, closing = room.towards @ last[:CHAIR], room.closing @ last[CHAIR:]
+        return all_true(
+            last >= room.lower, last <= room.upper, towards <= room.towards_limit, closing <= room.closing_limit
+        )
+
+    def slower(self, last: ca.SX) -> ca.SX:
+        """(7,) where the way begins otherwise."""
+        return self._pressed_in(last * ca.fmax(0, 1 - 1 / ca.fmax(ca.mmax(ca.fabs(last) / self._allowed), 1)))
 
     def towards(self, last: ca.SX, wanted: ca.SX, arm: ca.SX) -> ca.SX:
         """(7,) command on the way from `last` to `wanted` (7,), with the arm at `arm` (4,)."""
-        base = self.base_of(last) if self._base is None else self._base
-        eased = self._part_way(last, base, wanted, slice(None))
-        if not self.robot.keep_out:
-            return eased
-        share, chair = self._unhindered(eased[CHAIR:], arm), slice(CHAIR)
-        slower = self._part_way(last, eased, share * eased, chair)  # the chair waits for the arm as soon as it may
-        return ca.vertcat(slower, share * eased[CHAIR:])
+        eased = self.eased(last, wanted)
+        return self.waiting(last, eased, self.unhindered(eased[CHAIR:], arm)) if self.robot.keep_out else eased
+
+    def eased(self, last: ca.SX, wanted: ca.SX) -> ca.SX:
+        """(7,) the same as far as accelerations go."""
+        base = ca.if_else(self.keeps(last), last, self.slower(last)) if self._base is None else self._base
+        return self._part_way(last, base, wanted, slice(None))
+
+    def waiting(self, last: ca.SX, eased: ca.SX, share: ca.SX) -> ca.SX:
+        """(7,) that with only a share of the arm's step; the chair waits for the arm as soon as it may."""
+        return ca.vertcat(self._part_way(last, eased, share * eased, slice(CHAIR)), share * eased[CHAIR:])
+
+    def clear(self, velocity: ca.SX) -> ca.SX:
+        """1 where the keep-outs are too far away for a step of the arm with `velocity` (4,) to end in one."""
+        chain = self.robot.chain
+        reach = abs(chain.rows[4].d) + abs(chain.rows[6].d)
+        return self.room.clearance > ROUNDED * reach * self.dt * ca.sum1(ca.fabs(velocity)) + TINY
 
     def _part_way(self, last: ca.SX, begin: ca.SX, end: ca.SX, joints: slice) -> ca.SX:
         """As far from `begin` to `end` as the accelerations of the joints allow, or all the way."""
@@ -68,7 +86,7 @@ class Easing:
         arm = joints[CHAIR:] * largest_share(room.closing @ joints[CHAIR:], room.closing_limit)
         return ca.vertcat(chair, arm)
 
-    def _unhindered(self, velocity: ca.SX, arm: ca.SX) -> ca.SX:
+    def unhindered(self, velocity: ca.SX, arm: ca.SX) -> ca.SX:
         """Largest of `SHORTER` with which no link goes into a keep-out, or deeper; zero if none.
 
         The rows of the QP say so to first order, which is not enough where a link slides along a keep-out.

@@ -132,10 +132,12 @@ def approach(numbers: ca.SX, place: ca.SX, outline: Outline, *, dt: float, horiz
     centre = to_chassis(numbers[0] - place[0], numbers[1] - place[1])
     nearest = clipped(centre[0], outline.rear, outline.front), clipped(centre[1], outline.right, outline.left)
     away = centre[0] - nearest[0], centre[1] - nearest[1]
-    distance, from_middle = ca.hypot(*away), ca.fmax(ca.hypot(*centre), TINY)
+    # Not hypot, a call into a library: numbers far too large for a square never come here.
+    distance, from_middle = (ca.sqrt(x * x + y * y) for x, y in (away, centre))
     touching = distance > TINY
     to_disc = [
-        ca.if_else(touching, a / ca.fmax(distance, TINY), c / from_middle) for a, c in zip(away, centre, strict=True)
+        ca.if_else(touching, a, c) / ca.fmax(ca.if_else(touching, distance, from_middle), TINY)
+        for a, c in zip(away, centre, strict=True)
     ]
     to_wall = to_chassis(numbers[0], numbers[1])
     there = numbers[3] != _NONE
@@ -149,15 +151,15 @@ def approach(numbers: ca.SX, place: ca.SX, outline: Outline, *, dt: float, horiz
     still, left, right, least = (ca.SX(ca.inf) for _ in range(4))
     for x, y in outline.corners.tolist():
         gap = offset - normal[0] * x - normal[1] * y
-        speed = ca.fmax(gap, 0) / horizon
+        speed = ca.fmax(gap, 0) * (1 / horizon)
         lever = normal[1] * x - normal[0] * y
         sweep = float(np.hypot(x, y)) * turn**2 * dt / 2
         least, still = ca.fmin(least, gap), ca.fmin(still, speed)
         left = ca.fmin(left, speed - turn * lever - sweep * there)
         right = ca.fmin(right, speed + turn * lever - sweep * there)
     matrix = ca.vertcat(
-        ca.horzcat(normal[0], normal[1], (still - left) / turn),
-        ca.horzcat(normal[0], normal[1], (right - still) / turn),
+        ca.horzcat(normal[0], normal[1], (still - left) * (1 / turn)),
+        ca.horzcat(normal[0], normal[1], (right - still) * (1 / turn)),
     )
     more = ca.fmax(least, 0) * (1 / dt - 1 / horizon)
     return Approach(matrix, ca.vertcat(still, still), more, ca.logic_and(there, least < -OUTSIDE))

@@ -11,7 +11,7 @@ import numpy as np
 
 from rehab_opt.control.keep_out import closing_rows
 from rehab_opt.control.obstacles import NUMBERS, approach
-from rehab_opt.control.stopping import velocity_bounds
+from rehab_opt.control.stopping import FAR, velocity_bounds
 from rehab_opt.kinematics.differential import Differential
 from rehab_opt.kinematics.mecanum import Mecanum
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
@@ -47,6 +47,8 @@ class Room(NamedTuple):
     closing: ca.SX
     """(c, 4) rows of the arm towards its keep-outs, at most closing_limit (c,) [m/s]."""
     closing_limit: ca.SX
+    clearance: ca.SX
+    """[m] of the arm from the nearest keep-out, negative inside."""
     outside: ca.SX
     """1 where the state is beyond one of them already."""
 
@@ -67,7 +69,7 @@ class Room(NamedTuple):
 
     def columns(self) -> dict[str, ca.SX]:
         """What changes from tick to tick, each as one column."""
-        changing = ("lower", "upper", "towards", "towards_limit", "closing", "closing_limit", "outside")
+        changing = ("lower", "upper", "towards", "towards_limit", "closing", "closing_limit", "clearance", "outside")
         return {name: ca.vec(ca.densify(getattr(self, name))) for name in changing}
 
     def like(self, given: Mapping[str, ca.SX]) -> Room:
@@ -145,6 +147,7 @@ class Surroundings:
             towards_limit=towards_limit,
             closing=closing,
             closing_limit=closing_limit,
+            clearance=ca.mmin(gaps) if gaps.numel() else ca.SX(FAR),
             outside=ca.sum1(ca.vertcat(outside, within_one, gaps < 0)) > 0,
         )
 
@@ -156,8 +159,9 @@ class Surroundings:
         # A joint that can no longer stop in time brakes as hard as it may, and is held by the limit itself.
         upper = ca.fmax(ca.fmax(ca.fmin(stop.stop_upper, bounds.hard_upper), bounds.brake_lower), 0)
         lower = ca.fmin(ca.fmin(ca.fmax(stop.stop_lower, bounds.hard_lower), bounds.brake_upper), 0)
-        moves = ca.DM([1.0 if i in self.moving else 0.0 for i in range(self.robot.chain.n)])
-        return moves * lower, moves * upper, bounds.outside
+        # Positions of the chair are not bounded: its intervals are numbers.
+        speed = ca.DM([chain.velocity[i] if i in self.moving else 0.0 for i in range(CHAIR)])
+        return ca.vertcat(-speed, lower[CHAIR:]), ca.vertcat(speed, upper[CHAIR:]), bounds.outside
 
     def _chassis(self) -> tuple[ca.SX, ca.SX]:
         """Rim speeds, and the polygon of chassis speeds where there are two of them."""

@@ -7,56 +7,56 @@ set method of Hintermueller, Ito and Kunisch). It may cycle: an answer counts on
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import casadi as ca
 
 from rehab_opt.optim.certificate import certified_expressions
+from rehab_opt.optim.factor import solver_of
 
 if TYPE_CHECKING:
     from rehab_opt.optim.qp import Statement
 
-__all__ = ["BROKEN", "active_set_round", "picked", "solver_of"]
+__all__ = ["BROKEN", "TOGETHER", "active_set_round", "picked"]
 
 BROKEN = 1e-11
 """By how much a bound must be passed to become active: less is rounding."""
 SOFTENED = 1e-9
 """Share by which rows yield, so that dependent ones leave a system that can be solved."""
-PASSES = 2
-"""Corrections of what that takes away."""
+TOGETHER = 3
+"""Inequality rows that may be active together; what needs more is seldom, and `dual_active_set` finds it."""
 
 
-def active_set_round(statement: Statement) -> ca.Function:
+def active_set_round(statement: Statement, *, looking: bool, together: int, passes: int = 1) -> ca.Function:
     """One round.
 
-    Inputs: complete parameters, memory, multipliers of the bounds and rows (n + m,), a point (n,), and whether this is
-    the first round. Bounds with a multiplier are active, and those that the point breaks; in the first round, where
-    the multipliers are of the last tick, the latter only if no inequality had a multiplier then.
+    Inputs: complete parameters, memory, multipliers of the bounds and rows (n + m,), and a point (n,) where `looking`.
+    Bounds with a multiplier are active, and those that the point breaks.
 
     Outputs: x, multipliers of bounds and rows, the certificate's residual in one column; and the multipliers (n + m,)
     of the next round, those that push the wrong way being zero.
 
-    Of the inequality rows, only as many as can be independent are taken for active, the first ones.
+    Of the inequality rows, only the first `together` are taken for active, and never more than can be independent.
+    `passes` correct what `SOFTENED` takes away.
     """
     n, m = statement.n, statement.m
     full, memory = ca.SX.sym("full", statement.build.sparsity_in(0)), ca.SX.sym("memory", statement.memory.numel())
-    multipliers, point, first = ca.SX.sym("multipliers", n + m), ca.SX.sym("point", n), ca.SX.sym("first")
+    multipliers, point = ca.SX.sym("multipliers", n + m), ca.SX.sym("point", n)
     *data, _ = statement.build.call([full, memory])
     hessian, gradient, matrix, rows_lower, rows_upper, lower, upper = data
     equalities = [i for i in range(m) if ca.is_equal(rows_lower[i], rows_upper[i], 10)]
     others = [i for i in range(m) if i not in equalities]
 
     low, high, values = ca.vertcat(lower, rows_lower), ca.vertcat(upper, rows_upper), ca.vertcat(point, matrix @ point)
-    inequality = [*range(n), *(n + i for i in others)]
-    fresh = ca.sum1(multipliers[inequality] != 0) <= 0
-    look = ca.logic_and(ca.logic_or(ca.logic_not(first), fresh), multipliers == 0)
-    at_high = ca.logic_or(multipliers > 0, ca.logic_and(look, values > high + BROKEN))
-    at_low = ca.logic_or(multipliers < 0, ca.logic_and(look, values < low - BROKEN))
+    at_high, at_low = multipliers > 0, multipliers < 0
+    if looking:
+        look = multipliers == 0
+        at_high = ca.logic_or(at_high, ca.logic_and(look, values > high + BROKEN))
+        at_low = ca.logic_or(at_low, ca.logic_and(look, values < low - BROKEN))
     active = ca.logic_or(at_high, at_low)
     target = ca.if_else(at_high, high, ca.if_else(at_low, low, 0))
 
-    taken = picked(active[n:][others], max(n - len(equalities), 0))
+    taken = picked(active[n:][others], min(together, max(n - len(equalities), 0)))
     used = ca.vertcat(ca.SX.ones(len(equalities)), ca.sum2(taken))
     rows = ca.vertcat(matrix[equalities, :], taken @ matrix[others, :])
     wanted = ca.vertcat(rows_upper[equalities], taken @ target[n:][others])
@@ -69,7 +69,7 @@ def active_set_round(statement: Statement) -> ca.Function:
     softened = solver_of(stiffness + ca.diag(ca.if_else(used, SOFTENED * ca.diag(stiffness), 1)))
     missing = rows @ alone - wanted
     pushing = softened(missing)
-    for _ in range(PASSES):
+    for _ in range(passes):
         pushing += softened(missing - stiffness @ pushing)
     x = alone - sideways @ pushing
     balance = ca.diag(active[:n]) @ -(hessian @ x + gradient + rows.T @ pushing)
@@ -77,12 +77,13 @@ def active_set_round(statement: Statement) -> ca.Function:
     found = ca.SX.zeros(m)
     found[equalities] = pushing[: len(equalities)]
     found[others] = taken.T @ pushing[len(equalities) :]
-    x, residual = certified_expressions(*data, ca.SX(1), x, balance, found)  # only sound parameters come here
+    x, residual = certified_expressions([*data, ca.SX(1)], x, balance, found)  # only sound parameters come here
     every = ca.vertcat(balance, found)
     right = ca.if_else(at_high, every > 0, every < 0)
     right[[n + i for i in equalities]] = 1
     outputs = [ca.densify(ca.vertcat(x, every, residual)), ca.densify(ca.if_else(right, every, 0))]
-    return ca.Function(f"{statement.name}_round", [full, memory, multipliers, point, first], outputs, {"cse": True})
+    inputs = [full, memory, multipliers, *([point] if looking else [])]
+    return ca.Function(f"{statement.name}_round_{together}{'_looking' * looking}", inputs, outputs, {"cse": True})
 
 
 def picked(active: ca.SX, count: int) -> ca.SX:
@@ -97,14 +98,3 @@ def picked(active: ca.SX, count: int) -> ca.SX:
             for j in range(count)
         )
     )
-
-
-def solver_of(matrix: ca.SX) -> Callable[[ca.SX], ca.SX]:
-    """Right-hand sides -> solutions for a symmetric, positive definite matrix; not finite where it is none."""
-    diagonal, factor, order = ca.ldl(ca.densify(matrix), False)
-
-    def solve(right: ca.SX) -> ca.SX:
-        columns = [ca.ldl_solve(ca.densify(right[:, i]), diagonal, factor, order) for i in range(right.size2())]
-        return ca.horzcat(*columns)
-
-    return solve

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import reduce
 from typing import Any
 
@@ -37,24 +38,15 @@ def certificate_function(n: int, m: int) -> ca.Function:
     claim, bound_multiplier, row_multiplier = ca.SX.sym("x", n), ca.SX.sym("y_x", n), ca.SX.sym("y_A", m)
 
     data = [hessian, gradient, matrix, rows_lower, rows_upper, lower, upper, sound]
-    outputs = certified_expressions(*data, claim, bound_multiplier, row_multiplier)
+    outputs = certified_expressions(data, claim, bound_multiplier, row_multiplier)
     return ca.Function("certificate", [*data, claim, bound_multiplier, row_multiplier], outputs, {"cse": True})
 
 
-def certified_expressions(  # noqa: PLR0917  (the order of `certificate_function`)
-    hessian: ca.SX,
-    gradient: ca.SX,
-    matrix: ca.SX,
-    rows_lower: ca.SX,
-    rows_upper: ca.SX,
-    lower: ca.SX,
-    upper: ca.SX,
-    sound: ca.SX,
-    claim: ca.SX,
-    bound_multiplier: ca.SX,
-    row_multiplier: ca.SX,
+def certified_expressions(
+    data: Sequence[ca.SX], claim: ca.SX, bound_multiplier: ca.SX, row_multiplier: ca.SX
 ) -> tuple[ca.SX, ca.SX]:
     """What `certificate_function` gives, of expressions: what is zero or infinite by its form costs nothing there."""
+    hessian, gradient, matrix, rows_lower, rows_upper, lower, upper, sound = data
     x = clipped(claim, lower, upper)
     rows = matrix @ x
     stationarity = hessian @ x + gradient + bound_multiplier + matrix.T @ row_multiplier

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 
 import casadi as ca
 
-from rehab_opt.optim.active_set import BROKEN, picked, solver_of
+from rehab_opt.optim.active_set import BROKEN, picked
+from rehab_opt.optim.factor import solver_of
 
 if TYPE_CHECKING:
     from rehab_opt.optim.qp import Statement

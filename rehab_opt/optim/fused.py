@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import casadi as ca
 
-from rehab_opt.optim.active_set import active_set_round
+from rehab_opt.optim.active_set import TOGETHER, active_set_round
 from rehab_opt.optim.dual_active_set import dual_active_set
 from rehab_opt.optim.qrqp import QRQP_ITERATIONS, qrqp
 
@@ -41,7 +41,7 @@ def fused(statement: Statement) -> ca.Function:
 
     held = ca.vertcat(guess, residual, 1)
     answered = ca.logic_or(residual <= GUESS_TOLERANCE, ca.logic_not(sound))  # no solver sees unusable parameters
-    answer = _choice(f"{statement.name}_closed_form", _solve(statement))(answered, held, full, memory, start, guess[:n])
+    answer = _choice(f"{statement.name}_closed_form", _solve(statement))(answered, held, full, memory, start)
 
     x = answer[:n]
     report, memory, violation = statement.finish(full, memory, x)
@@ -59,17 +59,16 @@ def _choice(name: str, otherwise: ca.Function) -> ca.Function:
 
 
 def _solve(statement: Statement) -> ca.Function:
-    """Complete parameters, memory, start, guess -> x, multipliers, residual, who answered."""
+    """Complete parameters, memory, start -> x, multipliers, residual, who answered."""
     solver = _qrqp(statement, statement.m)
     full, memory, start = _inputs(statement)
-    guess = ca.MX.sym("guess", statement.n)
     if statement.seldom:
         likely = _qrqp(statement, statement.m - statement.seldom)(full, memory, start)
         choice = _choice(f"{statement.name}_likely", solver)
         answer = choice(likely[-2] <= GUESS_TOLERANCE, likely, full, memory, start)
         solver = ca.Function(f"{statement.name}_any", [full, memory, start], [answer])
     if statement.rounds:
-        answer = _rounds(statement, solver)(full, memory, start, start[statement.n :], guess, 1)
+        answer = _rounds(statement, solver)(full, memory, start)
     elif statement.m:
         answer = solver(full, memory, start)
     else:
@@ -77,31 +76,29 @@ def _solve(statement: Statement) -> ca.Function:
         held = ca.vertcat(x, bounds, residual, 2)
         choice = _choice(f"{statement.name}_active_set", solver)
         answer = choice(residual <= GUESS_TOLERANCE, held, full, memory, start)
-    return ca.Function(f"{statement.name}_solve", [full, memory, start, guess], [answer])
+    return ca.Function(f"{statement.name}_solve", [full, memory, start], [answer])
 
 
 def _rounds(statement: Statement, solver: ca.Function) -> ca.Function:
-    """As `solver`, after `statement.rounds` of `active_set_round` and `dual_active_set`, each only where those failed.
-
-    Complete parameters, memory, start, multipliers, point, whether it is the first round -> as `_solve`.
-    """
-    n, one = statement.n, active_set_round(statement)
+    """As `solver`, after `active_set_round`s and `dual_active_set`, each only where what came before failed."""
+    n = statement.n
+    exact, looking = (active_set_round(statement, looking=looking, together=TOGETHER) for looking in (False, True))
+    whole = active_set_round(statement, looking=False, together=n, passes=3)
     full, memory, start = _inputs(statement)
     multipliers, point = ca.MX.sym("multipliers", n + statement.m), ca.MX.sym("point", n)
-    first = ca.MX.sym("first")
-    arguments = [full, memory, start, multipliers, point, first]
+    arguments = [full, memory, start, multipliers, point]
     # What the rounds do not find, the slower method that cannot cycle does; a round makes its answer exact.
-    dual, _ = one(full, memory, dual_active_set(statement)(full, memory), point, 1)
+    dual, _ = whole(full, memory, dual_active_set(statement)(full, memory))
     choice = _choice(f"{statement.name}_dual_choice", solver)
     answer = choice(dual[-1] <= GUESS_TOLERANCE, ca.vertcat(dual, 3), full, memory, start)
     otherwise = ca.Function("solver", arguments, [answer])
-    for k in range(statement.rounds):
-        found, following = one(full, memory, multipliers, point, first)
-        further = [full, memory, start, following, found[:n], 0]
+    for k in reversed(range(statement.rounds)):
+        found, following = looking(full, memory, multipliers, point) if k else exact(full, memory, multipliers)
         choice = _choice(f"{statement.name}_round_{k}", otherwise)
-        answer = choice(found[-1] <= GUESS_TOLERANCE, ca.vertcat(found, 2), *further)
+        answer = choice(found[-1] <= GUESS_TOLERANCE, ca.vertcat(found, 2), full, memory, start, following, found[:n])
         otherwise = ca.Function(f"{statement.name}_rounds_{k}", arguments, [answer])
-    return otherwise
+    answer = otherwise(full, memory, start, start[n:], start[:n])
+    return ca.Function(f"{statement.name}_rounds", [full, memory, start], [answer])
 
 
 def _last_active_set(statement: Statement) -> ca.Function:

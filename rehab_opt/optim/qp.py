@@ -99,6 +99,9 @@ class Statement:
     multipliers : (m,) expression of the rows' multipliers at the guess, or None where no row is active there.
     prepared, prepare : columns that hold what `prepare`, a function of (parameters, memory), each one column, gives
         for them: work that must not be repeated, or that expressions cannot leave out when it is not needed.
+    settled, settle : columns that hold what `settle`, a function of (complete parameters, memory, x), each one column,
+        gives for the answer, before report, memory and violation are made of it: work that expressions cannot leave
+        out when it is not needed.
     memory : column standing for what the last certified tick left behind (its last velocity, say).
     remember : column of expressions of parameters and variables that becomes the next tick's memory.
     violation : by how much what is made of the answer in `remember` breaks the bounds, zero or more; it is added to
@@ -124,6 +127,8 @@ class Statement:
     multipliers: ca.SX | None = None
     prepared: Sequence[ca.SX] = ()
     prepare: ca.Function | None = None
+    settled: Sequence[ca.SX] = ()
+    settle: ca.Function | None = None
     memory: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
     remember: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
     violation: ca.SX = field(default_factory=lambda: ca.SX(1, 1))
@@ -235,7 +240,12 @@ class Statement:
     def finish(self) -> ca.Function:
         """Parameters, memory, x -> report, the next memory, the violation that it holds."""
         outputs = [ca.densify(each) for each in (self.report, self.remember, self.violation)]
-        return ca.Function(f"{self.name}_finish", [self._p, self.memory, self._x], outputs, {"cse": True})
+        inputs, settled = [self._p, self.memory, self._x], ca.vertcat(ca.SX(0, 1), *self.settled)
+        if self.settle is None:
+            return ca.Function(f"{self.name}_finish", inputs, outputs, {"cse": True})
+        last = ca.Function(f"{self.name}_settled", [*inputs, settled], outputs, {"cse": True})
+        given = [ca.MX.sym("given", each.numel()) for each in inputs]
+        return ca.Function(f"{self.name}_finish", given, last.call([*given, self.settle(*given)]))
 
     @cached_property
     def complete(self) -> ca.Function:

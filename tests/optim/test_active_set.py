@@ -1,0 +1,112 @@
+"""Answers by active sets are those of another solver, from any start and where bounds meet in a corner."""
+
+from dataclasses import replace
+from functools import cache
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+
+from rehab_opt.optim.active_set import active_set_round
+from rehab_opt.optim.dual_active_set import dual_active_set
+from rehab_opt.optim.ladder import Ladder
+from rehab_opt.optim.qp import Instance, Statement, equal, parameter, variable, within
+from tests.optim.random_qps import general_statement, parameters_of, random_qp, seeds, solved
+
+N, M = 5, 6
+
+
+@cache
+def stated() -> Statement:
+    return general_statement(N, M)
+
+
+@cache
+def whole() -> ca.Function:
+    return active_set_round(stated(), looking=False, together=N, passes=3)
+
+
+@cache
+def dual() -> ca.Function:
+    return dual_active_set(stated())
+
+
+def with_a_corner(qp: Instance, answer: np.ndarray) -> Instance:
+    """The same with two rows alike and two more bounds that are met exactly at the answer."""
+    matrix, low, high = qp.A.copy(), qp.rows_lower.copy(), qp.rows_upper.copy()
+    matrix[1], low[1], high[1] = matrix[0], low[0], high[0]
+    low[2:4], high[2:4] = -1e3, matrix[2:4] @ answer
+    return qp._replace(A=matrix, rows_lower=low, rows_upper=high)
+
+
+@given(seeds)
+@settings(max_examples=100, deadline=None)
+def test_the_dual_method_finds_the_answer_whatever_bounds_meet(seed: int) -> None:
+    plain = random_qp(seed, N, M, unbounded=False)
+    for qp in (plain, with_a_corner(plain, solved(plain).x)):
+        p = parameters_of(qp)
+        found = np.array(whole()(p, [], dual()(p, []))[0]).ravel()
+        assert 0.0 <= found[-1] <= 1e-8
+        np.testing.assert_allclose(found[:N], solved(qp).x, atol=1e-6)
+
+
+@given(seeds)
+@settings(max_examples=100, deadline=None)
+def test_with_the_right_bounds_one_round_is_the_answer(seed: int) -> None:
+    qp = random_qp(seed, N, M, unbounded=False)
+    answer = solved(qp)
+    active = np.concatenate([answer.bounds, answer.rows])
+    active[np.abs(active) < 1e-7] = 0.0
+    found = np.array(whole()(parameters_of(qp), [], active)[0]).ravel()
+    assert 0.0 <= found[-1] <= 1e-6
+    np.testing.assert_allclose(found[:N], answer.x, atol=1e-5)
+
+
+@given(seeds)
+@settings(max_examples=50, deadline=None)
+def test_a_wrong_set_is_never_certified_and_what_pushes_the_wrong_way_is_dropped(seed: int) -> None:
+    qp, rng = random_qp(seed, N, M, unbounded=False), np.random.default_rng(seed)
+    start = rng.choice([-1.0, 0.0, 1.0], N + M)
+    found, following = (np.array(each).ravel() for each in whole()(parameters_of(qp), [], start))
+    right = np.allclose(found[:N], solved(qp).x, atol=1e-6)
+    assert right or not 0.0 <= found[-1] <= 1e-9
+    assert np.all((following == 0) | ~np.isfinite(following) | (np.sign(following) == start))
+
+
+def test_a_number_that_is_none_is_never_certified() -> None:
+    qp = random_qp(1, N, M, unbounded=False)
+    for k in range(parameters_of(qp).size):
+        p = parameters_of(qp)
+        p[k] = np.nan
+        residual = float(whole()(p, [], dual()(p, []))[0][-1])
+        assert not 0.0 <= residual <= 1e-8, k
+
+
+def nearest_in_a_box(*, rounds: int) -> Ladder:
+    """The point nearest to p on a plane, in a box, behind six walls that meet in corners."""
+    p, x = parameter("p", 3), variable("x", 3, lower=-1, upper=1)
+    walls = np.vstack([np.random.default_rng(0).standard_normal((4, 3)), np.ones((2, 3))])
+    statement = Statement(
+        name=f"nearest_{rounds}",
+        parameters=[p],
+        variables=[x],
+        minimise=ca.sumsqr(x.symbol - p) / 2,
+        subject_to=[equal(x.symbol[0] - x.symbol[1], 0.1), within(ca.DM(walls) @ x.symbol, -np.inf, 0.5)],
+    )
+    return Ladder(replace(statement, rounds=rounds), solver="qrqp", backup=None, tolerance=1e-8, compile=False)
+
+
+@pytest.mark.parametrize("rounds", [1, 3])
+def test_rounds_give_the_solver_s_answers_along_jumps_and_leave_it_little_to_do(rounds: int) -> None:
+    rng, by_rounds, by_solver = np.random.default_rng(3), nearest_in_a_box(rounds=rounds), nearest_in_a_box(rounds=0)
+    names = []
+    for _ in range(200):
+        point = 2 * rng.standard_normal(3)
+        for ladder in (by_rounds, by_solver):
+            ladder.parameters[:] = point
+        names.append(by_rounds())
+        assert by_solver()
+        np.testing.assert_allclose(by_rounds.x, by_solver.x, atol=1e-7)
+    assert {"active set", "dual active set"} <= set(names)
+    assert names.count("qrqp") + names.count("proxqp") <= 2
