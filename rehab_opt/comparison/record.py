@@ -58,7 +58,7 @@ def keep_pass(file: Path, key: Key, done: Pass) -> None:
         "distances": [_number(tick.distance) for tick in done.ticks],
         "said": [tick.said for tick in done.ticks],
     }
-    line = json.dumps({**key._asdict(), **columns}, allow_nan=False)
+    line = json.dumps({**key._asdict(), "load": _number(done.load), **columns}, allow_nan=False)
     whole = not file.exists() or file.read_bytes().endswith(b"\n")
     with file.open("a", encoding="utf-8") as out:
         out.write(("" if whole else "\n") + line + "\n")
@@ -79,9 +79,10 @@ def _lines(file: Path) -> Iterator[tuple[Key, Pass]]:
                 Judged(Outcome(outcome), _read(seconds), _read(residual), _read(distance, math.nan), str(said))
                 for outcome, seconds, residual, distance, said in zip(*columns, strict=True)
             )
+            load = _read(read.get("load"), math.nan)
         except (ValueError, KeyError, TypeError):
             continue
-        yield key, Pass(key.solver, key.sequence, key.mode, ticks)
+        yield key, Pass(key.solver, key.sequence, key.mode, ticks, load)
 
 
 def _number(value: float) -> float | None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -123,7 +122,7 @@ def compare(
                     keep_pass(out / RECORD, key, one)
                 done.append(one)
             progress(sequence.name, len(own), len(own))
-            about["load_at_the_end"] = f"{os.getloadavg()[0]:.2f}" if hasattr(os, "getloadavg") else "unknown"
+            about["loads"] = _loads(done)
             yield Comparison(tuple(done), rows_of(done, hopeless, limit=rules.limit), dict(hopeless), about)
     finally:
         worker.stop()
@@ -148,12 +147,18 @@ def header(found: Comparison) -> str:
     """One paragraph: where it was measured, with what, by which rules."""
     about, settings = found.about, found.about["settings"]
     versions = ", ".join(f"{name} {text}" for name, text in sorted(about["versions"].items()))
-    here = ", ".join(f"{name}: {text}" for name, text in about["machine"].items())
+    here = ", ".join(f"{name}: {text}" for name, text in about["machine"].items() if name != "load")
     return (
-        f"{here}, load at the end: {about.get('load_at_the_end')}, threads of a solver: 1. {versions}. "
+        f"{here}, load: {about['loads']}, threads of a solver: 1. {versions}. "
         f"Time limit of a solve {settings['limit']:g} s; each tick's time is the smallest of at most "
         f"{settings['repeats']} passes; solved means certified at the sequence's tolerance."
     )
+
+
+def _loads(passes: Sequence[Pass]) -> str:
+    """Of the machine while each pass was made."""
+    known = [done.load for done in passes if math.isfinite(done.load)]
+    return f"{min(known):.1f} to {max(known):.1f}, median {np.median(known):.1f}" if known else "unknown"
 
 
 def _described(sequence: Instances, known: Sequence[Reference]) -> dict[str, Any]:
