@@ -87,7 +87,7 @@ def compare(
 
     Parameters
     ----------
-    progress : told what is done of each sequence, in passes.
+    progress : told how many passes are done.
 
     Raises
     ------
@@ -105,6 +105,7 @@ def compare(
         "settings": {**rules._asdict(), "threads": dict(THREADS), "reference_residual": ACCURACY},
         "sequences": {},
     }
+    whole = sum(len(_own(sequence, entrants)) for sequence in sequences)
     worker = Worker()
     try:
         for sequence in sequences:
@@ -112,20 +113,24 @@ def compare(
             judge = Judge(sequence, known, limit=rules.limit)
             hopeless[sequence.name] = np.array([judge.hopeless(tick) for tick in range(len(sequence))])
             about["sequences"][sequence.name] = _described(sequence, known)
-            own = [(each, mode) for each in entrants if each.kind == sequence.kind for mode in MODES[sequence.kind]]
-            for i, (entrant, mode) in enumerate(own):
-                progress(sequence.name, i, len(own))
+            for entrant, mode in _own(sequence, entrants):
+                progress("solvers on sequences", len(done), whole)
                 key: Key = key_of(entrant, sequence, mode, rules=rules, processor=here["processor"])
                 one = kept.get(key)
                 if one is None:
                     one = passed(worker, entrant, sequence, mode=mode, judge=judge, rules=rules)
                     keep_pass(out / RECORD, key, one)
                 done.append(one)
-            progress(sequence.name, len(own), len(own))
+            progress("solvers on sequences", len(done), whole)
             about["loads"] = _loads(done)
             yield Comparison(tuple(done), rows_of(done, hopeless, limit=rules.limit), dict(hopeless), about)
     finally:
         worker.stop()
+
+
+def _own(sequence: Instances, entrants: Sequence[Entrant]) -> list[tuple[Entrant, str]]:
+    """Who takes part in a sequence, in which modes."""
+    return [(each, mode) for each in entrants if each.kind == sequence.kind for mode in MODES[sequence.kind]]
 
 
 def write_comparison(found: Comparison, out: Path) -> tuple[Path, ...]:
