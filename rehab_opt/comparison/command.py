@@ -17,6 +17,8 @@ from rehab_opt.errors import ConfigurationError
 __all__ = ["Interruption", "bench_command"]
 
 WIDEST = 140
+LONGEST_LIMIT = 120.0
+"""[s] of a solve: a worker lives longer than this."""
 Progress = Callable[[str, int, int], None]
 
 
@@ -56,9 +58,12 @@ def bench_command(
     ------
     ConfigurationError : a name that is none, a time limit that is no time.
     """
-    if not 1e-3 <= time_limit <= 3600.0:
-        raise ConfigurationError("--time-limit", time_limit, "seconds from 0.001 to 3600")
+    if not 1e-3 <= time_limit <= LONGEST_LIMIT:
+        raise ConfigurationError("--time-limit", time_limit, f"seconds from 0.001 to {LONGEST_LIMIT:g}")
     sequences, taking_part = chosen_sequences(families), entrants_named(solvers)
+    if not {each.kind for each in sequences} & {each.kind for each in taking_part}:
+        able = ", ".join(each.name for each in entrants_named(None) if each.kind == sequences[0].kind)
+        raise ConfigurationError("--solver", ", ".join(solvers or ()), f"one that can solve these families: {able}")
     found: Comparison | None = None
     try:
         for found in compare(sequences, taking_part, out=out, rules=Rules(limit=time_limit), progress=progress):  # noqa: B007

@@ -9,6 +9,7 @@ from typing import NamedTuple
 from rehab_opt.comparison.entrants import Entrant
 from rehab_opt.comparison.instances import Instances
 from rehab_opt.comparison.judgement import Judge, Judged, Outcome
+from rehab_opt.comparison.machine import load_now
 from rehab_opt.comparison.worker import Timed, TooLateError, Worker, WorkerDiedError
 
 __all__ = ["MODES", "Pass", "Rules", "passed"]
@@ -43,6 +44,8 @@ class Pass(NamedTuple):
     sequence: str
     mode: str
     ticks: tuple[Judged, ...]
+    load: float = math.nan
+    """Of the machine when it was done."""
 
 
 def passed(
@@ -69,7 +72,7 @@ def passed(
         cut_off = any(tick.outcome is Outcome.TOO_LATE or not math.isfinite(tick.seconds) for tick in ticks)
         if cut_off or spent > rules.patience:
             break
-    return Pass(entrant.name, sequence.name, mode, tuple(best))
+    return Pass(entrant.name, sequence.name, mode, tuple(best), load_now())
 
 
 def _once(

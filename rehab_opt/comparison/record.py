@@ -15,6 +15,7 @@ from rehab_opt.comparison.entrants import Entrant
 from rehab_opt.comparison.instances import Instances
 from rehab_opt.comparison.judgement import Judged, Outcome
 from rehab_opt.comparison.passes import Pass, Rules
+from rehab_opt.symbolic.compiled import compilation_wanted
 
 __all__ = ["RECORD", "Key", "keep_pass", "kept_passes", "key_of", "versions_of"]
 
@@ -33,6 +34,8 @@ class Key(NamedTuple):
 def key_of(entrant: Entrant, sequence: Instances, mode: str, *, rules: Rules, processor: str) -> Key:
     """Key of a pass: besides its names, the numbers, the versions, the rules and the processor."""
     rest = [sequence.digest, sequence.tolerance, versions_of(entrant), rules, processor]
+    if not compilation_wanted():
+        rest.append("virtual machine")
     digest = hashlib.sha256(json.dumps(rest).encode())
     return Key(entrant.name, sequence.name, mode, digest.hexdigest()[:16])
 
@@ -55,7 +58,7 @@ def keep_pass(file: Path, key: Key, done: Pass) -> None:
         "distances": [_number(tick.distance) for tick in done.ticks],
         "said": [tick.said for tick in done.ticks],
     }
-    line = json.dumps({**key._asdict(), **columns}, allow_nan=False)
+    line = json.dumps({**key._asdict(), "load": _number(done.load), **columns}, allow_nan=False)
     whole = not file.exists() or file.read_bytes().endswith(b"\n")
     with file.open("a", encoding="utf-8") as out:
         out.write(("" if whole else "\n") + line + "\n")
@@ -76,9 +79,10 @@ def _lines(file: Path) -> Iterator[tuple[Key, Pass]]:
                 Judged(Outcome(outcome), _read(seconds), _read(residual), _read(distance, math.nan), str(said))
                 for outcome, seconds, residual, distance, said in zip(*columns, strict=True)
             )
+            load = _read(read.get("load"), math.nan)
         except (ValueError, KeyError, TypeError):
             continue
-        yield key, Pass(key.solver, key.sequence, key.mode, ticks)
+        yield key, Pass(key.solver, key.sequence, key.mode, ticks, load)
 
 
 def _number(value: float) -> float | None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -88,7 +87,7 @@ def compare(
 
     Parameters
     ----------
-    progress : told what is done of each sequence, in passes.
+    progress : told how many passes are done.
 
     Raises
     ------
@@ -106,6 +105,7 @@ def compare(
         "settings": {**rules._asdict(), "threads": dict(THREADS), "reference_residual": ACCURACY},
         "sequences": {},
     }
+    whole = sum(len(_own(sequence, entrants)) for sequence in sequences)
     worker = Worker()
     try:
         for sequence in sequences:
@@ -113,20 +113,24 @@ def compare(
             judge = Judge(sequence, known, limit=rules.limit)
             hopeless[sequence.name] = np.array([judge.hopeless(tick) for tick in range(len(sequence))])
             about["sequences"][sequence.name] = _described(sequence, known)
-            own = [(each, mode) for each in entrants if each.kind == sequence.kind for mode in MODES[sequence.kind]]
-            for i, (entrant, mode) in enumerate(own):
-                progress(sequence.name, i, len(own))
+            for entrant, mode in _own(sequence, entrants):
+                progress("solvers on sequences", len(done), whole)
                 key: Key = key_of(entrant, sequence, mode, rules=rules, processor=here["processor"])
                 one = kept.get(key)
                 if one is None:
                     one = passed(worker, entrant, sequence, mode=mode, judge=judge, rules=rules)
                     keep_pass(out / RECORD, key, one)
                 done.append(one)
-            progress(sequence.name, len(own), len(own))
-            about["load_at_the_end"] = f"{os.getloadavg()[0]:.2f}" if hasattr(os, "getloadavg") else "unknown"
+            progress("solvers on sequences", len(done), whole)
+            about["loads"] = _loads(done)
             yield Comparison(tuple(done), rows_of(done, hopeless, limit=rules.limit), dict(hopeless), about)
     finally:
         worker.stop()
+
+
+def _own(sequence: Instances, entrants: Sequence[Entrant]) -> list[tuple[Entrant, str]]:
+    """Who takes part in a sequence, in which modes."""
+    return [(each, mode) for each in entrants if each.kind == sequence.kind for mode in MODES[sequence.kind]]
 
 
 def write_comparison(found: Comparison, out: Path) -> tuple[Path, ...]:
@@ -148,12 +152,18 @@ def header(found: Comparison) -> str:
     """One paragraph: where it was measured, with what, by which rules."""
     about, settings = found.about, found.about["settings"]
     versions = ", ".join(f"{name} {text}" for name, text in sorted(about["versions"].items()))
-    here = ", ".join(f"{name}: {text}" for name, text in about["machine"].items())
+    here = ", ".join(f"{name}: {text}" for name, text in about["machine"].items() if name != "load")
     return (
-        f"{here}, load at the end: {about.get('load_at_the_end')}, threads of a solver: 1. {versions}. "
+        f"{here}, load: {about['loads']}, threads of a solver: 1. {versions}. "
         f"Time limit of a solve {settings['limit']:g} s; each tick's time is the smallest of at most "
         f"{settings['repeats']} passes; solved means certified at the sequence's tolerance."
     )
+
+
+def _loads(passes: Sequence[Pass]) -> str:
+    """Of the machine while each pass was made."""
+    known = [done.load for done in passes if math.isfinite(done.load)]
+    return f"{min(known):.1f} to {max(known):.1f}, median {np.median(known):.1f}" if known else "unknown"
 
 
 def _described(sequence: Instances, known: Sequence[Reference]) -> dict[str, Any]:

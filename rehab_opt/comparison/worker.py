@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import faulthandler
 import multiprocessing
 import os
 import signal
@@ -26,6 +27,8 @@ RAISED = (ArithmeticError, AssertionError, AttributeError, LookupError, MemoryEr
 """What a solver's exception is reported as; one of any other kind ends the worker, which is reported too."""
 LONGEST = 300
 """Characters of what a solver said."""
+LIFETIME = 300.0
+"""[s] after which a worker that hangs ends by itself: nobody else would end it once its parent was killed."""
 
 
 class TooLateError(Exception):
@@ -111,6 +114,7 @@ def serve(pipe: Connection) -> None:
             kind, *what = pipe.recv()
         except EOFError:
             return
+        faulthandler.dump_traceback_later(LIFETIME, exit=True, file=silence)  # needs no turn of the interpreter
         if kind == "begin":
             try:
                 work = _Work(*what)
@@ -120,6 +124,7 @@ def serve(pipe: Connection) -> None:
                 pipe.send("")
         elif work is not None:
             pipe.send([work.solved(tick) for tick in range(*what)])
+        faulthandler.cancel_dump_traceback_later()
 
 
 class _Work:

@@ -50,8 +50,9 @@ def test_what_is_done_is_not_done_again(tmp_path: Path) -> None:
     class Stopped(Exception):  # noqa: N818
         pass
 
-    def interrupt(sequence: str, done: int, of: int) -> None:
-        if sequence == "box/second" and done == 1:
+    def interrupt(what: str, done: int, of: int) -> None:
+        assert of == 6
+        if done == 3:
             raise Stopped
 
     with pytest.raises(Stopped):
