@@ -10,6 +10,8 @@ from typing import NamedTuple
 
 import casadi as ca
 
+from rehab_opt.errors import ConfigurationError
+
 __all__ = ["Generated", "generated", "renamed"]
 
 OLD_C = "#if __STDC_VERSION__ < 199901L"
@@ -40,6 +42,10 @@ def generated(functions: Sequence[ca.Function]) -> Generated:
 
     The sizes are those of the virtual machine, which are never smaller than the code's: they hold the integers that
     `optim/qrqp.py` asks for beyond CasADi's count, since qrqp writes one too many.
+
+    Raises
+    ------
+    ConfigurationError : an installed CasADi whose code has another form.
     """
     generator = ca.CodeGenerator("generated", {"with_header": False})
     for function in functions:
@@ -49,7 +55,7 @@ def generated(functions: Sequence[ca.Function]) -> Generated:
         text = (Path(folder) / "generated.c").read_text(encoding="utf-8")
     notice, end, code = text.partition("*/")
     if not (notice.startswith("/*") and end and OLD_C in code):
-        raise RuntimeError(f"casadi {ca.CasadiMeta.version()} writes C of another form than is known here")
+        raise ConfigurationError("casadi", ca.CasadiMeta.version(), "a version that writes C of the form known here")
     for unused in UNUSED:
         code = code.replace(unused, "")
     lines = (line.strip(" *") for line in notice.removeprefix("/*").splitlines())

@@ -82,3 +82,12 @@ def test_a_solver_that_does_not_become_c_is_refused(
 def test_a_folder_that_is_a_file_is_refused_before_the_run(robot: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert ended("export-c", str(robot), str(robot)) == 2
     assert capsys.readouterr().err.startswith("rehab-opt: DIR = ")
+
+
+def test_a_casadi_that_writes_other_code_is_refused(
+    robot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rehab_opt.export.generated.OLD_C", "#if what no version writes")
+    assert ended("export-c", str(robot), str(tmp_path / "c")) == 2
+    assert capsys.readouterr().err.startswith("rehab-opt: casadi = '")
+    assert {path.name for path in tmp_path.iterdir()} == {"robot.toml"}
