@@ -46,4 +46,12 @@ def _ardis(loaded: ProblemFile[Any], progress: Progress) -> Sequence[ExportedCon
     return exported_resolvers(loaded, progress=progress)
 
 
-EXPORTERS: Mapping[str, Exporter] = MappingProxyType({"pose_tracking": _pose_tracking, "ardis": _ardis})
+def _scenario(loaded: ProblemFile[Any], progress: Progress) -> Sequence[ExportedController]:
+    from rehab_opt.export.controllers.assistance import exported_scenario  # noqa: PLC0415
+
+    return (exported_scenario(loaded, progress=progress),)
+
+
+EXPORTERS: Mapping[str, Exporter] = MappingProxyType(
+    {"pose_tracking": _pose_tracking, "ardis": _ardis, "scenario": _scenario}
+)

@@ -10,12 +10,13 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.control.assistance import MISSED, MUCH, Assistance
+from rehab_opt.control.assistance import Assistance
 from rehab_opt.control.assistance_statement import EXACT, TINY
+from rehab_opt.control.bounded_force import MISSED, MUCH
 from rehab_opt.control.command import Command
 from rehab_opt.control.energy_tank import HAND_SPEED
 from rehab_opt.control.hand import FURTHEST, ROUNDING
-from rehab_opt.errors import ConfigurationError
+from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.export.c_text import initialiser, number
 from rehab_opt.export.exported import ExportedController, watchdog_of
 from rehab_opt.export.generated import renamed
@@ -23,9 +24,16 @@ from rehab_opt.export.recording import Tick, recorded, with_faults
 from rehab_opt.field.energy import field_function_in_blocks, field_table
 from rehab_opt.optim.ladder import FUSED
 from rehab_opt.optim.qrqp import QRQP_ITERATIONS
+from rehab_opt.session.files import ProblemFile
+from rehab_opt.session.outcome import Progress
+from rehab_opt.session.scenario.laws import Assisted
+from rehab_opt.session.scenario.loop import ran
+from rehab_opt.session.scenario.prepared import prepared
+from rehab_opt.session.scenario.problem import THERAPY, ScenarioProblem
+from rehab_opt.session.scenario.run import assistance_of, scene_of
 from rehab_opt.workspace.edge_table import doubtful_edges, edge_table
 
-__all__ = ["ExportedAssistance", "exported_assistance"]
+__all__ = ["ExportedAssistance", "exported_assistance", "exported_scenario"]
 
 Array = NDArray[np.float64]
 
@@ -76,7 +84,8 @@ class ExportedAssistance(ExportedController):
     def shape(self) -> dict[str, str]:
         """Bounds, the field's samples and the workspace's edges."""
         helper, stated = self.helper, self.helper.stated
-        tank, hand, gates = helper._tank, helper._hand, helper._gates
+        tank, hand = helper._tank, helper._hand
+        gates = {name: helper._gate.keywords[name] for name in ("onset", "return_stiffness", "return_force")}
         edges, samples = edge_table(helper.comfortable.polygon), field_table(helper.field.samples)
         memory = int(stated.memory.numel())
         sizes = {
@@ -108,6 +117,23 @@ class ExportedAssistance(ExportedController):
             "tick_function": "assistance_tick",
             "field_function": "assistance_field",
         }
+
+
+def exported_scenario(loaded: ProblemFile[ScenarioProblem], *, progress: Progress) -> ExportedAssistance:
+    """The controller of a scenario, with the hand of its first trial.
+
+    Raises
+    ------
+    ProblemFileError : a mode whose field moves, or a value of the file that cannot be used.
+    """
+    problem = loaded.problem
+    if problem.mode not in THERAPY:
+        expected = f"one with a field that stays where it is: {', '.join(THERAPY)}"
+        raise ProblemFileError(loaded.file, "mode", problem.mode, expected)
+    ready = prepared(loaded, progress=progress)
+    helper = assistance_of(problem, ready, solver=FUSED, backup=FUSED)
+    trial = ran(scene_of(loaded, ready), Assisted(helper), name="assisted", number=0, seed=problem.task.seed)
+    return exported_assistance(helper, trial.position, title=problem.title)
 
 
 def exported_assistance(helper: Assistance, positions: Sequence[Array] | Array, *, title: str) -> ExportedAssistance:

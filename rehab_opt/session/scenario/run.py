@@ -28,7 +28,7 @@ from rehab_opt.session.scenario.summary import law_summary
 from rehab_opt.session.scenario.trial import Law, Trial
 from rehab_opt.session.solver_option import solver_refusals
 
-__all__ = ["law_of", "run_scenario", "scene_of"]
+__all__ = ["assistance_of", "law_of", "run_scenario", "scene_of"]
 
 Array = NDArray[np.float64]
 
@@ -149,7 +149,7 @@ def law_of(name: Law, loaded: ProblemFile[ScenarioProblem], ready: Prepared, *, 
         return pair_of(loaded, ready, delay=problem.helper.delay_s if name == "delayed" else 0.0, solver=solver)
     try:
         with solver_refusals(solver, file=loaded.file, key="run.solver", value=problem.run.solver):
-            assistance = _assistance(problem, ready, solver=solver or problem.run.solver or FUSED)
+            assistance = assistance_of(problem, ready, solver=solver or problem.run.solver or FUSED)
     except ConfigurationError as refused:
         if refused.argument.startswith("--") or isinstance(refused, ProblemFileError):
             raise
@@ -160,8 +160,15 @@ def law_of(name: Law, loaded: ProblemFile[ScenarioProblem], ready: Prepared, *, 
     return AssistedAtPoints(assistance, ready.reference, _pace(problem, ready.reference))
 
 
-def _assistance(problem: ScenarioProblem, ready: Prepared, *, solver: str) -> Assistance:
-    """Ours, of the whole field; along a path that may cross itself, of the piece where the hand is."""
+def assistance_of(
+    problem: ScenarioProblem, ready: Prepared, *, solver: str = FUSED, backup: str | None = None
+) -> Assistance:
+    """Ours, of the whole field; along a path that may cross itself, of the piece where the hand is.
+
+    Raises
+    ------
+    ConfigurationError : a value that cannot be used.
+    """
     said, field = problem.assistance, problem.field
     bounds: ForceBounds = {
         "slew_limit": said.slew_limit_N_s,
@@ -170,6 +177,7 @@ def _assistance(problem: ScenarioProblem, ready: Prepared, *, solver: str) -> As
         "trust_stillness": True,  # a simulated sensor does not freeze
         "dt": 1 / problem.run.rate_hz,
         "solver": solver,
+        "backup": backup,
     }
     if problem.mode == "follow" and not field.drag_N_m:
         return PathAssistance(
