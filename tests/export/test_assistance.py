@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ctypes
+import subprocess
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,9 +13,12 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bench.scenarios import changed
 from rehab_opt import Assistance, ConfigurationError, Workspace
 from rehab_opt.control.command import Status
+from rehab_opt.errors import ProblemFileError
 from rehab_opt.export.controllers.assistance import exported_assistance
+from rehab_opt.export.export_c import export_c
 from tests.export.assisting import DT, exported_to, made
 from tests.export.calling_c import Built, CCommand, Exported, assert_same, doubles, giving_up, shared, solver_gives_up
 
@@ -133,3 +138,18 @@ def test_what_c_cannot_do_is_refused() -> None:
     exported_assistance(made("assist", pointed), hand, title="t")
     with pytest.raises(ConfigurationError, match="no spikes"):
         exported_assistance(made("assist", sharp), hand, title="t")
+
+
+def test_a_scenario_s_assistance_repeats_its_trial_in_c(tmp_path: Path, built: Built) -> None:
+    loaded = changed("scenario_3_resist", run={"rate_hz": 200.0})
+    export_c(loaded, tmp_path)
+    example = built(tmp_path, "example", "rehab_assistance.c", "main.c", "-lm")
+    replay = subprocess.run([example], capture_output=True, text=True, check=False)
+    assert replay.returncode == 0, replay.stdout + replay.stderr
+    difference = float(replay.stdout.split("largest difference from Python ")[1].split()[0])
+    assert difference <= 1e-9
+
+
+def test_a_scenario_whose_field_moves_is_refused_by_its_mode() -> None:
+    with pytest.raises(ProblemFileError, match="mode"):
+        export_c(changed("scenario_5_hold"), Path("nowhere"))

@@ -48,6 +48,10 @@ class MirrorSystem:
 
         return run_mirror(loaded, progress=progress)
 
+    def seconds_a_tick(self, problem: MirrorProblem) -> float:
+        """Of the tracker."""
+        return 1 / problem.tracker.rate_hz
+
     def table(self, outcome: MirrorOutcome) -> Table:
         """A column for each law."""
         from rehab_opt.session.mirror.table import mirror_table  # noqa: PLC0415  (loads rich)

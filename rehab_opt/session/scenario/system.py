@@ -47,6 +47,10 @@ class ScenarioSystem:
         """The option is `solver`."""
         return run_scenario(loaded, solver=checked_solver(options.get("solver")), progress=progress)
 
+    def seconds_a_tick(self, problem: ScenarioProblem) -> float:
+        """Of the assistance."""
+        return 1 / problem.run.rate_hz
+
     def table(self, outcome: ScenarioOutcome) -> Table:
         """A column for each law."""
         from rehab_opt.session.scenario.table import scenario_table  # noqa: PLC0415  (loads rich)
