@@ -53,7 +53,7 @@ class RedundancyResolver:
     drive : "mecanum", or "differential", which cannot move sideways.
     row_sets : sets of task rows that get their functions now, each compiled; `ROWS` names the rows. Any other set gets
         its own, uncompiled, when it is first asked for while the robot is at rest, which takes a second or two; asked
-        for while moving, the robot brakes first.
+        for while moving, the robot brakes first. Compiling takes up to half a minute a set, once on a machine.
     obstacles : walls and posts in the world frame. places : most there will ever be; default as many as there are now.
     keep_out : whether the arm is kept from the robot's keep-outs.
     self_motion : weight of grad c in Eq. (1): v(r') = self_motion |r'|.
