@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rehab_opt.control.asked_motion import PROGRESS, AskedMotion
 from rehab_opt.control.command import Bound, Command, Status
 from rehab_opt.control.easing import Easing
 from rehab_opt.control.easing_branches import eased_and_unhindered, where_the_way_begins
@@ -16,29 +17,19 @@ from rehab_opt.control.obstacles import NUMBERS
 from rehab_opt.control.room import Surroundings
 from rehab_opt.control.velocity_controller import VelocityController
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
-from rehab_opt.optim.certificate import clipped
-from rehab_opt.optim.factor import solver_of
 from rehab_opt.optim.qp import PLAUSIBLE, Statement, equal, parameter, variable
 from rehab_opt.symbolic import BufferedFunction
 
-__all__ = ["ROWS", "ChairAndArm", "Drive"]
+__all__ = ["ChairAndArm", "Drive"]
 
 Array = NDArray[np.float64]
 Drive = Literal["mecanum", "differential"]
-ROWS = ("x", "y", "z", "rx", "ry", "rz", "roll7")
-"""Task rows: hand velocity along and about the axes of the chosen frame, and about the wrist's own axis z7."""
 UNKNOWN = -1.0
 """In place of the frame: 0 for the chassis frame, 1 for the world, this where no twist is remembered."""
-PROGRESS = 20.0
-"""[m/s] Price of a missing m/s of hand speed; one more costs about 1 in kinetic energy by the robot's mass."""
-STEEP = 1e3
-"""[m/s] Up to which the price follows that cost where it is higher, as it is near singular postures."""
 ROUNDS = 3
 """Corrections of the last tick's active set: it is the same in 95 % of the ticks in which any bound is active."""
 ITERATIONS = 20
 """Cap on qrqp's active-set changes: most ticks need three, and what takes more than this cycles."""
-TINY = 1e-12
-"""[m/s] A speed that is no motion."""
 
 
 class ChairAndArm(VelocityController):
@@ -84,6 +75,7 @@ class ChairAndArm(VelocityController):
         n, k, wheels = robot.chain.n, len(rows), len(self.wheelset.rolling)
         self.shapes = ((k,), (1,), (NUMBERS * slots,))  # type: ignore[misc]
         self.shapes = self.shapes if slots else self.shapes[:2]  # type: ignore[misc]
+        self._asked = AskedMotion(robot, rows, moving=self.surroundings.moving, self_motion=self_motion, dt=dt)
         # What is remembered: u, where it leads, what is sent, the wheels' share of it, r, what of it was delivered, and
         # in which frame.
         self.sent, self.wheels = slice(2 * n, 3 * n), slice(3 * n, 3 * n + wheels)
@@ -109,22 +101,6 @@ class ChairAndArm(VelocityController):
         sizes: Array = np.sqrt(self.robot.mass / np.diag(self.robot.inertia(middle)))
         return sizes
 
-    def task_jacobian(self, q: ca.SX, world: ca.SX) -> ca.SX:
-        """(k, 7) rows that the stick asks for, by velocities with the chair's in the chassis frame."""
-        posture = ca.vertcat(ca.SX.zeros(CHAIR), q[CHAIR:])
-        jacobian, pose = self.chain.jacobian_expression(posture), self.chain.pose_expression(posture)
-        heading = ca.if_else(world, q[2], 0)
-        cos, sin = ca.cos(heading), ca.sin(heading)
-        turn = ca.vertcat(ca.horzcat(cos, -sin, 0), ca.horzcat(sin, cos, 0), ca.horzcat(0, 0, 1))
-        every = ca.vertcat(turn @ jacobian[:3, :], turn @ jacobian[3:, :], pose[:3, 2].T @ jacobian[3:, :])
-        return every[[ROWS.index(row) for row in self.rows], :]
-
-    @property
-    def fastest(self) -> float:
-        """[m/s or rad/s] more than a hand can do in all rows together; what asks for more is slowed as a whole."""
-        reach = sum(abs(row.a) + abs(row.d) for row in self.chain.rows[CHAIR - 1 :])
-        return float(self.chain.velocity[0] + (1 + reach) * np.sum(self.chain.velocity[CHAIR - 1 :]))
-
     def statement(self) -> Statement:
         """The QP of one tick."""
         n, k, name = self.chain.n, len(self.rows), "_".join(self.rows)
@@ -134,11 +110,12 @@ class ChairAndArm(VelocityController):
         memory = parameter("last", size)
         parameters = [q, twist, world, obstacles] if self.slots else [q, twist, world]
 
-        prepared = self._prepared(q, twist, world, obstacles, memory)
+        room = self.surroundings.room(q, memory[:n], obstacles)
+        prepared = {**self._asked.columns(q, twist, world, memory, room), **room.columns()}
         columns = [parameter(key, value.numel()) for key, value in prepared.items()]
         given = dict(zip(prepared, columns, strict=True))
         jacobian = ca.reshape(given["jacobian"], k, n)
-        room = self.surroundings.room(q, memory[:n], obstacles).like(given)
+        room = room.like(given)
         weight = _symmetric(given["inertia"], n)
 
         unit = ca.DM(self.units)
@@ -185,55 +162,6 @@ class ChairAndArm(VelocityController):
             remember=self.remembered(q, sent, given["direction"] * given["speed"], jacobian @ sent, world),
             violation=room.violation(sent),
         )
-
-    def _prepared(self, q: ca.SX, twist: ca.SX, world: ca.SX, obstacles: ca.SX, memory: ca.SX) -> dict[str, ca.SX]:
-        """What the QP is made of, each one column."""
-        last = memory[: self.chain.n]
-        n, moving = self.chain.n, self.surroundings.moving
-        posture = ca.vertcat(ca.SX.zeros(CHAIR), q[CHAIR:])
-        jacobian = self.task_jacobian(q, world)
-        inertia = self.robot.inertia_expression(posture) / self.robot.mass
-        gradient = self.self_motion * self.robot.posture_gradient_expression(posture)
-        room = self.surroundings.room(q, last, obstacles)
-
-        # Eq. (1), and (5) by leaving out the left speed: u = W^-1 J' y - v grad c with J u = r.
-        rows = ca.densify(jacobian[:, moving])
-        soft = solver_of(inertia[moving, moving])(rows.T)
-        firmness = solver_of(ca.triu2symm(ca.triu(rows @ soft)))
-        idle = rows @ gradient[moving]
-
-        def law(r: ca.SX, size: ca.SX) -> tuple[ca.SX, ca.SX]:
-            y = firmness(r + size * idle)
-            velocity, at = ca.SX.zeros(n), soft @ y - size * gradient[moving]
-            for i, joint in enumerate(moving):
-                velocity[joint] = at[i]
-            return velocity, y
-
-        # The asked twist, led there from the last one.
-        asked = twist / ca.fmax(ca.norm_2(twist) / self.fastest, 1)
-        full, _ = law(asked, ca.norm_2(asked))
-        needed = ca.fabs(clipped(full, room.lower, room.upper) - last)
-        allowed = ca.DM(np.minimum(self.chain.acceleration * self.dt, 2 * self.chain.velocity))
-        share = ca.fmin(1, ca.mmin(allowed / ca.fmax(needed, TINY)))
-        share = ca.if_else(ca.sumsqr(full) <= PLAUSIBLE**4, share, 1)  # no law at a singular posture
-        # As it was delivered, not as the last velocities would move the hand from here: that turns with the arm.
-        before = ca.if_else(memory[-1] == world, memory[-1 - len(self.rows) : -1], jacobian @ last)
-        limited = ca.if_else(ca.sumsqr(twist) > 0, before + share * (asked - before), 0)
-        speed = ca.norm_2(limited)
-        direction = limited / ca.fmax(speed, TINY)
-        guess, y = law(limited, speed)
-        steepness = ca.fmin(ca.fabs(ca.dot(direction, y)), STEEP)  # of the cost, at the guess
-        return {
-            "jacobian": ca.vec(ca.densify(jacobian)),
-            "inertia": ca.densify(_upper(inertia)),
-            "self_motion": ca.densify(inertia @ gradient * speed),
-            "direction": direction,
-            "speed": speed,
-            "price": PROGRESS + 2 * steepness,
-            "guess": guess,
-            "multipliers": -y,
-            **room.columns(),
-        }
 
     # ------------------------------------------------------------------------------------------ what is remembered
     def remembered(self, q: ca.SX, u: ca.SX, limited: ca.SX, delivered: ca.SX, frame: ca.SX) -> ca.SX:
@@ -343,12 +271,6 @@ def _completed(
     given = [ca.MX.sym("given", each.numel()) for each in (parameters, memory)]
     found = first(*given)
     return ca.Function("prepare", given, [ca.vertcat(found, begins(found, given[1]))])
-
-
-def _upper(matrix: ca.SX) -> ca.SX:
-    """Upper triangle of a symmetric matrix as a column."""
-    n = matrix.size1()
-    return ca.vertcat(*(matrix[i, j] for j in range(n) for i in range(j + 1)))
 
 
 def _symmetric(column: ca.SX, n: int) -> ca.SX:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rehab_opt.control.chair_and_arm import ROWS
+from rehab_opt.control.task_rows import ROWS
 from rehab_opt.control.velocity_controller import checked_number, real_numbers
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.optim.qp import PLAUSIBLE

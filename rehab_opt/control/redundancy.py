@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rehab_opt.control.chair_and_arm import ROWS, ChairAndArm, Drive
+from rehab_opt.control.chair_and_arm import ChairAndArm, Drive
 from rehab_opt.control.command import Command
 from rehab_opt.control.joystick import pressed
 from rehab_opt.control.obstacles import Obstacle, obstacle_numbers
 from rehab_opt.control.reaching import Reaching
+from rehab_opt.control.task_rows import checked_rows, frame_number
 from rehab_opt.control.velocity_controller import checked_number, real_numbers
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import per_joint
@@ -29,7 +30,6 @@ Array = NDArray[np.float64]
 
 STICK_ROWS = (("x", "y", "z"), ("x", "y"), ("z", "roll7"))
 """Sets of rows that are prepared where nothing else is said: reaching, and the paper's two modes of the stick."""
-FRAMES = {"chassis": 0.0, "world": 1.0}
 FASTER = 1e-9
 """Share by which a velocity that is reset may pass a limit: rounding."""
 
@@ -53,7 +53,7 @@ class RedundancyResolver:
     drive : "mecanum", or "differential", which cannot move sideways.
     row_sets : sets of task rows that get their functions now, each compiled; `ROWS` names the rows. Any other set gets
         its own, uncompiled, when it is first asked for while the robot is at rest, which takes a second or two; asked
-        for while moving, the robot brakes first.
+        for while moving, the robot brakes first. Compiling takes up to half a minute a set, once on a machine.
     obstacles : walls and posts in the world frame. places : most there will ever be; default as many as there are now.
     keep_out : whether the arm is kept from the robot's keep-outs.
     self_motion : weight of grad c in Eq. (1): v(r') = self_motion |r'|.
@@ -112,7 +112,7 @@ class RedundancyResolver:
         self.obstacles = obstacles
         self._compile = compile
         for rows in row_sets:
-            self._prepare(_checked_rows(rows), compile=compile)
+            self._prepare(checked_rows(rows), compile=compile)
         self._active = next(iter(self._sets.values()))
         self._reaching: Reaching | None = None
         self.reset()
@@ -266,7 +266,7 @@ class RedundancyResolver:
     ) -> Command:
         active = self._active
         if not isinstance(rows, tuple) or rows != active.rows:
-            names = _checked_rows(rows)
+            names = checked_rows(rows)
             other = self._sets.get(names)
             if other is None:
                 if active.velocity.any():
@@ -276,13 +276,13 @@ class RedundancyResolver:
             if other is not active:
                 other.take_over(active)
                 self._active = active = other
-        active.tell(q, twist, 0.0 if frame == "chassis" else _frame(frame))
+        active.tell(q, twist, 0.0 if frame == "chassis" else frame_number(frame))
         return active.tick(enable, stamp)
 
     def _at_hand(
         self, q: ArrayLike, twist: ArrayLike, rows: Sequence[str], frame: str
     ) -> tuple[ChairAndArm, tuple[Array, ...]]:
-        names, world = _checked_rows(rows), _frame(frame)
+        names, world = checked_rows(rows), frame_number(frame)
         joints = real_numbers("q", q, (self.robot.chain.n,))
         asked = real_numbers("twist", twist, (len(names),))
         chosen = self._sets.get(names) or self._prepare(names, compile=False)
@@ -295,20 +295,3 @@ class RedundancyResolver:
         chosen.tell_obstacles(self._numbers)
         self._sets[rows] = chosen
         return chosen
-
-
-def _frame(frame: str) -> float:
-    world = FRAMES.get(frame) if isinstance(frame, str) else None
-    if world is None:
-        raise ConfigurationError("frame", frame, "chassis or world")
-    return world
-
-
-def _checked_rows(rows: Sequence[str]) -> tuple[str, ...]:
-    names = tuple(rows) if isinstance(rows, (tuple, list)) else ()
-    known = all(isinstance(name, str) and name in ROWS for name in names)
-    if not names or not known or len(set(names)) != len(names):
-        raise ConfigurationError("rows", rows, f"different ones of {', '.join(ROWS)}")
-    if {"rx", "ry", "rz", "roll7"} <= set(names):
-        raise ConfigurationError("rows", rows, "roll7, or all of rx, ry and rz, which say it already")
-    return names
