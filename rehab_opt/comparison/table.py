@@ -91,7 +91,8 @@ def as_table(grid: Grid) -> Table:
     """For the terminal."""
     table = Table(title=grid.title, title_justify="left")
     for i, column in enumerate(grid.columns):
-        table.add_column(column, justify="left" if i < 2 else "right", overflow="fold")
+        words = i < 2
+        table.add_column(column, justify="left" if words else "right", overflow="fold", no_wrap=words)
     for cells in grid.cells:
         table.add_row(*cells)
     return table
