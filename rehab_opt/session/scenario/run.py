@@ -109,8 +109,8 @@ def _pair_notes(problem: ScenarioProblem, measures: Mapping[Law, tuple[Mapping[s
             for key in ("helper_force_mean_N", "helper_force_max_N", "pair_energy_drawn_max_J")
         )
         yield (
-            f"{law}: the helper felt {np.mean(felt):.2g} N on average and {max(most):.2g} N at most; both hands "
-            f"together had drawn {max(drawn):.2g} J at most, of {2 * problem.assistance.energy_budget_J:g} J in both tanks"
+            f"{law}: the helper felt {np.mean(felt):.2g} N on average and {max(most):.2g} N at most; both "
+            f"hands together had drawn {max(drawn):.2g} J at most, of {2 * problem.assistance.energy_budget_J:g} J in both tanks"
         )
 
 
