@@ -5,7 +5,7 @@ back as J(x_h)' F, the transpose of the map's Jacobian, so that power is the sam
 with bounds and a tank of its own; the sides exchange messages, which may take time. A tank gives a share of its energy
 with every message and takes what it is told was given: what one hand puts in can move the other, and whatever the delay
 and the hands do, no more leaves than the tanks held at first and the hands put in since. Messages are numbered: one
-that comes twice, or after a later one, counts as none, so that no energy is taken twice; what was in a lost one is lost.
+that comes twice, or after a later one, counts as none, so that no energy is taken twice; what is lost with one is lost.
 """
 
 from __future__ import annotations

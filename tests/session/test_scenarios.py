@@ -12,7 +12,7 @@ import pytest
 
 from bench.scenarios import SCENARIOS, changed, judged
 from rehab_opt import Status
-from rehab_opt.errors import ProblemFileError
+from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.session.files import load_problem
 from rehab_opt.session.run import run_problem
 from rehab_opt.session.scenario import prepared as prepared_module
@@ -149,6 +149,45 @@ def test_the_force_loop_delivers_what_is_commanded() -> None:
     np.testing.assert_allclose([robot.x, robot.y], [8.0 / 3000, -6.0 / 3000], atol=1e-6)
 
 
+@pytest.mark.parametrize("dt", [1e-3, 5e-3, 2e-2])
+@pytest.mark.parametrize(("stiffness", "damping"), [(0.0, 8.0), (300.0, 30.0), (2000.0, 30.0), (200.0, 900.0)])
+def test_the_growth_that_is_foretold_is_that_of_a_simulation(dt: float, stiffness: float, damping: float) -> None:
+    model = RobotModel(noise=0.0, coulomb=0.0, motor_limit=1e300)
+    robot = ForceRobot(model, hand_mass=1.2, start=(1e-3, 0.0), dt=dt, rng=np.random.default_rng(0), ticks=600)
+    sizes = []
+    for _ in range(600):
+        robot.step(0.0, 0.0, -stiffness * robot.x - damping * robot.vx, 0.0)
+        sizes.append(math.hypot(robot.x, robot.vx, robot.measured_x))
+    seen = (max(sizes[-150:]) / max(sizes[-300:-150])) ** (1 / 150)
+    assert seen == pytest.approx(model.growth(1.2, stiffness=stiffness, damping=damping, dt=dt), abs=0.02)
+
+
+@pytest.mark.parametrize("integral", [0.0, 60.0, 1000.0])
+@pytest.mark.parametrize("dt", [1e-3, 2e-2])
+def test_a_force_loop_is_refused_where_it_is_unstable_and_nowhere_else(integral: float, dt: float) -> None:
+    """The gain's bound in closed form beside eigenvalues; a heavy pair, which a loop alone decides."""
+    most = 2.0 - 0.5 * integral * dt
+    for gain, stable in ((0.99 * most, True), (1.01 * most, False)):
+        if gain <= 0:
+            continue
+        model = RobotModel(mass=1e3, viscous=0.0, gain=gain, integral=integral)
+        assert (model.growth(1e3, stiffness=0.0, damping=0.0, dt=dt) <= 1 + 1e-6) == stable
+        if stable:
+            model.check(1e3, dt=dt)
+        else:
+            with pytest.raises(ConfigurationError, match="gain"):
+                model.check(1e3, dt=dt)
+
+
+def test_a_simulation_that_no_person_can_have_done_is_said_to_be_one() -> None:
+    wild = {"spasm_N": 100.0, "spasms_per_s": 10.0}
+    run = {"rate_hz": 200.0, "laws": ["unassisted"]}
+    found = run_problem(changed("scenario_2_assist", person=wild, task={"trials": 1}, run=run))
+    assert any("no hand is faster" in note for note in found.notes)
+    assert any("no arm goes there" in note for note in found.notes)
+    assert not any("no arm goes there" in note for note in outcome("scenario_2_assist").notes)
+
+
 def test_a_robot_that_is_told_no_force_is_hardly_felt() -> None:
     """A hand of 1.2 kg pushed with 2 N: the loop hides most of the robot's friction and mass."""
     robot = ForceRobot(
@@ -222,6 +261,16 @@ def test_points_are_held_in_the_order_of_nearest_next_and_counted_only_when_due(
         ("scenario_5_hold", {"field": {"drag_N_m": 10.0}}, "field.drag_N_m"),
         ("scenario_1_stretch", {"field": {"width_mm": math.nan}}, "field.width_mm"),
         ("scenario_1_stretch", {"robot": {"gain": 5.0}}, "robot.gain"),
+        ("scenario_1_stretch", {"robot": {"integral_per_s": 1000.0}, "run": {"rate_hz": 50.0}}, "robot.gain"),
+        ("scenario_1_stretch", {"robot": {"viscous_Ns_m": 500.0}, "run": {"rate_hz": 50.0}}, "run.rate_hz"),
+        ("scenario_1_stretch", {"person": {"passive_damping_Ns_m": 500.0}, "run": {"rate_hz": 50.0}}, "run.rate_hz"),
+        ("scenario_1_stretch", {"person": {"hand_mass_kg": 0.01}, "robot": {"mass_kg": 1e-6}}, "run.rate_hz"),
+        ("scenario_3_resist", {"task": {"points_m": [[-0.17, 0.5], [-0.17, 0.5]]}}, "task.points_m"),
+        ("scenario_2_assist", {"task": {"movement_s": 1e-300, "rest_s": 0.0}}, "task.movement_s"),
+        ("scenario_5_hold", {"task": {"dwell_s": 600.0, "trials": 1000}}, "task.trials"),
+        ("scenario_5_hold", {"person": {"wander_s": 1e9}}, "person.wander_s"),
+        ("scenario_5_hold", {"person": {"tremor_hz": 30.0}, "run": {"rate_hz": 50.0}}, "person.tremor_hz"),
+        ("scenario_5_hold", {"field": {"width_mm": 1e-3}}, "field.width_mm"),
         ("scenario_1_stretch", {"robot": {"lower_m": [0.0, 0.0], "upper_m": [0.1, 0.1]}}, "arm.shoulder_m"),
         ("scenario_1_stretch", {"robot": {"lower_m": [0.0, 0.0], "upper_m": [0.0, 0.1]}}, "robot.upper_m"),
         ("scenario_4_follow", {"task": {"mapped": False}}, "task.placement"),
@@ -265,5 +314,5 @@ def test_with_a_helper_the_participant_keeps_to_the_path_and_no_delay_makes_the_
     assert helper is not None
     assert np.all(found.reachable.distance(helper.position) < 0.02)
     assert any(note.startswith("delayed: the helper felt") for note in found.notes)
-    with pytest.raises(ProblemFileError, match="run.laws"):
+    with pytest.raises(ProblemFileError, match=r"run\.laws"):
         changed("scenario_2_assist", run={"laws": ["together"]})

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.assistance import Assistance
+from rehab_opt.control.energy_tank import HAND_SPEED
 from rehab_opt.control.smoothing import Smoother
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.optim.ladder import FUSED
@@ -32,6 +33,8 @@ Array = NDArray[np.float64]
 
 SHORTEST_WAY = 1e-3
 """[m] between points; a single point needs no pace."""
+FAR = 0.05
+"""[m] Outside the reachable workspace from which on a hand is no person's: joints give way less."""
 REST = 0.5
 """[s] A reach is over when the hand has been at its goal so long."""
 
@@ -78,7 +81,7 @@ def run_scenario(loaded: ProblemFile[ScenarioProblem], *, solver: str | None, pr
         system=problem.system,
         name=loaded.name,
         title=problem.title,
-        notes=(*ready.notes, *ASSUMPTIONS, *_pair_notes(problem, measures)),
+        notes=(*ready.notes, *ASSUMPTIONS, *_pair_notes(problem, measures), *_runaways(ready, trials)),
         metrics={
             "laws": {name: law_summary(list(of)) | {"trials": list(of)} for name, of in measures.items()},
             "workspaces": {
@@ -110,8 +113,20 @@ def _pair_notes(problem: ScenarioProblem, measures: Mapping[Law, tuple[Mapping[s
         )
         yield (
             f"{law}: the helper felt {np.mean(felt):.2g} N on average and {max(most):.2g} N at most; both "
-            f"hands together had drawn {max(drawn):.2g} J at most, of {2 * problem.assistance.energy_budget_J:g} J in both tanks"
+            f"hands together had drawn {max(drawn):.2g} J at most, of {2 * problem.assistance.energy_budget_J:g} J in "
+            "both tanks"
         )
+
+
+def _runaways(ready: Prepared, trials: Mapping[Law, tuple[Trial, ...]]) -> Iterator[str]:
+    """Trials that no person can have done: what they measure says nothing of a law."""
+    for law, done in trials.items():
+        fast = max(float(np.hypot(*trial.velocity.T).max()) for trial in done)
+        if fast > HAND_SPEED:
+            yield f"{law}: the simulated hand reached {fast:.3g} m/s; no hand is faster than {HAND_SPEED:g} m/s"
+        far = max(float(np.max(ready.reachable.distance(trial.position))) for trial in done)
+        if far > FAR:
+            yield f"{law}: the simulated hand was {far:.3g} m outside the reachable workspace; no arm goes there"
 
 
 def scene_of(loaded: ProblemFile[ScenarioProblem], ready: Prepared) -> Scene:
