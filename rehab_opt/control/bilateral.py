@@ -72,7 +72,7 @@ class _Serials:
 
     def __init__(self) -> None:
         self._said = 0
-        self._newest = 0
+        self._newest: float = 0
 
     def next(self) -> int:
         """The number of the next message, from 1."""

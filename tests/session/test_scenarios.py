@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -23,6 +24,7 @@ from rehab_opt.session.scenario.outcome import ScenarioOutcome
 from rehab_opt.session.scenario.prepared import prepared
 from rehab_opt.session.scenario.run import law_of, scene_of
 from rehab_opt.session.scenario.simulated_person import Person, SimulatedPerson
+from rehab_opt.session.scenario.system import ScenarioSystem
 from rehab_opt.session.workspaces import reached as sets
 from rehab_opt.session.workspaces.sections import ArmInPlane
 from rehab_opt.workspace.mapping import WorkspaceMap
@@ -284,6 +286,22 @@ def test_what_cannot_be_done_is_refused_by_the_key_that_says_it(name: str, secti
         run_problem(changed(name, **sections))
     assert key in str(refused.value)
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("sections", "key"),
+    [({"run": {"solver": "nonsense"}}, "run.solver"), ({"robot": {"gain": 5.0}}, "robot.gain"),
+     ({"task": {"points_m": [[-0.17, 0.5], [-0.17, 0.5]]}}, "task.points_m")],
+)  # fmt: skip
+def test_a_check_refuses_what_a_run_would_before_any_workspace_is_found(sections: dict, key: str) -> None:
+    with pytest.raises(ProblemFileError, match=re.escape(key)):
+        ScenarioSystem().check(changed("scenario_2_assist", **sections))
+
+
+def test_a_robot_that_is_unstable_in_the_helpers_hand_alone_is_refused_by_key() -> None:
+    light = {"person": {"hand_mass_kg": 0.3}, "robot": {"gain": 4.0}, "task": {"trials": 1}}
+    with pytest.raises(ProblemFileError, match=r"robot\.gain.*helper"):
+        run_problem(changed("scenario_together", run={"rate_hz": 1000.0, "laws": ["together"]}, **light))
 
 
 def test_a_real_pen_trace_is_the_helpers_path(recorded: Callable[[str], Path]) -> None:

@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 from rehab_opt.control.assistance import Assistance
 from rehab_opt.control.energy_tank import HAND_SPEED
 from rehab_opt.control.smoothing import Smoother
-from rehab_opt.errors import ConfigurationError, ProblemFileError
-from rehab_opt.optim.ladder import FUSED
 from rehab_opt.published.field_law import FieldLaw
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
+from rehab_opt.session.scenario.bounds import bounds_of, bounds_refusals, check_bounds
 from rehab_opt.session.scenario.laws import Assisted, AssistedAtPoints, ForceLaw, Published, Unassisted
 from rehab_opt.session.scenario.loop import Arrival, Scene, ran
 from rehab_opt.session.scenario.measures import trial_measures
@@ -25,7 +24,6 @@ from rehab_opt.session.scenario.prepared import Prepared, person_of, prepared, r
 from rehab_opt.session.scenario.problem import REACHES, THERAPY, ScenarioProblem
 from rehab_opt.session.scenario.summary import law_summary
 from rehab_opt.session.scenario.trial import Law, Trial
-from rehab_opt.session.solver_option import solver_refusals
 
 __all__ = ["law_of", "run_scenario", "scene_of"]
 
@@ -54,6 +52,7 @@ def run_scenario(loaded: ProblemFile[ScenarioProblem], *, solver: str | None, pr
     """
     problem = loaded.problem
     robot_model_of(loaded)  # refused before the workspaces take their seconds
+    check_bounds(loaded, solver=solver)
     ready = prepared(loaded, progress=progress)
     scene = scene_of(loaded, ready)
     task = problem.task
@@ -159,26 +158,15 @@ def law_of(name: Law, loaded: ProblemFile[ScenarioProblem], ready: Prepared, *, 
         return Published(_field_law(problem, ready), dt=dt)
     if name in ("together", "delayed"):
         return pair_of(loaded, ready, delay=problem.helper.delay_s if name == "delayed" else 0.0, solver=solver)
-    try:
-        with solver_refusals(solver, file=loaded.file, key="run.solver", value=problem.run.solver):
-            assistance = Assistance(
-                ready.fields[0],
-                comfortable=ready.comfortable,
-                mode=problem.mode,
-                force_limit=said.force_limit_N,
-                slew_limit=said.slew_limit_N_s,
-                energy_budget=said.energy_budget_J,
-                speed_cap=said.speed_cap_m_s,
-                onset=1e-3 * said.onset_mm,
-                trust_stillness=True,  # a simulated sensor does not freeze
-                dt=dt,
-                solver=solver or problem.run.solver or FUSED,
-            )
-    except ConfigurationError as refused:
-        if refused.argument.startswith("--") or isinstance(refused, ProblemFileError):
-            raise
-        key = "run.solver" if refused.argument == "solver" else f"assistance, {refused.argument}"
-        raise ProblemFileError(loaded.file, key, refused.value, refused.expected) from refused
+    with bounds_refusals(loaded, solver=solver, section="assistance"):
+        assistance = Assistance(
+            ready.fields[0],
+            comfortable=ready.comfortable,
+            mode=problem.mode,
+            force_limit=said.force_limit_N,
+            onset=1e-3 * said.onset_mm,
+            **bounds_of(problem, solver=solver),
+        )
     if problem.mode != "hold":
         return Assisted(assistance)
     return AssistedAtPoints(assistance, ready.reference, _pace(problem, ready.reference))
