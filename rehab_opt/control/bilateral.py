@@ -4,7 +4,8 @@ The helper's hand x_h is mapped to g(x_h), and a spring draws the participant's 
 back as J(x_h)' F, the transpose of the map's Jacobian, so that power is the same on both sides. Each side has a force
 with bounds and a tank of its own; the sides exchange messages, which may take time. A tank gives a share of its energy
 with every message and takes what it is told was given: what one hand puts in can move the other, and whatever the delay
-and the hands do, no more leaves than the tanks held at first and the hands put in since.
+and the hands do, no more leaves than the tanks held at first and the hands put in since. Messages are numbered: one
+that comes twice, or after a later one, counts as none, so that no energy is taken twice; what is lost with one is lost.
 """
 
 from __future__ import annotations
@@ -30,26 +31,30 @@ __all__ = ["Bilateral", "BilateralCommand", "FromHelper", "FromParticipant", "He
 
 Array = NDArray[np.float64]
 NO_FORCE = (math.nan, math.nan)
+BEYOND = 1e6
+"""[m, N] A message with such a number is broken."""
 POINT = 0.01
 """[m] Width of a field of one point: it has no meaning there."""
 
 
 class FromHelper(NamedTuple):
-    """What the helper's side says in a tick: where the hand is [m], and the energy given [J]."""
+    """What the helper's side says in a tick: where the hand is [m], the energy given [J], and the message's number."""
 
     x: float
     y: float
     energy: float
+    serial: int
 
 
 class FromParticipant(NamedTuple):
-    """What the participant's side says: where the hand is [m], the force on it [N], and the energy given [J]."""
+    """What the participant's side says: where the hand is [m], force on it [N], energy given [J], and a number."""
 
     x: float
     y: float
     force_x: float
     force_y: float
     energy: float
+    serial: int
 
 
 class BilateralCommand(NamedTuple):
@@ -57,6 +62,29 @@ class BilateralCommand(NamedTuple):
 
     helper: Command
     participant: Command
+
+
+class _Serials:
+    """Numbers what a side says, and tells what it hears for the first time.
+
+    A reset does not touch them: a message from before it could be taken once more.
+    """
+
+    def __init__(self) -> None:
+        self._said = 0
+        self._newest: float = 0
+
+    def next(self) -> int:
+        """The number of the next message, from 1."""
+        self._said += 1
+        return self._said
+
+    def fresh(self, serial: float) -> bool:
+        """Whether a message is later than all that were heard before."""
+        if not serial > self._newest:  # NaN fails
+            return False
+        self._newest = serial
+        return True
 
 
 class ParticipantSide:
@@ -95,10 +123,14 @@ class ParticipantSide:
         )
         self.force = Assistance(spring, comfortable=comfortable, mode="hold", force_limit=force_limit, **bounds)
         self._share = _checked_share(exchange, self.force.dt)
+        self._serials = _Serials()
         self.reset()
 
     def reset(self) -> None:
-        """No force, a full tank, nothing heard."""
+        """No force, a full tank, nothing heard.
+
+        The numbers of messages go on; where the other side is made anew, whose count begins again, make this one anew.
+        """
         self.force.reset()
         self.force.carry(*NO_FORCE)
 
@@ -113,16 +145,17 @@ class ParticipantSide:
     ) -> tuple[Command, FromParticipant]:
         """Force on the participant's hand at x (2,) [m], and what the helper is to hear; see `BoundedForce.step`.
 
-        Without a message the force is released.
+        Without a new message the force is released.
         """
         target: tuple[float, ...] = NO_FORCE
-        if heard is not None:
+        if heard is not None and self._serials.fresh(heard.serial):
             self.force.take_energy(heard.energy)
-            target = tuple(self._carry.image(np.array((heard.x, heard.y))).tolist())
+            target = tuple(self._carry.image(_floats(heard.x, heard.y)).tolist())
         self.force.carry(*target)
         command = self.force.step(x, v, enable=enable, stamp=stamp)
         force_x, force_y = command.value.tolist()
-        return command, FromParticipant(*_place(x, self.force), force_x, force_y, self.force.give_energy(self._share))
+        given = self.force.give_energy(self._share)
+        return command, FromParticipant(*_place(x, self.force), force_x, force_y, given, self._serials.next())
 
 
 class HelperSide:
@@ -162,20 +195,21 @@ class HelperSide:
         )
         self.force = BoundedForce(kept, force_limit=force_limit, **bounds)
         self._share = _checked_share(exchange, self.force.dt)
+        self._serials = _Serials()
 
     def reset(self) -> None:
-        """No force, a full tank, nothing heard."""
+        """No force, a full tank, nothing heard; see `ParticipantSide.reset`."""
         self.force.reset()
         self._felt[:] = math.nan
         self._partner = (math.nan, math.nan)
 
     @property
     def partner(self) -> Array:
-        """(2,) [m] the participant's hand, as last heard, in the helper's workspace: g inverse; NaN where there is none.
+        """(2,) [m] the participant's hand, as last heard, in the helper's workspace: g inverse; NaN where it is not.
 
         For a display: a Newton solve.
         """
-        return self._carry.preimage(np.array(self._partner))
+        return self._carry.preimage(_floats(*self._partner))
 
     def step(
         self,
@@ -188,16 +222,17 @@ class HelperSide:
     ) -> tuple[Command, FromHelper]:
         """Force on the helper's hand at x (2,) [m], and what the participant's side is to hear.
 
-        Without a message the force is released.
+        Without a new message the force is released.
         """
-        if heard is None:
+        if heard is None or not self._serials.fresh(heard.serial):
             self._felt[:] = math.nan
         else:
             self.force.take_energy(heard.energy)
-            self._felt[:] = heard.force_x, heard.force_y
+            self._felt[:] = _floats(heard.force_x, heard.force_y)
             self._partner = (heard.x, heard.y)
         command = self.force.step(x, v, enable=enable, stamp=stamp)
-        return command, FromHelper(*_place(x, self.force), self.force.give_energy(self._share))
+        given = self.force.give_energy(self._share)
+        return command, FromHelper(*_place(x, self.force), given, self._serials.next())
 
     def _reflected(self, x: float, y: float, vx: float, vy: float) -> tuple[float, float]:
         back_x, back_y = self._carry.push_force(np.array((x, y)), self._felt).tolist()
@@ -219,7 +254,9 @@ class Bilateral:
 
     def __init__(self, helper: HelperSide, participant: ParticipantSide, *, delay: float = 0.0) -> None:
         if helper.force.dt != participant.force.dt:
-            raise ConfigurationError("helper", helper.force.dt, f"a tick as the participant's, {participant.force.dt} s")
+            raise ConfigurationError(
+                "helper", helper.force.dt, f"a tick as the participant's, {participant.force.dt} s"
+            )
         self.helper, self.participant, self.dt = helper, participant, helper.force.dt
         self.delay = checked_number("delay", delay, above=-1e-12, below=10.0)
         self._ticks = round(self.delay / self.dt)
@@ -246,9 +283,7 @@ class Bilateral:
         A message takes the delay and one tick.
         """
         felt, said = self.helper.step(helper, self._back.popleft(), helper_velocity, enable=enable)
-        drawn, answer = self.participant.step(
-            participant, self._there.popleft(), participant_velocity, enable=enable
-        )
+        drawn, answer = self.participant.step(participant, self._there.popleft(), participant_velocity, enable=enable)
         self._there.append(said)
         self._back.append(answer)
         return BilateralCommand(felt, drawn)
@@ -260,6 +295,11 @@ def _place(x: ArrayLike, force: BoundedForce) -> tuple[float, float]:
         return NO_FORCE
     at_x, at_y = np.asarray(x, dtype=np.float64).tolist()
     return at_x, at_y
+
+
+def _floats(x: float, y: float) -> Array:
+    """Two numbers of a message; none where one cannot be meant."""
+    return np.array((x, y) if -BEYOND < x < BEYOND and -BEYOND < y < BEYOND else NO_FORCE)
 
 
 def _checked_map(carry: object) -> ControllerMap:

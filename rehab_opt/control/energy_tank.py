@@ -114,7 +114,7 @@ class EnergyTank:
     def take(self, joules: float) -> None:
         """Filled by what another tank gave [J], up to the budget; the rest is lost."""
         if 0.0 < joules < math.inf:
-            self.level = min(self.level + joules, self.budget)
+            self.level = min(self.level + min(joules, self.budget), self.budget)
 
     def _settled(self) -> None:
         self.pending = self.unseen = self._varied = self._peak = 0.0

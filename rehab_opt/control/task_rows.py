@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from rehab_opt.errors import ConfigurationError
 
-__all__ = ["ROWS", "checked_rows", "frame_number"]
+__all__ = ["FRAMES", "ROWS", "checked_rows", "frame_number"]
 
 ROWS = ("x", "y", "z", "rx", "ry", "rz", "roll7")
 """Task rows: hand velocity along and about the axes of the chosen frame, and about the wrist's own axis z7."""

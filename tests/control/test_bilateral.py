@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rehab_opt import ConfigurationError, Status
-from rehab_opt.control.bilateral import Bilateral, FromHelper, HelperSide, ParticipantSide
+from rehab_opt.control.bilateral import Bilateral, FromHelper, FromParticipant, HelperSide, ParticipantSide
 from rehab_opt.workspace.controller_map import ControllerMap
 from tests.workspace.mapped import mapped, shape
 
@@ -160,11 +160,79 @@ def test_the_helper_sees_the_participant_in_their_own_workspace() -> None:
     assert np.isnan(both.helper.partner).all()
 
 
-@pytest.mark.parametrize("energy", [math.nan, math.inf, -5.0, 1e9])
+@pytest.mark.parametrize("energy", [math.nan, math.inf, -5.0, 1e9, 10**400])
 def test_energy_that_cannot_have_been_given_is_not_taken_beyond_the_budget(energy: float) -> None:
     side = ParticipantSide(carry(), comfortable=shape("restricted"), **BOUNDS)  # type: ignore[arg-type]
-    side.step(carry().image(HELPER), FromHelper(*HELPER, energy))
+    side.step(carry().image(HELPER), FromHelper(*HELPER, energy, 1))
     assert 0.9 * BUDGET < side.force.energy_left <= BUDGET
+
+
+def sides(budget: float, **participant: float) -> tuple[HelperSide, ParticipantSide]:
+    bounds = {**BOUNDS, "energy_budget": budget}
+    return (
+        HelperSide(carry(), exchange=50.0, **bounds),  # type: ignore[arg-type]
+        ParticipantSide(carry(), comfortable=shape("restricted"), exchange=50.0, **{**bounds, **participant}),  # type: ignore[arg-type]
+    )
+
+
+@pytest.mark.parametrize("resets", [False, True])
+def test_messages_lost_doubled_late_and_out_of_order_give_no_energy(resets: bool) -> None:
+    """Greedy hands, and a network that hands over any message of the last 300, or none, at its pleasure."""
+    budget, rng = 0.1, np.random.default_rng(4)
+    one, two = sides(budget, stiffness=4000.0)
+    there, back = [], []
+    helper, participant = HELPER.copy(), carry().image(HELPER)
+    total, most, refilled = 0.0, 0.0, 0.0
+    for k in range(4000):
+        pick = [None if not box or rng.random() < 0.2 else box[rng.integers(max(0, len(box) - 300), len(box))]
+                if rng.random() < 0.5 else box[-1] for box in (there, back)]  # fmt: skip
+        if resets and k % 1000 == 500:  # one side alone, which fills its tank
+            refilled += budget - two.force.energy_left
+            two.reset()
+        felt, said = one.step(helper, pick[1])
+        led, answer = two.step(participant, pick[0])
+        there.append(said)
+        back.append(answer)
+        push, pull = felt.value, led.value
+        away = HELPER + [0.1 if (k // 50) % 2 else -0.1, 0.0] - helper
+        step = cut(push) if felt.value @ away < 0 and math.hypot(*push) > 0.1 else cut(away)
+        yielding = cut(pull) if math.hypot(*pull) > 0.1 else np.zeros(2)
+        total += push @ step + pull @ yielding
+        helper, participant, most = helper + step, participant + yielding, max(most, total - refilled)
+    assert 0.0 < most <= 2 * budget + 1e-9
+
+
+def test_a_message_that_is_repeated_counts_as_none_before_and_after_a_reset() -> None:
+    one, two = sides(1.0)
+    said = [one.step(HELPER, None)[1] for _ in range(3)]
+    at = carry().image(HELPER) + [0.01, 0.0]
+    two.step(at, None)
+    two.force.give_energy(0.5)
+    two.step(at, said[2])
+    for message in (said[2], said[0], said[1]):
+        two.force.give_energy(0.5)
+        left = two.force.energy_left
+        for _ in range(50):
+            released, _ = two.step(at, message)
+        assert not np.any(released.value)
+        assert two.force.energy_left <= left + 1e-12
+    two.reset()
+    two.step(at, said[2])
+    assert two.step(at, said[2])[0].status is Status.RELEASED
+    assert two.step(at, one.step(HELPER, None)[1])[0].status is Status.OK
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e300, 10**400])
+def test_no_number_in_a_message_raises_or_moves_a_hand(bad: float) -> None:
+    one, two = sides(1.0)
+    at = carry().image(HELPER)
+    for k in range(1, 20):
+        felt, _ = one.step(HELPER, FromParticipant(bad, bad, bad, bad, bad, k))
+        led, _ = two.step(at, FromHelper(bad, bad, bad, k))
+        assert not np.any(felt.value)
+        assert not np.any(led.value)
+    assert one.step(HELPER, FromParticipant(*at, 1.0, 1.0, 0.0, bad))[0].status in Status  # type: ignore[arg-type]
+    one.partner  # noqa: B018  (must not raise)
 
 
 def test_bad_configuration_is_named() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -12,7 +13,7 @@ import pytest
 
 from bench.scenarios import SCENARIOS, changed, judged
 from rehab_opt import Status
-from rehab_opt.errors import ProblemFileError
+from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.session.files import load_problem
 from rehab_opt.session.run import run_problem
 from rehab_opt.session.scenario import prepared as prepared_module
@@ -23,6 +24,7 @@ from rehab_opt.session.scenario.outcome import ScenarioOutcome
 from rehab_opt.session.scenario.prepared import prepared
 from rehab_opt.session.scenario.run import law_of, scene_of
 from rehab_opt.session.scenario.simulated_person import Person, SimulatedPerson
+from rehab_opt.session.scenario.system import ScenarioSystem
 from rehab_opt.session.workspaces import reached as sets
 from rehab_opt.session.workspaces.sections import ArmInPlane
 from rehab_opt.workspace.mapping import WorkspaceMap
@@ -149,6 +151,45 @@ def test_the_force_loop_delivers_what_is_commanded() -> None:
     np.testing.assert_allclose([robot.x, robot.y], [8.0 / 3000, -6.0 / 3000], atol=1e-6)
 
 
+@pytest.mark.parametrize("dt", [1e-3, 5e-3, 2e-2])
+@pytest.mark.parametrize(("stiffness", "damping"), [(0.0, 8.0), (300.0, 30.0), (2000.0, 30.0), (200.0, 900.0)])
+def test_the_growth_that_is_foretold_is_that_of_a_simulation(dt: float, stiffness: float, damping: float) -> None:
+    model = RobotModel(noise=0.0, coulomb=0.0, motor_limit=1e300)
+    robot = ForceRobot(model, hand_mass=1.2, start=(1e-3, 0.0), dt=dt, rng=np.random.default_rng(0), ticks=600)
+    sizes = []
+    for _ in range(600):
+        robot.step(0.0, 0.0, -stiffness * robot.x - damping * robot.vx, 0.0)
+        sizes.append(math.hypot(robot.x, robot.vx, robot.measured_x))
+    seen = (max(sizes[-150:]) / max(sizes[-300:-150])) ** (1 / 150)
+    assert seen == pytest.approx(model.growth(1.2, stiffness=stiffness, damping=damping, dt=dt), abs=0.02)
+
+
+@pytest.mark.parametrize("integral", [0.0, 60.0, 1000.0])
+@pytest.mark.parametrize("dt", [1e-3, 2e-2])
+def test_a_force_loop_is_refused_where_it_is_unstable_and_nowhere_else(integral: float, dt: float) -> None:
+    """The gain's bound in closed form beside eigenvalues; a heavy pair, which a loop alone decides."""
+    most = 2.0 - 0.5 * integral * dt
+    for gain, stable in ((0.99 * most, True), (1.01 * most, False)):
+        if gain <= 0:
+            continue
+        model = RobotModel(mass=1e3, viscous=0.0, gain=gain, integral=integral)
+        assert (model.growth(1e3, stiffness=0.0, damping=0.0, dt=dt) <= 1 + 1e-6) == stable
+        if stable:
+            model.check(1e3, dt=dt)
+        else:
+            with pytest.raises(ConfigurationError, match="gain"):
+                model.check(1e3, dt=dt)
+
+
+def test_a_simulation_that_no_person_can_have_done_is_said_to_be_one() -> None:
+    wild = {"spasm_N": 100.0, "spasms_per_s": 10.0}
+    run = {"rate_hz": 200.0, "laws": ["unassisted"]}
+    found = run_problem(changed("scenario_2_assist", person=wild, task={"trials": 1}, run=run))
+    assert any("no hand is faster" in note for note in found.notes)
+    assert any("no arm goes there" in note for note in found.notes)
+    assert not any("no arm goes there" in note for note in outcome("scenario_2_assist").notes)
+
+
 def test_a_robot_that_is_told_no_force_is_hardly_felt() -> None:
     """A hand of 1.2 kg pushed with 2 N: the loop hides most of the robot's friction and mass."""
     robot = ForceRobot(
@@ -222,6 +263,16 @@ def test_points_are_held_in_the_order_of_nearest_next_and_counted_only_when_due(
         ("scenario_5_hold", {"field": {"drag_N_m": 10.0}}, "field.drag_N_m"),
         ("scenario_1_stretch", {"field": {"width_mm": math.nan}}, "field.width_mm"),
         ("scenario_1_stretch", {"robot": {"gain": 5.0}}, "robot.gain"),
+        ("scenario_1_stretch", {"robot": {"integral_per_s": 1000.0}, "run": {"rate_hz": 50.0}}, "robot.gain"),
+        ("scenario_1_stretch", {"robot": {"viscous_Ns_m": 500.0}, "run": {"rate_hz": 50.0}}, "run.rate_hz"),
+        ("scenario_1_stretch", {"person": {"passive_damping_Ns_m": 500.0}, "run": {"rate_hz": 50.0}}, "run.rate_hz"),
+        ("scenario_1_stretch", {"person": {"hand_mass_kg": 0.01}, "robot": {"mass_kg": 1e-6}}, "run.rate_hz"),
+        ("scenario_3_resist", {"task": {"points_m": [[-0.17, 0.5], [-0.17, 0.5]]}}, "task.points_m"),
+        ("scenario_2_assist", {"task": {"movement_s": 1e-300, "rest_s": 0.0}}, "task.movement_s"),
+        ("scenario_5_hold", {"task": {"dwell_s": 600.0, "trials": 1000}}, "task.trials"),
+        ("scenario_5_hold", {"person": {"wander_s": 1e9}}, "person.wander_s"),
+        ("scenario_5_hold", {"person": {"tremor_hz": 30.0}, "run": {"rate_hz": 50.0}}, "person.tremor_hz"),
+        ("scenario_5_hold", {"field": {"width_mm": 1e-3}}, "field.width_mm"),
         ("scenario_1_stretch", {"robot": {"lower_m": [0.0, 0.0], "upper_m": [0.1, 0.1]}}, "arm.shoulder_m"),
         ("scenario_1_stretch", {"robot": {"lower_m": [0.0, 0.0], "upper_m": [0.0, 0.1]}}, "robot.upper_m"),
         ("scenario_4_follow", {"task": {"mapped": False}}, "task.placement"),
@@ -235,6 +286,22 @@ def test_what_cannot_be_done_is_refused_by_the_key_that_says_it(name: str, secti
         run_problem(changed(name, **sections))
     assert key in str(refused.value)
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("sections", "key"),
+    [({"run": {"solver": "nonsense"}}, "run.solver"), ({"robot": {"gain": 5.0}}, "robot.gain"),
+     ({"task": {"points_m": [[-0.17, 0.5], [-0.17, 0.5]]}}, "task.points_m")],
+)  # fmt: skip
+def test_a_check_refuses_what_a_run_would_before_any_workspace_is_found(sections: dict, key: str) -> None:
+    with pytest.raises(ProblemFileError, match=re.escape(key)):
+        ScenarioSystem().check(changed("scenario_2_assist", **sections))
+
+
+def test_a_robot_that_is_unstable_in_the_helpers_hand_alone_is_refused_by_key() -> None:
+    light = {"person": {"hand_mass_kg": 0.3}, "robot": {"gain": 4.0}, "task": {"trials": 1}}
+    with pytest.raises(ProblemFileError, match=r"robot\.gain.*helper"):
+        run_problem(changed("scenario_together", run={"rate_hz": 1000.0, "laws": ["together"]}, **light))
 
 
 def test_a_real_pen_trace_is_the_helpers_path(recorded: Callable[[str], Path]) -> None:

@@ -10,7 +10,8 @@ from rehab_opt.control.chair_and_arm import UNKNOWN, ChairAndArm
 from rehab_opt.control.command import Command
 from rehab_opt.control.joystick import StickCommand
 from rehab_opt.control.obstacles import NUMBERS
-from rehab_opt.control.redundancy import FRAMES, RedundancyResolver
+from rehab_opt.control.redundancy import RedundancyResolver
+from rehab_opt.control.task_rows import FRAMES
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.export.c_text import indented, initialiser, number
 from rehab_opt.export.exported import ExportedController, ExportedVelocity, Law

@@ -26,8 +26,8 @@ class RobotModel:
     Parameters
     ----------
     mass : [kg] moved at the handle. viscous : [N s/m]. coulomb : [N] dry friction.
-    gain, integral : [1], [1/s] of the force loop; the gain must be less than (m_robot + m_hand) / m_hand: the force
-        that is measured is a tick old.
+    gain, integral : [1], [1/s] of the force loop; gain + integral dt / 2 must be less than
+        (m_robot + m_hand) / m_hand: the force that is measured is a tick old.
     noise : [N] standard deviation of the force sensor, per axis.
     motor_limit : [N] per axis.
     lower, upper : (2,) [m] mechanical stops in the robot's frame.
@@ -43,16 +43,33 @@ class RobotModel:
     lower: tuple[float, float] = (-math.inf, -math.inf)
     upper: tuple[float, float] = (math.inf, math.inf)
 
-    def check(self, hand_mass: float) -> None:
-        """Refuse a loop that is unstable with this hand.
+    def check(self, hand_mass: float, *, dt: float) -> None:
+        """Refuse a loop that is unstable with this hand in ticks of `dt` [s].
 
         Raises
         ------
-        ConfigurationError : its gain is too large.
+        ConfigurationError : its gains are too large.
         """
         most = (self.mass + hand_mass) / hand_mass
-        if not self.gain < most:
-            raise ConfigurationError("gain", self.gain, f"less than {most:.3g} for a hand of {hand_mass:g} kg")
+        if not self.gain + 0.5 * self.integral * dt < most:
+            expected = f"less than {most:.3g} for a hand of {hand_mass:g} kg, with integral dt / 2 added"
+            raise ConfigurationError("gain", self.gain, expected)
+
+    def growth(self, hand_mass: float, *, stiffness: float, damping: float, dt: float) -> float:
+        """How much the fastest growing motion grows in a tick, 1 for none; the hand held by a spring and a damper.
+
+        Of one axis under no command, within the motors' limit, without dry friction.
+        """
+        whole = self.mass + hand_mass
+        # Rows of place, speed, measured force, integral: first the acceleration, from which they follow.
+        summed = np.array([0.0, 0.0, -self.integral * dt, 1.0])
+        push = np.array([-stiffness, -damping, 0.0, 0.0])
+        motor = summed - self.gain * np.array([0.0, 0.0, 1.0, 0.0])
+        acceleration = (motor + push - np.array([0.0, self.viscous, 0.0, 0.0])) / whole
+        speed = np.array([0.0, 1.0, 0.0, 0.0]) + dt * acceleration
+        place = np.array([1.0, 0.0, 0.0, 0.0]) + dt * speed
+        steps = np.stack((place, speed, hand_mass * acceleration - push, summed))
+        return float(np.abs(np.linalg.eigvals(steps)).max())
 
 
 class ForceRobot:
@@ -82,7 +99,7 @@ class ForceRobot:
         rng: np.random.Generator,
         ticks: int,
     ) -> None:
-        model.check(hand_mass)
+        model.check(hand_mass, dt=dt)
         self._model, self._hand_mass, self._dt = model, hand_mass, dt
         self.x, self.y = map(float, start)
         self.vx = self.vy = self.measured_x = self.measured_y = 0.0

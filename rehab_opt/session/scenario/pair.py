@@ -7,17 +7,15 @@ from typing import Any
 import numpy as np
 
 from rehab_opt.control.bilateral import Bilateral, HelperSide, ParticipantSide
-from rehab_opt.control.bounded_force import ForceBounds
 from rehab_opt.errors import ConfigurationError, ProblemFileError
-from rehab_opt.optim.ladder import FUSED
 from rehab_opt.session.files import ProblemFile
+from rehab_opt.session.scenario.bounds import bounds_of, bounds_refusals
 from rehab_opt.session.scenario.intention import traced
 from rehab_opt.session.scenario.prepared import Prepared, robot_model_of
 from rehab_opt.session.scenario.problem import ScenarioProblem
 from rehab_opt.session.scenario.simulated_person import Person
 from rehab_opt.session.scenario.together import Helper, Together
 from rehab_opt.session.scenario.trial import Trial
-from rehab_opt.session.solver_option import solver_refusals
 
 __all__ = ["pair_measures", "pair_of"]
 
@@ -34,45 +32,38 @@ def pair_of(loaded: ProblemFile[ScenarioProblem], ready: Prepared, *, delay: flo
     assert ready.carry is not None  # the schema refuses a pair without a map
     assert ready.demonstrated is not None
     dt = 1 / problem.run.rate_hz
-    bounds: ForceBounds = {
-        "slew_limit": said.slew_limit_N_s,
-        "energy_budget": said.energy_budget_J,
-        "speed_cap": said.speed_cap_m_s,
-        "trust_stillness": True,  # a simulated sensor does not freeze
-        "solver": solver or problem.run.solver or FUSED,
-        "dt": dt,
-    }
+    bounds = bounds_of(problem, solver=solver)
     helper = problem.helper
-    try:
-        with solver_refusals(solver, file=loaded.file, key="run.solver", value=problem.run.solver):
-            both = Bilateral(
-                HelperSide(
-                    ready.carry,
-                    damping=helper.hand_damping_Ns_m,
-                    exchange=helper.exchange_per_s,
-                    force_limit=said.force_limit_N,
-                    **bounds,
-                ),
-                ParticipantSide(
-                    ready.carry,
-                    comfortable=ready.comfortable,
-                    stiffness=helper.stiffness_N_m,
-                    damping=helper.damping_Ns_m,
-                    exchange=helper.exchange_per_s,
-                    force_limit=said.force_limit_N,
-                    **bounds,
-                ),
-                delay=delay,
-            )
-    except ConfigurationError as refused:
-        if refused.argument.startswith("--") or isinstance(refused, ProblemFileError):
-            raise
-        key = "run.solver" if refused.argument == "solver" else f"helper or assistance, {refused.argument}"
-        raise ProblemFileError(loaded.file, key, refused.value, refused.expected) from refused
+    with bounds_refusals(loaded, solver=solver, section="helper or assistance"):
+        both = Bilateral(
+            HelperSide(
+                ready.carry,
+                damping=helper.hand_damping_Ns_m,
+                exchange=helper.exchange_per_s,
+                force_limit=said.force_limit_N,
+                **bounds,
+            ),
+            ParticipantSide(
+                ready.carry,
+                comfortable=ready.comfortable,
+                stiffness=helper.stiffness_N_m,
+                damping=helper.damping_Ns_m,
+                exchange=helper.exchange_per_s,
+                force_limit=said.force_limit_N,
+                **bounds,
+            ),
+            delay=delay,
+        )
     task = problem.task
     meant = traced(ready.demonstrated, seconds=task.movement_s, rest=task.rest_s, dt=dt)
     healthy = Person(wander=1e-3 * helper.wander_mm, tremor=0.0, spasm_rate=0.0)
-    return Together(both, Helper(healthy, robot_model_of(loaded), ready.reachable, meant), seed=task.seed)
+    robot = robot_model_of(loaded)
+    try:
+        robot.check(healthy.hand_mass, dt=dt)
+    except ConfigurationError as refused:
+        key = f"robot.{refused.argument}"
+        raise ProblemFileError(loaded.file, key, refused.value, f"{refused.expected}, the helper's") from refused
+    return Together(both, Helper(healthy, robot, ready.reachable, meant), seed=task.seed)
 
 
 def pair_measures(trial: Trial) -> dict[str, Any]:

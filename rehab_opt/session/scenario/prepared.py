@@ -26,6 +26,11 @@ __all__ = ["Prepared", "given_path", "person_of", "prepared", "robot_model_of"]
 
 Array = NDArray[np.float64]
 
+STABLE = 1 + 1e-6
+"""Growth a tick that rounding makes of none."""
+SHORTEST = 1e-3
+"""[m] A path is longer."""
+
 
 class Prepared(NamedTuple):
     """All places in the robot's frame."""
@@ -87,7 +92,7 @@ def given_path(loaded: ProblemFile[ScenarioProblem]) -> tuple[Array, list[str]]:
 
     Raises
     ------
-    ProblemFileError : the recording cannot be used.
+    ProblemFileError : the recording cannot be used, a path is none.
     """
     task, arm = loaded.problem.task, loaded.problem.arm
     if task.points_m is not None:
@@ -99,6 +104,10 @@ def given_path(loaded: ProblemFile[ScenarioProblem]) -> tuple[Array, list[str]]:
             loaded, task.recording, task.placement, side=arm.side, rate=task.record_rate_hz, keys="task."
         )
         points, notes = placed[:, :2], [f"{recording.file}: {note}" for note in recording.notes]
+    length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+    if loaded.problem.mode != "hold" and not length >= SHORTEST:
+        key = "task.points_m" if task.points_m is not None else "task.placement"
+        raise ProblemFileError(loaded.file, key, f"a path of {1e3 * length:.3g} mm", "1 mm or more")
     return sets.placement_of(arm).to_robot(points), notes
 
 
@@ -130,9 +139,9 @@ def robot_model_of(loaded: ProblemFile[ScenarioProblem]) -> RobotModel:
 
     Raises
     ------
-    ProblemFileError : its force loop is unstable with this hand.
+    ProblemFileError : its force loop is unstable with this hand, or a simulation in ticks so long is.
     """
-    said = loaded.problem.robot
+    said, person, rate = loaded.problem.robot, loaded.problem.person, loaded.problem.run.rate_hz
     model = RobotModel(
         mass=said.mass_kg,
         viscous=said.viscous_Ns_m,
@@ -145,9 +154,24 @@ def robot_model_of(loaded: ProblemFile[ScenarioProblem]) -> RobotModel:
         upper=(said.upper_m[0], said.upper_m[1]),
     )
     try:
-        model.check(loaded.problem.person.hand_mass_kg)
+        model.check(person.hand_mass_kg, dt=1 / rate)
     except ConfigurationError as refused:
         raise ProblemFileError(loaded.file, f"robot.{refused.argument}", refused.value, refused.expected) from refused
+    stiff, tough = person.stiffness_N_m, person.damping_Ns_m
+    held = (
+        (0.0, 0.0),
+        (person.passive_stiffness_N_m, 0.0),
+        (stiff, tough),
+        (stiff + person.passive_stiffness_N_m, tough),
+    )
+    grows = max(
+        model.growth(person.hand_mass_kg, stiffness=k, damping=d + person.passive_damping_Ns_m, dt=1 / rate)
+        for k, d in held  # in and out of W_c, with the will saturated and not
+    )
+    if not grows <= STABLE:
+        expected = "a higher rate, or softer robot and person (springs, dampers, viscous_Ns_m, gains; heavier masses)"
+        value = f"{rate:g}, at which their simulation grows {grows:.3g}-fold a tick"
+        raise ProblemFileError(loaded.file, "run.rate_hz", value, expected)
     return model
 
 

@@ -8,13 +8,12 @@ from pydantic import Field, model_validator
 
 from rehab_opt.control.gate import Mode
 from rehab_opt.session.scenario.force_robot import RobotModel
-from rehab_opt.session.scenario.simulated_person import Person
+from rehab_opt.session.scenario.simulated_person import FASTEST_LINE, Person
 from rehab_opt.session.scenario.trial import Law
 from rehab_opt.session.schema import (
     Length,
     Once,
     PlanarPlacement,
-    Positive,
     Problem,
     RecordingSection,
     Section,
@@ -31,7 +30,9 @@ REACHES: tuple[Mode, ...] = ("assist", "resist")
 """Modes that are over when the end of the reference is reached."""
 
 Point = Annotated[list[Length], Field(min_length=2, max_length=2)]
-Seconds = Annotated[float, Field(gt=0, le=600)]
+Seconds = Annotated[float, Field(ge=0.1, le=600)]
+MOST_TICKS = 2_000_000
+"""Of all trials: each tick is kept."""
 
 
 class ScenarioArm(ArmInPlane):
@@ -73,7 +74,7 @@ class FieldSection(Section):
     """The force field: S, k1 or what it comes from, sigma, D."""
 
     stiffness_N_m: float = Field(gt=0, le=1e5)
-    width_mm: float = Field(gt=0, le=1000)
+    width_mm: float = Field(ge=1, le=1000)
     drag_N_m: float = Field(default=0.0, ge=0, le=1e5)
     resistance_N: float = Field(default=0.0, ge=0, le=1e4)
     damping_Ns_m: float = Field(default=0.0, ge=0, le=1e4)
@@ -123,7 +124,7 @@ class PersonSection(Section):
     passive_stiffness_N_m: float = Field(default=Person.passive_stiffness, ge=0, le=5000)
     passive_damping_Ns_m: float = Field(default=Person.passive_damping, ge=0, le=500)
     wander_mm: float = Field(default=1e3 * Person.wander, ge=0, le=100)
-    wander_s: Positive = Person.wander_time
+    wander_s: float = Field(default=Person.wander_time, ge=0.01, le=60)
     tremor_N: float = Field(default=Person.tremor, ge=0, le=50)
     tremor_hz: float = Field(default=Person.tremor_hz, gt=0, le=30)
     spasms_per_s: float = Field(default=Person.spasm_rate, ge=0, le=10)
@@ -188,4 +189,25 @@ class ScenarioProblem(Problem):
             raise refusal("task.start_m", task.start_m, 'no such key but for mode = "stretch"')
         if task.start_m is None and self.mode == "stretch":
             raise refusal("task.start_m", None, "where the hand is before it goes to the line")
+        return self
+
+    @model_validator(mode="after")
+    def ticks_suffice_and_fit(self) -> Self:
+        """Refuse what a rate cannot show, and what no memory holds."""
+        task, rate = self.task, self.run.rate_hz
+        fastest = FASTEST_LINE * self.person.tremor_hz
+        if self.person.tremor_N and not 2 * fastest < rate:
+            raise refusal(
+                "person.tremor_hz", self.person.tremor_hz, f"below {rate / 2 / FASTEST_LINE:.3g} at this rate"
+            )
+        seconds = task.movement_s + task.rest_s
+        if self.mode == "hold":
+            count = len(task.points_m or ())
+            seconds = count * task.dwell_s + (count - 1) * task.movement_s
+        ticks = seconds * rate * task.trials * len(self.run.laws)
+        if not ticks <= MOST_TICKS:
+            told = f"at most {int(MOST_TICKS / (seconds * rate * len(self.run.laws)))}"
+            if ticks > task.trials * MOST_TICKS:
+                told = "shorter trials or a lower run.rate_hz"
+            raise refusal("task.trials", task.trials, f"{told}: {ticks:.3g} ticks of all laws, {MOST_TICKS} fit")
         return self

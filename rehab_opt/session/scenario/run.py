@@ -9,14 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.assistance import Assistance
-from rehab_opt.control.bounded_force import ForceBounds
+from rehab_opt.control.energy_tank import HAND_SPEED
 from rehab_opt.control.path_assistance import PathAssistance
 from rehab_opt.control.smoothing import Smoother
-from rehab_opt.errors import ConfigurationError, ProblemFileError
-from rehab_opt.optim.ladder import FUSED
 from rehab_opt.published.field_law import FieldLaw
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
+from rehab_opt.session.scenario.bounds import bounds_of, bounds_refusals, check_bounds
 from rehab_opt.session.scenario.laws import Assisted, AssistedAtPoints, ForceLaw, Published, Unassisted
 from rehab_opt.session.scenario.loop import Arrival, Scene, ran
 from rehab_opt.session.scenario.measures import trial_measures
@@ -26,7 +25,6 @@ from rehab_opt.session.scenario.prepared import Prepared, person_of, prepared, r
 from rehab_opt.session.scenario.problem import REACHES, THERAPY, ScenarioProblem
 from rehab_opt.session.scenario.summary import law_summary
 from rehab_opt.session.scenario.trial import Law, Trial
-from rehab_opt.session.solver_option import solver_refusals
 
 __all__ = ["assistance_of", "law_of", "run_scenario", "scene_of"]
 
@@ -34,6 +32,8 @@ Array = NDArray[np.float64]
 
 SHORTEST_WAY = 1e-3
 """[m] between points; a single point needs no pace."""
+FAR = 0.05
+"""[m] Outside the reachable workspace from which on a hand is no person's: joints give way less."""
 REST = 0.5
 """[s] A reach is over when the hand has been at its goal so long."""
 
@@ -53,6 +53,7 @@ def run_scenario(loaded: ProblemFile[ScenarioProblem], *, solver: str | None, pr
     """
     problem = loaded.problem
     robot_model_of(loaded)  # refused before the workspaces take their seconds
+    check_bounds(loaded, solver=solver)
     ready = prepared(loaded, progress=progress)
     scene = scene_of(loaded, ready)
     task = problem.task
@@ -80,7 +81,7 @@ def run_scenario(loaded: ProblemFile[ScenarioProblem], *, solver: str | None, pr
         system=problem.system,
         name=loaded.name,
         title=problem.title,
-        notes=(*ready.notes, *ASSUMPTIONS, *_pair_notes(problem, measures)),
+        notes=(*ready.notes, *ASSUMPTIONS, *_pair_notes(problem, measures), *_runaways(ready, trials)),
         metrics={
             "laws": {name: law_summary(list(of)) | {"trials": list(of)} for name, of in measures.items()},
             "workspaces": {
@@ -117,6 +118,17 @@ def _pair_notes(problem: ScenarioProblem, measures: Mapping[Law, tuple[Mapping[s
         )
 
 
+def _runaways(ready: Prepared, trials: Mapping[Law, tuple[Trial, ...]]) -> Iterator[str]:
+    """Trials that no person can have done: what they measure says nothing of a law."""
+    for law, done in trials.items():
+        fast = max(float(np.hypot(*trial.velocity.T).max()) for trial in done)
+        if fast > HAND_SPEED:
+            yield f"{law}: the simulated hand reached {fast:.3g} m/s; no hand is faster than {HAND_SPEED:g} m/s"
+        far = max(float(np.max(ready.reachable.distance(trial.position))) for trial in done)
+        if far > FAR:
+            yield f"{law}: the simulated hand was {far:.3g} m outside the reachable workspace; no arm goes there"
+
+
 def scene_of(loaded: ProblemFile[ScenarioProblem], ready: Prepared) -> Scene:
     """What all trials share."""
     problem = loaded.problem
@@ -147,21 +159,15 @@ def law_of(name: Law, loaded: ProblemFile[ScenarioProblem], ready: Prepared, *, 
         return Published(_field_law(problem, ready), dt=dt)
     if name in ("together", "delayed"):
         return pair_of(loaded, ready, delay=problem.helper.delay_s if name == "delayed" else 0.0, solver=solver)
-    try:
-        with solver_refusals(solver, file=loaded.file, key="run.solver", value=problem.run.solver):
-            assistance = assistance_of(problem, ready, solver=solver or problem.run.solver or FUSED)
-    except ConfigurationError as refused:
-        if refused.argument.startswith("--") or isinstance(refused, ProblemFileError):
-            raise
-        key = "run.solver" if refused.argument == "solver" else f"assistance, {refused.argument}"
-        raise ProblemFileError(loaded.file, key, refused.value, refused.expected) from refused
+    with bounds_refusals(loaded, solver=solver, section="assistance"):
+        assistance = assistance_of(problem, ready, solver=solver)
     if problem.mode != "hold":
         return Assisted(assistance)
     return AssistedAtPoints(assistance, ready.reference, _pace(problem, ready.reference))
 
 
 def assistance_of(
-    problem: ScenarioProblem, ready: Prepared, *, solver: str = FUSED, backup: str | None = None
+    problem: ScenarioProblem, ready: Prepared, *, solver: str | None = None, backup: str | None = None
 ) -> Assistance:
     """Ours, of the whole field; along a path that may cross itself, of the piece where the hand is.
 
@@ -170,15 +176,8 @@ def assistance_of(
     ConfigurationError : a value that cannot be used.
     """
     said, field = problem.assistance, problem.field
-    bounds: ForceBounds = {
-        "slew_limit": said.slew_limit_N_s,
-        "energy_budget": said.energy_budget_J,
-        "speed_cap": said.speed_cap_m_s,
-        "trust_stillness": True,  # a simulated sensor does not freeze
-        "dt": 1 / problem.run.rate_hz,
-        "solver": solver,
-        "backup": backup,
-    }
+    bounds = bounds_of(problem, solver=solver)
+    bounds["backup"] = backup
     if problem.mode == "follow" and not field.drag_N_m:
         return PathAssistance(
             ready.reference,

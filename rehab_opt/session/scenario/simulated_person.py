@@ -10,11 +10,13 @@ from numpy.typing import NDArray
 
 from rehab_opt.workspace.region import Workspace
 
-__all__ = ["Person", "SimulatedPerson"]
+__all__ = ["FASTEST_LINE", "Person", "SimulatedPerson"]
 
 Array = NDArray[np.float64]
 
 TREMOR_LINES = 3
+FASTEST_LINE = 1.15
+"""Of the tremor's lines, in its frequency; the slowest is as far below."""
 
 
 @dataclass(frozen=True)
@@ -146,7 +148,7 @@ def _tremor(person: Person, ticks: int, dt: float, rng: np.random.Generator) -> 
     time = dt * np.arange(ticks)
     total = np.zeros((ticks, 2))
     for _ in range(TREMOR_LINES):
-        hertz = person.tremor_hz * rng.uniform(0.85, 1.15)
+        hertz = person.tremor_hz * rng.uniform(2.0 - FASTEST_LINE, FASTEST_LINE)
         total += np.sin(2 * math.pi * (hertz * time[:, None] + rng.uniform(0, 1, 2)))
     return total * person.tremor / math.sqrt(TREMOR_LINES)
 

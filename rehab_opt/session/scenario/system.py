@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.participant import arm_of
+from rehab_opt.session.scenario.bounds import check_bounds
 from rehab_opt.session.scenario.outcome import ScenarioOutcome
 from rehab_opt.session.scenario.prepared import given_path, robot_model_of
 from rehab_opt.session.scenario.problem import ScenarioProblem
@@ -34,11 +35,12 @@ class ScenarioSystem:
         return () if recording is None else (Needed("task.recording.file", recording.file),)
 
     def check(self, loaded: ProblemFile[ScenarioProblem]) -> tuple[str, ...]:
-        """Builds the arm and the robot, reads the recording; where the task lies is seen in the run."""
+        """Builds arm, robot and the force's bounds, reads the recording; where the task lies is seen in the run."""
         arm = loaded.problem.arm
         for name in ("comfortable", "reachable"):
             arm_of(arm.side, arm.segments, getattr(arm, name), file=loaded.file)
         robot_model_of(loaded)
+        check_bounds(loaded, solver=None)
         return tuple(given_path(loaded)[1])
 
     def run(
