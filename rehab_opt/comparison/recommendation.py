@@ -13,7 +13,7 @@ __all__ = ["DEFAULTS", "SLACK", "Recommendation", "recommendation_grid", "recomm
 
 DEFAULTS: Mapping[str, tuple[str, str]] = {
     "arm_ik": ("qrqp-fused", "warm"),
-    "field_learning": ("proxqp-kept", "cold"),
+    "field_learning": ("daqp", "cold"),
     "nlp_arm_ik": ("sqp", "cold"),
     "nlp_boundary": ("sqp", "cold"),
 }

@@ -98,7 +98,7 @@ def learnt_field(
     held_out: Sequence[int] | None = None,
     rest_on_target: bool = True,
     spacing: float | None = None,
-    solvers: Sequence[str] = ("proxqp", "osqp"),
+    solvers: Sequence[str] = ("daqp", "proxqp", "osqp"),
     compile: bool | None = None,
 ) -> PotentialField:
     """The field whose forces are nearest to the recorded ones; its `fit` says how near.

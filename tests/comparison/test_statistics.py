@@ -119,9 +119,9 @@ def test_a_capability_that_solves_otherwise_is_judged_by_its_own_way() -> None:
     def row(solver: str, mode: str, seconds: float) -> Row:
         return row_of("field_learning", solver, mode, [(judged(Outcome.SOLVED, seconds), False)], limit=1.0)
 
-    rows = [row("ladder", "warm", 1e-6), row("proxqp-kept", "cold", 1e-4), row("qrqp-fused", "cold", 9e-5)]
+    rows = [row("ladder", "warm", 1e-6), row("daqp", "cold", 1e-4), row("proxqp-kept", "cold", 9e-5)]
     (found,) = recommendations(rows)
-    assert found.default.solver == "proxqp-kept"
+    assert found.default.solver == "daqp"
     assert found.best is not None
-    assert found.best.solver == "qrqp-fused"
+    assert found.best.solver == "proxqp-kept"
     assert found.stays
