@@ -135,6 +135,8 @@ class Hand:
 
 def _pair(argument: str, value: Any) -> tuple[float, float]:
     """Two floats; a number too large for one is infinite."""
+    if type(value) is tuple and len(value) == 2 and type(value[0]) is type(value[1]) is float:
+        return value
     try:
         first, second = np.asarray(value).tolist()
         return _float(first), _float(second)

@@ -40,6 +40,10 @@ def single_point(point: ArrayLike) -> tuple[float, float]:
     if type(point) is np.ndarray and point.dtype is _FLOATS and point.shape == (2,):
         x, y = point.tolist()
         return x, y
+    if isinstance(point, tuple) and len(point) == 2:  # of a gate, in a tick
+        x, y = point
+        if isinstance(x, float) and isinstance(y, float):
+            return float(x), float(y)
     row = _numbers(point, "point", "two numbers in metres")
     if row.shape != (2,):
         raise ConfigurationError("point", f"an array of shape {row.shape}", "two numbers in metres")
