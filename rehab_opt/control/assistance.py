@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import partial
 from typing import Unpack
 
@@ -79,8 +80,18 @@ class Assistance(BoundedForce):
 
         Called in every tick, with a motion that is smooth: the force follows as fast as its slew bound allows. Where
         the target is no number, the force is released.
+
+        Raises
+        ------
+        ConfigurationError : not two real numbers.
         """
+        try:
+            to_x, to_y = 0.0 + dx, 0.0 + dy
+        except OverflowError:
+            to_x = to_y = math.nan
+        except TypeError as problem:
+            raise ConfigurationError("dx, dy", (dx, dy), "two real numbers [m]") from problem
         if self._by is None:
             self._by = [0.0, 0.0]
             self._wanted = self._gate(self.field, carried=self._by)
-        self._by[0], self._by[1] = dx, dy
+        self._by[0], self._by[1] = to_x, to_y

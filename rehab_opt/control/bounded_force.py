@@ -15,6 +15,7 @@ from rehab_opt.control.gate import WantedForce
 from rehab_opt.control.hand import Hand
 from rehab_opt.control.velocity_controller import checked_number
 from rehab_opt.control.watchdog import Watchdog
+from rehab_opt.errors import ConfigurationError
 from rehab_opt.optim.fused import FUSED_SOLVERS
 from rehab_opt.optim.ladder import FUSED, Ladder
 from rehab_opt.optim.qp import Instance, Statement
@@ -109,6 +110,8 @@ class BoundedForce:
         tolerance: float = 1e-8,
         compile: bool | None = None,
     ) -> None:
+        if not callable(wanted):
+            raise ConfigurationError("wanted", wanted, "a function of place and velocity, a WantedForce")
         self._wanted = wanted
         self.force_limit = checked_number("force_limit", force_limit, above=0.0, below=1e4)
         self.slew_limit = checked_number("slew_limit", slew_limit, above=0.0, below=1e6)

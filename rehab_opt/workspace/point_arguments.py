@@ -37,11 +37,10 @@ def single_point(point: ArrayLike) -> tuple[float, float]:
     ------
     ConfigurationError : anything else, naming `point`.
     """
-    if type(point) is np.ndarray:
-        if point.dtype is _FLOATS and point.shape == (2,):
-            x, y = point.tolist()
-            return x, y
-    elif isinstance(point, tuple) and len(point) == 2:  # from a controller, in a tick
+    if type(point) is np.ndarray and point.dtype is _FLOATS and point.shape == (2,):
+        x, y = point.tolist()
+        return x, y
+    if isinstance(point, tuple) and len(point) == 2:  # of a gate, in a tick
         x, y = point
         if isinstance(x, float) and isinstance(y, float):
             return float(x), float(y)

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rehab_opt import Assistance, Bound, ConfigurationError, PotentialField, Status, Workspace
+from rehab_opt.control.bounded_force import BoundedForce
 from tests.control import assistance_campaign
 
 S = np.linspace(0.0, 1.0, 200)
@@ -360,3 +361,38 @@ def test_a_command_is_its_own() -> None:
     sizes(helper, [OUTSIDE] * 50)
     np.testing.assert_array_equal(first.value, kept)
     assert not first.value.flags.writeable
+
+
+# -------------------------------------------------------------------------------------------------------------- carry
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e308, 10**400])
+def test_a_field_carried_nowhere_is_let_go_and_one_carried_back_pulls_again(bad: float) -> None:
+    helper = assistance("hold")
+    for _ in range(100):
+        held = helper.step(INSIDE)
+    assert np.any(held.value)
+    sizes_then, last = [], held.value
+    for _ in range(300):
+        helper.carry(bad, 0.0)
+        command = helper.step(INSIDE)
+        assert np.linalg.norm(command.value - last) <= SLEW * DT * (1 + 1e-9)
+        last = command.value
+        sizes_then.append(math.hypot(*last))
+    assert sizes_then[-1] == 0.0
+    helper.carry(0.0, 0.0)
+    for _ in range(100):
+        command = helper.step(INSIDE)
+    assert command.status is Status.OK
+    np.testing.assert_allclose(command.value, held.value, atol=1e-9)
+
+
+@pytest.mark.parametrize("bad", ["a", None, [1.0, 2.0]])
+def test_what_a_field_cannot_be_carried_by_is_named_before_a_tick(bad: object) -> None:
+    helper = assistance("hold")
+    with pytest.raises(ConfigurationError, match="dx, dy"):
+        helper.carry(bad, 0.0)  # type: ignore[arg-type]
+    assert helper.step(INSIDE).status is Status.OK
+
+
+def test_a_wanted_force_that_is_no_function_is_named() -> None:
+    with pytest.raises(ConfigurationError, match="wanted"):
+        BoundedForce(None)  # type: ignore[arg-type]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 
 from bench.scenarios import SCENARIOS, changed, judged
+from bench.verdict import all_met
 from rehab_opt import Status
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.session.files import load_problem
@@ -74,6 +76,22 @@ def outcome(name: str) -> ScenarioOutcome:
 def test_what_the_paper_reports_of_a_scenario_is_seen(name: str) -> None:
     missed = [str(verdict) for verdict in judged(name, outcome(name)) if not verdict.met]
     assert missed == []
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_an_assistance_that_does_nothing_is_seen_in_every_scenario(name: str) -> None:
+    found = outcome(name)
+    idle = {"assisted": found.measures["unassisted"], "unassisted": found.measures["unassisted"]}
+    assert not all_met(judged(name, replace(found, measures=idle)))
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_a_number_that_there_is_not_meets_no_verdict(name: str) -> None:
+    found = outcome(name)
+    blind = [dict.fromkeys(each) for each in found.measures["assisted"]]
+    assert not any(
+        verdict.met for verdict in judged(name, replace(found, measures={**found.measures, "assisted": blind}))
+    )
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
