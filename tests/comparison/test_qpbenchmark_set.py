@@ -12,7 +12,7 @@ from rehab_opt.comparison import qpbenchmark_set
 from rehab_opt.comparison.qpbenchmark_set import corpus_test_set
 from rehab_opt.comparison.sequence import families, read_sequence, shipped_sequences
 
-SOLVERS = ("proxqp", "quadprog")
+SOLVERS = ("proxqp", "daqp")
 
 
 def test_importing_the_module_does_not_need_qpbenchmark() -> None:
