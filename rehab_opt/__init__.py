@@ -14,10 +14,13 @@ from rehab_opt.kinematics.ur5 import ur5
 
 if TYPE_CHECKING:
     from rehab_opt.control.assistance import Assistance
+    from rehab_opt.control.bilateral import Bilateral, HelperSide, ParticipantSide
+    from rehab_opt.control.bounded_force import BoundedForce
     from rehab_opt.control.hand_bounds import KeepOut
     from rehab_opt.control.interaction import Interaction
     from rehab_opt.control.joystick import Joystick
     from rehab_opt.control.mirror import MirrorTracker
+    from rehab_opt.control.path_assistance import PathAssistance
     from rehab_opt.control.redundancy import RedundancyResolver
     from rehab_opt.field.potential import PotentialField
     from rehab_opt.kinematics.ardis import ardis
@@ -34,15 +37,20 @@ __all__ = [
     "DH",
     "ArmIK",
     "Assistance",
+    "Bilateral",
     "Bound",
+    "BoundedForce",
     "Command",
     "ConfigurationError",
+    "HelperSide",
     "IKPath",
     "IKSolution",
     "Interaction",
     "Joystick",
     "KeepOut",
     "MirrorTracker",
+    "ParticipantSide",
+    "PathAssistance",
     "PoseTracker",
     "PotentialField",
     "ProblemFileError",
@@ -68,10 +76,15 @@ __all__ = [
 # Loaded when first named: a controller's process starts in a tenth of a second, and not everyone needs all of it.
 _LATER = {
     "Assistance": "control.assistance",
+    "Bilateral": "control.bilateral",
+    "BoundedForce": "control.bounded_force",
+    "HelperSide": "control.bilateral",
     "Interaction": "control.interaction",
     "Joystick": "control.joystick",
     "KeepOut": "control.hand_bounds",
     "MirrorTracker": "control.mirror",
+    "ParticipantSide": "control.bilateral",
+    "PathAssistance": "control.path_assistance",
     "PotentialField": "field.potential",
     "RedundancyResolver": "control.redundancy",
     "ShoulderPlacement": "workspace.placement",

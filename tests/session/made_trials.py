@@ -14,7 +14,7 @@ from rehab_opt.field.potential import PotentialField
 from rehab_opt.session.scenario.measures import REACHES, trial_measures
 from rehab_opt.session.scenario.outcome import ScenarioOutcome
 from rehab_opt.session.scenario.summary import law_summary
-from rehab_opt.session.scenario.trial import LAWS, Law, Trial
+from rehab_opt.session.scenario.trial import LAWS, HelperTrace, Law, Trial
 from rehab_opt.workspace.region import Workspace
 
 Array = NDArray[np.float64]
@@ -23,6 +23,8 @@ COMFORTABLE = Workspace(shapely.box(-0.05, 0.40, 0.05, 0.50), accuracy=1e-6)
 REACHABLE = Workspace(shapely.Point(0.0, 0.45).buffer(0.25), accuracy=1e-6)
 LINE = np.array([[0.0, 0.45], [0.20, 0.45]])
 WITHIN = 0.005
+ALONE: tuple[Law, ...] = ("unassisted", "assisted", "published")
+"""Laws without a helper."""
 
 
 def minimum_jerk_speed(share: ArrayLike) -> Array:
@@ -69,14 +71,16 @@ def wavering_trial(law: Law, number: int, mode: Mode, points: Array, *, seconds:
         late = (len(points) * np.arange(count)) % count > count // 3
         goal = np.where(late[:, None], points[slot], np.nan)
         places = points[slot] + waver
+    helper = HelperTrace(3.0 * places, 3.0 * meant, force / 3.0, np.full(count, 4.0)) if law == "together" else None
     return trial_of(
         places, dt=1 / rate, law=law, number=number, intended=meant, wanted=force, commanded=force, goal=goal,
         measured=force + 0.05 * rng.standard_normal((count, 2)), inside=inside,
-        energy_left=np.full(count, np.nan if law != "assisted" else 15.0), ended="late" if number else "done",
+        energy_left=np.full(count, 15.0 if law in ("assisted", "together") else np.nan), helper=helper,
+        ended="late" if number else "done",
     )  # fmt: skip
 
 
-def made_outcome(mode: Mode, *, trials: int = 3, laws: tuple[Law, ...] = LAWS) -> ScenarioOutcome:
+def made_outcome(mode: Mode, *, trials: int = 3, laws: tuple[Law, ...] = ALONE) -> ScenarioOutcome:
     """A scenario of a kind, with workspaces, fields and trials made by hand."""
     reference, fields = REFERENCES[mode](), FIELDS[mode]
     done = {

@@ -24,9 +24,8 @@ from rehab_opt.session.scenario.parameter_figure import variants
 from rehab_opt.session.scenario.plane_drawing import LAW_NAMES, mean_over_trials
 from rehab_opt.session.scenario.table import scenario_table
 from rehab_opt.session.scenario.trace import RATE, thinned_ticks, trial_columns
-from rehab_opt.session.scenario.trial import LAWS
 from rehab_opt.session.scenario.trials_figure import largest_between, trials_figure
-from tests.session.made_trials import COMFORTABLE, REACHABLE, made_outcome, trial_of
+from tests.session.made_trials import ALONE, COMFORTABLE, REACHABLE, made_outcome, trial_of
 
 NAMES: dict[Mode, set[str]] = {
     "stretch": {"field", "trials", "comparison", "parameters"},
@@ -62,7 +61,7 @@ def test_figures_of_every_mode_are_there_and_can_be_drawn(mode: Mode) -> None:
         assert image.std() > 5, f"{name} is blank"
         for data in lines(figure):
             assert not np.isinf(data).any(), name
-    for law in LAWS:
+    for law in ALONE:
         assert LAW_NAMES[law] in words(drawn["trials"])
         assert law in words(drawn["comparison"])
 
@@ -192,6 +191,16 @@ def test_trace_has_a_row_a_kept_tick_and_a_unit_in_every_header() -> None:
     assert not any(word == "nan" for column in columns.values() for word in column)
 
 
+def test_a_helper_is_in_the_trace_and_the_figures_and_others_cells_are_empty() -> None:
+    outcome = made_outcome("follow", trials=1, laws=("unassisted", "together"))
+    columns = dict(trial_columns(outcome))
+    helper, place = columns["helper_x_m"], columns["x_m"]
+    for law, cell, x in zip(columns["law"], helper, place, strict=True):
+        assert cell == ("" if law == "unassisted" else f"{3.0 * x:.9g}")  # type: ignore[operator]
+    assert "together" in scenario_figures(outcome)
+    assert "helper_x_m" not in dict(trial_columns(made_outcome("follow", trials=1)))
+
+
 def test_trace_is_thinned_to_at_most_a_hundred_rows_a_second_with_both_ends() -> None:
     for dt, expected in ((0.001, 0.010), (0.002, 0.010), (0.003, 0.012), (0.010, 0.010), (0.040, 0.040)):
         trial = trial_of(np.zeros((1001, 2)), dt=dt)
@@ -201,10 +210,10 @@ def test_trace_is_thinned_to_at_most_a_hundred_rows_a_second_with_both_ends() ->
         assert (ticks[0], ticks[-1]) == (0, 1000)
 
 
-def test_a_bound_that_yields_between_two_rows_is_in_the_second() -> None:
+def test_a_bound_that_yields_between_two_rows_is_in_the_second_and_in_no_other() -> None:
     yielded = np.zeros(41, dtype=np.uint8)
-    yielded[13], yielded[17] = int(Bound.SLEW), int(Bound.TASK)
+    yielded[13], yielded[17], yielded[30] = int(Bound.SLEW), int(Bound.TASK), int(Bound.SLEW)
     outcome = made_outcome("assist", trials=1, laws=("assisted",))
     outcome.trials["assisted"] = (trial_of(np.zeros((41, 2)), dt=0.001, yielded=yielded),)  # type: ignore[index]
     said = dict(trial_columns(outcome))["yielded"]
-    assert said == ("", "", "task, slew", "", "")
+    assert said == ("", "", "task, slew", "slew", "")

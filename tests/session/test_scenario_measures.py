@@ -235,6 +235,7 @@ def test_releases_are_counted_once_each() -> None:
     assert numbers["releases"] == 2
     assert sum(numbers["status_share"].values()) == pytest.approx(1.0)
     assert numbers["status_share"]["backup"] == pytest.approx(10 / 101)
+    assert measured(trial_of(STILL[20:], status=status[20:]))["releases"] == 2  # the first of them from the first tick
 
 
 # ---------------------------------------------------------------------------------------------------------- numbers

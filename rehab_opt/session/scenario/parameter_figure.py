@@ -100,8 +100,9 @@ def parameter_figure(outcome: ScenarioOutcome) -> Figure:
 
 
 def _grid(left: float, right: float, low: float, high: float, count: int) -> tuple[Array, Array, Array]:
-    step = max(right - left, high - low) / MM / count
-    x, y = np.arange(left / MM + step / 2, right / MM, step), np.arange(low / MM + step / 2, high / MM, step)
+    step = max(right - left, high - low) / count
+    x = np.linspace(left, right, round((right - left) / step) + 1) / MM
+    y = np.linspace(low, high, round((high - low) / step) + 1) / MM
     return x, y, np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
 
 

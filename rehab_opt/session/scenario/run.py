@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.control.assistance import Assistance
 from rehab_opt.control.energy_tank import HAND_SPEED
+from rehab_opt.control.path_assistance import PathAssistance
 from rehab_opt.control.smoothing import Smoother
 from rehab_opt.published.field_law import FieldLaw
 from rehab_opt.session.files import ProblemFile
@@ -103,6 +104,7 @@ def run_scenario(loaded: ProblemFile[ScenarioProblem], *, solver: str | None, pr
 
 def _pair_notes(problem: ScenarioProblem, measures: Mapping[Law, tuple[Mapping[str, Any], ...]]) -> Iterator[str]:
     """What the table of the participant does not tell of the helper."""
+    tanks = 2 * problem.assistance.energy_budget_J
     for law, trials in measures.items():
         if "helper_force_mean_N" not in trials[0]:
             continue
@@ -111,9 +113,8 @@ def _pair_notes(problem: ScenarioProblem, measures: Mapping[Law, tuple[Mapping[s
             for key in ("helper_force_mean_N", "helper_force_max_N", "pair_energy_drawn_max_J")
         )
         yield (
-            f"{law}: the helper felt {np.mean(felt):.2g} N on average and {max(most):.2g} N at most; both "
-            f"hands together had drawn {max(drawn):.2g} J at most, of {2 * problem.assistance.energy_budget_J:g} J in "
-            "both tanks"
+            f"{law}: the helper felt {np.mean(felt):.2g} N on average and {max(most):.2g} N at most; both hands "
+            f"together had drawn {max(drawn):.2g} J at most, of {tanks:g} J in the tanks"
         )
 
 
@@ -153,7 +154,7 @@ def law_of(name: Law, loaded: ProblemFile[ScenarioProblem], ready: Prepared, *, 
     ProblemFileError : a value of the file cannot be used.
     ConfigurationError : `solver` cannot be used.
     """
-    problem, said = loaded.problem, loaded.problem.assistance
+    problem = loaded.problem
     dt = 1 / problem.run.rate_hz
     if name == "unassisted":
         return Unassisted()
@@ -162,17 +163,34 @@ def law_of(name: Law, loaded: ProblemFile[ScenarioProblem], ready: Prepared, *, 
     if name in ("together", "delayed"):
         return pair_of(loaded, ready, delay=problem.helper.delay_s if name == "delayed" else 0.0, solver=solver)
     with bounds_refusals(loaded, solver=solver, section="assistance"):
-        assistance = Assistance(
-            ready.fields[0],
-            comfortable=ready.comfortable,
-            mode=problem.mode,
-            force_limit=said.force_limit_N,
-            onset=1e-3 * said.onset_mm,
-            **bounds_of(problem, solver=solver),
-        )
+        assistance = _assistance(problem, ready, solver=solver)
     if problem.mode != "hold":
         return Assisted(assistance)
     return AssistedAtPoints(assistance, ready.reference, _pace(problem, ready.reference))
+
+
+def _assistance(problem: ScenarioProblem, ready: Prepared, *, solver: str | None) -> Assistance:
+    """Ours, of the whole field; along a path that may cross itself, of the piece where the hand is."""
+    said, field = problem.assistance, problem.field
+    bounds = bounds_of(problem, solver=solver)
+    if problem.mode == "follow" and not field.drag_N_m:
+        return PathAssistance(
+            ready.reference,
+            stiffness=field.stiffness_N_m,
+            width=1e-3 * field.width_mm,
+            damping=field.damping_Ns_m,
+            comfortable=ready.comfortable,
+            force_limit=said.force_limit_N,
+            **bounds,
+        )
+    return Assistance(
+        ready.fields[0],
+        comfortable=ready.comfortable,
+        mode=problem.mode,
+        force_limit=said.force_limit_N,
+        onset=1e-3 * said.onset_mm,
+        **bounds,
+    )
 
 
 def _pace(problem: ScenarioProblem, points: Array) -> Smoother:

@@ -17,6 +17,7 @@ LESS_IS_WORSE = frozenset(
         "goals_reached_share",
         "reference_covered_share",
         "inside_share",
+        "pair_energy_left_min_J",
     }
 )
 """Of all other measures the largest is the worst."""

@@ -32,7 +32,8 @@ def scenario_table(outcome: ScenarioOutcome) -> Table:
     table.add_column("quantity")
     for law in summaries:
         table.add_column(Text(law), justify="right")
-    for heading, rows in _groups(outcome.mode):
+    pairs = any("helper_force_mean_N" in of["mean"] for of in summaries.values())
+    for heading, rows in _groups(outcome.mode, pairs=pairs):
         table.add_section()
         table.add_row(Text(heading, style="bold"))
         for label, cell in rows:
@@ -44,7 +45,7 @@ def _number(key: str, *, scale: float = 1.0) -> Cell:
     """Mean and worst; "never" for a time that a trial never came to."""
 
     def cell(of: Numbers) -> str:
-        mean, worst = of["mean"][key], of["worst"][key]
+        mean, worst = of["mean"].get(key), of["worst"].get(key)
         if mean is None:
             return "never" if key == "time_to_target_s" else "-"
         return f"{_short(scale * mean)} ({'never' if worst is None else _short(scale * worst)})"
@@ -61,14 +62,14 @@ def _percent(key: str) -> Cell:
 
 
 def _statuses(of: Numbers) -> str:
-    return ", ".join(f"{100 * share:.3g} {status}" for status, share in of["mean"]["status_share"].items())
+    return "\n".join(f"{100 * share:.3g} {status}" for status, share in of["mean"]["status_share"].items())
 
 
 def _success(of: Numbers) -> str:
     return f"{100 * of['success_rate']:.0f}"
 
 
-def _groups(mode: Mode) -> list[tuple[str, list[tuple[str, Cell]]]]:
+def _groups(mode: Mode, *, pairs: bool) -> list[tuple[str, list[tuple[str, Cell]]]]:
     """Headings and rows: what says nothing about a mode is left out."""
     reaches, holds = mode in REACHES, mode == "hold"
     deviation: list[tuple[str, Cell]] = [
@@ -129,6 +130,13 @@ def _groups(mode: Mode) -> list[tuple[str, list[tuple[str, Cell]]]]:
         ("ticks by status, %", _statuses),
         ("releases", _number("releases")),
     ]
+    pair: list[tuple[str, Cell]] = [
+        ("force that the helper feels, mean, N", _number("helper_force_mean_N")),
+        ("force that the helper feels, largest, N", _number("helper_force_max_N")),
+        ("helper from where they meant to be, mm", _number("helper_deviation_mean_m", scale=MM)),
+        ("drawn by both hands together, at most, J", _number("pair_energy_drawn_max_J")),
+        ("energy left in a tank, least, J", _number("pair_energy_left_min_J")),
+    ]
     headings: list[tuple[str, list[tuple[str, Cell]]]] = [
         ("Deviation from the point to be held" if holds else "Deviation from the reference", deviation),
         ("Force", force),
@@ -136,4 +144,6 @@ def _groups(mode: Mode) -> list[tuple[str, list[tuple[str, Cell]]]]:
         ("Clinical measures", clinical),
         ("Workspace and law", law),
     ]
+    if pairs:
+        headings.insert(-1, ("Helper and participant", pair))
     return headings

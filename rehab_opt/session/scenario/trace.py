@@ -50,6 +50,12 @@ def trial_columns(outcome: ScenarioOutcome) -> Iterator[Column]:
     for axis, letter in enumerate("xy"):
         yield f"goal_{letter}_m", known(lambda of, axis=axis: of.goal[:, axis])  # type: ignore[misc]
     yield "energy_left_J", known(lambda trial: trial.energy_left)
+    if any(trial.helper is not None for trial, _ in trials):
+        for axis, letter in enumerate("xy"):
+            yield f"helper_{letter}_m", known(lambda of, axis=axis: _of_helper(of, "position")[:, axis])  # type: ignore[misc]
+        for axis, letter in enumerate("xy"):
+            yield f"helper_force_{letter}_N", known(lambda of, axis=axis: _of_helper(of, "commanded")[:, axis])  # type: ignore[misc]
+        yield "helper_energy_left_J", known(lambda trial: _of_helper(trial, "energy_left")[:, 0])
     yield "status", tuple(words[i] for trial, ticks in trials for i in trial.status[ticks])
     yield "yielded", tuple(word for trial, ticks in trials for word in _yielded(trial, ticks))
 
@@ -60,6 +66,14 @@ def thinned_ticks(trial: Trial, rate: float = RATE) -> NDArray[np.intp]:
         return np.arange(len(trial.time))
     stride = max(1, math.ceil(1.0 / (rate * float(np.median(np.diff(trial.time)))) - 1e-6))
     return np.unique(np.append(np.arange(0, len(trial.time), stride), len(trial.time) - 1))
+
+
+def _of_helper(trial: Trial, name: str) -> Array:
+    """(N, 2) or (N, 1) of the helper, NaN where there is none."""
+    if trial.helper is None:
+        return np.full((len(trial.time), 2), math.nan)
+    values: Array = getattr(trial.helper, name)
+    return values.reshape(len(trial.time), -1)
 
 
 def _yielded(trial: Trial, ticks: NDArray[np.intp]) -> Iterator[str]:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -26,6 +29,8 @@ from rehab_opt.session.scenario.trial import Law
 __all__ = ["largest_between", "trials_figure"]
 
 Array = NDArray[np.float64]
+
+MEAN_PLACE: Mapping[str, Any] = {"markersize": 11, "markerfacecolor": "none", "markeredgewidth": 1.5, "linestyle": ""}
 
 
 def trials_figure(outcome: ScenarioOutcome) -> Figure:
@@ -83,12 +88,10 @@ def _draw_paths(axes: Axes, outcome: ScenarioOutcome, law: Law) -> None:
     if holds:
         for point in outcome.reference:
             held = [trial.position[(trial.goal == point).all(axis=1)] for trial in trials]
-            together = np.vstack(held)
-            if len(together):
-                axes.plot(
-                    *(MM * together.mean(axis=0)), "o", color=colour, markersize=6, markeredgecolor="white", zorder=7
-                )
-        axes.plot([], [], "o", color=REFERENCE, markersize=6, label="mean place while it was to be held")
+            every = np.vstack(held)
+            if len(every):
+                axes.plot(*(MM * every.mean(axis=0)), "o", **MEAN_PLACE, markeredgecolor=colour, zorder=7)
+        axes.plot([], [], "o", **MEAN_PLACE, markeredgecolor=REFERENCE, label="mean place while it was to be held")
         return
     _, mean = mean_over_trials(trials, [trial.position for trial in trials])
     axes.plot(*(MM * mean.T), color=colour, linewidth=2.2, zorder=5.5)
