@@ -169,6 +169,21 @@ def test_the_force_loop_delivers_what_is_commanded() -> None:
     np.testing.assert_allclose([robot.x, robot.y], [8.0 / 3000, -6.0 / 3000], atol=1e-6)
 
 
+@pytest.mark.parametrize("coulomb", [1.5, 100.0])
+@pytest.mark.parametrize("dt", [2e-4, 1e-3, 5e-3, 2e-2])
+def test_dry_friction_brings_a_hand_to_rest_and_never_turns_it_round(dt: float, coulomb: float) -> None:
+    model = RobotModel(noise=0.0, coulomb=coulomb, gain=0.0, integral=0.0)
+    robot = ForceRobot(model, hand_mass=1.2, start=(0.0, 0.0), dt=dt, rng=np.random.default_rng(0), ticks=10_000)
+    robot.vx, robot.vy = 0.2, -0.1
+    sizes = [math.hypot(robot.vx, robot.vy)]
+    for _ in range(round(2.0 / dt)):
+        robot.step(0.0, 0.0, 0.0, 0.0)
+        assert robot.vx >= 0.0 >= robot.vy
+        sizes.append(math.hypot(robot.vx, robot.vy))
+    assert np.all(np.diff(sizes) <= 0.0)
+    assert sizes[-1] < 1e-9
+
+
 @pytest.mark.parametrize("dt", [1e-3, 5e-3, 2e-2])
 @pytest.mark.parametrize(("stiffness", "damping"), [(0.0, 8.0), (300.0, 30.0), (2000.0, 30.0), (200.0, 900.0)])
 def test_the_growth_that_is_foretold_is_that_of_a_simulation(dt: float, stiffness: float, damping: float) -> None:
@@ -206,6 +221,17 @@ def test_a_simulation_that_no_person_can_have_done_is_said_to_be_one() -> None:
     assert any("no hand is faster" in note for note in found.notes)
     assert any("no arm goes there" in note for note in found.notes)
     assert not any("no arm goes there" in note for note in outcome("scenario_2_assist").notes)
+
+
+def test_a_loop_that_throws_the_hand_is_said_to_do_so() -> None:
+    """At 40 Hz every force comes too late."""
+    stiff = {"assistance": {"slew_limit_N_s": 1000.0, "speed_cap_m_s": 0.3}, "field": {"stiffness_N_m": 1e4}}
+    slow = {"rate_hz": 40.0, "laws": ["unassisted", "assisted"]}
+    found = run_problem(changed("scenario_3_resist", task={"trials": 1}, run=slow, **stiff))
+    thrown = float(np.linalg.norm(found.trials["assisted"][0].velocity, axis=1).max())  # type: ignore[attr-defined]
+    assert thrown > 0.3
+    assert f"assisted: the hand reached {thrown:.3g} m/s, beyond the speed cap of 0.3 m/s" in found.notes
+    assert not any("speed cap" in note for note in outcome("scenario_3_resist").notes)
 
 
 def test_a_robot_that_is_told_no_force_is_hardly_felt() -> None:

@@ -115,8 +115,10 @@ class ForceRobot:
         model, dt = self._model, self._dt
         noise_x, noise_y = self._noise[self._tick]
         self._tick += 1
-        slip = model.viscous + model.coulomb / math.sqrt(self.vx * self.vx + self.vy * self.vy + SMOOTH * SMOOTH)
         whole = model.mass + self._hand_mass
+        dry = model.coulomb / math.sqrt(self.vx * self.vx + self.vy * self.vy + SMOOTH * SMOOTH)
+        # Friction stops within a tick what it can stop; more would turn the hand round, for ever.
+        slip = model.viscous + max(0.0, min(dry, whole / dt - model.viscous))
 
         motor = self._motor(0, force_x - self.measured_x, force_x)
         acceleration = (motor - slip * self.vx + person_x) / whole

@@ -81,7 +81,7 @@ def run_scenario(loaded: ProblemFile[ScenarioProblem], *, solver: str | None, pr
         system=problem.system,
         name=loaded.name,
         title=problem.title,
-        notes=(*ready.notes, *ASSUMPTIONS, *_pair_notes(problem, measures), *_runaways(ready, trials)),
+        notes=(*ready.notes, *ASSUMPTIONS, *_pair_notes(problem, measures), *_runaways(problem, ready, trials)),
         metrics={
             "laws": {name: law_summary(list(of)) | {"trials": list(of)} for name, of in measures.items()},
             "workspaces": {
@@ -118,12 +118,15 @@ def _pair_notes(problem: ScenarioProblem, measures: Mapping[Law, tuple[Mapping[s
         )
 
 
-def _runaways(ready: Prepared, trials: Mapping[Law, tuple[Trial, ...]]) -> Iterator[str]:
-    """Trials that no person can have done: what they measure says nothing of a law."""
+def _runaways(problem: ScenarioProblem, ready: Prepared, trials: Mapping[Law, tuple[Trial, ...]]) -> Iterator[str]:
+    """Trials that no person can have done, which say nothing of a law; and a law that makes the hand run away."""
+    cap = problem.assistance.speed_cap_m_s
     for law, done in trials.items():
         fast = max(float(np.hypot(*trial.velocity.T).max()) for trial in done)
         if fast > HAND_SPEED:
             yield f"{law}: the simulated hand reached {fast:.3g} m/s; no hand is faster than {HAND_SPEED:g} m/s"
+        elif fast > cap and law != "unassisted":
+            yield f"{law}: the hand reached {fast:.3g} m/s, beyond the speed cap of {cap:g} m/s"
         far = max(float(np.max(ready.reachable.distance(trial.position))) for trial in done)
         if far > FAR:
             yield f"{law}: the simulated hand was {far:.3g} m outside the reachable workspace; no arm goes there"

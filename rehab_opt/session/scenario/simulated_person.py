@@ -40,9 +40,9 @@ class Person:
     strength, weak_strength : [N] largest voluntary force inside W_c, and far outside.
     fades_over : [m] beyond the boundary.
     passive_stiffness, passive_damping : [N/m] outside W_c, [N s/m] everywhere.
-    wander, wander_time : [m], [s] standard deviation and correlation time of where the hand is
-        thought to be meant.
-    tremor, tremor_hz : [N] root mean square, [Hz] centre of three lines.
+    wander, wander_time : [m], [s] of where the hand is thought to be meant: standard deviation of each coordinate, and
+        T of its autocorrelation (1 + t / T) exp(-t / T).
+    tremor, tremor_hz : [N] root mean square of the vector's length, [Hz] centre of three lines.
     spasm_rate, spasm_force, spasm_time : [1/s] how often, [N] mean peak, [s] mean length of involuntary bursts in
         random directions.
     """
