@@ -43,7 +43,8 @@ class Foreseen:
         self, poses: Array, twists: Array, seconds: Array, paces: Array, *, linear_speed: float, angular_speed: float
     ) -> None:
         self._poses, self._twists, self._seconds, self._paces = poses, twists, seconds.tolist(), paces.tolist()
-        self._turns = turns_between(poses[:-1, :3, :3], poses[1:, :3, :3])
+        ways = turns_between(poses[:-1, :3, :3], poses[1:, :3, :3])
+        self._turns = np.append(ways, np.zeros((1, 3)), axis=0)  # from the last sample, which may be alone, none
         self._limits = np.array([linear_speed, angular_speed]) * (1.0 - NEAR)
         self._fastest = self._speeds(twists).tolist()
 
@@ -94,8 +95,7 @@ class Foreseen:
         after = np.minimum(at + 1, len(self._poses) - 1)
         poses, here = self._poses[at], self._poses[at]
         poses[:, :3, 3] += share[:, None] * (self._poses[after, :3, 3] - here[:, :3, 3])
-        between = np.minimum(at, len(self._turns) - 1)
-        poses[:, :3, :3] = turned_each(here[:, :3, :3], share[:, None] * self._turns[between])
+        poses[:, :3, :3] = turned_each(here[:, :3, :3], share[:, None] * self._turns[at])
         twists = self._twists[at] + share[:, None] * (self._twists[after] - self._twists[at])
         twists *= (paces / np.maximum(1.0, paces * self._speeds(twists)))[:, None]
         return poses, twists

@@ -149,3 +149,13 @@ def test_ticks_that_are_laid_out_lead_where_the_others_do(task: str, monkeypatch
             np.interp(at, quick.clock, one), np.interp(at, slow.clock, other), atol=math.radians(0.3)
         )
     assert quick.times[-1] <= slow.times[-1] + 0.1
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_a_recording_of_a_sample_or_two_leads_there(count: int) -> None:
+    start = motions.START
+    pose = ur5().pose(start)
+    pose[2, 3] += 0.02
+    path = tracker(5e-3).plan(np.tile(pose, (count, 1, 1)), np.zeros((count, 6)), start)
+    assert path.complete
+    assert np.linalg.norm(path.poses[-1][:3, 3] - pose[:3, 3]) < 1e-4
