@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,7 +18,7 @@ __all__ = ["export_c", "written_files"]
 
 
 def export_c(loaded: ProblemFile[Any], folder: Path, *, progress: Progress = lambda *_: None) -> tuple[Path, ...]:
-    """Write every file beside `folder`, then move them into it; what was written.
+    """Write every file into a scratch folder, then move them into `folder`; what was written.
 
     A problem with several controllers gets a folder for each, named after it. Files of other names stay.
 
@@ -34,13 +35,17 @@ def export_c(loaded: ProblemFile[Any], folder: Path, *, progress: Progress = lam
 def written_files(places: Mapping[Path, ExportedController], folder: Path, *, problem: str) -> tuple[Path, ...]:
     """Write every controller into its place, `folder` or a folder in it: all files or none."""
     folder.parent.mkdir(parents=True, exist_ok=True)
+    beside = folder if folder.is_dir() else folder.parent  # a folder that is there may be mounted: no file moves into it
     written = []
-    with tempfile.TemporaryDirectory(prefix=f".{folder.name}-", dir=folder.parent) as scratch:
+    with tempfile.TemporaryDirectory(prefix=f".{folder.name}-", dir=beside) as scratch:
         for i, (place, controller) in enumerate(places.items()):
             for name, text in files_of(controller, problem=problem).items():
                 draft = Path(scratch) / f"{i}-{name}"
                 draft.write_text(text, encoding="utf-8")
                 written.append((draft, place / name))
+        for _, target in written:
+            if target.is_dir():
+                raise IsADirectoryError(errno.EISDIR, "Is a directory", str(target))
         for draft, target in written:
             target.parent.mkdir(parents=True, exist_ok=True)
             draft.replace(target)
