@@ -175,3 +175,21 @@ def test_a_plan_that_ends_incomplete_ends_at_rest() -> None:
     eased = np.array([not flags & Bound.ACCELERATION for flags in path.yielded[-braked:]])
     changes = np.abs(np.diff(path.velocities[-braked - 1 :], axis=0))[eased]
     assert np.all(changes <= chain.acceleration * 0.05 + 1e-9)
+
+
+def test_a_rest_out_of_reach_makes_nobody_late() -> None:
+    made, chain, dt = tracker(5e-3), ur5(), 5e-3
+    made.reset()
+    q, first = motions.START.copy(), ur5().pose(motions.START)
+    outwards = first[:3, 3] * [1, 1, 0] / np.linalg.norm(first[:2, 3])
+    way = np.concatenate([np.linspace(0, 0.43, 400), np.full(1000, 0.43)])  # then the floor is 34 mm short of it
+    lags = []
+    for now, speed in zip(way, np.gradient(way, dt), strict=True):
+        pose = first.copy()
+        pose[:3, 3] += now * outwards
+        command = made.step(q, pose, np.append(speed * outwards, np.zeros(3)))
+        q = q + command.value * dt
+        lags.append(made.lag)
+    assert np.linalg.norm(chain.pose(q)[:3, 3] - pose[:3, 3]) > 0.03
+    assert max(lags) < 2.0
+    assert lags[-1] < dt
