@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import errno
+import os
+import signal
+import time
 from pathlib import Path
 
 import pytest
@@ -96,7 +99,7 @@ def test_a_mounted_folder_gets_its_files(robot: Path, tmp_path: Path, monkeypatc
 
     monkeypatch.setattr(Path, "replace", on_one_device)
     assert ended("export-c", str(robot), str(mounted)) == 0
-    assert NAMES < {path.name for path in mounted.iterdir()}
+    assert {path.name for path in mounted.iterdir()} > NAMES
     assert not [path.name for path in mounted.iterdir() if path.name.startswith(".")]
 
 
@@ -107,6 +110,28 @@ def test_where_one_file_cannot_be_written_none_is(
     assert ended("export-c", str(robot), str(tmp_path / "c")) == 2
     assert "README.md = 'Is a directory'" in capsys.readouterr().err
     assert [path.name for path in (tmp_path / "c").iterdir()] == ["README.md"]
+
+
+def test_an_interrupt_waits_until_all_files_are_there(
+    robot: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    move, ends = Path.replace, []
+
+    def interrupted_replace(draft: Path, target: Path) -> Path:
+        if not ends:
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(0.01)
+        ends.append(target.name)
+        return move(draft, target)
+
+    def ended_by(*_: object) -> None:
+        raise SystemExit(130)
+
+    monkeypatch.setattr(Path, "replace", interrupted_replace)
+    monkeypatch.setattr("rehab_opt.cli._interrupted", ended_by)
+    assert ended("export-c", str(robot), str(tmp_path / "c")) == 130
+    assert {path.name for path in (tmp_path / "c").iterdir()} > NAMES
+    assert {path.name for path in tmp_path.iterdir()} == {"robot.toml", "c"}
 
 
 def test_a_casadi_that_writes_other_code_is_refused(
