@@ -213,7 +213,8 @@ def export_controller(
 
     loaded = load_problem(file)
     with _bars() as progress:
-        written = export_c(loaded, _writable(folder, argument="DIR"), progress=progress)
+        place = _writable(folder, argument="DIR")
+        written = export_c(loaded, place, progress=progress, writing=_undisturbed())
     for place in sorted({path.parent for path in written}):
         print(f"written to {place}: {', '.join(path.name for path in written if path.parent == place)}")
         source, build = shlex.quote(str(place)), shlex.quote(str(place / "build"))

@@ -26,6 +26,8 @@ QUICKENING, CATCHING_UP = 0.1, 0.3
 """[s] in which the clock regains its pace, and in which it makes up for its lag."""
 AT_LEAST = 0.02
 """Share by which the clock runs fast while it is late at all: so that it does catch up."""
+STILL = 0.01, 0.1
+"""[m/s, rad/s] A reference up to these is one of a hand that rests: to let its time pass leads no further away."""
 JUMP, SPIN = 5.0, 30.0
 """[m/s, rad/s] Faster samples than a hand can move: a jump of the tracker, and bridged."""
 BRIDGE = 0.5
@@ -168,7 +170,10 @@ class MirrorFollowing(MirrorWaiting):
         # What the person's arm cannot do of the reference is no reason to dwell there: it would not come to an end.
         aim = pose if self._aim is None else self._aim
         worst = max(distance_between(here, aim) / self.max_deviation, angle_between(here, aim) / self.max_turn)
-        pace *= min(max((WAITS - worst) / (WAITS - CALM), 0.0), 1.0) * self._interaction.pace
+        eased = min(max((WAITS - worst) / (WAITS - CALM), 0.0), 1.0)
+        if 0.0 < eased < 1.0 and clock.is_still(*STILL):
+            eased = 1.0  # else a rest out of reach would be lived through again, seconds late, when the hand is gone
+        pace *= eased * self._interaction.pace
         linear, angular = SPARE * self.linear_speed, SPARE * self.angular_speed
         pace = min(pace, clock.pace, linear / max(speed, 1e-9), angular / max(turning, 1e-9))
         before = self._rate * (self._share if self._share < WHOLE else 1.0)

@@ -81,6 +81,11 @@ class MirrorForeseen(MirrorFollowing):
         self._q[:] = q
         return self._tracked(self._tool.of(q), foreseen=True)
 
+    def brake(self, q: Array) -> Command:
+        """One tick towards rest, within the bounds."""
+        self._q[:] = q
+        return self._safe("the plan ends here")
+
     def tools(self, path: list[Array]) -> Array:
         """(M, 4, 4) poses of the tool, as `chain.pose` of each (n,), faster."""
         (q,), (pose,) = self._tool.inputs, self._tool.outputs

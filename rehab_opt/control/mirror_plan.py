@@ -25,6 +25,8 @@ STANDING = 1e-4
 """[rad/s or m/s] Joint speeds at which a motion has come to its end."""
 PATIENCE = 10.0
 """[s] beyond the reference's own length, and as a multiple of that, after which a plan ends incomplete."""
+ENDING = 10.0
+"""[s] at most in which a plan that ends incomplete comes to rest."""
 
 
 class MirrorPath(NamedTuple):
@@ -89,8 +91,11 @@ def plan(tracker: MirrorTracker, poses: ArrayLike, twists: ArrayLike, q: ArrayLi
     most = math.ceil((PATIENCE + PATIENCE * tracker.clock.lag) / dt)
     path, speeds, clock, paces, shown, w, yielded = [], [], [], [], [], [], []
     complete, reference_clock, follow = False, tracker.clock, tracker.follow
-    for _ in range(most):
-        command = follow(joints)
+    ending = False
+    for tick in range(most + math.ceil(ENDING / dt)):
+        # Whoever plays a plan stops at its end: it must stand there, also where it ends before the reference does.
+        ending = ending or tick >= most or tracker.given_up
+        command = tracker.brake(joints) if ending else follow(joints)
         value = command.value
         path.append(joints)
         speeds.append(value)
@@ -100,10 +105,8 @@ def plan(tracker: MirrorTracker, poses: ArrayLike, twists: ArrayLike, q: ArrayLi
         w.append(tracker.manipulability)
         yielded.append(command.yielded)
         joints = joints + value * dt
-        if reference_clock.current and float(np.abs(value).max()) < STANDING:
-            complete = True
-            break
-        if tracker.given_up:
+        if (ending or reference_clock.current) and float(np.abs(value).max()) < STANDING:
+            complete = not ending
             break
     found, counts = tracker.tools(path), Counter(tracker.counts)
     return MirrorPath(

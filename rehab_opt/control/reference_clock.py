@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.control.between_poses import turn_between, turned
+from rehab_opt.control.between_poses import angle_between, distance_between, turn_between, turned
 from rehab_opt.control.foreseen import Foreseen
 
 __all__ = ["ReferenceClock"]
@@ -169,6 +169,13 @@ class ReferenceClock:
             turn = float(np.abs(self._poses[at][:3, :3] - self._poses[at + 1][:3, :3]).max())
             self._looked_at = at, self._poses[at], turn > CURVED
         return self._looked_at[2]
+
+    def is_still(self, linear_speed: float, angular_speed: float) -> bool:
+        """Whether the poses on both sides of the clock are no further apart than these speeds [m/s, rad/s] lead."""
+        if self.current:
+            return True
+        a, b, seconds = self._poses[self._at], self._poses[self._at + 1], self._seconds[self._at + 1]
+        return distance_between(a, b) <= linear_speed * seconds and angle_between(a, b) <= angular_speed * seconds
 
     @property
     def pace(self) -> float:

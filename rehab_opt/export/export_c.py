@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import tempfile
 from collections.abc import Mapping
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +18,20 @@ from rehab_opt.session.outcome import Progress
 __all__ = ["export_c", "written_files"]
 
 
-def export_c(loaded: ProblemFile[Any], folder: Path, *, progress: Progress = lambda *_: None) -> tuple[Path, ...]:
-    """Write every file beside `folder`, then move them into it; what was written.
+def export_c(
+    loaded: ProblemFile[Any],
+    folder: Path,
+    *,
+    progress: Progress = lambda *_: None,
+    writing: AbstractContextManager[None] | None = None,
+) -> tuple[Path, ...]:
+    """Write every file into a scratch folder, then move them into `folder`; what was written.
 
     A problem with several controllers gets a folder for each, named after it. Files of other names stay.
+
+    Parameters
+    ----------
+    writing : held while files are written, when everything is computed.
 
     Raises
     ------
@@ -28,19 +40,24 @@ def export_c(loaded: ProblemFile[Any], folder: Path, *, progress: Progress = lam
     """
     controllers = exported_controllers(loaded, progress=progress)
     places = [folder] if len(controllers) == 1 else [folder / controller.name for controller in controllers]
-    return written_files(dict(zip(places, controllers, strict=True)), folder, problem=loaded.name)
+    with writing if writing is not None else nullcontext():
+        return written_files(dict(zip(places, controllers, strict=True)), folder, problem=loaded.name)
 
 
 def written_files(places: Mapping[Path, ExportedController], folder: Path, *, problem: str) -> tuple[Path, ...]:
     """Write every controller into its place, `folder` or a folder in it: all files or none."""
     folder.parent.mkdir(parents=True, exist_ok=True)
+    beside = folder if folder.is_dir() else folder.parent  # what is there may be mounted: no file moves into it
     written = []
-    with tempfile.TemporaryDirectory(prefix=f".{folder.name}-", dir=folder.parent) as scratch:
+    with tempfile.TemporaryDirectory(prefix=f".{folder.name}-", dir=beside) as scratch:
         for i, (place, controller) in enumerate(places.items()):
             for name, text in files_of(controller, problem=problem).items():
                 draft = Path(scratch) / f"{i}-{name}"
                 draft.write_text(text, encoding="utf-8")
                 written.append((draft, place / name))
+        for _, target in written:
+            if target.is_dir():
+                raise IsADirectoryError(errno.EISDIR, "Is a directory", str(target))
         for draft, target in written:
             target.parent.mkdir(parents=True, exist_ok=True)
             draft.replace(target)

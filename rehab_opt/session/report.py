@@ -33,7 +33,7 @@ def checked_folder(folder: Path, *, argument: str = "--out") -> Path:
 
 
 def write_report(outcome: Outcome, folder: Path) -> tuple[Path, ...]:
-    """Write every file of a run beside `folder`, then move them into it; files of other names there stay.
+    """Write every file of a run into a scratch folder, then move them into `folder`; files of other names there stay.
 
     Raises
     ------
@@ -41,7 +41,8 @@ def write_report(outcome: Outcome, folder: Path) -> tuple[Path, ...]:
     """
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(prefix=f".{folder.name}-", dir=folder.parent) as scratch:
+        beside = folder if folder.is_dir() else folder.parent  # one that is there may be mounted: no file moves into it
+        with tempfile.TemporaryDirectory(prefix=f".{folder.name}-", dir=beside) as scratch:
             written = write_results(outcome, Path(scratch))
             folder.mkdir(exist_ok=True)
             return tuple(path.replace(folder / path.name) for path in written)

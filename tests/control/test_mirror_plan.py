@@ -12,9 +12,10 @@ import pytest
 from problems.mirror import motions
 from rehab_opt import Bound, ConfigurationError, MirrorTracker, Smoother, ur5
 from rehab_opt.control.conditioning import Conditioned, conditioned
+from rehab_opt.control.hand_bounds import KeepOut
 from rehab_opt.control.smoothing import measured_lag
 from rehab_opt.kinematics.vr import fit_frame, poses_of, quaternions_of, robot_from_unity
-from tests.control.mirror_campaign import LARGEST, closed_form
+from tests.control.mirror_campaign import LARGEST, closed_form, random_path
 
 TASKS = ("pick_fruit", "refrigerator_door", "vr_hand_tracker")
 TICKS = (1e-3, 5e-3, 2e-2)
@@ -159,3 +160,36 @@ def test_a_recording_of_a_sample_or_two_leads_there(count: int) -> None:
     path = tracker(5e-3).plan(np.tile(pose, (count, 1, 1)), np.zeros((count, 6)), start)
     assert path.complete
     assert np.linalg.norm(path.poses[-1][:3, 3] - pose[:3, 3]) < 1e-4
+
+
+def test_a_plan_that_ends_incomplete_ends_at_rest() -> None:
+    chain, planes = ur5(), (KeepOut.through([0, 0, -0.05], [0, 0, 1]), KeepOut.through([0.35, 0, 0], [-1, 0, 0]))
+    made = MirrorTracker(chain, dt=0.05, largest=LARGEST, keep_out=planes, compile=False)
+    start, poses, twists = random_path(chain, np.random.default_rng(241), 0.05, below=True)
+    path = made.plan(poses, twists, start)
+    assert not path.complete
+    speeds = np.abs(path.velocities).max(axis=1)
+    assert speeds[-1] < 1e-3
+    braked = path.counts["braked"]
+    assert speeds[-braked - 1] > 0.1  # it was moving when it was given up
+    eased = np.array([not flags & Bound.ACCELERATION for flags in path.yielded[-braked:]])
+    changes = np.abs(np.diff(path.velocities[-braked - 1 :], axis=0))[eased]
+    assert np.all(changes <= chain.acceleration * 0.05 + 1e-9)
+
+
+def test_a_rest_out_of_reach_makes_nobody_late() -> None:
+    made, chain, dt = tracker(5e-3), ur5(), 5e-3
+    made.reset()
+    q, first = motions.START.copy(), ur5().pose(motions.START)
+    outwards = first[:3, 3] * [1, 1, 0] / np.linalg.norm(first[:2, 3])
+    way = np.concatenate([np.linspace(0, 0.43, 400), np.full(1000, 0.43)])  # then the floor is 34 mm short of it
+    lags = []
+    for now, speed in zip(way, np.gradient(way, dt), strict=True):
+        pose = first.copy()
+        pose[:3, 3] += now * outwards
+        command = made.step(q, pose, np.append(speed * outwards, np.zeros(3)))
+        q = q + command.value * dt
+        lags.append(made.lag)
+    assert np.linalg.norm(chain.pose(q)[:3, 3] - pose[:3, 3]) > 0.03
+    assert max(lags) < 2.0
+    assert lags[-1] < dt

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import errno
+import os
+import signal
+import time
 from pathlib import Path
 
 import pytest
@@ -82,6 +86,52 @@ def test_a_solver_that_does_not_become_c_is_refused(
 def test_a_folder_that_is_a_file_is_refused_before_the_run(robot: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert ended("export-c", str(robot), str(robot)) == 2
     assert capsys.readouterr().err.startswith("rehab-opt: DIR = ")
+
+
+def test_a_mounted_folder_gets_its_files(robot: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    mounted, move = tmp_path / "mounted", Path.replace
+    mounted.mkdir()
+
+    def on_one_device(draft: Path, target: Path) -> Path:
+        if draft.is_relative_to(mounted) != target.is_relative_to(mounted):
+            raise OSError(errno.EXDEV, "Invalid cross-device link", str(draft))
+        return move(draft, target)
+
+    monkeypatch.setattr(Path, "replace", on_one_device)
+    assert ended("export-c", str(robot), str(mounted)) == 0
+    assert {path.name for path in mounted.iterdir()} > NAMES
+    assert not [path.name for path in mounted.iterdir() if path.name.startswith(".")]
+
+
+def test_where_one_file_cannot_be_written_none_is(
+    robot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "c" / "README.md").mkdir(parents=True)
+    assert ended("export-c", str(robot), str(tmp_path / "c")) == 2
+    assert "README.md = 'Is a directory'" in capsys.readouterr().err
+    assert [path.name for path in (tmp_path / "c").iterdir()] == ["README.md"]
+
+
+def test_an_interrupt_waits_until_all_files_are_there(
+    robot: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    move, ends = Path.replace, []
+
+    def interrupted_replace(draft: Path, target: Path) -> Path:
+        if not ends:
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(0.01)
+        ends.append(target.name)
+        return move(draft, target)
+
+    def ended_by(*_: object) -> None:
+        raise SystemExit(130)
+
+    monkeypatch.setattr(Path, "replace", interrupted_replace)
+    monkeypatch.setattr("rehab_opt.cli._interrupted", ended_by)
+    assert ended("export-c", str(robot), str(tmp_path / "c")) == 130
+    assert {path.name for path in (tmp_path / "c").iterdir()} > NAMES
+    assert {path.name for path in tmp_path.iterdir()} == {"robot.toml", "c"}
 
 
 def test_a_casadi_that_writes_other_code_is_refused(
