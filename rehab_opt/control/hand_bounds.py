@@ -181,6 +181,12 @@ class HandBounds:
             conditions += [b >= ca.fmin(a, 0) - ROUNDING for a, b in zip(now, later, strict=True)]
         return all_true(*conditions), then
 
+    def least_height(self, q: Array, plane: KeepOut) -> float:
+        """[m] of the lowest guarded point above a plane at q (n,); negative where the arm is in the keep-out."""
+        symbol = ca.SX.sym("q", self.chain.n)
+        heights = ca.vertcat(*self._heights(symbol, plane))
+        return float(ca.Function("height", [symbol], [ca.mmin(heights)])(q))
+
     def _heights(self, q: ca.SX, plane: KeepOut) -> list[ca.SX]:
         """[m] of each guarded point above a plane; those that no joint moves are left out."""
         frames = self.chain.frames_expression(q)

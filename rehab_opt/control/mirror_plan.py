@@ -51,7 +51,7 @@ class MirrorPath(NamedTuple):
     yielded: list[Bound]
     """What had to give way in each tick."""
     complete: bool
-    """Whether the reference's end was reached."""
+    """Whether the reference's end was reached; where it was not, the motion ends early, and at rest too."""
     counts: Counter[str]
     """See `MirrorTracker.counts`."""
     seconds: float

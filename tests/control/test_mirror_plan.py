@@ -193,3 +193,13 @@ def test_a_rest_out_of_reach_makes_nobody_late() -> None:
     assert np.linalg.norm(chain.pose(q)[:3, 3] - pose[:3, 3]) > 0.03
     assert max(lags) < 2.0
     assert lags[-1] < dt
+
+
+def test_how_deep_an_arm_stands_in_a_keep_out_is_its_deepest_joints_depth() -> None:
+    place = ur5().pose(motions.START)[:3, 3]  # the elbow and the wrist are higher, the shoulder nearer to the base
+    away = [*(-place[:2]), 0.0]
+    inside = KeepOut.through(place + 0.08 * np.array(away) / np.linalg.norm(away), away)
+    outside = KeepOut.through(place - 0.05 * np.array(away) / np.linalg.norm(away), away)
+    bounds = tracker(5e-3).hand_bounds
+    assert bounds.least_height(motions.START, inside) == pytest.approx(-0.08, abs=1e-9)
+    assert bounds.least_height(motions.START, outside) == pytest.approx(0.05, abs=1e-9)

@@ -230,6 +230,21 @@ def blinded(tmp_path_factory: pytest.TempPathFactory) -> MirrorOutcome:
     return outcome
 
 
+def test_a_start_inside_a_keep_out_is_told(tmp_path: Path) -> None:
+    rows = (FOLDER / "pick_fruit.csv").read_text().splitlines()[:40]
+    (tmp_path / "short.csv").write_text("\n".join(rows) + "\n")
+    (tmp_path / "calibration_points.csv").write_text((FOLDER / "calibration_points.csv").read_text())
+    given = content()
+    del given["astar"]
+    given["recording"]["file"] = "short.csv"
+    given["tracker"]["patience"] = 1
+    given["tracker"]["keep_out"][1]["point_m"] = [0.4, 0.0, 0.0]
+    outcome = run_problem(problem_of(given, name="short", file="short.toml", path=tmp_path / "short.toml"))
+    told = [note for note in outcome.notes if "keep_out" in note]
+    assert len(told) == 1
+    assert "mm inside tracker.keep_out.1, and goes no deeper" in told[0]
+
+
 def test_lost_sight_is_held_told_and_gone_on_from(blinded: MirrorOutcome, tmp_path: Path) -> None:
     assert blinded.metrics["reference"]["gaps"] == 2  # the spike of two samples is left out
     assert blinded.metrics["reference"]["samples_dropped"] == 2

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,6 +15,9 @@ from rehab_opt.session.mirror.outcome import BEFORE, PLAN, STEP, Led, MirrorOutc
 from rehab_opt.session.mirror.problem import MirrorProblem
 from rehab_opt.session.mirror.scene import Scene, laid_out
 from rehab_opt.session.outcome import Progress
+
+if TYPE_CHECKING:
+    from rehab_opt.control.mirror import MirrorTracker
 
 __all__ = ["run_mirror"]
 
@@ -68,7 +71,7 @@ def run_mirror(loaded: ProblemFile[MirrorProblem], *, progress: Progress) -> Mir
         title=problem.title,
         chain=robot,
         time=reference.times - reference.times[0],
-        notes=(*scene.notes, *_notes(problem, scene, laws, largest)),
+        notes=(*scene.notes, *_notes(problem, scene, laws, tracker)),
         metrics=metrics,
         floor=section.floor,
         mirror=scene.mirror,
@@ -81,7 +84,7 @@ def run_mirror(loaded: ProblemFile[MirrorProblem], *, progress: Progress) -> Mir
     )
 
 
-def _notes(problem: MirrorProblem, scene: Scene, laws: dict[str, Led], largest: float) -> Iterator[str]:
+def _notes(problem: MirrorProblem, scene: Scene, laws: dict[str, Led], tracker: MirrorTracker) -> Iterator[str]:
     yield "a reconstruction: the equations of the paper (Xu, Guo, Zhang 2021) are lost from the text at hand"
     yield "the robot is simulated: its joints move exactly as commanded"
     first = scene.reference.poses[~scene.reference.lost][0]
@@ -90,9 +93,13 @@ def _notes(problem: MirrorProblem, scene: Scene, laws: dict[str, Led], largest: 
         yield f"the robot starts {1e3 * away:.0f} mm from the first pose, and goes there first"
     if scene.person is not None:
         yield "the reference is limited to the range of motion of the arm that is led; distances are to what was asked"
-    w = scene.robot.manipulability(scene.start) / largest
+    w = scene.robot.manipulability(scene.start) / tracker.largest
     if w < problem.tracker.floor:
         yield f"the robot starts below the floor, at {w:.3f}"
+    for i, plane in enumerate(tracker.hand_bounds.planes):
+        height = tracker.hand_bounds.least_height(scene.start, plane)
+        if height < 0.0:
+            yield f"the robot starts {-1e3 * height:.3g} mm inside tracker.keep_out.{i}, and goes no deeper"
     for name, led in laws.items():
         if not led.complete:
             yield f"{name}: INCOMPLETE, the reference's end was not reached within the patience"
