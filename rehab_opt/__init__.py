@@ -14,7 +14,8 @@ from rehab_opt.kinematics.ur5 import ur5
 
 if TYPE_CHECKING:
     from rehab_opt.control.assistance import Assistance
-    from rehab_opt.control.bilateral import Bilateral, HelperSide, ParticipantSide
+    from rehab_opt.control.bilateral import Bilateral
+    from rehab_opt.control.bilateral_sides import HelperSide, ParticipantSide
     from rehab_opt.control.bounded_force import BoundedForce
     from rehab_opt.control.hand_bounds import KeepOut
     from rehab_opt.control.interaction import Interaction
@@ -78,12 +79,12 @@ _LATER = {
     "Assistance": "control.assistance",
     "Bilateral": "control.bilateral",
     "BoundedForce": "control.bounded_force",
-    "HelperSide": "control.bilateral",
+    "HelperSide": "control.bilateral_sides",
     "Interaction": "control.interaction",
     "Joystick": "control.joystick",
     "KeepOut": "control.hand_bounds",
     "MirrorTracker": "control.mirror",
-    "ParticipantSide": "control.bilateral",
+    "ParticipantSide": "control.bilateral_sides",
     "PathAssistance": "control.path_assistance",
     "PotentialField": "field.potential",
     "RedundancyResolver": "control.redundancy",

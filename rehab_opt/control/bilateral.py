@@ -10,51 +10,17 @@ that comes twice, or after a later one, counts as none, so that no energy is tak
 
 from __future__ import annotations
 
-import math
 from collections import deque
-from typing import NamedTuple, Unpack
+from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from rehab_opt.control.assistance import Assistance
-from rehab_opt.control.bounded_force import BoundedForce, ForceBounds
+from rehab_opt.control.bilateral_sides import FromHelper, FromParticipant, HelperSide, ParticipantSide
 from rehab_opt.control.command import Command
-from rehab_opt.control.gate import kept_inside
 from rehab_opt.control.velocity_controller import checked_number
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.field.potential import PotentialField
-from rehab_opt.workspace.controller_map import ControllerMap
-from rehab_opt.workspace.region import Workspace
 
-__all__ = ["Bilateral", "BilateralCommand", "FromHelper", "FromParticipant", "HelperSide", "ParticipantSide"]
-
-Array = NDArray[np.float64]
-NO_FORCE = (math.nan, math.nan)
-BEYOND = 1e6
-"""[m, N] A message with such a number is broken."""
-POINT = 0.01
-"""[m] Width of a field of one point: it has no meaning there."""
-
-
-class FromHelper(NamedTuple):
-    """What the helper's side says in a tick: where the hand is [m], the energy given [J], and the message's number."""
-
-    x: float
-    y: float
-    energy: float
-    serial: int
-
-
-class FromParticipant(NamedTuple):
-    """What the participant's side says: where the hand is [m], force on it [N], energy given [J], and a number."""
-
-    x: float
-    y: float
-    force_x: float
-    force_y: float
-    energy: float
-    serial: int
+__all__ = ["Bilateral", "BilateralCommand"]
 
 
 class BilateralCommand(NamedTuple):
@@ -62,181 +28,6 @@ class BilateralCommand(NamedTuple):
 
     helper: Command
     participant: Command
-
-
-class _Serials:
-    """Numbers what a side says, and tells what it hears for the first time.
-
-    A reset does not touch them: a message from before it could be taken once more.
-    """
-
-    def __init__(self) -> None:
-        self._said = 0
-        self._newest: float = 0
-
-    def next(self) -> int:
-        """The number of the next message, from 1."""
-        self._said += 1
-        return self._said
-
-    def fresh(self, serial: float) -> bool:
-        """Whether a message is later than all that were heard before."""
-        if not serial > self._newest:  # NaN fails
-            return False
-        self._newest = serial
-        return True
-
-
-class ParticipantSide:
-    """Draws the participant's hand to the image of the helper's, inside the participant's comfortable workspace.
-
-    Parameters
-    ----------
-    carry : from the helper's workspace to the participant's.
-    comfortable : of the participant; outside it there is a bounded pull back, see `Assistance`.
-    stiffness, damping : [N/m], [N s/m] of the spring.
-    exchange : [1/s] share of the tank's energy that is given away a second.
-    force_limit : [N]. bounds : see `BoundedForce`.
-
-    Raises
-    ------
-    ConfigurationError : an argument that cannot be used.
-    """
-
-    def __init__(
-        self,
-        carry: ControllerMap,
-        *,
-        comfortable: Workspace,
-        stiffness: float = 400.0,
-        damping: float = 20.0,
-        exchange: float = 5.0,
-        force_limit: float = 30.0,
-        **bounds: Unpack[ForceBounds],
-    ) -> None:
-        self._carry = _checked_map(carry)
-        spring = PotentialField(
-            np.zeros((1, 2)),
-            stiffness=checked_number("stiffness", stiffness, above=0.0),
-            damping=checked_number("damping", damping, above=-1e-12),
-            width=POINT,
-        )
-        self.force = Assistance(spring, comfortable=comfortable, mode="hold", force_limit=force_limit, **bounds)
-        self._share = _checked_share(exchange, self.force.dt)
-        self._serials = _Serials()
-        self.reset()
-
-    def reset(self) -> None:
-        """No force, a full tank, nothing heard.
-
-        The numbers of messages go on; where the other side is made anew, whose count begins again, make this one anew.
-        """
-        self.force.reset()
-        self.force.carry(*NO_FORCE)
-
-    def step(
-        self,
-        x: ArrayLike,
-        heard: FromHelper | None,
-        v: ArrayLike | None = None,
-        *,
-        enable: object = True,
-        stamp: float | None = None,
-    ) -> tuple[Command, FromParticipant]:
-        """Force on the participant's hand at x (2,) [m], and what the helper is to hear; see `BoundedForce.step`.
-
-        Without a new message the force is released.
-        """
-        target: tuple[float, ...] = NO_FORCE
-        if heard is not None and self._serials.fresh(heard.serial):
-            self.force.take_energy(heard.energy)
-            target = tuple(self._carry.image(_floats(heard.x, heard.y)).tolist())
-        self.force.carry(*target)
-        command = self.force.step(x, v, enable=enable, stamp=stamp)
-        force_x, force_y = command.value.tolist()
-        given = self.force.give_energy(self._share)
-        return command, FromParticipant(*_place(x, self.force), force_x, force_y, given, self._serials.next())
-
-
-class HelperSide:
-    """Lets the helper feel the participant's force, by J(x_h)' of the map; inside the map's source.
-
-    Parameters
-    ----------
-    carry, exchange, force_limit, bounds : as `ParticipantSide`.
-    damping : [N s/m] of the helper's hand.
-    return_stiffness, return_force : [N/m, N] outside the map's source.
-
-    Raises
-    ------
-    ConfigurationError : an argument that cannot be used.
-    """
-
-    def __init__(
-        self,
-        carry: ControllerMap,
-        *,
-        damping: float = 2.0,
-        exchange: float = 5.0,
-        force_limit: float = 30.0,
-        return_stiffness: float = 500.0,
-        return_force: float = 10.0,
-        **bounds: Unpack[ForceBounds],
-    ) -> None:
-        self._carry = _checked_map(carry)
-        self._damping = checked_number("damping", damping, above=-1e-12)
-        self._felt = np.full(2, math.nan)
-        self._partner = (math.nan, math.nan)
-        kept = kept_inside(
-            self._reflected,
-            carry.source,
-            return_stiffness=checked_number("return_stiffness", return_stiffness, above=0.0),
-            return_force=checked_number("return_force", return_force, above=0.0),
-        )
-        self.force = BoundedForce(kept, force_limit=force_limit, **bounds)
-        self._share = _checked_share(exchange, self.force.dt)
-        self._serials = _Serials()
-
-    def reset(self) -> None:
-        """No force, a full tank, nothing heard; see `ParticipantSide.reset`."""
-        self.force.reset()
-        self._felt[:] = math.nan
-        self._partner = (math.nan, math.nan)
-
-    @property
-    def partner(self) -> Array:
-        """(2,) [m] the participant's hand, as last heard, in the helper's workspace: g inverse; NaN where it is not.
-
-        For a display: a Newton solve.
-        """
-        return self._carry.preimage(_floats(*self._partner))
-
-    def step(
-        self,
-        x: ArrayLike,
-        heard: FromParticipant | None,
-        v: ArrayLike | None = None,
-        *,
-        enable: object = True,
-        stamp: float | None = None,
-    ) -> tuple[Command, FromHelper]:
-        """Force on the helper's hand at x (2,) [m], and what the participant's side is to hear.
-
-        Without a new message the force is released.
-        """
-        if heard is None or not self._serials.fresh(heard.serial):
-            self._felt[:] = math.nan
-        else:
-            self.force.take_energy(heard.energy)
-            self._felt[:] = _floats(heard.force_x, heard.force_y)
-            self._partner = (heard.x, heard.y)
-        command = self.force.step(x, v, enable=enable, stamp=stamp)
-        given = self.force.give_energy(self._share)
-        return command, FromHelper(*_place(x, self.force), given, self._serials.next())
-
-    def _reflected(self, x: float, y: float, vx: float, vy: float) -> tuple[float, float]:
-        back_x, back_y = self._carry.push_force(np.array((x, y)), self._felt).tolist()
-        return -back_x - self._damping * vx, -back_y - self._damping * vy
 
 
 class Bilateral:
@@ -287,26 +78,3 @@ class Bilateral:
         self._there.append(said)
         self._back.append(answer)
         return BilateralCommand(felt, drawn)
-
-
-def _place(x: ArrayLike, force: BoundedForce) -> tuple[float, float]:
-    """Where a hand is; nowhere when its side had to let go, so that the other side does too."""
-    if not force.usable:
-        return NO_FORCE
-    at_x, at_y = np.asarray(x, dtype=np.float64).tolist()
-    return at_x, at_y
-
-
-def _floats(x: float, y: float) -> Array:
-    """Two numbers of a message; none where one cannot be meant."""
-    return np.array((x, y) if -BEYOND < x < BEYOND and -BEYOND < y < BEYOND else NO_FORCE)
-
-
-def _checked_map(carry: object) -> ControllerMap:
-    if not isinstance(carry, ControllerMap):
-        raise ConfigurationError("carry", carry, "a ControllerMap, from WorkspaceMap.for_controller()")
-    return carry
-
-
-def _checked_share(exchange: float, dt: float) -> float:
-    return min(checked_number("exchange", exchange, above=-1e-12, below=1e4) * dt, 1.0)

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from rehab_opt import ConfigurationError, Status
-from rehab_opt.control.bilateral import Bilateral, FromHelper, FromParticipant, HelperSide, ParticipantSide
+from rehab_opt.control.bilateral import Bilateral
+from rehab_opt.control.bilateral_sides import FromHelper, FromParticipant, HelperSide, ParticipantSide
 from rehab_opt.workspace.controller_map import ControllerMap
 from tests.workspace.mapped import mapped, shape
 

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from rehab_opt.control.bilateral import Bilateral, HelperSide, ParticipantSide
+from rehab_opt.control.bilateral import Bilateral
+from rehab_opt.control.bilateral_sides import HelperSide, ParticipantSide
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.scenario.bounds import bounds_of, bounds_refusals
