@@ -85,11 +85,11 @@ def run(
 def list_problems() -> None:
     """List the shipped problems, and whether the recordings they need are present."""
     from rich.console import Console  # noqa: PLC0415
-    from rich.table import Table  # noqa: PLC0415
+    from rich.table import Column, Table  # noqa: PLC0415
 
     from rehab_opt.session.files import load_problem, recording_state, shipped_problems  # noqa: PLC0415
 
-    table = Table("problem", "title", "recording")
+    table = Table(Column("problem", no_wrap=True), "title", "recording")
     for name in shipped_problems():
         loaded = load_problem(name)
         table.add_row(name, loaded.problem.title, recording_state(loaded))

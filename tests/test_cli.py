@@ -113,6 +113,16 @@ def test_list_names_every_problem_and_whether_its_data_is_there(
     assert "shipped" in printed
 
 
+def test_list_cuts_no_name_short_on_a_narrow_terminal(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What cannot be read cannot be typed after `run`."""
+    monkeypatch.setenv("COLUMNS", "80")
+    assert ended("list") == 0
+    printed = capsys.readouterr().out
+    assert all(name in printed for name in shipped_problems())
+
+
 def test_check_accepts_a_sound_problem_and_writes_nothing(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before = files(folder)
     assert ended("check", "problem.toml") == 0
