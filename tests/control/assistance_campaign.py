@@ -9,20 +9,15 @@ what was checked, the largest excess over each bound and how often each rung ans
 
 from __future__ import annotations
 
-import argparse
 import math
-from collections import Counter
 from dataclasses import dataclass, field
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
-from rehab_opt import Assistance, Bound, Command, PotentialField, Status, Workspace
+from rehab_opt import Assistance, Bound, Command, PotentialField, Workspace
+from tests.control.campaign import HOSTILE, ROUNDING, Array, Tally, main
 
-Array = NDArray[np.float64]
-HOSTILE = (math.nan, math.inf, -math.inf, 1e300, -1e300, 1e7)
-ROUNDING = 1e-9
 FAULTS = ("position", "velocity", "glitch", "nudge", "frozen", "repeated", "stamp", "same stamp", "disabled", "dropped",
           "burst")  # fmt: skip
 COMFORTABLE = Workspace(shapely.box(-0.18, 0.365, -0.06, 0.435), accuracy=1e-3)
@@ -32,22 +27,6 @@ def path() -> Array:
     """From inside the comfortable workspace to a target outside."""
     s = np.linspace(0, 1, 200)
     return np.column_stack([-0.15 + 0.3 * s, 0.4 + 0.03 * np.sin(3 * s)])
-
-
-@dataclass
-class Tally:
-    """What was seen."""
-
-    cases: int = 0
-    statuses: Counter[Status] = field(default_factory=Counter)
-    solvers: Counter[str] = field(default_factory=Counter)
-    yielded: Counter[Bound] = field(default_factory=Counter)
-    faults: Counter[str] = field(default_factory=Counter)
-    sudden: Counter[str] = field(default_factory=Counter)
-    excess: dict[str, float] = field(default_factory=lambda: dict.fromkeys(("force", "slew", "energy"), -math.inf))
-    spent: float = 0.0
-    """Largest share of a budget that was drawn."""
-    broken: list[str] = field(default_factory=list)
 
 
 @dataclass
@@ -219,10 +198,7 @@ def _judge(plant: Plant, command: Command, x: Array, fault: str, tally: Tally) -
     assistance = plant.assistance
     force, last, limit = command.value, plant.force, assistance.force_limit
     slew = assistance.slew_limit * assistance.dt
-    tally.cases += 1
-    tally.statuses[command.status] += 1
-    tally.solvers[command.solver] += 1
-    tally.yielded[command.yielded] += 1
+    tally.count(command)
 
     def check(holds: bool, claim: str) -> None:
         if not holds:
@@ -231,22 +207,19 @@ def _judge(plant: Plant, command: Command, x: Array, fault: str, tally: Tally) -
     check(force.shape == (2,) and bool(np.all(np.isfinite(force))), "finite")
     check(not force.flags.writeable, "frozen")
     size = math.hypot(*force)
-    tally.excess["force"] = max(tally.excess["force"], size - limit)
-    check(size <= limit, "the force bound never yields")
+    check(tally.worst("force", size - limit) <= 0.0, "the force bound never yields")
     change = float(np.linalg.norm(force - last))
     if command.yielded & Bound.SLEW:
-        tally.sudden[command.reason.split(" ")[0]] += 1
+        tally.seen[command.reason.split(" ")[0]] += 1
         check(size == 0.0, "only a release breaks the slew bound")
         check(not command.status.certified and command.reason != "", "a release says why")
     else:
-        tally.excess["slew"] = max(tally.excess["slew"], change - slew)
-        check(change <= slew + ROUNDING, "slew")
+        check(tally.worst("slew", change - slew) <= ROUNDING, "slew")
     judged = plant.too_fast and "stale" not in command.reason
     check(not judged or (size == 0.0 and not command.status.certified), "a hand beyond the cap is let go")
     over = plant.delivered - plant.budget - plant.allowed
-    tally.excess["energy"] = max(tally.excess["energy"], over)
-    tally.spent = max(tally.spent, (plant.delivered - plant.allowed) / plant.budget)
-    check(over <= ROUNDING, "energy")
+    check(tally.worst("energy", over) <= ROUNDING, "energy")
+    tally.worst("share of a budget", (plant.delivered - plant.allowed) / plant.budget)
     if command.status.certified:
         check(0.0 <= command.residual <= assistance.tolerance and 0.0 <= command.scale <= 1.0, "certified")
         check(bool(np.all(np.isfinite(x))), "no answer to what is no position")
@@ -260,21 +233,5 @@ def _judge(plant: Plant, command: Command, x: Array, fault: str, tally: Tally) -
         check(size <= math.hypot(*last) + 1e-12, "inside, the force never grows")
 
 
-def main() -> None:
-    """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--cases", type=int, default=100_000)
-    parser.add_argument("--seed", type=int, default=0)
-    options = parser.parse_args()
-    tally = run(options.cases, options.seed)
-    print(f"{tally.cases} ticks, {len(tally.broken)} broken claims")
-    for line in tally.broken[:10]:
-        print("  ", line)
-    print("largest excess:", {bound: float(f"{value:.3g}") for bound, value in tally.excess.items()})
-    print(f"largest share of a budget that was drawn: {tally.spent:.3f}")
-    for name in ("statuses", "solvers", "yielded", "faults", "sudden"):
-        print(f"{name}:", {str(key): count for key, count in getattr(tally, name).most_common()})
-
-
 if __name__ == "__main__":
-    main()
+    main(run, __doc__)

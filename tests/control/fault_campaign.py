@@ -8,21 +8,15 @@ earlier ticks. Prints what was checked, the largest excess over each bound and h
 
 from __future__ import annotations
 
-import argparse
 import math
-from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rehab_opt import DH, Bound, Command, PoseTracker, SerialChain, Status, human_arm, ur5
+from rehab_opt import DH, Bound, Command, PoseTracker, SerialChain, human_arm, ur5
+from tests.control.campaign import HOSTILE, ROUNDING, Array, Tally, main, must_exceed
 
-Array = NDArray[np.float64]
-HOSTILE = (math.nan, math.inf, -math.inf, 1e300, -1e300, 1e7, 1e-320)
 TICKS = (1e-4, 1e-3, 4e-3, 2e-2, 1e-1)
-ROUNDING = 1e-9
-"""[rad or m] What arithmetic on numbers of this size may miss a position bound by."""
 
 
 def slide_arm() -> SerialChain:
@@ -45,21 +39,6 @@ CHAINS = {
     "restricted": lambda: human_arm(range_of_motion="restricted", side="right"),
     "slide": slide_arm,
 }
-
-
-@dataclass
-class Tally:
-    """What was seen."""
-
-    cases: int = 0
-    statuses: Counter[Status] = field(default_factory=Counter)
-    solvers: Counter[str] = field(default_factory=Counter)
-    yielded: Counter[Bound] = field(default_factory=Counter)
-    faults: Counter[str] = field(default_factory=Counter)
-    excess: dict[str, float] = field(
-        default_factory=lambda: dict.fromkeys(("velocity", "position", "acceleration"), 0.0)
-    )
-    broken: list[str] = field(default_factory=list)
 
 
 @dataclass
@@ -169,10 +148,7 @@ def _judge(plant: Plant, q: Array, command: Command, usable: bool, fault: str, t
     """The order of bounds, written down once more without the controller's arithmetic."""
     chain, dt = plant.tracker.chain, plant.tracker.dt
     v, last = command.value, plant.last
-    tally.cases += 1
-    tally.statuses[command.status] += 1
-    tally.solvers[command.solver] += 1
-    tally.yielded[command.yielded] += 1
+    tally.count(command)
     where = f"{plant.name}, fault {fault}, {command}, q {q}, last {last}"
 
     def check(holds: bool, claim: str) -> None:
@@ -181,25 +157,20 @@ def _judge(plant: Plant, q: Array, command: Command, usable: bool, fault: str, t
 
     check(v.shape == (chain.n,) and bool(np.all(np.isfinite(v))), "finite")
     check(not v.flags.writeable, "frozen")
-    over = float(np.max(np.abs(v) - chain.velocity))
-    tally.excess["velocity"] = max(tally.excess["velocity"], over)
-    check(over <= 0.0, "velocity never yields")
+    check(tally.worst("velocity", float(np.max(np.abs(v) - chain.velocity))) <= 0.0, "velocity never yields")
     ahead = q + v * dt
     outside = (q > chain.upper + ROUNDING) | (q < chain.lower - ROUNDING)
     further = np.maximum(ahead - np.maximum(q, chain.upper), np.minimum(q, chain.lower) - ahead).max()
-    tally.excess["position"] = max(tally.excess["position"], 0.0 if plant.unseen else float(further))
-    check(plant.unseen or bool(further <= ROUNDING), "never further outside")
+    check(plant.unseen or tally.worst("position", float(further)) <= ROUNDING, "never further outside")
     back = plant.tracker.return_speed * chain.velocity
     check(plant.unseen or bool(np.all(np.abs(v[outside]) <= back[outside] + 1e-12)), "slow way back")
     change = np.abs(v - last) - chain.acceleration * dt
     if command.yielded & Bound.ACCELERATION:
         # It may only yield to a bound above it: with the largest change, a joint would be further outside.
-        needed = _must_exceed(chain, q, last, dt, back)
+        needed = must_exceed(chain, q, last, dt, back)
         check(plant.unseen or bool(np.all((change <= 1e-9) | needed)), "acceleration yields only where it must")
     else:
-        worst = float(np.max(change))
-        tally.excess["acceleration"] = max(tally.excess["acceleration"], worst)
-        check(worst <= 1e-9, "acceleration")
+        check(tally.worst("acceleration", float(np.max(change))) <= 1e-9, "acceleration")
     if usable:
         check(bool(command.yielded & Bound.POSITION) == bool(outside.any()), "outside is flagged")
     if command.status.certified:
@@ -215,33 +186,5 @@ def _judge(plant: Plant, q: Array, command: Command, usable: bool, fault: str, t
             check(bool(np.all(brakes)), "the safe command decelerates")
 
 
-def _must_exceed(chain: SerialChain, q: Array, last: Array, dt: float, back: Array) -> NDArray[np.bool_]:
-    gentlest_up, gentlest_down = last - chain.acceleration * dt, last + chain.acceleration * dt
-    above, below = q > chain.upper, q < chain.lower
-    return (
-        (q + gentlest_up * dt > np.maximum(chain.upper, q))
-        | (q + gentlest_down * dt < np.minimum(chain.lower, q))
-        | (above & (gentlest_down < -back))
-        | (below & (gentlest_up > back))
-    )
-
-
-def main() -> None:
-    """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--cases", type=int, default=100_000)
-    parser.add_argument("--seed", type=int, default=0)
-    options = parser.parse_args()
-    tally = run(options.cases, options.seed)
-    print(f"{tally.cases} ticks; faults {dict(tally.faults)}")
-    print("answers", {status.value: count for status, count in tally.statuses.items()}, dict(tally.solvers))
-    print("yielded", {str(bound): count for bound, count in tally.yielded.items()})
-    print("largest excess", {name: f"{value:.1e}" for name, value in tally.excess.items()})
-    print(f"broken claims: {len(tally.broken)}")
-    for line in tally.broken[:10]:
-        print(" ", line)
-    raise SystemExit(bool(tally.broken))
-
-
 if __name__ == "__main__":
-    main()
+    main(run, __doc__)

@@ -9,18 +9,14 @@ once with faults. Manipulability is judged by its closed form, which shares noth
 
 from __future__ import annotations
 
-import argparse
 import itertools
 import math
-from collections import Counter
-from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rehab_opt import Bound, Command, MirrorTracker, SerialChain, ur5
+from tests.control.campaign import Array, Tally, main
 
-Array = NDArray[np.float64]
 FLOOR, DEVIATION, SPEED = 0.3, 0.05, 0.25
 TICKS = (1e-3, 5e-3, 2e-2)
 LARGEST = 0.11987995741622055
@@ -33,23 +29,6 @@ def closed_form(q: Array) -> float:
     a2, a3, d5 = -0.425, -0.39225, 0.09465
     reach = a2 * math.cos(q[1]) + a3 * math.cos(q[1] + q[2]) + d5 * math.sin(q[1] + q[2] + q[3])
     return abs(a2 * a3 * math.sin(q[2]) * math.sin(q[4]) * reach) / LARGEST
-
-
-@dataclass
-class Tally:
-    """What was seen."""
-
-    ticks: int = 0
-    statuses: Counter[str] = field(default_factory=Counter)
-    solvers: Counter[str] = field(default_factory=Counter)
-    counts: Counter[str] = field(default_factory=Counter)
-    faults: Counter[str] = field(default_factory=Counter)
-    worst: dict[str, float] = field(default_factory=dict)
-    broken: list[str] = field(default_factory=list)
-
-    def note(self, name: str, value: float) -> None:
-        """Keep the largest."""
-        self.worst[name] = max(self.worst.get(name, -math.inf), value)
 
 
 def singular_postures(rng: np.random.Generator) -> Array:
@@ -130,7 +109,7 @@ def follow(
         q = q + last * dt
         joints.append(q)
         references.append(tracker.reference)
-    tally.counts.update(tracker.counts)
+    tally.seen.update(tracker.counts)
     tracker.counts.clear()
     return np.array(joints), np.array(references)
 
@@ -160,9 +139,7 @@ def judge(
 ) -> None:
     """Every bound, written down once more without the controller's arithmetic."""
     chain, dt, v = tracker.chain, tracker.dt, command.value
-    tally.ticks += 1
-    tally.statuses[command.status.value] += 1
-    tally.solvers[command.solver] += 1
+    tally.count(command)
 
     def check(holds: bool, claim: str) -> None:
         if not holds:
@@ -175,20 +152,20 @@ def judge(
     check(bool(np.all((ahead <= chain.upper + 1e-9) & (ahead >= chain.lower - 1e-9))), "position")
     seen = bool(np.all(np.abs(given) <= 1e6))
     # Without a position the arm is where the last command led, which this plant does exactly.
-    tally.note("below the floor", min(FLOOR, now) - then)
+    tally.worst("below the floor", min(FLOOR, now) - then)
     check(then >= min(FLOOR, now) - 1e-9, "floor")
     over = float(np.max(np.abs(v - last) - chain.acceleration * dt))
     if not command.yielded & Bound.ACCELERATION:
-        tally.note("acceleration over", over)
+        tally.worst("acceleration over", over)
         check(over <= 1e-9, "acceleration")
     elif over > 0:
-        tally.note("acceleration yielded [rad/s^2]", over / dt)
+        tally.worst("acceleration yielded [rad/s^2]", over / dt)
     hand, there = chain.pose(q)[:3, 3], chain.pose(ahead)[:3, 3]
-    tally.note("hand speed [m/s]", math.dist(hand, there) / dt)
+    tally.worst("hand speed [m/s]", math.dist(hand, there) / dt)
     check(math.dist(hand, there) <= SPEED * dt * (1 + 1e-6), "hand speed")
     away = math.dist(there, tracker.reference[:3, 3])
     if not math.isnan(away):
-        tally.note("deviation [m]", away)
+        tally.worst("deviation [m]", away)
         check(away <= DEVIATION + 1e-9, "deviation")
     check(seen or not command.status.certified, "a position that is no number is not acted on")
     check(command.status.certified or command.reason != "", "reason")
@@ -210,22 +187,5 @@ def run(paths: int, seed: int, *, ticks: tuple[float, ...] = TICKS, compile: boo
     return tally
 
 
-def main() -> None:
-    """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--paths", type=int, default=200)
-    parser.add_argument("--seed", type=int, default=0)
-    options = parser.parse_args()
-    tally = run(options.paths, options.seed)
-    print(f"{tally.ticks} ticks; faults {dict(tally.faults)}")
-    print("answers", dict(tally.statuses), dict(tally.solvers))
-    print("counted", dict(tally.counts))
-    print("worst", {name: f"{value:.3g}" for name, value in tally.worst.items()})
-    print(f"broken claims: {len(tally.broken)}")
-    for line in tally.broken[:10]:
-        print(" ", line)
-    raise SystemExit(bool(tally.broken))
-
-
 if __name__ == "__main__":
-    main()
+    main(run, __doc__, unit="paths", many=200)

@@ -9,44 +9,20 @@ obstacles and keep-outs, accelerations and the hand's direction are worked out a
 
 from __future__ import annotations
 
-import argparse
 import math
-from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
-from rehab_opt import Bound, Command, RedundancyResolver, Status, ardis
+from rehab_opt import Bound, Command, RedundancyResolver, ardis
 from rehab_opt.control.obstacles import Disc, HalfPlane, Obstacle
 from rehab_opt.kinematics.differential import Differential
 from rehab_opt.kinematics.mobile_arm import Capsule, MobileArm
+from tests.control.campaign import HOSTILE, ROUNDING, Array, Tally, main, must_exceed
 
-Array = NDArray[np.float64]
-HOSTILE = (math.nan, math.inf, -math.inf, 1e300, -1e300, 1e7, 1e-320)
 TICKS = (1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 5e-2)
 SETS = (("x", "y", "z"), ("x", "y"), ("z", "roll7"), ("x", "y", "z", "rz"), ("rx", "y"), ("x", "y", "z", "rx", "ry"))
-ROUNDING = 1e-9
-"""[m or rad] What arithmetic on numbers of this size may miss a bound by."""
-
-
-@dataclass
-class Tally:
-    """What was seen."""
-
-    cases: int = 0
-    statuses: Counter[Status] = field(default_factory=Counter)
-    solvers: Counter[str] = field(default_factory=Counter)
-    yielded: Counter[Bound] = field(default_factory=Counter)
-    faults: Counter[str] = field(default_factory=Counter)
-    seen: Counter[str] = field(default_factory=Counter)
-    excess: dict[str, float] = field(default_factory=dict)
-    broken: list[str] = field(default_factory=list)
-
-    def worst(self, name: str, value: float) -> float:
-        self.excess[name] = max(self.excess.get(name, -math.inf), value)
-        return value
 
 
 @dataclass
@@ -181,10 +157,7 @@ def _judge(
     """The order of bounds, written down once more."""
     resolver, robot = plant.resolver, plant.resolver.robot
     chain, dt, v = robot.chain, plant.resolver.dt, command.value
-    tally.cases += 1
-    tally.statuses[command.status] += 1
-    tally.solvers[command.solver] += 1
-    tally.yielded[command.yielded] += 1
+    tally.count(command)
 
     def check(holds: bool, claim: str) -> None:
         if not holds:
@@ -243,7 +216,8 @@ def _judge(
 def _judge_hurry(plant: Plant, q: Array, change: Array, allowed: Array, now_arm: Array, tally: Tally, check) -> None:  # type: ignore[no-untyped-def]
     """Accelerations yield to a bound above them only, and never after a start from which the chair could stop."""
     resolver = plant.resolver
-    needed = _must_exceed(resolver, q, plant.last, resolver._options["return_speed"] * resolver.robot.chain.velocity)
+    chain = resolver.robot.chain
+    needed = must_exceed(chain, q, plant.last, resolver.dt, resolver._options["return_speed"] * chain.velocity)
     arm, chair, now = change[3:] > 1e-9, change[:3] > 1e-9, gaps(resolver, q)
     check(bool(np.all(~arm | needed[3:])) or now_arm.size > 0, "joints hurry only where they must")
     check(not np.any(chair) or bool(resolver.obstacles), "the chair hurries only before obstacles")
@@ -346,35 +320,5 @@ def _from_point(point: Array, start: Array, along: Array) -> float:
     return float(np.linalg.norm(point - start - share * along))
 
 
-def _must_exceed(resolver: RedundancyResolver, q: Array, last: Array, back: Array) -> NDArray[np.bool_]:
-    """Joints that would be beyond a limit, or further beyond, with the largest change."""
-    chain, dt = resolver.robot.chain, resolver.dt
-    gentlest_up, gentlest_down = last - chain.acceleration * dt, last + chain.acceleration * dt
-    above, below = q > chain.upper, q < chain.lower
-    return (
-        (q + gentlest_up * dt > np.maximum(chain.upper, q))
-        | (q + gentlest_down * dt < np.minimum(chain.lower, q))
-        | (above & (gentlest_down < -back))
-        | (below & (gentlest_up > back))
-    )
-
-
-def main() -> None:
-    """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--cases", type=int, default=100_000)
-    parser.add_argument("--seed", type=int, default=0)
-    options = parser.parse_args()
-    tally = run(options.cases, options.seed)
-    print(f"{tally.cases} ticks; faults {dict(tally.faults)}")
-    print("answers", {status.value: count for status, count in tally.statuses.items()}, dict(tally.solvers))
-    print("yielded", {str(bound): count for bound, count in tally.yielded.items()}, dict(tally.seen))
-    print("largest excess", {name: f"{value:.1e}" for name, value in tally.excess.items()})
-    print(f"broken claims: {len(tally.broken)}", Counter(line.partition(":")[0] for line in tally.broken))
-    for line in tally.broken[:10]:
-        print(" ", line)
-    raise SystemExit(bool(tally.broken))
-
-
 if __name__ == "__main__":
-    main()
+    main(run, __doc__)

@@ -50,9 +50,9 @@ def test_no_fault_of_the_campaign_breaks_a_bound() -> None:
     assert set(tally.statuses) >= {Status.OK, Status.RELEASING, Status.RELEASED}
     assert set(tally.faults) == {*assistance_campaign.FAULTS, "none"}
     assert tally.yielded[Bound.TASK | Bound.SLEW] > 10
-    assert {"position", "energy"} <= set(tally.sudden)
-    assert tally.excess["force"] <= 0.0
-    assert tally.spent > 0.5  # the hands did draw on the budget
+    assert {"position", "energy"} <= set(tally.seen)
+    assert tally.largest["force"] <= 0.0
+    assert tally.largest["share of a budget"] > 0.5  # the hands did draw on the budget
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e300, 1e7])
