@@ -57,7 +57,7 @@ class Tally:
 
 
 def must_exceed(chain: SerialChain, q: Array, last: Array, dt: float, back: Array) -> NDArray[np.bool_]:
-    """Joints that with the largest change would be beyond a limit, further beyond, or coming back faster than `back`."""
+    """Joints that, with the largest change, would be beyond a limit, further beyond, or back faster than `back`."""
     gentlest_up, gentlest_down = last - chain.acceleration * dt, last + chain.acceleration * dt
     above, below = q > chain.upper, q < chain.lower
     return (
