@@ -137,11 +137,13 @@ def test_people_have_names_of_their_own(tmp_path: Path) -> None:
 
 
 MANY = """
+import signal
 import sys
 from pathlib import Path
 from rehab_opt.session.many.run import run_many
 from tests.session.stand_in_work import person, quick
 if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a job in the background is started with it ignored
     log, what = sys.argv[1], sys.argv[2]
     people = [person("A", f"fine {log}"), person("B", f"{what} {log}"), person("C", f"fine {log}")]
     run_many(people, out=Path("out"), workers=1, work=quick)
