@@ -9,10 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.errors import ConfigurationError, ProblemFileError
+from rehab_opt.field.demonstration import Demonstration
 from rehab_opt.field.potential import PotentialField
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.placed_recording import placed_recording
+from rehab_opt.session.scenario.demonstrated import learnt
 from rehab_opt.session.scenario.force_robot import RobotModel
 from rehab_opt.session.scenario.intention import Intention, held, nearest_next, reached, traced
 from rehab_opt.session.scenario.problem import THERAPY, ScenarioProblem
@@ -22,7 +24,7 @@ from rehab_opt.workspace.controller_map import ControllerMap
 from rehab_opt.workspace.mapping import WorkspaceMap
 from rehab_opt.workspace.region import Workspace
 
-__all__ = ["Prepared", "given_path", "person_of", "prepared", "robot_model_of"]
+__all__ = ["FieldNumbers", "Prepared", "given_path", "person_of", "prepared", "robot_model_of"]
 
 Array = NDArray[np.float64]
 
@@ -30,6 +32,15 @@ STABLE = 1 + 1e-6
 """Growth a tick that rounding makes of none."""
 SHORTEST = 1e-3
 """[m] A path is longer."""
+
+
+class FieldNumbers(NamedTuple):
+    """S [N/m], k1 [N/m], sigma [m] and D [N s/m], given or learnt."""
+
+    stiffness: float
+    drag: float
+    width: float
+    damping: float
 
 
 class Prepared(NamedTuple):
@@ -44,6 +55,9 @@ class Prepared(NamedTuple):
     carry: ControllerMap | None
     """The map."""
     fields: tuple[PotentialField, ...]
+    numbers: FieldNumbers
+    shown: tuple[Demonstration, ...]
+    """What the field was learnt from."""
     intention: Intention
     notes: tuple[str, ...]
 
@@ -58,6 +72,11 @@ def prepared(loaded: ProblemFile[ScenarioProblem], *, progress: Progress) -> Pre
     """
     problem = loaded.problem
     path, notes = given_path(loaded)
+    led = learnt(loaded, path)
+    if led is not None:
+        path = led.field.paths[0].points
+        notes += led.notes
+    assert path is not None
     there: dict[str, Workspace] = {}
     for name in ("comfortable", "reachable"):
         progress("workspaces", len(there), 2)
@@ -80,15 +99,25 @@ def prepared(loaded: ProblemFile[ScenarioProblem], *, progress: Progress) -> Pre
     if problem.mode == "hold":
         path = nearest_next(path)
     try:
-        fields = _fields(problem, path)
+        fields = _fields(problem, path) if led is None else (led.field,)
     except ConfigurationError as refused:
         raise ProblemFileError(loaded.file, f"field, {refused.argument}", refused.value, refused.expected) from refused
-    intention = _intention(problem, path)
-    return Prepared(comfortable, reachable, path, demonstrated, carry, fields, intention, tuple(notes))
+    return Prepared(
+        comfortable=comfortable,
+        reachable=reachable,
+        reference=path,
+        demonstrated=demonstrated,
+        carry=carry,
+        fields=fields,
+        numbers=_numbers(problem, fields[0]),
+        shown=() if led is None else led.shown,
+        intention=_intention(problem, path),
+        notes=tuple(notes),
+    )
 
 
-def given_path(loaded: ProblemFile[ScenarioProblem]) -> tuple[Array, list[str]]:
-    """The task's points (N, 2) [m] in the robot's frame, and what was noticed.
+def given_path(loaded: ProblemFile[ScenarioProblem]) -> tuple[Array | None, list[str]]:
+    """The task's points (N, 2) [m] in the robot's frame, and what was noticed; None where demonstrations show them.
 
     Raises
     ------
@@ -97,8 +126,9 @@ def given_path(loaded: ProblemFile[ScenarioProblem]) -> tuple[Array, list[str]]:
     task, arm = loaded.problem.task, loaded.problem.arm
     if task.points_m is not None:
         points, notes = np.array(task.points_m), []
+    elif task.recording is None:
+        return None, []
     else:
-        assert task.recording is not None
         assert task.placement is not None
         recording, placed = placed_recording(
             loaded, task.recording, task.placement, side=arm.side, rate=task.record_rate_hz, keys="task."
@@ -106,9 +136,16 @@ def given_path(loaded: ProblemFile[ScenarioProblem]) -> tuple[Array, list[str]]:
         points, notes = placed[:, :2], [f"{recording.file}: {note}" for note in recording.notes]
     length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
     if loaded.problem.mode != "hold" and not length >= SHORTEST:
-        key = "task.points_m" if task.points_m is not None else "task.placement"
-        raise ProblemFileError(loaded.file, key, f"a path of {1e3 * length:.3g} mm", "1 mm or more")
+        raise ProblemFileError(loaded.file, _path_key(loaded.problem), f"a path of {1e3 * length:.3g} mm", "1 mm or more")
     return sets.placement_of(arm).to_robot(points), notes
+
+
+def _path_key(problem: ScenarioProblem) -> str:
+    """The key that says where the path lies."""
+    task = problem.task
+    if task.points_m is not None:
+        return "task.points_m"
+    return "task.demonstrations" if task.recording is None else "task.placement"
 
 
 def person_of(problem: ScenarioProblem) -> Person:
@@ -180,7 +217,7 @@ def _refuse_outside(loaded: ProblemFile[ScenarioProblem], path: Array, where: Wo
     away = np.asarray(where.distance(path))
     worst = int(np.argmax(away))
     if not away[worst] <= where.accuracy:
-        key = "task.points_m" if loaded.problem.task.points_m is not None else "task.placement"
+        key = _path_key(loaded.problem)
         value = f"a point {1e3 * away[worst]:.1f} mm outside, at {np.round(path[worst], 4).tolist()} m (robot's frame)"
         low_x, low_y, high_x, high_y = where.polygon.bounds
         expected = (
@@ -212,6 +249,8 @@ def _safe_map(loaded: ProblemFile[ScenarioProblem], source: Workspace, target: W
 def _fields(problem: ScenarioProblem, path: Array) -> tuple[PotentialField, ...]:
     """One along the path, or one for each point."""
     said = problem.field
+    assert said.stiffness_N_m is not None
+    assert said.width_mm is not None
     make = partial(PotentialField, stiffness=said.stiffness_N_m, width=1e-3 * said.width_mm, damping=said.damping_Ns_m)
     if problem.mode == "hold":
         return tuple(make(point[None, :]) for point in path)
@@ -221,6 +260,15 @@ def _fields(problem: ScenarioProblem, path: Array) -> tuple[PotentialField, ...]
         return (make(path, drag=drag, drag_along="travelled"),)
     rests = problem.mode == "assist"  # the others have no end to come to rest at
     return (make(path, drag=said.drag_N_m, rest_on_target=rests),)
+
+
+def _numbers(problem: ScenarioProblem, field: PotentialField) -> FieldNumbers:
+    said = problem.field
+    if field.fit is None:
+        assert said.stiffness_N_m is not None
+        return FieldNumbers(said.stiffness_N_m, said.drag_N_m, field.width, said.damping_Ns_m)
+    of = field.fit.parameters
+    return FieldNumbers(of["stiffness"], of["drag"], field.width, of["damping"])
 
 
 def _intention(problem: ScenarioProblem, path: Array) -> Intention:
