@@ -22,7 +22,8 @@ from rehab_opt.session.scenario.loop import Arrival, Scene, ran
 from rehab_opt.session.scenario.measures import trial_measures
 from rehab_opt.session.scenario.outcome import ScenarioOutcome
 from rehab_opt.session.scenario.pair import pair_measures, pair_of
-from rehab_opt.session.scenario.prepared import Prepared, person_of, prepared, robot_model_of
+from rehab_opt.session.scenario.plant import person_of, robot_model_of
+from rehab_opt.session.scenario.prepared import Prepared, prepared
 from rehab_opt.session.scenario.problem import REACHES, THERAPY, ScenarioProblem
 from rehab_opt.session.scenario.summary import law_summary
 from rehab_opt.session.scenario.trial import Law, Trial

@@ -10,8 +10,9 @@ from rehab_opt.session.outcome import Progress
 from rehab_opt.session.participant import arm_of
 from rehab_opt.session.scenario.bounds import check_bounds
 from rehab_opt.session.scenario.demonstrated import learnt, needed_demonstrations
+from rehab_opt.session.scenario.given_path import given_path
 from rehab_opt.session.scenario.outcome import ScenarioOutcome
-from rehab_opt.session.scenario.prepared import given_path, robot_model_of
+from rehab_opt.session.scenario.plant import robot_model_of
 from rehab_opt.session.scenario.problem import ScenarioProblem
 from rehab_opt.session.scenario.run import run_scenario
 from rehab_opt.session.solver_option import checked_solver
