@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from rehab_opt.control.mirror import MirrorTracker
     from rehab_opt.control.path_assistance import PathAssistance
     from rehab_opt.control.redundancy import RedundancyResolver
+    from rehab_opt.field.demonstration import Demonstration
     from rehab_opt.field.potential import PotentialField
     from rehab_opt.kinematics.ardis import ardis
     from rehab_opt.workspace.mapping import WorkspaceMap
@@ -43,6 +44,7 @@ __all__ = [
     "BoundedForce",
     "Command",
     "ConfigurationError",
+    "Demonstration",
     "HelperSide",
     "IKPath",
     "IKSolution",
@@ -79,6 +81,7 @@ _LATER = {
     "Assistance": "control.assistance",
     "Bilateral": "control.bilateral",
     "BoundedForce": "control.bounded_force",
+    "Demonstration": "field.demonstration",
     "HelperSide": "control.bilateral_sides",
     "Interaction": "control.interaction",
     "Joystick": "control.joystick",

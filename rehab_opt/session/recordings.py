@@ -30,6 +30,7 @@ class Recording:
     time : (N,) [s], N >= 2.
     points : (N, 2) or (N, 3) positions [m] in the recording's own frame; (N, 0) where it has none.
     joints : joint angles [rad] by column name, (N,) each.
+    forces : (N, 2) or (N, 3) [N] on the hand, in the frame of the points; (N, 0) where it has none.
     notes : what a reader of the result has to know: samples dropped, headers that do not hold, gaps.
 
     Raises
@@ -41,6 +42,7 @@ class Recording:
     time: Array
     points: Array
     joints: Mapping[str, Array] = field(default_factory=dict)
+    forces: Array = field(default_factory=lambda: np.empty((0, 0)))
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -52,7 +54,9 @@ class Recording:
             at = int(back[0]) + 1
             value, expected = f"{self.time[at]:.9g} s", f"more than the {self.time[at - 1]:.9g} s before it"
             raise ProblemFileError(self.file, f"time of sample {at + 1}", value, expected)
-        for array in (self.time, self.points, *self.joints.values()):
+        if not self.forces.size:
+            object.__setattr__(self, "forces", np.empty((len(self.time), 0)))
+        for array in (self.time, self.points, self.forces, *self.joints.values()):
             array.flags.writeable = False
         object.__setattr__(self, "joints", MappingProxyType(dict(self.joints)))
 
@@ -120,7 +124,10 @@ def resampled(recording: Recording, rate: float) -> Recording:
         )
     time = np.arange(int(np.floor(wanted + 1e-9)) + 1) / rate
     source = recording.time - recording.time[0]
-    columns = [np.interp(time, source, column) for column in recording.points.T]
+    points, forces = (
+        np.array([np.interp(time, source, column) for column in values.T]).reshape(values.shape[1], len(time)).T
+        for values in (recording.points, recording.forces)
+    )
     steps = np.diff(recording.time)
     usual = float(np.median(steps))
     if np.abs(steps - usual).max() > 0.01 * usual:
@@ -132,7 +139,8 @@ def resampled(recording: Recording, rate: float) -> Recording:
     return Recording(
         file=recording.file,
         time=time,
-        points=np.column_stack(columns) if columns else np.empty((len(time), 0)),
+        points=points,
         joints={name: np.interp(time, source, values) for name, values in recording.joints.items()},
+        forces=forces,
         notes=(*recording.notes, note),
     )

@@ -21,14 +21,17 @@ Array = NDArray[np.float64]
 TIME = {"s": 1.0, "ms": 1e-3}
 LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 ANGLE = {"rad": 1.0, "deg": math.pi / 180}
-UNITS = {**TIME, **LENGTH, **ANGLE}
+FORCE = {"N": 1.0}
+UNITS = {**TIME, **LENGTH, **ANGLE, **FORCE}
+STRONGEST = 1e4
+"""[N] More is no force of a hand but another unit."""
 
 
 def read_csv(path: Path, *, name: str, columns: Sequence[str] | None = None) -> Recording:
     """Comma separated samples under a header such as `t_s,x_m,y_m`.
 
     Time is `t` or `time` (`_s`, `_ms`), positions `x`, `y` and optionally `z` (`_m`, `_cm`, `_mm`), every column in
-    `_deg` or `_rad` a joint; others are left unread, with a note.
+    `_deg` or `_rad` a joint, `fx_N`, `fy_N` (and `fz_N`) the force on the hand; others are left unread, with a note.
 
     Parameters
     ----------
@@ -52,9 +55,13 @@ def read_csv(path: Path, *, name: str, columns: Sequence[str] | None = None) -> 
         if _unit(column) not in LENGTH:
             raise ProblemFileError(name, "recording.columns", column, f"a length: a name ending in {_endings(LENGTH)}")
     angles = [cell for cell in header if _unit(cell) in ANGLE]
-    wanted = [time_column, *columns, *angles]
+    forces = [cell for cell in ("fx_N", "fy_N", "fz_N") if cell in header]
+    if forces and forces[:2] != ["fx_N", "fy_N"]:
+        raise ProblemFileError(name, "line 1", forces[0], "fx_N and fy_N together")
+    wanted = [time_column, *columns, *angles, *forces]
     most = {time_column: LATEST / UNITS[_unit(time_column)]}
     most |= {column: FARTHEST / UNITS[_unit(column)] for column in columns}
+    most |= dict.fromkeys(forces, STRONGEST)
     cells = _cells(lines, header, wanted, most, name=name, first=2, separator=",")
     values = {column: numbers * UNITS[_unit(column)] for column, numbers in zip(wanted, cells.T, strict=True)}
     unread = [cell for cell in header if cell not in wanted]
@@ -63,6 +70,7 @@ def read_csv(path: Path, *, name: str, columns: Sequence[str] | None = None) -> 
         time=values[time_column],
         points=np.column_stack([values[column] for column in columns]),
         joints={column.rpartition("_")[0]: values[column] for column in angles},
+        forces=np.column_stack([values[column] for column in forces]) if forces else np.empty((len(cells), 0)),
         notes=(f"columns not read: {', '.join(unread)}",) if unread else (),
     )
 

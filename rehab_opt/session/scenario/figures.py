@@ -8,6 +8,7 @@ from rehab_opt.session.scenario.along_figure import along_figure
 from rehab_opt.session.scenario.comparison_figure import comparison_figure
 from rehab_opt.session.scenario.deviation_figure import deviation_figure
 from rehab_opt.session.scenario.field_figure import field_figure
+from rehab_opt.session.scenario.learnt_figure import learnt_figure
 from rehab_opt.session.scenario.measures import REACHES
 from rehab_opt.session.scenario.outcome import ScenarioOutcome
 from rehab_opt.session.scenario.parameter_figure import parameter_figure
@@ -27,6 +28,8 @@ def scenario_figures(outcome: ScenarioOutcome) -> dict[str, Figure]:
         "trials": trials_figure(outcome),
         "comparison": comparison_figure(outcome),
     }
+    if outcome.shown:
+        drawn["learnt"] = learnt_figure(outcome)
     if outcome.mode != "hold":
         drawn["parameters"] = parameter_figure(outcome)
     if outcome.mode not in REACHES:

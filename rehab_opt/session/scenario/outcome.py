@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.gate import Mode
+from rehab_opt.field.demonstration import Demonstration
 from rehab_opt.field.potential import PotentialField
 from rehab_opt.session.outcome import Outcome
 from rehab_opt.session.scenario.trial import Law, Trial
@@ -31,6 +32,7 @@ class ScenarioOutcome(Outcome):
     reference : (N, 2) [m] the path to be followed, or the points to be held, one after the other.
     demonstrated : (N, 2) [m] the helper's in W_r that the reference was mapped from; None without a map.
     fields : what the assistance follows: one, or one for each point to be held.
+    shown : the demonstrations that the field was learnt from; empty where it was given.
     force_limit : [N].
     trials : by law, all of the same numbers.
     measures : by law, for each trial its numbers, the keys of `trial_measures`.
@@ -42,6 +44,7 @@ class ScenarioOutcome(Outcome):
     reference: Array = field(kw_only=True)
     demonstrated: Array | None = field(kw_only=True)
     fields: tuple[PotentialField, ...] = field(kw_only=True)
+    shown: tuple[Demonstration, ...] = field(kw_only=True, default=())
     force_limit: float = field(kw_only=True)
     trials: Mapping[Law, tuple[Trial, ...]] = field(kw_only=True)
     measures: Mapping[Law, tuple[Mapping[str, Any], ...]] = field(kw_only=True)

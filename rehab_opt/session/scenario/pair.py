@@ -12,7 +12,8 @@ from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.scenario.bounds import bounds_of, bounds_refusals
 from rehab_opt.session.scenario.intention import traced
-from rehab_opt.session.scenario.prepared import Prepared, robot_model_of
+from rehab_opt.session.scenario.plant import robot_model_of
+from rehab_opt.session.scenario.prepared import Prepared
 from rehab_opt.session.scenario.problem import ScenarioProblem
 from rehab_opt.session.scenario.simulated_person import Person
 from rehab_opt.session.scenario.together import Helper, Together

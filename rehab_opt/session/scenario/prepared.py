@@ -9,27 +9,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.errors import ConfigurationError, ProblemFileError
+from rehab_opt.field.demonstration import Demonstration
 from rehab_opt.field.potential import PotentialField
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
-from rehab_opt.session.placed_recording import placed_recording
-from rehab_opt.session.scenario.force_robot import RobotModel
+from rehab_opt.session.scenario.demonstrated import learnt
+from rehab_opt.session.scenario.given_path import given_path, refuse_outside
 from rehab_opt.session.scenario.intention import Intention, held, nearest_next, reached, traced
 from rehab_opt.session.scenario.problem import THERAPY, ScenarioProblem
-from rehab_opt.session.scenario.simulated_person import Person
 from rehab_opt.session.workspaces import reached as sets
 from rehab_opt.workspace.controller_map import ControllerMap
 from rehab_opt.workspace.mapping import WorkspaceMap
 from rehab_opt.workspace.region import Workspace
 
-__all__ = ["Prepared", "given_path", "person_of", "prepared", "robot_model_of"]
+__all__ = ["FieldNumbers", "Prepared", "prepared"]
 
 Array = NDArray[np.float64]
 
-STABLE = 1 + 1e-6
-"""Growth a tick that rounding makes of none."""
-SHORTEST = 1e-3
-"""[m] A path is longer."""
+
+class FieldNumbers(NamedTuple):
+    """S [N/m], k1 [N/m], sigma [m] and D [N s/m], given or learnt."""
+
+    stiffness: float
+    drag: float
+    width: float
+    damping: float
 
 
 class Prepared(NamedTuple):
@@ -44,6 +48,9 @@ class Prepared(NamedTuple):
     carry: ControllerMap | None
     """The map."""
     fields: tuple[PotentialField, ...]
+    numbers: FieldNumbers
+    shown: tuple[Demonstration, ...]
+    """What the field was learnt from."""
     intention: Intention
     notes: tuple[str, ...]
 
@@ -58,6 +65,11 @@ def prepared(loaded: ProblemFile[ScenarioProblem], *, progress: Progress) -> Pre
     """
     problem = loaded.problem
     path, notes = given_path(loaded)
+    led = learnt(loaded, path)
+    if led is not None:
+        path = led.field.paths[0].points
+        notes += led.notes
+    assert path is not None
     there: dict[str, Workspace] = {}
     for name in ("comfortable", "reachable"):
         progress("workspaces", len(there), 2)
@@ -67,7 +79,7 @@ def prepared(loaded: ProblemFile[ScenarioProblem], *, progress: Progress) -> Pre
         there[name] = found
     progress("workspaces", 2, 2)
     comfortable, reachable = there["comfortable"], there["reachable"]
-    _refuse_outside(loaded, path, reachable)
+    refuse_outside(loaded, path, reachable)
     _refuse_stops(loaded, comfortable)
     demonstrated = carry = None
     if problem.mode not in THERAPY and problem.task.mapped:
@@ -76,118 +88,25 @@ def prepared(loaded: ProblemFile[ScenarioProblem], *, progress: Progress) -> Pre
         demonstrated, path = path, np.array([carry.image(point) for point in path])
         progress("map", 1, 1)
     elif problem.mode not in THERAPY:
-        _refuse_outside(loaded, path, comfortable)
+        refuse_outside(loaded, path, comfortable)
     if problem.mode == "hold":
         path = nearest_next(path)
     try:
-        fields = _fields(problem, path)
+        fields = _fields(problem, path) if led is None else (led.field,)
     except ConfigurationError as refused:
         raise ProblemFileError(loaded.file, f"field, {refused.argument}", refused.value, refused.expected) from refused
-    intention = _intention(problem, path)
-    return Prepared(comfortable, reachable, path, demonstrated, carry, fields, intention, tuple(notes))
-
-
-def given_path(loaded: ProblemFile[ScenarioProblem]) -> tuple[Array, list[str]]:
-    """The task's points (N, 2) [m] in the robot's frame, and what was noticed.
-
-    Raises
-    ------
-    ProblemFileError : the recording cannot be used, a path is none.
-    """
-    task, arm = loaded.problem.task, loaded.problem.arm
-    if task.points_m is not None:
-        points, notes = np.array(task.points_m), []
-    else:
-        assert task.recording is not None
-        assert task.placement is not None
-        recording, placed = placed_recording(
-            loaded, task.recording, task.placement, side=arm.side, rate=task.record_rate_hz, keys="task."
-        )
-        points, notes = placed[:, :2], [f"{recording.file}: {note}" for note in recording.notes]
-    length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
-    if loaded.problem.mode != "hold" and not length >= SHORTEST:
-        key = "task.points_m" if task.points_m is not None else "task.placement"
-        raise ProblemFileError(loaded.file, key, f"a path of {1e3 * length:.3g} mm", "1 mm or more")
-    return sets.placement_of(arm).to_robot(points), notes
-
-
-def person_of(problem: ScenarioProblem) -> Person:
-    """The simulated person's numbers."""
-    said = problem.person
-    return Person(
-        hand_mass=said.hand_mass_kg,
-        stiffness=said.stiffness_N_m,
-        damping=said.damping_Ns_m,
-        persistence=said.persistence_per_s,
-        strength=said.strength_N,
-        weak_strength=said.weak_strength_N,
-        fades_over=1e-3 * said.fades_over_mm,
-        passive_stiffness=said.passive_stiffness_N_m,
-        passive_damping=said.passive_damping_Ns_m,
-        wander=1e-3 * said.wander_mm,
-        wander_time=said.wander_s,
-        tremor=said.tremor_N,
-        tremor_hz=said.tremor_hz,
-        spasm_rate=said.spasms_per_s,
-        spasm_force=said.spasm_N,
-        spasm_time=said.spasm_s,
+    return Prepared(
+        comfortable=comfortable,
+        reachable=reachable,
+        reference=path,
+        demonstrated=demonstrated,
+        carry=carry,
+        fields=fields,
+        numbers=_numbers(problem, fields[0]),
+        shown=() if led is None else led.shown,
+        intention=_intention(problem, path),
+        notes=tuple(notes),
     )
-
-
-def robot_model_of(loaded: ProblemFile[ScenarioProblem]) -> RobotModel:
-    """The simulated robot's numbers.
-
-    Raises
-    ------
-    ProblemFileError : its force loop is unstable with this hand, or a simulation in ticks so long is.
-    """
-    said, person, rate = loaded.problem.robot, loaded.problem.person, loaded.problem.run.rate_hz
-    model = RobotModel(
-        mass=said.mass_kg,
-        viscous=said.viscous_Ns_m,
-        coulomb=said.coulomb_N,
-        gain=said.gain,
-        integral=said.integral_per_s,
-        noise=said.sensor_noise_N,
-        motor_limit=said.motor_limit_N,
-        lower=(said.lower_m[0], said.lower_m[1]),
-        upper=(said.upper_m[0], said.upper_m[1]),
-    )
-    try:
-        model.check(person.hand_mass_kg, dt=1 / rate)
-    except ConfigurationError as refused:
-        raise ProblemFileError(loaded.file, f"robot.{refused.argument}", refused.value, refused.expected) from refused
-    stiff, tough = person.stiffness_N_m, person.damping_Ns_m
-    held = (
-        (0.0, 0.0),
-        (person.passive_stiffness_N_m, 0.0),
-        (stiff, tough),
-        (stiff + person.passive_stiffness_N_m, tough),
-    )
-    grows = max(
-        model.growth(person.hand_mass_kg, stiffness=k, damping=d + person.passive_damping_Ns_m, dt=1 / rate)
-        for k, d in held  # in and out of W_c, with the will saturated and not
-    )
-    if not grows <= STABLE:
-        expected = "a higher rate, or softer robot and person (springs, dampers, viscous_Ns_m, gains; heavier masses)"
-        value = f"{rate:g}, at which their simulation grows {grows:.3g}-fold a tick"
-        raise ProblemFileError(loaded.file, "run.rate_hz", value, expected)
-    return model
-
-
-def _refuse_outside(loaded: ProblemFile[ScenarioProblem], path: Array, where: Workspace) -> None:
-    """A person is led nowhere where the arm does not go."""
-    away = np.asarray(where.distance(path))
-    worst = int(np.argmax(away))
-    if not away[worst] <= where.accuracy:
-        key = "task.points_m" if loaded.problem.task.points_m is not None else "task.placement"
-        value = f"a point {1e3 * away[worst]:.1f} mm outside, at {np.round(path[worst], 4).tolist()} m (robot's frame)"
-        low_x, low_y, high_x, high_y = where.polygon.bounds
-        expected = (
-            f"points that the arm reaches: between {low_x:.3f} and {high_x:.3f} m along x, {low_y:.3f} and "
-            f"{high_y:.3f} m along y, within the outline"
-        )
-        raise ProblemFileError(loaded.file, key, value, expected)
 
 
 def _refuse_stops(loaded: ProblemFile[ScenarioProblem], comfortable: Workspace) -> None:
@@ -212,6 +131,8 @@ def _safe_map(loaded: ProblemFile[ScenarioProblem], source: Workspace, target: W
 def _fields(problem: ScenarioProblem, path: Array) -> tuple[PotentialField, ...]:
     """One along the path, or one for each point."""
     said = problem.field
+    assert said.stiffness_N_m is not None
+    assert said.width_mm is not None
     make = partial(PotentialField, stiffness=said.stiffness_N_m, width=1e-3 * said.width_mm, damping=said.damping_Ns_m)
     if problem.mode == "hold":
         return tuple(make(point[None, :]) for point in path)
@@ -221,6 +142,15 @@ def _fields(problem: ScenarioProblem, path: Array) -> tuple[PotentialField, ...]
         return (make(path, drag=drag, drag_along="travelled"),)
     rests = problem.mode == "assist"  # the others have no end to come to rest at
     return (make(path, drag=said.drag_N_m, rest_on_target=rests),)
+
+
+def _numbers(problem: ScenarioProblem, field: PotentialField) -> FieldNumbers:
+    said = problem.field
+    if field.fit is None:
+        assert said.stiffness_N_m is not None
+        return FieldNumbers(said.stiffness_N_m, said.drag_N_m, field.width, said.damping_Ns_m)
+    of = field.fit.parameters
+    return FieldNumbers(of["stiffness"], of["drag"], field.width, of["damping"])
 
 
 def _intention(problem: ScenarioProblem, path: Array) -> Intention:

@@ -28,9 +28,12 @@ THERAPY: tuple[Mode, ...] = ("stretch", "assist", "resist")
 """Modes that go beyond the comfortable workspace."""
 REACHES: tuple[Mode, ...] = ("assist", "resist")
 """Modes that are over when the end of the reference is reached."""
+LEARNT: tuple[Mode, ...] = ("stretch", "assist")
+"""Modes whose field may be learnt: what resists would be the opposite of what was shown."""
 
 Point = Annotated[list[Length], Field(min_length=2, max_length=2)]
 Seconds = Annotated[float, Field(ge=0.1, le=600)]
+Width = Annotated[float, Field(ge=1, le=1000)]
 MOST_TICKS = 2_000_000
 """Of all trials: each tick is kept."""
 
@@ -42,9 +45,16 @@ class ScenarioArm(ArmInPlane):
     reachable: OneRange = "regular"
 
 
+class DemonstrationsSection(Section):
+    """What a therapist showed: movements recorded by the robot, with the forces on the hand."""
+
+    files: Annotated[list[Annotated[str, Field(min_length=1)]], Field(min_length=1, max_length=200), Once]
+
+
 class TaskSection(Section):
     """What is to be done."""
 
+    demonstrations: DemonstrationsSection | None = None
     points_m: Annotated[list[Point], Field(min_length=1, max_length=1000)] | None = None
     recording: RecordingSection | None = None
     placement: PlanarPlacement | None = None
@@ -61,8 +71,8 @@ class TaskSection(Section):
     @model_validator(mode="after")
     def the_path_is_said_once(self) -> Self:
         """Refuse none or two of them."""
-        if self.recording is None and self.points_m is None:
-            raise refusal("points_m", None, "points, or a recording with its placement")
+        if self.recording is None and self.points_m is None and self.demonstrations is None:
+            raise refusal("points_m", None, "points, a recording with its placement, or demonstrations")
         if self.recording is not None and self.points_m is not None:
             raise refusal("points_m", self.points_m, "no points where a recording is given")
         if (self.recording is None) != (self.placement is None):
@@ -71,10 +81,11 @@ class TaskSection(Section):
 
 
 class FieldSection(Section):
-    """The force field: S, k1 or what it comes from, sigma, D."""
+    """The force field: S, k1 or what it comes from, sigma, D; of one that is learnt only the sigmas to choose from."""
 
-    stiffness_N_m: float = Field(gt=0, le=1e5)
-    width_mm: float = Field(ge=1, le=1000)
+    stiffness_N_m: float | None = Field(default=None, gt=0, le=1e5)
+    width_mm: Width | None = None
+    widths_mm: Annotated[list[Width], Field(min_length=1, max_length=20), Once] | None = None
     drag_N_m: float = Field(default=0.0, ge=0, le=1e5)
     resistance_N: float = Field(default=0.0, ge=0, le=1e4)
     damping_Ns_m: float = Field(default=0.0, ge=0, le=1e4)
@@ -164,6 +175,28 @@ class ScenarioProblem(Problem):
     robot: RobotSection = RobotSection()
     person: PersonSection = PersonSection()
     run: RunSection = RunSection()
+
+    @model_validator(mode="after")
+    def the_field_is_given_or_learnt(self) -> Self:
+        """Refuse numbers beside demonstrations, and none without them."""
+        said = self.field
+        if self.task.demonstrations is None:
+            for key in ("stiffness_N_m", "width_mm"):
+                if getattr(said, key) is None:
+                    raise refusal(f"field.{key}", None, "this key, or task.demonstrations to learn it from")
+            if said.widths_mm is not None:
+                raise refusal("field.widths_mm", said.widths_mm, "width_mm, where there are no task.demonstrations")
+            return self
+        if self.mode not in LEARNT:
+            raise refusal("task.demonstrations", self.mode, f"no such key but for mode = {' or '.join(LEARNT)}")
+        if said.widths_mm is None:
+            raise refusal(
+                "field.widths_mm", None, "widths, of which the one that held-out demonstrations prefer is taken"
+            )
+        for key in ("stiffness_N_m", "width_mm", "drag_N_m", "damping_Ns_m"):
+            if key in said.model_fields_set:
+                raise refusal(f"field.{key}", getattr(said, key), "no such key: it is learnt from task.demonstrations")
+        return self
 
     @model_validator(mode="after")
     def keys_go_with_the_mode(self) -> Self:

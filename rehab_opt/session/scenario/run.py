@@ -16,12 +16,14 @@ from rehab_opt.published.field_law import FieldLaw
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.scenario.bounds import bounds_of, bounds_refusals, check_bounds
+from rehab_opt.session.scenario.demonstrated import fit_metrics
 from rehab_opt.session.scenario.laws import Assisted, AssistedAtPoints, ForceLaw, Published, Unassisted
 from rehab_opt.session.scenario.loop import Arrival, Scene, ran
 from rehab_opt.session.scenario.measures import trial_measures
 from rehab_opt.session.scenario.outcome import ScenarioOutcome
 from rehab_opt.session.scenario.pair import pair_measures, pair_of
-from rehab_opt.session.scenario.prepared import Prepared, person_of, prepared, robot_model_of
+from rehab_opt.session.scenario.plant import person_of, robot_model_of
+from rehab_opt.session.scenario.prepared import Prepared, prepared
 from rehab_opt.session.scenario.problem import REACHES, THERAPY, ScenarioProblem
 from rehab_opt.session.scenario.summary import law_summary
 from rehab_opt.session.scenario.trial import Law, Trial
@@ -66,6 +68,7 @@ def run_scenario(loaded: ProblemFile[ScenarioProblem], *, solver: str | None, pr
             done.append(ran(scene, law, name=name, number=number, seed=task.seed + number))
         progress(f"trials, {name}", task.trials, task.trials)
         trials[name] = tuple(done)
+    fit = ready.fields[0].fit
     target = ready.reference[-1] if problem.mode in REACHES else None
     measures = {
         name: tuple(
@@ -81,13 +84,19 @@ def run_scenario(loaded: ProblemFile[ScenarioProblem], *, solver: str | None, pr
         system=problem.system,
         name=loaded.name,
         title=problem.title,
-        notes=(*ready.notes, *ASSUMPTIONS, *_pair_notes(problem, measures), *_runaways(problem, ready, trials)),
+        notes=(
+            *ready.notes,
+            *ASSUMPTIONS[: 2 if fit is None else 1],
+            *_pair_notes(problem, measures),
+            *_runaways(problem, ready, trials),
+        ),
         metrics={
             "laws": {name: law_summary(list(of)) | {"trials": list(of)} for name, of in measures.items()},
             "workspaces": {
                 "comfortable_cm2": 1e4 * ready.comfortable.area,
                 "reachable_cm2": 1e4 * ready.reachable.area,
             },
+            **({} if fit is None else {"learnt": fit_metrics(fit)}),
             "parameters": problem.model_dump(mode="json", exclude={"title"}),
         },
         mode=problem.mode,
@@ -96,6 +105,7 @@ def run_scenario(loaded: ProblemFile[ScenarioProblem], *, solver: str | None, pr
         reference=ready.reference,
         demonstrated=ready.demonstrated,
         fields=ready.fields,
+        shown=ready.shown,
         force_limit=problem.assistance.force_limit_N,
         trials=trials,
         measures=measures,
@@ -178,15 +188,15 @@ def assistance_of(
     ------
     ConfigurationError : a value that cannot be used.
     """
-    said, field = problem.assistance, problem.field
+    said, numbers = problem.assistance, ready.numbers
     bounds = bounds_of(problem, solver=solver)
     bounds["backup"] = backup
-    if problem.mode == "follow" and not field.drag_N_m:
+    if problem.mode == "follow" and not numbers.drag:
         return PathAssistance(
             ready.reference,
-            stiffness=field.stiffness_N_m,
-            width=1e-3 * field.width_mm,
-            damping=field.damping_Ns_m,
+            stiffness=numbers.stiffness,
+            width=numbers.width,
+            damping=numbers.damping,
             comfortable=ready.comfortable,
             force_limit=said.force_limit_N,
             **bounds,
@@ -217,14 +227,14 @@ def _pace(problem: ScenarioProblem, points: Array) -> Smoother:
 
 def _field_law(problem: ScenarioProblem, ready: Prepared) -> FieldLaw:
     """The paper's field of the same numbers; in "resist" k1 < 0 gives the same force where the path begins."""
-    field, said = ready.fields[0], problem.field
-    drag = -field.drag if problem.mode == "resist" else said.drag_N_m
+    field, numbers = ready.fields[0], ready.numbers
+    drag = -field.drag if problem.mode == "resist" else numbers.drag
     return FieldLaw(
         path=ready.reference if problem.mode == "hold" else field.paths[0].points,
-        stiffness=said.stiffness_N_m,
+        stiffness=numbers.stiffness,
         drag=drag,
-        width=1e-3 * said.width_mm,
-        damping=said.damping_Ns_m,
+        width=numbers.width,
+        damping=numbers.damping,
         released=(lambda x: bool(ready.comfortable.contains(x))) if problem.mode in THERAPY else None,
         force_limit=problem.assistance.force_limit_N,
     )

@@ -9,8 +9,10 @@ from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.participant import arm_of
 from rehab_opt.session.scenario.bounds import check_bounds
+from rehab_opt.session.scenario.demonstrated import learnt, needed_demonstrations
+from rehab_opt.session.scenario.given_path import given_path
 from rehab_opt.session.scenario.outcome import ScenarioOutcome
-from rehab_opt.session.scenario.prepared import given_path, robot_model_of
+from rehab_opt.session.scenario.plant import robot_model_of
 from rehab_opt.session.scenario.problem import ScenarioProblem
 from rehab_opt.session.scenario.run import run_scenario
 from rehab_opt.session.solver_option import checked_solver
@@ -30,18 +32,21 @@ class ScenarioSystem:
     options = frozenset({"solver"})
 
     def recordings(self, problem: ScenarioProblem) -> tuple[Needed, ...]:
-        """The helper's movement, where one is named."""
+        """The helper's movement and the therapist's, where some are named."""
         recording = problem.task.recording
-        return () if recording is None else (Needed("task.recording.file", recording.file),)
+        helper = () if recording is None else (Needed("task.recording.file", recording.file),)
+        return helper + needed_demonstrations(problem)
 
     def check(self, loaded: ProblemFile[ScenarioProblem]) -> tuple[str, ...]:
-        """Builds arm, robot and the force's bounds, reads the recording; where the task lies is seen in the run."""
+        """Builds arm, robot and the force's bounds, reads recordings, learns; the run sees where the task lies."""
         arm = loaded.problem.arm
         for name in ("comfortable", "reachable"):
             arm_of(arm.side, arm.segments, getattr(arm, name), file=loaded.file)
         robot_model_of(loaded)
         check_bounds(loaded, solver=None)
-        return tuple(given_path(loaded)[1])
+        path, notes = given_path(loaded)
+        led = learnt(loaded, path)
+        return (*notes, *(() if led is None else led.notes))
 
     def run(
         self, loaded: ProblemFile[ScenarioProblem], *, options: Mapping[str, str], progress: Progress

@@ -1,0 +1,184 @@
+"""Fields that a problem file has learnt from a therapist's demonstrations."""
+
+from __future__ import annotations
+
+import csv
+import math
+import runpy
+import tomllib
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rehab_opt.errors import ProblemFileError
+from rehab_opt.session.files import load_problem, problem_of, recording_state, shipped_folder
+from rehab_opt.session.recordings import read_recording, resampled
+from rehab_opt.session.report import metrics_json
+from rehab_opt.session.run import checked, run_problem
+from rehab_opt.session.scenario.demonstrated import learnt
+from rehab_opt.session.scenario.figures import scenario_figures
+from rehab_opt.session.scenario.outcome import ScenarioOutcome
+
+SHIPPED = shipped_folder() / "upper_limb"
+NAME = "scenario_2_learnt"
+Write = Callable[[str, str | bytes], Path]
+
+
+def content() -> dict[str, Any]:
+    return tomllib.loads((SHIPPED / f"{NAME}.toml").read_text(encoding="utf-8"))
+
+
+def loaded(change: dict[str, dict[str, Any]], path: Path = SHIPPED / f"{NAME}.toml") -> Any:
+    whole = content()
+    for section, keys in change.items():
+        whole[section] = {**whole.get(section, {}), **keys}
+    return problem_of(whole, name=NAME, file=f"{NAME}.toml", path=path)
+
+
+@cache
+def outcome() -> ScenarioOutcome:
+    found = run_problem(loaded({"task": {"trials": 3}, "run": {"rate_hz": 200.0}}))
+    assert isinstance(found, ScenarioOutcome)
+    return found
+
+
+def test_the_shipped_demonstrations_are_what_their_script_writes() -> None:
+    lead = runpy.run_path(str(SHIPPED / "demonstrations" / "lead.py"))
+    files = sorted((SHIPPED / "demonstrations").glob("*.csv"))
+    assert len(files) == lead["COUNT"]
+    for number, file in enumerate(files, start=1):
+        assert lead["lead_csv"](number) == file.read_text(encoding="utf-8")
+
+
+def test_what_is_learnt_is_what_the_therapist_did() -> None:
+    """Near enough: the therapist pulls to the nearest point, a field to all that are near; and the mean path sways."""
+    lead = runpy.run_path(str(SHIPPED / "demonstrations" / "lead.py"))
+    corners = np.array(lead["CORNERS"])
+    length = float(np.linalg.norm(np.diff(corners, axis=0), axis=1).sum())
+    led = learnt(load_problem(f"upper_limb/{NAME}"), None)
+    assert led is not None
+    assert led.field.fit is not None
+    known = learnt(load_problem(f"upper_limb/{NAME}"), corners)
+    assert known is not None
+    assert known.field.fit is not None
+    for fit in (led.field.fit, known.field.fit):
+        assert fit.parameters["stiffness"] == pytest.approx(lead["STIFFNESS"], rel=0.2)
+        assert fit.parameters["drag"] == pytest.approx(lead["PULL"] / (2 * length), rel=0.2)
+        assert fit.held_out == (4,)
+    assert known.field.fit.held_out_error < led.field.fit.held_out_error
+
+
+def test_with_the_learnt_field_the_target_is_reached_and_without_help_it_is_not() -> None:
+    measures = outcome().measures
+    assert all(each["success"] for each in measures["assisted"])
+    assert not any(each["success"] for each in measures["unassisted"])
+    np.testing.assert_array_equal(outcome().reference, outcome().fields[0].paths[0].points)
+
+
+def test_quality_on_what_was_held_out_is_told_in_notes_and_metrics() -> None:
+    found = outcome()
+    (learning,) = [note for note in found.notes if note.startswith("the field was learnt from 4 of 5")]
+    (held_out,) = [note for note in found.notes if note.startswith("of the 1 held out")]
+    told = found.metrics["learnt"]
+    assert f"S = {told['stiffness_N_m']:.3g}" in learning
+    assert f"{100 * told['held_out_share']:.0f} %" in held_out
+    assert told["held_out"] == [5]
+    assert told["held_out_error_N"] < told["constant_stiffness_error_N"]
+    assert "NaN" not in metrics_json(found)
+    assert "learnt" in scenario_figures(found)
+
+
+def test_points_of_the_task_are_the_path_that_the_field_is_learnt_around() -> None:
+    points = content_of("scenario_2_assist")["task"]["points_m"]
+    led = learnt(loaded({"task": {"points_m": points}}), np.array(points))
+    assert led is not None
+    np.testing.assert_allclose(led.field.paths[0].points[[0, -1]], np.array(points)[[0, -1]])
+
+
+def content_of(name: str) -> dict[str, Any]:
+    return tomllib.loads((SHIPPED / f"{name}.toml").read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize(
+    ("change", "key"),
+    [
+        ({"field": {"stiffness_N_m": 1000.0}}, "field.stiffness_N_m"),
+        ({"field": {"drag_N_m": 0.0}}, "field.drag_N_m"),
+        ({"field": {"width_mm": 20.0}}, "field.width_mm"),
+        ({"field": {"widths_mm": None}}, "field.widths_mm"),
+        ({"field": {"widths_mm": []}}, "field.widths_mm"),
+        ({"field": {"widths_mm": [20.0, 20.0]}}, "field.widths_mm"),
+        ({"field": {"widths_mm": [math.nan]}}, "field.widths_mm.0"),
+        ({"task": {"demonstrations": {"files": []}}}, "task.demonstrations.files"),
+        ({"task": {"demonstrations": {"files": ["a.csv", "a.csv"]}}}, "task.demonstrations.files"),
+        ({"task": {"demonstrations": None}}, "task.points_m"),
+        ({"task": {"demonstrations": None, "points_m": [[-0.2, 0.5], [-0.25, 0.5]]}}, "field.stiffness_N_m"),
+    ],
+)
+def test_keys_that_contradict_each_other_are_refused(change: dict[str, dict[str, Any]], key: str) -> None:
+    with pytest.raises(ProblemFileError) as refused:
+        loaded(change)
+    assert refused.value.key == key
+
+
+def test_a_resistance_is_not_learnt_from_one_who_leads() -> None:
+    whole = content() | {"mode": "resist"}
+    with pytest.raises(ProblemFileError, match=r"task\.demonstrations.*assist"):
+        problem_of(whole, name=NAME, file=NAME, path=SHIPPED / "x.toml")
+
+
+HEADER = "t_s,x_m,y_m,fx_N,fy_N\n"
+LINE = [(0.02 * k, -0.16 - 0.0009 * k, 0.5, -5.0, 0.01 * (k % 3)) for k in range(100)]
+
+
+def table(rows: list[tuple[float, ...]], header: str = HEADER) -> str:
+    return header + "".join(",".join(f"{value:.6g}" for value in row) + "\n" for row in rows)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (table([row[:3] for row in LINE], "t_s,x_m,y_m\n"), "no forces"),
+        (table([row[:4] for row in LINE], "t_s,x_m,y_m,fx_N\n"), "fx_N and fy_N together"),
+        (table(LINE).replace("-5,", "nan,"), "nan"),
+        (table(LINE).replace("-5,", "1e9,"), "1e"),
+        (table(LINE[:2]), "at least three"),
+        (table([(t, x, y, -fx, fy) for t, x, y, fx, fy in LINE]), "hold no hand on a path"),
+        (table([(t, 0.3, 0.4, fx, fy) for t, _, _, fx, fy in LINE]), "demonstrations"),
+    ],
+)
+def test_a_recording_that_teaches_nothing_is_named(written: Write, text: str, said: str) -> None:
+    file = written("lead.csv", text)
+    with pytest.raises(ProblemFileError, match=said):
+        checked(loaded({"task": {"demonstrations": {"files": ["lead.csv"]}}}, file.parent / "problem.toml"))
+
+
+def test_an_absent_recording_is_named_before_anything_is_learnt(tmp_path: Path) -> None:
+    absent = loaded({}, tmp_path / "problem.toml")
+    assert recording_state(absent).startswith("absent: demonstrations/lead_1.csv")
+    with pytest.raises(ProblemFileError, match=r"task\.demonstrations\.files"):
+        checked(absent)
+
+
+def test_a_path_that_no_arm_reaches_is_refused_by_its_demonstrations(written: Write) -> None:
+    away = [(t, x + 0.6, y, fx, fy) for t, x, y, fx, fy in shipped_rows()]
+    file = written("lead.csv", table(away))
+    with pytest.raises(ProblemFileError) as refused:
+        run_problem(loaded({"task": {"demonstrations": {"files": ["lead.csv"]}}}, file.parent / "problem.toml"))
+    assert refused.value.key == "task.demonstrations"
+
+
+def shipped_rows() -> list[tuple[float, ...]]:
+    with (SHIPPED / "demonstrations" / "lead_1.csv").open(encoding="utf-8", newline="") as file:
+        return [tuple(map(float, row)) for row in list(csv.reader(file))[1:]]
+
+
+def test_forces_of_a_recording_are_resampled_with_its_places(written: Write) -> None:
+    rows = [(0.1 * k, 0.01 * k, 0.0, 2.0 * k, -k) for k in range(5)]
+    fine = resampled(read_recording(written("lead.csv", table(rows))), 20.0)
+    np.testing.assert_allclose(fine.forces, np.column_stack([20 * fine.time, -10 * fine.time]), atol=1e-12)
+    assert read_recording(written("plain.csv", "t_s,x_m,y_m\n0,0,0\n1,1,1\n")).forces.shape == (2, 0)
