@@ -13,7 +13,7 @@ from problems.mirror import motions
 from rehab_opt import Bound, ConfigurationError, MirrorTracker, Smoother, ur5
 from rehab_opt.control.conditioning import Conditioned, conditioned
 from rehab_opt.control.hand_bounds import KeepOut
-from rehab_opt.control.smoothing import measured_lag
+from rehab_opt.control.measured_lag import measured_lag
 from rehab_opt.kinematics.vr import fit_frame, poses_of, quaternions_of, robot_from_unity
 from tests.control.mirror_campaign import LARGEST, closed_form, random_path
 
