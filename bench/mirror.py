@@ -24,7 +24,7 @@ from bench.verdict import Verdict, all_met, print_verdicts
 from problems.mirror import motions
 from rehab_opt import Command, MirrorTracker, SerialChain, Smoother, Status, ur5
 from rehab_opt.control.conditioning import Conditioned, conditioned
-from rehab_opt.control.smoothing import measured_lag
+from rehab_opt.control.measured_lag import measured_lag
 from rehab_opt.kinematics.vr import quaternions_of
 from rehab_opt.published.astar import astar_path
 

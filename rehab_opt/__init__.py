@@ -6,9 +6,11 @@ from typing import TYPE_CHECKING, Any
 from rehab_opt.control.arm_ik import ArmIK, IKPath, IKSolution
 from rehab_opt.control.command import Bound, Command, Status
 from rehab_opt.control.pose_tracker import PoseTracker
-from rehab_opt.control.smoothing import Smoother, smooth_path
+from rehab_opt.control.smoother import Smoother
+from rehab_opt.control.smoothing import smooth_path
 from rehab_opt.errors import ConfigurationError, ProblemFileError, RehabOptError
-from rehab_opt.kinematics.chain import DH, SerialChain
+from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.kinematics.denavit_hartenberg import DH
 from rehab_opt.kinematics.human_arm import human_arm
 from rehab_opt.kinematics.ur5 import ur5
 

@@ -26,7 +26,7 @@ from bench.test_bench_control import ROOM
 from bench.verdict import Verdict, all_met, print_verdicts
 from rehab_opt import RedundancyResolver, ardis
 from rehab_opt.kinematics.ardis import ARDIS_READY
-from rehab_opt.kinematics.chain import DH
+from rehab_opt.kinematics.denavit_hartenberg import DH
 from rehab_opt.kinematics.mobile_arm import MobileArm
 
 __all__ = ["main"]

@@ -12,7 +12,8 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from rehab_opt.kinematics.chain import SerialChain, determinant
+from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.kinematics.determinant import determinant
 from rehab_opt.optim.nlp import NLP
 from rehab_opt.optim.qp import equal, parameter, variable
 from rehab_opt.workspace.handle import handle_rows

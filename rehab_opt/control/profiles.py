@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
-__all__ = ["CERTIFIED", "AxisBounds", "Profiles", "stopping_distance"]
+from rehab_opt.control.axis_bounds import AxisBounds
+
+__all__ = ["CERTIFIED", "Profiles", "stopping_distance"]
 
 Motion = tuple[list[float], list[float], list[float]]  # position, velocity, acceleration of the axes
 Frame = tuple[list[float], list[float]]  # origin [u] at the start of a plan, and speed [u/s]
@@ -16,16 +17,6 @@ CERTIFIED = 1e-6
 """Largest certificate residual that passes."""
 EDGE = 1e-12  # [u] by which rounding may carry a profile that ends on a bound beyond it; the output is clipped
 ROUNDING = 32.0 * float(np.finfo(np.float64).eps)  # of a position, as a share of the largest one
-
-
-class AxisBounds(NamedTuple):
-    """Bounds of n free axes, each (n,) in u, u/s, u/s^2 and u/s^3 with u = rad or m."""
-
-    lower: list[float]
-    upper: list[float]
-    velocity: list[float]
-    acceleration: list[float]
-    jerk: list[float]
 
 
 def stopping_distance(speed: float, acceleration: float, jerk: float) -> float:

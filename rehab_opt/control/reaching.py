@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.control.smoothing import Smoother
+from rehab_opt.control.smoother import Smoother
 from rehab_opt.kinematics.mobile_arm import MobileArm
 from rehab_opt.optim.qp import PLAUSIBLE
 

@@ -12,7 +12,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rehab_opt.kinematics.chain import DH, SerialChain, per_joint
+from rehab_opt.kinematics.chain import SerialChain, per_joint
+from rehab_opt.kinematics.denavit_hartenberg import DH
 from rehab_opt.kinematics.differential import Differential
 from rehab_opt.kinematics.inertia import Body, rod
 from rehab_opt.kinematics.mecanum import Mecanum, checked_amounts, checked_lengths

@@ -4,34 +4,23 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.denavit_hartenberg import DH, checked_rows, pose_after, pose_before, product
+from rehab_opt.kinematics.determinant import determinant
 from rehab_opt.symbolic.buffered import BufferedFunction
 
-__all__ = ["DH", "SerialChain"]
+__all__ = ["SerialChain", "per_joint", "rigid"]
 
 Array = NDArray[np.float64]
-
-
-class DH(NamedTuple):
-    """One standard Denavit-Hartenberg row, A = Rz(theta) Tz(d) Tx(a) Rx(alpha): Eq. (1), Rossa et al.
-
-    The joint value is added to `theta` [rad] of a revolute row and to `d` [m] of a prismatic one.
-    """
-
-    a: float
-    alpha: float
-    d: float = 0.0
-    theta: float = 0.0
-    prismatic: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +52,7 @@ class SerialChain:
 
     def __post_init__(self) -> None:
         """Check and freeze every argument."""
-        rows = _checked_rows(self.rows)
+        rows = checked_rows(self.rows)
         n = len(rows)
         given = self.names if isinstance(self.names, Sequence) else (None,)
         names = tuple(given) or tuple(f"joint_{i + 1}" for i in range(n))
@@ -143,8 +132,8 @@ class SerialChain:
         """
         frames = [ca.SX(ca.DM(self.base))]
         for i, row in enumerate(self.rows if rows is None else rows):
-            frames.append(_times(frames[-1], _row_expression(row, q[i])))
-        frames.append(_times(frames[-1], ca.SX(ca.DM(self.tool))))
+            frames.append(product(frames[-1], pose_after(row, q[i])))
+        frames.append(product(frames[-1], ca.SX(ca.DM(self.tool))))
         return frames
 
     def pose_expression(self, q: ca.SX, rows: Sequence[DH] | None = None) -> ca.SX:
@@ -154,19 +143,11 @@ class SerialChain:
     def jacobian_expression(self, q: ca.SX) -> ca.SX:
         """(6, n) expression of `jacobian`."""
         frames = self.frames_expression(q)
-        tip = frames[-1][:3, 3]
-        columns = []
-        for row, frame in zip(self.rows, frames, strict=False):
-            axis = frame[:3, 2]
-            if row.prismatic:
-                columns.append(ca.vertcat(axis, ca.SX.zeros(3)))
-            else:
-                columns.append(ca.vertcat(ca.cross(axis, tip - frame[:3, 3]), axis))
-        return ca.horzcat(*columns)
+        return self._moves(frames, frames[-1][:3, 3])
 
     def manipulability_expression(self, q: ca.SX) -> ca.SX:
         """Scalar expression of `manipulability`."""
-        jacobian = self.jacobian_expression(q)
+        jacobian = self._moves_amid(q)
         if self.n == 6:
             return ca.fabs(determinant(jacobian))
         gram = jacobian @ jacobian.T if self.n > 6 else jacobian.T @ jacobian
@@ -174,13 +155,40 @@ class SerialChain:
 
     def manipulability_gradient_expression(self, q: ca.SX) -> ca.SX:
         """(n,) expression of `manipulability_gradient`."""
-        jacobian = self.jacobian_expression(q)
+        jacobian = self._moves_amid(q)
         if self.n == 6:
             volume = determinant(jacobian)
             return ca.sign(volume) * ca.gradient(volume, q)
         gram = jacobian @ jacobian.T if self.n > 6 else jacobian.T @ jacobian
         square = determinant(gram)
         return ca.if_else(square > 0, ca.gradient(square, q) / (2 * ca.sqrt(square)), ca.SX.zeros(self.n))
+
+    def _moves(self, frames: Sequence[ca.SX], point: ca.SX) -> ca.SX:
+        """(6, n) geometric Jacobian about a point (3,), in the axes that the frames before each joint are given in."""
+        columns = []
+        for row, frame in zip(self.rows, frames, strict=False):
+            axis = frame[:3, 2]
+            if row.prismatic:
+                columns.append(ca.vertcat(axis, ca.SX.zeros(3)))
+            else:
+                columns.append(ca.vertcat(ca.cross(axis, point - frame[:3, 3]), axis))
+        return ca.horzcat(*columns)
+
+    def _moves_amid(self, q: ca.SX) -> ca.SX:
+        """(6, n) geometric Jacobian for `manipulability`, from six joints on about and along the frame amid them.
+
+        To see it from elsewhere multiplies it by a matrix of determinant 1, which changes no det(J J'); from amid the
+        joints it takes a fifth of the operations. Below six joints det(J' J) is another about each point.
+        """
+        if self.n < 6:
+            return self.jacobian_expression(q)
+        middle = self.n // 2
+        frames = [ca.SX.eye(4)]
+        for i in reversed(range(middle)):
+            frames.insert(0, product(frames[0], pose_before(self.rows[i], q[i])))
+        for i in range(middle, self.n - 1):
+            frames.append(product(frames[-1], pose_after(self.rows[i], q[i])))
+        return self._moves(frames, ca.SX.zeros(3))
 
     # ------------------------------------------------------------------------------------------------ plumbing
     def _evaluate(self, name: str, q: ArrayLike) -> Array:
@@ -203,24 +211,6 @@ class SerialChain:
             if isinstance(value, np.ndarray):
                 value.flags.writeable = False  # pickle forgets it
         self.__dict__.update(state)
-
-
-def _checked_rows(rows: object) -> tuple[DH, ...]:
-    if not isinstance(rows, Sequence) or not rows:
-        raise ConfigurationError("rows", rows, "at least one Denavit-Hartenberg row")
-    checked = []
-    for i, row in enumerate(rows):
-        try:
-            dh = DH(*row)
-            usable = all(math.isfinite(number) for number in dh[:4])
-        except (TypeError, ValueError, OverflowError):
-            usable = False
-        if not usable:
-            raise ConfigurationError(
-                f"rows[{i}]", row, "finite numbers a, alpha, d, theta, and whether it is prismatic"
-            )
-        checked.append(dh)
-    return tuple(checked)
 
 
 def per_joint(argument: str, value: ArrayLike, n: int, *, finite: bool = False) -> Array:
@@ -254,49 +244,3 @@ def rigid(argument: str, value: ArrayLike) -> Array:
         raise ConfigurationError(argument, value, expected)
     pose.flags.writeable = False
     return pose
-
-
-def determinant(matrix: ca.SX) -> ca.SX:
-    """Determinant as an expression with no division, so that its derivatives hold at singular matrices too."""
-    columns = [[matrix[i, j] for i in range(matrix.size1())] for j in range(matrix.size2())]
-    minors: dict[tuple[int, ...], ca.SX] = {(): ca.SX(1)}
-    for column in columns:  # minors of the first k columns, by rows taken: expansion along the newest column
-        minors = _extended(minors, column)
-    return minors[tuple(range(len(columns)))]
-
-
-def _extended(minors: dict[tuple[int, ...], ca.SX], column: Sequence[ca.SX]) -> dict[tuple[int, ...], ca.SX]:
-    wider: dict[tuple[int, ...], ca.SX] = {}
-    for rows, minor in minors.items():
-        for i, entry in enumerate(column):
-            if i in rows:
-                continue
-            taken = tuple(sorted((*rows, i)))
-            sign = (-1) ** (len(rows) - taken.index(i))
-            wider[taken] = wider.get(taken, ca.SX(0)) + sign * entry * minor
-    return wider
-
-
-def _row_expression(row: DH, value: ca.SX) -> ca.SX:
-    theta, d = (ca.SX(row.theta), row.d + value) if row.prismatic else (row.theta + value, ca.SX(row.d))
-    cos_theta, sin_theta = ca.cos(theta), ca.sin(theta)
-    cos_alpha, sin_alpha = _exact(math.cos, row.alpha), _exact(math.sin, row.alpha)
-    return ca.blockcat(
-        [
-            [cos_theta, -sin_theta * cos_alpha, sin_theta * sin_alpha, row.a * cos_theta],
-            [sin_theta, cos_theta * cos_alpha, -cos_theta * sin_alpha, row.a * sin_theta],
-            [0, sin_alpha, cos_alpha, d],
-            [0, 0, 0, 1],
-        ]
-    )
-
-
-def _exact(function: Callable[[float], float], angle: float) -> float:
-    """Sine or cosine with the rounding of multiples of a right angle removed: 1e-17 is zero, and drops out."""
-    value = function(angle)
-    return float(round(value)) if abs(value - round(value)) < 1e-15 else value
-
-
-def _times(left: ca.SX, right: ca.SX) -> ca.SX:
-    """Product of two poses; zeros and ones vanish from the expression."""
-    return ca.sparsify(left) @ ca.sparsify(right)

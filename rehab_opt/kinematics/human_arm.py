@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.kinematics.chain import DH, SerialChain
+from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.kinematics.denavit_hartenberg import DH
 
 __all__ = ["ARM_JOINTS", "ARM_REST", "ARM_SEGMENTS", "RANGES_OF_MOTION_DEG", "human_arm"]
 

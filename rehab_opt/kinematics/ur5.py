@@ -7,7 +7,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rehab_opt.kinematics.chain import DH, SerialChain
+from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.kinematics.denavit_hartenberg import DH
 
 __all__ = ["UR5_ACCELERATION", "ur5"]
 

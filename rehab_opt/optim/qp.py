@@ -11,8 +11,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rehab_opt.errors import ConfigurationError
-from rehab_opt.optim.certificate import all_true, certificate_function, one_is_zero, violation
+from rehab_opt.optim.certificate import all_true, certificate_function
+from rehab_opt.optim.well_stated import check_that_it_is_a_qp, with_numeric_bounds
 
 if TYPE_CHECKING:
     import qpsolvers
@@ -135,24 +135,8 @@ class Statement:
 
     def __post_init__(self) -> None:
         """Check that it is a QP."""
-        x = self._x
-        if self.minimise.numel() != 1:
-            raise ConfigurationError("minimise", self.minimise.shape, "a scalar cost")
-        given = {symbol.element_hash() for column in (self._p, self.memory) for symbol in ca.vertsplit(column)}
-        decided = {symbol.element_hash() for symbol in ca.vertsplit(x)}
-        bounds = ca.vertcat(*self._bounds)
-        for argument, expression, known in (
-            ("variables", bounds, given),
-            ("minimise", self.minimise, given | decided),
-            ("subject_to", ca.vertcat(*self._rows), given | decided),
-        ):
-            for symbol in ca.symvar(expression):
-                if symbol.element_hash() not in known:
-                    raise ConfigurationError(argument, symbol.name(), "expressions of what is given before")
-        if not ca.is_quadratic(self.minimise, x):
-            raise ConfigurationError("minimise", self.name, "a cost quadratic in the variables")
-        if not ca.is_linear(self._rows.expression, x):
-            raise ConfigurationError("subject_to", self.name, "rows linear in the variables")
+        given = [*self.parameters, *self.prepared, self.memory]
+        check_that_it_is_a_qp(self.name, self.minimise, self._x, rows=self._rows, bounds=self._bounds, given=given)
 
     @property
     def n(self) -> int:
@@ -190,46 +174,14 @@ class Statement:
 
     @cached_property
     def screen(self) -> ca.Function:
-        """Complete parameters, memory -> x, its multipliers, its residual of the guess; whether parameters are sound.
+        """Complete parameters, memory -> see `screened_guess`; whether the parameters are sound."""
+        from rehab_opt.optim.guess import screened_guess  # noqa: PLC0415  (it derives from what is stated here)
 
-        Within its bounds and rows, a point without gradient is the answer: that is the guess's certificate, and needs
-        no Hessian. So is one whose gradient the multipliers balance, or press against a bound. Outside, or where
-        nothing is guessed, the residual is infinite.
-        """
-        nothing = ca.SX.zeros(self.n + self.m)
-        if self.guess is None:
-            told = [ca.vertcat(ca.SX.zeros(self.n), nothing), ca.SX(ca.inf)]
-        elif self.multipliers is None:
-            guess, rows = self.guess, self._rows
-            slope, values = ca.substitute([ca.gradient(self.minimise, self._x), rows.expression], [self._x], [guess])
-            lower, upper = self._bounds
-            inside = all_true(guess >= lower, guess <= upper, values >= rows.lower, values <= rows.upper)
-            # Not a quotient: of a slope that is zero by its form CasADi would drop the divisor, and with it the bounds.
-            residual = ca.if_else(ca.logic_and(inside, self._sound), ca.norm_2(slope), ca.inf)
-            told = [ca.vertcat(guess, nothing), residual]
-        else:
-            told = self._balanced_guess(self.guess, self.multipliers)
-        outputs = [ca.densify(told[0]), told[1], self._sound]
-        return ca.Function(f"{self.name}_screen", [self._p, self.memory], outputs, {"cse": True})
-
-    def _balanced_guess(self, guess: ca.SX, multipliers: ca.SX) -> list[ca.SX]:
-        """The guess with its multipliers, and the certificate's residual of it."""
-        rows, (lower, upper) = self._rows, self._bounds
-        slope, values, matrix = ca.substitute(
-            [ca.gradient(self.minimise, self._x), rows.expression, ca.jacobian(rows.expression, self._x)],
-            [self._x],
-            [guess],
-        )
-        pressed = -(slope + matrix.T @ multipliers)
-        at_bound = ca.logic_or(ca.logic_and(guess >= upper, pressed > 0), ca.logic_and(guess <= lower, pressed < 0))
-        violated = violation(values, rows.lower, rows.upper)
-        loose = one_is_zero(multipliers, values, rows.lower, rows.upper)
-        squares = ca.sumsqr(ca.if_else(at_bound, 0, pressed)) + ca.sumsqr(violated) + ca.sumsqr(loose)
-        # A sum that NaN poisons, where fmax and a choice would drop it.
-        finite = ca.sumsqr(guess) + ca.sumsqr(pressed) + ca.sumsqr(values) <= PLAUSIBLE**2
-        inside = all_true(guess >= lower, guess <= upper, finite, self._sound)
-        bound_multipliers = ca.if_else(at_bound, pressed, 0)
-        return [ca.vertcat(guess, bound_multipliers, multipliers), ca.if_else(inside, ca.sqrt(squares), ca.inf)]
+        told, residual = screened_guess(
+            self.guess, self.multipliers,
+            cost=self.minimise, x=self._x, rows=self._rows, bounds=self._bounds, sound=self._sound,
+        )  # fmt: skip
+        return ca.Function(f"{self.name}_screen", [self._p, self.memory], [told, residual, self._sound], {"cse": True})
 
     @cached_property
     def certify(self) -> ca.Function:
@@ -294,14 +246,5 @@ class Statement:
     def _rows(self) -> Row:
         empty = Row(ca.SX(0, 1), ca.SX(0, 1), ca.SX(0, 1))
         # A bound that holds variables moves to the left, so that bounds are numbers; only equal() may have one.
-        rows = [_numeric_bounds(row, self._x) for row in self.subject_to]
+        rows = [with_numeric_bounds(row, self._x) for row in self.subject_to]
         return Row(*(ca.vertcat(*parts) for parts in zip(empty, *rows, strict=True)))
-
-
-def _numeric_bounds(row: Row, x: ca.SX) -> Row:
-    if not (ca.depends_on(row.lower, x) or ca.depends_on(row.upper, x)):
-        return row
-    if not ca.is_equal(row.lower, row.upper, 50):
-        raise ConfigurationError("subject_to", str(row.expression)[:60], "variables in a bound only of an equality")
-    zeros = ca.SX.zeros(row.expression.numel())
-    return Row(row.expression - row.lower, zeros, zeros)

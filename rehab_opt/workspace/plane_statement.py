@@ -16,7 +16,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.kinematics.chain import DH, SerialChain
+from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.kinematics.denavit_hartenberg import DH
 from rehab_opt.optim.nlp import NLP
 from rehab_opt.optim.qp import Row, equal, parameter, variable
 from rehab_opt.workspace.handle import beyond_cone, handle_rows

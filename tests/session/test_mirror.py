@@ -19,7 +19,7 @@ import pytest
 from rich.console import Console
 
 from rehab_opt import MirrorTracker, ur5
-from rehab_opt.control.smoothing import measured_lag
+from rehab_opt.control.measured_lag import measured_lag
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.session.files import load_problem, problem_of, shipped_problems
 from rehab_opt.session.mirror.metrics import passed_share

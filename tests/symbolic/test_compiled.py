@@ -3,6 +3,7 @@
 import os
 import re
 import shutil
+import subprocess
 from collections.abc import Callable, Iterator
 from multiprocessing import get_context
 from pathlib import Path
@@ -99,6 +100,18 @@ def test_flags_keep_nan_and_rounding_and_the_kind_of_processor() -> None:
     assert "-ffp-contract=off" in FLAGS
     forbidden = r"-O?fast(-math)?|-funsafe.*|-ffinite.*|-fassociative.*|-freciprocal.*|-march=.*|-mfma|-mtune=native"
     assert not [flag for flag in FLAGS if re.fullmatch(forbidden, flag)]
+
+
+@needs_compiler
+@pytest.mark.skipif(shutil.which("readelf") is None, reason="no readelf on this machine")
+def test_no_minimum_maximum_or_square_is_a_call_through_the_linkage_table(cache: Path) -> None:
+    x = ca.SX.sym("x", 3)
+    function = ca.Function("extremes", [x], [ca.vertcat(ca.fmin(x[0], x[1]), ca.fmax(x[1], x[2]), x[2] ** 2)])
+    np.testing.assert_array_equal(BufferedFunction(compiled(function, compile=True)).of([1, 2, 3]), [1, 3, 9])
+    (library,) = cache.iterdir()
+    told = subprocess.run(["readelf", "-rW", library], check=True, capture_output=True, text=True).stdout
+    assert "Relocation section" in told
+    assert "extremes_" not in told
 
 
 # --------------------------------------------------------------------------------------------------------- cache

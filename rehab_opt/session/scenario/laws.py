@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.control.assistance import Assistance
 from rehab_opt.control.command import Status
-from rehab_opt.control.smoothing import Smoother
+from rehab_opt.control.smoother import Smoother
 from rehab_opt.published.field_law import FieldLaw
 from rehab_opt.session.scenario.trial import HelperTrace
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.control.smoothing import Smoother
+from rehab_opt.control.smoother import Smoother
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.session.metrics import lag, reason_counts, status_counts
 from rehab_opt.session.upper_limb.problem import SmoothingSection

@@ -1,0 +1,62 @@
+"""Bounds of free axes: how far, how fast, and how suddenly each may move."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.chain import per_joint
+
+__all__ = ["AxisBounds", "axis_bounds", "numbers"]
+
+
+class AxisBounds(NamedTuple):
+    """Bounds of n free axes, each (n,) in u, u/s, u/s^2 and u/s^3 with u = rad or m."""
+
+    lower: list[float]
+    upper: list[float]
+    velocity: list[float]
+    acceleration: list[float]
+    jerk: list[float]
+
+
+def axis_bounds(
+    *,
+    lower: ArrayLike | None,
+    upper: ArrayLike | None,
+    velocity: ArrayLike,
+    acceleration: ArrayLike,
+    jerk: ArrayLike,
+    axes: int | None = None,
+) -> AxisBounds:
+    """Bounds as a caller gives them, a scalar for all axes and None for no bound, or what is wrong with them."""
+    given = {
+        "lower": -math.inf if lower is None else lower,
+        "upper": math.inf if upper is None else upper,
+        "velocity": velocity,
+        "acceleration": acceleration,
+        "jerk": jerk,
+    }
+    n = axes if axes is not None else max(numbers(name, value).size for name, value in given.items())
+    if not (isinstance(n, (int, np.integer)) and n >= 1):
+        raise ConfigurationError("axes", axes, "a whole number of axes, at least one")
+    bounds = AxisBounds(**{name: per_joint(name, value, n).tolist() for name, value in given.items()})
+    for name in ("velocity", "acceleration", "jerk"):
+        if not all(0.0 < number < math.inf for number in getattr(bounds, name)):
+            raise ConfigurationError(name, given[name], "positive finite numbers")
+    for low, high in zip(bounds.lower, bounds.upper, strict=True):
+        if not (low <= high and low < math.inf and high > -math.inf):
+            raise ConfigurationError("lower, upper", (low, high), "lower <= upper, neither NaN")
+    return bounds
+
+
+def numbers(argument: str, value: ArrayLike) -> NDArray[np.float64]:
+    """`value` as an array of its own."""
+    try:
+        return np.array(value, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError) as problem:
+        raise ConfigurationError(argument, value, "numbers") from problem

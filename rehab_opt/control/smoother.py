@@ -1,0 +1,250 @@
+"""Positions with bounded velocity, acceleration and jerk, axis by axis: what goes out to free axes.
+
+Free are the joint trajectories of a plan, targets, reference clocks. Where constraints couple axes, smoothing after the
+controller would break them.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rehab_opt.control.asked_position import AT_REST, brought_within, copied, finite_numbers
+from rehab_opt.control.axis_bounds import axis_bounds
+from rehab_opt.control.command import Bound, Command, Status
+from rehab_opt.control.profiles import CERTIFIED, Profiles, stopping_distance
+from rehab_opt.control.watchdog import Watchdog
+from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.chain import per_joint
+
+__all__ = ["Smoother"]
+
+Array = NDArray[np.float64]
+
+RETURN_SPEED = 0.1
+"""Share of the velocity bound at which an axis outside its position bounds is led back."""
+HORIZON = 3600.0
+"""[s] A target further away than this at full speed is a fault, not a target; Ruckig itself ends at 7.6e3 s."""
+NOT_RENEWED = "moving target was not renewed in time"
+
+
+class Smoother:
+    """Follows targets with every axis inside its position, velocity, acceleration and jerk bounds.
+
+    Each axis moves as fast as its own bounds allow. A target outside the position bounds is clipped to them. A
+    disabled smoother, a target that is not a plausible number and a stale stamp bring all axes to rest as fast as
+    the bounds allow and hold them there; from wherever that is, the motion goes on without a jump.
+
+    Parameters
+    ----------
+    velocity, acceleration, jerk : (n,) bounds of the axes [u/s, u/s^2, u/s^3 with u = rad or m], positive and finite;
+        a scalar stands for all.
+    dt : tick [s].
+    lower, upper : (n,) position bounds [u]; None or infinite for none; equal ones lock the axis.
+    axes : n, needed where every bound is a scalar; default 1.
+    return_speed : share of `velocity` at which an axis that was reset outside its bounds comes back.
+    max_age : of the targets, see `Watchdog`.
+
+    Raises
+    ------
+    ConfigurationError : a bound that is not usable or of the wrong size.
+    """
+
+    def __init__(
+        self,
+        *,
+        velocity: ArrayLike,
+        acceleration: ArrayLike,
+        jerk: ArrayLike,
+        dt: float = 0.001,
+        lower: ArrayLike | None = None,
+        upper: ArrayLike | None = None,
+        axes: int | None = None,
+        return_speed: float = RETURN_SPEED,
+        max_age: float | None = None,
+    ) -> None:
+        if not (isinstance(return_speed, (int, float, np.integer, np.floating)) and 0.0 < return_speed <= 1.0):
+            raise ConfigurationError("return_speed", return_speed, "a share of the velocity, above 0 and at most 1")
+        bounds = axis_bounds(
+            lower=lower, upper=upper, velocity=velocity, acceleration=acceleration, jerk=jerk, axes=axes
+        )
+        self._watchdog = Watchdog(dt=dt, max_age=max_age)
+        self._profiles = Profiles(bounds, dt=float(dt), return_speed=float(return_speed))
+        self._bounds = bounds
+        self._n = len(bounds.velocity)
+        self._dt, self._ready = float(dt), False
+        self._asked: tuple[object, object] | None = None
+        self._note = ""
+        self._moving = self._returning = False
+        self._old: tuple[object, object] | None = None
+
+    @property
+    def n(self) -> int:
+        """Number of axes."""
+        return self._n
+
+    @property
+    def dt(self) -> float:
+        """Tick [s]."""
+        return self._dt
+
+    @property
+    def position(self) -> Array:
+        """(n,) last position [u], a copy."""
+        return np.array(self._started().p)
+
+    @property
+    def velocity(self) -> Array:
+        """(n,) velocity [u/s] at the last position, a copy."""
+        return np.array(self._started().v)
+
+    @property
+    def acceleration(self) -> Array:
+        """(n,) acceleration [u/s^2] at the last position, a copy."""
+        return np.array(self._started().a)
+
+    @property
+    def arrived(self) -> bool:
+        """Whether the last plan has come to its end: at the target, or at rest after a fault."""
+        return self._started().arrived
+
+    def reset(self, position: ArrayLike, velocity: ArrayLike | None = None) -> None:
+        """Start from here, without acceleration.
+
+        Parameters
+        ----------
+        position : (n,) [u]. An axis outside its bounds is led back at `return_speed`.
+        velocity : (n,) [u/s], default at rest.
+
+        Raises
+        ------
+        ConfigurationError : not finite, of the wrong size, or faster than the velocity bound.
+        """
+        p = per_joint("position", position, self._n, finite=True)
+        v = per_joint("velocity", 0.0 if velocity is None else velocity, self._n, finite=True)
+        if np.any(np.abs(v) > self._bounds.velocity):
+            raise ConfigurationError("velocity", velocity, f"speeds of at most {self._bounds.velocity}")
+        if not self._profiles.start(p.tolist(), v.tolist()):
+            raise ConfigurationError("position, velocity", (position, velocity), "a state Ruckig can stop from")
+        self._watchdog.reset()
+        self._forget()
+        self._old = None
+        self._ready = True
+
+    def step(
+        self,
+        target: ArrayLike,
+        target_velocity: ArrayLike | None = None,
+        *,
+        enable: object = True,
+        stamp: float | None = None,
+    ) -> Command:
+        """Position one tick on, on the way to the target.
+
+        Parameters
+        ----------
+        target : (n,) [u].
+        target_velocity : (n,) [u/s] of a moving target, which is then followed without `lag`. One that is not renewed
+            moves on for `max_age`, then the axes come to rest.
+        enable : the dead-man input; anything but true brings the axes to rest.
+        stamp : time of the target [s, any origin].
+
+        Returns
+        -------
+        Command : `value` is the position (n,) [u]. `residual` is the largest excess of its finite differences over the
+            velocity, acceleration and jerk bounds, as a share of them and less what rounding explains, and of the
+            position over its bounds [u]; infinite while braking or holding.
+
+        Raises
+        ------
+        ConfigurationError : there was no `reset` yet; never because of a number.
+        """
+        profiles = self._started()
+        reason = self._watchdog.check(stamp)
+        if not _is_true(enable):
+            reason = "disabled"
+        if not reason:
+            reason = self._aim(target, target_velocity)
+        if reason:
+            self._forget()
+            if not profiles.stopping:
+                profiles.stop()
+        outside = profiles.outside
+        residual = profiles.advance()
+        outside = outside or profiles.outside
+        value = np.array(profiles.p)
+        value.flags.writeable = False
+        yielded = Bound.POSITION if outside else Bound.NOTHING
+        if not residual <= CERTIFIED:
+            self._forget()
+            reason = reason or f"certificate failed: {residual:.3g} over the bounds"
+        if reason:
+            status = Status.BRAKING if any(profiles.v) else Status.HOLDING
+            return Command(value, status, "", math.inf, -1, reason, yielded | Bound.TASK, 0.0)
+        if outside:
+            return Command(value, Status.OK, "ruckig", residual, -1, "led back into the bounds", yielded, 1.0)
+        if self._note:
+            return Command(value, Status.OK, "ruckig", residual, -1, self._note, Bound.TASK, 1.0)
+        return Command(value, Status.OK, "ruckig", residual, -1, "", Bound.NOTHING, 1.0)
+
+    def lag(self, speed: ArrayLike) -> Array:
+        """(n,) time [s] by which the output trails a target moving steadily at `speed` (n,) [u/s].
+
+        Every tick plans to rest at the target, so the output keeps the distance it needs to stop: (v/a + a/j)/2
+        seconds, or sqrt(v/j) where v < a^2/j. With `target_velocity` there is none.
+        """
+        speeds = np.minimum(np.abs(per_joint("speed", speed, self._n)), self._bounds.velocity)
+        limits = zip(speeds.tolist(), self._bounds.acceleration, self._bounds.jerk, strict=True)
+        return np.array([stopping_distance(v, a, j) / v if v else 0.0 for v, a, j in limits])
+
+    # ---------------------------------------------------------------------------------------------- the target
+    def _aim(self, target: ArrayLike, target_velocity: ArrayLike | None) -> str:
+        """Plan to the target where it is a new one; why it cannot be followed, or nothing."""
+        profiles = self._profiles
+        asked = copied(target), copied(target_velocity)
+        if asked == self._asked and not (profiles.stopping or self._returning):
+            if not (self._moving and self._has_grown_old()):
+                return ""
+            self._old = asked
+        if asked == self._old:
+            return NOT_RENEWED
+        goal = finite_numbers(target, self._n)
+        speed = [0.0] * self._n if target_velocity is None else finite_numbers(target_velocity, self._n)
+        if goal is None or speed is None:
+            return f"target{' velocity' if goal else ''} is not {self._n} finite numbers"
+        if not all(abs(x - y) <= HORIZON * v for x, y, v in zip(goal, profiles.p, self._bounds.velocity, strict=True)):
+            return f"target is more than {HORIZON:g} s away"
+        note = brought_within(profiles, goal, speed)
+        if not profiles.move(goal, speed):
+            note = note or AT_REST
+            speed = [0.0] * self._n
+            if not profiles.move(goal, speed):
+                return "too fast to reach the target inside the bounds"
+        self._asked, self._note = asked, note
+        self._moving, self._returning = any(speed), profiles.outside
+        return ""
+
+    def _has_grown_old(self) -> bool:
+        """Whether a moving target must not be taken to move on any longer."""
+        profiles = self._profiles
+        return profiles.age > self._watchdog.max_age or (
+            profiles.arrived and any(map(profiles.leads_out, range(self._n), profiles.p, profiles.v))
+        )
+
+    def _forget(self) -> None:
+        """Plan anew at the next tick."""
+        self._asked = None
+        self._note = ""
+        self._moving = self._returning = False
+
+    def _started(self) -> Profiles:
+        if not self._ready:
+            raise ConfigurationError("position", None, "reset(position) before the first step")
+        return self._profiles
+
+
+def _is_true(signal: object) -> bool:
+    """A dead-man input is given by true and by nothing else: NaN, text and None are not."""
+    return signal is True or (isinstance(signal, (bool, np.bool_, int, float)) and bool(signal == 1))
