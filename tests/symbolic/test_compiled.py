@@ -3,6 +3,7 @@
 import os
 import re
 import shutil
+import subprocess
 from collections.abc import Callable, Iterator
 from multiprocessing import get_context
 from pathlib import Path
@@ -99,6 +100,16 @@ def test_flags_keep_nan_and_rounding_and_the_kind_of_processor() -> None:
     assert "-ffp-contract=off" in FLAGS
     forbidden = r"-O?fast(-math)?|-funsafe.*|-ffinite.*|-fassociative.*|-freciprocal.*|-march=.*|-mfma|-mtune=native"
     assert not [flag for flag in FLAGS if re.fullmatch(forbidden, flag)]
+
+
+@needs_compiler
+@pytest.mark.skipif(shutil.which("readelf") is None, reason="needs readelf, of binutils")
+def test_minima_of_generated_code_are_not_called_through_a_table(cache: Path) -> None:
+    x = ca.SX.sym("x", 2)
+    compiled(ca.Function("least", [x], [ca.fmin(x[0], x[1]) + ca.if_else(x[0] > 0, x[1], 2)]), compile=True)
+    (library,) = cache.iterdir()
+    table = subprocess.run(["readelf", "-Wr", str(library)], check=True, capture_output=True, text=True).stdout
+    assert "casadi_" not in table
 
 
 # --------------------------------------------------------------------------------------------------------- cache
