@@ -11,7 +11,7 @@ from rehab_opt.control.room import Room
 from rehab_opt.control.task_rows import ROWS
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 from rehab_opt.optim.certificate import clipped
-from rehab_opt.optim.factor import solver_of
+from rehab_opt.optim.factor import solver_of, upper_triangle
 from rehab_opt.optim.qp import PLAUSIBLE
 
 __all__ = ["PROGRESS", "AskedMotion"]
@@ -80,7 +80,7 @@ class AskedMotion:
         steepness = ca.fmin(ca.fabs(ca.dot(direction, y)), STEEP)  # of the cost, at the guess
         return {
             "jacobian": ca.vec(ca.densify(jacobian)),
-            "inertia": ca.densify(_upper(inertia)),
+            "inertia": ca.densify(upper_triangle(inertia)),
             "self_motion": ca.densify(inertia @ gradient * speed),
             "direction": direction,
             "speed": speed,
@@ -104,9 +104,3 @@ class AskedMotion:
         """[m/s or rad/s] more than a hand can do in all rows together; what asks for more is slowed as a whole."""
         reach = sum(abs(row.a) + abs(row.d) for row in self.robot.chain.rows[CHAIR - 1 :])
         return float(self.robot.chain.velocity[0] + (1 + reach) * np.sum(self.robot.chain.velocity[CHAIR - 1 :]))
-
-
-def _upper(matrix: ca.SX) -> ca.SX:
-    """Upper triangle of a symmetric matrix as a column."""
-    n = matrix.size1()
-    return ca.vertcat(*(matrix[i, j] for j in range(n) for i in range(j + 1)))

@@ -17,6 +17,7 @@ from rehab_opt.control.obstacles import NUMBERS
 from rehab_opt.control.room import Surroundings
 from rehab_opt.control.velocity_controller import VelocityController
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
+from rehab_opt.optim.factor import symmetric
 from rehab_opt.optim.qp import PLAUSIBLE, Statement, equal, parameter, variable
 from rehab_opt.symbolic import BufferedFunction
 
@@ -116,7 +117,7 @@ class ChairAndArm(VelocityController):
         given = dict(zip(prepared, columns, strict=True))
         jacobian = ca.reshape(given["jacobian"], k, n)
         room = room.like(given)
-        weight = _symmetric(given["inertia"], n)
+        weight = symmetric(given["inertia"], n)
 
         unit = ca.DM(self.units)
         decided = variable("velocity", n, lower=room.lower / unit, upper=room.upper / unit)
@@ -271,12 +272,3 @@ def _completed(
     given = [ca.MX.sym("given", each.numel()) for each in (parameters, memory)]
     found = first(*given)
     return ca.Function("prepare", given, [ca.vertcat(found, begins(found, given[1]))])
-
-
-def _symmetric(column: ca.SX, n: int) -> ca.SX:
-    """The symmetric matrix (n, n) of that upper triangle."""
-    matrix, entries = ca.SX(n, n), iter(range(n * (n + 1) // 2))
-    for j in range(n):
-        for i in range(j + 1):
-            matrix[i, j] = matrix[j, i] = column[next(entries)]
-    return matrix

@@ -17,7 +17,7 @@ from rehab_opt.optim.factor import solver_of
 if TYPE_CHECKING:
     from rehab_opt.optim.qp import Statement
 
-__all__ = ["BROKEN", "TOGETHER", "active_set_round", "picked"]
+__all__ = ["BROKEN", "TOGETHER", "active_set_round", "inequalities"]
 
 BROKEN = 1e-11
 """By how much a bound must be passed to become active: less is rounding."""
@@ -44,8 +44,8 @@ def active_set_round(statement: Statement, *, looking: bool, together: int, pass
     multipliers, point = ca.SX.sym("multipliers", n + m), ca.SX.sym("point", n)
     *data, _ = statement.build.call([full, memory])
     hessian, gradient, matrix, rows_lower, rows_upper, lower, upper = data
-    equalities = [i for i in range(m) if ca.is_equal(rows_lower[i], rows_upper[i], 10)]
-    others = [i for i in range(m) if i not in equalities]
+    others = inequalities(statement)
+    equalities = [i for i in range(m) if i not in others]
 
     low, high, values = ca.vertcat(lower, rows_lower), ca.vertcat(upper, rows_upper), ca.vertcat(point, matrix @ point)
     at_high, at_low = multipliers > 0, multipliers < 0
@@ -76,7 +76,7 @@ def active_set_round(statement: Statement, *, looking: bool, together: int, pass
 
     found = ca.SX.zeros(m)
     found[equalities] = pushing[: len(equalities)]
-    found[others] = taken.T @ pushing[len(equalities) :]
+    found[others] = taken.T @ pushing[len(equalities) :, 0]
     x, residual = certified_expressions([*data, ca.SX(1)], x, balance, found)  # only sound parameters come here
     every = ca.vertcat(balance, found)
     right = ca.if_else(at_high, every > 0, every < 0)
@@ -86,9 +86,19 @@ def active_set_round(statement: Statement, *, looking: bool, together: int, pass
     return ca.Function(f"{statement.name}_round_{together}{'_looking' * looking}", inputs, outputs, {"cse": True})
 
 
+def inequalities(statement: Statement) -> list[int]:
+    """Rows that are no equalities by their form, by number from 0."""
+    *_, low, high, _, _, _ = statement.build.call(
+        [ca.SX.sym("full", statement.build.sparsity_in(0)), ca.SX.sym("memory", statement.memory.numel())]
+    )
+    return [i for i in range(statement.m) if not ca.is_equal(low[i], high[i], 10)]
+
+
 def picked(active: ca.SX, count: int) -> ca.SX:
     """(count, rows) matrix that picks the first `count` active rows: one 1 a line, or none."""
     ranks, rank = [], ca.SX(0)
+    if not count:
+        return ca.SX(0, active.numel())
     for i in range(active.numel()):
         rank += active[i]
         ranks.append(rank)

@@ -2,18 +2,19 @@
 
 It begins at the answer of the equalities alone and takes in one broken bound after the other, dropping those that stop
 pushing on the way; the cost only rises, so no set of active bounds comes twice. Active bounds are independent at each
-step, so that there are no more of them than variables. A step is a function without branches; the steps follow one
-another in compiled code until none is broken.
+step, so that there are no more of them than variables. What the steps share, the inverse of the Hessian on the
+equalities, is made once. A step is a function without branches; the steps follow one another in compiled code until
+none is broken.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import casadi as ca
 
-from rehab_opt.optim.active_set import BROKEN, picked
-from rehab_opt.optim.factor import solver_of
+from rehab_opt.optim.active_set import BROKEN, inequalities
+from rehab_opt.optim.factor import solver_of, symmetric, triangle, upper_triangle
 
 if TYPE_CHECKING:
     from rehab_opt.optim.qp import Statement
@@ -27,20 +28,20 @@ DEPENDENT = 1e-10
 
 
 def dual_active_set(statement: Statement) -> ca.Function:
-    """Complete parameters, memory -> multipliers of bounds and rows (n + m,), positive at an upper bound.
+    """Complete parameters, memory -> which bounds and rows (n + m,) are active: 1 at the upper, -1 at the lower one.
 
-    The statement's cost must be strictly convex, and its equalities independent; otherwise they are not finite.
+    None of the equalities is. The statement's cost must be strictly convex, and its equalities independent.
     """
     n, m = statement.n, statement.m
     full, memory = ca.MX.sym("full", statement.build.sparsity_in(0)), ca.MX.sym("memory", statement.memory.numel())
-    state = _first(statement)(full, memory)
+    shared, state = _first(statement)(full, memory)
     step = _step(statement)
-    old = ca.MX.sym("old", state.numel())
-    keep = ca.Function("keep", [old, full, memory], [old])
-    go_on = ca.Function("go_on", [old, full, memory], [step(full, memory, old)])
+    old, known = ca.MX.sym("old", state.numel()), ca.MX.sym("known", shared.numel())
+    keep = ca.Function("keep", [old, full, memory, known], [old])
+    go_on = ca.Function("go_on", [old, full, memory, known], [step(full, memory, known, old)])
     either = ca.Function.if_else(f"{statement.name}_unless_done", keep, go_on)
     for _ in range(STEPS):
-        state = either(state[-1], state, full, memory)
+        state = either(state[-1], state, full, memory, shared)
     return ca.Function(f"{statement.name}_dual", [full, memory], [state[: n + m]])
 
 
@@ -49,85 +50,145 @@ class _Numbers:
 
     def __init__(self, statement: Statement) -> None:
         n, m = statement.n, statement.m
+        self.n, self.size = n, n + m
         self.full = ca.SX.sym("full", statement.build.sparsity_in(0))
         self.memory = ca.SX.sym("memory", statement.memory.numel())
-        hessian, self.gradient, matrix, low, high, lower, upper, _ = statement.build.call([self.full, self.memory])
+        self.hessian, self.gradient, matrix, low, high, lower, upper, _ = statement.build.call([self.full, self.memory])
         self.rows = ca.vertcat(ca.SX.eye(n), ca.sparsify(matrix))
         self.low, self.high = ca.vertcat(lower, low), ca.vertcat(upper, high)
-        self.equal = [n + i for i in range(m) if ca.is_equal(low[i], high[i], 10)]
-        self.other = [i for i in range(n + m) if i not in self.equal]
+        self.other = [*range(n), *(n + i for i in inequalities(statement))]
+        self.equal = [i for i in range(n + m) if i not in self.other]
         self.most = max(n - len(self.equal), 0)
-        self.solve = solver_of(hessian)
+
+
+class _State(NamedTuple):
+    """What passes from step to step. A normal is a row with its sign: its product with x is at most its limit."""
+
+    active: ca.SX
+    """(n + m,) 1 and -1 where the upper or lower bound is taken in."""
+    x: ca.SX
+    """(n,) answer of the equalities and of what is taken in."""
+    ways: ca.SX
+    """(most, n) how x moves, along the equalities, as each that is taken in pushes back; zero where there is room."""
+    stiffness: ca.SX
+    """(most (most + 1) / 2,) upper triangle of the products of their normals with their ways."""
+    pushing: ca.SX
+    """(most,) multipliers, zero or more."""
+    numbers: ca.SX
+    """(most,) which bound or row it is, counted from 1; 0 where there is room."""
+    pending: ca.SX
+    """(n + m,) 1 or -1 for the one that is being taken in."""
+    begun: ca.SX
+    """Its multiplier so far."""
+    done: ca.SX
+    """Whether no bound is broken, or none can be taken in."""
+
+    def column(self) -> ca.SX:
+        """All of it as one column; `_state_of` reads it."""
+        return ca.densify(ca.vertcat(*(ca.vec(ca.densify(part)) for part in self)))
+
+
+def _state_of(of: _Numbers) -> tuple[ca.SX, _State]:
+    """A column of symbols, and the state that it holds."""
+    n, most, size = of.n, of.most, of.size
+    shapes = [(size, 1), (n, 1), (most, n), (triangle(most), 1), (most, 1), (most, 1), (size, 1), (1, 1), (1, 1)]
+    column = ca.SX.sym("state", sum(rows * columns for rows, columns in shapes))
+    parts, at = [], 0
+    for rows, columns in shapes:
+        parts.append(ca.reshape(column[at : at + rows * columns], rows, columns))
+        at += rows * columns
+    return column, _State(*parts)
 
 
 def _first(statement: Statement) -> ca.Function:
-    """Multipliers of the equalities alone; no bound active, none pending, not done."""
-    of, size = _Numbers(statement), statement.n + statement.m
-    state = ca.SX.zeros(3 * size + 1)
+    """Complete parameters, memory -> inverses of the Hessian, free and along the equalities; the first state."""
+    of = _Numbers(statement)
+    n, most, size, rows = of.n, of.most, of.size, of.rows[of.equal, :]
+    free = solver_of(of.hessian)(ca.SX.eye(n))
+    along, x = free, -free @ of.gradient
     if of.equal:
-        rows = of.rows[of.equal, :]
-        sideways = of.solve(rows.T)
-        state[of.equal] = -solver_of(rows @ sideways)(sideways.T @ of.gradient + of.high[of.equal])
-    return ca.Function(f"{statement.name}_dual_first", [of.full, of.memory], [ca.densify(state)], {"cse": True})
+        sideways = free @ rows.T
+        held = solver_of(ca.triu2symm(ca.triu(rows @ sideways)))
+        along = free - sideways @ held(sideways.T)
+        x = x + sideways @ held(of.high[of.equal] - rows @ x)
+    nothing, zero = ca.SX.zeros(size), ca.SX(0)
+    none = ca.SX.zeros(most)
+    state = _State(nothing, x, ca.SX.zeros(most, n), ca.SX.zeros(triangle(most)), none, none, nothing, zero, zero)
+    shared = ca.densify(ca.vertcat(upper_triangle(free), upper_triangle(along)))
+    return ca.Function(f"{statement.name}_dual_first", [of.full, of.memory], [shared, state.column()], {"cse": True})
 
 
 def _step(statement: Statement) -> ca.Function:
-    """Complete parameters, memory, state -> the next state.
-
-    A state stacks, for bounds and rows (n + m,) each: multipliers; 1 and -1 where the upper or lower one is active; the
-    same for the one that is being taken in; then whether no bound is broken.
-    """
-    of, size = _Numbers(statement), statement.n + statement.m
-    state = ca.SX.sym("state", 3 * size + 1)
-    multipliers, active, pending = (state[k * size : (k + 1) * size] for k in range(3))
-    x = -of.solve(of.gradient + of.rows.T @ multipliers)
-    values = of.rows @ x
-
-    # What to take in: what is pending, or what is broken most.
-    above, below = values - of.high, of.low - values
-    begun = ca.sumsqr(pending) > 0
-    broken = ca.SX.zeros(size)
-    for i in of.other:
-        broken[i] = ca.if_else(active[i] == 0, ca.fmax(above[i], below[i]), -1)
-    worst = ca.mmax(broken)
-    done = ca.logic_and(ca.logic_not(begun), worst <= BROKEN)
-    new, found = ca.SX.zeros(size), ca.SX(0)
-    for i in of.other:
-        hit = ca.logic_and(broken[i] >= worst, ca.logic_not(found))
-        new[i], found = hit * ca.if_else(above[i] > below[i], 1, -1), ca.logic_or(found, hit)
-    pending = ca.if_else(begun, pending, new)
-
-    # Where x goes as its multiplier grows while the active ones stay as they are.
-    taken = picked(active[of.other] != 0, of.most)
-    rows = ca.vertcat(of.rows[of.equal, :], taken @ of.rows[of.other, :])
-    used = ca.vertcat(ca.SX.ones(len(of.equal)), ca.sum2(taken))
+    """Complete parameters, memory, the inverses, state -> the next state."""
+    of = _Numbers(statement)
+    n, most = of.n, of.most
+    column, state = _state_of(of)
+    shared = ca.SX.sym("shared", 2 * triangle(n))
+    free, along = symmetric(shared[: triangle(n)], n), symmetric(shared[triangle(n) :], n)
+    pending, broken = _next(of, state)
     normal = of.rows.T @ pending
     limit = ca.sum1(ca.if_else(pending > 0, of.high, ca.if_else(pending < 0, -of.low, 0)))
-    sideways, straight = of.solve(rows.T), of.solve(normal)
-    stiffness = ca.triu2symm(ca.triu(rows @ sideways)) + ca.diag(1 - used)
-    change = -solver_of(stiffness)(rows @ straight)
-    curvature, rest = ca.dot(normal, straight), ca.dot(normal, straight + sideways @ change)
+
+    # Where x goes as its multiplier grows while the active ones stay as they are.
+    way, used = along @ normal, state.numbers > 0
+    against = state.ways @ normal
+    stiffness = symmetric(state.stiffness, most)
+    change = -solver_of(stiffness + ca.diag(ca.logic_not(used)))(against)
+    way_held = way + state.ways.T @ change
+    curvature, rest = ca.dot(normal, free @ normal), ca.dot(normal, way_held)
 
     # As far as it holds, or as one of the active ones stops pushing.
-    enough = ca.if_else(rest > DEPENDENT * curvature, (ca.dot(normal, x) - limit) / rest, ca.inf)
-    pushing, change_of = taken @ multipliers[of.other], change[len(of.equal) :]
-    sides = taken @ active[of.other]
-    stops = ca.if_else(sides * change_of < 0, -pushing / change_of, ca.inf)
+    enough = ca.if_else(rest > DEPENDENT * curvature, (ca.dot(normal, state.x) - limit) / rest, ca.inf)
+    stops = ca.if_else(ca.logic_and(used, change < 0), -state.pushing / change, ca.inf)
     soonest = ca.mmin(stops)
-    way = ca.fmin(enough, soonest)
-    held = enough <= soonest
-    dropped, gone = ca.SX.zeros(of.most), ca.SX(0)
-    for j in range(of.most):
-        hit = ca.logic_and(ca.logic_not(held), ca.logic_and(stops[j] <= soonest, ca.logic_not(gone)))
-        dropped[j], gone = hit, ca.logic_or(gone, hit)
-    leaving = ca.SX.zeros(size)
-    leaving[of.other] = taken.T @ dropped
-    multipliers = multipliers + way * pending
-    multipliers[of.equal] += way * change[: len(of.equal)]
-    multipliers[of.other] += taken.T @ (way * change_of)
-    following = ca.vertcat(
-        ca.if_else(leaving, 0, multipliers), ca.if_else(leaving, 0, active) + held * pending, (1 - held) * pending, 0
+    far = ca.if_else(broken, ca.fmin(enough, soonest), 0)
+    held = ca.logic_and(broken, enough <= soonest)
+    drops = ca.logic_and(broken, ca.logic_not(held))
+    into, out = _first_true(held * ca.logic_not(used)), _first_true(drops * (stops <= soonest))
+    stays = ca.logic_not(out)
+
+    # What goes leaves zeros behind, so that what comes only needs adding.
+    added = into @ against.T
+    products = ca.diag(stays) @ stiffness @ ca.diag(stays) + added + added.T + ca.diag(into * ca.dot(normal, way))
+    pushing, begun = state.pushing + far * change, state.begun + far
+    which = ca.dot(ca.fabs(pending), ca.DM(range(1, of.size + 1)))
+    gone, active = ca.dot(out, state.numbers), ca.SX.zeros(of.size)
+    for i in of.other:
+        active[i] = (gone != i + 1) * state.active[i] + held * pending[i]
+    following = _State(
+        active=active,
+        x=state.x - far * way_held,
+        ways=ca.diag(stays) @ state.ways + into @ way.T,
+        stiffness=upper_triangle(products),
+        pushing=ca.if_else(out, 0, pushing) + into * begun,
+        numbers=ca.if_else(out, 0, state.numbers) + into * which,
+        pending=ca.if_else(held, 0, pending),
+        begun=ca.if_else(held, 0, begun),
+        done=ca.logic_not(ca.logic_and(broken, far < ca.inf)),
     )
-    stay = ca.vertcat(state[:-1], 1)
-    outputs = [ca.densify(ca.if_else(done, stay, following))]
-    return ca.Function(f"{statement.name}_dual_step", [of.full, of.memory, state], outputs, {"cse": True})
+    inputs = [of.full, of.memory, shared, column]
+    return ca.Function(f"{statement.name}_dual_step", inputs, [following.column()], {"cse": True})
+
+
+def _first_true(conditions: ca.SX) -> ca.SX:
+    """A column with 1 where the first of them holds, else 0."""
+    column, found = ca.SX.zeros(conditions.numel()), ca.SX(0)
+    for i in range(conditions.numel()):
+        column[i] = ca.logic_and(conditions[i], ca.logic_not(found))
+        found = ca.logic_or(found, conditions[i])
+    return column
+
+
+def _next(of: _Numbers, state: _State) -> tuple[ca.SX, ca.SX]:
+    """What to take in, (n + m,) with 1 or -1 at what is pending, or at what is broken most; whether there is any."""
+    values = of.rows @ state.x
+    above, below = values - of.high, of.low - values
+    begun = ca.sumsqr(state.pending) > 0
+    excess = ca.vertcat(*(ca.if_else(state.active[i] == 0, ca.fmax(above[i], below[i]), -1) for i in of.other))
+    worst = ca.mmax(excess)
+    new = ca.logic_and(ca.logic_not(begun), worst > BROKEN)
+    hit = _first_true(excess >= worst)
+    pending = ca.SX.zeros(of.size)
+    for k, i in enumerate(of.other):
+        pending[i] = state.pending[i] + ca.if_else(ca.logic_and(new, hit[k]), ca.if_else(above[i] > below[i], 1, -1), 0)
+    return pending, ca.logic_or(begun, new)

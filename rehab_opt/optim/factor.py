@@ -1,4 +1,4 @@
-"""Solutions of small symmetric systems as expressions."""
+"""Small symmetric matrices as expressions: solutions of their systems, and their upper triangles."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import casadi as ca
 
-__all__ = ["solver_of"]
+__all__ = ["solver_of", "symmetric", "triangle", "upper_triangle"]
 
 
 def solver_of(matrix: ca.SX) -> Callable[[ca.SX], ca.SX]:
@@ -21,3 +21,23 @@ def solver_of(matrix: ca.SX) -> Callable[[ca.SX], ca.SX]:
         return ca.horzcat(*columns)
 
     return solve
+
+
+def triangle(n: int) -> int:
+    """Number of entries of the upper triangle of a matrix (n, n)."""
+    return n * (n + 1) // 2
+
+
+def upper_triangle(matrix: ca.SX) -> ca.SX:
+    """Upper triangle of a symmetric matrix as a column."""
+    n = matrix.size1()
+    return ca.vertcat(*(matrix[i, j] for j in range(n) for i in range(j + 1)))
+
+
+def symmetric(column: ca.SX, n: int) -> ca.SX:
+    """The symmetric matrix (n, n) of that upper triangle."""
+    matrix, entries = ca.SX(n, n), iter(range(triangle(n)))
+    for j in range(n):
+        for i in range(j + 1):
+            matrix[i, j] = matrix[j, i] = column[next(entries)]
+    return matrix

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import casadi as ca
 
-from rehab_opt.optim.active_set import TOGETHER, active_set_round
+from rehab_opt.optim.active_set import TOGETHER, active_set_round, inequalities
 from rehab_opt.optim.dual_active_set import dual_active_set
 from rehab_opt.optim.qrqp import QRQP_ITERATIONS, qrqp
 
@@ -82,7 +82,7 @@ def _solve(statement: Statement) -> ca.Function:
 def _rounds(statement: Statement, solver: ca.Function) -> ca.Function:
     """As `solver`, after `active_set_round`s and `dual_active_set`, each only where what came before failed."""
     n = statement.n
-    exact, looking = (active_set_round(statement, looking=looking, together=TOGETHER) for looking in (False, True))
+    first, looking = _first_round(statement), active_set_round(statement, looking=True, together=TOGETHER)
     whole = active_set_round(statement, looking=False, together=n, passes=3)
     full, memory, start = _inputs(statement)
     multipliers, point = ca.MX.sym("multipliers", n + statement.m), ca.MX.sym("point", n)
@@ -93,12 +93,23 @@ def _rounds(statement: Statement, solver: ca.Function) -> ca.Function:
     answer = choice(dual[-1] <= GUESS_TOLERANCE, ca.vertcat(dual, 3), full, memory, start)
     otherwise = ca.Function("solver", arguments, [answer])
     for k in reversed(range(statement.rounds)):
-        found, following = looking(full, memory, multipliers, point) if k else exact(full, memory, multipliers)
+        found, following = looking(full, memory, multipliers, point) if k else first(full, memory, multipliers)
         choice = _choice(f"{statement.name}_round_{k}", otherwise)
         answer = choice(found[-1] <= GUESS_TOLERANCE, ca.vertcat(found, 2), full, memory, start, following, found[:n])
         otherwise = ca.Function(f"{statement.name}_rounds_{k}", arguments, [answer])
     answer = otherwise(full, memory, start, start[n:], start[:n])
     return ca.Function(f"{statement.name}_rounds", [full, memory, start], [answer])
+
+
+def _first_round(statement: Statement) -> ca.Function:
+    """The round that only looks whether the same bounds are active again; half the work where no row was."""
+    n, m = statement.n, statement.m
+    full, memory, multipliers = *_inputs(statement)[:2], ca.MX.sym("multipliers", n + m)
+    some, none = (active_set_round(statement, looking=False, together=together) for together in (TOGETHER, 0))
+    either = ca.Function.if_else(f"{statement.name}_first_round", some, none)
+    rows = multipliers[[n + i for i in inequalities(statement)]]
+    answer = either(ca.sumsqr(rows) > 0, full, memory, multipliers)
+    return ca.Function(f"{statement.name}_first", [full, memory, multipliers], list(answer))
 
 
 def _last_active_set(statement: Statement) -> ca.Function:

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from rehab_opt.control.command import Command
+from rehab_opt.export.c_source import SOLVERS
 from rehab_opt.export.reasons import REASONS, reason_number
 from rehab_opt.export.recording import STATUSES
 from rehab_opt.optim.ladder import Ladder
@@ -122,5 +123,6 @@ def assert_same(answer: CCommand, command: Command, tolerance: float = SAME) -> 
     assert not any(answer.wheels[wheels.size :])
     assert answer.reason == reason_number(command.reason), (answer.why, command.reason)
     assert (answer.status, answer.yielded) == (STATUSES[command.status], int(command.yielded))
+    assert answer.solver == (SOLVERS.index(command.solver) if command.solver else -1)
     assert abs(answer.scale - command.scale) <= tolerance
     assert answer.residual == pytest.approx(command.residual, abs=SAME)
