@@ -137,7 +137,7 @@ def by_qpsolvers(recorded: RecordedQPs, solver: str) -> Solver:
 class _Fused:
     def __init__(self, sequence: QPSequence, *, compile: bool | None) -> None:
         self._tolerance = sequence.tolerance
-        self._qp = DenseQP(sequence.n, sequence.m, tolerance=sequence.tolerance, compile=compile)
+        self._qp = DenseQP.of(sequence, compile=compile)
 
     def prepared(self, qp: Instance) -> Any:
         return self._qp.flat(qp)
@@ -173,7 +173,7 @@ class _Kept:
 class _Ladder(_Kept):
     def __init__(self, sequence: QPSequence, backup: str) -> None:
         super().__init__(sequence, backup)
-        self._qp = DenseQP(sequence.n, sequence.m, tolerance=sequence.tolerance)
+        self._qp = DenseQP.of(sequence)
 
     def prepared(self, instance: Any) -> Any:
         return instance, self._qp.flat(instance)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import casadi as ca
 
 from rehab_opt.optim.certificate import certified_expressions
+from rehab_opt.optim.equalities import equality_rows
 from rehab_opt.optim.factor import solver_of
 
 if TYPE_CHECKING:
@@ -44,7 +45,7 @@ def active_set_round(statement: Statement, *, looking: bool, together: int, pass
     multipliers, point = ca.SX.sym("multipliers", n + m), ca.SX.sym("point", n)
     *data, _ = statement.build.call([full, memory])
     hessian, gradient, matrix, rows_lower, rows_upper, lower, upper = data
-    equalities = [i for i in range(m) if ca.is_equal(rows_lower[i], rows_upper[i], 10)]
+    equalities = equality_rows(rows_lower, rows_upper)
     others = [i for i in range(m) if i not in equalities]
 
     low, high, values = ca.vertcat(lower, rows_lower), ca.vertcat(upper, rows_upper), ca.vertcat(point, matrix @ point)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import casadi as ca
 
 from rehab_opt.optim.active_set import BROKEN, picked
+from rehab_opt.optim.equalities import equality_rows
 from rehab_opt.optim.factor import solver_of
 
 if TYPE_CHECKING:
@@ -54,7 +55,7 @@ class _Numbers:
         hessian, self.gradient, matrix, low, high, lower, upper, _ = statement.build.call([self.full, self.memory])
         self.rows = ca.vertcat(ca.SX.eye(n), ca.sparsify(matrix))
         self.low, self.high = ca.vertcat(lower, low), ca.vertcat(upper, high)
-        self.equal = [n + i for i in range(m) if ca.is_equal(low[i], high[i], 10)]
+        self.equal = [n + i for i in equality_rows(low, high)]
         self.other = [i for i in range(n + m) if i not in self.equal]
         self.most = max(n - len(self.equal), 0)
         self.solve = solver_of(hessian)
