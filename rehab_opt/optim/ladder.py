@@ -19,7 +19,7 @@ from rehab_opt.symbolic import BufferedFunction, compiled
 if TYPE_CHECKING:
     from rehab_opt.optim.backends import Backend
 
-__all__ = ["FUSED", "Ladder"]
+__all__ = ["BACKUP", "FUSED", "Ladder"]
 
 FUSED = FUSED_SOLVERS[0]
 """Name of the solver inside the fused function."""
