@@ -52,18 +52,19 @@ def test_as_many_rows_are_independent_as_the_rank_says(seed: int, rank: int, ord
 
 @settings(max_examples=60)
 @given(st.integers(0, 10**6))
-def test_equalities_that_stand_twice_are_solved_by_the_fused_function(seed: int) -> None:
+def test_equalities_that_stand_twice_or_are_empty_change_no_answer(seed: int) -> None:
     rng = np.random.default_rng(seed)
     two, inside = rng.normal(size=(2, N)), rng.uniform(-0.5, 0.5, N)
     rows, p = np.vstack([two, two]), rng.normal(size=N)
     LADDER.start_from(0.0)
     LADDER.parameters[:] = asked(p, rows, rows @ inside)
-    who, x = LADDER(), LADDER.x.copy()
+    assert LADDER()
+    x = LADDER.x.copy()
     np.testing.assert_allclose(rows @ x, rows @ inside, atol=1e-8)
     # Two of them and two empty ones are the same problem.
     LADDER.start_from(0.0)
     LADDER.parameters[:] = asked(p, np.vstack([two, 0 * two]), np.concatenate([two @ inside, [0.0, 0.0]]))
-    assert LADDER() == who
+    assert LADDER()
     np.testing.assert_allclose(LADDER.x, x, atol=1e-8)
 
 
