@@ -85,10 +85,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _capabilities() -> dict[str, dict[str, Tick]]:
     """Of every capability its contenders."""
-    installed = [name for name in ("daqp", "quadprog") if name in qpsolvers.available_solvers]
+    installed = [name for name in ("quadprog",) if name in qpsolvers.available_solvers]
     choices: dict[str, dict[str, Any]] = {DEFAULT: {}}
-    choices |= {f"default, backup {name}": {"backup": name} for name in ("osqp", *installed)}
-    choices |= {name: {"solver": name} for name in ("proxqp", "osqp", *installed)}
+    choices |= {f"default, backup {name}": {"backup": name} for name in ("proxqp", "osqp", *installed)}
+    choices |= {name: {"solver": name} for name in ("daqp", "proxqp", "osqp", *installed)}
 
     def each(make: Callable[..., Tick]) -> dict[str, Tick]:
         return {name: make(**options) for name, options in choices.items()}
@@ -100,6 +100,9 @@ def _capabilities() -> dict[str, dict[str, Tick]]:
     }
     for drive, (name, speed) in itertools.product(("mecanum", "differential"), {"near": 0.1, "beyond": 1.0}.items()):
         found[f"{drive}, {name}"] = each(lambda drive=drive, speed=speed, **o: _chair(drive, speed, **o))
+    # What a user with redundant bounds has: every wall and table stands twice.
+    twice = [*ROOM, *ROOM]
+    found["mecanum, walls twice"] = each(lambda **o: _chair("mecanum", 0.1, obstacles=twice, **o))
     programmes = ("ipopt", "fatrop", "sqpmethod")
     found["arm IK, cold"] = {
         DEFAULT: _postures(),
@@ -121,7 +124,8 @@ def _poses(tracker: PoseTracker | MirrorTracker) -> Tick:
 
 
 def _chair(drive: Any, speed: float, **options: Any) -> Tick:
-    resolver = RedundancyResolver(ardis(), drive=drive, row_sets=[("x", "y", "z")], obstacles=ROOM, **options)
+    settings = {"row_sets": [("x", "y", "z")], "obstacles": ROOM, **options}
+    resolver = RedundancyResolver(ardis(), drive=drive, **settings)
     rng, q, ticks = np.random.default_rng(0), ARDIS_READY.copy(), itertools.count()
     stick = np.zeros(3)
 

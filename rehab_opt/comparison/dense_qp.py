@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from rehab_opt.comparison.sequence import QPSequence
 from rehab_opt.optim.backends import Answer
 from rehab_opt.optim.certificate import certificate_function, is_certified
 from rehab_opt.optim.qp import Instance, Statement, variable, within
@@ -18,8 +20,8 @@ __all__ = ["Certificate", "DenseQP", "dense_statement"]
 Array = NDArray[np.float64]
 
 
-def dense_statement(n: int, m: int) -> Statement:
-    """The QP whose every number is given: n variables, m rows.
+def dense_statement(n: int, m: int, *, equalities: Collection[int] = ()) -> Statement:
+    """The QP whose every number is given: n variables, m rows, of which some are stated as equalities.
 
     The numbers stand where a controller has its memory, one column: H by its columns, g, A by its columns, the rows'
     bounds, the variables' bounds. Parameters must be of a sensor's size, and an absent bound is infinite.
@@ -29,6 +31,8 @@ def dense_statement(n: int, m: int) -> Statement:
         data, [0, *np.cumsum([n * n, n, m * n, m, m, n, n]).tolist()]
     )
     x = variable("x", n, lower=lower, upper=upper)
+    rows_lower = ca.vertcat(ca.SX(0, 1), *(rows_upper[i] if i in equalities else rows_lower[i] for i in range(m)))
+    held = [ca.fabs(rows_upper[i]) < math.inf for i in equalities]  # NaN too, which its own bound would not tell
     costs = ca.vertcat(hessian, gradient, matrix)
     return Statement(
         name=f"dense_qp_{n}_{m}",
@@ -36,7 +40,7 @@ def dense_statement(n: int, m: int) -> Statement:
         variables=[x],
         minimise=0.5 * x.symbol.T @ ca.reshape(hessian, n, n) @ x.symbol + gradient.T @ x.symbol,
         subject_to=[within(ca.reshape(matrix, m, n) @ x.symbol, rows_lower, rows_upper)] if m else [],
-        requires=[ca.sumsqr(costs) < math.inf, rows_lower <= rows_upper, lower <= upper],
+        requires=[ca.sumsqr(costs) < math.inf, rows_lower <= rows_upper, lower <= upper, *held],
         memory=data,
     )
 
@@ -46,15 +50,33 @@ class DenseQP:
 
     Parameters
     ----------
+    equalities : rows whose bounds are equal in every tick, as a controller's statement knows them.
     tolerance : largest residual of an answer that the next solve starts from; after any other it starts from nothing.
     compile : None follows `REHAB_OPT_COMPILE`.
     """
 
-    def __init__(self, n: int, m: int, *, tolerance: float = 1e-8, compile: bool | None = None) -> None:
+    def __init__(
+        self,
+        n: int,
+        m: int,
+        *,
+        equalities: Collection[int] = (),
+        tolerance: float = 1e-8,
+        compile: bool | None = None,
+    ) -> None:
         self.n, self.m, self._tolerance = n, m, tolerance
-        self._fused = BufferedFunction(compiled(dense_statement(n, m).fused, compile=compile))
+        self._fused = BufferedFunction(compiled(dense_statement(n, m, equalities=equalities).fused, compile=compile))
         self._state = self._fused.inputs[1]
         self._start, self._data = self._state[: 2 * n + m], self._state[2 * n + m :]
+
+    @classmethod
+    def of(cls, sequence: QPSequence, *, compile: bool | None = None) -> DenseQP:
+        """For the QPs of a sequence."""
+        equal = (sequence.rows_lower == sequence.rows_upper).all(axis=0)
+        return cls(
+            sequence.n, sequence.m, equalities=np.flatnonzero(equal).tolist(), tolerance=sequence.tolerance,
+            compile=compile,
+        )  # fmt: skip
 
     def solve(self, data: Array, *, warm: bool) -> tuple[Array, float]:
         """Answer (2 n + m,) and its residual, for `flat` data; warm: from the last answer."""

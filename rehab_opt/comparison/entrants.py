@@ -14,14 +14,15 @@ from rehab_opt.comparison.sequence import QPSequence
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.optim.backends import TIGHT, Answer, Backend, answer_from, backend, to_qpsolvers
 from rehab_opt.optim.certificate import is_certified
+from rehab_opt.optim.ladder import BACKUP
 from rehab_opt.optim.qp import Instance
 
 __all__ = ["KEPT", "Claim", "Entrant", "Solver", "entrants", "entrants_named"]
 
-KEPT = ("proxqp", "osqp")
-"""Solvers with a kept-alive backend of ours."""
-OTHER_BACKUPS = ("daqp",)
-"""Of the same ladder, to see what the backup costs; daqp kept alive was no quicker than a fresh call."""
+KEPT = ("proxqp", "osqp", "daqp")
+"""Solvers with a backend of ours, which keeps a workspace, or is asked directly (daqp)."""
+OTHER_BACKUPS = ("proxqp",)
+"""Of the same ladder, to see what the backup costs."""
 BOUNDS_AS_ROWS = ("cvxopt", "ecos", "quadprog")
 """qpsolvers gives these every bound as a row, also an infinite one, which they cannot read."""
 
@@ -77,12 +78,8 @@ def entrants() -> tuple[Entrant, ...]:
     import qpsolvers  # noqa: PLC0415  (it loads every solver it finds)
 
     ours = (
-        Entrant("ladder", both_rungs, "proxqp", ("casadi", "proxsuite")),
-        *(
-            Entrant(f"ladder-{name}", both_rungs, name, ("casadi", "qpsolvers", name))
-            for name in OTHER_BACKUPS
-            if name in qpsolvers.available_solvers
-        ),
+        Entrant("ladder", both_rungs, BACKUP, ("casadi", BACKUP)),
+        *(Entrant(f"ladder-{name}", both_rungs, name, ("casadi", PACKAGES.get(name, name))) for name in OTHER_BACKUPS),
         Entrant("qrqp-fused", fused_qrqp, "compiled", ("casadi",)),
         Entrant("qrqp-virtual", fused_qrqp, "virtual", ("casadi",)),
         *(Entrant(f"{name}-kept", kept_alive, name, (PACKAGES.get(name, name),)) for name in KEPT),
@@ -120,12 +117,12 @@ def fused_qrqp(recorded: RecordedQPs, solver: str) -> Solver:
 
 
 def both_rungs(recorded: RecordedQPs, solver: str) -> Solver:
-    """What our controllers do: fused qrqp, once more without its warm start, then the kept-alive backup."""
+    """What our controllers do: fused qrqp, then the backup, then qrqp once more without its warm start."""
     return _Ladder(recorded.sequence, solver)
 
 
 def kept_alive(recorded: RecordedQPs, solver: str) -> Solver:
-    """The backup's way: a workspace updated in place, and the certificate as its word."""
+    """The backup's way: a backend of ours, and the certificate as its word."""
     return _Kept(recorded.sequence, solver)
 
 
@@ -137,7 +134,7 @@ def by_qpsolvers(recorded: RecordedQPs, solver: str) -> Solver:
 class _Fused:
     def __init__(self, sequence: QPSequence, *, compile: bool | None) -> None:
         self._tolerance = sequence.tolerance
-        self._qp = DenseQP(sequence.n, sequence.m, tolerance=sequence.tolerance, compile=compile)
+        self._qp = DenseQP.of(sequence, compile=compile)
 
     def prepared(self, qp: Instance) -> Any:
         return self._qp.flat(qp)
@@ -173,7 +170,7 @@ class _Kept:
 class _Ladder(_Kept):
     def __init__(self, sequence: QPSequence, backup: str) -> None:
         super().__init__(sequence, backup)
-        self._qp = DenseQP(sequence.n, sequence.m, tolerance=sequence.tolerance)
+        self._qp = DenseQP.of(sequence)
 
     def prepared(self, instance: Any) -> Any:
         return instance, self._qp.flat(instance)
@@ -181,13 +178,14 @@ class _Ladder(_Kept):
     def solve(self, given: Any, *, warm: bool) -> Any:
         instance, flat = given
         found, residual = self._qp.solve(flat, warm=warm)
-        if not is_certified(residual, self._tolerance) and warm:
-            found, residual = self._qp.solve(flat, warm=False)
         if is_certified(residual, self._tolerance):
             return self._qp.parted(found), residual
         answer, residual = super().solve(instance, warm=warm)
         if is_certified(residual, self._tolerance):
             self._qp.start_from(answer)
+        elif warm:
+            found, residual = self._qp.solve(flat, warm=False)
+            answer = self._qp.parted(found)
         return answer, residual
 
 

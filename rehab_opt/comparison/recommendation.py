@@ -20,7 +20,7 @@ DEFAULTS: Mapping[str, tuple[str, str]] = {
 """Solver and mode of a family where nothing else is said, of those that are not solved by the ladder tick after tick:
 steps of the SQP, fits that are made once, programmes."""
 LADDER = ("ladder", "warm")
-RUNGS = ("ladder", "ladder-daqp", "qrqp-fused", "qrqp-virtual", "sqp")
+RUNGS = ("ladder", "ladder-proxqp", "qrqp-fused", "qrqp-virtual", "sqp")
 """These are no alternatives: parts of the default, and its way through CasADi's virtual machine."""
 SLACK = 1.2
 """A default may be slower than the best alternative by this factor."""

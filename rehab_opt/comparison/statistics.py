@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["SHIFT", "percentile", "performance_profile", "shifted_geometric_mean"]
+__all__ = ["SHIFT", "percentile", "performance_profile", "shifted_geometric_mean", "tail"]
 
 Array = NDArray[np.float64]
 
@@ -22,6 +22,12 @@ def percentile(seconds: ArrayLike, share: float) -> float:
         return float("nan")
     index = max(int(np.ceil(share * ordered.size - 1e-9)) - 1, 0)
     return float(ordered[index])
+
+
+def tail(seconds: ArrayLike, share: float) -> float:
+    """`percentile` of so many solves that one of them may lie beyond it; NaN for fewer: it would be the largest."""
+    few = np.size(seconds) * (1.0 - share) < 1.0 - 1e-9
+    return float("nan") if few else percentile(seconds, share)
 
 
 def shifted_geometric_mean(seconds: ArrayLike, *, limit: float, shift: float = SHIFT) -> float:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.comparison.judgement import Judged, Outcome
 from rehab_opt.comparison.passes import Pass
-from rehab_opt.comparison.statistics import percentile, shifted_geometric_mean
+from rehab_opt.comparison.statistics import percentile, shifted_geometric_mean, tail
 
 __all__ = ["FAILURES", "Row", "family_of", "family_times", "row_of", "rows_of", "times_of"]
 
@@ -32,6 +32,7 @@ class Row(NamedTuple):
     """How many of each kind."""
     median: float
     p99: float
+    """NaN for less than 100 instances, p999 for less than 1000: that would be the largest."""
     p999: float
     largest: float
     mean: float
@@ -84,7 +85,7 @@ def row_of(family: str, solver: str, mode: str, ticks: Sequence[tuple[Judged, bo
         ticks=len(fair),
         solved=float(np.mean(np.isfinite(times))) if fair else float("nan"),
         failures={kind.value: sum(tick.outcome is kind for tick in fair) for kind in FAILURES},
-        median=percentile(times, 0.5), p99=percentile(times, 0.99), p999=percentile(times, 0.999),
+        median=percentile(times, 0.5), p99=tail(times, 0.99), p999=tail(times, 0.999),
         largest=percentile(times, 1.0), mean=shifted_geometric_mean(times, limit=limit),
         error=float(np.median(errors)) if errors.size else float("nan"),
         largest_error=float(errors.max()) if errors.size else float("nan"),

@@ -12,12 +12,13 @@ from typing import TYPE_CHECKING
 import casadi as ca
 
 from rehab_opt.optim.certificate import certified_expressions
+from rehab_opt.optim.equalities import equality_rows
 from rehab_opt.optim.factor import solver_of
 
 if TYPE_CHECKING:
     from rehab_opt.optim.qp import Statement
 
-__all__ = ["BROKEN", "TOGETHER", "active_set_round", "inequalities"]
+__all__ = ["BROKEN", "TOGETHER", "active_set_round"]
 
 BROKEN = 1e-11
 """By how much a bound must be passed to become active: less is rounding."""
@@ -44,8 +45,8 @@ def active_set_round(statement: Statement, *, looking: bool, together: int, pass
     multipliers, point = ca.SX.sym("multipliers", n + m), ca.SX.sym("point", n)
     *data, _ = statement.build.call([full, memory])
     hessian, gradient, matrix, rows_lower, rows_upper, lower, upper = data
-    others = inequalities(statement)
-    equalities = [i for i in range(m) if i not in others]
+    equalities = equality_rows(rows_lower, rows_upper)
+    others = [i for i in range(m) if i not in equalities]
 
     low, high, values = ca.vertcat(lower, rows_lower), ca.vertcat(upper, rows_upper), ca.vertcat(point, matrix @ point)
     at_high, at_low = multipliers > 0, multipliers < 0
@@ -84,14 +85,6 @@ def active_set_round(statement: Statement, *, looking: bool, together: int, pass
     outputs = [ca.densify(ca.vertcat(x, every, residual)), ca.densify(ca.if_else(right, every, 0))]
     inputs = [full, memory, multipliers, *([point] if looking else [])]
     return ca.Function(f"{statement.name}_round_{together}{'_looking' * looking}", inputs, outputs, {"cse": True})
-
-
-def inequalities(statement: Statement) -> list[int]:
-    """Rows that are no equalities by their form, by number from 0."""
-    *_, low, high, _, _, _ = statement.build.call(
-        [ca.SX.sym("full", statement.build.sparsity_in(0)), ca.SX.sym("memory", statement.memory.numel())]
-    )
-    return [i for i in range(statement.m) if not ca.is_equal(low[i], high[i], 10)]
 
 
 def picked(active: ca.SX, count: int) -> ca.SX:

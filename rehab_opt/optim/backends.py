@@ -1,4 +1,4 @@
-"""Solvers for one QP after another of the same size: kept-alive proxqp and osqp, and whatever qpsolvers knows."""
+"""Solvers for one QP after another of one size: kept-alive proxqp and osqp, daqp, and whatever qpsolvers knows."""
 
 from __future__ import annotations
 
@@ -22,11 +22,15 @@ __all__ = [
     "QpsolversBackend",
     "answer_from",
     "backend",
+    "no_answer",
     "to_qpsolvers",
+    "usable",
 ]
 
 Array = NDArray[np.float64]
 
+OWN = ("proxqp", "osqp", "daqp")
+"""With a backend of ours."""
 PRECISION = 1e-10
 """What every solver is asked for, absolute, so that its answers pass the certificate."""
 TIGHT: Mapping[str, Mapping[str, Any]] = {
@@ -65,7 +69,7 @@ class Backend(Protocol):
 def backend(name: str, n: int, m: int, *, argument: str = "solver") -> Backend:
     """The backend of that name for QPs with n variables and m rows.
 
-    "proxqp" and "osqp" keep a workspace; any other name is passed to qpsolvers.
+    "proxqp" and "osqp" keep a workspace, "daqp" is asked directly; any other name is passed to qpsolvers.
 
     Raises
     ------
@@ -75,6 +79,10 @@ def backend(name: str, n: int, m: int, *, argument: str = "solver") -> Backend:
         return ProxqpBackend(n, m)
     if name == "osqp":
         return OsqpBackend(n, m)
+    if name == "daqp":
+        from rehab_opt.optim.daqp_backend import DaqpBackend  # noqa: PLC0415  (it builds on this)
+
+        return DaqpBackend(n, m)
     return QpsolversBackend(name, argument=argument)
 
 
@@ -107,8 +115,8 @@ class ProxqpBackend:
     def solve(self, qp: Instance) -> Answer:
         """Claimed solution of `qp`."""
         n, m = self._n, self._m
-        if not _usable(qp):
-            return _no_answer(n, m)
+        if not usable(qp):
+            return no_answer(n, m)
         fresh = not self._ready
         matrices = {
             "H": qp.H, "g": qp.g, "C": qp.A if m else None, "l": qp.rows_lower if m else None,
@@ -127,7 +135,7 @@ class ProxqpBackend:
         x, z = np.array(result.x), np.array(result.z)
         if not (np.all(np.isfinite(x)) and np.all(np.isfinite(z))):
             self._start_afresh()  # a poisoned warm start would fail every later solve
-            return _no_answer(n, m)
+            return no_answer(n, m)
         return Answer(x, z[m:], z[:m], int(result.info.iter))
 
 
@@ -147,8 +155,8 @@ class OsqpBackend:
     def solve(self, qp: Instance) -> Answer:
         """Claimed solution of `qp`."""
         n, m = self._n, self._m
-        if not _usable(qp):
-            return _no_answer(n, m)
+        if not usable(qp):
+            return no_answer(n, m)
         lower = np.concatenate([qp.rows_lower, qp.lower])
         upper = np.concatenate([qp.rows_upper, qp.upper])
         stacked = np.vstack([qp.A, np.eye(n)])
@@ -164,10 +172,10 @@ class OsqpBackend:
             result = self._solver.solve(raise_error=False)
         except osqp.OSQPException:
             self._solver = None  # it says so of a concave cost, or of numbers out of its range
-            return _no_answer(n, m)
+            return no_answer(n, m)
         if not (np.all(np.isfinite(result.x)) and np.all(np.isfinite(result.y))):
             self._solver = None
-            return _no_answer(n, m)
+            return no_answer(n, m)
         return Answer(np.array(result.x), np.array(result.y[m:]), np.array(result.y[:m]), int(result.info.iter))
 
     def _set_up(self, qp: Instance, stacked: Array, lower: Array, upper: Array) -> Any:
@@ -193,9 +201,7 @@ class QpsolversBackend:
 
     def __init__(self, name: str, *, argument: str = "solver") -> None:
         if name not in qpsolvers.available_solvers:
-            known = ", ".join(
-                ["qrqp", "proxqp", "osqp", *sorted(set(qpsolvers.available_solvers) - {"proxqp", "osqp"})]
-            )
+            known = ", ".join(["qrqp", *OWN, *sorted(set(qpsolvers.available_solvers) - {*OWN})])
             raise ConfigurationError(argument, name, f"an installed solver: {known}")
         self.name = name
         self._options = TIGHT.get(name, {})
@@ -203,13 +209,13 @@ class QpsolversBackend:
     def solve(self, qp: Instance) -> Answer:
         """Claimed solution of `qp`."""
         n, m = qp.g.size, qp.rows_lower.size
-        if not _usable(qp):
-            return _no_answer(n, m)
+        if not usable(qp):
+            return no_answer(n, m)
         problem = to_qpsolvers(qp)
         try:
             solution = qpsolvers.solve_problem(problem, solver=self.name, **self._options)
         except (qpsolvers.exceptions.QPError, ValueError, ArithmeticError, RuntimeError):
-            return _no_answer(n, m)  # solvers differ in how they say no
+            return no_answer(n, m)  # solvers differ in how they say no
         return answer_from(qp, solution)
 
 
@@ -217,7 +223,7 @@ def answer_from(qp: Instance, solution: qpsolvers.Solution) -> Answer:
     """What qpsolvers found for `to_qpsolvers(qp)`, as a claim about `qp`."""
     n, m = qp.g.size, qp.rows_lower.size
     if not solution.found or solution.x is None:
-        return _no_answer(n, m)
+        return no_answer(n, m)
     given = solution.z_box is not None and np.size(solution.z_box) == n
     bounds = np.asarray(solution.z_box, dtype=np.float64) if given else np.zeros(n)
     return Answer(np.asarray(solution.x, dtype=np.float64), bounds, _row_multipliers(qp, solution), -1)
@@ -258,12 +264,13 @@ def _row_multipliers(qp: Instance, solution: qpsolvers.Solution) -> Array:
     return multipliers
 
 
-def _usable(qp: Instance) -> bool:
+def usable(qp: Instance) -> bool:
     """Whether a solver may see this: NaN hangs some, and a NaN bound is no bound to others."""
     costs_finite = np.isfinite(qp.H).all() and np.isfinite(qp.g).all() and np.isfinite(qp.A).all()
     bounds_ordered = (qp.lower <= qp.upper).all() and (qp.rows_lower <= qp.rows_upper).all()
     return bool(costs_finite and bounds_ordered)
 
 
-def _no_answer(n: int, m: int) -> Answer:
+def no_answer(n: int, m: int) -> Answer:
+    """What no certificate accepts."""
     return Answer(np.full(n, np.nan), np.full(n, np.nan), np.full(m, np.nan), -1)

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import casadi as ca
 
-from rehab_opt.optim.active_set import BROKEN, inequalities
+from rehab_opt.optim.active_set import BROKEN
+from rehab_opt.optim.equalities import equality_rows
 from rehab_opt.optim.factor import solver_of, symmetric, triangle, upper_triangle
 
 if TYPE_CHECKING:
@@ -56,8 +57,8 @@ class _Numbers:
         self.hessian, self.gradient, matrix, low, high, lower, upper, _ = statement.build.call([self.full, self.memory])
         self.rows = ca.vertcat(ca.SX.eye(n), ca.sparsify(matrix))
         self.low, self.high = ca.vertcat(lower, low), ca.vertcat(upper, high)
-        self.other = [*range(n), *(n + i for i in inequalities(statement))]
-        self.equal = [i for i in range(n + m) if i not in self.other]
+        self.equal = [n + i for i in equality_rows(low, high)]
+        self.other = [i for i in range(n + m) if i not in self.equal]
         self.most = max(n - len(self.equal), 0)
 
 

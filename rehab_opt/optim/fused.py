@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 
 import casadi as ca
 
-from rehab_opt.optim.active_set import TOGETHER, active_set_round, inequalities
+from rehab_opt.optim.active_set import TOGETHER, active_set_round
 from rehab_opt.optim.dual_active_set import dual_active_set
+from rehab_opt.optim.equalities import dependent_equalities, inequality_rows
 from rehab_opt.optim.qrqp import QRQP_ITERATIONS, qrqp
 
 if TYPE_CHECKING:
@@ -107,7 +108,7 @@ def _first_round(statement: Statement) -> ca.Function:
     full, memory, multipliers = *_inputs(statement)[:2], ca.MX.sym("multipliers", n + m)
     some, none = (active_set_round(statement, looking=False, together=together) for together in (TOGETHER, 0))
     either = ca.Function.if_else(f"{statement.name}_first_round", some, none)
-    rows = multipliers[[n + i for i in inequalities(statement)]]
+    rows = multipliers[[n + i for i in inequality_rows(statement)]]
     answer = either(ca.sumsqr(rows) > 0, full, memory, multipliers)
     return ca.Function(f"{statement.name}_first", [full, memory, multipliers], list(answer))
 
@@ -143,9 +144,15 @@ def _qrqp(statement: Statement, m: int) -> ca.Function:
     data = statement.build(full, memory)
     hessian, gradient, matrix, rows_lower, rows_upper, lower, upper, _ = data
     cap = statement.iterations or QRQP_ITERATIONS
+    low, high, pushing = rows_lower, rows_upper, start[2 * n :]
+    dependent = dependent_equalities(statement)
+    if dependent is not None:
+        let_go = dependent(full, memory)
+        low, high = ca.if_else(let_go, -ca.inf, low), ca.if_else(let_go, ca.inf, high)
+        pushing = ca.if_else(let_go, 0, pushing)
     solution = qrqp(f"{statement.name}_qp_{m}", n, m, iterations=cap)(
-        h=hessian, g=gradient, a=matrix[:m, :], lba=rows_lower[:m], uba=rows_upper[:m], lbx=lower, ubx=upper,
-        x0=start[:n], lam_x0=start[n : 2 * n], lam_a0=start[2 * n : 2 * n + m],
+        h=hessian, g=gradient, a=matrix[:m, :], lba=low[:m], uba=high[:m], lbx=lower, ubx=upper,
+        x0=start[:n], lam_x0=start[n : 2 * n], lam_a0=pushing[:m],
     )  # fmt: skip
     rows = ca.vertcat(solution["lam_a"], ca.MX.zeros(all_rows - m))
     x, residual = statement.certify(*data, solution["x"], solution["lam_x"], rows)

@@ -20,6 +20,8 @@ __all__ = ["NLPSolver", "checked_name", "nlp_solver"]
 
 Array = NDArray[np.float64]
 
+SQPMETHOD_CHANGES = 100
+"""Cap on the active-set changes of a QP of CasADi's sqpmethod, which has no backup."""
 WIDENING = 1e-8
 """fatrop moves inequality bounds outwards by this, and its option to change that is not passed on by CasADi 3.8."""
 
@@ -179,7 +181,7 @@ def _options(nlp: NLP, name: str, tolerance: float, max_iterations: int) -> dict
             "tol_du": tight,
             "hess_lag": _convex_hessian(nlp),
             "qpsol": "qrqp",
-            "qpsol_options": qrqp_options(),
+            "qpsol_options": qrqp_options(SQPMETHOD_CHANGES),
         }
     return common
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from rehab_opt.comparison.judgement import Judged, Outcome
 from rehab_opt.comparison.recommendation import recommendations
-from rehab_opt.comparison.statistics import percentile, performance_profile, shifted_geometric_mean
+from rehab_opt.comparison.statistics import percentile, performance_profile, shifted_geometric_mean, tail
 from rehab_opt.comparison.summary import Row, row_of
 from rehab_opt.comparison.table import as_markdown, family_grids, overview_grids, refusal_grid
 
@@ -47,6 +47,17 @@ def test_one_failure_in_a_hundred_spoils_what_is_beyond_99_percent() -> None:
     assert percentile(times, 0.999) == np.inf
 
 
+@pytest.mark.parametrize(("share", "enough"), [(0.99, 100), (0.999, 1000)])
+def test_of_too_few_solves_no_percentile_is_told(share: float, enough: int) -> None:
+    times = np.arange(1.0, enough + 1.0)
+    assert tail(times, share) == enough - 1
+    assert np.isnan(tail(times[:-1], share))
+    rows = [row_of("f", "s", "warm", [(judged(Outcome.SOLVED), False)] * n, limit=1.0) for n in (enough - 1, enough)]
+    few, many = (as_markdown(family_grids([row])[0]) for row in rows)
+    assert few.count(" - |") == many.count(" - |") + 1
+    assert f"{enough} instances" in many
+
+
 def test_the_profile_of_times_made_by_hand() -> None:
     profile = performance_profile({"a": [1.0, 2.0, np.inf, 4.0], "b": [2.0, 1.0, np.inf, np.inf]})
     assert profile["a"][0].tolist() == [1.0, 1.0, 2.0]
@@ -81,9 +92,9 @@ def test_a_row_counts_what_became_of_each_tick() -> None:
     row = row_of("family", "solver", "warm", ticks, limit=1.0)
     assert (row.ticks, row.solved, set(row.failures.values())) == (10, 0.5, {1})
     assert (row.hopeless, row.said_no, row.claimed, row.hung, row.raised) == (5, 1, 1, 2, 1)
-    assert (row.median, row.p99) == (1e-5, np.inf)
+    assert (row.median, row.largest) == (1e-5, np.inf)
     text = as_markdown(family_grids([row])[0])
-    assert "| solver | warm | 50 % | 1 wrong, 1 none, 1 late, 1 raised, 1 not tried | 10.0 | failed |" in text
+    assert "| solver | warm | 50 % | 1 wrong, 1 none, 1 late, 1 raised, 1 not tried | 10.0 | - | - | failed |" in text
     assert "| family | solver | warm | 5 | 1 | 1 | 2 | 1 | 10.0 | 10.0 |" in as_markdown(refusal_grid([row]))
 
 

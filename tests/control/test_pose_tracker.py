@@ -226,7 +226,7 @@ def test_the_backup_answers_when_the_primary_is_made_to_fail(monkeypatch: pytest
     without_primary(robot, monkeypatch)
     command = robot.step(START, chain.pose(START), [0.05, 0, 0, 0, 0, 0])
     assert command.status is Status.BACKUP
-    assert command.solver == "proxqp"
+    assert command.solver == "daqp"
     assert "qrqp" in command.reason
     expected = plain.step(START, chain.pose(START), [0.05, 0, 0, 0, 0, 0])
     np.testing.assert_allclose(command.value, expected.value, atol=1e-6)
@@ -250,7 +250,7 @@ def test_a_failure_that_leaves_the_outputs_untouched_is_no_answer(monkeypatch: p
     robot.step(START, chain.pose(START), [0.05, 0, 0, 0, 0, 0])  # leaves a good verdict behind
     monkeypatch.setattr(robot, "_evaluate", lambda: None)
     monkeypatch.setattr(robot._ladder, "evaluate", lambda: None)
-    assert robot.step(START, chain.pose(START), [0.05, 0, 0, 0, 0, 0]).solver == "proxqp"
+    assert robot.step(START, chain.pose(START), [0.05, 0, 0, 0, 0, 0]).solver == "daqp"
 
 
 def test_a_failure_in_the_very_first_tick_reaches_the_backup(monkeypatch: pytest.MonkeyPatch) -> None:

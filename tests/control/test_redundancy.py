@@ -494,7 +494,7 @@ def test_the_backup_answers_when_the_primary_is_made_to_fail(monkeypatch: pytest
     command = robot.step(ARDIS_READY, [0.05, 0.0, 0.02])
     expected = plain.step(ARDIS_READY, [0.05, 0.0, 0.02])
     assert command.status is Status.BACKUP
-    assert command.solver == "proxqp"
+    assert command.solver == "daqp"
     np.testing.assert_allclose(command.value, expected.value, atol=1e-6)
     np.testing.assert_allclose(command.wheels, expected.wheels, atol=1e-5)  # type: ignore[arg-type]
 

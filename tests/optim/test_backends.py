@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.optim.backends import Answer, OsqpBackend, ProxqpBackend, QpsolversBackend, backend, to_qpsolvers
 from rehab_opt.optim.certificate import certificate_function, is_certified
+from rehab_opt.optim.daqp_backend import DaqpBackend
 from rehab_opt.optim.qp import Instance
 from rehab_opt.symbolic import BufferedFunction
 from tests.optim.random_qps import Array, random_qp, seeds, solved
@@ -179,17 +180,21 @@ def test_no_number_makes_a_solver_raise(solver: str, seed: int, part: int, bad: 
 
 
 # --------------------------------------------------------------------------------------------------------- names
-@pytest.mark.parametrize(
-    ("name", "kind"), [("proxqp", ProxqpBackend), ("osqp", OsqpBackend), ("daqp", QpsolversBackend)]
-)
-def test_proxqp_and_osqp_are_kept_and_others_go_through_qpsolvers(name: str, kind: type) -> None:
+@pytest.mark.parametrize(("name", "kind"), [("proxqp", ProxqpBackend), ("osqp", OsqpBackend), ("daqp", DaqpBackend)])
+def test_proxqp_osqp_and_daqp_are_ours(name: str, kind: type) -> None:
     assert isinstance(backend(name, 2, 1), kind)
+    assert backend(name, 2, 1).name == name
+
+
+@pytest.mark.parametrize("name", sorted(set(qpsolvers.available_solvers) - {"proxqp", "osqp", "daqp"}))
+def test_others_go_through_qpsolvers(name: str) -> None:
+    assert isinstance(backend(name, 2, 1), QpsolversBackend)
     assert backend(name, 2, 1).name == name
 
 
 @pytest.mark.parametrize("name", ["", "qpoases9000", "QRQP", None])
 def test_an_unknown_solver_is_named_with_those_that_are_there(name: str) -> None:
-    with pytest.raises(ConfigurationError, match="qrqp, proxqp, osqp") as caught:
+    with pytest.raises(ConfigurationError, match="qrqp, proxqp, osqp, daqp") as caught:
         backend(name, 2, 1)
     assert caught.value.value == name
 
@@ -199,7 +204,7 @@ def test_no_answer_of_qpsolvers_is_no_answer_of_ours(monkeypatch: pytest.MonkeyP
     for found, x in ((False, None), (True, None), (False, np.full(N, 2e9))):
         solution = qpsolvers.Solution(problem=to_qpsolvers(qp), found=found, x=x)
         monkeypatch.setattr(qpsolvers, "solve_problem", lambda *_, solution=solution, **__: solution)
-        answer = backend("daqp", N, M).solve(qp)
+        answer = QpsolversBackend("daqp").solve(qp)
         assert np.isnan(answer.x).all()
         assert not certified(qp, answer)[0]
 
@@ -210,7 +215,7 @@ def test_an_exception_of_a_solver_is_no_answer(monkeypatch: pytest.MonkeyPatch, 
         raise error
 
     monkeypatch.setattr(qpsolvers, "solve_problem", solve_problem)
-    assert np.isnan(backend("daqp", N, M).solve(random_qp(1, N, M)).x).all()
+    assert np.isnan(QpsolversBackend("daqp").solve(random_qp(1, N, M)).x).all()
 
 
 # -------------------------------------------------------------------------------------------------- to_qpsolvers

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.optim import backends
-from rehab_opt.optim.backends import Answer, backend
+from rehab_opt.optim.backends import Answer, Backend, QpsolversBackend, backend
 from rehab_opt.optim.fused import FUSED_SOLVERS
 from rehab_opt.optim.ladder import Ladder
 from rehab_opt.optim.qp import PLAUSIBLE, Instance, Statement, parameter, variable, within
@@ -262,7 +262,11 @@ def test_a_solver_of_qpsolvers_that_says_no_is_followed_by_the_backup(
     def solve_problem(problem: qpsolvers.Problem, **_: object) -> qpsolvers.Solution:
         return qpsolvers.Solution(problem=problem, found=found, x=None if x is None else np.full(2, x))
 
+    def through_qpsolvers(name: str, n: int, m: int, **others: str) -> Backend:
+        return QpsolversBackend(name) if name == "daqp" else backend(name, n, m, **others)
+
     monkeypatch.setattr(qpsolvers, "solve_problem", solve_problem)
+    monkeypatch.setattr(backends, "backend", through_qpsolvers)
     climbed = ladder(solver="daqp", backup="qrqp")
     climbed.parameters[:] = 3.0, 0.2
     assert climbed() == "qrqp"
@@ -285,12 +289,23 @@ def fused_failing(climbed: Ladder, times: int, residual: float) -> list[Array]:
 
 
 @pytest.mark.parametrize("residual", [np.nan, np.inf, 1.0, -1.0])
-def test_a_failed_warm_start_is_tried_again_cold_before_the_backup(residual: float) -> None:
-    climbed = ladder()
+def test_a_failed_warm_start_is_tried_again_cold_behind_the_backup(
+    made_to_fail: Callable[[dict[str, Broken]], None], residual: float
+) -> None:
+    asked: list[Instance] = []
+
+    def unable(qp: Instance) -> Answer:
+        asked.append(qp)
+        return garbage(qp)
+
+    made_to_fail({"osqp": unable})
+    climbed = ladder(backup="osqp")
     climbed.parameters[:] = 3.0, 0.2
     climbed()
+    assert not asked
     started = fused_failing(climbed, 1, residual)
     assert climbed() == "qrqp"
+    assert len(asked) == 1
     warm, cold = started
     assert warm[:5].any()
     assert not cold[:5].any()
@@ -300,11 +315,12 @@ def test_a_failed_warm_start_is_tried_again_cold_before_the_backup(residual: flo
 
 
 @pytest.mark.parametrize("residual", [np.nan, np.inf, 1.0, -1.0])
-def test_the_backup_answers_where_the_fused_solver_fails_warm_and_cold(residual: float) -> None:
+def test_the_backup_answers_at_once_where_the_fused_solver_fails(residual: float) -> None:
     climbed = ladder(backup="proxqp")
     climbed.parameters[:] = 3.0, 0.2
-    fused_failing(climbed, 2, residual)
+    started = fused_failing(climbed, 1, residual)
     assert climbed() == "proxqp"
+    assert len(started) == 1
     np.testing.assert_allclose(climbed.x, [1.0, 0.2], atol=1e-6)
     assert climbed.iterations >= 0
     climbed.parameters[:] = 0.4, 0.2
@@ -373,7 +389,7 @@ def test_an_unknown_solver_is_named_when_the_ladder_is_made(argument: str) -> No
     assert caught.value.argument == argument
 
 
-@pytest.mark.parametrize(("solver", "backup"), [("qrqp", "proxqp"), ("osqp", "proxqp"), ("proxqp", "qrqp")])
+@pytest.mark.parametrize(("solver", "backup"), [("qrqp", "daqp"), ("osqp", "daqp"), ("daqp", "qrqp")])
 def test_the_backup_is_another_kind_of_solver_where_none_is_named(solver: str, backup: str) -> None:
     assert Ladder(counting(), solver=solver, backup=None, tolerance=TOLERANCE, compile=False).backup == backup
 
