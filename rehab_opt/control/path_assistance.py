@@ -66,6 +66,8 @@ class PathAssistance(Assistance):
             raise ConfigurationError("width", width, "metres above zero")
         spacing = width / SAMPLES_PER_WIDTH
         self._samples = samples = resampled_path(points, spacing).points
+        if len(samples) < 2:
+            raise ConfigurationError("path", points[0].tolist(), "a path, not one place")
         self._reach = math.ceil(WINDOW * SAMPLES_PER_WIDTH)
         self._stride = math.ceil(PIECE * SAMPLES_PER_WIDTH)
         self.pieces = tuple(

@@ -70,6 +70,8 @@ def _values(exported: ExportedController, code: Generated, problem: str) -> dict
         "fields": recording.fields(),
         "ticks": ",\n".join(recording.initialisers()),
         "count": str(len(recording.ticks)),
+        "more": str(len(recording.more[0])),
+        "more_room": str(max(1, len(recording.more[0]))),
         "differences": "\n".join(f"- {sentence}" for sentence in exported.differences),
         "size": f"about {round(memory / 1024)} kB",
         **exported.values,

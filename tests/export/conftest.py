@@ -10,7 +10,7 @@ import pytest
 
 from rehab_opt.export.export_c import export_c
 from rehab_opt.session.files import load_problem
-from tests.export.assisting import exported_to
+from tests.export.assisting import FORCES, exported_to
 from tests.export.calling_c import ROBOT, SECONDS, Built, Exported
 
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Werror")
@@ -61,13 +61,13 @@ def chair(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 @pytest.fixture(scope="session")
 def exported(tmp_path_factory: pytest.TempPathFactory, chair: str) -> Exported:
-    """Folder of the C files of a controller: `pose_tracker`, `redundancy_DRIVE`, `assistance`."""
+    """Folder of the C files of a controller: `pose_tracker`, `redundancy_DRIVE`, `assistance`, `path_assistance`."""
     folders: dict[str, Path] = {}
 
     def folder(name: str) -> Path:
-        if name == "assistance":
+        if name in FORCES:
             if name not in folders:
-                folders[name] = exported_to(tmp_path_factory.mktemp("c") / "exported", "assist")
+                folders[name] = exported_to(tmp_path_factory.mktemp("c") / "exported", FORCES[name])
             return folders[name]
         problem = ROBOT if name == "pose_tracker" else chair
         if problem not in folders:
