@@ -10,7 +10,7 @@ import numpy as np
 
 from rehab_opt.control.assistance import Assistance
 from rehab_opt.export.c_text import filled, initialiser, number
-from rehab_opt.export.controllers.workspace_edges import edge_rows
+from rehab_opt.export.controllers.workspace_edges import edge_rows, pull_back
 from rehab_opt.export.generated import renamed
 from rehab_opt.field.energy import field_function_in_blocks, field_table, filled_up
 from rehab_opt.field.potential import PotentialField
@@ -44,14 +44,15 @@ def gated_fields(helper: Assistance, fields: Sequence[PotentialField], *, name: 
     tables = [field_table(field.samples) for field in fields]
     most = max(map(len, tables))
     function = renamed(field_function_in_blocks(most), f"{name}_field")
-    gates = {each: helper._gate.keywords[each] for each in ("onset", "return_stiffness", "return_force")}
+    gate = helper._gate.keywords
     rows = [np.array((1 / field.width**2, *field.damping)) for field in fields]
     code = filled(
         "gate.c",
         {
-            **{each: number(value) for each, value in gates.items()},
+            "onset": number(gate["onset"]),
             "name": name,
             "workspace": filled("workspace.c", {}),
+            "pull_back": pull_back(gate["return_stiffness"], gate["return_force"], name=name),
             "acts_inside": str(int(helper.mode in ("follow", "hold"))),
             "comfortable": edge_rows(helper.comfortable, "comfortable"),
             "field_count": str(len(fields)),
