@@ -32,8 +32,8 @@ FELT = "    double felt[2];          /* on the participant's hand [N]; NaN where
 CALL = """\
 rehab_from_{other} heard = {{{heard}, tick->serial}};
     rehab_from_{own} said;
-    rehab_{name}_step(&controller, tick->x, tick->with_heard ? &heard : NULL, tick->with_v ? tick->v : NULL, tick->enable,
-                      tick->stamp, out, &said);
+    rehab_{name}_step(&controller, tick->x, tick->with_heard ? &heard : NULL, tick->with_v ? tick->v : NULL,
+                      tick->enable, tick->stamp, out, &said);
     more[0] = rehab_{name}_energy_left(&controller);
     {said}
     more[{last}] = (double)said.serial;"""
@@ -140,7 +140,10 @@ def _exported(
 ) -> ExportedForce:
     """What both sides have in common; `says` is what it says, and what it hears."""
     own, heard = says
-    names = {"own": name.removesuffix("_side"), "other": (PARTICIPANT if name == HELPER else HELPER).removesuffix("_side")}
+    names = {
+        "own": name.removesuffix("_side"),
+        "other": (PARTICIPANT if name == HELPER else HELPER).removesuffix("_side"),
+    }
     return ExportedForce(
         name=name,
         title=title,
