@@ -83,7 +83,7 @@ def exported_helper_side(
     ticks = _ticks(side, positions, heard, len(PARTICIPANT_SAYS))
 
     def answer(tick: Tick) -> tuple[Command, FromHelper]:
-        message = FromParticipant(*tick["heard"].tolist(), tick["serial"]) if tick["with_heard"] else None
+        message = FromParticipant._make((*tick["heard"].tolist(), tick["serial"])) if tick["with_heard"] else None
         return side.step(tick["x"], message, _v(tick), enable=tick["enable"], stamp=tick["stamp"])
 
     return _exported(
@@ -110,7 +110,7 @@ def exported_participant_side(
     ticks = _ticks(side, positions, heard, len(HELPER_SAYS))
 
     def answer(tick: Tick) -> tuple[Command, FromParticipant]:
-        message = FromHelper(*tick["heard"].tolist(), tick["serial"]) if tick["with_heard"] else None
+        message = FromHelper._make((*tick["heard"].tolist(), tick["serial"])) if tick["with_heard"] else None
         return side.step(tick["x"], message, _v(tick), enable=tick["enable"], stamp=tick["stamp"])
 
     return _exported(
