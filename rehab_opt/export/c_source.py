@@ -63,6 +63,7 @@ def _values(exported: ExportedController, code: Generated, problem: str) -> dict
         ),
         "reason_cases": indented(f'case REHAB_{reason.name}: return "{reason.text}";' for reason in REASONS),
         "more_memory": indented(exported.more_memory.splitlines()),
+        "parts": exported.parts,
         "call": exported.call,
         "usage": exported.usage,
         "recording": recording.about,

@@ -109,7 +109,7 @@ def wandering(rng: np.random.Generator, x: Any, ticks: int) -> Iterator[tuple[An
         yield seen, v, {"enable": int(rng.random() < 0.97), "stamp": float(stamp)}
 
 
-@settings(max_examples=60)
+@settings(max_examples=40)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_any_motion_of_a_hand_gives_the_forces_of_python(
     library: ctypes.CDLL, made_once: Assistance, mode: str, seed: int
@@ -137,7 +137,7 @@ def test_any_motion_of_a_hand_gives_the_forces_of_python(
             helper.reset(energy=energy)
 
 
-@settings(max_examples=60)
+@settings(max_examples=25)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_along_a_path_the_progress_and_the_forces_are_those_of_python(
     along: ctypes.CDLL, path_helper: PathAssistance, seed: int
@@ -244,7 +244,7 @@ SCENARIOS = {
 def test_a_scenario_s_assistance_repeats_its_trial_in_c(scenario: str, tmp_path: Path, built: Built) -> None:
     name, task = SCENARIOS[scenario]
     export_c(changed(scenario, run={"rate_hz": 200.0}, task=task), tmp_path)
-    example = built(tmp_path, "example", f"rehab_{name}.c", "main.c", "-lm", flags=("-O1",))
+    example = built(tmp_path, "example", f"rehab_{name}.c", "main.c", "-lm", flags=("-O0",))
     replay = subprocess.run([example, "0"], capture_output=True, text=True, check=False)
     assert replay.returncode == 0, replay.stdout + replay.stderr
     difference = float(replay.stdout.split("largest difference from Python ")[1].split()[0])

@@ -88,7 +88,7 @@ def python() -> dict[str, HelperSide | ParticipantSide]:
 
 
 @pytest.mark.parametrize("name", SIDES)
-@settings(max_examples=40)
+@settings(max_examples=30)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_any_hand_and_any_messages_give_the_forces_and_messages_of_python(
     libraries: dict[str, ctypes.CDLL], python: dict[str, Any], name: str, seed: int

@@ -31,11 +31,16 @@ static rehab_assistance controller;
 rehab_command command;
 
 rehab_assistance_init(&controller);
-for (;;) { /* every tick */
-    rehab_assistance_step(&controller, x, NULL, enable, stamp, &command);
+for (;;) {{ /* every tick */
+{carried}    rehab_assistance_step(&controller, x, NULL, enable, stamp, &command);
     apply(command.value); /* force, N */
-}"""
-FIELDS = "`aim` takes the number of one of the {} exported with the controller. In Python it takes any field."
+}}"""
+CARRY = "    rehab_assistance_carry(&controller, dx, dy); /* where the field is to stand */\n"
+CARRIER = (
+    "What moves the field from point to point, a `Smoother` with Ruckig in it, is not there: the caller carries the "
+    "field. Its motion stands in the recorded run as `carried`."
+)
+FIELDS = "`aim` takes the number of an exported field, of which there {}. In Python it takes any field."
 
 
 def exported_assistance(
@@ -87,7 +92,8 @@ def exported_assistance(
     about = f"{len(ticks)} ticks of a hand's path, with faults among them"
     recording = recorded(answer, ticks, about, more=lambda: (helper.energy_left,))
     helper.aim(all_fields[0])
-    count = "field that is" if len(all_fields) == 1 else f"{len(all_fields)} fields that are"
+    there_too = () if carried is None else (CARRIER,)
+    count = "is 1" if len(all_fields) == 1 else f"are {len(all_fields)}"
     return ExportedForce(
         name=NAME,
         title=f"{title}: force-bounded assistance, mode {helper.mode}",
@@ -96,10 +102,10 @@ def exported_assistance(
         evaluated=(gate.function,),
         interface="assistance",
         call=CALL,
-        usage=USAGE,
+        usage=USAGE.format(carried="" if carried is None else CARRY),
         recording=recording,
-        differences=(*DIFFERENCES, FIELDS.format(count)),
+        differences=(*DIFFERENCES, FIELDS.format(count), *there_too),
         solves=2,  # and again from a cold start
         more_memory=MEMORY,
-        values={"field_count": str(len(all_fields))},
+        values={"last_field": str(len(all_fields) - 1)},
     )

@@ -77,9 +77,8 @@ def _assistance(loaded: ProblemFile[ScenarioProblem], ready: Prepared) -> Export
     helper = assistance_of(problem, ready, solver=FUSED, backup=FUSED)
     law = Listening(assisted_law(problem, ready, helper), helper)
     trial = ran(scene_of(loaded, ready), law, name="assisted", number=0, seed=problem.task.seed)
-    return exported_assistance(
-        helper, trial.position, title=problem.title, fields=ready.fields[1:], carried=law.carried
-    )
+    carried = law.carried if problem.mode == "hold" else None
+    return exported_assistance(helper, trial.position, title=problem.title, fields=ready.fields[1:], carried=carried)
 
 
 def _sides(loaded: ProblemFile[ScenarioProblem], ready: Prepared, *, delayed: bool) -> Sequence[ExportedController]:
