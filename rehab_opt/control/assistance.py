@@ -75,6 +75,11 @@ class Assistance(BoundedForce):
         self.field, self._by = field, None
         field.pull(0.0, 0.0)  # compiled now, not in the loop
 
+    @property
+    def carried(self) -> tuple[float, float]:
+        """[m] how far the field stands from where it was made."""
+        return (0.0, 0.0) if self._by is None else (self._by[0], self._by[1])
+
     def carry(self, dx: float, dy: float) -> None:
         """Let the field stand (dx, dy) [m] from where it was made, for a target that moves; `aim` puts it back.
 

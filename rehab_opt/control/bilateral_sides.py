@@ -171,11 +171,10 @@ class HelperSide:
         self._damping = checked_number("damping", damping, above=-1e-12)
         self._felt = np.full(2, math.nan)
         self._partner = (math.nan, math.nan)
+        self.return_stiffness = checked_number("return_stiffness", return_stiffness, above=0.0)
+        self.return_force = checked_number("return_force", return_force, above=0.0)
         kept = kept_inside(
-            self._reflected,
-            carry.source,
-            return_stiffness=checked_number("return_stiffness", return_stiffness, above=0.0),
-            return_force=checked_number("return_force", return_force, above=0.0),
+            self._reflected, carry.source, return_stiffness=self.return_stiffness, return_force=self.return_force
         )
         self.force = BoundedForce(kept, force_limit=force_limit, **bounds)
         self._share = _checked_share(exchange, self.force.dt)

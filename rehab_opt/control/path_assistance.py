@@ -66,6 +66,9 @@ class PathAssistance(Assistance):
             raise ConfigurationError("width", width, "metres above zero")
         spacing = width / SAMPLES_PER_WIDTH
         self._samples = samples = resampled_path(points, spacing).points
+        self._x, self._y = np.ascontiguousarray(samples.T)
+        if len(samples) < 2:
+            raise ConfigurationError("path", points[0].tolist(), "a path, not one place")
         self._reach = math.ceil(WINDOW * SAMPLES_PER_WIDTH)
         self._stride = math.ceil(PIECE * SAMPLES_PER_WIDTH)
         self.pieces = tuple(
@@ -111,8 +114,13 @@ class PathAssistance(Assistance):
         command = super().step(x, v, enable=enable, stamp=stamp)
         if self.usable:
             hand, first = self._hand, max(0, self._at - self._reach)
-            away = self._samples[first : self._at + self._reach + 1] - (hand.x, hand.y)
-            self._at = first + int(np.einsum("ij,ij->i", away, away).argmin())
+            near = slice(first, self._at + self._reach + 1)
+            across, along = self._x[near] - hand.x, self._y[near] - hand.y
+            # Squared and added one by one, as in C: a fused product may find another of two places as near.
+            across *= across
+            along *= along
+            across += along
+            self._at = first + int(across.argmin())
             self._lead()
         return command
 

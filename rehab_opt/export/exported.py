@@ -106,6 +106,8 @@ class ExportedController(ABC):
 
     core: ClassVar[str]
     """The templates of its memory and its tick, likewise."""
+    parts: ClassVar[str]
+    """What is in its C file, for the reader."""
 
     name: str
     title: str
@@ -147,6 +149,7 @@ class ExportedVelocity(ExportedController):
     """
 
     core: ClassVar[str] = "velocity_controller"
+    parts: ClassVar[str] = "kinematics, QP solve, certificate, watchdog, safe command"
     laws: Sequence[Law]
 
     @property

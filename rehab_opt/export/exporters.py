@@ -47,9 +47,9 @@ def _ardis(loaded: ProblemFile[Any], progress: Progress) -> Sequence[ExportedCon
 
 
 def _scenario(loaded: ProblemFile[Any], progress: Progress) -> Sequence[ExportedController]:
-    from rehab_opt.export.controllers.assistance import exported_scenario  # noqa: PLC0415
+    from rehab_opt.export.controllers.scenario import exported_scenario  # noqa: PLC0415
 
-    return (exported_scenario(loaded, progress=progress),)
+    return exported_scenario(loaded, progress=progress)
 
 
 EXPORTERS: Mapping[str, Exporter] = MappingProxyType(

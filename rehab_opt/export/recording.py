@@ -38,11 +38,13 @@ class Recording:
     ticks : what the controller was told; every tick has the same names and sizes.
     commands : what Python answered, with no more rungs than C has.
     about : what was recorded, for the reader.
+    more : numbers that the controller says besides each command; none, or as many in every tick.
     """
 
     ticks: Sequence[Tick]
     commands: Sequence[Command]
     about: str
+    more: Sequence[Sequence[float]]
 
     def fields(self) -> str:
         """The members of the C struct of one tick."""
@@ -52,14 +54,16 @@ class Recording:
             lines.append(f"{kind} {name}{f'[{value.size}]' if isinstance(value, np.ndarray) else ''};")
         first = self.commands[0]
         lines += [f"double value[{first.value.size}];", f"double wheels[{max(1, _wheels(first).size)}];"]
+        lines.append(f"double more[{max(1, len(self.more[0]))}];")
         return indented([*lines, "double scale;", "int status, yielded, reason;"])
 
     def initialisers(self) -> Iterator[str]:
         """One C initialiser a tick."""
-        for tick, command in zip(self.ticks, self.commands, strict=True):
+        for tick, command, more in zip(self.ticks, self.commands, self.more, strict=True):
             parts = [_c(value) for value in tick.values()]
             wheels = _wheels(command)
-            parts += [initialiser(command.value), initialiser(wheels if wheels.size else [0.0]), number(command.scale)]
+            parts += [initialiser(command.value), initialiser(wheels if wheels.size else [0.0])]
+            parts += [initialiser(more or [0.0]), number(command.scale)]
             yield "    {" + ", ".join([*parts, *(str(each) for each in _said(command))]) + "}"
 
     def csv(self) -> str:
@@ -71,19 +75,30 @@ class Recording:
             header += [f"{name}_{i}" for i in range(value.size)] if isinstance(value, np.ndarray) else [name]
         first = self.commands[0]
         header += [f"value_{i}" for i in range(first.value.size)] + [f"wheel_{i}" for i in range(_wheels(first).size)]
+        header += [f"more_{i}" for i in range(len(self.more[0]))]
         writer.writerow([*header, "scale", "status", "yielded", "reason"])
-        for tick, command in zip(self.ticks, self.commands, strict=True):
+        for tick, command, more in zip(self.ticks, self.commands, self.more, strict=True):
             row: list[Any] = []
             for value in tick.values():
                 row += value.reshape(-1).tolist() if isinstance(value, np.ndarray) else [value]
             wheels = _wheels(command).tolist()
-            writer.writerow([*row, *command.value.tolist(), *wheels, command.scale, *_said(command)])
+            writer.writerow([*row, *command.value.tolist(), *wheels, *more, command.scale, *_said(command)])
         return text.getvalue()
 
 
-def recorded(step: Callable[[Tick], Command], ticks: Sequence[Tick], about: str) -> Recording:
-    """What `step` answers to every tick."""
-    return Recording(ticks, [step(tick) for tick in ticks], about)
+def recorded(
+    step: Callable[[Tick], Command],
+    ticks: Sequence[Tick],
+    about: str,
+    *,
+    more: Callable[[], Sequence[float]] = tuple,
+) -> Recording:
+    """What `step` answers to every tick, and `more` says after it."""
+    commands, besides = [], []
+    for tick in ticks:
+        commands.append(step(tick))
+        besides.append(tuple(more()))
+    return Recording(ticks, commands, about, besides)
 
 
 def thinned(count: int) -> NDArray[np.intp]:

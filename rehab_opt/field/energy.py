@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from rehab_opt.field.samples import Samples
 from rehab_opt.symbolic import BufferedFunction, compiled
 
-__all__ = ["field_function", "field_function_in_blocks", "field_kernel", "field_table"]
+__all__ = ["field_function", "field_function_in_blocks", "field_kernel", "field_table", "filled_up"]
 
 BLOCK = 10
 """Samples that compiled code sums at once: half the time of a pass over all of them for every operation."""
@@ -47,7 +47,7 @@ def field_table(samples: Samples) -> NDArray[np.float64]:
     """(size, 8) the samples as `field_function` takes them, filled up to a multiple of `BLOCK` with absent ones."""
     points, offsets, stiffness, log_weights, lean = samples
     table = np.column_stack((points, offsets, log_weights, stiffness, lean))
-    return _filled_up(table, -(-len(table) // BLOCK) * BLOCK)
+    return filled_up(table, -(-len(table) // BLOCK) * BLOCK)
 
 
 def field_function(size: int) -> ca.Function:
@@ -103,7 +103,8 @@ def _answer(sums: list[Any], sharpness: Any) -> list[Any]:
     return [energy, ca.vertcat(force_x, force_y)]
 
 
-def _filled_up(table: NDArray[np.float64], size: int) -> NDArray[np.float64]:
+def filled_up(table: NDArray[np.float64], size: int) -> NDArray[np.float64]:
+    """(size, 8) a table of samples with absent ones behind them, which change nothing."""
     extra = np.zeros((size - len(table), 8))
     extra[:, 3] = ABSENT
     return np.vstack((table, extra))

@@ -16,7 +16,7 @@ from rehab_opt.symbolic import BufferedFunction, compiled
 from rehab_opt.symbolic.compiled import compilation_wanted
 from rehab_opt.workspace.spline_fit import TINY, Fit
 
-__all__ = ["jacobians", "point_function", "values"]
+__all__ = ["jacobians", "point_function", "point_inputs", "point_statement", "values"]
 
 Array = NDArray[np.float64]
 
@@ -33,15 +33,29 @@ def point_function(fit: Fit, *, with_jacobian: bool) -> BufferedFunction:
     The landmarks stand in the other inputs. Code is compiled for a few landmark counts only, at most an eighth apart
     (weights of zero fill up the rest), so that maps share it.
     """
-    n = len(fit.landmarks) if np.any(fit.weights) else 0
-    count, block = _rounded(n)
+    count, block = _rounded(_bending_landmarks(fit))
     evaluated = BufferedFunction(_function(count, block, with_jacobian, compilation_wanted()))
-    _, frame, affine, landmarks, weights = evaluated.inputs
-    frame[:] = *fit.centre, 1 / fit.scale
-    affine[...] = fit.affine.T
-    landmarks[:, :n] = fit.landmarks[:n].T
-    weights[:, :n] = fit.weights[:n].T
+    for held, values in zip(evaluated.inputs[1:], point_inputs(fit), strict=True):
+        held[...] = values
     return evaluated
+
+
+def point_statement(fit: Fit, *, with_jacobian: bool) -> ca.Function:
+    """The same function, not compiled; its inputs behind the point are `point_inputs`."""
+    return _stated(*_rounded(_bending_landmarks(fit)), with_jacobian)
+
+
+def point_inputs(fit: Fit) -> tuple[Array, Array, Array, Array]:
+    """Frame (3,), affine part (2, 3), landmarks and weights (2, count)."""
+    n = _bending_landmarks(fit)
+    landmarks, weights = np.zeros((2, 2, _rounded(n)[0]))
+    landmarks[:, :n], weights[:, :n] = fit.landmarks[:n].T, fit.weights[:n].T
+    return np.array((*fit.centre, 1 / fit.scale)), fit.affine.T, landmarks, weights
+
+
+def _bending_landmarks(fit: Fit) -> int:
+    """How many there are; none where the map is affine."""
+    return len(fit.landmarks) if np.any(fit.weights) else 0
 
 
 def _rounded(count: int) -> tuple[int, int]:
@@ -53,6 +67,10 @@ def _rounded(count: int) -> tuple[int, int]:
 
 @functools.lru_cache(maxsize=64)
 def _function(count: int, block: int, with_jacobian: bool, _wanted: bool) -> ca.Function:
+    return compiled(_stated(count, block, with_jacobian))
+
+
+def _stated(count: int, block: int, with_jacobian: bool) -> ca.Function:
     point, frame, affine = ca.MX.sym("point", 2), ca.MX.sym("frame", 3), ca.MX.sym("affine", 2, 3)
     landmarks, weights = ca.MX.sym("landmarks", 2, count), ca.MX.sym("weights", 2, count)
     s = (point - frame[:2]) * frame[2]
@@ -68,7 +86,7 @@ def _function(count: int, block: int, with_jacobian: bool, _wanted: bool) -> ca.
         results.append(ca.reshape(total[2:], 2, 2) * frame[2])
     name = f"thin_plate_{'jacobian' if with_jacobian else 'value'}_{count}"
     inputs = [point, frame, affine, landmarks, weights]
-    return compiled(ca.Function(name, inputs, [ca.densify(result) for result in results]))
+    return ca.Function(name, inputs, [ca.densify(result) for result in results])
 
 
 def _bending(block: int, with_jacobian: bool) -> ca.Function:

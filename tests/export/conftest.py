@@ -10,8 +10,9 @@ import pytest
 
 from rehab_opt.export.export_c import export_c
 from rehab_opt.session.files import load_problem
-from tests.export.assisting import exported_to
+from tests.export.assisting import FORCES, exported_to
 from tests.export.calling_c import ROBOT, SECONDS, Built, Exported
+from tests.export.pairing import SIDES, exported_side_to
 
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Werror")
 ARITHMETIC = ("-fno-math-errno", "-ffp-contract=off")
@@ -61,13 +62,17 @@ def chair(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 @pytest.fixture(scope="session")
 def exported(tmp_path_factory: pytest.TempPathFactory, chair: str) -> Exported:
-    """Folder of the C files of a controller: `pose_tracker`, `redundancy_DRIVE`, `assistance`."""
+    """Folder of the C files of a controller: `pose_tracker`, `redundancy_DRIVE`, or one of `FORCES` or `SIDES`."""
     folders: dict[str, Path] = {}
 
     def folder(name: str) -> Path:
-        if name == "assistance":
+        if name in FORCES:
             if name not in folders:
-                folders[name] = exported_to(tmp_path_factory.mktemp("c") / "exported", "assist")
+                folders[name] = exported_to(tmp_path_factory.mktemp("c") / "exported", FORCES[name])
+            return folders[name]
+        if name in SIDES:
+            if name not in folders:
+                folders[name] = exported_side_to(tmp_path_factory.mktemp("c") / "exported", name)
             return folders[name]
         problem = ROBOT if name == "pose_tracker" else chair
         if problem not in folders:

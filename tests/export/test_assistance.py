@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import csv
 import ctypes
 import subprocess
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +16,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench.scenarios import changed
-from rehab_opt import Assistance, ConfigurationError, Workspace
+from rehab_opt import Assistance, ConfigurationError, PotentialField, Workspace
 from rehab_opt.control.command import Status
-from rehab_opt.errors import ProblemFileError
+from rehab_opt.control.path_assistance import PathAssistance
 from rehab_opt.export.controllers.assistance import exported_assistance
 from rehab_opt.export.export_c import export_c
-from tests.export.assisting import DT, exported_to, made
+from tests.export.assisting import DT, EIGHT, exported_to, field_of, made, made_along_a_path
 from tests.export.calling_c import Built, CCommand, Exported, assert_same, doubles, giving_up, shared, solver_gives_up
 
 MODES = ("assist", "follow")
@@ -28,24 +30,27 @@ MODES = ("assist", "follow")
 class CAssistance:
     """The C controller, called from Python."""
 
-    def __init__(self, library: ctypes.CDLL, *, initialise: bool = True) -> None:
-        library.rehab_assistance_energy_left.restype = ctypes.c_double
-        self.library, self.memory = library, ctypes.create_string_buffer(library.controller_size())
+    def __init__(self, library: ctypes.CDLL, name: str = "assistance", *, initialise: bool = True) -> None:
+        self.library, self.name, self.memory = library, name, ctypes.create_string_buffer(library.controller_size())
         if initialise:
-            assert library.rehab_assistance_init(self.memory) == 0
+            assert self.call("init") == 0
+
+    def call(self, what: str, *arguments: Any) -> int:
+        given = [ctypes.c_double(each) if isinstance(each, float) else each for each in arguments]
+        return int(getattr(self.library, f"rehab_{self.name}_{what}")(self.memory, *given))
+
+    def told(self, what: str) -> float:
+        asked = getattr(self.library, f"rehab_{self.name}_{what}")
+        asked.restype = ctypes.c_double
+        return float(asked(self.memory))
 
     @property
     def energy_left(self) -> float:
-        return float(self.library.rehab_assistance_energy_left(self.memory))
-
-    def reset(self, *, energy: bool) -> None:
-        assert self.library.rehab_assistance_reset(self.memory, int(energy)) == 0
+        return self.told("energy_left")
 
     def step(self, x: Any, v: Any, *, enable: int = 1, stamp: float) -> CCommand:
         out = CCommand()
-        self.library.rehab_assistance_step(
-            self.memory, doubles(x), doubles(v), enable, ctypes.c_double(stamp), ctypes.byref(out)
-        )
+        self.call("step", doubles(x), doubles(v), enable, float(stamp), ctypes.byref(out))
         return out
 
 
@@ -61,19 +66,36 @@ def library(mode: str, exported: Exported, built: Built, tmp_path_factory: pytes
 
 
 @pytest.fixture(scope="module")
-def helper(mode: str) -> Assistance:
+def made_once(mode: str) -> Assistance:
     return made(mode)
 
 
-@settings(max_examples=60)
-@given(seed=st.integers(0, 2**32 - 1))
-def test_any_motion_of_a_hand_gives_the_forces_of_python(library: ctypes.CDLL, helper: Assistance, seed: int) -> None:
-    """Hands that wander and rest, sensors that freeze, jump and fail, a switch that opens, stamps that are late."""
-    rng, c = np.random.default_rng(seed), CAssistance(library)
+@pytest.fixture
+def helper(made_once: Assistance, mode: str) -> Assistance:
+    """Made once, new in every test: at rest, with its own field where it was made."""
+    return begun(made_once, mode)
+
+
+def begun(helper: Assistance, mode: str) -> Assistance:
     helper.reset()
-    x, way, stamp = np.array([rng.uniform(-0.2, 0.15), rng.uniform(0.33, 0.47)]), rng.normal(size=2), 0.0
-    with_v = rng.random() < 0.5
-    for _ in range(120):
+    helper.aim(field_of(mode))
+    return helper
+
+
+@pytest.fixture(scope="module")
+def along(exported: Exported, built: Built) -> ctypes.CDLL:
+    return shared(exported("path_assistance"), "path_assistance", built)
+
+
+@pytest.fixture(scope="module")
+def path_helper() -> PathAssistance:
+    return made_along_a_path()
+
+
+def wandering(rng: np.random.Generator, x: Any, ticks: int) -> Iterator[tuple[Any, Any, dict[str, Any]]]:
+    """Hands that wander and rest, sensors that freeze, jump and fail, a switch that opens, stamps that are late."""
+    way, stamp, with_v = rng.normal(size=2), 0.0, rng.random() < 0.5
+    for _ in range(ticks):
         way = 0.97 * way + 0.2 * rng.normal(size=2)
         moved = x + DT * 0.3 * way if rng.random() < 0.9 else x
         v = (moved - x) / DT if with_v else None
@@ -84,19 +106,71 @@ def test_any_motion_of_a_hand_gives_the_forces_of_python(library: ctypes.CDLL, h
         if v is not None and rng.random() < 0.02:
             v[rng.integers(2)] = rng.choice([np.nan, -np.inf, 3.0])
         stamp += DT if rng.random() < 0.95 else rng.choice([0.01, 0.0, -DT, 0.2, -0.2])
-        told = {"enable": int(rng.random() < 0.97), "stamp": float(stamp)}
-        assert_same(c.step(seen, v, **told), helper.step(seen, v, **told))
+        yield seen, v, {"enable": int(rng.random() < 0.97), "stamp": float(stamp)}
+
+
+@settings(max_examples=40)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_any_motion_of_a_hand_gives_the_forces_of_python(
+    library: ctypes.CDLL, made_once: Assistance, mode: str, seed: int
+) -> None:
+    """With fields that change and are carried, to where is no number too."""
+    rng, c, fields = np.random.default_rng(seed), CAssistance(library), (field_of(mode), field_of(mode, 1))
+    helper = begun(made_once, mode)
+    start = np.array([rng.uniform(-0.2, 0.15), rng.uniform(0.33, 0.47)])
+    for x, v, told in wandering(rng, start, 120):
+        if rng.random() < 0.05:
+            field = int(rng.integers(2))
+            assert c.call("aim", field) == 0
+            helper.aim(fields[field])
+        if rng.random() < 0.3:
+            by = (0.02 * rng.normal(size=2)).tolist()
+            if rng.random() < 0.1:
+                by[rng.integers(2)] = float(rng.choice([np.nan, np.inf, -1e300]))
+            assert c.call("carry", *by) == 0
+            helper.carry(*by)
+        assert_same(c.step(x, v, **told), helper.step(x, v, **told))
         assert c.energy_left == pytest.approx(helper.energy_left, abs=1e-9)
         if rng.random() < 0.02:
             energy = bool(rng.random() < 0.5)
-            c.reset(energy=energy)
+            assert c.call("reset", int(energy)) == 0
             helper.reset(energy=energy)
+
+
+@settings(max_examples=25)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_along_a_path_the_progress_and_the_forces_are_those_of_python(
+    along: ctypes.CDLL, path_helper: PathAssistance, seed: int
+) -> None:
+    """A hand that hurries along a path that crosses itself, or turns round, or strays."""
+    rng, c, helper = np.random.default_rng(seed), CAssistance(along, "path_assistance"), path_helper
+    helper.reset()
+    way = int(rng.choice([1, 1, -1]))
+    for k, (strayed, v, told) in enumerate(wandering(rng, np.zeros(2), 300)):
+        x = strayed + EIGHT[way * k * 2 // 5 % len(EIGHT)]
+        assert_same(c.step(x, v, **told), helper.step(x, v, **told))
+        assert c.told("progress") == helper.progress
+        assert c.energy_left == pytest.approx(helper.energy_left, abs=1e-9)
+        if rng.random() < 0.01:
+            energy = bool(rng.random() < 0.5)
+            assert c.call("reset", int(energy)) == 0
+            helper.reset(energy=energy)
+
+
+def test_the_end_of_a_path_is_reached_over_all_its_pieces(along: ctypes.CDLL, path_helper: PathAssistance) -> None:
+    c, helper, pieces = CAssistance(along, "path_assistance"), path_helper, set()
+    helper.reset()
+    for k, x in enumerate(np.repeat(EIGHT, 4, axis=0)):
+        assert_same(c.step(x, None, stamp=DT * k), helper.step(x, stamp=DT * k))
+        assert c.told("progress") == helper.progress
+        pieces.add(helper._piece)
+    assert helper.progress == 1.0
+    assert pieces == set(range(len(helper.pieces)))
 
 
 def test_the_energy_runs_out_as_it_does_in_python(library: ctypes.CDLL, helper: Assistance, mode: str) -> None:
     """A hand that lets itself be led, out and back by hand, until nothing is left to lead it with."""
     c, statuses = CAssistance(library), set()
-    helper.reset()
     for k in range(8000):
         phase = (0.0005 * k) % 2.0
         x = np.array([0.02 + 0.1 * min(phase, 2.0 - phase), 0.45 if phase < 1.0 else 0.36])
@@ -138,18 +212,48 @@ def test_what_c_cannot_do_is_refused() -> None:
     exported_assistance(made("assist", pointed), hand, title="t")
     with pytest.raises(ConfigurationError, match="no spikes"):
         exported_assistance(made("assist", sharp), hand, title="t")
+    resisting = PotentialField(EIGHT[:50], stiffness=1000.0, width=0.02, drag=50.0, drag_along="travelled")
+    with pytest.raises(ConfigurationError, match="mode"):
+        exported_assistance(made("assist"), hand, title="t", fields=[resisting])
 
 
-def test_a_scenario_s_assistance_repeats_its_trial_in_c(tmp_path: Path, built: Built) -> None:
-    loaded = changed("scenario_3_resist", run={"rate_hz": 200.0})
-    export_c(loaded, tmp_path)
-    example = built(tmp_path, "example", "rehab_assistance.c", "main.c", "-lm")
-    replay = subprocess.run([example], capture_output=True, text=True, check=False)
+def test_a_field_that_is_not_there_is_not_aimed_at(library: ctypes.CDLL, helper: Assistance, mode: str) -> None:
+    c, x = CAssistance(library), np.array([0.02, 0.45]) if mode == "assist" else np.array([-0.08, 0.43])
+    helper.carry(0.01, 0.0)
+    assert [c.call("carry", 0.01, 0.0), c.call("aim", 2), c.call("aim", -1)] == [0, 1, 1]
+    for k in range(60):
+        assert_same(c.step(x, None, stamp=DT * k), helper.step(x, stamp=DT * k))
+
+
+UNMAPPED = {"mapped": False, "rest_s": 0.5}
+"""Places inside the comfortable workspace: a map would take seconds."""
+SCENARIOS = {
+    "scenario_3_resist": ("assistance", {}),
+    "scenario_4_follow": (
+        "path_assistance",
+        {**UNMAPPED, "movement_s": 10.0, "placement": {"centre_m": [-0.17, 0.505], "fit_m": [0.03, 0.02]}},
+    ),
+    "scenario_5_hold": (
+        "assistance",
+        {"mapped": False, "points_m": [[-0.18, 0.50], [-0.16, 0.51], [-0.17, 0.52]], "dwell_s": 0.5},
+    ),
+}
+
+
+@pytest.mark.parametrize("scenario", SCENARIOS)
+def test_a_scenario_s_assistance_repeats_its_trial_in_c(scenario: str, tmp_path: Path, built: Built) -> None:
+    name, task = SCENARIOS[scenario]
+    export_c(changed(scenario, run={"rate_hz": 200.0}, task=task), tmp_path)
+    example = built(tmp_path, "example", f"rehab_{name}.c", "main.c", "-lm", flags=("-O0",))
+    replay = subprocess.run([example, "0"], capture_output=True, text=True, check=False)
     assert replay.returncode == 0, replay.stdout + replay.stderr
     difference = float(replay.stdout.split("largest difference from Python ")[1].split()[0])
     assert difference <= 1e-9
-
-
-def test_a_scenario_whose_field_moves_is_refused_by_its_mode() -> None:
-    with pytest.raises(ProblemFileError, match="mode"):
-        export_c(changed("scenario_5_hold"), Path("nowhere"))
+    with (tmp_path / "recorded_run.csv").open() as table:
+        ticks = list(csv.DictReader(table))
+    if scenario == "scenario_4_follow":  # the hand passes from piece to piece
+        assert max(float(tick["more_1"]) for tick in ticks) > 0.2
+    else:
+        by = np.array([[float(tick[f"carried_{i}"]) for i in range(2)] for tick in ticks])
+        moved = np.ptp(by[np.abs(by).max(axis=1) < 0.045], axis=0)  # without the faults
+        assert (moved.min() > 0.01) == (scenario == "scenario_5_hold")

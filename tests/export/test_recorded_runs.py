@@ -11,15 +11,33 @@ import pytest
 from rehab_opt.control.chair_and_arm import ITERATIONS
 from rehab_opt.export.reasons import REASONS
 from rehab_opt.optim.qrqp import QRQP_ITERATIONS
+from tests.export.assisting import FORCES
 from tests.export.calling_c import SAME, Built, Exported, compiled_once, ran
+from tests.export.pairing import SIDES
 
-CONTROLLERS = ("pose_tracker", "redundancy_mecanum", "redundancy_differential", "assistance")
+CONTROLLERS = ("pose_tracker", "redundancy_mecanum", "redundancy_differential", *FORCES, *SIDES)
 INTERFACE = {
     "pose_tracker": ("init", "reset", "step"),
-    "assistance": ("energy_left", "init", "reset", "step"),
+    "assistance": ("aim", "carry", "energy_left", "init", "reset", "step"),
+    "path_assistance": ("energy_left", "init", "progress", "reset", "step"),
+    **dict.fromkeys(SIDES, ("energy_left", "init", "reset", "step")),
 }
 OF_A_ROOM = ("free", "init", "post", "reset", "step", "wall")
-LIBRARY = {"memcpy", "memset", "memmove", "sin", "cos", "sincos", "atan2", "sqrt", "floor", "hypot", "exp", "fabs"}
+LIBRARY = {
+    "memcpy",
+    "memset",
+    "memmove",
+    "sin",
+    "cos",
+    "sincos",
+    "atan2",
+    "sqrt",
+    "floor",
+    "hypot",
+    "exp",
+    "log",
+    "fabs",
+}
 """Of C, and all that is needed."""
 
 
@@ -38,7 +56,7 @@ def test_it_builds_with_warnings_as_errors_and_repeats_the_recorded_run(
     assert "p99.9" in done.stdout
 
 
-@pytest.mark.parametrize("name", ["pose_tracker", "redundancy_differential", "assistance"])  # one drive stands for both
+@pytest.mark.parametrize("name", CONTROLLERS[:1] + CONTROLLERS[2:])  # one drive stands for both
 def test_the_recorded_run_is_clean_under_sanitizers(name: str, exported: Exported, built: Built) -> None:
     flags = ("-O0", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
     done = ran(built(exported(name), "sanitized", f"rehab_{name}.c", "main.c", flags=flags), "0")
@@ -54,7 +72,7 @@ def test_the_recorded_run_has_the_faults_of_every_tick(name: str, exported: Expo
         "FINE", "NOT_ENABLED", "STAMP_NOT_FINITE", "STAMP_GAP", "STAMP_BACKWARDS", "STAMP_REPEATED", "STATE_STALE",
     }  # fmt: skip
     of_numbers = {"POSITION_UNUSABLE", "VELOCITY_UNUSABLE", "HAND_TOO_FAST", "POSITION_JUMPED"}
-    assert met >= (of_numbers if name == "assistance" else {"INPUT_UNUSABLE", "INPUT_TOO_LARGE"})
+    assert met >= (of_numbers if name in {*FORCES, *SIDES} else {"INPUT_UNUSABLE", "INPUT_TOO_LARGE"})
     assert ("POSE_NOT_RIGID" in met) == (name == "pose_tracker")
 
 

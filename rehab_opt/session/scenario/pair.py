@@ -19,7 +19,7 @@ from rehab_opt.session.scenario.simulated_person import Person
 from rehab_opt.session.scenario.together import Helper, Together
 from rehab_opt.session.scenario.trial import Trial
 
-__all__ = ["pair_measures", "pair_of"]
+__all__ = ["pair_measures", "pair_of", "sides_of", "together_of"]
 
 
 def pair_of(loaded: ProblemFile[ScenarioProblem], ready: Prepared, *, delay: float, solver: str | None) -> Together:
@@ -30,14 +30,19 @@ def pair_of(loaded: ProblemFile[ScenarioProblem], ready: Prepared, *, delay: flo
     ProblemFileError : a value of the file cannot be used.
     ConfigurationError : `solver` cannot be used.
     """
-    problem, said = loaded.problem, loaded.problem.assistance
+    return together_of(Bilateral(*sides_of(loaded, ready, solver=solver), delay=delay), loaded, ready)
+
+
+def sides_of(
+    loaded: ProblemFile[ScenarioProblem], ready: Prepared, *, solver: str | None, backup: str | None = None
+) -> tuple[HelperSide, ParticipantSide]:
+    """Both sides of a mapped path; raises as `pair_of`."""
+    problem, said, helper = loaded.problem, loaded.problem.assistance, loaded.problem.helper
     assert ready.carry is not None  # the schema refuses a pair without a map
-    assert ready.demonstrated is not None
-    dt = 1 / problem.run.rate_hz
     bounds = bounds_of(problem, solver=solver)
-    helper = problem.helper
+    bounds["backup"] = backup
     with bounds_refusals(loaded, solver=solver, section="helper or assistance"):
-        both = Bilateral(
+        return (
             HelperSide(
                 ready.carry,
                 damping=helper.hand_damping_Ns_m,
@@ -54,9 +59,18 @@ def pair_of(loaded: ProblemFile[ScenarioProblem], ready: Prepared, *, delay: flo
                 force_limit=said.force_limit_N,
                 **bounds,
             ),
-            delay=delay,
         )
-    task = problem.task
+
+
+def together_of(both: Bilateral, loaded: ProblemFile[ScenarioProblem], ready: Prepared) -> Together:
+    """The pair as a law, with a simulated helper.
+
+    Raises
+    ------
+    ProblemFileError : a value of the file cannot be used.
+    """
+    task, helper, dt = loaded.problem.task, loaded.problem.helper, both.dt
+    assert ready.demonstrated is not None
     meant = traced(ready.demonstrated, seconds=task.movement_s, rest=task.rest_s, dt=dt)
     healthy = Person(wander=1e-3 * helper.wander_mm, tremor=0.0, spasm_rate=0.0)
     robot = robot_model_of(loaded)

@@ -28,7 +28,7 @@ from rehab_opt.session.scenario.problem import REACHES, THERAPY, ScenarioProblem
 from rehab_opt.session.scenario.summary import law_summary
 from rehab_opt.session.scenario.trial import Law, Trial
 
-__all__ = ["assistance_of", "law_of", "run_scenario", "scene_of"]
+__all__ = ["assistance_of", "assisted_law", "law_of", "run_scenario", "scene_of"]
 
 Array = NDArray[np.float64]
 
@@ -174,6 +174,11 @@ def law_of(name: Law, loaded: ProblemFile[ScenarioProblem], ready: Prepared, *, 
         return pair_of(loaded, ready, delay=problem.helper.delay_s if name == "delayed" else 0.0, solver=solver)
     with bounds_refusals(loaded, solver=solver, section="assistance"):
         assistance = assistance_of(problem, ready, solver=solver)
+    return assisted_law(problem, ready, assistance)
+
+
+def assisted_law(problem: ScenarioProblem, ready: Prepared, assistance: Assistance) -> Assisted:
+    """Ours as the loop calls it: with its field where it is, or carried from point to point."""
     if problem.mode != "hold":
         return Assisted(assistance)
     return AssistedAtPoints(assistance, ready.reference, _pace(problem, ready.reference))

@@ -1,0 +1,232 @@
+"""`HelperSide` and `ParticipantSide`: a controller each, and the messages between them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.control.bilateral_sides import BEYOND, FromHelper, FromParticipant, HelperSide, ParticipantSide
+from rehab_opt.control.command import Command
+from rehab_opt.export.c_text import filled, initialiser, number
+from rehab_opt.export.controllers.bounded_force import DIFFERENCES, ExportedForce, check_rungs, faulty_ticks
+from rehab_opt.export.controllers.gated_fields import MEMORY, gated_fields
+from rehab_opt.export.controllers.workspace_edges import edge_rows, pull_back
+from rehab_opt.export.generated import renamed
+from rehab_opt.export.recording import Recording, Tick, recorded
+from rehab_opt.workspace.controller_map import ControllerMap
+from rehab_opt.workspace.region import ON_BOUNDARY
+from rehab_opt.workspace.spline_kernel import point_inputs, point_statement
+
+__all__ = ["exported_helper_side", "exported_participant_side"]
+
+Array = NDArray[np.float64]
+
+HELPER, PARTICIPANT = "helper_side", "participant_side"
+MAP = """\
+    double map[6];           /* image of a point [m], Jacobian there, column by column */
+    long long said, newest;  /* numbers of the last message, and of the newest that was heard */"""
+FELT = "    double felt[2];          /* on the participant's hand [N]; NaN where it is not known */"
+CALL = """\
+rehab_from_{other} heard = {{{heard}, tick->serial}};
+    rehab_from_{own} said;
+    rehab_{name}_step(&controller, tick->x, tick->with_heard ? &heard : NULL, tick->with_v ? tick->v : NULL,
+                      tick->enable, tick->stamp, out, &said);
+    more[0] = rehab_{name}_energy_left(&controller);
+    {said}
+    more[{last}] = (double)said.serial;"""
+USAGE = """\
+static rehab_{name} controller;
+rehab_command command;
+rehab_from_{other} heard;
+rehab_from_{own} said;
+
+rehab_{name}_init(&controller);
+for (;;) {{ /* every tick */
+    rehab_{name}_step(&controller, x, received(&heard) ? &heard : NULL, NULL, enable, stamp, &command, &said);
+    apply(command.value); /* force, N */
+    send(&said);
+}}"""
+OF_THE_PAIR = (
+    "The map sums over all its landmarks. Python sums series, where there are many: the same but for rounding.",
+    "`reset` fills the tank, always, as in Python; the numbers of messages are whole, and go on.",
+    "How messages are sent, and a delay between the sides, are the caller's: `Bilateral` is not there.",
+)
+PARTNER = "`partner`, the participant's hand in the helper's workspace for a display, is not there."
+HELPER_SAYS, PARTICIPANT_SAYS = ("x", "y", "energy"), ("x", "y", "force_x", "force_y", "energy")
+
+
+def exported_helper_side(
+    side: HelperSide, positions: Array, heard: Sequence[FromParticipant | None], *, title: str
+) -> ExportedForce:
+    """The helper's side, and what it answers to a hand (N, 2) [m] and to what it hears.
+
+    Parameters
+    ----------
+    side : made new, with backup="qrqp".
+
+    Raises
+    ------
+    ConfigurationError : a backup that C has not, or a workspace with rings that touch, slivers or spikes.
+    """
+    check_rungs(side.force)
+    function = renamed(point_statement(side._carry.spline._fit, with_jacobian=True), f"{HELPER}_map")
+    code = {
+        "name": HELPER,
+        "workspace": filled("workspace.c", {}),
+        "pull_back": pull_back(side.return_stiffness, side.return_force, name=HELPER),
+        "map": _map(side._carry, function, name=HELPER),
+        "hand_damping": number(side._damping),
+    }
+    ticks = _ticks(side, positions, heard, len(PARTICIPANT_SAYS))
+
+    def answer(tick: Tick) -> tuple[Command, FromHelper]:
+        message = FromParticipant._make((*tick["heard"].tolist(), tick["serial"])) if tick["with_heard"] else None
+        return side.step(tick["x"], message, _v(tick), enable=tick["enable"], stamp=tick["stamp"])
+
+    return _exported(
+        side,
+        HELPER,
+        title=f"{title}: the helper's side",
+        wanted=filled("felt.c", code),
+        evaluated=(function,),
+        more_memory=f"{MAP}\n{FELT}",
+        recording=_recording(side, ticks, answer),
+        differences=(*DIFFERENCES, *OF_THE_PAIR, PARTNER),
+        says=(HELPER_SAYS, PARTICIPANT_SAYS),
+    )
+
+
+def exported_participant_side(
+    side: ParticipantSide, positions: Array, heard: Sequence[FromHelper | None], *, title: str
+) -> ExportedForce:
+    """The participant's side, likewise."""
+    check_rungs(side.force)
+    function = renamed(point_statement(side._carry.spline._fit, with_jacobian=False), f"{PARTICIPANT}_map")
+    gate = gated_fields(side.force, (side.force.field,), name=PARTICIPANT)
+    side.reset()
+    ticks = _ticks(side, positions, heard, len(HELPER_SAYS))
+
+    def answer(tick: Tick) -> tuple[Command, FromParticipant]:
+        message = FromHelper._make((*tick["heard"].tolist(), tick["serial"])) if tick["with_heard"] else None
+        return side.step(tick["x"], message, _v(tick), enable=tick["enable"], stamp=tick["stamp"])
+
+    return _exported(
+        side,
+        PARTICIPANT,
+        title=f"{title}: the participant's side",
+        wanted=f"{gate.code}\n\n{_map(side._carry, function, name=PARTICIPANT)}",
+        evaluated=(gate.function, function),
+        more_memory=f"{MEMORY}\n{MAP}",
+        recording=_recording(side, ticks, answer),
+        differences=(*DIFFERENCES, *OF_THE_PAIR),
+        says=(PARTICIPANT_SAYS, HELPER_SAYS),
+    )
+
+
+def _exported(
+    side: HelperSide | ParticipantSide,
+    name: str,
+    *,
+    title: str,
+    wanted: str,
+    evaluated: Sequence[ca.Function],
+    more_memory: str,
+    recording: Recording,
+    differences: Sequence[str],
+    says: tuple[Sequence[str], Sequence[str]],
+) -> ExportedForce:
+    """What both sides have in common; `says` is what it says, and what it hears."""
+    own, heard = says
+    names = {
+        "own": name.removesuffix("_side"),
+        "other": (PARTICIPANT if name == HELPER else HELPER).removesuffix("_side"),
+    }
+    return ExportedForce(
+        name=name,
+        title=title,
+        force=side.force,
+        wanted=wanted,
+        evaluated=evaluated,
+        interface=name,
+        call=CALL.format(
+            name=name,
+            heard=", ".join(f"tick->heard[{i}]" for i in range(len(heard))),
+            said="\n    ".join(f"more[{i + 1}] = said.{each};" for i, each in enumerate(own)),
+            last=len(own) + 1,
+            **names,
+        ),
+        usage=USAGE.format(name=name, **names),
+        recording=recording,
+        differences=differences,
+        solves=2,  # and again from a cold start
+        more_memory=more_memory,
+        values={
+            "messages": filled("messages.h", {}),
+            "exchange": filled("exchange.c", {"name": name, "share": number(side._share), "beyond": number(BEYOND)}),
+        },
+    )
+
+
+def _map(carry: ControllerMap, function: ca.Function, *, name: str) -> str:
+    """C of the function `map_at`."""
+    tables = zip(("frame", "affine", "landmarks", "weights"), point_inputs(carry.spline._fit), strict=True)
+    return filled(
+        "spline_map.c",
+        {
+            **{each: initialiser(table.ravel(order="F")) for each, table in tables},
+            "name": name,
+            "on_boundary": number(ON_BOUNDARY),
+            "source": edge_rows(carry.source, "carry"),
+            "map_function": function.name(),
+        },
+    )
+
+
+def _ticks(
+    side: HelperSide | ParticipantSide,
+    positions: Array,
+    heard: Sequence[FromHelper | FromParticipant | None],
+    numbers: int,
+) -> list[Tick]:
+    """The ticks of a hand and of what it hears, with messages that are lost, doubled, late or broken among them."""
+    nothing = (*[0.0] * numbers, 0)
+    others: list[Tick] = [
+        {"heard": np.array((message or nothing)[:-1]), "with_heard": int(message is not None),
+         "serial": (message or nothing)[-1]}
+        for message in heard
+    ]  # fmt: skip
+    return faulty_ticks(
+        side.force, positions, others,
+        (
+            lambda tick: {**tick, "with_heard": 0},
+            lambda tick: {**tick, "serial": tick["serial"] - 1},
+            lambda tick: {**tick, "serial": max(tick["serial"] - 7, 0)},
+            lambda tick: {**tick, "heard": np.full(numbers, np.nan)},
+            lambda tick: {**tick, "heard": np.where(np.arange(numbers) == numbers - 2, np.inf, tick["heard"])},
+            lambda tick: {**tick, "heard": np.where(np.arange(numbers) == numbers - 1, 1e9, tick["heard"])},
+        ),
+    )  # fmt: skip
+
+
+def _recording(
+    side: HelperSide | ParticipantSide,
+    ticks: Sequence[Tick],
+    answer: Callable[[Tick], tuple[Command, FromHelper | FromParticipant]],
+) -> Recording:
+    """The commands, and besides each the energy that is left and what the side said."""
+    said: list[FromHelper | FromParticipant] = []
+
+    def command_of(tick: Tick) -> Command:
+        command, message = answer(tick)
+        said.append(message)
+        return command
+
+    about = f"{len(ticks)} ticks of a hand's path and of messages, with faults among them"
+    return recorded(command_of, ticks, about, more=lambda: (side.force.energy_left, *said[-1]))
+
+
+def _v(tick: Tick) -> Array | None:
+    return tick["v"] if tick["with_v"] else None

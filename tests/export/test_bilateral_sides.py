@@ -1,0 +1,228 @@
+"""Helper's and participant's side in C do what they do in Python, with every message that a network may hand over."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+import shutil
+import subprocess
+from collections import deque
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bench.scenarios import changed
+from rehab_opt.control.bilateral import Bilateral
+from rehab_opt.control.bilateral_sides import FromHelper, FromParticipant, HelperSide, ParticipantSide
+from rehab_opt.control.command import Status
+from rehab_opt.export.export_c import written_files
+from rehab_opt.export.exporters import exported_controllers
+from tests.export.calling_c import Built, CCommand, Exported, assert_same, doubles, shared
+from tests.export.pairing import DT, EGG, HELPER, SIDES, broken, carry, ready_for, sides
+
+
+class CFromHelper(ctypes.Structure):
+    """`rehab_from_helper`."""
+
+    _fields_ = [*((name, ctypes.c_double) for name in ("x", "y", "energy")), ("serial", ctypes.c_longlong)]
+
+
+class CFromParticipant(ctypes.Structure):
+    """`rehab_from_participant`."""
+
+    _fields_ = [
+        *((name, ctypes.c_double) for name in ("x", "y", "force_x", "force_y", "energy")),
+        ("serial", ctypes.c_longlong),
+    ]
+
+
+class CSide:
+    """One side in C, called from Python."""
+
+    def __init__(self, library: ctypes.CDLL, name: str, *, initialise: bool = True) -> None:
+        self.library, self.name = library, name
+        self.hears, self.says = (
+            (CFromParticipant, CFromHelper) if name == "helper_side" else (CFromHelper, CFromParticipant)
+        )
+        self.memory = ctypes.create_string_buffer(library.controller_size())
+        if initialise:
+            assert self.call("init") == 0
+
+    def call(self, what: str, *arguments: Any) -> int:
+        return int(getattr(self.library, f"rehab_{self.name}_{what}")(self.memory, *arguments))
+
+    @property
+    def energy_left(self) -> float:
+        asked = getattr(self.library, f"rehab_{self.name}_energy_left")
+        asked.restype = ctypes.c_double
+        return float(asked(self.memory))
+
+    def step(self, x: Any, heard: Any, v: Any, *, enable: int = 1, stamp: float) -> tuple[CCommand, Any]:
+        out, said = CCommand(), self.says()
+        message = None if heard is None else ctypes.byref(self.hears(*heard))
+        self.call(
+            "step", doubles(x), message, doubles(v), enable, ctypes.c_double(stamp), ctypes.byref(out),
+            ctypes.byref(said),
+        )  # fmt: skip
+        return out, said
+
+
+def assert_said(said: Any, message: FromHelper | FromParticipant) -> None:
+    """C says what Python does; nowhere where Python says nowhere."""
+    numbers = [getattr(said, name) for name, _ in said._fields_]
+    np.testing.assert_allclose(numbers, message, rtol=0, atol=1e-9, equal_nan=True)
+
+
+@pytest.fixture(scope="module")
+def libraries(exported: Exported, built: Built) -> dict[str, ctypes.CDLL]:
+    return {name: shared(exported(name), name, built) for name in SIDES}
+
+
+@pytest.fixture(scope="module")
+def python() -> dict[str, HelperSide | ParticipantSide]:
+    return dict(zip(SIDES, sides(), strict=True))
+
+
+@pytest.mark.parametrize("name", SIDES)
+@settings(max_examples=30)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_any_hand_and_any_messages_give_the_forces_and_messages_of_python(
+    libraries: dict[str, ctypes.CDLL], python: dict[str, Any], name: str, seed: int
+) -> None:
+    """Hands inside and outside, sensors that fail; messages that are lost, doubled, late, broken."""
+    rng, c, side = np.random.default_rng(seed), CSide(libraries[name], name), python[name]
+    side.reset()
+    side._serials.__init__()  # a controller that is made anew in C counts anew
+    of_helper = name == "helper_side"
+    x = (HELPER if of_helper else EGG.mean(axis=0)) + 0.05 * rng.normal(size=2)
+    other = (EGG.mean(axis=0) if of_helper else HELPER) + 0.03 * rng.normal(size=2)
+    way, stamp, box = rng.normal(size=2), 0.0, []
+    with_v = rng.random() < 0.5
+    for serial in range(1, 121):
+        way = 0.97 * way + 0.2 * rng.normal(size=2)
+        x = x + DT * 0.3 * way
+        other = other + 3e-4 * rng.normal(size=2)
+        energy = float(rng.choice([0.0, 1e-3, 0.1]))
+        sent = (
+            FromParticipant(*other, *(5.0 * way), energy, serial) if of_helper else FromHelper(*other, energy, serial)
+        )
+        box.append(broken(sent, rng) if rng.random() < 0.03 else sent)
+        heard = None if rng.random() < 0.03 else box[-1 if rng.random() < 0.9 else rng.integers(len(box))]
+        seen = x.copy()
+        if rng.random() < 0.02:
+            seen[rng.integers(2)] = rng.choice([np.nan, np.inf, 1e4, 0.3])
+        stamp += DT if rng.random() < 0.95 else rng.choice([0.01, 0.0, -DT, 0.2, -0.2])
+        told = {"enable": int(rng.random() < 0.97), "stamp": float(stamp)}
+        v = DT * 300 * way if with_v else None
+        (answer, said), (command, message) = c.step(seen, heard, v, **told), side.step(seen, heard, v, **told)
+        assert_same(answer, command)
+        assert_said(said, message)
+        assert c.energy_left == pytest.approx(side.force.energy_left, abs=1e-9)
+        if rng.random() < 0.01:
+            assert c.call("reset") == 0
+            side.reset()
+
+
+@pytest.mark.parametrize("delay", [0, 20])
+def test_two_sides_in_c_do_what_the_pair_does_in_python(libraries: dict[str, ctypes.CDLL], delay: int) -> None:
+    """Hands that go with every force, until the tanks run low: whatever one side says is heard by the other."""
+    both = Bilateral(*sides(), delay=delay * DT)
+    one, two = (CSide(libraries[name], name) for name in SIDES)
+    there, back = (deque([None] * (delay + 1)) for _ in range(2))
+    helper, participant = HELPER.copy(), carry().image(HELPER)
+    forces = []
+    for k in range(1500):
+        felt, drawn = both.step(helper, participant)
+        # Bilateral gives no stamps; stamps of sound ticks change nothing.
+        (of_helper, said), (of_participant, answer) = (
+            one.step(helper, back.popleft(), None, stamp=DT * k),
+            two.step(participant, there.popleft(), None, stamp=DT * k),
+        )
+        there.append([getattr(said, name) for name, _ in said._fields_])
+        back.append([getattr(answer, name) for name, _ in answer._fields_])
+        assert_same(of_helper, felt)
+        assert_same(of_participant, drawn)
+        forces.append([*felt.value, *drawn.value])
+        angle = 2 * math.pi * k * DT
+        helper = HELPER + [0.04 * math.sin(angle), 0.03 * math.sin(2 * angle)] + 1e-3 * felt.value / 50.0
+        participant = participant + DT * drawn.value / 60.0  # viscous: 60 N s/m
+    assert np.abs(forces).max(axis=0).min() > 1.0
+
+
+def test_a_side_that_was_not_made_says_nothing(libraries: dict[str, ctypes.CDLL]) -> None:
+    for name in SIDES:
+        side = CSide(libraries[name], name, initialise=False)
+        answer, said = side.step(HELPER, None, None, stamp=0.0)
+        assert (answer.why, list(answer.value)) == ("NOT_INITIALISED", [0.0] * 8)
+        assert math.isnan(said.x)
+        assert (said.energy, said.serial) == (0.0, 0)
+
+
+def test_a_newer_message_is_not_held_up_by_a_reset_and_an_old_one_not_let_in(libraries: dict[str, ctypes.CDLL]) -> None:
+    side = CSide(libraries["participant_side"], "participant_side")
+    target, x = FromHelper(*HELPER, 0.0, 7), carry().image(HELPER) + [0.004, 0.0]
+    for k, (serial, taken) in enumerate([(7, True), (7, False), (6, False), (8, True)]):
+        answer, _ = side.step(x, target._replace(serial=serial), None, stamp=DT * k)
+        assert (answer.why == "FINE") == taken
+    assert side.call("reset") == 0
+    for k, (serial, taken) in enumerate([(8, False), (9, True)]):
+        answer, _ = side.step(x, target._replace(serial=serial), None, stamp=DT * k)
+        assert (answer.why == "FINE") == taken
+
+
+BOTH = """\
+#include "rehab_helper_side.h"
+#include "rehab_participant_side.h"
+static rehab_helper_side one;
+static rehab_participant_side two;
+int main(void)
+{
+    const double x[2] = {0.5, 0.2}, y[2] = {-0.1, 0.4};
+    rehab_command felt, drawn;
+    rehab_from_helper said;
+    rehab_from_participant answer;
+    int failed = rehab_helper_side_init(&one) + rehab_participant_side_init(&two);
+    rehab_helper_side_step(&one, x, NULL, NULL, 1, 0.0, &felt, &said);
+    rehab_participant_side_step(&two, y, &said, NULL, 1, 0.0, &drawn, &answer);
+    return failed + (said.serial != 1) + (answer.serial != 1) + (drawn.reason != REHAB_FINE);
+}
+"""
+
+
+def test_both_sides_may_be_in_one_program_of_c(exported: Exported, built: Built, tmp_path: Path) -> None:
+    for name in SIDES:
+        for suffix in ("h", "c"):
+            shutil.copy(exported(name) / f"rehab_{name}.{suffix}", tmp_path)
+    (tmp_path / "both.c").write_text("#include <stddef.h>\n" + BOTH)
+    program = built(tmp_path, "both", "both.c", *(f"rehab_{name}.c" for name in SIDES), flags=("-O0",))
+    assert subprocess.run([program], check=False).returncode == 0
+
+
+@pytest.mark.parametrize("delayed", [False, True])
+def test_a_scenario_of_two_becomes_two_controllers(
+    delayed: bool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, built: Built
+) -> None:
+    """The map of the file takes seconds: that of these tests stands for it."""
+    laws = ["together", "delayed"] if delayed else ["together"]
+    task = {"movement_s": 3.0, "rest_s": 0.5}
+    loaded = changed("scenario_together", run={"rate_hz": 200.0, "laws": laws}, task=task)
+    monkeypatch.setattr("rehab_opt.export.controllers.scenario.prepared", lambda *_, **__: ready_for(loaded.problem))
+    controllers = exported_controllers(loaded, progress=lambda *_: None)
+    assert tuple(each.name for each in controllers) == SIDES
+    helper, participant = (each.recording for each in controllers)
+    late = 1 + (20 if delayed else 0)  # ticks that a message is under way
+    assert [tick["with_heard"] for tick in participant.ticks[: late + 2]] == [0] * late + [1, 1]
+    np.testing.assert_array_equal([tick["serial"] for tick in participant.ticks[late : late + 9]], np.arange(1, 10))
+    for recording in (helper, participant):
+        assert np.mean([command.status is Status.OK for command in recording.commands]) > 0.5
+        assert max(math.hypot(*command.value) for command in recording.commands) > 1.0
+    if delayed:
+        written_files({tmp_path / each.name: each for each in controllers}, tmp_path, problem="p")
+        for name in SIDES:
+            program = built(tmp_path / name, "example", f"rehab_{name}.c", "main.c", flags=("-O0",))
+            replay = subprocess.run([program, "0"], capture_output=True, text=True, check=False)
+            assert replay.returncode == 0, replay.stdout
