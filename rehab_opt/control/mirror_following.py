@@ -12,7 +12,6 @@ from rehab_opt.control.command import Bound, Command, Status
 from rehab_opt.control.mirror_statement import CALM, SPARE, WHOLE
 from rehab_opt.control.mirror_waiting import MirrorWaiting
 from rehab_opt.control.person_limit import PersonLimit
-from rehab_opt.kinematics.frames import ROTATION_TOLERANCE
 from rehab_opt.optim.qp import PLAUSIBLE
 from rehab_opt.symbolic import BufferedFunction
 
@@ -40,6 +39,7 @@ class MirrorFollowing(MirrorWaiting):
     catch_up: float
     _limit: PersonLimit | None
     _tool: BufferedFunction
+    _rigid: BufferedFunction
 
     def _begin(self) -> None:
         self.clock.reset()
@@ -162,7 +162,8 @@ class MirrorFollowing(MirrorWaiting):
         """Seconds of the reference to follow in a second; what is foreseen is not late."""
         clock = self.clock
         x, y, z, turning_x, turning_y, turning_z = twist.tolist()
-        speed, turning = math.hypot(x, y, z), math.hypot(turning_x, turning_y, turning_z)
+        speed = math.sqrt(x * x + y * y + z * z)
+        turning = math.sqrt(turning_x * turning_x + turning_y * turning_y + turning_z * turning_z)
         pace = 1.0
         if not foreseen and self._interaction.pace == 1.0:  # nobody is hurried who pushes
             late = clock.lag - self.dt
@@ -217,9 +218,4 @@ class MirrorFollowing(MirrorWaiting):
             if bad.any():
                 where = ", ".join(str(i) for i in np.argwhere(bad)[0])
                 return f"{name}[{where}] is {array[bad][0]}, not a usable number"
-        rotation = pose[:3, :3]
-        skewed = float(np.linalg.norm(rotation @ rotation.T - np.eye(3)))
-        level = np.array_equal(pose[3], (0.0, 0.0, 0.0, 1.0))
-        if not (skewed <= ROTATION_TOLERANCE and np.linalg.det(rotation) > 0 and level):
-            return self.requirement
-        return ""
+        return "" if self._rigid.of(pose.ravel())[0] else self.requirement

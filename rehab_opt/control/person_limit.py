@@ -7,9 +7,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rehab_opt.control.between_poses import moving_tool_function
 from rehab_opt.control.pose_tracker import PoseTracker
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain, rigid
+from rehab_opt.symbolic import BufferedFunction
 
 __all__ = ["PersonLimit"]
 
@@ -34,9 +36,18 @@ class PersonLimit:
     person : the arm, with finite limits, in the robot's base frame (`dataclasses.replace(human_arm(...), base=...)`).
     grip : (4, 4) pose of the robot's tool in the arm's hand frame.
     dt : tick [s].
+    backup, compile : as for `PoseTracker`.
     """
 
-    def __init__(self, person: SerialChain, *, grip: ArrayLike, dt: float, compile: bool | None = None) -> None:
+    def __init__(
+        self,
+        person: SerialChain,
+        *,
+        grip: ArrayLike,
+        dt: float,
+        backup: str | None = None,
+        compile: bool | None = None,
+    ) -> None:
         if not isinstance(person, SerialChain) or not np.all(np.isfinite([person.lower, person.upper])):
             raise ConfigurationError("person", person, "a SerialChain with finite joint limits")
         chain = replace(person, tool=person.tool @ rigid("grip", grip), acceleration=np.full(person.n, np.inf))
@@ -45,10 +56,12 @@ class PersonLimit:
 
         def tracker(dt: float) -> PoseTracker:
             return PoseTracker(
-                chain, dt=dt, gain=GAIN, linear_speed=3.0, angular_speed=10.0, task_weights=weights, compile=compile
-            )
+                chain, dt=dt, gain=GAIN, linear_speed=3.0, angular_speed=10.0, task_weights=weights, backup=backup,
+                compile=compile,
+            )  # fmt: skip
 
         self._tracker, self._settler = tracker(dt), tracker(SETTLING_DT)
+        self._moving = BufferedFunction(moving_tool_function(chain))
         self.reset()
 
     def reset(self) -> None:
@@ -65,7 +78,8 @@ class PersonLimit:
             for _ in range(SETTLING):
                 self._go(self._settler, pose, np.zeros(6))
         velocity = self._go(self._tracker, pose, twist)
-        return self.chain.pose(self.q), self.chain.jacobian(self.q) @ velocity
+        pose = self._moving.of(self.q, velocity).reshape(4, 4)
+        return pose, self._moving.outputs[1].copy()
 
     def _go(self, tracker: PoseTracker, pose: Array, twist: Array) -> Array:
         assert self.q is not None
