@@ -1,6 +1,6 @@
 """Distances and turns between two poses (4, 4): in plain Python where a tick waits for them, else as expressions.
 
-Functions that C is generated from take a pose as a column of its 16 entries by rows.
+Functions that C is generated from take a pose as a column of its first 12 entries by rows; those behind never change.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def distance_between(a: Array, b: Array) -> float:
 
 def angle_between(one: Array, other: Array) -> float:
     """[rad] between the axes of two poses, to 1e-7: from the trace of one's inverse times the other."""
-    return math.acos(min(max(_cosine(one.tolist(), other.tolist()), -1.0), 1.0))
+    return math.acos(min(max(_cosine(one[:3].tolist(), other[:3].tolist()), -1.0), 1.0))
 
 
 def turn_between(a: Array, b: Array) -> Array:
@@ -63,14 +63,14 @@ def turned(rotation: Array, vector: Array) -> Array:
 # ------------------------------------------------------------------------------------------------- as functions
 def angle_function() -> ca.Function:
     """Two poses -> `angle_between` them."""
-    a, b = ca.SX.sym("a", 16), ca.SX.sym("b", 16)
-    rows = ([[pose[4 * i + j] for j in range(4)] for i in range(4)] for pose in (a, b))
+    a, b = ca.SX.sym("a", 12), ca.SX.sym("b", 12)
+    rows = ([[pose[4 * i + j] for j in range(4)] for i in range(3)] for pose in (a, b))
     return ca.Function("angle", [a, b], [ca.acos(clipped(_cosine(*rows), -1, 1))], {"cse": True})
 
 
 def part_way_function() -> ca.Function:
     """Two poses, share -> axes (3, 3), by rows, of the first turned evenly towards the second by this share."""
-    a, b, share = ca.SX.sym("a", 16), ca.SX.sym("b", 16), ca.SX.sym("share")
+    a, b, share = ca.SX.sym("a", 12), ca.SX.sym("b", 12), ca.SX.sym("share")
     one, other = (_by_rows(pose)[:3, :3] for pose in (a, b))
     found = _turned(one, share * _turn(one, other))
     return ca.Function("part_way", [a, b, share], [ca.densify(ca.vec(found.T))], {"cse": True})
@@ -78,7 +78,7 @@ def part_way_function() -> ca.Function:
 
 def calm_way_function(linear_speed: float, angular_speed: float) -> ca.Function:
     """Two poses, least seconds -> seconds and twist (6,) of the even way between them at no more than these speeds."""
-    a, b, least = ca.SX.sym("a", 16), ca.SX.sym("b", 16), ca.SX.sym("least")
+    a, b, least = ca.SX.sym("a", 12), ca.SX.sym("b", 12), ca.SX.sym("least")
     one, other = _by_rows(a), _by_rows(b)
     shift, turn = other[:3, 3] - one[:3, 3], _turn(one[:3, :3], other[:3, :3])
     seconds = ca.fmax(ca.fmax(ca.norm_2(shift) / linear_speed, ca.norm_2(turn) / angular_speed), least)
@@ -86,13 +86,13 @@ def calm_way_function(linear_speed: float, angular_speed: float) -> ca.Function:
 
 
 def rigid_function() -> ca.Function:
-    """Pose -> see `is_rigid`."""
+    """Pose, all 16 entries -> see `is_rigid`."""
     pose = ca.SX.sym("pose", 16)
-    return ca.Function("rigid", [pose], [is_rigid(_by_rows(pose))], {"cse": True})
+    return ca.Function("rigid", [pose], [is_rigid(ca.reshape(pose, 4, 4).T)], {"cse": True})
 
 
 def moving_tool_function(chain: SerialChain) -> ca.Function:
-    """Joint positions and velocities (n,) -> pose of a chain's tool, and how that moves (6,)."""
+    """Joint positions and velocities (n,) -> pose of a chain's tool, all 16 entries, and how that moves (6,)."""
     q, velocity = ca.SX.sym("q", chain.n), ca.SX.sym("velocity", chain.n)
     pose, twist = chain.pose_expression(q), chain.jacobian_expression(q) @ velocity
     return ca.Function("moving_tool", [q, velocity], [ca.densify(ca.vec(pose.T)), ca.densify(twist)], {"cse": True})
@@ -100,13 +100,13 @@ def moving_tool_function(chain: SerialChain) -> ca.Function:
 
 # -------------------------------------------------------------------------------------------------- expressions
 def _by_rows(entries: ca.SX) -> ca.SX:
-    return ca.reshape(entries, 4, 4).T
+    return ca.reshape(entries, 4, 3).T
 
 
 def _cosine(one: Sequence[Sequence[Any]], other: Sequence[Sequence[Any]]) -> Any:
-    """Of the angle between the axes of two poses, rows of numbers or of expressions."""
-    (a, b, c, _), (d, e, f, _), (g, h, i, _), _ = one
-    (j, k, u, _), (m, n, o, _), (p, q, r, _), _ = other
+    """Of the angle between the axes of two poses, three rows of numbers or of expressions each."""
+    (a, b, c, _), (d, e, f, _), (g, h, i, _) = one
+    (j, k, u, _), (m, n, o, _), (p, q, r, _) = other
     trace = a * j + b * k + c * u + d * m + e * n + f * o + g * p + h * q + i * r
     return 0.5 * (trace - 1.0)
 

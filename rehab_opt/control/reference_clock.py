@@ -184,7 +184,7 @@ class ReferenceClock:
         pose = a + fraction * (b - a)
         # Between neighbouring samples entries suffice: what they miss of a rotation is an eighth of the angle's square.
         if self._seconds[at + 1] > 1.5 * self.dt or self._is_curved(at):
-            pose[:3, :3] = self._part_way.of(a.ravel(), b.ravel(), fraction).reshape(3, 3)
+            pose[:3, :3] = self._part_way.of(a.ravel()[:12], b.ravel()[:12], fraction).reshape(3, 3)
         return pose, twist
 
     def _is_curved(self, at: int) -> bool:
@@ -249,7 +249,7 @@ class ReferenceClock:
 
     def _bridge(self, a: Array, b: Array, least: float) -> tuple[float, Array]:
         """Seconds (at least so many) and twist (6,) of the calm way from one pose to another."""
-        calm = float(self._calm_way.of(a.ravel(), b.ravel(), least)[0])
+        calm = float(self._calm_way.of(a.ravel()[:12], b.ravel()[:12], least)[0])
         return calm, self._calm_way.outputs[1].copy()
 
     def _time_to(self, samples: int) -> float:
