@@ -29,6 +29,8 @@ STILL = 0.01, 0.1
 """[m/s, rad/s] A reference up to these is one of a hand that rests: to let its time pass leads no further away."""
 JUMP, SPIN = 5.0, 30.0
 """[m/s, rad/s] Faster samples than a hand can move: a jump of the tracker, and bridged."""
+SETTLING_TICKS = 3
+"""Of the model of the led arm while it finds its posture, in each tick: more would not fit into a quick one."""
 BRIDGE = 0.5
 """Share of the hand speeds at which a jump is bridged."""
 
@@ -74,6 +76,8 @@ class MirrorFollowing(MirrorWaiting):
         if reason:
             return self._safe(reason)
         here = self._tool.of(self._q)
+        if self._limit is not None and not self._limit.settle(here, ticks=SETTLING_TICKS):
+            return self._safe("the model of the led arm finds its posture")
         self._take(here, pose, twist)
         return self._tracked(here)
 

@@ -20,7 +20,9 @@ Array = NDArray[np.float64]
 TURN_LENGTH = 0.1
 """[m/rad] What a turn of the hand counts for against its place: a narrow wrist gives way first."""
 SETTLING, SETTLING_DT = 300, 0.05
-"""Ticks [and their length, s] in which the model finds to the first pose."""
+"""Ticks at most [and their length, s] in which the model finds to the first pose."""
+SETTLED = 1e-6
+"""[rad/s] Joint speeds at which it has come there, as near as it goes."""
 GAIN = 30.0
 """[1/s]"""
 
@@ -69,14 +71,25 @@ class PersonLimit:
         self.q: Array | None = None
         """(n,) posture of the model [rad]; None before the first pose."""
         self._tracker.reset()
+        self._settling = SETTLING
+        """Ticks that are left for finding to the first pose; none once it is found."""
 
-    def limited(self, pose: Array, twist: Array) -> tuple[Array, Array]:
-        """Pose (4, 4) and twist (6,) of the model's hand after this tick."""
+    def settle(self, pose: Array, *, ticks: int = SETTLING) -> bool:
+        """Go on finding to the first pose for so many ticks; whether the model is there, as near as it goes."""
         if self.q is None:
             self.q = (self.chain.lower + self.chain.upper) / 2
             self._settler.reset()
-            for _ in range(SETTLING):
-                self._go(self._settler, pose, np.zeros(6))
+        while self._settling > 0 and ticks > 0:
+            ticks -= 1
+            self._settling -= 1
+            if np.all(np.abs(self._go(self._settler, pose, np.zeros(6))) <= SETTLED):
+                self._settling = 0
+        return self._settling == 0
+
+    def limited(self, pose: Array, twist: Array) -> tuple[Array, Array]:
+        """Pose (4, 4) and twist (6,) of the model's hand after this tick."""
+        self.settle(pose)
+        assert self.q is not None
         velocity = self._go(self._tracker, pose, twist)
         pose = self._moving.of(self.q, velocity).reshape(4, 4)
         return pose, self._moving.outputs[1].copy()

@@ -41,6 +41,7 @@ REASONS = (
     Reason("POSITION_JUMPED", "the position moved faster than a hand", "position moved"),
     Reason("ENERGY_SPENT", "energy left does not afford a slower release", "energy left does not afford"),
     Reason("FIELD_NO_NUMBER", "the field gives no number here", "the field gives no number here"),
+    Reason("MODEL_SETTLES", "the model of the led arm finds its posture", "the model of the led arm finds its"),
     Reason("FORCE_AT_LIMIT", "the interaction force is at its limit", "interaction force of"),
 )
 """In the order of their numbers, which never change."""

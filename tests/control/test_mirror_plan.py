@@ -165,17 +165,13 @@ def test_a_recording_of_a_sample_or_two_leads_there(count: int) -> None:
 def test_a_plan_that_ends_incomplete_ends_at_rest() -> None:
     chain, planes = ur5(), (KeepOut.through([0, 0, -0.05], [0, 0, 1]), KeepOut.through([0.35, 0, 0], [-1, 0, 0]))
     made = MirrorTracker(chain, dt=0.05, largest=LARGEST, keep_out=planes, compile=False)
-    start, poses, twists = random_path(chain, np.random.default_rng(241), 0.05, below=True)
-    # How fast it is when it is given up hangs on the last bit of every number: the first start that is moving then.
-    for shift in range(10):
-        path = made.plan(poses, twists, start + 1e-9 * shift)
-        assert not path.complete
-        speeds = np.abs(path.velocities).max(axis=1)
-        assert speeds[-1] < 1e-3
-        braked = path.counts["braked"]
-        if speeds[-braked - 1] > 0.1:
-            break
-    assert speeds[-braked - 1] > 0.1
+    start, poses, twists = random_path(chain, np.random.default_rng(729), 0.05, below=True)  # rounding keeps it
+    path = made.plan(poses, twists, start)
+    assert not path.complete
+    speeds = np.abs(path.velocities).max(axis=1)
+    assert speeds[-1] < 1e-3
+    braked = path.counts["braked"]
+    assert speeds[-braked - 1] > 0.1  # it was moving when it was given up
     eased = np.array([not flags & Bound.ACCELERATION for flags in path.yielded[-braked:]])
     changes = np.abs(np.diff(path.velocities[-braked - 1 :], axis=0))[eased]
     assert np.all(changes <= chain.acceleration * 0.05 + 1e-9)

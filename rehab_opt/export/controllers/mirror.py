@@ -22,7 +22,7 @@ from rehab_opt.control.command import Command
 from rehab_opt.control.interaction import GONE
 from rehab_opt.control.manipulability import DISTANCES, DRAWN, GAIN, SHARES
 from rehab_opt.control.mirror import MirrorTracker
-from rehab_opt.control.person_limit import SETTLING, SETTLING_DT, PersonLimit
+from rehab_opt.control.person_limit import SETTLED, SETTLING, SETTLING_DT, PersonLimit
 from rehab_opt.control.reference_clock import CURVED, THINNED
 from rehab_opt.control.wanted import PASSES
 from rehab_opt.errors import ConfigurationError
@@ -75,9 +75,9 @@ SAME = (
     "in as many as thousands of postures. It is the slowest one of all; see the timing of `example`.",
 )
 OF_A_PERSON = (
-    "The same in both: the reference is limited by a model of the led arm, a QP of its own in every tick. In the "
-    f"first tick with a usable pose the model finds to it by {SETTLING} of them, while the robot is at rest: give "
-    "that tick time, or let it pass before the loop begins.",
+    "The same in both: the reference is limited by a model of the led arm, a QP of its own in every tick. It finds to "
+    f"the tool from the middle of its range first, by {mirror_following.SETTLING_TICKS} QPs a tick and "
+    f"{SETTLING} at most: until then the robot stays where it is and says `REHAB_MODEL_SETTLES`.",
 )
 STRONG, PUSH = 40.0, 12.0
 """[N] Forces of the recorded run: once beyond the limit that stops the arm, and a push that turns the hand aside."""
@@ -168,7 +168,7 @@ def exported_mirror(
         laws += [Law("following", limit._tracker), Law("settling", limit._settler)]
         parts |= {"one_tick": "one_tick.c", "person_limit": "person_limit.c"}
         values, more = _person(limit), MEMORY + PERSON_MEMORY.format(limit.chain.n)
-        solves *= 2 + SETTLING
+        solves *= 2 + mirror_following.SETTLING_TICKS
     return ExportedMirror(
         name=NAME,
         title=f"{title}: joint velocities that lead a hand along a mirrored path",
@@ -270,7 +270,7 @@ double last_before[{joints}];      /* velocities of the tick before */
 double rate, share, then, force_pace, waited, lead_w;
 int live, pushed, has_aim, has_centre, lead_age;
 """
-PERSON_MEMORY = "double person[{}]; /* posture of the model of the led arm */\nint person_placed;\n"
+PERSON_MEMORY = "double person[{}]; /* posture of the model of the led arm */\nint settling; /* ticks left to find it */\n"
 
 
 def _manipulability(chain: SerialChain) -> ca.Function:
@@ -281,7 +281,9 @@ def _manipulability(chain: SerialChain) -> ca.Function:
 def _person(limit: PersonLimit) -> dict[str, str]:
     chain = limit.chain
     return {
-        "settling_ticks": str(SETTLING),
+        "settling_ticks": str(mirror_following.SETTLING_TICKS),
+        "settling_most": str(SETTLING),
+        "settled": number(SETTLED),
         "settling_dt": number(SETTLING_DT),
         "person_joints": str(chain.n),
         "person_lower": initialiser(chain.lower),
