@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import ctypes
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt import Command, Interaction, KeepOut, MirrorTracker, SerialChain, human_arm
+from rehab_opt import Command, Interaction, KeepOut, MirrorTracker, SerialChain, human_arm, ur5
 from rehab_opt.export.controllers.mirror import NAME, exported_mirror
 from rehab_opt.export.export_c import written_files
 from rehab_opt.kinematics.chain import DH
@@ -101,13 +102,10 @@ def redundant() -> MirrorTracker:
 
 def led() -> MirrorTracker:
     """A UR5 that leads an arm of restricted motion."""
-    from rehab_opt import ur5
-
-    arm, base = human_arm(range_of_motion="restricted"), np.eye(4)
-    base[:3, 3] = -0.8, 0.2, 0.2
-    from dataclasses import replace
-
-    return MirrorTracker(ur5(), dt=0.005, backup="qrqp", person=replace(arm, base=base @ arm.base))
+    arm, robot = human_arm(range_of_motion="restricted"), ur5()
+    middle = 0.5 * (arm.lower + arm.upper)
+    base = robot.pose(START["led"]) @ np.linalg.inv(arm.pose(middle))  # in the middle of its range the hand is held
+    return MirrorTracker(robot, dt=0.005, backup="qrqp", person=replace(arm, base=base @ arm.base))
 
 
 START = {
