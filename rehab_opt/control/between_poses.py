@@ -1,52 +1,134 @@
-"""Distances and turns between two poses (4, 4), in plain Python where a tick waits for them."""
+"""Distances and turns between two poses (4, 4): in plain Python where a tick waits for them, else as expressions.
+
+Functions that C is generated from take a pose as a column of its first 12 entries by rows; those behind never change.
+"""
 
 from __future__ import annotations
 
 import math
+import threading
+from collections.abc import Callable, Sequence
+from typing import Any
 
+import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["angle_between", "distance_between", "turn_between", "turned"]
+from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.kinematics.frames import is_rigid, rotation_vector
+from rehab_opt.optim.certificate import clipped
+from rehab_opt.symbolic import BufferedFunction
+
+__all__ = [
+    "angle_between",
+    "angle_function",
+    "calm_way_function",
+    "distance_between",
+    "moving_tool_function",
+    "part_way_function",
+    "rigid_function",
+    "turn_between",
+    "turned",
+]
 
 Array = NDArray[np.float64]
+
+NO_TURN = 1e-300
+"""[rad] In place of an angle that is zero, in a quotient."""
 
 
 def distance_between(a: Array, b: Array) -> float:
     """[m] between the origins of two poses."""
     (_, _, _, ax), (_, _, _, ay), (_, _, _, az), _ = a.tolist()
     (_, _, _, bx), (_, _, _, by), (_, _, _, bz), _ = b.tolist()
-    return math.hypot(ax - bx, ay - by, az - bz)
+    x, y, z = ax - bx, ay - by, az - bz
+    return math.sqrt(x * x + y * y + z * z)
 
 
 def angle_between(one: Array, other: Array) -> float:
     """[rad] between the axes of two poses, to 1e-7: from the trace of one's inverse times the other."""
-    (a, b, c, _), (d, e, f, _), (g, h, i, _), _ = one.tolist()
-    (j, k, u, _), (m, n, o, _), (p, q, r, _), _ = other.tolist()
-    trace = a * j + b * k + c * u + d * m + e * n + f * o + g * p + h * q + i * r
-    return math.acos(min(max(0.5 * (trace - 1.0), -1.0), 1.0))
+    return math.acos(min(max(_cosine(one[:3].tolist(), other[:3].tolist()), -1.0), 1.0))
 
 
 def turn_between(a: Array, b: Array) -> Array:
     """(3,) rotation vector [rad] in the base frame that turns pose a's axes into b's."""
-    r = b[:3, :3] @ a[:3, :3].T
-    skew = 0.5 * np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]])
-    sine, cosine = float(np.linalg.norm(skew)), 0.5 * (float(np.trace(r)) - 1.0)
-    angle = math.atan2(sine, cosine)
-    if sine > 1e-6:
-        return np.asarray(skew * (angle / sine))
-    if cosine > 0.0:
-        return skew
-    symmetric = 0.5 * (r + r.T) + np.eye(3)  # half a turn: twice the axis times itself
-    column = symmetric[:, int(np.argmax(np.diag(symmetric)))]
-    return np.asarray(math.pi * column / np.linalg.norm(column))
+    return _evaluated(_turn, a[:3, :3], b[:3, :3])
 
 
 def turned(rotation: Array, vector: Array) -> Array:
     """`rotation` (3, 3) turned about the base frame's axes by a rotation vector (Rodrigues)."""
-    angle = float(np.linalg.norm(vector))
-    if angle < 1e-12:
-        return rotation
-    x, y, z = vector / angle
-    k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.asarray((np.eye(3) + math.sin(angle) * k + (1.0 - math.cos(angle)) * (k @ k)) @ rotation)
+    return _evaluated(_turned, rotation, vector)
+
+
+# ------------------------------------------------------------------------------------------------- as functions
+def angle_function() -> ca.Function:
+    """Two poses -> `angle_between` them."""
+    a, b = ca.SX.sym("a", 12), ca.SX.sym("b", 12)
+    rows = ([[pose[4 * i + j] for j in range(4)] for i in range(3)] for pose in (a, b))
+    return ca.Function("angle", [a, b], [ca.acos(clipped(_cosine(*rows), -1, 1))], {"cse": True})
+
+
+def part_way_function() -> ca.Function:
+    """Two poses, share -> axes (3, 3), by rows, of the first turned evenly towards the second by this share."""
+    a, b, share = ca.SX.sym("a", 12), ca.SX.sym("b", 12), ca.SX.sym("share")
+    one, other = (_by_rows(pose)[:3, :3] for pose in (a, b))
+    found = _turned(one, share * _turn(one, other))
+    return ca.Function("part_way", [a, b, share], [ca.densify(ca.vec(found.T))], {"cse": True})
+
+
+def calm_way_function(linear_speed: float, angular_speed: float) -> ca.Function:
+    """Two poses, least seconds -> seconds and twist (6,) of the even way between them at no more than these speeds."""
+    a, b, least = ca.SX.sym("a", 12), ca.SX.sym("b", 12), ca.SX.sym("least")
+    one, other = _by_rows(a), _by_rows(b)
+    shift, turn = other[:3, 3] - one[:3, 3], _turn(one[:3, :3], other[:3, :3])
+    seconds = ca.fmax(ca.fmax(ca.norm_2(shift) / linear_speed, ca.norm_2(turn) / angular_speed), least)
+    return ca.Function("calm_way", [a, b, least], [seconds, ca.vertcat(shift, turn) / seconds], {"cse": True})
+
+
+def rigid_function() -> ca.Function:
+    """Pose, all 16 entries -> see `is_rigid`."""
+    pose = ca.SX.sym("pose", 16)
+    return ca.Function("rigid", [pose], [is_rigid(ca.reshape(pose, 4, 4).T)], {"cse": True})
+
+
+def moving_tool_function(chain: SerialChain) -> ca.Function:
+    """Joint positions and velocities (n,) -> pose of a chain's tool, all 16 entries, and how that moves (6,)."""
+    q, velocity = ca.SX.sym("q", chain.n), ca.SX.sym("velocity", chain.n)
+    pose, twist = chain.pose_expression(q), chain.jacobian_expression(q) @ velocity
+    return ca.Function("moving_tool", [q, velocity], [ca.densify(ca.vec(pose.T)), ca.densify(twist)], {"cse": True})
+
+
+# -------------------------------------------------------------------------------------------------- expressions
+def _by_rows(entries: ca.SX) -> ca.SX:
+    return ca.reshape(entries, 4, 3).T
+
+
+def _cosine(one: Sequence[Sequence[Any]], other: Sequence[Sequence[Any]]) -> Any:
+    """Of the angle between the axes of two poses, three rows of numbers or of expressions each."""
+    (a, b, c, _), (d, e, f, _), (g, h, i, _) = one
+    (j, k, u, _), (m, n, o, _), (p, q, r, _) = other
+    trace = a * j + b * k + c * u + d * m + e * n + f * o + g * p + h * q + i * r
+    return 0.5 * (trace - 1.0)
+
+
+def _turn(a: ca.SX, b: ca.SX) -> ca.SX:
+    return rotation_vector(b @ a.T)
+
+
+def _turned(rotation: ca.SX, vector: ca.SX) -> ca.SX:
+    angle = ca.norm_2(vector)
+    x, y, z = ca.vertsplit(vector / ca.fmax(angle, NO_TURN))
+    k = ca.blockcat([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return (ca.SX.eye(3) + ca.sin(angle) * k + (1 - ca.cos(angle)) * (k @ k)) @ rotation
+
+
+_functions = threading.local()  # a buffer belongs to one thread
+
+
+def _evaluated(expression: Callable[[ca.SX, ca.SX], ca.SX], *values: ArrayLike) -> Array:
+    known = _functions.__dict__
+    name = expression.__name__
+    if name not in known:
+        symbols = [ca.SX.sym("value", *np.shape(value)) for value in values]
+        known[name] = BufferedFunction(ca.Function("of", symbols, [ca.densify(expression(*symbols))], {"cse": True}))
+    return known[name].of(*values)  # type: ignore[no-any-return]

@@ -5,15 +5,21 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.velocity_controller import checked_number
 from rehab_opt.errors import ConfigurationError
+from rehab_opt.optim.certificate import clipped
+from rehab_opt.symbolic import BufferedFunction
 
 __all__ = ["Feeling", "Interaction"]
 
 Array = NDArray[np.float64]
+
+GONE = 1e-6
+"""[m] A displacement up to this is none, once no force is measured any more."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,6 +47,16 @@ class Interaction:
         if not 0.0 <= self.slow_from < self.limit:
             raise ConfigurationError("slow_from", self.slow_from, f"newtons from 0 to below the limit, {self.limit:g}")
 
+    def felt_function(self, dt: float) -> ca.Function:
+        """Force [N] and displacement [m] (3,) -> displacement after a tick dt [s], share of the pace that is kept."""
+        force, offset = ca.SX.sym("force", 3), ca.SX.sym("offset", 3)
+        size = ca.norm_2(force)
+        goal = force * ca.fmin(1, self.limit / ca.fmax(size, 1e-12)) / self.stiffness
+        moved = goal + math.exp(-self.stiffness / self.damping * dt) * (offset - goal)
+        moved = moved * ca.fmin(1, self.most / ca.fmax(ca.norm_2(moved), 1e-12))
+        pace = clipped((self.limit - size) / (self.limit - self.slow_from), 0, 1)
+        return ca.Function("felt", [force, offset], [moved, pace], {"cse": True})
+
     def started(self, dt: float) -> Feeling:
         """What is felt tick by tick [s]."""
         return Feeling(self, dt)
@@ -50,7 +66,7 @@ class Feeling:
     """The displacement and pace that the forces so far lead to."""
 
     def __init__(self, law: Interaction, dt: float) -> None:
-        self.law, self._decay = law, math.exp(-law.stiffness / law.damping * dt)
+        self.law, self._felt = law, BufferedFunction(law.felt_function(dt))
         self.reset()
 
     def reset(self) -> None:
@@ -66,7 +82,8 @@ class Feeling:
         if force is None:
             if self.active:
                 self._move(np.zeros(3))
-                self.active = bool(np.linalg.norm(self.offset) > 1e-6)
+                x, y, z = self.offset.tolist()
+                self.active = math.sqrt(x * x + y * y + z * z) > GONE
                 self.offset = self.offset if self.active else np.zeros(3)
             self.pace = 1.0
             return ""
@@ -83,15 +100,11 @@ class Feeling:
         if not size < math.inf:
             self.pace = 0.0
             return "force is not a usable number"
-        law = self.law
-        self._move(felt * min(1.0, law.limit / max(size, 1e-12)))
-        self.pace = min(max((law.limit - size) / (law.limit - law.slow_from), 0.0), 1.0)
-        if size >= law.limit:
-            return f"interaction force of {size:.1f} N, at most {law.limit:g} N"
+        self._move(felt)
+        self.pace = float(self._felt.outputs[1][0])
+        if size >= self.law.limit:
+            return f"interaction force of {size:.1f} N, at most {self.law.limit:g} N"
         return ""
 
     def _move(self, force: Array) -> None:
-        goal = force / self.law.stiffness
-        offset = goal + self._decay * (self.offset - goal)
-        size = float(np.linalg.norm(offset))
-        self.offset = offset * min(1.0, self.law.most / size) if size > 0.0 else offset
+        self.offset = self._felt.of(force, self.offset)

@@ -11,13 +11,16 @@ from numpy.typing import NDArray
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
 
-__all__ = ["largest_manipulability", "way_out"]
+__all__ = ["drawn_ways", "largest_manipulability", "way_out"]
 
 Array = NDArray[np.float64]
 
 STARTS, LOOKED_AT = 6, 600
 SHARES = (0.002, 0.006, 0.02, 0.06, 0.2, 0.5)
 """Of a way out, where w must have grown: next to a posture singular twice it may fall first."""
+DISTANCES, DRAWN, GAIN = (0.05, 0.1, 0.2, 0.4, 0.8), 16, 1e-9
+"""[rad or m] How far ways are tried, how many are drawn a joint, and what counts as a gain of w."""
+ALL_BITS = 2**64 - 1
 TURN, SLIDE = math.pi, 1.0
 """[rad, m] Where a joint without limits is looked at: a full turn, and a metre either way."""
 
@@ -62,25 +65,46 @@ def way_out(chain: SerialChain, q: Array, *, turn: int = 0) -> Array:
     """(n,) direction, of length 1/2, in which w grows from a posture where its gradient shows none.
 
     The best of the joint axes, their pairs and a few directions drawn by a seed, either way, at the smallest distance
-    at which any of them gains without losing before: the same in every run. `turn` is the seed.
+    at which any of them gains without losing before: the same in every run, and in C. `turn` is the seed.
     """
-    n, rng = chain.n, np.random.default_rng(turn)
+    n = chain.n
     axes = np.eye(n)
     pairs = [axes[i] + sign * axes[j] for i in range(n) for j in range(i) for sign in (1.0, -1.0)]
-    drawn = list(rng.standard_normal((16 * n, n)))
-    ways = [way / np.linalg.norm(way) for way in (*axes, *pairs, *drawn)]
+    ways = [_of_length_one(way) for way in (*axes, *pairs, *drawn_ways(DRAWN * n, n, seed=turn))]
+    lower, upper = np.minimum(chain.lower, q), np.maximum(chain.upper, q)
+
+    def ahead(way: Array, distance: float) -> float:
+        return chain.manipulability(np.clip(q + distance * way, lower, upper))
+
     here = chain.manipulability(q)
     best, direction = here, np.zeros(n)
-    for distance in (0.05, 0.1, 0.2, 0.4, 0.8):
+    for distance in DISTANCES:
         for way in ways:
-            for sign in (1.0, -1.0):
-                steps = [q + sign * share * distance * way for share in (1.0, *SHARES)]
-                w, *before = (
-                    chain.manipulability(np.clip(step, np.minimum(chain.lower, q), np.maximum(chain.upper, q)))
-                    for step in steps
-                )
-                if w > best + 1e-9 and all(a <= b for a, b in itertools.pairwise((here, *before, w))):
-                    best, direction = w, sign * way
+            for signed in (distance, -distance):
+                w = ahead(way, signed)
+                if not w > best + GAIN:
+                    continue
+                before = [ahead(way, share * signed) for share in SHARES]
+                if all(a <= b for a, b in itertools.pairwise((here, *before, w))):
+                    best, direction = w, math.copysign(1.0, signed) * way
         if direction.any():
             break
     return np.asarray(0.5 * direction)
+
+
+def drawn_ways(count: int, n: int, *, seed: int) -> Array:
+    """(count, n) numbers evenly from -1 to 1: SplitMix64, which C draws as well."""
+    state, numbers = seed & ALL_BITS, np.empty(count * n)
+    for i in range(count * n):
+        state = (state + 0x9E3779B97F4A7C15) & ALL_BITS
+        mixed = ((state ^ (state >> 30)) * 0xBF58476D1CE4E5B9) & ALL_BITS
+        mixed = ((mixed ^ (mixed >> 27)) * 0x94D049BB133111EB) & ALL_BITS
+        numbers[i] = ((mixed ^ (mixed >> 31)) >> 11) * 2.0**-52 - 1.0
+    return numbers.reshape(count, n)
+
+
+def _of_length_one(way: Array) -> Array:
+    squares = 0.0
+    for each in way.tolist():
+        squares += each * each
+    return np.asarray(way / math.sqrt(squares))

@@ -15,6 +15,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rehab_opt.control.between_poses import moving_tool_function, rigid_function
 from rehab_opt.control.command import Bound, Command, Status
 from rehab_opt.control.hand_bounds import HandBounds, KeepOut
 from rehab_opt.control.interaction import Interaction
@@ -132,12 +133,16 @@ class MirrorTracker(MirrorForeseen):
         )  # fmt: skip
         self._limit = None
         if person is not None:
-            self._limit = PersonLimit(person, grip=np.eye(4) if grip is None else grip, dt=dt, compile=compile)
+            self._limit = PersonLimit(
+                person, grip=np.eye(4) if grip is None else grip, dt=dt, backup=options.get("backup"), compile=compile
+            )
         self._interaction = (Interaction() if interaction is None else interaction).started(dt)
         self._audit = BufferedFunction(self._auditing())
         symbol = ca.SX.sym("q", self.chain.n)
         tool = ca.Function("tool", [symbol], [ca.densify(self.chain.pose_expression(symbol))], {"cse": True})
         self._tool = BufferedFunction(compiled(tool, compile=compile))
+        self._moving = BufferedFunction(moving_tool_function(self.chain))
+        self._rigid = BufferedFunction(rigid_function())
         self.clock = ReferenceClock(dt, linear_speed=BRIDGE * linear_speed, angular_speed=BRIDGE * angular_speed)
         """Where the reference is read."""
         self.counts: Counter[str] = Counter()

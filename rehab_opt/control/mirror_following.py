@@ -12,7 +12,6 @@ from rehab_opt.control.command import Bound, Command, Status
 from rehab_opt.control.mirror_statement import CALM, SPARE, WHOLE
 from rehab_opt.control.mirror_waiting import MirrorWaiting
 from rehab_opt.control.person_limit import PersonLimit
-from rehab_opt.kinematics.frames import ROTATION_TOLERANCE
 from rehab_opt.optim.qp import PLAUSIBLE
 from rehab_opt.symbolic import BufferedFunction
 
@@ -30,6 +29,8 @@ STILL = 0.01, 0.1
 """[m/s, rad/s] A reference up to these is one of a hand that rests: to let its time pass leads no further away."""
 JUMP, SPIN = 5.0, 30.0
 """[m/s, rad/s] Faster samples than a hand can move: a jump of the tracker, and bridged."""
+SETTLING_TICKS = 3
+"""Of the model of the led arm while it finds its posture, in each tick: more would not fit into a quick one."""
 BRIDGE = 0.5
 """Share of the hand speeds at which a jump is bridged."""
 
@@ -40,6 +41,7 @@ class MirrorFollowing(MirrorWaiting):
     catch_up: float
     _limit: PersonLimit | None
     _tool: BufferedFunction
+    _rigid: BufferedFunction
 
     def _begin(self) -> None:
         self.clock.reset()
@@ -74,6 +76,8 @@ class MirrorFollowing(MirrorWaiting):
         if reason:
             return self._safe(reason)
         here = self._tool.of(self._q)
+        if self._limit is not None and not self._limit.settle(here, ticks=SETTLING_TICKS):
+            return self._safe("the model of the led arm finds its posture")
         self._take(here, pose, twist)
         return self._tracked(here)
 
@@ -162,7 +166,8 @@ class MirrorFollowing(MirrorWaiting):
         """Seconds of the reference to follow in a second; what is foreseen is not late."""
         clock = self.clock
         x, y, z, turning_x, turning_y, turning_z = twist.tolist()
-        speed, turning = math.hypot(x, y, z), math.hypot(turning_x, turning_y, turning_z)
+        speed = math.sqrt(x * x + y * y + z * z)
+        turning = math.sqrt(turning_x * turning_x + turning_y * turning_y + turning_z * turning_z)
         pace = 1.0
         if not foreseen and self._interaction.pace == 1.0:  # nobody is hurried who pushes
             late = clock.lag - self.dt
@@ -217,9 +222,4 @@ class MirrorFollowing(MirrorWaiting):
             if bad.any():
                 where = ", ".join(str(i) for i in np.argwhere(bad)[0])
                 return f"{name}[{where}] is {array[bad][0]}, not a usable number"
-        rotation = pose[:3, :3]
-        skewed = float(np.linalg.norm(rotation @ rotation.T - np.eye(3)))
-        level = np.array_equal(pose[3], (0.0, 0.0, 0.0, 1.0))
-        if not (skewed <= ROTATION_TOLERANCE and np.linalg.det(rotation) > 0 and level):
-            return self.requirement
-        return ""
+        return "" if self._rigid.of(pose.ravel())[0] else self.requirement

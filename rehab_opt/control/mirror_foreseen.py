@@ -61,7 +61,7 @@ class MirrorForeseen(MirrorFollowing):
         jumps = (way > JUMP * seconds[1:] + 1e-3) | (turn > SPIN * seconds[1:] + 1e-2)
         starts = [0, *(np.flatnonzero(jumps) + 1).tolist()]
         for i, j in zip(starts, [*starts[1:], len(poses)], strict=True):
-            clock.push(poses[i], twists[i], seconds=float(seconds[i]), bridge=True)
+            clock.push(poses[i], twists[i], seconds=float(seconds[i]), bridge=True, thinning=False)
             clock.extend(poses[i + 1 : j], twists[i + 1 : j], seconds[i + 1 : j])
         clock.slow_ahead(
             linear_speed=SPARE * self.linear_speed, angular_speed=SPARE * self.angular_speed, quickening=QUICKENING

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,6 +11,7 @@ from rehab_opt.control.between_poses import angle_between
 from rehab_opt.control.interaction import Feeling
 from rehab_opt.control.mirror_statement import CALM, MirrorStatement
 from rehab_opt.control.reference_clock import ReferenceClock
+from rehab_opt.symbolic import BufferedFunction
 
 __all__ = ["MirrorWaiting"]
 
@@ -28,6 +31,7 @@ class MirrorWaiting(MirrorStatement):
     clock: ReferenceClock
     _interaction: Feeling
     _rate: float
+    _moving: BufferedFunction
 
     def _begin_waiting(self) -> None:
         self._waited, self._gone_on, self._ahead = 0.0, 0.0, LEAVE_OUT
@@ -44,8 +48,9 @@ class MirrorWaiting(MirrorStatement):
             return
         self.counts["waited"] += 1
         self._waited += self.dt
-        hand = self.chain.jacobian(self._q)[:3] @ self._last
-        if self._waited < STUCK[0] or float(np.linalg.norm(hand)) > STUCK[1]:
+        self._moving.of(self._q, self._last)
+        x, y, z, *_ = self._moving.outputs[1].tolist()
+        if self._waited < STUCK[0] or math.sqrt(x * x + y * y + z * z) > STUCK[1]:
             return
         positions, poses, times = self.clock.waiting()
         near = np.flatnonzero(np.linalg.norm(positions - here[:3, 3], axis=1) <= CALM * self.max_deviation)

@@ -7,9 +7,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rehab_opt.control.between_poses import moving_tool_function
 from rehab_opt.control.pose_tracker import PoseTracker
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain, rigid
+from rehab_opt.symbolic import BufferedFunction
 
 __all__ = ["PersonLimit"]
 
@@ -18,7 +20,9 @@ Array = NDArray[np.float64]
 TURN_LENGTH = 0.1
 """[m/rad] What a turn of the hand counts for against its place: a narrow wrist gives way first."""
 SETTLING, SETTLING_DT = 300, 0.05
-"""Ticks [and their length, s] in which the model finds to the first pose."""
+"""Ticks at most [and their length, s] in which the model finds to the first pose."""
+SETTLED = 1e-6
+"""[rad/s] Joint speeds at which it has come there, as near as it goes."""
 GAIN = 30.0
 """[1/s]"""
 
@@ -34,9 +38,18 @@ class PersonLimit:
     person : the arm, with finite limits, in the robot's base frame (`dataclasses.replace(human_arm(...), base=...)`).
     grip : (4, 4) pose of the robot's tool in the arm's hand frame.
     dt : tick [s].
+    backup, compile : as for `PoseTracker`.
     """
 
-    def __init__(self, person: SerialChain, *, grip: ArrayLike, dt: float, compile: bool | None = None) -> None:
+    def __init__(
+        self,
+        person: SerialChain,
+        *,
+        grip: ArrayLike,
+        dt: float,
+        backup: str | None = None,
+        compile: bool | None = None,
+    ) -> None:
         if not isinstance(person, SerialChain) or not np.all(np.isfinite([person.lower, person.upper])):
             raise ConfigurationError("person", person, "a SerialChain with finite joint limits")
         chain = replace(person, tool=person.tool @ rigid("grip", grip), acceleration=np.full(person.n, np.inf))
@@ -45,10 +58,12 @@ class PersonLimit:
 
         def tracker(dt: float) -> PoseTracker:
             return PoseTracker(
-                chain, dt=dt, gain=GAIN, linear_speed=3.0, angular_speed=10.0, task_weights=weights, compile=compile
-            )
+                chain, dt=dt, gain=GAIN, linear_speed=3.0, angular_speed=10.0, task_weights=weights, backup=backup,
+                compile=compile,
+            )  # fmt: skip
 
         self._tracker, self._settler = tracker(dt), tracker(SETTLING_DT)
+        self._moving = BufferedFunction(moving_tool_function(chain))
         self.reset()
 
     def reset(self) -> None:
@@ -56,16 +71,28 @@ class PersonLimit:
         self.q: Array | None = None
         """(n,) posture of the model [rad]; None before the first pose."""
         self._tracker.reset()
+        self._settling = SETTLING
+        """Ticks that are left for finding to the first pose; none once it is found."""
 
-    def limited(self, pose: Array, twist: Array) -> tuple[Array, Array]:
-        """Pose (4, 4) and twist (6,) of the model's hand after this tick."""
+    def settle(self, pose: Array, *, ticks: int = SETTLING) -> bool:
+        """Go on finding to the first pose for so many ticks; whether the model is there, as near as it goes."""
         if self.q is None:
             self.q = (self.chain.lower + self.chain.upper) / 2
             self._settler.reset()
-            for _ in range(SETTLING):
-                self._go(self._settler, pose, np.zeros(6))
+        while self._settling > 0 and ticks > 0:
+            ticks -= 1
+            self._settling -= 1
+            if np.all(np.abs(self._go(self._settler, pose, np.zeros(6))) <= SETTLED):
+                self._settling = 0
+        return self._settling == 0
+
+    def limited(self, pose: Array, twist: Array) -> tuple[Array, Array]:
+        """Pose (4, 4) and twist (6,) of the model's hand after this tick."""
+        self.settle(pose)
+        assert self.q is not None
         velocity = self._go(self._tracker, pose, twist)
-        return self.chain.pose(self.q), self.chain.jacobian(self.q) @ velocity
+        pose = self._moving.of(self.q, velocity).reshape(4, 4)
+        return pose, self._moving.outputs[1].copy()
 
     def _go(self, tracker: PoseTracker, pose: Array, twist: Array) -> Array:
         assert self.q is not None

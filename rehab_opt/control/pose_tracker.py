@@ -174,6 +174,7 @@ class PoseTracker(VelocityController):
             variables=[velocity, progress],
             minimise=cost / 2,
             subject_to=[within(ca.reshape(rows, m, n) @ velocity.symbol, -ca.inf, most)] if m else [],
+            rounds=self.rounds,
             requires=[is_rigid(given.target)],
             guess=ca.vertcat(wanted, speed),
             prepared=[jacobian, asked, slowdown, lower, upper, outside, rows, most, told, wanted, delivered],
@@ -186,6 +187,8 @@ class PoseTracker(VelocityController):
     # -------------------------------------------------------------------------- what a tracker with more bounds adds
     row_count = 0
     """Number of linear bounds on the joint velocities besides their intervals."""
+    rounds = 0
+    """Of `Statement`."""
     memory_extra = 0
     """Numbers remembered besides velocity and position."""
     told_size = 0

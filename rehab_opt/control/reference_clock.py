@@ -2,20 +2,30 @@
 
 from __future__ import annotations
 
+import functools
 import math
+import operator
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.control.between_poses import angle_between, distance_between, turn_between, turned
+from rehab_opt.control.between_poses import (
+    angle_between,
+    calm_way_function,
+    distance_between,
+    part_way_function,
+)
 from rehab_opt.control.foreseen import Foreseen
+from rehab_opt.symbolic import BufferedFunction
 
 __all__ = ["ReferenceClock"]
 
 Array = NDArray[np.float64]
 
-THINNED = 40_000
-"""Samples that wait at most; beyond, every second one is left out."""
+THINNED = 4096
+"""Samples that wait at most; beyond, every second one is left out. What arrives at 200 Hz waits 20 s until then, and is
+still sampled at 100 Hz afterwards: far above what a tracker's filter lets through. C holds as many."""
 CURVED = 0.02
 """[rad] Turns between samples up to this are interpolated by entries, larger ones along the arc."""
 
@@ -32,7 +42,9 @@ class ReferenceClock:
     """
 
     def __init__(self, dt: float, *, linear_speed: float, angular_speed: float) -> None:
-        self.dt, self._linear, self._angular = dt, linear_speed, angular_speed
+        self.dt = dt
+        self._part_way = BufferedFunction(part_way_function())
+        self._calm_way = BufferedFunction(calm_way_function(linear_speed, angular_speed))
         self.reset()
 
     def reset(self) -> None:
@@ -89,8 +101,19 @@ class ReferenceClock:
         self._stamps = [stamp]
         self._poses, self._twists, self._seconds, self._paces = [pose.copy()], [twist.copy()], [0.0], [math.inf]
 
-    def push(self, pose: Array, twist: Array, *, seconds: float | None = None, bridge: bool = False) -> None:
-        """A new sample, one tick (or `seconds`) after the newest; with `bridge`, as late as a calm way to it takes."""
+    def push(
+        self,
+        pose: Array,
+        twist: Array,
+        *,
+        seconds: float | None = None,
+        bridge: bool = False,
+        thinning: bool = True,
+    ) -> None:
+        """A new sample, one tick (or `seconds`) after the newest; with `bridge`, as late as a calm way to it takes.
+
+        `thinning` bounds the samples that wait.
+        """
         seconds = self.dt if seconds is None else seconds
         stamp = self._stamps[-1] + seconds
         if bridge:
@@ -100,7 +123,7 @@ class ReferenceClock:
                 self._append(pose, between, calm, stamp)
                 seconds = 0.0
         self._append(pose, twist, seconds, stamp)
-        if len(self._poses) > THINNED:
+        if thinning and len(self._poses) - self._at > THINNED:
             self._thin()
 
     def extend(self, poses: Array, twists: Array, seconds: Array) -> None:
@@ -161,7 +184,7 @@ class ReferenceClock:
         pose = a + fraction * (b - a)
         # Between neighbouring samples entries suffice: what they miss of a rotation is an eighth of the angle's square.
         if self._seconds[at + 1] > 1.5 * self.dt or self._is_curved(at):
-            pose[:3, :3] = turned(a[:3, :3], fraction * turn_between(a, b))
+            pose[:3, :3] = self._part_way.of(a.ravel()[:12], b.ravel()[:12], fraction).reshape(3, 3)
         return pose, twist
 
     def _is_curved(self, at: int) -> bool:
@@ -221,17 +244,17 @@ class ReferenceClock:
         self._seconds = [0.0, seconds, 0.0, *self._seconds[target + 1 :]]
         self._paces = [math.inf, math.inf, *self._paces[target:]]
         self._stamps = [stamp, self._stamps[target], *self._stamps[target:]]
-        self._at, self._fraction, self.lag = 0, 0.0, sum(self._seconds)
+        self._at, self._fraction, self.lag = 0, 0.0, _total(self._seconds)
         self.cuts += 1
 
     def _bridge(self, a: Array, b: Array, least: float) -> tuple[float, Array]:
         """Seconds (at least so many) and twist (6,) of the calm way from one pose to another."""
-        shift, turn = b[:3, 3] - a[:3, 3], turn_between(a, b)
-        calm = max(float(np.linalg.norm(shift)) / self._linear, float(np.linalg.norm(turn)) / self._angular, least)
-        return calm, np.append(shift, turn) / calm
+        calm = float(self._calm_way.of(a.ravel()[:12], b.ravel()[:12], least)[0])
+        return calm, self._calm_way.outputs[1].copy()
 
     def _time_to(self, samples: int) -> float:
-        return sum(self._seconds[self._at + 1 : self._at + 1 + samples]) - self._fraction * self._seconds[self._at + 1]
+        coming = self._seconds[self._at + 1 : self._at + 1 + samples]
+        return _total(coming) - self._fraction * self._seconds[self._at + 1]
 
     def _append(self, pose: Array, twist: Array, seconds: float, stamp: float) -> None:
         self._stamps.append(stamp)
@@ -257,3 +280,8 @@ class ReferenceClock:
         gone = slice(first, len(self._poses) - 1, 2)
         for column in (self._poses, self._twists, self._seconds, self._paces, self._stamps):
             del column[gone]
+
+
+def _total(seconds: Iterable[float]) -> float:
+    """One after the other, as C adds them; Python's own sum compensates rounding from 3.12 on."""
+    return functools.reduce(operator.add, seconds, 0.0)

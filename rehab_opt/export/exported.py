@@ -9,18 +9,23 @@ from typing import ClassVar
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from rehab_opt.control.velocity_controller import VelocityController
 from rehab_opt.control.watchdog import DRIFT, Watchdog
+from rehab_opt.errors import ConfigurationError
 from rehab_opt.export.c_text import indented, initialiser, number
 from rehab_opt.export.generated import renamed
 from rehab_opt.export.reasons import REASONS, reason_number
 from rehab_opt.export.recording import Recording
+from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.optim.qp import PLAUSIBLE
 from rehab_opt.optim.qrqp import QRQP_ITERATIONS
 
 __all__ = ["ExportedController", "ExportedVelocity", "Law", "watchdog_of"]
 
+MOST_VALUES = 8
+"""Of a command: `REHAB_MOST_VALUES`."""
 VERDICT = 3
 """Numbers of a verdict before its report."""
 
@@ -77,6 +82,7 @@ class Law:
         requirement = REASONS[reason_number(controller.requirement)].name
         begin, count = (-1, 0) if wheels is None else (wheels.start, wheels.stop - wheels.start)
         cells = (
+            n,
             *(stated.parameter_size, stated.n, self.state - self.memory, self.memory, braked, self.reported),
             *(sent.start or 0, begin, count),
             *(len(inputs), "{" + ", ".join(map(str, inputs)) + "}"),
@@ -102,11 +108,12 @@ class ExportedController(ABC):
     solves : most solves of a tick.
     values : what the templates of the interface hold besides.
     more_memory : members of the C struct besides.
+    parts : templates (without .in) that those of core and interface hold, by the name they have there.
     """
 
     core: ClassVar[str]
     """The templates of its memory and its tick, likewise."""
-    parts: ClassVar[str]
+    contents: ClassVar[str]
     """What is in its C file, for the reader."""
 
     name: str
@@ -119,6 +126,7 @@ class ExportedController(ABC):
     solves: int
     values: Mapping[str, str] = field(default_factory=dict)
     more_memory: str = ""
+    parts: Mapping[str, str] = field(default_factory=dict)
 
     @property
     @abstractmethod
@@ -145,12 +153,22 @@ class ExportedVelocity(ExportedController):
 
     Parameters
     ----------
-    laws : its QPs, of which one is in use at a time; all of the same chain.
+    laws : its QPs; the first one's chain is the robot.
+
+    Raises
+    ------
+    ConfigurationError : a chain of more joints than a command has room for.
     """
 
     core: ClassVar[str] = "velocity_controller"
-    parts: ClassVar[str] = "kinematics, QP solve, certificate, watchdog, safe command"
+    contents: ClassVar[str] = "kinematics, QP solve, certificate, watchdog, safe command"
     laws: Sequence[Law]
+
+    def __post_init__(self) -> None:
+        """Check that every command fits."""
+        for law in self.laws:
+            if law.controller.chain.n > MOST_VALUES:
+                raise ConfigurationError("chain", law.controller.chain.n, f"at most {MOST_VALUES} joints, as C has")
 
     @property
     def iterations(self) -> int:
@@ -165,9 +183,10 @@ class ExportedVelocity(ExportedController):
         """Sizes, limits and the table of the laws."""
         laws, first = self.laws, self.laws[0].controller
         chain, wheels = first.chain, first.wheels
-        lower, upper = np.maximum(chain.lower, -PLAUSIBLE), np.minimum(chain.upper, PLAUSIBLE)
+        joints = max(law.controller.chain.n for law in laws)
         sizes = {
             "joints": chain.n,
+            "joints_most": joints,
             "laws": len(laws),
             "parameters_most": max(law.controller.stated.parameter_size for law in laws),
             "state_most": max(law.state for law in laws),
@@ -185,6 +204,12 @@ class ExportedVelocity(ExportedController):
             "law_shapes": indented(law.row() + "," for law in laws).rstrip(","),
             "plausible": number(PLAUSIBLE),
             "tolerance": number(first.tolerance),
-            "middle": initialiser((lower + upper) / 2),
+            "middle": "{" + ", ".join(initialiser(_middle(law.controller.chain)) for law in laws) + "}",
             "fastest": initialiser(chain.velocity),
         }
+
+
+def _middle(chain: SerialChain) -> NDArray[np.float64]:
+    """(n,) what stands in for positions before the first."""
+    lower, upper = np.maximum(chain.lower, -PLAUSIBLE), np.minimum(chain.upper, PLAUSIBLE)
+    return np.asarray((lower + upper) / 2)

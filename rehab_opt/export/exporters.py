@@ -52,6 +52,12 @@ def _scenario(loaded: ProblemFile[Any], progress: Progress) -> Sequence[Exported
     return exported_scenario(loaded, progress=progress)
 
 
+def _mirror(loaded: ProblemFile[Any], progress: Progress) -> Sequence[ExportedController]:
+    from rehab_opt.export.controllers.mirror import exported_mirror_problem  # noqa: PLC0415
+
+    return (exported_mirror_problem(loaded, progress=progress),)
+
+
 EXPORTERS: Mapping[str, Exporter] = MappingProxyType(
-    {"pose_tracking": _pose_tracking, "ardis": _ardis, "scenario": _scenario}
+    {"pose_tracking": _pose_tracking, "ardis": _ardis, "scenario": _scenario, "mirror": _mirror}
 )

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import casadi as ca
 
 from rehab_opt.errors import ConfigurationError
+from rehab_opt.symbolic.failed_solves import going_on_after_failed_solves
 
 __all__ = ["Generated", "generated", "renamed"]
 
@@ -58,6 +59,7 @@ def generated(functions: Sequence[ca.Function]) -> Generated:
         raise ConfigurationError("casadi", ca.CasadiMeta.version(), "a version that writes C of the form known here")
     for unused in UNUSED:
         code = code.replace(unused, "")
+    code = going_on_after_failed_solves(code)
     lines = (line.strip(" *") for line in notice.removeprefix("/*").splitlines())
     return Generated(
         code=DEFINITION.sub("static ", code.replace(OLD_C, COMPARISONS)).strip() + "\n",

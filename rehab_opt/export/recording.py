@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.control.command import Command, Status
 from rehab_opt.export.c_text import indented, initialiser, number
-from rehab_opt.export.reasons import reason_number
+from rehab_opt.export.reasons import notes_of, reason_number
 
 __all__ = ["MOST_TICKS", "Recording", "Tick", "recorded", "thinned", "with_faults"]
 
@@ -55,7 +55,7 @@ class Recording:
         first = self.commands[0]
         lines += [f"double value[{first.value.size}];", f"double wheels[{max(1, _wheels(first).size)}];"]
         lines.append(f"double more[{max(1, len(self.more[0]))}];")
-        return indented([*lines, "double scale;", "int status, yielded, reason;"])
+        return indented([*lines, "double scale;", "int status, yielded, reason, notes;"])
 
     def initialisers(self) -> Iterator[str]:
         """One C initialiser a tick."""
@@ -76,7 +76,7 @@ class Recording:
         first = self.commands[0]
         header += [f"value_{i}" for i in range(first.value.size)] + [f"wheel_{i}" for i in range(_wheels(first).size)]
         header += [f"more_{i}" for i in range(len(self.more[0]))]
-        writer.writerow([*header, "scale", "status", "yielded", "reason"])
+        writer.writerow([*header, "scale", "status", "yielded", "reason", "notes"])
         for tick, command, more in zip(self.ticks, self.commands, self.more, strict=True):
             row: list[Any] = []
             for value in tick.values():
@@ -151,9 +151,10 @@ def _wheels(command: Command) -> Array:
     return np.empty(0) if command.wheels is None else command.wheels
 
 
-def _said(command: Command) -> tuple[int, int, int]:
-    """Status, what yielded and the reason, in the numbers of C."""
-    return STATUSES[command.status], int(command.yielded), reason_number(command.reason)
+def _said(command: Command) -> tuple[int, ...]:
+    """Status, what yielded, the reason and the notes, in the numbers of C."""
+    reason = command.reason
+    return STATUSES[command.status], int(command.yielded), reason_number(reason), notes_of(reason)
 
 
 def _c(value: Any) -> str:

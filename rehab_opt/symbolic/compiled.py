@@ -17,6 +17,8 @@ from pathlib import Path
 
 import casadi as ca
 
+from rehab_opt.symbolic.failed_solves import going_on_after_failed_solves
+
 __all__ = ["cache_folder", "compilation_wanted", "compiled"]
 
 # No -ffast-math: it removes NaN checks. No contraction to fused multiply-adds and no -march=native, so that the
@@ -59,7 +61,7 @@ def compiled(function: ca.Function, *, compile: bool | None = None) -> ca.Functi
         return function
     generator = ca.CodeGenerator(function.name())
     generator.add(function)
-    source: str = generator.dump()
+    source = going_on_after_failed_solves(generator.dump())
     key = hashlib.sha256("\0".join((source, compiler[1], *FLAGS, platform.machine())).encode()).hexdigest()[:32]
     name, result = f"{function.name()}-{key}", function
     try:

@@ -15,7 +15,7 @@ import pytest
 
 from rehab_opt.control.command import Command
 from rehab_opt.export.c_source import SOLVERS
-from rehab_opt.export.reasons import REASONS, reason_number
+from rehab_opt.export.reasons import REASONS, notes_of, reason_number
 from rehab_opt.export.recording import STATUSES
 from rehab_opt.optim.ladder import Ladder
 
@@ -97,7 +97,7 @@ class CCommand(ctypes.Structure):
         ("wheels", ctypes.c_double * 4),
         ("scale", ctypes.c_double),
         ("residual", ctypes.c_double),
-        *((name, ctypes.c_int) for name in ("status", "yielded", "reason", "solver", "input", "element")),
+        *((name, ctypes.c_int) for name in ("status", "yielded", "reason", "solver", "input", "element", "notes")),
     ]
 
     @property
@@ -122,6 +122,7 @@ def assert_same(answer: CCommand, command: Command, tolerance: float = SAME) -> 
     assert not any(answer.value[n:])
     assert not any(answer.wheels[wheels.size :])
     assert answer.reason == reason_number(command.reason), (answer.why, command.reason)
+    assert answer.notes == notes_of(command.reason)
     assert (answer.status, answer.yielded) == (STATUSES[command.status], int(command.yielded))
     assert answer.solver == (SOLVERS.index(command.solver) if command.solver else -1)
     assert abs(answer.scale - command.scale) <= tolerance

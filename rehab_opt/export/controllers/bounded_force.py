@@ -48,7 +48,7 @@ class ExportedForce(ExportedController):
     """
 
     core: ClassVar[str] = "bounded_force"
-    parts: ClassVar[str] = "what force is wanted, QP solve, certificate, energy tank, watchdog, safe command"
+    contents: ClassVar[str] = "what force is wanted, QP solve, certificate, energy tank, watchdog, safe command"
     force: BoundedForce
     wanted: str
     evaluated: Sequence[ca.Function]

@@ -39,8 +39,8 @@ KEYS = {
 """Where the problem file says what the tracker calls by its own name."""
 
 
-def tracker_of(problem: MirrorProblem, scene: Scene, *, file: str) -> MirrorTracker:
-    """The tracker with the file's parameters.
+def tracker_of(problem: MirrorProblem, scene: Scene, *, file: str, backup: str | None = None) -> MirrorTracker:
+    """The tracker with the file's parameters; `backup` as for `Ladder`.
 
     Raises
     ------
@@ -67,6 +67,7 @@ def tracker_of(problem: MirrorProblem, scene: Scene, *, file: str) -> MirrorTrac
             person=person,
             grip=grip,
             dt=1.0 / section.rate_hz,
+            backup=backup,
         )
     except ConfigurationError as refused:
         key = KEYS.get(refused.argument, f"tracker.{refused.argument}")

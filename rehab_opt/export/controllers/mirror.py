@@ -1,0 +1,317 @@
+"""`MirrorTracker` of `system = "mirror"`, as it runs tick by tick; a plan needs no C."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.control import mirror_following, mirror_statement, mirror_waiting
+from rehab_opt.control.between_poses import (
+    angle_function,
+    calm_way_function,
+    moving_tool_function,
+    part_way_function,
+    rigid_function,
+)
+from rehab_opt.control.command import Command
+from rehab_opt.control.interaction import GONE
+from rehab_opt.control.manipulability import DISTANCES, DRAWN, GAIN, SHARES
+from rehab_opt.control.mirror import MirrorTracker
+from rehab_opt.control.person_limit import SETTLED, SETTLING, SETTLING_DT, PersonLimit
+from rehab_opt.control.reference_clock import CURVED, THINNED
+from rehab_opt.control.wanted import PASSES
+from rehab_opt.errors import ConfigurationError
+from rehab_opt.export.c_text import initialiser, number
+from rehab_opt.export.exported import ExportedVelocity, Law
+from rehab_opt.export.generated import renamed
+from rehab_opt.export.recording import MOST_TICKS, Recording, Tick, with_faults
+from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.optim.ladder import FUSED
+from rehab_opt.session.files import ProblemFile
+from rehab_opt.session.mirror.laws import tracker_of
+from rehab_opt.session.mirror.problem import MirrorProblem
+from rehab_opt.session.mirror.scene import laid_out
+from rehab_opt.session.outcome import Progress
+
+__all__ = ["ExportedMirror", "exported_mirror", "exported_mirror_problem"]
+
+Array = NDArray[np.float64]
+
+NAME = "mirror_tracker"
+CALL = (
+    f"rehab_{NAME}_step(&controller, tick->q, tick->pose, tick->twist, tick->with_force ? tick->force : NULL, "
+    "tick->enable, tick->stamp, out);"
+)
+USAGE = f"""\
+static rehab_{NAME} controller; /* static: it is large */
+rehab_command command;
+
+rehab_{NAME}_init(&controller);
+for (;;) {{ /* every tick */
+    rehab_{NAME}_step(&controller, q, pose, twist, NULL, enable, stamp, &command);
+    send(command.value); /* joint velocities, rad/s */
+}}"""
+DIFFERENCES = (
+    "There is no backup solver. Where Python would ask proxqp, C gives the safe command and "
+    "`REHAB_NOT_CERTIFIED`; the recorded run is of a Python controller without the backup, too.",
+    "`plan`, which knows the whole recording, is not there. A law that may wait for a file may run in Python.",
+    "What Python says in words of a command that is no fault (a shortened step, a slowed reference, a bridge) is "
+    "`notes`, without the numbers in it; `reason` is why it is the safe command.",
+    "A stamp is always asked for and checked. In Python it may be left out.",
+    "A q, pose or twist that is NULL counts as not a number; Python raises an error for an argument of the wrong "
+    "shape. A force that is NULL is one that nothing measures, as None is in Python.",
+    "`iterations` of Python's command is not told.",
+)
+SAME = (
+    f"The same in both: at most {THINNED} samples of the reference wait while the clock does. Where one more arrives, "
+    "every second one of those that wait is left out, and the path between its neighbours is straight; their time is "
+    "kept, and nothing is dropped at either end.",
+    "The same in both: where the gradient of the manipulability vanishes below the floor, a tick looks for a way out "
+    "in as many as thousands of postures. It is the slowest one of all; see the timing of `example`.",
+)
+OF_A_PERSON = (
+    "The same in both: the reference is limited by a model of the led arm, a QP of its own in every tick. It finds to "
+    f"the tool from the middle of its range first, by {mirror_following.SETTLING_TICKS} QPs a tick and "
+    f"{SETTLING} at most: until then the robot stays where it is and says `REHAB_MODEL_SETTLES`.",
+)
+STRONG, PUSH = 40.0, 12.0
+"""[N] Forces of the recorded run: once beyond the limit that stops the arm, and a push that turns the hand aside."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ExportedMirror(ExportedVelocity):
+    """A tracker of mirrored poses.
+
+    Parameters
+    ----------
+    tracker : what answers in Python.
+    """
+
+    tracker: MirrorTracker
+
+    def functions(self) -> list[ca.Function]:
+        """The laws' functions, and what the clock, the true bounds and the way out are made of."""
+        tracker = self.tracker
+        speeds = mirror_following.BRIDGE * tracker.linear_speed, mirror_following.BRIDGE * tracker.angular_speed
+        extra = {
+            "audit": tracker._auditing(),
+            "moving_tool": moving_tool_function(tracker.chain),
+            "manipulability": _manipulability(tracker.chain),
+            "felt": tracker._interaction.law.felt_function(tracker.dt),
+            "is_rigid": rigid_function(),
+            "angle_of": angle_function(),
+            "part_way": part_way_function(),
+            "calm_way": calm_way_function(*speeds),
+        }
+        if tracker._limit is not None:
+            extra["person_moving"] = moving_tool_function(tracker._limit.chain)
+        return [*super().functions(), *(renamed(function, name) for name, function in extra.items())]
+
+    def shape(self) -> dict[str, str]:
+        """Those of the laws, and the constants of clock, pace, forces and way out."""
+        shape = super().shape()
+        samples = 19 * (THINNED + 2)
+        return {**shape, "numbers": str(int(shape["numbers"]) + samples + 120), **_constants(self.tracker)}
+
+
+def exported_mirror_problem(loaded: ProblemFile[MirrorProblem], *, progress: Progress) -> ExportedMirror:
+    """The tracker of a problem file, and what it does along the recording.
+
+    Raises
+    ------
+    ProblemFileError : a recording or a value of the file that cannot be used.
+    """
+    problem, scene = loaded.problem, laid_out(loaded)
+    tracker = tracker_of(problem, scene, file=loaded.file, backup=FUSED)
+    poses, twists = scene.reference.poses, scene.reference.twists
+    return exported_mirror(
+        tracker, scene.start, poses, twists, title=problem.title, source=f"the recording of `{loaded.name}`",
+        progress=progress,
+    )  # fmt: skip
+
+
+def exported_mirror(
+    tracker: MirrorTracker,
+    start: Array,
+    poses: Array,
+    twists: Array,
+    *,
+    title: str,
+    source: str,
+    progress: Progress = lambda *_: None,
+) -> ExportedMirror:
+    """The tracker, and what it answers where its robot moves as commanded.
+
+    Parameters
+    ----------
+    tracker : made with backup="qrqp"; it is reset.
+    start : (n,) [rad, m] where its robot begins, at rest.
+    poses, twists : (N, 4, 4), (N, 6) what is asked for, tick by tick; as much of it as a recorded run holds.
+    title, source : what it is and where the poses come from, in a few words.
+
+    Raises
+    ------
+    ConfigurationError : a solver or a backup that C has not, or a chain of more joints than a command has room for.
+    """
+    ladder, limit = tracker._ladder, tracker._limit
+    if ladder.solver != FUSED or ladder.backup != FUSED:
+        raise ConfigurationError("tracker", ladder.backup, f"MirrorTracker(..., backup='{FUSED}'), as C is")
+    laws, parts = [Law("mirror", tracker)], {"types": "mirror_types.h", "at_start": "at_start.c"}
+    parts |= {"reference_clock": "reference_clock.c", "way_out": "way_out.c", "person_limit": "no_person.c"}
+    values, more, solves = {"one_tick": ""}, MEMORY, 2 * (PASSES + 1)
+    if limit is not None:
+        laws += [Law("following", limit._tracker), Law("settling", limit._settler)]
+        parts |= {"one_tick": "one_tick.c", "person_limit": "person_limit.c"}
+        values, more = _person(limit), MEMORY + PERSON_MEMORY.format(limit.chain.n)
+        solves *= 2 + mirror_following.SETTLING_TICKS
+    return ExportedMirror(
+        name=NAME,
+        title=f"{title}: joint velocities that lead a hand along a mirrored path",
+        laws=laws,
+        tracker=tracker,
+        interface="mirror",
+        call=CALL,
+        usage=USAGE,
+        recording=_recorded(tracker, start, poses, twists, source=source, progress=progress),
+        differences=(*DIFFERENCES, *SAME, *(OF_A_PERSON if limit is not None else ())),
+        solves=solves,
+        values=values,
+        parts=parts,
+        more_memory=more.format(name=NAME, slots=THINNED + 2, joints=tracker.chain.n),
+    )
+
+
+# ------------------------------------------------------------------------------------------------- the recorded run
+def _recorded(
+    tracker: MirrorTracker, start: Array, poses: Array, twists: Array, *, source: str, progress: Progress
+) -> Recording:
+    """A run with faults and forces in it, of a robot that moves as commanded: joints are filled in as it goes."""
+    count = min(len(poses), MOST_TICKS)
+    pushed = range(count // 2, 5 * count // 8)
+    sound: list[Tick] = [
+        {"q": start, "pose": pose, "twist": twist, "force": _force(k, pushed), "with_force": int(k in pushed)}
+        for k, (pose, twist) in enumerate(zip(poses[:count], twists[:count], strict=True))
+    ]
+    faulty = with_faults(sound, dt=tracker.dt, max_age=tracker._watchdog.max_age, more=_faults(tracker))
+    tracker.reset()
+    ticks, commands, q = [], [], start.copy()
+    for k, each in enumerate(faulty):
+        tick = {**each, "q": np.where(each["q"] == start, q, each["q"])}  # what was not replaced by a fault
+        command = _answer(tracker, tick)
+        ticks.append(tick)
+        commands.append(command)
+        q = q + command.value * tracker.dt
+        if k % 500 == 0:
+            progress("recorded", k, count)
+    about = (
+        f"{count} ticks along {source}, the robot moving as commanded, with faults among them: numbers that are none, "
+        "stamps that are wrong, the enable input released, jumps, forces"
+    )
+    return Recording(ticks, commands, about)
+
+
+def _answer(tracker: MirrorTracker, tick: Tick) -> Command:
+    force = tick["force"] if tick["with_force"] else None
+    return tracker.step(
+        tick["q"], tick["pose"], tick["twist"], force=force, enable=tick["enable"], stamp=tick["stamp"]
+    )
+
+
+def _force(k: int, pushed: range) -> Array:
+    """(3,) [N] a push that comes and goes, for five ticks beyond its limit."""
+    if k not in pushed:
+        return np.zeros(3)
+    share = (k - pushed.start) / len(pushed)
+    size = STRONG if abs(k - pushed.start - len(pushed) // 3) < 3 else PUSH * math.sin(math.pi * share)
+    return np.array([0.6, -0.8, 0.2]) * size
+
+
+def _faults(tracker: MirrorTracker) -> tuple[Callable[[Tick], Tick], ...]:
+    """What can be wrong with a tick besides, and what is only strange."""
+    chain, jump = tracker.chain, np.array([0.1, -0.1, 0.05])
+
+    def jumped(tick: Tick) -> Tick:
+        pose = np.array(tick["pose"])
+        pose[:3, 3] += jump
+        return {**tick, "pose": pose}
+
+    return (
+        lambda tick: {**tick, "pose": 1.1 * tick["pose"]},  # no rigid transform
+        lambda tick: {**tick, "pose": np.zeros((4, 4))},
+        lambda tick: {**tick, "twist": 1e4 * np.ones(6)},
+        lambda tick: {**tick, "q": np.minimum(chain.upper, 10.0) + 0.05},  # beyond every limit
+        lambda tick: {**tick, "force": np.full(3, np.nan), "with_force": 1},
+        jumped,
+    )
+
+
+# ------------------------------------------------------------------------------------------------ what C is told
+MEMORY = """\
+struct {{
+    struct rehab_{name}_sample {{
+        double pose[12], twist[6]; /* the first three rows [m]; [m/s, rad/s] */
+        double seconds;            /* since the sample before */
+    }} sample[{slots}];            /* a ring */
+    int first, count;              /* the one at hand, and how many there are from it on */
+    double fraction;               /* of the way to the next one */
+    double lag;                    /* [s] */
+}} clock;
+rehab_{name}_following following;  /* its counts; the rest is made when it is asked for */
+double accepted[22];               /* pose and twist of the last tick that needed no clock */
+double aim[16];                    /* what the person's arm can do of the reference */
+double centre[3];                  /* of the largest deviation [m] */
+double offset[3];                  /* by which forces turn the reference aside [m] */
+double last_before[{joints}];      /* velocities of the tick before */
+double rate, share, then, force_pace, waited, lead_w;
+int live, pushed, has_aim, has_centre, lead_age;
+"""
+PERSON_MEMORY = "double person[{}]; /* posture of the model of the led arm */\nint settling; /* ticks left to find it */\n"
+
+
+def _manipulability(chain: SerialChain) -> ca.Function:
+    q = ca.SX.sym("q", chain.n)
+    return ca.Function("manipulability", [q], [chain.manipulability_expression(q)], {"cse": True})
+
+
+def _person(limit: PersonLimit) -> dict[str, str]:
+    chain = limit.chain
+    return {
+        "settling_ticks": str(mirror_following.SETTLING_TICKS),
+        "settling_most": str(SETTLING),
+        "settled": number(SETTLED),
+        "settling_dt": number(SETTLING_DT),
+        "person_joints": str(chain.n),
+        "person_lower": initialiser(chain.lower),
+        "person_upper": initialiser(chain.upper),
+    }
+
+
+def _constants(tracker: MirrorTracker) -> dict[str, str]:
+    """What the templates of clock, pace, forces and way out hold; each product as Python makes it."""
+    f, s, w, dt, chain = mirror_following, mirror_statement, mirror_waiting, tracker.dt, tracker.chain
+    doubles = {
+        "longest": 1.5 * dt, "curved": CURVED, "still_linear": f.STILL[0], "still_angular": f.STILL[1], "gain": GAIN,
+        "max_deviation": tracker.max_deviation, "max_turn": tracker.max_turn, "gone": GONE,
+        "force_limit": tracker._interaction.law.limit, "catching_up": f.CATCHING_UP, "at_least": f.AT_LEAST,
+        "catch_up": tracker.catch_up, "waits": f.WAITS, "calm": s.CALM, "whole": s.WHOLE,
+        "reference_linear": s.SPARE * tracker.linear_speed, "reference_angular": s.SPARE * tracker.angular_speed,
+        "quickening": dt / f.QUICKENING, "waits_at": f.WAITS * tracker.max_deviation, "stuck_seconds": w.STUCK[0],
+        "stuck_speed": w.STUCK[1], "patience": w.PATIENCE, "calm_deviation": s.CALM * tracker.max_deviation,
+        "calm_turn": s.CALM * tracker.max_turn, "jump": f.JUMP * dt + 1e-3, "spin": f.SPIN * dt + 1e-2,
+    }  # fmt: skip
+    whole = {"waiting": THINNED, "drawn": DRAWN, "halvings": s.HALVINGS, "stale": s.STALE}
+    arrays = {
+        "change": chain.acceleration * dt * (1 + 1e-9) + 1e-12, "lower": chain.lower, "upper": chain.upper,
+        "distances": DISTANCES, "shares": SHARES,
+    }  # fmt: skip
+    return {
+        **{name: number(value) for name, value in doubles.items()},
+        **{name: str(value) for name, value in whole.items()},
+        **{name: initialiser(value) for name, value in arrays.items()},
+        "with_person": str(int(tracker._limit is not None)),
+    }
