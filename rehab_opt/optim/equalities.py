@@ -44,7 +44,8 @@ def dependent_equalities(statement: Statement) -> ca.Function | None:
     if not equalities:
         return None
     moves = lower < upper
-    dependent, directions = ca.SX.zeros(statement.m), []
+    dependent = ca.SX.zeros(statement.m)
+    directions: list[ca.SX] = []
     for i in equalities:
         left = matrix[i, :].T * moves
         for direction in directions:

@@ -212,7 +212,7 @@ def _recorded(
         f"{count} ticks along {source}, the robot moving as commanded, with faults among them: numbers that are none, "
         "stamps that are wrong, the enable input released, jumps, forces"
     )
-    return Recording(ticks, commands, about)
+    return Recording(ticks, commands, about, [()] * len(ticks))
 
 
 def _answer(tracker: MirrorTracker, tick: Tick) -> Command:
