@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -51,8 +52,13 @@ def bench_command(
     time_limit: float,
     out: Path,
     progress: Progress,
+    writing: AbstractContextManager[None] | None = None,
 ) -> None:
     """Compare, print and write; interrupted, it writes what there is before the interruption goes on.
+
+    Parameters
+    ----------
+    writing : entered while files are written.
 
     Raises
     ------
@@ -70,11 +76,12 @@ def bench_command(
             pass
     finally:
         if found is not None:
-            _told(found, out)
+            with writing or nullcontext():
+                written = write_comparison(found, out)
+            _told(found, out, written)
 
 
-def _told(found: Comparison, out: Path) -> None:
-    written = write_comparison(found, out)
+def _told(found: Comparison, out: Path, written: Sequence[Path]) -> None:
     console = Console()
     if console.width < WIDEST and not console.is_terminal:
         console = Console(width=WIDEST)

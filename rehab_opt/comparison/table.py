@@ -9,6 +9,7 @@ from typing import NamedTuple
 from rich.table import Table
 
 from rehab_opt.comparison.judgement import Outcome
+from rehab_opt.comparison.programmes import PREFIX
 from rehab_opt.comparison.summary import Row
 
 __all__ = ["Grid", "as_markdown", "as_table", "family_grids", "overview_grids", "refusal_grid"]
@@ -53,8 +54,7 @@ def overview_grids(rows: Sequence[Row]) -> list[Grid]:
         ("QPs of consecutive ticks, warm", "warm", False),
         ("Nonlinear programmes", "cold", True),
     ):
-        warm = {row.family for row in rows if row.mode == "warm"}
-        own = [row for row in rows if row.mode == mode and row.ticks and (row.family not in warm) is programmes]
+        own = [row for row in rows if row.mode == mode and row.ticks and row.family.startswith(PREFIX) is programmes]
         families, solvers = (tuple(dict.fromkeys(getattr(row, key) for row in own)) for key in ("family", "solver"))
         by_name = {(row.solver, row.family): row for row in own}
         cells = [(solver, *(_overview(by_name.get((solver, family))) for family in families)) for solver in solvers]
