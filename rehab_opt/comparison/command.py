@@ -12,7 +12,7 @@ from rich.console import Console
 from rehab_opt.comparison.entrants import entrants_named
 from rehab_opt.comparison.passes import Rules
 from rehab_opt.comparison.run import Comparison, chosen_sequences, compare, header, write_comparison
-from rehab_opt.comparison.table import as_table
+from rehab_opt.comparison.table import as_tables
 from rehab_opt.errors import ConfigurationError
 
 __all__ = ["Interruption", "bench_command"]
@@ -87,6 +87,8 @@ def _told(found: Comparison, out: Path, written: Sequence[Path]) -> None:
         console = Console(width=WIDEST)
     console.print(header(found), highlight=False, markup=False)
     for grid in found.grids:
-        console.print(as_table(grid))
+        console.print(f"\n{grid.title}", style="bold", highlight=False, markup=False)
+        for table in as_tables(grid, width=console.width):
+            console.print(table)
     names = ", ".join(path.name for path in written)
     console.print(f"written to {out}: {names}", highlight=False, markup=False, soft_wrap=True)
