@@ -196,7 +196,8 @@ def bench(
     try:
         with _on_interrupt(interruption), _bars() as progress:
             told = interruption.checked(progress)
-            bench_command(family, solver, time_limit=time_limit, out=_writable(out), progress=told)
+            place = _writable(out)
+            bench_command(family, solver, time_limit=time_limit, out=place, progress=told, writing=_undisturbed())
     except KeyboardInterrupt:
         print("rehab-opt: interrupted; the same command goes on from here", file=sys.stderr)
         raise typer.Exit(130) from None

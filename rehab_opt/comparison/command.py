@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from rich.console import Console
 from rehab_opt.comparison.entrants import entrants_named
 from rehab_opt.comparison.passes import Rules
 from rehab_opt.comparison.run import Comparison, chosen_sequences, compare, header, write_comparison
-from rehab_opt.comparison.table import as_table
+from rehab_opt.comparison.table import as_tables
 from rehab_opt.errors import ConfigurationError
 
 __all__ = ["Interruption", "bench_command"]
@@ -51,8 +52,13 @@ def bench_command(
     time_limit: float,
     out: Path,
     progress: Progress,
+    writing: AbstractContextManager[None] | None = None,
 ) -> None:
     """Compare, print and write; interrupted, it writes what there is before the interruption goes on.
+
+    Parameters
+    ----------
+    writing : entered while files are written.
 
     Raises
     ------
@@ -70,16 +76,19 @@ def bench_command(
             pass
     finally:
         if found is not None:
-            _told(found, out)
+            with writing or nullcontext():
+                written = write_comparison(found, out)
+            _told(found, out, written)
 
 
-def _told(found: Comparison, out: Path) -> None:
-    written = write_comparison(found, out)
+def _told(found: Comparison, out: Path, written: Sequence[Path]) -> None:
     console = Console()
     if console.width < WIDEST and not console.is_terminal:
         console = Console(width=WIDEST)
     console.print(header(found), highlight=False, markup=False)
     for grid in found.grids:
-        console.print(as_table(grid))
+        console.print(f"\n{grid.title}", style="bold", highlight=False, markup=False)
+        for table in as_tables(grid, width=console.width):
+            console.print(table)
     names = ", ".join(path.name for path in written)
     console.print(f"written to {out}: {names}", highlight=False, markup=False, soft_wrap=True)

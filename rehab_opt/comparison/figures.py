@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from rehab_opt.comparison.passes import MODES, Pass
 from rehab_opt.comparison.statistics import percentile, performance_profile
 from rehab_opt.comparison.summary import Row, family_times
+from rehab_opt.comparison.table import share_text
 from rehab_opt.session.drawing import GRID, framed, legend_below
 
 __all__ = ["figures_of"]
@@ -21,7 +22,8 @@ __all__ = ["figures_of"]
 COLOURS = ("#000000", "#E69F00", "#56B4E9", "#009E73", "#0072B2", "#D55E00", "#CC79A7")
 DASHES = ("-", "--", ":")
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*", "<", ">", "h")
-LARGEST_FACTOR = 300.0
+LEAST_FACTOR = 10.0
+"""To which a profile is drawn at least; further where a solver that solves everything needs longer."""
 LEAST_ERROR = 1e-17
 """What is exact is drawn here: a logarithm has no zero."""
 
@@ -58,12 +60,14 @@ def _profile(family: str, times: Mapping[str, Times], styles: Styles) -> Figure:
     figure = framed(f"{family}: share of instances solved within a factor of the fastest solver", 10.0, 5.2)
     panels = _panels(figure, times)
     for mode, axes in panels.items():
-        axes.set(xscale="log", xlim=(1.0, LARGEST_FACTOR), ylim=(0.0, 1.03))
+        profiles = performance_profile(times[mode])
+        largest = max([LEAST_FACTOR, *(float(factors[-1]) for factors, _ in profiles.values() if factors.size)])
+        axes.set(xscale="log", xlim=(1.0, largest), ylim=(0.0, 1.03))
         axes.set_title(mode, fontsize=10, loc="left")
         axes.set_xlabel("time beside the fastest solver of each instance [times]", fontsize=9)
         axes.yaxis.set_major_formatter(PercentFormatter(1.0))
-        for name, (factors, shares) in performance_profile(times[mode]).items():
-            x = np.concatenate(([1.0], factors, [LARGEST_FACTOR]))
+        for name, (factors, shares) in profiles.items():
+            x = np.concatenate(([1.0], factors, [largest]))
             y = np.concatenate(([0.0], shares, [shares[-1] if shares.size else 0.0]))
             style = {key: value for key, value in styles[name].items() if key != "marker"}
             axes.step(x, y, where="post", label=name, linewidth=1.6, **style)
@@ -94,7 +98,7 @@ def _distribution(family: str, times: Mapping[str, Times]) -> Figure:
             failed = of_mode.size - solved.size
             if failed:
                 axes.set_xmargin(0.25)
-                note = f"{100 * failed / of_mode.size:.2g} % failed"
+                note = f"{share_text(failed / of_mode.size)} failed"
                 axes.annotate(note, (0.985, i), xycoords=("axes fraction", "data"), ha="right", va="center",
                               fontsize=7, color="#D55E00")  # fmt: skip
     return figure

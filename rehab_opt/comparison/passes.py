@@ -23,6 +23,8 @@ MOST_TOO_LATE = 3
 """Ticks of a pass that may be too late before the rest is not tried."""
 SETUP_SECONDS = 120.0
 """Limit of making a solver: its imports, and a compiler."""
+FIRST_SECONDS = 10.0
+"""Limit of a first solve beyond that of any other: what a solver loads when it is used."""
 
 
 class Rules(NamedTuple):
@@ -88,13 +90,14 @@ def _once(
     whole = len(sequence)
     done: list[Judged] = []
     begun, blocks, late = False, list(BLOCKS), 0
+    tame = _tame_ticks(judge, whole)
     while len(done) < whole:
         if late >= MOST_TOO_LATE:
             why = f"{late} ticks before it were too late"
             done += [Judged(Outcome.NOT_TRIED, math.inf, math.inf, math.nan, why)] * (whole - len(done))
             break
         if not begun:
-            refusal = _begun(worker, entrant, sequence, warm, rules)
+            refusal = _begun(worker, entrant, sequence, warm=warm, rules=rules, tame=tame)
             if refusal:
                 done += [Judged(Outcome.RAISED, math.inf, math.inf, math.nan, refusal)] * (whole - len(done))
                 break
@@ -125,18 +128,34 @@ def _once(
     return done
 
 
-def _begun(worker: Worker, entrant: Entrant, sequence: Instances, warm: bool, rules: Rules) -> str:
-    """Why the solver cannot be made, or nothing."""
-    try:
-        return worker.begin(entrant, sequence, warm=warm, limit=rules.setup)
-    except TooLateError:
-        return f"not ready after {rules.setup:g} s"
-    except WorkerDiedError as death:
-        return str(death)
+def _tame_ticks(judge: Judge, whole: int) -> list[int]:
+    """Ticks that a first solve may be of: the first and the last one that have an answer."""
+    fair = [tick for tick in range(whole) if not judge.hopeless(tick)]
+    return list(dict.fromkeys((*fair[:1], *fair[-1:])))
+
+
+def _begun(worker: Worker, entrant: Entrant, sequence: Instances, *, warm: bool, rules: Rules, tame: list[int]) -> str:
+    """Why the solver cannot be made, or nothing: then it is, and has solved the first of `tame`.
+
+    A tick that it hangs or dies at leaves `tame`: what becomes of that tick is found out in its own turn.
+    """
+    while True:
+        try:
+            refusal = worker.begin(entrant, sequence, warm=warm, limit=rules.setup)
+        except TooLateError:
+            return f"not ready after {rules.setup:g} s"
+        except WorkerDiedError as death:
+            return str(death)
+        if refusal or not tame:
+            return refusal
+        try:
+            return worker.warm_up(tame[0], limit=rules.limit + FIRST_SECONDS)
+        except (TooLateError, WorkerDiedError):
+            del tame[0]
 
 
 def _better(one: Judged, other: Judged) -> Judged:
     """The faster of two solves of the same tick; an answer that is not the same each time counts as its worse one."""
     if one.outcome is not other.outcome:
-        return one if one.outcome is not Outcome.SOLVED else other
+        return one if one.outcome not in (Outcome.SOLVED, Outcome.SAID_NO) else other
     return one if one.seconds <= other.seconds else other

@@ -17,7 +17,7 @@ from rehab_opt.optim.backends import Answer
 from rehab_opt.optim.nlp_solvers import nlp_solver
 from rehab_opt.symbolic import BufferedFunction
 
-__all__ = ["PROGRAMME_ENTRANTS", "Programmes", "shipped_programmes"]
+__all__ = ["PREFIX", "PROGRAMME_ENTRANTS", "Programmes", "shipped_programmes"]
 
 Array = NDArray[np.float64]
 

@@ -71,4 +71,6 @@ def recommendation_grid(found: Sequence[Recommendation]) -> Grid:
             other = (name, solved, f"{1e6 * each.best.mean:.3g}", f"{each.ratio:.2f}")
         own = (each.family, each.default.solver, f"{100 * each.default.solved:.4g} %", f"{1e6 * each.default.mean:.3g}")
         cells.append((*own, *other, "stays" if each.stays else f"slower by more than {SLACK - 1:.0%}"))
-    return Grid("The default beside the best alternative, in the mode in which the capability solves", columns, cells)
+    return Grid(
+        "The default beside the best alternative, in the mode in which the capability solves", columns, cells, leading=2
+    )

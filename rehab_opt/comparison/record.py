@@ -15,6 +15,7 @@ from rehab_opt.comparison.entrants import Entrant
 from rehab_opt.comparison.instances import Instances
 from rehab_opt.comparison.judgement import Judged, Outcome
 from rehab_opt.comparison.passes import Pass, Rules
+from rehab_opt.session.many.digest import software_digest
 from rehab_opt.symbolic.compiled import compilation_wanted
 
 __all__ = ["RECORD", "Key", "keep_pass", "kept_passes", "key_of", "versions_of"]
@@ -32,8 +33,8 @@ class Key(NamedTuple):
 
 
 def key_of(entrant: Entrant, sequence: Instances, mode: str, *, rules: Rules, processor: str) -> Key:
-    """Key of a pass: besides its names, the numbers, the versions, the rules and the processor."""
-    rest = [sequence.digest, sequence.tolerance, versions_of(entrant), rules, processor]
+    """Key of a pass: besides its names, the numbers, this library's source, the versions, rules and processor."""
+    rest = [sequence.digest, sequence.tolerance, software_digest(), versions_of(entrant), rules, processor]
     if not compilation_wanted():
         rest.append("virtual machine")
     digest = hashlib.sha256(json.dumps(rest).encode())

@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +23,7 @@ from rehab_opt.comparison.recommendation import recommendation_grid, recommendat
 from rehab_opt.comparison.record import RECORD, Key, keep_pass, kept_passes, key_of, versions_of
 from rehab_opt.comparison.reference import ACCURACY, Reference
 from rehab_opt.comparison.sequence import read_sequence, shipped_sequences
-from rehab_opt.comparison.summary import Row, rows_of
+from rehab_opt.comparison.summary import Row, comparable, rows_of
 from rehab_opt.comparison.table import Grid, as_markdown, family_grids, overview_grids, refusal_grid
 from rehab_opt.comparison.worker import THREADS, Worker
 from rehab_opt.errors import ConfigurationError
@@ -31,15 +33,32 @@ __all__ = ["Comparison", "chosen_sequences", "compare", "header", "write_compari
 Progress = Callable[[str, int, int], None]
 
 
-class Comparison(NamedTuple):
-    """What a comparison has found, whole or as far as it got."""
+@dataclass(frozen=True)
+class Comparison:
+    """What a comparison has found, whole or as far as it got.
 
-    passes: tuple[Pass, ...]
-    rows: tuple[Row, ...]
+    Parameters
+    ----------
+    done : every pass.
+    hopeless : (T,) of each sequence: which ticks have no answer.
+    about : machine, versions, settings, sequences and their references.
+    limit : [s] of a solve.
+    """
+
+    done: tuple[Pass, ...]
     hopeless: dict[str, NDArray[np.bool_]]
-    """(T,) of each sequence: which ticks have no answer."""
     about: dict[str, Any]
-    """Machine, versions, settings, sequences and their references."""
+    limit: float
+
+    @cached_property
+    def passes(self) -> tuple[Pass, ...]:
+        """Those that can be compared: on the sequences of a family that all of its solvers have been through."""
+        return comparable(self.done)
+
+    @cached_property
+    def rows(self) -> tuple[Row, ...]:
+        """A row for every family, solver and mode."""
+        return rows_of(self.passes, self.hopeless, limit=self.limit)
 
     @property
     def grids(self) -> list[Grid]:
@@ -80,7 +99,7 @@ def compare(
     rules: Rules,
     progress: Progress = lambda *_: None,
 ) -> Iterator[Comparison]:
-    """Solve everything; yields what is known after each sequence, the last one being all of it.
+    """Solve everything; yields what is known after each pass, the last one being all of it.
 
     Every finished pass is a line of `passes.jsonl` in `out`; passes that stand there, of the same numbers, versions,
     rules and processor, are not made again.
@@ -121,9 +140,8 @@ def compare(
                     one = passed(worker, entrant, sequence, mode=mode, judge=judge, rules=rules)
                     keep_pass(out / RECORD, key, one)
                 done.append(one)
+                yield Comparison(tuple(done), hopeless, {**about, "loads": _loads(done)}, rules.limit)
             progress("solvers on sequences", len(done), whole)
-            about["loads"] = _loads(done)
-            yield Comparison(tuple(done), rows_of(done, hopeless, limit=rules.limit), dict(hopeless), about)
     finally:
         worker.stop()
 

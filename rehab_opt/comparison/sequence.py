@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.comparison.array_file import META, read_arrays, write_arrays
 from rehab_opt.comparison.provenance import versions_now
-from rehab_opt.comparison.sequence_arrays import ARRAYS, checked_arrays, checked_numbers
+from rehab_opt.comparison.sequence_arrays import ARRAYS, checked_arrays, checked_costs, checked_numbers
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.optim.qp import Instance
 
@@ -60,7 +60,7 @@ class QPSequence:
     Raises
     ------
     ConfigurationError : shapes that do not belong together, a mark that is none, a number that is not finite in a tick
-        not marked "nan".
+        not marked "nan", a Hessian that is not symmetric and positive semidefinite.
     """
 
     name: str
@@ -96,6 +96,7 @@ class QPSequence:
                 raise ConfigurationError("marks", mark, f"of {', '.join(MARKS)}")
         arrays = {key: getattr(self, key) for key in ARRAYS}
         checked_numbers(arrays, len(self), lambda tick: "nan" in self.marks_of(tick))
+        checked_costs(self.hessian)
 
     @property
     def family(self) -> str:

@@ -10,13 +10,15 @@ from numpy.typing import NDArray
 
 from rehab_opt.errors import ConfigurationError
 
-__all__ = ["ARRAYS", "checked_arrays", "checked_numbers"]
+__all__ = ["ARRAYS", "checked_arrays", "checked_costs", "checked_numbers"]
 
 Array = NDArray[np.float64]
 
 ARRAYS = ("hessian", "gradient", "rows", "rows_lower", "rows_upper", "lower", "upper")
 """The fields of numbers, in the order of `Instance`."""
 BOUNDS = ("rows_lower", "rows_upper", "lower", "upper")
+CONVEX = 1e-9
+"""Of H's largest number, by how much it may miss its symmetry, or an eigenvalue zero: what rounding leaves."""
 
 
 def checked_arrays(given: Mapping[str, Any]) -> dict[str, Array]:
@@ -54,3 +56,25 @@ def checked_numbers(arrays: Mapping[str, Array], ticks: int, may_be_broken: Call
             used_in = [tick] if len(array) > 1 else range(ticks)
             if not all(may_be_broken(each) for each in used_in):
                 raise ConfigurationError(key, f"not finite in tick {tick}", 'numbers in a tick not marked "nan"')
+
+
+def checked_costs(hessian: Array) -> None:
+    """Refuse an H that is not symmetric, or not positive semidefinite.
+
+    Of one that is not symmetric some solvers read a half, others the whole; of one that is not convex a certificate
+    accepts any stationary point.
+
+    Raises
+    ------
+    ConfigurationError : it names the first such tick. Ticks that are not finite are passed over.
+    """
+    known = hessian.copy()
+    known[~np.isfinite(known).all(axis=(1, 2))] = 0.0
+    size = np.abs(known).max(axis=(1, 2)) + np.finfo(np.float64).tiny
+    skew = np.abs(known - known.transpose(0, 2, 1)).max(axis=(1, 2))
+    least = np.linalg.eigvalsh(known)[:, 0]
+    for wrong, expected in ((skew > CONVEX * size, "symmetric"), (least < -CONVEX * size, "positive semidefinite")):
+        if wrong.any():
+            raise ConfigurationError(
+                "hessian", f"not {expected} in tick {int(np.argmax(wrong))}", f"{expected} matrices"
+            )

@@ -12,7 +12,7 @@ from rehab_opt.comparison.judgement import Judged, Outcome
 from rehab_opt.comparison.passes import Pass
 from rehab_opt.comparison.statistics import percentile, shifted_geometric_mean, tail
 
-__all__ = ["FAILURES", "Row", "family_of", "family_times", "row_of", "rows_of", "times_of"]
+__all__ = ["FAILURES", "Row", "comparable", "family_of", "family_times", "row_of", "rows_of", "times_of"]
 
 FAILURES = (Outcome.WRONG, Outcome.NO_ANSWER, Outcome.TOO_LATE, Outcome.RAISED, Outcome.NOT_TRIED)
 HOPELESS = (Outcome.SAID_NO, Outcome.CLAIMED)
@@ -55,6 +55,19 @@ class Row(NamedTuple):
 def family_of(sequence: str) -> str:
     """What a sequence's name has before its stroke."""
     return sequence.partition("/")[0]
+
+
+def comparable(passes: Sequence[Pass]) -> tuple[Pass, ...]:
+    """The passes on those sequences that every solver of their family has been through, in each of its modes.
+
+    Of a comparison that was interrupted, a family's last sequence may have been solved by some alone.
+    """
+    taking_part: dict[str, set[tuple[str, str]]] = {}
+    done_by: dict[str, set[tuple[str, str]]] = {}
+    for each in passes:
+        taking_part.setdefault(family_of(each.sequence), set()).add((each.solver, each.mode))
+        done_by.setdefault(each.sequence, set()).add((each.solver, each.mode))
+    return tuple(each for each in passes if done_by[each.sequence] == taking_part[family_of(each.sequence)])
 
 
 def rows_of(passes: Sequence[Pass], hopeless: dict[str, NDArray[np.bool_]], *, limit: float) -> tuple[Row, ...]:

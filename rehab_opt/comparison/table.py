@@ -6,12 +6,14 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from rich.markup import escape
 from rich.table import Table
 
 from rehab_opt.comparison.judgement import Outcome
+from rehab_opt.comparison.programmes import PREFIX
 from rehab_opt.comparison.summary import Row
 
-__all__ = ["Grid", "as_markdown", "as_table", "family_grids", "overview_grids", "refusal_grid"]
+__all__ = ["Grid", "as_markdown", "as_tables", "family_grids", "overview_grids", "refusal_grid", "share_text"]
 
 SHORT = {
     Outcome.WRONG: "wrong",
@@ -22,18 +24,24 @@ SHORT = {
 }
 
 
+BORDER = 3
+"""Characters of a column beside its text."""
+
+
 class Grid(NamedTuple):
     """A table before it is drawn."""
 
     title: str
     columns: tuple[str, ...]
     cells: list[tuple[str, ...]]
+    leading: int = 1
+    """How many columns say what a row is of."""
 
 
 def family_grids(rows: Sequence[Row]) -> list[Grid]:
     """A grid for each family: warm solvers by their mean time, then cold ones."""
     columns = (
-        "solver", "mode", "solved", "failures", "median, us", "p99", "p99.9", "largest", "mean", "error", "largest",
+        "solver", "mode", "solved", "failures", "median", "p99", "p99.9", "largest", "mean", "error", "largest error",
     )  # fmt: skip
     grids = []
     for family in dict.fromkeys(row.family for row in rows):
@@ -41,8 +49,8 @@ def family_grids(rows: Sequence[Row]) -> list[Grid]:
             (row for row in rows if row.family == family and row.ticks), key=lambda row: (row.mode != "warm", row.mean)
         )
         if own:
-            title = f"{family}: {own[0].ticks} instances"
-            grids.append(Grid(title, columns, [_cells(row) for row in own]))
+            title = f"{family}: {own[0].ticks} instances, times in us"
+            grids.append(Grid(title, columns, [_cells(row) for row in own], leading=2))
     return grids
 
 
@@ -53,8 +61,7 @@ def overview_grids(rows: Sequence[Row]) -> list[Grid]:
         ("QPs of consecutive ticks, warm", "warm", False),
         ("Nonlinear programmes", "cold", True),
     ):
-        warm = {row.family for row in rows if row.mode == "warm"}
-        own = [row for row in rows if row.mode == mode and row.ticks and (row.family not in warm) is programmes]
+        own = [row for row in rows if row.mode == mode and row.ticks and row.family.startswith(PREFIX) is programmes]
         families, solvers = (tuple(dict.fromkeys(getattr(row, key) for row in own)) for key in ("family", "solver"))
         by_name = {(row.solver, row.family): row for row in own}
         cells = [(solver, *(_overview(by_name.get((solver, family))) for family in families)) for solver in solvers]
@@ -68,7 +75,9 @@ def _overview(row: Row | None) -> str:
         return "-"
     if row.solved == 1.0:
         return _microseconds(row.mean)
-    return f"{_microseconds(row.mean)} ({_share(row.solved)})" if row.solved >= 0.9 else f"({_share(row.solved)})"
+    return (
+        f"{_microseconds(row.mean)} ({share_text(row.solved)})" if row.solved >= 0.9 else f"({share_text(row.solved)})"
+    )
 
 
 def refusal_grid(rows: Sequence[Row]) -> Grid:
@@ -84,17 +93,40 @@ def refusal_grid(rows: Sequence[Row]) -> Grid:
         )
         for row in rows if row.hopeless
     ]  # fmt: skip
-    return Grid("Instances without an answer: infeasible ones, and NaN", columns, cells)
+    return Grid("Instances without an answer: infeasible ones, and NaN", columns, cells, leading=3)
 
 
-def as_table(grid: Grid) -> Table:
-    """For the terminal."""
-    table = Table(title=grid.title, title_justify="left")
+def as_tables(grid: Grid, *, width: int) -> list[Table]:
+    """For a terminal so wide: as many tables as it takes, since a number that is folded is read as another one.
+
+    The title is left out: a table of few columns would fold it.
+    """
+    return [_drawn(part) for part in _parts(grid, width)]
+
+
+def _parts(grid: Grid, width: int) -> list[Grid]:
+    """The grid, its columns dealt out to several of the same rows where it is too wide."""
+    wide = [max(map(len, column)) + BORDER for column in zip(grid.columns, *grid.cells, strict=True)]
+    first = list(range(grid.leading))
+    chosen = [first.copy()]
+    for column in range(grid.leading, len(wide)):
+        if len(chosen[-1]) > len(first) and 1 + sum(wide[i] for i in (*chosen[-1], column)) > width:
+            chosen.append(first.copy())
+        chosen[-1].append(column)
+    return [
+        grid._replace(
+            columns=tuple(grid.columns[i] for i in each), cells=[tuple(row[i] for i in each) for row in grid.cells]
+        )
+        for each in chosen
+    ]
+
+
+def _drawn(grid: Grid) -> Table:
+    table = Table()
     for i, column in enumerate(grid.columns):
-        words = i < 2
-        table.add_column(column, justify="left" if words else "right", overflow="fold", no_wrap=words)
+        table.add_column(column, justify="left" if i < grid.leading else "right", no_wrap=True)
     for cells in grid.cells:
-        table.add_row(*cells)
+        table.add_row(*(escape(cell) for cell in cells))
     return table
 
 
@@ -113,12 +145,12 @@ def _cells(row: Row) -> tuple[str, ...]:
     times = (row.median, row.p99, row.p999, row.largest, row.mean)
     errors = (row.error, row.largest_error)
     return (
-        row.solver, row.mode, _share(row.solved), failed or "-", *(_microseconds(each) for each in times),
+        row.solver, row.mode, share_text(row.solved), failed or "-", *(_microseconds(each) for each in times),
         *(f"{each:.0e}" if math.isfinite(each) else "-" for each in errors),
     )  # fmt: skip
 
 
-def _share(share: float) -> str:
+def share_text(share: float) -> str:
     """In per cent, and 100 only for all of them."""
     return f"{math.floor(1e4 * share) / 100:g} %"
 

@@ -27,6 +27,9 @@ RAISED = (ArithmeticError, AssertionError, AttributeError, LookupError, MemoryEr
 """What a solver's exception is reported as; one of any other kind ends the worker, which is reported too."""
 LONGEST = 300
 """Characters of what a solver said."""
+TRANSPORT = 0.25
+"""[s] beyond the limit until a worker is killed: question and answer are on their way, and the system has other work.
+Whether a solve kept to its limit is judged by its own clock."""
 LIFETIME = 300.0
 """[s] after which a worker that hangs ends by itself: nobody else would end it once its parent was killed."""
 
@@ -56,12 +59,16 @@ class Worker:
         self._pipe: Any = None
 
     def begin(self, entrant: Entrant, sequence: Instances, *, warm: bool, limit: float) -> str:
-        """Make the solver, after a first solve that pays for imports and compilation; "" or why it cannot be made."""
+        """Make the solver, which pays for imports and compilation; "" or why it cannot be made."""
         return str(self._asked(("begin", entrant, sequence, warm), limit))
+
+    def warm_up(self, tick: int, *, limit: float) -> str:
+        """Solve a tick, whatever comes of it, and make the solver again; "" or why it cannot be made."""
+        return str(self._asked(("warm up", tick), limit))
 
     def solved(self, first: int, last: int, *, limit: float) -> list[Timed]:
         """The ticks first to last - 1 of what was begun, all together within the limit."""
-        answer: list[Timed] = self._asked(("solve", first, last), limit)
+        answer: list[Timed] = self._asked(("solve", first, last), limit + TRANSPORT)
         return answer
 
     def stop(self) -> None:
@@ -116,13 +123,15 @@ def serve(pipe: Connection) -> None:
             return
         faulthandler.dump_traceback_later(LIFETIME, exit=True, file=silence)  # needs no turn of the interpreter
         if kind == "begin":
-            try:
-                work = _Work(*what)
-            except RAISED as problem:
-                pipe.send(f"{type(problem).__name__}: {problem}"[:LONGEST])
-            else:
-                pipe.send("")
-        elif work is not None:
+            work, refusal = _made(*what)
+            pipe.send(refusal)
+        elif work is None:
+            pipe.send("nothing was begun")
+        elif kind == "warm up":
+            work.solved(*what)
+            work, refusal = _made(*work.what)
+            pipe.send(refusal)
+        else:
             pipe.send([work.solved(tick) for tick in range(*what)])
         faulthandler.cancel_dump_traceback_later()
 
@@ -131,12 +140,9 @@ class _Work:
     """A solver at its sequence."""
 
     def __init__(self, entrant: Entrant, sequence: Instances, warm: bool) -> None:
+        self.what = entrant, sequence, warm
         self.sequence, self.warm = sequence, warm
         self.solver = entrant.make(sequence, entrant.solver)
-        tame = next((i for i in range(len(sequence)) if not {"nan", "infeasible"} & {*sequence.marks_of(i)}), None)
-        if tame is not None:
-            self.solved(tame)
-            self.solver = entrant.make(sequence, entrant.solver)
 
     def solved(self, tick: int) -> Timed:
         qp, solver, warm = self.sequence[tick], self.solver, self.warm
@@ -151,6 +157,14 @@ class _Work:
         except RAISED as problem:
             return Timed(clock() - began, None, f"{type(problem).__name__}: {problem}"[:LONGEST])
         return Timed(seconds, claim)
+
+
+def _made(entrant: Entrant, sequence: Instances, warm: bool) -> tuple[_Work | None, str]:
+    """A solver at its sequence, or why there is none."""
+    try:
+        return _Work(entrant, sequence, warm), ""
+    except RAISED as problem:
+        return None, f"{type(problem).__name__}: {problem}"[:LONGEST]
 
 
 @contextmanager

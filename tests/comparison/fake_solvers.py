@@ -16,8 +16,9 @@ from rehab_opt.optim.backends import Answer
 from rehab_opt.optim.qp import Instance
 
 SLEEP = 30.0
+DAWDLE = 0.1
 TRAP = 2
-"""The tick in which they fail."""
+"""The tick in which they fail, where nothing else is said."""
 
 
 def boxes(ticks: int = 6, *, marks: tuple[tuple[str, ...], ...] = ((),), name: str = "box/plain") -> QPSequence:
@@ -45,11 +46,11 @@ def exact(qp: Instance) -> Answer:
 
 
 class Fake:
-    """Answers exactly but in tick `TRAP`, where it fails in its own way."""
+    """Answers exactly but in one tick, where it fails in its own way: "dies", or "dies at 0"."""
 
     def __init__(self, sequence: RecordedQPs, how: str) -> None:
-        self.trap = exact(sequence[TRAP]).x.tobytes()
-        self.how = how
+        self.how, _, trap = how.partition(" at ")
+        self.trap = exact(sequence[int(trap or TRAP)]).x.tobytes()
 
     def prepared(self, qp: Instance) -> Instance:
         return qp
@@ -62,6 +63,8 @@ class Fake:
             raise ZeroDivisionError("one over nothing")
         if self.how == "sleeps":
             time.sleep(SLEEP)
+        if self.how == "dawdles":
+            time.sleep(DAWDLE)
         if self.how == "dies":
             os._exit(9)
         if self.how == "gives NaN":
@@ -90,9 +93,28 @@ class Wary(Fake):
     """Says no to what has no answer; sleeps on NaN where told so."""
 
     def solve(self, given: Instance, *, warm: bool) -> Any:
-        if np.isnan(given.g).any() and self.how == "sleeps":
+        if self.how == "always sleeps" or (np.isnan(given.g).any() and self.how == "sleeps"):
             time.sleep(SLEEP)
         return bool((given.lower <= given.upper).all() and np.isfinite(given.g).all()), exact(given)
+
+
+class Fickle(Fake):
+    """Says no to NaN as long as a file is not there, which it makes; then it claims an answer."""
+
+    def solve(self, given: Instance, *, warm: bool) -> Any:
+        if not np.isnan(given.g).any():
+            return True, exact(given)
+        told_before = Path(self.how).exists()
+        Path(self.how).touch()
+        return told_before, exact(given)
+
+
+class Talkative(Fake):
+    """Solves at once, and takes its time to say so."""
+
+    def claim(self, qp: Instance, answered: Any) -> Claim:
+        time.sleep(DAWDLE)
+        return super().claim(qp, answered)
 
 
 class Counted(Fake):
@@ -114,6 +136,14 @@ def gullible(sequence: RecordedQPs, how: str) -> Fake:
 
 def wary(sequence: RecordedQPs, how: str) -> Fake:
     return Wary(sequence, how)
+
+
+def fickle(sequence: RecordedQPs, file: str) -> Fake:
+    return Fickle(sequence, file)
+
+
+def talkative(sequence: RecordedQPs, how: str) -> Fake:
+    return Talkative(sequence, how)
 
 
 def counted(sequence: RecordedQPs, file: str) -> Fake:

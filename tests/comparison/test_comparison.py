@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from rehab_opt.comparison import record
 from rehab_opt.comparison.entrants import Entrant
 from rehab_opt.comparison.instances import RecordedQPs
 from rehab_opt.comparison.passes import Rules
@@ -59,13 +60,41 @@ def test_what_is_done_is_not_done_again(tmp_path: Path) -> None:
         whole(tmp_path, [who], progress=interrupt)
     assert len((tmp_path / RECORD).read_text().splitlines()) == 3
     before = len(made.read_text())
-    with (tmp_path / RECORD).open("a") as record:
-        record.write('{"solver": "counted", "sequence": "box/sec')  # cut off while it was written
+    with (tmp_path / RECORD).open("a") as lines:
+        lines.write('{"solver": "counted", "sequence": "box/sec')  # cut off while it was written
     found = whole(tmp_path, [who])
     again = len(made.read_text()) - before
     assert len(found.passes) == 6
     assert again == before  # three passes then, three now
     assert repr(whole(tmp_path, [who]).rows) == repr(found.rows)  # NaN is not equal to itself
+    assert len(made.read_text()) == 2 * before
+
+
+def test_an_interrupted_comparison_tells_what_can_be_compared(tmp_path: Path) -> None:
+    """After three passes of eight: both modes of one solver and one of the other, on the first sequence."""
+    sequences = [RecordedQPs(each) for each in (boxes(), boxes(name="box/second"))]
+    who = [entrant("is honest"), entrant("lies")]
+    steps = list(compare(sequences, who, out=tmp_path, rules=RULES))
+    assert len(steps) == 8
+    taking_part = [{(row.solver, row.mode, row.ticks) for row in step.rows} for step in steps]
+    one, other = "is honest", "lies"
+    assert taking_part[0] == {(one, "cold", 6)}
+    assert taking_part[2] == {(one, "cold", 6), (one, "warm", 6), (other, "cold", 6)}
+    both = {(solver, mode, 6) for solver in (one, other) for mode in ("cold", "warm")}
+    assert all(step == both for step in taking_part[3:7])  # the second sequence is not done by all
+    assert taking_part[7] == {(solver, mode, 12) for solver, mode, _ in both}
+    first = steps[0]
+    assert [grid.title.partition(":")[0] for grid in first.grids] == ["box"]  # no warm pass, and no programmes
+    assert "table.md" in {path.name for path in write_comparison(first, tmp_path)}
+
+
+def test_passes_of_another_state_of_the_library_are_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    made = tmp_path / "made"
+    who = Entrant("counted", counted, str(made))
+    list(compare([RecordedQPs(boxes())], [who], out=tmp_path, rules=RULES))
+    before = len(made.read_text())
+    monkeypatch.setattr(record, "software_digest", lambda: "one line is other")
+    list(compare([RecordedQPs(boxes())], [who], out=tmp_path, rules=RULES))
     assert len(made.read_text()) == 2 * before
 
 

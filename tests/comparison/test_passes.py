@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from rehab_opt.comparison import passes
 from rehab_opt.comparison.entrants import Entrant
 from rehab_opt.comparison.instances import RecordedQPs
 from rehab_opt.comparison.judgement import Judge, Outcome
@@ -16,7 +18,17 @@ from rehab_opt.comparison.passes import Pass, Rules, passed
 from rehab_opt.comparison.reference import references
 from rehab_opt.comparison.sequence import QPSequence
 from rehab_opt.comparison.worker import Worker
-from tests.comparison.fake_solvers import SLEEP, TRAP, boxes, entrant, gullible, unmakeable, wary
+from tests.comparison.fake_solvers import (
+    SLEEP,
+    TRAP,
+    boxes,
+    entrant,
+    fickle,
+    gullible,
+    talkative,
+    unmakeable,
+    wary,
+)
 
 RULES = Rules(limit=0.5, repeats=2)
 S = Outcome.SOLVED
@@ -70,6 +82,46 @@ def test_a_solver_that_sleeps_is_killed_in_time_and_the_other_ticks_are_kept(wor
     assert time.monotonic() - began < SLEEP / 2
     assert [tick.outcome for tick in done.ticks] == [S, S, Outcome.TOO_LATE, S, S, S]
     assert done.ticks[TRAP].seconds == RULES.limit
+
+
+@pytest.mark.parametrize("trap", [0, 5])
+@pytest.mark.parametrize(
+    ("how", "outcome"), [("dies", Outcome.RAISED), ("sleeps", Outcome.TOO_LATE), ("lies", Outcome.WRONG)]
+)
+def test_a_failure_in_the_first_or_last_tick_concerns_that_tick_alone(
+    worker: Worker, monkeypatch: pytest.MonkeyPatch, how: str, outcome: Outcome, trap: int
+) -> None:
+    """The first solve, which is not timed, is of such a tick: what it dies of there is no failure of all others."""
+    monkeypatch.setattr(passes, "FIRST_SECONDS", 2.0)
+    done = run(worker, entrant(f"{how} at {trap}"), boxes())
+    assert [tick.outcome for tick in done.ticks] == [outcome if i == trap else S for i in range(6)]
+
+
+def test_a_solver_that_hangs_in_every_tick_is_too_late_and_not_said_to_raise(
+    worker: Worker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(passes, "FIRST_SECONDS", 0.5)
+    done = run(worker, Entrant("wary", wary, "always sleeps"), boxes())
+    assert [tick.outcome for tick in done.ticks] == [*[Outcome.TOO_LATE] * 3, *[Outcome.NOT_TRIED] * 3]
+
+
+def test_only_the_solve_itself_counts_against_the_limit(worker: Worker) -> None:
+    """What the comparison does around it takes 0.1 s here, the limit is half of that."""
+    strict = RULES._replace(limit=0.05)
+    recorded, known = RecordedQPs(boxes(3)), references(boxes(3))
+    judge = Judge(recorded, known, limit=strict.limit)
+    slow, late = (
+        passed(worker, who, recorded, mode="cold", judge=judge, rules=strict)
+        for who in (Entrant("talkative", talkative, ""), entrant("dawdles"))
+    )
+    assert [tick.outcome for tick in slow.ticks] == [S] * 3
+    assert [tick.outcome for tick in late.ticks] == [S, S, Outcome.TOO_LATE]
+
+
+def test_what_claims_an_answer_in_one_of_several_passes_has_claimed_it(worker: Worker, tmp_path: Path) -> None:
+    sequence = boxes(marks=((), ("nan",), (), (), (), ()))
+    done = run(worker, Entrant("fickle", fickle, str(tmp_path / "told")), sequence)
+    assert done.ticks[1].outcome is Outcome.CLAIMED
 
 
 def test_a_solver_that_cannot_be_made_says_why(worker: Worker) -> None:

@@ -44,8 +44,11 @@ def sequences(draw: st.DrawFn) -> QPSequence:
     arrays: dict[str, Any] = {}
     for key in ARRAYS:
         length = ticks if key == "gradient" else draw(st.sampled_from([1, ticks]))
-        element = FINITE if key in ("hessian", "gradient", "rows") else BOUND
+        element = FINITE if key in ("gradient", "rows") else BOUND
         arrays[key] = numbers(draw, (length, *ends.get(key, (n,))), element)
+    # Symmetric and positive semidefinite, to the last bit.
+    roots = numbers(draw, arrays["hessian"].shape[:2], st.floats(-1e100, 1e100))
+    arrays["hessian"] = roots[:, :, None] * roots[:, None, :]
     mark = st.lists(st.sampled_from(MARKS), unique=True).map(tuple)
     marks = draw(st.one_of(st.tuples(mark), st.lists(mark, min_size=ticks, max_size=ticks).map(tuple)))
     dt = draw(st.one_of(st.just(math.nan), st.floats(1e-6, 10.0)))
@@ -313,3 +316,30 @@ def test_every_capability_and_every_mark_has_a_family() -> None:
         "infeasible", "degenerate", "badly_scaled", "nan",
     }  # fmt: skip
     assert {name.partition("/")[0] for name in shipped_sequences()} == set(families())
+
+
+# ------------------------------------------------------------------------------------------------------ what H must be
+@pytest.mark.parametrize(
+    ("hessian", "named"),
+    [
+        ([[1.0, 0.5], [0.0, 1.0]], "not symmetric in tick 1"),
+        ([[1.0, 2.0], [2.0, 1.0]], "not positive semidefinite in tick 1"),
+        ([[-1.0, 0.0], [0.0, -1.0]], "not positive semidefinite in tick 1"),
+    ],
+)
+def test_a_cost_that_solvers_would_read_differently_or_that_is_not_convex_is_refused(
+    tmp_path: Path, hessian: list[list[float]], named: str
+) -> None:
+    whole = np.stack([np.eye(2), np.array(hessian), np.eye(2)])
+    with pytest.raises(ConfigurationError, match=f"hessian = '{named}'"):
+        small(hessian=whole)
+    write_sequence(tmp_path / "a.npz", small())
+    meta, arrays = array_file.read_arrays(tmp_path / "a.npz")
+    array_file.write_arrays(tmp_path / "a.npz", meta, {**arrays, "hessian": whole})
+    with pytest.raises(ProblemFileError, match=named):
+        read_sequence(tmp_path / "a.npz")
+
+
+def test_a_singular_cost_and_one_rounded_below_zero_are_taken() -> None:
+    row = np.array([0.1, 0.3])
+    assert len(small(hessian=np.outer(row, row)[None])) == 3

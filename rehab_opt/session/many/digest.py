@@ -12,7 +12,7 @@ from rehab_opt.session.files import ProblemFile, recording_path
 from rehab_opt.session.schema import Problem
 from rehab_opt.session.systems import system_named
 
-__all__ = ["inputs_digest"]
+__all__ = ["inputs_digest", "software_digest"]
 
 NUMERICS = ("casadi", "numpy", "scipy", "shapely")
 
@@ -24,7 +24,7 @@ def inputs_digest(loaded: ProblemFile[Problem]) -> str:
     ------
     ProblemFileError : a recording is absent.
     """
-    digest = hashlib.sha256(_software().encode())
+    digest = hashlib.sha256(software_digest().encode())
     problem = loaded.problem
     said = {"name": loaded.name, "problem": problem.model_dump(mode="json")}
     digest.update(json.dumps(said, sort_keys=True).encode())
@@ -34,7 +34,7 @@ def inputs_digest(loaded: ProblemFile[Problem]) -> str:
 
 
 @cache
-def _software() -> str:
+def software_digest() -> str:
     """The source itself, not its version: a checkout changes without one."""
     digest = hashlib.sha256()
     with importlib.resources.as_file(importlib.resources.files("rehab_opt")) as package:
