@@ -14,7 +14,7 @@ from rehab_opt.control.bilateral_sides import FromHelper, FromParticipant, Helpe
 from rehab_opt.export.controllers.bilateral_sides import exported_helper_side, exported_participant_side
 from rehab_opt.export.export_c import written_files
 from rehab_opt.session.scenario.intention import traced
-from rehab_opt.session.scenario.prepared import Prepared
+from rehab_opt.session.scenario.prepared import FieldNumbers, Prepared
 from rehab_opt.session.scenario.problem import ScenarioProblem
 from rehab_opt.workspace.controller_map import ControllerMap
 from rehab_opt.workspace.mapping import WorkspaceMap
@@ -81,4 +81,7 @@ def ready_for(problem: ScenarioProblem) -> Prepared:
     there = HELPER + 0.03 * np.column_stack([np.cos(turn), np.sin(turn)])
     path, task = np.array([carry().image(point) for point in there]), problem.task
     intention = traced(path, seconds=task.movement_s, rest=task.rest_s, dt=1 / problem.run.rate_hz)
-    return Prepared(participants(), shape("blob"), path, there, carry(), (), intention, ())
+    return Prepared(
+        comfortable=participants(), reachable=shape("blob"), reference=path, demonstrated=there, carry=carry(), fields=(),
+        numbers=FieldNumbers(0.0, 0.0, 0.0, 0.0), shown=(), intention=intention, notes=(),
+    )  # fmt: skip
