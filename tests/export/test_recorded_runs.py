@@ -13,13 +13,28 @@ from rehab_opt.export.reasons import REASONS
 from rehab_opt.optim.qrqp import QRQP_ITERATIONS
 from tests.export.calling_c import SAME, Built, Exported, compiled_once, ran
 
-CONTROLLERS = ("pose_tracker", "redundancy_mecanum", "redundancy_differential", "assistance")
+CONTROLLERS = ("pose_tracker", "redundancy_mecanum", "redundancy_differential", "assistance", "mirror_tracker")
 INTERFACE = {
     "pose_tracker": ("init", "reset", "step"),
     "assistance": ("energy_left", "init", "reset", "step"),
+    "mirror_tracker": ("init", "reset", "step", "tell"),
 }
 OF_A_ROOM = ("free", "init", "post", "reset", "step", "wall")
-LIBRARY = {"memcpy", "memset", "memmove", "sin", "cos", "sincos", "atan2", "sqrt", "floor", "hypot", "exp", "fabs"}
+LIBRARY = {
+    "acos",
+    "memcpy",
+    "memset",
+    "memmove",
+    "sin",
+    "cos",
+    "sincos",
+    "atan2",
+    "sqrt",
+    "floor",
+    "hypot",
+    "exp",
+    "fabs",
+}
 """Of C, and all that is needed."""
 
 
@@ -38,7 +53,7 @@ def test_it_builds_with_warnings_as_errors_and_repeats_the_recorded_run(
     assert "p99.9" in done.stdout
 
 
-@pytest.mark.parametrize("name", ["pose_tracker", "redundancy_differential", "assistance"])  # one drive stands for both
+@pytest.mark.parametrize("name", ["pose_tracker", "redundancy_differential", "assistance", "mirror_tracker"])
 def test_the_recorded_run_is_clean_under_sanitizers(name: str, exported: Exported, built: Built) -> None:
     flags = ("-O0", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
     done = ran(built(exported(name), "sanitized", f"rehab_{name}.c", "main.c", flags=flags), "0")
@@ -55,7 +70,8 @@ def test_the_recorded_run_has_the_faults_of_every_tick(name: str, exported: Expo
     }  # fmt: skip
     of_numbers = {"POSITION_UNUSABLE", "VELOCITY_UNUSABLE", "HAND_TOO_FAST", "POSITION_JUMPED"}
     assert met >= (of_numbers if name == "assistance" else {"INPUT_UNUSABLE", "INPUT_TOO_LARGE"})
-    assert ("POSE_NOT_RIGID" in met) == (name == "pose_tracker")
+    assert ("POSE_NOT_RIGID" in met) == (name in ("pose_tracker", "mirror_tracker"))
+    assert ("FORCE_AT_LIMIT" in met) == (name == "mirror_tracker")
 
 
 @pytest.mark.parametrize("name", CONTROLLERS)
