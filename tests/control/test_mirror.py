@@ -21,7 +21,7 @@ from rehab_opt import (
     human_arm,
     ur5,
 )
-from rehab_opt.control.manipulability import largest_manipulability, way_out
+from rehab_opt.control.manipulability import drawn_ways, largest_manipulability, way_out
 from tests.control import mirror_campaign
 from tests.control.mirror_campaign import LARGEST, Array, closed_form
 
@@ -118,6 +118,16 @@ def test_from_below_the_floor_w_never_decreases_and_a_way_out_is_found(dt: float
         if w >= 0.3:
             break
     assert w >= 0.299
+
+
+def test_drawn_ways_are_those_of_splitmix() -> None:
+    """The first numbers of seed 1234567, as its author publishes them."""
+    published = [6457827717110365317, 3203168211198807973, 9817491932198370423, 4593380528125082431]
+    numbers = [(each >> 11) * 2.0**-52 - 1.0 for each in published]
+    np.testing.assert_array_equal(drawn_ways(2, 2, seed=1234567).ravel(), numbers)
+    many = drawn_ways(4000, 3, seed=0)
+    assert np.abs(many).max() < 1.0
+    assert np.abs(many.mean(axis=0)).max() < 0.05
 
 
 def test_a_way_out_is_deterministic_and_gains() -> None:

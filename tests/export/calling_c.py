@@ -33,16 +33,16 @@ size_t controller_size(void) {{ return sizeof(rehab_{0}); }}
 """
 
 
-def compiled_once(folder: Path, name: str, built: Built) -> str:
+def compiled_once(folder: Path, name: str, built: Built, *, level: str = "-O2") -> str:
     """Name of the controller's object file, which every test of it may link."""
-    level = "-O1" if name == "redundancy_mecanum" else "-O2"  # one of the two is enough at the level of the CMake file
+    level = "-O1" if name == "redundancy_mecanum" else level  # one of the two is enough at the level of the CMake file
     return built(folder, "controller.o", "-c", f"rehab_{name}.c", flags=(level, "-fPIC")).name
 
 
-def shared(folder: Path, name: str, built: Built) -> ctypes.CDLL:
+def shared(folder: Path, name: str, built: Built, *, level: str = "-O2") -> ctypes.CDLL:
     """The controller, to be called from Python, with `controller_size` besides."""
     (folder / "size.c").write_text(SIZE.format(name))
-    object_file = compiled_once(folder, name, built)
+    object_file = compiled_once(folder, name, built, level=level)
     library = ctypes.CDLL(str(built(folder, "controller.so", object_file, "size.c", flags=("-shared", "-fPIC"))))
     library.controller_size.restype = ctypes.c_size_t
     return library

@@ -17,6 +17,9 @@ from tests.export.pairing import SIDES, exported_side_to
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Werror")
 ARITHMETIC = ("-fno-math-errno", "-ffp-contract=off")
 
+ALONE = {"pose_tracker": ROBOT, "mirror_tracker": "mirror/pick_fruit"}
+"""Controllers of a problem that has one, with that problem."""
+
 CHAIR = """
 system = "ardis"
 title = "out of a corner and up"
@@ -62,7 +65,7 @@ def chair(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 @pytest.fixture(scope="session")
 def exported(tmp_path_factory: pytest.TempPathFactory, chair: str) -> Exported:
-    """Folder of the C files of a controller: `pose_tracker`, `redundancy_DRIVE`, or one of `FORCES` or `SIDES`."""
+    """C files of a controller: `pose_tracker`, `redundancy_DRIVE`, `mirror_tracker`, or one of `FORCES` or `SIDES`."""
     folders: dict[str, Path] = {}
 
     def folder(name: str) -> Path:
@@ -74,11 +77,11 @@ def exported(tmp_path_factory: pytest.TempPathFactory, chair: str) -> Exported:
             if name not in folders:
                 folders[name] = exported_side_to(tmp_path_factory.mktemp("c") / "exported", name)
             return folders[name]
-        problem = ROBOT if name == "pose_tracker" else chair
+        problem = ALONE.get(name, chair)
         if problem not in folders:
             folders[problem] = tmp_path_factory.mktemp("c") / "exported"
             export_c(load_problem(problem), folders[problem])
-        return folders[problem] if name == "pose_tracker" else folders[problem] / name
+        return folders[problem] if name in ALONE else folders[problem] / name
 
     return folder
 

@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from rehab_opt import Command, Interaction, KeepOut, MirrorTracker, SerialChain, human_arm, ur5
-from rehab_opt.export.controllers.mirror import NAME, exported_mirror
+from rehab_opt.export.controllers.mirror import exported_mirror
 from rehab_opt.export.export_c import written_files
 from rehab_opt.kinematics.chain import DH
 from tests.export.calling_c import SAME, CCommand, assert_same, doubles
@@ -126,14 +127,15 @@ def written(folder: Path, name: str, tracker: MirrorTracker, *, ticks: int = 900
 
 def wave(tracker: MirrorTracker, q: Array, rng: np.random.Generator, ticks: int) -> tuple[Array, Array]:
     """Poses and twists of a hand that waves about the tool at q, as fast as it likes."""
-    from scipy.spatial.transform import Rotation
-
     first = tracker.chain.pose(q)
     t = tracker.dt * np.arange(ticks)[:, None]
     rates, phases = rng.uniform(0.3, 5.0, (2, 3)), rng.uniform(0, 2 * np.pi, (2, 3))
     sizes = rng.choice([0.0, 0.02, 0.1, 0.4]), rng.choice([0.0, 0.1, 0.8, 2.5])
     (shift, turn), (speed, spin) = (
-        [size * f(rate * t + phase) * factor for size, rate, phase, factor in zip(sizes, rates, phases, factors, strict=True)]
+        [
+            size * f(rate * t + phase) * factor
+            for size, rate, phase, factor in zip(sizes, rates, phases, factors, strict=True)
+        ]
         for f, factors in ((np.sin, (1.0, 1.0)), (np.cos, rates))
     )
     poses = np.tile(first, (ticks, 1, 1))

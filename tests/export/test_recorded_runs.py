@@ -15,15 +15,17 @@ from tests.export.assisting import FORCES
 from tests.export.calling_c import SAME, Built, Exported, compiled_once, ran
 from tests.export.pairing import SIDES
 
-CONTROLLERS = ("pose_tracker", "redundancy_mecanum", "redundancy_differential", *FORCES, *SIDES)
+CONTROLLERS = ("pose_tracker", "redundancy_mecanum", "redundancy_differential", "mirror_tracker", *FORCES, *SIDES)
 INTERFACE = {
     "pose_tracker": ("init", "reset", "step"),
+    "mirror_tracker": ("init", "reset", "step", "tell"),
     "assistance": ("aim", "carry", "energy_left", "init", "reset", "step"),
     "path_assistance": ("energy_left", "init", "progress", "reset", "step"),
     **dict.fromkeys(SIDES, ("energy_left", "init", "reset", "step")),
 }
 OF_A_ROOM = ("free", "init", "post", "reset", "step", "wall")
 LIBRARY = {
+    "acos",
     "memcpy",
     "memset",
     "memmove",
@@ -73,7 +75,8 @@ def test_the_recorded_run_has_the_faults_of_every_tick(name: str, exported: Expo
     }  # fmt: skip
     of_numbers = {"POSITION_UNUSABLE", "VELOCITY_UNUSABLE", "HAND_TOO_FAST", "POSITION_JUMPED"}
     assert met >= (of_numbers if name in {*FORCES, *SIDES} else {"INPUT_UNUSABLE", "INPUT_TOO_LARGE"})
-    assert ("POSE_NOT_RIGID" in met) == (name == "pose_tracker")
+    assert ("POSE_NOT_RIGID" in met) == (name in ("pose_tracker", "mirror_tracker"))
+    assert ("FORCE_AT_LIMIT" in met) == (name == "mirror_tracker")
 
 
 @pytest.mark.parametrize("name", CONTROLLERS)

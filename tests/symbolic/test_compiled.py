@@ -12,6 +12,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from rehab_opt.optim.qrqp import qrqp
 from rehab_opt.symbolic import BufferedFunction, compiled
 from rehab_opt.symbolic.compiled import FLAGS, _compiler, cache_folder, compilation_wanted
 
@@ -241,3 +242,26 @@ def test_a_library_cut_short_is_compiled_again(tmp_path: Path, monkeypatch: pyte
     assert compiled(function).class_name() == MACHINE_CODE
     (again,) = tmp_path.glob("*.so")
     assert again.stat().st_size > 5000
+
+
+@needs_compiler
+def test_a_qrqp_that_fails_goes_on_in_machine_code_as_in_the_virtual_machine(cache: Path) -> None:
+    """Two steps of the many that are needed: what comes after must still run, and on the same point."""
+
+    def solution(steps: int) -> ca.Function:
+        start = ca.MX.sym("start", 3)
+        box = {"lbx": -np.ones(3), "ubx": np.ones(3), "a": np.ones((1, 3)), "lba": -1, "uba": 2}
+        solver = qrqp("steps", 3, 1, iterations=steps)
+        answer = solver(h=np.diag([1.0, 2.0, 3.0]), g=[-9.0, -8.0, -7.0], x0=start, **box)["x"]
+        return ca.Function("solution", [start], [answer, 2 * start])
+
+    machine_code = compiled(solution(2))
+    assert machine_code.class_name() == MACHINE_CODE
+    solved, failed, expected = (BufferedFunction(each) for each in (solution(50), machine_code, solution(2)))
+    for each in (solved, failed, expected):
+        each.inputs[0][:] = -1.0, 1.0, -1.0
+        each.outputs[1][:] = np.nan
+        each()
+    assert np.abs(failed.outputs[0] - solved.outputs[0]).max() > 1e-3  # it did fail
+    np.testing.assert_allclose(failed.outputs[0], expected.outputs[0], atol=1e-15)
+    np.testing.assert_array_equal(failed.outputs[1], [-2.0, 2.0, -2.0])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import casadi as ca
@@ -217,9 +217,7 @@ def _recorded(
 
 def _answer(tracker: MirrorTracker, tick: Tick) -> Command:
     force = tick["force"] if tick["with_force"] else None
-    return tracker.step(
-        tick["q"], tick["pose"], tick["twist"], force=force, enable=tick["enable"], stamp=tick["stamp"]
-    )
+    return tracker.step(tick["q"], tick["pose"], tick["twist"], force=force, enable=tick["enable"], stamp=tick["stamp"])
 
 
 def _force(k: int, pushed: range) -> Array:
@@ -270,7 +268,9 @@ double last_before[{joints}];      /* velocities of the tick before */
 double rate, share, then, force_pace, waited, lead_w;
 int live, pushed, has_aim, has_centre, lead_age;
 """
-PERSON_MEMORY = "double person[{}]; /* posture of the model of the led arm */\nint settling; /* ticks left to find it */\n"
+PERSON_MEMORY = (
+    "double person[{}]; /* posture of the model of the led arm */\nint settling; /* ticks left to find it */\n"
+)
 
 
 def _manipulability(chain: SerialChain) -> ca.Function:
@@ -305,7 +305,7 @@ def _constants(tracker: MirrorTracker) -> dict[str, str]:
         "calm_turn": s.CALM * tracker.max_turn, "jump": f.JUMP * dt + 1e-3, "spin": f.SPIN * dt + 1e-2,
     }  # fmt: skip
     whole = {"waiting": THINNED, "drawn": DRAWN, "halvings": s.HALVINGS, "stale": s.STALE}
-    arrays = {
+    arrays: dict[str, Iterable[float]] = {
         "change": chain.acceleration * dt * (1 + 1e-9) + 1e-12, "lower": chain.lower, "upper": chain.upper,
         "distances": DISTANCES, "shares": SHARES,
     }  # fmt: skip

@@ -1,0 +1,241 @@
+"""The mirror's tracker in C commands what it commands in Python: clock, true bounds, forces, the led arm, faults."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rehab_opt import MirrorTracker
+from rehab_opt.control import reference_clock
+from rehab_opt.errors import ConfigurationError
+from rehab_opt.export.controllers import mirror
+from rehab_opt.export.controllers.mirror import NAME, exported_mirror
+from tests.export.calling_c import Built, giving_up, ran, shared, solver_gives_up
+from tests.export.mirroring import MADE, START, Array, CMirror, Twins, seven_joints, wave, written
+
+FEW = 40
+"""Samples that wait at most, here."""
+ROOM = "enum { WAITING = "
+
+
+@pytest.fixture(scope="module", autouse=True)
+def little_room() -> Iterator[None]:
+    """So that references are often thinned, in both languages."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(reference_clock, "THINNED", FEW)
+        patch.setattr(mirror, "THINNED", FEW)
+        yield
+
+
+@pytest.fixture(scope="module")
+def trackers() -> dict[str, MirrorTracker]:
+    """In Python, with the rungs that C has."""
+    return {name: make() for name, make in MADE.items()}
+
+
+@pytest.fixture(scope="module")
+def folders(trackers: dict[str, MirrorTracker], tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    return {name: written(tmp_path_factory.mktemp(name), name, tracker) for name, tracker in trackers.items()}
+
+
+@pytest.fixture(scope="module")
+def libraries(folders: dict[str, Path], built: Built) -> dict[str, ctypes.CDLL]:
+    return {name: shared(folder, NAME, built, level="-O1") for name, folder in folders.items()}
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_it_repeats_its_recorded_run(name: str, folders: dict[str, Path], libraries: object, built: Built) -> None:
+    """Also where the samples that wait are thinned."""
+    source = (folders[name] / f"rehab_{NAME}.c").read_text()
+    assert source[source.index(ROOM) :].startswith(f"{ROOM}{FEW},")
+    done = ran(built(folders[name], "repeated", "controller.o", "main.c"), "0")
+    assert done.returncode == 0, done.stdout
+
+
+# ------------------------------------------------------------------------------------------------- whatever it is told
+def hostile(rng: np.random.Generator, inputs: list[Array]) -> None:
+    """One number of them replaced."""
+    array = inputs[rng.integers(len(inputs))]
+    array.flat[rng.integers(array.size)] = rng.choice([np.nan, np.inf, -np.inf, 1e7, -9e5, 1e300, 0.0, 3.0])
+
+
+def told(twins: Twins, rng: np.random.Generator, start: Array, ticks: int) -> set[str]:
+    """Tell both a run in which much goes wrong; what they said."""
+    chain, said = twins.python.chain, set()
+    spread = rng.choice([0.0, 0.05, 0.5])
+    q = rng.choice([1.0, 1.0, 0.0]) * (start + spread * rng.normal(size=chain.n))  # some start singular
+    poses, twists = wave(twins.python, q, rng, ticks)
+    pushes, rate = rng.random() < 0.4, rng.choice([0.0, 0.0, 0.04])
+    for k in range(ticks):
+        given = [q.copy(), poses[k].copy(), twists[k].copy()]
+        force = rng.normal(size=3) * rng.choice([1.0, 10.0, 30.0]) if pushes and k // 30 % 2 else None
+        later, enable = 1.0, 1
+        if rng.random() < rate:
+            hostile(rng, given if force is None else [*given, force])
+        if rng.random() < rate:
+            later, enable = rng.choice([1, 0, -1, 30, np.nan, 2, -400]), int(rng.choice([1, 0, 2, -1]))
+        if rng.random() < rate / 2:
+            poses[k + 1 :, :3, 3] += 0.1 * rng.normal(size=3)  # a jump of the reference
+        if rng.random() < rate / 2:
+            q = q + 0.1 * rng.normal(size=chain.n)  # the robot is pushed
+        command = twins.step(*given, force, enable=enable, later=later)
+        said |= {command.status.name, *(part[:22] for part in command.reason.split("; "))}
+        q = q + command.value * twins.python.dt
+    return said
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_any_motion_with_faults_and_forces_gives_the_commands_of_python(
+    name: str, libraries: dict[str, ctypes.CDLL], trackers: dict[str, MirrorTracker]
+) -> None:
+    said: set[str] = set()
+
+    @settings(max_examples=12, deadline=None)
+    @given(seed=st.integers(0, 2**32 - 1))
+    def run(seed: int) -> None:
+        twins = Twins(libraries[name], trackers[name])
+        said.update(told(twins, np.random.default_rng(seed), START[name], 120))
+
+    run()
+    assert said >= {"OK", "BRAKING", "step shortened: the bo", "the reference is follo", "bridging a jump of the"}
+
+
+def test_samples_that_do_not_fit_are_thinned_alike(
+    libraries: dict[str, ctypes.CDLL], trackers: dict[str, MirrorTracker]
+) -> None:
+    """A hand that runs away for longer than there is room, comes to rest, and is caught up with."""
+    tracker = trackers["redundant"]
+    twins, q, dt = Twins(libraries["redundant"], tracker), START["redundant"], tracker.dt
+    pose, most = tracker.chain.pose(q), 0.0
+    for k in range(700):
+        going = 30 <= k < 130
+        pose = pose.copy()
+        pose[1, 3] += 0.5 * dt * np.cos(0.05 * k) * going
+        command = twins.step(q, pose, np.array([0, 0.5 * np.cos(0.05 * k) * going, 0, 0, 0, 0]))
+        q = q + command.value * dt
+        most = max(most, tracker.lag)
+        assert len(tracker.clock.waiting()[0]) < FEW
+    assert most > FEW * dt
+    assert tracker.lag < 2 * dt
+    assert np.linalg.norm(tracker.chain.pose(q)[:3, 3] - pose[:3, 3]) < 1e-3
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_both_find_the_same_way_out_of_a_singular_start(
+    name: str, libraries: dict[str, ctypes.CDLL], trackers: dict[str, MirrorTracker]
+) -> None:
+    tracker = trackers[name]
+    twins, q, leads = Twins(libraries[name], tracker), np.zeros(tracker.chain.n), 0
+    pose = tracker.chain.pose(q)
+    for _ in range(400):
+        q = q + twins.step(q, pose, np.zeros(6)).value * tracker.dt
+        leads += bool(tracker._inputs[3].any())
+    assert leads > 0
+    assert tracker.manipulability > 0.05
+
+
+def test_what_measures_no_force_any_more_lets_the_hand_come_back(
+    libraries: dict[str, ctypes.CDLL], trackers: dict[str, MirrorTracker]
+) -> None:
+    tracker = trackers["redundant"]
+    twins, q = Twins(libraries["redundant"], tracker), START["redundant"]
+    pose, aside = tracker.chain.pose(q), 0.0
+    for k in range(400):
+        force = np.array([0.0, 0.0, 15.0]) if 20 <= k < 120 else None
+        q = q + twins.step(q, pose, np.zeros(6), force).value * tracker.dt
+        aside = max(aside, float(tracker.chain.pose(q)[2, 3] - pose[2, 3]))
+    assert aside > 5e-3
+    assert np.linalg.norm(tracker.chain.pose(q)[:3, 3] - pose[:3, 3]) < 1e-4
+
+
+# ------------------------------------------------------------------------------------------------------- the interface
+@pytest.mark.parametrize("name", MADE)
+def test_a_reset_forgets_everything(
+    name: str, libraries: dict[str, ctypes.CDLL], trackers: dict[str, MirrorTracker]
+) -> None:
+    tracker = trackers[name]
+    used, fresh = Twins(libraries[name], tracker), CMirror(libraries[name])
+    told(used, np.random.default_rng(3), START[name], 150)
+    velocity = 0.2 * tracker.chain.velocity
+    assert used.c.reset(velocity) == fresh.reset(velocity) == 0
+    poses, twists = wave(tracker, START[name], np.random.default_rng(4), 40)
+    for k, (pose, twist) in enumerate(zip(poses, twists, strict=True)):
+        answers = [c.step(START[name], pose, twist, stamp=k * tracker.dt) for c in (used.c, fresh)]
+        assert bytes(answers[0]) == bytes(answers[1])
+    assert bytes(used.c.following()) == bytes(fresh.following())
+
+
+def test_a_solver_that_writes_nothing_brakes(
+    folders: dict[str, Path], trackers: dict[str, MirrorTracker], built: Built
+) -> None:
+    """What it answered before is not taken for an answer, with the clock and without it."""
+    tracker = trackers["redundant"]
+    library = giving_up(folders["redundant"], NAME, built, "mirror_tick")
+    twins, q = Twins(library, tracker), START["redundant"]
+    pose, twist = tracker.chain.pose(q), np.array([0.0, 0.1, 0, 0, 0, 0])
+    for k in range(60):
+        if k % 20 < 17:
+            command = twins.step(q, pose, twist)
+        else:
+            library.give_up(1)
+            with solver_gives_up(tracker._ladder, tracker):
+                command = twins.step(q, pose, twist)
+            library.give_up(0)
+            assert "no solver" in command.reason
+            assert not command.status.certified
+        q = q + command.value * tracker.dt
+        pose = pose.copy()
+        pose[1, 3] += 0.1 * tracker.dt
+
+
+def test_inputs_that_are_not_there_are_named(libraries: dict[str, ctypes.CDLL]) -> None:
+    q = START["redundant"]
+    pose, twist = seven_joints().pose(q), np.zeros(6)
+    bad = pose.copy()
+    bad[1, 2] = np.nan
+    holes = [
+        ((None, pose, twist), (0, 0)), ((q, None, twist), (1, 0)), ((q, bad, twist), (1, 6)), ((q, pose, None), (2, 0)),
+        ((q, pose, twist, np.array([0.0, np.inf, np.nan])), (3, 1)),
+    ]  # fmt: skip
+    for inputs, where in holes:
+        answer = CMirror(libraries["redundant"]).step(*inputs, stamp=0.0)  # type: ignore[arg-type]
+        assert answer.why == "INPUT_UNUSABLE"
+        assert (answer.input, answer.element) == where
+        assert list(answer.value) == [0.0] * 8
+
+
+def test_a_tracker_that_was_not_initialised_holds(libraries: dict[str, ctypes.CDLL]) -> None:
+    tracker = CMirror(libraries["led"], initialise=False)
+    answer = tracker.step(START["led"], np.eye(4), np.ones(6), stamp=0.0)
+    assert (answer.why, answer.status, list(answer.value)) == ("NOT_INITIALISED", 3, [0.0] * 8)
+    assert tracker.reset() == 1
+
+
+def test_a_speed_beyond_its_limit_is_refused(libraries: dict[str, ctypes.CDLL]) -> None:
+    for bad in (1.01 * seven_joints().velocity, np.full(7, np.nan)):
+        assert CMirror(libraries["redundant"]).reset(bad) == 1
+
+
+def test_two_instances_are_independent(libraries: dict[str, ctypes.CDLL], trackers: dict[str, MirrorTracker]) -> None:
+    """One leads, the other is told nonsense between its ticks: the first never notices."""
+    rng, q = np.random.default_rng(1), START["led"]
+    alone, leading, other = (CMirror(libraries["led"]) for _ in range(3))
+    poses, twists = wave(trackers["led"], q, rng, 60)
+    for k, (pose, twist) in enumerate(zip(poses, twists, strict=True)):
+        expected = alone.step(q, pose, twist, stamp=0.005 * k)
+        other.step(rng.normal(size=6), pose * rng.normal(), 1e3 * rng.normal(size=6), stamp=rng.normal())
+        answer = leading.step(q, pose, twist, stamp=0.005 * k)
+        assert bytes(answer) == bytes(expected)
+        q = q + 0.005 * np.array(answer.value[:6])
+
+
+def test_a_tracker_with_a_backup_that_c_has_not_is_refused() -> None:
+    tracker = MirrorTracker(seven_joints(), largest=0.1, compile=False)
+    with pytest.raises(ConfigurationError, match="backup='qrqp'"):
+        exported_mirror(tracker, np.zeros(7), np.eye(4)[None], np.zeros((1, 6)), title="", source="")
