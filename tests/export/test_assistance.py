@@ -19,6 +19,7 @@ from bench.scenarios import changed
 from rehab_opt import Assistance, ConfigurationError, PotentialField, Workspace
 from rehab_opt.control.command import Status
 from rehab_opt.control.path_assistance import PathAssistance
+from rehab_opt.errors import ProblemFileError
 from rehab_opt.export.controllers.assistance import exported_assistance
 from rehab_opt.export.export_c import export_c
 from tests.export.assisting import DT, EIGHT, exported_to, field_of, made, made_along_a_path
@@ -223,6 +224,11 @@ def test_a_field_that_is_not_there_is_not_aimed_at(library: ctypes.CDLL, helper:
     assert [c.call("carry", 0.01, 0.0), c.call("aim", 2), c.call("aim", -1)] == [0, 1, 1]
     for k in range(60):
         assert_same(c.step(x, None, stamp=DT * k), helper.step(x, stamp=DT * k))
+
+
+def test_a_scenario_with_a_solver_that_does_not_become_c_is_refused() -> None:
+    with pytest.raises(ProblemFileError, match=r"run\.solver = 'proxqp'.*qrqp"):
+        export_c(changed("scenario_5_hold", run={"solver": "proxqp"}), Path("nowhere"))
 
 
 UNMAPPED = {"mapped": False, "rest_s": 0.5}
