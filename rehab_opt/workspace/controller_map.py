@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from rehab_opt.errors import ConfigurationError
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
     from rehab_opt.workspace.audit import Audit
@@ -65,7 +66,13 @@ class ControllerMap:
         Equal power on both sides within the source. Outside it is J' F of the nearest point, which is not: a hand that
         moves away from the edge feels the force while the image stands still. Keep it inside by other means.
         """
-        return self.jacobian(point).T @ force
+        ((xx, xy), (yx, yy)), (force_x, force_y) = self.jacobian(point).tolist(), force.tolist()
+        # One product and one sum at a time, as in C; a matrix product may fuse them.
+        return np.array((xx * force_x + yx * force_y, xy * force_x + yy * force_y))
+
+    def summed(self) -> ControllerMap:
+        """The same map with `ThinPlateSpline.summed`."""
+        return replace(self, spline=self.spline.summed())
 
     def preimage(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
         """The point of the source (2,) [m] whose image is this one; NaN where there is none. Newton: for displays."""

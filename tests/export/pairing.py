@@ -39,7 +39,7 @@ def participants() -> Workspace:
 
 @cache
 def carry() -> ControllerMap:
-    return WorkspaceMap.between(shape("blob"), participants()).for_controller()
+    return WorkspaceMap.between(shape("blob"), participants()).for_controller().summed()
 
 
 def sides() -> tuple[HelperSide, ParticipantSide]:

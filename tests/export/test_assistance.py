@@ -19,8 +19,10 @@ from bench.scenarios import changed
 from rehab_opt import Assistance, ConfigurationError, PotentialField, Workspace
 from rehab_opt.control.command import Status
 from rehab_opt.control.path_assistance import PathAssistance
+from rehab_opt.errors import ProblemFileError
 from rehab_opt.export.controllers.assistance import exported_assistance
 from rehab_opt.export.export_c import export_c
+from rehab_opt.session.workspaces import reached as sets
 from tests.export.assisting import DT, EIGHT, exported_to, field_of, made, made_along_a_path
 from tests.export.calling_c import Built, CCommand, Exported, assert_same, doubles, giving_up, shared, solver_gives_up
 
@@ -225,6 +227,11 @@ def test_a_field_that_is_not_there_is_not_aimed_at(library: ctypes.CDLL, helper:
         assert_same(c.step(x, None, stamp=DT * k), helper.step(x, stamp=DT * k))
 
 
+def test_a_scenario_with_a_solver_that_does_not_become_c_is_refused() -> None:
+    with pytest.raises(ProblemFileError, match=r"run\.solver = 'proxqp'.*qrqp"):
+        export_c(changed("scenario_5_hold", run={"solver": "proxqp"}), Path("nowhere"))
+
+
 UNMAPPED = {"mapped": False, "rest_s": 0.5}
 """Places inside the comfortable workspace: a map would take seconds."""
 SCENARIOS = {
@@ -240,6 +247,22 @@ SCENARIOS = {
 }
 
 
+@pytest.fixture(scope="module")
+def reached_once() -> Iterator[None]:
+    """The same arm has the same workspaces in all scenarios."""
+    whole, kept = sets.reached, {}
+
+    def once(arm: Any, said: Any, **where: str) -> Any:
+        key = repr((arm, said))
+        kept[key] = kept[key] if key in kept else whole(arm, said, **where)
+        return kept[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sets, "reached", once)
+        yield
+
+
+@pytest.mark.usefixtures("reached_once")
 @pytest.mark.parametrize("scenario", SCENARIOS)
 def test_a_scenario_s_assistance_repeats_its_trial_in_c(scenario: str, tmp_path: Path, built: Built) -> None:
     name, task = SCENARIOS[scenario]

@@ -7,6 +7,7 @@ import math
 import shutil
 import subprocess
 from collections import deque
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from rehab_opt.control.bilateral_sides import FromHelper, FromParticipant, Helpe
 from rehab_opt.control.command import Status
 from rehab_opt.export.export_c import written_files
 from rehab_opt.export.exporters import exported_controllers
+from rehab_opt.workspace.spline import ThinPlateSpline
 from tests.export.calling_c import Built, CCommand, Exported, assert_same, doubles, shared
 from tests.export.pairing import DT, EGG, HELPER, SIDES, broken, carry, ready_for, sides
 
@@ -85,6 +87,17 @@ def libraries(exported: Exported, built: Built) -> dict[str, ctypes.CDLL]:
 @pytest.fixture(scope="module")
 def python() -> dict[str, HelperSide | ParticipantSide]:
     return dict(zip(SIDES, sides(), strict=True))
+
+
+def test_the_sums_that_c_has_are_the_map_of_python() -> None:
+    """Python's own map, of so many landmarks, takes series."""
+    series = replace(carry(), spline=ThinPlateSpline(carry().spline.source, carry().spline.target))
+    assert series.spline._cells is not None
+    rng = np.random.default_rng(0)
+    for point in HELPER + 0.08 * rng.normal(size=(500, 2)):
+        np.testing.assert_allclose(carry().image(point), series.image(point), rtol=0, atol=1e-13)
+        force = rng.normal(size=2)
+        np.testing.assert_allclose(carry().push_force(point, force), series.jacobian(point).T @ force, atol=1e-11)
 
 
 @pytest.mark.parametrize("name", SIDES)

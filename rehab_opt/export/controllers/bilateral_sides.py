@@ -50,8 +50,9 @@ for (;;) {{ /* every tick */
     send(&said);
 }}"""
 OF_THE_PAIR = (
-    "The map sums over all its landmarks. Python sums series, where there are many: the same but for rounding.",
-    "`reset` fills the tank, always, as in Python; the numbers of messages are whole, and go on.",
+    "The map sums over all its landmarks. Python sums series, where there are many: the same but for rounding, which "
+    "in 1 of 120 000 random ticks decided whether the solver gave up. The recorded run is of Python with sums, too.",
+    "A message's number is a whole one. Python takes any.",
     "How messages are sent, and a delay between the sides, are the caller's: `Bilateral` is not there.",
 )
 PARTNER = "`partner`, the participant's hand in the helper's workspace for a display, is not there."

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from rehab_opt.control.assistance import Assistance
 from rehab_opt.control.bilateral import Bilateral, BilateralCommand
 from rehab_opt.control.bilateral_sides import FromHelper, FromParticipant
+from rehab_opt.errors import ProblemFileError
 from rehab_opt.export.controllers.assistance import exported_assistance
 from rehab_opt.export.controllers.bilateral_sides import exported_helper_side, exported_participant_side
 from rehab_opt.export.exported import ExportedController
@@ -63,8 +64,11 @@ def exported_scenario(loaded: ProblemFile[ScenarioProblem], *, progress: Progres
 
     Raises
     ------
-    ProblemFileError : a value of the file that cannot be used.
+    ProblemFileError : a solver that does not generate C, or a value of the file that cannot be used.
     """
+    solver = loaded.problem.run.solver
+    if solver not in (None, FUSED):
+        raise ProblemFileError(loaded.file, "run.solver", solver, f"{FUSED}, which can become C")
     ready = prepared(loaded, progress=progress)
     laws = loaded.problem.run.laws
     pairs = [law for law in laws if law in ("together", "delayed")]
@@ -88,7 +92,9 @@ def _sides(loaded: ProblemFile[ScenarioProblem], ready: Prepared, *, delayed: bo
     law = together_of(both, loaded, ready)
     ran(scene_of(loaded, ready), law, name="together", number=0, seed=problem.task.seed)
     hands, heard = np.array(both.hands), list(zip(*both.heard, strict=True))
-    helper, participant = sides_of(loaded, ready, solver=FUSED, backup=FUSED)
+    assert ready.carry is not None  # the schema refuses a pair without a map
+    alike = ready._replace(carry=ready.carry.summed())  # rounding may decide whether a solver gives up
+    helper, participant = sides_of(loaded, alike, solver=FUSED, backup=FUSED)
     return (
         exported_helper_side(helper, hands[:, 0], heard[0], title=problem.title),
         exported_participant_side(participant, hands[:, 1], heard[1], title=problem.title),
