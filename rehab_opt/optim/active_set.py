@@ -28,7 +28,9 @@ TOGETHER = 3
 """Inequality rows that may be active together; what needs more is seldom, and `dual_active_set` finds it."""
 
 
-def active_set_round(statement: Statement, *, looking: bool, together: int, passes: int = 1) -> ca.Function:
+def active_set_round(
+    statement: Statement, *, looking: bool, together: int, passes: int = 1, softened: float = SOFTENED
+) -> ca.Function:
     """One round.
 
     Inputs: complete parameters, memory, multipliers of the bounds and rows (n + m,), and a point (n,) where `looking`.
@@ -38,7 +40,7 @@ def active_set_round(statement: Statement, *, looking: bool, together: int, pass
     of the next round, those that push the wrong way being zero.
 
     Of the inequality rows, only the first `together` are taken for active, and never more than can be independent.
-    `passes` correct what `SOFTENED` takes away.
+    `passes` correct what `softened` takes away; where the rows are independent for certain, it can be tiny.
     """
     n, m = statement.n, statement.m
     full, memory = ca.SX.sym("full", statement.build.sparsity_in(0)), ca.SX.sym("memory", statement.memory.numel())
@@ -67,12 +69,12 @@ def active_set_round(statement: Statement, *, looking: bool, together: int, pass
     sideways = solve(free @ rows.T)
     alone = fixed - solve(free @ (gradient + hessian @ fixed))
     stiffness = ca.triu2symm(ca.triu((rows @ free) @ sideways))  # half the entries need computing
-    softened = solver_of(stiffness + ca.diag(ca.if_else(used, SOFTENED * ca.diag(stiffness), 1)))
-    missing = rows @ alone - wanted
-    pushing = softened(missing)
-    for _ in range(passes):
-        pushing += softened(missing - stiffness @ pushing)
+    held = solver_of(stiffness + ca.diag(ca.if_else(used, softened * ca.diag(stiffness), 1)))
+    pushing = held(rows @ alone - wanted)
     x = alone - sideways @ pushing
+    for _ in range(passes):  # on what x misses: multipliers of nearly dependent rows are too large to tell
+        more = held(rows @ x - wanted)
+        pushing, x = pushing + more, x - sideways @ more
     balance = ca.diag(active[:n]) @ -(hessian @ x + gradient + rows.T @ pushing)
 
     found = ca.SX.zeros(m)

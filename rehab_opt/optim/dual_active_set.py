@@ -142,9 +142,11 @@ def _step(statement: Statement) -> ca.Function:
     enough = ca.if_else(rest > DEPENDENT * curvature, (ca.dot(normal, state.x) - limit) / rest, ca.inf)
     stops = ca.if_else(ca.logic_and(used, change < 0), -state.pushing / change, ca.inf)
     soonest = ca.mmin(stops)
-    far = ca.if_else(broken, ca.fmin(enough, soonest), 0)
-    held = ca.logic_and(broken, enough <= soonest)
-    drops = ca.logic_and(broken, ca.logic_not(held))
+    far = ca.fmin(enough, soonest)
+    goes = ca.logic_and(broken, far < ca.inf)  # else x is the answer, or no x keeps all bounds
+    far = ca.if_else(goes, far, 0)
+    held = ca.logic_and(goes, enough <= soonest)
+    drops = ca.logic_and(goes, ca.logic_not(held))
     into, out = _first_true(held * ca.logic_not(used)), _first_true(drops * (stops <= soonest))
     stays = ca.logic_not(out)
 
@@ -165,7 +167,7 @@ def _step(statement: Statement) -> ca.Function:
         numbers=ca.if_else(out, 0, state.numbers) + into * which,
         pending=ca.if_else(held, 0, pending),
         begun=ca.if_else(held, 0, begun),
-        done=ca.logic_not(ca.logic_and(broken, far < ca.inf)),
+        done=ca.logic_not(goes),
     )
     inputs = [of.full, of.memory, shared, column]
     return ca.Function(f"{statement.name}_dual_step", inputs, [following.column()], {"cse": True})

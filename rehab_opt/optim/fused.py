@@ -24,6 +24,9 @@ FUSED_SOLVERS = ("qrqp", "closed form", "active set", "dual active set")
 """Who answered, by the number that the fused function gives."""
 GUESS_TOLERANCE = 1e-10
 """Residual to which a guess counts as the answer: as exact as what the solver is asked for."""
+INDEPENDENT = 1e-13
+"""Share by which rows yield that the dual method found: they are independent by more than this."""
+PASSES = 2
 
 
 def fused(statement: Statement) -> ca.Function:
@@ -84,7 +87,7 @@ def _rounds(statement: Statement, solver: ca.Function) -> ca.Function:
     """As `solver`, after `active_set_round`s and `dual_active_set`, each only where what came before failed."""
     n = statement.n
     first, looking = _first_round(statement), active_set_round(statement, looking=True, together=TOGETHER)
-    whole = active_set_round(statement, looking=False, together=n, passes=3)
+    whole = active_set_round(statement, looking=False, together=n, passes=PASSES, softened=INDEPENDENT)
     full, memory, start = _inputs(statement)
     multipliers, point = ca.MX.sym("multipliers", n + statement.m), ca.MX.sym("point", n)
     arguments = [full, memory, start, multipliers, point]
