@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from types import MappingProxyType
 from typing import Any
@@ -12,11 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.comparison.controller_runs import mirrored_motion, motions
-from rehab_opt.comparison.nlp_instances import PLAN, NLPInstances
+from rehab_opt.comparison.nlp_instances import PLAN, WINDOW, WINDOW_KEYS, NLPInstances
 from rehab_opt.control.arm_ik import ArmIK
 from rehab_opt.control.command import Status
+from rehab_opt.control.mirror import MirrorTracker
+from rehab_opt.control.mirror_window import MirrorWindow
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.human_arm import human_arm
+from rehab_opt.kinematics.ur5 import ur5
 from rehab_opt.optim.witness import Witness, witnessed
 from rehab_opt.workspace.plane_search import PlaneSearch
 from rehab_opt.workspace.plane_statement import PlaneStatement
@@ -34,6 +38,10 @@ SHORT = {"acromiohumeral": 0.110, "humerus": 0.240, "forearm": 0.220, "hand": 0.
 """[m] A smaller person."""
 PLAN_DT = 0.02
 """[s]"""
+FLOOR = 0.3
+"""Of the manipulability, in plans and windows of them."""
+KNOTS, SPACING, EVERY = 8, 0.1, 2
+"""Of a window: knots, the time between them [s], and after how many of them the next window begins."""
 COUNT = 60
 DRAWS = 600
 
@@ -97,8 +105,29 @@ def mirror_plan(name: str, *, task: str, about: str) -> NLPInstances:
     """A whole mirrored task, known beforehand."""
     samples = mirrored_motion(task, PLAN_DT)
     parameters = np.concatenate([samples.poses.reshape(-1, 16), samples.twists], axis=1)
-    arguments = {"floor": 0.3, "dt": PLAN_DT}
+    arguments = {"floor": FLOOR, "dt": PLAN_DT}
     return _instances(name, PLAN, arguments, parameters, motions().START[None], about=about)
+
+
+def mirror_window(name: str, *, task: str, standing: bool, about: str) -> NLPInstances:
+    """Stretches of a plan as programmes: each begins where the plan is, and wants what its clock shows.
+
+    Its start is the plan itself, which keeps every bound, or, `standing`, the posture in which it begins.
+    """
+    tracker = MirrorTracker(ur5(), floor=FLOOR, dt=PLAN_DT, compile=False)
+    samples = mirrored_motion(task, PLAN_DT)
+    path, stride = tracker.plan(samples.poses, samples.twists, motions().START), round(SPACING / PLAN_DT)
+    bounds = replace(tracker.hand_bounds, dt=SPACING)
+    window = MirrorWindow(bounds, knots=KNOTS)
+    parameters, starts = [], []
+    for first in range(stride, len(path.q) - KNOTS * stride, EVERY * stride):
+        later = first + stride * np.arange(1, KNOTS + 1)
+        here = path.q[first]
+        parameters.append(window.parameters_of(here, path.q[first - stride], path.references[later]))
+        starts.append(window.standing(here) if standing else path.q[later].reshape(-1))
+    values = (bounds.floor, bounds.largest, bounds.linear_speed, bounds.deviation, SPACING, KNOTS)
+    arguments = dict(zip(WINDOW_KEYS, values, strict=True))
+    return _instances(name, WINDOW, arguments, np.array(parameters), np.array(starts), about=about)
 
 
 def _instances(
@@ -137,6 +166,24 @@ RECIPES: Mapping[str, Callable[[str], NLPInstances]] = MappingProxyType(
         "mirror_plan/pick_fruit": partial(mirror_plan, task="pick_fruit", about="A fruit is picked, at 50 Hz."),
         "mirror_plan/refrigerator_door": partial(
             mirror_plan, task="refrigerator_door", about="A refrigerator's door is opened and shut, at 50 Hz."
+        ),
+        "mirror_window/pick_fruit": partial(
+            mirror_window, task="pick_fruit", standing=False, about="0.8 s of picking a fruit, from the plan of it."
+        ),
+        "mirror_window/refrigerator_door": partial(
+            mirror_window,
+            task="refrigerator_door",
+            standing=False,
+            about="0.8 s of opening and shutting a refrigerator's door, from the plan of it.",
+        ),
+        "mirror_standing/pick_fruit": partial(
+            mirror_window, task="pick_fruit", standing=True, about="The same as mirror_window, from standing still."
+        ),
+        "mirror_standing/refrigerator_door": partial(
+            mirror_window,
+            task="refrigerator_door",
+            standing=True,
+            about="The same as mirror_window, from standing still.",
         ),
     }
 )

@@ -14,26 +14,45 @@ from numpy.typing import NDArray
 
 from rehab_opt.comparison.array_file import META, read_arrays, write_arrays
 from rehab_opt.comparison.provenance import versions_now
+from rehab_opt.control.hand_bounds import HandBounds
 from rehab_opt.control.ik_statements import IKStatements
 from rehab_opt.control.mirror import MirrorTracker
 from rehab_opt.control.mirror_plan import MirrorPath
+from rehab_opt.control.mirror_window import MirrorWindow
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.kinematics.human_arm import ARM_SEGMENTS, human_arm
 from rehab_opt.kinematics.ur5 import ur5
 from rehab_opt.optim.nlp import NLP
 from rehab_opt.workspace.plane_statement import PlaneStatement
 
-__all__ = ["STATEMENTS", "NLPInstances", "read_nlp_instances", "shipped_nlp_instances", "write_nlp_instances"]
+__all__ = [
+    "PLAN",
+    "STATEMENTS",
+    "WINDOW",
+    "WINDOW_KEYS",
+    "NLPInstances",
+    "read_nlp_instances",
+    "shipped_nlp_instances",
+    "write_nlp_instances",
+]
 
 Array = NDArray[np.float64]
 
 FORMAT = "rehab_opt nlp instances 1"
+WINDOW, WINDOW_KEYS = "mirror_window", ("floor", "largest", "linear_speed", "deviation", "spacing", "knots")
 TEXTS = ("name", "statement", "command", "about")
 
 
 def _arm_of(arguments: Mapping[str, Any]) -> Any:
     segments = arguments.get("segments_m", dict(ARM_SEGMENTS))
     return human_arm(range_of_motion=arguments["range_of_motion"], segments=segments)
+
+
+def _window(arguments: Mapping[str, Any]) -> MirrorWindow:
+    floor, largest, linear_speed, deviation, spacing = (float(arguments[key]) for key in WINDOW_KEYS[:-1])
+    # Rates at which a tick's tangents approach a bound: a programme has none.
+    bounds = HandBounds(ur5(), floor, largest, linear_speed, deviation, (), rate=1.0, dt=spacing, return_speed=0.1)
+    return MirrorWindow(bounds, knots=arguments[WINDOW_KEYS[-1]])
 
 
 def _ik(arguments: Mapping[str, Any]) -> IKStatements:
@@ -47,6 +66,7 @@ STATEMENTS: Mapping[str, Callable[[Mapping[str, Any]], NLP]] = MappingProxyType(
         "plane_nearest": lambda arguments: (
             PlaneStatement(_arm_of(arguments), handle_tilt=arguments["handle_tilt"]).nearest
         ),
+        WINDOW: lambda arguments: _window(arguments).nlp,
     }
 )
 """The library's statements by name, from the arguments in the file."""
@@ -63,7 +83,8 @@ class NLPInstances:
     name : "family/which".
     statement : a key of `STATEMENTS`, or `PLAN`.
     arguments : what the statement is built from: `range_of_motion`, `segments_m`, `handle_tilt` [rad] of an arm; of a
-        plan those of `MirrorTracker`.
+        plan those of `MirrorTracker`; of a window of one `floor`, `largest`, `linear_speed` [m/s], `deviation` [m],
+        `spacing` [s] and `knots`.
     parameters : (N, p) in the statement's order. Of a plan (N, 22): pose of the tool by rows, then its twist, dt apart.
     starts : (N, n) variables to start from. Of a plan (1, n) joint angles [rad].
     tolerance : largest residual of `NLP.certify` that counts as solved.
@@ -122,8 +143,9 @@ class NLPInstances:
     def _widths(self) -> tuple[int, int]:
         try:
             return int(self.nlp.p.numel()), self.nlp.n
-        except (KeyError, TypeError) as problem:
-            expected = "range_of_motion, segments_m and handle_tilt of an arm"
+        except (KeyError, TypeError, ValueError) as problem:
+            of_arm = "range_of_motion, segments_m and handle_tilt of an arm"
+            expected = f"numbers {', '.join(WINDOW_KEYS)}" if self.statement == WINDOW else of_arm
             raise ConfigurationError("arguments", dict(self.arguments), expected) from problem
 
 

@@ -21,6 +21,9 @@ __all__ = ["PREFIX", "PROGRAMME_ENTRANTS", "Programmes", "shipped_programmes"]
 
 Array = NDArray[np.float64]
 
+COMPILED = 20
+"""Variables up to which a solver is compiled: a step of 48 takes the compiler a minute and is no quicker for it, since
+nearly all of its time goes into the QP."""
 PREFIX = "nlp_"
 """Of a family's name, that it is told from the QPs of the same capability."""
 
@@ -110,7 +113,9 @@ def by_casadi(programmes: Programmes, solver: str) -> Solver:
 
 class _Programme:
     def __init__(self, programmes: Programmes, solver: str) -> None:
-        self._solver = nlp_solver(programmes.nlp, solver, tolerance=programmes.tolerance)
+        nlp = programmes.nlp
+        small = None if nlp.n <= COMPILED else False
+        self._solver = nlp_solver(nlp, solver, tolerance=programmes.tolerance, compile=small)
 
     def prepared(self, instance: tuple[Array, Array]) -> Any:
         return instance

@@ -53,4 +53,9 @@ def test_a_worker_gets_the_same_programmes(boundary: Programmes) -> None:
 
 
 def test_families_of_programmes_are_told_from_those_of_qps() -> None:
-    assert {name.partition("/")[0] for name in shipped_programmes()} == {"nlp_arm_ik", "nlp_boundary"}
+    assert {name.partition("/")[0] for name in shipped_programmes()} == {
+        "nlp_arm_ik",
+        "nlp_boundary",
+        "nlp_mirror_standing",
+        "nlp_mirror_window",
+    }
