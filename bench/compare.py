@@ -2,14 +2,16 @@
 
 Each solver of ours goes along one recorded sequence of every family, in turn with one reference solver; the median over
 rounds of the ratio of medians is compared with `bench/baseline.json`. Seconds change from machine to machine, these
-ratios little: a ratio worse than the stored one by more than `--factor` fails, with exit code 1. `--write` stores what
-is measured now instead.
+ratios little: a ratio worse than the stored one by more than `--factor` fails, with exit code 1; so does a solver that
+certifies fewer of the ticks than it did, which may well have become quicker by that. `--write` stores what is measured
+now instead.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import math
 import statistics
 import sys
 import time
@@ -21,7 +23,7 @@ from typing import Any, NamedTuple
 from rich.console import Console
 from rich.table import Table
 
-from bench.corpus import along, read, representatives
+from bench.corpus import along, certified_share, read, representatives
 from bench.machine import machine
 from rehab_opt.comparison.entrants import entrants
 from rehab_opt.comparison.record import versions_of
@@ -48,33 +50,48 @@ class Change(NamedTuple):
     """Of the baseline, NaN where it has none."""
     now: float
     """NaN where it was not measured."""
+    certified_before: float = 0.0
+    """Share of the ticks."""
+    certified_now: float = 1.0
 
     def worse(self, factor: float) -> bool:
-        """Whether it fails: slower by more than the factor, or no longer there."""
-        return not self.now <= factor * self.before if self.before == self.before else False
+        """Whether it fails: slower by more than the factor, no longer there, or certified less often."""
+        return bool(self.verdict(factor))
+
+    def verdict(self, factor: float) -> str:
+        """Why it fails, or nothing."""
+        if math.isnan(self.before):
+            return ""
+        if math.isnan(self.now):
+            return "not measured"
+        if not self.certified_now >= self.certified_before:
+            return f"certifies {self.certified_now:.2%}"
+        return "" if self.now <= factor * self.before else "slower"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, and compare or store."""
     parser = argparse.ArgumentParser(prog="python -m bench.compare", description=__doc__)
     parser.add_argument("--factor", type=float, default=FACTOR, help="how much worse a ratio may be")
-    parser.add_argument("--rounds", type=int, default=ROUNDS)
+    parser.add_argument("--rounds", type=int, default=ROUNDS, choices=range(1, 1000), metavar="N")
     parser.add_argument("--write", action="store_true", help="store the ratios of this run as the baseline")
     options = parser.parse_args(arguments)
     console = Console(width=max(Console().width, 110))
     console.print("  ".join(f"{key}: {value}" for key, value in machine().items()), highlight=False)
     measured = {name: _ratios(name, options.rounds) for name in representatives()}
+    certified = {name: _certified(name) for name in measured}
     if not measured:
         console.print("no recorded sequences here", style="bold red")
         return 1
     if options.write:
-        _store(measured)
+        _store(measured, certified)
         console.print(f"written: {BASELINE.name}")
         return 0
-    found = changes(json.loads(BASELINE.read_text())["ratios"], measured)
+    stored = json.loads(BASELINE.read_text())
+    found = changes(stored["ratios"], measured, certified_before=stored["certified"], certified_now=certified)
     table = Table("sequence", "solver", f"time / {REFERENCE}'s", "baseline", "change", "verdict")
     for each in found:
-        verdict = "[bold red]slower" if each.worse(options.factor) else "ok"
+        verdict = f"[bold red]{each.verdict(options.factor)}" if each.worse(options.factor) else "ok"
         change = f"{each.now / each.before:.2f}"
         table.add_row(each.sequence, each.solver, f"{each.now:.3f}", f"{each.before:.3f}", change, verdict)
     console.print(table)
@@ -84,14 +101,29 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 1 if failed else 0
 
 
-def changes(before: Ratios, now: Ratios) -> list[Change]:
-    """Every pair of sequence and solver that stands on either side."""
-    absent = float("nan")
+def changes(
+    before: Ratios, now: Ratios, *, certified_before: Ratios | None = None, certified_now: Ratios | None = None
+) -> list[Change]:
+    """Every pair of sequence and solver that stands on either side, with the shares of ticks that it certifies."""
+    absent = math.nan
+
+    def share(side: Ratios | None, name: str, solver: str, unknown: float) -> float:
+        return (side or {}).get(name, {}).get(solver, unknown)
+
     pairs = {(name, solver): None for side in (before, now) for name, each in side.items() for solver in each}
     return [
-        Change(name, solver, before.get(name, {}).get(solver, absent), now.get(name, {}).get(solver, absent))
+        Change(
+            name, solver, before.get(name, {}).get(solver, absent), now.get(name, {}).get(solver, absent),
+            share(certified_before, name, solver, 0.0), share(certified_now, name, solver, 1.0),
+        )
         for name, solver in pairs
-    ]
+    ]  # fmt: skip
+
+
+def _certified(name: str) -> dict[str, float]:
+    """Of each watched solver: the share of the sequence's ticks that it certifies, warm."""
+    by_name = {entrant.name: entrant for entrant in entrants()}
+    return {solver: round(certified_share(by_name[solver], read(name)), 4) for solver in WATCHED}
 
 
 def _ratios(name: str, rounds: int) -> dict[str, float]:
@@ -121,7 +153,7 @@ def _median_time(call: Callable[[], Any]) -> float:
     return statistics.median(spent)
 
 
-def _store(measured: Ratios) -> None:
+def _store(measured: Ratios, certified: Ratios) -> None:
     taking_part = [entrant for entrant in entrants() if entrant.name in (REFERENCE, *WATCHED)]
     rounded = {name: {solver: round(ratio, 4) for solver, ratio in each.items()} for name, each in measured.items()}
     content = {
@@ -129,6 +161,7 @@ def _store(measured: Ratios) -> None:
         "machine": machine(),
         "versions": {name: text for entrant in taking_part for name, text in versions_of(entrant).items()},
         "ratios": rounded,
+        "certified": certified,
     }
     BASELINE.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 

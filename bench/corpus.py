@@ -10,8 +10,9 @@ from typing import Any
 from rehab_opt.comparison.entrants import Entrant
 from rehab_opt.comparison.instances import RecordedQPs
 from rehab_opt.comparison.sequence import QPSequence, read_sequence, shipped_sequences
+from rehab_opt.optim.certificate import is_certified
 
-__all__ = ["along", "read", "representatives"]
+__all__ = ["along", "certified_share", "read", "representatives"]
 
 
 def representatives() -> list[str]:
@@ -36,3 +37,14 @@ def along(entrant: Entrant, sequence: QPSequence) -> Callable[[], Any]:
     given = [solver.prepared(qp) for qp in sequence]
     stream: Iterator[Any] = itertools.cycle([*given, *reversed(given)])  # a jump would spoil the warm start
     return lambda: solver.solve(next(stream), warm=True)
+
+
+def certified_share(entrant: Entrant, sequence: QPSequence) -> float:
+    """Of the ticks, one after the other and warm: the share whose answer our certificate accepts."""
+    recorded = RecordedQPs(sequence)
+    solver = entrant.make(recorded, entrant.solver)
+    accepted = 0
+    for tick, qp in enumerate(sequence):
+        claim = solver.claim(qp, solver.solve(solver.prepared(qp), warm=True))
+        accepted += is_certified(recorded.residual(tick, claim.answer), sequence.tolerance)
+    return accepted / len(sequence)

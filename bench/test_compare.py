@@ -3,8 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import Any
 
+import numpy as np
+import pytest
+
+from bench import compare
 from bench.compare import Change, changes
+from rehab_opt.comparison import dense_qp
 
 BEFORE = {"pose/free": {"qrqp-fused": 0.10, "osqp-kept": 2.0}}
 
@@ -23,6 +30,37 @@ def test_what_is_no_longer_measured_fails_and_what_is_new_does_not() -> None:
         ("pose/free", "osqp-kept"): True,
         ("mirror/new", "qrqp-fused"): False,
     }
+
+
+def test_what_became_quicker_by_certifying_less_fails() -> None:
+    now = {"pose/free": {"qrqp-fused": 0.01, "osqp-kept": 2.0}}
+    shares = {"pose/free": {"qrqp-fused": 1.0, "osqp-kept": 0.98}}
+    less = {"pose/free": {"qrqp-fused": 0.995, "osqp-kept": 0.98}}
+    found = changes(BEFORE, now, certified_before=shares, certified_now=less)
+    assert [each.verdict(1.5) for each in found] == ["certifies 99.50%", ""]
+
+
+def spoilt(solve: Callable[..., Any], how: str) -> Callable[..., Any]:
+    def other(self: dense_qp.DenseQP, data: Any, *, warm: bool) -> Any:
+        if how == "wrong":
+            return np.zeros(2 * self.n + self.m), math.nan
+        for _ in range(3):
+            solve(self, data, warm=warm)
+        return solve(self, data, warm=warm)
+
+    return other
+
+
+@pytest.mark.parametrize(("how", "told"), [("slow", "slower"), ("wrong", "certifies 0.00%")])
+def test_the_command_fails_where_a_solve_has_become_slower_or_wrong(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], how: str, told: str
+) -> None:
+    monkeypatch.setattr(dense_qp.DenseQP, "solve", spoilt(dense_qp.DenseQP.solve, how))
+    monkeypatch.setattr(compare, "representatives", lambda: ["pose_tracking/free"])
+    assert compare.main(["--rounds", "5"]) == 1
+    lines = [line for line in capsys.readouterr().out.splitlines() if "pose_tracking/free" in line and "qrqp" in line]
+    assert len(lines) == 2
+    assert all(told in line for line in lines)
 
 
 def test_a_time_that_is_no_number_fails() -> None:

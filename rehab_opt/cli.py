@@ -128,15 +128,18 @@ def record(
 
     loaded = load_problem(file)
     place = out if out is not None else Path("out") / f"{loaded.name}.npz"
-    if place.suffix != ".npz" or place.is_dir():
+    if place.suffix != ".npz":
         raise ConfigurationError("--out", str(place), "a file that ends in .npz")
+    _no_folder(place)
     _writable(place.parent)
     with _bars() as progress:
         sequences = recorded_run(loaded, skip=skip, ticks=ticks, progress=progress, solver=solver)
     paths = file_names(place, sequences)
+    for path in paths:  # before any of them is written
+        _no_folder(path)
     with _undisturbed():
         for path, sequence in zip(paths, sequences, strict=True):
-            write_sequence(path, sequence)
+            write_sequence(path, sequence, argument="--out")
     for path, sequence in zip(paths, sequences, strict=True):
         print(f"{path}: {len(sequence)} QPs of {sequence.n} variables and {sequence.m} rows")
 
@@ -260,6 +263,12 @@ def _writable(folder: Path, *, argument: str = "--out") -> Path:
         return checked_folder(folder, argument=argument)
     except OSError as problem:
         raise ConfigurationError(argument, str(folder), f"a folder's name ({problem.strerror})") from problem
+
+
+def _no_folder(file: Path) -> None:
+    """Refuse a file in whose place a folder stands."""
+    if file.is_dir():
+        raise ConfigurationError("--out", str(file), "the name of a file: a folder stands there")
 
 
 def _refuse(problem: RehabOptError) -> NoReturn:

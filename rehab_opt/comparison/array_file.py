@@ -41,8 +41,12 @@ class ArrayFile(NamedTuple):
     arrays: dict[str, Array]
 
 
-def write_arrays(path: Path, meta: Mapping[str, Any], arrays: Mapping[str, Array]) -> None:
+def write_arrays(path: Path, meta: Mapping[str, Any], arrays: Mapping[str, Array], *, argument: str = "path") -> None:
     """Write `arrays` (float64) and `meta` as JSON; the same content makes the same bytes.
+
+    Parameters
+    ----------
+    argument : what the user calls the path.
 
     Raises
     ------
@@ -59,7 +63,7 @@ def write_arrays(path: Path, meta: Mapping[str, Any], arrays: Mapping[str, Array
     except (OSError, ValueError) as problem:
         if part.is_file():
             part.unlink()
-        raise ConfigurationError("path", str(path), f"a file that can be written ({problem})") from problem
+        raise ConfigurationError(argument, str(path), f"a file that can be written ({problem})") from problem
 
 
 def read_arrays(path: Path | str) -> ArrayFile:

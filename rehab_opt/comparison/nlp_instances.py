@@ -149,13 +149,13 @@ class NLPInstances:
             raise ConfigurationError("arguments", dict(self.arguments), expected) from problem
 
 
-def write_nlp_instances(path: Path | str, instances: NLPInstances) -> None:
-    """Write them compressed; `problems/qp/README.md` has the layout."""
+def write_nlp_instances(path: Path | str, instances: NLPInstances, *, argument: str = "path") -> None:
+    """Write them compressed; `problems/qp/README.md` has the layout. `argument` is what the user calls the path."""
     meta = {
         "format": FORMAT, **{key: getattr(instances, key) for key in TEXTS}, "tolerance": instances.tolerance,
         "arguments": dict(instances.arguments), "versions": dict(instances.versions),
     }  # fmt: skip
-    write_arrays(Path(path), meta, {"parameters": instances.parameters, "starts": instances.starts})
+    write_arrays(Path(path), meta, {"parameters": instances.parameters, "starts": instances.starts}, argument=argument)
 
 
 def read_nlp_instances(path: Path | str) -> NLPInstances:

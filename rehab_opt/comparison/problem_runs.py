@@ -78,7 +78,8 @@ PROBLEM_RUNS: Mapping[str, ProblemRun] = MappingProxyType(
             "ardis/beyond_reach", "differential_x_y", 650, 200, "The same chair comes along with the arm.",
         ),
         "ardis/differential_doorway": ProblemRun(
-            "ardis/through_doorway", "differential_x_y", 780, 220, "The same chair between posts and walls.",
+            # From tick 840 on this run amplifies what differs by rounding, until it is another way through the door.
+            "ardis/through_doorway", "differential_x_y", 650, 200, "The same chair comes between posts and walls.",
         ),
     }
 )  # fmt: skip

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
+import shlex
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from rehab_opt.comparison.sequence import QPSequence, sequence_of
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.optim.witness import Stream, witnessed
-from rehab_opt.session.files import ProblemFile
+from rehab_opt.session.files import ProblemFile, shipped_problems
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.run import run_problem
 from rehab_opt.session.systems import Recorded, system_named
@@ -56,14 +59,27 @@ def recorded_run(
     if not streams:
         met = max((stream.met for stream in witness.streams), default=0)
         raise ProblemFileError(loaded.file, "system", name, f"a run of more QPs than --skip {skip}: it had {met}")
-    command = f"rehab-opt record {loaded.name} --skip {skip} --ticks {ticks}"
+    command = _command(loaded, skip=skip, ticks=ticks, **options)
     return [
         sequence_of_stream(
-            stream, name=f"{name}/{_last(loaded.name)}_{stream.name}", dt=dt, command=command,
-            about=f"{loaded.problem.title}: {stream.name}, {len(stream)} of {stream.met} QPs",
+            stream, name=f"{name}/{_last(loaded.name)}_{apart}", dt=dt if stream.ticks else math.nan, command=command,
+            about=f"{loaded.problem.title}: {apart}, {len(stream)} of {stream.met} QPs",
         )
-        for stream in streams
+        for stream, apart in zip(streams, _names_apart(streams), strict=True)
     ]  # fmt: skip
+
+
+def _command(loaded: ProblemFile[Any], *, skip: int, ticks: int, **options: str | None) -> str:
+    """What records it again, on a shell."""
+    file = loaded.name if loaded.name in shipped_problems() else loaded.file
+    chosen = [f"--{name}={value}" for name, value in options.items() if value is not None]
+    return shlex.join(["rehab-opt", "record", file, "--skip", str(skip), "--ticks", str(ticks), *chosen])
+
+
+def _names_apart(streams: Sequence[Stream]) -> list[str]:
+    """Each stream's name, numbered where several have it."""
+    names = [stream.name for stream in streams]
+    return [f"{name}_{names[: i + 1].count(name)}" if names.count(name) > 1 else name for i, name in enumerate(names)]
 
 
 def sequence_of_stream(stream: Stream, *, name: str, dt: float, command: str, about: str) -> QPSequence:

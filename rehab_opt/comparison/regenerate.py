@@ -45,11 +45,11 @@ def _regenerate(asked: Sequence[str], out: Path) -> None:
         if name.startswith("nlp/"):
             path = out / f"{name}.npz"
             instances = nlp_corpus.made(name.removeprefix("nlp/"))
-            write_nlp_instances(path, instances)
+            write_nlp_instances(path, instances, argument="--out")
             told = f"{len(instances)} instances of {instances.statement}"
         else:
             path, sequence = out / "qp" / f"{name}.npz", corpus.made(name)
-            write_sequence(path, sequence)
+            write_sequence(path, sequence, argument="--out")
             told = f"{len(sequence)} ticks, {sequence.n} variables, {sequence.m} rows"
         print(f"{path}: {told}, {path.stat().st_size / 1e3:.0f} kB", flush=True)
 

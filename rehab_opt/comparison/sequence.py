@@ -177,8 +177,8 @@ def sequence_of(
     )
 
 
-def write_sequence(path: Path | str, sequence: QPSequence) -> None:
-    """Write it compressed; `problems/qp/README.md` has the layout.
+def write_sequence(path: Path | str, sequence: QPSequence, *, argument: str = "path") -> None:
+    """Write it compressed; `problems/qp/README.md` has the layout. `argument` is what the user calls the path.
 
     Raises
     ------
@@ -189,7 +189,7 @@ def write_sequence(path: Path | str, sequence: QPSequence) -> None:
         "tolerance": float(sequence.tolerance), "marks": sequence.marks, "command": sequence.command,
         "about": sequence.about, "versions": dict(sequence.versions),
     }  # fmt: skip
-    write_arrays(Path(path), meta, {key: getattr(sequence, key) for key in ARRAYS})
+    write_arrays(Path(path), meta, {key: getattr(sequence, key) for key in ARRAYS}, argument=argument)
 
 
 def read_sequence(path: Path | str) -> QPSequence:

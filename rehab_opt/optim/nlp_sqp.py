@@ -107,7 +107,7 @@ class SQP:
             columns = [each.full() for each in subproblem(*values)]
             return Instance(*(c if i in (0, 2) else c.reshape(-1) for i, c in enumerate(columns)))
 
-        stream = witness.stream(f"{self.nlp.name}_step", self.tolerance, instance)
+        stream = witness.stream(f"{self.nlp.name}_step", self.tolerance, instance, ticks=False)
         return witness.watched(self._step, stream, lambda: tuple(self._step.inputs))
 
 

@@ -28,13 +28,21 @@ class Stream:
     name : of the statement.
     tolerance : certificate tolerance of who solves it.
     make : the instance from what `see` is given.
+    ticks : whether they are a controller's, one a tick; iterations, and fits that are made once, are not.
     skip, most : how many are let pass first, and how many are then kept.
     """
 
     def __init__(
-        self, name: str, tolerance: float, make: Callable[..., Instance], *, skip: int, most: int | None
+        self,
+        name: str,
+        tolerance: float,
+        make: Callable[..., Instance],
+        *,
+        ticks: bool = True,
+        skip: int,
+        most: int | None,
     ) -> None:
-        self.name, self.tolerance, self.met = name, tolerance, 0
+        self.name, self.tolerance, self.ticks, self.met = name, tolerance, ticks, 0
         self._make, self._skip, self._most = make, skip, most
         self._seen: list[tuple[Array, ...]] = []
 
@@ -66,11 +74,13 @@ class Witness:
         self._skip, self._most = skip, most
         self._shared: dict[str, Stream] = {}
 
-    def stream(self, name: str, tolerance: float, make: Callable[..., Instance], *, shared: bool = False) -> Stream:
+    def stream(
+        self, name: str, tolerance: float, make: Callable[..., Instance], *, ticks: bool = True, shared: bool = False
+    ) -> Stream:
         """A new stream, or, where it is shared, the one of that name."""
         if shared and name in self._shared:
             return self._shared[name]
-        found = Stream(name, tolerance, make, skip=self._skip, most=self._most)
+        found = Stream(name, tolerance, make, ticks=ticks, skip=self._skip, most=self._most)
         self.streams.append(found)
         if shared:
             self._shared[name] = found

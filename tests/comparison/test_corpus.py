@@ -186,7 +186,15 @@ def test_a_differential_chair_cannot_go_sideways_and_a_mecanum_one_can(drive: st
 
 # ----------------------------------------------------------------------------------------------------------- made again
 @pytest.mark.parametrize(
-    "name", ["pose_tracking/free", "pose_tracking/limited", "assistance/at_bounds", "mirror/far", "nan/pose_tracking"]
+    "name",
+    [
+        "pose_tracking/free",
+        "pose_tracking/limited",
+        "assistance/at_bounds",
+        "mirror/far",
+        "nan/pose_tracking",
+        "ardis/differential_doorway",
+    ],
 )
 def test_made_again_it_has_the_same_numbers(name: str) -> None:
     made, shipped = corpus.made(name), SEQUENCES[name]

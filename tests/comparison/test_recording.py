@@ -1,6 +1,7 @@
 """Claims about recording: a witness sees each tick's own QP, once, and costs nothing where there is none."""
 
 import math
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 from rehab_opt import ConfigurationError, PoseTracker, ProblemFileError, ur5
 from rehab_opt.cli import main
+from rehab_opt.comparison import recording
 from rehab_opt.comparison.recording import file_names, recorded_run
 from rehab_opt.comparison.sequence import QPSequence, read_sequence, sequence_of
 from rehab_opt.control.arm_ik import ArmIK
@@ -149,6 +151,66 @@ def test_a_run_gives_its_sequence_with_the_tick_and_the_command_that_makes_it_ag
     assert sequence.command == "rehab-opt record robot/ur5_circle --skip 10 --ticks 50"
     (longer,) = recorded_run(circle(), skip=0, ticks=60)
     assert_same(list(sequence), list(longer)[10:])
+
+
+def test_the_command_names_a_file_of_one_s_own_and_the_solver(tmp_path: Path) -> None:
+    own = tmp_path / "my circle.toml"
+    text = problem_path("robot/ur5_circle")[1].read_text()
+    own.write_text(text.replace("duration_s = 8.0", "duration_s = 2.0").replace("rate_hz = 1000.0", "rate_hz = 50.0"))
+    (sequence,) = recorded_run(load_problem(str(own)), ticks=5, solver="proxqp")
+    words = shlex.split(sequence.command)
+    assert words == ["rehab-opt", "record", str(own), "--skip", "0", "--ticks", "5", "--solver=proxqp"]
+    with pytest.raises(SystemExit) as ended:
+        main([*words[1:], "--out", str(tmp_path / "again.npz")])
+    assert not ended.value.code
+    again = read_sequence(tmp_path / "again.npz")
+    assert again.command == sequence.command
+    assert again.dt == 0.02
+    assert_same(list(again), list(sequence))
+
+
+class TwoSearches:
+    """A run in which two solvers of one name iterate beside a controller that ticks."""
+
+    def __call__(self, loaded: object, **_: object) -> None:
+        witness = witness_now()
+        assert witness is not None
+        qp = Instance(np.eye(1), np.zeros(1), np.zeros((0, 1)), np.zeros(0), np.zeros(0), np.zeros(1), np.ones(1))
+        for name, ticks in (("search", False), ("search", False), ("controller", True)):
+            witness.stream(name, 1e-8, Instance, ticks=ticks).see(*qp)
+
+
+def test_solvers_of_one_name_are_told_apart_and_iterations_have_no_tick(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(recording, "run_problem", TwoSearches())
+    found = recorded_run(circle())
+    assert [each.name for each in found] == [
+        f"pose_tracking/ur5_circle_{name}" for name in ("search_1", "search_2", "controller")
+    ]
+    assert [math.isnan(each.dt) for each in found] == [True, True, False]
+
+
+def test_an_iteration_of_a_programme_is_no_tick() -> None:
+    arm = human_arm(range_of_motion="regular")
+    with witnessed() as witness:
+        ArmIK(arm, compile=False).solve(arm.pose((arm.lower + arm.upper) / 2)[:3, 3])
+        tracker()
+    assert {stream.name: stream.ticks for stream in witness.streams}["ik_posture_step"] is False
+    assert {stream.name: stream.ticks for stream in witness.streams}["pose_tracker"] is True
+
+
+def test_a_folder_in_the_place_of_a_file_is_refused_before_anything_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(recording, "run_problem", TwoSearches())
+    for folder, out in (("a.npz", "a.npz"), ("b_search_2.npz", "b.npz")):
+        Path(folder).mkdir()
+        with pytest.raises(SystemExit) as ended:
+            main(["record", "robot/ur5_circle", "--out", out])
+        assert ended.value.code == 2
+        told = f"rehab-opt: --out = '{folder}': expected the name of a file: a folder stands there\n"
+        assert capsys.readouterr().err == told
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.npz", "b_search_2.npz"]
 
 
 def test_a_system_without_qps_is_refused_in_one_line() -> None:
