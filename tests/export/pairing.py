@@ -82,6 +82,6 @@ def ready_for(problem: ScenarioProblem) -> Prepared:
     path, task = np.array([carry().image(point) for point in there]), problem.task
     intention = traced(path, seconds=task.movement_s, rest=task.rest_s, dt=1 / problem.run.rate_hz)
     return Prepared(
-        comfortable=participants(), reachable=shape("blob"), reference=path, demonstrated=there, carry=carry(), fields=(),
-        numbers=FieldNumbers(0.0, 0.0, 0.0, 0.0), shown=(), intention=intention, notes=(),
+        comfortable=participants(), reachable=shape("blob"), reference=path, demonstrated=there, carry=carry(),
+        fields=(), numbers=FieldNumbers(0.0, 0.0, 0.0, 0.0), shown=(), intention=intention, notes=(),
     )  # fmt: skip
