@@ -66,7 +66,7 @@ class ControllerMap:
         Equal power on both sides within the source. Outside it is J' F of the nearest point, which is not: a hand that
         moves away from the edge feels the force while the image stands still. Keep it inside by other means.
         """
-        ((xx, xy), (yx, yy)), (force_x, force_y) = self.jacobian(point).tolist(), force.tolist()
+        ((xx, xy), (yx, yy)), (force_x, force_y) = self.jacobian(point).tolist(), np.asarray(force).tolist()
         # One product and one sum at a time, as in C; a matrix product may fuse them.
         return np.array((xx * force_x + yx * force_y, xy * force_x + yy * force_y))
 

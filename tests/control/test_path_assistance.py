@@ -93,7 +93,8 @@ def test_changes_from_piece_to_piece_stay_within_the_slew_bound_and_faults_move_
 @pytest.mark.parametrize(
     ("change", "named"),
     [({"width": math.nan}, "width"), ({"width": "wide"}, "width"), ({"stiffness": -1.0}, "stiffness"),
-     ({"path": [[0.0, 0.0]]}, "path"), ({"path": [[0.0, math.nan], [1.0, 0.0]]}, "path"),
+     ({"path": [[0.0, 0.0]]}, "path"), ({"path": [[0.1, 0.0], [0.1, 0.0]]}, "path"),
+     ({"path": [[0.0, math.nan], [1.0, 0.0]]}, "path"),
      ({"comfortable": None}, "comfortable")],
 )  # fmt: skip
 def test_bad_configuration_is_named(change: dict, named: str) -> None:

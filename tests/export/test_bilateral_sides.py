@@ -215,26 +215,28 @@ def test_both_sides_may_be_in_one_program_of_c(exported: Exported, built: Built,
     assert subprocess.run([program], check=False).returncode == 0
 
 
-@pytest.mark.parametrize("delayed", [False, True])
+@pytest.mark.parametrize("laws", [["together"], ["together", "delayed"], ["assisted", "together"]])
 def test_a_scenario_of_two_becomes_two_controllers(
-    delayed: bool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, built: Built
+    laws: list[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path, built: Built
 ) -> None:
-    """The map of the file takes seconds: that of these tests stands for it."""
-    laws = ["together", "delayed"] if delayed else ["together"]
+    """And one more where the file asks for assistance too. The map of the file takes seconds: that of these tests
+    stands for it."""
     task = {"movement_s": 3.0, "rest_s": 0.5}
     loaded = changed("scenario_together", run={"rate_hz": 200.0, "laws": laws}, task=task)
     monkeypatch.setattr("rehab_opt.export.controllers.scenario.prepared", lambda *_, **__: ready_for(loaded.problem))
-    controllers = exported_controllers(loaded, progress=lambda *_: None)
-    assert tuple(each.name for each in controllers) == SIDES
-    helper, participant = (each.recording for each in controllers)
-    late = 1 + (20 if delayed else 0)  # ticks that a message is under way
-    assert [tick["with_heard"] for tick in participant.ticks[: late + 2]] == [0] * late + [1, 1]
-    np.testing.assert_array_equal([tick["serial"] for tick in participant.ticks[late : late + 9]], np.arange(1, 10))
-    for recording in (helper, participant):
-        assert np.mean([command.status is Status.OK for command in recording.commands]) > 0.5
-        assert max(math.hypot(*command.value) for command in recording.commands) > 1.0
-    if delayed:
-        written_files({tmp_path / each.name: each for each in controllers}, tmp_path, problem="p")
+    *alone, helper, participant = exported_controllers(loaded, progress=lambda *_: None)
+    assert (helper.name, participant.name) == SIDES
+    assert [each.name for each in alone] == (["path_assistance"] if "assisted" in laws else [])
+    late = 1 + (20 if "delayed" in laws else 0)  # ticks that a message is under way
+    ticks = participant.recording.ticks
+    assert [tick["with_heard"] for tick in ticks[: late + 2]] == [0] * late + [1, 1]
+    np.testing.assert_array_equal([tick["serial"] for tick in ticks[late : late + 9]], np.arange(1, 10))
+    for side in (helper, participant):
+        commands = side.recording.commands
+        assert np.mean([command.status is Status.OK for command in commands]) > 0.5
+        assert max(math.hypot(*command.value) for command in commands) > 1.0
+    if "delayed" in laws:
+        written_files({tmp_path / each.name: each for each in (helper, participant)}, tmp_path, problem="p")
         for name in SIDES:
             program = built(tmp_path / name, "example", f"rehab_{name}.c", "main.c", flags=("-O0",))
             replay = subprocess.run([program, "0"], capture_output=True, text=True, check=False)

@@ -33,8 +33,16 @@ class Listening(ForceLaw):
 
     def __init__(self, law: ForceLaw, assistance: Assistance) -> None:
         self._law, self._assistance = law, assistance
-        self.start, self.aim = law.start, law.aim  # type: ignore[method-assign]
         self.carried: list[tuple[float, float]] = []
+
+    def start(self, number: int) -> None:
+        """A trial begins."""
+        self._law.start(number)
+        self.carried.clear()
+
+    def aim(self, goal: int) -> None:
+        """The goal has changed."""
+        self._law.aim(goal)
 
     def answer(self, x: float, y: float) -> Answer:
         """Its answer."""
