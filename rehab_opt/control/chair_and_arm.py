@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 Drive = Literal["mecanum", "differential"]
 UNKNOWN = -1.0
 """In place of the frame: 0 for the chassis frame, 1 for the world, this where no twist is remembered."""
-ROUNDS = 3
+ROUNDS = 2
 """Corrections of the last tick's active set: it is the same in 95 % of the ticks in which any bound is active."""
 ITERATIONS = 20
 """Cap on qrqp's active-set changes: most ticks need three, and what takes more than this cycles."""

@@ -18,7 +18,7 @@ def solver_of(matrix: ca.SX) -> Callable[[ca.SX], ca.SX]:
 
     def solve(right: ca.SX) -> ca.SX:
         columns = [ca.ldl_solve(ca.densify(right[:, i]), diagonal, factor, order) for i in range(right.size2())]
-        return ca.horzcat(*columns) if columns else right  # CasADi's concatenation of none has another height
+        return ca.horzcat(ca.SX(right.size1(), 0), *columns)
 
     return solve
 

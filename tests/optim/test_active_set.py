@@ -10,6 +10,7 @@ from hypothesis import given, settings
 
 from rehab_opt.optim.active_set import active_set_round
 from rehab_opt.optim.dual_active_set import dual_active_set
+from rehab_opt.optim.fused import GUESS_TOLERANCE, INDEPENDENT, PASSES
 from rehab_opt.optim.ladder import Ladder
 from rehab_opt.optim.qp import Instance, Statement, equal, parameter, variable, within
 from tests.optim.random_qps import general_statement, parameters_of, random_qp, seeds, solved
@@ -30,6 +31,17 @@ def whole() -> ca.Function:
 @cache
 def dual() -> ca.Function:
     return dual_active_set(stated())
+
+
+@cache
+def last_round() -> ca.Function:
+    """As the fused function makes the dual method's answer exact."""
+    return active_set_round(stated(), looking=False, together=N, passes=PASSES, softened=INDEPENDENT)
+
+
+@cache
+def without_rows() -> ca.Function:
+    return active_set_round(stated(), looking=False, together=0, passes=3)
 
 
 def with_a_corner(qp: Instance, answer: np.ndarray) -> Instance:
@@ -110,3 +122,41 @@ def test_rounds_give_the_solver_s_answers_along_jumps_and_leave_it_little_to_do(
         np.testing.assert_allclose(by_rounds.x, by_solver.x, atol=1e-7)
     assert {"active set", "dual active set"} <= set(names)
     assert names.count("qrqp") + names.count("proxqp") <= 2
+
+
+@given(seeds)
+@settings(max_examples=50, deadline=None)
+def test_rows_that_nearly_depend_are_held_as_exactly_as_others(seed: int) -> None:
+    """Two rows 1e-4 apart, both active at the answer: their multipliers nearly cancel."""
+    rng, qp = np.random.default_rng(seed), random_qp(seed, N, M, unbounded=False)
+    matrix, far = qp.A.copy(), np.full(M, 1e3)
+    matrix[1] = matrix[0] + 1e-4 * rng.standard_normal(N)
+    inside, high = rng.standard_normal(N), far.copy()
+    high[:2] = matrix[:2] @ inside
+    gradient = -qp.H @ inside - matrix[:2].T @ rng.uniform(0.5, 2.0, 2) * 100
+    qp = Instance(qp.H, gradient, matrix, -far, high, np.full(N, -1e3), np.full(N, 1e3))
+    answer = np.array(last_round()(parameters_of(qp), [], dual()(parameters_of(qp), []))[0]).ravel()
+    assert 0.0 <= answer[-1] <= GUESS_TOLERANCE
+    np.testing.assert_allclose(answer[:N], inside, atol=1e-9)
+
+
+@given(seeds)
+@settings(max_examples=30, deadline=None)
+def test_where_no_point_keeps_all_bounds_the_dual_method_ends_and_nothing_is_certified(seed: int) -> None:
+    qp = random_qp(seed, N, M, unbounded=False)
+    matrix, low, high = qp.A.copy(), qp.rows_lower.copy(), qp.rows_upper.copy()
+    matrix[1], low[1], high[1] = matrix[0], high[0] + 1.0, high[0] + 2.0
+    p = parameters_of(qp._replace(A=matrix, rows_lower=low, rows_upper=high))
+    active = np.array(dual()(p, [])).ravel()
+    assert set(active) <= {-1.0, 0.0, 1.0}
+    assert not 0.0 <= float(last_round()(p, [], active)[0][-1]) <= 1e-6
+
+
+@given(seeds)
+@settings(max_examples=30, deadline=None)
+def test_where_no_row_is_active_a_round_without_rows_says_the_same(seed: int) -> None:
+    qp, rng = random_qp(seed, N, M, unbounded=False), np.random.default_rng(seed)
+    start = np.concatenate([rng.choice([-1.0, 0.0, 1.0], N), np.zeros(M)])
+    answers = (each(parameters_of(qp), [], start) for each in (without_rows(), whole()))
+    for short, long in zip(*answers, strict=True):
+        np.testing.assert_allclose(np.array(short), np.array(long), rtol=1e-9, atol=1e-9)
