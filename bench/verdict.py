@@ -6,7 +6,7 @@ from typing import Literal, NamedTuple
 
 from rich.console import Console
 
-__all__ = ["Verdict", "all_met", "print_verdicts"]
+__all__ = ["Reported", "Verdict", "all_met", "print_verdicts"]
 
 
 class Verdict(NamedTuple):
@@ -27,6 +27,16 @@ class Verdict(NamedTuple):
         word = "PASS" if self.met else "FAIL"
         unit = f" {self.unit}" if self.unit else ""
         return f"{word}  {self.what}: {self.measured:.4g}{unit} (asked {self.relation} {self.asked:.4g}{unit})"
+
+
+class Reported(NamedTuple):
+    """A ratio beside a peer of which nothing was asked."""
+
+    what: str
+    measured: float
+
+    def __str__(self) -> str:
+        return f"NOTE  {self.what}: {self.measured:.4g} (reported)"
 
 
 def all_met(verdicts: list[Verdict]) -> bool:

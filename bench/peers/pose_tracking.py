@@ -26,7 +26,7 @@ from bench.machine import machine
 from bench.peers.contender import Contender, verify_kinematics
 from bench.peers.path import START, HandPath, circle
 from bench.peers.rounds import Record, alternate
-from bench.verdict import Verdict, all_met, print_verdicts
+from bench.verdict import Reported, Verdict, all_met, print_verdicts
 from rehab_opt import SerialChain, ur5
 
 __all__ = ["main"]
@@ -86,6 +86,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     verdicts = [verdict for case, some in measured.items() for verdict in asked(case, some)]
     print_verdicts(console, verdicts)
+    for case, some in measured.items():
+        for each in beside_others(case, some):
+            console.print(str(each), highlight=False, soft_wrap=True)
     if options.json:
         report: dict[str, Any] = {
             "machine": machine(),
@@ -157,6 +160,15 @@ def asked(case: str, table: Sequence[Row]) -> list[Verdict]:
         Verdict(f"{case}: compiled / placo", compiled.of_placo, "<=", 0.8 if case == "free" else 1.0),
         Verdict(f"{case}: compiled / (pink + daqp)", compiled.of_pink, "<=", 1 / 20),
         Verdict(f"{case}: virtual machine / (pink + daqp)", virtual.of_pink, "<=", 1 / 5),
+    ]
+
+
+def beside_others(case: str, table: Sequence[Row]) -> list[Reported]:
+    """Our compiled step beside those of the peers of which issue 2 asks nothing."""
+    return [
+        Reported(f"{case}: compiled / ({row.name})", table[0].median / row.median)
+        for row in table
+        if row.name.startswith(("mink", "roboticstoolbox"))
     ]
 
 

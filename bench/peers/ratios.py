@@ -32,13 +32,20 @@ SMALL: Mapping[str, tuple[str, ...]] = {
     "bench.assistance": ("--ticks", "3000"),
     "bench.arm_ik": ("--parts", "cold", "warm", "--targets", "100", "--samples", "200", "--paths", "1"),
     "bench.workspace": ("--ranges", "regular", "--repeats", "2", "--probes", "20", "--factor", "10"),
+    "bench.scenarios": ("--people", "2"),
+    "bench.defaults": ("--rounds", "3", "--ticks", "100"),
 }
 """Options of a small run of each bench; none of them changes what is compared."""
 SECONDS = 1800.0
+NOT_ASKED = "-"
+POSES = "bench.peers.pose_tracking"
 VERDICT = re.compile(
     r"^(?P<word>PASS|FAIL)  (?P<what>.+): (?P<measured>\S+)(?P<unit> \S+)? "
     r"\(asked (?P<relation><=|>=) (?P<asked>\S+?)(?: \S+)?\)$"
 )
+
+
+NOTE = re.compile(r"^NOTE  (?P<what>.+): (?P<measured>\S+) \(reported\)$")
 
 
 class Ratio(NamedTuple):
@@ -47,6 +54,7 @@ class Ratio(NamedTuple):
     bench: str
     what: str
     asked: str
+    """"-" where nothing was."""
     measured: float
     met: bool
 
@@ -72,10 +80,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
             missing[name] = error or "it judged no ratio"
     table = Table("bench", "ratio", "asked", "measured", "met")
     for ratio in found:
-        table.add_row(ratio.bench, ratio.what, ratio.asked, f"{ratio.measured:.3g}", "yes" if ratio.met else "[red]no")
+        met = "-" if ratio.asked == NOT_ASKED else "yes" if ratio.met else "[red]no"
+        table.add_row(ratio.bench, ratio.what, ratio.asked, f"{ratio.measured:.3g}", met)
     console.print(table)
     for name, why in missing.items():
         console.print(f"{name} did not run: {why}", style="bold red", highlight=False, markup=False, soft_wrap=True)
+    if {ratio.bench for ratio in found} & {POSES} and not any("roboticstoolbox" in ratio.what for ratio in found):
+        console.print("Robotics Toolbox is not installed: without its ratios", style="bold", highlight=False)
     if options.json:
         options.json.write_text(
             json.dumps({"machine": here, "ratios": [each._asdict() for each in found], "not run": missing}, indent=2)
@@ -84,9 +95,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def ratios_in(text: str, bench: str) -> list[Ratio]:
-    """The verdicts without a unit in what a bench has printed."""
+    """The verdicts without a unit in what a bench has printed, and what it only reports."""
     found = []
     for line in text.splitlines():
+        note = NOTE.match(line.strip())
+        if note is not None:
+            found.append(Ratio(bench, note["what"], NOT_ASKED, float(note["measured"]), met=True))
         read = VERDICT.match(line.strip())
         if read is not None and read["unit"] is None:
             asked, met = f"{read['relation']} {read['asked']}", read["word"] == "PASS"

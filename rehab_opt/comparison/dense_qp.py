@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.comparison.sequence import QPSequence
+from rehab_opt.errors import ConfigurationError
 from rehab_opt.optim.backends import Answer
 from rehab_opt.optim.certificate import certificate_function, is_certified
 from rehab_opt.optim.qp import Instance, Statement, variable, within
 from rehab_opt.symbolic import BufferedFunction, compiled
 
-__all__ = ["Certificate", "DenseQP", "dense_statement"]
+__all__ = ["LARGEST", "Certificate", "DenseQP", "dense_statement", "fits"]
 
 Array = NDArray[np.float64]
 
@@ -45,6 +46,15 @@ def dense_statement(n: int, m: int, *, equalities: Collection[int] = ()) -> Stat
     )
 
 
+LARGEST = 60
+"""Variables and rows together: beyond it the code of a fused QP takes minutes to compile, and 300 of each never end."""
+
+
+def fits(n: int, m: int) -> bool:
+    """Whether a fused function is made of QPs of that size."""
+    return n + m <= LARGEST
+
+
 class DenseQP:
     """The fused function of `dense_statement`: last tick's bounds where there are no rows, then qrqp; certified.
 
@@ -53,6 +63,10 @@ class DenseQP:
     equalities : rows whose bounds are equal in every tick, as a controller's statement knows them.
     tolerance : largest residual of an answer that the next solve starts from; after any other it starts from nothing.
     compile : None follows `REHAB_OPT_COMPILE`.
+
+    Raises
+    ------
+    ConfigurationError : more variables and rows than `LARGEST`.
     """
 
     def __init__(
@@ -64,6 +78,8 @@ class DenseQP:
         tolerance: float = 1e-8,
         compile: bool | None = None,
     ) -> None:
+        if not fits(n, m):
+            raise ConfigurationError("variables and rows", n + m, f"at most {LARGEST} together, to be one function")
         self.n, self.m, self._tolerance = n, m, tolerance
         self._fused = BufferedFunction(compiled(dense_statement(n, m, equalities=equalities).fused, compile=compile))
         self._state = self._fused.inputs[1]

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.comparison.dense_qp import Certificate, DenseQP
+from rehab_opt.comparison.dense_qp import Certificate, DenseQP, fits
 from rehab_opt.comparison.sequence import QPSequence
 from rehab_opt.optim.backends import Answer, ProxqpBackend
 from rehab_opt.optim.qp import Instance
@@ -49,8 +50,9 @@ def references(sequence: QPSequence) -> tuple[Reference, ...]:
     The first that is certified to `ACCURACY` counts, the exact one before the solver's: a Hessian that is nearly
     singular hides in the residual what an answer is away from the exact one.
     """
-    fused, certificate = DenseQP(sequence.n, sequence.m, compile=False), Certificate(sequence.n, sequence.m)
-    proxqp = ProxqpBackend(sequence.n, sequence.m)
+    n, m = sequence.n, sequence.m
+    fused, certificate = DenseQP(n, m, compile=False) if fits(n, m) else None, Certificate(n, m)
+    proxqp = ProxqpBackend(n, m)
     nothing = Reference(np.full(sequence.n, np.nan), np.inf, "", False)
     found = []
     for tick, qp in enumerate(sequence):
@@ -58,20 +60,25 @@ def references(sequence: QPSequence) -> tuple[Reference, ...]:
         if not {"infeasible", "nan"} & {*sequence.marks_of(tick)}:
             spread = np.linalg.eigvalsh((qp.H + qp.H.T) / 2)
             unique = bool(spread[0] > UNIQUE * spread[-1])
-            for name in ("qrqp", "proxqp"):
-                answer = (
-                    fused.parted(fused.solve(fused.flat(qp), warm=False)[0]) if name == "qrqp" else proxqp.solve(qp)
-                )
-                for claim in (improved(qp, answer), answer):
-                    residual = certificate.residual(qp, claim)
-                    if residual < best.residual:
-                        best = Reference(np.clip(claim.x, qp.lower, qp.upper), residual, name, unique)
-                    if best.residual <= ACCURACY:
-                        break
+            for name, claim in _claims(qp, fused, proxqp):
+                residual = certificate.residual(qp, claim)
+                if residual < best.residual:
+                    best = Reference(np.clip(claim.x, qp.lower, qp.upper), residual, name, unique)
                 if best.residual <= ACCURACY:
                     break
         found.append(best)
     return tuple(found)
+
+
+def _claims(qp: Instance, fused: DenseQP | None, proxqp: ProxqpBackend) -> Iterator[tuple[str, Answer]]:
+    """Who claims what, in the order in which it is believed."""
+    if fused is not None:
+        answer = fused.parted(fused.solve(fused.flat(qp), warm=False)[0])
+        yield "qrqp", improved(qp, answer)
+        yield "qrqp", answer
+    answer = proxqp.solve(qp)
+    yield "proxqp", improved(qp, answer)
+    yield "proxqp", answer
 
 
 def improved(qp: Instance, answer: Answer) -> Answer:
