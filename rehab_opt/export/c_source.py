@@ -23,7 +23,7 @@ def files_of(exported: ExportedController, *, problem: str) -> dict[str, str]:
     values["work_functions"] = ", ".join(f"{function.name()}_work" for function in functions)
     values["command"] = filled("rehab_command.h", values)
     values["watchdog"] = filled("watchdog.c", values)
-    values |= {name: filled(part, values) for name, part in exported.parts.items()}
+    values |= {name: filled(part, values) for name, part in exported.pieces.items()}
     values["types"] += "\n\n" if values["types"] else ""
     values |= {"memory": filled(f"{exported.core}.h", values), "core": filled(f"{exported.core}.c", values)}
     header = filled("header.h", {**values, "interface": filled(f"{exported.interface}.h", values)})

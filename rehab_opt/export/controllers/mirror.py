@@ -162,12 +162,12 @@ def exported_mirror(
     ladder, limit = tracker._ladder, tracker._limit
     if ladder.solver != FUSED or ladder.backup != FUSED:
         raise ConfigurationError("tracker", ladder.backup, f"MirrorTracker(..., backup='{FUSED}'), as C is")
-    laws, parts = [Law("mirror", tracker)], {"types": "mirror_types.h", "at_start": "at_start.c"}
-    parts |= {"reference_clock": "reference_clock.c", "way_out": "way_out.c", "person_limit": "no_person.c"}
+    laws, pieces = [Law("mirror", tracker)], {"types": "mirror_types.h", "at_start": "at_start.c"}
+    pieces |= {"reference_clock": "reference_clock.c", "way_out": "way_out.c", "person_limit": "no_person.c"}
     values, more, solves = {"one_tick": ""}, MEMORY, 2 * (PASSES + 1)
     if limit is not None:
         laws += [Law("following", limit._tracker), Law("settling", limit._settler)]
-        parts |= {"one_tick": "one_tick.c", "person_limit": "person_limit.c"}
+        pieces |= {"one_tick": "one_tick.c", "person_limit": "person_limit.c"}
         values, more = _person(limit), MEMORY + PERSON_MEMORY.format(limit.chain.n)
         solves *= max(2, mirror_following.SETTLING_TICKS)  # the model's beside the robot's, or its alone
     return ExportedMirror(
@@ -182,7 +182,7 @@ def exported_mirror(
         differences=(*DIFFERENCES, *SAME, *(OF_A_PERSON if limit is not None else ())),
         solves=solves,
         values=values,
-        parts=parts,
+        pieces=pieces,
         more_memory=more.format(name=NAME, slots=THINNED + 2, joints=tracker.chain.n),
     )
 
