@@ -7,9 +7,14 @@ import casadi as ca
 from rehab_opt.export.c_text import comment, filled, indented
 from rehab_opt.export.exported import ExportedController
 from rehab_opt.export.generated import Generated, generated
-from rehab_opt.export.reasons import NOTES, REASONS
+from rehab_opt.export.notes import NOTES
+from rehab_opt.export.reasons import REASONS
+from rehab_opt.optim.fused import FUSED_SOLVERS
 
-__all__ = ["files_of"]
+__all__ = ["SOLVERS", "files_of"]
+
+SOLVERS = (*FUSED_SOLVERS, "slowed law")
+"""What Python calls who answered, by the number that C gives; -1 is nobody."""
 
 BYTES = 8
 """Of a number or an address."""
@@ -63,11 +68,14 @@ def _values(exported: ExportedController, code: Generated, problem: str) -> dict
         "reason_constants": indented(
             f"REHAB_{reason.name}{',' if reason is not REASONS[-1] else ''}" for reason in REASONS
         ),
+        "solver_constants": indented(
+            f"REHAB_{solver.upper().replace(' ', '_')}{',' if solver is not SOLVERS[-1] else ''}" for solver in SOLVERS
+        ),
+        "reason_cases": indented(f'case REHAB_{reason.name}: return "{reason.text}";' for reason in REASONS),
         "note_constants": indented(
             f"REHAB_{note.name} = {2**i}{',' if note is not NOTES[-1] else ''} /* {note.text} */"
             for i, note in enumerate(NOTES)
         ),
-        "reason_cases": indented(f'case REHAB_{reason.name}: return "{reason.text}";' for reason in REASONS),
         "types": "",
         "more_memory": indented(exported.more_memory.splitlines()),
         "call": exported.call,

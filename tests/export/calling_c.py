@@ -14,7 +14,9 @@ import numpy as np
 import pytest
 
 from rehab_opt.control.command import Command
-from rehab_opt.export.reasons import REASONS, notes_of, reason_number
+from rehab_opt.export.c_source import SOLVERS
+from rehab_opt.export.notes import notes_of
+from rehab_opt.export.reasons import REASONS, reason_number
 from rehab_opt.export.recording import STATUSES
 from rehab_opt.optim.ladder import Ladder
 
@@ -123,5 +125,6 @@ def assert_same(answer: CCommand, command: Command, tolerance: float = SAME) -> 
     assert answer.reason == reason_number(command.reason), (answer.why, command.reason)
     assert answer.notes == notes_of(command.reason)
     assert (answer.status, answer.yielded) == (STATUSES[command.status], int(command.yielded))
+    assert answer.solver == (SOLVERS.index(command.solver) if command.solver else -1)
     assert abs(answer.scale - command.scale) <= tolerance
     assert answer.residual == pytest.approx(command.residual, abs=SAME)
