@@ -7,7 +7,8 @@ import casadi as ca
 from rehab_opt.export.c_text import comment, filled, indented
 from rehab_opt.export.exported import ExportedController
 from rehab_opt.export.generated import Generated, generated
-from rehab_opt.export.reasons import NOTES, REASONS
+from rehab_opt.export.notes import NOTES
+from rehab_opt.export.reasons import REASONS
 from rehab_opt.optim.fused import FUSED_SOLVERS
 
 __all__ = ["SOLVERS", "files_of"]
@@ -27,7 +28,7 @@ def files_of(exported: ExportedController, *, problem: str) -> dict[str, str]:
     values["work_functions"] = ", ".join(f"{function.name()}_work" for function in functions)
     values["command"] = filled("rehab_command.h", values)
     values["watchdog"] = filled("watchdog.c", values)
-    values |= {name: filled(part, values) for name, part in exported.parts.items()}
+    values |= {name: filled(part, values) for name, part in exported.pieces.items()}
     values["types"] += "\n\n" if values["types"] else ""
     values |= {"memory": filled(f"{exported.core}.h", values), "core": filled(f"{exported.core}.c", values)}
     header = filled("header.h", {**values, "interface": filled(f"{exported.interface}.h", values)})
@@ -70,11 +71,11 @@ def _values(exported: ExportedController, code: Generated, problem: str) -> dict
         "solver_constants": indented(
             f"REHAB_{solver.upper().replace(' ', '_')}{',' if solver is not SOLVERS[-1] else ''}" for solver in SOLVERS
         ),
+        "reason_cases": indented(f'case REHAB_{reason.name}: return "{reason.text}";' for reason in REASONS),
         "note_constants": indented(
             f"REHAB_{note.name} = {2**i}{',' if note is not NOTES[-1] else ''} /* {note.text} */"
             for i, note in enumerate(NOTES)
         ),
-        "reason_cases": indented(f'case REHAB_{reason.name}: return "{reason.text}";' for reason in REASONS),
         "types": "",
         "more_memory": indented(exported.more_memory.splitlines()),
         "contents": exported.contents,

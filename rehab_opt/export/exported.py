@@ -108,7 +108,7 @@ class ExportedController(ABC):
     solves : most solves of a tick.
     values : what the templates of the interface hold besides.
     more_memory : members of the C struct besides.
-    parts : templates (without .in) that those of core and interface hold, by the name they have there.
+    pieces : templates (without .in) that those of core and interface hold, by the name they have there.
     """
 
     core: ClassVar[str]
@@ -126,7 +126,7 @@ class ExportedController(ABC):
     solves: int
     values: Mapping[str, str] = field(default_factory=dict)
     more_memory: str = ""
-    parts: Mapping[str, str] = field(default_factory=dict)
+    pieces: Mapping[str, str] = field(default_factory=dict)
 
     @property
     @abstractmethod

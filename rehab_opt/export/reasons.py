@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from rehab_opt.errors import ConfigurationError
+from rehab_opt.export.notes import without_notes
 
-__all__ = ["NOTES", "REASONS", "Note", "Reason", "notes_of", "reason_number"]
+__all__ = ["REASONS", "Reason", "reason_number"]
 
 
 class Reason(NamedTuple):
@@ -47,30 +48,6 @@ REASONS = (
 """In the order of their numbers, which never change."""
 
 
-class Note(NamedTuple):
-    """Something that is said of a command without being a fault."""
-
-    name: str
-    """Of the constant in C, behind REHAB_."""
-    text: str
-    """What it means."""
-    python: str
-    """Part of what Python says then."""
-
-
-NOTES = (
-    Note("SHORTENED", "the step was shortened: the tangents of the bounds promised too much", "step shortened"),
-    Note("SLOWED", "the reference is followed below its own pace", "of its pace"),
-    Note("BRIDGING", "a jump of the reference is bridged", "bridging a jump of the reference"),
-)
-"""In the order of their numbers, 1, 2, 4, which never change. Python joins them by semicolons in its reason."""
-
-
-def notes_of(reason: str) -> int:
-    """Sum of the numbers of the notes in what a `Command` of Python gives as its reason."""
-    return sum(2**i for i, note in enumerate(NOTES) if note.python in reason)
-
-
 def reason_number(reason: str) -> int:
     """Number of what a `Command` of Python gives as its reason, notes aside.
 
@@ -78,7 +55,8 @@ def reason_number(reason: str) -> int:
     ------
     ConfigurationError : none of these.
     """
-    if all(any(note.python in part for note in NOTES) for part in reason.split("; ") if part):
+    reason = without_notes(reason)
+    if not reason:
         return 0
     for number, each in enumerate(REASONS):
         if each.python is not None and each.python in reason:

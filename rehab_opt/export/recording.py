@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from rehab_opt.control.command import Command, Status
 from rehab_opt.export.c_text import indented, initialiser, number
-from rehab_opt.export.reasons import notes_of, reason_number
+from rehab_opt.export.notes import notes_of
+from rehab_opt.export.reasons import reason_number
 
 __all__ = ["MOST_TICKS", "Recording", "Tick", "recorded", "thinned", "with_faults"]
 

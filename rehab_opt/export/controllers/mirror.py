@@ -57,7 +57,7 @@ for (;;) {{ /* every tick */
     send(command.value); /* joint velocities, rad/s */
 }}"""
 DIFFERENCES = (
-    "There is no backup solver. Where Python would ask proxqp, C gives the safe command and "
+    "There is no backup solver. Where Python would ask its own, C gives the safe command and "
     "`REHAB_NOT_CERTIFIED`; the recorded run is of a Python controller without the backup, too.",
     "`plan`, which knows the whole recording, is not there. A law that may wait for a file may run in Python.",
     "What Python says in words of a command that is no fault (a shortened step, a slowed reference, a bridge) is "
@@ -72,12 +72,13 @@ SAME = (
     "every second one of those that wait is left out, and the path between its neighbours is straight; their time is "
     "kept, and nothing is dropped at either end.",
     "The same in both: where the gradient of the manipulability vanishes below the floor, a tick looks for a way out "
-    "in as many as thousands of postures. It is the slowest one of all; see the timing of `example`.",
+    "among thousands of postures: half a millisecond where the others take microseconds, and it may come again after "
+    f"{mirror_statement.STALE} ticks without gain. An arm that starts above its floor does not come there.",
 )
 OF_A_PERSON = (
-    "The same in both: the reference is limited by a model of the led arm, a QP of its own in every tick. It finds to "
-    f"the tool from the middle of its range first, by {mirror_following.SETTLING_TICKS} QPs a tick and "
-    f"{SETTLING} at most: until then the robot stays where it is and says `REHAB_MODEL_SETTLES`.",
+    "The same in both: the reference is limited by a model of the led arm, a QP of its own in every tick. At first it "
+    f"finds from the middle of its range to the tool, {mirror_following.SETTLING_TICKS} steps a tick and {SETTLING} at "
+    "most: until then the robot comes to rest where it is, and the reason is `REHAB_MODEL_SETTLES`.",
 )
 STRONG, PUSH = 40.0, 12.0
 """[N] Forces of the recorded run: once beyond the limit that stops the arm, and a push that turns the hand aside."""
@@ -161,14 +162,14 @@ def exported_mirror(
     ladder, limit = tracker._ladder, tracker._limit
     if ladder.solver != FUSED or ladder.backup != FUSED:
         raise ConfigurationError("tracker", ladder.backup, f"MirrorTracker(..., backup='{FUSED}'), as C is")
-    laws, parts = [Law("mirror", tracker)], {"types": "mirror_types.h", "at_start": "at_start.c"}
-    parts |= {"reference_clock": "reference_clock.c", "way_out": "way_out.c", "person_limit": "no_person.c"}
+    laws, pieces = [Law("mirror", tracker)], {"types": "mirror_types.h", "at_start": "at_start.c"}
+    pieces |= {"reference_clock": "reference_clock.c", "way_out": "way_out.c", "person_limit": "no_person.c"}
     values, more, solves = {"one_tick": ""}, MEMORY, 2 * (PASSES + 1)
     if limit is not None:
         laws += [Law("following", limit._tracker), Law("settling", limit._settler)]
-        parts |= {"one_tick": "one_tick.c", "person_limit": "person_limit.c"}
+        pieces |= {"one_tick": "one_tick.c", "person_limit": "person_limit.c"}
         values, more = _person(limit), MEMORY + PERSON_MEMORY.format(limit.chain.n)
-        solves *= 2 + mirror_following.SETTLING_TICKS
+        solves *= max(2, mirror_following.SETTLING_TICKS)  # the model's beside the robot's, or its alone
     return ExportedMirror(
         name=NAME,
         title=f"{title}: joint velocities that lead a hand along a mirrored path",
@@ -181,7 +182,7 @@ def exported_mirror(
         differences=(*DIFFERENCES, *SAME, *(OF_A_PERSON if limit is not None else ())),
         solves=solves,
         values=values,
-        parts=parts,
+        pieces=pieces,
         more_memory=more.format(name=NAME, slots=THINNED + 2, joints=tracker.chain.n),
     )
 

@@ -75,7 +75,7 @@ def exported_pose_tracker(loaded: ProblemFile[PoseTracking], *, progress: Progre
         usage=USAGE,
         recording=recorded(answer, ticks, about),
         differences=DIFFERENCES,
-        parts={"one_tick": "one_tick.c", "at_start": "at_start.c"},
+        pieces={"one_tick": "one_tick.c", "at_start": "at_start.c"},
         solves=2 * (PASSES + 1),  # of the wanted motion and of the QP, and all again from a cold start
     )
 

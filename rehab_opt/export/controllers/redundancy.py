@@ -87,7 +87,7 @@ def _exported(loaded: ProblemFile[ArdisProblem], drive: DriveName, *, progress: 
         usage=_usage(name, rows[0]),
         recording=_recording(loaded, drive, resolver, progress=progress),
         differences=DIFFERENCES,
-        parts={"one_tick": "one_tick.c"},
+        pieces={"one_tick": "one_tick.c"},
         solves=2 * 2,  # without the rows that are seldom active and with them, and both again from a cold start
         values=_values(rows, active, places, resolver),
         more_memory=f"double obstacles[{max(1, NUMBERS * places)}]; /* places for {places}, four numbers each */",
