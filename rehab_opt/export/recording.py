@@ -54,8 +54,8 @@ class Recording:
             kind = "int" if isinstance(value, int) else "double"
             lines.append(f"{kind} {name}{f'[{value.size}]' if isinstance(value, np.ndarray) else ''};")
         first = self.commands[0]
-        lines += [f"double value[{first.value.size}];", f"double wheels[{max(1, _wheels(first).size)}];"]
-        lines.append(f"double more[{max(1, len(self.more[0]))}];")
+        lines += [f"double more[{max(1, len(self.more[0]))}];", f"double value[{first.value.size}];"]
+        lines.append(f"double wheels[{max(1, _wheels(first).size)}];")
         return indented([*lines, "double scale;", "int status, yielded, reason, notes;"])
 
     def initialisers(self) -> Iterator[str]:
@@ -63,8 +63,8 @@ class Recording:
         for tick, command, more in zip(self.ticks, self.commands, self.more, strict=True):
             parts = [_c(value) for value in tick.values()]
             wheels = _wheels(command)
-            parts += [initialiser(command.value), initialiser(wheels if wheels.size else [0.0])]
-            parts += [initialiser(more or [0.0]), number(command.scale)]
+            parts += [initialiser(more or [0.0]), initialiser(command.value)]
+            parts += [initialiser(wheels if wheels.size else [0.0]), number(command.scale)]
             yield "    {" + ", ".join([*parts, *(str(each) for each in _said(command))]) + "}"
 
     def csv(self) -> str:

@@ -28,7 +28,9 @@ def field_of(mode: str, number: int = 0) -> PotentialField:
     """One of two that differ in all they have, their number of samples too."""
     path = PATH if number == 0 else PATH[::-1][:70] + [0.0, 0.02]
     drag, width = 200.0 if mode == "assist" else 0.0, 0.025 + 0.005 * number
-    return PotentialField(path, stiffness=1000.0 + 500.0 * number, width=width, drag=drag, damping=[5.0, 8.0 + number])
+    return PotentialField(
+        path, stiffness=1000.0 + 500.0 * number, width=width, drag=drag, damping=[5.0 + number, 8.0 + 2 * number]
+    )
 
 
 def made(mode: str, comfortable: Workspace = COMFORTABLE, **options: object) -> Assistance:

@@ -166,6 +166,24 @@ def test_two_sides_in_c_do_what_the_pair_does_in_python(libraries: dict[str, cty
     assert np.abs(forces).max(axis=0).min() > 1.0
 
 
+def test_a_tank_that_is_overdrawn_is_not_filled_by_more_energy_than_a_tank_holds(
+    libraries: dict[str, ctypes.CDLL],
+) -> None:
+    """A hand that is lost while a force is on it, and found elsewhere; messages that claim to give a gigajoule."""
+    c, side, target = CSide(libraries["participant_side"], "participant_side"), sides()[1], carry().image(HELPER)
+    least = math.inf
+    for k in range(600):
+        lost, found = 100 <= k < 130, k >= 130
+        x = np.full(2, np.nan) if lost else target + [0.2 if found else 0.006, 1e-5 * (k % 2)]
+        heard = FromHelper(*HELPER, 1e9 if k % 100 == 31 else 0.02 * (k < 100), k + 1)
+        (answer, said), (command, message) = c.step(x, heard, None, stamp=DT * k), side.step(x, heard, stamp=DT * k)
+        assert_same(answer, command)
+        assert_said(said, message)
+        assert c.energy_left == pytest.approx(side.force.energy_left, abs=1e-9)
+        least = min(least, side.force.energy_left)
+    assert least < -0.2
+
+
 def test_a_side_that_was_not_made_says_nothing(libraries: dict[str, ctypes.CDLL]) -> None:
     for name in SIDES:
         side = CSide(libraries[name], name, initialise=False)
