@@ -27,6 +27,7 @@ GUESS_TOLERANCE = 1e-10
 INDEPENDENT = 1e-13
 """Share by which rows yield that the dual method found: they are independent by more than this."""
 PASSES = 2
+"""Corrections of what that takes away."""
 
 
 def fused(statement: Statement) -> ca.Function:
