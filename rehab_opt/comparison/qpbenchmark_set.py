@@ -1,6 +1,6 @@
 """The corpus as a test set of qpbenchmark, which brings its own measures and reports.
 
-    qpbenchmark rehab_opt/comparison/qpbenchmark_set.py --results-path corpus.csv run
+    qpbenchmark rehab_opt/comparison/qpbenchmark_set.py --results-path corpus.csv run --author me
 
 It solves each problem by itself, cold: what warm starts are worth, and what infeasible or broken ticks do, is for
 `rehab-opt bench`. qpbenchmark (Apache-2.0) is looked for only when the class is.

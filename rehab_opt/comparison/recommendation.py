@@ -41,8 +41,15 @@ class Recommendation(NamedTuple):
 
     @property
     def stays(self) -> bool:
-        """Whether the default is not beaten by more than `SLACK`."""
-        return self.best is None or self.ratio <= SLACK
+        """Whether the default solves something, and is not beaten by more than `SLACK`."""
+        return self.default.solved > 0 and (self.best is None or self.ratio <= SLACK)
+
+    @property
+    def verdict(self) -> str:
+        """Of the default."""
+        if not self.default.solved > 0:
+            return "solves none"
+        return "stays" if self.stays else f"slower by more than {SLACK - 1:.0%}"
 
 
 def recommendations(rows: Sequence[Row]) -> tuple[Recommendation, ...]:
@@ -70,7 +77,7 @@ def recommendation_grid(found: Sequence[Recommendation]) -> Grid:
             name, solved = each.best.solver, f"{100 * each.best.solved:.4g} %"
             other = (name, solved, f"{1e6 * each.best.mean:.3g}", f"{each.ratio:.2f}")
         own = (each.family, each.default.solver, f"{100 * each.default.solved:.4g} %", f"{1e6 * each.default.mean:.3g}")
-        cells.append((*own, *other, "stays" if each.stays else f"slower by more than {SLACK - 1:.0%}"))
+        cells.append((*own, *other, each.verdict))
     return Grid(
         "The default beside the best alternative, in the mode in which the capability solves", columns, cells, leading=2
     )

@@ -140,7 +140,8 @@ def compare(
                     one = passed(worker, entrant, sequence, mode=mode, judge=judge, rules=rules)
                     keep_pass(out / RECORD, key, one)
                 done.append(one)
-                yield Comparison(tuple(done), hopeless, {**about, "loads": _loads(done)}, rules.limit)
+                now = {"loads": _loads(done), "passes": {"done": len(done), "of": whole}}
+                yield Comparison(tuple(done), hopeless, {**about, **now}, rules.limit)
             progress("solvers on sequences", len(done), whole)
     finally:
         worker.stop()
@@ -167,12 +168,13 @@ def write_comparison(found: Comparison, out: Path) -> tuple[Path, ...]:
 
 
 def header(found: Comparison) -> str:
-    """One paragraph: where it was measured, with what, by which rules."""
-    about, settings = found.about, found.about["settings"]
+    """One paragraph: where it was measured, with what, by which rules; first of all, whether it is whole."""
+    about, settings, passes = found.about, found.about["settings"], found.about["passes"]
+    part = "" if passes["done"] == passes["of"] else f"Not whole: {passes['done']} of {passes['of']} passes. "
     versions = ", ".join(f"{name} {text}" for name, text in sorted(about["versions"].items()))
     here = ", ".join(f"{name}: {text}" for name, text in about["machine"].items() if name != "load")
     return (
-        f"{here}, load: {about['loads']}, threads of a solver: 1. {versions}. "
+        f"{part}{here}, load: {about['loads']}, threads of a solver: 1. {versions}. "
         f"Time limit of a solve {settings['limit']:g} s; each tick's time is the smallest of at most "
         f"{settings['repeats']} passes; solved means certified at the sequence's tolerance."
     )

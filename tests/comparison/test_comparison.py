@@ -12,7 +12,7 @@ from rehab_opt.comparison.entrants import Entrant
 from rehab_opt.comparison.instances import RecordedQPs
 from rehab_opt.comparison.passes import Rules
 from rehab_opt.comparison.record import RECORD
-from rehab_opt.comparison.run import Comparison, chosen_sequences, compare, write_comparison
+from rehab_opt.comparison.run import Comparison, chosen_sequences, compare, header, write_comparison
 from rehab_opt.comparison.sequence import write_sequence
 from rehab_opt.errors import ConfigurationError
 from tests.comparison.fake_solvers import boxes, counted, entrant
@@ -86,6 +86,9 @@ def test_an_interrupted_comparison_tells_what_can_be_compared(tmp_path: Path) ->
     first = steps[0]
     assert [grid.title.partition(":")[0] for grid in first.grids] == ["box"]  # no warm pass, and no programmes
     assert "table.md" in {path.name for path in write_comparison(first, tmp_path)}
+    assert (tmp_path / "table.md").read_text().startswith("Not whole: 1 of 8 passes. ")
+    assert json.loads((tmp_path / "results.json").read_text())["passes"] == {"done": 1, "of": 8}
+    assert header(steps[-1]).startswith("processor")
 
 
 def test_passes_of_another_state_of_the_library_are_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
