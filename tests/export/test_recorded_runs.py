@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 import subprocess
+from pathlib import Path
 
 import pytest
 
@@ -63,6 +64,24 @@ def test_the_recorded_run_is_clean_under_sanitizers(name: str, exported: Exporte
     flags = ("-O0", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
     done = ran(built(exported(name), "sanitized", f"rehab_{name}.c", "main.c", flags=flags), "0")
     assert (done.returncode, done.stderr) == (0, ""), done.stdout
+
+
+def test_a_changed_number_beside_the_command_is_found(exported: Exported, built: Built, tmp_path: Path) -> None:
+    """The comparison can fail for what is said besides, too: here for the progress along the path."""
+    name = "path_assistance"
+    folder = exported(name)
+    lines = (folder / "recorded_run.h").read_text().splitlines()
+    at = next(i for i, line in enumerate(lines) if line.startswith("    {{")) + 700
+    before, value, after = lines[at].rpartition("}, {0.0}, ")
+    before, command, values = before.rpartition("}, {")
+    before, comma, progress = before.rpartition(", ")
+    lines[at] = f"{before}{comma}{float(progress) + 1e-8!r}{command}{values}{value}{after}"
+    for file in (compiled_once(folder, name, built), f"rehab_{name}.h", "main.c"):
+        (tmp_path / file).write_bytes((folder / file).read_bytes())
+    (tmp_path / "recorded_run.h").write_text("\n".join(lines))
+    done = ran(built(tmp_path, "changed", "controller.o", "main.c"), "0")
+    assert done.returncode == 1
+    assert "in tick 700" in done.stdout
 
 
 @pytest.mark.parametrize("name", CONTROLLERS)
