@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rehab_opt.comparison.judgement import Judged, Outcome
-from rehab_opt.comparison.recommendation import recommendation_grid, recommendations
+from rehab_opt.comparison.recommendation import recommendations
 from rehab_opt.comparison.statistics import percentile, performance_profile, shifted_geometric_mean
 from rehab_opt.comparison.summary import Row, row_of
 from rehab_opt.comparison.table import as_markdown, family_grids, overview_grids, refusal_grid
@@ -113,14 +113,6 @@ def test_a_quicker_solver_that_fails_more_often_is_no_alternative() -> None:
     assert found.best.solver == "daqp"
     assert found.ratio == pytest.approx(1.5)
     assert not found.stays
-
-
-def test_a_default_that_solves_nothing_does_not_stay() -> None:
-    rows = [row_of("f", "ladder", "warm", [(judged(Outcome.WRONG), False)], limit=1.0)]
-    (found,) = recommendations(rows)
-    assert found.best is None
-    assert not found.stays
-    assert recommendation_grid([found]).cells[0][-1] == "solves none"
 
 
 def test_a_capability_that_solves_otherwise_is_judged_by_its_own_way() -> None:
