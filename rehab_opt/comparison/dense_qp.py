@@ -19,6 +19,13 @@ from rehab_opt.symbolic import BufferedFunction, compiled
 __all__ = ["LARGEST", "Certificate", "DenseQP", "dense_statement", "fits"]
 
 Array = NDArray[np.float64]
+LARGEST = 60
+"""Variables and rows together: beyond it the code of a fused QP takes minutes to compile, and 300 of each never end."""
+
+
+def fits(n: int, m: int) -> bool:
+    """Whether a fused function is made of QPs of that size."""
+    return n + m <= LARGEST
 
 
 def dense_statement(n: int, m: int, *, equalities: Collection[int] = ()) -> Statement:
@@ -26,7 +33,13 @@ def dense_statement(n: int, m: int, *, equalities: Collection[int] = ()) -> Stat
 
     The numbers stand where a controller has its memory, one column: H by its columns, g, A by its columns, the rows'
     bounds, the variables' bounds. Parameters must be of a sensor's size, and an absent bound is infinite.
+
+    Raises
+    ------
+    ConfigurationError : more variables and rows than `LARGEST`.
     """
+    if not fits(n, m):
+        raise ConfigurationError("variables and rows", n + m, f"at most {LARGEST} together, to be one function")
     data = ca.SX.sym("data", n * n + n + m * n + 2 * m + 2 * n)
     hessian, gradient, matrix, rows_lower, rows_upper, lower, upper = ca.vertsplit(
         data, [0, *np.cumsum([n * n, n, m * n, m, m, n, n]).tolist()]
@@ -46,15 +59,6 @@ def dense_statement(n: int, m: int, *, equalities: Collection[int] = ()) -> Stat
     )
 
 
-LARGEST = 60
-"""Variables and rows together: beyond it the code of a fused QP takes minutes to compile, and 300 of each never end."""
-
-
-def fits(n: int, m: int) -> bool:
-    """Whether a fused function is made of QPs of that size."""
-    return n + m <= LARGEST
-
-
 class DenseQP:
     """The fused function of `dense_statement`: last tick's bounds where there are no rows, then qrqp; certified.
 
@@ -63,10 +67,6 @@ class DenseQP:
     equalities : rows whose bounds are equal in every tick, as a controller's statement knows them.
     tolerance : largest residual of an answer that the next solve starts from; after any other it starts from nothing.
     compile : None follows `REHAB_OPT_COMPILE`.
-
-    Raises
-    ------
-    ConfigurationError : more variables and rows than `LARGEST`.
     """
 
     def __init__(
@@ -78,8 +78,6 @@ class DenseQP:
         tolerance: float = 1e-8,
         compile: bool | None = None,
     ) -> None:
-        if not fits(n, m):
-            raise ConfigurationError("variables and rows", n + m, f"at most {LARGEST} together, to be one function")
         self.n, self.m, self._tolerance = n, m, tolerance
         self._fused = BufferedFunction(compiled(dense_statement(n, m, equalities=equalities).fused, compile=compile))
         self._state = self._fused.inputs[1]

@@ -89,10 +89,10 @@ def _once(
     rules: Rules,
     told: Callable[[int], None],
 ) -> list[Judged]:
+    tame = _tame_ticks(judge, len(sequence))
     whole = len(sequence)
     done: list[Judged] = []
     begun, blocks, late = False, list(BLOCKS if sequence.sizes[0] <= SMALL else BLOCKS[-1:]), 0
-    tame = _tame_ticks(judge, whole)
     while len(done) < whole:
         if late >= MOST_TOO_LATE:
             why = f"{late} ticks before it were too late"

@@ -126,14 +126,6 @@ def test_a_quicker_solver_that_fails_more_often_is_no_alternative() -> None:
     assert not found.stays
 
 
-def test_a_default_that_solves_nothing_does_not_stay() -> None:
-    rows = [row_of("f", "ladder", "warm", [(judged(Outcome.WRONG), False)], limit=1.0)]
-    (found,) = recommendations(rows)
-    assert found.best is None
-    assert not found.stays
-    assert recommendation_grid([found]).cells[0][-1] == "solves none"
-
-
 def test_a_capability_that_solves_otherwise_is_judged_by_its_own_way() -> None:
     def row(solver: str, mode: str, seconds: float) -> Row:
         return row_of("field_learning", solver, mode, [(judged(Outcome.SOLVED, seconds), False)], limit=1.0)

@@ -8,6 +8,7 @@ import pytest
 from rich.console import Console
 
 from rehab_opt.comparison.judgement import Judged, Outcome
+from rehab_opt.comparison.recommendation import recommendation_grid, recommendations
 from rehab_opt.comparison.summary import Row, row_of
 from rehab_opt.comparison.table import Grid, as_tables, family_grids, overview_grids, refusal_grid, share_text
 
@@ -50,3 +51,11 @@ def test_where_there_is_room_a_table_is_one() -> None:
 
 def test_all_of_them_is_written_as_all_of_them() -> None:
     assert [share_text(share) for share in (1.0, 0.99999, 0.145, 0.0)] == ["100 %", "99.99 %", "14.5 %", "0 %"]
+
+
+def test_a_default_that_solves_nothing_does_not_stay() -> None:
+    lost = [(Judged(Outcome.WRONG, 1e-5, 1.0, float("nan")), False)]
+    (found,) = recommendations([row_of("f", "ladder", "warm", lost, limit=1.0)])
+    assert found.best is None
+    assert not found.stays
+    assert recommendation_grid([found]).cells[0][-1] == "solves none"
