@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rehab_opt.comparison.judgement import Judged, Outcome
-from rehab_opt.comparison.recommendation import recommendation_grid, recommendations
+from rehab_opt.comparison.recommendation import recommendations
 from rehab_opt.comparison.statistics import percentile, performance_profile, shifted_geometric_mean, tail
 from rehab_opt.comparison.summary import Row, row_of
 from rehab_opt.comparison.table import as_markdown, family_grids, overview_grids, refusal_grid

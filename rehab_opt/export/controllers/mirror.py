@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import casadi as ca
@@ -18,7 +17,6 @@ from rehab_opt.control.between_poses import (
     part_way_function,
     rigid_function,
 )
-from rehab_opt.control.command import Command
 from rehab_opt.control.interaction import GONE
 from rehab_opt.control.manipulability import DISTANCES, DRAWN, GAIN, SHARES
 from rehab_opt.control.mirror import MirrorTracker
@@ -27,9 +25,9 @@ from rehab_opt.control.reference_clock import CURVED, THINNED
 from rehab_opt.control.wanted import PASSES
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.export.c_text import initialiser, number
+from rehab_opt.export.controllers.mirror_run import mirror_run
 from rehab_opt.export.exported import ExportedVelocity, Law
 from rehab_opt.export.generated import renamed
-from rehab_opt.export.recording import MOST_TICKS, Recording, Tick, with_faults
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.optim.ladder import FUSED
 from rehab_opt.session.files import ProblemFile
@@ -80,8 +78,6 @@ OF_A_PERSON = (
     f"finds from the middle of its range to the tool, {mirror_following.SETTLING_TICKS} steps a tick and {SETTLING} at "
     "most: until then the robot comes to rest where it is, and the reason is `REHAB_MODEL_SETTLES`.",
 )
-STRONG, PUSH = 40.0, 12.0
-"""[N] Forces of the recorded run: once beyond the limit that stops the arm, and a push that turns the hand aside."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -164,6 +160,7 @@ def exported_mirror(
         raise ConfigurationError("tracker", ladder.backup, f"MirrorTracker(..., backup='{FUSED}'), as C is")
     laws, pieces = [Law("mirror", tracker)], {"types": "mirror_types.h", "at_start": "at_start.c"}
     pieces |= {"reference_clock": "reference_clock.c", "way_out": "way_out.c", "person_limit": "no_person.c"}
+    pieces |= {"true_bounds": "mirror_bounds.c", "pace": "mirror_pace.c"}
     values, more, solves = {"one_tick": ""}, MEMORY, 2 * (PASSES + 1)
     if limit is not None:
         laws += [Law("following", limit._tracker), Law("settling", limit._settler)]
@@ -178,74 +175,12 @@ def exported_mirror(
         interface="mirror",
         call=CALL,
         usage=USAGE,
-        recording=_recorded(tracker, start, poses, twists, source=source, progress=progress),
+        recording=mirror_run(tracker, start, poses, twists, source=source, progress=progress),
         differences=(*DIFFERENCES, *SAME, *(OF_A_PERSON if limit is not None else ())),
         solves=solves,
         values=values,
         pieces=pieces,
         more_memory=more.format(name=NAME, slots=THINNED + 2, joints=tracker.chain.n),
-    )
-
-
-# ------------------------------------------------------------------------------------------------- the recorded run
-def _recorded(
-    tracker: MirrorTracker, start: Array, poses: Array, twists: Array, *, source: str, progress: Progress
-) -> Recording:
-    """A run with faults and forces in it, of a robot that moves as commanded: joints are filled in as it goes."""
-    count = min(len(poses), MOST_TICKS)
-    pushed = range(count // 2, 5 * count // 8)
-    sound: list[Tick] = [
-        {"q": start, "pose": pose, "twist": twist, "force": _force(k, pushed), "with_force": int(k in pushed)}
-        for k, (pose, twist) in enumerate(zip(poses[:count], twists[:count], strict=True))
-    ]
-    faulty = with_faults(sound, dt=tracker.dt, max_age=tracker._watchdog.max_age, more=_faults(tracker))
-    tracker.reset()
-    ticks, commands, q = [], [], start.copy()
-    for k, each in enumerate(faulty):
-        tick = {**each, "q": np.where(each["q"] == start, q, each["q"])}  # what was not replaced by a fault
-        command = _answer(tracker, tick)
-        ticks.append(tick)
-        commands.append(command)
-        q = q + command.value * tracker.dt
-        if k % 500 == 0:
-            progress("recorded", k, count)
-    about = (
-        f"{count} ticks along {source}, the robot moving as commanded, with faults among them: numbers that are none, "
-        "stamps that are wrong, the enable input released, jumps, forces"
-    )
-    return Recording(ticks, commands, about, [()] * len(ticks))
-
-
-def _answer(tracker: MirrorTracker, tick: Tick) -> Command:
-    force = tick["force"] if tick["with_force"] else None
-    return tracker.step(tick["q"], tick["pose"], tick["twist"], force=force, enable=tick["enable"], stamp=tick["stamp"])
-
-
-def _force(k: int, pushed: range) -> Array:
-    """(3,) [N] a push that comes and goes, for five ticks beyond its limit."""
-    if k not in pushed:
-        return np.zeros(3)
-    share = (k - pushed.start) / len(pushed)
-    size = STRONG if abs(k - pushed.start - len(pushed) // 3) < 3 else PUSH * math.sin(math.pi * share)
-    return np.array([0.6, -0.8, 0.2]) * size
-
-
-def _faults(tracker: MirrorTracker) -> tuple[Callable[[Tick], Tick], ...]:
-    """What can be wrong with a tick besides, and what is only strange."""
-    chain, jump = tracker.chain, np.array([0.1, -0.1, 0.05])
-
-    def jumped(tick: Tick) -> Tick:
-        pose = np.array(tick["pose"])
-        pose[:3, 3] += jump
-        return {**tick, "pose": pose}
-
-    return (
-        lambda tick: {**tick, "pose": 1.1 * tick["pose"]},  # no rigid transform
-        lambda tick: {**tick, "pose": np.zeros((4, 4))},
-        lambda tick: {**tick, "twist": 1e4 * np.ones(6)},
-        lambda tick: {**tick, "q": np.minimum(chain.upper, 10.0) + 0.05},  # beyond every limit
-        lambda tick: {**tick, "force": np.full(3, np.nan), "with_force": 1},
-        jumped,
     )
 
 

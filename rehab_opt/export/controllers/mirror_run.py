@@ -1,0 +1,85 @@
+"""The run that a mirror's tracker in C repeats: faults and forces in it, the robot moving as commanded."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.control.command import Command
+from rehab_opt.control.mirror import MirrorTracker
+from rehab_opt.export.recording import MOST_TICKS, Recording, Tick, with_faults
+from rehab_opt.session.outcome import Progress
+
+__all__ = ["mirror_run"]
+
+Array = NDArray[np.float64]
+
+STRONG, PUSH = 40.0, 12.0
+"""[N] Forces of the recorded run: once beyond the limit that stops the arm, and a push that turns the hand aside."""
+
+
+def mirror_run(
+    tracker: MirrorTracker, start: Array, poses: Array, twists: Array, *, source: str, progress: Progress
+) -> Recording:
+    """What the tracker answers along poses (N, 4, 4), (N, 6) from q = start, as many as a recorded run holds.
+
+    The joints are filled in as it goes. `source` says where the poses come from.
+    """
+    count = min(len(poses), MOST_TICKS)
+    pushed = range(count // 2, 5 * count // 8)
+    sound: list[Tick] = [
+        {"q": start, "pose": pose, "twist": twist, "force": _force(k, pushed), "with_force": int(k in pushed)}
+        for k, (pose, twist) in enumerate(zip(poses[:count], twists[:count], strict=True))
+    ]
+    faulty = with_faults(sound, dt=tracker.dt, max_age=tracker._watchdog.max_age, more=_faults(tracker))
+    tracker.reset()
+    ticks, commands, q = [], [], start.copy()
+    for k, each in enumerate(faulty):
+        tick = {**each, "q": np.where(each["q"] == start, q, each["q"])}  # what was not replaced by a fault
+        command = _answer(tracker, tick)
+        ticks.append(tick)
+        commands.append(command)
+        q = q + command.value * tracker.dt
+        if k % 500 == 0:
+            progress("recorded", k, count)
+    about = (
+        f"{count} ticks along {source}, the robot moving as commanded, with faults among them: numbers that are none, "
+        "stamps that are wrong, the enable input released, jumps, forces"
+    )
+    return Recording(ticks, commands, about, [()] * len(ticks))
+
+
+def _answer(tracker: MirrorTracker, tick: Tick) -> Command:
+    force = tick["force"] if tick["with_force"] else None
+    return tracker.step(tick["q"], tick["pose"], tick["twist"], force=force, enable=tick["enable"], stamp=tick["stamp"])
+
+
+def _force(k: int, pushed: range) -> Array:
+    """(3,) [N] a push that comes and goes, for five ticks beyond its limit."""
+    if k not in pushed:
+        return np.zeros(3)
+    share = (k - pushed.start) / len(pushed)
+    size = STRONG if abs(k - pushed.start - len(pushed) // 3) < 3 else PUSH * math.sin(math.pi * share)
+    return np.array([0.6, -0.8, 0.2]) * size
+
+
+def _faults(tracker: MirrorTracker) -> tuple[Callable[[Tick], Tick], ...]:
+    """What can be wrong with a tick besides, and what is only strange."""
+    chain, jump = tracker.chain, np.array([0.1, -0.1, 0.05])
+
+    def jumped(tick: Tick) -> Tick:
+        pose = np.array(tick["pose"])
+        pose[:3, 3] += jump
+        return {**tick, "pose": pose}
+
+    return (
+        lambda tick: {**tick, "pose": 1.1 * tick["pose"]},  # no rigid transform
+        lambda tick: {**tick, "pose": np.zeros((4, 4))},
+        lambda tick: {**tick, "twist": 1e4 * np.ones(6)},
+        lambda tick: {**tick, "q": np.minimum(chain.upper, 10.0) + 0.05},  # beyond every limit
+        lambda tick: {**tick, "force": np.full(3, np.nan), "with_force": 1},
+        jumped,
+    )
