@@ -42,7 +42,10 @@ def dual_active_set(statement: Statement) -> ca.Function:
     either = ca.Function.if_else(f"{statement.name}_unless_done", keep, go_on)
     for _ in range(STEPS):
         state = either(state[-1], state, full, memory)
-    return ca.Function(f"{statement.name}_dual", [full, memory], [state[: n + m]])
+    multipliers, active, pending, _ = ca.vertsplit(state, [0, n + m, 2 * (n + m), 3 * (n + m), state.numel()])
+    # Of a bound that is met and does not push, rounding may give the sign of the opposite one: that would be another.
+    told = ca.if_else(multipliers * (active + pending) < 0, 0, multipliers)
+    return ca.Function(f"{statement.name}_dual", [full, memory], [told])
 
 
 class _Numbers:
