@@ -6,7 +6,7 @@ from functools import cache
 import casadi as ca
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 
 from rehab_opt.optim.active_set import active_set_round
 from rehab_opt.optim.dual_active_set import dual_active_set
@@ -53,6 +53,7 @@ def with_a_corner(qp: Instance, answer: np.ndarray) -> Instance:
 
 
 @given(seeds)
+@example(4646)  # a bound met in a corner has a multiplier of -1e-17
 @settings(max_examples=100, deadline=None)
 def test_the_dual_method_finds_the_answer_whatever_bounds_meet(seed: int) -> None:
     plain = random_qp(seed, N, M, unbounded=False)
