@@ -18,7 +18,6 @@ from rehab_opt.export.c_text import indented, initialiser, number
 from rehab_opt.export.generated import renamed
 from rehab_opt.export.reasons import REASONS, reason_number
 from rehab_opt.export.recording import Recording
-from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.optim.qp import PLAUSIBLE
 from rehab_opt.optim.qrqp import QRQP_ITERATIONS
 
@@ -204,12 +203,13 @@ class ExportedVelocity(ExportedController):
             "law_shapes": indented(law.row() + "," for law in laws).rstrip(","),
             "plausible": number(PLAUSIBLE),
             "tolerance": number(first.tolerance),
-            "middle": "{" + ", ".join(initialiser(_middle(law.controller.chain)) for law in laws) + "}",
+            "middle": "{" + ", ".join(initialiser(_middle(law.controller)) for law in laws) + "}",
             "fastest": initialiser(chain.velocity),
         }
 
 
-def _middle(chain: SerialChain) -> NDArray[np.float64]:
+def _middle(controller: VelocityController) -> NDArray[np.float64]:
     """(n,) what stands in for positions before the first."""
+    chain = controller.chain
     lower, upper = np.maximum(chain.lower, -PLAUSIBLE), np.minimum(chain.upper, PLAUSIBLE)
     return np.asarray((lower + upper) / 2)

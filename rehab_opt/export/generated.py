@@ -11,7 +11,7 @@ from typing import NamedTuple
 import casadi as ca
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.symbolic.failed_solves import going_on_after_failed_solves
+from rehab_opt.optim.qrqp import going_on_after_failed_solves
 
 __all__ = ["Generated", "generated", "renamed"]
 

@@ -3,7 +3,8 @@
 casadi 3.6 to 3.8 give its dual line search an integer array as long as the QP has bounds and rows, and it writes one
 entry more when every multiplier changes sign in one step (`casadi_qrqp_dual_breakpoints`; found by our fault campaign
 as a damaged heap, shown by the address sanitizer). The array is the last in a work space that a caller's function
-shares and may enlarge: that is what `with_spare_room` does.
+shares and may enlarge: that is what `with_spare_room` does. In C a failed solve ends every function around it,
+unless the code goes through `going_on_after_failed_solves`.
 """
 
 from __future__ import annotations
@@ -12,7 +13,9 @@ from typing import Any
 
 import casadi as ca
 
-__all__ = ["QRQP_ITERATIONS", "qrqp", "qrqp_options", "with_spare_room"]
+from rehab_opt.symbolic.failed_solves import going_on_after_failed_solves
+
+__all__ = ["QRQP_ITERATIONS", "going_on_after_failed_solves", "qrqp", "qrqp_options", "with_spare_room"]
 
 QRQP_ITERATIONS = 50
 """Cap on active-set changes; what is not solved by then fails its certificate. Of all recorded ticks in fit units none

@@ -28,7 +28,6 @@ from rehab_opt.export.c_text import initialiser, number
 from rehab_opt.export.controllers.mirror_run import mirror_run
 from rehab_opt.export.exported import ExportedVelocity, Law
 from rehab_opt.export.generated import renamed
-from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.optim.ladder import FUSED
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.mirror.laws import tracker_of
@@ -98,7 +97,7 @@ class ExportedMirror(ExportedVelocity):
         extra = {
             "audit": tracker._auditing(),
             "moving_tool": moving_tool_function(tracker.chain),
-            "manipulability": _manipulability(tracker.chain),
+            "manipulability": _manipulability(tracker),
             "felt": tracker._interaction.law.felt_function(tracker.dt),
             "is_rigid": rigid_function(),
             "angle_of": angle_function(),
@@ -209,9 +208,9 @@ PERSON_MEMORY = (
 )
 
 
-def _manipulability(chain: SerialChain) -> ca.Function:
-    q = ca.SX.sym("q", chain.n)
-    return ca.Function("manipulability", [q], [chain.manipulability_expression(q)], {"cse": True})
+def _manipulability(tracker: MirrorTracker) -> ca.Function:
+    q = ca.SX.sym("q", tracker.chain.n)
+    return ca.Function("manipulability", [q], [tracker.chain.manipulability_expression(q)], {"cse": True})
 
 
 def _person(limit: PersonLimit) -> dict[str, str]:
