@@ -50,7 +50,7 @@ for (;;) { /* every tick */
     apply(command.value); /* force, N */
 }"""
 DIFFERENCES = (
-    "There is no backup solver. Where Python would ask proxqp, C releases the force and says `REHAB_NOT_CERTIFIED`; "
+    "There is no backup solver. Where Python would ask daqp, C releases the force and says `REHAB_NOT_CERTIFIED`; "
     "the recorded run is of a Python controller without the backup, too.",
     "The field and the comfortable workspace are constants. In Python `aim` changes the field.",
     "The nearest point of the workspace's boundary is found by asking every edge. Python asks those of a grid's cell.",
