@@ -35,8 +35,7 @@ class Ladder:
     call overwrites. The call returns the name of the solver whose answer is certified, "" if none is; only a certified
     answer changes the memory in `state`, and what the next call starts from, but that a start that failed is forgotten.
 
-    Where compiled qrqp gives up, the function returns before it writes any output and nobody says so: the residual is
-    therefore set to NaN before each evaluation.
+    The residual is set to NaN before each evaluation: what an evaluation did not write is no answer.
 
     Parameters
     ----------

@@ -27,7 +27,7 @@ __all__ = ["DIFFERENCES", "ExportedForce", "check_rungs", "faulty_ticks"]
 Array = NDArray[np.float64]
 
 DIFFERENCES = (
-    "There is no backup solver. Where Python would ask proxqp, C releases the force and says `REHAB_NOT_CERTIFIED`; "
+    "There is no backup solver. Where Python would ask daqp, C releases the force and says `REHAB_NOT_CERTIFIED`; "
     "the recorded run is of a Python controller without the backup, too.",
     "The nearest point of a workspace's boundary is found by asking every edge. Python asks those of a grid's cell.",
     "A stamp is always asked for and checked. In Python it may be left out.",

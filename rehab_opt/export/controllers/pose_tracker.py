@@ -31,7 +31,7 @@ for (;;) { /* every tick */
     send(command.value); /* joint velocities, rad/s */
 }"""
 DIFFERENCES = (
-    "There is no backup solver. Where Python would ask proxqp, C gives the safe command and "
+    "There is no backup solver. Where Python would ask daqp, C gives the safe command and "
     "`REHAB_NOT_CERTIFIED`; the recorded run is of a Python controller without the backup, too.",
     "A stamp is always asked for and checked. In Python it may be left out.",
     "An input that is NULL counts as not a number; Python raises an error for an argument of the wrong shape.",

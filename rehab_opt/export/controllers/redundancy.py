@@ -27,8 +27,8 @@ from rehab_opt.session.outcome import Progress
 __all__ = ["exported_resolvers"]
 
 DIFFERENCES = (
-    "There is no backup solver. Where Python would ask proxqp, C goes on to Eq. (1) slowed into the bounds "
-    "(`REHAB_BACKUP`), as Python does where proxqp fails, and to the safe command where that is not certified; the "
+    "There is no backup solver. Where Python would ask daqp, C goes on to Eq. (1) slowed into the bounds "
+    "(`REHAB_BACKUP`), as Python does where daqp fails, and to the safe command where that is not certified; the "
     "recorded run is of a Python controller without the backup, too.",
     "Only the sets of rows of the problem's stick are there. Others give the safe command and `REHAB_ROWS_UNKNOWN`; "
     "Python prepares them when the robot is at rest.",
