@@ -9,19 +9,17 @@ import os
 import shlex
 import signal
 import sys
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from rehab_opt.errors import ConfigurationError, RehabOptError
+from rehab_opt.terminal import bars, interrupted, no_folder, on_interrupt, refuse, undisturbed, writable
 
 if TYPE_CHECKING:
     from rehab_opt.session.files import ProblemFile
-    from rehab_opt.session.outcome import Outcome, Progress
+    from rehab_opt.session.outcome import Outcome
 
 __all__ = ["app", "main"]
 
@@ -33,25 +31,23 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-MOST_OF_A_VALUE = 120  # characters of a message
-
 Problem = Annotated[str, typer.Argument(metavar="FILE", help="A problem file, or the name of a shipped problem.")]
 
 
 def main(arguments: list[str] | None = None) -> None:
     """Entry point; `arguments` default to those of the command line."""
-    with _on_interrupt(_interrupted):
+    with on_interrupt(interrupted):
         try:
             try:
                 app(args=arguments)
             finally:
                 sys.stdout.flush()
         except RehabOptError as problem:
-            _refuse(problem)
+            refuse(problem)
         except OSError as problem:
             os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what could not be printed fails no second time at the end
             place = str(problem.filename or "standard output")
-            _refuse(ConfigurationError(place, problem.strerror, "a place that can be read and written to"))
+            refuse(ConfigurationError(place, problem.strerror, "a place that can be read and written to"))
 
 
 @app.command()
@@ -69,9 +65,9 @@ def run(
     from rehab_opt.session.systems import system_named  # noqa: PLC0415
 
     loaded = load_problem(file)
-    folder = _writable(out if out is not None else Path("out") / loaded.name)
+    folder = writable(out if out is not None else Path("out") / loaded.name)
     outcome = _run_with_progress(loaded, law=law, solver=solver)
-    with _undisturbed():
+    with undisturbed():
         written = write_report(outcome, folder)
     console = Console()
     console.print(system_named(outcome.system).table(outcome))
@@ -130,14 +126,14 @@ def record(
     place = out if out is not None else Path("out") / f"{loaded.name}.npz"
     if place.suffix != ".npz":
         raise ConfigurationError("--out", str(place), "a file that ends in .npz")
-    _no_folder(place)
-    _writable(place.parent)
-    with _bars() as progress:
+    no_folder(place)
+    writable(place.parent)
+    with bars() as progress:
         sequences = recorded_run(loaded, skip=skip, ticks=ticks, progress=progress, solver=solver)
     paths = file_names(place, sequences)
     for path in paths:  # before any of them is written
-        _no_folder(path)
-    with _undisturbed():
+        no_folder(path)
+    with undisturbed():
         for path, sequence in zip(paths, sequences, strict=True):
             write_sequence(path, sequence, argument="--out")
     for path, sequence in zip(paths, sequences, strict=True):
@@ -166,9 +162,9 @@ def many(
     from rehab_opt.session.many.summary import counted, failed_table  # noqa: PLC0415
 
     participants = participants_of(people, problem=problem)
-    folder = _writable(out if out is not None else Path("out") / "many" / people.resolve().name.removesuffix(".csv"))
+    folder = writable(out if out is not None else Path("out") / "many" / people.resolve().name.removesuffix(".csv"))
     try:
-        with _on_interrupt(signal.default_int_handler), _bars() as progress:
+        with on_interrupt(signal.default_int_handler), bars() as progress:
             rows = run_many(participants, out=folder, workers=workers, progress=progress)
     except KeyboardInterrupt:
         print("rehab-opt: interrupted", file=sys.stderr)
@@ -197,10 +193,10 @@ def bench(
 
     interruption = Interruption()
     try:
-        with _on_interrupt(interruption), _bars() as progress:
+        with on_interrupt(interruption), bars() as progress:
             told = interruption.checked(progress)
-            place = _writable(out)
-            bench_command(family, solver, time_limit=time_limit, out=place, progress=told, writing=_undisturbed())
+            place = writable(out)
+            bench_command(family, solver, time_limit=time_limit, out=place, progress=told, writing=undisturbed())
     except KeyboardInterrupt:
         print("rehab-opt: interrupted; the same command goes on from here", file=sys.stderr)
         raise typer.Exit(130) from None
@@ -216,9 +212,9 @@ def export_controller(
     from rehab_opt.session.files import load_problem  # noqa: PLC0415
 
     loaded = load_problem(file)
-    with _bars() as progress:
-        place = _writable(folder, argument="DIR")
-        written = export_c(loaded, place, progress=progress, writing=_undisturbed())
+    with bars() as progress:
+        place = writable(folder, argument="DIR")
+        written = export_c(loaded, place, progress=progress, writing=undisturbed())
     for place in sorted({path.parent for path in written}):
         print(f"written to {place}: {', '.join(path.name for path in written if path.parent == place)}")
         source, build = shlex.quote(str(place)), shlex.quote(str(place / "build"))
@@ -231,84 +227,8 @@ def export_controller(
 def _run_with_progress(loaded: ProblemFile[Any], **options: str | None) -> Outcome:
     from rehab_opt.session.run import run_problem  # noqa: PLC0415
 
-    with _bars() as progress:
+    with bars() as progress:
         return run_problem(loaded, progress=progress, **options)
-
-
-@contextmanager
-def _bars() -> Iterator[Progress]:
-    """Progress as bars on the error stream, where that is a terminal."""
-    from rich.console import Console  # noqa: PLC0415
-    from rich.progress import Progress as Bars  # noqa: PLC0415
-    from rich.progress import TaskID  # noqa: PLC0415
-
-    console = Console(stderr=True)
-    with Bars(console=console, transient=True, disable=not console.is_terminal) as bars:
-        tasks: dict[str, TaskID] = {}
-
-        def progress(what: str, done: int, whole: int) -> None:
-            if what not in tasks:
-                tasks[what] = bars.add_task(what, total=None)
-            whole_known = whole if whole > 1 or done else None  # a law answers in one piece: its bar only moves
-            bars.update(tasks[what], completed=done, total=whole_known)
-
-        yield progress
-
-
-def _writable(folder: Path, *, argument: str = "--out") -> Path:
-    """The folder of `argument`, refused before the run where it cannot take its files."""
-    from rehab_opt.session.report import checked_folder  # noqa: PLC0415
-
-    try:
-        return checked_folder(folder, argument=argument)
-    except OSError as problem:
-        raise ConfigurationError(argument, str(folder), f"a folder's name ({problem.strerror})") from problem
-
-
-def _no_folder(file: Path) -> None:
-    """Refuse a file in whose place a folder stands."""
-    if file.is_dir():
-        raise ConfigurationError("--out", str(file), "the name of a file: a folder stands there")
-
-
-def _refuse(problem: RehabOptError) -> NoReturn:
-    """One line on the error stream, whatever a file name holds, and exit code 2."""
-    text, value = str(problem), repr(getattr(problem, "value", ""))
-    if len(value) > MOST_OF_A_VALUE:
-        text = text.replace(value, value[:MOST_OF_A_VALUE] + "...")
-    line = "".join(letter if letter.isprintable() else " " for letter in text)
-    print(f"rehab-opt: {line}", file=sys.stderr)
-    sys.exit(2)
-
-
-def _interrupted(*_: Any) -> NoReturn:
-    """End at once: CasADi would swallow an exception and raise another one."""
-    clear = b"\r\x1b[2K\x1b[?25h" if os.isatty(2) else b""  # a progress bar hides the cursor
-    os.write(2, clear + b"rehab-opt: interrupted\n")
-    os._exit(130)
-
-
-@contextmanager
-def _on_interrupt(handler: Any) -> Iterator[None]:
-    """Ctrl-C calls `handler` meanwhile; only the main thread may say so."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, handler)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
-
-
-@contextmanager
-def _undisturbed() -> Iterator[None]:
-    """Ctrl-C waits until the files of a run are all there, or none."""
-    came: list[bool] = []
-    with _on_interrupt(lambda *_: came.append(True)):
-        yield
-    if came:
-        _interrupted()
 
 
 if __name__ == "__main__":

@@ -43,7 +43,8 @@ LAYERS = {
         "session",
     },
     "export": {"errors", "optim", "workspace", "field", "control", "session"},
-    "cli": {"errors", "session", "comparison", "export"},
+    "terminal": {"errors", "session"},
+    "cli": {"errors", "session", "comparison", "export", "terminal"},
 }
 
 

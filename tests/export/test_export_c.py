@@ -128,7 +128,7 @@ def test_an_interrupt_waits_until_all_files_are_there(
         raise SystemExit(130)
 
     monkeypatch.setattr(Path, "replace", interrupted_replace)
-    monkeypatch.setattr("rehab_opt.cli._interrupted", ended_by)
+    monkeypatch.setattr("rehab_opt.terminal.interrupted", ended_by)
     assert ended("export-c", str(robot), str(tmp_path / "c")) == 130
     assert {path.name for path in (tmp_path / "c").iterdir()} > NAMES
     assert {path.name for path in tmp_path.iterdir()} == {"robot.toml", "c"}

@@ -1,0 +1,97 @@
+"""What the command line does with a terminal: bars of progress, refusals of one line, Ctrl-C, folders of results."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+from rehab_opt.errors import ConfigurationError, RehabOptError
+
+if TYPE_CHECKING:
+    from rehab_opt.session.outcome import Progress
+
+__all__ = ["bars", "interrupted", "no_folder", "on_interrupt", "refuse", "undisturbed", "writable"]
+
+MOST_OF_A_VALUE = 120  # characters of a message
+
+
+@contextmanager
+def bars() -> Iterator[Progress]:
+    """Progress as bars on the error stream, where that is a terminal."""
+    from rich.console import Console  # noqa: PLC0415
+    from rich.progress import Progress as Bars  # noqa: PLC0415
+    from rich.progress import TaskID  # noqa: PLC0415
+
+    console = Console(stderr=True)
+    with Bars(console=console, transient=True, disable=not console.is_terminal) as shown:
+        tasks: dict[str, TaskID] = {}
+
+        def progress(what: str, done: int, whole: int) -> None:
+            if what not in tasks:
+                tasks[what] = shown.add_task(what, total=None)
+            whole_known = whole if whole > 1 or done else None  # a law answers in one piece: its bar only moves
+            shown.update(tasks[what], completed=done, total=whole_known)
+
+        yield progress
+
+
+def writable(folder: Path, *, argument: str = "--out") -> Path:
+    """The folder of `argument`, refused before the run where it cannot take its files."""
+    from rehab_opt.session.report import checked_folder  # noqa: PLC0415
+
+    try:
+        return checked_folder(folder, argument=argument)
+    except OSError as problem:
+        raise ConfigurationError(argument, str(folder), f"a folder's name ({problem.strerror})") from problem
+
+
+def no_folder(file: Path) -> None:
+    """Refuse a file in whose place a folder stands."""
+    if file.is_dir():
+        raise ConfigurationError("--out", str(file), "the name of a file: a folder stands there")
+
+
+def refuse(problem: RehabOptError) -> NoReturn:
+    """One line on the error stream, whatever a file name holds, and exit code 2."""
+    text, value = str(problem), repr(getattr(problem, "value", ""))
+    if len(value) > MOST_OF_A_VALUE:
+        text = text.replace(value, value[:MOST_OF_A_VALUE] + "...")
+    line = "".join(letter if letter.isprintable() else " " for letter in text)
+    print(f"rehab-opt: {line}", file=sys.stderr)
+    sys.exit(2)
+
+
+def interrupted(*_: Any) -> NoReturn:
+    """End at once: CasADi would swallow an exception and raise another one."""
+    clear = b"\r\x1b[2K\x1b[?25h" if os.isatty(2) else b""  # a progress bar hides the cursor
+    os.write(2, clear + b"rehab-opt: interrupted\n")
+    os._exit(130)
+
+
+@contextmanager
+def on_interrupt(handler: Any) -> Iterator[None]:
+    """Ctrl-C calls `handler` meanwhile; only the main thread may say so."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+@contextmanager
+def undisturbed() -> Iterator[None]:
+    """Ctrl-C waits until the files of a run are all there, or none."""
+    came: list[bool] = []
+    with on_interrupt(lambda *_: came.append(True)):
+        yield
+    if came:
+        interrupted()
