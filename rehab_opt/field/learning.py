@@ -75,7 +75,7 @@ class Problem(NamedTuple):
         qp = Instance((hessian + hessian.T) / 2, gradient, rows, np.zeros(m), free[0], np.zeros(n), free[1])
         witness = witness_now()
         if witness is not None:
-            witness.stream(f"field_learning_{n}", TOLERANCE, Instance, ticks=False, shared=True).see(*qp)
+            witness.stream(f"field_learning_{m}_{n}", TOLERANCE, Instance, ticks=False, shared=True).see(*qp)
         certify = certificate_function(n, m)
         tried = []
         for name in solvers:
