@@ -15,8 +15,8 @@ BOUNDED: tuple[Law, ...] = ("assisted", "together", "delayed")
 OFTEN = 0.2
 """Share of the ticks with a force. In `scenario_2_assist` with S of 300 to 8000 N/m, D of 5 to 600 N s/m, slew limits
 of 60 to 1000 N/s and ticks of 1 and 10 ms it was at most 0.15 where the hand came to rest, and 0.24 to 0.74 where it
-swung (in all but one of these until the tank was empty). At 50 Hz, where the shipped springs and dampers chatter, it was
-0.39 to 0.97."""
+swung (in all but one of these until the tank was empty). At 50 Hz, where the shipped springs and dampers chatter, it
+was 0.39 to 0.97."""
 FULL = 0.99
 """Share of the slew limit from which on it is the limit that decides."""
 
