@@ -124,8 +124,8 @@ def learning(name: str, *, per_point: bool, about: str) -> QPSequence:
                 hands[max(0, count - 10) : count], path=REACH, width=WIDTH, spacing=WIDTH / 2, per_point=per_point,
                 stations=6, held_out=(), compile=False,
             )  # fmt: skip
-    largest = max(int(stream.name.rpartition("_")[2]) for stream in witness.streams)
-    return _only(witness, name, f"field_learning_{largest}", math.nan, about)
+    largest = max(witness.streams, key=lambda stream: int(stream.name.rpartition("_")[2]))
+    return _only(witness, name, largest.name, math.nan, about)
 
 
 # ----------------------------------------------------------------------------------------------------- out of reach

@@ -15,6 +15,9 @@ __all__ = ["Demonstration"]
 
 Array = NDArray[np.float64]
 
+SPAN = 0.04
+"""[s] over which velocities are differences of places."""
+
 
 @dataclass(frozen=True, eq=False)
 class Demonstration:
@@ -24,7 +27,8 @@ class Demonstration:
     ----------
     positions : (N, 2) [m] of the hand, first to last.
     forces : (N, 2) [N] on the hand.
-    velocities : (N, 2) [m/s]; by central differences where None, which needs `dt` or `times`.
+    velocities : (N, 2) [m/s]; where None by central differences over 40 ms, or over two samples where they are further
+        apart, which needs `dt` or `times`: a difference over 2 ms is noise, and noise teaches a damping of zero.
     dt : [s] between samples, or
     times : (N,) [s] of the samples, rising.
 
@@ -48,18 +52,29 @@ class Demonstration:
         object.__setattr__(self, "forces", _column("forces", self.forces, positions))
         velocities = self.velocities
         if velocities is None:
-            velocities = np.gradient(positions, self._spacing(len(positions)), axis=0)
+            velocities = _velocities(positions, self._seconds(len(positions)))
         object.__setattr__(self, "velocities", _column("velocities", velocities, positions))
 
-    def _spacing(self, count: int) -> float | Array:
+    def _seconds(self, count: int) -> Array:
         if self.times is not None:
             times = np.asarray(self.times, dtype=np.float64)
             if times.shape != (count,) or not np.all(np.diff(times) > 0) or not np.all(np.isfinite(times)):
                 raise ConfigurationError("times", times.shape, f"{count} rising times in seconds")
-            return times
+            from_first: Array = times - times[0]
+            return from_first
         if isinstance(self.dt, int | float) and 0 < self.dt < math.inf:
-            return float(self.dt)
+            return np.asarray(self.dt * np.arange(count))
         raise ConfigurationError("dt", self.dt, "seconds between samples, or times, or velocities")
+
+
+def _velocities(positions: Array, seconds: Array) -> Array:
+    """(N, 2) [m/s] a hand moves too slowly for a shorter difference to tell more than the sensor's noise."""
+    if not np.median(np.diff(seconds)) < SPAN / 2:
+        return np.asarray(np.gradient(positions, seconds, axis=0))
+    after = np.minimum(seconds + SPAN / 2, seconds[-1])
+    before = np.maximum(seconds - SPAN / 2, seconds[0])
+    moved = [np.interp(after, seconds, column) - np.interp(before, seconds, column) for column in positions.T]
+    return np.asarray(np.stack(moved, axis=1) / (after - before)[:, None])
 
 
 def _column(argument: str, values: ArrayLike, positions: Array) -> Array:

@@ -16,6 +16,8 @@ Array = NDArray[np.float64]
 
 WEAK = 1e-3
 """Share of the largest singular value: what changes the recorded forces by less than this is not told by them."""
+PARTS = 8
+"""Of a demonstration, a few tenths of a second each: longer than what a hand does at one stroke."""
 TAKES_PART = 0.3
 """Share of a unit vector from which on a parameter is named."""
 
@@ -26,7 +28,8 @@ class Fit(NamedTuple):
     parameters: dict[str, float]
     """What was learnt, by name, SI."""
     standard_error: dict[str, float]
-    """Of each, from the residual and the data's information; infinite where they hold none."""
+    """Of each, from the data's noise and from sway that lasts up to an eighth of a movement; infinite where they hold
+    nothing of it. That no field of this form may give such forces is not in it."""
     width: float
     """[m] sigma."""
     training_error: float
@@ -34,9 +37,11 @@ class Fit(NamedTuple):
     held_out: tuple[int, ...]
     """Numbers of the demonstrations that were kept back."""
     held_out_error: float
-    """[N] the same on those; NaN where none were."""
+    """[N] the training error, on those; NaN where none were."""
     held_out_share: float
     """That as a share of the root mean square of their forces."""
+    chosen_on_held_out: bool
+    """Whether the width was chosen by the held-out error, which then flatters the field a little."""
     constant_stiffness_error: float
     """[N] on the same demonstrations, of the best constant spring and damper to the nearest point of the path."""
     singular_values: Array
@@ -64,19 +69,29 @@ class Identified(NamedTuple):
     standard_error: Array
 
 
-def identified(design: Array, names: Sequence[str], residual: float) -> Identified:
-    """From a design (rows, n) and the root mean square of what it leaves."""
+def identified(design: Array, names: Sequence[str], errors: Array, lengths: Sequence[int]) -> Identified:
+    """From a design (rows, n) and what it leaves (rows,) [N]; `lengths` are the rows of each demonstration.
+
+    A hand sways and a therapist leans for tenths of a second: errors of neighbouring samples are alike, and a thousand
+    of them tell no more than fifty. So each demonstration is cut into parts, whose errors count as one each
+    (Liang and Zeger, Biometrika 1986); where that gives less than independent samples would, these count.
+    """
     sizes = np.linalg.norm(design, axis=0)
     silent = sizes <= 1e-12 * sizes.max(initial=1e-300)
     scaled = design / np.where(silent, 1.0, sizes)
-    information = scaled.T @ scaled
-    values, vectors = np.linalg.eigh(information)
+    values, vectors = np.linalg.eigh(scaled.T @ scaled)
     singular = np.sqrt(np.maximum(values, 0.0))[::-1]
     weak = vectors[:, np.sqrt(np.maximum(values, 0.0)) < WEAK * singular[0]]
     open_ = silent | (np.abs(weak) > TAKES_PART).any(axis=1)
+    parts = np.concatenate([k * PARTS + np.arange(rows) * PARTS // rows for k, rows in enumerate(lengths)])
+    scores = np.zeros((PARTS * len(lengths), len(names)))
+    np.add.at(scores, parts, scaled * errors[:, None])
     with np.errstate(divide="ignore", invalid="ignore"):
-        variance = ((vectors**2) / np.maximum(values, 0.0)).sum(axis=1)
-        error = residual * np.sqrt(variance) / sizes
+        inverse = 1 / np.maximum(values, 0.0)
+        alone = (errors**2).mean() * ((vectors**2) * inverse).sum(axis=1)
+        together = (((scores @ vectors) * inverse @ vectors.T) ** 2).sum(axis=0)
+        together *= len(scores) / max(len(scores) - len(names), 1)
+        error = np.sqrt(np.fmax(alone, together)) / sizes
     error[silent] = np.inf
     condition = float(singular[0] / singular[-1]) if singular[-1] > 0 else np.inf
     return Identified(

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError, RehabOptError
+from rehab_opt.field.agreement import check_agreement, check_closeness
 from rehab_opt.field.arguments import positive
 from rehab_opt.field.demonstration import Demonstration
 from rehab_opt.field.fit import Fit, constant_stiffness_error, identified, rms
@@ -74,7 +75,7 @@ class Problem(NamedTuple):
         qp = Instance((hessian + hessian.T) / 2, gradient, rows, np.zeros(m), free[0], np.zeros(n), free[1])
         witness = witness_now()
         if witness is not None:
-            witness.stream(f"field_learning_{n}", TOLERANCE, Instance, ticks=False, shared=True).see(*qp)
+            witness.stream(f"field_learning_{m}_{n}", TOLERANCE, Instance, ticks=False, shared=True).see(*qp)
         certify = certificate_function(n, m)
         tried = []
         for name in solvers:
@@ -125,7 +126,9 @@ def learnt_field(
 
     Raises
     ------
-    ConfigurationError : an argument that cannot be used. RehabOptError : no solver gave a certified answer.
+    ConfigurationError : an argument that cannot be used; a demonstration that goes the other way than the path (or,
+        without one, than the first), or stays further from it than the largest width.
+    RehabOptError : no solver gave a certified answer.
     """
     demonstrations = list(demonstrations)
     if not demonstrations or not all(isinstance(each, Demonstration) for each in demonstrations):
@@ -133,6 +136,9 @@ def learnt_field(
     if not isinstance(stations, int) or not 2 <= stations <= 100:
         raise ConfigurationError("stations", stations, "an integer from 2 to 100")
     kept = _held_out(held_out, len(demonstrations))
+    widths = [positive("width", one) for one in (width if isinstance(width, Sequence) else [width])]
+    if not widths:
+        raise ConfigurationError("width", width, "at least one width in metres")
     task = Task(
         training=[each for i, each in enumerate(demonstrations) if i not in kept],
         tested=[demonstrations[i] for i in kept],
@@ -142,13 +148,15 @@ def learnt_field(
         rest_on_target=rest_on_target,
         solvers=tuple(solvers),
         compile=compile,
+        widths=len(widths),
     )
     given = None if path is None else checked_paths(path)
-    widths = list(width) if isinstance(width, Sequence) else [width]
+    check_agreement(demonstrations, given, min(widths))
     fields = []
-    for each in (positive("width", one) for one in widths):
+    for each in widths:
         step = each / SAMPLES_PER_WIDTH if spacing is None else positive("spacing", spacing)
         around = given or (mean_path([one.positions for one in task.training], each / 2),)
+        check_closeness(demonstrations, around, max(widths))
         fields.append(_learnt(task, [resampled_path(points, step) for points in around], each))
     return min(fields, key=_error)
 
@@ -164,6 +172,7 @@ class Task(NamedTuple):
     rest_on_target: bool
     solvers: tuple[str, ...]
     compile: bool | None
+    widths: int
 
 
 def _error(field: PotentialField) -> float:
@@ -197,8 +206,8 @@ def _learnt(task: Task, paths: Sequence[SampledPath], width: float) -> Potential
     )
     if not task.stations:
         field.drag = float(theta[1])
-    left = rms((problem.design @ theta - forces).reshape(-1, 2))
-    told = identified(problem.design, model.names, left / math.sqrt(2))
+    errors = problem.design @ theta - forces
+    told = identified(problem.design, model.names, errors, [2 * len(each.positions) for each in task.training])
     wrong = [field.force(each.positions, each.velocities) - each.forces for each in task.tested]
     error = rms(np.concatenate(wrong)) if wrong else math.nan
     size = rms(np.concatenate([each.forces for each in task.tested])) if wrong else math.nan
@@ -207,10 +216,11 @@ def _learnt(task: Task, paths: Sequence[SampledPath], width: float) -> Potential
         parameters=dict(zip(model.names, theta.tolist(), strict=True)),
         standard_error=dict(zip(model.names, told.standard_error.tolist(), strict=True)),
         width=width,
-        training_error=left,
+        training_error=rms(errors.reshape(-1, 2)),
         held_out=task.kept,
         held_out_error=error,
         held_out_share=error / size if size else math.nan,
+        chosen_on_held_out=task.widths > 1 and bool(wrong),
         constant_stiffness_error=constant_stiffness_error(points, task.training, task.tested),
         singular_values=told.singular_values,
         condition=told.condition,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -10,7 +11,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
 
-__all__ = ["SampledPath", "Samples", "arc_length", "checked_paths", "interpolated", "mean_path", "resampled_path"]
+__all__ = [
+    "SampledPath",
+    "Samples",
+    "arc_length",
+    "checked_paths",
+    "interpolated",
+    "mean_path",
+    "resampled_path",
+    "strides",
+]
 
 Array = NDArray[np.float64]
 
@@ -127,12 +137,26 @@ def interpolated(points: Array, values: Array, along: Array) -> Array:
     return np.column_stack([np.interp(along, length[moving], column) for column in values[moving].T])
 
 
+def strides(points: Array, step: float) -> Array:
+    """(m, 2) the first of `points` (N, 2), each further than `step` [m] from the one kept before it, and the last."""
+    kept, last = [0], points[0].tolist()
+    for i, (x, y) in enumerate(points.tolist()):
+        if math.hypot(x - last[0], y - last[1]) > step:
+            kept.append(i)
+            last = (x, y)
+    if kept[-1] != len(points) - 1:
+        kept.append(len(points) - 1)
+    return points[kept]
+
+
 def mean_path(paths: Sequence[Array], smoothing: float) -> Array:
     """(N, 2) the mean of several paths at equal shares of their lengths, without bends finer than `smoothing` [m].
 
-    It begins and ends at the mean of their starts and ends.
+    It begins and ends at the mean of their starts and ends. Lengths are of steps of half of `smoothing`: a sensor's
+    noise while the hand rests would else be a way of metres, and the shares of the paths would not correspond.
     """
     shares = np.linspace(0.0, 1.0, MEAN_POINTS)
+    paths = [strides(each, smoothing / 2) for each in paths]
     mean: Array = np.mean([interpolated(each, each, shares * arc_length(each)[-1]) for each in paths], axis=0)
     for _ in range(2):  # what bends back and forth is shorter once it is smooth
         length = arc_length(mean)[-1]

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from rehab_opt import ConfigurationError, PotentialField, RehabOptError
+from rehab_opt.field.agreement import check_agreement
 from rehab_opt.field.demonstration import Demonstration
 from rehab_opt.field.force_model import shared_model, station_model
 from rehab_opt.field.samples import arc_length, mean_path, resampled_path
+from rehab_opt.optim.witness import witnessed
 from tests.field.demonstrators import WAY, S, led_hands
 
 TRUE = {"stiffness": 1000.0, "drag": 200.0, "damping": 8.0}
@@ -194,3 +196,78 @@ def test_options_that_cannot_be_used_are_named(options: dict, named: str) -> Non
 def test_nothing_is_learnt_from_nothing() -> None:
     with pytest.raises(ConfigurationError, match="demonstrations"):
         learnt([])
+
+
+def test_the_standard_error_is_that_of_the_hands_not_of_the_samples() -> None:
+    """Sampled ten times as often, errors that last for a while tell nothing more."""
+    rng = np.random.default_rng(0)
+    spread = []
+    for every in (1, 10):
+        hands = []
+        for each in led_hands(truth(), noise=0.0):
+            chance = np.cumsum(rng.normal(size=each.forces.shape), axis=0)
+            slow = chance - np.linspace(chance[0], chance[-1], len(chance))
+            hands.append(
+                Demonstration(
+                    positions=each.positions[::every],
+                    forces=(each.forces + slow / slow.std())[::every],
+                    velocities=each.velocities[::every],
+                )
+            )
+        spread.append(learnt(hands).fit.standard_error["stiffness"])
+    assert spread[0] == pytest.approx(spread[1], rel=0.5)
+
+
+def test_the_standard_error_covers_what_repeated_demonstrations_scatter() -> None:
+    found, stated = [], []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        hands = []
+        for each in led_hands(truth(), noise=0.0)[:4]:
+            waves = np.sin(np.linspace(0, 25, len(each.forces))[:, None] + rng.uniform(0, 7, 2)) * rng.normal(size=2)
+            hands.append(
+                Demonstration(positions=each.positions, forces=each.forces + waves, velocities=each.velocities)
+            )
+        fit = learnt(hands, held_out=()).fit
+        found.append(fit.parameters["stiffness"])
+        stated.append(fit.standard_error["stiffness"])
+    assert np.std(found) < 2.0 * np.mean(stated)
+
+
+def test_noise_of_a_hand_at_rest_is_no_way_along_the_path() -> None:
+    rng = np.random.default_rng(1)
+    line = np.column_stack((np.linspace(0.0, 0.1, 400), 0.02 * np.sin(np.linspace(0.0, 3.0, 400))))
+    resting = np.vstack((line, np.tile(line[-1], (8000, 1)))) + rng.normal(0, 1e-4, (8400, 2))
+    mean = mean_path([line, resting], 0.005)
+    away = np.linalg.norm(mean[:, None] - line, axis=2).min(axis=1)
+    assert away.max() < 1e-3
+
+
+def test_velocities_of_a_noisy_recording_at_a_kilohertz_are_those_of_the_hand() -> None:
+    rng, times = np.random.default_rng(2), np.arange(3000) * 1e-3
+    places = np.column_stack((0.05 * np.sin(times), 0.03 * np.cos(2 * times)))
+    true = np.column_stack((0.05 * np.cos(times), -0.06 * np.sin(2 * times)))
+    seen = places + rng.normal(0, 1e-4, places.shape)
+    for kwargs in ({"dt": 1e-3}, {"times": 7.0 + times}):
+        hand = Demonstration(positions=seen, forces=np.zeros_like(seen), **kwargs)  # type: ignore[arg-type]
+        assert np.sqrt(((hand.velocities - true) ** 2).mean()) < 0.004
+
+
+def test_a_circle_gone_the_other_way_round_is_refused_and_a_way_there_and_back_is_not() -> None:
+    angle = np.linspace(0.0, 2 * np.pi, 200)
+    circle = 0.05 * np.column_stack((np.cos(angle), np.sin(angle)))
+    there_and_back = np.column_stack((0.1 * np.sin(angle / 2), np.zeros(200)))
+    both = [Demonstration(positions=way, forces=0 * way, dt=0.01) for way in (circle, circle[::-1])]
+    with pytest.raises(ConfigurationError, match=r"demonstrations\[1\]"):
+        check_agreement(both, None, 0.02)
+    check_agreement([both[0], both[0]], None, 0.02)
+    again = [Demonstration(positions=way, forces=0 * way, dt=0.01) for way in (there_and_back, there_and_back[::-1])]
+    check_agreement(again, None, 0.02)
+
+
+def test_fits_of_several_widths_are_recorded_as_problems_of_one_size_each() -> None:
+    with witnessed() as witness:
+        learnt(led_hands(truth()), width=[0.01, 0.02, 0.025])
+    for stream in witness.streams:
+        assert len({(qp.g.size, qp.rows_lower.size) for qp in stream.instances()}) == 1
+    assert sum(len(stream) for stream in witness.streams) == 3

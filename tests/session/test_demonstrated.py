@@ -157,6 +157,76 @@ def test_a_recording_that_teaches_nothing_is_named(written: Write, text: str, sa
         checked(loaded({"task": {"demonstrations": {"files": ["lead.csv"]}}}, file.parent / "problem.toml"))
 
 
+def lead_files(folder: Path, count: int, change: Callable[[int, np.ndarray], np.ndarray]) -> Any:
+    """The shipped movements, each changed, as a problem of their own."""
+    names = [f"lead_{number}.csv" for number in range(1, count + 1)]
+    for i, name in enumerate(names):
+        rows = np.loadtxt(SHIPPED / "demonstrations" / name, delimiter=",", skiprows=1)
+        (folder / name).write_text(table([tuple(row) for row in change(i, rows)]), encoding="utf-8")
+    return loaded({"task": {"demonstrations": {"files": names}}}, folder / "problem.toml")
+
+
+def test_forces_of_the_other_sign_or_with_a_large_offset_teach_no_stiffness_not_even_a_rounding_one(
+    tmp_path: Path,
+) -> None:
+    for factor, offset in ((-1.0, 0.0), (1.0, 12.0)):
+        turned = lead_files(tmp_path, 5, lambda _, rows, f=factor, o=offset: rows * (1, 1, 1, f, f) + (0, 0, 0, o, -o))  # type: ignore[misc]
+        with pytest.raises(ProblemFileError, match=r"task\.demonstrations.*hold no hand"):
+            learnt(turned, None)
+
+
+@pytest.mark.parametrize("turned", [0, 2, 4])
+def test_a_movement_the_other_way_is_refused_by_its_file(tmp_path: Path, turned: int) -> None:
+    def backwards(i: int, rows: np.ndarray) -> np.ndarray:
+        return np.column_stack((rows[:, 0], rows[::-1, 1:])) if i == turned else rows
+
+    with pytest.raises(ProblemFileError, match=r"lead_\d\.csv: a movement against lead_1\.csv") as refused:
+        learnt(lead_files(tmp_path, 5, backwards), None)
+    assert refused.value.key == "task.demonstrations.files"
+
+
+@pytest.mark.parametrize(
+    ("path", "said"),
+    [([[-0.25, 0.493], [-0.16, 0.505]], "against the path"), ([[-0.16, 0.42], [-0.25, 0.42]], "mostly 7")],
+)
+def test_a_path_that_is_not_the_one_that_was_shown_is_refused(path: list[list[float]], said: str) -> None:
+    with pytest.raises(ProblemFileError, match=said):
+        learnt(loaded({}), np.array(path))
+
+
+@pytest.mark.parametrize(
+    ("scales", "said"),
+    [
+        ((1, 1, 1, 1e2, 1e2), "largest force of .*another unit"),
+        ((1, 1, 1, 1e-3, 1e-3), "largest force of .*another unit"),
+        ((1e-3, 1, 1, 1, 1), "m/s.*another unit"),
+        ((1e3, 1, 1, 1, 1), "m/s.*another unit"),
+    ],
+)
+def test_a_slip_of_a_unit_is_refused(tmp_path: Path, scales: tuple[float, ...], said: str) -> None:
+    with pytest.raises(ProblemFileError, match=said):
+        learnt(lead_files(tmp_path, 1, lambda _, rows: rows * scales), None)
+
+
+def test_the_notes_tell_that_sigma_was_chosen_by_what_was_held_out_and_only_if_it_was() -> None:
+    for widths, chosen in (([10.0, 20.0], True), ([10.0], False)):
+        led = learnt(loaded({"field": {"widths_mm": widths}}), None)
+        assert led is not None
+        assert any("by which sigma was chosen" in note for note in led.notes) is chosen
+
+
+def test_a_hand_that_mostly_rests_and_forces_that_the_limit_cuts_are_noted(tmp_path: Path) -> None:
+    def waiting(_: int, rows: np.ndarray) -> np.ndarray:
+        rest = np.tile(rows[-1], (600, 1))
+        rest[:, 0] += 0.02 * np.arange(1, 601)
+        return np.vstack((rows * (1, 1, 1, 3, 3), rest))
+
+    led = learnt(lead_files(tmp_path, 1, waiting), None)
+    assert led is not None
+    assert any("the hand rests in" in note and "lead_1.csv" in note for note in led.notes)
+    assert any("assistance.force_limit_N = 30" in note for note in led.notes)
+
+
 def test_an_absent_recording_is_named_before_anything_is_learnt(tmp_path: Path) -> None:
     absent = loaded({}, tmp_path / "problem.toml")
     assert recording_state(absent).startswith("absent: demonstrations/lead_1.csv")

@@ -378,3 +378,20 @@ def test_with_a_helper_the_participant_keeps_to_the_path_and_no_delay_makes_the_
     assert any(note.startswith("delayed: the helper felt") for note in found.notes)
     with pytest.raises(ProblemFileError, match=r"run\.laws"):
         changed("scenario_2_assist", run={"laws": ["together"]})
+
+
+@pytest.mark.parametrize(("slew", "swings"), [(200.0, True), (1000.0, False)])
+def test_a_slew_limit_that_does_not_go_with_the_spring_is_noted(slew: float, swings: bool) -> None:
+    """The hand then swings on a force that comes too late until the tank is empty; with a larger limit it arrives."""
+    loaded = changed(
+        "scenario_2_assist",
+        field={"stiffness_N_m": 3000.0, "damping_Ns_m": 5.0},
+        assistance={"slew_limit_N_s": slew},
+        task={"trials": 1},
+        run={"laws": ["assisted"]},
+    )
+    found = run_problem(loaded)
+    assert isinstance(found, ScenarioOutcome)
+    said = [note for note in found.notes if "assistance.slew_limit_N_s = 200" in note]
+    assert bool(said) is swings
+    assert (found.measures["assisted"][0]["releases"] > 0) is swings

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+import re
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rehab_opt.control.energy_tank import HAND_SPEED
 from rehab_opt.errors import ConfigurationError, ProblemFileError, RehabOptError
 from rehab_opt.field.demonstration import Demonstration
 from rehab_opt.field.fit import Fit
 from rehab_opt.field.potential import PotentialField
 from rehab_opt.session.files import ProblemFile, recording_path
 from rehab_opt.session.recordings import read_recording
+from rehab_opt.session.scenario.learnt_notes import learnt_notes
 from rehab_opt.session.scenario.problem import ScenarioProblem
 from rehab_opt.session.systems import Needed
 
@@ -23,8 +25,14 @@ __all__ = ["Learnt", "fit_metrics", "learnt", "needed_demonstrations"]
 Array = NDArray[np.float64]
 
 KEY = "task.demonstrations"
-WORST = 0.5
-"""Share of the held-out forces from which on a field reproduces them badly."""
+LEAST = 1.0
+"""Standard errors that a stiffness is above zero; from less nothing is learnt."""
+MOST = {"stiffness": 1e5, "drag": 1e5, "damping": 1e4}
+"""As in a file that gives them."""
+WEAKEST, STRONGEST = 0.1, 1e3
+"""[N] of the largest force of a movement."""
+SLOWEST = 1e-3
+"""[m/s] of a movement's fastest moment."""
 
 
 class Learnt(NamedTuple):
@@ -54,7 +62,7 @@ def learnt(loaded: ProblemFile[ScenarioProblem], path: Array | None) -> Learnt |
     shown, notes = _shown(loaded)
     field = _field(loaded, shown, path, rests=loaded.problem.mode == "assist")
     assert field.fit is not None
-    return Learnt(field, shown, (*notes, *_fit_notes(field.fit, len(shown))))
+    return Learnt(field, shown, (*notes, *learnt_notes(loaded.problem, field.fit, shown)))
 
 
 def fit_metrics(fit: Fit) -> dict[str, Any]:
@@ -68,6 +76,7 @@ def fit_metrics(fit: Fit) -> dict[str, Any]:
         "held_out": [1 + number for number in fit.held_out],
         "held_out_error_N": _finite(fit.held_out_error),
         "held_out_share": _finite(fit.held_out_share),
+        "width_chosen_on_held_out": fit.chosen_on_held_out,
         "constant_stiffness_error_N": _finite(fit.constant_stiffness_error),
         "condition": _finite(fit.condition),
         "unidentified": list(fit.unidentified),
@@ -93,7 +102,25 @@ def _shown(loaded: ProblemFile[ScenarioProblem]) -> tuple[tuple[Demonstration, .
             )
         except ConfigurationError as refused:
             raise ProblemFileError(file, refused.argument, refused.value, refused.expected) from refused
+        _check_sizes(loaded.file, file, shown[-1])
     return tuple(shown), notes
+
+
+def _check_sizes(problem: str, file: str, shown: Demonstration) -> None:
+    """Numbers that can only be a slip of the unit.
+
+    Raises
+    ------
+    ProblemFileError : names the recording.
+    """
+    largest = float(np.linalg.norm(shown.forces, axis=1).max())
+    if not WEAKEST <= largest <= STRONGEST:
+        expected = f"{WEAKEST:g} to {STRONGEST:g} N (another unit?)"
+        raise ProblemFileError(problem, f"{KEY}.files", f"{file}: a largest force of {largest:.3g} N", expected)
+    fastest = float(np.linalg.norm(shown.velocities, axis=1).max())
+    if not SLOWEST <= fastest <= HAND_SPEED:
+        expected = f"{SLOWEST:g} to {HAND_SPEED:g} m/s (time or place in another unit?)"
+        raise ProblemFileError(problem, f"{KEY}.files", f"{file}: a hand of at most {fastest:.3g} m/s", expected)
 
 
 def _field(
@@ -103,40 +130,43 @@ def _field(
     try:
         field = PotentialField.learn(shown, width=widths, path=path, rest_on_target=rests)
     except ConfigurationError as refused:
-        key = "field.widths_mm" if refused.argument == "width" else f"{KEY}, {refused.argument}"
-        raise ProblemFileError(loaded.file, key, refused.value, refused.expected) from refused
+        raise _as_key(loaded, refused) from refused
     except RehabOptError as refused:
         raise ProblemFileError(loaded.file, KEY, str(refused), "forces that a field can be fitted to") from refused
     assert field.fit is not None
-    if not field.fit.parameters["stiffness"] > 0.0:
-        value = "forces that hold no hand on a path (a stiffness of zero)"
-        raise ProblemFileError(loaded.file, KEY, value, "movements that were led, and strayed from the path a little")
+    said, spread = field.fit.parameters, field.fit.standard_error
+    # A stiffness of zero is 1e-12 N/m to a solver, and noise alone gives a little more.
+    if not said["stiffness"] > LEAST * spread["stiffness"]:
+        found = f"{said['stiffness']:.2g} +- {spread['stiffness']:.2g} N/m"
+        value = f"forces that hold no hand on a path (a stiffness of {found})"
+        expected = (
+            "movements that were led, and strayed from the path a little; force on the hand, sensor's offset removed"
+        )
+        raise ProblemFileError(loaded.file, KEY, value, expected)
+    for name, key, unit in (("stiffness", "S", "N/m"), ("drag", "k1", "N/m"), ("damping", "D", "N s/m")):
+        if not said[name] <= MOST[name]:
+            raise ProblemFileError(
+                loaded.file, KEY, f"{key} = {said[name]:.3g} {unit}", f"at most {MOST[name]:g} {unit}"
+            )
     if rests and not field.rests:
         value = f"a field that curves by {field.rest_stiffness:.3g} N/m at the end"
         raise ProblemFileError(loaded.file, KEY, value, "movements that come to rest at their end")
     return field
 
 
-def _fit_notes(fit: Fit, shown: int) -> Iterator[str]:
-    """What was learnt, in sentences."""
-    said, spread = fit.parameters, fit.standard_error
-    numbers = ", ".join(
-        f"{symbol} = {said[name]:.3g} +- {spread[name]:.2g} {unit}"
-        for symbol, name, unit in (("S", "stiffness", "N/m"), ("k1", "drag", "N/m"), ("D", "damping", "N s/m"))
+def _as_key(loaded: ProblemFile[ScenarioProblem], refused: ConfigurationError) -> ProblemFileError:
+    """A refusal of what is learnt from, by the key and the recording that it is about."""
+    number = re.fullmatch(r"demonstrations\[(\d+)\]", refused.argument)
+    if number is None:
+        key = "field.widths_mm" if refused.argument == "width" else f"{KEY}, {refused.argument}"
+        return ProblemFileError(loaded.file, key, refused.value, refused.expected)
+    assert loaded.problem.task.demonstrations is not None
+    files = loaded.problem.task.demonstrations.files
+    value, expected = (
+        re.sub(r"demonstrations\[(\d+)\]", lambda found: files[int(found[1])], str(text))
+        for text in (refused.value, refused.expected)
     )
-    held = len(fit.held_out)
-    yield (
-        f"the field was learnt from {shown - held} of {shown} demonstrations: {numbers}, "
-        f"sigma = {1e3 * fit.width:g} mm; {fit.training_error:.2g} N are left"
-    )
-    if held:
-        bad = ": it does not reproduce them well" if not fit.held_out_share <= WORST else ""
-        yield (
-            f"of the {held} held out its forces are {fit.held_out_error:.2g} N off, {100 * fit.held_out_share:.0f} % "
-            f"of what was recorded (a constant stiffness: {fit.constant_stiffness_error:.2g} N){bad}"
-        )
-    if fit.unidentified:
-        yield f"the demonstrations do not tell {', '.join(fit.unidentified)}: the regularisation chose"
+    return ProblemFileError(loaded.file, f"{KEY}.files", f"{files[int(number[1])]}: {value}", expected)
 
 
 def _finite(value: float) -> float | None:

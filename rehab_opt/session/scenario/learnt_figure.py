@@ -19,6 +19,8 @@ Array = NDArray[np.float64]
 LED, RECORDED, LEARNT = "#56B4E9", "#E69F00", "#0072B2"
 ARROWS = 12
 """Along one movement."""
+LONGEST = 1.2
+"""[inches] An arrow of the largest force, however narrow the plane is drawn."""
 
 
 def learnt_figure(outcome: ScenarioOutcome) -> Figure:
@@ -66,7 +68,9 @@ def _draw_movements(axes: Axes, shown: tuple[Demonstration, ...], *, largest: fl
             *each.forces[at].T,
             color=RECORDED,
             angles="xy",
-            scale=6 * largest,
-            width=0.003,
+            units="inches",
+            scale_units="inches",
+            scale=largest / LONGEST,
+            width=0.02,
             zorder=5,
         )

@@ -26,6 +26,7 @@ from rehab_opt.session.scenario.plant import person_of, robot_model_of
 from rehab_opt.session.scenario.prepared import Prepared, prepared
 from rehab_opt.session.scenario.problem import REACHES, THERAPY, ScenarioProblem
 from rehab_opt.session.scenario.summary import law_summary
+from rehab_opt.session.scenario.swinging import swinging_notes
 from rehab_opt.session.scenario.trial import Law, Trial
 
 __all__ = ["assistance_of", "assisted_law", "law_of", "run_scenario", "scene_of"]
@@ -89,6 +90,7 @@ def run_scenario(loaded: ProblemFile[ScenarioProblem], *, solver: str | None, pr
             *ASSUMPTIONS[: 2 if fit is None else 1],
             *_pair_notes(problem, measures),
             *_runaways(problem, ready, trials),
+            *swinging_notes(trials, slew_limit=problem.assistance.slew_limit_N_s),
         ),
         metrics={
             "laws": {name: law_summary(list(of)) | {"trials": list(of)} for name, of in measures.items()},
