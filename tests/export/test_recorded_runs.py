@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 import subprocess
+from pathlib import Path
 
 import pytest
 
@@ -63,6 +64,19 @@ def test_the_recorded_run_is_clean_under_sanitizers(name: str, exported: Exporte
     flags = ("-O0", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
     done = ran(built(exported(name), "sanitized", f"rehab_{name}.c", "main.c", flags=flags), "0")
     assert (done.returncode, done.stderr) == (0, ""), done.stdout
+
+
+@pytest.mark.parametrize("flag", ["-ffast-math", "-ffinite-math-only", "-fsingle-precision-constant"])
+def test_it_does_not_compile_where_its_checks_would_not_hold(flag: str, exported: Exported, c_compiler: str) -> None:
+    """Arithmetic without NaN lets a broken sensor pass."""
+    if flag == "-fsingle-precision-constant" and "clang" in Path(c_compiler).resolve().name:
+        pytest.skip("clang has no such flag for C")
+    command = [c_compiler, "-std=c99", "-fsyntax-only", flag, "rehab_pose_tracker.c"]
+    done = subprocess.run(command, cwd=exported("pose_tracker"), capture_output=True, text=True, check=False)
+    assert done.returncode != 0
+    assert "a wrong command hurts someone" in done.stderr or "constants_are_no_doubles" in done.stderr
+    plain = [part for part in command if part != flag]
+    assert subprocess.run(plain, cwd=exported("pose_tracker"), capture_output=True, check=False).returncode == 0
 
 
 @pytest.mark.parametrize("name", CONTROLLERS)
