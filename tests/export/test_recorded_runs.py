@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from rehab_opt import PoseTracker, ur5
 from rehab_opt.control.chair_and_arm import ITERATIONS
 from rehab_opt.export.reasons import REASONS
 from rehab_opt.optim.qrqp import QRQP_ITERATIONS
@@ -64,6 +65,14 @@ def test_the_recorded_run_is_clean_under_sanitizers(name: str, exported: Exporte
     flags = ("-O0", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
     done = ran(built(exported(name), "sanitized", f"rehab_{name}.c", "main.c", flags=flags), "0")
     assert (done.returncode, done.stderr) == (0, ""), done.stdout
+
+
+@pytest.mark.parametrize("name", CONTROLLERS)
+def test_the_backup_that_c_has_not_is_the_one_that_python_has(name: str, exported: Exported) -> None:
+    readme = " ".join((exported(name) / "README.md").read_text().split())
+    backup = PoseTracker(ur5(), compile=False)._ladder.backup
+    assert f"There is no backup solver. Where Python would ask {backup}, C" in readme
+    assert readme.count("proxqp") == 0
 
 
 @pytest.mark.parametrize("flag", ["-ffast-math", "-ffinite-math-only", "-fsingle-precision-constant"])
