@@ -61,7 +61,11 @@ def written_files(places: Mapping[Path, ExportedController], folder: Path, *, pr
     folder.parent.mkdir(parents=True, exist_ok=True)
     beside = folder if folder.is_dir() else folder.parent  # what is there may be mounted: no file moves into it
     written = []
-    with tempfile.TemporaryDirectory(prefix=f".{folder.name}-", dir=beside) as scratch:
+    try:
+        drafts = tempfile.TemporaryDirectory(prefix=f".{folder.name}-", dir=beside)
+    except OSError as refused:  # it would name a file that nobody asked for
+        raise OSError(refused.errno, refused.strerror, str(folder)) from refused
+    with drafts as scratch:
         for i, (place, controller) in enumerate(places.items()):
             for name, text in files_of(controller, problem=problem).items():
                 draft = Path(scratch) / f"{i}-{name}"

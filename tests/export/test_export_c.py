@@ -137,6 +137,21 @@ def test_an_earlier_export_is_replaced(robot: Path, tmp_path: Path) -> None:
         assert (tmp_path / "c" / name).read_bytes() == (tmp_path / "new" / name).read_bytes()
 
 
+def test_a_place_where_nothing_can_be_made_is_called_by_its_own_name(
+    robot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Such as /proc, which says that it can be written to."""
+
+    def refused(path: str, *_: object) -> None:
+        raise OSError(errno.EPERM, "Operation not permitted", path)
+
+    monkeypatch.setattr("tempfile._os.mkdir", refused)
+    monkeypatch.setattr("rehab_opt.export.export_c.exported_controllers", lambda *_, **__: [])
+    assert ended("export-c", str(robot), str(tmp_path / "c")) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(f"rehab-opt: {tmp_path / 'c'} = 'Operation not permitted'")
+
+
 def test_an_interrupt_waits_until_all_files_are_there(
     robot: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
