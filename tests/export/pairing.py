@@ -83,5 +83,6 @@ def ready_for(problem: ScenarioProblem) -> Prepared:
     intention = traced(path, seconds=task.movement_s, rest=task.rest_s, dt=1 / problem.run.rate_hz)
     return Prepared(
         comfortable=participants(), reachable=shape("blob"), reference=path, demonstrated=there, carry=carry(),
-        fields=(), numbers=FieldNumbers(3000.0, 0.0, 0.005, 40.0), shown=(), intention=intention, notes=(),
+        fields=(), numbers=FieldNumbers(stiffness=1500.0, drag=0.0, width=0.01, damping=10.0), shown=(),
+        intention=intention, notes=(),
     )  # fmt: skip

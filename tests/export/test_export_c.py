@@ -112,6 +112,46 @@ def test_where_one_file_cannot_be_written_none_is(
     assert [path.name for path in (tmp_path / "c").iterdir()] == ["README.md"]
 
 
+@pytest.mark.parametrize("name", ["main.c", "README.md", "CMakeLists.txt", "rehab_pose_tracker.h"])
+def test_a_file_that_is_no_earlier_export_is_not_lost(
+    name: str, robot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The folder of somebody's own program."""
+    (tmp_path / "c").mkdir()
+    (tmp_path / "c" / name).write_text("mine")
+    assert ended("export-c", str(robot), str(tmp_path / "c")) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert name in error
+    assert "would be lost" in error
+    assert (tmp_path / "c" / name).read_text() == "mine"
+    assert [path.name for path in (tmp_path / "c").iterdir()] == [name]
+
+
+def test_an_earlier_export_is_replaced(robot: Path, tmp_path: Path) -> None:
+    for radius in ("0.05", "0.04"):
+        robot.write_text(ROBOT.replace("0.05", radius))
+        assert ended("export-c", str(robot), str(tmp_path / "c")) == 0
+    assert ended("export-c", str(robot), str(tmp_path / "new")) == 0
+    for name in ("main.c", "recorded_run.csv", "rehab_pose_tracker.c"):
+        assert (tmp_path / "c" / name).read_bytes() == (tmp_path / "new" / name).read_bytes()
+
+
+def test_a_place_where_nothing_can_be_made_is_called_by_its_own_name(
+    robot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Such as /proc, which says that it can be written to."""
+
+    def refused(path: str, *_: object) -> None:
+        raise OSError(errno.EPERM, "Operation not permitted", path)
+
+    monkeypatch.setattr("tempfile._os.mkdir", refused)
+    monkeypatch.setattr("rehab_opt.export.export_c.exported_controllers", lambda *_, **__: [])
+    assert ended("export-c", str(robot), str(tmp_path / "c")) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(f"rehab-opt: {tmp_path / 'c'} = 'Operation not permitted'")
+
+
 def test_an_interrupt_waits_until_all_files_are_there(
     robot: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

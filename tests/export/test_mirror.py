@@ -231,6 +231,10 @@ def test_a_tracker_that_was_not_initialised_holds(libraries: dict[str, ctypes.CD
     answer = tracker.step(START["led"], np.eye(4), np.ones(6), stamp=0.0)
     assert (answer.why, answer.status, list(answer.value)) == ("NOT_INITIALISED", 3, [0.0] * 8)
     assert tracker.reset() == 1
+    tracker.memory.raw = b"\x5a" * len(tracker.memory)  # what a stack may hold: counts that lead anywhere
+    told = tracker.following()
+    assert np.isnan([*told.reference, told.manipulability]).all()
+    assert (told.lag, told.time_scale, told.braked) == (0.0, 0.0, 0)
 
 
 def test_a_speed_beyond_its_limit_is_refused(libraries: dict[str, ctypes.CDLL]) -> None:

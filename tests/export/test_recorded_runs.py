@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from rehab_opt import PoseTracker, ur5
 from rehab_opt.control.chair_and_arm import ITERATIONS
 from rehab_opt.export.reasons import REASONS
 from rehab_opt.optim.qrqp import QRQP_ITERATIONS
@@ -82,6 +83,27 @@ def test_a_changed_number_beside_the_command_is_found(exported: Exported, built:
     done = ran(built(tmp_path, "changed", "controller.o", "main.c"), "0")
     assert done.returncode == 1
     assert "in tick 700" in done.stdout
+
+
+@pytest.mark.parametrize("name", CONTROLLERS)
+def test_the_backup_that_c_has_not_is_the_one_that_python_has(name: str, exported: Exported) -> None:
+    readme = " ".join((exported(name) / "README.md").read_text().split())
+    backup = PoseTracker(ur5(), compile=False)._ladder.backup
+    assert f"There is no backup solver. Where Python would ask {backup}, C" in readme
+    assert readme.count("proxqp") == 0
+
+
+@pytest.mark.parametrize("flag", ["-ffast-math", "-ffinite-math-only", "-fsingle-precision-constant"])
+def test_it_does_not_compile_where_its_checks_would_not_hold(flag: str, exported: Exported, c_compiler: str) -> None:
+    """Arithmetic without NaN lets a broken sensor pass."""
+    if flag == "-fsingle-precision-constant" and "clang" in Path(c_compiler).resolve().name:
+        pytest.skip("clang has no such flag for C")
+    command = [c_compiler, "-std=c99", "-fsyntax-only", flag, "rehab_pose_tracker.c"]
+    done = subprocess.run(command, cwd=exported("pose_tracker"), capture_output=True, text=True, check=False)
+    assert done.returncode != 0
+    assert "a wrong command hurts someone" in done.stderr or "constants_are_no_doubles" in done.stderr
+    plain = [part for part in command if part != flag]
+    assert subprocess.run(plain, cwd=exported("pose_tracker"), capture_output=True, check=False).returncode == 0
 
 
 @pytest.mark.parametrize("name", CONTROLLERS)

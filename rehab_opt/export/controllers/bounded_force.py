@@ -19,7 +19,7 @@ from rehab_opt.export.c_text import filled, number
 from rehab_opt.export.exported import ExportedController, watchdog_of
 from rehab_opt.export.generated import renamed
 from rehab_opt.export.recording import Tick, with_faults
-from rehab_opt.optim.ladder import FUSED
+from rehab_opt.optim.ladder import BACKUP, FUSED
 from rehab_opt.optim.qrqp import QRQP_ITERATIONS
 
 __all__ = ["DIFFERENCES", "ExportedForce", "check_rungs", "faulty_ticks"]
@@ -27,7 +27,7 @@ __all__ = ["DIFFERENCES", "ExportedForce", "check_rungs", "faulty_ticks"]
 Array = NDArray[np.float64]
 
 DIFFERENCES = (
-    "There is no backup solver. Where Python would ask daqp, C releases the force and says `REHAB_NOT_CERTIFIED`; "
+    f"There is no backup solver. Where Python would ask {BACKUP}, C releases the force and says `REHAB_NOT_CERTIFIED`; "
     "the recorded run is of a Python controller without the backup, too.",
     "The nearest point of a workspace's boundary is found by asking every edge. Python asks those of a grid's cell.",
     "A stamp is always asked for and checked. In Python it may be left out.",

@@ -28,7 +28,7 @@ from rehab_opt.export.c_text import initialiser, number
 from rehab_opt.export.controllers.mirror_run import mirror_run
 from rehab_opt.export.exported import ExportedVelocity, Law
 from rehab_opt.export.generated import renamed
-from rehab_opt.optim.ladder import FUSED
+from rehab_opt.optim.ladder import BACKUP, FUSED
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.mirror.laws import tracker_of
 from rehab_opt.session.mirror.problem import MirrorProblem
@@ -54,7 +54,7 @@ for (;;) {{ /* every tick */
     send(command.value); /* joint velocities, rad/s */
 }}"""
 DIFFERENCES = (
-    "There is no backup solver. Where Python would ask its own, C gives the safe command and "
+    f"There is no backup solver. Where Python would ask {BACKUP}, C gives the safe command and "
     "`REHAB_NOT_CERTIFIED`; the recorded run is of a Python controller without the backup, too.",
     "`plan`, which knows the whole recording, is not there. A law that may wait for a file may run in Python.",
     "What Python says in words of a command that is no fault (a shortened step, a slowed reference, a bridge) is "

@@ -12,7 +12,7 @@ from rehab_opt.control.wanted import PASSES
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.export.exported import ExportedController, ExportedVelocity, Law
 from rehab_opt.export.recording import Tick, recorded, thinned, with_faults
-from rehab_opt.optim.ladder import FUSED
+from rehab_opt.optim.ladder import BACKUP, FUSED
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.pose_tracking.problem import PoseTracking
@@ -31,7 +31,7 @@ for (;;) { /* every tick */
     send(command.value); /* joint velocities, rad/s */
 }"""
 DIFFERENCES = (
-    "There is no backup solver. Where Python would ask daqp, C gives the safe command and "
+    f"There is no backup solver. Where Python would ask {BACKUP}, C gives the safe command and "
     "`REHAB_NOT_CERTIFIED`; the recorded run is of a Python controller without the backup, too.",
     "A stamp is always asked for and checked. In Python it may be left out.",
     "An input that is NULL counts as not a number; Python raises an error for an argument of the wrong shape.",

@@ -16,7 +16,7 @@ from rehab_opt.errors import ProblemFileError
 from rehab_opt.export.c_text import indented, initialiser, number
 from rehab_opt.export.exported import ExportedController, ExportedVelocity, Law
 from rehab_opt.export.recording import Recording, Tick, recorded, thinned, with_faults
-from rehab_opt.optim.ladder import FUSED
+from rehab_opt.optim.ladder import BACKUP, FUSED
 from rehab_opt.session.ardis.loop import Answer, Array, Optimised, moved
 from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
 from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, start_of
@@ -27,8 +27,8 @@ from rehab_opt.session.outcome import Progress
 __all__ = ["exported_resolvers"]
 
 DIFFERENCES = (
-    "There is no backup solver. Where Python would ask daqp, C goes on to Eq. (1) slowed into the bounds "
-    "(`REHAB_BACKUP`), as Python does where daqp fails, and to the safe command where that is not certified; the "
+    f"There is no backup solver. Where Python would ask {BACKUP}, C goes on to Eq. (1) slowed into the bounds "
+    f"(`REHAB_BACKUP`), as Python does where {BACKUP} fails, and to the safe command where that is not certified; the "
     "recorded run is of a Python controller without the backup, too.",
     "Only the sets of rows of the problem's stick are there. Others give the safe command and `REHAB_ROWS_UNKNOWN`; "
     "Python prepares them when the robot is at rest.",
