@@ -69,10 +69,10 @@ def test_a_changed_command_is_found(exported: Exported, built: Built, tmp_path: 
     header = (folder / "recorded_run.h").read_text()
     lines = header.splitlines()
     at = next(i for i, line in enumerate(lines) if line.startswith("    {{")) + 1500
-    before, _, after = lines[at].rpartition("}, {0.0}, {0.0}, ")
+    before, _, after = lines[at].rpartition("}, {0.0}, ")
     begin = before.rindex("{") + 1
     first, _, others = before[begin:].partition(", ")
-    lines[at] = f"{before[:begin]}{float(first) + 1e-8!r}, {others}}}, {{0.0}}, {{0.0}}, {after}"
+    lines[at] = f"{before[:begin]}{float(first) + 1e-8!r}, {others}}}, {{0.0}}, {after}"
     for name in (compiled_once(folder, NAME, built), "rehab_pose_tracker.h", "main.c"):
         (tmp_path / name).write_bytes((folder / name).read_bytes())
     (tmp_path / "recorded_run.h").write_text("\n".join(lines))
