@@ -154,6 +154,7 @@ def _iterations(stats: dict[str, Any]) -> int:
 def _options(nlp: NLP, name: str, tolerance: float, max_iterations: int) -> dict[str, Any]:
     """Quiet, capped, without exceptions, and tighter than `tolerance`."""
     common: dict[str, Any] = {"error_on_fail": False, "print_time": False, "show_eval_warnings": False}
+    common["calc_lam_p"] = False  # nobody asks for them, and where a solve failed CasADi complains on the terminal
     tight = 0.1 * tolerance
     if name == "ipopt":
         own: dict[str, Any] = {
