@@ -225,8 +225,9 @@ class MirrorTracker(MirrorForeseen):
         if usual and not reason:
             verdict[0] = _NAN  # see `Ladder`: a failure inside leaves the outputs as they are
             self._evaluate()
-            residual, _, who, yielded, scale, usual, _, _, self._then, _ = verdict.tolist()
+            residual, _, who, yielded, scale, usual, _, _, then, _ = verdict.tolist()
             if usual and 0.0 <= residual <= self.tolerance:
+                self._then = then
                 keep[:] = answer
                 self._good = given.tobytes()
                 value = _read_only(velocity.tobytes())

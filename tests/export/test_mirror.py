@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from rehab_opt import MirrorTracker
@@ -100,6 +100,7 @@ def test_any_motion_with_faults_and_forces_gives_the_commands_of_python(
     said: set[str] = set()
 
     @settings(max_examples=12, deadline=None)
+    @example(7117)  # a live tick that ends in a fault at rest told the manipulability of the answer that was not taken
     @given(seed=st.integers(0, 2**32 - 1))
     def run(seed: int) -> None:
         twins = Twins(libraries[name], trackers[name])
