@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.chair_limits import ChairLimits, Limits
 from rehab_opt.control.command import Bound, Command, Status
-from rehab_opt.control.hand_task import PROGRESS, HandTask
+from rehab_opt.control.hand_task import PROGRESS, HandTask, Last
 from rehab_opt.control.obstacles import NUMBERS
 from rehab_opt.control.velocity_controller import VelocityController
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
@@ -23,6 +23,8 @@ __all__ = ["ChairAndArm", "Drive"]
 
 Array = NDArray[np.float64]
 Drive = Literal["mecanum", "differential"]
+UNKNOWN = -1.0
+"""In place of the frame: 0 for the chassis frame, 1 for the world, this where no hand velocity is remembered."""
 OFF = 10.0
 """How many times more a m/s off the commanded direction costs than one that is missing along it."""
 ROUNDS = 2
@@ -83,7 +85,7 @@ class ChairAndArm(VelocityController):
         self.shapes = ((k,), (1,), (NUMBERS * slots,))  # type: ignore[misc]
         self.shapes = self.shapes if slots else self.shapes[:2]  # type: ignore[misc]
         self.task = HandTask(robot, rows, moving=self.limits.moving, self_motion=self_motion)
-        # What is remembered: u, where it leads, the command, the wheels' part of it.
+        # What is remembered: u, where it leads, the command, the wheels' part of it, the hand's velocity and its frame.
         self.sent, self.wheels = slice(2 * n, 3 * n), slice(3 * n, 3 * n + wheels)
         super().__init__(
             robot.chain, dt=dt, return_speed=return_speed, solver=solver, backup=backup, tolerance=tolerance,
@@ -111,7 +113,7 @@ class ChairAndArm(VelocityController):
         n, k, name = self.chain.n, len(self.rows), "_".join(self.rows)
         q, twist, world = parameter("q", n), parameter("twist", k), parameter("frame", 1)
         obstacles = parameter("obstacles", NUMBERS * self.slots)
-        memory = parameter("last", 3 * n + len(self.wheelset.rolling))
+        memory = parameter("last", 3 * n + len(self.wheelset.rolling) + k + 1)
         parameters = [q, twist, world, obstacles] if self.slots else [q, twist, world]
         last = memory[:n]
 
@@ -120,9 +122,9 @@ class ChairAndArm(VelocityController):
         clearance = parameter("clearance", 1)
         closing = ca.reshape(keep_outs[: far[0].numel()], *far[0].shape), keep_outs[far[0].numel() :]
         limits = self.limits.limits(q, last, obstacles, closing, clearance)
-        way = self.limits.braking.time * self.limits.braking.slower(last)
-        task = self.task.columns(q, twist, world, base=limits.base, way=way, dt=self.dt)
-        moving = task["speed"] > 0
+        braking, remembered = self.limits.braking, Last(last, memory[-1 - k : -1], memory[-1])
+        task = self.task.columns(q, twist, world, last=remembered, limits=limits, braking=braking, dt=self.dt)
+        moving = ca.sumsqr(twist) > 0
         eased = limits._replace(
             lower=ca.if_else(
                 moving, ca.fmax(limits.lower, ca.fmin(last - self.limits.braking.change, limits.base)), limits.lower
@@ -141,7 +143,7 @@ class ChairAndArm(VelocityController):
         unit = ca.DM(self.units)
         decided = variable("velocity", n, lower=given["eased_lower"] / unit, upper=given["eased_upper"] / unit)
         progress = variable("progress", 1, lower=0, upper=given["speed"])
-        off = variable("off", 1, lower=0, upper=given["error_size"])
+        off = variable("off", 1, lower=0, upper=given["off"])
         u = unit * decided.symbol
         # Steeper the more is missing, since solvers fail more often on a cost that is flat in a variable.
         missing = given["speed"] - progress.symbol
@@ -152,17 +154,19 @@ class ChairAndArm(VelocityController):
             within(ahead @ u, given["across_lower"], given["across_upper"]),
         ]
         sent = parameter("command", n)
-        begin = ca.if_else(given["speed"] > 0, limits.base, limits.rest)
-        wanted = ca.if_else(given["speed"] > 0, u, begin)  # exactly, whichever solver answers
+        begin = ca.if_else(moving, limits.base, limits.rest)
+        wanted = ca.if_else(moving, u, begin)  # exactly, whichever solver answers
         complete = ca.vertcat(*parameters, *columns)
         self._braking_answer = ca.Function("braking_answer", [complete], [ca.vertcat(begin / unit, 0, 0)])
         return Statement(
             name=f"chair_and_arm_{self.drive}_{name}",
             parameters=parameters,
             variables=[decided, progress, off],
-            minimise=u.T @ weight @ u / 2 + given["self_motion"].T @ u + price,
+            minimise=u.T @ weight @ u / 2 + given["slope"].T @ u + price,
             subject_to=[
-                equal(jacobian @ u, given["direction"] * progress.symbol + given["error"] * off.symbol),
+                equal(
+                    jacobian @ u, given["turning"] + given["direction"] * progress.symbol + given["error"] * off.symbol
+                ),
                 chair,
                 *then,
                 *surroundings,
@@ -176,11 +180,11 @@ class ChairAndArm(VelocityController):
             prepare=self._prepared(ca.vertcat(*parameters), memory, ca.vertcat(keep_outs, clearance), prepared),
             settled=[sent],
             settle=self._settled(
-                complete, ca.vertcat(decided.symbol, progress.symbol, off.symbol), begin, wanted, limits
+                complete, memory.numel(), ca.vertcat(decided.symbol, progress.symbol, off.symbol), begin, wanted, limits
             ),
             report=self.report(last, sent, jacobian @ sent, twist, limits.outside),
             memory=memory,
-            remember=self.remembered(q, sent),
+            remember=self.remembered(q, sent, jacobian @ sent, world),
             violation=limits.violation(sent),
         )
 
@@ -203,7 +207,9 @@ class ChairAndArm(VelocityController):
         closing = ca.Function.if_else("keep_outs", some, none)(is_near, *inputs)
         return ca.Function("prepare", [p, m], [rest(p, m, ca.vertcat(closing, clearance))])
 
-    def _settled(self, complete: ca.SX, x: ca.SX, begin: ca.SX, wanted: ca.SX, limits: Limits) -> ca.Function:
+    def _settled(
+        self, complete: ca.SX, size: int, x: ca.SX, begin: ca.SX, wanted: ca.SX, limits: Limits
+    ) -> ca.Function:
         """Complete parameters, memory, x -> the command; the arm's true way is looked at only near a keep-out."""
         n = self.chain.n
         base, u, q = (ca.SX.sym(name, n) for name in ("base", "u", "q"))
@@ -213,18 +219,18 @@ class ChairAndArm(VelocityController):
         checked = self.limits.unhindered(base, u, q[CHAIR:]) if self.robot.keep_out else u
         looked = ca.Function("looked", [base, u, q], [ca.densify(checked)], {"cse": True})
         p, answer = ca.MX.sym("p", complete.numel()), ca.MX.sym("x", x.numel())
-        memory = ca.MX.sym("memory", 3 * n + len(self.wheelset.rolling))
+        memory = ca.MX.sym("memory", size)
         start, end, is_clear = first(p, answer)
         command = ca.Function.if_else("unhindered", same, looked)(is_clear, start, end, p[:n])
         return ca.Function("settle", [p, memory, answer], [command])
 
     # ------------------------------------------------------------------------------------------ what is remembered
-    def remembered(self, q: ca.SX, u: ca.SX) -> ca.SX:
+    def remembered(self, q: ca.SX, u: ca.SX, hand: ca.SX, frame: ca.SX) -> ca.SX:
         """The memory: see `__init__`."""
         cos, sin = ca.cos(q[2]), ca.sin(q[2])
         value = ca.vertcat(cos * u[0] - sin * u[1], sin * u[0] + cos * u[1], u[2:])
         wheels = self.wheelset.wheel_speeds_expression(u[:CHAIR])
-        return ca.densify(ca.vertcat(u, q + value * self.dt, value, wheels))
+        return ca.densify(ca.vertcat(u, q + value * self.dt, value, wheels, hand, frame))
 
     def lesser_command(self) -> Command | None:
         """One tick of braking together: within all bounds, and the next tick may answer again."""
@@ -253,7 +259,12 @@ class ChairAndArm(VelocityController):
         rest = self.limits.unhindered(limits.rest, limits.rest, arm) if self.robot.keep_out else limits.rest
         report = self.report(last, rest, ca.SX(0), ca.SX(1), limits.outside)  # nothing of the task is delivered
         inputs = [q, memory, obstacles] if self.slots else [q, memory]
-        return ca.Function("braking", inputs, [self.remembered(q, rest), report], {"cse": True})
+        return ca.Function(
+            "braking",
+            inputs,
+            [self.remembered(q, rest, ca.SX.zeros(len(self.rows)), ca.SX(UNKNOWN)), report],
+            {"cse": True},
+        )
 
     def tell_braking(self, inputs: tuple[Array, ...]) -> None:
         """Also the obstacles, where they are usable: the chair could stop before them, and brakes."""
@@ -295,10 +306,12 @@ class ChairAndArm(VelocityController):
         """Forget the past; `velocity` (7,) has the chair's share in its own frame."""
         self.reset(velocity)
         self._predicted[2] = heading  # should the first position be unusable
+        self._ladder.memory[-1] = UNKNOWN
 
     def take_over(self, other: ChairAndArm) -> None:
         """Go on where another set of rows ends: its velocity, position and stamps are this one's."""
         self._last[:], self._predicted[:] = other._last, other._predicted
+        self._ladder.memory[-1] = UNKNOWN
         self._ladder.start_from(0.0)
         self._watchdog, self._stamped = other._watchdog, other._stamped
 

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
+from rehab_opt.control.braking_together import BrakingTogether
+from rehab_opt.control.chair_limits import Limits
 from rehab_opt.control.task_rows import ROWS
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 from rehab_opt.optim.certificate import clipped
 from rehab_opt.optim.factor import solver_of, upper_triangle
+from rehab_opt.optim.qp import PLAUSIBLE
 
-__all__ = ["PROGRESS", "HandTask"]
+__all__ = ["PROGRESS", "HandTask", "Last"]
 
 PROGRESS = 20.0
 """[m/s] Price of a missing m/s of hand speed; one more costs about 1 in kinetic energy by the robot's mass."""
@@ -24,6 +28,17 @@ LIVELY = 1.0
 """[m/s or rad/s] Commanded speed up to which v(|r|) of Eq. (1) grows: a hand cannot be so fast, nor a stick mean it."""
 TINY = 1e-12
 """[m/s] A speed that is no motion."""
+
+
+class Last(NamedTuple):
+    """What the last tick left behind, velocities with the chair's in the chassis frame."""
+
+    velocity: ca.SX
+    """(7,)"""
+    hand: ca.SX
+    """(k,) the hand's, as the command delivered it."""
+    frame: ca.SX
+    """0 or 1: the frame of `hand`; another number where it is not known."""
 
 
 @dataclass(frozen=True)
@@ -41,58 +56,81 @@ class HandTask:
     self_motion: float
 
     def columns(
-        self, q: ca.SX, twist: ca.SX, world: ca.SX, *, base: ca.SX, way: ca.SX, dt: float
+        self, q: ca.SX, twist: ca.SX, world: ca.SX, *, last: Last, limits: Limits, braking: BrakingTogether, dt: float
     ) -> dict[str, ca.SX]:
-        """Jacobian, inertia, costs, direction, speed, Eq. (1)'s answer with its multipliers; each one column.
+        """Jacobian, inertia, costs, directions, speeds, the analytic answer with its multipliers; each one column.
 
-        `base` (7,) is a tick of braking, `way` (7,) the way to the posture where braking ends, `dt` [s] the tick. All
-        is of the middle of the tick, where a velocity that is held moves the hand as it does in the mean.
+        All is of the middle of the tick, where a velocity that is held moves the hand as it does in the mean.
         """
-        n, moving = self.robot.chain.n, self.moving
+        n, moving, base = self.robot.chain.n, self.moving, limits.base
         jacobian = self.task_jacobian(q, world, way=base * (dt / 2))
         posture = ca.vertcat(ca.SX.zeros(CHAIR), (q + base * (dt / 2))[CHAIR:])
         inertia = self.robot.inertia_expression(posture) / self.robot.mass
         gradient = self.self_motion * self.robot.posture_gradient_expression(posture)
 
         commanded = twist / ca.fmax(ca.norm_2(twist) / self.fastest, 1)
-        speed = ca.norm_2(commanded)
-        direction = commanded / ca.fmax(speed, TINY)
-        lively = ca.fmin(speed, LIVELY)
+        size = ca.norm_2(commanded)
+        direction = commanded / ca.fmax(size, TINY)
+        lively = ca.fmin(size, LIVELY)
 
         # Eq. (1), and (5) by leaving out the left speed: u = W^-1 J' y - v grad c with J u = r.
         rows = ca.densify(jacobian[:, moving])
         soft = solver_of(inertia[moving, moving])(rows.T)
-        y = solver_of(ca.triu2symm(ca.triu(rows @ soft)))(commanded + lively * (rows @ gradient[moving]))
-        guess, at = ca.SX.zeros(n), soft @ y - lively * gradient[moving]
-        for i, joint in enumerate(moving):
-            guess[joint] = at[i]
+        firmness = solver_of(ca.triu2symm(ca.triu(rows @ soft)))
+        y = firmness(commanded + lively * (rows @ gradient[moving]))
+        law = self._spread(soft @ y - lively * gradient[moving])
+        # Going on as before, with the hand's velocity as the last tick meant it: the Jacobian has turned since.
+        before = ca.if_else(last.frame == world, last.hand, jacobian @ last.velocity)
+        along = clipped(ca.dot(direction, before), 0, size)
+        turning = braking.slower(before - along * direction)
+        x = firmness(along * direction + turning - jacobian @ last.velocity)
+        kept = last.velocity + self._spread(soft @ x)
 
-        # What braking leaves of the hand's velocity that is not commanded.
-        left = jacobian @ base
-        error = left - clipped(ca.dot(direction, left), 0, speed) * direction
-        size = ca.if_else(speed > 0, ca.norm_2(error), 0)  # without a command the whole robot brakes
-        # The hand at the stop posture: along the command, and hardly across it.
-        ahead = self.task_jacobian(q, world, way=way)
-        across = ahead - direction @ (direction.T @ ahead)
-        along_then, across_then, free = ca.dot(direction, ahead @ base), across @ base, STRAIGHT * speed
-        steepness = ca.fmin(ca.fabs(ca.dot(direction, y)), STEEP)  # of the cost, at the guess
+        # As far from the one to the other as the accelerations allow.
+        way = clipped(law, limits.lower, limits.upper) - kept
+        ahead, behind = last.velocity + braking.change - kept, kept - (last.velocity - braking.change)
+        free = ca.fmax(ca.if_else(way > 0, ahead, behind), 0) / ca.fmax(ca.fabs(way), TINY)
+        part = ca.fmin(1, ca.mmin(ca.if_else(ca.fabs(way) > TINY, free, 1)))
+        usable = ca.logic_and(
+            ca.sumsqr(law) + ca.sumsqr(kept) <= PLAUSIBLE**2, size > 0
+        )  # no law at a singular posture
+        part = ca.if_else(usable, part, 1)
+        turning = ca.if_else(usable, (1 - part) * turning, 0)
+        speed = along + part * (size - along)
+        # What braking leaves of the hand's velocity besides: that can be had in any case.
+        error = jacobian @ base - turning
+        error -= clipped(ca.dot(direction, error), 0, speed) * direction
+        off = ca.if_else(size > 0, ca.norm_2(error), 0)  # without a command the whole robot brakes
+
+        then = self.task_jacobian(q, world, way=braking.time * braking.slower(last.velocity))
+        across = then - direction @ (direction.T @ then)
+        along_then, across_then, straight = ca.dot(direction, then @ base), across @ base, STRAIGHT * size
+        balance = part * y + (1 - part) * x
         return {
             "jacobian": ca.vec(ca.densify(jacobian)),
             "inertia": ca.densify(upper_triangle(inertia)),
-            "self_motion": ca.densify(inertia @ gradient * lively),
+            "slope": ca.densify(inertia @ (part * lively * gradient - (1 - part) * last.velocity)),
             "direction": direction,
             "speed": speed,
-            "price": PROGRESS + 2 * steepness,
-            "error": ca.if_else(size > TINY, error / ca.fmax(size, TINY), 0),
-            "error_size": ca.if_else(size > TINY, size, 0),
-            "along": ca.densify((direction.T @ ahead).T),
+            "turning": turning,
+            "price": PROGRESS + 2 * ca.fmin(ca.fabs(ca.dot(direction, balance)), STEEP),
+            "error": ca.if_else(off > TINY, error / ca.fmax(off, TINY), 0),
+            "off": ca.if_else(off > TINY, off, 0),
+            "along": ca.densify((direction.T @ then).T),
             "along_lower": ca.fmin(along_then, 0),
             "across": ca.vec(ca.densify(across)),
-            "across_lower": ca.fmin(across_then, -free),
-            "across_upper": ca.fmax(across_then, free),
-            "guess": guess,
-            "multipliers": -y,
+            "across_lower": ca.fmin(across_then, -straight),
+            "across_upper": ca.fmax(across_then, straight),
+            "guess": part * law + (1 - part) * kept,
+            "multipliers": -balance,
         }
+
+    def _spread(self, velocity: ca.SX) -> ca.SX:
+        """(n,) velocities of all joints from those of the moving ones."""
+        every = ca.SX.zeros(self.robot.chain.n)
+        for i, joint in enumerate(self.moving):
+            every[joint] = velocity[i]
+        return every
 
     def task_jacobian(self, q: ca.SX, world: ca.SX, *, way: ca.SX) -> ca.SX:
         """(k, 7) rows that the stick commands, at q + way, by velocities with the chair's in the chassis frame at q."""
