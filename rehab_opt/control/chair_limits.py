@@ -146,23 +146,25 @@ class ChairLimits:
         return clearance <= self._margin(1.0) + self.reach * self.braking.time * speed, clearance
 
     def keep_outs(self, arm: ca.SX, last: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Rows (c, 4) at arm joints (4,) after a command's (4,), and their limits (c,) [m/s]: see `Limits`."""
+        """Rows (c, 4) towards the keep-outs at arm joints (4,) after a command's (4,), and their free speeds (c,) [m/s].
+
+        First those of the posture now, then of the places on the way to the stop posture.
+        """
         if not self.robot.keep_out:
-            return ca.SX(0, 4), ca.SX(0, 1)
+            return self.far()
         slower, time = self.braking.slower(last), self.braking.time
         opening, gaps = closing_rows(self.robot, arm)
-        free = ca.fmax(gaps - self.skin, 0)
-        rows, limits = [-opening], [ca.fmax(free / time, ca.fmin(-opening @ slower, free / self.dt))]
+        rows, free = [-opening], [ca.fmax(gaps - self.skin, 0) / time]
         for part in ALONG:
             opening, gaps = closing_rows(self.robot, arm + part * time * slower)
             rows.append(-opening)
-            limits.append(ca.fmax(gaps - self._margin(part), 0) / (part * time) - opening @ slower)
-        return ca.vertcat(*rows), ca.vertcat(*limits)
+            free.append(ca.fmax(gaps - self._margin(part), 0) / (part * time))
+        return ca.vertcat(*rows), ca.vertcat(*free)
 
     def far(self) -> tuple[ca.SX, ca.SX]:
-        """Those rows and limits where no keep-out matters."""
+        """Those rows and speeds where no keep-out matters."""
         count = 2 * len(self.robot.keep_out) * (1 + len(ALONG))
-        return ca.SX.zeros(count, 4), FAR * ca.SX.ones(count)
+        return ca.SX.zeros(count, self.robot.chain.n - CHAIR), FAR * ca.SX.ones(count)
 
     def limits(
         self, q: ca.SX, last: ca.SX, obstacles: ca.SX, keep_outs: tuple[ca.SX, ca.SX], clearance: ca.SX
@@ -170,9 +172,12 @@ class ChairLimits:
         """Limits at joint values q (7,) after the command `last` (7,), with obstacles (4 slots,) and `keep_outs`."""
         lower, upper, hard_lower, hard_upper, outside = self._joints(q, last)
         towards, towards_limit, within_one = self._obstacles(q, last, obstacles)
-        closing, closing_limit = keep_outs
+        closing, free = keep_outs
         chair, chair_limit = self._chassis()
-        now = slice(closing.size1() // (1 + len(ALONG)))
+        count = closing.size1() // (1 + len(ALONG))
+        now, then = closing[:count, :], closing[count:, :]
+        slower, hard = self.braking.slower(last), free[:count] * (self.braking.time / self.dt)
+        now_limit = ca.fmax(free[:count], ca.fmin(now @ slower[CHAIR:], hard))
 
         def pressed(u: ca.SX) -> ca.SX:
             """U where it can be, else the nearest, joint by joint and then in proportion."""
@@ -180,9 +185,10 @@ class ChairLimits:
             wheels, arm = joints[:CHAIR], joints[CHAIR:]
             return ca.vertcat(
                 wheels * largest_part(towards @ wheels, towards_limit),
-                arm * largest_part(closing[now, :] @ arm, closing_limit[now]),
+                arm * largest_part(now @ arm, now_limit),
             )
 
+        base = pressed(slower)
         return Limits(
             lower=lower,
             upper=upper,
@@ -191,8 +197,8 @@ class ChairLimits:
             towards=towards,
             towards_limit=towards_limit,
             closing=closing,
-            closing_limit=closing_limit,
-            base=pressed(self.braking.slower(last)),
+            closing_limit=ca.vertcat(now_limit, free[count:] + then @ base[CHAIR:]),
+            base=base,
             rest=pressed(self.braking.slowest(last)),
             clearance=clearance,
             outside=ca.sum1(ca.vertcat(outside, within_one, clearance < 0)) > 0,

@@ -10,6 +10,7 @@ import numpy as np
 
 from rehab_opt.control.braking_together import BrakingTogether
 from rehab_opt.control.chair_limits import Limits
+from rehab_opt.control.stopping import FAR
 from rehab_opt.control.task_rows import ROWS
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 from rehab_opt.optim.certificate import clipped
@@ -18,14 +19,16 @@ from rehab_opt.optim.qp import PLAUSIBLE
 
 __all__ = ["PROGRESS", "HandTask", "Last"]
 
-PROGRESS = 20.0
+PROGRESS = 2.0
 """[m/s] Price of a missing m/s of hand speed; one more costs about 1 in kinetic energy by the robot's mass."""
 STEEP = 1e3
 """[m/s] Up to which the price follows that cost where it is higher, as it is near singular postures."""
-STRAIGHT = 0.1
+STRAIGHT = 0.5
 """Fraction of the commanded speed by which the hand at the stop posture may move across the commanded direction."""
 LIVELY = 1.0
 """[m/s or rad/s] Commanded speed up to which v(|r|) of Eq. (1) grows: a hand cannot be so fast, nor a stick mean it."""
+ROUNDING = 1e-9
+"""Fraction by which a change stays within the accelerations, so that it is seen to."""
 TINY = 1e-12
 """[m/s] A speed that is no motion."""
 
@@ -90,7 +93,7 @@ class HandTask:
         way = clipped(law, limits.lower, limits.upper) - kept
         ahead, behind = last.velocity + braking.change - kept, kept - (last.velocity - braking.change)
         free = ca.fmax(ca.if_else(way > 0, ahead, behind), 0) / ca.fmax(ca.fabs(way), TINY)
-        part = ca.fmin(1, ca.mmin(ca.if_else(ca.fabs(way) > TINY, free, 1)))
+        part = ca.fmin(1, (1 - ROUNDING) * ca.mmin(ca.if_else(ca.fabs(way) > TINY, free, 2)))
         usable = ca.logic_and(
             ca.sumsqr(law) + ca.sumsqr(kept) <= PLAUSIBLE**2, size > 0
         )  # no law at a singular posture
@@ -102,9 +105,14 @@ class HandTask:
         error -= clipped(ca.dot(direction, error), 0, speed) * direction
         off = ca.if_else(size > 0, ca.norm_2(error), 0)  # without a command the whole robot brakes
 
-        then = self.task_jacobian(q, world, way=braking.time * braking.slower(last.velocity))
-        across = then - direction @ (direction.T @ then)
-        along_then, across_then, straight = ca.dot(direction, then @ base), across @ base, STRAIGHT * size
+        # The hand where braking ends: J(z) u by its tangent at `slower`, since z = q + T u moves with u.
+        slower = braking.slower(last.velocity)
+        stop = self.task_jacobian(q, world, way=braking.time * slower)
+        then, fixed = 2 * stop - jacobian, (jacobian - stop) @ slower
+        along_row, along_fixed = direction.T @ then, ca.dot(direction, fixed)
+        across, across_fixed = then - direction @ along_row, fixed - direction * along_fixed
+        along_then, across_then = along_row @ base + along_fixed, across @ base + across_fixed
+        straight = ca.if_else(size > 0, STRAIGHT * size, FAR)
         balance = part * y + (1 - part) * x
         return {
             "jacobian": ca.vec(ca.densify(jacobian)),
@@ -116,11 +124,11 @@ class HandTask:
             "price": PROGRESS + 2 * ca.fmin(ca.fabs(ca.dot(direction, balance)), STEEP),
             "error": ca.if_else(off > TINY, error / ca.fmax(off, TINY), 0),
             "off": ca.if_else(off > TINY, off, 0),
-            "along": ca.densify((direction.T @ then).T),
-            "along_lower": ca.fmin(along_then, 0),
+            "along": ca.densify(along_row.T),
+            "along_lower": ca.fmin(along_then, 0) - along_fixed,
             "across": ca.vec(ca.densify(across)),
-            "across_lower": ca.fmin(across_then, -straight),
-            "across_upper": ca.fmax(across_then, straight),
+            "across_lower": ca.fmin(across_then, -straight) - across_fixed,
+            "across_upper": ca.fmax(across_then, straight) - across_fixed,
             "guess": part * law + (1 - part) * kept,
             "multipliers": -balance,
         }
