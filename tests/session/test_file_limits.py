@@ -103,7 +103,7 @@ def test_a_link_to_a_device_is_no_recording(tmp_path: Path) -> None:
         read_recording(path)
 
 
-def test_a_huge_file_is_refused_unread_with_its_size_and_the_limit(tmp_path: Path) -> None:
+def test_a_huge_file_is_refused_with_its_size_and_the_limit(tmp_path: Path) -> None:
     for name, largest, read in (
         ("a.toml", LARGEST_PROBLEM, lambda path: load_problem(str(path))),
         ("people.csv", LARGEST_TABLE, participants_of),
@@ -172,7 +172,9 @@ dot = st.sampled_from([".", " . ", ".\t"])
 @given(
     st.lists(part, min_size=DEEPEST_KEY - 3, max_size=DEEPEST_KEY + 3),
     dot,
-    st.sampled_from(["{} = 1", "[{}]", "[[{}]]", "x = {{{} = 1}}", 'x = {{y = """\n""", {} = 1}}', "x = [{{{} = '''\n'''}}]"]),
+    st.sampled_from(
+        ["{} = 1", "[{}]", "[[{}]]", "x = {{{} = 1}}", 'x = {{y = """\n""", {} = 1}}', "x = [{{{} = '''\n'''}}]"]
+    ),
 )
 def test_a_key_is_refused_where_it_has_more_parts_than_may_be(parts: list[str], between: str, form: str) -> None:
     text = "title = 'x'\n" + form.format(between.join(parts)) + "\n"
