@@ -39,8 +39,8 @@ _TEXT_OR_COMMENT = re.compile(
 _DEEP_KEY = re.compile(rf"(?<![\w-])(?:[\w-]+[ \t]*\.[ \t]*){{{DEEPEST_KEY},}}")
 
 
-def check_key_depth(text: str, *, name: str, line: int = 1) -> None:
-    """Refuse TOML with a key of too many parts; `name` is what the error calls the file, `line` where `text` begins.
+def check_key_depth(text: str, *, name: str) -> None:
+    """Refuse TOML with a key of too many parts; `name` is what the error calls the file.
 
     Raises
     ------
@@ -50,8 +50,9 @@ def check_key_depth(text: str, *, name: str, line: int = 1) -> None:
     bare = _TEXT_OR_COMMENT.sub(lambda found: "_" + "\n" * found[0].count("\n"), text)
     deep = _DEEP_KEY.search(bare)
     if deep is not None:
+        line = bare.count("\n", 0, deep.start()) + 1
         value, expected = f"a key of {deep[0].count('.') + 1} parts", f"at most {DEEPEST_KEY} parts between dots"
-        raise ProblemFileError(name, f"line {line + bare.count(chr(10), 0, deep.start())}", value, expected)
+        raise ProblemFileError(name, f"line {line}", value, expected)
 
 
 def header_cells(cells: Sequence[str], *, name: str, line: int) -> list[str]:

@@ -147,5 +147,5 @@ def _number(text: str, *, name: str, line: int, column: int) -> float:
         return math.nan
     number = number_in(text)
     if not math.isfinite(number):
-        raise ProblemFileError(name, f"line {line}, column {column}", shown(text), "a number, nan or nothing")
+        raise ProblemFileError(name, f"line {line}, column {column}", shown(text), "a number, or nothing")
     return number
