@@ -94,7 +94,7 @@ class ChairAndArm(VelocityController):
         full, memory = ca.MX.sym("p", self.stated.parameter_size), ca.MX.sym("memory", self.stated.memory.numel())
         complete = self.stated.complete(full, memory)
         outputs = self.stated.finish.call([complete, memory, self._braking_answer(complete)])
-        self._braking_law = BufferedFunction(ca.Function("braking_law", [full, memory], outputs))
+        self._braking_together = BufferedFunction(ca.Function("braking_law", [full, memory], outputs))
 
     # --------------------------------------------------------------------------------------------- the task
     @cached_property
@@ -234,7 +234,7 @@ class ChairAndArm(VelocityController):
 
     def lesser_command(self) -> Command | None:
         """One tick of braking together: within all bounds, and the next tick may answer again."""
-        law, ladder = self._braking_law, self._ladder
+        law, ladder = self._braking_together, self._ladder
         if not ladder.sound[0]:
             return None
         law.inputs[0][:], law.inputs[1][:] = ladder.parameters, ladder.memory
@@ -246,7 +246,7 @@ class ChairAndArm(VelocityController):
         ladder.start_from(0.0)
         value, wheels = self._sent_now()
         bound, reason = Bound(int(yielded)), f"{self._fault()}: braking together"
-        return Command(value, Status.BACKUP, "braking", float(violation), -1, reason, bound, float(scale), wheels)
+        return Command(value, Status.BACKUP, "braking together", float(violation), -1, reason, bound, float(scale), wheels)
 
     def braking(self) -> ca.Function:
         """q, memory, obstacles -> what is remembered of the safe command, and its report."""
