@@ -246,7 +246,9 @@ class ChairAndArm(VelocityController):
         ladder.start_from(0.0)
         value, wheels = self._sent_now()
         bound, reason = Bound(int(yielded)), f"{self._fault()}: braking together"
-        return Command(value, Status.BACKUP, "braking together", float(violation), -1, reason, bound, float(scale), wheels)
+        return Command(
+            value, Status.BACKUP, "braking together", float(violation), -1, reason, bound, float(scale), wheels
+        )
 
     def braking(self) -> ca.Function:
         """q, memory, obstacles -> what is remembered of the safe command, and its report."""

@@ -66,8 +66,9 @@ class HandTask:
         All is of the middle of the tick, where a velocity that is held moves the hand as it does in the mean.
         """
         n, moving, base = self.robot.chain.n, self.moving, limits.base
-        jacobian = self.task_jacobian(q, world, way=base * (dt / 2))
-        posture = ca.vertcat(ca.SX.zeros(CHAIR), (q + base * (dt / 2))[CHAIR:])
+        half = last.velocity * (dt / 2)
+        jacobian = self.task_jacobian(q, world, way=half)
+        posture = ca.vertcat(0, 0, half[2], (q + half)[CHAIR:])
         inertia = self.robot.inertia_expression(posture) / self.robot.mass
         gradient = self.self_motion * self.robot.posture_gradient_expression(posture)
 
@@ -142,13 +143,12 @@ class HandTask:
 
     def task_jacobian(self, q: ca.SX, world: ca.SX, *, way: ca.SX) -> ca.SX:
         """(k, 7) rows that the stick commands, at q + way, by velocities with the chair's in the chassis frame at q."""
-        posture = ca.vertcat(ca.SX.zeros(CHAIR), (q + way)[CHAIR:])
+        posture = ca.vertcat(0, 0, way[2], (q + way)[CHAIR:])
         jacobian, pose = self.robot.chain.jacobian_expression(posture), self.robot.chain.pose_expression(posture)
         heading = ca.if_else(world, q[2], 0)
-        # The wheels' speeds forward and left are held as they are at q; all else has turned with the chair.
-        turned, held = (_turn(angle) for angle in (heading + way[2], heading))
-        linear = ca.horzcat(held @ jacobian[:3, :2], turned @ jacobian[:3, 2:])
-        every = ca.vertcat(linear, turned @ jacobian[3:, :], pose[:3, 2].T @ jacobian[3:, :])
+        cos, sin = ca.cos(heading), ca.sin(heading)
+        turn = ca.vertcat(ca.horzcat(cos, -sin, 0), ca.horzcat(sin, cos, 0), ca.horzcat(0, 0, 1))
+        every = ca.vertcat(turn @ jacobian[:3, :], turn @ jacobian[3:, :], pose[:3, 2].T @ jacobian[3:, :])
         return every[[ROWS.index(row) for row in self.rows], :]
 
     @property
@@ -156,9 +156,3 @@ class HandTask:
         """[m/s or rad/s] more than a hand can do in all rows together; what asks for more is slowed as a whole."""
         reach = sum(abs(row.a) + abs(row.d) for row in self.robot.chain.rows[CHAIR - 1 :])
         return float(self.robot.chain.velocity[0] + (1 + reach) * np.sum(self.robot.chain.velocity[CHAIR - 1 :]))
-
-
-def _turn(angle: ca.SX) -> ca.SX:
-    """(3, 3) rotation about the vertical."""
-    cos, sin = ca.cos(angle), ca.sin(angle)
-    return ca.vertcat(ca.horzcat(cos, -sin, 0), ca.horzcat(sin, cos, 0), ca.horzcat(0, 0, 1))
