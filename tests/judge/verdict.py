@@ -7,6 +7,7 @@ import importlib
 import math
 import pkgutil
 import re
+import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -227,3 +228,11 @@ def judges(names: Iterable[str] | None = None) -> dict[str, ModuleType]:
     if unknown:
         raise SystemExit(f"no judge of {', '.join(unknown)}; there are {', '.join(found)}")
     return {name: found[name] for name in chosen}
+
+
+def hearing(name: str, ticks: int, seed: int, only: int | None) -> Verdict:
+    """One promise's runs of one seed; here, and not in `__main__`, so that a spawned process finds it."""
+    begun = time.perf_counter()
+    verdict: Verdict = judges([name])[name].run(ticks, seed, only=only)
+    verdict.took = time.perf_counter() - begun
+    return verdict
