@@ -48,7 +48,7 @@ def table(verdicts: dict[str, Verdict]) -> list[str]:
         lines += [f"| {name} | {claim} | {value:.6g} | {bound:.6g} |" for claim, (value, bound) in each.worst.items()]
     lines += ["", "| judge | situation | ticks | seconds | longest [s] | least ticks |", "|---|---|---|---|---|---|"]
     for name, each in verdicts.items():
-        asked = {key: int(least * each.ticks / 1e6) for key, least in each.least.items()}
+        asked = each.asked
         for key in sorted({*each.seen, *asked}):
             seen = each.seen.get(key)
             counts = f"{seen.ticks} | {seen.seconds:.1f} | {seen.longest:.2f}" if seen else "0 | 0 | 0"

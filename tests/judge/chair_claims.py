@@ -132,18 +132,26 @@ def judge_words(run: Run, verdict: Verdict, found: Answers, u: Array, before: Ar
     verdict.within("what is certified has a residual", np.where(certified, found.residual[ticks], 0.0), 1e-8)
     verdict.holds("scale is from 0 to 1", (scale >= 0) & (scale <= 1))
     verdict.holds("holding is at rest", (status != "holding") | ~np.any(u[ticks], axis=1))
-    if not part.enable:
-        verdict.holds("the dead-man released gives the safe command", ~certified)
-        slower = np.abs(u[ticks]) <= np.abs(before[ticks]) + 1e-12
-        verdict.holds("the dead-man released only slows", slower)
-        verdict.during("the dead-man released, moving", moving, dt)
+    if not part.enable or part.fault:
+        why = "numbers that are none" if part.enable else "the dead-man released"
+        verdict.holds(f"{why}: the safe command", ~certified)
+        verdict.holds(f"{why}: only slower", np.abs(u[ticks]) <= np.abs(before[ticks]) + 1e-12)
+        verdict.during(f"{why}, moving", moving, dt)
+        return
+    if part.target is not None:
+        verdict.holds("moving with scale 0 is not OK", ~((scale == 0) & moving & (status == "ok")))
         return
     size = np.linalg.norm(part.twist, axis=1)
     asked = size > 1e-4
     verdict.during("command zero", size == 0, dt)
     verdict.during("command zero, moving", (size == 0) & moving, dt)
     stopped = asked & (scale == 0)
-    verdict.holds("moving with scale 0 is not OK", ~(stopped & moving & (status == "ok")))
+    untrue = stopped & moving & (status == "ok")
+    changed = np.r_[True, np.any(np.diff(part.twist, axis=0) != 0, axis=1)]
+    since = np.arange(len(size)) - np.maximum.accumulate(np.where(changed, np.arange(len(size)), 0))
+    settled = since * dt >= chair.braking_time + 1.0
+    verdict.holds("moving with scale 0 is not OK, held", ~(untrue & settled))
+    verdict.holds("moving with scale 0 is not OK, after a change of command", ~(untrue & ~settled))
     verdict.during("stopped with scale 0", stopped & ~moving, dt)
     hand = np.einsum("nij,nj->ni", chair.task(run.q[:-1][ticks], part.rows, part.frame), u[ticks])
     along = np.sum(hand * part.twist, axis=1) / np.maximum(size, 1e-12) ** 2

@@ -13,8 +13,10 @@ velocity within the true bounds leads the hand exactly along the command at 5 % 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tests.judge.chair_claims import judge_ticks
+from tests.judge.chair_robot import Obstacles
 from tests.judge.chair_runs import (
     OTHER_SETS,
     READY,
@@ -102,8 +104,8 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
         judge_law(recorded, verdict, part, span)
 
 
-def judge_law(run: Run, verdict: Verdict, part: Part, span: slice) -> None:
-    """The law for one held command."""
+def judge_law(run: Run, verdict: Verdict, part: Part, span: slice, obstacles: Obstacles = ()) -> None:
+    """The law for one held command, from T + 1 s after its begin."""
     chair, dt = run.chair, run.dt
     begin = span.start + int(np.ceil((chair.braking_time + 1.0) / dt))
     if begin + round(1.0 / dt) >= span.stop:
@@ -114,20 +116,21 @@ def judge_law(run: Run, verdict: Verdict, part: Part, span: slice) -> None:
     way = twist / np.linalg.norm(twist)
     along = hand @ way
     across, size = np.linalg.norm(hand - along[:, None] * way, axis=1), np.linalg.norm(hand, axis=1)
-    strict = (size <= SIZE) & (along >= -AGAINST) & (across <= ACROSS)
-    longest = Verdict("", 0)
-    longest.during("episode", ~strict, dt)
-    verdict.within(
-        "law: a braking episode lasts at most T",
-        [longest.seen["episode"].longest if not strict.all() else 0.0],
-        chair.braking_time + dt / 2,
-    )
+    braking = ~((size <= SIZE) & (along >= -AGAINST) & (across <= ACROSS))
+    longest = longest_stretch(braking) * dt
+    verdict.within("law: a braking episode lasts at most T", [longest], chair.braking_time + dt / 2)
     verdict.within("law: the hand is no faster than the command", along, SIZE)
     verdict.within("law: against the command, braking", -along, BRAKING)
     verdict.within("law: across the command, braking", across, BRAKING)
-    verdict.during("a braking episode", ~strict, dt)
-    last = round(1.0 / dt)
-    if np.all(np.abs(along[-last:]) < STOPPED):
-        possible = chair.fastest(run.q[span.stop], twist, part.rows, part.frame)
+    verdict.during("law judged", np.ones(len(along), dtype=bool), dt)
+    verdict.during("a braking episode", braking, dt)
+    if np.all(np.abs(along[-round(1.0 / dt) :]) < STOPPED):
+        possible = chair.fastest(run.q[span.stop], twist, part.rows, part.frame, obstacles)
         verdict.within("law: a stop is where nothing is possible", [possible], POSSIBLE)
         verdict.during("the hand stopped, asked of the linear programme", np.array([True]), dt)
+
+
+def longest_stretch(mask: NDArray[np.bool_]) -> int:
+    """Most ticks on end in which the mask is true."""
+    edges = np.flatnonzero(np.diff(np.r_[False, mask, False]))
+    return int(np.max(edges[1::2] - edges[::2], initial=0))

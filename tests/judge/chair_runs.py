@@ -29,6 +29,12 @@ class Part(NamedTuple):
     enable: bool = True
     obstacles: Obstacles | None = None
     """Set at its begin; None leaves them."""
+    target: Array | None = None
+    """(3,) where `reach` leads the hand, in place of `step` and the twist."""
+    hostile: Array | None = None
+    """(n, 7) what is added to the q that the controller is told: no numbers, or ones too large."""
+    fault: bool = False
+    """Whether every tick is told what is no usable number."""
 
 
 @dataclass
@@ -63,8 +69,12 @@ def record(controller: RedundancyResolver, run: Run, q: Array) -> Run:
     for part in run.parts:
         if part.obstacles is not None:
             controller.obstacles = tuple(part.obstacles)
-        for twist in part.twist:
-            command = step(q, twist, part.rows, part.frame, enable=part.enable)
+        for i, twist in enumerate(part.twist):
+            told = q if part.hostile is None else q + part.hostile[i]
+            if part.target is None:
+                command = step(told, twist, part.rows, part.frame, enable=part.enable)
+            else:
+                command = controller.reach(told, part.target, enable=part.enable)
             commands.append(command)
             q = q + (rolled(command.value, dt) if arcs else dt * command.value)
             k += 1
