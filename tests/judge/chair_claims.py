@@ -61,10 +61,9 @@ def judge_ticks(run: Run, verdict: Verdict) -> tuple[Answers, Array]:
     verdict.during("a joint outside its limits", np.any(room < -1e-6, axis=1), dt)
     gaps = chair.arm_gaps(run.q)
     verdict.within("keep-outs", np.minimum(gaps[:-1], 0) - gaps[1:], ROUNDING)
-    for part in INSTANTS:
-        within = chair.arm_gaps(q + part * (ahead - q))
-        lowest = np.minimum(np.minimum(gaps[:-1], gaps[1:]), 0)
-        verdict.within("keep-outs within the tick", lowest - within, WITHIN_TICK)
+    instants = [chair.arm_gaps(q + part * (ahead - q)) for part in INSTANTS]
+    lowest = np.minimum(np.minimum(gaps[:-1], gaps[1:]), 0)
+    verdict.within("keep-outs within the tick", lowest - np.min(instants, axis=0), WITHIN_TICK)
     verdict.during("a keep-out near", np.min(gaps[:-1], axis=1) < NEAR, dt)
 
     late = judge_obstacles(run, verdict, u, before)
@@ -94,10 +93,8 @@ def judge_obstacles(run: Run, verdict: Verdict, u: Array, before: Array) -> Arra
 def _judge_gaps(run: Run, verdict: Verdict, obstacles: Obstacles, ticks: slice) -> None:
     q, ahead = run.q[ticks], run.q[ticks.start + 1 : ticks.stop + 1]
     gaps = run.chair.obstacle_gaps(q, obstacles)
-    for part in (*INSTANTS, 1.0):
-        then = q + part * (ahead - q)  # a circle's chord is off the arc by less than the tolerance below
-        deeper = np.minimum(gaps, 0) - run.chair.obstacle_gaps(then, obstacles)
-        verdict.within("obstacles", deeper, ROUNDING)
+    instants = [run.chair.obstacle_gaps(q + part * (ahead - q), obstacles) for part in (*INSTANTS, 1.0)]
+    verdict.within("obstacles", np.minimum(gaps, 0) - np.min(instants, axis=0), ROUNDING)
     nearest = np.min(gaps, axis=1)
     verdict.during("obstacles around", np.isfinite(nearest), run.dt)
     verdict.during("an obstacle near", nearest < 2 * NEAR, run.dt)

@@ -4,10 +4,10 @@
 both as fractions of the command; the hand's velocity is by finite differences over the tick of the judge's own forward
 kinematics, in the frame that was asked. It is judged from T + 1 s after the command began, T = max v/a of the joints.
 
-A tick is *strict* where |hand| <= 1.02, against <= 0.02 and across <= `ACROSS`. Others are of a braking episode: a
-stretch of consecutive ticks that are not strict lasts at most T, and in it along <= 1.02, against <= 0.15 and across
-<= 0.15. Where the hand does less than 2 % of the command for the last second of a run, it has stopped, and then no
-velocity within the true bounds leads the hand exactly along the command at 5 % of it: see `Chair.fastest`.
+A tick is *strict* where |hand| <= 1.02, against <= 0.02 and across <= 0.05. Others are of a braking episode: a stretch of
+consecutive ticks that are not strict lasts at most T, and in it along <= 1.02, against <= 0.15 and across <= 0.15. Where
+the hand does less than 2 % of the command for the last second of a run, it has stopped, and then no velocity within the
+true bounds leads the hand exactly along the command at 5 % of it: see `Chair.fastest`.
 """
 
 from __future__ import annotations
@@ -51,7 +51,8 @@ LEAST = {
 CI_TICKS = 24_000
 SHARE = 3.0
 DT = 0.01
-SIZE, AGAINST, ACROSS = 1.02, 0.02, 0.02
+SIZE, AGAINST, ACROSS = 0.02, 0.02, 0.05
+"""Of the command at ticks of up to `DT`, above by dt: the chord of a turning hand's way is up to 3 % off its direction."""
 BRAKING = 0.15
 STOPPED, POSSIBLE = 0.02, 0.05
 OTHERS = 12
@@ -116,10 +117,11 @@ def judge_law(run: Run, verdict: Verdict, part: Part, span: slice, obstacles: Ob
     way = twist / np.linalg.norm(twist)
     along = hand @ way
     across, size = np.linalg.norm(hand - along[:, None] * way, axis=1), np.linalg.norm(hand, axis=1)
-    braking = ~((size <= SIZE) & (along >= -AGAINST) & (across <= ACROSS))
+    chord = max(1.0, dt / DT)
+    braking = ~((size <= 1 + SIZE * chord) & (along >= -AGAINST * chord) & (across <= ACROSS * chord))
     longest = longest_stretch(braking) * dt
     verdict.within("law: a braking episode lasts at most T", [longest], chair.braking_time + dt / 2)
-    verdict.within("law: the hand is no faster than the command", along, SIZE)
+    verdict.within("law: the hand is no faster than the command", along, 1 + SIZE * chord)
     verdict.within("law: against the command, braking", -along, BRAKING)
     verdict.within("law: across the command, braking", across, BRAKING)
     verdict.during("law judged", np.ones(len(along), dtype=bool), dt)

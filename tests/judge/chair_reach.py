@@ -40,7 +40,7 @@ SETS = (("x", "y", "z"),)
 REACHED = 3e-4
 """[m]"""
 AWAY = 0.25
-"""[m] A hand under way to another target goes on for v^2/2a + va/2j = 9.4 cm on each axis, and lags by 3 cm; and 6 cm."""
+"""[m] A hand under way to another target goes on by v^2/2a + va/2j = 9.4 cm on each axis, lags by 3 cm; and 6 cm."""
 FASTEST = 1.02 * (0.25 * np.sqrt(3) + 4.0 * 0.03)
 """[m/s] 0.25 on each axis, and what brings back a hand that lags by 3 cm."""
 POSSIBLE, TRIED = 0.05, 0.1

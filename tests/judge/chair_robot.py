@@ -36,6 +36,8 @@ MECANUM = np.array([[1, 1, 0.53], [1, -1, -0.53], [1, 1, -0.53], [1, -1, 0.53]])
 DIFFERENTIAL = np.array([[1, 0, 0.28], [1, 0, -0.28]]) / 0.15
 WHEEL_LIMIT = {"mecanum": 10.0, "differential": 7.0}
 """[rad/s]"""
+STAND_OFF = 0.002
+"""[m] So near a keep-out or an obstacle a robot may stop."""
 Obstacles = Sequence[Disc | HalfPlane]
 
 
@@ -218,7 +220,7 @@ class Chair:
         """Largest speed of the hand exactly along `twist`, as a fraction of it, by a linear programme.
 
         Of the velocities that could be scaled to zero in T with every bound kept, to first order: so a distance of
-        room allows 2 room/T. Nearest points that jump are met by further rows where the answer leads into them.
+        room allows 2 room/T; the last `STAND_OFF` before keep-outs and obstacles are no room. Nearest points that jump are met by further rows where the answer leads into them.
         """
         half = self.braking_time / 2
         task = self.task(q, rows, frame)
@@ -245,7 +247,7 @@ class Chair:
             near = np.isfinite(now)
             slope = (gaps(at + value)[:, near] - gaps(at - value)[:, near]) / 2e-6
             rows_a.append(-half * slope.T)
-            limits.append(np.maximum(now[near], 0.0))
+            limits.append(np.maximum(now[near] - STAND_OFF, 0.0))
 
         closing(q)
         best = 0.0

@@ -76,9 +76,9 @@ def test_linear_programme_knows_what_is_possible_and_what_is_not() -> None:
     stretched = READY.copy()
     stretched[3:] = 0.0, 0.0, CHAIR.upper[2], 0.0
     assert CHAIR.fastest(stretched, np.array([0.0, 0.0, 0.2]), ("x", "y", "z"), "chassis") < 1.0
-    at_limits = READY.copy()
-    at_limits[3:] = CHAIR.upper
-    assert CHAIR.fastest(at_limits, np.array([0.0, 1.0]), ("z", "roll7"), "chassis") == pytest.approx(0.0)
+    locked = Chair(lower=READY[3:], upper=READY[3:])
+    assert locked.fastest(READY, np.array([0.1, 0.0]), ("x", "z"), "chassis") == pytest.approx(1.0)  # the chair's
+    assert locked.fastest(READY, np.array([0.0, 0.1]), ("x", "z"), "chassis") == pytest.approx(0.0)
     wall = (HalfPlane((1.0, 0.0), 0.55),)  # touches the front
     assert CHAIR.fastest(np.zeros(7), np.array([0.8, 0, 0]), ("x", "y", "z"), "world") > CHAIR.fastest(
         np.zeros(7), np.array([0.8, 0, 0]), ("x", "y", "z"), "world", wall
