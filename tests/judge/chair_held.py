@@ -4,10 +4,10 @@
 both as fractions of the command; the hand's velocity is by finite differences over the tick of the judge's own forward
 kinematics, in the frame that was asked. It is judged from T + 1 s after the command began, T = max v/a of the joints.
 
-A tick is *strict* where |hand| <= 1.02, against <= 0.02 and across <= 0.05. Others are of a braking episode: a stretch of
-consecutive ticks that are not strict lasts at most T, and in it along <= 1.02, against <= 0.15 and across <= 0.15. Where
-the hand does less than 2 % of the command for the last second of a run, it has stopped, and then no velocity within the
-true bounds leads the hand exactly along the command at 5 % of it: see `Chair.fastest`.
+A tick is *strict* where |hand| <= 1.02, against <= 0.02 and across <= 0.05. Others are of a braking episode: a stretch
+of consecutive ticks that are not strict lasts at most T, and in it along <= 1.02, against <= 0.15 and across <= 0.15.
+Where the hand does less than 2 % of the command for the last second of a run, it has stopped, and then no velocity
+within the true bounds leads the hand exactly along the command at 5 % of it: see `Chair.fastest`.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ CI_TICKS = 24_000
 SHARE = 3.0
 DT = 0.01
 SIZE, AGAINST, ACROSS = 0.02, 0.02, 0.05
-"""Of the command at ticks of up to `DT`, above by dt: the chord of a turning hand's way is up to 3 % off its direction."""
+"""Of the command at ticks of up to `DT`, above by dt: the chord of a turning hand's way is up to 3 % off."""
 BRAKING = 0.15
 STOPPED, POSSIBLE = 0.02, 0.05
 OTHERS = 12

@@ -220,7 +220,8 @@ class Chair:
         """Largest speed of the hand exactly along `twist`, as a fraction of it, by a linear programme.
 
         Of the velocities that could be scaled to zero in T with every bound kept, to first order: so a distance of
-        room allows 2 room/T; the last `STAND_OFF` before keep-outs and obstacles are no room. Nearest points that jump are met by further rows where the answer leads into them.
+        room allows 2 room/T; the last `STAND_OFF` before keep-outs and obstacles are no room. Nearest points that jump
+        are met by further rows where the answer leads into them.
         """
         half = self.braking_time / 2
         task = self.task(q, rows, frame)
