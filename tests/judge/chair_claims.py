@@ -150,12 +150,19 @@ def judge_words(run: Run, verdict: Verdict, found: Answers, u: Array, before: Ar
     verdict.holds("moving with scale 0 is not OK, held", ~(untrue & settled))
     verdict.holds("moving with scale 0 is not OK, after a change of command", ~(untrue & ~settled))
     verdict.during("stopped with scale 0", stopped & ~moving, dt)
-    hand = np.einsum("nij,nj->ni", chair.task(run.q[:-1][ticks], part.rows, part.frame), u[ticks])
-    along = np.sum(hand * part.twist, axis=1) / np.maximum(size, 1e-12) ** 2
+    # The hand's velocity at both ends of the tick, and its chord: scale and flag may speak of what is between them.
+    begin, value = run.q[:-1][ticks], found.value[ticks]
+    end = begin + dt * value
+    first, last = (
+        np.einsum("nij,nj->ni", chair.task(at, part.rows, part.frame), chair.chassis(at, value)) for at in (begin, end)
+    )
+    hands = first, last, chair.hand_velocity(begin, end, dt, part.rows, part.frame)
+    along = np.clip([np.sum(hand * part.twist, axis=1) / np.maximum(size, 1e-12) ** 2 for hand in hands], 0, 1)
     told = asked & certified
-    off = np.abs(np.clip(along, 0, 1) - scale)
+    off = np.maximum(np.min(along, axis=0) - scale, scale - np.max(along, axis=0))
     verdict.within("scale is the fraction of the command that the hand does", np.where(told, off, 0.0), MISSED)
-    missed = np.linalg.norm(hand - part.twist, axis=1) > MISSED * size + 2e-6
+    short = [np.linalg.norm(hand - part.twist, axis=1) > MISSED * size + 2e-6 for hand in hands]
+    missed = np.all(short, axis=0)
     flagged = (yielded & Bound.TASK.value) != 0
     verdict.holds("a hand that does another thing than asked is flagged", ~(told & missed) | flagged)
     verdict.during("the hand slowed", told & (scale < 0.9), dt)
