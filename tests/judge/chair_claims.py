@@ -124,15 +124,17 @@ def judge_words(run: Run, verdict: Verdict, found: Answers, u: Array, before: Ar
     chair, dt = run.chair, run.dt
     status, scale, yielded = found.status[ticks], found.scale[ticks], found.yielded[ticks]
     certified = (status == "ok") | (status == "backup")
+    verdict.holds(
+        "what is not certified only slows", certified[:, None] | (np.abs(u[ticks]) <= np.abs(before[ticks]) + 1e-12)
+    )
     moving = np.max(np.abs(u[ticks]), axis=1) > STILL
     verdict.holds("a plain OK gives no reason, all else does", (status == "ok") == (found.reason[ticks] == ""))
     verdict.within("what is certified has a residual", np.where(certified, found.residual[ticks], 0.0), 1e-8)
     verdict.holds("scale is from 0 to 1", (scale >= 0) & (scale <= 1))
     verdict.holds("holding is at rest", (status != "holding") | ~np.any(u[ticks], axis=1))
-    if not part.enable or part.fault:
-        why = "numbers that are none" if part.enable else "the dead-man released"
+    if part.enable is not True or part.fault:
+        why = "numbers that are none" if part.enable is True else "the dead-man released"
         verdict.holds(f"{why}: the safe command", ~certified)
-        verdict.holds(f"{why}: only slower", np.abs(u[ticks]) <= np.abs(before[ticks]) + 1e-12)
         verdict.during(f"{why}, moving", moving, dt)
         return
     if part.target is not None:
@@ -159,8 +161,12 @@ def judge_words(run: Run, verdict: Verdict, found: Answers, u: Array, before: Ar
     hands = first, last, chair.hand_velocity(begin, end, dt, part.rows, part.frame)
     along = np.clip([np.sum(hand * part.twist, axis=1) / np.maximum(size, 1e-12) ** 2 for hand in hands], 0, 1)
     told = asked & certified
-    off = np.maximum(np.min(along, axis=0) - scale, scale - np.max(along, axis=0))
-    verdict.within("scale is the fraction of the command that the hand does", np.where(told, off, 0.0), MISSED)
+    off = np.maximum(np.min(along, axis=0) - scale, scale - np.max(along, axis=0)) - 2e-6 / np.maximum(size, 1e-9)
+    verdict.within(
+        "scale is the fraction of the command that the hand does",
+        np.where(told, off, 0.0),
+        MISSED,
+    )
     short = [np.linalg.norm(hand - part.twist, axis=1) > MISSED * size + 2e-6 for hand in hands]
     missed = np.all(short, axis=0)
     flagged = (yielded & Bound.TASK.value) != 0

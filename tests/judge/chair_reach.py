@@ -81,7 +81,7 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     verdict.begin(number, f"{chair.drive} dt {dt:g}")
     judge_ticks(recorded, verdict)
     for part, ticks in zip(parts, recorded.slices, strict=True):
-        if part.enable:
+        if part.enable is True:
             judge_target(recorded, verdict, part, ticks)
 
 

@@ -26,7 +26,8 @@ class Part(NamedTuple):
     frame: str
     twist: Array
     """(n, k) asked in each tick."""
-    enable: bool = True
+    enable: object = True
+    """The dead-man input; anything but True releases it."""
     obstacles: Obstacles | None = None
     """Set at its begin; None leaves them."""
     target: Array | None = None
@@ -35,6 +36,8 @@ class Part(NamedTuple):
     """(n, 7) what is added to the q that the controller is told: no numbers, or ones too large."""
     fault: bool = False
     """Whether every tick is told what is no usable number."""
+    stamps: Sequence[float | None] | None = None
+    """(n,) time stamps [s] of the states."""
 
 
 @dataclass
@@ -72,7 +75,8 @@ def record(controller: RedundancyResolver, run: Run, q: Array) -> Run:
         for i, twist in enumerate(part.twist):
             told = q if part.hostile is None else q + part.hostile[i]
             if part.target is None:
-                command = step(told, twist, part.rows, part.frame, enable=part.enable)
+                stamp = None if part.stamps is None else part.stamps[i]
+                command = step(told, twist, part.rows, part.frame, enable=part.enable, stamp=stamp)
             else:
                 command = controller.reach(told, part.target, enable=part.enable)
             commands.append(command)
@@ -101,7 +105,7 @@ def resolver(drive: str, sets: tuple[tuple[str, ...], ...], dt: float, places: i
 
 def other_resolver(rng: np.random.Generator, dt: float, places: int, sets: Any) -> tuple[Chair, Any]:
     """A random robot and its resolver, not compiled: that would take a minute for each."""
-    slow, hurry = rng.choice([0.5, 1.0, 1.3], 2)
+    slow, hurry = rng.choice([0.5, 1.0, 1.6], 2)
     middle = np.deg2rad([-60.0, 0.0, 5.0, 0.0])
     wide = rng.uniform(0.5, 1.0, (2, 4)) * np.deg2rad([100.0, 100.0, 80.0, 170.0])
     chair = Chair(
