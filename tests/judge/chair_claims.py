@@ -74,7 +74,7 @@ def judge_ticks(run: Run, verdict: Verdict) -> tuple[Answers, Array]:
 
 
 def judge_obstacles(run: Run, verdict: Verdict, u: Array, before: Array) -> Array:
-    """(n,) whether an obstacle came too late for all to brake together, T + 1 s from then."""
+    """(n,) whether an obstacle came too late for all to brake together, or around the chair; T + 1 s from then."""
     chair, dt = run.chair, run.dt
     late, obstacles = np.zeros(len(u), dtype=bool), ()
     settled = round((chair.braking_time + 1.0) / dt)
@@ -85,12 +85,15 @@ def judge_obstacles(run: Run, verdict: Verdict, u: Array, before: Array) -> Arra
             if obstacles and not chair.brakes_in_time(at, before[ticks.start], obstacles, dt):
                 late[ticks.start : ticks.start + settled] = True
         if obstacles:
-            _judge_gaps(run, verdict, obstacles, ticks)
+            nearest = _judge_gaps(run, verdict, obstacles, ticks)
+            for k in np.flatnonzero(nearest < 0) + ticks.start:  # one that appeared around the chair
+                late[k : k + settled] = True
     verdict.during("an obstacle came too late", late, dt)
     return late
 
 
-def _judge_gaps(run: Run, verdict: Verdict, obstacles: Obstacles, ticks: slice) -> None:
+def _judge_gaps(run: Run, verdict: Verdict, obstacles: Obstacles, ticks: slice) -> Array:
+    """Never into an obstacle, nor deeper; the nearest gap (n,) at each tick's begin [m]."""
     q, ahead = run.q[ticks], run.q[ticks.start + 1 : ticks.stop + 1]
     gaps = run.chair.obstacle_gaps(q, obstacles)
     instants = [run.chair.obstacle_gaps(q + part * (ahead - q), obstacles) for part in (*INSTANTS, 1.0)]
@@ -99,6 +102,7 @@ def _judge_gaps(run: Run, verdict: Verdict, obstacles: Obstacles, ticks: slice) 
     verdict.during("obstacles around", np.isfinite(nearest), run.dt)
     verdict.during("an obstacle near", nearest < 2 * NEAR, run.dt)
     verdict.during("within an obstacle", nearest < 0, run.dt)
+    return np.asarray(nearest)
 
 
 def judge_acceleration(run: Run, verdict: Verdict, found: Answers, u: Array, before: Array, late: Array) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 from rehab_opt.control.obstacles import Disc, HalfPlane
 from tests.judge.chair_claims import judge_ticks
 from tests.judge.chair_held import judge_law
-from tests.judge.chair_robot import CORNERS, FRONT, SIDE, Array, Chair, Obstacles
+from tests.judge.chair_robot import CORNERS, FRONT, REAR, SIDE, Array, Chair, Obstacles
 from tests.judge.chair_runs import (
     OTHER_SETS,
     SETS,
@@ -134,7 +134,8 @@ def one_part(
     rows = sets[rng.integers(len(sets))]
     frame = "world" if rng.random() < 0.3 else "chassis"
     if obstacles is None and rng.random() < 0.2:
-        obstacles = room(rng, q) if rng.random() < 0.7 else ()
+        seed = int(rng.integers(2**31))
+        obstacles = (lambda at: room(np.random.default_rng(seed), at)) if rng.random() < 0.7 else ()
     kind = str(rng.choice(KINDS, p=OFTEN))
     seconds = float(rng.uniform(0.3, 3.0) if rng.random() < 0.6 else rng.uniform(3.0, 10.0))
     n = max(2, min(round(seconds / dt), 3000))
@@ -186,23 +187,26 @@ def hostile(
 
 
 def room(rng: np.random.Generator, q: Array) -> Obstacles:
-    """One to three walls and posts around a place; near ones may be too late, or around the chair."""
+    """One to three walls and posts around the chair: away from it, beside its outline, on it, or under the chair."""
     found: list[Disc | HalfPlane] = []
+    c, s = math.cos(q[2]), math.sin(q[2])
+    outline = q[:2] + CORNERS @ [[c, s], [-s, c]]
     for _ in range(int(rng.integers(1, PLACES + 1))):
-        if rng.random() < 0.2:  # on the outline's very edge, with or without a size
-            c, s = math.cos(q[2]), math.sin(q[2])
-            x, y = CORNERS[0] * rng.uniform(-1, 1, 2)
-            x, y = (FRONT, y) if rng.random() < 0.5 else (x, math.copysign(SIDE, y))
-            found.append(Disc((q[0] + c * x - s * y, q[1] + s * x + c * y), float(rng.choice([0.0, 0.0, 0.01]))))
-            continue
-        angle, apart = rng.uniform(0, 2 * math.pi), rng.uniform(0.4, 2.5)
-        normal = math.cos(angle), math.sin(angle)
-        at = q[:2] + apart * np.array(normal)
-        if rng.random() < 0.5:
+        angle, kind = rng.uniform(0, 2 * math.pi), rng.random()
+        normal = np.array([math.cos(angle), math.sin(angle)])
+        radius = float(rng.choice([0.0, 0.02, 0.1, 0.4]))
+        gap = rng.uniform(0.001, 0.1) if kind < 0.4 else rng.uniform(-0.6, 1.9) if kind < 0.8 else 0.0
+        if rng.random() < 0.5 and kind < 0.8:
             size = rng.uniform(0.5, 2.0)  # a normal may have any length
-            found.append(HalfPlane((size * normal[0], size * normal[1]), float(size * (at @ normal))))
-        else:
-            found.append(Disc((float(at[0]), float(at[1])), float(rng.choice([0.0, 0.02, 0.1, 0.4]))))
+            offset = size * (np.max(outline @ normal) + gap)
+            found.append(HalfPlane((float(size * normal[0]), float(size * normal[1])), float(offset)))
+            continue
+        x, y = CORNERS[0] * rng.uniform(-1, 1, 2)
+        x, y = (rng.choice([FRONT, REAR]), y) if rng.random() < 0.5 else (x, math.copysign(SIDE, y))
+        ahead = (math.copysign(1.0, x), 0.0) if x in (FRONT, REAR) else (0.0, math.copysign(1.0, y))
+        away = gap + radius if kind < 0.8 else 0.0
+        x, y = x + away * ahead[0], y + away * ahead[1]
+        found.append(Disc((float(q[0] + c * x - s * y), float(q[1] + s * x + c * y)), radius))
     return found
 
 

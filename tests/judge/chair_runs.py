@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -28,8 +28,8 @@ class Part(NamedTuple):
     """(n, k) asked in each tick."""
     enable: object = True
     """The dead-man input; anything but True releases it."""
-    obstacles: Obstacles | None = None
-    """Set at its begin; None leaves them."""
+    obstacles: Obstacles | Callable[[Array], Obstacles] | None = None
+    """Set at its begin, or made then from where the chair is; None leaves them."""
     target: Array | None = None
     """(3,) where `reach` leads the hand, in place of `step` and the twist."""
     hostile: Array | None = None
@@ -69,7 +69,9 @@ def record(controller: RedundancyResolver, run: Run, q: Array) -> Run:
     run.q[0] = q
     k, step = 0, controller.step
     controller.reset(run.chair.world(q, run.start), heading=float(q[2]))
-    for part in run.parts:
+    for number, each in enumerate(run.parts):
+        part = each._replace(obstacles=each.obstacles(q)) if callable(each.obstacles) else each
+        run.parts[number] = part
         if part.obstacles is not None:
             controller.obstacles = tuple(part.obstacles)
         for i, twist in enumerate(part.twist):
