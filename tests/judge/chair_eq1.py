@@ -29,7 +29,7 @@ PROMISES = (
     ),
 )
 LEAST = {"far from every bound": 3e4}
-CI_TICKS = 12_000
+CI_TICKS = 6_000
 SHARE = 0.5
 DT = 0.01
 TOLERANCE = 0.01

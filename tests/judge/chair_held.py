@@ -48,7 +48,7 @@ LEAST = {
     "begun in motion": 20,
     "status ok": 5e5,
 }
-CI_TICKS = 24_000
+CI_TICKS = 16_000
 SHARE = 3.0
 DT = 0.01
 SIZE, AGAINST, ACROSS = 0.02, 0.02, 0.05

@@ -34,7 +34,7 @@ LEAST = {
     "the dead-man released, moving": 100,
     "asked of the linear programme": 1,
 }
-CI_TICKS = 16_000
+CI_TICKS = 8_000
 SHARE = 0.5
 SETS = (("x", "y", "z"),)
 REACHED = 3e-4
