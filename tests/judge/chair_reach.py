@@ -37,8 +37,8 @@ LEAST = {
 CI_TICKS = 8_000
 SHARE = 0.5
 SETS = (("x", "y", "z"),)
-REACHED = 3e-4
-"""[m]"""
+REACHED, SLOW = 3e-4, 2e-3
+"""[m], [m/s] Nearer and slower than this, a hand is there; one that passes by is not."""
 AWAY = 0.25
 """[m] A hand under way to another target goes on by v^2/2a + va/2j = 9.4 cm on each axis, lags by 3 cm; and 6 cm."""
 FASTEST = 1.02 * (0.25 * np.sqrt(3) + 4.0 * 0.03)
@@ -96,13 +96,18 @@ def judge_target(run: Run, verdict: Verdict, part: Part, ticks: slice) -> None:
         verdict.within("the hand does not run from its target", apart - apart[0], AWAY)
     speed = np.linalg.norm(np.diff(hand, axis=0), axis=1) / dt
     verdict.within("the hand's speed is capped", speed[braked:], FASTEST)
-    there = apart < REACHED
+    there = (apart[1:] < REACHED) & (speed < SLOW)
     verdict.during("target reached", there[-1:], dt)
     if there.any():
-        verdict.within("a place that is reached is kept", apart[int(np.argmax(there)) :], 10 * REACHED)
+        verdict.within("a place that is reached is kept", apart[1 + int(np.argmax(there)) :], 10 * REACHED)
     if not there[-1]:
         verdict.during("target jumped on the way", np.array([ticks.stop - ticks.start < 4.0 / dt]), dt)
-    if len(there) * dt > 10.0 and not there[-1] and np.all(speed[-round(1.0 / dt) :] < 0.02 * TRIED):
+    if len(there) * dt < 10.0 or there[-1]:
+        return
+    stopped = np.all(speed[-round(1.0 / dt) :] < 0.02 * TRIED)
+    if not stopped:
+        verdict.within("a hand under way comes nearer", [apart[-1] - apart[-round(3.0 / dt)]], 0.0)
+    else:
         way = (target - hand[-1]) / apart[-1]
         possible = chair.fastest(run.q[ticks.stop], TRIED * way, part.rows, part.frame)
         verdict.within("a hand that stopped elsewhere can go no further", [possible], POSSIBLE)
