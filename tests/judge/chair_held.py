@@ -15,6 +15,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from rehab_opt import RedundancyResolver
 from tests.judge.chair_claims import judge_ticks
 from tests.judge.chair_robot import Obstacles
 from tests.judge.chair_runs import (
@@ -37,6 +38,7 @@ PROMISES = (
     Promise(
         "rehab_opt/control/redundancy.py", "then accelerations; then the task, which keeps its direction and is slowed"
     ),
+    Promise("rehab_opt/control/redundancy.py", "Forget the past."),
     Promise("rehab_opt/control/command.py", "Share of the asked motion that is delivered, 0 to 1"),
 )
 LEAST = {
@@ -46,6 +48,7 @@ LEAST = {
     "the hand slowed": 2e4,
     "the hand stopped, asked of the linear programme": 5,
     "begun in motion": 20,
+    "run again after a reset": 5e3,
     "status ok": 5e5,
 }
 CI_TICKS = 16_000
@@ -55,6 +58,8 @@ SIZE, AGAINST, ACROSS = 0.02, 0.02, 0.05
 """Of the command at ticks of up to `DT`, above by dt: the chord of a turning hand's way is up to 3 % off."""
 BRAKING = 0.15
 STOPPED, POSSIBLE = 0.02, 0.05
+SAME, AGAIN = 1e-6, 5
+"""[m/s, rad/s] between a run and the same again, of one run in so many: a solver may begin from another guess."""
 OTHERS = 12
 """One run in this many is of a random robot."""
 
@@ -100,9 +105,20 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     recorded = record(made, Run(chair, dt, u, parts, arcs=bool(rng.random() < 0.3)), q)
     verdict.begin(number, f"{chair.drive} {rows} {parts[-1].frame} dt {dt:g} {np.round(parts[-1].twist[0], 4)}")
     judge_ticks(recorded, verdict)
+    if number % AGAIN == 0:
+        judge_again(made, recorded, verdict)
     verdict.during("begun in motion", np.array([bool(u.any()) or len(parts) > 1]), dt)
     for part, span in zip(parts, recorded.slices, strict=True):
         judge_law(recorded, verdict, part, span)
+
+
+def judge_again(made: RedundancyResolver, run: Run, verdict: Verdict) -> None:
+    """The same run after `reset` gives the same commands: nothing of the past is left."""
+    parts = [part._replace(twist=part.twist[:200]) for part in run.parts[:1]]
+    again = record(made, Run(run.chair, run.dt, run.start, parts, run.arcs), run.q[0])
+    off = [np.abs(one.value - other.value) for one, other in zip(again.commands, run.commands, strict=False)]
+    verdict.within("a reset forgets the past", off, SAME)
+    verdict.during("run again after a reset", np.ones(len(off), dtype=bool), run.dt)
 
 
 def judge_law(run: Run, verdict: Verdict, part: Part, span: slice, obstacles: Obstacles = ()) -> None:
