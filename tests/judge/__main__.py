@@ -72,7 +72,7 @@ def head(command: str, seed: int) -> list[str]:
         "## The judge",
         "",
         f"{datetime.now(UTC):%Y-%m-%d}, {os.cpu_count()} cores, {platform.machine()}, {platform.system()}; {versions}, "
-        f"CasADi {casadi.__version__}; seed {seed}.",
+        f"CasADi {casadi.__version__}; REHAB_OPT_COMPILE={os.environ.get('REHAB_OPT_COMPILE', '1')}; seed {seed}.",
         "",
         f"    {command}",
         "",
