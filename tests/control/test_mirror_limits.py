@@ -8,10 +8,11 @@ import pytest
 
 from rehab_opt import KeepOut, MirrorTracker, ur5
 from tests.control.mirror_campaign import LARGEST
-from tests.control.ur5_body import Array, heights, tool_motion
+from tests.control.ur5_body import Array, clearances, heights, tool_motion
 
 TICKS = (1e-3, 5e-3, 2e-2)
 SPEED = 0.25
+ONES = np.ones(6)
 STRETCHED_BESIDE = np.array([0, -1.2, 1.5, -1.8, -1.57, 0])
 
 
@@ -34,15 +35,16 @@ def random_posture(rng: np.random.Generator) -> Array:
 
 
 def driven(
-    robot: MirrorTracker, rng: np.random.Generator, start: Array, ticks: int, *, nudge: float = 0.0
+    robot: MirrorTracker, rng: np.random.Generator, start: Array, ticks: int, *, nudge: float = 0.0, way: Array = ONES
 ) -> Iterator[tuple[Array, Array]]:
     """Each tick's q and command, the robot moving as commanded and nudged [rad] now and then.
 
-    The reference swings up to several times faster than the hand may be; the enable input is released at times.
+    The reference swings along `way` (6,), up to several times faster than the hand may be; the enable input is released
+    at times.
     """
     chain, dt, q = robot.chain, robot.dt, start
     robot.reset(rng.uniform(-0.3, 0.3, 6) * rng.choice([0.0, 1.0]))
-    wide, fast = rng.uniform(0.1, 0.6, 6), rng.uniform(0.5, 4.0, 6)
+    wide, fast = way * rng.uniform(0.1, 0.6, 6), rng.uniform(0.5, 4.0, 6)
     for k in range(ticks):
         at, speeds = start + wide * (1 - np.cos(fast * k * dt)), wide * fast * np.sin(fast * k * dt)
         value = robot.step(q, chain.pose(at), chain.jacobian(at) @ speeds, enable=k % 90 < 80).value
@@ -80,34 +82,43 @@ def test_the_tool_is_within_its_speed_at_every_instant_of_every_tick(dt: float, 
 
 
 # --------------------------------------------------------------------------------------------------------- planes
+def plane_below(link: str, start: Array, tool: Array, gap: float, rng: np.random.Generator) -> KeepOut:
+    """A plane so far from a posture's nearest link, which is that one; negative where the arm is through it."""
+    while True:
+        normal = rng.normal(size=3)
+        normal /= np.linalg.norm(normal)
+        found = clearances(start, normal, 0.0, tool)
+        nearest = min(found, key=found.__getitem__)
+        if nearest == link:
+            return KeepOut.through((found[link] - gap) * normal, normal)
+
+
 @pytest.mark.parametrize("dt", TICKS)
 def test_no_point_of_any_link_crosses_a_plane(dt: float) -> None:
-    rng = np.random.default_rng(11)
+    rng, ticks = np.random.default_rng(11), 0
     closest: dict[str, float] = {}
-    ticks = 0
-    for number in range(6):
-        tool = np.array([0.03, 0.0, 0.12]) if number % 2 else np.zeros(3)
+    links = ("upper_arm", "forearm", "elbow", "wrist_3", "wrist_2", "tool")
+    for number, link in enumerate(links):
+        tool = np.array([0.03, 0.0, 0.12]) if link == "tool" else np.zeros(3)
         start = random_posture(rng)
-        planes = []
-        for _ in range(2):  # so far from the arm, or through it
-            normal = rng.normal(size=3)
-            normal /= np.linalg.norm(normal)
-            lowest = min(each.min() for each in heights(start, normal, 0.0, tool).values())
-            planes.append(KeepOut.through((lowest - rng.choice([0.002, 0.03, -0.05])) * normal, normal))
-        robot = made(dt, tool=tool, planes=tuple(planes))
+        planes = [plane_below(link, start, tool, 0.003, rng), plane_below("elbow", start, tool, -0.05, rng)]
+        robot = made(dt, tool=tool, planes=tuple(planes[: 1 + number % 2]))
+        faces = [(np.array(plane.normal), plane.offset) for plane in robot.hand_bounds.planes]
+        before = [clearances(start, *face, tool) for face in faces]
+        near = [clearances(start + each, *faces[0], tool)[link] for each in 1e-4 * np.eye(6)]
+        way = np.sign(before[0][link] - np.array(near))  # towards the first plane
         for _ in range(2):
-            before = [heights(start, np.array(plane.normal), plane.offset, tool) for plane in planes]
-            for q, value in driven(robot, rng, start, 300):
+            for q, value in driven(robot, rng, start, 300, way=way):
                 ticks += 1
-                for plane, was in zip(planes, before, strict=True):
-                    now = heights(q + dt * value, np.array(plane.normal), plane.offset, tool)
-                    for name, points in now.items():
-                        if was[name].min() >= 0.0:  # the whole link was on its side: it stays there
-                            closest[name] = min(closest.get(name, math.inf), float(points.min()))
-                            assert points.min() >= -1e-9, name
+                for face, was in zip(faces, before, strict=True):
+                    ahead = clearances(q + dt * value, *face, tool)
+                    whole = {name for name, height in was.items() if height >= 0.0}
+                    closest |= {name: min(closest.get(name, math.inf), ahead[name]) for name in whole}
+                    assert all(ahead[name] >= -1e-9 for name in whole)
+                    for name, points in heights(q + dt * value, *face, tool).items():
+                        assert name.removeprefix("tube of ") not in whole or points.min() >= -1e-9, name
     assert ticks == 3600
-    near = {name for name, height in closest.items() if height < 5e-3}
-    assert near >= {"upper_arm", "elbow", "forearm", "wrist_2", "wrist_3", "tool"}  # else this says little
+    assert {name for name, height in closest.items() if height < 1e-3} >= {*links}  # else this says little
 
 
 def test_the_upper_arm_beside_the_line_of_its_frames_stays_out_of_a_plane() -> None:

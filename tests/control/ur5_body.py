@@ -103,3 +103,13 @@ def heights(q: Array, normal: Array, offset: float, tool: Array) -> dict[str, Ar
     flange, place = (tool_motion(q, np.zeros(6), each)[0] for each in (np.zeros(3), tool))
     found["tool"] = np.linspace(flange, place, 5) @ normal - offset
     return found
+
+
+def clearances(q: Array, normal: Array, offset: float, tool: Array) -> dict[str, float]:
+    """[m] of each whole link above a plane, exactly, and of the line from the flange to the tool with the last one."""
+    moved = turns(q)
+    found = {}
+    for name, (k, *ends, radius) in CAPSULES.items():
+        found[name] = min(float((moved[k][0] @ end + moved[k][1]) @ normal) for end in ends) - radius - offset
+    tip = float(tool_motion(q, np.zeros(6), tool)[0] @ normal) - offset
+    return {**found, "tool": min(tip, found["wrist_3"])}
