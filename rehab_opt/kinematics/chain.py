@@ -40,7 +40,8 @@ class SerialChain:
 
     Raises
     ------
-    ConfigurationError : a limit that is not a number, inverted, or of the wrong size; a pose that is not rigid; a capsule that is none.
+    ConfigurationError : a limit that is not a number, inverted, or of the wrong size; a pose that is not rigid; a
+        capsule that is none.
     """
 
     rows: tuple[DH, ...]

@@ -12,7 +12,7 @@ from tests.control.ur5_body import Array, clearances, heights, tool_motion
 
 TICKS = (1e-3, 5e-3, 2e-2)
 SPEED = 0.25
-ONES = np.ones(6)
+ONES, Z = np.ones(6), np.array([0.0, 0.0, 1.0])
 STRETCHED_BESIDE = np.array([0, -1.2, 1.5, -1.8, -1.57, 0])
 
 
@@ -82,15 +82,15 @@ def test_the_tool_is_within_its_speed_at_every_instant_of_every_tick(dt: float, 
 
 
 # --------------------------------------------------------------------------------------------------------- planes
-def plane_below(link: str, start: Array, tool: Array, gap: float, rng: np.random.Generator) -> KeepOut:
-    """A plane so far from a posture's nearest link, which is that one; negative where the arm is through it."""
+def start_before(link: str, gap: float, tool: Array, rng: np.random.Generator) -> tuple[Array, KeepOut]:
+    """A posture, and a plane so far [m] from the link of it that is nearest to it."""
     while True:
-        normal = rng.normal(size=3)
+        start, normal = random_posture(rng), rng.normal(size=3)
         normal /= np.linalg.norm(normal)
         found = clearances(start, normal, 0.0, tool)
         nearest = min(found, key=found.__getitem__)
         if nearest == link:
-            return KeepOut.through((found[link] - gap) * normal, normal)
+            return start, KeepOut.through((found[link] - gap) * normal, normal)
 
 
 @pytest.mark.parametrize("dt", TICKS)
@@ -100,15 +100,16 @@ def test_no_point_of_any_link_crosses_a_plane(dt: float) -> None:
     links = ("upper_arm", "forearm", "elbow", "wrist_3", "wrist_2", "tool")
     for number, link in enumerate(links):
         tool = np.array([0.03, 0.0, 0.12]) if link == "tool" else np.zeros(3)
-        start = random_posture(rng)
-        planes = [plane_below(link, start, tool, 0.003, rng), plane_below("elbow", start, tool, -0.05, rng)]
-        robot = made(dt, tool=tool, planes=tuple(planes[: 1 + number % 2]))
+        start, plane = start_before(link, 0.003, tool, rng)
+        beyond = clearances(start, Z, 0.0, tool)["elbow"] + 0.05  # the elbow stands in a table, and goes no deeper
+        table = KeepOut.through(beyond * Z, Z)
+        robot = made(dt, tool=tool, planes=(plane, table) if number % 2 else (plane,))
         faces = [(np.array(plane.normal), plane.offset) for plane in robot.hand_bounds.planes]
         before = [clearances(start, *face, tool) for face in faces]
         near = [clearances(start + each, *faces[0], tool)[link] for each in 1e-4 * np.eye(6)]
         way = np.sign(before[0][link] - np.array(near))  # towards the first plane
         for _ in range(2):
-            for q, value in driven(robot, rng, start, 300, way=way):
+            for q, value in driven(robot, rng, start, max(300, round(0.6 / dt)), way=way):
                 ticks += 1
                 for face, was in zip(faces, before, strict=True):
                     ahead = clearances(q + dt * value, *face, tool)
@@ -117,8 +118,8 @@ def test_no_point_of_any_link_crosses_a_plane(dt: float) -> None:
                     assert all(ahead[name] >= -1e-9 for name in whole)
                     for name, points in heights(q + dt * value, *face, tool).items():
                         assert name.removeprefix("tube of ") not in whole or points.min() >= -1e-9, name
-    assert ticks == 3600
-    assert {name for name, height in closest.items() if height < 1e-3} >= {*links}  # else this says little
+    assert ticks >= 3600
+    assert {name for name, height in closest.items() if height < 2e-3} >= {*links}  # else this says little
 
 
 def test_the_upper_arm_beside_the_line_of_its_frames_stays_out_of_a_plane() -> None:

@@ -15,12 +15,13 @@ Array = NDArray[np.float64]
 
 Z, BACK, DOWN = np.array([0, 0, 1.0]), np.array([0, -1.0, 0]), np.array([0, 0, -1.0])
 HEIGHT, ELBOW, WRIST = 0.089159, -0.425, -0.425 - 0.39225
+LOW = HEIGHT - 0.09465
 AXES = np.array([Z, BACK, BACK, BACK, DOWN, BACK])
-PLACES = np.array([
-    [0, 0, 0], [0, 0, HEIGHT], [ELBOW, 0, HEIGHT], [WRIST, 0, HEIGHT], [WRIST, -0.10915, 0], [WRIST, 0, HEIGHT - 0.09465]
-])  # fmt: skip
+PLACES = np.array(
+    [[0, 0, 0], [0, 0, HEIGHT], [ELBOW, 0, HEIGHT], [WRIST, 0, HEIGHT], [WRIST, -0.10915, 0], [WRIST, 0, LOW]]
+)
 """A point of each axis [m]."""
-FLANGE = np.array([WRIST, -0.10915 - 0.0823, HEIGHT - 0.09465])
+FLANGE = np.array([WRIST, -0.10915 - 0.0823, LOW])
 ORIENTATION = np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]])
 """Of the flange at q = 0."""
 AT = np.array([0, -0.10915, 0]) + PLACES[3], np.array([0, -0.10915, 0]) + PLACES[5]
