@@ -12,6 +12,7 @@ from rehab_opt.errors import ConfigurationError, ProblemFileError, RehabOptError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.denavit_hartenberg import DH
 from rehab_opt.kinematics.human_arm import human_arm
+from rehab_opt.kinematics.link_capsules import LinkCapsule
 from rehab_opt.kinematics.ur5 import ur5
 
 if TYPE_CHECKING:
@@ -53,6 +54,7 @@ __all__ = [
     "Interaction",
     "Joystick",
     "KeepOut",
+    "LinkCapsule",
     "MirrorTracker",
     "ParticipantSide",
     "PathAssistance",

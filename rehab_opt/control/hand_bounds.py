@@ -2,7 +2,8 @@
 
 Each is stated twice. As a row R q' <= r of the QP, linear about the present state, that slows the approach to the bound
 exponentially; every r but the floor's is at least zero, so that standing still always remains. And as a condition on
-the true state at the end of the tick, `kept`: the rows are about a tangent, and tangents promise too much.
+the true state at the end of the tick, `kept`: the rows are about a tangent, and tangents promise too much. The hand
+speed holds at every instant of the tick (`tool_speed`), the others at its ends.
 """
 
 from __future__ import annotations
@@ -17,7 +18,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rehab_opt.control.guarded_points import GuardedPoint, guarded_points
 from rehab_opt.control.stopping import VelocityBounds, nearest_to_rest
+from rehab_opt.control.tool_speed import tool_jerk
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.optim.certificate import all_true, clipped
@@ -83,7 +86,8 @@ class HandBounds:
     largest : largest manipulability of the arm.
     linear_speed : [m/s] of the tool's origin, its true norm.
     deviation : [m] largest distance of the tool's origin from the reference.
-    planes : what to stay out of, with the tool's origin and the origins of every frame that moves against the base.
+    planes : what to stay out of, with the chain's capsules, its tool's origin and the origins of its frames, as far as
+        joints move them (`guarded_points`).
     rate : [1/s] at which the distance to a bound may decay.
     dt : tick [s].
     return_speed : share of the joints' speeds at which the arm is led back above the floor.
@@ -105,11 +109,9 @@ class HandBounds:
         return 2 + len(self.planes)
 
     @cached_property
-    def guarded(self) -> list[int]:
-        """Frames whose origins some joint moves, the tool first: what stays out of the planes."""
-        q = ca.SX.sym("q", self.chain.n)
-        frames = self.chain.frames_expression(q)
-        return [i for i in reversed(range(len(frames))) if ca.depends_on(frames[i][:3, 3], q)]
+    def guarded(self) -> tuple[GuardedPoint, ...]:
+        """What stays out of the planes."""
+        return guarded_points(self.chain)
 
     def manipulability(self, q: ca.SX) -> tuple[ca.SX, ca.SX]:
         """W / w_max and its gradient (n,)."""
@@ -133,7 +135,8 @@ class HandBounds:
         w, slope_of_w = self.manipulability(q)
         gradient = slope_of_w + lead
         climb = share * (self.floor + ABOVE - w) + loss / self.dt
-        pose = self.chain.pose_expression(q)
+        frames = self.chain.frames_expression(q)
+        pose = frames[-1]
         normals, most = [], []
         away = pose[:3, 3] - centre
         distance = ca.norm_2(away)
@@ -142,12 +145,7 @@ class HandBounds:
         normals.append(unit.T @ self.chain.jacobian_expression(q)[:3, :])
         most.append(ca.if_else(far, share * ca.fmax(self.deviation - distance, 0), FREE))
         for plane in self.planes:
-            heights = self._heights(q, plane)
-            nearest = heights[0]
-            slope = ca.jacobian(nearest, q)
-            for height in heights[1:]:
-                closer = height < nearest
-                nearest, slope = ca.if_else(closer, height, nearest), ca.if_else(closer, ca.jacobian(height, q), slope)
+            nearest, slope = self._nearest(q, frames, plane)
             normals.append(-slope)
             most.append(share * ca.fmax(nearest, 0))
         slow = ca.DM(self.return_speed * self.chain.velocity)
@@ -168,29 +166,45 @@ class HandBounds:
         ahead = q + velocity * self.dt
         then = self.chain.manipulability_expression(ahead) / self.largest
         there = self.chain.pose_expression(ahead)[:3, 3]
-        reach = self.linear_speed * (1 + 1e-9)
+        fast = [ca.norm_2(each) for each in (hand, self.chain.jacobian_expression(ahead)[:3, :] @ velocity)]
+        reach = self.linear_speed * (1 + 1e-9) - self.dt**2 / 8 * tool_jerk(self.chain, q, velocity, self.dt)
         before, after = ca.norm_2(here - centre), ca.norm_2(there - centre)
         conditions = [
             then >= ca.fmin(w, self.floor) - ROUNDING,
-            ca.sumsqr(hand) <= reach**2,
-            ca.sumsqr(there - here) <= (reach * self.dt) ** 2,
+            *(each <= reach for each in fast),
             after <= ca.fmax(before, self.deviation) + ROUNDING,
         ]
         for plane in self.planes:
-            now, later = self._heights(q, plane), self._heights(ahead, plane)
+            now, later = (self._heights(self.chain.frames_expression(at), plane) for at in (q, ahead))
             conditions += [b >= ca.fmin(a, 0) - ROUNDING for a, b in zip(now, later, strict=True)]
         return all_true(*conditions), then
 
     def least_height(self, q: Array, plane: KeepOut) -> float:
-        """[m] of the lowest guarded point above a plane at q (n,); negative where the arm is in the keep-out."""
+        """[m] of what is guarded above a plane at q (n,); negative where the arm is in the keep-out."""
         symbol = ca.SX.sym("q", self.chain.n)
-        heights = ca.vertcat(*self._heights(symbol, plane))
+        heights = ca.vertcat(*self._heights(self.chain.frames_expression(symbol), plane))
         return float(ca.Function("height", [symbol], [ca.mmin(heights)])(q))
 
-    def _heights(self, q: ca.SX, plane: KeepOut) -> list[ca.SX]:
-        """[m] of each guarded point above a plane; those that no joint moves are left out."""
-        frames = self.chain.frames_expression(q)
-        return [ca.dot(ca.DM(plane.normal), frames[i][:3, 3]) - plane.offset for i in self.guarded]
+    def _heights(self, frames: list[ca.SX], plane: KeepOut) -> list[ca.SX]:
+        """[m] of each guarded point's ball above a plane."""
+        normal = ca.DM(plane.normal)
+        return [
+            ca.dot(normal, centre) - (plane.offset + point.radius)
+            for point, centre in zip(self.guarded, self._centres(frames), strict=True)
+        ]
+
+    def _centres(self, frames: list[ca.SX]) -> list[ca.SX]:
+        """(3,) [m] of each guarded point."""
+        return [frames[i][:3, :3] @ ca.sparsify(ca.DM(offset)) + frames[i][:3, 3] for i, offset, _ in self.guarded]
+
+    def _nearest(self, q: ca.SX, frames: list[ca.SX], plane: KeepOut) -> tuple[ca.SX, ca.SX]:
+        """[m] Height of the guarded point that is nearest to a plane, and its slope (1, n)."""
+        nearest, *others = self._heights(frames, plane)
+        slope = ca.jacobian(nearest, q)
+        for height in others:
+            closer = height < nearest
+            nearest, slope = ca.if_else(closer, height, nearest), ca.if_else(closer, ca.jacobian(height, q), slope)
+        return nearest, slope
 
 
 def feasible_rows(

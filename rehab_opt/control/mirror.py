@@ -62,8 +62,12 @@ class MirrorTracker(MirrorForeseen):
     max_deviation : [m] of the tool from the reference that the clock stands at.
     max_turn : [rad] of the tool from it, or from what the person's arm can do of it, from which the clock waits; no
         bound of the QP.
-    linear_speed, angular_speed : [m/s, rad/s] largest hand speeds; the linear one holds exactly, in every tick.
-    keep_out : planes that no part of the arm crosses: `KeepOut.through(point, normal)`.
+    linear_speed, angular_speed : [m/s, rad/s] largest hand speeds; the linear one is a bound on the tool's origin that
+        holds at every instant of every tick, the other one slows what is wanted.
+    keep_out : planes, by `KeepOut.through(point, normal)`, beyond which at the end of no tick there is a link's capsule
+        (`SerialChain.capsules`: the UR5's whole body), the origin of a frame, or the tool's. Without capsules nothing
+        is known of the links between those origins. What starts beyond a plane goes no deeper; what no joint moves,
+        the led hand and what is mounted on the flange are not guarded, unless a capsule stands for them.
     person : the arm that is led, in the robot's base frame; the reference is limited to its range of motion
         (`PersonLimit`). grip : (4, 4) pose of the tool in its hand frame.
     interaction : how measured forces slow and turn aside; default `Interaction()`.

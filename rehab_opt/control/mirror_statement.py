@@ -14,6 +14,7 @@ from rehab_opt.control.hand_bounds import HandBounds
 from rehab_opt.control.manipulability import way_out
 from rehab_opt.control.pose_tracker import Motion, PoseTracker, Tick
 from rehab_opt.control.stopping import VelocityBounds
+from rehab_opt.control.tool_speed import speed_ahead
 from rehab_opt.kinematics.frames import rotation_vector
 from rehab_opt.optim.qp import PLAUSIBLE, Instance, parameter
 from rehab_opt.symbolic import BufferedFunction
@@ -77,9 +78,12 @@ class MirrorStatement(PoseTracker):
         turned = ca.sumsqr(rotation_vector(tick.target[:3, :3] @ now.pose[:3, :3].T))
         return rows, most, opened, ca.vertcat(now.w, now.gradient, now.pose[:3, 3], turned)
 
-    def hand_speeds(self) -> tuple[float, float]:
+    def excess(self, q: ca.SX, jacobian: ca.SX, velocity: ca.SX) -> ca.SX:
         """The wanted motion is slowed, not the asked one: what the floor takes from it must not slow the rest."""
-        return self.linear_speed, self.angular_speed
+        unweighted = ca.diag(1 / ca.sqrt(ca.DM(self.task_weights))) @ jacobian
+        turning = ca.norm_2(unweighted[3:, :] @ velocity)
+        linear = speed_ahead(self.chain, q, unweighted, velocity, self.dt)
+        return ca.fmax(linear / self.linear_speed, turning / self.angular_speed)
 
     def _asked_twist(self, pose: ca.SX, target: ca.SX, twist: ca.SX) -> tuple[ca.SX, ca.SX]:
         feedback = self._settling * ca.vertcat(

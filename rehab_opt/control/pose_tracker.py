@@ -210,8 +210,11 @@ class PoseTracker(VelocityController):
         """R (m, n) and r (m,) of the bounds R q' <= r, the intervals that have room for them, and what is told on."""
         return ca.SX(0, self.chain.n), ca.SX(0, 1), bounds, ca.SX(0, 1)
 
-    def hand_speeds(self) -> tuple[float, float] | None:
-        """[m/s, rad/s] to which the wanted motion is slowed as a whole; None where the asked twist was."""
+    def excess(self, q: ca.SX, jacobian: ca.SX, velocity: ca.SX) -> ca.SX | None:
+        """By how much a wanted velocity (n,) is too fast, at the weighted Jacobian (6, n): it is slowed by that.
+
+        None where nothing but the asked twist is slowed.
+        """
         return None
 
     # -------------------------------------------------------------------------------------------------------------
@@ -230,8 +233,7 @@ class PoseTracker(VelocityController):
         wanted = WantedVelocity(
             jacobian, weights * asked, slowdown, drift, bounds, chain.velocity, chain.locked, rows, most, told
         )
-        caps = None if (speeds := self.hand_speeds()) is None else (*speeds, self.task_weights)
-        return wanted.prepare(ca.vertcat(tick.q, entries, tick.twist, *tick.others), tick.memory, caps)
+        return wanted.prepare(ca.vertcat(tick.q, entries, tick.twist, *tick.others), tick.memory, self.excess)
 
     def _asked_twist(self, pose: ca.SX, target: ca.SX, twist: ca.SX) -> tuple[ca.SX, ca.SX]:
         """(6,) twist plus feedback on the pose error, slowed as a whole to the hand speeds; and by how much."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import casadi as ca
@@ -25,6 +26,8 @@ INSIDE = 1e-9
 """[rad/s] By how much the wanted motion stays inside its rows."""
 PASSES = 3
 """Passes of the damped solve: each removes the damping's error where the arm is far from singular."""
+
+Excess = Callable[[ca.SX, ca.SX, ca.SX], ca.SX | None]
 
 
 def wanted_velocity(jacobian: ca.SX, twist: ca.SX, drift: ca.SX) -> ca.SX:
@@ -75,13 +78,10 @@ class WantedVelocity(NamedTuple):
     told: ca.SX
     """What else is to be prepared."""
 
-    def prepare(
-        self, parameters: ca.SX, memory: ca.SX, caps: tuple[float, float, NDArray[np.float64]] | None = None
-    ) -> ca.Function:
+    def prepare(self, parameters: ca.SX, memory: ca.SX, excess: Excess) -> ca.Function:
         """Parameters, memory -> Jacobian by columns, twist, slowdown, bounds, outside, R, r, told, wanted motion.
 
-        `caps` are hand speeds [m/s, rad/s] to which the wanted motion is slowed as a whole, and the (6,) weights whose
-        roots the Jacobian's rows were multiplied by, none of them zero.
+        Where `excess` of q (n,), the Jacobian and the wanted velocity is above 1, the wanted motion is slowed by it.
         """
         bounds, movable = self.bounds, ca.diag(ca.sparsify(ca.DM(~self.locked)))
         moving = ca.sparsify(self.jacobian @ movable)
@@ -102,17 +102,18 @@ class WantedVelocity(NamedTuple):
         p, last = ca.MX.sym("p", parameters.numel()), ca.MX.sym("memory", memory.numel())
         told, within, rows, more, motion, limits, needed = first.call([p, last])
         motion = ca.Function.if_else("hold", *self._hold(movable)).call([needed, told, motion, limits, rows])[0]
-        if caps is not None:
-            motion = self._slowed(caps)(motion)
+        if (slowed := self._slowed(excess)) is not None:
+            motion = slowed(p[: self.jacobian.size2()], told, motion)
         return ca.Function("prepare", [p, last], [ca.vertcat(told, within, rows, more, motion)])
 
-    def _slowed(self, caps: tuple[float, float, NDArray[np.float64]]) -> ca.Function:
-        """Wanted velocity and its twist, as one column -> both slowed to the hand speeds."""
-        linear, angular, weights = caps
-        motion = ca.SX.sym("motion", sum(self.jacobian.shape))
-        twist = motion[self.jacobian.size2() :] / np.sqrt(weights)
-        excess = ca.fmax(ca.norm_2(twist[:3]) / linear, ca.norm_2(twist[3:]) / angular)
-        return ca.Function("slowed", [motion], [motion / ca.fmax(excess, 1)], {"cse": True})
+    def _slowed(self, excess: Excess) -> ca.Function | None:
+        """Q, task, wanted velocity and its twist as one column -> both slowed; None where nothing is."""
+        k, n = self.jacobian.shape
+        q, task, motion = ca.SX.sym("q", n), ca.SX.sym("task", k * n + k), ca.SX.sym("motion", n + k)
+        factor = excess(q, ca.reshape(task[: k * n], k, n), motion[:n])
+        if factor is None:
+            return None
+        return ca.Function("slowed", [q, task, motion], [motion / ca.fmax(factor, 1)], {"cse": True})
 
     def _hold(self, movable: ca.DM) -> tuple[ca.Function, ca.Function]:
         """Task, wanted motion, stopping speeds and drift, rows -> wanted motion within both; and as it was."""

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.denavit_hartenberg import DH, checked_rows, pose_after, pose_before, product
 from rehab_opt.kinematics.determinant import determinant
+from rehab_opt.kinematics.link_capsules import LinkCapsule, checked_capsules
 from rehab_opt.symbolic.buffered import BufferedFunction
 
 __all__ = ["SerialChain", "per_joint", "rigid"]
@@ -35,10 +36,12 @@ class SerialChain:
     acceleration : (n,) largest joint accelerations [rad/s^2 or m/s^2], positive, infinite for none.
     names : (n,) joint names.
     base, tool : (4, 4) pose of row 1's frame in the base frame, and of the tool in the last row's frame.
+    capsules : the links' bodies, for whatever keeps the robot clear of something; none by default.
 
     Raises
     ------
-    ConfigurationError : a limit that is not a number, inverted, or of the wrong size; a pose that is not rigid.
+    ConfigurationError : a limit that is not a number, inverted, or of the wrong size; a pose that is not rigid; a
+        capsule that is none.
     """
 
     rows: tuple[DH, ...]
@@ -49,6 +52,7 @@ class SerialChain:
     names: tuple[str, ...] = field(default=(), kw_only=True)
     base: Array = field(default_factory=lambda: np.eye(4), kw_only=True)
     tool: Array = field(default_factory=lambda: np.eye(4), kw_only=True)
+    capsules: tuple[LinkCapsule, ...] = field(default=(), kw_only=True)
 
     def __post_init__(self) -> None:
         """Check and freeze every argument."""
@@ -79,6 +83,7 @@ class SerialChain:
             "acceleration": acceleration,
             "base": rigid("base", self.base),
             "tool": rigid("tool", self.tool),
+            "capsules": checked_capsules(self.capsules, n + 2),
         }
         for name, value in checked.items():
             object.__setattr__(self, name, value)
@@ -143,7 +148,7 @@ class SerialChain:
     def jacobian_expression(self, q: ca.SX) -> ca.SX:
         """(6, n) expression of `jacobian`."""
         frames = self.frames_expression(q)
-        return self._moves(frames, frames[-1][:3, 3])
+        return self.jacobian_about(frames, frames[-1][:3, 3])
 
     def manipulability_expression(self, q: ca.SX) -> ca.SX:
         """Scalar expression of `manipulability`."""
@@ -163,8 +168,11 @@ class SerialChain:
         square = determinant(gram)
         return ca.if_else(square > 0, ca.gradient(square, q) / (2 * ca.sqrt(square)), ca.SX.zeros(self.n))
 
-    def _moves(self, frames: Sequence[ca.SX], point: ca.SX) -> ca.SX:
-        """(6, n) geometric Jacobian about a point (3,), in the axes that the frames before each joint are given in."""
+    def jacobian_about(self, frames: Sequence[ca.SX], point: ca.SX) -> ca.SX:
+        """(6, n) geometric Jacobian of a point (3,) that moves with the last link; `frames` as `frames_expression`'s.
+
+        Point and Jacobian are in the axes that the frames are given in.
+        """
         columns = []
         for row, frame in zip(self.rows, frames, strict=False):
             axis = frame[:3, 2]
@@ -188,7 +196,7 @@ class SerialChain:
             frames.insert(0, product(frames[0], pose_before(self.rows[i], q[i])))
         for i in range(middle, self.n - 1):
             frames.append(product(frames[-1], pose_after(self.rows[i], q[i])))
-        return self._moves(frames, ca.SX.zeros(3))
+        return self.jacobian_about(frames, ca.SX.zeros(3))
 
     # ------------------------------------------------------------------------------------------------ plumbing
     def _evaluate(self, name: str, q: ArrayLike) -> Array:

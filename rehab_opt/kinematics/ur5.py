@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.denavit_hartenberg import DH
+from rehab_opt.kinematics.link_capsules import LinkCapsule
 
-__all__ = ["UR5_ACCELERATION", "ur5"]
+__all__ = ["UR5_ACCELERATION", "UR5_CAPSULES", "ur5"]
 
 UR5_ACCELERATION = 15.0
 """[rad/s^2] Assumption: the vendor publishes no acceleration limit."""
@@ -24,6 +26,22 @@ _ROWS = (
     DH(a=0.0, alpha=0.0, d=0.0823),
 )
 _NAMES = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+_ASIDE, _LARGE, _SMALL = 0.149, 0.073, 0.066
+UR5_CAPSULES = (
+    LinkCapsule("shoulder", 1, (0.0, 0.0, 0.0), (0.0, 0.0, _ASIDE), _LARGE),
+    LinkCapsule("upper_arm", 2, (0.425, 0.0, _ASIDE), (0.0, 0.0, _ASIDE), _LARGE),
+    LinkCapsule("elbow", 2, (0.0, 0.0, _ASIDE), (0.0, 0.0, 0.0), _LARGE),
+    LinkCapsule("forearm", 3, (0.39225, 0.0, 0.0), (0.0, 0.0, 0.0), _SMALL),
+    LinkCapsule("wrist_1", 4, (0.0, -0.10915, 0.0), (0.0, 0.0, 0.0), _SMALL),
+    LinkCapsule("wrist_2", 5, (0.0, 0.09465, 0.0), (0.0, 0.0, 0.0), _SMALL),
+    LinkCapsule("wrist_3", 5, (0.0, 0.0, 0.0), (0.0, 0.0, 0.025), _SMALL),
+)
+"""Capsules that together hold the vendor's collision meshes of all links that move (ur_description, meshes/ur5).
+
+The upper arm lies 0.136 m beside the line of its Denavit-Hartenberg frames, the forearm 0.017 m. The radii are those
+of the joints' housings [m] with a few millimetres to spare; the tubes between them are thinner (0.051, 0.04 m), and
+behind the flange the last capsule ends 9 mm late. Cables and what is mounted on the flange are not in them.
+"""
 # Vendor's joint_limits.yaml: +-360 deg, the elbow +-180 deg since the robot's own body is in the way beyond.
 _REACH = np.deg2rad([360.0, 360.0, 180.0, 360.0, 360.0, 360.0])
 
@@ -36,6 +54,7 @@ def ur5(
     acceleration: ArrayLike = UR5_ACCELERATION,
     base: ArrayLike | None = None,
     tool: ArrayLike | None = None,
+    capsules: Sequence[LinkCapsule] = UR5_CAPSULES,
 ) -> SerialChain:
     """UR5 from the vendor's nominal kinematics.
 
@@ -45,6 +64,7 @@ def ur5(
     velocity : (6,) or scalar [rad/s]; default pi, the vendor's limit.
     acceleration : (6,) or scalar [rad/s^2]; default `UR5_ACCELERATION`, an assumption.
     base, tool : (4, 4) pose of the robot's base in the base frame, and of the tool in the flange frame.
+    capsules : the links' bodies; default `UR5_CAPSULES`. Add one for what is mounted on the flange (frame 6).
     """
     return SerialChain(
         _ROWS,
@@ -55,4 +75,5 @@ def ur5(
         names=_NAMES,
         base=np.eye(4) if base is None else base,  # type: ignore[arg-type]
         tool=np.eye(4) if tool is None else tool,  # type: ignore[arg-type]
+        capsules=tuple(capsules),
     )

@@ -24,6 +24,7 @@ from rehab_opt import (
 from rehab_opt.control.manipulability import drawn_ways, largest_manipulability, way_out
 from tests.control import mirror_campaign
 from tests.control.mirror_campaign import LARGEST, Array, closed_form
+from tests.control.ur5_body import clearances
 
 START = np.array([3.2, -1.5, 1.9, -2.0, -1.4, 0.2])
 REST = np.zeros(6)
@@ -358,29 +359,33 @@ def test_the_backup_answers_under_the_same_bounds(monkeypatch: pytest.MonkeyPatc
 # ------------------------------------------------------------------------------------------- table, person, forces
 @pytest.mark.parametrize("dt", [1e-3, 2e-2])
 def test_no_part_of_the_arm_crosses_table_or_body(dt: float) -> None:
-    chain, centre = ur5(), ur5().pose(START)
-    height, front = centre[2, 3] - 0.06, centre[0, 3] + 0.06
-    planes = [KeepOut.through([0, 0, height], [0, 0, 2.0]), KeepOut.through([front, 0, 0], [-1.0, 0, 0])]
+    chain, centre, tool = ur5(), ur5().pose(START), np.zeros(3)
+    up, back = np.array([0, 0, 1.0]), np.array([-1.0, 0, 0])
+    height, front = (min(clearances(START, normal, 0.0, tool).values()) - 0.06 for normal in (up, back))
+    planes = [KeepOut.through(height * up, 2.0 * up), KeepOut.through(front * back, back)]
     robot, q, nearest = tracker(dt=dt, keep_out=tuple(planes)), START.copy(), math.inf
     for k in range(round(4.0 / dt)):
         s = min(k * dt / 2.0, 1.0)
         pose = moved(centre, 0.15 * s, 0.0, -0.15 * s)
         q = q + robot.step(q, pose, [0.075, 0, -0.075, 0, 0, 0] if s < 1 else REST).value * dt
-        tip = chain.pose(q)[:3, 3]
-        nearest = min(nearest, tip[2] - height, front - tip[0])
+        gaps = [clearances(q, normal, offset, tool) for normal, offset in ((up, height), (back, front))]
+        nearest = min(nearest, *(min(each.values()) for each in gaps))
         assert nearest >= -1e-9
+        assert min(chain.pose(q)[2, 3] - height, -front - chain.pose(q)[0, 3]) >= -1e-9
     assert nearest < 2e-3
     assert robot.hand_bounds.count == 4
 
 
-def test_every_joint_frame_is_guarded() -> None:
-    chain = ur5()
-    assert tracker(dt=5e-3).hand_bounds.guarded == [7, 6, 5, 4, 3, 2]  # all but the base and what turns on it
+def test_without_capsules_every_joint_frame_is_guarded() -> None:
+    chain = ur5(capsules=())
     # A plane that the tool is far from, and the elbow near: raising the arm must stop at it.
     q = START.copy()
     frames = [chain.pose(q)]
     top = max(0.425 * math.sin(1.5) + 0.089159, frames[0][2, 3])
-    robot = tracker(dt=5e-3, keep_out=(KeepOut.through([0, 0, top + 0.01], [0, 0, -1.0]),))
+    plane = KeepOut.through([0, 0, top + 0.01], [0, 0, -1.0])
+    robot = MirrorTracker(chain, dt=5e-3, keep_out=[plane], largest=LARGEST, compile=False)
+    guarded = [frame for frame, _, _ in robot.hand_bounds.guarded]
+    assert guarded == [6, 5, 4, 3, 2]  # all but the base and what turns on it; the tool is where the last frame is
     for k in range(300):
         pose = moved(chain.pose(START), -0.1 * min(k / 150, 1), 0, 0)  # pulling in lifts the elbow
         q = q + robot.step(q, pose, REST).value * 5e-3

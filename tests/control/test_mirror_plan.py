@@ -4,6 +4,7 @@ import csv
 import functools
 import math
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from rehab_opt.control.hand_bounds import KeepOut
 from rehab_opt.control.measured_lag import measured_lag
 from rehab_opt.kinematics.vr import fit_frame, poses_of, quaternions_of, robot_from_unity
 from tests.control.mirror_campaign import LARGEST, closed_form, random_path
+from tests.control.ur5_body import clearances
 
 TASKS = ("pick_fruit", "refrigerator_door", "vr_hand_tracker")
 TICKS = (1e-3, 5e-3, 2e-2)
@@ -195,11 +197,15 @@ def test_a_rest_out_of_reach_makes_nobody_late() -> None:
     assert lags[-1] < dt
 
 
-def test_how_deep_an_arm_stands_in_a_keep_out_is_its_deepest_joints_depth() -> None:
+def test_how_deep_an_arm_stands_in_a_keep_out_is_its_deepest_links_depth() -> None:
     place = ur5().pose(motions.START)[:3, 3]  # the elbow and the wrist are higher, the shoulder nearer to the base
     away = [*(-place[:2]), 0.0]
     inside = KeepOut.through(place + 0.08 * np.array(away) / np.linalg.norm(away), away)
     outside = KeepOut.through(place - 0.05 * np.array(away) / np.linalg.norm(away), away)
     bounds = tracker(5e-3).hand_bounds
-    assert bounds.least_height(motions.START, inside) == pytest.approx(-0.08, abs=1e-9)
-    assert bounds.least_height(motions.START, outside) == pytest.approx(0.05, abs=1e-9)
+    bare = replace(bounds, chain=ur5(capsules=()))
+    assert bare.least_height(motions.START, inside) == pytest.approx(-0.08, abs=1e-9)
+    assert bare.least_height(motions.START, outside) == pytest.approx(0.05, abs=1e-9)
+    for plane in (inside, outside):
+        deepest = min(clearances(motions.START, np.array(plane.normal), plane.offset, np.zeros(3)).values())
+        assert bounds.least_height(motions.START, plane) == pytest.approx(deepest, abs=1e-9)

@@ -1,0 +1,55 @@
+"""How fast the tool moves while the joints keep their velocities: p(t) = p(q + q' t).
+
+p' turns with the joints, so that it is longer at the end of a tick than at its beginning, or the other way round. A
+curve of p' leaves its chord by at most t^2/8 of its largest second derivative: within a tick
+
+    |p'(t)| <= max(|p'(0)|, |p'(dt)|) + dt^2/8 * max |p'''|.
+
+For a chain p is the sum of its rows' lengths l_i, each turned by the joints before it, so that
+
+    |p'''| <= sum over i of  |l_i| O_i^3 + 3 |l_i'| O_i^2,     O_i = |q'_1| + ... + |q'_i| of the revolute joints.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from rehab_opt.kinematics.chain import SerialChain
+
+__all__ = ["speed_ahead", "tool_acceleration", "tool_jerk"]
+
+
+def tool_acceleration(jacobian: ca.SX, velocity: ca.SX) -> ca.SX:
+    """(3,) [m/s^2] p''(0) at joint velocities (n,), from the geometric Jacobian (6, n)."""
+    total, turning = ca.SX.zeros(3), ca.SX.zeros(3)
+    for j in range(velocity.numel()):
+        linear, turn = jacobian[:3, j] * velocity[j], jacobian[3:, j] * velocity[j]
+        total += ca.cross(2 * turning + turn, linear)
+        turning += turn
+    return total
+
+
+def tool_jerk(chain: SerialChain, q: ca.SX, velocity: ca.SX, dt: float) -> ca.SX:
+    """[m/s^3] What |p'''| does not exceed from q (n,) on, during dt [s] of joint velocities (n,)."""
+    bound, turning = ca.SX(0), ca.SX(0)
+    for i, row in enumerate(chain.rows):
+        speed = ca.fabs(velocity[i])
+        if row.prismatic:
+            bound += turning**2 * (turning * (ca.fabs(row.d + q[i]) + speed * dt) + 3 * speed)
+        else:
+            bound += abs(row.d) * turning**3  # along the joint's own axis
+            turning += speed
+        bound += abs(row.a) * turning**3
+    return bound + float(np.linalg.norm(chain.tool[:3, 3])) * turning**3
+
+
+def speed_ahead(chain: SerialChain, q: ca.SX, jacobian: ca.SX, velocity: ca.SX, dt: float) -> ca.SX:
+    """[m/s] What |p'| does not exceed in a tick, from its beginning alone; no less than the bound above.
+
+    Of s times the velocity it is at most s times as much, where s is 1 or less.
+    """
+    now = jacobian[:3, :] @ velocity
+    then = now + dt * tool_acceleration(jacobian, velocity)
+    # |p'(dt) - then| <= dt^2/2 max |p'''|, and an eighth for the way.
+    return ca.fmax(ca.norm_2(now), ca.norm_2(then)) + 0.625 * dt**2 * tool_jerk(chain, q, velocity, dt)

@@ -1,0 +1,43 @@
+"""Bodies of a robot's links, as capsules that move with their frames."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from rehab_opt.errors import ConfigurationError
+
+__all__ = ["LinkCapsule", "checked_capsules"]
+
+
+class LinkCapsule(NamedTuple):
+    """All points within `radius` [m] of the segment from `start` to `end` (3,), in a frame of a `SerialChain` [m]."""
+
+    name: str
+    frame: int
+    """0 is the base frame, i the frame after row i, n + 1 the tool's: the order of `frames_expression`."""
+    start: tuple[float, float, float]
+    end: tuple[float, float, float]
+    radius: float
+
+
+def checked_capsules(capsules: object, frames: int) -> tuple[LinkCapsule, ...]:
+    """`capsules` as capsules of finite numbers in one of so many frames, or say what is wrong with them."""
+    if not isinstance(capsules, Sequence):
+        raise ConfigurationError("capsules", capsules, "a list or tuple of LinkCapsule")
+    checked = []
+    for i, given in enumerate(capsules):
+        try:
+            name, frame, start, end, radius = given
+            (ax, ay, az), (bx, by, bz) = (map(float, point) for point in (start, end))
+            capsule = LinkCapsule(name, frame, (ax, ay, az), (bx, by, bz), float(radius))
+            usable = isinstance(name, str) and type(frame) is int and 0 <= frame < frames and capsule.radius >= 0.0
+            usable = usable and all(map(math.isfinite, (*capsule.start, *capsule.end, capsule.radius)))
+        except (TypeError, ValueError, OverflowError):
+            usable = False
+        if not usable:
+            expected = f"LinkCapsule(name, frame from 0 to {frames - 1}, start (3,), end (3,), radius of 0 or more [m])"
+            raise ConfigurationError(f"capsules[{i}]", given, expected)
+        checked.append(capsule)
+    return tuple(checked)

@@ -1,0 +1,40 @@
+"""Bodies of links: what is accepted, and what stands for them before a plane."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rehab_opt import ConfigurationError, LinkCapsule, ur5
+from rehab_opt.control.guarded_points import guarded_points
+from rehab_opt.kinematics.ur5 import UR5_CAPSULES
+
+GOOD = LinkCapsule("hand", 7, (0.0, 0.0, 0.0), (0.0, 0.0, 0.1), 0.05)
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"frame": 8}, {"frame": -1}, {"frame": 1.0}, {"radius": -0.01}, {"radius": math.nan}, {"start": (0.0, 0.0)},
+        {"end": (0.0, math.inf, 0.0)}, {"name": 3}, {"end": None},
+    ],
+)  # fmt: skip
+def test_a_capsule_that_is_none_is_refused_by_name(changed: dict[str, Any]) -> None:
+    with pytest.raises(ConfigurationError, match=r"capsules\[7\]"):
+        ur5(capsules=[*UR5_CAPSULES, GOOD._replace(**changed)])
+
+
+def test_what_is_no_list_of_capsules_is_refused() -> None:
+    for wrong in (GOOD, "no", [5]):
+        with pytest.raises(ConfigurationError, match="capsules"):
+            ur5(capsules=wrong)  # type: ignore[arg-type]
+
+
+def test_balls_within_others_and_those_that_rest_are_left_out() -> None:
+    frames = [(ball.frame, ball.radius) for ball in guarded_points(ur5())]
+    assert frames == [(5, 0.066), (5, 0.066), (4, 0.066), (3, 0.066), (2, 0.073), (2, 0.073), (1, 0.073)]
+    tool = np.eye(4)
+    tool[2, 3] = 0.15
+    assert guarded_points(ur5(tool=tool))[0] == (7, (0.0, 0.0, 0.0), 0.0)
+    assert guarded_points(ur5(capsules=[*UR5_CAPSULES, GOOD]))[:2] == ((7, GOOD.start, 0.05), (7, GOOD.end, 0.05))
