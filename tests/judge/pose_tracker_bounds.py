@@ -33,7 +33,7 @@ def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
     verdict = Verdict("pose_tracker_bounds", seed, LEAST)
     for each in runs(verdict, ticks // 2, only):
         judge(verdict, each, calm=True)
-    for each in runs(verdict, ticks // 2, only, faults=1.0, pushes=0.7, first=PUSHED):
+    for each in runs(verdict, ticks // 2, only, faults=1.0, pushes=0.2, first=PUSHED):
         judge(verdict, each, calm=False)
     return verdict
 
