@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rehab_opt import Command, PoseTracker, ur5
 from tests.judge.numbering import numbered, run_length
 from tests.judge.references import KINDS, good_posture, reference
-from tests.judge.sensor_faults import STAMPS, Schedule, schedule
+from tests.judge.sensor_faults import STAMPS, Schedule, schedule, spoilt
 from tests.judge.ur5_numbers import LIMIT
 from tests.judge.verdict import Verdict
 
@@ -103,7 +103,7 @@ def follow(rng: np.random.Generator, *, faults: float, pushes: float) -> Run:
     for k in range(ticks):
         here, pose, twist = q[k], poses[k], twists[k]
         if kinds[k]:
-            here, pose, twist = _spoilt(kinds[k], wrong, k, here, pose, twist)
+            here, pose, twist = spoilt(wrong, k, here, pose, twist)
         if free:
             command = control.step(here, pose, twist)
         else:
@@ -113,22 +113,6 @@ def follow(rng: np.random.Generator, *, faults: float, pushes: float) -> Run:
         if pushed[k]:
             q[k + 1] += rng.choice([1e-3, 0.03, 0.3]) * rng.standard_normal(6)
     return Run(given, kind, q, commands, poses, twists, wrong, pushed)
-
-
-def _spoilt(kind: str, wrong: Schedule, k: int, *inputs: Array) -> tuple[Array, ...]:
-    q, pose, twist = (each.copy() for each in inputs)
-    at, number = int(wrong.index[k]), wrong.number[k]
-    if kind == "q":
-        q[at % 6] = number
-    elif kind == "pose":
-        pose[at % 3, at // 3 % 4] = number
-    elif kind == "twist":
-        twist[at % 6] = number
-    elif kind == "all":
-        q[:], pose[:], twist[:] = number, number, number
-    elif kind == "not rigid":
-        pose[:3, :3] = (-pose[:3, :3], 1.1 * pose[:3, :3], 0 * pose[:3, :3])[at % 3]
-    return q, pose, twist
 
 
 def runs(

@@ -72,3 +72,20 @@ def expected(schedule: Schedule) -> NDArray[np.bool_]:
     kind = schedule.kind
     first = np.r_[True, kind[1:] != kind[:-1]]
     return np.asarray((kind != "") & ((kind != "gap") | first))
+
+
+def spoilt(wrong: Schedule, k: int, q: Array, pose: Array, twist: Array) -> tuple[Array, Array, Array]:
+    """What an arm's tracker is given in tick k of a schedule."""
+    q, pose, twist = q.copy(), pose.copy(), twist.copy()
+    kind, at, number = wrong.kind[k], int(wrong.index[k]), wrong.number[k]
+    if kind == "q":
+        q[at % 6] = number
+    elif kind == "pose":
+        pose[at % 3, at // 3 % 4] = number
+    elif kind == "twist":
+        twist[at % 6] = number
+    elif kind == "all":
+        q[:], pose[:], twist[:] = number, number, number
+    elif kind == "not rigid":
+        pose[:3, :3] = (-pose[:3, :3], 1.1 * pose[:3, :3], 0 * pose[:3, :3])[at % 3]
+    return q, pose, twist
