@@ -113,13 +113,13 @@ def tracker(given: Settings) -> MirrorTracker:
     )  # fmt: skip
 
 
-def follow(rng: np.random.Generator, *, faults: float, planes: bool, pushed: bool, below: float) -> Run:
+def follow(rng: np.random.Generator, number: int, *, faults: float, planes: bool, pushed: bool, below: float) -> Run:
     """One run: a fault each `faults` s; a share `below` of them begins below the floor."""
     under = bool(rng.random() < below)
     start = singular_posture(rng) + 0.02 * rng.standard_normal(6) if under else good_posture(rng, 0.35)
     given, kind = draw(rng, start, planes=planes), str(rng.choice(KINDS))
     dt, control = given.dt, tracker(given)
-    ticks = run_length(rng, dt)
+    ticks = run_length(rng, number, dt)
     moving = max(ticks - round(REST / dt), ticks // 2)
     poses, twists = reference(rng, kind, start, moving, dt)
     poses = np.concatenate([poses, np.repeat(poses[-1:], ticks - moving, axis=0)])
@@ -171,6 +171,6 @@ def runs(
 ) -> Iterator[Run]:
     """Runs numbered from `first` until so many ticks are done; or the one that is asked for, if it is one of them."""
     for number, rng in numbered(verdict, ticks, only, first=first):
-        run = follow(rng, faults=faults, planes=planes, pushed=pushed, below=below)
+        run = follow(rng, number, faults=faults, planes=planes, pushed=pushed, below=below)
         verdict.begin(number, f"{run.kind}, dt {run.settings.dt:g}")
         yield run

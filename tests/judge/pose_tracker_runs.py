@@ -88,12 +88,12 @@ def tracker(given: Settings) -> PoseTracker:
     )  # fmt: skip
 
 
-def follow(rng: np.random.Generator, *, faults: float, pushes: float) -> Run:
+def follow(rng: np.random.Generator, number: int, *, faults: float, pushes: float) -> Run:
     """One run: a fault each `faults` s, a push each `pushes` s."""
     start = good_posture(rng, 0.1)
     given, kind = draw(rng, start), str(rng.choice(KINDS))
     dt, control = given.dt, tracker(given)
-    ticks = run_length(rng, dt)
+    ticks = run_length(rng, number, dt)
     poses, twists = reference(rng, kind, start, ticks, dt)
     wrong = schedule(rng, ticks, dt, FAULTS, every=faults)
     pushed = rng.random(ticks) < dt / pushes
@@ -126,7 +126,7 @@ def runs(
 ) -> Iterator[Run]:
     """Runs numbered from `first` until so many ticks are done; or the one that is asked for, if it is one of them."""
     for number, rng in numbered(verdict, ticks, only, first=first):
-        run = follow(rng, faults=faults, pushes=pushes)
+        run = follow(rng, number, faults=faults, pushes=pushes)
         verdict.begin(number, f"{run.kind}, dt {run.settings.dt:g}")
         yield run
 
