@@ -53,7 +53,7 @@ def judge(verdict: Verdict, one: Run) -> None:
     before = np.maximum(np.r_[0.0, apart[:-1]], given.max_deviation)
     excess = np.where(known & np.r_[False, known[:-1]], apart - before, 0.0)
     verdict.within("hand further from its reference than allowed [m]", excess, 1e-9)
-    quick = fast > 1 - 1e-3
+    quick = fast > 0.99
     verdict.during("at the largest hand speed", quick, dt)
     verdict.during("ticks of 20 ms at the largest hand speed", quick & (dt > 0.015), dt)
     verdict.during("near the largest deviation", apart > 0.8 * given.max_deviation, dt)

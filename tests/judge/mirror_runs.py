@@ -153,7 +153,7 @@ def _pushes(rng: np.random.Generator, ticks: int, dt: float, limit: float) -> Ar
         lasts = max(round(rng.uniform(0.1, 2.0) / dt), 1)
         if rng.random() < 0.6:
             way = rng.standard_normal(3)
-            found[k : k + lasts] = way / np.linalg.norm(way) * limit * rng.choice([0.2, 0.6, 0.9, 1.0, 1.5])
+            found[k : k + lasts] = way / np.linalg.norm(way) * limit * rng.choice([0.2, 0.6, 0.9, 1.001, 1.5])
         k += lasts
     return found
 
