@@ -68,10 +68,11 @@ def _stamps(kind: NDArray[np.str_], dt: float) -> list[Any]:
 
 
 def expected(schedule: Schedule) -> NDArray[np.bool_]:
-    """(N,) whether this tick's input must not be acted on: of a gap in stamps the first tick alone."""
+    """(N,) whether this tick's input must not be acted on: of a gap in stamps the first tick alone, of a
+    frozen sensor, which looks like a hand at rest, none."""
     kind = schedule.kind
     first = np.r_[True, kind[1:] != kind[:-1]]
-    return np.asarray((kind != "") & ((kind != "gap") | first))
+    return np.asarray((kind != "") & (kind != "frozen") & ((kind != "gap") | first))
 
 
 def spoilt(wrong: Schedule, k: int, q: Array, pose: Array, twist: Array) -> tuple[Array, Array, Array]:
