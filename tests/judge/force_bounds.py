@@ -69,7 +69,8 @@ def judge(verdict: Verdict, one: Run) -> None:
     verdict.within("force while it is released [N]", np.where(safe, size - fallen, 0.0), 1e-9)
     turned = np.abs(last[:, 0] * force[:, 1] - last[:, 1] * force[:, 0])
     verdict.within("turn of a force that is released [N^2]", np.where(safe, turned, 0.0), 1e-8)
-    calm = ~wrong & np.r_[True, ~wrong[:-1]] & np.r_[True, True, ~wrong[:-2]] & ~jumped & ~dear
+    sound = one.faults.kind == ""
+    calm = sound & np.r_[True, sound[:-1]] & np.r_[True, True, sound[:-2]] & ~jumped & ~dear
     verdict.holds("sound inputs are acted on again", ~safe | ~calm, str(set(reasons[safe & calm])))
 
     asked, flagged = one.wanted, answers.yielded & 4 != 0
