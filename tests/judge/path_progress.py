@@ -2,7 +2,8 @@
 
 Judged on paths made of straight stretches that cross each other or lie side by side, closer than the field is wide,
 walked by hands that stay near them, forwards and backwards: the progress that is told is the length that the hand has
-walked, to three widths (at a sharp corner either side is as near), and the force that is wanted pulls across the stretch where the hand is, not towards the other one.
+walked, to three widths, and the force that is wanted pulls across the stretch where the hand is, not towards the other
+one. Corners are of 45 degrees and more: about one of a few degrees a hand may go either way within a width.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ PROMISES = (
 )  # fmt: skip
 LEAST = {"near another branch": 20_000, "backwards": 100_000, "on a straight stretch": 200_000}
 CI_TICKS = 12_000
-SHAPES = ("cross", "hairpin", "zigzag")
+SHAPES = ("cross", "hairpin", "meander")
 
 
 def corners(rng: np.random.Generator, shape: str, width: float) -> np.ndarray:
@@ -39,7 +40,7 @@ def corners(rng: np.random.Generator, shape: str, width: float) -> np.ndarray:
     elif shape == "hairpin":  # there and back, side by side
         found = np.array([[0.0, 0.0], [size, 0.0], [size, 2.5 * width], [0.0, 2.5 * width]])
     else:
-        found = np.array([[k % 2 * size, k * 4 * width] for k in range(6)])
+        found = np.array([[(k + 1) // 2 % 2 * size, k // 2 * 4 * width] for k in range(6)])
     angle = rng.uniform(0, 2 * math.pi)
     turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
     return np.asarray(found @ turn.T)
