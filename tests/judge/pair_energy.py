@@ -27,7 +27,8 @@ PROMISES = (
             "sides."),
 )  # fmt: skip
 LEAST = {"both tanks nearly empty": 1000, "hand greedy": 100_000, "hand shuttle": 100_000,
-         "before the first message": 1000,         "equal power compared": 20_000, "status released": 1000, "disabled": 3000}  # fmt: skip
+         "before the first message": 1000, "equal power compared": 20_000,
+         "status released": 1000, "disabled": 3000}  # fmt: skip
 CI_TICKS = 10_000
 SHARE = 0.5
 SOURCE, TARGET = ((0.2, 0.15), (-0.17, 0.5)), ((0.07, 0.05), (-0.15, 0.45))

@@ -28,7 +28,8 @@ PROMISES = (
     Promise("rehab_opt/control/path_assistance.py", "Share of the path, 0 to 1, at which the hand is."),
 )  # fmt: skip
 LEAST = {"near another branch": 20_000, "backwards": 100_000, "on a straight stretch": 200_000}
-CI_TICKS = 12_000
+CI_TICKS = 6000
+SHARE = 0.2
 SHAPES = ("cross", "hairpin", "meander")
 
 
