@@ -28,12 +28,14 @@ class Schedule(NamedTuple):
     stamp: list[Any]
 
 
-def schedule(rng: np.random.Generator, ticks: int, dt: float, kinds: tuple[str, ...], *, every: float) -> Schedule:
-    """Faults of one tick to 0.3 s, one each `every` seconds on average, never in the first tick."""
+def schedule(
+    rng: np.random.Generator, ticks: int, dt: float, kinds: tuple[str, ...], *, every: float, longest: float = 0.3
+) -> Schedule:
+    """Faults of one tick to `longest` s, one each `every` seconds on average, never in the first tick."""
     kind = np.full(ticks, "", dtype="U16")
     k = 1 + int(rng.exponential(every) / dt) if math.isfinite(every) else ticks
     while k < ticks:
-        lasts = 1 if rng.random() < 0.5 else max(int(rng.uniform(0.0, 0.3) / dt), 1)
+        lasts = 1 if rng.random() < 0.5 else max(int(rng.uniform(0.0, longest) / dt), 1)
         kind[k : k + lasts] = rng.choice(kinds)
         k += lasts + 1 + int(rng.exponential(every) / dt)
     number, index = rng.choice(NO_NUMBERS, ticks), rng.integers(0, 1000, ticks)

@@ -30,7 +30,7 @@ PROMISES = (
 )  # fmt: skip
 LEAST = {"at the velocity bound": 5000, "at the acceleration bound": 5000, "at the jerk bound": 20_000,
          "at a position bound": 5000, "outside a position bound": 2000, "status braking": 1000, "status holding": 2000,
-         "on a target that is held": 20_000, "on a target that moves": 300, "reason disabled": 1000}  # fmt: skip
+         "on a target that is held": 20_000, "on a target that moves": 300, "long after a fault": 5000, "reason disabled": 1000}  # fmt: skip
 CI_TICKS = 24_000
 FAULTS = ("target", "disabled", *STAMPS)
 KINDS = ("steps", "person", "sudden", "steady", "held")
@@ -82,7 +82,7 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator, *, faults: 
     kind, ticks = str(rng.choice(KINDS)), run_length(rng, number, dt, seconds=20.0)
     verdict.begin(number, f"{kind}, {axes} axes, dt {dt:g}")
     goals, rates = targets(rng, kind, start, ticks, dt, velocity)
-    wrong = schedule(rng, ticks, dt, FAULTS, every=faults)
+    wrong = schedule(rng, ticks, dt, FAULTS, every=faults, longest=3.0)
     kinds, stamped = wrong.kind.tolist(), math.isfinite(faults)
     commands, told = [], np.empty((ticks, axes))
     for k in range(ticks):
@@ -121,9 +121,9 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator, *, faults: 
     rest = float(np.max(velocity / acceleration + 2 * acceleration / jerk)) + 4 * dt
     long = math.ceil(rest / dt) + 1
     count = np.cumsum(safe)
-    late = np.zeros(ticks, dtype=bool)
-    late[long:] = count[long:] - count[:-long] == long
-    verdict.holds("long after a fault the axes stand", still | ~late | out.any(axis=1))
+    after = np.zeros(ticks, dtype=bool)
+    after[long:] = count[long:] - count[:-long] == long
+    verdict.holds("long after a fault the axes stand", still | ~after | out.any(axis=1))
 
     near = 1e-9 * (1 + np.abs(goals))
     inside = ((goals >= lower) & (goals <= upper)).all(axis=1)
@@ -149,6 +149,7 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator, *, faults: 
     for name, share in zip(("velocity", "acceleration", "jerk"), shares, strict=True):
         verdict.during(f"at the {name} bound", (share > 1 - 1e-3).any(axis=1), dt)
     verdict.during("at a position bound", (np.minimum(ahead - lower, upper - ahead) < 1e-9).any(axis=1), dt)
+    verdict.during("long after a fault", after, dt)
     verdict.during("outside a position bound", out.any(axis=1), dt)
     verdict.during(f"target {kind}", np.ones(ticks, dtype=bool), dt)
 
