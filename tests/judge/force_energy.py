@@ -20,9 +20,9 @@ PROMISES = (
             "hand puts in"),
     Promise("rehab_opt/control/bounded_force.py", "[J] what may certainly still be delivered."),
 )  # fmt: skip
-LEAST = {"hand greedy": 50_000, "hand shuttle": 50_000, "nine tenths of the budget drawn": 2000,
-         "the tank holds the force back": 5000, "ticks that come late": 3000, "hand fast": 30_000,
-         "energy put in by the hand": 20_000, "the sensor is frozen, the hand moves": 1000}  # fmt: skip
+LEAST = {"hand greedy": 17_000, "hand shuttle": 32_000, "nine tenths of the budget drawn": 53,
+         "the tank holds the force back": 5000, "ticks that come late": 3000, "hand fast": 14_000,
+         "energy put in by the hand": 20_000, "the sensor is frozen, the hand moves": 53}  # fmt: skip
 CI_TICKS = 24_000
 SHARE = 1.5
 

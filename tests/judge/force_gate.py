@@ -21,7 +21,7 @@ PROMISES = (
             "nearest comfortable point, of `return_stiffness` [N/m] and at most `return_force` [N]."),
     Promise("rehab_opt/field/potential.py", "drag : k1 [N/m]: along the path the force is 2 k1 (length)."),
 )  # fmt: skip
-LEAST = {"therapy inside": 50_000, "therapy outside": 50_000, "task inside": 30_000, "task outside": 30_000,
+LEAST = {"therapy inside": 20_000, "therapy outside": 50_000, "task inside": 8000, "task outside": 24_000,
          "therapy long inside": 5000, "mode stretch": 20_000, "mode assist": 20_000, "mode resist": 20_000,
          "pull back at its largest": 3000}  # fmt: skip
 CI_TICKS = 20_000

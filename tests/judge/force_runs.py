@@ -74,11 +74,11 @@ def outline(rng: np.random.Generator) -> Array:
     return np.asarray(radius[:, None] * np.column_stack([np.cos(angle), np.sin(angle)]))
 
 
-def draw(rng: np.random.Generator) -> Settings:
+def draw(rng: np.random.Generator, number: int) -> Settings:
     """A mode, bounds and a person."""
     return Settings(
         dt=float(rng.choice(DTS)),
-        mode=str(rng.choice(THERAPY + TASK)),
+        mode=(THERAPY + TASK)[number % 5],
         force_limit=float(rng.choice([5.0, 30.0, 100.0])),
         slew_limit=float(rng.choice([50.0, 200.0, 1000.0, 5000.0])),
         budget=float(rng.choice([0.05, 0.5, 2.0, 20.0])),
@@ -132,7 +132,7 @@ def follow(
     hand: str | None = None,
 ) -> Run:
     """One run: a fault each `faults` s; with `late`, ticks that come late, and samples that are missed."""
-    dt, hand = given.dt, str(rng.choice(HANDS)) if hand is None else hand
+    dt, hand = given.dt, HANDS[number % len(HANDS)] if hand is None else hand
     ticks = run_length(rng, number, dt)
     wrong = schedule(rng, ticks, dt, FAULTS, every=faults)
     kinds, stamped = wrong.kind.tolist(), late or math.isfinite(faults)
@@ -197,7 +197,7 @@ def runs(
 ) -> Iterator[Run]:
     """Runs numbered from `first` until so many ticks are done; or the one that is asked for, if it is one of them."""
     for number, rng in numbered(verdict, ticks, only, first=first):
-        given = draw(rng)
+        given = draw(rng, number)
         run = follow(rng, number, given, make(rng, given), faults=faults, late=late)
         verdict.begin(number, f"{given.mode}, {run.hand} hand, dt {given.dt:g}")
         yield run

@@ -21,10 +21,11 @@ PROMISES = (
     Promise("README.md", "The arm keeps its branch (elbow, wrist, shoulder): a reference that crosses a singular "
             "surface is not followed across it."),
 )  # fmt: skip
-LEAST = {"at the floor": 10_000, "below the floor": 5000, "back above the floor": 20, "above the floor": 300_000,
+LEAST = {"at the floor": 250, "below the floor": 250, "back above the floor": 20, "above the floor": 103_000,
          "yielded acceleration": 20, "reason step shortened: the bounds' tangents promised too much": 5,
          "status braking": 100}  # fmt: skip
-CI_TICKS = 8000
+CI_TICKS = 4000
+SHARE = 0.2
 RECOVERED = 20.0
 
 

@@ -21,9 +21,9 @@ PROMISES = (
     Promise("README.md", "The floor, the hand speed, the planes and the largest deviation are checked on the true "
             "state at the end of each tick"),
 )  # fmt: skip
-LEAST = {"at the largest hand speed": 5000, "near the largest deviation": 2000, "status braking": 100,
+LEAST = {"at the largest hand speed": 250, "near the largest deviation": 250, "status braking": 100,
          "ticks of 20 ms at the largest hand speed": 50}  # fmt: skip
-CI_TICKS = 5000
+CI_TICKS = 4000
 SHARE = 0.2
 INSTANTS = (0.0, 0.25, 0.5, 0.75, 1.0)
 

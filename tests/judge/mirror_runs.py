@@ -117,7 +117,7 @@ def follow(rng: np.random.Generator, number: int, *, faults: float, planes: bool
     """One run: a fault each `faults` s; a share `below` of them begins below the floor."""
     under = bool(rng.random() < below)
     start = singular_posture(rng) + 0.02 * rng.standard_normal(6) if under else good_posture(rng, 0.35)
-    given, kind = draw(rng, start, planes=planes), str(rng.choice(KINDS))
+    given, kind = draw(rng, start, planes=planes), KINDS[-1 - number % len(KINDS)]
     dt, control = given.dt, tracker(given)
     ticks = run_length(rng, number, dt)
     moving = max(ticks - round(REST / dt), ticks // 2)

@@ -29,9 +29,9 @@ PROMISES = (
             "rest, until the force is below again."),
     Promise("rehab_opt/control/interaction.py", "[N] from which the reference slows down."),
 )  # fmt: skip
-LEAST = {"late": 50_000, "waiting": 2000, "caught up": 300, "pushed": 20_000, "pushed to the limit": 2000,
+LEAST = {"late": 32_000, "waiting": 2000, "caught up": 176, "pushed": 20_000, "pushed to the limit": 2000,
          "status braking": 500, "status holding": 2000, "fault disabled": 100}  # fmt: skip
-CI_TICKS = 6000
+CI_TICKS = 4500
 SHARE = 0.2
 
 

@@ -28,5 +28,5 @@ def numbered(
 
 def run_length(rng: np.random.Generator, number: int, dt: float, *, seconds: float = 30.0) -> int:
     """Ticks of one run: short, so that there are many; every fortieth up to 30 000, none longer than so many s."""
-    ticks = 30_000 if number % 40 == 39 else 4000 if number % 10 == 9 else int(rng.choice([300, 600, 1500]))
+    ticks = 30_000 if number % 40 == 39 else 4000 if number % 20 == 19 else int(rng.choice([300, 300, 500, 1500]))
     return min(ticks, round(seconds / dt))

@@ -21,7 +21,7 @@ PROMISES = (
     Promise("rehab_opt/control/pose_tracker.py", "the dead-man input; anything but true decelerates to rest."),
     Promise("rehab_opt/control/command.py", "Why this is not a plain OK; empty otherwise."),
 )  # fmt: skip
-LEAST = {"status braking": 10_000, "status holding": 10_000, "reason not enabled": 1000, "reason stamp repeated": 500,
+LEAST = {"status braking": 3000, "status holding": 10_000, "reason not enabled": 1000, "reason stamp repeated": 500,
          "reason q[#] is #, not a usable number": 1000, "reason pose is not a rigid transform": 500,
          "reason twist[#] is #, not a usable number": 500, "reason pose[#, #] is #, not a usable number": 500,
          "reason stamp is not finite": 500, "reason stamp is missing": 500, "fault gap": 20,
