@@ -10,7 +10,6 @@ import os
 import platform
 import secrets
 import sys
-import time
 from concurrent.futures import ProcessPoolExecutor
 from datetime import UTC, datetime
 from multiprocessing import get_context
@@ -19,20 +18,12 @@ import casadi
 import numpy as np
 import scipy
 
-from tests.judge.verdict import ROOT, Verdict, judges
+from tests.judge.verdict import ROOT, Verdict, hearing, judges
 
 RESULTS = ROOT / "bench" / "RESULTS.md"
 BEGIN, END = "<!-- judge: begin -->", "<!-- judge: end -->"
 SPREAD = 1_000_003
 """Between the seeds of two parts of one campaign."""
-
-
-def one(name: str, ticks: int, seed: int, only: int | None) -> Verdict:
-    """One promise's runs of one seed."""
-    begun = time.perf_counter()
-    verdict: Verdict = judges([name])[name].run(ticks, seed, only=only)
-    verdict.took = time.perf_counter() - begun
-    return verdict
 
 
 def parts(names: list[str], ticks: int, seed: int, pieces: int) -> list[tuple[str, int, int]]:
@@ -57,7 +48,7 @@ def table(verdicts: dict[str, Verdict]) -> list[str]:
         lines += [f"| {name} | {claim} | {value:.6g} | {bound:.6g} |" for claim, (value, bound) in each.worst.items()]
     lines += ["", "| judge | situation | ticks | seconds | longest [s] | least ticks |", "|---|---|---|---|---|---|"]
     for name, each in verdicts.items():
-        asked = {key: int(least * each.ticks / 1e6) for key, least in each.least.items()}
+        asked = each.asked
         for key in sorted({*each.seen, *asked}):
             seen = each.seen.get(key)
             counts = f"{seen.ticks} | {seen.seconds:.1f} | {seen.longest:.2f}" if seen else "0 | 0 | 0"
@@ -81,7 +72,7 @@ def head(command: str, seed: int) -> list[str]:
         "## The judge",
         "",
         f"{datetime.now(UTC):%Y-%m-%d}, {os.cpu_count()} cores, {platform.machine()}, {platform.system()}; {versions}, "
-        f"CasADi {casadi.__version__}; seed {seed}.",
+        f"CasADi {casadi.__version__}; REHAB_OPT_COMPILE={os.environ.get('REHAB_OPT_COMPILE', '1')}; seed {seed}.",
         "",
         f"    {command}",
         "",
@@ -104,7 +95,7 @@ def main() -> int:
     verdicts: dict[str, Verdict] = {}
     with ProcessPoolExecutor(options.processes, mp_context=get_context("spawn")) as pool:
         work = parts(names, options.ticks, seed, options.processes)
-        for verdict in pool.map(one, *zip(*work, strict=True), [options.run] * len(work)):
+        for verdict in pool.map(hearing, *zip(*work, strict=True), [options.run] * len(work)):
             if verdict.name in verdicts:
                 verdicts[verdict.name].add(verdict)
             else:

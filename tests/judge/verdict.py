@@ -7,6 +7,7 @@ import importlib
 import math
 import pkgutil
 import re
+import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -20,6 +21,8 @@ from rehab_opt import Bound, Command
 
 ROOT = Path(__file__).resolve().parents[2]
 NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*(?:e[-+]?\d+)?|\binf\b|\bnan\b)", re.IGNORECASE)
+WHOLE, COMMON = 500_000, 100
+"""Ticks from which all least counts are asked for; a shorter slice must show what it should have this many ticks of."""
 MOST_SHOWN = 5
 """Broken claims of one kind that are kept with their numbers; all are counted."""
 
@@ -161,11 +164,16 @@ class Verdict:
         return found
 
     @property
+    def asked(self) -> dict[str, int]:
+        """Situation -> least ticks of a run of this length; of a slice, that what is common was there at all."""
+        least = {name: per_million * self.ticks / 1e6 for name, per_million in self.least.items()}
+        return {name: int(each) if self.ticks >= WHOLE else int(each >= COMMON) for name, each in least.items()}
+
+    @property
     def missed(self) -> dict[str, tuple[int, int]]:
-        """Situation -> ticks seen, ticks asked, where these are more; a short run is not asked for what is rare."""
-        asked = {name: math.floor(least * self.ticks / 1e6) for name, least in self.least.items()}
-        counts = {name: self.seen[name].ticks if name in self.seen else 0 for name in asked}
-        return {name: (counts[name], asked[name]) for name in asked if counts[name] < asked[name]}
+        """Situation -> ticks seen, ticks asked, where these are more."""
+        counts = {name: self.seen[name].ticks if name in self.seen else 0 for name in self.least}
+        return {name: (counts[name], asked) for name, asked in self.asked.items() if counts[name] < asked}
 
     def add(self, other: Verdict) -> None:
         """What another process found for the same promise."""
@@ -227,3 +235,11 @@ def judges(names: Iterable[str] | None = None) -> dict[str, ModuleType]:
     if unknown:
         raise SystemExit(f"no judge of {', '.join(unknown)}; there are {', '.join(found)}")
     return {name: found[name] for name in chosen}
+
+
+def hearing(name: str, ticks: int, seed: int, only: int | None) -> Verdict:
+    """One promise's runs of one seed; here, and not in `__main__`, so that a spawned process finds it."""
+    begun = time.perf_counter()
+    verdict: Verdict = judges([name])[name].run(ticks, seed, only=only)
+    verdict.took = time.perf_counter() - begun
+    return verdict
