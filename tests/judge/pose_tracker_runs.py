@@ -112,6 +112,10 @@ def follow(rng: np.random.Generator, number: int, *, faults: float, pushes: floa
         q[k + 1] = q[k] + dt * command.value
         if pushed[k]:
             q[k + 1] += rng.choice([1e-3, 0.03, 0.3]) * rng.standard_normal(6)
+            if rng.random() < 0.5:  # the fastest joint to where it has no room left to stop in
+                i = int(np.argmax(np.abs(command.value)))
+                left = 0.5 * dt * command.value[i]
+                q[k + 1, i] = (given.upper[i] if left > 0 else given.lower[i]) - left
     return Run(given, kind, q, commands, poses, twists, wrong, pushed)
 
 
