@@ -62,14 +62,14 @@ def judge(verdict: Verdict, one: Run) -> None:
     safe = np.isin(status, ("releasing", "released"))
     wrong = expected(one.faults) & ~((one.faults.kind == "v") & np.isnan(one.velocity[:, 0]))
     verdict.holds("what cannot be used is not acted on", safe | ~wrong)
-    verdict.holds("a fast hand is let go", (size == 0) | ~jumped | wrong | np.r_[True, wrong[:-1]])
+    sound = one.faults.kind == ""
+    verdict.holds("a fast hand is let go", (size == 0) | ~jumped | ~sound | np.r_[True, ~sound[:-1]])
     verdict.holds("a release has its reason, a plain answer none", (reasons != "") == (status != "ok"))
     verdict.holds("released is no force, releasing is one", (status == "released") == (safe & (size == 0)))
     fallen = np.maximum(np.linalg.norm(last, axis=1) - step, 0.0)
     verdict.within("force while it is released [N]", np.where(safe, size - fallen, 0.0), 1e-9)
     turned = np.abs(last[:, 0] * force[:, 1] - last[:, 1] * force[:, 0])
     verdict.within("turn of a force that is released [N^2]", np.where(safe, turned, 0.0), 1e-8)
-    sound = one.faults.kind == ""
     calm = sound & np.r_[True, sound[:-1]] & np.r_[True, True, sound[:-2]] & ~jumped & ~dear
     verdict.holds("sound inputs are acted on again", ~safe | ~calm, str(set(reasons[safe & calm])))
 

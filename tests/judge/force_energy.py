@@ -1,8 +1,9 @@
 """The energy that an assisting force delivers, whatever the hand does below the speed cap.
 
 Judged by the work of the force that was sent on the true way of the hand: no stretch of a run, from any tick to any
-later one, delivers more than the budget, through late ticks, missed samples, frozen and broken sensors. A hand that
-jumps may draw the force limit times its jumps more. And the energy that is told to be left is never more than there is.
+later one, delivers more than the budget, also where ticks come late; with missed samples, frozen and broken sensors no
+more since the beginning, net of what the hand put in. A hand that jumps may draw the force limit times its jumps more.
+And the energy that is told to be left is never more than there is.
 """
 
 from __future__ import annotations
@@ -56,9 +57,14 @@ def judge(verdict: Verdict, one: Run) -> None:
         jumps = given.force_limit * float(np.linalg.norm(moved[one.fast], axis=1).sum())
         verdict.within("energy drawn by a hand that jumps, over budget and jumps", taken.max() / (given.budget + jumps),
                        1 + 1e-9)  # fmt: skip
-    else:
+    elif (one.faults.kind == "").all():
         verdict.within("energy drawn over the budget", taken.max() / given.budget, 1 + 1e-9)
         verdict.within("energy told to be left beyond what is [J]", one.left - (given.budget - taken[:-1]), 1e-9)
+    else:  # what a hand puts in unseen counts against what it draws unseen
+        total = np.cumsum(work)
+        verdict.within("energy drawn over the budget, in all", total.max() / given.budget, 1 + 1e-9)
+        left = given.budget - np.r_[0.0, total[:-1]]
+        verdict.within("energy told to be left beyond what is in all [J]", one.left - left, 1e-9)
     verdict.within("energy told to be left over the budget", one.left / given.budget, 1 + 1e-12)
     size, need = np.linalg.norm(answers.value, axis=1), np.linalg.norm(one.wanted, axis=1)
     tight = (size < 0.9 * np.minimum(need, given.force_limit)) & (one.left < 0.3 * given.budget)
