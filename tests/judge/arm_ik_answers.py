@@ -1,0 +1,133 @@
+"""`ArmIK` for a person's arm: in its limits, the handle upright, the hand in place, and true about all of it.
+
+Judged with the arm of Table I (Rossa et al.) written down once more, by brute force: no random posture within limits
+and tilt has its hand nearer to an unreachable target, and none of those near an answer holds the hand for less cost.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.optimize import minimize
+
+from rehab_opt import ArmIK, human_arm
+from tests.judge.numbering import numbered
+from tests.judge.verdict import Promise, Verdict
+
+PROMISES = (
+    Promise("rehab_opt/control/arm_ik.py", "Posture of least cost with the hand at a position, the handle upright and "
+            "every joint inside its limits."),
+    Promise("rehab_opt/control/arm_ik.py", "where the position cannot be reached, the posture with the hand nearest to "
+            "it. `solve` and `follow` answer to any numbers; q is always finite and inside its limits."),
+    Promise("rehab_opt/control/ik_answer.py", "[m] distance from the hand to the target; infinite where the target is "
+            "not a number."),
+    Promise("rehab_opt/control/ik_answer.py", "[rad] angle between the handle and the vertical."),
+)  # fmt: skip
+LEAST = {"status ok": 141_000, "status unreachable": 28_000, "status holding": 2000, "range regular": 100_000,
+         "range restricted": 66_000, "followed": 66_000}  # fmt: skip
+CI_TICKS = 300
+SHARE = 0.002
+LENGTHS = (0.130, 0.290, 0.300, 0.070)
+RANGES = {
+    "regular": [(170, 195), (-20, 10), (50, 90), (20, 80), (0, 70), (-50, 60), (-45, -30), (10, 50)],
+    "restricted": [(180, 180), (0, 5), (70, 90), (30, 70), (30, 60), (30, 60), (-30, -30), (40, 45)],
+}
+REST = np.deg2rad([180.0, 0.0, 90.0, 0.0, 0.0, 0.0, -90.0, 0.0])
+PLACE = 1e-6
+"""[m] A hand nearer than this is in place."""
+
+
+def hand(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(N, 3) [m] places and (N, 3) handle axes of a left arm at q (N, 8), in the shoulder's frame."""
+    l0, l1, l2, l3 = LENGTHS
+    rows = [(l0, 0, 0), (0, -1, 0), (0, -1, 0), (l1, 0, 0), (l2, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, l3)]
+    pose = np.repeat(np.eye(4)[None], len(q), axis=0)
+    for i, (a, quarter, d) in enumerate(rows):
+        c, s, row = np.cos(q[:, i]), np.sin(q[:, i]), np.zeros((len(q), 4, 4))
+        ca, sa = (1.0, 0.0) if quarter == 0 else (0.0, float(quarter))
+        row[:, 0] = np.column_stack([c, -s * ca, s * sa, a * c])
+        row[:, 1] = np.column_stack([s, c * ca, -c * sa, a * s])
+        row[:, 2, 1], row[:, 2, 2], row[:, 2, 3], row[:, 3, 3] = sa, ca, d, 1.0
+        pose = pose @ row
+    return pose[:, :3, 3], pose[:, :3, 0]
+
+
+def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
+    """Arms; an answer counts as a tick."""
+    verdict = Verdict("arm_ik_answers", seed, LEAST)
+    for number, rng in numbered(verdict, ticks, only):
+        one_run(verdict, number, rng)
+    return verdict
+
+
+def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
+    """One arm, forty targets and a path."""
+    name = ("regular", "restricted")[number % 2]
+    lower, upper = np.deg2rad(np.array(RANGES[name], dtype=float)).T
+    tilt = (math.radians(2.0), math.radians(10.0), None)[int(rng.integers(3))]
+    ik = ArmIK(human_arm(range_of_motion=name), handle_tilt=tilt, compile=False)
+    verdict.begin(number, f"{name}, tilt {tilt}")
+    targets = hand(rng.uniform(lower, upper, (40, 8)))[0]
+    targets[30:37] += rng.standard_normal((7, 3)) * rng.choice([0.05, 1.0, 100.0], (7, 1))
+    targets[37], targets[38], targets[39, 1] = math.nan, 1e300, -math.inf
+    answers = [ik.solve(each) for each in targets]
+    way = np.linspace(0, 1, 20)[:, None]
+    path = targets[0] + way * (targets[1] - targets[0])
+    path[7] = math.nan
+    followed = ik.follow(path)
+    q = np.concatenate([[each.q for each in answers], followed.q])
+    goals = np.concatenate([targets, path])
+    status = np.array([each.status.value for each in answers] + [each.value for each in followed.status])
+    told = np.concatenate([[each.position_error for each in answers], followed.position_error])
+    slope = np.concatenate([[each.handle_tilt for each in answers], followed.handle_tilt])
+    reason = np.array([each.reason for each in answers] + followed.reason)
+    verdict.ticks += len(q)
+
+    verdict.holds("q is finite", np.isfinite(q))
+    verdict.within("q outside its limits [rad]", np.maximum(lower - q, q - upper), 1e-12)
+    places, handles = hand(q)
+    numbers = np.isfinite(goals).all(axis=1)
+    away = np.where(numbers[:, None], goals, 0.0) - places
+    most = np.abs(away).max(axis=1)  # squares of 1e300 would be none
+    true = np.where(numbers, most * np.linalg.norm(away / np.maximum(most, 1e-300)[:, None], axis=1), math.inf)
+    verdict.holds("the position error is what it is", np.isclose(told, true, rtol=1e-9, atol=1e-9))
+    lean = np.arctan2(np.hypot(handles[:, 0], handles[:, 1]), handles[:, 2])
+    verdict.within("error of the tilt [rad]", np.abs(slope - lean), 1e-9)
+    solved = np.isin(status, ("ok", "backup"))
+    verdict.within("hand of a solved target away from it [m]", np.where(solved, true, 0.0), PLACE)
+    if tilt is not None:
+        verdict.within("tilt of a handle [rad]", np.where(status == "holding", 0.0, lean), tilt + 1e-7)
+    verdict.holds("a plain answer has no reason, another one has", (reason == "") == (status == "ok"))
+    verdict.holds("no number is answered by holding", (status == "holding") == ~numbers)
+    verdict.holds("whoever is in place is not called unreachable", (true > PLACE) | (status != "unreachable"))
+    drawn = rng.uniform(lower, upper, (20_000, 8))
+    where, upright = hand(drawn)
+    fits = np.ones(len(drawn), dtype=bool) if tilt is None else upright[:, 2] >= math.cos(tilt)
+    for k in np.flatnonzero((status == "unreachable") & numbers & (true < 1e3)).tolist():
+        nearest = np.linalg.norm(where[fits] - goals[k], axis=1).min(initial=math.inf)
+        verdict.within("unreachable: hand further away than a random posture's [m]", true[k] - nearest, 1e-6)
+    verdict.holds("what a posture of the arm reaches is reached", solved[:30] | (tilt is not None))
+    weight = 1.0 / np.clip(upper - lower, 0.1, 2 * math.pi) ** 2
+    rest = np.clip(REST, lower, upper)
+    for k in np.flatnonzero(status[:30] == "ok")[:4].tolist():
+        cost = 0.5 * float(weight @ (q[k] - rest) ** 2)
+        better = _cheaper(q[k], goals[k], lower, upper, weight, rest, tilt)
+        verdict.within("posture cost over one found nearby by another solver", (cost - better) / (1e-6 + cost), 1e-3)
+    for each in ("ok", "backup", "unreachable", "holding"):
+        verdict.during(f"status {each}", status == each, 1.0)
+    verdict.during(f"range {name}", np.ones(len(q), dtype=bool), 1.0)
+    verdict.during("followed", np.arange(len(q)) >= 40, 1.0)
+
+
+def _cheaper(q: np.ndarray, goal: np.ndarray, lower: np.ndarray, upper: np.ndarray, weight: np.ndarray,
+             rest: np.ndarray, tilt: float | None) -> float:  # fmt: skip
+    """Least cost that scipy finds from an answer."""
+    held = [{"type": "eq", "fun": lambda x: (hand(x[None])[0][0] - goal) * 10}]
+    if tilt is not None:
+        held.append({"type": "ineq", "fun": lambda x: hand(x[None])[1][0, 2] - math.cos(tilt)})
+    found = minimize(lambda x: 0.5 * float(weight @ (x - rest) ** 2), q, bounds=list(zip(lower, upper, strict=True)),
+                     constraints=held, method="SLSQP", options={"maxiter": 60, "ftol": 1e-12})  # fmt: skip
+    place, handle = hand(np.clip(found.x, lower, upper)[None])
+    kept = np.linalg.norm(place[0] - goal) < PLACE and (tilt is None or handle[0, 2] >= math.cos(tilt) - 1e-9)
+    return float(found.fun) if kept else math.inf

@@ -1,0 +1,95 @@
+"""Size and slew of an assisting force, what faults and the dead-man switch do to it, and what it says of itself.
+
+Judged in every tick. A slew beyond its bound must be flagged, with a reason; without jumps, with energy left and
+without faults there is none. A force that every bound has room for is the wanted one.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tests.judge.force_runs import Run, runs
+from tests.judge.sensor_faults import expected
+from tests.judge.verdict import Promise, Verdict
+
+PROMISES = (
+    Promise("rehab_opt/control/bounded_force.py", "The force bound holds exactly and always. The slew bound holds but "
+            "for a flagged release (`Bound.SLEW`): the force is zero at once when the hand moves faster than "
+            "`speed_cap`, or the energy left no longer affords a release within the slew bound."),
+    Promise("rehab_opt/control/bounded_force.py", "A missing answer, a sensor value that is no number, a stale stamp, "
+            "an open dead-man switch: the force falls to zero within the slew bound."),
+    Promise("rehab_opt/control/bounded_force.py", "Never raises on numbers: what is not usable gives a release, and "
+            "its reason."),
+    Promise("rehab_opt/control/command.py", "of assistance: of the wanted force, along it."),
+)  # fmt: skip
+LEAST = {"at the force limit": 2000, "at the slew limit": 14_000, "yielded slew": 50, "wanted in full": 14_000,
+         "status releasing": 81, "status released": 5000, "reason not enabled": 300,
+         "reason x is (#, #), not a usable position": 300}  # fmt: skip
+CI_TICKS = 24_000
+
+
+def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
+    """Half without faults, half with."""
+    verdict = Verdict("force_bounds", seed, LEAST)
+    for each in runs(verdict, ticks // 2, only):
+        judge(verdict, each)
+    for each in runs(verdict, ticks // 2, only, faults=0.3, first=1_000_000):
+        judge(verdict, each)
+    return verdict
+
+
+def judge(verdict: Verdict, one: Run) -> None:
+    """Every bound of the force in every tick."""
+    given, dt = one.settings, one.settings.dt
+    answers = verdict.answers(one.commands, dt)
+    force, reasons, status = answers.value, answers.reason, answers.status
+    size = np.linalg.norm(force, axis=1)
+    last = np.vstack([np.zeros(2), force[:-1]])
+    step = given.slew_limit * dt
+    change = np.linalg.norm(force - last, axis=1)
+    verdict.holds("the command is finite", np.isfinite(force))
+    verdict.within("force over its limit", size / given.force_limit, 1.0)
+    slewed = answers.yielded & 8 != 0
+    verdict.within("change of force over the slew bound", np.where(slewed, 0.0, change / step), 1 + 1e-9)
+    verdict.holds("what is flagged is a release at once", ~slewed | ((size == 0) & (change > step)))
+    sudden = np.isin(reasons, ("energy left does not afford a slower release", "hand moves at # m/s, at most # m/s",
+                               "position moved # m in # s, at most # m/s"))  # fmt: skip
+    verdict.holds("a release at once has its reason", ~slewed | sudden)
+    jumped = np.r_[False, one.fast[:-1]] | (np.linalg.norm(np.nan_to_num(one.velocity), axis=1) > given.speed_cap)
+    dear = reasons == "energy left does not afford a slower release"
+    strange = sudden & ~dear & (one.faults.kind == "") & np.r_[True, one.faults.kind[:-1] == ""]
+    verdict.holds("a hand is let go for its speed where it was fast", ~strange | jumped)
+    safe = np.isin(status, ("releasing", "released"))
+    wrong = expected(one.faults) & ~((one.faults.kind == "v") & np.isnan(one.velocity[:, 0]))
+    verdict.holds("what cannot be used is not acted on", safe | ~wrong)
+    sound = one.faults.kind == ""
+    verdict.holds("a fast hand is let go", (size == 0) | ~jumped | ~sound | np.r_[True, ~sound[:-1]])
+    verdict.holds("a release has its reason, a plain answer none", (reasons != "") == (status != "ok"))
+    verdict.holds("released is no force, releasing is one", (status == "released") == (safe & (size == 0)))
+    fallen = np.maximum(np.linalg.norm(last, axis=1) - step, 0.0)
+    verdict.within("force while it is released [N]", np.where(safe, size - fallen, 0.0), 1e-9)
+    turned = np.abs(last[:, 0] * force[:, 1] - last[:, 1] * force[:, 0])
+    verdict.within("turn of a force that is released [N^2]", np.where(safe, turned, 0.0), 1e-8)
+    calm = sound & np.r_[True, sound[:-1]] & np.r_[True, True, sound[:-2]] & ~jumped & ~dear
+    verdict.holds("sound inputs are acted on again", ~safe | ~calm, str(set(reasons[safe & calm])))
+
+    asked, flagged = one.wanted, answers.yielded & 4 != 0
+    need, off = np.linalg.norm(asked, axis=1), np.linalg.norm(force - asked, axis=1)
+    verdict.holds("a force other than the wanted one is flagged", flagged | (off <= 1.001e-6 * need + 2e-12) | safe)
+    verdict.holds("what is flagged is another force", ~flagged | (off > 0.999e-6 * need + 0.9e-12) | safe)
+    along = np.clip(np.einsum("ni,ni->n", force, asked) / np.maximum(need, 1e-12) ** 2, 0, 1)
+    told = np.where(safe, 0.0, np.where(flagged, np.where(need > 1e-12, along, 0.0), 1.0))
+    verdict.within("error of the scale", np.abs(answers.scale - told), 1e-9)
+    room = (need < 0.999 * given.force_limit) & (np.linalg.norm(asked - last, axis=1) < 0.999 * step)
+    rich = one.left > need * given.speed_cap * max(0.05, 3 * dt) + need**2 * given.speed_cap / given.slew_limit
+    rich &= one.left > 1.5 * need * given.speed_cap * dt
+    verdict.holds("the wanted force is sent where every bound has room for it", ~(room & rich) | safe | ~flagged)
+
+    verdict.during("at the force limit", size > given.force_limit * (1 - 1e-9), dt)
+    verdict.during("at the slew limit", change > step * (1 - 1e-9), dt)
+    verdict.during("wanted in full", ~safe & ~flagged & (need > 0), dt)
+    for name in (f"mode {given.mode}", f"hand {one.hand}"):
+        verdict.during(name, np.ones(len(force), dtype=bool), dt)
+    for kind in np.unique(one.faults.kind):
+        if kind:
+            verdict.during(f"fault {kind}", one.faults.kind == kind, dt)

@@ -1,0 +1,77 @@
+"""The energy that an assisting force delivers, whatever the hand does below the speed cap.
+
+Judged by the work of the force that was sent on the true way of the hand: no stretch of a run, from any tick to any
+later one, delivers more than the budget, also where ticks come late; with missed samples, frozen and broken sensors no
+more since the beginning, net of what the hand put in. A hand that jumps may draw the force limit times its jumps more.
+And the energy that is told to be left is never more than there is.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tests.judge.force_runs import Run, runs
+from tests.judge.verdict import Promise, Verdict
+
+PROMISES = (
+    Promise("rehab_opt/control/bounded_force.py", "The energy delivered stays within the budget as long as the hand "
+            "stays below the speed cap and ticks come within `max_age`; a faster hand can draw the force limit times "
+            "its jump more, once, before the release."),
+    Promise("rehab_opt/control/bounded_force.py", "what may be delivered to the hand until `reset`, net of what the "
+            "hand puts in"),
+    Promise("rehab_opt/control/bounded_force.py", "[J] what may certainly still be delivered."),
+)  # fmt: skip
+LEAST = {"hand greedy": 17_000, "hand shuttle": 32_000, "nine tenths of the budget drawn": 53,
+         "the tank holds the force back": 5000, "ticks that come late": 3000, "hand fast": 14_000,
+         "energy put in by the hand": 20_000, "the sensor is frozen, the hand moves": 53}  # fmt: skip
+CI_TICKS = 24_000
+SHARE = 1.5
+
+
+def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
+    """A third each: plain, with late ticks, and with faults."""
+    verdict = Verdict("force_energy", seed, LEAST)
+    for each in runs(verdict, ticks // 3, only):
+        judge(verdict, each)
+    for each in runs(verdict, ticks // 3, only, late=True, first=1_000_000):
+        judge(verdict, each)
+    for each in runs(verdict, ticks // 3, only, faults=0.3, first=2_000_000):
+        judge(verdict, each)
+    return verdict
+
+
+def drawn(work: np.ndarray) -> np.ndarray:
+    """(N + 1,) [J] the most that was delivered in a stretch that ends before each tick."""
+    total = np.concatenate([[0.0], np.cumsum(work)])
+    return np.asarray(total - np.minimum.accumulate(total))
+
+
+def judge(verdict: Verdict, one: Run) -> None:
+    """Work of the force, from every tick to every later one."""
+    given = one.settings
+    answers = verdict.answers(one.commands, one.seconds)
+    moved = np.diff(one.x, axis=0)
+    work = np.einsum("ni,ni->n", answers.value, moved)
+    taken = drawn(work)
+    if one.fast.any():
+        jumps = given.force_limit * float(np.linalg.norm(moved[one.fast], axis=1).sum())
+        verdict.within("energy drawn by a hand that jumps, over budget and jumps", taken.max() / (given.budget + jumps),
+                       1 + 1e-9)  # fmt: skip
+    elif (one.faults.kind == "").all():
+        verdict.within("energy drawn over the budget", taken.max() / given.budget, 1 + 1e-9)
+        verdict.within("energy told to be left beyond what is [J]", one.left - (given.budget - taken[:-1]), 1e-9)
+    else:  # what a hand puts in unseen counts against what it draws unseen
+        total = np.cumsum(work)
+        verdict.within("energy drawn over the budget, in all", total.max() / given.budget, 1 + 1e-9)
+        left = given.budget - np.r_[0.0, total[:-1]]
+        verdict.within("energy told to be left beyond what is in all [J]", one.left - left, 1e-9)
+    verdict.within("energy told to be left over the budget", one.left / given.budget, 1 + 1e-12)
+    size, need = np.linalg.norm(answers.value, axis=1), np.linalg.norm(one.wanted, axis=1)
+    tight = (size < 0.9 * np.minimum(need, given.force_limit)) & (one.left < 0.3 * given.budget)
+    verdict.during("the tank holds the force back", tight, one.seconds)
+    verdict.during("nine tenths of the budget drawn", taken[1:] > 0.9 * given.budget, one.seconds)
+    verdict.during("ticks that come late", one.seconds > 1.5 * given.dt, one.seconds)
+    verdict.during("energy put in by the hand", work < 0, one.seconds)
+    blind = (one.faults.kind == "frozen") & (size > 0) & moved.any(axis=1)
+    verdict.during("the sensor is frozen, the hand moves", blind, one.seconds)
+    verdict.during(f"hand {one.hand}", np.ones(len(work), dtype=bool), one.seconds)

@@ -1,0 +1,94 @@
+"""When assistance acts, and which force it wants there.
+
+Judged with the judge's own distance from the workspace's outline and with fields whose force is known in closed form:
+around a straight line of one stiffness the pull across it is -S times the distance, along it 2 k1 times the length that
+is left, or gone; of one point it is -S times the way. Points within 1e-9 m of the outline count for neither side.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tests.judge.force_runs import THERAPY, Run, runs, signed_distance
+from tests.judge.verdict import Promise, Verdict
+
+PROMISES = (
+    Promise("rehab_opt/control/assistance.py", "Inside the comfortable workspace a therapy mode wants no force: its "
+            "size never grows there, and is exactly zero after force_limit / slew_limit seconds."),
+    Promise("rehab_opt/control/gate.py", "stretch, assist, resist (therapy): nothing inside the comfortable workspace, "
+            "the field outside"),
+    Promise("rehab_opt/control/gate.py", "follow, hold (help in a task): the field inside; outside a pull back to the "
+            "nearest comfortable point, of `return_stiffness` [N/m] and at most `return_force` [N]."),
+    Promise("rehab_opt/field/potential.py", "drag : k1 [N/m]: along the path the force is 2 k1 (length)."),
+)  # fmt: skip
+LEAST = {"therapy inside": 20_000, "therapy outside": 50_000, "task inside": 8000, "task outside": 24_000,
+         "therapy long inside": 5000, "mode stretch": 20_000, "mode assist": 20_000, "mode resist": 20_000,
+         "pull back at its largest": 3000}  # fmt: skip
+CI_TICKS = 20_000
+LENGTH, MIDDLE, LINE = 0.6, 0.15, 0.02
+POINT = np.array([0.1, 0.02])
+
+
+def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
+    """Hands that go in and out; a quarter with faults."""
+    verdict = Verdict("force_gate", seed, LEAST)
+    for each in runs(verdict, 3 * ticks // 4, only):
+        judge(verdict, each)
+    for each in runs(verdict, ticks // 4, only, faults=0.5, first=1_000_000):
+        judge(verdict, each)
+    return verdict
+
+
+def judge(verdict: Verdict, one: Run) -> None:
+    """The gate in every tick."""
+    given, dt, x = one.settings, one.settings.dt, one.shown
+    answers = verdict.answers(one.commands, dt)
+    beyond, foot = signed_distance(given.outline, x)
+    inside, outside = beyond < -1e-9, beyond > 1e-9
+    size = np.linalg.norm(answers.value, axis=1)
+    acted = answers.status == "ok"
+    if given.mode in THERAPY:
+        grew = size - np.r_[0.0, size[:-1]]
+        verdict.within("growth of a therapy's force inside [N]", np.where(inside, grew, 0.0), 1e-12)
+        long = int(np.ceil(given.force_limit / (given.slew_limit * dt) + 1e-9)) + 1
+        count = np.cumsum(inside)
+        deep = np.zeros(len(x), dtype=bool)
+        deep[long:] = count[long:] - count[:-long] == long
+        verdict.within("therapy's force long inside [N]", np.where(deep, size, 0.0), 0.0)
+        wants = np.where(inside[:, None], one.wanted, 0.0)
+        verdict.within("force wanted by a therapy inside [N]", np.abs(wants), 0.0)
+        verdict.during("therapy inside", inside, dt)
+        verdict.during("therapy outside", outside, dt)
+        verdict.during("therapy long inside", deep, dt)
+        field, pulls = outside, np.zeros(len(x), dtype=bool)
+    else:
+        field, pulls = inside, outside
+        strong = np.minimum(given.return_stiffness * beyond, given.return_force)
+        back = strong[:, None] * (foot - x) / np.maximum(beyond, 1e-12)[:, None]
+        error = np.abs(one.wanted - back).max(axis=1)
+        corner = _two_feet(given.outline, x, beyond)
+        verdict.within("pull back to the workspace: error [N]", np.where(pulls & acted & ~corner, error, 0.0), 1e-6)
+        verdict.during("task inside", inside, dt)
+        verdict.during("task outside", outside, dt)
+        verdict.during("pull back at its largest", pulls & (given.return_stiffness * beyond > given.return_force), dt)
+    known = ~np.isnan(one.velocity[:, 0]) | (given.damping == 0)
+    damped = one.wanted + given.damping * np.nan_to_num(one.velocity)
+    asked = field & acted & known
+    scale = 1e-6 * (given.stiffness + 1)
+    if given.mode == "hold":
+        off = np.abs(damped - given.stiffness * (POINT - x)).max(axis=1)
+        verdict.within("spring to a point: error [N]", np.where(asked, off, 0.0), scale)
+    else:
+        across = np.abs(damped[:, 1] + given.stiffness * (x[:, 1] - LINE))
+        along = {"assist": 2 * 100.0 * (LENGTH / 2 - x[:, 0]), "resist": -2 * 60.0 * (LENGTH / 2 + x[:, 0])}
+        gone = np.abs(damped[:, 0] - along.get(given.mode, np.zeros(len(x))))
+        middle = np.abs(x[:, 0]) < MIDDLE
+        verdict.within("pull across a line: error [N]", np.where(asked & middle, across, 0.0), scale)
+        verdict.within("force along a line: error [N]", np.where(asked & middle, gone, 0.0), 1e-2)
+    verdict.during(f"mode {given.mode}", np.ones(len(x), dtype=bool), dt)
+
+
+def _two_feet(corners: np.ndarray, x: np.ndarray, beyond: np.ndarray) -> np.ndarray:
+    """Whether two places of the outline are as near, to rounding: either is the nearest."""
+    shifted = [signed_distance(np.roll(corners, k, axis=0), x + step)[1] for k, step in ((0, 1e-9), (1, -1e-9))]
+    return np.asarray(np.linalg.norm(shifted[0] - shifted[1], axis=1) > 1e-6) | ~np.isfinite(beyond)

@@ -1,0 +1,219 @@
+"""Runs of a force on a simulated hand, and the hands: people, greedy ones, ones that jump, sensors that freeze."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from rehab_opt import Assistance, BoundedForce, Command, PotentialField, Workspace
+from tests.judge.numbering import numbered, run_length
+from tests.judge.references import reaches, sudden, tremor
+from tests.judge.sensor_faults import STAMPS, Schedule, schedule
+from tests.judge.verdict import Verdict
+
+Array = NDArray[np.float64]
+
+DTS = (1e-3, 1e-3, 2e-3, 5e-3, 1e-2, 2e-2)
+FAULTS = ("x", "v", "frozen", "frozen", "disabled", *STAMPS)
+HANDS = ("person", "greedy", "shuttle", "held", "sudden", "fast")
+THERAPY, TASK = ("stretch", "assist", "resist"), ("follow", "hold")
+SPEED_CAP = 1.0
+
+
+class Settings(NamedTuple):
+    """What the force was told."""
+
+    dt: float
+    mode: str
+    force_limit: float
+    slew_limit: float
+    budget: float
+    speed_cap: float
+    stiffness: float
+    damping: float
+    return_stiffness: float
+    return_force: float
+    outline: Array
+    """(k, 2) [m] corners of the comfortable workspace."""
+
+
+class Run(NamedTuple):
+    """One run, one row a tick."""
+
+    settings: Settings
+    hand: str
+    x: Array
+    """(N + 1, 2) [m] where the hand truly was at each tick, and after the last."""
+    shown: Array
+    """(N, 2) [m] where the sensor last said it was."""
+    seconds: Array
+    """(N,) [s] from each tick to the next."""
+    commands: list[Command]
+    wanted: Array
+    """(N, 2) [N]"""
+    left: Array
+    """(N,) [J]"""
+    faults: Schedule
+    velocity: Array
+    """(N, 2) [m/s] that was told; NaN where none was."""
+    fast: NDArray[np.bool_]
+    """(N,) whether the hand was faster than the cap after this tick."""
+    controller: Any
+
+
+def outline(rng: np.random.Generator) -> Array:
+    """(k, 2) a workspace about the origin, sometimes with a dent."""
+    corners = int(rng.integers(4, 12))
+    angle = np.linspace(0, 2 * math.pi, corners, endpoint=False) + 0.3 * rng.uniform(-1, 1, corners) / corners
+    radius = rng.uniform(0.03, 0.09, corners)
+    return np.asarray(radius[:, None] * np.column_stack([np.cos(angle), np.sin(angle)]))
+
+
+def draw(rng: np.random.Generator, number: int) -> Settings:
+    """A mode, bounds and a person."""
+    return Settings(
+        dt=float(rng.choice(DTS)),
+        mode=(THERAPY + TASK)[number % 5],
+        force_limit=float(rng.choice([5.0, 30.0, 100.0])),
+        slew_limit=float(rng.choice([50.0, 200.0, 1000.0, 5000.0])),
+        budget=float(rng.choice([0.05, 0.5, 2.0, 20.0])),
+        speed_cap=float(rng.choice([0.5, SPEED_CAP, 2.0])),
+        stiffness=float(rng.choice([200.0, 1000.0, 4000.0])),
+        damping=float(rng.choice([0.0, 10.0])),
+        return_stiffness=float(rng.choice([200.0, 500.0])),
+        return_force=float(rng.choice([2.0, 10.0])),
+        outline=outline(rng),
+    )
+
+
+def field_of(rng: np.random.Generator, given: Settings) -> PotentialField:
+    """A field around a line through the workspace, or one point of it; its pull across the line is -S y, exactly."""
+    if given.mode == "hold":
+        return PotentialField(np.array([[0.1, 0.02]]), stiffness=given.stiffness, damping=given.damping, width=0.03,
+                              compile=False)  # fmt: skip
+    drag, along = {"assist": (100.0, "remaining"), "resist": (60.0, "travelled")}.get(given.mode, (0.0, "remaining"))
+    line = np.column_stack([np.linspace(-0.3, 0.3, 40), np.full(40, 0.02)])
+    return PotentialField(line, stiffness=given.stiffness, width=0.025, damping=given.damping, drag=drag,
+                          drag_along=along, rest_on_target=False, compile=False)  # type: ignore[arg-type]  # fmt: skip
+
+
+def assistance(rng: np.random.Generator, given: Settings, **options: Any) -> Assistance:
+    """The force that is judged."""
+    comfortable = Workspace(shapely.Polygon(given.outline), accuracy=0.0)
+    return Assistance(
+        field_of(rng, given), comfortable=comfortable, mode=given.mode, force_limit=given.force_limit,  # type: ignore[arg-type]
+        slew_limit=given.slew_limit, energy_budget=given.budget, speed_cap=given.speed_cap, dt=given.dt,
+        return_stiffness=given.return_stiffness, return_force=given.return_force, compile=False, **options,
+    )  # fmt: skip
+
+
+def hand_path(rng: np.random.Generator, hand: str, ticks: int, dt: float) -> Array:
+    """(ticks + 1, 2) where a hand would go whatever the force."""
+    path = reaches(rng, rng.uniform(-0.1, 0.1, 2), ticks + 1, dt, size=float(rng.choice([0.05, 0.2])))
+    path = path + tremor(rng, ticks + 1, dt, size=float(rng.choice([0.0, 2e-3, 0.01])), axes=2)
+    if hand == "held":
+        return np.repeat(path[:1] * rng.choice([0.2, 1.0, 3.0]), ticks + 1, axis=0)
+    return sudden(rng, path, dt)[0] if hand == "sudden" else path
+
+
+def follow(
+    rng: np.random.Generator,
+    number: int,
+    given: Settings,
+    force: BoundedForce,
+    *,
+    faults: float,
+    late: bool,
+    hand: str | None = None,
+) -> Run:
+    """One run: a fault each `faults` s; with `late`, ticks that come late, and samples that are missed."""
+    dt, hand = given.dt, HANDS[number % len(HANDS)] if hand is None else hand
+    ticks = run_length(rng, number, dt)
+    wrong = schedule(rng, ticks, dt, FAULTS, every=faults)
+    kinds, stamped = wrong.kind.tolist(), late or math.isfinite(faults)
+    path, seconds = hand_path(rng, hand, ticks, dt), np.full(ticks, dt)
+    if late:  # up to what the watchdog allows: 50 ms, or three ticks
+        seconds = np.where(rng.random(ticks) < 0.05, rng.uniform(dt, max(0.05, 3 * dt), ticks), dt)
+    stamps: list[Any] = np.cumsum(np.r_[dt, seconds[:-1]]).tolist() if late else wrong.stamp
+    pace = given.speed_cap * rng.uniform(0.3, 0.999)
+    x, wanted, left = np.empty((ticks + 1, 2)), np.empty((ticks, 2)), np.empty(ticks)
+    told, fast = np.full((ticks, 2), math.nan), np.zeros(ticks, dtype=bool)
+    x[0], commands, tells, shown = path[0], [], rng.random() < 0.4, np.empty((ticks, 2))
+    period = max(round(rng.uniform(0.02, 0.6) / dt), 1)
+    for k in range(ticks):
+        here, options = x[k], {}
+        if tells and k:
+            told[k] = (x[k] - x[k - 1]) / seconds[k - 1]
+            options["v"] = told[k]
+        if kinds[k] == "frozen":  # a sensor that repeats itself while the hand goes on
+            here = shown[k - 1]
+        elif kinds[k] == "x":
+            here = here.copy()
+            here[wrong.index[k] % 2] = wrong.number[k]
+        elif kinds[k] == "v" and tells and k:
+            options["v"] = told[k].copy()
+            options["v"][wrong.index[k] % 2] = wrong.number[k]
+        if stamped:
+            options.update(enable=wrong.enable[k], stamp=stamps[k])
+        shown[k] = shown[k - 1] if kinds[k] == "x" else here
+        command = force.step(here, **options)
+        commands.append(command)
+        wanted[k], left[k] = force.wanted, force.energy_left
+        x[k + 1] = _moved(hand, x[k], path[k + 1], command.value, pace * seconds[k], k // period)
+        if hand == "fast" and rng.random() < 0.002:
+            x[k + 1] += rng.uniform(-0.2, 0.2, 2)
+    fast = np.linalg.norm(np.diff(x, axis=0), axis=1) > given.speed_cap * seconds * (1 + 1e-9)
+    return Run(given, hand, x, shown, seconds, commands, wanted, left, wrong, told, fast, force)
+
+
+def _moved(hand: str, x: Array, path: Array, force: Array, most: float, period: int) -> Array:
+    """Where a hand is next: no further than `most`, with the force where it is greedy."""
+    way = path - x
+    size = float(np.hypot(*force))
+    if hand == "greedy" and size > 0.2:
+        way = force * (most / size)
+    elif hand == "shuttle":
+        way = np.array([0.12 if period % 2 else -0.12, 0.0]) - x
+        if size > 0.5 and way @ force < 0:
+            way = force * (most / size)
+    length = float(np.hypot(*way))
+    return x + way * min(1.0, most / length) if length > 0 else x.copy()
+
+
+def runs(
+    verdict: Verdict,
+    ticks: int,
+    only: int | None,
+    *,
+    make: Callable[..., BoundedForce] = assistance,
+    faults: float = math.inf,
+    late: bool = False,
+    first: int = 0,
+) -> Iterator[Run]:
+    """Runs numbered from `first` until so many ticks are done; or the one that is asked for, if it is one of them."""
+    for number, rng in numbered(verdict, ticks, only, first=first):
+        given = draw(rng, number)
+        run = follow(rng, number, given, make(rng, given), faults=faults, late=late)
+        verdict.begin(number, f"{given.mode}, {run.hand} hand, dt {given.dt:g}")
+        yield run
+
+
+def signed_distance(corners: Array, points: Array) -> tuple[Array, Array]:
+    """(N,) [m] from a polygon's edge, negative inside, and the nearest points (N, 2) of the edge."""
+    a, b = corners, np.roll(corners, -1, axis=0)
+    way = b - a
+    share = np.clip(np.einsum("nkx,kx->nk", points[:, None] - a, way) / (way**2).sum(1), 0, 1)
+    feet = a + share[..., None] * way
+    far = np.linalg.norm(points[:, None] - feet, axis=2)
+    x, y = points[:, 0, None], points[:, 1, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        crosses = ((a[:, 1] > y) != (b[:, 1] > y)) & (x < (b[:, 0] - a[:, 0]) * (y - a[:, 1]) / way[:, 1] + a[:, 0])
+    inside = crosses.sum(axis=1) % 2 == 1
+    nearest = far.argmin(axis=1)
+    rows = np.arange(len(points))
+    return np.where(inside, -1.0, 1.0) * far[rows, nearest], feet[rows, nearest]

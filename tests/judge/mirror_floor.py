@@ -1,0 +1,84 @@
+"""The manipulability floor of `MirrorTracker`, and its joint bounds.
+
+Judged: w by the UR5's closed form, at the end of every tick, on the way through singular postures and from below the
+floor; to 1e-9 of the largest. Started below it, an arm with its whole range of motion is above the floor after 20 s.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tests.judge.mirror_runs import Run, runs
+from tests.judge.ur5_numbers import manipulability
+from tests.judge.verdict import Promise, Verdict
+
+PROMISES = (
+    Promise("rehab_opt/control/mirror.py", "w(q + q' dt) / w_max >= min(floor, w / w_max) holds in every tick, also "
+            "while braking. Where the acceleration bound is in the way of it, it yields, is flagged and counted."),
+    Promise("rehab_opt/control/mirror.py", "W / w_max where the last command leads."),
+    Promise("rehab_opt/control/hand_bounds.py", "return_speed : share of the joints' speeds at which the arm is led "
+            "back above the floor."),
+    Promise("README.md", "The arm keeps its branch (elbow, wrist, shoulder): a reference that crosses a singular "
+            "surface is not followed across it."),
+)  # fmt: skip
+LEAST = {"at the floor": 250, "below the floor": 250, "back above the floor": 20, "above the floor": 103_000,
+         "yielded acceleration": 20, "reason step shortened: the bounds' tangents promised too much": 5,
+         "status braking": 100}  # fmt: skip
+CI_TICKS = 4000
+SHARE = 0.2
+RECOVERED = 20.0
+
+
+def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
+    """Through singular postures, from below the floor, and with faults."""
+    verdict = Verdict("mirror_floor", seed, LEAST)
+    for each in runs(verdict, 3 * ticks // 4, only, below=0.3):
+        judge(verdict, each)
+    for each in runs(verdict, ticks // 4, only, faults=0.5, below=0.3, first=1_000_000):
+        judge(verdict, each)
+    return verdict
+
+
+def joint_bounds(verdict: Verdict, one: Run) -> tuple[np.ndarray, np.ndarray]:
+    """Bounds of the joints in every tick; the values sent, and those before."""
+    given, dt = one.settings, one.settings.dt
+    answers = verdict.answers(one.commands, dt)
+    value = answers.value
+    last = np.vstack([np.zeros(6), value[:-1]])
+    q, ahead = one.q[:-1], one.q[1:]
+    verdict.holds("the command is finite", np.isfinite(value))
+    verdict.within("joint speed", np.abs(value) / given.velocity, 1 + 1e-12)
+    beyond = np.maximum(ahead - np.maximum(given.upper, q), np.minimum(given.lower, q) - ahead)
+    verdict.within("never further outside a joint limit [rad]", beyond, 1e-9)
+    change = np.abs(value - last)
+    allowed = np.minimum(given.acceleration * dt, 2 * given.velocity)
+    hurried = (change > allowed * (1 + 2e-9) + 2e-12).any(axis=1)
+    flagged = answers.yielded & 2 != 0
+    verdict.holds("acceleration that yielded is flagged", flagged | ~hurried)
+    verdict.holds("acceleration that is flagged yielded", ~flagged | (change > allowed).any(axis=1))
+    verdict.holds("acceleration that yielded is counted", int(flagged.sum()) == one.counts.get("acceleration", 0))
+    return value, last
+
+
+def judge(verdict: Verdict, one: Run) -> None:
+    """The floor in every tick."""
+    given, dt = one.settings, one.settings.dt
+    joint_bounds(verdict, one)
+    w = manipulability(one.q)
+    verdict.within(
+        "manipulability below the floor, or below what it was", np.minimum(w[:-1], given.floor) - w[1:], 1e-9
+    )
+    verdict.within("error of the manipulability that is told", np.abs(one.clock[:, 2] - w[1:]), 1e-9)
+    under = w < given.floor - 1e-9
+    bends = one.q[:, [2, 4]]
+    crossed = (bends[0] * bends < 0).any(axis=1) & (np.abs(bends[0]) < 3.0).all()
+    if not under[0] and not given.narrow:
+        verdict.holds("the arm keeps its branch", ~crossed)
+    sound = (one.faults.kind == "").all() and not given.narrow
+    if sound and len(w) * dt > RECOVERED and under[0]:
+        verdict.holds("above the floor after 20 s", ~under[round(RECOVERED / dt) :])
+    verdict.during("below the floor", under[1:], dt)
+    verdict.during("above the floor", ~under[1:], dt)
+    verdict.during("at the floor", np.abs(w[1:] - given.floor) < 1e-3, dt)
+    verdict.during("back above the floor", under[:-1] & ~under[1:], dt)
+    verdict.during(f"reference {one.kind}", np.ones(len(w) - 1, dtype=bool), dt)

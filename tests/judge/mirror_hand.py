@@ -1,0 +1,59 @@
+"""The hand that `MirrorTracker` leads: never faster than it may be, never further from its reference.
+
+Judged: the flange's true velocity at five instants of every tick, while the joints keep theirs; and its distance from
+the pose that the clock stands at, after every tick. The clock never runs away from the hand, so that a distance above
+`max_deviation` (as at the start) only shrinks. 1e-6 of the speed is rounding.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tests.judge.mirror_floor import joint_bounds
+from tests.judge.mirror_runs import Run, runs
+from tests.judge.ur5_numbers import hand_twist, tool
+from tests.judge.verdict import Promise, Verdict
+
+PROMISES = (
+    Promise("rehab_opt/control/mirror.py", "largest hand speeds; the linear one holds exactly, in every tick."),
+    Promise("rehab_opt/control/mirror.py", "max_deviation : [m] of the tool from the reference that the clock stands "
+            "at."),
+    Promise("README.md", "The floor, the hand speed, the planes and the largest deviation are checked on the true "
+            "state at the end of each tick"),
+)  # fmt: skip
+LEAST = {"at the largest hand speed": 250, "near the largest deviation": 250, "status braking": 100,
+         "ticks of 20 ms at the largest hand speed": 50}  # fmt: skip
+CI_TICKS = 4000
+SHARE = 0.2
+INSTANTS = (0.0, 0.25, 0.5, 0.75, 1.0)
+
+
+def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
+    """References up to 1 m/s and beyond, with faults in a third."""
+    verdict = Verdict("mirror_hand", seed, LEAST)
+    for each in runs(verdict, 2 * ticks // 3, only, pushed=True):
+        judge(verdict, each)
+    for each in runs(verdict, ticks // 3, only, faults=0.5, first=1_000_000):
+        judge(verdict, each)
+    return verdict
+
+
+def judge(verdict: Verdict, one: Run) -> None:
+    """Speed and place of the hand in every tick."""
+    given, dt = one.settings, one.settings.dt
+    value, _ = joint_bounds(verdict, one)
+    linear = np.stack([hand_twist(one.q[:-1] + part * dt * value, value)[:, :3] for part in INSTANTS])
+    fast = np.linalg.norm(linear, axis=2).max(axis=0) / given.linear_speed
+    verdict.within("hand speed over the largest, at every instant", fast, 1 + 1e-6)
+    places = tool(one.q)[:, :3, 3]
+    chord = np.linalg.norm(np.diff(places, axis=0), axis=1) / dt / given.linear_speed
+    verdict.within("hand speed over the largest, from place to place", chord, 1 + 1e-6)
+    apart = np.linalg.norm(places[1:] - one.references[:, :3, 3], axis=1)
+    known = ~np.isnan(apart)  # no reference yet
+    before = np.maximum(np.r_[0.0, apart[:-1]], given.max_deviation)
+    excess = np.where(known & np.r_[False, known[:-1]], apart - before, 0.0)
+    verdict.within("hand further from its reference than allowed [m]", excess, 1e-9)
+    quick = fast > 0.99
+    verdict.during("at the largest hand speed", quick, dt)
+    verdict.during("ticks of 20 ms at the largest hand speed", quick & (dt > 0.015), dt)
+    verdict.during("near the largest deviation", apart > 0.8 * given.max_deviation, dt)

@@ -1,0 +1,176 @@
+"""Runs of `MirrorTracker` on a UR5 whose joints go where they are told: references, planes, pushes and faults drawn."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt import Command, Interaction, KeepOut, MirrorTracker, ur5
+from tests.judge.numbering import numbered, run_length
+from tests.judge.references import KINDS, good_posture, reference, singular_posture
+from tests.judge.sensor_faults import STAMPS, Schedule, schedule, spoilt
+from tests.judge.ur5_numbers import LARGEST, LIMIT, links, manipulability
+from tests.judge.verdict import Verdict
+
+Array = NDArray[np.float64]
+
+DTS = (1e-3, 1e-3, 5e-3, 1e-2, 2e-2)
+FAULTS = ("q", "pose", "twist", "all", "not rigid", "disabled", *STAMPS)
+REST = 6.0
+"""[s] for which the last pose is held at the end of a run, where the run is long enough."""
+
+
+class Settings(NamedTuple):
+    """What the tracker was told."""
+
+    dt: float
+    lower: Array
+    upper: Array
+    velocity: Array
+    acceleration: Array
+    floor: float
+    max_deviation: float
+    linear_speed: float
+    angular_speed: float
+    planes: list[tuple[Array, float]]
+    """Unit normal (3,) towards where the arm may be, and normal . x of the plane's points."""
+    slow_from: float
+    force_limit: float
+    return_speed: float
+    narrow: bool
+
+
+class Run(NamedTuple):
+    """One run, one row a tick; what is of the tracker was read after its tick."""
+
+    settings: Settings
+    kind: str
+    q: Array
+    """(N + 1, 6) where the joints were."""
+    commands: list[Command]
+    poses: Array
+    references: Array
+    """(N, 4, 4) the pose that the clock stands at."""
+    clock: Array
+    """(N, 3) time scale, lag [s], w / w_max where the command leads."""
+    forces: Array
+    """(N,) [N] size of the force that was measured; NaN for none measured."""
+    faults: Schedule
+    counts: dict[str, int]
+    below: bool
+    """Whether it began below the floor."""
+
+
+def draw(rng: np.random.Generator, start: Array, *, planes: bool) -> Settings:
+    """A robot and its tracker; a third of the time with narrow joint limits around the start."""
+    lower, upper = -LIMIT, LIMIT.copy()
+    narrow = bool(rng.random() < 0.33)
+    if narrow:
+        lower = np.maximum(lower, start - rng.uniform(0.1, 1.5, 6))
+        upper = np.minimum(upper, start + rng.uniform(0.1, 1.5, 6))
+    slow_from = float(rng.choice([0.0, 8.0, 8.0, 15.0]))
+    return Settings(
+        dt=float(rng.choice(DTS)),
+        lower=lower,
+        upper=upper,
+        velocity=rng.uniform(0.8, math.pi, 6),
+        acceleration=rng.uniform(3.0, 30.0, 6) if rng.random() < 0.5 else np.full(6, 15.0),
+        floor=float(rng.choice([0.1, 0.3, 0.3, 0.5])),
+        max_deviation=float(rng.choice([0.02, 0.05, 0.05, 0.1])),
+        linear_speed=float(rng.choice([0.1, 0.25, 0.25, 0.5, 1.0])),
+        angular_speed=float(rng.choice([0.5, 1.5, 3.0])),
+        planes=_planes(rng, start) if planes else [],
+        slow_from=slow_from,
+        force_limit=slow_from + float(rng.choice([5.0, 22.0])),
+        return_speed=float(rng.choice([0.05, 0.1, 0.3])),
+        narrow=narrow,
+    )
+
+
+def _planes(rng: np.random.Generator, start: Array) -> list[tuple[Array, float]]:
+    """One or two planes, some clear of the whole arm by a tenth of a metre, some with parts of it behind them."""
+    found = []
+    for _ in range(rng.integers(1, 3)):
+        normal = rng.standard_normal(3)
+        normal /= np.linalg.norm(normal)
+        lowest = float((links(start[None])[0, 1:] @ normal).min())
+        found.append((normal, lowest - float(rng.choice([0.11, 0.13, 0.2]))))
+    return found
+
+
+def tracker(given: Settings) -> MirrorTracker:
+    """A tracker made so."""
+    return MirrorTracker(
+        ur5(lower=given.lower, upper=given.upper, velocity=given.velocity, acceleration=given.acceleration),
+        floor=given.floor, max_deviation=given.max_deviation, linear_speed=given.linear_speed, largest=LARGEST,
+        angular_speed=given.angular_speed, keep_out=[KeepOut.through(n * offset, n) for n, offset in given.planes],
+        interaction=Interaction(slow_from=given.slow_from, limit=given.force_limit), dt=given.dt,
+        return_speed=given.return_speed, compile=False,
+    )  # fmt: skip
+
+
+def follow(rng: np.random.Generator, number: int, *, faults: float, planes: bool, pushed: bool, below: float) -> Run:
+    """One run: a fault each `faults` s; a share `below` of them begins below the floor."""
+    under = bool(rng.random() < below)
+    start = singular_posture(rng) + 0.02 * rng.standard_normal(6) if under else good_posture(rng, 0.35)
+    given, kind = draw(rng, start, planes=planes), KINDS[-1 - number % len(KINDS)]
+    dt, control = given.dt, tracker(given)
+    ticks = run_length(rng, number, dt)
+    moving = max(ticks - round(REST / dt), ticks // 2)
+    poses, twists = reference(rng, kind, start, moving, dt)
+    poses = np.concatenate([poses, np.repeat(poses[-1:], ticks - moving, axis=0)])
+    twists = np.concatenate([twists, np.zeros((ticks - moving, 6))])
+    wrong = schedule(rng, ticks, dt, FAULTS, every=faults)
+    felt = _pushes(rng, ticks, dt, given.force_limit) if pushed else np.full((ticks, 3), math.nan)
+    kinds, stamped = wrong.kind.tolist(), math.isfinite(faults)
+    q, references, clock = np.empty((ticks + 1, 6)), np.empty((ticks, 4, 4)), np.empty((ticks, 3))
+    q[0], commands = start, []
+    for k in range(ticks):
+        here, pose, twist = q[k], poses[k], twists[k]
+        if kinds[k]:
+            here, pose, twist = spoilt(wrong, k, here, pose, twist)
+        force = None if math.isnan(felt[k, 0]) else felt[k]
+        options: dict[str, Any] = {"enable": wrong.enable[k], "stamp": wrong.stamp[k]} if stamped else {}
+        command = control.step(here, pose, twist, force=force, **options)
+        commands.append(command)
+        references[k], clock[k] = control.reference, (control.time_scale, control.lag, control.manipulability)
+        q[k + 1] = q[k] + dt * command.value
+    return Run(
+        given, kind, q, commands, poses, references, clock, np.linalg.norm(felt, axis=1), wrong, dict(control.counts),
+        bool(manipulability(start[None])[0] < given.floor),
+    )  # fmt: skip
+
+
+def _pushes(rng: np.random.Generator, ticks: int, dt: float, limit: float) -> Array:
+    """(ticks, 3) [N] a person who pushes now and then, up to beyond the limit; NaN where nothing is measured."""
+    found = np.full((ticks, 3), math.nan)
+    k = 0
+    while k < ticks:
+        lasts = max(round(rng.uniform(0.1, 2.0) / dt), 1)
+        if rng.random() < 0.6:
+            way = rng.standard_normal(3)
+            found[k : k + lasts] = way / np.linalg.norm(way) * limit * rng.choice([0.2, 0.6, 0.9, 1.001, 1.5])
+        k += lasts
+    return found
+
+
+def runs(
+    verdict: Verdict,
+    ticks: int,
+    only: int | None,
+    *,
+    faults: float = math.inf,
+    planes: bool = False,
+    pushed: bool = False,
+    below: float = 0.2,
+    first: int = 0,
+) -> Iterator[Run]:
+    """Runs numbered from `first` until so many ticks are done; or the one that is asked for, if it is one of them."""
+    for number, rng in numbered(verdict, ticks, only, first=first):
+        run = follow(rng, number, faults=faults, planes=planes, pushed=pushed, below=below)
+        verdict.begin(number, f"{run.kind}, dt {run.settings.dt:g}")
+        yield run

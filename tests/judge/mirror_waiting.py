@@ -1,0 +1,111 @@
+"""The clock of `MirrorTracker`: late, not cut; and what pushes and faults do to it.
+
+Judged against the reference that the test made: where nothing was bridged since, and no tick was answered by a safe
+command (its pose is not taken), the pose that the clock stands at is the one of `lag` seconds ago. At the end the last
+pose is held: a hand that came near it is no longer late. A person who pushes is not hurried; at the limit, without
+numbers and without the dead-man switch the arm brakes, and the clock waits.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tests.judge.mirror_floor import joint_bounds
+from tests.judge.mirror_runs import Run, runs
+from tests.judge.sensor_faults import expected
+from tests.judge.ur5_numbers import tool
+from tests.judge.verdict import Promise, Verdict
+
+PROMISES = (
+    Promise("rehab_opt/control/mirror.py", "It slows down where the reference is faster than the hand may be, where "
+            "the deviation grows and where the person pushes, waits at the largest deviation, and catches up "
+            "afterwards; what was slowed is late, not cut."),
+    Promise("rehab_opt/control/mirror.py", "[s] by which the reference that is followed is older than the newest, "
+            "bridges included."),
+    Promise("rehab_opt/control/mirror.py", "what is not usable gives the safe command, decelerating within the limits, "
+            "and its reason; the clock waits meanwhile."),
+    Promise("rehab_opt/control/mirror.py", "its `scale` is the time scaling, at most 1."),
+    Promise("rehab_opt/control/interaction.py", "[N] at which the reference stands still and the arm decelerates to "
+            "rest, until the force is below again."),
+    Promise("rehab_opt/control/interaction.py", "[N] from which the reference slows down."),
+)  # fmt: skip
+LEAST = {"late": 32_000, "waiting": 2000, "caught up": 176, "pushed": 20_000, "pushed to the limit": 2000,
+         "status braking": 500, "status holding": 2000, "fault disabled": 100}  # fmt: skip
+CI_TICKS = 4500
+SHARE = 0.2
+
+
+def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
+    """Undisturbed, pushed, and with faults."""
+    verdict = Verdict("mirror_waiting", seed, LEAST)
+    for each in runs(verdict, ticks // 3, only, below=0.0):
+        judge(verdict, each)
+    for each in runs(verdict, ticks // 3, only, below=0.0, pushed=True, first=1_000_000):
+        judge(verdict, each)
+    for each in runs(verdict, ticks // 3, only, below=0.0, faults=0.3, first=2_000_000):
+        judge(verdict, each)
+    return verdict
+
+
+def judge(verdict: Verdict, one: Run) -> None:
+    """The clock, tick by tick."""
+    given, dt = one.settings, one.settings.dt
+    value, last = joint_bounds(verdict, one)
+    reasons = np.array([command.reason for command in one.commands])
+    status = np.array([command.status.value for command in one.commands])
+    scale = np.array([command.scale for command in one.commands])
+    pace, lag, _ = one.clock.T
+    safe = np.isin(status, ("braking", "holding"))
+    wrong, strong = expected(one.faults), one.forces >= given.force_limit
+    verdict.holds("what cannot be used is not followed", safe | ~wrong)
+    verdict.holds("the arm stops for a push at the limit", safe | ~strong)
+    slower = np.maximum(np.abs(last) - given.acceleration * dt, 0.0)
+    verdict.within("braking: speed above what the whole deceleration leaves [rad/s]",
+                   np.where(safe[:, None], np.abs(value) - slower, 0.0), 1e-12)  # fmt: skip
+    verdict.holds("holding is standing still, braking is not", (status == "holding") == (safe & ~value.any(axis=1)))
+    verdict.holds("a safe command has a reason", (reasons != "") | ~safe)
+    calm = ~wrong & np.r_[True, ~wrong[:-1]] & np.r_[True, True, ~wrong[:-2]] & ~strong
+    verdict.holds("sound inputs are followed again", ~safe | ~calm, str(set(reasons[safe & calm])))
+    stood = np.r_[False, np.abs(np.diff(one.references.reshape(-1, 16), axis=0)).max(axis=1) == 0]
+    known = np.isfinite(one.references[:, 0, 3])
+    verdict.holds("the clock waits for a safe command", stood | ~safe | ~np.r_[False, known[:-1]])
+
+    verdict.within("scale", np.abs(scale - 0.5), 0.5)
+    verdict.within("scale over the time scaling", np.where(safe, 0.0, scale - np.minimum(pace, 1)), 1e-12)
+    verdict.within("lag below zero [s]", np.where(known, -lag, 0.0), 1e-9)
+    felt = np.where(np.isnan(one.forces), 0.0, one.forces)
+    share = np.clip((given.force_limit - felt) / (given.force_limit - given.slow_from), 0, 1)
+    verdict.within("pace while pushed", np.where((share < 1) & ~safe, pace - share, 0.0), 1e-9)
+
+    bridged = np.flatnonzero((np.char.find(reasons, "bridging") >= 0) | safe)
+    since = int(bridged[-1]) + 2 if len(bridged) else 2
+    k = np.arange(len(value))
+    if (one.faults.kind == "").all() and one.kind != "sudden":
+        at = np.clip(k - lag / dt, 0, len(k) - 1)
+        low = np.minimum(at.astype(int), len(k) - 2)
+        track = one.poses[:, :3, 3]
+        place = track[low] + (at - low)[:, None] * (track[low + 1] - track[low])
+        off = np.linalg.norm(one.references[:, :3, 3] - place, axis=1)
+        bends = np.linalg.norm(np.diff(track, 2, axis=0), axis=1).max(initial=0.0) + 1e-9
+        whole = (k >= since) & (k - lag / dt >= since) & known
+        verdict.within("reference away from the pose of `lag` ago, over what a tick's curve leaves",
+                       np.where(whole, off / bends, 0.0), 1.0)  # fmt: skip
+        verdict.during("the pose of `lag` ago was compared", whole, dt)
+    hand = tool(one.q[1:])
+    apart = np.linalg.norm(hand[:, :3, 3] - one.poses[:, :3, 3], axis=1)
+    near = (apart < 0.3 * given.max_deviation) & ~safe & (np.isnan(one.forces) | (one.forces < given.slow_from))
+    quiet = np.cumsum(near)
+    held = round(4.0 / dt)
+    if len(k) > held + 1 and (np.abs(np.diff(one.poses[-held:].reshape(held, 16), axis=0)) < 1e-12).all():
+        settled = quiet[-1] - quiet[-held - 1] == held
+        final = np.linalg.norm(one.references[-1, :3, 3] - one.poses[-1, :3, 3])
+        verdict.within("lag after 4 s near a pose that is held [s]", lag[-1] if settled else 0.0, 1.5 * dt)
+        verdict.within("the clock's end away from the pose that is held [m]", final if settled else 0.0, 1e-9)
+        verdict.during("caught up", np.full(held, settled), dt)
+    verdict.during("late", lag > 0.05, dt)
+    verdict.during("waiting", (pace < 0.02) & ~safe, dt)
+    verdict.during("pushed", felt > given.slow_from, dt)
+    verdict.during("pushed to the limit", strong, dt)
+    for kind in np.unique(one.faults.kind):
+        if kind:
+            verdict.during(f"fault {kind}", one.faults.kind == kind, dt)

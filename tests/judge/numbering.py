@@ -1,0 +1,32 @@
+"""Runs by number: each has random numbers of its own, so that one of them can be seen again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from tests.judge.verdict import Verdict
+
+MOST = 1_000_000
+"""Runs of one sort."""
+
+
+def numbered(
+    verdict: Verdict, ticks: int, only: int | None, *, first: int = 0
+) -> Iterator[tuple[int, np.random.Generator]]:
+    """Numbers from `first` until the verdict has so many more ticks; or the one that is asked for, if it is one."""
+    if only is not None:
+        if first <= only < first + MOST:
+            yield only, np.random.default_rng([verdict.seed, only])
+        return
+    enough, number = verdict.ticks + ticks, first
+    while verdict.ticks < enough:
+        yield number, np.random.default_rng([verdict.seed, number])
+        number += 1
+
+
+def run_length(rng: np.random.Generator, number: int, dt: float, *, seconds: float = 30.0) -> int:
+    """Ticks of one run: short, so that there are many; every fortieth up to 30 000, none longer than so many s."""
+    ticks = 30_000 if number % 40 == 39 else 4000 if number % 20 == 19 else int(rng.choice([300, 300, 500, 1500]))
+    return min(ticks, round(seconds / dt))

@@ -1,0 +1,81 @@
+"""Joint bounds of `PoseTracker`, and the order in which they yield.
+
+Judged: the command of every tick, against intervals written down once more. A joint that stands at its limit to 1e-9 is
+not outside. Without pushes every state can still stop, so that acceleration never yields; with them it yields only
+where speed or position leave it no room.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tests.judge.pose_tracker_runs import Run, runs, speeds
+from tests.judge.verdict import Promise, Verdict
+
+PROMISES = (
+    Promise("README.md", "Velocity never. Then a joint is never led further outside a limit; outside one it comes back "
+            "at no more than 10 % of its velocity limit (`return_speed`). Then acceleration. Then the task"),
+    Promise("README.md", "From every state that can still stop, all bounds hold together; other states brake at the "
+            "largest deceleration."),
+    Promise("rehab_opt/control/command.py", "always finite"),
+)  # fmt: skip
+LEAST = {"status ok": 190_000, "yielded position": 1000, "yielded acceleration": 50, "yielded task": 50_000,
+         "at a joint limit": 5000, "at a joint speed": 5000, "at a joint acceleration": 18_000,
+         "outside a joint limit": 2000, "solver qrqp": 100}  # fmt: skip
+CI_TICKS = 24_000
+AT = 1e-9
+PUSHED = 1_000_000
+"""Numbers of the pushed runs begin here."""
+
+
+def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
+    """Half of the runs undisturbed, half pushed and with faults."""
+    verdict = Verdict("pose_tracker_bounds", seed, LEAST)
+    for each in runs(verdict, ticks // 2, only):
+        judge(verdict, each, calm=True)
+    for each in runs(verdict, ticks // 2, only, faults=1.0, pushes=0.2, first=PUSHED):
+        judge(verdict, each, calm=False)
+    return verdict
+
+
+def judge(verdict: Verdict, one: Run, *, calm: bool) -> None:
+    """Every bound in every tick."""
+    given, dt = one.settings, one.settings.dt
+    answers = verdict.answers(one.commands, dt)
+    value, last = speeds(one)
+    q = one.q[:-1]
+    verdict.holds("the command is finite", np.isfinite(value))
+    verdict.within("joint speed", np.abs(value) / given.velocity, 1 + 1e-12)
+
+    known = ~np.isin(one.faults.kind, ("q", "all"))  # else the tracker does not see where the joints are
+    ahead = q + dt * value
+    beyond = np.maximum(ahead - np.maximum(given.upper, q), np.minimum(given.lower, q) - ahead)
+    verdict.within("never further outside a joint limit [rad]", np.where(known[:, None], beyond, 0.0), 1e-9)
+    above, below = q > given.upper + AT, q < given.lower - AT
+    back = np.where(above, -value, np.where(below, value, 0.0)) / (given.return_speed * given.velocity)
+    verdict.within("speed of the way back", np.where(known[:, None], back, 0.0), 1 + 1e-9)
+
+    change = np.abs(value - last)
+    allowed = np.minimum(given.acceleration * dt, 2 * given.velocity)
+    hurried = change > allowed * (1 + 2e-9) + 2e-12
+    flagged = answers.yielded & 2 != 0
+    verdict.holds("acceleration that yielded is flagged", flagged | ~hurried.any(axis=1))
+    verdict.holds("what is flagged yielded", ~flagged | (change > allowed).any(axis=1))
+    verdict.holds("a joint outside is flagged, and nothing else is",
+                  ((answers.yielded & 1 != 0) == (above | below).any(axis=1)) | ~known)  # fmt: skip
+    if calm:
+        verdict.within("change of speed of a robot that can stop", change / allowed, 1 + 1e-9)
+    # Where the bounds above acceleration leave no speed that it allows, theirs is the nearest to it.
+    room_up, room_down = (given.upper - q) / dt, (q - given.lower) / dt
+    back = given.return_speed * given.velocity
+    hard_up = np.clip(room_up, 0.0, np.where(below, back, given.velocity))
+    hard_down = -np.clip(room_down, 0.0, np.where(above, back, given.velocity))
+    needed = (hard_up < last - allowed + 1e-9) | (hard_down > last + allowed - 1e-9)
+    verdict.holds("acceleration yields only to speed and position", ~hurried | needed | ~known[:, None])
+
+    full = np.isfinite(given.acceleration)
+    verdict.during("at a joint limit", (np.minimum(room_up, room_down) < 1e-6 / dt).any(axis=1), dt)
+    verdict.during("at a joint speed", (np.abs(value) > given.velocity * (1 - 1e-6)).any(axis=1), dt)
+    verdict.during("at a joint acceleration", ((change > allowed * (1 - 1e-6)) & full).any(axis=1), dt)
+    verdict.during("outside a joint limit", (above | below).any(axis=1), dt)
+    verdict.during(f"reference {one.kind}", np.ones(len(q), dtype=bool), dt)

@@ -1,0 +1,141 @@
+"""Runs of `PoseTracker` on a UR5 whose joints go where they are told, sometimes pushed; settings drawn for each run."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt import Command, PoseTracker, ur5
+from tests.judge.numbering import numbered, run_length
+from tests.judge.references import KINDS, good_posture, reference
+from tests.judge.sensor_faults import STAMPS, Schedule, schedule, spoilt
+from tests.judge.ur5_numbers import LIMIT
+from tests.judge.verdict import Verdict
+
+Array = NDArray[np.float64]
+
+DTS = (1e-3, 1e-3, 2e-3, 5e-3, 1e-2, 2e-2)
+FAULTS = ("q", "pose", "twist", "all", "not rigid", "disabled", *STAMPS)
+
+
+class Settings(NamedTuple):
+    """What the tracker was told."""
+
+    dt: float
+    lower: Array
+    upper: Array
+    velocity: Array
+    acceleration: Array
+    gain: float
+    linear_speed: float
+    angular_speed: float
+    weights: Array
+    posture: Array | None
+    return_speed: float
+
+
+class Run(NamedTuple):
+    """One run, one row a tick; `q` (N + 1, 6) is where the joints truly were, `before` (N, 6) the speed before."""
+
+    settings: Settings
+    kind: str
+    q: Array
+    commands: list[Command]
+    poses: Array
+    twists: Array
+    faults: Schedule
+    pushed: NDArray[np.bool_]
+    """(N,) whether the joints were pushed after this tick."""
+
+
+def draw(rng: np.random.Generator, start: Array) -> Settings:
+    """A robot and its tracker; half of the time with narrow joint limits around the start."""
+    lower, upper = -LIMIT, LIMIT.copy()
+    if rng.random() < 0.5:
+        lower = np.maximum(lower, start - rng.uniform(0.05, 1.5, 6))
+        upper = np.minimum(upper, start + rng.uniform(0.05, 1.5, 6))
+    if rng.random() < 0.15:
+        lower[5] = upper[5] = start[5]
+    acceleration = rng.uniform(1.0, 30.0, 6) if rng.random() < 0.85 else np.full(6, math.inf)
+    weights = np.ones(6)
+    if rng.random() < 0.25:
+        weights = rng.choice([0.0, 0.01, 1.0], 6) + np.eye(6)[rng.integers(6)]
+    return Settings(
+        dt=float(rng.choice(DTS)),
+        lower=lower,
+        upper=upper,
+        velocity=rng.uniform(0.3, math.pi, 6),
+        acceleration=acceleration,
+        gain=float(rng.choice([5.0, 20.0, 50.0, 100.0])),
+        linear_speed=float(rng.choice([0.1, 0.25, 1.0])),
+        angular_speed=float(rng.choice([0.5, math.pi])),
+        weights=weights,
+        posture=start + 0.3 * rng.standard_normal(6) if rng.random() < 0.2 else None,
+        return_speed=float(rng.choice([0.05, 0.1, 0.3])),
+    )
+
+
+def tracker(given: Settings) -> PoseTracker:
+    """A tracker made so."""
+    return PoseTracker(
+        ur5(lower=given.lower, upper=given.upper, velocity=given.velocity, acceleration=given.acceleration),
+        gain=given.gain, linear_speed=given.linear_speed, angular_speed=given.angular_speed, posture=given.posture,
+        task_weights=given.weights, dt=given.dt, return_speed=given.return_speed, compile=False,
+    )  # fmt: skip
+
+
+def follow(rng: np.random.Generator, number: int, *, faults: float, pushes: float) -> Run:
+    """One run: a fault each `faults` s, a push each `pushes` s."""
+    start = good_posture(rng, 0.1)
+    given, kind = draw(rng, start), KINDS[number % len(KINDS)]
+    dt, control = given.dt, tracker(given)
+    ticks = run_length(rng, number, dt)
+    poses, twists = reference(rng, kind, start, ticks, dt)
+    wrong = schedule(rng, ticks, dt, FAULTS, every=faults)
+    pushed = rng.random(ticks) < dt / pushes
+    kinds, free = wrong.kind.tolist(), not math.isfinite(faults)
+    q = np.empty((ticks + 1, 6))
+    q[0], commands = start, []
+    for k in range(ticks):
+        here, pose, twist = q[k], poses[k], twists[k]
+        if kinds[k]:
+            here, pose, twist = spoilt(wrong, k, here, pose, twist)
+        if free:
+            command = control.step(here, pose, twist)
+        else:
+            command = control.step(here, pose, twist, enable=wrong.enable[k], stamp=wrong.stamp[k])
+        commands.append(command)
+        q[k + 1] = q[k] + dt * command.value
+        if pushed[k]:
+            q[k + 1] += rng.choice([1e-3, 0.03, 0.3]) * rng.standard_normal(6)
+            if rng.random() < 0.5:  # the fastest joint to where it has no room left to stop in
+                i = int(np.argmax(np.abs(command.value)))
+                left = 0.5 * dt * command.value[i]
+                q[k + 1, i] = (given.upper[i] if left > 0 else given.lower[i]) - left
+    return Run(given, kind, q, commands, poses, twists, wrong, pushed)
+
+
+def runs(
+    verdict: Verdict,
+    ticks: int,
+    only: int | None,
+    *,
+    faults: float = math.inf,
+    pushes: float = math.inf,
+    first: int = 0,
+) -> Iterator[Run]:
+    """Runs numbered from `first` until so many ticks are done; or the one that is asked for, if it is one of them."""
+    for number, rng in numbered(verdict, ticks, only, first=first):
+        run = follow(rng, number, faults=faults, pushes=pushes)
+        verdict.begin(number, f"{run.kind}, dt {run.settings.dt:g}")
+        yield run
+
+
+def speeds(run: Run) -> tuple[Array, Array]:
+    """(N, 6) joint speeds that were sent, and those before each."""
+    value = np.array([command.value for command in run.commands])
+    return value, np.vstack([np.zeros(6), value[:-1]])

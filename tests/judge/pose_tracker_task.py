@@ -1,0 +1,126 @@
+"""What `PoseTracker` says about its task, and that it does it.
+
+Judged by the flange's twist from the judge's own Jacobian, against the asked one: twist plus what removes a share
+1 - exp(-gain dt) of the pose error in a tick. `scale` and `Bound.TASK` must be what is true of them. Where nothing
+yields for ten time constants the pose error is what the reference's own change within a tick leaves. A hand is never
+led faster than it may be by a hundredth; where it could go straight along what is asked, it leaves that by a fiftieth
+in one tick of fifty at most (the price of slowing down is finite).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tests.judge.pose_tracker_runs import Run, runs, speeds
+from tests.judge.ur5_numbers import hand_twist, jacobian, tool, turn_between
+from tests.judge.verdict import Promise, Verdict
+
+PROMISES = (
+    Promise("rehab_opt/control/command.py", "Share of the asked motion that is delivered, 0 to 1; of a tracker: along "
+            "the asked twist, feedback included"),
+    Promise("rehab_opt/control/pose_tracker.py", "the asked twist is `twist` plus `gain` times the pose error, no "
+            "faster than the hand speeds allow."),
+    Promise("rehab_opt/control/pose_tracker.py", "[1/s] rate at which a pose error decays."),
+    Promise("rehab_opt/control/pose_tracker.py", "largest asked hand speeds; faster requests are slowed, not cut."),
+    Promise("README.md", "Then the task: the hand keeps its direction and slows down."),
+)  # fmt: skip
+LEAST = {"task yielded": 96_000, "task delivered": 36_000, "slowed to the hand speed": 2000,
+         "straight possible, slowed by the joints": 80,
+         "settled on the reference": 80, "nothing of the task delivered": 100}  # fmt: skip
+CI_TICKS = 16_000
+Array = NDArray[np.float64]
+MISSED, STILL = 1e-3, 1e-6
+
+
+def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
+    """Undisturbed runs, and runs with pushes."""
+    verdict = Verdict("pose_tracker_task", seed, LEAST)
+    for each in runs(verdict, 3 * ticks // 4, only):
+        judge(verdict, each)
+    for each in runs(verdict, ticks // 4, only, pushes=1.0, first=1_000_000):
+        judge(verdict, each)
+    return verdict
+
+
+def judge(verdict: Verdict, one: Run) -> None:
+    """Every tick's claim about the task."""
+    given, dt = one.settings, one.settings.dt
+    answers = verdict.answers(one.commands, dt)
+    value, last = speeds(one)
+    here = tool(one.q[:-1])
+    error = np.concatenate(
+        [one.poses[:, :3, 3] - here[:, :3, 3], turn_between(one.poses[:, :3, :3], here[:, :3, :3])], axis=1
+    )
+    asked = (given.weights > 0) * (one.twists + (1 - np.exp(-given.gain * dt)) / dt * error)
+    done = hand_twist(one.q[:-1], value)
+    weigh = np.sqrt(given.weights)
+    asked, felt = weigh * asked, weigh * done
+    size, off = np.linalg.norm(asked, axis=1), np.linalg.norm(felt - asked, axis=1)
+    slack = MISSED * size + STILL
+    turned = np.abs(np.linalg.norm(error[:, 3:], axis=1)) < 3.1  # a half turn has two ways round
+    ok = np.isin(answers.status, ("ok", "backup")) & turned
+    flagged = answers.yielded & 4 != 0
+    verdict.holds("a task that is missed is flagged", flagged | (off <= 1.001 * slack + 1e-9) | ~ok)
+    verdict.holds("what is flagged is missed", ~flagged | (off >= 0.7 * slack) | ~ok)
+    along = np.clip(np.einsum("ni,ni->n", felt, asked) / np.maximum(size, STILL) ** 2, 0, 1)
+    true = np.where(flagged, np.where(size > STILL, along, 0.0), 1.0)
+    verdict.within("error of the scale", np.where(ok, np.abs(answers.scale - true), 0.0), 1e-6)
+    verdict.within("scale", np.abs(answers.scale - 0.5), 0.5)
+
+    # Where some speed of the arm, within every bound, goes straight along what is asked: so must the hand.
+    fast = np.maximum(np.linalg.norm(done[:, :3], axis=1) / given.linear_speed,
+                      np.linalg.norm(done[:, 3:], axis=1) / given.angular_speed)  # fmt: skip
+    whole = bool((given.weights == 1).all()) and given.posture is None
+    if whole:
+        share, straight = along_asked(one, asked, last)
+        slowed = np.maximum(np.linalg.norm(asked[:, :3], axis=1) / given.linear_speed,
+                            np.linalg.norm(asked[:, 3:], axis=1) / given.angular_speed)  # fmt: skip
+        straight &= ok & (size > 1e-3) & (not one.pushed.any())
+        across = np.linalg.norm(felt - asked * along[:, None], axis=1) / np.maximum(np.linalg.norm(felt, axis=1), 1e-9)
+        bent = straight & (across > 0.02)
+        verdict.within("share of the ticks across what is asked where it could go straight", float(bent.mean()), 0.02)
+        short = np.minimum(share, 1 / np.maximum(slowed, 1)) - along
+        verdict.within("share of the ticks slower than the arm could", float((straight & (short > 0.02)).mean()), 0.02)
+        verdict.within("hand speed over the largest asked", np.where(straight, fast, 0.0), 1.01)
+        verdict.during("straight possible, slowed by the joints", straight & (share < 0.99), dt)
+    # A reference that was followed freely for ten time constants is where the hand is.
+    quiet = np.cumsum(~flagged & ok)
+    long = max(round(10 / (given.gain * dt)), 10)
+    steady = np.zeros(len(value), dtype=bool)
+    steady[long:] = quiet[long:] - quiet[:-long] == long
+    bend = np.linalg.norm(np.diff(one.twists, axis=0), axis=1).max(initial=0.0) * dt
+    curve = (np.abs(value).sum(axis=1).max() * dt) ** 2
+    left = (bend + curve + slack.max() * dt) / (1 - np.exp(-given.gain * dt)) + 1e-9
+    if whole and one.kind != "sudden" and not one.pushed.any():
+        verdict.within("pose error of what is followed freely [m, rad], over what a tick's curve leaves",
+                       np.where(steady, np.linalg.norm(error, axis=1), 0.0) / left, 1.0)  # fmt: skip
+        verdict.during("settled on the reference", steady, dt)
+    verdict.during("task yielded", flagged, dt)
+    verdict.during("task delivered", ok & ~flagged & (size > STILL), dt)
+    verdict.during("nothing of the task delivered", ok & (answers.scale == 0), dt)
+    verdict.during("slowed to the hand speed", whole & (np.abs(fast - 1) < 1e-3), dt)
+
+
+def along_asked(one: Run, asked: Array, last: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """(N,) largest s with J q' = s asked within every bound, less a margin; and where it is some, more than the least.
+
+    The bounds are those of continuous braking, which are a little narrower than those over ticks.
+    """
+    given, dt, q = one.settings, one.settings.dt, one.q[:-1]
+    moves = jacobian(q)
+    regular = np.linalg.svd(moves, compute_uv=False)[:, -1] > 0.02
+    way = np.zeros_like(q)
+    way[regular] = np.linalg.solve(moves[regular], asked[regular][..., None])[..., 0]
+    change = np.minimum(given.acceleration * dt, 2 * given.velocity)
+    half = change / 2
+    up, down = (
+        np.minimum(given.velocity, np.sqrt(2 * change / dt * np.maximum(room, 0) + half**2) - half)
+        for room in (given.upper - q, q - given.lower)
+    )
+    high, low = np.minimum(last + change, up), np.maximum(last - change, -down)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ends = np.where(way != 0, low / way, -np.inf), np.where(way != 0, high / way, np.inf)
+    still = (way == 0) & ((low > 0) | (high < 0))
+    least, most = np.minimum(*ends).max(axis=1), np.minimum(np.maximum(*ends).min(axis=1), 1.0)
+    return most, regular & ~still.any(axis=1) & (low <= high).all(axis=1) & (least < 0.9 * most) & (most > 0.2)

@@ -1,0 +1,166 @@
+"""Position, velocity, acceleration and jerk of `Smoother`, whatever is asked of it.
+
+Judged by finite differences of the positions alone, from the state of `reset` on: mean values over a tick cannot exceed
+what holds at every instant. What rounding of a position leaves in its third difference is allowed for. After a fault
+the axes come to rest and stay there; a target that is held is reached within twice the time that its way takes. A stamp
+that is missing is not checked here.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from rehab_opt import Smoother
+from tests.judge.numbering import numbered, run_length
+from tests.judge.references import reaches, sudden, tremor
+from tests.judge.sensor_faults import STAMPS, expected, schedule
+from tests.judge.verdict import Promise, Verdict
+
+PROMISES = (
+    Promise("rehab_opt/control/smoother.py", "Follows targets with every axis inside its position, velocity, "
+            "acceleration and jerk bounds."),
+    Promise("rehab_opt/control/smoother.py", "A target outside the position bounds is clipped to them. A disabled "
+            "smoother, a target that is not a plausible number and a stale stamp bring all axes to rest as fast as the "
+            "bounds allow and hold them there; from wherever that is, the motion goes on without a jump."),
+    Promise("rehab_opt/control/smoother.py", "An axis outside its bounds is led back at `return_speed`."),
+    Promise("rehab_opt/control/smoother.py", "which is then followed without `lag`."),
+)  # fmt: skip
+LEAST = {"at the velocity bound": 5000, "at the acceleration bound": 5000, "at the jerk bound": 10_000,
+         "at a position bound": 4000, "outside a position bound": 53, "status braking": 1000, "status holding": 2000,
+         "on a target that is held": 53, "on a target that moves": 50,
+         "long after a fault": 5000, "reason disabled": 1000}  # fmt: skip
+CI_TICKS = 40_000
+FAULTS = ("target", "disabled", *STAMPS)
+KINDS = ("steps", "person", "sudden", "steady", "held")
+EPSILON = float(np.finfo(float).eps)
+
+
+def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
+    """Half without faults, half with."""
+    verdict = Verdict("smoother_bounds", seed, LEAST)
+    for number, rng in numbered(verdict, ticks // 2, only):
+        one_run(verdict, number, rng, faults=math.inf)
+    for number, rng in numbered(verdict, ticks // 2, only, first=1_000_000):
+        one_run(verdict, number, rng, faults=0.5)
+    return verdict
+
+
+def targets(rng: np.random.Generator, kind: str, start: np.ndarray, ticks: int, dt: float, speed: np.ndarray):
+    """(ticks, n) targets, and their speeds where they are told."""
+    axes = len(start)
+    if kind == "held":
+        return np.repeat((start + rng.uniform(-1, 1, axes))[None], ticks, axis=0), None
+    if kind == "steps":
+        places = start + rng.uniform(-1, 1, (ticks, axes))
+        holds = np.cumsum(rng.random(ticks) < dt / rng.choice([0.05, 0.5, 2.0]))
+        return places[holds], None
+    if kind == "steady":
+        pace = rng.uniform(-0.8, 0.8, axes) * speed
+        return start + pace * dt * np.arange(1, ticks + 1)[:, None], np.repeat(pace[None], ticks, axis=0)
+    path = reaches(rng, start, ticks, dt, size=0.5) + tremor(rng, ticks, dt, size=2e-3, axes=axes)
+    if kind == "sudden":
+        path, rate = sudden(rng, path, dt)
+        return path, rate if rng.random() < 0.5 else None
+    return path, np.gradient(path, dt, axis=0) if rng.random() < 0.5 else None
+
+
+def one_run(verdict: Verdict, number: int, rng: np.random.Generator, *, faults: float) -> None:
+    """One smoother."""
+    axes, dt = int(rng.integers(1, 7)), float(rng.choice([1e-3, 2e-3, 1e-2, 2e-2]))
+    velocity, acceleration = rng.uniform(0.2, 3.0, axes), rng.uniform(1.0, 20.0, axes)
+    jerk = acceleration * rng.uniform(2.0, 200.0, axes)
+    start, bounded, return_speed = (
+        rng.choice([0.3, 3.0]) * rng.uniform(-1, 1, axes),
+        rng.random() < 0.6,
+        float(rng.choice([0.1, 0.3])),
+    )
+    lower, upper = (start - rng.uniform(0.05, 1, axes), start + rng.uniform(0.05, 1, axes)) if bounded else (
+        np.full(axes, -math.inf), np.full(axes, math.inf))  # fmt: skip
+    outside = bounded and rng.random() < 0.3
+    begin = start + 1.5 * rng.uniform(-1, 1, axes) if outside else start
+    smoother = Smoother(velocity=velocity, acceleration=acceleration, jerk=jerk, dt=dt, lower=lower, upper=upper,
+                        return_speed=return_speed)  # fmt: skip
+    smoother.reset(begin)
+    kind, ticks = KINDS[number % len(KINDS)], run_length(rng, number, dt, seconds=20.0)
+    verdict.begin(number, f"{kind}, {axes} axes, dt {dt:g}")
+    goals, rates = targets(rng, kind, start, ticks, dt, velocity)
+    wrong = schedule(rng, ticks, dt, FAULTS, every=faults, longest=3.0)
+    kinds, stamped = wrong.kind.tolist(), math.isfinite(faults)
+    commands, told = [], np.empty((ticks, axes))
+    for k in range(ticks):
+        goal = goals[k]
+        if kinds[k] == "target":
+            goal = goal.copy()
+            goal[wrong.index[k] % axes] = wrong.number[k]
+        options: dict[str, Any] = {"enable": wrong.enable[k], "stamp": wrong.stamp[k]} if stamped else {}
+        commands.append(smoother.step(goal, None if rates is None else rates[k], **options))
+        told[k] = smoother.velocity
+    answers = verdict.answers(commands, dt)
+    x = np.vstack([begin, begin, begin, begin, answers.value])
+    size = 16 * EPSILON * np.maximum(np.abs(x).max(), 1.0)
+    changes = [np.diff(x, order, axis=0) / dt**order for order in (1, 2, 3)]
+    shares = []
+    for name, order, bound in (("velocity", 1, velocity), ("acceleration", 2, acceleration), ("jerk", 3, jerk)):
+        shares.append(np.abs(changes[order - 1][-ticks:]) / bound)
+        slack = size * 2**order / dt**order / bound
+        verdict.within(f"{name} over its bound", shares[-1], 1 + 1e-6 + slack)
+    verdict.holds("the command is finite", np.isfinite(answers.value))
+    q, ahead = x[3:-1], x[4:]
+    beyond = np.maximum(ahead - np.maximum(upper, q), np.minimum(lower, q) - ahead)
+    verdict.within("never further outside a position bound", beyond, 1e-9)
+    out = (q > upper + 1e-9) | (q < lower - 1e-9)
+    back = np.where(out, np.abs(changes[0][-ticks:]) / (return_speed * velocity), 0.0)
+    verdict.within("speed of the way back", back, 1 + 1e-6 + 2 * size / dt / (return_speed * velocity))
+    verdict.holds("an axis outside is flagged", (answers.yielded & 1 != 0) | ~out.any(axis=1))
+
+    safe, bad = np.isin(answers.status, ("braking", "holding")), expected(wrong) & (wrong.kind != "stamp missing")
+    verdict.holds("what cannot be used is not followed", safe | ~bad)
+    verdict.holds("a safe command has a reason", (answers.reason != "") | ~safe)
+    still = (ahead == q).all(axis=1)
+    holding = answers.status == "holding"
+    verdict.holds("holding is being at rest", ~told.any(axis=1) | ~holding)
+    verdict.holds("what holds stands still", still | ~(holding & np.r_[False, holding[:-1]]))
+    # Each axis: the acceleration it has goes, and its speed, by the two ramps of jerk that this takes.
+    stopping = _run_of(safe)
+    begun = np.maximum(np.arange(ticks) - stopping, 0)
+    speed, change = np.abs(changes[0][-ticks:])[begun], np.abs(changes[1][-ticks:])[begun]
+    rest = ((speed + change**2 / (2 * jerk)) / acceleration + 2 * acceleration / jerk + change / jerk).max(axis=1)
+    after = (stopping > 0) & (stopping * dt > rest + 4 * dt) & ~out[begun].any(axis=1)
+    verdict.holds("long after a fault the axes stand", still | ~after | out.any(axis=1))
+
+    near = 1e-9 * (1 + np.abs(goals))
+    inside = ((goals >= lower) & (goals <= upper)).all(axis=1)
+    same = np.r_[False, (np.diff(goals, axis=0) == 0).all(axis=1)] & ~safe & ~out.any(axis=1)
+    held = _run_of(same)
+    # The longest motion: the way at full speed, and two stops with two build-ups of acceleration each.
+    goal = np.clip(goals, lower, upper)
+    first = np.maximum.accumulate(np.where(held == 0, np.arange(ticks), 0))
+    way = np.abs(goal - x[3 + first])
+    far = way / velocity + 4 * (velocity / acceleration + acceleration / jerk)
+    far = far + np.sqrt(8 * way / acceleration) + np.cbrt(32 * way / jerk)
+    there = held * dt > 2 * far.max(axis=1) + 5 * dt
+    if rates is None:
+        verdict.holds("a target that is held is reached", (np.abs(ahead - goal) <= near).all(axis=1) | ~there)
+        verdict.during("on a target that is held", there, dt)
+    elif kind == "steady":
+        calm = _run_of(~safe & inside & ~out.any(axis=1)) * dt
+        away = np.abs(ahead - goals) <= 1e-6
+        margin = np.minimum(upper - goals, goals - lower).min(axis=1) > velocity.max() * 2
+        late = (calm > 20 * float(far[0].max() + 1)) & margin
+        verdict.holds("a target that moves steadily is followed without lag", away.all(axis=1) | ~late)
+        verdict.during("on a target that moves", late, dt)
+    for name, share in zip(("velocity", "acceleration", "jerk"), shares, strict=True):
+        verdict.during(f"at the {name} bound", (share > 1 - 1e-3).any(axis=1), dt)
+    verdict.during("at a position bound", (np.minimum(ahead - lower, upper - ahead) < 1e-9).any(axis=1), dt)
+    verdict.during("long after a fault", after, dt)
+    verdict.during("outside a position bound", out.any(axis=1), dt)
+    verdict.during(f"target {kind}", np.ones(ticks, dtype=bool), dt)
+
+
+def _run_of(mask: np.ndarray) -> np.ndarray:
+    """(N,) how many ticks in a row up to this one."""
+    at = np.arange(1, len(mask) + 1)
+    return np.asarray(at - np.maximum.accumulate(np.where(mask, 0, at)))
