@@ -4,8 +4,8 @@ Eq. (1): u = W^-1 J'(J W^-1 J')^-1 (r + v J g) - v g, W the inertia, g the gradi
 differential drive without the left speed, Eq. (5). The kinetic energy is that of the bodies named in `ardis`, and the
 gradient is by finite differences. Judged are ticks far from every bound that the closed form answered: others look
 ahead to where the robot could stop, and a least count sees to it that these are many. r is what the hand does: whether
-it is what was asked, others judge. The Jacobian may be that of the tick's begin or of its middle, by this command or the last one;
-`TOLERANCE` is for an instant in between.
+it is what was asked, others judge. The Jacobian may be that of the tick's begin or of its middle, by this command or
+the last one; `TOLERANCE` is for an instant in between.
 """
 
 from __future__ import annotations
