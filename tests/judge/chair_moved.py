@@ -106,8 +106,8 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     else:
         sets, dt = SETS, 0.01
         chair, made = resolver(("differential", "mecanum")[number % 2], sets, dt, PLACES)
-    obstacles = room(rng, np.zeros(7)) if rng.random() < 0.5 else ()
-    q = posture(chair, rng, obstacles=obstacles)
+    q = posture(chair, rng)
+    obstacles = room(rng, q) if rng.random() < 0.5 else ()
     outside = rng.random() < 0.1
     if outside:
         joint = rng.integers(4)

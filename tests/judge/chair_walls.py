@@ -1,0 +1,103 @@
+"""The chair beside walls and posts: it goes into none, turning or not, and sticks held there obey the law.
+
+Each run is one held command for some seconds with one to three obstacles a few centimetres from the outline: walls
+along its sides or across, posts before its faces and corners. Now and then one comes while the chair moves.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from rehab_opt.control.obstacles import Disc, HalfPlane
+from tests.judge.chair_claims import judge_ticks
+from tests.judge.chair_held import judge_law
+from tests.judge.chair_moved import PLACES
+from tests.judge.chair_robot import CORNERS, Array, Obstacles
+from tests.judge.chair_runs import SETS, Part, Run, command, held, posture, record, resolver
+from tests.judge.verdict import Promise, Verdict
+
+PROMISES = (
+    Promise("rehab_opt/control/redundancy.py", "neither does the chair into an obstacle"),
+    Promise("rehab_opt/control/redundancy.py", "Obstacles and keep-outs are approached no faster than"),
+    Promise("rehab_opt/control/redundancy.py", "Walls and posts in the world frame; may be set between ticks"),
+)
+LEAST = {
+    "an obstacle near": 1e5,
+    "turning beside an obstacle": 2e4,
+    "a wall near": 5e4,
+    "a post near": 2e4,
+    "law judged": 1e5,
+    "an obstacle came too late": 10,
+}
+CI_TICKS = 16_000
+SHARE = 1.0
+DT = 0.01
+
+
+def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
+    """Short runs until so many ticks are judged."""
+    verdict = Verdict("chair_walls", seed, LEAST)
+    number = 0 if only is None else only
+    while verdict.ticks < ticks:
+        one_run(verdict, number, np.random.default_rng([seed, number]))
+        number += 1
+        if only is not None:
+            break
+    return verdict
+
+
+def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
+    """One command beside what stands there from the begin, or comes after a while."""
+    rows = SETS[number % 5 % 2]  # most often x, y, z, which turns a chair
+    chair, made = resolver(("differential", "mecanum")[number % 2], SETS, DT, PLACES)
+    q = posture(chair, rng, ready=0.5)
+    twist = command(rng, rows, 0.05, 0.3)
+    frame = "world" if rng.random() < 0.3 else "chassis"
+    late = rng.random() < 0.2
+    obstacles = beside(rng, q)
+    parts = [Part(rows, frame, held(twist, rng.uniform(3.0, 8.0), DT), obstacles=obstacles)]
+    if late:
+        seed = int(rng.integers(2**31))
+        there = parts[0]._replace(obstacles=lambda at: beside(np.random.default_rng(seed), at))
+        parts = [Part(rows, frame, held(twist, rng.uniform(0.5, 2.0), DT), obstacles=()), there]
+    recorded = record(made, Run(chair, DT, np.zeros(7), parts, arcs=bool(rng.random() < 0.3)), q)
+    verdict.begin(number, f"{chair.drive} {rows} {frame} {np.round(twist, 4)}")
+    _, u = judge_ticks(recorded, verdict)
+    part, ticks = recorded.parts[-1], recorded.slices[-1]
+    around = part.obstacles
+    assert isinstance(around, tuple)
+    near = chair.obstacle_gaps(recorded.q[ticks], around)[:, 1:] < 0.01
+    walls = np.array([isinstance(each, HalfPlane) for each in around])
+    verdict.during("a wall near", np.any(near & walls, axis=1), DT)
+    verdict.during("a post near", np.any(near & ~walls, axis=1), DT)
+    verdict.during("turning beside an obstacle", np.any(near, axis=1) & (np.abs(u[ticks][:, 2]) > 0.02), DT)
+    before = u[ticks.start - 1] if ticks.start else np.zeros(7)
+    if chair.brakes_in_time(recorded.q[ticks.start], before, around, DT):
+        judge_law(recorded, verdict, part, ticks, around)
+
+
+def beside(rng: np.random.Generator, q: Array) -> Obstacles:
+    """One to three, 2 mm to 10 cm from the outline at q."""
+    found: list[HalfPlane | Disc] = []
+    for _ in range(int(rng.integers(1, PLACES + 1))):
+        gap = 10 ** rng.uniform(-2.7, -1.0)
+        face = float(rng.integers(4)) * math.pi / 2
+        angle = face + (rng.normal(0.0, 0.03) if rng.random() < 0.6 else rng.uniform(-0.8, 0.8))
+        heading = q[2] + angle
+        normal = np.array([math.cos(heading), math.sin(heading)])
+        if rng.random() < 0.6:
+            c, s = math.cos(q[2]), math.sin(q[2])
+            reach = float(np.max((q[:2] + CORNERS @ [[c, s], [-s, c]]) @ normal))
+            found.append(HalfPlane((float(normal[0]), float(normal[1])), reach + gap))
+            continue
+        radius = float(rng.choice([0.0, 0.02, 0.1, 0.3]))
+        edge = CORNERS[0] * rng.uniform(-1.05, 1.05, 2)
+        side = round(face / (math.pi / 2)) % 2
+        sign = 1.0 if face < 0.75 * math.pi else -1.0
+        outer = np.array([0.55 if sign > 0 else -0.45, sign * 0.33])
+        edge[side] = outer[side] + sign * (gap + radius)
+        c, s = math.cos(q[2]), math.sin(q[2])
+        found.append(Disc((float(q[0] + c * edge[0] - s * edge[1]), float(q[1] + s * edge[0] + c * edge[1])), radius))
+    return tuple(found)
