@@ -59,6 +59,8 @@ class Approach(NamedTuple):
     where it is inside."""
     inside: ca.SX
     """1 where the chair is within the obstacle."""
+    wall: ca.SX
+    """(3,) normal n and offset [m] of the wall that stands for it, in the chassis frame: free points have n . p < offset."""
 
 
 def obstacle_numbers(obstacles: Sequence[Obstacle], slots: int) -> Array:
@@ -163,7 +165,8 @@ def approach(numbers: ca.SX, place: ca.SX, outline: Outline, *, dt: float, horiz
         ca.horzcat(normal[0], normal[1], (right - still) * (1 / turn)),
     )
     more = ca.fmax(least, 0) * (1 / dt - 1 / horizon)
-    return Approach(matrix, ca.vertcat(still, still), more, ca.logic_and(there, least < -OUTSIDE))
+    inside = ca.logic_and(there, least < -OUTSIDE)
+    return Approach(matrix, ca.vertcat(still, still), more, inside, ca.vertcat(*normal, offset))
 
 
 def _outward_normal(outline: Outline, x: ca.SX, y: ca.SX) -> list[ca.SX]:
