@@ -281,35 +281,39 @@ class ChairLimits:
 
     def _corners(self, walls: list[ca.SX], last: ca.SX, base: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Rows (4 slots, 3) of the corners towards the walls, and their limits: each where least is left for it."""
-        chain, slower = self.robot.chain, self.braking.slower(last)
-        u = ca.SX.sym("u", CHAIR)
+        time, slower = self.braking.time, self.braking.slower(last)
         rows, limits = [ca.SX(0, CHAIR)], [ca.SX(0, 1)]
-        bent = math.hypot(*np.abs(self.robot.outline.corners).max(axis=0)) * float(chain.acceleration[2]) ** 2 / 2
+        turn = min(float(self.braking.change[2]), float(self.robot.chain.velocity[2]))
+        bent = float(np.linalg.norm(self.robot.outline.corners, axis=1).max()) * turn**2 / 2
         for wall in walls:
-            for corner in self.robot.outline.corners.tolist():
-                gap, tangents, lefts = wall[2] - ca.dot(wall[:2], ca.DM(corner)), [], []
-                for part in ALONG:
-                    time = part * self.braking.time
-                    moved = ca.dot(wall[:2], _arc(u * time, corner) - ca.DM(corner))
-                    row, way = ca.substitute([ca.jacobian(moved, u).T / time, moved], [u], [slower])
-                    margin = part * CLEAR + min(bent, FAR) * (time * self.dt) ** 2
-                    tangents.append(row)
-                    lefts.append(ca.fmax(gap - way - margin, 0) / time)
-                first = lefts[0] < lefts[1]
-                row, left = ca.if_else(first, tangents[0], tangents[1]), ca.fmin(*lefts)
+            for x, y in self.robot.outline.corners.tolist():
+                gap = wall[2] - wall[0] * x - wall[1] * y
+                row, left = ca.SX.zeros(CHAIR), ca.SX(ca.inf)
+                for part in (0.0, *ALONG):
+                    way, tangent = _arc(wall, (x, y), slower, part * time)
+                    speed = ca.dot(tangent, slower)
+                    margin = part * CLEAR + bent * (part * time) ** 2
+                    here = (
+                        ca.fmax(gap - margin, 0) / time - speed if part == 0 else (gap - way - margin) / (part * time)
+                    )
+                    row, left = ca.if_else(here < left, tangent, row), ca.fmin(here, left)
                 rows.append(row.T)
-                limits.append(ca.fmax(left + ca.dot(row, slower), ca.dot(row, base)))
+                limits.append(ca.fmax(ca.fmax(left, 0) + ca.dot(row, slower), ca.dot(row, base)))
         return ca.vertcat(*rows), ca.vertcat(*limits)
 
 
-def _arc(way: ca.SX, corner: list[float]) -> ca.SX:
-    """(2,) where a corner of a chair comes that drives and turns by `way` (3,): forward, left, turn; along an arc."""
-    half, turn = way[2] / 2, way[2]
-    chord = (1 - half * half / 6) * ca.vertcat(
-        ca.cos(half) * way[0] - ca.sin(half) * way[1], ca.sin(half) * way[0] + ca.cos(half) * way[1]
-    )
-    x, y = corner
-    return chord + ca.vertcat(ca.cos(turn) * x - ca.sin(turn) * y, ca.sin(turn) * x + ca.cos(turn) * y)
+def _arc(wall: ca.SX, corner: tuple[float, float], velocity: ca.SX, time: float) -> tuple[ca.SX, ca.SX]:
+    """Way of a chair's corner towards a wall [m] on the arc of a velocity (3,) for a time [s]; its slope over the time."""
+    u = ca.SX.sym("u", CHAIR)
+    (x, y), turn = corner, u[2] * time
+    half = turn / 2
+    shrunk, cos, sin = 1 - half * half / 6, ca.cos(half), ca.sin(half)
+    drive = shrunk * ca.vertcat(cos * u[0] - sin * u[1], sin * u[0] + cos * u[1])  # mean velocity along the arc
+    # What turns, over the time: a quotient that at time 0 is the turning speed.
+    spin = u[2] * shrunk * ca.vertcat(-sin * x - cos * y, cos * x - sin * y)
+    mean = ca.dot(wall[:2], drive + spin)
+    way, tangent = ca.substitute([mean * time, ca.jacobian(mean, u).T], [u], [velocity])
+    return way, tangent
 
 
 def largest_part(values: ca.SX, limits: ca.SX) -> ca.SX:

@@ -263,7 +263,9 @@ class Chair:
                 return math.nan
             best, u = -float(found.fun), found.x[:7]
             ahead = q + 1e-3 * self.world(q, u)
-            if best < 0.05 or np.all(gaps(ahead) >= np.minimum(now, 0.0) - 1e-5 * best):
+            # A wall along a side has two corners nearest: their mean slope lets one of them in.
+            known, room = np.isfinite(now), np.maximum(now - STAND_OFF, 0.0) * 1e-3 / half
+            if best < 0.05 or np.all(gaps(ahead)[known] >= (now - room)[known] - 1e-5 * best):
                 break
             closing(ahead)
         return best
