@@ -16,7 +16,7 @@ from rehab_opt.control.stopping import FAR, velocity_bounds
 from rehab_opt.kinematics.differential import Differential
 from rehab_opt.kinematics.mecanum import Mecanum
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
-from rehab_opt.optim.certificate import all_true, clipped
+from rehab_opt.optim.certificate import all_true, clipped, first_true
 from rehab_opt.optim.qp import Row, within
 
 __all__ = ["ChairLimits", "Limits"]
@@ -280,25 +280,34 @@ class ChairLimits:
         return ca.vertcat(*rows), ca.vertcat(*limits), walls, ca.vertcat(*inside)
 
     def _corners(self, walls: list[ca.SX], last: ca.SX, base: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Rows (4 slots, 3) of the corners towards the walls, and their limits: each where least is left for it."""
+        """Rows (4 slots, 3) of the two corners nearest to each wall, and their limits: one row of the posture now, one
+        of the place on the way to the stop posture where less is left.
+        """  # noqa: D205
         time, slower = self.braking.time, self.braking.slower(last)
-        rows, limits = [ca.SX(0, CHAIR)], [ca.SX(0, 1)]
         turn = min(float(self.braking.change[2]), float(self.robot.chain.velocity[2]))
         bent = float(np.linalg.norm(self.robot.outline.corners, axis=1).max()) * turn**2 / 2
+        rows, limits = [ca.SX(0, CHAIR)], [ca.SX(0, 1)]
         for wall in walls:
+            corners, nearest = [], []
             for x, y in self.robot.outline.corners.tolist():
                 gap = wall[2] - wall[0] * x - wall[1] * y
-                row, left = ca.SX.zeros(CHAIR), ca.SX(ca.inf)
-                for part in (0.0, *ALONG):
+                _, now = _arc(wall, (x, y), slower, 0.0)
+                then, left, least = ca.SX.zeros(CHAIR), ca.SX(ca.inf), gap
+                for part in ALONG:
                     way, tangent = _arc(wall, (x, y), slower, part * time)
-                    speed = ca.dot(tangent, slower)
-                    margin = part * CLEAR + bent * (part * time) ** 2
-                    here = (
-                        ca.fmax(gap - margin, 0) / time - speed if part == 0 else (gap - way - margin) / (part * time)
-                    )
-                    row, left = ca.if_else(here < left, tangent, row), ca.fmin(here, left)
-                rows.append(row.T)
-                limits.append(ca.fmax(ca.fmax(left, 0) + ca.dot(row, slower), ca.dot(row, base)))
+                    here = (gap - way - part * CLEAR - bent * (part * time) ** 2) / (part * time)
+                    then, left = ca.if_else(here < left, tangent, then), ca.fmin(here, left)
+                    least = ca.fmin(least, gap - way)
+                corners.append(ca.vertcat(now, gap / time - ca.dot(now, slower), then, left))
+                nearest.append(least)
+            keys = ca.vertcat(*nearest)
+            for _ in range(2):
+                chosen = first_true(keys <= ca.mmin(keys))
+                found = ca.horzcat(*corners) @ chosen
+                keys = ca.if_else(chosen, ca.inf, keys)
+                for row, left in ((found[:3], found[3]), (found[4:7], found[7])):
+                    rows.append(row.T)
+                    limits.append(ca.fmax(ca.fmax(left, 0) + ca.dot(row, slower), ca.dot(row, base)))
         return ca.vertcat(*rows), ca.vertcat(*limits)
 
 
