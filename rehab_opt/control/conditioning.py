@@ -6,11 +6,13 @@ The whole recording at once (`conditioned`) and sample by sample (`Conditioner`)
 from __future__ import annotations
 
 import math
+from threading import get_ident
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rehab_opt.control.thread_owner import OneThread
 from rehab_opt.control.velocity_controller import checked_number
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.vr import continuous_quaternions, poses_of
@@ -40,12 +42,13 @@ class Conditioned(NamedTuple):
     """Stretches without usable samples, jumps included."""
 
 
-class Conditioner:
+class Conditioner(OneThread):
     """Sample by sample.
 
     Samples are joined by straight lines, and turns by the nearest way, at even ticks; then each coordinate, and each
     of the quaternion's, passes a low-pass filter of two equal poles. Sight counts as lost between samples more than
     `max_gap` apart, and where a hand would have had to move faster than one can. After that the filter starts anew.
+    An object belongs to one thread: see `OneThread`.
 
     Parameters
     ----------
@@ -80,6 +83,7 @@ class Conditioner:
 
     def reset(self) -> None:
         """Forget every sample."""
+        self._claim()
         self.dropped, self.gaps = 0, 0
         self._origin = math.nan
         self._next = 0  # tick to be given next
@@ -87,6 +91,7 @@ class Conditioner:
         self._counts = False
         self._last: tuple[float, Array] | None = None
         self._state: tuple[Array, Array, Array] | None = None  # filter's poles, and the last pose
+        self._give_away()
 
     def push(self, stamp: float, position: ArrayLike, quaternion: ArrayLike) -> Conditioned:
         """Even samples (none, one or many) that one sample of the tracker completes.
@@ -96,6 +101,8 @@ class Conditioner:
         stamp : [s]
         position, quaternion : (3,) [m], (4,) x, y, z, w.
         """
+        if self._owner != get_ident():
+            self._claim()
         sample = np.concatenate([np.array(position, dtype=np.float64), np.array(quaternion, dtype=np.float64)])
         if sample.shape != (7,):
             raise ConfigurationError("position, quaternion", sample.shape, "numbers of shape (3,) and (4,)")

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
+from threading import get_ident
 from typing import Any, ClassVar
 
 import casadi as ca
@@ -53,7 +54,7 @@ class MirrorTracker(MirrorForeseen):
     deviation grows and where the person pushes, waits at the largest deviation, and catches up afterwards; what was
     slowed is late, not cut. A stretch that the arm cannot do at all is left out: once the hand stands, it is led, at
     half the hand speeds, to where the reference is by then. Jumps of the reference are bridged in the same way; the
-    first bridge starts at the hand.
+    first bridge starts at the hand. An object belongs to one thread: see `OneThread`.
 
     Parameters
     ----------
@@ -156,9 +157,11 @@ class MirrorTracker(MirrorForeseen):
     def reset(self, velocity: ArrayLike | None = None) -> None:
         """Forget the past; `velocity` (n,) is what the joints do now [rad/s or m/s], rest by default."""
         super().reset(velocity)
+        self._claim()
         self._ladder.memory[2 * self.chain.n :] = 0.0
         if hasattr(self, "clock"):
             self._begin()
+        self._give_away()
 
     @property
     def reference(self) -> Array:
@@ -208,8 +211,10 @@ class MirrorTracker(MirrorForeseen):
 
         Raises
         ------
-        ConfigurationError : an argument of the wrong shape.
+        ConfigurationError : an argument of the wrong shape. SharingError : a second thread, see `OneThread`.
         """
+        if self._owner != get_ident():
+            self._claim()
         if not self._live or force is not None:
             return self._followed(q, pose, twist, force, self._refusal(enable, stamp))
         # The usual way, without the layers of Python: they would cost as much as the solve.

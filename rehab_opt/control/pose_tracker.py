@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from threading import get_ident
 from typing import ClassVar, NamedTuple
 
 import casadi as ca
@@ -76,7 +77,7 @@ class PoseTracker(VelocityController):
     w are the joint velocities that would deliver the asked twist, or as much of it as the arm can at this pose
     (`wanted_velocity`); the asked twist is `twist` plus `gain` times the pose error, no faster than the hand speeds
     allow. s slows the motion down where the bounds demand, so that its direction is kept. The interval is that of
-    `velocity_bounds`: it is never empty.
+    `velocity_bounds`: it is never empty. An object belongs to one thread: see `OneThread`.
 
     Parameters
     ----------
@@ -266,8 +267,10 @@ class PoseTracker(VelocityController):
 
         Raises
         ------
-        ConfigurationError : an argument of the wrong shape.
+        ConfigurationError : an argument of the wrong shape. SharingError : a second thread, see `OneThread`.
         """
+        if self._owner != get_ident():
+            self._claim()
         try:
             # From view to view: half of numpy's cost, and any other type or size is refused.
             q_view, pose_view, twist_view = self._views

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.command import Bound, Command, Status
 from rehab_opt.control.stopping import VelocityBounds, nearest_to_rest, velocity_bounds
+from rehab_opt.control.thread_owner import OneThread
 from rehab_opt.control.watchdog import Watchdog
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain, per_joint
@@ -35,7 +36,7 @@ _OK, _NAN, _new, _read_only = Status.OK, math.nan, tuple.__new__, np.frombuffer
 _BOUNDS = tuple(Bound(i) for i in range(8))  # looked up, since making an IntFlag costs half a microsecond
 
 
-class VelocityController(ABC):
+class VelocityController(OneThread, ABC):
     """A controller whose command is a joint velocity held until the next tick.
 
     A subclass states its QP. Its first parameter is q (n,), its first variables are the joint velocities (n,), and its
@@ -44,7 +45,7 @@ class VelocityController(ABC):
     the last velocity where nothing else is said, with the part `wheels` beside it.
 
     The velocity last commanded is part of the state: a new controller is at rest, `reset` says otherwise. An object
-    belongs to one thread.
+    belongs to one thread: see `OneThread`.
     """
 
     def __init__(
@@ -148,12 +149,14 @@ class VelocityController(ABC):
         speed = np.zeros(n) if velocity is None else per_joint("velocity", velocity, n, finite=True)
         if np.any(np.abs(speed) > self.chain.velocity):
             raise ConfigurationError("velocity", velocity, "joint speeds within their limits")
+        self._claim()
         self._last[:] = speed
         self._ladder.start_from(np.append(speed, np.zeros(self.stated.n - n)))
         lower, upper = np.maximum(self.chain.lower, -PLAUSIBLE), np.minimum(self.chain.upper, PLAUSIBLE)
         self._predicted[:] = (lower + upper) / 2
         self._watchdog.reset()
         self._stamped = False
+        self._give_away()
 
     def instance(self, q: ArrayLike, *inputs: ArrayLike) -> Instance:
         """The QP that `step` would solve now, as numbers, for inspection."""

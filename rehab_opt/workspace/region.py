@@ -35,8 +35,8 @@ PREPARING = threading.Lock()
 class Workspace:
     """A closed set of points (x, y) in a horizontal plane; immutable, comparable by identity, picklable.
 
-    Any thread may ask. The first question builds a look-up (10 ms for 100 corners, 30 for 500): ask one before a control loop. Numbers
-    never raise, NaN and infinity included; what is not numbers, or of another shape, does.
+    Any thread may ask. The first question builds a look-up (10 ms for 100 corners, 30 for 500): ask one before a
+    control loop. Numbers never raise, NaN and infinity included; what is not numbers, or of another shape, does.
 
     Parameters
     ----------
