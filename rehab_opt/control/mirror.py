@@ -38,7 +38,7 @@ Array = NDArray[np.float64]
 
 _OK, _NAN, _new, _read_only = Status.OK, math.nan, tuple.__new__, np.frombuffer
 _BOUNDS = tuple(Bound(i) for i in range(8))
-_SQUARE = (4, 4)
+_ndarray, _SQUARE = np.ndarray, (4, 4)
 
 
 class MirrorTracker(MirrorForeseen):
@@ -219,13 +219,15 @@ class MirrorTracker(MirrorForeseen):
             return self._followed(q, pose, twist, force, self._refusal(enable, stamp))
         # The usual way, without the layers of Python: they would cost as much as the solve.
         q_view, pose_view, twist_view, given, verdict, keep, answer, velocity = self._hot
-        try:
-            q_view[:] = q
-            twist_view[:] = twist
-            pose_view[:] = pose.ravel()  # type: ignore[union-attr]
-            usual = pose.shape == _SQUARE  # type: ignore[union-attr]
-        except (ValueError, TypeError, AttributeError):
-            usual = False
+        usual = False
+        if type(q) is type(twist) is type(pose) is _ndarray:  # a masked array would be read through its mask
+            try:
+                q_view[:] = q
+                twist_view[:] = twist
+                pose_view[:] = pose.ravel()
+                usual = pose.shape == _SQUARE
+            except (ValueError, TypeError):
+                usual = False
         reason = "" if enable is True and stamp is None and not self._stamped else self._refusal(enable, stamp)
         if usual and not reason:
             verdict[0] = _NAN  # see `Ladder`: a failure inside leaves the outputs as they are

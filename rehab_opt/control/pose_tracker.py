@@ -32,6 +32,8 @@ DRIFT_SIZE = 1e-2
 TINY = 1e-12
 """[m/s] A speed that is no motion."""
 
+_ndarray, _SQUARE = np.ndarray, (4, 4)
+
 
 class Tick(NamedTuple):
     """What is given in a tick, in expressions."""
@@ -271,15 +273,17 @@ class PoseTracker(VelocityController):
         """
         if self._owner != get_ident():
             self._claim()
-        try:
-            # From view to view: half of numpy's cost, and any other type or size is refused.
-            q_view, pose_view, twist_view = self._views
-            q_view[:] = q  # type: ignore[assignment]
-            twist_view[:] = twist  # type: ignore[assignment]
-            pose_view[:] = pose.ravel()  # type: ignore[union-attr]
-            usual = pose.ndim == 2 and len(pose) == 4  # type: ignore[union-attr, arg-type]
-        except (ValueError, TypeError, AttributeError):
-            usual = False
+        usual = False
+        if type(q) is type(twist) is type(pose) is _ndarray:  # a masked array would be read through its mask
+            try:
+                # From view to view: half of numpy's cost, and any other type or size is refused.
+                q_view, pose_view, twist_view = self._views
+                q_view[:] = q  # type: ignore[assignment]
+                twist_view[:] = twist  # type: ignore[assignment]
+                pose_view[:] = pose.ravel()
+                usual = pose.shape == _SQUARE
+            except (ValueError, TypeError):
+                usual = False
         if not usual:
             self._write((q, pose, twist))
         return self._tick(enable, stamp)

@@ -274,6 +274,8 @@ class RedundancyResolver(OneThread):
         self, q: ArrayLike, twist: ArrayLike, rows: tuple[str, ...], frame: str, enable: object, stamp: float | None
     ) -> Command:
         active = self._active
+        if type(q) is not np.ndarray:  # a masked array would be read through its mask
+            q = real_numbers("q", q, (self.robot.chain.n,))
         if not isinstance(rows, tuple) or rows != active.rows:
             names = checked_rows(rows)
             other = self._sets.get(names)
@@ -285,6 +287,8 @@ class RedundancyResolver(OneThread):
             if other is not active:
                 other.take_over(active)
                 self._active = active = other
+        if type(twist) is not np.ndarray:
+            twist = real_numbers("twist", twist, (len(active.rows),))
         active.tell(q, twist, 0.0 if frame == "chassis" else frame_number(frame))
         return active.tick(enable, stamp)
 

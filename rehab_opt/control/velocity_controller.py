@@ -17,6 +17,7 @@ from rehab_opt.control.thread_owner import OneThread
 from rehab_opt.control.watchdog import Watchdog
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain, per_joint
+from rehab_opt.kinematics.real_array import real_array
 from rehab_opt.optim.certificate import clipped
 from rehab_opt.optim.fused import FUSED_SOLVERS
 from rehab_opt.optim.ladder import FUSED, Ladder
@@ -253,16 +254,14 @@ def real_numbers(argument: str, value: ArrayLike, shape: tuple[int, ...]) -> Arr
     """`value` as an array of that shape, whatever its numbers are: an integer that no float holds is infinite."""
     expected = f"real numbers of shape {shape}"
     try:
-        array = np.asarray(value)
-        if array.dtype.kind == "O":  # integers beyond 64 bits are numbers, too
-            array = array.astype(np.float64)
+        array = real_array(value)
     except OverflowError:
-        array = np.full(shape, math.inf)
+        return np.full(shape, math.inf)
     except (TypeError, ValueError) as problem:
         raise ConfigurationError(argument, value, expected) from problem
-    if array.dtype.kind not in "fiub" or array.shape != shape:
+    if array.shape != shape:
         raise ConfigurationError(argument, value, expected)
-    return array.astype(np.float64)
+    return array
 
 
 def checked_number(argument: str, value: float, *, above: float, below: float = math.inf) -> float:

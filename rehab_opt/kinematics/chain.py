@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.denavit_hartenberg import DH, checked_rows, pose_after, pose_before, product
 from rehab_opt.kinematics.determinant import determinant
+from rehab_opt.kinematics.real_array import real_array
 from rehab_opt.symbolic.shared import Evaluator
 
 __all__ = ["SerialChain", "per_joint", "rigid"]
@@ -212,7 +213,7 @@ class SerialChain:
 def per_joint(argument: str, value: ArrayLike, n: int, *, finite: bool = False) -> Array:
     """`value` as a read-only float array (n,); a scalar stands for every joint."""
     try:
-        array = np.array(value, dtype=np.float64)
+        array = np.array(real_array(value))
     except (TypeError, ValueError, OverflowError) as problem:
         raise ConfigurationError(argument, value, f"{n} numbers") from problem
     if array.ndim == 0:
@@ -229,7 +230,7 @@ def rigid(argument: str, value: ArrayLike) -> Array:
     """`value` as a read-only rigid transform (4, 4)."""
     expected = "a (4, 4) rigid transform"
     try:
-        pose = np.array(value, dtype=np.float64)
+        pose = np.array(real_array(value))
     except (TypeError, ValueError, OverflowError) as problem:
         raise ConfigurationError(argument, value, expected) from problem
     if pose.shape != (4, 4) or not np.all(np.isfinite(pose)):
