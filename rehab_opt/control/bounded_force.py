@@ -163,7 +163,7 @@ class BoundedForce(OneThread):
         self._hand.reset()
         self.wanted, self.usable = (0.0, 0.0), False
         self._ladder.memory[:] = 0.0
-        self._ladder.start_from(0.0)
+        self._ladder.forget()
         self._give_away()
 
     @property

@@ -158,7 +158,6 @@ class MirrorTracker(MirrorForeseen):
         """Forget the past; `velocity` (n,) is what the joints do now [rad/s or m/s], rest by default."""
         super().reset(velocity)
         self._claim()
-        self._ladder.memory[2 * self.chain.n :] = 0.0
         if hasattr(self, "clock"):
             self._begin()
         self._give_away()

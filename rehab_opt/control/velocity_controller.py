@@ -145,14 +145,15 @@ class VelocityController(OneThread, ABC):
 
     # -------------------------------------------------------------------------------------------------- the user's
     def reset(self, velocity: ArrayLike | None = None) -> None:
-        """Forget the past; `velocity` (n,) is what the joints do now [rad/s or m/s], rest by default."""
+        """Forget the past, that of the solvers too; `velocity` (n,) is what the joints do now, rest by default."""
         n = self.chain.n
         speed = np.zeros(n) if velocity is None else per_joint("velocity", velocity, n, finite=True)
         if np.any(np.abs(speed) > self.chain.velocity):
             raise ConfigurationError("velocity", velocity, "joint speeds within their limits")
         self._claim()
+        self._ladder.memory[:] = 0.0
         self._last[:] = speed
-        self._ladder.start_from(np.append(speed, np.zeros(self.stated.n - n)))
+        self._ladder.forget(np.append(speed, np.zeros(self.stated.n - n)))
         lower, upper = np.maximum(self.chain.lower, -PLAUSIBLE), np.minimum(self.chain.upper, PLAUSIBLE)
         self._predicted[:] = (lower + upper) / 2
         self._watchdog.reset()
