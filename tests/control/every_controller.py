@@ -26,6 +26,7 @@ from rehab_opt import (
     ardis,
     ur5,
 )
+from rehab_opt.control.bilateral_sides import FromHelper, FromParticipant
 from rehab_opt.control.conditioning import Conditioner
 from rehab_opt.kinematics.ardis import ARDIS_READY
 from rehab_opt.workspace.controller_map import ControllerMap
@@ -61,6 +62,11 @@ def assistance(**options: Any) -> Assistance:
 def carry() -> ControllerMap:
     here, there = (Workspace(shapely.box(0, 0, size, size), accuracy=1e-3) for size in (0.4, 0.3))
     return WorkspaceMap.between(here, there, rule="polar").for_controller(unsafe=True)
+
+
+def next_number(side: HelperSide | ParticipantSide) -> int:
+    """Of the message that the other side sends in the tick."""
+    return side._serials._said + 1
 
 
 def bilateral() -> Bilateral:
@@ -106,12 +112,12 @@ CASES: dict[str, Case] = {
     "helper_side": Case(
         lambda **options: HelperSide(carry(), **FORCE, **options),
         (HAND, np.zeros(2)),
-        lambda made, x, v, **more: made.step(x, None, v, **more)[0],
+        lambda made, x, v, **more: made.step(x, FromParticipant(*HAND, 1.0, 0.0, 0.0, next_number(made)), v, **more)[0],
     ),
     "participant_side": Case(
-        lambda **options: ParticipantSide(carry(), comfortable=workspace(), **FORCE, **options),
+        lambda **options: ParticipantSide(carry(), comfortable=carry().source, **FORCE, **options),
         (HAND, np.zeros(2)),
-        lambda made, x, v, **more: made.step(x, None, v, **more)[0],
+        lambda made, x, v, **more: made.step(x, FromHelper(*HAND, 0.0, next_number(made)), v, **more)[0],
     ),
     "bilateral": Case(bilateral, (HAND, HAND), lambda made, *given, **more: made.step(*given, **more).helper),
     "smoother": Case(
