@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from threading import get_ident
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -277,9 +277,10 @@ class PoseTracker(VelocityController):
         if type(q) is type(twist) is type(pose) is _ndarray:  # a masked array would be read through its mask
             try:
                 # From view to view: half of numpy's cost, and any other type or size is refused.
-                q_view, pose_view, twist_view = self._views
-                q_view[:] = q  # type: ignore[assignment]
-                twist_view[:] = twist  # type: ignore[assignment]
+                views: tuple[Any, ...] = self._views
+                q_view, pose_view, twist_view = views
+                q_view[:] = q
+                twist_view[:] = twist
                 pose_view[:] = pose.ravel()
                 usual = pose.shape == _SQUARE
             except (ValueError, TypeError):
