@@ -219,7 +219,8 @@ class MirrorTracker(MirrorForeseen):
         # The usual way, without the layers of Python: they would cost as much as the solve.
         q_view, pose_view, twist_view, given, verdict, keep, answer, velocity = self._hot
         usual = False
-        if type(q) is type(twist) is type(pose) is _ndarray:  # a masked array would be read through its mask
+        # A masked array would be read through its mask.
+        if q.__class__ is _ndarray and twist.__class__ is _ndarray and pose.__class__ is _ndarray:
             try:
                 q_view[:] = q
                 twist_view[:] = twist

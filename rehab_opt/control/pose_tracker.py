@@ -32,7 +32,7 @@ DRIFT_SIZE = 1e-2
 TINY = 1e-12
 """[m/s] A speed that is no motion."""
 
-_ndarray, _SQUARE = np.ndarray, (4, 4)
+_ndarray = np.ndarray
 
 
 class Tick(NamedTuple):
@@ -274,7 +274,8 @@ class PoseTracker(VelocityController):
         if self._owner != get_ident():
             self._claim()
         usual = False
-        if type(q) is type(twist) is type(pose) is _ndarray:  # a masked array would be read through its mask
+        # A masked array would be read through its mask.
+        if q.__class__ is _ndarray and twist.__class__ is _ndarray and pose.__class__ is _ndarray:
             try:
                 # From view to view: half of numpy's cost, and any other type or size is refused.
                 views: tuple[Any, ...] = self._views
@@ -282,7 +283,7 @@ class PoseTracker(VelocityController):
                 q_view[:] = q
                 twist_view[:] = twist
                 pose_view[:] = pose.ravel()
-                usual = pose.shape == _SQUARE
+                usual = pose.ndim == 2 and len(pose) == 4
             except (ValueError, TypeError):
                 usual = False
         if not usual:
