@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rehab_opt.errors import ConfigurationError, RehabOptError
-from rehab_opt.terminal import bars, interrupted, no_folder, on_interrupt, refuse, undisturbed, writable
+from rehab_opt.terminal import bars, interrupted, no_folder, on_interrupt, printer, refuse, say, undisturbed, writable
 
 if TYPE_CHECKING:
     from rehab_opt.session.files import ProblemFile
@@ -58,8 +58,6 @@ def run(
     law: Annotated[str | None, typer.Option(help="Of an upper limb: published, optimised or both (default).")] = None,
 ) -> None:
     """Run a problem; print its table; write metrics.json, trace.csv and figures."""
-    from rich.console import Console  # noqa: PLC0415  (each command loads what it uses)
-
     from rehab_opt.session.files import load_problem  # noqa: PLC0415
     from rehab_opt.session.report import write_report  # noqa: PLC0415
     from rehab_opt.session.systems import system_named  # noqa: PLC0415
@@ -69,18 +67,17 @@ def run(
     outcome = _run_with_progress(loaded, law=law, solver=solver)
     with undisturbed():
         written = write_report(outcome, folder)
-    console = Console()
+    console = printer()
     console.print(system_named(outcome.system).table(outcome))
     for note in outcome.notes:
-        console.print(f"- {note}", highlight=False, markup=False)
+        console.print(f"- {note}", highlight=False)
     names = ", ".join(path.name for path in written)
-    console.print(f"written to {folder}: {names}", highlight=False, markup=False, soft_wrap=True)
+    console.print(f"written to {folder}: {names}", highlight=False, soft_wrap=True)
 
 
 @app.command(name="list")
 def list_problems() -> None:
     """List the shipped problems, and whether the recordings they need are present."""
-    from rich.console import Console  # noqa: PLC0415
     from rich.table import Column, Table  # noqa: PLC0415
 
     from rehab_opt.session.files import load_problem, recording_state, shipped_problems  # noqa: PLC0415
@@ -89,7 +86,7 @@ def list_problems() -> None:
     for name in shipped_problems():
         loaded = load_problem(name)
         table.add_row(name, loaded.problem.title, recording_state(loaded))
-    Console().print(table)
+    printer().print(table)
 
 
 @app.command()
@@ -100,10 +97,10 @@ def check(file: Problem) -> None:
 
     loaded = load_problem(file)
     notes = checked(loaded)
-    print(f"{loaded.name}: {loaded.problem.title}")
+    say(f"{loaded.name}: {loaded.problem.title}")
     for note in notes:
-        print(f"- {note}")
-    print("ok")
+        say(f"- {note}")
+    say("ok")
 
 
 @app.command()
@@ -137,7 +134,7 @@ def record(
         for path, sequence in zip(paths, sequences, strict=True):
             write_sequence(path, sequence, argument="--out")
     for path, sequence in zip(paths, sequences, strict=True):
-        print(f"{path}: {len(sequence)} QPs of {sequence.n} variables and {sequence.m} rows")
+        say(f"{path}: {len(sequence)} QPs of {sequence.n} variables and {sequence.m} rows")
 
 
 @app.command()
@@ -155,8 +152,6 @@ def many(
 
     Exit code 1 if some rows are not done: results.csv says why.
     """
-    from rich.console import Console  # noqa: PLC0415
-
     from rehab_opt.session.many.participants import participants_of  # noqa: PLC0415
     from rehab_opt.session.many.run import RESULTS, run_many  # noqa: PLC0415
     from rehab_opt.session.many.summary import counted, failed_table  # noqa: PLC0415
@@ -169,12 +164,12 @@ def many(
     except KeyboardInterrupt:
         print("rehab-opt: interrupted", file=sys.stderr)
         raise typer.Exit(130) from None
-    console = Console()
+    console = printer()
     failed = any(row.error for row in rows)
     if failed:
         console.print(failed_table(rows))
     console.print(counted(rows), highlight=False)
-    console.print(f"written to {folder}: {RESULTS}", highlight=False, markup=False, soft_wrap=True)
+    console.print(f"written to {folder}: {RESULTS}", highlight=False, soft_wrap=True)
     if failed:
         raise typer.Exit(1)
 
@@ -216,12 +211,10 @@ def export_controller(
         place = writable(folder, argument="DIR")
         written = export_c(loaded, place, progress=progress, writing=undisturbed())
     for place in sorted({path.parent for path in written}):
-        print(f"written to {place}: {', '.join(path.name for path in written if path.parent == place)}")
+        say(f"written to {place}: {', '.join(path.name for path in written if path.parent == place)}")
         source, build = shlex.quote(str(place)), shlex.quote(str(place / "build"))
         example = shlex.quote(str(place / "build" / "example"))
-        print(
-            f"build it and compare it with Python: cmake -S {source} -B {build} && cmake --build {build} && {example}"
-        )
+        say(f"build it and compare it with Python: cmake -S {source} -B {build} && cmake --build {build} && {example}")
 
 
 def _run_with_progress(loaded: ProblemFile[Any], **options: str | None) -> Outcome:

@@ -4,7 +4,16 @@ from __future__ import annotations
 
 from typing import Any
 
-__all__ = ["ConfigurationError", "ProblemFileError", "RehabOptError", "SharingError"]
+__all__ = ["ConfigurationError", "ProblemFileError", "RehabOptError", "SharingError", "printable"]
+
+
+def printable(text: str) -> str:
+    """`text` with every unprintable character, which a terminal might obey, replaced by its Python escape."""
+    if text.isprintable():
+        return text
+    return "".join(
+        letter if letter.isprintable() else letter.encode("unicode_escape").decode("ascii") for letter in text
+    )
 
 
 class RehabOptError(Exception):
@@ -37,7 +46,7 @@ class SharingError(RehabOptError, TypeError):
 
 
 class ProblemFileError(RehabOptError, ValueError):
-    """A problem file or recording cannot be used; the message is one line.
+    """A problem file or recording cannot be used; the message is one line of printable characters.
 
     Parameters
     ----------
@@ -52,7 +61,7 @@ class ProblemFileError(RehabOptError, ValueError):
         self.key = key
         self.value = value
         self.expected = expected
-        super().__init__(f"{file}: {key} = {value!r}: expected {expected}")
+        super().__init__(printable(f"{file}: {key} = {value!r}: expected {expected}"))
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Made again from its parts, as a `ConfigurationError` is."""

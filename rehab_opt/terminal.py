@@ -11,14 +11,51 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from rehab_opt.errors import ConfigurationError, RehabOptError
+from rehab_opt.errors import ConfigurationError, RehabOptError, printable
 
 if TYPE_CHECKING:
+    from rich.console import Console, ConsoleOptions, ConsoleRenderable, RenderResult
+
     from rehab_opt.session.outcome import Progress
 
-__all__ = ["bars", "interrupted", "no_folder", "on_interrupt", "refuse", "undisturbed", "writable"]
+__all__ = ["bars", "interrupted", "no_folder", "on_interrupt", "printer", "refuse", "say", "undisturbed", "writable"]
 
 MOST_OF_A_VALUE = 120  # characters of a message
+
+
+def say(text: str) -> None:
+    """Print one line; characters of a file that a terminal would obey are written as escapes."""
+    print(printable(text))
+
+
+def printer() -> Console:
+    """Console for tables and lines: no markup is read from a text, and what a terminal would obey is escaped."""
+    from rich.console import Console  # noqa: PLC0415
+    from rich.console import RenderHook as Hook  # noqa: PLC0415
+
+    class Escaping(Hook):
+        """Puts each thing to be printed into an `_Escaped`."""
+
+        def process_renderables(self, renderables: list[ConsoleRenderable]) -> list[ConsoleRenderable]:
+            return [_Escaped(each) for each in renderables]
+
+    console = Console(markup=False)
+    console.push_render_hook(Escaping())
+    return console
+
+
+class _Escaped:
+    """What is printed of another thing, all but printable characters, ends of lines and rich's own styles escaped."""
+
+    def __init__(self, content: ConsoleRenderable) -> None:
+        self.content = content
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        for segment in console.render(self.content, options):
+            if segment.control:
+                yield segment
+            else:
+                yield segment._replace(text="\n".join(map(printable, segment.text.split("\n"))))
 
 
 @contextmanager
@@ -58,12 +95,11 @@ def no_folder(file: Path) -> None:
 
 
 def refuse(problem: RehabOptError) -> NoReturn:
-    """One line on the error stream, whatever a file name holds, and exit code 2."""
-    text, value = str(problem), repr(getattr(problem, "value", ""))
+    """One line on the error stream, whatever a file or its name holds, and exit code 2."""
+    text, value = (" ".join(each.splitlines()) for each in (str(problem), repr(getattr(problem, "value", ""))))
     if len(value) > MOST_OF_A_VALUE:
         text = text.replace(value, value[:MOST_OF_A_VALUE] + "...")
-    line = "".join(letter if letter.isprintable() else " " for letter in text)
-    print(f"rehab-opt: {line}", file=sys.stderr)
+    print(f"rehab-opt: {printable(text)}", file=sys.stderr)
     sys.exit(2)
 
 

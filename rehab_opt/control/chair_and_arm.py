@@ -9,16 +9,14 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rehab_opt.control.asked_motion import PROGRESS, AskedMotion
+from rehab_opt.control.chair_limits import ChairLimits, Limits
 from rehab_opt.control.command import Bound, Command, Status
-from rehab_opt.control.easing import Easing
-from rehab_opt.control.easing_branches import eased_and_unhindered, where_the_way_begins
+from rehab_opt.control.hand_task import PROGRESS, HandTask, Last
 from rehab_opt.control.obstacles import NUMBERS
-from rehab_opt.control.room import Surroundings
 from rehab_opt.control.velocity_controller import VelocityController
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 from rehab_opt.optim.factor import symmetric
-from rehab_opt.optim.qp import PLAUSIBLE, Statement, equal, parameter, variable
+from rehab_opt.optim.qp import PLAUSIBLE, Statement, equal, parameter, variable, within
 from rehab_opt.symbolic import BufferedFunction
 
 __all__ = ["ChairAndArm", "Drive"]
@@ -26,7 +24,9 @@ __all__ = ["ChairAndArm", "Drive"]
 Array = NDArray[np.float64]
 Drive = Literal["mecanum", "differential"]
 UNKNOWN = -1.0
-"""In place of the frame: 0 for the chassis frame, 1 for the world, this where no twist is remembered."""
+"""In place of the frame: 0 for the chassis frame, 1 for the world, this where no hand velocity is remembered."""
+OFF = 10.0
+"""How many times more a m/s off the commanded direction costs than one that is missing along it."""
 ROUNDS = 2
 """Corrections of the last tick's active set: it is the same in 95 % of the ticks in which any bound is active."""
 ITERATIONS = 20
@@ -36,17 +36,26 @@ ITERATIONS = 20
 class ChairAndArm(VelocityController):
     """Joint velocities for a hand twist in one set of rows.
 
-    min  1/2 u'W u + v(|r|) (W grad c)'u - price progress     over u, 0 <= progress <= |r|
-    s.t. J u = progress r/|r|,  and the bounds below: `Room`
+    min  1/2 u'W u + v(|r|) (W grad c)'u - price progress + 10 price off      over u, progress, off
+    s.t. J u = progress r/|r| + off e/|e|,      0 <= progress <= |r|,  0 <= off <= |e|
+         |u - u_last| <= a dt,  the bounds of `ChairLimits`,  and at the stop posture z
+         0 <= (r/|r|)'J(z) u,  |(1 - rr'/|r|^2) J(z) u| <= |r|/10
 
     u are the joint velocities with the chair's in the chassis frame (forward, left, turn), in which neither W nor the
     arm's Jacobian knows where the chair stands: that a turned or shifted scene changes nothing is by construction, and
-    the rolling row, Eq. (4), is a left speed of zero. r is the asked twist, led there from the twist of the last
-    command as fast as the accelerations allow: r = r_last + share (asked - r_last). u = 0 is always feasible. The QP's
-    own variables are u in `units`, which differ by what each joint weighs.
+    the rolling row, Eq. (4), is a left speed of zero. r is the commanded twist. z = q + T u is where the robot comes to
+    rest if it brakes together from now on: see `BrakingTogether`. The QP's own variables are u in `units`, which differ
+    by what each joint weighs.
 
-    Where the answer changes a joint faster than its acceleration allows after all, `Easing` goes only a part of the
-    way from the last command to it. The result is certified again, against all bounds, before it is sent.
+    **What decreases.** Let b = (1 - dt/T) u_last be one tick of braking together, and e what it leaves of the hand's
+    velocity besides a part of r between none and all: J b = progress_b r/|r| + e. Then u = b is feasible: its change is
+    within the accelerations, it leaves z, and with it every bound, where they are, and progress_b, off = |e| satisfy the
+    task. So the QP has an answer in every tick, and that answer has off <= |e|: what the hand does besides r shrinks by
+    the factor 1 - dt/T a tick or faster, but for what the change of the Jacobian within the tick adds, of order
+    dt |u|^2. Along r the hand is never faster than |r| but for that. Nothing that was delivered becomes a reference. The
+    rows at z are why off stays small while a bound or a singular posture stops the hand: it keeps to r while it brakes.
+
+    Without a command all joints brake together as hard as the accelerations allow, and then rest.
 
     The parameters are q (7,), twist (k,), frame (1,), obstacles (4 each,). See `RedundancyResolver` for the rest.
     """
@@ -70,25 +79,22 @@ class ChairAndArm(VelocityController):
         compile: bool | None,
     ) -> None:
         self.robot, self.rows, self.drive, self.slots = robot, rows, drive, slots
-        self.self_motion = self_motion
         self.wheelset = getattr(robot, drive)
-        self.surroundings = Surroundings(robot, self.wheelset, slots=slots, dt=dt, return_speed=return_speed)
+        self.limits = ChairLimits(robot, self.wheelset, slots=slots, dt=dt, return_speed=return_speed)
         n, k, wheels = robot.chain.n, len(rows), len(self.wheelset.rolling)
         self.shapes = ((k,), (1,), (NUMBERS * slots,))  # type: ignore[misc]
         self.shapes = self.shapes if slots else self.shapes[:2]  # type: ignore[misc]
-        self._asked = AskedMotion(robot, rows, moving=self.surroundings.moving, self_motion=self_motion, dt=dt)
-        # What is remembered: u, where it leads, what is sent, the wheels' share of it, r, what of it was delivered, and
-        # in which frame.
+        self.task = HandTask(robot, rows, moving=self.limits.moving, self_motion=self_motion)
+        # What is remembered: u, where it leads, the command, the wheels' part of it, the hand's velocity and its frame.
         self.sent, self.wheels = slice(2 * n, 3 * n), slice(3 * n, 3 * n + wheels)
-        self.limited = slice(3 * n + wheels, 3 * n + wheels + k)
         super().__init__(
             robot.chain, dt=dt, return_speed=return_speed, solver=solver, backup=backup, tolerance=tolerance,
             max_age=max_age, compile=compile,
         )  # fmt: skip
         full, memory = ca.MX.sym("p", self.stated.parameter_size), ca.MX.sym("memory", self.stated.memory.numel())
         complete = self.stated.complete(full, memory)
-        outputs = self.stated.finish.call([complete, memory, self._slowed(complete, memory)])
-        self._slowed_law = BufferedFunction(ca.Function("slowed_law", [full, memory], outputs))
+        outputs = self.stated.finish.call([complete, memory, self._braking_answer(complete)])
+        self._braking_together = BufferedFunction(ca.Function("braking_law", [full, memory], outputs))
 
     # --------------------------------------------------------------------------------------------- the task
     @cached_property
@@ -107,74 +113,128 @@ class ChairAndArm(VelocityController):
         n, k, name = self.chain.n, len(self.rows), "_".join(self.rows)
         q, twist, world = parameter("q", n), parameter("twist", k), parameter("frame", 1)
         obstacles = parameter("obstacles", NUMBERS * self.slots)
-        size = 3 * n + len(self.wheelset.rolling) + 2 * k + 1
-        memory = parameter("last", size)
+        memory = parameter("last", 3 * n + len(self.wheelset.rolling) + k + 1)
         parameters = [q, twist, world, obstacles] if self.slots else [q, twist, world]
+        last = memory[:n]
 
-        room = self.surroundings.room(q, memory[:n], obstacles)
-        prepared = {**self._asked.columns(q, twist, world, memory, room), **room.columns()}
+        far = self.limits.far()
+        keep_outs = parameter("keep_outs", sum(each.numel() for each in far))
+        clearance = parameter("clearance", 1)
+        closing = ca.reshape(keep_outs[: far[0].numel()], *far[0].shape), keep_outs[far[0].numel() :]
+        limits = self.limits.limits(q, last, obstacles, closing, clearance)
+        braking, remembered = self.limits.braking, Last(last, memory[-1 - k : -1], memory[-1])
+        task = self.task.columns(q, twist, world, last=remembered, limits=limits, braking=braking, dt=self.dt)
+        moving = ca.sumsqr(twist) > 0
+        eased = limits._replace(
+            lower=ca.if_else(
+                moving, ca.fmax(limits.lower, ca.fmin(last - self.limits.braking.change, limits.base)), limits.lower
+            ),
+            upper=ca.if_else(
+                moving, ca.fmin(limits.upper, ca.fmax(last + self.limits.braking.change, limits.base)), limits.upper
+            ),
+        )
+        prepared = {**task, **limits.columns(), **{f"eased_{end}": getattr(eased, end) for end in ("lower", "upper")}}
         columns = [parameter(key, value.numel()) for key, value in prepared.items()]
         given = dict(zip(prepared, columns, strict=True))
-        jacobian = ca.reshape(given["jacobian"], k, n)
-        room = room.like(given)
+        limits = limits.like(given)
+        jacobian, ahead = (ca.reshape(given[key], k, n) for key in ("jacobian", "across"))
         weight = symmetric(given["inertia"], n)
 
         unit = ca.DM(self.units)
-        decided = variable("velocity", n, lower=room.lower / unit, upper=room.upper / unit)
-        u = unit * decided.symbol
+        decided = variable("velocity", n, lower=given["eased_lower"] / unit, upper=given["eased_upper"] / unit)
         progress = variable("progress", 1, lower=0, upper=given["speed"])
-        kinetic = u.T @ weight @ u / 2
+        off = variable("off", 1, lower=0, upper=given["off"])
+        u = unit * decided.symbol
         # Steeper the more is missing, since solvers fail more often on a cost that is flat in a variable.
         missing = given["speed"] - progress.symbol
-        reward = -given["price"] * progress.symbol + PROGRESS * missing**2 / 2
-        base, eased, unhindered = parameter("base", n), parameter("eased", n), parameter("unhindered", 1)
-        easing = Easing(self.robot, self.dt, room, base=base)
-        wanted = ca.if_else(given["speed"] > 0, u, 0)  # exactly, whichever solver answers
-        sent = easing.waiting(memory[:n], eased, unhindered)
-        share = room.share_of(given["guess"])
-        slowed = ca.vertcat(share * given["guess"] / unit, share * given["speed"])
-        self._slowed = ca.Function("slowed", [ca.vertcat(*parameters, *columns, base), memory], [slowed], {"cse": True})
+        price = given["price"] * (OFF * off.symbol - progress.symbol) + PROGRESS * (missing**2 + off.symbol**2) / 2
+        chair, *surroundings = limits.rows(u)
+        then = [
+            within(given["along"].T @ u, given["along_lower"], np.inf),
+            within(ahead @ u, given["across_lower"], given["across_upper"]),
+        ]
+        sent = parameter("command", n)
+        begin = ca.if_else(moving, limits.base, limits.rest)
+        wanted = ca.if_else(moving, u, begin)  # exactly, whichever solver answers
+        complete = ca.vertcat(*parameters, *columns)
+        self._braking_answer = ca.Function("braking_answer", [complete], [ca.vertcat(begin / unit, 0, 0)])
         return Statement(
             name=f"chair_and_arm_{self.drive}_{name}",
             parameters=parameters,
-            variables=[decided, progress],
-            minimise=kinetic + given["self_motion"].T @ u + reward,
+            variables=[decided, progress, off],
+            minimise=u.T @ weight @ u / 2 + given["slope"].T @ u + price,
             subject_to=[
-                equal(jacobian @ u, given["direction"] * progress.symbol),  # the direction of the hand is kept
-                *room.rows(u),
+                equal(
+                    jacobian @ u, given["turning"] + given["direction"] * progress.symbol + given["error"] * off.symbol
+                ),
+                chair,
+                *then,
+                *surroundings,
             ],
-            seldom=room.towards.size1() + room.closing.size1(),
+            seldom=sum(row.expression.numel() for row in (*then, *surroundings)),
             rounds=ROUNDS,
             iterations=ITERATIONS,
-            guess=ca.vertcat(given["guess"] / unit, given["speed"]),
-            multipliers=ca.vertcat(given["multipliers"], ca.SX.zeros(room.row_count)),
-            prepared=[*columns, base],
-            prepare=_completed(ca.vertcat(*parameters), memory, prepared, columns, Easing(self.robot, self.dt, room)),
-            settled=[eased, unhindered],
-            settle=eased_and_unhindered(
-                ca.vertcat(*parameters, *columns, base),
-                memory,
-                ca.vertcat(decided.symbol, progress.symbol),
-                easing,
-                wanted,
+            guess=ca.vertcat(given["guess"] / unit, given["speed"], 0),
+            multipliers=ca.vertcat(given["multipliers"], ca.SX.zeros(limits.row_count + 1 + k)),
+            prepared=columns,
+            prepare=self._prepared(ca.vertcat(*parameters), memory, ca.vertcat(keep_outs, clearance), prepared),
+            settled=[sent],
+            settle=self._settled(
+                complete, memory.numel(), ca.vertcat(decided.symbol, progress.symbol, off.symbol), begin, wanted, limits
             ),
-            report=self.report(memory[:n], sent, jacobian @ sent, twist, room.outside),
+            report=self.report(last, sent, jacobian @ sent, twist, limits.outside),
             memory=memory,
-            remember=self.remembered(q, sent, given["direction"] * given["speed"], jacobian @ sent, world),
-            violation=room.violation(sent),
+            remember=self.remembered(q, sent, jacobian @ sent, world),
+            violation=limits.violation(sent),
         )
 
+    def _prepared(self, parameters: ca.SX, memory: ca.SX, keep_outs: ca.SX, prepared: dict[str, ca.SX]) -> ca.Function:
+        """Parameters, memory -> `prepared`; rows of keep-outs are made only where one is near."""
+        n = self.chain.n
+        arm, last = ca.SX.sym("arm", n - CHAIR), ca.SX.sym("last", n - CHAIR)
+        near = ca.Function("near", [arm, last], list(self.limits.near(arm, last)), {"cse": True})
+        rows = [
+            ca.vertcat(ca.vec(ca.densify(each[0])), each[1])
+            for each in (self.limits.keep_outs(arm, last), self.limits.far())
+        ]
+        some, none = (ca.Function("rows", [arm, last], [ca.densify(each)], {"cse": True}) for each in rows)
+        rest = ca.Function(
+            "rest", [parameters, memory, keep_outs], [ca.densify(ca.vertcat(*prepared.values()))], {"cse": True}
+        )
+        p, m = ca.MX.sym("p", parameters.numel()), ca.MX.sym("m", memory.numel())
+        inputs = p[CHAIR:n], m[CHAIR:n]
+        is_near, clearance = near.call(inputs)
+        closing = ca.Function.if_else("keep_outs", some, none)(is_near, *inputs)
+        return ca.Function("prepare", [p, m], [rest(p, m, ca.vertcat(closing, clearance))])
+
+    def _settled(
+        self, complete: ca.SX, size: int, x: ca.SX, begin: ca.SX, wanted: ca.SX, limits: Limits
+    ) -> ca.Function:
+        """Complete parameters, memory, x -> the command; the arm's true way is looked at only near a keep-out."""
+        n = self.chain.n
+        base, u, q = (ca.SX.sym(name, n) for name in ("base", "u", "q"))
+        clear = ca.logic_and(self.limits.clear(wanted, limits.clearance), self.limits.clear(begin, limits.clearance))
+        first = ca.Function("wanted", [complete, x], [ca.densify(begin), ca.densify(wanted), clear], {"cse": True})
+        same = ca.Function("same", [base, u, q], [u])
+        checked = self.limits.unhindered(base, u, q[CHAIR:]) if self.robot.keep_out else u
+        looked = ca.Function("looked", [base, u, q], [ca.densify(checked)], {"cse": True})
+        p, answer = ca.MX.sym("p", complete.numel()), ca.MX.sym("x", x.numel())
+        memory = ca.MX.sym("memory", size)
+        start, end, is_clear = first(p, answer)
+        command = ca.Function.if_else("unhindered", same, looked)(is_clear, start, end, p[:n])
+        return ca.Function("settle", [p, memory, answer], [command])
+
     # ------------------------------------------------------------------------------------------ what is remembered
-    def remembered(self, q: ca.SX, u: ca.SX, limited: ca.SX, delivered: ca.SX, frame: ca.SX) -> ca.SX:
+    def remembered(self, q: ca.SX, u: ca.SX, hand: ca.SX, frame: ca.SX) -> ca.SX:
         """The memory: see `__init__`."""
         cos, sin = ca.cos(q[2]), ca.sin(q[2])
         value = ca.vertcat(cos * u[0] - sin * u[1], sin * u[0] + cos * u[1], u[2:])
         wheels = self.wheelset.wheel_speeds_expression(u[:CHAIR])
-        return ca.densify(ca.vertcat(u, q + value * self.dt, value, wheels, limited, delivered, frame))
+        return ca.densify(ca.vertcat(u, q + value * self.dt, value, wheels, hand, frame))
 
     def lesser_command(self) -> Command | None:
-        """Eq. (1) slowed as a whole into the bounds: not the best that they allow, but as safe."""
-        law, ladder = self._slowed_law, self._ladder
+        """One tick of braking together: within all bounds, and the next tick may answer again."""
+        law, ladder = self._braking_together, self._ladder
         if not ladder.sound[0]:
             return None
         law.inputs[0][:], law.inputs[1][:] = ladder.parameters, ladder.memory
@@ -185,23 +245,28 @@ class ChairAndArm(VelocityController):
         ladder.memory[:] = memory
         ladder.start_from(0.0)
         value, wheels = self._sent_now()
-        bound, reason = Bound(int(yielded)), f"{self._fault()}: Eq. (1), slowed into the bounds"
-        return Command(value, Status.BACKUP, "slowed law", float(violation), -1, reason, bound, float(scale), wheels)
+        bound, reason = Bound(int(yielded)), f"{self._fault()}: braking together"
+        return Command(
+            value, Status.BACKUP, "braking together", float(violation), -1, reason, bound, float(scale), wheels
+        )
 
     def braking(self) -> ca.Function:
         """q, memory, obstacles -> what is remembered of the safe command, and its report."""
         n = self.chain.n
         q, obstacles = ca.SX.sym("q", n), ca.SX.sym("obstacles", NUMBERS * self.slots)
         memory = ca.SX.sym("memory", self.stated.memory.numel())
-        last = memory[:n]
-        room = self.surroundings.room(q, last, obstacles)
-        easing = Easing(self.robot, self.dt, room)
-        rest = easing.towards(last, ca.SX.zeros(n), q[CHAIR:])
-        report = self.report(last, rest, ca.SX(0), ca.SX(1), room.outside)  # nothing of the task is delivered
-        nothing = ca.SX.zeros(len(self.rows))
-        outputs = [self.remembered(q, rest, nothing, nothing, ca.SX(UNKNOWN)), report]
+        last, arm = memory[:n], q[CHAIR:]
+        _, clearance = self.limits.near(arm, last[CHAIR:])
+        limits = self.limits.limits(q, last, obstacles, self.limits.keep_outs(arm, last[CHAIR:]), clearance)
+        rest = self.limits.unhindered(limits.rest, limits.rest, arm) if self.robot.keep_out else limits.rest
+        report = self.report(last, rest, ca.SX(0), ca.SX(1), limits.outside)  # nothing of the task is delivered
         inputs = [q, memory, obstacles] if self.slots else [q, memory]
-        return ca.Function("braking", inputs, outputs, {"cse": True})
+        return ca.Function(
+            "braking",
+            inputs,
+            [self.remembered(q, rest, ca.SX.zeros(len(self.rows)), ca.SX(UNKNOWN)), report],
+            {"cse": True},
+        )
 
     def tell_braking(self, inputs: tuple[Array, ...]) -> None:
         """Also the obstacles, where they are usable: the chair could stop before them, and brakes."""
@@ -256,19 +321,3 @@ class ChairAndArm(VelocityController):
     def velocity(self) -> Array:
         """(7,) last command, the chair's share in its own frame."""
         return self._last.copy()
-
-    @property
-    def limited_twist(self) -> Array:
-        """(k,) what the last tick's twist became within the accelerations."""
-        return self._ladder.memory[self.limited].copy()
-
-
-def _completed(
-    parameters: ca.SX, memory: ca.SX, prepared: dict[str, ca.SX], columns: list[ca.SX], easing: Easing
-) -> ca.Function:
-    """Parameters, memory -> `prepared`, of which `columns` are the symbols, and where the way begins."""
-    first = ca.Function("prepared", [parameters, memory], [ca.densify(ca.vertcat(*prepared.values()))], {"cse": True})
-    begins = where_the_way_begins(ca.vertcat(*columns), memory, easing)
-    given = [ca.MX.sym("given", each.numel()) for each in (parameters, memory)]
-    found = first(*given)
-    return ca.Function("prepare", given, [ca.vertcat(found, begins(found, given[1]))])

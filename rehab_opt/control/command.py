@@ -16,6 +16,7 @@ class Status(Enum):
 
     OK = "ok"  #: solved by the primary solver, certified
     BACKUP = "backup"  #: by the backup solver, or with a lesser claim, which the reason names; its bounds certified
+    BLOCKED = "blocked"  #: certified, but the bounds leave nothing of the commanded motion; the robot may still move
     UNREACHABLE = "unreachable"  #: the nearest reachable point is given instead (inverse kinematics)
     BRAKING = "braking"  #: safe command: decelerating within the limits
     HOLDING = "holding"  #: safe command: at rest
@@ -25,7 +26,7 @@ class Status(Enum):
     @property
     def certified(self) -> bool:
         """Whether a certificate of every bound stands behind the value."""
-        return self in (Status.OK, Status.BACKUP)
+        return self in (Status.OK, Status.BACKUP, Status.BLOCKED)
 
 
 class Bound(IntFlag):
@@ -56,7 +57,7 @@ class Command(NamedTuple):
     yielded: Bound
     """Which bounds or tasks gave way."""
     scale: float
-    """Share of the asked motion that is delivered, 0 to 1; of a tracker: along the asked twist, feedback included; of
-    assistance: of the wanted force, along it."""
+    """Fraction of the commanded motion that is delivered, 0 to 1, and 1 where none is commanded; of a tracker: along the
+    reference twist, feedback included; of assistance: of the desired force, along it."""
     wheels: NDArray[np.float64] | None = None
     """Wheel speeds [rad/s] that belong to `value`, where there are wheels."""

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from rehab_opt.control.stopping import OUTSIDE
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.mobile_arm import Outline
-from rehab_opt.optim.certificate import clipped
 from rehab_opt.optim.qp import PLAUSIBLE
 
 __all__ = ["NUMBERS", "Approach", "Disc", "HalfPlane", "Obstacle", "approach", "obstacle_numbers"]
@@ -22,8 +21,8 @@ Array = NDArray[np.float64]
 
 NUMBERS = 4
 """How many numbers one obstacle is."""
-TINY = 1e-9
-"""[m] A distance that gives no direction."""
+TINY = 1e-100
+"""[m] A distance whose square is no number above zero."""
 _NONE, _HALF_PLANE, _DISC = 0.0, 1.0, 2.0
 
 
@@ -56,7 +55,8 @@ class Approach(NamedTuple):
     room: ca.SX
     """(2,) [m/s]"""
     more: ca.SX
-    """[m/s] by which both could be wider, and the chair would still not be inside after this tick."""
+    """[m/s] by which both could be wider, and a chair that is outside would still not be inside after this tick; zero
+    where it is inside."""
     inside: ca.SX
     """1 where the chair is within the obstacle."""
 
@@ -118,10 +118,19 @@ def approach(numbers: ca.SX, place: ca.SX, outline: Outline, *, dt: float, horiz
         chair needs to stop from any speed when all its components slow down together: then a chair that kept these
         rows in the last tick can keep them in this one within its accelerations.
 
-    A disc is the wall that touches it where it is nearest to the outline. A corner p turns by w dt within the tick and
-    is then off its straight way by at most |p| (w dt)^2/2: with it, and over all corners, the largest speed towards
-    the wall is a concave function of w, zero or more at w = 0. The rows are its two chords from there to the fastest
-    turns.
+    Guaranteed at every instant of the tick, at any dt, for any twist within the rows (also within `room + more`) that
+    turns no faster than `turn`: an outline that is outside stays outside; one that is inside gets no deeper. Depth is
+    the shortest way out of the obstacle by translation. The chair is taken to move straight in the world while it
+    turns: q + t value.
+
+    A disc is replaced by the wall, fixed in the world, that touches it and has the outline's outward normal n at the
+    point of the outline nearest to the disc's centre; the nearest edge's normal where the centre is on or under the
+    outline. The distance of the centre c from a rectangle of corners p, negative inside, is the largest
+    n . c - max(n . p) of all unit vectors n, so it falls by no more than max(n . p) rises.
+
+    A corner p turns by w dt within the tick and is then off its straight way by at most |p| (w dt)^2/2: with it, and
+    over all corners, the largest speed towards the wall is a concave function of w, zero or more at w = 0. The rows are
+    its two chords from there to the fastest turns.
     """
     cos, sin = ca.cos(place[2]), ca.sin(place[2])
     disc = numbers[3] == _DISC
@@ -130,15 +139,7 @@ def approach(numbers: ca.SX, place: ca.SX, outline: Outline, *, dt: float, horiz
         return cos * x + sin * y, cos * y - sin * x
 
     centre = to_chassis(numbers[0] - place[0], numbers[1] - place[1])
-    nearest = clipped(centre[0], outline.rear, outline.front), clipped(centre[1], outline.right, outline.left)
-    away = centre[0] - nearest[0], centre[1] - nearest[1]
-    # Not hypot, a call into a library: numbers far too large for a square never come here.
-    distance, from_middle = (ca.sqrt(x * x + y * y) for x, y in (away, centre))
-    touching = distance > TINY
-    to_disc = [
-        ca.if_else(touching, a, c) / ca.fmax(ca.if_else(touching, distance, from_middle), TINY)
-        for a, c in zip(away, centre, strict=True)
-    ]
+    to_disc = _outward_normal(outline, *centre)
     to_wall = to_chassis(numbers[0], numbers[1])
     there = numbers[3] != _NONE
     normal = [ca.if_else(disc, d, ca.if_else(there, w, 0)) for d, w in zip(to_disc, to_wall, strict=True)]
@@ -163,3 +164,18 @@ def approach(numbers: ca.SX, place: ca.SX, outline: Outline, *, dt: float, horiz
     )
     more = ca.fmax(least, 0) * (1 / dt - 1 / horizon)
     return Approach(matrix, ca.vertcat(still, still), more, ca.logic_and(there, least < -OUTSIDE))
+
+
+def _outward_normal(outline: Outline, x: ca.SX, y: ca.SX) -> list[ca.SX]:
+    """(2,) unit normal of the outline at its point nearest to (x, y), both in the chassis frame."""
+    beyond = [ca.fmax(outline.rear - x, x - outline.front), ca.fmax(outline.right - y, y - outline.left)]
+    side = [
+        ca.if_else(x - outline.front >= outline.rear - x, 1, -1),
+        ca.if_else(y - outline.left >= outline.right - y, 1, -1),
+    ]
+    at_corner = ca.fmin(*beyond) > TINY
+    # Not hypot, a call into a library: numbers far too large for a square never come here.
+    distance = ca.fmax(ca.sqrt(beyond[0] * beyond[0] + beyond[1] * beyond[1]), TINY)
+    at_end = beyond[0] >= beyond[1]
+    edge = [at_end, ca.logic_not(at_end)]
+    return [s * ca.if_else(at_corner, b / distance, e) for s, b, e in zip(side, beyond, edge, strict=True)]

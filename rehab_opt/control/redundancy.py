@@ -147,11 +147,6 @@ class RedundancyResolver(OneThread):
         """(7,) last command, the chair's share in its own frame: forward, left, turn, arm [m/s, rad/s]."""
         return self._active.velocity
 
-    @property
-    def limited_twist(self) -> Array:
-        """(k,) what the last twist became within the accelerations; the hand's is a share of it."""
-        return self._active.limited_twist
-
     def reset(self, velocity: ArrayLike | None = None, *, heading: float = 0.0) -> None:
         """Forget the past.
 

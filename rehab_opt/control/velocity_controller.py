@@ -29,11 +29,12 @@ __all__ = ["VelocityController", "checked_number", "real_numbers"]
 Array = NDArray[np.float64]
 MISSED = 1e-3
 """Share of the asked motion by which the delivered one must differ for the task to count as yielding."""
+NOTHING_LEFT = "the bounds leave nothing of the commanded motion"
 STILL = 1e-6
 """[m/s] Motions below this are none."""
 
 # Bound once: each look-up of an attribute in the hot path would cost a hundredth of the tick.
-_OK, _NAN, _new, _read_only = Status.OK, math.nan, tuple.__new__, np.frombuffer
+_OK, _BLOCKED, _NAN, _new, _read_only = Status.OK, Status.BLOCKED, math.nan, tuple.__new__, np.frombuffer
 _BOUNDS = tuple(Bound(i) for i in range(8))  # looked up, since making an IntFlag costs half a microsecond
 
 
@@ -109,7 +110,7 @@ class VelocityController(OneThread, ABC):
         return velocity_bounds(self.chain, q, last, dt=self.dt, return_speed=self.return_speed)
 
     def report(self, last: ca.SX, velocity: ca.SX, delivered: ca.SX, asked: ca.SX, outside: ca.SX) -> ca.SX:
-        """What yielded, as a number of `Bound`, and the share of the asked motion that is delivered.
+        """What yielded, as a number of `Bound`, and the fraction of the asked motion that is delivered; 1 if none is asked.
 
         `delivered` and `asked` are twists, weighted alike; `outside` says that a joint is beyond its limit.
         """
@@ -119,7 +120,7 @@ class VelocityController(OneThread, ABC):
         missed = ca.sumsqr(delivered - asked) > MISSED**2 * size + STILL**2
         along = clipped(ca.dot(delivered, asked) / ca.fmax(size, STILL**2), 0, 1)
         yielded = int(Bound.POSITION) * outside + int(Bound.ACCELERATION) * hurried + int(Bound.TASK) * missed
-        return ca.vertcat(yielded, ca.if_else(missed, ca.if_else(size > STILL**2, along, 0), 1))
+        return ca.vertcat(yielded, ca.if_else(ca.logic_and(missed, size > STILL**2), along, 1))
 
     def remember(self, q: ca.SX, velocity: ca.SX) -> ca.SX:
         """The velocity, and where it leads by the next tick."""
@@ -197,7 +198,9 @@ class VelocityController(OneThread, ABC):
                 value = _read_only(self._velocity.tobytes())  # a copy
                 wheels = None if self._wheels is None else _read_only(self._wheels.tobytes())
                 name, bound = FUSED_SOLVERS[int(who)], _BOUNDS[int(yielded)]
-                return _new(Command, (value, _OK, name, residual, -1, "", bound, scale, wheels))
+                if scale:
+                    return _new(Command, (value, _OK, name, residual, -1, "", bound, scale, wheels))
+                return Command(value, _BLOCKED, name, residual, -1, NOTHING_LEFT, bound, scale, wheels)
         ladder = self._ladder
         solver = ladder.climb() if self._fused else ladder()
         if not solver:
@@ -206,6 +209,8 @@ class VelocityController(OneThread, ABC):
         if solver == ladder.backup != ladder.solver:
             status, reason = Status.BACKUP, f"{ladder.solver} gave no certified answer"
         residual, _, _, yielded, scale = ladder.verdict.tolist()
+        if status is Status.OK and not scale:
+            status, reason = Status.BLOCKED, NOTHING_LEFT
         bound = _BOUNDS[int(yielded)]
         value, wheels = self._sent_now()
         return Command(value, status, solver, residual, ladder.iterations, reason, bound, scale, wheels)

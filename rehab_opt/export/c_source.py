@@ -13,7 +13,7 @@ from rehab_opt.optim.fused import FUSED_SOLVERS
 
 __all__ = ["SOLVERS", "files_of"]
 
-SOLVERS = (*FUSED_SOLVERS, "slowed law")
+SOLVERS = (*FUSED_SOLVERS, "braking together")
 """What Python calls who answered, by the number that C gives; -1 is nobody."""
 
 BYTES = 8

@@ -26,6 +26,7 @@ MOST_TICKS = 4000
 """Of a run; a longer one is thinned, or its header would be read for minutes."""
 STATUSES = {
     Status.OK: 0, Status.BACKUP: 1, Status.BRAKING: 2, Status.HOLDING: 3, Status.RELEASING: 4, Status.RELEASED: 5,
+    Status.BLOCKED: 6,
 }  # fmt: skip
 """Numbers of `enum rehab_status`."""
 

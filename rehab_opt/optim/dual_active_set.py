@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = ["dual_active_set"]
 
-STEPS = 24
+STEPS = 48
 """Bounds taken in or dropped; random states among walls and keep-outs needed 5 in the median and 18 at most."""
 DEPENDENT = 1e-10
 """Share of a bound's curvature that must be left beside the active ones, or it depends on them."""

@@ -13,6 +13,7 @@ from pydantic import ValidationError
 
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.session.data_folder import ENVIRONMENT, PREFIX, data_file
+from rehab_opt.session.file_limits import LARGEST_PROBLEM, check_key_depth
 from rehab_opt.session.schema import FORMS, Problem
 from rehab_opt.session.systems import SYSTEMS, system_named
 from rehab_opt.session.text_lines import brief, shown, whole_text
@@ -67,7 +68,8 @@ def load_problem(file: str) -> ProblemFile[Any]:
 
 def problem_content(path: Path, file: str) -> dict[str, Any]:
     """What a TOML file says, not yet checked; raises as `load_problem`, `file` being what errors call it."""
-    text = whole_text(path, file)
+    text = whole_text(path, file, largest=LARGEST_PROBLEM)
+    check_key_depth(text, name=file)
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as problem:
@@ -187,7 +189,7 @@ def _first_error(problem: ValidationError, file: str) -> ProblemFileError:
         value, expected = None, "this key"
     elif first["type"] in ("too_short", "too_long"):
         expected = f"{_count(context)} entries"
-    dotted = ".".join(key if key.isprintable() else repr(key) for key in map(shown, keys))
+    dotted = ".".join(map(shown, keys))
     return ProblemFileError(file, dotted or "file", brief(value), expected)
 
 

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from rehab_opt.errors import ProblemFileError
+from rehab_opt.session.file_limits import header_cells
 from rehab_opt.session.recordings import Recording
-from rehab_opt.session.text_lines import FARTHEST, LATEST, finite_number, shown, text_lines
+from rehab_opt.session.text_lines import FARTHEST, LATEST, brief, finite_number, shown, text_lines
 
 __all__ = ["read_trc"]
 
@@ -35,9 +36,9 @@ def read_trc(path: Path, *, name: str, marker: str | None) -> Recording:
     facts = dict(zip(lines[1].split(separator), lines[2].split(separator), strict=False))
     facts = {key.strip(): value.strip() for key, value in facts.items()}
     if facts.get("Units") not in LENGTH:
-        raise ProblemFileError(name, "line 3, Units", facts.get("Units"), f"one of {', '.join(LENGTH)}")
+        raise ProblemFileError(name, "line 3, Units", brief(facts.get("Units")), f"one of {', '.join(LENGTH)}")
     unit = LENGTH[facts["Units"]]
-    header = [cell.strip() for cell in lines[3].split(separator)]
+    header = header_cells(lines[3].split(separator), name=name, line=4)
     if header[:2] != ["Frame#", "Time"]:
         raise ProblemFileError(name, "line 4", shown(lines[3]), "Frame#, Time and the names of the markers")
     markers = [cell for cell in header[2:] if cell]

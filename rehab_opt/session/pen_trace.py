@@ -33,7 +33,7 @@ def read_svc(path: Path, *, name: str) -> Recording:
     """
     lines = text_lines(path, name)
     stated = lines[0].strip()
-    if not stated.isdecimal() or len(stated) > DIGITS:
+    if not (stated.isascii() and stated.isdecimal()) or len(stated) > DIGITS:
         raise ProblemFileError(name, "line 1", shown(stated), "the number of samples")
     if int(stated) != len(lines) - 1:
         raise ProblemFileError(name, "line 1", int(stated), f"the number of samples below it, {len(lines) - 1}")
@@ -45,9 +45,9 @@ def read_svc(path: Path, *, name: str) -> Recording:
         for j, (column, most) in enumerate(COLUMNS.items()):
             samples[i, j] = finite_number(cells[j], name=name, line=i + 2, column=column, most=most)
         if samples[i, 3] not in (0, 1):
-            raise ProblemFileError(name, f"line {i + 2}, column pen_down", cells[3], "0 or 1")
+            raise ProblemFileError(name, f"line {i + 2}, column pen_down", shown(cells[3]), "0 or 1")
         if i and samples[i, 2] < samples[i - 1, 2]:
-            raise ProblemFileError(name, f"line {i + 2}, column t_s", cells[2], "a time not before the last one")
+            raise ProblemFileError(name, f"line {i + 2}, column t_s", shown(cells[2]), "a time not before the last one")
     return _trimmed(samples, name)
 
 

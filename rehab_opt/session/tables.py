@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.errors import ProblemFileError
+from rehab_opt.session.file_limits import header_cells
 from rehab_opt.session.recordings import Recording
-from rehab_opt.session.text_lines import FARTHEST, LATEST, finite_number, shown, text_lines
+from rehab_opt.session.text_lines import FARTHEST, LATEST, brief, finite_number, shown, text_lines
 
 __all__ = ["read_csv", "read_mot"]
 
@@ -42,7 +43,7 @@ def read_csv(path: Path, *, name: str, columns: Sequence[str] | None = None) -> 
     ProblemFileError : a missing or doubled column, a row of the wrong length, a cell that is not a finite number.
     """
     lines = text_lines(path, name)
-    header = [cell.strip() for cell in lines[0].split(",")]
+    header = header_cells(lines[0].split(","), name=name, line=1)
     if _numeric(header[0]):
         raise ProblemFileError(name, "line 1", shown(lines[0]), "a header with units, such as t_s,x_m,y_m")
     _check_once(header, name, line=1)
@@ -64,14 +65,14 @@ def read_csv(path: Path, *, name: str, columns: Sequence[str] | None = None) -> 
     most |= dict.fromkeys(forces, STRONGEST)
     cells = _cells(lines, header, wanted, most, name=name, first=2, separator=",")
     values = {column: numbers * UNITS[_unit(column)] for column, numbers in zip(wanted, cells.T, strict=True)}
-    unread = [cell for cell in header if cell not in wanted]
+    unread = ", ".join(cell for cell in header if cell not in values)
     return Recording(
         file=name,
         time=values[time_column],
         points=np.column_stack([values[column] for column in columns]),
         joints={column.rpartition("_")[0]: values[column] for column in angles},
         forces=np.column_stack([values[column] for column in forces]) if forces else np.empty((len(cells), 0)),
-        notes=(f"columns not read: {', '.join(unread)}",) if unread else (),
+        notes=(f"columns not read: {shown(unread, 200)}",) if unread else (),
     )
 
 
@@ -97,10 +98,10 @@ def read_mot(path: Path, *, name: str, columns: Sequence[str] | None = None) -> 
     facts = dict(line.strip(", \t").split("=", 1) for line in lines[: ends[0]] if "=" in line)
     facts = {key.strip().lower(): value.strip().lower() for key, value in facts.items()}
     if facts.get("indegrees") not in ("yes", "no"):
-        raise ProblemFileError(name, "header inDegrees", facts.get("indegrees"), "yes or no")
+        raise ProblemFileError(name, "header inDegrees", brief(facts.get("indegrees")), "yes or no")
     top = ends[0] + 1
     separator = "," if "," in lines[top] else None
-    header = [cell.strip() for cell in lines[top].split(separator)]
+    header = header_cells(lines[top].split(separator), name=name, line=top + 1)
     _check_once(header, name, line=top + 1)
     columns = list(columns or ())
     _check_present("time", header, name, line=top + 1)
@@ -138,7 +139,8 @@ def _cells(
 
     `most` bounds the size of the numbers of some columns.
     """
-    places = [header.index(column) for column in wanted]
+    place_of = {column: place for place, column in enumerate(header)}
+    places = [place_of[column] for column in wanted]
     rows = []
     for number, text in enumerate(lines[first - 1 :], start=first):
         row = text.split(separator)
@@ -192,6 +194,8 @@ def _check_named(columns: Sequence[str], header: list[str], name: str) -> None:
 
 
 def _check_once(header: list[str], name: str, *, line: int) -> None:
+    seen: set[str] = set()
     for cell in header:
-        if header.count(cell) > 1 or not cell:
-            raise ProblemFileError(name, f"line {line}", cell, "columns each with a name of its own")
+        if cell in seen or not cell:
+            raise ProblemFileError(name, f"line {line}", shown(cell), "columns each with a name of its own")
+        seen.add(cell)

@@ -3,28 +3,67 @@
 from __future__ import annotations
 
 import math
+import os
+import stat
 from pathlib import Path
 
 from rehab_opt.errors import ProblemFileError
+from rehab_opt.session.file_limits import LARGEST_RECORDING
 
-__all__ = ["FARTHEST", "LATEST", "brief", "finite_number", "shown", "text_lines", "whole_text"]
+__all__ = [
+    "FARTHEST",
+    "LATEST",
+    "brief",
+    "file_content",
+    "finite_number",
+    "number_in",
+    "shown",
+    "text_lines",
+    "whole_text",
+]
 
 
-def whole_text(path: Path, name: str) -> str:
-    """Content of a UTF-8 text file.
+def file_content(path: Path, name: str, *, largest: int = LARGEST_RECORDING) -> bytes:
+    """Content of a regular file of at most `largest` bytes; `name` is what errors call the file.
 
     Raises
     ------
-    ProblemFileError : absent, a directory, unreadable, empty, or not text; `name` is what the error calls the file.
+    ProblemFileError : absent, unreadable, larger, or a directory, pipe, socket or device, which may never end.
     """
-    if path.is_dir():
-        raise ProblemFileError(name, "file", "a directory", "a file")
-    if path.is_char_device():
-        raise ProblemFileError(name, "file", "a device", "a file")  # it may never end
     try:
-        content = path.read_bytes()
+        with open(path, "rb", opener=_open_without_waiting) as file:
+            about = os.fstat(file.fileno())
+            if not stat.S_ISREG(about.st_mode):
+                raise ProblemFileError(name, "file", "a pipe" if stat.S_ISFIFO(about.st_mode) else "a device", "a file")
+            content = file.read(largest + 1)  # more than was said where it grows meanwhile
+    except IsADirectoryError as problem:
+        raise ProblemFileError(name, "file", "a directory", "a file") from problem
     except OSError as problem:
         raise ProblemFileError(name, "file", problem.strerror, "a file that can be read") from problem
+    size = max(about.st_size, len(content))
+    if size > largest:
+        expected = f"at most {_megabytes(largest)}: split the file, or leave out what is not needed"
+        raise ProblemFileError(name, "file size", _megabytes(size), expected)
+    return content
+
+
+def _open_without_waiting(path: str, flags: int) -> int:
+    """Open a file; a pipe that nobody writes to is opened too, at once."""
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))  # Windows has neither the flag nor such files
+
+
+def _megabytes(size: int) -> str:
+    return f"{size / 1e6:.6g} MB"
+
+
+def whole_text(path: Path, name: str, *, largest: int = LARGEST_RECORDING) -> str:
+    """Content of a UTF-8 text file of at most `largest` bytes.
+
+    Raises
+    ------
+    ProblemFileError : as `file_content`; empty, or not text.
+    """
+    content = file_content(path, name, largest=largest)
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as problem:
@@ -60,17 +99,30 @@ def finite_number(text: str, *, name: str, line: int, column: str, most: float =
     ------
     ProblemFileError : not a number, NaN, infinite, or beyond `most` in size.
     """
-    try:
-        number = float(text)
-    except ValueError:
-        number = math.nan
+    number = number_in(text)
     if not math.isfinite(number):
-        raise ProblemFileError(name, f"line {line}, column {column}", shown(text), "a finite number")
+        raise ProblemFileError(name, f"line {line}, column {shown(column)}", shown(text), "a finite number")
     if abs(number) > most:
         raise ProblemFileError(
-            name, f"line {line}, column {column}", shown(text), f"a number from {-most:g} to {most:g} (another unit?)"
+            name,
+            f"line {line}, column {shown(column)}",
+            shown(text),
+            f"a number from {-most:g} to {most:g} (another unit?)",
         )
     return number
+
+
+def number_in(text: str) -> float:
+    """Decimal or scientific number in ASCII that `text` says, blanks around it; NaN for anything else.
+
+    Python's own reading also takes 1_0 for 10, digits of other scripts, and infinity.
+    """
+    if text.strip("0123456789+-.eE \t"):
+        return math.nan
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
 
 
 def brief(value: object, most: int = 60) -> object:

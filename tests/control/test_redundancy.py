@@ -82,14 +82,22 @@ def test_with_no_bound_active_the_command_is_the_published_law(
 @pytest.mark.parametrize("drive", DRIVES)
 def test_the_law_is_met_along_a_motion_with_all_bounds_at_hand(drive: str) -> None:
     robot = resolver(drive=drive, obstacles=[HalfPlane((1, 0), 5.0), Disc((3, 3), 1.0)])
-    law, q, met = PseudoinverseLaw(robot.robot, drive=drive), ARDIS_READY.copy(), 0  # type: ignore[arg-type]
+    q, last, met = ARDIS_READY.copy(), np.zeros(7), 0
     for k in range(400):
         twist = 0.08 * np.array([math.sin(0.02 * k), math.cos(0.03 * k), 0.5 * math.sin(0.05 * k)])
         command = robot.step(q, twist)
         if command.yielded == Bound.NOTHING and k > 20:
-            asked = robot.limited_twist
-            met += np.allclose(command.value, law.rate(q, asked), rtol=0, atol=1e-9)
-        q = q + command.value * robot.dt
+            # In the middle of the tick, where the posture is as the last command leads it; stick and wheels mean q.
+            middle, cos, sin = q + last * robot.dt / 2, math.cos(q[2]), math.sin(q[2])
+            turn = np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
+            rows, asked = robot.robot.chain.jacobian(middle)[:3], turn @ twist
+            if drive == "differential":
+                rows, asked = np.vstack([rows, [sin, -cos, 0, 0, 0, 0, 0]]), np.append(asked, 0.0)
+            gradient = np.linalg.norm(twist) * robot.robot.posture_gradient(middle)
+            weighted = np.linalg.solve(robot.robot.inertia(middle), rows.T)
+            published = weighted @ np.linalg.solve(rows @ weighted, asked + rows @ gradient) - gradient
+            met += np.allclose(command.value, published, rtol=0, atol=1e-9)
+        q, last = q + command.value * robot.dt, command.value
     assert met > 350
 
 
@@ -119,7 +127,7 @@ def test_no_other_command_within_the_bounds_moves_the_hand_faster_in_the_directi
         robot.reset()
         command = robot.step(q, twist)
         problem = robot.to_qpsolvers(q, twist)
-        n = 8
+        n = problem.q.size
         fastest = qpsolvers.Problem(
             1e-9 * np.eye(n), -np.eye(n)[7], problem.G, problem.h, problem.A, problem.b, problem.lb, problem.ub
         )
@@ -142,7 +150,7 @@ def test_the_answer_is_the_qp_s_by_another_solver() -> None:
 
 
 @pytest.mark.parametrize("drive", DRIVES)
-def test_a_hand_held_back_by_accelerations_moves_between_the_last_and_the_new_twist(drive: str) -> None:
+def test_a_hand_held_back_by_accelerations_loses_what_is_off_the_new_twist_and_gains_along_it(drive: str) -> None:
     rng, robot, held = np.random.default_rng(12), stopper(drive, 1e-2), 0
     chain = robot.robot.chain
     for _ in range(100):
@@ -154,16 +162,18 @@ def test_a_hand_held_back_by_accelerations_moves_between_the_last_and_the_new_tw
         command = robot.step(q, twist)
         change = np.abs(robot.chassis_velocity - moving) / (chain.acceleration * robot.dt)
         assert np.max(change) <= 1 + 1e-9
-        before, now = (hand_twist(robot.robot, q, v, ("x", "y", "z"), "chassis") for v in (last, command.value))
-        new = robot.limited_twist
-        shares = np.linalg.lstsq(np.stack([before, new], axis=1), now, rcond=None)[0]
-        np.testing.assert_allclose(shares @ [before, new], now, atol=1e-9)
-        # `new` itself lies between the last and the asked twist.
-        between = np.linalg.lstsq(np.stack([before, twist], axis=1), new, rcond=None)[0]
-        np.testing.assert_allclose(between @ [before, twist], new, atol=1e-9)
-        assert np.all((shares >= -1e-9) & (shares <= 1 + 1e-9) & (between >= -1e-9) & (between <= 1 + 1e-9))
+        size = np.linalg.norm(twist)
+        along, middle = twist / size, q + last * robot.dt / 2
+        turn = np.array([[np.cos(q[2]), np.sin(q[2]), 0], [-np.sin(q[2]), np.cos(q[2]), 0], [0, 0, 1]])
+        before, now = (turn @ (chain.jacobian(middle) @ v)[:3] for v in (last, command.value))
+        off_before, off_now = (v - (v @ along) * along for v in (before, now))
+        left = off_now @ off_before / (off_before @ off_before)
+        np.testing.assert_allclose(left * off_before, off_now, atol=1e-8)
+        assert -1e-9 <= left <= 1.0
+        assert now @ along <= max(size, before @ along) + 1e-9
+        assert now @ along >= min(before @ along, size) - 0.02 * abs(before @ along) - 1e-9
         assert bool(command.yielded & Bound.TASK)
-        held += np.max(change) > 1 - 1e-9
+        held += np.max(change) > 1 - 1e-6
     assert held > 50
 
 
@@ -306,7 +316,9 @@ def test_a_stick_or_a_switch_drives_the_hand_in_both_modes(user: Joystick | Scan
             told = user.step(float((user.lit.name == "x+" and 50 < k < 300) or user.lit.name == "z+"))
         command = robot.step(q, told.twist, told.rows, told.frame)
         assert command.status.certified
-        hand = hand_twist(robot.robot, q, command.value, ("x", "y", "z"), "chassis")
+        way = robot.robot.chain.pose(q + command.value * robot.dt)[:3, 3] - robot.robot.chain.pose(q)[:3, 3]
+        cos, sin = math.cos(q[2]), math.sin(q[2])
+        hand = np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]]) @ way / robot.dt
         mode = int(told.rows == ("z", "roll7"))
         if mode == 0 and abs(hand[1]) > 2e-3 * np.hypot(*hand[:2]):  # off the way asked: never unflagged
             assert command.yielded & Bound.TASK
@@ -499,23 +511,20 @@ def test_the_backup_answers_when_the_primary_is_made_to_fail(monkeypatch: pytest
     np.testing.assert_allclose(command.wheels, expected.wheels, atol=1e-5)  # type: ignore[arg-type]
 
 
-def test_where_every_solver_fails_the_law_is_slowed_into_the_bounds(monkeypatch: pytest.MonkeyPatch) -> None:
-    robot, rng = resolver(ardis(**UNHURRIED), keep_out=False), np.random.default_rng(11)  # type: ignore[arg-type]
+def test_where_every_solver_fails_the_whole_robot_brakes_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot, rng = resolver(keep_out=False), np.random.default_rng(11)
+    chain = robot.robot.chain
     without_primary(robot, monkeypatch)
     monkeypatch.setattr(robot._active._ladder, "_solve_by", lambda name: False)
-    law, moved = PseudoinverseLaw(robot.robot), 0
     for _ in range(40):
-        q, twist = posture(rng, robot.robot, 0.7), rng.standard_normal(3) * rng.choice([0.1, 1.0])
-        robot.reset()
+        q, twist = posture(rng, robot.robot, 0.5), rng.standard_normal(3) * rng.choice([0.1, 1.0])
+        moving = 0.2 * rng.uniform(-1, 1, 7) * chain.velocity
+        robot.reset(robot.robot.world_velocity(q, moving), heading=q[2])
         command = robot.step(q, twist)
         assert command.status is Status.BACKUP
-        assert command.solver == "slowed law"
-        published = law.rate(q, twist)
-        np.testing.assert_allclose(command.value, command.scale * published, atol=2e-3 * np.abs(published).max())
-        assert np.all(np.abs(command.wheels) <= robot.robot.mecanum.limit)  # type: ignore[arg-type]
-        assert np.all(np.abs(command.value[2:]) <= robot.robot.chain.velocity[2:] + 1e-12)
-        moved += command.scale > 0.1
-    assert moved > 20
+        assert command.solver == "braking together"
+        np.testing.assert_allclose(robot.chassis_velocity, (1 - 0.01 / (1.1 * 0.8)) * moving, rtol=1e-12)
+        assert bool(command.yielded & Bound.TASK)
 
 
 def test_the_safe_command_answers_when_even_that_fails(monkeypatch: pytest.MonkeyPatch) -> None:

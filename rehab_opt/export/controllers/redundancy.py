@@ -27,7 +27,7 @@ from rehab_opt.session.outcome import Progress
 __all__ = ["exported_resolvers"]
 
 DIFFERENCES = (
-    f"There is no backup solver. Where Python would ask {BACKUP}, C goes on to Eq. (1) slowed into the bounds "
+    f"There is no backup solver. Where Python would ask {BACKUP}, C goes on to a tick of braking together "
     f"(`REHAB_BACKUP`), as Python does where {BACKUP} fails, and to the safe command where that is not certified; the "
     "recorded run is of a Python controller without the backup, too.",
     "Only the sets of rows of the problem's stick are there. Others give the safe command and `REHAB_ROWS_UNKNOWN`; "
@@ -78,7 +78,7 @@ def _exported(loaded: ProblemFile[ArdisProblem], drive: DriveName, *, progress: 
         name=name,
         title=f"{loaded.problem.title}: joint velocities of a chair with an arm, {drive} drive",
         laws=[
-            Law(f"law_{i}", law, lesser=law._slowed_law.function, obstacles=NUMBERS * places)
+            Law(f"law_{i}", law, lesser=law._braking_together.function, obstacles=NUMBERS * places)
             for i, law in enumerate(active)
         ],
         interface="redundancy",

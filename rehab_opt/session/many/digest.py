@@ -11,6 +11,7 @@ from functools import cache
 from rehab_opt.session.files import ProblemFile, recording_path
 from rehab_opt.session.schema import Problem
 from rehab_opt.session.systems import system_named
+from rehab_opt.session.text_lines import file_content
 
 __all__ = ["inputs_digest", "software_digest"]
 
@@ -22,14 +23,15 @@ def inputs_digest(loaded: ProblemFile[Problem]) -> str:
 
     Raises
     ------
-    ProblemFileError : a recording is absent.
+    ProblemFileError : a recording is absent or cannot be read.
     """
     digest = hashlib.sha256(software_digest().encode())
     problem = loaded.problem
     said = {"name": loaded.name, "problem": problem.model_dump(mode="json")}
     digest.update(json.dumps(said, sort_keys=True).encode())
     for needed in system_named(problem.system).recordings(problem):
-        digest.update(recording_path(loaded, needed.reference, key=needed.key).read_bytes())
+        path = recording_path(loaded, needed.reference, key=needed.key)
+        digest.update(file_content(path, needed.reference))
     return digest.hexdigest()
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import copy
 import csv
+import math
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,9 +16,10 @@ from typing import Any
 
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.kinematics.human_arm import RANGES_OF_MOTION_DEG
+from rehab_opt.session.file_limits import DEEPEST_KEY, LARGEST_TABLE, check_key_depth, header_cells
 from rehab_opt.session.files import problem_content, problem_path
 from rehab_opt.session.many.participants import Participant, checked_name, without_twins
-from rehab_opt.session.text_lines import shown, whole_text
+from rehab_opt.session.text_lines import number_in, shown, whole_text
 
 __all__ = ["BASE", "cell_value", "participants_in_table", "replaced"]
 
@@ -58,7 +60,8 @@ def participants_in_table(table: Path, *, problem: str = BASE) -> tuple[Particip
 
 
 def _rows(table: Path, file: str) -> tuple[list[str], list[tuple[int, list[str]]]]:
-    reader = csv.reader(whole_text(table, file).splitlines(keepends=True), strict=True)
+    text = whole_text(table, file, largest=LARGEST_TABLE)
+    reader = csv.reader(text.splitlines(keepends=True), strict=True)
     rows: list[tuple[int, list[str]]] = []
     try:
         for cells in reader:
@@ -68,12 +71,19 @@ def _rows(table: Path, file: str) -> tuple[list[str], list[tuple[int, list[str]]
         raise ProblemFileError(
             file, f"line {reader.line_num}", shown(str(problem)), "comma-separated cells"
         ) from problem
-    line, header = rows[0][0], [cell.strip() for cell in rows[0][1]]
+    if not rows:
+        raise ProblemFileError(file, "rows", 0, "a header, and a row for each participant")
+    line = rows[0][0]
+    header, seen = header_cells(rows[0][1], name=file, line=line), set[str]()
     for i, column in enumerate(header, start=1):
         if not column:
             raise ProblemFileError(file, f"line {line}, column {i}", column, "a name: participant, or a dotted key")
-        if column in header[: i - 1]:
+        if column in seen:
             raise ProblemFileError(file, f"line {line}, column {i}", shown(column), "each column once")
+        if column.count(".") >= DEEPEST_KEY:
+            expected = f"a key of at most {DEEPEST_KEY} parts between dots"
+            raise ProblemFileError(file, f"line {line}, column {i}", shown(column), expected)
+        seen.add(column)
     if NAME not in header:
         found = shown(", ".join(header), 80)
         raise ProblemFileError(file, f"line {line}", found, f"a column {NAME} (cells are separated by commas)")
@@ -124,17 +134,21 @@ def replaced(base: dict[str, Any], given: dict[str, str], *, file: str) -> dict[
 
 
 def cell_value(cell: str) -> Any:
-    """What a cell says: a number, true or false, a list or a quoted text as in TOML; else the text itself."""
+    """What a cell says: a decimal number, true or false, a list or a quoted text as in TOML; else the text itself."""
     text = cell.strip()
     try:
+        check_key_depth(text, name=cell)
         # The 0 behind it: a # would begin a comment, and of 29#0 the number 29 would be left.
         read = tomllib.loads(f"value = [{text}, 0]")
-    except (tomllib.TOMLDecodeError, ValueError, RecursionError):
+    except (ValueError, RecursionError):
         return text
     values = read["value"]
     if len(read) > 1 or len(values) != 2:  # lines of their own, or values that no list is around
         return text
-    return values[0] if isinstance(values[0], bool | int | float | str | list) else text
+    value = values[0]
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return value if math.isfinite(number_in(text)) else text  # TOML also has 1_0, 0x10 and inf
+    return value if isinstance(value, bool | str | list) else text
 
 
 def _entered(into: Any, part: str, after: str, own: set[int], *, key: str, cell: str, file: str) -> Any:

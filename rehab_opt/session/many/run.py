@@ -7,7 +7,7 @@ from concurrent.futures import Executor
 from contextlib import suppress
 from pathlib import Path
 
-from rehab_opt.errors import ConfigurationError, RehabOptError
+from rehab_opt.errors import ConfigurationError, RehabOptError, printable
 from rehab_opt.session.many.digest import inputs_digest
 from rehab_opt.session.many.participants import Participant
 from rehab_opt.session.many.pools import answers
@@ -122,4 +122,4 @@ def _row(name: str, answer: Answer | BaseException, folder: Path, digest: str) -
 
 def _one_line(problem: BaseException) -> str:
     said = str(problem) if isinstance(problem, RehabOptError) else f"{type(problem).__name__}: {problem}"
-    return shown("".join(letter if letter.isprintable() else " " for letter in said), LONGEST_ERROR)
+    return shown(printable(" ".join(said.splitlines())), LONGEST_ERROR)

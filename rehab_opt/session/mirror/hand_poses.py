@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.errors import ProblemFileError
+from rehab_opt.session.file_limits import header_cells
 from rehab_opt.session.mirror.problem import PoseRecordingSection
-from rehab_opt.session.text_lines import LATEST, shown, text_lines
+from rehab_opt.session.text_lines import LATEST, number_in, shown, text_lines
 
 __all__ = ["HandPoses", "calibration_points", "read_hand_poses"]
 
@@ -56,7 +57,7 @@ def read_hand_poses(path: Path, section: PoseRecordingSection, *, file: str) -> 
     name = section.file
     lines = text_lines(path, name)
     if section.position_columns is not None and section.quaternion_columns is not None:
-        width = len(lines[0].split(","))
+        width = len(header_cells(lines[0].split(","), name=name, line=1))
         for key in ("position_columns", "quaternion_columns"):
             for column in getattr(section, key):
                 if column > width:
@@ -64,7 +65,7 @@ def read_hand_poses(path: Path, section: PoseRecordingSection, *, file: str) -> 
         wanted = [column - 1 for column in (*section.position_columns, *section.quaternion_columns)]
         table, stamped = _numbers(lines, wanted, width, name=name, first=1), False
     else:
-        header = [cell.strip() for cell in lines[0].split(",")]
+        header = header_cells(lines[0].split(","), name=name, line=1)
         stamped = section.rate_hz is None
         columns = HEADER if stamped else HEADER[1:]
         missing = [column for column in columns if header.count(column) != 1]
@@ -108,7 +109,7 @@ def calibration_points(path: Path, *, name: str) -> tuple[Array, Array]:
     ProblemFileError : a missing column, a cell that is no finite number.
     """
     lines = text_lines(path, name)
-    header = [cell.strip() for cell in lines[0].split(",")]
+    header = header_cells(lines[0].split(","), name=name, line=1)
     missing = [column for column in POINTS if header.count(column) != 1]
     if missing:
         raise ProblemFileError(name, f"line 1, column {missing[0]}", shown(lines[0], 60), "once " + ", ".join(POINTS))
@@ -142,10 +143,9 @@ def _numbers(lines: list[str], wanted: list[int], width: int, *, name: str, firs
 
 
 def _number(text: str, *, name: str, line: int, column: int) -> float:
-    if not text.strip():
+    if text.strip().lower() in ("", "nan"):
         return math.nan
-    try:
-        number = float(text)
-    except ValueError:
-        raise ProblemFileError(name, f"line {line}, column {column}", shown(text), "a number, or nothing") from None
-    return number if math.isfinite(number) else math.nan
+    number = number_in(text)
+    if not math.isfinite(number):
+        raise ProblemFileError(name, f"line {line}, column {column}", shown(text), "a number, or nothing")
+    return number

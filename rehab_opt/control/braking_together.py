@@ -1,0 +1,48 @@
+"""Braking of the whole robot together: every velocity shrinks by the same fraction a tick, and no position drifts on.
+
+With T the time in which every joint can stop from its largest speed, and u the velocities of all joints, braking is
+u <- (1 - dt/T) u. The posture where that ends is the stop posture
+
+    z = q + T u.
+
+Braking does not move it: after a tick q + dt u + T (1 - dt/T) u = z. A controller that keeps its limits at z, and on the
+way from q to z, can therefore always brake without breaking any of them, within every joint's acceleration, since
+|u| dt/T <= v dt/T <= a dt. What a tick adds to u moves z by T times as much; that is all a limit must ask about.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from rehab_opt.kinematics.chain import SerialChain
+
+__all__ = ["BrakingTogether"]
+
+SLACK = 1.1
+"""T is longer by this than stopping takes: a task and a limit that turn on the way need acceleration, too."""
+
+
+class BrakingTogether:
+    """Braking of one robot in proportion.
+
+    Parameters
+    ----------
+    chain : its velocity and acceleration limits.
+    dt : tick [s].
+    """
+
+    def __init__(self, chain: SerialChain, dt: float) -> None:
+        self.time = SLACK * max(dt, float(np.max(chain.velocity / chain.acceleration)))
+        """T [s]."""
+        self.change = ca.DM(np.minimum(chain.acceleration * dt, 2 * chain.velocity))
+        """(n,) largest change of a velocity in a tick; a finite number where the acceleration is infinite."""
+        self._left = 1 - dt / self.time
+
+    def slower(self, velocity: ca.SX) -> ca.SX:
+        """(n,) velocities after a tick of braking that leaves the stop posture where it is."""
+        return self._left * velocity
+
+    def slowest(self, velocity: ca.SX) -> ca.SX:
+        """(n,) velocities after a tick of the hardest braking; it ends at rest, on the way to the stop posture."""
+        return velocity * ca.fmax(0, 1 - 1 / ca.fmax(ca.mmax(ca.fabs(velocity) / self.change), 1))

@@ -1,0 +1,272 @@
+"""Limits of chair and arm in one tick, each approached so that the whole robot can brake together."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from rehab_opt.control.braking_together import BrakingTogether
+from rehab_opt.control.keep_out import arm_gaps, closing_rows
+from rehab_opt.control.obstacles import NUMBERS, approach
+from rehab_opt.control.stopping import FAR, velocity_bounds
+from rehab_opt.kinematics.differential import Differential
+from rehab_opt.kinematics.mecanum import Mecanum
+from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
+from rehab_opt.optim.certificate import all_true, clipped
+from rehab_opt.optim.qp import Row, within
+
+__all__ = ["ChairLimits", "Limits"]
+
+TIGHTER = 1e-7
+"""Fraction by which row limits are drawn in, so that what a certificate may leave open never passes them."""
+ALONG = (0.5, 1.0)
+"""Places on the way to the stop posture where the keep-outs are looked at, besides its beginning."""
+MARGIN = 3e-3
+"""[m] The stop posture stays further from a keep-out by this than the posture now: links turn, and rows are tangents."""
+TINY = 1e-12
+FACETS = 8
+"""Sides of the polygon inside the circle of chassis velocities; its corners lie on the axes."""
+
+
+class Limits(NamedTuple):
+    """Limits on the velocities u (7,) of one tick, the chair's in its own frame; `base` satisfies all of them."""
+
+    lower: ca.SX
+    """(7,) of each joint alone: its speed, its stop posture within its position limits."""
+    upper: ca.SX
+    chair: ca.SX
+    """(a, 3) rows of rim speeds and of the chassis speed, both ways within chair_limit (a,) [m/s]."""
+    chair_limit: ca.SX
+    towards: ca.SX
+    """(b, 3) rows towards obstacles, at most towards_limit (b,) [m/s]."""
+    towards_limit: ca.SX
+    closing: ca.SX
+    """(c, 4) rows of the arm towards its keep-outs, at most closing_limit (c,) [m/s]; those of the posture now first."""
+    closing_limit: ca.SX
+    base: ca.SX
+    """(7,) one tick of braking together."""
+    rest: ca.SX
+    """(7,) one tick of the hardest braking: the safe command."""
+    clearance: ca.SX
+    """[m] of the arm from the nearest keep-out, negative inside."""
+    outside: ca.SX
+    """1 where the state is beyond one of them already."""
+
+    @property
+    def row_count(self) -> int:
+        """Number of rows."""
+        return int(self.chair.size1() + self.towards.size1() + self.closing.size1())
+
+    def rows(self, u: ca.SX) -> list[Row]:
+        """The rows as a statement wants them."""
+        chair, arm = u[:CHAIR], u[CHAIR:]
+        rows = [within(self.chair @ chair, -self.chair_limit, self.chair_limit)]
+        if self.towards.size1():
+            rows.append(within(self.towards @ chair, -np.inf, self.towards_limit))
+        if self.closing.size1():
+            rows.append(within(self.closing @ arm, -np.inf, self.closing_limit))
+        return rows
+
+    def columns(self) -> dict[str, ca.SX]:
+        """What changes from tick to tick, each as one column."""
+        fixed = ("chair", "chair_limit")
+        return {name: ca.vec(ca.densify(each)) for name, each in self._asdict().items() if name not in fixed}
+
+    def like(self, given: Mapping[str, ca.SX]) -> Limits:
+        """The same with those columns as symbols."""
+        return self._replace(**{name: ca.reshape(given[name], *getattr(self, name).shape) for name in self.columns()})
+
+    def violation(self, u: ca.SX) -> ca.SX:
+        """By how much u breaks those of this tick; infinite for NaN. The way to the stop posture is not among them."""
+        chair, now = u[:CHAIR], slice(self.closing.size1() // (1 + len(ALONG)))
+        over = ca.vertcat(
+            u - self.upper,
+            self.lower - u,
+            ca.fabs(self.chair @ chair) - self.chair_limit,
+            self.towards @ chair - self.towards_limit,
+            self.closing[now, :] @ u[CHAIR:] - self.closing_limit[now],
+        )
+        return ca.if_else(all_true(ca.fabs(over) < ca.inf), ca.norm_2(ca.fmax(over, 0)), ca.inf)
+
+
+class ChairLimits:
+    """What `Limits` is made from.
+
+    Each limit is kept by the stop posture z of `BrakingTogether`, so that braking together breaks none of them:
+
+    - joint limits: lower <= q + T u <= upper;
+    - keep-outs: the arm's distance at z, and at `ALONG` of the way there, stays above a margin that grows along the way,
+      to first order in the change of u; at q it falls no faster than itself divided by T;
+    - obstacles: no corner of the chair comes nearer than its gap divided by T, per second.
+
+    Where a state comes too late for that (an obstacle that appears, a velocity that is told), a limit is as wide as
+    braking together needs, and no wider than what keeps the robot out in this tick; there only acceleration yields.
+
+    Parameters
+    ----------
+    robot, wheels : see `RedundancyResolver`. slots : obstacles that may be around. dt : tick [s].
+    return_speed : fraction of a joint's speed at which it comes back from beyond its limit at most.
+    """
+
+    def __init__(
+        self, robot: MobileArm, wheels: Mecanum | Differential, *, slots: int, dt: float, return_speed: float
+    ) -> None:
+        self.robot, self.wheels, self.slots = robot, wheels, slots
+        self.dt, self.return_speed = dt, return_speed
+        self.braking = BrakingTogether(robot.chain, dt)
+        self._arm = slice(CHAIR, robot.chain.n)
+
+    @property
+    def reach(self) -> float:
+        """[m] of the arm."""
+        rows = self.robot.chain.rows
+        return abs(rows[4].d) + abs(rows[6].d)
+
+    @property
+    def skin(self) -> float:
+        """[m] by which a link's end may leave its straight way within a tick, at the arm's largest speeds."""
+        return self.reach * float(np.sum(self.robot.chain.velocity[CHAIR:]) * self.dt) ** 2 / 2
+
+    @property
+    def moving(self) -> list[int]:
+        """Joints that the wheels allow to move, by number from 0: Eq. (4) in the chassis frame."""
+        return [i for i in range(self.robot.chain.n) if isinstance(self.wheels, Mecanum) or i != 1]
+
+    # ------------------------------------------------------------------------------------------------ in one tick
+    def near(self, arm: ca.SX, last: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Whether a keep-out can matter at arm joints (4,) after a command's (4,); the arm's clearance [m]."""
+        if not self.robot.keep_out:
+            return ca.SX(0), ca.SX(FAR)
+        clearance = ca.mmin(arm_gaps(self.robot, arm))
+        speed = ca.sum1(ca.fabs(last) + self.braking.change[CHAIR:])
+        return clearance <= self._margin(1.0) + self.reach * self.braking.time * speed, clearance
+
+    def keep_outs(self, arm: ca.SX, last: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Rows (c, 4) towards the keep-outs at arm joints (4,) after a command's (4,), and their free speeds (c,) [m/s].
+
+        First those of the posture now, then of the places on the way to the stop posture.
+        """
+        if not self.robot.keep_out:
+            return self.far()
+        slower, time = self.braking.slower(last), self.braking.time
+        opening, gaps = closing_rows(self.robot, arm)
+        rows, free = [-opening], [ca.fmax(gaps - self.skin, 0) / time]
+        for part in ALONG:
+            opening, gaps = closing_rows(self.robot, arm + part * time * slower)
+            rows.append(-opening)
+            free.append(ca.fmax(gaps - self._margin(part), 0) / (part * time))
+        return ca.vertcat(*rows), ca.vertcat(*free)
+
+    def far(self) -> tuple[ca.SX, ca.SX]:
+        """Those rows and speeds where no keep-out matters."""
+        count = 2 * len(self.robot.keep_out) * (1 + len(ALONG))
+        return ca.SX.zeros(count, self.robot.chain.n - CHAIR), FAR * ca.SX.ones(count)
+
+    def limits(
+        self, q: ca.SX, last: ca.SX, obstacles: ca.SX, keep_outs: tuple[ca.SX, ca.SX], clearance: ca.SX
+    ) -> Limits:
+        """Limits at joint values q (7,) after the command `last` (7,), with obstacles (4 slots,) and `keep_outs`."""
+        lower, upper, hard_lower, hard_upper, outside = self._joints(q, last)
+        towards, towards_limit, within_one = self._obstacles(q, last, obstacles)
+        closing, free = keep_outs
+        chair, chair_limit = self._chassis()
+        count = closing.size1() // (1 + len(ALONG))
+        now, then = closing[:count, :], closing[count:, :]
+        slower, hard = self.braking.slower(last), free[:count] * (self.braking.time / self.dt)
+        now_limit = ca.fmax(free[:count], ca.fmin(now @ slower[CHAIR:], hard))
+
+        def pressed(u: ca.SX) -> ca.SX:
+            """U where it can be, else the nearest, joint by joint and then in proportion."""
+            joints = clipped(u, hard_lower, hard_upper)
+            wheels, arm = joints[:CHAIR], joints[CHAIR:]
+            return ca.vertcat(
+                wheels * largest_part(towards @ wheels, towards_limit),
+                arm * largest_part(now @ arm, now_limit),
+            )
+
+        base = pressed(slower)
+        return Limits(
+            lower=lower,
+            upper=upper,
+            chair=chair,
+            chair_limit=chair_limit,
+            towards=towards,
+            towards_limit=towards_limit,
+            closing=closing,
+            closing_limit=ca.vertcat(now_limit, free[count:] + then @ base[CHAIR:]),
+            base=base,
+            rest=pressed(self.braking.slowest(last)),
+            clearance=clearance,
+            outside=ca.sum1(ca.vertcat(outside, within_one, clearance < 0)) > 0,
+        )
+
+    def unhindered(self, base: ca.SX, wanted: ca.SX, arm: ca.SX) -> ca.SX:
+        """(7,) the first of `wanted`, half-way to `base`, that, its half and its chair alone that keeps the arm out.
+
+        No link then ends the tick in a keep-out, or deeper: the rows say so to first order only.
+        """
+        half = ca.vertcat(base[:CHAIR], 0.5 * base[CHAIR:])
+        chosen = ca.vertcat(base[:CHAIR], ca.SX.zeros(self.robot.chain.n - CHAIR))
+        now = ca.fmin(arm_gaps(self.robot, arm), 0)
+        for u in (half, base, (base + wanted) / 2, wanted):
+            then = arm_gaps(self.robot, arm + self.dt * u[CHAIR:])
+            chosen = ca.if_else(all_true(then >= now), u, chosen)
+        return chosen
+
+    def clear(self, u: ca.SX, clearance: ca.SX) -> ca.SX:
+        """1 where no keep-out is as near as a tick of u (7,) reaches, or of half the arm's."""
+        return clearance > 1.01 * self.reach * self.dt * ca.sum1(ca.fabs(u[CHAIR:])) + TINY
+
+    # -------------------------------------------------------------------------------------------- limit by limit
+    def _margin(self, part: float) -> float:
+        """[m] at a part of the way to the stop posture: what tangents promise too much in a tick, and `MARGIN`."""
+        chain, time = self.robot.chain, self.braking.time
+        step = part * time * float(np.max(np.array(self.braking.change)[CHAIR:]))
+        bent = self.reach * min(step, float(np.max(chain.velocity[CHAIR:])) * part * time) ** 2 / 2
+        return self.skin + part * MARGIN + bent
+
+    def _joints(self, q: ca.SX, last: ca.SX) -> tuple[ca.SX, ...]:
+        chain, time, slower = self.robot.chain, self.braking.time, self.braking.slower(last)
+        bounds = velocity_bounds(chain, q, last, dt=self.dt, return_speed=self.return_speed)
+        up, down = (ca.fmax(room, 0) / time for room in (ca.DM(chain.upper) - q, q - ca.DM(chain.lower)))
+        upper = ca.fmin(ca.fmax(up, slower), bounds.hard_upper)
+        lower = ca.fmax(ca.fmin(-down, slower), bounds.hard_lower)
+        # Positions of the chair are not bounded: its intervals are numbers.
+        speed = ca.DM([chain.velocity[i] if i in self.moving else 0.0 for i in range(CHAIR)])
+        ends = [ca.vertcat(-speed, lower[CHAIR:]), ca.vertcat(speed, upper[CHAIR:])]
+        hard = [ca.vertcat(-speed, bounds.hard_lower[CHAIR:]), ca.vertcat(speed, bounds.hard_upper[CHAIR:])]
+        return *ends, *hard, bounds.outside
+
+    def _chassis(self) -> tuple[ca.SX, ca.SX]:
+        """Rim speeds, and the polygon of chassis speeds where there are two of them."""
+        wheels, speed = self.wheels, float(self.robot.chain.velocity[0])
+        rows, limits = [wheels.radius * wheels.rolling], [np.full(len(wheels.rolling), wheels.radius * wheels.limit)]
+        if isinstance(wheels, Mecanum):
+            angles = (np.arange(FACETS // 2) + 0.5) * 2 * np.pi / FACETS
+            rows.append(np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1))
+            limits.append(np.full(angles.size, speed * math.cos(np.pi / FACETS)))
+        return ca.sparsify(ca.SX(ca.DM(np.vstack(rows)))), ca.SX(ca.DM(np.concatenate(limits) * (1 - TIGHTER)))
+
+    def _obstacles(self, q: ca.SX, last: ca.SX, numbers: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+        outline, turn = self.robot.outline, float(self.robot.chain.velocity[2])
+        slower = self.braking.slower(last)[:CHAIR]
+        rows, limits, inside = [ca.SX(0, CHAIR)], [ca.SX(0, 1)], [ca.SX(0, 1)]
+        for i in range(self.slots):
+            one = numbers[NUMBERS * i : NUMBERS * (i + 1)]
+            each = approach(one, q[:CHAIR], outline, dt=self.dt, horizon=self.braking.time, turn=turn)
+            soft, hard = (limit * (1 - TIGHTER) for limit in (each.room, each.room + each.more))
+            rows.append(each.matrix)
+            limits.append(ca.fmax(soft, ca.fmin(each.matrix @ slower, hard)))
+            inside.append(each.inside)
+        return ca.vertcat(*rows), ca.vertcat(*limits), ca.vertcat(*inside)
+
+
+def largest_part(values: ca.SX, limits: ca.SX) -> ca.SX:
+    """Largest fraction, at most 1, of values that does not pass the limits, zero or more."""
+    if not values.numel():
+        return ca.SX(1)
+    return ca.fmin(1, ca.mmin(ca.if_else(values > limits, limits / ca.fmax(values, TINY), 1)))

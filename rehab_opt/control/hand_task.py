@@ -1,0 +1,158 @@
+"""What a stick commands of chair and arm: task rows, direction and speed, what is off them, Honzik's Eq. (1) for it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from rehab_opt.control.braking_together import BrakingTogether
+from rehab_opt.control.chair_limits import Limits
+from rehab_opt.control.stopping import FAR
+from rehab_opt.control.task_rows import ROWS
+from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
+from rehab_opt.optim.certificate import clipped
+from rehab_opt.optim.factor import solver_of, upper_triangle
+from rehab_opt.optim.qp import PLAUSIBLE
+
+__all__ = ["PROGRESS", "HandTask", "Last"]
+
+PROGRESS = 2.0
+"""[m/s] Price of a missing m/s of hand speed; one more costs about 1 in kinetic energy by the robot's mass."""
+STEEP = 1e3
+"""[m/s] Up to which the price follows that cost where it is higher, as it is near singular postures."""
+STRAIGHT = 0.5
+"""Fraction of the commanded speed by which the hand at the stop posture may move across the commanded direction."""
+LIVELY = 1.0
+"""[m/s or rad/s] Commanded speed up to which v(|r|) of Eq. (1) grows: a hand cannot be so fast, nor a stick mean it."""
+ROUNDING = 1e-9
+"""Fraction by which a change stays within the accelerations, so that it is seen to."""
+TINY = 1e-12
+"""[m/s] A speed that is no motion."""
+
+
+class Last(NamedTuple):
+    """What the last tick left behind, velocities with the chair's in the chassis frame."""
+
+    velocity: ca.SX
+    """(7,)"""
+    hand: ca.SX
+    """(k,) the hand's, as the command delivered it."""
+    frame: ca.SX
+    """0 or 1: the frame of `hand`; another number where it is not known."""
+
+
+@dataclass(frozen=True)
+class HandTask:
+    """Expressions of one tick for one set of task rows, velocities with the chair's in the chassis frame.
+
+    Parameters
+    ----------
+    robot, rows, self_motion : see `ChairAndArm`. moving : joints that the wheels allow to move, by number from 0.
+    """
+
+    robot: MobileArm
+    rows: tuple[str, ...]
+    moving: list[int]
+    self_motion: float
+
+    def columns(
+        self, q: ca.SX, twist: ca.SX, world: ca.SX, *, last: Last, limits: Limits, braking: BrakingTogether, dt: float
+    ) -> dict[str, ca.SX]:
+        """Jacobian, inertia, costs, directions, speeds, the analytic answer with its multipliers; each one column.
+
+        All is of the middle of the tick, where a velocity that is held moves the hand as it does in the mean.
+        """
+        n, moving, base = self.robot.chain.n, self.moving, limits.base
+        half = last.velocity * (dt / 2)
+        jacobian = self.task_jacobian(q, world, way=half)
+        posture = ca.vertcat(0, 0, half[2], (q + half)[CHAIR:])
+        inertia = self.robot.inertia_expression(posture) / self.robot.mass
+        gradient = self.self_motion * self.robot.posture_gradient_expression(posture)
+
+        commanded = twist / ca.fmax(ca.norm_2(twist) / self.fastest, 1)
+        size = ca.norm_2(commanded)
+        direction = commanded / ca.fmax(size, TINY)
+        lively = ca.fmin(size, LIVELY)
+
+        # Eq. (1), and (5) by leaving out the left speed: u = W^-1 J' y - v grad c with J u = r.
+        rows = ca.densify(jacobian[:, moving])
+        soft = solver_of(inertia[moving, moving])(rows.T)
+        firmness = solver_of(ca.triu2symm(ca.triu(rows @ soft)))
+        y = firmness(commanded + lively * (rows @ gradient[moving]))
+        law = self._spread(soft @ y - lively * gradient[moving])
+        # Going on as before, with the hand's velocity as the last tick meant it: the Jacobian has turned since.
+        before = ca.if_else(last.frame == world, last.hand, jacobian @ last.velocity)
+        along = clipped(ca.dot(direction, before), 0, size)
+        turning = braking.slower(before - along * direction)
+        x = firmness(along * direction + turning - jacobian @ last.velocity)
+        kept = last.velocity + self._spread(soft @ x)
+
+        # As far from the one to the other as the accelerations allow.
+        way = clipped(law, limits.lower, limits.upper) - kept
+        ahead, behind = last.velocity + braking.change - kept, kept - (last.velocity - braking.change)
+        free = ca.fmax(ca.if_else(way > 0, ahead, behind), 0) / ca.fmax(ca.fabs(way), TINY)
+        part = ca.fmin(1, (1 - ROUNDING) * ca.mmin(ca.if_else(ca.fabs(way) > TINY, free, 2)))
+        usable = ca.logic_and(
+            ca.sumsqr(law) + ca.sumsqr(kept) <= PLAUSIBLE**2, size > 0
+        )  # no law at a singular posture
+        part = ca.if_else(usable, part, 1)
+        turning = ca.if_else(usable, (1 - part) * turning, 0)
+        speed = along + part * (size - along)
+        # What braking leaves of the hand's velocity besides: that can be had in any case.
+        error = jacobian @ base - turning
+        error -= clipped(ca.dot(direction, error), 0, speed) * direction
+        off = ca.if_else(size > 0, ca.norm_2(error), 0)  # without a command the whole robot brakes
+
+        # The hand where braking ends: J(z) u by its tangent at `slower`, since z = q + T u moves with u.
+        slower = braking.slower(last.velocity)
+        stop = self.task_jacobian(q, world, way=braking.time * slower)
+        then, fixed = 2 * stop - jacobian, (jacobian - stop) @ slower
+        along_row, along_fixed = direction.T @ then, ca.dot(direction, fixed)
+        across, across_fixed = then - direction @ along_row, fixed - direction * along_fixed
+        along_then, across_then = along_row @ base + along_fixed, across @ base + across_fixed
+        straight = ca.if_else(size > 0, STRAIGHT * size, FAR)
+        balance = part * y + (1 - part) * x
+        return {
+            "jacobian": ca.vec(ca.densify(jacobian)),
+            "inertia": ca.densify(upper_triangle(inertia)),
+            "slope": ca.densify(inertia @ (part * lively * gradient - (1 - part) * last.velocity)),
+            "direction": direction,
+            "speed": speed,
+            "turning": turning,
+            "price": PROGRESS + 2 * ca.fmin(ca.fabs(ca.dot(direction, balance)), STEEP),
+            "error": ca.if_else(off > TINY, error / ca.fmax(off, TINY), 0),
+            "off": ca.if_else(off > TINY, off, 0),
+            "along": ca.densify(along_row.T),
+            "along_lower": ca.fmin(along_then, 0) - along_fixed,
+            "across": ca.vec(ca.densify(across)),
+            "across_lower": ca.fmin(across_then, -straight) - across_fixed,
+            "across_upper": ca.fmax(across_then, straight) - across_fixed,
+            "guess": part * law + (1 - part) * kept,
+            "multipliers": -balance,
+        }
+
+    def _spread(self, velocity: ca.SX) -> ca.SX:
+        """(n,) velocities of all joints from those of the moving ones."""
+        every = ca.SX.zeros(self.robot.chain.n)
+        for i, joint in enumerate(self.moving):
+            every[joint] = velocity[i]
+        return every
+
+    def task_jacobian(self, q: ca.SX, world: ca.SX, *, way: ca.SX) -> ca.SX:
+        """(k, 7) rows that the stick commands, at q + way, by velocities with the chair's in the chassis frame at q."""
+        posture = ca.vertcat(0, 0, way[2], (q + way)[CHAIR:])
+        jacobian, pose = self.robot.chain.jacobian_expression(posture), self.robot.chain.pose_expression(posture)
+        heading = ca.if_else(world, q[2], 0)
+        cos, sin = ca.cos(heading), ca.sin(heading)
+        turn = ca.vertcat(ca.horzcat(cos, -sin, 0), ca.horzcat(sin, cos, 0), ca.horzcat(0, 0, 1))
+        every = ca.vertcat(turn @ jacobian[:3, :], turn @ jacobian[3:, :], pose[:3, 2].T @ jacobian[3:, :])
+        return every[[ROWS.index(row) for row in self.rows], :]
+
+    @property
+    def fastest(self) -> float:
+        """[m/s or rad/s] more than a hand can do in all rows together; what asks for more is slowed as a whole."""
+        reach = sum(abs(row.a) + abs(row.d) for row in self.robot.chain.rows[CHAIR - 1 :])
+        return float(self.robot.chain.velocity[0] + (1 + reach) * np.sum(self.robot.chain.velocity[CHAIR - 1 :]))

@@ -1,0 +1,125 @@
+"""The documented campaign: `python -m tests.judge --ticks 10000000 --processes 2 --write`.
+
+Ends with 1 where a claim broke or a situation was seen too seldom.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import platform
+import secrets
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from datetime import UTC, datetime
+from multiprocessing import get_context
+
+import casadi
+import numpy as np
+import scipy
+
+from tests.judge.verdict import ROOT, Verdict, hearing, judges
+
+RESULTS = ROOT / "bench" / "RESULTS.md"
+BEGIN, END = "<!-- judge: begin -->", "<!-- judge: end -->"
+SPREAD = 1_000_003
+"""Between the seeds of two parts of one campaign."""
+
+
+def parts(names: list[str], ticks: int, seed: int, pieces: int) -> list[tuple[str, int, int]]:
+    """Promise, ticks and seed of each piece of work; the promises share the ticks by their `SHARE`."""
+    shares = {name: float(getattr(module, "SHARE", 1.0)) for name, module in judges(names).items()}
+    total = sum(shares.values())
+    return [
+        (name, round(ticks * share / total / pieces), seed + SPREAD * piece)
+        for name, share in shares.items()
+        for piece in range(pieces)
+    ]
+
+
+def table(verdicts: dict[str, Verdict]) -> list[str]:
+    """Markdown: each promise's ticks and broken claims, the worst of each bound, and the situations."""
+    lines = ["| judge | runs | ticks | seconds | broken claims |", "|---|---|---|---|---|"]
+    for name, each in verdicts.items():
+        kinds = "; ".join(f"{claim} {count}" for claim, count in each.kinds.items())
+        lines.append(f"| {name} | {each.runs} | {each.ticks} | {each.took:.0f} | {kinds or 0} |")
+    lines += ["", "| judge | claim | largest seen | bound |", "|---|---|---|---|"]
+    for name, each in verdicts.items():
+        lines += [f"| {name} | {claim} | {value:.6g} | {bound:.6g} |" for claim, (value, bound) in each.worst.items()]
+    lines += ["", "| judge | situation | ticks | seconds | longest [s] | least ticks |", "|---|---|---|---|---|---|"]
+    for name, each in verdicts.items():
+        asked = each.asked
+        for key in sorted({*each.seen, *asked}):
+            seen = each.seen.get(key)
+            counts = f"{seen.ticks} | {seen.seconds:.1f} | {seen.longest:.2f}" if seen else "0 | 0 | 0"
+            lines.append(f"| {name} | {key} | {counts} | {asked.get(key, '')} |")
+    return lines
+
+
+def write(lines: list[str]) -> None:
+    """Put the lines between the markers of the results' file."""
+    text = RESULTS.read_text(encoding="utf-8") if RESULTS.exists() else f"# Results\n\n{BEGIN}\n{END}\n"
+    if BEGIN not in text:
+        text = f"{text.rstrip()}\n\n{BEGIN}\n{END}\n"
+    before, _, rest = text.partition(BEGIN)
+    RESULTS.write_text(before + "\n".join([BEGIN, *lines, ""]) + END + rest.partition(END)[2], encoding="utf-8")
+
+
+def head(command: str, seed: int) -> list[str]:
+    """When, where and how the numbers were made."""
+    versions = f"Python {platform.python_version()}, numpy {np.__version__}, scipy {scipy.__version__}"
+    return [
+        "## The judge",
+        "",
+        f"{datetime.now(UTC):%Y-%m-%d}, {os.cpu_count()} cores, {platform.machine()}, {platform.system()}; {versions}, "
+        f"CasADi {casadi.__version__}; REHAB_OPT_COMPILE={os.environ.get('REHAB_OPT_COMPILE', '1')}; seed {seed}.",
+        "",
+        f"    {command}",
+        "",
+    ]
+
+
+def main() -> int:
+    """Run, print, and say whether everything held and was seen."""
+    parser = argparse.ArgumentParser(prog="python -m tests.judge", description=__doc__)
+    parser.add_argument("--ticks", type=int, default=1_000_000, help="of all promises together")
+    parser.add_argument("--seed", type=int, help="default: another one each time")
+    parser.add_argument("--only", nargs="+", metavar="NAME")
+    parser.add_argument("--run", type=int, help="only this run of the seed")
+    parser.add_argument("--processes", type=int, default=1)
+    parser.add_argument("--write", action="store_true", help="put the tables into bench/RESULTS.md")
+    options = parser.parse_args()
+    seed = secrets.randbelow(2**31) if options.seed is None else options.seed
+    print(f"seed {seed}", flush=True)
+    names = list(judges(options.only))
+    verdicts: dict[str, Verdict] = {}
+    with ProcessPoolExecutor(options.processes, mp_context=get_context("spawn")) as pool:
+        work = parts(names, options.ticks, seed, options.processes)
+        for verdict in pool.map(hearing, *zip(*work, strict=True), [options.run] * len(work)):
+            if verdict.name in verdicts:
+                verdicts[verdict.name].add(verdict)
+            else:
+                verdicts[verdict.name] = verdict
+    lines = table(verdicts)
+    print("\n".join(lines))
+    failed = False
+    for name, verdict in verdicts.items():
+        failed |= bool(verdict.kinds)
+        for claim, numbers, again in verdict.broken:
+            print(f"BROKEN {name}: {claim}: {numbers}\n    {again}")
+        if options.run is None:
+            for situation, (count, asked) in verdict.missed.items():
+                failed = True
+                print(f"TOO SELDOM {name}: {situation}: {count} ticks, at least {asked} asked")
+    total = sum(verdict.ticks for verdict in verdicts.values())
+    broken = sum(sum(verdict.kinds.values()) for verdict in verdicts.values())
+    print(f"{total} ticks, {broken} broken claims, seed {seed}")
+    if options.write:
+        only = f" --only {' '.join(options.only)}" if options.only else ""
+        command = f"python -m tests.judge --ticks {options.ticks} --seed {seed} --processes {options.processes}{only}"
+        write([*head(command, seed), f"{total} ticks, {broken} broken claims.", "", *lines])
+    return int(failed)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,154 @@
+"""The chair's law: a stick held still gives the hand this velocity, or less of it, or a stop where no more is possible.
+
+"Against" is the component of the hand's velocity opposite to the command, "across" the length of what is square to it,
+both as fractions of the command; the hand's velocity is by finite differences over the tick of the judge's own forward
+kinematics, in the frame that was asked. It is judged from T + 1 s after the command began, T = max v/a of the joints.
+
+A tick is *strict* where |hand| <= 1.02, against <= 0.02 and across <= 0.05. Others are of a braking episode: a stretch
+of consecutive ticks that are not strict lasts at most T, and in it along <= 1.02, against <= 0.15 and across <= 0.15.
+Where the hand does less than 2 % of the command for the last second of a run, it has stopped, and then no velocity
+within the true bounds leads the hand exactly along the command at 5 % of it: see `Chair.fastest`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt import RedundancyResolver
+from tests.judge.chair_claims import judge_ticks
+from tests.judge.chair_robot import Obstacles
+from tests.judge.chair_runs import (
+    OTHER_SETS,
+    READY,
+    SETS,
+    Part,
+    Run,
+    command,
+    held,
+    motion,
+    other_resolver,
+    posture,
+    record,
+    resolver,
+)
+from tests.judge.verdict import Promise, Verdict
+
+PROMISES = (
+    Promise(
+        "rehab_opt/control/redundancy.py", "then accelerations; then the task, which keeps its direction and is slowed"
+    ),
+    Promise("rehab_opt/control/redundancy.py", "Forget the past."),
+    Promise("rehab_opt/control/command.py", "Share of the asked motion that is delivered, 0 to 1"),
+)
+LEAST = {
+    "a keep-out near": 2e4,
+    "a joint at its limit": 5e4,
+    "the hand as asked": 2e5,
+    "the hand slowed": 2e4,
+    "the hand stopped, asked of the linear programme": 5,
+    "begun in motion": 20,
+    "run again after a reset": 5e3,
+    "status ok": 5e5,
+}
+CI_TICKS = 16_000
+SHARE = 3.0
+DT = 0.01
+SIZE, AGAINST, ACROSS = 0.02, 0.02, 0.05
+"""Of the command at ticks of up to `DT`, above by dt: the chord of a turning hand's way is up to 3 % off."""
+BRAKING = 0.15
+STOPPED, POSSIBLE = 0.02, 0.05
+SAME, AGAIN = 1e-6, 5
+"""[m/s, rad/s] between a run and the same again, of one run in so many: a solver may begin from another guess."""
+OTHERS = 12
+"""One run in this many is of a random robot."""
+
+
+def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
+    """Held commands until so many ticks are judged."""
+    verdict = Verdict("chair_held", seed, LEAST)
+    number = 0 if only is None else only
+    while verdict.ticks < ticks:
+        one_run(verdict, number, np.random.default_rng([seed, number]))
+        number += 1
+        if only is not None:
+            break
+    return verdict
+
+
+def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
+    """The two known runaways first, then random ones."""
+    if number < 2:
+        rows = (("x", "y"), ("x", "y", "z"))[number]
+        twist = np.array(([-0.0567, 0.0399], [-0.1104, 0.072, -0.0123])[number])
+        chair, made = resolver("differential", (rows,), DT, 0)
+        q, u, parts = READY.copy(), np.zeros(7), [Part(rows, "chassis", held(twist, (12.0, 15.0)[number], DT))]
+        dt = DT
+    else:
+        if number % OTHERS == OTHERS - 1:
+            rows, dt = (
+                (*SETS, *OTHER_SETS)[rng.integers(len(SETS) + len(OTHER_SETS))],
+                float(rng.choice([0.005, 0.01, 0.02])),
+            )
+            chair, made = other_resolver(rng, dt, 0, (rows,))
+        else:
+            rows, dt = SETS[number % 3], DT
+            chair, made = resolver(("differential", "mecanum")[number // 3 % 2], (rows,), dt, 0)
+        q = posture(chair, rng)
+        frame = "world" if rng.random() < 0.2 else "chassis"
+        u, parts = np.zeros(7), [Part(rows, frame, held(command(rng, rows), rng.uniform(8, 30), dt))]
+        begun = rng.random()
+        if begun < 0.25:
+            u = motion(chair, q, rng, dt)
+        elif begun < 0.5:
+            parts.insert(0, Part(rows, frame, held(command(rng, rows), rng.uniform(1, 4), dt)))
+    recorded = record(made, Run(chair, dt, u, parts, arcs=bool(rng.random() < 0.3)), q)
+    verdict.begin(number, f"{chair.drive} {rows} {parts[-1].frame} dt {dt:g} {np.round(parts[-1].twist[0], 4)}")
+    judge_ticks(recorded, verdict)
+    if number % AGAIN == 0:
+        judge_again(made, recorded, verdict)
+    verdict.during("begun in motion", np.array([bool(u.any()) or len(parts) > 1]), dt)
+    for part, span in zip(parts, recorded.slices, strict=True):
+        judge_law(recorded, verdict, part, span)
+
+
+def judge_again(made: RedundancyResolver, run: Run, verdict: Verdict) -> None:
+    """The same run after `reset` gives the same commands: nothing of the past is left."""
+    parts = [part._replace(twist=part.twist[:200]) for part in run.parts[:1]]
+    again = record(made, Run(run.chair, run.dt, run.start, parts, run.arcs), run.q[0])
+    off = [np.abs(one.value - other.value) for one, other in zip(again.commands, run.commands, strict=False)]
+    verdict.within("a reset forgets the past", off, SAME)
+    verdict.during("run again after a reset", np.ones(len(off), dtype=bool), run.dt)
+
+
+def judge_law(run: Run, verdict: Verdict, part: Part, span: slice, obstacles: Obstacles = ()) -> None:
+    """The law for one held command, from T + 1 s after its begin."""
+    chair, dt = run.chair, run.dt
+    begin = span.start + int(np.ceil((chair.braking_time + 1.0) / dt))
+    if begin + round(1.0 / dt) >= span.stop:
+        return
+    q, ahead = run.q[begin : span.stop], run.q[begin + 1 : span.stop + 1]
+    twist = part.twist[-1]
+    hand = chair.hand_velocity(q, ahead, dt, part.rows, part.frame) / np.linalg.norm(twist)
+    way = twist / np.linalg.norm(twist)
+    along = hand @ way
+    across, size = np.linalg.norm(hand - along[:, None] * way, axis=1), np.linalg.norm(hand, axis=1)
+    chord = max(1.0, dt / DT)
+    braking = ~((size <= 1 + SIZE * chord) & (along >= -AGAINST * chord) & (across <= ACROSS * chord))
+    longest = longest_stretch(braking) * dt
+    verdict.within("law: a braking episode lasts at most T", [longest], chair.braking_time + dt / 2)
+    verdict.within("law: the hand is no faster than the command", along, 1 + SIZE * chord)
+    verdict.within("law: against the command, braking", -along, BRAKING)
+    verdict.within("law: across the command, braking", across, BRAKING)
+    verdict.during("law judged", np.ones(len(along), dtype=bool), dt)
+    verdict.during("a braking episode", braking, dt)
+    if np.all(np.abs(along[-round(1.0 / dt) :]) < STOPPED):
+        possible = chair.fastest(run.q[span.stop], twist, part.rows, part.frame, obstacles)
+        verdict.within("law: a stop is where nothing is possible", [possible], POSSIBLE)
+        verdict.during("the hand stopped, asked of the linear programme", np.array([True]), dt)
+
+
+def longest_stretch(mask: NDArray[np.bool_]) -> int:
+    """Most ticks on end in which the mask is true."""
+    edges = np.flatnonzero(np.diff(np.r_[False, mask, False]))
+    return int(np.max(edges[1::2] - edges[::2], initial=0))

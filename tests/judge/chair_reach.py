@@ -1,0 +1,114 @@
+"""The chair led to places: bounds in every tick, no place is left once it is reached, and none is run away from.
+
+A target is reached, or the hand ends where no velocity within the true bounds leads it there at 5 % of 0.1 m/s.
+On the way the hand is never further from its target than when that was set, by `AWAY`, and no faster than `FASTEST`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tests.judge.chair_claims import judge_ticks
+from tests.judge.chair_runs import Part, Run, motion, other_resolver, posture, record, resolver
+from tests.judge.verdict import Promise, Verdict
+
+PROMISES = (
+    Promise(
+        "rehab_opt/control/redundancy.py",
+        "Joint velocities (7,) that lead the hand to a place, through the same QP; call it every tick.",
+    ),
+    Promise(
+        "rehab_opt/control/redundancy.py",
+        "where the hand should go, in the world frame [m]; smoothed by a `Smoother`, so it may jump.",
+    ),
+    Promise(
+        "rehab_opt/control/reaching.py",
+        "of the target, on each axis; the cap usual for machines",
+    ),
+)
+LEAST = {
+    "status ok": 5e5,
+    "a joint at its limit": 1e4,
+    "target reached": 20,
+    "target jumped on the way": 10,
+    "the dead-man released, moving": 100,
+    "asked of the linear programme": 1,
+}
+CI_TICKS = 8_000
+SHARE = 0.5
+SETS = (("x", "y", "z"),)
+REACHED, SLOW = 3e-4, 2e-3
+"""[m], [m/s] Nearer and slower than this, a hand is there; one that passes by is not."""
+AWAY = 0.25
+"""[m] A hand under way to another target goes on by v^2/2a + va/2j = 9.4 cm on each axis, lags by 3 cm; and 6 cm."""
+FASTEST = 1.02 * (0.25 * np.sqrt(3) + 4.0 * 0.03)
+"""[m/s] 0.25 on each axis, and what brings back a hand that lags by 3 cm."""
+POSSIBLE, TRIED = 0.05, 0.1
+
+
+def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
+    """Targets until so many ticks are judged."""
+    verdict = Verdict("chair_reach", seed, LEAST)
+    number = 0 if only is None else only
+    while verdict.ticks < ticks:
+        one_run(verdict, number, np.random.default_rng([seed, number]))
+        number += 1
+        if only is not None:
+            break
+    return verdict
+
+
+def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
+    """Half a dozen targets, some of which jump before they are reached, some with the dead-man released between."""
+    if number % 6 == 5:
+        dt = float(rng.choice([0.005, 0.01, 0.02]))
+        chair, made = other_resolver(rng, dt, 0, SETS)
+    else:
+        dt = 0.01
+        chair, made = resolver(("differential", "mecanum")[number % 2], SETS, dt, 0)
+    q = posture(chair, rng)
+    u = motion(chair, q, rng, dt) if rng.random() < 0.3 else np.zeros(7)
+    parts = []
+    for _ in range(6):
+        target = chair.hand(q) + rng.uniform(-1, 1, 3) * [0.8, 0.8, 0.4]
+        target[2] = np.clip(target[2], 0.1, 1.4)
+        seconds = rng.uniform(1, 3) if rng.random() < 0.3 else rng.uniform(12, 18)
+        parts.append(Part(("x", "y", "z"), "world", np.zeros((round(seconds / dt), 3)), target=target))
+        if rng.random() < 0.3:
+            n = round(rng.uniform(0.1, 1.5) / dt)
+            parts.append(Part(("x", "y", "z"), "world", np.zeros((n, 3)), enable=False, target=target))
+    recorded = record(made, Run(chair, dt, u, parts, arcs=bool(rng.random() < 0.3)), q)
+    verdict.begin(number, f"{chair.drive} dt {dt:g}")
+    judge_ticks(recorded, verdict)
+    for part, ticks in zip(parts, recorded.slices, strict=True):
+        if part.enable is True:
+            judge_target(recorded, verdict, part, ticks)
+
+
+def judge_target(run: Run, verdict: Verdict, part: Part, ticks: slice) -> None:
+    """Whether the hand went there, and how."""
+    chair, dt = run.chair, run.dt
+    hand, target = chair.hand(run.q[ticks.start : ticks.stop + 1]), part.target
+    assert target is not None
+    apart = np.linalg.norm(hand - target, axis=1)
+    braked = round((chair.braking_time + 1.0) / dt)
+    if ticks.start:  # from rest or from another reach; a random motion at the begin may lead anywhere
+        verdict.within("the hand does not run from its target", apart - apart[0], AWAY)
+    speed = np.linalg.norm(np.diff(hand, axis=0), axis=1) / dt
+    verdict.within("the hand's speed is capped", speed[braked:], FASTEST)
+    there = (apart[1:] < REACHED) & (speed < SLOW)
+    verdict.during("target reached", there[-1:], dt)
+    if there.any():
+        verdict.within("a place that is reached is kept", apart[1 + int(np.argmax(there)) :], 10 * REACHED)
+    if not there[-1]:
+        verdict.during("target jumped on the way", np.array([ticks.stop - ticks.start < 4.0 / dt]), dt)
+    if len(there) * dt < 10.0 or there[-1]:
+        return
+    stopped = np.all(speed[-round(1.0 / dt) :] < 0.02 * TRIED)
+    if not stopped:
+        verdict.within("a hand under way comes nearer", [apart[-1] - apart[-round(3.0 / dt)]], 0.0)
+    else:
+        way = (target - hand[-1]) / apart[-1]
+        possible = chair.fastest(run.q[ticks.stop], TRIED * way, part.rows, part.frame)
+        verdict.within("a hand that stopped elsewhere can go no further", [possible], POSSIBLE)
+        verdict.during("asked of the linear programme", np.array([True]), dt)

@@ -1,0 +1,295 @@
+"""The chair with its arm, written down once more: lengths, limits, kinematics, wheels, keep-outs and obstacles.
+
+Chassis frame: x forward, y left, z up, floor at 0. u (7,) are forward, left [m/s], turn [rad/s] in that frame, and the
+speeds of the arm's four joints; q (7,) are place and heading in the world, and the arm's angles. Arrays
+have ticks first.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import linprog
+
+from rehab_opt import ardis
+from rehab_opt.control.obstacles import Disc, HalfPlane
+
+Array = NDArray[np.float64]
+ROWS = ("x", "y", "z", "rx", "ry", "rz", "roll7")
+KEEP_OUT = (
+    ((-0.15, 0.0, 0.55), (-0.15, 0.0, 1.25), 0.18),
+    ((-0.10, 0.0, 0.55), (0.40, 0.0, 0.50), 0.18),
+    ((-0.25, 0.0, 0.25), (0.30, 0.0, 0.25), 0.24),
+)
+"""Trunk and head, legs, chair: both ends and radius of each capsule [m]."""
+ARM_RADIUS = 0.05
+REAR, FRONT, SIDE = -0.45, 0.55, 0.33
+"""[m] Outline of the chair."""
+CORNERS = np.array([(x, y) for x in (FRONT, REAR) for y in (SIDE, -SIDE)])
+MECANUM = np.array([[1, 1, 0.53], [1, -1, -0.53], [1, 1, -0.53], [1, -1, 0.53]]) / 0.10
+"""(4, 3) wheels in front right, front left, rear left, rear right, of half gauge 0.28 m and half base 0.25 m."""
+DIFFERENTIAL = np.array([[1, 0, 0.28], [1, 0, -0.28]]) / 0.15
+WHEEL_LIMIT = {"mecanum": 10.0, "differential": 7.0}
+"""[rad/s]"""
+STAND_OFF = 0.002
+"""[m] So near a keep-out or an obstacle a robot may stop."""
+Obstacles = Sequence[Disc | HalfPlane]
+
+
+@dataclass(frozen=True)
+class Chair:
+    """Numbers of one robot, and what follows from them."""
+
+    drive: str = "differential"
+    a3: float = 0.10
+    d4: float = 0.38
+    d5: float = 0.45
+    d7: float = 0.50
+    lower: Array = field(default_factory=lambda: np.deg2rad([-165.0, -100.0, -75.0, -170.0]))
+    upper: Array = field(default_factory=lambda: np.deg2rad([20.0, 100.0, 85.0, 170.0]))
+    velocity: Array = field(default_factory=lambda: np.array([0.8, 0.8, 1.0, 1.0, 1.0, 1.2, 1.5]))
+    acceleration: Array = field(default_factory=lambda: np.array([1.0, 1.0, 1.5, 4.0, 4.0, 4.0, 6.0]))
+    chair_mass: float = 120.0
+    payload: float = 0.0
+    keep_out: bool = True
+    mount: float = 0.70
+
+    def robot(self) -> Any:
+        """What the public constructor makes of the same numbers."""
+        free = np.full(3, math.inf)
+        return ardis(
+            a3=self.a3, d4=self.d4, d5=self.d5, d7=self.d7, mount_height=self.mount, chair_mass=self.chair_mass,
+            payload=self.payload, lower=[*-free, *self.lower], upper=[*free, *self.upper], velocity=self.velocity,
+            acceleration=self.acceleration,
+        )  # fmt: skip
+
+    @property
+    def braking_time(self) -> float:
+        """[s] T = max v/a."""
+        return float(np.max(self.velocity / self.acceleration))
+
+    # ------------------------------------------------------------------------------------------------ kinematics
+    def arm(self, q: Array) -> tuple[Array, ...]:
+        """Upper arm's direction, elbow's and wrist's cross axes, forearm's direction; each (..., 3), chassis frame."""
+        c4, s4, c5, s5 = np.cos(q[..., 3]), np.sin(q[..., 3]), np.cos(q[..., 4]), np.sin(q[..., 4])
+        c6, s6, zero = np.cos(q[..., 5]), np.sin(q[..., 5]), np.zeros_like(c4)
+        up = np.stack([-s4, zero, c4], -1)
+        ahead, left = np.stack([c4, zero, s4], -1), np.stack([zero, zero + 1, zero], -1)
+        turned = c5[..., None] * ahead + s5[..., None] * left
+        side = c5[..., None] * left - s5[..., None] * ahead
+        fore = c6[..., None] * turned + s6[..., None] * up
+        return up, turned, side, fore
+
+    def joints(self, q: Array) -> tuple[Array, Array, Array]:
+        """Shoulder, elbow and hand (..., 3) in the chassis frame [m]."""
+        up, _, _, fore = self.arm(q)
+        shoulder = np.broadcast_to([self.a3, -self.d4, self.mount], up.shape)
+        elbow = shoulder + self.d5 * up
+        return shoulder, elbow, elbow + self.d7 * fore
+
+    def hand(self, q: Array) -> Array:
+        """(..., 3) place of the hand in the world [m]."""
+        p = turned(self.joints(q)[2], q[..., 2])
+        p[..., :2] += q[..., :2]
+        return p
+
+    def orientation(self, q: Array) -> Array:
+        """(..., 3, 3) of the hand in the world: the forearm's direction is its third column."""
+        _, _, side, fore = self.arm(q)
+        other = np.cross(fore, side)
+        c, s = np.cos(q[..., 6])[..., None], np.sin(q[..., 6])[..., None]
+        columns = (c * side + s * other, c * other - s * side, fore)
+        return np.stack([turned(each, q[..., 2]) for each in columns], -1)
+
+    def jacobian(self, q: Array) -> Array:
+        """(..., 7, 7) rows `ROWS` in the chassis frame, by u."""
+        up, _, side, fore = self.arm(q)
+        shoulder, elbow, hand = self.joints(q)
+        j = np.zeros((*q.shape[:-1], 7, 7))
+        j[..., 0, 0] = j[..., 1, 1] = j[..., 5, 2] = 1.0
+        j[..., 0, 2], j[..., 1, 2] = -hand[..., 1], hand[..., 0]
+        cross = np.broadcast_to([0.0, -1.0, 0.0], up.shape)
+        for i, (axis, origin) in enumerate([(cross, shoulder), (up, shoulder), (-side, elbow), (fore, elbow)], 3):
+            j[..., :3, i], j[..., 3:6, i] = np.cross(axis, hand - origin), axis
+        j[..., 6, :] = np.einsum("...i,...ij->...j", fore, j[..., 3:6, :])
+        return j
+
+    def chassis(self, q: Array, value: Array) -> Array:
+        """(..., 7) u of joint velocities with the chair's in the world frame."""
+        u = np.array(value)
+        c, s = np.cos(q[..., 2]), np.sin(q[..., 2])
+        u[..., 0], u[..., 1] = c * value[..., 0] + s * value[..., 1], c * value[..., 1] - s * value[..., 0]
+        return u
+
+    def world(self, q: Array, u: Array) -> Array:
+        """(..., 7) the way back."""
+        value = np.array(u)
+        c, s = np.cos(q[..., 2]), np.sin(q[..., 2])
+        value[..., 0], value[..., 1] = c * u[..., 0] - s * u[..., 1], s * u[..., 0] + c * u[..., 1]
+        return value
+
+    def moved(self, q: Array, value: Array, time: ArrayLike) -> Array:
+        """(..., 7) where held joint velocities lead."""
+        return np.asarray(q + np.asarray(time)[..., None] * value)
+
+    def hand_velocity(self, q: Array, ahead: Array, dt: float, rows: Sequence[str], frame: str) -> Array:
+        """(T, k) by finite differences from q to `ahead` (T, 7); the chassis frame is that of the tick's begin."""
+        linear = (self.hand(ahead) - self.hand(q)) / dt
+        begin = self.orientation(q)
+        change = self.orientation(ahead) @ np.swapaxes(begin, -1, -2)
+        skew = (change - np.swapaxes(change, -1, -2)) / 2
+        axis = np.stack([skew[..., 2, 1], skew[..., 0, 2], skew[..., 1, 0]], -1)
+        sine = np.linalg.norm(axis, axis=-1, keepdims=True)
+        angular = axis * np.where(sine > 1e-9, np.arcsin(np.minimum(sine, 1)) / np.maximum(sine, 1e-9), 1.0) / dt
+        roll = np.sum(angular * begin[..., 2], -1)
+        if frame == "chassis":
+            linear, angular = turned(linear, -q[..., 2]), turned(angular, -q[..., 2])
+        every = np.concatenate([linear, angular, roll[..., None]], -1)
+        return np.asarray(every[..., [ROWS.index(row) for row in rows]])
+
+    def task(self, q: Array, rows: Sequence[str], frame: str) -> Array:
+        """(..., k, 7) Jacobian of these rows by u."""
+        j = self.jacobian(q)
+        if frame == "world":
+            heading = q[..., 2, None]
+            for part in (slice(0, 3), slice(3, 6)):
+                j[..., part, :] = np.swapaxes(turned(np.swapaxes(j[..., part, :], -1, -2), heading), -1, -2)
+        return np.asarray(j[..., [ROWS.index(row) for row in rows], :])
+
+    # ----------------------------------------------------------------------------------------------------- bounds
+    def wheels(self, u: Array) -> Array:
+        """(..., 2 or 4) wheel speeds [rad/s]."""
+        return np.asarray(u[..., :3] @ (MECANUM if self.drive == "mecanum" else DIFFERENTIAL).T)
+
+    def arm_gaps(self, q: Array) -> Array:
+        """(..., 6) distances of upper arm and forearm, with their radius, from each keep-out [m]; none without."""
+        if not self.keep_out:
+            return np.full((*q.shape[:-1], 1), math.inf)
+        shoulder, elbow, hand = self.joints(q)
+        return np.stack(
+            [
+                segments_apart(begin, end, np.array(start), np.array(stop)) - radius - ARM_RADIUS
+                for start, stop, radius in KEEP_OUT
+                for begin, end in ((shoulder, elbow), (elbow, hand))
+            ],
+            -1,
+        )
+
+    def obstacle_gaps(self, q: Array, obstacles: Obstacles) -> Array:
+        """(..., m) distances of the outline from each obstacle [m], negative inside; how deep for discs, too."""
+        found = [np.full(q.shape[:-1], math.inf)]
+        c, s = np.cos(q[..., 2]), np.sin(q[..., 2])
+        for each in obstacles:
+            if isinstance(each, HalfPlane):
+                size = math.hypot(*each.normal)
+                nx, ny = each.normal[0] / size, each.normal[1] / size
+                furthest = [(c * x - s * y) * nx + (s * x + c * y) * ny for x, y in CORNERS]
+                found.append(each.offset / size - q[..., 0] * nx - q[..., 1] * ny - np.max(furthest, axis=0))
+            else:
+                dx, dy = each.centre[0] - q[..., 0], each.centre[1] - q[..., 1]
+                x, y = c * dx + s * dy, c * dy - s * dx
+                apart = np.maximum(x - FRONT, REAR - x), np.abs(y) - SIDE
+                outside = np.hypot(np.maximum(apart[0], 0), np.maximum(apart[1], 0))
+                found.append(outside + np.minimum(np.maximum(*apart), 0) - each.radius)
+        return np.stack(found, -1)
+
+    def brakes_in_time(self, q: Array, u: Array, obstacles: Obstacles, dt: float) -> bool:
+        """Whether u, scaled to zero in T after two more ticks of it, keeps every bound on the way."""
+        steps = np.linspace(0.0, 1.0, 81)
+        length = 2 * dt + self.braking_time * (steps - steps**2 / 2)
+        path = np.empty((len(steps) + 1, 7))
+        path[0] = q
+        for i, step in enumerate(np.diff(length, prepend=0.0)):
+            middle = path[i].copy()
+            middle[2] += u[2] * step / 2
+            path[i + 1] = path[i] + step * self.world(middle, u)
+        arm = path[:, 3:]
+        return bool(
+            np.all(arm >= self.lower)
+            and np.all(arm <= self.upper)
+            and np.all(self.arm_gaps(path) > 0)
+            and np.all(self.obstacle_gaps(path, obstacles) > 0)
+        )
+
+    def fastest(self, q: Array, twist: Array, rows: Sequence[str], frame: str, obstacles: Obstacles = ()) -> float:
+        """Largest speed of the hand exactly along `twist`, as a fraction of it, by a linear programme.
+
+        Of the velocities that could be scaled to zero in T with every bound kept, to first order: so a distance of
+        room allows 2 room/T; the last `STAND_OFF` before keep-outs and obstacles are no room. Nearest points that jump
+        are met by further rows where the answer leads into them.
+        """
+        half = self.braking_time / 2
+        task = self.task(q, rows, frame)
+        speed = np.where(np.arange(7) == 1, self.velocity * (self.drive == "mecanum"), self.velocity)
+        upper = np.append(speed, 1.0)
+        lower = np.append(-speed, 0.0)
+        upper[3:7] = np.clip((self.upper - q[3:]) / half, 0, upper[3:7])
+        lower[3:7] = np.clip((self.lower - q[3:]) / half, lower[3:7], 0)
+        rolling = self.wheels(np.eye(7)).T
+        angles = np.arange(32) * math.pi / 16
+        circle = np.zeros((32, 7))
+        circle[:, 0], circle[:, 1] = np.cos(angles), np.sin(angles)
+        rows_a = [rolling, -rolling, circle]
+        limits = [np.full(2 * len(rolling), WHEEL_LIMIT[self.drive]), np.full(32, self.velocity[0])]
+
+        def gaps(at: Array) -> Array:
+            return np.concatenate([self.arm_gaps(at), self.obstacle_gaps(at, obstacles)], -1)
+
+        now = gaps(q)
+
+        def closing(at: Array) -> None:
+            step = 1e-6 * np.eye(7)
+            value = self.world(np.broadcast_to(at, (7, 7)), step)
+            near = np.isfinite(now)
+            slope = (gaps(at + value)[:, near] - gaps(at - value)[:, near]) / 2e-6
+            rows_a.append(-half * slope.T)
+            limits.append(np.maximum(now[near] - STAND_OFF, 0.0))
+
+        closing(q)
+        best = 0.0
+        for _ in range(8):
+            a_ub = np.column_stack([np.vstack(rows_a), np.zeros(sum(map(len, rows_a)))])
+            found = linprog(
+                np.append(np.zeros(7), -1.0), a_ub, np.concatenate(limits),
+                np.column_stack([task, -np.asarray(twist)]), np.zeros(len(task)),
+                np.column_stack([lower, upper]), method="highs",
+            )  # fmt: skip
+            if found.status != 0:
+                return math.nan
+            best, u = -float(found.fun), found.x[:7]
+            ahead = q + 1e-3 * self.world(q, u)
+            if best < 0.05 or np.all(gaps(ahead) >= np.minimum(now, 0.0) - 1e-5 * best):
+                break
+            closing(ahead)
+        return best
+
+
+def turned(p: Array, angle: Array) -> Array:
+    """(..., 3) vectors turned about z."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.stack([c * p[..., 0] - s * p[..., 1], s * p[..., 0] + c * p[..., 1], p[..., 2]], -1)
+
+
+def segments_apart(begin: Array, end: Array, start: Array, stop: Array) -> Array:
+    """(...,) distance of two segments: from an end of one to the other, or between the lines where both are met."""
+
+    def from_point(point: Array, origin: Array, along: Array) -> Array:
+        share = np.clip(np.sum((point - origin) * along, -1) / np.sum(along * along, -1), 0, 1)
+        return np.linalg.norm(point - origin - share[..., None] * along, axis=-1)
+
+    one, two, gap = end - begin, stop - start, start - begin
+    ends = [from_point(begin, start, two), from_point(end, start, two)]
+    ends += [from_point(start, begin, one), from_point(stop, begin, one)]
+    normal = np.cross(one, two)
+    size = np.sum(normal * normal, -1)
+    safe = np.maximum(size, 1e-12)
+    first = np.sum(np.cross(gap, two) * normal, -1) / safe
+    second = np.sum(np.cross(gap, one) * normal, -1) / safe
+    met = (size > 1e-12) & (first >= 0) & (first <= 1) & (second >= 0) & (second <= 1)
+    between = np.where(met, np.abs(np.sum(gap * normal, -1)) / np.sqrt(safe), math.inf)
+    return np.asarray(np.minimum(np.min(ends, axis=0), between))

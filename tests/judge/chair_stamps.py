@@ -1,0 +1,81 @@
+"""Stale, repeated, reversed and missing states are not acted on, and all others are.
+
+Each bad stamp stands alone between good ones with jitter, so that exactly its tick gives the safe command. At the end
+of a run the stamps fall behind the ticks, and the state is refused once they are `MAX_AGE` behind, and not long before.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from tests.judge.chair_claims import judge_ticks
+from tests.judge.chair_runs import READY, SETS, Part, Run, command, record, resolver
+from tests.judge.verdict import Promise, Verdict
+
+PROMISES = (
+    Promise("rehab_opt/control/redundancy.py", "time of the state [s]; checked by the watchdog when given."),
+    Promise(
+        "rehab_opt/control/watchdog.py",
+        "Finds repeated, reversed, missing and delayed time stamps",
+    ),
+    Promise("rehab_opt/control/watchdog.py", "Largest age [s] of a state at a nominal tick dt [s]: 50 ms"),
+)
+KINDS = ("repeated", "reversed", "restarted", "nan", "inf", "missing", "after a gap")
+LEAST = {f"a stamp {each}": 500.0 for each in KINDS} | {"stamps behind": 1e4, "moving at a bad stamp": 1e3}
+CI_TICKS = 4_000
+SHARE = 0.2
+DT, MAX_AGE = 0.01, 0.05
+
+
+def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
+    """Runs of a thousand ticks."""
+    verdict = Verdict("chair_stamps", seed, LEAST)
+    number = 0 if only is None else only
+    while verdict.ticks < ticks:
+        one_run(verdict, number, np.random.default_rng([seed, number]))
+        number += 1
+        if only is not None:
+            break
+    return verdict
+
+
+def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
+    """A stick that turns slowly, with a bad stamp each thirty ticks; then stamps that fall behind."""
+    rows = SETS[number % 3]
+    chair, made = resolver(("differential", "mecanum")[number // 3 % 2], (rows,), DT, 0)
+    n, behind = 900, 100
+    time = np.arange(n) * DT
+    twist = np.cos(time)[:, None] * command(rng, rows) + np.sin(time)[:, None] * command(rng, rows)
+    clock = float(rng.choice([0.0, 1.7e9, -5.0])) + time + rng.uniform(-0.2, 0.2, n) * DT
+    stamps: list[float | None] = list(clock)
+    bad = np.zeros(n, dtype=bool)
+    for k in range(30, n, 30):
+        bad[k] = True
+        kind = str(rng.choice(KINDS))
+        if kind in ("restarted", "after a gap"):
+            jump = -10.0 if kind == "restarted" else rng.uniform(0.1, 10.0)
+            stamps[k:] = [float(each) + jump for each in stamps[k:] if each is not None]
+        else:
+            one = {"repeated": stamps[k - 1], "reversed": float(stamps[k - 1] or 0.0) - 1.5 * DT}
+            stamps[k] = (one | {"nan": math.nan, "inf": math.inf, "missing": None})[kind]
+        verdict.during(f"a stamp {kind}", np.array([True]), DT)
+    slow = float(rng.uniform(0.1, 0.5))
+    last = float(stamps[-1] or 0.0)
+    late = [last + slow * DT * (i + 1) for i in range(behind)]
+    parts = [
+        Part(rows, "chassis", twist, stamps=stamps),
+        Part(rows, "chassis", np.tile(twist[-1], (behind, 1)), stamps=late),
+    ]
+    recorded = record(made, Run(chair, DT, np.zeros(7), parts, arcs=False), READY.copy())
+    verdict.begin(number, f"{chair.drive} {rows}")
+    found, u = judge_ticks(recorded, verdict)
+    certified = np.isin(found.status, ("ok", "backup"))
+    verdict.holds("a bad stamp gives the safe command", ~bad | ~certified[:n])
+    verdict.holds("a good stamp is acted on", bad | certified[:n])
+    verdict.during("moving at a bad stamp", bad & np.any(u[:n], axis=1), DT)
+    lag = np.arange(1, behind + 1) * (1 - slow) * DT
+    verdict.holds("a state too old is not acted on", (lag < MAX_AGE + 1.5 * DT) | ~certified[n:])
+    verdict.holds("a state of some age is acted on", (lag > MAX_AGE - 1.5 * DT) | certified[n:])
+    verdict.during("stamps behind", lag > MAX_AGE, DT)

@@ -1,0 +1,47 @@
+"""A slice of every judge, and that what they quote still stands; the campaign is `python -m tests.judge`."""
+
+from __future__ import annotations
+
+import secrets
+from pathlib import Path
+
+import pytest
+
+from tests.judge.verdict import Promise, Verdict, judges
+
+JUDGES = judges()
+PROMISES = [(name, promise) for name, module in JUDGES.items() for promise in module.PROMISES]
+FIXED_SEED = 20
+
+
+@pytest.fixture(autouse=True)
+def _virtual_machine(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("REHAB_OPT_COMPILE", "0")  # a slice is shorter than compiling would take
+
+
+@pytest.mark.parametrize(("judge", "promise"), PROMISES)
+def test_promise_still_stands_where_it_was_quoted(judge: str, promise: Promise) -> None:
+    assert promise.stands(), f"{judge} judges what {promise.file} no longer says: {promise.text}"
+
+
+@pytest.mark.parametrize("seed", [FIXED_SEED, None], ids=["fixed seed", "new seed"])
+@pytest.mark.parametrize("judge", JUDGES)
+def test_slice_of_the_campaign_breaks_nothing(judge: str, seed: int | None) -> None:
+    seed = secrets.randbelow(2**31) if seed is None else seed
+    verdict: Verdict = JUDGES[judge].run(JUDGES[judge].CI_TICKS // 2, seed)
+    assert verdict.ticks > 0
+    assert not verdict.kinds, "\n".join(f"{each.claim}: {each.numbers}\n  {each.again}" for each in verdict.broken)
+    assert not verdict.missed, f"seed {seed}, too seldom (seen, asked): {verdict.missed}"
+
+
+def test_judge_imports_only_public_controllers_and_value_types() -> None:
+    allowed = (
+        "rehab_opt import ",
+        "rehab_opt.kinematics.ardis import ARDIS_READY",
+        "rehab_opt.control.obstacles import ",
+    )
+    for path in Path(__file__).parent.glob("*.py"):
+        for line in path.read_text(encoding="utf-8").splitlines():
+            named = line.partition("from ")[2] if line.startswith(("from rehab_opt", "    from rehab_opt")) else ""
+            assert not line.startswith("import rehab_opt"), f"{path.name}: {line}"
+            assert not named or named.startswith(allowed), f"{path.name}: {line}"

@@ -1,0 +1,245 @@
+"""What a judge found: ticks, broken claims, the worst of each bound, and which situations there were, for how long."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import math
+import pkgutil
+import re
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import ModuleType
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rehab_opt import Bound, Command
+
+ROOT = Path(__file__).resolve().parents[2]
+NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*(?:e[-+]?\d+)?|\binf\b|\bnan\b)", re.IGNORECASE)
+WHOLE, COMMON = 500_000, 100
+"""Ticks from which all least counts are asked for; a shorter slice must show what it should have this many ticks of."""
+MOST_SHOWN = 5
+"""Broken claims of one kind that are kept with their numbers; all are counted."""
+
+
+class Promise(NamedTuple):
+    """A sentence of the project, and the file in which it stands."""
+
+    file: str
+    text: str
+
+    def stands(self) -> bool:
+        """Whether it stands in a docstring of that Python file, or in that text, whitespace folded."""
+        return folded(self.text) in folded(documentation(ROOT / self.file))
+
+
+def documentation(path: Path) -> str:
+    """Docstrings of a Python file, attributes' included; all of another file."""
+    text = path.read_text(encoding="utf-8")
+    if path.suffix != ".py":
+        return text
+    strings = (node.value for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Expr))
+    return "\n".join(each.value for each in strings if isinstance(each, ast.Constant) and isinstance(each.value, str))
+
+
+def folded(text: str) -> str:
+    """`text` with each run of white space as one blank."""
+    return " ".join(text.split())
+
+
+class Broken(NamedTuple):
+    """One claim that did not hold, the numbers that show it, and the command that shows it again."""
+
+    claim: str
+    numbers: str
+    again: str
+
+
+@dataclass
+class Seen:
+    """How often and how long one situation lasted."""
+
+    ticks: int = 0
+    seconds: float = 0.0
+    longest: float = 0.0
+
+    def add(self, other: Seen) -> None:
+        """The same, seen elsewhere."""
+        self.ticks, self.seconds = self.ticks + other.ticks, self.seconds + other.seconds
+        self.longest = max(self.longest, other.longest)
+
+
+@dataclass
+class Verdict:
+    """All that one promise's runs showed. A claim is `holds`, a number within its bound is `within`."""
+
+    name: str
+    seed: int
+    least: Mapping[str, float] = field(default_factory=dict)
+    """Situation -> least ticks per 10^6."""
+    ticks: int = 0
+    runs: int = 0
+    took: float = 0.0
+    """[s]"""
+    kinds: dict[str, int] = field(default_factory=dict)
+    """Broken claim -> how often."""
+    broken: list[Broken] = field(default_factory=list)
+    worst: dict[str, tuple[float, float]] = field(default_factory=dict)
+    """Claim -> the largest value seen, and its bound there."""
+    seen: dict[str, Seen] = field(default_factory=dict)
+    run: int = 0
+    """Number of the run being judged."""
+    where: str = ""
+    """What that run is, in words."""
+
+    def begin(self, run: int, where: str) -> None:
+        """What follows is of this run."""
+        self.run, self.where = run, where
+        self.runs += 1
+
+    # ------------------------------------------------------------------------------------------------- claims
+    def breaks(self, claim: str, numbers: str) -> None:
+        """One more broken claim."""
+        self.kinds[claim] = self.kinds.get(claim, 0) + 1
+        if self.kinds[claim] <= MOST_SHOWN:
+            again = f"python -m tests.judge --only {self.name} --seed {self.seed} --run {self.run}"
+            self.broken.append(Broken(claim, f"{numbers} [{self.where}]", again))
+
+    def holds(self, claim: str, held: ArrayLike, numbers: str = "") -> None:
+        """The claim held wherever `held` is true; broken at most once a run, at its first tick."""
+        held = np.atleast_1d(np.asarray(held, dtype=bool))
+        if not held.all():
+            off = np.flatnonzero(~held.reshape(len(held), -1).all(axis=1))
+            self.breaks(claim, f"{len(off)} of {len(held)}, first {off[0]}{'; ' if numbers else ''}{numbers}")
+
+    def within(self, claim: str, values: ArrayLike, bound: ArrayLike, numbers: str = "") -> None:
+        """values <= bound everywhere, ticks first; NaN breaks it. The worst is kept, and broken at most once a run."""
+        values, bound = np.broadcast_arrays(np.asarray(values, dtype=float), np.asarray(bound, dtype=float))
+        if not values.size:
+            return
+        over = np.where(np.isnan(values - bound) & ~(values == bound), math.inf, values - bound)
+        at = np.unravel_index(int(np.argmax(over)), over.shape)
+        value, limit = float(values[at]), float(bound[at])
+        known = self.worst.get(claim)
+        if known is None or not value - limit <= known[0] - known[1]:
+            self.worst[claim] = value, limit
+        if over[at] > 0:
+            ticks = np.flatnonzero((over > 0).reshape(len(over), -1).any(axis=1)) if over.ndim else [0]
+            text = (
+                f"{value:.6g} > {limit:.6g} at {tuple(map(int, at))}; {len(ticks)} of {len(values) if over.ndim else 1}"
+            )
+            self.breaks(claim, f"{text}, first {ticks[0]}{'; ' if numbers else ''}{numbers}")
+
+    # --------------------------------------------------------------------------------------------- situations
+    def during(self, situation: str, mask: ArrayLike, dt: ArrayLike) -> None:
+        """Count the ticks in which a situation was, the seconds, and its longest stretch; dt [s] one or one a tick."""
+        mask = np.asarray(mask, dtype=bool)
+        if not mask.any():
+            return
+        time = np.where(mask, np.broadcast_to(np.asarray(dt, dtype=float), mask.shape), 0.0)
+        total = np.cumsum(time)
+        starts = np.flatnonzero(mask & ~np.r_[False, mask[:-1]])
+        ends = np.flatnonzero(mask & ~np.r_[mask[1:], False])
+        longest = np.max(total[ends] - total[starts] + time[starts])
+        found = Seen(int(mask.sum()), float(total[-1]), float(longest))
+        self.seen.setdefault(situation, Seen()).add(found)
+
+    def answers(self, commands: Sequence[Command], dt: ArrayLike) -> Answers:
+        """Count status, solver, reason and what yielded of a run's commands; they come back as arrays."""
+        found = Answers.of(commands)
+        self.ticks += len(commands)
+        for label, values in (("status", found.status), ("solver", found.solver), ("reason", found.reason)):
+            for each in np.unique(values):
+                if each:
+                    self.during(f"{label} {each}", values == each, dt)
+        self.during("yielded nothing", found.yielded == 0, dt)
+        for bound in Bound:
+            if bound:
+                self.during(f"yielded {str(bound.name).lower()}", found.yielded & bound.value != 0, dt)
+        return found
+
+    @property
+    def asked(self) -> dict[str, int]:
+        """Situation -> least ticks of a run of this length; of a slice, that what is common was there at all."""
+        least = {name: per_million * self.ticks / 1e6 for name, per_million in self.least.items()}
+        return {name: int(each) if self.ticks >= WHOLE else int(each >= COMMON) for name, each in least.items()}
+
+    @property
+    def missed(self) -> dict[str, tuple[int, int]]:
+        """Situation -> ticks seen, ticks asked, where these are more."""
+        counts = {name: self.seen[name].ticks if name in self.seen else 0 for name in self.least}
+        return {name: (counts[name], asked) for name, asked in self.asked.items() if counts[name] < asked}
+
+    def add(self, other: Verdict) -> None:
+        """What another process found for the same promise."""
+        self.ticks, self.runs, self.took = self.ticks + other.ticks, self.runs + other.runs, self.took + other.took
+        for claim, count in other.kinds.items():
+            self.kinds[claim] = self.kinds.get(claim, 0) + count
+        self.broken += other.broken
+        for claim, (value, bound) in other.worst.items():
+            known = self.worst.get(claim)
+            if known is None or not value - bound <= known[0] - known[1]:
+                self.worst[claim] = value, bound
+        for name, seen in other.seen.items():
+            self.seen.setdefault(name, Seen()).add(seen)
+
+
+class Answers(NamedTuple):
+    """Commands of a run as arrays, one row a tick."""
+
+    value: NDArray[np.float64]
+    status: NDArray[np.str_]
+    solver: NDArray[np.str_]
+    reason: NDArray[np.str_]
+    """Numbers are written as #."""
+    yielded: NDArray[np.int64]
+    scale: NDArray[np.float64]
+    residual: NDArray[np.float64]
+    wheels: NDArray[np.float64] | None
+
+    @staticmethod
+    def of(commands: Sequence[Command]) -> Answers:
+        """The arrays of these commands."""
+        value, status, solver, residual, _, reason, yielded, scale, wheels = zip(*commands, strict=True)
+        names = {each: str(each.value) for each in set(status)}
+        plain = {each: NUMBER.sub("#", each) for each in set(reason)}
+        return Answers(
+            np.array(value, dtype=float),
+            np.array([names[each] for each in status]),
+            np.array(solver),
+            np.array([plain[each] for each in reason]),
+            np.array(yielded, dtype=np.int64),
+            np.array(scale, dtype=float),
+            np.array(residual, dtype=float),
+            None if wheels[0] is None else np.array(wheels, dtype=float),
+        )
+
+
+def judges(names: Iterable[str] | None = None) -> dict[str, ModuleType]:
+    """Modules of `tests.judge` that hold a promise, by name; only these names where some are given."""
+    package = importlib.import_module("tests.judge")
+    found = {}
+    for each in pkgutil.iter_modules(package.__path__):
+        if each.name.startswith(("test_", "__")):
+            continue
+        module = importlib.import_module(f"tests.judge.{each.name}")
+        if hasattr(module, "PROMISES"):
+            found[each.name] = module
+    chosen = list(found) if names is None else list(names)
+    unknown = [name for name in chosen if name not in found]
+    if unknown:
+        raise SystemExit(f"no judge of {', '.join(unknown)}; there are {', '.join(found)}")
+    return {name: found[name] for name in chosen}
+
+
+def hearing(name: str, ticks: int, seed: int, only: int | None) -> Verdict:
+    """One promise's runs of one seed; here, and not in `__main__`, so that a spawned process finds it."""
+    begun = time.perf_counter()
+    verdict: Verdict = judges([name])[name].run(ticks, seed, only=only)
+    verdict.took = time.perf_counter() - begun
+    return verdict

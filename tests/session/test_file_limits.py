@@ -1,0 +1,319 @@
+"""Whatever file is given, it is read or refused within seconds, and nothing in it reaches a terminal as a command."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+import signal
+import tomllib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.table import Table
+from rich.text import Text
+
+from rehab_opt import ProblemFileError
+from rehab_opt.cli import main
+from rehab_opt.errors import printable
+from rehab_opt.session.file_limits import (
+    DEEPEST_KEY,
+    LARGEST_PROBLEM,
+    LARGEST_RECORDING,
+    LARGEST_TABLE,
+    MOST_COLUMNS,
+    check_key_depth,
+)
+from rehab_opt.session.files import load_problem
+from rehab_opt.session.many.digest import inputs_digest
+from rehab_opt.session.many.participant_table import cell_value
+from rehab_opt.session.many.participants import participants_in_folder, participants_of
+from rehab_opt.session.mirror.hand_poses import calibration_points
+from rehab_opt.session.recordings import read_recording
+from rehab_opt.session.text_lines import file_content, number_in
+from rehab_opt.terminal import printer
+from tests.session.test_files import ARM, CSV
+
+Write = Callable[[str, str | bytes], Path]
+
+LIMIT = 2.0
+"""[s]"""
+ESCAPES = "te\x1b[31mst \x1b]0;other\x07 \x9b2J \u202e [/b] [red]"
+
+
+@contextmanager
+def within(seconds: float) -> Iterator[None]:
+    """Fail where it takes longer, even where it would wait for ever."""
+
+    def late(_signal: int, _frame: FrameType | None) -> None:
+        pytest.fail(f"longer than {seconds} s")
+
+    before = signal.signal(signal.SIGALRM, late)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+
+
+# -------------------------------------------------------------------------------------- pipes, devices, huge files
+@pytest.fixture
+def pipe(tmp_path: Path) -> Callable[[str], Path]:
+    def make(name: str) -> Path:
+        os.mkfifo(tmp_path / name)
+        return tmp_path / name
+
+    return make
+
+
+def test_a_pipe_is_no_problem_no_table_and_no_participant(pipe: Callable[[str], Path]) -> None:
+    table, problem = pipe("people.csv"), pipe("problem.toml")
+    with within(LIMIT):
+        for read in (lambda: load_problem(str(problem)), lambda: participants_of(table)):
+            with pytest.raises(ProblemFileError, match="file = 'a pipe': expected a file"):
+                read()
+        assert "'a pipe'" in participants_in_folder(problem.parent)[0].error
+
+
+@pytest.mark.parametrize("suffix", ["csv", "mot", "svc", "trc"])
+def test_a_pipe_is_no_recording(pipe: Callable[[str], Path], suffix: str) -> None:
+    path = pipe(f"path.{suffix}")
+    with within(LIMIT), pytest.raises(ProblemFileError, match="file = 'a pipe': expected a file"):
+        read_recording(path)
+
+
+def test_a_digest_of_a_pipe_is_refused_too(pipe: Callable[[str], Path], written: Write) -> None:
+    pipe("path.csv")
+    loaded = load_problem(str(written("problem.toml", ARM)))
+    with within(LIMIT), pytest.raises(ProblemFileError, match="'a pipe'"):
+        inputs_digest(loaded)
+
+
+@pytest.mark.skipif(not Path("/dev/zero").exists(), reason="needs /dev/zero")
+def test_a_link_to_a_device_is_no_recording(tmp_path: Path) -> None:
+    path = tmp_path / "path.csv"
+    path.symlink_to("/dev/zero")
+    with within(LIMIT), pytest.raises(ProblemFileError, match="file = 'a device': expected a file"):
+        read_recording(path)
+
+
+def test_a_huge_file_is_refused_with_its_size_and_the_limit(tmp_path: Path) -> None:
+    for name, largest, read in (
+        ("a.toml", LARGEST_PROBLEM, lambda path: load_problem(str(path))),
+        ("people.csv", LARGEST_TABLE, participants_of),
+        ("path.csv", LARGEST_RECORDING, read_recording),
+    ):
+        with (tmp_path / name).open("wb") as file:
+            file.truncate(30_000_000_000)  # sparse: it takes no place
+        with within(LIMIT), pytest.raises(ProblemFileError) as refusal:
+            read(tmp_path / name)
+        assert refusal.value.value == "30000 MB"
+        assert refusal.value.expected.startswith(f"at most {largest / 1e6:g} MB")
+        (tmp_path / name).unlink()
+
+
+def test_a_file_of_just_the_largest_size_is_read(written: Write) -> None:
+    path = written("a.csv", b"12345")
+    assert file_content(path, "a.csv", largest=5) == b"12345"
+    with pytest.raises(ProblemFileError, match="file size"):
+        file_content(path, "a.csv", largest=4)
+
+
+# ------------------------------------------------------------------------------------------------ columns and keys
+def header_of(suffix: str, more: int) -> str:
+    columns = ["t_s", "x_m", "y_m", *(f"c{i}_deg" for i in range(more))]
+    row = ",".join(["0"] * len(columns))
+    if suffix == "mot":
+        return "\n".join(["inDegrees=yes", "endheader", ",".join(["time", *columns[1:]]), row])
+    if suffix == "trc":
+        names = "\t".join(["Frame#", "Time", *columns[2:]])
+        return "\n".join(["PathFileType", "Units", "mm", names, "", row.replace(",", "\t")])
+    return "\n".join([",".join(columns), row])
+
+
+@pytest.mark.parametrize("suffix", ["csv", "mot", "trc"])
+def test_a_hundred_thousand_columns_are_refused_with_the_limit(written: Write, suffix: str) -> None:
+    path = written(f"path.{suffix}", header_of(suffix, 100_000))
+    with within(LIMIT), pytest.raises(ProblemFileError, match=f"columns': expected at most {MOST_COLUMNS} columns"):
+        read_recording(path, marker="x")
+
+
+def test_as_many_columns_as_may_be_are_read_within_seconds(written: Write) -> None:
+    lines = header_of("csv", MOST_COLUMNS - 3).splitlines()
+    rows = [lines[1].replace("0", str(k), 1) for k in range(10)]
+    with within(LIMIT):
+        recording = read_recording(written("path.csv", "\n".join([lines[0], *rows])))
+    assert len(recording.joints) == MOST_COLUMNS - 3
+
+
+def test_tables_of_people_and_of_points_have_no_more_columns_than_recordings(written: Write) -> None:
+    wide = "participant," + ",".join(f"c{i}" for i in range(100_000)) + "\nann\n"
+    path = written("people.csv", wide)
+    for read in (participants_of, lambda path: calibration_points(path, name="points")):
+        with within(LIMIT), pytest.raises(ProblemFileError, match="'100001 columns'"):
+            read(path)
+
+
+def test_a_table_of_blank_cells_is_refused(written: Write) -> None:
+    with pytest.raises(ProblemFileError, match="a header"):
+        participants_of(written("people.csv", ",,\n,,\n"))
+
+
+part = st.sampled_from(["a", "turn_deg", "-", "7", '"b c"', "'d.e'", '"="', '"\\"."', '"#"'])
+dot = st.sampled_from([".", " . ", ".\t"])
+
+
+@given(
+    st.lists(part, min_size=DEEPEST_KEY - 3, max_size=DEEPEST_KEY + 3),
+    dot,
+    st.sampled_from(
+        ["{} = 1", "[{}]", "[[{}]]", "x = {{{} = 1}}", 'x = {{y = """\n""", {} = 1}}', "x = [{{{} = '''\n'''}}]"]
+    ),
+)
+def test_a_key_is_refused_where_it_has_more_parts_than_may_be(parts: list[str], between: str, form: str) -> None:
+    text = "title = 'x'\n" + form.format(between.join(parts)) + "\n"
+    tomllib.loads(text)
+    if len(parts) <= DEEPEST_KEY:
+        check_key_depth(text, name="a.toml")
+        return
+    with pytest.raises(ProblemFileError, match=f"a key of {len(parts)} parts'") as refusal:
+        check_key_depth(text, name="a.toml")
+    assert refusal.value.key == ("line 3" if 'y = """' in form else "line 2")
+
+
+@pytest.mark.parametrize("text", ["# {}", "x = '{}'", 'x = "{}"', 'x = """\n{}"""', "x = '''\n{}'''", "x = [{}]"])
+def test_what_is_no_key_may_have_as_many_dots_as_it_likes(text: str) -> None:
+    check_key_depth(text.format("1.5, " * 50 if "[" in text else "a." * 50), name="a.toml")
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        ARM + "a." * 50_000 + "b = 1\n",
+        ARM + f"[{'a.' * 16_000}b]\n" + "".join(f"k{i}=1\n" for i in range(8000)),
+        ARM + f"x={{{'a.' * 50_000}b=1}}\n",
+        "".join(f"a.b{i}.c = 1\n" for i in range(50_000)) + ARM,
+        ARM + f"[{'a.' * 31}b]\n" + "".join(f"k{i}=1\n" for i in range(25_000)),
+        ARM + "".join(f"{'a.' * 30}k{i}=1\n" for i in range(3500)),
+        ARM + '"\\"' * 80_000,
+        ARM + "'" * 250_000,
+        ARM + '"""' * 80_000 + "\\",
+        ARM + "a. " * 80_000,
+        ARM + "a" * 250_000,
+    ],
+    ids=range(11),
+)
+def test_any_toml_is_refused_within_seconds(written: Write, content: str) -> None:
+    path = written("problem.toml", content)
+    with within(2 * LIMIT), pytest.raises(ProblemFileError):
+        load_problem(str(path))
+
+
+def test_a_deep_key_in_a_cell_is_a_text(written: Write) -> None:
+    deep = "{" + "a." * 50_000 + "b = 1}"
+    with within(LIMIT):
+        assert cell_value(deep) == deep
+        with pytest.raises(ProblemFileError, match=f"at most {DEEPEST_KEY} parts"):
+            participants_of(written("people.csv", f"participant,{'a.' * 50_000}b\nann,1\n"))
+
+
+# ------------------------------------------------------------------------------------------------------- numbers
+DECIMAL = re.compile(r"[ \t]*[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?[ \t]*")
+
+
+@given(st.text("0123456789+-.eE \t_１٢infatyxj\xa0", max_size=8) | st.floats().map(repr) | st.integers().map(str))
+def test_a_number_is_what_ascii_digits_say(text: str) -> None:
+    number = number_in(text)
+    if DECIMAL.fullmatch(text):
+        assert number == float(text)
+    else:
+        assert math.isnan(number)
+
+
+@pytest.mark.parametrize("cell", ["1_0", "１", "٢", "infinity", "nan", "0x10", "1e999", "1,0", ""])
+def test_what_is_no_decimal_number_is_refused_with_its_place(written: Write, cell: str) -> None:
+    path = written("path.csv", CSV.replace("0.1,", f"{cell},"))
+    with pytest.raises(ProblemFileError) as refusal:
+        read_recording(path)
+    assert refusal.value.key.startswith("line 3")
+
+
+@pytest.mark.parametrize("cell", ["1_0", "0x10", "0b1", "inf", "nan"])
+def test_a_participants_cell_is_a_decimal_number_or_a_text(cell: str) -> None:
+    assert cell_value(cell) == cell
+    assert cell_value("10") == 10
+
+
+# ------------------------------------------------------------------------------------------------ what is printed
+def harmless(text: str) -> bool:
+    return all(letter.isprintable() or letter == "\n" for letter in text)
+
+
+@given(st.text())
+def test_printable_text_is_as_it_was_and_the_rest_is_escaped(text: str) -> None:
+    written = printable(text)
+    assert written.isprintable()
+    if text.isprintable():
+        assert written == text
+    elif "\\" not in text:
+        assert written.encode("ascii", "backslashreplace").decode("unicode_escape") == text
+
+
+@given(st.text(), st.text(), st.text())
+def test_the_message_of_a_refused_file_is_printable(file: str, key: str, expected: str) -> None:
+    assert str(ProblemFileError(file, key, ESCAPES, expected)).isprintable()
+
+
+@given(st.text() | st.just(ESCAPES))
+def test_no_text_reaches_the_terminal_as_a_command(text: str) -> None:
+    table = Table("name", title=Text(text), caption=text)
+    table.add_row(text)
+    console = printer()
+    with console.capture() as printed:
+        console.print(table)
+        console.print(text)
+        console.print(text, highlight=False, soft_wrap=True)
+    assert harmless(printed.get())
+
+
+def test_check_prints_titles_and_headers_with_their_escapes_written_out(
+    written: Write, capsys: pytest.CaptureFixture[str]
+) -> None:
+    title = "".join(f"\\u{ord(letter):04x}" for letter in ESCAPES)
+    written("path.csv", CSV.replace("\n", ",\x1b[31mred\n", 1).replace("0\n", "0,0\n").replace("0.01\n", "0.01,0\n"))
+    main_of("check", str(written("problem.toml", ARM.replace('"test"', f'"{title}"'))))
+    printed = capsys.readouterr().out
+    assert harmless(printed)
+    assert printed.startswith("problem: te\\x1b[31mst \\x1b]0;other\\x07 \\x9b2J \\u202e [/b] [red]\n")
+    assert "columns not read: \\x1b[31mred\n" in printed
+
+
+def test_a_header_is_quoted_short_and_escaped(written: Write, capsys: pytest.CaptureFixture[str]) -> None:
+    long = "\x1b[31m" + "name and address " * 500
+    for name, content in (
+        ("path.csv", f"{long},x\n1,2\n"),
+        ("path.csv", f"{long},{long}\n1,2\n"),
+        ("path.csv", f"t_s,x_m,y_m,{long}_deg\n1,2,3,{long}\n"),
+        ("path.mot", f"inDegrees={long}\nendheader\ntime,a\n0,0\n"),
+        ("path.trc", f"PathFileType\nUnits\n{long}\nFrame#\tTime\n\n\n1\t0\t0\t0\t0\n"),
+        ("path.svc", f"{long}\n1 2 3 4\n"),
+    ):
+        path = written(name, content)
+        with pytest.raises(ProblemFileError) as refusal:
+            read_recording(path, name=name, marker="x")
+        message = str(refusal.value)
+        assert message.isprintable()
+        assert len(message) < 250
+        assert message.count("name and address") <= 6
+
+
+def main_of(*arguments: str) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(list(arguments))
+    assert not ended.value.code
