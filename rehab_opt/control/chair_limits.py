@@ -176,7 +176,8 @@ class ChairLimits:
     ) -> Limits:
         """Limits at joint values q (7,) after the command `last` (7,), with obstacles (4 slots,) and `keep_outs`."""
         lower, upper, hard_lower, hard_upper, outside = self._joints(q, last)
-        into, into_limit, around, within_one = self._obstacles(q, obstacles)
+        around = self._obstacles(q, obstacles)
+        into, into_limit = self._into(around, last[:CHAIR])
         closing, free = keep_outs
         chair, chair_limit = self._chassis()
         count = closing.size1() // (1 + len(ALONG))
@@ -208,7 +209,7 @@ class ChairLimits:
             closing_limit=ca.vertcat(now_limit, ca.fmax(free[count:] + then @ slower[CHAIR:], then @ base[CHAIR:])),
             base=base,
             clearance=clearance,
-            outside=ca.sum1(ca.vertcat(outside, within_one, clearance < 0)) > 0,
+            outside=ca.sum1(ca.vertcat(outside, *(each.inside for each in around), clearance < 0)) > 0,
         )
 
     def outside(self, limits: Limits, u: ca.SX) -> ca.SX:
@@ -270,52 +271,83 @@ class ChairLimits:
             limits.append(np.full(angles.size, speed * math.cos(np.pi / FACETS)))
         return ca.sparsify(ca.SX(ca.DM(np.vstack(rows)))), ca.SX(ca.DM(np.concatenate(limits) * (1 - TIGHTER)))
 
-    def _obstacles(self, q: ca.SX, numbers: ca.SX) -> tuple[ca.SX, ca.SX, list[Approach], ca.SX]:
-        """Rows (2 slots, 3) into obstacles in this tick, their limits, the obstacles, 1 where within one."""
-        outline, turn = self.robot.outline, float(self.robot.chain.velocity[2])
-        rows, limits, around, inside = [ca.SX(0, CHAIR)], [ca.SX(0, 1)], list[Approach](), [ca.SX(0, 1)]
-        for i in range(self.slots):
-            one = numbers[NUMBERS * i : NUMBERS * (i + 1)]
-            each = approach(one, q[:CHAIR], outline, dt=self.dt, horizon=self.braking.time, turn=turn)
-            rows.append(each.matrix)
-            limits.append((each.room + each.more) * (1 - TIGHTER))
-            around.append(each)
-            inside.append(each.inside)
-        return ca.vertcat(*rows), ca.vertcat(*limits), around, ca.vertcat(*inside)
+    def _obstacles(self, q: ca.SX, numbers: ca.SX) -> list[Approach]:
+        turn, each = (
+            float(self.robot.chain.velocity[2]),
+            [numbers[NUMBERS * i : NUMBERS * (i + 1)] for i in range(self.slots)],
+        )
+        horizon = self.braking.time
+        return [approach(one, q[:CHAIR], self.robot.outline, dt=self.dt, horizon=horizon, turn=turn) for one in each]
+
+    def _into(self, obstacles: list[Approach], last: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Rows (2 slots, 3) that lead into obstacles in this tick, and their limits.
+
+        Those of the points that `_towards` looks at, but for what they turn by in a tick; closer than that, of
+        `approach`, which are right for every turn.
+        """
+        rows, limits, outline = [ca.SX(0, CHAIR)], [ca.SX(0, 1)], self.robot.outline
+        for each in obstacles:
+            still = ca.SX.zeros(CHAIR)
+            gaps, closing = zip(*(_corner(each.wall, corner, still, 0.0) for corner in outline.corners), strict=True)
+            far, towards = _post(each.post, outline)
+            keys = ca.vertcat(*gaps)
+            nearest = ca.mmin(keys)
+            least = ca.if_else(each.is_post, far, nearest)
+            swept = self._swept(each, last)
+            for k, instead in enumerate((towards, still)):
+                chosen = first_true(keys <= ca.mmin(keys))
+                gap = ca.if_else(each.is_post, far, ca.mmin(keys))
+                keys = ca.if_else(chosen, ca.inf, keys)
+                row = ca.if_else(each.is_post, instead, ca.horzcat(*closing) @ chosen)
+                simple = least > 2 * swept
+                rows.append(ca.if_else(simple, row, each.matrix[k, :].T).T)
+                limits.append(ca.if_else(simple, (gap - swept) / self.dt, each.room[k] + each.more) * (1 - TIGHTER))
+        return ca.vertcat(*rows), ca.vertcat(*limits)
+
+    def _swept(self, obstacle: Approach, last: ca.SX) -> ca.SX:
+        """[m] by which the chair's outline may leave its straight way in a tick after a command `last` (3,)."""
+        change, corners = self.braking.change, np.linalg.norm(self.robot.outline.corners, axis=1)
+        turn = ca.fmin(ca.fabs(last[2]) + change[2], self.robot.chain.velocity[2])
+        drive = ca.fabs(last[0]) + ca.fabs(last[1]) + 2 * change[0]
+        lever = ca.if_else(obstacle.is_post, ca.norm_2(obstacle.post[:2]), corners.max())
+        return turn * (lever * turn + 2 * drive) * self.dt**2 / 2
 
     def _towards(self, obstacles: list[Approach], last: ca.SX, base: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Rows (4 slots, 3) towards the obstacles, and their limits.
 
-        Of a wall, of its two nearest corners, of a post, of the nearest point of the outline: one row of the posture
-        now, one of the place on the way to the stop posture where less is left.
+        Of the two corners nearest to it: one row of the posture now, one of the place on the way to the stop posture
+        where less is left. A post is the wall that touches it on that way, since the outline could cut it between two
+        places; now it is what is nearest to the outline.
         """
         rows, limits = [ca.SX(0, CHAIR)], [ca.SX(0, 1)]
-        slower, outline, nothing = self.braking.slower(last), self.robot.outline, ca.vertcat(0, 0, 0, FAR, 0, 0, 0, FAR)
+        slower, outline = self.braking.slower(last), self.robot.outline
         for each in obstacles:
-            corners = [self._approached(partial(_corner, each.wall, corner), slower) for corner in outline.corners]
-            post, _ = self._approached(partial(_post, each.post, outline), slower)
+            margin = CLEAR / 2 + 2 * self._swept(each, last)
+            corners = [self._approached(partial(_corner, each.wall, one), slower, margin) for one in outline.corners]
+            far, towards = _post(each.post, outline)
+            post = ca.vertcat(towards, ca.fmax(far - margin, 0) / self.braking.time - ca.dot(towards, slower))
             keys = ca.vertcat(*(key for _, key in corners))
-            for instead in (post, nothing):
+            for instead in (post, ca.vertcat(0, 0, 0, FAR)):
                 nearest = first_true(keys <= ca.mmin(keys))
                 keys = ca.if_else(nearest, ca.inf, keys)
-                found = ca.if_else(each.is_post, instead, ca.horzcat(*(rows for rows, _ in corners)) @ nearest)
-                for row, left in ((found[:3], found[3]), (found[4:7], found[7])):
-                    rows.append(row.T)
-                    limits.append(ca.fmax(ca.fmax(left, 0) + ca.dot(row, slower), ca.dot(row, base)))
+                found = ca.horzcat(*(rows for rows, _ in corners)) @ nearest
+                for row in (ca.if_else(each.is_post, instead, found[:4]), found[4:]):
+                    rows.append(row[:3].T)
+                    limits.append(ca.fmax(ca.fmax(row[3], 0) + ca.dot(row[:3], slower), ca.dot(row[:3], base)))
         return ca.vertcat(*rows), ca.vertcat(*limits)
 
     def _approached(
-        self, gap_after: Callable[[ca.SX, float], tuple[ca.SX, ca.SX]], slower: ca.SX
+        self, gap_after: Callable[[ca.SX, float], tuple[ca.SX, ca.SX]], slower: ca.SX, margin: ca.SX
     ) -> tuple[ca.SX, ca.SX]:
         """(8,) a row now and what is left for it [m/s], a row on the way to the stop posture likewise; the least gap."""
         time, turn = self.braking.time, min(float(self.braking.change[2]), float(self.robot.chain.velocity[2]))
         bent = float(np.linalg.norm(self.robot.outline.corners, axis=1).max()) * turn**2 / 2
         least, now = gap_after(slower, 0.0)
-        first = ca.vertcat(now, least / time - ca.dot(now, slower))
+        first = ca.vertcat(now, ca.fmax(least - margin, 0) / time - ca.dot(now, slower))
         then, left = ca.SX.zeros(CHAIR), ca.SX(ca.inf)
         for part in ALONG:
             gap, closing = gap_after(slower, part * time)
-            here = (gap - part * CLEAR - bent * (part * time) ** 2) / (part * time)
+            here = (gap - margin - part * CLEAR / 2 - bent * (part * time) ** 2) / (part * time)
             then, left = ca.if_else(here < left, closing, then), ca.fmin(here, left)
             least = ca.fmin(least, gap)
         return ca.vertcat(first, then, left), least
@@ -324,40 +356,23 @@ class ChairLimits:
 def _corner(wall: ca.SX, corner: Array, velocity: ca.SX, time: float) -> tuple[ca.SX, ca.SX]:
     """Gap of a chair's corner (2,) from a wall [m] after an arc of a velocity (3,) for a time [s]; how fast the gap
     closes by each of the three, in the mean.
-    """  # noqa: D205
+    """
     (x, y), u = corner.tolist(), ca.SX.sym("u", CHAIR)
-    drive, half, shrunk = _driven(u, time)
-    cos, sin = ca.cos(half), ca.sin(half)
+    half = u[2] * time / 2
+    shrunk, cos, sin = 1 - half * half / 6, ca.cos(half), ca.sin(half)  # the chord over the arc, and its direction
+    drive = shrunk * ca.vertcat(cos * u[0] - sin * u[1], sin * u[0] + cos * u[1])
     spin = u[2] * shrunk * ca.vertcat(-sin * x - cos * y, cos * x - sin * y)  # of what turns, the mean velocity
     mean = ca.dot(wall[:2], drive + spin)
     speed, closing = ca.substitute([mean, ca.jacobian(mean, u).T], [u], [velocity])
     return wall[2] - wall[0] * x - wall[1] * y - time * speed, closing
 
 
-def _post(post: ca.SX, outline: Outline, velocity: ca.SX, time: float) -> tuple[ca.SX, ca.SX]:
-    """The same of the chair's outline from a post; negative within."""
-    u, n, c = ca.SX.sym("u", CHAIR), ca.SX.sym("n", 2), post[:2]
-    drive, half, shrunk = _driven(u, time)
-    # Seen from the chair the centre has moved by this in the mean, turned back by the way's end.
-    cos, sin = ca.cos(2 * half), ca.sin(2 * half)
-    turned = (
-        u[2]
-        * shrunk
-        * ca.vertcat(-ca.sin(half) * c[0] + ca.cos(half) * c[1], -ca.cos(half) * c[0] - ca.sin(half) * c[1])
-    )
-    mean = turned - ca.vertcat(cos * drive[0] + sin * drive[1], cos * drive[1] - sin * drive[0])
-    here = ca.substitute(c + time * mean, u, velocity)
-    normal = ca.vertcat(*outward_normal(outline, here[0], here[1]))
-    support = ca.mmax(ca.DM(outline.corners) @ normal)
-    closing = ca.substitute(-ca.jacobian(ca.dot(n, mean), u).T, ca.vertcat(u, n), ca.vertcat(velocity, normal))
-    return ca.dot(normal, here) - support - post[2], closing
-
-
-def _driven(u: ca.SX, time: float) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """(2,) mean velocity on the arc of a twist u (3,), half of the turn [rad], and the chord over the arc."""
-    half = u[2] * time / 2
-    shrunk, cos, sin = 1 - half * half / 6, ca.cos(half), ca.sin(half)
-    return shrunk * ca.vertcat(cos * u[0] - sin * u[1], sin * u[0] + cos * u[1]), half, shrunk
+def _post(post: ca.SX, outline: Outline) -> tuple[ca.SX, ca.SX]:
+    """Gap of a chair's outline from a post [m], negative within; (3,) how fast a chassis velocity closes it."""
+    x, y = post[0], post[1]
+    normal = ca.vertcat(*outward_normal(outline, x, y))
+    gap = ca.dot(normal, post[:2]) - ca.mmax(ca.DM(outline.corners) @ normal) - post[2]
+    return gap, ca.vertcat(normal, normal[1] * x - normal[0] * y)
 
 
 def largest_part(values: ca.SX, limits: ca.SX) -> ca.SX:
