@@ -127,7 +127,7 @@ class Smoother:
         if np.any(np.abs(v) > self._bounds.velocity):
             raise ConfigurationError("velocity", velocity, f"speeds of at most {self._bounds.velocity}")
         if not self._profiles.start(p.tolist(), v.tolist()):
-            raise ConfigurationError("position, velocity", (position, velocity), "a state Ruckig can stop from")
+            raise ConfigurationError("position, velocity", (position, velocity), "a state that can be brought to rest")
         self._watchdog.reset()
         self._forget()
         self._old = None
