@@ -225,7 +225,7 @@ class MirrorTracker(MirrorForeseen):
             usual = pose.shape == _SQUARE  # type: ignore[union-attr]
         except (ValueError, TypeError, AttributeError):
             usual = False
-        reason = "" if enable is True and stamp is None and not self._stamped else self._refusal(enable, stamp)
+        reason = "" if enable is True and stamp is None and not self._watchdog.stamped else self._refusal(enable, stamp)
         if usual and not reason:
             verdict[0] = _NAN  # see `Ladder`: a failure inside leaves the outputs as they are
             self._evaluate()

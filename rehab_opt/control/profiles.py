@@ -177,8 +177,10 @@ class Profiles:
         self._standing = self.arrived and (self.stopping or self._frame is None)
         if self._bounded:
             for i, (low, high) in enumerate(zip(self.bounds.lower, self.bounds.upper, strict=True)):
-                if not low <= p[i] <= high and self._edges[i][0] <= p[i] <= self._edges[i][1]:
-                    p[i] = min(max(p[i], low), high)
+                # What ends on a bound; an axis that is still on its way back from outside would be jerked by it.
+                if not low <= p[i] <= high and (low <= self.p[i] <= high or self._standing):
+                    near, far = self._edges[i]
+                    p[i] = min(max(p[i], low), high) if near <= p[i] <= far else p[i]
         return p, v, a
 
     def _planned_state(self) -> Motion:

@@ -149,7 +149,7 @@ class Smoother:
         target_velocity : (n,) [u/s] of a moving target, which is then followed without `lag`. One that is not renewed
             moves on for `max_age`, then the axes come to rest.
         enable : the dead-man input; anything but true brings the axes to rest.
-        stamp : time of the target [s, any origin].
+        stamp : time of the target [s, any origin]. Once one was given, one that is missing brings the axes to rest.
 
         Returns
         -------

@@ -154,7 +154,6 @@ class VelocityController(ABC):
         lower, upper = np.maximum(self.chain.lower, -PLAUSIBLE), np.minimum(self.chain.upper, PLAUSIBLE)
         self._predicted[:] = (lower + upper) / 2
         self._watchdog.reset()
-        self._stamped = False
 
     def instance(self, q: ArrayLike, *inputs: ArrayLike) -> Instance:
         """The QP that `step` would solve now, as numbers, for inspection."""
@@ -167,11 +166,7 @@ class VelocityController(ABC):
     # ---------------------------------------------------------------------------------------------------- one tick
     def _refusal(self, enable: object, stamp: float | None) -> str:
         """Why this state must not be acted on, or nothing."""
-        reason = ""
-        if stamp is not None:
-            reason, self._stamped = self._watchdog.check(stamp), True
-        elif self._stamped:
-            reason = "stamp is missing"  # who gave stamps before has lost them
+        reason = self._watchdog.check(stamp)
         if enable is not True and not (isinstance(enable, np.bool_ | int | float) and enable == 1):
             reason = "not enabled"
         return reason
@@ -179,7 +174,7 @@ class VelocityController(ABC):
     def _tick(self, enable: object, stamp: float | None) -> Command:
         """One step on what stands in the parameters."""
         reason = ""
-        if enable is not True or stamp is not None or self._stamped:
+        if enable is not True or stamp is not None or self._watchdog.stamped:
             reason = self._refusal(enable, stamp)
             if reason:
                 return self._safe(reason)

@@ -312,7 +312,7 @@ def test_the_stop_of_an_axis_is_the_time_optimal_one_and_its_range_is_true(limit
 
 
 @settings(deadline=None, max_examples=300)
-@given(limits=limits, share=st.floats(-1, 1), ramp=st.floats(-1, 1), room=st.floats(0.0, 1.0), seed=seeds)
+@given(limits=limits, share=st.floats(-1, 1), ramp=st.floats(-1, 1), room=st.floats(-5.0, 0.0), seed=seeds)
 def test_a_plan_is_refused_where_any_instant_of_it_is_outside(limits, share, ramp, room, seed):
     """Ruckig's own extrema leave out where an axis turns round at constant acceleration."""
     v, a, j = limits
@@ -323,7 +323,7 @@ def test_a_plan_is_refused_where_any_instant_of_it_is_outside(limits, share, ram
     start, goal, reach = *rng.uniform(-1, 1, 2) * v * seconds, 2 * v * seconds
     moves = [rng.uniform(-0.9, 0.9) * v] if rng.random() < 0.5 else [0.0]
     dt = 0.01 * seconds
-    lower, upper = min(start, goal) - room * reach, max(start, goal) + room * reach
+    lower, upper = min(start, goal) - 10**room * reach, max(start, goal) + 10**room * reach
     profiles = Profiles(
         axis_bounds(lower=[lower], upper=[upper], velocity=[v], acceleration=[a], jerk=[j]), dt=dt, return_speed=0.1
     )
@@ -357,6 +357,7 @@ def test_a_plan_is_refused_where_any_instant_of_it_is_outside(limits, share, ram
         ({"target": [0.5], "enable": np.array([True, True])}, "disabled"),
         ({"target": [0.5], "enable": np.float32("nan")}, "disabled"),
         ({"target": [0.5], "stamp": math.nan}, "stamp is not finite"),
+        ({"target": [0.5], "stamp": None}, "stamp is missing"),
         ({"target": [0.5], "stamp": 0.0}, "stamp"),
     ],
 )
