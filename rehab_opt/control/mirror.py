@@ -51,9 +51,10 @@ class MirrorTracker(MirrorForeseen):
 
     The reference is read by a clock. It slows down where the reference is faster than the hand may be, where the
     deviation grows and where the person pushes, waits at the largest deviation, and catches up afterwards; what was
-    slowed is late, not cut. A stretch that the arm cannot do at all is left out: once the hand stands, it is led, at
-    half the hand speeds, to where the reference is by then. Jumps of the reference are bridged in the same way; the
-    first bridge starts at the hand.
+    slowed is late, not cut. What arrives with a safe command (a fault, a push at the limit) is not taken: that stretch
+    is cut, and counts in `lag` until the clock has passed it. A stretch that the arm cannot do at all is left out: once
+    the hand stands, it is led, at half the hand speeds, to where the reference is by then. Jumps of the reference are
+    bridged in the same way; the first bridge starts at the hand.
 
     Parameters
     ----------
@@ -178,8 +179,11 @@ class MirrorTracker(MirrorForeseen):
 
     @property
     def lag(self) -> float:
-        """[s] by which the reference that is followed is older than the newest, bridges included."""
-        return 0.0 if self._live else self.clock.lag
+        """[s] by which the reference that is followed is older than the newest, taken or not.
+
+        While bridges are ahead, no less than what the clock needs to the newest.
+        """
+        return 0.0 if self._live else self.clock.behind
 
     @property
     def manipulability(self) -> float:
