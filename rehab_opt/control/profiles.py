@@ -79,7 +79,8 @@ class Profiles:
         self._size = -1.0
         self._allow_rounding(p)
         self.outside = not self._is_inside()
-        self.age, self._frame = 0.0, None
+        self.age = 0.0
+        self._frame: Frame | None = None
         self.stop(at_any_price=True)
         return all(math.isfinite(stop.seconds + stop.at(math.inf)[0]) for stop, _ in self._stops.values())
 
