@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
 from rehab_opt.control.axis_bounds import AxisBounds
-from rehab_opt.control.axis_stop import AxisStop, Piece, position_range
+from rehab_opt.control.axis_motion import AxisStop, planned_range, stopping_distance
 
-__all__ = ["CERTIFIED", "Profiles", "stopping_distance"]
+__all__ = ["CERTIFIED", "Profiles"]
 
 Motion = tuple[list[float], list[float], list[float]]  # position, velocity, acceleration of the axes
 Frame = tuple[list[float], list[float]]  # origin [u] at the start of a plan, and speed [u/s]
@@ -19,13 +18,6 @@ CERTIFIED = 1e-6
 """Largest certificate residual that passes."""
 EDGE = 1e-12  # [u] by which rounding may carry a profile that ends on a bound beyond it; the output is clipped
 ROUNDING = 32.0 * float(np.finfo(np.float64).eps)  # of a position, as a share of the largest one
-
-
-def stopping_distance(speed: float, acceleration: float, jerk: float) -> float:
-    """Distance [u] in which a steadily moving axis comes to rest; it has the sign of `speed` [u/s]."""
-    v = abs(speed)
-    seconds = v / acceleration + acceleration / jerk if v * jerk >= acceleration**2 else 2.0 * math.sqrt(v / jerk)
-    return 0.5 * speed * seconds
 
 
 class Profiles:
@@ -60,6 +52,9 @@ class Profiles:
             (low - EDGE * (1.0 + abs(low)), high + EDGE * (1.0 + abs(high)))
             for low, high in zip(bounds.lower, bounds.upper, strict=True)
         ]
+        # So far from the edges that no axis reaches them when it turns round at its largest acceleration.
+        turns = [0.5 * v * v / a for v, a in zip(bounds.velocity, bounds.acceleration, strict=True)]
+        self._amidst = [(low + turn, high - turn) for (low, high), turn in zip(self._edges, turns, strict=True)]
         # Results without a name (a profile of more than 7.6e3 s) come out of the binding as ValueError.
         self._refusals: tuple[type[Exception], ...] = (ruckig.RuckigError, ValueError)
         self._solver = ruckig.Ruckig(n)
@@ -249,6 +244,11 @@ class Profiles:
         """Whether the profile in `_spare` leaves the position bounds nowhere, nor goes further out."""
         if not self._bounded:
             return True
+        if frame is None and all(
+            low <= extent.min and extent.max <= high
+            for extent, (low, high) in zip(self._spare.position_extrema, self._amidst, strict=True)
+        ):
+            return True
         origin, speed = (self._rest, self._rest) if frame is None else frame
         seconds = self._spare.duration + self._dt
         for i, (extent, start, w) in enumerate(zip(self._spare.position_extrema, origin, speed, strict=True)):
@@ -257,11 +257,10 @@ class Profiles:
                 low, high = min(low, self.p[i]), max(high, self.p[i])
             way = w * seconds  # at most what both motions reach, each taken for itself
             low, high = low - start - min(way, 0.0), high - start - max(way, 0.0)
-            # Where an axis turns round at constant acceleration, the largest, Ruckig takes the ends of that time only.
             beyond = (self.bounds.velocity[i] + abs(w)) ** 2 / (2.0 * self.bounds.acceleration[i])
             if not (low <= extent.min - beyond and extent.max + beyond <= high):
-                lowest, highest = position_range(_pieces(self._spare.profiles[0][i]))
-                if not (low <= lowest and highest <= high):
+                first, last = planned_range(self._spare.profiles[0][i], extent)
+                if not (low <= first and last <= high):
                     return False
             if w and self.leads_out(i, start + way, w):
                 return False
@@ -287,10 +286,3 @@ class Profiles:
             (*(bound * (1.0 + 1e-9) + extra for bound, extra in zip(axis[2:], noise, strict=True)), axis[0], axis[1])
             for axis in zip(*self.bounds, strict=True)
         ]
-
-
-def _pieces(profile: Any) -> list[Piece]:
-    """One axis of a profile of Ruckig's: what brings it inside its velocity bounds first, then the rest."""
-    parts = (profile.brake, profile) if profile.brake.duration > 0.0 else (profile,)
-    # Of position, velocity and acceleration the profile also holds the end.
-    return [Piece(*piece) for part in parts for piece in zip(part.t, part.p, part.v, part.a, part.j, strict=False)]

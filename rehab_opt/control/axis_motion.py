@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-__all__ = ["AxisStop", "Piece", "position_range"]
+__all__ = ["AxisStop", "Piece", "planned_range", "position_range", "stopping_distance"]
 
 
 class Piece(NamedTuple):
@@ -39,6 +39,29 @@ def position_range(pieces: Sequence[Piece]) -> tuple[float, float]:
     """The least and the largest position [u] that a motion comes to: at its ends or where it turns round."""
     positions = [piece.after(t)[0] for piece in pieces for t in (0.0, *piece.turns(), piece.seconds)]
     return min(positions), max(positions)
+
+
+def stopping_distance(speed: float, acceleration: float, jerk: float) -> float:
+    """Distance [u] in which a steadily moving axis comes to rest; it has the sign of `speed` [u/s]."""
+    v = abs(speed)
+    seconds = v / acceleration + acceleration / jerk if v * jerk >= acceleration**2 else 2.0 * math.sqrt(v / jerk)
+    return 0.5 * speed * seconds
+
+
+def planned_range(profile: Any, extent: Any) -> tuple[float, float]:
+    """The least and the largest position [u] of one axis of a profile of Ruckig's, whose own `extent` errs.
+
+    Where an axis turns round at constant acceleration, Ruckig takes the ends of that time only: in the second or the
+    sixth piece, or in what brings it inside its velocity bounds first.
+    """
+    v = profile.v
+    if v[1] * v[2] >= 0.0 and v[5] * v[6] >= 0.0 and profile.brake.duration == 0.0:
+        return extent.min, extent.max
+    parts = (profile.brake, profile) if profile.brake.duration > 0.0 else (profile,)
+    # Of position, velocity and acceleration the profile also holds the end.
+    return position_range(
+        [Piece(*piece) for part in parts for piece in zip(part.t, part.p, part.v, part.a, part.j, strict=False)]
+    )
 
 
 class AxisStop:
