@@ -135,7 +135,7 @@ class ParticipantSide(OneThread):
     ) -> tuple[Command, FromParticipant]:
         """Force on the participant's hand at x (2,) [m], and what the helper is to hear; see `BoundedForce.step`.
 
-        Without a new message the force is released.
+        Without a new message the force is released, inside the workspace and outside it.
         """
         if self._owner != get_ident():
             self._claim()
@@ -184,7 +184,11 @@ class HelperSide(OneThread):
         self.return_stiffness = checked_number("return_stiffness", return_stiffness, above=0.0)
         self.return_force = checked_number("return_force", return_force, above=0.0)
         kept = kept_inside(
-            self._reflected, carry.source, return_stiffness=self.return_stiffness, return_force=self.return_force
+            self._reflected,
+            carry.source,
+            return_stiffness=self.return_stiffness,
+            return_force=self.return_force,
+            known=self._felt,
         )
         self.force = BoundedForce(kept, force_limit=force_limit, **bounds)
         self._share = _checked_share(exchange, self.force.dt)
@@ -217,7 +221,7 @@ class HelperSide(OneThread):
     ) -> tuple[Command, FromHelper]:
         """Force on the helper's hand at x (2,) [m], and what the participant's side is to hear.
 
-        Without a new message the force is released.
+        Without a new message the force is released, inside the workspace and outside it.
         """
         if self._owner != get_ident():
             self._claim()

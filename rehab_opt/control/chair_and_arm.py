@@ -330,7 +330,7 @@ class ChairAndArm(VelocityController):
         self._last[:], self._predicted[:] = other._last, other._predicted
         self._ladder.memory[-1] = UNKNOWN
         self._ladder.start_from(0.0)
-        self._watchdog, self._stamped = other._watchdog, other._stamped
+        self._watchdog = other._watchdog
 
     @property
     def velocity(self) -> Array:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, Literal, get_args
 
 from rehab_opt.errors import ConfigurationError
@@ -34,7 +35,8 @@ def wanted_force(
     size over `onset` [m] beyond the boundary. follow, hold (help in a task): the field inside; outside a pull back to
     the nearest comfortable point, of `return_stiffness` [N/m] and at most `return_force` [N].
 
-    `carried` is read in every tick: how far [m] the field then stands from where it was made.
+    `carried` is read in every tick: how far [m] the field then stands from where it was made. Where it is no number,
+    neither the field nor the pull back acts.
 
     Raises
     ------
@@ -65,19 +67,31 @@ def wanted_force(
 
     if mode not in ("follow", "hold"):
         return outside
-    return kept_inside(inside, comfortable, return_stiffness=return_stiffness, return_force=return_force)
+    return kept_inside(
+        inside, comfortable, return_stiffness=return_stiffness, return_force=return_force, known=carried or ()
+    )
 
 
 def kept_inside(
-    inside: WantedForce, workspace: Workspace, *, return_stiffness: float, return_force: float
+    inside: WantedForce,
+    workspace: Workspace,
+    *,
+    return_stiffness: float,
+    return_force: float,
+    known: Iterable[float] = (),
 ) -> WantedForce:
-    """A force inside a workspace; outside a pull to its nearest point, of a stiffness [N/m] and at most a force [N]."""
+    """A force inside a workspace; outside a pull to its nearest point, of a stiffness [N/m] and at most a force [N].
+
+    Where one of `known`, read in every tick, is no number, outside there is no force either, but NaN: a release.
+    """
     where = workspace.signed_distance_and_foot
 
     def force(x: float, y: float, vx: float, vy: float) -> tuple[float, float]:
         beyond, foot_x, foot_y = where((x, y))
         if beyond <= 0.0:
             return inside(x, y, vx, vy)
+        if not all(map(math.isfinite, known)):
+            return math.nan, math.nan
         size = min(return_stiffness, return_force / beyond)
         return size * (foot_x - x), size * (foot_y - y)
 

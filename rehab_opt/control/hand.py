@@ -37,7 +37,7 @@ class Hand:
     """
 
     __slots__ = (
-        "_cap", "_dt", "_estimated_x", "_estimated_y", "_lag", "_stamp", "_stamped", "_tank", "_trusted", "_watchdog",
+        "_cap", "_dt", "_estimated_x", "_estimated_y", "_lag", "_stamp", "_tank", "_trusted", "_watchdog",
         "vx", "vy", "x", "y",
     )  # fmt: skip
 
@@ -65,7 +65,6 @@ class Hand:
         self._watchdog.reset()
         self.x = self.y = self._stamp = _NAN
         self.vx = self.vy = self._estimated_x = self._estimated_y = 0.0
-        self._stamped = False
 
     def read(self, x: ArrayLike, v: ArrayLike | None, stamp: float | None, force: Any) -> tuple[str, bool]:
         """Take one sample, after `force` (2,) [N] has acted since the last; see `Assistance.step`.
@@ -73,12 +72,8 @@ class Hand:
         Returns why it must not be acted on, or "", and whether the force must be let go at once.
         """
         px, py = x.tolist() if type(x) is np.ndarray and x.dtype is _FLOATS and x.shape == (2,) else _pair("x", x)
-        reason, seconds = "", self._dt
-        if stamp is not None:
-            reason, self._stamped = self._watchdog.check(stamp), True
-            seconds = self._since(stamp)
-        elif self._stamped:
-            reason = "stamp is missing"  # who gave stamps before has lost them
+        reason = self._watchdog.check(stamp)
+        seconds = self._dt if stamp is None else self._since(stamp)
         self._tank.elapse(force[0], force[1], seconds)
         if not (-FURTHEST <= px <= FURTHEST and -FURTHEST <= py <= FURTHEST):
             reason = reason or f"x is ({px}, {py}), not a usable position"

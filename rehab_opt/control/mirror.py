@@ -52,9 +52,10 @@ class MirrorTracker(MirrorForeseen):
 
     The reference is read by a clock. It slows down where the reference is faster than the hand may be, where the
     deviation grows and where the person pushes, waits at the largest deviation, and catches up afterwards; what was
-    slowed is late, not cut. A stretch that the arm cannot do at all is left out: once the hand stands, it is led, at
-    half the hand speeds, to where the reference is by then. Jumps of the reference are bridged in the same way; the
-    first bridge starts at the hand. An object belongs to one thread: see `OneThread`.
+    slowed is late, not cut. What arrives with a safe command (a fault, a push at the limit) is not taken: that stretch
+    is cut, and counts in `lag` until the clock has passed it. A stretch that the arm cannot do at all is left out: once
+    the hand stands, it is led, at half the hand speeds, to where the reference is by then. Jumps of the reference are
+    bridged in the same way; the first bridge starts at the hand. An object belongs to one thread: see `OneThread`.
 
     Parameters
     ----------
@@ -180,8 +181,11 @@ class MirrorTracker(MirrorForeseen):
 
     @property
     def lag(self) -> float:
-        """[s] by which the reference that is followed is older than the newest, bridges included."""
-        return 0.0 if self._live else self.clock.lag
+        """[s] by which the reference that is followed is older than the newest, taken or not.
+
+        While bridges are ahead, no less than what the clock needs to the newest.
+        """
+        return 0.0 if self._live else self.clock.behind
 
     @property
     def manipulability(self) -> float:
@@ -232,7 +236,7 @@ class MirrorTracker(MirrorForeseen):
                 usual = pose.shape == _SQUARE
             except (ValueError, TypeError):
                 usual = False
-        reason = "" if enable is True and stamp is None and not self._stamped else self._refusal(enable, stamp)
+        reason = "" if enable is True and stamp is None and not self._watchdog.stamped else self._refusal(enable, stamp)
         if usual and not reason:
             verdict[0] = _NAN  # see `Ladder`: a failure inside leaves the outputs as they are
             self._evaluate()

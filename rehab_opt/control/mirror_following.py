@@ -74,9 +74,11 @@ class MirrorFollowing(MirrorWaiting):
         pushed = self._interaction.feel(force)
         reason = reason or self._unusable(pose, twist) or pushed
         if reason:
+            self.clock.lost += self.dt
             return self._safe(reason)
         here = self._tool.of(self._q)
         if self._limit is not None and not self._limit.settle(here, ticks=SETTLING_TICKS):
+            self.clock.lost += self.dt
             return self._safe("the model of the led arm finds its posture")
         self._take(here, pose, twist)
         return self._tracked(here)
@@ -130,7 +132,7 @@ class MirrorFollowing(MirrorWaiting):
         if self._rate < WHOLE:
             self.counts["slowed"] += 1
             flags |= Bound.TASK
-            notes.append(f"the reference is followed at {self._rate:.0%} of its pace, {self.clock.lag:.2f} s behind")
+            notes.append(f"the reference is followed at {self._rate:.0%} of its pace, {self.clock.behind:.2f} s behind")
         if self._bridging:
             notes.append("bridging a jump of the reference")
         usual = self._limit is None and not self._interaction.active and self.clock.current and not flat

@@ -32,8 +32,13 @@ class PathAssistance(Assistance):
     The published field is of the whole path at once: where two branches lie closer than a few widths, the hand is held
     between them, or passes from one to the other, and leaves out what is between. Here the field is that of a piece of
     the path, four widths to either side of the hand's progress; the progress is the nearest sample among these, so that
-    it goes along the path, forwards or backwards, and never jumps to another branch. From piece to piece the force
-    changes within its slew bound.
+    it goes along the path, forwards or backwards, and never jumps to a branch that is further along the path than that.
+    From piece to piece the force changes within its slew bound.
+
+    Corners of a few degrees are a limit: near one, the window holds both legs, side by side. A hand on the new leg that
+    is nearer to the old one turns the progress back, which then goes back along the old leg as the hand goes on: on a
+    zigzag of 50 by 4 widths it came to be 102 widths of path behind the hand, with the force towards the wrong leg; its
+    bounds hold there, too.
 
     Parameters
     ----------

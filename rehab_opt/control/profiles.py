@@ -7,8 +7,9 @@ import math
 import numpy as np
 
 from rehab_opt.control.axis_bounds import AxisBounds
+from rehab_opt.control.axis_motion import AxisStop, planned_range, stopping_distance
 
-__all__ = ["CERTIFIED", "Profiles", "stopping_distance"]
+__all__ = ["CERTIFIED", "Profiles"]
 
 Motion = tuple[list[float], list[float], list[float]]  # position, velocity, acceleration of the axes
 Frame = tuple[list[float], list[float]]  # origin [u] at the start of a plan, and speed [u/s]
@@ -19,18 +20,18 @@ EDGE = 1e-12  # [u] by which rounding may carry a profile that ends on a bound b
 ROUNDING = 32.0 * float(np.finfo(np.float64).eps)  # of a position, as a share of the largest one
 
 
-def stopping_distance(speed: float, acceleration: float, jerk: float) -> float:
-    """Distance [u] in which a steadily moving axis comes to rest; it has the sign of `speed` [u/s]."""
-    v = abs(speed)
-    seconds = v / acceleration + acceleration / jerk if v * jerk >= acceleration**2 else 2.0 * math.sqrt(v / jerk)
-    return 0.5 * speed * seconds
-
-
 class Profiles:
     """The motion in hand: a state, the profile it follows, and the finite differences of what came out.
 
-    The position bounds hold by induction: `move` and `stop` take a profile into use only when all of it is inside and
-    the axes can be stopped inside from its end. Otherwise they leave the profile in hand, known to be safe, as it is.
+    The position bounds hold by induction: a profile is taken into use only when all of it is inside and its axes can
+    be stopped inside from its end. Otherwise the one in hand, known to be safe, goes on. Which positions a profile
+    comes to is computed here: Ruckig's own extrema leave out where an axis turns round at constant acceleration.
+
+    A stop is planned without Ruckig and axis by axis. An axis whose stop would leave its bounds is one that turns
+    round just before the bound, since the profile in hand stays inside: it brakes on along that profile, as hard as its
+    bounds allow, and is stopped in the first tick from which on that is inside. The other axes do not wait for it.
+    So nothing yields in a stop, but where `start` put an axis too fast before its bound, or outside: then the position
+    does, and velocity, acceleration and jerk bounds hold.
 
     Parameters
     ----------
@@ -51,6 +52,9 @@ class Profiles:
             (low - EDGE * (1.0 + abs(low)), high + EDGE * (1.0 + abs(high)))
             for low, high in zip(bounds.lower, bounds.upper, strict=True)
         ]
+        # So far from the edges that no axis reaches them when it turns round at its largest acceleration.
+        turns = [0.5 * v * v / a for v, a in zip(bounds.velocity, bounds.acceleration, strict=True)]
+        self._amidst = [(low + turn, high - turn) for (low, high), turn in zip(self._edges, turns, strict=True)]
         # Results without a name (a profile of more than 7.6e3 s) come out of the binding as ValueError.
         self._refusals: tuple[type[Exception], ...] = (ruckig.RuckigError, ValueError)
         self._solver = ruckig.Ruckig(n)
@@ -60,17 +64,20 @@ class Profiles:
         self._question.synchronization = ruckig.Synchronization.No  # free axes: none waits for another
         self._question.max_acceleration, self._question.max_jerk = bounds.acceleration, bounds.jerk
         self._question.target_velocity = self._rest
-        self._to_position, self._to_velocity = ruckig.ControlInterface.Position, ruckig.ControlInterface.Velocity
+        self._stops: dict[int, tuple[AxisStop, float]] = {}  # by axis, with `age` at its begin; the others follow _plan
 
     # ------------------------------------------------------------------------------------------------- planning
     def start(self, p: list[float], v: list[float]) -> bool:
-        """Begin at positions p with velocities v and no acceleration, coming to rest; False where Ruckig refuses."""
+        """Begin at positions p with velocities v and no acceleration, coming to rest; False if numbers end there."""
         self.p, self.v, self.a = p, v, self._rest
         self._speeds, self._changes = v, self._rest  # finite differences of p, as if v had always been
         self._size = -1.0
         self._allow_rounding(p)
         self.outside = not self._is_inside()
-        return self.stop(at_any_price=True)
+        self.age = 0.0
+        self._frame: Frame | None = None
+        self.stop(at_any_price=True)
+        return all(math.isfinite(stop.seconds + stop.at(math.inf)[0]) for stop, _ in self._stops.values())
 
     def move(self, goal: list[float], speed: list[float]) -> bool:
         """Meet a goal that is at `goal` [u] one tick from now; False where that would leave the bounds.
@@ -87,7 +94,6 @@ class Profiles:
         moving = any(speed)
         origin = [x - w * self._dt for x, w in zip(goal, speed, strict=True)] if moving else self._rest
         question = self._question
-        question.control_interface = self._to_position
         question.target_position = self._rest if moving else goal
         frame = (origin, speed) if moving else None
         if not (self._planned(frame) and self._stays_inside(frame)):
@@ -96,14 +102,28 @@ class Profiles:
         self._adopt(frame, goal)
         return True
 
-    def stop(self, *, at_any_price: bool = False) -> bool:
-        """Come to rest as soon as acceleration and jerk bounds allow; False where that would leave the bounds."""
-        self._set_velocity_bounds(self._rest)
-        self._question.control_interface = self._to_velocity
-        if not (self._planned(None) and (at_any_price or self._stays_inside(None))):
-            return False
-        self._adopt(None, None)
-        return True
+    def stop(self, *, at_any_price: bool = False) -> None:
+        """Bring the axes to rest as fast as acceleration and jerk bounds allow, each as soon as that stays inside.
+
+        To be called in every tick until they are all `stopping`; with `at_any_price` they are at once.
+        """
+        if at_any_price:
+            self._stops, self._end = {}, self.age
+        for i, (x, v, a) in enumerate(zip(self.p, self.v, self.a, strict=True)):
+            if i in self._stops:
+                continue
+            stop = AxisStop(x, v, a, most=self.bounds.acceleration[i], jerk=self.bounds.jerk[i])
+            low, high = self._edges[i]
+            if at_any_price or (min(low, x) <= stop.lowest and stop.highest <= max(high, x)):
+                self._stops[i] = stop, self.age
+        self._standing = False
+        ends = [begun + stop.seconds for stop, begun in self._stops.values()]
+        self._end = max(ends) if self.stopping else max([self._end, *ends])
+
+    @property
+    def stopping(self) -> bool:
+        """Whether all axes are being stopped, or stand after it."""
+        return len(self._stops) == len(self._rest)
 
     def leads_out(self, axis: int, position: float, speed: float) -> bool:
         """Whether an axis steadily moving at `speed` from `position` can no longer be stopped inside in a tick."""
@@ -126,9 +146,9 @@ class Profiles:
         state = self._sample()
         residual = self._residual(state[0])
         if not residual <= CERTIFIED:
-            if self.stop(at_any_price=True):
-                state = self._sample()
-                residual = max(residual, self._residual(state[0]))
+            self.stop(at_any_price=True)
+            state = self._sample()
+            residual = max(residual, self._residual(state[0]))
             if not all(math.isfinite(number) for numbers in state for number in numbers):
                 state = list(self.p), self._rest, self._rest
                 self._residual(state[0])
@@ -143,20 +163,32 @@ class Profiles:
         self.age += self._dt
         if self._standing:
             return list(self.p), self._rest, self._rest
+        if self.stopping:
+            states = [stop.at(self.age - begun) for _, (stop, begun) in sorted(self._stops.items())]
+            p, v, a = (list(numbers) for numbers in zip(*states, strict=True))
+        else:
+            p, v, a = self._planned_state()
+            for i, (stop, begun) in self._stops.items():
+                p[i], v[i], a[i] = stop.at(self.age - begun)
+        self._standing = self.arrived and (self.stopping or self._frame is None)
+        if self._bounded:
+            for i, (low, high) in enumerate(zip(self.bounds.lower, self.bounds.upper, strict=True)):
+                # What ends on a bound; an axis that is still on its way back from outside would be jerked by it.
+                if not low <= p[i] <= high and (low <= self.p[i] <= high or self._standing):
+                    near, far = self._edges[i]
+                    p[i] = min(max(p[i], low), high) if near <= p[i] <= far else p[i]
+        return p, v, a
+
+    def _planned_state(self) -> Motion:
         p, v, a = self._plan.at_time(self.age)
-        if self._frame is None and self.arrived:  # exactly at the goal, exactly at rest
-            snap = ROUNDING * self._size
-            p = [y if abs(x - y) <= snap else x for x, y in zip(p, self._goal or p, strict=True)]
-            v = a = self._rest
-            self._standing = True
-        elif self._frame is not None:
+        if self._frame is not None:
             origin, speed = self._frame
             p = [x + o + w * self.age for x, o, w in zip(p, origin, speed, strict=True)]
             v = [x + w for x, w in zip(v, speed, strict=True)]
-        if self._bounded:
-            for i, (low, high) in enumerate(zip(self.bounds.lower, self.bounds.upper, strict=True)):
-                if not low <= p[i] <= high and self._edges[i][0] <= p[i] <= self._edges[i][1]:
-                    p[i] = min(max(p[i], low), high)
+        elif self.arrived:  # exactly at the goal, exactly at rest
+            snap = ROUNDING * self._size
+            p = [y if abs(x - y) <= snap else x for x, y in zip(p, self._goal, strict=True)]
+            v, a = list(self._rest), list(self._rest)
         return p, v, a
 
     def _residual(self, p: list[float]) -> float:
@@ -212,26 +244,33 @@ class Profiles:
         """Whether the profile in `_spare` leaves the position bounds nowhere, nor goes further out."""
         if not self._bounded:
             return True
-        extents = self._spare.position_extrema
-        if frame is None:
-            return all(
-                min(low, x) <= extent.min and extent.max <= max(high, x)
-                for extent, x, (low, high) in zip(extents, self.p, self._edges, strict=True)
-            )
+        if frame is None and all(
+            low <= extent.min and extent.max <= high
+            for extent, (low, high) in zip(self._spare.position_extrema, self._amidst, strict=True)
+        ):
+            return True
+        origin, speed = (self._rest, self._rest) if frame is None else frame
         seconds = self._spare.duration + self._dt
-        for i, (extent, start, w) in enumerate(zip(extents, *frame, strict=True)):
+        for i, (extent, start, w) in enumerate(zip(self._spare.position_extrema, origin, speed, strict=True)):
+            low, high = self._edges[i]
+            if frame is None:
+                low, high = min(low, self.p[i]), max(high, self.p[i])
             way = w * seconds  # at most what both motions reach, each taken for itself
-            low, high = start + extent.min + min(way, 0.0), start + extent.max + max(way, 0.0)
-            if not (self._edges[i][0] <= low and high <= self._edges[i][1]) or self.leads_out(i, start + way, w):
+            low, high = low - start - min(way, 0.0), high - start - max(way, 0.0)
+            beyond = (self.bounds.velocity[i] + abs(w)) ** 2 / (2.0 * self.bounds.acceleration[i])
+            if not (low <= extent.min - beyond and extent.max + beyond <= high):
+                first, last = planned_range(self._spare.profiles[0][i], extent)
+                if not (low <= first and last <= high):
+                    return False
+            if w and self.leads_out(i, start + way, w):
                 return False
         return True
 
-    def _adopt(self, frame: Frame | None, goal: list[float] | None) -> None:
+    def _adopt(self, frame: Frame | None, goal: list[float]) -> None:
         self._plan, self._spare = self._spare, self._plan
         self._frame, self._goal = frame, goal
         self.age, self._end = 0.0, float(self._plan.duration)
-        self._standing = False
-        self.stopping = goal is None
+        self._stops, self._standing = {}, False
 
     def _is_inside(self) -> bool:
         return all(low <= x <= high for x, low, high in zip(self.p, self.bounds.lower, self.bounds.upper, strict=True))

@@ -57,7 +57,9 @@ class ReferenceClock:
         self._at = 0
         self._fraction = 0.0
         self.lag = 0.0
-        """[s] by which the clock is behind the newest sample, bridges included."""
+        """[s] that the clock needs to the newest sample, bridges included."""
+        self.lost = 0.0
+        """[s] of the reference since the newest sample that were not taken."""
         self.passed, self.cuts = 0, 0
         """Samples that the clock has passed, and how often some were left out."""
         self._looked_at: tuple[int, Array | None, bool] = (-1, None, False)
@@ -86,6 +88,11 @@ class ReferenceClock:
         return self._stamps[at] + self._fraction * (self._stamps[at + 1] - self._stamps[at])
 
     @property
+    def behind(self) -> float:
+        """[s] by which what is read is older than what arrives now, taken or not; and no less than `lag`."""
+        return 0.0 if self.empty else max(self.lag, self._stamps[-1] + self.lost - self.stamp)
+
+    @property
     def fraction(self) -> float:
         """Share of the way to the next sample that the clock has gone."""
         return self._fraction
@@ -112,10 +119,11 @@ class ReferenceClock:
     ) -> None:
         """A new sample, one tick (or `seconds`) after the newest; with `bridge`, as late as a calm way to it takes.
 
+        What was lost between them is left out: its time counts in `behind` until the clock has passed it.
         `thinning` bounds the samples that wait.
         """
         seconds = self.dt if seconds is None else seconds
-        stamp = self._stamps[-1] + seconds
+        stamp, self.lost = self._stamps[-1] + self.lost + seconds, 0.0
         if bridge:
             calm, between = self._bridge(self._poses[-1], pose, seconds)
             if calm > seconds:

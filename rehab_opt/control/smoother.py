@@ -14,8 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.asked_position import AT_REST, brought_within, copied, finite_numbers
 from rehab_opt.control.axis_bounds import axis_bounds
+from rehab_opt.control.axis_motion import stopping_distance
 from rehab_opt.control.command import Bound, Command, Status
-from rehab_opt.control.profiles import CERTIFIED, Profiles, stopping_distance
+from rehab_opt.control.profiles import CERTIFIED, Profiles
 from rehab_opt.control.thread_owner import OneThread
 from rehab_opt.control.watchdog import Watchdog
 from rehab_opt.errors import ConfigurationError
@@ -37,8 +38,11 @@ class Smoother(OneThread):
 
     Each axis moves as fast as its own bounds allow. A target outside the position bounds is clipped to them. A
     disabled smoother, a target that is not a plausible number and a stale stamp bring all axes to rest as fast as
-    the bounds allow and hold them there; from wherever that is, the motion goes on without a jump. An object belongs to
-    one thread: see `OneThread`.
+    the bounds allow and hold them there; from wherever that is, the motion goes on without a jump. Each axis is stopped
+    by itself and without a planner. One that could stop only beyond its position bound, because it is about to turn
+    round before it, brakes on at its largest deceleration until it can stop inside. No bound yields in that. Only where
+    `reset` puts an axis too fast before a position bound that bound yields, and is flagged. An object belongs to one
+    thread: see `OneThread`.
 
     Parameters
     ----------
@@ -131,7 +135,7 @@ class Smoother(OneThread):
             raise ConfigurationError("velocity", velocity, f"speeds of at most {self._bounds.velocity}")
         self._claim()
         if not self._profiles.start(p.tolist(), v.tolist()):
-            raise ConfigurationError("position, velocity", (position, velocity), "a state Ruckig can stop from")
+            raise ConfigurationError("position, velocity", (position, velocity), "a state that can be brought to rest")
         self._watchdog.reset()
         self._forget()
         self._old = None
@@ -154,7 +158,7 @@ class Smoother(OneThread):
         target_velocity : (n,) [u/s] of a moving target, which is then followed without `lag`. One that is not renewed
             moves on for `max_age`, then the axes come to rest.
         enable : the dead-man input; anything but true brings the axes to rest.
-        stamp : time of the target [s, any origin].
+        stamp : time of the target [s, any origin]. Once one was given, one that is missing brings the axes to rest.
 
         Returns
         -------

@@ -158,7 +158,6 @@ class VelocityController(OneThread, ABC):
         lower, upper = np.maximum(self.chain.lower, -PLAUSIBLE), np.minimum(self.chain.upper, PLAUSIBLE)
         self._predicted[:] = (lower + upper) / 2
         self._watchdog.reset()
-        self._stamped = False
         self._give_away()
 
     def instance(self, q: ArrayLike, *inputs: ArrayLike) -> Instance:
@@ -172,11 +171,7 @@ class VelocityController(OneThread, ABC):
     # ---------------------------------------------------------------------------------------------------- one tick
     def _refusal(self, enable: object, stamp: float | None) -> str:
         """Why this state must not be acted on, or nothing."""
-        reason = ""
-        if stamp is not None:
-            reason, self._stamped = self._watchdog.check(stamp), True
-        elif self._stamped:
-            reason = "stamp is missing"  # who gave stamps before has lost them
+        reason = self._watchdog.check(stamp)
         if enable is not True and not (isinstance(enable, np.bool_ | int | float) and enable == 1):
             reason = "not enabled"
         return reason
@@ -184,7 +179,7 @@ class VelocityController(OneThread, ABC):
     def _tick(self, enable: object, stamp: float | None) -> Command:
         """One step on what stands in the parameters."""
         reason = ""
-        if enable is not True or stamp is not None or self._stamped:
+        if enable is not True or stamp is not None or self._watchdog.stamped:
             reason = self._refusal(enable, stamp)
             if reason:
                 return self._safe(reason)

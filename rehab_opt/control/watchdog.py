@@ -56,7 +56,10 @@ class Watchdog:
     ConfigurationError : dt not a positive, finite number, max_age not one above dt.
     """
 
-    __slots__ = ("_dt", "_gained", "_lag", "_last", "_max_age")
+    __slots__ = ("_dt", "_gained", "_lag", "_last", "_max_age", "stamped")
+
+    stamped: bool
+    """Whether there was a stamp since the last reset: from then on one that is missing is a fault."""
 
     def __init__(self, *, dt: float, max_age: float | None = None) -> None:
         if not (isinstance(dt, (int, float, np.integer, np.floating)) and 0.0 < dt < math.inf):
@@ -83,19 +86,25 @@ class Watchdog:
         """Forget every stamp: the next one is the first."""
         self._last = math.nan
         self._lag = 0.0
+        self.stamped = False
 
     def check(self, stamp: float | None) -> str:
         """Why the state stamped `stamp` [s, any origin] must not be acted on; empty when it may. Never raises.
 
-        None is not checked. Each fault is judged by itself: after a gap or a reversal the next stamp may be fine.
+        None is not checked before the first stamp; from then on it is a fault. Each fault is judged by itself: after a
+        gap or a reversal the next stamp may be fine.
         """
         if type(stamp) is not float:
-            if stamp is None:
+            if stamp is None and not self.stamped:
                 return ""
-            stamp = seconds_of(stamp)
-            if stamp is None:
+            number = None if stamp is None else seconds_of(stamp)
+            if number is None:
+                missing = stamp is None  # who gave stamps before has lost them
+                self.stamped = True
                 self._fault(math.nan)
-                return "stamp is not a number of seconds"
+                return "stamp is missing" if missing else "stamp is not a number of seconds"
+            stamp = number
+        self.stamped = True
         advance = stamp - self._last
         if 0.0 < advance <= self._max_age:  # NaN fails
             lag = self._lag + self._gained - advance

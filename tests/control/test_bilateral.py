@@ -145,6 +145,27 @@ def test_outside_the_comfortable_workspace_the_participant_is_only_brought_back(
     np.testing.assert_allclose(force / 10.0, (foot - outside) / np.linalg.norm(foot - outside), atol=1e-6)
 
 
+@pytest.mark.parametrize("outside", [np.array([-0.25, 0.50]), np.array([-0.6, 0.9])])
+def test_a_side_that_hears_nothing_exerts_no_force_inside_nor_outside_its_workspace(outside: np.ndarray) -> None:
+    both = pair()
+    for _ in range(300):
+        both.step(HELPER, outside)
+    helper, participant = both.helper, both.participant
+    before = math.hypot(*participant.force._force)
+    assert before == pytest.approx(10.0)
+    for k in range(1, 200):
+        led, _ = participant.step(outside, None)
+        assert math.hypot(*led.value) <= max(before - 0.99 * SLEW * DT * k, 0.0)
+    assert led.status is Status.RELEASED
+    for heard in (None, FromParticipant(0.0, 0.0, math.nan, 0.0, 0.0, 10_000)):
+        for _ in range(100):
+            felt, _ = helper.step(np.array([-1.0, 1.0]), heard)
+        assert not felt.value.any()
+    for k in range(50):
+        felt, _ = helper.step(np.array([-1.0, 1.0]), FromParticipant(0.0, 0.0, 0.0, 0.0, 0.0, 20_000 + k))
+    assert 5.0 < math.hypot(*felt.value) <= 10.0 + 1e-6
+
+
 @pytest.mark.parametrize("delay", [0.0, 0.01])
 def test_a_message_takes_the_delay_and_a_tick(delay: float) -> None:
     both, there = pair(delay=delay), carry().image(HELPER) + [0.004, 0.0]

@@ -280,6 +280,31 @@ def test_lost_tracking_decelerates_says_why_and_resumes_without_a_jump(fault: st
     assert robot.lag < (2.5 if fault == "jump" else 0.02)  # two bridges, made up for by a half
 
 
+@pytest.mark.parametrize("fault", ["push", "nan", "disabled"])
+def test_the_lag_is_the_age_of_the_pose_that_is_followed_also_after_samples_that_were_not_taken(fault: str) -> None:
+    dt, speed, centre = 5e-3, 0.02, ur5().pose(START)
+    robot, q, told = tracker(dt=dt), START.copy(), []
+    for k in range(1000):
+        pose = moved(centre, 0.0, speed * dt * k, 0.0)  # where it is tells when it was
+        bad, force = 400 <= k < 540, np.zeros(3)
+        if 200 <= k < 400:
+            force = np.array([0.0, 0.0, 15.0])  # slows down
+        if bad and fault == "push":
+            force = np.array([0.0, 0.0, 100.0])
+        seen = np.full((4, 4), math.nan) if bad and fault == "nan" else pose
+        enable = not (bad and fault == "disabled")
+        command = robot.step(q, seen, [0, speed, 0, 0, 0, 0], force=force, enable=enable)
+        q = q + command.value * dt
+        age = k * dt - (robot.reference[1, 3] - centre[1, 3]) / speed
+        if k > 100:
+            assert command.status.certified == (not bad)
+            assert robot.lag == pytest.approx(age, abs=1e-6)
+        told.append(robot.lag)
+    assert max(told) > told[399] + 0.69  # 140 ticks
+    assert told[399] > 0.2
+    assert told[-1] < 0.05
+
+
 def test_sight_lost_far_from_where_the_motion_began_is_braked_for_within_the_accelerations() -> None:
     dt, chain, centre = 5e-3, ur5(), ur5().pose(START)
     robot, q, last = tracker(dt=dt), START.copy(), np.zeros(6)

@@ -4,10 +4,14 @@ import sys
 
 import numpy as np
 import pytest
+import ruckig
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
+from rehab_opt.control.axis_bounds import axis_bounds
+from rehab_opt.control.axis_motion import AxisStop
 from rehab_opt.control.command import Bound, Status
+from rehab_opt.control.profiles import Profiles
 from rehab_opt.control.smoothing import Smoother, measured_lag, smooth_path
 from rehab_opt.errors import ConfigurationError
 
@@ -198,6 +202,142 @@ def test_the_stop_keeps_the_position_bounds_wherever_it_is_asked_for(limits, see
     assert command.status is Status.HOLDING
 
 
+def seconds_to_rest(speed, acceleration, a, j):
+    """At most: what acceleration there is goes, and then the speed, by two ramps and a time at the bound."""
+    speed, acceleration = np.abs(speed), np.abs(acceleration)
+    return (speed + acceleration**2 / (2 * j)) / a + 2 * a / j + acceleration / j
+
+
+@pytest.mark.parametrize(("lower", "upper", "start"), [(0.2, 1.8, 0.5), (-1.8, -0.2, -0.5), (-0.5, 1.8, 0.5)])
+def test_a_released_dead_man_switch_stops_the_axis_wherever_its_range_is(lower, upper, start):
+    s = Smoother(velocity=1.0, acceleration=5.0, jerk=50.0, dt=0.01, lower=lower, upper=upper)
+    s.reset([start])
+    target = [1.6 * np.sign(start)]
+    for _ in range(40):
+        s.step(target)
+    at, speed, acceleration = s.position, s.velocity, s.acceleration
+    assert abs(speed[0]) > 0.9
+    for _ in range(math.ceil(seconds_to_rest(speed, acceleration, 5.0, 50.0)[0] / 0.01) + 1):
+        command = s.step(target, enable=False)
+        assert command.status is not Status.OK
+    assert command.status is Status.HOLDING
+    assert abs(command.value - at)[0] < 0.2  # (v/a + a/j) v/2 = 0.15 of the 0.85 to the target
+
+
+@settings(deadline=None, max_examples=120)
+@given(
+    n=st.integers(1, 4),
+    dt=st.sampled_from([1e-3, 5e-3, 2e-2]),
+    far=st.sampled_from([0.0, 1.0, 30.0]),
+    moving=st.booleans(),
+    seed=seeds,
+)
+def test_from_the_tick_of_release_every_axis_comes_to_rest_inside_its_range(*, n, dt, far, moving, seed):
+    rng = np.random.default_rng(seed)
+    v, a = rng.uniform(0.2, 3.0, n), rng.uniform(1.0, 20.0, n)
+    j = a * rng.uniform(2.0, 200.0, n)
+    middle, half = far * rng.uniform(-1, 1, n), rng.uniform(0.01, 1.0, n)
+    lower, upper = middle - half, middle + half
+    s = Smoother(velocity=v, acceleration=a, jerk=j, dt=dt, lower=lower, upper=upper)
+    s.reset(middle)
+    positions, stamp = [middle] * 4, 0.0
+    for _ in range(15):
+        for _ in range(rng.integers(1, 6)):
+            target = middle + half * rng.choice([-1.2, -1.0, -0.5, 0.3, 1.0, 1.2], n)
+            pace = v * rng.uniform(-1.1, 1.1, n) if moving else None
+            for _ in range(rng.integers(1, 25)):
+                stamp += dt
+                target = target + (pace * dt if moving else 0.0)
+                positions.append(s.step(target, pace, stamp=stamp).value)
+        speed, acceleration = s.velocity, s.acceleration
+        ticks = math.ceil(seconds_to_rest(speed, acceleration, a, j).max() / dt) + 2
+        kind = rng.choice(["disabled", "number", "stale"])
+        for _ in range(ticks):
+            stamp += 0.0 if kind == "stale" else dt
+            asked = np.full(n, math.nan) if kind == "number" else target
+            command = s.step(asked, pace, enable=kind != "disabled", stamp=stamp)
+            positions.append(command.value)
+            assert not command.status.certified
+            assert np.all(np.abs(s.velocity) <= np.abs(speed) + np.maximum(acceleration**2, a**2) / (2 * j) + 1e-9)
+        assert command.status is Status.HOLDING
+        assert not s.velocity.any()
+    positions = np.array(positions)
+    assert_within_bounds(positions, v, a, j, dt, asked=np.abs(middle) + 2 * half + v)
+    assert np.all(positions >= lower)
+    assert np.all(positions <= upper)
+
+
+def test_an_axis_that_turns_round_before_its_bound_does_not_keep_another_one_from_stopping():
+    s = Smoother(velocity=1.0, acceleration=5.0, jerk=50.0, dt=DT, lower=[-10.0, -10.0], upper=[0.5, 10.0])
+    s.reset([0.0, 0.0])
+    while s.velocity[0] < 0.7:
+        s.step([0.5, 5.0])
+    while not s._profiles.stopping and s.velocity[0] > 0.05:  # back, as late as the bound allows
+        position = s.position[0]
+        s.step([0.5 if position < 0.38 else -1.0, 5.0])
+    before = s.velocity
+    assert before[1] > 0.9
+    ticks = math.ceil(seconds_to_rest(*before[1:], 0.0, A, J) / DT) + 2
+    positions = np.array([s.step([-1.0, 5.0], enable=False).value for _ in range(ticks)])
+    assert not s.velocity.any()
+    assert positions[:, 0].max() <= 0.5
+    assert np.all(np.diff(positions[:, 1], 2) <= 1e-12)  # it brakes from the first tick on
+
+
+@settings(deadline=None, max_examples=300)
+@given(limits=limits, share=st.floats(-1, 1), ramp=st.floats(-1, 1), far=st.floats(-50.0, 50.0))
+def test_the_stop_of_an_axis_is_the_time_optimal_one_and_its_range_is_true(limits, share, ramp, far):
+    v, a, j = limits
+    speed, acceleration = share * v, ramp * a
+    stop = AxisStop(far, speed, acceleration, most=a, jerk=j)
+    question, found = ruckig.InputParameter(1), ruckig.Trajectory(1)
+    question.control_interface = ruckig.ControlInterface.Velocity
+    question.current_position, question.current_velocity = [far], [speed]
+    question.current_acceleration, question.target_velocity = [acceleration], [0.0]
+    question.max_velocity, question.max_acceleration, question.max_jerk = [10 * v], [a], [j]
+    ruckig.Ruckig(1).calculate(question, found)
+    assert stop.seconds == pytest.approx(found.duration, rel=1e-6, abs=1e-9)
+    times = np.linspace(0.0, stop.seconds, 2001)
+    states = np.array([stop.at(t) for t in times])
+    np.testing.assert_allclose(
+        states[:, 0], [found.at_time(t)[0][0] for t in times], rtol=1e-9, atol=1e-7 * v * stop.seconds + 1e-12
+    )
+    slack = 1e-12 * (1 + np.abs(states[:, 0]).max())
+    assert stop.lowest <= states[:, 0].min() + slack
+    assert stop.highest >= states[:, 0].max() - slack
+    step = v * stop.seconds / 200 + acceleration**2 / j * stop.seconds
+    assert states[:, 0].min() - stop.lowest <= step
+    assert np.abs(states[:, 2]).max() <= a * (1 + 1e-9)
+    assert stop.at(stop.seconds + 1.0)[1:] == (0.0, 0.0)
+
+
+@settings(deadline=None, max_examples=300)
+@given(limits=limits, share=st.floats(-1, 1), ramp=st.floats(-1, 1), room=st.floats(-5.0, 0.0), seed=seeds)
+def test_a_plan_is_refused_where_any_instant_of_it_is_outside(limits, share, ramp, room, seed):
+    """Ruckig's own extrema leave out where an axis turns round at constant acceleration."""
+    v, a, j = limits
+    rng = np.random.default_rng(seed)
+    speed, acceleration = share * v, ramp * a
+    assume(abs(speed + acceleration * abs(acceleration) / (2 * j)) <= v)
+    seconds = v / a + a / j
+    start, goal, reach = *rng.uniform(-1, 1, 2) * v * seconds, 2 * v * seconds
+    moves = [rng.uniform(-0.9, 0.9) * v] if rng.random() < 0.5 else [0.0]
+    dt = 0.01 * seconds
+    lower, upper = min(start, goal) - 10**room * reach, max(start, goal) + 10**room * reach
+    profiles = Profiles(
+        axis_bounds(lower=[lower], upper=[upper], velocity=[v], acceleration=[a], jerk=[j]), dt=dt, return_speed=0.1
+    )
+    profiles.start([start], [0.0])
+    profiles.v, profiles.a = [speed], [acceleration]
+    if profiles.move([goal], moves):
+        positions = [profiles._planned_state()[0][0]]
+        for t in np.linspace(0.0, profiles._plan.duration, 400):
+            profiles.age = t
+            positions.append(profiles._planned_state()[0][0])
+        assert max(positions) <= upper + 1e-9 * reach
+        assert min(positions) >= lower - 1e-9 * reach
+
+
 # -------------------------------------------------------------------------------- enabling, faults, stamps
 @pytest.mark.parametrize(
     ("inputs", "expected"),
@@ -217,6 +357,7 @@ def test_the_stop_keeps_the_position_bounds_wherever_it_is_asked_for(limits, see
         ({"target": [0.5], "enable": np.array([True, True])}, "disabled"),
         ({"target": [0.5], "enable": np.float32("nan")}, "disabled"),
         ({"target": [0.5], "stamp": math.nan}, "stamp is not finite"),
+        ({"target": [0.5], "stamp": None}, "stamp is missing"),
         ({"target": [0.5], "stamp": 0.0}, "stamp"),
     ],
 )
@@ -224,6 +365,7 @@ def test_every_fault_brakes_to_rest_within_the_bounds_and_the_motion_goes_on_wit
     s = smoother(dt=DT)
     s.reset([0.0])
     before = [s.step([0.5], stamp=k * DT).value for k in range(1, 301)]
+    inputs = {"stamp": 301 * DT, **inputs}
     command = s.step(**inputs)
     assert command.status is Status.BRAKING
     assert expected in command.reason
@@ -270,7 +412,6 @@ class Broken:
     """Stands in for Ruckig: refuses every question, or answers it with what is no number."""
 
     duration = 1.0
-    position_extrema = ()
 
     def __init__(self, error=None):
         self.error = error
@@ -283,26 +424,29 @@ class Broken:
         return [math.nan], [math.nan], [math.nan]
 
 
-def test_a_planner_that_refuses_everything_leaves_the_safe_profile_in_use():
+def test_a_planner_that_refuses_everything_cannot_keep_the_axes_from_stopping():
     s = smoother()
     s.reset([0.0])
     before = [s.step([0.5]).value for _ in range(200)]
+    speed, acceleration = s.velocity[0], s.acceleration[0]
     s._profiles._solver = Broken(ValueError("-101 is not a valid Result"))
     commands = [s.step([-0.5]) for _ in range(3000)]
     assert all(command.status in (Status.BRAKING, Status.HOLDING) for command in commands)
-    assert commands[-1].value[0] == 0.5
+    stopped = [command.status for command in commands].index(Status.HOLDING)
+    assert stopped * DT <= (speed + acceleration**2 / (2 * J)) / A + 2 * A / J + acceleration / J + 2 * DT
     assert_within_bounds(np.array([[0.0]] * 3 + before + [command.value for command in commands]), V, A, J, DT)
 
 
-def test_a_profile_that_is_no_number_is_never_sent():
+def test_a_profile_that_is_no_number_is_never_sent_and_the_axes_stop_within_the_bounds():
     s = smoother()
     s.reset([0.0])
-    last = [s.step([0.5]).value for _ in range(200)][-1]
+    before = [s.step([0.5]).value for _ in range(200)]
     s._profiles._plan, s._profiles._spare, s._profiles._solver = Broken(), Broken(), Broken()
-    command = s.step([0.5])
-    assert command.value == last
-    assert command.status is Status.HOLDING
-    assert "certificate" in command.reason
+    commands = [s.step([0.5]) for _ in range(1000)]
+    assert "certificate" in commands[0].reason
+    assert commands[0].status is Status.BRAKING
+    assert commands[-1].status is Status.HOLDING
+    assert_within_bounds(np.array([[0.0]] * 3 + before + [command.value for command in commands]), V, A, J, DT)
 
 
 def test_a_profile_that_breaks_a_bound_is_replaced_by_the_stop():

@@ -27,13 +27,21 @@ def test_integer_stamps_are_fine():
     assert faults(range(100), dt=1.0, max_age=3.0) == [""] * 100
 
 
+def test_an_unstamped_state_is_not_checked_until_there_was_a_stamp():
+    assert faults([None, None, 0.0, DT]) == [""] * 4
+
+
+def test_a_stamp_that_is_missing_after_others_is_a_fault_until_stamps_come_again():
+    assert faults([None, 0.0, None, None, 3 * DT]) == ["", "", "stamp is missing", "stamp is missing", ""]
+    dog = Watchdog(dt=DT)
+    dog.check(0.0)
+    dog.reset()
+    assert dog.check(None) == ""
+
+
 @pytest.mark.parametrize("kind", [np.float64, np.float32, np.int64, np.array, int])
 def test_any_type_of_number_may_be_a_stamp(kind):
     assert faults([kind(k) for k in range(100)], dt=1.0, max_age=3.0) == [""] * 100
-
-
-def test_an_unstamped_state_is_not_checked():
-    assert faults([None, None, 0.0, None, DT]) == [""] * 5
 
 
 @pytest.mark.parametrize(

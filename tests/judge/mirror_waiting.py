@@ -21,7 +21,7 @@ PROMISES = (
             "the deviation grows and where the person pushes, waits at the largest deviation, and catches up "
             "afterwards; what was slowed is late, not cut."),
     Promise("rehab_opt/control/mirror.py", "[s] by which the reference that is followed is older than the newest, "
-            "bridges included."),
+            "taken or not."),
     Promise("rehab_opt/control/mirror.py", "what is not usable gives the safe command, decelerating within the limits, "
             "and its reason; the clock waits meanwhile."),
     Promise("rehab_opt/control/mirror.py", "its `scale` is the time scaling, at most 1."),

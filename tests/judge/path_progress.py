@@ -23,8 +23,8 @@ from tests.judge.verdict import Promise, Verdict
 
 PROMISES = (
     Promise("rehab_opt/control/path_assistance.py", "the progress is the nearest sample among these, so that it goes "
-            "along the path, forwards or backwards, and never jumps to another branch. From piece to piece the force "
-            "changes within its slew bound."),
+            "along the path, forwards or backwards, and never jumps to a branch that is further along the path "
+            "than that. From piece to piece the force changes within its slew bound."),
     Promise("rehab_opt/control/path_assistance.py", "Share of the path, 0 to 1, at which the hand is."),
 )  # fmt: skip
 LEAST = {"near another branch": 1696, "backwards": 43_000, "on a straight stretch": 28_000}

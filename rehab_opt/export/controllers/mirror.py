@@ -111,7 +111,7 @@ class ExportedMirror(ExportedVelocity):
     def shape(self) -> dict[str, str]:
         """Those of the laws, and the constants of clock, pace, forces and way out."""
         shape = super().shape()
-        samples = 19 * (THINNED + 2)
+        samples = 20 * (THINNED + 2)
         return {**shape, "numbers": str(int(shape["numbers"]) + samples + 120), **_constants(self.tracker)}
 
 
@@ -188,11 +188,11 @@ MEMORY = """\
 struct {{
     struct rehab_{name}_sample {{
         double pose[12], twist[6]; /* the first three rows [m]; [m/s, rad/s] */
-        double seconds;            /* since the sample before */
+        double seconds, stamp;     /* since the sample before; of the reference's own time */
     }} sample[{slots}];            /* a ring */
     int first, count;              /* the one at hand, and how many there are from it on */
     double fraction;               /* of the way to the next one */
-    double lag;                    /* [s] */
+    double lag, lost;              /* [s] to the newest, and not taken since */
 }} clock;
 rehab_{name}_following following;  /* its counts; the rest is made when it is asked for */
 double accepted[22];               /* pose and twist of the last tick that needed no clock */

@@ -1,0 +1,112 @@
+"""Motion of one axis in pieces of constant jerk: how far it reaches, and the shortest one that ends at rest."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+__all__ = ["AxisStop", "Piece", "planned_range", "position_range", "stopping_distance"]
+
+
+class Piece(NamedTuple):
+    """A time of constant jerk, and the state in which it begins; u = rad or m."""
+
+    seconds: float
+    position: float
+    velocity: float
+    acceleration: float
+    jerk: float
+
+    def after(self, t: float) -> tuple[float, float, float]:
+        """Position [u], velocity [u/s] and acceleration [u/s^2], `t` seconds after the piece began."""
+        _, p, v, a, j = self
+        return p + t * (v + t * (a / 2.0 + t * j / 6.0)), v + t * (a + t * j / 2.0), a + t * j
+
+    def turns(self) -> list[float]:
+        """The times within the piece [s] at which the velocity passes zero: roots of v + a t + j t^2 / 2."""
+        _, _, v, a, j = self
+        discriminant = a * a - 2.0 * j * v
+        if not discriminant >= 0.0:
+            return []
+        q = -(a + math.copysign(math.sqrt(discriminant), a))  # no difference of nearly equal numbers
+        roots = [q / j] if j else []
+        roots += [2.0 * v / q] if q else []
+        return [t for t in roots if 0.0 < t < self.seconds]
+
+
+def position_range(pieces: Sequence[Piece]) -> tuple[float, float]:
+    """The least and the largest position [u] that a motion comes to: at its ends or where it turns round."""
+    positions = [piece.after(t)[0] for piece in pieces for t in (0.0, *piece.turns(), piece.seconds)]
+    return min(positions), max(positions)
+
+
+def stopping_distance(speed: float, acceleration: float, jerk: float) -> float:
+    """Distance [u] in which a steadily moving axis comes to rest; it has the sign of `speed` [u/s]."""
+    v = abs(speed)
+    seconds = v / acceleration + acceleration / jerk if v * jerk >= acceleration**2 else 2.0 * math.sqrt(v / jerk)
+    return 0.5 * speed * seconds
+
+
+def planned_range(profile: Any, extent: Any) -> tuple[float, float]:
+    """The least and the largest position [u] of one axis of a profile of Ruckig's, whose own `extent` errs.
+
+    Where an axis turns round at constant acceleration, Ruckig takes the ends of that time only: in the second or the
+    sixth piece, or in what brings it inside its velocity bounds first.
+    """
+    v = profile.v
+    if v[1] * v[2] >= 0.0 and v[5] * v[6] >= 0.0 and profile.brake.duration == 0.0:
+        return extent.min, extent.max
+    parts = (profile.brake, profile) if profile.brake.duration > 0.0 else (profile,)
+    # Of position, velocity and acceleration the profile also holds the end.
+    return position_range(
+        [Piece(*piece) for part in parts for piece in zip(part.t, part.p, part.v, part.a, part.j, strict=False)]
+    )
+
+
+class AxisStop:
+    """The fastest motion of one axis to rest: acceleration ramps to its bound, stays there, and ramps to zero.
+
+    It needs no planner, so that an axis can be stopped whatever a planner answers.
+
+    Parameters
+    ----------
+    position, velocity, acceleration : where it begins [u, u/s, u/s^2].
+    most, jerk : bounds of acceleration and jerk [u/s^2, u/s^3].
+    """
+
+    __slots__ = ("_pieces", "highest", "lowest", "seconds")
+
+    lowest: float
+    """[u]"""
+    highest: float
+    """[u] Least and largest position on the way, its ends included."""
+    seconds: float
+    """[s] until the axis rests."""
+
+    def __init__(self, position: float, velocity: float, acceleration: float, *, most: float, jerk: float) -> None:
+        v, a = velocity, acceleration
+        onward = v + a * abs(a) / (2.0 * jerk)  # the velocity when the acceleration has been taken away
+        way = -1.0 if onward > 0.0 else 1.0
+        v, a = -way * v, -way * a  # as if it had to slow down from a positive velocity
+        peak = math.sqrt(max(jerk * v + a * a / 2.0, 0.0))
+        held = 0.0
+        if peak > most:
+            peak = max(most, -a)
+            held = max((v + a * a / (2.0 * jerk) - peak * peak / jerk) / peak, 0.0)
+        state = position, velocity, acceleration
+        self._pieces: list[Piece] = []
+        for seconds, ramp in ((max((a + peak) / jerk, 0.0), way * jerk), (held, 0.0), (peak / jerk, -way * jerk)):
+            self._pieces.append(Piece(seconds, *state, ramp))
+            state = self._pieces[-1].after(seconds)
+        self.seconds = sum(piece.seconds for piece in self._pieces)
+        self.lowest, self.highest = position_range(self._pieces)
+
+    def at(self, t: float) -> tuple[float, float, float]:
+        """Position, velocity, acceleration after `t` seconds [u, u/s, u/s^2]; at rest from the end on."""
+        for piece in self._pieces:
+            if t < piece.seconds:
+                return piece.after(t)
+            t -= piece.seconds
+        last = self._pieces[-1]
+        return last.after(last.seconds)[0], 0.0, 0.0
