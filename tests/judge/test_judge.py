@@ -7,11 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from tests.judge.verdict import Promise, Verdict, judges
+from tests.judge.verdict import FIXED_SEED, Promise, Verdict, judges
 
 JUDGES = judges()
 PROMISES = [(name, promise) for name, module in JUDGES.items() for promise in module.PROMISES]
-FIXED_SEED = 20
 
 
 @pytest.fixture(autouse=True)
