@@ -38,6 +38,8 @@ def test_judge_imports_only_public_controllers_and_value_types() -> None:
         "rehab_opt import ",
         "rehab_opt.kinematics.ardis import ARDIS_READY",
         "rehab_opt.control.obstacles import ",
+        "rehab_opt.control.conditioning import ",
+        "rehab_opt.control.scanning import ",
     )
     for path in Path(__file__).parent.glob("*.py"):
         for line in path.read_text(encoding="utf-8").splitlines():
