@@ -40,6 +40,12 @@ PLACE = 1e-6
 
 def hand(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(N, 3) [m] places and (N, 3) handle axes of a left arm at q (N, 8), in the shoulder's frame."""
+    pose = hand_pose(q)
+    return pose[:, :3, 3], pose[:, :3, 0]
+
+
+def hand_pose(q: np.ndarray) -> np.ndarray:
+    """(N, 4, 4) poses of the hand."""
     l0, l1, l2, l3 = LENGTHS
     rows = [(l0, 0, 0), (0, -1, 0), (0, -1, 0), (l1, 0, 0), (l2, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, l3)]
     pose = np.repeat(np.eye(4)[None], len(q), axis=0)
@@ -50,7 +56,7 @@ def hand(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         row[:, 1] = np.column_stack([s, c * ca, -c * sa, a * s])
         row[:, 2, 1], row[:, 2, 2], row[:, 2, 3], row[:, 3, 3] = sa, ca, d, 1.0
         pose = pose @ row
-    return pose[:, :3, 3], pose[:, :3, 0]
+    return pose
 
 
 def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
