@@ -20,6 +20,11 @@ PROMISES = (
             "every joint inside its limits."),
     Promise("rehab_opt/control/arm_ik.py", "where the position cannot be reached, the posture with the hand nearest to "
             "it. `solve` and `follow` answer to any numbers; q is always finite and inside its limits."),
+    Promise("rehab_opt/control/posture.py", "range_i is the joint's range of motion, counted as at least 0.1 rad and at "
+            "most 2 pi. A term that has nothing to refer to yet is left out; where that leaves nothing, \"rest\" "
+            "decides."),
+    Promise("rehab_opt/control/ik_answer.py", "[rad] Largest change of a joint between two samples: a jump to another "
+            "branch shows here."),
     Promise("rehab_opt/control/ik_answer.py", "[m] distance from the hand to the target; infinite where the target is "
             "not a number."),
     Promise("rehab_opt/control/ik_answer.py", "[rad] angle between the handle and the vertical."),
@@ -34,6 +39,11 @@ RANGES = {
     "restricted": [(180, 180), (0, 5), (70, 90), (30, 70), (30, 60), (30, 60), (-30, -30), (40, 45)],
 }
 REST = np.deg2rad([180.0, 0.0, 90.0, 0.0, 0.0, 0.0, -90.0, 0.0])
+TERMS: tuple[dict[str, float], ...] = (
+    {"rest": 1.0}, {"rest": 0.5, "elbow": 2.0}, {"displacement": 1.0, "speed": 0.5}, {"speed": 2.0, "rest": 0.1},
+)  # fmt: skip
+ELBOW = 4
+"""Joint 5 bends it."""
 PLACE = 1e-6
 """[m] A hand nearer than this is in place."""
 
@@ -72,12 +82,15 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     name = ("regular", "restricted")[number % 2]
     lower, upper = np.deg2rad(np.array(RANGES[name], dtype=float)).T
     tilt = (math.radians(2.0), math.radians(10.0), None)[int(rng.integers(3))]
-    ik = ArmIK(human_arm(range_of_motion=name), handle_tilt=tilt, compile=False)
-    verdict.begin(number, f"{name}, tilt {tilt}")
+    terms = TERMS[int(rng.integers(len(TERMS)))]
+    ik = ArmIK(human_arm(range_of_motion=name), handle_tilt=tilt, posture_cost=terms, compile=False)
+    verdict.begin(number, f"{name}, tilt {tilt}, {terms}")
     targets = hand(rng.uniform(lower, upper, (40, 8)))[0]
     targets[30:37] += rng.standard_normal((7, 3)) * rng.choice([0.05, 1.0, 100.0], (7, 1))
     targets[37], targets[38], targets[39, 1] = math.nan, 1e300, -math.inf
-    answers = [ik.solve(each) for each in targets]
+    first = rng.uniform(lower, upper)
+    begins = [first if k % 4 == 3 else None for k in range(len(targets))]
+    answers = [ik.solve(each, start) for each, start in zip(targets, begins, strict=True)]
     way = np.linspace(0, 1, 20)[:, None]
     path = targets[0] + way * (targets[1] - targets[0])
     path[7] = math.nan
@@ -107,6 +120,14 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     verdict.holds("a plain answer has no reason, another one has", (reason == "") == (status == "ok"))
     verdict.holds("no number is answered by holding", (status == "holding") == ~numbers)
     verdict.holds("whoever is in place is not called unreachable", (true > PLACE) | (status != "unreachable"))
+    middles = [middle(terms, lower, upper, start) for start in begins]
+    costs = [0.5 * float(np.sum(w * (each.q - c) ** 2)) for each, (w, c) in zip(answers, middles, strict=True)]
+    verdict.within("error of the posture cost", np.abs([each.cost for each in answers] - np.array(costs)), 1e-9)
+    verdict.within(
+        "error of a path's steps [rad]", np.abs(np.abs(np.diff(followed.q, axis=0)).max(1) - followed.steps), 1e-12
+    )
+    verdict.within("error of its largest [rad]", abs(followed.steps.max() - followed.largest_step), 1e-12)
+    verdict.within("error of the share reached", abs(np.mean(solved[40:]) - followed.reached), 1e-12)
     drawn = rng.uniform(lower, upper, (20_000, 8))
     where, upright = hand(drawn)
     fits = np.ones(len(drawn), dtype=bool) if tilt is None else upright[:, 2] >= math.cos(tilt)
@@ -114,16 +135,34 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
         nearest = np.linalg.norm(where[fits] - goals[k], axis=1).min(initial=math.inf)
         verdict.within("unreachable: hand further away than a random posture's [m]", true[k] - nearest, 1e-6)
     verdict.holds("what a posture of the arm reaches is reached", solved[:30] | (tilt is not None))
-    weight = 1.0 / np.clip(upper - lower, 0.1, 2 * math.pi) ** 2
-    rest = np.clip(REST, lower, upper)
-    for k in np.flatnonzero(status[:30] == "ok")[:4].tolist():
-        cost = 0.5 * float(weight @ (q[k] - rest) ** 2)
-        better = _cheaper(q[k], goals[k], lower, upper, weight, rest, tilt)
-        verdict.within("posture cost over one found nearby by another solver", (cost - better) / (1e-6 + cost), 1e-3)
+    for k in np.flatnonzero(status[:30] == "ok")[:5].tolist():
+        weight, centre = middles[k]
+        better = _cheaper(q[k], goals[k], lower, upper, weight, centre, tilt)
+        verdict.within(
+            "posture cost over one found nearby by another solver", (costs[k] - better) / (1e-6 + costs[k]), 1e-3
+        )
     for each in ("ok", "backup", "unreachable", "holding"):
         verdict.during(f"status {each}", status == each, 1.0)
     verdict.during(f"range {name}", np.ones(len(q), dtype=bool), 1.0)
     verdict.during("followed", np.arange(len(q)) >= 40, 1.0)
+
+
+def middle(
+    terms: dict[str, float], lower: np.ndarray, upper: np.ndarray, start: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """(T, 8) weights and centres of a posture cost's terms; what has nothing to refer to is left out."""
+    scale = 1.0 / np.clip(upper - lower, 0.1, 2 * math.pi) ** 2
+    rest = np.clip(REST, lower, upper)
+    found = []
+    for name, weight in terms.items():
+        if name == "elbow":
+            found.append((np.eye(8)[ELBOW] * scale * weight, upper))
+        elif name == "rest":
+            found.append((scale * weight, rest))
+        elif start is not None:
+            found.append((scale * weight, start))
+    weights, centres = zip(*(found or [(scale, rest)]), strict=True)
+    return np.array(weights), np.array(centres)
 
 
 def _cheaper(q: np.ndarray, goal: np.ndarray, lower: np.ndarray, upper: np.ndarray, weight: np.ndarray,
@@ -132,7 +171,7 @@ def _cheaper(q: np.ndarray, goal: np.ndarray, lower: np.ndarray, upper: np.ndarr
     held = [{"type": "eq", "fun": lambda x: (hand(x[None])[0][0] - goal) * 10}]
     if tilt is not None:
         held.append({"type": "ineq", "fun": lambda x: hand(x[None])[1][0, 2] - math.cos(tilt)})
-    found = minimize(lambda x: 0.5 * float(weight @ (x - rest) ** 2), q, bounds=list(zip(lower, upper, strict=True)),
+    found = minimize(lambda x: 0.5 * float(np.sum(weight * (x - rest) ** 2)), q, bounds=list(zip(lower, upper, strict=True)),
                      constraints=held, method="SLSQP", options={"maxiter": 60, "ftol": 1e-12})  # fmt: skip
     place, handle = hand(np.clip(found.x, lower, upper)[None])
     kept = np.linalg.norm(place[0] - goal) < PLACE and (tilt is None or handle[0, 2] >= math.cos(tilt) - 1e-9)

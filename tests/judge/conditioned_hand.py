@@ -102,7 +102,9 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     parts = [live.push(*each) for each in zip(stamps.tolist(), x, q, strict=True)]
     ticks = len(found.times)
     verdict.ticks += ticks
-    together = [np.concatenate([getattr(each, name) for each in parts]) for name in ("times", "poses", "twists", "lost")]
+    together = [
+        np.concatenate([getattr(each, name) for each in parts]) for name in ("times", "poses", "twists", "lost")
+    ]
     verdict.holds("sample by sample as many ticks as at once", len(together[0]) == ticks)
     if len(together[0]) == ticks:
         for name, each in zip(("times", "poses", "twists"), together, strict=False):

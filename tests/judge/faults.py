@@ -192,7 +192,11 @@ def main() -> int:
         command = (
             f"python -m tests.judge.faults --seed {options.seed} --faults {options.faults} --ticks {options.ticks}"
         )
-        lines = [*head(f"{command} --ticks {options.ticks}", options.seed, title="Faults that the judge finds"), f"{summary}.", ""]
+        lines = [
+            *head(f"{command} --ticks {options.ticks}", options.seed, title="Faults that the judge finds"),
+            f"{summary}.",
+            "",
+        ]
         lines += ["| | place | fault | before | after | verdict |", "|---|---|---|---|---|---|", *rows]
         write(lines, MARKERS)
     return int(counts["found"] < options.faults)

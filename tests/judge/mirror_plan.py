@@ -81,7 +81,9 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     change = np.abs(v - last)
     allowed = np.minimum(given.acceleration * dt, 2 * given.velocity)
     flagged = np.array([each.value & 2 != 0 for each in path.yielded])
-    verdict.holds("acceleration that yielded is flagged", flagged | ~(change > allowed * (1 + 2e-9) + 2e-12).any(axis=1))
+    verdict.holds(
+        "acceleration that yielded is flagged", flagged | ~(change > allowed * (1 + 2e-9) + 2e-12).any(axis=1)
+    )
     verdict.holds("acceleration that yielded is counted", int(flagged.sum()) == path.counts.get("acceleration", 0))
     w = manipulability(np.vstack([q, ahead[-1:]]))
     verdict.within("manipulability below the floor", np.minimum(w[:-1], given.floor) - w[1:], 1e-9)

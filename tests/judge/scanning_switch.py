@@ -125,7 +125,9 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     verdict.holds("the lit option is the one whose turn it is", lit == np.array(names, dtype=object))
     verdict.within("twist away from a model of its own [m/s]", np.abs(twist - expected), 1e-9)
     verdict.holds("rows are those of the lit option", [each.rows == one for each, one in zip(found, rows, strict=True)])
-    verdict.holds("why nothing is asked for is told", [each.reason == one for each, one in zip(found, reasons, strict=True)])
+    verdict.holds(
+        "why nothing is asked for is told", [each.reason == one for each, one in zip(found, reasons, strict=True)]
+    )
     told = np.array([each.gripper_closed for each in found])
     verdict.holds("the gripper changes once a press", told == np.array(grips))
     verdict.holds("the frame is the chair's", [each.frame == "chassis" for each in found])

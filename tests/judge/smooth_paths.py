@@ -70,9 +70,13 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
         still = np.vstack([np.repeat(x[:1], 3, axis=0), x, np.repeat(x[-1:], 3, axis=0)])
         for order, bound in ((1, velocity), (2, acceleration), (3, jerk)):
             change = np.abs(np.diff(still, order, axis=0)) / dt**order
-            verdict.within(f"difference of order {order} over its bound", change - rounding / dt**order, bound * (1 + 1e-6))
+            verdict.within(
+                f"difference of order {order} over its bound", change - rounding / dt**order, bound * (1 + 1e-6)
+            )
         verdict.within("beyond the limits [u]", np.maximum(x - upper, lower - x), 1e-9)
-        verdict.within("times that are not those of the ticks [s]", np.abs(each.times - times[0] - dt * np.arange(ticks)), 1e-9)
+        verdict.within(
+            "times that are not those of the ticks [s]", np.abs(each.times - times[0] - dt * np.arange(ticks)), 1e-9
+        )
         verdict.within("way from the path's ends [u]", np.abs(x[[0, -1]] - points[[0, -1]]), 1e-9)
         verdict.holds("the end is reached, not awaited", each.times[-1] >= times[-1] - 1e-9)
         wanted = known(np.clip(each.times, times[0], times[-1]))

@@ -40,6 +40,8 @@ def test_judge_imports_only_public_controllers_and_value_types() -> None:
         "rehab_opt.control.obstacles import ",
         "rehab_opt.control.conditioning import ",
         "rehab_opt.control.scanning import ",
+        "rehab_opt.control.hand_bounds import HandBounds",
+        "rehab_opt.control.mirror_window import ",
     )
     for path in Path(__file__).parent.glob("*.py"):
         for line in path.read_text(encoding="utf-8").splitlines():
