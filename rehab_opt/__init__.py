@@ -8,7 +8,7 @@ from rehab_opt.control.command import Bound, Command, Status
 from rehab_opt.control.pose_tracker import PoseTracker
 from rehab_opt.control.smoother import Smoother
 from rehab_opt.control.smoothing import smooth_path
-from rehab_opt.errors import ConfigurationError, ProblemFileError, RehabOptError
+from rehab_opt.errors import ConfigurationError, ProblemFileError, RehabOptError, SharingError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.denavit_hartenberg import DH
 from rehab_opt.kinematics.human_arm import human_arm
@@ -64,6 +64,7 @@ __all__ = [
     "RedundancyResolver",
     "RehabOptError",
     "SerialChain",
+    "SharingError",
     "ShoulderPlacement",
     "Smoother",
     "Status",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-__all__ = ["ConfigurationError", "ProblemFileError", "RehabOptError", "printable"]
+__all__ = ["ConfigurationError", "ProblemFileError", "RehabOptError", "SharingError", "printable"]
 
 
 def printable(text: str) -> str:
@@ -39,6 +39,10 @@ class ConfigurationError(RehabOptError, ValueError):
     def __reduce__(self) -> tuple[Any, ...]:
         """Made again from its parts: people are processed in pools, and an error must come back from one."""
         return type(self), (self.argument, self.value, self.expected), self.__dict__
+
+
+class SharingError(RehabOptError, TypeError):
+    """An object that belongs to one thread was used by another, copied or pickled; the message says what to do."""
 
 
 class ProblemFileError(RehabOptError, ValueError):

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,8 +15,10 @@ from rehab_opt.control.command import Status
 from rehab_opt.control.ik_answer import IKPath, IKSolution
 from rehab_opt.control.ik_search import POSITION_TOLERANCE, IKSearch, within_reason
 from rehab_opt.control.posture import History, PostureCost, Quadratic
+from rehab_opt.control.thread_owner import OneThread
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.kinematics.real_array import real_array
 from rehab_opt.optim.nlp import NLPAnswer
 from rehab_opt.optim.nlp_solvers import checked_name
 
@@ -37,14 +40,15 @@ class _Question(NamedTuple):
     start: Array | None
 
 
-class ArmIK:
+class ArmIK(OneThread):
     """Posture of least cost with the hand at a position, the handle upright and every joint inside its limits.
 
         minimise posture cost(q)  s.t.  p(q) = position,  x_n(q) . z_0 >= cos(handle_tilt),  lower <= q <= upper
 
     Ladder: our SQP from several starts; the backup solver; where the position cannot be reached, the posture with the
     hand nearest to it. `solve` and `follow` answer to any numbers; q is always finite and inside its limits.
-    One thread at a time; may be pickled.
+    It remembers nothing from call to call: one thread at a time may use it, a second one that comes meanwhile gets a
+    `SharingError`. Copies and pickles are solvers of their own.
 
     Parameters
     ----------
@@ -126,7 +130,8 @@ class ArmIK:
         """
         target = _numbers("position", position, (3,))
         q = None if start is None else self._inside(_numbers("start", start, (self.arm.n,)))
-        return self._answer(target, History(previous=q, origin=q))[0]
+        with self._alone():
+            return self._answer(target, History(previous=q, origin=q))[0]
 
     def follow(self, path: ArrayLike, start: ArrayLike | None = None) -> IKPath:
         """Postures along a path, each starting from the one before.
@@ -146,14 +151,23 @@ class ArmIK:
         history = History(previous=q, origin=q)
         multipliers: Array | float = 0.0
         solutions, seconds = [], []
-        for target in targets:
-            began = time.perf_counter()
-            solution, multipliers = self._answer(target, history, multipliers, continuing=True)
-            seconds.append(time.perf_counter() - began)
-            solutions.append(solution)
-            origin = solution.q if history.origin is None else history.origin
-            history = History(solution.q, history.previous, origin)
+        with self._alone():
+            for target in targets:
+                began = time.perf_counter()
+                solution, multipliers = self._answer(target, history, multipliers, continuing=True)
+                seconds.append(time.perf_counter() - began)
+                solutions.append(solution)
+                origin = solution.q if history.origin is None else history.origin
+                history = History(solution.q, history.previous, origin)
         return IKPath.of(solutions, seconds, self.arm.n)
+
+    @contextmanager
+    def _alone(self) -> Iterator[None]:
+        self._claim()
+        try:
+            yield
+        finally:
+            self._give_away()
 
     # --------------------------------------------------------------------------------------------------- ladder
     def _answer(
@@ -266,7 +280,7 @@ def _rebuilt(arm: SerialChain, arguments: dict[str, Any]) -> ArmIK:
 def _numbers(argument: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
     expected = "numbers of shape (" + ", ".join("N" if size < 0 else str(size) for size in shape) + ")"
     try:
-        array = np.array(value, dtype=np.float64)
+        array = np.array(real_array(value))
     except (TypeError, ValueError, OverflowError) as problem:
         raise ConfigurationError(argument, value, expected) from problem
     if array.ndim != len(shape) or any(size not in (-1, own) for size, own in zip(shape, array.shape, strict=True)):

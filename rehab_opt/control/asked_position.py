@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from rehab_opt.control.profiles import Profiles
+from rehab_opt.kinematics.real_array import real_array
 
 __all__ = ["AT_REST", "brought_within", "copied", "finite_numbers"]
 
 HEADROOM = 0.99
 """Largest share of the velocity bound that a target's own velocity counts for: the rest is for catching up with it."""
+NUMBERS = {float, int}
 AT_REST = "target is about to leave the bounds: approached as if at rest"
 
 
@@ -34,16 +35,21 @@ def brought_within(profiles: Profiles, goal: list[float], speed: list[float]) ->
 
 
 def copied(value: ArrayLike | None) -> object:
-    """What was asked, to be compared with the next: the caller may overwrite its array."""
-    if isinstance(value, np.ndarray):
-        return value.tolist()
-    return list(value) if isinstance(value, (list, tuple)) else value
+    """What was asked, to be compared with the next: the caller may overwrite its array, or one in its list."""
+    if value is None:
+        return None
+    if isinstance(value, (list, tuple)) and NUMBERS.issuperset(map(type, value)):
+        return list(value)
+    try:
+        return real_array(value).tolist()
+    except (TypeError, ValueError, OverflowError):
+        return object()  # equal to nothing
 
 
 def finite_numbers(value: ArrayLike, n: int) -> list[float] | None:
     """`value` as n finite numbers, or None."""
     try:
-        array = np.asarray(value, dtype=np.float64)
+        array = real_array(value)
     except (TypeError, ValueError, OverflowError):
         return None
     if array.ndim == 0 and n == 1:

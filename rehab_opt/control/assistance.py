@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import partial
+from threading import get_ident
 from typing import Unpack
 
 from rehab_opt.control.assistance_statement import TINY
@@ -21,7 +22,7 @@ class Assistance(BoundedForce):
     """Force on a hand [N], from a field that leads it and a gate that says when; bounded as `BoundedForce`.
 
     Inside the comfortable workspace a therapy mode wants no force: its size never grows there, and is exactly zero
-    after force_limit / slew_limit seconds.
+    after force_limit / slew_limit seconds. Field and workspace may be shared with other threads' objects.
 
     Parameters
     ----------
@@ -71,6 +72,7 @@ class Assistance(BoundedForce):
         """Another field from now on: the next target of a grid, say; the slew bound makes the change smooth."""
         if not isinstance(field, PotentialField):
             raise ConfigurationError("field", field, "a PotentialField")
+        self._refuse_others()
         self._wanted = self._gate(field)
         self.field, self._by = field, None
         field.pull(0.0, 0.0)  # compiled now, not in the loop
@@ -96,6 +98,8 @@ class Assistance(BoundedForce):
             to_x = to_y = math.nan
         except TypeError as problem:
             raise ConfigurationError("dx, dy", (dx, dy), "two real numbers [m]") from problem
+        if self._owner != get_ident():
+            self._refuse_others()
         if self._by is None:
             self._by = [0.0, 0.0]
             self._wanted = self._gate(self.field, carried=self._by)

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import per_joint
+from rehab_opt.kinematics.real_array import real_array
 
 __all__ = ["AxisBounds", "axis_bounds", "numbers"]
 
@@ -57,6 +58,6 @@ def axis_bounds(
 def numbers(argument: str, value: ArrayLike) -> NDArray[np.float64]:
     """`value` as an array of its own."""
     try:
-        return np.array(value, dtype=np.float64)
+        return np.array(real_array(value))
     except (TypeError, ValueError, OverflowError) as problem:
         raise ConfigurationError(argument, value, "numbers") from problem

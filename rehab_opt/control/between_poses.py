@@ -6,18 +6,17 @@ Functions that C is generated from take a pose as a column of its first 12 entri
 from __future__ import annotations
 
 import math
-import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.frames import is_rigid, rotation_vector
 from rehab_opt.optim.certificate import clipped
-from rehab_opt.symbolic import BufferedFunction
+from rehab_opt.symbolic import Evaluator
 
 __all__ = [
     "angle_between",
@@ -36,6 +35,8 @@ Array = NDArray[np.float64]
 NO_TURN = 1e-300
 """[rad] In place of an angle that is zero, in a quotient."""
 
+_numbers = Evaluator()
+
 
 def distance_between(a: Array, b: Array) -> float:
     """[m] between the origins of two poses."""
@@ -52,12 +53,12 @@ def angle_between(one: Array, other: Array) -> float:
 
 def turn_between(a: Array, b: Array) -> Array:
     """(3,) rotation vector [rad] in the base frame that turns pose a's axes into b's."""
-    return _evaluated(_turn, a[:3, :3], b[:3, :3])
+    return _numbers.of(_turn, a[:3, :3], b[:3, :3])
 
 
 def turned(rotation: Array, vector: Array) -> Array:
     """`rotation` (3, 3) turned about the base frame's axes by a rotation vector (Rodrigues)."""
-    return _evaluated(_turned, rotation, vector)
+    return _numbers.of(_turned, rotation, vector)
 
 
 # ------------------------------------------------------------------------------------------------- as functions
@@ -120,15 +121,3 @@ def _turned(rotation: ca.SX, vector: ca.SX) -> ca.SX:
     x, y, z = ca.vertsplit(vector / ca.fmax(angle, NO_TURN))
     k = ca.blockcat([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return (ca.SX.eye(3) + ca.sin(angle) * k + (1 - ca.cos(angle)) * (k @ k)) @ rotation
-
-
-_functions = threading.local()  # a buffer belongs to one thread
-
-
-def _evaluated(expression: Callable[[ca.SX, ca.SX], ca.SX], *values: ArrayLike) -> Array:
-    known = _functions.__dict__
-    name = expression.__name__
-    if name not in known:
-        symbols = [ca.SX.sym("value", *np.shape(value)) for value in values]
-        known[name] = BufferedFunction(ca.Function("of", symbols, [ca.densify(expression(*symbols))], {"cse": True}))
-    return known[name].of(*values)  # type: ignore[no-any-return]

@@ -11,12 +11,14 @@ that comes twice, or after a later one, counts as none, so that no energy is tak
 from __future__ import annotations
 
 from collections import deque
+from threading import get_ident
 from typing import NamedTuple
 
 from numpy.typing import ArrayLike
 
 from rehab_opt.control.bilateral_sides import FromHelper, FromParticipant, HelperSide, ParticipantSide
 from rehab_opt.control.command import Command
+from rehab_opt.control.thread_owner import OneThread
 from rehab_opt.control.velocity_controller import checked_number
 from rehab_opt.errors import ConfigurationError
 
@@ -30,8 +32,10 @@ class BilateralCommand(NamedTuple):
     participant: Command
 
 
-class Bilateral:
+class Bilateral(OneThread):
     """Both sides in one process, with a delay between them: for simulation, and robots on one computer.
+
+    An object belongs to one thread, see `OneThread`, and so do its sides.
 
     Parameters
     ----------
@@ -55,10 +59,12 @@ class Bilateral:
 
     def reset(self) -> None:
         """Nothing is under way."""
+        self._claim()
         self.helper.reset()
         self.participant.reset()
         self._there: deque[FromHelper | None] = deque([None] * (self._ticks + 1))
         self._back: deque[FromParticipant | None] = deque([None] * (self._ticks + 1))
+        self._give_away()
 
     def step(
         self,
@@ -73,6 +79,8 @@ class Bilateral:
 
         A message takes the delay and one tick.
         """
+        if self._owner != get_ident():
+            self._claim()
         felt, said = self.helper.step(helper, self._back.popleft(), helper_velocity, enable=enable)
         drawn, answer = self.participant.step(participant, self._there.popleft(), participant_velocity, enable=enable)
         self._there.append(said)

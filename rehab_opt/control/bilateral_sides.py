@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from threading import get_ident
 from typing import NamedTuple, Unpack
 
 import numpy as np
@@ -12,6 +13,7 @@ from rehab_opt.control.assistance import Assistance
 from rehab_opt.control.bounded_force import BoundedForce, ForceBounds
 from rehab_opt.control.command import Command
 from rehab_opt.control.gate import kept_inside
+from rehab_opt.control.thread_owner import OneThread
 from rehab_opt.control.velocity_controller import checked_number
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.field.potential import PotentialField
@@ -71,8 +73,10 @@ class _Serials:
         return True
 
 
-class ParticipantSide:
+class ParticipantSide(OneThread):
     """Draws the participant's hand to the image of the helper's, inside the participant's comfortable workspace.
+
+    An object belongs to one thread, see `OneThread`; the other side may run in another one, with the same map.
 
     Parameters
     ----------
@@ -115,8 +119,10 @@ class ParticipantSide:
 
         The numbers of messages go on; where the other side is made anew, whose count begins again, make this one anew.
         """
+        self._claim()
         self.force.reset()
         self.force.carry(*NO_FORCE)
+        self._give_away()
 
     def step(
         self,
@@ -131,6 +137,8 @@ class ParticipantSide:
 
         Without a new message the force is released.
         """
+        if self._owner != get_ident():
+            self._claim()
         target: tuple[float, ...] = NO_FORCE
         if heard is not None and self._serials.fresh(heard.serial):
             self.force.take_energy(heard.energy)
@@ -142,8 +150,10 @@ class ParticipantSide:
         return command, FromParticipant(*_place(x, self.force), force_x, force_y, given, self._serials.next())
 
 
-class HelperSide:
+class HelperSide(OneThread):
     """Lets the helper feel the participant's force, by J(x_h)' of the map; inside the map's source.
+
+    An object belongs to one thread, see `OneThread`.
 
     Parameters
     ----------
@@ -182,9 +192,11 @@ class HelperSide:
 
     def reset(self) -> None:
         """No force, a full tank, nothing heard; see `ParticipantSide.reset`."""
+        self._claim()
         self.force.reset()
         self._felt[:] = math.nan
         self._partner = (math.nan, math.nan)
+        self._give_away()
 
     @property
     def partner(self) -> Array:
@@ -207,6 +219,8 @@ class HelperSide:
 
         Without a new message the force is released.
         """
+        if self._owner != get_ident():
+            self._claim()
         if heard is None or not self._serials.fresh(heard.serial):
             self._felt[:] = math.nan
         else:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from threading import get_ident
 from typing import TYPE_CHECKING, TypedDict, cast
 
 import numpy as np
@@ -13,6 +14,7 @@ from rehab_opt.control.command import Bound, Command, Status
 from rehab_opt.control.energy_tank import EnergyTank
 from rehab_opt.control.gate import WantedForce
 from rehab_opt.control.hand import Hand
+from rehab_opt.control.thread_owner import OneThread
 from rehab_opt.control.velocity_controller import checked_number
 from rehab_opt.control.watchdog import Watchdog
 from rehab_opt.errors import ConfigurationError
@@ -52,7 +54,7 @@ class ForceBounds(TypedDict, total=False):
     compile: bool | None
 
 
-class BoundedForce:
+class BoundedForce(OneThread):
     """Force on a hand [N]: the wanted one as far as bounds on its size, its change and its energy allow.
 
     min  |F - F_wanted|^2
@@ -68,6 +70,8 @@ class BoundedForce:
     What it does not see: a sensor that lies by less than a hand can move in a tick; how late a tick comes, where no
     stamps are given; a jump after a rest so exact that the sensor may have been frozen, which counts as the motion of
     all that time (its energy does not go beyond the budget either).
+
+    An object belongs to one thread: see `OneThread`.
 
     Parameters
     ----------
@@ -153,12 +157,14 @@ class BoundedForce:
     # -------------------------------------------------------------------------------------------------- the user's
     def reset(self, *, energy: bool = True) -> None:
         """Forget the past: no force is applied now, and, but for energy=False, the tank is full."""
+        self._claim()
         if energy:
             self._tank.reset()
         self._hand.reset()
         self.wanted, self.usable = (0.0, 0.0), False
         self._ladder.memory[:] = 0.0
-        self._ladder.start_from(0.0)
+        self._ladder.forget()
+        self._give_away()
 
     @property
     def energy_left(self) -> float:
@@ -167,10 +173,14 @@ class BoundedForce:
 
     def give_energy(self, share: float) -> float:
         """[J] taken from the tank for another one, a share of what is certainly left; see `Bilateral`."""
+        if self._owner != get_ident():
+            self._refuse_others()
         return self._tank.give(share)
 
     def take_energy(self, joules: float) -> None:
         """What another tank has given [J]; beyond the budget it is lost."""
+        if self._owner != get_ident():
+            self._refuse_others()
         self._tank.take(joules)
 
     def instance(self, x: ArrayLike, v: ArrayLike = (0.0, 0.0)) -> Instance:
@@ -204,8 +214,10 @@ class BoundedForce:
 
         Raises
         ------
-        ConfigurationError : an argument of the wrong shape.
+        ConfigurationError : an argument of the wrong shape. SharingError : a second thread, see `OneThread`.
         """
+        if self._owner != get_ident():
+            self._claim()
         hand, tank, force = self._hand, self._tank, self._force
         reason, at_once = hand.read(x, v, stamp, force)
         if enable is not True and not (isinstance(enable, np.bool_ | int | float) and enable == 1):

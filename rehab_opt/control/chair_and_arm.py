@@ -154,10 +154,11 @@ class ChairAndArm(VelocityController):
             within(ahead @ u, given["across_lower"], given["across_upper"]),
         ]
         sent = parameter("command", n)
-        begin = ca.if_else(moving, limits.base, limits.rest)
-        wanted = ca.if_else(moving, u, begin)  # exactly, whichever solver answers
+        wanted = ca.if_else(
+            moving, self.limits.outside(limits, u) if self.slots else u, limits.base
+        )  # exactly, whichever solver answers
         complete = ca.vertcat(*parameters, *columns)
-        self._braking_answer = ca.Function("braking_answer", [complete], [ca.vertcat(begin / unit, 0, 0)])
+        self._braking_answer = ca.Function("braking_answer", [complete], [ca.vertcat(limits.base / unit, 0, 0)])
         return Statement(
             name=f"chair_and_arm_{self.drive}_{name}",
             parameters=parameters,
@@ -180,7 +181,7 @@ class ChairAndArm(VelocityController):
             prepare=self._prepared(ca.vertcat(*parameters), memory, ca.vertcat(keep_outs, clearance), prepared),
             settled=[sent],
             settle=self._settled(
-                complete, memory.numel(), ca.vertcat(decided.symbol, progress.symbol, off.symbol), begin, wanted, limits
+                complete, memory.numel(), ca.vertcat(decided.symbol, progress.symbol, off.symbol), wanted, limits
             ),
             report=self.report(last, sent, jacobian @ sent, twist, limits.outside),
             memory=memory,
@@ -207,14 +208,14 @@ class ChairAndArm(VelocityController):
         closing = ca.Function.if_else("keep_outs", some, none)(is_near, *inputs)
         return ca.Function("prepare", [p, m], [rest(p, m, ca.vertcat(closing, clearance))])
 
-    def _settled(
-        self, complete: ca.SX, size: int, x: ca.SX, begin: ca.SX, wanted: ca.SX, limits: Limits
-    ) -> ca.Function:
+    def _settled(self, complete: ca.SX, size: int, x: ca.SX, wanted: ca.SX, limits: Limits) -> ca.Function:
         """Complete parameters, memory, x -> the command; the arm's true way is looked at only near a keep-out."""
         n = self.chain.n
         base, u, q = (ca.SX.sym(name, n) for name in ("base", "u", "q"))
-        clear = ca.logic_and(self.limits.clear(wanted, limits.clearance), self.limits.clear(begin, limits.clearance))
-        first = ca.Function("wanted", [complete, x], [ca.densify(begin), ca.densify(wanted), clear], {"cse": True})
+        clear = self.limits.clear(wanted, limits.clearance)
+        first = ca.Function(
+            "wanted", [complete, x], [ca.densify(limits.base), ca.densify(wanted), clear], {"cse": True}
+        )
         same = ca.Function("same", [base, u, q], [u])
         checked = self.limits.unhindered(base, u, q[CHAIR:]) if self.robot.keep_out else u
         looked = ca.Function("looked", [base, u, q], [ca.densify(checked)], {"cse": True})
@@ -258,7 +259,7 @@ class ChairAndArm(VelocityController):
         last, arm = memory[:n], q[CHAIR:]
         _, clearance = self.limits.near(arm, last[CHAIR:])
         limits = self.limits.limits(q, last, obstacles, self.limits.keep_outs(arm, last[CHAIR:]), clearance)
-        rest = self.limits.unhindered(limits.rest, limits.rest, arm) if self.robot.keep_out else limits.rest
+        rest = self.limits.unhindered(limits.base, limits.base, arm) if self.robot.keep_out else limits.base
         report = self.report(last, rest, ca.SX(0), ca.SX(1), limits.outside)  # nothing of the task is delivered
         inputs = [q, memory, obstacles] if self.slots else [q, memory]
         return ca.Function(

@@ -3,23 +3,27 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from rehab_opt.control.braking_together import BrakingTogether
 from rehab_opt.control.keep_out import arm_gaps, closing_rows
-from rehab_opt.control.obstacles import NUMBERS, approach
+from rehab_opt.control.obstacles import NUMBERS, Approach, approach, outward_normal
 from rehab_opt.control.stopping import FAR, velocity_bounds
 from rehab_opt.kinematics.differential import Differential
 from rehab_opt.kinematics.mecanum import Mecanum
-from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
-from rehab_opt.optim.certificate import all_true, clipped
+from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm, Outline
+from rehab_opt.optim.certificate import all_true, clipped, first_true
 from rehab_opt.optim.qp import Row, within
 
 __all__ = ["ChairLimits", "Limits"]
+
+Array = NDArray[np.float64]
 
 TIGHTER = 1e-7
 """Fraction by which row limits are drawn in, so that what a certificate may leave open never passes them."""
@@ -27,6 +31,10 @@ ALONG = (0.5, 1.0)
 """Places on the way to the stop posture where the keep-outs are looked at, besides its beginning."""
 MARGIN = 3e-3
 """[m] The stop posture stays further from a keep-out by this than the posture now: links turn, and rows are tangents."""
+FAST = 0.1
+"""[m] Way of a hand to the stop posture from which on that margin is whole: at rest there is nothing to turn."""
+CLEAR = 1e-3
+"""[m] The same between the chair and obstacles."""
 TINY = 1e-12
 FACETS = 8
 """Sides of the polygon inside the circle of chassis velocities; its corners lie on the axes."""
@@ -42,15 +50,16 @@ class Limits(NamedTuple):
     """(a, 3) rows of rim speeds and of the chassis speed, both ways within chair_limit (a,) [m/s]."""
     chair_limit: ca.SX
     towards: ca.SX
-    """(b, 3) rows towards obstacles, at most towards_limit (b,) [m/s]."""
+    """(b, 3) rows of the chair's corners towards obstacles, at most towards_limit (b,) [m/s], where braking ends."""
     towards_limit: ca.SX
+    into: ca.SX
+    """(d, 3) rows that lead into no obstacle in this tick, at most into_limit (d,) [m/s]; part of no problem."""
+    into_limit: ca.SX
     closing: ca.SX
     """(c, 4) rows of the arm towards its keep-outs, at most closing_limit (c,) [m/s]; those of the posture now first."""
     closing_limit: ca.SX
     base: ca.SX
-    """(7,) one tick of braking together."""
-    rest: ca.SX
-    """(7,) one tick of the hardest braking: the safe command."""
+    """(7,) one tick of the hardest braking together: the safe command."""
     clearance: ca.SX
     """[m] of the arm from the nearest keep-out, negative inside."""
     outside: ca.SX
@@ -87,7 +96,7 @@ class Limits(NamedTuple):
             u - self.upper,
             self.lower - u,
             ca.fabs(self.chair @ chair) - self.chair_limit,
-            self.towards @ chair - self.towards_limit,
+            self.into @ chair - self.into_limit,
             self.closing[now, :] @ u[CHAIR:] - self.closing_limit[now],
         )
         return ca.if_else(all_true(ca.fabs(over) < ca.inf), ca.norm_2(ca.fmax(over, 0)), ca.inf)
@@ -101,10 +110,11 @@ class ChairLimits:
     - joint limits: lower <= q + T u <= upper;
     - keep-outs: the arm's distance at z, and at `ALONG` of the way there, stays above a margin that grows along the way,
       to first order in the change of u; at q it falls no faster than itself divided by T;
-    - obstacles: no corner of the chair comes nearer than its gap divided by T, per second.
+    - obstacles: the gap of each corner of the chair at z, or half-way there where less is left, likewise.
 
     Where a state comes too late for that (an obstacle that appears, a velocity that is told), a limit is as wide as
-    braking together needs, and no wider than what keeps the robot out in this tick; there only acceleration yields.
+    braking together needs, and the command is shortened to what keeps the robot out in this tick; there only
+    acceleration yields.
 
     Parameters
     ----------
@@ -127,11 +137,6 @@ class ChairLimits:
         return abs(rows[4].d) + abs(rows[6].d)
 
     @property
-    def skin(self) -> float:
-        """[m] by which a link's end may leave its straight way within a tick, at the arm's largest speeds."""
-        return self.reach * float(np.sum(self.robot.chain.velocity[CHAIR:]) * self.dt) ** 2 / 2
-
-    @property
     def moving(self) -> list[int]:
         """Joints that the wheels allow to move, by number from 0: Eq. (4) in the chassis frame."""
         return [i for i in range(self.robot.chain.n) if isinstance(self.wheels, Mecanum) or i != 1]
@@ -143,7 +148,7 @@ class ChairLimits:
             return ca.SX(0), ca.SX(FAR)
         clearance = ca.mmin(arm_gaps(self.robot, arm))
         speed = ca.sum1(ca.fabs(last) + self.braking.change[CHAIR:])
-        return clearance <= self._margin(1.0) + self.reach * self.braking.time * speed, clearance
+        return clearance <= self._margin(1.0, last) + self.reach * self.braking.time * speed, clearance
 
     def keep_outs(self, arm: ca.SX, last: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Rows (c, 4) towards the keep-outs at arm joints (4,) after a command's (4,), and their free speeds (c,) [m/s].
@@ -154,11 +159,11 @@ class ChairLimits:
             return self.far()
         slower, time = self.braking.slower(last), self.braking.time
         opening, gaps = closing_rows(self.robot, arm)
-        rows, free = [-opening], [ca.fmax(gaps - self.skin, 0) / time]
+        rows, free = [-opening], [ca.fmax(gaps - self._margin(0.0, last), 0) / time]
         for part in ALONG:
             opening, gaps = closing_rows(self.robot, arm + part * time * slower)
             rows.append(-opening)
-            free.append(ca.fmax(gaps - self._margin(part), 0) / (part * time))
+            free.append(ca.fmax(gaps - self._margin(part, last), 0) / (part * time))
         return ca.vertcat(*rows), ca.vertcat(*free)
 
     def far(self) -> tuple[ca.SX, ca.SX]:
@@ -171,7 +176,7 @@ class ChairLimits:
     ) -> Limits:
         """Limits at joint values q (7,) after the command `last` (7,), with obstacles (4 slots,) and `keep_outs`."""
         lower, upper, hard_lower, hard_upper, outside = self._joints(q, last)
-        towards, towards_limit, within_one = self._obstacles(q, last, obstacles)
+        into, into_limit, around, within_one = self._obstacles(q, obstacles)
         closing, free = keep_outs
         chair, chair_limit = self._chassis()
         count = closing.size1() // (1 + len(ALONG))
@@ -184,11 +189,12 @@ class ChairLimits:
             joints = clipped(u, hard_lower, hard_upper)
             wheels, arm = joints[:CHAIR], joints[CHAIR:]
             return ca.vertcat(
-                wheels * largest_part(towards @ wheels, towards_limit),
+                wheels * largest_part(into @ wheels, into_limit),
                 arm * largest_part(now @ arm, now_limit),
             )
 
-        base = pressed(slower)
+        base = pressed(self.braking.slowest(last))
+        towards, towards_limit = self._towards(around, last[:CHAIR], base[:CHAIR])
         return Limits(
             lower=lower,
             upper=upper,
@@ -196,13 +202,20 @@ class ChairLimits:
             chair_limit=chair_limit,
             towards=towards,
             towards_limit=towards_limit,
+            into=into,
+            into_limit=into_limit,
             closing=closing,
-            closing_limit=ca.vertcat(now_limit, free[count:] + then @ base[CHAIR:]),
+            closing_limit=ca.vertcat(now_limit, ca.fmax(free[count:] + then @ slower[CHAIR:], then @ base[CHAIR:])),
             base=base,
-            rest=pressed(self.braking.slowest(last)),
             clearance=clearance,
             outside=ca.sum1(ca.vertcat(outside, within_one, clearance < 0)) > 0,
         )
+
+    def outside(self, limits: Limits, u: ca.SX) -> ca.SX:
+        """(7,) the command on the way from `base` to u (7,) that leads the chair into no obstacle in this tick."""
+        base, way = limits.base, u - limits.base
+        free = limits.into_limit - limits.into @ base[:CHAIR]
+        return base + largest_part(limits.into @ way[:CHAIR], free) * way
 
     def unhindered(self, base: ca.SX, wanted: ca.SX, arm: ca.SX) -> ca.SX:
         """(7,) the first of `wanted`, half-way to `base`, that, its half and its chair alone that keeps the arm out.
@@ -222,12 +235,18 @@ class ChairLimits:
         return clearance > 1.01 * self.reach * self.dt * ca.sum1(ca.fabs(u[CHAIR:])) + TINY
 
     # -------------------------------------------------------------------------------------------- limit by limit
-    def _margin(self, part: float) -> float:
+    def _margin(self, part: float, last: ca.SX) -> ca.SX:
         """[m] at a part of the way to the stop posture: what tangents promise too much in a tick, and `MARGIN`."""
-        chain, time = self.robot.chain, self.braking.time
-        step = part * time * float(np.max(np.array(self.braking.change)[CHAIR:]))
-        bent = self.reach * min(step, float(np.max(chain.velocity[CHAIR:])) * part * time) ** 2 / 2
-        return self.skin + part * MARGIN + bent
+        change, time = self.braking.change[CHAIR:], self.braking.time
+        speed = ca.sum1(ca.fabs(last))
+        within = self.reach * (self.dt * (speed + ca.sum1(change))) ** 2 / 2
+        step = part * time * float(ca.mmax(change))
+        fastest = part * time * float(np.max(self.robot.chain.velocity[CHAIR:]))
+        return (
+            within
+            + part * MARGIN * ca.fmin(1, self.reach * time * speed / FAST)
+            + self.reach * min(step, fastest) ** 2 / 2
+        )
 
     def _joints(self, q: ca.SX, last: ca.SX) -> tuple[ca.SX, ...]:
         chain, time, slower = self.robot.chain, self.braking.time, self.braking.slower(last)
@@ -251,18 +270,94 @@ class ChairLimits:
             limits.append(np.full(angles.size, speed * math.cos(np.pi / FACETS)))
         return ca.sparsify(ca.SX(ca.DM(np.vstack(rows)))), ca.SX(ca.DM(np.concatenate(limits) * (1 - TIGHTER)))
 
-    def _obstacles(self, q: ca.SX, last: ca.SX, numbers: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+    def _obstacles(self, q: ca.SX, numbers: ca.SX) -> tuple[ca.SX, ca.SX, list[Approach], ca.SX]:
+        """Rows (2 slots, 3) into obstacles in this tick, their limits, the obstacles, 1 where within one."""
         outline, turn = self.robot.outline, float(self.robot.chain.velocity[2])
-        slower = self.braking.slower(last)[:CHAIR]
-        rows, limits, inside = [ca.SX(0, CHAIR)], [ca.SX(0, 1)], [ca.SX(0, 1)]
+        rows, limits, around, inside = [ca.SX(0, CHAIR)], [ca.SX(0, 1)], list[Approach](), [ca.SX(0, 1)]
         for i in range(self.slots):
             one = numbers[NUMBERS * i : NUMBERS * (i + 1)]
             each = approach(one, q[:CHAIR], outline, dt=self.dt, horizon=self.braking.time, turn=turn)
-            soft, hard = (limit * (1 - TIGHTER) for limit in (each.room, each.room + each.more))
             rows.append(each.matrix)
-            limits.append(ca.fmax(soft, ca.fmin(each.matrix @ slower, hard)))
+            limits.append((each.room + each.more) * (1 - TIGHTER))
+            around.append(each)
             inside.append(each.inside)
-        return ca.vertcat(*rows), ca.vertcat(*limits), ca.vertcat(*inside)
+        return ca.vertcat(*rows), ca.vertcat(*limits), around, ca.vertcat(*inside)
+
+    def _towards(self, obstacles: list[Approach], last: ca.SX, base: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Rows (4 slots, 3) towards the obstacles, and their limits.
+
+        Of a wall, of its two nearest corners, of a post, of the nearest point of the outline: one row of the posture
+        now, one of the place on the way to the stop posture where less is left.
+        """
+        rows, limits = [ca.SX(0, CHAIR)], [ca.SX(0, 1)]
+        slower, outline, nothing = self.braking.slower(last), self.robot.outline, ca.vertcat(0, 0, 0, FAR, 0, 0, 0, FAR)
+        for each in obstacles:
+            corners = [self._approached(partial(_corner, each.wall, corner), slower) for corner in outline.corners]
+            post, _ = self._approached(partial(_post, each.post, outline), slower)
+            keys = ca.vertcat(*(key for _, key in corners))
+            for instead in (post, nothing):
+                nearest = first_true(keys <= ca.mmin(keys))
+                keys = ca.if_else(nearest, ca.inf, keys)
+                found = ca.if_else(each.is_post, instead, ca.horzcat(*(rows for rows, _ in corners)) @ nearest)
+                for row, left in ((found[:3], found[3]), (found[4:7], found[7])):
+                    rows.append(row.T)
+                    limits.append(ca.fmax(ca.fmax(left, 0) + ca.dot(row, slower), ca.dot(row, base)))
+        return ca.vertcat(*rows), ca.vertcat(*limits)
+
+    def _approached(
+        self, gap_after: Callable[[ca.SX, float], tuple[ca.SX, ca.SX]], slower: ca.SX
+    ) -> tuple[ca.SX, ca.SX]:
+        """(8,) a row now and what is left for it [m/s], a row on the way to the stop posture likewise; the least gap."""
+        time, turn = self.braking.time, min(float(self.braking.change[2]), float(self.robot.chain.velocity[2]))
+        bent = float(np.linalg.norm(self.robot.outline.corners, axis=1).max()) * turn**2 / 2
+        least, now = gap_after(slower, 0.0)
+        first = ca.vertcat(now, least / time - ca.dot(now, slower))
+        then, left = ca.SX.zeros(CHAIR), ca.SX(ca.inf)
+        for part in ALONG:
+            gap, closing = gap_after(slower, part * time)
+            here = (gap - part * CLEAR - bent * (part * time) ** 2) / (part * time)
+            then, left = ca.if_else(here < left, closing, then), ca.fmin(here, left)
+            least = ca.fmin(least, gap)
+        return ca.vertcat(first, then, left), least
+
+
+def _corner(wall: ca.SX, corner: Array, velocity: ca.SX, time: float) -> tuple[ca.SX, ca.SX]:
+    """Gap of a chair's corner (2,) from a wall [m] after an arc of a velocity (3,) for a time [s]; how fast the gap
+    closes by each of the three, in the mean.
+    """  # noqa: D205
+    (x, y), u = corner.tolist(), ca.SX.sym("u", CHAIR)
+    drive, half, shrunk = _driven(u, time)
+    cos, sin = ca.cos(half), ca.sin(half)
+    spin = u[2] * shrunk * ca.vertcat(-sin * x - cos * y, cos * x - sin * y)  # of what turns, the mean velocity
+    mean = ca.dot(wall[:2], drive + spin)
+    speed, closing = ca.substitute([mean, ca.jacobian(mean, u).T], [u], [velocity])
+    return wall[2] - wall[0] * x - wall[1] * y - time * speed, closing
+
+
+def _post(post: ca.SX, outline: Outline, velocity: ca.SX, time: float) -> tuple[ca.SX, ca.SX]:
+    """The same of the chair's outline from a post; negative within."""
+    u, n, c = ca.SX.sym("u", CHAIR), ca.SX.sym("n", 2), post[:2]
+    drive, half, shrunk = _driven(u, time)
+    # Seen from the chair the centre has moved by this in the mean, turned back by the way's end.
+    cos, sin = ca.cos(2 * half), ca.sin(2 * half)
+    turned = (
+        u[2]
+        * shrunk
+        * ca.vertcat(-ca.sin(half) * c[0] + ca.cos(half) * c[1], -ca.cos(half) * c[0] - ca.sin(half) * c[1])
+    )
+    mean = turned - ca.vertcat(cos * drive[0] + sin * drive[1], cos * drive[1] - sin * drive[0])
+    here = ca.substitute(c + time * mean, u, velocity)
+    normal = ca.vertcat(*outward_normal(outline, here[0], here[1]))
+    support = ca.mmax(ca.DM(outline.corners) @ normal)
+    closing = ca.substitute(-ca.jacobian(ca.dot(n, mean), u).T, ca.vertcat(u, n), ca.vertcat(velocity, normal))
+    return ca.dot(normal, here) - support - post[2], closing
+
+
+def _driven(u: ca.SX, time: float) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """(2,) mean velocity on the arc of a twist u (3,), half of the turn [rad], and the chord over the arc."""
+    half = u[2] * time / 2
+    shrunk, cos, sin = 1 - half * half / 6, ca.cos(half), ca.sin(half)
+    return shrunk * ca.vertcat(cos * u[0] - sin * u[1], sin * u[0] + cos * u[1]), half, shrunk
 
 
 def largest_part(values: ca.SX, limits: ca.SX) -> ca.SX:

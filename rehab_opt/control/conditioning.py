@@ -6,12 +6,16 @@ The whole recording at once (`conditioned`) and sample by sample (`Conditioner`)
 from __future__ import annotations
 
 import math
+from threading import get_ident
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rehab_opt.control.velocity_controller import checked_number
+from rehab_opt.control.axis_bounds import numbers
+from rehab_opt.control.thread_owner import OneThread
+from rehab_opt.control.velocity_controller import checked_number, real_numbers
+from rehab_opt.control.watchdog import seconds_of
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.vr import continuous_quaternions, poses_of
 
@@ -40,12 +44,13 @@ class Conditioned(NamedTuple):
     """Stretches without usable samples, jumps included."""
 
 
-class Conditioner:
+class Conditioner(OneThread):
     """Sample by sample.
 
     Samples are joined by straight lines, and turns by the nearest way, at even ticks; then each coordinate, and each
     of the quaternion's, passes a low-pass filter of two equal poles. Sight counts as lost between samples more than
     `max_gap` apart, and where a hand would have had to move faster than one can. After that the filter starts anew.
+    An object belongs to one thread: see `OneThread`.
 
     Parameters
     ----------
@@ -80,6 +85,7 @@ class Conditioner:
 
     def reset(self) -> None:
         """Forget every sample."""
+        self._claim()
         self.dropped, self.gaps = 0, 0
         self._origin = math.nan
         self._next = 0  # tick to be given next
@@ -87,6 +93,7 @@ class Conditioner:
         self._counts = False
         self._last: tuple[float, Array] | None = None
         self._state: tuple[Array, Array, Array] | None = None  # filter's poles, and the last pose
+        self._give_away()
 
     def push(self, stamp: float, position: ArrayLike, quaternion: ArrayLike) -> Conditioned:
         """Even samples (none, one or many) that one sample of the tracker completes.
@@ -96,10 +103,13 @@ class Conditioner:
         stamp : [s]
         position, quaternion : (3,) [m], (4,) x, y, z, w.
         """
-        sample = np.concatenate([np.array(position, dtype=np.float64), np.array(quaternion, dtype=np.float64)])
-        if sample.shape != (7,):
-            raise ConfigurationError("position, quaternion", sample.shape, "numbers of shape (3,) and (4,)")
-        stamp = float(stamp)
+        if self._owner != get_ident():
+            self._claim()
+        sample = np.concatenate(
+            [real_numbers("position", position, (3,)), real_numbers("quaternion", quaternion, (4,))]
+        )
+        seconds = seconds_of(stamp)
+        stamp = math.nan if seconds is None else seconds
         if not _usable(np.array([stamp]), sample[None])[0] or (self._last is not None and stamp <= self._last[0]):
             self.dropped += 1
             return self._given([])
@@ -184,8 +194,8 @@ def conditioned(
     from scipy.signal import lfilter  # noqa: PLC0415  (loaded when used)
 
     rule = Conditioner(dt, cutoff_hz=cutoff_hz, max_gap=max_gap, largest_speed=largest_speed, largest_turn=largest_turn)
-    t = np.array(times, dtype=np.float64)
-    x = np.concatenate([np.array(positions, dtype=np.float64), np.array(quaternions, dtype=np.float64)], axis=1)
+    t = numbers("times", times)
+    x = np.concatenate([numbers("positions", positions), numbers("quaternions", quaternions)], axis=1)
     if t.shape != (len(x),) or x.shape[1] != 7:
         raise ConfigurationError("times, positions, quaternions", (t.shape, x.shape), "(N,), (N, 3) and (N, 4)")
     keep = np.flatnonzero(_usable(t, x))
@@ -205,7 +215,7 @@ def conditioned(
         last -= int(origin + last * dt > t[part[-1]])
         ends.append((first, last))
     total = ends[-1][1] + 1
-    numbers, twists = np.full((total, 7), math.nan), np.zeros((total, 6))
+    states, twists = np.full((total, 7), math.nan), np.zeros((total, 6))
     for part, (first, last) in zip(parts, ends, strict=True):
         if last < first:
             continue
@@ -215,11 +225,11 @@ def conditioned(
         for _ in range(2):
             start = (1.0 - rule.gain) * smooth[:1]
             smooth = lfilter([rule.gain], [1.0, rule.gain - 1.0], smooth, axis=0, zi=start)[0]
-        numbers[first : last + 1] = smooth
+        states[first : last + 1] = smooth
         twists[first : last + 1] = _twists(smooth, dt)
-    lost = np.isnan(numbers[:, 0])
+    lost = np.isnan(states[:, 0])
     dropped = len(np.array(times)) - int(sum(map(len, parts)))
-    poses = poses_of(numbers[:, :3], numbers[:, 3:])
+    poses = poses_of(states[:, :3], states[:, 3:])
     return Conditioned(origin + dt * np.arange(total), poses, twists, lost, dropped, len(parts) - 1)
 
 

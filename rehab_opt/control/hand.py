@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rehab_opt.control.energy_tank import EnergyTank
-from rehab_opt.control.watchdog import Watchdog
+from rehab_opt.control.watchdog import Watchdog, seconds_of
 from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.real_array import real_array
 
 __all__ = ["Hand"]
 
@@ -96,9 +97,8 @@ class Hand:
 
     def _since(self, stamp: object) -> float:
         """[s] since the last stamp, and no less than a tick."""
-        try:
-            now = float(stamp)  # type: ignore[arg-type]
-        except (TypeError, ValueError, OverflowError):
+        now = seconds_of(stamp)
+        if now is None:
             return self._dt
         advance = now - self._stamp
         if math.isfinite(now):
@@ -134,20 +134,16 @@ class Hand:
 
 
 def _pair(argument: str, value: Any) -> tuple[float, float]:
-    """Two floats; a number too large for one is infinite."""
+    """Two floats; infinite where a number is too large for one."""
     if type(value) is tuple and len(value) == 2 and type(value[0]) is type(value[1]) is float:
         return value
     try:
-        first, second = np.asarray(value).tolist()
-        return _float(first), _float(second)
+        pair = real_array(value)
+    except OverflowError:
+        return _INF, _INF
     except (TypeError, ValueError) as problem:
         raise ConfigurationError(argument, value, "two real numbers") from problem
-
-
-def _float(value: Any) -> float:
-    if isinstance(value, str | bytes | complex):
-        raise TypeError(value)
-    try:
-        return float(value)
-    except OverflowError:
-        return _INF
+    if pair.shape != (2,):
+        raise ConfigurationError(argument, value, "two real numbers")
+    first, second = pair.tolist()
+    return first, second

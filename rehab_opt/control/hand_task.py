@@ -23,7 +23,7 @@ PROGRESS = 2.0
 """[m/s] Price of a missing m/s of hand speed; one more costs about 1 in kinetic energy by the robot's mass."""
 STEEP = 1e3
 """[m/s] Up to which the price follows that cost where it is higher, as it is near singular postures."""
-STRAIGHT = 0.5
+STRAIGHT = 0.2
 """Fraction of the commanded speed by which the hand at the stop posture may move across the commanded direction."""
 LIVELY = 1.0
 """[m/s or rad/s] Commanded speed up to which v(|r|) of Eq. (1) grows: a hand cannot be so fast, nor a stick mean it."""

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rehab_opt.control.velocity_controller import checked_number
+from rehab_opt.control.velocity_controller import checked_number, real_numbers
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.optim.certificate import clipped
 from rehab_opt.symbolic import BufferedFunction
@@ -87,14 +87,7 @@ class Feeling:
                 self.offset = self.offset if self.active else np.zeros(3)
             self.pace = 1.0
             return ""
-        try:
-            felt = np.array(force, dtype=np.float64)
-        except (TypeError, ValueError) as problem:
-            raise ConfigurationError("force", force, "real numbers of shape (3,)") from problem
-        except OverflowError:
-            felt = np.full(3, math.inf)
-        if felt.shape != (3,):
-            raise ConfigurationError("force", force, "real numbers of shape (3,)")
+        felt = real_numbers("force", force, (3,))
         size = math.hypot(*felt.tolist())  # numpy's would warn where squares overflow
         self.active = True
         if not size < math.inf:

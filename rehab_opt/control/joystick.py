@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from threading import get_ident
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.task_rows import ROWS
+from rehab_opt.control.thread_owner import OneThread
 from rehab_opt.control.velocity_controller import checked_number, real_numbers
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.optim.qp import PLAUSIBLE
@@ -49,12 +51,13 @@ class StickCommand(NamedTuple):
     """Why nothing is asked although the user may want something; empty otherwise."""
 
 
-class Joystick:
+class Joystick(OneThread):
     """Stick deflections to hand velocities in one of several modes.
 
     A round dead zone takes tremor away and leaves the direction; beyond it the speed grows from zero. The deflection
     follows the hand at `rate`; letting go stops at once, as fast as the resolver's accelerations allow. After a
-    change of mode, at the beginning and after a fault the stick must have been let go before it moves anything.
+    change of mode, at the beginning and after a fault the stick must have been let go before it moves anything. An
+    object belongs to one thread: see `OneThread`.
 
     Parameters
     ----------
@@ -84,9 +87,11 @@ class Joystick:
 
     def reset(self) -> None:
         """First mode, gripper open, stick to be let go first."""
+        self._claim()
         self._mode, self._closed, self._free = 0, False, False
         self._deflection = np.zeros(2)
         self._switch, self._gripper = Button(self._dt), Button(self._dt)
+        self._give_away()
 
     def step(self, axes: ArrayLike, *, switch: object = False, gripper: object = False) -> StickCommand:
         """What the user asks for now. Never raises on numbers.
@@ -98,8 +103,10 @@ class Joystick:
 
         Raises
         ------
-        ConfigurationError : axes of the wrong shape.
+        ConfigurationError : axes of the wrong shape. SharingError : a second thread, see `OneThread`.
         """
+        if self._owner != get_ident():
+            self._claim()
         told = real_numbers("axes", axes, (2,))
         if self._switch.press(switch):
             self._mode, self._free = (self._mode + 1) % len(self.modes), False

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
+from threading import get_ident
 from typing import Any, ClassVar
 
 import casadi as ca
@@ -37,7 +38,7 @@ Array = NDArray[np.float64]
 
 _OK, _NAN, _new, _read_only = Status.OK, math.nan, tuple.__new__, np.frombuffer
 _BOUNDS = tuple(Bound(i) for i in range(8))
-_SQUARE = (4, 4)
+_ndarray, _SQUARE = np.ndarray, (4, 4)
 
 
 class MirrorTracker(MirrorForeseen):
@@ -53,7 +54,7 @@ class MirrorTracker(MirrorForeseen):
     deviation grows and where the person pushes, waits at the largest deviation, and catches up afterwards; what was
     slowed is late, not cut. A stretch that the arm cannot do at all is left out: once the hand stands, it is led, at
     half the hand speeds, to where the reference is by then. Jumps of the reference are bridged in the same way; the
-    first bridge starts at the hand.
+    first bridge starts at the hand. An object belongs to one thread: see `OneThread`.
 
     Parameters
     ----------
@@ -160,9 +161,10 @@ class MirrorTracker(MirrorForeseen):
     def reset(self, velocity: ArrayLike | None = None) -> None:
         """Forget the past; `velocity` (n,) is what the joints do now [rad/s or m/s], rest by default."""
         super().reset(velocity)
-        self._ladder.memory[2 * self.chain.n :] = 0.0
+        self._claim()
         if hasattr(self, "clock"):
             self._begin()
+        self._give_away()
 
     @property
     def reference(self) -> Array:
@@ -212,19 +214,24 @@ class MirrorTracker(MirrorForeseen):
 
         Raises
         ------
-        ConfigurationError : an argument of the wrong shape.
+        ConfigurationError : an argument of the wrong shape. SharingError : a second thread, see `OneThread`.
         """
+        if self._owner != get_ident():
+            self._claim()
         if not self._live or force is not None:
             return self._followed(q, pose, twist, force, self._refusal(enable, stamp))
         # The usual way, without the layers of Python: they would cost as much as the solve.
         q_view, pose_view, twist_view, given, verdict, keep, answer, velocity = self._hot
-        try:
-            q_view[:] = q
-            twist_view[:] = twist
-            pose_view[:] = pose.ravel()  # type: ignore[union-attr]
-            usual = pose.shape == _SQUARE  # type: ignore[union-attr]
-        except (ValueError, TypeError, AttributeError):
-            usual = False
+        usual = False
+        # A masked array would be read through its mask.
+        if q.__class__ is _ndarray and twist.__class__ is _ndarray and pose.__class__ is _ndarray:
+            try:
+                q_view[:] = q
+                twist_view[:] = twist
+                pose_view[:] = pose.ravel()
+                usual = pose.shape == _SQUARE
+            except (ValueError, TypeError):
+                usual = False
         reason = "" if enable is True and stamp is None and not self._stamped else self._refusal(enable, stamp)
         if usual and not reason:
             verdict[0] = _NAN  # see `Ladder`: a failure inside leaves the outputs as they are

@@ -50,6 +50,7 @@ class MirrorForeseen(MirrorFollowing):
 
     def foresee(self, q: Array, poses: Array, twists: Array, stamps: Array) -> None:
         """Hand a whole recording (N, 4, 4), (N, 6), stamped (N,) [s], to the clock."""
+        self._claim()  # the ticks of a plan do not ask
         clock, here = self.clock, self.chain.pose(q)
         self._live = False
         first = float(stamps[0]) - self.dt

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.control.between_poses import turn_between
 from rehab_opt.control.command import Bound
 from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.real_array import real_array
 
 if TYPE_CHECKING:
     from rehab_opt.control.mirror import MirrorTracker
@@ -75,10 +76,12 @@ class MirrorPath(NamedTuple):
 
 def plan(tracker: MirrorTracker, poses: ArrayLike, twists: ArrayLike, q: ArrayLike) -> MirrorPath:
     """Follow a whole recording from posture q; see `MirrorTracker.plan`."""
-    reference, motion = np.array(poses, dtype=np.float64), np.array(twists, dtype=np.float64)
+    try:
+        reference, motion, joints = real_array(poses), real_array(twists), np.array(real_array(q))
+    except (TypeError, ValueError, OverflowError) as problem:
+        raise ConfigurationError("poses, twists, q", (poses, twists, q), "real numbers") from problem
     if reference.ndim != 3 or reference.shape[1:] != (4, 4) or motion.shape != (len(reference), 6):
         raise ConfigurationError("poses, twists", (reference.shape, motion.shape), "(N, 4, 4) and (N, 6)")
-    joints = np.array(q, dtype=np.float64)
     if joints.shape != (tracker.chain.n,) or not np.all(np.isfinite(joints)):
         raise ConfigurationError("q", q, f"{tracker.chain.n} finite numbers")
     begun = time.perf_counter()

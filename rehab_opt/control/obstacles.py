@@ -15,7 +15,7 @@ from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.mobile_arm import Outline
 from rehab_opt.optim.qp import PLAUSIBLE
 
-__all__ = ["NUMBERS", "Approach", "Disc", "HalfPlane", "Obstacle", "approach", "obstacle_numbers"]
+__all__ = ["NUMBERS", "Approach", "Disc", "HalfPlane", "Obstacle", "approach", "obstacle_numbers", "outward_normal"]
 
 Array = NDArray[np.float64]
 
@@ -59,6 +59,12 @@ class Approach(NamedTuple):
     where it is inside."""
     inside: ca.SX
     """1 where the chair is within the obstacle."""
+    wall: ca.SX
+    """(3,) normal n and offset [m] of the wall that stands for it, in the chassis frame: free are p with n . p < offset."""
+    post: ca.SX
+    """(3,) centre in the chassis frame and radius [m] of a disc."""
+    is_post: ca.SX
+    """1 where it is a disc."""
 
 
 def obstacle_numbers(obstacles: Sequence[Obstacle], slots: int) -> Array:
@@ -139,7 +145,7 @@ def approach(numbers: ca.SX, place: ca.SX, outline: Outline, *, dt: float, horiz
         return cos * x + sin * y, cos * y - sin * x
 
     centre = to_chassis(numbers[0] - place[0], numbers[1] - place[1])
-    to_disc = _outward_normal(outline, *centre)
+    to_disc = outward_normal(outline, *centre)
     to_wall = to_chassis(numbers[0], numbers[1])
     there = numbers[3] != _NONE
     normal = [ca.if_else(disc, d, ca.if_else(there, w, 0)) for d, w in zip(to_disc, to_wall, strict=True)]
@@ -163,10 +169,12 @@ def approach(numbers: ca.SX, place: ca.SX, outline: Outline, *, dt: float, horiz
         ca.horzcat(normal[0], normal[1], (right - still) * (1 / turn)),
     )
     more = ca.fmax(least, 0) * (1 / dt - 1 / horizon)
-    return Approach(matrix, ca.vertcat(still, still), more, ca.logic_and(there, least < -OUTSIDE))
+    inside = ca.logic_and(there, least < -OUTSIDE)
+    wall, post = ca.vertcat(*normal, offset), ca.vertcat(*centre, numbers[2])
+    return Approach(matrix, ca.vertcat(still, still), more, inside, wall, post, disc)
 
 
-def _outward_normal(outline: Outline, x: ca.SX, y: ca.SX) -> list[ca.SX]:
+def outward_normal(outline: Outline, x: ca.SX, y: ca.SX) -> list[ca.SX]:
     """(2,) unit normal of the outline at its point nearest to (x, y), both in the chassis frame."""
     beyond = [ca.fmax(outline.rear - x, x - outline.front), ca.fmax(outline.right - y, y - outline.left)]
     side = [

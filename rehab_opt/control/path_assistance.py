@@ -104,8 +104,10 @@ class PathAssistance(Assistance):
     def reset(self, *, energy: bool = True) -> None:
         """Forget the past: at the path's start."""
         super().reset(energy=energy)
+        self._claim()
         self._at = 0
         self._lead()
+        self._give_away()
 
     def step(
         self, x: ArrayLike, v: ArrayLike | None = None, *, enable: object = True, stamp: float | None = None

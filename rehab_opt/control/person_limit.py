@@ -71,6 +71,7 @@ class PersonLimit:
         self.q: Array | None = None
         """(n,) posture of the model [rad]; None before the first pose."""
         self._tracker.reset()
+        self._settler.reset()
         self._settling = SETTLING
         """Ticks that are left for finding to the first pose; none once it is found."""
 
@@ -78,7 +79,6 @@ class PersonLimit:
         """Go on finding to the first pose for so many ticks; whether the model is there, as near as it goes."""
         if self.q is None:
             self.q = (self.chain.lower + self.chain.upper) / 2
-            self._settler.reset()
         while self._settling > 0 and ticks > 0:
             ticks -= 1
             self._settling -= 1

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import ClassVar, NamedTuple
+from threading import get_ident
+from typing import Any, ClassVar, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -30,6 +31,8 @@ DRIFT_SIZE = 1e-2
 """[m] Joint velocities count as this much of a hand speed each."""
 TINY = 1e-12
 """[m/s] A speed that is no motion."""
+
+_ndarray = np.ndarray
 
 
 class Tick(NamedTuple):
@@ -76,7 +79,7 @@ class PoseTracker(VelocityController):
     w are the joint velocities that would deliver the asked twist, or as much of it as the arm can at this pose
     (`wanted_velocity`); the asked twist is `twist` plus `gain` times the pose error, no faster than the hand speeds
     allow. s slows the motion down where the bounds demand, so that its direction is kept. The interval is that of
-    `velocity_bounds`: it is never empty.
+    `velocity_bounds`: it is never empty. An object belongs to one thread: see `OneThread`.
 
     Parameters
     ----------
@@ -268,17 +271,23 @@ class PoseTracker(VelocityController):
 
         Raises
         ------
-        ConfigurationError : an argument of the wrong shape.
+        ConfigurationError : an argument of the wrong shape. SharingError : a second thread, see `OneThread`.
         """
-        try:
-            # From view to view: half of numpy's cost, and any other type or size is refused.
-            q_view, pose_view, twist_view = self._views
-            q_view[:] = q  # type: ignore[assignment]
-            twist_view[:] = twist  # type: ignore[assignment]
-            pose_view[:] = pose.ravel()  # type: ignore[union-attr]
-            usual = pose.ndim == 2 and len(pose) == 4  # type: ignore[union-attr, arg-type]
-        except (ValueError, TypeError, AttributeError):
-            usual = False
+        if self._owner != get_ident():
+            self._claim()
+        usual = False
+        # A masked array would be read through its mask.
+        if q.__class__ is _ndarray and twist.__class__ is _ndarray and pose.__class__ is _ndarray:
+            try:
+                # From view to view: half of numpy's cost, and any other type or size is refused.
+                views: tuple[Any, ...] = self._views
+                q_view, pose_view, twist_view = views
+                q_view[:] = q
+                twist_view[:] = twist
+                pose_view[:] = pose.ravel()
+                usual = pose.ndim == 2 and len(pose) == 4
+            except (ValueError, TypeError):
+                usual = False
         if not usual:
             self._write((q, pose, twist))
         return self._tick(enable, stamp)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from threading import get_ident
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,6 +16,7 @@ from rehab_opt.control.joystick import pressed
 from rehab_opt.control.obstacles import Obstacle, obstacle_numbers
 from rehab_opt.control.reaching import Reaching
 from rehab_opt.control.task_rows import checked_rows, frame_number
+from rehab_opt.control.thread_owner import OneThread
 from rehab_opt.control.velocity_controller import checked_number, real_numbers
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import per_joint
@@ -34,7 +36,7 @@ FASTER = 1e-9
 """Share by which a velocity that is reset may pass a limit: rounding."""
 
 
-class RedundancyResolver:
+class RedundancyResolver(OneThread):
     """Chair and arm velocities for a hand twist: Eq. (1), Honzik, as a QP with bounds; stated in `ChairAndArm`.
 
     With no bound active the answer is Eq. (1). Never broken, in this order: joint and chassis speeds, wheel speeds and
@@ -45,7 +47,7 @@ class RedundancyResolver:
     without a command there is no motion.
 
     The velocity last commanded is part of the state: a new resolver is at rest, `reset` says otherwise. An object
-    belongs to one thread.
+    belongs to one thread: see `OneThread`.
 
     Parameters
     ----------
@@ -128,6 +130,7 @@ class RedundancyResolver:
 
     @obstacles.setter
     def obstacles(self, obstacles: Sequence[Obstacle]) -> None:
+        self._refuse_others()
         self._numbers = obstacle_numbers(obstacles, self._places)
         self._obstacles = tuple(obstacles)
         for each in self._sets.values():
@@ -172,9 +175,13 @@ class RedundancyResolver:
             if abs(chassis[1]) > FASTER:
                 raise ConfigurationError("velocity", velocity, "no speed sideways: the wheels roll")
             chassis[1] = 0.0
+        self._claim()
+        for each in self._sets.values():
+            each.reset()  # those that do not act now, too: their solvers remember
+        self._active = next(iter(self._sets.values()))
         self._active.begin(np.clip(chassis, -self.robot.chain.velocity, self.robot.chain.velocity), turned[2])
-        if self._reaching is not None:
-            self._reaching.forget()
+        self._reaching = None  # its smoother belongs to the thread that reaches
+        self._give_away()
 
     # -------------------------------------------------------------------------------------------------- one tick
     def step(
@@ -203,8 +210,11 @@ class RedundancyResolver:
 
         Raises
         ------
-        ConfigurationError : an argument of the wrong shape, a row or frame that does not exist.
+        ConfigurationError : an argument of the wrong shape, a row or frame that does not exist. SharingError : a second
+            thread, see `OneThread`.
         """
+        if self._owner != get_ident():
+            self._claim()
         if self._reaching is not None:
             self._reaching.forget()
         return self._step(q, twist, rows, frame, enable, stamp)
@@ -229,6 +239,8 @@ class RedundancyResolver:
         ------
         ConfigurationError : an argument of the wrong shape.
         """
+        if self._owner != get_ident():
+            self._claim()
         if self._reaching is None:
             self._reaching = Reaching(self.robot, dt=self.dt)
         place, joints = real_numbers("target", target, (3,)), real_numbers("q", q, (self.robot.chain.n,))
@@ -260,6 +272,8 @@ class RedundancyResolver:
         self, q: ArrayLike, twist: ArrayLike, rows: tuple[str, ...], frame: str, enable: object, stamp: float | None
     ) -> Command:
         active = self._active
+        if type(q) is not np.ndarray:  # a masked array would be read through its mask
+            q = real_numbers("q", q, (self.robot.chain.n,))
         if not isinstance(rows, tuple) or rows != active.rows:
             names = checked_rows(rows)
             other = self._sets.get(names)
@@ -271,6 +285,8 @@ class RedundancyResolver:
             if other is not active:
                 other.take_over(active)
                 self._active = active = other
+        if type(twist) is not np.ndarray:
+            twist = real_numbers("twist", twist, (len(active.rows),))
         active.tell(q, twist, 0.0 if frame == "chassis" else frame_number(frame))
         return active.tick(enable, stamp)
 

@@ -7,6 +7,7 @@ controller would break them.
 from __future__ import annotations
 
 import math
+from threading import get_ident
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,6 +16,7 @@ from rehab_opt.control.asked_position import AT_REST, brought_within, copied, fi
 from rehab_opt.control.axis_bounds import axis_bounds
 from rehab_opt.control.command import Bound, Command, Status
 from rehab_opt.control.profiles import CERTIFIED, Profiles, stopping_distance
+from rehab_opt.control.thread_owner import OneThread
 from rehab_opt.control.watchdog import Watchdog
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import per_joint
@@ -30,12 +32,13 @@ HORIZON = 3600.0
 NOT_RENEWED = "moving target was not renewed in time"
 
 
-class Smoother:
+class Smoother(OneThread):
     """Follows targets with every axis inside its position, velocity, acceleration and jerk bounds.
 
     Each axis moves as fast as its own bounds allow. A target outside the position bounds is clipped to them. A
     disabled smoother, a target that is not a plausible number and a stale stamp bring all axes to rest as fast as
-    the bounds allow and hold them there; from wherever that is, the motion goes on without a jump.
+    the bounds allow and hold them there; from wherever that is, the motion goes on without a jump. An object belongs to
+    one thread: see `OneThread`.
 
     Parameters
     ----------
@@ -126,12 +129,14 @@ class Smoother:
         v = per_joint("velocity", 0.0 if velocity is None else velocity, self._n, finite=True)
         if np.any(np.abs(v) > self._bounds.velocity):
             raise ConfigurationError("velocity", velocity, f"speeds of at most {self._bounds.velocity}")
+        self._claim()
         if not self._profiles.start(p.tolist(), v.tolist()):
             raise ConfigurationError("position, velocity", (position, velocity), "a state Ruckig can stop from")
         self._watchdog.reset()
         self._forget()
         self._old = None
         self._ready = True
+        self._give_away()
 
     def step(
         self,
@@ -159,8 +164,11 @@ class Smoother:
 
         Raises
         ------
-        ConfigurationError : there was no `reset` yet; never because of a number.
+        ConfigurationError : there was no `reset` yet; never because of a number. SharingError : a second thread, see
+            `OneThread`.
         """
+        if self._owner != get_ident():
+            self._claim()
         profiles = self._started()
         reason = self._watchdog.check(stamp)
         if not _is_true(enable):

@@ -13,9 +13,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.command import Bound, Command, Status
 from rehab_opt.control.stopping import VelocityBounds, nearest_to_rest, velocity_bounds
+from rehab_opt.control.thread_owner import OneThread
 from rehab_opt.control.watchdog import Watchdog
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain, per_joint
+from rehab_opt.kinematics.real_array import real_array
 from rehab_opt.optim.certificate import clipped
 from rehab_opt.optim.fused import FUSED_SOLVERS
 from rehab_opt.optim.ladder import FUSED, Ladder
@@ -36,7 +38,7 @@ _OK, _BLOCKED, _NAN, _new, _read_only = Status.OK, Status.BLOCKED, math.nan, tup
 _BOUNDS = tuple(Bound(i) for i in range(8))  # looked up, since making an IntFlag costs half a microsecond
 
 
-class VelocityController(ABC):
+class VelocityController(OneThread, ABC):
     """A controller whose command is a joint velocity held until the next tick.
 
     A subclass states its QP. Its first parameter is q (n,), its first variables are the joint velocities (n,), and its
@@ -45,7 +47,7 @@ class VelocityController(ABC):
     the last velocity where nothing else is said, with the part `wheels` beside it.
 
     The velocity last commanded is part of the state: a new controller is at rest, `reset` says otherwise. An object
-    belongs to one thread.
+    belongs to one thread: see `OneThread`.
     """
 
     def __init__(
@@ -144,17 +146,20 @@ class VelocityController(ABC):
 
     # -------------------------------------------------------------------------------------------------- the user's
     def reset(self, velocity: ArrayLike | None = None) -> None:
-        """Forget the past; `velocity` (n,) is what the joints do now [rad/s or m/s], rest by default."""
+        """Forget the past, that of the solvers too; `velocity` (n,) is what the joints do now, rest by default."""
         n = self.chain.n
         speed = np.zeros(n) if velocity is None else per_joint("velocity", velocity, n, finite=True)
         if np.any(np.abs(speed) > self.chain.velocity):
             raise ConfigurationError("velocity", velocity, "joint speeds within their limits")
+        self._claim()
+        self._ladder.memory[:] = 0.0
         self._last[:] = speed
-        self._ladder.start_from(np.append(speed, np.zeros(self.stated.n - n)))
+        self._ladder.forget(np.append(speed, np.zeros(self.stated.n - n)))
         lower, upper = np.maximum(self.chain.lower, -PLAUSIBLE), np.minimum(self.chain.upper, PLAUSIBLE)
         self._predicted[:] = (lower + upper) / 2
         self._watchdog.reset()
         self._stamped = False
+        self._give_away()
 
     def instance(self, q: ArrayLike, *inputs: ArrayLike) -> Instance:
         """The QP that `step` would solve now, as numbers, for inspection."""
@@ -255,16 +260,14 @@ def real_numbers(argument: str, value: ArrayLike, shape: tuple[int, ...]) -> Arr
     """`value` as an array of that shape, whatever its numbers are: an integer that no float holds is infinite."""
     expected = f"real numbers of shape {shape}"
     try:
-        array = np.asarray(value)
-        if array.dtype.kind == "O":  # integers beyond 64 bits are numbers, too
-            array = array.astype(np.float64)
+        array = real_array(value)
     except OverflowError:
-        array = np.full(shape, math.inf)
+        return np.full(shape, math.inf)
     except (TypeError, ValueError) as problem:
         raise ConfigurationError(argument, value, expected) from problem
-    if array.dtype.kind not in "fiub" or array.shape != shape:
+    if array.shape != shape:
         raise ConfigurationError(argument, value, expected)
-    return array.astype(np.float64)
+    return array
 
 
 def checked_number(argument: str, value: float, *, above: float, below: float = math.inf) -> float:

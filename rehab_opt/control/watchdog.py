@@ -7,8 +7,9 @@ import math
 import numpy as np
 
 from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.real_array import real_array
 
-__all__ = ["DRIFT", "Watchdog", "default_max_age"]
+__all__ = ["DRIFT", "Watchdog", "default_max_age", "seconds_of"]
 
 DRIFT = 1e-3
 """Share by which the stamps' clock may run slower than the ticks for ever: ten times what two quartz clocks differ by.
@@ -22,6 +23,19 @@ def default_max_age(dt: float) -> float:
     let two samples in a row be lost.
     """
     return max(0.05, 3.0 * dt)
+
+
+def seconds_of(stamp: object) -> float | None:
+    """A time stamp as a float [s]; None where it is no single real number: a time of another unit, text, an array."""
+    try:
+        if isinstance(stamp, float | int):
+            return float(stamp)
+        array = real_array(stamp)
+    except OverflowError:
+        return math.inf
+    except (TypeError, ValueError):
+        return None
+    return None if array.ndim else float(array)
 
 
 class Watchdog:
@@ -75,12 +89,13 @@ class Watchdog:
 
         None is not checked. Each fault is judged by itself: after a gap or a reversal the next stamp may be fine.
         """
-        if stamp is None:
-            return ""
-        try:
-            stamp = float(stamp)
-        except (TypeError, ValueError, OverflowError):
-            return self._fault(math.nan)
+        if type(stamp) is not float:
+            if stamp is None:
+                return ""
+            stamp = seconds_of(stamp)
+            if stamp is None:
+                self._fault(math.nan)
+                return "stamp is not a number of seconds"
         advance = stamp - self._last
         if 0.0 < advance <= self._max_age:  # NaN fails
             lag = self._lag + self._gained - advance

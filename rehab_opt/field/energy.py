@@ -11,16 +11,16 @@ Eq. (16) as printed is 0 / 0.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.field.samples import Samples
-from rehab_opt.symbolic import BufferedFunction, compiled
+from rehab_opt.symbolic import BufferedFunction, PerThread, compiled
 
-__all__ = ["field_function", "field_function_in_blocks", "field_kernel", "field_table", "filled_up"]
+__all__ = ["Kernel", "field_function", "field_function_in_blocks", "field_kernel", "field_table", "filled_up"]
 
 BLOCK = 10
 """Samples that compiled code sums at once: half the time of a pass over all of them for every operation."""
@@ -28,19 +28,35 @@ ABSENT = -1e300
 """Logarithm of the weight of a sample that fills up a block."""
 
 
-def field_kernel(samples: Samples, width: float, *, compile: bool | None = None) -> BufferedFunction:
-    """From x (2,): energy [J], elastic force (2,) [N]; the samples stand in the other inputs."""
+class Kernel(NamedTuple):
+    """Write `point` (2,) [m], call `evaluate`, read `energy` (1,) [J] and the elastic `force` (2,) [N].
+
+    Memory views: assigning and reading through them costs half of numpy's.
+    """
+
+    point: Any
+    energy: Any
+    force: Any
+    evaluate: Any
+    owner: BufferedFunction
+    """`evaluate` lives by it."""
+
+
+def field_kernel(samples: Samples, width: float, *, compile: bool | None = None) -> PerThread[Kernel]:
+    """What evaluates a field at one point, with memory for each thread that asks; compiled here, once."""
     count, table = len(samples.points), field_table(samples)
     in_blocks = field_function_in_blocks(len(table))
-    function = compiled(in_blocks, compile=compile)
+    function, arranged = compiled(in_blocks, compile=compile), table.T
     if function is in_blocks:  # not compiled: the virtual machine is better at few operations on long columns
-        kernel = BufferedFunction(field_function(count))
-        kernel.inputs[1][...] = table[:count]
-    else:
-        kernel = BufferedFunction(function)
-        kernel.inputs[1][...] = table.T
-    kernel.inputs[2][...] = 1 / width**2
-    return kernel
+        function, arranged = field_function(count), table[:count]
+
+    def kernel() -> Kernel:
+        owner = BufferedFunction(function)
+        point, owner.inputs[1][...], owner.inputs[2][...] = owner.inputs[0], arranged, 1 / width**2
+        energy, force = owner.outputs
+        return Kernel(point.data, energy.data, force.data, owner.evaluate, owner)
+
+    return PerThread(kernel)
 
 
 def field_table(samples: Samples) -> NDArray[np.float64]:

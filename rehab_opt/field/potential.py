@@ -13,14 +13,14 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.field.arguments import as_point, as_points, checked_drag, path_stiffness, per_axis, positive
 from rehab_opt.field.assembly import Assembled, DragAlong, assembled, rest_point
-from rehab_opt.field.energy import field_kernel
+from rehab_opt.field.energy import Kernel, field_kernel
 from rehab_opt.field.merging import merging_bound
 from rehab_opt.field.samples import SampledPath, Samples, checked_paths, resampled_path
 from rehab_opt.field.weights import energies_and_forces, stiffness_at
 
 if TYPE_CHECKING:
     from rehab_opt.field.fit import Fit
-    from rehab_opt.symbolic import BufferedFunction
+    from rehab_opt.symbolic import PerThread
 
 __all__ = ["SAMPLES_PER_WIDTH", "PotentialField"]
 
@@ -40,6 +40,9 @@ class PotentialField:
     (Eq. 21), or travelled from the start, so that it resists the motion towards the target, most at the target. (With
     the published k1 < 0 and the remaining length, resistance falls to nothing at the target, where the paper reports
     the most of it.)
+
+    Immutable, may be pickled and shared by threads: the function is compiled once, with the first point that any thread
+    asks for, and each thread evaluates it in memory of its own.
 
     Parameters
     ----------
@@ -181,7 +184,7 @@ class PotentialField:
         points = np.asarray(x, dtype=np.float64)
         if points.shape == (2,):
             self.pull(float(points[0]), float(points[1]))
-            return float(self._kernel.outputs[0][0])
+            return float(self._kernel.mine.energy[0])
         return energies_and_forces(self.samples, self.width, as_points(points))[0]
 
     def force(self, x: ArrayLike, v: ArrayLike | None = None) -> Array:
@@ -203,7 +206,7 @@ class PotentialField:
 
     def pull(self, x: float, y: float) -> tuple[float, float]:
         """-grad Phi [N] at one point, for a control loop."""
-        point, elastic, evaluate = self._hot
+        point, _, elastic, evaluate, _ = self._kernel.mine
         point[0] = x
         point[1] = y
         evaluate()
@@ -214,14 +217,9 @@ class PotentialField:
         return stiffness_at(self.samples, self.width, as_point(x))
 
     @cached_property
-    def _kernel(self) -> BufferedFunction:
+    def _kernel(self) -> PerThread[Kernel]:
         return field_kernel(self.samples, self.width, compile=self._compile)
-
-    @cached_property
-    def _hot(self) -> tuple[Any, Any, Any]:
-        kernel = self._kernel
-        return kernel.inputs[0].data, kernel.outputs[1].data, kernel.evaluate
 
     def __getstate__(self) -> dict[str, Any]:
         """Without the compiled part: fields are made in one process and used in another."""
-        return {name: value for name, value in self.__dict__.items() if name not in ("_kernel", "_hot")}
+        return {name: value for name, value in self.__dict__.items() if name != "_kernel"}

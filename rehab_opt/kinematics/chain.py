@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -17,7 +16,8 @@ from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.denavit_hartenberg import DH, checked_rows, pose_after, pose_before, product
 from rehab_opt.kinematics.determinant import determinant
 from rehab_opt.kinematics.link_capsules import LinkCapsule, checked_capsules
-from rehab_opt.symbolic.buffered import BufferedFunction
+from rehab_opt.kinematics.real_array import real_array
+from rehab_opt.symbolic.shared import Evaluator
 
 __all__ = ["SerialChain", "per_joint", "rigid"]
 
@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class SerialChain:
-    """A chain of n revolute or prismatic joints with its limits.
+    """A chain of n revolute or prismatic joints with its limits; immutable, any thread may use it.
 
     Parameters
     ----------
@@ -103,19 +103,21 @@ class SerialChain:
 
     def pose(self, q: ArrayLike) -> Array:
         """(4, 4) pose of the tool in the base frame at joint values q (n,)."""
-        return self._evaluate("pose", q)
+        return self._evaluate(self.pose_expression, q)
 
     def jacobian(self, q: ArrayLike) -> Array:
         """(6, n) geometric Jacobian in the base frame at the tool's origin, linear rows first."""
-        return self._evaluate("jacobian", q).reshape(6, self.n)  # one joint gives a column, which would come flat
+        return self._evaluate(self.jacobian_expression, q).reshape(
+            6, self.n
+        )  # one joint gives a column, which would come flat
 
     def manipulability(self, q: ArrayLike) -> float:
         """Yoshikawa's measure w = sqrt(det(J J')), and sqrt(det(J' J)) below six joints."""
-        return float(self._evaluate("manipulability", q)[0])
+        return float(self._evaluate(self.manipulability_expression, q)[0])
 
     def manipulability_gradient(self, q: ArrayLike) -> Array:
         """(n,) gradient of `manipulability`; zero where w is zero and not differentiable."""
-        return self._evaluate("manipulability_gradient", q)
+        return self._evaluate(self.manipulability_gradient_expression, q)
 
     def with_limits(
         self,
@@ -199,20 +201,15 @@ class SerialChain:
         return self.jacobian_about(frames, ca.SX.zeros(3))
 
     # ------------------------------------------------------------------------------------------------ plumbing
-    def _evaluate(self, name: str, q: ArrayLike) -> Array:
-        functions = self._functions.__dict__
-        if name not in functions:
-            symbol = ca.SX.sym("q", self.n)
-            expression = getattr(self, f"{name}_expression")(symbol)
-            functions[name] = BufferedFunction(ca.Function(name, [symbol], [ca.densify(expression)], {"cse": True}))
-        return functions[name].of(per_joint("q", q, self.n, finite=False))  # type: ignore[no-any-return]
+    def _evaluate(self, expression: Callable[[ca.SX], ca.SX], q: ArrayLike) -> Array:
+        return self._evaluator.of(expression, per_joint("q", q, self.n, finite=False))
 
     @cached_property
-    def _functions(self) -> threading.local:
-        return threading.local()  # a buffer belongs to one thread
+    def _evaluator(self) -> Evaluator:
+        return Evaluator()
 
     def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in self.__dict__.items() if name != "_functions"}
+        return {name: value for name, value in self.__dict__.items() if name != "_evaluator"}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         for value in state.values():
@@ -224,7 +221,7 @@ class SerialChain:
 def per_joint(argument: str, value: ArrayLike, n: int, *, finite: bool = False) -> Array:
     """`value` as a read-only float array (n,); a scalar stands for every joint."""
     try:
-        array = np.array(value, dtype=np.float64)
+        array = np.array(real_array(value))
     except (TypeError, ValueError, OverflowError) as problem:
         raise ConfigurationError(argument, value, f"{n} numbers") from problem
     if array.ndim == 0:
@@ -241,7 +238,7 @@ def rigid(argument: str, value: ArrayLike) -> Array:
     """`value` as a read-only rigid transform (4, 4)."""
     expected = "a (4, 4) rigid transform"
     try:
-        pose = np.array(value, dtype=np.float64)
+        pose = np.array(real_array(value))
     except (TypeError, ValueError, OverflowError) as problem:
         raise ConfigurationError(argument, value, expected) from problem
     if pose.shape != (4, 4) or not np.all(np.isfinite(pose)):

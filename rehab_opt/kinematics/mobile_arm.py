@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-import threading
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -17,7 +17,7 @@ from rehab_opt.kinematics.chain import SerialChain, per_joint
 from rehab_opt.kinematics.differential import Differential
 from rehab_opt.kinematics.inertia import Body, inertia_expression
 from rehab_opt.kinematics.mecanum import Mecanum, checked_amounts
-from rehab_opt.symbolic.buffered import BufferedFunction
+from rehab_opt.symbolic.shared import Evaluator
 
 __all__ = ["CHAIR", "Capsule", "MobileArm", "Outline"]
 
@@ -59,6 +59,7 @@ class MobileArm:
     World and chassis frames have x forward, y left, z up, the floor at z = 0; at q = 0 they coincide. The speed of
     q1, q2 together is bounded, whatever the heading, and so the first two limits of the chain are one number;
     accelerations of the chair are those of the chassis frame. Positions of the chair are not bounded: use obstacles.
+    Immutable; any thread may use it.
 
     Parameters
     ----------
@@ -117,7 +118,7 @@ class MobileArm:
 
     def inertia(self, q: ArrayLike) -> Array:
         """(7, 7) W at joint values q (7,): the kinetic energy is q'^T W q' / 2 [J]."""
-        return self._evaluate("inertia", q)
+        return self._evaluate(self.inertia_expression, q)
 
     def kinetic_energy(self, q: ArrayLike, velocity: ArrayLike) -> float:
         """[J] at joint values and velocities (7,)."""
@@ -126,11 +127,11 @@ class MobileArm:
 
     def posture_cost(self, q: ArrayLike) -> float:
         """Scalar c of Eq. (1): grows towards joint limits and singular postures of the arm; without unit."""
-        return float(self._evaluate("posture_cost", q)[0])
+        return float(self._evaluate(self.posture_cost_expression, q)[0])
 
     def posture_gradient(self, q: ArrayLike) -> Array:
         """(7,) gradient of `posture_cost`; zero for the chair."""
-        return self._evaluate("posture_gradient", q)
+        return self._evaluate(self.posture_gradient_expression, q)
 
     def chassis_velocity(self, q: ArrayLike, velocity: ArrayLike) -> Array:
         """(7,) joint velocities with the chair's in the chassis frame: forward, left, turn, arm."""
@@ -184,20 +185,15 @@ class MobileArm:
         return ca.substitute(ca.gradient(self.posture_cost_expression(symbol), symbol), symbol, q)
 
     # ------------------------------------------------------------------------------------------------ plumbing
-    def _evaluate(self, name: str, q: ArrayLike) -> Array:
-        functions = self._functions.__dict__
-        if name not in functions:
-            symbol = ca.SX.sym("q", self.chain.n)
-            expression = getattr(self, f"{name}_expression")(symbol)
-            functions[name] = BufferedFunction(ca.Function(name, [symbol], [ca.densify(expression)], {"cse": True}))
-        return functions[name].of(per_joint("q", q, self.chain.n))  # type: ignore[no-any-return]
+    def _evaluate(self, expression: Callable[[ca.SX], ca.SX], q: ArrayLike) -> Array:
+        return self._evaluator.of(expression, per_joint("q", q, self.chain.n))
 
     @cached_property
-    def _functions(self) -> threading.local:
-        return threading.local()  # a buffer belongs to one thread
+    def _evaluator(self) -> Evaluator:
+        return Evaluator()
 
     def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in self.__dict__.items() if name != "_functions"}
+        return {name: value for name, value in self.__dict__.items() if name != "_evaluator"}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         state["rotors"].flags.writeable = False  # pickle forgets it

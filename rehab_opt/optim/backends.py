@@ -61,6 +61,10 @@ class Backend(Protocol):
 
     name: str
 
+    def forget(self) -> None:
+        """Begin anew: what is solved next depends on nothing that was solved before."""
+        ...
+
     def solve(self, qp: Instance) -> Answer:
         """Claimed solution of `qp`; never raises on numbers."""
         ...
@@ -92,15 +96,19 @@ class ProxqpBackend:
     eps_primal_inf and eps_dual_inf are 0 since at their defaults it calls feasible problems infeasible; both
     iteration counts are capped since without that a NaN cost has held it for 47 s; the duality gap is checked since
     without that 8 % of our ticks end at bounds that are pressed on from a distance.
+
+    Not repeatable to the last bit, even when made anew: its sums depend on where in memory its workspace lies. Equal
+    sequences of problems were seen to give answers that differ by 1e-11.
     """
 
     name = "proxqp"
 
     def __init__(self, n: int, m: int) -> None:
         self._n, self._m = n, m
-        self._start_afresh()
+        self.forget()
 
-    def _start_afresh(self) -> None:
+    def forget(self) -> None:
+        """Begin anew, with another workspace: its scaling and its step sizes outlive a cold start."""
         from proxsuite import proxqp  # noqa: PLC0415  (loads when used)
 
         n, m, self._ready = self._n, self._m, False
@@ -129,12 +137,12 @@ class ProxqpBackend:
             self._ready = True
         self._qp.solve()
         if self._qp.results.info.status != self._solved and not fresh:
-            self._start_afresh()  # its scaling and warm start were of problems too different
+            self.forget()  # its scaling and warm start were of problems too different
             return self.solve(qp)
         result = self._qp.results
         x, z = np.array(result.x), np.array(result.z)
         if not (np.all(np.isfinite(x)) and np.all(np.isfinite(z))):
-            self._start_afresh()  # a poisoned warm start would fail every later solve
+            self.forget()  # a poisoned warm start would fail every later solve
             return no_answer(n, m)
         return Answer(x, z[m:], z[:m], int(result.info.iter))
 
@@ -150,6 +158,10 @@ class OsqpBackend:
         # Column-major order of the upper triangle, and of the stacked [A; I]: fixed patterns, explicit zeros kept.
         order = np.lexsort((self._upper[0], self._upper[1]))
         self._upper = (self._upper[0][order], self._upper[1][order])
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin anew: the next problem sets it up."""
         self._solver: Any = None
 
     def solve(self, qp: Instance) -> Answer:
@@ -171,10 +183,10 @@ class OsqpBackend:
                 )
             result = self._solver.solve(raise_error=False)
         except osqp.OSQPException:
-            self._solver = None  # it says so of a concave cost, or of numbers out of its range
+            self.forget()  # it says so of a concave cost, or of numbers out of its range
             return no_answer(n, m)
         if not (np.all(np.isfinite(result.x)) and np.all(np.isfinite(result.y))):
-            self._solver = None
+            self.forget()
             return no_answer(n, m)
         return Answer(np.array(result.x), np.array(result.y[m:]), np.array(result.y[:m]), int(result.info.iter))
 
@@ -205,6 +217,9 @@ class QpsolversBackend:
             raise ConfigurationError(argument, name, f"an installed solver: {known}")
         self.name = name
         self._options = TIGHT.get(name, {})
+
+    def forget(self) -> None:
+        """Nothing is remembered."""
 
     def solve(self, qp: Instance) -> Answer:
         """Claimed solution of `qp`."""

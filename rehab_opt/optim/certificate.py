@@ -13,6 +13,7 @@ __all__ = [
     "certificate_function",
     "certified_expressions",
     "clipped",
+    "first_true",
     "is_certified",
     "one_is_zero",
     "violation",
@@ -76,6 +77,15 @@ def all_true(*conditions: ca.SX) -> ca.SX:
     """1 where every element of every condition holds, else 0; a comparison with NaN does not hold."""
     elements = [condition[i] for condition in conditions for i in range(condition.numel())]
     return reduce(ca.logic_and, elements, ca.SX(1))
+
+
+def first_true(conditions: ca.SX) -> ca.SX:
+    """A column with 1 where the first of them holds, else 0."""
+    column, found = ca.SX.zeros(conditions.numel()), ca.SX(0)
+    for i in range(conditions.numel()):
+        column[i] = ca.logic_and(conditions[i], ca.logic_not(found))
+        found = ca.logic_or(found, conditions[i])
+    return column
 
 
 def is_certified(residual: float, tolerance: float) -> bool:

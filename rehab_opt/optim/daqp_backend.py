@@ -42,6 +42,9 @@ class DaqpBackend:
         self._lower, self._upper = np.empty(n + m), np.empty(n + m)
         self._kinds = np.zeros(n + m, dtype=np.intc)
 
+    def forget(self) -> None:
+        """Nothing is remembered."""
+
     def solve(self, qp: Instance) -> Answer:
         """Claimed solution of `qp`."""
         n, m = self._n, self._m

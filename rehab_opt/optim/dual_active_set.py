@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import casadi as ca
 
 from rehab_opt.optim.active_set import BROKEN
+from rehab_opt.optim.certificate import first_true
 from rehab_opt.optim.equalities import equality_rows
 from rehab_opt.optim.factor import solver_of, symmetric, triangle, upper_triangle
 
@@ -147,7 +148,7 @@ def _step(statement: Statement) -> ca.Function:
     far = ca.if_else(goes, far, 0)
     held = ca.logic_and(goes, enough <= soonest)
     drops = ca.logic_and(goes, ca.logic_not(held))
-    into, out = _first_true(held * ca.logic_not(used)), _first_true(drops * (stops <= soonest))
+    into, out = first_true(held * ca.logic_not(used)), first_true(drops * (stops <= soonest))
     stays = ca.logic_not(out)
 
     # What goes leaves zeros behind, so that what comes only needs adding.
@@ -173,15 +174,6 @@ def _step(statement: Statement) -> ca.Function:
     return ca.Function(f"{statement.name}_dual_step", inputs, [following.column()], {"cse": True})
 
 
-def _first_true(conditions: ca.SX) -> ca.SX:
-    """A column with 1 where the first of them holds, else 0."""
-    column, found = ca.SX.zeros(conditions.numel()), ca.SX(0)
-    for i in range(conditions.numel()):
-        column[i] = ca.logic_and(conditions[i], ca.logic_not(found))
-        found = ca.logic_or(found, conditions[i])
-    return column
-
-
 def _next(of: _Numbers, state: _State) -> tuple[ca.SX, ca.SX]:
     """What to take in, (n + m,) with 1 or -1 at what is pending, or at what is broken most; whether there is any."""
     values = of.rows @ state.x
@@ -190,7 +182,7 @@ def _next(of: _Numbers, state: _State) -> tuple[ca.SX, ca.SX]:
     excess = ca.vertcat(*(ca.if_else(state.active[i] == 0, ca.fmax(above[i], below[i]), -1) for i in of.other))
     worst = ca.mmax(excess)
     new = ca.logic_and(ca.logic_not(begun), worst > BROKEN)
-    hit = _first_true(excess >= worst)
+    hit = first_true(excess >= worst)
     pending = ca.SX.zeros(of.size)
     for k, i in enumerate(of.other):
         pending[i] = state.pending[i] + ca.if_else(ca.logic_and(new, hit[k]), ca.if_else(above[i] > below[i], 1, -1), 0)

@@ -107,6 +107,13 @@ class Ladder:
             return FUSED
         return ""
 
+    def forget(self, x: ArrayLike = 0.0) -> None:
+        """As `start_from`, and the solvers begin anew: equal inputs then give equal answers, of proxqp to rounding."""
+        self.start_from(x)
+        for solver in self._rungs.values():
+            if solver is not None:
+                solver.forget()
+
     def start_from(self, x: ArrayLike) -> None:
         """Forget the warm start, not the memory; begin at x (n,) or a scalar, with no active bound."""
         n = self.statement.n

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from rehab_opt.errors import SharingError
 
 __all__ = ["BufferedFunction"]
 
@@ -41,6 +45,9 @@ class BufferedFunction:
     def __call__(self) -> None:
         """Evaluate on what stands in `inputs`."""
         self.evaluate()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        raise SharingError("a BufferedFunction cannot be copied or pickled: make one of its function for each thread")
 
     def of(self, *values: ArrayLike) -> Array:
         """First output, copied, for the given inputs: the convenient form, with numpy's conversions."""

@@ -1,10 +1,12 @@
 """CasADi functions as machine code, kept in the user's cache folder; the virtual machine where that is not possible.
 
 `REHAB_OPT_COMPILE=0` forces the virtual machine, `REHAB_OPT_CACHE` names another cache folder, `CC` another compiler.
+What is loaded runs: a folder that others may write to is not used, and neither is a library that another user owns.
 """
 
 from __future__ import annotations
 
+import atexit
 import functools
 import hashlib
 import logging
@@ -18,6 +20,7 @@ from pathlib import Path
 import casadi as ca
 
 from rehab_opt.symbolic.failed_solves import going_on_after_failed_solves
+from rehab_opt.symbolic.own_folder import exposed, make_private, owned
 
 __all__ = ["cache_folder", "compilation_wanted", "compiled"]
 
@@ -65,7 +68,9 @@ def compiled(function: ca.Function, *, compile: bool | None = None) -> ca.Functi
     key = hashlib.sha256("\0".join((source, compiler[1], *FLAGS, platform.machine())).encode()).hexdigest()[:32]
     name, result = f"{function.name()}-{key}", function
     try:
-        result = ca.external(function.name(), str(_cached(name) or _build(source, compiler[0], name)))
+        folder = _folder()
+        library = _cached(folder, name) or _build(folder, source, compiler[0], name)
+        result = ca.external(function.name(), str(library))
     except (OSError, subprocess.SubprocessError, RuntimeError) as problem:
         _log.info("%s stays in the virtual machine: %s", function.name(), problem)
     return result
@@ -86,9 +91,44 @@ def cache_folder() -> Path:
     return Path(platformdirs.user_cache_dir("rehab_opt"))
 
 
-def _cached(name: str) -> Path | None:
-    """The library of that name, undamaged: its own digest ends its name. Loading a cut one would end the process."""
-    for library in cache_folder().glob(f"{name}-*.so"):
+def _folder() -> Path:
+    """The cache folder without links in its path, or one for this process alone where others may write to it."""
+    wanted = cache_folder()
+    make_private(wanted)
+    folder = wanted.resolve()
+    problem = exposed(folder)
+    return _instead_of(folder, problem) if problem else folder
+
+
+@functools.cache
+def _instead_of(folder: Path, problem: str) -> Path:
+    """A private folder; why, is said once."""
+    private = _private_folder()
+    _log.warning(
+        "compiled code is not kept in %s, where others could exchange it: %s. It is compiled again in each process, in "
+        "%s; give the cache to this user alone (chown, chmod 700), or name another folder in REHAB_OPT_CACHE",
+        folder, problem, private,
+    )  # fmt: skip
+    return private
+
+
+@functools.cache
+def _private_folder() -> Path:
+    """A folder for this process alone, removed at its end."""
+    folder = Path(tempfile.mkdtemp(prefix="rehab_opt-")).resolve()
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    problem = exposed(folder)
+    if problem:
+        raise PermissionError(problem)
+    return folder
+
+
+def _cached(folder: Path, name: str) -> Path | None:
+    """The library of that name, this user's and undamaged: its own digest ends its name.
+
+    Loading a cut one would end the process.
+    """
+    for library in folder.glob(f"{name}-*.so"):
         if library.stem.rpartition("-")[2] == _digest(library):
             return library
         library.unlink(missing_ok=True)
@@ -96,13 +136,20 @@ def _cached(name: str) -> Path | None:
 
 
 def _digest(library: Path) -> str:
-    return hashlib.sha256(library.read_bytes()).hexdigest()[:16]
+    """Of the library's content; nothing where it is a link or not this user's alone."""
+    try:
+        with open(library, "rb", opener=_without_links) as file:
+            return hashlib.sha256(file.read()).hexdigest()[:16] if owned(file.fileno()) else ""
+    except OSError:
+        return ""
 
 
-def _build(source: str, compiler: str, name: str) -> Path:
+def _without_links(path: str, flags: int) -> int:
+    return os.open(path, flags | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0))
+
+
+def _build(folder: Path, source: str, compiler: str, name: str) -> Path:
     """Compile beside the target and move it there in one step: two processes may build at once."""
-    folder = cache_folder()
-    folder.mkdir(parents=True, exist_ok=True, mode=0o700)
     with tempfile.TemporaryDirectory(dir=folder) as workplace:
         code, product = Path(workplace) / "code.c", Path(workplace) / "code.so"
         code.write_text(source)
@@ -112,6 +159,7 @@ def _build(source: str, compiler: str, name: str) -> Path:
             capture_output=True,
             timeout=COMPILE_SECONDS,
         )
+        product.chmod(0o700)  # whatever the umask: see `_digest`
         return product.replace(folder / f"{name}-{_digest(product)}.so")
 
 

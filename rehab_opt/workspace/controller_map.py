@@ -27,6 +27,7 @@ class ControllerMap:
     Made by hand it trusts that the audit is this spline's.
 
     A point outside the source counts as the nearest point of the source. NaN gives NaN; nothing raises on numbers.
+    Immutable; threads may share it.
 
     Attributes
     ----------

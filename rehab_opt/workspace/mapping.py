@@ -38,7 +38,8 @@ class WorkspaceMap:
     """A thin-plate spline from one workspace into another, made by `between`.
 
     A point outside the source is first moved to the nearest point of the source, here and in a controller, so that a
-    certified map leads into the target from anywhere; `spline` alone extrapolates. Immutable and picklable.
+    certified map leads into the target from anywhere; `spline` alone extrapolates. Immutable and picklable; threads may
+    share it.
 
     Attributes
     ----------

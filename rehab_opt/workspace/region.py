@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
+import threading
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -27,13 +28,15 @@ ON_BOUNDARY = 1e-12
 """[m], and per metre of coordinate: nearer to the boundary than this counts as on it, and so as inside."""
 SMALLEST, FURTHEST = 1e-9, 1e9
 """[m] least size of a workspace and largest coordinate: what is beyond them is no place in metres."""
+PREPARING = threading.Lock()
+"""GEOS completes a prepared polygon with the first question, and is not made for two threads asking that one."""
 
 
 class Workspace:
     """A closed set of points (x, y) in a horizontal plane; immutable, comparable by identity, picklable.
 
-    The first question builds a look-up (10 ms for 100 corners, 30 for 500): ask one before a control loop. Numbers
-    never raise, NaN and infinity included; what is not numbers, or of another shape, does.
+    Any thread may ask. The first question builds a look-up (10 ms for 100 corners, 30 for 500): ask one before a
+    control loop. Numbers never raise, NaN and infinity included; what is not numbers, or of another shape, does.
 
     Parameters
     ----------
@@ -210,7 +213,8 @@ class Workspace:
         if self.empty:
             return None
         furthest = float(np.abs(self.polygon.bounds).max())
-        return EdgeLookup(self.polygon, tolerance=ON_BOUNDARY * (1.0 + 2.0 * furthest))
+        with PREPARING:
+            return EdgeLookup(self.polygon, tolerance=ON_BOUNDARY * (1.0 + 2.0 * furthest))
 
     def _all_contained(self, points: Array) -> NDArray[np.bool_]:
         lookup = self._lookup

@@ -12,12 +12,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
+from rehab_opt.symbolic import PerThread
 from rehab_opt.workspace.point_arguments import point_array, single_point
 from rehab_opt.workspace.spline_cells import Cells
 from rehab_opt.workspace.spline_fit import Fit, checked_landmarks, checked_smoothing, fitted
 from rehab_opt.workspace.spline_inverse import Starts, preimage, preimages, tolerance_terms
 from rehab_opt.workspace.spline_kernel import jacobians, values
-from rehab_opt.workspace.spline_point import PointMap, cells_worth_having
+from rehab_opt.workspace.spline_point import PointFunction, cells_worth_having, point_map
 
 __all__ = ["ThinPlateSpline"]
 
@@ -34,9 +35,9 @@ INVERSE_CHUNK = 2**20
 class ThinPlateSpline:
     """g(x, y) = b_0 + b_1 x + b_2 y + sum_i w_i U(|(x, y) - source_i|), U(r) = r^2 ln r^2: Eqs. (24)-(30), Rossa et al.
 
-    Immutable, may be pickled and shared by threads: each thread gets its own buffers and compiled code when it first
-    maps a single point, so map one before a loop that must not wait: up to seconds where nothing is compiled yet, and
-    a tenth to one for the table that replaces summing over 64 landmarks and more. Afterwards a point costs
+    Immutable, may be pickled and shared by threads: code and tables are made once, each thread gets its own buffers
+    when it first maps a single point. Map one before a loop that must not wait: up to seconds where nothing is compiled
+    yet, and a tenth to one for the table that replaces summing over 64 landmarks and more. Afterwards a point costs
     microseconds; an array of points costs bounded memory. NaN in gives NaN out; nothing raises on numbers.
 
     Parameters
@@ -94,9 +95,9 @@ class ThinPlateSpline:
     def __call__(self, points: ArrayLike) -> Array:
         """Images [m]: (2,) -> (2,), (M, 2) -> (M, 2)."""
         if type(points) is np.ndarray and points.shape == (2,) and points.dtype is _FLOATS:  # without a call to ask it
-            return self._value.at(points)  # type: ignore[no-any-return]
+            return self._value.mine(points)  # type: ignore[no-any-return]
         array = point_array(points)
-        return self._value.at(array) if array.ndim == 1 else values(self._fit, array)
+        return self._value.mine(array) if array.ndim == 1 else values(self._fit, array)
 
     def jacobian(self, points: ArrayLike) -> Array:
         """Derivatives [[dg_x/dx, dg_x/dy], [dg_y/dx, dg_y/dy]]: (2,) -> (2, 2), (M, 2) -> (M, 2, 2)."""
@@ -107,7 +108,7 @@ class ThinPlateSpline:
         """Image (2,) [m] and Jacobian (2, 2) of one point (2,) in one evaluation."""
         if not _is_point(point):
             point = np.array(single_point(point))
-        return self._value_and_jacobian.at(point)  # type: ignore[no-any-return]
+        return self._value_and_jacobian.mine(point)  # type: ignore[no-any-return]
 
     def inverse(self, points: ArrayLike, start: ArrayLike | None = None) -> Array:
         """Points that the map sends to the given ones: (2,) -> (2,), (M, 2) -> (M, 2).
@@ -154,7 +155,7 @@ class ThinPlateSpline:
         x, y = image.tolist()
         if not (math.isfinite(x) and math.isfinite(y)):
             return np.full(2, np.nan)
-        at, point = self._value_and_jacobian.at, np.empty(2)
+        at, point = self._value_and_jacobian.mine, np.empty(2)
 
         def values_at(x: float, y: float) -> tuple[float, ...]:
             point[0], point[1] = x, y
@@ -212,12 +213,12 @@ class ThinPlateSpline:
         return cells_worth_having(self._fit)
 
     @cached_property
-    def _value(self) -> PointMap:
-        return PointMap(self._fit, self._cells, with_jacobian=False)
+    def _value(self) -> PerThread[PointFunction]:
+        return point_map(self._fit, self._cells, with_jacobian=False)
 
     @cached_property
-    def _value_and_jacobian(self) -> PointMap:
-        return PointMap(self._fit, self._cells, with_jacobian=True)
+    def _value_and_jacobian(self) -> PerThread[PointFunction]:
+        return point_map(self._fit, self._cells, with_jacobian=True)
 
     def _freeze(self) -> None:
         for array in (self.source, self.target, self.weights, self.affine, *self._fit):

@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.symbolic import BufferedFunction
+from rehab_opt.symbolic import BufferedFunction, PerThread
 from rehab_opt.symbolic.compiled import compilation_wanted
 from rehab_opt.workspace.spline_cells import MANY, Cells, cell_function, cells_of
 from rehab_opt.workspace.spline_fit import Fit
 from rehab_opt.workspace.spline_kernel import point_function
 
-__all__ = ["PointMap", "cells_worth_having"]
+__all__ = ["PointFunction", "cells_worth_having", "point_map"]
 
 Array = NDArray[np.float64]
 PointFunction = Callable[[Array], Any]
-"""Array (2,) -> image (2,), or image and Jacobian (2, 2) where that was asked for."""
+"""Array (2,) -> image (2,), or image and Jacobian (2, 2) where that was asked for; all its caller's own."""
 
 
 def cells_worth_having(fit: Fit) -> Cells | None:
@@ -27,18 +26,17 @@ def cells_worth_having(fit: Fit) -> Cells | None:
     return cells_of(fit) if len(fit.landmarks) >= MANY and np.any(fit.weights) else None
 
 
-class PointMap(threading.local):
-    """The compiled map of the thread that asks: a buffer belongs to one. Python makes it anew for each.
+def point_map(fit: Fit, cells: Cells | None, *, with_jacobian: bool) -> PerThread[PointFunction]:
+    """The compiled map of the thread that asks; maps of one size share the code, which is kept."""
 
-    `at` takes an array (2,) and gives the arrays of image (2,) and, where asked for, Jacobian (2, 2), all its caller's
-    own.
-    """
+    def made() -> PointFunction:
+        direct = _direct(point_function(fit, with_jacobian=with_jacobian))
+        if cells is None:
+            return direct
+        function = cell_function(cells.near, with_jacobian, compilation_wanted())
+        return _by_cell(BufferedFunction(function), fit, cells, direct)
 
-    def __init__(self, fit: Fit, cells: Cells | None, *, with_jacobian: bool) -> None:
-        self.at: PointFunction = _direct(point_function(fit, with_jacobian=with_jacobian))
-        if cells is not None:
-            function = cell_function(cells.near, with_jacobian, compilation_wanted())
-            self.at = _by_cell(BufferedFunction(function), fit, cells, self.at)
+    return PerThread(made)
 
 
 # Closures and memory views: a method's attributes and numpy's assignments cost as much as the compiled code.

@@ -1,3 +1,4 @@
+import datetime
 import math
 import timeit
 
@@ -26,6 +27,11 @@ def test_integer_stamps_are_fine():
     assert faults(range(100), dt=1.0, max_age=3.0) == [""] * 100
 
 
+@pytest.mark.parametrize("kind", [np.float64, np.float32, np.int64, np.array, int])
+def test_any_type_of_number_may_be_a_stamp(kind):
+    assert faults([kind(k) for k in range(100)], dt=1.0, max_age=3.0) == [""] * 100
+
+
 def test_an_unstamped_state_is_not_checked():
     assert faults([None, None, 0.0, None, DT]) == [""] * 5
 
@@ -44,8 +50,15 @@ def test_an_unstamped_state_is_not_checked():
         ([math.inf], "stamp is not finite"),
         ([0.0, -math.inf], "stamp is not finite"),
         ([10**400], "stamp is not finite"),
-        (["soon"], "stamp is not finite"),
-        ([np.zeros(2)], "stamp is not finite"),
+        (["soon"], "stamp is not a number of seconds"),
+        (["1.0"], "stamp is not a number of seconds"),
+        ([np.zeros(2)], "stamp is not a number of seconds"),
+        ([np.timedelta64(1, "ns")], "stamp is not a number of seconds"),
+        ([np.datetime64(1, "ns")], "stamp is not a number of seconds"),
+        ([np.array(1, dtype="m8[ns]")], "stamp is not a number of seconds"),
+        ([datetime.timedelta(seconds=1)], "stamp is not a number of seconds"),
+        ([1j], "stamp is not a number of seconds"),
+        ([np.ma.masked], "stamp is not finite"),
     ],
 )
 def test_each_fault_is_named(stamps, expected):

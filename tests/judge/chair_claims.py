@@ -127,7 +127,7 @@ def judge_words(run: Run, verdict: Verdict, found: Answers, u: Array, before: Ar
     """Status, reason, scale and what yielded, against what the hand did."""
     chair, dt = run.chair, run.dt
     status, scale, yielded = found.status[ticks], found.scale[ticks], found.yielded[ticks]
-    certified = (status == "ok") | (status == "backup")
+    certified = (status == "ok") | (status == "backup") | (status == "blocked")
     verdict.holds(
         "what is not certified only slows", certified[:, None] | (np.abs(u[ticks]) <= np.abs(before[ticks]) + 1e-12)
     )

@@ -198,6 +198,14 @@ class Chair:
                 found.append(outside + np.minimum(np.maximum(*apart), 0) - each.radius)
         return np.stack(found, -1)
 
+    def corner_gaps(self, q: Array, wall: HalfPlane) -> Array:
+        """(..., 4) distances of the outline's corners from a wall [m]: of two that are nearly as near, both count."""
+        size = math.hypot(*wall.normal)
+        nx, ny = wall.normal[0] / size, wall.normal[1] / size
+        c, s = np.cos(q[..., 2]), np.sin(q[..., 2])
+        out = [q[..., 0] * nx + q[..., 1] * ny + (c * x - s * y) * nx + (s * x + c * y) * ny for x, y in CORNERS]
+        return wall.offset / size - np.stack(out, -1)
+
     def brakes_in_time(self, q: Array, u: Array, obstacles: Obstacles, dt: float) -> bool:
         """Whether u, scaled to zero in T after two more ticks of it, keeps every bound on the way."""
         steps = np.linspace(0.0, 1.0, 81)
@@ -238,7 +246,8 @@ class Chair:
         limits = [np.full(2 * len(rolling), WHEEL_LIMIT[self.drive]), np.full(32, self.velocity[0])]
 
         def gaps(at: Array) -> Array:
-            return np.concatenate([self.arm_gaps(at), self.obstacle_gaps(at, obstacles)], -1)
+            every = [self.corner_gaps(at, each) for each in obstacles if isinstance(each, HalfPlane)]
+            return np.concatenate([self.arm_gaps(at), self.obstacle_gaps(at, obstacles), *every], -1)
 
         now = gaps(q)
 
@@ -263,7 +272,8 @@ class Chair:
                 return math.nan
             best, u = -float(found.fun), found.x[:7]
             ahead = q + 1e-3 * self.world(q, u)
-            if best < 0.05 or np.all(gaps(ahead) >= np.minimum(now, 0.0) - 1e-5 * best):
+            known, room = np.isfinite(now), np.maximum(now - STAND_OFF, 0.0) * 1e-3 / half
+            if best < 0.05 or np.all(gaps(ahead)[known] >= (now - room)[known] - 1e-5 * best):
                 break
             closing(ahead)
         return best

@@ -14,7 +14,8 @@ import pytest
 
 from rehab_opt.optim.qrqp import qrqp
 from rehab_opt.symbolic import BufferedFunction, compiled
-from rehab_opt.symbolic.compiled import FLAGS, _compiler, cache_folder, compilation_wanted
+from rehab_opt.symbolic.compiled import FLAGS, _compiler, _digest, cache_folder, compilation_wanted
+from rehab_opt.symbolic.own_folder import MODES
 
 needs_compiler = pytest.mark.skipif(_compiler() is None, reason="no C compiler on this machine")
 MACHINE_CODE, VIRTUAL_MACHINE = "External", "SXFunction"
@@ -185,6 +186,142 @@ def test_two_processes_may_build_at_once(cache: Path) -> None:
     assert answers[0] == answers[1]
     assert answers[2] == answers[3]
     assert sorted(path.suffix for path in cache.iterdir()) == [".so", ".so"]  # nothing half made stays behind
+
+
+# -------------------------------------------------------------------------------------------------- what is loaded
+needs_modes = pytest.mark.skipif(not MODES, reason="folders have no owners and modes on this system")
+needs_root = pytest.mark.skipif(not MODES or os.geteuid() != 0, reason="only root can give files away")
+STRANGER = 12345
+
+
+def planted(cache: Path) -> Path:
+    """A library of the right name and digest in the cache, which gives 42 for every square."""
+    compiled(square(), compile=True)
+    (library,) = cache.iterdir()
+    x = ca.SX.sym("x", 2)
+    generator = ca.CodeGenerator("square")
+    generator.add(ca.Function("square", [x], [ca.SX.ones(2) * 42 + 0 * x]))
+    (cache / "evil.c").write_text(generator.dump())
+    command = [_compiler()[0], *FLAGS, str(cache / "evil.c"), "-o", str(cache / "evil.so"), "-lm"]  # type: ignore[index]
+    subprocess.run(command, check=True)
+    (cache / "evil.c").unlink()
+    library.unlink()
+    evil = (cache / "evil.so").rename(cache / f"{library.stem.rpartition('-')[0]}-{_digest(cache / 'evil.so')}.so")
+    evil.chmod(0o700)
+    return evil
+
+
+def answer() -> list[float]:
+    return BufferedFunction(compiled(square(), compile=True)).of([2.0, 3.0]).tolist()  # type: ignore[no-any-return]
+
+
+@needs_compiler
+def test_what_is_planted_would_be_run(cache: Path) -> None:
+    """The checks below would be green without this, if what is planted could not be loaded."""
+    planted(cache)
+    assert answer() == [42.0, 42.0]
+
+
+@needs_compiler
+@needs_modes
+@pytest.mark.parametrize("mode", [0o777, 0o770, 0o720, 0o702, 0o1777])
+def test_a_cache_that_others_may_write_to_is_not_used_and_said_so_once(
+    cache: Path, mode: int, caplog: pytest.LogCaptureFixture
+) -> None:
+    evil = planted(cache)
+    cache.chmod(mode)
+    assert [answer(), answer()] == [[5.0, 10.0]] * 2
+    assert compiled(square(), compile=True).class_name() == MACHINE_CODE  # elsewhere, for this process
+    assert list(cache.iterdir()) == [evil]
+    (warning,) = [each.getMessage() for each in caplog.records if each.levelname == "WARNING"]
+    assert str(cache) in warning
+    assert "chmod 700" in warning
+
+
+@needs_compiler
+@needs_modes
+def test_a_cache_below_a_folder_that_others_may_write_to_is_not_used(cache: Path) -> None:
+    planted(cache)
+    cache.parent.chmod(0o777)  # others could put another folder in the cache's place
+    assert answer() == [5.0, 10.0]
+    cache.parent.chmod(0o1777)  # in a sticky one, such as /tmp, they cannot
+    assert answer() == [42.0, 42.0]
+
+
+@needs_compiler
+@needs_root
+def test_a_cache_or_a_library_of_another_user_is_not_used(cache: Path) -> None:
+    evil = planted(cache)
+    os.chown(evil, STRANGER, -1)
+    assert answer() == [5.0, 10.0]
+    assert not evil.exists()  # it was replaced
+    evil = planted(cache)
+    os.chown(cache, STRANGER, -1)
+    assert answer() == [5.0, 10.0]
+    os.chown(cache, 0, -1)
+    assert answer() == [42.0, 42.0]
+    os.chown(cache.parent, STRANGER, -1)
+    assert answer() == [5.0, 10.0]
+
+
+@needs_compiler
+@needs_modes
+def test_a_library_that_others_may_write_to_is_compiled_again(cache: Path) -> None:
+    planted(cache).chmod(0o722)
+    assert answer() == [5.0, 10.0]
+
+
+@needs_compiler
+@needs_modes
+def test_a_link_in_a_library_s_place_is_compiled_again(cache: Path, tmp_path: Path) -> None:
+    evil = planted(cache)
+    elsewhere = evil.rename(tmp_path / "evil.so")
+    evil.symlink_to(elsewhere)
+    assert answer() == [5.0, 10.0]
+    assert elsewhere.exists()
+    assert not evil.is_symlink()
+
+
+@needs_compiler
+@needs_modes
+def test_a_link_to_the_cache_is_followed_and_what_it_leads_to_is_judged(
+    cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    planted(cache)
+    (tmp_path / "link").symlink_to(cache)
+    monkeypatch.setenv("REHAB_OPT_CACHE", str(tmp_path / "link"))
+    assert answer() == [42.0, 42.0]
+    cache.chmod(0o777)
+    assert answer() == [5.0, 10.0]
+
+
+@needs_compiler
+@needs_modes
+def test_a_pipe_in_a_library_s_place_holds_nobody_up(cache: Path) -> None:
+    evil = planted(cache)
+    evil.unlink()
+    os.mkfifo(evil)
+    assert answer() == [5.0, 10.0]
+
+
+@needs_compiler
+@needs_modes
+def test_folders_and_libraries_are_made_for_this_user_alone_whatever_the_umask(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("REHAB_OPT_CACHE", str(tmp_path / "home" / "deep" / "cache"))
+    monkeypatch.delenv("REHAB_OPT_COMPILE", raising=False)
+    before = os.umask(0)
+    try:
+        assert answer() == [5.0, 10.0]
+    finally:
+        os.umask(before)
+    made = list((tmp_path / "home").rglob("*"))
+    assert len(made) == 3
+    assert {each.stat().st_mode & 0o777 for each in (tmp_path / "home", *made)} == {0o700}
+    built = made[-1].stat().st_mtime_ns
+    assert answer() == [5.0, 10.0]
+    assert made[-1].stat().st_mtime_ns == built
 
 
 # --------------------------------------------------------------------------------------------- without a compiler

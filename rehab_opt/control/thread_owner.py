@@ -1,0 +1,59 @@
+"""Objects with memory that belong to one thread, so that no second one changes it in the middle of a tick."""
+
+from __future__ import annotations
+
+import threading
+from threading import get_ident
+from typing import Any
+
+from rehab_opt.errors import SharingError
+
+__all__ = ["OneThread"]
+
+_CLAIMING = threading.Lock()
+
+
+class OneThread:
+    """Base of what keeps memory from tick to tick: every controller.
+
+    The first `step` makes its thread the owner; until then any thread may set the object up. While the owner lives,
+    another thread's `step`, `reset` or change of a setting raises a `SharingError`. `reset` by the owner gives the
+    object away, to the thread that steps it next; a thread that has ended owns nothing. Copies and pickles, which would
+    share a solver's memory or lose it, are refused: make another object with the same arguments. Fields, maps,
+    workspaces, chains and robots are immutable, and any number of controllers in any threads may share them.
+
+    A method that ticks begins with `if self._owner != get_ident(): self._claim()`, 40 ns; one that only changes a
+    setting has `_refuse_others` in its place.
+    """
+
+    _owner = 0
+
+    def _claim(self) -> None:
+        """Make the calling thread the owner."""
+        threading.current_thread()  # lists a thread that Python did not start, as `_refuse_others` wants it
+        with _CLAIMING:
+            self._refuse_others()
+            self._owner = get_ident()
+
+    def _give_away(self) -> None:
+        """No thread is the owner any more."""
+        self._owner = 0
+
+    def _refuse_others(self) -> None:
+        """Raise where another living thread is the owner."""
+        owner = self._owner
+        if not owner or owner == get_ident():
+            return
+        for thread in threading.enumerate():
+            if thread.ident == owner:
+                mine = threading.current_thread().name
+                raise SharingError(
+                    f"this {type(self).__name__} belongs to thread {thread.name!r}, which stepped it, not to {mine!r}: "
+                    "make one for each thread, or let its owner call reset() and step it no more"
+                )
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        raise SharingError(
+            f"a {type(self).__name__} cannot be copied or pickled, since its solver's memory would be shared or lost: "
+            "make another one with the same arguments"
+        )

@@ -1,0 +1,52 @@
+"""What a caller hands over as numbers, as a float array: nothing is read through a mask, no text or time counts."""
+
+from __future__ import annotations
+
+import math
+import sys
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["real_array"]
+
+Array = NDArray[np.float64]
+_FLOATS = np.dtype(np.float64)
+
+
+def real_array(value: Any) -> Array:
+    """`value` as an array of floats; NaN where a masked array hides an entry.
+
+    Not a copy where `value` is such an array already.
+
+    Raises
+    ------
+    TypeError, ValueError : text, times, complex numbers, ragged lists, anything else that is no real number.
+    OverflowError : an integer too large for a float.
+    """
+    if type(value) is np.ndarray and value.dtype is _FLOATS:
+        return value
+    if _is_masked(value):
+        if isinstance(value, (list, tuple)):
+            return np.array([real_array(each) for each in value])
+        return np.where(np.ma.getmaskarray(value), math.nan, real_array(value.data))
+    array = np.asarray(value)
+    if array.dtype.kind == "O":  # integers beyond 64 bits are numbers, too
+        array = np.reshape([_real(each) for each in array.ravel().tolist()], array.shape)
+    if array.dtype.kind not in "fiub":
+        raise TypeError(f"{array.dtype} is no type of real numbers")
+    return array.astype(np.float64)
+
+
+def _is_masked(value: Any) -> bool:
+    """Whether a masked array is, or is in, what was handed over."""
+    if isinstance(value, (list, tuple)):
+        return any(map(_is_masked, value))
+    return "numpy.ma" in sys.modules and isinstance(value, np.ma.MaskedArray)
+
+
+def _real(value: Any) -> float:
+    if not isinstance(value, (int, float, np.floating, np.integer)) or isinstance(value, np.timedelta64):
+        raise TypeError(f"{value!r} is no real number")
+    return float(value)

@@ -1,0 +1,266 @@
+"""A controller belongs to one thread: a second one, a copy and a pickle are refused, and it can be handed over."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+import threading
+import timeit
+from collections.abc import Callable
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from rehab_opt import ArmIK, MirrorTracker, RehabOptError, SharingError, human_arm, ur5
+from rehab_opt.control.thread_owner import OneThread
+from rehab_opt.symbolic import BufferedFunction
+from tests.control.every_controller import CASES, HAND, POSE, READY, assistance, carry, made
+
+
+class Other:
+    """Another thread, which lives until it is told to end, and does one thing after the other."""
+
+    def __init__(self) -> None:
+        self._tasks: list[Callable[[], Any]] = []
+        self._wake, self._done = threading.Semaphore(0), threading.Semaphore(0)
+        self._result: tuple[Any, BaseException | None] = (None, None)
+        self._thread = threading.Thread(target=self._run, name="second", daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        while True:
+            self._wake.acquire()
+            if not self._tasks:
+                return
+            try:
+                self._result = self._tasks.pop()(), None
+            except RehabOptError as error:
+                self._result = None, error
+            self._done.release()
+
+    def does(self, task: Callable[[], Any]) -> Any:
+        self._tasks.append(task)
+        self._wake.release()
+        assert self._done.acquire(timeout=60)
+        result, error = self._result
+        if error is not None:
+            raise error
+        return result
+
+    def end(self) -> None:
+        self._wake.release()
+        self._thread.join()
+
+
+@pytest.fixture
+def other() -> Any:
+    thread = Other()
+    yield thread
+    thread.end()
+
+
+every = pytest.mark.parametrize("name", CASES)
+
+
+@every
+def test_a_second_thread_is_refused_and_changes_nothing(name: str, other: Other) -> None:
+    controller, tick = made(name)
+    _, undisturbed = made(name)
+    assert_same(tick(), undisturbed())
+    with pytest.raises(SharingError, match=r"belongs to thread 'MainThread'.*not to 'second'.*make one for each"):
+        other.does(tick)
+    with pytest.raises(SharingError):
+        other.does(lambda: CASES[name].reset(controller))
+    for _ in range(3):
+        assert_same(tick(), undisturbed())
+
+
+@every
+def test_one_made_and_reset_here_may_run_elsewhere(name: str, other: Other) -> None:
+    controller, tick = made(name)
+    CASES[name].reset(controller)
+    other.does(tick)
+    with pytest.raises(SharingError, match="'second'"):
+        tick()
+
+
+@every
+def test_a_reset_by_its_owner_hands_it_over(name: str, other: Other) -> None:
+    controller, tick = made(name)
+    tick()
+    CASES[name].reset(controller)
+    other.does(tick)
+    with pytest.raises(SharingError):
+        CASES[name].reset(controller)
+    other.does(lambda: CASES[name].reset(controller))
+    tick()
+
+
+@every
+def test_what_a_thread_that_has_ended_owned_is_free(name: str) -> None:
+    controller, tick = made(name)
+    last = Other()
+    last.does(tick)
+    last.end()
+    tick()
+    CASES[name].reset(controller)
+
+
+@every
+@pytest.mark.parametrize("again", [copy.copy, copy.deepcopy, pickle.dumps])
+def test_copies_and_pickles_are_refused(name: str, again: Callable[[Any], Any]) -> None:
+    controller, tick = made(name)
+    tick()
+    with pytest.raises(SharingError, match="make another one with the same arguments"):
+        again(controller)
+    with pytest.raises(TypeError):
+        again(controller)
+
+
+@pytest.mark.parametrize("again", [copy.copy, copy.deepcopy, pickle.dumps])
+def test_no_buffers_are_copied(again: Callable[[Any], Any]) -> None:
+    x = ca.SX.sym("x")
+    with pytest.raises(SharingError):
+        again(BufferedFunction(ca.Function("f", [x], [x])))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [lambda a: a.aim(a.field), lambda a: a.carry(0.0, 0.0), lambda a: a.take_energy(1.0), lambda a: a.give_energy(0.1)],
+)
+def test_another_thread_changes_no_setting_of_assistance(change: Callable[[Any], Any], other: Other) -> None:
+    helper = assistance()
+    other.does(lambda: change(helper))  # before the first tick it may
+    helper.step(HAND)
+    with pytest.raises(SharingError):
+        other.does(lambda: change(helper))
+    helper.step(HAND)
+
+
+def test_another_thread_sets_no_obstacles(other: Other) -> None:
+    resolver, tick = made("redundancy")
+    other.does(lambda: setattr(resolver, "obstacles", ()))
+    tick()
+    with pytest.raises(SharingError):
+        other.does(lambda: setattr(resolver, "obstacles", ()))
+
+
+def test_reaching_is_handed_over_too(other: Other) -> None:
+    resolver, _ = made("redundancy")
+    q = CASES["redundancy"].inputs[0]
+    target = resolver.robot.chain.pose(q)[:3, 3] + 0.05
+    for _ in range(3):
+        resolver.reach(q, target)
+    with pytest.raises(SharingError):
+        other.does(lambda: resolver.reach(q, target))
+    resolver.reset()
+    assert other.does(lambda: [resolver.reach(q, target) for _ in range(3)])[-1].status.certified
+
+
+def test_a_tracker_with_a_person_is_handed_over_with_the_model_of_their_arm(other: Other) -> None:
+    tracker = MirrorTracker(ur5(), floor=0.1, largest=0.1, compile=False, person=human_arm(), grip=np.eye(4))
+    tracker.step(READY, POSE, np.zeros(6))
+    tracker.reset()
+    other.does(lambda: [tracker.step(READY, POSE, np.zeros(6)) for _ in range(3)])
+
+
+def test_a_plan_belongs_to_its_thread_too(other: Other) -> None:
+    tracker, tick = made("mirror_tracker")
+    tick()
+    with pytest.raises(SharingError):
+        other.does(lambda: tracker.plan(POSE[None], np.zeros((1, 6)), READY))
+    tracker.plan(POSE[None], np.zeros((1, 6)), READY)
+    with pytest.raises(SharingError):
+        other.does(tick)
+
+
+def test_both_sides_may_run_in_two_threads_with_one_map(other: Other) -> None:
+    (_, helper), (_, participant) = made("helper_side"), made("participant_side")
+    assert carry() is carry()
+    helper()
+    other.does(participant)
+    helper()
+
+
+def test_of_two_threads_that_begin_at_once_one_is_refused() -> None:
+    for _ in range(50):
+        _, tick = made("joystick")
+        begin, hold, refused = threading.Barrier(2), threading.Barrier(2), []
+
+        def run(tick=tick, begin=begin, hold=hold, refused=refused) -> None:  # type: ignore[no-untyped-def]
+            begin.wait()
+            try:
+                tick()
+            except SharingError:
+                refused.append(1)
+            hold.wait()  # both live until both have tried
+
+        threads = [threading.Thread(target=run) for _ in range(2)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        assert refused == [1]
+
+
+class TestArmIK:
+    """It remembers nothing, so whoever comes when it is idle may use it."""
+
+    def test_one_thread_after_the_other_may_use_it(self, other: Other) -> None:
+        solver, place = ArmIK(human_arm(), compile=False), [-0.15, 0.45, -0.24]
+        mine = solver.solve(place)
+        assert_same(other.does(lambda: solver.solve(place)).q, mine.q)
+
+    def test_a_second_thread_meanwhile_is_refused(self, other: Other, monkeypatch: pytest.MonkeyPatch) -> None:
+        solver, place = ArmIK(human_arm(), compile=False), [-0.15, 0.45, -0.24]
+        answer = solver._answer
+        met: list[Exception] = []
+
+        def interrupted(*given: Any, **more: Any) -> Any:
+            for ask in (lambda: solver.solve(place), lambda: solver.follow([place])):
+                try:
+                    other.does(ask)
+                except SharingError as error:
+                    met.append(error)
+            return answer(*given, **more)
+
+        monkeypatch.setattr(solver, "_answer", interrupted)
+        assert solver.solve(place).status.certified
+        assert len(met) == 2
+
+    @pytest.mark.parametrize("again", [copy.copy, copy.deepcopy, lambda solver: pickle.loads(pickle.dumps(solver))])
+    def test_a_copy_is_a_solver_of_its_own(self, again: Callable[[Any], Any]) -> None:
+        solver, place = ArmIK(human_arm(), compile=False), [-0.15, 0.45, -0.24]
+        twin = again(solver)
+        assert_same(twin.solve(place).q, solver.solve(place).q)
+        assert twin._search is not solver._search
+
+
+def test_the_check_costs_less_than_a_hundredth_of_ten_microseconds() -> None:
+    class Ticking(OneThread):
+        def checked(self) -> None:
+            if self._owner != threading.get_ident():
+                self._claim()
+
+        def unchecked(self) -> None: ...
+
+    one = Ticking()
+    one._claim()
+
+    def cost(task: Callable[[], None]) -> float:
+        return min(timeit.repeat(task, number=5_000, repeat=50)) / 5_000
+
+    assert cost(one.checked) - cost(one.unchecked) < 1e-7  # 40 ns where it was measured
+
+
+def assert_same(one: Any, other: Any) -> None:
+    """The same numbers in a command, or whatever it is."""
+    if isinstance(one, tuple):
+        for a, b in zip(one, other, strict=True):
+            assert_same(a, b)
+    elif isinstance(one, np.ndarray | float):
+        np.testing.assert_array_equal(one, other)
+    else:
+        assert one == other

@@ -1,0 +1,228 @@
+"""What is masked, a time, text or ragged is no number: a controller says so, and never acts on what a mask hides."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rehab_opt import ArmIK, ConfigurationError, MirrorTracker, Smoother, Status, human_arm, ur5
+from rehab_opt.control.conditioning import conditioned
+from rehab_opt.kinematics.chain import per_joint, rigid
+from rehab_opt.kinematics.real_array import real_array
+from tests.control.every_controller import CASES, COMMANDING, POSE, READY, made, smoother
+
+INPUTS = [(name, k) for name in COMMANDING for k in range(len(CASES[name].inputs)) if (name, k) != ("bilateral", 1)]
+STEPPING = [name for name in COMMANDING if name != "bilateral"]  # whose `step` takes no stamp
+TIMES = [np.timedelta64(1, "ns"), np.array(1, dtype="m8[s]"), "1.0"]
+
+
+def masked(array: np.ndarray) -> np.ndarray:
+    """The same numbers, the last of them hidden."""
+    hidden = np.ma.array(array, mask=False)
+    hidden[(-1,) * array.ndim] = np.ma.masked
+    assert hidden.data.ravel()[-1] == array.ravel()[-1]
+    return hidden
+
+
+def stepped(name: str, place: int, value: Any, **more: Any) -> tuple[Any, Any]:
+    """The command at one input, and that at NaN in place of its last number, each of a new controller."""
+    inputs = CASES[name].inputs
+    with_nan = inputs[place].copy()
+    with_nan.ravel()[-1] = math.nan
+    commands = []
+    for each in (value, with_nan):
+        controller, tick = made(name)
+        for _ in range(3):
+            tick()
+        commands.append(CASES[name].step(controller, *inputs[:place], each, *inputs[place + 1 :], **more))
+    return commands[0], commands[1]
+
+
+def assert_same_command(one: Any, other: Any) -> None:
+    np.testing.assert_array_equal(one.value, other.value)
+    assert one._replace(value=None, wheels=None) == other._replace(value=None, wheels=None)
+
+
+@pytest.mark.parametrize(("name", "place"), INPUTS)
+def test_a_masked_entry_counts_as_nan(name: str, place: int) -> None:
+    command, of_nan = stepped(name, place, masked(CASES[name].inputs[place]))
+    assert not command.status.certified
+    assert command.reason
+    assert_same_command(command, of_nan)
+
+
+@pytest.mark.parametrize(("name", "place"), INPUTS)
+def test_a_masked_entry_in_a_list_counts_as_nan(name: str, place: int) -> None:
+    command, of_nan = stepped(name, place, list(masked(CASES[name].inputs[place])))
+    assert_same_command(command, of_nan)
+
+
+@pytest.mark.parametrize(("name", "place"), INPUTS)
+def test_a_masked_array_that_hides_nothing_is_an_array(name: str, place: int) -> None:
+    (_, tick), inputs = made(name), CASES[name].inputs
+    other, _ = made(name)
+    given = np.ma.array(inputs[place])
+    assert_same_command(tick(), CASES[name].step(other, *inputs[:place], given, *inputs[place + 1 :]))
+
+
+@pytest.mark.parametrize(("name", "place"), INPUTS)
+@pytest.mark.parametrize("kind", ["m8[ns]", "U", "complex"])
+def test_numbers_of_another_kind_are_refused_by_name_or_with_a_reason(name: str, place: int, kind: str) -> None:
+    inputs = CASES[name].inputs
+    whole = inputs[place].astype(np.int64) if kind.endswith("[ns]") else inputs[place]
+    controller, tick = made(name)
+    tick()
+    if name == "smoother":
+        command = CASES[name].step(controller, whole.astype(kind))
+        assert command.reason == "target is not 3 finite numbers"
+        return
+    with pytest.raises(ConfigurationError, match="real numbers"):
+        CASES[name].step(controller, *inputs[:place], whole.astype(kind), *inputs[place + 1 :])
+
+
+@pytest.mark.parametrize("name", STEPPING)
+@pytest.mark.parametrize("stamp", TIMES, ids=repr)
+def test_a_time_that_is_no_number_of_seconds_stops_the_motion(name: str, stamp: Any) -> None:
+    _, tick = made(name)
+    first = tick(stamp=0.0)
+    assert first.reason != "stamp is not a number of seconds"
+    command = tick(stamp=stamp)
+    assert command.reason == "stamp is not a number of seconds"
+    assert not command.status.certified
+    assert tick(stamp=0.002).reason != command.reason
+
+
+def test_no_energy_is_accounted_for_the_second_that_a_nanosecond_is_not() -> None:
+    helper, tick = made("assistance")
+    for k in range(50):
+        tick(stamp=0.001 * k)
+    before = helper.energy_left
+    assert helper._force[0] ** 2 + helper._force[1] ** 2 > 1.0
+    tick(stamp=np.timedelta64(1, "s"))
+    assert before - helper.energy_left < 0.1  # one tick at the speed cap; a second would be 10 J
+
+
+class TestSmoother:
+    @pytest.mark.parametrize(
+        "target",
+        [
+            [np.array([0.1, 0.2]), 0.3, 0.4],
+            [[0.1], [0.2], [0.3]],
+            [0.1, None, 0.2],
+            [0.1, "0.2", 0.3],
+            [0.1, object(), 0.3],
+            {"x": 0.1},
+            "0.1",
+        ],
+        ids=repr,
+    )
+    def test_a_ragged_target_is_a_reason_not_an_error(self, target: Any) -> None:
+        axes = smoother()
+        assert axes.step([0.1, 0.2, 0.3]).status is Status.OK
+        for _ in range(3):
+            assert axes.step(target).reason == "target is not 3 finite numbers"
+        for _ in range(3):
+            assert axes.step([0.1, 0.2, 0.3], target).reason == "target velocity is not 3 finite numbers"
+        assert axes.step([0.1, 0.2, 0.3]).status is Status.OK
+
+    def test_an_array_within_a_list_may_be_overwritten(self) -> None:
+        """It was compared by identity: the axes went on to where it had been."""
+        axes, twin = smoother(), smoother()
+        moving = [np.array(0.1), np.array(0.0), np.array(0.0)]
+        axes.step(moving)
+        twin.step([0.1, 0.0, 0.0])
+        moving[0][...] = -0.1
+        for _ in range(500):
+            command, expected = axes.step(moving), twin.step([-0.1, 0.0, 0.0])
+        np.testing.assert_array_equal(command.value, expected.value)
+        assert command.value[0] < 0
+
+    @pytest.mark.parametrize("bounds", [{"velocity": np.ma.array([1.0, 1.0], mask=[0, 1])}, {"jerk": "1.0"}])
+    def test_bounds_are_numbers_too(self, bounds: dict[str, Any]) -> None:
+        with pytest.raises(ConfigurationError):
+            Smoother(**{"velocity": 1.0, "acceleration": 1.0, "jerk": 1.0, "axes": 2, **bounds})
+
+
+def test_a_masked_force_is_no_force_that_may_be_followed() -> None:
+    tracker, _ = made("mirror_tracker")
+    force = np.ma.array([1.0, 0.0, 0.0], mask=[0, 1, 0])
+    assert tracker.step(READY, POSE, np.zeros(6), force=force).reason == "force is not a usable number"
+
+
+def test_a_masked_axis_of_the_stick_asks_for_nothing() -> None:
+    stick, tick = made("joystick")
+    stick.step(np.zeros(2))
+    assert tick().twist.any()
+    command = stick.step(masked(np.array([0.5, 0.5])))
+    assert command.reason == "axes are not finite"
+    assert not command.twist.any()
+
+
+def test_a_masked_sample_is_dropped() -> None:
+    follower, _ = made("conditioner")
+    place, turn = CASES["conditioner"].inputs
+    for k in range(3):
+        assert follower.push(0.01 * k, masked(place), turn).dropped == k + 1
+    assert follower.push(np.timedelta64(1, "ns"), place, turn).dropped == 4
+    times = 0.01 * np.arange(10)
+    hidden = np.ma.array(np.zeros((10, 3)), mask=False)
+    hidden[9, 0] = np.ma.masked
+    assert conditioned(times, hidden, np.tile(turn, (10, 1)), dt=0.01).dropped == 1
+
+
+def test_masked_samples_of_a_recording_are_lost_sight() -> None:
+    tracker = MirrorTracker(ur5(), floor=0.1, largest=0.1, compile=False)
+    poses = np.ma.array(np.tile(tracker.chain.pose(READY), (20, 1, 1)), mask=False)
+    poses[10:12, 0, 3] += 0.02
+    poses[10:12, 0, 3] = np.ma.masked  # hidden, with a jump behind
+    path = tracker.plan(poses, np.zeros((20, 6)), READY)
+    assert path.complete
+    assert path.counts["left out"] == 0
+    np.testing.assert_allclose(path.q, np.tile(READY, (len(path.q), 1)), atol=1e-6)
+
+
+def test_a_masked_place_is_no_place_for_inverse_kinematics() -> None:
+    solution = ArmIK(human_arm(), compile=False).solve(np.ma.array([-0.15, 0.45, -0.24], mask=[0, 0, 1]))
+    assert (solution.status, solution.reason) == (Status.HOLDING, "position is not a number")
+
+
+def test_joint_limits_and_poses_of_a_chain_are_numbers() -> None:
+    with pytest.raises(ConfigurationError):
+        ur5().with_limits(velocity=np.ma.array(np.ones(6), mask=[0, 0, 1, 0, 0, 0]))
+    with pytest.raises(ConfigurationError):
+        per_joint("lower", ["1.0", "2.0"], 2)
+    with pytest.raises(ConfigurationError):
+        rigid("tool", np.ma.array(np.eye(4), mask=np.eye(4)))
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        (np.ma.array([1.0, 2.0], mask=[0, 1]), [1.0, math.nan]),
+        (np.ma.array([1, 2], mask=[0, 1]), [1.0, math.nan]),
+        ([np.ma.masked, 1.0], [math.nan, 1.0]),
+        ([[1.0, np.ma.masked], [1.0, 2.0]], [[1.0, math.nan], [1.0, 2.0]]),
+        ((np.ma.array([1.0, 2.0], mask=[1, 0]), [3, 4]), [[math.nan, 2.0], [3.0, 4.0]]),
+        (np.float32(0.5), 0.5),
+        ([True, 2], [1.0, 2.0]),
+        ([2**70, 1], [2.0**70, 1.0]),
+    ],
+)
+def test_numbers_are_read_as_they_are_meant(given: Any, expected: Any) -> None:
+    found = real_array(given)
+    assert found.dtype == np.float64
+    assert not isinstance(found, np.ma.MaskedArray)
+    np.testing.assert_array_equal(found, expected)
+
+
+@pytest.mark.parametrize(
+    "given",
+    ["1", ["1", "2"], None, [None, 1.0], 1j, np.timedelta64(1), [2**70, np.timedelta64(1)], [[1.0], [1.0, 2.0]], {}],
+    ids=repr,
+)
+def test_what_is_no_real_number_is_refused(given: Any) -> None:
+    with pytest.raises((TypeError, ValueError)):
+        real_array(given)

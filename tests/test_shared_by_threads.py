@@ -1,0 +1,222 @@
+"""What is immutable may be used by several threads at once: four give, to the last bit, what one alone gives.
+
+Every case makes its object anew, so that four threads make at once what is made on first use. Nothing is claimed for
+Python without its lock: CasADi's wheels are of the limited API, which free-threaded interpreters do not load.
+"""
+
+from __future__ import annotations
+
+import gc
+import pickle
+import sys
+import threading
+import weakref
+from collections.abc import Callable, Iterator
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+
+from rehab_opt import Assistance, PotentialField, ThinPlateSpline, Workspace, ardis, human_arm, ur5
+from rehab_opt.control.between_poses import turn_between, turned
+from rehab_opt.symbolic import PerThread
+from rehab_opt.symbolic.compiled import _compiler
+from rehab_opt.workspace.mapping import WorkspaceMap
+
+THREADS = 4
+FEW, MANY = 60, 1500
+"""Questions of a thread: where one takes a millisecond, and where microseconds, so that few would never meet."""
+Ask = Callable[[np.random.Generator], Any]
+
+
+@pytest.fixture(autouse=True)
+def impatient() -> Iterator[None]:
+    """Python goes from thread to thread 500 times as often as it does by itself."""
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-5)
+    yield
+    sys.setswitchinterval(before)
+
+
+def field(*, compile: bool = False) -> PotentialField:
+    path = np.array([[0.0, 0.0], [0.3, 0.0], [0.3, 0.2]])
+    return PotentialField(path, stiffness=1000.0, drag=200.0, width=0.025, compile=compile)
+
+
+def ell() -> Workspace:
+    return Workspace(shapely.Polygon([(0, 0), (0.3, 0), (0.3, 0.1), (0.1, 0.1), (0.1, 0.3), (0, 0.3)]), accuracy=1e-3)
+
+
+def near(rng: np.random.Generator) -> np.ndarray:
+    return rng.uniform(-0.1, 0.4, 2)
+
+
+def of_a_field(compile: bool = False) -> Ask:
+    asked = field(compile=compile)
+    return lambda rng: (asked.energy(x := near(rng)), asked.force(x, x), asked.pull(*x), asked.stiffness(x))
+
+
+def of_a_pickled_field() -> Ask:
+    asked = pickle.loads(pickle.dumps(field()))
+    return lambda rng: asked.force(near(rng))
+
+
+def of_a_chain() -> Ask:
+    chain = ur5()
+    return lambda rng: (
+        chain.pose(q := rng.normal(size=6)), chain.jacobian(q), chain.manipulability(q),
+        chain.manipulability_gradient(q),
+    )  # fmt: skip
+
+
+def of_an_arm() -> Ask:
+    chain = human_arm()
+    return lambda rng: (chain.pose(q := rng.normal(size=8)), chain.jacobian(q))
+
+
+def of_a_mobile_arm() -> Ask:
+    robot = ardis()
+    return lambda rng: (
+        robot.inertia(q := rng.normal(size=7)), robot.posture_cost(q), robot.posture_gradient(q),
+        robot.chassis_velocity(q, q), robot.chain.pose(q),
+    )  # fmt: skip
+
+
+def of_poses() -> Ask:
+    chain = ur5()
+
+    def ask(rng: np.random.Generator) -> Any:
+        a, b = chain.pose(rng.normal(size=6)), chain.pose(rng.normal(size=6))
+        return turn_between(a, b), turned(a[:3, :3], rng.normal(size=3))
+
+    return ask
+
+
+def of_a_workspace() -> Ask:
+    asked = ell()
+    return lambda rng: (
+        asked.contains(x := near(rng)), asked.distance(x), asked.nearest(x), asked.distance(rng.normal(size=(20, 2)))
+    )  # fmt: skip
+
+
+def of_a_spline(landmarks: int) -> Ask:
+    rng = np.random.default_rng(0)
+    source = rng.uniform(-0.2, 0.5, (landmarks, 2))
+    spline = ThinPlateSpline(source, source + rng.normal(0, 0.005, source.shape))
+    return lambda rng: (
+        spline(x := near(rng)), spline.jacobian(x), spline.value_and_jacobian(x), spline.inverse(x), spline(x[None])
+    )  # fmt: skip
+
+
+@cache
+def between() -> WorkspaceMap:
+    return WorkspaceMap.between(ell(), Workspace(shapely.box(0, 0, 0.3, 0.3), accuracy=1e-3), rule="polar")
+
+
+def of_a_map() -> Ask:
+    asked = pickle.loads(pickle.dumps(between()))  # without what was made when it was first asked
+    return lambda rng: (asked(x := near(rng)), asked.jacobian(x), asked.inverse(x), asked.push_force(x, x))
+
+
+def of_a_controller_s_map() -> Ask:
+    asked = between().for_controller(unsafe=True)
+    return lambda rng: (asked.image(x := near(rng)), asked.jacobian(x), asked.push_force(x, x), asked.preimage(x))
+
+
+SHAREABLE: dict[str, Callable[[], Ask]] = {
+    "field": of_a_field,
+    "pickled field": of_a_pickled_field,
+    "chain": of_a_chain,
+    "arm": of_an_arm,
+    "mobile arm": of_a_mobile_arm,
+    "poses": of_poses,
+    "workspace": of_a_workspace,
+    "small spline": lambda: of_a_spline(12),
+    "large spline": lambda: of_a_spline(100),
+    "map": of_a_map,
+    "controller's map": of_a_controller_s_map,
+}
+QUICK = ("field", "pickled field", "chain", "arm", "mobile arm", "poses", "controller's map")
+
+
+def answers(ask: Ask, seed: int, rounds: int = MANY) -> list[Any]:
+    rng = np.random.default_rng(seed)
+    return [ask(rng) for _ in range(rounds)]
+
+
+def at_once(tasks: list[Callable[[], Any]]) -> list[Any]:
+    """What the tasks give, each in a thread of its own, all begun together."""
+    results: list[Any] = [None] * len(tasks)
+    begin = threading.Barrier(len(tasks))
+
+    def run(k: int) -> None:
+        begin.wait()
+        results[k] = tasks[k]()
+
+    threads = [threading.Thread(target=run, args=(k,)) for k in range(len(tasks))]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    return results
+
+
+def assert_same_bits(one: Any, other: Any) -> None:
+    assert type(one) is type(other)
+    if isinstance(one, list | tuple):
+        for a, b in zip(one, other, strict=True):
+            assert_same_bits(a, b)
+    else:
+        np.testing.assert_array_equal(one, other, strict=True)
+
+
+@pytest.mark.parametrize("kind", SHAREABLE)
+def test_four_threads_get_what_one_gets(kind: str) -> None:
+    rounds = MANY if kind in QUICK else FEW
+    expected = [answers(SHAREABLE[kind](), seed, rounds) for seed in range(THREADS)]
+    shared = SHAREABLE[kind]()
+    found = at_once([lambda seed=seed: answers(shared, seed, rounds) for seed in range(THREADS)])  # type: ignore[misc]
+    assert_same_bits(found, expected)
+
+
+@pytest.mark.skipif(_compiler() is None, reason="no C compiler on this machine")
+def test_four_threads_get_what_one_gets_of_compiled_fields(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("REHAB_OPT_COMPILE", raising=False)
+    expected = [answers(of_a_field(compile=True), seed) for seed in range(THREADS)]
+    shared = of_a_field(compile=True)
+    found = at_once([lambda seed=seed: answers(shared, seed) for seed in range(THREADS)])  # type: ignore[misc]
+    assert_same_bits(found, expected)
+
+
+def test_assistance_in_four_threads_with_one_field_and_one_workspace_is_that_of_one() -> None:
+    """As it was found: two of them were wrong by up to 9 N, four ended the process."""
+    shared, comfortable = field(), ell()
+
+    def forces(k: int) -> list[Any]:
+        rng, x = np.random.default_rng(k), np.array([0.2, 0.15])
+        helper = made[k]
+        return [helper.step(x + rng.uniform(-1e-4, 1e-4, 2), np.zeros(2)) for _ in range(1500)]
+
+    def helpers() -> list[Assistance]:
+        return [Assistance(shared, comfortable=comfortable, mode="assist", compile=False) for _ in range(THREADS)]
+
+    made = helpers()
+    expected = [forces(k) for k in range(THREADS)]
+    assert max(float(np.hypot(*command.value)) for command in expected[0]) > 1.0
+    made = helpers()
+    found = at_once([lambda k=k: forces(k) for k in range(THREADS)])  # type: ignore[misc]
+    for mine, alone in zip(found, expected, strict=True):
+        np.testing.assert_array_equal([c.value for c in mine], [c.value for c in alone])
+        assert [c.status for c in mine] == [c.status for c in alone]
+
+
+def test_a_thread_that_ends_leaves_nothing_behind() -> None:
+    class Buffer: ...
+
+    kept = PerThread(Buffer)
+    (theirs,) = at_once([lambda: weakref.ref(kept.mine)])
+    gc.collect()
+    assert theirs() is None
+    assert kept.mine is kept.mine
