@@ -70,8 +70,8 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
         axis = rng.standard_normal(3)
         one = Stretch(
             t + np.cumsum(np.minimum(rng.uniform(0.2, 0.99, rng.integers(40, 150)) * min(max_gap, 0.02), 0.02)),
-            place + rng.uniform(-0.3, 0.3, 3) + 0.3 * (index > 0), rng.uniform(-0.8, 0.8, 3), axis / np.linalg.norm(axis),
-            rng.uniform(-1.5, 1.5),
+            place + rng.uniform(-0.3, 0.3, 3) + 0.3 * (index > 0), rng.uniform(-0.8, 0.8, 3),
+            axis / np.linalg.norm(axis), rng.uniform(-1.5, 1.5),
         )  # fmt: skip
         far, turn = one.sample(one.times)
         flip = rng.choice([-1.0, 1.0], len(turn))  # both say the same turn

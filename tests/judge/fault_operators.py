@@ -16,6 +16,8 @@ SIGN, COMPARISON, CONSTANT, DROPPED, SWAPPED = OPERATORS = (
 )  # fmt: skip
 PLAIN = (0.0, 1.0, 2.0, 0.5)
 """Not constants that anybody tunes."""
+ROUNDING = 1e-9
+"""Constants up to this stand for rounding, or for nothing in a quotient: a hundredth of them is none."""
 SIGNS: dict[type[ast.AST], str] = {
     ast.Add: "+", ast.Sub: "-", ast.Lt: "<", ast.Gt: ">", ast.LtE: "<=", ast.GtE: ">=",
 }  # fmt: skip
@@ -144,7 +146,7 @@ def changes(node: ast.AST, source: Source) -> Iterator[Change]:
         case ast.Compare(left=left, ops=ops, comparators=others):
             for one, op, other in zip([left, *others], ops, others, strict=False):
                 yield from signs(COMPARISON, source, one, op, other)
-        case ast.Constant(value=float() as value) if value not in PLAIN:
+        case ast.Constant(value=float() as value) if value not in PLAIN and value > ROUNDING:
             yield Change(CONSTANT, source.begin(node), source.end(node), f"({source.of(node)} * 1.01)")
         case ast.Assign(targets=[ast.Tuple(elts=targets)], value=ast.Tuple(elts=values)):
             for i in range(min(len(targets), len(values)) - 1):
@@ -152,10 +154,6 @@ def changes(node: ast.AST, source: Source) -> Iterator[Change]:
                     yield from source.swapped(targets[i : i + 2])
         case ast.keyword(arg="subject_to" | "requires", value=ast.List(elts=rows)):
             yield from source.dropped(rows)
-        case ast.Call(func=function, args=[ast.List(elts=rows) | ast.Tuple(elts=rows)]) if named(function) in STACKED:
-            yield from stacked(source, named(function), rows)
-        case ast.Call(func=function, args=rows) if named(function) in STACKED:
-            yield from stacked(source, named(function), rows)
         case ast.Call(func=function, args=rows):
             yield from arguments(source, function, rows)
 
@@ -178,7 +176,10 @@ def stacked(source: Source, name: str, rows: list[ast.expr]) -> Iterator[Change]
 def arguments(source: Source, function: ast.expr, given: list[ast.expr]) -> Iterator[Change]:
     """The other extreme; arguments of one kind in each other's place."""
     name = named(function)
-    if name in EXTREMES:
+    if name in STACKED:
+        one_list = len(given) == 1 and isinstance(given[0], (ast.List, ast.Tuple))
+        yield from stacked(source, name, given[0].elts if one_list else given)  # type: ignore[attr-defined]
+    elif name in EXTREMES:
         yield Change(COMPARISON, source.end(function) - len(name), source.end(function), EXTREMES[name])
     elif name in {"if_else", "where"}:
         yield from source.swapped(given[-2:])
@@ -189,9 +190,10 @@ def arguments(source: Source, function: ast.expr, given: list[ast.expr]) -> Iter
 
 
 def is_sequence(*nodes: ast.expr) -> bool:
-    """Whether one of them is a list, a tuple or a text, which + joins."""
+    """Whether one of them is a list, a tuple or a text, which + joins; or zero."""
     joined = (ast.List, ast.Tuple, ast.JoinedStr)
-    return any(isinstance(node, joined) or isinstance(getattr(node, "value", None), str) for node in nodes)
+    values = [getattr(node, "value", None) for node in nodes]
+    return any(isinstance(node, joined) for node in nodes) or any(isinstance(each, str) or each == 0 for each in values)
 
 
 def named(function: ast.expr) -> str:

@@ -119,8 +119,8 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
         both = read[1:] & read[:-1]
         verdict.within("clock runs back [s]", -step, 1e-12)
         steady = both & (path.clock[1:] < dt * (ticks - 1) - 1e-9)
-        verdict.within("the clock's step away from its pace [s]", np.where(steady, np.abs(step - dt * path.paces[1:]), 0.0),
-                       1e-9)  # fmt: skip
+        verdict.within("the clock's step away from its pace [s]",
+                       np.where(steady, np.abs(step - dt * path.paces[1:]), 0.0), 1e-9)  # fmt: skip
         verdict.during("reference read", read, dt)
     if easy:
         verdict.holds("an easy recording is followed to its end", path.complete)

@@ -5,7 +5,6 @@ A tick is one drawn motion of K knots; each of its bounds must hold in the progr
 
 from __future__ import annotations
 
-
 import casadi as ca
 import numpy as np
 
