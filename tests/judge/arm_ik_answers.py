@@ -171,8 +171,10 @@ def _cheaper(q: np.ndarray, goal: np.ndarray, lower: np.ndarray, upper: np.ndarr
     held = [{"type": "eq", "fun": lambda x: (hand(x[None])[0][0] - goal) * 10}]
     if tilt is not None:
         held.append({"type": "ineq", "fun": lambda x: hand(x[None])[1][0, 2] - math.cos(tilt)})
-    found = minimize(lambda x: 0.5 * float(np.sum(weight * (x - rest) ** 2)), q,
-                     bounds=list(zip(lower, upper, strict=True)), constraints=held, method="SLSQP", options={"maxiter": 60, "ftol": 1e-12})  # fmt: skip
+    found = minimize(
+        lambda x: 0.5 * float(np.sum(weight * (x - rest) ** 2)), q, bounds=list(zip(lower, upper, strict=True)),
+        constraints=held, method="SLSQP", options={"maxiter": 60, "ftol": 1e-12},
+    )  # fmt: skip
     place, handle = hand(np.clip(found.x, lower, upper)[None])
     kept = np.linalg.norm(place[0] - goal) < PLACE and (tilt is None or handle[0, 2] >= math.cos(tilt) - 1e-9)
     return float(found.fun) if kept else math.inf

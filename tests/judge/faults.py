@@ -10,6 +10,7 @@ drawn in their place; those of `equivalent_faults.toml` are listed with the reas
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import random
 import sys
@@ -46,22 +47,29 @@ class Sound(NamedTuple):
     """What the judges say of the package as it is."""
 
     slices: dict[Hearing, Outcome]
+    """Quickest first."""
     called: dict[str, set[str]]
     """Judge -> functions that its slices call, as `file:name`."""
 
 
 def drawn(seed: int) -> Iterator[Fault]:
-    """Faults without end of the list: each module in turn, in an order of the seed, then an operator, then a place."""
-    rng = random.Random(seed)
+    """Faults without end of the list: each module in turn, in an order of the seed; of it an operator, then a place."""
     paths = [path for folder in FOLDERS for path in sorted((ROOT / folder).glob("*.py"))]
-    kept = [faults(str(path.relative_to(ROOT)), path.read_bytes()) for path in paths]
-    while any(kept):
-        kept = [each for each in kept if each]
-        for places in rng.sample(kept, len(kept)):
-            operator = rng.choice([name for name in OPERATORS if any(each.operator == name for each in places)])
-            fault = rng.choice([each for each in places if each.operator == operator])
-            places.remove(fault)
-            yield fault
+    random.Random(seed).shuffle(paths)
+    each = [_of_module(seed, path) for path in paths]
+    for turn in itertools.zip_longest(*each):
+        yield from (fault for fault in turn if fault)
+
+
+def _of_module(seed: int, path: Path) -> Iterator[Fault]:
+    """All faults of one module in an order that other modules have no part in."""
+    name = str(path.relative_to(ROOT))
+    rng, places = random.Random(f"{seed} {name}"), faults(name, path.read_bytes())
+    while places:
+        operator = rng.choice([each for each in OPERATORS if any(fault.operator == each for fault in places)])
+        fault = rng.choice([each for each in places if each.operator == operator])
+        places.remove(fault)
+        yield fault
 
 
 @cache
@@ -73,11 +81,10 @@ def reasons() -> dict[tuple[str, ...], str]:
 
 
 def slices(seed: int) -> list[Hearing]:
-    """What CI hears: each judge twice, quickest first."""
-    found = [
+    """What CI hears: each judge twice."""
+    return [
         Hearing(name, module.CI_TICKS // 2, each) for name, module in judges().items() for each in (FIXED_SEED, seed)
     ]
-    return sorted(found, key=lambda each: each.ticks)
 
 
 def campaign(ticks: int, seed: int) -> dict[str, Hearing]:
@@ -91,7 +98,8 @@ def without_fault(seed: int) -> Sound:
         path, hearings = root / "called.json", slices(seed)
         outcomes = list(heard(root, hearings, seconds=3000.0, seen=path))
         called = json.loads(path.read_text(encoding="utf-8"))
-    return Sound(dict(zip(hearings, outcomes, strict=True)), {name: {*each} for name, each in called.items()})
+    told = sorted(zip(hearings, outcomes, strict=True), key=lambda each: each[1].seconds)
+    return Sound(dict(told), {name: {*each} for name, each in called.items()})
 
 
 def concerned(fault: Fault, called: dict[str, set[str]]) -> list[str]:

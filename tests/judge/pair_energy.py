@@ -21,8 +21,8 @@ from tests.judge.verdict import Promise, Verdict
 PROMISES = (
     Promise("rehab_opt/control/bilateral.py", "what one hand puts in can move the other, and whatever the delay and "
             "the hands do, no more leaves than the tanks held at first and the hands put in since."),
-    Promise("rehab_opt/control/bilateral_sides.py", "Draws the participant's hand to the image of the helper's, inside the "
-            "participant's comfortable workspace."),
+    Promise("rehab_opt/control/bilateral_sides.py", "Draws the participant's hand to the image of the helper's, inside "
+            "the participant's comfortable workspace."),
     Promise("rehab_opt/control/bilateral.py", "A message takes the delay and one tick."),
     Promise("rehab_opt/control/bilateral_sides.py", "Without a new message the force is released."),
     Promise("rehab_opt/control/bilateral.py", "the transpose of the map's Jacobian, so that power is the same on both "

@@ -1,0 +1,86 @@
+"""A stretch that the arm cannot do: the clock waits, then leaves it out, and the hand is led to where it can go on.
+
+Judged on references that go out of reach for some seconds and come back: by the flange's true speed when something is
+left out and while it is led on, and by where the hand is in the end.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tests.judge.mirror_runs import draw, tracker
+from tests.judge.numbering import numbered
+from tests.judge.references import good_posture, minimum_jerk
+from tests.judge.ur5_numbers import hand_twist, manipulability, tool
+from tests.judge.verdict import Promise, Verdict
+
+PROMISES = (
+    Promise("rehab_opt/control/mirror.py", "A stretch that the arm cannot do at all is left out: once the hand stands, "
+            "it is led, at half the hand speeds, to where the reference is by then."),
+    Promise("rehab_opt/control/mirror.py", "How many ticks yielded acceleration, were shortened, waited, braked, and "
+            "how many stretches were left out."),
+)  # fmt: skip
+LEAST = {"left out": 200, "waited": 20_000, "led on": 5000, "judged at the end": 20_000}
+CI_TICKS = 6000
+SHARE = 0.1
+STANDS = 0.005
+"""[m/s] A hand up to this stands."""
+LED = 0.9
+"""Of the hand speed, while a bridge leads: half, a half more to catch up, and what removes the error."""
+HELD = 8.0
+"""[s] for which the last pose is held."""
+
+
+def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
+    """One way out and back a run."""
+    verdict = Verdict("mirror_left_out", seed, LEAST)
+    for number, rng in numbered(verdict, ticks, only):
+        one_run(verdict, number, rng)
+    return verdict
+
+
+def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
+    """Out of reach, some seconds there, and back to a good posture."""
+    start = good_posture(rng, 0.6)
+    given = draw(rng, start, planes=False)
+    dt = float(rng.choice([0.01, 0.02]))
+    given = given._replace(
+        dt=dt, floor=0.1, linear_speed=float(rng.choice([0.25, 0.5])), angular_speed=1.5, lower=start - 1.5,
+        upper=start + 1.5, velocity=np.full(6, 2.0), acceleration=np.full(6, 15.0),
+    )  # fmt: skip
+    control = tracker(given)
+    first, end = tool(start[None])[0], tool(start[None] + 0.15 * rng.uniform(-1, 1, (1, 6)))[0]
+    out = first[:3, 3] * rng.uniform(1.7, 2.2)
+    part = minimum_jerk(round(2.0 / dt))[:, None]
+    way = [first[:3, 3] + part * (out - first[:3, 3]), np.repeat(out[None], round(rng.uniform(0.5, 2.0) / dt), axis=0)]
+    way += [out + part * (end[:3, 3] - out), np.repeat(end[None, :3, 3], round(HELD / dt), axis=0)]
+    places = np.concatenate(way)
+    poses = np.repeat(first[None], len(places), axis=0)
+    poses[:, :3, 3] = places
+    twists = np.zeros((len(places), 6))
+    twists[1:, :3] = np.diff(places, axis=0) / dt
+    verdict.begin(number, f"dt {dt:g}")
+    q, counts, commands = np.empty((len(places) + 1, 6)), np.empty((len(places), 2), dtype=int), []
+    q[0] = start
+    for k, (pose, twist) in enumerate(zip(poses, twists, strict=True)):
+        commands.append(control.step(q[k], pose, twist))
+        q[k + 1] = q[k] + dt * commands[-1].value
+        counts[k] = control.counts["left out"], control.counts["waited"]
+    answers = verdict.answers(commands, dt)
+    last = np.vstack([np.zeros(6), answers.value[:-1]])
+    speed = np.linalg.norm(hand_twist(q[:-1], last)[:, :3], axis=1)
+    left_out = np.diff(counts[:, 0], prepend=0) > 0
+    verdict.within("hand speed where something is left out [m/s]", np.where(left_out, speed, 0.0), STANDS)
+    led = np.char.find(answers.reason, "bridging") >= 0
+    now = np.linalg.norm(hand_twist(q[:-1], answers.value)[:, :3], axis=1) / given.linear_speed
+    verdict.within("hand speed while it is led on, of the largest", np.where(led, now, 0.0), LED)
+    verdict.within("most that is left out: once a wait", counts[-1, 0], 1 + counts[-1, 1])
+    good = manipulability(q).min() > given.floor + 0.02 and (answers.status[-50:] == "ok").all()
+    apart = float(np.linalg.norm(tool(q[-1:])[0, :3, 3] - end[:3, 3]))
+    if good:
+        verdict.within("hand away from where the reference came back to [m]", apart, 1e-3)
+        verdict.within("late at the end [s]", control.lag, 0.02)
+    verdict.during("left out", left_out, dt)
+    verdict.during("waited", np.diff(counts[:, 1], prepend=0) > 0, dt)
+    verdict.during("led on", led, dt)
+    verdict.during("judged at the end", np.full(len(places), good), dt)
