@@ -35,6 +35,8 @@ TURN = 0.1
 """[m/rad]"""
 NEAR, REACHED = 2e-3, 2e-3
 """[m] of the hand from a reference within the range; of its pose from one that the arm has."""
+FOUND = 150
+"""Ticks at most that the model of the led arm takes to its first posture."""
 NEAREST = 0.02
 """[m] by which another posture may be nearer."""
 
@@ -78,6 +80,8 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
         commands.append(control.step(q[k], pose, twist))
         q[k + 1] = q[k] + dt * commands[-1].value
     answers = verdict.answers(commands, dt)
+    finding = np.char.find(answers.reason, "finds its posture") >= 0
+    verdict.within("ticks until the person's posture is found", finding.sum(), FOUND)
     found = tool(q[1:])
     apart = np.linalg.norm(found[:, :3, 3] - poses[:, :3, 3], axis=1)
     easy = bool(manipulability(q).min() > 0.1 and (answers.status[-100:] == "ok").all() and control.lag < 1e-3)

@@ -57,7 +57,11 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     if axes > 1 and rng.random() < 0.3:
         points[:, 0] = 0.1  # an axis that stands
     lower, upper = points.min(axis=0) - 1e-3, points.max(axis=0) + 1e-3
-    bounds = {"velocity": velocity, "acceleration": acceleration, "jerk": jerk, "lower": lower, "upper": upper}
+    bounds = {"velocity": velocity, "acceleration": acceleration, "jerk": jerk}
+    if rng.random() < 0.7:
+        bounds |= {"lower": lower, "upper": upper}
+    else:  # where the cubics go, and no further than the path overshoots
+        lower, upper = lower - np.ptp(points, axis=0), upper + np.ptp(points, axis=0)
     verdict.begin(number, f"{axes} axes, {'too fast' if hurried else 'within the bounds'}, dt {dt:g}")
     raw = smooth_path(times, points, dt=dt, compensate=False, **bounds)
     path = smooth_path(times, points, dt=dt, **bounds)

@@ -25,6 +25,8 @@ WHOLE, COMMON = 500_000, 100
 """Ticks from which all least counts are asked for; a shorter slice must show what it should have this many ticks of."""
 FIXED_SEED = 20
 """Of one of the two slices in CI; the other is new each time."""
+BACKED = 0.02
+"""Largest share of ticks that a backup answers."""
 MOST_SHOWN = 5
 """Broken claims of one kind that are kept with their numbers; all are counted."""
 
@@ -164,6 +166,11 @@ class Verdict:
             if bound:
                 self.during(f"yielded {str(bound.name).lower()}", found.yielded & bound.value != 0, dt)
         return found
+
+    def seldom_by_backup(self) -> None:
+        """The solver that was chosen fails seldom; where it does, a backup answers."""
+        backed = self.seen.get("status backup", Seen()).ticks
+        self.within("ticks answered by the backup, of all", backed / max(self.ticks, 1), BACKED)
 
     @property
     def asked(self) -> dict[str, int]:
