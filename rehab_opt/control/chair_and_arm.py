@@ -121,7 +121,8 @@ class ChairAndArm(VelocityController):
         keep_outs = parameter("keep_outs", sum(each.numel() for each in far))
         clearance = parameter("clearance", 1)
         closing = ca.reshape(keep_outs[: far[0].numel()], *far[0].shape), keep_outs[far[0].numel() :]
-        limits = self.limits.limits(q, last, obstacles, closing, clearance)
+        around = parameter("around", self.slots * self.limits.obstacles.size)
+        limits = self.limits.limits(q, last, around, closing, clearance)
         braking, remembered = self.limits.braking, Last(last, memory[-1 - k : -1], memory[-1])
         task = self.task.columns(q, twist, world, last=remembered, limits=limits, braking=braking, dt=self.dt)
         moving = ca.sumsqr(twist) > 0
@@ -178,7 +179,7 @@ class ChairAndArm(VelocityController):
             guess=ca.vertcat(given["guess"] / unit, given["speed"], 0),
             multipliers=ca.vertcat(given["multipliers"], ca.SX.zeros(limits.row_count + 1 + k)),
             prepared=columns,
-            prepare=self._prepared(ca.vertcat(*parameters), memory, ca.vertcat(keep_outs, clearance), prepared),
+            prepare=self._prepared(ca.vertcat(*parameters), memory, ca.vertcat(keep_outs, clearance, around), prepared),
             settled=[sent],
             settle=self._settled(
                 complete, memory.numel(), ca.vertcat(decided.symbol, progress.symbol, off.symbol), wanted, limits
@@ -189,24 +190,35 @@ class ChairAndArm(VelocityController):
             violation=limits.violation(sent),
         )
 
-    def _prepared(self, parameters: ca.SX, memory: ca.SX, keep_outs: ca.SX, prepared: dict[str, ca.SX]) -> ca.Function:
-        """Parameters, memory -> `prepared`; rows of keep-outs are made only where one is near."""
-        n = self.chain.n
+    def _prepared(
+        self, parameters: ca.SX, memory: ca.SX, surroundings: ca.SX, prepared: dict[str, ca.SX]
+    ) -> ca.Function:
+        """Parameters, memory -> `prepared`; the rows of what is far are not made."""
+        n, limits, cse = self.chain.n, self.limits, {"cse": True}
         arm, last = ca.SX.sym("arm", n - CHAIR), ca.SX.sym("last", n - CHAIR)
-        near = ca.Function("near", [arm, last], list(self.limits.near(arm, last)), {"cse": True})
-        rows = [
-            ca.vertcat(ca.vec(ca.densify(each[0])), each[1])
-            for each in (self.limits.keep_outs(arm, last), self.limits.far())
-        ]
-        some, none = (ca.Function("rows", [arm, last], [ca.densify(each)], {"cse": True}) for each in rows)
+        near = ca.Function("near", [arm, last], list(limits.near(arm, last)), cse)
+        every = [ca.vertcat(ca.vec(ca.densify(row)), free) for row, free in (limits.keep_outs(arm, last), limits.far())]
+        some, none = (ca.Function("rows", [arm, last], [ca.densify(each)], cse) for each in every)
         rest = ca.Function(
-            "rest", [parameters, memory, keep_outs], [ca.densify(ca.vertcat(*prepared.values()))], {"cse": True}
+            "rest", [parameters, memory, surroundings], [ca.densify(ca.vertcat(*prepared.values()))], cse
         )
         p, m = ca.MX.sym("p", parameters.numel()), ca.MX.sym("m", memory.numel())
         inputs = p[CHAIR:n], m[CHAIR:n]
         is_near, clearance = near.call(inputs)
-        closing = ca.Function.if_else("keep_outs", some, none)(is_near, *inputs)
-        return ca.Function("prepare", [p, m], [rest(p, m, ca.vertcat(closing, clearance))])
+        found = [ca.Function.if_else("keep_outs", some, none)(is_near, *inputs), clearance]
+        if self.slots:
+            one, place, chair = ca.SX.sym("one", NUMBERS), ca.SX.sym("place", CHAIR), ca.SX.sym("chair", CHAIR)
+            given, obstacles = [one, place, chair], limits.obstacles
+            close = ca.Function("close", given, [obstacles.near(*given)], cse)
+            rows, nothing = obstacles.column(*given), obstacles.far()
+            either = ca.Function.if_else(
+                "obstacle", *(ca.Function("rows", given, [each], cse) for each in (rows, nothing))
+            )
+            for i in range(self.slots):
+                begin = parameters.numel() - NUMBERS * (self.slots - i)
+                each = p[begin : begin + NUMBERS], p[:CHAIR], m[:CHAIR]
+                found.append(either(close(*each), *each))
+        return ca.Function("prepare", [p, m], [rest(p, m, ca.vertcat(*found))])
 
     def _settled(self, complete: ca.SX, size: int, x: ca.SX, wanted: ca.SX, limits: Limits) -> ca.Function:
         """Complete parameters, memory, x -> the command; the arm's true way is looked at only near a keep-out."""
@@ -258,7 +270,9 @@ class ChairAndArm(VelocityController):
         memory = ca.SX.sym("memory", self.stated.memory.numel())
         last, arm = memory[:n], q[CHAIR:]
         _, clearance = self.limits.near(arm, last[CHAIR:])
-        limits = self.limits.limits(q, last, obstacles, self.limits.keep_outs(arm, last[CHAIR:]), clearance)
+        each = [obstacles[NUMBERS * i : NUMBERS * (i + 1)] for i in range(self.slots)]
+        around = ca.vertcat(ca.SX(0, 1), *(self.limits.obstacles.column(one, q[:CHAIR], last[:CHAIR]) for one in each))
+        limits = self.limits.limits(q, last, around, self.limits.keep_outs(arm, last[CHAIR:]), clearance)
         rest = self.limits.unhindered(limits.base, limits.base, arm) if self.robot.keep_out else limits.base
         report = self.report(last, rest, ca.SX(0), ca.SX(1), limits.outside)  # nothing of the task is delivered
         inputs = [q, memory, obstacles] if self.slots else [q, memory]

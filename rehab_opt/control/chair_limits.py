@@ -3,27 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from functools import partial
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from rehab_opt.control.braking_together import BrakingTogether
+from rehab_opt.control.chair_obstacles import INTO, ROWS, ChairObstacles
 from rehab_opt.control.keep_out import arm_gaps, closing_rows
-from rehab_opt.control.obstacles import NUMBERS, Approach, approach, outward_normal
 from rehab_opt.control.stopping import FAR, velocity_bounds
 from rehab_opt.kinematics.differential import Differential
 from rehab_opt.kinematics.mecanum import Mecanum
-from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm, Outline
-from rehab_opt.optim.certificate import all_true, clipped, first_true
+from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
+from rehab_opt.optim.certificate import all_true, clipped
 from rehab_opt.optim.qp import Row, within
 
 __all__ = ["ChairLimits", "Limits"]
-
-Array = NDArray[np.float64]
 
 TIGHTER = 1e-7
 """Fraction by which row limits are drawn in, so that what a certificate may leave open never passes them."""
@@ -33,8 +29,8 @@ MARGIN = 3e-3
 """[m] The stop posture stays further from a keep-out by this than the posture now: links turn, and rows are tangents."""
 FAST = 0.1
 """[m] Way of a hand to the stop posture from which on that margin is whole: at rest there is nothing to turn."""
-CLEAR = 1e-3
-"""[m] The same between the chair and obstacles."""
+CLEAR = 5e-4
+"""[m] The arm stays clear of keep-outs by this, and by twice as much at the stop posture."""
 TINY = 1e-12
 FACETS = 8
 """Sides of the polygon inside the circle of chassis velocities; its corners lie on the axes."""
@@ -128,6 +124,7 @@ class ChairLimits:
         self.robot, self.wheels, self.slots = robot, wheels, slots
         self.dt, self.return_speed = dt, return_speed
         self.braking = BrakingTogether(robot.chain, dt)
+        self.obstacles = ChairObstacles(robot, self.braking, dt)
         self._arm = slice(CHAIR, robot.chain.n)
 
     @property
@@ -158,7 +155,8 @@ class ChairLimits:
         if not self.robot.keep_out:
             return self.far()
         slower, time = self.braking.slower(last), self.braking.time
-        opening, gaps = closing_rows(self.robot, arm)
+        # In the middle of the tick: there a link that slides along a keep-out comes no nearer.
+        opening, gaps = closing_rows(self.robot, arm + last * (self.dt / 2))
         rows, free = [-opening], [ca.fmax(gaps - self._margin(0.0, last), 0) / time]
         for part in ALONG:
             opening, gaps = closing_rows(self.robot, arm + part * time * slower)
@@ -174,9 +172,13 @@ class ChairLimits:
     def limits(
         self, q: ca.SX, last: ca.SX, obstacles: ca.SX, keep_outs: tuple[ca.SX, ca.SX], clearance: ca.SX
     ) -> Limits:
-        """Limits at joint values q (7,) after the command `last` (7,), with obstacles (4 slots,) and `keep_outs`."""
+        """Limits at joint values q (7,) after the command `last` (7,), with the columns of obstacles and `keep_outs`."""
         lower, upper, hard_lower, hard_upper, outside = self._joints(q, last)
-        into, into_limit, around, within_one = self._obstacles(q, obstacles)
+        read, around = (
+            self.obstacles.read,
+            [obstacles[i : i + self.obstacles.size] for i in range(0, obstacles.numel(), self.obstacles.size)],
+        )
+        into, into_limit = _stacked([read(each, ROWS, INTO) for each in around])
         closing, free = keep_outs
         chair, chair_limit = self._chassis()
         count = closing.size1() // (1 + len(ALONG))
@@ -194,7 +196,8 @@ class ChairLimits:
             )
 
         base = pressed(self.braking.slowest(last))
-        towards, towards_limit = self._towards(around, last[:CHAIR], base[:CHAIR])
+        towards, left = _stacked([read(each, 0, ROWS) for each in around])
+        towards_limit = ca.fmax(ca.fmax(left, 0) + towards @ slower[:CHAIR], towards @ base[:CHAIR])
         return Limits(
             lower=lower,
             upper=upper,
@@ -208,7 +211,7 @@ class ChairLimits:
             closing_limit=ca.vertcat(now_limit, ca.fmax(free[count:] + then @ slower[CHAIR:], then @ base[CHAIR:])),
             base=base,
             clearance=clearance,
-            outside=ca.sum1(ca.vertcat(outside, within_one, clearance < 0)) > 0,
+            outside=ca.sum1(ca.vertcat(outside, *(each[-1] for each in around), clearance < 0)) > 0,
         )
 
     def outside(self, limits: Limits, u: ca.SX) -> ca.SX:
@@ -244,6 +247,7 @@ class ChairLimits:
         fastest = part * time * float(np.max(self.robot.chain.velocity[CHAIR:]))
         return (
             within
+            + (1 + part) * CLEAR
             + part * MARGIN * ca.fmin(1, self.reach * time * speed / FAST)
             + self.reach * min(step, fastest) ** 2 / 2
         )
@@ -270,94 +274,11 @@ class ChairLimits:
             limits.append(np.full(angles.size, speed * math.cos(np.pi / FACETS)))
         return ca.sparsify(ca.SX(ca.DM(np.vstack(rows)))), ca.SX(ca.DM(np.concatenate(limits) * (1 - TIGHTER)))
 
-    def _obstacles(self, q: ca.SX, numbers: ca.SX) -> tuple[ca.SX, ca.SX, list[Approach], ca.SX]:
-        """Rows (2 slots, 3) into obstacles in this tick, their limits, the obstacles, 1 where within one."""
-        outline, turn = self.robot.outline, float(self.robot.chain.velocity[2])
-        rows, limits, around, inside = [ca.SX(0, CHAIR)], [ca.SX(0, 1)], list[Approach](), [ca.SX(0, 1)]
-        for i in range(self.slots):
-            one = numbers[NUMBERS * i : NUMBERS * (i + 1)]
-            each = approach(one, q[:CHAIR], outline, dt=self.dt, horizon=self.braking.time, turn=turn)
-            rows.append(each.matrix)
-            limits.append((each.room + each.more) * (1 - TIGHTER))
-            around.append(each)
-            inside.append(each.inside)
-        return ca.vertcat(*rows), ca.vertcat(*limits), around, ca.vertcat(*inside)
 
-    def _towards(self, obstacles: list[Approach], last: ca.SX, base: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Rows (4 slots, 3) towards the obstacles, and their limits.
-
-        Of a wall, of its two nearest corners, of a post, of the nearest point of the outline: one row of the posture
-        now, one of the place on the way to the stop posture where less is left.
-        """
-        rows, limits = [ca.SX(0, CHAIR)], [ca.SX(0, 1)]
-        slower, outline, nothing = self.braking.slower(last), self.robot.outline, ca.vertcat(0, 0, 0, FAR, 0, 0, 0, FAR)
-        for each in obstacles:
-            corners = [self._approached(partial(_corner, each.wall, corner), slower) for corner in outline.corners]
-            post, _ = self._approached(partial(_post, each.post, outline), slower)
-            keys = ca.vertcat(*(key for _, key in corners))
-            for instead in (post, nothing):
-                nearest = first_true(keys <= ca.mmin(keys))
-                keys = ca.if_else(nearest, ca.inf, keys)
-                found = ca.if_else(each.is_post, instead, ca.horzcat(*(rows for rows, _ in corners)) @ nearest)
-                for row, left in ((found[:3], found[3]), (found[4:7], found[7])):
-                    rows.append(row.T)
-                    limits.append(ca.fmax(ca.fmax(left, 0) + ca.dot(row, slower), ca.dot(row, base)))
-        return ca.vertcat(*rows), ca.vertcat(*limits)
-
-    def _approached(
-        self, gap_after: Callable[[ca.SX, float], tuple[ca.SX, ca.SX]], slower: ca.SX
-    ) -> tuple[ca.SX, ca.SX]:
-        """(8,) a row now and what is left for it [m/s], a row on the way to the stop posture likewise; the least gap."""
-        time, turn = self.braking.time, min(float(self.braking.change[2]), float(self.robot.chain.velocity[2]))
-        bent = float(np.linalg.norm(self.robot.outline.corners, axis=1).max()) * turn**2 / 2
-        least, now = gap_after(slower, 0.0)
-        first = ca.vertcat(now, least / time - ca.dot(now, slower))
-        then, left = ca.SX.zeros(CHAIR), ca.SX(ca.inf)
-        for part in ALONG:
-            gap, closing = gap_after(slower, part * time)
-            here = (gap - part * CLEAR - bent * (part * time) ** 2) / (part * time)
-            then, left = ca.if_else(here < left, closing, then), ca.fmin(here, left)
-            least = ca.fmin(least, gap)
-        return ca.vertcat(first, then, left), least
-
-
-def _corner(wall: ca.SX, corner: Array, velocity: ca.SX, time: float) -> tuple[ca.SX, ca.SX]:
-    """Gap of a chair's corner (2,) from a wall [m] after an arc of a velocity (3,) for a time [s]; how fast the gap
-    closes by each of the three, in the mean.
-    """  # noqa: D205
-    (x, y), u = corner.tolist(), ca.SX.sym("u", CHAIR)
-    drive, half, shrunk = _driven(u, time)
-    cos, sin = ca.cos(half), ca.sin(half)
-    spin = u[2] * shrunk * ca.vertcat(-sin * x - cos * y, cos * x - sin * y)  # of what turns, the mean velocity
-    mean = ca.dot(wall[:2], drive + spin)
-    speed, closing = ca.substitute([mean, ca.jacobian(mean, u).T], [u], [velocity])
-    return wall[2] - wall[0] * x - wall[1] * y - time * speed, closing
-
-
-def _post(post: ca.SX, outline: Outline, velocity: ca.SX, time: float) -> tuple[ca.SX, ca.SX]:
-    """The same of the chair's outline from a post; negative within."""
-    u, n, c = ca.SX.sym("u", CHAIR), ca.SX.sym("n", 2), post[:2]
-    drive, half, shrunk = _driven(u, time)
-    # Seen from the chair the centre has moved by this in the mean, turned back by the way's end.
-    cos, sin = ca.cos(2 * half), ca.sin(2 * half)
-    turned = (
-        u[2]
-        * shrunk
-        * ca.vertcat(-ca.sin(half) * c[0] + ca.cos(half) * c[1], -ca.cos(half) * c[0] - ca.sin(half) * c[1])
-    )
-    mean = turned - ca.vertcat(cos * drive[0] + sin * drive[1], cos * drive[1] - sin * drive[0])
-    here = ca.substitute(c + time * mean, u, velocity)
-    normal = ca.vertcat(*outward_normal(outline, here[0], here[1]))
-    support = ca.mmax(ca.DM(outline.corners) @ normal)
-    closing = ca.substitute(-ca.jacobian(ca.dot(n, mean), u).T, ca.vertcat(u, n), ca.vertcat(velocity, normal))
-    return ca.dot(normal, here) - support - post[2], closing
-
-
-def _driven(u: ca.SX, time: float) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """(2,) mean velocity on the arc of a twist u (3,), half of the turn [rad], and the chord over the arc."""
-    half = u[2] * time / 2
-    shrunk, cos, sin = 1 - half * half / 6, ca.cos(half), ca.sin(half)
-    return shrunk * ca.vertcat(cos * u[0] - sin * u[1], sin * u[0] + cos * u[1]), half, shrunk
+def _stacked(rows: list[tuple[ca.SX, ca.SX]]) -> tuple[ca.SX, ca.SX]:
+    """The rows of all obstacles in one matrix, and what stands behind them in one column."""
+    matrices, columns = [each for each, _ in rows], [each for _, each in rows]
+    return ca.vertcat(ca.SX(0, CHAIR), *matrices), ca.vertcat(ca.SX(0, 1), *columns)
 
 
 def largest_part(values: ca.SX, limits: ca.SX) -> ca.SX:

@@ -65,7 +65,7 @@ class HandTask:
 
         All is of the middle of the tick, where a velocity that is held moves the hand as it does in the mean.
         """
-        n, moving, base = self.robot.chain.n, self.moving, limits.base
+        moving, base = self.moving, limits.base
         half = last.velocity * (dt / 2)
         jacobian = self.task_jacobian(q, world, way=half)
         posture = ca.vertcat(0, 0, half[2], (q + half)[CHAIR:])

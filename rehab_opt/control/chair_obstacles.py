@@ -1,0 +1,167 @@
+"""How the chair approaches one obstacle: where its outline comes nearest now, and on the way to where braking ends."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.control.braking_together import BrakingTogether
+from rehab_opt.control.obstacles import Approach, approach, outward_normal
+from rehab_opt.control.stopping import FAR
+from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm, Outline
+from rehab_opt.optim.certificate import first_true
+
+__all__ = ["INTO", "ROWS", "ChairObstacles"]
+
+Array = NDArray[np.float64]
+
+ROWS, INTO = 4, 2
+"""Rows of one obstacle: towards it, and into it in this tick."""
+ALONG = (0.5, 1.0)
+"""Places on the way to the stop posture that are looked at, besides its beginning."""
+CLEAR = 5e-4
+"""[m] The chair stays clear of obstacles by this, and by twice as much where braking ends: rows are tangents."""
+TIGHTER = 1e-7
+"""Fraction by which limits are drawn in, so that what a certificate may leave open never passes them."""
+
+
+class ChairObstacles:
+    """Rows on the chair's velocity (3,) for one obstacle, by `obstacle_numbers`, in its own frame.
+
+    Towards it, as one column: `ROWS` rows, and what is left for each [m/s] when the chair brakes. Of the two corners
+    nearest to it: one row of the posture now, one of the place on the way to the stop posture where less is left. A post
+    is the wall that touches it on that way, since the outline could cut it between two places; now it is what is
+    nearest to the outline. So beside a post the chair may stop where it could still turn about it.
+
+    Into it in this tick: `INTO` rows and their limits [m/s]. Those of the same points now, but for what they turn by in
+    a tick; closer than that, of `approach`, which are right for every turn.
+
+    Parameters
+    ----------
+    robot : its outline and the chair's largest speeds. braking : see `BrakingTogether`. dt : tick [s].
+    """
+
+    def __init__(self, robot: MobileArm, braking: BrakingTogether, dt: float) -> None:
+        self.outline, self.braking, self.dt = robot.outline, braking, dt
+        self._turn = float(robot.chain.velocity[2])
+        self._lever = float(np.linalg.norm(robot.outline.corners, axis=1).max())
+
+    @property
+    def size(self) -> int:
+        """Length of the column of one obstacle."""
+        return (ROWS + INTO) * (CHAIR + 1) + 1
+
+    def near(self, one: ca.SX, place: ca.SX, last: ca.SX) -> ca.SX:
+        """1 where the obstacle can matter after a command `last` (3,) of the chair at `place` (3,)."""
+        each, change = self._approach(one, place), self.braking.change
+        turn, drive = ca.fabs(last[2]) + change[2], ca.fabs(last[0]) + ca.fabs(last[1]) + 2 * change[0]
+        margin = 2 * CLEAR + 2 * self._swept(each, last) + self._bent * self.braking.time**2
+        gap = ca.fmin(ca.mmin(self._gaps(each)), ca.if_else(each.is_post, _post(each.post, self.outline)[0], FAR))
+        return ca.logic_and(one[3] != 0, gap <= margin + self.braking.time * (drive + self._lever * turn))
+
+    def column(self, one: ca.SX, place: ca.SX, last: ca.SX) -> ca.SX:
+        """(size,) rows towards it and what is left, rows into it and their limits, and 1 where the chair is within it."""
+        each = self._approach(one, place)
+        parts = [
+            ca.vertcat(*(ca.vertcat(*pair) for pair in pairs))
+            for pairs in (self._towards(each, last), self._into(each, last))
+        ]
+        return ca.densify(ca.vertcat(*parts, each.inside))
+
+    def far(self) -> ca.SX:
+        """(size,) that of an obstacle that does not matter."""
+        row = ca.vertcat(ca.SX.zeros(CHAIR), FAR)
+        return ca.densify(ca.vertcat(*[row] * (ROWS + INTO), 0))
+
+    @staticmethod
+    def read(column: ca.SX, first: int, count: int) -> tuple[ca.SX, ca.SX]:
+        """(count, 3) rows of a column from the first on, and (count,) what stands behind each."""
+        cells = ca.reshape(column[(CHAIR + 1) * first : (CHAIR + 1) * (first + count)], CHAIR + 1, count)
+        return cells[:CHAIR, :].T, cells[CHAIR, :].T
+
+    # -------------------------------------------------------------------------------------------------- plumbing
+    @property
+    def _bent(self) -> float:
+        """[m/s^2] what the tangents of a corner's way promise too much in a tick, over the square of the way's time."""
+        return self._lever * min(float(self.braking.change[2]), self._turn) ** 2 / 2
+
+    def _approach(self, one: ca.SX, place: ca.SX) -> Approach:
+        return approach(one, place, self.outline, dt=self.dt, horizon=self.braking.time, turn=self._turn)
+
+    def _gaps(self, each: Approach) -> ca.SX:
+        return each.wall[2] - ca.DM(self.outline.corners) @ each.wall[:2]
+
+    def _swept(self, each: Approach, last: ca.SX) -> ca.SX:
+        """[m] by which the outline may leave its straight way in a tick after a command `last` (3,)."""
+        change = self.braking.change
+        turn = ca.fmin(ca.fabs(last[2]) + change[2], self._turn)
+        drive = ca.fabs(last[0]) + ca.fabs(last[1]) + 2 * change[0]
+        lever = ca.if_else(each.is_post, ca.norm_2(each.post[:2]), self._lever)
+        return turn * (lever * turn + 2 * drive) * self.dt**2 / 2
+
+    def _into(self, each: Approach, last: ca.SX) -> list[tuple[ca.SX, ca.SX]]:
+        keys, swept, rows = self._gaps(each), self._swept(each, last), []
+        closing = [_corner(each.wall, corner, ca.SX.zeros(CHAIR), 0.0)[1] for corner in self.outline.corners]
+        far, towards = _post(each.post, self.outline)
+        simple = ca.if_else(each.is_post, far, ca.mmin(keys)) > 2 * swept
+        for k, instead in enumerate((towards, ca.SX.zeros(CHAIR))):
+            gap, chosen = ca.if_else(each.is_post, far, ca.mmin(keys)), first_true(keys <= ca.mmin(keys))
+            keys = ca.if_else(chosen, ca.inf, keys)
+            row = ca.if_else(each.is_post, instead, ca.horzcat(*closing) @ chosen)
+            limit = ca.if_else(simple, (gap - swept) / self.dt, each.room[k] + each.more) * (1 - TIGHTER)
+            rows.append((ca.if_else(simple, row, each.matrix[k, :].T), limit))
+        return rows
+
+    def _towards(self, each: Approach, last: ca.SX) -> list[tuple[ca.SX, ca.SX]]:
+        slower, margin = self.braking.slower(last), CLEAR + 2 * self._swept(each, last)
+        corners = [self._approached(partial(_corner, each.wall, one), slower, margin) for one in self.outline.corners]
+        far, towards = _post(each.post, self.outline)
+        post = ca.vertcat(towards, ca.fmax(far - margin, 0) / self.braking.time - ca.dot(towards, slower))
+        keys, rows = ca.vertcat(*(key for _, key in corners)), []
+        for instead in (post, ca.vertcat(0, 0, 0, FAR)):
+            nearest = first_true(keys <= ca.mmin(keys))
+            keys = ca.if_else(nearest, ca.inf, keys)
+            found = ca.horzcat(*(rows for rows, _ in corners)) @ nearest
+            rows += [(row[:3], row[3]) for row in (ca.if_else(each.is_post, instead, found[:4]), found[4:])]
+        return rows
+
+    def _approached(
+        self, gap_after: Callable[[ca.SX, float], tuple[ca.SX, ca.SX]], slower: ca.SX, margin: ca.SX
+    ) -> tuple[ca.SX, ca.SX]:
+        """(8,) a row now and what is left for it [m/s], a row on the way to the stop posture likewise; the least gap."""
+        time = self.braking.time
+        least, now = gap_after(slower, 0.0)
+        first = ca.vertcat(now, ca.fmax(least - margin, 0) / time - ca.dot(now, slower))
+        then, left = ca.SX.zeros(CHAIR), ca.SX(ca.inf)
+        for part in ALONG:
+            gap, closing = gap_after(slower, part * time)
+            here = (gap - margin - part * CLEAR - self._bent * (part * time) ** 2) / (part * time)
+            then, left = ca.if_else(here < left, closing, then), ca.fmin(here, left)
+            least = ca.fmin(least, gap)
+        return ca.vertcat(first, then, left), least
+
+
+def _corner(wall: ca.SX, corner: Array, velocity: ca.SX, time: float) -> tuple[ca.SX, ca.SX]:
+    """Gap of a chair's corner (2,) from a wall [m] after an arc of a velocity (3,) for a time [s]; how fast the gap
+    closes by each of the three, in the mean.
+    """
+    (x, y), u = corner.tolist(), ca.SX.sym("u", CHAIR)
+    half = u[2] * time / 2
+    shrunk, cos, sin = 1 - half * half / 6, ca.cos(half), ca.sin(half)  # the chord over the arc, and its direction
+    drive = shrunk * ca.vertcat(cos * u[0] - sin * u[1], sin * u[0] + cos * u[1])
+    spin = u[2] * shrunk * ca.vertcat(-sin * x - cos * y, cos * x - sin * y)  # of what turns, the mean velocity
+    mean = ca.dot(wall[:2], drive + spin)
+    speed, closing = ca.substitute([mean, ca.jacobian(mean, u).T], [u], [velocity])
+    return wall[2] - wall[0] * x - wall[1] * y - time * speed, closing
+
+
+def _post(post: ca.SX, outline: Outline) -> tuple[ca.SX, ca.SX]:
+    """Gap of a chair's outline from a post [m], negative within; (3,) how fast a chassis velocity closes it."""
+    x, y = post[0], post[1]
+    normal = ca.vertcat(*outward_normal(outline, x, y))
+    gap = ca.dot(normal, post[:2]) - ca.mmax(ca.DM(outline.corners) @ normal) - post[2]
+    return gap, ca.vertcat(normal, normal[1] * x - normal[0] * y)
