@@ -53,9 +53,9 @@ class Sound(NamedTuple):
 
 
 def drawn(seed: int) -> Iterator[Fault]:
-    """Faults without end of the list: each module in turn, in an order of the seed; of it an operator, then a place."""
-    paths = [path for folder in FOLDERS for path in sorted((ROOT / folder).glob("*.py"))]
-    random.Random(seed).shuffle(paths)
+    """Faults without end of the list: each module in turn; of it an operator, then a place. What a module adds changes no other's."""
+    paths = [path for folder in FOLDERS for path in (ROOT / folder).glob("*.py")]
+    paths.sort(key=lambda path: random.Random(f"{seed} {path.name}").random())
     each = [_of_module(seed, path) for path in paths]
     for turn in itertools.zip_longest(*each):
         yield from (fault for fault in turn if fault)
