@@ -53,7 +53,7 @@ class Sound(NamedTuple):
 
 
 def drawn(seed: int) -> Iterator[Fault]:
-    """Faults without end of the list: each module in turn; of it an operator, then a place. What a module adds changes no other's."""
+    """Each module in turn; of it an operator, then a place. What one module adds changes no other's draws."""
     paths = [path for folder in FOLDERS for path in (ROOT / folder).glob("*.py")]
     paths.sort(key=lambda path: random.Random(f"{seed} {path.name}").random())
     each = [_of_module(seed, path) for path in paths]
