@@ -6,6 +6,7 @@ and tilt has its hand nearer to an unreachable target, and none of those near an
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -83,7 +84,11 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     lower, upper = np.deg2rad(np.array(RANGES[name], dtype=float)).T
     tilt = (math.radians(2.0), math.radians(10.0), None)[int(rng.integers(3))]
     terms = TERMS[int(rng.integers(len(TERMS)))]
-    ik = ArmIK(human_arm(range_of_motion=name), handle_tilt=tilt, posture_cost=terms, compile=False)
+    arm = human_arm(range_of_motion=name)
+    if nameless := bool(rng.random() < 0.3):
+        arm = dataclasses.replace(arm, names=tuple("elbow" if i == ELBOW else f"joint {i}" for i in range(8)))
+    rest = (lower + upper) / 2 if nameless else np.clip(REST, lower, upper)
+    ik = ArmIK(arm, handle_tilt=tilt, posture_cost=terms, compile=False)
     verdict.begin(number, f"{name}, tilt {tilt}, {terms}")
     targets = hand(rng.uniform(lower, upper, (40, 8)))[0]
     targets[30:37] += rng.standard_normal((7, 3)) * rng.choice([0.05, 1.0, 100.0], (7, 1))
@@ -120,7 +125,7 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     verdict.holds("a plain answer has no reason, another one has", (reason == "") == (status == "ok"))
     verdict.holds("no number is answered by holding", (status == "holding") == ~numbers)
     verdict.holds("whoever is in place is not called unreachable", (true > PLACE) | (status != "unreachable"))
-    middles = [middle(terms, lower, upper, start) for start in begins]
+    middles = [middle(terms, lower, upper, rest, start) for start in begins]
     costs = [0.5 * float(np.sum(w * (each.q - c) ** 2)) for each, (w, c) in zip(answers, middles, strict=True)]
     verdict.within("error of the posture cost", np.abs([each.cost for each in answers] - np.array(costs)), 1e-9)
     verdict.within(
@@ -148,11 +153,10 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
 
 
 def middle(
-    terms: dict[str, float], lower: np.ndarray, upper: np.ndarray, start: np.ndarray | None
+    terms: dict[str, float], lower: np.ndarray, upper: np.ndarray, rest: np.ndarray, start: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray]:
     """(T, 8) weights and centres of a posture cost's terms; what has nothing to refer to is left out."""
     scale = 1.0 / np.clip(upper - lower, 0.1, 2 * math.pi) ** 2
-    rest = np.clip(REST, lower, upper)
     found = []
     for name, weight in terms.items():
         if name == "elbow":

@@ -20,7 +20,7 @@ PROMISES = (
     Promise("rehab_opt/control/mirror.py", "How many ticks yielded acceleration, were shortened, waited, braked, and "
             "how many stretches were left out."),
 )  # fmt: skip
-LEAST = {"left out": 200, "waited": 20_000, "led on": 5000, "judged at the end": 20_000,
+LEAST = {"left out": 200, "waited": 20_000, "led on": 5000, "judged at the end": 10_000,
          "planned to the end": 50_000}  # fmt: skip
 CI_TICKS = 6000
 SHARE = 0.1

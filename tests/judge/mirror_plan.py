@@ -19,6 +19,7 @@ from tests.judge.verdict import Promise, Verdict
 PROMISES = (
     Promise("rehab_opt/control/mirror.py", "The whole motion along a recording, with every guarantee of `step` and the "
             "future known."),
+    Promise("rehab_opt/control/mirror.py", "Jumps of the reference are bridged in the same way"),
     Promise("rehab_opt/control/mirror.py", "samples with NaN are lost sight, and bridged."),
     Promise("rehab_opt/control/mirror_plan.py", "Whether the reference's end was reached; where it was not, the motion "
             "ends early, and at rest too."),
@@ -31,6 +32,7 @@ LEAST = {"at the largest hand speed": 250, "slowed": 20_000, "lost sight": 1000,
 CI_TICKS = 6000
 SHARE = 0.2
 INSTANTS = (0.0, 0.25, 0.5, 0.75, 1.0)
+TURNED = np.array([[1, 0, 0], [0, math.cos(0.8), -math.sin(0.8)], [0, math.sin(0.8), math.cos(0.8)]])
 LATE = 0.05
 """[s] of delay that is allowed to an easy recording: the start from rest."""
 
@@ -45,7 +47,7 @@ def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
 
 def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     """One recording."""
-    start, easy = good_posture(rng, 0.5), number % 3 == 0
+    start, easy, jumps = good_posture(rng, 0.5), number % 3 == 0, False
     given = draw(rng, start, planes=False)
     dt = float(rng.choice([0.005, 0.01]))
     given = given._replace(dt=dt)
@@ -56,6 +58,8 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
         joints = start + 0.1 * minimum_jerk(ticks)[:, None] * rng.uniform(-1, 1, 6)
         joints = np.clip(joints, given.lower, given.upper)
         poses, twists = tool(joints), hand_twist(joints, np.gradient(joints, dt, axis=0))
+        if jumps := number % 2 == 1:  # the hand turns at once
+            poses[ticks // 2 :, :3, :3] = poses[ticks // 2 :, :3, :3] @ TURNED
     else:
         poses, twists = reference(rng, kind, start, ticks, dt)
     lost = np.zeros(ticks, dtype=bool)
@@ -109,7 +113,7 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
         end = poses[np.flatnonzero(~lost)[-1]]
         verdict.within("the end is another pose", np.abs(path.references[-1] - end), 1e-9)
         verdict.within("clock at the end [s]", abs(path.clock[-1] - dt * np.flatnonzero(~lost)[-1]), 1e-9)
-    untouched = not lost.any() and kind != "sudden" and not path.counts.get("left out", 0)
+    untouched = not lost.any() and not jumps and kind != "sudden" and not path.counts.get("left out", 0)
     if untouched:
         read = path.clock >= 0.0  # before is the bridge from the hand to the first pose
         verdict.within("reference away from the recording at the clock's time [m]",
@@ -122,7 +126,11 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
         verdict.within("the clock's step away from its pace [s]",
                        np.where(steady, np.abs(step - dt * path.paces[1:]), 0.0), 1e-9)  # fmt: skip
         verdict.during("reference read", read, dt)
-    if easy:
+    if jumps:
+        turning = np.diff(path.references, axis=0)[:, :3, :3]
+        rate = np.linalg.norm(turning, axis=(1, 2)) / math.sqrt(2) / dt
+        verdict.within("turn of a reference that jumps over the hand's largest", rate / given.angular_speed, 1.0)
+    elif easy:
         verdict.holds("an easy recording is followed to its end", path.complete)
         verdict.within("delay of an easy recording [s]", path.delay, LATE)
         verdict.within("deviation from an easy recording [m]", apart, 1e-3)

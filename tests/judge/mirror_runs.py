@@ -116,7 +116,9 @@ def tracker(given: Settings) -> MirrorTracker:
 def follow(rng: np.random.Generator, number: int, *, faults: float, planes: bool, pushed: bool, below: float) -> Run:
     """One run: a fault each `faults` s; a share `below` of them begins below the floor."""
     under = bool(rng.random() < below)
-    start = singular_posture(rng) + 0.02 * rng.standard_normal(6) if under else good_posture(rng, 0.35)
+    start = (
+        singular_posture(rng) + rng.choice([0.0, 0.02]) * rng.standard_normal(6) if under else good_posture(rng, 0.35)
+    )
     given, kind = draw(rng, start, planes=planes), KINDS[-1 - number % len(KINDS)]
     dt, control = given.dt, tracker(given)
     ticks = run_length(rng, number, dt)

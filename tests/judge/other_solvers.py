@@ -9,8 +9,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import qpsolvers
 
 from rehab_opt import ArmIK, BoundedForce, PoseTracker, human_arm, ur5
+from rehab_opt.optim.backends import to_qpsolvers
+from rehab_opt.optim.witness import witnessed
 from tests.judge.arm_ik_answers import RANGES, hand
 from tests.judge.numbering import numbered
 from tests.judge.references import good_posture, reference
@@ -18,6 +21,10 @@ from tests.judge.ur5_numbers import LIMIT
 from tests.judge.verdict import Promise, Verdict
 
 PROMISES = (
+    Promise("rehab_opt/control/bounded_force.py", "The QP for a hand at x (2,) moving at v (2,), with the last force "
+            "and the energy of now, for inspection."),
+    Promise("rehab_opt/optim/witness.py", "of each solver's QPs, how many are let pass first, and how many are then "
+            "kept; None for all."),
     Promise("README.md", "Every answer is judged by residuals computed from the statement, not by the solver's word"),
     Promise("README.md", '`solver=` takes "qrqp" (compiled with everything else into one function), "proxqp" and '
             '"osqp" (kept alive), or any solver known to qpsolvers; `ArmIK` takes "sqp" (ours), "ipopt", "fatrop", '
@@ -47,6 +54,7 @@ def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
         trackers(verdict, rng, solver)
         forces(verdict, rng, solver)
         postures(verdict, rng, PROGRAMMES[number % len(PROGRAMMES)])
+        inspected(verdict, rng)
     return verdict
 
 
@@ -98,6 +106,29 @@ def forces(verdict: Verdict, rng: np.random.Generator, solver: str) -> None:
         for commands, each in zip(found, twins, strict=True):
             commands.append(each.step(x, v))
     compare(verdict, "force", solver, *found, dt)
+
+
+def inspected(verdict: Verdict, rng: np.random.Generator) -> None:
+    """What is given for inspection, before a tick and by a witness after it, has the tick's answer as its own."""
+    dt, stiffness, skip, most = 0.005, rng.uniform(200.0, 3000.0), int(rng.integers(0, 20)), int(rng.integers(1, 60))
+    with witnessed(skip=skip, most=most) as witness:
+        force = BoundedForce(lambda x, y, _vx, _vy: (-stiffness * x, -stiffness * y), dt=dt, compile=False)
+        values, problems = [], []
+        phase = rng.uniform(0, 6, 2)
+        for k in range(50):
+            x = 0.05 * np.sin(2.0 * dt * k * np.array([2.0, 3.0]) + phase)
+            v = 0.1 * np.array([2.0, 3.0]) * np.cos(2.0 * dt * k * np.array([2.0, 3.0]) + phase)
+            problems.append(force.to_qpsolvers(x, v))
+            values.append(force.step(x, v).value)
+    verdict.ticks += len(values)
+    (stream,) = witness.streams
+    kept = stream.instances()
+    verdict.holds("a witness keeps what it should", (len(kept), stream.met) == (min(most, 50 - skip), 50))
+    seen = [to_qpsolvers(each) for each in kept]
+    pairs = [*zip(problems, values, strict=True), *zip(seen, values[skip:], strict=False)]
+    answers = [qpsolvers.solve_problem(problem, solver="quadprog").x[:2] for problem, _ in pairs]
+    apart = [np.abs(answer - value).max() for answer, (_, value) in zip(answers, pairs, strict=True)]
+    verdict.within("force away from the answer of the problem given for inspection [N]", apart, 1e-5)
 
 
 def postures(verdict: Verdict, rng: np.random.Generator, solver: str) -> None:

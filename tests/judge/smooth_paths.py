@@ -44,8 +44,9 @@ def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
 def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     """One path, with and without compensation."""
     axes, dt = int(rng.integers(1, 4)), float(rng.choice([0.005, 0.01]))
-    hurried = number % 2 == 1
+    hurried, alike = number % 2 == 1, number % 4 > 1
     velocity, acceleration, jerk = rng.uniform(0.5, 2.0, axes), rng.uniform(2.0, 8.0, axes), rng.uniform(20, 80, axes)
+    velocity = np.full(axes, velocity[0]) if alike else velocity
     if hurried:
         times = 3.0 + np.cumsum(rng.uniform(0.1, 1.0, rng.integers(4, 9)))
         points = velocity * np.cumsum(rng.uniform(-1, 1, (len(times), axes)), axis=0)
@@ -57,7 +58,7 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     if axes > 1 and rng.random() < 0.3:
         points[:, 0] = 0.1  # an axis that stands
     lower, upper = points.min(axis=0) - 1e-3, points.max(axis=0) + 1e-3
-    bounds = {"velocity": velocity, "acceleration": acceleration, "jerk": jerk}
+    bounds = {"velocity": velocity[0] if alike else velocity, "acceleration": acceleration, "jerk": jerk}
     if rng.random() < 0.7:
         bounds |= {"lower": lower, "upper": upper}
     else:  # where the cubics go, and no further than the path overshoots

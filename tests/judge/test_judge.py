@@ -40,6 +40,8 @@ def test_judge_imports_only_public_controllers_and_value_types() -> None:
         "rehab_opt.control.obstacles import ",
         "rehab_opt.control.conditioning import ",
         "rehab_opt.control.scanning import ",
+        "rehab_opt.optim.backends import to_qpsolvers",
+        "rehab_opt.optim.witness import witnessed",
         "rehab_opt.control.hand_bounds import HandBounds",
         "rehab_opt.control.mirror_window import ",
     )
