@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
-from rehab_opt import smooth_path
+from rehab_opt import Smoother, smooth_path
 from tests.judge.numbering import numbered
 from tests.judge.verdict import Promise, Verdict
 
@@ -22,6 +22,7 @@ PROMISES = (
             "lag, and keep what stays closest."),
     Promise("rehab_opt/control/smoothing.py", "interpolated by shape-preserving cubics, which leave no range the "
             "points keep."),
+    Promise("rehab_opt/control/smoother.py", "a scalar stands for all."),
     Promise("rehab_opt/control/measured_lag.py", "Delay [s] after which the targets match the positions best: least "
             "squares, each axis counted by its own range."),
 )  # fmt: skip
@@ -99,6 +100,12 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
         verdict.within("mismatch at the lag that is told over the best", mismatch(each.lag), best * (1 + 1e-3) + 1e-12)
         verdict.within("certificate of all ticks", each.residual, 1e-8)
         verdict.during(f"compensation {each.compensation}", np.ones(ticks, dtype=bool), dt)
+    if alike:
+        twins = [
+            Smoother(velocity=each, acceleration=acceleration, jerk=jerk, dt=dt) for each in (velocity[0], velocity)
+        ]
+        one, other = ([each.step(points[-1]).value for _ in range(20)] for each in twins)
+        verdict.holds("a scalar bound stands for all axes", np.array_equal(one, other))
     verdict.holds("no compensation unless asked", raw.compensation == "none")
     worse = float(np.max(path.deviation / velocity)) - float(np.max(raw.deviation / velocity))
     verdict.within("compensation makes worse [s]", worse, 1e-9)
