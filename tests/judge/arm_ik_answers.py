@@ -26,8 +26,8 @@ PROMISES = (
             "decides."),
     Promise("rehab_opt/control/ik_answer.py", "[rad] Largest change of a joint between two samples: a jump to another "
             "branch shows here."),
-    Promise("rehab_opt/optim/nlp_hessian.py", "its step and multipliers are those of the exact Hessian, and convergence "
-            "stays quadratic."),
+    Promise("rehab_opt/optim/nlp_hessian.py", "its step and multipliers are those of the exact Hessian, and "
+            "convergence stays quadratic."),
     Promise("rehab_opt/control/ik_answer.py", "[m] distance from the hand to the target; infinite where the target is "
             "not a number."),
     Promise("rehab_opt/control/ik_answer.py", "[rad] angle between the handle and the vertical."),

@@ -104,6 +104,8 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
         twins = [
             Smoother(velocity=each, acceleration=acceleration, jerk=jerk, dt=dt) for each in (velocity[0], velocity)
         ]
+        for each in twins:
+            each.reset(points[0])
         one, other = ([each.step(points[-1]).value for _ in range(20)] for each in twins)
         verdict.holds("a scalar bound stands for all axes", np.array_equal(one, other))
     verdict.holds("no compensation unless asked", raw.compensation == "none")
