@@ -37,8 +37,9 @@ CI_TICKS = 4000
 SHARE = 0.1
 ANSWERED = {"proxqp": 0.9, "osqp": 0.3, "daqp": 0.95, "quadprog": 0.9}
 """Share of ticks in which the solver that was named must be the one that answered."""
-ALIKE = 1e-3
+ALIKE = 5e-3
 """A residual of 1e-8 where the cost is as flat as damping near a singular posture."""
+CERTIFIED = ("ok", "backup", "blocked")
 MISSING = 0.02
 UNNAMED = {"ipopt": 0.5, "fatrop": 1.0, "sqpmethod": 0.5}
 """Share of postures that may be the backup's."""
@@ -64,8 +65,8 @@ def compare(verdict: Verdict, claim: str, solver: str, mine: list, usual: list, 
     plain = answers.status == "ok"
     apart = np.abs(answers.value - np.array([each.value for each in usual])).max(axis=1)
     size = 1.0 + np.abs(answers.value).max(axis=1)
-    certified = np.isin(answers.status, ("ok", "backup"))
-    sound = np.array([each.status.value in ("ok", "backup") for each in usual])
+    certified = np.isin(answers.status, CERTIFIED)
+    sound = np.array([each.status.value in CERTIFIED for each in usual])
     verdict.within(f"{claim} away from the default solver's", np.where(certified & sound, apart / size, 0.0), ALIKE)
     verdict.within(f"{claim}: ticks without an answer, where the default has one", np.mean(sound & ~certified), MISSING)
     verdict.holds(f"{claim}: a plain answer is by the solver that was named", (answers.solver == solver) | ~plain)
