@@ -95,8 +95,10 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     rest = (lower + upper) / 2 if nameless else np.clip(REST, lower, upper)
     ik = ArmIK(arm, handle_tilt=tilt, posture_cost=terms, compile=False)
     verdict.begin(number, f"{name}, tilt {tilt}, {terms}")
+    dexterous(verdict, rng)
     targets = hand(rng.uniform(lower, upper, (40, 8)))[0]
     targets[30:37] += rng.standard_normal((7, 3)) * rng.choice([0.05, 1.0, 100.0], (7, 1))
+    targets[36] = rng.choice([-1e200, 1e200]), 0.1, -0.2
     targets[37], targets[38], targets[39, 1] = math.nan, 1e300, -math.inf
     first = rng.uniform(lower, upper)
     begins = [first if k % 4 == 3 else None for k in range(len(targets))]
@@ -146,6 +148,10 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     for k in np.flatnonzero((status == "unreachable") & numbers & (true < 1e3)).tolist():
         nearest = np.linalg.norm(where[fits] - goals[k], axis=1).min(initial=math.inf)
         verdict.within("unreachable: hand further away than a random posture's [m]", true[k] - nearest, 1e-6)
+    for k in np.flatnonzero((status != "holding") & numbers & (true >= 1e6)).tolist():
+        way = goals[k] / most[k] / np.linalg.norm(goals[k] / most[k])
+        verdict.within("hand less far towards what is absurdly far than a random posture's [m]",
+                       (where[fits] @ way).max(initial=-math.inf) - places[k] @ way, 1e-6)  # fmt: skip
     verdict.holds("what a posture of the arm reaches is reached", solved[:30] | (tilt is not None))
     for k in np.flatnonzero(status[:30] == "ok")[:5].tolist():
         weight, centre = middles[k]
@@ -157,6 +163,30 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
         verdict.during(f"status {each}", status == each, 1.0)
     verdict.during(f"range {name}", np.ones(len(q), dtype=bool), 1.0)
     verdict.during("followed", np.arange(len(q)) >= 40, 1.0)
+
+
+def dexterous(verdict: Verdict, rng: np.random.Generator) -> None:
+    """A posture cost with manipulability: what it adds is in one proportion, above zero, to w^2."""
+    name = ("regular", "restricted")[int(rng.integers(2))]
+    lower, upper = np.deg2rad(np.array(RANGES[name], dtype=float)).T
+    ik = ArmIK(human_arm(range_of_motion=name), posture_cost={"rest": 0.1, "manipulability": 1.0}, handle_tilt=None,
+               compile=False)  # fmt: skip
+    answers = [ik.solve(each) for each in hand(rng.uniform(lower, upper, (6, 8)))[0]]
+    verdict.ticks += len(answers)
+    q, step = np.array([each.q for each in answers]), 1e-6
+    ((weight,), (centre,)) = middle({"rest": 0.1}, lower, upper, np.clip(REST, lower, upper), None)
+    moving = np.eye(8)[upper > lower]
+    here, columns = hand_pose(q)[:, :3, :3], []
+    for way in moving:
+        change = (hand_pose(q + step * way) - hand_pose(q - step * way)) / (2 * step)
+        spin = change[:, :3, :3] @ here.transpose(0, 2, 1)
+        columns.append(np.column_stack([change[:, :3, 3], spin[:, 2, 1], spin[:, 0, 2], spin[:, 1, 0]]))
+    slopes = np.stack(columns, axis=2)
+    squares = np.linalg.det(slopes @ slopes.transpose(0, 2, 1))
+    added = np.array([each.cost for each in answers]) - 0.5 * (weight * (q - centre) ** 2).sum(axis=1)
+    ratio = added / np.maximum(squares, 1e-12)
+    verdict.holds("manipulability costs", added >= 0)
+    verdict.within("proportion of its cost to w^2, largest over least", ratio.max() / ratio.min(), 1 + 1e-4)
 
 
 def middle(

@@ -113,15 +113,19 @@ def tracker(given: Settings) -> MirrorTracker:
     )  # fmt: skip
 
 
-def follow(rng: np.random.Generator, number: int, *, faults: float, planes: bool, pushed: bool, below: float) -> Run:
-    """One run: a fault each `faults` s; a share `below` of them begins below the floor."""
+def follow(
+    rng: np.random.Generator, number: int, *, faults: float, planes: bool, pushed: bool, below: float, least: float
+) -> Run:
+    """One run of `least` s or more: a fault each `faults` s; a share `below` of them begins below the floor."""
     under = bool(rng.random() < below)
     start = (
         singular_posture(rng) + rng.choice([0.0, 0.02]) * rng.standard_normal(6) if under else good_posture(rng, 0.35)
     )
     given, kind = draw(rng, start, planes=planes), KINDS[-1 - number % len(KINDS)]
+    if least:
+        given = given._replace(dt=0.02, lower=-LIMIT, upper=LIMIT, narrow=False)
     dt, control = given.dt, tracker(given)
-    ticks = run_length(rng, number, dt)
+    ticks = max(run_length(rng, number, dt), round(least / dt))
     moving = max(ticks - round(REST / dt), ticks // 2)
     poses, twists = reference(rng, kind, start, moving, dt)
     poses = np.concatenate([poses, np.repeat(poses[-1:], ticks - moving, axis=0)])
@@ -169,10 +173,11 @@ def runs(
     planes: bool = False,
     pushed: bool = False,
     below: float = 0.2,
+    least: float = 0.0,
     first: int = 0,
 ) -> Iterator[Run]:
     """Runs numbered from `first` until so many ticks are done; or the one that is asked for, if it is one of them."""
     for number, rng in numbered(verdict, ticks, only, first=first):
-        run = follow(rng, number, faults=faults, planes=planes, pushed=pushed, below=below)
+        run = follow(rng, number, faults=faults, planes=planes, pushed=pushed, below=below, least=least)
         verdict.begin(number, f"{run.kind}, dt {run.settings.dt:g}")
         yield run

@@ -22,6 +22,7 @@ PROMISES = (
             "lag, and keep what stays closest."),
     Promise("rehab_opt/control/smoothing.py", "interpolated by shape-preserving cubics, which leave no range the "
             "points keep."),
+    Promise("rehab_opt/control/smoother.py", "A target further away than this at full speed is a fault, not a target"),
     Promise("rehab_opt/control/smoother.py", "a scalar stands for all."),
     Promise("rehab_opt/control/measured_lag.py", "Delay [s] after which the targets match the positions best: least "
             "squares, each axis counted by its own range."),
@@ -108,6 +109,14 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
             each.reset(points[0])
         one, other = ([each.step(points[-1]).value for _ in range(20)] for each in twins)
         verdict.holds("a scalar bound stands for all axes", np.array_equal(one, other))
+        far = 2000.0 * velocity
+        for begin, end in ((-far, far), (far, 2 * far), (far, -far)):
+            twins[1].reset(begin)
+            command = twins[1].step(end)
+            refused = command.status.value == "holding" and bool(command.reason)
+            verdict.holds(
+                "a target of more than 3600 s is none, a nearer one is", refused == (abs(end - begin)[0] > 1.8 * far[0])
+            )
     verdict.holds("no compensation unless asked", raw.compensation == "none")
     worse = float(np.max(path.deviation / velocity)) - float(np.max(raw.deviation / velocity))
     verdict.within("compensation makes worse [s]", worse, 1e-9)
