@@ -13,7 +13,7 @@ from rehab_opt import Command, Interaction, KeepOut, MirrorTracker, ur5
 from tests.judge.numbering import numbered, run_length
 from tests.judge.references import KINDS, good_posture, reference, singular_posture
 from tests.judge.sensor_faults import STAMPS, Schedule, schedule, spoilt
-from tests.judge.ur5_numbers import LARGEST, LIMIT, links, manipulability
+from tests.judge.ur5_numbers import LARGEST, LIMIT, links, manipulability, tool
 from tests.judge.verdict import Verdict
 
 Array = NDArray[np.float64]
@@ -116,11 +116,15 @@ def tracker(given: Settings) -> MirrorTracker:
 def follow(
     rng: np.random.Generator, number: int, *, faults: float, planes: bool, pushed: bool, below: float, least: float
 ) -> Run:
-    """One run of `least` s or more: a fault each `faults` s; a share `below` of them begins below the floor."""
+    """One run: a fault each `faults` s; a share `below` of them begins below the floor.
+
+    One of `least` s or more begins, and is held, where w has no gradient.
+    """
     under = bool(rng.random() < below)
     start = (
         singular_posture(rng) + rng.choice([0.0, 0.02]) * rng.standard_normal(6) if under else good_posture(rng, 0.35)
     )
+    start = singular_posture(rng, 3) if least else start
     given, kind = draw(rng, start, planes=planes), KINDS[-1 - number % len(KINDS)]
     if least:
         given = given._replace(dt=0.02, lower=-LIMIT, upper=LIMIT, narrow=False)
@@ -128,6 +132,8 @@ def follow(
     ticks = max(run_length(rng, number, dt), round(least / dt))
     moving = max(ticks - round(REST / dt), ticks // 2)
     poses, twists = reference(rng, kind, start, moving, dt)
+    if least:  # nothing of the reference leads out
+        poses, twists = np.repeat(tool(start[None]), moving, axis=0), np.zeros((moving, 6))
     poses = np.concatenate([poses, np.repeat(poses[-1:], ticks - moving, axis=0)])
     twists = np.concatenate([twists, np.zeros((ticks - moving, 6))])
     wrong = schedule(rng, ticks, dt, FAULTS, every=faults)
