@@ -25,7 +25,8 @@ from typing import NamedTuple
 from tests.judge.__main__ import head, parts, write
 from tests.judge.fault_operators import OPERATORS, Fault, faults
 from tests.judge.fault_trial import Hearing, Outcome, copied, heard
-from tests.judge.verdict import FIXED_SEED, ROOT, judges
+from tests.judge.numbering import FIXED_SEED
+from tests.judge.verdict import ROOT, judges
 
 MARKERS = "<!-- faults: begin -->", "<!-- faults: end -->"
 EQUIVALENT = Path(__file__).with_name("equivalent_faults.toml")
@@ -150,13 +151,9 @@ def said(fault: Fault, outcome: Outcome, usual: Outcome, before: int) -> Found |
     return Found(fault, "found", f"{outcome.judge}: {claim}: {numbers} (tick {before + outcome.ticks} at the latest)")
 
 
-def proof(seed: int, count: int, ticks: int, processes: int) -> Iterator[Found]:
+def proof(sound: Sound, seed: int, count: int, ticks: int, processes: int) -> Iterator[Found]:
     """`count` faults that can be told, found or not, and between them those that cannot."""
-    sound, whole, known = without_fault(seed), campaign(ticks, seed), reasons()
-    for hearing, outcome in sound.slices.items():
-        if outcome.claims:
-            print(f"without a fault, seed {hearing.seed}: {hearing.judge}: {', '.join(outcome.claims)}", flush=True)
-    draws = drawn(seed)
+    whole, known, draws = campaign(ticks, seed), reasons(), drawn(seed)
     told = 0
     with ThreadPoolExecutor(processes) as pool:
         while told < count:
@@ -188,8 +185,14 @@ def main() -> int:
     parser.add_argument("--processes", type=int, default=1)
     parser.add_argument("--write", action="store_true", help="put the list into bench/RESULTS.md")
     options = parser.parse_args()
-    rows, counts = [], Counter[str]()
-    for found in proof(options.seed, options.faults, options.ticks, options.processes):
+    rows, counts, sound = [], Counter[str](), without_fault(options.seed)
+    without = [
+        f"Not counted, since so without a fault (seed {hearing.seed}): {hearing.judge}: {', '.join(outcome.claims)}."
+        for hearing, outcome in sound.slices.items()
+        if outcome.claims
+    ]
+    print("\n".join(without), flush=True)
+    for found in proof(sound, options.seed, options.faults, options.ticks, options.processes):
         counts[found.verdict] += 1
         told = found.verdict in {"found", "not found"}
         rows.append(row(str(counts["found"] + counts["not found"]) if told else "", found))
@@ -205,6 +208,7 @@ def main() -> int:
             f"{summary}.",
             "",
         ]
+        lines += [*without, ""]
         lines += ["| | place | fault | before | after | verdict |", "|---|---|---|---|---|---|", *rows]
         write(lines, MARKERS)
     return int(counts["found"] < options.faults)

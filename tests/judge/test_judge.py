@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.judge.verdict import FIXED_SEED, Promise, Verdict, judges
+from tests.judge.numbering import FIXED_SEED
+from tests.judge.verdict import Promise, Verdict, judges
 
 JUDGES = judges()
 PROMISES = [(name, promise) for name, module in JUDGES.items() for promise in module.PROMISES]
