@@ -31,7 +31,7 @@ LEAST = {"a path within the bounds": 100_000, "a path that is too fast": 100_000
          "compensation preview": 5000, "compensation none": 5000}  # fmt: skip
 CI_TICKS = 6_000
 SHARE = 0.1
-EXACT = 0.02
+EXACT = 0.05
 """Of the range of a path within the bounds: how near compensation stays to it."""
 
 
