@@ -21,7 +21,7 @@ import scipy
 from tests.judge.verdict import ROOT, Verdict, hearing, judges
 
 RESULTS = ROOT / "bench" / "RESULTS.md"
-BEGIN, END = "<!-- judge: begin -->", "<!-- judge: end -->"
+MARKERS = "<!-- judge: begin -->", "<!-- judge: end -->"
 SPREAD = 1_000_003
 """Between the seeds of two parts of one campaign."""
 
@@ -56,20 +56,21 @@ def table(verdicts: dict[str, Verdict]) -> list[str]:
     return lines
 
 
-def write(lines: list[str]) -> None:
-    """Put the lines between the markers of the results' file."""
-    text = RESULTS.read_text(encoding="utf-8") if RESULTS.exists() else f"# Results\n\n{BEGIN}\n{END}\n"
-    if BEGIN not in text:
-        text = f"{text.rstrip()}\n\n{BEGIN}\n{END}\n"
-    before, _, rest = text.partition(BEGIN)
-    RESULTS.write_text(before + "\n".join([BEGIN, *lines, ""]) + END + rest.partition(END)[2], encoding="utf-8")
+def write(lines: list[str], markers: tuple[str, str] = MARKERS) -> None:
+    """Put the lines between these markers of the results' file."""
+    begin, end = markers
+    text = RESULTS.read_text(encoding="utf-8") if RESULTS.exists() else f"# Results\n\n{begin}\n{end}\n"
+    if begin not in text:
+        text = f"{text.rstrip()}\n\n{begin}\n{end}\n"
+    before, _, rest = text.partition(begin)
+    RESULTS.write_text(before + "\n".join([begin, *lines, ""]) + end + rest.partition(end)[2], encoding="utf-8")
 
 
-def head(command: str, seed: int) -> list[str]:
+def head(command: str, seed: int, *, title: str = "The judge") -> list[str]:
     """When, where and how the numbers were made."""
     versions = f"Python {platform.python_version()}, numpy {np.__version__}, scipy {scipy.__version__}"
     return [
-        "## The judge",
+        f"## {title}",
         "",
         f"{datetime.now(UTC):%Y-%m-%d}, {os.cpu_count()} cores, {platform.machine()}, {platform.system()}; {versions}, "
         f"CasADi {casadi.__version__}; REHAB_OPT_COMPILE={os.environ.get('REHAB_OPT_COMPILE', '1')}; seed {seed}.",

@@ -6,6 +6,7 @@ and tilt has its hand nearer to an unreachable target, and none of those near an
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -20,6 +21,13 @@ PROMISES = (
             "every joint inside its limits."),
     Promise("rehab_opt/control/arm_ik.py", "where the position cannot be reached, the posture with the hand nearest to "
             "it. `solve` and `follow` answer to any numbers; q is always finite and inside its limits."),
+    Promise("rehab_opt/control/posture.py", "range_i is the joint's range of motion, counted as at least 0.1 rad and "
+            "at most 2 pi. A term that has nothing to refer to yet is left out; where that leaves nothing, \"rest\" "
+            "decides."),
+    Promise("rehab_opt/control/ik_answer.py", "[rad] Largest change of a joint between two samples: a jump to another "
+            "branch shows here."),
+    Promise("rehab_opt/optim/nlp_hessian.py", "its step and multipliers are those of the exact Hessian, and "
+            "convergence stays quadratic."),
     Promise("rehab_opt/control/ik_answer.py", "[m] distance from the hand to the target; infinite where the target is "
             "not a number."),
     Promise("rehab_opt/control/ik_answer.py", "[rad] angle between the handle and the vertical."),
@@ -34,12 +42,25 @@ RANGES = {
     "restricted": [(180, 180), (0, 5), (70, 90), (30, 70), (30, 60), (30, 60), (-30, -30), (40, 45)],
 }
 REST = np.deg2rad([180.0, 0.0, 90.0, 0.0, 0.0, 0.0, -90.0, 0.0])
+TERMS: tuple[dict[str, float], ...] = (
+    {"rest": 1.0}, {"rest": 0.5, "elbow": 2.0}, {"displacement": 1.0, "speed": 0.5}, {"speed": 2.0, "rest": 0.1},
+)  # fmt: skip
+ELBOW = 4
+"""Joint 5 bends it."""
+ITERATIONS = 18.0
+"""Of the quadratic convergence that the SQP says it has."""
 PLACE = 1e-6
 """[m] A hand nearer than this is in place."""
 
 
 def hand(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(N, 3) [m] places and (N, 3) handle axes of a left arm at q (N, 8), in the shoulder's frame."""
+    pose = hand_pose(q)
+    return pose[:, :3, 3], pose[:, :3, 0]
+
+
+def hand_pose(q: np.ndarray) -> np.ndarray:
+    """(N, 4, 4) poses of the hand."""
     l0, l1, l2, l3 = LENGTHS
     rows = [(l0, 0, 0), (0, -1, 0), (0, -1, 0), (l1, 0, 0), (l2, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, l3)]
     pose = np.repeat(np.eye(4)[None], len(q), axis=0)
@@ -50,7 +71,7 @@ def hand(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         row[:, 1] = np.column_stack([s, c * ca, -c * sa, a * s])
         row[:, 2, 1], row[:, 2, 2], row[:, 2, 3], row[:, 3, 3] = sa, ca, d, 1.0
         pose = pose @ row
-    return pose[:, :3, 3], pose[:, :3, 0]
+    return pose
 
 
 def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
@@ -58,6 +79,7 @@ def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
     verdict = Verdict("arm_ik_answers", seed, LEAST)
     for number, rng in numbered(verdict, ticks, only):
         one_run(verdict, number, rng)
+    verdict.seldom_by_backup()
     return verdict
 
 
@@ -65,13 +87,22 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     """One arm, forty targets and a path."""
     name = ("regular", "restricted")[number % 2]
     lower, upper = np.deg2rad(np.array(RANGES[name], dtype=float)).T
-    tilt = (math.radians(2.0), math.radians(10.0), None)[int(rng.integers(3))]
-    ik = ArmIK(human_arm(range_of_motion=name), handle_tilt=tilt, compile=False)
-    verdict.begin(number, f"{name}, tilt {tilt}")
+    tilt = (math.radians(0.8), math.radians(2.0), math.radians(10.0), None)[int(rng.integers(4))]
+    terms = TERMS[int(rng.integers(len(TERMS)))]
+    arm = human_arm(range_of_motion=name)
+    if nameless := bool(rng.random() < 0.3):
+        arm = dataclasses.replace(arm, names=tuple("elbow" if i == ELBOW else f"joint {i}" for i in range(8)))
+    rest = (lower + upper) / 2 if nameless else np.clip(REST, lower, upper)
+    ik = ArmIK(arm, handle_tilt=tilt, posture_cost=terms, compile=False)
+    verdict.begin(number, f"{name}, tilt {tilt}, {terms}")
+    dexterous(verdict, rng)
     targets = hand(rng.uniform(lower, upper, (40, 8)))[0]
     targets[30:37] += rng.standard_normal((7, 3)) * rng.choice([0.05, 1.0, 100.0], (7, 1))
+    targets[36] = rng.choice([-1e200, 1e200]), 0.1, -0.2
     targets[37], targets[38], targets[39, 1] = math.nan, 1e300, -math.inf
-    answers = [ik.solve(each) for each in targets]
+    first = rng.uniform(lower, upper)
+    begins = [first if k % 4 == 3 else None for k in range(len(targets))]
+    answers = [ik.solve(each, start) for each, start in zip(targets, begins, strict=True)]
     way = np.linspace(0, 1, 20)[:, None]
     path = targets[0] + way * (targets[1] - targets[0])
     path[7] = math.nan
@@ -99,25 +130,80 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     if tilt is not None:
         verdict.within("tilt of a handle [rad]", np.where(status == "holding", 0.0, lean), tilt + 1e-7)
     verdict.holds("a plain answer has no reason, another one has", (reason == "") == (status == "ok"))
+    steps = [each.iterations for each in answers if each.status.value == "ok"]
+    verdict.within("iterations of a solved target, in the mean", np.mean(steps) if steps else 0.0, ITERATIONS)
     verdict.holds("no number is answered by holding", (status == "holding") == ~numbers)
     verdict.holds("whoever is in place is not called unreachable", (true > PLACE) | (status != "unreachable"))
+    middles = [middle(terms, lower, upper, rest, start) for start in begins]
+    costs = [0.5 * float(np.sum(w * (each.q - c) ** 2)) for each, (w, c) in zip(answers, middles, strict=True)]
+    verdict.within("error of the posture cost", np.abs([each.cost for each in answers] - np.array(costs)), 1e-9)
+    verdict.within(
+        "error of a path's steps [rad]", np.abs(np.abs(np.diff(followed.q, axis=0)).max(1) - followed.steps), 1e-12
+    )
+    verdict.within("error of its largest [rad]", abs(followed.steps.max() - followed.largest_step), 1e-12)
+    verdict.within("error of the share reached", abs(np.mean(solved[40:]) - followed.reached), 1e-12)
     drawn = rng.uniform(lower, upper, (20_000, 8))
     where, upright = hand(drawn)
     fits = np.ones(len(drawn), dtype=bool) if tilt is None else upright[:, 2] >= math.cos(tilt)
     for k in np.flatnonzero((status == "unreachable") & numbers & (true < 1e3)).tolist():
         nearest = np.linalg.norm(where[fits] - goals[k], axis=1).min(initial=math.inf)
         verdict.within("unreachable: hand further away than a random posture's [m]", true[k] - nearest, 1e-6)
+    for k in np.flatnonzero((status != "holding") & numbers & (true >= 1e6)).tolist():
+        way = goals[k] / most[k] / np.linalg.norm(goals[k] / most[k])
+        verdict.within("hand less far towards what is absurdly far than a random posture's [m]",
+                       (where[fits] @ way).max(initial=-math.inf) - places[k] @ way, 1e-6)  # fmt: skip
     verdict.holds("what a posture of the arm reaches is reached", solved[:30] | (tilt is not None))
-    weight = 1.0 / np.clip(upper - lower, 0.1, 2 * math.pi) ** 2
-    rest = np.clip(REST, lower, upper)
-    for k in np.flatnonzero(status[:30] == "ok")[:4].tolist():
-        cost = 0.5 * float(weight @ (q[k] - rest) ** 2)
-        better = _cheaper(q[k], goals[k], lower, upper, weight, rest, tilt)
-        verdict.within("posture cost over one found nearby by another solver", (cost - better) / (1e-6 + cost), 1e-3)
+    for k in np.flatnonzero(status[:30] == "ok")[:5].tolist():
+        weight, centre = middles[k]
+        better = _cheaper(q[k], goals[k], lower, upper, weight, centre, tilt)
+        verdict.within(
+            "posture cost over one found nearby by another solver", (costs[k] - better) / (1e-6 + costs[k]), 1e-3
+        )
     for each in ("ok", "backup", "unreachable", "holding"):
         verdict.during(f"status {each}", status == each, 1.0)
     verdict.during(f"range {name}", np.ones(len(q), dtype=bool), 1.0)
     verdict.during("followed", np.arange(len(q)) >= 40, 1.0)
+
+
+def dexterous(verdict: Verdict, rng: np.random.Generator) -> None:
+    """A posture cost with manipulability: what it adds is in one proportion, above zero, to w^2."""
+    name = ("regular", "restricted")[int(rng.integers(2))]
+    lower, upper = np.deg2rad(np.array(RANGES[name], dtype=float)).T
+    ik = ArmIK(human_arm(range_of_motion=name), posture_cost={"rest": 0.1, "manipulability": 1.0}, handle_tilt=None,
+               compile=False)  # fmt: skip
+    answers = [ik.solve(each) for each in hand(rng.uniform(lower, upper, (6, 8)))[0]]
+    verdict.ticks += len(answers)
+    q, step = np.array([each.q for each in answers]), 1e-6
+    ((weight,), (centre,)) = middle({"rest": 0.1}, lower, upper, np.clip(REST, lower, upper), None)
+    moving = np.eye(8)[upper > lower]
+    here, columns = hand_pose(q)[:, :3, :3], []
+    for way in moving:
+        change = (hand_pose(q + step * way) - hand_pose(q - step * way)) / (2 * step)
+        spin = change[:, :3, :3] @ here.transpose(0, 2, 1)
+        columns.append(np.column_stack([change[:, :3, 3], spin[:, 2, 1], spin[:, 0, 2], spin[:, 1, 0]]))
+    slopes = np.stack(columns, axis=2)
+    squares = np.linalg.det(slopes @ slopes.transpose(0, 2, 1))
+    added = np.array([each.cost for each in answers]) - 0.5 * (weight * (q - centre) ** 2).sum(axis=1)
+    ratio = added / np.maximum(squares, 1e-12)
+    verdict.holds("manipulability costs", added >= 0)
+    verdict.within("proportion of its cost to w^2, largest over least", ratio.max() / ratio.min(), 1 + 1e-4)
+
+
+def middle(
+    terms: dict[str, float], lower: np.ndarray, upper: np.ndarray, rest: np.ndarray, start: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """(T, 8) weights and centres of a posture cost's terms; what has nothing to refer to is left out."""
+    scale = 1.0 / np.clip(upper - lower, 0.1, 2 * math.pi) ** 2
+    found = []
+    for name, weight in terms.items():
+        if name == "elbow":
+            found.append((np.eye(8)[ELBOW] * scale * weight, upper))
+        elif name == "rest":
+            found.append((scale * weight, rest))
+        elif start is not None:
+            found.append((scale * weight, start))
+    weights, centres = zip(*(found or [(scale, rest)]), strict=True)
+    return np.array(weights), np.array(centres)
 
 
 def _cheaper(q: np.ndarray, goal: np.ndarray, lower: np.ndarray, upper: np.ndarray, weight: np.ndarray,
@@ -126,8 +212,10 @@ def _cheaper(q: np.ndarray, goal: np.ndarray, lower: np.ndarray, upper: np.ndarr
     held = [{"type": "eq", "fun": lambda x: (hand(x[None])[0][0] - goal) * 10}]
     if tilt is not None:
         held.append({"type": "ineq", "fun": lambda x: hand(x[None])[1][0, 2] - math.cos(tilt)})
-    found = minimize(lambda x: 0.5 * float(weight @ (x - rest) ** 2), q, bounds=list(zip(lower, upper, strict=True)),
-                     constraints=held, method="SLSQP", options={"maxiter": 60, "ftol": 1e-12})  # fmt: skip
+    found = minimize(
+        lambda x: 0.5 * float(np.sum(weight * (x - rest) ** 2)), q, bounds=list(zip(lower, upper, strict=True)),
+        constraints=held, method="SLSQP", options={"maxiter": 60, "ftol": 1e-12},
+    )  # fmt: skip
     place, handle = hand(np.clip(found.x, lower, upper)[None])
     kept = np.linalg.norm(place[0] - goal) < PLACE and (tilt is None or handle[0, 2] >= math.cos(tilt) - 1e-9)
     return float(found.fun) if kept else math.inf

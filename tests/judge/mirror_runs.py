@@ -13,7 +13,7 @@ from rehab_opt import Command, Interaction, KeepOut, MirrorTracker, ur5
 from tests.judge.numbering import numbered, run_length
 from tests.judge.references import KINDS, good_posture, reference, singular_posture
 from tests.judge.sensor_faults import STAMPS, Schedule, schedule, spoilt
-from tests.judge.ur5_numbers import LARGEST, LIMIT, links, manipulability
+from tests.judge.ur5_numbers import LARGEST, LIMIT, links, manipulability, tool
 from tests.judge.verdict import Verdict
 
 Array = NDArray[np.float64]
@@ -113,15 +113,27 @@ def tracker(given: Settings) -> MirrorTracker:
     )  # fmt: skip
 
 
-def follow(rng: np.random.Generator, number: int, *, faults: float, planes: bool, pushed: bool, below: float) -> Run:
-    """One run: a fault each `faults` s; a share `below` of them begins below the floor."""
+def follow(
+    rng: np.random.Generator, number: int, *, faults: float, planes: bool, pushed: bool, below: float, least: float
+) -> Run:
+    """One run: a fault each `faults` s; a share `below` of them begins below the floor.
+
+    One of `least` s or more begins, and is held, where w has no gradient.
+    """
     under = bool(rng.random() < below)
-    start = singular_posture(rng) + 0.02 * rng.standard_normal(6) if under else good_posture(rng, 0.35)
+    start = (
+        singular_posture(rng) + rng.choice([0.0, 0.02]) * rng.standard_normal(6) if under else good_posture(rng, 0.35)
+    )
+    start = singular_posture(rng, 3) if least else start
     given, kind = draw(rng, start, planes=planes), KINDS[-1 - number % len(KINDS)]
+    if least:
+        given = given._replace(dt=0.02, lower=-LIMIT, upper=LIMIT, narrow=False)
     dt, control = given.dt, tracker(given)
-    ticks = run_length(rng, number, dt)
+    ticks = max(run_length(rng, number, dt), round(least / dt))
     moving = max(ticks - round(REST / dt), ticks // 2)
     poses, twists = reference(rng, kind, start, moving, dt)
+    if least:  # nothing of the reference leads out
+        poses, twists = np.repeat(tool(start[None]), moving, axis=0), np.zeros((moving, 6))
     poses = np.concatenate([poses, np.repeat(poses[-1:], ticks - moving, axis=0)])
     twists = np.concatenate([twists, np.zeros((ticks - moving, 6))])
     wrong = schedule(rng, ticks, dt, FAULTS, every=faults)
@@ -167,10 +179,11 @@ def runs(
     planes: bool = False,
     pushed: bool = False,
     below: float = 0.2,
+    least: float = 0.0,
     first: int = 0,
 ) -> Iterator[Run]:
     """Runs numbered from `first` until so many ticks are done; or the one that is asked for, if it is one of them."""
     for number, rng in numbered(verdict, ticks, only, first=first):
-        run = follow(rng, number, faults=faults, planes=planes, pushed=pushed, below=below)
+        run = follow(rng, number, faults=faults, planes=planes, pushed=pushed, below=below, least=least)
         verdict.begin(number, f"{run.kind}, dt {run.settings.dt:g}")
         yield run

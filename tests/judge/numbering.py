@@ -8,6 +8,8 @@ import numpy as np
 
 from tests.judge.verdict import Verdict
 
+FIXED_SEED = 20
+"""Of one of the two slices in CI; the other is new each time."""
 MOST = 1_000_000
 """Runs of one sort."""
 

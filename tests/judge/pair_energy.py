@@ -21,6 +21,8 @@ from tests.judge.verdict import Promise, Verdict
 PROMISES = (
     Promise("rehab_opt/control/bilateral.py", "what one hand puts in can move the other, and whatever the delay and "
             "the hands do, no more leaves than the tanks held at first and the hands put in since."),
+    Promise("rehab_opt/control/bilateral_sides.py", "Draws the participant's hand to the image of the helper's, inside "
+            "the participant's comfortable workspace."),
     Promise("rehab_opt/control/bilateral.py", "A message takes the delay and one tick."),
     Promise("rehab_opt/control/bilateral_sides.py", "Without a new message the force is released, inside the workspace "
             "and outside it."),
@@ -28,7 +30,7 @@ PROMISES = (
             "sides."),
 )  # fmt: skip
 LEAST = {"both tanks nearly empty": 125, "hand greedy": 30_000, "hand shuttle": 58_000,
-         "before the first message": 1000, "equal power compared": 125,
+         "before the first message": 1000, "equal power compared": 125, "pull compared": 125,
          "status released": 1000, "disabled": 3000}  # fmt: skip
 CI_TICKS = 10_000
 SHARE = 0.5
@@ -63,11 +65,11 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     limit, slew = float(rng.choice([10.0, 30.0])), float(rng.choice([200.0, 1000.0]))
     budgets = rng.choice([0.05, 0.5, 5.0], 2)
     bounds = {"dt": dt, "slew_limit": slew, "force_limit": limit, "compile": False}
-    damping = float(rng.choice([0.0, 2.0]))
+    damping, stiffness = float(rng.choice([0.0, 2.0])), float(rng.choice([400.0, 4000.0]))
     both = Bilateral(
         HelperSide(carry, damping=damping, energy_budget=budgets[0], exchange=float(rng.choice([0.0, 5.0, 50.0])),
                    **bounds),  # type: ignore[arg-type]
-        ParticipantSide(carry, comfortable=ellipse(*TARGET), stiffness=float(rng.choice([400.0, 4000.0])), damping=0.0,
+        ParticipantSide(carry, comfortable=ellipse(*TARGET), stiffness=stiffness, damping=0.0,
                         energy_budget=budgets[1], exchange=float(rng.choice([0.0, 5.0, 50.0])),
                         **bounds),  # type: ignore[arg-type]
         delay=float(rng.choice([0.0, 0.02, 0.3])),
@@ -114,6 +116,12 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     way, step = np.array([[1.0, 0.0], [0.0, 1.0]]), 1e-6
     inside = np.linalg.norm((x[:-1, 0] - centres[0]) / SOURCE[0], axis=1) < 0.95
     picked = np.flatnonzero(free & inside)[:: max(1, ticks // 50)]
+    # The participant is drawn by the image of where the helper was a message ago, as far as no bound is in the way.
+    plain = (drawn.status == "ok") & (drawn.yielded == 0) & (np.arange(ticks) >= late) & within[:, 1]
+    for k in np.flatnonzero(plain)[:: max(1, int(plain.sum()) // 50)].tolist():
+        pull = stiffness * (mapped()(x[k - late, 0]) - x[k, 1])
+        verdict.within("pull away from that of the image [N]", np.abs(values[k, 1] - pull), 1e-5 * limit)
+    verdict.during("pull compared", plain, dt)
     for k in picked.tolist():
         images = [(mapped()(x[k, 0] + step * each) - mapped()(x[k, 0] - step * each)) / (2 * step) for each in way]
         power = [float(values[k - late, 1] @ image) for image in images]

@@ -61,10 +61,10 @@ def sudden(rng: np.random.Generator, path: Array, dt: float) -> tuple[Array, Arr
     return path[index], rate * np.diff(places, prepend=places[0]).clip(-1, 1)[:, None]
 
 
-def singular_posture(rng: np.random.Generator) -> Array:
+def singular_posture(rng: np.random.Generator, kind: int | None = None) -> Array:
     """w = 0: elbow stretched, wrist straight, wrist centre above the first axis, or two of them."""
     q = rng.uniform(-1, 1, 6) * [2.0, 1.0, 2.4, 2.0, 2.6, 2.0] + [0, -1.3, 0, -1.5, 0, 0]
-    kind = rng.integers(4)
+    kind = int(rng.integers(4)) if kind is None else kind  # 3 is stretched and straight: w has no gradient there
     if kind in (0, 3):
         q[2] = 0.0
     if kind in (1, 3):

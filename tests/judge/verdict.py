@@ -163,6 +163,11 @@ class Verdict:
                 self.during(f"yielded {str(bound.name).lower()}", found.yielded & bound.value != 0, dt)
         return found
 
+    def seldom_by_backup(self) -> None:
+        """The solver that was chosen fails in a fiftieth of the ticks at most; there a backup answers."""
+        backed = self.seen.get("status backup", Seen()).ticks
+        self.within("ticks answered by the backup, of all", backed / max(self.ticks, 1), 0.02)
+
     @property
     def asked(self) -> dict[str, int]:
         """Situation -> least ticks of a run of this length; of a slice, that what is common was there at all."""

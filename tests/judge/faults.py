@@ -1,0 +1,215 @@
+"""Proof that the judge can see: `python -m tests.judge.faults --seed S --write`.
+
+Faults are drawn by a seed from all that `fault_operators` can do to `control/` and `optim/`, evenly over the modules,
+and planted in a copy of the package, one at a time. Each must be found by the slice of a judge that CI runs, or by the
+campaign of `--ticks`: by a claim that breaks, a situation that is seen too seldom, or an error where there was none.
+Whatever is so without the fault does not count. Faults with which no controller can be made are listed, and others
+drawn in their place; those of `equivalent_faults.toml` are listed with the reason why no promise can tell them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import json
+import os
+import random
+import sys
+import tomllib
+from collections import Counter
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+from tests.judge.__main__ import head, parts, write
+from tests.judge.fault_operators import OPERATORS, Fault, faults
+from tests.judge.fault_trial import Hearing, Outcome, copied, heard
+from tests.judge.numbering import FIXED_SEED
+from tests.judge.verdict import ROOT, judges
+
+MARKERS = "<!-- faults: begin -->", "<!-- faults: end -->"
+EQUIVALENT = Path(__file__).with_name("equivalent_faults.toml")
+FOLDERS = ("rehab_opt/control", "rehab_opt/optim")
+SLOWER = 10.0
+"""Times as long as without a fault is too slow: a build's time limit sees it."""
+
+
+class Found(NamedTuple):
+    """A fault, and what was said of it."""
+
+    fault: Fault
+    verdict: str
+    """"found", "not found", "equivalent" or "no controller"."""
+    words: str
+
+
+class Sound(NamedTuple):
+    """What the judges say of the package as it is."""
+
+    slices: dict[Hearing, Outcome]
+    """Quickest first."""
+    called: dict[str, set[str]]
+    """Judge -> functions that its slices call, as `file:name`."""
+
+
+def drawn(seed: int) -> Iterator[Fault]:
+    """Each module in turn; of it an operator, then a place. What one module adds changes no other's draws."""
+    paths = [path for folder in FOLDERS for path in (ROOT / folder).glob("*.py")]
+    paths.sort(key=lambda path: random.Random(f"{seed} {path.name}").random())
+    each = [_of_module(seed, path) for path in paths]
+    for turn in itertools.zip_longest(*each):
+        yield from (fault for fault in turn if fault)
+
+
+def _of_module(seed: int, path: Path) -> Iterator[Fault]:
+    """All faults of one module in an order that other modules have no part in."""
+    name = str(path.relative_to(ROOT))
+    rng, places = random.Random(f"{seed} {name}"), faults(name, path.read_bytes())
+    while places:
+        operator = rng.choice([each for each in OPERATORS if any(fault.operator == each for fault in places)])
+        fault = rng.choice([each for each in places if each.operator == operator])
+        places.remove(fault)
+        yield fault
+
+
+@cache
+def reasons() -> dict[tuple[str, ...], str]:
+    """Key of a fault -> why no promise can tell it."""
+    names = ("file", "function", "operator", "before", "after")
+    known = tomllib.loads(EQUIVALENT.read_text(encoding="utf-8"))["fault"]
+    return {tuple(each[name] for name in names): each["reason"] for each in known}
+
+
+def slices(seed: int) -> list[Hearing]:
+    """What CI hears: each judge twice."""
+    return [
+        Hearing(name, module.CI_TICKS // 2, each) for name, module in judges().items() for each in (FIXED_SEED, seed)
+    ]
+
+
+def campaign(ticks: int, seed: int) -> dict[str, Hearing]:
+    """What `python -m tests.judge --ticks N --seed S` hears, by judge."""
+    return {name: Hearing(name, share, each) for name, share, each in parts(list(judges()), ticks, seed, 1)}
+
+
+def without_fault(seed: int) -> Sound:
+    """The slices of the package as it is, and which functions they call."""
+    with copied() as root:
+        path, hearings = root / "called.json", slices(seed)
+        outcomes = list(heard(root, hearings, seconds=3000.0, seen=path))
+        called = json.loads(path.read_text(encoding="utf-8"))
+    told = sorted(zip(hearings, outcomes, strict=True), key=lambda each: each[1].seconds)
+    return Sound(dict(told), {name: {*each} for name, each in called.items()})
+
+
+def concerned(fault: Fault, called: dict[str, set[str]]) -> list[str]:
+    """Judges that call the function with the fault; of one outside of all functions, those that call its module."""
+    here = f"{fault.file}:{fault.function}"
+    found = [name for name, each in called.items() if here in each]
+    return found or [name for name, each in called.items() if any(one.startswith(f"{fault.file}:") for one in each)]
+
+
+def tried(fault: Fault, sound: Sound, whole: dict[str, Hearing]) -> Found:
+    """The slices of the judges concerned, then, if nothing was found, their campaign."""
+    names = concerned(fault, sound.called)
+    if not names:
+        return Found(fault, "not found", "no judge calls it")
+    with copied() as root:
+        path = root / fault.file
+        path.write_bytes(fault.planted(path.read_bytes()))
+        ticks, usual = 0, {each: outcome for each, outcome in sound.slices.items() if each.judge in names}
+        limit = SLOWER * sum(each.seconds for each in usual.values())
+        for hearing, outcome in zip(usual, heard(root, list(usual), seconds=limit), strict=False):
+            if found := said(fault, outcome, usual[hearing], ticks):
+                return found
+            ticks += outcome.ticks
+        for hearing in sorted((whole[name] for name in names), key=lambda each: each.ticks):
+            usually = of_campaign(hearing)
+            for outcome in heard(root, [hearing], seconds=SLOWER * usually.seconds):
+                if found := said(fault, outcome, usually, ticks):
+                    return found
+                ticks += outcome.ticks
+    return Found(fault, "not found", f"{ticks} ticks of {', '.join(names)}")
+
+
+@cache
+def of_campaign(hearing: Hearing) -> Outcome:
+    """What a judge says in the campaign of the package as it is."""
+    with copied() as root:
+        return next(heard(root, [hearing], seconds=3000.0))
+
+
+def said(fault: Fault, outcome: Outcome, usual: Outcome, before: int) -> Found | None:
+    """What tells the fault in an outcome, if anything does."""
+    if outcome.ended:
+        return Found(fault, "found" if outcome.built else "no controller", f"{outcome.judge}: {outcome.ended}")
+    new = {claim: numbers for claim, numbers in outcome.claims.items() if claim not in usual.claims}
+    if not new:
+        return None
+    claim, numbers = next(iter(new.items()))
+    return Found(fault, "found", f"{outcome.judge}: {claim}: {numbers} (tick {before + outcome.ticks} at the latest)")
+
+
+def proof(sound: Sound, seed: int, count: int, ticks: int, processes: int) -> Iterator[Found]:
+    """`count` faults that can be told, found or not, and between them those that cannot."""
+    whole, known, draws = campaign(ticks, seed), reasons(), drawn(seed)
+    told = 0
+    with ThreadPoolExecutor(processes) as pool:
+        while told < count:
+            batch = [next(draws) for _ in range(min(processes, count - told))]
+            for found in pool.map(lambda each: equivalent(each, known) or tried(each, sound, whole), batch):
+                told += found.verdict in {"found", "not found"}
+                yield found
+
+
+def equivalent(fault: Fault, known: dict[tuple[str, ...], str]) -> Found | None:
+    """A fault that no promise can tell."""
+    return Found(fault, "equivalent", known[fault.key]) if fault.key in known else None
+
+
+def row(number: str, found: Found) -> str:
+    """Markdown."""
+    fault = found.fault
+    cells = (number, f"{fault.file}:{fault.line}", fault.operator, f"`{fault.before}`", f"`{fault.after}`",
+             f"{found.verdict.upper()}: {found.words}")  # fmt: skip
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+
+
+def main() -> int:
+    """Draw, plant, hear, list; 0 where every fault was found."""
+    parser = argparse.ArgumentParser(prog="python -m tests.judge.faults", description=__doc__)
+    parser.add_argument("--seed", type=int, required=True)
+    parser.add_argument("--faults", type=int, default=30)
+    parser.add_argument("--ticks", type=int, default=1_000_000, help="of the campaign of all judges")
+    parser.add_argument("--processes", type=int, default=1)
+    parser.add_argument("--write", action="store_true", help="put the list into bench/RESULTS.md")
+    options = parser.parse_args()
+    os.environ["REHAB_OPT_COMPILE"] = "0"  # a fault must reach the tick, not a library of before
+    rows, counts, sound = [], Counter[str](), without_fault(options.seed)
+    without = [
+        f"Not counted, since so without a fault (seed {hearing.seed}): {hearing.judge}: {', '.join(outcome.claims)}."
+        for hearing, outcome in sound.slices.items()
+        if outcome.claims
+    ]
+    print("\n".join(without), flush=True)
+    for found in proof(sound, options.seed, options.faults, options.ticks, options.processes):
+        counts[found.verdict] += 1
+        told = found.verdict in {"found", "not found"}
+        rows.append(row(str(counts["found"] + counts["not found"]) if told else "", found))
+        print(rows[-1], flush=True)
+    summary = ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
+    print(f"seed {options.seed}: {summary}")
+    if options.write:
+        asked = f"--seed {options.seed} --faults {options.faults} --ticks {options.ticks}"
+        title = "Faults that the judge finds"
+        lines = [*head(f"python -m tests.judge.faults {asked}", options.seed, title=title), f"{summary}.", ""]
+        lines += [*without, ""]
+        lines += ["| | place | fault | before | after | verdict |", "|---|---|---|---|---|---|", *rows]
+        write(lines, MARKERS)
+    return int(counts["found"] < options.faults)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
