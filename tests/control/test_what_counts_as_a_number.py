@@ -117,7 +117,7 @@ class TestSmoother:
             {"x": 0.1},
             "0.1",
         ],
-        ids=repr,
+        ids=["array", "nested", "none", "text", "object", "mapping", "string"],
     )
     def test_a_ragged_target_is_a_reason_not_an_error(self, target: Any) -> None:
         axes = smoother()
