@@ -5,8 +5,8 @@ u <- (1 - dt/T) u. The posture where that ends is the stop posture
 
     z = q + T u.
 
-Braking does not move it: after a tick q + dt u + T (1 - dt/T) u = z. A controller that keeps its limits at z, and on the
-way from q to z, can therefore always brake without breaking any of them, within every joint's acceleration, since
+Braking does not move it: after a tick q + dt u + T (1 - dt/T) u = z. A controller that keeps its limits at z and on the
+way from q to z can therefore always brake without breaking any of them, within every joint's acceleration, since
 |u| dt/T <= v dt/T <= a dt. What a tick adds to u moves z by T times as much; that is all a limit must ask about.
 """
 

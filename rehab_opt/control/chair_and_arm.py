@@ -36,24 +36,29 @@ ITERATIONS = 20
 class ChairAndArm(VelocityController):
     """Joint velocities for a hand twist in one set of rows.
 
-    min  1/2 u'W u + v(|r|) (W grad c)'u - price progress + 10 price off      over u, progress, off
-    s.t. J u = progress r/|r| + off e/|e|,      0 <= progress <= |r|,  0 <= off <= |e|
-         |u - u_last| <= a dt,  the bounds of `ChairLimits`,  and at the stop posture z
-         0 <= (r/|r|)'J(z) u,  |(1 - rr'/|r|^2) J(z) u| <= |r|/10
+    min  a [1/2 u'W u + |r| (W grad c)'u] + (1 - a) 1/2 (u - u_last)'W(u - u_last) - price progress + 10 price off
+                                                                                       over u, progress, off
+    s.t. J u = w + progress r/|r| + off e/|e|,   0 <= progress <= |r|,  0 <= off <= |e|
+         |u - u_last| <= acceleration dt,  the bounds of `ChairLimits`,  and of the hand at the stop posture z
+         0 <= (r/|r|)'J(z) u,  |(1 - rr'/|r|^2) J(z) u| <= |r|/5
 
     u are the joint velocities with the chair's in the chassis frame (forward, left, turn), in which neither W nor the
     arm's Jacobian knows where the chair stands: that a turned or shifted scene changes nothing is by construction, and
     the rolling row, Eq. (4), is a left speed of zero. r is the commanded twist. z = q + T u is where the robot comes to
-    rest if it brakes together from now on: see `BrakingTogether`. The QP's own variables are u in `units`, which differ
-    by what each joint weighs.
+    rest if it brakes together from now on: see `BrakingTogether`. J and W are those of the middle of the tick, where a
+    velocity that is held moves the hand as it does in the mean. The cost is Eq. (1) with a = 1; from one of its answers
+    to a distant one, as after a turn of the stick, a is what the accelerations allow (`HandTask`). The QP's own
+    variables are u in `units`, which differ by what each joint weighs.
 
-    **What decreases.** Let b = (1 - dt/T) u_last be one tick of braking together, and e what it leaves of the hand's
-    velocity besides a part of r between none and all: J b = progress_b r/|r| + e. Then u = b is feasible: its change is
-    within the accelerations, it leaves z, and with it every bound, where they are, and progress_b, off = |e| satisfy the
-    task. So the QP has an answer in every tick, and that answer has off <= |e|: what the hand does besides r shrinks by
-    the factor 1 - dt/T a tick or faster, but for what the change of the Jacobian within the tick adds, of order
-    dt |u|^2. Along r the hand is never faster than |r| but for that. Nothing that was delivered becomes a reference. The
-    rows at z are why off stays small while a bound or a singular posture stops the hand: it keeps to r while it brakes.
+    **What decreases.** Let d be the part of the hand's last velocity that is no part of r between none and all of it,
+    and b one tick of the hardest braking together. b is feasible: its changes are within the accelerations, it lies on
+    the way to z, which braking does not move, and every bound is kept at z and on that way. Of the hand's velocity it
+    leaves J b = w + progress_b r/|r| + e, where w <= (1 - dt/T) d is what d is allowed to be now, so that off = |e|
+    satisfies the task. So the QP has an answer in every tick, and what it delivers besides r lies between w and w + e,
+    both of which are at most (1 - dt/T) |d|, but for what the change of the Jacobian within the tick adds, of order
+    dt |u|^2: |d| shrinks by that factor a tick or faster. Along r the hand is never faster than |r| but for that. What
+    was delivered never becomes a reference; it is only what must shrink. The rows at z are why e stays small while a
+    bound or a singular posture stops the hand: it keeps to r while it brakes.
 
     Without a command all joints brake together as hard as the accelerations allow, and then rest.
 
@@ -211,9 +216,8 @@ class ChairAndArm(VelocityController):
             given, obstacles = [one, place, chair], limits.obstacles
             close = ca.Function("close", given, [obstacles.near(*given)], cse)
             rows, nothing = obstacles.column(*given), obstacles.far()
-            either = ca.Function.if_else(
-                "obstacle", *(ca.Function("rows", given, [each], cse) for each in (rows, nothing))
-            )
+            here, away = (ca.Function("rows", given, [each], cse) for each in (rows, nothing))
+            either = ca.Function.if_else("obstacle", here, away)
             for i in range(self.slots):
                 begin = parameters.numel() - NUMBERS * (self.slots - i)
                 each = p[begin : begin + NUMBERS], p[:CHAIR], m[:CHAIR]

@@ -26,7 +26,7 @@ TIGHTER = 1e-7
 ALONG = (0.5, 1.0)
 """Places on the way to the stop posture where the keep-outs are looked at, besides its beginning."""
 MARGIN = 3e-3
-"""[m] The stop posture stays further from a keep-out by this than the posture now: links turn, and rows are tangents."""
+"""[m] The stop posture stays further from a keep-out by this than the posture now: links turn; rows are tangents."""
 FAST = 0.1
 """[m] Way of a hand to the stop posture from which on that margin is whole: at rest there is nothing to turn."""
 CLEAR = 5e-4
@@ -52,7 +52,7 @@ class Limits(NamedTuple):
     """(d, 3) rows that lead into no obstacle in this tick, at most into_limit (d,) [m/s]; part of no problem."""
     into_limit: ca.SX
     closing: ca.SX
-    """(c, 4) rows of the arm towards its keep-outs, at most closing_limit (c,) [m/s]; those of the posture now first."""
+    """(c, 4) rows of the arm towards its keep-outs, at most closing_limit (c,) [m/s]; of the posture now first."""
     closing_limit: ca.SX
     base: ca.SX
     """(7,) one tick of the hardest braking together: the safe command."""
@@ -79,7 +79,7 @@ class Limits(NamedTuple):
     def columns(self) -> dict[str, ca.SX]:
         """What changes from tick to tick, each as one column."""
         fixed = ("chair", "chair_limit")
-        return {name: ca.vec(ca.densify(each)) for name, each in self._asdict().items() if name not in fixed}
+        return {name: ca.densify(ca.reshape(each, -1, 1)) for name, each in self._asdict().items() if name not in fixed}
 
     def like(self, given: Mapping[str, ca.SX]) -> Limits:
         """The same with those columns as symbols."""
@@ -104,7 +104,7 @@ class ChairLimits:
     Each limit is kept by the stop posture z of `BrakingTogether`, so that braking together breaks none of them:
 
     - joint limits: lower <= q + T u <= upper;
-    - keep-outs: the arm's distance at z, and at `ALONG` of the way there, stays above a margin that grows along the way,
+    - keep-outs: the arm's distance at z, and at `ALONG` of the way there, is above a margin that grows on the way,
       to first order in the change of u; at q it falls no faster than itself divided by T;
     - obstacles: the gap of each corner of the chair at z, or half-way there where less is left, likewise.
 
@@ -148,7 +148,7 @@ class ChairLimits:
         return clearance <= self._margin(1.0, last) + self.reach * self.braking.time * speed, clearance
 
     def keep_outs(self, arm: ca.SX, last: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Rows (c, 4) towards the keep-outs at arm joints (4,) after a command's (4,), and their free speeds (c,) [m/s].
+        """Rows (c, 4) towards the keep-outs at arm joints (4,) after a command's (4,), and their free speeds (c,).
 
         First those of the posture now, then of the places on the way to the stop posture.
         """
@@ -172,12 +172,10 @@ class ChairLimits:
     def limits(
         self, q: ca.SX, last: ca.SX, obstacles: ca.SX, keep_outs: tuple[ca.SX, ca.SX], clearance: ca.SX
     ) -> Limits:
-        """Limits at joint values q (7,) after the command `last` (7,), with the columns of obstacles and `keep_outs`."""
+        """Limits at joint values q (7,) after the command `last` (7,), with columns of obstacles and `keep_outs`."""
         lower, upper, hard_lower, hard_upper, outside = self._joints(q, last)
-        read, around = (
-            self.obstacles.read,
-            [obstacles[i : i + self.obstacles.size] for i in range(0, obstacles.numel(), self.obstacles.size)],
-        )
+        read, size = self.obstacles.read, self.obstacles.size
+        around = [obstacles[i : i + size] for i in range(0, obstacles.numel(), size)]
         into, into_limit = _stacked([read(each, ROWS, INTO) for each in around])
         closing, free = keep_outs
         chair, chair_limit = self._chassis()

@@ -33,9 +33,9 @@ class ChairObstacles:
     """Rows on the chair's velocity (3,) for one obstacle, by `obstacle_numbers`, in its own frame.
 
     Towards it, as one column: `ROWS` rows, and what is left for each [m/s] when the chair brakes. Of the two corners
-    nearest to it: one row of the posture now, one of the place on the way to the stop posture where less is left. A post
-    is the wall that touches it on that way, since the outline could cut it between two places; now it is what is
-    nearest to the outline. So beside a post the chair may stop where it could still turn about it.
+    nearest to it: one row of the posture now, one of the place on the way to the stop posture where less is left. For a
+    post stands the wall that touches it on that way, since the outline could cut it between two places; now it is what
+    is nearest to the outline. So beside a post the chair may stop where it could still turn about it.
 
     Into it in this tick: `INTO` rows and their limits [m/s]. Those of the same points now, but for what they turn by in
     a tick; closer than that, of `approach`, which are right for every turn.
@@ -64,7 +64,7 @@ class ChairObstacles:
         return ca.logic_and(one[3] != 0, gap <= margin + self.braking.time * (drive + self._lever * turn))
 
     def column(self, one: ca.SX, place: ca.SX, last: ca.SX) -> ca.SX:
-        """(size,) rows towards it and what is left, rows into it and their limits, and 1 where the chair is within it."""
+        """(size,) rows towards it and what is left, rows into it and their limits, 1 where the chair is within it."""
         each = self._approach(one, place)
         parts = [
             ca.vertcat(*(ca.vertcat(*pair) for pair in pairs))
@@ -132,7 +132,7 @@ class ChairObstacles:
     def _approached(
         self, gap_after: Callable[[ca.SX, float], tuple[ca.SX, ca.SX]], slower: ca.SX, margin: ca.SX
     ) -> tuple[ca.SX, ca.SX]:
-        """(8,) a row now and what is left for it [m/s], a row on the way to the stop posture likewise; the least gap."""
+        """(8,) a row now and what is left for it [m/s], one on the way to the stop posture likewise; the least gap."""
         time = self.braking.time
         least, now = gap_after(slower, 0.0)
         first = ca.vertcat(now, ca.fmax(least - margin, 0) / time - ca.dot(now, slower))

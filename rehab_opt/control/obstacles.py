@@ -60,7 +60,7 @@ class Approach(NamedTuple):
     inside: ca.SX
     """1 where the chair is within the obstacle."""
     wall: ca.SX
-    """(3,) normal n and offset [m] of the wall that stands for it, in the chassis frame: free are p with n . p < offset."""
+    """(3,) normal n and offset [m] of the wall that stands for it, in the chassis frame: free is n . p < offset."""
     post: ca.SX
     """(3,) centre in the chassis frame and radius [m] of a disc."""
     is_post: ca.SX

@@ -110,7 +110,7 @@ class VelocityController(OneThread, ABC):
         return velocity_bounds(self.chain, q, last, dt=self.dt, return_speed=self.return_speed)
 
     def report(self, last: ca.SX, velocity: ca.SX, delivered: ca.SX, asked: ca.SX, outside: ca.SX) -> ca.SX:
-        """What yielded, as a number of `Bound`, and the fraction of the asked motion that is delivered; 1 if none is asked.
+        """What yielded, as a number of `Bound`, and the fraction of the asked motion that is delivered, 1 if none is.
 
         `delivered` and `asked` are twists, weighted alike; `outside` says that a joint is beyond its limit.
         """
