@@ -79,7 +79,8 @@ class Limits(NamedTuple):
     def columns(self) -> dict[str, ca.SX]:
         """What changes from tick to tick, each as one column."""
         fixed = ("chair", "chair_limit")
-        return {name: ca.densify(ca.reshape(each, -1, 1)) for name, each in self._asdict().items() if name not in fixed}
+        changing: dict[str, ca.SX] = {name: each for name, each in self._asdict().items() if name not in fixed}
+        return {name: ca.densify(ca.reshape(each, -1, 1)) for name, each in changing.items()}
 
     def like(self, given: Mapping[str, ca.SX]) -> Limits:
         """The same with those columns as symbols."""
