@@ -4,7 +4,8 @@
 
 One case is one tick of one of several resolvers (robots, drives, tick lengths, rooms), each in a state reached by
 random earlier ticks or set anew. Nothing of the controller's arithmetic is used: limits, wheels, rolling, gaps to
-obstacles and keep-outs, accelerations and the hand's direction are worked out again from the numbers sent.
+obstacles and keep-outs and accelerations are worked out again from the numbers sent. What the hand does of the command
+is for `tests.judge`, which follows commands for as long as people hold them.
 """
 
 from __future__ import annotations
@@ -205,12 +206,6 @@ def _judge(
             check(bool(slowing), "the safe command decelerates")
     elif command.status.certified and not twist.any():
         check(bool(slowing), "no command decelerates")
-    sliding = (
-        now_arm.size > 0 and now_arm.min() < resolver._active.surroundings.skin
-    )  # the arm may then wait for part of the step
-    unhurried = bool(np.all(change < -1e-9 * allowed - 1e-12))
-    if usable and command.status.certified and not hurried and unhurried and not sliding:
-        _judge_direction(plant, q, v, frame, tally, check)  # type: ignore[arg-type]
 
 
 def _judge_hurry(plant: Plant, q: Array, change: Array, allowed: Array, now_arm: Array, tally: Tally, check) -> None:  # type: ignore[no-untyped-def]
@@ -239,20 +234,6 @@ def _judge_surroundings(resolver: RedundancyResolver, q: Array, ahead: Array, ta
         deeper = float(np.max(np.minimum(now_arm, 0.0) - then_arm))
         check(tally.worst("into keep-outs", deeper) <= ROUNDING, "never further into a keep-out")
     return now_arm
-
-
-def _judge_direction(plant: Plant, q: Array, v: Array, frame: str, tally: Tally, check) -> None:  # type: ignore[no-untyped-def]
-    hand = hand_twist(plant.resolver.robot, q, v, plant.rows, frame)
-    asked = plant.resolver.limited_twist
-    size = float(np.linalg.norm(asked))
-    if size < 1e-9:
-        check(float(np.linalg.norm(hand)) < 1e-7, "no motion asked, none made")
-        return
-    along = float(hand @ asked) / size
-    off = float(np.linalg.norm(hand - along * asked / size))
-    tally.seen["direction checked"] += 1
-    tally.worst("off direction, m/s beyond 1e-6 rad", off - 1e-6 * abs(along))
-    check(off <= 1e-6 * abs(along) + 1e-8 and -1e-8 <= along <= size + 1e-8, "the hand keeps its direction")
 
 
 def hand_twist(robot: MobileArm, q: Array, v: Array, rows: tuple[str, ...], frame: str) -> Array:
