@@ -31,6 +31,8 @@ FAST = 0.1
 """[m] Way of a hand to the stop posture from which on that margin is whole: at rest there is nothing to turn."""
 CLEAR = 5e-4
 """[m] The arm stays clear of keep-outs by this, and by twice as much at the stop posture."""
+ROUNDED = 1e-10
+"""[m/s] By which a solver may pass a row: at a limit of zero, less would take the whole command back."""
 TINY = 1e-12
 FACETS = 8
 """Sides of the polygon inside the circle of chassis velocities; its corners lie on the axes."""
@@ -216,7 +218,7 @@ class ChairLimits:
     def outside(self, limits: Limits, u: ca.SX) -> ca.SX:
         """(7,) the command on the way from `base` to u (7,) that leads the chair into no obstacle in this tick."""
         base, way = limits.base, u - limits.base
-        free = limits.into_limit - limits.into @ base[:CHAIR]
+        free = limits.into_limit - limits.into @ base[:CHAIR] + ROUNDED
         return base + largest_part(limits.into @ way[:CHAIR], free) * way
 
     def unhindered(self, base: ca.SX, wanted: ca.SX, arm: ca.SX) -> ca.SX:

@@ -13,7 +13,7 @@ from rehab_opt.control.braking_together import BrakingTogether
 from rehab_opt.control.obstacles import Approach, approach, outward_normal
 from rehab_opt.control.stopping import FAR
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm, Outline
-from rehab_opt.optim.certificate import first_true
+from rehab_opt.optim.certificate import clipped, first_true
 
 __all__ = ["INTO", "ROWS", "ChairObstacles"]
 
@@ -25,6 +25,9 @@ ALONG = (0.5, 1.0)
 """Places on the way to the stop posture that are looked at, besides its beginning."""
 CLEAR = 5e-4
 """[m] The chair stays clear of obstacles by this, and by twice as much where braking ends: rows are tangents."""
+NEARER = 5
+"""Steps to the nearest point of the chair's way from a post; a direction that is a little off has less room."""
+TINY = 1e-12
 TIGHTER = 1e-7
 """Fraction by which limits are drawn in, so that what a certificate may leave open never passes them."""
 
@@ -34,8 +37,8 @@ class ChairObstacles:
 
     Towards it, as one column: `ROWS` rows, and what is left for each [m/s] when the chair brakes. Of the two corners
     nearest to it: one row of the posture now, one of the place on the way to the stop posture where less is left. For a
-    post stands the wall that touches it on that way, since the outline could cut it between two places; now it is what
-    is nearest to the outline. So beside a post the chair may stop where it could still turn about it.
+    post stands the wall between it and that way, since the outline could cut it between two places; now it is what is
+    nearest to the outline. So beside a post the chair may stop where it could still turn about it.
 
     Into it in this tick: `INTO` rows and their limits [m/s]. Those of the same points now, but for what they turn by in
     a tick; closer than that, of `approach`, which are right for every turn.
@@ -103,31 +106,69 @@ class ChairObstacles:
         lever = ca.if_else(each.is_post, ca.norm_2(each.post[:2]), self._lever)
         return turn * (lever * turn + 2 * drive) * self.dt**2 / 2
 
+    def _apart(self, each: Approach, last: ca.SX) -> ca.SX:
+        """1 where no turn within a tick takes the outline to the obstacle."""
+        gap = ca.if_else(each.is_post, _post(each.post, self.outline)[0], ca.mmin(self._gaps(each)))
+        return gap > 2 * self._swept(each, last)
+
     def _into(self, each: Approach, last: ca.SX) -> list[tuple[ca.SX, ca.SX]]:
         keys, swept, rows = self._gaps(each), self._swept(each, last), []
         closing = [_corner(each.wall, corner, ca.SX.zeros(CHAIR), 0.0)[1] for corner in self.outline.corners]
         far, towards = _post(each.post, self.outline)
-        simple = ca.if_else(each.is_post, far, ca.mmin(keys)) > 2 * swept
+        apart = self._apart(each, last)
         for k, instead in enumerate((towards, ca.SX.zeros(CHAIR))):
             gap, chosen = ca.if_else(each.is_post, far, ca.mmin(keys)), first_true(keys <= ca.mmin(keys))
             keys = ca.if_else(chosen, ca.inf, keys)
             row = ca.if_else(each.is_post, instead, ca.horzcat(*closing) @ chosen)
-            limit = ca.if_else(simple, (gap - swept) / self.dt, each.room[k] + each.more) * (1 - TIGHTER)
-            rows.append((ca.if_else(simple, row, each.matrix[k, :].T), limit))
+            limit = ca.if_else(apart, (gap - swept) / self.dt, each.room[k] + each.more) * (1 - TIGHTER)
+            rows.append((ca.if_else(apart, row, each.matrix[k, :].T), limit))
         return rows
 
     def _towards(self, each: Approach, last: ca.SX) -> list[tuple[ca.SX, ca.SX]]:
         slower, margin = self.braking.slower(last), CLEAR + 2 * self._swept(each, last)
-        corners = [self._approached(partial(_corner, each.wall, one), slower, margin) for one in self.outline.corners]
+        wall = ca.if_else(each.is_post, self._beside(each, slower), each.wall)
+        corners = [self._approached(partial(_corner, wall, one), slower, margin) for one in self.outline.corners]
         far, towards = _post(each.post, self.outline)
         post = ca.vertcat(towards, ca.fmax(far - margin, 0) / self.braking.time - ca.dot(towards, slower))
-        keys, rows = ca.vertcat(*(key for _, key in corners)), []
-        for instead in (post, ca.vertcat(0, 0, 0, FAR)):
+        keys, rows, apart = ca.vertcat(*(key for _, key in corners)), [], self._apart(each, last)
+        for k, instead in enumerate((post, ca.vertcat(0, 0, 0, FAR))):
             nearest = first_true(keys <= ca.mmin(keys))
             keys = ca.if_else(nearest, ca.inf, keys)
             found = ca.horzcat(*(rows for rows, _ in corners)) @ nearest
-            rows += [(row[:3], row[3]) for row in (ca.if_else(each.is_post, instead, found[:4]), found[4:])]
+            # Where it touches, the rows into it: those of the corners would let it turn by more, and all would stop.
+            touching = ca.vertcat(each.matrix[k, :].T, each.room[k] - each.matrix[k, :] @ slower)
+            now = ca.if_else(apart, ca.if_else(each.is_post, instead, found[:4]), touching)
+            rows += [(row[:3], row[3]) for row in (now, found[4:])]
         return rows
+
+    def _beside(self, each: Approach, slower: ca.SX) -> ca.SX:
+        """(3,) the wall between a post and the way to the stop posture: of all directions the one with the most room.
+
+        It is that from the nearest point of the hull of the outline's places (Gilbert's algorithm). Braking leaves a
+        smaller hull, so that the room never falls by it, wherever the wall turns to.
+        """
+        centre, radius = each.post[:2], each.post[2]
+        places = ca.horzcat(
+            *(
+                ca.DM(corner) + part * self.braking.time * _mean(corner, slower, part * self.braking.time)
+                for part in (0.0, *ALONG)
+                for corner in self.outline.corners
+            )
+        )
+
+        def room(normal: ca.SX) -> ca.SX:
+            return ca.dot(normal, centre) - ca.mmax(normal.T @ places)
+
+        now = each.wall[:2]
+        nearest = centre - now * (_post(each.post, self.outline)[0] + radius)
+        for _ in range(NEARER):
+            ahead = ((centre - nearest).T @ places).T
+            step = places @ first_true(ahead >= ca.mmax(ahead)) - nearest
+            part = ca.dot(centre - nearest, step) / ca.fmax(ca.sumsqr(step), TINY)
+            nearest += clipped(part, 0, 1) * step
+        towards = (centre - nearest) / ca.fmax(ca.norm_2(centre - nearest), TINY)
+        normal = ca.if_else(room(towards) > room(now), towards, now)
+        return ca.vertcat(normal, ca.dot(normal, centre) - radius)
 
     def _approached(
         self, gap_after: Callable[[ca.SX, float], tuple[ca.SX, ca.SX]], slower: ca.SX, margin: ca.SX
@@ -149,14 +190,18 @@ def _corner(wall: ca.SX, corner: Array, velocity: ca.SX, time: float) -> tuple[c
     """Gap of a chair's corner (2,) from a wall [m] after an arc of a velocity (3,) for a time [s]; how fast the gap
     closes by each of the three, in the mean.
     """
-    (x, y), u = corner.tolist(), ca.SX.sym("u", CHAIR)
-    half = u[2] * time / 2
-    shrunk, cos, sin = 1 - half * half / 6, ca.cos(half), ca.sin(half)  # the chord over the arc, and its direction
-    drive = shrunk * ca.vertcat(cos * u[0] - sin * u[1], sin * u[0] + cos * u[1])
-    spin = u[2] * shrunk * ca.vertcat(-sin * x - cos * y, cos * x - sin * y)  # of what turns, the mean velocity
-    mean = ca.dot(wall[:2], drive + spin)
+    u = ca.SX.sym("u", CHAIR)
+    mean = ca.dot(wall[:2], _mean(corner, u, time))
     speed, closing = ca.substitute([mean, ca.jacobian(mean, u).T], [u], [velocity])
-    return wall[2] - wall[0] * x - wall[1] * y - time * speed, closing
+    return wall[2] - ca.dot(wall[:2], ca.DM(corner)) - time * speed, closing
+
+
+def _mean(corner: Array, velocity: ca.SX, time: float) -> ca.SX:
+    """(2,) mean velocity of a chair's corner (2,) on an arc of a velocity (3,) for a time [s]."""
+    (x, y), half = corner.tolist(), velocity[2] * time / 2
+    shrunk, cos, sin = 1 - half * half / 6, ca.cos(half), ca.sin(half)  # the chord over the arc, and its direction
+    drive = shrunk * ca.vertcat(cos * velocity[0] - sin * velocity[1], sin * velocity[0] + cos * velocity[1])
+    return drive + velocity[2] * shrunk * ca.vertcat(-sin * x - cos * y, cos * x - sin * y)
 
 
 def _post(post: ca.SX, outline: Outline) -> tuple[ca.SX, ca.SX]:

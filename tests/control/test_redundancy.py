@@ -47,9 +47,8 @@ def posture(rng: np.random.Generator, robot: MobileArm, share: float = 1.0) -> n
 def test_no_fault_of_the_campaign_breaks_a_bound() -> None:
     tally = redundancy_campaign.run(3000, seed=1, plants=12)
     assert tally.broken == []
-    assert set(tally.statuses) == {Status.OK, Status.BACKUP, Status.BRAKING, Status.HOLDING}
+    assert set(tally.statuses) == {Status.OK, Status.BLOCKED, Status.BACKUP, Status.BRAKING, Status.HOLDING}
     assert all(tally.faults[fault] for fault in ("q", "twist", "stamp", "repeated", "disabled", "no stamp"))
-    assert tally.seen["direction checked"] > 200
     assert tally.seen["chair hurried"] == 0  # from a start at which the chair could stop, it always could
 
 
@@ -150,7 +149,7 @@ def test_the_answer_is_the_qp_s_by_another_solver() -> None:
 
 
 @pytest.mark.parametrize("drive", DRIVES)
-def test_a_hand_held_back_by_accelerations_loses_what_is_off_the_new_twist_and_gains_along_it(drive: str) -> None:
+def test_a_hand_held_back_by_accelerations_loses_what_is_off_the_new_twist_and_is_not_driven_against_it(drive: str) -> None:
     rng, robot, held = np.random.default_rng(12), stopper(drive, 1e-2), 0
     chain = robot.robot.chain
     for _ in range(100):
@@ -169,9 +168,9 @@ def test_a_hand_held_back_by_accelerations_loses_what_is_off_the_new_twist_and_g
         off_before, off_now = (v - (v @ along) * along for v in (before, now))
         left = off_now @ off_before / (off_before @ off_before)
         np.testing.assert_allclose(left * off_before, off_now, atol=1e-8)
-        assert -1e-9 <= left <= 1.0
+        assert -1e-9 <= left <= 1 - 0.01 / (1.1 * 0.8) + 1e-9  # as braking together, or faster
         assert now @ along <= max(size, before @ along) + 1e-9
-        assert now @ along >= min(before @ along, size) - 0.02 * abs(before @ along) - 1e-9
+        assert now @ along >= min(before @ along, 0.0) - 1e-9
         assert bool(command.yielded & Bound.TASK)
         held += np.max(change) > 1 - 1e-6
     assert held > 50
@@ -523,7 +522,8 @@ def test_where_every_solver_fails_the_whole_robot_brakes_together(monkeypatch: p
         command = robot.step(q, twist)
         assert command.status is Status.BACKUP
         assert command.solver == "braking together"
-        np.testing.assert_allclose(robot.chassis_velocity, (1 - 0.01 / (1.1 * 0.8)) * moving, rtol=1e-12)
+        hardest = np.max(np.abs(moving) / (chain.acceleration * robot.dt))  # ticks to rest
+        np.testing.assert_allclose(robot.chassis_velocity, moving * max(0.0, 1 - 1 / hardest), rtol=1e-12)
         assert bool(command.yielded & Bound.TASK)
 
 

@@ -273,7 +273,7 @@ class Chair:
             best, u = -float(found.fun), found.x[:7]
             ahead = q + 1e-3 * self.world(q, u)
             known, room = np.isfinite(now), np.maximum(now - STAND_OFF, 0.0) * 1e-3 / half
-            if best < 0.05 or np.all(gaps(ahead)[known] >= (now - room)[known] - 1e-5 * best):
+            if best < 0.05 or np.all(gaps(ahead)[known] >= now[known] - room[known] - 1e-5 * best):
                 break
             closing(ahead)
         return best
