@@ -198,7 +198,7 @@ class ChairLimits:
 
         base = pressed(self.braking.slowest(last))
         towards, left = _stacked([read(each, 0, ROWS) for each in around])
-        towards_limit = ca.fmax(ca.fmax(left, 0) + towards @ slower[:CHAIR], towards @ base[:CHAIR])
+        towards_limit = ca.fmax(left + towards @ slower[:CHAIR], towards @ base[:CHAIR])
         return Limits(
             lower=lower,
             upper=upper,

@@ -35,10 +35,11 @@ TIGHTER = 1e-7
 class ChairObstacles:
     """Rows on the chair's velocity (3,) for one obstacle, by `obstacle_numbers`, in its own frame.
 
-    Towards it, as one column: `ROWS` rows, and what is left for each [m/s] when the chair brakes. Of the two corners
-    nearest to it: one row of the posture now, one of the place on the way to the stop posture where less is left. For a
-    post stands the wall between it and that way, since the outline could cut it between two places; now it is what is
-    nearest to the outline. So beside a post the chair may stop where it could still turn about it.
+    Towards it, as one column: `ROWS` rows, and what is left for each [m/s] when the chair brakes; negative where the
+    room has become less than its margin, so that it brakes harder. Of a wall, for the two corners nearest to it: one
+    row of the posture now, one of the place on the way to the stop posture where less is left. Of a post: of what is
+    nearest to the outline now; and of its way past the chair while that brakes, half-way and at the end, from a line
+    beside the chair, since the outline could cut that way between two places.
 
     Into it in this tick: `INTO` rows and their limits [m/s]. Those of the same points now, but for what they turn by in
     a tick; closer than that, of `approach`, which are right for every turn.
@@ -126,49 +127,57 @@ class ChairObstacles:
 
     def _towards(self, each: Approach, last: ca.SX) -> list[tuple[ca.SX, ca.SX]]:
         slower, margin = self.braking.slower(last), CLEAR + 2 * self._swept(each, last)
-        wall = ca.if_else(each.is_post, self._beside(each, slower), each.wall)
-        corners = [self._approached(partial(_corner, wall, one), slower, margin) for one in self.outline.corners]
-        far, towards = _post(each.post, self.outline)
-        post = ca.vertcat(towards, ca.fmax(far - margin, 0) / self.braking.time - ca.dot(towards, slower))
+        corners = [self._approached(partial(_corner, each.wall, one), slower, margin) for one in self.outline.corners]
         keys, rows, apart = ca.vertcat(*(key for _, key in corners)), [], self._apart(each, last)
-        for k, instead in enumerate((post, ca.vertcat(0, 0, 0, FAR))):
+        for k, post in enumerate(self._past(each, slower, margin)):
             nearest = first_true(keys <= ca.mmin(keys))
             keys = ca.if_else(nearest, ca.inf, keys)
-            found = ca.horzcat(*(rows for rows, _ in corners)) @ nearest
+            found = ca.if_else(each.is_post, post, ca.horzcat(*(rows for rows, _ in corners)) @ nearest)
             # Where it touches, the rows into it: those of the corners would let it turn by more, and all would stop.
             touching = ca.vertcat(each.matrix[k, :].T, each.room[k] - each.matrix[k, :] @ slower)
-            now = ca.if_else(apart, ca.if_else(each.is_post, instead, found[:4]), touching)
-            rows += [(row[:3], row[3]) for row in (now, found[4:])]
+            rows += [(row[:3], row[3]) for row in (ca.if_else(apart, found[:4], touching), found[4:])]
         return rows
 
-    def _beside(self, each: Approach, slower: ca.SX) -> ca.SX:
-        """(3,) the wall between a post and the way to the stop posture: of all directions the one with the most room.
+    def _past(self, each: Approach, slower: ca.SX, margin: ca.SX) -> list[ca.SX]:
+        """Two columns (8,) for a post: a row now and one half-way to the stop posture; nothing and one at its end."""
+        centre, radius = each.post[:2], each.post[2]
+        far, towards = _post(each.post, self.outline)
+        now = ca.vertcat(towards, ca.fmax(far - margin, 0) / self.braking.time - ca.dot(towards, slower))
+        normal, columns = self._beside(each, slower), []
+        for part, first in zip(ALONG, (now, ca.SX([0, 0, 0, FAR])), strict=True):
+            time, u = part * self.braking.time, ca.SX.sym("u", CHAIR)
+            away = ca.dot(normal, _seen(centre, u, time))
+            there, closing = ca.substitute([away, -ca.jacobian(away, u).T / time], [u], [slower])
+            gap = there - ca.mmax(ca.DM(self.outline.corners) @ normal) - radius
+            columns.append(ca.vertcat(first, closing, (gap - margin - part * CLEAR) / time - self._bent * time))
+        return columns
 
-        It is that from the nearest point of the hull of the outline's places (Gilbert's algorithm). Braking leaves a
-        smaller hull, so that the room never falls by it, wherever the wall turns to.
+    def _beside(self, each: Approach, slower: ca.SX) -> ca.SX:
+        """(2,) normal, fixed in the chassis, of the wall between the outline and a post's way past it while it brakes.
+
+        The one with the most room, from the nearest point of the hull of all differences of a corner and a place of the
+        post, found edge by edge (Gilbert, Johnson and Keerthi). Braking leaves a part of that way, so that the room
+        never falls by it, wherever the wall turns to.
         """
         centre, radius = each.post[:2], each.post[2]
-        places = ca.horzcat(
-            *(
-                ca.DM(corner) + part * self.braking.time * _mean(corner, slower, part * self.braking.time)
-                for part in (0.0, *ALONG)
-                for corner in self.outline.corners
-            )
-        )
+        way = [_seen(centre, slower, part * self.braking.time) for part in (0.0, *ALONG)]
+        points = ca.horzcat(*(ca.DM(corner) - place for place in way for corner in self.outline.corners))
 
-        def room(normal: ca.SX) -> ca.SX:
-            return ca.dot(normal, centre) - ca.mmax(normal.T @ places)
+        def nearest_of(begin: ca.SX, end: ca.SX) -> ca.SX:
+            along = end - begin
+            return begin - clipped(ca.dot(begin, along) / ca.fmax(ca.sumsqr(along), TINY), -1, 0) * along
 
         now = each.wall[:2]
-        nearest = centre - now * (_post(each.post, self.outline)[0] + radius)
+        nearest = begin = end = -now * (_post(each.post, self.outline)[0] + radius)
         for _ in range(NEARER):
-            ahead = ((centre - nearest).T @ places).T
-            step = places @ first_true(ahead >= ca.mmax(ahead)) - nearest
-            part = ca.dot(centre - nearest, step) / ca.fmax(ca.sumsqr(step), TINY)
-            nearest += clipped(part, 0, 1) * step
-        towards = (centre - nearest) / ca.fmax(ca.norm_2(centre - nearest), TINY)
-        normal = ca.if_else(room(towards) > room(now), towards, now)
-        return ca.vertcat(normal, ca.dot(normal, centre) - radius)
+            ahead = -(nearest.T @ points).T
+            corner = points @ first_true(ahead >= ca.mmax(ahead))
+            before, after = nearest_of(begin, corner), nearest_of(corner, end)
+            first = ca.sumsqr(before) <= ca.sumsqr(after)
+            nearest = ca.if_else(first, before, after)
+            begin, end = ca.if_else(first, begin, corner), ca.if_else(first, corner, end)
+        towards = -nearest / ca.fmax(ca.norm_2(nearest), TINY)
+        return ca.if_else(ca.mmax(towards.T @ points) < ca.mmax(now.T @ points), towards, now)
 
     def _approached(
         self, gap_after: Callable[[ca.SX, float], tuple[ca.SX, ca.SX]], slower: ca.SX, margin: ca.SX
@@ -198,10 +207,18 @@ def _corner(wall: ca.SX, corner: Array, velocity: ca.SX, time: float) -> tuple[c
 
 def _mean(corner: Array, velocity: ca.SX, time: float) -> ca.SX:
     """(2,) mean velocity of a chair's corner (2,) on an arc of a velocity (3,) for a time [s]."""
-    (x, y), half = corner.tolist(), velocity[2] * time / 2
+    x, y, half = float(corner[0]), float(corner[1]), velocity[2] * time / 2
     shrunk, cos, sin = 1 - half * half / 6, ca.cos(half), ca.sin(half)  # the chord over the arc, and its direction
     drive = shrunk * ca.vertcat(cos * velocity[0] - sin * velocity[1], sin * velocity[0] + cos * velocity[1])
     return drive + velocity[2] * shrunk * ca.vertcat(-sin * x - cos * y, cos * x - sin * y)
+
+
+def _seen(place: ca.SX, velocity: ca.SX, time: float) -> ca.SX:
+    """(2,) where a place (2,) is in the chassis frame after an arc of a velocity (3,) for a time [s]."""
+    way = place - time * _mean(np.zeros(2), velocity, time)
+    x, y = way[0], way[1]
+    cos, sin = ca.cos(velocity[2] * time), ca.sin(velocity[2] * time)
+    return ca.vertcat(cos * x + sin * y, cos * y - sin * x)
 
 
 def _post(post: ca.SX, outline: Outline) -> tuple[ca.SX, ca.SX]:

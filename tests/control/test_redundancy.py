@@ -149,7 +149,7 @@ def test_the_answer_is_the_qp_s_by_another_solver() -> None:
 
 
 @pytest.mark.parametrize("drive", DRIVES)
-def test_a_hand_held_back_by_accelerations_loses_what_is_off_the_new_twist_and_is_not_driven_against_it(drive: str) -> None:
+def test_a_hand_held_back_by_accelerations_loses_what_is_off_the_new_twist(drive: str) -> None:
     rng, robot, held = np.random.default_rng(12), stopper(drive, 1e-2), 0
     chain = robot.robot.chain
     for _ in range(100):
