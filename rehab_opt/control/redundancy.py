@@ -41,9 +41,15 @@ class RedundancyResolver(OneThread):
 
     With no bound active the answer is Eq. (1). Never broken, in this order: joint and chassis speeds, wheel speeds and
     rolling; then no joint goes beyond its limit, or further beyond, and neither does the chair into an obstacle nor the
-    arm into a keep-out; then accelerations; then the task, which keeps its direction and is slowed. Obstacles and
-    keep-outs are approached no faster than their distance divided by the time the chair, or the arm, needs to stop.
-    A joint outside its limits comes back where the task moves it, or the posture cost does, and is not moved by itself:
+    arm into a keep-out; then accelerations; then the task, which keeps its direction and is slowed.
+
+    The law. Every limit, keep-out and obstacle is approached so that the whole robot can brake together, all velocities
+    to zero in proportion in T, 1.1 times the time in which every joint stops from its largest speed, with all of them
+    kept (`BrakingTogether`). Accelerations therefore yield only where an obstacle, or a velocity that was told, came too
+    late for that. Under a constant command the hand, after T + 1 s, is no faster than commanded by more than 2 % and
+    moves no faster than 2 % of that against it. While it brakes before a bound it may leave the direction, by less than
+    15 % of the commanded speed across and against it, since the Jacobian changes on the way. Where the bounds leave
+    nothing of the command, the status is `BLOCKED`. A joint outside its limits comes back where the task moves it, or the posture cost does, and is not moved by itself:
     without a command there is no motion.
 
     The velocity last commanded is part of the state: a new resolver is at rest, `reset` says otherwise. An object

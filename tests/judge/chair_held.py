@@ -38,8 +38,28 @@ PROMISES = (
     Promise(
         "rehab_opt/control/redundancy.py", "then accelerations; then the task, which keeps its direction and is slowed"
     ),
+    Promise(
+        "rehab_opt/control/redundancy.py",
+        "Under a constant command the hand, after T + 1 s, is no faster than "
+        "commanded by more than 2 % and moves no faster than 2 % of that against it.",
+    ),
+    Promise(
+        "rehab_opt/control/redundancy.py",
+        "While it brakes before a bound it may leave the direction, by less "
+        "than 15 % of the commanded speed across and against it",
+    ),
+    Promise(
+        "rehab_opt/control/redundancy.py",
+        "Accelerations therefore yield only where an obstacle, or a velocity that was told, came too late for that.",
+    ),
+    Promise(
+        "rehab_opt/control/redundancy.py", "Where the bounds leave nothing of the command, the status is `BLOCKED`."
+    ),
     Promise("rehab_opt/control/redundancy.py", "Forget the past."),
-    Promise("rehab_opt/control/command.py", "Share of the asked motion that is delivered, 0 to 1"),
+    Promise(
+        "rehab_opt/control/command.py",
+        "Fraction of the commanded motion that is delivered, 0 to 1, 1 where none is commanded",
+    ),
 )
 LEAST = {
     "solver closed form": 1e5,

@@ -20,7 +20,10 @@ from tests.judge.verdict import Promise, Verdict
 
 PROMISES = (
     Promise("rehab_opt/control/redundancy.py", "neither does the chair into an obstacle"),
-    Promise("rehab_opt/control/redundancy.py", "Obstacles and keep-outs are approached no faster than"),
+    Promise(
+        "rehab_opt/control/redundancy.py",
+        "Every limit, keep-out and obstacle is approached so that the whole robot can brake together",
+    ),
     Promise("rehab_opt/control/redundancy.py", "Walls and posts in the world frame; may be set between ticks"),
 )
 LEAST = {

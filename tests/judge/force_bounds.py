@@ -20,7 +20,7 @@ PROMISES = (
             "an open dead-man switch: the force falls to zero within the slew bound."),
     Promise("rehab_opt/control/bounded_force.py", "Never raises on numbers: what is not usable gives a release, and "
             "its reason."),
-    Promise("rehab_opt/control/command.py", "of assistance: of the wanted force, along it."),
+    Promise("rehab_opt/control/command.py", "of assistance: of the desired force, along it."),
 )  # fmt: skip
 LEAST = {"solver closed form": 4e5, "solver qrqp": 5e4,
          "at the force limit": 2000, "at the slew limit": 14_000, "yielded slew": 50, "wanted in full": 14_000,

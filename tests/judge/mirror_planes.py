@@ -15,7 +15,7 @@ from tests.judge.ur5_numbers import links
 from tests.judge.verdict import Promise, Verdict
 
 PROMISES = (
-    Promise("rehab_opt/control/mirror.py", "keep_out : planes that no part of the arm crosses"),
+    Promise("rehab_opt/control/mirror.py", "beyond which at the end of no tick there is a link's capsule"),
     Promise("rehab_opt/control/hand_bounds.py", "The plane through `point` (3,) [m] that keeps the arm on the side of "
             "`normal` (3,), of any length."),
 )  # fmt: skip

@@ -17,8 +17,8 @@ from tests.judge.ur5_numbers import hand_twist, jacobian, tool, turn_between
 from tests.judge.verdict import Promise, Verdict
 
 PROMISES = (
-    Promise("rehab_opt/control/command.py", "Share of the asked motion that is delivered, 0 to 1; of a tracker: along "
-            "the asked twist, feedback included"),
+    Promise("rehab_opt/control/command.py", "Fraction of the commanded motion that is delivered, 0 to 1, 1 where none "
+            "is commanded; of a tracker: along the reference twist, feedback included"),
     Promise("rehab_opt/control/pose_tracker.py", "the asked twist is `twist` plus `gain` times the pose error, no "
             "faster than the hand speeds allow."),
     Promise("rehab_opt/control/pose_tracker.py", "[1/s] rate at which a pose error decays."),

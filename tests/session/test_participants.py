@@ -85,7 +85,7 @@ ROW_FAULTS = [
     ("arm.side\nA,left,right\nB,left", "line 2: cells = 3: expected 2"),
     ("arm.side\nA\nB,left", "line 2: cells = 1: expected 2"),
     ("arm.segments.humerus_mm\nA,wide\nB,300", "line 2: arm.segments.humerus_mm = 'wide'"),
-    ("arm.segments.humerus_mm\nA,nan\nB,300", "line 2: arm.segments.humerus_mm = nan"),
+    ("arm.segments.humerus_mm\nA,nan\nB,300", "line 2: arm.segments.humerus_mm = 'nan'"),
     ('arm.segments.humerus_mm\nA,"29,5"\nB,300', "line 2: arm.segments.humerus_mm = '29,5'"),
     ("arm.side.x\nA,1\nB,", "line 2: arm.side.x"),
     ("arm.range_of_motion.mine.forearm_extension_deg.upper\nA,50\nB,", "forearm_extension_deg.lower = None"),
