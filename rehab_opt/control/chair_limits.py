@@ -23,7 +23,7 @@ __all__ = ["ChairLimits", "Limits"]
 
 TIGHTER = 1e-7
 """Fraction by which row limits are drawn in, so that what a certificate may leave open never passes them."""
-ALONG = (0.5, 1.0)
+ALONG = (0.25, 0.5, 0.75, 1.0)
 """Places on the way to the stop posture where the keep-outs are looked at, besides its beginning."""
 MARGIN = 3e-3
 """[m] The stop posture stays further from a keep-out by this than the posture now: links turn; rows are tangents."""
@@ -90,7 +90,7 @@ class Limits(NamedTuple):
 
     def violation(self, u: ca.SX) -> ca.SX:
         """By how much u breaks those of this tick; infinite for NaN. The way to the stop posture is not among them."""
-        chair, now = u[:CHAIR], slice(self.closing.size1() // (1 + len(ALONG)))
+        chair, now = u[:CHAIR], slice(self.closing.size1() // 2)
         over = ca.vertcat(
             u - self.upper,
             self.lower - u,
@@ -107,13 +107,13 @@ class ChairLimits:
     Each limit is kept by the stop posture z of `BrakingTogether`, so that braking together breaks none of them:
 
     - joint limits: lower <= q + T u <= upper;
-    - keep-outs: the arm's distance at z, and at `ALONG` of the way there, is above a margin that grows on the way,
-      to first order in the change of u; at q it falls no faster than itself divided by T;
+    - keep-outs: the arm's distance at that of the places `ALONG` the way to z where least is left is above a margin
+      that grows on the way, to first order in the change of u; at q it falls no faster than itself divided by T;
     - obstacles: the gap of each corner of the chair at z, or half-way there where less is left, likewise.
 
-    Where a state comes too late for that (an obstacle that appears, a velocity that is told), a limit is as wide as
-    braking together needs, and the command is shortened to what keeps the robot out in this tick; there only
-    acceleration yields.
+    Where a state comes too late for that (an obstacle that appears, a velocity that is told, rounding), a limit asks
+    for braking as hard as the accelerations allow, until it is kept again; and the command is shortened to what keeps
+    the robot out in this tick: there only acceleration yields.
 
     Parameters
     ----------
@@ -153,23 +153,36 @@ class ChairLimits:
     def keep_outs(self, arm: ca.SX, last: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Rows (c, 4) towards the keep-outs at arm joints (4,) after a command's (4,), and their free speeds (c,).
 
-        First those of the posture now, then of the places on the way to the stop posture.
+        First those of the posture now; then, for each, of the place on the way to the stop posture where least is left.
         """
         if not self.robot.keep_out:
             return self.far()
         slower, time = self.braking.slower(last), self.braking.time
+        apart = time / len(ALONG)
         # In the middle of the tick: there a link that slides along a keep-out comes no nearer.
         opening, gaps = closing_rows(self.robot, arm + last * (self.dt / 2))
-        rows, free = [-opening], [ca.fmax(gaps - self._margin(0.0, last), 0) / time]
+        now, free = -opening, ca.fmax(gaps - self._margin(0.0, last), 0) / time
+        then, left = 0 * now, ca.inf * ca.SX.ones(now.size1())
+        before, falls = opening, ca.fmin(opening @ slower, 0)
         for part in ALONG:
-            opening, gaps = closing_rows(self.robot, arm + part * time * slower)
-            rows.append(-opening)
-            free.append(ca.fmax(gaps - self._margin(part, last), 0) / (part * time))
-        return ca.vertcat(*rows), ca.vertcat(*free)
+            margin = self._margin(part, last)
+            opening, here = closing_rows(self.robot, arm + part * time * slower)
+            rises = ca.fmax(opening @ slower, 0)
+            # Where it falls and then rises from the place before, the least of a parabola; else this place.
+            dips = ca.logic_and(falls < 0, rises > 0)
+            share = ca.if_else(dips, -falls / ca.fmax(rises - falls, TINY), 1)
+            least = ca.if_else(dips, gaps + falls * share * apart / 2, here)
+            then_time = ca.fmax(part * time - (1 - share) * apart, apart / 4)
+            nearest = before + share * (opening - before)
+            less = (least - margin) / then_time
+            then = ca.if_else(ca.repmat(less < left, 1, now.size2()), -nearest, then)
+            left = ca.fmin(less, left)
+            before, gaps, falls = opening, here, ca.fmin(opening @ slower, 0)
+        return ca.vertcat(now, then), ca.vertcat(free, left)
 
     def far(self) -> tuple[ca.SX, ca.SX]:
         """Those rows and speeds where no keep-out matters."""
-        count = 2 * len(self.robot.keep_out) * (1 + len(ALONG))
+        count = 4 * len(self.robot.keep_out)
         return ca.SX.zeros(count, self.robot.chain.n - CHAIR), FAR * ca.SX.ones(count)
 
     def limits(
@@ -182,10 +195,11 @@ class ChairLimits:
         into, into_limit = _stacked([read(each, ROWS, INTO) for each in around])
         closing, free = keep_outs
         chair, chair_limit = self._chassis()
-        count = closing.size1() // (1 + len(ALONG))
+        count = closing.size1() // 2
         now, then = closing[:count, :], closing[count:, :]
-        slower, hard = self.braking.slower(last), free[:count] * (self.braking.time / self.dt)
-        now_limit = ca.fmax(free[:count], ca.fmin(now @ slower[CHAIR:], hard))
+        slower, slowest = self.braking.slower(last), self.braking.slowest(last)
+        hard = free[:count] * (self.braking.time / self.dt)
+        now_limit = ca.fmax(free[:count], ca.fmin(now @ slowest[CHAIR:], hard))
 
         def pressed(u: ca.SX) -> ca.SX:
             """U where it can be, else the nearest, joint by joint and then in proportion."""
@@ -196,7 +210,7 @@ class ChairLimits:
                 arm * largest_part(now @ arm, now_limit),
             )
 
-        base = pressed(self.braking.slowest(last))
+        base = pressed(slowest)
         towards, left = _stacked([read(each, 0, ROWS) for each in around])
         towards_limit = ca.fmax(left + towards @ slower[:CHAIR], towards @ base[:CHAIR])
         return Limits(
@@ -254,11 +268,11 @@ class ChairLimits:
         )
 
     def _joints(self, q: ca.SX, last: ca.SX) -> tuple[ca.SX, ...]:
-        chain, time, slower = self.robot.chain, self.braking.time, self.braking.slower(last)
+        chain, time, slowest = self.robot.chain, self.braking.time, self.braking.slowest(last)
         bounds = velocity_bounds(chain, q, last, dt=self.dt, return_speed=self.return_speed)
         up, down = (ca.fmax(room, 0) / time for room in (ca.DM(chain.upper) - q, q - ca.DM(chain.lower)))
-        upper = ca.fmin(ca.fmax(up, slower), bounds.hard_upper)
-        lower = ca.fmax(ca.fmin(-down, slower), bounds.hard_lower)
+        upper = ca.fmin(ca.fmax(up, slowest), bounds.hard_upper)
+        lower = ca.fmax(ca.fmin(-down, slowest), bounds.hard_lower)
         # Positions of the chair are not bounded: its intervals are numbers.
         speed = ca.DM([chain.velocity[i] if i in self.moving else 0.0 for i in range(CHAIR)])
         ends = [ca.vertcat(-speed, lower[CHAIR:]), ca.vertcat(speed, upper[CHAIR:])]

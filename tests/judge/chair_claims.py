@@ -165,13 +165,12 @@ def judge_words(run: Run, verdict: Verdict, found: Answers, u: Array, before: Ar
     hands = first, last, chair.hand_velocity(begin, end, dt, part.rows, part.frame)
     along = np.clip([np.sum(hand * part.twist, axis=1) / np.maximum(size, 1e-12) ** 2 for hand in hands], 0, 1)
     told = asked & certified
-    off = np.maximum(np.min(along, axis=0) - scale, scale - np.max(along, axis=0)) - 2e-6 / np.maximum(size, 1e-9)
-    verdict.within(
-        "scale is the fraction of the command that the hand does",
-        np.where(told, off, 0.0),
-        MISSED,
-    )
-    short = [np.linalg.norm(hand - part.twist, axis=1) > MISSED * size + 2e-6 for hand in hands]
+    # What is said is said of where the last velocity leads by the middle of the tick: links of a metre have turned.
+    turned = np.abs(u[ticks] - before[ticks])[:, 2:].sum(axis=1) * dt / 2
+    near = 2e-6 + turned * np.abs(u[ticks]).sum(axis=1)
+    off = np.maximum(np.min(along, axis=0) - scale, scale - np.max(along, axis=0)) - near / np.maximum(size, 1e-9)
+    verdict.within("scale is the fraction of the command that the hand does", np.where(told, off, 0.0), MISSED)
+    short = [np.linalg.norm(hand - part.twist, axis=1) > MISSED * size + near for hand in hands]
     missed = np.all(short, axis=0)
     flagged = (yielded & Bound.TASK.value) != 0
     verdict.holds("a hand that does another thing than asked is flagged", ~(told & missed) | flagged)

@@ -15,7 +15,8 @@ from tests.judge.ur5_numbers import hand_twist, tool
 from tests.judge.verdict import Promise, Verdict
 
 PROMISES = (
-    Promise("rehab_opt/control/mirror.py", "the linear one is a bound on the tool's origin that holds at every instant of every tick"),
+    Promise("rehab_opt/control/mirror.py", "the linear one is a bound on the tool's origin that "
+            "holds at every instant of every tick"),
     Promise("rehab_opt/control/mirror.py", "max_deviation : [m] of the tool from the reference that the clock stands "
             "at."),
     Promise("README.md", "The floor, the hand speed, the planes and the largest deviation are checked on the true "
