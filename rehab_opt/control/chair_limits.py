@@ -25,7 +25,7 @@ TIGHTER = 1e-7
 """Fraction by which row limits are drawn in, so that what a certificate may leave open never passes them."""
 ALONG = (0.25, 0.5, 0.75, 1.0)
 """Places on the way to the stop posture where the keep-outs are looked at, besides its beginning."""
-MARGIN = 3e-3
+MARGIN = 12e-3
 """[m] The stop posture stays further from a keep-out by this than the posture now: links turn; rows are tangents."""
 FAST = 0.1
 """[m] Way of a hand to the stop posture from which on that margin is whole: at rest there is nothing to turn."""

@@ -27,6 +27,8 @@ CLEAR = 5e-4
 """[m] The chair stays clear of obstacles by this, and by twice as much where braking ends: rows are tangents."""
 NEARER = 5
 """Steps to the nearest point of the chair's way from a post; a direction that is a little off has less room."""
+TOUCHING = 1e-6
+"""[m] A distance from which no direction is known."""
 TINY = 1e-12
 TIGHTER = 1e-7
 """Fraction by which limits are drawn in, so that what a certificate may leave open never passes them."""
@@ -176,8 +178,10 @@ class ChairObstacles:
             first = ca.sumsqr(before) <= ca.sumsqr(after)
             nearest = ca.if_else(first, before, after)
             begin, end = ca.if_else(first, begin, corner), ca.if_else(first, corner, end)
-        towards = -nearest / ca.fmax(ca.norm_2(nearest), TINY)
-        return ca.if_else(ca.mmax(towards.T @ points) < ca.mmax(now.T @ points), towards, now)
+        distance = ca.norm_2(nearest)
+        towards = -nearest / ca.fmax(distance, TOUCHING)
+        better = ca.logic_and(distance > TOUCHING, ca.mmax(towards.T @ points) < ca.mmax(now.T @ points))
+        return ca.if_else(better, towards, now)
 
     def _approached(
         self, gap_after: Callable[[ca.SX, float], tuple[ca.SX, ca.SX]], slower: ca.SX, margin: ca.SX
