@@ -27,7 +27,7 @@ ALONG = (0.25, 0.5, 0.75, 1.0)
 """Places on the way to the stop posture where the keep-outs are looked at, besides its beginning."""
 MARGIN = 12e-3
 """[m] The stop posture stays further from a keep-out by this than the posture now: links turn; rows are tangents."""
-FAST = 0.1
+FAST = 0.4
 """[m] Way of a hand to the stop posture from which on that margin is whole: at rest there is nothing to turn."""
 CLEAR = 5e-4
 """[m] The arm stays clear of keep-outs by this, and by twice as much at the stop posture."""

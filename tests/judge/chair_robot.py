@@ -38,6 +38,11 @@ WHEEL_LIMIT = {"mecanum": 10.0, "differential": 7.0}
 """[rad/s]"""
 STAND_OFF = 0.002
 """[m] So near a keep-out or an obstacle a robot may stop."""
+BARELY = 2e-4
+"""[m] What a distance may lose on a way along an obstacle."""
+TURNED = 0.15
+"""Fraction of the commanded speed that a hand may move against the command, or across it, while it brakes."""
+PARTS = (1.0, 0.5, 0.25, 0.12, 0.06, 0.03)
 Obstacles = Sequence[Disc | HalfPlane]
 
 
@@ -207,7 +212,18 @@ class Chair:
         return wall.offset / size - np.stack(out, -1)
 
     def brakes_in_time(self, q: Array, u: Array, obstacles: Obstacles, dt: float) -> bool:
-        """Whether u, scaled to zero in T after two more ticks of it, keeps every bound on the way."""
+        """Whether u, scaled to zero in T after two more ticks of it, keeps every bound, obstacles by `STAND_OFF`."""
+        path = self.braked(q, u, dt)
+        arm = path[:, 3:]
+        return bool(
+            np.all(arm >= self.lower)
+            and np.all(arm <= self.upper)
+            and np.all(self.arm_gaps(path) > 0)
+            and np.all(self.obstacle_gaps(path, obstacles) > STAND_OFF)
+        )
+
+    def braked(self, q: Array, u: Array, dt: float) -> Array:
+        """(82, 7) the way from q while u, after two more ticks of it, is scaled to zero in T."""
         steps = np.linspace(0.0, 1.0, 81)
         length = 2 * dt + self.braking_time * (steps - steps**2 / 2)
         path = np.empty((len(steps) + 1, 7))
@@ -216,20 +232,14 @@ class Chair:
             middle = path[i].copy()
             middle[2] += u[2] * step / 2
             path[i + 1] = path[i] + step * self.world(middle, u)
-        arm = path[:, 3:]
-        return bool(
-            np.all(arm >= self.lower)
-            and np.all(arm <= self.upper)
-            and np.all(self.arm_gaps(path) > 0)
-            and np.all(self.obstacle_gaps(path, obstacles) > 0)
-        )
+        return path
 
     def fastest(self, q: Array, twist: Array, rows: Sequence[str], frame: str, obstacles: Obstacles = ()) -> float:
         """Largest speed of the hand exactly along `twist`, as a fraction of it, by a linear programme.
 
         Of the velocities that could be scaled to zero in T with every bound kept, to first order: so a distance of
         room allows 2 room/T; the last `STAND_OFF` before keep-outs and obstacles are no room. Nearest points that jump
-        are met by further rows where the answer leads into them.
+        are met by further rows where the answer leads into them. Then the part of it, of `PARTS`, whose way keeps them.
         """
         half = self.braking_time / 2
         task = self.task(q, rows, frame)
@@ -276,7 +286,19 @@ class Chair:
             if best < 0.05 or np.all(gaps(ahead)[known] >= now[known] - room[known] - 1e-5 * best):
                 break
             closing(ahead)
-        return best
+        # To first order a turning corner and a swinging link lose no room: on the way on which they brake they do.
+        # And the hand, that the law would let go against its command or across it no further, may have to turn back.
+        for part in PARTS:
+            way = self.braked(q, part * u, 0.0)
+            there = gaps(way)[:, np.isfinite(now)]
+            left = np.linspace(1.0, 0.0, len(way))[:, None] * part * u
+            hand = np.einsum("nij,nj->ni", self.task(way, rows, frame), left) / np.linalg.norm(twist)
+            along = hand @ np.asarray(twist) / np.linalg.norm(twist)
+            across = np.sqrt(np.maximum(np.sum(hand**2, axis=1) - along**2, 0.0))
+            kept = np.all(along >= -TURNED) and np.all(across <= TURNED)
+            if kept and np.all(there >= np.minimum(now[np.isfinite(now)], STAND_OFF) - BARELY):
+                return part * best
+        return 0.0
 
 
 def turned(p: Array, angle: Array) -> Array:
