@@ -25,6 +25,8 @@ STEEP = 1e3
 """[m/s] Up to which the price follows that cost where it is higher, as it is near singular postures."""
 STRAIGHT = 0.2
 """Fraction of the commanded speed by which the hand at the stop posture may move across the commanded direction."""
+BACK = 0.05
+"""Fraction of it by which it may move against that: where a joint is stretched, going on a little means turning back."""
 LIVELY = 1.0
 """[m/s or rad/s] Commanded speed up to which v(|r|) of Eq. (1) grows: a hand cannot be so fast, nor a stick mean it."""
 ROUNDING = 1e-9
@@ -126,7 +128,7 @@ class HandTask:
             "error": ca.if_else(off > TINY, error / ca.fmax(off, TINY), 0),
             "off": ca.if_else(off > TINY, off, 0),
             "along": ca.densify(along_row.T),
-            "along_lower": ca.fmin(along_then, 0) - along_fixed,
+            "along_lower": ca.fmin(along_then, -BACK / STRAIGHT * straight) - along_fixed,
             "across": ca.vec(ca.densify(across)),
             "across_lower": ca.fmin(across_then, -straight) - across_fixed,
             "across_upper": ca.fmax(across_then, straight) - across_fixed,
