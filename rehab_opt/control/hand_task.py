@@ -26,7 +26,7 @@ STEEP = 1e3
 STRAIGHT = 0.2
 """Fraction of the commanded speed by which the hand at the stop posture may move across the commanded direction."""
 BACK = 0.05
-"""Fraction of it by which it may move against that: where a joint is stretched, going on a little means turning back."""
+"""Fraction of it by which it may move against that: stretched, a hand must turn back to go on."""
 LIVELY = 1.0
 """[m/s or rad/s] Commanded speed up to which v(|r|) of Eq. (1) grows: a hand cannot be so fast, nor a stick mean it."""
 ROUNDING = 1e-9
