@@ -164,7 +164,8 @@ def test_ticks_follow_each_other(name: str) -> None:
     for key in ARRAYS:
         array = getattr(sequence, key)
         if len(array) > 1:
-            flat = np.where(np.isfinite(array), array, 0.0).reshape(len(array), -1)
+            # A limit of 1e9 divided by a time says that there is none, as an infinite one does.
+            flat = np.where(np.abs(array) < 1e6, array, 0.0).reshape(len(array), -1)
             next_one = np.abs(flat[pairs + 1] - flat[pairs]).sum(axis=1).mean()
             any_one = np.abs(flat[rng.permutation(pairs)] - flat[pairs]).sum(axis=1).mean()
             assert next_one <= 0.25 * any_one + 1e-12, key

@@ -280,18 +280,30 @@ class Chair:
             )  # fmt: skip
             if found.status != 0:
                 return math.nan
-            best, u = -float(found.fun), found.x[:7]
-            ahead = q + 1e-3 * self.world(q, u)
+            best = -float(found.fun)
+            ahead = q + 1e-3 * self.world(q, found.x[:7])
             known, room = np.isfinite(now), np.maximum(now - STAND_OFF, 0.0) * 1e-3 / half
             if best < 0.05 or np.all(gaps(ahead)[known] >= now[known] - room[known] - 1e-5 * best):
                 break
             closing(ahead)
         # To first order a turning corner and a swinging link lose no room: on the way on which they brake they do.
         # And the hand, that the law would let go against its command or across it no further, may have to turn back.
+        # Of the velocities that do a part of it, that whose fastest joint is slowest: corners of the programme are wild.
+        share = np.vstack([np.eye(7), -np.eye(7)])
+        each = np.vstack([np.column_stack([share, -np.tile(speed, 2)]), np.column_stack([np.vstack(rows_a), np.zeros(
+            sum(map(len, rows_a)))])])  # fmt: skip
         for part in PARTS:
-            way = self.braked(q, part * u, 0.0)
+            calm = linprog(
+                np.append(np.zeros(7), 1.0), each, np.concatenate([np.zeros(14), *limits]),
+                np.column_stack([task, np.zeros(len(task))]), part * best * np.asarray(twist),
+                np.column_stack([np.append(lower[:7], 0.0), np.append(upper[:7], np.inf)]), method="highs",
+            )  # fmt: skip
+            if calm.status != 0:
+                continue
+            u = calm.x[:7]
+            way = self.braked(q, u, 0.0)
             there = gaps(way)[:, np.isfinite(now)]
-            left = np.linspace(1.0, 0.0, len(way))[:, None] * part * u
+            left = np.linspace(1.0, 0.0, len(way))[:, None] * u
             hand = np.einsum("nij,nj->ni", self.task(way, rows, frame), left) / np.linalg.norm(twist)
             along = hand @ np.asarray(twist) / np.linalg.norm(twist)
             across = np.sqrt(np.maximum(np.sum(hand**2, axis=1) - along**2, 0.0))
