@@ -288,7 +288,7 @@ class Chair:
             closing(ahead)
         # To first order a turning corner and a swinging link lose no room: on the way on which they brake they do.
         # And the hand, that the law would let go against its command or across it no further, may have to turn back.
-        # Of the velocities that do a part of it, that whose fastest joint is slowest: corners of the programme are wild.
+        # Of the velocities that do a part of it, that whose fastest joint is slowest: corners of programmes are wild.
         share = np.vstack([np.eye(7), -np.eye(7)])
         each = np.vstack([np.column_stack([share, -np.tile(speed, 2)]), np.column_stack([np.vstack(rows_a), np.zeros(
             sum(map(len, rows_a)))])])  # fmt: skip
