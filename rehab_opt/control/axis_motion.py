@@ -58,10 +58,9 @@ def planned_range(profile: Any, extent: Any) -> tuple[float, float]:
     if v[1] * v[2] >= 0.0 and v[5] * v[6] >= 0.0 and profile.brake.duration == 0.0:
         return extent.min, extent.max
     parts = (profile.brake, profile) if profile.brake.duration > 0.0 else (profile,)
-    # Of position, velocity and acceleration the profile also holds the end.
-    return position_range(
-        [Piece(*piece) for part in parts for piece in zip(part.t, part.p, part.v, part.a, part.j, strict=False)]
-    )
+    # Of position, velocity and acceleration the profile also holds the end; in a piece of no duration, anything.
+    pieces = [Piece(*piece) for part in parts for piece in zip(part.t, part.p, part.v, part.a, part.j, strict=False)]
+    return position_range([piece for piece in pieces if piece.seconds > 0.0])
 
 
 class AxisStop:
