@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cached_property
 from typing import Literal
 
@@ -15,8 +16,9 @@ from rehab_opt.control.hand_task import PROGRESS, HandTask, Last
 from rehab_opt.control.obstacles import NUMBERS
 from rehab_opt.control.velocity_controller import VelocityController
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
+from rehab_opt.optim.certificate import all_true
 from rehab_opt.optim.factor import symmetric
-from rehab_opt.optim.qp import PLAUSIBLE, Statement, equal, parameter, variable, within
+from rehab_opt.optim.qp import PLAUSIBLE, Row, Statement, equal, parameter, variable, within
 from rehab_opt.symbolic import BufferedFunction
 
 __all__ = ["ChairAndArm", "Drive"]
@@ -27,6 +29,10 @@ UNKNOWN = -1.0
 """In place of the frame: 0 for the chassis frame, 1 for the world, this where no hand velocity is remembered."""
 OFF = 10.0
 """How many times more a m/s off the commanded direction costs than one that is missing along it."""
+STEADY = 1.0
+"""Weight of a change of the joints where bounds are met, by the chair's mass. Light joints would else go from one end
+of their acceleration to the other, tick by tick: what is best turns with the rows at the stop posture, those with u.
+"""
 ROUNDS = 2
 """Corrections of the last tick's active set: it is the same in 95 % of the ticks in which any bound is active."""
 ITERATIONS = 20
@@ -36,8 +42,8 @@ ITERATIONS = 20
 class ChairAndArm(VelocityController):
     """Joint velocities for a hand twist in one set of rows.
 
-    min  a [1/2 u'W u + |r| (W grad c)'u] + (1 - a) 1/2 (u - u_last)'W(u - u_last) - price progress + 10 price off
-                                                                                       over u, progress, off
+    min  a [1/2 u'W u + |r| (W grad c)'u] + (1 - a) 1/2 (u - u_last)'W(u - u_last) + s 1/2 |u - u_last|^2
+             - price progress + 10 price off                                           over u, progress, off
     s.t. J u = w + progress r/|r| + off e/|e|,   0 <= progress <= |r|,  0 <= off <= |e|
          |u - u_last| <= acceleration dt,  the bounds of `ChairLimits`,  and of the hand at the stop posture z
          0 <= (r/|r|)'J(z) u,  |(1 - rr'/|r|^2) J(z) u| <= |r|/5
@@ -47,8 +53,9 @@ class ChairAndArm(VelocityController):
     the rolling row, Eq. (4), is a left speed of zero. r is the commanded twist. z = q + T u is where the robot comes to
     rest if it brakes together from now on: see `BrakingTogether`. J and W are those of the middle of the tick, where a
     velocity that is held moves the hand as it does in the mean. The cost is Eq. (1) with a = 1; from one of its answers
-    to a distant one, as after a turn of the stick, a is what the accelerations allow (`HandTask`). The QP's own
-    variables are u in `units`, which differ by what each joint weighs.
+    to a distant one, as after a turn of the stick, a is what the accelerations allow (`HandTask`). s is 0 where that
+    keeps all bounds, and else 1: light joints stay calm. The QP's own variables are u in `units`, which differ by what
+    each joint weighs.
 
     **What decreases.** Let d be the part of the hand's last velocity that is no part of r between none and all of it,
     and b one tick of the hardest braking together. b is feasible: its changes are within the accelerations, it lies on
@@ -139,12 +146,14 @@ class ChairAndArm(VelocityController):
                 moving, ca.fmin(limits.upper, ca.fmax(last + self.limits.braking.change, limits.base)), limits.upper
             ),
         )
-        prepared = {**task, **limits.columns(), **{f"eased_{end}": getattr(eased, end) for end in ("lower", "upper")}}
+        bounds = [within(task["guess"], eased.lower, eased.upper), *self._rows(task["guess"], task, limits)]
+        clear = all_true(*(ca.logic_and(row.lower <= row.expression, row.expression <= row.upper) for row in bounds))
+        prepared = {**task, **limits.columns(), "steady": STEADY * ca.logic_not(clear)}
+        prepared |= {"eased_lower": eased.lower, "eased_upper": eased.upper}
         columns = [parameter(key, value.numel()) for key, value in prepared.items()]
         given = dict(zip(prepared, columns, strict=True))
         limits = limits.like(given)
-        jacobian, ahead = (ca.reshape(given[key], k, n) for key in ("jacobian", "across"))
-        weight = symmetric(given["inertia"], n)
+        jacobian, weight = ca.reshape(given["jacobian"], k, n), symmetric(given["inertia"], n)
 
         unit = ca.DM(self.units)
         decided = variable("velocity", n, lower=given["eased_lower"] / unit, upper=given["eased_upper"] / unit)
@@ -154,11 +163,7 @@ class ChairAndArm(VelocityController):
         # Steeper the more is missing, since solvers fail more often on a cost that is flat in a variable.
         missing = given["speed"] - progress.symbol
         price = given["price"] * (OFF * off.symbol - progress.symbol) + PROGRESS * (missing**2 + off.symbol**2) / 2
-        chair, *surroundings = limits.rows(u)
-        then = [
-            within(given["along"].T @ u, given["along_lower"], np.inf),
-            within(ahead @ u, given["across_lower"], given["across_upper"]),
-        ]
+        chair, *others = self._rows(u, given, limits)
         sent = parameter("command", n)
         wanted = ca.if_else(
             moving, self.limits.outside(limits, u) if self.slots else u, limits.base
@@ -169,16 +174,15 @@ class ChairAndArm(VelocityController):
             name=f"chair_and_arm_{self.drive}_{name}",
             parameters=parameters,
             variables=[decided, progress, off],
-            minimise=u.T @ weight @ u / 2 + given["slope"].T @ u + price,
+            minimise=u.T @ weight @ u / 2 + given["slope"].T @ u + price + given["steady"] * ca.sumsqr(u - last) / 2,
             subject_to=[
                 equal(
                     jacobian @ u, given["turning"] + given["direction"] * progress.symbol + given["error"] * off.symbol
                 ),
                 chair,
-                *then,
-                *surroundings,
+                *others,
             ],
-            seldom=sum(row.expression.numel() for row in (*then, *surroundings)),
+            seldom=sum(row.expression.numel() for row in others),
             rounds=ROUNDS,
             iterations=ITERATIONS,
             guess=ca.vertcat(given["guess"] / unit, given["speed"], 0),
@@ -194,6 +198,17 @@ class ChairAndArm(VelocityController):
             remember=self.remembered(q, sent, jacobian @ sent, world),
             violation=limits.violation(sent),
         )
+
+    def _rows(self, u: ca.SX, task: Mapping[str, ca.SX], limits: Limits) -> list[Row]:
+        """The inequality rows on u (7,): those of the wheels first."""
+        chair, *surroundings = limits.rows(u)
+        across = ca.reshape(task["across"], len(self.rows), self.chain.n) @ u
+        return [
+            chair,
+            within(task["along"].T @ u, task["along_lower"], np.inf),
+            within(across, task["across_lower"], task["across_upper"]),
+            *surroundings,
+        ]
 
     def _prepared(
         self, parameters: ca.SX, memory: ca.SX, surroundings: ca.SX, prepared: dict[str, ca.SX]

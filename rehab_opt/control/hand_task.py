@@ -114,7 +114,9 @@ class HandTask:
         then, fixed = 2 * stop - jacobian, (jacobian - stop) @ slower
         along_row, along_fixed = direction.T @ then, ca.dot(direction, fixed)
         across, across_fixed = then - direction @ along_row, fixed - direction * along_fixed
-        along_then, across_then = along_row @ base + along_fixed, across @ base + across_fixed
+        along_then = ca.fmin(along_row @ base, along_row @ slower) + along_fixed
+        across_least = ca.fmin(across @ base, across @ slower) + across_fixed
+        across_most = ca.fmax(across @ base, across @ slower) + across_fixed
         straight = ca.if_else(size > 0, STRAIGHT * size, FAR)
         balance = part * y + (1 - part) * x
         return {
@@ -130,8 +132,8 @@ class HandTask:
             "along": ca.densify(along_row.T),
             "along_lower": ca.fmin(along_then, -BACK / STRAIGHT * straight) - along_fixed,
             "across": ca.vec(ca.densify(across)),
-            "across_lower": ca.fmin(across_then, -straight) - across_fixed,
-            "across_upper": ca.fmax(across_then, straight) - across_fixed,
+            "across_lower": ca.fmin(across_least, -straight) - across_fixed,
+            "across_upper": ca.fmax(across_most, straight) - across_fixed,
             "guess": part * law + (1 - part) * kept,
             "multipliers": -balance,
         }
