@@ -23,7 +23,7 @@ PROGRESS = 2.0
 """[m/s] Price of a missing m/s of hand speed; one more costs about 1 in kinetic energy by the robot's mass."""
 STEEP = 1e3
 """[m/s] Up to which the price follows that cost where it is higher, as it is near singular postures."""
-STRAIGHT = 0.2
+STRAIGHT = 0.3
 """Fraction of the commanded speed by which the hand at the stop posture may move across the commanded direction."""
 BACK = 0.05
 """Fraction of it by which it may move against that: stretched, a hand must turn back to go on."""
@@ -69,8 +69,8 @@ class HandTask:
         """
         moving, base = self.moving, limits.base
         half = last.velocity * (dt / 2)
-        jacobian = self.task_jacobian(q, world, way=half)
-        posture = ca.vertcat(0, 0, half[2], (q + half)[CHAIR:])
+        heading, posture = ca.if_else(world, q[2], 0), ca.vertcat(0, 0, half[2], (q + half)[CHAIR:])
+        jacobian = self.task_jacobian(posture[CHAIR:], turned=half[2], heading=heading)
         inertia = self.robot.inertia_expression(posture) / self.robot.mass
         gradient = self.self_motion * self.robot.posture_gradient_expression(posture)
 
@@ -108,9 +108,11 @@ class HandTask:
         error -= clipped(ca.dot(direction, error), 0, speed) * direction
         off = ca.if_else(size > 0, ca.norm_2(error), 0)  # without a command the whole robot brakes
 
-        # The hand where braking ends: J(z) u by its tangent at `slower`, since z = q + T u moves with u.
+        # The hand where braking ends: J(z) u by its tangent at `slower`, since z = q + T u moves with u. The velocities
+        # are those of the chassis as it stands there, and so is what the stick commands in the chassis frame.
         slower = braking.slower(last.velocity)
-        stop = self.task_jacobian(q, world, way=braking.time * slower)
+        way = braking.time * slower
+        stop = self.task_jacobian((q + way)[CHAIR:], turned=ca.SX(0), heading=ca.if_else(world, q[2] + way[2], 0))
         then, fixed = 2 * stop - jacobian, (jacobian - stop) @ slower
         along_row, along_fixed = direction.T @ then, ca.dot(direction, fixed)
         across, across_fixed = then - direction @ along_row, fixed - direction * along_fixed
@@ -145,11 +147,13 @@ class HandTask:
             every[joint] = velocity[i]
         return every
 
-    def task_jacobian(self, q: ca.SX, world: ca.SX, *, way: ca.SX) -> ca.SX:
-        """(k, 7) rows that the stick commands, at q + way, by velocities with the chair's in the chassis frame at q."""
-        posture = ca.vertcat(0, 0, way[2], (q + way)[CHAIR:])
+    def task_jacobian(self, arm: ca.SX, *, turned: ca.SX, heading: ca.SX) -> ca.SX:
+        """(k, 7) rows that the stick commands, at arm joints (4,), of velocities with the chair's in its own frame.
+
+        turned : [rad] by which the chair has turned since that frame. heading : [rad] of that frame in the rows' own.
+        """
+        posture = ca.vertcat(0, 0, turned, arm)
         jacobian, pose = self.robot.chain.jacobian_expression(posture), self.robot.chain.pose_expression(posture)
-        heading = ca.if_else(world, q[2], 0)
         cos, sin = ca.cos(heading), ca.sin(heading)
         turn = ca.vertcat(ca.horzcat(cos, -sin, 0), ca.horzcat(sin, cos, 0), ca.horzcat(0, 0, 1))
         every = ca.vertcat(turn @ jacobian[:3, :], turn @ jacobian[3:, :], pose[:3, 2].T @ jacobian[3:, :])
