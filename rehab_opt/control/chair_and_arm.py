@@ -42,8 +42,8 @@ ITERATIONS = 20
 class ChairAndArm(VelocityController):
     """Joint velocities for a hand twist in one set of rows.
 
-    min  a [1/2 u'W u + |r| (W grad c)'u] + (1 - a) 1/2 (u - u_last)'W(u - u_last) + s 1/2 |u - u_last|^2
-             - price progress + 10 price off                                           over u, progress, off
+    min  a [1/2 u'W u + |r| (W grad c)'u] + (1 - a) 1/2 (u - u_last)'W(u - u_last)
+             + s 1/2 |u - b|^2 - price progress + 10 price off                         over u, progress, off
     s.t. J u = w + progress r/|r| + off e/|e|,   0 <= progress <= |r|,  0 <= off <= |e|
          |u - u_last| <= acceleration dt,  the bounds of `ChairLimits`,  and of the hand at the stop posture z
          -0.05 |r| <= (r/|r|)'J(z) u,  |(1 - rr'/|r|^2) J(z) u| <= 0.3 |r|
@@ -54,13 +54,13 @@ class ChairAndArm(VelocityController):
     rest if it brakes together from now on: see `BrakingTogether`. J and W are those of the middle of the tick, where a
     velocity that is held moves the hand as it does in the mean. The cost is Eq. (1) with a = 1; from one of its answers
     to a distant one, as after a turn of the stick, a is what the accelerations allow (`HandTask`). s is 0 where that
-    keeps all bounds, and else 1: light joints stay calm. The QP's own variables are u in `units`, which differ by what
-    each joint weighs.
+    keeps all bounds, and else 1, b being u_last after a tick of braking: light joints stay calm. The QP's own variables
+    are u in `units`, which differ by what each joint weighs.
 
     **What decreases.** Let d be the part of the hand's last velocity that is no part of r between none and all of it,
-    and b one tick of the hardest braking together. b is feasible: its changes are within the accelerations, it lies on
+    and c one tick of the hardest braking together. c is feasible: its changes are within the accelerations, it lies on
     the way to z, which braking does not move, and every bound is kept at z and on that way. Of the hand's velocity it
-    leaves J b = w + progress_b r/|r| + e, where w <= (1 - dt/T) d is what d is allowed to be now, so that off = |e|
+    leaves J c = w + progress_c r/|r| + e, where w <= (1 - dt/T) d is what d is allowed to be now, so that off = |e|
     satisfies the task. So the QP has an answer in every tick, and what it delivers besides r lies between w and w + e,
     both of which are at most (1 - dt/T) |d|, but for what the change of the Jacobian within the tick adds, of order
     dt |u|^2: |d| shrinks by that factor a tick or faster. Along r the hand is never faster than |r| but for that. What
@@ -174,7 +174,10 @@ class ChairAndArm(VelocityController):
             name=f"chair_and_arm_{self.drive}_{name}",
             parameters=parameters,
             variables=[decided, progress, off],
-            minimise=u.T @ weight @ u / 2 + given["slope"].T @ u + price + given["steady"] * ca.sumsqr(u - last) / 2,
+            minimise=u.T @ weight @ u / 2
+            + given["slope"].T @ u
+            + price
+            + given["steady"] * ca.sumsqr(u - braking.slower(last)) / 2,
             subject_to=[
                 equal(
                     jacobian @ u, given["turning"] + given["direction"] * progress.symbol + given["error"] * off.symbol
