@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import cached_property
 from typing import Literal
 
 import casadi as ca
@@ -29,9 +28,10 @@ UNKNOWN = -1.0
 """In place of the frame: 0 for the chassis frame, 1 for the world, this where no hand velocity is remembered."""
 OFF = 10.0
 """How many times more a m/s off the commanded direction costs than one that is missing along it."""
-STEADY = 1.0
-"""Weight of a change of the joints where bounds are met, by the chair's mass. Light joints would else go from one end
-of their acceleration to the other, tick by tick: what is best turns with the rows at the stop posture, those with u.
+STEADY = 0.01
+"""Weight of a steady velocity beside what braking leaves of it, as a share of the chair's mass; of a change in a tick,
+by T/dt more. Light joints would else go from one end of their acceleration to the other, tick by tick, where bounds are
+met: what is best turns with the rows at the stop posture, and those with u.
 """
 ROUNDS = 2
 """Corrections of the last tick's active set: it is the same in 95 % of the ticks in which any bound is active."""
@@ -43,7 +43,7 @@ class ChairAndArm(VelocityController):
     """Joint velocities for a hand twist in one set of rows.
 
     min  a [1/2 u'W u + |r| (W grad c)'u] + (1 - a) 1/2 (u - u_last)'W(u - u_last)
-             + s 1/2 |u - b|^2 - price progress + 10 price off                         over u, progress, off
+             + (T/dt) 0.005 |u - b|^2 - price progress + 10 price off                  over u, progress, off
     s.t. J u = w + progress r/|r| + off e/|e|,   0 <= progress <= |r|,  0 <= off <= |e|
          |u - u_last| <= acceleration dt,  the bounds of `ChairLimits`,  and of the hand at the stop posture z
          -0.05 |r| <= (r/|r|)'J(z) u,  |(1 - rr'/|r|^2) J(z) u| <= 0.3 |r|
@@ -53,9 +53,9 @@ class ChairAndArm(VelocityController):
     the rolling row, Eq. (4), is a left speed of zero. r is the commanded twist. z = q + T u is where the robot comes to
     rest if it brakes together from now on: see `BrakingTogether`. J and W are those of the middle of the tick, where a
     velocity that is held moves the hand as it does in the mean. The cost is Eq. (1) with a = 1; from one of its answers
-    to a distant one, as after a turn of the stick, a is what the accelerations allow (`HandTask`). s is 0 where that
-    keeps all bounds, and else 1, b being u_last after a tick of braking: light joints stay calm. The QP's own variables
-    are u in `units`, which differ by what each joint weighs.
+    to a distant one, as after a turn of the stick, a is what the accelerations allow (`HandTask`). b is that
+    answer where it keeps all bounds, so that it stays the answer, and else u_last after a tick of braking: light joints
+    stay calm.
 
     **What decreases.** Let d be the part of the hand's last velocity that is no part of r between none and all of it,
     and c one tick of the hardest braking together. c is feasible: its changes are within the accelerations, it lies on
@@ -109,17 +109,6 @@ class ChairAndArm(VelocityController):
         self._braking_together = BufferedFunction(ca.Function("braking_law", [full, memory], outputs))
 
     # --------------------------------------------------------------------------------------------- the task
-    @cached_property
-    def units(self) -> Array:
-        """(7,) sizes in which velocities are decided: such that each, in mid-range, has the robot's kinetic energy.
-
-        A wrist weighs a ten-thousandth of a chair; without this qrqp gives up on a quarter of random states.
-        """
-        middle = np.zeros(self.chain.n)
-        middle[CHAIR:] = (self.chain.lower[CHAIR:] + self.chain.upper[CHAIR:]) / 2
-        sizes: Array = np.sqrt(self.robot.mass / np.diag(self.robot.inertia(middle)))
-        return sizes
-
     def statement(self) -> Statement:
         """The QP of one tick."""
         n, k, name = self.chain.n, len(self.rows), "_".join(self.rows)
@@ -148,18 +137,18 @@ class ChairAndArm(VelocityController):
         )
         bounds = [within(task["guess"], eased.lower, eased.upper), *self._rows(task["guess"], task, limits)]
         clear = all_true(*(ca.logic_and(row.lower <= row.expression, row.expression <= row.upper) for row in bounds))
-        prepared = {**task, **limits.columns(), "steady": STEADY * ca.logic_not(clear)}
+        prepared = {**task, **limits.columns(), "calm": ca.if_else(clear, task["guess"], braking.slower(last))}
         prepared |= {"eased_lower": eased.lower, "eased_upper": eased.upper}
         columns = [parameter(key, value.numel()) for key, value in prepared.items()]
         given = dict(zip(prepared, columns, strict=True))
         limits = limits.like(given)
         jacobian, weight = ca.reshape(given["jacobian"], k, n), symmetric(given["inertia"], n)
 
-        unit = ca.DM(self.units)
-        decided = variable("velocity", n, lower=given["eased_lower"] / unit, upper=given["eased_upper"] / unit)
+        decided = variable("velocity", n, lower=given["eased_lower"], upper=given["eased_upper"])
         progress = variable("progress", 1, lower=0, upper=given["speed"])
         off = variable("off", 1, lower=0, upper=given["off"])
-        u = unit * decided.symbol
+        u = decided.symbol
+        steady = STEADY * braking.time / self.dt
         # Steeper the more is missing, since solvers fail more often on a cost that is flat in a variable.
         missing = given["speed"] - progress.symbol
         price = given["price"] * (OFF * off.symbol - progress.symbol) + PROGRESS * (missing**2 + off.symbol**2) / 2
@@ -169,15 +158,12 @@ class ChairAndArm(VelocityController):
             moving, self.limits.outside(limits, u) if self.slots else u, limits.base
         )  # exactly, whichever solver answers
         complete = ca.vertcat(*parameters, *columns)
-        self._braking_answer = ca.Function("braking_answer", [complete], [ca.vertcat(limits.base / unit, 0, 0)])
+        self._braking_answer = ca.Function("braking_answer", [complete], [ca.vertcat(limits.base, 0, 0)])
         return Statement(
             name=f"chair_and_arm_{self.drive}_{name}",
             parameters=parameters,
             variables=[decided, progress, off],
-            minimise=u.T @ weight @ u / 2
-            + given["slope"].T @ u
-            + price
-            + given["steady"] * ca.sumsqr(u - braking.slower(last)) / 2,
+            minimise=u.T @ weight @ u / 2 + given["slope"].T @ u + steady * ca.sumsqr(u - given["calm"]) / 2 + price,
             subject_to=[
                 equal(
                     jacobian @ u, given["turning"] + given["direction"] * progress.symbol + given["error"] * off.symbol
@@ -188,14 +174,12 @@ class ChairAndArm(VelocityController):
             seldom=sum(row.expression.numel() for row in others),
             rounds=ROUNDS,
             iterations=ITERATIONS,
-            guess=ca.vertcat(given["guess"] / unit, given["speed"], 0),
+            guess=ca.vertcat(given["guess"], given["speed"], 0),
             multipliers=ca.vertcat(given["multipliers"], ca.SX.zeros(limits.row_count + 1 + k)),
             prepared=columns,
             prepare=self._prepared(ca.vertcat(*parameters), memory, ca.vertcat(keep_outs, clearance, around), prepared),
             settled=[sent],
-            settle=self._settled(
-                complete, memory.numel(), ca.vertcat(decided.symbol, progress.symbol, off.symbol), wanted, limits
-            ),
+            settle=self._settled(complete, memory.numel(), ca.vertcat(u, progress.symbol, off.symbol), wanted, limits),
             report=self.report(last, sent, jacobian @ sent, twist, limits.outside),
             memory=memory,
             remember=self.remembered(q, sent, jacobian @ sent, world),

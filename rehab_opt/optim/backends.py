@@ -29,6 +29,9 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
+UNBOUNDED = 1e8
+"""A row limit from which on there is none: a statement says so where none is now, and a duality gap would count it."""
+
 OWN = ("proxqp", "osqp", "daqp")
 """With a backend of ours."""
 PRECISION = 1e-10
@@ -245,7 +248,7 @@ def answer_from(qp: Instance, solution: qpsolvers.Solution) -> Answer:
 
 
 def to_qpsolvers(qp: Instance) -> qpsolvers.Problem:
-    """`qp` in qpsolvers' form: equal row bounds become A x = b, finite one-sided ones G x <= h."""
+    """`qp` in qpsolvers' form: equal row bounds become A x = b, one-sided ones below `UNBOUNDED` G x <= h."""
     equality, above, below = _sides(qp)
     inequalities = [qp.A[above], -qp.A[below]]
     limits = [qp.rows_upper[above], -qp.rows_lower[below]]
@@ -264,7 +267,7 @@ def to_qpsolvers(qp: Instance) -> qpsolvers.Problem:
 
 def _sides(qp: Instance) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
     equality = qp.rows_lower == qp.rows_upper
-    return equality, ~equality & (qp.rows_upper < np.inf), ~equality & (qp.rows_lower > -np.inf)
+    return equality, ~equality & (qp.rows_upper < UNBOUNDED), ~equality & (qp.rows_lower > -UNBOUNDED)
 
 
 def _row_multipliers(qp: Instance, solution: qpsolvers.Solution) -> Array:

@@ -156,7 +156,7 @@ def test_exactly_the_marked_ticks_hold_what_is_no_number(name: str) -> None:
 
 @pytest.mark.parametrize("name", [name for name, each in SEQUENCES.items() if each.dt > 0])
 def test_ticks_follow_each_other(name: str) -> None:
-    """From one tick to the next everything moves by far less than between ticks taken at random."""
+    """From one tick to the next all moves by far less than between ticks at random, but where a row comes or goes."""
     sequence, rng = SEQUENCES[name], np.random.default_rng(0)
     assert math.isfinite(sequence.dt)
     ticks = sound_ticks(sequence)
@@ -166,8 +166,8 @@ def test_ticks_follow_each_other(name: str) -> None:
         if len(array) > 1:
             # A limit of 1e9 divided by a time says that there is none, as an infinite one does.
             flat = np.where(np.abs(array) < 1e6, array, 0.0).reshape(len(array), -1)
-            next_one = np.abs(flat[pairs + 1] - flat[pairs]).sum(axis=1).mean()
-            any_one = np.abs(flat[rng.permutation(pairs)] - flat[pairs]).sum(axis=1).mean()
+            next_one = np.median(np.abs(flat[pairs + 1] - flat[pairs]).sum(axis=1))
+            any_one = np.median(np.abs(flat[rng.permutation(pairs)] - flat[pairs]).sum(axis=1))
             assert next_one <= 0.25 * any_one + 1e-12, key
 
 

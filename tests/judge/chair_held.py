@@ -51,7 +51,7 @@ PROMISES = (
     Promise(
         "rehab_opt/control/redundancy.py",
         "Accelerations therefore yield only where an obstacle, or a velocity that was told, came too late for that, or "
-        "within 2 mm.",
+        "within 2 mm;",
     ),
     Promise(
         "rehab_opt/control/redundancy.py", "Where the bounds leave nothing of the command, the status is `BLOCKED`."
