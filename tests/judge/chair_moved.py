@@ -71,7 +71,7 @@ LEAST = {
     "yielded acceleration": 1,
     "yielded task": 1e4,
     "wheels rolled along arcs": 5e4,
-    "law judged": 7e3,
+    "law judged": 5e3,
 }
 CI_TICKS = 26_000
 PLACES = 3

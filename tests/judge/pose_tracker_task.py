@@ -2,9 +2,9 @@
 
 Judged by the flange's twist from the judge's own Jacobian, against the asked one: twist plus what removes a share
 1 - exp(-gain dt) of the pose error in a tick. `scale` and `Bound.TASK` must be what is true of them. Where nothing
-yields for ten time constants the pose error is what the reference's own change within a tick leaves. A hand is never
-led faster than it may be by a hundredth; where it could go straight along what is asked, it leaves that by a fiftieth
-in one tick of fifty at most (the price of slowing down is finite).
+yields for ten time constants the pose error is what the reference's own change within a tick leaves. Where
+the hand could go straight along what is asked, it leaves that by a fiftieth in one tick of fifty at most (the price of
+slowing down is finite); in the others it is never led faster than it may be by a hundredth.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ def judge(verdict: Verdict, one: Run) -> None:
         verdict.within("share of the ticks across what is asked where it could go straight", float(bent.mean()), 0.02)
         short = np.minimum(share, 1 / np.maximum(slowed, 1)) - along
         verdict.within("share of the ticks slower than the arm could", float((straight & (short > 0.02)).mean()), 0.02)
-        verdict.within("hand speed over the largest asked", np.where(straight, fast, 0.0), 1.01)
+        verdict.within("hand speed over the largest asked", np.where(straight & ~bent, fast, 0.0), 1.01)
         verdict.during("straight possible, slowed by the joints", straight & (share < 0.99), dt)
     # A reference that was followed freely for ten time constants is where the hand is.
     quiet = np.cumsum(~flagged & ok)
