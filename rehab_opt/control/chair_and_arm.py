@@ -42,8 +42,7 @@ ITERATIONS = 20
 class ChairAndArm(VelocityController):
     """Joint velocities for a hand twist in one set of rows.
 
-    min  a [1/2 u'W u + |r| (W grad c)'u] + (1 - a) 1/2 (u - u_last)'W(u - u_last)
-             + (T/dt) 0.005 |u - b|^2 - price progress + 10 price off                  over u, progress, off
+    min  1/2 (u - t)'W(u - t) + (T/dt) 0.005 |u - b|^2 - price progress + 10 price off     over u, progress, off
     s.t. J u = w + progress r/|r| + off e/|e|,   0 <= progress <= |r|,  0 <= off <= |e|
          |u - u_last| <= acceleration dt,  the bounds of `ChairLimits`,  and of the hand at the stop posture z
          -0.05 |r| <= (r/|r|)'J(z) u,  |(1 - rr'/|r|^2) J(z) u| <= 0.3 |r|
@@ -51,11 +50,11 @@ class ChairAndArm(VelocityController):
     u are the joint velocities with the chair's in the chassis frame (forward, left, turn), in which neither W nor the
     arm's Jacobian knows where the chair stands: that a turned or shifted scene changes nothing is by construction, and
     the rolling row, Eq. (4), is a left speed of zero. r is the commanded twist. z = q + T u is where the robot comes to
-    rest if it brakes together from now on: see `BrakingTogether`. J and W are those of the middle of the tick, where a
-    velocity that is held moves the hand as it does in the mean. The cost is Eq. (1) with a = 1; from one of its answers
-    to a distant one, as after a turn of the stick, a is what the accelerations allow (`HandTask`). b is that
-    answer where it keeps all bounds, so that it stays the answer, and else u_last after a tick of braking: light joints
-    stay calm.
+    rest if it brakes together from now on: see `BrakingTogether`. J is that of the middle of the tick, where a velocity
+    that is held moves the hand as it does in the mean. t is Eq. (1) at q; from one of its answers to a distant one, as
+    after a turn of the stick, t is so far from u_last to Eq. (1) as the accelerations allow (`HandTask`). b is the answer
+    of the first term alone where that keeps all bounds, so that it stays the answer, and else u_last after a tick of
+    braking: light joints stay calm.
 
     **What decreases.** Let d be the part of the hand's last velocity that is no part of r between none and all of it,
     and c one tick of the hardest braking together. c is feasible: its changes are within the accelerations, it lies on
@@ -147,7 +146,7 @@ class ChairAndArm(VelocityController):
         decided = variable("velocity", n, lower=given["eased_lower"], upper=given["eased_upper"])
         progress = variable("progress", 1, lower=0, upper=given["speed"])
         off = variable("off", 1, lower=0, upper=given["off"])
-        u = decided.symbol
+        u, away = decided.symbol, decided.symbol - given["target"]
         steady = STEADY * braking.time / self.dt
         # Steeper the more is missing, since solvers fail more often on a cost that is flat in a variable.
         missing = given["speed"] - progress.symbol
@@ -163,7 +162,7 @@ class ChairAndArm(VelocityController):
             name=f"chair_and_arm_{self.drive}_{name}",
             parameters=parameters,
             variables=[decided, progress, off],
-            minimise=u.T @ weight @ u / 2 + given["slope"].T @ u + steady * ca.sumsqr(u - given["calm"]) / 2 + price,
+            minimise=away.T @ weight @ away / 2 + steady * ca.sumsqr(u - given["calm"]) / 2 + price,
             subject_to=[
                 equal(
                     jacobian @ u, given["turning"] + given["direction"] * progress.symbol + given["error"] * off.symbol

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -65,12 +66,13 @@ class HandTask:
     ) -> dict[str, ca.SX]:
         """Jacobian, inertia, costs, directions, speeds, the analytic answer with its multipliers; each one column.
 
-        All is of the middle of the tick, where a velocity that is held moves the hand as it does in the mean.
+        The Jacobian is of the middle of the tick, where a velocity that is held moves the hand as it does in the mean;
+        what the law makes of its freedom is of q: light joints would shake if their own speed decided how they share.
         """
         moving, base = self.moving, limits.base
-        half = last.velocity * (dt / 2)
-        heading, posture = ca.if_else(world, q[2], 0), ca.vertcat(0, 0, half[2], (q + half)[CHAIR:])
-        jacobian = self.task_jacobian(posture[CHAIR:], turned=half[2], heading=heading)
+        half, heading = last.velocity * (dt / 2), ca.if_else(world, q[2], 0)
+        jacobian = self.task_jacobian((q + half)[CHAIR:], turned=half[2], heading=heading)
+        here, posture = self.task_jacobian(q[CHAIR:], turned=ca.SX(0), heading=heading), ca.vertcat(0, 0, 0, q[CHAIR:])
         inertia = self.robot.inertia_expression(posture) / self.robot.mass
         gradient = self.self_motion * self.robot.posture_gradient_expression(posture)
 
@@ -79,12 +81,21 @@ class HandTask:
         direction = commanded / ca.fmax(size, TINY)
         lively = ca.fmin(size, LIVELY)
 
-        # Eq. (1), and (5) by leaving out the left speed: u = W^-1 J' y - v grad c with J u = r.
-        rows = ca.densify(jacobian[:, moving])
-        soft = solver_of(inertia[moving, moving])(rows.T)
-        firmness = solver_of(ca.triu2symm(ca.triu(rows @ soft)))
-        y = firmness(commanded + lively * (rows @ gradient[moving]))
-        law = self._spread(soft @ y - lively * gradient[moving])
+        # Eq. (1), and (5) by leaving out the left speed: u = W^-1 J' y - v grad c with J u = r. Then by the least change
+        # to the same r in the middle of the tick.
+        weigh = solver_of(inertia[moving, moving])
+
+        def firm(matrix: ca.SX) -> tuple[ca.SX, Callable[[ca.SX], ca.SX]]:
+            rows = ca.densify(matrix[:, moving])
+            soft = weigh(rows.T)
+            return soft, solver_of(ca.triu2symm(ca.triu(rows @ soft)))
+
+        soft, firmness = firm(here)
+        y = firmness(commanded + lively * (here @ gradient))
+        target = self._spread(soft @ y - lively * gradient[moving])
+        soft, firmness = firm(jacobian)
+        change = firmness(commanded - jacobian @ target)
+        law = target + self._spread(soft @ change)
         # Going on as before, with the hand's velocity as the last tick meant it: the Jacobian has turned since.
         before = ca.if_else(last.frame == world, last.hand, jacobian @ last.velocity)
         along = clipped(ca.dot(direction, before), 0, size)
@@ -120,15 +131,15 @@ class HandTask:
         across_least = ca.fmin(across @ base, across @ slower) + across_fixed
         across_most = ca.fmax(across @ base, across @ slower) + across_fixed
         straight = ca.if_else(size > 0, STRAIGHT * size, FAR)
-        balance = part * y + (1 - part) * x
+        steep = ca.fmin(ca.fabs(ca.dot(direction, part * y + (1 - part) * x)), STEEP)
         return {
             "jacobian": ca.vec(ca.densify(jacobian)),
             "inertia": ca.densify(upper_triangle(inertia)),
-            "slope": ca.densify(inertia @ (part * lively * gradient - (1 - part) * last.velocity)),
+            "target": part * target + (1 - part) * last.velocity,
             "direction": direction,
             "speed": speed,
             "turning": turning,
-            "price": PROGRESS + 2 * ca.fmin(ca.fabs(ca.dot(direction, balance)), STEEP),
+            "price": PROGRESS + 2 * steep,
             "error": ca.if_else(off > TINY, error / ca.fmax(off, TINY), 0),
             "off": ca.if_else(off > TINY, off, 0),
             "along": ca.densify(along_row.T),
@@ -137,7 +148,7 @@ class HandTask:
             "across_lower": ca.fmin(across_least, -straight) - across_fixed,
             "across_upper": ca.fmax(across_most, straight) - across_fixed,
             "guess": part * law + (1 - part) * kept,
-            "multipliers": -balance,
+            "multipliers": -(part * change + (1 - part) * x),
         }
 
     def _spread(self, velocity: ca.SX) -> ca.SX:
