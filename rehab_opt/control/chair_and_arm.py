@@ -52,9 +52,9 @@ class ChairAndArm(VelocityController):
     the rolling row, Eq. (4), is a left speed of zero. r is the commanded twist. z = q + T u is where the robot comes to
     rest if it brakes together from now on: see `BrakingTogether`. J is that of the middle of the tick, where a velocity
     that is held moves the hand as it does in the mean. t is Eq. (1) at q; from one of its answers to a distant one, as
-    after a turn of the stick, t is so far from u_last to Eq. (1) as the accelerations allow (`HandTask`). b is the answer
-    of the first term alone where that keeps all bounds, so that it stays the answer, and else u_last after a tick of
-    braking: light joints stay calm.
+    after a turn of the stick, t is so far from u_last to Eq. (1) as the accelerations allow (`HandTask`). b is the
+    answer of the first term alone where that keeps all bounds, so that it stays the answer, and else u_last after a
+    tick of braking: light joints stay calm.
 
     **What decreases.** Let d be the part of the hand's last velocity that is no part of r between none and all of it,
     and c one tick of the hardest braking together. c is feasible: its changes are within the accelerations, it lies on

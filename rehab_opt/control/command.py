@@ -58,6 +58,7 @@ class Command(NamedTuple):
     """Which bounds or tasks gave way."""
     scale: float
     """Fraction of the commanded motion that is delivered, 0 to 1, 1 where none is commanded; of a tracker: along the
-    reference twist, feedback included; of assistance: of the desired force, along it."""
+    reference twist, feedback included; of assistance: of the desired force, along it. Of a velocity controller less
+    than a thousandth is 0."""
     wheels: NDArray[np.float64] | None = None
     """Wheel speeds [rad/s] that belong to `value`, where there are wheels."""

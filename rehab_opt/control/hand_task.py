@@ -81,8 +81,8 @@ class HandTask:
         direction = commanded / ca.fmax(size, TINY)
         lively = ca.fmin(size, LIVELY)
 
-        # Eq. (1), and (5) by leaving out the left speed: u = W^-1 J' y - v grad c with J u = r. Then by the least change
-        # to the same r in the middle of the tick.
+        # Eq. (1), and (5) by leaving out the left speed: u = W^-1 J' y - v grad c with J u = r. Then by the least
+        # change to the same r in the middle of the tick.
         weigh = solver_of(inertia[moving, moving])
 
         def firm(matrix: ca.SX) -> tuple[ca.SX, Callable[[ca.SX], ca.SX]]:

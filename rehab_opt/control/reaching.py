@@ -25,6 +25,8 @@ GAIN = 4.0
 """[1/s] rate at which the hand's distance from the smoothed target decays."""
 LEASH = 0.03
 """[m] The smoothed target waits for a hand that lags by more."""
+FARTHEST = 100.0
+"""[m] What is further away than this from the hand is no target but a mistake, as of metres and millimetres."""
 ARRIVED = 1e-4
 """[m] Nearer than this the hand is there."""
 
@@ -43,6 +45,8 @@ class Reaching:
         )
         self._gain = (1 - math.exp(-GAIN * dt)) / dt
         self._begun = False
+        self.refused = ""
+        """Why the last target cannot be aimed at; empty where it can."""
 
     def forget(self) -> None:
         """Begin anew at the next tick."""
@@ -50,11 +54,15 @@ class Reaching:
 
     def twist(self, q: Array, target: Array, *, moving: bool) -> Array:
         """(3,) velocity of the hand in the world frame [m/s] at joint values q (7,); NaN where a number is unusable."""
+        self.refused = ""
         usable = np.all(np.abs(q) <= PLAUSIBLE) and np.all(np.abs(target) <= PLAUSIBLE)  # NaN fails
         if not (moving and usable):
             self._begun = False
             return np.full(3, math.nan) if moving else np.zeros(3)
         hand = self._robot.chain.pose(q)[:3, 3]
+        if not np.linalg.norm(target - hand) <= FARTHEST:
+            self._begun, self.refused = False, f"target is more than {FARTHEST:g} m away"
+            return np.full(3, math.nan)
         smoother = self._smoother
         if not self._begun or not np.linalg.norm(smoother.position - hand) <= LEASH:
             smoother.reset(hand, np.clip(smoother.velocity if self._begun else np.zeros(3), -HAND_SPEED, HAND_SPEED))

@@ -124,7 +124,7 @@ class RedundancyResolver(OneThread):
         self.obstacles = obstacles
         self._compile = compile
         for rows in row_sets:
-            self._prepare(checked_rows(rows), compile=compile)
+            self._prepare(checked_rows(rows, "row_sets"), compile=compile)
         self._active = next(iter(self._sets.values()))
         self._reaching: Reaching | None = None
         self.reset()
@@ -242,7 +242,8 @@ class RedundancyResolver(OneThread):
         Parameters
         ----------
         q : (7,) joint positions now [m, rad].
-        target : (3,) where the hand should go, in the world frame [m]; smoothed by a `Smoother`, so it may jump.
+        target : (3,) where the hand should go, in the world frame [m]; smoothed by a `Smoother`, so it may jump. One
+            that is more than 100 m away is refused, as one in millimetres is.
         enable, stamp : see `step`.
 
         Raises
@@ -255,7 +256,11 @@ class RedundancyResolver(OneThread):
             self._reaching = Reaching(self.robot, dt=self.dt)
         place, joints = real_numbers("target", target, (3,)), real_numbers("q", q, (self.robot.chain.n,))
         twist = self._reaching.twist(joints, place, moving=pressed(enable))
-        command = self._step(q, twist, ("x", "y", "z"), "world", enable, stamp)
+        if self._reaching.refused:
+            self._active.tell(joints, np.zeros(len(self._active.rows)), 0.0)
+            command = self._active.brake(self._reaching.refused)
+        else:
+            command = self._step(q, twist, ("x", "y", "z"), "world", enable, stamp)
         if not command.status.certified:
             self._reaching.forget()
         return command

@@ -21,12 +21,12 @@ def frame_number(frame: str) -> float:
     return world
 
 
-def checked_rows(rows: Sequence[str]) -> tuple[str, ...]:
-    """Rows that can be asked for together."""
+def checked_rows(rows: Sequence[str], argument: str = "rows") -> tuple[str, ...]:
+    """Rows that can be asked for together; `argument` is whose they are, one set of them where it has several."""
     names = tuple(rows) if isinstance(rows, (tuple, list)) else ()
     known = all(isinstance(name, str) and name in ROWS for name in names)
     if not names or not known or len(set(names)) != len(names):
-        raise ConfigurationError("rows", rows, f"different ones of {', '.join(ROWS)}")
+        raise ConfigurationError(argument, rows, f"a tuple of different ones of {', '.join(ROWS)}")
     if {"rx", "ry", "rz", "roll7"} <= set(names):
-        raise ConfigurationError("rows", rows, "roll7, or all of rx, ry and rz, which say it already")
+        raise ConfigurationError(argument, rows, "roll7, or all of rx, ry and rz, which say it already")
     return names

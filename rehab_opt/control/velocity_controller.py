@@ -28,7 +28,7 @@ __all__ = ["VelocityController", "checked_number", "real_numbers"]
 
 Array = NDArray[np.float64]
 MISSED = 1e-3
-"""Share of the asked motion by which the delivered one must differ for the task to count as yielding."""
+"""Share of the asked motion by which the delivered one must differ for the task to yield; less than it is nothing."""
 NOTHING_LEFT = "the bounds leave nothing of the commanded motion"
 STILL = 1e-6
 """[m/s] Motions below this are none."""
@@ -119,6 +119,7 @@ class VelocityController(OneThread, ABC):
         size = ca.sumsqr(asked)
         missed = ca.sumsqr(delivered - asked) > MISSED**2 * size + STILL**2
         along = clipped(ca.dot(delivered, asked) / ca.fmax(size, STILL**2), 0, 1)
+        along = ca.if_else(along > MISSED, along, 0)
         yielded = int(Bound.POSITION) * outside + int(Bound.ACCELERATION) * hurried + int(Bound.TASK) * missed
         return ca.vertcat(yielded, ca.if_else(ca.logic_and(missed, size > STILL**2), along, 1))
 

@@ -86,15 +86,18 @@ def test_the_law_is_met_along_a_motion_with_all_bounds_at_hand(drive: str) -> No
         twist = 0.08 * np.array([math.sin(0.02 * k), math.cos(0.03 * k), 0.5 * math.sin(0.05 * k)])
         command = robot.step(q, twist)
         if command.yielded == Bound.NOTHING and k > 20:
-            # In the middle of the tick, where the posture is as the last command leads it; stick and wheels mean q.
+            # Eq. (1) at q; by the least change, the hand then moves so in the middle of the tick, where the last
+            # command leads the posture. Stick and wheels mean q.
             middle, cos, sin = q + last * robot.dt / 2, math.cos(q[2]), math.sin(q[2])
             turn = np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
-            rows, asked = robot.robot.chain.jacobian(middle)[:3], turn @ twist
+            here, rows, asked = *(robot.robot.chain.jacobian(at)[:3] for at in (q, middle)), turn @ twist
             if drive == "differential":
-                rows, asked = np.vstack([rows, [sin, -cos, 0, 0, 0, 0, 0]]), np.append(asked, 0.0)
-            gradient = np.linalg.norm(twist) * robot.robot.posture_gradient(middle)
-            weighted = np.linalg.solve(robot.robot.inertia(middle), rows.T)
-            published = weighted @ np.linalg.solve(rows @ weighted, asked + rows @ gradient) - gradient
+                rolling = [sin, -cos, 0, 0, 0, 0, 0]
+                here, rows, asked = np.vstack([here, rolling]), np.vstack([rows, rolling]), np.append(asked, 0.0)
+            gradient = np.linalg.norm(twist) * robot.robot.posture_gradient(q)
+            soft, weighted = (np.linalg.solve(robot.robot.inertia(q), each.T) for each in (here, rows))
+            published = soft @ np.linalg.solve(here @ soft, asked + here @ gradient) - gradient
+            published += weighted @ np.linalg.solve(rows @ weighted, asked - rows @ published)
             met += np.allclose(command.value, published, rtol=0, atol=1e-9)
         q, last = q + command.value * robot.dt, command.value
     assert met > 350
@@ -116,6 +119,25 @@ def test_a_hand_that_must_slow_down_keeps_its_direction_within_a_microradian(dri
         assert np.linalg.norm(np.cross(hand, twist)) / np.linalg.norm(twist) <= 1e-6 * along
         assert command.scale == pytest.approx(along / np.linalg.norm(twist), rel=1e-6, abs=2e-3)
     assert slowed > 50
+
+
+def test_a_target_in_millimetres_is_refused_by_name_and_one_in_metres_then_reached() -> None:
+    robot = resolver()
+    far = robot.reach(ARDIS_READY, [700.0, -380.0, 560.0])
+    assert far.status is Status.HOLDING
+    assert far.reason == "target is more than 100 m away"
+    assert robot.reach(ARDIS_READY, [0.7, -0.38, 0.56]).status is Status.OK
+
+
+def test_a_joint_does_not_shake_by_its_own_speed_at_long_ticks() -> None:
+    robot, q, before, shaken = resolver(drive="differential", dt=0.02), ARDIS_READY.copy(), [np.zeros(7)] * 2, 0
+    allowed = robot.robot.chain.acceleration * robot.dt
+    for _ in range(600):
+        q = q + robot.step(q, [0.24, -0.53], ("x", "y")).value * robot.dt
+        before = [*before, robot.chassis_velocity][-3:]
+        last, now = np.diff(before, axis=0)[-2:] / allowed
+        shaken += bool(np.any((last * now < 0) & (np.abs(last) > 0.3) & (np.abs(now) > 0.3)))
+    assert shaken < 20
 
 
 def test_no_other_command_within_the_bounds_moves_the_hand_faster_in_the_direction_asked() -> None:

@@ -66,7 +66,9 @@ def judge(verdict: Verdict, one: Run) -> None:
     verdict.holds("a task that is missed is flagged", flagged | (off <= 1.001 * slack + 1e-9) | ~ok)
     verdict.holds("what is flagged is missed", ~flagged | (off >= 0.7 * slack) | ~ok)
     along = np.clip(np.einsum("ni,ni->n", felt, asked) / np.maximum(size, STILL) ** 2, 0, 1)
-    true = np.where(flagged & (size > STILL), along, 1.0)  # 1 where nothing is commanded
+    told = np.where(along > MISSED, along, 0.0)  # less is nothing
+    edge = np.abs(along - MISSED) < 1e-6
+    true = np.where(flagged & (size > STILL), np.where(edge, answers.scale, told), 1.0)  # 1 where nothing is commanded
     verdict.within("error of the scale", np.where(ok, np.abs(answers.scale - true), 0.0), 1e-6)
     verdict.within("scale", np.abs(answers.scale - 0.5), 0.5)
 
