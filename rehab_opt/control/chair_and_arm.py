@@ -33,8 +33,13 @@ STEADY = 0.01
 by T/dt more. Light joints would else go from one end of their acceleration to the other, tick by tick, where bounds are
 met: what is best turns with the rows at the stop posture, and those with u.
 """
+LIVELY = 10.0
+"""Ticks of acceleration in which a joint gets to a speed from which on all of that share counts: at rest, what is left
+of the command decides.
+"""
 ROUNDS = 2
 """Corrections of the last tick's active set: it is the same in 95 % of the ticks in which any bound is active."""
+TINY = 1e-12
 ITERATIONS = 20
 """Cap on qrqp's active-set changes: most ticks need three, and what takes more than this cycles."""
 
@@ -53,8 +58,9 @@ class ChairAndArm(VelocityController):
     rest if it brakes together from now on: see `BrakingTogether`. J is that of the middle of the tick, where a velocity
     that is held moves the hand as it does in the mean. t is Eq. (1) at q; from one of its answers to a distant one, as
     after a turn of the stick, t is so far from u_last to Eq. (1) as the accelerations allow (`HandTask`). b is the
-    answer of the first term alone where that keeps all bounds, so that it stays the answer, and else u_last after a
-    tick of braking: light joints stay calm.
+    answer of the first term alone where that keeps all bounds, so that it stays the answer; u_last after a tick of
+    braking where an obstacle or keep-out is in its way, or it passes another bound by what a tick's accelerations can
+    do; in between, between them: light joints stay calm.
 
     **What decreases.** Let d be the part of the hand's last velocity that is no part of r between none and all of it,
     and c one tick of the hardest braking together. c is feasible: its changes are within the accelerations, it lies on
@@ -134,9 +140,7 @@ class ChairAndArm(VelocityController):
                 moving, ca.fmin(limits.upper, ca.fmax(last + self.limits.braking.change, limits.base)), limits.upper
             ),
         )
-        bounds = [within(task["guess"], eased.lower, eased.upper), *self._rows(task["guess"], task, limits)]
-        clear = all_true(*(ca.logic_and(row.lower <= row.expression, row.expression <= row.upper) for row in bounds))
-        prepared = {**task, **limits.columns(), "calm": ca.if_else(clear, task["guess"], braking.slower(last))}
+        prepared = {**task, **limits.columns(), "calm": self._calm(last, task, limits, eased)}
         prepared |= {"eased_lower": eased.lower, "eased_upper": eased.upper}
         columns = [parameter(key, value.numel()) for key, value in prepared.items()]
         given = dict(zip(prepared, columns, strict=True))
@@ -195,6 +199,28 @@ class ChairAndArm(VelocityController):
             within(across, task["across_lower"], task["across_upper"]),
             *surroundings,
         ]
+
+    def _calm(self, last: ca.SX, task: Mapping[str, ca.SX], limits: Limits, eased: Limits) -> ca.SX:
+        """(7,) what steadies the command: b of the class."""
+        guess, u, braking = task["guess"], ca.SX.sym("u", self.chain.n), self.limits.braking
+
+        def passed(rows: list[Row]) -> ca.SX:
+            """By how much the guess passes them, as a share of what the accelerations can do in a tick."""
+            most = ca.if_else(all_true(ca.fabs(guess) <= PLAUSIBLE), 0, ca.inf)
+            for row in rows:
+                matrix = ca.jacobian(row.expression, u)
+                there = matrix @ guess
+                over = ca.fmax(there - row.upper, row.lower - there)
+                most = ca.fmax(most, ca.mmax(over / ca.fmax(ca.fabs(matrix) @ braking.change, TINY)))
+            return most
+
+        wheels, along, across, *surroundings = self._rows(u, task, limits)
+        beyond = passed([within(u, eased.lower, eased.upper), wheels, along, across])
+        lively = ca.fmin(ca.mmax(ca.fabs(last) / braking.change) / LIVELY, 1)
+        part = ca.if_else(beyond > 0, lively * ca.fmax(1 - beyond, 0), 1)
+        part = ca.if_else(passed(surroundings) > 0, 0, part)
+        slower = braking.slower(last)
+        return ca.if_else(part > 0, slower + part * (guess - slower), slower)
 
     def _prepared(
         self, parameters: ca.SX, memory: ca.SX, surroundings: ca.SX, prepared: dict[str, ca.SX]
