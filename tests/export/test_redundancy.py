@@ -50,7 +50,7 @@ def drive(request: pytest.FixtureRequest) -> str:
 @pytest.fixture(scope="module")
 def library(drive: str, exported: Exported, built: Built) -> ctypes.CDLL:
     name = f"redundancy_{drive}"
-    return shared(exported(name), name, built)
+    return shared(exported(name), name, built, level="-O0")  # compiling longer would take a minute
 
 
 @pytest.fixture(scope="module")
