@@ -38,7 +38,7 @@ def compiled_once(folder: Path, name: str, built: Built, *, level: str = "-O2") 
     """Name of the controller's object file, which every test of it may link."""
     if (name, level) == ("redundancy_mecanum", "-O2"):
         level = "-O1"  # one of the two is enough at the level of the CMake file
-    return built(folder, f"controller{level}.o", "-c", f"rehab_{name}.c", flags=(level, "-fPIC")).name
+    return built(folder, "controller.o", "-c", f"rehab_{name}.c", flags=(level, "-fPIC")).name
 
 
 def shared(folder: Path, name: str, built: Built, *, level: str = "-O2") -> ctypes.CDLL:
