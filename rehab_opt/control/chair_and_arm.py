@@ -33,15 +33,16 @@ STEADY = 0.01
 by T/dt more. Light joints would else go from one end of their acceleration to the other, tick by tick, where bounds are
 met: what is best turns with the rows at the stop posture, and those with u.
 """
-LIVELY = 10.0
+GOING = 10.0
 """Ticks of acceleration in which a joint gets to a speed from which on all of that share counts: at rest, what is left
 of the command decides.
 """
 ROUNDS = 2
 """Corrections of the last tick's active set: it is the same in 95 % of the ticks in which any bound is active."""
-TINY = 1e-12
 ITERATIONS = 20
 """Cap on qrqp's active-set changes: most ticks need three, and what takes more than this cycles."""
+TINY = 1e-12
+"""[m/s, rad/s] A change of velocity that is none."""
 
 
 class ChairAndArm(VelocityController):
@@ -216,8 +217,8 @@ class ChairAndArm(VelocityController):
 
         wheels, along, across, *surroundings = self._rows(u, task, limits)
         beyond = passed([within(u, eased.lower, eased.upper), wheels, along, across])
-        lively = ca.fmin(ca.mmax(ca.fabs(last) / braking.change) / LIVELY, 1)
-        part = ca.if_else(beyond > 0, lively * ca.fmax(1 - beyond, 0), 1)
+        going = ca.fmin(ca.mmax(ca.fabs(last) / braking.change) / GOING, 1)
+        part = ca.if_else(beyond > 0, going * ca.fmax(1 - beyond, 0), 1)
         part = ca.if_else(passed(surroundings) > 0, 0, part)
         slower = braking.slower(last)
         return ca.if_else(part > 0, slower + part * (guess - slower), slower)

@@ -128,7 +128,10 @@ class ChairLimits:
         self.dt, self.return_speed = dt, return_speed
         self.braking = BrakingTogether(robot.chain, dt)
         self.obstacles = ChairObstacles(robot, self.braking, dt)
-        self._arm = slice(CHAIR, robot.chain.n)
+        arm = ca.SX.sym("arm", robot.chain.n - CHAIR)
+        gaps = ca.densify(arm_gaps(robot, arm)) if robot.keep_out else arm
+        self._swinging = [i for i, moves in enumerate(ca.which_depends(gaps, arm, 1, False)) if moves]
+        """Joints of the arm, from 0, that move its links: not the last, where the hand lies on its axis."""
 
     @property
     def reach(self) -> float:
@@ -255,11 +258,12 @@ class ChairLimits:
     # -------------------------------------------------------------------------------------------- limit by limit
     def _margin(self, part: float, last: ca.SX) -> ca.SX:
         """[m] at a part of the way to the stop posture: what tangents promise too much in a tick, and `MARGIN`."""
-        change, time = self.braking.change[CHAIR:], self.braking.time
-        speed = ca.sum1(ca.fabs(last))
-        within = self.reach * (self.dt * (speed + ca.sum1(change))) ** 2 / 2
-        step = part * time * float(ca.mmax(change))
-        fastest = part * time * float(np.max(self.robot.chain.velocity[CHAIR:]))
+        swinging, time = self._swinging, self.braking.time
+        change = np.asarray(self.braking.change).ravel()[CHAIR:][swinging]
+        speed = ca.sum1(ca.fabs(last[swinging]))
+        within = self.reach * (self.dt * (speed + np.sum(change))) ** 2 / 2
+        step = part * time * float(np.max(change))
+        fastest = part * time * float(np.max(self.robot.chain.velocity[CHAIR:][swinging]))
         return (
             within
             + (1 + part) * CLEAR

@@ -87,7 +87,7 @@ class PoseTracker(VelocityController):
       direction would stop the whole arm at the limit. In the tick in which this begins, up to 0.4 of the hand's motion
       was seen across what is asked;
     - a joint is too fast to be brought into the direction within its acceleration bound and the hand speeds;
-    - the pose is nearly singular, and lost directions are left out of w.
+    - the pose is nearly singular, a singular value of J below 0.03, and lost directions are left out of w.
 
     Parameters
     ----------

@@ -58,6 +58,9 @@ class Reaching:
         usable = np.all(np.abs(q) <= PLAUSIBLE) and np.all(np.abs(target) <= PLAUSIBLE)  # NaN fails
         if not (moving and usable):
             self._begun = False
+            wrong = np.flatnonzero(~(np.abs(target) <= PLAUSIBLE))
+            if wrong.size:
+                self.refused = f"target[{wrong[0]}] is {target[wrong[0]]}, not a usable number"
             return np.full(3, math.nan) if moving else np.zeros(3)
         hand = self._robot.chain.pose(q)[:3, 3]
         if not np.linalg.norm(target - hand) <= FARTHEST:

@@ -51,7 +51,8 @@ class RedundancyResolver(OneThread):
     of that against it. While it brakes before a bound it may leave the direction, by less than 15 % of the commanded
     speed across and against it, since the Jacobian changes on the way. Where the bounds leave nothing of the command,
     the status is `BLOCKED`. What is delivered is said of the middle of the tick, to where the last velocity leads by
-    then.
+    then, and of velocities that are held through it: wheels that hold their speeds instead turn the chair's way within
+    a tick, by half of what the chair turns.
 
     A joint outside its limits comes back where the task moves it, or the posture cost does, and is not moved by itself:
     without a command there is no motion.
@@ -256,13 +257,11 @@ class RedundancyResolver(OneThread):
             self._reaching = Reaching(self.robot, dt=self.dt)
         place, joints = real_numbers("target", target, (3,)), real_numbers("q", q, (self.robot.chain.n,))
         twist = self._reaching.twist(joints, place, moving=pressed(enable))
-        if self._reaching.refused:
-            self._active.tell(joints, np.zeros(len(self._active.rows)), 0.0)
-            command = self._active.brake(self._reaching.refused)
-        else:
-            command = self._step(q, twist, ("x", "y", "z"), "world", enable, stamp)
+        command = self._step(q, twist, ("x", "y", "z"), "world", enable, stamp)
         if not command.status.certified:
             self._reaching.forget()
+        if self._reaching.refused and command.reason.startswith("twist["):  # which is then no number
+            command = command._replace(reason=self._reaching.refused)
         return command
 
     def instance(

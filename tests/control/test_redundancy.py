@@ -129,6 +129,19 @@ def test_a_target_in_millimetres_is_refused_by_name_and_one_in_metres_then_reach
     assert robot.reach(ARDIS_READY, [0.7, -0.38, 0.56]).status is Status.OK
 
 
+def test_the_watchdog_sees_every_stamp_whatever_the_target() -> None:
+    robot, near, far = resolver(), [0.7, -0.38, 0.56], [700.0, -380.0, 560.0]
+    robot.reach(ARDIS_READY, near, stamp=1.0)
+    assert robot.reach(ARDIS_READY, far, stamp=1.01).reason == "target is more than 100 m away"
+    assert robot.reach(ARDIS_READY, far, stamp=1.01).reason == "stamp repeated"
+    for k in range(2, 30):
+        robot.reach(ARDIS_READY, far, stamp=1.0 + 0.01 * k)
+    assert robot.reach(ARDIS_READY, near, stamp=1.3).status is Status.OK
+    unknown = robot.reach(ARDIS_READY, [0.7, np.nan, 0.56], stamp=1.31)
+    assert unknown.reason == "target[1] is nan, not a usable number"
+    assert robot.reach(ARDIS_READY, far, stamp=1.32, enable=False).reason == "not enabled"
+
+
 @pytest.mark.parametrize(
     ("drive", "dt", "arm", "twist"),
     [

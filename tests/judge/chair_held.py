@@ -3,6 +3,7 @@
 "Against" is the component of the hand's velocity opposite to the command, "across" the length of what is square to it,
 both as fractions of the command; the hand's velocity is by finite differences over the tick of the judge's own forward
 kinematics, in the frame that was asked. It is judged from T + 1 s after the command began, T = max v/a of the joints.
+Where wheels hold their speeds, so that the chair goes along an arc, the half of its turn within a tick is allowed for.
 
 A tick is *strict* where |hand| <= 1.02, against <= 0.02 and across <= 0.05. Others are of a braking episode: a stretch
 of consecutive ticks that are not strict lasts at most T, and in it along <= 1.02, against <= 0.15 and across <= 0.15.
@@ -159,12 +160,14 @@ def judge_law(run: Run, verdict: Verdict, part: Part, span: slice, obstacles: Ob
     along = hand @ way
     across, size = np.linalg.norm(hand - along[:, None] * way, axis=1), np.linalg.norm(hand, axis=1)
     chord = max(1.0, dt / DT)
-    braking = ~((size <= 1 + SIZE * chord) & (along >= -AGAINST * chord) & (across <= ACROSS * chord))
+    value = np.array([command.value for command in run.commands[begin : span.stop]])
+    arc = run.arcs * dt / 2 * np.abs(value[:, 2]) * np.hypot(value[:, 0], value[:, 1]) / np.linalg.norm(twist)
+    braking = ~((size - arc <= 1 + SIZE * chord) & (along + arc >= -AGAINST * chord) & (across - arc <= ACROSS * chord))
     longest = longest_stretch(braking) * dt
     verdict.within("law: a braking episode lasts at most T", [longest], chair.braking_time + dt / 2)
-    verdict.within("law: the hand is no faster than the command", along, 1 + SIZE * chord)
-    verdict.within("law: against the command, braking", -along, BRAKING)
-    verdict.within("law: across the command, braking", across, BRAKING)
+    verdict.within("law: the hand is no faster than the command", along - arc, 1 + SIZE * chord)
+    verdict.within("law: against the command, braking", -along - arc, BRAKING)
+    verdict.within("law: across the command, braking", across - arc, BRAKING)
     verdict.during("law judged", np.ones(len(along), dtype=bool), dt)
     verdict.during("a braking episode", braking, dt)
     if np.all(np.abs(along[-round(1.0 / dt) :]) < STOPPED):

@@ -53,11 +53,12 @@ def judge(verdict: Verdict, one: Run) -> None:
     verdict.within("force over its limit", size / given.force_limit, 1.0)
     slewed = answers.yielded & 8 != 0
     verdict.within("change of force over the slew bound", np.where(slewed, 0.0, change / step), 1 + 1e-9)
-    verdict.holds("what is flagged is a release at once", ~slewed | ((size == 0) & (change > step)))
+    verdict.holds("what is flagged is a release at once", ~slewed | ((size == 0) & (change > step * (1 - 1e-12))))
     sudden = np.isin(reasons, ("energy left does not afford a slower release", "hand moves at # m/s, at most # m/s",
                                "position moved # m in # s, at most # m/s"))  # fmt: skip
     verdict.holds("a release at once has its reason", ~slewed | sudden)
-    jumped = np.r_[False, one.fast[:-1]] | (np.linalg.norm(np.nan_to_num(one.velocity), axis=1) > given.speed_cap)
+    told_fast = np.linalg.norm(np.nan_to_num(one.velocity), axis=1) > given.speed_cap
+    jumped = np.r_[False, one.fast[:-1]] | told_fast
     dear = reasons == "energy left does not afford a slower release"
     strange = sudden & ~dear & (one.faults.kind == "") & np.r_[True, one.faults.kind[:-1] == ""]
     verdict.holds("a hand is let go for its speed where it was fast", ~strange | jumped)
@@ -65,7 +66,10 @@ def judge(verdict: Verdict, one: Run) -> None:
     wrong = expected(one.faults) & ~((one.faults.kind == "v") & np.isnan(one.velocity[:, 0]))
     verdict.holds("what cannot be used is not acted on", safe | ~wrong)
     sound = one.faults.kind == ""
-    verdict.holds("a fast hand is let go", (size == 0) | ~jumped | ~sound | np.r_[True, ~sound[:-1]])
+    # After a rest so exact that a sensor may have been frozen, a jump counts as the motion of all that time.
+    still = np.r_[True, (np.diff(one.x[: len(force)], axis=0) == 0).all(axis=1)]
+    rested = np.r_[False, still[:-1]] & ~told_fast
+    verdict.holds("a fast hand is let go", (size == 0) | ~jumped | rested | ~sound | np.r_[True, ~sound[:-1]])
     verdict.holds("a release has its reason, a plain answer none", (reasons != "") == (status != "ok"))
     verdict.holds("released is no force, releasing is one", (status == "released") == (safe & (size == 0)))
     fallen = np.maximum(np.linalg.norm(last, axis=1) - step, 0.0)

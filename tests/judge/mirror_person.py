@@ -37,6 +37,8 @@ NEAR, REACHED = 2e-3, 2e-3
 """[m] of the hand from a reference within the range; of its pose from one that the arm has."""
 FOUND = 150
 """Ticks at most that the model of the led arm takes to its first posture."""
+STARTS = 40
+"""Postures at most from which one with the hand's pose is looked for: a least square may end beside it."""
 NEAREST = 0.02
 """[m] by which another posture may be nearer."""
 
@@ -95,6 +97,10 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
         goal = np.linalg.inv(base) @ found[-1] @ np.linalg.inv(grip)
         asked = np.linalg.inv(base) @ poses[-1] @ np.linalg.inv(grip)
         posture, missing = nearest(goal, np.clip(joints[-1], lower, upper), lower, upper)
+        for begin in rng.uniform(lower, upper, (STARTS, 8)):
+            if missing <= REACHED:
+                break
+            posture, missing = min((posture, missing), nearest(goal, begin, lower, upper), key=lambda each: each[1])
         verdict.within("hand's pose from one that the arm has [m]", missing, REACHED)
         _, best = nearest(asked, posture, lower, upper)
         verdict.within("another posture is nearer to the reference by [m]", away(goal, asked) - best, NEAREST)

@@ -11,6 +11,7 @@ import pytest
 from tests.judge.fault_operators import COMPARISON, CONSTANT, DROPPED, SIGN, SWAPPED, faults
 from tests.judge.fault_trial import Hearing, copied, heard
 from tests.judge.faults import FOLDERS, drawn, reasons
+from tests.judge.numbering import seed_of_the_code
 from tests.judge.verdict import ROOT
 
 
@@ -48,7 +49,7 @@ def test_what_reaches_no_tick_is_left_alone(text: str) -> None:
 
 
 def test_every_fault_of_the_package_is_python_and_changes_it() -> None:
-    rng = random.Random()
+    rng = random.Random(seed_of_the_code())
     for path in itertools.chain(*((ROOT / folder).glob("*.py") for folder in FOLDERS)):
         source = path.read_bytes()
         found = faults(path.name, source)

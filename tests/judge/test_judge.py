@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import hashlib
 from pathlib import Path
 
 import pytest
 
-from tests.judge.numbering import FIXED_SEED
-from tests.judge.verdict import ROOT, Promise, Verdict, judges
+from tests.judge.numbering import FIXED_SEED, seed_of_the_code
+from tests.judge.verdict import Promise, Verdict, judges
 
 JUDGES = judges()
 PROMISES = [(name, promise) for name, module in JUDGES.items() for promise in module.PROMISES]
@@ -22,12 +21,6 @@ def _virtual_machine(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(("judge", "promise"), PROMISES)
 def test_promise_still_stands_where_it_was_quoted(judge: str, promise: Promise) -> None:
     assert promise.stands(), f"{judge} judges what {promise.file} no longer says: {promise.text}"
-
-
-def seed_of_the_code() -> int:
-    """Another one after every change of the library, and the same wherever that is judged."""
-    files = sorted((ROOT / "rehab_opt").rglob("*.py"))
-    return int.from_bytes(hashlib.sha256(b"".join(file.read_bytes() for file in files)).digest()[:4], "big")
 
 
 @pytest.mark.parametrize("seed", [FIXED_SEED, seed_of_the_code()], ids=["fixed seed", "seed of the code"])
