@@ -36,6 +36,7 @@ Problem = Annotated[str, typer.Argument(metavar="FILE", help="A problem file, or
 
 def main(arguments: list[str] | None = None) -> None:
     """Entry point; `arguments` default to those of the command line."""
+    os.environ.setdefault("REHAB_OPT_COMPILE", "wait")  # a run that is over before its code is ready gains nothing
     with on_interrupt(interrupted):
         try:
             try:

@@ -60,10 +60,12 @@ class _Escaped:
 
 @contextmanager
 def bars() -> Iterator[Progress]:
-    """Progress as bars on the error stream, where that is a terminal."""
+    """Progress as bars on the error stream, where that is a terminal; what is compiled meanwhile is said there."""
     from rich.console import Console  # noqa: PLC0415
     from rich.progress import Progress as Bars  # noqa: PLC0415
     from rich.progress import TaskID  # noqa: PLC0415
+
+    from rehab_opt.symbolic.compiled import tell_of_waiting  # noqa: PLC0415
 
     console = Console(stderr=True)
     with Bars(console=console, transient=True, disable=not console.is_terminal) as shown:
@@ -75,6 +77,16 @@ def bars() -> Iterator[Progress]:
             whole_known = whole if whole > 1 or done else None  # a law answers in one piece: its bar only moves
             shown.update(tasks[what], completed=done, total=whole_known)
 
+        @contextmanager
+        def compiling(name: str) -> Iterator[None]:
+            text = f"compiling {name}, once on this machine"
+            if not console.is_terminal:
+                print(f"rehab-opt: {text}", file=sys.stderr)
+            task = shown.add_task(text, total=None)
+            yield
+            shown.remove_task(task)
+
+        tell_of_waiting(compiling)
         yield progress
 
 

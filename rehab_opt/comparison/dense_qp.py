@@ -14,7 +14,7 @@ from rehab_opt.errors import ConfigurationError
 from rehab_opt.optim.backends import Answer
 from rehab_opt.optim.certificate import certificate_function, is_certified
 from rehab_opt.optim.qp import Instance, Statement, variable, within
-from rehab_opt.symbolic import BufferedFunction, compiled
+from rehab_opt.symbolic import BufferedFunction, Compile
 
 __all__ = ["LARGEST", "Certificate", "DenseQP", "dense_statement", "fits"]
 
@@ -66,7 +66,7 @@ class DenseQP:
     ----------
     equalities : rows whose bounds are equal in every tick, as a controller's statement knows them.
     tolerance : largest residual of an answer that the next solve starts from; after any other it starts from nothing.
-    compile : None follows `REHAB_OPT_COMPILE`.
+    compile : see `BufferedFunction`.
     """
 
     def __init__(
@@ -76,15 +76,16 @@ class DenseQP:
         *,
         equalities: Collection[int] = (),
         tolerance: float = 1e-8,
-        compile: bool | None = None,
+        compile: Compile = None,
     ) -> None:
         self.n, self.m, self._tolerance = n, m, tolerance
-        self._fused = BufferedFunction(compiled(dense_statement(n, m, equalities=equalities).fused, compile=compile))
+        fused = dense_statement(n, m, equalities=equalities).fused
+        self._fused = BufferedFunction(fused, compile="wait" if compile is None else compile)
         self._state = self._fused.inputs[1]
         self._start, self._data = self._state[: 2 * n + m], self._state[2 * n + m :]
 
     @classmethod
-    def of(cls, sequence: QPSequence, *, compile: bool | None = None) -> DenseQP:
+    def of(cls, sequence: QPSequence, *, compile: Compile = None) -> DenseQP:
         """For the QPs of a sequence."""
         equal = (sequence.rows_lower == sequence.rows_upper).all(axis=0)
         return cls(

@@ -16,6 +16,7 @@ from rehab_opt.optim.backends import TIGHT, Answer, Backend, answer_from, backen
 from rehab_opt.optim.certificate import is_certified
 from rehab_opt.optim.ladder import BACKUP
 from rehab_opt.optim.qp import Instance
+from rehab_opt.symbolic import Compile
 
 __all__ = ["KEPT", "Claim", "Entrant", "Solver", "entrants", "entrants_named"]
 
@@ -132,7 +133,7 @@ def by_qpsolvers(recorded: RecordedQPs, solver: str) -> Solver:
 
 
 class _Fused:
-    def __init__(self, sequence: QPSequence, *, compile: bool | None) -> None:
+    def __init__(self, sequence: QPSequence, *, compile: Compile) -> None:
         self._tolerance = sequence.tolerance
         self._qp = DenseQP.of(sequence, compile=compile)
 

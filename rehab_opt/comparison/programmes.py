@@ -15,7 +15,7 @@ from rehab_opt.comparison.nlp_instances import PLAN, NLPInstances, read_nlp_inst
 from rehab_opt.comparison.reference import ACCURACY, Reference
 from rehab_opt.optim.backends import Answer
 from rehab_opt.optim.nlp_solvers import nlp_solver
-from rehab_opt.symbolic import BufferedFunction
+from rehab_opt.symbolic import BufferedFunction, Compile
 
 __all__ = ["PREFIX", "PROGRAMME_ENTRANTS", "Programmes", "shipped_programmes"]
 
@@ -117,7 +117,7 @@ def by_casadi(programmes: Programmes, solver: str) -> Solver:
 class _Programme:
     def __init__(self, programmes: Programmes, solver: str) -> None:
         nlp = programmes.nlp
-        small = None if nlp.n <= COMPILED else False
+        small: Compile = "wait" if nlp.n <= COMPILED else False
         self._solver = nlp_solver(nlp, solver, tolerance=programmes.tolerance, compile=small)
 
     def prepared(self, instance: tuple[Array, Array]) -> Any:

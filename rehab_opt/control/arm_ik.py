@@ -21,6 +21,7 @@ from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.real_array import real_array
 from rehab_opt.optim.nlp import NLPAnswer
 from rehab_opt.optim.nlp_solvers import checked_name
+from rehab_opt.symbolic import Compile
 
 __all__ = ["ArmIK", "IKPath", "IKSolution"]
 
@@ -62,7 +63,7 @@ class ArmIK(OneThread):
     starts : starts of a cold solve, of which the best answer is kept.
     nearest_starts : starts of the search for the nearest reachable position.
     table_size : postures that starts are picked from; built with the first cold solve, a few tenths of a second.
-    compile : None follows `REHAB_OPT_COMPILE`. A new geometry compiles once, for about two seconds.
+    compile : see `BufferedFunction`; a new geometry compiles once, for two seconds.
 
     Raises
     ------
@@ -82,7 +83,7 @@ class ArmIK(OneThread):
         starts: int = 2,
         nearest_starts: int = 32,
         table_size: int = 4096,
-        compile: bool | None = None,
+        compile: Compile = None,
     ) -> None:
         if not isinstance(arm, SerialChain):
             raise ConfigurationError("arm", arm, "a SerialChain")

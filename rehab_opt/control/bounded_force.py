@@ -21,6 +21,7 @@ from rehab_opt.errors import ConfigurationError
 from rehab_opt.optim.fused import FUSED_SOLVERS
 from rehab_opt.optim.ladder import FUSED, Ladder
 from rehab_opt.optim.qp import Instance, Statement
+from rehab_opt.symbolic import Compile
 
 if TYPE_CHECKING:
     import qpsolvers
@@ -51,7 +52,7 @@ class ForceBounds(TypedDict, total=False):
     solver: str
     backup: str | None
     tolerance: float
-    compile: bool | None
+    compile: Compile
 
 
 class BoundedForce(OneThread):
@@ -112,7 +113,7 @@ class BoundedForce(OneThread):
         solver: str = FUSED,
         backup: str | None = None,
         tolerance: float = 1e-8,
-        compile: bool | None = None,
+        compile: Compile = None,
     ) -> None:
         if not callable(wanted):
             raise ConfigurationError("wanted", wanted, "a function of place and velocity, a WantedForce")
@@ -140,8 +141,8 @@ class BoundedForce(OneThread):
         self.stated = self.statement()
         self._ladder = ladder = Ladder(self.stated, solver=solver, backup=backup, tolerance=tolerance, compile=compile)
         self._fused, self.tolerance = solver == FUSED, tolerance
-        self._evaluate, self._verdict, self._keep, self._answer = (
-            ladder.evaluate,
+        self._function, self._verdict, self._keep, self._answer = (
+            ladder.function,
             ladder.verdict,
             ladder.keep,
             ladder.answer,
@@ -245,7 +246,7 @@ class BoundedForce(OneThread):
         if self._fused:  # the usual way, without the layers of Python
             verdict = self._verdict
             verdict[0] = _NAN  # see `Ladder`
-            self._evaluate()
+            self._function.evaluate()
             residual, _, who, holds = verdict.tolist()
             if 0.0 <= residual <= self.tolerance and holds:
                 self._keep[:] = self._answer

@@ -18,7 +18,7 @@ from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 from rehab_opt.optim.certificate import all_true
 from rehab_opt.optim.factor import symmetric
 from rehab_opt.optim.qp import PLAUSIBLE, Row, Statement, equal, parameter, variable, within
-from rehab_opt.symbolic import BufferedFunction
+from rehab_opt.symbolic import BufferedFunction, Compile
 
 __all__ = ["ChairAndArm", "Drive"]
 
@@ -94,7 +94,7 @@ class ChairAndArm(VelocityController):
         backup: str | None,
         tolerance: float,
         max_age: float | None,
-        compile: bool | None,
+        compile: Compile,
     ) -> None:
         self.robot, self.rows, self.drive, self.slots = robot, rows, drive, slots
         self.wheelset = getattr(robot, drive)

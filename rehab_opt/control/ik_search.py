@@ -14,6 +14,7 @@ from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.optim.nlp import NLP, NLPAnswer
 from rehab_opt.optim.nlp_solvers import NLPSolver, nlp_solver
 from rehab_opt.optim.nlp_sqp import SQP
+from rehab_opt.symbolic import Compile
 
 __all__ = ["POSITION_TOLERANCE", "IKSearch", "within_reason"]
 
@@ -60,7 +61,7 @@ class IKSearch:
         starts: int,
         nearest_starts: int,
         table_size: int,
-        compile: bool | None,
+        compile: Compile,
     ) -> None:
         self.arm, self.handle_tilt, self.rest = arm, handle_tilt, rest
         self.starts, self.nearest_starts, self.table_size = starts, nearest_starts, table_size

@@ -30,7 +30,7 @@ from rehab_opt.control.velocity_controller import checked_number
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.optim.fused import FUSED_SOLVERS
-from rehab_opt.symbolic import BufferedFunction, compiled
+from rehab_opt.symbolic import BufferedFunction, Compile
 
 __all__ = ["MirrorTracker"]
 
@@ -106,7 +106,7 @@ class MirrorTracker(MirrorForeseen):
         largest: float | None = None,
         dt: float = 0.001,
         return_speed: float = 0.1,
-        compile: bool | None = None,
+        compile: Compile = None,
         **options: Any,
     ) -> None:
         if not isinstance(chain, SerialChain):
@@ -146,7 +146,7 @@ class MirrorTracker(MirrorForeseen):
         self._audit = BufferedFunction(self._auditing())
         symbol = ca.SX.sym("q", self.chain.n)
         tool = ca.Function("tool", [symbol], [ca.densify(self.chain.pose_expression(symbol))], {"cse": True})
-        self._tool = BufferedFunction(compiled(tool, compile=compile))
+        self._tool = BufferedFunction(tool, compile=compile)
         self._moving = BufferedFunction(moving_tool_function(self.chain))
         self._rigid = BufferedFunction(rigid_function())
         self.clock = ReferenceClock(dt, linear_speed=BRIDGE * linear_speed, angular_speed=BRIDGE * angular_speed)
@@ -239,7 +239,7 @@ class MirrorTracker(MirrorForeseen):
         reason = "" if enable is True and stamp is None and not self._watchdog.stamped else self._refusal(enable, stamp)
         if usual and not reason:
             verdict[0] = _NAN  # see `Ladder`: a failure inside leaves the outputs as they are
-            self._evaluate()
+            self._function.evaluate()
             residual, _, who, yielded, scale, usual, _, _, then, _ = verdict.tolist()
             if usual and 0.0 <= residual <= self.tolerance:
                 self._then = then

@@ -130,7 +130,7 @@ class MirrorForeseen(MirrorFollowing):
         pose_view[:] = self._flat[k]
         twist_view[:] = laid.twists[k]
         verdict[0] = _NAN  # see `Ladder`: a failure inside leaves the outputs as they are
-        self._evaluate()
+        self._function.evaluate()
         residual, _, who, yielded, share, usual, _, _, then, _ = verdict.tolist()
         if not (usual and 0.0 <= residual <= self.tolerance):
             return None

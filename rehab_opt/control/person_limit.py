@@ -11,7 +11,7 @@ from rehab_opt.control.between_poses import moving_tool_function
 from rehab_opt.control.pose_tracker import PoseTracker
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain, rigid
-from rehab_opt.symbolic import BufferedFunction
+from rehab_opt.symbolic import BufferedFunction, Compile
 
 __all__ = ["PersonLimit"]
 
@@ -48,7 +48,7 @@ class PersonLimit:
         grip: ArrayLike,
         dt: float,
         backup: str | None = None,
-        compile: bool | None = None,
+        compile: Compile = None,
     ) -> None:
         if not isinstance(person, SerialChain) or not np.all(np.isfinite([person.lower, person.upper])):
             raise ConfigurationError("person", person, "a SerialChain with finite joint limits")

@@ -18,6 +18,7 @@ from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain, per_joint
 from rehab_opt.kinematics.frames import is_rigid, rotation_vector
 from rehab_opt.optim.qp import Statement, parameter, variable, within
+from rehab_opt.symbolic import Compile
 
 __all__ = ["Motion", "PoseTracker", "Tick"]
 
@@ -101,7 +102,7 @@ class PoseTracker(VelocityController):
     return_speed : share of the velocity limit at which a joint outside its limits comes back.
     solver, backup : see `Ladder`. tolerance : largest certificate residual accepted [the statement's units].
     max_age : [s] see `Watchdog`.
-    compile : None follows `REHAB_OPT_COMPILE`.
+    compile : see `BufferedFunction`.
 
     Raises
     ------
@@ -131,7 +132,7 @@ class PoseTracker(VelocityController):
         backup: str | None = None,
         tolerance: float = 1e-8,
         max_age: float | None = None,
-        compile: bool | None = None,
+        compile: Compile = None,
     ) -> None:
         self.gain = checked_number("gain", gain, above=0.0)
         self.linear_speed = checked_number("linear_speed", linear_speed, above=0.0)

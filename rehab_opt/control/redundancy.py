@@ -22,6 +22,7 @@ from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import per_joint
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 from rehab_opt.optim.qp import Instance
+from rehab_opt.symbolic import Compile
 
 if TYPE_CHECKING:
     import qpsolvers
@@ -74,7 +75,7 @@ class RedundancyResolver(OneThread):
     return_speed : share of the velocity limit at which a joint outside its limits comes back at most.
     solver, backup : see `Ladder`. tolerance : largest certificate residual accepted [m/s, rad/s].
     max_age : [s] see `Watchdog`.
-    compile : None follows `REHAB_OPT_COMPILE`.
+    compile : see `BufferedFunction`.
 
     Raises
     ------
@@ -97,7 +98,7 @@ class RedundancyResolver(OneThread):
         backup: str | None = None,
         tolerance: float = 1e-8,
         max_age: float | None = None,
-        compile: bool | None = None,
+        compile: Compile = None,
     ) -> None:
         if not isinstance(robot, MobileArm):
             raise ConfigurationError("robot", robot, "a MobileArm, as ardis() makes")
@@ -315,7 +316,7 @@ class RedundancyResolver(OneThread):
             chosen.take_over(self._active)
         return chosen, (joints, asked, np.array([world]), self._numbers)[: 4 if self._places else 3]
 
-    def _prepare(self, rows: tuple[str, ...], *, compile: bool | None) -> ChairAndArm:
+    def _prepare(self, rows: tuple[str, ...], *, compile: Compile) -> ChairAndArm:
         chosen = ChairAndArm(self.robot, rows, compile=compile, **self._options)  # type: ignore[arg-type]
         chosen.tell_obstacles(self._numbers)
         self._sets[rows] = chosen

@@ -22,7 +22,7 @@ from rehab_opt.optim.certificate import clipped
 from rehab_opt.optim.fused import FUSED_SOLVERS
 from rehab_opt.optim.ladder import FUSED, Ladder
 from rehab_opt.optim.qp import PLAUSIBLE, Instance, Statement
-from rehab_opt.symbolic import BufferedFunction
+from rehab_opt.symbolic import BufferedFunction, Compile
 
 __all__ = ["VelocityController", "checked_number", "real_numbers"]
 
@@ -60,7 +60,7 @@ class VelocityController(OneThread, ABC):
         backup: str | None,
         tolerance: float,
         max_age: float | None,
-        compile: bool | None,
+        compile: Compile,
     ) -> None:
         if not isinstance(chain, SerialChain):
             raise ConfigurationError("chain", chain, "a SerialChain")
@@ -76,7 +76,7 @@ class VelocityController(OneThread, ABC):
         first, *others = np.split(ladder.parameters, ends[:-1])
         self._q = first
         self._inputs = tuple(part.reshape(shape) for part, shape in zip(others, self.shapes, strict=True))
-        self._fused, self._evaluate, self._verdict = solver == FUSED, ladder.evaluate, ladder.verdict
+        self._fused, self._function, self._verdict = solver == FUSED, ladder.function, ladder.verdict
         self._keep, self._answer = ladder.keep, ladder.answer
         self._views = tuple(part.data for part in (first, *others))
         self._names = tuple(symbol[0].name().rsplit("_", 1)[0] for symbol in self.stated.parameters)
@@ -187,7 +187,7 @@ class VelocityController(OneThread, ABC):
         if self._fused:  # the usual way, without the layers of Python: they would cost as much as the solve
             verdict = self._verdict
             verdict[0] = _NAN  # see `Ladder`: a failure inside leaves the outputs as they are
-            self._evaluate()
+            self._function.evaluate()
             residual, _, who, yielded, scale = verdict.tolist()
             if 0.0 <= residual <= self.tolerance:
                 self._keep[:] = self._answer

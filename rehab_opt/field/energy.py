@@ -18,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.field.samples import Samples
-from rehab_opt.symbolic import BufferedFunction, PerThread, compiled
+from rehab_opt.symbolic import BufferedFunction, Compile, PerThread
+from rehab_opt.symbolic.compiled import how
 
 __all__ = ["Kernel", "field_function", "field_function_in_blocks", "field_kernel", "field_table", "filled_up"]
 
@@ -29,7 +30,7 @@ ABSENT = -1e300
 
 
 class Kernel(NamedTuple):
-    """Write `point` (2,) [m], call `evaluate`, read `energy` (1,) [J] and the elastic `force` (2,) [N].
+    """Write `point` (2,) [m], call `function`'s evaluate, read `energy` (1,) [J] and the elastic `force` (2,) [N].
 
     Memory views: assigning and reading through them costs half of numpy's.
     """
@@ -37,24 +38,22 @@ class Kernel(NamedTuple):
     point: Any
     energy: Any
     force: Any
-    evaluate: Any
-    owner: BufferedFunction
-    """`evaluate` lives by it."""
+    function: BufferedFunction
 
 
-def field_kernel(samples: Samples, width: float, *, compile: bool | None = None) -> PerThread[Kernel]:
-    """What evaluates a field at one point, with memory for each thread that asks; compiled here, once."""
+def field_kernel(samples: Samples, width: float, *, compile: Compile = None) -> PerThread[Kernel]:
+    """What evaluates a field at one point, with memory for each thread that asks."""
     count, table = len(samples.points), field_table(samples)
     in_blocks = field_function_in_blocks(len(table))
-    function, arranged = compiled(in_blocks, compile=compile), table.T
-    if function is in_blocks:  # not compiled: the virtual machine is better at few operations on long columns
+    function, arranged = in_blocks, table.T
+    if how(compile) == "no":  # the virtual machine is better at few operations on long columns
         function, arranged = field_function(count), table[:count]
 
     def kernel() -> Kernel:
-        owner = BufferedFunction(function)
+        owner = BufferedFunction(function, compile=compile)
         point, owner.inputs[1][...], owner.inputs[2][...] = owner.inputs[0], arranged, 1 / width**2
         energy, force = owner.outputs
-        return Kernel(point.data, energy.data, force.data, owner.evaluate, owner)
+        return Kernel(point.data, energy.data, force.data, owner)
 
     return PerThread(kernel)
 

@@ -22,6 +22,7 @@ from rehab_opt.optim.backends import backend
 from rehab_opt.optim.certificate import certificate_function, is_certified
 from rehab_opt.optim.qp import Instance
 from rehab_opt.optim.witness import witness_now
+from rehab_opt.symbolic import Compile
 
 __all__ = ["learnt_field"]
 
@@ -100,7 +101,7 @@ def learnt_field(
     rest_on_target: bool = True,
     spacing: float | None = None,
     solvers: Sequence[str] = ("daqp", "proxqp", "osqp"),
-    compile: bool | None = None,
+    compile: Compile = None,
 ) -> PotentialField:
     """The field whose forces are nearest to the recorded ones; its `fit` says how near.
 
@@ -171,7 +172,7 @@ class Task(NamedTuple):
     regularisation: float
     rest_on_target: bool
     solvers: tuple[str, ...]
-    compile: bool | None
+    compile: Compile
     widths: int
 
 

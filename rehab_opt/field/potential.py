@@ -20,7 +20,7 @@ from rehab_opt.field.weights import energies_and_forces, stiffness_at
 
 if TYPE_CHECKING:
     from rehab_opt.field.fit import Fit
-    from rehab_opt.symbolic import PerThread
+    from rehab_opt.symbolic import Compile, PerThread
 
 __all__ = ["SAMPLES_PER_WIDTH", "PotentialField"]
 
@@ -57,7 +57,7 @@ class PotentialField:
     rest_on_target : continue the path beyond its ends so that the force at its target is zero (see `continuation`);
         False is the published field, which rests up to a sigma short of it.
     spacing : [m] between samples along the path; a quarter of the width by default.
-    compile : None follows `REHAB_OPT_COMPILE`.
+    compile : see `BufferedFunction`.
 
     Raises
     ------
@@ -81,7 +81,7 @@ class PotentialField:
         drag_along: DragAlong = "remaining",
         rest_on_target: bool = True,
         spacing: float | None = None,
-        compile: bool | None = None,
+        compile: Compile = None,
     ) -> None:
         given = checked_paths(path)
         width = positive("width", width)
@@ -111,7 +111,7 @@ class PotentialField:
         width: float,
         damping: ArrayLike = 0.0,
         rest_on_target: bool = True,
-        compile: bool | None = None,
+        compile: Compile = None,
     ) -> PotentialField:
         """From phi_0 (m,) [J] and S (m, 2) [N/m] of every sample of the paths; `drag` is NaN.
 
@@ -138,7 +138,7 @@ class PotentialField:
         damping: ArrayLike,
         drag_along: DragAlong,
         rest_on_target: bool,
-        compile: bool | None,
+        compile: Compile,
     ) -> None:
         self.paths = tuple(paths)
         self.width = width
@@ -206,10 +206,10 @@ class PotentialField:
 
     def pull(self, x: float, y: float) -> tuple[float, float]:
         """-grad Phi [N] at one point, for a control loop."""
-        point, _, elastic, evaluate, _ = self._kernel.mine
+        point, _, elastic, function = self._kernel.mine
         point[0] = x
         point[1] = y
-        evaluate()
+        function.evaluate()
         return elastic[0], elastic[1]
 
     def stiffness(self, x: ArrayLike) -> Array:

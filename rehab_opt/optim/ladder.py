@@ -14,7 +14,7 @@ from rehab_opt.optim.certificate import is_certified
 from rehab_opt.optim.fused import FUSED_SOLVERS
 from rehab_opt.optim.qp import Instance, Statement
 from rehab_opt.optim.witness import witness_now
-from rehab_opt.symbolic import BufferedFunction, compiled
+from rehab_opt.symbolic import BufferedFunction, Compile
 
 if TYPE_CHECKING:
     from rehab_opt.optim.backends import Backend
@@ -43,19 +43,19 @@ class Ladder:
     solver, backup : "qrqp" (fused), "proxqp" or "osqp" (kept alive), "daqp", or any solver known to qpsolvers. Backup
         None is daqp, and qrqp behind daqp.
     tolerance : largest certificate residual that is accepted, in the statement's units.
-    compile : None follows `REHAB_OPT_COMPILE`.
+    compile : see `BufferedFunction`.
     """
 
     def __init__(
-        self, statement: Statement, *, solver: str, backup: str | None, tolerance: float, compile: bool | None = None
+        self, statement: Statement, *, solver: str, backup: str | None, tolerance: float, compile: Compile = None
     ) -> None:
         if not (isinstance(tolerance, float) and 0 < tolerance < 1):
             raise ConfigurationError("tolerance", tolerance, "a number between 0 and 1")
         if backup is None:
             backup = BACKUP if solver != BACKUP else FUSED
         self.statement, self.solver, self.backup, self.tolerance = statement, solver, backup, tolerance
-        self._buffers = fused = BufferedFunction(compiled(statement.fused, compile=compile))
-        self.evaluate = fused.evaluate  # its memory belongs to `_buffers`
+        self.function = fused = BufferedFunction(statement.fused, compile=compile)
+        """The whole tick; what it evaluates may be exchanged between two ticks."""
         self.parameters, self.state = fused.inputs
         self._answer, self._verdict = fused.outputs
         self.residual, self.sound, self.report = self._verdict[:1], self._verdict[1:2], self._verdict[3:]
@@ -70,9 +70,9 @@ class Ladder:
         # The parts are made now: a first failure in the loop must not wait for a compiler. They are compiled only
         # where they serve the primary solver.
         parts = (statement.complete, statement.build, statement.certify, statement.finish)
-        wanted = compile if solver != FUSED else False
+        wanted: Compile = compile if solver != FUSED else False
         self._complete, self._build, self._certify, self._finish = (
-            BufferedFunction(compiled(part, compile=wanted)) for part in parts
+            BufferedFunction(part, compile=wanted) for part in parts
         )
 
     def __call__(self) -> str:
@@ -81,7 +81,7 @@ class Ladder:
             self._met()
             return self.solver if self._solve_by(self.solver) else self.climb()
         self.verdict[0] = math.nan
-        self.evaluate()
+        self.function.evaluate()
         if 0.0 <= self.verdict[0] <= self.tolerance:
             self.keep[:] = self.answer
             return FUSED_SOLVERS[int(self.verdict[2])]
@@ -137,13 +137,13 @@ class Ladder:
             return self.parameters, self.memory
 
         self._met = witness.watched(_nobody, stream, values, unless=lambda: self._same_problem)
-        self.evaluate = witness.watched(self._buffers.evaluate, stream, values, unless=lambda: self._same_problem)
+        self.function.surround(lambda call: witness.watched(call, stream, values, unless=lambda: self._same_problem))
 
     def _solve_by(self, name: str) -> bool:
         if name == FUSED:
             self.iterations = -1
             self.verdict[0] = math.nan
-            self.evaluate()
+            self.function.evaluate()
         else:
             self._solve_apart(name)
         certified = is_certified(self.verdict[0], self.tolerance)

@@ -14,7 +14,7 @@ from rehab_opt.optim.nlp import NLP, PLAUSIBLE, NLPAnswer
 from rehab_opt.optim.nlp_hessian import convexified
 from rehab_opt.optim.nlp_sqp import SQP
 from rehab_opt.optim.qrqp import qrqp_options, with_spare_room
-from rehab_opt.symbolic import BufferedFunction, compiled
+from rehab_opt.symbolic import BufferedFunction, Compile, compiled
 
 __all__ = ["NLPSolver", "checked_name", "nlp_solver"]
 
@@ -39,7 +39,7 @@ def nlp_solver(
     *,
     tolerance: float = 1e-9,
     max_iterations: int | None = None,
-    compile: bool | None = None,
+    compile: Compile = None,
 ) -> SQP | NLPSolver:
     """Solver of `nlp`: "sqp" (ours, fused), "ipopt", "fatrop", "sqpmethod", or another `nlpsol` plugin by name."""
     cap: dict[str, Any] = {} if max_iterations is None else {"max_iterations": max_iterations}
@@ -59,7 +59,7 @@ class NLPSolver:
     name : "ipopt", "fatrop", "sqpmethod" (with qrqp and a convexified Hessian), or another plugin, at its defaults.
     tolerance : largest certificate residual that is accepted.
     max_iterations : cap on iterations; CasADi's exact-Hessian sqpmethod was seen to run for half a second without.
-    compile : whether sqpmethod, which generates C, is compiled; None follows `REHAB_OPT_COMPILE`.
+    compile : whether sqpmethod, which generates C, is compiled, which is waited for; see `compiled`.
 
     Raises
     ------
@@ -73,7 +73,7 @@ class NLPSolver:
         *,
         tolerance: float = 1e-9,
         max_iterations: int = 200,
-        compile: bool | None = None,
+        compile: Compile = None,
     ) -> None:
         checked_name("solver", name)
         if not 0 < tolerance < 1:

@@ -17,7 +17,7 @@ from rehab_opt.optim.nlp_hessian import model
 from rehab_opt.optim.qp import Instance
 from rehab_opt.optim.qrqp import qrqp
 from rehab_opt.optim.witness import witness_now
-from rehab_opt.symbolic import BufferedFunction, compiled
+from rehab_opt.symbolic import BufferedFunction, Compile
 
 __all__ = ["SQP"]
 
@@ -41,7 +41,7 @@ class SQP:
     tolerance : largest certificate residual that is accepted.
     max_iterations : cap on iterations.
     radius : largest change of a variable in one iteration, in the variables' units.
-    compile : None follows `REHAB_OPT_COMPILE`.
+    compile : see `BufferedFunction`.
     """
 
     name = "sqp"
@@ -53,7 +53,7 @@ class SQP:
         tolerance: float = 1e-9,
         max_iterations: int = 25,
         radius: float = 1.0,
-        compile: bool | None = None,
+        compile: Compile = None,
     ) -> None:
         if not 0 < tolerance < 1:
             raise ConfigurationError("tolerance", tolerance, "a number between 0 and 1")
@@ -62,7 +62,7 @@ class SQP:
         if not radius > 0:
             raise ConfigurationError("radius", radius, "a positive number")
         self.nlp, self.tolerance, self.max_iterations = nlp, float(tolerance), int(max_iterations)
-        self._step = BufferedFunction(compiled(step_function(nlp), compile=compile))
+        self._step = BufferedFunction(step_function(nlp), compile=compile)
         self.parameters, self._x, self._multipliers, self._radius = self._step.inputs
         self._radius[:] = radius
         self._next_x, self._next_multipliers, cost, residual, violation, self._report = self._step.outputs

@@ -1,7 +1,7 @@
 """CasADi expressions to fast numbers: preallocated buffers, for each thread its own, and a cache of compiled code."""
 
 from rehab_opt.symbolic.buffered import BufferedFunction
-from rehab_opt.symbolic.compiled import compiled
+from rehab_opt.symbolic.compiled import Compile, compiled
 from rehab_opt.symbolic.shared import Evaluator, PerThread
 
-__all__ = ["BufferedFunction", "Evaluator", "PerThread", "compiled"]
+__all__ = ["BufferedFunction", "Compile", "Evaluator", "PerThread", "compiled"]

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import threading
+import weakref
+from collections.abc import Callable
 from typing import Any
 
 import casadi as ca
@@ -9,10 +12,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import SharingError
+from rehab_opt.symbolic.compiled import Compile, machine_code
 
 __all__ = ["BufferedFunction"]
 
 Array = NDArray[np.float64]
+Call = Callable[[], None]
+_exchanging = threading.Lock()
 
 
 class BufferedFunction:
@@ -23,24 +29,50 @@ class BufferedFunction:
     Parameters
     ----------
     function : dense inputs and outputs; a column becomes an array (n,), anything else (rows, columns).
+    compile : False evaluates `function` as it is. None compiles it in the background, or as `REHAB_OPT_COMPILE` says:
+        the virtual machine answers until the code is there, from then on that does, between two calls and with the same
+        numbers to rounding. "wait" waits for it.
 
     Attributes
     ----------
-    evaluate : what a call does, without the layer of Python; valid only as long as this object lives.
+    evaluate : what a call does, without the layer of Python; ask for it anew in each tick, since it may be exchanged.
+    function : what is evaluated now.
     """
 
-    __slots__ = ("_buffer", "evaluate", "function", "inputs", "outputs")
+    __slots__ = ("__weakref__", "_around", "_buffers", "evaluate", "function", "inputs", "outputs")
 
-    def __init__(self, function: ca.Function) -> None:
-        self.function = function
-        self._buffer, self.evaluate = function.buffer()
+    evaluate: Call
+
+    def __init__(self, function: ca.Function, *, compile: Compile = False) -> None:
         self.inputs = tuple(_dense(function.sparsity_in(i)) for i in range(function.n_in()))
         self.outputs = tuple(_dense(function.sparsity_out(i)) for i in range(function.n_out()))
+        self._around: Callable[[Call], Call] | None = None
+        self._buffers: list[Any] = []
+        """Also of what was exchanged: another thread may be inside it."""
+        self._take(function)
+        if compile is not False:
+            quick = machine_code(function, compile=compile, ready=weakref.WeakMethod(self._take))
+            if quick is not function:
+                self._take(quick)
+
+    def _take(self, function: ca.Function) -> None:
+        """Evaluate this one from now on, on the same arrays."""
+        buffer, evaluate = function.buffer()
         # CasADi's stub asks for a size too, which a memoryview carries.
         for i, array in enumerate(self.inputs):
-            self._buffer.set_arg(i, array.reshape(-1, order="F").data)  # type: ignore[call-arg]
+            buffer.set_arg(i, array.reshape(-1, order="F").data)  # type: ignore[call-arg]
         for i, array in enumerate(self.outputs):
-            self._buffer.set_res(i, array.reshape(-1, order="F").data)  # type: ignore[call-arg]
+            buffer.set_res(i, array.reshape(-1, order="F").data)  # type: ignore[call-arg]
+        with _exchanging:
+            self._buffers.append((buffer, function))
+            self.function = function
+            self.evaluate = evaluate if self._around is None else self._around(evaluate)
+
+    def surround(self, around: Callable[[Call], Call]) -> None:
+        """Put something around every call from now on."""
+        with _exchanging:
+            self._around = around
+            self.evaluate = around(self.evaluate)
 
     def __call__(self) -> None:
         """Evaluate on what stands in `inputs`."""

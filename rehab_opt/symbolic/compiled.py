@@ -1,6 +1,7 @@
 """CasADi functions as machine code, kept in the user's cache folder; the virtual machine where that is not possible.
 
-`REHAB_OPT_COMPILE=0` forces the virtual machine, `REHAB_OPT_CACHE` names another cache folder, `CC` another compiler.
+`REHAB_OPT_COMPILE=0` forces the virtual machine, `REHAB_OPT_COMPILE=wait` lets every construction wait for its code,
+`REHAB_OPT_CACHE` names another cache folder, `CC` another compiler.
 What is loaded runs: a folder that others may write to is not used, and neither is a library that another user owns.
 """
 
@@ -15,14 +16,23 @@ import platform
 import shutil
 import subprocess
 import tempfile
+import weakref
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
+from typing import Literal, NamedTuple
 
 import casadi as ca
 
+from rehab_opt.errors import ConfigurationError
+from rehab_opt.symbolic.background import idle, later
 from rehab_opt.symbolic.failed_solves import going_on_after_failed_solves
 from rehab_opt.symbolic.own_folder import exposed, make_private, owned
 
-__all__ = ["cache_folder", "compilation_wanted", "compiled"]
+__all__ = ["Compile", "cache_folder", "compilation_wanted", "compiled", "how", "machine_code", "tell_of_waiting"]
+
+Compile = Literal["wait", False] | None
+"""None: as `REHAB_OPT_COMPILE` says, in the background where it says nothing; "wait": before all else; False: never."""
 
 # No -ffast-math: it removes NaN checks. No contraction to fused multiply-adds and no -march=native, so that the
 # virtual machine gives the same numbers and a cache shared by machines holds code that runs on each of them. In
@@ -44,8 +54,16 @@ COMPILE_SECONDS = 300.0
 _log = logging.getLogger(__name__)
 
 
-def compiled(function: ca.Function, *, compile: bool | None = None) -> ca.Function:
-    """`function` as machine code where a compiler is present, unchanged where not.
+_waiting: list[Callable[[str], AbstractContextManager[object]]] = []
+
+
+def tell_of_waiting(around: Callable[[str], AbstractContextManager[object]]) -> None:
+    """Enter `around` with the function's name while a compiler is waited for: the command line says so there."""
+    _waiting[:] = [around]
+
+
+def compiled(function: ca.Function, *, compile: Compile = None) -> ca.Function:
+    """`function` as machine code, waited for, where a compiler is present; unchanged where not.
 
     Parameters
     ----------
@@ -56,29 +74,95 @@ def compiled(function: ca.Function, *, compile: bool | None = None) -> ca.Functi
     -------
     A function of the same name, shapes and, to rounding, the same results.
     """
+    code = None if how(compile) == "no" else _code_of(function)
+    return function if code is None else _attempt(code, hurry=True) or function
+
+
+def machine_code(
+    function: ca.Function, *, compile: Compile = None, ready: weakref.WeakMethod[Callable[[ca.Function], None]]
+) -> ca.Function:
+    """`function` as machine code if it is in the cache or waited for; else unchanged, and `ready` is told it later.
+
+    It is told by another thread, and not at all where its object is gone by then or nothing could be compiled.
+    """
+    wanted = how(compile)
+    if wanted != "background":
+        return compiled(function, compile=compile)
+    code = _code_of(function)
+    if code is None:
+        return function
+    known = _attempt(code, build=False)
+    if known is not None:
+        return known
+
+    def build() -> None:
+        if ready() is None:
+            return
+        result, listener = _attempt(code), ready()
+        if result is not None and listener is not None:
+            listener(result)
+
+    later(build)
+    return function
+
+
+def how(compile: Compile) -> Literal["no", "background", "wait"]:
+    """What the argument `compile` asks for, and `REHAB_OPT_COMPILE`.
+
+    Raises
+    ------
+    ConfigurationError : the argument is none of those.
+    """
+    if not (compile is None or compile is False or compile == "wait"):
+        raise ConfigurationError("compile", compile, 'None, "wait" or False')
     if compile is False or not compilation_wanted():
-        return function
-    compiler = _compiler()
-    if compiler is None:
-        _log.info("no C compiler: %s stays in the virtual machine", function.name())
-        return function
-    generator = ca.CodeGenerator(function.name())
-    generator.add(function)
-    source = going_on_after_failed_solves(generator.dump())
-    key = hashlib.sha256("\0".join((source, compiler[1], *FLAGS, platform.machine())).encode()).hexdigest()[:32]
-    name, result = f"{function.name()}-{key}", function
-    try:
-        folder = _folder()
-        library = _cached(folder, name) or _build(folder, source, compiler[0], name)
-        result = ca.external(function.name(), str(library))
-    except (OSError, subprocess.SubprocessError, RuntimeError) as problem:
-        _log.info("%s stays in the virtual machine: %s", function.name(), problem)
-    return result
+        return "no"
+    return "wait" if compile == "wait" or _said() == "wait" else "background"
 
 
 def compilation_wanted() -> bool:
     """What `REHAB_OPT_COMPILE` says: everything but 0, no, off and false means yes."""
-    return os.environ.get("REHAB_OPT_COMPILE", "1").strip().lower() not in {"0", "no", "off", "false"}
+    return _said() not in {"0", "no", "off", "false"}
+
+
+def _said() -> str:
+    return os.environ.get("REHAB_OPT_COMPILE", "1").strip().lower()
+
+
+class _Code(NamedTuple):
+    """C, and where its library goes."""
+
+    function: str
+    source: str
+    compiler: str
+    name: str
+
+
+@functools.lru_cache(maxsize=8)
+def _code_of(function: ca.Function) -> _Code | None:
+    compiler = _compiler()
+    if compiler is None:
+        _log.info("no C compiler: %s stays in the virtual machine", function.name())
+        return None
+    generator = ca.CodeGenerator(function.name())
+    generator.add(function)
+    source = going_on_after_failed_solves(generator.dump())
+    key = hashlib.sha256("\0".join((source, compiler[1], *FLAGS, platform.machine())).encode()).hexdigest()[:32]
+    return _Code(function.name(), source, compiler[0], f"{function.name()}-{key}")
+
+
+def _attempt(code: _Code, *, build: bool = True, hurry: bool = False) -> ca.Function | None:
+    """The function from the cache, or built; None where it is not there or that failed."""
+    try:
+        folder = _folder()
+        library = _cached(folder, code.name)
+        if library is None and build:
+            with _waiting[0](code.function) if hurry and _waiting else nullcontext():
+                library = _build(folder, code, hurry=hurry)
+        return None if library is None else ca.external(code.function, str(library))
+    except (OSError, subprocess.SubprocessError, RuntimeError) as problem:
+        _log.info("%s stays in the virtual machine: %s", code.function, problem)
+    return None
 
 
 def cache_folder() -> Path:
@@ -148,19 +232,18 @@ def _without_links(path: str, flags: int) -> int:
     return os.open(path, flags | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0))
 
 
-def _build(folder: Path, source: str, compiler: str, name: str) -> Path:
+def _build(folder: Path, code: _Code, *, hurry: bool) -> Path:
     """Compile beside the target and move it there in one step: two processes may build at once."""
     with tempfile.TemporaryDirectory(dir=folder) as workplace:
-        code, product = Path(workplace) / "code.c", Path(workplace) / "code.so"
-        code.write_text(source)
-        subprocess.run(
-            [compiler, *FLAGS, str(code), "-o", str(product), "-lm"],
-            check=True,
-            capture_output=True,
-            timeout=COMPILE_SECONDS,
-        )
+        written, product = Path(workplace) / "code.c", Path(workplace) / "code.so"
+        written.write_text(code.source)
+        command = [code.compiler, *FLAGS, str(written), "-o", str(product), "-lm"]
+        if hurry:
+            subprocess.run(command, check=True, capture_output=True, timeout=COMPILE_SECONDS)
+        else:
+            idle(command)
         product.chmod(0o700)  # whatever the umask: see `_digest`
-        return product.replace(folder / f"{name}-{_digest(product)}.so")
+        return product.replace(folder / f"{code.name}-{_digest(product)}.so")
 
 
 @functools.cache

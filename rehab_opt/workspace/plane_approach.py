@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.symbolic import BufferedFunction, compiled
+from rehab_opt.symbolic import BufferedFunction, Compile
 from rehab_opt.workspace.plane_statement import PlaneStatement
 
 __all__ = ["PlaneApproach"]
@@ -38,7 +38,7 @@ class PlaneApproach:
     compile : as for `SQP`.
     """
 
-    def __init__(self, statement: PlaneStatement, *, compile: bool | None = None) -> None:
+    def __init__(self, statement: PlaneStatement, *, compile: Compile = None) -> None:
         k = len(statement.free)
         x, damping, p = ca.SX.sym("x", k), ca.SX.sym("damping"), ca.SX.sym("p", statement.approach.size1_in(1))
         off = statement.approach(x, p)
@@ -52,7 +52,7 @@ class PlaneApproach:
         costs = [ca.sumsqr(off), ca.sumsqr(statement.approach(taken, p))]
         outputs = [ca.densify(taken), *map(ca.densify, costs)]
         function = ca.Function("plane_approach_step", [x, damping, p], outputs, {"cse": True})
-        self._step = BufferedFunction(compiled(function, compile=compile))
+        self._step = BufferedFunction(function, compile=compile)
 
     def near(self, parameters: Array, start: Array) -> Array:
         """(k,) a posture, from `start` (k,), that is near the slice and the probe; parameters as of `nearest`."""

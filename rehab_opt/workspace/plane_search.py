@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from rehab_opt.optim.nlp import NLPAnswer
 from rehab_opt.optim.nlp_solvers import NLPSolver, nlp_solver
 from rehab_opt.optim.nlp_sqp import SQP
+from rehab_opt.symbolic import Compile
 from rehab_opt.workspace.plane_approach import PlaneApproach
 from rehab_opt.workspace.plane_statement import PlaneStatement
 from rehab_opt.workspace.spread import spread_postures
@@ -55,7 +56,7 @@ class PlaneSearch:
         minimum, and of those that ended off the plane or with a tilted handle.
     """
 
-    def __init__(self, statement: PlaneStatement, *, height: float, compile: bool | None = None) -> None:
+    def __init__(self, statement: PlaneStatement, *, height: float, compile: Compile = None) -> None:
         self.statement, self.height, self._compile = statement, height, compile
         self._sqp = SQP(statement.nearest, tolerance=TOLERANCE, compile=compile)
         self._sqp.parameters[:] = np.concatenate([statement.fixed, [height, 0.0, 0.0, statement.size**-2]])

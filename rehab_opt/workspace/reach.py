@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.symbolic import Compile
 from rehab_opt.workspace.lattice import TooManyNodesError
 from rehab_opt.workspace.number_arguments import real_number
 from rehab_opt.workspace.outline import THINNEST
@@ -60,7 +61,7 @@ def planar_workspace(
     accuracy: float = 1e-3,
     resolution: float | None = None,
     placement: ShoulderPlacement | None = None,
-    compile: bool | None = None,
+    compile: Compile = None,
 ) -> Workspace:
     """Every point of a horizontal plane that the hand reaches within the joint limits, the handle upright.
 
@@ -80,7 +81,7 @@ def planar_workspace(
         disc of 1.42 times that diameter fits are sure to be found; smaller ones where a node meets them. Separate parts
         are found from 512 spread postures: one that holds less than some 1 % of all postures may be missed.
     placement : of the shoulder in the robot's frame, which is the polygon's.
-    compile : None follows `REHAB_OPT_COMPILE`. A new kind of arm compiles once, for about two seconds.
+    compile : see `BufferedFunction`; a new kind of arm compiles once, for two seconds.
 
     Returns
     -------
@@ -112,7 +113,7 @@ def slice_at(
     handle_tilt: float | None,
     accuracy: float,
     resolution: float | None = None,
-    compile: bool | None = None,
+    compile: Compile = None,
 ) -> Slice:
     """`planar_workspace` in the shoulder's frame, with the counts of its search."""
     checked_plane(arm, height, handle_tilt, accuracy, resolution)

@@ -20,7 +20,6 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.symbolic import compiled
 from rehab_opt.workspace.spline_fit import TINY, Fit
 
 __all__ = ["MANY", "Cells", "cell_function", "cells_of"]
@@ -127,7 +126,7 @@ def _rows(fit: Fit, centres: Array, close: NDArray[np.bool_], radius: float, nea
 
 
 @functools.lru_cache(maxsize=8)
-def cell_function(near: int, with_jacobian: bool, _wanted: bool) -> ca.Function:
+def cell_function(near: int, with_jacobian: bool) -> ca.Function:
     """Point (2,), frame (3,), affine part (2, 3), row of a table -> image (2,) and, if asked for, Jacobian (2, 2)."""
     point, frame, affine = ca.SX.sym("point", 2), ca.SX.sym("frame", 3), ca.SX.sym("affine", 2, 3)
     row = ca.SX.sym("row", 3 + 8 * TERMS + 4 * near)
@@ -154,7 +153,7 @@ def cell_function(near: int, with_jacobian: bool, _wanted: bool) -> ca.Function:
         by_y += w * ((2 * logarithm + 2) * d[1])
     results = [image, ca.horzcat(by_x, by_y) * frame[2]] if with_jacobian else [image]
     name = f"thin_plate_cell_{'jacobian' if with_jacobian else 'value'}_{near}"
-    return compiled(ca.Function(name, [point, frame, affine, row], results))
+    return ca.Function(name, [point, frame, affine, row], results)
 
 
 def _horner(coefficients: ca.SX, x: ca.SX, y: ca.SX) -> tuple[tuple[ca.SX, ca.SX], tuple[ca.SX, ca.SX]]:

@@ -12,8 +12,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.symbolic import BufferedFunction, compiled
-from rehab_opt.symbolic.compiled import compilation_wanted
+from rehab_opt.symbolic import BufferedFunction
 from rehab_opt.workspace.spline_fit import TINY, Fit
 
 __all__ = ["jacobians", "point_function", "point_inputs", "point_statement", "values"]
@@ -34,7 +33,7 @@ def point_function(fit: Fit, *, with_jacobian: bool) -> BufferedFunction:
     (weights of zero fill up the rest), so that maps share it.
     """
     count, block = _rounded(_bending_landmarks(fit))
-    evaluated = BufferedFunction(_function(count, block, with_jacobian, compilation_wanted()))
+    evaluated = BufferedFunction(_stated(count, block, with_jacobian), compile=None)
     for held, values in zip(evaluated.inputs[1:], point_inputs(fit), strict=True):
         held[...] = values
     return evaluated
@@ -66,10 +65,6 @@ def _rounded(count: int) -> tuple[int, int]:
 
 
 @functools.lru_cache(maxsize=64)
-def _function(count: int, block: int, with_jacobian: bool, _wanted: bool) -> ca.Function:
-    return compiled(_stated(count, block, with_jacobian))
-
-
 def _stated(count: int, block: int, with_jacobian: bool) -> ca.Function:
     point, frame, affine = ca.MX.sym("point", 2), ca.MX.sym("frame", 3), ca.MX.sym("affine", 2, 3)
     landmarks, weights = ca.MX.sym("landmarks", 2, count), ca.MX.sym("weights", 2, count)

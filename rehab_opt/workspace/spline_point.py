@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.symbolic import BufferedFunction, PerThread
-from rehab_opt.symbolic.compiled import compilation_wanted
 from rehab_opt.workspace.spline_cells import MANY, Cells, cell_function, cells_of
 from rehab_opt.workspace.spline_fit import Fit
 from rehab_opt.workspace.spline_kernel import point_function
@@ -33,26 +32,26 @@ def point_map(fit: Fit, cells: Cells | None, *, with_jacobian: bool) -> PerThrea
         direct = _direct(point_function(fit, with_jacobian=with_jacobian))
         if cells is None:
             return direct
-        function = cell_function(cells.near, with_jacobian, compilation_wanted())
-        return _by_cell(BufferedFunction(function), fit, cells, direct)
+        function = cell_function(cells.near, with_jacobian)
+        return _by_cell(BufferedFunction(function, compile=None), fit, cells, direct)
 
     return PerThread(made)
 
 
 # Closures and memory views: a method's attributes and numpy's assignments cost as much as the compiled code.
 def _direct(function: BufferedFunction) -> PointFunction:
-    evaluate, held, copies = function.evaluate, function.inputs[0].data, _copies(function)
+    held, copies = function.inputs[0].data, _copies(function)
 
-    def at(point: Array, _owner: BufferedFunction = function) -> Any:  # `evaluate` lives by its owner
+    def at(point: Array) -> Any:
         held[0], held[1] = point.tolist()
-        evaluate()
+        function.evaluate()
         return copies()
 
     return at
 
 
 def _by_cell(function: BufferedFunction, fit: Fit, cells: Cells, direct: PointFunction) -> PointFunction:
-    evaluate, copies = function.evaluate, _copies(function)
+    copies = _copies(function)
     point_of, frame, affine, row_of = function.inputs
     frame[:] = *fit.centre, 1 / fit.scale
     affine[...] = fit.affine.T
@@ -61,7 +60,7 @@ def _by_cell(function: BufferedFunction, fit: Fit, cells: Cells, direct: PointFu
     table = [cells.table[place].data if place >= 0 else None for place in cells.place]
     last = -1
 
-    def at(point: Array, _owner: BufferedFunction = function) -> Any:  # `evaluate` lives by its owner
+    def at(point: Array) -> Any:
         nonlocal last
         x, y = point.tolist()
         column, row = (x - left) * per_length, (y - bottom) * per_length
@@ -75,7 +74,7 @@ def _by_cell(function: BufferedFunction, fit: Fit, cells: Cells, direct: PointFu
             held_row[:] = series
             last = cell
         held[0], held[1] = x, y
-        evaluate()
+        function.evaluate()
         return copies()
 
     return at

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.symbolic import Compile
 from rehab_opt.workspace.layered_mesh import Mesh, closed_mesh, edges_of_slabs, padded, signed_distances
 from rehab_opt.workspace.number_arguments import real_number
 from rehab_opt.workspace.placement import ShoulderPlacement
@@ -134,7 +135,7 @@ def reachable_volume(
     accuracy: float = 4e-3,
     placement: ShoulderPlacement | None = None,
     executor: Executor | None = None,
-    compile: bool | None = None,
+    compile: Compile = None,
 ) -> ReachableVolume:
     """Every point the hand reaches within the joint limits, as stacked slices and a closed mesh.
 
@@ -149,7 +150,7 @@ def reachable_volume(
         a single slice's, so that a volume takes seconds. Holes narrower than six times as much may be missed.
     placement : of the shoulder in the robot's frame.
     executor : where the slices are found, one task each: a pool of processes, or a dask client's; None: here.
-    compile : None follows `REHAB_OPT_COMPILE`.
+    compile : see `BufferedFunction`.
 
     Raises
     ------

@@ -16,6 +16,7 @@ import numpy as np
 import shapely
 
 from rehab_opt import Assistance, Bound, Command, PotentialField, Workspace
+from rehab_opt.symbolic import Compile
 from tests.control.campaign import HOSTILE, ROUNDING, Array, Tally, main
 
 FAULTS = ("position", "velocity", "glitch", "nudge", "frozen", "repeated", "stamp", "same stamp", "disabled", "dropped",
@@ -57,7 +58,7 @@ class Plant:
     """The hand has moved faster than the cap since then, and the sensors say so."""
 
 
-def run(cases: int, seed: int, *, compile: bool | None = None) -> Tally:
+def run(cases: int, seed: int, *, compile: Compile = None) -> Tally:
     """Judge `cases` ticks."""
     rng = np.random.default_rng(seed)
     tally = Tally()
@@ -70,7 +71,7 @@ def run(cases: int, seed: int, *, compile: bool | None = None) -> Tally:
     return tally
 
 
-def _plants(compile: bool | None) -> list[Plant]:
+def _plants(compile: Compile) -> list[Plant]:
     options = {"width": 0.025, "stiffness": 1500.0, "damping": 10.0, "compile": compile}
     lead = PotentialField(path(), drag=200.0, **options)
     fields = {

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rehab_opt import DH, Bound, Command, PoseTracker, SerialChain, human_arm, ur5
+from rehab_opt.symbolic import Compile
 from tests.control.campaign import HOSTILE, ROUNDING, Array, Tally, main, must_exceed
 
 TICKS = (1e-4, 1e-3, 4e-3, 2e-2, 1e-1)
@@ -56,7 +57,7 @@ class Plant:
     """No position was read since the state last jumped."""
 
 
-def run(cases: int, seed: int, *, compile: bool | None = None) -> Tally:
+def run(cases: int, seed: int, *, compile: Compile = None) -> Tally:
     """Judge `cases` ticks."""
     rng = np.random.default_rng(seed)
     tally = Tally()
@@ -70,7 +71,7 @@ def run(cases: int, seed: int, *, compile: bool | None = None) -> Tally:
     return tally
 
 
-def _plant(name: str, dt: float, compile: bool | None, solver: str = "qrqp") -> Plant:
+def _plant(name: str, dt: float, compile: Compile, solver: str = "qrqp") -> Plant:
     chain = CHAINS[name]()
     tracker = PoseTracker(chain, dt=dt, solver=solver, compile=compile)
     return Plant(f"{name} {solver} dt={dt:g}", tracker, _middle(chain), np.zeros(chain.n))

@@ -15,6 +15,7 @@ import math
 import numpy as np
 
 from rehab_opt import Bound, Command, MirrorTracker, SerialChain, ur5
+from rehab_opt.symbolic import Compile
 from tests.control.campaign import Array, Tally, main
 
 FLOOR, DEVIATION, SPEED = 0.3, 0.05, 0.25
@@ -171,7 +172,7 @@ def judge(
     check(command.status.certified or command.reason != "", "reason")
 
 
-def run(paths: int, seed: int, *, ticks: tuple[float, ...] = TICKS, compile: bool | None = None) -> Tally:
+def run(paths: int, seed: int, *, ticks: tuple[float, ...] = TICKS, compile: Compile = None) -> Tally:
     """Follow `paths` random paths, every fourth started near a singular posture, at each tick length."""
     tally, chain = Tally(), ur5()
     for dt in ticks:

@@ -20,6 +20,7 @@ from rehab_opt import Bound, Command, RedundancyResolver, ardis
 from rehab_opt.control.obstacles import Disc, HalfPlane, Obstacle
 from rehab_opt.kinematics.differential import Differential
 from rehab_opt.kinematics.mobile_arm import Capsule, MobileArm
+from rehab_opt.symbolic import Compile
 from tests.control.campaign import HOSTILE, ROUNDING, Array, Tally, main, must_exceed
 
 TICKS = (1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 5e-2)
@@ -46,7 +47,7 @@ class Plant:
     intended: Array | None = None
 
 
-def run(cases: int, seed: int, *, plants: int = 24, compile: bool | None = False) -> Tally:
+def run(cases: int, seed: int, *, plants: int = 24, compile: Compile = False) -> Tally:
     """Judge `cases` ticks."""
     rng = np.random.default_rng(seed)
     tally = Tally()
@@ -59,7 +60,7 @@ def run(cases: int, seed: int, *, plants: int = 24, compile: bool | None = False
     return tally
 
 
-def _plant(i: int, rng: np.random.Generator, compile: bool | None) -> Plant:
+def _plant(i: int, rng: np.random.Generator, compile: Compile) -> Plant:
     drive = ("mecanum", "differential")[i % 2]
     dt = TICKS[(i // 2) % len(TICKS)]
     slow, hurry = rng.choice([0.2, 1.0, 2.0], 2)

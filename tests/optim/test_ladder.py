@@ -115,7 +115,7 @@ GENERAL = general_statement(N, M)
 
 
 def test_machine_code_and_virtual_machine_give_the_same_answers() -> None:
-    machine = Ladder(GENERAL, solver="qrqp", backup="daqp", tolerance=TOLERANCE, compile=True)
+    machine = Ladder(GENERAL, solver="qrqp", backup="daqp", tolerance=TOLERANCE, compile="wait")
     virtual = ladder(GENERAL)
     for seed in range(100):  # one after another: warm starts as well
         numbers = parameters_of(random_qp(seed, N, M, unbounded=False))
