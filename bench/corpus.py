@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from functools import cache
 from typing import Any
 
-from rehab_opt.comparison.entrants import Entrant
+from rehab_opt.comparison.entrant import Entrant
 from rehab_opt.comparison.instances import RecordedQPs
 from rehab_opt.comparison.sequence import QPSequence, read_sequence, shipped_sequences
 from rehab_opt.optim.certificate import is_certified

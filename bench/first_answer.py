@@ -59,12 +59,15 @@ def chair() -> tuple[float, Callable[[], object]]:
 
 
 def assistance() -> tuple[float, Callable[[], object]]:
-    """A force along a path."""
-    from rehab_opt import Assistance, PotentialField  # noqa: PLC0415
+    """A force towards a path, outside of a comfortable workspace."""
+    import shapely  # noqa: PLC0415
+
+    from rehab_opt import Assistance, PotentialField, Workspace  # noqa: PLC0415
 
     line = np.column_stack([np.linspace(0, 0.3, 60), 0.1 * np.sin(np.linspace(0, 3, 60))])
     field = PotentialField(line, stiffness=800.0, width=0.02)
-    control, hand = Assistance(field, mode="follow"), np.array([0.1, 0.02])
+    comfortable = Workspace(shapely.box(-0.1, -0.1, 0.05, 0.2), accuracy=0.0)
+    control, hand = Assistance(field, comfortable=comfortable, mode="assist"), np.array([0.1, 0.02])
     return 0.001, lambda: control.step(hand)
 
 

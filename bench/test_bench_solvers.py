@@ -16,7 +16,7 @@ from bench.long_run import DT, round_trip
 from bench.peers.path import START
 from rehab_opt import PoseTracker, ur5
 from rehab_opt.optim.backends import backend
-from rehab_opt.optim.qp import Instance
+from rehab_opt.optim.rows import Instance
 
 
 def recorded(limit: float, ticks: int = 200) -> list[Instance]:

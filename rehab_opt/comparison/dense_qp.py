@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 
 from rehab_opt.comparison.sequence import QPSequence
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.optim.backends import Answer
+from rehab_opt.optim.answer import Answer
 from rehab_opt.optim.certificate import certificate_function, is_certified
-from rehab_opt.optim.qp import Instance, Statement, variable, within
+from rehab_opt.optim.fused import fused
+from rehab_opt.optim.qp import Statement
+from rehab_opt.optim.rows import Instance, variable, within
 from rehab_opt.symbolic import BufferedFunction, Compile
 
 __all__ = ["LARGEST", "Certificate", "DenseQP", "dense_statement", "fits"]
@@ -79,8 +81,8 @@ class DenseQP:
         compile: Compile = None,
     ) -> None:
         self.n, self.m, self._tolerance = n, m, tolerance
-        fused = dense_statement(n, m, equalities=equalities).fused
-        self._fused = BufferedFunction(fused, compile="wait" if compile is None else compile)
+        function = fused(dense_statement(n, m, equalities=equalities))
+        self._fused = BufferedFunction(function, compile="wait" if compile is None else compile)
         self._state = self._fused.inputs[1]
         self._start, self._data = self._state[: 2 * n + m], self._state[2 * n + m :]
 

@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any
 
 import numpy as np
 
 from rehab_opt.comparison.dense_qp import Certificate, DenseQP
+from rehab_opt.comparison.entrant import Claim, Entrant, Solver
 from rehab_opt.comparison.instances import RecordedQPs
+from rehab_opt.comparison.programmes import PROGRAMME_ENTRANTS
 from rehab_opt.comparison.sequence import QPSequence
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.optim.backends import TIGHT, Answer, Backend, answer_from, backend, to_qpsolvers
+from rehab_opt.optim.answer import Answer, Backend
+from rehab_opt.optim.backends import TIGHT, answer_from, backend, to_qpsolvers
 from rehab_opt.optim.certificate import is_certified
 from rehab_opt.optim.ladder import BACKUP
-from rehab_opt.optim.qp import Instance
+from rehab_opt.optim.rows import Instance
 from rehab_opt.symbolic import Compile
 
-__all__ = ["KEPT", "Claim", "Entrant", "Solver", "entrants", "entrants_named"]
+__all__ = ["KEPT", "entrants", "entrants_named"]
 
 KEPT = ("proxqp", "osqp", "daqp")
 """Solvers with a backend of ours, which keeps a workspace, or is asked directly (daqp)."""
@@ -26,52 +28,6 @@ OTHER_BACKUPS = ("proxqp",)
 """Of the same ladder, to see what the backup costs."""
 BOUNDS_AS_ROWS = ("cvxopt", "ecos", "quadprog")
 """qpsolvers gives these every bound as a row, also an infinite one, which they cannot read."""
-
-
-class Claim(NamedTuple):
-    """What a solver says of one instance."""
-
-    word: bool
-    """Whether it says that it solved it."""
-    answer: Answer
-    said: str = ""
-    """Why not."""
-
-
-class Solver(Protocol):
-    """One solver at work on one sequence. Only `solve` is timed."""
-
-    def prepared(self, instance: Any, /) -> Any:
-        """The instance in the solver's own type."""
-        ...
-
-    def solve(self, given: Any, *, warm: bool) -> Any:
-        """What the solver answers, in its own type; not warm: knowing nothing of what it solved before."""
-        ...
-
-    def claim(self, instance: Any, answered: Any, /) -> Claim:
-        """What it says."""
-        ...
-
-
-@dataclass(frozen=True)
-class Entrant:
-    """A name, and how its solver is made in another process.
-
-    Parameters
-    ----------
-    name : as `--solver` has it.
-    make : importable by name, of the instances (`Instances`) and `solver`.
-    solver : what `make` is told.
-    packages : whose versions matter.
-    kind : of the instances that it takes.
-    """
-
-    name: str
-    make: Callable[[Any, str], Solver]
-    solver: str = ""
-    packages: tuple[str, ...] = ()
-    kind: str = "qp"
 
 
 def entrants() -> tuple[Entrant, ...]:
@@ -89,8 +45,6 @@ def entrants() -> tuple[Entrant, ...]:
         Entrant(name, by_qpsolvers, name, ("qpsolvers", PACKAGES.get(name, name)))
         for name in sorted(qpsolvers.available_solvers)
     )
-    from rehab_opt.comparison.programmes import PROGRAMME_ENTRANTS  # noqa: PLC0415  (builds on this)
-
     return (*ours, *theirs, *PROGRAMME_ENTRANTS)
 
 

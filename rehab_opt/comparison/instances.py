@@ -9,8 +9,8 @@ from typing import Any, Protocol
 from rehab_opt.comparison.dense_qp import Certificate
 from rehab_opt.comparison.reference import Reference, references
 from rehab_opt.comparison.sequence import ARRAYS, QPSequence
-from rehab_opt.optim.backends import Answer
-from rehab_opt.optim.qp import Instance
+from rehab_opt.optim.answer import Answer
+from rehab_opt.optim.rows import Instance
 
 __all__ = ["Instances", "RecordedQPs"]
 

@@ -12,7 +12,7 @@ from rehab_opt.comparison.sequence import QPSequence, sequence_of
 from rehab_opt.errors import RehabOptError
 from rehab_opt.optim.backends import backend
 from rehab_opt.optim.certificate import certificate_function, is_certified
-from rehab_opt.optim.qp import Instance
+from rehab_opt.optim.rows import Instance
 
 __all__ = ["MAKERS", "badly_scaled", "contradicting", "degenerate", "with_broken_numbers"]
 

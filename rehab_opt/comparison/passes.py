@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from typing import NamedTuple
 
-from rehab_opt.comparison.entrants import Entrant
+from rehab_opt.comparison.entrant import Entrant
 from rehab_opt.comparison.instances import Instances
 from rehab_opt.comparison.judgement import Judge, Judged, Outcome
 from rehab_opt.comparison.machine import load_now

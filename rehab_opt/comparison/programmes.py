@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.comparison.entrants import Claim, Entrant, Solver
+from rehab_opt.comparison.entrant import Claim, Entrant, Solver
 from rehab_opt.comparison.nlp_instances import PLAN, NLPInstances, read_nlp_instances, shipped_nlp_instances
 from rehab_opt.comparison.reference import ACCURACY, Reference
-from rehab_opt.optim.backends import Answer
+from rehab_opt.optim.answer import Answer
 from rehab_opt.optim.nlp_solvers import nlp_solver
 from rehab_opt.symbolic import BufferedFunction, Compile
 

@@ -11,7 +11,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rehab_opt.comparison.entrants import Entrant
+from rehab_opt.comparison.entrant import Entrant
 from rehab_opt.comparison.instances import Instances
 from rehab_opt.comparison.judgement import Judged, Outcome
 from rehab_opt.comparison.passes import Pass, Rules

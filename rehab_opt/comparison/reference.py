@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from rehab_opt.comparison.dense_qp import Certificate, DenseQP, fits
 from rehab_opt.comparison.sequence import QPSequence
-from rehab_opt.optim.backends import Answer, ProxqpBackend
-from rehab_opt.optim.qp import Instance
+from rehab_opt.optim.answer import Answer
+from rehab_opt.optim.backends import ProxqpBackend
+from rehab_opt.optim.rows import Instance
 
 __all__ = ["ACCURACY", "Reference", "references"]
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.comparison.entrants import Entrant
+from rehab_opt.comparison.entrant import Entrant
 from rehab_opt.comparison.instances import Instances, RecordedQPs
 from rehab_opt.comparison.judgement import Judge
 from rehab_opt.comparison.machine import machine

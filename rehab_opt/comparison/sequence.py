@@ -15,7 +15,7 @@ from rehab_opt.comparison.array_file import META, read_arrays, write_arrays
 from rehab_opt.comparison.provenance import versions_now
 from rehab_opt.comparison.sequence_arrays import ARRAYS, checked_arrays, checked_costs, checked_numbers
 from rehab_opt.errors import ConfigurationError, ProblemFileError
-from rehab_opt.optim.qp import Instance
+from rehab_opt.optim.rows import Instance
 
 if TYPE_CHECKING:
     import qpsolvers

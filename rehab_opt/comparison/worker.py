@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from multiprocessing.connection import Connection
 from typing import Any, NamedTuple
 
-from rehab_opt.comparison.entrants import Claim, Entrant
+from rehab_opt.comparison.entrant import Claim, Entrant
 from rehab_opt.comparison.instances import Instances
 
 __all__ = ["THREADS", "Timed", "TooLateError", "Worker", "WorkerDiedError"]

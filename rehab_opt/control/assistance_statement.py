@@ -5,7 +5,8 @@ from __future__ import annotations
 import casadi as ca
 
 from rehab_opt.optim.certificate import all_true
-from rehab_opt.optim.qp import Statement, parameter, variable, within
+from rehab_opt.optim.qp import Statement
+from rehab_opt.optim.rows import parameter, variable, within
 
 __all__ = ["EXACT", "TINY", "assistance_statement"]
 

@@ -20,7 +20,8 @@ from rehab_opt.control.watchdog import Watchdog
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.optim.fused import FUSED_SOLVERS
 from rehab_opt.optim.ladder import FUSED, Ladder
-from rehab_opt.optim.qp import Instance, Statement
+from rehab_opt.optim.qp import Statement
+from rehab_opt.optim.rows import Instance
 from rehab_opt.symbolic import Compile
 
 if TYPE_CHECKING:
@@ -190,7 +191,9 @@ class BoundedForce(OneThread):
 
     def to_qpsolvers(self, x: ArrayLike, v: ArrayLike = (0.0, 0.0)) -> qpsolvers.Problem:
         """The same as a `qpsolvers.Problem`."""
-        return self.stated.to_qpsolvers(*self._parameters(x, v), memory=self._ladder.memory)
+        from rehab_opt.optim.backends import to_qpsolvers  # noqa: PLC0415  (solvers load when used)
+
+        return to_qpsolvers(self.instance(x, v))
 
     def _parameters(self, x: ArrayLike, v: ArrayLike) -> tuple[ArrayLike, ...]:
         point, velocity = np.asarray(x, dtype=np.float64), np.asarray(v, dtype=np.float64)

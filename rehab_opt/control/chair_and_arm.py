@@ -17,7 +17,8 @@ from rehab_opt.control.velocity_controller import VelocityController
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 from rehab_opt.optim.certificate import all_true
 from rehab_opt.optim.factor import symmetric
-from rehab_opt.optim.qp import PLAUSIBLE, Row, Statement, equal, parameter, variable, within
+from rehab_opt.optim.qp import Statement
+from rehab_opt.optim.rows import PLAUSIBLE, Row, equal, parameter, variable, within
 from rehab_opt.symbolic import BufferedFunction, Compile
 
 __all__ = ["ChairAndArm", "Drive"]

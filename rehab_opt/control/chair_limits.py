@@ -17,7 +17,7 @@ from rehab_opt.kinematics.differential import Differential
 from rehab_opt.kinematics.mecanum import Mecanum
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 from rehab_opt.optim.certificate import all_true, clipped
-from rehab_opt.optim.qp import Row, within
+from rehab_opt.optim.rows import Row, within
 
 __all__ = ["ChairLimits", "Limits"]
 

@@ -63,7 +63,7 @@ class ChairObstacles:
 
     def near(self, one: ca.SX, place: ca.SX, last: ca.SX) -> ca.SX:
         """1 where the obstacle can matter after a command `last` (3,) of the chair at `place` (3,)."""
-        each, change = self._approach(one, place), self.braking.change
+        each, change = self._approach(one, place, last, self.braking.time), self.braking.change
         turn, drive = ca.fabs(last[2]) + change[2], ca.fabs(last[0]) + ca.fabs(last[1]) + 2 * change[0]
         margin = 2 * CLEAR + 2 * self._swept(each, last) + self._bent * self.braking.time**2
         gap = ca.fmin(ca.mmin(self._gaps(each)), ca.if_else(each.is_post, _post(each.post, self.outline)[0], FAR))
@@ -71,10 +71,10 @@ class ChairObstacles:
 
     def column(self, one: ca.SX, place: ca.SX, last: ca.SX) -> ca.SX:
         """(size,) rows towards it and what is left, rows into it and their limits, 1 where the chair is within it."""
-        each = self._approach(one, place)
+        each, now = (self._approach(one, place, last, horizon) for horizon in (self.braking.time, self.dt))
         parts = [
             ca.vertcat(*(ca.vertcat(*pair) for pair in pairs))
-            for pairs in (self._towards(each, last), self._into(each, last))
+            for pairs in (self._towards(each, last), self._into(now, last))
         ]
         return ca.densify(ca.vertcat(*parts, each.inside))
 
@@ -95,8 +95,13 @@ class ChairObstacles:
         """[m/s^2] what the tangents of a corner's way promise too much in a tick, over the square of the way's time."""
         return self._lever * min(float(self.braking.change[2]), self._turn) ** 2 / 2
 
-    def _approach(self, one: ca.SX, place: ca.SX) -> Approach:
-        return approach(one, place, self.outline, dt=self.dt, horizon=self.braking.time, turn=self._turn)
+    def _approach(self, one: ca.SX, place: ca.SX, last: ca.SX, horizon: float) -> Approach:
+        turn = self._turning(last)  # chords from rest to turns that cannot be would stop a chair that turns a little
+        return approach(one, place, self.outline, dt=self.dt, horizon=horizon, turn=turn)
+
+    def _turning(self, last: ca.SX) -> ca.SX:
+        """[rad/s] fastest turn in a tick after a command `last` (3,)."""
+        return ca.fmin(ca.fabs(last[2]) + self.braking.change[2], self._turn)
 
     def _gaps(self, each: Approach) -> ca.SX:
         return each.wall[2] - ca.DM(self.outline.corners) @ each.wall[:2]
@@ -104,7 +109,7 @@ class ChairObstacles:
     def _swept(self, each: Approach, last: ca.SX) -> ca.SX:
         """[m] by which the outline may leave its straight way in a tick after a command `last` (3,)."""
         change = self.braking.change
-        turn = ca.fmin(ca.fabs(last[2]) + change[2], self._turn)
+        turn = self._turning(last)
         drive = ca.fabs(last[0]) + ca.fabs(last[1]) + 2 * change[0]
         lever = ca.if_else(each.is_post, ca.norm_2(each.post[:2]), self._lever)
         return turn * (lever * turn + 2 * drive) * self.dt**2 / 2
@@ -123,7 +128,7 @@ class ChairObstacles:
             gap, chosen = ca.if_else(each.is_post, far, ca.mmin(keys)), first_true(keys <= ca.mmin(keys))
             keys = ca.if_else(chosen, ca.inf, keys)
             row = ca.if_else(each.is_post, instead, ca.horzcat(*closing) @ chosen)
-            limit = ca.if_else(apart, (gap - swept) / self.dt, each.room[k] + each.more) * (1 - TIGHTER)
+            limit = ca.if_else(apart, (gap - swept) / self.dt, each.room[k]) * (1 - TIGHTER)
             rows.append((ca.if_else(apart, row, each.matrix[k, :].T), limit))
         return rows
 

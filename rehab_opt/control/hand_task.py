@@ -16,7 +16,7 @@ from rehab_opt.control.task_rows import ROWS
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 from rehab_opt.optim.certificate import clipped
 from rehab_opt.optim.factor import solver_of, upper_triangle
-from rehab_opt.optim.qp import PLAUSIBLE
+from rehab_opt.optim.rows import PLAUSIBLE
 
 __all__ = ["PROGRESS", "HandTask", "Last"]
 

@@ -14,7 +14,7 @@ from rehab_opt.control.task_rows import ROWS
 from rehab_opt.control.thread_owner import OneThread
 from rehab_opt.control.velocity_controller import checked_number, real_numbers
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.optim.qp import PLAUSIBLE
+from rehab_opt.optim.rows import PLAUSIBLE
 
 __all__ = ["STICK_MODES", "Button", "Joystick", "StickCommand", "StickMode", "checked_modes", "pressed"]
 

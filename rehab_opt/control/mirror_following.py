@@ -12,7 +12,7 @@ from rehab_opt.control.command import Bound, Command, Status
 from rehab_opt.control.mirror_statement import CALM, SPARE, WHOLE
 from rehab_opt.control.mirror_waiting import MirrorWaiting
 from rehab_opt.control.person_limit import PersonLimit
-from rehab_opt.optim.qp import PLAUSIBLE
+from rehab_opt.optim.rows import PLAUSIBLE
 from rehab_opt.symbolic import BufferedFunction
 
 __all__ = ["BRIDGE", "MirrorFollowing"]

@@ -16,7 +16,7 @@ from rehab_opt.control.pose_tracker import Motion, PoseTracker, Tick
 from rehab_opt.control.stopping import VelocityBounds
 from rehab_opt.control.tool_speed import speed_ahead
 from rehab_opt.kinematics.frames import rotation_vector
-from rehab_opt.optim.qp import PLAUSIBLE, Instance, parameter
+from rehab_opt.optim.rows import PLAUSIBLE, Instance, parameter
 from rehab_opt.symbolic import BufferedFunction
 
 __all__ = ["CALM", "SPARE", "WHOLE", "MirrorStatement"]

@@ -24,7 +24,7 @@ from rehab_opt.control.hand_bounds import HandBounds
 from rehab_opt.control.velocity_controller import checked_number
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.optim.nlp import NLP
-from rehab_opt.optim.qp import parameter, variable, within
+from rehab_opt.optim.rows import parameter, variable, within
 
 __all__ = ["MirrorWindow"]
 

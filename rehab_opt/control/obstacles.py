@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rehab_opt.control.stopping import OUTSIDE
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.mobile_arm import Outline
-from rehab_opt.optim.qp import PLAUSIBLE
+from rehab_opt.optim.rows import PLAUSIBLE
 
 __all__ = ["NUMBERS", "Approach", "Disc", "HalfPlane", "Obstacle", "approach", "obstacle_numbers", "outward_normal"]
 
@@ -54,9 +54,6 @@ class Approach(NamedTuple):
     """(2, 3)"""
     room: ca.SX
     """(2,) [m/s]"""
-    more: ca.SX
-    """[m/s] by which both could be wider, and a chair that is outside would still not be inside after this tick; zero
-    where it is inside."""
     inside: ca.SX
     """1 where the chair is within the obstacle."""
     wall: ca.SX
@@ -113,19 +110,21 @@ def _number(value: object) -> float:
     return float(value)
 
 
-def approach(numbers: ca.SX, place: ca.SX, outline: Outline, *, dt: float, horizon: float, turn: float) -> Approach:
+def approach(
+    numbers: ca.SX, place: ca.SX, outline: Outline, *, dt: float, horizon: float, turn: ca.SX | float
+) -> Approach:
     """Rows that keep the chair's outline out of one obstacle, wherever its corners turn to within the tick.
 
     Parameters
     ----------
     numbers : (4,) of `obstacle_numbers`. place : (3,) q1, q2, q3 of the chair.
-    dt : tick [s]. turn : [rad/s] fastest turn.
+    dt : tick [s]. turn : [rad/s] fastest turn in this tick.
     horizon : [s] no corner comes nearer than its gap divided by this, per second. At least dt; and no less than the
         chair needs to stop from any speed when all its components slow down together: then a chair that kept these
         rows in the last tick can keep them in this one within its accelerations.
 
-    Guaranteed at every instant of the tick, at any dt, for any twist within the rows (also within `room + more`) that
-    turns no faster than `turn`: an outline that is outside stays outside; one that is inside gets no deeper. Depth is
+    Guaranteed at every instant of the tick, at any dt, for any twist within the rows that turns no faster than `turn`: an
+    outline that is outside stays outside; one that is inside gets no deeper. Depth is
     the shortest way out of the obstacle by translation. The chair is taken to move straight in the world while it
     turns: q + t value.
 
@@ -160,7 +159,7 @@ def approach(numbers: ca.SX, place: ca.SX, outline: Outline, *, dt: float, horiz
         gap = offset - normal[0] * x - normal[1] * y
         speed = ca.fmax(gap, 0) * (1 / horizon)
         lever = normal[1] * x - normal[0] * y
-        sweep = float(np.hypot(x, y)) * turn**2 * dt / 2
+        sweep = float(np.hypot(x, y)) * dt / 2 * turn**2
         least, still = ca.fmin(least, gap), ca.fmin(still, speed)
         left = ca.fmin(left, speed - turn * lever - sweep * there)
         right = ca.fmin(right, speed + turn * lever - sweep * there)
@@ -168,10 +167,9 @@ def approach(numbers: ca.SX, place: ca.SX, outline: Outline, *, dt: float, horiz
         ca.horzcat(normal[0], normal[1], (still - left) * (1 / turn)),
         ca.horzcat(normal[0], normal[1], (right - still) * (1 / turn)),
     )
-    more = ca.fmax(least, 0) * (1 / dt - 1 / horizon)
     inside = ca.logic_and(there, least < -OUTSIDE)
     wall, post = ca.vertcat(*normal, offset), ca.vertcat(*centre, numbers[2])
-    return Approach(matrix, ca.vertcat(still, still), more, inside, wall, post, disc)
+    return Approach(matrix, ca.vertcat(still, still), inside, wall, post, disc)
 
 
 def outward_normal(outline: Outline, x: ca.SX, y: ca.SX) -> list[ca.SX]:

@@ -17,7 +17,8 @@ from rehab_opt.control.wanted import WantedVelocity
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain, per_joint
 from rehab_opt.kinematics.frames import is_rigid, rotation_vector
-from rehab_opt.optim.qp import Statement, parameter, variable, within
+from rehab_opt.optim.qp import Statement
+from rehab_opt.optim.rows import parameter, variable, within
 from rehab_opt.symbolic import Compile
 
 __all__ = ["Motion", "PoseTracker", "Tick"]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.control.smoother import Smoother
 from rehab_opt.kinematics.mobile_arm import MobileArm
-from rehab_opt.optim.qp import PLAUSIBLE
+from rehab_opt.optim.rows import PLAUSIBLE
 
 __all__ = ["Reaching"]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from functools import cached_property
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import casadi as ca
 import numpy as np
@@ -21,8 +21,12 @@ from rehab_opt.kinematics.real_array import real_array
 from rehab_opt.optim.certificate import clipped
 from rehab_opt.optim.fused import FUSED_SOLVERS
 from rehab_opt.optim.ladder import FUSED, Ladder
-from rehab_opt.optim.qp import PLAUSIBLE, Instance, Statement
+from rehab_opt.optim.qp import Statement
+from rehab_opt.optim.rows import PLAUSIBLE, Instance
 from rehab_opt.symbolic import BufferedFunction, Compile
+
+if TYPE_CHECKING:
+    import qpsolvers
 
 __all__ = ["VelocityController", "checked_number", "real_numbers"]
 
@@ -165,9 +169,11 @@ class VelocityController(OneThread, ABC):
         """The QP that `step` would solve now, as numbers, for inspection."""
         return self.stated.instance(q, *inputs, memory=self._ladder.memory)
 
-    def to_qpsolvers(self, q: ArrayLike, *inputs: ArrayLike):  # type: ignore[no-untyped-def]
+    def to_qpsolvers(self, q: ArrayLike, *inputs: ArrayLike) -> qpsolvers.Problem:
         """The QP that `step` would solve now, as a `qpsolvers.Problem`."""
-        return self.stated.to_qpsolvers(q, *inputs, memory=self._ladder.memory)
+        from rehab_opt.optim.backends import to_qpsolvers  # noqa: PLC0415  (solvers load when used)
+
+        return to_qpsolvers(self.instance(q, *inputs))
 
     # ---------------------------------------------------------------------------------------------------- one tick
     def _refusal(self, enable: object, stamp: float | None) -> str:

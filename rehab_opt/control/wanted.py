@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from rehab_opt.control.stopping import FAR, VelocityBounds
 from rehab_opt.optim.certificate import certificate_function, clipped
-from rehab_opt.optim.qp import PLAUSIBLE
 from rehab_opt.optim.qrqp import qrqp
+from rehab_opt.optim.rows import PLAUSIBLE
 
 __all__ = ["WantedVelocity", "wanted_velocity"]
 

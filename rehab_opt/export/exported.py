@@ -18,8 +18,9 @@ from rehab_opt.export.c_text import indented, initialiser, number
 from rehab_opt.export.generated import renamed
 from rehab_opt.export.reasons import REASONS, reason_number
 from rehab_opt.export.recording import Recording
-from rehab_opt.optim.qp import PLAUSIBLE
+from rehab_opt.optim.fused import fused
 from rehab_opt.optim.qrqp import QRQP_ITERATIONS
+from rehab_opt.optim.rows import PLAUSIBLE
 
 __all__ = ["ExportedController", "ExportedVelocity", "Law", "watchdog_of"]
 
@@ -68,7 +69,7 @@ class Law:
 
     def functions(self) -> list[ca.Function]:
         """Its tick, its safe command, and its lesser law where there is one."""
-        pairs = {"tick": self.controller.stated.fused, "brake": self.controller.braking(), "lesser": self.lesser}
+        pairs = {"tick": fused(self.controller.stated), "brake": self.controller.braking(), "lesser": self.lesser}
         return [renamed(function, f"{self.name}_{what}") for what, function in pairs.items() if function is not None]
 
     def row(self) -> str:

@@ -20,7 +20,7 @@ from rehab_opt.field.potential import SAMPLES_PER_WIDTH, PotentialField
 from rehab_opt.field.samples import SampledPath, checked_paths, mean_path, resampled_path
 from rehab_opt.optim.backends import backend
 from rehab_opt.optim.certificate import certificate_function, is_certified
-from rehab_opt.optim.qp import Instance
+from rehab_opt.optim.rows import Instance
 from rehab_opt.optim.witness import witness_now
 from rehab_opt.symbolic import Compile
 

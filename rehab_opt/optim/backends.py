@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple, Protocol
+from typing import Any
 
 import numpy as np
 import qpsolvers
@@ -11,20 +11,18 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.optim.qp import Instance
+from rehab_opt.optim.answer import Answer, Backend, no_answer, usable
+from rehab_opt.optim.daqp_backend import DaqpBackend
+from rehab_opt.optim.rows import Instance
 
 __all__ = [
     "TIGHT",
-    "Answer",
-    "Backend",
     "OsqpBackend",
     "ProxqpBackend",
     "QpsolversBackend",
     "answer_from",
     "backend",
-    "no_answer",
     "to_qpsolvers",
-    "usable",
 ]
 
 Array = NDArray[np.float64]
@@ -50,29 +48,6 @@ TIGHT: Mapping[str, Mapping[str, Any]] = {
 """The same in the words of each solver of qpsolvers; quadprog has no such setting."""
 
 
-class Answer(NamedTuple):
-    """A claimed solution; NaN in x where the solver gave none. Multipliers are positive at an upper bound."""
-
-    x: Array
-    bound_multipliers: Array
-    row_multipliers: Array
-    iterations: int
-
-
-class Backend(Protocol):
-    """One solver, warm-started from its last answer."""
-
-    name: str
-
-    def forget(self) -> None:
-        """Begin anew: what is solved next depends on nothing that was solved before."""
-        ...
-
-    def solve(self, qp: Instance) -> Answer:
-        """Claimed solution of `qp`; never raises on numbers."""
-        ...
-
-
 def backend(name: str, n: int, m: int, *, argument: str = "solver") -> Backend:
     """The backend of that name for QPs with n variables and m rows.
 
@@ -87,8 +62,6 @@ def backend(name: str, n: int, m: int, *, argument: str = "solver") -> Backend:
     if name == "osqp":
         return OsqpBackend(n, m)
     if name == "daqp":
-        from rehab_opt.optim.daqp_backend import DaqpBackend  # noqa: PLC0415  (it builds on this)
-
         return DaqpBackend(n, m)
     return QpsolversBackend(name, argument=argument)
 
@@ -280,15 +253,3 @@ def _row_multipliers(qp: Instance, solution: qpsolvers.Solution) -> Array:
         multipliers[above] += solution.z[:count]
         multipliers[below] -= solution.z[count:]
     return multipliers
-
-
-def usable(qp: Instance) -> bool:
-    """Whether a solver may see this: NaN hangs some, and a NaN bound is no bound to others."""
-    costs_finite = np.isfinite(qp.H).all() and np.isfinite(qp.g).all() and np.isfinite(qp.A).all()
-    bounds_ordered = (qp.lower <= qp.upper).all() and (qp.rows_lower <= qp.rows_upper).all()
-    return bool(costs_finite and bounds_ordered)
-
-
-def no_answer(n: int, m: int) -> Answer:
-    """What no certificate accepts."""
-    return Answer(np.full(n, np.nan), np.full(n, np.nan), np.full(m, np.nan), -1)

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.optim.backends import Answer, no_answer, usable
-from rehab_opt.optim.qp import Instance
+from rehab_opt.optim.answer import Answer, no_answer, usable
+from rehab_opt.optim.rows import Instance
 
 __all__ = ["DaqpBackend"]
 

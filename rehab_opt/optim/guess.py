@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 import casadi as ca
 
 from rehab_opt.optim.certificate import all_true, one_is_zero, violation
-from rehab_opt.optim.qp import PLAUSIBLE
+from rehab_opt.optim.rows import PLAUSIBLE
 
 if TYPE_CHECKING:
-    from rehab_opt.optim.qp import Row
+    from rehab_opt.optim.rows import Row
 
 __all__ = ["screened_guess"]
 

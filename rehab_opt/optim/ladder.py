@@ -11,13 +11,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.optim.certificate import is_certified
-from rehab_opt.optim.fused import FUSED_SOLVERS
-from rehab_opt.optim.qp import Instance, Statement
+from rehab_opt.optim.fused import FUSED_SOLVERS, fused
+from rehab_opt.optim.qp import Statement
+from rehab_opt.optim.rows import Instance
 from rehab_opt.optim.witness import witness_now
 from rehab_opt.symbolic import BufferedFunction, Compile
 
 if TYPE_CHECKING:
-    from rehab_opt.optim.backends import Backend
+    from rehab_opt.optim.answer import Backend
 
 __all__ = ["BACKUP", "FUSED", "Ladder"]
 
@@ -54,10 +55,10 @@ class Ladder:
         if backup is None:
             backup = BACKUP if solver != BACKUP else FUSED
         self.statement, self.solver, self.backup, self.tolerance = statement, solver, backup, tolerance
-        self.function = fused = BufferedFunction(statement.fused, compile=compile)
+        self.function = function = BufferedFunction(fused(statement), compile=compile)
         """The whole tick; what it evaluates may be exchanged between two ticks."""
-        self.parameters, self.state = fused.inputs
-        self._answer, self._verdict = fused.outputs
+        self.parameters, self.state = function.inputs
+        self._answer, self._verdict = function.outputs
         self.residual, self.sound, self.report = self._verdict[:1], self._verdict[1:2], self._verdict[3:]
         # Views of views: reading and assigning through them costs half of numpy's.
         self.verdict = cast("memoryview[float]", self._verdict.data)

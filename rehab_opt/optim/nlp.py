@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.optim.certificate import all_true, clipped
-from rehab_opt.optim.qp import Row, Variable
+from rehab_opt.optim.rows import Row, Variable
 
 __all__ = ["NLP", "PLAUSIBLE", "NLPAnswer"]
 

@@ -14,8 +14,8 @@ from rehab_opt.errors import ConfigurationError
 from rehab_opt.optim.certificate import all_true, clipped
 from rehab_opt.optim.nlp import NLP, PLAUSIBLE, NLPAnswer
 from rehab_opt.optim.nlp_hessian import model
-from rehab_opt.optim.qp import Instance
 from rehab_opt.optim.qrqp import qrqp
+from rehab_opt.optim.rows import Instance
 from rehab_opt.optim.witness import witness_now
 from rehab_opt.symbolic import BufferedFunction, Compile
 

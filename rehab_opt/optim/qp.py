@@ -1,79 +1,21 @@
-"""A QP stated once, symbolically; its numbers, its fused solve and its certificate are derived from the statement."""
+"""A QP stated once, symbolically; its numbers and its certificate are derived from the statement."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rehab_opt.optim.certificate import all_true, certificate_function
+from rehab_opt.optim.guess import screened_guess
+from rehab_opt.optim.rows import PLAUSIBLE, Instance, Row, Variable
 from rehab_opt.optim.well_stated import check_that_it_is_a_qp, with_numeric_bounds
 
-if TYPE_CHECKING:
-    import qpsolvers
-
-__all__ = ["Instance", "Row", "Statement", "Variable", "equal", "parameter", "variable", "within"]
-
-Array = NDArray[np.float64]
-
-PLAUSIBLE = 1e6
-"""Parameters beyond this size, in SI units, are a broken sensor or a broken caller, not a robot."""
-
-
-class Variable(NamedTuple):
-    """Decision variables with their bounds; made by `variable`."""
-
-    symbol: ca.SX
-    lower: ca.SX
-    upper: ca.SX
-
-
-class Row(NamedTuple):
-    """lower <= expression <= upper, linear in the variables; made by `equal` and `within`."""
-
-    expression: ca.SX
-    lower: ca.SX
-    upper: ca.SX
-
-
-class Instance(NamedTuple):
-    """Numbers of one QP: min 1/2 x'Hx + g'x, lower <= x <= upper, rows_lower <= A x <= rows_upper."""
-
-    H: Array
-    g: Array
-    A: Array
-    rows_lower: Array
-    rows_upper: Array
-    lower: Array
-    upper: Array
-
-
-def parameter(name: str, size: int) -> ca.SX:
-    """A column of numbers that change from tick to tick."""
-    return ca.SX.sym(name, size)
-
-
-def variable(name: str, size: int, *, lower: Any = -np.inf, upper: Any = np.inf) -> Variable:
-    """Decision variables with bounds, each a number or an expression of the parameters."""
-    ones = ca.SX.ones(size)
-    return Variable(ca.SX.sym(name, size), ca.SX(lower) * ones, ca.SX(upper) * ones)
-
-
-def equal(left: Any, right: Any) -> Row:
-    """The rows left == right."""
-    return within(left, right, right)
-
-
-def within(expression: Any, lower: Any, upper: Any) -> Row:
-    """The rows lower <= expression <= upper; bounds are numbers or expressions of parameters, or infinite."""
-    columns = [ca.SX(each) for each in (expression, lower, upper)]
-    ones = ca.SX.ones(max(column.size1() for column in columns))  # a scalar stands for every row
-    return Row(*(column * ones for column in columns))
+__all__ = ["Statement"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,8 +117,6 @@ class Statement:
     @cached_property
     def screen(self) -> ca.Function:
         """Complete parameters, memory -> see `screened_guess`; whether the parameters are sound."""
-        from rehab_opt.optim.guess import screened_guess  # noqa: PLC0415  (it derives from what is stated here)
-
         told, residual = screened_guess(
             self.guess, self.multipliers,
             cost=self.minimise, x=self._x, rows=self._rows, bounds=self._bounds, sound=self._sound,
@@ -206,25 +146,12 @@ class Statement:
         full = p if self.prepare is None else ca.vertcat(p, self.prepare(p, memory))
         return ca.Function(f"{self.name}_complete", [p, memory], [full])
 
-    @cached_property
-    def fused(self) -> ca.Function:
-        """Everything of one tick in one function: see `rehab_opt.optim.fused`."""
-        from rehab_opt.optim.fused import fused  # noqa: PLC0415  (it derives from what is stated here)
-
-        return fused(self)
-
     def instance(self, *parameters: ArrayLike, memory: ArrayLike = ()) -> Instance:
         """The numbers at given parameter and memory values, for inspection."""
         p = np.concatenate([np.asarray(each, dtype=np.float64).reshape(-1) for each in parameters])
         remembered = np.asarray(memory, dtype=np.float64)
         columns = [np.array(each) for each in self.build(self.complete(p, remembered), remembered)[:7]]
         return Instance(*(c if i in (0, 2) else c.reshape(-1) for i, c in enumerate(columns)))
-
-    def to_qpsolvers(self, *parameters: ArrayLike, memory: ArrayLike = ()) -> qpsolvers.Problem:
-        """The numbers at given parameter and memory values as a `qpsolvers.Problem`."""
-        from rehab_opt.optim.backends import to_qpsolvers  # noqa: PLC0415  (solvers load when used)
-
-        return to_qpsolvers(self.instance(*parameters, memory=memory))
 
     @cached_property
     def _bounds(self) -> tuple[ca.SX, ca.SX]:

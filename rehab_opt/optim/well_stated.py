@@ -10,7 +10,7 @@ import casadi as ca
 from rehab_opt.errors import ConfigurationError
 
 if TYPE_CHECKING:
-    from rehab_opt.optim.qp import Row
+    from rehab_opt.optim.rows import Row
 
 __all__ = ["check_that_it_is_a_qp", "with_numeric_bounds"]
 

@@ -13,7 +13,7 @@ from contextvars import ContextVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.optim.qp import Instance
+from rehab_opt.optim.rows import Instance
 
 __all__ = ["Stream", "Witness", "witness_now", "witnessed"]
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.session.file_limits import header_cells
-from rehab_opt.session.recordings import Recording
+from rehab_opt.session.recording import Recording
 from rehab_opt.session.text_lines import FARTHEST, LATEST, brief, finite_number, shown, text_lines
 
 __all__ = ["read_trc"]

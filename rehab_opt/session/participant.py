@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.human_arm import human_arm
-from rehab_opt.session.recordings import Recording
+from rehab_opt.session.recording import Recording
 from rehab_opt.session.schema import (
     ArmSection,
     PlacementSection,

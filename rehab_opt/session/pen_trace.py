@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from rehab_opt.errors import ProblemFileError
-from rehab_opt.session.recordings import Recording
+from rehab_opt.session.recording import Recording
 from rehab_opt.session.text_lines import FARTHEST, LATEST, finite_number, shown, text_lines
 
 __all__ = ["read_svc"]

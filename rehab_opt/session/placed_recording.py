@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.session.files import ProblemFile, recording_path
 from rehab_opt.session.participant import checked_hand, placed_path
-from rehab_opt.session.recordings import Recording, read_recording, resampled
+from rehab_opt.session.recording import Recording
+from rehab_opt.session.recordings import read_recording, resampled
 from rehab_opt.session.schema import PlacementSection, PlanarPlacement, Problem, RecordingSection, Side
 
 __all__ = ["placed_recording"]

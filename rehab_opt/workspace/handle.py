@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from rehab_opt.optim.qp import Row, equal, within
+from rehab_opt.optim.rows import Row, equal, within
 
 __all__ = ["ALMOST_EXACT", "beyond_cone", "handle_rows"]
 

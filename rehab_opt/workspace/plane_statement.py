@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.denavit_hartenberg import DH
 from rehab_opt.optim.nlp import NLP
-from rehab_opt.optim.qp import Row, equal, parameter, variable
+from rehab_opt.optim.rows import Row, equal, parameter, variable
 from rehab_opt.workspace.handle import beyond_cone, handle_rows
 from rehab_opt.workspace.spread import spread_postures
 

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from rehab_opt.comparison.entrants import Claim, Entrant
+from rehab_opt.comparison.entrant import Claim, Entrant
 from rehab_opt.comparison.instances import RecordedQPs
 from rehab_opt.comparison.sequence import QPSequence, sequence_of
-from rehab_opt.optim.backends import Answer
-from rehab_opt.optim.qp import Instance
+from rehab_opt.optim.answer import Answer
+from rehab_opt.optim.rows import Instance
 
 SLEEP = 30.0
 DAWDLE = 0.1

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from rehab_opt.comparison import record
-from rehab_opt.comparison.entrants import Entrant
+from rehab_opt.comparison.entrant import Entrant
 from rehab_opt.comparison.instances import RecordedQPs
 from rehab_opt.comparison.passes import Rules
 from rehab_opt.comparison.record import RECORD

@@ -16,7 +16,7 @@ from rehab_opt.comparison.nlp_instances import NLPInstances, read_nlp_instances,
 from rehab_opt.comparison.sequence import ARRAYS, QPSequence, read_sequence, shipped_sequences
 from rehab_opt.optim.backends import backend
 from rehab_opt.optim.nlp_solvers import nlp_solver
-from rehab_opt.optim.qp import Instance
+from rehab_opt.optim.rows import Instance
 from rehab_opt.session.files import shipped_folder
 
 Array = NDArray[np.float64]

@@ -14,7 +14,8 @@ from rehab_opt.comparison.recommendation import DEFAULTS, LADDER
 from rehab_opt.control.bounded_force import BoundedForce
 from rehab_opt.field.learning import learnt_field
 from rehab_opt.optim.ladder import Ladder
-from rehab_opt.optim.qp import Statement, parameter, variable
+from rehab_opt.optim.qp import Statement
+from rehab_opt.optim.rows import parameter, variable
 
 TICKS = {"ardis", "assistance", "mirror", "pose_tracking"}
 """Families of capabilities that solve a QP each tick."""

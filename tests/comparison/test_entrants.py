@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from rehab_opt.comparison.dense_qp import Certificate, DenseQP
-from rehab_opt.comparison.entrants import Entrant, entrants, entrants_named
+from rehab_opt.comparison.entrant import Entrant
+from rehab_opt.comparison.entrants import entrants, entrants_named
 from rehab_opt.comparison.instances import RecordedQPs
 from rehab_opt.comparison.sequence import QPSequence, sequence_of
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.optim.qp import Instance
+from rehab_opt.optim.rows import Instance
 
 INFINITE = np.inf
 

@@ -14,7 +14,7 @@ from rehab_opt.comparison.passes import Rules
 from rehab_opt.comparison.run import compare
 from rehab_opt.comparison.sequence import QPSequence, sequence_of
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.optim.qp import Instance
+from rehab_opt.optim.rows import Instance
 
 
 def large(n: int, m: int) -> QPSequence:

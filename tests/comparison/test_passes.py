@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from rehab_opt.comparison import passes
-from rehab_opt.comparison.entrants import Entrant
+from rehab_opt.comparison.entrant import Entrant
 from rehab_opt.comparison.instances import RecordedQPs
 from rehab_opt.comparison.judgement import Judge, Outcome
 from rehab_opt.comparison.passes import Pass, Rules, passed

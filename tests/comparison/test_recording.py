@@ -16,7 +16,8 @@ from rehab_opt.control.arm_ik import ArmIK
 from rehab_opt.kinematics.human_arm import human_arm
 from rehab_opt.optim.backends import backend
 from rehab_opt.optim.ladder import Ladder
-from rehab_opt.optim.qp import Instance, Statement, parameter, variable, within
+from rehab_opt.optim.qp import Statement
+from rehab_opt.optim.rows import Instance, parameter, variable, within
 from rehab_opt.optim.witness import witness_now, witnessed
 from rehab_opt.session.files import ProblemFile, load_problem, problem_content, problem_of, problem_path
 

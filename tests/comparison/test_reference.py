@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.comparison.reference import references
 from rehab_opt.comparison.sequence import read_sequence, shipped_sequences
-from rehab_opt.optim.qp import Instance
+from rehab_opt.optim.rows import Instance
 
 Array = NDArray[np.float64]
 AT_BOUND = 1e-15

@@ -26,7 +26,7 @@ from rehab_opt.comparison.sequence import (
     shipped_sequences,
     write_sequence,
 )
-from rehab_opt.optim.qp import Instance
+from rehab_opt.optim.rows import Instance
 
 FINITE = st.floats(allow_nan=False, allow_infinity=False, width=64)
 BOUND = st.one_of(FINITE, st.sampled_from([math.inf, -math.inf]))

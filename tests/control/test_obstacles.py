@@ -110,17 +110,17 @@ def random_obstacle(rng: np.random.Generator, outline: Outline, place: Array) ->
     return Disc((float(point[0]), float(point[1])), radius)
 
 
-def random_ticks(rng: np.random.Generator, count: int, *, dt: float, wider: bool) -> tuple[Outline, Ticks]:
-    """Ticks at the rows' limits; `wider` by all that they may be."""
-    outline, horizon = random_outline(rng), float(rng.choice([dt, dt + rng.uniform(0.0, 1.0)]))
+def random_ticks(rng: np.random.Generator, count: int, *, dt: float, at_once: bool) -> tuple[Outline, Ticks]:
+    """Ticks at the rows' limits, which let a gap be used up in a second or less; `at_once` in this tick."""
+    outline, horizon = random_outline(rng), dt + (0.0 if at_once else rng.uniform(0.0, 1.0))
     numbers, place = ca.SX.sym("numbers", NUMBERS), ca.SX.sym("place", 3)
     rows = approach(numbers, place, outline, dt=dt, horizon=horizon, turn=TURN)
-    function = ca.Function("rows", [numbers, place], [rows.matrix, rows.room, rows.more, rows.inside])
+    function = ca.Function("rows", [numbers, place], [rows.matrix, rows.room, rows.inside])
     places = rng.uniform(-3, 3, (count, 3)) * [1, 1, 2]
     obstacles = [random_obstacle(rng, outline, each) for each in places]
     stated = np.stack([obstacle_numbers([each], 1) for each in obstacles])
-    matrix, room, more, _ = (np.array(each) for each in function.map(count)(stated.T, places.T))
-    matrix, room = matrix.reshape(2, count, 3).transpose(1, 0, 2), room.T + more.T * wider
+    matrix, room, _ = (np.array(each) for each in function.map(count)(stated.T, places.T))
+    matrix, room = matrix.reshape(2, count, 3).transpose(1, 0, 2), room.T
     twists = rng.standard_normal((count, 3)) * [1.0, 1.0, 2.0] * 10 ** rng.uniform(-2, 1, (count, 1))
     twists[:, 2] = np.clip(np.where(rng.uniform(size=count) < 0.3, 10 * twists[:, 2], twists[:, 2]), -TURN, TURN)
     # Rows that the twist breaks are kept by retreating along their own normal, or by less of all of it.
@@ -181,7 +181,7 @@ def campaign(count: int, *, seed: int) -> Tally:
     worst, what, counts = 0.0, "", np.zeros(4, dtype=int)
     for _ in range(count // batch):
         dt = float(rng.choice([1e-3, 5e-3, 1e-2, 2e-2, 5e-2]))
-        outline, ticks = random_ticks(rng, batch, dt=dt, wider=bool(rng.integers(2)))
+        outline, ticks = random_ticks(rng, batch, dt=dt, at_once=bool(rng.integers(2)))
         gaps = clearances(outline, ticks.obstacles, driven(ticks, dt))
         taken = np.minimum(gaps[:, 0], 0.0) - gaps.min(axis=1)
         i = int(taken.argmax())

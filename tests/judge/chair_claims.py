@@ -14,8 +14,8 @@ from tests.judge.verdict import Answers, Verdict
 
 ROUNDING = 1e-9
 """[m, rad, m/s, rad/s] What sums of numbers of this size may miss a bound by."""
-WITHIN_TICK = 1e-6
-"""[m] By how much the arm's bow within a tick may dip below the distance from a keep-out at both ends."""
+REACH = 1.1
+"""[m] Of the longest arm: within a tick it bows from its chord by this times the square of its turn, over 8."""
 NEAR = 0.005
 """[m] A keep-out or obstacle nearer than this is at work."""
 MISSED = 2e-3
@@ -63,7 +63,8 @@ def judge_ticks(run: Run, verdict: Verdict) -> tuple[Answers, Array]:
     verdict.within("keep-outs", np.minimum(gaps[:-1], 0) - gaps[1:], ROUNDING)
     instants = [chair.arm_gaps(q + part * (ahead - q)) for part in INSTANTS]
     lowest = np.minimum(np.minimum(gaps[:-1], gaps[1:]), 0)
-    verdict.within("keep-outs within the tick", lowest - np.min(instants, axis=0), WITHIN_TICK)
+    bow = REACH / 8 * (dt * np.abs(u[:, 3:]).sum(axis=1)) ** 2 + ROUNDING
+    verdict.within("keep-outs within the tick", lowest - np.min(instants, axis=0), bow[:, None])
     verdict.during("a keep-out near", np.min(gaps[:-1], axis=1) < NEAR, dt)
 
     late = judge_obstacles(run, verdict, u, before)

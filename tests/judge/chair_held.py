@@ -85,7 +85,7 @@ BRAKING = 0.15
 STOPPED, POSSIBLE = 0.02, 0.05
 SAME, AGAIN = 1e-6, 5
 """[m/s, rad/s] between a run and the same again, of one run in so many: a solver may begin from another guess."""
-OTHERS = 12
+OTHERS = 13
 """One run in this many is of a random robot."""
 
 

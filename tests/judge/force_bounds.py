@@ -60,7 +60,8 @@ def judge(verdict: Verdict, one: Run) -> None:
     told_fast = np.linalg.norm(np.nan_to_num(one.velocity), axis=1) > given.speed_cap
     jumped = np.r_[False, one.fast[:-1]] | told_fast
     dear = reasons == "energy left does not afford a slower release"
-    strange = sudden & ~dear & (one.faults.kind == "") & np.r_[True, one.faults.kind[:-1] == ""]
+    quiet = one.faults.kind == ""  # after bad stamps a gap in them comes first, and then what was moved meanwhile
+    strange = sudden & ~dear & quiet & np.r_[True, quiet[:-1]] & np.r_[True, True, quiet[:-2]]
     verdict.holds("a hand is let go for its speed where it was fast", ~strange | jumped)
     safe = np.isin(status, ("releasing", "released"))
     wrong = expected(one.faults) & ~((one.faults.kind == "v") & np.isnan(one.velocity[:, 0]))

@@ -79,9 +79,9 @@ def judge(verdict: Verdict, one: Run) -> None:
                       np.linalg.norm(done[:, 3:], axis=1) / given.angular_speed)  # fmt: skip
     whole = bool((given.weights == 1).all()) and given.posture is None
     if whole:
-        share, straight = along_asked(one, asked, last)
         slowed = np.maximum(np.linalg.norm(asked[:, :3], axis=1) / given.linear_speed,
                             np.linalg.norm(asked[:, 3:], axis=1) / given.angular_speed)  # fmt: skip
+        share, straight = along_asked(one, asked, slowed, last)
         straight &= ok & (size > 1e-3) & (not one.pushed.any())
         beside = felt - asked * along[:, None]
         across = np.linalg.norm(beside, axis=1) / np.maximum(np.linalg.norm(felt, axis=1), 1e-9)
@@ -111,8 +111,11 @@ def judge(verdict: Verdict, one: Run) -> None:
     verdict.during("slowed to the hand speed", whole & (np.abs(fast - 1) < 1e-3), dt)
 
 
-def along_asked(one: Run, asked: Array, last: Array) -> tuple[Array, NDArray[np.bool_]]:
+def along_asked(one: Run, asked: Array, slowed: Array, last: Array) -> tuple[Array, NDArray[np.bool_]]:
     """(N,) largest s with J q' = s asked within every bound, less a margin; and where it is some, more than the least.
+
+    Where the motion that is asked, slowed to the hand speeds by `slowed` (N,), would bring a joint to its limit faster
+    than it can stop there, the direction may be left.
 
     The bounds are those of continuous braking, which are a little narrower than those over ticks.
     """
@@ -123,13 +126,15 @@ def along_asked(one: Run, asked: Array, last: Array) -> tuple[Array, NDArray[np.
     way[regular] = np.linalg.solve(moves[regular], asked[regular][..., None])[..., 0]
     change = np.minimum(given.acceleration * dt, 2 * given.velocity)
     half = change / 2
-    up, down = (
-        np.minimum(given.velocity, np.sqrt(2 * change / dt * np.maximum(room, 0) + half**2) - half)
-        for room in (given.upper - q, q - given.lower)
-    )
+    stops = [
+        np.sqrt(2 * change / dt * np.maximum(room, 0) + half**2) - half for room in (given.upper - q, q - given.lower)
+    ]
+    up, down = (np.minimum(given.velocity, each) for each in stops)
+    full = way / np.maximum(slowed, 1)[:, None]  # a joint that this would bring to its limit too fast goes slower alone
+    kept = ((full <= stops[0]) & (-full <= stops[1])).all(axis=1)
     high, low = np.minimum(last + change, up), np.maximum(last - change, -down)
     with np.errstate(divide="ignore", invalid="ignore"):
         ends = np.where(way != 0, low / way, -np.inf), np.where(way != 0, high / way, np.inf)
     still = (way == 0) & ((low > 0) | (high < 0))
     least, most = np.minimum(*ends).max(axis=1), np.minimum(np.maximum(*ends).min(axis=1), 1.0)
-    return most, regular & ~still.any(axis=1) & (low <= high).all(axis=1) & (least < 0.9 * most) & (most > 0.2)
+    return most, regular & kept & ~still.any(axis=1) & (low <= high).all(axis=1) & (least < 0.9 * most) & (most > 0.2)

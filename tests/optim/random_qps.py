@@ -8,7 +8,8 @@ import qpsolvers
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from rehab_opt.optim.qp import Instance, Statement, parameter, variable, within
+from rehab_opt.optim.qp import Statement
+from rehab_opt.optim.rows import Instance, parameter, variable, within
 
 Array = NDArray[np.float64]
 

@@ -12,7 +12,8 @@ from rehab_opt.optim.active_set import active_set_round
 from rehab_opt.optim.dual_active_set import dual_active_set
 from rehab_opt.optim.fused import GUESS_TOLERANCE, INDEPENDENT, PASSES
 from rehab_opt.optim.ladder import Ladder
-from rehab_opt.optim.qp import Instance, Statement, equal, parameter, variable, within
+from rehab_opt.optim.qp import Statement
+from rehab_opt.optim.rows import Instance, equal, parameter, variable, within
 from tests.optim.random_qps import general_statement, parameters_of, random_qp, seeds, solved
 
 N, M = 5, 6

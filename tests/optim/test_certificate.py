@@ -8,7 +8,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from rehab_opt.optim.certificate import certificate_function, is_certified
-from rehab_opt.optim.qp import Instance
+from rehab_opt.optim.rows import Instance
 from rehab_opt.symbolic import BufferedFunction, compiled
 from tests.optim.random_qps import Array, Solution, random_qp, seeds, sizes, solved
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from rehab_opt.comparison.dense_qp import Certificate
 from rehab_opt.optim.backends import ProxqpBackend
 from rehab_opt.optim.daqp_backend import OPTIONS, DaqpBackend
-from rehab_opt.optim.qp import Instance
+from rehab_opt.optim.rows import Instance
 from tests.optim.random_qps import Array, random_qp, seeds, solved
 
 N, M = 5, 3

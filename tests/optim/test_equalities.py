@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from rehab_opt.optim.equalities import dependent_equalities, equality_rows
 from rehab_opt.optim.fused import FUSED_SOLVERS
 from rehab_opt.optim.ladder import Ladder
-from rehab_opt.optim.qp import Statement, equal, parameter, variable, within
+from rehab_opt.optim.qp import Statement
+from rehab_opt.optim.rows import equal, parameter, variable, within
 
 N, ROWS = 5, 4
 Array = np.ndarray

@@ -7,7 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rehab_opt.optim.ladder import Ladder
-from rehab_opt.optim.qp import Statement, equal, parameter, variable, within
+from rehab_opt.optim.qp import Statement
+from rehab_opt.optim.rows import equal, parameter, variable, within
 
 rng_seeds = st.integers(0, 10**6)
 WALLS = np.random.default_rng(0).standard_normal((4, 3))

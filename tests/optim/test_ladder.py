@@ -11,10 +11,12 @@ from hypothesis import strategies as st
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.optim import backends
-from rehab_opt.optim.backends import Answer, Backend, QpsolversBackend, backend
+from rehab_opt.optim.answer import Answer, Backend
+from rehab_opt.optim.backends import QpsolversBackend, backend
 from rehab_opt.optim.fused import FUSED_SOLVERS
 from rehab_opt.optim.ladder import Ladder
-from rehab_opt.optim.qp import PLAUSIBLE, Instance, Statement, parameter, variable, within
+from rehab_opt.optim.qp import Statement
+from rehab_opt.optim.rows import PLAUSIBLE, Instance, parameter, variable, within
 from tests.optim.random_qps import Array, general_statement, parameters_of, random_qp, seeds, solved
 
 TOLERANCE = 1e-6

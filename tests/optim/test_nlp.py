@@ -11,7 +11,7 @@ from rehab_opt.errors import ConfigurationError
 from rehab_opt.optim.nlp import NLP
 from rehab_opt.optim.nlp_hessian import convexified
 from rehab_opt.optim.nlp_solvers import nlp_solver
-from rehab_opt.optim.qp import equal, parameter, variable, within
+from rehab_opt.optim.rows import equal, parameter, variable, within
 
 SOLVERS = ["sqp", "ipopt", "fatrop", "sqpmethod"]
 

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.optim.ladder import Ladder
-from rehab_opt.optim.qp import PLAUSIBLE, Statement, equal, parameter, variable, within
+from rehab_opt.optim.qp import Statement
+from rehab_opt.optim.rows import PLAUSIBLE, equal, parameter, variable, within
 from tests.optim.random_qps import general_statement, parameters_of, random_qp, seeds, sizes, solved
 
 numbers = st.floats(-5, 5)

@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.session.many.participants import Participant
+from rehab_opt.session.many.participant import Participant
 from rehab_opt.session.many.work import Answer
 
 __all__ = ["person", "quick"]

@@ -15,7 +15,8 @@ from pathlib import Path
 import pytest
 
 from rehab_opt.errors import ConfigurationError, ProblemFileError
-from rehab_opt.session.many.participants import Participant, participants_of
+from rehab_opt.session.many.participant import Participant
+from rehab_opt.session.many.participants import participants_of
 from rehab_opt.session.many.results import Row
 from rehab_opt.session.many.run import RESULTS, run_many
 from tests.session.stand_in_work import person, quick

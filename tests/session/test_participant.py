@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.kinematics.human_arm import human_arm
 from rehab_opt.session.participant import checked_hand, participant_arm, placed_path
-from rehab_opt.session.recordings import Recording
+from rehab_opt.session.recording import Recording
 from rehab_opt.session.schema import ArmSection, PlacementSection, RangeOfMotion, RecordingSection, Side
 
 RANGE = RangeOfMotion(

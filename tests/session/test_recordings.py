@@ -12,7 +12,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from rehab_opt.errors import ProblemFileError
-from rehab_opt.session.recordings import Recording, read_recording, resampled
+from rehab_opt.session.recording import Recording
+from rehab_opt.session.recordings import read_recording, resampled
 
 Write = Callable[[str, str | bytes], Path]
 

@@ -106,7 +106,7 @@ def test_compiler_that_fails_leaves_the_virtual_machine(
 
 @pytest.mark.parametrize("value", [True, "yes", 1, 0, "background"])
 def test_anything_else_is_refused_by_name(value: object) -> None:
-    with pytest.raises(ConfigurationError, match='compile = .*expected None, "wait" or False'):
+    with pytest.raises(ConfigurationError, match=r'compile = .*expected None, "wait" or False'):
         PoseTracker(ur5(), compile=value)  # type: ignore[arg-type]
 
 

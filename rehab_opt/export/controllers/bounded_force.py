@@ -19,6 +19,7 @@ from rehab_opt.export.c_text import filled, number
 from rehab_opt.export.exported import ExportedController, watchdog_of
 from rehab_opt.export.generated import renamed
 from rehab_opt.export.recording import Tick, with_faults
+from rehab_opt.optim.fused import fused
 from rehab_opt.optim.ladder import BACKUP, FUSED
 from rehab_opt.optim.qrqp import QRQP_ITERATIONS
 
@@ -60,7 +61,7 @@ class ExportedForce(ExportedController):
 
     def functions(self) -> list[ca.Function]:
         """The tick's QP, and what is asked for the wanted force."""
-        return [renamed(self.force.stated.fused, f"{self.name}_tick"), *self.evaluated]
+        return [renamed(fused(self.force.stated), f"{self.name}_tick"), *self.evaluated]
 
     def shape(self) -> dict[str, str]:
         """Sizes and bounds."""

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from rehab_opt.errors import ConfigurationError, RehabOptError, printable
 from rehab_opt.session.many.digest import inputs_digest
-from rehab_opt.session.many.participants import Participant
+from rehab_opt.session.many.participant import Participant
 from rehab_opt.session.many.pools import answers
 from rehab_opt.session.many.results import FAILED, NOT_RUN, REFUSED, Row, forget, keep, kept_row, write_rows
 from rehab_opt.session.many.work import Answer, work_on

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rehab_opt.session.many.participants import Participant
+from rehab_opt.session.many.participant import Participant
 from rehab_opt.session.report import write_results
 from rehab_opt.session.run import run_problem
 

@@ -14,7 +14,7 @@ from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.placed_recording import placed_recording
-from rehab_opt.session.recordings import Recording
+from rehab_opt.session.recording import Recording
 from rehab_opt.session.schema import RangeOfMotion
 from rehab_opt.session.workspace_maps.metrics import direction_metrics, mapped_set_metrics
 from rehab_opt.session.workspace_maps.outcome import CarriedPath, MadeMap, MapDirection, MapOutcome, MappedSet
