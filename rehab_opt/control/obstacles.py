@@ -123,10 +123,9 @@ def approach(
         chair needs to stop from any speed when all its components slow down together: then a chair that kept these
         rows in the last tick can keep them in this one within its accelerations.
 
-    Guaranteed at every instant of the tick, at any dt, for any twist within the rows that turns no faster than `turn`: an
-    outline that is outside stays outside; one that is inside gets no deeper. Depth is
-    the shortest way out of the obstacle by translation. The chair is taken to move straight in the world while it
-    turns: q + t value.
+    Guaranteed at every instant of the tick, at any dt, for any twist within the rows that turns no faster than `turn`:
+    an outline that is outside stays outside; one that is inside gets no deeper. Depth is the shortest way out of the
+    obstacle by translation. The chair is taken to move straight in the world while it turns: q + t value.
 
     A disc is replaced by the wall, fixed in the world, that touches it and has the outline's outward normal n at the
     point of the outline nearest to the disc's centre; the nearest edge's normal where the centre is on or under the

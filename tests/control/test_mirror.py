@@ -370,8 +370,7 @@ def test_the_backup_answers_under_the_same_bounds(monkeypatch: pytest.MonkeyPatc
     def fails() -> None:
         robot._ladder._verdict[:2] = [math.nan, 1.0]
 
-    monkeypatch.setattr(robot, "_evaluate", fails)
-    monkeypatch.setattr(robot._ladder, "evaluate", fails)
+    monkeypatch.setattr(robot._ladder.function, "evaluate", fails)
     for _ in range(40):
         command = robot.step(q, pose, [0.2, 0, 0, 0, 0, 0])
         assert command.status is Status.BACKUP

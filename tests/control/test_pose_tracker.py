@@ -216,8 +216,7 @@ def without_primary(robot: PoseTracker, monkeypatch: pytest.MonkeyPatch) -> None
     def fails() -> None:
         robot._ladder._verdict[:2] = [math.nan, 1.0]
 
-    monkeypatch.setattr(robot, "_evaluate", fails)
-    monkeypatch.setattr(robot._ladder, "evaluate", fails)
+    monkeypatch.setattr(robot._ladder.function, "evaluate", fails)
 
 
 def test_the_backup_answers_when_the_primary_is_made_to_fail(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -248,15 +247,13 @@ def test_a_failure_that_leaves_the_outputs_untouched_is_no_answer(monkeypatch: p
     chain = ur5()
     robot = tracker(chain)
     robot.step(START, chain.pose(START), [0.05, 0, 0, 0, 0, 0])  # leaves a good verdict behind
-    monkeypatch.setattr(robot, "_evaluate", lambda: None)
-    monkeypatch.setattr(robot._ladder, "evaluate", lambda: None)
+    monkeypatch.setattr(robot._ladder.function, "evaluate", lambda: None)
     assert robot.step(START, chain.pose(START), [0.05, 0, 0, 0, 0, 0]).solver == "daqp"
 
 
 def test_a_failure_in_the_very_first_tick_reaches_the_backup(monkeypatch: pytest.MonkeyPatch) -> None:
     robot = tracker()
-    monkeypatch.setattr(robot, "_evaluate", lambda: None)
-    monkeypatch.setattr(robot._ladder, "evaluate", lambda: None)
+    monkeypatch.setattr(robot._ladder.function, "evaluate", lambda: None)
     assert robot.step(START, ur5().pose(START), [0.05, 0, 0, 0, 0, 0]).status is Status.BACKUP
 
 

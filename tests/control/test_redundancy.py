@@ -1,7 +1,6 @@
 """Claims about RedundancyResolver that a user's safety rests on, judged by plain numpy."""
 
 import math
-from collections.abc import Sequence
 from functools import cache
 from typing import Any
 
@@ -21,10 +20,11 @@ from rehab_opt.kinematics.mobile_arm import MobileArm
 from rehab_opt.published.pseudoinverse_law import PseudoinverseLaw
 from tests.control import redundancy_campaign
 from tests.control.redundancy_campaign import gaps, hand_twist
+from tests.judge.numbering import seed_of_the_code
 
 UNHURRIED = {"acceleration": math.inf}
 DRIVES = ("mecanum", "differential")
-every_row = st.lists(st.sampled_from(("x", "y", "z", "rx", "ry", "rz", "roll7")), min_size=1, max_size=4, unique=True)
+EVERY_ROW = ("x", "y", "z", "rx", "ry", "rz", "roll7")
 
 
 def resolver(robot: MobileArm | None = None, **options: object) -> RedundancyResolver:
@@ -53,29 +53,28 @@ def test_no_fault_of_the_campaign_breaks_a_bound() -> None:
 
 
 # ---------------------------------------------------------------------------------------------- the published law
-@given(st.integers(0, 10**6), every_row, st.sampled_from(DRIVES), st.sampled_from(["chassis", "world"]))
-@settings(max_examples=60)
-def test_with_no_bound_active_the_command_is_the_published_law(
-    seed: int, rows: Sequence[str], drive: str, frame: str
-) -> None:
-    rows = rows[:3] if {"rx", "ry", "rz", "roll7"} <= set(rows) else rows
-    rng, robot = np.random.default_rng(seed), unhurried(drive)
+@pytest.mark.parametrize("drive", DRIVES)
+@pytest.mark.parametrize("frame", ["chassis", "world"])
+def test_with_no_bound_active_the_command_is_the_published_law(drive: str, frame: str) -> None:
+    rng, robot, compared = np.random.default_rng(seed_of_the_code()), unhurried(drive), 0
     law = PseudoinverseLaw(robot.robot, drive=drive)  # type: ignore[arg-type]
-    q, twist = posture(rng, robot.robot, 0.8), 0.05 * rng.standard_normal(len(rows))
-    robot.reset()
-    try:
+    for _ in range(40):
+        rows = tuple(str(each) for each in rng.permutation(EVERY_ROW)[: rng.integers(1, 4)])
+        q, twist = posture(rng, robot.robot, 0.8), 0.05 * rng.standard_normal(len(rows))
+        robot.reset()
+        if np.linalg.cond(law.task_jacobian(q, rows, frame)) > 1e4:
+            continue
         published = law.rate(q, twist, rows, frame)
-    except np.linalg.LinAlgError:
-        return
-    excess = law.excess(q, published, np.zeros(7), robot.dt)
-    # Joints stop at their limits by themselves; without acceleration bounds within one tick.
-    if max(excess.position, excess.velocity, excess.wheels) > -1e-3:
-        return
-    command = robot.step(q, twist, tuple(rows), frame)
-    if np.linalg.cond(law.task_jacobian(q, rows, frame)) < 1e4:
+        excess = law.excess(q, published, np.zeros(7), robot.dt)
+        # Joints stop at their limits by themselves; without acceleration bounds within one tick.
+        if max(excess.position, excess.velocity, excess.wheels) > -1e-3:
+            continue
+        command = robot.step(q, twist, rows, frame)
         np.testing.assert_allclose(command.value, published, rtol=0, atol=1e-9)
         assert command.yielded == Bound.NOTHING
         assert command.scale == 1.0
+        compared += 1
+    assert compared > 20
 
 
 @pytest.mark.parametrize("drive", DRIVES)
@@ -539,8 +538,7 @@ def without_primary(robot: RedundancyResolver, monkeypatch: pytest.MonkeyPatch) 
     def fails() -> None:
         active._ladder._verdict[:2] = [math.nan, 1.0]
 
-    monkeypatch.setattr(active, "_evaluate", fails)
-    monkeypatch.setattr(active._ladder, "evaluate", fails)
+    monkeypatch.setattr(active._ladder.function, "evaluate", fails)
 
 
 def test_the_backup_answers_when_the_primary_is_made_to_fail(monkeypatch: pytest.MonkeyPatch) -> None:

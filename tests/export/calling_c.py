@@ -70,18 +70,13 @@ def giving_up(folder: Path, name: str, built: Built, *functions: str) -> ctypes.
 
 
 @contextmanager
-def solver_gives_up(ladder: Ladder, *controllers: Any) -> Iterator[None]:
-    """Meanwhile nothing is written where Python's `controllers` evaluate their fused function."""
-    owners = (ladder, *controllers)
-    kept = [vars(owner).copy() for owner in owners]
-    ladder.evaluate = lambda: None
-    for controller in controllers:
-        controller._evaluate = lambda: None
+def solver_gives_up(ladder: Ladder) -> Iterator[None]:
+    """Meanwhile nothing is written where Python evaluates the fused function."""
+    kept, ladder.function.evaluate = ladder.function.evaluate, lambda: None
     try:
         yield
     finally:
-        for owner, before in zip(owners, kept, strict=True):
-            owner.__dict__.update({name: before[name] for name in ("evaluate", "_evaluate") if name in before})
+        ladder.function.evaluate = kept
 
 
 def ran(program: Path, *arguments: str) -> subprocess.CompletedProcess[str]:

@@ -183,7 +183,7 @@ def test_a_solver_that_writes_nothing_releases(exported: Exported, built: Built)
     for k in range(60):
         assert_same(c.step(x, None, stamp=DT * k), helper.step(x, stamp=DT * k))
     library.give_up(1)
-    with solver_gives_up(helper._ladder, helper):
+    with solver_gives_up(helper._ladder):
         for k in range(60, 200):
             answer = c.step(x, None, stamp=DT * k)
             assert_same(answer, helper.step(x, stamp=DT * k))

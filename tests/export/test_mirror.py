@@ -202,7 +202,7 @@ def test_a_solver_that_writes_nothing_brakes(
             command = twins.step(q, pose, twist)
         else:
             library.give_up(1)
-            with solver_gives_up(tracker._ladder, tracker):
+            with solver_gives_up(tracker._ladder):
                 command = twins.step(q, pose, twist)
             library.give_up(0)
             assert "no solver" in command.reason

@@ -162,7 +162,7 @@ def test_a_solver_that_writes_nothing_brakes(exported: Exported, built: Built, t
         told = {"enable": 1, "stamp": 0.001 * k}
         assert_same(c.step(q, pose, twist, **told), tracker.step(q, pose, twist, **told))
     library.give_up(1)
-    with solver_gives_up(tracker._ladder, tracker):
+    with solver_gives_up(tracker._ladder):
         for k in range(20, 40):
             told = {"enable": 1, "stamp": 0.001 * k}
             answer = c.step(q, pose, twist, **told)

@@ -133,7 +133,7 @@ def test_where_the_solver_writes_nothing_the_law_is_slowed_into_its_bounds(
         answer = c.step(q, twist, rows, 0, **told)
         if fails:
             law = resolver._sets[resolver.row_sets[rows]]
-            with solver_gives_up(law._ladder, law):
+            with solver_gives_up(law._ladder):
                 command = python(resolver, q, twist, rows, 0, **told)
         else:
             command = python(resolver, q, twist, rows, 0, **told)
