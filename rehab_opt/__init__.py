@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from rehab_opt.control.hand_bounds import KeepOut
     from rehab_opt.control.interaction import Interaction
     from rehab_opt.control.joystick import Joystick
+    from rehab_opt.control.limit import Limit
     from rehab_opt.control.mirror import MirrorTracker
     from rehab_opt.control.path_assistance import PathAssistance
     from rehab_opt.control.redundancy import RedundancyResolver
@@ -54,6 +55,7 @@ __all__ = [
     "Interaction",
     "Joystick",
     "KeepOut",
+    "Limit",
     "LinkCapsule",
     "MirrorTracker",
     "ParticipantSide",
@@ -91,6 +93,7 @@ _LATER = {
     "Interaction": "control.interaction",
     "Joystick": "control.joystick",
     "KeepOut": "control.hand_bounds",
+    "Limit": "control.limit",
     "MirrorTracker": "control.mirror",
     "ParticipantSide": "control.bilateral_sides",
     "PathAssistance": "control.path_assistance",

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.guarded_points import GuardedPoint, guarded_points
+from rehab_opt.control.limit import Limit, Limits
 from rehab_opt.control.stopping import VelocityBounds, nearest_to_rest
 from rehab_opt.control.tool_speed import tool_jerk
 from rehab_opt.errors import ConfigurationError
@@ -91,6 +92,7 @@ class HandBounds:
     rate : [1/s] at which the distance to a bound may decay.
     dt : tick [s].
     return_speed : share of the joints' speeds at which the arm is led back above the floor.
+    limits : a user's own.
     """
 
     chain: SerialChain
@@ -102,11 +104,12 @@ class HandBounds:
     rate: float
     dt: float
     return_speed: float
+    limits: Sequence[Limit] = ()
 
     @property
     def count(self) -> int:
         """Number of rows."""
-        return 2 + len(self.planes)
+        return 2 + len(self.planes) + len(self.limits)
 
     @cached_property
     def guarded(self) -> tuple[GuardedPoint, ...]:
@@ -148,6 +151,11 @@ class HandBounds:
             nearest, slope = self._nearest(q, frames, plane)
             normals.append(-slope)
             most.append(share * ca.fmax(nearest, 0))
+        for each in self.limits:
+            nearest, slope = each.nearest(self.chain, q)
+            rate = self.rate if each.rate is None else each.rate
+            normals.append(-slope)
+            most.append((1 - math.exp(-rate * self.dt)) / self.dt * ca.fmax(nearest, 0))
         slow = ca.DM(self.return_speed * self.chain.velocity)
         calm = ca.dot(ca.fabs(gradient), slow)
         rows = feasible_rows(
@@ -177,6 +185,8 @@ class HandBounds:
         for plane in self.planes:
             now, later = (self._heights(self.chain.frames_expression(at), plane) for at in (q, ahead))
             conditions += [b >= ca.fmin(a, 0) - ROUNDING for a, b in zip(now, later, strict=True)]
+        if self.limits:
+            conditions.append(Limits(self.limits, self.chain, self.dt).kept(q, velocity))
         return all_true(*conditions), then
 
     def least_height(self, q: Array, plane: KeepOut) -> float:

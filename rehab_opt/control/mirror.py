@@ -20,6 +20,7 @@ from rehab_opt.control.between_poses import moving_tool_function, rigid_function
 from rehab_opt.control.command import Bound, Command, Status
 from rehab_opt.control.hand_bounds import HandBounds, KeepOut
 from rehab_opt.control.interaction import Interaction
+from rehab_opt.control.limit import Limit, checked_limits
 from rehab_opt.control.manipulability import largest_manipulability
 from rehab_opt.control.mirror_following import BRIDGE
 from rehab_opt.control.mirror_foreseen import MirrorForeseen
@@ -70,6 +71,7 @@ class MirrorTracker(MirrorForeseen):
         (`SerialChain.capsules`: the UR5's whole body), the origin of a frame, or the tool's. Without capsules nothing
         is known of the links between those origins. What starts beyond a plane goes no deeper; what no joint moves,
         the led hand and what is mounted on the flange are not guarded, unless a capsule stands for them.
+    limits : what else the posture has to keep: see `Limit`; a rate of None is `rate` here.
     person : the arm that is led, in the robot's base frame; the reference is limited to its range of motion
         (`PersonLimit`). grip : (4, 4) pose of the tool in its hand frame.
     interaction : how measured forces slow and turn aside; default `Interaction()`.
@@ -97,6 +99,7 @@ class MirrorTracker(MirrorForeseen):
         linear_speed: float = 0.25,
         angular_speed: float = 1.5,
         keep_out: Sequence[KeepOut] = (),
+        limits: Sequence[Limit] = (),
         person: SerialChain | None = None,
         grip: ArrayLike | None = None,
         interaction: Interaction | None = None,
@@ -130,9 +133,8 @@ class MirrorTracker(MirrorForeseen):
         self.hand_bounds = HandBounds(
             limited, self.floor, self.largest, checked_number("linear_speed", linear_speed, above=0.0),
             self.max_deviation, tuple(keep_out), checked_number("rate", rate, above=0.0), dt,
-            checked_number("return_speed", return_speed, above=0.0, below=1.0),
+            checked_number("return_speed", return_speed, above=0.0, below=1.0), checked_limits(limits, limited),
         )  # fmt: skip
-        self.row_count = self.hand_bounds.count
         super().__init__(
             chain, linear_speed=linear_speed, angular_speed=angular_speed, dt=dt, return_speed=return_speed,
             task_weights=[1.0, 1.0, 1.0, *(turn_length**2,) * 3], compile=compile, **options,

@@ -41,7 +41,6 @@ STALE = 200
 class MirrorStatement(PoseTracker):
     """`PoseTracker`'s QP with the rows of `HandBounds`, its true state at the end of the tick, and shortened steps."""
 
-    rounds = 2
     memory_extra = 1  # what the last tick lost of w / w_max against its tangent
     floor: float
     max_deviation: float
@@ -54,6 +53,11 @@ class MirrorStatement(PoseTracker):
     _then: float
     _lead_w: float
     _lead_age: int
+
+    @property
+    def row_count(self) -> int:
+        """Number of rows of `HandBounds`."""
+        return self.hand_bounds.count
 
     def others(self) -> list[ca.SX]:
         """From the target to the deviation's centre (3,), and what stands for a gradient that vanishes (n,)."""

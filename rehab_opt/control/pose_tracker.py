@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from threading import get_ident
 from typing import Any, ClassVar, NamedTuple
 
@@ -11,7 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rehab_opt.control.command import Command
-from rehab_opt.control.stopping import VelocityBounds
+from rehab_opt.control.limit import Limit, Limits, checked_limits
+from rehab_opt.control.stopping import VelocityBounds, nearest_to_rest
 from rehab_opt.control.velocity_controller import VelocityController, checked_number
 from rehab_opt.control.wanted import WantedVelocity
 from rehab_opt.errors import ConfigurationError
@@ -31,6 +33,8 @@ DRIFT_SPEED = 0.1
 """Share of the velocity limits at which a redundant chain drifts to its posture."""
 DRIFT_SIZE = 1e-2
 """[m] Joint velocities count as this much of a hand speed each."""
+ROUNDS = 2
+"""Corrections of the last tick's active set, where there are rows: those that are active stay so for long."""
 TINY = 1e-12
 """[m/s] A speed that is no motion."""
 
@@ -76,7 +80,7 @@ class PoseTracker(VelocityController):
     """Joint velocities for a tool that follows a pose and a twist.
 
     min  |J (q' - s w)|^2 + small |q' - s w|^2 + price |w|^2 (1 - s)^2   over q', 0 <= s <= 1
-    s.t. lower(q, q'_last) <= q' <= upper(q, q'_last)
+    s.t. lower(q, q'_last) <= q' <= upper(q, q'_last),  grad h . q' >= -rate h  of each of `limits`
 
     w are the joint velocities that would deliver the asked twist, or as much of it as the arm can at this pose
     (`wanted_velocity`); the asked twist is `twist` plus `gain` times the pose error, no faster than the hand speeds
@@ -99,6 +103,8 @@ class PoseTracker(VelocityController):
     linear_speed, angular_speed : [m/s, rad/s] largest asked hand speeds; faster requests are slowed, not cut.
     task_weights : (6,) weights of the twist's components in the base frame; a zero frees one.
     posture : (n,) joint positions that a redundant chain drifts to where the task leaves it free, or None.
+    limits : what the posture has to keep besides, each a `Limit`: an elbow above a table, say. They come before
+        accelerations and hold while braking, too.
     dt : nominal tick [s].
     return_speed : share of the velocity limit at which a joint outside its limits comes back.
     solver, backup : see `Ladder`. tolerance : largest certificate residual accepted [the statement's units].
@@ -127,6 +133,7 @@ class PoseTracker(VelocityController):
         angular_speed: float = math.pi,
         task_weights: ArrayLike = 1.0,
         posture: ArrayLike | None = None,
+        limits: Sequence[Limit] = (),
         dt: float = 0.001,
         return_speed: float = 0.1,
         solver: str = "qrqp",
@@ -142,8 +149,10 @@ class PoseTracker(VelocityController):
         if not (np.all(self.task_weights >= 0) and np.any(self.task_weights > 0)):
             raise ConfigurationError("task_weights", task_weights, "weights of zero or more, one of them above zero")
         self.posture = None if posture is None else per_joint("posture", posture, chain.n, finite=True)
+        limited = chain.with_limits(lower=lower, upper=upper, velocity=velocity, acceleration=acceleration)
+        self.limits = Limits(checked_limits(limits, limited), limited, checked_number("dt", dt, above=0.0, below=1.0))
         super().__init__(
-            chain.with_limits(lower=lower, upper=upper, velocity=velocity, acceleration=acceleration),
+            limited,
             dt=dt,
             return_speed=return_speed,
             solver=solver,
@@ -166,6 +175,7 @@ class PoseTracker(VelocityController):
             parameter("slowdown", 1),
             parameter("told", self.told_size),
         )
+        prepared = [jacobian, asked, slowdown, lower, upper, outside, rows, most, told, wanted, delivered]
         moves = ca.reshape(jacobian, 6, n)
         given = Tick(q, _pose(entries), twist, others, memory)
 
@@ -179,31 +189,38 @@ class PoseTracker(VelocityController):
         error = moves @ velocity.symbol - scale * delivered
         slower = progress.symbol - speed
         cost = ca.sumsqr(error) + STEADYING * ca.sumsqr(short) + DIRECTION_KEEPING * ca.sumsqr(slower)
-        delivers = moves @ velocity.symbol
-        motion = Motion(velocity.symbol, scale, speed, delivers, slowdown * asked, outside, told)
+        command = parameter("command", n) if len(self.limits) else velocity.symbol
+        motion = Motion(command, scale, speed, moves @ command, slowdown * asked, outside, told)
+        complete = sum(each.numel() for each in (*prepared, q, entries, twist, *others))
         return Statement(
             name=self.name,
             parameters=[q, entries, twist, *others],
             variables=[velocity, progress],
             minimise=cost / 2,
             subject_to=[within(ca.reshape(rows, m, n) @ velocity.symbol, -ca.inf, most)] if m else [],
-            rounds=self.rounds,
+            rounds=ROUNDS if m else 0,
             requires=[is_rigid(given.target)],
             guess=ca.vertcat(wanted, speed),
-            prepared=[jacobian, asked, slowdown, lower, upper, outside, rows, most, told, wanted, delivered],
+            prepared=prepared,
             prepare=self._prepare(given, entries),
+            settled=[command] if len(self.limits) else [],
+            settle=self._settled(complete, memory.numel()) if len(self.limits) else None,
             report=self.outcome(given, motion),
             memory=memory,
             remember=self.remembered(given, motion),
         )
 
     # -------------------------------------------------------------------------- what a tracker with more bounds adds
-    row_count = 0
-    """Number of linear bounds on the joint velocities besides their intervals."""
-    rounds = 0
-    """Of `Statement`."""
-    memory_extra = 0
-    """Numbers remembered besides velocity and position."""
+    @property
+    def row_count(self) -> int:
+        """Number of linear bounds on the joint velocities besides their intervals."""
+        return len(self.limits)
+
+    @property
+    def memory_extra(self) -> int:
+        """Numbers remembered besides velocity and position."""
+        return len(self.limits)
+
     told_size = 0
     """Numbers that `rows` hands on to `outcome` and `remembered`."""
 
@@ -217,11 +234,16 @@ class PoseTracker(VelocityController):
 
     def remembered(self, tick: Tick, motion: Motion) -> ca.SX:
         """The memory that a tick leaves."""
-        return self.remember(tick.q, motion.velocity)
+        if not len(self.limits):
+            return self.remember(tick.q, motion.velocity)
+        return ca.vertcat(self.remember(tick.q, motion.velocity), self.limits.lost(tick.q, tick.last, motion.velocity))
 
     def rows(self, tick: Tick, bounds: VelocityBounds) -> tuple[ca.SX, ca.SX, VelocityBounds, ca.SX]:
         """R (m, n) and r (m,) of the bounds R q' <= r, the intervals that have room for them, and what is told on."""
-        return ca.SX(0, self.chain.n), ca.SX(0, 1), bounds, ca.SX(0, 1)
+        if not len(self.limits):
+            return ca.SX(0, self.chain.n), ca.SX(0, 1), bounds, ca.SX(0, 1)
+        losses = tick.memory[2 * self.chain.n :]
+        return *self.limits.rows(tick.q, tick.last, losses, bounds), ca.SX(0, 1)
 
     def excess(self, q: ca.SX, jacobian: ca.SX, velocity: ca.SX) -> ca.SX | None:
         """By how much a wanted velocity (n,) is too fast, at the weighted Jacobian (6, n): it is slowed by that.
@@ -229,6 +251,34 @@ class PoseTracker(VelocityController):
         None where nothing but the asked twist is slowed.
         """
         return None
+
+    # ------------------------------------------------------------------------------------------------ the user's limits
+    def _settled(self, size: int, remembered: int) -> ca.Function:
+        """Complete parameters, memory, x -> the command; the way back is looked for only where it leads too far."""
+        n = self.chain.n
+        q, last, wanted = (ca.SX.sym(name, n) for name in ("q", "last", "wanted"))
+        inputs = [q, last, wanted]
+        kept = ca.Function("kept", inputs, [self.limits.kept(q, wanted)], {"cse": True})
+        same = ca.Function("same", inputs, [wanted])
+        back = self.limits.keeping(q, wanted, self.limits.braking(q, last, nearest_to_rest(self.bounds(q, last))))
+        looked = ca.Function("looked", inputs, [ca.densify(back)], {"cse": True})
+        p, memory, x = ca.MX.sym("p", size), ca.MX.sym("memory", remembered), ca.MX.sym("x", n + 1)
+        here = p[:n], memory[:n], x[:n]
+        command = ca.Function.if_else("keeping", same, looked)(kept(*here), *here)
+        return ca.Function("settle", [p, memory, x], [command])
+
+    def braking(self) -> ca.Function:
+        """q, memory -> what is remembered of the safe command, which keeps the limits, and its report."""
+        if not len(self.limits):
+            return super().braking()
+        n, q, memory = self.chain.n, ca.SX.sym("q", self.chain.n), ca.SX.sym("memory", self.stated.memory.numel())
+        last = memory[:n]
+        bounds = self.bounds(q, last)
+        slower = self.limits.braking(q, last, nearest_to_rest(bounds))
+        rest = self.limits.keeping(q, slower, slower)
+        report = self.report(last, rest, ca.SX(0), ca.SX(1), bounds.outside)  # nothing of the task is delivered
+        left = ca.vertcat(self.remember(q, rest), ca.SX.zeros(len(self.limits)))
+        return ca.Function("braking", [q, memory], [ca.densify(left), report], {"cse": True})
 
     # -------------------------------------------------------------------------------------------------------------
     def _prepare(self, tick: Tick, entries: ca.SX) -> ca.Function:

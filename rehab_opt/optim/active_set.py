@@ -39,7 +39,7 @@ def active_set_round(
     Outputs: x, multipliers of bounds and rows, the certificate's residual in one column; and the multipliers (n + m,)
     of the next round, those that push the wrong way being zero.
 
-    Of the inequality rows, only the first `together` are taken for active, and never more than can be independent.
+    Of the inequality rows, only the first `together` that are active are taken, and never more than can be independent.
     `passes` correct what `softened` takes away; where the rows are independent for certain, it can be tiny.
     """
     n, m = statement.n, statement.m
@@ -59,10 +59,10 @@ def active_set_round(
     active = ca.logic_or(at_high, at_low)
     target = ca.if_else(at_high, high, ca.if_else(at_low, low, 0))
 
-    taken = picked(active[n:][others], min(together, max(n - len(equalities), 0)))
+    taken = picked(active[n:][others], min(together, len(others), max(n - len(equalities), 0)))
     used = ca.vertcat(ca.SX.ones(len(equalities)), ca.sum2(taken))
     rows = ca.vertcat(matrix[equalities, :], taken @ matrix[others, :])
-    wanted = ca.vertcat(rows_upper[equalities], taken @ target[n:][others])
+    wanted = ca.vertcat(rows_upper[equalities, :], taken @ target[n:][others])
 
     free, fixed = ca.diag(ca.logic_not(active[:n])), target[:n]
     solve = solver_of(free @ hessian @ free + ca.diag(active[:n]))
@@ -78,8 +78,8 @@ def active_set_round(
     balance = ca.diag(active[:n]) @ -(hessian @ x + gradient + rows.T @ pushing)
 
     found = ca.SX.zeros(m)
-    found[equalities] = pushing[: len(equalities)]
-    found[others] = taken.T @ pushing[len(equalities) :, 0]
+    found[equalities, 0] = pushing[: len(equalities), 0]
+    found[others, 0] = taken.T @ pushing[len(equalities) :, 0]
     x, residual = certified_expressions([*data, ca.SX(1)], x, balance, found)  # only sound parameters come here
     every = ca.vertcat(balance, found)
     right = ca.if_else(at_high, every > 0, every < 0)

@@ -162,3 +162,19 @@ def test_where_no_row_is_active_a_round_without_rows_says_the_same(seed: int) ->
     answers = (each(parameters_of(qp), [], start) for each in (without_rows(), whole()))
     for short, long in zip(*answers, strict=True):
         np.testing.assert_allclose(np.array(short), np.array(long), rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("m", [1, 2])
+def test_rounds_of_few_rows_find_the_answer(m: int) -> None:
+    rng, rounds = np.random.default_rng(m), 0
+    ladder = Ladder(
+        replace(general_statement(N, m), rounds=2), solver="qrqp", backup="daqp", tolerance=1e-8, compile=False
+    )
+    for seed in range(60):
+        qp = random_qp(seed, N, m, unbounded=False)
+        ladder.parameters[:] = parameters_of(qp)
+        ladder.start_from(0.0)
+        assert ladder()
+        ladder.parameters[:] = parameters_of(qp._replace(g=qp.g + 1e-3 * rng.standard_normal(N)))
+        rounds += ladder() == "active set"  # from the active set before
+    assert rounds > 20

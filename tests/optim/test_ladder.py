@@ -277,7 +277,7 @@ def test_a_solver_of_qpsolvers_that_says_no_is_followed_by_the_backup(
 
 def fused_failing(climbed: Ladder, times: int, residual: float) -> list[Array]:
     """Make the fused function give a wrong answer that often; returns the states it was started from."""
-    real, started = climbed.evaluate, []
+    real, started = climbed.function.evaluate, []
 
     def evaluate() -> None:
         started.append(climbed.state.copy())
@@ -286,7 +286,7 @@ def fused_failing(climbed: Ladder, times: int, residual: float) -> list[Array]:
             climbed.answer[:] = np.full(climbed.state.size, 2e9)
             climbed.verdict[0] = residual
 
-    climbed.evaluate = evaluate
+    climbed.function.evaluate = evaluate
     return started
 
 

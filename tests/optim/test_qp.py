@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rehab_opt.errors import ConfigurationError
+from rehab_opt.optim.backends import to_qpsolvers
 from rehab_opt.optim.ladder import Ladder
 from rehab_opt.optim.qp import Statement
 from rehab_opt.optim.rows import PLAUSIBLE, equal, parameter, variable, within
@@ -181,7 +182,7 @@ def test_another_solver_on_the_exported_problem_gives_the_fused_answer(solver: s
     FUSED.parameters[:] = parameters_of(qp)
     FUSED.start_from(0.0)
     assert FUSED()
-    problem = GENERAL[4, 2].to_qpsolvers(parameters_of(qp))
+    problem = to_qpsolvers(GENERAL[4, 2].instance(parameters_of(qp)))
     options = {"primal_tol": 1e-12, "dual_tol": 1e-12} if solver == "daqp" else {}
     solution = qpsolvers.solve_problem(problem, solver=solver, **options)
     np.testing.assert_allclose(FUSED.x, solution.x, atol=1e-7)

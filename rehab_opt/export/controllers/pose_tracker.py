@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from rehab_opt.session.outcome import Progress
 from rehab_opt.session.pose_tracking.problem import PoseTracking
 from rehab_opt.session.pose_tracking.robot import circle_reference, robot_at_start, run_pose_tracking, tracker_of
 
-__all__ = ["exported_pose_tracker"]
+__all__ = ["exported_pose_tracker", "exported_tracker"]
 
 CALL = "rehab_pose_tracker_step(&controller, tick->q, tick->pose, tick->twist, tick->enable, tick->stamp, out);"
 USAGE = """\
@@ -54,13 +54,27 @@ def exported_pose_tracker(loaded: ProblemFile[PoseTracking], *, progress: Progre
     run = run_pose_tracking(problem, name=loaded.name, file=loaded.file, solver=None, progress=progress)
     poses, twists = circle_reference(robot.pose(start), problem.circle, run.time)
     kept = thinned(len(run.time))
-    sound: list[Tick] = [{"q": run.q[i], "pose": poses[i], "twist": twists[i]} for i in kept]
-    ticks = with_faults(sound, dt=tracker.dt, max_age=tracker._watchdog.max_age, more=_faults(tracker))
     step = 1 if len(kept) < 2 else int(kept[1])
+    part = "" if step == 1 else f" (one tick of {step}, since the run is longer)"
+    sound: list[Tick] = [{"q": run.q[i], "pose": poses[i], "twist": twists[i]} for i in kept]
+    title = f"{problem.title}: joint velocities that make a tool follow a pose"
+    return exported_tracker(tracker, sound, title=title, of=f"`rehab-opt run {loaded.name}`{part}")
+
+
+def exported_tracker(tracker: PoseTracker, run: Sequence[Tick], *, title: str, of: str) -> ExportedController:
+    """Any tracker, a user's own limits included; for `export_c.written_files`.
+
+    Parameters
+    ----------
+    tracker : made with backup="qrqp", the solver that C has; it is reset, and repeats the run.
+    run : ticks of a sound run, each q (n,), pose (4, 4), twist (6,): C repeats it, with faults among them.
+    title : what it is, in a few words. of : what the run is one of, in words.
+    """
+    tracker.reset()
+    ticks = with_faults(run, dt=tracker.dt, max_age=tracker._watchdog.max_age, more=_faults(tracker))
     about = (
-        f"{len(ticks)} ticks of `rehab-opt run {loaded.name}`"
-        + ("" if step == 1 else f" (one of {step}, since the run is longer)")
-        + ", with faults among them: numbers that are none, stamps that are wrong, the enable input released"
+        f"{len(ticks)} ticks of {of}, with faults among them: numbers that are none, stamps that are wrong, the enable "
+        "input released"
     )
 
     def answer(tick: Tick) -> Command:
@@ -68,7 +82,7 @@ def exported_pose_tracker(loaded: ProblemFile[PoseTracking], *, progress: Progre
 
     return ExportedVelocity(
         name="pose_tracker",
-        title=f"{problem.title}: joint velocities that make a tool follow a pose",
+        title=title,
         laws=(Law("pose_tracker", tracker),),
         interface="pose_tracker",
         call=CALL,

@@ -1,0 +1,177 @@
+"""A user's own limits on a posture are kept in every tick, judged by kinematics in plain numpy."""
+
+import math
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from rehab_opt import Bound, ConfigurationError, Limit, MirrorTracker, PoseTracker, SerialChain, Status, ur5
+from tests.judge.references import minimum_jerk
+from tests.judge.ur5_numbers import frames, tool
+
+START = np.array([0.3, -1.4, 1.9, -1.9, -1.2, 0.4])
+TABLE = 0.45
+"""[m] that the elbow stays above."""
+
+
+def elbow_above(height: float, **options: Any) -> Limit:
+    """The elbow stays above a table."""
+
+    def distance(chain: SerialChain, q: ca.SX) -> ca.SX:
+        return chain.frames_expression(q)[2][2, 3] - height
+
+    return Limit(distance, **options)
+
+
+def within(radius: float) -> Limit:
+    """The tool stays in a ball around the shoulder, the wrist in the same."""
+
+    def distances(chain: SerialChain, q: ca.SX) -> ca.SX:
+        places = [chain.frames_expression(q)[i][:3, 3] - ca.DM([0, 0, 0.089159]) for i in (6, 4)]
+        return ca.vertcat(*(radius - ca.norm_2(place) for place in places))
+
+    return Limit(distances)
+
+
+def elbow(q: np.ndarray) -> np.ndarray:
+    return frames(np.atleast_2d(q))[:, 2, 2, 3]
+
+
+def far(q: np.ndarray) -> np.ndarray:
+    places = frames(np.atleast_2d(q))[:, (6, 4), :3, 3] - np.array([0, 0, 0.089159])
+    return np.linalg.norm(places, axis=2).max(axis=1)
+
+
+def led(
+    control: PoseTracker, goal: np.ndarray, *, ticks: int, released: int = 10**9, faults: float = 0.0, seed: int = 0
+) -> tuple[np.ndarray, np.ndarray, list[Any]]:
+    """Postures, velocities and commands while the tool is led to the pose of a posture."""
+    rng, q, dt = np.random.default_rng(seed), START.copy(), control.dt
+    ends = tool(np.stack([START, goal]))
+    part = minimum_jerk(ticks)
+    postures, velocities, commands = [q], [np.zeros(6)], []
+    for k in range(ticks):
+        pose = ends[1].copy()
+        pose[:3, 3] = ends[0, :3, 3] + part[k] * (ends[1, :3, 3] - ends[0, :3, 3])
+        told = q * np.nan if rng.random() < faults else q
+        commands.append(control.step(told, pose, np.zeros(6), enable=k < released))
+        q = q + dt * commands[-1].value
+        postures.append(q)
+        velocities.append(commands[-1].value)
+    return np.array(postures), np.array(velocities), commands
+
+
+def goals(seed: int, count: int) -> list[np.ndarray]:
+    """Postures whose elbow is below the table."""
+    rng, found = np.random.default_rng(seed), []
+    while len(found) < count:
+        q = START + rng.uniform(-1.2, 1.2, 6)
+        if elbow(q)[0] < TABLE - 0.1:
+            found.append(q)
+    return found
+
+
+@pytest.mark.parametrize("dt", [0.001, 0.004, 0.02])
+@pytest.mark.parametrize("acceleration", [2.0, 30.0])
+def test_elbow_stays_above_the_table_and_gets_there(dt: float, acceleration: float) -> None:
+    robot = ur5(acceleration=np.full(6, acceleration), velocity=np.full(6, 2.0))
+    plain = PoseTracker(robot, dt=dt, compile=False, linear_speed=1.0)
+    control = PoseTracker(robot, dt=dt, compile=False, linear_speed=1.0, limits=[elbow_above(TABLE)])
+    reached = beyond = 0
+    for goal in goals(int(1e6 * dt + acceleration), 4):
+        for each in (plain, control):
+            each.reset()
+        postures, velocities, commands = led(control, goal, ticks=round(6.0 / dt))
+        heights = elbow(postures)
+        assert heights.min() >= TABLE - 1e-9
+        assert np.abs(np.diff(velocities, axis=0)).max() <= acceleration * dt * (1 + 1e-6)
+        assert all(each.status.certified for each in commands)
+        reached += heights.min() < TABLE + 0.03
+        beyond += elbow(led(plain, goal, ticks=round(4.0 / dt))[0]).min() < TABLE - 0.01
+    assert beyond >= 3  # without the limit the same motions do lead below
+    assert reached >= 2
+
+
+def test_elbow_stays_above_the_table_while_braking_and_through_faults() -> None:
+    robot = ur5(acceleration=np.full(6, 1.5), velocity=np.full(6, 2.0))
+    control = PoseTracker(robot, dt=0.005, compile=False, limits=[elbow_above(TABLE, rate=20.0)])
+    braked = 0
+    for seed, goal in enumerate(goals(5, 12)):
+        control.reset()
+        released = 100 + 25 * seed
+        postures, velocities, commands = led(control, goal, ticks=800, released=released, faults=0.05, seed=seed)
+        assert elbow(postures).min() >= TABLE - 1e-9
+        assert not velocities[-1].any()
+        braked += sum(each.status is Status.BRAKING for each in commands)
+    assert braked > 100
+
+
+def test_limit_of_several_distances_is_kept_by_all_of_them() -> None:
+    robot = ur5(acceleration=np.full(6, 10.0))
+    control = PoseTracker(robot, dt=0.005, compile=False, limits=[elbow_above(TABLE), within(0.75)])
+    assert far(START)[0] < 0.75
+    near = 0
+    for seed in range(6):
+        control.reset()
+        goal = START + np.random.default_rng(seed).uniform(-1.5, 1.5, 6)
+        postures, _, _ = led(control, goal, ticks=600)
+        assert far(postures).max() <= 0.75 + 1e-9
+        assert elbow(postures).min() >= TABLE - 1e-9
+        near += far(postures).max() > 0.73
+    assert near > 0
+
+
+def test_arm_that_starts_beyond_a_limit_goes_no_further() -> None:
+    control = PoseTracker(ur5(), dt=0.005, compile=False, limits=[elbow_above(0.6)])
+    assert elbow(START)[0] < 0.6
+    for goal in goals(1, 3):
+        control.reset()
+        heights = elbow(led(control, goal, ticks=400)[0])
+        assert np.all(np.diff(heights) >= -1e-9)
+
+
+def test_acceleration_yields_to_a_limit_that_came_too_late_and_says_so() -> None:
+    robot = ur5(acceleration=np.full(6, 1.0), velocity=np.full(6, 2.0))
+    control = PoseTracker(robot, dt=0.005, compile=False, limits=[elbow_above(float(elbow(START)[0]) - 0.005)])
+    down = np.array([0.0, 1.5, 0.0, 0.0, 0.0, 0.0])
+    assert elbow(START + 0.1 * down)[0] < elbow(START)[0] - 0.005
+    control.reset(down)
+    command = control.step(START, tool(START[None])[0], np.zeros(6))
+    q, hurried = START + 0.005 * command.value, bool(command.yielded & Bound.ACCELERATION)
+    for _ in range(50):
+        command = control.step(q, tool(START[None])[0], np.zeros(6))
+        hurried |= bool(command.yielded & Bound.ACCELERATION)
+        q = q + 0.005 * command.value
+        assert elbow(q)[0] >= elbow(START)[0] - 0.005 - 1e-9
+    assert hurried
+
+
+def test_mirror_tracker_keeps_the_same_limit() -> None:
+    robot = ur5(acceleration=np.full(6, 10.0))
+    control = MirrorTracker(robot, dt=0.005, floor=0.05, compile=False, limits=[elbow_above(TABLE)], linear_speed=1.0)
+    near = 0
+    for goal in goals(2, 4):
+        control.reset()
+        heights = elbow(led(control, goal, ticks=800, released=700)[0])
+        assert heights.min() >= TABLE - 1e-9
+        near += heights.min() < TABLE + 0.02
+    assert near > 0
+
+
+@pytest.mark.parametrize(
+    ("limits", "named"),
+    [
+        (elbow_above(0.1), "limits"),
+        ([lambda chain, q: q[0]], "limits"),
+        ([Limit(lambda chain, q: q[0], rate=0.0)], r"limits\[0\].rate"),
+        ([Limit(lambda chain, q: q[0], rate=math.nan)], r"limits\[0\].rate"),
+        ([Limit(lambda chain, q: ca.SX(1.0))], r"limits\[0\].distances"),
+        ([Limit(lambda chain, q: q[0] - ca.SX.sym("height"))], r"limits\[0\].distances"),
+        ([Limit(lambda chain, q: "above")], r"limits\[0\].distances"),  # type: ignore[arg-type,return-value]
+    ],
+)
+def test_limit_that_is_none_is_refused_by_name(limits: Any, named: str) -> None:
+    with pytest.raises(ConfigurationError, match=named):
+        PoseTracker(ur5(), limits=limits, compile=False)

@@ -1,0 +1,27 @@
+"""A user's own limit appears in the C of the controller that keeps it."""
+
+from pathlib import Path
+
+import numpy as np
+
+from rehab_opt import PoseTracker, ur5
+from rehab_opt.export.controllers.pose_tracker import exported_tracker
+from rehab_opt.export.export_c import written_files
+from tests.control.test_limit import TABLE, elbow, elbow_above, goals, led
+from tests.export.calling_c import Built, compiled_once, ran
+from tests.judge.ur5_numbers import tool
+
+
+def test_c_repeats_a_run_along_a_limit(built: Built, tmp_path: Path) -> None:
+    robot = ur5(acceleration=np.full(6, 10.0))
+    control = PoseTracker(robot, dt=0.005, backup="qrqp", compile=False, limits=[elbow_above(TABLE)])
+    goal = goals(3, 1)[0]
+    postures, _, _ = led(control, goal, ticks=400)
+    assert elbow(postures).min() < TABLE + 0.02
+    pose, still = tool(goal[None])[0], np.zeros(6)
+    run = [{"q": q, "pose": pose, "twist": still} for q in postures[::2]]
+    exported = exported_tracker(control, run, title="an elbow above a table", of="a run along the limit")
+    written_files({tmp_path: exported}, tmp_path, problem="elbow")
+    compiled_once(tmp_path, "pose_tracker", built)
+    done = ran(built(tmp_path, "repeated", "controller.o", "main.c"), "1e-12")
+    assert done.returncode == 0, done.stdout
