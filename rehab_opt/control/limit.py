@@ -11,15 +11,21 @@ import numpy as np
 from rehab_opt.control.stopping import VelocityBounds, nearest_to_rest
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
-from rehab_opt.optim.certificate import all_true
+from rehab_opt.optim.certificate import all_true, clipped
 
 __all__ = ["Limit", "Limits", "checked_limits"]
 
-ROUNDING = 1e-12
-"""By how much rounding may take a distance further below zero."""
+ROUNDING = 1e-13
+"""[rad, m] of a joint, by which rounding may take a distance further below zero."""
 PARTS = (0.75, 0.5, 0.25)
 """Of the way from braking to the QP's answer, and of braking itself, that are tried where those lead beyond a limit."""
-TINY = 1e-12
+PASSES = 2
+"""Over all limits, in which a velocity is looked for that keeps them."""
+START = 0.1
+"""Share of the largest speeds that a joint may reach in a tick and still be met by the margin, however fast it gets."""
+MATTERS = 0.05
+"""Of a slope's largest entry: a joint below it is not asked to keep a limit."""
+TINY = 1e-300
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +38,7 @@ class Limit:
     ----------
     distances : chain, joint positions (n,) -> (k,) distances h(q) as CasADi expressions, in any unit. Smooth where they
         are small; of several the least one makes the row of the QP, all of them are judged at the end of the tick.
+        Where they, or their slopes, are no numbers, nothing is certified.
     rate : [1/s] at which the least distance may decay; by default 1/T, T the longest of the joints' speeds over their
         accelerations, so that all joints can brake together before it.
     """
@@ -71,8 +78,9 @@ def checked_limits(limits: Sequence[Limit], chain: SerialChain) -> tuple[Limit, 
         q = ca.SX.sym("q", chain.n)
         try:
             column = each.at(chain, q)
-        except (TypeError, NotImplementedError) as problem:
-            raise ConfigurationError(f"limits[{i}].distances", each.distances, "an expression of q") from problem
+        except (TypeError, ValueError, AttributeError, IndexError, RuntimeError, NotImplementedError) as problem:
+            expected = f"an expression of q ({' '.join(str(problem).split())[:200]})"
+            raise ConfigurationError(f"limits[{i}].distances", each.distances, expected) from problem
         if not column.numel() or not ca.depends_on(column, q) or {str(s) for s in ca.symvar(column)} - {
             str(s) for s in ca.symvar(q)
         }:  # fmt: skip
@@ -83,7 +91,9 @@ def checked_limits(limits: Sequence[Limit], chain: SerialChain) -> tuple[Limit, 
 class Limits:
     """The limits of one arm in one tick.
 
-    While braking, and where nothing else is left, they come before accelerations and after speeds and joint limits.
+    Where a row has less room than the least of the ways through its curve that a tick takes, the arm is led away from
+    the limit again, so that it slides along and does not stick. While braking, and where nothing else is left, limits
+    come before accelerations and after speeds and joint limits.
 
     Parameters
     ----------
@@ -94,43 +104,30 @@ class Limits:
         self.limits, self.chain, self.dt = tuple(limits), chain, dt
         together = max(float(np.max(chain.velocity / chain.acceleration)), dt)
         rates = [1 / together if each.rate is None else each.rate for each in self.limits]
-        self._shares = [(1 - np.exp(-rate * dt)) / dt for rate in rates]
+        self._shares = ca.DM([(1 - np.exp(-rate * dt)) / dt for rate in rates])
+        self._begun = float(np.sum(np.minimum(chain.acceleration * dt, START * chain.velocity)))
 
     def __len__(self) -> int:
         return len(self.limits)
 
-    def rows(self, q: ca.SX, last: ca.SX, losses: ca.SX, bounds: VelocityBounds) -> tuple[ca.SX, ca.SX, VelocityBounds]:
+    def rows(self, q: ca.SX, last: ca.SX, bounds: VelocityBounds) -> tuple[ca.SX, ca.SX, VelocityBounds]:
         """R (m, n), r (m,) of R q' <= r, and the intervals, opened where acceleration has to yield.
 
-        The velocity nearest to rest keeps every row, or a part of it does. A row is that of the middle of the tick,
-        where the last velocity leads: there a link that slides along a limit comes no nearer. `losses` (m,) are by how
-        much the last tick came nearer than that.
+        There is always a velocity that keeps them all: looked for between the intervals' ends, and where none of those
+        keeps a distance above zero, beyond them.
         """
         rest = nearest_to_rest(bounds._replace(brake_lower=bounds.lower, brake_upper=bounds.upper))
-        least, slopes = self._now(q, last)
-        closing, hard = -slopes @ rest, ca.fmax(least, 0) / self.dt
-        free = ca.DM(self._shares) * ca.fmax(least - 2 * losses, 0)
-        kept = self.braking(q, last, rest)
+        kept = self._kept_within(q, last, rest, (bounds.lower, bounds.upper), bounds)
+        slopes, free, _ = self._now(q, last)
         opened = bounds._replace(lower=ca.fmin(bounds.lower, kept), upper=ca.fmax(bounds.upper, kept))
-        return -slopes, ca.fmax(free, ca.fmin(closing, hard)), opened
+        return -slopes, ca.fmax(free, -slopes @ kept), opened
 
-    def braking(self, q: ca.SX, last: ca.SX, rest: ca.SX) -> ca.SX:
-        """(n,) the part of `rest`, the velocity nearest to rest, that leads beyond no limit in this tick."""
-        least, slopes = self._now(q, last)
-        closing, hard = -slopes @ rest, ca.fmax(least, 0) / self.dt
-        return ca.fmin(1, ca.mmin(ca.if_else(closing > hard, hard / ca.fmax(closing, TINY), 1))) * rest
-
-    def _now(self, q: ca.SX, last: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """(m,) least distances at q, and their slopes (m, n) in the middle of the tick."""
-        least = [each.nearest(self.chain, q)[0] for each in self.limits]
-        slopes = [each.nearest(self.chain, q + last * (self.dt / 2))[1] for each in self.limits]
-        return ca.vertcat(*least), ca.vertcat(*slopes)
-
-    def lost(self, q: ca.SX, last: ca.SX, velocity: ca.SX) -> ca.SX:
-        """(m,) by how much nearer a velocity leads than the rows of the tick say."""
-        least, slopes = self._now(q, last)
-        then = ca.vertcat(*(each.nearest(self.chain, q + velocity * self.dt)[0] for each in self.limits))
-        return ca.fmax(least + slopes @ velocity * self.dt - then, 0)
+    def braking(self, q: ca.SX, last: ca.SX, bounds: VelocityBounds) -> ca.SX:
+        """(n,) the velocity nearest to rest, but for joints that hold theirs longer where a limit wants it."""
+        rest = nearest_to_rest(bounds)
+        held = clipped(last, bounds.brake_lower, bounds.brake_upper)
+        slower = self._kept_within(q, last, rest, (ca.fmin(rest, held), ca.fmax(rest, held)), bounds)
+        return self.keeping(q, slower, slower)
 
     def keeping(self, q: ca.SX, wanted: ca.SX, braking: ca.SX) -> ca.SX:
         """(n,) the first that leads beyond no limit: `wanted`, parts of the way there from `braking`, parts of that."""
@@ -146,5 +143,44 @@ class Limits:
         conditions = []
         for each in self.limits:
             now, then = each.at(self.chain, q), each.at(self.chain, q + velocity * self.dt)
-            conditions.append(then >= ca.fmin(now, 0) - ROUNDING)
+            conditions.append(then >= ca.fmin(now, 0) - ROUNDING * ca.norm_2(each.nearest(self.chain, q)[1]))
         return all_true(*conditions)
+
+    def _now(self, q: ca.SX, last: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Slopes (m, n) of the least distances, how fast they may fall, and may not but in this tick (m,).
+
+        The slopes are those of the middle of the tick, where the last velocity leads. What the way bends by besides is
+        kept as a margin: the square of the joints' way in a tick.
+        """
+        least = ca.vertcat(*(each.nearest(self.chain, q)[0] for each in self.limits))
+        slopes = ca.vertcat(*(each.nearest(self.chain, q + last * (self.dt / 2))[1] for each in self.limits))
+        way = self.dt * (ca.sum1(ca.fabs(last)) + self._begun)
+        margin = ca.sqrt(ca.sum2(slopes**2)) * way**2 / 2
+        return slopes, self._shares * (least - margin), ca.fmax(least, 0) / self.dt
+
+    def _kept_within(
+        self, q: ca.SX, last: ca.SX, rest: ca.SX, ends: tuple[ca.SX, ca.SX], bounds: VelocityBounds
+    ) -> ca.SX:
+        """(n,) `rest`, moved limit by limit towards the end of an interval that keeps it, as far as it asks.
+
+        What still leads below zero in this tick is taken away across that limit, within the bounds that never yield,
+        and if that is not enough, of all joints alike: only there acceleration yields.
+        """
+        (lower, upper), (slopes, free, hard) = ends, self._now(q, last)
+        u = rest
+        for i in list(range(len(self.limits))) * PASSES:
+            slope = slopes[i, :].T
+            matters = ca.fabs(slope) > MATTERS * ca.mmax(ca.fabs(slope))
+            end = ca.if_else(matters, ca.if_else(slope > 0, upper, lower), u)
+            over, most = -ca.dot(slope, u) - free[i], ca.dot(slope, end - u)
+            u += ca.if_else(over > 0, ca.fmin(over / ca.fmax(most, TINY), 1), 0) * (end - u)
+        for i in list(range(len(self.limits))) * PASSES:
+            slope = slopes[i, :].T
+            over = ca.fmax(-ca.dot(slope, u) - hard[i], 0)
+            u = ca.if_else(
+                over > 0,
+                clipped(u + slope * (over / ca.fmax(ca.sumsqr(slope), TINY)), bounds.hard_lower, bounds.hard_upper),
+                u,
+            )
+        closing = -slopes @ u
+        return ca.fmin(1, ca.mmin(ca.if_else(closing > hard, hard / ca.fmax(closing, TINY), 1))) * u

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from rehab_opt.control.command import Command
 from rehab_opt.control.limit import Limit, Limits, checked_limits
-from rehab_opt.control.stopping import VelocityBounds, nearest_to_rest
+from rehab_opt.control.stopping import VelocityBounds
 from rehab_opt.control.velocity_controller import VelocityController, checked_number
 from rehab_opt.control.wanted import WantedVelocity
 from rehab_opt.errors import ConfigurationError
@@ -216,11 +216,8 @@ class PoseTracker(VelocityController):
         """Number of linear bounds on the joint velocities besides their intervals."""
         return len(self.limits)
 
-    @property
-    def memory_extra(self) -> int:
-        """Numbers remembered besides velocity and position."""
-        return len(self.limits)
-
+    memory_extra = 0
+    """Numbers remembered besides velocity and position."""
     told_size = 0
     """Numbers that `rows` hands on to `outcome` and `remembered`."""
 
@@ -234,16 +231,13 @@ class PoseTracker(VelocityController):
 
     def remembered(self, tick: Tick, motion: Motion) -> ca.SX:
         """The memory that a tick leaves."""
-        if not len(self.limits):
-            return self.remember(tick.q, motion.velocity)
-        return ca.vertcat(self.remember(tick.q, motion.velocity), self.limits.lost(tick.q, tick.last, motion.velocity))
+        return self.remember(tick.q, motion.velocity)
 
     def rows(self, tick: Tick, bounds: VelocityBounds) -> tuple[ca.SX, ca.SX, VelocityBounds, ca.SX]:
         """R (m, n) and r (m,) of the bounds R q' <= r, the intervals that have room for them, and what is told on."""
         if not len(self.limits):
             return ca.SX(0, self.chain.n), ca.SX(0, 1), bounds, ca.SX(0, 1)
-        losses = tick.memory[2 * self.chain.n :]
-        return *self.limits.rows(tick.q, tick.last, losses, bounds), ca.SX(0, 1)
+        return *self.limits.rows(tick.q, tick.last, bounds), ca.SX(0, 1)
 
     def excess(self, q: ca.SX, jacobian: ca.SX, velocity: ca.SX) -> ca.SX | None:
         """By how much a wanted velocity (n,) is too fast, at the weighted Jacobian (6, n): it is slowed by that.
@@ -260,7 +254,7 @@ class PoseTracker(VelocityController):
         inputs = [q, last, wanted]
         kept = ca.Function("kept", inputs, [self.limits.kept(q, wanted)], {"cse": True})
         same = ca.Function("same", inputs, [wanted])
-        back = self.limits.keeping(q, wanted, self.limits.braking(q, last, nearest_to_rest(self.bounds(q, last))))
+        back = self.limits.keeping(q, wanted, self.limits.braking(q, last, self.bounds(q, last)))
         looked = ca.Function("looked", inputs, [ca.densify(back)], {"cse": True})
         p, memory, x = ca.MX.sym("p", size), ca.MX.sym("memory", remembered), ca.MX.sym("x", n + 1)
         here = p[:n], memory[:n], x[:n]
@@ -274,11 +268,9 @@ class PoseTracker(VelocityController):
         n, q, memory = self.chain.n, ca.SX.sym("q", self.chain.n), ca.SX.sym("memory", self.stated.memory.numel())
         last = memory[:n]
         bounds = self.bounds(q, last)
-        slower = self.limits.braking(q, last, nearest_to_rest(bounds))
-        rest = self.limits.keeping(q, slower, slower)
+        rest = self.limits.braking(q, last, bounds)
         report = self.report(last, rest, ca.SX(0), ca.SX(1), bounds.outside)  # nothing of the task is delivered
-        left = ca.vertcat(self.remember(q, rest), ca.SX.zeros(len(self.limits)))
-        return ca.Function("braking", [q, memory], [ca.densify(left), report], {"cse": True})
+        return ca.Function("braking", [q, memory], [ca.densify(self.remember(q, rest)), report], {"cse": True})
 
     # -------------------------------------------------------------------------------------------------------------
     def _prepare(self, tick: Tick, entries: ca.SX) -> ca.Function:

@@ -3,71 +3,106 @@
 from __future__ import annotations
 
 import atexit
+import os
 import shutil
+import signal
 import subprocess
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from queue import SimpleQueue
 
 __all__ = ["finished", "idle", "later"]
 
-_work: SimpleQueue[Callable[[], None]] = SimpleQueue()
-_lock = threading.Lock()
-_worker: threading.Thread | None = None
-_child: subprocess.Popen[bytes] | None = None
-_open = 0
-"""Pieces of work that are not done."""
-_none_open = threading.Condition(_lock)
+
+class _Background:
+    """What is to be done, and who does it."""
+
+    def __init__(self) -> None:
+        self.work: SimpleQueue[Callable[[], None]] = SimpleQueue()
+        self.lock = threading.Lock()
+        self.none_open = threading.Condition(self.lock)
+        self.open = 0
+        """Pieces of work that are not done."""
+        self.worker: threading.Thread | None = None
+        self.child: subprocess.Popen[bytes] | None = None
+
+    def go_on(self) -> None:
+        """Do what there is to do, for ever."""
+        while True:
+            work = self.work.get()
+            try:
+                work()
+            finally:
+                with self.none_open:
+                    self.open -= 1
+                    self.none_open.notify_all()
+            del work
+
+
+_now = _Background()
 
 
 def later(work: Callable[[], None]) -> None:
-    """Call `work` in the background thread, after what it was given before; its children end with this process."""
-    global _worker, _open  # noqa: PLW0603  (one worker of the process)
-    with _lock:
-        _open += 1
-        _work.put(work)
-        if _worker is None or not _worker.is_alive():  # a forked process has none
-            _worker = threading.Thread(target=_go_on, name="rehab_opt-background", daemon=True)
-            _worker.start()
+    """Call `work` in the background thread, after what it was given before.
+
+    Its child ends when this process ends by itself; one that is killed leaves a compiler that ends within a minute.
+    """
+    with _now.lock:
+        _now.open += 1
+        _now.work.put(work)
+        if _now.worker is None:
+            _now.worker = threading.Thread(target=_now.go_on, name="rehab_opt-background", daemon=True)
+            _now.worker.start()
 
 
 def finished(seconds: float | None = None) -> bool:
     """Wait for so long at most until nothing is left to do; whether that is so."""
-    with _none_open:
-        return _none_open.wait_for(lambda: _open == 0, seconds)
+    with _now.none_open:
+        return _now.none_open.wait_for(lambda: _now.open == 0, seconds)
 
 
-def idle(command: Sequence[str]) -> None:
+def idle(command: Sequence[str], *, environment: Mapping[str, str], seconds: float) -> None:
     """Run a command that takes no time from others.
 
     Raises
     ------
-    subprocess.CalledProcessError : it failed. OSError : there is none.
+    subprocess.SubprocessError : it failed, or took longer. OSError : there is none.
     """
-    global _child  # noqa: PLW0603  (ended at exit)
     nice = shutil.which("nice")
     first = [nice, "-n", "19"] if nice else []
     child = subprocess.Popen([*first, *command], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-                             stdin=subprocess.DEVNULL, start_new_session=True)  # fmt: skip
-    _child = child
-    if child.wait():
-        raise subprocess.CalledProcessError(child.returncode, list(command))
+                             stdin=subprocess.DEVNULL, env=environment, start_new_session=True)  # fmt: skip
+    _now.child = child
+    try:
+        status = child.wait(seconds)
+    except subprocess.TimeoutExpired:
+        _end(child)
+        raise
+    if status:
+        raise subprocess.CalledProcessError(status, list(command))
 
 
-def _go_on() -> None:
-    global _open  # noqa: PLW0603
-    while True:
-        work = _work.get()
+def _end(child: subprocess.Popen[bytes]) -> None:
+    """End a child and what it has begun: a compiler's driver is not who works."""
+    if child.poll() is None:
         try:
-            work()
-        finally:
-            with _none_open:
-                _open -= 1
-                _none_open.notify_all()
-        del work
+            os.killpg(child.pid, signal.SIGKILL)
+        except (AttributeError, ProcessLookupError):  # a system without process groups; it has just ended
+            child.kill()
+        child.wait()
 
 
 @atexit.register
 def _end_child() -> None:
-    if _child is not None and _child.poll() is None:
-        _child.kill()
+    if _now.child is not None:
+        _end(_now.child)
+
+
+def _begin_anew() -> None:
+    """A forked process has none of the parent's threads, and none of its work."""
+    global _now  # noqa: PLW0603
+    _now = _Background()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_begin_anew)

@@ -16,9 +16,10 @@ import platform
 import shutil
 import subprocess
 import tempfile
+import time
 import weakref
 from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, nullcontext, suppress
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -49,7 +50,9 @@ FLAGS = (
     "-fno-semantic-interposition",
     "-shared",
 )
-COMPILE_SECONDS = 300.0
+COMPILE_SECONDS, IDLE_SECONDS = 300.0, 1800.0
+"""After which a compiler is given up; one at idle priority waits for others."""
+WORKPLACE = "building-"
 
 _log = logging.getLogger(__name__)
 
@@ -159,7 +162,13 @@ def _attempt(code: _Code, *, build: bool = True, hurry: bool = False) -> ca.Func
         if library is None and build:
             with _waiting[0](code.function) if hurry and _waiting else nullcontext():
                 library = _build(folder, code, hurry=hurry)
-        return None if library is None else ca.external(code.function, str(library))
+        if library is None:
+            return None
+        try:
+            return ca.external(code.function, str(library))
+        except RuntimeError:
+            library.unlink(missing_ok=True)  # no code of this machine: the next process builds it again
+            raise
     except (OSError, subprocess.SubprocessError, RuntimeError) as problem:
         _log.info("%s stays in the virtual machine: %s", code.function, problem)
     return None
@@ -219,6 +228,14 @@ def _cached(folder: Path, name: str) -> Path | None:
     return None
 
 
+def _clear(folder: Path) -> None:
+    """Remove what processes that were killed while they compiled have left."""
+    for workplace in folder.glob(f"{WORKPLACE}*"):
+        with suppress(OSError):
+            if time.time() - workplace.stat().st_mtime > 2 * IDLE_SECONDS:
+                shutil.rmtree(workplace, ignore_errors=True)
+
+
 def _digest(library: Path) -> str:
     """Of the library's content; nothing where it is a link or not this user's alone."""
     try:
@@ -234,14 +251,16 @@ def _without_links(path: str, flags: int) -> int:
 
 def _build(folder: Path, code: _Code, *, hurry: bool) -> Path:
     """Compile beside the target and move it there in one step: two processes may build at once."""
-    with tempfile.TemporaryDirectory(dir=folder) as workplace:
+    _clear(folder)
+    with tempfile.TemporaryDirectory(dir=folder, prefix=WORKPLACE) as workplace:
         written, product = Path(workplace) / "code.c", Path(workplace) / "code.so"
         written.write_text(code.source)
         command = [code.compiler, *FLAGS, str(written), "-o", str(product), "-lm"]
+        environment = os.environ | {"TMPDIR": workplace}  # what it leaves behind when it is killed goes with the rest
         if hurry:
-            subprocess.run(command, check=True, capture_output=True, timeout=COMPILE_SECONDS)
+            subprocess.run(command, check=True, capture_output=True, timeout=COMPILE_SECONDS, env=environment)
         else:
-            idle(command)
+            idle(command, environment=environment, seconds=IDLE_SECONDS)
         product.chmod(0o700)  # whatever the umask: see `_digest`
         return product.replace(folder / f"{code.name}-{_digest(product)}.so")
 

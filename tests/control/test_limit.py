@@ -160,6 +160,42 @@ def test_mirror_tracker_keeps_the_same_limit() -> None:
     assert near > 0
 
 
+@pytest.mark.parametrize("dt", [0.001, 0.005, 0.02])
+@pytest.mark.parametrize("above", [0.0, 0.001, 0.02])
+def test_tool_slides_along_a_limit_that_its_reference_lies_beyond(dt: float, above: float) -> None:
+    robot, q = ur5(acceleration=np.full(6, 6.0), velocity=np.full(6, 1.5)), START.copy()
+    pose, height = tool(q[None])[0], float(tool(q[None])[0, 2, 3]) - above
+    limit = Limit(lambda chain, q: chain.pose_expression(q)[2, 3] - height)
+    control, places, velocities = PoseTracker(robot, dt=dt, compile=False, limits=[limit]), [], [np.zeros(6)]
+    for k in range(round(5.0 / dt)):
+        reference = pose.copy()
+        reference[:3, 3] += 0.0, 0.1 * math.sin(3.0 * k * dt), -0.01 - above
+        command = control.step(q, reference, np.array([0.0, 0.3 * math.cos(3.0 * k * dt), 0.0, 0.0, 0.0, 0.0]))
+        assert not command.yielded & Bound.ACCELERATION
+        velocities.append(command.value)
+        q = q + dt * command.value
+        places.append(tool(q[None])[0, :3, 3])
+    assert np.min(places, axis=0)[2] >= height - 1e-9
+    assert np.abs(np.diff(velocities, axis=0)).max() <= 6.0 * dt * (1 + 1e-6)
+    late = np.array(places)[-round(2.2 / dt) :]
+    assert np.ptp(late[:, 1]) > 0.12  # of 0.2, at the speed that the joints and hand have
+    assert late[:, 2].max() < height + 0.01
+
+
+def test_joints_that_oppose_each_other_brake_without_a_jolt_and_come_to_rest() -> None:
+    robot = ur5(acceleration=np.full(6, 3.0), velocity=np.full(6, 1.5))
+    bound = float(START[1] + 2 * START[2]) + 0.1
+    limit = Limit(lambda chain, q: bound - (q[1] + 2 * q[2]))
+    control = PoseTracker(robot, dt=0.005, compile=False, limits=[limit])
+    for seed in range(6):
+        goal = START + np.random.default_rng(seed).uniform(-0.6, 0.6, 6) + [0, 0.4, 0.4, 0, 0, 0]
+        control.reset()
+        postures, velocities, commands = led(control, goal, ticks=600, released=200 + 20 * seed)
+        assert (postures[:, 1] + 2 * postures[:, 2]).max() <= bound + 1e-9
+        assert np.abs(np.diff(velocities, axis=0)).max() <= 3.0 * 0.005 * (1 + 1e-6)
+        assert commands[-1].status is Status.HOLDING
+
+
 @pytest.mark.parametrize(
     ("limits", "named"),
     [
@@ -169,6 +205,8 @@ def test_mirror_tracker_keeps_the_same_limit() -> None:
         ([Limit(lambda chain, q: q[0], rate=math.nan)], r"limits\[0\].rate"),
         ([Limit(lambda chain, q: ca.SX(1.0))], r"limits\[0\].distances"),
         ([Limit(lambda chain, q: q[0] - ca.SX.sym("height"))], r"limits\[0\].distances"),
+        ([Limit(lambda chain, q: q[9])], r"limits\[0\].distances"),
+        ([Limit(lambda chain, q: q.height)], r"limits\[0\].distances"),  # type: ignore[attr-defined]
         ([Limit(lambda chain, q: "above")], r"limits\[0\].distances"),  # type: ignore[arg-type,return-value]
     ],
 )

@@ -1,7 +1,11 @@
 """Functions answer at once, and go over to machine code between two calls when a compiler beside them is done."""
 
 import gc
+import hashlib
+import os
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import casadi as ca
@@ -126,3 +130,51 @@ def test_a_loop_goes_over_without_a_jump(kind: type[PoseTracker], slow_compiler:
         assert (one.status, one.yielded) == (other.status, other.yielded)
         q = q + 0.001 * one.value
     assert np.linalg.norm(q - START) > 0.01
+
+
+def ended(code: str) -> subprocess.CompletedProcess[str]:
+    """A process that ends while it compiles in the background."""
+    script = f"import casadi as ca; from rehab_opt.symbolic import BufferedFunction\nx = ca.SX.sym('x', 3)\n{code}\n"
+    return subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False, timeout=60.0)
+
+
+MAKE = "f = BufferedFunction(ca.Function('left', [x], [ca.sin(x)]), compile=None)"
+
+
+def test_process_that_ends_leaves_no_compiler_and_no_folder(slow_compiler: Path, empty_cache: Path) -> None:
+    done = ended(f"{MAKE}\nimport time; time.sleep(0.5)")
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    assert list(empty_cache.iterdir()) == []
+    assert "slow-cc" not in subprocess.run(["ps", "-eo", "args"], capture_output=True, text=True, check=True).stdout
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork on this system")
+def test_forked_process_begins_with_no_work(slow_compiler: Path) -> None:
+    code = (
+        f"{MAKE}\nimport os\nfrom rehab_opt.symbolic.background import finished\n"
+        "if os.fork() == 0:\n    print(finished(5.0), flush=True)\n    os._exit(0)\nos.wait()"
+    )
+    assert ended(code).stdout == "True\n"
+
+
+def test_what_a_killed_process_left_is_removed_in_time(empty_cache: Path) -> None:
+    left, fresh = empty_cache / "building-old", empty_cache / "building-new"
+    for each in (left, fresh):
+        each.mkdir(parents=True, mode=0o700)
+    empty_cache.chmod(0o700)
+    os.utime(left, (0, 0))
+    compiled(cubes("clears"), compile="wait")
+    assert not left.exists()
+    assert fresh.exists()
+
+
+def test_library_that_is_none_is_built_again(empty_cache: Path) -> None:
+    function = cubes("none")
+    compiled(function, compile="wait")
+    (library,) = empty_cache.glob("*.so")
+    rubbish = library.with_name(f"{library.name.rpartition('-')[0]}-{hashlib.sha256(b'none').hexdigest()[:16]}.so")
+    library.unlink()
+    rubbish.write_bytes(b"none")
+    rubbish.chmod(0o700)
+    assert compiled(function, compile="wait").class_name() == VIRTUAL_MACHINE
+    assert compiled(function, compile="wait").class_name() == MACHINE_CODE
