@@ -29,9 +29,10 @@ class Statement:
     variables : what is decided.
     minimise : scalar, quadratic in the variables.
     subject_to : rows linear in the variables.
-    lazy_rows : how many of the last rows are seldom active: the fused function solves without them first, and again with
-        them only where the certificate, which always has all rows, says that one was missed.
-    active_set_iterations : how often the fused function corrects the active set of the last tick before the solver runs.
+    lazy_rows : how many of the last rows are seldom active: the fused function solves without them first, and again
+        with them only where the certificate, which always has all rows, says that one was missed.
+    active_set_iterations : how often the fused function corrects the active set of the last tick before the solver
+        runs.
     iterations : cap on the active-set changes of the fused solver, None for its own: what is not found soon is seldom
         found later, and the backup waits.
     requires : conditions on the parameters without which no answer is certified.
@@ -39,11 +40,11 @@ class Statement:
     analytic : (n,) expression of the answer when no bound is active, or None. It is certified like any other answer;
         the solver runs only where it fails.
     dual : (m,) expression of the rows' multipliers at the analytic answer, or None where no row is active there.
-    precomputed, precompute : columns that hold what `precompute`, a function of (parameters, memory), each one column, gives
-        for them: work that must not be repeated, or that expressions cannot leave out when it is not needed.
-    postprocessed, postprocess : columns that hold what `postprocess`, a function of (complete parameters, memory, x), each one column,
-        gives for the answer, before report, memory and violation are made of it: work that expressions cannot leave
-        out when it is not needed.
+    precomputed, precompute : columns that hold what `precompute`, a function of (parameters, memory), each one column,
+        gives for them: work that must not be repeated, or that expressions cannot leave out when it is not needed.
+    postprocessed, postprocess : columns that hold what `postprocess`, a function of (complete parameters, memory, x),
+        each one column, gives for the answer, before report, memory and violation are made of it: work that expressions
+        cannot leave out when it is not needed.
     memory : column standing for what the last certified tick left behind (its last velocity, say).
     remember : column of expressions of parameters and variables that becomes the next tick's memory.
     violation : by how much what is made of the answer in `remember` breaks the bounds, zero or more; it is added to
