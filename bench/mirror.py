@@ -153,7 +153,12 @@ def plan(console: Console, _: argparse.Namespace) -> list[Verdict]:
         for resolution in RESOLUTIONS:
             begun = time.perf_counter()
             theirs = astar_path(
-                chain, samples.poses, motions.START, floor=0.3, largest=tracker.largest, resolution=resolution
+                chain,
+                samples.poses,
+                motions.START,
+                floor=0.3,
+                max_manipulability=tracker.max_manipulability,
+                resolution=resolution,
             )
             spent = time.perf_counter() - begun
             away = theirs.deviations(samples.poses[:, :3, 3])

@@ -161,7 +161,7 @@ def main() -> None:
     options = parser.parse_args()
     largest, rng, hands = largest_manipulability(ur5())[0], np.random.default_rng(options.seed), hand_path()
     table = KeepOut.through([0.0, 0.0, -0.3], [0.0, 0.0, 1.0])
-    tracker = MirrorTracker(ur5(), dt=DT, largest=largest, keep_out=[table])
+    tracker = MirrorTracker(ur5(), dt=DT, max_manipulability=largest, keep_out=[table])
     best, kept = -1.0, None
     for number in range(options.candidates):
         place = drawn(rng, hands[0], largest, kept if number > ANYWHERE * options.candidates else None)

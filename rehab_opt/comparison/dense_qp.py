@@ -109,7 +109,7 @@ class DenseQP:
         self._start[:] = found if is_certified(residual, self._tolerance) else 0.0
         return found, residual
 
-    def start_from(self, answer: Answer) -> None:
+    def warm_start(self, answer: Answer) -> None:
         """Begin the next warm solve at an answer of another solver."""
         self._start[:] = np.concatenate(answer[:3])
 

@@ -137,7 +137,7 @@ class _Ladder(_Kept):
             return self._qp.parted(found), residual
         answer, residual = super().solve(instance, warm=warm)
         if is_certified(residual, self._tolerance):
-            self._qp.start_from(answer)
+            self._qp.warm_start(answer)
         elif warm:
             found, residual = self._qp.solve(flat, warm=False)
             answer = self._qp.parted(found)

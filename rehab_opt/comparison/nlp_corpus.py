@@ -125,7 +125,7 @@ def mirror_window(name: str, *, task: str, standing: bool, about: str) -> NLPIns
         here = path.q[first]
         parameters.append(window.parameters_of(here, path.q[first - stride], path.references[later]))
         starts.append(window.standing(here) if standing else path.q[later].reshape(-1))
-    values = (bounds.floor, bounds.largest, bounds.linear_speed, bounds.deviation, SPACING, KNOTS)
+    values = (bounds.floor, bounds.max_manipulability, bounds.linear_speed, bounds.deviation, SPACING, KNOTS)
     arguments = dict(zip(WINDOW_KEYS, values, strict=True))
     return _instances(name, WINDOW, arguments, np.array(parameters), np.array(starts), about=about)
 

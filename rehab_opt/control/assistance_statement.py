@@ -65,7 +65,7 @@ def assistance_statement(*, force_limit: float, step: float, dt: float) -> State
             within(ca.dot(F, velocity) * dt, -ca.inf, left),
         ],
         requires=[ceiling >= 0, left >= 0],
-        guess=wanted,
+        analytic=wanted,
         memory=last,
         remember=bounded,
         report=holds,

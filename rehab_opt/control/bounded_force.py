@@ -292,7 +292,7 @@ class BoundedForce(OneThread):
         value = np.array((x * keep, y * keep)) if keep else np.zeros(2)
         value.setflags(write=False)
         self._ladder.memory[:] = value
-        self._ladder.start_from(0.0)
+        self._ladder.warm_start(0.0)
         yielded = Bound.TASK | Bound.SLEW if at_once and size > self._step else Bound.TASK
         status = Status.RELEASING if keep else Status.RELEASED
         return Command(value, status, "", _INF, -1, reason, yielded, 0.0)

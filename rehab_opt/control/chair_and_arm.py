@@ -88,26 +88,28 @@ class ChairAndArm(VelocityController):
         *,
         drive: Drive,
         self_motion: float,
-        slots: int,
+        max_obstacles: int,
         dt: float,
-        return_speed: float,
+        recovery_speed: float,
         solver: str,
         backup: str | None,
         tolerance: float,
         max_age: float | None,
         compile: Compile,
     ) -> None:
-        self.robot, self.rows, self.drive, self.slots = robot, rows, drive, slots
+        self.robot, self.rows, self.drive, self.max_obstacles = robot, rows, drive, max_obstacles
         self.wheelset = getattr(robot, drive)
-        self.limits = ChairLimits(robot, self.wheelset, slots=slots, dt=dt, return_speed=return_speed)
+        self.limits = ChairLimits(
+            robot, self.wheelset, max_obstacles=max_obstacles, dt=dt, recovery_speed=recovery_speed
+        )
         n, k, wheels = robot.chain.n, len(rows), len(self.wheelset.rolling)
-        self.shapes = ((k,), (1,), (NUMBERS * slots,))  # type: ignore[misc]
-        self.shapes = self.shapes if slots else self.shapes[:2]  # type: ignore[misc]
+        self.shapes = ((k,), (1,), (NUMBERS * max_obstacles,))  # type: ignore[misc]
+        self.shapes = self.shapes if max_obstacles else self.shapes[:2]  # type: ignore[misc]
         self.task = HandTask(robot, rows, moving=self.limits.moving, self_motion=self_motion)
         # What is remembered: u, where it leads, the command, the wheels' part of it, the hand's velocity and its frame.
         self.sent, self.wheels = slice(2 * n, 3 * n), slice(3 * n, 3 * n + wheels)
         super().__init__(
-            robot.chain, dt=dt, return_speed=return_speed, solver=solver, backup=backup, tolerance=tolerance,
+            robot.chain, dt=dt, recovery_speed=recovery_speed, solver=solver, backup=backup, tolerance=tolerance,
             max_age=max_age, compile=compile,
         )  # fmt: skip
         full, memory = ca.MX.sym("p", self.stated.parameter_size), ca.MX.sym("memory", self.stated.memory.numel())
@@ -120,16 +122,16 @@ class ChairAndArm(VelocityController):
         """The QP of one tick."""
         n, k, name = self.chain.n, len(self.rows), "_".join(self.rows)
         q, twist, world = parameter("q", n), parameter("twist", k), parameter("frame", 1)
-        obstacles = parameter("obstacles", NUMBERS * self.slots)
+        obstacles = parameter("obstacles", NUMBERS * self.max_obstacles)
         memory = parameter("last", 3 * n + len(self.wheelset.rolling) + k + 1)
-        parameters = [q, twist, world, obstacles] if self.slots else [q, twist, world]
+        parameters = [q, twist, world, obstacles] if self.max_obstacles else [q, twist, world]
         last = memory[:n]
 
         far = self.limits.far()
         keep_outs = parameter("keep_outs", sum(each.numel() for each in far))
         clearance = parameter("clearance", 1)
         closing = ca.reshape(keep_outs[: far[0].numel()], *far[0].shape), keep_outs[far[0].numel() :]
-        around = parameter("around", self.slots * self.limits.obstacles.size)
+        around = parameter("around", self.max_obstacles * self.limits.obstacles.size)
         limits = self.limits.limits(q, last, around, closing, clearance)
         braking, remembered = self.limits.braking, Last(last, memory[-1 - k : -1], memory[-1])
         task = self.task.columns(q, twist, world, last=remembered, limits=limits, braking=braking, dt=self.dt)
@@ -160,7 +162,7 @@ class ChairAndArm(VelocityController):
         chair, *others = self._rows(u, given, limits)
         sent = parameter("command", n)
         wanted = ca.if_else(
-            moving, self.limits.outside(limits, u) if self.slots else u, limits.base
+            moving, self.limits.outside(limits, u) if self.max_obstacles else u, limits.base
         )  # exactly, whichever solver answers
         complete = ca.vertcat(*parameters, *columns)
         self._braking_answer = ca.Function("braking_answer", [complete], [ca.vertcat(limits.base, 0, 0)])
@@ -176,15 +178,19 @@ class ChairAndArm(VelocityController):
                 chair,
                 *others,
             ],
-            seldom=sum(row.expression.numel() for row in others),
-            rounds=ROUNDS,
+            lazy_rows=sum(row.expression.numel() for row in others),
+            active_set_iterations=ROUNDS,
             iterations=ITERATIONS,
-            guess=ca.vertcat(given["guess"], given["speed"], 0),
-            multipliers=ca.vertcat(given["multipliers"], ca.SX.zeros(limits.row_count + 1 + k)),
-            prepared=columns,
-            prepare=self._prepared(ca.vertcat(*parameters), memory, ca.vertcat(keep_outs, clearance, around), prepared),
-            settled=[sent],
-            settle=self._settled(complete, memory.numel(), ca.vertcat(u, progress.symbol, off.symbol), wanted, limits),
+            analytic=ca.vertcat(given["guess"], given["speed"], 0),
+            dual=ca.vertcat(given["multipliers"], ca.SX.zeros(limits.row_count + 1 + k)),
+            precomputed=columns,
+            precompute=self._prepared(
+                ca.vertcat(*parameters), memory, ca.vertcat(keep_outs, clearance, around), prepared
+            ),
+            postprocessed=[sent],
+            postprocess=self._settled(
+                complete, memory.numel(), ca.vertcat(u, progress.symbol, off.symbol), wanted, limits
+            ),
             report=self.report(last, sent, jacobian @ sent, twist, limits.outside),
             memory=memory,
             remember=self.remembered(q, sent, jacobian @ sent, world),
@@ -240,15 +246,15 @@ class ChairAndArm(VelocityController):
         inputs = p[CHAIR:n], m[CHAIR:n]
         is_near, clearance = near.call(inputs)
         found = [ca.Function.if_else("keep_outs", some, none)(is_near, *inputs), clearance]
-        if self.slots:
+        if self.max_obstacles:
             one, place, chair = ca.SX.sym("one", NUMBERS), ca.SX.sym("place", CHAIR), ca.SX.sym("chair", CHAIR)
             given, obstacles = [one, place, chair], limits.obstacles
             close = ca.Function("close", given, [obstacles.near(*given)], cse)
             rows, nothing = obstacles.column(*given), obstacles.far()
             here, away = (ca.Function("rows", given, [each], cse) for each in (rows, nothing))
             either = ca.Function.if_else("obstacle", here, away)
-            for i in range(self.slots):
-                begin = parameters.numel() - NUMBERS * (self.slots - i)
+            for i in range(self.max_obstacles):
+                begin = parameters.numel() - NUMBERS * (self.max_obstacles - i)
                 each = p[begin : begin + NUMBERS], p[:CHAIR], m[:CHAIR]
                 found.append(either(close(*each), *each))
         return ca.Function("prepare", [p, m], [rest(p, m, ca.vertcat(*found))])
@@ -278,7 +284,7 @@ class ChairAndArm(VelocityController):
         wheels = self.wheelset.wheel_speeds_expression(u[:CHAIR])
         return ca.densify(ca.vertcat(u, q + value * self.dt, value, wheels, hand, frame))
 
-    def lesser_command(self) -> Command | None:
+    def fallback_command(self) -> Command | None:
         """One tick of braking together: within all bounds, and the next tick may answer again."""
         law, ladder = self._braking_together, self._ladder
         if not ladder.sound[0]:
@@ -289,7 +295,7 @@ class ChairAndArm(VelocityController):
         if not 0.0 <= violation <= self.tolerance:
             return None
         ladder.memory[:] = memory
-        ladder.start_from(0.0)
+        ladder.warm_start(0.0)
         value, wheels = self._sent_now()
         bound, reason = Bound(int(yielded)), f"{self._fault()}: braking together"
         return Command(
@@ -299,16 +305,16 @@ class ChairAndArm(VelocityController):
     def braking(self) -> ca.Function:
         """q, memory, obstacles -> what is remembered of the safe command, and its report."""
         n = self.chain.n
-        q, obstacles = ca.SX.sym("q", n), ca.SX.sym("obstacles", NUMBERS * self.slots)
+        q, obstacles = ca.SX.sym("q", n), ca.SX.sym("obstacles", NUMBERS * self.max_obstacles)
         memory = ca.SX.sym("memory", self.stated.memory.numel())
         last, arm = memory[:n], q[CHAIR:]
         _, clearance = self.limits.near(arm, last[CHAIR:])
-        each = [obstacles[NUMBERS * i : NUMBERS * (i + 1)] for i in range(self.slots)]
+        each = [obstacles[NUMBERS * i : NUMBERS * (i + 1)] for i in range(self.max_obstacles)]
         around = ca.vertcat(ca.SX(0, 1), *(self.limits.obstacles.column(one, q[:CHAIR], last[:CHAIR]) for one in each))
         limits = self.limits.limits(q, last, around, self.limits.keep_outs(arm, last[CHAIR:]), clearance)
         rest = self.limits.unhindered(limits.base, limits.base, arm) if self.robot.keep_out else limits.base
         report = self.report(last, rest, ca.SX(0), ca.SX(1), limits.outside)  # nothing of the task is delivered
-        inputs = [q, memory, obstacles] if self.slots else [q, memory]
+        inputs = [q, memory, obstacles] if self.max_obstacles else [q, memory]
         return ca.Function(
             "braking",
             inputs,
@@ -319,14 +325,14 @@ class ChairAndArm(VelocityController):
     def tell_braking(self, inputs: tuple[Array, ...]) -> None:
         """Also the obstacles, where they are usable: the chair could stop before them, and brakes."""
         super().tell_braking(inputs)
-        if self.slots:
+        if self.max_obstacles:
             told = self._inputs[-1]
             inputs[2][:] = told if np.all(np.abs(told) <= PLAUSIBLE) else 0.0
 
     # ----------------------------------------------------------------------------------------- for the resolver
     def tell_obstacles(self, numbers: Array) -> None:
         """Write the obstacles, for all ticks until the next call."""
-        if self.slots:
+        if self.max_obstacles:
             self._inputs[2][:] = numbers
 
     def tell(self, q: ArrayLike, twist: ArrayLike, world: float) -> None:
@@ -362,7 +368,7 @@ class ChairAndArm(VelocityController):
         """Go on where another set of rows ends: its velocity, position and stamps are this one's."""
         self._last[:], self._predicted[:] = other._last, other._predicted
         self._ladder.memory[-1] = UNKNOWN
-        self._ladder.start_from(0.0)
+        self._ladder.warm_start(0.0)
         self._watchdog = other._watchdog
 
     @property

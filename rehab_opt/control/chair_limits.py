@@ -117,15 +117,15 @@ class ChairLimits:
 
     Parameters
     ----------
-    robot, wheels : see `RedundancyResolver`. slots : obstacles that may be around. dt : tick [s].
-    return_speed : fraction of a joint's speed at which it comes back from beyond its limit at most.
+    robot, wheels : see `RedundancyResolver`. max_obstacles : obstacles that may be around. dt : tick [s].
+    recovery_speed : fraction of a joint's speed at which it comes back from beyond its limit at most.
     """
 
     def __init__(
-        self, robot: MobileArm, wheels: Mecanum | Differential, *, slots: int, dt: float, return_speed: float
+        self, robot: MobileArm, wheels: Mecanum | Differential, *, max_obstacles: int, dt: float, recovery_speed: float
     ) -> None:
-        self.robot, self.wheels, self.slots = robot, wheels, slots
-        self.dt, self.return_speed = dt, return_speed
+        self.robot, self.wheels, self.max_obstacles = robot, wheels, max_obstacles
+        self.dt, self.recovery_speed = dt, recovery_speed
         self.braking = BrakingTogether(robot.chain, dt)
         self.obstacles = ChairObstacles(robot, self.braking, dt)
         arm = ca.SX.sym("arm", robot.chain.n - CHAIR)
@@ -273,7 +273,7 @@ class ChairLimits:
 
     def _joints(self, q: ca.SX, last: ca.SX) -> tuple[ca.SX, ...]:
         chain, time, slowest = self.robot.chain, self.braking.time, self.braking.slowest(last)
-        bounds = velocity_bounds(chain, q, last, dt=self.dt, return_speed=self.return_speed)
+        bounds = velocity_bounds(chain, q, last, dt=self.dt, recovery_speed=self.recovery_speed)
         up, down = (ca.fmax(room, 0) / time for room in (ca.DM(chain.upper) - q, q - ca.DM(chain.lower)))
         upper = ca.fmin(ca.fmax(up, slowest), bounds.hard_upper)
         lower = ca.fmax(ca.fmin(-down, slowest), bounds.hard_lower)

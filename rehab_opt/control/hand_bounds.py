@@ -83,27 +83,27 @@ class HandBounds:
     Parameters
     ----------
     chain : the arm.
-    floor : least manipulability, as a share of `largest`.
-    largest : largest manipulability of the arm.
+    floor : least manipulability, as a share of `max_manipulability`.
+    max_manipulability : largest manipulability of the arm.
     linear_speed : [m/s] of the tool's origin, its true norm.
     deviation : [m] largest distance of the tool's origin from the reference.
     planes : what to stay out of, with the chain's capsules, its tool's origin and the origins of its frames, as far as
         joints move them (`guarded_points`).
     rate : [1/s] at which the distance to a bound may decay.
     dt : tick [s].
-    return_speed : share of the joints' speeds at which the arm is led back above the floor.
+    recovery_speed : share of the joints' speeds at which the arm is led back above the floor.
     limits : a user's own.
     """
 
     chain: SerialChain
     floor: float
-    largest: float
+    max_manipulability: float
     linear_speed: float
     deviation: float
     planes: Sequence[KeepOut]
     rate: float
     dt: float
-    return_speed: float
+    recovery_speed: float
     limits: Sequence[Limit] = ()
 
     @property
@@ -119,7 +119,7 @@ class HandBounds:
     def manipulability(self, q: ca.SX) -> tuple[ca.SX, ca.SX]:
         """W / w_max and its gradient (n,)."""
         w, gradient = self.chain.manipulability_expression(q), self.chain.manipulability_gradient_expression(q)
-        return w / self.largest, gradient / self.largest
+        return w / self.max_manipulability, gradient / self.max_manipulability
 
     def rows(
         self, q: ca.SX, *, centre: ca.SX, lead: ca.SX, loss: ca.SX, bounds: VelocityBounds
@@ -156,7 +156,7 @@ class HandBounds:
             rate = self.rate if each.rate is None else each.rate
             normals.append(-slope)
             most.append((1 - math.exp(-rate * self.dt)) / self.dt * ca.fmax(nearest, 0))
-        slow = ca.DM(self.return_speed * self.chain.velocity)
+        slow = ca.DM(self.recovery_speed * self.chain.velocity)
         calm = ca.dot(ca.fabs(gradient), slow)
         rows = feasible_rows(
             gradient, climb, calm=calm, normals=ca.vertcat(*normals), most=ca.vertcat(*most), bounds=bounds
@@ -172,7 +172,7 @@ class HandBounds:
         at q and its velocity.
         """
         ahead = q + velocity * self.dt
-        then = self.chain.manipulability_expression(ahead) / self.largest
+        then = self.chain.manipulability_expression(ahead) / self.max_manipulability
         there = self.chain.pose_expression(ahead)[:3, 3]
         fast = [ca.norm_2(each) for each in (hand, self.chain.jacobian_expression(ahead)[:3, :] @ velocity)]
         reach = self.linear_speed * (1 + 1e-9) - self.dt**2 / 8 * tool_jerk(self.chain, q, velocity, self.dt)

@@ -61,7 +61,8 @@ class MirrorTracker(MirrorForeseen):
     Parameters
     ----------
     chain : any serial chain.
-    floor : least w / w_max, above 0 and below 1; w is Yoshikawa's measure, w_max the chain's own maximum (`largest`).
+    floor : least w / w_max, above 0 and below 1; w is Yoshikawa's measure, w_max its maximum over all postures of the
+        chain.
     max_deviation : [m] of the tool from the reference that the clock stands at.
     max_turn : [rad] of the tool from it, or from what the person's arm can do of it, from which the clock waits; no
         bound of the QP.
@@ -78,9 +79,9 @@ class MirrorTracker(MirrorForeseen):
     catch_up : share by which the clock may run fast to make up for a lag.
     turn_length : [m/rad] what a turn of the hand counts for against its place where both cannot be had.
     rate : [1/s] at which the distance to a bound may decay.
-    largest : w_max where it is known; searched for by default, which takes half a second.
-    gain, posture, lower, upper, velocity, acceleration, dt, return_speed, solver, backup, tolerance, max_age, compile :
-        as for `PoseTracker`.
+    max_manipulability : w_max where it is known; searched for by default, which takes half a second.
+    gain, posture, lower, upper, velocity, acceleration, dt, recovery_speed, solver, backup, tolerance, max_age,
+        compile : as for `PoseTracker`.
 
     Raises
     ------
@@ -106,9 +107,9 @@ class MirrorTracker(MirrorForeseen):
         catch_up: float = 0.5,
         turn_length: float = 0.1,
         rate: float = 20.0,
-        largest: float | None = None,
+        max_manipulability: float | None = None,
         dt: float = 0.001,
-        return_speed: float = 0.1,
+        recovery_speed: float = 0.1,
         compile: Compile = None,
         **options: Any,
     ) -> None:
@@ -127,16 +128,18 @@ class MirrorTracker(MirrorForeseen):
         self.max_turn = checked_number("max_turn", max_turn, above=0.0, below=math.pi)
         self.catch_up = checked_number("catch_up", catch_up, above=-1e-9, below=10.0)
         turn_length = checked_number("turn_length", turn_length, above=0.0)
-        self.largest = (
-            largest_manipulability(limited)[0] if largest is None else checked_number("largest", largest, above=0.0)
+        self.max_manipulability = (
+            largest_manipulability(limited)[0]
+            if max_manipulability is None
+            else checked_number("max_manipulability", max_manipulability, above=0.0)
         )
         self.hand_bounds = HandBounds(
-            limited, self.floor, self.largest, checked_number("linear_speed", linear_speed, above=0.0),
+            limited, self.floor, self.max_manipulability, checked_number("linear_speed", linear_speed, above=0.0),
             self.max_deviation, tuple(keep_out), checked_number("rate", rate, above=0.0), dt,
-            checked_number("return_speed", return_speed, above=0.0, below=1.0), checked_limits(limits, limited),
+            checked_number("recovery_speed", recovery_speed, above=0.0, below=1.0), checked_limits(limits, limited),
         )  # fmt: skip
         super().__init__(
-            chain, linear_speed=linear_speed, angular_speed=angular_speed, dt=dt, return_speed=return_speed,
+            chain, linear_speed=linear_speed, angular_speed=angular_speed, dt=dt, recovery_speed=recovery_speed,
             task_weights=[1.0, 1.0, 1.0, *(turn_length**2,) * 3], compile=compile, **options,
         )  # fmt: skip
         self._limit = None

@@ -64,19 +64,19 @@ class Approach(NamedTuple):
     """1 where it is a disc."""
 
 
-def obstacle_numbers(obstacles: Sequence[Obstacle], slots: int) -> Array:
-    """(4 slots,) obstacles as a parameter: kind in the last place, free places say that there is nothing.
+def obstacle_numbers(obstacles: Sequence[Obstacle], max_obstacles: int) -> Array:
+    """(4 max_obstacles,) obstacles as a parameter: kind in the last place, what is free says that there is nothing.
 
     Raises
     ------
-    ConfigurationError : no list or tuple, more obstacles than places, neither half-plane nor disc, a normal of length
+    ConfigurationError : no list or tuple, more obstacles than that, neither half-plane nor disc, a normal of length
         zero, a number that is none or no place in metres.
     """
     if not isinstance(obstacles, (list, tuple)) or isinstance(obstacles, Obstacle):
         raise ConfigurationError("obstacles", obstacles, "a list or tuple of HalfPlane and Disc")
-    if len(obstacles) > slots:
-        raise ConfigurationError("obstacles", len(obstacles), f"at most {slots}, as told at construction")
-    numbers = np.zeros((slots, NUMBERS))
+    if len(obstacles) > max_obstacles:
+        raise ConfigurationError("obstacles", len(obstacles), f"at most {max_obstacles}, as told at construction")
+    numbers = np.zeros((max_obstacles, NUMBERS))
     for i, obstacle in enumerate(obstacles):
         row = _row(obstacle)
         if row is None:

@@ -106,7 +106,7 @@ class PoseTracker(VelocityController):
     limits : what the posture has to keep besides, each a `Limit`: an elbow above a table, say. They come before
         accelerations and hold while braking, too.
     dt : nominal tick [s].
-    return_speed : share of the velocity limit at which a joint outside its limits comes back.
+    recovery_speed : share of the velocity limit at which a joint outside its limits comes back.
     solver, backup : see `Ladder`. tolerance : largest certificate residual accepted [the statement's units].
     max_age : [s] see `Watchdog`.
     compile : see `BufferedFunction`.
@@ -135,7 +135,7 @@ class PoseTracker(VelocityController):
         posture: ArrayLike | None = None,
         limits: Sequence[Limit] = (),
         dt: float = 0.001,
-        return_speed: float = 0.1,
+        recovery_speed: float = 0.1,
         solver: str = "qrqp",
         backup: str | None = None,
         tolerance: float = 1e-8,
@@ -154,7 +154,7 @@ class PoseTracker(VelocityController):
         super().__init__(
             limited,
             dt=dt,
-            return_speed=return_speed,
+            recovery_speed=recovery_speed,
             solver=solver,
             backup=backup,
             tolerance=tolerance,
@@ -198,13 +198,13 @@ class PoseTracker(VelocityController):
             variables=[velocity, progress],
             minimise=cost / 2,
             subject_to=[within(ca.reshape(rows, m, n) @ velocity.symbol, -ca.inf, most)] if m else [],
-            rounds=ROUNDS if m else 0,
+            active_set_iterations=ROUNDS if m else 0,
             requires=[is_rigid(given.target)],
-            guess=ca.vertcat(wanted, speed),
-            prepared=prepared,
-            prepare=self._prepare(given, entries),
-            settled=[command] if len(self.limits) else [],
-            settle=self._settled(complete, memory.numel()) if len(self.limits) else None,
+            analytic=ca.vertcat(wanted, speed),
+            precomputed=prepared,
+            precompute=self._prepare(given, entries),
+            postprocessed=[command] if len(self.limits) else [],
+            postprocess=self._settled(complete, memory.numel()) if len(self.limits) else None,
             report=self.outcome(given, motion),
             memory=memory,
             remember=self.remembered(given, motion),

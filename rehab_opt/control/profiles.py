@@ -37,16 +37,16 @@ class Profiles:
     ----------
     bounds : of the n axes, finite but for the positions.
     dt : tick [s].
-    return_speed : share of the velocity bound for an axis that comes back from outside its position bounds.
+    recovery_speed : share of the velocity bound for an axis that comes back from outside its position bounds.
     """
 
-    def __init__(self, bounds: AxisBounds, *, dt: float, return_speed: float) -> None:
+    def __init__(self, bounds: AxisBounds, *, dt: float, recovery_speed: float) -> None:
         import ruckig  # noqa: PLC0415  (loaded when used)
 
         n = len(bounds.velocity)
         self.bounds = bounds
         self._dt, self._rate = dt, 1.0 / dt
-        self._slow = [return_speed * v for v in bounds.velocity]
+        self._slow = [recovery_speed * v for v in bounds.velocity]
         self._bounded = any(map(math.isfinite, bounds.lower + bounds.upper))
         self._edges = [
             (low - EDGE * (1.0 + abs(low)), high + EDGE * (1.0 + abs(high)))

@@ -70,11 +70,12 @@ class RedundancyResolver(OneThread):
     row_sets : sets of task rows that get their functions now, each compiled; `ROWS` names the rows. Any other set gets
         its own, uncompiled, when it is first asked for while the robot is at rest, which takes a second or two; asked
         for while moving, the robot brakes first. Compiling takes up to half a minute a set, once on a machine.
-    obstacles : walls and posts in the world frame. places : most there will ever be; default as many as there are now.
+    obstacles : walls and posts in the world frame.
+    max_obstacles : how many there will ever be at most; default as many as there are now.
     keep_out : whether the arm is kept from the robot's keep-outs.
     self_motion : weight of grad c in Eq. (1): v(r') = self_motion |r'|.
     dt : nominal tick [s].
-    return_speed : share of the velocity limit at which a joint outside its limits comes back at most.
+    recovery_speed : share of the velocity limit at which a joint outside its limits comes back at most.
     solver, backup : see `Ladder`. tolerance : largest certificate residual accepted [m/s, rad/s].
     max_age : [s] see `Watchdog`.
     compile : see `BufferedFunction`.
@@ -91,11 +92,11 @@ class RedundancyResolver(OneThread):
         drive: Drive = "mecanum",
         row_sets: Sequence[Sequence[str]] = STICK_ROWS,
         obstacles: Sequence[Obstacle] = (),
-        places: int | None = None,
+        max_obstacles: int | None = None,
         keep_out: bool = True,
         self_motion: float = 1.0,
         dt: float = 0.01,
-        return_speed: float = 0.1,
+        recovery_speed: float = 0.1,
         solver: str = "qrqp",
         backup: str | None = None,
         tolerance: float = 1e-8,
@@ -106,10 +107,10 @@ class RedundancyResolver(OneThread):
             raise ConfigurationError("robot", robot, "a MobileArm, as ardis() makes")
         if drive not in ("mecanum", "differential"):
             raise ConfigurationError("drive", drive, "mecanum or differential")
-        if places is None:
-            places = len(obstacles) if isinstance(obstacles, (list, tuple)) else 0
-        if not (isinstance(places, (int, np.integer)) and places >= 0):
-            raise ConfigurationError("places", places, "a whole number of zero or more")
+        if max_obstacles is None:
+            max_obstacles = len(obstacles) if isinstance(obstacles, (list, tuple)) else 0
+        if not (isinstance(max_obstacles, (int, np.integer)) and max_obstacles >= 0):
+            raise ConfigurationError("max_obstacles", max_obstacles, "a whole number of zero or more")
         if not (isinstance(row_sets, (list, tuple)) and row_sets):
             raise ConfigurationError("row_sets", row_sets, "a list or tuple of at least one set of rows")
         if not isinstance(keep_out, bool):
@@ -119,11 +120,11 @@ class RedundancyResolver(OneThread):
         if not (isinstance(self_motion, (int, float)) and self_motion == 0.0):
             checked_number("self_motion", self_motion, above=0.0)
         self._options = {
-            "drive": drive, "self_motion": float(self_motion), "slots": int(places), "dt": dt,
-            "return_speed": return_speed, "solver": solver, "backup": backup, "tolerance": tolerance,
+            "drive": drive, "self_motion": float(self_motion), "max_obstacles": int(max_obstacles), "dt": dt,
+            "recovery_speed": recovery_speed, "solver": solver, "backup": backup, "tolerance": tolerance,
             "max_age": max_age,
         }  # fmt: skip
-        self._places = int(places)
+        self._max_obstacles = int(max_obstacles)
         self._sets: dict[tuple[str, ...], ChairAndArm] = {}
         self.obstacles = obstacles
         self._compile = compile
@@ -136,7 +137,7 @@ class RedundancyResolver(OneThread):
     # -------------------------------------------------------------------------------------------------- the room
     @property
     def obstacles(self) -> Sequence[Obstacle]:
-        """Walls and posts in the world frame; may be set between ticks, as many as there are places for.
+        """Walls and posts in the world frame; may be set between ticks, `max_obstacles` at most.
 
         One that appears around the chair lets it out, and not further in.
         """
@@ -145,7 +146,7 @@ class RedundancyResolver(OneThread):
     @obstacles.setter
     def obstacles(self, obstacles: Sequence[Obstacle]) -> None:
         self._refuse_others()
-        self._numbers = obstacle_numbers(obstacles, self._places)
+        self._numbers = obstacle_numbers(obstacles, self._max_obstacles)
         self._obstacles = tuple(obstacles)
         for each in self._sets.values():
             each.tell_obstacles(self._numbers)
@@ -316,7 +317,7 @@ class RedundancyResolver(OneThread):
         chosen = self._sets.get(names) or self._prepare(names, compile=False)
         if chosen is not self._active:
             chosen.take_over(self._active)
-        return chosen, (joints, asked, np.array([world]), self._numbers)[: 4 if self._places else 3]
+        return chosen, (joints, asked, np.array([world]), self._numbers)[: 4 if self._max_obstacles else 3]
 
     def _prepare(self, rows: tuple[str, ...], *, compile: Compile) -> ChairAndArm:
         chosen = ChairAndArm(self.robot, rows, compile=compile, **self._options)  # type: ignore[arg-type]

@@ -51,7 +51,7 @@ class Smoother(OneThread):
     dt : tick [s].
     lower, upper : (n,) position bounds [u]; None or infinite for none; equal ones lock the axis.
     axes : n, needed where every bound is a scalar; default 1.
-    return_speed : share of `velocity` at which an axis that was reset outside its bounds comes back.
+    recovery_speed : share of `velocity` at which an axis that was reset outside its bounds comes back.
     max_age : of the targets, see `Watchdog`.
 
     Raises
@@ -69,16 +69,16 @@ class Smoother(OneThread):
         lower: ArrayLike | None = None,
         upper: ArrayLike | None = None,
         axes: int | None = None,
-        return_speed: float = RETURN_SPEED,
+        recovery_speed: float = RETURN_SPEED,
         max_age: float | None = None,
     ) -> None:
-        if not (isinstance(return_speed, (int, float, np.integer, np.floating)) and 0.0 < return_speed <= 1.0):
-            raise ConfigurationError("return_speed", return_speed, "a share of the velocity, above 0 and at most 1")
+        if not (isinstance(recovery_speed, (int, float, np.integer, np.floating)) and 0.0 < recovery_speed <= 1.0):
+            raise ConfigurationError("recovery_speed", recovery_speed, "a share of the velocity, above 0 and at most 1")
         bounds = axis_bounds(
             lower=lower, upper=upper, velocity=velocity, acceleration=acceleration, jerk=jerk, axes=axes
         )
         self._watchdog = Watchdog(dt=dt, max_age=max_age)
-        self._profiles = Profiles(bounds, dt=float(dt), return_speed=float(return_speed))
+        self._profiles = Profiles(bounds, dt=float(dt), recovery_speed=float(recovery_speed))
         self._bounds = bounds
         self._n = len(bounds.velocity)
         self._dt, self._ready = float(dt), False
@@ -122,7 +122,7 @@ class Smoother(OneThread):
 
         Parameters
         ----------
-        position : (n,) [u]. An axis outside its bounds is led back at `return_speed`.
+        position : (n,) [u]. An axis outside its bounds is led back at `recovery_speed`.
         velocity : (n,) [u/s], default at rest.
 
         Raises

@@ -41,7 +41,7 @@ class VelocityBounds(NamedTuple):
     hard_upper: ca.SX
 
 
-def velocity_bounds(chain: SerialChain, q: ca.SX, last: ca.SX, *, dt: float, return_speed: float) -> VelocityBounds:
+def velocity_bounds(chain: SerialChain, q: ca.SX, last: ca.SX, *, dt: float, recovery_speed: float) -> VelocityBounds:
     """Interval of the joint velocity that is held from now until the next tick.
 
     Parameters
@@ -50,7 +50,7 @@ def velocity_bounds(chain: SerialChain, q: ca.SX, last: ca.SX, *, dt: float, ret
     q : (n,) joint positions now.
     last : (n,) joint velocity commanded in the last tick.
     dt : tick [s].
-    return_speed : share of the velocity limit at which a joint outside its limits comes back.
+    recovery_speed : share of the velocity limit at which a joint outside its limits comes back.
 
     From every state that can still stop, all bounds hold together and the next state can stop again, exactly, at any
     dt (the recursion is over ticks, not over continuous time). Other states brake at the largest deceleration.
@@ -62,7 +62,7 @@ def velocity_bounds(chain: SerialChain, q: ca.SX, last: ca.SX, *, dt: float, ret
     room_up = ca.DM(np.clip(chain.upper, -FAR, FAR)) - q
     room_down = q - ca.DM(np.clip(chain.lower, -FAR, FAR))
     above, below = room_up < -OUTSIDE, room_down < -OUTSIDE
-    back = return_speed * speed
+    back = recovery_speed * speed
 
     # Hard: speed, and in this tick not beyond the limit, or when beyond it not further and not faster back than `back`.
     hard_upper = clipped(room_up * (1 / dt), 0, ca.if_else(below, back, speed))

@@ -59,7 +59,7 @@ class VelocityController(OneThread, ABC):
         chain: SerialChain,
         *,
         dt: float,
-        return_speed: float,
+        recovery_speed: float,
         solver: str,
         backup: str | None,
         tolerance: float,
@@ -71,7 +71,7 @@ class VelocityController(OneThread, ABC):
         self.chain = chain
         self.dt = checked_number("dt", dt, above=0.0, below=1.0)
         self.tolerance = tolerance
-        self.return_speed = checked_number("return_speed", return_speed, above=0.0, below=1.0)
+        self.recovery_speed = checked_number("recovery_speed", recovery_speed, above=0.0, below=1.0)
         self._watchdog = Watchdog(dt=dt, max_age=max_age)
         self._ladder = Ladder(self.stated, solver=solver, backup=backup, tolerance=tolerance, compile=compile)
         self._safe_command = BufferedFunction(self.braking())
@@ -111,7 +111,7 @@ class VelocityController(OneThread, ABC):
 
     def bounds(self, q: ca.SX, last: ca.SX) -> VelocityBounds:
         """Intervals of the joint velocities."""
-        return velocity_bounds(self.chain, q, last, dt=self.dt, return_speed=self.return_speed)
+        return velocity_bounds(self.chain, q, last, dt=self.dt, recovery_speed=self.recovery_speed)
 
     def report(self, last: ca.SX, velocity: ca.SX, delivered: ca.SX, asked: ca.SX, outside: ca.SX) -> ca.SX:
         """What yielded, as a number of `Bound`, and the fraction of the asked motion that is delivered, 1 if none is.
@@ -140,7 +140,7 @@ class VelocityController(OneThread, ABC):
         report = self.report(last, rest, ca.SX(0), ca.SX(1), bounds.outside)  # nothing of the task is delivered
         return ca.Function("braking", [q, memory], [ca.densify(self.remember(q, rest)), report], {"cse": True})
 
-    def lesser_command(self) -> Command | None:
+    def fallback_command(self) -> Command | None:
         """What may be sent where every solver failed and the parameters are sound; the safe command if None."""
         return None
 
@@ -206,7 +206,7 @@ class VelocityController(OneThread, ABC):
         ladder = self._ladder
         solver = ladder.climb() if self._fused else ladder()
         if not solver:
-            return self.lesser_command() or self._safe(self._fault())
+            return self.fallback_command() or self._safe(self._fault())
         status = Status.OK
         if solver == ladder.backup != ladder.solver:
             status, reason = Status.BACKUP, f"{ladder.solver} gave no certified answer"
@@ -238,7 +238,7 @@ class VelocityController(OneThread, ABC):
         braking()
         memory, (yielded, _) = braking.outputs
         ladder.memory[: memory.size] = memory  # what else a subclass remembers is its own to forget
-        ladder.start_from(np.append(self._last, np.zeros(self.stated.n - self._last.size)))
+        ladder.warm_start(np.append(self._last, np.zeros(self.stated.n - self._last.size)))
         value, wheels = self._sent_now()
         status = Status.BRAKING if value.any() else Status.HOLDING
         return Command(value, status, "", math.inf, -1, reason, _BOUNDS[int(yielded)], 0.0, wheels)

@@ -67,12 +67,12 @@ def _solve(statement: Statement) -> ca.Function:
     """Complete parameters, memory, start -> x, multipliers, residual, who answered."""
     solver = _qrqp(statement, statement.m)
     full, memory, start = _inputs(statement)
-    if statement.seldom:
-        likely = _qrqp(statement, statement.m - statement.seldom)(full, memory, start)
+    if statement.lazy_rows:
+        likely = _qrqp(statement, statement.m - statement.lazy_rows)(full, memory, start)
         choice = _choice(f"{statement.name}_likely", solver)
         answer = choice(likely[-2] <= GUESS_TOLERANCE, likely, full, memory, start)
         solver = ca.Function(f"{statement.name}_any", [full, memory, start], [answer])
-    if statement.rounds:
+    if statement.active_set_iterations:
         answer = _rounds(statement, solver)(full, memory, start)
     elif statement.m:
         answer = solver(full, memory, start)
@@ -97,7 +97,7 @@ def _rounds(statement: Statement, solver: ca.Function) -> ca.Function:
     choice = _choice(f"{statement.name}_dual_choice", solver)
     answer = choice(dual[-1] <= GUESS_TOLERANCE, ca.vertcat(dual, 3), full, memory, start)
     otherwise = ca.Function("solver", arguments, [answer])
-    for k in reversed(range(statement.rounds)):
+    for k in reversed(range(statement.active_set_iterations)):
         found, following = looking(full, memory, multipliers, point) if k else first(full, memory, multipliers)
         choice = _choice(f"{statement.name}_round_{k}", otherwise)
         answer = choice(found[-1] <= GUESS_TOLERANCE, ca.vertcat(found, 2), full, memory, start, following, found[:n])

@@ -92,7 +92,7 @@ class Ladder:
         """Name of a solver that is certified where the first attempt was not, or ""."""
         if not (self.sound[0] or math.isnan(self.verdict[0])):  # NaN: nothing was written, so nothing is known of them
             return ""  # the parameters themselves cannot be used
-        self.start_from(0.0)
+        self.warm_start(0.0)
         self._same_problem = True
         try:
             return self._climbed()
@@ -109,13 +109,13 @@ class Ladder:
         return ""
 
     def forget(self, x: ArrayLike = 0.0) -> None:
-        """As `start_from`, and the solvers begin anew: equal inputs then give equal answers, of proxqp to rounding."""
-        self.start_from(x)
+        """As `warm_start`, and the solvers begin anew: equal inputs then give equal answers, of proxqp to rounding."""
+        self.warm_start(x)
         for solver in self._rungs.values():
             if solver is not None:
                 solver.forget()
 
-    def start_from(self, x: ArrayLike) -> None:
+    def warm_start(self, x: ArrayLike) -> None:
         """Forget the warm start, not the memory; begin at x (n,) or a scalar, with no active bound."""
         n = self.statement.n
         self.state[n : 2 * n + self.statement.m] = 0.0

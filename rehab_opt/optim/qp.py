@@ -29,21 +29,22 @@ class Statement:
     variables : what is decided.
     minimise : scalar, quadratic in the variables.
     subject_to : rows linear in the variables.
-    seldom : how many of the last rows are seldom active: the fused function solves without them first, and again with
-        them only where the certificate, which always has all rows, says that one was missed.
-    rounds : how often the fused function corrects the active set of the last tick before the solver runs.
+    lazy_rows : how many of the last rows are seldom active: the fused function solves without them first, and again
+        with them only where the certificate, which always has all rows, says that one was missed.
+    active_set_iterations : how often the fused function corrects the active set of the last tick before the solver
+        runs.
     iterations : cap on the active-set changes of the fused solver, None for its own: what is not found soon is seldom
         found later, and the backup waits.
     requires : conditions on the parameters without which no answer is certified.
     report : column of expressions of parameters and variables, evaluated at the answer; keep it cheap.
-    guess : (n,) expression of the answer when no bound is active, or None. It is certified like any other answer;
+    analytic : (n,) expression of the answer when no bound is active, or None. It is certified like any other answer;
         the solver runs only where it fails.
-    multipliers : (m,) expression of the rows' multipliers at the guess, or None where no row is active there.
-    prepared, prepare : columns that hold what `prepare`, a function of (parameters, memory), each one column, gives
-        for them: work that must not be repeated, or that expressions cannot leave out when it is not needed.
-    settled, settle : columns that hold what `settle`, a function of (complete parameters, memory, x), each one column,
-        gives for the answer, before report, memory and violation are made of it: work that expressions cannot leave
-        out when it is not needed.
+    dual : (m,) expression of the rows' multipliers at the analytic answer, or None where no row is active there.
+    precomputed, precompute : columns that hold what `precompute`, a function of (parameters, memory), each one column,
+        gives for them: work that must not be repeated, or that expressions cannot leave out when it is not needed.
+    postprocessed, postprocess : columns that hold what `postprocess`, a function of (complete parameters, memory, x),
+        each one column, gives for the answer, before report, memory and violation are made of it: work that expressions
+        cannot leave out when it is not needed.
     memory : column standing for what the last certified tick left behind (its last velocity, say).
     remember : column of expressions of parameters and variables that becomes the next tick's memory.
     violation : by how much what is made of the answer in `remember` breaks the bounds, zero or more; it is added to
@@ -60,24 +61,24 @@ class Statement:
     variables: Sequence[Variable]
     minimise: ca.SX
     subject_to: Sequence[Row] = ()
-    seldom: int = 0
-    rounds: int = 0
+    lazy_rows: int = 0
+    active_set_iterations: int = 0
     iterations: int | None = None
     requires: Sequence[ca.SX] = ()
     report: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
-    guess: ca.SX | None = None
-    multipliers: ca.SX | None = None
-    prepared: Sequence[ca.SX] = ()
-    prepare: ca.Function | None = None
-    settled: Sequence[ca.SX] = ()
-    settle: ca.Function | None = None
+    analytic: ca.SX | None = None
+    dual: ca.SX | None = None
+    precomputed: Sequence[ca.SX] = ()
+    precompute: ca.Function | None = None
+    postprocessed: Sequence[ca.SX] = ()
+    postprocess: ca.Function | None = None
     memory: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
     remember: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
     violation: ca.SX = field(default_factory=lambda: ca.SX(1, 1))
 
     def __post_init__(self) -> None:
         """Check that it is a QP."""
-        given = [*self.parameters, *self.prepared, self.memory]
+        given = [*self.parameters, *self.precomputed, self.memory]
         check_that_it_is_a_qp(self.name, self.minimise, self._x, rows=self._rows, bounds=self._bounds, given=given)
 
     @property
@@ -118,7 +119,7 @@ class Statement:
     def screen(self) -> ca.Function:
         """Complete parameters, memory -> see `screened_guess`; whether the parameters are sound."""
         told, residual = screened_guess(
-            self.guess, self.multipliers,
+            self.analytic, self.dual,
             cost=self.minimise, x=self._x, rows=self._rows, bounds=self._bounds, sound=self._sound,
         )  # fmt: skip
         return ca.Function(f"{self.name}_screen", [self._p, self.memory], [told, residual, self._sound], {"cse": True})
@@ -132,18 +133,18 @@ class Statement:
     def finish(self) -> ca.Function:
         """Parameters, memory, x -> report, the next memory, the violation that it holds."""
         outputs = [ca.densify(each) for each in (self.report, self.remember, self.violation)]
-        inputs, settled = [self._p, self.memory, self._x], ca.vertcat(ca.SX(0, 1), *self.settled)
-        if self.settle is None:
+        inputs, settled = [self._p, self.memory, self._x], ca.vertcat(ca.SX(0, 1), *self.postprocessed)
+        if self.postprocess is None:
             return ca.Function(f"{self.name}_finish", inputs, outputs, {"cse": True})
         last = ca.Function(f"{self.name}_settled", [*inputs, settled], outputs, {"cse": True})
         given = [ca.MX.sym("given", each.numel()) for each in inputs]
-        return ca.Function(f"{self.name}_finish", given, last.call([*given, self.settle(*given)]))
+        return ca.Function(f"{self.name}_finish", given, last.call([*given, self.postprocess(*given)]))
 
     @cached_property
     def complete(self) -> ca.Function:
-        """Parameters, memory -> the same parameters with the prepared ones behind, in one column."""
+        """Parameters, memory -> the same parameters with the precomputed ones behind, in one column."""
         p, memory = ca.MX.sym("p", self.parameter_size), ca.MX.sym("memory", self.memory.numel())
-        full = p if self.prepare is None else ca.vertcat(p, self.prepare(p, memory))
+        full = p if self.precompute is None else ca.vertcat(p, self.precompute(p, memory))
         return ca.Function(f"{self.name}_complete", [p, memory], [full])
 
     def instance(self, *parameters: ArrayLike, memory: ArrayLike = ()) -> Instance:
@@ -167,7 +168,7 @@ class Statement:
 
     @cached_property
     def _p(self) -> ca.SX:
-        return ca.vertcat(*self.parameters, *self.prepared)
+        return ca.vertcat(*self.parameters, *self.precomputed)
 
     @cached_property
     def _rows(self) -> Row:

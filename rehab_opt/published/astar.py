@@ -72,7 +72,7 @@ def astar_path(
     start: ArrayLike,
     *,
     floor: float,
-    largest: float,
+    max_manipulability: float,
     resolution: float = 0.002,
     stretch: float = 0.03,
     pull: float = 4.0,
@@ -85,7 +85,7 @@ def astar_path(
     chain : the arm.
     poses : (N, 4, 4) reference.
     start : (n,) joint positions at the first of them; the search stays in this branch.
-    floor : least w / `largest`.
+    floor : least w / `max_manipulability`.
     resolution : [m] of the lattice; a choice.
     stretch : [m] of reference path searched at a time; a choice. A stretch ends at a free reference pose.
     pull : weight of the distance to the nearest reference position in f; a choice.
@@ -96,7 +96,7 @@ def astar_path(
     if reference.ndim != 3 or reference.shape[1:] != (4, 4) or q.shape != (chain.n,):
         raise ConfigurationError("poses, start", (reference.shape, q.shape), f"(N, 4, 4) and ({chain.n},)")
     begun = time.perf_counter()
-    search = _Search(chain, reference, floor * largest, resolution=resolution, pull=pull, most=most)
+    search = _Search(chain, reference, floor * max_manipulability, resolution=resolution, pull=pull, most=most)
     result_q, result_at, first, complete = [q], [0], 0, True
     for last in _ends(reference, stretch):
         goal = search.free_from(last, result_q[-1])

@@ -87,7 +87,7 @@ CASES: dict[str, Case] = {
         lambda made, *given, **more: made.step(*given, **more),
     ),
     "mirror_tracker": Case(
-        lambda **options: MirrorTracker(ur5(), floor=0.1, largest=0.1, compile=False, **options),
+        lambda **options: MirrorTracker(ur5(), floor=0.1, max_manipulability=0.1, compile=False, **options),
         (READY, POSE, np.full(6, 0.01)),
         lambda made, *given, **more: made.step(*given, **more),
     ),

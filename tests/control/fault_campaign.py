@@ -163,7 +163,7 @@ def _judge(plant: Plant, q: Array, command: Command, usable: bool, fault: str, t
     outside = (q > chain.upper + ROUNDING) | (q < chain.lower - ROUNDING)
     further = np.maximum(ahead - np.maximum(q, chain.upper), np.minimum(q, chain.lower) - ahead).max()
     check(plant.unseen or tally.worst("position", float(further)) <= ROUNDING, "never further outside")
-    back = plant.tracker.return_speed * chain.velocity
+    back = plant.tracker.recovery_speed * chain.velocity
     check(plant.unseen or bool(np.all(np.abs(v[outside]) <= back[outside] + 1e-12)), "slow way back")
     change = np.abs(v - last) - chain.acceleration * dt
     if command.yielded & Bound.ACCELERATION:

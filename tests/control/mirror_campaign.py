@@ -177,7 +177,13 @@ def run(paths: int, seed: int, *, ticks: tuple[float, ...] = TICKS, compile: Com
     tally, chain = Tally(), ur5()
     for dt in ticks:
         tracker = MirrorTracker(
-            chain, floor=FLOOR, max_deviation=DEVIATION, linear_speed=SPEED, dt=dt, largest=LARGEST, compile=compile
+            chain,
+            floor=FLOOR,
+            max_deviation=DEVIATION,
+            linear_speed=SPEED,
+            dt=dt,
+            max_manipulability=LARGEST,
+            compile=compile,
         )
         for number in range(paths):
             rng = np.random.default_rng((seed, number))

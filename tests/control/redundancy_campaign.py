@@ -80,7 +80,7 @@ def _plant(i: int, rng: np.random.Generator, compile: Compile) -> Plant:
     sets = tuple(SETS[k] for k in rng.permutation(len(SETS))[:2])
     resolver = RedundancyResolver(
         robot, drive=drive, row_sets=sets, dt=dt, obstacles=room, keep_out=bool(rng.random() < 0.7),
-        self_motion=float(rng.choice([0.0, 1.0, 5.0])), return_speed=float(rng.choice([0.05, 0.3])), compile=compile,
+        self_motion=float(rng.choice([0.0, 1.0, 5.0])), recovery_speed=float(rng.choice([0.05, 0.3])), compile=compile,
         solver=str(rng.choice(["qrqp", "qrqp", "qrqp", "qrqp", "proxqp"])),
     )  # fmt: skip
     plant = Plant(f"{drive} dt={dt:g}", resolver, sets, np.zeros(7), np.zeros(7), sets[0])
@@ -189,7 +189,7 @@ def _judge(
     outside = (q > chain.upper + ROUNDING) | (q < chain.lower - ROUNDING)
     further = float(np.maximum(ahead - np.maximum(q, chain.upper), np.minimum(q, chain.lower) - ahead).max())
     check(tally.worst("position", further) <= ROUNDING, "never further outside")
-    back = resolver._options["return_speed"] * chain.velocity
+    back = resolver._options["recovery_speed"] * chain.velocity
     check(bool(np.all(np.abs(v[outside]) <= back[outside] + 1e-12)), "slow way back")
 
     now_arm = _judge_surroundings(resolver, q, ahead, tally, check)
@@ -213,7 +213,7 @@ def _judge_hurry(plant: Plant, q: Array, change: Array, allowed: Array, now_arm:
     """Accelerations yield to a bound above them only, and never after a start from which the chair could stop."""
     resolver = plant.resolver
     chain = resolver.robot.chain
-    needed = must_exceed(chain, q, plant.last, resolver.dt, resolver._options["return_speed"] * chain.velocity)
+    needed = must_exceed(chain, q, plant.last, resolver.dt, resolver._options["recovery_speed"] * chain.velocity)
     arm, chair, now = change[3:] > 1e-9, change[:3] > 1e-9, gaps(resolver, q)
     check(bool(np.all(~arm | needed[3:])) or now_arm.size > 0, "joints hurry only where they must")
     check(not np.any(chair) or bool(resolver.obstacles), "the chair hurries only before obstacles")

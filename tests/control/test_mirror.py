@@ -33,7 +33,7 @@ TICKS = [1e-3, 5e-3, 2e-2]
 
 @functools.cache
 def made(options: tuple[tuple[str, object], ...]) -> MirrorTracker:
-    return MirrorTracker(ur5(), **{"largest": LARGEST, "compile": False, **dict(options)})  # type: ignore[arg-type]
+    return MirrorTracker(ur5(), **{"max_manipulability": LARGEST, "compile": False, **dict(options)})  # type: ignore[arg-type]
 
 
 def tracker(**options: object) -> MirrorTracker:
@@ -223,7 +223,7 @@ def test_half_turns_and_sign_flips_of_quaternions_make_no_step(axis: list[float]
     flipped = np.eye(4)
     flipped[:3, :3] = Rotation.from_rotvec(math.pi * np.array(axis)).as_matrix() @ centre[:3, :3].T
     arm = replace(chain, base=flipped)
-    robot = MirrorTracker(arm, dt=dt, largest=LARGEST, compile=False)
+    robot = MirrorTracker(arm, dt=dt, max_manipulability=LARGEST, compile=False)
     q, last, worst = START.copy(), np.zeros(6), 0.0
     for k in range(600):
         t = k * dt
@@ -355,7 +355,8 @@ def test_a_wrong_shape_is_refused(wrong: object) -> None:
     ("name", "value"),
     [
         ("floor", 0.0), ("floor", 1.0), ("floor", math.nan), ("max_deviation", -1.0), ("linear_speed", 0.0),
-        ("keep_out", (1.0,)), ("task_weights", 1.0), ("largest", 0.0), ("dt", 0.0), ("rate", math.nan), ("person", 3),
+        ("keep_out", (1.0,)), ("task_weights", 1.0), ("max_manipulability", 0.0), ("dt", 0.0),
+        ("rate", math.nan), ("person", 3),
     ],
 )  # fmt: skip
 def test_arguments_that_cannot_be_used_are_named(name: str, value: object) -> None:
@@ -407,7 +408,7 @@ def test_without_capsules_every_joint_frame_is_guarded() -> None:
     frames = [chain.pose(q)]
     top = max(0.425 * math.sin(1.5) + 0.089159, frames[0][2, 3])
     plane = KeepOut.through([0, 0, top + 0.01], [0, 0, -1.0])
-    robot = MirrorTracker(chain, dt=5e-3, keep_out=[plane], largest=LARGEST, compile=False)
+    robot = MirrorTracker(chain, dt=5e-3, keep_out=[plane], max_manipulability=LARGEST, compile=False)
     guarded = [frame for frame, _, _ in robot.hand_bounds.guarded]
     assert guarded == [6, 5, 4, 3, 2]  # all but the base and what turns on it; the tool is where the last frame is
     for k in range(300):
@@ -423,7 +424,9 @@ def test_a_hand_is_not_pulled_where_the_persons_joints_do_not_go() -> None:
     # The shoulder where the hand of the arm in its middle posture holds the tool at the start.
     grip = np.eye(4)
     person = replace(arm, base=chain.pose(START) @ np.linalg.inv(arm.pose(middle)) @ arm.base)
-    robot = MirrorTracker(chain, dt=dt, person=person, grip=grip, max_deviation=0.3, largest=LARGEST, compile=False)
+    robot = MirrorTracker(
+        chain, dt=dt, person=person, grip=grip, max_deviation=0.3, max_manipulability=LARGEST, compile=False
+    )
     q, centre = START.copy(), chain.pose(START)
     far = 0.0
     for k in range(1300):
@@ -495,5 +498,5 @@ def test_any_chain_can_be_led(side: str) -> None:
     pose = arm.pose(q)
     for k in range(300):
         q = q + robot.step(q, moved(pose, 0.0, 0.0, 0.1 * math.sin(0.02 * k)), REST).value * 5e-3
-        assert arm.manipulability(q) / robot.largest >= 0.2 - 1e-9
+        assert arm.manipulability(q) / robot.max_manipulability >= 0.2 - 1e-9
         assert np.all((q >= arm.lower - 1e-9) & (q <= arm.upper + 1e-9))

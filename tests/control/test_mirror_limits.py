@@ -26,7 +26,7 @@ def made(dt: float, *, tool: Array, planes: tuple[KeepOut, ...] = ()) -> MirrorT
     """A tracker that little else than speeds and planes holds back."""
     return MirrorTracker(
         ur5(tool=offset_tool(tool)), dt=dt, floor=0.02, max_deviation=2.0, max_turn=3.0, linear_speed=SPEED,
-        angular_speed=6.0, keep_out=planes, largest=LARGEST, compile=False,
+        angular_speed=6.0, keep_out=planes, max_manipulability=LARGEST, compile=False,
     )  # fmt: skip
 
 
@@ -128,14 +128,16 @@ def test_the_upper_arm_beside_the_line_of_its_frames_stays_out_of_a_plane() -> N
     """Its frames' origins are 2 mm clear of y = -0.112 when its tube is 78 mm beyond."""
     tool, q = np.zeros(3), STRETCHED_BESIDE
     beside = KeepOut.through([0, -0.112, 0], [0, 1, 0])
-    bare = MirrorTracker(ur5(capsules=()), dt=5e-3, largest=LARGEST, keep_out=[beside], compile=False)
+    bare = MirrorTracker(ur5(capsules=()), dt=5e-3, max_manipulability=LARGEST, keep_out=[beside], compile=False)
     assert bare.hand_bounds.least_height(q, beside) == pytest.approx(0.112 - 0.10915, abs=1e-4)
     assert heights(q, np.array([0, 1.0, 0]), -0.112, tool)["tube of upper_arm"].min() < -0.0778
-    arm = MirrorTracker(ur5(), dt=5e-3, largest=LARGEST, keep_out=[beside], compile=False)
+    arm = MirrorTracker(ur5(), dt=5e-3, max_manipulability=LARGEST, keep_out=[beside], compile=False)
     assert arm.hand_bounds.least_height(q, beside) == pytest.approx(0.112 - 0.149 - 0.073, abs=1e-9)
     # A plane that the whole arm is clear of by 5 mm: turning the base towards it stops there.
     plane = KeepOut.through([0, -0.227, 0], [0, 1, 0])
-    robot = MirrorTracker(ur5(), dt=5e-3, largest=LARGEST, max_deviation=1.0, keep_out=[plane], compile=False)
+    robot = MirrorTracker(
+        ur5(), dt=5e-3, max_manipulability=LARGEST, max_deviation=1.0, keep_out=[plane], compile=False
+    )
     lowest = math.inf
     for k in range(400):
         pose = ur5().pose(q + [0.3 * min(k / 200, 1), 0, 0, 0, 0, 0])

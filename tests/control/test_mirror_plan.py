@@ -59,7 +59,7 @@ def samples(task: str, dt: float) -> Conditioned:
 
 @functools.cache
 def tracker(dt: float) -> MirrorTracker:
-    return MirrorTracker(ur5(), dt=dt, largest=LARGEST, compile=False)
+    return MirrorTracker(ur5(), dt=dt, max_manipulability=LARGEST, compile=False)
 
 
 @pytest.mark.parametrize(
@@ -122,7 +122,7 @@ def test_filter_qp_and_smoothing_together_lag_by_less_than_a_tenth_of_a_second()
     dt, chain = 5e-3, ur5()
     times, poses = shipped("pick_fruit")
     given = conditioned(times, poses[:, :3, 3], quaternions_of(poses[:, :3, :3]), dt=dt)
-    robot = MirrorTracker(chain, dt=dt, floor=0.05, largest=LARGEST, compile=False)
+    robot = MirrorTracker(chain, dt=dt, floor=0.05, max_manipulability=LARGEST, compile=False)
     smoother = Smoother(velocity=chain.velocity, acceleration=chain.acceleration, jerk=500.0, dt=dt, axes=6)
     q, hands = motions.START.copy(), []
     smoother.reset(q)
@@ -166,7 +166,7 @@ def test_a_recording_of_a_sample_or_two_leads_there(count: int) -> None:
 
 def test_a_plan_that_ends_incomplete_ends_at_rest() -> None:
     chain, planes = ur5(), (KeepOut.through([0, 0, -0.05], [0, 0, 1]), KeepOut.through([0.35, 0, 0], [-1, 0, 0]))
-    made = MirrorTracker(chain, dt=0.05, largest=LARGEST, keep_out=planes, compile=False)
+    made = MirrorTracker(chain, dt=0.05, max_manipulability=LARGEST, keep_out=planes, compile=False)
     start, poses, twists = random_path(chain, np.random.default_rng(729), 0.05, below=True)  # rounding keeps it
     path = made.plan(poses, twists, start)
     assert not path.complete

@@ -21,7 +21,7 @@ from tests.control.mirror_campaign import LARGEST, Array, closed_form
 START = np.array([3.2, -1.5, 1.9, -2.0, -1.4, 0.2])
 CHAIN = ur5(velocity=1.0, acceleration=4.0)
 FLOOR, SPEED, DEVIATION, SPACING, KNOTS, TURN = 0.3, 0.25, 0.05, 0.1, 4, 0.1
-BOUNDS = HandBounds(CHAIN, FLOOR, LARGEST, SPEED, DEVIATION, (), rate=20.0, dt=SPACING, return_speed=0.1)
+BOUNDS = HandBounds(CHAIN, FLOOR, LARGEST, SPEED, DEVIATION, (), rate=20.0, dt=SPACING, recovery_speed=0.1)
 WINDOW = MirrorWindow(BOUNDS, knots=KNOTS, turn_length=TURN)
 seeds = st.integers(0, 10**6)
 

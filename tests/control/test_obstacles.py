@@ -141,7 +141,7 @@ def test_no_twist_within_the_rows_takes_the_chair_in_or_deeper() -> None:
     assert min(tally.inside, tally.touching, tally.turning) > 0.1 * tally.ticks
 
 
-POST = RedundancyResolver(ardis(), places=1, row_sets=[("x", "y", "z")], compile=False)
+POST = RedundancyResolver(ardis(), max_obstacles=1, row_sets=[("x", "y", "z")], compile=False)
 
 
 @pytest.mark.parametrize("radius", [0.0, 0.02])

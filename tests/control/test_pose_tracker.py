@@ -142,7 +142,7 @@ def test_outside_a_limit_the_way_back_is_slow_and_ends_inside(
     beyond: float, joint: int, up: bool, share: float
 ) -> None:
     chain = ur5().with_limits(lower=START - 0.3, upper=START + 0.3)
-    robot, q = tracker(chain, return_speed=share, dt=4e-3), START.copy()
+    robot, q = tracker(chain, recovery_speed=share, dt=4e-3), START.copy()
     q[joint] = chain.upper[joint] + beyond if up else chain.lower[joint] - beyond
     for _ in range(round(beyond / (share * math.pi * 4e-3)) + 60):
         command = robot.step(q, chain.pose(START), REST)
@@ -382,7 +382,7 @@ def test_a_wrong_shape_is_a_typed_error_of_the_caller(q: object, pose: object, t
         ("velocity", 0.0), ("velocity", math.nan), ("velocity", math.inf), ("velocity", [1.0, 2.0]),
         ("acceleration", -1.0), ("acceleration", math.nan),
         ("lower", math.nan), ("lower", 7.0), ("upper", [math.nan] * 6),
-        ("return_speed", 0.0), ("return_speed", 2.0), ("tolerance", 0.0), ("tolerance", math.nan),
+        ("recovery_speed", 0.0), ("recovery_speed", 2.0), ("tolerance", 0.0), ("tolerance", math.nan),
         ("solver", "simplex"), ("backup", "none"), ("posture", [0.0] * 5), ("task_weights", [1, 1, 1, -1, 0, 0]),
         ("max_age", -1.0),
     ],

@@ -258,7 +258,7 @@ def stopper(drive: str, dt: float) -> RedundancyResolver:
 
 @cache
 def with_a_place() -> RedundancyResolver:
-    return resolver(places=1, keep_out=False)
+    return resolver(max_obstacles=1, keep_out=False)
 
 
 def test_nobody_who_lets_go_of_the_enable_switch_is_moved() -> None:
@@ -501,7 +501,7 @@ def test_a_chair_within_an_obstacle_may_leave_it_and_not_go_deeper() -> None:
 
 
 def test_obstacles_may_change_between_ticks_within_their_places() -> None:
-    robot = resolver(ardis(**UNHURRIED), places=2, keep_out=False)  # type: ignore[arg-type]
+    robot = resolver(ardis(**UNHURRIED), max_obstacles=2, keep_out=False)  # type: ignore[arg-type]
     q = ARDIS_READY.copy()
     fast = robot.step(q, [2.0, 0.0, 0.0]).value[0]
     robot.obstacles = (Disc((0.65, 0.0), 0.05),)
@@ -575,7 +575,7 @@ def test_the_safe_command_answers_when_even_that_fails(monkeypatch: pytest.Monke
         q = q + robot.step(q, [0.2, 0.1, 0.1]).value * robot.dt
     without_primary(robot, monkeypatch)
     monkeypatch.setattr(robot._active._ladder, "_solve_by", lambda name: False)
-    monkeypatch.setattr(robot._active, "lesser_command", lambda: None)
+    monkeypatch.setattr(robot._active, "fallback_command", lambda: None)
     last = robot.chassis_velocity
     command = robot.step(q, [0.2, 0.1, 0.1])
     assert command.status is Status.BRAKING
@@ -653,11 +653,11 @@ def test_reaching_stops_on_a_target_that_is_no_number_and_goes_on_with_the_next(
         ("row_sets", []),
         ("row_sets", [("x", "x")]),
         ("row_sets", [("x", "up")]),
-        ("places", -1),
+        ("max_obstacles", -1),
         ("obstacles", [HalfPlane((0, 0), 1)]),
         ("obstacles", [Disc((0, 0), -1)]),
         ("self_motion", -1.0),
-        ("return_speed", 1.5),
+        ("recovery_speed", 1.5),
         ("tolerance", 2.0),
         ("max_age", 1e-9),
         ("solver", "nobody"),
@@ -666,7 +666,7 @@ def test_reaching_stops_on_a_target_that_is_no_number_and_goes_on_with_the_next(
         ("obstacles", 5),
         ("obstacles", None),
         ("obstacles", Disc((1, 1), 1)),
-        ("places", math.nan),
+        ("max_obstacles", math.nan),
         ("keep_out", None),
         ("keep_out", "no"),
         ("self_motion", np.array([1.0, 2.0])),

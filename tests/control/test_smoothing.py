@@ -335,7 +335,7 @@ def test_a_plan_is_refused_where_any_instant_of_it_is_outside(limits, share, ram
     dt = 0.01 * seconds
     lower, upper = min(start, goal) - 10**room * reach, max(start, goal) + 10**room * reach
     profiles = Profiles(
-        axis_bounds(lower=[lower], upper=[upper], velocity=[v], acceleration=[a], jerk=[j]), dt=dt, return_speed=0.1
+        axis_bounds(lower=[lower], upper=[upper], velocity=[v], acceleration=[a], jerk=[j]), dt=dt, recovery_speed=0.1
     )
     profiles.start([start], [0.0])
     profiles.v, profiles.a = [speed], [acceleration]
@@ -604,14 +604,14 @@ def test_an_unusable_path_is_refused(times, points):
         {"dt": math.nan},
         {"axes": 0},
         {"axes": 2, "velocity": [1.0, 1.0, 1.0]},
-        {"return_speed": 0.0},
+        {"recovery_speed": 0.0},
         {"max_age": 0.0},
         {"dt": "x"},
         {"max_age": "x"},
         {"axes": "x"},
         {"axes": 1.5},
-        {"return_speed": "x"},
-        {"return_speed": [0.1, 0.1]},
+        {"recovery_speed": "x"},
+        {"recovery_speed": [0.1, 0.1]},
         {"velocity": "x"},
         {"velocity": None},
         {"acceleration": {}},

@@ -160,7 +160,7 @@ def test_reaching_is_handed_over_too(other: Other) -> None:
 
 
 def test_a_tracker_with_a_person_is_handed_over_with_the_model_of_their_arm(other: Other) -> None:
-    tracker = MirrorTracker(ur5(), floor=0.1, largest=0.1, compile=False, person=human_arm(), grip=np.eye(4))
+    tracker = MirrorTracker(ur5(), floor=0.1, max_manipulability=0.1, compile=False, person=human_arm(), grip=np.eye(4))
     tracker.step(READY, POSE, np.zeros(6))
     tracker.reset()
     other.does(lambda: [tracker.step(READY, POSE, np.zeros(6)) for _ in range(3)])

@@ -174,7 +174,7 @@ def test_a_masked_sample_is_dropped() -> None:
 
 
 def test_masked_samples_of_a_recording_are_lost_sight() -> None:
-    tracker = MirrorTracker(ur5(), floor=0.1, largest=0.1, compile=False)
+    tracker = MirrorTracker(ur5(), floor=0.1, max_manipulability=0.1, compile=False)
     poses = np.ma.array(np.tile(tracker.chain.pose(READY), (20, 1, 1)), mask=False)
     poses[10:12, 0, 3] += 0.02
     poses[10:12, 0, 3] = np.ma.masked  # hidden, with a jump behind

@@ -258,6 +258,6 @@ def test_two_instances_are_independent(libraries: dict[str, ctypes.CDLL], tracke
 
 
 def test_a_tracker_with_a_backup_that_c_has_not_is_refused() -> None:
-    tracker = MirrorTracker(seven_joints(), largest=0.1, compile=False)
+    tracker = MirrorTracker(seven_joints(), max_manipulability=0.1, compile=False)
     with pytest.raises(ConfigurationError, match="backup='qrqp'"):
         exported_mirror(tracker, np.zeros(7), np.eye(4)[None], np.zeros((1, 6)), title="", source="")

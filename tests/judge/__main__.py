@@ -21,7 +21,6 @@ import scipy
 from tests.judge.verdict import ROOT, Verdict, hearing, judges
 
 RESULTS = ROOT / "bench" / "RESULTS.md"
-MARKERS = "<!-- judge: begin -->", "<!-- judge: end -->"
 SPREAD = 1_000_003
 """Between the seeds of two parts of one campaign."""
 
@@ -56,7 +55,7 @@ def table(verdicts: dict[str, Verdict]) -> list[str]:
     return lines
 
 
-def write(lines: list[str], markers: tuple[str, str] = MARKERS) -> None:
+def write(lines: list[str], markers: tuple[str, str]) -> None:
     """Put the lines between these markers of the results' file."""
     begin, end = markers
     text = RESULTS.read_text(encoding="utf-8") if RESULTS.exists() else f"# Results\n\n{begin}\n{end}\n"
@@ -118,7 +117,10 @@ def main() -> int:
     if options.write:
         only = f" --only {' '.join(options.only)}" if options.only else ""
         command = f"python -m tests.judge --ticks {options.ticks} --seed {seed} --processes {options.processes}{only}"
-        write([*head(command, seed), f"{total} ticks, {broken} broken claims.", "", *lines])
+        names = " ".join(options.only or ())
+        title, which = (f"The judge: {names}", f"judge {names}") if names else ("The judge", "judge")
+        markers = f"<!-- {which}: begin -->", f"<!-- {which}: end -->"
+        write([*head(command, seed, title=title), f"{total} ticks, {broken} broken claims.", "", *lines], markers)
     return int(failed)
 
 

@@ -99,13 +99,13 @@ def rolled(value: Array, dt: float) -> Array:
 
 
 @lru_cache(maxsize=64)
-def resolver(drive: str, sets: tuple[tuple[str, ...], ...], dt: float, places: int) -> tuple[Chair, Any]:
+def resolver(drive: str, sets: tuple[tuple[str, ...], ...], dt: float, max_obstacles: int) -> tuple[Chair, Any]:
     """The default robot and its resolver; kept, since building one takes seconds."""
     chair = Chair(drive)
-    return chair, RedundancyResolver(chair.robot(), drive=drive, row_sets=sets, dt=dt, places=places)  # type: ignore[arg-type]
+    return chair, RedundancyResolver(chair.robot(), drive=drive, row_sets=sets, dt=dt, max_obstacles=max_obstacles)  # type: ignore[arg-type]
 
 
-def other_resolver(rng: np.random.Generator, dt: float, places: int, sets: Any) -> tuple[Chair, Any]:
+def other_resolver(rng: np.random.Generator, dt: float, max_obstacles: int, sets: Any) -> tuple[Chair, Any]:
     """A random robot and its resolver, not compiled: that would take a minute for each."""
     slow, hurry = rng.choice([0.5, 1.0, 1.6], 2)
     middle = np.deg2rad([-60.0, 0.0, 5.0, 0.0])
@@ -124,7 +124,7 @@ def other_resolver(rng: np.random.Generator, dt: float, places: int, sets: Any) 
         payload=float(rng.choice([0.0, 2.0])),
     )
     made = RedundancyResolver(
-        chair.robot(), drive=chair.drive, row_sets=sets, dt=dt, places=places, compile=False,  # type: ignore[arg-type]
+        chair.robot(), drive=chair.drive, row_sets=sets, dt=dt, max_obstacles=max_obstacles, compile=False,  # type: ignore[arg-type]
         self_motion=float(rng.choice([0.0, 1.0, 3.0])),
     )  # fmt: skip
     return chair, made

@@ -16,7 +16,7 @@ PROMISES = (
     Promise("rehab_opt/control/mirror.py", "w(q + q' dt) / w_max >= min(floor, w / w_max) holds in every tick, also "
             "while braking. Where the acceleration bound is in the way of it, it yields, is flagged and counted."),
     Promise("rehab_opt/control/mirror.py", "W / w_max where the last command leads."),
-    Promise("rehab_opt/control/hand_bounds.py", "return_speed : share of the joints' speeds at which the arm is led "
+    Promise("rehab_opt/control/hand_bounds.py", "recovery_speed : share of the joints' speeds at which the arm is led "
             "back above the floor."),
     Promise("README.md", "The arm keeps its branch (elbow, wrist, shoulder): a reference that crosses a singular "
             "surface is not followed across it."),

@@ -72,8 +72,9 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     twists[1:, 3:] = turn_between(poses[1:, :3, :3], poses[:-1, :3, :3]) / dt
     arm = dataclasses.replace(human_arm(range_of_motion="regular"), base=base)
     control = MirrorTracker(
-        ur5(acceleration=np.full(6, 30.0), velocity=np.full(6, 3.0)), person=arm, grip=grip, dt=dt, largest=LARGEST,
-        floor=0.05, linear_speed=1.0, angular_speed=3.0, interaction=Interaction(), compile=False,
+        ur5(acceleration=np.full(6, 30.0), velocity=np.full(6, 3.0)), person=arm, grip=grip, dt=dt,
+        max_manipulability=LARGEST, floor=0.05, linear_speed=1.0, angular_speed=3.0, interaction=Interaction(),
+        compile=False,
     )  # fmt: skip
     verdict.begin(number, "beyond the range" if beyond else "within the range")
     q, commands = np.empty((len(part) + 1, 6)), []

@@ -40,7 +40,7 @@ class Settings(NamedTuple):
     """Unit normal (3,) towards where the arm may be, and normal . x of the plane's points."""
     slow_from: float
     force_limit: float
-    return_speed: float
+    recovery_speed: float
     narrow: bool
 
 
@@ -86,7 +86,7 @@ def draw(rng: np.random.Generator, start: Array, *, planes: bool) -> Settings:
         planes=_planes(rng, start) if planes else [],
         slow_from=slow_from,
         force_limit=slow_from + float(rng.choice([5.0, 22.0])),
-        return_speed=float(rng.choice([0.05, 0.1, 0.3])),
+        recovery_speed=float(rng.choice([0.05, 0.1, 0.3])),
         narrow=narrow,
     )
 
@@ -106,10 +106,11 @@ def tracker(given: Settings) -> MirrorTracker:
     """A tracker made so."""
     return MirrorTracker(
         ur5(lower=given.lower, upper=given.upper, velocity=given.velocity, acceleration=given.acceleration),
-        floor=given.floor, max_deviation=given.max_deviation, linear_speed=given.linear_speed, largest=LARGEST,
-        angular_speed=given.angular_speed, keep_out=[KeepOut.through(n * offset, n) for n, offset in given.planes],
+        floor=given.floor, max_deviation=given.max_deviation, linear_speed=given.linear_speed,
+        max_manipulability=LARGEST, angular_speed=given.angular_speed,
+        keep_out=[KeepOut.through(n * offset, n) for n, offset in given.planes],
         interaction=Interaction(slow_from=given.slow_from, limit=given.force_limit), dt=given.dt,
-        return_speed=given.return_speed, compile=False,
+        recovery_speed=given.recovery_speed, compile=False,
     )  # fmt: skip
 
 

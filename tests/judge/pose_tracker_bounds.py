@@ -14,7 +14,7 @@ from tests.judge.verdict import Promise, Verdict
 
 PROMISES = (
     Promise("README.md", "Velocity never. Then a joint is never led further outside a limit; outside one it comes back "
-            "at no more than 10 % of its velocity limit (`return_speed`). Then acceleration. Then the task"),
+            "at no more than 10 % of its velocity limit (`recovery_speed`). Then acceleration. Then the task"),
     Promise("README.md", "From every state that can still stop, all bounds hold together; other states brake at the "
             "largest deceleration."),
     Promise("rehab_opt/control/command.py", "always finite"),
@@ -52,7 +52,7 @@ def judge(verdict: Verdict, one: Run, *, calm: bool) -> None:
     beyond = np.maximum(ahead - np.maximum(given.upper, q), np.minimum(given.lower, q) - ahead)
     verdict.within("never further outside a joint limit [rad]", np.where(known[:, None], beyond, 0.0), 1e-9)
     above, below = q > given.upper + AT, q < given.lower - AT
-    back = np.where(above, -value, np.where(below, value, 0.0)) / (given.return_speed * given.velocity)
+    back = np.where(above, -value, np.where(below, value, 0.0)) / (given.recovery_speed * given.velocity)
     verdict.within("speed of the way back", np.where(known[:, None], back, 0.0), 1 + 1e-9)
 
     change = np.abs(value - last)
@@ -67,7 +67,7 @@ def judge(verdict: Verdict, one: Run, *, calm: bool) -> None:
         verdict.within("change of speed of a robot that can stop", change / allowed, 1 + 1e-9 + rounded(one))
     # Where the bounds above acceleration leave no speed that it allows, theirs is the nearest to it.
     room_up, room_down = (given.upper - q) / dt, (q - given.lower) / dt
-    back = given.return_speed * given.velocity
+    back = given.recovery_speed * given.velocity
     hard_up = np.clip(room_up, 0.0, np.where(below, back, given.velocity))
     hard_down = -np.clip(room_down, 0.0, np.where(above, back, given.velocity))
     needed = (hard_up < last - allowed + 1e-9) | (hard_down > last + allowed - 1e-9)

@@ -35,7 +35,7 @@ class Settings(NamedTuple):
     angular_speed: float
     weights: Array
     posture: Array | None
-    return_speed: float
+    recovery_speed: float
 
 
 class Run(NamedTuple):
@@ -75,7 +75,7 @@ def draw(rng: np.random.Generator, start: Array) -> Settings:
         angular_speed=float(rng.choice([0.5, math.pi])),
         weights=weights,
         posture=start + 0.3 * rng.standard_normal(6) if rng.random() < 0.2 else None,
-        return_speed=float(rng.choice([0.05, 0.1, 0.3])),
+        recovery_speed=float(rng.choice([0.05, 0.1, 0.3])),
     )
 
 
@@ -84,7 +84,7 @@ def tracker(given: Settings) -> PoseTracker:
     return PoseTracker(
         ur5(lower=given.lower, upper=given.upper, velocity=given.velocity, acceleration=given.acceleration),
         gain=given.gain, linear_speed=given.linear_speed, angular_speed=given.angular_speed, posture=given.posture,
-        task_weights=given.weights, dt=given.dt, return_speed=given.return_speed, compile=False,
+        task_weights=given.weights, dt=given.dt, recovery_speed=given.recovery_speed, compile=False,
     )  # fmt: skip
 
 

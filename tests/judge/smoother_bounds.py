@@ -24,7 +24,7 @@ PROMISES = (
     Promise("rehab_opt/control/smoother.py", "A target outside the position bounds is clipped to them. A disabled "
             "smoother, a target that is not a plausible number and a stale stamp bring all axes to rest as fast as the "
             "bounds allow and hold them there; from wherever that is, the motion goes on without a jump."),
-    Promise("rehab_opt/control/smoother.py", "An axis outside its bounds is led back at `return_speed`."),
+    Promise("rehab_opt/control/smoother.py", "An axis outside its bounds is led back at `recovery_speed`."),
     Promise("rehab_opt/control/smoother.py", "which is then followed without `lag`."),
 )  # fmt: skip
 LEAST = {"at the velocity bound": 5000, "at the acceleration bound": 5000, "at the jerk bound": 10_000,
@@ -71,7 +71,7 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator, *, faults: 
     axes, dt = int(rng.integers(1, 7)), float(rng.choice([1e-3, 2e-3, 1e-2, 2e-2]))
     velocity, acceleration = rng.uniform(0.2, 3.0, axes), rng.uniform(1.0, 20.0, axes)
     jerk = acceleration * rng.uniform(2.0, 200.0, axes)
-    start, bounded, return_speed = (
+    start, bounded, recovery_speed = (
         rng.choice([0.3, 3.0]) * rng.uniform(-1, 1, axes),
         rng.random() < 0.6,
         float(rng.choice([0.1, 0.3])),
@@ -81,7 +81,7 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator, *, faults: 
     outside = bounded and rng.random() < 0.3
     begin = start + 1.5 * rng.uniform(-1, 1, axes) if outside else start
     smoother = Smoother(velocity=velocity, acceleration=acceleration, jerk=jerk, dt=dt, lower=lower, upper=upper,
-                        return_speed=return_speed)  # fmt: skip
+                        recovery_speed=recovery_speed)  # fmt: skip
     smoother.reset(begin)
     kind, ticks = KINDS[number % len(KINDS)], run_length(rng, number, dt, seconds=20.0)
     verdict.begin(number, f"{kind}, {axes} axes, dt {dt:g}")
@@ -111,8 +111,8 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator, *, faults: 
     beyond = np.maximum(ahead - np.maximum(upper, q), np.minimum(lower, q) - ahead)
     verdict.within("never further outside a position bound", beyond, 1e-9)
     out = (q > upper + 1e-9) | (q < lower - 1e-9)
-    back = np.where(out, np.abs(changes[0][-ticks:]) / (return_speed * velocity), 0.0)
-    verdict.within("speed of the way back", back, 1 + 1e-6 + 2 * size / dt / (return_speed * velocity))
+    back = np.where(out, np.abs(changes[0][-ticks:]) / (recovery_speed * velocity), 0.0)
+    verdict.within("speed of the way back", back, 1 + 1e-6 + 2 * size / dt / (recovery_speed * velocity))
     verdict.holds("an axis outside is flagged", (answers.yielded & 1 != 0) | ~out.any(axis=1))
 
     safe, bad = np.isin(answers.status, ("braking", "holding")), expected(wrong)

@@ -108,7 +108,9 @@ def nearest_in_a_box(*, rounds: int) -> Ladder:
         minimise=ca.sumsqr(x.symbol - p) / 2,
         subject_to=[equal(x.symbol[0] - x.symbol[1], 0.1), within(ca.DM(walls) @ x.symbol, -np.inf, 0.5)],
     )
-    return Ladder(replace(statement, rounds=rounds), solver="qrqp", backup=None, tolerance=1e-8, compile=False)
+    return Ladder(
+        replace(statement, active_set_iterations=rounds), solver="qrqp", backup=None, tolerance=1e-8, compile=False
+    )
 
 
 @pytest.mark.parametrize("rounds", [1, 3])
@@ -168,12 +170,16 @@ def test_where_no_row_is_active_a_round_without_rows_says_the_same(seed: int) ->
 def test_rounds_of_few_rows_find_the_answer(m: int) -> None:
     rng, rounds = np.random.default_rng(m), 0
     ladder = Ladder(
-        replace(general_statement(N, m), rounds=2), solver="qrqp", backup="daqp", tolerance=1e-8, compile=False
+        replace(general_statement(N, m), active_set_iterations=2),
+        solver="qrqp",
+        backup="daqp",
+        tolerance=1e-8,
+        compile=False,
     )
     for seed in range(60):
         qp = random_qp(seed, N, m, unbounded=False)
         ladder.parameters[:] = parameters_of(qp)
-        ladder.start_from(0.0)
+        ladder.warm_start(0.0)
         assert ladder()
         ladder.parameters[:] = parameters_of(qp._replace(g=qp.g + 1e-3 * rng.standard_normal(N)))
         rounds += ladder() == "active set"  # from the active set before

@@ -57,13 +57,13 @@ def test_equalities_that_stand_twice_or_are_empty_change_no_answer(seed: int) ->
     rng = np.random.default_rng(seed)
     two, inside = rng.normal(size=(2, N)), rng.uniform(-0.5, 0.5, N)
     rows, p = np.vstack([two, two]), rng.normal(size=N)
-    LADDER.start_from(0.0)
+    LADDER.warm_start(0.0)
     LADDER.parameters[:] = asked(p, rows, rows @ inside)
     assert LADDER()
     x = LADDER.x.copy()
     np.testing.assert_allclose(rows @ x, rows @ inside, atol=1e-8)
     # Two of them and two empty ones are the same problem.
-    LADDER.start_from(0.0)
+    LADDER.warm_start(0.0)
     LADDER.parameters[:] = asked(p, np.vstack([two, 0 * two]), np.concatenate([two @ inside, [0.0, 0.0]]))
     assert LADDER()
     np.testing.assert_allclose(LADDER.x, x, atol=1e-8)
@@ -74,7 +74,7 @@ def test_nearly_all_random_ones_of_low_rank_need_no_backup() -> None:
     for seed in range(200):
         rng = np.random.default_rng(seed)
         inside, rows = rng.uniform(-0.5, 0.5, N), rng.normal(size=(ROWS, 2)) @ rng.normal(size=(2, N))
-        LADDER.start_from(0.0)
+        LADDER.warm_start(0.0)
         LADDER.parameters[:] = asked(rng.normal(size=N), rows, rows @ inside)
         who.append(LADDER())
     assert sum(each in FUSED_SOLVERS for each in who) >= 0.95 * len(who)
@@ -85,7 +85,7 @@ def test_a_row_over_held_variables_alone_is_let_go_and_still_certified() -> None
     held = np.array([0.3, -2.0, -2.0, -2.0, -2.0])
     rows = np.vstack([np.eye(N)[0], np.eye(N)[1], np.eye(N)[0] + np.eye(N)[1], np.eye(N)[2]])
     assert dependent(rows, held) == [0, 2]
-    LADDER.start_from(0.0)
+    LADDER.warm_start(0.0)
     LADDER.parameters[:] = asked(np.ones(N), rows, np.array([0.3, 0.1, 0.4, 0.2]), held)
     assert LADDER() in FUSED_SOLVERS
     np.testing.assert_allclose(LADDER.x[:3], [0.3, 0.1, 0.2], atol=1e-8)
@@ -95,7 +95,7 @@ def test_a_row_over_held_variables_alone_is_let_go_and_still_certified() -> None
 def test_rows_that_contradict_each_other_are_no_answer(apart: float) -> None:
     row = np.array([1.0, 2.0, 0.0, 0.0, 1.0])
     rows = np.vstack([row, row, np.eye(N)[2], np.eye(N)[3]])
-    LADDER.start_from(0.0)
+    LADDER.warm_start(0.0)
     LADDER.parameters[:] = asked(np.zeros(N), rows, np.array([0.1, 0.1 + apart, 0.0, 0.0]))
     assert LADDER() == ""
 

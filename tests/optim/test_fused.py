@@ -26,7 +26,7 @@ def nearest_point(*, seldom: int = 0) -> Statement:
             equal(ca.sum1(x.symbol), 0.1),
             within(ca.DM(WALLS) @ x.symbol, -np.inf, offsets),
         ],
-        seldom=seldom,
+        lazy_rows=seldom,
     )
 
 
@@ -61,8 +61,8 @@ def guessed(multipliers: bool, *, wrong: float = 0.0) -> Ladder:
         variables=[x],
         minimise=ca.sumsqr(x.symbol - p) / 2,
         subject_to=[equal(ca.sum1(x.symbol), 0.1)],
-        guess=p - lift,
-        multipliers=lift + wrong if multipliers else None,
+        analytic=p - lift,
+        dual=lift + wrong if multipliers else None,
     )
     return Ladder(statement, solver="qrqp", backup=None, tolerance=1e-8, compile=False)
 
@@ -86,8 +86,8 @@ def test_a_guess_pressed_against_a_bound_is_an_answer_and_one_pressed_away_is_no
         variables=[x, y],
         minimise=p * x.symbol + y.symbol**2 / 2,
         subject_to=[equal(y.symbol, x.symbol)],
-        guess=ca.SX.ones(2),
-        multipliers=ca.SX(-1),
+        analytic=ca.SX.ones(2),
+        dual=ca.SX(-1),
     )
     ladder = Ladder(statement, solver="qrqp", backup=None, tolerance=1e-8, compile=False)
     assert solved(ladder, np.array([-3.0]))[0] == "closed form"

@@ -33,7 +33,7 @@ def counting(*, guess: bool = False, rows: bool = True) -> Statement:
     return Statement(
         "counting", [p], [x], 0.5 * ca.sumsqr(x.symbol - p),
         [within(x.symbol[0] + x.symbol[1], -1.5, 1.5)] if rows else [],
-        requires=[p[0] >= -2], report=ca.vertcat(ca.sum1(x.symbol), memory), guess=p if guess else None,
+        requires=[p[0] >= -2], report=ca.vertcat(ca.sum1(x.symbol), memory), analytic=p if guess else None,
         memory=memory, remember=memory + 1,
     )  # fmt: skip
 
@@ -105,7 +105,7 @@ def test_the_primary_answers_nearly_always_and_its_backup_else(solver: str, rows
     climbed = ladder(general_statement(N, rows), solver=solver, backup="daqp" if solver != "daqp" else "osqp")
     answers = []
     for seed in range(200):
-        climbed.start_from(0.0)
+        climbed.warm_start(0.0)
         climbed.parameters[:] = parameters_of(random_qp(seed, N, rows, unbounded=False))
         answers.append(climbed())
     primary = FUSED_SOLVERS if solver == "qrqp" else (solver,)
@@ -167,7 +167,7 @@ PLAIN, GUESSING = ladder(counting()), ladder(counting(guess=True))
 @pytest.mark.parametrize("wrong", [np.nan, np.inf, 0.3])
 def test_a_wrong_guess_is_not_the_answer(wrong: float) -> None:
     p, x = parameter("p", 2), variable("x", 2, lower=-1, upper=1)
-    statement = Statement("wrong", [p], [x], 0.5 * ca.sumsqr(x.symbol - p), guess=p + wrong)
+    statement = Statement("wrong", [p], [x], 0.5 * ca.sumsqr(x.symbol - p), analytic=p + wrong)
     climbed = ladder(statement)
     climbed.parameters[:] = 0.2, 0.4
     assert climbed() in {"qrqp", "active set"}
@@ -192,7 +192,7 @@ def test_a_guess_without_gradient_by_its_form_is_not_certified_for_bad_parameter
 def test_a_guess_within_its_bounds_is_not_certified_where_data_are_unsound(solver: str) -> None:
     p, x = parameter("p", 2), variable("x", 2, lower=-1, upper=1)
     cost = 0.5 * ca.sumsqr(x.symbol - p)
-    climbed = ladder(Statement("unsound", [p], [x], cost, requires=[p[0] > p[1]], guess=p), solver=solver)
+    climbed = ladder(Statement("unsound", [p], [x], cost, requires=[p[0] > p[1]], analytic=p), solver=solver)
     climbed.parameters[:] = 0.1, 0.2
     assert climbed() == ""
     climbed.parameters[:] = 0.2, 0.1
@@ -202,7 +202,7 @@ def test_a_guess_within_its_bounds_is_not_certified_where_data_are_unsound(solve
 @settings(max_examples=30)
 @given(seeds)
 def test_the_last_active_set_changes_no_answer(seed: int) -> None:
-    ACTIVE.start_from(0.0)
+    ACTIVE.warm_start(0.0)
     rng, start = np.random.default_rng(seed), random_qp(seed % 10**6, N, 0, unbounded=False)
     who = set()
     for _ in range(6):
@@ -400,5 +400,5 @@ def test_a_start_is_forgotten_and_the_memory_kept() -> None:
     climbed = ladder()
     climbed.parameters[:] = 3.0, 0.2
     climbed()
-    climbed.start_from([0.5, 0.6])
+    climbed.warm_start([0.5, 0.6])
     assert climbed.state.tolist() == [0.5, 0.6, 0, 0, 0, 1]

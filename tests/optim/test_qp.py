@@ -78,8 +78,8 @@ def test_prepared_columns_are_what_their_function_gives() -> None:
     p, memory, doubled = parameter("p", 2), ca.SX.sym("memory", 1), parameter("doubled", 2)
     x = variable("x", 2)
     statement = Statement(
-        "prepared", [p], [x], 0.5 * ca.sumsqr(x.symbol - doubled), prepared=[doubled],
-        prepare=ca.Function("twice", [p, memory], [2 * p + memory]), memory=memory, remember=memory,
+        "prepared", [p], [x], 0.5 * ca.sumsqr(x.symbol - doubled), precomputed=[doubled],
+        precompute=ca.Function("twice", [p, memory], [2 * p + memory]), memory=memory, remember=memory,
     )  # fmt: skip
     np.testing.assert_allclose(statement.instance([1, 2], memory=[0.5]).g, [-2.5, -4.5])
     climbed = Ladder(statement, solver="qrqp", backup="proxqp", tolerance=1e-6, compile=False)
@@ -180,7 +180,7 @@ def test_what_is_not_given_is_found_when_it_is_stated(variables: list, cost: ca.
 def test_another_solver_on_the_exported_problem_gives_the_fused_answer(solver: str, seed: int) -> None:
     qp = random_qp(seed, 4, 2, unbounded=False)
     FUSED.parameters[:] = parameters_of(qp)
-    FUSED.start_from(0.0)
+    FUSED.warm_start(0.0)
     assert FUSED()
     problem = to_qpsolvers(GENERAL[4, 2].instance(parameters_of(qp)))
     options = {"primal_tol": 1e-12, "dual_tol": 1e-12} if solver == "daqp" else {}

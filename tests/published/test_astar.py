@@ -27,7 +27,7 @@ def test_away_from_singularities_the_path_is_the_reference_to_the_resolution() -
     chain, start = ur5(), motions.START
     poses = np.tile(chain.pose(start), (60, 1, 1))
     poses[:, 1, 3] += np.linspace(0, 0.1, 60)
-    path = astar_path(chain, poses, start, floor=0.3, largest=LARGEST, resolution=0.01)
+    path = astar_path(chain, poses, start, floor=0.3, max_manipulability=LARGEST, resolution=0.01)
     assert path.complete
     assert path.deviations(poses[:, :3, 3]).max() < 0.01
     np.testing.assert_allclose(path.positions[-1], poses[-1, :3, 3], atol=1e-5)
@@ -37,7 +37,9 @@ def test_away_from_singularities_the_path_is_the_reference_to_the_resolution() -
 
 
 def test_positions_under_the_threshold_are_blocked_and_gone_around() -> None:
-    path = astar_path(ur5(), reference("pick_fruit").poses, motions.START, floor=0.3, largest=LARGEST, resolution=0.01)
+    path = astar_path(
+        ur5(), reference("pick_fruit").poses, motions.START, floor=0.3, max_manipulability=LARGEST, resolution=0.01
+    )
     assert path.complete
     assert path.blocked > 50
     assert min(map(closed_form, path.q)) >= 0.3
@@ -46,7 +48,7 @@ def test_positions_under_the_threshold_are_blocked_and_gone_around() -> None:
 
 def test_arguments_that_cannot_be_used_are_named() -> None:
     with pytest.raises(ConfigurationError, match="poses"):
-        astar_path(ur5(), np.eye(4), motions.START, floor=0.3, largest=LARGEST)
+        astar_path(ur5(), np.eye(4), motions.START, floor=0.3, max_manipulability=LARGEST)
 
 
 # With turns as dear as in the search, which keeps them, the fruit is out of the arm's reach above the floor by more
@@ -56,9 +58,9 @@ def test_arguments_that_cannot_be_used_are_named() -> None:
 )
 def test_a_plan_is_nowhere_further_from_the_reference_than_astar(task: str, turn_length: float) -> None:
     samples = reference(task)
-    robot = MirrorTracker(ur5(), dt=DT, largest=LARGEST, compile=False, turn_length=turn_length)
+    robot = MirrorTracker(ur5(), dt=DT, max_manipulability=LARGEST, compile=False, turn_length=turn_length)
     ours = robot.plan(samples.poses, samples.twists, motions.START)
-    theirs = astar_path(ur5(), samples.poses, motions.START, floor=0.3, largest=LARGEST, resolution=0.005)
+    theirs = astar_path(ur5(), samples.poses, motions.START, floor=0.3, max_manipulability=LARGEST, resolution=0.005)
     assert ours.complete
     assert theirs.complete
     deviations = theirs.deviations(samples.poses[:, :3, 3])

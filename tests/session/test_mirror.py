@@ -205,7 +205,7 @@ def test_shipped_seat_and_grip_are_as_good_as_the_script_says(recorded: Callable
     assert given["placement"]["turn_deg"] == facing
     for key, across in ((given["patient"]["sagittal_point_m"], 0.18), (given["patient"]["arm"]["shoulder_m"], 0.36)):
         np.testing.assert_allclose(key, place.origin_m + seat @ [0.0, across, 0.0], atol=1e-3)
-    tracker = MirrorTracker(ur5(), dt=script["DT"], largest=LARGEST)
+    tracker = MirrorTracker(ur5(), dt=script["DT"], max_manipulability=LARGEST)
     assert script["passed"](tracker, place, script["hand_path"]()) > 0.7
 
 

@@ -72,13 +72,13 @@ def _exported(loaded: ProblemFile[ArdisProblem], drive: DriveName, *, progress: 
     name = f"redundancy_{drive}"
     resolver = resolver_of(loaded, robot_of(loaded), drive, backup=FUSED)
     active = list(resolver._sets.values())
-    places = active[0].slots
+    max_obstacles = active[0].max_obstacles
     rows = [f"REHAB_{name.upper()}_{'_'.join(names).upper()}" for names in resolver.row_sets]
     return ExportedVelocity(
         name=name,
         title=f"{loaded.problem.title}: joint velocities of a chair with an arm, {drive} drive",
         laws=[
-            Law(f"law_{i}", law, lesser=law._braking_together.function, obstacles=NUMBERS * places)
+            Law(f"law_{i}", law, lesser=law._braking_together.function, obstacles=NUMBERS * max_obstacles)
             for i, law in enumerate(active)
         ],
         interface="redundancy",
@@ -89,8 +89,8 @@ def _exported(loaded: ProblemFile[ArdisProblem], drive: DriveName, *, progress: 
         differences=DIFFERENCES,
         pieces={"one_tick": "one_tick.c"},
         solves=2 * 2,  # without the rows that are seldom active and with them, and both again from a cold start
-        values=_values(rows, active, places, resolver),
-        more_memory=f"double obstacles[{max(1, NUMBERS * places)}]; /* places for {places}, four numbers each */",
+        values=_values(rows, active, max_obstacles, resolver),
+        more_memory=f"double obstacles[{max(1, NUMBERS * max_obstacles)}]; /* four numbers each */",
     )
 
 
@@ -133,7 +133,7 @@ def _recording(
 
 
 def _values(
-    rows: Sequence[str], laws: Sequence[ChairAndArm], places: int, resolver: RedundancyResolver
+    rows: Sequence[str], laws: Sequence[ChairAndArm], max_obstacles: int, resolver: RedundancyResolver
 ) -> dict[str, str]:
     """What the templates of the interface hold besides."""
     return {
@@ -142,9 +142,9 @@ def _values(
             for i, (constant, law) in enumerate(zip(rows, laws, strict=True))
         ),
         "row_counts": "{" + ", ".join(str(len(law.rows)) for law in laws) + "}",
-        "obstacle_numbers": str(NUMBERS * places),
-        "places": str(places),
-        "room": initialiser(resolver._numbers if places else [0.0]),
+        "obstacle_numbers": str(NUMBERS * max_obstacles),
+        "max_obstacles": str(max_obstacles),
+        "room": initialiser(resolver._numbers if max_obstacles else [0.0]),
         "unknown": number(UNKNOWN),
     }
 

@@ -82,8 +82,8 @@ def said(yielded: Bound) -> str:
 class _Diary:
     """What happens in a run, tick by tick."""
 
-    def __init__(self, scene: Scene, largest: float) -> None:
-        self.scene, self.largest = scene, largest
+    def __init__(self, scene: Scene, max_manipulability: float) -> None:
+        self.scene, self.max_manipulability = scene, max_manipulability
         self.rows: list[tuple[Any, ...]] = []
 
     def note(self, q: Array, reference: Array, command: Any, *, lag: float, pace: float, seconds: float) -> None:
@@ -101,7 +101,7 @@ class _Diary:
             command=np.array(command),
             tool=np.array([robot.pose(each) for each in joints]),
             reference=np.array(reference),
-            manipulability=np.array([robot.manipulability(each) for each in joints]) / self.largest,
+            manipulability=np.array([robot.manipulability(each) for each in joints]) / self.max_manipulability,
             lag=np.array(lag),
             pace=np.array(pace),
             status=status,
@@ -113,11 +113,11 @@ class _Diary:
         )
 
 
-def without_floor(scene: Scene, *, rate: float, largest: float, progress: Progress) -> Led:
+def without_floor(scene: Scene, *, rate: float, max_manipulability: float, progress: Progress) -> Led:
     """The reference as it is, at its own pace, followed within the robot's limits alone: what the paper has before."""
     dt = 1.0 / rate
     tracker = PoseTracker(scene.robot, dt=dt, linear_speed=3.0, angular_speed=20.0)
-    diary, q = _Diary(scene, largest), scene.start.copy()
+    diary, q = _Diary(scene, max_manipulability), scene.start.copy()
     total = len(scene.reference.poses)
     for k, (pose, twist) in enumerate(zip(scene.reference.poses, scene.reference.twists, strict=True)):
         began = time.perf_counter()
@@ -141,7 +141,7 @@ def followed(tracker: MirrorTracker, scene: Scene, *, patience: float, progress:
     dt, still = tracker.dt, np.zeros(6)
     poses, twists = scene.reference.poses, scene.reference.twists
     end = poses[~scene.reference.lost][-1]
-    diary, q = _Diary(scene, tracker.largest), scene.start.copy()
+    diary, q = _Diary(scene, tracker.max_manipulability), scene.start.copy()
     total, complete = len(poses), False
     for k in range(math.ceil(patience * total + 2.0 / dt)):
         pose, twist = (poses[k], twists[k]) if k < total else (end, still)
@@ -172,7 +172,7 @@ def planned(tracker: MirrorTracker, scene: Scene, *, progress: Progress) -> Led:
         command=path.velocities,
         tool=path.poses,
         reference=path.references,
-        manipulability=np.array([robot.manipulability(each) for each in path.q]) / tracker.largest,
+        manipulability=np.array([robot.manipulability(each) for each in path.q]) / tracker.max_manipulability,
         lag=path.times - path.clock,
         pace=path.paces,
         status=("planned",) * len(path.q),
@@ -184,7 +184,9 @@ def planned(tracker: MirrorTracker, scene: Scene, *, progress: Progress) -> Led:
     )
 
 
-def searched(problem: MirrorProblem, scene: Scene, *, largest: float, progress: Progress) -> AStarPath | None:
+def searched(
+    problem: MirrorProblem, scene: Scene, *, max_manipulability: float, progress: Progress
+) -> AStarPath | None:
     """The published A*, where it was asked for, from the first posture that reaches the reference."""
     section = problem.astar
     if section is None:
@@ -196,7 +198,7 @@ def searched(problem: MirrorProblem, scene: Scene, *, largest: float, progress: 
         poses,
         scene.start,
         floor=problem.tracker.floor,
-        largest=largest,
+        max_manipulability=max_manipulability,
         resolution=1e-3 * section.resolution_mm,
         stretch=1e-3 * section.stretch_mm,
         pull=section.pull,

@@ -26,7 +26,7 @@ SAMPLES = 400
 
 
 def led_metrics(
-    led: Led, robot: SerialChain, asked: Array, *, floor: float, rate: float, largest: float
+    led: Led, robot: SerialChain, asked: Array, *, floor: float, rate: float, max_manipulability: float
 ) -> dict[str, Any]:
     """Of one law; where sight was lost there is no reference, and no distance to it.
 
@@ -35,7 +35,7 @@ def led_metrics(
     seen = np.isfinite(led.deviation)
     q = np.concatenate([led.q, led.q[-1:] + led.command[-1:] / rate])  # and where the last tick leads
     tool = np.concatenate([led.tool[:, :3, 3], robot.pose(q[-1])[None, :3, 3]])
-    w = np.append(led.manipulability, robot.manipulability(q[-1]) / largest)
+    w = np.append(led.manipulability, robot.manipulability(q[-1]) / max_manipulability)
     speed = np.linalg.norm(np.diff(tool, axis=0), axis=1) * rate
     before = np.concatenate([np.zeros((1, robot.n)), led.command[:-1]])
     change = (np.abs(led.command - before) * rate / robot.acceleration).max(axis=1)
@@ -79,9 +79,11 @@ def passed_share(tool: Array, asked: Array) -> float:
     return met / len(poses)
 
 
-def astar_metrics(path: AStarPath, robot: SerialChain, reference: Array, *, largest: float) -> dict[str, Any]:
+def astar_metrics(
+    path: AStarPath, robot: SerialChain, reference: Array, *, max_manipulability: float
+) -> dict[str, Any]:
     """Of the published path, which has no times: each reference position's distance to the nearest point of it."""
-    w = np.array([robot.manipulability(each) for each in path.q]) / largest
+    w = np.array([robot.manipulability(each) for each in path.q]) / max_manipulability
     return {
         "positions": len(path.q),
         "complete": path.complete,

@@ -35,13 +35,13 @@ def run_mirror(loaded: ProblemFile[MirrorProblem], *, progress: Progress) -> Mir
     problem, scene = loaded.problem, laid_out(loaded)
     section, reference, robot = problem.tracker, scene.reference, scene.robot
     tracker = tracker_of(problem, scene, file=loaded.file)
-    largest, rate = tracker.largest, section.rate_hz
+    max_manipulability, rate = tracker.max_manipulability, section.rate_hz
     laws = {
-        BEFORE: without_floor(scene, rate=rate, largest=largest, progress=progress),
+        BEFORE: without_floor(scene, rate=rate, max_manipulability=max_manipulability, progress=progress),
         STEP: followed(tracker, scene, patience=section.patience, progress=progress),
         PLAN: planned(tracker, scene, progress=progress),
     }
-    astar = searched(problem, scene, largest=largest, progress=progress)
+    astar = searched(problem, scene, max_manipulability=max_manipulability, progress=progress)
     asked = reference.poses[~reference.lost]
     speeds = np.linalg.norm(reference.twists[~reference.lost, :3], axis=1)
     metrics: dict[str, Any] = {
@@ -58,12 +58,14 @@ def run_mirror(loaded: ProblemFile[MirrorProblem], *, progress: Progress) -> Mir
             "calibration_rms_m": scene.fit.rms if scene.fit is not None else None,
             "scale": problem.placement.scale,
         },
-        "manipulability_largest": largest,
+        "manipulability_largest": max_manipulability,
         "laws": {
-            name: led_metrics(led, robot, asked, floor=section.floor, rate=rate, largest=largest)
+            name: led_metrics(led, robot, asked, floor=section.floor, rate=rate, max_manipulability=max_manipulability)
             for name, led in laws.items()
         },
-        "astar": astar_metrics(astar, robot, asked[:, :3, 3], largest=largest) if astar is not None else None,
+        "astar": astar_metrics(astar, robot, asked[:, :3, 3], max_manipulability=max_manipulability)
+        if astar is not None
+        else None,
     }
     return MirrorOutcome(
         system=problem.system,
@@ -93,7 +95,7 @@ def _notes(problem: MirrorProblem, scene: Scene, laws: dict[str, Led], tracker: 
         yield f"the robot starts {1e3 * away:.0f} mm from the first pose, and goes there first"
     if scene.person is not None:
         yield "the reference is limited to the range of motion of the arm that is led; distances are to what was asked"
-    w = scene.robot.manipulability(scene.start) / tracker.largest
+    w = scene.robot.manipulability(scene.start) / tracker.max_manipulability
     if w < problem.tracker.floor:
         yield f"the robot starts below the floor, at {w:.3f}"
     for i, plane in enumerate(tracker.hand_bounds.planes):
