@@ -57,7 +57,7 @@ def targets(rng: np.random.Generator, kind: str, start: np.ndarray, ticks: int, 
         holds = np.cumsum(rng.random(ticks) < dt / rng.choice([0.05, 0.5, 2.0]))
         return places[holds], None
     if kind == "steady":
-        pace = rng.uniform(-0.8, 0.8, axes) * speed
+        pace = rng.choice([0.8, 0.8, 0.98]) * rng.uniform(-1, 1, axes) * speed
         return start + pace * dt * np.arange(1, ticks + 1)[:, None], np.repeat(pace[None], ticks, axis=0)
     path = reaches(rng, start, ticks, dt, size=0.5) + tremor(rng, ticks, dt, size=2e-3, axes=axes)
     if kind == "sudden":
@@ -147,7 +147,8 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator, *, faults: 
     elif kind == "steady":
         calm = _run_of(~safe & inside & ~out.any(axis=1)) * dt
         away = np.abs(ahead - goals) <= 1e-6
-        margin = np.minimum(upper - goals, goals - lower).min(axis=1) > velocity.max() * 2
+        stop = velocity**2 / acceleration + 2 * velocity * acceleration / jerk
+        margin = (np.minimum(upper - goals, goals - lower) > 2 * stop + 4 * dt * velocity).all(axis=1)
         # What it lags when it begins, it catches up with by what it may be faster; besides the stops and build-ups.
         begin = np.maximum(np.arange(ticks) - np.round(calm / dt).astype(int), 0)
         behind = np.abs(goal[begin] - x[3 + begin]) / (velocity - np.abs(rates[begin]))
