@@ -22,6 +22,6 @@ def test_c_repeats_a_run_along_a_limit(built: Built, tmp_path: Path) -> None:
     run = [{"q": q, "pose": pose, "twist": still} for q in postures[::2]]
     exported = exported_tracker(control, run, title="an elbow above a table", of="a run along the limit")
     written_files({tmp_path: exported}, tmp_path, problem="elbow")
-    compiled_once(tmp_path, "pose_tracker", built)
+    compiled_once(tmp_path, "pose_tracker", built, level="-O0")
     done = ran(built(tmp_path, "repeated", "controller.o", "main.c"), "1e-12")
     assert done.returncode == 0, done.stdout
