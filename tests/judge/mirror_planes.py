@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from tests.judge.mirror_floor import joint_bounds
-from tests.judge.mirror_runs import Run, runs
+from tests.judge.mirror_runs import Run, runs, spike_heights
 from tests.judge.ur5_numbers import links
 from tests.judge.verdict import Promise, Verdict
 
@@ -41,13 +41,18 @@ def judge(verdict: Verdict, one: Run) -> None:
     """Height of every part of the arm above every plane, after every tick."""
     dt = one.settings.dt
     joint_bounds(verdict, one)
-    parts = links(one.q)[:, 1:]
+    parts, mounted = links(one.q)[:, 1:], np.zeros(len(one.commands), dtype=bool)
     near, hand = np.zeros(len(one.commands), dtype=bool), np.zeros(len(one.commands), dtype=bool)
     for normal, offset in one.settings.planes:
         heights = parts @ normal - offset - RADII
         verdict.within("part of the arm beyond a plane [m]", -heights, 1e-9)
+        if one.settings.spike is not None:
+            above = spike_heights(one.settings.spike, one.q, normal, offset)
+            verdict.within("what is mounted on the arm beyond a plane [m]", -above, 1e-9)
+            mounted |= above[1:] < 0.03
         near |= heights[1:].min(axis=1) < 0.03
         hand |= (heights[1:].argmin(axis=1) == len(RADII) - 1) & (heights[1:, -1] < 0.03)
     verdict.during("a plane is near", near, dt)
+    verdict.during("what is mounted on the arm is near to it", mounted, dt)
     verdict.during("the hand is nearest to it", hand, dt)
     verdict.during("another link is nearest to it", near & ~hand, dt)

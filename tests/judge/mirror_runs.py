@@ -9,11 +9,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt import Command, Interaction, KeepOut, MirrorTracker, ur5
+from rehab_opt import Command, Interaction, KeepOut, LinkCapsule, MirrorTracker, ur5
 from tests.judge.numbering import numbered, run_length
 from tests.judge.references import KINDS, good_posture, reference, singular_posture
 from tests.judge.sensor_faults import STAMPS, Schedule, schedule, spoilt
-from tests.judge.ur5_numbers import LARGEST, LIMIT, links, manipulability, tool
+from tests.judge.ur5_numbers import LARGEST, LIMIT, frames, links, manipulability, tool
 from tests.judge.verdict import Verdict
 
 Array = NDArray[np.float64]
@@ -42,6 +42,8 @@ class Settings(NamedTuple):
     force_limit: float
     recovery_speed: float
     narrow: bool
+    spike: tuple[int, Array, float] | None
+    """What a user has mounted on a link: the frame it moves with, its place (3,) there and its radius [m]."""
 
 
 class Run(NamedTuple):
@@ -73,6 +75,7 @@ def draw(rng: np.random.Generator, start: Array, *, planes: bool) -> Settings:
         lower = np.maximum(lower, start - rng.uniform(0.1, 1.5, 6))
         upper = np.minimum(upper, start + rng.uniform(0.1, 1.5, 6))
     slow_from = float(rng.choice([0.0, 8.0, 8.0, 15.0]))
+    beside = _planes(rng, start) if planes else []
     return Settings(
         dt=float(rng.choice(DTS)),
         lower=lower,
@@ -83,12 +86,32 @@ def draw(rng: np.random.Generator, start: Array, *, planes: bool) -> Settings:
         max_deviation=float(rng.choice([0.02, 0.05, 0.05, 0.1])),
         linear_speed=float(rng.choice([0.1, 0.25, 0.25, 0.5, 1.0])),
         angular_speed=float(rng.choice([0.5, 1.5, 3.0])),
-        planes=_planes(rng, start) if planes else [],
+        planes=beside,
         slow_from=slow_from,
         force_limit=slow_from + float(rng.choice([5.0, 22.0])),
         recovery_speed=float(rng.choice([0.05, 0.1, 0.3])),
         narrow=narrow,
+        spike=_spike(rng, start, beside) if planes else None,
     )
+
+
+def _spike(
+    rng: np.random.Generator, start: Array, planes: list[tuple[Array, float]]
+) -> tuple[int, Array, float] | None:
+    """Half of the time something on a link that begins clear of every plane."""
+    for _ in range(int(rng.integers(2)) * 20):
+        frame, radius = int(rng.integers(2, 7)), float(rng.uniform(0.01, 0.06))
+        spike = frame, rng.uniform(-0.4, 0.4, 3), radius
+        if all(spike_heights(spike, start[None], normal, offset)[0] > 0.02 for normal, offset in planes):
+            return spike
+    return None
+
+
+def spike_heights(spike: tuple[int, Array, float], q: Array, normal: Array, offset: float) -> Array:
+    """(N,) [m] of it above a plane at q (N, 6)."""
+    frame, place, radius = spike
+    poses = frames(q)[:, frame]
+    return np.asarray((poses[:, :3, :3] @ place + poses[:, :3, 3]) @ normal - offset - radius)
 
 
 def _planes(rng: np.random.Generator, start: Array) -> list[tuple[Array, float]]:
@@ -104,8 +127,14 @@ def _planes(rng: np.random.Generator, start: Array) -> list[tuple[Array, float]]
 
 def tracker(given: Settings) -> MirrorTracker:
     """A tracker made so."""
+    capsules = ur5().capsules
+    if given.spike is not None:
+        frame, place, radius = given.spike
+        x, y, z = place.tolist()
+        capsules = (*capsules, LinkCapsule("spike", frame, (x, y, z), (x, y, z), radius))
     return MirrorTracker(
-        ur5(lower=given.lower, upper=given.upper, velocity=given.velocity, acceleration=given.acceleration),
+        ur5(lower=given.lower, upper=given.upper, velocity=given.velocity, acceleration=given.acceleration,
+            capsules=capsules),
         floor=given.floor, max_deviation=given.max_deviation, linear_speed=given.linear_speed,
         max_manipulability=LARGEST, angular_speed=given.angular_speed,
         keep_out=[KeepOut.through(n * offset, n) for n, offset in given.planes],
