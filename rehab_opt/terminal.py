@@ -86,8 +86,8 @@ def bars() -> Iterator[Progress]:
             yield
             shown.remove_task(task)
 
-        tell_of_waiting(compiling)
-        yield progress
+        with tell_of_waiting(compiling):
+            yield progress
 
 
 def writable(folder: Path, *, argument: str = "--out") -> Path:

@@ -78,22 +78,21 @@ def checked_limits(limits: Sequence[Limit], chain: SerialChain) -> tuple[Limit, 
         q = ca.SX.sym("q", chain.n)
         try:
             column = each.at(chain, q)
+            ca.Function("limit", [q], [column])  # other symbols are refused
         except (TypeError, ValueError, AttributeError, IndexError, RuntimeError, NotImplementedError) as problem:
             expected = f"an expression of q ({' '.join(str(problem).split())[:200]})"
             raise ConfigurationError(f"limits[{i}].distances", each.distances, expected) from problem
-        if not column.numel() or not ca.depends_on(column, q) or {str(s) for s in ca.symvar(column)} - {
-            str(s) for s in ca.symvar(q)
-        }:  # fmt: skip
-            raise ConfigurationError(f"limits[{i}].distances", column, "an expression of q, and of nothing else")
+        if not column.numel() or not ca.depends_on(column, q):
+            raise ConfigurationError(f"limits[{i}].distances", column, "an expression that depends on q")
     return tuple(limits)
 
 
 class Limits:
     """The limits of one arm in one tick.
 
-    Where a row has less room than the least of the ways through its curve that a tick takes, the arm is led away from
-    the limit again, so that it slides along and does not stick. While braking, and where nothing else is left, limits
-    come before accelerations and after speeds and joint limits.
+    A margin is kept before each, the square of the joints' way in a tick: nearer than that the row leads the arm away
+    again, so that it slides along a curved limit and does not stick. Limits come before accelerations, also while
+    braking, and after speeds and joint limits.
 
     Parameters
     ----------
@@ -117,8 +116,8 @@ class Limits:
         keeps a distance above zero, beyond them.
         """
         rest = nearest_to_rest(bounds._replace(brake_lower=bounds.lower, brake_upper=bounds.upper))
-        kept = self._kept_within(q, last, rest, (bounds.lower, bounds.upper), bounds)
-        slopes, free, _ = self._now(q, last)
+        slopes, free, _ = now = self._now(q, last)
+        kept = _kept_within(now, rest, (bounds.lower, bounds.upper), bounds)
         opened = bounds._replace(lower=ca.fmin(bounds.lower, kept), upper=ca.fmax(bounds.upper, kept))
         return -slopes, ca.fmax(free, -slopes @ kept), opened
 
@@ -126,7 +125,7 @@ class Limits:
         """(n,) the velocity nearest to rest, but for joints that hold theirs longer where a limit wants it."""
         rest = nearest_to_rest(bounds)
         held = clipped(last, bounds.brake_lower, bounds.brake_upper)
-        slower = self._kept_within(q, last, rest, (ca.fmin(rest, held), ca.fmax(rest, held)), bounds)
+        slower = _kept_within(self._now(q, last), rest, (ca.fmin(rest, held), ca.fmax(rest, held)), bounds)
         return self.keeping(q, slower, slower)
 
     def keeping(self, q: ca.SX, wanted: ca.SX, braking: ca.SX) -> ca.SX:
@@ -158,29 +157,30 @@ class Limits:
         margin = ca.sqrt(ca.sum2(slopes**2)) * way**2 / 2
         return slopes, self._shares * (least - margin), ca.fmax(least, 0) / self.dt
 
-    def _kept_within(
-        self, q: ca.SX, last: ca.SX, rest: ca.SX, ends: tuple[ca.SX, ca.SX], bounds: VelocityBounds
-    ) -> ca.SX:
-        """(n,) `rest`, moved limit by limit towards the end of an interval that keeps it, as far as it asks.
 
-        What still leads below zero in this tick is taken away across that limit, within the bounds that never yield,
-        and if that is not enough, of all joints alike: only there acceleration yields.
-        """
-        (lower, upper), (slopes, free, hard) = ends, self._now(q, last)
-        u = rest
-        for i in list(range(len(self.limits))) * PASSES:
-            slope = slopes[i, :].T
-            matters = ca.fabs(slope) > MATTERS * ca.mmax(ca.fabs(slope))
-            end = ca.if_else(matters, ca.if_else(slope > 0, upper, lower), u)
-            over, most = -ca.dot(slope, u) - free[i], ca.dot(slope, end - u)
-            u += ca.if_else(over > 0, ca.fmin(over / ca.fmax(most, TINY), 1), 0) * (end - u)
-        for i in list(range(len(self.limits))) * PASSES:
-            slope = slopes[i, :].T
-            over = ca.fmax(-ca.dot(slope, u) - hard[i], 0)
-            u = ca.if_else(
-                over > 0,
-                clipped(u + slope * (over / ca.fmax(ca.sumsqr(slope), TINY)), bounds.hard_lower, bounds.hard_upper),
-                u,
-            )
-        closing = -slopes @ u
-        return ca.fmin(1, ca.mmin(ca.if_else(closing > hard, hard / ca.fmax(closing, TINY), 1))) * u
+def _kept_within(
+    now: tuple[ca.SX, ca.SX, ca.SX], rest: ca.SX, ends: tuple[ca.SX, ca.SX], bounds: VelocityBounds
+) -> ca.SX:
+    """(n,) `rest`, moved limit by limit towards the end of an interval that keeps it, as far as it asks.
+
+    What still leads below zero in this tick is taken away across that limit, within the bounds that never yield,
+    and if that is not enough, of all joints alike: only there acceleration yields.
+    """
+    (lower, upper), (slopes, free, hard) = ends, now
+    u = rest
+    for i in list(range(slopes.size1())) * PASSES:
+        slope = slopes[i, :].T
+        matters = ca.fabs(slope) > MATTERS * ca.mmax(ca.fabs(slope))
+        end = ca.if_else(matters, ca.if_else(slope > 0, upper, lower), u)
+        over, most = -ca.dot(slope, u) - free[i], ca.dot(slope, end - u)
+        u += ca.if_else(over > 0, ca.fmin(over / ca.fmax(most, TINY), 1), 0) * (end - u)
+    for i in list(range(slopes.size1())) * PASSES:
+        slope = slopes[i, :].T
+        over = ca.fmax(-ca.dot(slope, u) - hard[i], 0)
+        u = ca.if_else(
+            over > 0,
+            clipped(u + slope * (over / ca.fmax(ca.sumsqr(slope), TINY)), bounds.hard_lower, bounds.hard_upper),
+            u,
+        )
+    closing = -slopes @ u
+    return ca.fmin(1, ca.mmin(ca.if_else(closing > hard, hard / ca.fmax(closing, TINY), 1))) * u

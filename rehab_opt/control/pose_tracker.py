@@ -254,23 +254,16 @@ class PoseTracker(VelocityController):
         inputs = [q, last, wanted]
         kept = ca.Function("kept", inputs, [self.limits.kept(q, wanted)], {"cse": True})
         same = ca.Function("same", inputs, [wanted])
-        back = self.limits.keeping(q, wanted, self.limits.braking(q, last, self.bounds(q, last)))
+        back = self.limits.keeping(q, wanted, self.slowest(q, last, self.bounds(q, last)))
         looked = ca.Function("looked", inputs, [ca.densify(back)], {"cse": True})
         p, memory, x = ca.MX.sym("p", size), ca.MX.sym("memory", remembered), ca.MX.sym("x", n + 1)
         here = p[:n], memory[:n], x[:n]
         command = ca.Function.if_else("keeping", same, looked)(kept(*here), *here)
         return ca.Function("settle", [p, memory, x], [command])
 
-    def braking(self) -> ca.Function:
-        """q, memory -> what is remembered of the safe command, which keeps the limits, and its report."""
-        if not len(self.limits):
-            return super().braking()
-        n, q, memory = self.chain.n, ca.SX.sym("q", self.chain.n), ca.SX.sym("memory", self.stated.memory.numel())
-        last = memory[:n]
-        bounds = self.bounds(q, last)
-        rest = self.limits.braking(q, last, bounds)
-        report = self.report(last, rest, ca.SX(0), ca.SX(1), bounds.outside)  # nothing of the task is delivered
-        return ca.Function("braking", [q, memory], [ca.densify(self.remember(q, rest)), report], {"cse": True})
+    def slowest(self, q: ca.SX, last: ca.SX, bounds: VelocityBounds) -> ca.SX:
+        """The velocity nearest to rest that keeps the limits."""
+        return self.limits.braking(q, last, bounds) if len(self.limits) else super().slowest(q, last, bounds)
 
     # -------------------------------------------------------------------------------------------------------------
     def _prepare(self, tick: Tick, entries: ca.SX) -> ca.Function:

@@ -29,14 +29,22 @@ class _Background:
     def go_on(self) -> None:
         """Do what there is to do, for ever."""
         while True:
-            work = self.work.get()
+            work, raised = self.work.get(), True
             try:
                 work()
+                raised = False
             finally:
                 with self.none_open:
                     self.open -= 1
                     self.none_open.notify_all()
+                    if raised:  # this thread ends: another one does the rest
+                        self.begin()
             del work
+
+    def begin(self) -> None:
+        """Let a thread work; called with the lock held."""
+        self.worker = threading.Thread(target=self.go_on, name="rehab_opt-background", daemon=True)
+        self.worker.start()
 
 
 _now = _Background()
@@ -51,8 +59,7 @@ def later(work: Callable[[], None]) -> None:
         _now.open += 1
         _now.work.put(work)
         if _now.worker is None:
-            _now.worker = threading.Thread(target=_now.go_on, name="rehab_opt-background", daemon=True)
-            _now.worker.start()
+            _now.begin()
 
 
 def finished(seconds: float | None = None) -> bool:

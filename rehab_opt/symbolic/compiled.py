@@ -18,8 +18,8 @@ import subprocess
 import tempfile
 import time
 import weakref
-from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext, suppress
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -60,9 +60,14 @@ _log = logging.getLogger(__name__)
 _waiting: list[Callable[[str], AbstractContextManager[object]]] = []
 
 
-def tell_of_waiting(around: Callable[[str], AbstractContextManager[object]]) -> None:
-    """Enter `around` with the function's name while a compiler is waited for: the command line says so there."""
-    _waiting[:] = [around]
+@contextmanager
+def tell_of_waiting(around: Callable[[str], AbstractContextManager[object]]) -> Iterator[None]:
+    """Meanwhile, enter `around` with the function's name where a compiler is waited for: the command line says so."""
+    _waiting.append(around)
+    try:
+        yield
+    finally:
+        _waiting.remove(around)
 
 
 def compiled(function: ca.Function, *, compile: Compile = None) -> ca.Function:
@@ -160,7 +165,7 @@ def _attempt(code: _Code, *, build: bool = True, hurry: bool = False) -> ca.Func
         folder = _folder()
         library = _cached(folder, code.name)
         if library is None and build:
-            with _waiting[0](code.function) if hurry and _waiting else nullcontext():
+            with _waiting[-1](code.function) if hurry and _waiting else nullcontext():
                 library = _build(folder, code, hurry=hurry)
         if library is None:
             return None

@@ -14,7 +14,7 @@ import pytest
 
 from rehab_opt import ConfigurationError, MirrorTracker, PoseTracker, ur5
 from rehab_opt.symbolic import BufferedFunction
-from rehab_opt.symbolic.background import finished
+from rehab_opt.symbolic.background import finished, later
 from rehab_opt.symbolic.compiled import _compiler, compiled
 
 pytestmark = pytest.mark.skipif(_compiler() is None, reason="no C compiler on this machine")
@@ -106,6 +106,19 @@ def test_compiler_that_fails_leaves_the_virtual_machine(
     assert function.function.class_name() == VIRTUAL_MACHINE
     assert function.of([1.0, 2.0, 3.0])[0] == pytest.approx(np.sin(1.0))
     assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_work_that_raises_holds_up_no_other() -> None:
+    def fails() -> None:
+        raise ValueError("of the work")
+
+    done: list[bool] = []
+    for _ in range(20):
+        later(fails)
+        later(lambda: done.append(True))
+    assert finished(10.0)
+    assert done == [True] * 20
 
 
 @pytest.mark.parametrize("value", [True, "yes", 1, 0, "background"])
