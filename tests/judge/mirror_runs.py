@@ -98,11 +98,11 @@ def draw(rng: np.random.Generator, start: Array, *, planes: bool) -> Settings:
 def _spike(
     rng: np.random.Generator, start: Array, planes: list[tuple[Array, float]]
 ) -> tuple[int, Array, float] | None:
-    """Half of the time something on a link that begins clear of every plane."""
-    for _ in range(int(rng.integers(2)) * 20):
+    """Half of the time something on a link that begins clear of every plane, and nearest to one of them."""
+    for _ in range(int(rng.integers(2)) * 300):
         frame, radius = int(rng.integers(2, 7)), float(rng.uniform(0.01, 0.06))
         spike = frame, rng.uniform(-0.4, 0.4, 3), radius
-        if all(spike_heights(spike, start[None], normal, offset)[0] > 0.02 for normal, offset in planes):
+        if 0.02 < min(spike_heights(spike, start[None], *plane)[0] for plane in planes) < 0.05:
             return spike
     return None
 
