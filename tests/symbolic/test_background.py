@@ -6,7 +6,9 @@ import os
 import shutil
 import subprocess
 import sys
+import threading
 from pathlib import Path
+from queue import SimpleQueue
 
 import casadi as ca
 import numpy as np
@@ -108,8 +110,10 @@ def test_compiler_that_fails_leaves_the_virtual_machine(
     assert capfd.readouterr() == ("", "")
 
 
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
-def test_work_that_raises_holds_up_no_other() -> None:
+def test_work_that_raises_is_told_and_holds_up_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    told: SimpleQueue[BaseException | None] = SimpleQueue()
+    monkeypatch.setattr(threading, "excepthook", lambda args: told.put(args.exc_value))
+
     def fails() -> None:
         raise ValueError("of the work")
 
@@ -119,6 +123,7 @@ def test_work_that_raises_holds_up_no_other() -> None:
         later(lambda: done.append(True))
     assert finished(10.0)
     assert done == [True] * 20
+    assert [str(told.get(timeout=10.0)) for _ in range(20)] == ["of the work"] * 20
 
 
 @pytest.mark.parametrize("value", [True, "yes", 1, 0, "background"])
