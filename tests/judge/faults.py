@@ -19,7 +19,7 @@ import tomllib
 from collections import Counter
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -55,23 +55,35 @@ class Sound(NamedTuple):
 
 
 def drawn(seed: int) -> Iterator[Fault]:
-    """Each module in turn; of it an operator, then a place. What one module adds changes no other's draws."""
+    """Each module in turn; of it each operator in turn, and of that a place.
+
+    The order comes from what a fault is, not from where it stands: whoever changes a line changes no other draw.
+    """
     paths = [path for folder in FOLDERS for path in (ROOT / folder).glob("*.py")]
-    paths.sort(key=lambda path: random.Random(f"{seed} {path.name}").random())
-    each = [_of_module(seed, path) for path in paths]
-    for turn in itertools.zip_longest(*each):
-        yield from (fault for fault in turn if fault)
+    names = sorted((str(path.relative_to(ROOT)) for path in paths), key=partial(rank, seed))
+    yield from in_turn([_of_module(seed, name) for name in names])
 
 
-def _of_module(seed: int, path: Path) -> Iterator[Fault]:
-    """All faults of one module in an order that other modules have no part in."""
-    name = str(path.relative_to(ROOT))
-    rng, places = random.Random(f"{seed} {name}"), faults(name, path.read_bytes())
-    while places:
-        operator = rng.choice([each for each in OPERATORS if any(fault.operator == each for fault in places)])
-        fault = rng.choice([each for each in places if each.operator == operator])
-        places.remove(fault)
-        yield fault
+def _of_module(seed: int, name: str) -> Iterator[Fault]:
+    """All faults of one module."""
+    alike = Counter[tuple[str, ...]]()
+    ranks = {}
+    for fault in faults(name, (ROOT / name).read_bytes()):
+        alike[fault.key] += 1
+        ranks[fault] = rank(seed, *fault.key, alike[fault.key])
+    each = sorted(ranks, key=lambda fault: ranks[fault])
+    operators = sorted(OPERATORS, key=lambda operator: rank(seed, name, operator))
+    return in_turn([iter([fault for fault in each if fault.operator == operator]) for operator in operators])
+
+
+def in_turn(rows: list[Iterator[Fault]]) -> Iterator[Fault]:
+    """The first of each row, then the second of each."""
+    return (fault for turn in itertools.zip_longest(*rows) for fault in turn if fault)
+
+
+def rank(*words: object) -> float:
+    """A number drawn for these words."""
+    return random.Random(repr(words)).random()
 
 
 @cache

@@ -5,6 +5,8 @@ from __future__ import annotations
 import ast
 import itertools
 import random
+import shutil
+from pathlib import Path
 
 import pytest
 
@@ -61,6 +63,16 @@ def test_one_seed_draws_the_same_faults_again_and_none_twice() -> None:
     first, again = (list(itertools.islice(drawn(5), 80)) for _ in range(2))
     assert first == again
     assert len({each[:2] + each[5:] for each in first}) == len(first)
+
+
+def test_a_line_more_changes_no_other_draw(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = {each.key for each in itertools.islice(drawn(7), 400)}
+    for folder in FOLDERS:
+        shutil.copytree(ROOT / folder, tmp_path / folder)
+    changed = tmp_path / FOLDERS[0] / "joystick.py"
+    changed.write_bytes(b"AN_INCH = 0.0254\n" + changed.read_bytes())
+    monkeypatch.setattr("tests.judge.faults.ROOT", tmp_path)
+    assert len(before - {each.key for each in itertools.islice(drawn(7), 401)}) <= 1
 
 
 def test_what_is_called_equivalent_is_still_there() -> None:
