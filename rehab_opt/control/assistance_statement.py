@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import casadi as ca
 
 from rehab_opt.optim.certificate import all_true
@@ -20,11 +22,13 @@ ENERGY_ROUNDING = 1e-9
 """[J]"""
 
 
-def assistance_statement(*, force_limit: float, step: float, dt: float) -> Statement:
+@cache
+def assistance_statement() -> Statement:
     """Min |F - F_wanted|^2  s.t.  |F| <= ceiling, |F - F_last| <= step, F.v dt <= energy left.
 
-    Parameters are the wanted force (2,), velocity (2,), ceiling and energy left; the memory is the last force; the
-    report says whether every bound holds for the force that is remembered, which is the one to send.
+    Parameters are the wanted force (2,), velocity (2,), ceiling, energy left, force limit, step and dt; the memory is
+    the last force; the report says whether every bound holds for the force that is remembered, which is the one to
+    send.
 
     The wanted force comes no larger than the ceiling, the smaller of `force_limit` and what the tank affords: the
     nearest point of a disc is known. The disc of the slew bound is replaced by the square inside it that has a corner
@@ -33,6 +37,7 @@ def assistance_statement(*, force_limit: float, step: float, dt: float) -> State
     """
     wanted, velocity = parameter("wanted", 2), parameter("velocity", 2)
     ceiling, left, last = parameter("ceiling", 1), parameter("left", 1), parameter("last", 2)
+    force_limit, step, dt = (parameter(name, 1) for name in ("force_limit", "step", "dt"))
     force = variable("force", 2)
     F = force.symbol
     along = _direction(wanted - last)
@@ -56,7 +61,7 @@ def assistance_statement(*, force_limit: float, step: float, dt: float) -> State
     )
     return Statement(
         name="assistance",
-        parameters=[wanted, velocity, ceiling, left],
+        parameters=[wanted, velocity, ceiling, left, force_limit, step, dt],
         variables=[force],
         minimise=ca.sumsqr(F - wanted) / 2,
         subject_to=[

@@ -3,41 +3,51 @@
 from __future__ import annotations
 
 import math
+from array import array
+from collections.abc import Sequence
+from contextlib import suppress
 from threading import get_ident
-from typing import TYPE_CHECKING, TypedDict, cast
+from typing import TYPE_CHECKING, Any, TypedDict, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rehab_opt.control.assistance_statement import EXACT, TINY, assistance_statement
+from rehab_opt.control.assistance_statement import assistance_statement
 from rehab_opt.control.command import Bound, Command, Status
-from rehab_opt.control.energy_tank import EnergyTank
+from rehab_opt.control.energy_tank import TANK
+from rehab_opt.control.force_tick import MODEL, VIEW, WATCHED, affordable, force_tick, give, take
 from rehab_opt.control.gate import WantedForce
-from rehab_opt.control.hand import Hand
+from rehab_opt.control.hand import HAND
+from rehab_opt.control.reasons import reason_text
 from rehab_opt.control.thread_owner import OneThread
 from rehab_opt.control.velocity_controller import checked_number
-from rehab_opt.control.watchdog import Watchdog
+from rehab_opt.control.watchdog import NO_STAMP, STAMPS, Watchdog, stamp_and_kind
 from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.real_array import real_array
 from rehab_opt.optim.fused import FUSED_SOLVERS
 from rehab_opt.optim.ladder import FUSED, Ladder
 from rehab_opt.optim.qp import Statement
 from rehab_opt.optim.rows import Instance
-from rehab_opt.symbolic import Compile
+from rehab_opt.optim.witness import witness_now
+from rehab_opt.symbolic import BufferedFunction, Compile
 
 if TYPE_CHECKING:
     import qpsolvers
 
-__all__ = ["BoundedForce", "ForceBounds"]
+__all__ = ["NOTHING_SEEN", "BoundedForce", "ForceBounds"]
 
 Array = NDArray[np.float64]
 
-MUCH = 1e3
-"""[J] More than any tick could take: what is beyond it need not be said to the QP."""
-MISSED = 1e-6
-"""Share of the wanted force by which the commanded one must differ for the task to count as yielding."""
-
-_OK, _NOTHING, _TASK, _NAN, _INF = Status.OK, Bound.NOTHING, Bound.TASK, math.nan, math.inf
-_hypot, _new, _read_only = math.hypot, tuple.__new__, np.frombuffer
+_FLOATS = np.dtype(np.float64)
+_NAN, _new, _read_only = math.nan, tuple.__new__, np.frombuffer
+_STATUS = Status.OK, Status.RELEASING, Status.RELEASED
+_BOUNDS = tuple(Bound(i) for i in range(16))  # looked up, since making an IntFlag costs half a microsecond
+_REASON = VIEW["reason"]
+NOTHING_SEEN = WATCHED.numbers(
+    stamps=STAMPS.numbers(last=_NAN, lag=0, stamped=0),
+    hand=HAND.numbers(x=_NAN, v=0, estimated=0, stamp=_NAN),
+    tank=0,
+)
 
 
 class ForceBounds(TypedDict, total=False):
@@ -123,84 +133,117 @@ class BoundedForce(OneThread):
         self.slew_limit = checked_number("slew_limit", slew_limit, above=0.0, below=1e6)
         self.speed_cap = checked_number("speed_cap", speed_cap, above=0.0, below=10.0)
         self.dt = checked_number("dt", dt, above=0.0, below=1.0)
-        watchdog = Watchdog(dt=dt, max_age=max_age)
-        self._step = self.slew_limit * self.dt
-        self._tank = EnergyTank(
-            budget=checked_number("energy_budget", energy_budget, above=0.0),
-            slew=self.slew_limit * math.sqrt(0.5),  # in any direction: see `assistance_statement`
-            speed_cap=self.speed_cap,
-            late=max(self.dt, min(watchdog.max_age, 1.0)),
+        self.max_age = Watchdog(dt=dt, max_age=max_age).max_age
+        self.energy_budget = checked_number("energy_budget", energy_budget, above=0.0)
+        self.tolerance = tolerance
+        self.stated = self.statement()
+        self._inside = solver == FUSED and witness_now() is None
+        """Whether the QP is solved inside the tick; a witness looks at the QP alone."""
+        self._ladder = Ladder(
+            self.stated,
+            solver=solver,
+            backup=backup,
+            tolerance=tolerance,
+            compile=False if self._inside else compile,
         )
-        self._hand = Hand(
-            self._tank,
-            watchdog,
+        self.model = MODEL.numbers(
             dt=self.dt,
+            max_age=self.max_age,
+            force_limit=self.force_limit,
+            slew_limit=self.slew_limit,
             speed_cap=self.speed_cap,
             velocity_lag=checked_number("velocity_lag", velocity_lag, above=0.0),
             trust_stillness=bool(trust_stillness),
+            budget=self.energy_budget,
+            tolerance=tolerance,
         )
-        self.stated = self.statement()
-        self._ladder = ladder = Ladder(self.stated, solver=solver, backup=backup, tolerance=tolerance, compile=compile)
-        self._fused, self.tolerance = solver == FUSED, tolerance
-        self._function, self._verdict, self._keep, self._answer = (
-            ladder.function,
-            ladder.verdict,
-            ladder.keep,
-            ladder.answer,
-        )
-        self._inputs = cast("memoryview[float]", ladder.parameters.data)
-        self._force = cast("memoryview[float]", ladder.memory.data)
+        """`MODEL` of this one."""
+        tick = force_tick()
+        self._judge, self._conclude = (BufferedFunction(each, compile=compile) for each in (tick.judge, tick.conclude))
+        rest = [BufferedFunction(each) for each in (tick.prepare, tick.finish, affordable(), give(), take())]
+        for function in (self._judge, self._conclude, *rest):
+            function.inputs[0][:] = self.model
+        self._prepare, self._finish, self._affordable, self._give, self._take = rest
+        (_, watched, last, sample), (watched_next, judged) = self._judge.inputs, self._judge.outputs
+        (_, state, view, asked), (state_next, solved) = self._conclude.inputs, self._conclude.outputs
+        self._watched, self._force = watched, state[-2:]
+        # Views of views: reading and assigning through them costs half of numpy's.
+        self._now, self._next, self._judged, self._sample = map(_view, (watched, watched_next, judged, sample))
+        self._last, self._held, self._view, self._asked = map(_view, (last, self._force, view, asked))
+        self._state, self._state_next, self._solved = map(_view, (state, state_next, solved))
         self.reset()
 
     def statement(self) -> Statement:
         """The QP of one tick."""
-        return assistance_statement(force_limit=self.force_limit, step=self._step, dt=self.dt)
+        return assistance_statement()
 
     # -------------------------------------------------------------------------------------------------- the user's
-    def reset(self, *, energy: bool = True) -> None:
-        """Forget the past: no force is applied now, and, but for energy=False, the tank is full."""
+    def reset(self, *, energy: bool = True, force: ArrayLike = (0.0, 0.0)) -> None:
+        """Forget the past.
+
+        Parameters
+        ----------
+        energy : whether the tank is full again.
+        force : (2,) [N] what acts on the hand now, none by default.
+
+        Raises
+        ------
+        ConfigurationError : a force above its limit, or none of two numbers.
+        """
+        acting = _pair("force", force)
+        if not math.hypot(*acting) <= self.force_limit:
+            raise ConfigurationError("force", force, f"at most {self.force_limit:g} N")
         self._claim()
-        if energy:
-            self._tank.reset()
-        self._hand.reset()
+        tank = WATCHED.places["tank"]
+        full = np.eye(TANK.size)[TANK["level"]] * self.energy_budget
+        kept = full if energy else self._watched[tank].copy()
+        self._watched[:] = NOTHING_SEEN
+        self._watched[tank] = kept
         self.wanted, self.usable = (0.0, 0.0), False
-        self._ladder.memory[:] = 0.0
+        self._conclude.inputs[1][:] = 0.0
+        self._force[:] = acting
         self._ladder.forget()
         self._give_away()
 
     @property
     def energy_left(self) -> float:
         """[J] what may certainly still be delivered."""
-        return self._tank.left
+        level, pending = (WATCHED["tank"] + TANK[name] for name in ("level", "pending"))
+        return self._now[level] - self._now[pending]
+
+    @property
+    def place(self) -> tuple[float, float]:
+        """[m] where the hand was in the last tick that was `usable`; NaN before the first."""
+        x = WATCHED["hand"] + HAND["x"]
+        return self._now[x], self._now[x + 1]
 
     def give_energy(self, share: float) -> float:
         """[J] taken from the tank for another one, a share of what is certainly left; see `Bilateral`."""
         if self._owner != get_ident():
             self._refuse_others()
-        return self._tank.give(share)
+        self._watched[:] = self._give.of(self.model, self._watched, share)
+        return float(self._give.outputs[1][0])
 
     def take_energy(self, joules: float) -> None:
         """What another tank has given [J]; beyond the budget it is lost."""
         if self._owner != get_ident():
             self._refuse_others()
-        self._tank.take(joules)
+        with suppress(OverflowError):  # a message may hold any number; one that no float holds is lost
+            self._watched[:] = self._take.of(self.model, self._watched, joules)
 
     def instance(self, x: ArrayLike, v: ArrayLike = (0.0, 0.0)) -> Instance:
         """The QP for a hand at x (2,) moving at v (2,), with the last force and the energy of now, for inspection."""
-        return self.stated.instance(*self._parameters(x, v), memory=self._ladder.memory)
+        point, velocity = np.asarray(x, dtype=np.float64), np.asarray(v, dtype=np.float64)
+        ceiling, left = self._affordable.of(self.model, self._watched)
+        view = VIEW.numbers(x=point, v=velocity, reason=0, details=0, at_once=0, ceiling=ceiling, left=left)
+        wanted = self._wanted(*point.tolist(), *velocity.tolist())
+        return self.stated.instance(self._prepare.of(self.model, view, wanted), memory=self._force)
 
     def to_qpsolvers(self, x: ArrayLike, v: ArrayLike = (0.0, 0.0)) -> qpsolvers.Problem:
         """The same as a `qpsolvers.Problem`."""
         from rehab_opt.optim.backends import to_qpsolvers  # noqa: PLC0415  (solvers load when used)
 
         return to_qpsolvers(self.instance(x, v))
-
-    def _parameters(self, x: ArrayLike, v: ArrayLike) -> tuple[ArrayLike, ...]:
-        point, velocity = np.asarray(x, dtype=np.float64), np.asarray(v, dtype=np.float64)
-        ceiling = min(self.force_limit, self._tank.ceiling)
-        wanted = np.array(self._wanted(*point.tolist(), *velocity.tolist()))
-        fitting = min(1.0, ceiling / max(float(np.hypot(*wanted)), TINY))
-        return wanted * fitting, velocity, ceiling, min(max(0.0, self._tank.left), MUCH)
 
     def step(
         self, x: ArrayLike, v: ArrayLike | None = None, *, enable: object = True, stamp: float | None = None
@@ -222,77 +265,77 @@ class BoundedForce(OneThread):
         """
         if self._owner != get_ident():
             self._claim()
-        hand, tank, force = self._hand, self._tank, self._force
-        reason, at_once = hand.read(x, v, stamp, force)
-        if enable is not True and not (isinstance(enable, np.bool_ | int | float) and enable == 1):
-            reason = reason if at_once else "not enabled"
-        ceiling = tank.ceiling
-        if ceiling > self.force_limit:
-            ceiling = self.force_limit
-        elif _hypot(force[0], force[1]) - self._step > ceiling and not at_once:
-            reason, at_once = "energy left does not afford a slower release", True
-        self.usable = not reason
-        if reason:
-            return self._release(reason, at_once=at_once)
-        asked_x, asked_y = self.wanted = self._wanted(hand.x, hand.y, hand.vx, hand.vy)
-        size = _hypot(asked_x, asked_y)
-        if not size < _INF:
-            return self._release("the field gives no number here", at_once=False)
-        fitting = 1.0 if size <= ceiling else ceiling / size * EXACT
-        inputs, left = self._inputs, tank.left
-        inputs[0] = asked_x * fitting
-        inputs[1] = asked_y * fitting
-        inputs[2] = hand.vx
-        inputs[3] = hand.vy
-        inputs[4] = ceiling
-        inputs[5] = 0.0 if left < 0.0 else (left if left < MUCH else MUCH)
-        if self._fused:  # the usual way, without the layers of Python
-            verdict = self._verdict
-            verdict[0] = _NAN  # see `Ladder`
-            self._function.evaluate()
-            residual, _, who, holds = verdict.tolist()
-            if 0.0 <= residual <= self.tolerance and holds:
-                self._keep[:] = self._answer
-                return self._command(FUSED_SOLVERS[int(who)], residual, (asked_x, asked_y, size))
-        solver = self._climbed(force[0], force[1])
-        if not solver:
-            residual = self._ladder.residual[0]
-            return self._release(f"no solver gave a certified answer (residual {residual:.1e})", at_once=False)
-        return self._command(solver, float(self._ladder.residual[0]), (asked_x, asked_y, size))
+        sample = self._sample
+        place, velocity = _pair("x", x), None if v is None else _pair("v", v)
+        sample[0], sample[1] = place
+        if velocity is not None:
+            sample[2], sample[3] = velocity
+        sample[4] = velocity is not None
+        sample[5], sample[6] = (_NAN, NO_STAMP) if stamp is None else stamp_and_kind(stamp)
+        sample[7] = enable is True or (isinstance(enable, np.bool_ | int | float) and enable == 1)
+        self._last[:] = self._held
+        self._judge.evaluate()
+        self._now[:] = self._next
+        view = self._view
+        view[:] = self._judged
+        self.usable = not view[_REASON]
+        if self.usable:
+            self._asked[0], self._asked[1] = self._wanted(view[0], view[1], view[2], view[3])
+        if self._inside:  # the usual way, without the layers of Python
+            self._solved[0] = _NAN  # see `Ladder`: a failure inside leaves the outputs as they are
+            self._conclude.evaluate()
+            if self._solved[0] == 0.0:
+                return self._command(self._solved, self._state_next, FUSED_SOLVERS)
+        return self._by_the_ladder()
 
     # ---------------------------------------------------------------------------------------------------- one tick
-    def _climbed(self, last_x: float, last_y: float) -> str:
-        """Name of the solver whose answer is certified and, shrunk, within all bounds; else ""."""
-        ladder = self._ladder
-        solver = ladder.climb() if self._fused else ladder()
-        if solver and ladder.report[0]:
-            return solver
-        self._force[0], self._force[1] = last_x, last_y
-        return ""
+    def _by_the_ladder(self) -> Command:
+        """The tick with the QP solved outside of it."""
+        ladder, prepare, finish = self._ladder, self._prepare, self._finish
+        parameters = prepare.of(self.model, self._view, self._asked)
+        solver = ""
+        ladder.verdict[:] = array("d", [_NAN] * len(ladder.verdict))
+        if prepare.outputs[1][0]:
+            ladder.parameters[:], ladder.keep[:] = parameters, self._state
+            solver = ladder.climb() if self._inside else ladder()
+        finish.of(self.model, self._state, self._view, self._asked, ladder.answer, ladder.verdict)
+        state, solved = map(_view, finish.outputs)
+        command = self._command(solved, state, (solver,) * len(FUSED_SOLVERS))
+        if solver == ladder.backup != ladder.solver and command.status is Status.OK:
+            return command._replace(status=Status.BACKUP, reason=f"{ladder.solver} gave no certified answer")
+        return command
 
-    def _command(self, solver: str, residual: float, asked: tuple[float, float, float]) -> Command:
-        """A certified force, beside the one that was asked for: its components and size."""
-        (x, y), (asked_x, asked_y, size) = self._force, asked
-        yielded, scale = _NOTHING, 1.0
-        if _hypot(x - asked_x, y - asked_y) > MISSED * size + TINY:
-            along = (x * asked_x + y * asked_y) / (size * size) if size > TINY else 0.0
-            yielded, scale = _TASK, (min(along, 1.0) if along > 0.0 else 0.0)
-        ladder, status, reason = self._ladder, _OK, ""
-        if solver == ladder.backup != ladder.solver:
-            status, reason = Status.BACKUP, f"{ladder.solver} gave no certified answer"
-        value = _read_only(ladder.memory.tobytes())  # a copy
-        return _new(Command, (value, status, solver, residual, -1, reason, yielded, scale, None))
+    def _command(self, solved: memoryview[float], state: memoryview[float], names: Sequence[str]) -> Command:
+        """What a tick has `SOLVED`; it is the last one from now on."""
+        self._state[:] = state
+        _, _, _, status, residual, solver, yielded, scale, reason, *rest = solved.tolist()
+        self.wanted = rest[3], rest[4]
+        value = _read_only(self._held.tobytes())  # a copy
+        name = names[int(solver)] if solver >= 0.0 else ""
+        words = reason_text(reason, rest) if reason else ""
+        return _new(
+            Command, (value, _STATUS[int(status)], name, residual, -1, words, _BOUNDS[int(yielded)], scale, None)
+        )
 
-    def _release(self, reason: str, *, at_once: bool) -> Command:
-        """The last rung: no force, as fast as the slew bound allows, or at once."""
-        self.wanted = (0.0, 0.0)
-        x, y = self._force[0], self._force[1]
-        size, step = _hypot(x, y), self._step * EXACT
-        keep = 0.0 if at_once or size <= self._step else 1.0 - step / size
-        value = np.array((x * keep, y * keep)) if keep else np.zeros(2)
-        value.setflags(write=False)
-        self._ladder.memory[:] = value
-        self._ladder.warm_start(0.0)
-        yielded = Bound.TASK | Bound.SLEW if at_once and size > self._step else Bound.TASK
-        status = Status.RELEASING if keep else Status.RELEASED
-        return Command(value, status, "", _INF, -1, reason, yielded, 0.0)
+
+def _view(numbers: Array) -> memoryview[float]:
+    return cast("memoryview[float]", numbers.data)
+
+
+def _pair(argument: str, value: Any) -> tuple[float, float]:
+    """Two floats; infinite where a number is too large for one."""
+    if type(value) is np.ndarray and value.dtype is _FLOATS and value.shape == (2,):
+        first, second = value.tolist()
+        return first, second
+    if type(value) is tuple and len(value) == 2 and type(value[0]) is type(value[1]) is float:
+        return value
+    try:
+        pair = real_array(value)
+    except OverflowError:
+        return math.inf, math.inf
+    except (TypeError, ValueError) as problem:
+        raise ConfigurationError(argument, value, "two real numbers") from problem
+    if pair.shape != (2,):
+        raise ConfigurationError(argument, value, "two real numbers")
+    first, second = pair.tolist()
+    return first, second

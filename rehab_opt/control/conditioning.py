@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.control.axis_bounds import numbers
 from rehab_opt.control.thread_owner import OneThread
 from rehab_opt.control.velocity_controller import checked_number, real_numbers
-from rehab_opt.control.watchdog import seconds_of
+from rehab_opt.control.watchdog import stamp_and_kind
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.vr import continuous_quaternions, poses_of
 
@@ -108,8 +108,7 @@ class Conditioner(OneThread):
         sample = np.concatenate(
             [real_numbers("position", position, (3,)), real_numbers("quaternion", quaternion, (4,))]
         )
-        seconds = seconds_of(stamp)
-        stamp = math.nan if seconds is None else seconds
+        stamp, _ = stamp_and_kind(stamp)
         if not _usable(np.array([stamp]), sample[None])[0] or (self._last is not None and stamp <= self._last[0]):
             self.dropped += 1
             return self._given([])

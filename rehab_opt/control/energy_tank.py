@@ -4,10 +4,23 @@ from __future__ import annotations
 
 import math
 
-__all__ = ["HAND_SPEED", "EnergyTank"]
+import casadi as ca
+
+from rehab_opt.optim.certificate import clipped
+from rehab_opt.symbolic.record import Record, Values
+
+__all__ = ["HAND_SPEED", "TANK", "EnergyTank"]
 
 HAND_SPEED = 10.0
 """[m/s] No hand is faster: a larger jump is the sensor's."""
+TANK = Record(level=1, pending=1, disputed=1, unseen=1, varied=1, peak=1, along=2, gap=1)
+"""What is remembered of a tank; at first `level` is the budget, and the others are zero.
+
+level : [J] left, as far as the hand was seen. pending : [J] set aside since. disputed : [J] that was given back after
+hidden motion, and that a jump right behind it takes again. unseen : [s] since the hand was seen. varied : [J] most that
+forces other than the first one since then could have added. peak : [N] the largest of them. along : (2,) [N] the first.
+gap : whether there were several.
+"""
 
 
 class EnergyTank:
@@ -23,100 +36,85 @@ class EnergyTank:
 
         F v late + F^2 v / (2 slew) <= energy left
 
-    The order of calls in a tick: `elapse` with the force that was applied, then `seen` or `jumped`, or neither.
+    Numbers are expressions, and each method gives the tank that is left behind by it. The order in a tick: `elapsed`
+    with the force that was applied, then `seen` or `jumped`, or neither.
 
     Parameters
     ----------
+    numbers : of `TANK`.
     budget : [J] what may be delivered until `reset`, net of what the hand put in since.
     slew : [N/s] rate at which the force can certainly be released.
     speed_cap : [m/s] hand speed up to which the budget holds.
     late : [s] longest time between two ticks that the reserve covers.
     """
 
-    __slots__ = (
-        "_along_x", "_along_y", "_disputed", "_gap", "_peak", "_per_newton", "_slew", "_speed", "_varied", "budget",
-        "level", "pending", "unseen",
-    )  # fmt: skip
+    def __init__(self, numbers: Values, *, budget: ca.SX, slew: ca.SX, speed_cap: ca.SX, late: ca.SX) -> None:
+        self.numbers, self._budget, self._slew, self._speed, self._late = numbers, budget, slew, speed_cap, late
 
-    level: float
-    """[J] left, as far as the hand was seen."""
-    pending: float
-    """[J] set aside since."""
-    unseen: float
-    """[s] since the hand was seen."""
-    _varied: float
-    _peak: float
+    def _with(self, **others: ca.SX) -> EnergyTank:
+        return EnergyTank(
+            TANK.changed(self.numbers, **others),
+            budget=self._budget, slew=self._slew, speed_cap=self._speed, late=self._late,
+        )  # fmt: skip
 
-    def __init__(self, *, budget: float, slew: float, speed_cap: float, late: float) -> None:
-        self.budget, self._slew, self._speed = budget, slew, speed_cap
-        self._per_newton = slew * late
-        self.reset()
-
-    def reset(self) -> None:
-        """Full again, with nothing unseen."""
-        self.level = self.budget
-        self._disputed = 0.0
-        self._settled()
+    def or_else(self, when: ca.SX, other: EnergyTank) -> EnergyTank:
+        """The other tank where that is so, else the tank itself."""
+        mine, theirs = self.numbers, other.numbers
+        return self._with(**{
+            name: ca.if_else(when, getattr(theirs, name), getattr(mine, name)) for name in TANK.places
+        })  # fmt: skip
 
     @property
-    def left(self) -> float:
+    def left(self) -> ca.SX:
         """[J] what is certainly left."""
-        return self.level - self.pending
+        return self.numbers.level - self.numbers.pending
 
     @property
-    def ceiling(self) -> float:
+    def ceiling(self) -> ca.SX:
         """[N] the largest force that may be applied now; zero where nothing is left."""
-        left = self.level - self.pending
-        if not left > 0.0:
-            return 0.0
-        slow = self._per_newton
-        return math.sqrt(slow * slow + 2.0 * self._slew * left / self._speed) - slow
+        slow = self._slew * self._late
+        return ca.sqrt(slow * slow + 2.0 * self._slew * ca.fmax(self.left, 0) / self._speed) - slow
 
-    def elapse(self, force_x: float, force_y: float, seconds: float) -> None:
-        """The force acted for so long, and the hand may have gone anywhere within the speed cap."""
-        size = math.hypot(force_x, force_y)
-        reach = self._speed * seconds
-        if self.unseen == 0.0:
-            self._along_x, self._along_y, self._peak = force_x, force_y, size
-        else:
-            self._gap = True
-            self._varied += math.hypot(force_x - self._along_x, force_y - self._along_y) * reach
-            self._peak = max(self._peak, size)
-        self.unseen += seconds
-        self.pending += size * reach
+    def elapsed(self, force: ca.SX, seconds: ca.SX) -> EnergyTank:
+        """The force (2,) acted for so long, and the hand may have gone anywhere within the speed cap."""
+        now = self.numbers
+        size, reach, first = ca.norm_2(force), self._speed * seconds, now.unseen == 0
+        return self._with(
+            along=ca.if_else(first, force, now.along),
+            peak=ca.if_else(first, size, ca.fmax(now.peak, size)),
+            gap=ca.if_else(first, now.gap, 1),
+            varied=now.varied + ca.if_else(first, 0, ca.norm_2(force - now.along) * reach),
+            unseen=now.unseen + seconds,
+            pending=now.pending + size * reach,
+        )
 
-    def seen(self, dx: float, dy: float) -> None:
-        """The hand has moved by (dx, dy) [m] since it was last seen, within the speed cap."""
-        work = self._along_x * dx + self._along_y * dy + self._varied
-        if self._gap:
-            work = min(max(work, 0.0), self.pending)
-            self._disputed = self.pending - work
-        else:
-            self._disputed = 0.0
-        level = self.level - work
-        self.level = level if level < self.budget else self.budget
-        self._settled()
+    def seen(self, moved: ca.SX) -> EnergyTank:
+        """The hand has moved by so much (2,) [m] since it was last seen, within the speed cap."""
+        now = self.numbers
+        work = ca.dot(now.along, moved) + now.varied
+        work = ca.if_else(now.gap, clipped(work, 0, now.pending), work)
+        disputed = ca.if_else(now.gap, now.pending - work, 0)
+        return self._with(level=ca.fmin(now.level - work, self._budget), disputed=disputed)._settled()
 
-    def jumped(self, distance: float) -> None:
+    def jumped(self, distance: ca.SX) -> EnergyTank:
         """The position has moved faster than the speed cap: what a hand could have drawn so is gone for good."""
-        self.level -= self._disputed + self.pending + self._peak * min(distance, HAND_SPEED * self.unseen)
-        self._disputed = 0.0
-        self._settled()
+        now = self.numbers
+        drawn = now.disputed + now.pending + now.peak * ca.fmin(distance, HAND_SPEED * now.unseen)
+        return self._with(level=now.level - drawn, disputed=ca.SX(0))._settled()
 
-    def give(self, share: float) -> float:
-        """[J] taken out, a share of what is certainly left and nobody can dispute any more."""
-        given = share * (self.level - self.pending - self._disputed)
-        if not given > 0.0:
-            return 0.0
-        self.level -= given
-        return given
+    def given(self, share: ca.SX) -> tuple[EnergyTank, ca.SX]:
+        """What is left when a share of what is certainly left and nobody can dispute goes; and that share [J]."""
+        gone = ca.fmax(share * (self.left - self.numbers.disputed), 0)
+        return self._with(level=self.numbers.level - gone), gone
 
-    def take(self, joules: float) -> None:
-        """Filled by what another tank gave [J], up to the budget; the rest is lost."""
-        if 0.0 < joules < math.inf:
-            self.level = min(self.level + min(joules, self.budget), self.budget)
+    def filled(self, joules: ca.SX) -> EnergyTank:
+        """With what another tank gave [J], up to the budget; the rest is lost, and so is what is no number."""
+        level, usable = self.numbers.level, ca.logic_and(joules > 0, joules < math.inf)
+        full = ca.fmin(level + ca.fmin(joules, self._budget), self._budget)
+        return self._with(level=ca.if_else(usable, full, level))
 
-    def _settled(self) -> None:
-        self.pending = self.unseen = self._varied = self._peak = 0.0
-        self._along_x = self._along_y = 0.0
-        self._gap = False
+    def _settled(self) -> EnergyTank:
+        nothing = ca.SX(0)
+        return self._with(
+            pending=nothing, unseen=nothing, varied=nothing, peak=nothing, gap=nothing, along=ca.SX.zeros(2)
+        )

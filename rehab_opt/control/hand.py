@@ -2,143 +2,97 @@
 
 from __future__ import annotations
 
-import math
-from typing import Any
+from typing import Any, NamedTuple
 
-import numpy as np
-from numpy.typing import ArrayLike
+import casadi as ca
 
 from rehab_opt.control.energy_tank import EnergyTank
-from rehab_opt.control.watchdog import Watchdog, seconds_of
-from rehab_opt.errors import ConfigurationError
-from rehab_opt.kinematics.real_array import real_array
+from rehab_opt.control.reasons import NUMBER
+from rehab_opt.control.watchdog import NUMBER_OF_SECONDS, first_of
+from rehab_opt.optim.certificate import all_true
+from rehab_opt.symbolic.record import Record, Values
 
-__all__ = ["Hand"]
+__all__ = ["HAND", "SAMPLE", "Seen", "looked_at"]
 
 FURTHEST = 1e3
 """[m] A position beyond this is a broken sensor."""
 ROUNDING = 1e-12
 """[m] By what a step at the speed cap may exceed it."""
+SAMPLE = Record(x=2, v=2, v_given=1, stamp=1, kind=1, enable=1)
+"""What a tick is told of a hand: position [m], velocity [m/s] and whether it is given, stamp [s] and its kind (see
+`stamp_and_kind`), whether the dead-man input is held."""
+HAND = Record(x=2, v=2, estimated=2, stamp=1)
+"""What is remembered of it: where it was seen last [m], NaN at first; velocity as given or estimated, and as estimated
+[m/s]; its stamp [s], NaN at first."""
 
-_INF, _NAN, _hypot = math.inf, math.nan, math.hypot
-_FLOATS = np.dtype(np.float64)
+
+class Seen(NamedTuple):
+    """A hand after one sample."""
+
+    memory: ca.SX
+    """`HAND`"""
+    tank: EnergyTank
+    reason: ca.SX
+    """Number of the reason why the sample must not be acted on; 0 when it may."""
+    details: ca.SX
+    """(3,) of the reason."""
+    at_once: ca.SX
+    """Whether the force must be let go at once."""
 
 
-class Hand:
-    """Judges one sample a tick; `x`, `y`, `vx`, `vy` are the hand's where the judgement is good.
+def looked_at(
+    memory: Values, tank: EnergyTank, sample: Values, *, force: ca.SX, stale: tuple[ca.SX, ca.SX], model: Values
+) -> Seen:
+    """Take one sample of a hand, after `force` (2,) [N] has acted since the last one.
 
-    Parameters
-    ----------
-    tank : is told what the force may have delivered between samples.
-    watchdog : judges stamps.
-    dt : [s] nominal tick. speed_cap : [m/s] a faster hand is let go.
-    velocity_lag : [s] time constant of the estimated velocity.
-    trust_stillness : whether a position that repeats itself exactly was seen, or may be a frozen sensor's.
+    `stale` is the watchdog's reason and details. `model` has dt [s], the speed cap [m/s] from which on a hand is let
+    go, the time constant of the estimated velocity [s], and whether a position that repeats itself exactly was seen or
+    may be a frozen sensor's.
     """
+    cap = model.speed_cap
+    timed = ca.logic_and(sample.kind == NUMBER_OF_SECONDS, ca.fabs(sample.stamp) < ca.inf)
+    advance = sample.stamp - memory.stamp
+    seconds = ca.if_else(all_true(timed, model.dt < advance, advance < ca.inf), advance, model.dt)
+    waiting = tank.elapsed(force, seconds)
 
-    __slots__ = (
-        "_cap", "_dt", "_estimated_x", "_estimated_y", "_lag", "_stamp", "_tank", "_trusted", "_watchdog",
-        "vx", "vy", "x", "y",
-    )  # fmt: skip
+    usable = all_true(*(ca.fabs(sample.x[i]) <= FURTHEST for i in range(2)))
+    looks = ca.logic_and(stale[0] == 0, usable)
+    moved, unseen = sample.x - memory.x, waiting.numbers.unseen
+    distance = ca.hypot(moved[0], moved[1])
+    first, still = ca.logic_not(distance < ca.inf), all_true(moved[0] == 0, moved[1] == 0)
+    within = distance <= cap * unseen * (1 + 1e-9) + ROUNDING
+    jumped = all_true(looks, ca.logic_not(first), ca.logic_not(still), ca.logic_not(within))
+    # A low-pass of differences: it lags by its time constant and half a tick.
+    share = unseen / (model.velocity_lag + unseen)
+    slower = memory.estimated + share * (moved / unseen - memory.estimated)
+    estimated = ca.if_else(looks, ca.if_else(ca.logic_or(first, jumped), ca.SX.zeros(2), slower), memory.estimated)
+    here = waiting.or_else(first, waiting.seen(ca.SX.zeros(2)))
+    here = here.or_else(within, waiting.seen(moved))
+    here = here.or_else(jumped, waiting.jumped(distance))
+    here = here.or_else(ca.logic_and(still, ca.logic_not(model.trust_stillness)), waiting)
+    here = waiting.or_else(looks, here)
 
-    x: float
-    y: float
-    vx: float
-    vy: float
-
-    def __init__(
-        self,
-        tank: EnergyTank,
-        watchdog: Watchdog,
-        *,
-        dt: float,
-        speed_cap: float,
-        velocity_lag: float,
-        trust_stillness: bool,
-    ) -> None:
-        self._tank, self._watchdog = tank, watchdog
-        self._dt, self._cap, self._lag, self._trusted = dt, speed_cap, velocity_lag, trust_stillness
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget where it was."""
-        self._watchdog.reset()
-        self.x = self.y = self._stamp = _NAN
-        self.vx = self.vy = self._estimated_x = self._estimated_y = 0.0
-
-    def read(self, x: ArrayLike, v: ArrayLike | None, stamp: float | None, force: Any) -> tuple[str, bool]:
-        """Take one sample, after `force` (2,) [N] has acted since the last; see `Assistance.step`.
-
-        Returns why it must not be acted on, or "", and whether the force must be let go at once.
-        """
-        px, py = x.tolist() if type(x) is np.ndarray and x.dtype is _FLOATS and x.shape == (2,) else _pair("x", x)
-        reason = self._watchdog.check(stamp)
-        seconds = self._dt if stamp is None else self._since(stamp)
-        self._tank.elapse(force[0], force[1], seconds)
-        if not (-FURTHEST <= px <= FURTHEST and -FURTHEST <= py <= FURTHEST):
-            reason = reason or f"x is ({px}, {py}), not a usable position"
-        sudden = "" if reason else self._look(px, py)
-        if v is None:
-            self.vx, self.vy = self._estimated_x, self._estimated_y
-        else:
-            vx, vy = v.tolist() if type(v) is np.ndarray and v.dtype is _FLOATS and v.shape == (2,) else _pair("v", v)
-            self.vx, self.vy, speed = vx, vy, _hypot(vx, vy)
-            if not speed <= self._cap:
-                if speed < _INF:
-                    sudden = f"hand moves at {speed:.3g} m/s, at most {self._cap:g} m/s"
-                else:
-                    reason = reason or f"v is ({vx}, {vy}), not a usable velocity"
-        return sudden or reason, sudden != ""
-
-    def _since(self, stamp: object) -> float:
-        """[s] since the last stamp, and no less than a tick."""
-        now = seconds_of(stamp)
-        if now is None:
-            return self._dt
-        advance = now - self._stamp
-        if math.isfinite(now):
-            self._stamp = now
-        return advance if self._dt < advance < _INF else self._dt
-
-    def _look(self, x: float, y: float) -> str:
-        """Settle with the tank where the hand has gone; why the force must be let go, or ""."""
-        tank = self._tank
-        dx, dy, seconds = x - self.x, y - self.y, tank.unseen
-        if dx == 0.0 and dy == 0.0:
-            self._estimate(0.0, 0.0, seconds)
-            if self._trusted:
-                tank.seen(0.0, 0.0)
-            return ""
-        self.x, self.y, distance = x, y, _hypot(dx, dy)
-        if distance <= self._cap * seconds * (1 + 1e-9) + ROUNDING:
-            self._estimate(dx / seconds, dy / seconds, seconds)
-            tank.seen(dx, dy)
-            return ""
-        self._estimated_x = self._estimated_y = 0.0
-        if math.isnan(distance):  # the first position
-            tank.seen(0.0, 0.0)
-            return ""
-        tank.jumped(distance)
-        return f"position moved {distance:.3g} m in {seconds:.3g} s, at most {self._cap:g} m/s"
-
-    def _estimate(self, vx: float, vy: float, seconds: float) -> None:
-        """A low-pass of differences: it lags by its time constant and half a tick."""
-        share = seconds / (self._lag + seconds)
-        self._estimated_x += share * (vx - self._estimated_x)
-        self._estimated_y += share * (vy - self._estimated_y)
-
-
-def _pair(argument: str, value: Any) -> tuple[float, float]:
-    """Two floats; infinite where a number is too large for one."""
-    if type(value) is tuple and len(value) == 2 and type(value[0]) is type(value[1]) is float:
-        return value
-    try:
-        pair = real_array(value)
-    except OverflowError:
-        return _INF, _INF
-    except (TypeError, ValueError) as problem:
-        raise ConfigurationError(argument, value, "two real numbers") from problem
-    if pair.shape != (2,):
-        raise ConfigurationError(argument, value, "two real numbers")
-    first, second = pair.tolist()
-    return first, second
+    velocity = ca.if_else(sample.v_given, sample.v, estimated)
+    speed = ca.hypot(velocity[0], velocity[1])
+    slow = ca.logic_or(ca.logic_not(sample.v_given), speed <= cap)
+    fast = ca.logic_and(ca.logic_not(slow), speed < ca.inf)
+    cases: list[tuple[ca.SX, str, tuple[Any, Any, Any]]] = [
+        (fast, "HAND_TOO_FAST", (speed, cap, 0)),
+        (jumped, "POSITION_JUMPED", (distance, unseen, cap)),
+        (stale[0] != 0, "", (stale[1][0], stale[1][1], 0)),
+        (ca.logic_not(usable), "POSITION_UNUSABLE", (sample.x[0], sample.x[1], 0)),
+        (ca.logic_not(slow), "VELOCITY_UNUSABLE", (sample.v[0], sample.v[1], 0)),
+        (ca.SX(1), "FINE", (0, 0, 0)),
+    ]
+    return Seen(
+        memory=HAND.of(
+            x=ca.if_else(looks, sample.x, memory.x),
+            v=velocity,
+            estimated=estimated,
+            stamp=ca.if_else(timed, sample.stamp, memory.stamp),
+        ),
+        tank=here,
+        reason=first_of([(when, ca.SX(NUMBER[name]) if name else stale[0]) for when, name, _ in cases]),
+        details=first_of([(when, ca.vertcat(*told)) for when, _, told in cases]),
+        at_once=ca.logic_or(fast, jumped),
+    )

@@ -106,9 +106,9 @@ class PathAssistance(Assistance):
         """Share of the path, 0 to 1, at which the hand is."""
         return self._at / (len(self._samples) - 1)
 
-    def reset(self, *, energy: bool = True) -> None:
-        """Forget the past: at the path's start."""
-        super().reset(energy=energy)
+    def reset(self, *, energy: bool = True, force: ArrayLike = (0.0, 0.0)) -> None:
+        """Forget the past, see `BoundedForce.reset`: at the path's start."""
+        super().reset(energy=energy, force=force)
         self._claim()
         self._at = 0
         self._lead()
@@ -120,9 +120,9 @@ class PathAssistance(Assistance):
         """As `Assistance.step`; the progress goes on where the last tick's position was usable."""
         command = super().step(x, v, enable=enable, stamp=stamp)
         if self.usable:
-            hand, first = self._hand, max(0, self._at - self._reach)
+            (x_now, y_now), first = self.place, max(0, self._at - self._reach)
             near = slice(first, self._at + self._reach + 1)
-            across, along = self._x[near] - hand.x, self._y[near] - hand.y
+            across, along = self._x[near] - x_now, self._y[near] - y_now
             # Squared and added one by one, as in C: a fused product may find another of two places as near.
             across *= across
             along *= along

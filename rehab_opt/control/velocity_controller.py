@@ -73,6 +73,7 @@ class VelocityController(OneThread, ABC):
         self.tolerance = tolerance
         self.recovery_speed = checked_number("recovery_speed", recovery_speed, above=0.0, below=1.0)
         self._watchdog = Watchdog(dt=dt, max_age=max_age)
+        self.max_age = self._watchdog.max_age
         self._ladder = Ladder(self.stated, solver=solver, backup=backup, tolerance=tolerance, compile=compile)
         self._safe_command = BufferedFunction(self.braking())
         ladder, n = self._ladder, chain.n

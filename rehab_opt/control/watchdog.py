@@ -3,17 +3,30 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from functools import cache
+from typing import NamedTuple, cast
 
+import casadi as ca
 import numpy as np
 
+from rehab_opt.control.reasons import NUMBER, reason_text
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.real_array import real_array
+from rehab_opt.optim.certificate import all_true
+from rehab_opt.symbolic import BufferedFunction
+from rehab_opt.symbolic.record import Record, Values
 
-__all__ = ["DRIFT", "Watchdog", "default_max_age", "seconds_of"]
+__all__ = ["STAMPS", "Watchdog", "checked_stamp", "default_max_age", "stamp_and_kind", "watched"]
 
 DRIFT = 1e-3
 """Share by which the stamps' clock may run slower than the ticks for ever: ten times what two quartz clocks differ by.
 Without it every long session would end as stale."""
+STAMPS = Record(last=1, lag=1, stamped=1)
+"""What is remembered of the stamps: the last [s], how far they have fallen behind the ticks [s], whether there was one.
+At first NaN, 0, 0."""
+NO_STAMP, NUMBER_OF_SECONDS, NO_NUMBER = range(3)
+"""Kinds of stamps."""
 
 
 def default_max_age(dt: float) -> float:
@@ -25,17 +38,79 @@ def default_max_age(dt: float) -> float:
     return max(0.05, 3.0 * dt)
 
 
-def seconds_of(stamp: object) -> float | None:
-    """A time stamp as a float [s]; None where it is no single real number: a time of another unit, text, an array."""
+def stamp_and_kind(stamp: object) -> tuple[float, int]:
+    """A time stamp as a float [s], NaN where it is none, and its kind: a time of another unit, text, an array."""
+    if stamp is None:
+        return math.nan, NO_STAMP
     try:
         if isinstance(stamp, float | int):
-            return float(stamp)
+            return float(stamp), NUMBER_OF_SECONDS
         array = real_array(stamp)
     except OverflowError:
-        return math.inf
+        return math.inf, NUMBER_OF_SECONDS
     except (TypeError, ValueError):
-        return None
-    return None if array.ndim else float(array)
+        return math.nan, NO_NUMBER
+    return (math.nan, NO_NUMBER) if array.ndim else (float(array), NUMBER_OF_SECONDS)
+
+
+class Judged(NamedTuple):
+    """What a watchdog says of a stamp."""
+
+    memory: ca.SX
+    """`STAMPS`"""
+    reason: ca.SX
+    """Number of the reason why the state must not be acted on; 0 when it may."""
+    details: ca.SX
+    """(2,) of the reason [s]."""
+
+
+def checked_stamp(memory: Values, stamp: ca.SX, kind: ca.SX, *, dt: ca.SX, max_age: ca.SX) -> Judged:
+    """Judge one stamp [s, any origin] a tick, of a kind that `stamp_and_kind` tells; see `Watchdog`."""
+    gained = dt * (1.0 - DRIFT)
+    finite = ca.logic_and(kind == NUMBER_OF_SECONDS, ca.fabs(stamp) < ca.inf)
+    first = ca.logic_not(ca.fabs(memory.last) < ca.inf)
+    advance = stamp - memory.last
+    lag = memory.lag + gained - advance
+    usual = ca.logic_and(advance > 0, advance <= max_age)
+    nothing, no_stamp, no_number = ca.SX.zeros(2), kind == NO_STAMP, kind == NO_NUMBER
+    waiting, caught_up, behind = memory.lag + gained, ca.fmax(lag, 0), ca.vertcat(advance, max_age)
+    cases = [
+        (ca.logic_and(no_stamp, ca.logic_not(memory.stamped)), "FINE", memory.lag, nothing),
+        (no_stamp, "STAMP_MISSING", waiting, nothing),
+        (no_number, "STAMP_NO_NUMBER", waiting, nothing),
+        (ca.logic_not(finite), "STAMP_NOT_FINITE", waiting, nothing),
+        (first, "FINE", memory.lag, nothing),
+        (all_true(usual, lag <= max_age), "FINE", caught_up, nothing),
+        (usual, "STATE_STALE", lag, ca.vertcat(lag, max_age)),
+        (advance > max_age, "STAMP_GAP", caught_up, behind),
+        (advance < -max_age, "STAMP_BACKWARDS", ca.SX(0), -behind),  # a stream that began anew
+        (advance < 0, "STAMP_BACKWARDS", lag, -behind),
+        (ca.SX(1), "STAMP_REPEATED", lag, nothing),
+    ]
+    after = STAMPS.of(
+        last=ca.if_else(finite, stamp, memory.last),
+        lag=first_of([(when, then) for when, _, then, _ in cases]),
+        stamped=ca.logic_or(memory.stamped, ca.logic_not(no_stamp)),
+    )
+    reason = first_of([(when, ca.SX(NUMBER[name])) for when, name, _, _ in cases])
+    return Judged(after, reason, first_of([(when, details) for when, _, _, details in cases]))
+
+
+def first_of(cases: Sequence[tuple[ca.SX, ca.SX]]) -> ca.SX:
+    """The value of the first case whose condition is true; the last one's condition is not looked at."""
+    value = cases[-1][1]
+    for when, then in reversed(cases[:-1]):
+        value = ca.if_else(when, then, value)
+    return value
+
+
+@cache
+def watched() -> ca.Function:
+    """Dt and max_age, `STAMPS`, stamp and its kind -> `STAMPS`, reason and details."""
+    memory, limits, given = STAMPS.symbols("memory"), ca.SX.sym("limits", 2), ca.SX.sym("given", 2)
+    judged = checked_stamp(memory, given[0], given[1], dt=limits[0], max_age=limits[1])
+    said = ca.vertcat(judged.reason, judged.details)
+    return ca.Function("watched", [limits, memory.column, given], [judged.memory, said], {"cse": True})
 
 
 class Watchdog:
@@ -56,7 +131,7 @@ class Watchdog:
     ConfigurationError : dt not a positive, finite number, max_age not one above dt.
     """
 
-    __slots__ = ("_dt", "_gained", "_lag", "_last", "_max_age", "stamped")
+    __slots__ = ("_after", "_evaluate", "_function", "_given", "_keep", "_memory", "_said", "max_age", "stamped")
 
     stamped: bool
     """Whether there was a stamp since the last reset: from then on one that is missing is a fault."""
@@ -67,25 +142,25 @@ class Watchdog:
         max_age = default_max_age(dt) if max_age is None else max_age
         if not (isinstance(max_age, (int, float, np.integer, np.floating)) and max_age > dt):
             raise ConfigurationError("max_age", max_age, f"seconds, more than dt = {dt:g}")
-        self._dt = float(dt)
-        self._gained = float(dt) * (1.0 - DRIFT)
-        self._max_age = float(max_age)
-        self.reset()
-
-    @property
-    def max_age(self) -> float:
+        self.max_age = float(max_age)
         """Largest age of a state [s]."""
-        return self._max_age
+        self._function = function = BufferedFunction(watched())
+        self._evaluate = function.evaluate  # it is never exchanged
+        limits, self._memory, given = function.inputs
+        limits[:] = dt, max_age
+        after, said = function.outputs
+        views = (cast("memoryview[float]", each.data) for each in (given, self._memory, after, said))
+        self._given, self._keep, self._after, self._said = views
+        self.reset()
 
     @property
     def lag(self) -> float:
         """By how much the stamps have fallen behind the ticks [s]."""
-        return self._lag
+        return float(self._memory[STAMPS["lag"]])
 
     def reset(self) -> None:
         """Forget every stamp: the next one is the first."""
-        self._last = math.nan
-        self._lag = 0.0
+        self._memory[:] = math.nan, 0.0, 0.0
         self.stamped = False
 
     def check(self, stamp: float | None) -> str:
@@ -94,44 +169,16 @@ class Watchdog:
         None is not checked before the first stamp; from then on it is a fault. Each fault is judged by itself: after a
         gap or a reversal the next stamp may be fine.
         """
-        if type(stamp) is not float:
-            if stamp is None and not self.stamped:
-                return ""
-            number = None if stamp is None else seconds_of(stamp)
-            if number is None:
-                missing = stamp is None  # who gave stamps before has lost them
-                self.stamped = True
-                self._fault(math.nan)
-                return "stamp is missing" if missing else "stamp is not a number of seconds"
-            stamp = number
-        self.stamped = True
-        advance = stamp - self._last
-        if 0.0 < advance <= self._max_age:  # NaN fails
-            lag = self._lag + self._gained - advance
-            self._last = stamp
-            if lag <= 0.0:
-                self._lag = 0.0
-                return ""
-            self._lag = lag
-            if lag <= self._max_age:
-                return ""
-            return f"state is stale: {lag:.3g} s behind the ticks, at most {self._max_age:.3g} s"
-        return self._fault(stamp)
-
-    def _fault(self, stamp: float) -> str:
-        """The rare cases: the first stamp, and what is wrong with a later one."""
-        if not math.isfinite(stamp):
-            self._lag += self._gained
-            return "stamp is not finite"
-        last, self._last = self._last, stamp
-        if math.isnan(last):
+        if type(stamp) is float:
+            self._given[0] = stamp
+            self._given[1] = NUMBER_OF_SECONDS
+        else:
+            self._given[0], self._given[1] = stamp_and_kind(stamp)
+        self._evaluate()
+        self._keep[:] = self._after
+        if stamp is not None:
+            self.stamped = True
+        if not self._said[0]:
             return ""
-        advance = stamp - last
-        if advance > self._max_age:
-            self._lag = max(0.0, self._lag + self._gained - advance)
-            return f"gap in stamps: {advance:.3g} s, at most {self._max_age:.3g} s"
-        if advance < -self._max_age:
-            self._lag = 0.0
-            return f"stamp went backwards by {-advance:.3g} s"
-        self._lag += self._gained - advance
-        return f"stamp went backwards by {-advance:.3g} s" if advance < 0.0 else "stamp repeated"
+        reason, *details = self._said.tolist()
+        return reason_text(reason, details)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import casadi as ca
 
+from rehab_opt.control.notes import NOTES
+from rehab_opt.control.reasons import REASONS
 from rehab_opt.export.c_text import comment, filled, indented
 from rehab_opt.export.exported import ExportedController
 from rehab_opt.export.generated import Generated, generated
-from rehab_opt.export.notes import NOTES
-from rehab_opt.export.reasons import REASONS
 from rehab_opt.optim.fused import FUSED_SOLVERS
 
 __all__ = ["SOLVERS", "files_of"]
@@ -27,7 +27,6 @@ def files_of(exported: ExportedController, *, problem: str) -> dict[str, str]:
     values = _values(exported, code, problem)
     values["work_functions"] = ", ".join(f"{function.name()}_work" for function in functions)
     values["command"] = filled("rehab_command.h", values)
-    values["watchdog"] = filled("watchdog.c", values)
     values |= {name: filled(part, values) for name, part in exported.pieces.items()}
     values["types"] += "\n\n" if values["types"] else ""
     values |= {"memory": filled(f"{exported.core}.h", values), "core": filled(f"{exported.core}.c", values)}

@@ -11,18 +11,18 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from rehab_opt.control.reasons import REASONS, reason_number
 from rehab_opt.control.velocity_controller import VelocityController
-from rehab_opt.control.watchdog import DRIFT, Watchdog
+from rehab_opt.control.watchdog import watched
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.export.c_text import indented, initialiser, number
+from rehab_opt.export.c_text import filled, indented, initialiser, number
 from rehab_opt.export.generated import renamed
-from rehab_opt.export.reasons import REASONS, reason_number
 from rehab_opt.export.recording import Recording
 from rehab_opt.optim.fused import fused
 from rehab_opt.optim.qrqp import QRQP_ITERATIONS
 from rehab_opt.optim.rows import PLAUSIBLE
 
-__all__ = ["ExportedController", "ExportedVelocity", "Law", "watchdog_of"]
+__all__ = ["ExportedController", "ExportedVelocity", "Law"]
 
 MOST_VALUES = 8
 """Of a command: `REHAB_MOST_VALUES`."""
@@ -139,12 +139,7 @@ class ExportedController(ABC):
 
     @abstractmethod
     def shape(self) -> dict[str, str]:
-        """What the templates of the core hold; `watchdog_of` among it, and `numbers`, the doubles of its memory."""
-
-
-def watchdog_of(watchdog: Watchdog, dt: float) -> dict[str, str]:
-    """What the template of the watchdog holds."""
-    return {"dt": number(dt), "max_age": number(watchdog.max_age), "gained": number(dt * (1.0 - DRIFT))}
+        """What the templates of the core hold; `numbers` among it, the doubles of its memory."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -177,7 +172,8 @@ class ExportedVelocity(ExportedController):
 
     def functions(self) -> list[ca.Function]:
         """Of each law its tick, its safe command, and its lesser law where there is one."""
-        return [function for law in self.laws for function in law.functions()]
+        watchdog = renamed(watched(), f"{self.name}_watched")
+        return [watchdog, *(function for law in self.laws for function in law.functions())]
 
     def shape(self) -> dict[str, str]:
         """Sizes, limits and the table of the laws."""
@@ -200,7 +196,10 @@ class ExportedVelocity(ExportedController):
         sizes["numbers"] = len(laws) * (sizes["parameters_most"] + 2 * sizes["state_most"] + sizes["verdict_most"])
         return {
             **{name: str(size) for name, size in sizes.items()},
-            **watchdog_of(first._watchdog, first.dt),
+            "dt": number(first.dt),
+            "watchdog": filled(
+                "watchdog.c", {"name": self.name, "dt": number(first.dt), "max_age": number(first.max_age)}
+            ),
             "law_shapes": indented(law.row() + "," for law in laws).rstrip(","),
             "plausible": number(PLAUSIBLE),
             "tolerance": number(first.tolerance),

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.command import Command, Status
+from rehab_opt.control.notes import notes_of
+from rehab_opt.control.reasons import reason_number
 from rehab_opt.export.c_text import indented, initialiser, number
-from rehab_opt.export.notes import notes_of
-from rehab_opt.export.reasons import reason_number
 
 __all__ = ["MOST_TICKS", "Recording", "Tick", "recorded", "thinned", "with_faults"]
 

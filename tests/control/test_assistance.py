@@ -172,11 +172,10 @@ def test_the_onset_grows_from_the_boundary() -> None:
 def test_every_tick_is_the_qp_of_the_statement(data: st.DataObject) -> None:
     """The command is the optimum of the stated QP, by another solver, and within its bounds."""
     helper = HELPERS[data.draw(st.sampled_from(sorted(HELPERS)))]
-    helper.reset()
     number = st.floats(-0.3, 0.3)
     x = np.array([data.draw(number), 0.4 + data.draw(number)])
-    helper.step(x)
-    helper._ladder.memory[:] = last = np.array([data.draw(st.floats(-20, 20)), data.draw(st.floats(-20, 20))])
+    last = np.array([data.draw(st.floats(-20, 20)), data.draw(st.floats(-20, 20))])
+    helper.reset(force=last)
     v = np.array([data.draw(number), data.draw(number)])
     problem = helper.to_qpsolvers(x, v)
     best = qpsolvers.solve_problem(problem, solver="daqp", primal_tol=1e-10, dual_tol=1e-10).x

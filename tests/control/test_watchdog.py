@@ -1,6 +1,5 @@
 import datetime
 import math
-import timeit
 
 import numpy as np
 import pytest
@@ -157,9 +156,3 @@ def test_arguments_that_are_no_numbers_are_refused_by_name(name, value):
 
 def test_numpy_numbers_are_welcome():
     assert Watchdog(dt=np.float32(0.01), max_age=np.int64(1)).max_age == 1.0
-
-
-def test_a_check_costs_less_than_a_microsecond():
-    dog, stamps = Watchdog(dt=DT), iter(np.arange(0, 100, DT).tolist())
-    best = min(timeit.repeat(lambda: dog.check(next(stamps)), number=2_000, repeat=20)) / 2_000
-    assert best < 1e-6  # 0.2 us where it was measured; the rest is for slower machines

@@ -178,7 +178,7 @@ def test_the_energy_runs_out_as_it_does_in_python(library: ctypes.CDLL, helper: 
 
 def test_a_solver_that_writes_nothing_releases(exported: Exported, built: Built) -> None:
     """What it answered before is not taken for an answer."""
-    library = giving_up(exported("assistance"), "assistance", built, "assistance_tick")
+    library = giving_up(exported("assistance"), "assistance", built, "assistance_conclude")
     c, helper, x = CAssistance(library), made("assist"), np.array([0.02, 0.45])
     for k in range(60):
         assert_same(c.step(x, None, stamp=DT * k), helper.step(x, stamp=DT * k))

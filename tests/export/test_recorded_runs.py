@@ -11,7 +11,7 @@ import pytest
 
 from rehab_opt import PoseTracker, ur5
 from rehab_opt.control.chair_and_arm import ITERATIONS
-from rehab_opt.export.reasons import REASONS
+from rehab_opt.control.reasons import REASONS
 from rehab_opt.optim.qrqp import QRQP_ITERATIONS
 from tests.export.assisting import FORCES
 from tests.export.calling_c import SAME, Built, Exported, compiled_once, ran

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.control.bilateral_sides import BEYOND, FromHelper, FromParticipant, HelperSide, ParticipantSide
 from rehab_opt.control.command import Command
+from rehab_opt.control.force_tick import give, take
 from rehab_opt.export.c_text import filled, initialiser, number
 from rehab_opt.export.controllers.bounded_force import DIFFERENCES, ExportedForce, check_rungs, faulty_ticks
 from rehab_opt.export.controllers.gated_fields import MEMORY, gated_fields
@@ -150,7 +151,7 @@ def _exported(
         title=title,
         force=side.force,
         wanted=wanted,
-        evaluated=evaluated,
+        evaluated=(*evaluated, renamed(give(), f"{name}_give"), renamed(take(), f"{name}_take")),
         interface=name,
         call=CALL.format(
             name=name,

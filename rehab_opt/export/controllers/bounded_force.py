@@ -10,16 +10,14 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.control.assistance_statement import EXACT, TINY
-from rehab_opt.control.bounded_force import MISSED, MUCH, BoundedForce
-from rehab_opt.control.energy_tank import HAND_SPEED
-from rehab_opt.control.hand import FURTHEST, ROUNDING
+from rehab_opt.control.bounded_force import NOTHING_SEEN, BoundedForce
+from rehab_opt.control.energy_tank import TANK
+from rehab_opt.control.force_tick import MODEL, SOLVED, VIEW, WATCHED, force_tick
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.export.c_text import filled, number
-from rehab_opt.export.exported import ExportedController, watchdog_of
+from rehab_opt.export.c_text import initialiser, number
+from rehab_opt.export.exported import ExportedController
 from rehab_opt.export.generated import renamed
 from rehab_opt.export.recording import Tick, with_faults
-from rehab_opt.optim.fused import fused
 from rehab_opt.optim.ladder import BACKUP, FUSED
 from rehab_opt.optim.qrqp import QRQP_ITERATIONS
 
@@ -60,37 +58,35 @@ class ExportedForce(ExportedController):
         return self.force.stated.iterations or QRQP_ITERATIONS
 
     def functions(self) -> list[ca.Function]:
-        """The tick's QP, and what is asked for the wanted force."""
-        return [renamed(fused(self.force.stated), f"{self.name}_tick"), *self.evaluated]
+        """The parts of a tick, and what is asked for the wanted force."""
+        tick = force_tick()
+        parts = {"judge": tick.judge, "conclude": tick.conclude, "finish": tick.finish}
+        return [*(renamed(part, f"{self.name}_{what}") for what, part in parts.items()), *self.evaluated]
 
     def shape(self) -> dict[str, str]:
-        """Sizes and bounds."""
-        force, stated = self.force, self.force.stated
-        tank, hand = force._tank, force._hand
-        memory = int(stated.memory.numel())
+        """Sizes, and the model."""
+        stated, full = self.force.stated, NOTHING_SEEN.copy()
+        level, pending = (WATCHED["tank"] + TANK[each] for each in ("level", "pending"))
+        full[level] = self.force.energy_budget
         sizes = {
-            "memory_at": stated.state_size - memory,
+            "memory_at": stated.state_size - int(stated.memory.numel()),
             "state_count": stated.state_size,
-            "parameter_count": stated.parameter_size,
-            "verdict_count": 3 + int(stated.report.numel()),
-            "trust_stillness": int(hand._trusted),
+            "watched": WATCHED.size, "view": VIEW.size, "solved": SOLVED.size,
+            "tank_at": WATCHED["tank"], "level": level, "pending": pending,
+            **{f"view_{each}": VIEW[each] for each in ("x", "v", "reason")},
+            **{each: SOLVED[each] for each in ("value", "status", "residual", "solver", "yielded", "scale", "reason")},
             "values": 2,
             "wheels": 0,
-            "numbers": stated.parameter_size + 2 * stated.state_size + 30,
-        }
-        doubles = {
-            "tolerance": force.tolerance, "force_limit": force.force_limit, "step": force._step, "exact": EXACT,
-            "tiny": TINY, "much": MUCH, "missed": MISSED, "budget": tank.budget, "slew": tank._slew,
-            "speed_cap": force.speed_cap, "per_newton": tank._per_newton, "hand_speed": HAND_SPEED,
-            "velocity_lag": hand._lag, "furthest": FURTHEST, "rounding": ROUNDING,
+            "numbers": 2 * stated.state_size + 2 * WATCHED.size + VIEW.size + SOLVED.size + 6,
         }  # fmt: skip
+        records = {"model": MODEL, "watched": WATCHED, "view": VIEW, "solved": SOLVED}
         return {
             **{name: str(size) for name, size in sizes.items()},
-            **{name: number(value) for name, value in doubles.items()},
-            **watchdog_of(hand._watchdog, force.dt),
-            "hand": filled("hand.c", {"name": self.name}),
+            **{f"{name}_names": ", ".join(record.places) for name, record in records.items()},
+            "dt": number(self.force.dt),
+            "model": initialiser(self.force.model),
+            "nothing_seen": initialiser(full),
             "wanted": self.wanted,
-            "tick_function": f"{self.name}_tick",
         }
 
 
@@ -123,7 +119,7 @@ def faulty_ticks(
         for i, (x, v, other) in enumerate(zip(positions, velocities, others, strict=True))
     ]
     return with_faults(
-        sound, dt=force.dt, max_age=force._hand._watchdog.max_age,
+        sound, dt=force.dt, max_age=force.max_age,
         more=(
             lambda tick: {**tick, "x": tick["x"] + 0.3},  # a jump, and back
             lambda tick: {**tick, "v": np.array([2.0 * force.speed_cap, 0.0]), "with_v": 1},

@@ -34,7 +34,7 @@ def mirror_run(
         {"q": start, "pose": pose, "twist": twist, "force": _force(k, pushed), "with_force": int(k in pushed)}
         for k, (pose, twist) in enumerate(zip(poses[:count], twists[:count], strict=True))
     ]
-    faulty = with_faults(sound, dt=tracker.dt, max_age=tracker._watchdog.max_age, more=_faults(tracker))
+    faulty = with_faults(sound, dt=tracker.dt, max_age=tracker.max_age, more=_faults(tracker))
     tracker.reset()
     ticks, commands, q = [], [], start.copy()
     for k, each in enumerate(faulty):

@@ -71,7 +71,7 @@ def exported_tracker(tracker: PoseTracker, run: Sequence[Tick], *, title: str, o
     title : what it is, in a few words. of : what the run is one of, in words.
     """
     tracker.reset()
-    ticks = with_faults(run, dt=tracker.dt, max_age=tracker._watchdog.max_age, more=_faults(tracker))
+    ticks = with_faults(run, dt=tracker.dt, max_age=tracker.max_age, more=_faults(tracker))
     about = (
         f"{len(ticks)} ticks of {of}, with faults among them: numbers that are none, stamps that are wrong, the enable "
         "input released"

@@ -107,7 +107,7 @@ def _recording(
     kept = thinned(len(listening.ticks))
     step = 1 if len(kept) < 2 else int(kept[1])
     sound = [listening.ticks[i] for i in kept]
-    max_age = next(iter(resolver._sets.values()))._watchdog.max_age
+    max_age = next(iter(resolver._sets.values())).max_age
     ticks = with_faults(
         sound, dt=dt, max_age=max_age,
         more=(

@@ -1,13 +1,14 @@
-"""Why a command is not a plain OK: the numbers that C gives, and how Python says the same."""
+"""Why a command is not a plain OK: the numbers that a tick gives, and the words for them."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
+from rehab_opt.control.notes import without_notes
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.export.notes import without_notes
 
-__all__ = ["REASONS", "Reason", "reason_number"]
+__all__ = ["NUMBER", "REASONS", "Reason", "reason_number", "reason_text"]
 
 
 class Reason(NamedTuple):
@@ -19,34 +20,73 @@ class Reason(NamedTuple):
     """What `rehab_reason` says."""
     python: str | None
     """Part of what Python says then; None where Python never does."""
+    told: str = ""
+    """What Python says of a tick that gives the number, and details of it, where `text` is not all."""
 
 
 REASONS = (
     Reason("FINE", "", None),
     Reason("NOT_ENABLED", "not enabled", "not enabled"),
     Reason("STAMP_NOT_FINITE", "stamp is not finite", "stamp is not finite"),
-    Reason("STAMP_GAP", "gap in stamps", "gap in stamps"),
-    Reason("STAMP_BACKWARDS", "stamp went backwards", "stamp went backwards"),
+    Reason("STAMP_GAP", "gap in stamps", "gap in stamps", "gap in stamps: {:.3g} s, at most {:.3g} s"),
+    Reason("STAMP_BACKWARDS", "stamp went backwards", "stamp went backwards", "stamp went backwards by {:.3g} s"),
     Reason("STAMP_REPEATED", "stamp repeated", "stamp repeated"),
-    Reason("STATE_STALE", "state is stale", "state is stale"),
+    Reason(
+        "STATE_STALE", "state is stale", "state is stale", "state is stale: {:.3g} s behind the ticks, at most {:.3g} s"
+    ),
     Reason("INPUT_UNUSABLE", "an input is not a usable number", "not a usable number"),
-    Reason("NOT_CERTIFIED", "no certified answer", "no solver gave a certified answer"),
+    Reason(
+        "NOT_CERTIFIED",
+        "no certified answer",
+        "no solver gave a certified answer",
+        "no solver gave a certified answer (residual {:.1e})",
+    ),
     Reason("INPUT_TOO_LARGE", "the numbers are too large to be meant", "the numbers are too large"),
     Reason("POSE_NOT_RIGID", "pose is not a rigid transform", "pose is not a rigid transform"),
     Reason("ROWS_DEPENDENT", "the rows are dependent at this posture", "the rows are dependent"),
     Reason("ROWS_UNKNOWN", "rows or frame that this controller was not made for", None),
     Reason("NOT_INITIALISED", "the controller was not initialised", None),
-    Reason("POSITION_UNUSABLE", "x is not a usable position", "not a usable position"),
-    Reason("VELOCITY_UNUSABLE", "v is not a usable velocity", "not a usable velocity"),
-    Reason("HAND_TOO_FAST", "the hand moves faster than its speed cap", "hand moves at"),
-    Reason("POSITION_JUMPED", "the position moved faster than a hand", "position moved"),
+    Reason(
+        "POSITION_UNUSABLE",
+        "x is not a usable position",
+        "not a usable position",
+        "x is ({}, {}), not a usable position",
+    ),
+    Reason(
+        "VELOCITY_UNUSABLE",
+        "v is not a usable velocity",
+        "not a usable velocity",
+        "v is ({}, {}), not a usable velocity",
+    ),
+    Reason(
+        "HAND_TOO_FAST",
+        "the hand moves faster than its speed cap",
+        "hand moves at",
+        "hand moves at {:.3g} m/s, at most {:g} m/s",
+    ),
+    Reason(
+        "POSITION_JUMPED",
+        "the position moved faster than a hand",
+        "position moved",
+        "position moved {:.3g} m in {:.3g} s, at most {:g} m/s",
+    ),
     Reason("ENERGY_SPENT", "energy left does not afford a slower release", "energy left does not afford"),
     Reason("FIELD_NO_NUMBER", "the field gives no number here", "the field gives no number here"),
     Reason("MODEL_SETTLES", "the model of the led arm finds its posture", "the model of the led arm finds its"),
     Reason("FORCE_AT_LIMIT", "the interaction force is at its limit", "interaction force of"),
     Reason("NOTHING_LEFT", "the bounds leave nothing of the commanded motion", "the bounds leave nothing"),
+    Reason("STAMP_MISSING", "stamp is missing", "stamp is missing"),
+    Reason("STAMP_NO_NUMBER", "stamp is not a number of seconds", "stamp is not a number of seconds"),
 )
 """In the order of their numbers, which never change."""
+NUMBER = {reason.name: number for number, reason in enumerate(REASONS)}
+"""Of each by its name."""
+
+
+def reason_text(number: float, details: Iterable[float]) -> str:
+    """What Python says of a reason that a tick gave, with as many details of it as there are in the words."""
+    reason = REASONS[int(number)]
+    return reason.told.format(*details) if reason.told else reason.text
 
 
 def reason_number(reason: str) -> int:

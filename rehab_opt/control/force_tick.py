@@ -1,0 +1,207 @@
+"""One tick of a bounded force as functions of (model, memory, inputs): the hand is judged, then the force is given.
+
+Between the two stands what force is wanted, which whoever builds on it says. C is generated from the same functions.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import NamedTuple
+
+import casadi as ca
+
+from rehab_opt.control.assistance_statement import EXACT, TINY, assistance_statement
+from rehab_opt.control.command import Bound
+from rehab_opt.control.energy_tank import TANK, EnergyTank
+from rehab_opt.control.hand import HAND, SAMPLE, looked_at
+from rehab_opt.control.reasons import NUMBER
+from rehab_opt.control.watchdog import STAMPS, checked_stamp, first_of
+from rehab_opt.optim.certificate import all_true, clipped
+from rehab_opt.optim.fused import fused
+from rehab_opt.symbolic.record import Record, Values
+
+__all__ = [
+    "MODEL",
+    "MUCH",
+    "SOLVED",
+    "VIEW",
+    "WATCHED",
+    "ForceTick",
+    "affordable",
+    "force_tick",
+    "give",
+    "take",
+]
+
+MUCH = 1e3
+"""[J] More than any tick could take: what is beyond it need not be said to the QP."""
+MISSED = 1e-6
+"""Share of the wanted force by which the commanded one must differ for the task to count as yielding."""
+MODEL = Record(
+    dt=1, max_age=1, force_limit=1, slew_limit=1, speed_cap=1, velocity_lag=1, trust_stillness=1, budget=1,
+    tolerance=1,
+)  # fmt: skip
+"""What differs between people and robots: see `BoundedForce`."""
+WATCHED = Record(stamps=STAMPS.size, hand=HAND.size, tank=TANK.size)
+"""What is remembered of stamps, hand and tank."""
+VIEW = Record(x=2, v=2, reason=1, details=3, at_once=1, ceiling=1, left=1)
+"""A hand as it was judged: position [m] and velocity [m/s], why it cannot be acted on and whether the force goes at
+once, largest force [N] and energy [J] that may be given."""
+SOLVED = Record(asks=1, value=2, status=1, residual=1, solver=1, yielded=1, scale=1, reason=1, details=3, wanted=2)
+"""A command: whether a certified answer is missing that another solver might have; the force [N]; whether it is OK (0),
+RELEASING (1) or RELEASED (2); the certificate's residual, infinite for a release, and who answered; what yielded, the
+share of the wanted force, the reason; and what was wanted [N], zero where the hand could not be acted on."""
+LATEST = 1.0
+"""[s] The longest time between two ticks that energy is set aside for."""
+
+
+class ForceTick(NamedTuple):
+    """The functions of a tick; each column is a record or the state of `fused`."""
+
+    judge: ca.Function
+    """`MODEL`, `WATCHED`, last force (2,), `SAMPLE` -> `WATCHED`, `VIEW`."""
+    prepare: ca.Function
+    """`MODEL`, `VIEW`, wanted force (2,) -> parameters of the QP, whether there is one."""
+    conclude: ca.Function
+    """`MODEL`, state, `VIEW`, wanted force (2,) -> state, `SOLVED`; solved inside."""
+    finish: ca.Function
+    """`MODEL`, state, `VIEW`, wanted force, the QP's answer (a state) and verdict -> state, `SOLVED`."""
+
+
+@cache
+def force_tick() -> ForceTick:
+    """The tick of every `BoundedForce`: what differs between them is in its model."""
+    statement = assistance_statement()
+    solve, inputs = (
+        fused(statement),
+        [ca.MX.sym("input", size) for size in (MODEL.size, statement.state_size, VIEW.size, 2)],
+    )
+    prepare, finish = _prepare(), _finish(statement.state_size, 2 * statement.n + statement.m)
+    model, state, view, wanted = inputs
+    parameters, solves = prepare(model, view, wanted)
+    p, last = (ca.MX.sym("argument", solve.sparsity_in(i)) for i in range(2))
+    skip = ca.Function("skip", [p, last], [last, ca.DM.nan(solve.size1_out(1))])
+    answer, verdict = ca.Function.if_else("force_solve", solve, skip)(solves, parameters, state)
+    conclude = ca.Function("force_conclude", inputs, list(finish(model, state, view, wanted, answer, verdict)))
+    return ForceTick(_judge(), prepare, conclude, finish)
+
+
+def _judge() -> ca.Function:
+    """Whether a sample of the hand can be acted on, and how much force may be given."""
+    model, watched, sample = MODEL.symbols("model"), WATCHED.symbols("watched"), SAMPLE.symbols("sample")
+    force = ca.SX.sym("force", 2)
+    stamps = checked_stamp(STAMPS.parts(watched.stamps), sample.stamp, sample.kind, dt=model.dt, max_age=model.max_age)
+    tank = _tank(watched.tank, model)
+    stale = stamps.reason, stamps.details
+    hand = looked_at(HAND.parts(watched.hand), tank, sample, force=force, stale=stale, model=model)
+    ceiling, left = _affordable(hand.tank, model)
+    least = ca.norm_2(force) - model.slew_limit * model.dt
+    spent = all_true(hand.tank.ceiling <= model.force_limit, least > ceiling, ca.logic_not(hand.at_once))
+    released = ca.logic_and(ca.logic_not(sample.enable), ca.logic_not(hand.at_once))
+    own = [(spent, ca.SX(NUMBER["ENERGY_SPENT"])), (released, ca.SX(NUMBER["NOT_ENABLED"]))]
+    reason = first_of([*own, (ca.SX(1), hand.reason)])
+    seen = HAND.parts(hand.memory)
+    view = VIEW.of(
+        x=seen.x,
+        v=seen.v,
+        reason=reason,
+        details=hand.details,
+        at_once=ca.logic_or(hand.at_once, spent),
+        ceiling=ceiling,
+        left=left,
+    )
+    after = WATCHED.of(stamps=stamps.memory, hand=hand.memory, tank=hand.tank.numbers.column)
+    inputs = [model.column, watched.column, force, sample.column]
+    return ca.Function("force_judge", inputs, [after, view], {"cse": True})
+
+
+def _prepare() -> ca.Function:
+    """What the QP is told: a wanted force no larger than the ceiling."""
+    model, view, wanted = MODEL.symbols("model"), VIEW.symbols("view"), ca.SX.sym("wanted", 2)
+    size = ca.norm_2(wanted)
+    fitting = ca.if_else(size <= view.ceiling, 1, view.ceiling / size * EXACT)
+    step = model.slew_limit * model.dt
+    parameters = ca.vertcat(wanted * fitting, view.v, view.ceiling, view.left, model.force_limit, step, model.dt)
+    solves = all_true(view.reason == 0, size < ca.inf)
+    return ca.Function("force_prepare", [model.column, view.column, wanted], [parameters, solves], {"cse": True})
+
+
+def _finish(state_size: int, memory_at: int) -> ca.Function:
+    """The command: a certified force, or none, as fast as the slew bound allows or at once."""
+    model, view, wanted = MODEL.symbols("model"), VIEW.symbols("view"), ca.SX.sym("wanted", 2)
+    state, answer, verdict = ca.SX.sym("state", state_size), ca.SX.sym("answer", state_size), ca.SX.sym("verdict", 4)
+    last, given, size = state[memory_at:], answer[memory_at:], ca.norm_2(wanted)
+    residual, _, who, holds = ca.vertsplit(verdict)
+    meant = all_true(view.reason == 0, size < ca.inf)
+    found = all_true(meant, residual >= 0, residual <= model.tolerance, holds == 1)
+
+    missed = ca.norm_2(given - wanted) > MISSED * size + TINY
+    along = ca.if_else(size > TINY, clipped(ca.dot(given, wanted) / size**2, 0, 1), 0)
+    # The last rung: no force.
+    strength, step = ca.norm_2(last), model.slew_limit * model.dt
+    hasty = ca.logic_and(view.at_once, view.reason != 0)
+    keep = ca.if_else(ca.logic_or(hasty, strength <= step), 0, 1 - step * EXACT / strength)
+    weaker = ca.if_else(keep > 0, last * keep, ca.SX.zeros(2))
+    torn = int(Bound.TASK) + int(Bound.SLEW) * ca.logic_and(hasty, strength > step)
+    field = ca.logic_not(size < ca.inf)
+    reasons = [
+        (found, ca.SX(0), ca.SX.zeros(3)),
+        (view.reason != 0, view.reason, view.details),
+        (field, ca.SX(NUMBER["FIELD_NO_NUMBER"]), ca.SX.zeros(3)),
+        (ca.SX(1), ca.SX(NUMBER["NOT_CERTIFIED"]), ca.vertcat(residual, 0, 0)),
+    ]
+    solved = SOLVED.of(
+        asks=ca.logic_and(meant, ca.logic_not(found)),
+        value=ca.if_else(found, given, weaker),
+        status=ca.if_else(found, 0, ca.if_else(keep > 0, 1, 2)),
+        residual=ca.if_else(found, residual, ca.inf),
+        solver=ca.if_else(found, who, -1),
+        yielded=ca.if_else(found, int(Bound.TASK) * missed, torn),
+        scale=ca.if_else(found, ca.if_else(missed, along, 1), 0),
+        reason=first_of([(when, reason) for when, reason, _ in reasons]),
+        details=first_of([(when, details) for when, _, details in reasons]),
+        wanted=ca.if_else(found, wanted, ca.SX.zeros(2)),
+    )
+    cold = ca.vertcat(ca.SX.zeros(memory_at), weaker)
+    inputs = [model.column, state, view.column, wanted, answer, verdict]
+    return ca.Function("force_finish", inputs, [ca.if_else(found, answer, cold), solved], {"cse": True})
+
+
+@cache
+def affordable() -> ca.Function:
+    """`MODEL`, `WATCHED` -> the largest force [N] and the energy [J] that may be given now."""
+    model, watched = MODEL.symbols("model"), WATCHED.symbols("watched")
+    ceiling, left = _affordable(_tank(watched.tank, model), model)
+    return ca.Function("force_affordable", [model.column, watched.column], [ca.vertcat(ceiling, left)])
+
+
+def _affordable(tank: EnergyTank, model: Values) -> tuple[ca.SX, ca.SX]:
+    return ca.fmin(tank.ceiling, model.force_limit), clipped(tank.left, 0, MUCH)
+
+
+@cache
+def give() -> ca.Function:
+    """`MODEL`, `WATCHED`, share -> `WATCHED`, the energy [J] that goes to another tank."""
+    model, watched, share = MODEL.symbols("model"), WATCHED.symbols("watched"), ca.SX.sym("share")
+    tank, given = _tank(watched.tank, model).given(share)
+    after = WATCHED.changed(watched, tank=tank.numbers.column).column
+    return ca.Function("give_energy", [model.column, watched.column, share], [after, given])
+
+
+@cache
+def take() -> ca.Function:
+    """`MODEL`, `WATCHED`, energy [J] that another tank gave -> `WATCHED`."""
+    model, watched, joules = MODEL.symbols("model"), WATCHED.symbols("watched"), ca.SX.sym("joules")
+    tank = _tank(watched.tank, model).filled(joules)
+    after = WATCHED.changed(watched, tank=tank.numbers.column).column
+    return ca.Function("take_energy", [model.column, watched.column, joules], [after])
+
+
+def _tank(numbers: ca.SX, model: Values) -> EnergyTank:
+    return EnergyTank(
+        TANK.parts(numbers),
+        budget=model.budget,
+        slew=model.slew_limit * ca.sqrt(0.5),  # in any direction: see `assistance_statement`
+        speed_cap=model.speed_cap,
+        late=ca.fmax(model.dt, ca.fmin(model.max_age, LATEST)),
+    )

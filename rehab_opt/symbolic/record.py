@@ -1,0 +1,70 @@
+"""Named numbers that stand one behind another in a column: what a function of a tick takes and gives."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["Record", "Values"]
+
+
+class Values:
+    """Expressions of a record, by name: `values.level`; `column` is all of them."""
+
+    def __init__(self, column: ca.SX, parts: dict[str, ca.SX]) -> None:
+        self.column = column
+        self.__dict__.update(parts)
+
+    def __getattr__(self, name: str) -> ca.SX:
+        raise AttributeError(f"no number named {name}")
+
+
+class Record:
+    """Names and sizes of numbers.
+
+    Parameters
+    ----------
+    sizes : name -> how many numbers.
+    """
+
+    def __init__(self, **sizes: int) -> None:
+        self.places: dict[str, slice] = {}
+        """Name -> where its numbers stand."""
+        at = 0
+        for name, size in sizes.items():
+            self.places[name] = slice(at, at + size)
+            at += size
+        self.size = at
+
+    def __getitem__(self, name: str) -> int:
+        """Where the first number of that name stands."""
+        return int(self.places[name].start)
+
+    def symbols(self, name: str) -> Values:
+        """A column of symbols, and its parts."""
+        return self.parts(ca.SX.sym(name, self.size))
+
+    def parts(self, column: ca.SX) -> Values:
+        """A column (size,), and its parts."""
+        return Values(column, {each: column[place] for each, place in self.places.items()})
+
+    def changed(self, values: Values, **others: ca.SX) -> Values:
+        """The same values, some replaced."""
+        parts = {each: others.pop(each, getattr(values, each)) for each in self.places}
+        if others:
+            raise KeyError(*others)
+        return Values(ca.vertcat(*parts.values()), parts)
+
+    def numbers(self, **parts: ArrayLike) -> NDArray[np.float64]:
+        """(size,) the same of numbers; one stands for all of a name."""
+        column = np.empty(self.size)
+        for name in self.places.keys() | parts.keys():
+            column[self.places[name]] = parts[name]
+        return column
+
+    def of(self, **parts: ca.SX) -> ca.SX:
+        """(size,) the column of these parts."""
+        if parts.keys() != self.places.keys():
+            raise KeyError(*(parts.keys() ^ self.places.keys()))
+        return ca.densify(ca.vertcat(*(ca.SX(parts[name]) for name in self.places)))
