@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rehab_opt import Bound, ConfigurationError, Joystick, RedundancyResolver, Status, ardis
+from rehab_opt.control.chair_and_arm import ChairAndArm
 from rehab_opt.control.joystick import STICK_MODES
 from rehab_opt.control.obstacles import Disc, HalfPlane, obstacle_numbers
 from rehab_opt.control.scanning import Scanning
@@ -20,6 +21,7 @@ from rehab_opt.kinematics.mobile_arm import MobileArm
 from rehab_opt.published.pseudoinverse_law import PseudoinverseLaw
 from tests.control import redundancy_campaign
 from tests.control.redundancy_campaign import gaps, hand_twist
+from tests.failing_solvers import failing_solvers
 from tests.judge.numbering import seed_of_the_code
 
 UNHURRIED = {"acceleration": math.inf}
@@ -532,19 +534,12 @@ def test_the_arm_stays_out_of_the_user_and_the_chair() -> None:
 
 
 # ---------------------------------------------------------------------------------------------------------- ladder
-def without_primary(robot: RedundancyResolver, monkeypatch: pytest.MonkeyPatch) -> None:
-    active = robot._active
-
-    def fails() -> None:
-        active._ladder._verdict[:2] = [math.nan, 1.0]
-
-    monkeypatch.setattr(active._ladder.function, "evaluate", fails)
-
-
-def test_the_backup_answers_when_the_primary_is_made_to_fail(monkeypatch: pytest.MonkeyPatch) -> None:
-    robot, plain = resolver(), resolver()
-    without_primary(robot, monkeypatch)
+def test_the_backup_answers_when_the_primary_is_made_to_fail() -> None:
+    with failing_solvers() as failures:
+        robot, plain = resolver(), resolver()
+    failures.primary = True
     command = robot.step(ARDIS_READY, [0.05, 0.0, 0.02])
+    failures.primary = False
     expected = plain.step(ARDIS_READY, [0.05, 0.0, 0.02])
     assert command.status is Status.BACKUP
     assert command.solver == "daqp"
@@ -552,11 +547,11 @@ def test_the_backup_answers_when_the_primary_is_made_to_fail(monkeypatch: pytest
     np.testing.assert_allclose(command.wheels, expected.wheels, atol=1e-5)  # type: ignore[arg-type]
 
 
-def test_where_every_solver_fails_the_whole_robot_brakes_together(monkeypatch: pytest.MonkeyPatch) -> None:
-    robot, rng = resolver(keep_out=False), np.random.default_rng(11)
+def test_where_every_solver_fails_the_whole_robot_brakes_together() -> None:
+    with failing_solvers() as failures:
+        robot, rng = resolver(keep_out=False), np.random.default_rng(11)
     chain = robot.robot.chain
-    without_primary(robot, monkeypatch)
-    monkeypatch.setattr(robot._active._ladder, "_solve_by", lambda name: False)
+    failures.every = True
     for _ in range(40):
         q, twist = posture(rng, robot.robot, 0.5), rng.standard_normal(3) * rng.choice([0.1, 1.0])
         moving = 0.2 * rng.uniform(-1, 1, 7) * chain.velocity
@@ -570,12 +565,12 @@ def test_where_every_solver_fails_the_whole_robot_brakes_together(monkeypatch: p
 
 
 def test_the_safe_command_answers_when_even_that_fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    robot, q = resolver(), ARDIS_READY.copy()
+    with failing_solvers() as failures:
+        robot, q = resolver(), ARDIS_READY.copy()
     for _ in range(30):
         q = q + robot.step(q, [0.2, 0.1, 0.1]).value * robot.dt
-    without_primary(robot, monkeypatch)
-    monkeypatch.setattr(robot._active._ladder, "_solve_by", lambda name: False)
-    monkeypatch.setattr(robot._active, "fallback_command", lambda: None)
+    failures.every = True
+    monkeypatch.setattr(ChairAndArm, "fallback_command", lambda self: None)
     last = robot.chassis_velocity
     command = robot.step(q, [0.2, 0.1, 0.1])
     assert command.status is Status.BRAKING
