@@ -156,6 +156,7 @@ class TestReachable:
         back = [other.solve(target).q for target in targets[::-1]][::-1]
         np.testing.assert_array_equal(forth, back)
 
+    @pytest.mark.usefixtures("shipped")
     def test_compiled_code_and_virtual_machine_agree(self, arm: SerialChain) -> None:
         targets = reachable(arm, 20, seed=5)[0]
         fast, slow = ArmIK(arm, compile="wait"), ArmIK(arm, compile=False)

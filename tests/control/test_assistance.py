@@ -312,6 +312,7 @@ def test_other_solvers_command_the_same(solver: str) -> None:
         np.testing.assert_allclose(theirs.step(x).value, ours.step(x).value, atol=1e-5)
 
 
+@pytest.mark.usefixtures("shipped")
 def test_compiled_and_interpreted_agree() -> None:
     ours, theirs = assistance(), assistance(compile=None)
     rng, x = np.random.default_rng(5), OUTSIDE.copy()

@@ -254,6 +254,7 @@ def test_a_failure_in_the_very_first_tick_reaches_the_backup() -> None:
     assert robot.step(START, ur5().pose(START), [0.05, 0, 0, 0, 0, 0]).status is Status.BACKUP
 
 
+@pytest.mark.usefixtures("shipped")
 def test_compiled_and_interpreted_give_the_same_commands() -> None:
     chain = ur5(velocity=0.6)
     robots = [PoseTracker(chain, compile=fast) for fast in ("wait", False)]
