@@ -47,6 +47,7 @@ LAYERS = {
     "cli": {"errors", "session", "comparison", "export", "terminal"},
 }
 
+PUBLIC_OF_TUPLES = {"_replace", "_fields", "_make", "_asdict"}
 
 # Modules that import one another, lazily or for types alone counted, and why.
 CIRCLES = {
@@ -113,6 +114,35 @@ def test_importing_loads_no_solver_and_no_plot(module: str) -> None:
     code = f"import sys, casadi, numpy; before = set(sys.modules); import {module}; print(*set(sys.modules) - before)"
     loaded = {name.partition(".")[0] for name in fresh(code).split()}
     assert sorted(loaded & HEAVY - needed) == []
+
+
+def private_names(*folders: Path) -> set[str]:
+    """Attributes and methods with a leading underscore of the classes in these folders."""
+    found = set()
+    for folder in folders:
+        for file in folder.rglob("*.py"):
+            for node in ast.walk(ast.parse(file.read_text())):
+                if isinstance(node, ast.ClassDef):
+                    inside = [each for each in ast.walk(node) if isinstance(each, ast.Attribute | ast.FunctionDef)]
+                    found |= {each.attr if isinstance(each, ast.Attribute) else each.name for each in inside}
+    return {name for name in found if name.startswith("_") and not name.startswith("__")} - PUBLIC_OF_TUPLES
+
+
+def test_tests_reach_no_private_attribute_of_a_controller() -> None:
+    """Whoever reworks a controller keeps what these tests say of it, not how it is made."""
+    private = private_names(PACKAGE / "control", PACKAGE / "optim")
+    assert {"_ladder", "_owner", "_search", "_last"} <= private
+    reached = []
+    for file in sorted(Path(__file__).parent.rglob("*.py")):
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, ast.Attribute) and node.attr in private:
+                own = isinstance(node.value, ast.Name) and node.value.id in {"self", "cls"}
+                if not own:
+                    reached.append(f"{file.name}:{node.lineno}: {node.attr}")
+            elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith("setattr"):
+                names = [each.value for each in node.args if isinstance(each, ast.Constant)]
+                reached += [f"{file.name}:{node.lineno}: {name}" for name in names if name in private]
+    assert reached == []
 
 
 def test_importing_compiles_and_writes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -28,7 +28,6 @@ from rehab_opt.optim.fused import FUSED_SOLVERS
 from rehab_opt.optim.ladder import FUSED, Ladder
 from rehab_opt.optim.qp import Statement
 from rehab_opt.optim.rows import Instance
-from rehab_opt.optim.witness import witness_now
 from rehab_opt.symbolic import BufferedFunction, Compile
 
 if TYPE_CHECKING:
@@ -137,7 +136,7 @@ class BoundedForce(OneThread):
         self.energy_budget = checked_number("energy_budget", energy_budget, above=0.0)
         self.tolerance = tolerance
         self.stated = self.statement()
-        self._inside = solver == FUSED and witness_now() is None
+        self._inside = solver == FUSED and not Ladder.is_witnessed()
         """Whether the QP is solved inside the tick; a witness looks at the QP alone."""
         self._ladder = Ladder(
             self.stated,

@@ -108,6 +108,11 @@ class Ladder:
             return FUSED
         return ""
 
+    @staticmethod
+    def is_witnessed() -> bool:
+        """Whether somebody looks at every QP of a ladder that is made now."""
+        return witness_now() is not None
+
     def forget(self, x: ArrayLike = 0.0) -> None:
         """As `warm_start`, and the solvers begin anew: equal inputs then give equal answers, of proxqp to rounding."""
         self.warm_start(x)

@@ -1,7 +1,8 @@
 """CasADi functions as machine code, kept in the user's cache folder; the virtual machine where that is not possible.
 
 `REHAB_OPT_COMPILE=0` forces the virtual machine, `REHAB_OPT_COMPILE=wait` lets every construction wait for its code,
-`REHAB_OPT_CACHE` names another cache folder, `CC` another compiler.
+`REHAB_OPT_CACHE` names another cache folder, `CC` another compiler; `REHAB_OPT_OPTIMISE` is the compiler's level, 0 to
+3 as it is: a lower one is sooner done, and its code slower, with the same numbers.
 What is loaded runs: a folder that others may write to is not used, and neither is a library that another user owns.
 """
 
@@ -41,7 +42,6 @@ Compile = Literal["wait", False] | None
 # the two differ only in which NaN they drop, and what rests on neither is certified. CasADi exports its square, minimum
 # and maximum; no other library's may take their place, or each would be a call: a third of a tick's time.
 FLAGS = (
-    "-O3",
     "-std=gnu89",
     "-Werror=implicit-function-declaration",
     "-fno-math-errno",
@@ -50,6 +50,7 @@ FLAGS = (
     "-fno-semantic-interposition",
     "-shared",
 )
+LEVELS = ("0", "1", "2", "3")
 COMPILE_SECONDS, IDLE_SECONDS = 300.0, 1800.0
 """After which a compiler is given up; one at idle priority waits for others."""
 WORKPLACE = "building-"
@@ -133,6 +134,19 @@ def compilation_wanted() -> bool:
     return _said() not in {"0", "no", "off", "false"}
 
 
+def optimisation() -> str:
+    """The compiler's level that `REHAB_OPT_OPTIMISE` asks for.
+
+    Raises
+    ------
+    ConfigurationError : it is none.
+    """
+    level = os.environ.get("REHAB_OPT_OPTIMISE", "3").strip()
+    if level not in LEVELS:
+        raise ConfigurationError("REHAB_OPT_OPTIMISE", level, f"one of {', '.join(LEVELS)}")
+    return level
+
+
 def _said() -> str:
     return os.environ.get("REHAB_OPT_COMPILE", "1").strip().lower()
 
@@ -142,7 +156,8 @@ class _Code(NamedTuple):
 
     function: str
     source: str
-    compiler: str
+    compiler: tuple[str, ...]
+    """With its flags."""
     name: str
 
 
@@ -155,8 +170,9 @@ def _code_of(function: ca.Function) -> _Code | None:
     generator = ca.CodeGenerator(function.name())
     generator.add(function)
     source = going_on_after_failed_solves(generator.dump())
-    key = hashlib.sha256("\0".join((source, compiler[1], *FLAGS, platform.machine())).encode()).hexdigest()[:32]
-    return _Code(function.name(), source, compiler[0], f"{function.name()}-{key}")
+    flags = f"-O{optimisation()}", *FLAGS
+    key = hashlib.sha256("\0".join((source, compiler[1], *flags, platform.machine())).encode()).hexdigest()[:32]
+    return _Code(function.name(), source, (compiler[0], *flags), f"{function.name()}-{key}")
 
 
 def _attempt(code: _Code, *, build: bool = True, hurry: bool = False) -> ca.Function | None:
@@ -260,7 +276,7 @@ def _build(folder: Path, code: _Code, *, hurry: bool) -> Path:
     with tempfile.TemporaryDirectory(dir=folder, prefix=WORKPLACE) as workplace:
         written, product = Path(workplace) / "code.c", Path(workplace) / "code.so"
         written.write_text(code.source)
-        command = [code.compiler, *FLAGS, str(written), "-o", str(product), "-lm"]
+        command = [*code.compiler, str(written), "-o", str(product), "-lm"]
         environment = os.environ | {"TMPDIR": workplace}  # what it leaves behind when it is killed goes with the rest
         if hurry:
             subprocess.run(command, check=True, capture_output=True, timeout=COMPILE_SECONDS, env=environment)

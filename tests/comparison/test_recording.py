@@ -30,6 +30,10 @@ def tracker(**options: object) -> PoseTracker:
     return PoseTracker(ur5(velocity=0.2), dt=0.01, compile=False, **options)  # type: ignore[arg-type]
 
 
+def ladder(statement: Statement) -> Ladder:
+    return Ladder(statement, solver="qrqp", backup="daqp", tolerance=1e-9, compile=False)
+
+
 def moved(robot: PoseTracker, ticks: int) -> list[Instance]:
     """Follow a pose that runs away; what the tracker itself says its QPs are."""
     q, told = POSE.copy(), []
@@ -85,10 +89,11 @@ def test_what_is_tried_again_is_seen_once() -> None:
 
 def test_without_a_witness_the_hot_path_is_the_compiled_function_itself() -> None:
     assert witness_now() is None
-    usual = type(tracker()._ladder.function.evaluate)  # what CasADi gives
+    stated = tracker().stated
+    usual = type(ladder(stated).function.evaluate)  # what CasADi gives
     assert usual is type(BufferedFunction(ca.Function("one", [], [1.0])).evaluate)
     with witnessed():
-        assert type(tracker()._ladder.function.evaluate) is not usual
+        assert type(ladder(stated).function.evaluate) is not usual
     assert witness_now() is None
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from functools import cache
 from typing import Any, NamedTuple
@@ -64,9 +65,8 @@ def carry() -> ControllerMap:
     return WorkspaceMap.between(here, there, rule="polar").for_controller(unsafe=True)
 
 
-def next_number(side: HelperSide | ParticipantSide) -> int:
-    """Of the message that the other side sends in the tick."""
-    return side._serials._said + 1
+NUMBERS = itertools.count(1)
+"""Of messages: each later than all before it, whichever side hears it."""
 
 
 def bilateral() -> Bilateral:
@@ -112,12 +112,12 @@ CASES: dict[str, Case] = {
     "helper_side": Case(
         lambda **options: HelperSide(carry(), **FORCE, **options),
         (HAND, np.zeros(2)),
-        lambda made, x, v, **more: made.step(x, FromParticipant(*HAND, 1.0, 0.0, 0.0, next_number(made)), v, **more)[0],
+        lambda made, x, v, **more: made.step(x, FromParticipant(*HAND, 1.0, 0.0, 0.0, next(NUMBERS)), v, **more)[0],
     ),
     "participant_side": Case(
         lambda **options: ParticipantSide(carry(), comfortable=carry().source, **FORCE, **options),
         (HAND, np.zeros(2)),
-        lambda made, x, v, **more: made.step(x, FromHelper(*HAND, 0.0, next_number(made)), v, **more)[0],
+        lambda made, x, v, **more: made.step(x, FromHelper(*HAND, 0.0, next(NUMBERS)), v, **more)[0],
     ),
     "bilateral": Case(bilateral, (HAND, HAND), lambda made, *given, **more: made.step(*given, **more).helper),
     "smoother": Case(

@@ -38,6 +38,7 @@ class Plant:
     last: Array
     """Last command with the chair's share in the chassis frame."""
     rows: tuple[str, ...]
+    recovery_speed: float
     stamp: float = 0.0
     fresh: bool = True
     unseen: bool = True
@@ -78,12 +79,14 @@ def _plant(i: int, rng: np.random.Generator, compile: Compile) -> Plant:
     if rng.random() < 0.7:
         room = [HalfPlane((1, 0.1), 2.5), HalfPlane((-1, 0), 2.0), Disc((0.5, 1.5), 0.3), Disc((1.0, -1.4), 0.1)]
     sets = tuple(SETS[k] for k in rng.permutation(len(SETS))[:2])
+    keep_out, motion = bool(rng.random() < 0.7), float(rng.choice([0.0, 1.0, 5.0]))
+    recovery_speed = float(rng.choice([0.05, 0.3]))
     resolver = RedundancyResolver(
-        robot, drive=drive, row_sets=sets, dt=dt, obstacles=room, keep_out=bool(rng.random() < 0.7),
-        self_motion=float(rng.choice([0.0, 1.0, 5.0])), recovery_speed=float(rng.choice([0.05, 0.3])), compile=compile,
+        robot, drive=drive, row_sets=sets, dt=dt, obstacles=room, keep_out=keep_out,
+        self_motion=motion, recovery_speed=recovery_speed, compile=compile,
         solver=str(rng.choice(["qrqp", "qrqp", "qrqp", "qrqp", "proxqp"])),
     )  # fmt: skip
-    plant = Plant(f"{drive} dt={dt:g}", resolver, sets, np.zeros(7), np.zeros(7), sets[0])
+    plant = Plant(f"{drive} dt={dt:g}", resolver, sets, np.zeros(7), np.zeros(7), sets[0], recovery_speed)
     _teleport(plant, rng)
     return plant
 
@@ -189,7 +192,7 @@ def _judge(
     outside = (q > chain.upper + ROUNDING) | (q < chain.lower - ROUNDING)
     further = float(np.maximum(ahead - np.maximum(q, chain.upper), np.minimum(q, chain.lower) - ahead).max())
     check(tally.worst("position", further) <= ROUNDING, "never further outside")
-    back = resolver._options["recovery_speed"] * chain.velocity
+    back = plant.recovery_speed * chain.velocity
     check(bool(np.all(np.abs(v[outside]) <= back[outside] + 1e-12)), "slow way back")
 
     now_arm = _judge_surroundings(resolver, q, ahead, tally, check)
@@ -213,7 +216,7 @@ def _judge_hurry(plant: Plant, q: Array, change: Array, allowed: Array, now_arm:
     """Accelerations yield to a bound above them only, and never after a start from which the chair could stop."""
     resolver = plant.resolver
     chain = resolver.robot.chain
-    needed = must_exceed(chain, q, plant.last, resolver.dt, resolver._options["recovery_speed"] * chain.velocity)
+    needed = must_exceed(chain, q, plant.last, resolver.dt, plant.recovery_speed * chain.velocity)
     arm, chair, now = change[3:] > 1e-9, change[:3] > 1e-9, gaps(resolver, q)
     check(bool(np.all(~arm | needed[3:])) or now_arm.size > 0, "joints hurry only where they must")
     check(not np.any(chair) or bool(resolver.obstacles), "the chair hurries only before obstacles")

@@ -13,8 +13,10 @@ import pytest
 from problems.mirror import motions
 from rehab_opt import Bound, ConfigurationError, MirrorTracker, Smoother, ur5
 from rehab_opt.control.conditioning import Conditioned, conditioned
+from rehab_opt.control.foreseen import Foreseen
 from rehab_opt.control.hand_bounds import KeepOut
 from rehab_opt.control.measured_lag import measured_lag
+from rehab_opt.control.reference_clock import ReferenceClock
 from rehab_opt.kinematics.vr import fit_frame, poses_of, quaternions_of, robot_from_unity
 from tests.control.mirror_campaign import LARGEST, closed_form, random_path
 from tests.control.ur5_body import clearances
@@ -139,13 +141,16 @@ def test_filter_qp_and_smoothing_together_lag_by_less_than_a_tenth_of_a_second()
 def test_ticks_that_are_laid_out_lead_where_the_others_do(task: str, monkeypatch: pytest.MonkeyPatch) -> None:
     given, robot = samples(task, 2e-2), tracker(2e-2)
     seen: list[bool] = []
-    as_laid_out = robot._as_laid_out
-    monkeypatch.setattr(robot, "_as_laid_out", lambda q: seen.append(True) or as_laid_out(q))
+    go_on = ReferenceClock.go_on  # what a tick that is laid out asks of the clock
+    monkeypatch.setattr(ReferenceClock, "go_on", lambda *given: seen.append(True) or go_on(*given))
     quick = robot.plan(given.poses, given.twists, motions.START)
     assert len(seen) > 0.9 * len(quick.q)  # else this says nothing
-    monkeypatch.setattr(robot, "_lay_out", lambda: False)
+    ahead = Foreseen.ahead
+    monkeypatch.setattr(Foreseen, "ahead", lambda self, place, pace, most, **more: ahead(self, place, pace, 0, **more))
+    seen.clear()
     slow = robot.plan(given.poses, given.twists, motions.START)
     assert slow.complete
+    assert not seen
     at = np.linspace(0.0, given.times[-1] - given.times[0], 300)
     for one, other in zip(quick.q.T, slow.q.T, strict=True):
         np.testing.assert_allclose(

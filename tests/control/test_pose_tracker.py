@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from rehab_opt import Bound, ConfigurationError, PoseTracker, SerialChain, Status, human_arm, ur5
 from rehab_opt.control.command import Command
 from tests.control import fault_campaign
+from tests.failing_solvers import failing_solvers
 
 START = np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.0])
 REST = np.zeros(6)
@@ -210,53 +211,50 @@ def test_a_position_that_is_lost_is_carried_on_from_what_was_commanded() -> None
     assert "q[0] is nan" in command.reason
 
 
-def without_primary(robot: PoseTracker, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The fused function leaves its outputs as they are but for the verdict: no residual, parameters sound."""
-
-    def fails() -> None:
-        robot._ladder._verdict[:2] = [math.nan, 1.0]
-
-    monkeypatch.setattr(robot._ladder.function, "evaluate", fails)
-
-
-def test_the_backup_answers_when_the_primary_is_made_to_fail(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_backup_answers_when_the_primary_is_made_to_fail() -> None:
     chain = ur5()
-    robot, plain = tracker(chain), tracker(chain)
-    without_primary(robot, monkeypatch)
+    with failing_solvers() as failures:
+        robot, plain = tracker(chain), tracker(chain)
+    failures.primary = True
     command = robot.step(START, chain.pose(START), [0.05, 0, 0, 0, 0, 0])
     assert command.status is Status.BACKUP
     assert command.solver == "daqp"
     assert "qrqp" in command.reason
+    failures.primary = False
     expected = plain.step(START, chain.pose(START), [0.05, 0, 0, 0, 0, 0])
+    assert expected.status is Status.OK
     np.testing.assert_allclose(command.value, expected.value, atol=1e-6)
 
 
-def test_the_safe_command_answers_when_every_solver_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_safe_command_answers_when_every_solver_fails() -> None:
     chain = ur5()
-    robot, last = tracker(chain), np.full(6, 0.1)
+    with failing_solvers() as failures:
+        robot, last = tracker(chain), np.full(6, 0.1)
     robot.reset(last)
-    without_primary(robot, monkeypatch)
-    monkeypatch.setattr(robot._ladder, "_solve_by", lambda name: False)
+    failures.every = True
     command = robot.step(START, chain.pose(START), REST)
     assert command.status is Status.BRAKING
     assert "no solver" in command.reason
     np.testing.assert_allclose(command.value, last - chain.acceleration * robot.dt, atol=1e-12)
 
 
-def test_a_failure_that_leaves_the_outputs_untouched_is_no_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failure_that_leaves_the_outputs_untouched_is_no_answer() -> None:
     chain = ur5()
-    robot = tracker(chain)
+    with failing_solvers() as failures:
+        robot = tracker(chain)
     robot.step(START, chain.pose(START), [0.05, 0, 0, 0, 0, 0])  # leaves a good verdict behind
-    monkeypatch.setattr(robot._ladder.function, "evaluate", lambda: None)
+    failures.primary = True
     assert robot.step(START, chain.pose(START), [0.05, 0, 0, 0, 0, 0]).solver == "daqp"
 
 
-def test_a_failure_in_the_very_first_tick_reaches_the_backup(monkeypatch: pytest.MonkeyPatch) -> None:
-    robot = tracker()
-    monkeypatch.setattr(robot._ladder.function, "evaluate", lambda: None)
+def test_a_failure_in_the_very_first_tick_reaches_the_backup() -> None:
+    with failing_solvers() as failures:
+        robot = tracker()
+    failures.primary = True
     assert robot.step(START, ur5().pose(START), [0.05, 0, 0, 0, 0, 0]).status is Status.BACKUP
 
 
+@pytest.mark.usefixtures("shipped")
 def test_compiled_and_interpreted_give_the_same_commands() -> None:
     chain = ur5(velocity=0.6)
     robots = [PoseTracker(chain, compile=fast) for fast in ("wait", False)]

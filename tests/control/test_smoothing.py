@@ -282,9 +282,10 @@ def test_an_axis_that_turns_round_before_its_bound_does_not_keep_another_one_fro
     s.reset([0.0, 0.0])
     while s.velocity[0] < 0.7:
         s.step([0.5, 5.0])
-    while not s._profiles.stopping and s.velocity[0] > 0.05:  # back, as late as the bound allows
+    status = Status.OK
+    while status is Status.OK and s.velocity[0] > 0.05:  # back, as late as the bound allows
         position = s.position[0]
-        s.step([0.5 if position < 0.38 else -1.0, 5.0])
+        status = s.step([0.5 if position < 0.38 else -1.0, 5.0]).status
     before = s.velocity
     assert before[1] > 0.9
     ticks = math.ceil(seconds_to_rest(*before[1:], 0.0, A, J) / DT) + 2
@@ -334,16 +335,15 @@ def test_a_plan_is_refused_where_any_instant_of_it_is_outside(limits, share, ram
     moves = [rng.uniform(-0.9, 0.9) * v] if rng.random() < 0.5 else [0.0]
     dt = 0.01 * seconds
     lower, upper = min(start, goal) - 10**room * reach, max(start, goal) + 10**room * reach
-    profiles = Profiles(
-        axis_bounds(lower=[lower], upper=[upper], velocity=[v], acceleration=[a], jerk=[j]), dt=dt, recovery_speed=0.1
-    )
+    bounds = axis_bounds(lower=[lower], upper=[upper], velocity=[v], acceleration=[a], jerk=[j])
+    with pytest.MonkeyPatch.context() as patch:
+        planner, profiles = Planner(patch), Profiles(bounds, dt=dt, recovery_speed=0.1)
     profiles.start([start], [0.0])
     profiles.v, profiles.a = [speed], [acceleration]
     if profiles.move([goal], moves):
-        positions = [profiles._planned_state()[0][0]]
-        for t in np.linspace(0.0, profiles._plan.duration, 400):
-            profiles.age = t
-            positions.append(profiles._planned_state()[0][0])
+        plan, w = planner.newest, moves[0]
+        first = goal - w * dt if w else 0.0  # a goal that moves is planned for where it rests
+        positions = [first + plan.at_time(t)[0][0] + w * t for t in np.linspace(0.0, plan.duration, 400)]
         assert max(positions) <= upper + 1e-9 * reach
         assert min(positions) >= lower - 1e-9 * reach
 
@@ -418,28 +418,36 @@ def test_the_value_cannot_be_written_and_is_not_written_later():
         first[0] = 1.0
 
 
-class Broken:
-    """Stands in for Ruckig: refuses every question, or answers it with what is no number."""
+class Planner:
+    """Ruckig in smoothers that are made from now on: it refuses, or its profiles are elsewhere, where it is told so."""
 
-    duration = 1.0
+    def __init__(self, monkeypatch):
+        self.refuses, self.position, self.newest = None, None, None
+        told = self
 
-    def __init__(self, error=None):
-        self.error = error
+        class Ruckig(ruckig.Ruckig):
+            def calculate(self, question, answer):
+                if told.refuses:
+                    raise told.refuses
+                told.newest = answer
+                return super().calculate(question, answer)
 
-    def calculate(self, *_):
-        if self.error:
-            raise self.error
+        class Trajectory(ruckig.Trajectory):
+            def at_time(self, time):
+                if told.position is None:
+                    return super().at_time(time)
+                return [told.position], [told.position * 0.0], [told.position * 0.0]
 
-    def at_time(self, _):
-        return [math.nan], [math.nan], [math.nan]
+        monkeypatch.setattr(ruckig, "Ruckig", Ruckig)
+        monkeypatch.setattr(ruckig, "Trajectory", Trajectory)
 
 
-def test_a_planner_that_refuses_everything_cannot_keep_the_axes_from_stopping():
-    s = smoother()
+def test_a_planner_that_refuses_everything_cannot_keep_the_axes_from_stopping(monkeypatch):
+    planner, s = Planner(monkeypatch), smoother()
     s.reset([0.0])
     before = [s.step([0.5]).value for _ in range(200)]
     speed, acceleration = s.velocity[0], s.acceleration[0]
-    s._profiles._solver = Broken(ValueError("-101 is not a valid Result"))
+    planner.refuses = ValueError("-101 is not a valid Result")
     commands = [s.step([-0.5]) for _ in range(3000)]
     assert all(command.status in (Status.BRAKING, Status.HOLDING) for command in commands)
     stopped = [command.status for command in commands].index(Status.HOLDING)
@@ -447,11 +455,11 @@ def test_a_planner_that_refuses_everything_cannot_keep_the_axes_from_stopping():
     assert_within_bounds(np.array([[0.0]] * 3 + before + [command.value for command in commands]), V, A, J, DT)
 
 
-def test_a_profile_that_is_no_number_is_never_sent_and_the_axes_stop_within_the_bounds():
-    s = smoother()
+def test_a_profile_that_is_no_number_is_never_sent_and_the_axes_stop_within_the_bounds(monkeypatch):
+    planner, s = Planner(monkeypatch), smoother()
     s.reset([0.0])
     before = [s.step([0.5]).value for _ in range(200)]
-    s._profiles._plan, s._profiles._spare, s._profiles._solver = Broken(), Broken(), Broken()
+    planner.position = math.nan
     commands = [s.step([0.5]) for _ in range(1000)]
     assert "certificate" in commands[0].reason
     assert commands[0].status is Status.BRAKING
@@ -459,18 +467,13 @@ def test_a_profile_that_is_no_number_is_never_sent_and_the_axes_stop_within_the_
     assert_within_bounds(np.array([[0.0]] * 3 + before + [command.value for command in commands]), V, A, J, DT)
 
 
-def test_a_profile_that_breaks_a_bound_is_replaced_by_the_stop():
-    s = smoother()
+def test_a_profile_that_breaks_a_bound_is_replaced_by_the_stop(monkeypatch):
+    planner, s = Planner(monkeypatch), smoother()
     s.reset([0.0])
     for _ in range(200):
         s.step([0.5])
     p, v = s.position, s.velocity
-
-    class Jump(Broken):
-        def at_time(self, _):
-            return [p[0] + 0.1], [0.0], [0.0]
-
-    s._profiles._plan = Jump()
+    planner.position = p[0] + 0.1
     command = s.step([0.5])
     assert abs(command.value[0] - p[0] - v[0] * DT) <= A * DT**2
     assert command.status is Status.BRAKING

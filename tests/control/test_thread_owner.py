@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from rehab_opt import ArmIK, MirrorTracker, RehabOptError, SharingError, human_arm, ur5
+from rehab_opt.control.ik_search import IKSearch
 from rehab_opt.control.thread_owner import OneThread
 from rehab_opt.symbolic import BufferedFunction
 from tests.control.every_controller import CASES, HAND, POSE, READY, assistance, carry, made
@@ -215,8 +216,7 @@ class TestArmIK:
 
     def test_a_second_thread_meanwhile_is_refused(self, other: Other, monkeypatch: pytest.MonkeyPatch) -> None:
         solver, place = ArmIK(human_arm(), compile=False), [-0.15, 0.45, -0.24]
-        answer = solver._answer
-        met: list[Exception] = []
+        search, met = IKSearch.posture, list[Exception]()
 
         def interrupted(*given: Any, **more: Any) -> Any:
             for ask in (lambda: solver.solve(place), lambda: solver.follow([place])):
@@ -224,18 +224,31 @@ class TestArmIK:
                     other.does(ask)
                 except SharingError as error:
                     met.append(error)
-            return answer(*given, **more)
+            return search(*given, **more)
 
-        monkeypatch.setattr(solver, "_answer", interrupted)
+        monkeypatch.setattr(IKSearch, "posture", interrupted)
         assert solver.solve(place).status.certified
         assert len(met) == 2
 
     @pytest.mark.parametrize("again", [copy.copy, copy.deepcopy, lambda solver: pickle.loads(pickle.dumps(solver))])
-    def test_a_copy_is_a_solver_of_its_own(self, again: Callable[[Any], Any]) -> None:
+    def test_a_copy_is_a_solver_of_its_own(
+        self, again: Callable[[Any], Any], other: Other, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """Another thread asks it for another place in the middle of a search, which does not notice."""
         solver, place = ArmIK(human_arm(), compile=False), [-0.15, 0.45, -0.24]
         twin = again(solver)
-        assert_same(twin.solve(place).q, solver.solve(place).q)
-        assert twin._search is not solver._search
+        alone = solver.solve(place).q
+        assert_same(twin.solve(place).q, alone)
+        search = IKSearch.posture
+
+        def interrupted(*given: Any, **more: Any) -> Any:
+            monkeypatch.undo()
+            assert other.does(lambda: twin.solve([-0.2, 0.4, -0.3])).status.certified
+            return search(*given, **more)
+
+        monkeypatch.setattr(IKSearch, "posture", interrupted)
+        assert_same(solver.solve(place).q, alone)
+        assert IKSearch.posture is search  # it was interrupted
 
 
 def test_the_check_costs_less_than_a_hundredth_of_ten_microseconds() -> None:
@@ -247,7 +260,7 @@ def test_the_check_costs_less_than_a_hundredth_of_ten_microseconds() -> None:
         def unchecked(self) -> None: ...
 
     one = Ticking()
-    one._claim()
+    one.checked()
 
     def cost(task: Callable[[], None]) -> float:
         return min(timeit.repeat(task, number=5_000, repeat=50)) / 5_000

@@ -6,8 +6,6 @@ row and no frame of the package is in it.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -49,25 +47,30 @@ SQUARE = [each @ each for each in SKEW]
 
 
 def turns(q: Array) -> list[tuple[Array, Array]]:
-    """Rotation (3, 3) and shift (3,) of what the first 0, 1, ... n joints move, from where it is at q = 0."""
-    rotation, shift = np.eye(3), np.zeros(3)
+    """Rotation (..., 3, 3) and shift (..., 3) of what the first 0, 1, ... n joints move, from where it is at q = 0.
+
+    q is (..., 6) here and below: one posture, or many at once.
+    """
+    rotation, shift = np.broadcast_to(np.eye(3), (*q.shape[:-1], 3, 3)), np.zeros((*q.shape[:-1], 3))
     moved = [(rotation, shift)]
-    for skew, square, place, angle in zip(SKEW, SQUARE, PLACES, q.tolist(), strict=True):
-        turn = np.eye(3) + math.sin(angle) * skew + (1 - math.cos(angle)) * square
-        rotation, shift = rotation @ turn, rotation @ (place - turn @ place) + shift
+    for i, place in enumerate(PLACES):
+        sine, versine = np.sin(q[..., i, None, None]), 1 - np.cos(q[..., i, None, None])
+        turn = np.eye(3) + sine * SKEW[i] + versine * SQUARE[i]
+        shift = shift + np.einsum("...ij,...j->...i", rotation, place - turn @ place)
+        rotation = rotation @ turn
         moved.append((rotation, shift))
     return moved
 
 
 def tool_motion(q: Array, v: Array, tool: Array) -> tuple[Array, Array]:
-    """(3,) [m] and (3,) [m/s] of a tool at `tool` (3,) in the flange's frame, at joint velocities (6,)."""
-    place, speed = FLANGE + ORIENTATION @ tool, np.zeros(3)
+    """(..., 3) [m] and [m/s] of a tool at `tool` (3,) in the flange's frame, at joint velocities (..., 6)."""
+    place, speed = FLANGE + ORIENTATION @ tool + np.zeros((*q.shape[:-1], 3)), np.zeros((*q.shape[:-1], 3))
     for i in reversed(range(6)):  # turned by the last joint first
-        sine, versine = math.sin(q[i]), 1 - math.cos(q[i])
+        sine, versine = np.sin(q[..., i, None]), 1 - np.cos(q[..., i, None])
         place, speed = (
-            each + sine * (SKEW[i] @ each) + versine * (SQUARE[i] @ each) for each in (place - PLACES[i], speed)
+            each + sine * (each @ SKEW[i].T) + versine * (each @ SQUARE[i].T) for each in (place - PLACES[i], speed)
         )
-        place, speed = place + PLACES[i], speed + v[i] * (SKEW[i] @ place)
+        place, speed = place + PLACES[i], speed + v[..., i, None] * (place @ SKEW[i].T)
     return place, speed
 
 
@@ -98,19 +101,24 @@ SURFACES = {
 
 
 def heights(q: Array, normal: Array, offset: float, tool: Array) -> dict[str, Array]:
-    """[m] above a plane of each link's points, and of the tool's."""
+    """(..., N) [m] above a plane of each link's points, and of the tool's."""
     moved = turns(q)
-    found = {name: (points @ moved[k][0].T + moved[k][1]) @ normal - offset for name, (k, points) in SURFACES.items()}
-    flange, place = (tool_motion(q, np.zeros(6), each)[0] for each in (np.zeros(3), tool))
-    found["tool"] = np.linspace(flange, place, 5) @ normal - offset
+    # A point is x = R p + t, its height n'x = (R'n)'p + n't.
+    found = {
+        name: (normal @ moved[k][0]) @ points.T + (moved[k][1] @ normal)[..., None] - offset
+        for name, (k, points) in SURFACES.items()
+    }
+    flange, place = (tool_motion(q, np.zeros_like(q), each)[0] @ normal for each in (np.zeros(3), tool))
+    found["tool"] = np.linspace(flange, place, 5, axis=-1) - offset
     return found
 
 
-def clearances(q: Array, normal: Array, offset: float, tool: Array) -> dict[str, float]:
-    """[m] of each whole link above a plane, exactly, and of the line from the flange to the tool with the last one."""
+def clearances(q: Array, normal: Array, offset: float, tool: Array) -> dict[str, Array]:
+    """(...) [m] of each whole link above a plane, exactly; the line from the flange to the tool is the last link's."""
     moved = turns(q)
     found = {}
     for name, (k, *ends, radius) in CAPSULES.items():
-        found[name] = min(float((moved[k][0] @ end + moved[k][1]) @ normal) for end in ends) - radius - offset
-    tip = float(tool_motion(q, np.zeros(6), tool)[0] @ normal) - offset
-    return {**found, "tool": min(tip, found["wrist_3"])}
+        above = (normal @ moved[k][0]) @ np.array(ends, dtype=float).T + (moved[k][1] @ normal)[..., None]
+        found[name] = above.min(axis=-1) - radius - offset
+    tip = tool_motion(q, np.zeros_like(q), tool)[0] @ normal - offset
+    return {**found, "tool": np.minimum(tip, found["wrist_3"])}

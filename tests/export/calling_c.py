@@ -5,8 +5,7 @@ from __future__ import annotations
 import ctypes
 import re
 import subprocess
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,6 @@ from rehab_opt.control.notes import notes_of
 from rehab_opt.control.reasons import REASONS, reason_number
 from rehab_opt.export.c_source import SOLVERS
 from rehab_opt.export.recording import STATUSES
-from rehab_opt.optim.ladder import Ladder
 
 Built = Callable[..., Path]
 Exported = Callable[[str], Path]
@@ -67,16 +65,6 @@ def giving_up(folder: Path, name: str, built: Built, *functions: str) -> ctypes.
     library = ctypes.CDLL(str(built(folder, "giving_up.so", "giving_up.c", "size.c", flags=flags)))
     library.controller_size.restype = ctypes.c_size_t
     return library
-
-
-@contextmanager
-def solver_gives_up(ladder: Ladder) -> Iterator[None]:
-    """Meanwhile nothing is written where Python evaluates the fused function."""
-    kept, ladder.function.evaluate = ladder.function.evaluate, lambda: None
-    try:
-        yield
-    finally:
-        ladder.function.evaluate = kept
 
 
 def ran(program: Path, *arguments: str) -> subprocess.CompletedProcess[str]:

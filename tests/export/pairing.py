@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,6 @@ from typing import Any
 import numpy as np
 from shapely import Polygon
 
-from rehab_opt.control.bilateral import Bilateral
 from rehab_opt.control.bilateral_sides import FromHelper, FromParticipant, HelperSide, ParticipantSide
 from rehab_opt.export.controllers.bilateral_sides import exported_helper_side, exported_participant_side
 from rehab_opt.export.export_c import written_files
@@ -52,13 +52,15 @@ def sides() -> tuple[HelperSide, ParticipantSide]:
 
 def exported_side_to(folder: Path, name: str) -> Path:
     """Folder of the C files of a side, which repeats its part of what both do for three seconds."""
-    both, heard = Bilateral(*sides(), delay=0.01), []
+    sent, said, answered = sides(), deque([None] * 11), deque([None] * 11)  # a message takes 0.01 s and a tick
+    heard: list[tuple[FromParticipant | None, FromHelper | None]] = []
     t = np.minimum(DT * np.arange(3000), 2.5)  # at rest where the stamps have a gap, which energy must last for
     hands = HELPER + np.column_stack([0.05 * np.sin(3 * t), 0.06 * np.cos(4 * t)])  # and out of it
     drawn = np.array([carry().image(hand) for hand in hands]) + 0.004 * np.sin(4 * np.pi * t)[:, None]
     for hand, other in zip(hands, drawn, strict=True):
-        heard.append((both._back[0], both._there[0]))
-        both.step(hand, other)
+        heard.append((answered.popleft(), said.popleft()))
+        for side, x, hears, says in zip(sent, (hand, other), heard[-1], (said, answered), strict=True):
+            says.append(side.step(x, hears)[1])
     helper, participant = sides()
     if name == "helper_side":
         controller = exported_helper_side(helper, hands, [each[0] for each in heard], title="a pair")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import itertools
 import math
 import shutil
 import subprocess
@@ -85,8 +86,13 @@ def libraries(exported: Exported, built: Built) -> dict[str, ctypes.CDLL]:
 
 
 @pytest.fixture(scope="module")
-def python() -> dict[str, HelperSide | ParticipantSide]:
-    return dict(zip(SIDES, sides(), strict=True))
+def twins(libraries: dict[str, ctypes.CDLL]) -> dict[str, tuple[CSide, HelperSide | ParticipantSide]]:
+    """Each side in C and in Python: both count their messages from 1, and on over a reset."""
+    return {name: (CSide(libraries[name], name), side) for name, side in zip(SIDES, sides(), strict=True)}
+
+
+HEARD = itertools.count(1)
+"""Numbers of messages, each later than all before it."""
 
 
 def test_the_sums_that_c_has_are_the_map_of_python() -> None:
@@ -104,18 +110,18 @@ def test_the_sums_that_c_has_are_the_map_of_python() -> None:
 @settings(max_examples=30)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_any_hand_and_any_messages_give_the_forces_and_messages_of_python(
-    libraries: dict[str, ctypes.CDLL], python: dict[str, Any], name: str, seed: int
+    twins: dict[str, tuple[CSide, Any]], name: str, seed: int
 ) -> None:
     """Hands inside and outside, sensors that fail; messages that are lost, doubled, late, broken."""
-    rng, c, side = np.random.default_rng(seed), CSide(libraries[name], name), python[name]
+    rng, (c, side) = np.random.default_rng(seed), twins[name]
+    assert c.call("reset") == 0
     side.reset()
-    side._serials.__init__()  # a controller that is made anew in C counts anew
     of_helper = name == "helper_side"
     x = (HELPER if of_helper else EGG.mean(axis=0)) + 0.05 * rng.normal(size=2)
     other = (EGG.mean(axis=0) if of_helper else HELPER) + 0.03 * rng.normal(size=2)
     way, stamp, box = rng.normal(size=2), 0.0, []
     with_v = rng.random() < 0.5
-    for serial in range(1, 121):
+    for serial in itertools.islice(HEARD, 120):
         way = 0.97 * way + 0.2 * rng.normal(size=2)
         x = x + DT * 0.3 * way
         other = other + 3e-4 * rng.normal(size=2)

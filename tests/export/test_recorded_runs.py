@@ -7,6 +7,7 @@ import shutil
 import subprocess
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from rehab_opt import PoseTracker, ur5
@@ -16,6 +17,7 @@ from rehab_opt.optim.qrqp import QRQP_ITERATIONS
 from tests.export.assisting import FORCES
 from tests.export.calling_c import SAME, Built, Exported, compiled_once, ran
 from tests.export.pairing import SIDES
+from tests.failing_solvers import failing_solvers
 
 CONTROLLERS = ("pose_tracker", "redundancy_mecanum", "redundancy_differential", "mirror_tracker", *FORCES, *SIDES)
 INTERFACE = {
@@ -88,7 +90,11 @@ def test_a_changed_number_beside_the_command_is_found(exported: Exported, built:
 @pytest.mark.parametrize("name", CONTROLLERS)
 def test_the_backup_that_c_has_not_is_the_one_that_python_has(name: str, exported: Exported) -> None:
     readme = " ".join((exported(name) / "README.md").read_text().split())
-    backup = PoseTracker(ur5(), compile=False)._ladder.backup
+    with failing_solvers() as failures:
+        tracker = PoseTracker(ur5(), compile=False)
+    failures.primary = True
+    backup = tracker.step(np.zeros(6), ur5().pose(np.zeros(6)), np.zeros(6)).solver
+    assert backup
     assert f"There is no backup solver. Where Python would ask {backup}, C" in readme
     assert readme.count("proxqp") == 0
 

@@ -139,6 +139,7 @@ def test_many_points_and_one_point_agree() -> None:
     np.testing.assert_allclose(each.energy(x), [each.energy(a) for a in x], rtol=1e-9)
 
 
+@pytest.mark.usefixtures("shipped")
 def test_compiled_and_interpreted_agree() -> None:
     other = field(HOOK, drag=200.0, compile=None)
     for x in np.random.default_rng(5).uniform(-0.3, 0.6, (20, 2)):

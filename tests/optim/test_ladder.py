@@ -116,6 +116,7 @@ def test_the_primary_answers_nearly_always_and_its_backup_else(solver: str, rows
 GENERAL = general_statement(N, M)
 
 
+@pytest.mark.usefixtures("shipped")
 def test_machine_code_and_virtual_machine_give_the_same_answers() -> None:
     machine = Ladder(GENERAL, solver="qrqp", backup="daqp", tolerance=TOLERANCE, compile="wait")
     virtual = ladder(GENERAL)
@@ -174,6 +175,7 @@ def test_a_wrong_guess_is_not_the_answer(wrong: float) -> None:
     np.testing.assert_allclose(climbed.x, [0.2, 0.4], atol=1e-9)
 
 
+@pytest.mark.usefixtures("shipped")
 @pytest.mark.parametrize("bad", [np.nan, np.inf, 1e300, 2 * PLAUSIBLE])
 @pytest.mark.parametrize("rows", [False, True])
 @pytest.mark.parametrize("compile", [False, "wait"])

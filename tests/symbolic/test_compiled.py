@@ -12,6 +12,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from rehab_opt.errors import ConfigurationError
 from rehab_opt.optim.qrqp import qrqp
 from rehab_opt.symbolic import BufferedFunction, compiled
 from rehab_opt.symbolic.compiled import FLAGS, _compiler, _digest, cache_folder, compilation_wanted
@@ -22,7 +23,7 @@ MACHINE_CODE, VIRTUAL_MACHINE = "External", "SXFunction"
 
 
 @pytest.fixture
-def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, shipped: None) -> Path:
     folder = tmp_path / "cache"
     monkeypatch.setenv("REHAB_OPT_CACHE", str(folder))
     monkeypatch.setenv("REHAB_OPT_COMPILE", "wait")
@@ -96,6 +97,28 @@ def test_no_comparison_with_nan_holds_in_machine_code(cache: Path, value: float)
     function = ca.Function("compare", [x], [ca.vertcat(x <= 1, x >= 1, x < 1, x > 1, ca.fabs(x) <= 1e30, x + 0)])
     expected = [value <= 1, value >= 1, value < 1, value > 1, abs(value) <= 1e30, value]
     np.testing.assert_array_equal(BufferedFunction(compiled(function, compile="wait")).of([value]), expected)
+
+
+@needs_compiler
+def test_another_level_of_the_compiler_gives_the_same_numbers_and_another_library(
+    cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    function, answers = random_function(1), []
+    for level in ("3", "0"):
+        monkeypatch.setenv("REHAB_OPT_OPTIMISE", level)
+        answers.append(BufferedFunction(compiled(random_function(1))).of([0.1, -0.2, 0.3, 1.7]))
+    np.testing.assert_array_equal(*answers)
+    assert len(list(cache.glob(f"{function.name()}-*.so"))) == 2
+
+
+@needs_compiler
+@pytest.mark.parametrize("level", ["4", "fast", "-1", ""])
+def test_a_level_that_is_none_is_an_error_that_names_it(
+    cache: Path, monkeypatch: pytest.MonkeyPatch, level: str
+) -> None:
+    monkeypatch.setenv("REHAB_OPT_OPTIMISE", level)
+    with pytest.raises(ConfigurationError, match="REHAB_OPT_OPTIMISE"):
+        compiled(square())
 
 
 def test_flags_keep_nan_and_rounding_and_the_kind_of_processor() -> None:

@@ -231,6 +231,7 @@ def test_a_point_alone_and_in_an_array_has_the_same_image(n: int, seed: int) -> 
 
 
 @pytest.mark.skipif(_compiler() is None, reason="no C compiler on this machine")
+@pytest.mark.usefixtures("shipped")
 @pytest.mark.parametrize("n", [3, 4, 20, 33, 200])
 def test_the_virtual_machine_gives_the_same_numbers(n: int, monkeypatch: pytest.MonkeyPatch) -> None:
     source, target = landmarks(n, n)
