@@ -1,19 +1,71 @@
 """Claims about the energy tank: nobody draws more than the budget, whatever is seen of the hand."""
 
 import math
+from functools import cache
 
+import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rehab_opt.control.energy_tank import HAND_SPEED, EnergyTank
+from rehab_opt.control.energy_tank import HAND_SPEED, TANK, EnergyTank
+from rehab_opt.symbolic import BufferedFunction
 
 SLEW, CAP, DT, LATE, LIMIT = 200.0, 1.0, 1e-3, 0.05, 30.0
 
 
-def tank(budget: float = 5.0, late: float = LATE) -> EnergyTank:
-    return EnergyTank(budget=budget, slew=SLEW, speed_cap=CAP, late=late)
+@cache
+def function(name: str) -> BufferedFunction:
+    """Numbers of the tank, budget and lateness, arguments of the method -> numbers; what is left, and the ceiling."""
+    numbers, of, given = TANK.symbols("numbers"), ca.SX.sym("of", 2), ca.SX.sym("given", 3)
+    each = EnergyTank(numbers, budget=of[0], slew=ca.SX(SLEW), speed_cap=ca.SX(CAP), late=of[1])
+    after = {
+        "elapsed": lambda: each.elapsed(given[:2], given[2]),
+        "seen": lambda: each.seen(given[:2]),
+        "jumped": lambda: each.jumped(given[0]),
+        "nothing": lambda: each,
+    }[name]()
+    outputs = [after.numbers.column, ca.vertcat(each.left, each.ceiling)]
+    return BufferedFunction(ca.Function(name, [numbers.column, of, given], outputs))
+
+
+class Tank:
+    """A tank with numbers in it."""
+
+    def __init__(self, budget: float, late: float) -> None:
+        self.of = budget, late
+        self.reset()
+
+    def reset(self) -> None:
+        self.numbers = TANK.numbers(**{name: 0.0 for name in TANK.places} | {"level": self.of[0]})
+
+    def elapse(self, force_x: float, force_y: float, seconds: float) -> None:
+        self.numbers = function("elapsed").of(self.numbers, self.of, (force_x, force_y, seconds))
+
+    def seen(self, dx: float, dy: float) -> None:
+        self.numbers = function("seen").of(self.numbers, self.of, (dx, dy, 0.0))
+
+    def jumped(self, distance: float) -> None:
+        self.numbers = function("jumped").of(self.numbers, self.of, (distance, 0.0, 0.0))
+
+    @property
+    def told(self) -> list[float]:
+        nothing = function("nothing")
+        nothing.of(self.numbers, self.of, np.zeros(3))
+        return nothing.outputs[1].tolist()
+
+    @property
+    def left(self) -> float:
+        return self.told[0]
+
+    @property
+    def ceiling(self) -> float:
+        return self.told[1]
+
+
+def tank(budget: float = 5.0, late: float = LATE) -> Tank:
+    return Tank(budget, late)
 
 
 def test_the_ceiling_leaves_a_late_tick_and_a_release() -> None:
