@@ -1,0 +1,108 @@
+"""A serial arm in MuJoCo's own description: every Denavit-Hartenberg frame a body, the tool a site."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.kinematics.denavit_hartenberg import DH
+from rehab_opt.kinematics.inertia import Body
+from rehab_opt.plants.arm_model import ArmModel
+
+__all__ = ["HAND", "arm_mjcf", "row_pose"]
+
+Array = NDArray[np.float64]
+
+HAND = "hand"
+"""Name of the tool's site."""
+NEGLIGIBLE = 1e-9
+"""[kg, kg m^2] Of a link without a mass: MuJoCo wants some; rotors and other links give the joint its inertia."""
+
+
+def arm_mjcf(model: ArmModel, *, step: float) -> str:
+    """MuJoCo description of an arm without geometry: nothing collides, contacts are the plant's own.
+
+    Parameters
+    ----------
+    step : [s] of the physics.
+    """
+    chain = model.chain
+    opened, placed = [], chain.base
+    for i in range(chain.n):
+        row = chain.rows[i]
+        here = row_pose(row, 0.0)
+        place = placed @ here
+        back = np.linalg.inv(here)  # the frame before the joint, seen from the one behind it
+        kind = "slide" if row.prismatic else "hinge"
+        opened.append(
+            f'<body name="{chain.names[i]}" {_pose(place)}>'
+            f"{_inertial([body for body in model.bodies if body.link == i + 1])}"
+            f'<joint name="{chain.names[i]}" type="{kind}" pos="{_text(back[:3, 3])}" axis="{_text(back[:3, 2])}" '
+            f'armature="{float(model.rotors[i])!r}" damping="{float(model.viscous[i])!r}" '
+            f'frictionloss="{float(model.coulomb[i])!r}"/>'
+        )
+        placed = np.eye(4)
+    site = f'<site name="{HAND}" {_pose(chain.tool)}/>'
+    bodies = "\n".join(opened) + site + "</body>" * chain.n
+    return (
+        '<mujoco model="arm"><compiler angle="radian" autolimits="false" inertiafromgeom="false"/>'
+        f'<option timestep="{step!r}" integrator="implicitfast" gravity="{_text(np.array(model.gravity))}">'
+        '<flag contact="disable" limit="disable"/></option>'
+        f"<worldbody>{bodies}</worldbody></mujoco>"
+    )
+
+
+def row_pose(row: DH, value: float) -> Array:
+    """(4, 4) pose behind a Denavit-Hartenberg row in the frame before it, at the joint's value [rad, m]."""
+    theta = row.theta + (0.0 if row.prismatic else value)
+    d = row.d + (value if row.prismatic else 0.0)
+    ct, st, ca, sa = np.cos(theta), np.sin(theta), np.cos(row.alpha), np.sin(row.alpha)
+    return np.array(
+        [
+            [ct, -st * ca, st * sa, row.a * ct],
+            [st, ct * ca, -ct * sa, row.a * st],
+            [0.0, sa, ca, d],
+            [0.0, 0.0, 0.0, 1.0],
+        ]
+    )
+
+
+def _inertial(bodies: Sequence[Body]) -> str:
+    """Several masses on one link as one."""
+    mass = sum(body.mass for body in bodies)
+    if not mass > 0.0:
+        return (
+            f'<inertial pos="0 0 0" mass="{NEGLIGIBLE!r}" diaginertia="{NEGLIGIBLE!r} {NEGLIGIBLE!r} {NEGLIGIBLE!r}"/>'
+        )
+    centre = sum((body.mass * np.asarray(body.centre) for body in bodies), np.zeros(3)) / mass
+    total = NEGLIGIBLE * np.eye(3)
+    for body in bodies:
+        off = np.asarray(body.centre) - centre
+        total = total + body.inertia + body.mass * (float(off @ off) * np.eye(3) - np.outer(off, off))
+    full = [total[0, 0], total[1, 1], total[2, 2], total[0, 1], total[0, 2], total[1, 2]]
+    return f'<inertial pos="{_text(centre)}" mass="{float(mass)!r}" fullinertia="{_text(np.array(full))}"/>'
+
+
+def _pose(pose: Array) -> str:
+    return f'pos="{_text(pose[:3, 3])}" quat="{_text(_quaternion(pose[:3, :3]))}"'
+
+
+def _quaternion(rotation: Array) -> Array:
+    """(w, x, y, z) of a rotation (3, 3): the eigenvector that exact and rounded rotations share."""
+    (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
+    matrix = np.array(
+        [
+            [a + e + i, h - f, c - g, d - b],
+            [h - f, a - e - i, d + b, c + g],
+            [c - g, d + b, e - a - i, f + h],
+            [d - b, c + g, f + h, i - a - e],
+        ]
+    )
+    quaternion: Array = np.linalg.eigh(matrix)[1][:, -1]
+    return quaternion
+
+
+def _text(numbers: Array) -> str:
+    return " ".join(repr(float(number)) for number in numbers)
