@@ -14,7 +14,7 @@ import rehab_opt
 PACKAGE = Path(rehab_opt.__file__).parent
 HEAVY = {
     "matplotlib", "scipy", "ruckig", "osqp", "proxsuite", "qpsolvers", "pydantic", "typer", "rich", "shapely",
-    "platformdirs", "skimage", "distributed",
+    "platformdirs", "skimage", "distributed", "mujoco",
 }  # fmt: skip
 PUBLIC = {
     "ArmIK", "Command", "ConfigurationError", "DH", "MirrorTracker", "PoseTracker", "ProblemFileError", "RehabOptError",
@@ -30,7 +30,8 @@ LAYERS = {
     "field": {"errors", "symbolic", "kinematics", "optim"},
     "control": {"errors", "symbolic", "kinematics", "optim", "workspace", "field"},
     "published": {"errors", "symbolic", "kinematics"},
-    "session": {"errors", "symbolic", "kinematics", "optim", "workspace", "field", "control", "published"},
+    "plants": {"errors", "kinematics"},
+    "session": {"errors", "symbolic", "kinematics", "optim", "workspace", "field", "control", "published", "plants"},
     "comparison": {
         "errors",
         "symbolic",

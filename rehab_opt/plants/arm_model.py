@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -62,11 +61,6 @@ class ArmModel:
         if not (tip > 0.0 or self.rotors[-1] > 0.0):
             raise ConfigurationError("bodies, rotors", (bodies, self.rotors), "a mass that the last joint moves")
 
-    @cached_property
-    def source(self) -> str:
-        """The links' names and masses in a line, for a report."""
-        return ", ".join(f"{body.name} {body.mass:g} kg" for body in self.bodies)
-
 
 def rods_along(chain: SerialChain, masses: Sequence[float] | ArrayLike, *, radius: float) -> tuple[Body, ...]:
     """An assumption where no inertias are published: each link a solid rod from one joint's axis to the next one's.
@@ -79,7 +73,7 @@ def rods_along(chain: SerialChain, masses: Sequence[float] | ArrayLike, *, radiu
     """
     bodies = []
     for i, (row, mass) in enumerate(zip(chain.rows, np.asarray(masses, dtype=np.float64).tolist(), strict=True)):
-        # The frame before joint i + 1, seen from the frame behind it, whatever the joint's value.
+        # From the frame before the joint to the one behind it, in the axes of the latter: whatever the joint's value.
         d = 0.0 if row.prismatic else row.d
         along = np.array([row.a, d * math.sin(row.alpha), d * math.cos(row.alpha)])
         ball = float(np.linalg.norm(along)) <= radius

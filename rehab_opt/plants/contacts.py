@@ -38,9 +38,7 @@ class Wall:
     stiffness : [N/m]. damping : [N s/m], felt on the way in.
     """
 
-    def __init__(
-        self, point: ArrayLike, normal: ArrayLike, *, stiffness: float = 3e4, damping: float = 100.0
-    ) -> None:
+    def __init__(self, point: ArrayLike, normal: ArrayLike, *, stiffness: float = 3e4, damping: float = 100.0) -> None:
         at, out = real_array(point), real_array(normal)
         length = float(np.linalg.norm(out))
         if not (at.shape == out.shape and at.ndim == 1 and 0.0 < length < math.inf and np.all(np.isfinite(at))):

@@ -1,4 +1,4 @@
-"""What makes torques of a command: velocity servos, position servos, a force at the hand."""
+"""What makes torques of a command: velocity servos, position servos, a force at the hand with or without a sensor."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.errors import ConfigurationError
+from rehab_opt.plants.force_loop import ForceLoop
 
-__all__ = ["Drive", "DriveState", "HandForce", "PositionServo", "VelocityServo"]
+__all__ = ["Drive", "DriveState", "HandForce", "HandForceLoop", "PositionServo", "VelocityServo"]
 
 Array = NDArray[np.float64]
 
@@ -26,6 +27,10 @@ class DriveState(NamedTuple):
     velocity: Array
     jacobian: Callable[[], Array]
     """(3, n) of the hand's place."""
+    acceleration: Array
+    """(n,) [rad/s^2, m/s^2] in the last step of the physics."""
+    touch: Array
+    """(3,) [N] on the hand in the last step of the physics, by whatever touches it."""
 
 
 class Drive(Protocol):
@@ -131,9 +136,57 @@ class HandForce:
     def torque(self, command: Array, state: DriveState, feedforward: Array) -> Array:
         """Of a force (axes,) [N] in the base frame."""
         self.acting = command + self._keep * (self.acting - command)
-        given: Array = np.clip(
-            feedforward + state.jacobian()[: self._axes].T @ self.acting, -self._limit, self._limit
-        )
+        given: Array = np.clip(feedforward + state.jacobian()[: self._axes].T @ self.acting, -self._limit, self._limit)
+        return given
+
+
+class HandForceLoop:
+    """A point mass on two axes whose force on the hand is measured and controlled: `ForceLoop`, then a lag.
+
+    The sensor sits between robot and hand: it feels held_mass a - touch.
+
+    Parameters
+    ----------
+    gain, integral : [1], [1/s] of the loop. limit : [N] of the motors, per axis. held_mass : [kg] of the hand.
+    lag : [s] time constant of the motors' force, 0 for none. noise : [N] of the sensor, per axis.
+    rng : of the noise.
+    """
+
+    acting: Array
+    """(2,) [N] of the motors now."""
+    measured: Array
+    """(2,) [N] on the hand, by the sensor."""
+
+    def __init__(
+        self,
+        gain: float,
+        integral: float,
+        limit: float,
+        *,
+        held_mass: float,
+        lag: float = 0.0,
+        noise: float = 0.0,
+        rng: np.random.Generator,
+    ) -> None:
+        self._gains, self._held, self._noise, self._rng = (gain, integral, limit), held_mass, noise, rng
+        self._force = HandForce(lag)
+
+    def start(self, position: Array, inertia: Array, limit: Array, step: float) -> Array:
+        """No force."""
+        self._loop = ForceLoop(*self._gains, step=step)
+        still = self._force.start(position, inertia, limit, step)
+        self.acting, self.measured = self._force.acting, np.zeros(2)
+        return still
+
+    def torque(self, command: Array, state: DriveState, feedforward: Array) -> Array:
+        """(2,) [N] of a force on the hand (2,) [N]."""
+        self.measured = self._held * state.acceleration - state.touch[:2]
+        if self._noise:
+            self.measured = self.measured + self._noise * self._rng.standard_normal(2)
+        error = command - self.measured
+        motor = [self._loop.motor(axis, float(error[axis]), float(command[axis])) for axis in (0, 1)]
+        given = self._force.torque(np.array(motor), state, feedforward)
+        self.acting = self._force.acting
         return given
 
 

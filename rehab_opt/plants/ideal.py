@@ -35,9 +35,7 @@ class IdealJoints:
     @property
     def truth(self) -> Truth:
         """Where the commands led."""
-        return Truth(
-            self._tick * self.dt, self._position, self._velocity, np.zeros(len(self._position)), self._push
-        )
+        return Truth(self._tick * self.dt, self._position, self._velocity, np.zeros(len(self._position)), self._push)
 
     def reset(self, position: ArrayLike) -> Measurement:
         """At rest at `position` (n,) [rad, m]."""

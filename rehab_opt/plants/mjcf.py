@@ -29,12 +29,15 @@ def arm_mjcf(model: ArmModel, *, step: float) -> str:
     step : [s] of the physics.
     """
     chain = model.chain
-    opened, placed = [], chain.base
+    opened: list[str] = []
+    placed: Array = chain.base
     for i in range(chain.n):
         row = chain.rows[i]
         here = row_pose(row, 0.0)
         place = placed @ here
-        back = np.linalg.inv(here)  # the frame before the joint, seen from the one behind it
+        back = np.asarray(
+            np.linalg.inv(here), dtype=np.float64
+        )  # the frame before the joint, seen from the one behind it
         kind = "slide" if row.prismatic else "hinge"
         opened.append(
             f'<body name="{chain.names[i]}" {_pose(place)}>'

@@ -1,4 +1,4 @@
-"""What every plant is: a robot that takes a command each tick, and shows what its sensors say apart from what is true."""
+"""What every plant is: a robot that takes a command each tick and shows what its sensors say, apart from the truth."""
 
 from __future__ import annotations
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.session.files import ProblemFile
-from rehab_opt.session.scenario.force_robot import RobotModel
+from rehab_opt.plants.force_robot import RobotModel
 from rehab_opt.session.scenario.problem import ScenarioProblem
 from rehab_opt.session.scenario.simulated_person import Person
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rehab_opt.control.bilateral import Bilateral
-from rehab_opt.session.scenario.force_robot import ForceRobot, RobotModel
+from rehab_opt.plants.force_robot import ForceRobot, RobotModel
 from rehab_opt.session.scenario.intention import Intention
 from rehab_opt.session.scenario.laws import INDEX, Answer, ForceLaw
 from rehab_opt.session.scenario.simulated_person import Person, SimulatedPerson
