@@ -108,6 +108,11 @@ class ForceRobot:
         self._noise: list[list[float]] = (model.noise * rng.standard_normal((ticks, 2))).tolist()
         self._tick = 0
 
+    @property
+    def seen(self) -> tuple[float, float]:
+        """[m] where the controller sees the hand: where it is."""
+        return self.x, self.y
+
     def step(self, force_x: float, force_y: float, person_x: float, person_y: float) -> None:
         """One tick under the commanded force [N], with a person who pushes the handle with person_x, person_y [N].
 
