@@ -114,8 +114,9 @@ def _head(options: argparse.Namespace) -> list[str]:
         "",
         f"    python -m bench.physics --tasks {options.tasks} --seed {options.seed}{told}",
         "",
-        "Today's controllers with default settings. UR5 and iiwa 14 in turn; delays of command and measurement together; "
-        "encoder noise of 0, 0.1 and 0.2 mrad; 500 Hz and 1 kHz. Every number is of the true robot.",
+        "Today's controllers with default settings. UR5 and iiwa 14 in turn; columns are delays, half of them of the "
+        "command, half of the measurement; encoder noise of 0, 0.1 and 0.2 mrad; 500 Hz and 1 kHz. Every number is of "
+        "the true robot.",
         "",
     ]
 

@@ -39,7 +39,7 @@ def manipulabilities(chain: SerialChain, q: Array) -> Array:
     """(N,) Yoshikawa's measure, from six joints on."""
     moves = jacobians(chain, q)
     squares = np.linalg.det(moves @ moves.transpose(0, 2, 1))
-    return np.sqrt(np.maximum(squares, 0.0))
+    return np.asarray(np.sqrt(np.maximum(squares, 0.0)))
 
 
 def heights(chain: SerialChain, q: Array, plane: KeepOut) -> Array:

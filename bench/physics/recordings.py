@@ -21,7 +21,7 @@ STALLED = 2.0
 
 
 def mirrored(setting: Setting) -> Numbers:
-    """Mean lag at the rate of the file over what is allowed, 1.2 of the ideal robot's and 0.1 s; infinite where it stalls."""
+    """Mean lag at the file's rate over what is allowed: 1.2 of the ideal robot's, and 0.1 s. Infinite where it stalls."""
     name = PROBLEMS[int(setting.rng.integers(len(PROBLEMS)))]
     loaded = load_problem(name)
     problem, scene = loaded.problem, laid_out(loaded)

@@ -133,4 +133,5 @@ def _arguments(kind: Callable[..., Any]) -> set[str]:
     """Names of the arguments of a class and of the classes it is built on, which may hand options through."""
     if not inspect.isclass(kind):
         return set(inspect.signature(kind).parameters)
-    return {name for each in kind.__mro__ if each is not object for name in inspect.signature(each.__init__).parameters}
+    own = [vars(each)["__init__"] for each in kind.__mro__ if "__init__" in vars(each) and each is not object]
+    return {name for init in own for name in inspect.signature(init).parameters}

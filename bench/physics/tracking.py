@@ -63,14 +63,20 @@ def _pink(chain: Any, poses: Array, gain: float, dt: float) -> Callable[[int, An
     task = pink.FrameTask(HAND, position_cost=1.0, orientation_cost=1.0, gain=1 - math.exp(-gain * dt))
     limits = [ConfigurationLimit(model), VelocityLimit(model), AccelerationLimit(model, np.array(chain.acceleration))]
 
+    last = [np.zeros(chain.n)]
+
     def step(k: int, seen: Any) -> Command:
         configuration.update(seen.position)
         # The sample ahead by one error's time constant: what makes up for the feedforward that it is not given.
         ahead = min(k + round(1.0 / (gain * dt)), len(poses) - 1)
         task.set_target(pinocchio.SE3(poses[ahead, :3, :3], poses[ahead, :3, 3]))
-        value = pink.solve_ik(configuration, (task,), dt, solver="daqp", limits=limits)
+        try:
+            value = np.array(pink.solve_ik(configuration, (task,), dt, solver="daqp", limits=limits))
+        except pink.exceptions.NoSolutionFound:  # noise can leave its limits without a common answer: on as before
+            value = last[0]
+        last[0] = value
         limits[-1].set_last_integration(value, dt)
-        return Command(np.array(value), Status.OK, "daqp", 0.0, -1, "", Bound.NOTHING, 1.0)
+        return Command(value, Status.OK, "daqp", 0.0, -1, "", Bound.NOTHING, 1.0)
 
     return step
 

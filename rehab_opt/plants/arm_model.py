@@ -30,6 +30,7 @@ class ArmModel:
     torque_limit : (n,) or scalar [N m, N] largest effort of each drive.
     coulomb, viscous : (n,) or scalar, friction of each joint [N m, N] and [N m s/rad, N s/m].
     gravity : (3,) [m/s^2] in the base frame.
+    stops : (2, n) [rad, m] lower and upper mechanical stops, infinite for none, or None; joint limits are no stops.
 
     Raises
     ------
@@ -43,6 +44,7 @@ class ArmModel:
     coulomb: Array
     viscous: Array
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
+    stops: Array | None = None
 
     def __post_init__(self) -> None:
         """Check and freeze every argument."""
@@ -52,6 +54,11 @@ class ArmModel:
             if not (np.all(value >= 0.0) and (name == "torque_limit" or np.all(value < math.inf))):
                 raise ConfigurationError(name, getattr(self, name), f"{n} numbers of zero or more")
             object.__setattr__(self, name, value)
+        if self.stops is not None:
+            stops = np.array(self.stops, dtype=np.float64)
+            if stops.shape != (2, n) or not np.all(stops[0] < stops[1]):
+                raise ConfigurationError("stops", self.stops, f"(2, {n}) numbers, lower ones below upper ones")
+            object.__setattr__(self, "stops", stops)
         bodies = tuple(self.bodies)
         for body in bodies:
             if not (isinstance(body, Body) and 1 <= body.link <= n and 0.0 <= body.mass < math.inf):

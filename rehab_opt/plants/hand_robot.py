@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from rehab_opt.plants.channel import Channel
-from rehab_opt.plants.contacts import Wall
 from rehab_opt.plants.drives import HandForceLoop
 from rehab_opt.plants.force_robot import ForceRobot, RobotModel
 from rehab_opt.plants.mujoco_arm import MujocoArm
@@ -86,7 +84,7 @@ class OnMujoco(NamedTuple):
 class MujocoHandRobot:
     """The robot of `RobotModel` as a mass on two axes in MuJoCo, its force loop in steps of the physics.
 
-    Dry friction acts on each axis apart; the mechanical stops are walls.
+    Dry friction acts on each axis apart; the mechanical stops are MuJoCo's, a little soft.
 
     Parameters
     ----------
@@ -102,18 +100,13 @@ class MujocoHandRobot:
         self._drive = HandForceLoop(
             model.gain, model.integral, model.motor_limit, held_mass=hand_mass, lag=kind.lag, noise=model.noise, rng=own
         )
-        stops = [
-            Wall(end, inward * axis)
-            for ends, inward in ((model.lower, 1.0), (model.upper, -1.0))
-            for end, axis in zip(np.diag([*ends, 0.0])[:2], np.eye(3)[:2], strict=True)
-            if math.isfinite(float(np.abs(end).max()))
-        ]
         self._plant = MujocoArm(
-            point_mass_model(model.mass + hand_mass, viscous=model.viscous, coulomb=model.coulomb),
+            point_mass_model(
+                model.mass + hand_mass, viscous=model.viscous, coulomb=model.coulomb, stops=(model.lower, model.upper)
+            ),
             dt=dt,
             drive=self._drive,
             channel=kind.channel,
-            contacts=stops,
             seed=own,
             physics_step=kind.physics_step,
         )

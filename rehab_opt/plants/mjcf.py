@@ -17,6 +17,8 @@ Array = NDArray[np.float64]
 
 HAND = "hand"
 """Name of the tool's site."""
+FAR = 1e6
+"""[rad, m] A stop beyond this is none."""
 NEGLIGIBLE = 1e-9
 """[kg, kg m^2] Of a link without a mass: MuJoCo wants some; rotors and other links give the joint its inertia."""
 
@@ -44,7 +46,7 @@ def arm_mjcf(model: ArmModel, *, step: float) -> str:
             f"{_inertial([body for body in model.bodies if body.link == i + 1])}"
             f'<joint name="{chain.names[i]}" type="{kind}" pos="{_text(back[:3, 3])}" axis="{_text(back[:3, 2])}" '
             f'armature="{float(model.rotors[i])!r}" damping="{float(model.viscous[i])!r}" '
-            f'frictionloss="{float(model.coulomb[i])!r}"/>'
+            f'frictionloss="{float(model.coulomb[i])!r}"{_stops(model, i)}/>'
         )
         placed = np.eye(4)
     site = f'<site name="{HAND}" {_pose(chain.tool)}/>'
@@ -52,7 +54,7 @@ def arm_mjcf(model: ArmModel, *, step: float) -> str:
     return (
         '<mujoco model="arm"><compiler angle="radian" autolimits="false" inertiafromgeom="false"/>'
         f'<option timestep="{step!r}" integrator="implicitfast" gravity="{_text(np.array(model.gravity))}">'
-        '<flag contact="disable" limit="disable"/></option>'
+        '<flag contact="disable"/></option>'
         f"<worldbody>{bodies}</worldbody></mujoco>"
     )
 
@@ -70,6 +72,13 @@ def row_pose(row: DH, value: float) -> Array:
             [0.0, 0.0, 0.0, 1.0],
         ]
     )
+
+
+def _stops(model: ArmModel, joint: int) -> str:
+    if model.stops is None or not np.isfinite(model.stops[:, joint]).any():
+        return ""
+    low, high = np.clip(model.stops[:, joint], -FAR, FAR)
+    return f' limited="true" range="{_text(np.array([low, high]))}"'
 
 
 def _inertial(bodies: Sequence[Body]) -> str:

@@ -30,8 +30,8 @@ class MujocoArm(SampledPlant):
 
     The drives know gravity and velocity torques of the arm exactly (not what touches it), as a vendor's do; nothing
     else is compensated: friction, the coupling of the joints' inertias and the torque limits are there. Links do not
-    collide with anything, and joints have no mechanical stops: their limits are the controller's to hold. Contacts act
-    on the hand, a point.
+    collide with anything, and joints have no stops but those of the model: their limits are the controller's to hold.
+    Contacts act on the hand, a point.
 
     Parameters
     ----------

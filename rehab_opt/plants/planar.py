@@ -19,14 +19,19 @@ FASTEST = 10.0
 
 
 def point_mass_model(
-    mass: float, *, viscous: float = 0.0, coulomb: float = 0.0, force_limit: float = math.inf
+    mass: float,
+    *,
+    viscous: float = 0.0,
+    coulomb: float = 0.0,
+    force_limit: float = math.inf,
+    stops: ArrayLike | None = None,
 ) -> ArmModel:
     """A mass [kg] that slides along x and y; its positions are those of the hand [m].
 
     Parameters
     ----------
     viscous, coulomb : [N s/m], [N] friction of each axis, apart: dry friction is a square rather than a circle.
-    force_limit : [N] of each axis' drive.
+    force_limit : [N] of each axis' drive. stops : (2, 2) [m] lower and upper ends of both axes, or None.
     """
     rows = (DH(0.0, -math.pi / 2, 0.0, math.pi / 2, prismatic=True), DH(0.0, 0.0, 0.0, 0.0, prismatic=True))
     # z before the first row is x, and before the second one y.
@@ -43,6 +48,7 @@ def point_mass_model(
         axes + coulomb,
         axes + viscous,
         (0.0, 0.0, 0.0),
+        stops,  # type: ignore[arg-type]  # checked there
     )
 
 

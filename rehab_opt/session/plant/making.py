@@ -9,7 +9,7 @@ from rehab_opt.errors import ConfigurationError
 from rehab_opt.plants.channel import Channel
 from rehab_opt.plants.ideal import IdealJoints
 from rehab_opt.session.files import ProblemFile
-from rehab_opt.session.plant.tables import KINDS, ChairPlant, HandPlant, JointPlant, PlantTable
+from rehab_opt.session.plant.tables import KINDS, ChairPlant, JointPlant, PlantTable
 from rehab_opt.session.schema import Problem
 
 if TYPE_CHECKING:
@@ -101,15 +101,9 @@ def plant_note(table: PlantTable, ideal: str) -> str:
     if table.kind == "ideal":
         return ideal
     both = table.command_delay_ms + table.measurement_delay_ms
-    if isinstance(table, HandPlant):
-        noise = f"{1e3 * table.position_noise_m:g} mm of noise, {table.force_lag_ms:g} ms of lag of the force"
-    elif isinstance(table, JointPlant):
-        noise = f"{1e3 * table.position_noise_rad:g} mrad of noise, a {table.servo} servo of {table.servo_hz:g} Hz"
-    elif isinstance(table, ChairPlant):
-        noise = f"{1e3 * table.position_noise_rad:g} mrad of noise, {table.wheel_lag_ms:g} ms of lag of the wheels"
     return (
         f"the robot is simulated in MuJoCo: {both:g} ms of delay (commands {table.command_delay_ms:g}, measurements "
-        f"{table.measurement_delay_ms:g}), {noise}; places and speeds are the true ones"
+        f"{table.measurement_delay_ms:g}), {table.imperfections}; {table.told_truly} the true ones"
     )
 
 

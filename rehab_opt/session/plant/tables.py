@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, Self, get_args
+from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 
 from pydantic import Field, model_validator
 
@@ -34,6 +34,14 @@ class PlantTable(Section):
             raise refusal(said[0], getattr(self, said[0]), 'no such key but for kind = "mujoco"')
         return self
 
+    told_truly: ClassVar[str] = "places and speeds are"
+    """What the numbers and figures of a run have of the true robot."""
+
+    @property
+    def imperfections(self) -> str:
+        """Noise and lags besides the delays, in words."""
+        raise NotImplementedError
+
     @property
     def parameters(self) -> dict[str, Any]:
         """What a run reports of its plant."""
@@ -49,6 +57,11 @@ class JointPlant(PlantTable):
     position_resolution_rad: float = Field(default=0.0, ge=0, le=0.1)
     payload_kg: float = Field(default=0.0, ge=0, le=10)
 
+    @property
+    def imperfections(self) -> str:
+        """Of encoders and servos."""
+        return f"{1e3 * self.position_noise_rad:g} mrad of noise, a {self.servo} servo of {self.servo_hz:g} Hz"
+
 
 class HandPlant(PlantTable):
     """A robot in the plane whose force on the hand is commanded."""
@@ -56,6 +69,11 @@ class HandPlant(PlantTable):
     force_lag_ms: Milliseconds = 3.0
     position_noise_m: float = Field(default=2e-5, ge=0, le=0.01)
     position_resolution_m: float = Field(default=0.0, ge=0, le=0.01)
+
+    @property
+    def imperfections(self) -> str:
+        """Of the sensor and the motors."""
+        return f"{1e3 * self.position_noise_m:g} mm of noise, {self.force_lag_ms:g} ms of lag of the force"
 
 
 class ChairPlant(PlantTable):
@@ -65,3 +83,10 @@ class ChairPlant(PlantTable):
     wheel_lag_ms: Milliseconds = 80.0
     servo_hz: float = Field(default=24.0, gt=0, le=500)
     position_noise_rad: float = Field(default=1e-4, ge=0, le=0.1)
+
+    told_truly: ClassVar[str] = "places are"
+
+    @property
+    def imperfections(self) -> str:
+        """Of the sensors and the wheels."""
+        return f"{1e3 * self.position_noise_rad:g} mrad of noise, {self.wheel_lag_ms:g} ms of lag of the wheels"
