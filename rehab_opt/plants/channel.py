@@ -70,16 +70,14 @@ class Commands:
         self._delay, self._jitter, self._rng = channel.command_delay, channel.command_jitter, rng
         self._underway: deque[tuple[float, Array]] = deque()
         self._arrived = first
-        self._last = -math.inf
 
     def send(self, time: float, command: Array) -> None:
         """A command leaves at `time` [s]."""
         late = self._delay + (self._jitter * self._rng.random() if self._jitter else 0.0)
-        self._last = max(self._last, time + late)
-        self._underway.append((self._last, command))
+        self._underway.append((time + late, command))
 
     def at(self, time: float) -> Array:
-        """The command that acts at `time` [s]."""
+        """The command that acts at `time` [s]: one that is late keeps those behind it waiting."""
         while self._underway and self._underway[0][0] <= time + ROUNDING:
             self._arrived = self._underway.popleft()[1]
         return self._arrived

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rehab_opt import ConfigurationError
-from rehab_opt.plants.channel import Channel
+from rehab_opt.plants.channel import Channel, Commands
 from rehab_opt.plants.drives import HandForce
 from rehab_opt.plants.mujoco_arm import MujocoArm
 from rehab_opt.plants.planar import point_mass_model
@@ -74,6 +74,15 @@ def test_of_jittered_commands_the_last_one_sent_rules_in_the_end() -> None:
     assert np.all(np.diff(acted) >= 0.0)
     assert late[20:].min() >= 0.0
     assert late[20:].max() <= 7.0
+
+
+def test_of_commands_that_arrive_together_the_last_one_acts() -> None:
+    way = Commands(Channel(command_delay=0.002), np.random.default_rng(0), np.zeros(1))
+    for k in range(1, 4):
+        way.send(0.001 * k, np.array([float(k)]))
+    assert way.at(0.0029) == 0.0
+    assert way.at(0.0041) == 2.0
+    assert way.at(0.01) == 3.0
 
 
 def test_noise_has_its_size_and_no_bias_and_encoders_their_counts() -> None:
