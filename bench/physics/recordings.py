@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from bench.physics.setting import Numbers, Setting
 from rehab_opt import MirrorTracker
 from rehab_opt.plants.ideal import IdealJoints
 from rehab_opt.plants.mujoco_arm import MujocoArm
+from rehab_opt.plants.plant import Plant
 from rehab_opt.plants.ur5_model import ur5_model
 from rehab_opt.session.files import load_problem
 from rehab_opt.session.mirror.laws import followed, tracker_of
-from rehab_opt.session.mirror.scene import laid_out
+from rehab_opt.session.mirror.scene import Scene, laid_out
 
 __all__ = ["mirrored"]
 
@@ -21,27 +20,23 @@ STALLED = 2.0
 
 
 def mirrored(setting: Setting) -> Numbers:
-    """Mean lag at the file's rate over what is allowed: 1.2 of the ideal robot's, and 0.1 s. Infinite where it stalls."""
+    """Mean lag at the file's rate, over 1.2 times the ideal robot's and 0.1 s; infinite where it stalls."""
     name = PROBLEMS[int(setting.rng.integers(len(PROBLEMS)))]
     loaded = load_problem(name)
-    problem, scene = loaded.problem, laid_out(loaded)
-    dt = 1.0 / problem.tracker.rate_hz
-    plant: Any = IdealJoints(dt)
-    key = ("ideal lag", name)
+    problem, told = loaded.problem, setting.told(MirrorTracker)
+    dt, key = 1.0 / problem.tracker.rate_hz, (name, repr(told))
     if key not in setting.kept:
-        setting.kept["tracker", name] = tracker_of(problem, scene, file=name)
-        setting.kept[key] = _lag(setting.kept["tracker", name], scene, plant)
-    if not setting.ideal:
-        model = ur5_model(scene.robot)
-        plant = MujocoArm(model, dt=dt, channel=setting.channel, seed=setting.rng)
-    told = setting.told(MirrorTracker)
-    if told:
-        raise NotImplementedError(f"problem files have no keys for {', '.join(told)} yet: pass them here")
-    lag = _lag(setting.kept["tracker", name], scene, plant)
-    return {"mirror: lag": lag / (1.2 * setting.kept[key] + 0.1)}
+        scene = laid_out(loaded)
+        tracker = tracker_of(problem, scene, file=name, **told)
+        setting.kept[key] = scene, tracker, _lag(tracker, scene, IdealJoints(dt))
+    scene, tracker, ideal = setting.kept[key]
+    if setting.ideal:
+        return {"mirror: lag": ideal / (1.2 * ideal + 0.1)}
+    plant = MujocoArm(ur5_model(scene.robot), dt=dt, channel=setting.channel, seed=setting.rng)
+    return {"mirror: lag": _lag(tracker, scene, plant) / (1.2 * ideal + 0.1)}
 
 
-def _lag(tracker: MirrorTracker, scene: Any, plant: Any) -> float:
+def _lag(tracker: MirrorTracker, scene: Scene, plant: Plant) -> float:
     """[s] mean."""
     led = followed(tracker, scene, plant, patience=STALLED, progress=lambda *_: None)
     late: float = float(led.lag.mean())

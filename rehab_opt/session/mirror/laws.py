@@ -44,8 +44,10 @@ KEYS = {
 """Where the problem file says what the tracker calls by its own name."""
 
 
-def tracker_of(problem: MirrorProblem, scene: Scene, *, file: str, backup: str | None = None) -> MirrorTracker:
-    """The tracker with the file's parameters; `backup` as for `Ladder`.
+def tracker_of(
+    problem: MirrorProblem, scene: Scene, *, file: str, backup: str | None = None, **options: Any
+) -> MirrorTracker:
+    """The tracker with the file's parameters; `backup` as for `Ladder`, `options` are further ones of `MirrorTracker`.
 
     Raises
     ------
@@ -73,6 +75,7 @@ def tracker_of(problem: MirrorProblem, scene: Scene, *, file: str, backup: str |
             grip=grip,
             dt=1.0 / section.rate_hz,
             backup=backup,
+            **options,
         )
     except ConfigurationError as refused:
         key = KEYS.get(refused.argument, f"tracker.{refused.argument}")
