@@ -12,7 +12,7 @@ from rehab_opt import KeepOut, MirrorTracker, PoseTracker
 
 __all__ = ["hand_bounds", "held_limit"]
 
-APPROACH, HELD = 1.5, 3.0
+APPROACH, HELD = 3.0, 3.0
 """[s]"""
 FLOOR, PLANE, SPEED = 0.3, 0.2, 0.25
 """Share of the largest manipulability; [m] from the hand at the ready posture to the plane; [m/s]"""

@@ -83,6 +83,7 @@ ROWS = (
     Row("true joint beyond its limit, worst", "limit", _worst("beyond the limit"), 0.5, "mrad", 1e3),
     Row("limit held for 3 s: peak to peak, worst", "limit", _worst("limit: peak to peak"), 0.3, "mrad", 1e3),
     Row("limit held for 3 s: hand RMS, worst", "limit", _worst("limit: hand RMS"), 2.0, "mm/s", 1e3),
+    Row("tasks in which a joint came to its limit", "limit", _mean("limit reached"), math.inf, "%", 100.0),
     Row("w / w_max below the floor, worst", "hand", _worst("below the floor"), 0.002, ""),
     Row("into a keep-out plane, worst", "hand", _worst("into keep-out"), 0.5, "mm", 1e3),
     Row("true hand speed / its bound, worst", "hand", _worst("hand speed"), 1.02, ""),
@@ -101,6 +102,7 @@ ROWS = (
     Row("speed on release, worst", "blocked", _worst("release"), 0.1, "m/s"),
     Row("frozen encoder, fresh stamps: braking after, worst", "frozen", _worst("frozen encoder"), 0.2, "s"),
     Row("28 +- 2 N: gives way / (F/k), least", "push", _least("push: gives way"), 1.2, "", at_least=0.8),
+    Row("28 +- 2 N: stiffness of the reply, largest", "push", _worst("push: stiffness"), 600.0, "N/m"),
     Row("28 +- 2 N: from its place 2 s later, worst", "push", _worst("push: back"), 5.0, "mm", 1e3),
     Row("28 +- 2 N: changes of status, worst", "push", _worst("push: changes"), 4.0, ""),
 )  # fmt: skip

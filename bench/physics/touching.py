@@ -106,10 +106,11 @@ def pushed(setting: Setting) -> Numbers:
         each=lambda k, _: PUSH * way if begin <= k < end else None,
     )
     gone = (run.hand - pose[:3, 3]) @ way
-    expected = PUSH / law.stiffness
+    moved = float(gone[begin + round(rate) : end].mean())
     changes = sum(a is not b for a, b in zip(run.status, run.status[1:], strict=False))
     return {
-        "push: gives way": float(gone[begin + round(rate) : end].mean()) / expected,
+        "push: gives way": moved * law.stiffness / PUSH,
+        "push: stiffness": PUSH / max(moved, 1e-6),
         "push: back": float(np.linalg.norm(run.hand[-1] - pose[:3, 3])),
         "push: changes": float(changes),
     }

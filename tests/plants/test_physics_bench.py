@@ -19,8 +19,7 @@ def test_joints_that_move_as_commanded_keep_every_bound() -> None:
     tasks = {"limit": range(2), "hand": range(1)}  # both arms; a tracker with hand bounds takes seconds to build
     found = {name: done(name, numbers, 5, ideal=True, feedback=None) for name, numbers in tasks.items()}
     rows = measured(found)
-    assert len(rows) == 6
-    assert [row.verdict for row in rows] == ["PASS"] * 6, table(rows)
+    assert [row.verdict for row in rows] == ["PASS"] * 3 + [""] + ["PASS"] * 3, table(rows)
     assert any(each.numbers["limit reached"] for each in found["limit"])
 
 
@@ -30,7 +29,7 @@ def test_a_late_and_noisy_robot_is_measured_and_judged() -> None:
     rows = measured(found)
     lines = table(rows)
     assert len(lines) == 2 + len(rows)
-    assert all(row.verdict in ("PASS", "FAIL") for row in rows)
+    assert all(row.verdict in ("PASS", "FAIL") or row.row.at_most == np.inf for row in rows)
     assert all(np.isfinite(row.total) or row.row.task == "frozen" for row in rows)
     again = done("limit", worst, 5, ideal=False, feedback=None)
     assert again == found["limit"]  # the seed says everything
@@ -56,9 +55,9 @@ def test_a_controller_is_told_what_its_class_can_be_told() -> None:
 
 @pytest.mark.parametrize("value", [float("nan"), 0.6])
 def test_a_number_that_misses_its_bound_or_is_none_fails(value: float) -> None:
-    numbers = {"beyond the limit": 1e-3 * value, "limit: peak to peak": 0.0, "limit: hand RMS": 0.0}
+    numbers = {"beyond the limit": 1e-3 * value, "limit: peak to peak": 0.0, "limit: hand RMS": 0.0, "limit reached": 1}
     rows = measured({"limit": [Done(CELLS[0], numbers)]})
-    assert [row.verdict for row in rows] == ["FAIL", "PASS", "PASS"]
+    assert [row.verdict for row in rows] == ["FAIL", "PASS", "PASS", ""]
 
 
 @pytest.mark.parametrize("name", ARMS)
