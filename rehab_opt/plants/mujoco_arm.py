@@ -79,9 +79,10 @@ class MujocoArm(SampledPlant):
         """[J] kinetic and potential, of the arm alone."""
         mujoco, data = self._mujoco, self._data
         mujoco.mj_forward(self._arm, data)
-        mujoco.mj_energyPos(self._arm, data)
-        mujoco.mj_energyVel(self._arm, data)
-        return float(data.energy[0] + data.energy[1])
+        momentum = np.zeros(self.n)
+        mujoco.mj_mulM(self._arm, data, momentum, data.qvel)
+        height = self._arm.body_mass @ data.xipos @ np.array(self.model.gravity)
+        return float(0.5 * momentum @ data.qvel - height)
 
     @property
     def hand_pose(self) -> Array:
@@ -98,7 +99,8 @@ class MujocoArm(SampledPlant):
         data.qpos[:] = position
         mujoco.mj_forward(self._arm, data)
         full = np.zeros((self.n, self.n))
-        mujoco.mj_fullM(self._arm, data, full)
+        for row, one in zip(full, np.eye(self.n), strict=True):  # `mj_fullM` takes others from one version to the next
+            mujoco.mj_mulM(self._arm, data, row, one)
         return full
 
     def feedforward(self) -> Array:
