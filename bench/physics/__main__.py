@@ -16,27 +16,16 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
 
 from bench.machine import machine
-from bench.physics.rows import TASKS, Done, Measured, measured
-from bench.physics.setting import CELLS, setting_of
+from bench.physics.rows import TASKS, Done, Measured, done, measured
+from bench.physics.setting import CELLS
 
-__all__ = ["done", "main", "table"]
+__all__ = ["main", "table"]
 
 RESULTS = Path(__file__).parents[1] / "RESULTS.md"
 BEGIN, END = "<!-- physics: begin -->", "<!-- physics: end -->"
 DEAREST_FIRST = ("tracking", "hand", "energy", "help", "limit", "mirror", "push", "blocked", "frozen")
-
-
-def done(name: str, numbers: Sequence[int], seed: int, ideal: bool, feedback: str | None) -> list[Done]:
-    """Tasks of one kind, by their numbers."""
-    kept: dict[Any, Any] = {}
-    found = []
-    for number in numbers:
-        setting = setting_of(number, name, seed=seed, ideal=ideal, feedback=feedback, kept=kept)
-        found.append(Done(setting.cell, TASKS[name](setting)))
-    return found
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -5,18 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from bench.physics.forces import BUDGET, CAP, delivered, reached
 from bench.physics.limits import hand_bounds, held_limit
 from bench.physics.recordings import mirrored
-from bench.physics.setting import Cell, Numbers, Task
+from bench.physics.setting import Cell, Numbers, Task, setting_of
 from bench.physics.touching import blocked, frozen, pushed
 from bench.physics.tracking import GAINS, PINK, tracked
 
-__all__ = ["ROWS", "TASKS", "Done", "Row", "measured"]
+__all__ = ["ROWS", "TASKS", "Done", "Measured", "Row", "done", "measured"]
 
 TASKS: Mapping[str, Task] = MappingProxyType(
     {
@@ -106,6 +106,16 @@ ROWS = (
     Row("28 +- 2 N: from its place 2 s later, worst", "push", _worst("push: back"), 5.0, "mm", 1e3),
     Row("28 +- 2 N: changes of status, worst", "push", _worst("push: changes"), 4.0, ""),
 )  # fmt: skip
+
+
+def done(name: str, numbers: Sequence[int], seed: int, ideal: bool, feedback: str | None) -> list[Done]:
+    """Tasks of one kind, by their numbers."""
+    kept: dict[Any, Any] = {}
+    found = []
+    for number in numbers:
+        setting = setting_of(number, name, seed=seed, ideal=ideal, feedback=feedback, kept=kept)
+        found.append(Done(setting.cell, TASKS[name](setting)))
+    return found
 
 
 class Measured(NamedTuple):

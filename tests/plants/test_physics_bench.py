@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.physics.__main__ import done, table
+from bench.physics.__main__ import main, table
 from bench.physics.arms import ARMS, iiwa
 from bench.physics.geometry import frames, heights, jacobians, manipulabilities
-from bench.physics.rows import Done, measured
+from bench.physics.rows import Done, done, measured
 from bench.physics.setting import CELLS, Cell, setting_of
 from rehab_opt import KeepOut, PoseTracker
 
@@ -33,6 +33,15 @@ def test_a_late_and_noisy_robot_is_measured_and_judged() -> None:
     assert all(np.isfinite(row.total) or row.row.task == "frozen" for row in rows)
     again = done("limit", worst, 5, ideal=False, feedback=None)
     assert again == found["limit"]  # the seed says everything
+
+
+def test_processes_share_the_tasks_and_change_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+    told = ["--tasks", "2", "--only", "blocked", "--seed", "3"]
+    codes = [main([*told, "--processes", count]) for count in ("1", "2")]
+    lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("| ")]
+    assert codes == [1, 1]  # a blocked hand winds up, as yet
+    assert len(lines) == 2 * 4
+    assert lines[:4] == lines[4:]
 
 
 def test_every_cell_is_met_with_both_arms() -> None:
