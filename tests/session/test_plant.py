@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from rehab_opt import ConfigurationError, ProblemFileError
+from rehab_opt.cli import main
 from rehab_opt.kinematics.ardis import ARDIS_READY
 from rehab_opt.plants.channel import Channel
 from rehab_opt.plants.force_robot import ForceRobot, RobotModel
@@ -24,9 +25,10 @@ from rehab_opt.session.mirror.laws import without_floor
 from rehab_opt.session.mirror.scene import laid_out
 from rehab_opt.session.plant.making import chair_plant, joint_plant, on_plant
 from rehab_opt.session.plant.tables import ChairPlant, HandPlant, JointPlant
+from rehab_opt.session.pose_tracking.figures import robot_figures
 from rehab_opt.session.pose_tracking.outcome import RobotOutcome
-from rehab_opt.session.report import write_report
-from rehab_opt.session.run import run_problem
+from rehab_opt.session.pose_tracking.trace import robot_columns
+from rehab_opt.session.run import checked, run_problem
 from rehab_opt.session.scenario.plant import hand_robot_of
 
 CIRCLE = {"circle": {"radius_m": 0.03, "duration_s": 1.5, "turns": 1.0, "swing_deg": 10.0}}
@@ -96,6 +98,25 @@ def test_an_unknown_kind_and_an_absent_mujoco_are_refused(monkeypatch: pytest.Mo
         run_problem(load_problem("robot/ur5_circle"), plant="mujoco")
 
 
+@pytest.mark.parametrize(
+    "name", ["robot/ur5_circle", "mirror/pick_fruit", "upper_limb/scenario_2_assist", "ardis/press_lift_button"]
+)
+def test_a_check_tells_that_mujoco_is_missing(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(ConfigurationError, match=r"rehab_opt\[physics\]"):
+        checked(changed(name, plant={"kind": "mujoco"}))
+
+
+def test_the_command_line_refuses_in_one_line(tmp_path: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    for told in (["upper_limb/workspace", "--plant", "mujoco"], ["robot/ur5_circle", "--plant", "gazebo"]):
+        with pytest.raises(SystemExit) as end:
+            main(["run", *told, "--out", str(tmp_path / "out")])
+        assert end.value.code == 2
+        lines = capsys.readouterr().err.splitlines()
+        assert len(lines) == 1
+        assert "--plant" in lines[0]
+
+
 def test_the_option_goes_before_the_file() -> None:
     file = changed("robot/ur5_circle", plant={"kind": "mujoco", "servo_hz": 10.0, "command_delay_ms": 8.0})
     assert on_plant(file, None).problem.plant.servo_hz == 10.0
@@ -105,7 +126,7 @@ def test_the_option_goes_before_the_file() -> None:
 
 
 @pytest.mark.parametrize("servo", ["velocity", "position"])
-def test_a_circle_on_servos_shows_what_was_commanded_and_what_was_true(servo: str, tmp_path: Any) -> None:
+def test_a_circle_on_servos_shows_what_was_commanded_and_what_was_true(servo: str) -> None:
     pytest.importorskip("mujoco")
     outcome = circle(plant={"kind": "mujoco", "servo": servo})
     motion = outcome.motion
@@ -118,11 +139,13 @@ def test_a_circle_on_servos_shows_what_was_commanded_and_what_was_true(servo: st
     assert np.abs(motion.commanded - motion.velocity).max() > 0.01
     assert 1e-4 < outcome.position_error.max() < 0.03
     assert any("5 ms of delay" in note for note in outcome.notes)
-    names = {path.name for path in write_report(outcome, tmp_path / "out")}
-    assert "servos.png" in names
-    header = (tmp_path / "out" / "trace.csv").read_text(encoding="utf-8").splitlines()[0]
-    assert "measured_elbow_rad" in header
-    assert "velocity_elbow_rad_s" in header
+    shown = robot_figures(outcome)["servos"]
+    lines = {line.get_label(): line.get_ydata() for line in shown.axes[4].get_lines()}  # of the elbow
+    np.testing.assert_allclose(np.deg2rad(lines["true"]), motion.velocity[:, 2], atol=1e-12)
+    np.testing.assert_allclose(np.deg2rad(lines["commanded"]), motion.commanded[:, 2], atol=1e-12)
+    columns = dict(robot_columns(outcome))
+    assert columns["measured_elbow_rad"] == motion.measured[:, 2].tolist()
+    assert columns["velocity_elbow_rad_s"] == motion.velocity[:, 2].tolist()
 
 
 def test_a_later_command_follows_worse() -> None:

@@ -36,6 +36,7 @@ class ArdisSystem:
 
     def check(self, loaded: ProblemFile[ArdisProblem]) -> tuple[str, ...]:
         """Reads the sticks, builds the robot and its controllers."""
+        on_plant(loaded, None)
         robot = robot_of(loaded)
         start_of(loaded, robot)
         joystick_of(loaded)

@@ -37,6 +37,7 @@ class MirrorSystem:
         from rehab_opt.session.mirror.laws import tracker_of  # noqa: PLC0415  (loads solvers)
         from rehab_opt.session.mirror.scene import laid_out  # noqa: PLC0415
 
+        on_plant(loaded, None)
         scene = laid_out(loaded)
         tracker_of(loaded.problem, scene, file=loaded.file)
         return scene.notes

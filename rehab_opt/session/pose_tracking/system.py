@@ -34,6 +34,7 @@ class PoseTrackingSystem:
 
     def check(self, loaded: ProblemFile[PoseTracking]) -> tuple[str, ...]:
         """Builds the robot and the tracker."""
+        on_plant(loaded, None)
         robot, _ = robot_at_start(loaded.problem.robot, file=loaded.file)
         with _refusals(loaded, None):
             tracker_of(loaded.problem, robot, file=loaded.file)

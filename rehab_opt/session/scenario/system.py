@@ -40,6 +40,7 @@ class ScenarioSystem:
 
     def check(self, loaded: ProblemFile[ScenarioProblem]) -> tuple[str, ...]:
         """Builds arm, robot and the force's bounds, reads recordings, learns; the run sees where the task lies."""
+        on_plant(loaded, None)
         arm = loaded.problem.arm
         for name in ("comfortable", "reachable"):
             arm_of(arm.side, arm.segments, getattr(arm, name), file=loaded.file)
