@@ -186,8 +186,8 @@ class BoundedForce(OneThread):
         self._prepare, self._finish, self._affordable, self._give, self._take = rest
         (_, watched, last, sample), (watched_next, judged) = self._judge.inputs, self._judge.outputs
         (_, state, view, asked), (state_next, solved) = self._conclude.inputs, self._conclude.outputs
-        tank = watched_record(self.slots)["tank"]
-        self._level, self._pending = (tank + tank_record(self.slots)[name] for name in ("level", "pending"))
+        self._tank, at = watched_record(self.slots).places["tank"], watched_record(self.slots)["tank"]
+        self._level, self._pending = (at + tank_record(self.slots)[name] for name in ("level", "pending"))
         self._watched, self._force = watched, state[-2:]
         # Views of views: reading and assigning through them costs half of numpy's.
         self._now, self._next, self._judged, self._sample = map(_view, (watched, watched_next, judged, sample))
@@ -216,23 +216,26 @@ class BoundedForce(OneThread):
         if not math.hypot(*acting) <= self.force_limit:
             raise ConfigurationError("force", force, f"at most {self.force_limit:g} N")
         self._claim()
-        level = self.energy_budget if energy else self.energy_left
-        self._watched[:] = self.nothing_seen(level, acting)
+        kept = self._watched[self._tank].copy()
+        self._watched[:] = self.nothing_seen(acting)
+        if not energy:
+            self._watched[self._tank] = kept
         self.wanted, self.usable = (0.0, 0.0), False
         self._conclude.inputs[1][:] = 0.0
         self._force[:] = acting
         self._ladder.forget()
         self._give_away()
 
-    def nothing_seen(self, level: float, force: tuple[float, float] = (0.0, 0.0)) -> Array:
-        """`watched_record` of a hand that was not seen yet, with so much energy left [J], while a force acts [N]."""
-        full = dict.fromkeys(tank_record(self.slots).places, 0.0) | {"level": level, "x": force[0], "y": force[1]}
+    def nothing_seen(self, force: tuple[float, float] = (0.0, 0.0)) -> Array:
+        """`watched_record` of a hand that was not seen yet, with a full tank, while a force acts [N]."""
         impulse = np.zeros(self.slots)
         impulse[0] = math.hypot(*force) * self.model[MODEL["window"]]
+        told: dict[str, ArrayLike] = {"level": self.energy_budget, "x": force[0], "y": force[1], "impulse": impulse}
+        full: dict[str, ArrayLike] = dict.fromkeys(tank_record(self.slots).places, 0.0)
         return watched_record(self.slots).numbers(
             stamps=STAMPS.numbers(last=_NAN, lag=0, stamped=0),
             hand=HAND.numbers(x=_NAN, v=0, estimated=0, stamp=_NAN),
-            tank=tank_record(self.slots).numbers(**full | {"impulse": impulse}),
+            tank=tank_record(self.slots).numbers(**full | told),
         )
 
     @property

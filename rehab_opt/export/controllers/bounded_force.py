@@ -90,7 +90,7 @@ class ExportedForce(ExportedController):
             **{f"{name}_names": ", ".join(record.places) for name, record in records.items()},
             "dt": number(self.force.dt),
             "model": initialiser(self.force.model),
-            "nothing_seen": initialiser(self.force.nothing_seen(self.force.energy_budget)),
+            "nothing_seen": initialiser(self.force.nothing_seen()),
             "wanted": self.wanted,
         }
 
