@@ -137,7 +137,7 @@ class ChairLimits:
     def reach(self) -> float:
         """[m] of the arm."""
         rows = self.robot.chain.rows
-        return abs(rows[4].d) + abs(rows[6].d)
+        return abs(rows[4].along) + abs(rows[6].along)
 
     @property
     def moving(self) -> list[int]:

@@ -1,4 +1,4 @@
-"""Serial chains from standard Denavit-Hartenberg rows: pose, Jacobian, manipulability, and the expressions behind."""
+"""Serial chains from Denavit-Hartenberg rows or robot files: pose, Jacobian, manipulability, expressions behind."""
 
 from __future__ import annotations
 
@@ -13,13 +13,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.kinematics.denavit_hartenberg import DH, checked_rows, pose_after, pose_before, product
+from rehab_opt.kinematics.body import Body
+from rehab_opt.kinematics.denavit_hartenberg import checked_rows
 from rehab_opt.kinematics.determinant import determinant
+from rehab_opt.kinematics.link import ChainRow, pose_after, pose_before, product
 from rehab_opt.kinematics.link_capsules import LinkCapsule, checked_capsules
 from rehab_opt.kinematics.real_array import real_array
+from rehab_opt.kinematics.rigid import nearest_rigid
 from rehab_opt.symbolic.shared import Evaluator
 
-__all__ = ["SerialChain", "per_joint", "rigid"]
+__all__ = ["SerialChain", "per_joint"]
 
 Array = NDArray[np.float64]
 
@@ -30,13 +33,15 @@ class SerialChain:
 
     Parameters
     ----------
-    rows : n Denavit-Hartenberg rows, base to tip.
+    rows : n Denavit-Hartenberg rows or `Link`s, base to tip.
     lower, upper : (n,) joint position limits [rad or m]; may be infinite; equal ones lock the joint.
     velocity : (n,) largest joint speeds [rad/s or m/s], finite and positive. A scalar stands for all.
     acceleration : (n,) largest joint accelerations [rad/s^2 or m/s^2], positive, infinite for none.
     names : (n,) joint names.
     base, tool : (4, 4) pose of row 1's frame in the base frame, and of the tool in the last row's frame.
     capsules : the links' bodies, for whatever keeps the robot clear of something; none by default.
+    bodies : the links' masses, where they are known; nothing here uses them.
+    notes : what a reader has to know about where the numbers come from; a rotation that was rounded, say.
 
     Raises
     ------
@@ -44,7 +49,7 @@ class SerialChain:
         capsule that is none.
     """
 
-    rows: tuple[DH, ...]
+    rows: tuple[ChainRow, ...]
     lower: Array = field(kw_only=True)
     upper: Array = field(kw_only=True)
     velocity: Array = field(kw_only=True)
@@ -53,6 +58,8 @@ class SerialChain:
     base: Array = field(default_factory=lambda: np.eye(4), kw_only=True)
     tool: Array = field(default_factory=lambda: np.eye(4), kw_only=True)
     capsules: tuple[LinkCapsule, ...] = field(default=(), kw_only=True)
+    bodies: tuple[Body, ...] = field(default=(), kw_only=True)
+    notes: tuple[str, ...] = field(default=(), kw_only=True)
 
     def __post_init__(self) -> None:
         """Check and freeze every argument."""
@@ -74,6 +81,8 @@ class SerialChain:
         acceleration = per_joint("acceleration", self.acceleration, n)
         if not np.all(acceleration > 0):
             raise ConfigurationError("acceleration", self.acceleration, "positive numbers (infinite for no bound)")
+        base, base_note = nearest_rigid("base", self.base)
+        tool, tool_note = nearest_rigid("tool", self.tool)
         checked = {
             "rows": rows,
             "names": names,
@@ -81,9 +90,11 @@ class SerialChain:
             "upper": upper,
             "velocity": velocity,
             "acceleration": acceleration,
-            "base": rigid("base", self.base),
-            "tool": rigid("tool", self.tool),
+            "base": base,
+            "tool": tool,
             "capsules": checked_capsules(self.capsules, n + 2),
+            "bodies": tuple(self.bodies),
+            "notes": (*self.notes, *(note for note in (base_note, tool_note) if note)),
         }
         for name, value in checked.items():
             object.__setattr__(self, name, value)
@@ -132,10 +143,10 @@ class SerialChain:
         return replace(self, **{name: value for name, value in given.items() if value is not None})  # type: ignore[arg-type]
 
     # -------------------------------------------------------------------------------------------- expressions
-    def frames_expression(self, q: ca.SX, rows: Sequence[DH] | None = None) -> list[ca.SX]:
+    def frames_expression(self, q: ca.SX, rows: Sequence[ChainRow] | None = None) -> list[ca.SX]:
         """N + 2 poses (4, 4) in the base frame: before joint 1, after each row, and the tool.
 
-        `rows` take the place of the chain's own; their a and d may be expressions, so that code serves any lengths.
+        `rows` take the place of the chain's own; their lengths may be expressions, so that code serves any lengths.
         """
         frames = [ca.SX(ca.DM(self.base))]
         for i, row in enumerate(self.rows if rows is None else rows):
@@ -143,7 +154,7 @@ class SerialChain:
         frames.append(product(frames[-1], ca.SX(ca.DM(self.tool))))
         return frames
 
-    def pose_expression(self, q: ca.SX, rows: Sequence[DH] | None = None) -> ca.SX:
+    def pose_expression(self, q: ca.SX, rows: Sequence[ChainRow] | None = None) -> ca.SX:
         """(4, 4) expression of `pose`: Eq. (2), Rossa et al.; `rows` as for `frames_expression`."""
         return self.frames_expression(q, rows)[-1]
 
@@ -232,20 +243,3 @@ def per_joint(argument: str, value: ArrayLike, n: int, *, finite: bool = False) 
         raise ConfigurationError(argument, value, f"{n} finite numbers")
     array.flags.writeable = False
     return array
-
-
-def rigid(argument: str, value: ArrayLike) -> Array:
-    """`value` as a read-only rigid transform (4, 4)."""
-    expected = "a (4, 4) rigid transform"
-    try:
-        pose = np.array(real_array(value))
-    except (TypeError, ValueError, OverflowError) as problem:
-        raise ConfigurationError(argument, value, expected) from problem
-    if pose.shape != (4, 4) or not np.all(np.isfinite(pose)):
-        raise ConfigurationError(argument, value, expected)
-    rotation = pose[:3, :3]
-    orthonormal = np.abs(rotation @ rotation.T - np.eye(3)).max() <= 1e-9
-    if not (orthonormal and np.linalg.det(rotation) > 0 and np.array_equal(pose[3], (0, 0, 0, 1))):
-        raise ConfigurationError(argument, value, expected)
-    pose.flags.writeable = False
-    return pose

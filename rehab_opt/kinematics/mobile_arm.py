@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.body import Body
 from rehab_opt.kinematics.chain import SerialChain, per_joint
 from rehab_opt.kinematics.differential import Differential
-from rehab_opt.kinematics.inertia import Body, inertia_expression
+from rehab_opt.kinematics.inertia import inertia_expression
 from rehab_opt.kinematics.mecanum import Mecanum, checked_amounts
 from rehab_opt.symbolic.shared import Evaluator
 
@@ -175,7 +176,7 @@ class MobileArm:
         still = ca.vertcat(ca.SX.zeros(CHAIR), q[CHAIR:])  # the chair's place changes no posture
         columns = chain.jacobian_expression(still)[:3, CHAIR : CHAIR + 3]
         volume = ca.dot(columns[:, 0], ca.cross(columns[:, 1], columns[:, 2]))
-        upper, fore = chain.rows[4].d, chain.rows[6].d
+        upper, fore = chain.rows[4].along, chain.rows[6].along
         share = (volume / (upper * fore**2)) ** 2
         return cost + self.singular_cost * (1 - share) ** 2 / 2
 

@@ -16,7 +16,8 @@ from rehab_opt.session.data_folder import ENVIRONMENT, PREFIX, data_file
 from rehab_opt.session.file_limits import LARGEST_PROBLEM, check_key_depth
 from rehab_opt.session.schema import FORMS, Problem
 from rehab_opt.session.systems import SYSTEMS, system_named
-from rehab_opt.session.text_lines import brief, shown, whole_text
+from rehab_opt.session.text_lines import brief
+from rehab_opt.text_file import shown, whole_text
 
 __all__ = [
     "ProblemFile",

@@ -8,10 +8,11 @@ import importlib.resources
 import json
 from functools import cache
 
+from rehab_opt.session.file_limits import LARGEST_RECORDING
 from rehab_opt.session.files import ProblemFile, recording_path
 from rehab_opt.session.schema import Problem
 from rehab_opt.session.systems import system_named
-from rehab_opt.session.text_lines import file_content
+from rehab_opt.text_file import file_content
 
 __all__ = ["inputs_digest", "software_digest"]
 
@@ -31,7 +32,7 @@ def inputs_digest(loaded: ProblemFile[Problem]) -> str:
     digest.update(json.dumps(said, sort_keys=True).encode())
     for needed in system_named(problem.system).recordings(problem):
         path = recording_path(loaded, needed.reference, key=needed.key)
-        digest.update(file_content(path, needed.reference))
+        digest.update(file_content(path, needed.reference, largest=LARGEST_RECORDING))
     return digest.hexdigest()
 
 
