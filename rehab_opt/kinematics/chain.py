@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import casadi as ca
@@ -17,7 +19,7 @@ from rehab_opt.kinematics.body import Body
 from rehab_opt.kinematics.denavit_hartenberg import checked_rows
 from rehab_opt.kinematics.determinant import determinant
 from rehab_opt.kinematics.link import ChainRow, pose_after, pose_before, product
-from rehab_opt.kinematics.link_capsules import LinkCapsule, checked_capsules
+from rehab_opt.kinematics.link_capsules import CapsuleOnLink, LinkCapsule, checked_capsules
 from rehab_opt.kinematics.real_array import real_array
 from rehab_opt.kinematics.rigid import nearest_rigid
 from rehab_opt.symbolic.shared import Evaluator
@@ -98,6 +100,97 @@ class SerialChain:
         }
         for name, value in checked.items():
             object.__setattr__(self, name, value)
+
+    @classmethod
+    def from_urdf(
+        cls,
+        file: str | Path,
+        *,
+        base: str | None = None,
+        tip: str | None = None,
+        acceleration: ArrayLike | Mapping[str, float],
+        velocity: ArrayLike | Mapping[str, float] | None = None,
+        lower: ArrayLike | Mapping[str, float] | None = None,
+        upper: ArrayLike | Mapping[str, float] | None = None,
+        locked: Mapping[str, float] = MappingProxyType({}),
+        mount: ArrayLike | None = None,
+        tool: ArrayLike | None = None,
+        capsules: Sequence[CapsuleOnLink] = (),
+    ) -> SerialChain:
+        """The chain between two links of a URDF: joints of any axis and origin, revolute, continuous or prismatic.
+
+        Frame i of `frames_expression` lies in the origin of joint i + 1, the last but one in that of the tip link;
+        their z axes are those of the joints. Angles are taken as they are written: a rounded 3.1416 stays one. Meshes
+        are not opened. `notes` says what was corrected; `bodies` holds the masses of the links on the way.
+
+        Parameters
+        ----------
+        file : the URDF. One in xacro is expanded first: `xacro arm.urdf.xacro > arm.urdf`.
+        base, tip : links where the chain begins and ends; default the root, and the only link that bears no other.
+        acceleration : [rad/s^2 or m/s^2] which no URDF has: for all joints, for each (n,), or by joint name.
+        velocity, lower, upper : in place of the file's; for all joints, for each (n,), or by joint name.
+        locked : joint values [rad or m] by the names of joints that are held there, and are no joints of the chain; a
+            joint that is coupled to another (mimic) can be on the way so alone.
+        mount : (4, 4) pose of the base link in the base frame; default the identity.
+        tool : (4, 4) pose of the tool in the tip link's frame; default the identity.
+        capsules : bodies of links, in the links' own frames; a link without keeps its frame's origin guarded, no more.
+
+        Raises
+        ------
+        RobotFileError : the file cannot be used; it names file, joint, key, value and what was expected.
+        ProblemFileError : it cannot be read. ConfigurationError : an argument cannot be used.
+        """
+        from rehab_opt.kinematics.robot_file.urdf import urdf_steps  # noqa: PLC0415  (an XML parser)
+
+        return cls._from_steps(
+            urdf_steps, ("limit.lower", "limit.upper", "limit.velocity"), file, base, tip, mount, tool,
+            (acceleration, velocity, lower, upper, locked, capsules),
+        )  # fmt: skip
+
+    @classmethod
+    def from_mjcf(
+        cls,
+        file: str | Path,
+        *,
+        base: str | None = None,
+        tip: str | None = None,
+        acceleration: ArrayLike | Mapping[str, float],
+        velocity: ArrayLike | Mapping[str, float],
+        lower: ArrayLike | Mapping[str, float] | None = None,
+        upper: ArrayLike | Mapping[str, float] | None = None,
+        locked: Mapping[str, float] = MappingProxyType({}),
+        mount: ArrayLike | None = None,
+        tool: ArrayLike | None = None,
+        capsules: Sequence[CapsuleOnLink] = (),
+    ) -> SerialChain:
+        """The chain between two bodies of a MuJoCo model; needs `pip install rehab_opt[mjcf]`.
+
+        As `from_urdf`, but for: `base` and `tip` are bodies, by default the world and the only one that bears no other;
+        `velocity` has to be given, since MJCF has no speed limits; joint values are MuJoCo's, `ref` included.
+        """
+        from rehab_opt.kinematics.robot_file.mjcf import mjcf_steps  # noqa: PLC0415  (MuJoCo is an extra)
+
+        return cls._from_steps(
+            mjcf_steps, ("range[0]", "range[1]", "speed"), file, base, tip, mount, tool,
+            (acceleration, velocity, lower, upper, locked, capsules),
+        )  # fmt: skip
+
+    @classmethod
+    def _from_steps(
+        cls, read: Callable[..., tuple[Any, Any]], keys: tuple[str, str, str], file: str | Path, base: str | None,
+        tip: str | None, mount: ArrayLike | None, tool: ArrayLike | None, given: tuple[Any, ...],
+    ) -> SerialChain:  # fmt: skip
+        from rehab_opt.kinematics.robot_file.links import Given, chain_arguments  # noqa: PLC0415
+        from rehab_opt.kinematics.robot_file.xml_tree import Source  # noqa: PLC0415
+
+        source = Source(Path(file), str(file))
+        steps, notes = read(source, base=base, tip=tip)
+        arguments = chain_arguments(steps, notes, Given(*given), source, keys=keys)
+        if mount is not None:
+            placed, note = nearest_rigid("mount", mount)
+            arguments["base"] = placed @ arguments["base"]
+            arguments["notes"] += (note,) if note else ()
+        return cls(**arguments, tool=np.eye(4) if tool is None else tool)  # type: ignore[arg-type]
 
     # ------------------------------------------------------------------------------------------------ numbers
     @property

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import casadi as ca
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.kinematics.link import Link, ChainRow
+from rehab_opt.kinematics.link import ChainRow, Link
 
 __all__ = ["DH", "checked_rows", "exact"]
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.kinematics.rigid import rigid
 
-__all__ = ["Link", "ChainRow", "pose_after", "pose_before", "product"]
+__all__ = ["ChainRow", "Link", "pose_after", "pose_before", "product"]
 
 Array = NDArray[np.float64]
 
