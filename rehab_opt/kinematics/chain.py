@@ -22,6 +22,7 @@ from rehab_opt.kinematics.link import ChainRow, pose_after, pose_before, product
 from rehab_opt.kinematics.link_capsules import CapsuleOnLink, LinkCapsule, checked_capsules
 from rehab_opt.kinematics.real_array import real_array
 from rehab_opt.kinematics.rigid import nearest_rigid
+from rehab_opt.kinematics.robot_file.links import MJCF, URDF, Given, chain_arguments
 from rehab_opt.symbolic.shared import Evaluator
 
 __all__ = ["SerialChain", "per_joint"]
@@ -140,12 +141,8 @@ class SerialChain:
         RobotFileError : the file cannot be used; it names file, joint, key, value and what was expected.
         ProblemFileError : it cannot be read. ConfigurationError : an argument cannot be used.
         """
-        from rehab_opt.kinematics.robot_file.urdf import urdf_steps  # noqa: PLC0415  (an XML parser)
-
-        return cls._from_steps(
-            urdf_steps, ("limit.lower", "limit.upper", "limit.velocity"), file, base, tip, mount, tool,
-            (acceleration, velocity, lower, upper, locked, capsules),
-        )  # fmt: skip
+        given = Given(acceleration, velocity, lower, upper, locked, capsules)
+        return cls._imported(URDF, file, base, tip, given, mount=mount, tool=tool)
 
     @classmethod
     def from_mjcf(
@@ -168,24 +165,12 @@ class SerialChain:
         As `from_urdf`, but for: `base` and `tip` are bodies, by default the world and the only one that bears no other;
         `velocity` has to be given, since MJCF has no speed limits; joint values are MuJoCo's, `ref` included.
         """
-        from rehab_opt.kinematics.robot_file.mjcf import mjcf_steps  # noqa: PLC0415  (MuJoCo is an extra)
-
-        return cls._from_steps(
-            mjcf_steps, ("range[0]", "range[1]", "speed"), file, base, tip, mount, tool,
-            (acceleration, velocity, lower, upper, locked, capsules),
-        )  # fmt: skip
+        given = Given(acceleration, velocity, lower, upper, locked, capsules)
+        return cls._imported(MJCF, file, base, tip, given, mount=mount, tool=tool)
 
     @classmethod
-    def _from_steps(
-        cls, read: Callable[..., tuple[Any, Any]], keys: tuple[str, str, str], file: str | Path, base: str | None,
-        tip: str | None, mount: ArrayLike | None, tool: ArrayLike | None, given: tuple[Any, ...],
-    ) -> SerialChain:  # fmt: skip
-        from rehab_opt.kinematics.robot_file.links import Given, chain_arguments  # noqa: PLC0415
-        from rehab_opt.kinematics.robot_file.xml_tree import Source  # noqa: PLC0415
-
-        source = Source(Path(file), str(file))
-        steps, notes = read(source, base=base, tip=tip)
-        arguments = chain_arguments(steps, notes, Given(*given), source, keys=keys)
+    def _imported(cls, *what: Any, mount: ArrayLike | None, tool: ArrayLike | None) -> SerialChain:
+        arguments = chain_arguments(*what)
         if mount is not None:
             placed, note = nearest_rigid("mount", mount)
             arguments["base"] = placed @ arguments["base"]

@@ -23,7 +23,7 @@ class LinkCapsule(NamedTuple):
 
 
 class CapsuleOnLink(NamedTuple):
-    """All points within `radius` [m] of the segment from `start` to `end` (3,), in the frame that a robot file names."""
+    """All points within `radius` [m] of the segment from `start` to `end` (3,), in a robot file's frame of its link."""
 
     link: str
     start: tuple[float, float, float]

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,10 +16,12 @@ from rehab_opt.kinematics.link import Link
 from rehab_opt.kinematics.link_capsules import CapsuleOnLink, LinkCapsule
 from rehab_opt.kinematics.real_array import real_array
 from rehab_opt.kinematics.rigid import inverse_pose
+from rehab_opt.kinematics.robot_file.mjcf import mjcf_steps
 from rehab_opt.kinematics.robot_file.steps import Joint, Step, moved, turned_about
+from rehab_opt.kinematics.robot_file.urdf import urdf_steps
 from rehab_opt.kinematics.robot_file.xml_tree import Source
 
-__all__ = ["Given", "chain_arguments"]
+__all__ = ["MJCF", "URDF", "Given", "chain_arguments"]
 
 Array = NDArray[np.float64]
 PerJoint = ArrayLike | Mapping[str, float]
@@ -49,17 +52,29 @@ class _Fixed(NamedTuple):
     step: Step
 
 
-def chain_arguments(
-    steps: Sequence[Step], notes: Sequence[str], given: Given, source: Source, *, keys: tuple[str, str, str]
-) -> dict[str, Any]:
-    """Arguments of a `SerialChain`; `keys` is what the format calls a joint's lower limit, upper limit and speed.
+class Format(NamedTuple):
+    """How one kind of file is read."""
+
+    steps: Callable[..., tuple[list[Step], list[str]]]
+    """Source, base, tip -> steps and notes."""
+    keys: tuple[str, str, str]
+    """What it calls a joint's lower limit, upper limit and largest speed."""
+
+
+URDF = Format(urdf_steps, ("limit.lower", "limit.upper", "limit.velocity"))
+MJCF = Format(mjcf_steps, ("range[0]", "range[1]", "speed"))
+
+
+def chain_arguments(form: Format, file: str | Path, base: str | None, tip: str | None, given: Given) -> dict[str, Any]:
+    """Arguments of the `SerialChain` between two links of a file.
 
     Raises
     ------
-    RobotFileError : the file's own limits cannot be used, a joint is coupled, none moves. ConfigurationError : what the
-        caller says cannot be used.
+    RobotFileError : the file or its limits cannot be used, a joint is coupled, none moves. ProblemFileError : it cannot
+        be read. ConfigurationError : what the caller says cannot be used.
     """
-    notes = list(notes)
+    source, keys = Source(Path(file), str(file)), form.keys
+    steps, notes = form.steps(source, base=base, tip=tip)
     joints, before, frames = _joints_and_frames(steps, given.locked, source, notes)
     n, names = len(joints), tuple(joint.name for joint in joints)
     rows = tuple(Link(before[i + 1], joints[i].prismatic) for i in range(n))
@@ -74,7 +89,7 @@ def chain_arguments(
         "lower": lower,
         "upper": upper,
         "velocity": velocity,
-        "acceleration": _by_joint("acceleration", given.acceleration, names, np.full(n, math.nan)),
+        "acceleration": _accelerations(given.acceleration, names),
         "capsules": tuple(_capsule(i, each, places) for i, each in enumerate(given.capsules)),
         "bodies": tuple(_body(each, places) for each in frames if each.joint and each.step.inertial is not None),
         "notes": tuple(notes),
@@ -169,37 +184,34 @@ def _limits(
     return limits[0], limits[1], limits[2]
 
 
+def _accelerations(given: PerJoint, names: tuple[str, ...]) -> Array:
+    """(n,) acceleration limits, one of every joint."""
+    values = _by_joint("acceleration", given, names, np.full(len(names), math.nan))
+    missing = [name for name, value in zip(names, values, strict=True) if math.isnan(value)]
+    if missing:
+        raise ConfigurationError("acceleration", given, f"a limit of {missing[0]} too: robot files have none")
+    return values
+
+
 def _by_joint(argument: str, value: PerJoint | None, names: tuple[str, ...], default: Array) -> Array:
     """(n,) values from one number, n numbers, or numbers by joint name; `default` where nothing is said."""
     if value is None:
         return default
+    expected = f"one number, {len(names)} numbers, or numbers by joint name, none of them NaN"
+    named = value if isinstance(value, Mapping) else {}
+    unknown = [name for name in named if name not in names]
+    if unknown:
+        raise ConfigurationError(argument, unknown[0], f"joint names among {', '.join(names)}")
+    try:
+        said = np.array(real_array(list(named.values()) if isinstance(value, Mapping) else value))
+    except (TypeError, ValueError, OverflowError) as problem:
+        raise ConfigurationError(argument, value, expected) from problem
+    if np.isnan(said).any() or said.shape not in ((len(named),) if isinstance(value, Mapping) else (), (len(names),)):
+        raise ConfigurationError(argument, value, expected)
     if not isinstance(value, Mapping):
-        try:
-            array = np.array(real_array(value))
-        except (TypeError, ValueError, OverflowError) as problem:
-            raise ConfigurationError(argument, value, f"{len(names)} numbers, or numbers by joint name") from problem
-        if array.shape not in ((), (len(names),)):
-            raise ConfigurationError(argument, value, f"one number, {len(names)} numbers, or numbers by joint name")
-        values = np.broadcast_to(array, (len(names),)).copy()
-    else:
-        unknown = [name for name in value if name not in names]
-        if unknown:
-            raise ConfigurationError(argument, unknown[0], f"joint names among {', '.join(names)}")
-        try:
-            values = np.array(
-                [float(real_array(value.get(name, alone))) for name, alone in zip(names, default, strict=True)]
-            )
-        except (TypeError, ValueError, OverflowError) as problem:
-            raise ConfigurationError(argument, value, "numbers by joint name") from problem
-        missing = [name for name, each in zip(names, values, strict=True) if math.isnan(each) and name not in value]
-        if missing and argument == "acceleration":
-            raise ConfigurationError(argument, value, f"a limit of {missing[0]} too: robot files have none")
-    if any(
-        math.isnan(each)
-        for name, each in zip(names, values, strict=True)
-        if not isinstance(value, Mapping) or name in value
-    ):
-        raise ConfigurationError(argument, value, "numbers that are not NaN")
+        return np.broadcast_to(said, (len(names),)).copy()
+    values = default.copy()
+    values[[names.index(name) for name in named]] = said
     return values
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.kinematics.robot_file.steps import Inertial, Joint, Step, turned_by_rpy, unit_axis
 from rehab_opt.kinematics.robot_file.xml_tree import FARTHEST, Element, Source, xml_root
+from rehab_opt.text_file import shown
 
 __all__ = ["urdf_steps"]
 
@@ -121,9 +122,9 @@ def _parent(joint: Element) -> str:
     return next(joint.each("parent")).attributes["link"]
 
 
-def _listed(names: object) -> str:
-    known = list(names)  # type: ignore[call-overload]
-    return ", ".join(known[:8]) + (f" and {len(known) - 8} more" if len(known) > 8 else "")
+def _listed(names: Iterable[str]) -> str:
+    known = list(names)
+    return shown(", ".join(known), 120) + ("" if len(known) < 8 else f" ({len(known)})")
 
 
 def _step(joint: Element, links: Mapping[str, Element], source: Source, notes: list[str]) -> Step:

@@ -28,6 +28,8 @@ LARGEST = 10_000_000
 DEEPEST = 200
 """Elements within one another: MJCF nests bodies."""
 MOST_ELEMENTS = 100_000
+LONGEST_KEY = 100
+"""Letters of a key in a message."""
 FARTHEST = 100.0
 """[m] A length beyond is in another unit."""
 
@@ -46,7 +48,8 @@ class Source:
 
     def refuse(self, key: str, value: object, expected: str) -> RobotFileError:
         """The error of a key."""
-        return RobotFileError(self.name, key, shown(value) if isinstance(value, str) else value, expected)
+        brief = shown(value) if isinstance(value, str) else value
+        return RobotFileError(self.name, shown(key, LONGEST_KEY), brief, expected)
 
 
 @dataclass
@@ -149,4 +152,8 @@ def xml_root(source: Source) -> Element:
     except expat.ExpatError as problem:
         what = expat.ErrorString(problem.code)
         raise source.refuse(f"line {problem.lineno}", what, "XML") from problem
+    except RobotFileError:
+        raise
+    except (LookupError, ValueError) as problem:
+        raise source.refuse(f"line {parser.CurrentLineNumber}, encoding", str(problem), "XML in UTF-8") from problem
     return roots[0]
