@@ -27,6 +27,7 @@ __all__ = [
     "problem_path",
     "recording_path",
     "recording_state",
+    "schema_error",
     "shipped_folder",
     "shipped_problems",
 ]
@@ -102,7 +103,7 @@ def problem_of(content: dict[str, Any], *, name: str, file: str, path: Path) -> 
     try:
         return ProblemFile(name=name, file=file, path=path, problem=system_named(system).schema.model_validate(content))
     except ValidationError as problem:
-        raise _first_error(problem, file) from problem
+        raise schema_error(problem, file) from problem
 
 
 def problem_path(file: str) -> tuple[str, Path]:
@@ -177,7 +178,7 @@ def shipped_folder() -> Path:
         return installed if installed.is_dir() else root.parent / "problems"
 
 
-def _first_error(problem: ValidationError, file: str) -> ProblemFileError:
+def schema_error(problem: ValidationError, file: str) -> ProblemFileError:
     """The first of pydantic's complaints, in this project's words."""
     first = problem.errors(include_url=False)[0]
     keys = [str(part) for part in first["loc"] if part not in FORMS]
