@@ -24,8 +24,8 @@ from rich.table import Table
 from bench.machine import machine
 from bench.verdict import Verdict, all_met, print_verdicts
 from rehab_opt import SerialChain
+from tests.kinematics.robot_files.known_arms import gen3
 from tests.kinematics.robot_files.random_arms import urdf
-from tests.kinematics.robot_files.test_urdf import gen3
 
 __all__ = ["main"]
 

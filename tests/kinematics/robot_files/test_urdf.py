@@ -18,6 +18,7 @@ from rehab_opt.errors import RobotFileError
 from rehab_opt.kinematics.inertia import inertia_expression
 from rehab_opt.kinematics.link_capsules import CapsuleOnLink
 from tests.kinematics.dh_oracle import differentiated
+from tests.kinematics.robot_files.known_arms import UR5_TOOL, gen3, vendors_ur5
 from tests.kinematics.robot_files.random_arms import (
     Edge,
     moving,
@@ -29,31 +30,6 @@ from tests.kinematics.robot_files.random_arms import (
 )
 
 Array = NDArray[np.float64]
-
-# Kinova's Gen3 with 7 joints: gen3_macro.xacro of ros_kortex (BSD-3), whose right angles are rounded to 5 digits. Four
-# of its joints have no ends. Converted to Denavit-Hartenberg rows, one origin lies 13.6 km away.
-GEN3 = [
-    ("0 0 0.15643", "3.1416 2.7629E-18 -4.9305E-36", None, 1.3963),
-    ("0 0.005375 -0.12838", "1.5708 2.1343E-17 -1.1102E-16", 2.41, 1.3963),
-    ("0 -0.21038 -0.006375", "-1.5708 1.2326E-32 -2.9122E-16", None, 1.3963),
-    ("0 0.006375 -0.21038", "1.5708 -6.6954E-17 -1.6653E-16", 2.66, 1.3963),
-    ("0 -0.20843 -0.006375", "-1.5708 2.2204E-16 -6.373E-17", None, 1.2218),
-    ("0 0.00017505 -0.10593", "1.5708 9.2076E-28 -8.2157E-15", 2.23, 1.2218),
-    ("0 -0.10593 -0.00017505", "-1.5708 -5.5511E-17 9.6396E-17", None, 1.2218),
-]
-
-
-def gen3() -> list[Edge]:
-    rng, edges = np.random.default_rng(3), []
-    for i, (xyz, rpy, end, speed) in enumerate(GEN3):
-        edge = random_edge(
-            rng, f"joint_{i}", "revolute" if end else "continuous", edges[-1].child if i else "base", f"l{i}"
-        )
-        edge.xyz, edge.rpy = np.array(xyz.split(), float), np.array(rpy.split(), float)
-        edge.axis, edge.velocity = np.array([0.0, 0.0, 1.0]), speed
-        edge.lower, edge.upper = (-end, end) if end else (0.0, 0.0)
-        edges.append(edge)
-    return edges
 
 
 @pytest.fixture
@@ -134,23 +110,10 @@ def test_rounded_angles_stay_as_they_are_written_and_no_frame_is_far_away(arm_fi
 
 
 def test_ur5_from_a_file_is_the_ur5_of_this_library(arm_file: Path) -> None:
-    """Origins and axes of ur_description's ur5.urdf.xacro (BSD-3), as numbers."""
-    half = np.pi / 2
-    origins = [
-        ([0, 0, 0.089159], [0, 0, 0], "z"), ([0, 0.13585, 0], [0, half, 0], "y"), ([0, -0.1197, 0.425], [0, 0, 0], "y"),
-        ([0, 0, 0.39225], [0, half, 0], "y"), ([0, 0.093, 0], [0, 0, 0], "z"), ([0, 0, 0.09465], [0, 0, 0], "y"),
-    ]  # fmt: skip
-    rng, edges = np.random.default_rng(0), []
-    for i, (xyz, rpy, axis) in enumerate(origins):
-        edge = random_edge(rng, f"joint_{i}", "revolute", f"link_{i - 1}" if i else "base", f"link_{i}")
-        edge.xyz, edge.rpy, edge.axis = np.array(xyz, float), np.array(rpy, float), np.eye(3)["xyz".index(axis)]
-        edges.append(edge)
-    # The vendor's tool0 is 0.0823 m behind, and its base is turned by pi about z against the rows' frame.
     tool = np.eye(4)
-    tool[:3, :3], tool[:3, 3] = Rotation.from_euler("x", -half).as_matrix(), (0.0, 0.0823, 0.0)
-    mount = np.diag([-1.0, -1.0, 1.0, 1.0])
-    chain, ours = read(arm_file, edges, mount=mount, tool=tool), ur5()
-    for q in rng.uniform(-3, 3, (50, 6)):
+    tool[:3, :3], tool[:3, 3] = Rotation.from_euler("x", -np.pi / 2).as_matrix(), UR5_TOOL
+    chain, ours = read(arm_file, vendors_ur5(), mount=np.diag([-1.0, -1.0, 1.0, 1.0]), tool=tool), ur5()
+    for q in np.random.default_rng(0).uniform(-3, 3, (50, 6)):
         np.testing.assert_allclose(chain.pose(q), ours.pose(q), atol=1e-12)
         np.testing.assert_allclose(chain.jacobian(q), ours.jacobian(q), atol=1e-12)
         assert chain.manipulability(q) == pytest.approx(ours.manipulability(q), abs=1e-13)
