@@ -8,11 +8,12 @@ from rehab_opt.control.command import Bound, Command, Status
 from rehab_opt.control.pose_tracker import PoseTracker
 from rehab_opt.control.smoother import Smoother
 from rehab_opt.control.smoothing import smooth_path
-from rehab_opt.errors import ConfigurationError, ProblemFileError, RehabOptError, SharingError
+from rehab_opt.errors import ConfigurationError, ProblemFileError, RehabOptError, RobotFileError, SharingError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.denavit_hartenberg import DH
 from rehab_opt.kinematics.human_arm import human_arm
-from rehab_opt.kinematics.link_capsules import LinkCapsule
+from rehab_opt.kinematics.link import Link
+from rehab_opt.kinematics.link_capsules import CapsuleOnLink, LinkCapsule
 from rehab_opt.kinematics.ur5 import ur5
 
 if TYPE_CHECKING:
@@ -46,6 +47,7 @@ __all__ = [
     "Bilateral",
     "Bound",
     "BoundedForce",
+    "CapsuleOnLink",
     "Command",
     "ConfigurationError",
     "Demonstration",
@@ -56,6 +58,7 @@ __all__ = [
     "Joystick",
     "KeepOut",
     "Limit",
+    "Link",
     "LinkCapsule",
     "MirrorTracker",
     "ParticipantSide",
@@ -65,6 +68,7 @@ __all__ = [
     "ProblemFileError",
     "RedundancyResolver",
     "RehabOptError",
+    "RobotFileError",
     "SerialChain",
     "SharingError",
     "ShoulderPlacement",

@@ -177,11 +177,12 @@ def test_mount_and_tool_stand_before_and_behind(arm_file: Path) -> None:
 def test_capsules_are_told_in_the_links_own_frames(arm_file: Path) -> None:
     edges = random_arm(np.random.default_rng(9), 5)
     start, end = (0.1, 0.2, 0.3), (-0.1, 0.0, 0.2)
-    chain = read(arm_file, edges, capsules=[CapsuleOnLink(edge.child, start, end, 0.05) for edge in edges])
+    links = ["base", *(edge.child for edge in edges)]
+    chain = read(arm_file, edges, capsules=[CapsuleOnLink(link, start, end, 0.05) for link in links])
     q = np.linspace(-1, 1, 5)
     frames = frames_of(chain, q)
     for i, capsule in enumerate(chain.capsules):
-        link = pose_of(edges[: i + 1], q[: len(moving(edges[: i + 1]))])
+        link = pose_of(edges[:i], q[: len(moving(edges[:i]))])
         for found, told in ((capsule.start, start), (capsule.end, end)):
             np.testing.assert_allclose(frames[capsule.frame] @ [*found, 1.0], link @ [*told, 1.0], atol=1e-12)
 
