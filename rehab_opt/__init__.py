@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from rehab_opt.field.demonstration import Demonstration
     from rehab_opt.field.potential import PotentialField
     from rehab_opt.kinematics.ardis import ardis
+    from rehab_opt.kinematics.arm_on_chair import arm_on_chair
     from rehab_opt.workspace.mapping import WorkspaceMap
     from rehab_opt.workspace.placement import ShoulderPlacement
     from rehab_opt.workspace.reach import planar_workspace
@@ -78,6 +79,7 @@ __all__ = [
     "Workspace",
     "WorkspaceMap",
     "ardis",
+    "arm_on_chair",
     "human_arm",
     "planar_workspace",
     "range_of_motion",
@@ -108,6 +110,7 @@ _LATER = {
     "Workspace": "workspace.region",
     "WorkspaceMap": "workspace.mapping",
     "ardis": "kinematics.ardis",
+    "arm_on_chair": "kinematics.arm_on_chair",
     "planar_workspace": "workspace.reach",
     "range_of_motion": "workspace.used_range",
     "reachability_map": "workspace.variation",

@@ -126,6 +126,7 @@ def ardis(
         keep_out=keep_out,  # type: ignore[arg-type]
         limit_cost=limit_cost,
         singular_cost=singular_cost,
+        hand_volume=d5 * d7**2,  # upper arm across the forearm, both across the axis that turns them
     )
 
 

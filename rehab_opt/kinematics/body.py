@@ -17,7 +17,7 @@ class Body(NamedTuple):
 
     name: str
     link: int
-    """Number of the row whose frame it is fixed to, from 1."""
+    """Number of the row whose frame it is fixed to, from 1; 0 is the base frame of the chain, which no joint moves."""
     mass: float
     """[kg]"""
     centre: Array

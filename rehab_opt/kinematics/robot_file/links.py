@@ -91,7 +91,7 @@ def chain_arguments(form: Format, file: str | Path, base: str | None, tip: str |
         "velocity": velocity,
         "acceleration": _accelerations(given.acceleration, names),
         "capsules": tuple(_capsule(i, each, places) for i, each in enumerate(given.capsules)),
-        "bodies": tuple(_body(each, places) for each in frames if each.joint and each.step.inertial is not None),
+        "bodies": tuple(_body(each, places) for each in frames if each.step.inertial is not None),
         "notes": tuple(notes),
     }
 
