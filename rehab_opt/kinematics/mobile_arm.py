@@ -107,7 +107,7 @@ class MobileArm:
             )
         if np.isfinite(chain.lower[:CHAIR]).any() or np.isfinite(chain.upper[:CHAIR]).any():
             raise ConfigurationError("lower, upper", (chain.lower, chain.upper), "a chair without position limits")
-        if not np.array_equal(*(np.isfinite(each[CHAIR:]) for each in (chain.lower, chain.upper))):
+        if (np.isfinite(chain.lower) != np.isfinite(chain.upper)).any():
             expected = "finite limits of the arm's joints, or none either way"
             raise ConfigurationError("lower, upper", (chain.lower, chain.upper), expected)
         if chain.velocity[0] != chain.velocity[1] or chain.acceleration[0] != chain.acceleration[1]:
