@@ -23,14 +23,25 @@ PUBLIC = {
 # Each layer with those it may use. `session` runs the published laws beside ours; nobody else knows them.
 LAYERS = {
     "errors": set(),
+    "text_file": {"errors"},
     "symbolic": {"errors"},
-    "kinematics": {"errors", "symbolic"},
+    "kinematics": {"errors", "text_file", "symbolic"},
     "optim": {"errors", "symbolic"},
     "workspace": {"errors", "symbolic", "kinematics", "optim"},
     "field": {"errors", "symbolic", "kinematics", "optim"},
     "control": {"errors", "symbolic", "kinematics", "optim", "workspace", "field"},
     "published": {"errors", "symbolic", "kinematics"},
-    "session": {"errors", "symbolic", "kinematics", "optim", "workspace", "field", "control", "published"},
+    "session": {
+        "errors",
+        "text_file",
+        "symbolic",
+        "kinematics",
+        "optim",
+        "workspace",
+        "field",
+        "control",
+        "published",
+    },
     "comparison": {
         "errors",
         "symbolic",

@@ -10,8 +10,9 @@ import pytest
 
 from rehab_opt import ArmIK, ConfigurationError, MirrorTracker, Smoother, Status, human_arm, ur5
 from rehab_opt.control.conditioning import conditioned
-from rehab_opt.kinematics.chain import per_joint, rigid
+from rehab_opt.kinematics.chain import per_joint
 from rehab_opt.kinematics.real_array import real_array
+from rehab_opt.kinematics.rigid import rigid
 from tests.control.every_controller import CASES, COMMANDING, POSE, READY, as_new, smoother
 
 INPUTS = [(name, k) for name in COMMANDING for k in range(len(CASES[name].inputs)) if (name, k) != ("bilateral", 1)]

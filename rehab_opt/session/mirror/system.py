@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.mirror.problem import MirrorProblem
 from rehab_opt.session.outcome import Progress
+from rehab_opt.session.pose_tracking.robot import robot_files
 from rehab_opt.session.systems import Column, Needed
 
 if TYPE_CHECKING:
@@ -26,8 +27,8 @@ class MirrorSystem:
     options: frozenset[str] = frozenset()
 
     def recordings(self, problem: MirrorProblem) -> tuple[Needed, ...]:
-        """The hand's poses, and the points that tell where they were seen."""
-        needed = (Needed("recording.file", problem.recording.file),)
+        """The hand's poses, the points that tell where they were seen, and the robot file."""
+        needed = (Needed("recording.file", problem.recording.file), *robot_files(problem.robot))
         points = problem.placement.calibration_file
         return needed if points is None else (*needed, Needed("placement.calibration_file", points))
 

@@ -10,7 +10,7 @@ from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.pose_tracking.outcome import RobotOutcome
 from rehab_opt.session.pose_tracking.problem import PoseTracking
-from rehab_opt.session.pose_tracking.robot import robot_at_start, run_pose_tracking, tracker_of
+from rehab_opt.session.pose_tracking.robot import robot_at_start, robot_files, run_pose_tracking, tracker_of
 from rehab_opt.session.solver_option import checked_solver, solver_refusals
 from rehab_opt.session.systems import Column, Needed
 
@@ -28,23 +28,21 @@ class PoseTrackingSystem:
     options = frozenset({"solver"})
 
     def recordings(self, problem: PoseTracking) -> tuple[Needed, ...]:
-        """None: the circle is computed."""
-        return ()
+        """No recording, since the circle is computed; the robot file."""
+        return robot_files(problem.robot)
 
     def check(self, loaded: ProblemFile[PoseTracking]) -> tuple[str, ...]:
         """Builds the robot and the tracker."""
-        robot, _ = robot_at_start(loaded.problem.robot, file=loaded.file)
+        robot, _ = robot_at_start(loaded)
         with _refusals(loaded, None):
             tracker_of(loaded.problem, robot, file=loaded.file)
-        return ()
+        return robot.notes
 
     def run(self, loaded: ProblemFile[PoseTracking], *, options: Mapping[str, str], progress: Progress) -> RobotOutcome:
         """Option: `solver` of the tracker."""
         solver = checked_solver(options.get("solver"))
         with _refusals(loaded, solver):
-            return run_pose_tracking(
-                loaded.problem, name=loaded.name, file=loaded.file, solver=solver, progress=progress
-            )
+            return run_pose_tracking(loaded, solver=solver, progress=progress)
 
     def seconds_a_tick(self, problem: PoseTracking) -> float:
         """Of the tracker."""
