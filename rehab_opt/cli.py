@@ -57,6 +57,9 @@ def run(
     out: Annotated[Path | None, typer.Option(help="Folder of the result; ./out/<problem> by default.")] = None,
     solver: Annotated[str | None, typer.Option(help="Solver of the optimised law, instead of the file's.")] = None,
     law: Annotated[str | None, typer.Option(help="Of an upper limb: published, optimised or both (default).")] = None,
+    plant: Annotated[
+        str | None, typer.Option(help="Of a robot: ideal, or mujoco (mass, servos, delays); the file's by default.")
+    ] = None,
 ) -> None:
     """Run a problem; print its table; write metrics.json, trace.csv and figures."""
     from rehab_opt.session.files import load_problem  # noqa: PLC0415
@@ -65,7 +68,7 @@ def run(
 
     loaded = load_problem(file)
     folder = writable(out if out is not None else Path("out") / loaded.name)
-    outcome = _run_with_progress(loaded, law=law, solver=solver)
+    outcome = _run_with_progress(loaded, law=law, plant=plant, solver=solver)
     with undisturbed():
         written = write_report(outcome, folder)
     console = printer()

@@ -14,7 +14,7 @@ import rehab_opt
 PACKAGE = Path(rehab_opt.__file__).parent
 HEAVY = {
     "matplotlib", "scipy", "ruckig", "osqp", "proxsuite", "qpsolvers", "pydantic", "typer", "rich", "shapely",
-    "platformdirs", "skimage", "distributed",
+    "platformdirs", "skimage", "distributed", "mujoco",
 }  # fmt: skip
 PUBLIC = {
     "ArmIK", "Command", "ConfigurationError", "DH", "MirrorTracker", "PoseTracker", "ProblemFileError", "RehabOptError",
@@ -41,7 +41,9 @@ LAYERS = {
         "field",
         "control",
         "published",
+        "plants",
     },
+    "plants": {"errors", "kinematics"},
     "comparison": {
         "errors",
         "symbolic",

@@ -6,7 +6,7 @@ from rehab_opt.errors import ConfigurationError
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Outcome, Progress
 from rehab_opt.session.schema import Problem
-from rehab_opt.session.systems import system_named
+from rehab_opt.session.systems import SYSTEMS, system_named
 
 __all__ = ["checked", "run_problem"]
 
@@ -31,6 +31,10 @@ def run_problem(
     system = system_named(name)
     given = {option: value for option, value in options.items() if value is not None}
     for option, value in given.items():
+        if option == "plant" and option not in system.options:
+            able = " and ".join(each for each in SYSTEMS if "plant" in system_named(each).options)
+            expected = f"a problem with a robot in closed loop, which those of system {able} are, not {name!r}"
+            raise ConfigurationError("--plant", value, expected)
         if option not in system.options:
             known = ", ".join(f"--{each}" for each in sorted(system.options)) or "none"
             raise ConfigurationError(f"--{option}", value, f"no such option: those of system {name!r} are {known}")

@@ -100,7 +100,22 @@ def test_persons_own_range_of_motion_is_accepted(written: Write) -> None:
 
 
 def test_every_number_of_the_schema_carries_its_unit_or_has_none() -> None:
-    units = ("_m", "_mm", "_deg", "_s", "_hz", "_deg_s", "_deg_s2", "_deg_s3", "_per_s", "_kg", "_N", "_J")
+    units = (
+        "_m",
+        "_mm",
+        "_deg",
+        "_s",
+        "_hz",
+        "_deg_s",
+        "_deg_s2",
+        "_deg_s3",
+        "_per_s",
+        "_kg",
+        "_N",
+        "_J",
+        "_ms",
+        "_rad",
+    )
     without = {
         "scale",
         "damping",

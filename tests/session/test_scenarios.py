@@ -16,10 +16,10 @@ from bench.scenarios import SCENARIOS, changed, judged
 from bench.verdict import all_met
 from rehab_opt import Status
 from rehab_opt.errors import ConfigurationError, ProblemFileError
+from rehab_opt.plants.force_robot import ForceRobot, RobotModel
 from rehab_opt.session.files import load_problem
 from rehab_opt.session.run import run_problem
 from rehab_opt.session.scenario import prepared as prepared_module
-from rehab_opt.session.scenario.force_robot import ForceRobot, RobotModel
 from rehab_opt.session.scenario.intention import held, nearest_next, reached
 from rehab_opt.session.scenario.loop import ran
 from rehab_opt.session.scenario.outcome import ScenarioOutcome

@@ -11,6 +11,7 @@ from rehab_opt.session.ardis.loop import Motion
 from rehab_opt.session.ardis.outcome import ArdisOutcome
 from rehab_opt.session.drawing import GRID, REFERENCE, framed, legend_below
 from rehab_opt.session.joint_figure import LAW_STYLES
+from rehab_opt.session.plant.figure import servo_figure
 
 __all__ = ["ardis_figures", "draw_room", "seen_from_above"]
 
@@ -28,7 +29,13 @@ ORDER = {"optimised": 4, "published": 4.5}
 
 def ardis_figures(outcome: ArdisOutcome) -> dict[str, Figure]:
     """The figures by file name (without suffix)."""
-    return {"top_view": _top_view(outcome), "hand": _hand(outcome), "limits": _limits(outcome)}
+    drawn = {"top_view": _top_view(outcome), "hand": _hand(outcome), "limits": _limits(outcome)}
+    for drive, of in outcome.drives.items():
+        motion = of.optimised.motion
+        if motion is not None:
+            title = f"{outcome.title}, {drive} drive, ours"
+            drawn[f"servos_{drive}"] = servo_figure(title, outcome.robot.chain.names, motion, lengths=2)
+    return drawn
 
 
 def _top_view(outcome: ArdisOutcome) -> Figure:

@@ -1,4 +1,4 @@
-"""The closed loop: a stick, a law, and a robot whose joints move exactly as commanded."""
+"""The closed loop: a stick, a law, and a robot."""
 
 from __future__ import annotations
 
@@ -9,7 +9,10 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from rehab_opt.kinematics.mobile_arm import CHAIR
+from rehab_opt.plants.ideal import IdealJoints
 from rehab_opt.session.ardis.stick import Moment, Stick, StickSample
+from rehab_opt.session.plant.motion import JointMotion, MotionLog
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -17,6 +20,7 @@ if TYPE_CHECKING:
     from rehab_opt.control.joystick import Joystick, StickCommand
     from rehab_opt.control.redundancy import RedundancyResolver
     from rehab_opt.kinematics.mobile_arm import MobileArm
+    from rehab_opt.plants.plant import Plant
     from rehab_opt.published.pseudoinverse_law import PseudoinverseLaw
 
 __all__ = ["Answer", "Law", "Motion", "Optimised", "Published", "moved"]
@@ -95,6 +99,7 @@ class Motion:
     wheels : (N, w) [rad/s]. hand : (N, 3) [m]. poses : (N, 4, 4) of the hand. jacobians : (N, 6, 7).
     sticks : (N, 2) deflections. asked : (N,) whether anything was asked for. closed : (N,) the gripper.
     mode, status, yielded : (N,) each. scale : (N,) share of the asked motion that was delivered.
+    motion : commanded and true, of a robot that does not move exactly as commanded.
     """
 
     dt: float
@@ -112,6 +117,7 @@ class Motion:
     status: tuple[str, ...]
     yielded: tuple[str, ...]
     scale: Array
+    motion: JointMotion | None = None
 
     @property
     def hand(self) -> Array:
@@ -127,6 +133,7 @@ def moved(
     start: Array,
     *,
     dt: float,
+    plant: Plant | None = None,
     progress: Callable[[int, int], None] = lambda *_: None,
 ) -> Motion:
     """Run until the stick was let go for good, and a second more.
@@ -135,21 +142,28 @@ def moved(
     ----------
     start : (7,) joint values [m, rad]; the robot is at rest.
     dt : [s] tick, which joystick and law were made for.
+    plant : that takes wheel speeds, and the arm's joint velocities; by default the robot moves exactly as commanded.
     progress : told the tick and how many there may be.
     """
     most = math.ceil((stick.duration + STANDSTILL) / dt) + 1
     left = math.ceil(STANDSTILL / dt)
-    now, rows = np.array(start, dtype=np.float64), []
+    ideal = plant is None
+    robot_in_loop: Plant = IdealJoints(dt) if plant is None else plant
+    seen, log, rows = robot_in_loop.reset(start), MotionLog(robot_in_loop), []
     for k in range(most):
+        now = robot_in_loop.truth.position
         pose = robot.chain.pose(now)
         given = stick.at(Moment(k * dt, now, pose[:3, 3], joystick.mode.name))
         if given is None:
             left -= 1
         sample = given or LET_GO
         asked = joystick.step(sample.axes, switch=sample.switch, gripper=sample.gripper)
-        answer = law.step(now, asked)
+        answer = law.step(seen.position, asked)
         rows.append((now, answer, pose, sample.axes, asked, joystick.mode.name))
-        now = now + answer.velocity * dt
+        log.note(answer.velocity)
+        seen = robot_in_loop.step(
+            answer.velocity if ideal else np.concatenate([answer.wheels, answer.velocity[CHAIR:]])
+        )
         if k % TICKS_A_REPORT == 0:
             progress(k, most)
         if left <= 0:
@@ -173,4 +187,5 @@ def moved(
         status=tuple(row[1].status for row in rows),
         yielded=tuple(row[1].yielded for row in rows),
         scale=np.array([row[1].scale for row in rows]),
+        motion=log.motion,
     )

@@ -6,6 +6,7 @@ from typing import Annotated, Literal, Self, get_args
 
 from pydantic import Field, model_validator
 
+from rehab_opt.session.plant.tables import ChairPlant
 from rehab_opt.session.schema import Length, Problem, Section, SolverName, Triple, refusal
 
 __all__ = [
@@ -125,3 +126,4 @@ class ArdisProblem(Problem):
     goals: Annotated[list[GoalSection], Field(max_length=20)] = Field(default=[])
     room: RoomSection = RoomSection()
     run: RunSection = RunSection()
+    plant: ChairPlant = ChairPlant()

@@ -11,11 +11,16 @@ from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, ro
 from rehab_opt.session.ardis.stick import StickRecording, read_stick
 from rehab_opt.session.files import ProblemFile, recording_path
 from rehab_opt.session.outcome import Progress
+from rehab_opt.session.plant.making import chair_plant, plant_note
 
 __all__ = ["run_ardis", "sticks_of"]
 
 MOST_TICKS = 500_000
 """More keep more than a gigabyte of poses and Jacobians."""
+RECORDED = (
+    "the stick is a recording of a user who saw another robot, and steers this one blindly; speeds and accelerations "
+    "are those that were sent"
+)
 
 
 def sticks_of(loaded: ProblemFile[ArdisProblem]) -> dict[DriveName, StickRecording]:
@@ -51,8 +56,10 @@ def run_ardis(loaded: ProblemFile[ArdisProblem], *, solver: str | None, progress
     dt = 1 / problem.run.rate_hz
 
     def run(drive: DriveName, name: str, law: Law) -> Motion:
+        table = problem.plant
+        plant = None if table.kind == "ideal" else chair_plant(table, robot, getattr(robot, drive), dt)
         return moved(
-            robot, law, joystick_of(loaded), sticks[drive], start, dt=dt,
+            robot, law, joystick_of(loaded), sticks[drive], start, dt=dt, plant=plant,
             progress=lambda done, of: progress(f"{drive}, {name} law", done, of),
         )  # fmt: skip
 
@@ -69,11 +76,18 @@ def run_ardis(loaded: ProblemFile[ArdisProblem], *, solver: str | None, progress
         name=loaded.name,
         title=problem.title,
         notes=(
-            "the robot is simulated: chair and arm move exactly as commanded, whichever law commands",
+            plant_note(
+                problem.plant, "the robot is simulated: chair and arm move exactly as commanded, whichever law commands"
+            ),
+            *(() if problem.plant.kind == "ideal" else (RECORDED,)),
             "lengths, masses and limits of the robot are assumptions: the paper gives joints and axes only",
             "walls and posts are kept from the chair's outline; the arm may reach over them",
         ),
-        metrics={"drives": metrics, "parameters": problem.model_dump(mode="json", exclude={"title"})},
+        metrics={
+            "drives": metrics,
+            "parameters": problem.model_dump(mode="json", exclude={"title", "plant"})
+            | {"plant": problem.plant.parameters},
+        },
         robot=robot,
         room=room,
         goals=tuple(problem.goals),

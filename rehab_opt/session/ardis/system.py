@@ -12,6 +12,7 @@ from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, st
 from rehab_opt.session.ardis.run import run_ardis, sticks_of
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
+from rehab_opt.session.plant.making import on_plant
 from rehab_opt.session.solver_option import checked_solver, solver_refusals
 from rehab_opt.session.systems import Column, Needed
 
@@ -27,7 +28,7 @@ class ArdisSystem:
     """A wheelchair with an arm, moved by one stick, with each drive that has a recording of it."""
 
     schema = ArdisProblem
-    options = frozenset({"solver"})
+    options = frozenset({"plant", "solver"})
 
     def recordings(self, problem: ArdisProblem) -> tuple[Needed, ...]:
         """A recording of the stick for each drive."""
@@ -45,8 +46,9 @@ class ArdisSystem:
         return ()
 
     def run(self, loaded: ProblemFile[ArdisProblem], *, options: Mapping[str, str], progress: Progress) -> ArdisOutcome:
-        """Option: `solver` of the controller."""
+        """Options: `solver` of the controller, `plant`."""
         solver = checked_solver(options.get("solver"))
+        loaded = on_plant(loaded, options.get("plant"))
         with _refusals(loaded, solver):
             return run_ardis(loaded, solver=solver, progress=progress)
 

@@ -14,6 +14,7 @@ from rehab_opt.session.drawing import GRID, LIMIT, MM, REFERENCE, framed, legend
 from rehab_opt.session.joint_figure import LAW_STYLES, joint_figure
 from rehab_opt.session.mirror.outcome import BEFORE, PLAN, STEP, MirrorOutcome
 from rehab_opt.session.mirror.space_figure import space_figure
+from rehab_opt.session.plant.figure import servo_figure
 
 __all__ = ["STYLES", "mirror_figures"]
 
@@ -32,7 +33,7 @@ EVENTS = ("braking", "holding", "backup", "acceleration", "position", "task")
 def mirror_figures(outcome: MirrorOutcome) -> dict[str, Figure]:
     """The figures of a run by file name (without suffix)."""
     led = outcome.laws
-    return {
+    drawn = {
         "manipulability": _manipulability(outcome),
         "position": _position(outcome),
         "joints": joint_figure(
@@ -43,6 +44,10 @@ def mirror_figures(outcome: MirrorOutcome) -> dict[str, Figure]:
         "pace": _pace(outcome),
         "space": space_figure(outcome, STYLES, LABELS, ASTAR),
     }
+    motion = led[STEP].motion
+    if motion is not None:
+        drawn["servos"] = servo_figure(f"{outcome.title}, {LABELS[STEP]}", outcome.chain.names, motion)
+    return drawn
 
 
 def _manipulability(outcome: MirrorOutcome) -> Figure:

@@ -14,11 +14,14 @@ from rehab_opt.control.hand_bounds import KeepOut
 from rehab_opt.control.mirror import MirrorTracker
 from rehab_opt.control.pose_tracker import PoseTracker
 from rehab_opt.errors import ConfigurationError, ProblemFileError
+from rehab_opt.plants.ideal import IdealJoints
+from rehab_opt.plants.plant import Plant
 from rehab_opt.published.astar import AStarPath, astar_path
 from rehab_opt.session.mirror.outcome import Led
 from rehab_opt.session.mirror.problem import MirrorProblem
 from rehab_opt.session.mirror.scene import Scene
 from rehab_opt.session.outcome import Progress
+from rehab_opt.session.plant.motion import MotionLog
 
 __all__ = ["followed", "planned", "searched", "tracker_of", "without_floor"]
 
@@ -27,6 +30,8 @@ Array = NDArray[np.float64]
 TICKS_A_REPORT = 200
 SETTLED = 1e-3
 """[rad/s] Joint speeds at which a motion has come to its end."""
+SETTLED_AMID_NOISE = 0.03
+"""[rad/s] The same where encoders have noise, which commands answer."""
 KEYS = {
     "dt": "tracker.rate_hz",
     "max_deviation": "tracker.max_deviation_mm",
@@ -39,8 +44,10 @@ KEYS = {
 """Where the problem file says what the tracker calls by its own name."""
 
 
-def tracker_of(problem: MirrorProblem, scene: Scene, *, file: str, backup: str | None = None) -> MirrorTracker:
-    """The tracker with the file's parameters; `backup` as for `Ladder`.
+def tracker_of(
+    problem: MirrorProblem, scene: Scene, *, file: str, backup: str | None = None, **options: Any
+) -> MirrorTracker:
+    """The tracker with the file's parameters; `backup` as for `Ladder`, `options` are further ones of `MirrorTracker`.
 
     Raises
     ------
@@ -68,6 +75,7 @@ def tracker_of(problem: MirrorProblem, scene: Scene, *, file: str, backup: str |
             grip=grip,
             dt=1.0 / section.rate_hz,
             backup=backup,
+            **options,
         )
     except ConfigurationError as refused:
         key = KEYS.get(refused.argument, f"tracker.{refused.argument}")
@@ -82,13 +90,15 @@ def said(yielded: Bound) -> str:
 class _Diary:
     """What happens in a run, tick by tick."""
 
-    def __init__(self, scene: Scene, max_manipulability: float) -> None:
+    def __init__(self, scene: Scene, max_manipulability: float, plant: Plant) -> None:
         self.scene, self.max_manipulability = scene, max_manipulability
+        self.plant, self.log = plant, MotionLog(plant)
         self.rows: list[tuple[Any, ...]] = []
 
-    def note(self, q: Array, reference: Array, command: Any, *, lag: float, pace: float, seconds: float) -> None:
-        """One tick; q is the position at its beginning."""
-        what = said(command.yielded)
+    def note(self, reference: Array, command: Any, *, lag: float, pace: float, seconds: float) -> None:
+        """One tick, before its command is sent."""
+        what, q = said(command.yielded), self.plant.truth.position
+        self.log.note(command.value)
         self.rows.append((q, command.value, reference, lag, pace, command.status.value, what, command.reason, seconds))
 
     def led(self, dt: float, *, complete: bool, counts: dict[str, int]) -> Led:
@@ -110,29 +120,30 @@ class _Diary:
             seconds=np.array(seconds),
             complete=complete,
             counts=counts,
+            motion=self.log.motion,
         )
 
 
-def without_floor(scene: Scene, *, rate: float, max_manipulability: float, progress: Progress) -> Led:
+def without_floor(scene: Scene, plant: Plant, *, max_manipulability: float, progress: Progress) -> Led:
     """The reference as it is, at its own pace, followed within the robot's limits alone: what the paper has before."""
-    dt = 1.0 / rate
+    dt = plant.dt
     tracker = PoseTracker(scene.robot, dt=dt, linear_speed=3.0, angular_speed=20.0)
-    diary, q = _Diary(scene, max_manipulability), scene.start.copy()
+    diary, seen = _Diary(scene, max_manipulability, plant), plant.reset(scene.start)
     total = len(scene.reference.poses)
     for k, (pose, twist) in enumerate(zip(scene.reference.poses, scene.reference.twists, strict=True)):
         began = time.perf_counter()
-        command = tracker.step(q, pose, twist)
+        command = tracker.step(seen.position, pose, twist)
         spent = time.perf_counter() - began
-        diary.note(q, pose, command, lag=0.0, pace=1.0, seconds=spent)
-        q = q + command.value * dt
+        diary.note(pose, command, lag=0.0, pace=1.0, seconds=spent)
+        seen = plant.step(command.value)
         if k % TICKS_A_REPORT == 0:
             progress("without floor", k, total)
     progress("without floor", total, total)
     return diary.led(dt, complete=True, counts={})
 
 
-def followed(tracker: MirrorTracker, scene: Scene, *, patience: float, progress: Progress) -> Led:
-    """Closed loop: tick by tick, the future unknown; the robot moves exactly as commanded.
+def followed(tracker: MirrorTracker, scene: Scene, plant: Plant, *, patience: float, progress: Progress) -> Led:
+    """Closed loop: tick by tick, the future unknown.
 
     After the recording's end its last pose stays, until the clock has come there or `patience` recordings have passed.
     """
@@ -141,18 +152,19 @@ def followed(tracker: MirrorTracker, scene: Scene, *, patience: float, progress:
     dt, still = tracker.dt, np.zeros(6)
     poses, twists = scene.reference.poses, scene.reference.twists
     end = poses[~scene.reference.lost][-1]
-    diary, q = _Diary(scene, tracker.max_manipulability), scene.start.copy()
+    diary, seen = _Diary(scene, tracker.max_manipulability, plant), plant.reset(scene.start)
+    settled = SETTLED if isinstance(plant, IdealJoints) else SETTLED_AMID_NOISE
     total, complete = len(poses), False
     for k in range(math.ceil(patience * total + 2.0 / dt)):
         pose, twist = (poses[k], twists[k]) if k < total else (end, still)
         began = time.perf_counter()
-        command = tracker.step(q, pose, twist)
+        command = tracker.step(seen.position, pose, twist)
         spent = time.perf_counter() - began
-        diary.note(q, tracker.reference, command, lag=tracker.lag, pace=tracker.time_scale, seconds=spent)
-        q = q + command.value * dt
+        diary.note(tracker.reference, command, lag=tracker.lag, pace=tracker.time_scale, seconds=spent)
+        seen = plant.step(command.value)
         if k % TICKS_A_REPORT == 0:
             progress("step", min(k, total), total)
-        if k >= total and tracker.lag < 2 * dt and float(np.abs(command.value).max()) < SETTLED:
+        if k >= total and tracker.lag < 2 * dt and float(np.abs(command.value).max()) < settled:
             complete = True
             break
     progress("step", total, total)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from rehab_opt.kinematics.vr import Mirror
 from rehab_opt.published.astar import AStarPath
 from rehab_opt.session.outcome import MovementOutcome
+from rehab_opt.session.plant.motion import JointMotion
 
 __all__ = ["LAWS", "Led", "MirrorOutcome"]
 
@@ -37,6 +38,7 @@ class Led:
     seconds : (M,) computing time of each tick, or (1,) of all of them.
     complete : whether the reference's end was reached.
     counts : how often the tracker waited, left out, shortened and so on.
+    motion : of the joints, commanded and true; None where they are the same.
     """
 
     time: Array
@@ -53,6 +55,7 @@ class Led:
     seconds: Array
     complete: bool
     counts: dict[str, int]
+    motion: JointMotion | None = None
 
     @property
     def deviation(self) -> Array:

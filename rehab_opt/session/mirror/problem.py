@@ -6,6 +6,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
+from rehab_opt.session.plant.tables import JointPlant
 from rehab_opt.session.pose_tracking.problem import RobotSection
 from rehab_opt.session.schema import (
     NAME,
@@ -176,4 +177,5 @@ class MirrorProblem(Problem):
     patient: PatientSection
     robot: LedRobotSection
     tracker: MirrorTrackerSection = MirrorTrackerSection()
+    plant: JointPlant = JointPlant()
     astar: AStarSection | None = None

@@ -15,6 +15,7 @@ from rehab_opt.session.mirror.outcome import BEFORE, PLAN, STEP, Led, MirrorOutc
 from rehab_opt.session.mirror.problem import MirrorProblem
 from rehab_opt.session.mirror.scene import Scene, laid_out
 from rehab_opt.session.outcome import Progress
+from rehab_opt.session.plant.making import joint_plant, plant_note
 
 if TYPE_CHECKING:
     from rehab_opt.control.mirror import MirrorTracker
@@ -36,16 +37,17 @@ def run_mirror(loaded: ProblemFile[MirrorProblem], *, progress: Progress) -> Mir
     section, reference, robot = problem.tracker, scene.reference, scene.robot
     tracker = tracker_of(problem, scene, file=loaded.file)
     max_manipulability, rate = tracker.max_manipulability, section.rate_hz
+    plant = joint_plant(problem.plant, robot, 1.0 / rate)
     laws = {
-        BEFORE: without_floor(scene, rate=rate, max_manipulability=max_manipulability, progress=progress),
-        STEP: followed(tracker, scene, patience=section.patience, progress=progress),
+        BEFORE: without_floor(scene, plant, max_manipulability=max_manipulability, progress=progress),
+        STEP: followed(tracker, scene, plant, patience=section.patience, progress=progress),
         PLAN: planned(tracker, scene, progress=progress),
     }
     astar = searched(problem, scene, max_manipulability=max_manipulability, progress=progress)
     asked = reference.poses[~reference.lost]
     speeds = np.linalg.norm(reference.twists[~reference.lost, :3], axis=1)
     metrics: dict[str, Any] = {
-        "parameters": problem.model_dump(mode="json", exclude={"title"}),
+        "parameters": problem.model_dump(mode="json", exclude={"title", "plant"}) | {"plant": problem.plant.parameters},
         "reference": {
             "duration_s": float(reference.times[-1] - reference.times[0]),
             "samples": len(reference.poses),
@@ -88,7 +90,9 @@ def run_mirror(loaded: ProblemFile[MirrorProblem], *, progress: Progress) -> Mir
 
 def _notes(problem: MirrorProblem, scene: Scene, laws: dict[str, Led], tracker: MirrorTracker) -> Iterator[str]:
     yield "a reconstruction: the equations of the paper (Xu, Guo, Zhang 2021) are lost from the text at hand"
-    yield "the robot is simulated: its joints move exactly as commanded"
+    yield plant_note(problem.plant, "the robot is simulated: its joints move exactly as commanded")
+    if problem.plant.kind != "ideal":
+        yield "the plan is a plan: only what goes tick by tick was run on that robot"
     first = scene.reference.poses[~scene.reference.lost][0]
     away = float(np.linalg.norm(scene.robot.pose(scene.start)[:3, 3] - first[:3, 3]))
     if away > FAR:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.mirror.problem import MirrorProblem
 from rehab_opt.session.outcome import Progress
+from rehab_opt.session.plant.making import on_plant
 from rehab_opt.session.pose_tracking.robot import robot_files
 from rehab_opt.session.systems import Column, Needed
 
@@ -24,7 +25,7 @@ class MirrorSystem:
     """A hand led along the other hand's mirrored path."""
 
     schema = MirrorProblem
-    options: frozenset[str] = frozenset()
+    options = frozenset({"plant"})
 
     def recordings(self, problem: MirrorProblem) -> tuple[Needed, ...]:
         """The hand's poses, the points that tell where they were seen, and the robot file."""
@@ -44,10 +45,10 @@ class MirrorSystem:
     def run(
         self, loaded: ProblemFile[MirrorProblem], *, options: Mapping[str, str], progress: Progress
     ) -> MirrorOutcome:
-        """No options."""
+        """The option is `plant`."""
         from rehab_opt.session.mirror.run import run_mirror  # noqa: PLC0415  (loads solvers)
 
-        return run_mirror(loaded, progress=progress)
+        return run_mirror(on_plant(loaded, options.get("plant")), progress=progress)
 
     def seconds_a_tick(self, problem: MirrorProblem) -> float:
         """Of the tracker."""

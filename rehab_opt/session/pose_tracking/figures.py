@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 
 from rehab_opt.session.drawing import GRID, MM, REFERENCE, framed, legend_below
 from rehab_opt.session.joint_figure import LAW_STYLES, joint_figure
+from rehab_opt.session.plant.figure import servo_figure
 from rehab_opt.session.pose_tracking.outcome import RobotOutcome
 from rehab_opt.session.pose_tracking.table import TRACKER
 
@@ -15,11 +16,14 @@ __all__ = ["robot_figures"]
 
 def robot_figures(outcome: RobotOutcome) -> dict[str, Figure]:
     """The figures of a run by file name (without suffix)."""
-    return {
+    drawn = {
         "tool_path": _tool_path(outcome),
         "joints": joint_figure(outcome, {TRACKER: (outcome.q, LAW_STYLES["optimised"])}),
         "error": _robot_error(outcome),
     }
+    if outcome.motion is not None:
+        drawn["servos"] = servo_figure(outcome.title, outcome.chain.names, outcome.motion)
+    return drawn
 
 
 def _tool_path(outcome: RobotOutcome) -> Figure:

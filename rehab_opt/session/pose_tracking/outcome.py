@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.session.outcome import MovementOutcome
+from rehab_opt.session.plant.motion import JointMotion
 
 __all__ = ["RobotOutcome"]
 
@@ -22,8 +23,9 @@ class RobotOutcome(MovementOutcome):
     ----------
     reference, tool : (N, 3) positions [m].
     position_error, orientation_error : (N,) [m, rad].
-    q, command : (N, n) [rad, rad/s].
+    q, command : (N, n) true positions [rad], commanded velocities [rad/s].
     status : (N,) of each command.
+    motion : of the joints, commanded and true; None where they are the same.
     """
 
     reference: Array = field(kw_only=True)
@@ -33,3 +35,4 @@ class RobotOutcome(MovementOutcome):
     q: Array = field(kw_only=True)
     command: Array = field(kw_only=True)
     status: tuple[str, ...] = field(kw_only=True)
+    motion: JointMotion | None = field(kw_only=True, default=None)

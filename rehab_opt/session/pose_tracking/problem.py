@@ -7,6 +7,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
+from rehab_opt.session.plant.tables import JointPlant
 from rehab_opt.session.schema import Problem, Section, SolverName, Triple, refusal
 
 __all__ = ["CircleSection", "PoseTracking", "RobotSection", "TrackerSection"]
@@ -69,6 +70,7 @@ class PoseTracking(Problem):
     robot: RobotSection
     circle: CircleSection
     tracker: TrackerSection = TrackerSection()
+    plant: JointPlant = JointPlant()
 
     @model_validator(mode="after")
     def ticks_fit_into_memory(self) -> Self:

@@ -1,4 +1,4 @@
-"""Closed loop of a robot whose tool follows a circle: the robot moves exactly as commanded, tick by tick."""
+"""Closed loop of a robot whose tool follows a circle, tick by tick."""
 
 from __future__ import annotations
 
@@ -16,6 +16,8 @@ from rehab_opt.kinematics.ur5 import ur5
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.metrics import error_metrics, joint_metrics, status_counts, time_metrics
 from rehab_opt.session.outcome import Progress
+from rehab_opt.session.plant.making import joint_plant, plant_note
+from rehab_opt.session.plant.motion import MotionLog
 from rehab_opt.session.pose_tracking.outcome import RobotOutcome
 from rehab_opt.session.pose_tracking.problem import CircleSection, PoseTracking, RobotSection
 from rehab_opt.session.robot_file import robot_of
@@ -55,16 +57,19 @@ def run_pose_tracking(loaded: ProblemFile[PoseTracking], *, solver: str | None, 
     tool = np.empty((len(times), 4, 4))
     seconds = np.empty(len(times))
     statuses, yielded, scales = [], [], np.empty(len(times))
-    now = start.copy()
+    plant = joint_plant(problem.plant, robot, dt)
+    log, seen = MotionLog(plant), plant.reset(start)
     for i, (pose, twist) in enumerate(zip(poses, twists, strict=True)):
-        q[i], tool[i] = now, robot.pose(now)
+        q[i] = plant.truth.position
+        tool[i] = robot.pose(q[i])
         began = time.perf_counter()
-        answer = tracker.step(now, pose, twist)
+        answer = tracker.step(seen.position, pose, twist)
         seconds[i] = time.perf_counter() - began
         command[i], scales[i] = answer.value, answer.scale
         statuses.append(answer.status.value)
         yielded.append(str(answer.yielded.name or "").lower().replace("|", ", "))
-        now = now + answer.value * dt
+        log.note(answer.value)
+        seen = plant.step(answer.value)
         if i % TICKS_A_REPORT == 0:
             progress("following the circle", i, len(times))
     progress("following the circle", len(times), len(times))
@@ -102,8 +107,12 @@ def run_pose_tracking(loaded: ProblemFile[PoseTracking], *, solver: str | None, 
         title=problem.title,
         chain=robot,
         time=times,
-        notes=("the robot is simulated: its joints move exactly as commanded", *robot.notes),
-        metrics={"parameters": problem.model_dump(mode="json", exclude={"title"}), "optimised": metrics},
+        notes=(plant_note(problem.plant, "the robot is simulated: its joints move exactly as commanded"), *robot.notes),
+        metrics={
+            "parameters": problem.model_dump(mode="json", exclude={"title", "plant"})
+            | {"plant": problem.plant.parameters},
+            "optimised": metrics,
+        },
         reference=poses[:, :3, 3],
         tool=tool[:, :3, 3],
         position_error=position_error,
@@ -111,6 +120,7 @@ def run_pose_tracking(loaded: ProblemFile[PoseTracking], *, solver: str | None, 
         q=q,
         command=command,
         status=tuple(statuses),
+        motion=log.motion,
     )
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
+from rehab_opt.session.plant.making import on_plant
 from rehab_opt.session.pose_tracking.outcome import RobotOutcome
 from rehab_opt.session.pose_tracking.problem import PoseTracking
 from rehab_opt.session.pose_tracking.robot import robot_at_start, robot_files, run_pose_tracking, tracker_of
@@ -25,7 +26,7 @@ class PoseTrackingSystem:
     """A simulated robot that follows a circle with `PoseTracker`."""
 
     schema = PoseTracking
-    options = frozenset({"solver"})
+    options = frozenset({"plant", "solver"})
 
     def recordings(self, problem: PoseTracking) -> tuple[Needed, ...]:
         """No recording, since the circle is computed; the robot file."""
@@ -39,10 +40,11 @@ class PoseTrackingSystem:
         return robot.notes
 
     def run(self, loaded: ProblemFile[PoseTracking], *, options: Mapping[str, str], progress: Progress) -> RobotOutcome:
-        """Option: `solver` of the tracker."""
+        """Options: `solver` of the tracker, `plant`."""
         solver = checked_solver(options.get("solver"))
+        on = on_plant(loaded, options.get("plant"))
         with _refusals(loaded, solver):
-            return run_pose_tracking(loaded, solver=solver, progress=progress)
+            return run_pose_tracking(on, solver=solver, progress=progress)
 
     def seconds_a_tick(self, problem: PoseTracking) -> float:
         """Of the tracker."""

@@ -21,3 +21,6 @@ def robot_columns(outcome: RobotOutcome) -> Iterator[Column]:
     yield "status", outcome.status
     yield from joint_columns("joint", outcome.chain, outcome.q, "rad")
     yield from joint_columns("command", outcome.chain, outcome.command, "rad_s")
+    if outcome.motion is not None:
+        yield from joint_columns("measured", outcome.chain, outcome.motion.measured, "rad")
+        yield from joint_columns("velocity", outcome.chain, outcome.motion.velocity, "rad_s")

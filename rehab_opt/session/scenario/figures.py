@@ -12,6 +12,7 @@ from rehab_opt.session.scenario.learnt_figure import learnt_figure
 from rehab_opt.session.scenario.measures import REACHES
 from rehab_opt.session.scenario.outcome import ScenarioOutcome
 from rehab_opt.session.scenario.parameter_figure import parameter_figure
+from rehab_opt.session.scenario.robot_figure import late_trial, robot_figure
 from rehab_opt.session.scenario.together_figure import pairs_of, together_figure
 from rehab_opt.session.scenario.trials_figure import trials_figure
 
@@ -38,4 +39,7 @@ def scenario_figures(outcome: ScenarioOutcome) -> dict[str, Figure]:
         drawn["along"] = along_figure(outcome)
     if pairs_of(outcome):
         drawn["together"] = together_figure(outcome)
+    late = late_trial(outcome)
+    if late is not None:
+        drawn["robot"] = robot_figure(outcome.title, late)
     return drawn

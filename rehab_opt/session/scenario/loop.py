@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rehab_opt.session.scenario.force_robot import ForceRobot, RobotModel
+from rehab_opt.plants.hand_robot import MakesRobots, MujocoHandRobot
 from rehab_opt.session.scenario.intention import Intention
 from rehab_opt.session.scenario.laws import ForceLaw
 from rehab_opt.session.scenario.simulated_person import Person, SimulatedPerson
@@ -32,7 +32,7 @@ class Scene(NamedTuple):
 
     comfortable: Workspace
     person: Person
-    robot: RobotModel
+    robot: MakesRobots
     intention: Intention
     arrival: Arrival | None
     """None where the time says when the trial is over."""
@@ -45,8 +45,7 @@ def ran(scene: Scene, law: ForceLaw, *, name: Law, number: int, seed: int) -> Tr
     ticks = len(intention.places)
     start = tuple(intention.places[0].tolist())
     person = SimulatedPerson(scene.person, scene.comfortable, dt=dt, ticks=ticks, seed=seed)
-    robot = ForceRobot(
-        scene.robot,
+    robot = scene.robot.robot(
         hand_mass=scene.person.hand_mass,
         start=start,
         dt=dt,
@@ -59,14 +58,17 @@ def ran(scene: Scene, law: ForceLaw, *, name: Law, number: int, seed: int) -> Tr
     within = 0.0 if arrival is None else arrival.within
     law.start(number)
     aimed, rows, marks = -1, [], []
+    shown: list[tuple[float, ...]] = []
     for k in range(ticks):
         if goals[k] != aimed:
             aimed = goals[k]
             law.aim(aimed)
             goal_x, goal_y = intention.goals[aimed].tolist()
         x, y, vx, vy = robot.x, robot.y, robot.vx, robot.vy
-        wanted, force, status, yielded, left = law.answer(x, y)
+        wanted, force, status, yielded, left = law.answer(*robot.seen)
         push = person.force(x, y, vx, vy, *meant[k])
+        if isinstance(robot, MujocoHandRobot):
+            shown.append((*robot.seen, *robot.acting))
         robot.step(*force, *push)
         rows.append((x, y, vx, vy, *wanted, *force, robot.measured_x, robot.measured_y, left, person.beyond))
         marks.append((status, yielded))
@@ -95,4 +97,6 @@ def ran(scene: Scene, law: ForceLaw, *, name: Law, number: int, seed: int) -> Tr
         goal=goal,
         ended="late" if arrival is not None and calm < needed else "done",
         helper=law.partner(),
+        seen=np.array(shown)[:, 0:2] if shown else None,
+        acting=np.array(shown)[:, 2:4] if shown else None,
     )

@@ -12,7 +12,7 @@ from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.scenario.bounds import bounds_of, bounds_refusals
 from rehab_opt.session.scenario.intention import traced
-from rehab_opt.session.scenario.plant import robot_model_of
+from rehab_opt.session.scenario.plant import hand_robot_of
 from rehab_opt.session.scenario.prepared import Prepared
 from rehab_opt.session.scenario.problem import ScenarioProblem
 from rehab_opt.session.scenario.simulated_person import Person
@@ -73,9 +73,9 @@ def together_of(both: Bilateral, loaded: ProblemFile[ScenarioProblem], ready: Pr
     assert ready.demonstrated is not None
     meant = traced(ready.demonstrated, seconds=task.movement_s, rest=task.rest_s, dt=dt)
     healthy = Person(wander=1e-3 * helper.wander_mm, tremor=0.0, spasm_rate=0.0)
-    robot = robot_model_of(loaded)
+    robot = hand_robot_of(loaded)
     try:
-        robot.check(healthy.hand_mass, dt=dt)
+        robot.model.check(healthy.hand_mass, dt=dt)
     except ConfigurationError as refused:
         key = f"robot.{refused.argument}"
         raise ProblemFileError(loaded.file, key, refused.value, f"{refused.expected}, the helper's") from refused

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from rehab_opt.errors import ConfigurationError, ProblemFileError
+from rehab_opt.plants.force_robot import RobotModel
+from rehab_opt.plants.hand_robot import MakesRobots, OnMujoco, WithoutDelay
 from rehab_opt.session.files import ProblemFile
-from rehab_opt.session.scenario.force_robot import RobotModel
+from rehab_opt.session.plant.making import channel_of, ms
 from rehab_opt.session.scenario.problem import ScenarioProblem
 from rehab_opt.session.scenario.simulated_person import Person
 
-__all__ = ["person_of", "robot_model_of"]
+__all__ = ["hand_robot_of", "person_of", "robot_model_of"]
 
 STABLE = 1 + 1e-6
 """Growth a tick that rounding makes of none."""
@@ -76,3 +78,12 @@ def robot_model_of(loaded: ProblemFile[ScenarioProblem]) -> RobotModel:
         value = f"{rate:g}, at which their simulation grows {grows:.3g}-fold a tick"
         raise ProblemFileError(loaded.file, "run.rate_hz", value, expected)
     return model
+
+
+def hand_robot_of(loaded: ProblemFile[ScenarioProblem]) -> MakesRobots:
+    """The simulated robot on the file's plant; raises as `robot_model_of`."""
+    model, table = robot_model_of(loaded), loaded.problem.plant
+    if table.kind == "ideal":
+        return WithoutDelay(model)
+    channel = channel_of(table, table.position_noise_m, table.position_resolution_m)
+    return OnMujoco(model, channel, ms(table.force_lag_ms), ms(table.physics_step_ms), table.seed)

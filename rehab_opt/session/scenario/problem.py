@@ -7,7 +7,8 @@ from typing import Annotated, Literal, Self, get_args
 from pydantic import Field, model_validator
 
 from rehab_opt.control.gate import Mode
-from rehab_opt.session.scenario.force_robot import RobotModel
+from rehab_opt.plants.force_robot import RobotModel
+from rehab_opt.session.plant.tables import HandPlant
 from rehab_opt.session.scenario.simulated_person import FASTEST_LINE, Person
 from rehab_opt.session.scenario.trial import Law
 from rehab_opt.session.schema import (
@@ -175,6 +176,7 @@ class ScenarioProblem(Problem):
     robot: RobotSection = RobotSection()
     person: PersonSection = PersonSection()
     run: RunSection = RunSection()
+    plant: HandPlant = HandPlant()
 
     @model_validator(mode="after")
     def the_field_is_given_or_learnt(self) -> Self:

@@ -15,6 +15,7 @@ from rehab_opt.control.smoother import Smoother
 from rehab_opt.published.field_law import FieldLaw
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
+from rehab_opt.session.plant.making import plant_note
 from rehab_opt.session.scenario.bounds import bounds_of, bounds_refusals, check_bounds
 from rehab_opt.session.scenario.demonstrated import fit_metrics
 from rehab_opt.session.scenario.laws import Assisted, AssistedAtPoints, ForceLaw, Published, Unassisted
@@ -22,7 +23,7 @@ from rehab_opt.session.scenario.loop import Arrival, Scene, ran
 from rehab_opt.session.scenario.measures import trial_measures
 from rehab_opt.session.scenario.outcome import ScenarioOutcome
 from rehab_opt.session.scenario.pair import pair_measures, pair_of
-from rehab_opt.session.scenario.plant import person_of, robot_model_of
+from rehab_opt.session.scenario.plant import hand_robot_of, person_of, robot_model_of
 from rehab_opt.session.scenario.prepared import Prepared, prepared
 from rehab_opt.session.scenario.problem import REACHES, THERAPY, ScenarioProblem
 from rehab_opt.session.scenario.summary import law_summary
@@ -88,6 +89,7 @@ def run_scenario(loaded: ProblemFile[ScenarioProblem], *, solver: str | None, pr
         notes=(
             *ready.notes,
             *ASSUMPTIONS[: 2 if fit is None else 1],
+            *(() if problem.plant.kind == "ideal" else (plant_note(problem.plant, ""),)),
             *_pair_notes(problem, measures),
             *_runaways(problem, ready, trials),
             *swinging_notes(trials, slew_limit=problem.assistance.slew_limit_N_s),
@@ -99,7 +101,8 @@ def run_scenario(loaded: ProblemFile[ScenarioProblem], *, solver: str | None, pr
                 "reachable_cm2": 1e4 * ready.reachable.area,
             },
             **({} if fit is None else {"learnt": fit_metrics(fit)}),
-            "parameters": problem.model_dump(mode="json", exclude={"title"}),
+            "parameters": problem.model_dump(mode="json", exclude={"title", "plant"})
+            | {"plant": problem.plant.parameters},
         },
         mode=problem.mode,
         comfortable=ready.comfortable,
@@ -151,7 +154,7 @@ def scene_of(loaded: ProblemFile[ScenarioProblem], ready: Prepared) -> Scene:
     return Scene(
         comfortable=ready.comfortable,
         person=person_of(problem),
-        robot=robot_model_of(loaded),
+        robot=hand_robot_of(loaded),
         intention=ready.intention,
         arrival=arrival,
         dt=1 / problem.run.rate_hz,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.participant import arm_of
+from rehab_opt.session.plant.making import on_plant
 from rehab_opt.session.scenario.bounds import check_bounds
 from rehab_opt.session.scenario.demonstrated import learnt, needed_demonstrations
 from rehab_opt.session.scenario.given_path import given_path
@@ -29,7 +30,7 @@ class ScenarioSystem:
     """The five scenarios of therapy and help."""
 
     schema = ScenarioProblem
-    options = frozenset({"solver"})
+    options = frozenset({"plant", "solver"})
 
     def recordings(self, problem: ScenarioProblem) -> tuple[Needed, ...]:
         """The helper's movement and the therapist's, where some are named."""
@@ -51,7 +52,8 @@ class ScenarioSystem:
     def run(
         self, loaded: ProblemFile[ScenarioProblem], *, options: Mapping[str, str], progress: Progress
     ) -> ScenarioOutcome:
-        """The option is `solver`."""
+        """Options: `solver`, `plant`."""
+        loaded = on_plant(loaded, options.get("plant"))
         return run_scenario(loaded, solver=checked_solver(options.get("solver")), progress=progress)
 
     def seconds_a_tick(self, problem: ScenarioProblem) -> float:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rehab_opt.control.bilateral import Bilateral
-from rehab_opt.session.scenario.force_robot import ForceRobot, RobotModel
+from rehab_opt.plants.hand_robot import MakesRobots
 from rehab_opt.session.scenario.intention import Intention
 from rehab_opt.session.scenario.laws import INDEX, Answer, ForceLaw
 from rehab_opt.session.scenario.simulated_person import Person, SimulatedPerson
@@ -21,7 +21,7 @@ class Helper(NamedTuple):
     """Who helps, with which robot, and what they mean to do in their workspace."""
 
     person: Person
-    robot: RobotModel
+    robot: MakesRobots
     workspace: Workspace
     intention: Intention
 
@@ -46,9 +46,7 @@ class Together(ForceLaw):
         self._person = SimulatedPerson(helper.person, helper.workspace, dt=dt, ticks=ticks, seed=seed)
         x, y = meant.places[0].tolist()
         rng = np.random.default_rng((*seed, 1))
-        self._robot = ForceRobot(
-            helper.robot, hand_mass=helper.person.hand_mass, start=(x, y), dt=dt, rng=rng, ticks=ticks
-        )
+        self._robot = helper.robot.robot(hand_mass=helper.person.hand_mass, start=(x, y), dt=dt, rng=rng, ticks=ticks)
         self._meant = np.hstack((meant.places, meant.velocities)).tolist()
         self._rows: list[tuple[float, ...]] = []
 
@@ -56,7 +54,7 @@ class Together(ForceLaw):
         """The participant's force; the helper moves on by a tick."""
         both, robot = self._both, self._robot
         at_x, at_y, vx, vy = robot.x, robot.y, robot.vx, robot.vy
-        felt, drawn = both.step((at_x, at_y), (x, y))
+        felt, drawn = both.step(robot.seen, (x, y))
         felt_x, felt_y = felt.value.tolist()
         push = self._person.force(at_x, at_y, vx, vy, *self._meant[len(self._rows)])
         robot.step(felt_x, felt_y, *push)

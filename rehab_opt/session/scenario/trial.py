@@ -52,6 +52,8 @@ class Trial:
     status, yielded : (N,) index into `tuple(Status)`, and `Bound` flags; 0 for laws that have none.
     energy_left : (N,) [J] in the tank; NaN for laws that have none.
     goal : (N, 2) [m] the point that was to be reached or held; NaN where there is none.
+    seen, acting : (N, 2) [m] where the law saw the hand, [N] the motors' force when the tick began; None where the hand
+        is seen where it is, and the motors give what they are told.
     helper : who did it along with the participant; None where there is nobody.
     ended : "done" where the task was finished, "late" where its time was over.
     """
@@ -72,6 +74,8 @@ class Trial:
     goal: Array
     ended: Literal["done", "late"]
     helper: HelperTrace | None = None
+    seen: Array | None = None
+    acting: Array | None = None
 
     @property
     def statuses(self) -> list[Status]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rehab_opt.errors import ConfigurationError
+from rehab_opt.plants.force_loop import ForceLoop
 
 __all__ = ["ForceRobot", "RobotModel"]
 
@@ -86,7 +87,7 @@ class ForceRobot:
     """
 
     __slots__ = (
-        "_dt", "_hand_mass", "_integral", "_model", "_noise", "_tick", "measured_x", "measured_y", "vx", "vy", "x", "y",
+        "_dt", "_hand_mass", "_loop", "_model", "_noise", "_tick", "measured_x", "measured_y", "vx", "vy", "x", "y",
     )  # fmt: skip
 
     def __init__(
@@ -103,9 +104,14 @@ class ForceRobot:
         self._model, self._hand_mass, self._dt = model, hand_mass, dt
         self.x, self.y = map(float, start)
         self.vx = self.vy = self.measured_x = self.measured_y = 0.0
-        self._integral = [0.0, 0.0]
+        self._loop = ForceLoop(model.gain, model.integral, model.motor_limit, step=dt)
         self._noise: list[list[float]] = (model.noise * rng.standard_normal((ticks, 2))).tolist()
         self._tick = 0
+
+    @property
+    def seen(self) -> tuple[float, float]:
+        """[m] where the controller sees the hand: where it is."""
+        return self.x, self.y
 
     def step(self, force_x: float, force_y: float, person_x: float, person_y: float) -> None:
         """One tick under the commanded force [N], with a person who pushes the handle with person_x, person_y [N].
@@ -120,13 +126,13 @@ class ForceRobot:
         # Friction stops within a tick what it can stop; more would turn the hand round, for ever.
         slip = model.viscous + max(0.0, min(dry, whole / dt - model.viscous))
 
-        motor = self._motor(0, force_x - self.measured_x, force_x)
+        motor = self._loop.motor(0, force_x - self.measured_x, force_x)
         acceleration = (motor - slip * self.vx + person_x) / whole
         self.measured_x = self._hand_mass * acceleration - person_x + noise_x
         self.vx += acceleration * dt
         self.x += self.vx * dt
 
-        motor = self._motor(1, force_y - self.measured_y, force_y)
+        motor = self._loop.motor(1, force_y - self.measured_y, force_y)
         acceleration = (motor - slip * self.vy + person_y) / whole
         self.measured_y = self._hand_mass * acceleration - person_y + noise_y
         self.vy += acceleration * dt
@@ -136,13 +142,3 @@ class ForceRobot:
             self.x, self.vx = min(max(self.x, model.lower[0]), model.upper[0]), 0.0
         if not (model.lower[1] <= self.y <= model.upper[1]):
             self.y, self.vy = min(max(self.y, model.lower[1]), model.upper[1]), 0.0
-
-    def _motor(self, axis: int, error: float, force: float) -> float:
-        """[N] of the motors; the integral waits while they are at their limit."""
-        model, integral = self._model, self._integral
-        summed = integral[axis] + model.integral * self._dt * error
-        motor = force + model.gain * error + summed
-        if -model.motor_limit <= motor <= model.motor_limit:
-            integral[axis] = summed
-            return motor
-        return min(max(motor, -model.motor_limit), model.motor_limit)

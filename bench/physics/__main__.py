@@ -1,0 +1,122 @@
+"""Controllers on robots with mass, servos, delays and noise: `python -m bench.physics --tasks N --seed S [--write]`.
+
+Prints what is measured beside the bound of issue 15, the worst of all tasks at each delay. Exit code 1 where one is
+missed. Rows without a bound are for comparison.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import sys
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from datetime import UTC, datetime
+from importlib.metadata import version
+from multiprocessing import get_context
+from pathlib import Path
+
+from bench.machine import machine
+from bench.physics.rows import TASKS, Done, Measured, done, measured
+from bench.physics.setting import CELLS
+
+__all__ = ["main", "table"]
+
+RESULTS = Path(__file__).parents[1] / "RESULTS.md"
+BEGIN, END = "<!-- physics: begin -->", "<!-- physics: end -->"
+DEAREST_FIRST = ("tracking", "hand", "energy", "help", "limit", "mirror", "push", "blocked", "frozen")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run, print, and say whether every bound holds."""
+    parser = argparse.ArgumentParser(prog="python -m bench.physics", description=__doc__)
+    parser.add_argument("--tasks", type=int, default=len(CELLS), help="of each kind, spread over the cells in turn")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--only", nargs="+", choices=list(TASKS), default=list(TASKS))
+    parser.add_argument("--ideal", action="store_true", help="joints that move as commanded, without delay and noise")
+    parser.add_argument("--feedback", help="for controllers that have such an argument")
+    parser.add_argument("--processes", type=int, default=1)
+    parser.add_argument("--write", action="store_true", help="put the table into bench/RESULTS.md")
+    options = parser.parse_args(arguments)
+    os.environ.setdefault("REHAB_OPT_COMPILE", "0")  # the same answers, and no minute of compiling for each controller
+    names = [name for name in DEAREST_FIRST if name in options.only]
+    # Every process has tasks of every kind: controllers are built once in each.
+    work = [
+        (name, range(part, options.tasks, options.processes), options.seed, options.ideal, options.feedback)
+        for name in names
+        for part in range(min(options.processes, options.tasks))
+    ]
+    found: dict[str, list[Done]] = {name: [] for name in names}
+    if options.processes == 1:
+        for each in work:
+            found[each[0]] += done(*each)
+    else:
+        with ProcessPoolExecutor(options.processes, mp_context=get_context("spawn")) as pool:
+            for each, of in zip(work, pool.map(done, *zip(*work, strict=True)), strict=True):
+                found[each[0]] += of
+    rows = measured(found)
+    lines = [*_head(options), *table(rows)]
+    print("\n".join(lines))
+    if options.write:
+        _write(lines)
+    return int(any(row.verdict == "FAIL" for row in rows))
+
+
+def table(rows: Sequence[Measured]) -> list[str]:
+    """The rows as Markdown, a column for each delay."""
+    delays = sorted({delay for row in rows for delay in row.by_delay})
+    heads = [f"{1e3 * delay:g} ms" for delay in delays]
+    lines = [
+        f"| what | bound | {' | '.join(heads)} | all | tasks | |",
+        f"|---|---|{'---|' * len(delays)}---|---|---|",
+    ]
+    for each in rows:
+        row = each.row
+        numbers = [_number(each.by_delay.get(delay, math.nan)) for delay in delays]
+        cells = [row.what, _bound(row.at_least, row.at_most, row.unit), *numbers, _number(each.total)]
+        lines.append(f"| {' | '.join(cells)} | {each.tasks} | {each.verdict} |")
+    return lines
+
+
+def _bound(low: float, high: float, unit: str) -> str:
+    if high == math.inf:
+        return f"- {unit}".rstrip()
+    return (f"{low:g} to {high:g} {unit}" if low > -math.inf else f"<= {high:g} {unit}").rstrip()
+
+
+def _number(value: float) -> str:
+    if math.isnan(value):
+        return "-"
+    return "never" if value == math.inf else "none" if value == -math.inf else f"{value:.3g}"
+
+
+def _head(options: argparse.Namespace) -> list[str]:
+    told = f" --only {' '.join(options.only)}" if set(options.only) != set(TASKS) else ""
+    told += " --ideal" if options.ideal else ""
+    told += f" --feedback {options.feedback}" if options.feedback else ""
+    place = ", ".join(f"{key} {value}" for key, value in machine().items())
+    return [
+        "## Robots with mass, servos, delays and noise",
+        "",
+        f"{datetime.now(UTC):%Y-%m-%d}; {place}; MuJoCo {version('mujoco')}.",
+        "",
+        f"    python -m bench.physics --tasks {options.tasks} --seed {options.seed}{told}",
+        "",
+        "Today's controllers with default settings. UR5 and iiwa 14 in turn; columns are delays, half of them of the "
+        "command, half of the measurement; encoder noise of 0, 0.1 and 0.2 mrad; 500 Hz and 1 kHz. Every number is of "
+        "the true robot.",
+        "",
+    ]
+
+
+def _write(lines: list[str]) -> None:
+    text = RESULTS.read_text(encoding="utf-8") if RESULTS.exists() else "# Results\n"
+    if BEGIN not in text:
+        text = f"{text.rstrip()}\n\n{BEGIN}\n{END}\n"
+    before, _, rest = text.partition(BEGIN)
+    RESULTS.write_text(before + "\n".join([BEGIN, *lines, ""]) + END + rest.partition(END)[2], encoding="utf-8")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,125 @@
+"""Energy of a late force on a hand, and whether help comes to rest."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from bench.physics.setting import Numbers, Setting
+from rehab_opt import Assistance, BoundedForce, PotentialField, Workspace
+from rehab_opt.plants.channel import Channel
+from rehab_opt.plants.contacts import Push, SpringDamper
+from rehab_opt.plants.drives import HandForce
+from rehab_opt.plants.mujoco_arm import MujocoArm
+from rehab_opt.plants.planar import point_mass_model
+
+__all__ = ["delivered", "reached"]
+
+Array = NDArray[np.float64]
+
+LAG = 0.003
+"""[s] of the acting force, besides the cell's delay; none where that is zero."""
+SECONDS = 12.0
+BUDGET, CAP = 20.0, 1.0
+"""[J], [m/s] `BoundedForce`'s defaults."""
+WAY, ARRIVED = 0.2, 0.015
+"""[m] of a reach, and from its target where it counts as arrived."""
+
+
+def delivered(setting: Setting) -> Numbers:
+    """A stiff, little damped field, late, on a person who moves as they like: the most work that it did."""
+    rng = setting.rng
+    stiffness, damping = rng.uniform(100, 1000), rng.uniform(0, 20)
+    controller = BoundedForce(
+        lambda x, y, vx, vy: (-stiffness * x - damping * vx, -stiffness * y - damping * vy),
+        dt=setting.dt,
+        trust_stillness=True,
+        **setting.told(BoundedForce),
+    )
+    work, speed = _moved(setting, controller, 0.05 * rng.normal(size=2))
+    slow = float(speed.max()) <= CAP
+    return {"work": float(work.max()), "work below the cap": float(work.max()) if slow else -math.inf}
+
+
+def reached(setting: Setting) -> Numbers:
+    """A reach of 0.2 m with a field like the README's and `Assistance`'s default bounds."""
+    rng = setting.rng
+    start = np.array([-0.17, 0.50])
+    path = start + np.outer(np.linspace(0, 1, 50), [WAY, 0.0])
+    field = setting.kept.get("field")
+    if field is None:
+        field = setting.kept["field"] = PotentialField(path, stiffness=1000.0, drag=200.0, width=0.025, damping=5.0)
+    comfortable = Workspace(shapely.box(-0.30, 0.45, -0.20, 0.55), accuracy=1e-3)
+    controller = Assistance(
+        field, comfortable=comfortable, mode="assist", dt=setting.dt, trust_stillness=True, **setting.told(Assistance)
+    )
+    work, speed, place = _reach(setting, controller, start + 0.005 * rng.normal(size=2))
+    near = np.linalg.norm(place - path[-1], axis=1) <= ARRIVED
+    arrival = int(near.argmax()) if near.any() else len(near)
+    rest = speed[arrival + round(1.0 / setting.dt) :]
+    return {
+        # Who never arrives is not at rest.
+        "help: speed at rest": float(np.sqrt(np.mean(rest**2))) if rest.size else math.inf,
+        "help: work of a reach": float(work.max()),
+    }
+
+
+def _moved(setting: Setting, controller: BoundedForce, start: Array) -> tuple[Array, Array]:
+    rng = setting.rng
+    person = SpringDamper([0.0, 0.0, 0.0], stiffness=rng.uniform(0, 200), damping=rng.uniform(3, 20), strength=25.0)
+    waves = rng.uniform(0.3, 4.0, (2, 3)), rng.uniform(0, 2 * math.pi, (2, 3)), rng.uniform(0, 3.0, (2, 3))
+
+    def will(time: float) -> Array:
+        hertz, phase, size = waves
+        x, y = (size * np.sin(2 * math.pi * hertz * time + phase)).sum(axis=1).tolist()
+        return np.array([x, y, 0.0])
+
+    plant = _mass(setting, (person, Push(will)))
+    return _run(setting, plant, controller, start)[:2]
+
+
+def _reach(setting: Setting, controller: Assistance, start: Array) -> tuple[Array, Array, Array]:
+    """A person too weak to go alone: a damped hand, and a little tremor."""
+    rng = setting.rng
+    hertz, phase = rng.uniform(4, 8), rng.uniform(0, 2 * math.pi, 2)
+
+    def tremor(time: float) -> Array:
+        x, y = (0.3 * np.sin(2 * math.pi * hertz * time + phase)).tolist()
+        return np.array([x, y, 0.0])
+
+    arm = SpringDamper([0.0, 0.0, 0.0], stiffness=0.0, damping=rng.uniform(4.0, 15.0))
+    return _run(setting, _mass(setting, (arm, Push(tremor))), controller, start)
+
+
+def _mass(setting: Setting, contacts: tuple[SpringDamper | Push, ...]) -> MujocoArm:
+    half = setting.cell.delay / 2
+    channel = Channel(command_delay=half, measurement_delay=half, position_noise=0.1 * setting.cell.noise)
+    mass = setting.rng.uniform(1.5, 4.0)
+    lag = LAG if setting.cell.delay else 0.0
+    return MujocoArm(
+        point_mass_model(mass),
+        dt=setting.dt,
+        drive=HandForce(lag),
+        channel=channel,
+        contacts=contacts,
+        seed=setting.rng,
+    )
+
+
+def _run(setting: Setting, plant: MujocoArm, controller: BoundedForce, start: Array) -> tuple[Array, Array, Array]:
+    """(N,) [J] work of the acting force so far, (N,) [m/s] speed, (N, 2) [m] place, all true."""
+    drive = plant.drive
+    assert isinstance(drive, HandForce)
+    seen = plant.reset(start)
+    ticks = round(SECONDS * setting.cell.rate)
+    work, speed, place, done = np.empty(ticks), np.empty(ticks), np.empty((ticks, 2)), 0.0
+    for k in range(ticks):
+        before, force = plant.truth, drive.acting
+        seen = plant.step(controller.step(seen.position).value)
+        after = plant.truth
+        done += float((force + drive.acting) @ (after.position - before.position)) / 2
+        work[k], speed[k], place[k] = done, np.linalg.norm(after.velocity), after.position
+    return work, speed, place

@@ -1,0 +1,116 @@
+"""A hand that runs into a wall, a sensor that freezes, a person who pushes."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from bench.physics.following import follow
+from bench.physics.setting import Array, Numbers, Setting
+from rehab_opt import Interaction, MirrorTracker, PoseTracker, Status
+from rehab_opt.plants.contacts import Wall
+from rehab_opt.plants.mujoco_arm import MujocoArm
+from rehab_opt.plants.plant import Measurement, Plant
+
+__all__ = ["blocked", "frozen", "pushed"]
+
+SPEED = 0.25
+"""[m/s] of the hand towards the wall."""
+STOPPED = (Status.BRAKING, Status.HOLDING)
+TOLERANCE = 0.02
+"""[rad] A following error that is certainly one."""
+PUSH, BACK = 28.0, 2.0
+"""[N] for two seconds, and [s] to come back in."""
+
+
+def blocked(setting: Setting) -> Numbers:
+    """The hand moves into a wall and on, as far as its target goes; after a second the wall is taken away."""
+    rng, arm, rate = setting.rng, setting.arm, setting.cell.rate
+    chain, start = arm.chain, arm.start(rng, 0.15)
+    first = chain.pose(start)
+    way = rng.normal(size=3)
+    way /= np.linalg.norm(way)
+    near = 0.05
+    wall = Wall(first[:3, 3] + near * way, -way)
+    plant = setting.plant(contacts=(wall,))
+    tracker = setting.controller(PoseTracker, chain, linear_speed=SPEED)
+    ticks, gone, deepest = round(2.5 * rate), round((near / SPEED + 1.2) * rate), 0.15
+
+    def step(k: int, seen: Measurement):  # type: ignore[no-untyped-def]
+        pose, twist = first.copy(), np.zeros(6)
+        along = SPEED * k / rate
+        if along < deepest:
+            twist[:3] = SPEED * way
+        pose[:3, 3] += min(along, deepest) * way
+        return tracker.step(seen.position, pose, twist)
+
+    def each(k: int, now: Plant) -> None:
+        if k == gone and isinstance(now, MujocoArm):
+            now.contacts = ()
+
+    run = follow(plant, chain, start, ticks, step, each=each)
+    force = np.linalg.norm(run.force, axis=1)
+    if not force[:gone].any():
+        return {"blocked: peak": 0.0, "blocked: after 0.5 s": 0.0, "release": 0.0}
+    touch = int(np.flatnonzero(force)[0])
+    later = force[touch + round(0.5 * rate) : gone]
+    return {
+        "blocked: peak": float(force[:gone].max()),
+        "blocked: after 0.5 s": float(later.max(initial=0.0)),
+        "release": float(run.hand_speed(slice(gone, None)).max()),
+    }
+
+
+def frozen(setting: Setting) -> Numbers:
+    """Encoders that stand still while their stamps go on: whether, and how soon, the arm is told to brake."""
+    rng, arm, rate = setting.rng, setting.arm, setting.cell.rate
+    chain, start = arm.chain, arm.start(rng, 0.15)
+    first, way = chain.pose(start), rng.normal(size=3)
+    way *= 0.1 / np.linalg.norm(way)
+    tracker = setting.controller(PoseTracker, chain)
+    when, ticks = round(0.5 * rate), round(2.0 * rate)
+    held: list[Array] = []
+
+    def step(k: int, seen: Measurement):  # type: ignore[no-untyped-def]
+        if k == when:
+            held.append(seen.position)
+        pose, twist = first.copy(), np.zeros(6)
+        pose[:3, 3] += way * k / rate
+        twist[:3] = way
+        return tracker.step(held[0] if held else seen.position, pose, twist, stamp=seen.stamp + setting.dt)
+
+    run = follow(setting.plant(), chain, start, ticks, step)
+    fastest = float(np.abs(run.velocity[when]).max())
+    braking = [k for k, status in enumerate(run.status) if k >= when and status in STOPPED]
+    late = (braking[0] - when) / rate if braking else math.inf
+    return {"frozen encoder": late - TOLERANCE / max(fastest, 1e-3)}
+
+
+def pushed(setting: Setting) -> Numbers:
+    """28 N with 2 N of noise for two seconds on an arm that holds still, with `Interaction`'s defaults."""
+    rng, arm, rate = setting.rng, setting.arm, setting.cell.rate
+    chain, law = arm.chain, Interaction()
+    tracker = setting.controller(MirrorTracker, chain, interaction=law)
+    start = arm.start(rng, 0.1)
+    pose, still = chain.pose(start), np.zeros(6)
+    way = rng.normal(size=3)
+    way /= np.linalg.norm(way)
+    begin, end = round(0.3 * rate), round(2.3 * rate)
+    run = follow(
+        setting.plant(),
+        chain,
+        start,
+        end + round(BACK * rate),
+        lambda _, seen: tracker.step(seen.position, pose, still, force=seen.force),
+        each=lambda k, _: PUSH * way if begin <= k < end else None,
+    )
+    gone = (run.hand - pose[:3, 3]) @ way
+    moved = float(gone[begin + round(rate) : end].mean())
+    changes = sum(a is not b for a, b in zip(run.status, run.status[1:], strict=False))
+    return {
+        "push: gives way": moved * law.stiffness / PUSH,
+        "push: stiffness": PUSH / max(moved, 1e-6),
+        "push: back": float(np.linalg.norm(run.hand[-1] - pose[:3, 3])),
+        "push: changes": float(changes),
+    }

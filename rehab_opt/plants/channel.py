@@ -1,0 +1,121 @@
+"""What lies between a controller and its robot: delay and jitter both ways, encoders and noise."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.errors import ConfigurationError
+from rehab_opt.plants.plant import Measurement
+
+__all__ = ["Channel", "Commands", "Sensors"]
+
+Array = NDArray[np.float64]
+
+ROUNDING = 1e-9
+"""[s] What is so little late has come."""
+SLOWEST = 10.0
+"""[s] A delay beyond this is in another unit."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Channel:
+    """Delays, jitter and noise; zeros are none. All noise is normal and white, one draw a tick and joint.
+
+    A command that is sent at t acts from t + command_delay + a uniform draw up to command_jitter on; none overtakes
+    one that was sent earlier. A measurement that is had at t was read measurement_delay + a uniform draw up to
+    measurement_jitter before, and never before the one of the tick before. Both are exact to one step of the physics,
+    never early.
+
+    Parameters
+    ----------
+    command_delay, command_jitter, measurement_delay, measurement_jitter : [s]
+    position_noise, velocity_noise : standard deviations [rad, m; rad/s, m/s].
+    position_resolution : [rad, m] one count of the encoders, 0 for none; noise is added before it.
+    force_noise : [N] standard deviation of each component.
+
+    Raises
+    ------
+    ConfigurationError : a number that is negative, not finite, or a delay of more than 10 s.
+    """
+
+    command_delay: float = 0.0
+    command_jitter: float = 0.0
+    measurement_delay: float = 0.0
+    measurement_jitter: float = 0.0
+    position_noise: float = 0.0
+    position_resolution: float = 0.0
+    velocity_noise: float = 0.0
+    force_noise: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check every number."""
+        for name in self.__dataclass_fields__:
+            value = getattr(self, name)
+            most = SLOWEST if name.endswith(("delay", "jitter")) else math.inf
+            if not (isinstance(value, (int, float)) and 0.0 <= value <= most and value < math.inf):
+                expected = "a finite number of zero or more" + (f", at most {most:g} s" if most < math.inf else "")
+                raise ConfigurationError(name, value, expected)
+
+
+class Commands:
+    """Commands on their way."""
+
+    def __init__(self, channel: Channel, rng: np.random.Generator, first: Array) -> None:
+        self._delay, self._jitter, self._rng = channel.command_delay, channel.command_jitter, rng
+        self._underway: deque[tuple[float, Array]] = deque()
+        self._arrived = first
+
+    def send(self, time: float, command: Array) -> None:
+        """A command leaves at `time` [s]."""
+        late = self._delay + (self._jitter * self._rng.random() if self._jitter else 0.0)
+        self._underway.append((time + late, command))
+
+    def at(self, time: float) -> Array:
+        """The command that acts at `time` [s]: one that is late keeps those behind it waiting."""
+        while self._underway and self._underway[0][0] <= time + ROUNDING:
+            self._arrived = self._underway.popleft()[1]
+        return self._arrived
+
+
+class _Reading(NamedTuple):
+    time: float
+    position: Array
+    velocity: Array
+    force: Array
+
+
+class Sensors:
+    """What was so, kept until it is shown."""
+
+    def __init__(self, channel: Channel, rng: np.random.Generator) -> None:
+        self._channel, self._rng = channel, rng
+        self._kept: deque[_Reading] = deque()
+
+    def keep(self, time: float, position: Array, velocity: Array, force: Array) -> None:
+        """What is so at `time` [s]; the arrays are the callee's from now on."""
+        self._kept.append(_Reading(time, position, velocity, force))
+
+    def read(self, time: float) -> Measurement:
+        """What is shown at `time` [s]: the first reading's place until something newer has arrived."""
+        channel, rng, kept = self._channel, self._rng, self._kept
+        late = channel.measurement_delay
+        if channel.measurement_jitter:
+            late += channel.measurement_jitter * rng.random()
+        while len(kept) > 1 and kept[1].time <= time - late + ROUNDING:
+            kept.popleft()
+        stamp, position, velocity, force = kept[0]
+        if channel.position_noise:
+            position = position + channel.position_noise * rng.standard_normal(len(position))
+        if channel.position_resolution:
+            position = channel.position_resolution * np.round(position / channel.position_resolution)
+        if channel.velocity_noise:
+            velocity = velocity + channel.velocity_noise * rng.standard_normal(len(velocity))
+        if channel.force_noise:
+            force = force + channel.force_noise * rng.standard_normal(len(force))
+        return Measurement(stamp, position, velocity, force)

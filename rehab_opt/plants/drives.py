@@ -1,0 +1,196 @@
+"""What makes torques of a command: velocity servos, position servos, a force at the hand with or without a sensor."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.errors import ConfigurationError
+from rehab_opt.plants.force_loop import ForceLoop
+
+__all__ = ["Drive", "DriveState", "HandForce", "HandForceLoop", "PositionServo", "VelocityServo"]
+
+Array = NDArray[np.float64]
+
+FASTEST = 1000.0
+"""[Hz] No servo of a robot's joint is faster."""
+
+
+class DriveState(NamedTuple):
+    """What a drive knows of its own joints: motors measure themselves well, and at once."""
+
+    position: Array
+    velocity: Array
+    jacobian: Callable[[], Array]
+    """(3, n) of the hand's place."""
+    acceleration: Array
+    """(n,) [rad/s^2, m/s^2] in the last step of the physics."""
+    touch: Array
+    """(3,) [N] on the hand in the last step of the physics, by whatever touches it."""
+
+
+class Drive(Protocol):
+    """A law of the robot's own, in steps of the physics."""
+
+    def start(self, position: Array, inertia: Array, limit: Array, step: float) -> Array:
+        """At rest at `position` (n,); the command that keeps it there.
+
+        Parameters
+        ----------
+        inertia : (n,) [kg m^2, kg] each joint's own, typical.
+        limit : (n,) [N m, N] largest torque. step : [s] of the physics.
+        """
+        ...
+
+    def torque(self, command: Array, state: DriveState, feedforward: Array) -> Array:
+        """(n,) [N m, N] within the limits; `feedforward` (n,) holds gravity and velocity torques."""
+        ...
+
+
+class VelocityServo:
+    """Proportional-integral loop of the joint's speed: I (w (v_c - v) + w^2/4 integral of v_c - v), torque-limited.
+
+    With the joint's own inertia I its two poles are at w/2, and its speed follows up to `bandwidth` (-3 dB at 1.24 w).
+    The integral waits while the torque is at its limit.
+
+    Parameters
+    ----------
+    bandwidth : [Hz]
+    """
+
+    def __init__(self, bandwidth: float = 24.0) -> None:
+        self._rate = 2 * math.pi * _hertz(bandwidth) / 1.2409
+
+    def start(self, position: Array, inertia: Array, limit: Array, step: float) -> Array:
+        """Commanded to stand still."""
+        self._inertia, self._limit, self._step = inertia, limit, step
+        self._summed = np.zeros(len(position))
+        return np.zeros(len(position))
+
+    def torque(self, command: Array, state: DriveState, feedforward: Array) -> Array:
+        """Of joint velocities (n,) [rad/s, m/s]."""
+        error = command - state.velocity
+        summed = self._summed + (self._rate**2 / 4 * self._step) * error
+        wanted = feedforward + self._inertia * (self._rate * error + summed)
+        given: Array = np.clip(wanted, -self._limit, self._limit)
+        self._summed = np.where(given == wanted, summed, self._summed)
+        return given
+
+
+class PositionServo:
+    """Critically damped spring to the commanded position: I (w^2 (q_c - q) - 2 w v), torque-limited.
+
+    Its position follows up to `bandwidth` (-3 dB at 0.64 w), 2/w late: no speed is fed forward.
+
+    Parameters
+    ----------
+    bandwidth : [Hz]
+    """
+
+    def __init__(self, bandwidth: float = 24.0) -> None:
+        self._rate = 2 * math.pi * _hertz(bandwidth) / 0.6436
+
+    def start(self, position: Array, inertia: Array, limit: Array, step: float) -> Array:
+        """Commanded to stay."""
+        self._inertia, self._limit = inertia, limit
+        return position.copy()
+
+    def torque(self, command: Array, state: DriveState, feedforward: Array) -> Array:
+        """Of joint positions (n,) [rad, m]."""
+        pull = self._rate * self._rate * (command - state.position) - 2 * self._rate * state.velocity
+        given: Array = np.clip(feedforward + self._inertia * pull, -self._limit, self._limit)
+        return given
+
+
+class HandForce:
+    """A force at the hand through the transpose Jacobian, first-order late: lag F' = F_c - F; torque-limited.
+
+    Parameters
+    ----------
+    lag : [s] time constant, 0 for none.
+    axes : how many components of the force are commanded: 2 in the plane x, y of the base frame, or 3.
+    """
+
+    acting: Array
+    """(axes,) [N] the force that acts now, while no joint is at its torque limit."""
+
+    def __init__(self, lag: float = 0.0, *, axes: int = 2) -> None:
+        if not 0.0 <= lag < math.inf:
+            raise ConfigurationError("lag", lag, "seconds, zero or more")
+        if axes not in (2, 3):
+            raise ConfigurationError("axes", axes, "2 or 3")
+        self._lag, self._axes = lag, axes
+        self.acting = np.zeros(axes)
+
+    def start(self, position: Array, inertia: Array, limit: Array, step: float) -> Array:
+        """No force."""
+        self._limit = limit
+        self._keep = math.exp(-step / self._lag) if self._lag else 0.0
+        self.acting = np.zeros(self._axes)
+        return np.zeros(self._axes)
+
+    def torque(self, command: Array, state: DriveState, feedforward: Array) -> Array:
+        """Of a force (axes,) [N] in the base frame."""
+        self.acting = command + self._keep * (self.acting - command)
+        given: Array = np.clip(feedforward + state.jacobian()[: self._axes].T @ self.acting, -self._limit, self._limit)
+        return given
+
+
+class HandForceLoop:
+    """A point mass on two axes whose force on the hand is measured and controlled: `ForceLoop`, then a lag.
+
+    The sensor sits between robot and hand: it feels held_mass a - touch.
+
+    Parameters
+    ----------
+    gain, integral : [1], [1/s] of the loop. limit : [N] of the motors, per axis. held_mass : [kg] of the hand.
+    lag : [s] time constant of the motors' force, 0 for none. noise : [N] of the sensor, per axis.
+    rng : of the noise.
+    """
+
+    acting: Array
+    """(2,) [N] of the motors now."""
+    measured: Array
+    """(2,) [N] on the hand, by the sensor."""
+
+    def __init__(
+        self,
+        gain: float,
+        integral: float,
+        limit: float,
+        *,
+        held_mass: float,
+        lag: float = 0.0,
+        noise: float = 0.0,
+        rng: np.random.Generator,
+    ) -> None:
+        self._gains, self._held, self._noise, self._rng = (gain, integral, limit), held_mass, noise, rng
+        self._force = HandForce(lag)
+
+    def start(self, position: Array, inertia: Array, limit: Array, step: float) -> Array:
+        """No force."""
+        self._loop = ForceLoop(*self._gains, step=step)
+        still = self._force.start(position, inertia, limit, step)
+        self.acting, self.measured = self._force.acting, np.zeros(2)
+        return still
+
+    def torque(self, command: Array, state: DriveState, feedforward: Array) -> Array:
+        """(2,) [N] of a force on the hand (2,) [N]."""
+        self.measured = self._held * state.acceleration - state.touch[:2]
+        if self._noise:
+            self.measured = self.measured + self._noise * self._rng.standard_normal(2)
+        error = command - self.measured
+        motor = [self._loop.motor(axis, float(error[axis]), float(command[axis])) for axis in (0, 1)]
+        given = self._force.torque(np.array(motor), state, feedforward)
+        self.acting = self._force.acting
+        return given
+
+
+def _hertz(bandwidth: float) -> float:
+    if not 0.0 < bandwidth <= FASTEST:
+        raise ConfigurationError("bandwidth", bandwidth, f"hertz above 0, at most {FASTEST:g}")
+    return bandwidth

@@ -1,0 +1,150 @@
+"""An arm with servos in MuJoCo: what a controller's commands come to on a robot that has mass, friction and delays."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rehab_opt.plants.arm_model import ArmModel
+from rehab_opt.plants.channel import Channel
+from rehab_opt.plants.contacts import Contact
+from rehab_opt.plants.drives import Drive, DriveState, VelocityServo
+from rehab_opt.plants.mjcf import HAND, arm_mjcf
+from rehab_opt.plants.physics import mujoco_module
+from rehab_opt.plants.plant import Truth
+from rehab_opt.plants.sampled import SampledPlant
+
+__all__ = ["MujocoArm"]
+
+Array = NDArray[np.float64]
+
+POSTURES = 64
+"""Drawn over the joints' ranges, always the same ones: the drives are tuned to the mean inertia of each joint."""
+
+
+class MujocoArm(SampledPlant):
+    """A serial arm with a drive in each joint, in MuJoCo; a `Plant`.
+
+    The drives know gravity and velocity torques of the arm exactly (not what touches it), as a vendor's do; nothing
+    else is compensated: friction, the coupling of the joints' inertias and the torque limits are there. Links do not
+    collide with anything, and joints have no stops but those of the model: their limits are the controller's to hold.
+    Contacts act on the hand, a point.
+
+    Parameters
+    ----------
+    model : the arm. dt : [s] of a tick.
+    drive : `VelocityServo` by default.
+    contacts : what touches the hand, in the base frame, (3,).
+    channel, seed, physics_step : see `SampledPlant`.
+
+    Raises
+    ------
+    ConfigurationError : MuJoCo is not installed; a number out of range.
+    """
+
+    def __init__(
+        self,
+        model: ArmModel,
+        *,
+        dt: float,
+        drive: Drive | None = None,
+        channel: Channel | None = None,
+        contacts: Sequence[Contact] = (),
+        seed: int | np.random.Generator = 0,
+        physics_step: float = 5e-4,
+    ) -> None:
+        super().__init__(model.chain.n, dt=dt, channel=channel, seed=seed, physics_step=physics_step)
+        self.model = model
+        self.drive: Drive = VelocityServo() if drive is None else drive
+        self.contacts = tuple(contacts)
+        self._mujoco = mujoco_module()
+        self._arm = self._mujoco.MjModel.from_xml_string(arm_mjcf(model, step=self.physics_step))
+        self._data = self._mujoco.MjData(self._arm)
+        self._hand = self._mujoco.mj_name2id(self._arm, self._mujoco.mjtObj.mjOBJ_SITE, HAND)
+        self._jacobian = np.zeros((3, self.n))
+        self._inertia = self._typical_inertia()
+        self.reset(np.zeros(self.n))
+
+    @property
+    def truth(self) -> Truth:
+        """What is so now."""
+        data = self._data
+        return Truth(self._now, data.qpos.copy(), data.qvel.copy(), self._effort, self._force)
+
+    @property
+    def energy(self) -> float:
+        """[J] kinetic and potential, of the arm alone."""
+        mujoco, data = self._mujoco, self._data
+        mujoco.mj_forward(self._arm, data)
+        momentum = np.zeros(self.n)
+        mujoco.mj_mulM(self._arm, data, momentum, data.qvel)
+        height = self._arm.body_mass @ data.xipos @ np.array(self.model.gravity)
+        return float(0.5 * momentum @ data.qvel - height)
+
+    @property
+    def hand_pose(self) -> Array:
+        """(4, 4) of the tool in the base frame, by MuJoCo's kinematics."""
+        self._mujoco.mj_kinematics(self._arm, self._data)
+        pose = np.eye(4)
+        pose[:3, :3] = self._data.site_xmat[self._hand].reshape(3, 3)
+        pose[:3, 3] = self._data.site_xpos[self._hand]
+        return pose
+
+    def inertia(self, position: ArrayLike) -> Array:
+        """(n, n) [kg m^2, kg] of the arm with its rotors at `position` (n,)."""
+        mujoco, data = self._mujoco, self._mujoco.MjData(self._arm)
+        data.qpos[:] = position
+        mujoco.mj_forward(self._arm, data)
+        full = np.zeros((self.n, self.n))
+        for row, one in zip(full, np.eye(self.n), strict=True):  # `mj_fullM` takes others from one version to the next
+            mujoco.mj_mulM(self._arm, data, row, one)
+        return full
+
+    def feedforward(self) -> Array:
+        """(n,) [N m, N] gravity and velocity torques now: what the drives know of the arm."""
+        self._mujoco.mj_forward(self._arm, self._data)
+        bias: Array = self._data.qfrc_bias.copy()
+        return bias
+
+    def _start(self, position: Array, velocity: Array) -> Array:
+        self._mujoco.mj_resetData(self._arm, self._data)
+        self._data.qpos[:], self._data.qvel[:] = position, velocity
+        self._effort, self._force = np.zeros(self.n), np.zeros(3)
+        return self.drive.start(position, self._inertia, self.model.torque_limit, self.physics_step)
+
+    def _advance(self, now: float, command: Array, push: Array | None) -> None:
+        mujoco, arm, data = self._mujoco, self._arm, self._data
+        mujoco.mj_step1(arm, data)
+        state = DriveState(data.qpos, data.qvel, self._moves, data.qacc, self._force)
+        self._effort = self.drive.torque(command, state, data.qfrc_bias)
+        data.qfrc_applied[:] = self._effort
+        if self.contacts or push is not None:
+            jacobian, place = self._moves(), data.site_xpos[self._hand]
+            speed = jacobian @ data.qvel
+            touch = np.zeros(3) if push is None else push
+            for each in self.contacts:
+                touch = touch + each.force(now, place, speed)
+            self._force = touch
+            data.qfrc_applied += jacobian.T @ touch
+        elif self._force.any():
+            self._force = np.zeros(3)
+        mujoco.mj_step2(arm, data)
+
+    def _readings(self) -> tuple[Array, Array, Array]:
+        return self._data.qpos.copy(), self._data.qvel.copy(), self._force
+
+    def _moves(self) -> Array:
+        """(3, n) Jacobian of the hand's place."""
+        self._mujoco.mj_jacSite(self._arm, self._data, self._jacobian, None, self._hand)
+        return self._jacobian
+
+    def _typical_inertia(self) -> Array:
+        """(n,) mean over postures; joints without limits are drawn over a turn, or a metre."""
+        chain, rng = self.model.chain, np.random.default_rng(0)
+        lower = np.where(np.isfinite(chain.lower), chain.lower, -math.pi)
+        upper = np.where(np.isfinite(chain.upper), chain.upper, math.pi)
+        drawn = [np.diag(self.inertia(rng.uniform(lower, upper))) for _ in range(POSTURES)]
+        return np.asarray(np.mean(drawn, axis=0), dtype=np.float64)

@@ -1,0 +1,76 @@
+"""What every plant is: a robot that takes a command each tick and shows what its sensors say, apart from the truth."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["Measurement", "Plant", "Truth"]
+
+Array = NDArray[np.float64]
+
+
+class Measurement(NamedTuple):
+    """What a controller may know: sensor values, and when they were read."""
+
+    stamp: float
+    """[s] when the sensors were read, on the plant's clock; older than now by the delay of the measurement."""
+    position: Array
+    """(n,) [rad, m]"""
+    velocity: Array
+    """(n,) [rad/s, m/s]"""
+    force: Array
+    """(3,) or (2,) [N] on the hand by whatever touches it, in the base frame."""
+
+
+class Truth(NamedTuple):
+    """What is so, which no controller is told."""
+
+    time: float
+    """[s] now."""
+    position: Array
+    """(n,) [rad, m]"""
+    velocity: Array
+    """(n,) [rad/s, m/s]"""
+    effort: Array
+    """(n,) what the drives exert, friction not subtracted [N m, N]; zeros where nothing has a mass."""
+    force: Array
+    """(3,) or (2,) [N] on the hand by whatever touches it, in the base frame."""
+
+
+class Plant(Protocol):
+    """A robot in closed loop. One call of `step` is one tick of `dt`.
+
+    The command of a tick is sent at its beginning; what arrives when, and what comes of it, is the plant's matter. A
+    controller that is made for another plant needs no other loop: velocities, positions or forces are what the
+    plant's drive takes.
+    """
+
+    dt: float
+    """[s] of a tick."""
+
+    @property
+    def measured(self) -> Measurement:
+        """What the sensors say now."""
+        ...
+
+    @property
+    def truth(self) -> Truth:
+        """What is so now."""
+        ...
+
+    def reset(self, position: ArrayLike) -> Measurement:
+        """At rest at `position` (n,), the clock at zero, nothing on its way; what the sensors say then."""
+        ...
+
+    def step(self, command: ArrayLike, push: ArrayLike | None = None) -> Measurement:
+        """One tick under `command`; what the sensors say at its end.
+
+        Parameters
+        ----------
+        command : what the drive takes: joint velocities [rad/s, m/s], joint positions [rad, m] or a force [N].
+        push : (3,) or (2,) [N] on the hand during the tick, in the base frame, besides the plant's own contacts.
+        """
+        ...

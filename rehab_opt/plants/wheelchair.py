@@ -1,0 +1,152 @@
+"""A wheelchair with its arm: wheels that follow their speeds with a lag, and the arm in MuJoCo."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.kinematics.differential import Differential
+from rehab_opt.kinematics.mecanum import Mecanum
+from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
+from rehab_opt.plants.arm_model import ArmModel
+from rehab_opt.plants.channel import Channel
+from rehab_opt.plants.drives import Drive
+from rehab_opt.plants.mjcf import row_pose
+from rehab_opt.plants.mujoco_arm import MujocoArm
+from rehab_opt.plants.plant import Truth
+from rehab_opt.plants.sampled import SampledPlant
+
+__all__ = ["Wheelchair", "chair_arm_model"]
+
+Array = NDArray[np.float64]
+
+TORQUE_LIMIT = (80.0, 60.0, 40.0, 10.0)
+"""[N m] Assumption: some three times what holds the arm stretched forward."""
+COULOMB = (2.0, 2.0, 1.0, 0.3)
+"""[N m] Assumption."""
+VISCOUS = (2.0, 2.0, 1.0, 0.2)
+"""[N m s/rad] Assumption."""
+
+
+class Wheelchair(SampledPlant):
+    """Chair and arm; a `Plant` whose command is wheel speeds, then the arm's joint velocities.
+
+    Its positions are the seven of `MobileArm`: the chair's place and heading in the world, then the arm. Each wheel
+    follows its commanded speed with a first-order lag and rolls; the chair goes as `Mecanum.motion` or
+    `Differential.motion` says. A beginning: wheels have no torque limit, neither slip nor bounce, and chair and arm do
+    not feel each other's acceleration. The arm's joints are `MujocoArm`'s, on a chair that does not tilt. The chair's
+    place is measured with the same noise as the joints, in metres.
+
+    Parameters
+    ----------
+    robot : chair and arm. wheels : `robot.mecanum` or `robot.differential`.
+    wheel_lag : [s] time constant of each wheel's speed.
+    drive : of the arm's joints, `VelocityServo` by default.
+    dt, channel, seed, physics_step : see `SampledPlant`.
+
+    Raises
+    ------
+    ConfigurationError : MuJoCo is not installed; a number out of range.
+    """
+
+    def __init__(
+        self,
+        robot: MobileArm,
+        wheels: Mecanum | Differential,
+        *,
+        dt: float,
+        wheel_lag: float = 0.08,
+        drive: Drive | None = None,
+        channel: Channel | None = None,
+        seed: int | np.random.Generator = 0,
+        physics_step: float = 1e-3,
+    ) -> None:
+        super().__init__(robot.chain.n, dt=dt, channel=channel, seed=seed, physics_step=physics_step)
+        if not 0.0 <= wheel_lag < math.inf:
+            raise ConfigurationError("wheel_lag", wheel_lag, "seconds, zero or more")
+        self._keep = math.exp(-self.physics_step / wheel_lag) if wheel_lag else 0.0
+        count = len(wheels.rolling)
+        self._twist = np.column_stack([wheels.motion(one).twist for one in np.eye(count)])
+        self._count = count
+        step = self.physics_step
+        self._arm = MujocoArm(chair_arm_model(robot), dt=step, drive=drive, seed=self.rng, physics_step=step)
+        self.reset(np.zeros(self.n))
+
+    @property
+    def truth(self) -> Truth:
+        """What is so now; forces of the chair's wheels are not modelled, and told as zero."""
+        arm = self._arm.truth
+        position, velocity, force = self._readings()
+        return Truth(self._now, position, velocity, np.concatenate([np.zeros(CHAIR), arm.effort]), force)
+
+    @property
+    def wheels(self) -> Array:
+        """(w,) [rad/s] how the wheels turn now."""
+        return self._wheels.copy()
+
+    def _start(self, position: Array, velocity: Array) -> Array:
+        self._place, self._wheels = position[:CHAIR].copy(), np.zeros(self._count)
+        self._moving = np.zeros(CHAIR)
+        self._arm.reset(position[CHAIR:], velocity[CHAIR:])
+        return np.zeros(self._count + self.n - CHAIR)
+
+    def _advance(self, now: float, command: Array, push: Array | None) -> None:
+        wanted, joints = command[: self._count], command[self._count :]
+        self._wheels = wanted + self._keep * (self._wheels - wanted)
+        forward, left, turn = (self._twist @ self._wheels).tolist()
+        x, y, heading = self._place.tolist()
+        step = self.physics_step
+        middle = heading + 0.5 * step * turn
+        cos, sin = math.cos(middle), math.sin(middle)
+        self._moving = np.array([cos * forward - sin * left, sin * forward + cos * left, turn])
+        self._place = np.array([x, y, heading]) + step * self._moving
+        self._arm.step(joints, None if push is None else _about_vertical(push, -heading))
+
+    def _readings(self) -> tuple[Array, Array, Array]:
+        arm = self._arm.truth
+        return (
+            np.concatenate([self._place, arm.position]),
+            np.concatenate([self._moving, arm.velocity]),
+            _about_vertical(arm.force, float(self._place[2])),
+        )
+
+
+def _about_vertical(vector: Array, angle: float) -> Array:
+    x, y, z = vector.tolist()
+    cos, sin = math.cos(angle), math.sin(angle)
+    return np.array([cos * x - sin * y, sin * x + cos * y, z])
+
+
+def chair_arm_model(
+    robot: MobileArm,
+    *,
+    torque_limit: ArrayLike = TORQUE_LIMIT,
+    coulomb: ArrayLike = COULOMB,
+    viscous: ArrayLike = VISCOUS,
+) -> ArmModel:
+    """The arm of a chair that stands in the world's origin, with the masses and rotors of `robot`.
+
+    Parameters
+    ----------
+    torque_limit, coulomb, viscous : (4,) or scalar, see `ArmModel`; the defaults are assumptions.
+    """
+    chain = robot.chain
+    base = chain.base
+    for row in chain.rows[:CHAIR]:
+        base = base @ row_pose(row, 0.0)
+    arm = SerialChain(
+        chain.rows[CHAIR:],
+        lower=chain.lower[CHAIR:],
+        upper=chain.upper[CHAIR:],
+        velocity=chain.velocity[CHAIR:],
+        acceleration=chain.acceleration[CHAIR:],
+        names=chain.names[CHAIR:],
+        base=base,
+        tool=chain.tool,
+    )
+    bodies = tuple(body._replace(link=body.link - CHAIR) for body in robot.bodies if body.link > CHAIR)
+    return ArmModel(arm, bodies, robot.rotors[CHAIR:], torque_limit, coulomb, viscous)  # type: ignore[arg-type]

@@ -1,0 +1,1 @@
+"""Which robot a problem is run on: the table `[plant]`, the option `--plant`, and what they stand for."""

@@ -1,0 +1,122 @@
+"""The plants that the tables stand for, and the option that goes before a file's."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, TypeVar
+
+from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.ur5 import ur5
+from rehab_opt.plants.channel import Channel
+from rehab_opt.plants.ideal import IdealJoints
+from rehab_opt.session.files import ProblemFile
+from rehab_opt.session.plant.tables import KINDS, ChairPlant, JointPlant, PlantTable
+from rehab_opt.session.schema import Problem
+
+if TYPE_CHECKING:
+    from rehab_opt.kinematics.chain import SerialChain
+    from rehab_opt.kinematics.differential import Differential
+    from rehab_opt.kinematics.mecanum import Mecanum
+    from rehab_opt.kinematics.mobile_arm import MobileArm
+    from rehab_opt.plants.plant import Plant
+    from rehab_opt.plants.wheelchair import Wheelchair
+
+__all__ = ["chair_plant", "channel_of", "joint_plant", "ms", "on_plant", "plant_note"]
+
+P = TypeVar("P", bound=Problem)
+
+
+def on_plant(loaded: ProblemFile[P], kind: str | None) -> ProblemFile[P]:
+    """The problem on the kind of plant that `--plant` asks for; as the file says where it asks for nothing.
+
+    Raises
+    ------
+    ConfigurationError : there is no such kind, or what it needs is not installed.
+    """
+    if kind is not None and kind not in KINDS:
+        raise ConfigurationError("--plant", kind, f"one of {', '.join(KINDS)}")
+    table: PlantTable = loaded.problem.plant  # type: ignore[attr-defined]  # of every system that takes the option
+    if kind is not None and kind != table.kind:
+        # A robot that moves as commanded has no delays: those of the file are left out with it.
+        table = type(table)(kind="ideal") if kind == "ideal" else type(table)(kind="mujoco")
+        loaded = replace(loaded, problem=loaded.problem.model_copy(update={"plant": table}))
+    if table.kind == "mujoco":
+        from rehab_opt.plants.physics import mujoco_module  # noqa: PLC0415  (loads slowly)
+
+        mujoco_module()
+    return loaded
+
+
+def joint_plant(table: JointPlant, chain: SerialChain, dt: float) -> Plant:
+    """A UR5 that takes joint velocities [rad/s]; of other arms only ideal joints.
+
+    Raises
+    ------
+    ConfigurationError : physics of an arm from a robot file.
+    """
+    if table.kind == "ideal":
+        return IdealJoints(dt)
+    if chain.rows != ur5().rows:
+        raise ConfigurationError(
+            "plant.kind", table.kind, "'ideal' for an arm from a robot file: its drives and friction are not known"
+        )
+    from rehab_opt.plants.drives import PositionServo, VelocityServo  # noqa: PLC0415  (loads MuJoCo)
+    from rehab_opt.plants.mujoco_arm import MujocoArm  # noqa: PLC0415
+    from rehab_opt.plants.streaming import PositionStream  # noqa: PLC0415
+    from rehab_opt.plants.ur5_model import ur5_model  # noqa: PLC0415
+
+    servo = VelocityServo if table.servo == "velocity" else PositionServo
+    arm = MujocoArm(
+        ur5_model(chain, payload=table.payload_kg),
+        dt=dt,
+        drive=servo(table.servo_hz),
+        channel=channel_of(table, table.position_noise_rad, table.position_resolution_rad),
+        seed=table.seed,
+        physics_step=ms(table.physics_step_ms),
+    )
+    return arm if table.servo == "velocity" else PositionStream(arm)
+
+
+def chair_plant(table: ChairPlant, robot: MobileArm, wheels: Mecanum | Differential, dt: float) -> Wheelchair:
+    """A chair that takes wheel speeds, and its arm's joint velocities [rad/s]."""
+    from rehab_opt.plants.drives import VelocityServo  # noqa: PLC0415  (loads MuJoCo)
+    from rehab_opt.plants.wheelchair import Wheelchair  # noqa: PLC0415
+
+    return Wheelchair(
+        robot,
+        wheels,
+        dt=dt,
+        wheel_lag=ms(table.wheel_lag_ms),
+        drive=VelocityServo(table.servo_hz),
+        channel=channel_of(table, table.position_noise_rad),
+        seed=table.seed,
+        physics_step=ms(table.physics_step_ms),
+    )
+
+
+def channel_of(table: PlantTable, position_noise: float, position_resolution: float = 0.0) -> Channel:
+    """Delays of the table, in seconds, with the noise [rad, m] of its positions."""
+    return Channel(
+        command_delay=ms(table.command_delay_ms),
+        command_jitter=ms(table.command_jitter_ms),
+        measurement_delay=ms(table.measurement_delay_ms),
+        measurement_jitter=ms(table.measurement_jitter_ms),
+        position_noise=position_noise,
+        position_resolution=position_resolution,
+    )
+
+
+def plant_note(table: PlantTable, ideal: str) -> str:
+    """What a reader has to know of the robot: `ideal` says it of one that does as it is told."""
+    if table.kind == "ideal":
+        return ideal
+    both = table.command_delay_ms + table.measurement_delay_ms
+    return (
+        f"the robot is simulated in MuJoCo: {both:g} ms of delay (commands {table.command_delay_ms:g}, measurements "
+        f"{table.measurement_delay_ms:g}), {table.imperfections}; {table.told_truly} the true ones"
+    )
+
+
+def ms(milliseconds: float) -> float:
+    """[s]"""
+    return 1e-3 * milliseconds

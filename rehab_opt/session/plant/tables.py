@@ -1,0 +1,92 @@
+"""What the table `[plant]` of a problem file may say; `problems/README.md` says what each key means."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, ClassVar, Literal, Self, get_args
+
+from pydantic import Field, model_validator
+
+from rehab_opt.session.schema import Section, refusal
+
+__all__ = ["KINDS", "ChairPlant", "HandPlant", "JointPlant", "Kind", "PlantTable"]
+
+Kind = Literal["ideal", "mujoco"]
+KINDS: tuple[Kind, ...] = get_args(Kind)
+Milliseconds = Annotated[float, Field(ge=0, le=1000)]
+
+
+class PlantTable(Section):
+    """Which robot, and how late and noisy the way to it is. The defaults are a choice: a usual network servo."""
+
+    kind: Kind = "ideal"
+    command_delay_ms: Milliseconds = 3.0
+    command_jitter_ms: Milliseconds = 0.0
+    measurement_delay_ms: Milliseconds = 2.0
+    measurement_jitter_ms: Milliseconds = 0.0
+    physics_step_ms: float = Field(default=0.5, ge=0.01, le=5)
+    seed: int = Field(default=0, ge=0, le=2**31)
+
+    @model_validator(mode="after")
+    def an_ideal_robot_has_no_numbers(self) -> Self:
+        """Refuse delays and noise of a robot that has none, rather than leave them out unsaid."""
+        said = sorted(self.model_fields_set - {"kind"})
+        if self.kind == "ideal" and said:
+            raise refusal(said[0], getattr(self, said[0]), 'no such key but for kind = "mujoco"')
+        return self
+
+    told_truly: ClassVar[str] = "places and speeds are"
+    """What the numbers and figures of a run have of the true robot."""
+
+    @property
+    def imperfections(self) -> str:
+        """Noise and lags besides the delays, in words."""
+        raise NotImplementedError
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """What a run reports of its plant."""
+        return self.model_dump(mode="json") if self.kind != "ideal" else {"kind": "ideal"}
+
+
+class JointPlant(PlantTable):
+    """An arm whose joints have servos."""
+
+    servo: Literal["velocity", "position"] = "velocity"
+    servo_hz: float = Field(default=24.0, gt=0, le=500)
+    position_noise_rad: float = Field(default=1e-4, ge=0, le=0.1)
+    position_resolution_rad: float = Field(default=0.0, ge=0, le=0.1)
+    payload_kg: float = Field(default=0.0, ge=0, le=10)
+
+    @property
+    def imperfections(self) -> str:
+        """Of encoders and servos."""
+        return f"{1e3 * self.position_noise_rad:g} mrad of noise, a {self.servo} servo of {self.servo_hz:g} Hz"
+
+
+class HandPlant(PlantTable):
+    """A robot in the plane whose force on the hand is commanded."""
+
+    force_lag_ms: Milliseconds = 3.0
+    position_noise_m: float = Field(default=2e-5, ge=0, le=0.01)
+    position_resolution_m: float = Field(default=0.0, ge=0, le=0.01)
+
+    @property
+    def imperfections(self) -> str:
+        """Of the sensor and the motors."""
+        return f"{1e3 * self.position_noise_m:g} mm of noise, {self.force_lag_ms:g} ms of lag of the force"
+
+
+class ChairPlant(PlantTable):
+    """A wheelchair with an arm."""
+
+    physics_step_ms: float = Field(default=1.0, ge=0.01, le=5)
+    wheel_lag_ms: Milliseconds = 80.0
+    servo_hz: float = Field(default=24.0, gt=0, le=500)
+    position_noise_rad: float = Field(default=1e-4, ge=0, le=0.1)
+
+    told_truly: ClassVar[str] = "places are"
+
+    @property
+    def imperfections(self) -> str:
+        """Of the sensors and the wheels."""
+        return f"{1e3 * self.position_noise_rad:g} mrad of noise, {self.wheel_lag_ms:g} ms of lag of the wheels"

@@ -1,0 +1,256 @@
+"""Mass, friction, servos and contact, each against a closed form."""
+
+import math
+import sys
+
+import numpy as np
+import pytest
+
+from rehab_opt import ConfigurationError, ardis, ur5
+from rehab_opt.kinematics.ardis import ARDIS_READY
+from rehab_opt.plants.contacts import Push, SpringDamper, Wall
+from rehab_opt.plants.drives import DriveState, HandForce, PositionServo, VelocityServo
+from rehab_opt.plants.ideal import IdealJoints
+from rehab_opt.plants.mujoco_arm import MujocoArm
+from rehab_opt.plants.planar import planar_arm_model, point_mass_model
+from rehab_opt.plants.streaming import PositionStream
+from rehab_opt.plants.ur5_model import ur5_model
+from rehab_opt.plants.wheelchair import Wheelchair
+
+pytest.importorskip("mujoco")
+READY = np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.0])
+
+
+class Limp:
+    """No torque at all, not even against gravity."""
+
+    def start(self, position: np.ndarray, *_: object) -> np.ndarray:
+        return np.zeros(len(position))
+
+    def torque(self, command: np.ndarray, state: DriveState, feedforward: np.ndarray) -> np.ndarray:
+        return np.zeros(len(command))
+
+
+def energies(coulomb: float, viscous: float, ticks: int = 400) -> np.ndarray:
+    model = ur5_model(coulomb=coulomb)
+    model = type(model)(model.chain, model.bodies, model.rotors, model.torque_limit, model.coulomb, np.full(6, viscous))
+    plant = MujocoArm(model, dt=0.001, drive=Limp(), physics_step=2.5e-4)
+    plant.reset(READY, np.array([1.0, -0.5, 0.8, 1.0, -2.0, 1.0]))
+    found = [plant.energy]
+    for _ in range(ticks):
+        plant.step(np.zeros(6))
+        found.append(plant.energy)
+    return np.array(found)
+
+
+def test_a_passive_arm_never_gains_energy() -> None:
+    lost = energies(coulomb=3.0, viscous=1.0)
+    assert np.diff(lost).max() <= 1e-6 * np.ptp(lost)
+    assert np.ptp(lost) > 1.0
+    free = energies(coulomb=0.0, viscous=0.0)
+    assert np.abs(free - free[0]).max() < 0.01 * np.ptp(lost)  # the integrator's own error: nothing is lost
+
+
+def test_friction_takes_what_leaves_the_arm() -> None:
+    # A mass on dry friction F and drag b: m v' = -F - b v, to rest at t = (m / b) ln(1 + b v0 / F).
+    m, b, force, v0 = 2.0, 3.0, 4.0, 0.8
+    plant = MujocoArm(point_mass_model(m, viscous=b, coulomb=force), dt=0.001, drive=HandForce(), physics_step=1e-4)
+    plant.reset([0.0, 0.0], [v0, 0.0])
+    end = m / b * math.log(1 + b * v0 / force)
+    way = m / b * (v0 - force / b * math.log(1 + b * v0 / force))
+    for _ in range(round((end + 0.05) / 0.001)):
+        plant.step([0.0, 0.0])
+    assert abs(plant.truth.velocity[0]) < 1e-3
+    assert abs(plant.truth.position[0] - way) < 5e-3 * way
+
+
+def test_no_drive_gives_more_than_its_torque_limit() -> None:
+    for drive, command in ((VelocityServo(), np.full(6, 3.0)), (PositionServo(), READY + 1.0)):
+        plant = MujocoArm(ur5_model(payload=10.0), dt=0.002, drive=drive)
+        plant.reset(READY)
+        efforts = []
+        for k in range(300):
+            plant.step(command * (-1) ** (k // 30))
+            efforts.append(np.abs(plant.truth.effort))
+        most = np.max(efforts, axis=0)
+        assert np.all(most <= plant.model.torque_limit)
+        assert np.any(most == plant.model.torque_limit)
+
+
+def followed(servo: VelocityServo | PositionServo, hertz: float) -> float:
+    """Size of the motion over that of the command, on one axis of 2 kg without friction."""
+    plant = MujocoArm(point_mass_model(2.0), dt=1e-3, drive=servo, physics_step=5e-5)
+    plant.reset([0.0, 0.0])
+    told = 0.001 * np.sin(2 * np.pi * hertz * 1e-3 * np.arange(1000))
+    seen = []
+    for each in told:
+        plant.step([each, 0.0])
+        truth = plant.truth
+        seen.append(truth.velocity[0] if isinstance(servo, VelocityServo) else truth.position[0])
+    late = np.exp(-2j * np.pi * hertz * 1e-3 * np.arange(500, 1000))
+    return abs(np.dot(late, seen[500:])) / abs(np.dot(late, told[500:]))
+
+
+@pytest.mark.parametrize("servo", [VelocityServo, PositionServo])
+def test_servos_have_the_bandwidth_they_are_made_for(servo: type[VelocityServo]) -> None:
+    assert followed(servo(24.0), 24.0) == pytest.approx(math.sqrt(0.5), rel=0.02)
+    assert followed(servo(24.0), 2.0) == pytest.approx(1.0, rel=0.05)
+
+
+def test_position_servo_holds_a_load_within_its_stiffness() -> None:
+    plant = MujocoArm(point_mass_model(2.0), dt=0.001, drive=PositionServo(10.0))
+    plant.reset([0.0, 0.0])
+    for _ in range(1000):
+        plant.step([0.0, 0.0], push=[5.0, 0.0, 0.0])
+    stiffness = 2.0 * (2 * math.pi * 10.0 / 0.6436) ** 2
+    assert plant.truth.position[0] == pytest.approx(5.0 / stiffness, rel=1e-3)
+
+
+def test_acting_force_lags_by_its_time_constant() -> None:
+    plant = MujocoArm(point_mass_model(2.0), dt=0.001, drive=HandForce(lag=0.003))
+    plant.reset([0.0, 0.0])
+    for k in range(20):
+        plant.step([10.0, 0.0])
+        assert plant.drive.acting[0] == pytest.approx(10.0 * (1 - math.exp(-(k + 1) / 3)), rel=1e-9)
+
+
+def test_wall_gives_way_by_force_over_stiffness_and_never_pulls() -> None:
+    wall = Wall([0.1, 0.0, 0.0], [-1.0, 0.0, 0.0], stiffness=5e3, damping=100.0)
+    plant = MujocoArm(point_mass_model(2.0, viscous=40.0), dt=0.001, drive=HandForce(), contacts=[wall])
+    plant.reset([0.09, 0.0])
+    for _ in range(3000):
+        plant.step([20.0, 0.0])
+    assert plant.truth.position[0] - 0.1 == pytest.approx(20.0 / 5e3, rel=1e-3)
+    assert plant.measured.force[0] == pytest.approx(-20.0, rel=1e-3)
+    for _ in range(1000):
+        plant.step([-20.0, 0.0])
+        assert plant.truth.force[0] <= 0.0
+    assert plant.truth.position[0] < 0.05
+
+
+def test_person_at_the_hand_is_a_spring_and_a_damper() -> None:
+    # Underdamped, in closed form: x = A exp(-d t) cos(w t - phi).
+    m, k, c = 2.0, 300.0, 8.0
+    person = SpringDamper([0.0, 0.0, 0.0], stiffness=k, damping=c)
+    plant = MujocoArm(point_mass_model(m), dt=0.001, drive=HandForce(), contacts=[person], physics_step=5e-5)
+    plant.reset([0.1, 0.0])
+    for _ in range(500):
+        plant.step([0.0, 0.0])
+    decay, rate = c / (2 * m), math.sqrt(k / m - (c / (2 * m)) ** 2)
+    expected = 0.1 * math.exp(-decay * 0.5) * (math.cos(rate * 0.5) + decay / rate * math.sin(rate * 0.5))
+    assert plant.truth.position[0] == pytest.approx(expected, abs=1e-4)
+
+
+def test_force_at_the_hand_of_an_arm_is_the_transpose_jacobians() -> None:
+    # Held by a spring on every side, the arm comes to rest where the spring balances the commanded force.
+    model = planar_arm_model(coulomb=0.0)
+    q = np.array([0.4, 1.2])
+    anchor = model.chain.pose(q)[:3, 3]
+    person = SpringDamper(anchor, stiffness=500.0, damping=60.0)
+    plant = MujocoArm(model, dt=0.001, drive=HandForce(), contacts=[person])
+    plant.reset(q)
+    for _ in range(4000):
+        plant.step([6.0, -4.0])
+    moved = plant.hand_pose[:3, 3] - anchor
+    np.testing.assert_allclose(moved[:2], np.array([6.0, -4.0]) / 500.0, rtol=1e-3)
+
+
+def test_push_over_time_is_the_momentum_gained() -> None:
+    push = Push(lambda t: [30.0 * t, 0.0, 0.0])
+    plant = MujocoArm(point_mass_model(3.0), dt=0.001, drive=HandForce(), contacts=[push])
+    plant.reset([0.0, 0.0])
+    for _ in range(200):
+        plant.step([0.0, 0.0])
+    assert plant.truth.velocity[0] == pytest.approx(30.0 * 0.2**2 / 2 / 3.0, rel=5e-3)
+
+
+def test_velocity_servo_of_the_ur5_does_what_it_is_told() -> None:
+    plant = MujocoArm(ur5_model(), dt=0.001)
+    plant.reset(READY)
+    told = np.array([0.2, 0.3, -0.3, 0.5, -0.4, 0.6])
+    for _ in range(1000):
+        plant.step(told)
+    np.testing.assert_allclose(plant.truth.velocity, told, atol=1e-3)
+    # What the integral needs to carry friction, it has gathered as a lag: friction over I w^2 / 4.
+    model, rate = plant.model, 2 * math.pi * 24.0 / 1.2409
+    friction = model.coulomb * np.sign(told) + model.viscous * told
+    inertia = np.mean([np.diag(plant.inertia(q)) for q in np.random.default_rng(1).uniform(-6, 6, (300, 6))], axis=0)
+    late = friction / (inertia * rate**2 / 4)
+    np.testing.assert_allclose(READY + told - plant.truth.position, late, rtol=0.2, atol=2e-4)
+
+
+def test_ideal_joints_are_the_sum_of_what_was_commanded() -> None:
+    plant, rng = IdealJoints(0.004), np.random.default_rng(0)
+    now = READY.copy()
+    plant.reset(now)
+    for _ in range(50):
+        command = rng.normal(size=6)
+        seen = plant.step(command)
+        now = now + command * 0.004
+        assert np.array_equal(seen.position, now)
+        assert np.array_equal(plant.truth.position, now)
+    assert seen.stamp == 50 * 0.004
+
+
+def test_streamed_positions_follow_the_velocities_late() -> None:
+    plant = PositionStream(MujocoArm(ur5_model(coulomb=0.0), dt=0.001, drive=PositionServo(24.0)))
+    plant.reset(READY)
+    told = np.array([0.2, 0.0, 0.0, 0.1, 0.0, 0.0])
+    for _ in range(1000):
+        plant.step(told)
+    late = 2 * 0.6436 / (2 * math.pi * 24.0)  # 2 / w of its loop
+    np.testing.assert_allclose(plant.reference, READY + told, atol=1e-12)
+    np.testing.assert_allclose(plant.truth.position[0], READY[0] + told[0] * (1 - late), atol=2e-3)
+
+
+@pytest.mark.parametrize("drive", ["mecanum", "differential"])
+def test_chair_goes_as_its_wheels_roll_after_their_lag(drive: str) -> None:
+    robot = ardis()
+    wheels = getattr(robot, drive)
+    plant = Wheelchair(robot, wheels, dt=0.01, wheel_lag=0.1)
+    plant.reset(ARDIS_READY)
+    twist = np.array([0.4, 0.1 if drive == "mecanum" else 0.0, 0.0])
+    told = np.concatenate([wheels.wheel_speeds(twist), np.zeros(4)])
+    for _ in range(100):
+        plant.step(told)
+    gone = 1.0 - 0.1 * (1 - math.exp(-10.0))  # a first-order lag, summed
+    np.testing.assert_allclose(plant.truth.position[:3], gone * twist, atol=1e-3)
+    # Turning on an arc: a quarter of it brings the chair to (r, r).
+    plant.reset(ARDIS_READY)
+    told = np.concatenate([wheels.wheel_speeds([0.5, 0.0, 0.5]), np.zeros(4)])
+    while plant.truth.position[2] < math.pi / 2:
+        plant.step(told)
+    np.testing.assert_allclose(plant.truth.position[:2], [1.0, 1.0], atol=0.01)
+    np.testing.assert_allclose(plant.truth.position[3:], ARDIS_READY[3:], atol=2e-3)
+
+
+def test_arm_on_the_chair_follows_its_servos() -> None:
+    robot = ardis()
+    plant = Wheelchair(robot, robot.differential, dt=0.01)
+    plant.reset(ARDIS_READY)
+    told = np.array([0.0, 0.0, 0.2, -0.1, 0.3, 0.2])
+    for _ in range(100):
+        plant.step(told)
+    np.testing.assert_allclose(plant.truth.position[3:], ARDIS_READY[3:] + told[2:], atol=5e-3)
+
+
+def test_without_mujoco_the_error_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(ConfigurationError, match=r"rehab_opt\[physics\]"):
+        MujocoArm(ur5_model(), dt=0.001)
+
+
+@pytest.mark.parametrize("changed", [{"rotors": -1.0}, {"coulomb": np.nan}, {"torque_limit": -5.0}, {"bodies": ("a",)}])
+def test_an_arm_that_cannot_be_is_refused(changed: dict[str, object]) -> None:
+    model = ur5_model()
+    given = {name: getattr(model, name) for name in ("chain", "bodies", "rotors", "torque_limit", "coulomb", "viscous")}
+    with pytest.raises(ConfigurationError, match=next(iter(changed))):
+        type(model)(**{**given, **changed})
+
+
+def test_ur5_weighs_what_its_vendor_says_and_can_hold_itself() -> None:
+    model = ur5_model(ur5())
+    assert sum(body.mass for body in model.bodies) == pytest.approx(17.05, abs=0.01)
+    plant = MujocoArm(model, dt=0.001)
+    plant.reset([0.0, 0.0, 0.0, 0.0, 0.0, 0.0])  # stretched out: the most gravity asks for
+    assert np.all(np.abs(plant.feedforward()) < 0.6 * model.torque_limit)

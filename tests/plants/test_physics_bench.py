@@ -1,0 +1,84 @@
+"""A seeded slice of `python -m bench.physics`: it runs, and joints that move as commanded pass what they should."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bench.physics.__main__ import main, table
+from bench.physics.arms import ARMS, iiwa
+from bench.physics.geometry import frames, heights, jacobians, manipulabilities
+from bench.physics.rows import Done, done, measured
+from bench.physics.setting import CELLS, Cell, setting_of
+from rehab_opt import KeepOut, PoseTracker
+
+pytest.importorskip("mujoco")
+
+
+def test_joints_that_move_as_commanded_keep_every_bound() -> None:
+    tasks = {"limit": range(2), "hand": range(1)}  # both arms; a tracker with hand bounds takes seconds to build
+    found = {name: done(name, numbers, 5, ideal=True, feedback=None) for name, numbers in tasks.items()}
+    rows = measured(found)
+    assert [row.verdict for row in rows] == ["PASS"] * 3 + [""] + ["PASS"] * 3, table(rows)
+    assert any(each.numbers["limit reached"] for each in found["limit"])
+
+
+def test_a_late_and_noisy_robot_is_measured_and_judged() -> None:
+    worst = [number for number, cell in enumerate(CELLS) if cell == Cell(0.008, 2e-4, 1000.0)]
+    found = {name: done(name, worst, 5, ideal=False, feedback=None) for name in ("limit", "frozen", "blocked")}
+    rows = measured(found)
+    lines = table(rows)
+    assert len(lines) == 2 + len(rows)
+    assert all(row.verdict in ("PASS", "FAIL") or row.row.at_most == np.inf for row in rows)
+    assert all(np.isfinite(row.total) or row.row.task == "frozen" for row in rows)
+    again = done("limit", worst, 5, ideal=False, feedback=None)
+    assert again == found["limit"]  # the seed says everything
+
+
+def test_processes_share_the_tasks_and_change_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+    told = ["--tasks", "2", "--only", "blocked", "--seed", "3"]
+    codes = [main([*told, "--processes", count]) for count in ("1", "2")]
+    lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("| ")]
+    assert codes == [1, 1]  # a blocked hand winds up, as yet
+    assert len(lines) == 2 * 4
+    assert lines[:4] == lines[4:]
+
+
+def test_every_cell_is_met_with_both_arms() -> None:
+    met = {
+        (each.cell, each.arm.name) for n in range(2 * len(CELLS)) for each in [setting_of(n, "limit", seed=0, kept={})]
+    }
+    assert len(met) == len(CELLS) * len(ARMS)
+
+
+def test_a_controller_is_told_what_its_class_can_be_told() -> None:
+    class Later(PoseTracker):
+        def __init__(self, *own: object, actuation_delay: float, feedback: str, **options: object) -> None:
+            super().__init__(*own, **options)
+            self.told = actuation_delay, feedback
+
+    setting = setting_of(23, "limit", seed=0, feedback="commanded", kept={})
+    assert setting.told(PoseTracker).keys() <= {"actuation_delay", "position_noise", "feedback"}
+    assert setting.controller(Later, setting.arm.chain).told == (0.008, "commanded")
+
+
+@pytest.mark.parametrize("value", [float("nan"), 0.6])
+def test_a_number_that_misses_its_bound_or_is_none_fails(value: float) -> None:
+    numbers = {"beyond the limit": 1e-3 * value, "limit: peak to peak": 0.0, "limit: hand RMS": 0.0, "limit reached": 1}
+    rows = measured({"limit": [Done(CELLS[0], numbers)]})
+    assert [row.verdict for row in rows] == ["FAIL", "PASS", "PASS", ""]
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_the_bench_judges_by_the_arms_geometry(name: str) -> None:
+    chain, rng = ARMS[name]().chain, np.random.default_rng(2)
+    q = rng.uniform(-2, 2, (20, chain.n))
+    np.testing.assert_allclose(frames(chain, q)[:, -1], [chain.pose(each) for each in q], atol=1e-12)
+    np.testing.assert_allclose(jacobians(chain, q), [chain.jacobian(each) for each in q], atol=1e-12)
+    np.testing.assert_allclose(manipulabilities(chain, q), [chain.manipulability(each) for each in q], atol=1e-9)
+    plane = KeepOut.through([0.0, 0.0, -0.5], [0.0, 0.0, 1.0])
+    assert np.all(heights(chain, q, plane) <= frames(chain, q)[:, -1, 2, 3] + 0.5 + 1e-12)
+
+
+def test_the_iiwa_is_as_long_as_its_vendor_says() -> None:
+    np.testing.assert_allclose(iiwa().pose(np.zeros(7))[:3, 3], [0.0, 0.0, 1.306], atol=1e-12)

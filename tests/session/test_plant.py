@@ -1,0 +1,208 @@
+"""Problems on a plant: the table [plant], --plant, what is refused, and what a run then shows."""
+
+from __future__ import annotations
+
+import math
+import sys
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rehab_opt import ConfigurationError, ProblemFileError
+from rehab_opt.kinematics.ardis import ARDIS_READY
+from rehab_opt.plants.channel import Channel
+from rehab_opt.plants.force_robot import ForceRobot, RobotModel
+from rehab_opt.plants.hand_robot import MujocoHandRobot, OnMujoco
+from rehab_opt.session.ardis.loop import Answer, moved
+from rehab_opt.session.ardis.problem import ArdisProblem
+from rehab_opt.session.ardis.robot import joystick_of, robot_of
+from rehab_opt.session.ardis.stick import StickRecording
+from rehab_opt.session.files import ProblemFile, load_problem, problem_content, problem_of, problem_path
+from rehab_opt.session.mirror.laws import without_floor
+from rehab_opt.session.mirror.scene import laid_out
+from rehab_opt.session.plant.making import chair_plant, joint_plant, on_plant
+from rehab_opt.session.plant.tables import ChairPlant, HandPlant, JointPlant
+from rehab_opt.session.pose_tracking.outcome import RobotOutcome
+from rehab_opt.session.report import write_report
+from rehab_opt.session.run import run_problem
+from rehab_opt.session.scenario.plant import hand_robot_of
+
+CIRCLE = {"circle": {"radius_m": 0.03, "duration_s": 1.5, "turns": 1.0, "swing_deg": 10.0}}
+
+
+def changed(name: str, **tables: dict[str, Any]) -> ProblemFile[Any]:
+    """A shipped problem with some keys of its tables replaced."""
+    _, path = problem_path(name)
+    content = problem_content(path, name)
+    for table, keys in tables.items():
+        content[table] = {**content.get(table, {}), **keys}
+    return problem_of(content, name=name, file=name, path=path)
+
+
+def hand_in_mujoco(model: RobotModel) -> MujocoHandRobot:
+    kind = OnMujoco(model, Channel(), 0.0, 2.5e-4, 0)
+    return MujocoHandRobot(kind, hand_mass=1.2, start=(0.01, 0.0), dt=1e-3, rng=np.random.default_rng(0))
+
+
+def circle(**tables: dict[str, Any]) -> RobotOutcome:
+    outcome = run_problem(changed("robot/ur5_circle", **CIRCLE, **tables))
+    assert isinstance(outcome, RobotOutcome)
+    return outcome
+
+
+def test_an_ideal_plant_is_the_default_and_the_sum_of_the_commands() -> None:
+    unsaid, said = circle(), circle(plant={"kind": "ideal"})
+    assert np.array_equal(unsaid.q, said.q)
+    assert unsaid.motion is None
+    assert unsaid.metrics["parameters"]["plant"] == {"kind": "ideal"}
+    q = unsaid.q[0]
+    for command, after in zip(unsaid.command[:-1], unsaid.q[1:], strict=True):
+        q = q + command * 0.001
+        assert np.array_equal(q, after)
+
+
+@pytest.mark.parametrize(
+    ("keys", "key", "expected"),
+    [
+        ({"kind": "gazebo"}, "plant.kind", "'ideal' or 'mujoco'"),
+        ({"command_delay_ms": 2.0}, "plant.command_delay_ms", 'no such key but for kind = "mujoco"'),
+        ({"kind": "mujoco", "command_delay_ms": -1.0}, "plant.command_delay_ms", "greater than or equal to 0"),
+        ({"kind": "mujoco", "servo": "torque"}, "plant.servo", "'velocity' or 'position'"),
+        ({"kind": "mujoco", "noise": 1.0}, "plant.noise", "one of the keys"),
+        ({"kind": "mujoco", "position_noise_rad": math.nan}, "plant.position_noise_rad", "a finite number"),
+    ],
+)
+def test_a_table_that_cannot_be_used_is_one_line_with_its_key(keys: dict[str, Any], key: str, expected: str) -> None:
+    with pytest.raises(ProblemFileError) as refused:
+        changed("robot/ur5_circle", plant=keys)
+    assert refused.value.key == key
+    assert expected in refused.value.expected
+
+
+@pytest.mark.parametrize("name", ["upper_limb/figure_eight", "upper_limb/workspace", "upper_limb/workspace_map"])
+def test_a_problem_without_a_robot_in_closed_loop_says_which_kinds_have_one(name: str) -> None:
+    with pytest.raises(ConfigurationError, match="pose_tracking and mirror and scenario and ardis") as refused:
+        run_problem(load_problem(name), plant="mujoco")
+    assert refused.value.argument == "--plant"
+
+
+def test_an_unknown_kind_and_an_absent_mujoco_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(ConfigurationError, match="one of ideal, mujoco"):
+        run_problem(load_problem("robot/ur5_circle"), plant="gazebo")
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(ConfigurationError, match=r"rehab_opt\[physics\]"):
+        run_problem(load_problem("robot/ur5_circle"), plant="mujoco")
+
+
+def test_the_option_goes_before_the_file() -> None:
+    file = changed("robot/ur5_circle", plant={"kind": "mujoco", "servo_hz": 10.0, "command_delay_ms": 8.0})
+    assert on_plant(file, None).problem.plant.servo_hz == 10.0
+    assert on_plant(file, "mujoco").problem.plant.command_delay_ms == 8.0
+    assert on_plant(file, "ideal").problem.plant.kind == "ideal"
+    assert on_plant(load_problem("robot/ur5_circle"), "mujoco").problem.plant == JointPlant(kind="mujoco")
+
+
+@pytest.mark.parametrize("servo", ["velocity", "position"])
+def test_a_circle_on_servos_shows_what_was_commanded_and_what_was_true(servo: str, tmp_path: Any) -> None:
+    pytest.importorskip("mujoco")
+    outcome = circle(plant={"kind": "mujoco", "servo": servo})
+    motion = outcome.motion
+    assert motion is not None
+    assert np.array_equal(motion.commanded, outcome.command)
+    noise = motion.measured[50:] - outcome.q[48:-2]  # two milliseconds of delay, at 1 kHz
+    assert noise.std() == pytest.approx(1e-4, rel=0.1)
+    # True speeds are the derivative of true places, and not what was commanded.
+    np.testing.assert_allclose(np.diff(outcome.q, axis=0) / 0.001, motion.velocity[1:], atol=0.02)
+    assert np.abs(motion.commanded - motion.velocity).max() > 0.01
+    assert 1e-4 < outcome.position_error.max() < 0.03
+    assert any("5 ms of delay" in note for note in outcome.notes)
+    names = {path.name for path in write_report(outcome, tmp_path / "out")}
+    assert "servos.png" in names
+    header = (tmp_path / "out" / "trace.csv").read_text(encoding="utf-8").splitlines()[0]
+    assert "measured_elbow_rad" in header
+    assert "velocity_elbow_rad_s" in header
+
+
+def test_a_later_command_follows_worse() -> None:
+    pytest.importorskip("mujoco")
+    quiet = {"kind": "mujoco", "position_noise_rad": 0.0, "measurement_delay_ms": 0.0}
+    soon, late = (circle(plant={**quiet, "command_delay_ms": delay}) for delay in (0.0, 20.0))
+    assert late.position_error.max() > 2 * soon.position_error.max()
+
+
+def test_a_mirrored_motion_runs_on_servos() -> None:
+    pytest.importorskip("mujoco")
+    loaded = changed("mirror/pick_fruit", plant={"kind": "mujoco"})
+    scene = laid_out(loaded)
+    scene = replace(
+        scene,
+        reference=scene.reference._replace(
+            **{name: getattr(scene.reference, name)[:200] for name in ("times", "poses", "twists", "lost")}
+        ),
+    )
+    plant = joint_plant(loaded.problem.plant, scene.robot, 0.005)
+    led = without_floor(scene, plant, max_manipulability=1.0, progress=lambda *_: None)
+    assert led.motion is not None
+    assert np.nanmax(led.deviation[20:]) < 0.02
+    assert not np.array_equal(led.motion.measured[10:], led.q[10:])
+
+
+@pytest.mark.parametrize("drive", ["mecanum", "differential"])
+def test_a_chair_under_its_stick_goes_where_its_wheels_carry_it(drive: str) -> None:
+    pytest.importorskip("mujoco")
+    loaded: ProblemFile[ArdisProblem] = load_problem("ardis/press_lift_button")
+    robot = robot_of(loaded)
+    wheels = getattr(robot, drive)
+
+    class Straight:
+        """Forward at 0.2 m/s in the world, the elbow at 0.1 rad/s, whatever is asked."""
+
+        def step(self, q: np.ndarray, asked: object) -> Answer:
+            velocity = np.array([0.2, 0.0, 0.0, 0.0, 0.0, 0.1, 0.0])
+            return Answer(velocity, wheels.wheel_speeds([0.2, 0.0, 0.0]), "ok", "", 1.0)
+
+    plant = chair_plant(ChairPlant(kind="mujoco"), robot, wheels, 0.01)
+    stick = StickRecording(np.array([0.0]), np.zeros((1, 2)), np.zeros(1, bool), np.zeros(1, bool))
+    motion = moved(robot, Straight(), joystick_of(loaded), stick, ARDIS_READY, dt=0.01, plant=plant)
+    seconds = motion.time[-1]
+    # Late by the delay of the command and the lag of the wheels.
+    assert motion.q[-1, 0] == pytest.approx(0.2 * (seconds - 0.003 - 0.08), abs=1e-3)
+    assert motion.q[-1, 5] == pytest.approx(ARDIS_READY[5] + 0.1 * seconds, abs=5e-3)
+    assert motion.motion is not None
+
+
+def test_without_delay_the_robot_in_mujoco_is_the_one_that_is_integrated() -> None:
+    pytest.importorskip("mujoco")
+    model = RobotModel(noise=0.0, coulomb=0.0)
+    soon = ForceRobot(model, hand_mass=1.2, start=(0.01, 0.0), dt=1e-3, rng=np.random.default_rng(0), ticks=1000)
+    late = hand_in_mujoco(model)
+    for k in range(1000):
+        for robot in (soon, late):
+            force = 6.0 * math.sin(0.01 * k), 2.0 * math.cos(0.02 * k)
+            robot.step(*force, 3.0 - 150.0 * robot.x - 12.0 * robot.vx, -150.0 * robot.y - 12.0 * robot.vy)
+        assert (late.x, late.y) == pytest.approx((soon.x, soon.y), abs=1e-3)
+        if k > 50:
+            assert (late.measured_x, late.measured_y) == pytest.approx((soon.measured_x, soon.measured_y), abs=0.1)
+    assert late.seen == (late.x, late.y)
+
+
+def test_the_stops_hold_a_hand_and_the_sensor_does_not_feel_them() -> None:
+    pytest.importorskip("mujoco")
+    robot = hand_in_mujoco(RobotModel(noise=0.0, upper=(0.03, math.inf)))
+    for _ in range(1500):
+        robot.step(0.0, 0.0, 10.0, 2.0)
+    assert 0.03 <= robot.x < 0.034
+    assert robot.y > 0.1
+    assert robot.measured_x == pytest.approx(-10.0, abs=0.2)
+
+
+def test_a_scenario_has_the_robot_of_its_table() -> None:
+    said = {"kind": "mujoco", "force_lag_ms": 5.0, "position_noise_m": 1e-3}
+    robot = hand_robot_of(changed("upper_limb/scenario_2_assist", plant=said))
+    assert isinstance(robot, OnMujoco)
+    assert robot.lag == 0.005
+    assert robot.channel == Channel(command_delay=0.003, measurement_delay=0.002, position_noise=1e-3)
+    assert not isinstance(hand_robot_of(load_problem("upper_limb/scenario_2_assist")), OnMujoco)
+    assert HandPlant().parameters == {"kind": "ideal"}
