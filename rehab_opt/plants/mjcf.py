@@ -37,9 +37,8 @@ def arm_mjcf(model: ArmModel, *, step: float) -> str:
         row = chain.rows[i]
         here = row_pose(row, 0.0)
         place = placed @ here
-        back = np.asarray(
-            np.linalg.inv(here), dtype=np.float64
-        )  # the frame before the joint, seen from the one behind it
+        # The frame before the joint, seen from the one behind it: about its z the joint turns.
+        back = np.asarray(np.linalg.inv(here), dtype=np.float64)
         kind = "slide" if row.prismatic else "hinge"
         opened.append(
             f'<body name="{chain.names[i]}" {_pose(place)}>'
