@@ -8,11 +8,12 @@ from rehab_opt.control.command import Bound, Command, Status
 from rehab_opt.control.pose_tracker import PoseTracker
 from rehab_opt.control.smoother import Smoother
 from rehab_opt.control.smoothing import smooth_path
-from rehab_opt.errors import ConfigurationError, ProblemFileError, RehabOptError, SharingError
+from rehab_opt.errors import ConfigurationError, ProblemFileError, RehabOptError, RobotFileError, SharingError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.denavit_hartenberg import DH
 from rehab_opt.kinematics.human_arm import human_arm
-from rehab_opt.kinematics.link_capsules import LinkCapsule
+from rehab_opt.kinematics.link import Link
+from rehab_opt.kinematics.link_capsules import CapsuleOnLink, LinkCapsule
 from rehab_opt.kinematics.ur5 import ur5
 
 if TYPE_CHECKING:
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from rehab_opt.field.demonstration import Demonstration
     from rehab_opt.field.potential import PotentialField
     from rehab_opt.kinematics.ardis import ardis
+    from rehab_opt.kinematics.arm_on_chair import arm_on_chair
     from rehab_opt.workspace.mapping import WorkspaceMap
     from rehab_opt.workspace.placement import ShoulderPlacement
     from rehab_opt.workspace.reach import planar_workspace
@@ -46,6 +48,7 @@ __all__ = [
     "Bilateral",
     "Bound",
     "BoundedForce",
+    "CapsuleOnLink",
     "Command",
     "ConfigurationError",
     "Demonstration",
@@ -56,6 +59,7 @@ __all__ = [
     "Joystick",
     "KeepOut",
     "Limit",
+    "Link",
     "LinkCapsule",
     "MirrorTracker",
     "ParticipantSide",
@@ -65,6 +69,7 @@ __all__ = [
     "ProblemFileError",
     "RedundancyResolver",
     "RehabOptError",
+    "RobotFileError",
     "SerialChain",
     "SharingError",
     "ShoulderPlacement",
@@ -74,6 +79,7 @@ __all__ = [
     "Workspace",
     "WorkspaceMap",
     "ardis",
+    "arm_on_chair",
     "human_arm",
     "planar_workspace",
     "range_of_motion",
@@ -104,6 +110,7 @@ _LATER = {
     "Workspace": "workspace.region",
     "WorkspaceMap": "workspace.mapping",
     "ardis": "kinematics.ardis",
+    "arm_on_chair": "kinematics.arm_on_chair",
     "planar_workspace": "workspace.reach",
     "range_of_motion": "workspace.used_range",
     "reachability_map": "workspace.variation",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-__all__ = ["ConfigurationError", "ProblemFileError", "RehabOptError", "SharingError", "printable"]
+__all__ = ["ConfigurationError", "ProblemFileError", "RehabOptError", "RobotFileError", "SharingError", "printable"]
 
 
 def printable(text: str) -> str:
@@ -66,3 +66,13 @@ class ProblemFileError(RehabOptError, ValueError):
     def __reduce__(self) -> tuple[Any, ...]:
         """Made again from its parts, as a `ConfigurationError` is."""
         return type(self), (self.file, self.key, self.value, self.expected), self.__dict__
+
+
+class RobotFileError(ProblemFileError):
+    """The description of a robot cannot be used: its URDF, its MJCF or the few lines that name it.
+
+    Parameters
+    ----------
+    file, value, expected : as of a `ProblemFileError`.
+    key : the joint, link or line, and the attribute of it.
+    """

@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.assistance_statement import assistance_statement
 from rehab_opt.control.command import Bound, Command, Status
-from rehab_opt.control.energy_tank import TANK
-from rehab_opt.control.force_tick import MODEL, VIEW, WATCHED, affordable, force_tick, give, take
+from rehab_opt.control.energy_tank import SLOTS, TAIL, tank_record
+from rehab_opt.control.force_tick import MODEL, VIEW, affordable, force_tick, give, take, watched_record
 from rehab_opt.control.gate import WantedForce
 from rehab_opt.control.hand import HAND
 from rehab_opt.control.reasons import reason_text
@@ -33,7 +33,7 @@ from rehab_opt.symbolic import BufferedFunction, Compile
 if TYPE_CHECKING:
     import qpsolvers
 
-__all__ = ["NOTHING_SEEN", "BoundedForce", "ForceBounds"]
+__all__ = ["BoundedForce", "ForceBounds"]
 
 Array = NDArray[np.float64]
 
@@ -41,12 +41,11 @@ _FLOATS = np.dtype(np.float64)
 _NAN, _new, _read_only = math.nan, tuple.__new__, np.frombuffer
 _STATUS = Status.OK, Status.RELEASING, Status.RELEASED
 _BOUNDS = tuple(Bound(i) for i in range(16))  # looked up, since making an IntFlag costs half a microsecond
-_REASON = VIEW["reason"]
-NOTHING_SEEN = WATCHED.numbers(
-    stamps=STAMPS.numbers(last=_NAN, lag=0, stamped=0),
-    hand=HAND.numbers(x=_NAN, v=0, estimated=0, stamp=_NAN),
-    tank=0,
-)
+_REASON, _PLACE = VIEW["reason"], STAMPS.size + HAND["x"]
+DELAY_UNKNOWN = 0.003
+"""[s] by which an actuation delay that was told may be too short."""
+NOISE_PEAK = 6.0
+"""Standard deviations of noise that a position may move by between two samples, of two positions and both axes."""
 
 
 class ForceBounds(TypedDict, total=False):
@@ -55,6 +54,9 @@ class ForceBounds(TypedDict, total=False):
     slew_limit: float
     energy_budget: float
     speed_cap: float
+    actuation_delay: float
+    actuation_lag: float
+    position_noise: float
     velocity_lag: float
     trust_stillness: bool
     dt: float
@@ -76,7 +78,8 @@ class BoundedForce(OneThread):
     the slew bound. The energy delivered stays within the budget as long as the hand stays below the speed cap and
     ticks come within `max_age`; a faster hand can draw the force limit times its jump more, once, before the release.
     A missing answer, a sensor value that is no number, a stale stamp, an open dead-man switch: the force falls to zero
-    within the slew bound. Nothing is pulled or pushed in a state that is not known.
+    within the slew bound. Nothing is pulled or pushed in a state that is not known. Help that the energy left holds
+    back says so in its reason.
 
     What it does not see: a sensor that lies by less than a hand can move in a tick; how late a tick comes, where no
     stamps are given; a jump after a rest so exact that the sensor may have been frozen, which counts as the motion of
@@ -91,6 +94,10 @@ class BoundedForce(OneThread):
     slew_limit : [N/s] largest change, as the length of a vector, per nominal tick.
     energy_budget : [J] what may be delivered to the hand until `reset`, net of what the hand puts in; see `EnergyTank`.
     speed_cap : [m/s] hand speed from which on the force is let go.
+    actuation_delay : [s] from a command until its force acts, and from a position until it is told, together at most;
+        it may be 3 ms more. actuation_lag : [s] time constant at which the acting force follows. Where one of them is
+        above zero, energy is counted by the forces that may act, see `EnergyTank`.
+    position_noise : [m] standard deviation of each coordinate: positions may jump by six of them.
     velocity_lag : [s] time constant of the velocity that is estimated where none is given; it lags by this and half a
         tick.
     trust_stillness : believe positions that repeat themselves exactly. A frozen sensor looks the same, so by default
@@ -116,6 +123,9 @@ class BoundedForce(OneThread):
         slew_limit: float = 200.0,
         energy_budget: float = 20.0,
         speed_cap: float = 1.0,
+        actuation_delay: float = 0.0,
+        actuation_lag: float = 0.0,
+        position_noise: float = 0.0,
         velocity_lag: float = 0.01,
         trust_stillness: bool = False,
         dt: float = 0.001,
@@ -135,6 +145,11 @@ class BoundedForce(OneThread):
         self.max_age = Watchdog(dt=dt, max_age=max_age).max_age
         self.energy_budget = checked_number("energy_budget", energy_budget, above=0.0)
         self.tolerance = tolerance
+        delay = checked_number("actuation_delay", actuation_delay, above=-1e-12, below=0.2)
+        lag = checked_number("actuation_lag", actuation_lag, above=-1e-12, below=0.1)
+        late = delay > 0.0 or lag > 0.0
+        self.slots = SLOTS if late else 1
+        """Pieces of time in which forces are under way."""
         self.stated = self.statement()
         self._inside = solver == FUSED and not Ladder.is_witnessed()
         """Whether the QP is solved inside the tick; a witness looks at the QP alone."""
@@ -154,17 +169,25 @@ class BoundedForce(OneThread):
             velocity_lag=checked_number("velocity_lag", velocity_lag, above=0.0),
             trust_stillness=bool(trust_stillness),
             budget=self.energy_budget,
+            window=delay + DELAY_UNKNOWN + TAIL * lag if late else 0.0,
+            tail=math.exp(-TAIL) * self.force_limit if lag > 0.0 else 0.0,
+            jitter=NOISE_PEAK * checked_number("position_noise", position_noise, above=-1e-12, below=0.1),
             tolerance=tolerance,
         )
         """`MODEL` of this one."""
-        tick = force_tick()
+        tick = force_tick(self.slots)
         self._judge, self._conclude = (BufferedFunction(each, compile=compile) for each in (tick.judge, tick.conclude))
-        rest = [BufferedFunction(each) for each in (tick.prepare, tick.finish, affordable(), give(), take())]
+        rest = [
+            BufferedFunction(each)
+            for each in (tick.prepare, tick.finish, *(part(self.slots) for part in (affordable, give, take)))
+        ]
         for function in (self._judge, self._conclude, *rest):
             function.inputs[0][:] = self.model
         self._prepare, self._finish, self._affordable, self._give, self._take = rest
         (_, watched, last, sample), (watched_next, judged) = self._judge.inputs, self._judge.outputs
         (_, state, view, asked), (state_next, solved) = self._conclude.inputs, self._conclude.outputs
+        self._tank, at = watched_record(self.slots).places["tank"], watched_record(self.slots)["tank"]
+        self._level, self._pending = (at + tank_record(self.slots)[name] for name in ("level", "pending"))
         self._watched, self._force = watched, state[-2:]
         # Views of views: reading and assigning through them costs half of numpy's.
         self._now, self._next, self._judged, self._sample = map(_view, (watched, watched_next, judged, sample))
@@ -193,28 +216,37 @@ class BoundedForce(OneThread):
         if not math.hypot(*acting) <= self.force_limit:
             raise ConfigurationError("force", force, f"at most {self.force_limit:g} N")
         self._claim()
-        tank = WATCHED.places["tank"]
-        full = np.eye(TANK.size)[TANK["level"]] * self.energy_budget
-        kept = full if energy else self._watched[tank].copy()
-        self._watched[:] = NOTHING_SEEN
-        self._watched[tank] = kept
+        kept = self._watched[self._tank].copy()
+        self._watched[:] = self.nothing_seen(acting)
+        if not energy:
+            self._watched[self._tank] = kept
         self.wanted, self.usable = (0.0, 0.0), False
         self._conclude.inputs[1][:] = 0.0
         self._force[:] = acting
         self._ladder.forget()
         self._give_away()
 
+    def nothing_seen(self, force: tuple[float, float] = (0.0, 0.0)) -> Array:
+        """`watched_record` of a hand that was not seen yet, with a full tank, while a force acts [N]."""
+        impulse = np.zeros(self.slots)
+        impulse[0] = math.hypot(*force) * self.model[MODEL["window"]]
+        told: dict[str, ArrayLike] = {"level": self.energy_budget, "x": force[0], "y": force[1], "impulse": impulse}
+        full: dict[str, ArrayLike] = dict.fromkeys(tank_record(self.slots).places, 0.0)
+        return watched_record(self.slots).numbers(
+            stamps=STAMPS.numbers(last=_NAN, lag=0, stamped=0),
+            hand=HAND.numbers(x=_NAN, v=0, estimated=0, stamp=_NAN),
+            tank=tank_record(self.slots).numbers(**full | told),
+        )
+
     @property
     def energy_left(self) -> float:
         """[J] what may certainly still be delivered."""
-        level, pending = (WATCHED["tank"] + TANK[name] for name in ("level", "pending"))
-        return self._now[level] - self._now[pending]
+        return self._now[self._level] - self._now[self._pending]
 
     @property
     def place(self) -> tuple[float, float]:
         """[m] where the hand was in the last tick that was `usable`; NaN before the first."""
-        x = WATCHED["hand"] + HAND["x"]
-        return self._now[x], self._now[x + 1]
+        return self._now[_PLACE], self._now[_PLACE + 1]
 
     def give_energy(self, share: float) -> float:
         """[J] taken from the tank for another one, a share of what is certainly left; see `Bilateral`."""
@@ -234,7 +266,7 @@ class BoundedForce(OneThread):
         """The QP for a hand at x (2,) moving at v (2,), with the last force and the energy of now, for inspection."""
         point, velocity = np.asarray(x, dtype=np.float64), np.asarray(v, dtype=np.float64)
         ceiling, left = self._affordable.of(self.model, self._watched)
-        view = VIEW.numbers(x=point, v=velocity, reason=0, details=0, at_once=0, ceiling=ceiling, left=left)
+        view = VIEW.numbers(x=point, v=velocity, reason=0, details=0, at_once=0, ceiling=ceiling, left=left, repeats=0)
         wanted = self._wanted(*point.tolist(), *velocity.tolist())
         return self.stated.instance(self._prepare.of(self.model, view, wanted), memory=self._force)
 

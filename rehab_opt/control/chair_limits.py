@@ -136,8 +136,7 @@ class ChairLimits:
     @property
     def reach(self) -> float:
         """[m] of the arm."""
-        rows = self.robot.chain.rows
-        return abs(rows[4].d) + abs(rows[6].d)
+        return self.robot.reach
 
     @property
     def moving(self) -> list[int]:
@@ -154,7 +153,7 @@ class ChairLimits:
         return clearance <= self._margin(1.0, last) + self.reach * self.braking.time * speed, clearance
 
     def keep_outs(self, arm: ca.SX, last: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Rows (c, 4) towards the keep-outs at arm joints (4,) after a command's (4,), and their free speeds (c,).
+        """Rows (c, k) towards the keep-outs at arm joints (k,) after a command's (k,), and their free speeds (c,).
 
         First those of the posture now; then, for each, of the place on the way to the stop posture where least is left.
         """
@@ -185,7 +184,7 @@ class ChairLimits:
 
     def far(self) -> tuple[ca.SX, ca.SX]:
         """Those rows and speeds where no keep-out matters."""
-        count = 4 * len(self.robot.keep_out)
+        count = 2 * len(self.robot.keep_out) * len(self.robot.links)
         return ca.SX.zeros(count, self.robot.chain.n - CHAIR), FAR * ca.SX.ones(count)
 
     def limits(

@@ -53,7 +53,7 @@ class Command(NamedTuple):
     iterations: int
     """Iterations of the solver; -1 where it does not tell."""
     reason: str
-    """Why this is not a plain OK; empty otherwise."""
+    """Why this is not a plain OK, or what holds help back; empty otherwise."""
     yielded: Bound
     """Which bounds or tasks gave way."""
     scale: float

@@ -2,67 +2,90 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+from functools import cache
 
 import casadi as ca
 
 from rehab_opt.optim.certificate import clipped
 from rehab_opt.symbolic.record import Record, Values
 
-__all__ = ["HAND_SPEED", "TANK", "EnergyTank"]
+__all__ = ["HAND_SPEED", "SLOTS", "TAIL", "EnergyTank", "tank_record"]
 
 HAND_SPEED = 10.0
 """[m/s] No hand is faster: a larger jump is the sensor's."""
-TANK = Record(level=1, pending=1, disputed=1, unseen=1, varied=1, peak=1, along=2, gap=1)
-"""What is remembered of a tank; at first `level` is the budget, and the others are zero.
+TAIL = 5.0
+"""Time constants after which what a first-order lag still holds back is counted as a rest, see `EnergyTank`."""
+SLOTS = 10
+"""Into how many pieces the forces that are under way are put."""
 
-level : [J] left, as far as the hand was seen. pending : [J] set aside since. disputed : [J] that was given back after
-hidden motion, and that a jump right behind it takes again. unseen : [s] since the hand was seen. varied : [J] most that
-forces other than the first one since then could have added. peak : [N] the largest of them. along : (2,) [N] the first.
-gap : whether there were several.
-"""
+
+@cache
+def tank_record(slots: int) -> Record:
+    """What is remembered of a tank; at first `level` is the budget, and the others are zero.
+
+    level : [J] left, as far as the hand was seen. pending : [J] set aside since. disputed : [J] that was given back
+    after hidden motion, and that a jump right behind it takes again. unseen : [s] since the hand was seen. varied : [J]
+    most that forces other than `along` could have added since then. peak : [N] the largest force since then. along :
+    (2,) [N] the first. gap : whether there were several.
+
+    x, y, around, impulse, seconds : of the forces sent last, the newest first, pieces of time with the discs that their
+    forces are in, centre and radius [N], the integral of their size [N s], and how long they lasted [s].
+    """
+    sent = dict.fromkeys(("x", "y", "around", "impulse", "seconds"), slots)
+    return Record(level=1, pending=1, disputed=1, unseen=1, varied=1, peak=1, along=2, gap=1, **sent)
 
 
 class EnergyTank:
-    """Energy left of a budget, from the forces that were applied and the displacements that were then seen.
+    """Energy left of a budget, from the forces that were sent and the displacements that were then seen.
 
-    A force F that acts while the hand goes dx delivers F.dx, which is known only afterwards. While a position is
-    missing, or repeats itself exactly as that of a frozen sensor does, the most that a hand no faster than
-    `speed_cap` could have drawn is set aside; the next position settles it, and one that jumps right after it disputes
-    that. Energy that the hand puts in is given back, up to the budget, where every step of it was seen.
+    A force that acts while the hand goes dx delivers F.dx, which is known only afterwards. While a position is missing,
+    or repeats itself exactly as that of a frozen sensor does, the most that a hand no faster than `speed_cap` could
+    have drawn is set aside; the next position settles it, and one that jumps right after it disputes that. Energy that
+    the hand puts in is given back, up to the budget, where every step of it was seen.
 
-    `ceiling` is the largest force F from which a release within the slew bound is still affordable, whatever the hand
-    does below the speed cap, after one tick that lasts `late`:
+    A force acts late: up to `window` after it was sent, all of it but a `tail`. So a step dx is charged with the most
+    that any force under way delivers, max F.dx over those of the window, plus the tail. What is sent is delivered once:
+    no more than its impulse times the speed cap is still to come. `ceiling` is the largest force F from which a release
+    within the slew bound is affordable beside that, after one tick that lasts `late`:
 
-        F v late + F^2 v / (2 slew) <= energy left
+        speed_cap (sum of |F_j| dt_j under way + F late + F^2 / (2 slew)) <= energy left
+
+    So no hand below the speed cap draws more than the budget: what was truly delivered plus speed_cap times the impulse
+    under way is never above it. It grows by speed_cap F dt where F is sent, for which the ceiling asks; where the
+    energy does not allow F, nothing is sent. Assumed: the hand goes straight from sample to sample, and a force acts at
+    most `window` late.
 
     Numbers are expressions, and each method gives the tank that is left behind by it. The order in a tick: `elapsed`
-    with the force that was applied, then `seen` or `jumped`, or neither.
+    with the force that was sent, then `seen` or `jumped`, or neither.
 
     Parameters
     ----------
-    numbers : of `TANK`.
+    numbers : of `tank_record(slots)`.
+    slots : 1 where forces act at once (window zero), else `SLOTS`.
     budget : [J] what may be delivered until `reset`, net of what the hand put in since.
     slew : [N/s] rate at which the force can certainly be released.
     speed_cap : [m/s] hand speed up to which the budget holds.
-    late : [s] longest time between two ticks that the reserve covers.
+    late : [s] longest time between two ticks that the reserve covers. dt : [s] a tick.
+    window, tail : [s, N] see above.
     """
 
-    def __init__(self, numbers: Values, *, budget: ca.SX, slew: ca.SX, speed_cap: ca.SX, late: ca.SX) -> None:
-        self.numbers, self._budget, self._slew, self._speed, self._late = numbers, budget, slew, speed_cap, late
+    def __init__(self, numbers: Values, slots: int, **of: ca.SX) -> None:
+        self.numbers, self._slots, self._of = numbers, slots, of
+        self._budget, self._slew, self._speed, self._late = (
+            of[name] for name in ("budget", "slew", "speed_cap", "late")
+        )
+        self._window, self._tail, self._dt = of["window"], of["tail"], of["dt"]
 
     def _with(self, **others: ca.SX) -> EnergyTank:
-        return EnergyTank(
-            TANK.changed(self.numbers, **others),
-            budget=self._budget, slew=self._slew, speed_cap=self._speed, late=self._late,
-        )  # fmt: skip
+        return EnergyTank(tank_record(self._slots).changed(self.numbers, **others), self._slots, **self._of)
 
     def or_else(self, when: ca.SX, other: EnergyTank) -> EnergyTank:
         """The other tank where that is so, else the tank itself."""
         mine, theirs = self.numbers, other.numbers
-        return self._with(**{
-            name: ca.if_else(when, getattr(theirs, name), getattr(mine, name)) for name in TANK.places
-        })  # fmt: skip
+        names = tank_record(self._slots).places
+        return self._with(**{name: ca.if_else(when, getattr(theirs, name), getattr(mine, name)) for name in names})
 
     @property
     def left(self) -> ca.SX:
@@ -71,28 +94,65 @@ class EnergyTank:
 
     @property
     def ceiling(self) -> ca.SX:
-        """[N] the largest force that may be applied now; zero where nothing is left."""
-        slow = self._slew * self._late
-        return ca.sqrt(slow * slow + 2.0 * self._slew * ca.fmax(self.left, 0) / self._speed) - slow
+        """[N] the largest force that may be sent now; zero where nothing is left."""
+        slow, free = self._slew * self._late, ca.fmax(self.left - self._under_way, 0)
+        return ca.sqrt(slow * slow + 2.0 * self._slew * free / self._speed) - slow
+
+    @property
+    def _under_way(self) -> ca.SX:
+        """[J] what a hand can still draw from the forces that were sent."""
+        return ca.dot(self._ages() < self._window, self.numbers.impulse) * self._speed
+
+    def _ages(self) -> ca.SX:
+        """(slots,) [s] since each piece ended."""
+        seconds = [ca.SX(0), *ca.vertsplit(self.numbers.seconds)[:-1]]
+        return ca.vertcat(*itertools.accumulate(seconds))
+
+    def _most(self, each: ca.SX) -> ca.SX:
+        """The largest of what each piece (slots,) says, of those that may have acted since the hand was seen."""
+        acts = self._ages() < (self._window + self.numbers.unseen) * (1 - 1e-9)
+        return ca.mmax(ca.vertcat(each[0], *(ca.if_else(acts[i], each[i], each[0]) for i in range(1, self._slots))))
+
+    def _sent(self, force: ca.SX, seconds: ca.SX) -> EnergyTank:
+        """The force was sent for so long: of the newest piece, or a new one where that is full."""
+        now, x, y = self.numbers, force[0], force[1]
+        impulse = ca.norm_2(force) * seconds
+        fits = now.seconds[0] + seconds <= self._window / max(self._slots - 2, 1) + self._dt * (self._slots > 1)
+        around = ca.fmax(now.around[0], ca.hypot(x - now.x[0], y - now.y[0]))
+        after = {}
+        for name, fresh, joined in (
+            ("x", x, now.x[0]),
+            ("y", y, now.y[0]),
+            ("around", ca.SX(0), around),
+            ("impulse", impulse, now.impulse[0] + impulse),
+            ("seconds", seconds, now.seconds[0] + seconds),
+        ):
+            pieces = ca.vertsplit(getattr(now, name))
+            after[name] = ca.if_else(fits, ca.vertcat(joined, *pieces[1:]), ca.vertcat(fresh, *pieces[:-1]))
+        return self._with(**after)
 
     def elapsed(self, force: ca.SX, seconds: ca.SX) -> EnergyTank:
-        """The force (2,) acted for so long, and the hand may have gone anywhere within the speed cap."""
-        now = self.numbers
-        size, reach, first = ca.norm_2(force), self._speed * seconds, now.unseen == 0
-        return self._with(
-            along=ca.if_else(first, force, now.along),
-            peak=ca.if_else(first, size, ca.fmax(now.peak, size)),
+        """The force (2,) was sent for so long, and the hand may have gone anywhere within the speed cap."""
+        first, reach = self.numbers.unseen == 0, self._speed * seconds
+        waiting = self._sent(force, seconds)._with(unseen=self.numbers.unseen + seconds)
+        now = waiting.numbers
+        along = ca.if_else(first, force, now.along)
+        size = waiting._most(ca.hypot(now.x, now.y) + now.around) + self._tail
+        other = waiting._most(ca.hypot(now.x - along[0], now.y - along[1]) + now.around) + self._tail
+        return waiting._with(
+            along=along,
+            peak=ca.fmax(now.peak, size),
             gap=ca.if_else(first, now.gap, 1),
-            varied=now.varied + ca.if_else(first, 0, ca.norm_2(force - now.along) * reach),
-            unseen=now.unseen + seconds,
+            varied=now.varied + other * reach,
             pending=now.pending + size * reach,
         )
 
     def seen(self, moved: ca.SX) -> EnergyTank:
         """The hand has moved by so much (2,) [m] since it was last seen, within the speed cap."""
-        now = self.numbers
-        work = ca.dot(now.along, moved) + now.varied
-        work = ca.if_else(now.gap, clipped(work, 0, now.pending), work)
+        now, way = self.numbers, ca.norm_2(moved)
+        hidden = clipped(ca.dot(now.along, moved) + now.varied, 0, now.pending)
+        work = self._most(now.x * moved[0] + now.y * moved[1] + now.around * way) + self._tail * way
+        work = ca.if_else(now.gap, hidden, work)
         disputed = ca.if_else(now.gap, now.pending - work, 0)
         return self._with(level=ca.fmin(now.level - work, self._budget), disputed=disputed)._settled()
 
@@ -104,7 +164,7 @@ class EnergyTank:
 
     def given(self, share: ca.SX) -> tuple[EnergyTank, ca.SX]:
         """What is left when a share of what is certainly left and nobody can dispute goes; and that share [J]."""
-        gone = ca.fmax(share * (self.left - self.numbers.disputed), 0)
+        gone = ca.fmax(share * (self.left - self._under_way - self.numbers.disputed), 0)
         return self._with(level=self.numbers.level - gone), gone
 
     def filled(self, joules: ca.SX) -> EnergyTank:

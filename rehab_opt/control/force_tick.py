@@ -12,7 +12,7 @@ import casadi as ca
 
 from rehab_opt.control.assistance_statement import EXACT, TINY, assistance_statement
 from rehab_opt.control.command import Bound
-from rehab_opt.control.energy_tank import TANK, EnergyTank
+from rehab_opt.control.energy_tank import EnergyTank, tank_record
 from rehab_opt.control.hand import HAND, SAMPLE, looked_at
 from rehab_opt.control.reasons import NUMBER
 from rehab_opt.control.watchdog import STAMPS, checked_stamp, first_of
@@ -25,12 +25,12 @@ __all__ = [
     "MUCH",
     "SOLVED",
     "VIEW",
-    "WATCHED",
     "ForceTick",
     "affordable",
     "force_tick",
     "give",
     "take",
+    "watched_record",
 ]
 
 MUCH = 1e3
@@ -39,14 +39,13 @@ MISSED = 1e-6
 """Share of the wanted force by which the commanded one must differ for the task to count as yielding."""
 MODEL = Record(
     dt=1, max_age=1, force_limit=1, slew_limit=1, speed_cap=1, velocity_lag=1, trust_stillness=1, budget=1,
-    tolerance=1,
+    window=1, tail=1, jitter=1, tolerance=1,
 )  # fmt: skip
-"""What differs between people and robots: see `BoundedForce`."""
-WATCHED = Record(stamps=STAMPS.size, hand=HAND.size, tank=TANK.size)
-"""What is remembered of stamps, hand and tank."""
-VIEW = Record(x=2, v=2, reason=1, details=3, at_once=1, ceiling=1, left=1)
+"""What differs between people and robots: see `BoundedForce`; window [s] and tail [N] are those of `EnergyTank`, jitter
+[m] is by how much noise may move a position between two samples."""
+VIEW = Record(x=2, v=2, reason=1, details=3, at_once=1, ceiling=1, left=1, repeats=1)
 """A hand as it was judged: position [m] and velocity [m/s], why it cannot be acted on and whether the force goes at
-once, largest force [N] and energy [J] that may be given."""
+once, largest force [N] and energy [J] that may be given, whether the position repeats itself."""
 SOLVED = Record(asks=1, value=2, status=1, residual=1, solver=1, yielded=1, scale=1, reason=1, details=3, wanted=2)
 """A command: whether a certified answer is missing that another solver might have; the force [N]; whether it is OK (0),
 RELEASING (1) or RELEASED (2); the certificate's residual, infinite for a release, and who answered; what yielded, the
@@ -55,11 +54,17 @@ LATEST = 1.0
 """[s] The longest time between two ticks that energy is set aside for."""
 
 
+@cache
+def watched_record(slots: int) -> Record:
+    """What is remembered of stamps, hand and tank."""
+    return Record(stamps=STAMPS.size, hand=HAND.size, tank=tank_record(slots).size)
+
+
 class ForceTick(NamedTuple):
     """The functions of a tick; each column is a record or the state of `fused`."""
 
     judge: ca.Function
-    """`MODEL`, `WATCHED`, last force (2,), `SAMPLE` -> `WATCHED`, `VIEW`."""
+    """`MODEL`, `watched_record`, last force (2,), `SAMPLE` -> `watched_record`, `VIEW`."""
     prepare: ca.Function
     """`MODEL`, `VIEW`, wanted force (2,) -> parameters of the QP, whether there is one."""
     conclude: ca.Function
@@ -69,7 +74,7 @@ class ForceTick(NamedTuple):
 
 
 @cache
-def force_tick() -> ForceTick:
+def force_tick(slots: int) -> ForceTick:
     """The tick of every `BoundedForce`: what differs between them is in its model."""
     statement = assistance_statement()
     solve, inputs = (
@@ -83,15 +88,15 @@ def force_tick() -> ForceTick:
     skip = ca.Function("skip", [p, last], [last, ca.DM.nan(solve.size1_out(1))])
     answer, verdict = ca.Function.if_else("force_solve", solve, skip)(solves, parameters, state)
     conclude = ca.Function("force_conclude", inputs, list(finish(model, state, view, wanted, answer, verdict)))
-    return ForceTick(_judge(), prepare, conclude, finish)
+    return ForceTick(_judge(slots), prepare, conclude, finish)
 
 
-def _judge() -> ca.Function:
+def _judge(slots: int) -> ca.Function:
     """Whether a sample of the hand can be acted on, and how much force may be given."""
-    model, watched, sample = MODEL.symbols("model"), WATCHED.symbols("watched"), SAMPLE.symbols("sample")
+    model, watched, sample = MODEL.symbols("model"), watched_record(slots).symbols("watched"), SAMPLE.symbols("sample")
     force = ca.SX.sym("force", 2)
     stamps = checked_stamp(STAMPS.parts(watched.stamps), sample.stamp, sample.kind, dt=model.dt, max_age=model.max_age)
-    tank = _tank(watched.tank, model)
+    tank = _tank(watched.tank, model, slots)
     stale = stamps.reason, stamps.details
     hand = looked_at(HAND.parts(watched.hand), tank, sample, force=force, stale=stale, model=model)
     ceiling, left = _affordable(hand.tank, model)
@@ -109,8 +114,9 @@ def _judge() -> ca.Function:
         at_once=ca.logic_or(hand.at_once, spent),
         ceiling=ceiling,
         left=left,
+        repeats=hand.tank.numbers.gap,
     )
-    after = WATCHED.of(stamps=stamps.memory, hand=hand.memory, tank=hand.tank.numbers.column)
+    after = watched_record(slots).of(stamps=stamps.memory, hand=hand.memory, tank=hand.tank.numbers.column)
     inputs = [model.column, watched.column, force, sample.column]
     return ca.Function("force_judge", inputs, [after, view], {"cse": True})
 
@@ -144,7 +150,10 @@ def _finish(state_size: int, memory_at: int) -> ca.Function:
     weaker = ca.if_else(keep > 0, last * keep, ca.SX.zeros(2))
     torn = int(Bound.TASK) + int(Bound.SLEW) * ca.logic_and(hasty, strength > step)
     field = ca.logic_not(size < ca.inf)
+    short, allowed = view.ceiling < ca.fmin(size, model.force_limit), ca.vertcat(view.left, view.ceiling, 0)
     reasons = [
+        (all_true(found, short, view.repeats), ca.SX(NUMBER["POSITION_REPEATS"]), allowed),
+        (all_true(found, short), ca.SX(NUMBER["ENERGY_LOW"]), allowed),
         (found, ca.SX(0), ca.SX.zeros(3)),
         (view.reason != 0, view.reason, view.details),
         (field, ca.SX(NUMBER["FIELD_NO_NUMBER"]), ca.SX.zeros(3)),
@@ -168,10 +177,10 @@ def _finish(state_size: int, memory_at: int) -> ca.Function:
 
 
 @cache
-def affordable() -> ca.Function:
-    """`MODEL`, `WATCHED` -> the largest force [N] and the energy [J] that may be given now."""
-    model, watched = MODEL.symbols("model"), WATCHED.symbols("watched")
-    ceiling, left = _affordable(_tank(watched.tank, model), model)
+def affordable(slots: int) -> ca.Function:
+    """`MODEL`, `watched_record` -> the largest force [N] and the energy [J] that may be given now."""
+    model, watched = MODEL.symbols("model"), watched_record(slots).symbols("watched")
+    ceiling, left = _affordable(_tank(watched.tank, model, slots), model)
     return ca.Function("force_affordable", [model.column, watched.column], [ca.vertcat(ceiling, left)])
 
 
@@ -180,28 +189,32 @@ def _affordable(tank: EnergyTank, model: Values) -> tuple[ca.SX, ca.SX]:
 
 
 @cache
-def give() -> ca.Function:
-    """`MODEL`, `WATCHED`, share -> `WATCHED`, the energy [J] that goes to another tank."""
-    model, watched, share = MODEL.symbols("model"), WATCHED.symbols("watched"), ca.SX.sym("share")
-    tank, given = _tank(watched.tank, model).given(share)
-    after = WATCHED.changed(watched, tank=tank.numbers.column).column
+def give(slots: int) -> ca.Function:
+    """`MODEL`, `watched_record`, share -> `watched_record`, the energy [J] that goes to another tank."""
+    model, watched, share = MODEL.symbols("model"), watched_record(slots).symbols("watched"), ca.SX.sym("share")
+    tank, given = _tank(watched.tank, model, slots).given(share)
+    after = watched_record(slots).changed(watched, tank=tank.numbers.column).column
     return ca.Function("give_energy", [model.column, watched.column, share], [after, given])
 
 
 @cache
-def take() -> ca.Function:
-    """`MODEL`, `WATCHED`, energy [J] that another tank gave -> `WATCHED`."""
-    model, watched, joules = MODEL.symbols("model"), WATCHED.symbols("watched"), ca.SX.sym("joules")
-    tank = _tank(watched.tank, model).filled(joules)
-    after = WATCHED.changed(watched, tank=tank.numbers.column).column
+def take(slots: int) -> ca.Function:
+    """`MODEL`, `watched_record`, energy [J] that another tank gave -> `watched_record`."""
+    model, watched, joules = MODEL.symbols("model"), watched_record(slots).symbols("watched"), ca.SX.sym("joules")
+    tank = _tank(watched.tank, model, slots).filled(joules)
+    after = watched_record(slots).changed(watched, tank=tank.numbers.column).column
     return ca.Function("take_energy", [model.column, watched.column, joules], [after])
 
 
-def _tank(numbers: ca.SX, model: Values) -> EnergyTank:
+def _tank(numbers: ca.SX, model: Values, slots: int) -> EnergyTank:
     return EnergyTank(
-        TANK.parts(numbers),
+        tank_record(slots).parts(numbers),
+        slots,
         budget=model.budget,
         slew=model.slew_limit * ca.sqrt(0.5),  # in any direction: see `assistance_statement`
         speed_cap=model.speed_cap,
         late=ca.fmax(model.dt, ca.fmin(model.max_age, LATEST)),
+        dt=model.dt,
+        window=model.window,
+        tail=model.tail,
     )

@@ -60,7 +60,7 @@ def looked_at(
     moved, unseen = sample.x - memory.x, waiting.numbers.unseen
     distance = ca.hypot(moved[0], moved[1])
     first, still = ca.logic_not(distance < ca.inf), all_true(moved[0] == 0, moved[1] == 0)
-    within = distance <= cap * unseen * (1 + 1e-9) + ROUNDING
+    within = distance <= cap * unseen * (1 + 1e-9) + ROUNDING + model.jitter
     jumped = all_true(looks, ca.logic_not(first), ca.logic_not(still), ca.logic_not(within))
     # A low-pass of differences: it lags by its time constant and half a tick.
     share = unseen / (model.velocity_lag + unseen)

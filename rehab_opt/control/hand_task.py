@@ -178,5 +178,6 @@ class HandTask:
     @property
     def fastest(self) -> float:
         """[m/s or rad/s] more than a hand can do in all rows together; what asks for more is slowed as a whole."""
-        reach = sum(abs(row.a) + abs(row.d) for row in self.robot.chain.rows[CHAIR - 1 :])
+        reach = sum(row.across + abs(row.along) for row in self.robot.chain.rows[CHAIR - 1 :])
+        reach += float(np.linalg.norm(self.robot.chain.tool[:3, 3]))
         return float(self.robot.chain.velocity[0] + (1 + reach) * np.sum(self.robot.chain.velocity[CHAIR - 1 :]))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import casadi as ca
 
+from rehab_opt.kinematics.arm_links import LinkEnd
 from rehab_opt.kinematics.mobile_arm import CHAIR, Capsule, MobileArm
 from rehab_opt.optim.certificate import clipped
 
@@ -14,12 +15,12 @@ TINY = 1e-9
 
 
 def arm_gaps(robot: MobileArm, arm: ca.SX) -> ca.SX:
-    """(2 k,) distances [m] of upper arm and forearm from the k keep-outs at arm joints (4,); negative inside."""
+    """(k l,) distances [m] of the arm's l links from the k keep-outs at arm joints; negative inside."""
     return ca.vertcat(*(distance for distance, _ in _pairs(robot, arm)))
 
 
 def closing_rows(robot: MobileArm, arm: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """(2 k, 4) change of each distance with the arm's joints [m/rad], and the distances (2 k,) [m].
+    """(k l, joints) change of each distance with the arm's joints [m/rad], and the distances (k l,) [m].
 
     The points nearest to each other move with their links; that they change does not matter to first order.
     """
@@ -30,21 +31,25 @@ def closing_rows(robot: MobileArm, arm: ca.SX) -> tuple[ca.SX, ca.SX]:
 def _pairs(robot: MobileArm, arm: ca.SX) -> list[tuple[ca.SX, ca.SX]]:
     chain = robot.chain
     frames = chain.frames_expression(ca.vertcat(ca.SX.zeros(CHAIR), arm))
-    shoulder, elbow, hand = (frames[i][:3, 3] for i in (4, 5, -1))
+    count = chain.n - CHAIR
 
-    def moved_by_arm(point: ca.SX, joints: int) -> ca.SX:
+    def ends(of: LinkEnd) -> tuple[ca.SX, ca.SX]:
+        """(3,) [m] where it is, and (3, k) how the arm's joints move it."""
+        point = of.place(frames)
+        if not of.moves:
+            return point, ca.SX(3, count)
+        joints = min(of.frame, chain.n) - CHAIR
         columns = [ca.cross(frames[i][:3, 2], point - frames[i][:3, 3]) for i in range(CHAIR, CHAIR + joints)]
-        return ca.horzcat(*columns, *[ca.SX.zeros(3)] * (chain.n - CHAIR - joints))
+        return point, ca.horzcat(*columns, *[ca.SX.zeros(3)] * (count - joints))
 
-    ends = (shoulder, ca.SX(3, chain.n - CHAIR)), (elbow, moved_by_arm(elbow, 2)), (hand, moved_by_arm(hand, 4))
-    links = (ends[0], ends[1]), (ends[1], ends[2])
+    links = [(ends(link.begin), ends(link.end), link.radius) for link in robot.links]
     pairs = []
     for capsule in robot.keep_out:
-        for (begin, begin_moves), (end, end_moves) in links:
+        for (begin, begin_moves), (end, end_moves), radius in links:
             share, apart = _nearest(begin, end, capsule)
             size = ca.norm_2(apart)
             moves = begin_moves + share * (end_moves - begin_moves)
-            pairs.append((size - capsule.radius - robot.arm_radius, (apart / ca.fmax(size, TINY)).T @ moves))
+            pairs.append((size - capsule.radius - radius, (apart / ca.fmax(size, TINY)).T @ moves))
     return pairs
 
 

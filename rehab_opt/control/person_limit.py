@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.control.between_poses import moving_tool_function
 from rehab_opt.control.pose_tracker import PoseTracker
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.kinematics.chain import SerialChain, rigid
+from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.kinematics.rigid import rigid
 from rehab_opt.symbolic import BufferedFunction, Compile
 
 __all__ = ["PersonLimit"]

@@ -76,6 +76,18 @@ REASONS = (
     Reason("FORCE_AT_LIMIT", "the interaction force is at its limit", "interaction force of"),
     Reason("NOTHING_LEFT", "the bounds leave nothing of the commanded motion", "the bounds leave nothing"),
     Reason("STAMP_MISSING", "stamp is missing", "stamp is missing"),
+    Reason(
+        "ENERGY_LOW",
+        "little energy is left in the tank",
+        "little energy is left",
+        "little energy is left in the tank: {:.3g} J afford {:.3g} N",
+    ),
+    Reason(
+        "POSITION_REPEATS",
+        "the position repeats itself, as a frozen sensor's does: energy is set aside",
+        "the position repeats itself",
+        "the position repeats itself, as a frozen sensor's does: energy is set aside, {:.3g} J afford {:.3g} N",
+    ),
     Reason("STAMP_NO_NUMBER", "stamp is not a number of seconds", "stamp is not a number of seconds"),
 )
 """In the order of their numbers, which never change."""

@@ -36,11 +36,11 @@ def tool_jerk(chain: SerialChain, q: ca.SX, velocity: ca.SX, dt: float) -> ca.SX
     for i, row in enumerate(chain.rows):
         speed = ca.fabs(velocity[i])
         if row.prismatic:
-            bound += turning**2 * (turning * (ca.fabs(row.d + q[i]) + speed * dt) + 3 * speed)
+            bound += turning**2 * (turning * (ca.fabs(row.along + q[i]) + speed * dt) + 3 * speed)
         else:
-            bound += abs(row.d) * turning**3  # along the joint's own axis
+            bound += abs(row.along) * turning**3  # along the joint's own axis
             turning += speed
-        bound += abs(row.a) * turning**3
+        bound += row.across * turning**3
     return bound + float(np.linalg.norm(chain.tool[:3, 3])) * turning**3
 
 

@@ -12,10 +12,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rehab_opt.kinematics.body import Body
 from rehab_opt.kinematics.chain import SerialChain, per_joint
 from rehab_opt.kinematics.denavit_hartenberg import DH
 from rehab_opt.kinematics.differential import Differential
-from rehab_opt.kinematics.inertia import Body, rod
+from rehab_opt.kinematics.inertia import rod
 from rehab_opt.kinematics.mecanum import Mecanum, checked_amounts, checked_lengths
 from rehab_opt.kinematics.mobile_arm import CHAIR, Capsule, MobileArm, Outline
 
@@ -125,6 +126,7 @@ def ardis(
         keep_out=keep_out,  # type: ignore[arg-type]
         limit_cost=limit_cost,
         singular_cost=singular_cost,
+        hand_volume=d5 * d7**2,  # upper arm across the forearm, both across the axis that turns them
     )
 
 

@@ -1,11 +1,13 @@
-"""Serial chains from standard Denavit-Hartenberg rows: pose, Jacobian, manipulability, and the expressions behind."""
+"""Serial chains from Denavit-Hartenberg rows or robot files: pose, Jacobian, manipulability, expressions behind."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import casadi as ca
@@ -13,13 +15,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.kinematics.denavit_hartenberg import DH, checked_rows, pose_after, pose_before, product
+from rehab_opt.kinematics.body import Body
+from rehab_opt.kinematics.denavit_hartenberg import checked_rows
 from rehab_opt.kinematics.determinant import determinant
-from rehab_opt.kinematics.link_capsules import LinkCapsule, checked_capsules
+from rehab_opt.kinematics.link import ChainRow, pose_after, pose_before, product
+from rehab_opt.kinematics.link_capsules import CapsuleOnLink, LinkCapsule, checked_capsules
 from rehab_opt.kinematics.real_array import real_array
+from rehab_opt.kinematics.rigid import nearest_rigid
+from rehab_opt.kinematics.robot_file.links import MJCF, URDF, Given, chain_arguments
 from rehab_opt.symbolic.shared import Evaluator
 
-__all__ = ["SerialChain", "per_joint", "rigid"]
+__all__ = ["SerialChain", "per_joint"]
 
 Array = NDArray[np.float64]
 
@@ -30,13 +36,15 @@ class SerialChain:
 
     Parameters
     ----------
-    rows : n Denavit-Hartenberg rows, base to tip.
+    rows : n Denavit-Hartenberg rows or `Link`s, base to tip.
     lower, upper : (n,) joint position limits [rad or m]; may be infinite; equal ones lock the joint.
     velocity : (n,) largest joint speeds [rad/s or m/s], finite and positive. A scalar stands for all.
     acceleration : (n,) largest joint accelerations [rad/s^2 or m/s^2], positive, infinite for none.
     names : (n,) joint names.
     base, tool : (4, 4) pose of row 1's frame in the base frame, and of the tool in the last row's frame.
     capsules : the links' bodies, for whatever keeps the robot clear of something; none by default.
+    bodies : the links' masses, where they are known; nothing here uses them.
+    notes : what a reader has to know about where the numbers come from; a rotation that was rounded, say.
 
     Raises
     ------
@@ -44,7 +52,7 @@ class SerialChain:
         capsule that is none.
     """
 
-    rows: tuple[DH, ...]
+    rows: tuple[ChainRow, ...]
     lower: Array = field(kw_only=True)
     upper: Array = field(kw_only=True)
     velocity: Array = field(kw_only=True)
@@ -53,6 +61,8 @@ class SerialChain:
     base: Array = field(default_factory=lambda: np.eye(4), kw_only=True)
     tool: Array = field(default_factory=lambda: np.eye(4), kw_only=True)
     capsules: tuple[LinkCapsule, ...] = field(default=(), kw_only=True)
+    bodies: tuple[Body, ...] = field(default=(), kw_only=True)
+    notes: tuple[str, ...] = field(default=(), kw_only=True)
 
     def __post_init__(self) -> None:
         """Check and freeze every argument."""
@@ -74,6 +84,8 @@ class SerialChain:
         acceleration = per_joint("acceleration", self.acceleration, n)
         if not np.all(acceleration > 0):
             raise ConfigurationError("acceleration", self.acceleration, "positive numbers (infinite for no bound)")
+        base, base_note = nearest_rigid("base", self.base)
+        tool, tool_note = nearest_rigid("tool", self.tool)
         checked = {
             "rows": rows,
             "names": names,
@@ -81,12 +93,89 @@ class SerialChain:
             "upper": upper,
             "velocity": velocity,
             "acceleration": acceleration,
-            "base": rigid("base", self.base),
-            "tool": rigid("tool", self.tool),
+            "base": base,
+            "tool": tool,
             "capsules": checked_capsules(self.capsules, n + 2),
+            "bodies": tuple(self.bodies),
+            "notes": (*self.notes, *(note for note in (base_note, tool_note) if note)),
         }
         for name, value in checked.items():
             object.__setattr__(self, name, value)
+
+    @classmethod
+    def from_urdf(
+        cls,
+        file: str | Path,
+        *,
+        base: str | None = None,
+        tip: str | None = None,
+        acceleration: ArrayLike | Mapping[str, float],
+        velocity: ArrayLike | Mapping[str, float] | None = None,
+        lower: ArrayLike | Mapping[str, float] | None = None,
+        upper: ArrayLike | Mapping[str, float] | None = None,
+        locked: Mapping[str, float] = MappingProxyType({}),
+        mount: ArrayLike | None = None,
+        tool: ArrayLike | None = None,
+        capsules: Sequence[CapsuleOnLink] = (),
+    ) -> SerialChain:
+        """The chain between two links of a URDF: joints of any axis and origin, revolute, continuous or prismatic.
+
+        Frame i of `frames_expression` lies in the origin of joint i + 1, the last but one in that of the tip link;
+        their z axes are those of the joints. Angles are taken as they are written: a rounded 3.1416 stays one. Meshes
+        are not opened. `notes` says what was corrected; `bodies` holds the masses of the links on the way.
+
+        Parameters
+        ----------
+        file : the URDF. One in xacro is expanded first: `xacro arm.urdf.xacro > arm.urdf`.
+        base, tip : links where the chain begins and ends; default the root, and the only link that bears no other.
+        acceleration : [rad/s^2 or m/s^2] which no URDF has: for all joints, for each (n,), or by joint name.
+        velocity, lower, upper : in place of the file's; for all joints, for each (n,), or by joint name.
+        locked : joint values [rad or m] by the names of joints that are held there, and are no joints of the chain; a
+            joint that is coupled to another (mimic) can be on the way so alone.
+        mount : (4, 4) pose of the base link in the base frame; default the identity.
+        tool : (4, 4) pose of the tool in the tip link's frame; default the identity.
+        capsules : bodies of links, in the links' own frames; a link without keeps its frame's origin guarded, no more.
+
+        Raises
+        ------
+        RobotFileError : the file cannot be used; it names file, joint, key, value and what was expected.
+        ProblemFileError : it cannot be read. ConfigurationError : an argument cannot be used.
+        """
+        given = Given(acceleration, velocity, lower, upper, locked, capsules)
+        return cls._imported(URDF, file, base, tip, given, mount=mount, tool=tool)
+
+    @classmethod
+    def from_mjcf(
+        cls,
+        file: str | Path,
+        *,
+        base: str | None = None,
+        tip: str | None = None,
+        acceleration: ArrayLike | Mapping[str, float],
+        velocity: ArrayLike | Mapping[str, float],
+        lower: ArrayLike | Mapping[str, float] | None = None,
+        upper: ArrayLike | Mapping[str, float] | None = None,
+        locked: Mapping[str, float] = MappingProxyType({}),
+        mount: ArrayLike | None = None,
+        tool: ArrayLike | None = None,
+        capsules: Sequence[CapsuleOnLink] = (),
+    ) -> SerialChain:
+        """The chain between two bodies of a MuJoCo model; needs `pip install rehab_opt[mjcf]`.
+
+        As `from_urdf`, but for: `base` and `tip` are bodies, by default the world and the only one that bears no other;
+        `velocity` has to be given, since MJCF has no speed limits; joint values are MuJoCo's, `ref` included.
+        """
+        given = Given(acceleration, velocity, lower, upper, locked, capsules)
+        return cls._imported(MJCF, file, base, tip, given, mount=mount, tool=tool)
+
+    @classmethod
+    def _imported(cls, *what: Any, mount: ArrayLike | None, tool: ArrayLike | None) -> SerialChain:
+        arguments = chain_arguments(*what)
+        if mount is not None:
+            placed, note = nearest_rigid("mount", mount)
+            arguments["base"] = placed @ arguments["base"]
+            arguments["notes"] += (note,) if note else ()
+        return cls(**arguments, tool=np.eye(4) if tool is None else tool)  # type: ignore[arg-type]
 
     # ------------------------------------------------------------------------------------------------ numbers
     @property
@@ -132,10 +221,10 @@ class SerialChain:
         return replace(self, **{name: value for name, value in given.items() if value is not None})  # type: ignore[arg-type]
 
     # -------------------------------------------------------------------------------------------- expressions
-    def frames_expression(self, q: ca.SX, rows: Sequence[DH] | None = None) -> list[ca.SX]:
+    def frames_expression(self, q: ca.SX, rows: Sequence[ChainRow] | None = None) -> list[ca.SX]:
         """N + 2 poses (4, 4) in the base frame: before joint 1, after each row, and the tool.
 
-        `rows` take the place of the chain's own; their a and d may be expressions, so that code serves any lengths.
+        `rows` take the place of the chain's own; their lengths may be expressions, so that code serves any lengths.
         """
         frames = [ca.SX(ca.DM(self.base))]
         for i, row in enumerate(self.rows if rows is None else rows):
@@ -143,7 +232,7 @@ class SerialChain:
         frames.append(product(frames[-1], ca.SX(ca.DM(self.tool))))
         return frames
 
-    def pose_expression(self, q: ca.SX, rows: Sequence[DH] | None = None) -> ca.SX:
+    def pose_expression(self, q: ca.SX, rows: Sequence[ChainRow] | None = None) -> ca.SX:
         """(4, 4) expression of `pose`: Eq. (2), Rossa et al.; `rows` as for `frames_expression`."""
         return self.frames_expression(q, rows)[-1]
 
@@ -232,20 +321,3 @@ def per_joint(argument: str, value: ArrayLike, n: int, *, finite: bool = False) 
         raise ConfigurationError(argument, value, f"{n} finite numbers")
     array.flags.writeable = False
     return array
-
-
-def rigid(argument: str, value: ArrayLike) -> Array:
-    """`value` as a read-only rigid transform (4, 4)."""
-    expected = "a (4, 4) rigid transform"
-    try:
-        pose = np.array(real_array(value))
-    except (TypeError, ValueError, OverflowError) as problem:
-        raise ConfigurationError(argument, value, expected) from problem
-    if pose.shape != (4, 4) or not np.all(np.isfinite(pose)):
-        raise ConfigurationError(argument, value, expected)
-    rotation = pose[:3, :3]
-    orthonormal = np.abs(rotation @ rotation.T - np.eye(3)).max() <= 1e-9
-    if not (orthonormal and np.linalg.det(rotation) > 0 and np.array_equal(pose[3], (0, 0, 0, 1))):
-        raise ConfigurationError(argument, value, expected)
-    pose.flags.writeable = False
-    return pose

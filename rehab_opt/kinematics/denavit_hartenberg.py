@@ -1,16 +1,17 @@
-"""Standard Denavit-Hartenberg rows and the poses they stand for, as expressions."""
+"""Standard Denavit-Hartenberg rows, one way to write the links of a serial chain."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
 
 import casadi as ca
 
 from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.link import ChainRow, Link
 
-__all__ = ["DH", "checked_rows", "pose_after", "pose_before", "product"]
+__all__ = ["DH", "checked_rows", "exact"]
 
 
 class DH(NamedTuple):
@@ -25,64 +26,63 @@ class DH(NamedTuple):
     theta: float = 0.0
     prismatic: bool = False
 
+    @property
+    def after(self) -> ca.SX | ca.DM:
+        """(4, 4) A at a joint value of zero: turning about z and sliding along z commute with what A begins with."""
+        cos, sin = exact(math.cos, self.theta), exact(math.sin, self.theta)
+        cos_alpha, sin_alpha = exact(math.cos, self.alpha), exact(math.sin, self.alpha)
+        return ca.blockcat(
+            [
+                [cos, -sin * cos_alpha, sin * sin_alpha, self.a * cos],
+                [sin, cos * cos_alpha, -cos * sin_alpha, self.a * sin],
+                [0, sin_alpha, cos_alpha, self.d],
+                [0, 0, 0, 1],
+            ]
+        )
 
-def checked_rows(rows: object) -> tuple[DH, ...]:
-    """`rows` as rows of finite numbers, at least one, or say what is wrong with them."""
+    @property
+    def along(self) -> float:
+        """[m] d: how far the next frame lies along the joint's axis."""
+        return self.d
+
+    @property
+    def across(self) -> float:
+        """[m] |a|: how far it lies from the axis."""
+        return abs(self.a)
+
+    @property
+    def lengths(self) -> tuple[float, ...]:
+        """[m] those of a and d that are not zero."""
+        return tuple(length for length in (self.a, self.d) if length != 0.0)
+
+    def with_lengths(self, lengths: Iterator[Any]) -> DH:
+        """The row with the next ones of `lengths`, numbers or expressions, in place of a and d that are not zero."""
+        a = next(lengths) if self.a != 0.0 else 0.0
+        return self._replace(a=a, d=next(lengths) if self.d != 0.0 else 0.0)
+
+
+def checked_rows(rows: object) -> tuple[ChainRow, ...]:
+    """`rows` as links or rows of finite numbers, at least one, or say what is wrong with them."""
     if not isinstance(rows, Sequence) or not rows:
-        raise ConfigurationError("rows", rows, "at least one Denavit-Hartenberg row")
-    checked = []
+        raise ConfigurationError("rows", rows, "at least one Denavit-Hartenberg row or Link")
+    checked: list[ChainRow] = []
     for i, row in enumerate(rows):
+        if isinstance(row, Link):
+            checked.append(row)
+            continue
         try:
             dh = DH(*row)
             usable = all(math.isfinite(number) for number in dh[:4])
         except (TypeError, ValueError, OverflowError):
             usable = False
         if not usable:
-            raise ConfigurationError(
-                f"rows[{i}]", row, "finite numbers a, alpha, d, theta, and whether it is prismatic"
-            )
+            expected = "finite numbers a, alpha, d, theta, and whether it is prismatic; or a Link"
+            raise ConfigurationError(f"rows[{i}]", row, expected)
         checked.append(dh)
     return tuple(checked)
 
 
-def pose_after(row: DH, value: ca.SX) -> ca.SX:
-    """(4, 4) pose of the frame after a row in the one before it."""
-    cos_theta, sin_theta, cos_alpha, sin_alpha, d = _factors(row, value)
-    return ca.blockcat(
-        [
-            [cos_theta, -sin_theta * cos_alpha, sin_theta * sin_alpha, row.a * cos_theta],
-            [sin_theta, cos_theta * cos_alpha, -cos_theta * sin_alpha, row.a * sin_theta],
-            [0, sin_alpha, cos_alpha, d],
-            [0, 0, 0, 1],
-        ]
-    )
-
-
-def pose_before(row: DH, value: ca.SX) -> ca.SX:
-    """(4, 4) pose of the frame before a row in the one after it, the inverse of `pose_after`."""
-    cos_theta, sin_theta, cos_alpha, sin_alpha, d = _factors(row, value)
-    return ca.blockcat(
-        [
-            [cos_theta, sin_theta, 0, -row.a],
-            [-sin_theta * cos_alpha, cos_theta * cos_alpha, sin_alpha, -d * sin_alpha],
-            [sin_theta * sin_alpha, -cos_theta * sin_alpha, cos_alpha, -d * cos_alpha],
-            [0, 0, 0, 1],
-        ]
-    )
-
-
-def product(left: ca.SX, right: ca.SX) -> ca.SX:
-    """Product of two poses; zeros and ones vanish from the expression."""
-    return ca.sparsify(left) @ ca.sparsify(right)
-
-
-def _factors(row: DH, value: ca.SX) -> tuple[ca.SX, ca.SX, float, float, ca.SX]:
-    """Cosine and sine of theta and of alpha, and d, at a joint value."""
-    theta, d = (ca.SX(row.theta), row.d + value) if row.prismatic else (row.theta + value, ca.SX(row.d))
-    return ca.cos(theta), ca.sin(theta), _exact(math.cos, row.alpha), _exact(math.sin, row.alpha), d
-
-
-def _exact(function: Callable[[float], float], angle: float) -> float:
+def exact(function: Callable[[float], float], angle: float) -> float:
     """Sine or cosine with the rounding of multiples of a right angle removed: 1e-17 is zero, and drops out."""
     value = function(angle)
     return float(round(value)) if abs(value - round(value)) < 1e-15 else value

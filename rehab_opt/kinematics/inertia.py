@@ -3,31 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rehab_opt.kinematics.body import Body
 from rehab_opt.kinematics.chain import SerialChain
 
-__all__ = ["Body", "inertia_expression", "rod"]
+__all__ = ["inertia_expression", "rod"]
 
 Array = NDArray[np.float64]
-
-
-class Body(NamedTuple):
-    """A rigid body that moves with one link."""
-
-    name: str
-    link: int
-    """Number of the Denavit-Hartenberg row whose frame it is fixed to, from 1."""
-    mass: float
-    """[kg]"""
-    centre: Array
-    """(3,) centre of mass in that frame [m]."""
-    inertia: Array
-    """(3, 3) about the centre of mass, along that frame's axes [kg m^2]."""
 
 
 def rod(mass: float, along: ArrayLike, radius: float) -> Array:

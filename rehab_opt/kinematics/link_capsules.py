@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from rehab_opt.errors import ConfigurationError
 
-__all__ = ["LinkCapsule", "checked_capsules"]
+__all__ = ["CapsuleOnLink", "LinkCapsule", "checked_capsules"]
 
 
 class LinkCapsule(NamedTuple):
@@ -17,6 +17,15 @@ class LinkCapsule(NamedTuple):
     name: str
     frame: int
     """0 is the base frame, i the frame after row i, n + 1 the tool's: the order of `frames_expression`."""
+    start: tuple[float, float, float]
+    end: tuple[float, float, float]
+    radius: float
+
+
+class CapsuleOnLink(NamedTuple):
+    """All points within `radius` [m] of the segment from `start` to `end` (3,), in a robot file's frame of its link."""
+
+    link: str
     start: tuple[float, float, float]
     end: tuple[float, float, float]
     radius: float

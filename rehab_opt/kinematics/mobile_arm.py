@@ -13,9 +13,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.arm_links import ArmLink, arm_links, arm_reach, hand_volume, largest_hand_volume
+from rehab_opt.kinematics.body import Body
 from rehab_opt.kinematics.chain import SerialChain, per_joint
 from rehab_opt.kinematics.differential import Differential
-from rehab_opt.kinematics.inertia import Body, inertia_expression
+from rehab_opt.kinematics.inertia import inertia_expression
 from rehab_opt.kinematics.mecanum import Mecanum, checked_amounts
 from rehab_opt.symbolic.shared import Evaluator
 
@@ -25,6 +27,8 @@ Array = NDArray[np.float64]
 
 CHAIR = 3
 """Joints of the chair: forward, left, turn. Those of the arm follow."""
+LEAST_JOINTS = 4
+"""Joints of an arm: three place a hand, one turns it."""
 SATURATED = 1.5
 """Share of half its range at which a joint's posture cost stops growing steeper: a start far outside stays sane."""
 
@@ -54,7 +58,7 @@ class Capsule(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class MobileArm:
-    """Seven joints: chair forward q1 and left q2 [m] in the world, turn q3, and an arm q4 to q7 [rad].
+    """Chair forward q1 and left q2 [m] in the world, turn q3, and an arm of at least four joints q4 to qn [rad].
 
     World and chassis frames have x forward, y left, z up, the floor at z = 0; at q = 0 they coincide. The speed of
     q1, q2 together is bounded, whatever the heading, and so the first two limits of the chain are one number;
@@ -63,12 +67,14 @@ class MobileArm:
 
     Parameters
     ----------
-    chain : of those seven joints.
-    bodies : masses. rotors : (7,) what motors and gears add to each joint's inertia [kg m^2 or kg].
+    chain : of those n joints.
+    bodies : masses. rotors : (n,) what motors and gears add to each joint's inertia [kg m^2 or kg].
     mecanum, differential : wheels of the two kinds of chair.
     outline : of the chair from above.
-    keep_out : chair and user, where the arm must not be. arm_radius : [m] of upper arm and forearm, as capsules.
+    keep_out : chair and user, where the arm must not be.
+    arm_radius : [m] of the arm's links from joint to joint, as capsules, where the chain has no capsules of its own.
     limit_cost, singular_cost : weights of what `posture_cost` adds up.
+    hand_volume : [m^3] largest volume that unit joint speeds of the arm span at the hand; searched for by default.
 
     Raises
     ------
@@ -85,16 +91,25 @@ class MobileArm:
     arm_radius: float = field(default=0.05, kw_only=True)
     limit_cost: float = field(default=1.0, kw_only=True)
     singular_cost: float = field(default=1.0, kw_only=True)
+    hand_volume: float | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         """Check what the controller rests on."""
         chain = self.chain
-        if not isinstance(chain, SerialChain) or [row.prismatic for row in chain.rows] != [True] * 2 + [False] * 5:
-            raise ConfigurationError("chain", chain, "two prismatic and five revolute joints")
+        kinds = [row.prismatic for row in chain.rows] if isinstance(chain, SerialChain) else []
+        if len(kinds) < CHAIR + LEAST_JOINTS or kinds != [True] * 2 + [False] * (len(kinds) - 2):
+            expected = f"two joints that slide, and {LEAST_JOINTS + 1} or more that turn"
+            said = [f"{name} {'slides' if kind else 'turns'}" for name, kind in zip(chain.names, kinds, strict=True)]
+            raise (
+                ConfigurationError("chain", ", ".join(said), expected)
+                if kinds
+                else ConfigurationError("chain", chain, expected)
+            )
         if np.isfinite(chain.lower[:CHAIR]).any() or np.isfinite(chain.upper[:CHAIR]).any():
             raise ConfigurationError("lower, upper", (chain.lower, chain.upper), "a chair without position limits")
-        if not (np.isfinite(chain.lower[CHAIR:]).all() and np.isfinite(chain.upper[CHAIR:]).all()):
-            raise ConfigurationError("lower, upper", (chain.lower, chain.upper), "finite limits of the arm's joints")
+        if (np.isfinite(chain.lower) != np.isfinite(chain.upper)).any():
+            expected = "finite limits of the arm's joints, or none either way"
+            raise ConfigurationError("lower, upper", (chain.lower, chain.upper), expected)
         if chain.velocity[0] != chain.velocity[1] or chain.acceleration[0] != chain.acceleration[1]:
             raise ConfigurationError(
                 "velocity, acceleration", (chain.velocity, chain.acceleration), "the same forward and to the left"
@@ -107,6 +122,10 @@ class MobileArm:
         checked_amounts(arm_radius=self.arm_radius, limit_cost=self.limit_cost, singular_cost=self.singular_cost)
         rotors = per_joint("rotors", self.rotors, chain.n, finite=True)
         object.__setattr__(self, "rotors", rotors)
+        volume = largest_hand_volume(chain, first=CHAIR) if self.hand_volume is None else self.hand_volume
+        if not 0.0 < volume < math.inf:
+            raise ConfigurationError("hand_volume", volume, "above 0: an arm that moves its hand in every direction")
+        object.__setattr__(self, "hand_volume", volume)
         if not np.linalg.eigvalsh(self.inertia(np.zeros(chain.n)))[0] > 0.0:
             raise ConfigurationError("bodies, rotors", (self.bodies, rotors), "masses that make W positive definite")
 
@@ -152,6 +171,16 @@ class MobileArm:
         v[:2] = cos * v[0] - sin * v[1], sin * v[0] + cos * v[1]
         return v
 
+    @cached_property
+    def links(self) -> tuple[ArmLink, ...]:
+        """The arm's links, as capsules."""
+        return arm_links(self.chain, first=CHAIR, radius=self.arm_radius)
+
+    @cached_property
+    def reach(self) -> float:
+        """[m] that no point of a link is further from the axis of a joint of the arm."""
+        return arm_reach(self.chain, self.links, first=CHAIR)
+
     # -------------------------------------------------------------------------------------------- expressions
     def inertia_expression(self, q: ca.SX) -> ca.SX:
         """(7, 7) expression of `inertia`."""
@@ -160,23 +189,22 @@ class MobileArm:
     def posture_cost_expression(self, q: ca.SX) -> ca.SX:
         """Sum over the arm of x^4/4, x the joint's place in its range from -1 to 1, plus (1 - m)^2/2.
 
-        m is the squared volume of the arm's three positioning columns, as a share of its largest, d5 d7^2: it is zero
-        where the arm alone cannot move its hand in every direction. x^4/4 goes on straight beyond `SATURATED`.
+        m is the squared volume that the arm's joints span at the hand, as a share of `hand_volume`'s: it is zero where
+        the arm alone cannot move its hand in every direction. x^4/4 goes on straight beyond `SATURATED`. A joint that
+        has no ends costs nothing.
         """
         chain = self.chain
         cost = ca.SX(0)
         for i in range(CHAIR, chain.n):
             half = float(chain.upper[i] - chain.lower[i]) / 2
-            if half == 0.0:
+            if half in (0.0, math.inf):
                 continue
             x = ca.fabs(q[i] - float(chain.upper[i] + chain.lower[i]) / 2) / half
             beyond = ca.fmax(x - SATURATED, 0)
             cost += self.limit_cost * (ca.fmin(x, SATURATED) ** 4 / 4 + SATURATED**3 * beyond)
         still = ca.vertcat(ca.SX.zeros(CHAIR), q[CHAIR:])  # the chair's place changes no posture
-        columns = chain.jacobian_expression(still)[:3, CHAIR : CHAIR + 3]
-        volume = ca.dot(columns[:, 0], ca.cross(columns[:, 1], columns[:, 2]))
-        upper, fore = chain.rows[4].d, chain.rows[6].d
-        share = (volume / (upper * fore**2)) ** 2
+        assert self.hand_volume is not None  # made above
+        share = hand_volume(chain, still, first=CHAIR) / self.hand_volume**2
         return cost + self.singular_cost * (1 - share) ** 2 / 2
 
     def posture_gradient_expression(self, q: ca.SX) -> ca.SX:

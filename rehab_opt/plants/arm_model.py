@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.body import Body
 from rehab_opt.kinematics.chain import SerialChain, per_joint
-from rehab_opt.kinematics.inertia import Body, rod
+from rehab_opt.kinematics.inertia import rod
 
 __all__ = ["ArmModel", "rods_along"]
 
@@ -76,13 +77,13 @@ def rods_along(chain: SerialChain, masses: Sequence[float] | ArrayLike, *, radiu
 
     Parameters
     ----------
-    chain : whose Denavit-Hartenberg rows give the rods. masses : (n,) [kg]. radius : [m] of all of them.
+    chain : whose rows give the rods. masses : (n,) [kg]. radius : [m] of all of them.
     """
     bodies = []
     for i, (row, mass) in enumerate(zip(chain.rows, np.asarray(masses, dtype=np.float64).tolist(), strict=True)):
         # From the frame before the joint to the one behind it, in the axes of the latter: whatever the joint's value.
-        d = 0.0 if row.prismatic else row.d
-        along = np.array([row.a, d * math.sin(row.alpha), d * math.cos(row.alpha)])
+        after = np.array(row.after, dtype=np.float64)
+        along = after[:3, :3].T @ np.append(after[:2, 3], 0.0 if row.prismatic else after[2, 3])
         ball = float(np.linalg.norm(along)) <= radius
         inertia = 0.4 * mass * radius**2 * np.eye(3) if ball else rod(mass, along, radius)
         bodies.append(Body(chain.names[i], i + 1, mass, np.zeros(3) if ball else -0.5 * along, inertia))

@@ -1,4 +1,4 @@
-"""A serial arm in MuJoCo's own description: every Denavit-Hartenberg frame a body, the tool a site."""
+"""A serial arm in MuJoCo's own description: every frame of the chain a body, the tool a site."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.kinematics.denavit_hartenberg import DH
-from rehab_opt.kinematics.inertia import Body
+from rehab_opt.kinematics.body import Body
+from rehab_opt.kinematics.link import ChainRow
 from rehab_opt.plants.arm_model import ArmModel
 
 __all__ = ["HAND", "arm_mjcf", "row_pose"]
@@ -37,9 +37,8 @@ def arm_mjcf(model: ArmModel, *, step: float) -> str:
         row = chain.rows[i]
         here = row_pose(row, 0.0)
         place = placed @ here
-        back = np.asarray(
-            np.linalg.inv(here), dtype=np.float64
-        )  # the frame before the joint, seen from the one behind it
+        # The frame before the joint, seen from the one behind it: about its z the joint turns.
+        back = np.asarray(np.linalg.inv(here), dtype=np.float64)
         kind = "slide" if row.prismatic else "hinge"
         opened.append(
             f'<body name="{chain.names[i]}" {_pose(place)}>'
@@ -59,19 +58,16 @@ def arm_mjcf(model: ArmModel, *, step: float) -> str:
     )
 
 
-def row_pose(row: DH, value: float) -> Array:
-    """(4, 4) pose behind a Denavit-Hartenberg row in the frame before it, at the joint's value [rad, m]."""
-    theta = row.theta + (0.0 if row.prismatic else value)
-    d = row.d + (value if row.prismatic else 0.0)
-    ct, st, ca, sa = np.cos(theta), np.sin(theta), np.cos(row.alpha), np.sin(row.alpha)
-    return np.array(
-        [
-            [ct, -st * ca, st * sa, row.a * ct],
-            [st, ct * ca, -ct * sa, row.a * st],
-            [0.0, sa, ca, d],
-            [0.0, 0.0, 0.0, 1.0],
-        ]
-    )
+def row_pose(row: ChainRow, value: float) -> Array:
+    """(4, 4) pose behind a row of a chain in the frame before it, at the joint's value [rad, m]."""
+    joint = np.eye(4)
+    if row.prismatic:
+        joint[2, 3] = value
+    else:
+        cos, sin = np.cos(value), np.sin(value)
+        joint[:2, :2] = [[cos, -sin], [sin, cos]]
+    pose: Array = joint @ np.array(row.after, dtype=np.float64)
+    return pose
 
 
 def _stops(model: ArmModel, joint: int) -> str:

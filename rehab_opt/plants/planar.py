@@ -7,9 +7,9 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rehab_opt.kinematics.body import Body
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.denavit_hartenberg import DH
-from rehab_opt.kinematics.inertia import Body
 from rehab_opt.plants.arm_model import ArmModel, rods_along
 
 __all__ = ["planar_arm_model", "point_mass_model"]

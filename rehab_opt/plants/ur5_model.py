@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rehab_opt.kinematics.body import Body
 from rehab_opt.kinematics.chain import SerialChain
-from rehab_opt.kinematics.inertia import Body, rod
+from rehab_opt.kinematics.inertia import rod
 from rehab_opt.kinematics.ur5 import ur5
 from rehab_opt.plants.arm_model import ArmModel
 

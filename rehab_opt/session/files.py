@@ -16,7 +16,8 @@ from rehab_opt.session.data_folder import ENVIRONMENT, PREFIX, data_file
 from rehab_opt.session.file_limits import LARGEST_PROBLEM, check_key_depth
 from rehab_opt.session.schema import FORMS, Problem
 from rehab_opt.session.systems import SYSTEMS, system_named
-from rehab_opt.session.text_lines import brief, shown, whole_text
+from rehab_opt.session.text_lines import brief
+from rehab_opt.text_file import shown, whole_text
 
 __all__ = [
     "ProblemFile",
@@ -26,6 +27,7 @@ __all__ = [
     "problem_path",
     "recording_path",
     "recording_state",
+    "schema_error",
     "shipped_folder",
     "shipped_problems",
 ]
@@ -101,7 +103,7 @@ def problem_of(content: dict[str, Any], *, name: str, file: str, path: Path) -> 
     try:
         return ProblemFile(name=name, file=file, path=path, problem=system_named(system).schema.model_validate(content))
     except ValidationError as problem:
-        raise _first_error(problem, file) from problem
+        raise schema_error(problem, file) from problem
 
 
 def problem_path(file: str) -> tuple[str, Path]:
@@ -176,7 +178,7 @@ def shipped_folder() -> Path:
         return installed if installed.is_dir() else root.parent / "problems"
 
 
-def _first_error(problem: ValidationError, file: str) -> ProblemFileError:
+def schema_error(problem: ValidationError, file: str) -> ProblemFileError:
     """The first of pydantic's complaints, in this project's words."""
     first = problem.errors(include_url=False)[0]
     keys = [str(part) for part in first["loc"] if part not in FORMS]

@@ -44,7 +44,7 @@ def joint_figure(
         for label, (q, style) in joints.items():
             axes.plot((times or {}).get(label, outcome.time), np.rad2deg(q[:, joint]), **style, label=label)
         limits_seen |= _shade_limits(axes, chain, joint)
-        axes.set_title(chain.names[joint].replace("_", " "), fontsize=9, loc="left")
+        axes.set_title(chain.names[joint].replace("_", " "), fontsize=9, loc="left", parse_math=False)
         axes.set_ylabel("angle [deg]", fontsize=8)
         axes.tick_params(labelsize=8)
     for axes in grid[chain.n - 2 : chain.n]:
@@ -73,7 +73,7 @@ def _shade_limits(axes: Axes, chain: SerialChain, joint: int) -> bool:
             low, high = min(low, limit), max(high, limit)
     margin = max(0.12 * (high - low), 1.5)
     axes.set_ylim(low - margin, high + margin)
-    for outside in ((-1e4, lower), (upper, 1e4)):
+    for outside in ((-1e4, max(lower, -1e4)), (min(upper, 1e4), 1e4)):  # some joints have no ends
         axes.axhspan(*outside, color=LIMIT, alpha=0.6, linewidth=0, zorder=0)
     if chain.locked[joint]:
         axes.annotate("locked: a range of zero width", (0.98, 0.06), xycoords="axes fraction", ha="right", fontsize=7)

@@ -9,7 +9,8 @@ import numpy as np
 
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.session.recording import Recording
-from rehab_opt.session.text_lines import FARTHEST, LATEST, finite_number, shown, text_lines
+from rehab_opt.session.text_lines import FARTHEST, LATEST, finite_number, text_lines
+from rehab_opt.text_file import shown
 
 __all__ = ["read_svc"]
 

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from rehab_opt.session.workspaces.outcome import WorkspaceOutcome
     from rehab_opt.session.workspaces.problem import WorkspaceProblem
 
-__all__ = ["SYSTEMS", "Animated", "Column", "Needed", "Recorded", "System", "system_named"]
+__all__ = ["ROBOT_FILE", "SYSTEMS", "Animated", "Column", "Needed", "Recorded", "System", "system_named"]
 
 P = TypeVar("P", bound=Problem)
 O = TypeVar("O", bound=Outcome)  # noqa: E741  (an outcome)
@@ -46,8 +46,12 @@ Column = tuple[str, list[float] | list[int] | tuple[str, ...]]
 """Header, which ends in the unit, and cells of one column of trace.csv."""
 
 
+ROBOT_FILE = "robot.file"
+"""Key of a file that describes a robot, and names other files."""
+
+
 class Needed(NamedTuple):
-    """A recording that a problem needs: the key that names it, and what it says there."""
+    """A recording, or a robot file, that a problem needs: the key that names it, and what it says there."""
 
     key: str
     reference: str
@@ -69,7 +73,7 @@ class System(Protocol[P, O]):
     def options(self) -> frozenset[str]: ...  # noqa: D102
 
     def recordings(self, problem: P) -> tuple[Needed, ...]:
-        """The recordings it needs."""
+        """The recordings and robot files it needs."""
         ...
 
     def check(self, loaded: ProblemFile[P]) -> tuple[str, ...]:

@@ -54,7 +54,7 @@ class Record:
         parts = {each: others.pop(each, getattr(values, each)) for each in self.places}
         if others:
             raise KeyError(*others)
-        return Values(ca.vertcat(*parts.values()), parts)
+        return self.parts(self.of(**parts))
 
     def numbers(self, **parts: ArrayLike) -> NDArray[np.float64]:
         """(size,) the same of numbers; one stands for all of a name."""
@@ -67,4 +67,7 @@ class Record:
         """(size,) the column of these parts."""
         if parts.keys() != self.places.keys():
             raise KeyError(*(parts.keys() ^ self.places.keys()))
-        return ca.densify(ca.vertcat(*(ca.SX(parts[name]) for name in self.places)))
+        column = ca.densify(ca.vertcat(*(ca.SX(parts[name]) for name in self.places)))
+        if column.numel() != self.size:
+            raise ValueError({name: ca.SX(parts[name]).numel() for name in self.places})
+        return column

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.kinematics.chain import SerialChain
-from rehab_opt.kinematics.denavit_hartenberg import DH
+from rehab_opt.kinematics.link import ChainRow
 from rehab_opt.optim.nlp import NLP
 from rehab_opt.optim.rows import Row, equal, parameter, variable
 from rehab_opt.workspace.handle import beyond_cone, handle_rows
@@ -67,7 +67,7 @@ class PlaneStatement:
         self.arm = arm
         self.free = np.flatnonzero(~arm.locked)
         k = len(self.free)
-        numbers = np.array([value for row in arm.rows for value in (row.a, row.d) if value != 0.0])
+        numbers = np.array([length for row in arm.rows for length in row.lengths])
         lower, upper, still, lengths, tilt, height, probe, scale, sign = (
             parameter(name, size)
             for name, size in (
@@ -139,10 +139,7 @@ class PlaneStatement:
         self.constant_tilt = None if tilts > STILL else float(np.arctan2(across, along[2, 0]))
 
 
-def _with_lengths(arm: SerialChain, lengths: ca.SX) -> list[DH]:
+def _with_lengths(arm: SerialChain, lengths: ca.SX) -> list[ChainRow]:
     """The chain's rows with symbols for lengths; those that are zero stay so, and drop out."""
     symbols: Iterator[Any] = iter(ca.vertsplit(lengths)) if lengths.numel() else iter(())
-    return [
-        row._replace(a=next(symbols) if row.a != 0.0 else 0.0, d=next(symbols) if row.d != 0.0 else 0.0)
-        for row in arm.rows
-    ]
+    return [row.with_lengths(symbols) for row in arm.rows]

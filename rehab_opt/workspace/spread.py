@@ -27,7 +27,7 @@ def spread_postures(arm: SerialChain, free: NDArray[np.int64], count: int) -> Ar
 
 def sampling_range(lower: Array, upper: Array, arm: SerialChain, free: NDArray[np.int64]) -> tuple[Array, Array]:
     """Limits (k,) cut to one turn of a revolute joint, and to the chain's size of a prismatic one."""
-    size = sum(abs(row.a) + abs(row.d) for row in arm.rows) + 1.0
+    size = sum(row.across + abs(row.along) for row in arm.rows) + 1.0
     half = np.array([size if arm.rows[i].prismatic else math.pi for i in free])
     centre = np.clip(0.0, lower + half, np.maximum(upper - half, lower + half))
     return np.maximum(lower, centre - half), np.minimum(upper, centre + half)

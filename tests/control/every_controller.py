@@ -137,6 +137,19 @@ COMMANDING = [name for name in CASES if name not in {"joystick", "conditioner"}]
 """Those whose step gives a Command."""
 
 
+@cache
+def kept(name: str, number: int) -> Any:
+    """A controller that every test of a process may have after a reset."""
+    return CASES[name].make()
+
+
+def as_new(name: str, number: int = 0) -> tuple[Any, Callable[..., Any]]:
+    """As `made`, but one that was made before and is reset: making a chair takes longer than most tests."""
+    case, controller = CASES[name], kept(name, number)
+    case.reset(controller)
+    return controller, lambda **more: case.step(controller, *case.inputs, **more)
+
+
 def made(name: str, **options: Any) -> tuple[Any, Callable[..., Any]]:
     """A new controller and its usual tick."""
     case = CASES[name]

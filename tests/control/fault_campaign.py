@@ -9,13 +9,17 @@ earlier ticks. Prints what was checked, the largest excess over each bound and h
 from __future__ import annotations
 
 import math
+import tempfile
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from rehab_opt import DH, Bound, Command, PoseTracker, SerialChain, human_arm, ur5
 from rehab_opt.symbolic import Compile
 from tests.control.campaign import HOSTILE, ROUNDING, Array, Tally, main, must_exceed
+from tests.kinematics.robot_files.known_arms import gen3
+from tests.kinematics.robot_files.random_arms import urdf
 
 TICKS = (1e-4, 1e-3, 4e-3, 2e-2, 1e-1)
 
@@ -33,12 +37,21 @@ def slide_arm() -> SerialChain:
     )
 
 
+def imported_arm() -> SerialChain:
+    """Kinova's Gen3 from a file: rounded right angles, four joints without ends."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "gen3.urdf"
+        file.write_text(urdf(gen3()))
+        return SerialChain.from_urdf(file, acceleration=5.0)
+
+
 CHAINS = {
     "ur5": ur5,
     "ur5_slow": lambda: ur5(velocity=0.2, acceleration=1.0),
     "arm": lambda: human_arm(range_of_motion="regular"),
     "restricted": lambda: human_arm(range_of_motion="restricted", side="right"),
     "slide": slide_arm,
+    "imported": imported_arm,
 }
 
 

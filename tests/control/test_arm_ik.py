@@ -157,6 +157,7 @@ class TestReachable:
         np.testing.assert_array_equal(forth, back)
 
     @pytest.mark.usefixtures("shipped")
+    @pytest.mark.parametrize("arm", ["regular"], indirect=True)  # the ranges differ in numbers alone
     def test_compiled_code_and_virtual_machine_agree(self, arm: SerialChain) -> None:
         targets = reachable(arm, 20, seed=5)[0]
         fast, slow = ArmIK(arm, compile="wait"), ArmIK(arm, compile=False)

@@ -9,17 +9,30 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rehab_opt.control.energy_tank import HAND_SPEED, TANK, EnergyTank
+from rehab_opt.control.energy_tank import HAND_SPEED, EnergyTank, tank_record
 from rehab_opt.symbolic import BufferedFunction
 
 SLEW, CAP, DT, LATE, LIMIT = 200.0, 1.0, 1e-3, 0.05, 30.0
+
+
+TANK = tank_record(1)
 
 
 @cache
 def function(name: str) -> BufferedFunction:
     """Numbers of the tank, budget and lateness, arguments of the method -> numbers; what is left, and the ceiling."""
     numbers, of, given = TANK.symbols("numbers"), ca.SX.sym("of", 2), ca.SX.sym("given", 3)
-    each = EnergyTank(numbers, budget=of[0], slew=ca.SX(SLEW), speed_cap=ca.SX(CAP), late=of[1])
+    each = EnergyTank(
+        numbers,
+        1,
+        budget=of[0],
+        slew=ca.SX(SLEW),
+        speed_cap=ca.SX(CAP),
+        late=of[1],
+        dt=ca.SX(DT),
+        window=ca.SX(0),
+        tail=ca.SX(0),
+    )
     after = {
         "elapsed": lambda: each.elapsed(given[:2], given[2]),
         "seen": lambda: each.seen(given[:2]),
@@ -38,7 +51,7 @@ class Tank:
         self.reset()
 
     def reset(self) -> None:
-        self.numbers = TANK.numbers(**{name: 0.0 for name in TANK.places} | {"level": self.of[0]})
+        self.numbers = TANK.numbers(**dict.fromkeys(TANK.places, 0.0) | {"level": self.of[0]})
 
     def elapse(self, force_x: float, force_y: float, seconds: float) -> None:
         self.numbers = function("elapsed").of(self.numbers, self.of, (force_x, force_y, seconds))

@@ -6,6 +6,7 @@ the disc's centre from the polygon between them. It shares no formula with `appr
 
 import math
 import sys
+from functools import cache
 from typing import NamedTuple
 
 import casadi as ca
@@ -141,21 +142,23 @@ def test_no_twist_within_the_rows_takes_the_chair_in_or_deeper() -> None:
     assert min(tally.inside, tally.touching, tally.turning) > 0.1 * tally.ticks
 
 
-POST = RedundancyResolver(ardis(), max_obstacles=1, row_sets=[("x", "y", "z")], compile=False)
+@cache
+def beside_a_post() -> RedundancyResolver:
+    return RedundancyResolver(ardis(), max_obstacles=1, row_sets=[("x", "y", "z")], compile=False)
 
 
 @pytest.mark.parametrize("radius", [0.0, 0.02])
 @pytest.mark.parametrize("at", [(0.55, 0.2), (0.4, 0.2), (0.1, 0.25), (0.55, 0.33), (0.05, 0.0)])
 def test_a_post_on_or_under_the_outline_does_not_get_deeper(at: tuple[float, float], radius: float) -> None:
-    post = Disc(at, radius)
+    post, robot = Disc(at, radius), beside_a_post()
     for forward, left in ((0.05, -0.2), (0.05, 0.2), (-0.2, 0.1), (0.1, 0.0)):
-        POST.reset()
-        POST.obstacles = (post,)
+        robot.reset()
+        robot.obstacles = (post,)
         places, q = [ARDIS_READY[:3]], ARDIS_READY
         for _ in range(50):
-            q = q + POST.dt * POST.step(q, [forward, left, 0.0]).value
+            q = q + robot.dt * robot.step(q, [forward, left, 0.0]).value
             places.append(q[:3])
-        gaps = np.minimum(clearances(POST.robot.outline, [post], np.array([places]))[0], 0.0)
+        gaps = np.minimum(clearances(robot.robot.outline, [post], np.array([places]))[0], 0.0)
         assert np.all(np.diff(gaps) >= -ROUNDING)
         assert np.abs(q - ARDIS_READY).max() > 1e-3  # it is not just stuck
 

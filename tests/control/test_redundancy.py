@@ -64,7 +64,7 @@ def posture(rng: np.random.Generator, robot: MobileArm, share: float = 1.0) -> n
 
 
 def test_no_fault_of_the_campaign_breaks_a_bound() -> None:
-    tally = redundancy_campaign.run(1500, seed=1, plants=6)
+    tally = redundancy_campaign.run(3000, seed=1, plants=6)
     assert tally.broken == []
     assert set(tally.statuses) == {Status.OK, Status.BLOCKED, Status.BACKUP, Status.BRAKING, Status.HOLDING}
     assert all(tally.faults[fault] for fault in ("q", "twist", "stamp", "repeated", "disabled", "no stamp"))

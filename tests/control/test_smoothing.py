@@ -423,20 +423,29 @@ class Planner:
 
     def __init__(self, monkeypatch):
         self.refuses, self.position, self.newest = None, None, None
-        told = self
+        told, solver, trajectory = self, ruckig.Ruckig, ruckig.Trajectory
 
-        class Ruckig(ruckig.Ruckig):
+        class Trajectory:
+            def __init__(self, axes):
+                self.made = trajectory(axes)
+
+            def at_time(self, time):
+                if told.position is None:
+                    return self.made.at_time(time)
+                return [told.position], [told.position * 0.0], [told.position * 0.0]
+
+            def __getattr__(self, name):
+                return getattr(self.made, name)
+
+        class Ruckig:
+            def __init__(self, axes):
+                self.made = solver(axes)
+
             def calculate(self, question, answer):
                 if told.refuses:
                     raise told.refuses
                 told.newest = answer
-                return super().calculate(question, answer)
-
-        class Trajectory(ruckig.Trajectory):
-            def at_time(self, time):
-                if told.position is None:
-                    return super().at_time(time)
-                return [told.position], [told.position * 0.0], [told.position * 0.0]
+                return self.made.calculate(question, answer.made)
 
         monkeypatch.setattr(ruckig, "Ruckig", Ruckig)
         monkeypatch.setattr(ruckig, "Trajectory", Trajectory)

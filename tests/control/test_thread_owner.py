@@ -17,7 +17,7 @@ from rehab_opt import ArmIK, MirrorTracker, RehabOptError, SharingError, human_a
 from rehab_opt.control.ik_search import IKSearch
 from rehab_opt.control.thread_owner import OneThread
 from rehab_opt.symbolic import BufferedFunction
-from tests.control.every_controller import CASES, HAND, POSE, READY, assistance, carry, made
+from tests.control.every_controller import CASES, HAND, POSE, READY, as_new, assistance, carry, made
 
 
 class Other:
@@ -67,8 +67,8 @@ every = pytest.mark.parametrize("name", CASES)
 
 @every
 def test_a_second_thread_is_refused_and_changes_nothing(name: str, other: Other) -> None:
-    controller, tick = made(name)
-    _, undisturbed = made(name)
+    controller, tick = as_new(name)
+    _, undisturbed = as_new(name, 1)
     assert_same(tick(), undisturbed())
     with pytest.raises(SharingError, match=r"belongs to thread 'MainThread'.*not to 'second'.*make one for each"):
         other.does(tick)
@@ -89,7 +89,7 @@ def test_one_made_and_reset_here_may_run_elsewhere(name: str, other: Other) -> N
 
 @every
 def test_a_reset_by_its_owner_hands_it_over(name: str, other: Other) -> None:
-    controller, tick = made(name)
+    controller, tick = as_new(name)
     tick()
     CASES[name].reset(controller)
     other.does(tick)
@@ -101,7 +101,7 @@ def test_a_reset_by_its_owner_hands_it_over(name: str, other: Other) -> None:
 
 @every
 def test_what_a_thread_that_has_ended_owned_is_free(name: str) -> None:
-    controller, tick = made(name)
+    controller, tick = as_new(name)
     last = Other()
     last.does(tick)
     last.end()
@@ -112,7 +112,7 @@ def test_what_a_thread_that_has_ended_owned_is_free(name: str) -> None:
 @every
 @pytest.mark.parametrize("again", [copy.copy, copy.deepcopy, pickle.dumps])
 def test_copies_and_pickles_are_refused(name: str, again: Callable[[Any], Any]) -> None:
-    controller, tick = made(name)
+    controller, tick = as_new(name)
     tick()
     with pytest.raises(SharingError, match="make another one with the same arguments"):
         again(controller)
@@ -141,7 +141,7 @@ def test_another_thread_changes_no_setting_of_assistance(change: Callable[[Any],
 
 
 def test_another_thread_sets_no_obstacles(other: Other) -> None:
-    resolver, tick = made("redundancy")
+    resolver, tick = as_new("redundancy")
     other.does(lambda: setattr(resolver, "obstacles", ()))
     tick()
     with pytest.raises(SharingError):
@@ -149,7 +149,7 @@ def test_another_thread_sets_no_obstacles(other: Other) -> None:
 
 
 def test_reaching_is_handed_over_too(other: Other) -> None:
-    resolver, _ = made("redundancy")
+    resolver, _ = as_new("redundancy")
     q = CASES["redundancy"].inputs[0]
     target = resolver.robot.chain.pose(q)[:3, 3] + 0.05
     for _ in range(3):
@@ -168,7 +168,7 @@ def test_a_tracker_with_a_person_is_handed_over_with_the_model_of_their_arm(othe
 
 
 def test_a_plan_belongs_to_its_thread_too(other: Other) -> None:
-    tracker, tick = made("mirror_tracker")
+    tracker, tick = as_new("mirror_tracker")
     tick()
     with pytest.raises(SharingError):
         other.does(lambda: tracker.plan(POSE[None], np.zeros((1, 6)), READY))

@@ -10,9 +10,10 @@ import pytest
 
 from rehab_opt import ArmIK, ConfigurationError, MirrorTracker, Smoother, Status, human_arm, ur5
 from rehab_opt.control.conditioning import conditioned
-from rehab_opt.kinematics.chain import per_joint, rigid
+from rehab_opt.kinematics.chain import per_joint
 from rehab_opt.kinematics.real_array import real_array
-from tests.control.every_controller import CASES, COMMANDING, POSE, READY, made, smoother
+from rehab_opt.kinematics.rigid import rigid
+from tests.control.every_controller import CASES, COMMANDING, POSE, READY, as_new, smoother
 
 INPUTS = [(name, k) for name in COMMANDING for k in range(len(CASES[name].inputs)) if (name, k) != ("bilateral", 1)]
 STEPPING = [name for name in COMMANDING if name != "bilateral"]  # whose `step` takes no stamp
@@ -28,13 +29,13 @@ def masked(array: np.ndarray) -> np.ndarray:
 
 
 def stepped(name: str, place: int, value: Any, **more: Any) -> tuple[Any, Any]:
-    """The command at one input, and that at NaN in place of its last number, each of a new controller."""
+    """The command at one input, and that at NaN in place of its last number, each of a controller as new."""
     inputs = CASES[name].inputs
     with_nan = inputs[place].copy()
     with_nan.ravel()[-1] = math.nan
     commands = []
     for each in (value, with_nan):
-        controller, tick = made(name)
+        controller, tick = as_new(name)
         for _ in range(3):
             tick()
         commands.append(CASES[name].step(controller, *inputs[:place], each, *inputs[place + 1 :], **more))
@@ -62,8 +63,8 @@ def test_a_masked_entry_in_a_list_counts_as_nan(name: str, place: int) -> None:
 
 @pytest.mark.parametrize(("name", "place"), INPUTS)
 def test_a_masked_array_that_hides_nothing_is_an_array(name: str, place: int) -> None:
-    (_, tick), inputs = made(name), CASES[name].inputs
-    other, _ = made(name)
+    (_, tick), inputs = as_new(name), CASES[name].inputs
+    other, _ = as_new(name, 1)
     given = np.ma.array(inputs[place])
     assert_same_command(tick(), CASES[name].step(other, *inputs[:place], given, *inputs[place + 1 :]))
 
@@ -73,7 +74,7 @@ def test_a_masked_array_that_hides_nothing_is_an_array(name: str, place: int) ->
 def test_numbers_of_another_kind_are_refused_by_name_or_with_a_reason(name: str, place: int, kind: str) -> None:
     inputs = CASES[name].inputs
     whole = inputs[place].astype(np.int64) if kind.endswith("[ns]") else inputs[place]
-    controller, tick = made(name)
+    controller, tick = as_new(name)
     tick()
     if name == "smoother":
         command = CASES[name].step(controller, whole.astype(kind))
@@ -86,7 +87,7 @@ def test_numbers_of_another_kind_are_refused_by_name_or_with_a_reason(name: str,
 @pytest.mark.parametrize("name", STEPPING)
 @pytest.mark.parametrize("stamp", TIMES, ids=repr)
 def test_a_time_that_is_no_number_of_seconds_stops_the_motion(name: str, stamp: Any) -> None:
-    _, tick = made(name)
+    _, tick = as_new(name)
     first = tick(stamp=0.0)
     assert first.reason != "stamp is not a number of seconds"
     command = tick(stamp=stamp)
@@ -96,7 +97,7 @@ def test_a_time_that_is_no_number_of_seconds_stops_the_motion(name: str, stamp: 
 
 
 def test_no_energy_is_accounted_for_the_second_that_a_nanosecond_is_not() -> None:
-    helper, tick = made("assistance")
+    helper, tick = as_new("assistance")
     for k in range(50):
         force = tick(stamp=0.001 * k).value
     before = helper.energy_left
@@ -147,13 +148,13 @@ class TestSmoother:
 
 
 def test_a_masked_force_is_no_force_that_may_be_followed() -> None:
-    tracker, _ = made("mirror_tracker")
+    tracker, _ = as_new("mirror_tracker")
     force = np.ma.array([1.0, 0.0, 0.0], mask=[0, 1, 0])
     assert tracker.step(READY, POSE, np.zeros(6), force=force).reason == "force is not a usable number"
 
 
 def test_a_masked_axis_of_the_stick_asks_for_nothing() -> None:
-    stick, tick = made("joystick")
+    stick, tick = as_new("joystick")
     stick.step(np.zeros(2))
     assert tick().twist.any()
     command = stick.step(masked(np.array([0.5, 0.5])))
@@ -162,7 +163,7 @@ def test_a_masked_axis_of_the_stick_asks_for_nothing() -> None:
 
 
 def test_a_masked_sample_is_dropped() -> None:
-    follower, _ = made("conditioner")
+    follower, _ = as_new("conditioner")
     place, turn = CASES["conditioner"].inputs
     for k in range(3):
         assert follower.push(0.01 * k, masked(place), turn).dropped == k + 1

@@ -23,6 +23,8 @@ FORCES = {"assistance": "assist", "path_assistance": "path"}
 """Controllers in C, and what they are made of here."""
 LITTLE = {"energy_budget": 0.3, "velocity_lag": 0.02, "backup": "qrqp", "dt": DT}
 
+LATE = {"actuation_delay": 0.004, "actuation_lag": 0.002, "position_noise": 1e-4}
+
 
 def field_of(mode: str, number: int = 0) -> PotentialField:
     """One of two that differ in all they have, their number of samples too."""
@@ -35,7 +37,8 @@ def field_of(mode: str, number: int = 0) -> PotentialField:
 
 def made(mode: str, comfortable: Workspace = COMFORTABLE, **options: object) -> Assistance:
     """In Python, with the rungs that C has."""
-    given = {"onset": 0.01, **LITTLE, **options}
+    late = LATE if mode == "follow" else {}
+    given = {"onset": 0.01, **LITTLE, **late, **options}
     return Assistance(field_of(mode), comfortable=comfortable, mode=mode, **given)  # type: ignore[arg-type]
 
 

@@ -24,6 +24,8 @@ Exported = Callable[[str], Path]
 ROBOT = "robot/ur5_circle"
 SECONDS = 200.0
 SAME = 1e-9
+CHAIRS = dict.fromkeys(("redundancy_mecanum", "redundancy_differential"), "-O0")
+"""Levels of what would take half a minute at that of the CMake file, -O2, at which all other controllers are built."""
 SIZE = """\
 #include <stddef.h>
 #include "rehab_{0}.h"
@@ -34,8 +36,7 @@ size_t controller_size(void) {{ return sizeof(rehab_{0}); }}
 
 def compiled_once(folder: Path, name: str, built: Built, *, level: str = "-O2") -> str:
     """Name of the controller's object file, which every test of it may link."""
-    if (name, level) == ("redundancy_mecanum", "-O2"):
-        level = "-O1"  # one of the two is enough at the level of the CMake file
+    level = CHAIRS.get(name, level)
     return built(folder, "controller.o", "-c", f"rehab_{name}.c", flags=(level, "-fPIC")).name
 
 

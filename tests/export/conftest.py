@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import fcntl
+import os
 import shutil
 import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -64,37 +68,57 @@ def chair(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 @pytest.fixture(scope="session")
-def exported(tmp_path_factory: pytest.TempPathFactory, chair: str) -> Exported:
-    """C files of a controller: `pose_tracker`, `redundancy_DRIVE`, `mirror_tracker`, or one of `FORCES` or `SIDES`."""
-    folders: dict[str, Path] = {}
+def among_workers(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of this run for what its workers share."""
+    base = tmp_path_factory.getbasetemp()
+    folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "export"
+    folder.mkdir(exist_ok=True)
+    return folder
+
+
+@contextmanager
+def one_at_a_time(lock: Path) -> Iterator[None]:
+    """Other workers that come to the same place wait."""
+    with lock.open("w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield
+
+
+@pytest.fixture(scope="session")
+def exported(among_workers: Path, chair: str) -> Exported:
+    """C files of a controller: `pose_tracker`, `redundancy_DRIVE`, `mirror_tracker`, or one of `FORCES` or `SIDES`.
+
+    Written once in a run.
+    """
 
     def folder(name: str) -> Path:
-        if name in FORCES:
-            if name not in folders:
-                folders[name] = exported_to(tmp_path_factory.mktemp("c") / "exported", FORCES[name])
-            return folders[name]
-        if name in SIDES:
-            if name not in folders:
-                folders[name] = exported_side_to(tmp_path_factory.mktemp("c") / "exported", name)
-            return folders[name]
-        problem = ALONE.get(name, chair)
-        if problem not in folders:
-            folders[problem] = tmp_path_factory.mktemp("c") / "exported"
-            export_c(load_problem(problem), folders[problem])
-        return folders[problem] if name in ALONE else folders[problem] / name
+        of_the_chair = name not in {*ALONE, *FORCES, *SIDES}
+        made = among_workers / ("chair" if of_the_chair else name)
+        with one_at_a_time(made.with_suffix(".lock")):
+            if not made.exists():
+                half = made.with_suffix(".half")
+                if name in FORCES:
+                    exported_to(half, FORCES[name])
+                elif name in SIDES:
+                    exported_side_to(half, name)
+                else:
+                    export_c(load_problem(ALONE.get(name, chair)), half)
+                half.rename(made)
+        return made / name if of_the_chair else made
 
     return folder
 
 
 @pytest.fixture(scope="session")
-def built(c_compiler: str) -> Built:
+def built(c_compiler: str, among_workers: Path) -> Built:
     """Compile files of a folder, with the flags of the project's CMake file and more, into a product beside them."""
 
     def product(folder: Path, name: str, *files: str, flags: tuple[str, ...] = ()) -> Path:
-        if not (folder / name).exists():
-            command = [c_compiler, *WARNINGS, *ARITHMETIC, *flags, *files, "-o", name, "-lm"]
-            done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=SECONDS)
-            assert done.returncode == 0, done.stderr
+        with one_at_a_time(among_workers / f"{'_'.join(folder.parts[-3:])}_{name}.lock"):
+            if not (folder / name).exists():
+                command = [c_compiler, *WARNINGS, *ARITHMETIC, *flags, *files, "-o", name, "-lm"]
+                done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=SECONDS)
+                assert done.returncode == 0, done.stderr
         return folder / name
 
     return product

@@ -63,7 +63,7 @@ def tracker() -> PoseTracker:
 def made() -> PoseTracker:
     """The same controller in Python, with the rungs that C has."""
     loaded = load_problem(ROBOT)
-    robot, _ = robot_at_start(loaded.problem.robot, file=ROBOT)
+    robot, _ = robot_at_start(loaded)
     return tracker_of(loaded.problem, robot, file=ROBOT, backup="qrqp")
 
 

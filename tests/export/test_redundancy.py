@@ -52,7 +52,7 @@ def drive(request: pytest.FixtureRequest) -> str:
 @pytest.fixture(scope="module")
 def library(drive: str, exported: Exported, built: Built) -> ctypes.CDLL:
     name = f"redundancy_{drive}"
-    return shared(exported(name), name, built, level="-O0")  # compiling longer would take a minute
+    return shared(exported(name), name, built)
 
 
 @pytest.fixture(scope="module")
@@ -125,6 +125,7 @@ def test_the_safe_command_is_the_one_of_python(
         q = q + DT * np.array(answer.value[:7])
 
 
+@pytest.mark.parametrize("drive", DRIVES[1:], indirect=True)  # one drive stands for both
 def test_where_the_solver_writes_nothing_the_law_is_slowed_into_its_bounds(
     drive: str, exported: Exported, built: Built, resolver: RedundancyResolver, failures: Failures
 ) -> None:

@@ -35,8 +35,8 @@ from rehab_opt.session.many.participant_table import cell_value
 from rehab_opt.session.many.participants import participants_in_folder, participants_of
 from rehab_opt.session.mirror.hand_poses import calibration_points
 from rehab_opt.session.recordings import read_recording
-from rehab_opt.session.text_lines import file_content, number_in
 from rehab_opt.terminal import printer
+from rehab_opt.text_file import file_content, number_in
 from tests.session.test_files import ARM, CSV
 
 Write = Callable[[str, str | bytes], Path]

@@ -17,11 +17,11 @@ from rehab_opt.errors import ProblemFileError
 from rehab_opt.session import schema
 from rehab_opt.session.data_folder import ENVIRONMENT
 from rehab_opt.session.files import (
-    _first_error,
     load_problem,
     problem_path,
     recording_path,
     recording_state,
+    schema_error,
     shipped_problems,
 )
 from rehab_opt.session.run import checked
@@ -207,7 +207,7 @@ FAULTS = [
     ("", "file", "not empty"),
     (b"\x89PNG\r\n\x1a\n\x00\x00", "line 1", "UTF-8"),
     ("a = '\x00'", "line 1", "UTF-8"),
-    (ROBOT.replace("90, -90, -90, 0]", "90]"), "robot.start_deg", "at least 6"),
+    (ROBOT.replace("90, -90, -90, 0]", "90]"), "robot.start_deg", "6 entries"),
     (ROBOT.replace("90, -90, -90, 0]", "200, -90, -90, 0]"), "robot.start_deg.2", "elbow within -180 to 180 deg"),
     (ROBOT + "normal = [0, 0, 0]\n", "circle", "neither zero nor parallel"),
     (ARM + "[published]\ndamping = 1e-14\n", "published.damping", "at least 1e-12"),
@@ -319,5 +319,5 @@ def test_no_value_ends_in_anything_but_a_problem_or_a_refusal(section: str, key:
     try:
         UpperLimb.model_validate(content)
     except ValidationError as problem:
-        message = str(_first_error(problem, "file"))
+        message = str(schema_error(problem, "file"))
     assert "\n" not in message

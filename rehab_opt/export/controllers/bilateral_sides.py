@@ -151,7 +151,10 @@ def _exported(
         title=title,
         force=side.force,
         wanted=wanted,
-        evaluated=(*evaluated, renamed(give(), f"{name}_give"), renamed(take(), f"{name}_take")),
+        evaluated=(
+            *evaluated,
+            *(renamed(part(side.force.slots), f"{name}_{what}") for what, part in (("give", give), ("take", take))),
+        ),
         interface=name,
         call=CALL.format(
             name=name,

@@ -10,9 +10,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.control.bounded_force import NOTHING_SEEN, BoundedForce
-from rehab_opt.control.energy_tank import TANK
-from rehab_opt.control.force_tick import MODEL, SOLVED, VIEW, WATCHED, force_tick
+from rehab_opt.control.bounded_force import BoundedForce
+from rehab_opt.control.energy_tank import tank_record
+from rehab_opt.control.force_tick import MODEL, SOLVED, VIEW, force_tick, watched_record
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.export.c_text import initialiser, number
 from rehab_opt.export.exported import ExportedController
@@ -57,35 +57,40 @@ class ExportedForce(ExportedController):
         """Cap on the active-set changes of a solve."""
         return self.force.stated.iterations or QRQP_ITERATIONS
 
+    @property
+    def slots(self) -> int:
+        """Pieces of time in which forces are under way."""
+        return self.force.slots
+
     def functions(self) -> list[ca.Function]:
         """The parts of a tick, and what is asked for the wanted force."""
-        tick = force_tick()
+        tick = force_tick(self.slots)
         parts = {"judge": tick.judge, "conclude": tick.conclude, "finish": tick.finish}
         return [*(renamed(part, f"{self.name}_{what}") for what, part in parts.items()), *self.evaluated]
 
     def shape(self) -> dict[str, str]:
         """Sizes, and the model."""
-        stated, full = self.force.stated, NOTHING_SEEN.copy()
-        level, pending = (WATCHED["tank"] + TANK[each] for each in ("level", "pending"))
-        full[level] = self.force.energy_budget
+        stated, slots = self.force.stated, self.slots
+        watched, tank = watched_record(slots), tank_record(slots)
+        level, pending = (watched["tank"] + tank[each] for each in ("level", "pending"))
         sizes = {
             "memory_at": stated.state_size - int(stated.memory.numel()),
             "state_count": stated.state_size,
-            "watched": WATCHED.size, "view": VIEW.size, "solved": SOLVED.size,
-            "tank_at": WATCHED["tank"], "level": level, "pending": pending,
+            "watched": watched.size, "view": VIEW.size, "solved": SOLVED.size,
+            "tank_at": watched["tank"], "level": level, "pending": pending,
             **{f"view_{each}": VIEW[each] for each in ("x", "v", "reason")},
             **{each: SOLVED[each] for each in ("value", "status", "residual", "solver", "yielded", "scale", "reason")},
             "values": 2,
             "wheels": 0,
-            "numbers": 2 * stated.state_size + 2 * WATCHED.size + VIEW.size + SOLVED.size + 6,
+            "numbers": 2 * stated.state_size + 2 * watched.size + VIEW.size + SOLVED.size + 6,
         }  # fmt: skip
-        records = {"model": MODEL, "watched": WATCHED, "view": VIEW, "solved": SOLVED}
+        records = {"model": MODEL, "watched": watched, "view": VIEW, "solved": SOLVED}
         return {
             **{name: str(size) for name, size in sizes.items()},
             **{f"{name}_names": ", ".join(record.places) for name, record in records.items()},
             "dt": number(self.force.dt),
             "model": initialiser(self.force.model),
-            "nothing_seen": initialiser(full),
+            "nothing_seen": initialiser(self.force.nothing_seen()),
             "wanted": self.wanted,
         }
 

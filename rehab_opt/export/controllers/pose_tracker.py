@@ -49,9 +49,9 @@ def exported_pose_tracker(loaded: ProblemFile[PoseTracking], *, progress: Progre
     problem = loaded.problem
     if problem.tracker.solver not in (None, FUSED):
         raise ProblemFileError(loaded.file, "tracker.solver", problem.tracker.solver, f"{FUSED}, which can become C")
-    robot, start = robot_at_start(problem.robot, file=loaded.file)
+    robot, start = robot_at_start(loaded)
     tracker = tracker_of(problem, robot, file=loaded.file, backup=FUSED)
-    run = run_pose_tracking(problem, name=loaded.name, file=loaded.file, solver=None, progress=progress)
+    run = run_pose_tracking(loaded, solver=None, progress=progress)
     poses, twists = circle_reference(robot.pose(start), problem.circle, run.time)
     kept = thinned(len(run.time))
     step = 1 if len(kept) < 2 else int(kept[1])

@@ -65,14 +65,14 @@ def arm_points(robot: MobileArm, q: Array) -> Array:
     rows, base = robot.chain.rows, robot.chain.base
     points = np.empty((len(q), 3, 3))
     cos, sin = np.cos(q[:, 2]), np.sin(q[:, 2])
-    before, right = rows[2].a, rows[3].d
+    before, right = float(rows[2].after[0, 3]), rows[3].along
     points[:, 0, 0] = q[:, 0] + cos * before + sin * right
     points[:, 0, 1] = q[:, 1] + sin * before - cos * right
     points[:, 0, 2] = base[2, 3]
     for i, each in enumerate(q):
         pose = robot.chain.pose(each)
         points[i, 2] = pose[:3, 3]
-        points[i, 1] = pose[:3, 3] - rows[6].d * pose[:3, 2]
+        points[i, 1] = pose[:3, 3] - rows[6].along * pose[:3, 2]
     return points
 
 

@@ -8,10 +8,12 @@ import importlib.resources
 import json
 from functools import cache
 
+from rehab_opt.session.file_limits import LARGEST_RECORDING
 from rehab_opt.session.files import ProblemFile, recording_path
+from rehab_opt.session.robot_file import robot_text
 from rehab_opt.session.schema import Problem
-from rehab_opt.session.systems import system_named
-from rehab_opt.session.text_lines import file_content
+from rehab_opt.session.systems import ROBOT_FILE, system_named
+from rehab_opt.text_file import file_content
 
 __all__ = ["inputs_digest", "software_digest"]
 
@@ -30,8 +32,11 @@ def inputs_digest(loaded: ProblemFile[Problem]) -> str:
     said = {"name": loaded.name, "problem": problem.model_dump(mode="json")}
     digest.update(json.dumps(said, sort_keys=True).encode())
     for needed in system_named(problem.system).recordings(problem):
+        if needed.key == ROBOT_FILE:
+            digest.update(robot_text(loaded, needed.reference).encode())
+            continue
         path = recording_path(loaded, needed.reference, key=needed.key)
-        digest.update(file_content(path, needed.reference))
+        digest.update(file_content(path, needed.reference, largest=LARGEST_RECORDING))
     return digest.hexdigest()
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.session.files import ProblemFile, problem_of
-from rehab_opt.session.text_lines import shown
+from rehab_opt.text_file import shown
 
 __all__ = ["Participant", "checked_name", "without_twins"]
 

@@ -19,7 +19,7 @@ from rehab_opt.kinematics.human_arm import RANGES_OF_MOTION_DEG
 from rehab_opt.session.file_limits import DEEPEST_KEY, LARGEST_TABLE, check_key_depth, header_cells
 from rehab_opt.session.files import problem_content, problem_path
 from rehab_opt.session.many.participant import Participant, checked_name, without_twins
-from rehab_opt.session.text_lines import number_in, shown, whole_text
+from rehab_opt.text_file import number_in, shown, whole_text
 
 __all__ = ["BASE", "cell_value", "participants_in_table", "replaced"]
 

@@ -8,7 +8,7 @@ from rehab_opt.errors import ConfigurationError, ProblemFileError, RehabOptError
 from rehab_opt.session.files import problem_content
 from rehab_opt.session.many.participant import Participant, checked_name, without_twins
 from rehab_opt.session.many.participant_table import BASE, participants_in_table
-from rehab_opt.session.text_lines import shown
+from rehab_opt.text_file import shown
 
 __all__ = ["participants_in_folder", "participants_of"]
 

@@ -14,7 +14,7 @@ from rehab_opt.session.many.pools import answers
 from rehab_opt.session.many.results import FAILED, NOT_RUN, REFUSED, Row, forget, keep, kept_row, write_rows
 from rehab_opt.session.many.work import Answer, work_on
 from rehab_opt.session.outcome import Progress
-from rehab_opt.session.text_lines import shown
+from rehab_opt.text_file import shown
 
 __all__ = ["RESULTS", "run_many"]
 

@@ -18,6 +18,7 @@ from rehab_opt.session.mirror.problem import MirrorProblem, PatientSection, Pose
 from rehab_opt.session.participant import arm_of
 from rehab_opt.session.pose_tracking.problem import MOST_TICKS
 from rehab_opt.session.pose_tracking.robot import robot_at_start
+from rehab_opt.session.robot_file import pose_of
 from rehab_opt.session.schema import Side
 
 __all__ = ["Scene", "hand_axes", "laid_out", "patient_mirror"]
@@ -67,13 +68,13 @@ def laid_out(loaded: ProblemFile[MirrorProblem]) -> Scene:
     ProblemFileError : a recording or a value that cannot be used.
     """
     problem, file = loaded.problem, loaded.file
-    robot, start = robot_at_start(problem.robot, file=file)
+    robot, start = robot_at_start(loaded)
     section = problem.recording
     seen = read_hand_poses(recording_path(loaded, section.file), section, file=file)
     fit = _frame(loaded)
     poses = fit.poses(_robot_axes(seen, section))
     mirror = patient_mirror(problem.patient)
-    grip = _rigid(problem.robot.grip_deg, problem.robot.grip_m)
+    grip = pose_of(problem.robot.grip_deg, problem.robot.grip_m)
     tools = mirror.poses(poses) @ grip
     rule = problem.conditioning
     usable = np.flatnonzero(np.all(np.isfinite(tools), axis=(1, 2)) & np.isfinite(seen.times))
@@ -97,7 +98,7 @@ def laid_out(loaded: ProblemFile[MirrorProblem]) -> Scene:
         )
     except ConfigurationError as refused:
         raise ProblemFileError(section.file, refused.argument, refused.value, refused.expected) from refused
-    notes = [*seen.notes]
+    notes = [*seen.notes, *robot.notes]
     if problem.placement.calibration_file is not None:
         notes.append(
             f"the recording's frame was found from {len(fit.residuals)} points, {1e3 * fit.rms:.2g} mm (rms) and at "
@@ -156,7 +157,7 @@ def _frame(loaded: ProblemFile[MirrorProblem]) -> FrameFit:
     placement = loaded.problem.placement
     if placement.calibration_file is None:
         assert placement.origin_m is not None  # the schema asks for either
-        pose = _rigid([0.0, 0.0, placement.turn_deg], placement.origin_m)
+        pose = pose_of([0.0, 0.0, placement.turn_deg], placement.origin_m)
         return FrameFit(pose, placement.scale, np.zeros(0))
     key = "placement.calibration_file"
     path = recording_path(loaded, placement.calibration_file, key=key)
@@ -191,15 +192,3 @@ def _axis(name: str, *, unity: bool) -> Array:
     axis = np.zeros(3)
     axis["xyz".index(name[1])] = 1.0 if name[0] == "+" else -1.0
     return UNITY_AXES @ axis if unity else axis
-
-
-def _rigid(angles_deg: list[float], place: list[float]) -> Array:
-    """(4, 4) turned about x, then y, then z of the fixed frame [deg], then shifted [m]."""
-    pose = np.eye(4)
-    for angle, (i, j) in zip(np.deg2rad(angles_deg), ((1, 2), (2, 0), (0, 1)), strict=True):
-        turn = np.eye(3)
-        turn[i, i] = turn[j, j] = math.cos(angle)
-        turn[i, j], turn[j, i] = -math.sin(angle), math.sin(angle)
-        pose[:3, :3] = turn @ pose[:3, :3]
-    pose[:3, 3] = place
-    return pose

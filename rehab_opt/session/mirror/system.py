@@ -9,6 +9,7 @@ from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.mirror.problem import MirrorProblem
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.plant.making import on_plant
+from rehab_opt.session.pose_tracking.robot import robot_files
 from rehab_opt.session.systems import Column, Needed
 
 if TYPE_CHECKING:
@@ -27,8 +28,8 @@ class MirrorSystem:
     options = frozenset({"plant"})
 
     def recordings(self, problem: MirrorProblem) -> tuple[Needed, ...]:
-        """The hand's poses, and the points that tell where they were seen."""
-        needed = (Needed("recording.file", problem.recording.file),)
+        """The hand's poses, the points that tell where they were seen, and the robot file."""
+        needed = (Needed("recording.file", problem.recording.file), *robot_files(problem.robot))
         points = problem.placement.calibration_file
         return needed if points is None else (*needed, Needed("placement.calibration_file", points))
 

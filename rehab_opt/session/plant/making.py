@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, TypeVar
 
 from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.ur5 import ur5
 from rehab_opt.plants.channel import Channel
 from rehab_opt.plants.ideal import IdealJoints
 from rehab_opt.session.files import ProblemFile
@@ -47,9 +48,18 @@ def on_plant(loaded: ProblemFile[P], kind: str | None) -> ProblemFile[P]:
 
 
 def joint_plant(table: JointPlant, chain: SerialChain, dt: float) -> Plant:
-    """A UR5 that takes joint velocities [rad/s]."""
+    """A UR5 that takes joint velocities [rad/s]; of other arms only ideal joints.
+
+    Raises
+    ------
+    ConfigurationError : physics of an arm from a robot file.
+    """
     if table.kind == "ideal":
         return IdealJoints(dt)
+    if chain.rows != ur5().rows:
+        raise ConfigurationError(
+            "plant.kind", table.kind, "'ideal' for an arm from a robot file: its drives and friction are not known"
+        )
     from rehab_opt.plants.drives import PositionServo, VelocityServo  # noqa: PLC0415  (loads MuJoCo)
     from rehab_opt.plants.mujoco_arm import MujocoArm  # noqa: PLC0415
     from rehab_opt.plants.streaming import PositionStream  # noqa: PLC0415

@@ -13,15 +13,27 @@ from rehab_opt.session.schema import Problem, Section, SolverName, Triple, refus
 __all__ = ["CircleSection", "PoseTracking", "RobotSection", "TrackerSection"]
 
 MOST_TICKS = 2_000_000
+UR5_JOINTS = 6
 
 
 class RobotSection(Section):
     """Which robot, and from where it starts."""
 
-    model: Literal["ur5"]
-    start_deg: Annotated[list[Annotated[float, Field(ge=-360, le=360)]], Field(min_length=6, max_length=6)]
+    model: Literal["ur5"] | None = None
+    file: str | None = Field(default=None, min_length=1)
+    start_deg: Annotated[list[Annotated[float, Field(ge=-360, le=360)]], Field(min_length=1, max_length=100)]
     joint_speed_deg_s: Annotated[float, Field(gt=0, le=180)] = 180.0
     joint_acceleration_deg_s2: Annotated[float, Field(gt=0, le=1e5)] | None = None
+
+    @model_validator(mode="after")
+    def one_robot(self) -> Self:
+        """Refuse two robots or none, and a UR5 of other than six joints."""
+        if (self.model is None) == (self.file is None):
+            key, value = ("model", None) if self.file is None else ("file", self.file)
+            raise refusal(key, value, "either model = 'ur5', or file = a robot file")
+        if self.model is not None and len(self.start_deg) != UR5_JOINTS:
+            raise refusal("start_deg", self.start_deg, f"{UR5_JOINTS} entries")
+        return self
 
 
 class CircleSection(Section):

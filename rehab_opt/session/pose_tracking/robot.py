@@ -13,17 +13,20 @@ from numpy.typing import NDArray
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.ur5 import ur5
+from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.metrics import error_metrics, joint_metrics, status_counts, time_metrics
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.plant.making import joint_plant, plant_note
 from rehab_opt.session.plant.motion import MotionLog
 from rehab_opt.session.pose_tracking.outcome import RobotOutcome
 from rehab_opt.session.pose_tracking.problem import CircleSection, PoseTracking, RobotSection
+from rehab_opt.session.robot_file import robot_of
+from rehab_opt.session.systems import ROBOT_FILE, Needed
 
 if TYPE_CHECKING:
     from rehab_opt.control.pose_tracker import PoseTracker
 
-__all__ = ["circle_reference", "robot_at_start", "run_pose_tracking", "tracker_of"]
+__all__ = ["circle_reference", "robot_at_start", "robot_files", "run_pose_tracking", "tracker_of"]
 
 Array = NDArray[np.float64]
 
@@ -34,17 +37,16 @@ KEYS = {"gain": "tracker.gain_per_s", "dt": "tracker.rate_hz"}
 """Where the problem file says what the tracker calls by its own name."""
 
 
-def run_pose_tracking(
-    problem: PoseTracking, *, name: str, file: str, solver: str | None, progress: Progress
-) -> RobotOutcome:
+def run_pose_tracking(loaded: ProblemFile[PoseTracking], *, solver: str | None, progress: Progress) -> RobotOutcome:
     """Follow the circle from the starting posture on and measure.
 
     Raises
     ------
     ProblemFileError : a starting posture outside the limits, or a value the tracker refuses.
     """
-    robot, start = robot_at_start(problem.robot, file=file)
-    tracker = tracker_of(problem, robot, file=file, solver=solver)
+    problem = loaded.problem
+    robot, start = robot_at_start(loaded)
+    tracker = tracker_of(problem, robot, file=loaded.file, solver=solver)
     rate = problem.tracker.rate_hz
     dt = 1 / rate
     times = dt * np.arange(round(problem.circle.duration_s * rate) + 1, dtype=np.float64)
@@ -101,11 +103,11 @@ def run_pose_tracking(
     }
     return RobotOutcome(
         system=problem.system,
-        name=name,
+        name=loaded.name,
         title=problem.title,
         chain=robot,
         time=times,
-        notes=(plant_note(problem.plant, "the robot is simulated: its joints move exactly as commanded"),),
+        notes=(plant_note(problem.plant, "the robot is simulated: its joints move exactly as commanded"), *robot.notes),
         metrics={
             "parameters": problem.model_dump(mode="json", exclude={"title", "plant"})
             | {"plant": problem.plant.parameters},
@@ -176,24 +178,42 @@ def circle_reference(start: Array, circle: CircleSection, times: Array) -> tuple
     return poses, twists
 
 
-def robot_at_start(section: RobotSection, *, file: str) -> tuple[SerialChain, Array]:
-    """The robot with the file's limits, and its starting joint values (6,) [rad].
+def robot_at_start(loaded: ProblemFile[Any]) -> tuple[SerialChain, Array]:
+    """The robot of a problem with the file's limits, and its starting joint values (n,) [rad].
 
     Raises
     ------
-    ProblemFileError : it starts outside its limits.
+    ProblemFileError : it starts outside its limits, or in another number of joints than it has; its robot file cannot
+        be used.
     """
-    robot = ur5(velocity=math.radians(section.joint_speed_deg_s))
-    if section.joint_acceleration_deg_s2 is not None:
-        robot = robot.with_limits(acceleration=np.full(robot.n, math.radians(section.joint_acceleration_deg_s2)))
+    section: RobotSection = loaded.problem.robot
+    speed, acceleration = math.radians(section.joint_speed_deg_s), section.joint_acceleration_deg_s2
+    if section.file is None:
+        robot = ur5(velocity=speed)
+        if acceleration is not None:
+            robot = robot.with_limits(acceleration=np.full(robot.n, math.radians(acceleration)))
+    else:
+        robot = robot_of(loaded, section.file)
+        slower = math.inf if acceleration is None else math.radians(acceleration)
+        robot = robot.with_limits(
+            velocity=np.minimum(robot.velocity, speed), acceleration=np.minimum(robot.acceleration, slower)
+        )
     start = np.deg2rad(section.start_deg)
+    if len(start) != robot.n:
+        expected = f"{robot.n} entries, of {', '.join(robot.names)}"
+        raise ProblemFileError(loaded.file, "robot.start_deg", section.start_deg, expected)
     outside = np.flatnonzero((start < robot.lower) | (start > robot.upper))
     if outside.size:
         joint = int(outside[0])
         low, high = np.rad2deg(robot.lower[joint]), np.rad2deg(robot.upper[joint])
         value, expected = section.start_deg[joint], f"{robot.names[joint]} within {low:g} to {high:g} deg"
-        raise ProblemFileError(file, f"robot.start_deg.{joint}", value, expected)
+        raise ProblemFileError(loaded.file, f"robot.start_deg.{joint}", value, expected)
     return robot, start
+
+
+def robot_files(section: RobotSection) -> tuple[Needed, ...]:
+    """The robot file, where there is one."""
+    return () if section.file is None else (Needed(ROBOT_FILE, section.file),)
 
 
 def _angles(rotations: Array, references: Array) -> Array:

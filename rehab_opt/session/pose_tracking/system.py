@@ -11,7 +11,7 @@ from rehab_opt.session.outcome import Progress
 from rehab_opt.session.plant.making import on_plant
 from rehab_opt.session.pose_tracking.outcome import RobotOutcome
 from rehab_opt.session.pose_tracking.problem import PoseTracking
-from rehab_opt.session.pose_tracking.robot import robot_at_start, run_pose_tracking, tracker_of
+from rehab_opt.session.pose_tracking.robot import robot_at_start, robot_files, run_pose_tracking, tracker_of
 from rehab_opt.session.solver_option import checked_solver, solver_refusals
 from rehab_opt.session.systems import Column, Needed
 
@@ -29,23 +29,23 @@ class PoseTrackingSystem:
     options = frozenset({"plant", "solver"})
 
     def recordings(self, problem: PoseTracking) -> tuple[Needed, ...]:
-        """None: the circle is computed."""
-        return ()
+        """No recording, since the circle is computed; the robot file."""
+        return robot_files(problem.robot)
 
     def check(self, loaded: ProblemFile[PoseTracking]) -> tuple[str, ...]:
         """Builds the robot and the tracker."""
         on_plant(loaded, None)
-        robot, _ = robot_at_start(loaded.problem.robot, file=loaded.file)
+        robot, _ = robot_at_start(loaded)
         with _refusals(loaded, None):
             tracker_of(loaded.problem, robot, file=loaded.file)
-        return ()
+        return robot.notes
 
     def run(self, loaded: ProblemFile[PoseTracking], *, options: Mapping[str, str], progress: Progress) -> RobotOutcome:
         """Options: `solver` of the tracker, `plant`."""
         solver = checked_solver(options.get("solver"))
-        problem = on_plant(loaded, options.get("plant")).problem
+        on = on_plant(loaded, options.get("plant"))
         with _refusals(loaded, solver):
-            return run_pose_tracking(problem, name=loaded.name, file=loaded.file, solver=solver, progress=progress)
+            return run_pose_tracking(on, solver=solver, progress=progress)
 
     def seconds_a_tick(self, problem: PoseTracking) -> float:
         """Of the tracker."""

@@ -1,0 +1,145 @@
+"""What stands for an arm on a chair: its links as capsules, and the joints that move its hand about."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.kinematics.determinant import determinant
+
+__all__ = ["ArmLink", "LinkEnd", "arm_links", "arm_reach", "hand_volume", "largest_hand_volume"]
+
+Array = NDArray[np.float64]
+
+SAMPLES = 5
+"""Random postures: what is the same at all of them is the same at every posture."""
+SAME = 1e-9
+"""[m] A distance, or [m/rad] a motion of the hand, that is rounding."""
+LOOKED_AT, REFINED = 1000, 3
+"""Random postures of which the best begin a search for the largest volume."""
+
+
+class LinkEnd(NamedTuple):
+    """Point of a link."""
+
+    frame: int
+    """As in `LinkCapsule`: joints 1 to `frame` move it."""
+    offset: tuple[float, float, float]
+    """(3,) [m] in the frame."""
+    moves: bool
+    """Whether a joint of the arm moves it."""
+
+    def place(self, frames: list[ca.SX]) -> ca.SX:
+        """(3,) [m] where it is; `frames` as `frames_expression`'s."""
+        frame = frames[self.frame]
+        turned = frame[:3, :3] @ ca.sparsify(ca.SX(ca.DM(self.offset))) if any(self.offset) else 0
+        return frame[:3, 3] + turned
+
+
+class ArmLink(NamedTuple):
+    """All points within `radius` [m] of the segment between two points that move with the arm."""
+
+    begin: LinkEnd
+    end: LinkEnd
+    radius: float
+
+
+def arm_links(chain: SerialChain, *, first: int, radius: float) -> tuple[ArmLink, ...]:
+    """The chain's capsules that joints from `first` on move; without any, segments from joint to joint to the tool.
+
+    Parameters
+    ----------
+    first : number of joints before the arm's own. radius : [m] of those segments.
+    """
+    given = [each for each in chain.capsules if each.frame > first]
+    if given:
+        ends = [LinkEnd(each.frame, end, True) for each in given for end in (each.start, each.end)]
+        moved = _moved(chain, ends, first)
+        ends = [end._replace(moves=moves) for end, moves in zip(ends, moved, strict=True)]
+        pairs = list(zip(ends[::2], ends[1::2], [each.radius for each in given], strict=True))
+    else:
+        origins = [LinkEnd(frame, (0.0, 0.0, 0.0), True) for frame in range(first, chain.n + 2)]
+        places = _places(chain, origins, first)
+        kept = [0]
+        for i in range(1, len(origins)):  # of two that coincide, fewer joints move the first
+            if np.abs(places[i] - places[kept[-1]]).max() > SAME:
+                kept.append(i)
+        moved = _moved(chain, origins, first)
+        ends = [origins[i]._replace(moves=moved[i]) for i in kept]
+        pairs = [(begin, end, radius) for begin, end in itertools.pairwise(ends)]
+    return tuple(ArmLink(begin, end, size) for begin, end, size in pairs if begin.moves or end.moves)
+
+
+def arm_reach(chain: SerialChain, links: tuple[ArmLink, ...], *, first: int) -> float:
+    """[m] that no point of a link, nor the tool, is further from the axis of a joint of the arm."""
+    before, *others = chain.rows[first:]
+    beside = [math.hypot(*end.offset) for link in links for end in (link.begin, link.end)]
+    lengths = before.across + sum(row.across + abs(row.along) for row in others)
+    return float(lengths + max(float(np.linalg.norm(chain.tool[:3, 3])), *beside))
+
+
+def hand_volume(chain: SerialChain, q: ca.SX, *, first: int) -> ca.SX:
+    """[m^6] squared volume that unit speeds of the joints from `first` on span at the tool: det(J J') of its place."""
+    columns = chain.jacobian_expression(q)[:3, :]
+    moving = [first + int(i) for i in np.flatnonzero(_moves_hand(chain, first))]
+    if len(moving) == 3:
+        a, b, c = (columns[:, i] for i in moving)
+        return ca.dot(a, ca.cross(b, c)) ** 2
+    return determinant(columns[:, moving] @ columns[:, moving].T)
+
+
+def largest_hand_volume(chain: SerialChain, *, first: int) -> float:
+    """[m^3] root of `hand_volume` at its largest within the joint limits; zero where it is zero at every posture.
+
+    The best of bounded ascents from the best of seeded random postures: the same in every run.
+    """
+    from scipy.optimize import minimize  # noqa: PLC0415  (loaded when used)
+
+    q = ca.SX.sym("q", chain.n)
+    still = ca.vertcat(ca.SX.zeros(first), q[first:])
+    volume = ca.densify(ca.substitute(hand_volume(chain, q, first=first), q, still))
+    both = ca.Function("volume", [q], [-volume, -ca.densify(ca.gradient(volume, q))], {"cse": True})
+    lower, upper = (np.clip(each, -math.pi, math.pi) for each in (chain.lower, chain.upper))
+    lower, upper = np.minimum(lower, chain.upper), np.maximum(upper, chain.lower)  # limits beyond a turn
+    drawn = np.random.default_rng(0).uniform(lower, upper, (LOOKED_AT, chain.n))
+    values = both.map(LOOKED_AT)(drawn.T)[0].full().ravel()
+    best = 0.0
+    for posture in drawn[np.argsort(values)[:REFINED]]:
+        found = minimize(
+            lambda x: tuple(each.full().ravel() for each in both(x)), posture, jac=True, method="L-BFGS-B",
+            bounds=list(zip(lower, upper, strict=True)),
+        )  # fmt: skip
+        best = max(best, -float(found.fun))
+    return math.sqrt(best)
+
+
+def _places(chain: SerialChain, ends: list[LinkEnd], first: int) -> Array:
+    """(ends, samples, 3) [m] at random postures, the joints before `first` at zero."""
+    q = ca.SX.sym("q", chain.n)
+    frames = chain.frames_expression(q)
+    function = ca.Function("places", [q], [ca.horzcat(*(end.place(frames) for end in ends))])
+    return np.array([function(each).full().T for each in _drawn(chain, first)]).transpose(1, 0, 2)
+
+
+def _moved(chain: SerialChain, ends: list[LinkEnd], first: int) -> list[bool]:
+    places = _places(chain, ends, first)
+    return [bool(np.ptp(place, axis=0).max() > SAME) for place in places]
+
+
+def _moves_hand(chain: SerialChain, first: int) -> NDArray[np.bool_]:
+    """Of each joint from `first` on, whether it moves the tool's origin at some posture."""
+    jacobians = np.array([chain.jacobian(q)[:3, first:] for q in _drawn(chain, first)])
+    moves: NDArray[np.bool_] = np.abs(jacobians).max(axis=(0, 1)) > SAME
+    return moves
+
+
+def _drawn(chain: SerialChain, first: int) -> Array:
+    drawn = np.random.default_rng(0).uniform(-1.0, 1.0, (SAMPLES, chain.n))
+    drawn[:, :first] = 0.0
+    return drawn

@@ -1,0 +1,244 @@
+"""Steps of a robot file as what a `SerialChain` is made of: every axis laid along z, fixed steps drawn together."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.body import Body
+from rehab_opt.kinematics.link import Link
+from rehab_opt.kinematics.link_capsules import CapsuleOnLink, LinkCapsule
+from rehab_opt.kinematics.real_array import real_array
+from rehab_opt.kinematics.rigid import inverse_pose
+from rehab_opt.kinematics.robot_file.mjcf import mjcf_steps
+from rehab_opt.kinematics.robot_file.steps import Joint, Step, moved, turned_about
+from rehab_opt.kinematics.robot_file.urdf import urdf_steps
+from rehab_opt.kinematics.robot_file.xml_tree import Source
+
+__all__ = ["MJCF", "URDF", "Given", "chain_arguments"]
+
+Array = NDArray[np.float64]
+PerJoint = ArrayLike | Mapping[str, float]
+
+TWO_TURNS = 4 * math.pi
+"""[rad] A limit beyond is in degrees, or stands for none."""
+FAST = 4 * math.pi
+"""[rad/s] A speed limit beyond bounds no arm: it is noted."""
+
+
+class Given(NamedTuple):
+    """What a caller says besides the file: see `SerialChain.from_urdf`."""
+
+    acceleration: PerJoint
+    velocity: PerJoint | None
+    lower: PerJoint | None
+    upper: PerJoint | None
+    locked: Mapping[str, float]
+    capsules: Sequence[CapsuleOnLink]
+
+
+class _Fixed(NamedTuple):
+    """A link's frame, and its mass, in the axes of the joint above it."""
+
+    joint: int
+    """Number of joints that move it."""
+    pose: Array
+    step: Step
+
+
+class Format(NamedTuple):
+    """How one kind of file is read."""
+
+    steps: Callable[..., tuple[list[Step], list[str]]]
+    """Source, base, tip -> steps and notes."""
+    keys: tuple[str, str, str]
+    """What it calls a joint's lower limit, upper limit and largest speed."""
+
+
+URDF = Format(urdf_steps, ("limit.lower", "limit.upper", "limit.velocity"))
+MJCF = Format(mjcf_steps, ("range[0]", "range[1]", "speed"))
+
+
+def chain_arguments(form: Format, file: str | Path, base: str | None, tip: str | None, given: Given) -> dict[str, Any]:
+    """Arguments of the `SerialChain` between two links of a file.
+
+    Raises
+    ------
+    RobotFileError : the file or its limits cannot be used, a joint is coupled, none moves. ProblemFileError : it cannot
+        be read. ConfigurationError : what the caller says cannot be used.
+    """
+    source, keys = Source(Path(file), str(file)), form.keys
+    steps, notes = form.steps(source, base=base, tip=tip)
+    joints, before, frames = _joints_and_frames(steps, given.locked, source, notes)
+    n, names = len(joints), tuple(joint.name for joint in joints)
+    rows = tuple(Link(before[i + 1], joints[i].prismatic) for i in range(n))
+    # Frames of links are known in the axes of the joint above; a row's frame lies where the next joint's axes are.
+    back = [inverse_pose(before[0]), *(inverse_pose(row.after) for row in rows)]
+    places = {each.step.link: (each.joint, back[each.joint] @ each.pose) for each in frames}
+    lower, upper, velocity = _limits(joints, given, source, keys, notes)
+    return {
+        "rows": rows,
+        "base": before[0],
+        "names": names,
+        "lower": lower,
+        "upper": upper,
+        "velocity": velocity,
+        "acceleration": _accelerations(given.acceleration, names),
+        "capsules": tuple(_capsule(i, each, places) for i, each in enumerate(given.capsules)),
+        "bodies": tuple(_body(each, places) for each in frames if each.step.inertial is not None),
+        "notes": tuple(notes),
+    }
+
+
+def _joints_and_frames(
+    steps: Sequence[Step], locked: Mapping[str, float], source: Source, notes: list[str]
+) -> tuple[list[Joint], list[Array], list[_Fixed]]:
+    """Joints that move; n + 1 poses of the next one's axes (at last the tip) in this one's; the links' frames."""
+    unknown = sorted(set(locked) - {step.joint.name for step in steps if step.joint is not None})
+    if unknown:
+        raise ConfigurationError("locked", unknown[0], "a joint between base and tip")
+    joints: list[Joint] = []
+    before: list[Array] = []
+    frames: list[_Fixed] = []
+    here = np.eye(4)  # of what comes next, in the axes of the last joint that moves
+    for step in steps:
+        here = here @ step.origin
+        joint = step.joint
+        if joint is not None and joint.name in locked:
+            here = here @ _at(joint, locked[joint.name])
+            notes.append(
+                f"joint {joint.name} is locked at {locked[joint.name]:.6g} {'m' if joint.prismatic else 'rad'}"
+            )
+        elif joint is not None:
+            if joint.coupled_to:
+                expected = f"a joint that moves by itself; lock it: locked={{{joint.name!r}: value}}"
+                raise source.refuse(f"joint {joint.name}, mimic.joint", joint.coupled_to, expected)
+            axes = _axes(joint.axis)
+            before.append(here @ axes)
+            here = axes.T
+            joints.append(joint)
+        if step.link:
+            frames.append(_Fixed(len(joints), here, step))
+    if not joints:
+        raise source.refuse("tip", steps[-1].link if steps else None, "a link that joints move against the base")
+    return joints, [*before, here], frames
+
+
+def _axes(axis: Array) -> Array:
+    """(4, 4) rotation whose z is a unit axis (3,); the identity for z, and of ones and zeros for x and y."""
+    across = np.zeros(3)
+    across[np.argmin(np.abs(axis))] = 1.0
+    y = np.cross(axis, across)
+    y /= np.linalg.norm(y)
+    turn = np.eye(4)
+    turn[:3, :3] = np.column_stack([np.cross(y, axis), y, axis])
+    return turn + 0.0  # no negative zeros
+
+
+def _at(joint: Joint, value: object) -> Array:
+    """(4, 4) motion of a joint at a value."""
+    try:
+        amount = float(real_array(value))
+    except (TypeError, ValueError, OverflowError):
+        amount = math.nan
+    if not abs(amount) < math.inf:
+        raise ConfigurationError(f"locked[{joint.name!r}]", value, "a finite joint value")
+    if joint.prismatic:
+        return moved(*(amount * joint.axis))
+    pose = np.eye(4)
+    pose[:3, :3] = turned_about(joint.axis, amount)
+    return pose
+
+
+def _limits(
+    joints: Sequence[Joint], given: Given, source: Source, keys: tuple[str, str, str], notes: list[str]
+) -> tuple[Array, Array, Array]:
+    """Lower, upper and speed limits (n,): the caller's where there are any, else the file's."""
+    names = tuple(joint.name for joint in joints)
+    none = np.full(len(joints), math.nan)
+    own = [_by_joint(name, getattr(given, name), names, none) for name in ("lower", "upper", "velocity")]
+    found = np.array([[joint.lower, joint.upper, joint.velocity] for joint in joints]).T
+    limits = np.where(np.isnan(own), found, own)
+    for i, joint in enumerate(joints):
+        low, high, speed = limits[:, i]
+        unit = "m" if joint.prismatic else "rad"
+        for k, argument in enumerate(("lower", "upper", "velocity")):
+            key, value = f"joint {joint.name}, {keys[k]}", limits[k, i]
+            if math.isnan(value) or (k == 2 and not 0.0 < value < math.inf):
+                what = f"a speed above 0 {unit}/s" if k == 2 else f"a limit [{unit}]"
+                said = None if math.isnan(value) else float(value)
+                raise source.refuse(key, said, f"{what}; the file has none: give {argument}={{{joint.name!r}: value}}")
+            if k < 2 and math.isnan(own[k][i]) and not joint.prismatic and TWO_TURNS < abs(value) < math.inf:
+                expected = f"radians within two turns, as a joint that has ends; if it has none: {argument}={{...}}"
+                raise source.refuse(key, float(value), expected)
+        if not low <= high:
+            raise source.refuse(f"joint {joint.name}, {keys[0]}", float(low), f"no more than {keys[1]} = {high:.6g}")
+        if speed > FAST and not joint.prismatic and math.isnan(own[2][i]):
+            notes.append(f"joint {joint.name}, {keys[2]} = {speed:.6g} rad/s: more than two turns a second")
+    return limits[0], limits[1], limits[2]
+
+
+def _accelerations(given: PerJoint, names: tuple[str, ...]) -> Array:
+    """(n,) acceleration limits, one of every joint."""
+    values = _by_joint("acceleration", given, names, np.full(len(names), math.nan))
+    missing = [name for name, value in zip(names, values, strict=True) if math.isnan(value)]
+    if missing:
+        raise ConfigurationError("acceleration", given, f"a limit of {missing[0]} too: robot files have none")
+    return values
+
+
+def _by_joint(argument: str, value: PerJoint | None, names: tuple[str, ...], default: Array) -> Array:
+    """(n,) values from one number, n numbers, or numbers by joint name; `default` where nothing is said."""
+    if value is None:
+        return default
+    expected = f"one number, {len(names)} numbers, or numbers by joint name, none of them NaN"
+    named = value if isinstance(value, Mapping) else {}
+    unknown = [name for name in named if name not in names]
+    if unknown:
+        raise ConfigurationError(argument, unknown[0], f"joint names among {', '.join(names)}")
+    try:
+        said = np.array(real_array(list(named.values()) if isinstance(value, Mapping) else value))
+    except (TypeError, ValueError, OverflowError) as problem:
+        raise ConfigurationError(argument, value, expected) from problem
+    if np.isnan(said).any() or said.shape not in ((len(named),) if isinstance(value, Mapping) else (), (len(names),)):
+        raise ConfigurationError(argument, value, expected)
+    if not isinstance(value, Mapping):
+        return np.broadcast_to(said, (len(names),)).copy()
+    values = default.copy()
+    values[[names.index(name) for name in named]] = said
+    return values
+
+
+def _capsule(i: int, given: object, places: Mapping[str, tuple[int, Array]]) -> LinkCapsule:
+    """A capsule in its row's frame, from one in its link's."""
+    if not isinstance(given, CapsuleOnLink):
+        raise ConfigurationError(f"capsules[{i}]", given, "a CapsuleOnLink(link, start (3,), end (3,), radius)")
+    if given.link not in places:
+        raise ConfigurationError(f"capsules[{i}].link", given.link, f"one of the links {', '.join(places)}")
+    frame, pose = places[given.link]
+    ends = []
+    for name in ("start", "end"):
+        try:
+            point = np.array(real_array(getattr(given, name)))
+        except (TypeError, ValueError, OverflowError):
+            point = np.empty(0)
+        if point.shape != (3,):
+            raise ConfigurationError(f"capsules[{i}].{name}", getattr(given, name), "three numbers [m]")
+        x, y, z = (pose[:3, :3] @ point + pose[:3, 3]).tolist()
+        ends.append((x, y, z))
+    return LinkCapsule(given.link, frame, ends[0], ends[1], given.radius)
+
+
+def _body(link: _Fixed, places: Mapping[str, tuple[int, Array]]) -> Body:
+    """A link's mass in its row's frame."""
+    frame, pose = places[link.step.link]
+    own = link.step.inertial
+    assert own is not None  # those without are left out
+    turn = pose[:3, :3]
+    return Body(link.step.link, frame, own.mass, turn @ own.centre + pose[:3, 3], turn @ own.inertia @ turn.T)

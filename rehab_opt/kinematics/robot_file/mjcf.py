@@ -1,0 +1,223 @@
+"""MJCF: the steps from a base body to a tip, as MuJoCo compiles them.
+
+Defaults, frames, eight ways to write a rotation, limits that are there or not: what those mean is MuJoCo's to say. It
+is given the kinematics alone, so that it opens no mesh, no texture, and no file that is no regular one.
+"""
+
+from __future__ import annotations
+
+import html
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.robot_file.steps import ROUNDING, Inertial, Joint, Step, moved, turned_about
+from rehab_opt.kinematics.robot_file.xml_tree import FARTHEST, Element, Source, xml_root
+from rehab_opt.text_file import number_in, shown
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+__all__ = ["mjcf_steps"]
+
+Array = NDArray[np.float64]
+
+_TURNS = ("quat", "axisangle", "xyaxes", "zaxis", "euler")
+_AMOUNTS = ("axis", "range", "ref", "mass", "diaginertia", "fullinertia", *_TURNS)
+KINEMATICS: Mapping[str, tuple[str, ...]] = {
+    "compiler": ("angle", "eulerseq", "autolimits"),
+    "default": ("class",),
+    "worldbody": (),
+    "body": ("name", "childclass", "pos", "mocap", *_TURNS),
+    "frame": ("name", "childclass", "pos", *_TURNS),
+    "replicate": ("count", "offset", "euler", "sep"),
+    "joint": ("name", "class", "type", "pos", "axis", "limited", "range", "ref", "joint1", "joint2", "active"),
+    "freejoint": ("name",),
+    "inertial": ("pos", "mass", "diaginertia", "fullinertia", *_TURNS),
+    "site": ("name", "class", "pos", "fromto", *_TURNS),
+    "equality": (),
+}
+"""Elements that say where bodies are and how they move, and the attributes that do."""
+MOST_INCLUDES = 20
+MUCH_TOO_LIGHT = 1e-9
+"""[kg, kg m^2] MuJoCo wants masses that its dynamics would need; they are not used."""
+
+
+def mjcf_steps(source: Source, *, base: str | None, tip: str | None) -> tuple[list[Step], list[str]]:
+    """Steps from body `base` (the world by default) to body or site `tip` (the only last body), and notes.
+
+    Masses are those that the file gives bodies; what MuJoCo would compute from shapes and meshes is left out.
+
+    Raises
+    ------
+    ProblemFileError : the file cannot be read. RobotFileError : MuJoCo refuses it, or the tip is not below the base.
+    ConfigurationError : MuJoCo is not installed.
+    """
+    try:
+        import mujoco  # noqa: PLC0415  (an extra)
+    except ImportError as problem:
+        expected = "MuJoCo beside it, which reads MJCF: pip install 'rehab_opt[mjcf]'"
+        raise ConfigurationError("file", source.name, expected) from problem
+    root = xml_root(source)
+    if root.tag != "mujoco":
+        expected = "an MJCF, <mujoco>" + ("; from_urdf reads this one" if root.tag == "robot" else "")
+        raise source.refuse(f"line {root.line}", f"<{root.tag}>", expected)
+    _include(root, source, [])
+    notes = list(_rounded(root))
+    written = "<mujoco>" + "".join(_kinematics(root, source)) + "</mujoco>"
+    try:
+        model = mujoco.MjModel.from_xml_string(written)
+    except (ValueError, mujoco.FatalError) as problem:
+        why = shown(" ".join(str(problem).split()), 150)
+        raise source.refuse("file", "refused by MuJoCo", f"a model that it compiles ({why})") from problem
+    return _steps(mujoco, model, source, base, tip), notes
+
+
+def _include(root: Element, source: Source, read: list[Element]) -> None:
+    """Put what other files say in the place of <include>, as MuJoCo does; the elements say which file by their line."""
+    for element in list(root.all()):
+        if element.tag == "attach":
+            raise source.refuse(
+                f"line {element.line}", "<attach>", "one model; let MuJoCo attach the others, and save it"
+            )
+        children: list[Element] = []
+        for child in element.children:
+            if child.tag != "include":
+                children.append(child)
+                continue
+            read.append(child)
+            name = child.text("file", source, f"line {child.line}")
+            if len(read) > MOST_INCLUDES:
+                raise source.refuse(f"line {child.line}, include.file", name, f"at most {MOST_INCLUDES} files")
+            path = source.path.parent / name
+            other = Source(path, f"{source.name}: {name}")
+            inside = xml_root(other)
+            _include(inside, Source(path, other.name), read)
+            children += inside.children
+        element.children = children
+
+
+def _rounded(root: Element) -> Iterator[str]:
+    """A note on the rotation or axis that is farthest from a length of 1 by rounding; MuJoCo makes them unit ones."""
+    worst, where = 0.0, ""
+    for element in root.all():
+        for key in {"body": ("quat",), "joint": ("axis",), "frame": ("quat",)}.get(element.tag, ()):
+            try:
+                length = math.hypot(*map(float, element.attributes.get(key, "").split()))
+            except ValueError:  # MuJoCo says what is wrong with it
+                continue
+            off = abs(length - 1.0)
+            if worst < off <= 1e-3:
+                worst, where = off, f"{element.tag} {element.attributes.get('name', f'in line {element.line}')}, {key}"
+    if worst > ROUNDING:
+        yield f"{where}: the length is off by {worst:.2g}, as rounded numbers are, the largest such one; 1 is used"
+
+
+def _kinematics(element: Element, source: Source) -> Iterator[str]:
+    """The elements in one that say where bodies are, written out; MuJoCo itself would take NaN and infinity."""
+    for child in element.children:
+        if child.tag not in KINEMATICS:
+            continue
+        owner = f"{child.tag} {child.attributes.get('name', f'in line {child.line}')}"
+        for key, most in (("pos", FARTHEST), *((key, math.inf) for key in _AMOUNTS)):
+            values = child.attributes.get(key, "").split()
+            if not all(abs(number_in(value)) <= min(most, 1e300) for value in values):
+                limit = "" if math.isinf(most) else f" within {most:g} m"
+                raise source.refuse(f"{owner}, {key}", child.attributes[key], f"finite numbers{limit}")
+        kept = {key: value for key, value in child.attributes.items() if key in KINEMATICS[child.tag]}
+        if child.tag == "compiler":
+            kept |= {"boundmass": str(MUCH_TOO_LIGHT), "boundinertia": str(MUCH_TOO_LIGHT)}
+        written = "".join(f' {key}="{html.escape(value)}"' for key, value in kept.items())
+        yield f"<{child.tag}{written}>"
+        yield from _kinematics(child, source)
+        yield f"</{child.tag}>"
+    if element.tag == "mujoco":
+        yield f'<compiler boundmass="{MUCH_TOO_LIGHT}" boundinertia="{MUCH_TOO_LIGHT}"/>'
+
+
+def _steps(mujoco: Any, model: Any, source: Source, base: str | None, tip: str | None) -> list[Step]:
+    site = -1
+    if tip is None:
+        bodies = set(range(model.nbody)) - set(model.body_parentid.tolist())
+        if len(bodies) != 1:
+            names = ", ".join(sorted(model.body(i).name for i in bodies)[:8])
+            raise source.refuse("tip", None, f"the body or site where the arm ends, such as one of {names}")
+        last = bodies.pop()
+    else:
+        last = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, tip)
+        if last < 0:
+            site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, tip)
+            if site < 0:
+                raise source.refuse("tip", tip, "a body or a site of this file")
+            last = int(model.site_bodyid[site])
+    first = 0 if base is None else mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, base)
+    if first < 0:
+        raise source.refuse("base", base, "a body of this file")
+    way = [last]
+    while way[-1] not in (first, 0):
+        way.append(int(model.body_parentid[way[-1]]))
+    if way[-1] != first:
+        raise source.refuse("tip", tip, f"a body or site below base = {base!r}")
+    coupled = _coupled(mujoco, model)
+    steps = [Step(np.eye(4), None, model.body(first).name, None)]
+    for body in reversed(way[:-1]):
+        steps += _body_steps(mujoco, model, body, coupled, source)
+    if site >= 0:
+        steps.append(Step(_pose(model.site_pos[site], model.site_quat[site]), None, model.site(site).name))
+    return steps
+
+
+def _coupled(mujoco: Any, model: Any) -> dict[int, str]:
+    """Joints that an equality ties to another, or to a value, by number."""
+    found = {}
+    for i in range(model.neq):
+        if mujoco.mjtEq(int(model.eq_type[i])) == mujoco.mjtEq.mjEQ_JOINT and model.eq_active0[i]:
+            one, other = int(model.eq_obj1id[i]), int(model.eq_obj2id[i])
+            found[one] = model.joint(other).name if other >= 0 else "equality"
+    return found
+
+
+def _body_steps(mujoco: Any, model: Any, body: int, coupled: dict[int, str], source: Source) -> Iterator[Step]:
+    """Steps over one body: each of its joints turns about, or slides along, an axis through a point of the body."""
+    here = _pose(model.body_pos[body], model.body_quat[body])
+    name = model.body(body).name
+    start = int(model.body_jntadr[body])
+    for j in range(start, start + int(model.body_jntnum[body])):
+        kind, joint = mujoco.mjtJoint(int(model.jnt_type[j])), model.joint(j).name or f"{name}_joint_{j - start + 1}"
+        if kind not in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
+            which = "free" if kind == mujoco.mjtJoint.mjJNT_FREE else "ball"
+            raise source.refuse(f"joint {joint}, type", which, "hinge or slide; let the chain begin at another body")
+        slides = kind == mujoco.mjtJoint.mjJNT_SLIDE
+        axis, point = np.array(model.jnt_axis[j]), moved(*model.jnt_pos[j])
+        lower, upper = model.jnt_range[j].tolist() if model.jnt_limited[j] else (-math.inf, math.inf)
+        yield Step(here @ point, Joint(joint, slides, axis, lower, upper, math.nan, coupled.get(j, "")))
+        reference = float(model.qpos0[model.jnt_qposadr[j]])
+        here = np.eye(4)
+        if slides:
+            here[:3, 3] = -reference * axis
+        else:
+            here[:3, :3] = turned_about(axis, -reference)
+        here = here @ moved(*-model.jnt_pos[j])
+    mass = float(model.body_mass[body])
+    inertial = None
+    if mass > 10 * MUCH_TOO_LIGHT:
+        turn = _pose(np.zeros(3), model.body_iquat[body])[:3, :3]
+        matrix = turn @ np.diag(model.body_inertia[body]) @ turn.T
+        inertial = Inertial(mass, np.array(model.body_ipos[body]), matrix)
+    yield Step(here, None, name, inertial)
+
+
+def _pose(place: Array, quaternion: Array) -> Array:
+    """(4, 4) from a place (3,) and a unit quaternion (4,), its real part first."""
+    w, x, y, z = quaternion.tolist()
+    pose = np.eye(4)
+    pose[:3, :3] = [
+        [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z],
+    ]
+    pose[:3, 3] = place
+    return pose

@@ -1,0 +1,99 @@
+"""What a URDF and an MJCF file come down to: the steps from a base link to a tip, each fixed or with a joint."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.kinematics.denavit_hartenberg import exact
+from rehab_opt.kinematics.rigid import ROUNDED
+from rehab_opt.kinematics.robot_file.xml_tree import Source
+
+__all__ = ["Inertial", "Joint", "Step", "moved", "turned_about", "turned_by_rpy", "unit_axis"]
+
+Array = NDArray[np.float64]
+
+ROUNDING = 1e-12
+"""By how much a length of 1 is off where it was computed and not rounded."""
+
+
+class Joint(NamedTuple):
+    """A joint that moves, with what its file says of it; NaN where the file says nothing."""
+
+    name: str
+    prismatic: bool
+    axis: Array
+    """(3,) unit vector in the joint's frame."""
+    lower: float
+    upper: float
+    velocity: float
+    coupled_to: str = ""
+    """Joint that it is coupled to, or empty."""
+
+
+class Inertial(NamedTuple):
+    """Mass of a link, in its own frame."""
+
+    mass: float
+    """[kg]"""
+    centre: Array
+    """(3,) [m]"""
+    inertia: Array
+    """(3, 3) about the centre [kg m^2]."""
+
+
+class Step(NamedTuple):
+    """A fixed transform, then a joint or none, then a link or none."""
+
+    origin: Array
+    """(4, 4)"""
+    joint: Joint | None = None
+    link: str = ""
+    """Link whose frame lies here; empty for a step between two joints of one link."""
+    inertial: Inertial | None = None
+
+
+def moved(x: float, y: float, z: float) -> Array:
+    """(4, 4) shift [m]."""
+    pose = np.eye(4)
+    pose[:3, 3] = x, y, z
+    return pose
+
+
+def turned_by_rpy(roll: float, pitch: float, yaw: float) -> Array:
+    """(3, 3) rotation about the fixed axes x, then y, then z [rad]; angles are taken as they are written."""
+    (cr, sr), (cp, sp), (cy, sy) = ((exact(math.cos, a), exact(math.sin, a)) for a in (roll, pitch, yaw))
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def turned_about(axis: Array, angle: float) -> Array:
+    """(3, 3) rotation about a unit axis (3,) by an angle [rad] (Rodrigues)."""
+    x, y, z = axis
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    turn: Array = np.eye(3) + exact(math.sin, angle) * cross + (1.0 - exact(math.cos, angle)) * (cross @ cross)
+    return turn
+
+
+def unit_axis(axis: Array, source: Source, key: str) -> tuple[Array, str]:
+    """`axis` (3,) at a length of 1, and a note where rounded numbers had to be corrected.
+
+    Raises
+    ------
+    RobotFileError : its length is off by more than `ROUNDED`.
+    """
+    length = float(np.linalg.norm(axis))
+    if not abs(length - 1.0) <= ROUNDED:
+        written = " ".join(f"{each:.6g}" for each in axis)
+        raise source.refuse(key, written, f"a vector of length 1 (its length is {length:.6g})")
+    if abs(length - 1.0) <= ROUNDING:
+        return axis / length if length != 1.0 else axis, ""
+    return axis / length, f"{key}: the length is off by {abs(length - 1.0):.2g}, as rounded numbers are; 1 is used"

@@ -1,0 +1,191 @@
+"""URDF: the steps from a base link to a tip."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.kinematics.robot_file.steps import Inertial, Joint, Step, turned_by_rpy, unit_axis
+from rehab_opt.kinematics.robot_file.xml_tree import FARTHEST, Element, Source, xml_root
+from rehab_opt.text_file import shown
+
+__all__ = ["urdf_steps"]
+
+Array = NDArray[np.float64]
+
+TWO_TURNS = 4 * math.pi
+"""[rad] An angle beyond is in degrees."""
+TURNING, SLIDING = ("revolute", "continuous"), ("prismatic",)
+_NO_NUMBER = np.array([math.nan])
+
+
+class _Tree(NamedTuple):
+    """Links by name, and the joint that carries each link but the root."""
+
+    links: Mapping[str, Element]
+    carriers: Mapping[str, Element]
+
+
+def urdf_steps(source: Source, *, base: str | None, tip: str | None) -> tuple[list[Step], list[str]]:
+    """Steps from `base` (the root by default) to `tip` (the only leaf by default), and notes.
+
+    What is not on the way, a gripper's coupled fingers say, is not looked at beyond the names of its links.
+
+    Raises
+    ------
+    ProblemFileError : the file cannot be read. RobotFileError : it is no URDF, its joints make no tree, the tip is not
+        below the base, or a joint on the way cannot be used.
+    """
+    root = xml_root(source)
+    if root.tag != "robot":
+        expected = "a URDF, <robot>" + ("; from_mjcf reads this one" if root.tag == "mujoco" else "")
+        raise source.refuse(f"line {root.line}", f"<{root.tag}>", expected)
+    for element in root.all():
+        if element.tag.startswith("xacro:"):
+            name = source.path.name
+            plain = name.removesuffix(".xacro").removesuffix(".urdf") + ".urdf"
+            raise source.refuse(
+                f"line {element.line}", f"<{element.tag}>", f"a URDF; expand it first: xacro {name} > {plain}"
+            )
+    tree = _tree(root, source)
+    notes: list[str] = []
+    way = _way(tree, base, tip, source)
+    steps = [_step(joint, tree.links, source, notes) for joint in way]
+    if way:
+        first = _parent(way[0])
+        steps.insert(0, Step(np.eye(4), None, first, _inertial(tree.links[first], source)))
+    return steps, notes
+
+
+def _tree(root: Element, source: Source) -> _Tree:
+    links: dict[str, Element] = {}
+    for link in root.each("link"):
+        name = link.text("name", source, f"line {link.line}")
+        if name in links:
+            raise source.refuse(f"line {link.line}, link.name", name, "a name that no other link has")
+        links[name] = link
+    carriers: dict[str, Element] = {}
+    names: set[str] = set()
+    for joint in root.each("joint"):
+        name = joint.text("name", source, f"line {joint.line}")
+        if name in names:
+            raise source.refuse(f"line {joint.line}, joint.name", name, "a name that no other joint has")
+        names.add(name)
+        parent, child = (_end(joint, end, links, source) for end in ("parent", "child"))
+        if child in carriers:
+            other = carriers[child].attributes["name"]
+            raise source.refuse(f"joint {name}, child.link", child, f"a link of one parent ({other} carries it, too)")
+        if parent == child:
+            raise source.refuse(f"joint {name}, child.link", child, "another link than its parent")
+        carriers[child] = joint
+    return _Tree(links, carriers)
+
+
+def _end(joint: Element, end: str, links: Mapping[str, Element], source: Source) -> str:
+    owner = f"joint {joint.attributes['name']}"
+    element = joint.only(end, source, owner)
+    name = element.attributes.get("link") if element is not None else None
+    if name is None or name not in links:
+        raise source.refuse(f"{owner}, {end}.link", name, "a link of this file")
+    return name
+
+
+def _way(tree: _Tree, base: str | None, tip: str | None, source: Source) -> list[Element]:
+    """Joints from base to tip."""
+    for argument, name in (("base", base), ("tip", tip)):
+        if name is not None and name not in tree.links:
+            raise source.refuse(argument, name, f"one of the links {_listed(tree.links)}")
+    if tip is None:
+        bearing = {_parent(joint) for joint in tree.carriers.values()}
+        leaves = [name for name in tree.links if name not in bearing]
+        if len(leaves) != 1:
+            raise source.refuse("tip", None, f"the link where the arm ends, one of {_listed(leaves)}")
+        tip = leaves[0]
+    way: list[Element] = []
+    at = tip
+    while at != base and at in tree.carriers:
+        joint = tree.carriers[at]
+        if len(way) > len(tree.links):
+            raise source.refuse(f"joint {joint.attributes['name']}, child.link", at, "a tree: this is below itself")
+        way.append(joint)
+        at = _parent(joint)
+    if base is not None and at != base:
+        raise source.refuse("tip", tip, f"a link below base = {base!r}; above it are {_listed(map(_parent, way))}")
+    return way[::-1]
+
+
+def _parent(joint: Element) -> str:
+    return next(joint.each("parent")).attributes["link"]
+
+
+def _listed(names: Iterable[str]) -> str:
+    known = list(names)
+    return shown(", ".join(known), 120) + ("" if len(known) < 8 else f" ({len(known)})")
+
+
+def _step(joint: Element, links: Mapping[str, Element], source: Source, notes: list[str]) -> Step:
+    owner = f"joint {joint.attributes['name']}"
+    child = next(joint.each("child")).attributes["link"]
+    origin = _origin(joint, source, owner)
+    kind = joint.attributes.get("type")
+    if kind not in (*TURNING, *SLIDING, "fixed"):
+        expected = "revolute, continuous, prismatic or fixed; let the chain begin or end at another link"
+        raise source.refuse(f"{owner}, type", kind, expected)
+    moving = None if kind == "fixed" else _joint(joint, kind, source, owner, notes)
+    return Step(origin, moving, child, _inertial(links[child], source))
+
+
+def _joint(joint: Element, kind: str, source: Source, owner: str, notes: list[str]) -> Joint:
+    element = joint.only("axis", source, owner)
+    axis = np.array([1.0, 0.0, 0.0])  # the format's default
+    if element is not None:
+        if "xyz" not in element.attributes:
+            raise source.refuse(f"{owner}, axis.xyz", None, "three numbers")
+        axis, note = unit_axis(element.numbers("xyz", source, owner, np.zeros(3)), source, f"{owner}, axis.xyz")
+        if note:
+            notes.append(note)
+    limit = joint.only("limit", source, owner)
+    mimic = joint.only("mimic", source, owner)
+    lower, upper, velocity = (
+        math.nan if limit is None else float(limit.numbers(key, source, owner, _NO_NUMBER)[0])
+        for key in ("lower", "upper", "velocity")
+    )
+    if kind == "continuous":
+        lower, upper = -math.inf, math.inf
+    elif math.isnan(lower) != math.isnan(upper):  # the format's default of one of them is zero
+        lower, upper = (0.0 if math.isnan(each) else each for each in (lower, upper))
+    coupled = "" if mimic is None else mimic.text("joint", source, owner)
+    return Joint(joint.attributes["name"], kind in SLIDING, axis, lower, upper, velocity, coupled)
+
+
+def _origin(element: Element, source: Source, owner: str) -> Array:
+    """(4, 4) of its <origin>."""
+    pose = np.eye(4)
+    origin = element.only("origin", source, owner)
+    if origin is not None:
+        pose[:3, 3] = origin.numbers("xyz", source, owner, np.zeros(3), most=FARTHEST)
+        roll, pitch, yaw = origin.numbers("rpy", source, owner, np.zeros(3), most=TWO_TURNS)
+        pose[:3, :3] = turned_by_rpy(roll, pitch, yaw)
+    return pose
+
+
+def _inertial(link: Element, source: Source) -> Inertial | None:
+    owner = f"link {link.attributes['name']}"
+    element = link.only("inertial", source, owner)
+    mass = None if element is None else element.only("mass", source, owner)
+    inertia = None if element is None else element.only("inertia", source, owner)
+    if element is None or mass is None or inertia is None:
+        return None
+    value = float(mass.numbers("value", source, owner, np.zeros(1))[0])
+    if not value >= 0.0:
+        raise source.refuse(f"{owner}, mass.value", value, "0 kg or more")
+    pose = _origin(element, source, owner)
+    xx, xy, xz, yy, yz, zz = (
+        float(inertia.numbers(key, source, owner, np.zeros(1))[0]) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+    )
+    matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return Inertial(value, pose[:3, 3], pose[:3, :3] @ matrix @ pose[:3, :3].T)

@@ -1,0 +1,159 @@
+"""Elements and attributes of an XML file that may be anybody's: no entity is expanded and no other file is opened.
+
+The standard library's expat is enough here. A robot's kinematics are attributes of a few elements, and only a reader of
+our own can say which joint and which key are wrong; yourdfpy, pinocchio and MuJoCo weigh 10 to 400 MB, open meshes, or
+end in an exception without the joint's name.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from xml.parsers import expat
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.errors import RobotFileError
+from rehab_opt.text_file import file_content, number_in, shown
+
+__all__ = ["Element", "Source", "xml_root"]
+
+Array = NDArray[np.float64]
+
+LARGEST = 10_000_000
+"""[byte] Descriptions of whole humanoids have less than a tenth of it."""
+DEEPEST = 200
+"""Elements within one another: MJCF nests bodies."""
+MOST_ELEMENTS = 100_000
+LONGEST_KEY = 100
+"""Letters of a key in a message."""
+FARTHEST = 100.0
+"""[m] A length beyond is in another unit."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where a description comes from; raises its errors.
+
+    Parameters
+    ----------
+    path : where the file lies. name : what errors call it.
+    """
+
+    path: Path
+    name: str
+
+    def refuse(self, key: str, value: object, expected: str) -> RobotFileError:
+        """The error of a key."""
+        brief = shown(value) if isinstance(value, str) else value
+        return RobotFileError(self.name, shown(key, LONGEST_KEY), brief, expected)
+
+
+@dataclass
+class Element:
+    """One element: its attributes and the elements in it."""
+
+    tag: str
+    attributes: dict[str, str]
+    line: int
+    children: list[Element] = field(default_factory=list)
+
+    def each(self, tag: str) -> Iterator[Element]:
+        """Elements of a tag directly in it."""
+        return (child for child in self.children if child.tag == tag)
+
+    def all(self) -> Iterator[Element]:
+        """It and every element in it, in the file's order."""
+        waiting = [self]
+        while waiting:
+            element = waiting.pop()
+            yield element
+            waiting += reversed(element.children)
+
+    def only(self, tag: str, source: Source, owner: str) -> Element | None:
+        """The element of a tag directly in it, or None.
+
+        Raises
+        ------
+        RobotFileError : there are several.
+        """
+        found = list(self.each(tag))
+        if len(found) > 1:
+            raise source.refuse(f"{owner}, {tag}", f"{len(found)} elements", "one")
+        return found[0] if found else None
+
+    def text(self, key: str, source: Source, owner: str) -> str:
+        """An attribute that has to be there; `owner` is what errors call the element it belongs to.
+
+        Raises
+        ------
+        RobotFileError : absent or empty.
+        """
+        value = self.attributes.get(key, "").strip()
+        if not value:
+            raise source.refuse(f"{owner}, {self.tag}.{key}", self.attributes.get(key), "a name")
+        return value
+
+    def numbers(self, key: str, source: Source, owner: str, default: Array, *, most: float = math.inf) -> Array:
+        """(k,) numbers of an attribute, as many as `default` has, which stands for an absent one.
+
+        Raises
+        ------
+        RobotFileError : not as many finite numbers, or one beyond `most` in size.
+        """
+        written = self.attributes.get(key)
+        if written is None:
+            return default
+        parts = written.split()
+        values = np.array([number_in(part) for part in parts[: len(default) + 1]], dtype=np.float64)
+        if len(values) != len(default) or not np.all(np.abs(values) <= min(most, 1e300)):
+            what = "a finite number" if len(default) == 1 else f"{len(default)} finite numbers"
+            limit = "" if math.isinf(most) else f" from {-most:.5g} to {most:.5g} (another unit?)"
+            raise source.refuse(f"{owner}, {self.tag}.{key}", written, what + limit)
+        return values
+
+
+def xml_root(source: Source) -> Element:
+    """The root of a file's elements.
+
+    Raises
+    ------
+    ProblemFileError : no regular file, or larger than any robot's. RobotFileError : not XML, with a document type, in
+        which entities would be declared, or nested deeper than any robot.
+    """
+    content = file_content(source.path, source.name, largest=LARGEST)
+    open_elements: list[Element] = []
+    roots: list[Element] = []
+    count = 0
+    parser = expat.ParserCreate()
+
+    def begin(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal count
+        count += 1
+        element = Element(tag, attributes, parser.CurrentLineNumber)
+        if count > MOST_ELEMENTS or len(open_elements) >= DEEPEST:
+            what = f"{MOST_ELEMENTS} elements, {DEEPEST} deep"
+            raise source.refuse(f"line {element.line}", f"<{tag}>", f"a robot's description, of at most {what}")
+        (open_elements[-1].children if open_elements else roots).append(element)
+        open_elements.append(element)
+
+    def document_type(name: str, *_: object) -> None:
+        where = f"line {parser.CurrentLineNumber}"
+        raise source.refuse(where, f"<!DOCTYPE {name}>", "a robot's description, which declares no document type")
+
+    parser.StartElementHandler = begin
+    parser.EndElementHandler = lambda _: open_elements.pop()
+    parser.StartDoctypeDeclHandler = document_type
+    try:
+        parser.Parse(content, True)
+    except expat.ExpatError as problem:
+        what = expat.ErrorString(problem.code)
+        raise source.refuse(f"line {problem.lineno}", what, "XML") from problem
+    except RobotFileError:
+        raise
+    except (LookupError, ValueError) as problem:
+        raise source.refuse(f"line {parser.CurrentLineNumber}, encoding", str(problem), "XML in UTF-8") from problem
+    return roots[0]

@@ -1,0 +1,176 @@
+"""Robot files: a few lines of TOML that make an arm out of a URDF or an MJCF; `problems/README.md` has every key."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, ValidationError, model_validator
+
+from rehab_opt.errors import ConfigurationError, RobotFileError
+from rehab_opt.kinematics.body import Body
+from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.kinematics.link_capsules import CapsuleOnLink
+from rehab_opt.session.files import ProblemFile, problem_content, recording_path, schema_error
+from rehab_opt.session.schema import Problem, Section, Triple, refusal
+
+__all__ = ["RobotFile", "pose_of", "robot_of", "robot_text"]
+
+Array = NDArray[np.float64]
+Name = Annotated[str, Field(min_length=1, max_length=200)]
+Turns = Annotated[list[Annotated[float, Field(ge=-360, le=360)]], Field(min_length=3, max_length=3)]
+Angle = Annotated[float, Field(ge=-720, le=720)]
+
+
+class JointSection(Section):
+    """What is other than the URDF says of one joint, and what it does not say."""
+
+    acceleration_deg_s2: float | None = Field(default=None, gt=0, le=1e5)
+    speed_deg_s: float | None = Field(default=None, gt=0, le=3600)
+    lower_deg: Angle | None = None
+    upper_deg: Angle | None = None
+    locked_deg: Angle | None = None
+    locked_m: float | None = Field(default=None, ge=-10, le=10)
+
+    @model_validator(mode="after")
+    def locked_once(self) -> Self:
+        """Refuse a joint that is locked twice."""
+        if self.locked_deg is not None and self.locked_m is not None:
+            raise refusal("locked_m", self.locked_m, "no such key beside locked_deg")
+        return self
+
+
+class CapsuleSection(Section):
+    """A link's body, in the link's own frame."""
+
+    link: Name
+    start_m: Triple
+    end_m: Triple
+    radius_m: float = Field(gt=0, le=1)
+
+
+class RobotFile(Section):
+    """The whole of a robot file."""
+
+    urdf: Name | None = None
+    mjcf: Name | None = None
+    base: Name | None = None
+    tip: Name | None = None
+    acceleration_deg_s2: float = Field(gt=0, le=1e5)
+    speed_deg_s: float | None = Field(default=None, gt=0, le=3600)
+    mount_m: Triple = Field(default=[0.0, 0.0, 0.0])
+    mount_deg: Turns = Field(default=[0.0, 0.0, 0.0])
+    tool_m: Triple = Field(default=[0.0, 0.0, 0.0])
+    tool_deg: Turns = Field(default=[0.0, 0.0, 0.0])
+    payload_kg: float = Field(default=0.0, ge=0, le=1000)
+    joints: dict[str, JointSection] = Field(default={}, max_length=100)
+    capsules: list[CapsuleSection] = Field(default=[], max_length=50)
+
+    @model_validator(mode="after")
+    def one_model(self) -> Self:
+        """Refuse two models or none, and an MJCF without speeds, of which the format has none."""
+        if (self.urdf is None) == (self.mjcf is None):
+            raise refusal("urdf", self.urdf, "either urdf or mjcf, the file with the robot's links")
+        if self.mjcf is not None and self.speed_deg_s is None:
+            raise refusal("speed_deg_s", None, "the joints' largest speed, which an MJCF does not have")
+        return self
+
+
+def robot_of(loaded: ProblemFile[Any], reference: str) -> SerialChain:
+    """The arm of the robot file that a problem names by `robot.file`.
+
+    Raises
+    ------
+    ProblemFileError : it is absent or says something that cannot be used. RobotFileError : so does its URDF or MJCF.
+    """
+    path = recording_path(loaded, reference, key="robot.file")
+    try:
+        said = RobotFile.model_validate(problem_content(path, reference))
+    except ValidationError as problem:
+        raise schema_error(problem, reference) from problem
+    return _arm(said, path, reference)
+
+
+def robot_text(loaded: ProblemFile[Problem], reference: str) -> str:
+    """Every number of the arm that a problem names, as one text: the same where no file that it is made of differs."""
+    arm = robot_of(loaded, reference)
+    bodies = [(each.name, each.link, each.mass, each.centre.tolist(), each.inertia.tolist()) for each in arm.bodies]
+    parts = [
+        arm.names, *((row.prismatic, np.array(row.after).tolist()) for row in arm.rows),
+        *(array.tolist() for array in (arm.base, arm.tool, arm.lower, arm.upper, arm.velocity, arm.acceleration)),
+        arm.capsules, bodies,
+    ]  # fmt: skip
+    return repr(parts)
+
+
+def pose_of(angles_deg: list[float], place: list[float]) -> Array:
+    """(4, 4) turned about x, then y, then z of the fixed frame [deg], then shifted [m]."""
+    pose = np.eye(4)
+    for angle, (i, j) in zip(np.deg2rad(angles_deg), ((1, 2), (2, 0), (0, 1)), strict=True):
+        turn = np.eye(3)
+        turn[i, i] = turn[j, j] = math.cos(angle)
+        turn[i, j], turn[j, i] = -math.sin(angle), math.sin(angle)
+        pose[:3, :3] = turn @ pose[:3, :3]
+    pose[:3, 3] = place
+    return pose
+
+
+def _arm(said: RobotFile, path: Path, name: str) -> SerialChain:
+    model = said.urdf if said.urdf is not None else said.mjcf
+    assert model is not None  # the schema asks for either
+    file = path.parent / model
+    read = SerialChain.from_urdf if said.urdf is not None else SerialChain.from_mjcf
+    speeds = {key: each.speed_deg_s for key, each in said.joints.items()}
+    turned = {key: each.locked_deg for key, each in said.joints.items()}
+    slid = {key: each.locked_m for key, each in said.joints.items() if each.locked_m is not None}
+    of_all = None if said.speed_deg_s is None else math.radians(said.speed_deg_s)
+    try:
+        arm = read(
+            file,
+            base=said.base,
+            tip=said.tip,
+            acceleration=math.radians(said.acceleration_deg_s2),
+            velocity=of_all if of_all is not None else _radians(speeds),
+            lower=_radians({key: each.lower_deg for key, each in said.joints.items()}),
+            upper=_radians({key: each.upper_deg for key, each in said.joints.items()}),
+            locked=_radians(turned) | slid,
+            mount=pose_of(said.mount_deg, said.mount_m),
+            tool=pose_of(said.tool_deg, said.tool_m),
+            capsules=[CapsuleOnLink(each.link, *_ends(each), each.radius_m) for each in said.capsules],
+        )
+    except ConfigurationError as refused:
+        raise RobotFileError(name, _key(refused.argument), refused.value, refused.expected) from refused
+    slides = [joint for joint, row in zip(arm.names, arm.rows, strict=True) if row.prismatic]
+    if slides:
+        expected = "a value that it is held at: problem files have arms whose joints turn"
+        raise RobotFileError(name, f"joints.{slides[0]}.locked_m", None, expected)
+    locked = {key for key, each in said.joints.items() if each.locked_deg is not None or each.locked_m is not None}
+    unknown = sorted(set(said.joints) - set(arm.names) - locked)
+    if unknown:
+        raise RobotFileError(name, f"joints.{unknown[0]}", unknown[0], f"joints among {', '.join(arm.names)}")
+    changed = {key: each.acceleration_deg_s2 for key, each in said.joints.items() if key in arm.names}
+    bodies = (Body("payload", arm.n, said.payload_kg, arm.tool[:3, 3], np.zeros((3, 3))),) if said.payload_kg else ()
+    arm = replace(arm, bodies=(*arm.bodies, *bodies))
+    velocity = [_radians(speeds).get(key, each) for key, each in zip(arm.names, arm.velocity, strict=True)]
+    acceleration = [_radians(changed).get(key, each) for key, each in zip(arm.names, arm.acceleration, strict=True)]
+    return arm.with_limits(velocity=velocity, acceleration=acceleration)
+
+
+def _radians(degrees: dict[str, float | None]) -> dict[str, float]:
+    return {key: math.radians(value) for key, value in degrees.items() if value is not None}
+
+
+def _ends(capsule: CapsuleSection) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+    (a, b, c), (d, e, f) = capsule.start_m, capsule.end_m
+    return (a, b, c), (d, e, f)
+
+
+def _key(argument: str) -> str:
+    """Where the robot file says what the reader calls by its own name."""
+    keys = {"locked": "joints", "velocity": "joints", "lower": "joints", "upper": "joints", "file": "mjcf"}
+    first, _, rest = argument.partition("[")
+    return keys.get(first, argument if not rest else f"{first}.{rest.replace(']', '')}")

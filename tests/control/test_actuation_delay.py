@@ -1,0 +1,95 @@
+"""Claims about forces that act late: the work of the force that truly acts stays within the budget."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from rehab_opt.control.bounded_force import BoundedForce
+
+Array = NDArray[np.float64]
+CAP = 1.0
+
+
+class LateHand:
+    """A force that acts a while after it was sent, through a first-order lag, and the work that it does on a hand."""
+
+    def __init__(self, *, delay: float, lag: float, dt: float) -> None:
+        self.lag, self.fine = lag, 4
+        self.step = dt / self.fine
+        self.pipe = deque([np.zeros(2)] * round(delay / self.step))
+        self.force, self.work = np.zeros(2), 0.0
+
+    def moved(self, sent: Array, way: Array) -> None:
+        """The hand goes straight, evenly, while this force is sent for a tick."""
+        for _ in range(self.fine):
+            self.pipe.append(sent)
+            arrives = self.pipe.popleft()
+            after = arrives + (self.force - arrives) * (math.exp(-self.step / self.lag) if self.lag else 0.0)
+            self.work += float((self.force + after) @ way) / (2 * self.fine)
+            self.force = after
+
+
+def hand_velocity(kind: str, rng: np.random.Generator, acting: Array, sent: Array, k: int) -> Array:
+    """Of hands below the cap, which give away as much as they can, or as people would."""
+    size = float(np.linalg.norm(acting))
+    if kind == "along what acts":
+        return acting / size * CAP if size else np.zeros(2)
+    if kind == "against what is sent":
+        return -sent / max(float(np.linalg.norm(sent)), 1e-9) * CAP
+    if kind == "to and fro":
+        turn = 2 * math.pi * k / rng.integers(10, 200)
+        return CAP * np.array([math.cos(turn), math.sin(turn)])
+    if kind == "gains by the lag":  # along the difference: what a count of sent forces would not see
+        change = acting - sent
+        return change / max(float(np.linalg.norm(change)), 1e-9) * CAP
+    return np.clip(rng.normal(size=2), -0.7, 0.7) * CAP
+
+
+KINDS = ("along what acts", "against what is sent", "to and fro", "gains by the lag", "any")
+
+
+def drawn(kind: str, seed: int, *, told: bool, ticks: int = 800) -> tuple[float, float]:
+    """Largest share of the budget that was truly delivered, and the largest force."""
+    rng = np.random.default_rng(seed)
+    dt, delay, lag = float(rng.choice([1e-3, 2e-3])), float(rng.uniform(0, 0.008)), float(rng.choice([0, 0.003]))
+    short = float(rng.uniform(0, min(0.003, delay)))  # told too short by so much
+    budget, spin = float(rng.uniform(0.2, 3.0)), float(rng.uniform(1, 60))
+    wanted = {
+        "spring": lambda x, y, vx, vy: (-900 * x, -900 * y),
+        "spins": lambda x, y, vx, vy: (25 * math.cos(spin * clock[0]), 25 * math.sin(spin * clock[0])),
+        "pushes": lambda x, y, vx, vy: (30 * vx, 30 * vy),
+    }[str(rng.choice(["spring", "spins", "pushes"]))]
+    clock = [0.0]
+    force = BoundedForce(
+        wanted, force_limit=25.0, slew_limit=float(rng.uniform(200, 4000)), energy_budget=budget, speed_cap=CAP,
+        dt=dt, actuation_delay=delay - short if told else 0.0, actuation_lag=lag if told else 0.0, compile=False,
+    )  # fmt: skip
+    hand, x, most, largest = LateHand(delay=delay, lag=lag, dt=dt), np.array([0.03, 0.0]), 0.0, 0.0
+    for k in range(ticks):
+        clock[0] = k * dt
+        sent = force.step(x).value
+        largest = max(largest, float(np.linalg.norm(sent)))
+        way = dt * 0.999 * hand_velocity("any" if k < 50 else kind, rng, hand.force, sent, k)
+        if np.linalg.norm(x + way) > 0.1 and kind != "gains by the lag":
+            way = -0.5 * dt * x / np.linalg.norm(x)
+        x = x + way
+        hand.moved(sent, way)
+        most = max(most, hand.work)
+    return most / budget, largest
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_no_hand_draws_more_from_a_late_force_than_the_budget(kind: str) -> None:
+    shares, forces = zip(*(drawn(kind, seed, told=True) for seed in range(25)), strict=True)
+    assert max(shares) <= 1.0 + 1e-9
+    assert sorted(forces)[5] > 1.0
+
+
+def test_a_delay_that_nobody_told_draws_more() -> None:
+    """The claim above can fail: without the forces under way, hands of the same kinds exceed the budget."""
+    assert max(drawn(kind, seed, told=False)[0] for kind in KINDS for seed in range(25)) > 1.02

@@ -1,0 +1,182 @@
+"""Any arm on a wheelchair: kinematics, masses and limits by the file's own origins and axes, without the package's."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from rehab_opt import Bound, CapsuleOnLink, ConfigurationError, RedundancyResolver, SerialChain, ardis, ur5
+from rehab_opt.kinematics.arm_links import largest_hand_volume
+from rehab_opt.kinematics.arm_on_chair import arm_on_chair
+from rehab_opt.kinematics.mobile_arm import CHAIR, Capsule, MobileArm
+from tests.kinematics.robot_files.known_arms import gen3
+from tests.kinematics.robot_files.random_arms import Edge, moving, pose_of, random_arm, urdf
+
+Array = NDArray[np.float64]
+
+DT = 0.01
+MOUNT = np.eye(4)
+MOUNT[:3, :3], MOUNT[:3, 3] = Rotation.from_euler("z", -0.4).as_matrix(), (0.25, -0.35, 0.62)
+USER = Capsule("user", (-0.15, 0.0, 0.55), (-0.15, 0.0, 1.25), 0.18)
+LINKS = {"l1": (0.0, -0.21, 0.0), "l3": (0.0, -0.21, 0.0), "l5": (0.0, -0.1, 0.0)}
+RADIUS = 0.05
+
+
+def arm_of(folder: Path, edges: list[Edge], **options: object) -> SerialChain:
+    file = folder / "arm.urdf"
+    file.write_text(urdf(edges))
+    return SerialChain.from_urdf(file, tip=edges[-1].child, acceleration=4.0, **options)  # type: ignore[arg-type]
+
+
+def gen3_on_chair(folder: Path) -> MobileArm:
+    capsules = [CapsuleOnLink(link, (0.0, 0.0, 0.0), end, RADIUS) for link, end in LINKS.items()]
+    return arm_on_chair(arm_of(folder, gen3(), capsules=capsules), mount=MOUNT, keep_out=[USER])
+
+
+def chassis(q: Array) -> Array:
+    pose = np.eye(4)
+    pose[:3, :3], pose[:2, 3] = Rotation.from_euler("z", q[2]).as_matrix(), q[:2]
+    return pose
+
+
+def link_pose(edges: list[Edge], q: Array, count: int) -> Array:
+    """(4, 4) of the link that so many edges lead to, in the world."""
+    return chassis(q) @ MOUNT @ pose_of(edges[:count], q[CHAIR : CHAIR + len(moving(edges[:count]))])
+
+
+def turning_arm(seed: int) -> list[Edge]:
+    rng = np.random.default_rng(seed)
+    edges = random_arm(rng, 4 + seed % 4)
+    for edge in edges:
+        edge.kind = "revolute" if edge.kind == "prismatic" else edge.kind
+    return edges
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_pose_and_energy_are_those_of_chair_and_links(tmp_path: Path, seed: int) -> None:
+    edges, rng = turning_arm(seed), np.random.default_rng(seed)
+    robot = arm_on_chair(arm_of(tmp_path, edges), mount=MOUNT, rotors=0.0, chair_mass=100.0, chair_turn_inertia=9.0)
+    n, h = robot.chain.n, 1e-5
+    q, v = rng.uniform(-1, 1, n), rng.uniform(-1, 1, n)
+    np.testing.assert_allclose(robot.chain.pose(q), link_pose(edges, q, len(edges)), atol=1e-12)
+    energy = 50.0 * (v[0] ** 2 + v[1] ** 2) + 4.5 * v[2] ** 2
+    for i, edge in enumerate(edges):
+        before, after = (link_pose(edges, q + t * v, i + 1) for t in (-h, h))
+        speed = ((after - before) @ [*edge.centre, 1.0])[:3] / (2 * h)
+        spin = Rotation.from_matrix(before[:3, :3].T @ after[:3, :3]).as_rotvec() / (2 * h)  # in the link's axes
+        turn = Rotation.from_euler("xyz", [0.1, 0.2, 0.3]).as_matrix()
+        spin = turn.T @ spin
+        energy += edge.mass * speed @ speed / 2 + spin @ (edge.moments * spin) / 2
+    assert robot.kinetic_energy(q, v) == pytest.approx(energy, rel=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_no_link_point_is_further_from_an_axis_than_the_reach(tmp_path: Path, seed: int) -> None:
+    edges, rng = turning_arm(seed), np.random.default_rng(seed)
+    robot = arm_on_chair(arm_of(tmp_path, edges), mount=MOUNT)
+    q = ca.SX.sym("q", robot.chain.n)
+    frames = robot.chain.frames_expression(q)
+    ends = [end for link in robot.links for end in (link.begin, link.end) if end.moves]
+    speeds = ca.Function("f", [q], [ca.jacobian(ca.horzcat(*(end.place(frames) for end in ends)), q)[:, CHAIR:]])
+    for posture in rng.uniform(-3, 3, (50, robot.chain.n)):
+        columns = speeds(posture).full().reshape(len(ends), 3, -1, order="C")
+        assert np.linalg.norm(columns, axis=1).max() <= robot.reach + 1e-9
+
+
+def test_the_chair_with_its_own_arm_is_as_it_was() -> None:
+    robot = ardis()
+    assert robot.reach == 0.45 + 0.50
+    assert [(link.begin[0], link.end[0], link.radius) for link in robot.links] == [(4, 5, 0.05), (5, 7, 0.05)]
+    found = largest_hand_volume(robot.chain.with_limits(lower=-np.pi, upper=np.pi), first=CHAIR)
+    assert found <= robot.hand_volume * (1 + 1e-9)  # type: ignore[operator]
+
+
+def nearest_to_user(edges: list[Edge], q: Array) -> float:
+    """[m] between the links' capsules and the user's, in the chassis frame."""
+    start, end = np.array(USER.start), np.array(USER.end)
+    least = np.inf
+    for link, offset in LINKS.items():
+        count = int(link[1:]) + 1
+        pose = np.linalg.inv(chassis(q)) @ link_pose(edges, q, count)
+        points = pose[:3, 3] + np.linspace(0, 1, 200)[:, None] * (pose[:3, :3] @ offset)
+        share = np.clip((points - start) @ (end - start) / ((end - start) @ (end - start)), 0, 1)
+        apart = np.linalg.norm(points - start - share[:, None] * (end - start), axis=1)
+        least = min(least, float(apart.min()) - USER.radius - RADIUS)
+    return least
+
+
+@pytest.mark.parametrize("drive", ["mecanum", "differential"])
+def test_a_stick_moves_chair_and_arm_within_every_limit_and_never_into_the_user(tmp_path: Path, drive: str) -> None:
+    edges, robot, rng = gen3(), gen3_on_chair(tmp_path), np.random.default_rng(7)
+    rows = ("x", "y", "z")
+    resolver = RedundancyResolver(robot, drive=drive, dt=DT, row_sets=[rows], compile=False)  # type: ignore[arg-type]
+    chain, q, last, nearest, followed = robot.chain, beside_user(edges, rng), np.zeros(10), np.inf, []
+    for k in range(500):
+        hand = (np.linalg.inv(chassis(q)) @ link_pose(edges, q, 7))[:3, 3]
+        inwards = np.array([-0.15, 0.0, hand[2]]) - hand
+        away = np.array([0.1, -0.1, 0.05])
+        twist = away if k < 125 or k >= 400 else 0.15 * inwards / max(np.linalg.norm(inwards), 0.1)
+        told = twist.copy()
+        if rng.random() < 0.03:
+            told[rng.integers(3)] = rng.choice([np.nan, np.inf, 1e12])
+        command = resolver.step(q, told, rows=rows, frame="chassis")
+        value = command.value
+        assert np.all(np.isfinite(value))
+        turned = chassis(q)[:2, :2].T
+        here, before = (np.concatenate([turned @ u[:2], u[2:]]) for u in (value, chassis_last(last, q, value)))
+        assert np.hypot(*here[:2]) <= chain.velocity[0] * (1 + 1e-6)
+        assert np.all(np.abs(here[2:]) <= chain.velocity[2:] * (1 + 1e-9))
+        if drive == "differential":
+            assert abs(here[1]) <= 1e-9
+        if not command.yielded & Bound.ACCELERATION:
+            assert np.all(np.abs(here - before) <= chain.acceleration * DT + 1e-6)
+        hand, last = link_pose(edges, q, 7)[:3, 3], here
+        q = q + value * DT
+        assert np.all((q >= chain.lower - 1e-9) & (q <= chain.upper + 1e-9))
+        nearest = min(nearest, nearest_to_user(edges, q))
+        assert nearest >= -1e-6
+        if np.all(np.isfinite(told)) and 20 < k < 125:
+            moved = (link_pose(edges, q, 7)[:3, 3] - hand) / DT
+            followed.append(np.linalg.norm(chassis(q)[:3, :3].T @ moved - twist))
+    assert np.median(followed) < 0.02
+    assert nearest < 0.02  # the arm did come near
+
+
+def beside_user(edges: list[Edge], rng: np.random.Generator) -> Array:
+    """A posture some centimetres from the user, its hand free to go up and away."""
+    while True:
+        q = np.concatenate([np.zeros(CHAIR), rng.uniform(-2.0, 2.0, 7)])
+        if 0.06 < nearest_to_user(edges, q) < 0.12 and 0.8 < link_pose(edges, q, 7)[2, 3] < 1.0:
+            return q
+
+
+def chassis_last(last: Array, q: Array, value: Array) -> Array:
+    """The last command, which is kept in the chassis frame, in the world's at q."""
+    return np.concatenate([chassis(q)[:2, :2] @ last[:2], last[2:]])
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({"mount": np.zeros((4, 4))}, "mount"),
+        ({"chair_mass": -1.0}, "chair_mass"),
+        ({"arm": None}, "arm = None"),
+        ({"arm": ur5()}, "bodies, rotors"),
+        ({"rotors": np.nan}, "rotors"),
+    ],
+)
+def test_what_cannot_be_used_is_named(tmp_path: Path, change: dict[str, object], expected: str) -> None:
+    given = {"arm": arm_of(tmp_path, gen3()), "mount": MOUNT, "rotors": 0.0, **change}
+    with pytest.raises(ConfigurationError) as caught:
+        arm_on_chair(given.pop("arm"), **given)  # type: ignore[arg-type]
+    assert expected in str(caught.value)
+
+
+def test_an_arm_of_three_joints_is_refused_with_what_is_wanted(tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match="expected two joints that slide, and 5 or more that turn"):
+        arm_on_chair(arm_of(tmp_path, gen3()[:3]), mount=MOUNT)

@@ -1,0 +1,169 @@
+"""A chain from an MJCF moves as MuJoCo moves the model itself."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+import casadi as ca
+import mujoco
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from rehab_opt import ConfigurationError, ProblemFileError, SerialChain
+from rehab_opt.errors import RobotFileError
+from rehab_opt.kinematics.inertia import inertia_expression
+
+Array = NDArray[np.float64]
+LIMITS = {"velocity": 1.0, "acceleration": 10.0}
+
+
+def written(values: Array) -> str:
+    return " ".join(repr(float(value)) for value in np.atleast_1d(values))
+
+
+def random_mjcf(rng: np.random.Generator, bodies: int, *, degrees: bool) -> str:
+    """Nested bodies with none to two joints each, off their bodies' origins, rotations written in four ways."""
+    angle, text, ends = ("degree", "", "") if degrees else ("radian", "", "")
+    scale = 180.0 if degrees else 3.0
+    for i in range(bodies):
+        x, y = rng.standard_normal((2, 3))
+        turns = [
+            f'quat="{written(rng.standard_normal(4))}"', f'euler="{written(rng.uniform(-scale, scale, 3))}"',
+            f'axisangle="{written(rng.standard_normal(3))} {written(rng.uniform(-scale, scale))}"',
+            f'xyaxes="{written(x)} {written(y)}"',
+        ]  # fmt: skip
+        text += f'<body name="body_{i}" pos="{written(rng.uniform(-0.5, 0.5, 3))}" {turns[rng.integers(4)]}>'
+        text += f'<inertial pos="0.1 0 0.05" mass="{1.0 + i!r}" diaginertia="0.02 0.03 0.04"/>'
+        for k in range(int(rng.integers(0, 3)) if i else 1):
+            kind = str(rng.choice(["hinge", "slide"], p=[0.8, 0.2]))
+            size = scale if kind == "hinge" else 1.0
+            low, high = np.sort(rng.uniform(-size, size, 2)).tolist()
+            limited = f'range="{low!r} {high!r}"' if rng.random() < 0.7 else ""
+            place = f'pos="{written(rng.uniform(-0.2, 0.2, 3))}" axis="{written(rng.standard_normal(3))}"'
+            reference = f'ref="{written(rng.uniform(-size, size) / 3)}"' if rng.random() < 0.5 else ""
+            text += f'<joint name="joint_{i}_{k}" class="arm" type="{kind}" {place} {limited} {reference}/>'
+        text += '<geom type="mesh" mesh="nowhere"/>'
+        ends += "</body>"
+    site = f'<site name="tool" pos="{written(rng.uniform(-0.2, 0.2, 3))}" quat="{written(rng.standard_normal(4))}"/>'
+    return (
+        f'<mujoco model="arm"><compiler angle="{angle}" meshdir="/nowhere"/><option gravity="0 0 0"/>'
+        '<default><default class="arm"><joint damping="1"/><geom rgba="1 0 0 1"/></default></default>'
+        '<asset><mesh name="nowhere" file="nowhere.stl"/></asset>'
+        f"<worldbody><light pos='0 0 3'/>{text}{site}{ends}</worldbody>"
+        "<actuator><motor joint='joint_0_0'/></actuator></mujoco>"
+    )
+
+
+def whole(text: str) -> mujoco.MjModel:
+    """MuJoCo's own model of it, the mesh that is nowhere taken out."""
+    start, end = text.index("<asset>"), text.index("</asset>")
+    bare = text[:start] + text[end + 8 :]
+    return mujoco.MjModel.from_xml_string(bare.replace('<geom type="mesh" mesh="nowhere"/>', ""))
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_random_models_move_as_in_mujoco(tmp_path: Path, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    text = random_mjcf(rng, int(rng.integers(1, 7)), degrees=seed % 2 == 0)
+    file = tmp_path / "arm.xml"
+    file.write_text(text)
+    chain, model = SerialChain.from_mjcf(file, tip="tool", **LIMITS), whole(text)
+    assert chain.n == model.nq
+    limited = model.jnt_limited.astype(bool)
+    np.testing.assert_allclose(chain.lower, np.where(limited, model.jnt_range[:, 0], -np.inf))
+    np.testing.assert_allclose(chain.upper, np.where(limited, model.jnt_range[:, 1], np.inf))
+    data = mujoco.MjData(model)
+    for q in rng.uniform(-2, 2, (20, model.nq)):
+        data.qpos[:] = q
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        linear, angular = np.zeros((3, model.nv)), np.zeros((3, model.nv))
+        mujoco.mj_jacSite(model, data, linear, angular, 0)
+        pose = chain.pose(q)
+        np.testing.assert_allclose(pose[:3, 3], data.site_xpos[0], atol=1e-12)
+        np.testing.assert_allclose(pose[:3, :3], data.site_xmat[0].reshape(3, 3), atol=1e-12)
+        np.testing.assert_allclose(chain.jacobian(q), np.vstack([linear, angular]), atol=1e-12)
+    mujoco.mj_forward(model, data)
+    expected = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, expected)
+    found = chain_inertia(chain, data.qpos)
+    np.testing.assert_allclose(found, expected, atol=1e-9)
+
+
+def chain_inertia(chain: SerialChain, q: Array) -> Array:
+    return np.array(ca.DM(inertia_expression(chain, chain.bodies, np.zeros(chain.n), ca.SX(ca.DM(q)))))
+
+
+ARM = (
+    '<mujoco><worldbody><body name="a"><joint name="one" axis="0 0 1" range="-90 90"/>'
+    '<body name="b" pos="0 0 1" quat="0.7071 0 0.7071 0"><joint name="two" range="-90 90"/></body></body></worldbody>'
+    "</mujoco>"
+)
+
+
+def arm(tmp_path: Path, old: str = "", new: str = "") -> Path:
+    assert old in ARM
+    file = tmp_path / "arm.xml"
+    file.write_text(ARM.replace(old, new, 1) if old else ARM)
+    return file
+
+
+def test_rounding_is_noted(tmp_path: Path) -> None:
+    (note,) = SerialChain.from_mjcf(arm(tmp_path), **LIMITS).notes
+    assert note.startswith("body b, quat: the length is off by 9.6e-06")
+
+
+def test_an_included_file_takes_the_place_of_its_line(tmp_path: Path) -> None:
+    (tmp_path / "hand.xml").write_text(
+        '<mujocoinclude><body name="c" pos="1 0 0"><joint name="three"/></body></mujocoinclude>'
+    )
+    file = arm(tmp_path, "</body></body>", '<include file="hand.xml"/></body></body>')
+    chain = SerialChain.from_mjcf(file, **LIMITS)
+    assert chain.names == ("one", "two", "three")
+    np.testing.assert_allclose(chain.pose(np.zeros(3))[:3, 3], [0, 0, 0], atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "options", "expected"),
+    [
+        ('axis="0 0 1"', 'axis="0 0 0"', {}, "file = "), ('axis="0 0 1"', 'axis="0 0 nan"', {}, "joint one, axis"),
+        ('pos="0 0 1"', 'pos="0 0 1000"', {}, "body b, pos"), ('pos="0 0 1"', 'pos="0 0 inf"', {}, "body b, pos"),
+        ('<joint name="two" range="-90 90"', '<joint name="two" type="ball"', {}, "joint two, type = 'ball'"),
+        ("<joint name=\"two\" range=\"-90 90\"/>", "", {"tip": "nowhere"}, "tip = 'nowhere'"),
+        ("", "", {"base": "b", "tip": "a"}, "tip = 'a': expected a body or site below base = 'b'"),
+        ("", "", {"base": "c"}, "base = 'c'"),
+        ('range="-90 90"', 'range="-9000 90"', {}, "joint one, range[0]"),
+        ("<worldbody>", '<worldbody><include file="pipe"/>', {}, "a pipe"),
+        ("<worldbody>", '<worldbody><include file="arm.xml"/>', {}, "at most 20 files"),
+        ("<worldbody>", '<worldbody><include file="/etc/passwd"/>', {}, "XML"),
+        ("<worldbody>", '<worldbody><attach model="x" body="y"/>', {}, "<attach>"),
+        ("</mujoco>", '<equality><joint joint1="two" joint2="one"/></equality></mujoco>', {}, "joint two, mimic.joint"),
+        ("<mujoco>", "<robot>", {}, "XML"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_used_is_named(
+    tmp_path: Path, old: str, new: str, options: dict[str, str], expected: str
+) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    file = arm(tmp_path, old, new)
+    with pytest.raises(ProblemFileError) as caught:
+        SerialChain.from_mjcf(file, **LIMITS, **options)
+    assert expected in str(caught.value)
+    assert str(file) in str(caught.value)
+    assert len(str(caught.value)) <= 400
+
+
+def test_a_urdf_is_told_apart(tmp_path: Path) -> None:
+    file = tmp_path / "arm.urdf"
+    file.write_text("<robot/>")
+    with pytest.raises(RobotFileError, match="from_urdf reads this one"):
+        SerialChain.from_mjcf(file, **LIMITS)
+
+
+def test_without_mujoco_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(ConfigurationError, match=r"pip install 'rehab_opt\[mjcf\]'"):
+        SerialChain.from_mjcf(arm(tmp_path), **LIMITS)

@@ -1,0 +1,212 @@
+"""A chain from a URDF moves as the file says: random arms against plain numpy and against MuJoCo's reading of them."""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+
+import casadi as ca
+import mujoco
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from rehab_opt import ConfigurationError, SerialChain, ur5
+from rehab_opt.control.guarded_points import guarded_points
+from rehab_opt.errors import RobotFileError
+from rehab_opt.kinematics.inertia import inertia_expression
+from rehab_opt.kinematics.link_capsules import CapsuleOnLink
+from tests.kinematics.dh_oracle import differentiated
+from tests.kinematics.robot_files.known_arms import UR5_TOOL, gen3, vendors_ur5
+from tests.kinematics.robot_files.random_arms import (
+    Edge,
+    moving,
+    pose_of,
+    random_arm,
+    random_edge,
+    random_postures,
+    urdf,
+)
+
+Array = NDArray[np.float64]
+
+
+@pytest.fixture
+def arm_file(tmp_path: Path) -> Path:
+    return tmp_path / "arm.urdf"
+
+
+def read(file: Path, edges: list[Edge], **options: object) -> SerialChain:
+    file.write_text(urdf(edges))
+    return SerialChain.from_urdf(file, **{"acceleration": 10.0, "tip": edges[-1].child, **options})
+
+
+def frames_of(chain: SerialChain, q: Array) -> list[Array]:
+    return [np.array(ca.DM(frame)) for frame in chain.frames_expression(ca.SX(q))]
+
+
+# --------------------------------------------------------------------------------------------------- kinematics
+@pytest.mark.parametrize("seed", range(30))
+def test_random_arms_move_as_their_files_say(arm_file: Path, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    edges = random_arm(rng, int(rng.integers(1, 10)))
+    chain = read(arm_file, edges)
+    assert chain.names == tuple(edge.name for edge in moving(edges))
+    for q in random_postures(edges, rng, 20):
+        np.testing.assert_allclose(chain.pose(q), pose_of(edges, q), atol=1e-12)
+    np.testing.assert_allclose(chain.jacobian(q), differentiated(chain, q), atol=1e-7)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_mujoco_reads_the_same_pose_and_jacobian(arm_file: Path, seed: int) -> None:
+    rng = np.random.default_rng(100 + seed)
+    edges = gen3() if seed == 0 else random_arm(rng, int(rng.integers(2, 9)))
+    chain = read(arm_file, edges)
+    text = urdf(edges).replace("<visual>", "<!--").replace("</visual>", "-->")
+    text = text.replace('<robot name="random">', '<robot name="random"><mujoco><compiler fusestatic="false"/></mujoco>')
+    model = mujoco.MjModel.from_xml_string(text)
+    data, tip = mujoco.MjData(model), model.body(edges[-1].child).id
+    for q in random_postures(edges, rng, 20):
+        data.qpos[:] = q
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        linear, angular = np.zeros((3, model.nv)), np.zeros((3, model.nv))
+        mujoco.mj_jacBody(model, data, linear, angular, tip)
+        np.testing.assert_allclose(chain.pose(q)[:3, 3], data.xpos[tip], atol=1e-12)
+        np.testing.assert_allclose(chain.pose(q)[:3, :3], data.xmat[tip].reshape(3, 3), atol=1e-12)
+        np.testing.assert_allclose(chain.jacobian(q), np.vstack([linear, angular]), atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_masses_give_the_inertia_that_mujoco_has(arm_file: Path, seed: int) -> None:
+    rng = np.random.default_rng(200 + seed)
+    edges = random_arm(rng, 4)
+    chain = read(arm_file, edges)
+    text = urdf(edges).replace("<visual>", "<!--").replace("</visual>", "-->")
+    text = text.replace('<robot name="random">', '<robot name="random"><mujoco><compiler fusestatic="false"/></mujoco>')
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    data.qpos[:] = q = random_postures(edges, rng, 1)[0]
+    mujoco.mj_forward(model, data)
+    expected = np.zeros((4, 4))
+    mujoco.mj_fullM(model, data, expected)
+    found = np.array(ca.DM(inertia_expression(chain, chain.bodies, np.zeros(4), ca.SX(q))))
+    np.testing.assert_allclose(found, expected, atol=1e-9)
+
+
+def test_rounded_angles_stay_as_they_are_written_and_no_frame_is_far_away(arm_file: Path) -> None:
+    edges = gen3()
+    chain = read(arm_file, edges)
+    assert abs(chain.base[2, 2] + 1.0) < 1e-10 < abs(chain.base[1, 2])  # 3.1416 is 7e-6 more than pi
+    for q in random_postures(edges, np.random.default_rng(0), 50):
+        frames = frames_of(chain, q)
+        for i in range(chain.n):  # frame i is where joint i + 1 is
+            at = pose_of(edges[: i + 1], np.append(q[:i], 0.0))
+            np.testing.assert_allclose(frames[i][:3, 3], at[:3, 3], atol=1e-12)
+            np.testing.assert_allclose(frames[i][:3, 2], at[:3, :3] @ edges[i].axis, atol=1e-12)
+        assert np.abs([frame[:3, 3] for frame in frames]).max() < 1.3  # m: its reach and the base
+    assert max(abs(each) for ball in guarded_points(chain) for each in ball.offset) == 0.0
+
+
+def test_ur5_from_a_file_is_the_ur5_of_this_library(arm_file: Path) -> None:
+    tool = np.eye(4)
+    tool[:3, :3], tool[:3, 3] = Rotation.from_euler("x", -np.pi / 2).as_matrix(), UR5_TOOL
+    chain, ours = read(arm_file, vendors_ur5(), mount=np.diag([-1.0, -1.0, 1.0, 1.0]), tool=tool), ur5()
+    for q in np.random.default_rng(0).uniform(-3, 3, (50, 6)):
+        np.testing.assert_allclose(chain.pose(q), ours.pose(q), atol=1e-12)
+        np.testing.assert_allclose(chain.jacobian(q), ours.jacobian(q), atol=1e-12)
+        assert chain.manipulability(q) == pytest.approx(ours.manipulability(q), abs=1e-13)
+
+
+# -------------------------------------------------------------------------------------------------------- parts
+def test_a_part_of_the_tree_is_a_chain_of_its_own(arm_file: Path) -> None:
+    edges = random_arm(np.random.default_rng(5), 6)
+    arm_file.write_text(urdf(edges))
+    part = edges[3:-2]
+    chain = SerialChain.from_urdf(arm_file, base=edges[2].child, tip=part[-1].child, acceleration=1.0)
+    assert chain.names == tuple(edge.name for edge in moving(part))
+    q = np.linspace(-1, 1, chain.n)
+    np.testing.assert_allclose(chain.pose(q), pose_of(part, q), atol=1e-12)
+
+
+def test_a_locked_joint_stays_where_it_is_and_is_no_joint(arm_file: Path) -> None:
+    edges = random_arm(np.random.default_rng(6), 5)
+    held = moving(edges)[2]
+    chain = read(arm_file, edges, locked={held.name: 0.3})
+    assert chain.n == 4
+    assert any(held.name in note and "locked at 0.3" in note for note in chain.notes)
+    q = np.linspace(-1, 1, 4)
+    np.testing.assert_allclose(chain.pose(q), pose_of(edges, np.insert(q, 2, 0.3)), atol=1e-12)
+
+
+def test_a_coupled_joint_is_ignored_beside_the_chain_and_refused_on_it(arm_file: Path) -> None:
+    rng = np.random.default_rng(7)
+    edges = random_arm(rng, 3)
+    finger = random_edge(rng, "finger", "prismatic", edges[-1].child, "finger_link")
+    finger.extra = f'<mimic joint="{edges[0].name}" multiplier="-1"/>'
+    arm_file.write_text(urdf([*edges, finger]))
+    assert "finger" not in SerialChain.from_urdf(arm_file, tip=edges[-1].child, acceleration=1.0).names
+    with pytest.raises(RobotFileError, match=r"joint finger, mimic\.joint = .*lock it"):
+        SerialChain.from_urdf(arm_file, tip="finger_link", acceleration=1.0)
+    assert SerialChain.from_urdf(arm_file, tip="finger_link", acceleration=1.0, locked={"finger": 0.01}).n == 3
+
+
+def test_limits_are_the_files_unless_given(arm_file: Path) -> None:
+    edges = gen3()
+    chain = read(arm_file, edges)
+    assert chain.lower.tolist() == [-np.inf, -2.41, -np.inf, -2.66, -np.inf, -2.23, -np.inf]
+    assert chain.velocity.tolist() == [edge.velocity for edge in edges]
+    assert chain.acceleration.tolist() == [10.0] * 7
+    other = read(arm_file, edges, velocity={"joint_2": 0.5}, upper=1.0, acceleration=dict.fromkeys(chain.names, 3.0))
+    assert other.velocity[2] == 0.5
+    assert other.velocity[3] == edges[3].velocity
+    assert other.upper.tolist() == [1.0] * 7
+
+
+def test_mount_and_tool_stand_before_and_behind(arm_file: Path) -> None:
+    edges = random_arm(np.random.default_rng(8), 4)
+    mount, tool = np.eye(4), np.eye(4)
+    mount[:3, :3], mount[:3, 3] = Rotation.from_euler("xyz", [0.1, 2, 3]).as_matrix(), (1, 2, 3)
+    tool[:3, :3], tool[:3, 3] = Rotation.from_euler("xyz", [1, 0.2, 3]).as_matrix(), (0.1, 0.2, 0.3)
+    chain = read(arm_file, edges, mount=mount, tool=tool)
+    q = np.linspace(-1, 1, 4)
+    np.testing.assert_allclose(chain.pose(q), mount @ pose_of(edges, q) @ tool, atol=1e-12)
+
+
+def test_capsules_are_told_in_the_links_own_frames(arm_file: Path) -> None:
+    edges = random_arm(np.random.default_rng(9), 5)
+    start, end = (0.1, 0.2, 0.3), (-0.1, 0.0, 0.2)
+    links = ["base", *(edge.child for edge in edges)]
+    chain = read(arm_file, edges, capsules=[CapsuleOnLink(link, start, end, 0.05) for link in links])
+    q = np.linspace(-1, 1, 5)
+    frames = frames_of(chain, q)
+    for i, capsule in enumerate(chain.capsules):
+        link = pose_of(edges[:i], q[: len(moving(edges[:i]))])
+        for found, told in ((capsule.start, start), (capsule.end, end)):
+            np.testing.assert_allclose(frames[capsule.frame] @ [*found, 1.0], link @ [*told, 1.0], atol=1e-12)
+
+
+def test_what_is_off_by_rounding_is_corrected_and_noted(arm_file: Path) -> None:
+    edges = [edge for edge in random_arm(np.random.default_rng(10), 2) if edge.kind != "fixed"]
+    edges[0].parent, edges[1].parent = "base", edges[0].child
+    edges[0].kind, edges[0].axis = "revolute", np.array([0.5774, 0.5774, 0.5774])
+    tool = np.eye(4)
+    tool[:2, :2] = [[0.7071, -0.7071], [0.7071, 0.7071]]
+    chain = read(arm_file, edges, tool=tool)
+    assert [note.partition(" is off by")[0] for note in chain.notes] == [
+        f"joint {edges[0].name}, axis.xyz: the length",
+        "tool: the rotation",
+    ]
+    assert "8.6e-05" in chain.notes[0]
+    np.testing.assert_allclose(chain.tool[:3, :3] @ chain.tool[:3, :3].T, np.eye(3), atol=1e-15)
+    again = pickle.loads(pickle.dumps(chain))
+    np.testing.assert_array_equal(again.pose([0.1, 0.2]), chain.pose([0.1, 0.2]))
+    with pytest.raises(ValueError, match="read-only"):
+        again.rows[0].after[0, 0] = 2.0
+    edges[0].axis = np.array([0.577, 0.577, 0.58])
+    with pytest.raises(RobotFileError, match=r"axis\.xyz = '0\.577 0\.577 0\.58': expected .* length is 1\.00113"):
+        read(arm_file, edges)
+    tool[0, 0] = 0.8
+    with pytest.raises(ConfigurationError, match="off by"):
+        read(arm_file, random_arm(np.random.default_rng(10), 2), tool=tool)

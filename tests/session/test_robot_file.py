@@ -1,0 +1,241 @@
+"""A robot of one's own stands wherever a problem file says ur5."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rehab_opt import ProblemFileError, SerialChain, ur5
+from rehab_opt.comparison.recording import recorded_run
+from rehab_opt.export.exporters import exported_controllers
+from rehab_opt.session.files import load_problem, shipped_problems
+from rehab_opt.session.many.digest import inputs_digest
+from rehab_opt.session.many.participant import Participant
+from rehab_opt.session.many.participants import participants_of
+from rehab_opt.session.many.work import work_on
+from rehab_opt.session.pose_tracking.outcome import RobotOutcome
+from rehab_opt.session.pose_tracking.robot import robot_at_start
+from rehab_opt.session.report import write_report
+from rehab_opt.session.run import checked, run_problem
+from rehab_opt.session.systems import ROBOT_FILE, system_named
+from tests.kinematics.robot_files.known_arms import UR5_TOOL, gen3, vendors_ur5
+from tests.kinematics.robot_files.random_arms import Edge, random_edge, urdf
+
+PROBLEM = """
+system = "pose_tracking"
+title = "test"
+[robot]
+file = "robots/mine.toml"
+start_deg = [0, 30, 180, -100, 0, -60, 90]
+[circle]
+radius_m = 0.01
+duration_s = 1.0
+[tracker]
+rate_hz = 100.0
+"""
+MINE = """
+urdf = "arm.urdf"
+tip = "l6"
+acceleration_deg_s2 = 900.0
+"""
+CAPSULE = """
+[[capsules]]
+link = "l3"
+start_m = [0, 0, 0]
+end_m = [0, -0.2, 0]
+radius_m = 0.05
+"""
+UR5 = f"""
+urdf = "arm.urdf"
+acceleration_deg_s2 = {math.degrees(15.0)!r}
+mount_deg = [0, 0, 180]
+tool_m = {list(UR5_TOOL)}
+tool_deg = [-90, 0, 0]
+"""
+
+
+@pytest.fixture(autouse=True)
+def uncompiled(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs are short: to compile a tracker takes longer than they do."""
+    monkeypatch.setenv("REHAB_OPT_COMPILE", "off")
+
+
+@pytest.fixture
+def problem(tmp_path: Path) -> Callable[..., str]:
+    """Writes a problem, its robot file and URDF; the path of the first."""
+
+    def write(mine: str = MINE, *, edges: list[Edge] | None = None, text: str = PROBLEM) -> str:
+        (tmp_path / "robots").mkdir(exist_ok=True)
+        (tmp_path / "robots" / "arm.urdf").write_text(urdf(gen3() if edges is None else edges))
+        (tmp_path / "robots" / "mine.toml").write_text(mine)
+        (tmp_path / "problem.toml").write_text(text)
+        return str(tmp_path / "problem.toml")
+
+    return write
+
+
+def test_the_ur5_from_its_file_does_what_the_ur5_does(problem: Callable[..., str]) -> None:
+    start = "start_deg = [0, -90, 90, -90, -90, 0]\n"
+    lines = PROBLEM.splitlines(keepends=True)
+    lines[5] = start
+    own = run_problem(load_problem(problem(UR5, edges=vendors_ur5(), text="".join(lines))))
+    shipped = run_problem(
+        load_problem(problem(text="".join(lines).replace('file = "robots/mine.toml"', 'model = "ur5"')))
+    )
+    assert isinstance(own, RobotOutcome)
+    assert isinstance(shipped, RobotOutcome)
+    np.testing.assert_allclose(own.reference, shipped.reference, atol=1e-12)
+    np.testing.assert_allclose(own.q, shipped.q, atol=1e-9)
+    np.testing.assert_allclose(own.command, shipped.command, atol=1e-8)
+    assert set(own.status) == {"ok"}
+
+
+def test_an_arm_of_ones_own_is_run_reported_and_recorded(problem: Callable[..., str], tmp_path: Path) -> None:
+    loaded = load_problem(problem(MINE + "[joints.joint_2]\nlocked_deg = 180.0\n"))
+    with pytest.raises(ProblemFileError, match="expected 6 entries, of joint_0, joint_1, joint_3"):
+        checked(loaded)
+    loaded = load_problem(problem())
+    outcome = run_problem(loaded)
+    assert isinstance(outcome, RobotOutcome)
+    assert outcome.chain.n == 7
+    assert outcome.metrics["optimised"]["position_error_max_m"] < 1e-3
+    files = write_report(outcome, tmp_path / "out")
+    assert {file.suffix for file in files} == {".json", ".csv", ".png"}
+    (sequence,) = recorded_run(loaded, ticks=5)
+    assert sequence.name.endswith("pose_tracker")
+
+
+def test_it_becomes_c_that_repeats_the_run(problem: Callable[..., str]) -> None:
+    (exported,) = exported_controllers(load_problem(problem()), progress=lambda *_: None)
+    assert exported.laws[0].controller.chain.n == 7  # type: ignore[attr-defined]
+
+
+def test_a_folder_of_problems_takes_it_and_a_changed_urdf_is_another_problem(
+    problem: Callable[..., str], tmp_path: Path
+) -> None:
+    path = Path(problem())
+    (tmp_path / "people").mkdir()
+    text = path.read_text().replace("robots/", "../robots/").replace("duration_s = 1.0", "duration_s = 0.1")
+    (tmp_path / "people" / "a.toml").write_text(text)
+    (person,) = participants_of(tmp_path / "people")
+    assert isinstance(person, Participant)
+    before = inputs_digest(person.problem())
+    assert work_on(person).numbers["optimised.ticks"] == 11
+    assert inputs_digest(person.problem()) == before
+    arm = tmp_path / "robots" / "arm.urdf"
+    arm.write_text(arm.read_text().replace("0.21038", "0.21039"))
+    assert inputs_digest(person.problem()) != before
+
+
+def test_every_line_of_a_robot_file_counts(problem: Callable[..., str]) -> None:
+    mine = MINE + """
+    speed_deg_s = 100.0
+    tool_m = [0.0, 0.0, 0.1]
+    tool_deg = [0.0, 0.0, 90.0]
+    mount_m = [1.0, 2.0, 3.0]
+    payload_kg = 2.0
+    [joints.joint_1]
+    lower_deg = -60.0
+    upper_deg = 60.0
+    speed_deg_s = 20.0
+    acceleration_deg_s2 = 50.0
+    """ + CAPSULE  # fmt: skip
+    robot, start = robot_at_start(load_problem(problem(mine)))
+    bare, _ = robot_at_start(load_problem(problem()))
+    tool = np.array([[0.0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0.1], [0, 0, 0, 1]])
+    expected = bare.pose(start) @ tool
+    expected[:3, 3] += [1, 2, 3]
+    np.testing.assert_allclose(robot.pose(start), expected, atol=1e-12)
+    np.testing.assert_allclose(np.rad2deg(robot.velocity), [100, 20, 100, 100, 100, 100, 100])
+    np.testing.assert_allclose(np.rad2deg(robot.acceleration), [900, 50, 900, 900, 900, 900, 900])
+    np.testing.assert_allclose(np.rad2deg([robot.lower[1], robot.upper[1]]), [-60, 60])
+    assert [capsule.name for capsule in robot.capsules] == ["l3"]
+    assert robot.bodies[-1].mass == 2.0
+
+
+def test_the_problem_may_ask_for_less_than_the_robot_can_and_not_for_more(problem: Callable[..., str]) -> None:
+    for given, speeds, acceleration in ((10.0, [10.0] * 7, 900.0), (170.0, [80.0] * 4 + [70.0] * 3, 900.0)):
+        text = PROBLEM.replace("[circle]", f"joint_speed_deg_s = {given}\njoint_acceleration_deg_s2 = 5000.0\n[circle]")
+        robot, _ = robot_at_start(load_problem(problem(text=text)))
+        np.testing.assert_allclose(np.rad2deg(robot.velocity), speeds, atol=0.01)
+        np.testing.assert_allclose(np.rad2deg(robot.acceleration), acceleration)
+
+
+LIFT = random_edge(np.random.default_rng(1), "lift", "prismatic", "l6", "lifted")
+
+
+@pytest.mark.parametrize(
+    ("mine", "expected"),
+    [
+        ("tip = 'l6'", "acceleration_deg_s2 = None: expected this key"),
+        (MINE.replace("urdf = ", "udrf = "), "udrf = 'arm.urdf': expected one of the keys urdf, mjcf"),
+        (MINE + "mjcf = 'a.xml'", "urdf = 'arm.urdf': expected either urdf or mjcf"),
+        (MINE.replace("urdf = ", "mjcf = "), "speed_deg_s = None: expected the joints' largest speed"),
+        (MINE.replace("900.0", "-1.0"), "acceleration_deg_s2 = -1.0: expected greater than 0"),
+        (MINE.replace("900.0", "nan"), "acceleration_deg_s2 = nan: expected"),
+        (MINE.replace("l6", "hand"), "arm.urdf: tip = 'hand': expected one of the links base, l0"),
+        (MINE.replace("arm.urdf", "none.urdf"), "none.urdf: file = 'No such file"),
+        (MINE + "[joints.elbow]\nspeed_deg_s = 3.0", "joints = 'elbow': expected joint names among joint_0"),
+        (MINE + "[joints.elbow]\nacceleration_deg_s2 = 3.0", "joints.elbow = 'elbow': expected joints among joint_0"),
+        (MINE + "[joints.elbow]\nlocked_deg = 3.0", "joints = 'elbow': expected a joint between base and tip"),
+        (MINE + "[joints.joint_1]\nlocked_deg = 3.0\nlocked_m = 1.0", "joints.joint_1.locked_m = 1.0: expected no"),
+        (MINE + CAPSULE.replace("l3", "l9"), "capsules.0.link = 'l9'"),
+        (MINE + CAPSULE.replace("0.05", "50"), "capsules.0.radius_m = 50: expected less than or equal to 1"),
+        (MINE + "tool_m = [0, 0, 120.0]", "tool_m.2 = 120.0: expected less than or equal to 10"),
+        (MINE + "a = [", "line 5"),
+    ],
+)  # fmt: skip
+def test_a_fault_of_a_robot_file_is_one_line(problem: Callable[..., str], mine: str, expected: str) -> None:
+    with pytest.raises(ProblemFileError) as caught:
+        checked(load_problem(problem(mine)))
+    said = str(caught.value)
+    assert expected in said
+    assert "mine.toml" in said or "robots/" in said
+    assert "\n" not in said
+    assert len(said) < 400
+
+
+def test_a_slide_has_to_be_locked_in_a_problem(problem: Callable[..., str]) -> None:
+    edges = [*gen3(), LIFT]
+    mine = MINE.replace("l6", "lifted")
+    with pytest.raises(ProblemFileError, match=r"joints\.lift\.locked_m = None: expected a value that it is held at"):
+        checked(load_problem(problem(mine, edges=edges)))
+    robot, _ = robot_at_start(load_problem(problem(mine + "[joints.lift]\nlocked_m = 0.1\n", edges=edges)))
+    assert robot.n == 7
+
+
+@pytest.mark.parametrize(
+    ("robot", "expected"),
+    [
+        ("", "robot.model = None: expected either model = 'ur5', or file = a robot file"),
+        ('model = "ur5"\nfile = "robots/mine.toml"', "robot.file = 'robots/mine.toml': expected either"),
+        ('file = "robots/none.toml"', "robot.file = 'robots/none.toml': expected a "),
+        ('file = "robots"', "robot.file = 'robots': expected a file"),
+        ('model = "ur5"', "expected 6 entries"),
+    ],
+)
+def test_a_problem_names_one_robot(problem: Callable[..., str], robot: str, expected: str) -> None:
+    with pytest.raises(ProblemFileError) as caught:
+        checked(load_problem(problem(text=PROBLEM.replace('file = "robots/mine.toml"', robot))))
+    assert expected in str(caught.value)
+
+
+def test_a_hand_is_led_by_an_arm_from_a_file_as_by_the_ur5(problem: Callable[..., str], tmp_path: Path) -> None:
+    path = Path(problem(UR5, edges=vendors_ur5()))
+    shipped = shipped_problems()["mirror/pick_fruit"]
+    for name in ("pick_fruit.csv", "calibration_points.csv"):
+        (tmp_path / name).write_bytes((shipped.parent / name).read_bytes())
+    text = shipped.read_text().replace('model = "ur5"', 'file = "robots/mine.toml"')
+    path.write_text(text)
+    from rehab_opt.session.mirror.scene import laid_out  # noqa: PLC0415  (loads solvers)
+
+    scene = laid_out(load_problem(str(path)))
+    same = laid_out(load_problem("mirror/pick_fruit"))
+    assert isinstance(scene.robot, SerialChain)
+    np.testing.assert_allclose(scene.robot.pose(scene.start), ur5().pose(same.start), atol=1e-12)
+    needed = system_named("mirror").recordings(load_problem(str(path)).problem)
+    assert ROBOT_FILE in [each.key for each in needed]
