@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rehab_opt.control.command import Command
+from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.control.limit import Limit, Limits, checked_limits
 from rehab_opt.control.stopping import VelocityBounds
 from rehab_opt.control.velocity_controller import VelocityController, checked_number
@@ -109,6 +110,8 @@ class PoseTracker(VelocityController):
     recovery_speed : share of the velocity limit at which a joint outside its limits comes back.
     solver, backup : see `Ladder`. tolerance : largest certificate residual accepted [the statement's units].
     max_age : [s] see `Watchdog`.
+    feedback : act on where the joints are led, on a robot whose servos are late or whose encoders are noisy; None acts
+        on the positions that `step` is given.
     compile : see `BufferedFunction`.
 
     Raises
@@ -140,6 +143,7 @@ class PoseTracker(VelocityController):
         backup: str | None = None,
         tolerance: float = 1e-8,
         max_age: float | None = None,
+        feedback: JointFeedback | None = None,
         compile: Compile = None,
     ) -> None:
         self.gain = checked_number("gain", gain, above=0.0)
@@ -159,6 +163,7 @@ class PoseTracker(VelocityController):
             backup=backup,
             tolerance=tolerance,
             max_age=max_age,
+            feedback=feedback,
             compile=compile,
         )
 

@@ -6,6 +6,7 @@ velocity never; then never further outside a joint limit; then acceleration; the
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import casadi as ca
@@ -21,6 +22,10 @@ OUTSIDE = 1e-9
 
 FAR = 1e9
 """[rad or m] A position limit that is never felt."""
+
+
+GENTLE = 0.7
+"""Share of the acceleration limit that braking before a limit takes where servos follow late."""
 
 
 class VelocityBounds(NamedTuple):
@@ -41,7 +46,9 @@ class VelocityBounds(NamedTuple):
     hard_upper: ca.SX
 
 
-def velocity_bounds(chain: SerialChain, q: ca.SX, last: ca.SX, *, dt: float, recovery_speed: float) -> VelocityBounds:
+def velocity_bounds(
+    chain: SerialChain, q: ca.SX, last: ca.SX, *, dt: float, recovery_speed: float, approach: float = math.inf
+) -> VelocityBounds:
     """Interval of the joint velocity that is held from now until the next tick.
 
     Parameters
@@ -51,6 +58,8 @@ def velocity_bounds(chain: SerialChain, q: ca.SX, last: ca.SX, *, dt: float, rec
     last : (n,) joint velocity commanded in the last tick.
     dt : tick [s].
     recovery_speed : share of the velocity limit at which a joint outside its limits comes back.
+    approach : [1/s] rate at which a limit is approached in its vicinity, and come back to, see `gentle_speed`; infinite
+        for joints that move as commanded.
 
     From every state that can still stop, all bounds hold together and the next state can stop again, exactly, at any
     dt (the recursion is over ticks, not over continuous time). Other states brake at the largest deceleration.
@@ -72,9 +81,13 @@ def velocity_bounds(chain: SerialChain, q: ca.SX, last: ca.SX, *, dt: float, rec
     brake_upper = clipped(last + change, hard_lower, hard_upper)
     # Then a speed from which the joint still stops at its limit, or the way back, at the end of which it can stop too:
     # of a joint's two speeds one is zero.
-    can_stop_up, can_stop_down = (stopping_speed(room, change, dt) for room in (room_up, room_down))
-    stop_upper = can_stop_up + ca.fmax(ca.fmax(ca.fmin(room_up * (1 / dt), 0), -back), -can_stop_down)
-    stop_lower = -can_stop_down - ca.fmax(ca.fmax(ca.fmin(room_down * (1 / dt), 0), -back), -can_stop_up)
+    rate = min(1 / dt, approach)
+    can_stop_up, can_stop_down = (
+        ca.fmin(stopping_speed(room, change, dt), gentle_speed(room, change / dt, approach))
+        for room in (room_up, room_down)
+    )
+    stop_upper = can_stop_up + ca.fmax(ca.fmax(ca.fmin(room_up * rate, 0), -back), -can_stop_down)
+    stop_lower = -can_stop_down - ca.fmax(ca.fmax(ca.fmin(room_down * rate, 0), -back), -can_stop_up)
     return VelocityBounds(
         lower=clipped(stop_lower, brake_lower, brake_upper),
         upper=clipped(stop_upper, brake_lower, brake_upper),
@@ -97,6 +110,19 @@ def stopping_speed(room: ca.SX, change: ca.DM, dt: float) -> ca.SX:
     room = ca.fmax(room, 0)
     ticks = ca.floor(0.5 * ca.sqrt(1 + room * (8 / (change * dt))) - 0.5)
     return room * (1 / dt) / (ticks + 1) + (0.5 * change) * ticks
+
+
+def gentle_speed(room: ca.SX, acceleration: ca.DM, approach: float) -> ca.SX:
+    """Speed from which a limit is approached so that a servo, which runs ahead of whoever brakes, does not pass it.
+
+    In the vicinity `approach` times the room, so that braking fades out; from where that would take more than
+    `GENTLE` of the acceleration on, the parabola of that deceleration, which goes over into the line without a kink.
+    """
+    if approach == math.inf:
+        return ca.SX.inf(room.shape)
+    room, gentle = ca.fmax(room, 0), GENTLE * acceleration
+    near = gentle / approach**2
+    return ca.if_else(room <= near, approach * room, ca.sqrt(2 * gentle * ca.fmax(room - near / 2, 0)))
 
 
 def nearest_to_rest(bounds: VelocityBounds) -> ca.SX:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.command import Bound, Command, Status
+from rehab_opt.control.joint_feedback import FollowedJoints, JointFeedback
 from rehab_opt.control.stopping import VelocityBounds, nearest_to_rest, velocity_bounds
 from rehab_opt.control.thread_owner import OneThread
 from rehab_opt.control.watchdog import Watchdog
@@ -65,6 +66,7 @@ class VelocityController(OneThread, ABC):
         tolerance: float,
         max_age: float | None,
         compile: Compile,
+        feedback: JointFeedback | None = None,
     ) -> None:
         if not isinstance(chain, SerialChain):
             raise ConfigurationError("chain", chain, "a SerialChain")
@@ -74,6 +76,9 @@ class VelocityController(OneThread, ABC):
         self.recovery_speed = checked_number("recovery_speed", recovery_speed, above=0.0, below=1.0)
         self._watchdog = Watchdog(dt=dt, max_age=max_age)
         self.max_age = self._watchdog.max_age
+        self.approach = math.inf if feedback is None else feedback.approach
+        """[1/s] see `velocity_bounds`."""
+        self._feedback = None if feedback is None else FollowedJoints(feedback, chain.names, dt=self.dt)
         self._ladder = Ladder(self.stated, solver=solver, backup=backup, tolerance=tolerance, compile=compile)
         self._safe_command = BufferedFunction(self.braking())
         ladder, n = self._ladder, chain.n
@@ -112,7 +117,9 @@ class VelocityController(OneThread, ABC):
 
     def bounds(self, q: ca.SX, last: ca.SX) -> VelocityBounds:
         """Intervals of the joint velocities."""
-        return velocity_bounds(self.chain, q, last, dt=self.dt, recovery_speed=self.recovery_speed)
+        return velocity_bounds(
+            self.chain, q, last, dt=self.dt, recovery_speed=self.recovery_speed, approach=self.approach
+        )
 
     def report(self, last: ca.SX, velocity: ca.SX, delivered: ca.SX, asked: ca.SX, outside: ca.SX) -> ca.SX:
         """What yielded, as a number of `Bound`, and the fraction of the asked motion that is delivered, 1 if none is.
@@ -168,6 +175,8 @@ class VelocityController(OneThread, ABC):
         lower, upper = np.maximum(self.chain.lower, -PLAUSIBLE), np.minimum(self.chain.upper, PLAUSIBLE)
         self._predicted[:] = (lower + upper) / 2
         self._watchdog.reset()
+        if self._feedback is not None:
+            self._feedback.reset(speed)
         self._give_away()
 
     def instance(self, q: ArrayLike, *inputs: ArrayLike) -> Instance:
@@ -191,10 +200,12 @@ class VelocityController(OneThread, ABC):
     def _tick(self, enable: object, stamp: float | None) -> Command:
         """One step on what stands in the parameters."""
         reason = ""
+        if self._feedback is not None:
+            reason = self._feedback.lead(self._q, self._last)
         if enable is not True or stamp is not None or self._watchdog.stamped:
-            reason = self._refusal(enable, stamp)
-            if reason:
-                return self._safe(reason)
+            reason = self._refusal(enable, stamp) or reason
+        if reason:
+            return self._safe(reason)
         if self._fused:  # the usual way, without the layers of Python: they would cost as much as the solve
             verdict = self._verdict
             verdict[0] = _NAN  # see `Ladder`: a failure inside leaves the outputs as they are
