@@ -1,4 +1,4 @@
-"""What tests of controllers keep for one another, let go of at the end: Ruckig reports what outlives the interpreter."""
+"""What tests of controllers keep is let go of at the end: Ruckig reports what outlives the interpreter."""
 
 from collections.abc import Iterator
 
