@@ -1,6 +1,7 @@
 """Claims about RedundancyResolver that a user's safety rests on, judged by plain numpy."""
 
 import math
+from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
@@ -31,6 +32,12 @@ EVERY_ROW = ("x", "y", "z", "rx", "ry", "rz", "roll7")
 
 MADE: dict[str, RedundancyResolver] = {}
 """By their options."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _let_go() -> Iterator[None]:
+    yield
+    MADE.clear()
 
 
 def resolver(**options: object) -> RedundancyResolver:

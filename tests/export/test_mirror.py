@@ -101,7 +101,8 @@ def test_any_motion_with_faults_and_forces_gives_the_commands_of_python(
     said: set[str] = set()
 
     @settings(max_examples=12, deadline=None)
-    @example(3)  # steps are shortened, of both
+    @example(6)  # steps are shortened, of both
+    @example(27)  # and here: one of them may change with rounding
     @example(7117)  # a live tick that ends in a fault at rest told the manipulability of the answer that was not taken
     @given(seed=st.integers(0, 2**32 - 1))
     def run(seed: int) -> None:
