@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from rehab_opt.control.bounded_force import BoundedForce
     from rehab_opt.control.hand_bounds import KeepOut
     from rehab_opt.control.interaction import Interaction
+    from rehab_opt.control.joint_feedback import JointFeedback
     from rehab_opt.control.joystick import Joystick
     from rehab_opt.control.limit import Limit
     from rehab_opt.control.mirror import MirrorTracker
@@ -56,6 +57,7 @@ __all__ = [
     "IKPath",
     "IKSolution",
     "Interaction",
+    "JointFeedback",
     "Joystick",
     "KeepOut",
     "Limit",
@@ -99,6 +101,7 @@ _LATER = {
     "Interaction": "control.interaction",
     "Joystick": "control.joystick",
     "KeepOut": "control.hand_bounds",
+    "JointFeedback": "control.joint_feedback",
     "Limit": "control.limit",
     "MirrorTracker": "control.mirror",
     "ParticipantSide": "control.bilateral_sides",

@@ -58,8 +58,8 @@ class JointFeedback:
 
     delay: float = 0.005
     servo_hz: float = 24.0
-    correction: float = 0.5
-    tolerance: float = 0.05
+    correction: float = 0.05
+    tolerance: float = 0.03
     patience: float = 0.1
     pause: float = 0.5
 
@@ -73,7 +73,6 @@ class JointFeedback:
             endless = name == "servo_hz" and value == math.inf
             if not (isinstance(value, float | int) and (least < value < math.inf or endless)):
                 raise ConfigurationError(f"feedback.{name}", value, f"a number above {least:g}")
-
 
     @property
     def approach(self) -> float:
@@ -159,6 +158,9 @@ class FollowedJoints:
     ConfigurationError : a delay of more than 128 ticks.
     """
 
+    error: float = 0.0
+    """[rad or m] the largest following error of the last tick."""
+
     def __init__(self, feedback: JointFeedback, names: tuple[str, ...], *, dt: float) -> None:
         if not isinstance(feedback, JointFeedback):
             raise ConfigurationError("feedback", feedback, "a JointFeedback, or None for measured positions")
@@ -193,7 +195,7 @@ class FollowedJoints:
         self._measured[:], self._command[:] = q, last
         self._function.evaluate()
         self._memory[:], q[:] = self._after, self._reference
-        joint, size = self._said.tolist()
+        joint, self.error = self._said.tolist()
         if joint < 0.0:
             return ""
-        return f"{self._names[int(joint)]} does not follow: {size:.2g} rad or m from where it was led"
+        return f"{self._names[int(joint)]} does not follow: {self.error:.2g} rad or m from where it was led"

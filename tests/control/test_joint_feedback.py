@@ -1,0 +1,207 @@
+"""Claims about acting on where the joints are led: late servos, noisy encoders, joints that do not follow."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+
+from rehab_opt import ConfigurationError, JointFeedback, PoseTracker, Status, ur5
+from rehab_opt.control.joint_feedback import FollowedJoints, pole
+
+Array = NDArray[np.float64]
+START, DT = np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.0]), 1e-3
+ROBOT = ur5(acceleration=np.full(6, 10.0))
+STILL = np.zeros(6)
+
+
+class LateJoints:
+    """Joints that move as commanded, but late, and encoders that are late too; some do not follow."""
+
+    def __init__(self, late: int, seen_late: int, rng: np.random.Generator) -> None:
+        self.q, self.rng = START.copy(), rng
+        self.pipe, self.told = deque([np.zeros(6)] * late), deque([START.copy()] * seen_late)
+        self.gain, self.frozen = np.ones(6), np.zeros(6, dtype=bool)
+        self.shown = START.copy()
+
+    def step(self, command: Array) -> Array:
+        self.pipe.append(command)
+        self.q = self.q + DT * self.gain * self.pipe.popleft()
+        self.shown = np.where(self.frozen, self.shown, self.q + 1e-4 * self.rng.normal(size=6))
+        self.told.append(self.shown)
+        return self.told.popleft()
+
+
+def tracker(**feedback: float) -> PoseTracker:
+    return PoseTracker(ROBOT, feedback=JointFeedback(servo_hz=math.inf, **feedback), dt=DT, compile=False)
+
+
+def turned(joint: int, by: float) -> Array:
+    """(4, 4) pose of the hand after one joint has turned."""
+    return ROBOT.pose(START + by * np.eye(6)[joint])
+
+
+def test_joints_that_move_as_commanded_get_the_commands_of_measured_positions() -> None:
+    led, plain, q = tracker(delay=0.0), PoseTracker(ROBOT, dt=DT, compile=False), START.copy()
+    rng = np.random.default_rng(3)
+    for k in range(400):
+        if k % 100 == 0:
+            pose, twist = ROBOT.pose(START + rng.uniform(-0.5, 0.5, 6)), 0.1 * rng.normal(size=6)
+        command = plain.step(q, pose, twist)
+        np.testing.assert_allclose(led.step(q, pose, twist).value, command.value, rtol=0, atol=1e-9)
+        q = q + DT * command.value
+
+
+@pytest.mark.parametrize("delay", [0.003, 0.008, 0.02])
+def test_late_joints_come_to_rest_where_the_hand_is_asked(delay: float) -> None:
+    ticks = round(delay / DT)
+    joints, led = LateJoints(ticks - ticks // 3, ticks // 3, np.random.default_rng(1)), tracker(delay=delay)
+    seen, pose, velocities = START, turned(1, 0.3), []
+    for _ in range(4000):
+        command = led.step(seen, pose, STILL)
+        assert command.status in (Status.OK, Status.BACKUP)
+        velocities.append(command.value)
+        seen = joints.step(command.value)
+    hand = ROBOT.pose(joints.q)
+    assert np.linalg.norm(hand[:3, 3] - pose[:3, 3]) < 1e-3
+    assert np.abs(velocities[-500:]).max() < 2e-3  # and the noise of the encoders does not shake it
+
+
+def test_without_it_a_late_robot_shakes() -> None:
+    """The claim above can fail: the same robot, its measured positions believed."""
+    joints, plain = LateJoints(13, 7, np.random.default_rng(1)), PoseTracker(ROBOT, dt=DT, compile=False)
+    seen, pose, velocities = START, turned(1, 0.3), []
+    for _ in range(4000):
+        velocities.append(plain.step(seen, pose, STILL).value)
+        seen = joints.step(velocities[-1])
+    assert np.abs(velocities[-500:]).max() > 0.02
+
+
+@pytest.mark.parametrize("what", ["frozen encoder", "blocked joint", "wrong sign"])
+@pytest.mark.parametrize("joint", [0, 2])
+def test_a_joint_that_does_not_follow_brakes_and_is_named(what: str, joint: int) -> None:
+    feedback = JointFeedback(servo_hz=math.inf, delay=0.005)
+    led, joints = (
+        PoseTracker(ROBOT, feedback=feedback, dt=DT, compile=False),
+        LateJoints(3, 2, np.random.default_rng(2)),
+    )
+    seen, way, k = START, 0.0, 0
+    speed = 0.2
+    while way < 0.2:  # along an arc of that joint, at a steady speed
+        way += speed * DT
+        twist = ROBOT.jacobian(START)[:, joint] * 0.0
+        command = led.step(seen, turned(joint, way), twist)
+        assert command.status in (Status.OK, Status.BACKUP)
+        seen = joints.step(command.value)
+    if what == "frozen encoder":
+        joints.frozen[:] = True
+    else:
+        joints.gain[joint] = 0.0 if what == "blocked joint" else -1.0
+    for k in range(1000):
+        way += speed * DT
+        command = led.step(seen, turned(joint, way), STILL)
+        if command.reason:
+            break
+        seen = joints.step(command.value)
+    assert command.reason.startswith(f"{ROBOT.names[joint]} does not follow")
+    assert k * DT <= 0.1 + feedback.patience + feedback.tolerance / speed
+    speeds = [np.abs(command.value).max()]
+    for _ in range(300):
+        seen = joints.step(command.value)
+        command = led.step(seen, turned(joint, way), STILL)
+        speeds.append(np.abs(command.value).max())
+        assert command.status in (Status.BRAKING, Status.HOLDING)
+    assert speeds[-1] == 0.0
+    assert np.diff(speeds).max() <= 1e-9
+
+
+def test_after_the_pause_it_goes_on_from_where_the_joints_are() -> None:
+    led, joints = tracker(delay=0.002), LateJoints(1, 1, np.random.default_rng(4))
+    joints.gain[1] = 0.0
+    seen, pose, statuses = START, turned(1, 0.2), []
+    for k in range(4000):
+        if k == 700:
+            joints.gain[1] = 1.0
+        command = led.step(seen, pose, STILL)
+        statuses.append(command.status)
+        seen = joints.step(command.value)
+    assert Status.BRAKING in statuses
+    assert statuses[-1] is Status.OK
+    np.testing.assert_allclose(joints.q, START + 0.2 * np.eye(6)[1], atol=2e-3)
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, 1e9])
+def test_a_position_that_is_no_number_brakes(bad: float) -> None:
+    led, joints, seen = tracker(delay=0.002), LateJoints(1, 1, np.random.default_rng(5)), START
+    for k in range(300):
+        seen = joints.step(led.step(seen, turned(0, 0.3), STILL).value)
+    broken = np.where(np.arange(6) == 3, bad, seen)
+    command = led.step(broken, turned(0, 0.3), STILL)
+    assert command.status is Status.BRAKING
+    assert "not a usable number" in command.reason
+    assert led.step(seen, turned(0, 0.3), STILL).status.certified
+
+
+@pytest.mark.parametrize("dt", [5e-4, 2e-3, 0.02])
+def test_the_servo_of_the_model_is_a_proportional_integral_loop(dt: float) -> None:
+    """Beside the loop's differential equations, integrated by another library."""
+    hz, rng = 17.0, np.random.default_rng(6)
+    commands = rng.normal(size=(40, 1))
+    joints = FollowedJoints(JointFeedback(delay=0.0, servo_hz=hz, correction=1e-9, tolerance=1e9), ("a",), dt=dt)
+    joints.reset(np.zeros(1))
+    p, state = pole(hz), np.zeros(3)
+    q = np.zeros(1)
+    joints.lead(q, np.zeros(1))
+    for u in commands:
+        state = solve_ivp(
+            lambda _, s, u=u[0]: [s[1], 2 * p * (u - s[1]) + p * p * s[2], u - s[1]], (0, dt), state, rtol=1e-10, atol=1e-12
+        ).y[:, -1]  # fmt: skip
+        q = np.array([state[0]])
+        measured = q.copy()
+        joints.lead(q, u)
+        assert joints.error == pytest.approx(0.0, abs=1e-7)
+        assert q[0] == pytest.approx(measured[0] + state[2], abs=1e-7)  # where it comes to: the sum of the commands
+
+
+def test_on_a_simulated_arm_a_limit_is_held_without_shaking() -> None:
+    pytest.importorskip("mujoco")
+    from rehab_opt.plants.channel import Channel  # noqa: PLC0415  (needs MuJoCo)
+    from rehab_opt.plants.mujoco_arm import MujocoArm  # noqa: PLC0415
+    from rehab_opt.plants.ur5_model import ur5_model  # noqa: PLC0415
+
+    def held(feedback: JointFeedback | None) -> tuple[float, float]:
+        """[mrad] beyond the limits, from the first approach on; to and fro in the last second."""
+        arm = ROBOT.with_limits(lower=START - 0.6, upper=START + 0.6)
+        led = PoseTracker(arm, feedback=feedback, dt=DT, compile=False)
+        channel = Channel(command_delay=0.003, measurement_delay=0.002, position_noise=1e-4)
+        plant, q = MujocoArm(ur5_model(arm), dt=DT, channel=channel, seed=7), []
+        seen, pose = plant.reset(START), arm.pose(START + [0.1, -0.1, 0.8, 0.1, 0.0, 0.1])
+        for _ in range(3000):
+            seen = plant.step(led.step(seen.position, pose, STILL).value)
+            q.append(plant.truth.position)
+        return 1e3 * float(np.abs(np.array(q) - START).max() - 0.6), 1e3 * float(np.ptp(q[-1000:], axis=0).max())
+
+    beyond, shaking = held(JointFeedback(delay=0.005))
+    assert beyond <= 0.5
+    assert shaking <= 0.3
+    beyond, shaking = held(None)
+    assert beyond > 2.0
+    assert shaking > 2.0
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("delay", -0.1), ("delay", math.nan), ("servo_hz", 0.0), ("correction", 0.0), ("tolerance", "x")],
+)
+def test_a_number_that_cannot_be_is_named(name: str, value: object) -> None:
+    with pytest.raises(ConfigurationError, match=f"feedback.{name}"):
+        JointFeedback(**{name: value})  # type: ignore[arg-type]
+
+
+def test_a_delay_of_too_many_ticks_is_refused() -> None:
+    with pytest.raises(ConfigurationError, match=r"feedback\.delay = 0\.5.*128 ticks"):
+        PoseTracker(ROBOT, feedback=JointFeedback(delay=0.5), dt=DT, compile=False)
