@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from rehab_opt import Command, Interaction, KeepOut, MirrorTracker, SerialChain, human_arm, ur5
 from rehab_opt.export.controllers.mirror import exported_mirror
 from rehab_opt.export.export_c import written_files
-from rehab_opt.kinematics.chain import DH
+from rehab_opt.kinematics.denavit_hartenberg import DH
 from tests.export.calling_c import SAME, CCommand, assert_same, doubles
 
 Array = NDArray[np.float64]
