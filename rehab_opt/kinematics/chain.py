@@ -122,7 +122,8 @@ class SerialChain:
 
         Frame i of `frames_expression` lies in the origin of joint i + 1, the last but one in that of the tip link;
         their z axes are those of the joints. Angles are taken as they are written: a rounded 3.1416 stays one. Meshes
-        are not opened. `notes` says what was corrected; `bodies` holds the masses of the links on the way.
+        are not opened, efforts and soft limits not read. `notes` says what was corrected; `bodies` holds the masses of
+        the links on the way.
 
         Parameters
         ----------

@@ -63,6 +63,8 @@ class Differential:
 
     @staticmethod
     def rolling_row(q: ArrayLike) -> Array:
-        """(7,) row of Eq. (4) at joint values q (7,): times the joint velocities it is zero."""
-        heading = float(np.asarray(q, dtype=np.float64)[2])
-        return np.array([np.sin(heading), -np.cos(heading), 0.0, 0.0, 0.0, 0.0, 0.0])
+        """(n,) row of Eq. (4) at joint values q (n,): times the joint velocities it is zero."""
+        joints = np.asarray(q, dtype=np.float64)
+        row = np.zeros(joints.size)
+        row[:2] = np.sin(joints[2]), -np.cos(joints[2])
+        return row

@@ -67,7 +67,7 @@ class Record:
         """(size,) the column of these parts."""
         if parts.keys() != self.places.keys():
             raise KeyError(*(parts.keys() ^ self.places.keys()))
-        column = ca.densify(ca.vertcat(*(ca.SX(parts[name]) for name in self.places)))
+        column = ca.densify(ca.vertcat(*(ca.vec(ca.SX(parts[name])) for name in self.places)))
         if column.numel() != self.size:
             raise ValueError({name: ca.SX(parts[name]).numel() for name in self.places})
         return column

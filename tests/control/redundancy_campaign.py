@@ -11,6 +11,7 @@ is for `tests.judge`, which follows commands for as long as people hold them.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +26,19 @@ from tests.control.campaign import HOSTILE, ROUNDING, Array, Tally, main, must_e
 
 TICKS = (1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 5e-2)
 SETS = (("x", "y", "z"), ("x", "y"), ("z", "roll7"), ("x", "y", "z", "rz"), ("rx", "y"), ("x", "y", "z", "rx", "ry"))
+
+
+Links = Callable[[MobileArm, Array], list[tuple[Array, Array, float]]]
+"""Robot and joint values -> its links in the chassis frame: both ends (3,) and the radius [m]."""
+
+
+def ardis_links(robot: MobileArm, q: Array) -> list[tuple[Array, Array, float]]:
+    """Upper arm and forearm."""
+    posture = np.array([0, 0, 0, *q[3:]])
+    shoulder = robot.chain.base[:3, 3] + [robot.chain.rows[2].a, -robot.chain.rows[3].d, 0]
+    hand = robot.chain.pose(posture)
+    elbow = hand[:3, 3] - robot.chain.rows[6].d * hand[:3, 2]
+    return [(shoulder, elbow, robot.arm_radius), (elbow, hand[:3, 3], robot.arm_radius)]
 
 
 @dataclass
@@ -46,17 +60,22 @@ class Plant:
     jumped: bool = True
     """The velocity was set from outside and may not be one that can stop in time; until the robot is at rest."""
     intended: Array | None = None
+    links: Links = ardis_links
 
 
 def run(cases: int, seed: int, *, plants: int = 24, compile: Compile = False) -> Tally:
     """Judge `cases` ticks."""
     rng = np.random.default_rng(seed)
+    return judged(cases, [_plant(i, rng, compile) for i in range(plants)], rng)
+
+
+def judged(cases: int, everyone: list[Plant], rng: np.random.Generator) -> Tally:
+    """Judge `cases` ticks of these plants."""
     tally = Tally()
-    everyone = [_plant(i, rng, compile) for i in range(plants)]
     for _ in range(cases):
         plant = everyone[rng.integers(len(everyone))]
         if rng.random() < 0.03:
-            _teleport(plant, rng)
+            teleport(plant, rng)
         _one_tick(plant, rng, tally)
     return tally
 
@@ -87,24 +106,24 @@ def _plant(i: int, rng: np.random.Generator, compile: Compile) -> Plant:
         solver=str(rng.choice(["qrqp", "qrqp", "qrqp", "qrqp", "proxqp"])),
     )  # fmt: skip
     plant = Plant(f"{drive} dt={dt:g}", resolver, sets, np.zeros(7), np.zeros(7), sets[0], recovery_speed)
-    _teleport(plant, rng)
+    teleport(plant, rng)
     return plant
 
 
-def _teleport(plant: Plant, rng: np.random.Generator) -> None:
+def teleport(plant: Plant, rng: np.random.Generator) -> None:
     """Another state: inside, at a limit, singular or outside; near a wall or in a post; at rest or at speed."""
     chain, resolver = plant.resolver.robot.chain, plant.resolver
-    lower, upper = chain.lower[3:], chain.upper[3:]
+    lower, upper = (np.clip(each[3:], -7.0, 7.0) for each in (chain.lower, chain.upper))  # some joints have no ends
     arm, kind = rng.uniform(lower, upper), rng.integers(5)
     if kind == 1:
-        arm = np.where(rng.random(4) < 0.5, lower, upper)
-    elif kind == 2:
+        arm = np.where(rng.random(arm.size) < 0.5, lower, upper)
+    elif kind == 2 and arm.size == 4:
         arm = np.array([-np.pi / 2, 0.0, np.pi / 2, 0.0])  # stretched: singular, and beyond the elbow's limit
     elif kind == 3:
-        arm = arm + rng.choice([1e-12, 1e-6, 1e-2, 1.0]) * rng.standard_normal(4)
+        arm = arm + rng.choice([1e-12, 1e-6, 1e-2, 1.0]) * rng.standard_normal(arm.size)
     chair = np.array([*rng.uniform(-1.5, 2.0, 2), rng.uniform(-7, 7)])
     plant.q = np.concatenate([chair, arm])
-    wanted = rng.uniform(-1, 1, 7) * chain.velocity * rng.choice([0.0, 0.1, 0.55])
+    wanted = rng.uniform(-1, 1, chain.n) * chain.velocity * rng.choice([0.0, 0.1, 0.55])
     if resolver.drive == "differential":
         wanted[1] = 0.0
     wheels = getattr(resolver.robot, resolver.drive)
@@ -131,7 +150,7 @@ def _one_tick(plant: Plant, rng: np.random.Generator, tally: Tally) -> None:
         fault = str(rng.choice(["q", "twist", "stamp", "repeated", "disabled", "no stamp"]))
         bad = float(rng.choice(HOSTILE))
         if fault == "q":
-            q[rng.integers(7)] = bad
+            q[rng.integers(q.size)] = bad
         elif fault == "twist":
             twist[rng.integers(twist.size)] = bad
         elif fault == "stamp":
@@ -169,7 +188,7 @@ def _judge(
             where = f"{plant.name}, fault {fault}, {plant.rows} {frame} {twist}, {command}, q {q}, last {plant.last}"
             tally.broken.append(f"{claim}: {where}")
 
-    check(v.shape == (7,) and bool(np.all(np.isfinite(v))) and not v.flags.writeable, "finite and frozen")
+    check(v.shape == (chain.n,) and bool(np.all(np.isfinite(v))) and not v.flags.writeable, "finite and frozen")
     if command.status.certified:
         check(0.0 <= command.residual <= 1e-8 and 0.0 <= command.scale <= 1.0, "certified")
     else:
@@ -195,7 +214,7 @@ def _judge(
     back = plant.recovery_speed * chain.velocity
     check(bool(np.all(np.abs(v[outside]) <= back[outside] + 1e-12)), "slow way back")
 
-    now_arm = _judge_surroundings(resolver, q, ahead, tally, check)
+    now_arm = _judge_surroundings(plant, q, ahead, tally, check)
     allowed = np.minimum(chain.acceleration * dt, 2 * chain.velocity)
     change = np.abs(u - plant.last) - allowed
     hurried = bool(np.max(change) > 1e-9)
@@ -228,12 +247,13 @@ def _judge_hurry(plant: Plant, q: Array, change: Array, allowed: Array, now_arm:
             tally.worst("chair's hurry, share", float(np.max(change[:3] / allowed[:3])))
 
 
-def _judge_surroundings(resolver: RedundancyResolver, q: Array, ahead: Array, tally: Tally, check) -> Array:  # type: ignore[no-untyped-def]
+def _judge_surroundings(plant: Plant, q: Array, ahead: Array, tally: Tally, check) -> Array:  # type: ignore[no-untyped-def]
+    resolver = plant.resolver
     now, then = gaps(resolver, q), gaps(resolver, ahead)
     if now.size:
         deeper = float(np.max(np.minimum(now, 0.0) - then))
         check(tally.worst("into obstacles", deeper) <= ROUNDING, "never further into an obstacle")
-    now_arm, then_arm = arm_gaps(resolver.robot, q), arm_gaps(resolver.robot, ahead)
+    now_arm, then_arm = arm_gaps(resolver.robot, q, plant.links), arm_gaps(resolver.robot, ahead, plant.links)
     if now_arm.size:
         deeper = float(np.max(np.minimum(now_arm, 0.0) - then_arm))
         check(tally.worst("into keep-outs", deeper) <= ROUNDING, "never further into a keep-out")
@@ -271,17 +291,13 @@ def _all_outside(result: list[float]) -> bool:
     return not any(math.isnan(each) for each in result)
 
 
-def arm_gaps(robot: MobileArm, q: Array) -> Array:
-    """Distance of both links from each keep-out."""
-    posture = np.array([0, 0, 0, *q[3:]])
-    shoulder = robot.chain.base[:3, 3] + [robot.chain.rows[2].a, -robot.chain.rows[3].d, 0]
-    hand = robot.chain.pose(posture)
-    elbow = hand[:3, 3] - robot.chain.rows[6].d * hand[:3, 2]
+def arm_gaps(robot: MobileArm, q: Array, links: Links = ardis_links) -> Array:
+    """Distance of each link from each keep-out."""
     return np.array(
         [
-            segment_distance(begin, end, capsule) - capsule.radius - robot.arm_radius
+            segment_distance(begin, end, capsule) - capsule.radius - radius
             for capsule in robot.keep_out
-            for begin, end in ((shoulder, elbow), (elbow, hand[:3, 3]))
+            for begin, end, radius in links(robot, q)
         ]
     )
 

@@ -130,7 +130,7 @@ def test_joints_of_any_kind_may_be_locked_away(tmp_path: Path) -> None:
     rest = gen3()
     rest[0].parent = "stand"
     file.write_text(urdf([*edges, *rest]))
-    chain = SerialChain.from_urdf(file, acceleration=5.0, locked={"lift": 0.1})
+    chain = SerialChain.from_urdf(file, acceleration=5.0, locked={"lift": edges[0].lower})
     assert chain.n == 7
     q = np.zeros(7)
-    np.testing.assert_allclose(chain.pose(q), pose_of([*edges, *rest], np.insert(q, 0, 0.1)), atol=1e-12)
+    np.testing.assert_allclose(chain.pose(q), pose_of([*edges, *rest], np.insert(q, 0, edges[0].lower)), atol=1e-12)

@@ -63,7 +63,7 @@ def test_late_joints_come_to_rest_where_the_hand_is_asked(delay: float) -> None:
     seen, pose, velocities = START, turned(1, 0.3), []
     for _ in range(4000):
         command = led.step(seen, pose, STILL)
-        assert command.status in (Status.OK, Status.BACKUP)
+        assert command.status.certified
         velocities.append(command.value)
         seen = joints.step(command.value)
     hand = ROBOT.pose(joints.q)
@@ -85,30 +85,23 @@ def test_without_it_a_late_robot_shakes() -> None:
 @pytest.mark.parametrize("joint", [0, 2])
 def test_a_joint_that_does_not_follow_brakes_and_is_named(what: str, joint: int) -> None:
     feedback = JointFeedback(servo_hz=math.inf, delay=0.005)
-    led, joints = (
-        PoseTracker(ROBOT, feedback=feedback, dt=DT, compile=False),
-        LateJoints(3, 2, np.random.default_rng(2)),
-    )
-    seen, way, k = START, 0.0, 0
-    speed = 0.2
+    led = PoseTracker(ROBOT, feedback=feedback, dt=DT, compile=False)
+    joints, seen, way, speed, ticks = LateJoints(3, 2, np.random.default_rng(2)), START, 0.0, 0.2, 0
     while way < 0.2:  # along an arc of that joint, at a steady speed
         way += speed * DT
-        twist = ROBOT.jacobian(START)[:, joint] * 0.0
-        command = led.step(seen, turned(joint, way), twist)
-        assert command.status in (Status.OK, Status.BACKUP)
+        command = led.step(seen, turned(joint, way), STILL)
+        assert command.status.certified
         seen = joints.step(command.value)
     if what == "frozen encoder":
         joints.frozen[:] = True
     else:
         joints.gain[joint] = 0.0 if what == "blocked joint" else -1.0
-    for k in range(1000):
-        way += speed * DT
-        command = led.step(seen, turned(joint, way), STILL)
-        if command.reason:
-            break
+    while not command.reason and ticks < 1000:
+        ticks, way = ticks + 1, way + speed * DT
         seen = joints.step(command.value)
+        command = led.step(seen, turned(joint, way), STILL)
     assert command.reason.startswith(f"{ROBOT.names[joint]} does not follow")
-    assert k * DT <= 0.1 + feedback.patience + feedback.tolerance / speed
+    assert ticks * DT <= 0.1 + feedback.patience + feedback.tolerance / speed
     speeds = [np.abs(command.value).max()]
     for _ in range(300):
         seen = joints.step(command.value)
@@ -137,7 +130,7 @@ def test_after_the_pause_it_goes_on_from_where_the_joints_are() -> None:
 @pytest.mark.parametrize("bad", [math.nan, math.inf, 1e9])
 def test_a_position_that_is_no_number_brakes(bad: float) -> None:
     led, joints, seen = tracker(delay=0.002), LateJoints(1, 1, np.random.default_rng(5)), START
-    for k in range(300):
+    for _ in range(300):
         seen = joints.step(led.step(seen, turned(0, 0.3), STILL).value)
     broken = np.where(np.arange(6) == 3, bad, seen)
     command = led.step(broken, turned(0, 0.3), STILL)
@@ -157,9 +150,11 @@ def test_the_servo_of_the_model_is_a_proportional_integral_loop(dt: float) -> No
     q = np.zeros(1)
     joints.lead(q, np.zeros(1))
     for u in commands:
-        state = solve_ivp(
-            lambda _, s, u=u[0]: [s[1], 2 * p * (u - s[1]) + p * p * s[2], u - s[1]], (0, dt), state, rtol=1e-10, atol=1e-12
-        ).y[:, -1]  # fmt: skip
+
+        def rates(_: float, s: Array, u: float = u[0]) -> list[float]:
+            return [s[1], 2 * p * (u - s[1]) + p * p * s[2], u - s[1]]
+
+        state = solve_ivp(rates, (0, dt), state, rtol=1e-10, atol=1e-12).y[:, -1]
         q = np.array([state[0]])
         measured = q.copy()
         joints.lead(q, u)

@@ -204,7 +204,7 @@ def test_a_slide_has_to_be_locked_in_a_problem(problem: Callable[..., str]) -> N
     mine = MINE.replace("l6", "lifted")
     with pytest.raises(ProblemFileError, match=r"joints\.lift\.locked_m = None: expected a value that it is held at"):
         checked(load_problem(problem(mine, edges=edges)))
-    robot, _ = robot_at_start(load_problem(problem(mine + "[joints.lift]\nlocked_m = 0.1\n", edges=edges)))
+    robot, _ = robot_at_start(load_problem(problem(mine + f"[joints.lift]\nlocked_m = {LIFT.upper}\n", edges=edges)))
     assert robot.n == 7
 
 

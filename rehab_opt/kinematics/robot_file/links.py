@@ -17,7 +17,7 @@ from rehab_opt.kinematics.link_capsules import CapsuleOnLink, LinkCapsule
 from rehab_opt.kinematics.real_array import real_array
 from rehab_opt.kinematics.rigid import inverse_pose
 from rehab_opt.kinematics.robot_file.mjcf import mjcf_steps
-from rehab_opt.kinematics.robot_file.steps import Joint, Step, moved, turned_about
+from rehab_opt.kinematics.robot_file.steps import TWO_TURNS, Joint, Step, moved, turned_about
 from rehab_opt.kinematics.robot_file.urdf import urdf_steps
 from rehab_opt.kinematics.robot_file.xml_tree import Source
 
@@ -26,8 +26,6 @@ __all__ = ["MJCF", "URDF", "Given", "chain_arguments"]
 Array = NDArray[np.float64]
 PerJoint = ArrayLike | Mapping[str, float]
 
-TWO_TURNS = 4 * math.pi
-"""[rad] A limit beyond is in degrees, or stands for none."""
 FAST = 4 * math.pi
 """[rad/s] A speed limit beyond bounds no arm: it is noted."""
 
@@ -147,8 +145,12 @@ def _at(joint: Joint, value: object) -> Array:
         amount = float(real_array(value))
     except (TypeError, ValueError, OverflowError):
         amount = math.nan
+    unit = "m" if joint.prismatic else "rad"
     if not abs(amount) < math.inf:
         raise ConfigurationError(f"locked[{joint.name!r}]", value, "a finite joint value")
+    if amount < joint.lower or amount > joint.upper:  # not where the file has no limit, NaN
+        expected = f"a value within the joint's {joint.lower:.6g} to {joint.upper:.6g} {unit}"
+        raise ConfigurationError(f"locked[{joint.name!r}]", value, expected)
     if joint.prismatic:
         return moved(*(amount * joint.axis))
     pose = np.eye(4)

@@ -12,10 +12,12 @@ from rehab_opt.kinematics.denavit_hartenberg import exact
 from rehab_opt.kinematics.rigid import ROUNDED
 from rehab_opt.kinematics.robot_file.xml_tree import Source
 
-__all__ = ["Inertial", "Joint", "Step", "moved", "turned_about", "turned_by_rpy", "unit_axis"]
+__all__ = ["TWO_TURNS", "Inertial", "Joint", "Step", "moved", "turned_about", "turned_by_rpy", "unit_axis"]
 
 Array = NDArray[np.float64]
 
+TWO_TURNS = 4 * math.pi
+"""[rad] An angle beyond is in degrees; a joint limit beyond may also stand for none."""
 ROUNDING = 1e-12
 """By how much a length of 1 is off where it was computed and not rounded."""
 

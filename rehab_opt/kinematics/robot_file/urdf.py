@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.kinematics.robot_file.steps import Inertial, Joint, Step, turned_by_rpy, unit_axis
+from rehab_opt.kinematics.robot_file.steps import TWO_TURNS, Inertial, Joint, Step, turned_by_rpy, unit_axis
 from rehab_opt.kinematics.robot_file.xml_tree import FARTHEST, Element, Source, xml_root
 from rehab_opt.text_file import shown
 
@@ -17,8 +17,6 @@ __all__ = ["urdf_steps"]
 
 Array = NDArray[np.float64]
 
-TWO_TURNS = 4 * math.pi
-"""[rad] An angle beyond is in degrees."""
 TURNING, SLIDING = ("revolute", "continuous"), ("prismatic",)
 _NO_NUMBER = np.array([math.nan])
 

@@ -27,7 +27,7 @@ LARGEST = 10_000_000
 """[byte] Descriptions of whole humanoids have less than a tenth of it."""
 DEEPEST = 200
 """Elements within one another: MJCF nests bodies."""
-MOST_ELEMENTS = 100_000
+MOST_ELEMENTS = 30_000
 LONGEST_KEY = 100
 """Letters of a key in a message."""
 FARTHEST = 100.0

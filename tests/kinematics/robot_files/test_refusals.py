@@ -1,9 +1,8 @@
-"""What is wrong with a robot file is said in two lines: file, joint, key, value, what was expected; and at once."""
+"""What is wrong with a robot file is said in two lines: file, joint, key, value, what was expected."""
 
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,9 +12,6 @@ import pytest
 from rehab_opt import ConfigurationError, ProblemFileError, SerialChain
 from rehab_opt.errors import RobotFileError
 from tests.kinematics.robot_files.random_arms import random_arm, urdf
-
-QUICKLY = 2.0
-"""[s]"""
 
 
 @pytest.fixture
@@ -39,10 +35,8 @@ def good(tmp_path: Path) -> Callable[..., Path]:
 
 
 def refusal(file: Path, **options: object) -> str:
-    began = time.perf_counter()
     with pytest.raises((ProblemFileError, ConfigurationError)) as caught:
         SerialChain.from_urdf(file, **{"acceleration": 1.0, **options})  # type: ignore[arg-type]
-    assert time.perf_counter() - began < QUICKLY
     said = str(caught.value)
     assert len(said) <= 2 * 200
     assert "\n" not in said
@@ -110,6 +104,7 @@ def test_a_good_arm_is_read(good: Callable[..., Path]) -> None:
         ({"tip": "base"}, "tip = None: expected a link that joints move against the base"),
         ({"locked": {"joint_c": 1.0}}, "locked = 'joint_c'"),
         ({"locked": {"joint_a": np.nan}}, "locked['joint_a'] = nan"),
+        ({"locked": {"joint_a": 2.5}}, "locked['joint_a'] = 2.5: expected a value within the joint's -2 to 2 rad"),
         ({"acceleration": {"joint_a": 1.0}}, "a limit of joint_b too"),
         ({"acceleration": {"joint_a": 1.0, "joint_x": 2.0}}, "acceleration = 'joint_x'"),
         ({"acceleration": [1.0, 2.0, 3.0]}, "acceleration = [1.0, 2.0, 3.0]"),

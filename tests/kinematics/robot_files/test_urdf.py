@@ -133,11 +133,12 @@ def test_a_part_of_the_tree_is_a_chain_of_its_own(arm_file: Path) -> None:
 def test_a_locked_joint_stays_where_it_is_and_is_no_joint(arm_file: Path) -> None:
     edges = random_arm(np.random.default_rng(6), 5)
     held = moving(edges)[2]
-    chain = read(arm_file, edges, locked={held.name: 0.3})
+    value = 0.3 if held.kind == "continuous" else (held.lower + held.upper) / 2
+    chain = read(arm_file, edges, locked={held.name: value})
     assert chain.n == 4
-    assert any(held.name in note and "locked at 0.3" in note for note in chain.notes)
+    assert any(f"joint {held.name} is locked at {value:.6g}" in note for note in chain.notes)
     q = np.linspace(-1, 1, 4)
-    np.testing.assert_allclose(chain.pose(q), pose_of(edges, np.insert(q, 2, 0.3)), atol=1e-12)
+    np.testing.assert_allclose(chain.pose(q), pose_of(edges, np.insert(q, 2, value)), atol=1e-12)
 
 
 def test_a_coupled_joint_is_ignored_beside_the_chain_and_refused_on_it(arm_file: Path) -> None:
@@ -149,7 +150,7 @@ def test_a_coupled_joint_is_ignored_beside_the_chain_and_refused_on_it(arm_file:
     assert "finger" not in SerialChain.from_urdf(arm_file, tip=edges[-1].child, acceleration=1.0).names
     with pytest.raises(RobotFileError, match=r"joint finger, mimic\.joint = .*lock it"):
         SerialChain.from_urdf(arm_file, tip="finger_link", acceleration=1.0)
-    assert SerialChain.from_urdf(arm_file, tip="finger_link", acceleration=1.0, locked={"finger": 0.01}).n == 3
+    assert SerialChain.from_urdf(arm_file, tip="finger_link", acceleration=1.0, locked={"finger": finger.upper}).n == 3
 
 
 def test_limits_are_the_files_unless_given(arm_file: Path) -> None:
