@@ -35,7 +35,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--only", nargs="+", choices=list(TASKS), default=list(TASKS))
     parser.add_argument("--ideal", action="store_true", help="joints that move as commanded, without delay and noise")
-    parser.add_argument("--feedback", help="for controllers that have such an argument")
+    parser.add_argument(
+        "--feedback", choices=["measured"], help="act on measured positions instead of where the joints are led"
+    )
     parser.add_argument("--processes", type=int, default=1)
     parser.add_argument("--write", action="store_true", help="put the table into bench/RESULTS.md")
     options = parser.parse_args(arguments)
