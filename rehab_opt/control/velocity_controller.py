@@ -76,6 +76,7 @@ class VelocityController(OneThread, ABC):
         self.recovery_speed = checked_number("recovery_speed", recovery_speed, above=0.0, below=1.0)
         self._watchdog = Watchdog(dt=dt, max_age=max_age)
         self.max_age = self._watchdog.max_age
+        self.feedback = feedback
         self.approach = math.inf if feedback is None else feedback.approach
         """[1/s] see `velocity_bounds`."""
         self._feedback = None if feedback is None else FollowedJoints(feedback, chain.names, dt=self.dt)

@@ -152,7 +152,7 @@ class ExportedVelocity(ExportedController):
 
     Raises
     ------
-    ConfigurationError : a chain of more joints than a command has room for.
+    ConfigurationError : a chain of more joints than a command has room for; a `JointFeedback`, which C does not have.
     """
 
     core: ClassVar[str] = "velocity_controller"
@@ -164,6 +164,8 @@ class ExportedVelocity(ExportedController):
         for law in self.laws:
             if law.controller.chain.n > MOST_VALUES:
                 raise ConfigurationError("chain", law.controller.chain.n, f"at most {MOST_VALUES} joints, as C has")
+            if law.controller.feedback is not None:
+                raise ConfigurationError("feedback", law.controller.feedback, "None: C acts on measured positions")
 
     @property
     def iterations(self) -> int:

@@ -3,8 +3,9 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 
-from rehab_opt import PoseTracker, ur5
+from rehab_opt import ConfigurationError, JointFeedback, PoseTracker, ur5
 from rehab_opt.export.controllers.pose_tracker import exported_tracker
 from rehab_opt.export.export_c import written_files
 from tests.control.test_limit import TABLE, elbow, elbow_above, goals, led
@@ -25,3 +26,10 @@ def test_c_repeats_a_run_along_a_limit(built: Built, tmp_path: Path) -> None:
     compiled_once(tmp_path, "pose_tracker", built, level="-O0")
     done = ran(built(tmp_path, "repeated", "controller.o", "main.c"), "1e-12")
     assert done.returncode == 0, done.stdout
+
+
+def test_a_tracker_that_acts_on_where_joints_are_led_is_refused() -> None:
+    control = PoseTracker(ur5(), backup="qrqp", compile=False, feedback=JointFeedback())
+    run = [{"q": np.zeros(6), "pose": control.chain.pose(np.zeros(6)), "twist": np.zeros(6)}] * 10
+    with pytest.raises(ConfigurationError, match="feedback = JointFeedback.*None: C acts on measured positions"):
+        exported_tracker(control, run, title="t", of="nothing")
