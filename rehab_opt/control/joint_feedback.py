@@ -38,8 +38,12 @@ class JointFeedback:
         q_model = the reference, `delay` late and behind the servo, moved by the same corrections
 
     A following error above `tolerance` for longer than `patience` is a joint that is blocked, an encoder that stands
-    still, or an axis that turns the wrong way: the controller brakes, and says which joint. It goes on, from the
-    measured position, `pause` after the last such tick.
+    still, or an axis that turns the wrong way: the controller brakes, says which joint, and rests until `reset`, as
+    drives do: a servo that was held may still push by what it lags behind. With a finite `pause` it goes on from the
+    measured positions when it has rested for so long.
+
+    Limits hold for where the joints are led. The joints themselves may be beyond one by the following error: where the
+    servo has caught up that is nothing, but up to `tolerance` is no fault.
 
     Parameters
     ----------
@@ -49,7 +53,7 @@ class JointFeedback:
     correction : [1/s] rate at which the reference comes to the measured positions. Slow: noise passes by its square
         root, and an error that a joint makes at less than `correction` times `tolerance` is no fault.
     tolerance : [rad or m] following error that is none.
-    patience : [s]. pause : [s].
+    patience : [s] for which a larger one is no fault. pause : [s] of rest after a fault; infinite rests until `reset`.
 
     Raises
     ------
@@ -61,7 +65,7 @@ class JointFeedback:
     correction: float = 0.05
     tolerance: float = 0.03
     patience: float = 0.1
-    pause: float = 0.5
+    pause: float = math.inf
 
     def __post_init__(self) -> None:
         """Check every number."""
@@ -70,7 +74,7 @@ class JointFeedback:
             ("pause", -1e-12),
         ):  # fmt: skip
             value = getattr(self, name)
-            endless = name == "servo_hz" and value == math.inf
+            endless = name in ("servo_hz", "pause") and value == math.inf
             if not (isinstance(value, float | int) and (least < value < math.inf or endless)):
                 raise ConfigurationError(f"feedback.{name}", value, f"a number above {least:g}")
 
@@ -111,23 +115,27 @@ def _followed(n: int, ticks: int) -> ca.Function:
     w = model.w_v * short + model.w_w * memory.w
     expected = memory.q + model.dt * arrived + memory.w - w
     anew = ca.logic_and(usable, ca.logic_or(ca.logic_not(memory.known), memory.resting >= model.pause))
-    error = ca.if_else(usable, ca.if_else(anew, measured - memory.q, measured - expected), 0)
+    error = ca.if_else(ca.logic_and(usable, ca.logic_not(anew)), measured - expected, 0)
     size, worst = ca.fabs(error[0]), ca.SX(0)
     for i in range(1, n):
         worst, size = ca.if_else(ca.fabs(error[i]) > size, i, worst), ca.fmax(size, ca.fabs(error[i]))
-    wrong = ca.if_else(ca.logic_and(size > model.tolerance, ca.logic_not(anew)), memory.wrong + model.dt, 0)
-    late = wrong > model.patience
-    resting = ca.if_else(ca.logic_or(late, memory.resting > 0), memory.resting + model.dt, 0)
-    resting = ca.if_else(anew, 0, resting)
+    wrong = ca.if_else(size > model.tolerance, memory.wrong + model.dt, 0)
+    # Counted from where the robot was last commanded to move.
+    rested = ca.if_else(ca.sumsqr(command) > 0, 0, memory.resting) + model.dt
+    fault = ca.logic_and(ca.logic_or(wrong > model.patience, memory.resting > 0), ca.logic_not(anew))
     q = ca.if_else(anew, measured, expected + ca.fmin(model.correction * model.dt, 1) * error)
-    sent = ca.if_else(anew, 0, sent[: n * ticks])
-    v, w = ca.if_else(anew, 0, v), ca.if_else(anew, 0, w)
-    under_way = model.dt * ca.sum2(ca.reshape(sent, n, ticks)) + w
+    under_way = model.dt * ca.sum2(ca.reshape(sent[: n * ticks], n, ticks)) + w
     after = record.of(
-        q=q, v=v, w=w, sent=sent, wrong=wrong, resting=resting, known=ca.logic_or(memory.known, usable),
-    )  # fmt: skip
+        q=q,
+        v=v,
+        w=w,
+        sent=sent[: n * ticks],
+        wrong=wrong,
+        resting=ca.if_else(fault, rested, 0),
+        known=ca.logic_or(memory.known, usable),
+    )
     reference = ca.if_else(usable, q + under_way, math.nan)
-    said = ca.vertcat(ca.if_else(resting > 0, worst, -1), size)
+    said = ca.vertcat(ca.if_else(fault, worst, -1), size)
     inputs = [model.column, memory.column, measured, command]
     return ca.Function("followed_joints", inputs, [after, ca.densify(reference), said], {"cse": True})
 

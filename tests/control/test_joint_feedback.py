@@ -112,19 +112,45 @@ def test_a_joint_that_does_not_follow_brakes_and_is_named(what: str, joint: int)
     assert np.diff(speeds).max() <= 1e-9
 
 
-def test_after_the_pause_it_goes_on_from_where_the_joints_are() -> None:
-    led, joints = tracker(delay=0.002), LateJoints(1, 1, np.random.default_rng(4))
+@pytest.mark.parametrize("acceleration", [10.0, 2.0])
+def test_after_the_pause_it_goes_on_from_where_the_joints_are(acceleration: float) -> None:
+    feedback = JointFeedback(servo_hz=math.inf, delay=0.002, pause=0.5)
+    slow = ur5(acceleration=np.full(6, acceleration))
+    led, joints = PoseTracker(slow, feedback=feedback, dt=DT, compile=False), LateJoints(1, 1, np.random.default_rng(4))
     joints.gain[1] = 0.0
     seen, pose, statuses = START, turned(1, 0.2), []
-    for k in range(4000):
+    for k in range(6000):
         if k == 700:
             joints.gain[1] = 1.0
         command = led.step(seen, pose, STILL)
         statuses.append(command.status)
         seen = joints.step(command.value)
     assert Status.BRAKING in statuses
+    assert statuses.count(Status.HOLDING) >= 500
     assert statuses[-1] is Status.OK
     np.testing.assert_allclose(joints.q, START + 0.2 * np.eye(6)[1], atol=2e-3)
+
+
+def test_a_fault_rests_until_reset_and_a_start_in_motion_is_none() -> None:
+    led, joints = tracker(delay=0.005), LateJoints(3, 2, np.random.default_rng(8))
+    joints.gain[2] = 0.0
+    seen = START
+    for _ in range(3000):
+        command = led.step(seen, turned(2, 0.3), STILL)
+        seen = joints.step(command.value)
+    assert command.status is Status.HOLDING
+    assert command.reason.startswith(f"{ROBOT.names[2]} does not follow")
+    moving = 0.3 * np.eye(6)[0]
+    joints = LateJoints(3, 2, np.random.default_rng(9))
+    joints.pipe.extend([moving] * 3)
+    for _ in range(3):
+        joints.pipe.popleft()
+    led.reset(velocity=moving)
+    seen, start = START, ROBOT.jacobian(START) @ moving
+    for k in range(200):
+        command = led.step(seen, ROBOT.pose(START + k * DT * moving), start)
+        assert command.status.certified
+        seen = joints.step(command.value)
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, 1e9])

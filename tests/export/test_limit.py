@@ -31,5 +31,5 @@ def test_c_repeats_a_run_along_a_limit(built: Built, tmp_path: Path) -> None:
 def test_a_tracker_that_acts_on_where_joints_are_led_is_refused() -> None:
     control = PoseTracker(ur5(), backup="qrqp", compile=False, feedback=JointFeedback())
     run = [{"q": np.zeros(6), "pose": control.chain.pose(np.zeros(6)), "twist": np.zeros(6)}] * 10
-    with pytest.raises(ConfigurationError, match="feedback = JointFeedback.*None: C acts on measured positions"):
+    with pytest.raises(ConfigurationError, match=r"feedback = JointFeedback.*None: C acts on measured positions"):
         exported_tracker(control, run, title="t", of="nothing")
