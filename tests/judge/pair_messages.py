@@ -32,7 +32,7 @@ PROMISES = (
 LEAST = {"no force so far": 100_000, "force": 100_000, "all given at once": 20_000, "message lost": 50_000,
          "message twice": 15_000, "message late": 15_000, "energy that nobody can mean": 15_000,
          "a full tank": 10_000, "a tank nearly empty": 10_000}  # fmt: skip
-CI_TICKS = 2000
+CI_TICKS = 1600
 SHARE = 0.2
 HANDS = ("person", "held", "sudden")
 BROKEN = (math.nan, math.inf, -math.inf, -1.0, -1e9, -1e-3, 0.0)
