@@ -40,7 +40,7 @@ LEAST = {"mirror, at rest beyond a limit": 50_000, "tracker, at rest beyond a li
          "a joint limit is active at rest": 20_000, "several are active at rest": 5000, "braking near a limit": 200,
          "another distance is the least one": 500}  # fmt: skip
 CI_TICKS = 1200
-SHARE = 0.1
+SHARE = 0.3
 Array = NDArray[np.float64]
 MOVING, HELD = 1.0, 4.0
 """[s] in which the reference goes to its end, and for which it is held there."""
