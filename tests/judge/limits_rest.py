@@ -101,6 +101,7 @@ def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
     verdict = Verdict("limits_rest", seed, LEAST)
     for number, rng in numbered(verdict, ticks, only):
         one_run(verdict, number, rng)
+    verdict.seldom_beyond_the_dual_method()
     return verdict
 
 

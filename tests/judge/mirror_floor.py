@@ -40,6 +40,7 @@ def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
         judge(verdict, each)
     for each in runs(verdict, ticks // 4, only, below=1.0, least=RECOVERED + 1.0, first=2_000_000):
         judge(verdict, each)
+    verdict.seldom_beyond_the_dual_method()
     return verdict
 
 

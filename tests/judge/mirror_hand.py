@@ -23,6 +23,7 @@ PROMISES = (
             "at."),
     Promise("README.md", "The floor, the hand speed, the planes and the largest deviation are checked on the true "
             "state at the end of each tick"),
+    Promise("rehab_opt/optim/dual_active_set.py", "it cannot cycle, whatever bounds meet in a corner."),
     Promise("rehab_opt/control/tool_speed.py", "What |p'| does not exceed in a tick, from its beginning alone"),
 )  # fmt: skip
 LEAST = {"solver closed form": 1e5, "solver active set": 2e3,
@@ -43,6 +44,7 @@ def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
     for each in runs(verdict, ticks // 3, only, faults=0.5, first=1_000_000):
         judge(verdict, each)
     verdict.seldom_by_backup()
+    verdict.seldom_beyond_the_dual_method()
     return verdict
 
 
