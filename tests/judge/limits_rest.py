@@ -1,7 +1,7 @@
 """Where a hand comes to rest that is led to a pose which the arm may not have: at the nearest one that it may.
 
-`PoseTracker` and `MirrorTracker` with joint limits, limits of a user's own, several distances in each, and a plane
-below a probe on the arm, all drawn around the start. Judged: each distance in every tick, also while braking; the
+`PoseTracker` and `MirrorTracker` with joint limits, limits of a user's own, several distances in each, a plane
+below a probe on the arm and the manipulability floor, all drawn around the start. Judged: each distance in every tick, also while braking; the
 barrier; and that the hand stands in the end, where no motion that the active limits leave leads it nearer (the
 multipliers of the judge's own gradients, by non-negative least squares), places and turns weighed as was asked.
 
@@ -35,7 +35,8 @@ PROMISES = (
     Promise("rehab_opt/control/limit.py", "kept by the QP, the shortened step and the safe command."),
     Promise("rehab_opt/control/pose_tracker.py", "They come before accelerations and hold while braking, too."),
 )  # fmt: skip
-LEAST = {"mirror, at rest beyond a limit": 50_000, "tracker, at rest beyond a limit": 5000,
+LEAST = {"the floor is active at rest": 10_000,
+         "mirror, at rest beyond a limit": 50_000, "tracker, at rest beyond a limit": 5000,
          "a user's limit is active at rest": 20_000, "the plane is active at rest": 10_000,
          "a joint limit is active at rest": 20_000, "several are active at rest": 5000, "braking near a limit": 200,
          "another distance is the least one": 500}  # fmt: skip
@@ -44,6 +45,8 @@ SHARE = 0.3
 Array = NDArray[np.float64]
 MOVING, HELD = 1.0, 4.0
 """[s] in which the reference goes to its end, and for which it is held there."""
+LEAST_W = 0.05
+"""Of w / w_max: nearer to singular postures the last of a way takes longer than is waited for."""
 ACTIVE = 2e-3
 """[rad, m] before a limit it is active: a user's own is met a square of the joints' way in a tick before it."""
 
@@ -140,6 +143,7 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     beside = probe(rng, start) if mirror and (rng.random() < 0.7 or not wishes) else None
     velocity, acceleration = rng.uniform(1.0, 2.5, 6), rng.uniform(5.0, 30.0, 6)
     length, deviation, rate = float(rng.choice([0.05, 0.1, 0.3])), 0.2, float(rng.choice([10.0, 20.0]))
+    floor = float(manipulability(start[None])[0]) * float(rng.choice([0.1, 0.9, 0.98]))
     weights = np.r_[np.ones(3), np.full(3, length**2)]
     capsules = ()
     if beside is not None:
@@ -150,7 +154,7 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     control: MirrorTracker | PoseTracker
     if mirror:
         control = MirrorTracker(
-            arm, floor=0.05, max_deviation=deviation, linear_speed=1.0, angular_speed=3.0, turn_length=length,
+            arm, floor=floor, max_deviation=deviation, linear_speed=1.0, angular_speed=3.0, turn_length=length,
             max_manipulability=LARGEST, interaction=Interaction(), dt=dt, rate=rate, limits=limits, compile=False,
             keep_out=[] if beside is None else [KeepOut.through(beside.normal * beside.offset, beside.normal)],
         )  # fmt: skip
@@ -161,6 +165,8 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     away = rng.standard_normal(6)
     if beside is not None and rng.random() < 0.7:  # into the plane
         away = -np.linalg.pinv(jacobian(start[None])[0, :3]) @ beside.normal
+    elif rng.random() < 0.4:  # to where the arm is less able
+        away = 0.3 * away / np.linalg.norm(away) - _slope(manipulability, start)
     goal = start + float(rng.uniform(0.1, 0.4)) * away / np.linalg.norm(away)
     ticks = round((MOVING + HELD) / dt)
     part = np.r_[minimum_jerk(round(MOVING / dt)), np.ones(ticks - round(MOVING / dt))]
@@ -196,10 +202,13 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     if beside is not None:
         verdict.within("the probe below the plane [m]", -beside.heights(q), 1e-9)
         if beside.heights(q[-1:])[0] < ACTIVE:
-            gradients.append(_slope(lambda at: beside.heights(at), q[-1]))
+            gradients.append(_slope(beside.heights, q[-1]))
     held["the plane is active at rest"] = len(gradients) - sum(held.values())
+    if mirror and manipulability(q[-1:])[0] < floor + ACTIVE:
+        gradients.append(_slope(manipulability, q[-1]))
+    held["the floor is active at rest"] = len(gradients) - sum(held.values())
     verdict.during("braking near a limit", ~ok & near, dt)
-    late = isinstance(control, MirrorTracker) and (control.lag > 1e-6 or manipulability(q).min() < 0.1)
+    late = isinstance(control, MirrorTracker) and (control.lag > 1e-6 or manipulability(q).min() < LEAST_W)
     if late or apiece > 1 or (curved and not mirror) or not ok[-50:].all():
         return
     here = tool(q[-1:])
