@@ -28,11 +28,12 @@ PROMISES = (
 )  # fmt: skip
 LEAST = {"solver closed form": 1e5, "solver active set": 2e3,
          "at the largest hand speed": 250, "near the largest deviation": 250, "status braking": 100,
-         "ticks of 20 ms at the largest hand speed": 50, "at the largest hand speed, nothing else near": 100}  # fmt: skip
+         "ticks of 20 ms at the largest hand speed": 50,
+         "at the largest hand speed, nothing else near": 100}  # fmt: skip
 CI_TICKS = 4000
 SHARE = 0.3
 FAR, AWAY = 0.9, 0.05
-"""Share of a bound below which it is not near; [1, rad] of w / w_max above the floor, and of a joint before its limit."""
+"""Share of a bound below which it is not near; [1, rad] w / w_max above the floor, and a joint before its limit."""
 INSTANTS = (0.0, 0.25, 0.5, 0.75, 1.0)
 
 

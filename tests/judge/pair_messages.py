@@ -24,7 +24,7 @@ PROMISES = (
             "counts as none, so that no energy is taken twice; what is lost with one is lost."),
     Promise("rehab_opt/control/bilateral_sides.py", "Without a new message the force is released, inside the workspace "
             "and outside it."),
-    Promise("rehab_opt/control/bounded_force.py", "beyond the budget it is lost, and so is what is no number or not "
+    Promise("rehab_opt/control/bounded_force.py", "Beyond the budget it is lost, and so is what is no number or not "
             "above zero."),
     Promise("rehab_opt/control/bilateral_sides.py", "where the hand is [m], force on it [N], energy given [J], and a "
             "number."),
@@ -67,18 +67,17 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     silent = int(rng.integers(ticks // 4, ticks // 2))  # until then they say nothing of where they are
     share, filled = min(exchange * dt, 1.0), float(rng.choice([0.001, 0.1, 1.0]))
     kinds = rng.choice(["", "lost", "twice", "late", "broken", "no place"], ticks, p=[0.5, 0.1, 0.1, 0.1, 0.1, 0.1])
-    account, moved, serial, newest, last, said = budget, np.diff(x, axis=0), 0, 0, None, 0
+    account, moved, newest, last = budget, np.diff(x, axis=0), 0, None
     acted, commands, force = False, [], np.zeros(2)
     most, gave, exact = np.empty(ticks), np.empty(ticks), np.zeros(ticks, dtype=bool)
     fresh, held, level = np.zeros(ticks, dtype=bool), np.empty(ticks), np.empty(ticks)
     for k in range(ticks):
-        serial += 1
         energy = float(rng.choice([0.0, filled]) * budget * rng.random())
         energy = float(rng.choice(BROKEN)) if kinds[k] == "broken" else energy
         place = (math.nan, math.nan) if k < silent or kinds[k] == "no place" else tuple(theirs[k].tolist())
         push = tuple((0.5 * limit * rng.uniform(-1, 1, 2)).tolist())
-        heard = FromParticipant(*place, *(push if k >= silent else place), energy, serial) if helps else (
-            FromHelper(*place, energy, serial))  # fmt: skip
+        heard = FromParticipant(*place, *(push if k >= silent else place), energy, k + 1) if helps else (
+            FromHelper(*place, energy, k + 1))  # fmt: skip
         if kinds[k] == "late":
             heard = heard._replace(serial=int(rng.integers(0, newest + 1)))
         told = None if kinds[k] == "lost" else last if kinds[k] == "twice" else heard
@@ -95,8 +94,7 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
         held[k], level[k] = side.force.energy_left, account
         force, acted = command.value, acted or bool(command.value.any())
         commands.append(command)
-        said += 1
-        verdict.holds("messages are numbered in turn", message.serial == said)
+        verdict.holds("messages are numbered in turn", message.serial == k + 1)
         if isinstance(message, FromParticipant):
             verdict.holds("the force that is told is the one that acts", (message.force_x, message.force_y) ==
                           tuple(command.value.tolist()))  # fmt: skip

@@ -3,7 +3,8 @@
 Judged on paths made of straight stretches that cross each other or lie side by side, closer than the field is wide,
 walked by hands that stay near them, forwards and backwards: the progress that is told is the length that the hand has
 walked, to three widths, and the force that is wanted pulls across the stretch where the hand is, not towards the other
-one, and not along it: a path is no goal. Corners are of 45 degrees and more: about one of a few degrees a hand may go either way within a width.
+one, and not along it: a path is no goal. Corners are of 45 degrees and more: about one of a few degrees a hand may go
+either way within a width.
 """
 
 from __future__ import annotations
