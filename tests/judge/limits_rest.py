@@ -47,8 +47,9 @@ Array = NDArray[np.float64]
 MOVING, HELD = 1.0, 4.0
 """[s] in which the reference goes to its end, and for which it is held there."""
 STILL, NEAREST = 5e-3, 1e-3
-"""[rad/s] of a joint, and [m^2/rad] of half the squared error: what the slowest motions leave after `HELD`. Where several
-limits meet, one of them curved, `MirrorTracker` was seen to go on at 1e-5 rad/s for 20 s and more."""
+"""[rad/s] of a joint, and [m^2/rad] of half the squared error: what the slowest motions leave after `HELD`.
+
+Where several limits meet, one of them curved, `MirrorTracker` was seen to go on at 1e-5 rad/s for 20 s and more."""
 LEAST_W = 0.05
 """Of w / w_max: nearer to singular postures the last of a way takes longer than is waited for."""
 ACTIVE = 2e-3
