@@ -22,8 +22,8 @@ PROMISES = (
     Promise("rehab_opt/control/bounded_force.py", "what may be delivered to the hand until `reset`, net of what the "
             "hand puts in"),
 )  # fmt: skip
-LEAST = {"half of the budget drawn": 20_000, "the acting force is another": 100_000, "hand greedy": 50_000,
-         "hand shuttle": 50_000, "told late": 50_000}  # fmt: skip
+LEAST = {"half of the budget drawn": 20_000, "the acting force is another": 20_000, "hand greedy": 20_000,
+         "hand shuttle": 20_000, "told late": 20_000}  # fmt: skip
 CI_TICKS = 3000
 SHARE = 0.3
 HANDS = ("greedy", "shuttle", "person")
