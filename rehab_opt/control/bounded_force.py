@@ -256,7 +256,10 @@ class BoundedForce(OneThread):
         return float(self._give.outputs[1][0])
 
     def take_energy(self, joules: float) -> None:
-        """What another tank has given [J]; beyond the budget it is lost."""
+        """What another tank has given [J].
+
+        Beyond the budget it is lost, and so is what is no number or not above zero.
+        """
         if self._owner != get_ident():
             self._refuse_others()
         with suppress(OverflowError):  # a message may hold any number; one that no float holds is lost

@@ -1,7 +1,8 @@
 """The manipulability floor of `MirrorTracker`, and its joint bounds.
 
 Judged: w by the UR5's closed form, at the end of every tick, on the way through singular postures and from below the
-floor; to 1e-9 of the largest. Started below it, an arm with its whole range of motion is above the floor after 20 s.
+floor; to 1e-9 of the largest. Started below it, an arm with its whole range of motion is above the floor after 20 s,
+also where elbow and wrist, stretched at the end of their range, can bend one way only.
 """
 
 from __future__ import annotations
@@ -39,6 +40,7 @@ def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
         judge(verdict, each)
     for each in runs(verdict, ticks // 4, only, below=1.0, least=RECOVERED + 1.0, first=2_000_000):
         judge(verdict, each)
+    verdict.seldom_beyond_the_dual_method()
     return verdict
 
 

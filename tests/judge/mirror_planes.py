@@ -34,6 +34,7 @@ def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
         judge(verdict, each)
     for each in runs(verdict, ticks // 3, only, planes=True, faults=0.5, below=0.05, first=1_000_000):
         judge(verdict, each)
+    verdict.seldom_beyond_the_dual_method()
     return verdict
 
 

@@ -157,7 +157,13 @@ def follow(
     start = singular_posture(rng, 3) if least else start
     given, kind = draw(rng, start, planes=planes), KINDS[-1 - number % len(KINDS)]
     if least:
-        given = given._replace(dt=0.02, lower=-LIMIT, upper=LIMIT, narrow=False)
+        lower, upper = -LIMIT, LIMIT.copy()
+        for bend in (2, 4):  # each joint that has to leave it, to one side or the other, or either
+            side = int(rng.integers(3))
+            lower[bend], upper[bend] = (
+                start[bend] if side == 1 else lower[bend], start[bend] if side == 2 else upper[bend]
+            )  # fmt: skip
+        given = given._replace(dt=0.02, lower=lower, upper=upper, narrow=False)
     dt, control = given.dt, tracker(given)
     ticks = max(run_length(rng, number, dt), round(least / dt))
     moving = max(ticks - round(REST / dt), ticks // 2)

@@ -44,6 +44,7 @@ def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
         judge(verdict, each)
     for each in runs(verdict, ticks // 3, only, below=0.0, faults=0.3, first=2_000_000):
         judge(verdict, each)
+    verdict.seldom_beyond_the_dual_method()
     return verdict
 
 

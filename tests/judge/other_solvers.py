@@ -25,6 +25,8 @@ PROMISES = (
             "and the energy of now, for inspection."),
     Promise("rehab_opt/optim/witness.py", "of each solver's QPs, how many are let pass first, and how many are then "
             "kept; None for all."),
+    Promise("rehab_opt/optim/nlp_solvers.py", "Bounds that fatrop's fixed widening (1e-8, relative above 1) turns into "
+            "the ones given, equalities untouched."),
     Promise("README.md", "Every answer is judged by residuals computed from the statement, not by the solver's word"),
     Promise("README.md", '`solver=` takes "qrqp" (compiled with everything else into one function), "proxqp" and '
             '"osqp" (kept alive), or any solver known to qpsolvers; `ArmIK` takes "sqp" (ours), "ipopt", "fatrop", '
@@ -44,13 +46,15 @@ MISSING = 0.02
 UNNAMED = {"ipopt": 0.5, "fatrop": 1.0, "sqpmethod": 0.5}
 """Share of postures that may be the backup's."""
 TARGETS = 4
+MET, ENOUGH, LEFT = 40, 15, 0.6
+"""Targets of fatrop's own; with a joint at its lower limit from which it is judged; share that it may leave."""
 BLIND = 50
 """Of so many ticks, one is told joint positions that are no numbers."""
 
 
 def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
     """Arms, forces, a few people's arms."""
-    verdict = Verdict("other_solvers", seed, LEAST)
+    verdict, met = Verdict("other_solvers", seed, LEAST), np.zeros(2, dtype=int)
     for number, rng in numbered(verdict, ticks, only):
         solver = SOLVERS[number % len(SOLVERS)]
         verdict.begin(number, solver)
@@ -58,6 +62,10 @@ def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
         forces(verdict, rng, solver)
         postures(verdict, rng, PROGRAMMES[number % len(PROGRAMMES)])
         inspected(verdict, rng)
+        if PROGRAMMES[number % len(PROGRAMMES)] == "fatrop":
+            met += at_limits(rng)
+    if met[0] >= ENOUGH:
+        verdict.within("postures with a joint at its lower limit that fatrop leaves", 1 - met[1] / met[0], LEFT)
     return verdict
 
 
@@ -153,3 +161,12 @@ def postures(verdict: Verdict, rng: np.random.Generator, solver: str) -> None:
     named = np.array([each.solver == solver for each in answers[0]])
     verdict.within(f"postures not by {solver}", float(np.mean(solved[1] & ~named)), UNNAMED[solver])
     verdict.during(f"named {solver}", named, 1.0)
+
+
+def at_limits(rng: np.random.Generator) -> tuple[int, int]:
+    """How many postures of fatrop's arm have a joint at its lower limit, and how many of these it found itself."""
+    lower, upper = np.deg2rad(np.array(RANGES["regular"], dtype=float)).T
+    ik = ArmIK(human_arm(range_of_motion="regular"), handle_tilt=None, solver="fatrop", compile=False)
+    answers = [ik.solve(each) for each in hand(rng.uniform(lower, upper, (MET, 8)))[0]]
+    held = [each for each in answers if (each.q < lower + 1e-6).any()]
+    return len(held), sum(each.solver == "fatrop" for each in held)

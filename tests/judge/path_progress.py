@@ -3,7 +3,8 @@
 Judged on paths made of straight stretches that cross each other or lie side by side, closer than the field is wide,
 walked by hands that stay near them, forwards and backwards: the progress that is told is the length that the hand has
 walked, to three widths, and the force that is wanted pulls across the stretch where the hand is, not towards the other
-one. Corners are of 45 degrees and more: about one of a few degrees a hand may go either way within a width.
+one, and not along it: a path is no goal. Corners are of 45 degrees and more: about one of a few degrees a hand may go
+either way within a width.
 """
 
 from __future__ import annotations
@@ -25,11 +26,15 @@ PROMISES = (
     Promise("rehab_opt/control/path_assistance.py", "the progress is the nearest sample among these, so that it goes "
             "along the path, forwards or backwards, and never jumps to a branch that is further along the path "
             "than that. From piece to piece the force changes within its slew bound."),
+    Promise("rehab_opt/control/path_assistance.py", "Here the field is that of a piece of the path, four widths to "
+            "either side of the hand's progress"),
     Promise("rehab_opt/control/path_assistance.py", "Share of the path, 0 to 1, at which the hand is."),
 )  # fmt: skip
 LEAST = {"near another branch": 1696, "backwards": 43_000, "on a straight stretch": 28_000}
 CI_TICKS = 6000
 SHARE = 0.2
+ALONG = 0.2
+"""Of stiffness times width: what the ends of a piece, three widths and more away, pull along it."""
 SHAPES = ("cross", "hairpin", "meander")
 
 
@@ -97,6 +102,8 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     straight &= np.abs(at - np.r_[0.0, at[:-1]]) < width
     verdict.within("pull across the stretch: error [N]", np.where(straight, np.abs(across + stiffness * offset), 0.0),
                    1e-3 * stiffness * width)  # fmt: skip
+    along = np.einsum("ni,ni->n", wanted + damping * told, ways[piece])
+    verdict.within("pull along the stretch [N]", np.where(straight, np.abs(along), 0.0), ALONG * stiffness * width)
     apart = [np.linalg.norm(x[:-1] - _nearest(knots[i], knots[i + 1], x[:-1]), axis=1) for i in range(len(knots) - 1)]
     others = np.where(np.arange(len(knots) - 1)[:, None] == piece, np.inf, np.array(apart)).min(axis=0)
     verdict.during("near another branch", straight & (others < 3 * width), dt)

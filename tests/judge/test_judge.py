@@ -39,6 +39,7 @@ def test_judge_imports_only_public_controllers_and_value_types() -> None:
         "rehab_opt.control.obstacles import ",
         "rehab_opt.control.conditioning import ",
         "rehab_opt.control.scanning import ",
+        "rehab_opt.control.bilateral_sides import FromHelper, FromParticipant",
         "rehab_opt.optim.backends import to_qpsolvers",
         "rehab_opt.optim.witness import witnessed",
         "rehab_opt.control.hand_bounds import HandBounds",

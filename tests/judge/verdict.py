@@ -23,6 +23,10 @@ ROOT = Path(__file__).resolve().parents[2]
 NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*(?:e[-+]?\d+)?|\binf\b|\bnan\b)", re.IGNORECASE)
 WHOLE, COMMON = 500_000, 100
 """Ticks from which all least counts are asked for; a shorter slice must show what it should have this many ticks of."""
+BY_ACTIVE_SETS = ("solver closed form", "solver active set", "solver dual active set")
+"""Situations in which one of these methods answered."""
+FEW = 5000
+"""Ticks of a slice that is too short for a thousandth."""
 MOST_SHOWN = 5
 """Broken claims of one kind that are kept with their numbers; all are counted."""
 
@@ -167,6 +171,12 @@ class Verdict:
         """The solver that was chosen fails in a fiftieth of the ticks at most; there a backup answers."""
         backed = self.seen.get("status backup", Seen()).ticks
         self.within("ticks answered by the backup, of all", backed / max(self.ticks, 1), 0.02)
+
+    def seldom_beyond_the_dual_method(self) -> None:
+        """What the closed form and the last active set do not answer, the dual method does, which cannot cycle."""
+        usual = sum(self.seen[each].ticks for each in BY_ACTIVE_SETS if each in self.seen)
+        solved = sum(seen.ticks for name, seen in self.seen.items() if name.startswith("solver "))
+        self.within("ticks that no active set method answers, of all", (solved - usual) / max(self.ticks, FEW), 1e-3)
 
     @property
     def asked(self) -> dict[str, int]:

@@ -1,0 +1,82 @@
+"""Forces that act later than they are commanded: what they deliver stays within the budget all the same.
+
+Judged by the work of the force that acts, delayed and lagged by the judge, on hands that go with it, that oppose it for
+a while to be paid back, and that go their own way; positions are told late where that is part of the delay.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from rehab_opt import BoundedForce
+from tests.judge.force_runs import hand_path
+from tests.judge.numbering import numbered, run_length
+from tests.judge.verdict import Promise, Verdict
+
+PROMISES = (
+    Promise("rehab_opt/control/bounded_force.py", "[s] from a command until its force acts, and from a position until "
+            "it is told, together at most; it may be 3 ms more."),
+    Promise("rehab_opt/control/bounded_force.py", "[s] time constant at which the acting force follows."),
+    Promise("rehab_opt/control/bounded_force.py", "what may be delivered to the hand until `reset`, net of what the "
+            "hand puts in"),
+)  # fmt: skip
+LEAST = {"half of the budget drawn": 20_000, "the acting force is another": 20_000, "hand greedy": 20_000,
+         "hand shuttle": 20_000, "told late": 20_000}  # fmt: skip
+CI_TICKS = 3000
+SHARE = 0.3
+HANDS = ("greedy", "shuttle", "person")
+
+
+def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
+    """Hands in turn."""
+    verdict = Verdict("force_late", seed, LEAST)
+    for number, rng in numbered(verdict, ticks, only):
+        one_run(verdict, number, rng)
+    return verdict
+
+
+def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
+    """One hand, one force that turns and changes its size."""
+    hand, dt = HANDS[number % len(HANDS)], float(rng.choice([1e-3, 2e-3, 5e-3]))
+    waits, told = int(rng.integers(0, 1 + 0.03 // dt)), int(rng.integers(0, 1 + 0.02 // dt))
+    lag, budget = float(rng.choice([0.0, 0.005, 0.02])), float(rng.choice([0.3, 1.0, 5.0]))
+    wanted, turning, swing = rng.uniform(5.0, 40.0), rng.uniform(-20.0, 20.0), rng.uniform(1.0, 30.0)
+    clock = [0.0]
+
+    def asked(_x: float, _y: float, _vx: float, _vy: float) -> tuple[float, float]:
+        size = wanted * (0.5 + 0.5 * math.sin(swing * clock[0]))
+        return size * math.cos(turning * clock[0]), size * math.sin(turning * clock[0])
+
+    control = BoundedForce(
+        asked, force_limit=30.0, slew_limit=float(rng.choice([200.0, 1000.0])), energy_budget=budget, speed_cap=1.0,
+        actuation_delay=(waits + told) * dt, actuation_lag=lag, dt=dt, trust_stillness=True, compile=False,
+    )  # fmt: skip
+    verdict.begin(number, f"{hand}, {waits} and {told} ticks late, lag {lag:g}, dt {dt:g}")
+    ticks = min(run_length(rng, number, dt), 4000)
+    path, most = hand_path(rng, hand, ticks, dt), 0.99 * dt
+    x, sent, acts, commands = np.repeat(path[:1], ticks + 1, axis=0), np.zeros((ticks, 2)), np.zeros((ticks, 2)), []
+    follows, force = 1.0 if lag == 0.0 else 1.0 - math.exp(-dt / lag), np.zeros(2)
+    for k in range(ticks):
+        clock[0] = k * dt
+        commands.append(control.step(x[max(k - told, 0)]))
+        sent[k] = commands[-1].value
+        arrived = sent[k - waits] if k >= waits else np.zeros(2)
+        force = force + follows * (arrived - force)
+        acts[k] = force
+        size, way = math.hypot(*force), path[k + 1] - x[k]
+        if hand == "greedy" and size > 0.1:
+            way = force * (most / size)
+        elif hand == "shuttle" and size > 0.1:
+            way = force * (most / size) * (1.0 if k * dt % 0.3 < 0.2 else -1.0)
+        length = math.hypot(*way)
+        x[k + 1] = x[k] + way * min(1.0, most / length) if length > 0 else x[k]
+    verdict.answers(commands, dt)
+    total = np.cumsum(np.einsum("ni,ni->n", acts, np.diff(x, axis=0)))
+    taken = total - np.minimum(np.minimum.accumulate(total), 0.0)
+    verdict.within("energy drawn from the acting force over the budget", total.max() / budget, 1 + 1e-9)
+    verdict.during("half of the budget drawn", taken > 0.5 * budget, dt)
+    verdict.during("the acting force is another", np.linalg.norm(acts - sent, axis=1) > 0.1, dt)
+    verdict.during("told late", np.full(ticks, told > 0), dt)
+    verdict.during(f"hand {hand}", np.ones(ticks, dtype=bool), dt)

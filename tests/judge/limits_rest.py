@@ -1,0 +1,149 @@
+"""Where a hand comes to rest that is led to a pose which the arm may not have: at the nearest one that it may.
+
+`PoseTracker` and `MirrorTracker` with joint limits, limits of a user's own, several distances in each, a plane
+below a probe on the arm and the manipulability floor, all drawn around the start. Judged: each distance in every tick,
+also while braking; the barrier; and that the hand stands in the end, where no motion that the active limits leave leads
+it nearer (the multipliers of the judge's own gradients, by non-negative least squares), places and turns weighed as was
+asked.
+
+Not judged at rest: two distances of one limit that are met at once, of which the least alone makes a row; and a curved
+limit that `PoseTracker` rests at, where its joints were seen to shake by up to 0.26 rad/s instead.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from rehab_opt import MirrorTracker
+from tests.judge.limited_arms import Arm, draw
+from tests.judge.numbering import numbered
+from tests.judge.references import minimum_jerk
+from tests.judge.ur5_numbers import hand_twist, jacobian, manipulability, tool, turn_between
+from tests.judge.verdict import Promise, Verdict
+
+PROMISES = (
+    Promise("rehab_opt/control/wanted.py", "Without it, keeping the direction of an undeliverable motion would stop "
+            "the arm where going on to the nearest pose is wanted."),
+    Promise("rehab_opt/control/mirror.py", "[m/rad] what a turn of the hand counts for against its place where both "
+            "cannot be had."),
+    Promise("rehab_opt/control/limit.py", "every distance h(q) at zero or above, at the end of every tick. h(q) >= 0, "
+            "met as the barrier grad h . q' >= -rate h"),
+    Promise("rehab_opt/control/limit.py", "kept by the QP, the shortened step and the safe command."),
+    Promise("rehab_opt/control/pose_tracker.py", "They come before accelerations and hold while braking, too."),
+)  # fmt: skip
+LEAST = {"the floor is active at rest": 10_000,
+         "mirror, at rest beyond a limit": 50_000, "tracker, at rest beyond a limit": 5000,
+         "a user's limit is active at rest": 20_000, "the plane is active at rest": 10_000,
+         "a joint limit is active at rest": 20_000, "several are active at rest": 5000, "braking near a limit": 200,
+         "another distance is the least one": 500}  # fmt: skip
+CI_TICKS = 1200
+SHARE = 0.3
+Array = NDArray[np.float64]
+MOVING, HELD = 1.0, 4.0
+"""[s] in which the reference goes to its end, and for which it is held there."""
+STILL, NEAREST = 5e-3, 1e-3
+"""[rad/s] of a joint, and [m^2/rad] of half the squared error: what the slowest motions leave after `HELD`.
+
+Where several limits meet, one of them curved, `MirrorTracker` was seen to go on at 1e-5 rad/s for 20 s and more."""
+LEAST_W = 0.05
+"""Of w / w_max: nearer to singular postures the last of a way takes longer than is waited for."""
+ACTIVE = 2e-3
+"""[rad, m] before a limit it is active: a user's own is met a square of the joints' way in a tick before it."""
+
+
+def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
+    """Both trackers in turn."""
+    verdict = Verdict("limits_rest", seed, LEAST)
+    for number, rng in numbered(verdict, ticks, only):
+        one_run(verdict, number, rng)
+    verdict.seldom_beyond_the_dual_method()
+    return verdict
+
+
+def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
+    """One arm, one pose."""
+    of = draw(rng, mirror=number % 2 == 0)
+    dt, start = of.dt, of.start
+    verdict.begin(number, f"{'mirror' if of.mirror else 'tracker'}, dt {dt:g}, {len(of.wishes)} own limits")
+    away = rng.standard_normal(6)
+    if of.beside is not None and rng.random() < 0.7:  # into the plane
+        away = -np.linalg.pinv(jacobian(start[None])[0, :3]) @ of.beside.normal
+    elif rng.random() < 0.4:  # to where the arm is less able
+        away = 0.3 * away / np.linalg.norm(away) - _slope(manipulability, start)
+    goal = start + float(rng.uniform(0.1, 0.4)) * away / np.linalg.norm(away)
+    ticks = round((MOVING + HELD) / dt)
+    part = np.r_[minimum_jerk(round(MOVING / dt)), np.ones(ticks - round(MOVING / dt))]
+    way = start + part[:, None] * (goal - start)
+    poses, twists = tool(way), hand_twist(way, np.gradient(way, dt, axis=0))
+    q, commands, first = np.empty((ticks + 1, 6)), [], int(rng.integers(ticks // 4)) if rng.random() < 0.4 else ticks
+    q[0] = start
+    for k in range(ticks):
+        commands.append(of.control.step(q[k], poses[k], twists[k], enable=not first <= k < first + 0.3 / dt))
+        q[k + 1] = q[k] + dt * commands[-1].value
+    answers = verdict.answers(commands, dt)
+    ok = np.isin(answers.status, ("ok", "backup", "blocked"))
+    in_every_tick(verdict, of, q, answers.value, ok)
+    if ok[-50:].all():
+        at_rest(verdict, of, q, answers.value, poses[-1])
+
+
+def in_every_tick(verdict: Verdict, of: Arm, q: Array, value: Array, ok: NDArray[np.bool_]) -> None:
+    """Distances and barriers on the way."""
+    ticks, near = len(value), np.zeros(len(value), dtype=bool)
+    for each in of.wishes:
+        numbers = each.numbers(q, of.start)
+        verdict.within("a user's distance below zero", -numbers, 1e-9)
+        least, room = numbers[:-1].argmin(axis=1), numbers[:-1].min(axis=1)
+        decay = (1 - math.exp(-(of.rate if each.rate is None else each.rate) * of.dt)) / of.dt
+        closing = -np.einsum("ni,ni->n", each.slopes(q[:-1])[np.arange(ticks), least], value)
+        if of.mirror:  # `PoseTracker`'s is about the middle of the tick
+            fast = np.where(ok, closing - decay * np.maximum(room, 0.0), 0.0)
+            verdict.within("a user's distance falls faster than its barrier", fast, 1e-9)
+        verdict.during("another distance is the least one", least != least[0], of.dt)
+        near |= room < 0.02
+    if of.beside is not None:
+        verdict.within("the probe below the plane [m]", -of.beside.heights(q), 1e-9)
+    verdict.during("braking near a limit", ~ok & near, of.dt)
+
+
+def at_rest(verdict: Verdict, of: Arm, q: Array, value: Array, asked: Array) -> None:
+    """Where the hand stands in the end, led to the pose `asked` (4, 4)."""
+    last, dt, resting = q[-1], of.dt, np.ones(len(value), dtype=bool)
+    if isinstance(of.control, MirrorTracker) and (of.control.lag > 1e-6 or manipulability(q).min() < LEAST_W):
+        return
+    active = [each.numbers(q[-1:], of.start)[0] < ACTIVE for each in of.wishes]
+    if any(each.sum() > 1 or (each[-1] and not of.mirror) for each in active):
+        return
+    plane = of.beside is not None and of.beside.heights(q[-1:])[0] < ACTIVE
+    slopes = {
+        "a joint limit is active at rest": [
+            *np.eye(6)[last < of.lower + ACTIVE], *-np.eye(6)[last > of.upper - ACTIVE]
+        ],
+        "a user's limit is active at rest": [
+            slope for each, met in zip(of.wishes, active, strict=True) for slope in each.slopes(q[-1:])[0][met]
+        ],
+        "the plane is active at rest": [_slope(of.beside.heights, last)] if of.beside is not None and plane else [],
+        "the floor is active at rest": [_slope(manipulability, last)]
+        if of.mirror and manipulability(q[-1:])[0] < of.floor + ACTIVE else [],
+    }  # fmt: skip
+    gradients = [slope for each in slopes.values() for slope in each]
+    here = tool(q[-1:])
+    error = np.r_[asked[:3, 3] - here[0, :3, 3], turn_between(asked[None, :3, :3], here[:, :3, :3])[0]]
+    downhill = jacobian(q[-1:])[0].T @ (of.weights * error)
+    left = nnls(-np.column_stack(gradients), downhill)[1] if gradients else float(np.linalg.norm(downhill))
+    verdict.within("joint speed at rest [rad/s]", np.abs(value[-1]), STILL)
+    verdict.within("a nearer pose is left aside, gradient", left, NEAREST)
+    verdict.during(f"{'mirror' if of.mirror else 'tracker'}, at rest beyond a limit", resting & bool(gradients), dt)
+    verdict.during("several are active at rest", resting & (len(gradients) > 1), dt)
+    for situation, found in slopes.items():
+        verdict.during(situation, resting & bool(found), dt)
+
+
+def _slope(height: Any, q: Array, step: float = 1e-6) -> Array:
+    """(6,) by finite differences."""
+    return np.asarray((height(q + step * np.eye(6)) - height(q - step * np.eye(6))) / (2 * step))
