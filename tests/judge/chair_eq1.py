@@ -55,7 +55,7 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     chair, made = resolver(("differential", "mecanum")[number // 3 % 2], (rows,), DT, 0)
     q = posture(chair, rng, ready=0.5)
     frame = "world" if rng.random() < 0.3 else "chassis"
-    parts = [Part(rows, frame, held(command(rng, rows, 0.03, 0.1), rng.uniform(1, 3), DT)) for _ in range(4)]
+    parts = [Part(rows, frame, held(command(rng, rows, 0.03, 0.1), rng.uniform(0.4, 1.0), DT)) for _ in range(4)]
     recorded = record(made, Run(chair, DT, np.zeros(7), parts, arcs=False), q)
     verdict.begin(number, f"{chair.drive} {rows} {frame}")
     found, u = judge_ticks(recorded, verdict)

@@ -10,7 +10,7 @@ from bench.physics.arms import ARMS, iiwa
 from bench.physics.geometry import frames, heights, jacobians, manipulabilities
 from bench.physics.rows import Done, done, measured
 from bench.physics.setting import CELLS, Cell, setting_of
-from rehab_opt import KeepOut, PoseTracker
+from rehab_opt import JointFeedback, KeepOut, PoseTracker
 
 pytest.importorskip("mujoco")
 
@@ -53,13 +53,16 @@ def test_every_cell_is_met_with_both_arms() -> None:
 
 def test_a_controller_is_told_what_its_class_can_be_told() -> None:
     class Later(PoseTracker):
-        def __init__(self, *own: object, actuation_delay: float, feedback: str, **options: object) -> None:
+        def __init__(self, *own: object, actuation_delay: float, **options: object) -> None:
             super().__init__(*own, **options)
-            self.told = actuation_delay, feedback
+            self.told = actuation_delay
 
-    setting = setting_of(23, "limit", seed=0, feedback="commanded", kept={})
-    assert setting.told(PoseTracker).keys() <= {"actuation_delay", "position_noise", "feedback"}
-    assert setting.controller(Later, setting.arm.chain).told == (0.008, "commanded")
+    setting = setting_of(23, "limit", seed=0, kept={})
+    led = setting.controller(Later, setting.arm.chain)
+    assert led.told == 0.008
+    assert led.feedback == JointFeedback(delay=0.008)
+    measured = setting_of(23, "limit", seed=0, feedback="measured", kept={})
+    assert measured.controller(Later, setting.arm.chain).feedback is None
 
 
 @pytest.mark.parametrize("value", [float("nan"), 0.6])
