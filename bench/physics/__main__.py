@@ -106,9 +106,9 @@ def _head(options: argparse.Namespace) -> list[str]:
         f"    python -m bench.physics --tasks {options.tasks} --seed {options.seed}{told}",
         "",
         "Controllers with default settings, told of the delay; the pose tracker acts on where its joints are led "
-        "(`JointFeedback`; `--feedback measured` for what is measured). UR5 and iiwa 14 in turn; columns are delays, half "
-        "of them of the command, half of the measurement; encoder noise of 0, 0.1 and 0.2 mrad; 500 Hz and 1 kHz. Every "
-        "number is of the true robot.",
+        "(`JointFeedback`; `--feedback measured` for what is measured). UR5 and iiwa 14 in turn; columns are delays, "
+        "half of them of the command, half of the measurement; encoder noise of 0, 0.1 and 0.2 mrad; 500 Hz and 1 kHz. "
+        "Every number is of the true robot.",
         "",
     ]
 
