@@ -67,7 +67,7 @@ class EnergyTank:
     budget : [J] what may be delivered until `reset`, net of what the hand put in since.
     slew : [N/s] rate at which the force can certainly be released.
     speed_cap : [m/s] hand speed up to which the budget holds.
-    late : [s] longest time between two ticks that the reserve covers. dt : [s] a tick.
+    late : [s] longest time between two ticks that the reserve covers.
     window, tail : [s, N] see above.
     """
 
@@ -76,7 +76,7 @@ class EnergyTank:
         self._budget, self._slew, self._speed, self._late = (
             of[name] for name in ("budget", "slew", "speed_cap", "late")
         )
-        self._window, self._tail, self._dt = of["window"], of["tail"], of["dt"]
+        self._window, self._tail = of["window"], of["tail"]
 
     def _with(self, **others: ca.SX) -> EnergyTank:
         return EnergyTank(tank_record(self._slots).changed(self.numbers, **others), self._slots, **self._of)
@@ -113,11 +113,11 @@ class EnergyTank:
         acts = self._ages() < (self._window + self.numbers.unseen) * (1 - 1e-9)
         return ca.mmax(ca.vertcat(each[0], *(ca.if_else(acts[i], each[i], each[0]) for i in range(1, self._slots))))
 
-    def _sent(self, force: ca.SX, seconds: ca.SX) -> EnergyTank:
-        """The force was sent for so long: of the newest piece, or a new one where that is full."""
+    def _sent(self, force: ca.SX, seconds: ca.SX, at_most: ca.SX) -> EnergyTank:
+        """The force was sent for so long, and at most so long: of the newest piece, or a new one where that is full."""
         now, x, y = self.numbers, force[0], force[1]
-        impulse = ca.norm_2(force) * seconds
-        fits = now.seconds[0] + seconds <= self._window / max(self._slots - 2, 1) + self._dt * (self._slots > 1)
+        impulse = ca.norm_2(force) * at_most
+        fits = now.seconds[0] < self._window / max(self._slots - 2, 1)  # so all pieces together are longer than that
         around = ca.fmax(now.around[0], ca.hypot(x - now.x[0], y - now.y[0]))
         after = {}
         for name, fresh, joined in (
@@ -131,10 +131,13 @@ class EnergyTank:
             after[name] = ca.if_else(fits, ca.vertcat(joined, *pieces[1:]), ca.vertcat(fresh, *pieces[:-1]))
         return self._with(**after)
 
-    def elapsed(self, force: ca.SX, seconds: ca.SX) -> EnergyTank:
-        """The force (2,) was sent for so long, and the hand may have gone anywhere within the speed cap."""
+    def elapsed(self, force: ca.SX, seconds: ca.SX, surely: ca.SX) -> EnergyTank:
+        """The force (2,) was sent for so long at most, and the hand may have gone anywhere within the speed cap.
+
+        `surely` [s] is what adds up to the time that has gone: by it forces are no longer under way.
+        """
         first, reach = self.numbers.unseen == 0, self._speed * seconds
-        waiting = self._sent(force, seconds)._with(unseen=self.numbers.unseen + seconds)
+        waiting = self._sent(force, surely, seconds)._with(unseen=self.numbers.unseen + seconds)
         now = waiting.numbers
         along = ca.if_else(first, force, now.along)
         size = waiting._most(ca.hypot(now.x, now.y) + now.around) + self._tail
@@ -162,9 +165,14 @@ class EnergyTank:
         drawn = now.disputed + now.pending + now.peak * ca.fmin(distance, HAND_SPEED * now.unseen)
         return self._with(level=now.level - drawn, disputed=ca.SX(0))._settled()
 
+    def left_alone(self, force: ca.SX, seconds: ca.SX, following: ca.SX) -> EnergyTank:
+        """A force (2,) was sent for so long, and nobody saw what the hand did; another one (2,) acts from now on."""
+        blind = self.elapsed(force, seconds, seconds).jumped(ca.SX(0))
+        return blind._sent(following, ca.SX(0), self._window)
+
     def given(self, share: ca.SX) -> tuple[EnergyTank, ca.SX]:
         """What is left when a share of what is certainly left and nobody can dispute goes; and that share [J]."""
-        gone = ca.fmax(share * (self.left - self._under_way - self.numbers.disputed), 0)
+        gone = ca.fmax(clipped(share, 0, 1) * (self.left - self._under_way - self.numbers.disputed), 0)
         return self._with(level=self.numbers.level - gone), gone
 
     def filled(self, joules: ca.SX) -> EnergyTank:

@@ -5,6 +5,7 @@ Between the two stands what force is wanted, which whoever builds on it says. C 
 
 from __future__ import annotations
 
+import math
 from functools import cache
 from typing import NamedTuple
 
@@ -27,6 +28,7 @@ __all__ = [
     "VIEW",
     "ForceTick",
     "affordable",
+    "anew",
     "force_tick",
     "give",
     "take",
@@ -189,6 +191,24 @@ def _affordable(tank: EnergyTank, model: Values) -> tuple[ca.SX, ca.SX]:
 
 
 @cache
+def anew(slots: int) -> ca.Function:
+    """`MODEL`, `watched_record`, last force and the one that acts from now on (4,) -> `watched_record`, nothing seen.
+
+    The tank stays as it is, but for what a hand could have drawn since it was seen.
+    """
+    model, watched = MODEL.symbols("model"), watched_record(slots).symbols("watched")
+    forces = ca.SX.sym("forces", 4)
+    tank = _tank(watched.tank, model, slots).left_alone(forces[:2], model.dt, forces[2:])
+    none = ca.SX(math.nan)
+    after = watched_record(slots).of(
+        stamps=STAMPS.of(last=none, lag=ca.SX(0), stamped=ca.SX(0)),
+        hand=HAND.of(x=ca.vertcat(none, none), v=ca.SX.zeros(2), estimated=ca.SX.zeros(2), stamp=none),
+        tank=tank.numbers.column,
+    )
+    return ca.Function("force_anew", [model.column, watched.column, forces], [after])
+
+
+@cache
 def give(slots: int) -> ca.Function:
     """`MODEL`, `watched_record`, share -> `watched_record`, the energy [J] that goes to another tank."""
     model, watched, share = MODEL.symbols("model"), watched_record(slots).symbols("watched"), ca.SX.sym("share")
@@ -214,7 +234,6 @@ def _tank(numbers: ca.SX, model: Values, slots: int) -> EnergyTank:
         slew=model.slew_limit * ca.sqrt(0.5),  # in any direction: see `assistance_statement`
         speed_cap=model.speed_cap,
         late=ca.fmax(model.dt, ca.fmin(model.max_age, LATEST)),
-        dt=model.dt,
         window=model.window,
         tail=model.tail,
     )

@@ -53,7 +53,9 @@ def looked_at(
     timed = ca.logic_and(sample.kind == NUMBER_OF_SECONDS, ca.fabs(sample.stamp) < ca.inf)
     advance = sample.stamp - memory.stamp
     seconds = ca.if_else(all_true(timed, model.dt < advance, advance < ca.inf), advance, model.dt)
-    waiting = tank.elapsed(force, seconds)
+    # Stamps that jitter add up to the time that has gone; where there are none, ticks do.
+    surely = ca.if_else(all_true(timed, advance > 0, advance < ca.inf), advance, 0)
+    waiting = tank.elapsed(force, seconds, ca.if_else(ca.fabs(memory.stamp) < ca.inf, surely, model.dt))
 
     usable = all_true(*(ca.fabs(sample.x[i]) <= FURTHEST for i in range(2)))
     looks = ca.logic_and(stale[0] == 0, usable)

@@ -39,8 +39,8 @@ class JointFeedback:
 
     A following error above `tolerance` for longer than `patience` is a joint that is blocked, an encoder that stands
     still, or an axis that turns the wrong way: the controller brakes, says which joint, and rests until `reset`, as
-    drives do: a servo that was held may still push by what it lags behind. With a finite `pause` it goes on from the
-    measured positions when it has rested for so long.
+    drives do: a servo that was held may still push by what it lags behind. An error that large corrects nothing, and a
+    sample that is no number neither ends nor hides a fault.
 
     Limits hold for where the joints are led. The joints themselves may be beyond one by the following error: where the
     servo has caught up that is nothing, but up to `tolerance` is no fault.
@@ -53,7 +53,7 @@ class JointFeedback:
     correction : [1/s] rate at which the reference comes to the measured positions. Slow: noise passes by its square
         root, and an error that a joint makes at less than `correction` times `tolerance` is no fault.
     tolerance : [rad or m] following error that is none.
-    patience : [s] for which a larger one is no fault. pause : [s] of rest after a fault; infinite rests until `reset`.
+    patience : [s] for which a larger one is no fault.
 
     Raises
     ------
@@ -65,17 +65,15 @@ class JointFeedback:
     correction: float = 0.05
     tolerance: float = 0.03
     patience: float = 0.1
-    pause: float = math.inf
 
     def __post_init__(self) -> None:
         """Check every number."""
         for name, least in (
             ("delay", -1e-12), ("servo_hz", 0.0), ("correction", 0.0), ("tolerance", 0.0), ("patience", -1e-12),
-            ("pause", -1e-12),
         ):  # fmt: skip
             value = getattr(self, name)
-            endless = name in ("servo_hz", "pause") and value == math.inf
-            if not (isinstance(value, float | int) and (least < value < math.inf or endless)):
+            most = math.inf if name == "servo_hz" else 1e3
+            if not (isinstance(value, float | int | np.floating | np.integer) and least < value <= most):
                 raise ConfigurationError(f"feedback.{name}", value, f"a number above {least:g}")
 
     @property
@@ -92,17 +90,18 @@ def pole(servo_hz: float) -> float:
 @cache
 def _record(n: int, ticks: int) -> Record:
     """What is remembered: where the model's joints are, how fast, and how far behind their servos hold them [rad or m];
-    commands under way, the newest first; for how long a joint does not follow, and the pause after that lasts [s].
+    commands under way, the newest first; for how long a joint does not follow [s], and once that is a fault, which
+    joint, counted from 1, by how much.
     """
-    return Record(q=n, v=n, w=n, sent=n * ticks, wrong=1, resting=1, known=1)
+    return Record(q=n, v=n, w=n, sent=n * ticks, wrong=1, fault=1, far=1, known=1)
 
 
-MODEL = Record(dt=1, v_v=1, v_w=1, w_v=1, w_w=1, correction=1, tolerance=1, patience=1, pause=1)
+MODEL = Record(dt=1, v_v=1, v_w=1, w_v=1, w_w=1, correction=1, tolerance=1, patience=1)
 
 
 @cache
 def _followed(n: int, ticks: int) -> ca.Function:
-    """`MODEL`, memory, measured positions (n,), last command (n,) -> memory, reference (n,), joint at fault or -1."""
+    """`MODEL`, memory, measured positions (n,), last command (n,) -> memory, reference (n,), joint at fault, error."""
     record = _record(n, ticks)
     model, memory = MODEL.symbols("model"), record.symbols("memory")
     measured, command = ca.SX.sym("measured", n), ca.SX.sym("command", n)
@@ -114,28 +113,25 @@ def _followed(n: int, ticks: int) -> ca.Function:
     v = arrived + model.v_v * short + model.v_w * memory.w
     w = model.w_v * short + model.w_w * memory.w
     expected = memory.q + model.dt * arrived + memory.w - w
-    anew = ca.logic_and(usable, ca.logic_or(ca.logic_not(memory.known), memory.resting >= model.pause))
-    error = ca.if_else(ca.logic_and(usable, ca.logic_not(anew)), measured - expected, 0)
-    size, worst = ca.fabs(error[0]), ca.SX(0)
+    anew = ca.logic_and(usable, ca.logic_not(memory.known))
+    error = ca.if_else(ca.logic_and(usable, memory.known), measured - expected, 0)
+    size, worst = ca.fabs(error[0]), ca.SX(1)
     for i in range(1, n):
-        worst, size = ca.if_else(ca.fabs(error[i]) > size, i, worst), ca.fmax(size, ca.fabs(error[i]))
-    wrong = ca.if_else(size > model.tolerance, memory.wrong + model.dt, 0)
-    # Counted from where the robot was last commanded to move.
-    rested = ca.if_else(ca.sumsqr(command) > 0, 0, memory.resting) + model.dt
-    fault = ca.logic_and(ca.logic_or(wrong > model.patience, memory.resting > 0), ca.logic_not(anew))
-    q = ca.if_else(anew, measured, expected + ca.fmin(model.correction * model.dt, 1) * error)
+        worst, size = ca.if_else(ca.fabs(error[i]) > size, i + 1, worst), ca.fmax(size, ca.fabs(error[i]))
+    waits = ca.if_else(size > model.tolerance, memory.wrong + model.dt, ca.fmax(memory.wrong - model.dt, 0))
+    wrong = ca.if_else(usable, waits, memory.wrong)
+    new = ca.logic_and(wrong > model.patience, ca.logic_not(memory.fault))
+    fault, far = ca.if_else(new, worst, memory.fault), ca.if_else(new, size, memory.far)
+    share = ca.fmin(model.correction * model.dt, 1) * (ca.fabs(error) <= model.tolerance)
+    q = ca.if_else(anew, measured, expected + share * error)
     under_way = model.dt * ca.sum2(ca.reshape(sent[: n * ticks], n, ticks)) + w
     after = record.of(
-        q=q,
-        v=v,
-        w=w,
-        sent=sent[: n * ticks],
-        wrong=wrong,
-        resting=ca.if_else(fault, rested, 0),
+        q=q, v=v, w=w, sent=sent[: n * ticks], wrong=wrong, fault=fault, far=far,
         known=ca.logic_or(memory.known, usable),
-    )
-    reference = ca.if_else(usable, q + under_way, math.nan)
-    said = ca.vertcat(ca.if_else(fault, worst, -1), size)
+    )  # fmt: skip
+    # What is no position stays what it is, for whoever names it.
+    reference = ca.if_else(ca.fabs(measured) <= PLAUSIBLE, q + under_way, measured)
+    said = ca.vertcat(fault, ca.if_else(fault, far, size))
     inputs = [model.column, memory.column, measured, command]
     return ca.Function("followed_joints", inputs, [after, ca.densify(reference), said], {"cse": True})
 
@@ -167,7 +163,7 @@ class FollowedJoints:
     """
 
     error: float = 0.0
-    """[rad or m] the largest following error of the last tick."""
+    """[rad or m] the largest following error of the last tick; once a joint is at fault, that of the fault."""
 
     def __init__(self, feedback: JointFeedback, names: tuple[str, ...], *, dt: float) -> None:
         if not isinstance(feedback, JointFeedback):
@@ -185,7 +181,6 @@ class FollowedJoints:
             correction=feedback.correction,
             tolerance=feedback.tolerance,
             patience=feedback.patience,
-            pause=feedback.pause,
         )
 
     def reset(self, velocity: Array) -> None:
@@ -204,6 +199,6 @@ class FollowedJoints:
         self._function.evaluate()
         self._memory[:], q[:] = self._after, self._reference
         joint, self.error = self._said.tolist()
-        if joint < 0.0:
+        if not joint:
             return ""
-        return f"{self._names[int(joint)]} does not follow: {self.error:.2g} rad or m from where it was led"
+        return f"{self._names[int(joint) - 1]} does not follow: {self.error:.2g} rad or m from where it was led"

@@ -77,9 +77,9 @@ class VelocityController(OneThread, ABC):
         self._watchdog = Watchdog(dt=dt, max_age=max_age)
         self.max_age = self._watchdog.max_age
         self.feedback = feedback
+        self._feedback = None if feedback is None else FollowedJoints(feedback, chain.names, dt=self.dt)
         self.approach = math.inf if feedback is None else feedback.approach
         """[1/s] see `velocity_bounds`."""
-        self._feedback = None if feedback is None else FollowedJoints(feedback, chain.names, dt=self.dt)
         self._ladder = Ladder(self.stated, solver=solver, backup=backup, tolerance=tolerance, compile=compile)
         self._safe_command = BufferedFunction(self.braking())
         ladder, n = self._ladder, chain.n

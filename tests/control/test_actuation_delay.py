@@ -58,6 +58,7 @@ def drawn(kind: str, seed: int, *, told: bool, ticks: int = 800) -> tuple[float,
     rng = np.random.default_rng(seed)
     dt, delay, lag = float(rng.choice([1e-3, 2e-3])), float(rng.uniform(0, 0.008)), float(rng.choice([0, 0.003]))
     short = float(rng.uniform(0, min(0.003, delay)))  # told too short by so much
+    stamped, jittered = seed % 3 > 0, seed % 3 > 1
     budget, spin = float(rng.uniform(0.2, 3.0)), float(rng.uniform(1, 60))
     wanted = {
         "spring": lambda x, y, vx, vy: (-900 * x, -900 * y),
@@ -67,12 +68,14 @@ def drawn(kind: str, seed: int, *, told: bool, ticks: int = 800) -> tuple[float,
     clock = [0.0]
     force = BoundedForce(
         wanted, force_limit=25.0, slew_limit=float(rng.uniform(200, 4000)), energy_budget=budget, speed_cap=CAP,
-        dt=dt, actuation_delay=delay - short if told else 0.0, actuation_lag=lag if told else 0.0, compile=False,
+        dt=0.5 * dt if stamped and seed % 2 else dt,  # ticks may come half as often as they were said to
+        actuation_delay=delay - short if told else 0.0, actuation_lag=lag if told else 0.0, compile=False,
     )  # fmt: skip
     hand, x, most, largest = LateHand(delay=delay, lag=lag, dt=dt), np.array([0.03, 0.0]), 0.0, 0.0
     for k in range(ticks):
         clock[0] = k * dt
-        sent = force.step(x).value
+        stamp = k * dt + (0.9 * dt * (k % 2) if jittered else 0.0)
+        sent = force.step(x, stamp=stamp if stamped else None).value
         largest = max(largest, float(np.linalg.norm(sent)))
         way = dt * 0.999 * hand_velocity("any" if k < 50 else kind, rng, hand.force, sent, k)
         if np.linalg.norm(x + way) > 0.1 and kind != "gains by the lag":

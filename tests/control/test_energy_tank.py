@@ -29,12 +29,11 @@ def function(name: str) -> BufferedFunction:
         slew=ca.SX(SLEW),
         speed_cap=ca.SX(CAP),
         late=of[1],
-        dt=ca.SX(DT),
         window=ca.SX(0),
         tail=ca.SX(0),
     )
     after = {
-        "elapsed": lambda: each.elapsed(given[:2], given[2]),
+        "elapsed": lambda: each.elapsed(given[:2], given[2], given[2]),
         "seen": lambda: each.seen(given[:2]),
         "jumped": lambda: each.jumped(given[0]),
         "nothing": lambda: each,

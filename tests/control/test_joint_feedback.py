@@ -112,24 +112,38 @@ def test_a_joint_that_does_not_follow_brakes_and_is_named(what: str, joint: int)
     assert np.diff(speeds).max() <= 1e-9
 
 
-@pytest.mark.parametrize("acceleration", [10.0, 2.0])
-def test_after_the_pause_it_goes_on_from_where_the_joints_are(acceleration: float) -> None:
-    feedback = JointFeedback(servo_hz=math.inf, delay=0.002, pause=0.5)
-    slow = ur5(acceleration=np.full(6, acceleration))
-    led, joints = PoseTracker(slow, feedback=feedback, dt=DT, compile=False), LateJoints(1, 1, np.random.default_rng(4))
-    joints.gain[1] = 0.0
-    seen, pose, statuses = START, turned(1, 0.2), []
-    for k in range(6000):
-        if k == 700:
-            joints.gain[1] = 1.0
-        command = led.step(seen, pose, STILL)
-        statuses.append(command.status)
+@pytest.mark.parametrize("every", [1, 7, 60])
+def test_samples_that_are_none_do_not_hide_a_fault(every: int) -> None:
+    led, joints = tracker(delay=0.005), LateJoints(3, 2, np.random.default_rng(11))
+    joints.gain[0] = -1.0
+    seen, reasons = START, []
+    for k in range(3000):
+        broken = np.where((np.arange(6) == 5) & (k % every == 0) & (every > 1), math.nan, seen)
+        command = led.step(broken, turned(0, 0.25), STILL)
+        reasons.append(command.reason)
         seen = joints.step(command.value)
-    assert Status.BRAKING in statuses
-    assert statuses.count(Status.HOLDING) >= 500
-    assert statuses[-1].certified
-    # A slow arm still swings about the target, as it does where it moves as commanded.
-    np.testing.assert_allclose(joints.q, START + 0.2 * np.eye(6)[1], atol=2e-3 if acceleration > 5.0 else 2e-2)
+        if k == 1500:
+            there = joints.q.copy()
+    fault = f"{ROBOT.names[0]} does not follow: "
+    assert len({each for each in reasons if each.startswith(fault)}) == 1  # the joint and its error then, for ever
+    assert command.reason.startswith(fault) or "not a usable number" in command.reason
+    assert abs(joints.q[0]) < 0.3
+    np.testing.assert_array_equal(joints.q, there)
+
+
+@pytest.mark.parametrize("bad", [1.0, 100.0, 1e4])
+def test_one_sample_that_lies_moves_nothing(bad: float) -> None:
+    led, joints, seen, pose = (
+        tracker(delay=0.002),
+        LateJoints(1, 1, np.random.default_rng(12)),
+        START,
+        ROBOT.pose(START),
+    )
+    for k in range(600):
+        command = led.step(seen + bad * (k == 300) * np.eye(6)[0], pose, STILL)
+        seen = joints.step(command.value)
+        assert command.status.certified
+        assert np.abs(command.value).max() < 2e-3
 
 
 def test_a_fault_rests_until_reset_and_a_start_in_motion_is_none() -> None:
@@ -162,6 +176,7 @@ def test_a_position_that_is_no_number_brakes(bad: float) -> None:
     broken = np.where(np.arange(6) == 3, bad, seen)
     command = led.step(broken, turned(0, 0.3), STILL)
     assert command.status is Status.BRAKING
+    assert "q[3]" in command.reason
     assert "not a usable number" in command.reason
     assert led.step(seen, turned(0, 0.3), STILL).status.certified
 
@@ -171,7 +186,7 @@ def test_the_servo_of_the_model_is_a_proportional_integral_loop(dt: float) -> No
     """Beside the loop's differential equations, integrated by another library."""
     hz, rng = 17.0, np.random.default_rng(6)
     commands = rng.normal(size=(40, 1))
-    joints = FollowedJoints(JointFeedback(delay=0.0, servo_hz=hz, correction=1e-9, tolerance=1e9), ("a",), dt=dt)
+    joints = FollowedJoints(JointFeedback(delay=0.0, servo_hz=hz, correction=1e-9, tolerance=1e3), ("a",), dt=dt)
     joints.reset(np.zeros(1))
     p, state = pole(hz), np.zeros(3)
     q = np.zeros(1)
@@ -222,6 +237,11 @@ def test_on_a_simulated_arm_a_limit_is_held_without_shaking() -> None:
 def test_a_number_that_cannot_be_is_named(name: str, value: object) -> None:
     with pytest.raises(ConfigurationError, match=f"feedback.{name}"):
         JointFeedback(**{name: value})  # type: ignore[arg-type]
+
+
+def test_what_is_no_feedback_is_named() -> None:
+    with pytest.raises(ConfigurationError, match=r"feedback = 0\.005.*a JointFeedback"):
+        PoseTracker(ROBOT, feedback=0.005, compile=False)  # type: ignore[arg-type]
 
 
 def test_a_delay_of_too_many_ticks_is_refused() -> None:

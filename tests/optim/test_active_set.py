@@ -133,7 +133,7 @@ def test_rounds_give_the_solver_s_answers_along_jumps_and_leave_it_little_to_do(
 def test_rows_that_nearly_depend_are_held_as_exactly_as_others(seed: int) -> None:
     """Two rows 1e-4 apart, both active at the answer: their multipliers nearly cancel.
 
-    Those of which less than `DEPENDENT` is left beside each other count as one, and the solver answers: one in a thousand.
+    Those of which less than `DEPENDENT` is left beside each other count as one, and the solver answers: some in 1000.
     """
     rng, qp = np.random.default_rng(seed), random_qp(seed, N, M, unbounded=False)
     matrix, far = qp.A.copy(), np.full(M, 1e3)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.control.bounded_force import BoundedForce
 from rehab_opt.control.energy_tank import tank_record
-from rehab_opt.control.force_tick import MODEL, SOLVED, VIEW, force_tick, watched_record
+from rehab_opt.control.force_tick import MODEL, SOLVED, VIEW, anew, force_tick, watched_record
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.export.c_text import initialiser, number
 from rehab_opt.export.exported import ExportedController
@@ -65,7 +65,7 @@ class ExportedForce(ExportedController):
     def functions(self) -> list[ca.Function]:
         """The parts of a tick, and what is asked for the wanted force."""
         tick = force_tick(self.slots)
-        parts = {"judge": tick.judge, "conclude": tick.conclude, "finish": tick.finish}
+        parts = {"judge": tick.judge, "conclude": tick.conclude, "finish": tick.finish, "anew": anew(self.slots)}
         return [*(renamed(part, f"{self.name}_{what}") for what, part in parts.items()), *self.evaluated]
 
     def shape(self) -> dict[str, str]:
@@ -77,7 +77,7 @@ class ExportedForce(ExportedController):
             "memory_at": stated.state_size - int(stated.memory.numel()),
             "state_count": stated.state_size,
             "watched": watched.size, "view": VIEW.size, "solved": SOLVED.size,
-            "tank_at": watched["tank"], "level": level, "pending": pending,
+            "level": level, "pending": pending,
             **{f"view_{each}": VIEW[each] for each in ("x", "v", "reason")},
             **{each: SOLVED[each] for each in ("value", "status", "residual", "solver", "yielded", "scale", "reason")},
             "values": 2,
