@@ -250,10 +250,15 @@ class BoundedForce(OneThread):
         return self._now[_PLACE], self._now[_PLACE + 1]
 
     def give_energy(self, share: float) -> float:
-        """[J] taken from the tank for another one, a share of what is certainly left; see `Bilateral`."""
+        """[J] taken from the tank for another one, a share of what is certainly left, at most all; see `Bilateral`.
+
+        Raises
+        ------
+        ConfigurationError : a share that is no number of zero or more.
+        """
         if self._owner != get_ident():
             self._refuse_others()
-        self._watched[:] = self._give.of(self.model, self._watched, share)
+        self._watched[:] = self._give.of(self.model, self._watched, checked_number("share", share, above=-1e-12))
         return float(self._give.outputs[1][0])
 
     def take_energy(self, joules: float) -> None:
@@ -263,8 +268,9 @@ class BoundedForce(OneThread):
         """
         if self._owner != get_ident():
             self._refuse_others()
-        with suppress(OverflowError):  # a message may hold any number; one that no float holds is lost
-            self._watched[:] = self._take.of(self.model, self._watched, joules)
+        if isinstance(joules, int | float | np.floating | np.integer):  # a message may hold anything
+            with suppress(OverflowError):
+                self._watched[:] = self._take.of(self.model, self._watched, joules)
 
     def instance(self, x: ArrayLike, v: ArrayLike = (0.0, 0.0)) -> Instance:
         """The QP for a hand at x (2,) moving at v (2,), with the last force and the energy of now, for inspection."""

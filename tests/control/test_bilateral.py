@@ -179,11 +179,20 @@ def test_the_helper_sees_the_participant_in_their_own_workspace() -> None:
     assert np.isnan(both.helper.partner).all()
 
 
-@pytest.mark.parametrize("energy", [math.nan, math.inf, -5.0, 1e9, 10**400])
+@pytest.mark.parametrize("energy", [math.nan, math.inf, -5.0, 1e9, 10**400, "3", None, 1j, [1.0]])
 def test_energy_that_cannot_have_been_given_is_not_taken_beyond_the_budget(energy: float) -> None:
     side = ParticipantSide(carry(), comfortable=shape("restricted"), **BOUNDS)  # type: ignore[arg-type]
     side.step(carry().image(HELPER), FromHelper(*HELPER, energy, 1))
     assert 0.9 * BUDGET < side.force.energy_left <= BUDGET
+
+
+@pytest.mark.parametrize("share", ["x", None, math.nan, -0.5])
+def test_a_share_of_energy_that_is_none_is_refused_by_name(share: object) -> None:
+    side = ParticipantSide(carry(), comfortable=shape("restricted"), **BOUNDS)  # type: ignore[arg-type]
+    with pytest.raises(ConfigurationError, match="share"):
+        side.force.give_energy(share)  # type: ignore[arg-type]
+    assert side.force.give_energy(2.0) == BUDGET  # all of it, no more
+    assert side.force.energy_left == 0.0
 
 
 def sides(budget: float, **participant: float) -> tuple[HelperSide, ParticipantSide]:
