@@ -96,3 +96,49 @@ def test_no_hand_draws_more_from_a_late_force_than_the_budget(kind: str) -> None
 def test_a_delay_that_nobody_told_draws_more() -> None:
     """The claim above can fail: without the forces under way, hands of the same kinds exceed the budget."""
     assert max(drawn(kind, seed, told=False)[0] for kind in KINDS for seed in range(25)) > 1.02
+
+
+@pytest.mark.parametrize(
+    ("delay", "jitter", "slower"), [(0.05, 0.9, 1), (0.02, 0.0, 2), (0.02, 0.9, 2), (0.1, 0.5, 3)], ids=str
+)
+def test_stamps_that_jitter_and_ticks_that_come_late_let_nobody_draw_more(
+    delay: float, jitter: float, slower: int
+) -> None:
+    """A hand goes along a force that turns and acts a long time after it was sent; seconds are what stamps say."""
+    tick, clock = 1e-3 * slower, [0.0]
+    force = BoundedForce(
+        lambda x, y, vx, vy: (25 * math.cos(60 * clock[0]), 25 * math.sin(60 * clock[0])),
+        force_limit=25.0, slew_limit=4000.0, energy_budget=1.0, speed_cap=CAP, actuation_delay=delay,
+        trust_stillness=True, dt=1e-3, compile=False,
+    )  # fmt: skip
+    hand, x, most = LateHand(delay=delay, lag=0.0, dt=tick), np.zeros(2), 0.0
+    for k in range(3000):
+        clock[0] = k * tick
+        sent = force.step(x, stamp=clock[0] + jitter * 1e-3 * (k % 2)).value
+        size = float(np.linalg.norm(hand.force))
+        way = 0.999 * CAP * tick * hand.force / size if size > 1e-9 else np.zeros(2)
+        x = x + way
+        hand.moved(sent, way)
+        most = max(most, hand.work)
+    assert 0.3 < most <= 1.0
+
+
+@pytest.mark.parametrize("every", [1, 10])
+@pytest.mark.parametrize("delay", [0.0, 0.02])
+def test_a_reset_that_keeps_the_energy_gives_none_away(every: int, delay: float) -> None:
+    """The force that acts goes on, since the user says so; what nobody saw is charged."""
+    force = BoundedForce(
+        lambda x, y, vx, vy: (25.0, 0.0), force_limit=25.0, slew_limit=4000.0, energy_budget=1.0, speed_cap=CAP,
+        actuation_delay=delay, dt=1e-3, compile=False,
+    )  # fmt: skip
+    hand, x, most = LateHand(delay=delay, lag=0.0, dt=1e-3), np.zeros(2), 0.0
+    for k in range(3000):
+        sent = force.step(x).value
+        size = float(np.linalg.norm(hand.force))
+        way = 0.999e-3 * CAP * hand.force / size if size > 1e-9 else np.zeros(2)
+        x = x + way
+        hand.moved(sent, way)
+        most = max(most, hand.work)
+        if k % every == 0:
+            force.reset(energy=False, force=sent)
+    assert 0.1 < most <= 1.0
