@@ -75,15 +75,27 @@ def judge_ticks(run: Run, verdict: Verdict) -> tuple[Answers, Array]:
 
 
 def judge_obstacles(run: Run, verdict: Verdict, u: Array, before: Array) -> Array:
-    """(n,) whether an obstacle came too late for all to brake together, or around the chair; T + 1 s from then."""
+    """(n,) whether an obstacle came too late for all to brake together, or around the chair; T + 1 s from then.
+
+    Longer where there was no tick since then from which all could have braked together: a post that appeared on the
+    outline stays on it while the chair slides along.
+    """
     chair, dt = run.chair, run.dt
-    late, obstacles = np.zeros(len(u), dtype=bool), ()
+    late, obstacles, came_late = np.zeros(len(u), dtype=bool), (), False
     settled = round((chair.braking_time + 1.0) / dt)
     for part, ticks in zip(run.parts, run.slices, strict=True):
         if part.obstacles is not None:
             obstacles = tuple(part.obstacles)
             at = run.q[ticks.start]
-            if obstacles and not chair.brakes_in_time(at, before[ticks.start], obstacles, dt):
+            came_late = bool(obstacles) and not chair.brakes_in_time(at, before[ticks.start], obstacles, dt)
+        if came_late:
+            in_time = (
+                k for k in range(ticks.start, ticks.stop) if chair.brakes_in_time(run.q[k], before[k], obstacles, dt)
+            )
+            end = next(in_time, None)
+            came_late = end is None
+            late[ticks.start : ticks.stop if end is None else end] = True
+            if part.obstacles is not None:
                 late[ticks.start : ticks.start + settled] = True
         if obstacles:
             nearest = _judge_gaps(run, verdict, obstacles, ticks)
