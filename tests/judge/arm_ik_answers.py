@@ -28,12 +28,16 @@ PROMISES = (
             "branch shows here."),
     Promise("rehab_opt/optim/nlp_hessian.py", "its step and multipliers are those of the exact Hessian, and "
             "convergence stays quadratic."),
+    Promise("rehab_opt/control/posture.py", "w^2 over its mean over the range of motion"),
+    Promise("rehab_opt/control/arm_ik.py", "Below 1e-5 the handle is aligned exactly. The default is 2 deg: exact "
+            "alignment empties the restricted workspace"),
     Promise("rehab_opt/control/ik_answer.py", "[m] distance from the hand to the target; infinite where the target is "
             "not a number."),
     Promise("rehab_opt/control/ik_answer.py", "[rad] angle between the handle and the vertical."),
 )  # fmt: skip
 LEAST = {"status ok": 141_000, "status unreachable": 28_000, "status holding": 2000, "range regular": 100_000,
-         "range restricted": 66_000, "followed": 66_000}  # fmt: skip
+         "range restricted": 66_000, "followed": 66_000,
+         "a tilt that cannot be held": 20_000}  # fmt: skip
 CI_TICKS = 300
 SHARE = 0.002
 LENGTHS = (0.130, 0.290, 0.300, 0.070)
@@ -49,6 +53,8 @@ ELBOW = 4
 """Joint 5 bends it."""
 ITERATIONS = 18.0
 """Of the quadratic convergence that the SQP says it has."""
+MEAN = 0.1
+"""By which two means of w^2, of a few thousand postures each, may differ."""
 PLACE = 1e-6
 """[m] A hand nearer than this is in place."""
 
@@ -96,6 +102,7 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     ik = ArmIK(arm, handle_tilt=tilt, posture_cost=terms, compile=False)
     verdict.begin(number, f"{name}, tilt {tilt}, {terms}")
     dexterous(verdict, rng)
+    too_strict(verdict, rng)
     targets = hand(rng.uniform(lower, upper, (40, 8)))[0]
     targets[30:37] += rng.standard_normal((7, 3)) * rng.choice([0.05, 1.0, 100.0], (7, 1))
     targets[36] = rng.choice([-1e200, 1e200]), 0.1, -0.2
@@ -173,20 +180,43 @@ def dexterous(verdict: Verdict, rng: np.random.Generator) -> None:
                compile=False)  # fmt: skip
     answers = [ik.solve(each) for each in hand(rng.uniform(lower, upper, (6, 8)))[0]]
     verdict.ticks += len(answers)
-    q, step = np.array([each.q for each in answers]), 1e-6
+    q = np.array([each.q for each in answers])
     ((weight,), (centre,)) = middle({"rest": 0.1}, lower, upper, np.clip(REST, lower, upper), None)
-    moving = np.eye(8)[upper > lower]
-    here, columns = hand_pose(q)[:, :3, :3], []
-    for way in moving:
+    added = np.array([each.cost for each in answers]) - 0.5 * (weight * (q - centre) ** 2).sum(axis=1)
+    ratio = added / np.maximum(squares(q, upper > lower), 1e-12)
+    verdict.holds("manipulability costs", added >= 0)
+    verdict.within("proportion of its cost to w^2, largest over least", ratio.max() / ratio.min(), 1 + 1e-4)
+    mean = float(np.mean(squares(rng.uniform(lower, upper, (2000, 8)), upper > lower)))
+    verdict.within("its cost away from w^2 over the mean of w^2", abs(float(ratio.mean()) * mean - 1), MEAN)
+
+
+def squares(q: np.ndarray, moving: np.ndarray) -> np.ndarray:
+    """(N,) w^2 of the joints that move (8,), at q (N, 8)."""
+    here, columns, step = hand_pose(q)[:, :3, :3], [], 1e-6
+    for way in np.eye(8)[moving]:
         change = (hand_pose(q + step * way) - hand_pose(q - step * way)) / (2 * step)
         spin = change[:, :3, :3] @ here.transpose(0, 2, 1)
         columns.append(np.column_stack([change[:, :3, 3], spin[:, 2, 1], spin[:, 0, 2], spin[:, 1, 0]]))
     slopes = np.stack(columns, axis=2)
-    squares = np.linalg.det(slopes @ slopes.transpose(0, 2, 1))
-    added = np.array([each.cost for each in answers]) - 0.5 * (weight * (q - centre) ** 2).sum(axis=1)
-    ratio = added / np.maximum(squares, 1e-12)
-    verdict.holds("manipulability costs", added >= 0)
-    verdict.within("proportion of its cost to w^2, largest over least", ratio.max() / ratio.min(), 1 + 1e-4)
+    return np.asarray(np.linalg.det(slopes @ slopes.transpose(0, 2, 1)))
+
+
+def too_strict(verdict: Verdict, rng: np.random.Generator) -> None:
+    """A tilt that the restricted arm cannot hold: answered all the same, by the handle as upright as it gets."""
+    lower, upper = np.deg2rad(np.array(RANGES["restricted"], dtype=float)).T
+    tilt, cost = float(rng.choice([0.0, 1e-3])), ({"manipulability": 1.0}, {"rest": 1.0})[int(rng.integers(2))]
+    ik = ArmIK(human_arm(range_of_motion="restricted"), handle_tilt=tilt, posture_cost=cost, compile=False)
+    drawn = rng.uniform(lower, upper, (20_000, 8))
+    places, handles = hand(drawn)
+    answers = [ik.solve(each) for each in places[:3]]
+    verdict.ticks += len(answers)
+    q = np.array([each.q for each in answers])
+    verdict.within("a tilt that cannot be held: q outside its limits [rad]", np.fmax(lower - q, q - upper), 1e-12)
+    lean, least = (np.arctan2(np.hypot(each[:, 0], each[:, 1]), each[:, 2]) for each in (hand(q)[1], handles))
+    unreachable = np.array([each.status.value == "unreachable" for each in answers])
+    verdict.holds("a tilt that cannot be held is said to be none", unreachable)
+    verdict.within("a tilt that cannot be held: over a random posture's [rad]", lean - least.min(), 1e-9)
+    verdict.during("a tilt that cannot be held", unreachable, 1.0)
 
 
 def middle(

@@ -106,7 +106,7 @@ def main() -> None:
         claims |= {each.claim: each.numbers for each in reversed(verdict.broken)}
         claims |= {f"too seldom: {name}": f"{n} of {least} ticks" for name, (n, least) in verdict.missed.items()}
         outcome = Outcome(judge, verdict.ticks, verdict.took, claims)
-        seen[judge] = sorted(called)
+        seen[judge] = sorted({*seen.get(judge, []), *called})
         print(json.dumps(outcome._asdict()), flush=True)
     if sys.argv[2]:
         Path(sys.argv[2]).write_text(json.dumps(seen), encoding="utf-8")

@@ -107,13 +107,18 @@ def campaign(ticks: int, seed: int) -> dict[str, Hearing]:
 
 
 def without_fault(seed: int) -> Sound:
-    """The slices of the package as it is, and which functions they call."""
+    """The slices of the package as it is, and which functions they call.
+
+    Each judge in a process of its own: what a judge before it has made and cached, it would not be seen to call.
+    """
+    told: list[tuple[Hearing, Outcome]] = []
+    called: dict[str, set[str]] = {}
     with copied() as root:
-        path, hearings = root / "called.json", slices(seed)
-        outcomes = list(heard(root, hearings, seconds=3000.0, seen=path))
-        called = json.loads(path.read_text(encoding="utf-8"))
-    told = sorted(zip(hearings, outcomes, strict=True), key=lambda each: each[1].seconds)
-    return Sound(dict(told), {name: {*each} for name, each in called.items()})
+        for name, both in itertools.groupby(slices(seed), key=lambda each: each.judge):
+            path, hearings = root / "called.json", list(both)
+            told += zip(hearings, heard(root, hearings, seconds=3000.0, seen=path), strict=True)
+            called[name] = {*json.loads(path.read_text(encoding="utf-8"))[name]}
+    return Sound(dict(sorted(told, key=lambda each: each[1].seconds)), called)
 
 
 def concerned(fault: Fault, called: dict[str, set[str]]) -> list[str]:
