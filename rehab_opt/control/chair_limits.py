@@ -13,8 +13,7 @@ from rehab_opt.control.braking_together import BrakingTogether
 from rehab_opt.control.chair_obstacles import INTO, ROWS, ChairObstacles
 from rehab_opt.control.keep_out import arm_gaps, closing_rows
 from rehab_opt.control.stopping import FAR, velocity_bounds
-from rehab_opt.kinematics.differential import Differential
-from rehab_opt.kinematics.mecanum import Mecanum
+from rehab_opt.kinematics.drive import Drive
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 from rehab_opt.optim.certificate import all_true, clipped
 from rehab_opt.optim.rows import Row, within
@@ -68,10 +67,13 @@ class Limits(NamedTuple):
         """Number of rows."""
         return int(self.chair.size1() + self.towards.size1() + self.closing.size1())
 
-    def rows(self, u: ca.SX) -> list[Row]:
-        """The rows as a statement wants them."""
-        chair, arm = u[:CHAIR], u[CHAIR:]
-        rows = [within(self.chair @ chair, -self.chair_limit, self.chair_limit)]
+    def chassis_rows(self, u: ca.SX) -> list[Row]:
+        """The rows of the drive as a statement wants them; none of a base that stands."""
+        return [within(self.chair @ u[:CHAIR], -self.chair_limit, self.chair_limit)] if self.chair.size1() else []
+
+    def surrounding_rows(self, u: ca.SX) -> list[Row]:
+        """Those of obstacles and keep-outs."""
+        chair, arm, rows = u[:CHAIR], u[CHAIR:], []
         if self.towards.size1():
             rows.append(within(self.towards @ chair, -np.inf, self.towards_limit))
         if self.closing.size1():
@@ -122,11 +124,11 @@ class ChairLimits:
     """
 
     def __init__(
-        self, robot: MobileArm, wheels: Mecanum | Differential, *, max_obstacles: int, dt: float, recovery_speed: float
+        self, robot: MobileArm, wheels: Drive, *, max_obstacles: int, dt: float, recovery_speed: float
     ) -> None:
         self.robot, self.wheels, self.max_obstacles = robot, wheels, max_obstacles
         self.dt, self.recovery_speed = dt, recovery_speed
-        self.braking = BrakingTogether(robot.chain, dt)
+        self.braking = BrakingTogether(robot.chain, dt, moving=self.moving)
         self.obstacles = ChairObstacles(robot, self.braking, dt)
         arm = ca.SX.sym("arm", robot.chain.n - CHAIR)
         gaps = ca.densify(arm_gaps(robot, arm)) if robot.keep_out else arm
@@ -140,8 +142,8 @@ class ChairLimits:
 
     @property
     def moving(self) -> list[int]:
-        """Joints that the wheels allow to move, by number from 0: Eq. (4) in the chassis frame."""
-        return [i for i in range(self.robot.chain.n) if isinstance(self.wheels, Mecanum) or i != 1]
+        """Joints that the drive allows to move, by number from 0: Eq. (4) in the chassis frame."""
+        return [*self.wheels.moving, *range(CHAIR, self.robot.chain.n)]
 
     # ------------------------------------------------------------------------------------------------ in one tick
     def near(self, arm: ca.SX, last: ca.SX) -> tuple[ca.SX, ca.SX]:
@@ -283,10 +285,10 @@ class ChairLimits:
         return *ends, *hard, bounds.outside
 
     def _chassis(self) -> tuple[ca.SX, ca.SX]:
-        """Rim speeds, and the polygon of chassis speeds where there are two of them."""
+        """Rim speeds, and the polygon of chassis speeds where there are two of them; none of a base that stands."""
         wheels, speed = self.wheels, float(self.robot.chain.velocity[0])
-        rows, limits = [wheels.radius * wheels.rolling], [np.full(len(wheels.rolling), wheels.radius * wheels.limit)]
-        if isinstance(wheels, Mecanum):
+        rows, limits = ([each] for each in wheels.rims)
+        if wheels.holonomic:
             angles = (np.arange(FACETS // 2) + 0.5) * 2 * np.pi / FACETS
             rows.append(np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1))
             limits.append(np.full(angles.size, speed * math.cos(np.pi / FACETS)))

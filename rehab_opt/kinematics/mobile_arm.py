@@ -17,6 +17,8 @@ from rehab_opt.kinematics.arm_links import ArmLink, arm_links, arm_reach, hand_v
 from rehab_opt.kinematics.body import Body
 from rehab_opt.kinematics.chain import SerialChain, per_joint
 from rehab_opt.kinematics.differential import Differential
+from rehab_opt.kinematics.drive import Drive, Fixed, Omnidirectional
+from rehab_opt.kinematics.drive_name import DRIVES
 from rehab_opt.kinematics.inertia import inertia_expression
 from rehab_opt.kinematics.mecanum import Mecanum, checked_amounts
 from rehab_opt.symbolic.shared import Evaluator
@@ -69,7 +71,7 @@ class MobileArm:
     ----------
     chain : of those n joints.
     bodies : masses. rotors : (n,) what motors and gears add to each joint's inertia [kg m^2 or kg].
-    mecanum, differential : wheels of the two kinds of chair.
+    mecanum, differential : wheels of the two kinds of chair. Omnidirectional and fixed bases need no numbers of their own.
     outline : of the chair from above.
     keep_out : chair and user, where the arm must not be.
     arm_radius : [m] of the arm's links from joint to joint, as capsules, where the chain has no capsules of its own.
@@ -159,6 +161,18 @@ class MobileArm:
     def world_velocity(self, q: ArrayLike, velocity: ArrayLike) -> Array:
         """(7,) joint velocities from those with the chair's in the chassis frame."""
         return self._turned(q, velocity, 1.0)
+
+    def drive(self, name: str) -> Drive:
+        """What moves the base, by its name: one of `DRIVES`.
+
+        Raises
+        ------
+        ConfigurationError : another name.
+        """
+        if not isinstance(name, str) or name not in DRIVES:
+            raise ConfigurationError("drive", name, f"one of {', '.join(DRIVES)}")
+        own = {"mecanum": self.mecanum, "differential": self.differential, "omnidirectional": Omnidirectional()}
+        return own.get(name, Fixed())
 
     def with_limits(self, **limits: Any) -> MobileArm:
         """The same robot with other joint limits: see `SerialChain.with_limits`."""

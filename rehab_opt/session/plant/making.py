@@ -15,8 +15,7 @@ from rehab_opt.session.schema import Problem
 
 if TYPE_CHECKING:
     from rehab_opt.kinematics.chain import SerialChain
-    from rehab_opt.kinematics.differential import Differential
-    from rehab_opt.kinematics.mecanum import Mecanum
+    from rehab_opt.kinematics.drive import Drive
     from rehab_opt.kinematics.mobile_arm import MobileArm
     from rehab_opt.plants.plant import Plant
     from rehab_opt.plants.wheelchair import Wheelchair
@@ -77,7 +76,7 @@ def joint_plant(table: JointPlant, chain: SerialChain, dt: float) -> Plant:
     return arm if table.servo == "velocity" else PositionStream(arm)
 
 
-def chair_plant(table: ChairPlant, robot: MobileArm, wheels: Mecanum | Differential, dt: float) -> Wheelchair:
+def chair_plant(table: ChairPlant, robot: MobileArm, wheels: Drive, dt: float) -> Wheelchair:
     """A chair that takes wheel speeds, and its arm's joint velocities [rad/s]."""
     from rehab_opt.plants.drives import VelocityServo  # noqa: PLC0415  (loads MuJoCo)
     from rehab_opt.plants.wheelchair import Wheelchair  # noqa: PLC0415
