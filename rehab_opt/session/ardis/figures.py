@@ -179,7 +179,7 @@ def _limits(outcome: ArdisOutcome) -> Figure:
     arm = slice(3, chain.n)
     middle, half = (chain.upper[arm] + chain.lower[arm]) / 2, (chain.upper[arm] - chain.lower[arm]) / 2
     for column, (drive, of) in zip(grid.T, outcome.drives.items(), strict=True):
-        limit = getattr(outcome.robot, drive).limit
+        limit = outcome.robot.drive(drive).limit
         for law, motion in of.by_law.items():
             speeds = np.column_stack(
                 [np.hypot(motion.chassis[:, 0], motion.chassis[:, 1]) / chain.velocity[0],
