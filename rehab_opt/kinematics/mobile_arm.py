@@ -109,9 +109,9 @@ class MobileArm:
             )
         if np.isfinite(chain.lower[:CHAIR]).any() or np.isfinite(chain.upper[:CHAIR]).any():
             raise ConfigurationError("lower, upper", (chain.lower, chain.upper), "a chair without position limits")
-        if (np.isfinite(chain.lower) != np.isfinite(chain.upper)).any():
-            expected = "finite limits of the arm's joints, or none either way"
-            raise ConfigurationError("lower, upper", (chain.lower, chain.upper), expected)
+        for name, *ends in zip(chain.names, chain.lower.tolist(), chain.upper.tolist(), strict=True):
+            if math.isfinite(ends[0]) != math.isfinite(ends[1]):
+                raise ConfigurationError(f"joint {name}, lower, upper", ends, "two finite limits, or none either way")
         if chain.velocity[0] != chain.velocity[1] or chain.acceleration[0] != chain.acceleration[1]:
             raise ConfigurationError(
                 "velocity, acceleration", (chain.velocity, chain.acceleration), "the same forward and to the left"

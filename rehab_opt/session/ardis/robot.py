@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.errors import ConfigurationError, ProblemFileError
+from rehab_opt.errors import ConfigurationError, ProblemFileError, RobotFileError
 from rehab_opt.session.ardis.clearance import chair_gaps
 from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
 from rehab_opt.session.files import ProblemFile
@@ -52,8 +52,10 @@ def robot_of(loaded: ProblemFile[ArdisProblem]) -> MobileArm:
     section = loaded.problem.robot
     if section.file is not None:
         arm = arm_of(loaded, section.file)
-        with _refusals(loaded.file, other="robot.file"):
+        try:
             return arm_on_chair(arm, mount=np.eye(4), chair_mass=section.chair_mass_kg)
+        except ConfigurationError as refused:
+            raise RobotFileError(section.file, refused.argument, refused.value, refused.expected) from refused
     with _refusals(loaded.file):
         return ardis(mount_height=section.mount_height_m, chair_mass=section.chair_mass_kg, payload=section.payload_kg)
 
@@ -156,13 +158,11 @@ def resolver_of(
 
 
 @contextmanager
-def _refusals(file: str, *, option: str | None = None, other: str | None = None) -> Iterator[None]:
-    """Refusals in the file's words; `other` is the key of what is not among `KEYS`."""
+def _refusals(file: str, *, option: str | None = None) -> Iterator[None]:
     try:
         yield
     except ConfigurationError as refused:
         if refused.argument == "solver" and option is not None:
             raise
-        own = f"stick.{refused.argument}".replace("[", ".").replace("]", "") if other is None else other
-        key = KEYS.get(refused.argument, own)
+        key = KEYS.get(refused.argument, f"stick.{refused.argument}".replace("[", ".").replace("]", ""))
         raise ProblemFileError(file, key, refused.value, refused.expected) from refused
