@@ -132,6 +132,9 @@ class ChairLimits:
         self.obstacles = ChairObstacles(robot, self.braking, dt)
         arm = ca.SX.sym("arm", robot.chain.n - CHAIR)
         gaps = ca.densify(arm_gaps(robot, arm)) if robot.keep_out else arm
+        # Made once and called with expressions: to make them anew for each posture is a third of a resolver's making.
+        self._gaps = ca.Function("gaps", [arm], [gaps])
+        self._closing = ca.Function("closing", [arm], list(closing_rows(robot, arm)) if robot.keep_out else [arm])
         self._swinging = [i for i, moves in enumerate(ca.which_depends(gaps, arm, 1, False)) if moves]
         """Joints of the arm, from 0, that move its links: not the last, where the hand lies on its axis."""
 
@@ -150,7 +153,7 @@ class ChairLimits:
         """Whether a keep-out can matter at arm joints (4,) after a command's (4,); the arm's clearance [m]."""
         if not self.robot.keep_out:
             return ca.SX(0), ca.SX(FAR)
-        clearance = ca.mmin(arm_gaps(self.robot, arm))
+        clearance = ca.mmin(self._gaps(arm))
         speed = ca.sum1(ca.fabs(last) + self.braking.change[CHAIR:])
         return clearance <= self._margin(1.0, last) + self.reach * self.braking.time * speed, clearance
 
@@ -164,13 +167,13 @@ class ChairLimits:
         slower, time = self.braking.slower(last), self.braking.time
         apart = time / len(ALONG)
         # In the middle of the tick: there a link that slides along a keep-out comes no nearer.
-        opening, gaps = closing_rows(self.robot, arm + last * (self.dt / 2))
+        opening, gaps = self._closing(arm + last * (self.dt / 2))
         now, free = -opening, ca.fmax(gaps - self._margin(0.0, last), 0) / time
         then, left = 0 * now, ca.inf * ca.SX.ones(now.size1())
         before, falls = opening, ca.fmin(opening @ slower, 0)
         for part in ALONG:
             margin = self._margin(part, last)
-            opening, here = closing_rows(self.robot, arm + part * time * slower)
+            opening, here = self._closing(arm + part * time * slower)
             rises = ca.fmax(opening @ slower, 0)
             # Where it falls and then rises from the place before, the least of a parabola; else this place.
             dips = ca.logic_and(falls < 0, rises > 0)
@@ -246,9 +249,9 @@ class ChairLimits:
         """
         half = ca.vertcat(base[:CHAIR], 0.5 * base[CHAIR:])
         chosen = ca.vertcat(base[:CHAIR], ca.SX.zeros(self.robot.chain.n - CHAIR))
-        now = ca.fmin(arm_gaps(self.robot, arm), 0)
+        now = ca.fmin(self._gaps(arm), 0)
         for u in (half, base, (base + wanted) / 2, wanted):
-            then = arm_gaps(self.robot, arm + self.dt * u[CHAIR:])
+            then = self._gaps(arm + self.dt * u[CHAIR:])
             chosen = ca.if_else(all_true(then >= now), u, chosen)
         return chosen
 
