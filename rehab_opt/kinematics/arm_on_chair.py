@@ -21,7 +21,9 @@ __all__ = ["arm_on_chair"]
 
 Array = NDArray[np.float64]
 
-MASSLESS = "no link of the arm has a mass in its file: what chair and arm share rests on the chair's mass and the rotors'"
+MASSLESS = (
+    "no link of the arm has a mass in its file: what chair and arm share rests on the chair's mass and the rotors'"
+)
 
 # World to forward, forward to left, left to turn: rotations whose z lies along x, along y, and up.
 _FORWARD = np.array([[0.0, 0.0, 1.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
@@ -67,7 +69,9 @@ def arm_on_chair(
     if not isinstance(arm, SerialChain):
         raise ConfigurationError("arm", arm, "a SerialChain")
     if arm.n < LEAST_JOINTS or any(row.prismatic for row in arm.rows):
-        said = ", ".join(f"{name} {'slides' if row.prismatic else 'turns'}" for name, row in zip(arm.names, arm.rows, strict=True))
+        said = ", ".join(
+            f"{name} {'slides' if row.prismatic else 'turns'}" for name, row in zip(arm.names, arm.rows, strict=True)
+        )
         raise ConfigurationError("arm", said, f"{LEAST_JOINTS} or more joints, all of which turn")
     checked_lengths(chair_mass=chair_mass)
     checked_amounts(chair_turn_inertia=chair_turn_inertia)

@@ -57,7 +57,7 @@ class Drive(ABC):
 
     @property
     def rims(self) -> tuple[Array, Array]:
-        """Rows (r, 3) from chassis twist to rim speeds, and their limits (r,) [m/s]; none where wheels are unlimited."""
+        """Rows (r, 3) from chassis twist to rim speeds, and their limits (r,) [m/s]; none where no wheel is limited."""
         rows = self.rolling if self.limit < math.inf else np.zeros((0, 3))
         return self.radius * rows, np.full(len(rows), self.radius * self.limit if len(rows) else 0.0)
 

@@ -71,7 +71,7 @@ class MobileArm:
     ----------
     chain : of those n joints.
     bodies : masses. rotors : (n,) what motors and gears add to each joint's inertia [kg m^2 or kg].
-    mecanum, differential : wheels of the two kinds of chair. Omnidirectional and fixed bases need no numbers of their own.
+    mecanum, differential : wheels of two kinds of chair; an omnidirectional or fixed base has none: see `drive`.
     outline : of the chair from above.
     keep_out : chair and user, where the arm must not be.
     arm_radius : [m] of the arm's links from joint to joint, as capsules, where the chain has no capsules of its own.

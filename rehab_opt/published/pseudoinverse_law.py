@@ -52,9 +52,7 @@ class PseudoinverseLaw:
     ConfigurationError : another drive.
     """
 
-    def __init__(
-        self, robot: MobileArm, *, drive: DriveName = "mecanum", self_motion: float = 1.0
-    ) -> None:
+    def __init__(self, robot: MobileArm, *, drive: DriveName = "mecanum", self_motion: float = 1.0) -> None:
         self.robot, self.drive, self.self_motion = robot, drive, self_motion
         self._base = robot.drive(drive)
 

@@ -126,7 +126,9 @@ def teleport(plant: Plant, rng: np.random.Generator) -> None:
     plant.q = np.concatenate([chair, arm])
     wanted = rng.uniform(-1, 1, chain.n) * chain.velocity * rng.choice([0.0, 0.1, 0.55])
     wanted[list(STILL[resolver.drive])] = 0.0
-    wanted[:3] /= max(1.0, float(np.max(np.abs(wheel_speeds(resolver, wanted)), initial=0.0)) / (0.999 * limit_of(resolver)))
+    wanted[:3] /= max(
+        1.0, float(np.max(np.abs(wheel_speeds(resolver, wanted)), initial=0.0)) / (0.999 * limit_of(resolver))
+    )
     resolver.reset(resolver.robot.world_velocity(plant.q, wanted), heading=plant.q[2])
     plant.last = wanted
     plant.fresh = plant.unseen = True
@@ -134,7 +136,7 @@ def teleport(plant: Plant, rng: np.random.Generator) -> None:
 
 
 def wheel_speeds(resolver: RedundancyResolver, u: Array) -> Array:
-    """What the drive's wheels do of joint velocities with the chair's in its own frame; a twist where none are known."""
+    """Wheel speeds that joint velocities take, the chair's in its own frame; its twist where no wheels are known."""
     if resolver.drive == "fixed":
         return np.zeros(0)
     return u[:3] if resolver.drive == "omnidirectional" else getattr(resolver.robot, resolver.drive).rolling @ u[:3]

@@ -19,8 +19,8 @@ MOST_TICKS = 500_000
 """More keep more than a gigabyte of poses and Jacobians."""
 ROBOT_OF_PAPER = "lengths, masses and limits of the robot are assumptions: the paper gives joints and axes only"
 ROBOT_OF_FILE = (
-    "the chair, its user and what motors add to the joints are those of `ardis` and `arm_on_chair`: assumptions; of the "
-    "arm its robot file says where its numbers are from"
+    "the chair, its user and what motors add to the joints are those of `ardis` and `arm_on_chair`: assumptions; where "
+    "the arm's numbers are from its robot file says"
 )
 RECORDED = (
     "the stick is a recording of a user who saw another robot, and steers this one blindly; speeds and accelerations "
