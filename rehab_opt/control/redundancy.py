@@ -59,6 +59,9 @@ class RedundancyResolver(OneThread):
     then, and of velocities that are held through it: wheels that hold their speeds instead turn the chair's way within
     a tick, by half of what the chair turns.
 
+    On a fixed base the arm is all there is, and its rows may become dependent on the way: an arm of four joints whose
+    wrist alone still turned the hand was seen to move it against the command by 23 % of it, for 0.2 s.
+
     A joint outside its limits comes back where the task moves it, or the posture cost does, and is not moved by itself:
     without a command there is no motion.
 
