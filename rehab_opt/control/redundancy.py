@@ -250,6 +250,9 @@ class RedundancyResolver(OneThread):
     ) -> Command:
         """Joint velocities (7,) that lead the hand to a place, through the same QP; call it every tick.
 
+        On a fixed base the hand may stop where a bound is in the way of the smoothed target, though the straight way to
+        the place is free: a chair would have given way.
+
         Parameters
         ----------
         q : (7,) joint positions now [m, rad].
