@@ -87,8 +87,9 @@ def test_planar_speed_and_turning_are_bounded_whatever_the_stick_says(drive: Dri
     chain, last, fastest = resolver.robot.chain, np.zeros(7), 0.0
     for k in range(500):
         if k % 60 == 0:
-            twist = rng.choice([0.2, 3.0]) * rng.standard_normal(3)
-        command = resolver.step(q, twist, ROWS, "world" if k % 120 < 60 else "chassis")
+            # At first across both axes of the chassis, where each alone would let it be faster than the whole may.
+            twist = np.array([3.0, 3.0, 0.0]) if k < 180 else rng.choice([0.2, 3.0]) * rng.standard_normal(3)
+        command = resolver.step(q, twist, ROWS, "world" if k % 120 >= 60 else "chassis")
         u = resolver.robot.chassis_velocity(q, command.value)
         fastest = max(fastest, math.hypot(u[0], u[1]))
         assert math.hypot(u[0], u[1]) <= chain.velocity[0] + 1e-9
@@ -99,7 +100,7 @@ def test_planar_speed_and_turning_are_bounded_whatever_the_stick_says(drive: Dri
         assert command.wheels is not None
         np.testing.assert_allclose(command.wheels, u[list(FREE[drive])], atol=1e-12)
         q, last = q + DT * command.value, u
-    assert fastest > 0.5 or drive == "fixed"
+    assert fastest > 0.9 * chain.velocity[0] or drive == "fixed"
 
 
 @pytest.mark.parametrize("drive", DRIVES)
