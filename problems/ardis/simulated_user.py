@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.control.joystick import StickMode
 from rehab_opt.session.ardis.loop import Motion, Optimised, moved
-from rehab_opt.session.ardis.problem import DRIVES, ArdisProblem, DriveName, GoalSection
+from rehab_opt.session.ardis.problem import ArdisProblem, DriveName, GoalSection
 from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, start_of
 from rehab_opt.session.ardis.stick import HEADER, Moment, StickSample
 from rehab_opt.session.files import ProblemFile, load_problem
@@ -116,7 +116,7 @@ if __name__ == "__main__":
         if sys.argv[1:] and path.stem not in sys.argv[1:]:
             continue
         problem = load_problem(str(path))
-        for each in DRIVES:
+        for each in problem.problem.stick.recordings:
             user, motion = steered(problem, each)
             print(f"{path.stem} {each}: {motion.time[-1]:.1f} s, goals left {[goal.name for goal in user.goals]}")
             file = folder / f"{path.stem}_{each}.csv"

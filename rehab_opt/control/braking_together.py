@@ -12,6 +12,8 @@ way from q to z can therefore always brake without breaking any of them, within 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import casadi as ca
 import numpy as np
 
@@ -30,10 +32,11 @@ class BrakingTogether:
     ----------
     chain : its velocity and acceleration limits.
     dt : tick [s].
+    moving : joints that move at all, by number from 0; one that stands does not make T longer.
     """
 
-    def __init__(self, chain: SerialChain, dt: float) -> None:
-        self.time = SLACK * max(dt, float(np.max(chain.velocity / chain.acceleration)))
+    def __init__(self, chain: SerialChain, dt: float, *, moving: Sequence[int]) -> None:
+        self.time = SLACK * max(dt, float(np.max((chain.velocity / chain.acceleration)[moving])))
         """T [s]."""
         self.change = ca.DM(np.minimum(chain.acceleration * dt, 2 * chain.velocity))
         """(n,) largest change of a velocity in a tick; a finite number where the acceleration is infinite."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Literal
 
 import casadi as ca
 import numpy as np
@@ -14,6 +13,7 @@ from rehab_opt.control.command import Bound, Command, Status
 from rehab_opt.control.hand_task import PROGRESS, HandTask, Last
 from rehab_opt.control.obstacles import NUMBERS
 from rehab_opt.control.velocity_controller import VelocityController
+from rehab_opt.kinematics.drive_name import DriveName
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 from rehab_opt.optim.certificate import all_true
 from rehab_opt.optim.factor import symmetric
@@ -21,10 +21,9 @@ from rehab_opt.optim.qp import Statement
 from rehab_opt.optim.rows import PLAUSIBLE, Row, equal, parameter, variable, within
 from rehab_opt.symbolic import BufferedFunction, Compile
 
-__all__ = ["ChairAndArm", "Drive"]
+__all__ = ["ChairAndArm"]
 
 Array = NDArray[np.float64]
-Drive = Literal["mecanum", "differential"]
 UNKNOWN = -1.0
 """In place of the frame: 0 for the chassis frame, 1 for the world, this where no hand velocity is remembered."""
 OFF = 10.0
@@ -86,7 +85,7 @@ class ChairAndArm(VelocityController):
         robot: MobileArm,
         rows: tuple[str, ...],
         *,
-        drive: Drive,
+        drive: DriveName,
         self_motion: float,
         max_obstacles: int,
         dt: float,
@@ -98,7 +97,7 @@ class ChairAndArm(VelocityController):
         compile: Compile,
     ) -> None:
         self.robot, self.rows, self.drive, self.max_obstacles = robot, rows, drive, max_obstacles
-        self.wheelset = getattr(robot, drive)
+        self.wheelset = robot.drive(drive)
         self.limits = ChairLimits(
             robot, self.wheelset, max_obstacles=max_obstacles, dt=dt, recovery_speed=recovery_speed
         )
@@ -159,7 +158,7 @@ class ChairAndArm(VelocityController):
         # Steeper the more is missing, since solvers fail more often on a cost that is flat in a variable.
         missing = given["speed"] - progress.symbol
         price = given["price"] * (OFF * off.symbol - progress.symbol) + PROGRESS * (missing**2 + off.symbol**2) / 2
-        chair, *others = self._rows(u, given, limits)
+        chassis, others = limits.chassis_rows(u), [*self._hand_rows(u, given), *limits.surrounding_rows(u)]
         sent = parameter("command", n)
         wanted = ca.if_else(
             moving, self.limits.outside(limits, u) if self.max_obstacles else u, limits.base
@@ -175,7 +174,7 @@ class ChairAndArm(VelocityController):
                 equal(
                     jacobian @ u, given["turning"] + given["direction"] * progress.symbol + given["error"] * off.symbol
                 ),
-                chair,
+                *chassis,
                 *others,
             ],
             lazy_rows=sum(row.expression.numel() for row in others),
@@ -197,15 +196,12 @@ class ChairAndArm(VelocityController):
             violation=limits.violation(sent),
         )
 
-    def _rows(self, u: ca.SX, task: Mapping[str, ca.SX], limits: Limits) -> list[Row]:
-        """The inequality rows on u (7,): those of the wheels first."""
-        chair, *surroundings = limits.rows(u)
+    def _hand_rows(self, u: ca.SX, task: Mapping[str, ca.SX]) -> list[Row]:
+        """The rows on u (7,) that keep the hand to its way at the stop posture."""
         across = ca.reshape(task["across"], len(self.rows), self.chain.n) @ u
         return [
-            chair,
             within(task["along"].T @ u, task["along_lower"], np.inf),
             within(across, task["across_lower"], task["across_upper"]),
-            *surroundings,
         ]
 
     def _calm(self, last: ca.SX, task: Mapping[str, ca.SX], limits: Limits, eased: Limits) -> ca.SX:
@@ -222,8 +218,8 @@ class ChairAndArm(VelocityController):
                 most = ca.fmax(most, ca.mmax(over / ca.fmax(ca.fabs(matrix) @ braking.change, TINY)))
             return most
 
-        wheels, along, across, *surroundings = self._rows(u, task, limits)
-        beyond = passed([within(u, eased.lower, eased.upper), wheels, along, across])
+        own = [within(u, eased.lower, eased.upper), *limits.chassis_rows(u), *self._hand_rows(u, task)]
+        beyond, surroundings = passed(own), limits.surrounding_rows(u)
         going = ca.fmin(ca.mmax(ca.fabs(last) / braking.change) / GOING, 1)
         part = ca.if_else(beyond > 0, going * ca.fmax(1 - beyond, 0), 1)
         part = ca.if_else(passed(surroundings) > 0, 0, part)

@@ -13,8 +13,7 @@ from rehab_opt.control.braking_together import BrakingTogether
 from rehab_opt.control.chair_obstacles import INTO, ROWS, ChairObstacles
 from rehab_opt.control.keep_out import arm_gaps, closing_rows
 from rehab_opt.control.stopping import FAR, velocity_bounds
-from rehab_opt.kinematics.differential import Differential
-from rehab_opt.kinematics.mecanum import Mecanum
+from rehab_opt.kinematics.drive import Drive
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 from rehab_opt.optim.certificate import all_true, clipped
 from rehab_opt.optim.rows import Row, within
@@ -68,10 +67,13 @@ class Limits(NamedTuple):
         """Number of rows."""
         return int(self.chair.size1() + self.towards.size1() + self.closing.size1())
 
-    def rows(self, u: ca.SX) -> list[Row]:
-        """The rows as a statement wants them."""
-        chair, arm = u[:CHAIR], u[CHAIR:]
-        rows = [within(self.chair @ chair, -self.chair_limit, self.chair_limit)]
+    def chassis_rows(self, u: ca.SX) -> list[Row]:
+        """The rows of the drive as a statement wants them; none of a base that stands."""
+        return [within(self.chair @ u[:CHAIR], -self.chair_limit, self.chair_limit)] if self.chair.size1() else []
+
+    def surrounding_rows(self, u: ca.SX) -> list[Row]:
+        """Those of obstacles and keep-outs."""
+        chair, arm, rows = u[:CHAIR], u[CHAIR:], []
         if self.towards.size1():
             rows.append(within(self.towards @ chair, -np.inf, self.towards_limit))
         if self.closing.size1():
@@ -122,14 +124,17 @@ class ChairLimits:
     """
 
     def __init__(
-        self, robot: MobileArm, wheels: Mecanum | Differential, *, max_obstacles: int, dt: float, recovery_speed: float
+        self, robot: MobileArm, wheels: Drive, *, max_obstacles: int, dt: float, recovery_speed: float
     ) -> None:
         self.robot, self.wheels, self.max_obstacles = robot, wheels, max_obstacles
         self.dt, self.recovery_speed = dt, recovery_speed
-        self.braking = BrakingTogether(robot.chain, dt)
+        self.braking = BrakingTogether(robot.chain, dt, moving=self.moving)
         self.obstacles = ChairObstacles(robot, self.braking, dt)
         arm = ca.SX.sym("arm", robot.chain.n - CHAIR)
         gaps = ca.densify(arm_gaps(robot, arm)) if robot.keep_out else arm
+        # Made once and called with expressions: to make them anew for each posture is a third of a resolver's making.
+        self._gaps = ca.Function("gaps", [arm], [gaps])
+        self._closing = ca.Function("closing", [arm], list(closing_rows(robot, arm)) if robot.keep_out else [arm])
         self._swinging = [i for i, moves in enumerate(ca.which_depends(gaps, arm, 1, False)) if moves]
         """Joints of the arm, from 0, that move its links: not the last, where the hand lies on its axis."""
 
@@ -140,15 +145,15 @@ class ChairLimits:
 
     @property
     def moving(self) -> list[int]:
-        """Joints that the wheels allow to move, by number from 0: Eq. (4) in the chassis frame."""
-        return [i for i in range(self.robot.chain.n) if isinstance(self.wheels, Mecanum) or i != 1]
+        """Joints that the drive allows to move, by number from 0: Eq. (4) in the chassis frame."""
+        return [*self.wheels.moving, *range(CHAIR, self.robot.chain.n)]
 
     # ------------------------------------------------------------------------------------------------ in one tick
     def near(self, arm: ca.SX, last: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Whether a keep-out can matter at arm joints (4,) after a command's (4,); the arm's clearance [m]."""
         if not self.robot.keep_out:
             return ca.SX(0), ca.SX(FAR)
-        clearance = ca.mmin(arm_gaps(self.robot, arm))
+        clearance = ca.mmin(self._gaps(arm))
         speed = ca.sum1(ca.fabs(last) + self.braking.change[CHAIR:])
         return clearance <= self._margin(1.0, last) + self.reach * self.braking.time * speed, clearance
 
@@ -162,13 +167,13 @@ class ChairLimits:
         slower, time = self.braking.slower(last), self.braking.time
         apart = time / len(ALONG)
         # In the middle of the tick: there a link that slides along a keep-out comes no nearer.
-        opening, gaps = closing_rows(self.robot, arm + last * (self.dt / 2))
+        opening, gaps = self._closing(arm + last * (self.dt / 2))
         now, free = -opening, ca.fmax(gaps - self._margin(0.0, last), 0) / time
         then, left = 0 * now, ca.inf * ca.SX.ones(now.size1())
         before, falls = opening, ca.fmin(opening @ slower, 0)
         for part in ALONG:
             margin = self._margin(part, last)
-            opening, here = closing_rows(self.robot, arm + part * time * slower)
+            opening, here = self._closing(arm + part * time * slower)
             rises = ca.fmax(opening @ slower, 0)
             # Where it falls and then rises from the place before, the least of a parabola; else this place.
             dips = ca.logic_and(falls < 0, rises > 0)
@@ -244,9 +249,9 @@ class ChairLimits:
         """
         half = ca.vertcat(base[:CHAIR], 0.5 * base[CHAIR:])
         chosen = ca.vertcat(base[:CHAIR], ca.SX.zeros(self.robot.chain.n - CHAIR))
-        now = ca.fmin(arm_gaps(self.robot, arm), 0)
+        now = ca.fmin(self._gaps(arm), 0)
         for u in (half, base, (base + wanted) / 2, wanted):
-            then = arm_gaps(self.robot, arm + self.dt * u[CHAIR:])
+            then = self._gaps(arm + self.dt * u[CHAIR:])
             chosen = ca.if_else(all_true(then >= now), u, chosen)
         return chosen
 
@@ -283,10 +288,10 @@ class ChairLimits:
         return *ends, *hard, bounds.outside
 
     def _chassis(self) -> tuple[ca.SX, ca.SX]:
-        """Rim speeds, and the polygon of chassis speeds where there are two of them."""
+        """Rim speeds, and the polygon of chassis speeds where there are two of them; none of a base that stands."""
         wheels, speed = self.wheels, float(self.robot.chain.velocity[0])
-        rows, limits = [wheels.radius * wheels.rolling], [np.full(len(wheels.rolling), wheels.radius * wheels.limit)]
-        if isinstance(wheels, Mecanum):
+        rows, limits = ([each] for each in wheels.rims)
+        if wheels.holonomic:
             angles = (np.arange(FACETS // 2) + 0.5) * 2 * np.pi / FACETS
             rows.append(np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1))
             limits.append(np.full(angles.size, speed * math.cos(np.pi / FACETS)))

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rehab_opt.control.task_rows import ROWS
+from rehab_opt.control.task_rows import ROWS, checked_rows
 from rehab_opt.control.thread_owner import OneThread
 from rehab_opt.control.velocity_controller import checked_number, real_numbers
 from rehab_opt.errors import ConfigurationError
@@ -31,6 +31,13 @@ class StickMode(NamedTuple):
     rows: tuple[str, str]
     speeds: tuple[float, float]
     """[m/s or rad/s] at full deflection; negative turns an axis round."""
+    held: tuple[str, ...] = ()
+    """Rows that do not move while the stick moves the others: ("rx", "ry") keep a cup level."""
+
+    @property
+    def task_rows(self) -> tuple[str, ...]:
+        """Rows of the task: the stick's two, or those and the held ones in the order of `ROWS`."""
+        return tuple(row for row in ROWS if row in (*self.rows, *self.held)) if self.held else self.rows
 
 
 STICK_MODES = (StickMode("plane", ("x", "y"), (0.25, 0.25)), StickMode("lift", ("z", "roll7"), (0.15, 0.6)))
@@ -41,7 +48,7 @@ class StickCommand(NamedTuple):
     """What the user asks for, in the arguments of `RedundancyResolver.step`."""
 
     twist: Array
-    """(2,) [m/s or rad/s], read-only; zero where nothing is asked."""
+    """(k,) [m/s or rad/s], read-only; zero where nothing is asked, and of rows that the mode holds."""
     rows: tuple[str, ...]
     frame: str
     """Always the chair's, so that the stick keeps its meaning as the chair turns."""
@@ -75,6 +82,8 @@ class Joystick(OneThread):
         self, modes: Sequence[StickMode] = STICK_MODES, *, dt: float = 0.01, dead_zone: float = 0.12, rate: float = 3.0
     ) -> None:
         self.modes = checked_modes(modes)
+        self._rows = [mode.task_rows for mode in self.modes]
+        self._places = [[mode.task_rows.index(row) for row in mode.rows] for mode in self.modes]
         self._dt = checked_number("dt", dt, above=0.0, below=1.0)
         self._dead = 0.0 if dead_zone == 0 else checked_number("dead_zone", dead_zone, above=0.0, below=1.0)
         self._rate = checked_number("rate", rate, above=0.0)
@@ -121,9 +130,11 @@ class Joystick(OneThread):
             if not self._free:
                 reason, told = "the stick must be let go first", np.zeros(2)
         self._deflection = moved_towards(self._deflection, told, self._rate * self._dt)
-        twist = self._deflection * self.mode.speeds + 0.0
+        rows = self._rows[self._mode]
+        twist = np.zeros(len(rows))
+        twist[self._places[self._mode]] = self._deflection * self.mode.speeds + 0.0
         twist.flags.writeable = False
-        return StickCommand(twist, self.mode.rows, "chassis", self._closed, reason)
+        return StickCommand(twist, rows, "chassis", self._closed, reason)
 
     def _beyond_dead_zone(self, axes: Array) -> Array:
         size = float(np.hypot(*axes))
@@ -173,9 +184,9 @@ def checked_modes(modes: Sequence[StickMode]) -> tuple[StickMode, ...]:
 
 
 def _checked_mode(argument: str, mode: object) -> StickMode:
-    if not (isinstance(mode, (list, tuple)) and len(mode) == len(StickMode._fields)):
-        raise ConfigurationError(argument, mode, "a StickMode: name, two rows, two speeds")
-    name, rows, speeds = mode
+    if not (isinstance(mode, (list, tuple)) and 3 <= len(mode) <= len(StickMode._fields)):
+        raise ConfigurationError(argument, mode, "a StickMode: name, two rows, two speeds, and rows that are held")
+    name, rows, speeds, held = (*mode, ())[: len(StickMode._fields)]
     pair = tuple(rows) if isinstance(rows, (list, tuple)) else ()
     known = all(isinstance(row, str) and row in ROWS for row in pair)
     if len(pair) != 2 or not known or pair[0] == pair[1]:
@@ -184,4 +195,7 @@ def _checked_mode(argument: str, mode: object) -> StickMode:
     if len(sizes) != 2:
         raise ConfigurationError(f"{argument}.speeds", speeds, "two numbers")
     one, two = (checked_number(f"{argument}.speeds", each, above=-PLAUSIBLE, below=PLAUSIBLE) for each in sizes)
-    return StickMode(str(name), pair, (one, two))
+    still = tuple(held) if isinstance(held, (list, tuple)) else (held,)
+    if still:
+        checked_rows((*pair, *still), f"{argument}.held")
+    return StickMode(str(name), pair, (one, two), still)

@@ -57,7 +57,7 @@ def _nearest(begin: ca.SX, end: ca.SX, capsule: Capsule) -> tuple[ca.SX, ca.SX]:
     """Where on the segment from `begin` to `end` it is nearest to the capsule's, 0 to 1; and the way there (3,)."""
     start, other = ca.DM(capsule.start), ca.DM(capsule.end) - ca.DM(capsule.start)
     along, gap = end - begin, begin - start
-    a, e = ca.sumsqr(along), float(ca.sumsqr(other))
+    a, e = ca.fmax(ca.sumsqr(along), TINY**2), float(ca.sumsqr(other))  # of a link that is a ball any share will do
     c, f = ca.dot(along, gap), ca.dot(other, gap)
     if e < TINY**2:  # the capsule is a ball
         share = clipped(-c / a, 0, 1)

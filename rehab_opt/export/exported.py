@@ -24,7 +24,7 @@ from rehab_opt.optim.rows import PLAUSIBLE
 
 __all__ = ["ExportedController", "ExportedVelocity", "Law"]
 
-MOST_VALUES = 8
+MOST_VALUES = 12
 """Of a command: `REHAB_MOST_VALUES`."""
 VERDICT = 3
 """Numbers of a verdict before its report."""

@@ -14,12 +14,16 @@ from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.differential import Differential
 from rehab_opt.kinematics.link import Link
 from rehab_opt.kinematics.mecanum import Mecanum, checked_amounts, checked_lengths
-from rehab_opt.kinematics.mobile_arm import CHAIR, Capsule, MobileArm, Outline
+from rehab_opt.kinematics.mobile_arm import CHAIR, LEAST_JOINTS, Capsule, MobileArm, Outline
 from rehab_opt.kinematics.rigid import inverse_pose, rigid
 
 __all__ = ["arm_on_chair"]
 
 Array = NDArray[np.float64]
+
+MASSLESS = (
+    "no link of the arm has a mass in its file: what chair and arm share rests on the chair's mass and the rotors'"
+)
 
 # World to forward, forward to left, left to turn: rotations whose z lies along x, along y, and up.
 _FORWARD = np.array([[0.0, 0.0, 1.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
@@ -64,6 +68,11 @@ def arm_on_chair(
     """
     if not isinstance(arm, SerialChain):
         raise ConfigurationError("arm", arm, "a SerialChain")
+    if arm.n < LEAST_JOINTS or any(row.prismatic for row in arm.rows):
+        said = ", ".join(
+            f"{name} {'slides' if row.prismatic else 'turns'}" for name, row in zip(arm.names, arm.rows, strict=True)
+        )
+        raise ConfigurationError("arm", said, f"{LEAST_JOINTS} or more joints, all of which turn")
     checked_lengths(chair_mass=chair_mass)
     checked_amounts(chair_turn_inertia=chair_turn_inertia)
     foot = rigid("mount", mount) @ arm.base
@@ -80,7 +89,7 @@ def arm_on_chair(
         base=_FORWARD,
         tool=arm.tool,
         capsules=tuple(each._replace(frame=each.frame + CHAIR) for each in arm.capsules),
-        notes=arm.notes,
+        notes=arm.notes if arm.bodies else (*arm.notes, MASSLESS),
     )
     back = inverse_pose(foot)
     chair = Body("chair", CHAIR, chair_mass, back[:3, 3], chair_turn_inertia * np.eye(3))

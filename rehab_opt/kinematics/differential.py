@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
-import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.kinematics.chain import per_joint
-from rehab_opt.kinematics.mecanum import ChassisMotion, checked_lengths
+from rehab_opt.kinematics.drive import ChassisMotion, Drive
+from rehab_opt.kinematics.mecanum import checked_lengths
 
 __all__ = ["Differential"]
 
@@ -17,7 +18,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Differential:
+class Differential(Drive):
     """Driven wheels 1 right and 2 left, beside the chassis' origin; castors follow. Positive rolls forward.
 
     Parameters
@@ -31,6 +32,7 @@ class Differential:
     ConfigurationError : a number that is not positive and finite.
     """
 
+    moving: ClassVar[tuple[int, ...]] = (0, 2)
     radius: float
     half_gauge: float
     limit: float
@@ -44,10 +46,6 @@ class Differential:
         """(2, 3) matrix from chassis twist (forward, left, turn) to wheel speeds [rad/s]; left is not seen by it."""
         return np.array([[1.0, 0.0, self.half_gauge], [1.0, 0.0, -self.half_gauge]]) / self.radius
 
-    def wheel_speeds(self, twist: ArrayLike) -> Array:
-        """(2,) wheel speeds [rad/s] of a chassis twist (3,): forward, left [m/s], turn [rad/s]."""
-        return np.asarray(self.rolling @ per_joint("twist", twist, 3))
-
     def slip(self, twist: ArrayLike) -> float:
         """[m/s] sideways speed, positive to the left, which rolling wheels do not allow: minus the row of Eq. (4)."""
         return float(per_joint("twist", twist, 3)[1])
@@ -57,14 +55,7 @@ class Differential:
         right, left = self.radius * per_joint("wheels", wheels, 2)
         return ChassisMotion(np.array([(right + left) / 2, 0.0, (right - left) / (2 * self.half_gauge)]), 0.0)
 
-    def wheel_speeds_expression(self, twist: ca.SX) -> ca.SX:
-        """(2,) expression of `wheel_speeds`."""
-        return ca.sparsify(ca.DM(self.rolling)) @ twist
-
-    @staticmethod
-    def rolling_row(q: ArrayLike) -> Array:
+    @classmethod
+    def rolling_row(cls, q: ArrayLike) -> Array:
         """(n,) row of Eq. (4) at joint values q (n,): times the joint velocities it is zero."""
-        joints = np.asarray(q, dtype=np.float64)
-        row = np.zeros(joints.size)
-        row[:2] = np.sin(joints[2]), -np.cos(joints[2])
-        return row
+        return np.asarray(cls.constraints(q)[0])

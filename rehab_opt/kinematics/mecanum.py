@@ -4,31 +4,21 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass
-from typing import NamedTuple
 
-import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import per_joint
+from rehab_opt.kinematics.drive import ChassisMotion, Drive
 
-__all__ = ["ChassisMotion", "Mecanum", "checked_amounts", "checked_lengths"]
+__all__ = ["Mecanum", "checked_amounts", "checked_lengths"]
 
 Array = NDArray[np.float64]
 
 
-class ChassisMotion(NamedTuple):
-    """What wheel speeds make of a chassis that does not slip more than it must."""
-
-    twist: Array
-    """(3,) forward [m/s], left [m/s], turn [rad/s, counterclockwise from above] in the chassis frame."""
-    slip: float
-    """[m/s] root mean square, over the wheels, of rim speeds that no motion of the chassis explains."""
-
-
 @dataclass(frozen=True)
-class Mecanum:
+class Mecanum(Drive):
     """Mecanum wheels in the X arrangement: 1 front right, 2 front left, 3 rear left, 4 rear right.
 
     Eq. (2) has x to the right and y forward, so that it is fed (-v_left, v_forward); and its a + b is half the gauge
@@ -63,20 +53,12 @@ class Mecanum:
         from_chassis = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]])
         return np.asarray(eq2 @ from_chassis, dtype=np.float64)
 
-    def wheel_speeds(self, twist: ArrayLike) -> Array:
-        """(4,) wheel speeds [rad/s] of a chassis twist (3,): forward, left [m/s], turn [rad/s]."""
-        return np.asarray(self.rolling @ per_joint("twist", twist, 3))
-
     def motion(self, wheels: ArrayLike) -> ChassisMotion:
         """The chassis motion nearest to wheel speeds (4,) [rad/s], and how much they slip."""
         speeds = per_joint("wheels", wheels, 4)
         twist = np.linalg.pinv(self.rolling) @ speeds
         off = self.radius * (speeds - self.rolling @ twist)
         return ChassisMotion(twist, float(np.sqrt(np.mean(off * off))))
-
-    def wheel_speeds_expression(self, twist: ca.SX) -> ca.SX:
-        """(4,) expression of `wheel_speeds`."""
-        return ca.DM(self.rolling) @ twist
 
 
 def checked_lengths(**numbers: float) -> None:

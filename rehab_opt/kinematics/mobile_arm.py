@@ -17,6 +17,8 @@ from rehab_opt.kinematics.arm_links import ArmLink, arm_links, arm_reach, hand_v
 from rehab_opt.kinematics.body import Body
 from rehab_opt.kinematics.chain import SerialChain, per_joint
 from rehab_opt.kinematics.differential import Differential
+from rehab_opt.kinematics.drive import Drive, Fixed, Omnidirectional
+from rehab_opt.kinematics.drive_name import DRIVES
 from rehab_opt.kinematics.inertia import inertia_expression
 from rehab_opt.kinematics.mecanum import Mecanum, checked_amounts
 from rehab_opt.symbolic.shared import Evaluator
@@ -69,7 +71,7 @@ class MobileArm:
     ----------
     chain : of those n joints.
     bodies : masses. rotors : (n,) what motors and gears add to each joint's inertia [kg m^2 or kg].
-    mecanum, differential : wheels of the two kinds of chair.
+    mecanum, differential : wheels of two kinds of chair; an omnidirectional or fixed base has none: see `drive`.
     outline : of the chair from above.
     keep_out : chair and user, where the arm must not be.
     arm_radius : [m] of the arm's links from joint to joint, as capsules, where the chain has no capsules of its own.
@@ -107,9 +109,9 @@ class MobileArm:
             )
         if np.isfinite(chain.lower[:CHAIR]).any() or np.isfinite(chain.upper[:CHAIR]).any():
             raise ConfigurationError("lower, upper", (chain.lower, chain.upper), "a chair without position limits")
-        if (np.isfinite(chain.lower) != np.isfinite(chain.upper)).any():
-            expected = "finite limits of the arm's joints, or none either way"
-            raise ConfigurationError("lower, upper", (chain.lower, chain.upper), expected)
+        for name, *ends in zip(chain.names, chain.lower.tolist(), chain.upper.tolist(), strict=True):
+            if math.isfinite(ends[0]) != math.isfinite(ends[1]):
+                raise ConfigurationError(f"joint {name}, lower, upper", ends, "two finite limits, or none either way")
         if chain.velocity[0] != chain.velocity[1] or chain.acceleration[0] != chain.acceleration[1]:
             raise ConfigurationError(
                 "velocity, acceleration", (chain.velocity, chain.acceleration), "the same forward and to the left"
@@ -159,6 +161,18 @@ class MobileArm:
     def world_velocity(self, q: ArrayLike, velocity: ArrayLike) -> Array:
         """(7,) joint velocities from those with the chair's in the chassis frame."""
         return self._turned(q, velocity, 1.0)
+
+    def drive(self, name: str) -> Drive:
+        """What moves the base, by its name: one of `DRIVES`.
+
+        Raises
+        ------
+        ConfigurationError : another name.
+        """
+        if not isinstance(name, str) or name not in DRIVES:
+            raise ConfigurationError("drive", name, f"one of {', '.join(DRIVES)}")
+        own = {"mecanum": self.mecanum, "differential": self.differential, "omnidirectional": Omnidirectional()}
+        return own.get(name, Fixed())
 
     def with_limits(self, **limits: Any) -> MobileArm:
         """The same robot with other joint limits: see `SerialChain.with_limits`."""

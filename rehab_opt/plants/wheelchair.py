@@ -9,8 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
-from rehab_opt.kinematics.differential import Differential
-from rehab_opt.kinematics.mecanum import Mecanum
+from rehab_opt.kinematics.drive import Drive as ChassisDrive
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 from rehab_opt.plants.arm_model import ArmModel
 from rehab_opt.plants.channel import Channel
@@ -36,14 +35,14 @@ class Wheelchair(SampledPlant):
     """Chair and arm; a `Plant` whose command is wheel speeds, then the arm's joint velocities.
 
     Its positions are the seven of `MobileArm`: the chair's place and heading in the world, then the arm. Each wheel
-    follows its commanded speed with a first-order lag and rolls; the chair goes as `Mecanum.motion` or
-    `Differential.motion` says. A beginning: wheels have no torque limit, neither slip nor bounce, and chair and arm do
+    follows its commanded speed with a first-order lag and rolls; the chair goes as
+    `Drive.motion` says. A beginning: wheels have no torque limit, neither slip nor bounce, and chair and arm do
     not feel each other's acceleration. The arm's joints are `MujocoArm`'s, on a chair that does not tilt. The chair's
     place is measured with the same noise as the joints, in metres.
 
     Parameters
     ----------
-    robot : chair and arm. wheels : `robot.mecanum` or `robot.differential`.
+    robot : chair and arm. wheels : of `robot.drive(name)`.
     wheel_lag : [s] time constant of each wheel's speed.
     drive : of the arm's joints, `VelocityServo` by default.
     dt, channel, seed, physics_step : see `SampledPlant`.
@@ -56,7 +55,7 @@ class Wheelchair(SampledPlant):
     def __init__(
         self,
         robot: MobileArm,
-        wheels: Mecanum | Differential,
+        wheels: ChassisDrive,
         *,
         dt: float,
         wheel_lag: float = 0.08,
@@ -70,7 +69,7 @@ class Wheelchair(SampledPlant):
             raise ConfigurationError("wheel_lag", wheel_lag, "seconds, zero or more")
         self._keep = math.exp(-self.physics_step / wheel_lag) if wheel_lag else 0.0
         count = len(wheels.rolling)
-        self._twist = np.column_stack([wheels.motion(one).twist for one in np.eye(count)])
+        self._twist = np.array([wheels.motion(one).twist for one in np.eye(count)]).reshape(count, CHAIR).T
         self._count = count
         step = self.physics_step
         self._arm = MujocoArm(chair_arm_model(robot), dt=step, drive=drive, seed=self.rng, physics_step=step)

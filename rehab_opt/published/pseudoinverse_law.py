@@ -11,12 +11,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.drive_name import DriveName
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 
 __all__ = ["Excess", "PseudoinverseLaw"]
@@ -44,7 +44,7 @@ class PseudoinverseLaw:
     Parameters
     ----------
     robot : its inertia is W, its `posture_cost` is c.
-    drive : "mecanum", or "differential", whose rolling row is added to the task, Eq. (5).
+    drive : see `RedundancyResolver`; what it does not allow is added to the task, as the rolling row in Eq. (5).
     self_motion : weight of the self-motion, a choice: the paper gives none.
 
     Raises
@@ -52,12 +52,9 @@ class PseudoinverseLaw:
     ConfigurationError : another drive.
     """
 
-    def __init__(
-        self, robot: MobileArm, *, drive: Literal["mecanum", "differential"] = "mecanum", self_motion: float = 1.0
-    ) -> None:
-        if drive not in ("mecanum", "differential"):
-            raise ConfigurationError("drive", drive, "mecanum or differential")
+    def __init__(self, robot: MobileArm, *, drive: DriveName = "mecanum", self_motion: float = 1.0) -> None:
         self.robot, self.drive, self.self_motion = robot, drive, self_motion
+        self._base = robot.drive(drive)
 
     def task_jacobian(self, q: ArrayLike, rows: Sequence[str], frame: str = "chassis") -> Array:
         """(k, 7) rows of the Jacobian that the stick asks for, in the chair's frame or in the world's."""
@@ -81,8 +78,9 @@ class PseudoinverseLaw:
         """
         asked = np.asarray(twist, dtype=np.float64)
         jacobian, task = self.task_jacobian(q, rows, frame), asked
-        if self.drive == "differential":  # Eqs. (4) and (5)
-            jacobian, task = np.vstack([jacobian, self.robot.differential.rolling_row(q)]), np.append(asked, 0.0)
+        still = self._base.constraints(q)
+        if len(still):  # Eqs. (4) and (5)
+            jacobian, task = np.vstack([jacobian, still]), np.append(asked, np.zeros(len(still)))
         softness = np.linalg.inv(self.robot.inertia(q))
         inverse = softness @ jacobian.T @ np.linalg.inv(jacobian @ softness @ jacobian.T)
         free = np.eye(self.robot.chain.n) - inverse @ jacobian
@@ -92,7 +90,7 @@ class PseudoinverseLaw:
     def wheels(self, q: ArrayLike, velocity: ArrayLike) -> Array:
         """Wheel speeds [rad/s] of joint velocities (7,): Eqs. (2) and (3), corrected as said above."""
         chassis = self.robot.chassis_velocity(q, velocity)[:CHAIR]
-        return getattr(self.robot, self.drive).wheel_speeds(chassis)  # type: ignore[no-any-return]
+        return self._base.wheel_speeds(chassis)
 
     def excess(self, q: ArrayLike, velocity: ArrayLike, last: ArrayLike, dt: float) -> Excess:
         """What sending `velocity` (7,) for dt [s] breaks after `last` (7,), both as the chair had them at q (7,)."""
@@ -101,10 +99,9 @@ class PseudoinverseLaw:
         ahead = angles + np.asarray(velocity, dtype=np.float64) * dt
         beyond = np.maximum(ahead - np.maximum(chain.upper, angles), np.minimum(chain.lower, angles) - ahead)
         speeds = np.append(np.abs(now[2:]) - chain.velocity[2:], np.hypot(now[0], now[1]) - chain.velocity[0])
-        wheels = getattr(self.robot, self.drive)
         return Excess(
             position=float(np.max(beyond)),
             velocity=float(np.max(speeds)),
             acceleration=float(np.max(np.abs(now - before) / dt - chain.acceleration)),
-            wheels=float(np.max(np.abs(wheels.wheel_speeds(now[:CHAIR]))) - wheels.limit),
+            wheels=float(np.max(np.abs(self._base.wheel_speeds(now[:CHAIR])), initial=0.0) - self._base.limit),
         )

@@ -24,6 +24,13 @@ Array = NDArray[np.float64]
 Name = Annotated[str, Field(min_length=1, max_length=200)]
 Turns = Annotated[list[Annotated[float, Field(ge=-360, le=360)]], Field(min_length=3, max_length=3)]
 Angle = Annotated[float, Field(ge=-720, le=720)]
+JOINT_KEYS = {
+    "velocity": ("speed_deg_s",),
+    "lower": ("lower_deg",),
+    "upper": ("upper_deg",),
+    "locked": ("locked_deg", "locked_m"),
+}
+"""What a robot file calls the arguments of `SerialChain.from_urdf` that go joint by joint."""
 
 
 class JointSection(Section):
@@ -41,6 +48,13 @@ class JointSection(Section):
         """Refuse a joint that is locked twice."""
         if self.locked_deg is not None and self.locked_m is not None:
             raise refusal("locked_m", self.locked_m, "no such key beside locked_deg")
+        return self
+
+    @model_validator(mode="after")
+    def range_is_one(self) -> Self:
+        """Refuse a range that ends before it begins."""
+        if self.lower_deg is not None and self.upper_deg is not None and self.lower_deg > self.upper_deg:
+            raise refusal("lower_deg", self.lower_deg, f"no more than upper_deg = {self.upper_deg:g}")
         return self
 
 
@@ -143,7 +157,7 @@ def _arm(said: RobotFile, path: Path, name: str) -> SerialChain:
             capsules=[CapsuleOnLink(each.link, *_ends(each), each.radius_m) for each in said.capsules],
         )
     except ConfigurationError as refused:
-        raise RobotFileError(name, _key(refused.argument), refused.value, refused.expected) from refused
+        raise RobotFileError(name, *_key_and_value(said, refused), refused.expected) from refused
     slides = [joint for joint, row in zip(arm.names, arm.rows, strict=True) if row.prismatic]
     if slides:
         expected = "a value that it is held at: problem files have arms whose joints turn"
@@ -151,7 +165,8 @@ def _arm(said: RobotFile, path: Path, name: str) -> SerialChain:
     locked = {key for key, each in said.joints.items() if each.locked_deg is not None or each.locked_m is not None}
     unknown = sorted(set(said.joints) - set(arm.names) - locked)
     if unknown:
-        raise RobotFileError(name, f"joints.{unknown[0]}", unknown[0], f"joints among {', '.join(arm.names)}")
+        key, value = f"joints.{unknown[0]}.acceleration_deg_s2", said.joints[unknown[0]].acceleration_deg_s2
+        raise RobotFileError(name, key, value, f"joint names among {', '.join(arm.names)}")
     changed = {key: each.acceleration_deg_s2 for key, each in said.joints.items() if key in arm.names}
     bodies = (Body("payload", arm.n, said.payload_kg, arm.tool[:3, 3], np.zeros((3, 3))),) if said.payload_kg else ()
     arm = replace(arm, bodies=(*arm.bodies, *bodies))
@@ -169,8 +184,16 @@ def _ends(capsule: CapsuleSection) -> tuple[tuple[float, float, float], tuple[fl
     return (a, b, c), (d, e, f)
 
 
-def _key(argument: str) -> str:
-    """Where the robot file says what the reader calls by its own name."""
-    keys = {"locked": "joints", "velocity": "joints", "lower": "joints", "upper": "joints", "file": "mjcf"}
-    first, _, rest = argument.partition("[")
-    return keys.get(first, argument if not rest else f"{first}.{rest.replace(']', '')}")
+def _key_and_value(said: RobotFile, refused: ConfigurationError) -> tuple[str, object]:
+    """Where the robot file says what the reader calls by its own name, and what it says there."""
+    first, _, rest = refused.argument.partition("[")
+    if first not in JOINT_KEYS:
+        known = {"file": "mjcf"}.get(first, first)
+        return (known if not rest else f"{known}.{rest.replace(']', '')}"), refused.value
+    joint = refused.value if isinstance(refused.value, str) else rest.strip("']\"")
+    section = said.joints.get(str(joint))
+    if section is None:
+        return "joints", refused.value
+    keys = JOINT_KEYS[first]
+    key = next((each for each in keys if getattr(section, each) is not None), keys[0])
+    return f"joints.{joint}.{key}", getattr(section, key)

@@ -1,13 +1,20 @@
 """Arms from files on wheelchairs: the campaign of `redundancy_campaign`, links by the files' own origins and axes.
 
     python -m tests.control.chair_arms_campaign --cases 100000
+    python -m tests.control.chair_arms_campaign fixed --cases 100000
+
+Every drive, or the one that is named: mecanum, differential, omnidirectional, fixed.
 
 A UR5, and Kinova's Gen3 with seven joints of which four have no ends; both with capsules for their links.
 """
 
 from __future__ import annotations
 
+import sys
 import tempfile
+from collections.abc import Callable, Sequence
+from functools import partial
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -28,20 +35,25 @@ ARMS = {
     "ur5": (vendors_ur5, {1: (0.0, 0.0, 0.425), 2: (0.0, 0.0, 0.39), 4: (0.0, 0.0, 0.09)}, 0.06),
 }
 """Edges, the ends of capsules that begin at the origin of a link by its number, and their radius [m]."""
+DRIVES = {"mecanum": 0.01, "differential": 0.002, "omnidirectional": 0.01, "fixed": 0.005}
+"""Drives, and the ticks [s] at which they are run."""
 SETS = (("x", "y", "z"),)
 MOUNT = np.eye(4)
 MOUNT[:3, :3], MOUNT[:3, 3] = Rotation.from_euler("z", -0.4).as_matrix(), (0.25, -0.35, 0.62)
 
 
-def run(cases: int, seed: int, *, compile: Compile = False) -> Tally:
-    """Judge `cases` ticks."""
+def run(
+    cases: int, seed: int, *, compile: Compile = False, pairs: Sequence[tuple[str, str]] = tuple(product(ARMS, DRIVES))
+) -> Tally:
+    """Judge `cases` ticks of these arms on these drives."""
     rng = np.random.default_rng(seed)
-    plants = [
-        _plant(name, drive, dt, rng, compile)
-        for name in ARMS
-        for drive, dt in (("mecanum", 0.01), ("differential", 0.002))
-    ]
+    plants = [_plant(name, drive, DRIVES[drive], rng, compile) for name, drive in pairs]
     return judged(cases, plants, rng)
+
+
+def run_of_drive(drive: str) -> Callable[..., Tally]:
+    """The campaign of one drive."""
+    return partial(run, pairs=[(name, drive) for name in ARMS])
 
 
 def _plant(name: str, drive: str, dt: float, rng: np.random.Generator, compile: Compile) -> Plant:
@@ -80,4 +92,7 @@ def _links(edges: list[Edge], ends: dict[int, tuple[float, float, float]], radiu
 
 
 if __name__ == "__main__":
-    main(run, __doc__)
+    chosen = next((name for name in DRIVES if name in sys.argv[1:]), None)
+    if chosen is not None:
+        sys.argv.remove(chosen)
+    main(run if chosen is None else run_of_drive(chosen), __doc__)

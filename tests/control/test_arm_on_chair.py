@@ -178,5 +178,7 @@ def test_what_cannot_be_used_is_named(tmp_path: Path, change: dict[str, object],
 
 
 def test_an_arm_of_three_joints_is_refused_with_what_is_wanted(tmp_path: Path) -> None:
-    with pytest.raises(ConfigurationError, match="expected two joints that slide, and 5 or more that turn"):
+    with pytest.raises(
+        ConfigurationError, match=r"arm = 'joint_0 turns.*: expected 4 or more joints, all of which turn"
+    ):
         arm_on_chair(arm_of(tmp_path, gen3()[:3]), mount=MOUNT)

@@ -46,6 +46,22 @@ def test_a_caller_may_define_any_pair() -> None:
     np.testing.assert_allclose(settled(stick, [0.0, 1.0]).twist, [0.0, -0.1])
 
 
+def test_rows_that_a_mode_holds_are_asked_to_stand_in_the_order_of_all_rows() -> None:
+    modes = [StickMode("cup", ("z", "x"), (0.2, 0.1), ("ry", "rx", "y")), StickMode("up", ("y", "z"), (0.1, 0.1))]
+    stick = let_go(Joystick(modes))
+    command = settled(stick, [1.0, 0.0])
+    assert command.rows == ("x", "y", "z", "rx", "ry") == modes[0].task_rows
+    np.testing.assert_allclose(command.twist, [0.0, 0.0, 0.2, 0.0, 0.0])
+    stick.step([0.0, 0.0], switch=True)
+    assert settled(stick, [1.0, 0.0]).rows == ("y", "z")
+
+
+@pytest.mark.parametrize("held", [("x",), ("w",), ("rx", "rx"), "rx ry", ("rx", "ry", "rz", "roll7"), 3])
+def test_rows_that_cannot_be_held_are_refused(held: object) -> None:
+    with pytest.raises(ConfigurationError, match=r"modes\[0\].held = "):
+        Joystick([StickMode("cup", ("x", "y"), (0.1, 0.1), held)])  # type: ignore[arg-type]
+
+
 @given(deflections)
 def test_tremor_within_the_dead_zone_moves_nothing_and_beyond_it_the_direction_is_kept(axes: np.ndarray) -> None:
     command = settled(let_go(Joystick(dead_zone=0.2)), axes)

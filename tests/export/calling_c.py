@@ -16,6 +16,7 @@ from rehab_opt.control.command import Command
 from rehab_opt.control.notes import notes_of
 from rehab_opt.control.reasons import REASONS, reason_number
 from rehab_opt.export.c_source import SOLVERS
+from rehab_opt.export.exported import MOST_VALUES
 from rehab_opt.export.recording import STATUSES
 
 Built = Callable[..., Path]
@@ -79,7 +80,7 @@ class CCommand(ctypes.Structure):
     """`rehab_command`."""
 
     _fields_ = [
-        ("value", ctypes.c_double * 8),
+        ("value", ctypes.c_double * MOST_VALUES),
         ("wheels", ctypes.c_double * 4),
         ("scale", ctypes.c_double),
         ("residual", ctypes.c_double),

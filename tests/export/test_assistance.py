@@ -16,6 +16,7 @@ from rehab_opt import Assistance, ConfigurationError, PotentialField, Workspace
 from rehab_opt.control.command import Status
 from rehab_opt.control.path_assistance import PathAssistance
 from rehab_opt.export.controllers.assistance import exported_assistance
+from rehab_opt.export.exported import MOST_VALUES
 from tests.export.assisting import DT, EIGHT, exported_to, field_of, made, made_along_a_path
 from tests.export.calling_c import Built, CCommand, Exported, assert_same, doubles, giving_up, shared
 from tests.failing_solvers import failing_solvers
@@ -196,9 +197,9 @@ def test_a_solver_that_writes_nothing_releases(exported: Exported, built: Built)
 
 def test_a_hand_that_is_not_there_and_a_controller_that_was_not_made_apply_nothing(library: ctypes.CDLL) -> None:
     answer = CAssistance(library).step(None, None, stamp=0.0)
-    assert (answer.why, answer.status, list(answer.value)) == ("POSITION_UNUSABLE", 5, [0.0] * 8)
+    assert (answer.why, answer.status, list(answer.value)) == ("POSITION_UNUSABLE", 5, [0.0] * MOST_VALUES)
     answer = CAssistance(library, initialise=False).step([0.1, 0.4], None, stamp=0.0)
-    assert (answer.why, answer.status, list(answer.value)) == ("NOT_INITIALISED", 5, [0.0] * 8)
+    assert (answer.why, answer.status, list(answer.value)) == ("NOT_INITIALISED", 5, [0.0] * MOST_VALUES)
 
 
 def test_what_c_cannot_do_is_refused() -> None:

@@ -22,6 +22,7 @@ from rehab_opt.control.bilateral import Bilateral
 from rehab_opt.control.bilateral_sides import FromHelper, FromParticipant, HelperSide, ParticipantSide
 from rehab_opt.control.command import Status
 from rehab_opt.export.export_c import written_files
+from rehab_opt.export.exported import MOST_VALUES
 from rehab_opt.export.exporters import exported_controllers
 from rehab_opt.workspace.spline import ThinPlateSpline
 from tests.export.calling_c import Built, CCommand, Exported, assert_same, doubles, shared
@@ -194,7 +195,7 @@ def test_a_side_that_was_not_made_says_nothing(libraries: dict[str, ctypes.CDLL]
     for name in SIDES:
         side = CSide(libraries[name], name, initialise=False)
         answer, said = side.step(HELPER, None, None, stamp=0.0)
-        assert (answer.why, list(answer.value)) == ("NOT_INITIALISED", [0.0] * 8)
+        assert (answer.why, list(answer.value)) == ("NOT_INITIALISED", [0.0] * MOST_VALUES)
         assert math.isnan(said.x)
         assert (said.energy, said.serial) == (0.0, 0)
 

@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rehab_opt import PoseTracker
+from rehab_opt.export.exported import MOST_VALUES
 from rehab_opt.session.files import load_problem
 from rehab_opt.session.pose_tracking.robot import robot_at_start, tracker_of
 from tests.export.calling_c import (
@@ -202,13 +203,13 @@ def test_an_input_that_is_not_there_is_named(library: ctypes.CDLL, tracker: Pose
         answer = CTracker(library).step(*inputs, enable=1, stamp=0.0)
         assert answer.why == "INPUT_UNUSABLE"
         assert (answer.input, answer.element) == where
-        assert list(answer.value) == [0.0] * 8
+        assert list(answer.value) == [0.0] * MOST_VALUES
 
 
 def test_a_tracker_that_was_not_initialised_holds(library: ctypes.CDLL) -> None:
     tracker = CTracker(library, initialise=False)
     answer = tracker.step(np.zeros(6), np.eye(4), np.ones(6), enable=1, stamp=0.0)
-    assert (answer.why, answer.status, list(answer.value)) == ("NOT_INITIALISED", 3, [0.0] * 8)
+    assert (answer.why, answer.status, list(answer.value)) == ("NOT_INITIALISED", 3, [0.0] * MOST_VALUES)
     assert tracker.reset(np.zeros(6)) == 1
 
 

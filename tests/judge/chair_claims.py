@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from rehab_opt import Bound
-from tests.judge.chair_robot import WHEEL_LIMIT, Array, Obstacles
+from tests.judge.chair_robot import LACKING, WHEEL_LIMIT, Array, Obstacles
 from tests.judge.chair_runs import Part, Run, rolled
 from tests.judge.verdict import Answers, Verdict
 
@@ -46,9 +46,9 @@ def judge_ticks(run: Run, verdict: Verdict) -> tuple[Answers, Array]:
     else:
         verdict.within("wheel speeds belong to the value", np.abs(found.wheels - chair.wheels(u)), 1e-8)
         verdict.within("wheel speeds", np.abs(found.wheels), limit + ROUNDING / 0.1)
-        verdict.during("a wheel at its limit", np.max(np.abs(found.wheels), axis=1) > 0.999 * limit, dt)
-    if chair.drive == "differential":
-        verdict.within("wheels roll", np.abs(u[:, 1]), ROUNDING)
+        verdict.during("a wheel at its limit", np.max(np.abs(found.wheels), axis=1, initial=0.0) > 0.999 * limit, dt)
+    if LACKING[chair.drive]:
+        verdict.within("wheels roll", np.abs(u[:, LACKING[chair.drive]]), ROUNDING)
     verdict.during("a speed at its limit", np.any(np.abs(u[:, 2:]) > 0.999 * chair.velocity[2:], axis=1), dt)
     verdict.during("chassis speed at its limit", np.hypot(u[:, 0], u[:, 1]) > 0.9 * chair.velocity[0], dt)
 

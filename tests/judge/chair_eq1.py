@@ -93,7 +93,7 @@ def instant(chair: Chair, q: Array, way: Array, rows: tuple[str, ...], frame: st
 
 def law(chair: Chair, q: Array, u: Array, task: Array) -> Array:
     """(7,) Eq. (1) for the hand's velocity that u (7,) makes."""
-    moving = np.arange(7) if chair.drive == "mecanum" else np.delete(np.arange(7), 1)
+    moving = chair.moving
     r = task @ u
     w, j, g = inertia(chair, q)[np.ix_(moving, moving)], task[:, moving], gradient(chair, q)[moving]
     v = np.linalg.norm(r)

@@ -34,8 +34,12 @@ CORNERS = np.array([(x, y) for x in (FRONT, REAR) for y in (SIDE, -SIDE)])
 MECANUM = np.array([[1, 1, 0.53], [1, -1, -0.53], [1, 1, -0.53], [1, -1, 0.53]]) / 0.10
 """(4, 3) wheels in front right, front left, rear left, rear right, of half gauge 0.28 m and half base 0.25 m."""
 DIFFERENTIAL = np.array([[1, 0, 0.28], [1, 0, -0.28]]) / 0.15
-WHEEL_LIMIT = {"mecanum": 10.0, "differential": 7.0}
+WHEELS = {"mecanum": MECANUM, "differential": DIFFERENTIAL, "omnidirectional": np.eye(3), "fixed": np.zeros((0, 3))}
+"""Wheel speeds by the chassis' speeds forward, to the left and turning, of each drive."""
+WHEEL_LIMIT = {"mecanum": 10.0, "differential": 7.0, "omnidirectional": math.inf, "fixed": math.inf}
 """[rad/s]"""
+LACKING = {"mecanum": [], "differential": [1], "omnidirectional": [], "fixed": [0, 1, 2]}
+"""Of those speeds, the ones that a drive does not have."""
 STAND_OFF = 0.002
 """[m] So near a keep-out or an obstacle a robot may stop."""
 BARELY = 2e-4
@@ -75,8 +79,13 @@ class Chair:
 
     @property
     def braking_time(self) -> float:
-        """[s] T = max v/a."""
-        return float(np.max(self.velocity / self.acceleration))
+        """[s] T = max v/a of what moves."""
+        return float(np.max((self.velocity / self.acceleration)[self.moving]))
+
+    @property
+    def moving(self) -> Array:
+        """(m,) numbers of the joints that the drive allows to move."""
+        return np.delete(np.arange(7), LACKING[self.drive])
 
     # ------------------------------------------------------------------------------------------------ kinematics
     def arm(self, q: Array) -> tuple[Array, ...]:
@@ -168,8 +177,8 @@ class Chair:
 
     # ----------------------------------------------------------------------------------------------------- bounds
     def wheels(self, u: Array) -> Array:
-        """(..., 2 or 4) wheel speeds [rad/s]."""
-        return np.asarray(u[..., :3] @ (MECANUM if self.drive == "mecanum" else DIFFERENTIAL).T)
+        """(..., w) wheel speeds [rad/s]."""
+        return np.asarray(u[..., :3] @ WHEELS[self.drive].T)
 
     def arm_gaps(self, q: Array) -> Array:
         """(..., 6) distances of upper arm and forearm, with their radius, from each keep-out [m]; none without."""
@@ -243,17 +252,18 @@ class Chair:
         """
         half = self.braking_time / 2
         task = self.task(q, rows, frame)
-        speed = np.where(np.arange(7) == 1, self.velocity * (self.drive == "mecanum"), self.velocity)
+        speed = np.where(np.isin(np.arange(7), self.moving), self.velocity, 0.0)
         upper = np.append(speed, 1.0)
         lower = np.append(-speed, 0.0)
         upper[3:7] = np.clip((self.upper - q[3:]) / half, 0, upper[3:7])
         lower[3:7] = np.clip((self.lower - q[3:]) / half, lower[3:7], 0)
-        rolling = self.wheels(np.eye(7)).T
+        limited = math.isfinite(WHEEL_LIMIT[self.drive])
+        rolling = self.wheels(np.eye(7)).T if limited else np.zeros((0, 7))
         angles = np.arange(32) * math.pi / 16
         circle = np.zeros((32, 7))
         circle[:, 0], circle[:, 1] = np.cos(angles), np.sin(angles)
         rows_a = [rolling, -rolling, circle]
-        limits = [np.full(2 * len(rolling), WHEEL_LIMIT[self.drive]), np.full(32, self.velocity[0])]
+        limits = [np.full(2 * len(rolling), WHEEL_LIMIT[self.drive] if limited else 0.0), np.full(32, self.velocity[0])]
 
         def gaps(at: Array) -> Array:
             every = [self.corner_gaps(at, each) for each in obstacles if isinstance(each, HalfPlane)]

@@ -12,7 +12,7 @@ import numpy as np
 
 from rehab_opt import Command, RedundancyResolver
 from rehab_opt.kinematics.ardis import ARDIS_READY
-from tests.judge.chair_robot import Array, Chair, Obstacles
+from tests.judge.chair_robot import LACKING, WHEEL_LIMIT, Array, Chair, Obstacles
 
 READY = np.array(ARDIS_READY)
 SETS = (("x", "y", "z"), ("x", "y"), ("z", "roll7"))
@@ -111,7 +111,7 @@ def other_resolver(rng: np.random.Generator, dt: float, max_obstacles: int, sets
     middle = np.deg2rad([-60.0, 0.0, 5.0, 0.0])
     wide = rng.uniform(0.5, 1.0, (2, 4)) * np.deg2rad([100.0, 100.0, 80.0, 170.0])
     chair = Chair(
-        str(rng.choice(["mecanum", "differential"])),
+        str(rng.choice(["mecanum", "differential", "omnidirectional"])),
         a3=rng.uniform(0.0, 0.2),
         d4=rng.uniform(0.33, 0.45),
         d5=rng.uniform(0.35, 0.5),
@@ -149,10 +149,9 @@ def motion(chair: Chair, q: Array, rng: np.random.Generator, dt: float, obstacle
     """(7,) a random u from which the whole robot can brake together; rest if none is found."""
     for _ in range(20):
         u = rng.uniform(-1, 1, 7) * chair.velocity * rng.choice([0.1, 0.3, 0.7, 1.0])
-        u[1] *= chair.drive == "mecanum"
+        u[LACKING[chair.drive]] = 0.0
         u[:2] /= max(1.0, math.hypot(u[0], u[1]) / chair.velocity[0] / 0.999)
-        limit = 10.0 if chair.drive == "mecanum" else 7.0
-        u[:3] /= max(1.0, float(np.max(np.abs(chair.wheels(u)))) / limit / 0.999)
+        u[:3] /= max(1.0, float(np.max(np.abs(chair.wheels(u)), initial=0.0)) / WHEEL_LIMIT[chair.drive] / 0.999)
         if chair.brakes_in_time(q, u, obstacles, dt):
             return u
     return np.zeros(7)

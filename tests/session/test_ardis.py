@@ -62,7 +62,7 @@ def beyond() -> ArdisOutcome:
 
 def test_there_is_a_problem_for_each_task_of_the_paper() -> None:
     tasks = {"beyond_reach", "pick_from_floor", "place_on_table", "press_lift_button", "through_doorway"}
-    assert {name.removeprefix("ardis/") for name in NAMES} == tasks
+    assert {name.removeprefix("ardis/") for name in NAMES} >= tasks
 
 
 @pytest.mark.parametrize("scene", ["button", "doorway", "beyond"])

@@ -56,7 +56,7 @@ def ardis_animation(outcome: ArdisOutcome) -> FuncAnimation:
                     held = ", gripper closed" if motion.closed[k] else ""
                     # On two lines, since panels may stand side by side.
                     words = (
-                        f"{drive} drive, {now:.1f} s\nstick mode {motion.mode[k]}, hand at {points[2, 2]:.2f} m{held}"
+                        f"{drive} drive, {now:.1f} s\nstick mode {motion.mode[k]}, hand at {points[-1, 2]:.2f} m{held}"
                     )
                     axes.set_title(words, fontsize=8, loc="left")
             changed += [*hands.values(), chair, arm]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,11 +11,14 @@ from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from rehab_opt.control.obstacles import Obstacle
+    from rehab_opt.kinematics.arm_links import LinkEnd
     from rehab_opt.kinematics.mobile_arm import Capsule, MobileArm, Outline
 
 __all__ = ["arm_gaps", "arm_points", "chair_corners", "chair_gaps", "point_gaps"]
 
 Array = NDArray[np.float64]
+
+CHAIR = 3
 
 
 def chair_corners(outline: Outline, q: Array) -> Array:
@@ -61,33 +65,43 @@ def point_gaps(room: Sequence[Obstacle], points: Array) -> Array:
 
 
 def arm_points(robot: MobileArm, q: Array) -> Array:
-    """(N, 3, 3) [m] shoulder, elbow and hand in the world frame at joint values q (N, 7)."""
-    rows, base = robot.chain.rows, robot.chain.base
-    points = np.empty((len(q), 3, 3))
-    cos, sin = np.cos(q[:, 2]), np.sin(q[:, 2])
-    before, right = float(rows[2].after[0, 3]), rows[3].along
-    points[:, 0, 0] = q[:, 0] + cos * before + sin * right
-    points[:, 0, 1] = q[:, 1] + sin * before - cos * right
-    points[:, 0, 2] = base[2, 3]
-    for i, each in enumerate(q):
-        pose = robot.chain.pose(each)
-        points[i, 2] = pose[:3, 3]
-        points[i, 1] = pose[:3, 3] - rows[6].along * pose[:3, 2]
-    return points
+    """(N, m, 3) [m] of the arm in the world frame at joint values q (N, n): first its shoulder, last its hand.
+
+    They are the origins of the joints that move against each other; of ARDIS shoulder, elbow and hand.
+    """
+    from rehab_opt.kinematics.arm_links import arm_links  # noqa: PLC0415  (loads CasADi)
+
+    first, *others = arm_links(replace(robot.chain, capsules=()), first=CHAIR, radius=0.0)
+    return np.stack(_places(robot, q, [first.begin, first.end, *(link.end for link in others)]), axis=1)
 
 
 def arm_gaps(robot: MobileArm, q: Array) -> Array:
-    """(N, 2 k) [m] distance of upper arm and forearm from each of the k keep-outs, negative inside."""
+    """(N, k l) [m] distance of each of the arm's l links from each of the k keep-outs, negative inside."""
     still = q.copy()
-    still[:, :3] = 0.0  # in the chassis frame, where the keep-outs are
-    points = arm_points(robot, still)
-    links = (points[:, 0], points[:, 1]), (points[:, 1], points[:, 2])
+    still[:, :CHAIR] = 0.0  # in the chassis frame, where the keep-outs are
+    places = _places(robot, still, [end for link in robot.links for end in (link.begin, link.end)])
     gaps = [
-        _between_segments(begin, end, capsule) - capsule.radius - robot.arm_radius
+        _between_segments(begin, end, capsule) - capsule.radius - link.radius
         for capsule in robot.keep_out
-        for begin, end in links
+        for begin, end, link in zip(places[::2], places[1::2], robot.links, strict=True)
     ]
     return np.stack(gaps, axis=1) if gaps else np.empty((len(q), 0))
+
+
+def _places(robot: MobileArm, q: Array, ends: Sequence[LinkEnd]) -> list[Array]:
+    """(N, 3) [m] of each of these points at joint values q (N, n): the chain's rows multiplied."""
+    chain = robot.chain
+    frames = [np.broadcast_to(chain.base, (len(q), 4, 4))]
+    for row, value in zip(chain.rows, q.T, strict=True):
+        joint = np.tile(np.eye(4), (len(q), 1, 1))
+        if row.prismatic:
+            joint[:, 2, 3] = value
+        else:
+            cos, sin = np.cos(value), np.sin(value)
+            joint[:, 0, 0], joint[:, 0, 1], joint[:, 1, 0], joint[:, 1, 1] = cos, -sin, sin, cos
+        frames.append(frames[-1] @ joint @ np.array(row.after, dtype=np.float64))
+    frames.append(frames[-1] @ chain.tool)
+    return [frames[end.frame][:, :3, 3] + frames[end.frame][:, :3, :3] @ np.array(end.offset) for end in ends]
 
 
 def _between_segments(begin: Array, end: Array, capsule: Capsule) -> Array:

@@ -18,6 +18,8 @@ __all__ = ["ardis_figures", "draw_room", "seen_from_above"]
 OBSTACLE, GOAL = "#BBBBBB", "#009E73"
 INSTANTS = 4
 """Chairs that are drawn, from the first to the last."""
+SEEN = 100
+"""Postures of the arm that the panels have room for, evenly over the run."""
 EDGE = 0.35
 """[m] drawn around what moves."""
 ABOVE = 0.03
@@ -41,8 +43,8 @@ def ardis_figures(outcome: ArdisOutcome) -> dict[str, Figure]:
 def _top_view(outcome: ArdisOutcome) -> Figure:
     x, y = seen_from_above(outcome)
     # Side by side where the scene is tall, one above the other where it is wide.
-    stacked = np.ptp(x) > 1.3 * np.ptp(y)
     count = len(outcome.drives)
+    stacked = count == 1 or np.ptp(x) > 1.3 * np.ptp(y)
     panel = 7.5 * np.ptp(y) / np.ptp(x) + 0.9 if stacked else 5.5
     size = (8.5, 1.6 + count * panel) if stacked else (5.0 * count, 7.0)
     figure = framed(f"{outcome.title}\nseen from above; chair and arm of our law at {INSTANTS} instants", *size)
@@ -64,7 +66,10 @@ def seen_from_above(outcome: ArdisOutcome) -> tuple[np.ndarray, np.ndarray]:
     """Limits (2,) of x and y [m] that show our motions, the goals and the posts near them."""
     points = [np.array([goal.hand_m[:2] for goal in outcome.goals]).reshape(-1, 2)]
     for of in outcome.drives.values():
-        points += [chair_corners(outcome.robot.outline, of.optimised.q).reshape(-1, 2), of.optimised.hand[:, :2]]
+        motion = of.optimised
+        arms = arm_points(outcome.robot, motion.q[:: max(1, len(motion.q) // SEEN)])[:, :, :2]
+        points += [chair_corners(outcome.robot.outline, motion.q).reshape(-1, 2), motion.hand[:, :2]]
+        points.append(arms.reshape(-1, 2))
     every = np.vstack(points)
     low, high = every.min(axis=0) - EDGE, every.max(axis=0) + EDGE
     return np.array([low[0], high[0]]), np.array([low[1], high[1]])
@@ -120,8 +125,10 @@ def _goal_labels(places: list[tuple[float, float]]) -> list[tuple[str, tuple[flo
 
 
 def _draw_chairs(axes: Axes, outcome: ArdisOutcome, motion: Motion) -> None:
-    # As far apart on the chair's way as can be, so that a chair that stands is drawn once.
-    way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(motion.q[:, :3], axis=0)).sum(axis=1))])
+    # As far apart on the chair's way as can be, so that a chair that stands is drawn once; on the arm's if it stands.
+    steps = np.abs(np.diff(motion.q, axis=0))
+    moving = steps[:, :3] if steps[:, :3].any() else steps[:, 3:]
+    way = np.concatenate([[0.0], np.cumsum(moving.sum(axis=1))])
     picked = np.searchsorted(way, np.linspace(0, way[-1], INSTANTS)).clip(max=len(way) - 1)
     q = motion.q[picked]
     corners, arms = chair_corners(outcome.robot.outline, q), arm_points(outcome.robot, q)
@@ -176,10 +183,10 @@ def _limits(outcome: ArdisOutcome) -> Figure:
     figure = framed(f"{outcome.title}\nhow much of its limits each law uses", 9.0, 8.0)
     grid = figure.subplots(3, len(outcome.drives), sharex="col", sharey="row", squeeze=False)
     chain = outcome.robot.chain
-    arm = slice(3, chain.n)
+    arm = 3 + np.flatnonzero(np.isfinite(chain.upper[3:]))  # joints without ends are nowhere near one
     middle, half = (chain.upper[arm] + chain.lower[arm]) / 2, (chain.upper[arm] - chain.lower[arm]) / 2
     for column, (drive, of) in zip(grid.T, outcome.drives.items(), strict=True):
-        limit = getattr(outcome.robot, drive).limit
+        limit = outcome.robot.drive(drive).limit
         for law, motion in of.by_law.items():
             speeds = np.column_stack(
                 [np.hypot(motion.chassis[:, 0], motion.chassis[:, 1]) / chain.velocity[0],
@@ -192,7 +199,7 @@ def _limits(outcome: ArdisOutcome) -> Figure:
             for axes, shares in zip(column, (ranges, speeds, accelerations), strict=True):
                 axes.plot(
                     motion.time,
-                    100 * shares.max(axis=1),
+                    100 * shares.max(axis=1, initial=0.0),
                     **{**LAW_STYLES[law], "linewidth": 1.0},
                     label=NAMES[law],
                     zorder=ORDER[law],

@@ -16,6 +16,7 @@ from rehab_opt.session.metrics import finite, status_counts
 
 if TYPE_CHECKING:
     from rehab_opt.control.obstacles import Obstacle
+    from rehab_opt.kinematics.drive import Drive
     from rehab_opt.kinematics.mobile_arm import MobileArm
 
 __all__ = ["KEPT", "Excesses", "drive_metrics", "excesses", "goals_met", "hand_shares", "kinetic_energies"]
@@ -53,8 +54,8 @@ def _motion_metrics(
     moving = motion.asked
     energy, alone = kinetic_energies(robot, drive, motion)
     chassis = motion.chassis[:, :CHAIR]
-    wheels = getattr(robot, drive)
-    rolled = np.array([wheels.motion(speeds).twist for speeds in motion.wheels])
+    base = robot.drive(drive)
+    rolled = np.array([base.motion(speeds).twist for speeds in motion.wheels])
     points = arm_points(robot, motion.q)
     over_floor = points[:, 1:].reshape(-1, 3)
     to_room = point_gaps(room, over_floor[:, :2])
@@ -72,10 +73,11 @@ def _motion_metrics(
         "broken_share": {name: float(np.mean(of)) for name, of in broken.items()},
         "broken_any_share": float(np.mean(np.logical_or.reduce(list(broken.values())))),
         # The rolling row of Eq. (4) is a left speed of zero in the chassis frame, at each tick's heading.
-        "rolling_residual_max_m_s": _rolling(robot, motion) if drive == "differential" else None,
+        "rolling_residual_max_m_s": _rolling(base, motion) if base.moving != (0, 1, 2) else None,
         "wheel_residual_max_m_s": float(np.abs(rolled - chassis).max()),
         "arm_to_obstacles_min_m": float(to_room.min()) if to_room.size else None,
         "arm_height_min_m": float(over_floor[:, 2].min()),
+        "hand_tilt_max_deg": _tilt(motion),
         "at_rest_at_the_end": not motion.velocity[-1].any(),
         "scale_min": float(motion.scale.min()),
         "status": status_counts(motion.status),
@@ -85,7 +87,7 @@ def _motion_metrics(
 
 def excesses(robot: MobileArm, drive: DriveName, motion: Motion, room: Sequence[Obstacle]) -> Excesses:
     """By how much each tick passes the limits; accelerations against the last tick's velocity in the chair's frame."""
-    chain, wheels = robot.chain, getattr(robot, drive)
+    chain, wheels = robot.chain, robot.drive(drive)
     ahead = motion.q + motion.velocity * motion.dt
     chassis = motion.chassis
     last = np.vstack([np.zeros(chain.n), chassis[:-1]])
@@ -96,7 +98,7 @@ def excesses(robot: MobileArm, drive: DriveName, motion: Motion, room: Sequence[
         "position": np.maximum(ahead - chain.upper, chain.lower - ahead)[:, CHAIR:].max(axis=1),
         "velocity": speeds.max(axis=1),
         "acceleration": (np.abs(chassis - last) / motion.dt - chain.acceleration).max(axis=1),
-        "wheels": np.abs(motion.wheels).max(axis=1) - wheels.limit,
+        "wheels": np.abs(motion.wheels).max(axis=1, initial=0.0) - wheels.limit,
         "keep_out": -arm_gaps(robot, ahead).min(axis=1, initial=np.inf),
     }
     if room:
@@ -131,13 +133,17 @@ def hand_shares(motion: Motion, when: slice) -> dict[str, float | None]:
 def kinetic_energies(robot: MobileArm, drive: DriveName, motion: Motion) -> tuple[Array, Array]:
     """(N,) [J] what the robot has, and what it would have if the chair alone gave the hand its level velocity.
 
-    The latter is the least that does it: the arm is held, and the drive's joints of the chair move.
+    The latter is the least that does it: the arm is held, and the drive's joints of the chair move; NaN where it has
+    none.
     """
-    moving = [0, 1, 2] if drive == "mecanum" else [0, 2]
+    moving = list(robot.drive(drive).moving)
     energy, alone = np.empty(len(motion.q)), np.empty(len(motion.q))
     for k, (q, velocity, jacobian) in enumerate(zip(motion.q, motion.velocity, motion.jacobians, strict=True)):
         inertia = robot.inertia(q)
         energy[k] = velocity @ inertia @ velocity / 2
+        if not moving:
+            alone[k] = np.nan
+            continue
         cos, sin = np.cos(q[2]), np.sin(q[2])
         turned = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])[:, moving]
         level = (jacobian[:2, :CHAIR] @ turned, jacobian[:2] @ velocity)
@@ -184,10 +190,17 @@ def _legs(
     return legs
 
 
-def _rolling(robot: MobileArm, motion: Motion) -> float:
-    rows = np.array([robot.differential.rolling_row(q) for q in motion.q])
-    return float(np.abs(np.sum(rows * motion.velocity, axis=1)).max())
+def _rolling(base: Drive, motion: Motion) -> float:
+    rows = np.array([base.constraints(q) for q in motion.q])
+    return float(np.abs(np.einsum("nij,nj->ni", rows, motion.velocity)).max())
+
+
+def _tilt(motion: Motion) -> float:
+    """[deg] largest angle by which what stood upright in the hand at the start leans: a cup that is held level."""
+    up = motion.poses[:, 2, :3]  # the vertical in the hand's axes
+    across = np.linalg.norm(np.cross(up[0], up), axis=1)
+    return float(np.rad2deg(np.arctan2(across, up @ up[0])).max())
 
 
 def _mean(values: Array) -> float | None:
-    return float(values.mean()) if values.size else None
+    return finite(float(values.mean())) if values.size else None

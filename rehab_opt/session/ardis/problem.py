@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self, get_args
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
+from rehab_opt.kinematics.drive_name import DRIVES, DriveName
 from rehab_opt.session.plant.tables import ChairPlant
 from rehab_opt.session.schema import Length, Problem, Section, SolverName, Triple, refusal
 
@@ -23,23 +24,37 @@ __all__ = [
     "WallSection",
 ]
 
-DriveName = Literal["mecanum", "differential"]
-DRIVES: tuple[DriveName, ...] = get_args(DriveName)
 RowName = Literal["x", "y", "z", "rx", "ry", "rz", "roll7"]
 
 Pair = Annotated[list[Length], Field(min_length=2, max_length=2)]
 Angle = Annotated[float, Field(ge=-360, le=360)]
+ARDIS_JOINTS = 4
 
 
 class RobotSection(Section):
     """The robot and how it stands when the run begins."""
 
+    file: str | None = Field(default=None, min_length=1)
     start_m: Pair = Field(default=[0.0, 0.0])
     heading_deg: Angle = 0.0
-    arm_deg: Annotated[list[Angle], Field(min_length=4, max_length=4)] | None = None
+    arm_deg: Annotated[list[Angle], Field(min_length=4, max_length=100)] | None = None
     mount_height_m: float = Field(default=0.70, ge=0.2, le=1.5)
     chair_mass_kg: float = Field(default=120.0, ge=20, le=500)
     payload_kg: float = Field(default=0.0, ge=0, le=20)
+
+    @model_validator(mode="after")
+    def said_once(self) -> Self:
+        """Refuse what a robot file says beside one, and a start that does not fit the arm of ARDIS."""
+        if self.file is None:
+            if self.arm_deg is not None and len(self.arm_deg) != ARDIS_JOINTS:
+                raise refusal("arm_deg", self.arm_deg, f"{ARDIS_JOINTS} entries")
+            return self
+        for key, own in (("mount_height_m", "mount_m"), ("payload_kg", "payload_kg")):
+            if key in self.model_fields_set:
+                raise refusal(key, getattr(self, key), f"no such key beside file: the robot file says {own}")
+        if self.arm_deg is None:
+            raise refusal("arm_deg", None, "where the arm of the robot file begins, an entry for each of its joints")
+        return self
 
 
 class ModeSection(Section):
@@ -48,6 +63,7 @@ class ModeSection(Section):
     name: str = Field(min_length=1, max_length=20)
     rows: Annotated[list[RowName], Field(min_length=2, max_length=2)]
     speeds: Annotated[list[Annotated[float, Field(ge=-2, le=2)]], Field(min_length=2, max_length=2)]
+    held: Annotated[list[RowName], Field(max_length=5)] = Field(default=[])
 
 
 class StickSection(Section):
@@ -55,13 +71,15 @@ class StickSection(Section):
 
     mecanum: str | None = Field(default=None, min_length=1)
     differential: str | None = Field(default=None, min_length=1)
+    omnidirectional: str | None = Field(default=None, min_length=1)
+    fixed: str | None = Field(default=None, min_length=1)
     dead_zone: float | None = Field(default=None, ge=0, lt=1)
     rate_per_s: float | None = Field(default=None, gt=0, le=1000)
     modes: Annotated[list[ModeSection], Field(min_length=1, max_length=8)] | None = None
 
     @model_validator(mode="after")
     def a_drive_is_run(self) -> Self:
-        """Refuse a problem that has no stick for either drive."""
+        """Refuse a problem that has no stick for any drive."""
         if not self.recordings:
             raise refusal("mecanum", None, f"a recording for one of the drives {', '.join(DRIVES)}")
         return self

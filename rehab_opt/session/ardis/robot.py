@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.errors import ConfigurationError, ProblemFileError
+from rehab_opt.errors import ConfigurationError, ProblemFileError, RobotFileError
 from rehab_opt.session.ardis.clearance import chair_gaps
 from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
 from rehab_opt.session.files import ProblemFile
@@ -39,10 +39,23 @@ KEYS = {
 
 
 def robot_of(loaded: ProblemFile[ArdisProblem]) -> MobileArm:
-    """The robot with the file's masses."""
+    """The robot with the file's masses: ARDIS, or the arm of a robot file on its chair.
+
+    Raises
+    ------
+    ProblemFileError : a value of the file, or of the robot file, cannot be used.
+    """
     from rehab_opt.kinematics.ardis import ardis  # noqa: PLC0415  (loads CasADi)
+    from rehab_opt.kinematics.arm_on_chair import arm_on_chair  # noqa: PLC0415
+    from rehab_opt.session.robot_file import robot_of as arm_of  # noqa: PLC0415
 
     section = loaded.problem.robot
+    if section.file is not None:
+        arm = arm_of(loaded, section.file)
+        try:
+            return arm_on_chair(arm, mount=np.eye(4), chair_mass=section.chair_mass_kg)
+        except ConfigurationError as refused:
+            raise RobotFileError(section.file, refused.argument, refused.value, refused.expected) from refused
     with _refusals(loaded.file):
         return ardis(mount_height=section.mount_height_m, chair_mass=section.chair_mass_kg, payload=section.payload_kg)
 
@@ -58,9 +71,12 @@ def start_of(loaded: ProblemFile[ArdisProblem], robot: MobileArm) -> Array:
     from rehab_opt.kinematics.mobile_arm import CHAIR  # noqa: PLC0415
 
     section, chain = loaded.problem.robot, robot.chain
-    q = np.array([*section.start_m, np.deg2rad(section.heading_deg), *ARDIS_READY[CHAIR:]])
+    arm = ARDIS_READY[CHAIR:] if section.arm_deg is None else np.deg2rad(section.arm_deg)
+    if arm.size != chain.n - CHAIR:
+        expected = f"{chain.n - CHAIR} entries, of {', '.join(chain.names[CHAIR:])}"
+        raise ProblemFileError(loaded.file, "robot.arm_deg", section.arm_deg, expected)
+    q = np.array([*section.start_m, np.deg2rad(section.heading_deg), *arm])
     if section.arm_deg is not None:
-        q[CHAIR:] = np.deg2rad(section.arm_deg)
         outside = np.flatnonzero((q < chain.lower) | (q > chain.upper))
         if outside.size:
             joint = int(outside[0])
@@ -97,7 +113,7 @@ def joystick_of(loaded: ProblemFile[ArdisProblem]) -> Joystick:
     modes: tuple[StickMode, ...] = STICK_MODES
     if section.modes is not None:
         modes = tuple(
-            StickMode(mode.name, (mode.rows[0], mode.rows[1]), (mode.speeds[0], mode.speeds[1]))
+            StickMode(mode.name, (mode.rows[0], mode.rows[1]), (mode.speeds[0], mode.speeds[1]), tuple(mode.held))
             for mode in section.modes
         )
     told = {"dead_zone": section.dead_zone, "rate": section.rate_per_s}
@@ -130,7 +146,7 @@ def resolver_of(
         return RedundancyResolver(
             robot,
             drive=drive,
-            row_sets=list(dict.fromkeys(tuple(mode.rows) for mode in joystick_of(loaded).modes)),
+            row_sets=list(dict.fromkeys(mode.task_rows for mode in joystick_of(loaded).modes)),
             obstacles=room_of(loaded),
             self_motion=run.self_motion,
             dt=1 / run.rate_hz,

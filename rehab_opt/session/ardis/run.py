@@ -11,12 +11,17 @@ from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, ro
 from rehab_opt.session.ardis.stick import StickRecording, read_stick
 from rehab_opt.session.files import ProblemFile, recording_path
 from rehab_opt.session.outcome import Progress
-from rehab_opt.session.plant.making import chair_plant, plant_note
+from rehab_opt.session.plant.making import OWN_ARM, chair_plant, plant_note
 
 __all__ = ["run_ardis", "sticks_of"]
 
 MOST_TICKS = 500_000
 """More keep more than a gigabyte of poses and Jacobians."""
+ROBOT_OF_PAPER = "lengths, masses and limits of the robot are assumptions: the paper gives joints and axes only"
+ROBOT_OF_FILE = (
+    "the chair, its user and what motors add to the joints are those of `ardis` and `arm_on_chair`: assumptions; where "
+    "the arm's numbers are from its robot file says"
+)
 RECORDED = (
     "the stick is a recording of a user who saw another robot, and steers this one blindly; speeds and accelerations "
     "are those that were sent"
@@ -54,10 +59,12 @@ def run_ardis(loaded: ProblemFile[ArdisProblem], *, solver: str | None, progress
     problem, robot = loaded.problem, robot_of(loaded)
     start, room, sticks = start_of(loaded, robot), room_of(loaded), sticks_of(loaded)
     dt = 1 / problem.run.rate_hz
+    if problem.robot.file is not None and problem.plant.kind != "ideal":
+        raise ProblemFileError(loaded.file, "plant.kind", problem.plant.kind, OWN_ARM)
 
     def run(drive: DriveName, name: str, law: Law) -> Motion:
         table = problem.plant
-        plant = None if table.kind == "ideal" else chair_plant(table, robot, getattr(robot, drive), dt)
+        plant = None if table.kind == "ideal" else chair_plant(table, robot, robot.drive(drive), dt)
         return moved(
             robot, law, joystick_of(loaded), sticks[drive], start, dt=dt, plant=plant,
             progress=lambda done, of: progress(f"{drive}, {name} law", done, of),
@@ -80,8 +87,9 @@ def run_ardis(loaded: ProblemFile[ArdisProblem], *, solver: str | None, progress
                 problem.plant, "the robot is simulated: chair and arm move exactly as commanded, whichever law commands"
             ),
             *(() if problem.plant.kind == "ideal" else (RECORDED,)),
-            "lengths, masses and limits of the robot are assumptions: the paper gives joints and axes only",
+            ROBOT_OF_PAPER if problem.robot.file is None else ROBOT_OF_FILE,
             "walls and posts are kept from the chair's outline; the arm may reach over them",
+            *robot.chain.notes,
         ),
         metrics={
             "drives": metrics,

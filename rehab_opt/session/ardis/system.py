@@ -14,7 +14,7 @@ from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.plant.making import on_plant
 from rehab_opt.session.solver_option import checked_solver, solver_refusals
-from rehab_opt.session.systems import Column, Needed
+from rehab_opt.session.systems import ROBOT_FILE, Column, Needed
 
 if TYPE_CHECKING:
     from matplotlib.animation import Animation
@@ -31,8 +31,9 @@ class ArdisSystem:
     options = frozenset({"plant", "solver"})
 
     def recordings(self, problem: ArdisProblem) -> tuple[Needed, ...]:
-        """A recording of the stick for each drive."""
-        return tuple(Needed(f"stick.{drive}", file) for drive, file in problem.stick.recordings.items())
+        """A recording of the stick for each drive, and the robot file where there is one."""
+        sticks = tuple(Needed(f"stick.{drive}", file) for drive, file in problem.stick.recordings.items())
+        return sticks if problem.robot.file is None else (*sticks, Needed(ROBOT_FILE, problem.robot.file))
 
     def check(self, loaded: ProblemFile[ArdisProblem]) -> tuple[str, ...]:
         """Reads the sticks, builds the robot and its controllers."""
@@ -44,7 +45,7 @@ class ArdisSystem:
         with _refusals(loaded, None):
             for drive in sticks:
                 resolver_of(loaded, robot, drive)
-        return ()
+        return robot.chain.notes
 
     def run(self, loaded: ProblemFile[ArdisProblem], *, options: Mapping[str, str], progress: Progress) -> ArdisOutcome:
         """Options: `solver` of the controller, `plant`."""

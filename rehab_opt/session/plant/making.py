@@ -15,15 +15,16 @@ from rehab_opt.session.schema import Problem
 
 if TYPE_CHECKING:
     from rehab_opt.kinematics.chain import SerialChain
-    from rehab_opt.kinematics.differential import Differential
-    from rehab_opt.kinematics.mecanum import Mecanum
+    from rehab_opt.kinematics.drive import Drive
     from rehab_opt.kinematics.mobile_arm import MobileArm
     from rehab_opt.plants.plant import Plant
     from rehab_opt.plants.wheelchair import Wheelchair
 
-__all__ = ["chair_plant", "channel_of", "joint_plant", "ms", "on_plant", "plant_note"]
+__all__ = ["OWN_ARM", "chair_plant", "channel_of", "joint_plant", "ms", "on_plant", "plant_note"]
 
 P = TypeVar("P", bound=Problem)
+
+OWN_ARM = "'ideal' for an arm from a robot file: its drives and friction are not known"
 
 
 def on_plant(loaded: ProblemFile[P], kind: str | None) -> ProblemFile[P]:
@@ -57,9 +58,7 @@ def joint_plant(table: JointPlant, chain: SerialChain, dt: float) -> Plant:
     if table.kind == "ideal":
         return IdealJoints(dt)
     if chain.rows != ur5().rows:
-        raise ConfigurationError(
-            "plant.kind", table.kind, "'ideal' for an arm from a robot file: its drives and friction are not known"
-        )
+        raise ConfigurationError("plant.kind", table.kind, OWN_ARM)
     from rehab_opt.plants.drives import PositionServo, VelocityServo  # noqa: PLC0415  (loads MuJoCo)
     from rehab_opt.plants.mujoco_arm import MujocoArm  # noqa: PLC0415
     from rehab_opt.plants.streaming import PositionStream  # noqa: PLC0415
@@ -77,8 +76,8 @@ def joint_plant(table: JointPlant, chain: SerialChain, dt: float) -> Plant:
     return arm if table.servo == "velocity" else PositionStream(arm)
 
 
-def chair_plant(table: ChairPlant, robot: MobileArm, wheels: Mecanum | Differential, dt: float) -> Wheelchair:
-    """A chair that takes wheel speeds, and its arm's joint velocities [rad/s]."""
+def chair_plant(table: ChairPlant, robot: MobileArm, wheels: Drive, dt: float) -> Wheelchair:
+    """A chair that takes wheel speeds, and its arm's joint velocities [rad/s]; the arm is that of ARDIS."""
     from rehab_opt.plants.drives import VelocityServo  # noqa: PLC0415  (loads MuJoCo)
     from rehab_opt.plants.wheelchair import Wheelchair  # noqa: PLC0415
 

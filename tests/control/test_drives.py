@@ -1,0 +1,148 @@
+"""A drive is a set of constraints on the chassis: what each allows, and the law on bases that stand or go anywhere."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from rehab_opt import Bound, ConfigurationError, RedundancyResolver, Status, ardis
+from rehab_opt.control.chair_limits import ChairLimits
+from rehab_opt.kinematics.ardis import ARDIS_READY
+from rehab_opt.kinematics.drive_name import DRIVES, DriveName
+from rehab_opt.plants.wheelchair import Wheelchair
+from rehab_opt.published.pseudoinverse_law import PseudoinverseLaw
+from tests.control import chair_arms_campaign
+
+Array = NDArray[np.float64]
+DT = 0.01
+ROWS = ("x", "y", "z")
+FREE = {"mecanum": (0, 1, 2), "differential": (0, 2), "omnidirectional": (0, 1, 2), "fixed": ()}
+NEW: tuple[DriveName, ...] = ("omnidirectional", "fixed")
+
+
+def resolver_of(drive: DriveName, **options: object) -> RedundancyResolver:
+    robot = ardis(keep_out=())
+    return RedundancyResolver(robot, drive=drive, dt=DT, row_sets=[ROWS], compile=False, **options)  # type: ignore[arg-type]
+
+
+def free_posture(rng: np.random.Generator) -> Array:
+    return np.concatenate([rng.uniform(-3, 3, 3), ARDIS_READY[3:] + rng.uniform(-0.2, 0.2, 4)])
+
+
+@pytest.mark.parametrize("drive", DRIVES)
+def test_constraints_are_the_motions_that_the_drive_has_not(drive: DriveName) -> None:
+    robot, rng = ardis(), np.random.default_rng(0)
+    base, still = robot.drive(drive), [i for i in range(3) if i not in FREE[drive]]
+    assert base.moving == FREE[drive]
+    for _ in range(20):
+        q, chassis = rng.uniform(-3, 3, 7), rng.uniform(-1, 1, 7)
+        heading = np.exp(1j * q[2])
+        world = chassis.copy()
+        along = heading * complex(chassis[0], chassis[1])
+        world[:2] = along.real, along.imag
+        np.testing.assert_allclose(base.constraints(q) @ world, -chassis[still], atol=1e-12)
+
+
+@pytest.mark.parametrize("drive", DRIVES)
+def test_wheel_speeds_lead_back_to_the_motion_that_they_are_of(drive: DriveName) -> None:
+    base, twist = ardis().drive(drive), np.zeros(3)
+    twist[list(FREE[drive])] = [0.3, -0.2, 0.1][: len(FREE[drive])]
+    motion = base.motion(base.wheel_speeds(twist))
+    np.testing.assert_allclose(motion.twist, twist, atol=1e-12)
+    assert motion.slip <= 1e-12
+
+
+@pytest.mark.parametrize("drive", NEW)
+def test_with_no_bound_active_the_command_is_the_published_law_under_the_constraints(drive: DriveName) -> None:
+    resolver, rng = resolver_of(drive), np.random.default_rng(1)
+    robot, compared = resolver.robot, 0
+    for _ in range(40):
+        q, twist = free_posture(rng), 0.02 * rng.standard_normal(3)
+        # Eq. (1) by the KKT system of its least kinetic energy, in the chassis frame: no inverse of the law's own.
+        weight, n = robot.inertia(np.array([0, 0, 0, *q[3:]])), 7
+        law = PseudoinverseLaw(robot, drive=drive)
+        still = [i for i in range(3) if i not in FREE[drive]]
+        rows = np.vstack([law.task_jacobian(np.array([0, 0, 0, *q[3:]]), ROWS), np.eye(7)[still]])
+        m = len(rows)
+        pull = weight @ robot.posture_gradient(q) * np.linalg.norm(twist)
+        system = np.block([[weight, rows.T], [rows, np.zeros((m, m))]])
+        expected = np.linalg.solve(system, np.concatenate([-pull, twist, np.zeros(m - 3)]))[:n]
+        np.testing.assert_allclose(robot.chassis_velocity(q, law.rate(q, twist, ROWS)), expected, atol=1e-9)
+        resolver.reset(robot.world_velocity(q, expected), heading=q[2])
+        command = resolver.step(q, twist, ROWS)
+        if command.yielded is Bound.NOTHING and command.status is Status.OK:
+            # The command is of the middle of the tick; to the law at q it is as near as that has turned.
+            near = 2e-3 * np.linalg.norm(twist) + 1e-6
+            np.testing.assert_allclose(robot.chassis_velocity(q, command.value), expected, atol=near)
+            compared += 1
+    assert compared > 20
+
+
+@pytest.mark.parametrize("drive", NEW)
+def test_planar_speed_and_turning_are_bounded_whatever_the_stick_says(drive: DriveName) -> None:
+    resolver, rng, q = resolver_of(drive), np.random.default_rng(2), ARDIS_READY.copy()
+    chain, last, fastest = resolver.robot.chain, np.zeros(7), 0.0
+    for k in range(500):
+        if k % 60 == 0:
+            # At first across both axes of the chassis, where each alone would let it be faster than the whole may.
+            twist = np.array([3.0, 3.0, 0.0]) if k < 180 else rng.choice([0.2, 3.0]) * rng.standard_normal(3)
+        command = resolver.step(q, twist, ROWS, "world" if k % 120 >= 60 else "chassis")
+        u = resolver.robot.chassis_velocity(q, command.value)
+        fastest = max(fastest, math.hypot(u[0], u[1]))
+        assert math.hypot(u[0], u[1]) <= chain.velocity[0] + 1e-9
+        assert np.all(np.abs(u[2:]) <= chain.velocity[2:] + 1e-12)
+        assert np.all(np.abs(u - last) <= chain.acceleration * DT + 1e-9)
+        assert not command.yielded & Bound.ACCELERATION
+        assert np.all(u[[i for i in range(3) if i not in FREE[drive]]] == 0.0)
+        assert command.wheels is not None
+        np.testing.assert_allclose(command.wheels, u[list(FREE[drive])], atol=1e-12)
+        q, last = q + DT * command.value, u
+    assert fastest > 0.9 * chain.velocity[0] or drive == "fixed"
+
+
+@pytest.mark.parametrize("drive", DRIVES)
+def test_a_joint_that_stands_does_not_make_braking_longer(drive: DriveName) -> None:
+    robot = ardis()
+    limits = ChairLimits(robot, robot.drive(drive), max_obstacles=0, dt=DT, recovery_speed=0.1)
+    slowest = 0.8 if FREE[drive] else 0.3  # [s] the chair forward, or the elbow
+    assert limits.braking.time == pytest.approx(1.1 * slowest)
+
+
+@pytest.mark.parametrize(("drive", "speed"), [("fixed", "forward"), ("fixed", "turning"), ("differential", "sideways")])
+def test_a_speed_that_the_drive_has_not_is_refused_by_name(drive: DriveName, speed: str) -> None:
+    velocity = np.zeros(7)
+    velocity[("forward", "sideways", "turning").index(speed)] = 0.1
+    with pytest.raises(ConfigurationError, match=f"no speed .*{speed}"):
+        resolver_of(drive).reset(velocity)
+
+
+@pytest.mark.parametrize("drive", ["tracks", 1, None])
+def test_another_drive_is_refused_with_those_that_are(drive: object) -> None:
+    with pytest.raises(ConfigurationError, match=r"drive = .*: expected one of mecanum, differential, omni"):
+        resolver_of(drive)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("drive", NEW)
+def test_a_simulated_base_goes_as_its_drive_says(drive: DriveName) -> None:
+    pytest.importorskip("mujoco")
+    robot = ardis()
+    plant = Wheelchair(robot, robot.drive(drive), dt=DT, wheel_lag=0.0)
+    plant.reset(ARDIS_READY)
+    wheels = np.array([0.2, -0.1, 0.3])[: len(FREE[drive])]
+    for _ in range(50):
+        plant.step(np.concatenate([wheels, np.zeros(4)]))
+    expected = [0.5 * 0.3] if len(wheels) else [0.0]
+    np.testing.assert_allclose(plant.truth.position[2], expected, atol=1e-9)
+    # Along a circle at a held twist: the chord of the arc that its heading turns through.
+    way = (0.2 - 0.1j) * (np.exp(0.15j) - 1) / 0.3j if len(wheels) else 0j
+    np.testing.assert_allclose(plant.truth.position[:2], [way.real, way.imag], atol=1e-6)
+
+
+def test_no_fault_breaks_a_bound_of_a_six_or_seven_joint_arm_on_a_new_drive() -> None:
+    pairs = [("gen3", "omnidirectional"), ("ur5", "fixed")]  # the campaign itself has every arm on every drive
+    tally = chair_arms_campaign.run(600, seed=5, pairs=pairs)
+    assert tally.broken == []
+    assert {Status.OK, Status.BRAKING} <= set(tally.statuses)

@@ -1,0 +1,238 @@
+"""An arm of a robot file on a chair, from problem file to report; the shipped robots are what their sources say."""
+
+from __future__ import annotations
+
+import shutil
+import xml.etree.ElementTree as ET
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from rehab_opt import CapsuleOnLink, ProblemFileError, RedundancyResolver, SerialChain
+from rehab_opt.kinematics.arm_on_chair import arm_on_chair
+from rehab_opt.session.ardis.clearance import arm_gaps, arm_points
+from rehab_opt.session.ardis.outcome import ArdisOutcome
+from rehab_opt.session.ardis.robot import robot_of, start_of
+from rehab_opt.session.files import load_problem, shipped_folder
+from rehab_opt.session.mirror.outcome import STEP, MirrorOutcome
+from rehab_opt.session.report import write_report
+from rehab_opt.session.run import run_problem
+from rehab_opt.session.systems import ROBOT_FILE, system_named
+from tests.control.redundancy_campaign import segment_distance
+from tests.kinematics.robot_files.known_arms import gen3
+from tests.kinematics.robot_files.random_arms import pose_of
+
+Array = NDArray[np.float64]
+Changed = Callable[..., str]
+ROBOTS = shipped_folder() / "robots"
+GEN3, PANDA = ROBOTS / "kinova_gen3/gen3.urdf", ROBOTS / "franka_panda/panda.urdf"
+# Craig's (modified) parameters of the Franka Control Interface's documentation: a [m], d [m], alpha; then the flange.
+PANDA_DH = (
+    (0, 0.333, 0), (0, 0, -90), (0, 0.316, 90), (0.0825, 0, 90), (-0.0825, 0.384, -90), (0, 0, 90), (0.088, 0, 90),
+)  # fmt: skip
+FLANGE = 0.107
+MOUNT = np.eye(4)
+MOUNT[:3, 3] = 0.30, -0.32, 0.55
+
+
+@pytest.fixture(autouse=True)
+def uncompiled(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs are short: to compile a tracker takes longer than they do."""
+    monkeypatch.setenv("REHAB_OPT_COMPILE", "off")
+
+
+@pytest.fixture(scope="module")
+def drink() -> ArdisOutcome:
+    outcome = run_problem(load_problem("ardis/kinova_drink"))
+    assert isinstance(outcome, ArdisOutcome)
+    return outcome
+
+
+@pytest.fixture
+def changed(tmp_path: Path) -> Changed:
+    """The drinking problem with one text in place of another, in the problem, its robot file or its URDF."""
+
+    def write(file: str, old: str, new: str) -> str:
+        for folder in ("ardis", "robots"):
+            shutil.copytree(shipped_folder() / folder, tmp_path / folder)
+        path = tmp_path / file
+        text = path.read_text()
+        assert old in text
+        path.write_text(text.replace(old, new, 1))
+        return str(tmp_path / "ardis/kinova_drink.toml")
+
+    return write
+
+
+def links_of(urdf: Path, q: Array) -> dict[str, Array]:
+    """(4, 4) of each link by its name, multiplied out of the file's own origins."""
+    poses, values = {}, iter(q)
+    for joint in ET.parse(urdf).getroot().iter("joint"):
+        parent, child = (joint.find(end).attrib["link"] for end in ("parent", "child"))  # type: ignore[union-attr]
+        origin = joint.find("origin").attrib  # type: ignore[union-attr]
+        step = np.eye(4)
+        step[:3, :3] = Rotation.from_euler("xyz", [float(each) for each in origin["rpy"].split()]).as_matrix()
+        step[:3, 3] = [float(each) for each in origin["xyz"].split()]
+        if joint.attrib["type"] != "fixed":
+            turn = np.eye(4)
+            turn[:3, :3] = Rotation.from_euler("z", next(values)).as_matrix()
+            step = step @ turn
+        poses[child] = poses.get(parent, np.eye(4)) @ step
+    return poses
+
+
+def test_the_gen3_is_the_vendors_but_for_its_rounding() -> None:
+    chain, rng = SerialChain.from_urdf(GEN3, tip="bracelet_link", acceleration=2.0), np.random.default_rng(0)
+    edges = gen3()
+    for q in rng.uniform(-2, 2, (50, 7)):
+        np.testing.assert_allclose(chain.pose(q)[:3, 3], pose_of(edges, q)[:3, 3], atol=3e-5)
+    np.testing.assert_array_equal(chain.upper[1::2], [edge.upper for edge in edges[1::2]])
+    assert np.all(np.isinf(chain.upper[::2]))
+    np.testing.assert_array_equal(chain.velocity, [edge.velocity for edge in edges])
+
+
+def test_the_panda_is_that_of_its_documented_parameters() -> None:
+    chain, rng = SerialChain.from_urdf(PANDA, acceleration=7.5), np.random.default_rng(0)
+    for q in rng.uniform(chain.lower, chain.upper, (50, 7)):
+        pose = np.eye(4)
+        for (a, d, alpha), angle in zip(PANDA_DH, q, strict=True):
+            before, after = np.eye(4), np.eye(4)
+            before[:3, :3], before[0, 3] = Rotation.from_euler("x", alpha, degrees=True).as_matrix(), a
+            after[:3, :3], after[2, 3] = Rotation.from_euler("z", angle).as_matrix(), d
+            pose = pose @ before @ after
+        pose[:3, 3] += FLANGE * pose[:3, 2]
+        np.testing.assert_allclose(chain.pose(q), pose, atol=1e-12)
+
+
+def test_the_cup_is_brought_to_the_mouth_level_and_within_every_limit(drink: ArdisOutcome) -> None:
+    ours, theirs = (drink.metrics["drives"]["fixed"][law] for law in ("optimised", "published"))
+    assert ours["goals_met"] == len(drink.goals) == 5
+    assert ours["broken_any_share"] == 0.0
+    assert set(ours["status"]) == {"ok"}
+    assert ours["rolling_residual_max_m_s"] == 0.0
+    assert theirs["goals_met"] < 5  # the same stick, without limits
+    motion = drink.drives["fixed"].optimised
+    assert np.all(motion.q[:, :3] == 0.0)
+    cups = motion.poses[:, :3, :3] @ motion.poses[0, :3, :3].T @ [0.0, 0.0, 1.0]
+    tilt = np.rad2deg(np.arcsin(np.linalg.norm(cups[:, :2], axis=1)))
+    assert tilt.max() < 0.01
+    assert ours["hand_tilt_max_deg"] == pytest.approx(tilt.max(), abs=1e-6)
+
+
+def test_distances_of_an_arm_of_capsules_are_those_of_its_files(drink: ArdisOutcome) -> None:
+    robot, q = drink.robot, drink.drives["fixed"].optimised.q[::400]
+    ends = {
+        "half_arm_1_link": ((0, -0.42, -0.012), 0.055),
+        "forearm_link": ((0, -0.314, -0.006), 0.05),
+        "spherical_wrist_2_link": ((0, -0.287, 0), 0.05),
+    }
+    for posture, gaps, points in zip(q, arm_gaps(robot, q), arm_points(robot, q), strict=True):
+        links = links_of(GEN3, posture[3:])
+        expected = []
+        for capsule in robot.keep_out:
+            for name, (end, radius) in ends.items():
+                pose = MOUNT @ links[name]
+                apart = segment_distance(pose[:3, 3], (pose @ [*end, 1.0])[:3], capsule)
+                expected.append(apart - capsule.radius - radius)
+        np.testing.assert_allclose(gaps, expected, atol=1e-9)
+        hand = MOUNT @ links["end_effector_link"] @ [0.0, 0.0, 0.12, 1.0]
+        np.testing.assert_allclose(points[-1], hand[:3], atol=1e-9)
+        np.testing.assert_allclose(points[0], (MOUNT @ links["shoulder_link"])[:3, 3], atol=1e-9)
+
+
+def test_a_link_that_is_a_ball_stays_out_of_the_user() -> None:
+    ball, radius = "spherical_wrist_2_link", 0.06
+    arm = SerialChain.from_urdf(GEN3, acceleration=2.0, capsules=[CapsuleOnLink(ball, (0, 0, 0), (0, 0, 0), radius)])
+    robot = arm_on_chair(arm, mount=MOUNT)
+    rows = ("x", "y", "z")
+    resolver = RedundancyResolver(robot, drive="fixed", dt=0.01, row_sets=[rows], compile=False)
+    q = np.concatenate([np.zeros(3), np.deg2rad([-105.9, -72.0, -59.9, -112.0, -33.0, -57.3, 0.0])])
+    nearest = np.inf
+    for _ in range(700):
+        command = resolver.step(q, [-0.14, 0.05, 0.03], rows)
+        assert command.status.certified
+        q = q + 0.01 * command.value
+        centre = (MOUNT @ links_of(GEN3, q[3:])[ball])[:3, 3]
+        gaps = [segment_distance(centre, centre + 1e-9, each) - each.radius - radius for each in robot.keep_out]
+        nearest = min(nearest, *gaps)
+        assert nearest >= -1e-6
+    assert nearest < 0.01  # it did come near
+
+
+def test_the_report_is_whole(drink: ArdisOutcome, tmp_path: Path) -> None:
+    files = write_report(drink, tmp_path / "out")
+    assert {file.name for file in files} >= {"metrics.json", "trace.csv", "top_view.png", "hand.png", "limits.png"}
+    assert "NaN" not in (tmp_path / "out/metrics.json").read_text()
+    header = (tmp_path / "out/trace.csv").read_text().partition("\n")[0]
+    assert "joint_joint_7_rad" in header
+
+
+def test_the_button_is_pressed_by_a_chair_that_rolls_and_by_one_that_goes_anywhere() -> None:
+    outcome = run_problem(load_problem("ardis/kinova_lift_button"))
+    assert set(outcome.metrics["drives"]) == {"differential", "omnidirectional"}
+    for numbers in outcome.metrics["drives"].values():
+        ours = numbers["optimised"]
+        assert ours["goals_met"] == 4
+        assert ours["broken_any_share"] == 0.0
+        assert ours["chair_path_m"] > 0.1
+        assert numbers["published"]["broken_any_share"] > 0.01
+
+
+def test_a_franka_leads_a_hand_within_its_limits() -> None:
+    outcome = run_problem(load_problem("mirror/franka_pick_fruit"))
+    assert isinstance(outcome, MirrorOutcome)
+    led = outcome.laws[STEP]
+    assert np.all((led.q >= outcome.chain.lower) & (led.q <= outcome.chain.upper))
+    assert led.complete
+    for q in led.q[::200]:
+        pose = links_of(PANDA, q)["panda_link8"][:3, 3] + [-0.06, 0.2, 0.0]
+        np.testing.assert_allclose(outcome.chain.pose(q)[:3, 3], pose, atol=1e-9)
+
+
+def test_the_robot_file_is_one_of_the_problems_inputs() -> None:
+    problem = load_problem("ardis/kinova_drink").problem
+    assert ROBOT_FILE in [each.key for each in system_named("ardis").recordings(problem)]
+
+
+def read_and_used(file: str) -> None:
+    """Cheapest first: a controller is made where all else is right."""
+    loaded = load_problem(file)
+    start_of(loaded, robot_of(loaded))
+    run_problem(loaded)
+
+
+PROBLEM, ROBOT, URDF = "ardis/kinova_drink.toml", "robots/kinova_gen3/on_chair.toml", "robots/kinova_gen3/gen3.urdf"
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "expected"),
+    [
+        (PROBLEM, "arm_deg = [-105.9, ", "arm_deg = [", "robot.arm_deg = "),
+        (PROBLEM, "-72.0", "-172.0", "robot.arm_deg.1 = -172.0: expected joint_2 within"),
+        (PROBLEM, "arm_deg = ", "# ", "robot.arm_deg = None: expected where the arm"),
+        (PROBLEM, "arm_deg = ", "payload_kg = 1.0\narm_deg = ", "robot.payload_kg = 1.0: expected no such key beside"),
+        (PROBLEM, "on_chair.toml", "none.toml", "robot.file = '../robots/kinova_gen3/none.toml': expected a "),
+        (PROBLEM, 'held = ["y", "rx", "ry"]', 'held = ["x", "rx", "ry"]', "stick.modes.0.held = "),
+        (PROBLEM, "fixed = ", "tracks = ", "stick.tracks = 'kinova_drink_fixed.csv': expected one of the keys"),
+        (PROBLEM, "[stick]", '[plant]\nkind = "mujoco"\n[stick]', "plant.kind = 'mujoco': expected 'ideal' for an arm"),
+        (ROBOT, "[[caps", "[joints.joint_1]\nlower_deg = -90.0\n[[caps", "on_chair.toml: joint joint_1, lower"),
+        (ROBOT, 'tip = "end_effector_link"', 'tip = "half_arm_2_link"', "half_arm_2_link"),
+        (URDF, 'velocity="1.3963"', 'velocity="-1"', "gen3.urdf: joint joint_1, limit.velocity = -1.0: expected"),
+        (URDF, 'xyz="0 0 1"', 'xyz="0 0 2"', "gen3.urdf: joint joint_1, axis.xyz = '0 0 2': expected a vector of"),
+    ],
+)  # fmt: skip
+def test_a_fault_names_file_joint_key_value_and_what_was_expected(
+    changed: Changed, file: str, old: str, new: str, expected: str
+) -> None:
+    loaded_from = changed(file, old, new)
+    with pytest.raises(ProblemFileError) as refusal:
+        read_and_used(loaded_from)
+    said = str(refusal.value)
+    assert Path(file).name in said or Path(refusal.value.file).suffix == ".toml"
+    assert expected in said
+    assert "\n" not in said
+    assert len(said.replace(str(Path(loaded_from).parents[1]), "")) < 2 * 140
