@@ -22,8 +22,8 @@ GONE = 1e-6
 """[m] A displacement up to this is none, once no force is measured any more."""
 SLACK = 5e-3
 """[m] A displacement leads the hand by at most this and two ticks' way: what the bounds refuse is not wound up."""
-STIFFER = 0.1
-"""Share of the reserve from which a tank that empties makes the damping no larger."""
+STIFFER = 1e-4
+"""Share of the reserve from which a tank that empties makes the damping no larger: the hand hardly moves."""
 REGAIN = 0.5
 """[s] in which a reference that stood for a push regains its pace."""
 ALLOWED = 0.02
@@ -32,8 +32,9 @@ LEAP = 1.0
 """[m/s] A hand that leaves its reference faster than this does not: the reference leapt."""
 SEEN = 1e3
 """[m] No hand is farther from its reference."""
-FELT = 12
-"""Numbers of an admittance's state: displacement (3,), its velocity (3,), hand off the reference (3,), pace, tank, stop."""
+FELT = 15
+"""Numbers of an admittance's state: displacement (3,), its velocity (3,), hand off its reference (3,), pace, tank, stop,
+force (3,)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,13 +55,15 @@ class Interaction:
 
     in every tick, so that hand and displacement give out no more than was put in, as long as the hand is where x says.
     On a real arm it is late, and bounds hold it back. A tank T, which begins at `reserve`, therefore takes measured
-    forces and positions: per tick T + F . dy - dE + 0.02 W dt, at most `reserve`, where y is how far the hand is from
-    its reference. While it is not empty, sum F . dy >= -(reserve + E_0) - 0.02 W t, whatever the delay; as it empties,
-    damping grows tenfold, which needs less of the phase that a delay takes. It is a brake, not a proof: noise and a
-    person who moves the hand with the arm's servo against them can empty it. The reference itself leads at F pace v:
-    at most limit^2 / (4 (limit - slow_from)) of force times its speed (2.6 W at the defaults and 0.25 m/s), and nothing
-    from `limit` on. A delay T of all the loop leaves the hand's admittance passive up to about sqrt(B / (M T)) rad/s,
-    10 Hz for 15 ms.
+    forces and positions: per tick T + F . dy - dE + 0.02 W dt, at most `reserve`, where dy is how far the hand
+    went from its reference since F was measured. From T >= 0 follows sum F . dy >= -(reserve + E_0) - 0.02 W t, whatever the delay: as T falls the
+    damping B reserve / T grows, and a hand whose tank is empty hardly answers forces, but returns, which fills it. What
+    is on its way then is still given out: T may owe up to `reserve`. The 0.02 W are what noise of forces and positions
+    would take from it; where the true hand is not the measured one (bending, play), nothing is claimed.
+
+    The reference itself leads at F pace v: at most limit^2 / (4 (limit - slow_from)) of force times its speed (2.6 W at
+    the defaults and 0.25 m/s), and nothing from `limit` on. Without the tank, a delay D of all the loop leaves the
+    admittance passive up to about sqrt(B / (M D)) rad/s, 9 Hz for 15 ms.
 
     Defaults are choices: ISO/TS 15066 as quoted allows a hand 140 N, of healthy adults.
     """
@@ -77,16 +80,16 @@ class Interaction:
     """[s] in a row for which it must."""
     stiffness: float = 580.0
     """[N/m] K"""
-    damping: float = 120.0
+    damping: float = 180.0
     """[N s/m] B"""
-    mass: float = 2.0
+    mass: float = 4.0
     """[kg] M"""
     most: float = 0.05
     """[m] largest displacement of the reference."""
     speed: float = 0.2
     """[m/s] largest speed of the displacement."""
     reserve: float = 0.5
-    """[J] of the tank."""
+    """[J] of the tank, when full."""
 
     def __post_init__(self) -> None:
         """Check every number."""
@@ -104,7 +107,7 @@ class Interaction:
         The hand is where it is now, off the reference that the last tick followed; NaN where that is not known.
         """
         force, state, seen = ca.SX.sym("force", 3), ca.SX.sym("state", FELT), ca.SX.sym("seen", 3)
-        x, v, before, pace, tank, stopped = ca.vertsplit(state, [0, 3, 6, 9, 10, 11, 12])
+        x, v, before, pace, tank, stopped, pushed = ca.vertsplit(state, [0, 3, 6, 9, 10, 11, 12, FELT])
         size = ca.norm_2(force)
         again = ca.logic_or(size >= self.stop_at, ca.logic_and(stopped > 0, size >= self.release * self.stop_at))
         left = ca.if_else(stopped > 1.5 * dt, stopped - dt, 0)  # by halves of a tick: rounding does not decide
@@ -120,11 +123,10 @@ class Interaction:
         moved, velocity = self._delivered(moved, velocity, away, dt)
         rest = ca.logic_or(stopped > 0, ca.logic_not(known))
         moved, velocity = ca.if_else(rest, x, moved), ca.if_else(rest, 0, velocity)
-        gained = ca.if_else(leapt, 0, ca.dot(force, way)) - self._energy(moved, velocity) + self._energy(x, v)
-        tank = clipped(tank + gained + ALLOWED * dt, 0, self.reserve)
-        return ca.Function(
-            "felt", [force, state, seen], [ca.vertcat(moved, velocity, away, pace, tank, stopped)], {"cse": True}
-        )
+        gained = ca.if_else(leapt, 0, ca.dot(pushed, way)) - self._energy(moved, velocity) + self._energy(x, v)
+        tank = clipped(tank + gained + ALLOWED * dt, -self.reserve, self.reserve)
+        after = ca.vertcat(moved, velocity, away, pace, tank, stopped, force)
+        return ca.Function("felt", [force, state, seen], [after], {"cse": True})
 
     def _energy(self, x: ca.SX, v: ca.SX) -> ca.SX:
         """[J] stored."""
@@ -190,7 +192,7 @@ class AdmittanceState:
 
     @property
     def energy(self) -> float:
-        """[J] left in the tank."""
+        """[J] left in the tank; below zero it owes."""
         return float(self._state[10])
 
     def feel(self, force: ArrayLike | None, away: Array) -> str:
