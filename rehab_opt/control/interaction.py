@@ -1,4 +1,4 @@
-"""What a measured interaction force does to a led hand: it gives way, its reference slows down, and it stops at last."""
+"""What a measured force does to a led hand: it gives way, its reference slows down, and at last the arm stops."""
 
 from __future__ import annotations
 
@@ -33,39 +33,40 @@ LEAP = 1.0
 SEEN = 1e3
 """[m] No hand is farther from its reference."""
 FELT = 15
-"""Numbers of an admittance's state: displacement (3,), its velocity (3,), hand off its reference (3,), pace, tank, stop,
-force (3,)."""
+"""Numbers of an admittance's state: displacement (3,), its velocity (3,), hand off its reference (3,), pace, tank,
+seconds of the stop, force (3,)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Interaction:
     """Admittance of a led hand, M x'' + B x' + K x = F, how its reference slows down, and when the arm stops.
 
-    The displacement x and x' are added to the pose and twist that the hand's QP follows, so that every bound of it is
-    kept: of a push, what the bounds allow is given way to. What they refuse is taken out of x (beyond `SLACK`), and the
+    Displacement x and velocity x' are added to the pose and twist that the hand's QP follows, so that every bound of it
+    holds: a push is given way to as far as the bounds allow. What they refuse beyond `SLACK` is taken out of x, and the
     hand returns from where it got to. The pace of the reference falls from `slow_from` on and is 0 at `limit`; it falls
     at once and regains slowly, and so follows the largest of noisy forces. At `stop_at` the arm decelerates to rest, as
     it does without a usable force; it goes on after `hold` seconds in a row below `release` x `stop_at`. A rigid stop
-    instead of giving way is `stop_at=30`.
+    at 30 N, instead of giving way beyond, is `Interaction(stop_at=30.0)`.
 
-    Energy. The step is implicit (backward Euler), and speed and displacement are bounded by projections on convex sets
-    that hold where it began, which are contact forces that dissipate: with the stored energy E = (M x'^2 + K x^2) / 2,
+    Energy. The step is implicit (backward Euler); speed and displacement are bounded by projections onto convex sets
+    that hold where the step began, and such contacts dissipate. With the stored energy E = (M x'^2 + K x^2) / 2,
 
         F . dx >= E_after - E_before + B |x'|^2 dt
 
-    in every tick, so that hand and displacement give out no more than was put in, as long as the hand is where x says.
-    On a real arm it is late, and bounds hold it back. A tank T, which begins at `reserve`, therefore takes measured
-    forces and positions: per tick T + F . dy - dE + 0.02 W dt, at most `reserve`, where dy is how far the hand
-    went from its reference since F was measured. From T >= 0 follows sum F . dy >= -(reserve + E_0) - 0.02 W t, whatever the delay: as T falls the
-    damping B reserve / T grows, and a hand whose tank is empty hardly answers forces, but returns, which fills it. What
-    is on its way then is still given out: T may owe up to `reserve`. The 0.02 W are what noise of forces and positions
-    would take from it; where the true hand is not the measured one (bending, play), nothing is claimed.
+    in every tick: where the hand is at x, it gives out no more than was put in. A real hand is late, and bounds hold it
+    back. A tank T, full with `reserve` at first, therefore takes measured forces and positions: per tick
+    T + F . dy - dE + 0.02 W dt, at most `reserve`, where dy is how far the hand went, from its reference, since F was
+    measured. As T falls, the damping B reserve / T grows; with an empty tank the hand hardly answers forces, but
+    returns, which fills it. From T >= 0 follows sum F . dy >= -reserve - 0.02 W t after rest, whatever the delay; what
+    is on its way when the tank is empty is given out, too, and owed (T >= -reserve). 0.02 W are what noise of forces
+    and positions takes. Nothing is claimed where the hand is not where it is measured (bending, play).
 
-    The reference itself leads at F pace v: at most limit^2 / (4 (limit - slow_from)) of force times its speed (2.6 W at
-    the defaults and 0.25 m/s), and nothing from `limit` on. Without the tank, a delay D of all the loop leaves the
-    admittance passive up to about sqrt(B / (M D)) rad/s, 9 Hz for 15 ms.
+    The reference itself works against a person who resists F with at most F pace v: limit^2 / (4 (limit - slow_from))
+    times its speed, 2.6 W at the defaults and 0.25 m/s, and nothing from `limit` on. Without the tank a delay D of the
+    whole loop would leave the admittance passive up to about sqrt(B / (M D)) rad/s: 9 Hz for 15 ms.
 
-    Defaults are choices: ISO/TS 15066 as quoted allows a hand 140 N, of healthy adults.
+    Defaults are choices: ISO/TS 15066 as quoted allows a hand 140 N, of healthy adults. A reference out of reach pulls
+    with K times its distance: a push away from it is answered beyond that force.
     """
 
     slow_from: float = 8.0

@@ -229,10 +229,11 @@ def _person(limit: PersonLimit) -> dict[str, str]:
 def _constants(tracker: MirrorTracker) -> dict[str, str]:
     """What the templates of clock, pace, forces and way out hold; each product as Python makes it."""
     f, s, w, dt, chain = mirror_following, mirror_statement, mirror_waiting, tracker.dt, tracker.chain
+    law = tracker._interaction.law
     doubles = {
         "longest": 1.5 * dt, "curved": CURVED, "still_linear": f.STILL[0], "still_angular": f.STILL[1], "gain": GAIN,
-        "max_deviation": tracker.max_deviation, "max_turn": tracker.max_turn, "gone": GONE,
-        "reserve": tracker._interaction.law.reserve, "stop_at": tracker._interaction.law.stop_at, "catching_up": f.CATCHING_UP, "at_least": f.AT_LEAST,
+        "max_deviation": tracker.max_deviation, "max_turn": tracker.max_turn, "gone": GONE, "reserve": law.reserve,
+        "stop_at": law.stop_at, "catching_up": f.CATCHING_UP, "at_least": f.AT_LEAST,
         "catch_up": tracker.catch_up, "waits": f.WAITS, "calm": s.CALM, "whole": s.WHOLE,
         "reference_linear": s.SPARE * tracker.linear_speed, "reference_angular": s.SPARE * tracker.angular_speed,
         "quickening": dt / f.QUICKENING, "waits_at": f.WAITS * tracker.max_deviation, "stuck_seconds": w.STUCK[0],
