@@ -87,7 +87,7 @@ class Interaction:
     """[kg] M"""
     most: float = 0.05
     """[m] largest displacement of the reference."""
-    speed: float = 0.2
+    speed: float = 0.15
     """[m/s] largest speed of the displacement."""
     reserve: float = 0.5
     """[J] of the tank, when full."""

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rehab_opt import ConfigurationError, Interaction, MirrorTracker, SerialChain, Status, ur5
+from rehab_opt import ConfigurationError, Interaction, KeepOut, MirrorTracker, SerialChain, Status, ur5
 from tests.control.mirror_campaign import LARGEST
 from tests.export.mirroring import seven_joints
 
@@ -120,6 +120,7 @@ def test_what_is_refused_is_not_wound_up_and_what_is_not_refused_is_given(dt: fl
             wanted = felt.offset
             hand = wanted - max(float(wanted @ normal) - room, 0.0) * normal
             assert np.linalg.norm(wanted - hand) <= 5e-3 + 2 * law.speed * dt + law.speed * dt + 1e-9
+        assert np.linalg.norm(felt.velocity) < 0.01
         tangent = np.eye(3) - np.outer(normal, normal)
         np.testing.assert_allclose(tangent @ hand, tangent @ force / law.stiffness, atol=5e-3)
 
@@ -317,6 +318,28 @@ def test_at_a_joint_limit_what_can_be_delivered_is_and_nobody_is_trapped(seed: i
         assert (begun - 400) * dt <= 0.15  # nothing was wound up
         assert np.linalg.norm(places[-1]) <= 5e-3
         assert set(statuses) == {Status.OK}
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_before_a_plane_the_hand_slides_along_and_leaves_it_at_once(seed: int) -> None:
+    rng, dt, room = np.random.default_rng(seed), 5e-3, 0.015
+    chain, start = ur5(capsules=()), np.array(STARTS["ur5"])
+    tool = chain.pose(start)[:3, 3]
+    normal = np.array([*-tool[:2], 0.0]) + 0.05 * rng.normal(size=3)  # a wall in front of the arm
+    normal /= np.linalg.norm(normal)
+    plane = KeepOut.through(tool - room * normal, normal)
+    robot = MirrorTracker(chain, dt=dt, keep_out=[plane], max_manipulability=LARGEST, compile=False)
+    along = np.cross(normal, direction(rng))
+    along /= np.linalg.norm(along)
+    way = (along - normal) / math.sqrt(2.0)
+    places, statuses = run(robot, start, pushed(way, HARD, range(400), 800))
+    assert (places @ normal).min() >= -room - 1e-9
+    assert places[399] @ normal == pytest.approx(-room, abs=1e-3)
+    assert places[399] @ along == pytest.approx(HARD / math.sqrt(2.0) / Interaction().stiffness, rel=0.2)
+    begun = next(k for k in range(400, 800) if places[k] @ normal > -room + 1e-3)
+    assert (begun - 400) * dt <= 0.16
+    assert np.linalg.norm(places[-1]) <= 5e-3
+    assert set(statuses) == {Status.OK}
 
 
 @pytest.mark.parametrize("seed", range(3))

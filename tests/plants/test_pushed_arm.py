@@ -13,6 +13,7 @@ from bench.physics.arms import ARMS
 from bench.physics.following import follow
 from rehab_opt import Interaction, MirrorTracker
 from rehab_opt.plants.channel import Channel
+from rehab_opt.plants.contacts import SpringDamper
 from rehab_opt.plants.mujoco_arm import MujocoArm
 from rehab_opt.plants.plant import Measurement
 
@@ -73,3 +74,23 @@ def test_a_hand_that_is_shaken_is_given_no_more_than_it_gave_and_the_reserve(her
     work = np.cumsum([push(k) @ (run.hand[k + 1] - run.hand[k]) for k in range(999)])
     assert work.min() >= -law.reserve
     assert run.hand_speed().max() <= 0.35
+
+
+@pytest.mark.parametrize("stiffness", [300.0, 3000.0])
+def test_a_person_who_holds_the_hand_elsewhere_meets_the_arm_half_way_and_at_rest(stiffness: float) -> None:
+    arm, delay, way = ARMS[next(iter(ARMS))](), 0.008, np.array([0.6, 0.0, 0.8])
+    robot, law, start = tracker(arm.name), Interaction(), arm.ready
+    robot.reset()
+    pose, off = arm.chain.pose(start), 0.03
+    person = SpringDamper(pose[:3, 3] + off * way, stiffness=stiffness)
+    channel = Channel(command_delay=delay / 2, measurement_delay=delay / 2, position_noise=1e-4, force_noise=2.0)
+    plant = MujocoArm(arm.model, dt=DT, channel=channel, contacts=(person,), seed=np.random.default_rng(3))
+    run = follow(
+        plant, arm.chain, start, 1000, lambda _, seen: robot.step(seen.position, pose, np.zeros(6), force=seen.force)
+    )  # fmt: skip
+    late = slice(750, None)
+    assert run.hand_speed(late).max() <= 0.04
+    moved = (run.hand[late] - pose[:3, 3]) @ way
+    np.testing.assert_allclose(moved, off * stiffness / (stiffness + law.stiffness), rtol=0.1)
+    assert np.linalg.norm(run.force[late], axis=1).std() <= 1.0
+    assert run.hand_speed().max() <= 0.25
