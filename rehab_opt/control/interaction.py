@@ -66,7 +66,8 @@ class Interaction:
     whole loop would leave the admittance passive up to about sqrt(B / (M D)) rad/s: 9 Hz for 15 ms.
 
     Defaults are choices: ISO/TS 15066 as quoted allows a hand 140 N, of healthy adults. A reference out of reach pulls
-    with K times its distance: a push away from it is answered beyond that force. A sensor's bias moves the hand by bias / K.
+    with K times its distance: a push away from it is answered beyond that force. A sensor's bias moves the hand by
+    bias / K.
     """
 
     slow_from: float = 8.0

@@ -71,7 +71,8 @@ def test_a_hand_that_is_shaken_is_given_no_more_than_it_gave_and_the_reserve(her
         return robot.step(seen.position, pose, np.zeros(6), force=seen.force)
 
     run = follow(plant, arm.chain, start, 1000, step, each=lambda k, _: push(k))
-    work = np.cumsum([push(k) @ (run.hand[k + 1] - run.hand[k]) for k in range(999)])
+    moves, forces = np.diff(run.hand, axis=0), np.array([push(k) for k in range(999)])
+    work = np.cumsum(np.einsum("ki,ki->k", forces, moves))
     assert work.min() >= -law.reserve
     assert run.hand_speed().max() <= 0.35
 
