@@ -106,11 +106,13 @@ def pushed(setting: Setting) -> Numbers:
         each=lambda k, _: PUSH * way if begin <= k < end else None,
     )
     gone = (run.hand - pose[:3, 3]) @ way
-    moved = float(gone[begin + round(rate) : end].mean())
+    held = gone[begin + round(rate) : end]
     changes = sum(a is not b for a, b in zip(run.status, run.status[1:], strict=False))
     return {
-        "push: gives way": moved * law.stiffness / PUSH,
-        "push: stiffness": PUSH / max(moved, 1e-6),
+        "push: gives way": float(held.min()) * law.stiffness / PUSH,
+        "push: gives way, most": float(held.max()) * law.stiffness / PUSH,
+        "push: stiffness": PUSH / max(float(held.mean()), 1e-6),
+        "push: speed": float(run.hand_speed().max()),
         "push: back": float(np.linalg.norm(run.hand[-1] - pose[:3, 3])),
         "push: changes": float(changes),
     }

@@ -1,4 +1,4 @@
-"""What a measured interaction force does to a reference: it slows it, turns it aside, and stops it at a limit."""
+"""What a measured force does to a led hand: it gives way, its reference slows down, and at last the arm stops."""
 
 from __future__ import annotations
 
@@ -14,56 +14,157 @@ from rehab_opt.errors import ConfigurationError
 from rehab_opt.optim.certificate import clipped
 from rehab_opt.symbolic import BufferedFunction
 
-__all__ = ["Feeling", "Interaction"]
+__all__ = ["FELT", "AdmittanceState", "Interaction"]
 
 Array = NDArray[np.float64]
 
 GONE = 1e-6
 """[m] A displacement up to this is none, once no force is measured any more."""
+SLACK = 5e-3
+"""[m] A displacement leads the hand by at most this and two ticks' way: what the bounds refuse is not wound up."""
+STIFFER = 1e-4
+"""Share of the reserve from which a tank that empties makes the damping no larger: the hand hardly moves."""
+REGAIN = 0.5
+"""[s] in which a reference that stood for a push regains its pace."""
+ALLOWED = 0.02
+"""[W] that the tank regains: what noise of force times noise of positions takes from it."""
+LEAP = 1.0
+"""[m/s] A hand that leaves its reference faster than this does not: the reference leapt."""
+SEEN = 1e3
+"""[m] No hand is farther from its reference."""
+FELT = 15
+"""Numbers of an admittance's state: displacement (3,), its velocity (3,), hand off its reference (3,), pace, tank,
+seconds of the stop, force (3,)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Interaction:
-    """Admittance of a led hand, B x' + K x = F, and how its reference slows down.
+    """Admittance of a led hand, M x'' + B x' + K x = F, how its reference slows down, and when the arm stops.
 
-    Defaults are choices: ISO/TS 15066 as quoted allows a hand 140 N, of healthy adults; this stays far below.
+    Displacement x and velocity x' are added to the pose and twist that the hand's QP follows, so that every bound of it
+    holds: a push is given way to as far as the bounds allow. What they refuse beyond `SLACK` is taken out of x, and the
+    hand returns from where it got to. The pace of the reference falls from `slow_from` on and is 0 at `limit`; it falls
+    at once and regains slowly, and so follows the largest of noisy forces. At `stop_at` the arm decelerates to rest, as
+    it does without a usable force; it goes on after `hold` seconds in a row below `release` x `stop_at`. A rigid stop
+    at 30 N, instead of giving way beyond, is `Interaction(stop_at=30.0)`.
+
+    Energy. The step is implicit (backward Euler); speed and displacement are bounded by projections onto convex sets
+    that hold where the step began, and such contacts dissipate. With the stored energy E = (M x'^2 + K x^2) / 2,
+
+        F . dx >= E_after - E_before + B |x'|^2 dt
+
+    in every tick: where the hand is at x, it gives out no more than was put in. A real hand is late, and bounds hold it
+    back. A tank T, full with `reserve` at first, therefore takes measured forces and positions: per tick
+    T + F . dy - dE + 0.02 W dt, at most `reserve`, where dy is how far the hand went, from its reference, since F was
+    measured. As T falls, the damping B reserve / T grows; with an empty tank the hand hardly answers forces, but
+    returns, which fills it. From T >= 0 follows sum F . dy >= -reserve - 0.02 W t after rest, whatever the delay; what
+    is on its way when the tank is empty is given out, too, and owed (T >= -reserve). 0.02 W are what noise of forces
+    and positions takes. Nothing is claimed where the hand is not where it is measured (bending, play).
+
+    The reference itself works against a person who resists F with at most F pace v: limit^2 / (4 (limit - slow_from))
+    times its speed, 2.6 W at the defaults and 0.25 m/s, and nothing from `limit` on. Without the tank a delay D of the
+    whole loop would leave the admittance passive up to about sqrt(B / (M D)) rad/s: 9 Hz for 15 ms.
+
+    Defaults are choices: ISO/TS 15066 as quoted allows a hand 140 N, of healthy adults. A reference out of reach pulls
+    with K times its distance: a push away from it is answered beyond that force. A sensor's bias moves the hand by
+    bias / K.
     """
 
     slow_from: float = 8.0
     """[N] from which the reference slows down."""
     limit: float = 30.0
-    """[N] at which the reference stands still and the arm decelerates to rest, until the force is below again."""
-    stiffness: float = 1500.0
+    """[N] at which the reference stands still."""
+    stop_at: float = 140.0
+    """[N] at which the arm decelerates to rest."""
+    release: float = 0.7
+    """Share of `stop_at` below which the force must be, before the arm moves on."""
+    hold: float = 0.3
+    """[s] in a row for which it must."""
+    stiffness: float = 580.0
     """[N/m] K"""
-    damping: float = 150.0
+    damping: float = 180.0
     """[N s/m] B"""
-    most: float = 0.02
+    mass: float = 4.0
+    """[kg] M"""
+    most: float = 0.05
     """[m] largest displacement of the reference."""
+    speed: float = 0.15
+    """[m/s] largest speed of the displacement."""
+    reserve: float = 0.5
+    """[J] of the tank, when full."""
 
     def __post_init__(self) -> None:
         """Check every number."""
-        for name in ("limit", "stiffness", "damping", "most"):
+        for name in ("limit", "stop_at", "hold", "stiffness", "damping", "mass", "most", "speed", "reserve"):
             checked_number(name, getattr(self, name), above=0.0)
+        checked_number("release", self.release, above=0.0, below=1.0)
         if not 0.0 <= self.slow_from < self.limit:
             raise ConfigurationError("slow_from", self.slow_from, f"newtons from 0 to below the limit, {self.limit:g}")
+        if not self.limit <= self.stop_at:
+            raise ConfigurationError("stop_at", self.stop_at, f"newtons from the limit, {self.limit:g}, on")
 
     def felt_function(self, dt: float) -> ca.Function:
-        """Force [N] and displacement [m] (3,) -> displacement after a tick dt [s], share of the pace that is kept."""
-        force, offset = ca.SX.sym("force", 3), ca.SX.sym("offset", 3)
+        """Force [N] (3,), state (`FELT`,), hand off the reference [m] (3,) -> state after a tick dt [s].
+
+        The hand is where it is now, off the reference that the last tick followed; NaN where that is not known.
+        """
+        force, state, seen = ca.SX.sym("force", 3), ca.SX.sym("state", FELT), ca.SX.sym("seen", 3)
+        x, v, before, pace, tank, stopped, pushed = ca.vertsplit(state, [0, 3, 6, 9, 10, 11, 12, FELT])
         size = ca.norm_2(force)
-        goal = force * ca.fmin(1, self.limit / ca.fmax(size, 1e-12)) / self.stiffness
-        moved = goal + math.exp(-self.stiffness / self.damping * dt) * (offset - goal)
+        again = ca.logic_or(size >= self.stop_at, ca.logic_and(stopped > 0, size >= self.release * self.stop_at))
+        left = ca.if_else(stopped > 1.5 * dt, stopped - dt, 0)  # by halves of a tick: rounding does not decide
+        stopped = ca.if_else(again, self.hold, left)
+        pace = ca.fmin(clipped((self.limit - size) / (self.limit - self.slow_from), 0, 1), pace + dt / REGAIN)
+
+        known = ca.sumsqr(seen) < SEEN**2
+        away = ca.if_else(known, seen, before)
+        way = away - before
+        leapt = ca.logic_or(ca.sumsqr(way) > (LEAP * dt) ** 2, ca.logic_not(known))
+
+        moved, velocity = self._yielding(force, x, v, tank, dt)
+        moved, velocity = self._delivered(moved, velocity, away, dt)
+        rest = ca.logic_or(stopped > 0, ca.logic_not(known))
+        moved, velocity = ca.if_else(rest, x, moved), ca.if_else(rest, 0, velocity)
+        gained = ca.if_else(leapt, 0, ca.dot(pushed, way)) - self._energy(moved, velocity) + self._energy(x, v)
+        tank = clipped(tank + gained + ALLOWED * dt, -self.reserve, self.reserve)
+        after = ca.vertcat(moved, velocity, away, pace, tank, stopped, force)
+        return ca.Function("felt", [force, state, seen], [after], {"cse": True})
+
+    def _energy(self, x: ca.SX, v: ca.SX) -> ca.SX:
+        """[J] stored."""
+        return (self.mass * ca.sumsqr(v) + self.stiffness * ca.sumsqr(x)) / 2
+
+    def _yielding(self, force: ca.SX, x: ca.SX, v: ca.SX, tank: ca.SX, dt: float) -> tuple[ca.SX, ca.SX]:
+        """Displacement (3,) [m] and velocity (3,) [m/s] after a tick, where nothing refuses them."""
+        damping = self.damping / clipped(tank / self.reserve, STIFFER, 1)
+        resistance = self.mass + dt * damping + dt**2 * self.stiffness
+        wanted = (self.mass * v + dt * (force - self.stiffness * x)) / resistance
+        wanted = wanted * ca.fmin(1, self.speed / ca.fmax(ca.norm_2(wanted), 1e-12))
+        moved = x + dt * wanted
         moved = moved * ca.fmin(1, self.most / ca.fmax(ca.norm_2(moved), 1e-12))
-        pace = clipped((self.limit - size) / (self.limit - self.slow_from), 0, 1)
-        return ca.Function("felt", [force, offset], [moved, pace], {"cse": True})
+        return moved, (moved - x) / dt
 
-    def started(self, dt: float) -> Feeling:
-        """What is felt tick by tick [s]."""
-        return Feeling(self, dt)
+    def _delivered(self, moved: ca.SX, velocity: ca.SX, away: ca.SX, dt: float) -> tuple[ca.SX, ca.SX]:
+        """The same without what the hand, which is `away` (3,) [m] off its reference, was refused of it.
+
+        Taken out is the part of the displacement along what is missing of it, and never more: where the hand is late,
+        or its reference out of reach, a push away from there is given way to as everywhere.
+        """
+        refused = moved - away
+        missing = ca.norm_2(refused)
+        way = refused / ca.fmax(missing, 1e-12)
+        along = ca.fmax(ca.dot(moved, way), 0)
+        excess = clipped(missing - (SLACK + 2 * self.speed * dt), 0, along)
+        outward = ca.if_else(excess > 0, ca.fmax(ca.dot(velocity, way), 0), 0)
+        return moved - excess * way, velocity - outward * way
+
+    def started(self, dt: float) -> AdmittanceState:
+        """The state of a hand at rest on its reference, for ticks of dt [s]."""
+        return AdmittanceState(self, dt)
 
 
-class Feeling:
-    """The displacement and pace that the forces so far lead to."""
+class AdmittanceState:
+    """Displacement and pace that the forces so far lead to."""
 
     def __init__(self, law: Interaction, dt: float) -> None:
         self.law, self._felt = law, BufferedFunction(law.felt_function(dt))
@@ -71,33 +172,56 @@ class Feeling:
 
     def reset(self) -> None:
         """No force was felt."""
-        self.offset: Array = np.zeros(3)
-        """(3,) [m] displacement of the reference."""
-        self.pace = 1.0
-        """Share of its pace that the reference keeps."""
+        self._state: Array = np.zeros(FELT)
+        self._state[9:11] = 1.0, self.law.reserve
         self.active = False
+        """Whether forces are measured, or the last of them is not over yet."""
 
-    def feel(self, force: ArrayLike | None) -> str:
-        """Take one measurement (3,) [N], None for none; why the arm must stop, or nothing."""
-        if force is None:
-            if self.active:
-                self._move(np.zeros(3))
-                x, y, z = self.offset.tolist()
-                self.active = math.sqrt(x * x + y * y + z * z) > GONE
-                self.offset = self.offset if self.active else np.zeros(3)
-            self.pace = 1.0
+    @property
+    def offset(self) -> Array:
+        """(3,) [m] displacement of the reference."""
+        return self._state[:3]
+
+    @property
+    def velocity(self) -> Array:
+        """(3,) [m/s] of the displacement."""
+        return self._state[3:6]
+
+    @property
+    def pace(self) -> float:
+        """Share of its pace that the reference keeps."""
+        return float(self._state[9])
+
+    @property
+    def energy(self) -> float:
+        """[J] left in the tank; below zero it owes."""
+        return float(self._state[10])
+
+    def feel(self, force: ArrayLike | None, away: Array) -> str:
+        """Take one measurement (3,) [N], None for none; why the arm must stop, or nothing.
+
+        `away` (3,) [m] is how far the hand is off the reference of the last tick, NaN where that is not known.
+        """
+        if force is None and not self.active:
             return ""
-        felt = real_numbers("force", force, (3,))
+        felt = np.zeros(3) if force is None else real_numbers("force", force, (3,))
         size = math.hypot(*felt.tolist())  # numpy's would warn where squares overflow
-        self.active = True
         if not size < math.inf:
-            self.pace = 0.0
+            self.active = True
+            self._state[3:6] = self._state[9] = 0.0
             return "force is not a usable number"
-        self._move(felt)
-        self.pace = float(self._felt.outputs[1][0])
-        if size >= self.law.limit:
-            return f"interaction force of {size:.1f} N, at most {self.law.limit:g} N"
-        return ""
-
-    def _move(self, force: Array) -> None:
-        self.offset = self._felt.of(force, self.offset)
+        self._state = self._felt.of(felt, self._state, away)
+        stopped = self._state[11] > 0.0
+        x, y, z = self.offset.tolist()
+        self.active = force is not None or stopped or self.pace < 1.0 or math.sqrt(x * x + y * y + z * z) > GONE
+        if not self.active:
+            self._state[:6] = 0.0
+        if not stopped:
+            return ""
+        law = self.law
+        if size >= law.stop_at:
+            return f"interaction force of {size:.1f} N, at most {law.stop_at:g} N"
+        return (
+            f"interaction force of {size:.1f} N after one of {law.stop_at:g} N: the arm moves on after {law.hold:g} s "
+            f"below {law.release * law.stop_at:g} N"
+        )

@@ -75,7 +75,7 @@ class MirrorTracker(MirrorForeseen):
     limits : what else the posture has to keep: see `Limit`; a rate of None is `rate` here.
     person : the arm that is led, in the robot's base frame; the reference is limited to its range of motion
         (`PersonLimit`). grip : (4, 4) pose of the tool in its hand frame.
-    interaction : how measured forces slow and turn aside; default `Interaction()`.
+    interaction : how the hand gives way to measured forces, and where they stop it; default `Interaction()`.
     catch_up : share by which the clock may run fast to make up for a lag.
     turn_length : [m/rad] what a turn of the hand counts for against its place where both cannot be had.
     rate : [1/s] at which the distance to a bound may decay.

@@ -33,6 +33,7 @@ SETTLING_TICKS = 3
 """Of the model of the led arm while it finds its posture, in each tick: more would not fit into a quick one."""
 BRIDGE = 0.5
 """Share of the hand speeds at which a jump is bridged."""
+UNSEEN = np.full(3, math.nan)
 
 
 class MirrorFollowing(MirrorWaiting):
@@ -71,12 +72,12 @@ class MirrorFollowing(MirrorWaiting):
             last, motion = self._accepted()
             self.clock.start(last, motion)
             self._live, self._centre = False, last[:3, 3]
-        pushed = self._interaction.feel(force)
+        here = self._tool.of(self._q)
+        pushed = self._interaction.feel(force, UNSEEN if self._centre is None else here[:3, 3] - self._centre)
         reason = reason or self._unusable(pose, twist) or pushed
         if reason:
             self.clock.lost += self.dt
             return self._safe(reason)
-        here = self._tool.of(self._q)
         if self._limit is not None and not self._limit.settle(here, ticks=SETTLING_TICKS):
             self.clock.lost += self.dt
             return self._safe("the model of the led arm finds its posture")
@@ -101,6 +102,8 @@ class MirrorFollowing(MirrorWaiting):
         if self._interaction.active:
             target = target.copy()
             target[:3, 3] += self._interaction.offset
+            motion = motion.copy()
+            motion[:3] += self._interaction.velocity
         if target is not self.followed:
             self._inputs[2][:] = centre - target[:3, 3]
         self._inputs[0][:], self._inputs[1][:] = target, motion

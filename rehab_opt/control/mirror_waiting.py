@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.between_poses import angle_between
-from rehab_opt.control.interaction import Feeling
+from rehab_opt.control.interaction import AdmittanceState
 from rehab_opt.control.mirror_statement import CALM, MirrorStatement
 from rehab_opt.control.reference_clock import ReferenceClock
 from rehab_opt.symbolic import BufferedFunction
@@ -29,7 +29,7 @@ class MirrorWaiting(MirrorStatement):
     """How long the clock has waited, and where it goes on."""
 
     clock: ReferenceClock
-    _interaction: Feeling
+    _interaction: AdmittanceState
     _rate: float
     _moving: BufferedFunction
 

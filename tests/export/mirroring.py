@@ -96,7 +96,7 @@ def redundant() -> MirrorTracker:
     table = KeepOut.through([0, 0, 0.1], [0, 0, 1])
     return MirrorTracker(
         seven_joints(), floor=0.4, keep_out=[table], dt=0.01, backup="qrqp", max_deviation=0.03,
-        interaction=Interaction(slow_from=4.0, limit=20.0),
+        interaction=Interaction(slow_from=4.0, limit=20.0, stop_at=40.0),
     )  # fmt: skip
 
 

@@ -40,6 +40,7 @@ class Settings(NamedTuple):
     """Unit normal (3,) towards where the arm may be, and normal . x of the plane's points."""
     slow_from: float
     force_limit: float
+    stop_at: float
     recovery_speed: float
     narrow: bool
     spike: tuple[int, Array, float] | None
@@ -75,6 +76,7 @@ def draw(rng: np.random.Generator, start: Array, *, planes: bool) -> Settings:
         lower = np.maximum(lower, start - rng.uniform(0.1, 1.5, 6))
         upper = np.minimum(upper, start + rng.uniform(0.1, 1.5, 6))
     slow_from = float(rng.choice([0.0, 8.0, 8.0, 15.0]))
+    force_limit = slow_from + float(rng.choice([5.0, 22.0]))
     beside = _planes(rng, start) if planes else []
     return Settings(
         dt=float(rng.choice(DTS)),
@@ -88,7 +90,8 @@ def draw(rng: np.random.Generator, start: Array, *, planes: bool) -> Settings:
         angular_speed=float(rng.choice([0.5, 1.5, 3.0])),
         planes=beside,
         slow_from=slow_from,
-        force_limit=slow_from + float(rng.choice([5.0, 22.0])),
+        force_limit=force_limit,
+        stop_at=force_limit * float(rng.choice([1.0, 1.4, 4.0])),
         recovery_speed=float(rng.choice([0.05, 0.1, 0.3])),
         narrow=narrow,
         spike=_spike(rng, start, beside) if planes else None,
@@ -138,7 +141,7 @@ def tracker(given: Settings) -> MirrorTracker:
         floor=given.floor, max_deviation=given.max_deviation, linear_speed=given.linear_speed,
         max_manipulability=LARGEST, angular_speed=given.angular_speed,
         keep_out=[KeepOut.through(n * offset, n) for n, offset in given.planes],
-        interaction=Interaction(slow_from=given.slow_from, limit=given.force_limit), dt=given.dt,
+        interaction=Interaction(slow_from=given.slow_from, limit=given.force_limit, stop_at=given.stop_at), dt=given.dt,
         recovery_speed=given.recovery_speed, compile=False,
     )  # fmt: skip
 
@@ -173,7 +176,7 @@ def follow(
     poses = np.concatenate([poses, np.repeat(poses[-1:], ticks - moving, axis=0)])
     twists = np.concatenate([twists, np.zeros((ticks - moving, 6))])
     wrong = schedule(rng, ticks, dt, FAULTS, every=faults)
-    felt = _pushes(rng, ticks, dt, given.force_limit) if pushed else np.full((ticks, 3), math.nan)
+    felt = _pushes(rng, ticks, dt, given.force_limit, given.stop_at) if pushed else np.full((ticks, 3), math.nan)
     kinds, stamped = wrong.kind.tolist(), math.isfinite(faults)
     q, references, clock = np.empty((ticks + 1, 6)), np.empty((ticks, 4, 4)), np.empty((ticks, 3))
     q[0], commands = start, []
@@ -193,15 +196,16 @@ def follow(
     )  # fmt: skip
 
 
-def _pushes(rng: np.random.Generator, ticks: int, dt: float, limit: float) -> Array:
-    """(ticks, 3) [N] a person who pushes now and then, up to beyond the limit; NaN where nothing is measured."""
+def _pushes(rng: np.random.Generator, ticks: int, dt: float, limit: float, stop: float) -> Array:
+    """(ticks, 3) [N] a person who pushes now and then, up to beyond the stop; NaN where nothing is measured."""
     found = np.full((ticks, 3), math.nan)
     k = 0
     while k < ticks:
         lasts = max(round(rng.uniform(0.1, 2.0) / dt), 1)
         if rng.random() < 0.6:
             way = rng.standard_normal(3)
-            found[k : k + lasts] = way / np.linalg.norm(way) * limit * rng.choice([0.2, 0.6, 0.9, 1.001, 1.5])
+            sizes = [*(limit * np.array([0.2, 0.6, 0.9, 1.001])), *(stop * np.array([0.8, 1.001, 1.5]))]
+            found[k : k + lasts] = way / np.linalg.norm(way) * rng.choice(sizes)
         k += lasts
     return found
 

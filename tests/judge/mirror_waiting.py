@@ -2,19 +2,25 @@
 
 Judged against the reference that the test made: where nothing was bridged since, and no tick was answered by a safe
 command (its pose is not taken), the pose that the clock stands at is the one of `lag` seconds ago. At the end the last
-pose is held: a hand that came near it is no longer late. A person who pushes is not hurried; at the limit, without
-numbers and without the dead-man switch the arm brakes, and the clock waits.
+pose is held: a hand that came near it is no longer late. A person who pushes is not hurried; at the limit the clock
+stands. At the stop and until the push is over, without numbers and without the dead-man switch the arm brakes, and the
+clock waits; everywhere else it does not brake, however much it is pushed.
 """
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
+from numpy.typing import NDArray
 
 from tests.judge.mirror_floor import joint_bounds
 from tests.judge.mirror_runs import Run, runs
 from tests.judge.sensor_faults import expected
 from tests.judge.ur5_numbers import tool
 from tests.judge.verdict import Promise, Verdict
+
+Array = NDArray[np.float64]
 
 PROMISES = (
     Promise("rehab_opt/control/mirror.py", "It slows down where the reference is faster than the hand may be, where "
@@ -25,12 +31,13 @@ PROMISES = (
     Promise("rehab_opt/control/mirror.py", "what is not usable gives the safe command, decelerating within the limits, "
             "and its reason; the clock waits meanwhile."),
     Promise("rehab_opt/control/mirror.py", "its `scale` is the time scaling, at most 1."),
-    Promise("rehab_opt/control/interaction.py", "[N] at which the reference stands still and the arm decelerates to "
-            "rest, until the force is below again."),
+    Promise("rehab_opt/control/interaction.py", "[N] at which the reference stands still."),
+    Promise("rehab_opt/control/interaction.py", "At `stop_at` the arm decelerates to rest, as it does without a usable "
+            "force; it goes on after `hold` seconds in a row below `release` x `stop_at`."),
     Promise("rehab_opt/control/interaction.py", "[N] from which the reference slows down."),
 )  # fmt: skip
 LEAST = {"late": 32_000, "waiting": 2000, "caught up": 176, "pushed": 20_000, "pushed to the limit": 2000,
-         "status braking": 500, "status holding": 2000, "fault disabled": 100}  # fmt: skip
+         "stopped": 1500, "status braking": 500, "status holding": 2000, "fault disabled": 100}  # fmt: skip
 CI_TICKS = 4500
 SHARE = 0.2
 
@@ -48,6 +55,18 @@ def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
     return verdict
 
 
+def stops(forces: Array, stop_at: float, dt: float) -> NDArray[np.bool_]:
+    """(N,) whether a push (N,) [N] keeps the arm at rest: from the stop on, until 0.3 s were below 0.7 of it."""
+    found, below = np.zeros(len(forces), dtype=bool), math.inf
+    for k, size in enumerate(forces.tolist()):
+        if size >= stop_at or (size >= 0.7 * stop_at and k and found[k - 1]):
+            below = 0.0
+        else:
+            below += dt
+        found[k] = below < 0.3 - dt / 2
+    return found
+
+
 def judge(verdict: Verdict, one: Run) -> None:
     """The clock, tick by tick."""
     given, dt = one.settings, one.settings.dt
@@ -58,14 +77,15 @@ def judge(verdict: Verdict, one: Run) -> None:
     pace, lag, _ = one.clock.T
     safe = np.isin(status, ("braking", "holding"))
     wrong, strong = expected(one.faults), one.forces >= given.force_limit
+    stopped = stops(one.forces, given.stop_at, dt)
     verdict.holds("what cannot be used is not followed", safe | ~wrong)
-    verdict.holds("the arm stops for a push at the limit", safe | ~strong)
+    verdict.holds("the arm stops for a push that is too strong, until it is over", safe | ~stopped)
     slower = np.maximum(np.abs(last) - given.acceleration * dt, 0.0)
     verdict.within("braking: speed above what the whole deceleration leaves [rad/s]",
                    np.where(safe[:, None], np.abs(value) - slower, 0.0), 1e-12)  # fmt: skip
     verdict.holds("holding is standing still, braking is not", (status == "holding") == (safe & ~value.any(axis=1)))
     verdict.holds("a safe command has a reason", (reasons != "") | ~safe)
-    calm = ~wrong & np.r_[True, ~wrong[:-1]] & np.r_[True, True, ~wrong[:-2]] & ~strong
+    calm = ~wrong & np.r_[True, ~wrong[:-1]] & np.r_[True, True, ~wrong[:-2]] & ~stopped
     verdict.holds("sound inputs are followed again", ~safe | ~calm, str(set(reasons[safe & calm])))
     stood = np.r_[False, np.abs(np.diff(one.references.reshape(-1, 16), axis=0)).max(axis=1) == 0]
     known = np.isfinite(one.references[:, 0, 3])
@@ -107,6 +127,7 @@ def judge(verdict: Verdict, one: Run) -> None:
     verdict.during("waiting", (pace < 0.02) & ~safe, dt)
     verdict.during("pushed", felt > given.slow_from, dt)
     verdict.during("pushed to the limit", strong, dt)
+    verdict.during("stopped", stopped, dt)
     for kind in np.unique(one.faults.kind):
         if kind:
             verdict.during(f"fault {kind}", one.faults.kind == kind, dt)

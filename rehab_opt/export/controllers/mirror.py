@@ -17,7 +17,7 @@ from rehab_opt.control.between_poses import (
     part_way_function,
     rigid_function,
 )
-from rehab_opt.control.interaction import GONE
+from rehab_opt.control.interaction import FELT, GONE
 from rehab_opt.control.manipulability import DISTANCES, DRAWN, GAIN, SHARES
 from rehab_opt.control.mirror import MirrorTracker
 from rehab_opt.control.person_limit import SETTLED, SETTLING, SETTLING_DT, PersonLimit
@@ -179,7 +179,7 @@ def exported_mirror(
         solves=solves,
         values=values,
         pieces=pieces,
-        more_memory=more.format(name=NAME, slots=THINNED + 2, joints=tracker.chain.n),
+        more_memory=more.format(name=NAME, slots=THINNED + 2, joints=tracker.chain.n, felt=FELT),
     )
 
 
@@ -198,9 +198,9 @@ rehab_{name}_following following;  /* its counts; the rest is made when it is as
 double accepted[22];               /* pose and twist of the last tick that needed no clock */
 double aim[16];                    /* what the person's arm can do of the reference */
 double centre[3];                  /* of the largest deviation [m] */
-double offset[3];                  /* by which forces turn the reference aside [m] */
+double felt[{felt}];                   /* the admittance: by which forces turn the reference aside, and how fast */
 double last_before[{joints}];      /* velocities of the tick before */
-double rate, share, then, force_pace, waited, lead_w;
+double rate, share, then, waited, lead_w;
 int live, pushed, has_aim, has_centre, lead_age;
 """
 PERSON_MEMORY = (
@@ -229,17 +229,18 @@ def _person(limit: PersonLimit) -> dict[str, str]:
 def _constants(tracker: MirrorTracker) -> dict[str, str]:
     """What the templates of clock, pace, forces and way out hold; each product as Python makes it."""
     f, s, w, dt, chain = mirror_following, mirror_statement, mirror_waiting, tracker.dt, tracker.chain
+    law = tracker._interaction.law
     doubles = {
         "longest": 1.5 * dt, "curved": CURVED, "still_linear": f.STILL[0], "still_angular": f.STILL[1], "gain": GAIN,
-        "max_deviation": tracker.max_deviation, "max_turn": tracker.max_turn, "gone": GONE,
-        "force_limit": tracker._interaction.law.limit, "catching_up": f.CATCHING_UP, "at_least": f.AT_LEAST,
+        "max_deviation": tracker.max_deviation, "max_turn": tracker.max_turn, "gone": GONE, "reserve": law.reserve,
+        "stop_at": law.stop_at, "catching_up": f.CATCHING_UP, "at_least": f.AT_LEAST,
         "catch_up": tracker.catch_up, "waits": f.WAITS, "calm": s.CALM, "whole": s.WHOLE,
         "reference_linear": s.SPARE * tracker.linear_speed, "reference_angular": s.SPARE * tracker.angular_speed,
         "quickening": dt / f.QUICKENING, "waits_at": f.WAITS * tracker.max_deviation, "stuck_seconds": w.STUCK[0],
         "stuck_speed": w.STUCK[1], "patience": w.PATIENCE, "calm_deviation": s.CALM * tracker.max_deviation,
         "calm_turn": s.CALM * tracker.max_turn, "jump": f.JUMP * dt + 1e-3, "spin": f.SPIN * dt + 1e-2,
     }  # fmt: skip
-    whole = {"waiting": THINNED, "drawn": DRAWN, "halvings": s.HALVINGS, "stale": s.STALE}
+    whole = {"felt": FELT, "waiting": THINNED, "drawn": DRAWN, "halvings": s.HALVINGS, "stale": s.STALE}
     arrays: dict[str, Iterable[float]] = {
         "change": chain.acceleration * dt * (1 + 1e-9) + 1e-12, "lower": chain.lower, "upper": chain.upper,
         "distances": DISTANCES, "shares": SHARES,

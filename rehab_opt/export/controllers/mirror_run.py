@@ -17,8 +17,8 @@ __all__ = ["mirror_run"]
 
 Array = NDArray[np.float64]
 
-STRONG, PUSH = 40.0, 12.0
-"""[N] Forces of the recorded run: once beyond the limit that stops the arm, and a push that turns the hand aside."""
+PUSH = 12.0
+"""[N] Largest force of a push that turns the hand aside in the recorded run; once it is beyond what stops the arm."""
 
 
 def mirror_run(
@@ -29,9 +29,9 @@ def mirror_run(
     The joints are filled in as it goes. `source` says where the poses come from.
     """
     count = min(len(poses), MOST_TICKS)
-    pushed = range(count // 2, 5 * count // 8)
+    pushed, strong = range(count // 2, 5 * count // 8), 1.1 * tracker._interaction.law.stop_at
     sound: list[Tick] = [
-        {"q": start, "pose": pose, "twist": twist, "force": _force(k, pushed), "with_force": int(k in pushed)}
+        {"q": start, "pose": pose, "twist": twist, "force": _force(k, pushed, strong), "with_force": int(k in pushed)}
         for k, (pose, twist) in enumerate(zip(poses[:count], twists[:count], strict=True))
     ]
     faulty = with_faults(sound, dt=tracker.dt, max_age=tracker.max_age, more=_faults(tracker))
@@ -57,12 +57,12 @@ def _answer(tracker: MirrorTracker, tick: Tick) -> Command:
     return tracker.step(tick["q"], tick["pose"], tick["twist"], force=force, enable=tick["enable"], stamp=tick["stamp"])
 
 
-def _force(k: int, pushed: range) -> Array:
-    """(3,) [N] a push that comes and goes, for five ticks beyond its limit."""
+def _force(k: int, pushed: range, strong: float) -> Array:
+    """(3,) [N] a push that comes and goes, for five ticks as strong as that."""
     if k not in pushed:
         return np.zeros(3)
     share = (k - pushed.start) / len(pushed)
-    size = STRONG if abs(k - pushed.start - len(pushed) // 3) < 3 else PUSH * math.sin(math.pi * share)
+    size = strong if abs(k - pushed.start - len(pushed) // 3) < 3 else PUSH * math.sin(math.pi * share)
     return np.array([0.6, -0.8, 0.2]) * size
 
 

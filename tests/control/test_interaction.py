@@ -1,0 +1,370 @@
+"""Claims about a push on a led hand: what it gives way, returns, gives out, and when the arm stops."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from rehab_opt import ConfigurationError, Interaction, KeepOut, MirrorTracker, SerialChain, Status, ur5
+from tests.control.mirror_campaign import LARGEST
+from tests.export.mirroring import seven_joints
+
+Array = NDArray[np.float64]
+HARD = 28.0
+"""[N] of a push, with 2 N of noise."""
+STARTS = {"ur5": [3.2, -1.5, 1.9, -2.0, -1.4, 0.2], "seven": [0.3, 0.6, 0.2, -1.4, 0.3, 1.1, 0.2]}
+STILL = np.zeros(6)
+
+
+def direction(rng: np.random.Generator) -> Array:
+    way = rng.normal(size=3)
+    return np.asarray(way / np.linalg.norm(way))
+
+
+def stored(law: Interaction, x: Array, v: Array) -> float:
+    return float(law.mass * v @ v + law.stiffness * x @ x) / 2
+
+
+# ------------------------------------------------------------------------------------------------------ the law alone
+def pushes(rng: np.random.Generator, ticks: int, dt: float) -> dict[str, Array]:
+    """(ticks, 3) [N] of several kinds."""
+    t = dt * np.arange(ticks)[:, None]
+    shock = np.zeros((ticks, 3))
+    for start in range(0, ticks, ticks // 5):
+        shock[start : start + 4] = 130.0 * direction(rng)
+    turning = np.hstack([np.sin(9.0 * t), np.cos(9.0 * t), np.sin(5.0 * t + 1.0)])
+    return {
+        "sine": 25.0 * direction(rng) * np.sin(2 * math.pi * rng.uniform(0.3, 12.0) * t),
+        "shocks": shock,
+        "noise": 20.0 * rng.normal(size=(ticks, 3)),
+        "round and round": 60.0 * turning,
+    }
+
+
+@pytest.mark.parametrize("dt", [1e-3, 5e-3, 2e-2])
+def test_a_hand_that_follows_gives_out_no_more_than_was_put_in_tick_by_tick(dt: float) -> None:
+    rng = np.random.default_rng(3)
+    for law in (Interaction(), Interaction(most=0.01, speed=0.05), Interaction(mass=0.1, damping=20.0)):
+        for force in pushes(rng, round(3.0 / dt), dt).values():
+            felt, x, v = law.started(dt), np.zeros(3), np.zeros(3)
+            for each in force:
+                assert felt.feel(each, x) == ""
+                after, speed = felt.offset.copy(), felt.velocity.copy()
+                put_in = each @ (after - x) - (stored(law, after, speed) - stored(law, x, v))
+                assert put_in >= law.damping * speed @ speed * dt - 1e-9
+                assert np.linalg.norm(after) <= law.most + 1e-12
+                assert np.linalg.norm(after - x) <= law.speed * dt * (1 + 1e-9)
+                x, v = after, speed
+
+
+@pytest.mark.parametrize("late", [0, 4, 9, 20])
+def test_a_late_hand_gives_out_no_more_than_the_reserve(late: int) -> None:
+    """Shaken at the frequencies where a delay is worst, for long."""
+    dt, law, rng = 1e-3, Interaction(), np.random.default_rng(late)
+    for hertz in (3.0, 8.0, 15.0, 25.0):
+        felt, way = law.started(dt), direction(rng)
+        places, given, worst = [np.zeros(3)] * (late + 1), 0.0, 0.0
+        for k in range(8000):
+            force = 60.0 * way * math.sin(2 * math.pi * hertz * k * dt)
+            hand = places[-late - 1]
+            felt.feel(force, hand)
+            places.append(felt.offset.copy())
+            given -= float(force @ (places[-late - 1] - hand))
+            worst = max(worst, given - 0.02 * k * dt)
+        assert worst <= law.reserve + 1e-3, (hertz, felt.energy)
+
+
+def test_a_hand_that_goes_against_every_push_empties_the_tank_and_stands_then() -> None:
+    """As with a force sensor of the wrong sign."""
+    dt, law, way = 1e-3, Interaction(), np.array([1.0, 0.0, 0.0])
+    felt, hand, given = law.started(dt), np.zeros(3), 0.0
+    for k in range(20_000):
+        force, before = 100.0 * math.sin(40.0 * k * dt) * way, hand
+        felt.feel(force, hand)
+        hand = -felt.offset
+        given -= float(force @ (hand - before))
+        assert given <= law.reserve + 0.02 * k * dt + 0.05  # what is on its way when it is empty
+    assert given > 0.9 * law.reserve
+    assert felt.energy < 0.01
+    assert np.linalg.norm(felt.velocity) < 0.01
+
+
+@pytest.mark.parametrize("most", [0.05, 0.01])
+def test_a_step_of_force_follows_the_closed_form_of_mass_damper_and_spring(most: float) -> None:
+    dt, law, force = 1e-4, Interaction(most=most), 15.0
+    felt, x = law.started(dt), np.zeros(3)
+    slow, fast = np.roots([law.mass, law.damping, law.stiffness])
+    for k in range(1, 10_001):
+        felt.feel([0.0, force, 0.0], x)
+        x = felt.offset.copy()
+        t = k * dt
+        share = 1 + (fast * math.exp(slow * t) - slow * math.exp(fast * t)) / (slow - fast)
+        assert x[1] == pytest.approx(min(force / law.stiffness * share, most), abs=2e-5)
+        assert not x[[0, 2]].any()
+
+
+@pytest.mark.parametrize("dt", [1e-3, 1e-2])
+def test_what_is_refused_is_not_wound_up_and_what_is_not_refused_is_given(dt: float) -> None:
+    rng = np.random.default_rng(7)
+    for _ in range(20):
+        law, normal, force = Interaction(), direction(rng), 28.0 * direction(rng)
+        room = rng.uniform(0.0, 0.02)  # the hand goes no farther than this along the normal
+        felt, hand = law.started(dt), np.zeros(3)
+        for _ in range(round(2.0 / dt)):
+            felt.feel(force, hand)
+            wanted = felt.offset
+            hand = wanted - max(float(wanted @ normal) - room, 0.0) * normal
+            assert np.linalg.norm(wanted - hand) <= 5e-3 + 2 * law.speed * dt + law.speed * dt + 1e-9
+        assert np.linalg.norm(felt.velocity) < 0.01
+        tangent = np.eye(3) - np.outer(normal, normal)
+        np.testing.assert_allclose(tangent @ hand, tangent @ force / law.stiffness, atol=5e-3)
+
+
+def test_a_push_is_answered_where_the_hand_is_behind_its_reference() -> None:
+    law, dt = Interaction(), 1e-3
+    behind = np.array([-0.04, 0.0, 0.0])  # the hand waits before a bound
+    for way, gives in (([0, 1.0, 0], True), ([-1.0, 0, 0], True), ([1.0, 0, 0], False)):
+        felt, hand = law.started(dt), behind
+        for _ in range(1500):
+            felt.feel(25.0 * np.array(way), hand)
+            hand = behind + felt.offset * gives
+        assert np.linalg.norm(felt.offset) == pytest.approx(25.0 / law.stiffness * gives, rel=0.05, abs=1e-9)
+
+
+@pytest.mark.parametrize("dt", [1e-3, 2e-2])
+@pytest.mark.parametrize("stop_at", [30.0, 140.0])
+def test_a_force_at_the_stop_does_not_chatter_and_is_released_with_hysteresis(stop_at: float, dt: float) -> None:
+    law, rng = Interaction(stop_at=stop_at), np.random.default_rng(1)
+    felt, way = law.started(dt), direction(rng)
+    rise = np.linspace(0.0, stop_at, round(2 / dt))
+    sizes = np.concatenate([rise, np.full(round(3 / dt), stop_at), rise[::-1]])
+    said = [bool(felt.feel(size * way + rng.normal(size=3) * 2.0, felt.offset)) for size in sizes.tolist()]
+    assert sum(a != b for a, b in itertools.pairwise(said)) == 2
+    first, last = said.index(True), len(said) - said[::-1].index(True)
+    assert sizes[first] >= stop_at - 12.0
+    assert sizes[last] < law.release * stop_at + 12.0
+    assert last - len(said) + round(2 / dt) > (1 - law.release) * 0.8 * round(2 / dt) + law.hold / dt * 0.5
+
+
+@pytest.mark.parametrize("dt", [1e-3, 3e-3, 2e-2])
+def test_after_a_shock_the_arm_stands_for_the_least_time(dt: float) -> None:
+    law = Interaction()
+    felt = law.started(dt)
+    assert "at most 140 N" in felt.feel([0.0, 150.0, 0.0], np.zeros(3))
+    said = [felt.feel(force, np.zeros(3)) for force in ([0.0] * 3, None) for _ in range(round(0.2 / dt))]
+    stopped = sum(map(bool, said))
+    assert stopped == math.ceil(law.hold / dt - 0.5 - 1e-9) - 1
+    assert "below 98 N" in said[0]
+    assert not felt.velocity.any()
+
+
+def test_the_pace_falls_at_once_stands_at_the_limit_and_comes_back_gently() -> None:
+    law, dt = Interaction(), 1e-3
+    felt = law.started(dt)
+    felt.feel([0.0, 0.0, 19.0], np.zeros(3))
+    assert felt.pace == pytest.approx(0.5)
+    felt.feel([0.0, 31.0, 0.0], np.zeros(3))
+    assert felt.pace == 0.0
+    rng, paces = np.random.default_rng(0), []
+    for _ in range(500):
+        felt.feel(28.0 * np.array([1.0, 0, 0]) + 2.0 * rng.normal(size=3), felt.offset.copy())
+        paces.append(felt.pace)
+    assert max(paces) < 0.1
+    before = felt.pace
+    while felt.active:
+        felt.feel(None, felt.offset.copy())
+        assert felt.pace <= before + 2.0 * dt + 1e-12
+        before = felt.pace
+    assert before == 1.0
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e308])
+def test_a_force_that_is_no_number_stops_and_leaves_no_speed(bad: float) -> None:
+    felt = Interaction().started(1e-3)
+    for _ in range(100):
+        felt.feel([20.0, 0.0, 0.0], felt.offset.copy())
+    before = felt.offset.copy()
+    assert felt.feel([bad, bad, 0.0], before)
+    assert np.linalg.norm(felt.offset - before) < 1e-3
+    assert felt.pace == 0.0
+    assert not felt.velocity.any()
+    for _ in range(1000):
+        felt.feel(None, felt.offset.copy())
+    assert np.all(np.isfinite(felt.offset))
+    assert np.linalg.norm(felt.offset) < 1e-3
+
+
+NUMBERS = ("limit", "stop_at", "release", "hold", "stiffness", "damping", "mass", "speed", "reserve")
+
+
+@pytest.mark.parametrize("name", NUMBERS)
+@pytest.mark.parametrize("value", [0.0, -1.0, math.nan, "1"])
+def test_numbers_that_cannot_be_used_are_named(name: str, value: object) -> None:
+    with pytest.raises(ConfigurationError, match=name):
+        Interaction(**{"slow_from": 0.0, name: value})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("options", [{"stop_at": 20.0}, {"release": 1.0}, {"slow_from": 30.0}])
+def test_thresholds_out_of_order_are_refused(options: dict[str, float]) -> None:
+    with pytest.raises(ConfigurationError, match=next(iter(options))):
+        Interaction(**options)
+
+
+# -------------------------------------------------------------------------------------------------- on arms, in a loop
+@functools.cache
+def made(name: str, dt: float, joint: int | None = None) -> MirrorTracker:
+    """A tracker; `joint` has 0.02 rad of room about the start."""
+    chain, known = (ur5(), LARGEST) if name == "ur5" else (seven_joints(), None)
+    if joint is not None:
+        room = np.full(chain.n, 1.0)
+        room[joint] = 0.02
+        chain = chain.with_limits(lower=np.array(STARTS[name]) - room, upper=np.array(STARTS[name]) + room)
+    return MirrorTracker(chain, dt=dt, max_manipulability=known, compile=False)
+
+
+class Bounds:
+    """Every bound of an arm, looked at after each command by plain arithmetic."""
+
+    def __init__(self, robot: MirrorTracker) -> None:
+        self.robot, self.last = robot, np.zeros(robot.chain.n)
+
+    def hold(self, q: Array, value: Array, centre: Array) -> None:
+        chain, dt, robot = self.robot.chain, self.robot.dt, self.robot
+        ahead = q + value * dt
+        assert np.all(np.abs(value) <= chain.velocity + 1e-12)
+        assert np.all((ahead <= chain.upper + 1e-9) & (ahead >= chain.lower - 1e-9))
+        assert np.all(np.abs(value - self.last) <= chain.acceleration * dt + 1e-9)
+        w, then = (chain.manipulability(each) / robot.max_manipulability for each in (q, ahead))
+        assert then >= min(w, robot.floor) - 1e-9
+        here, there = chain.pose(q)[:3, 3], chain.pose(ahead)[:3, 3]
+        assert math.dist(here, there) <= robot.linear_speed * dt * (1 + 1e-6)
+        assert math.dist(there, centre) <= robot.max_deviation + 1e-9
+        self.last = value
+
+
+def pushed(way: Array, newtons: float, ticks: range, total: int, rng: np.random.Generator | None = None) -> Array:
+    """(total, 3) [N] in these ticks, with 2 N of noise in all of them where `rng` is given."""
+    force = np.zeros((total, 3)) if rng is None else 2.0 * rng.normal(size=(total, 3))
+    force[ticks.start : ticks.stop] += newtons * way
+    return force
+
+
+def run(robot: MirrorTracker, start: Array, forces: Array) -> tuple[Array, list[Status]]:
+    """(N, 3) [m] of the hand from where it began, its reference at rest; every bound is looked at."""
+    robot.reset()
+    pose, q, places, statuses = robot.chain.pose(start), start.copy(), [], []
+    bounds = Bounds(robot)
+    for force in forces:
+        command = robot.step(q, pose, STILL, force=force)
+        bounds.hold(q, command.value, pose[:3, 3])
+        q = q + command.value * robot.dt
+        places.append(robot.chain.pose(q)[:3, 3] - pose[:3, 3])
+        statuses.append(command.status)
+    return np.array(places), statuses
+
+
+def clear_start(chain: SerialChain, rng: np.random.Generator, name: str, largest: float) -> Array:
+    """A posture whose manipulability is far from its floor, also all round a push."""
+    while True:
+        q = np.array(STARTS[name]) + rng.uniform(-0.4, 0.4, chain.n)
+        if chain.manipulability(q) > 0.55 * largest:
+            return np.asarray(q)
+
+
+@pytest.mark.parametrize(("name", "dt"), [("ur5", 1e-3), ("ur5", 1e-2), ("seven", 5e-3)])
+def test_a_noisy_push_is_given_way_to_and_returned_from_within_every_bound(name: str, dt: float) -> None:
+    robot, rng = made(name, dt), np.random.default_rng(11)
+    for _ in range(1 if dt < 5e-3 else 4):
+        start, way = clear_start(robot.chain, rng, name, robot.max_manipulability), direction(rng)
+        begin, end = round(0.2 / dt), round(2.2 / dt)
+        forces = pushed(way, HARD, range(begin, end), end + round(2.0 / dt), rng)
+        places, statuses = run(robot, start, forces)
+        along = places @ way * Interaction().stiffness / HARD
+        assert 0.8 <= along[begin + round(1.0 / dt) : end].min() <= along[begin + round(1.0 / dt) : end].max() <= 1.2
+        assert np.linalg.norm(places[-1]) <= 5e-3
+        assert sum(a is not b for a, b in itertools.pairwise(statuses)) <= 4
+
+
+@pytest.mark.parametrize("name", ["ur5", "seven"])
+def test_sines_and_shocks_give_out_no_more_than_they_put_in(name: str) -> None:
+    dt = 5e-3
+    robot, rng = made(name, dt), np.random.default_rng(5)
+    start = clear_start(robot.chain, rng, name, robot.max_manipulability)
+    for label, force in pushes(rng, 500, dt).items():
+        places, _ = run(robot, start, force)
+        # The force of a tick acts until the next: on the way that the command of the tick before it led.
+        moved = np.diff(places, axis=0)
+        work = np.cumsum(np.einsum("ki,ki->k", force[1:], moved))
+        assert work.min() >= -Interaction().reserve, label
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_at_a_joint_limit_what_can_be_delivered_is_and_nobody_is_trapped(seed: int) -> None:
+    rng, dt = np.random.default_rng(seed), 5e-3
+    start, joint = np.array(STARTS["ur5"]), int(rng.integers(3))
+    robot = made("ur5", dt, joint)
+    for sign in (1.0, -1.0):  # into the limit, then to the other side
+        way = robot.chain.jacobian(start)[:3, joint]
+        way = sign * way / np.linalg.norm(way)
+        places, statuses = run(robot, start, pushed(way, HARD, range(400), 800))
+        reached = places[399] @ way
+        assert reached > 0.008
+        begun = next(k for k in range(400, 800) if places[k] @ way < reached - 1e-3)
+        assert (begun - 400) * dt <= 0.15  # nothing was wound up
+        assert np.linalg.norm(places[-1]) <= 5e-3
+        assert set(statuses) == {Status.OK}
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_before_a_plane_the_hand_slides_along_and_leaves_it_at_once(seed: int) -> None:
+    rng, dt, room = np.random.default_rng(seed), 5e-3, 0.015
+    chain, start = ur5(capsules=()), np.array(STARTS["ur5"])
+    tool = chain.pose(start)[:3, 3]
+    normal = np.array([*-tool[:2], 0.0]) + 0.05 * rng.normal(size=3)  # a wall in front of the arm
+    normal /= np.linalg.norm(normal)
+    plane = KeepOut.through(tool - room * normal, normal)
+    robot = MirrorTracker(chain, dt=dt, keep_out=[plane], max_manipulability=LARGEST, compile=False)
+    along = np.cross(normal, direction(rng))
+    along /= np.linalg.norm(along)
+    way = (along - normal) / math.sqrt(2.0)
+    places, statuses = run(robot, start, pushed(way, HARD, range(400), 800))
+    assert (places @ normal).min() >= -room - 1e-9
+    assert places[399] @ normal == pytest.approx(-room, abs=1e-3)
+    assert places[399] @ along == pytest.approx(HARD / math.sqrt(2.0) / Interaction().stiffness, rel=0.2)
+    begun = next(k for k in range(400, 800) if places[k] @ normal > -room + 1e-3)
+    assert (begun - 400) * dt <= 0.16
+    assert np.linalg.norm(places[-1]) <= 5e-3
+    assert set(statuses) == {Status.OK}
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_near_the_floor_a_push_towards_it_gives_what_is_left_and_comes_back(seed: int) -> None:
+    rng, dt = np.random.default_rng(seed), 5e-3
+    robot = made("ur5", dt)
+    chain, largest = robot.chain, robot.max_manipulability
+    while True:  # a little above the floor
+        start = np.array(STARTS["ur5"]) + rng.uniform(-1.2, 1.2, 6)
+        if 0.31 < chain.manipulability(start) / largest < 0.33:
+            break
+    jacobian, slope = chain.jacobian(start), chain.manipulability_gradient(start)
+    loss = -np.linalg.solve(jacobian @ jacobian.T, jacobian @ slope)[:3]  # moving there loses most
+    way = np.array(loss / np.linalg.norm(loss))
+    for sign in (1.0, -1.0):
+        places, statuses = run(robot, start, pushed(sign * way, HARD, range(400), 800))
+        assert np.linalg.norm(places[399]) > 5e-3
+        assert np.linalg.norm(places[-1]) <= 5e-3
+        assert set(statuses) == {Status.OK}
+
+
+def test_a_push_that_stops_a_moving_arm_is_a_few_changes_of_status() -> None:
+    robot, rng = made("ur5", 5e-3), np.random.default_rng(2)
+    start, way = np.array(STARTS["ur5"]), direction(rng)
+    _, statuses = run(robot, start, pushed(way, 140.0, range(100, 500), 1000, rng))
+    assert sum(a is not b for a, b in itertools.pairwise(statuses)) <= 4
+    assert {Status.BRAKING, Status.HOLDING} & set(statuses)
+    assert statuses[-1] is Status.OK
