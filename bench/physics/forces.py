@@ -51,7 +51,7 @@ def reached(setting: Setting) -> Numbers:
     path = start + np.outer(np.linspace(0, 1, 50), [WAY, 0.0])
     field = setting.kept.get("field")
     if field is None:
-        field = setting.kept["field"] = PotentialField(path, stiffness=1000.0, drag=200.0, width=0.025, damping=5.0)
+        field = setting.kept["field"] = PotentialField(path, stiffness=1000.0, drag=200.0, width=0.025)
     comfortable = Workspace(shapely.box(-0.30, 0.45, -0.20, 0.55), accuracy=1e-3)
     controller = Assistance(
         field, comfortable=comfortable, mode="assist", dt=setting.dt, trust_stillness=True, **setting.told(Assistance)

@@ -61,6 +61,7 @@ class Assistance(BoundedForce):
             wanted_force,
             comfortable=comfortable,
             mode=mode,
+            pull_limit=checked_number("force_limit", force_limit, above=0.0, below=1e4),
             onset=checked_number("onset", onset, above=-TINY),
             return_stiffness=checked_number("return_stiffness", return_stiffness, above=0.0),
             return_force=checked_number("return_force", return_force, above=0.0),

@@ -52,6 +52,7 @@ class ForceBounds(TypedDict, total=False):
     """The options of `BoundedForce` that whoever builds on it hands through."""
 
     slew_limit: float
+    growth_limit: float
     energy_budget: float
     speed_cap: float
     actuation_delay: float
@@ -71,7 +72,8 @@ class BoundedForce(OneThread):
     """Force on a hand [N]: the wanted one as far as bounds on its size, its change and its energy allow.
 
     min  |F - F_wanted|^2
-    s.t. |F| <= force_limit, |F - F_last| <= slew_limit dt, F.v dt <= energy left in the tank
+    s.t. |F| <= force_limit, |F - F_last| <= slew_limit dt, F.v dt <= energy left in the tank,
+         |F| <= largest force of late + growth_limit dt
 
     The force bound holds exactly and always. The slew bound holds but for a flagged release (`Bound.SLEW`): the force
     is zero at once when the hand moves faster than `speed_cap`, or the energy left no longer affords a release within
@@ -91,7 +93,11 @@ class BoundedForce(OneThread):
     ----------
     wanted : x, y [m], velocity [m/s] -> the force that is wanted [N], before any bound; may be no number.
     force_limit : [N] largest size of the force.
-    slew_limit : [N/s] largest change, as the length of a vector, per nominal tick.
+    slew_limit : [N/s] largest change, as the length of a vector, per nominal tick. It is what lets a spring hold a hand
+        still: the force must follow the swing that it is to damp, see `rehab_opt.field.settling`.
+    growth_limit : [N/s] rate at which a force comes that the person has not felt of late: beyond the largest of the
+        last ticks, of which force_limit / 2 s fades. What comes gently need not act late: below that size the force
+        changes as fast as the slew limit allows. The slew limit or more for no such bound.
     energy_budget : [J] what may be delivered to the hand until `reset`, net of what the hand puts in; see `EnergyTank`.
     speed_cap : [m/s] hand speed from which on the force is let go.
     actuation_delay : [s] from a command until its force acts, and from a position until it is told, together at most;
@@ -122,7 +128,8 @@ class BoundedForce(OneThread):
         wanted: WantedForce,
         *,
         force_limit: float = 30.0,
-        slew_limit: float = 200.0,
+        slew_limit: float = 2000.0,
+        growth_limit: float = 200.0,
         energy_budget: float = 20.0,
         speed_cap: float = 1.0,
         actuation_delay: float = 0.0,
@@ -142,6 +149,7 @@ class BoundedForce(OneThread):
         self._wanted = wanted
         self.force_limit = checked_number("force_limit", force_limit, above=0.0, below=1e4)
         self.slew_limit = checked_number("slew_limit", slew_limit, above=0.0, below=1e6)
+        self.growth_limit = checked_number("growth_limit", growth_limit, above=0.0, below=1e6)
         self.speed_cap = checked_number("speed_cap", speed_cap, above=0.0, below=10.0)
         self.dt = checked_number("dt", dt, above=0.0, below=1.0)
         self.max_age = Watchdog(dt=dt, max_age=max_age).max_age
@@ -167,6 +175,7 @@ class BoundedForce(OneThread):
             max_age=self.max_age,
             force_limit=self.force_limit,
             slew_limit=self.slew_limit,
+            growth_limit=self.growth_limit,
             speed_cap=self.speed_cap,
             velocity_lag=checked_number("velocity_lag", velocity_lag, above=0.0),
             trust_stillness=bool(trust_stillness),
@@ -237,6 +246,7 @@ class BoundedForce(OneThread):
             stamps=STAMPS.numbers(last=_NAN, lag=0, stamped=0),
             hand=HAND.numbers(x=_NAN, v=0, estimated=0, stamp=_NAN),
             tank=tank_record(self.slots).numbers(**full | told),
+            felt=math.hypot(*force),
         )
 
     @property
@@ -275,8 +285,10 @@ class BoundedForce(OneThread):
     def instance(self, x: ArrayLike, v: ArrayLike = (0.0, 0.0)) -> Instance:
         """The QP for a hand at x (2,) moving at v (2,), with the last force and the energy of now, for inspection."""
         point, velocity = np.asarray(x, dtype=np.float64), np.asarray(v, dtype=np.float64)
-        ceiling, left = self._affordable.of(self.model, self._watched)
-        view = VIEW.numbers(x=point, v=velocity, reason=0, details=0, at_once=0, ceiling=ceiling, left=left, repeats=0)
+        ceiling, left, grown = self._affordable.of(self.model, self._watched, self._force)
+        view = VIEW.numbers(
+            x=point, v=velocity, reason=0, details=0, at_once=0, ceiling=ceiling, left=left, repeats=0, grown=grown
+        )
         wanted = self._wanted(*point.tolist(), *velocity.tolist())
         return self.stated.instance(self._prepare.of(self.model, view, wanted), memory=self._force)
 

@@ -35,7 +35,10 @@ READY = {mode: field(mode) for mode in FIELDS}
 
 
 def assistance(mode: str = "assist", each: PotentialField | None = None, **options: object) -> Assistance:
-    given = {"comfortable": COMFORTABLE, "mode": mode, "compile": False, "energy_budget": 1e3, "trust_stillness": True}
+    given = {
+        "comfortable": COMFORTABLE, "mode": mode, "compile": False, "energy_budget": 1e3, "trust_stillness": True,
+        "slew_limit": SLEW, "growth_limit": 1e5,
+    }  # fmt: skip
     return Assistance(each or READY.get(mode, READY["assist"]), **{**given, **options})  # type: ignore[arg-type]
 
 
