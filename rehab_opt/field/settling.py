@@ -1,9 +1,9 @@
 """Whether a hand comes to rest at the end of a spring that acts late and changes no faster than a slew limit.
 
-A hand of mass m that damps its own motion by c is held by F = -S x - D v. v is estimated from positions, with a low-pass
-of `velocity_lag`; the force acts `delay` later, with a first-order lag. With s = jw the loop is
+A hand of mass m that damps its own motion by c is held by F = -S x - D v. v is estimated from positions, through two
+low-passes that lag by `velocity_lag` together; the force acts `delay` later, with a first-order lag. With s = jw the loop is
 
-    L(s) = (S + D s / (1 + velocity_lag s)) exp(-delay s) / ((1 + lag s) (m s + c) s)
+    L(s) = (S + D s / (1 + velocity_lag s / 2)^2) exp(-delay s) / ((1 + lag s) (m s + c) s)
 
 |L| falls with w, so it is one at a single w_c, and the hand comes to rest if and only if L lags by less than 180 degrees
 there (Nyquist). Half the margin in radians is the damping ratio of the swing that is left, to first order.
@@ -56,7 +56,7 @@ def crossover(
     """Of the loop above, S [N/m], D [N s/m], m [kg], and times [s]."""
 
     def spring(w: float) -> complex:
-        return stiffness + damping * 1j * w / (1.0 + velocity_lag * 1j * w)
+        return stiffness + damping * 1j * w / (1.0 + 0.5 * velocity_lag * 1j * w) ** 2
 
     low, high = 0.0, 1.0
     while abs(spring(high)) > abs(mass * 1j * high + OWN_DAMPING) * high:

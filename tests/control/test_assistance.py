@@ -27,7 +27,7 @@ THERAPY = ("stretch", "assist", "resist")
 
 
 def field(mode: str = "assist", **options: object) -> PotentialField:
-    given = {"stiffness": 1000.0, "width": 0.025, "compile": False, **FIELDS[mode], **options}
+    given = {"stiffness": 1000.0, "width": 0.025, "damping": 0.0, "compile": False, **FIELDS[mode], **options}
     return PotentialField(PATH, **given)  # type: ignore[arg-type]
 
 

@@ -26,7 +26,7 @@ PROMISES = (
     Promise("rehab_opt/control/command.py", "of assistance: of the desired force, along it."),
 )  # fmt: skip
 LEAST = {"solver closed form": 4e5, "solver qrqp": 5e4,
-         "at the force limit": 2000, "at the slew limit": 14_000, "yielded slew": 50, "wanted in full": 14_000,
+         "at the force limit": 2000, "at the slew limit": 14_000, "held back by its growth": 5000, "yielded slew": 50, "wanted in full": 14_000,
          "status releasing": 81, "status released": 5000, "reason not enabled": 300,
          "reason x is (#, #), not a usable position": 300,
          "held back by energy": 300}  # fmt: skip

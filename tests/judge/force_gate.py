@@ -25,7 +25,7 @@ PROMISES = (
 )  # fmt: skip
 LEAST = {"therapy inside": 20_000, "therapy outside": 50_000, "task inside": 8000, "task outside": 24_000,
          "therapy long inside": 5000, "mode stretch": 20_000, "mode assist": 20_000, "mode resist": 20_000,
-         "pull back at its largest": 3000}  # fmt: skip
+         "pull back at its largest": 3000, "pull that is cut": 20_000}  # fmt: skip
 CI_TICKS = 20_000
 LENGTH, MIDDLE, LINE = 0.6, 0.15, 0.02
 POINT = np.array([0.1, 0.02])
