@@ -162,6 +162,7 @@ class BoundedForce(OneThread):
         delay = checked_number("actuation_delay", actuation_delay, above=-1e-12, below=0.2)
         lag = checked_number("actuation_lag", actuation_lag, above=-1e-12, below=0.1)
         late = delay > 0.0 or lag > 0.0
+        self._late_by = {"delay": delay + self.dt, "lag": lag, "velocity_lag": velocity_lag}
         self.slots = SLOTS if late else 1
         """Pieces of time in which forces are under way."""
         self.stated = self.statement()
