@@ -65,8 +65,10 @@ def reached(setting: Setting) -> Numbers:
 
 
 def needed(setting: Setting) -> Numbers:
-    """People who pull towards the target as strongly as they can, their arms back to where they rest: without help, with
-    help that is not late, and with help that is."""
+    """Whether people arrive who pull towards the target as they can, their arms back to where they rest.
+
+    Without help, with help that is not late, and with help that is.
+    """
     rng = setting.rng
     strength, back, damping, seed = rng.uniform(0.2, 3.0), rng.uniform(10, 40), rng.uniform(4, 15), rng.integers(2**31)
     start = START + 0.005 * rng.normal(size=2)

@@ -104,7 +104,8 @@ ROWS = (
     Row("help, from 1 s after arrival: speed RMS, worst", "help", _worst("help: speed at rest"), 0.05, "m/s"),
     Row("help: work of a 0.2 m reach, worst", "help", _worst("help: work of a reach"), 3.0, "J"),
     Row("people who need help: arrive within 4 s without it", "need", _mean("unaided"), 20.0, "%", 100.0),
-    Row("people who need help: arrive with help that is not late", "need", _mean("helped at once"), math.inf, "%", 100.0),
+    Row("people who need help: arrive with help that is not late", "need", _mean("helped at once"),
+        math.inf, "%", 100.0),
     Row("people who need help: arrive with late help, of these", "need", _arrive, math.inf, "%", 100.0, at_least=95.0),
     Row("lag of a mirrored recording / allowed, worst", "mirror", _worst("mirror: lag"), 1.0, ""),
     Row("blocked hand at 0.25 m/s: peak force, worst", "blocked", _worst("blocked: peak"), 140.0, "N"),
@@ -140,7 +141,9 @@ class Measured(NamedTuple):
     def verdict(self) -> str:
         """PASS or FAIL; nothing where nothing is asked. NaN fails."""
         row = self.row
-        if (row.at_least == -math.inf and row.at_most == math.inf) or self.total == -math.inf:  # nothing asked, or nobody whom it was asked of
+        if row.at_least == -math.inf and row.at_most == math.inf:
+            return ""
+        if self.total == -math.inf:  # nobody whom it was asked of
             return ""
         return "PASS" if row.at_least <= self.total <= row.at_most else "FAIL"
 

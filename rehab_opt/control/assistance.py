@@ -83,8 +83,7 @@ class Assistance(BoundedForce):
     def notes(self) -> tuple[str, ...]:
         """What of field, bounds and delay does not go together, and which number would; see `settling_notes`.
 
-        Empty where every hand comes to rest: stiffness and drag, the damping, the force and slew limits and the times by
-        which the force is late fit.
+        Empty where every hand comes to rest.
         """
         field = self.field
         drag = 2.0 * abs(field.drag) if field.drag == field.drag else 0.0  # a learnt one has it in its samples

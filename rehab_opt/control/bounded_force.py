@@ -105,11 +105,11 @@ class BoundedForce(OneThread):
         above zero, energy is counted by the forces that may act, see `EnergyTank`.
     position_noise : [m] standard deviation of each coordinate: positions may jump by six of them; learnt from the
         positions by default, in 0.2 s and up to 1.2 mm. A hand that moves on and on above the speed cap is found by its
-        estimated velocity then, as soon as that is beyond the cap by the jump over `velocity_lag`. For the energy, noise
-        is motion: a damper of 50 N s/m draws 1 W from the tank by 0.5 mm of noise at 1 kHz, 2 to 4 W where the force is
-        late, a third of that with twice the velocity lag. What it takes for granted the other way: where the force drives
-        the motion by its velocity, what the two have in common is miscounted (with 30 N s/m along the motion and 1 mm of
-        noise, 16 J were drawn of 1 J); give a velocity that is filtered then.
+        estimated velocity then, as soon as that is beyond the cap by the jump over `velocity_lag`. For the energy,
+        noise is motion: a damper of 50 N s/m draws 1 W from the tank by 0.5 mm of noise at 1 kHz, 2 to 4 W where the
+        force is late, a third of that with twice the velocity lag. What it takes for granted the other way: where the
+        force drives the motion by its velocity, what the two have in common is miscounted (with 30 N s/m along the
+        motion and 1 mm of noise, 16 J were drawn of 1 J); give a velocity that is filtered then.
     velocity_lag : [s] of the velocity that is estimated where none is given: two low-passes of half of it. It lags by
         this and half a tick.
     trust_stillness : believe positions that repeat themselves exactly. A frozen sensor looks the same, so by default
@@ -132,7 +132,7 @@ class BoundedForce(OneThread):
         wanted: WantedForce,
         *,
         force_limit: float = 30.0,
-        slew_limit: float = 2000.0,
+        slew_limit: float = 2500.0,
         growth_limit: float = 200.0,
         energy_budget: float = 20.0,
         speed_cap: float = 1.0,

@@ -123,9 +123,7 @@ def _judge(slots: int) -> ca.Function:
         repeats=hand.tank.numbers.gap,
         grown=grown,
     )
-    after = watched_record(slots).of(
-        stamps=stamps.memory, hand=hand.memory, tank=hand.tank.numbers.column, felt=felt
-    )
+    after = watched_record(slots).of(stamps=stamps.memory, hand=hand.memory, tank=hand.tank.numbers.column, felt=felt)
     inputs = [model.column, watched.column, force, sample.column]
     return ca.Function("force_judge", inputs, [after, view], {"cse": True})
 
@@ -217,7 +215,14 @@ def anew(slots: int) -> ca.Function:
     none = ca.SX(math.nan)
     after = watched_record(slots).of(
         stamps=STAMPS.of(last=none, lag=ca.SX(0), stamped=ca.SX(0)),
-        hand=HAND.of(x=ca.vertcat(none, none), v=ca.SX.zeros(2), estimated=ca.SX.zeros(2), halfway=ca.SX.zeros(2), scatter=ca.SX(0), stamp=none),
+        hand=HAND.of(
+            x=ca.vertcat(none, none),
+            v=ca.SX.zeros(2),
+            estimated=ca.SX.zeros(2),
+            halfway=ca.SX.zeros(2),
+            scatter=ca.SX(0),
+            stamp=none,
+        ),
         tank=tank.numbers.column,
         felt=ca.norm_2(forces[2:]),
     )

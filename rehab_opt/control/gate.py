@@ -36,8 +36,8 @@ def wanted_force(
     size over `onset` [m] beyond the boundary. follow, hold (help in a task): the field inside; outside a pull back to
     the nearest comfortable point, of `return_stiffness` [N/m] and at most `return_force` [N].
 
-    The pull of the field is `pull_limit` [N] at most, and its damping comes off that: of a pull that is cut only together
-    with the damping nothing would slow a hand far from its target, up to the speed at which it is let go.
+    The pull of the field is `pull_limit` [N] at most, and its damping comes off that: of a pull that is cut only
+    together with the damping nothing would slow a hand far from its target, up to the speed at which it is let go.
 
     `carried` is read in every tick: how far [m] the field then stands from where it was made. Where it is no number,
     neither the field nor the pull back acts.

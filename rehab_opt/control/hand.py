@@ -51,11 +51,11 @@ def looked_at(
     """Take one sample of a hand, after `force` (2,) [N] has acted since the last one.
 
     `stale` is the watchdog's reason and details. `model` has dt [s], the speed cap [m/s] from which on a hand is let
-    go, the lag of the estimated velocity [s], whether a position that repeats itself exactly was seen or may be a frozen
-    sensor's, and by how much noise moves a position between two samples [m], or that this is to be learnt.
+    go, the lag of the estimated velocity [s], whether a position that repeats itself exactly was seen or may be a
+    frozen sensor's, and by how much noise moves a position between two samples [m], or that this is to be learnt.
 
-    Where noise is allowed for, a single step says little of the speed. What moves on and on is faster than the cap by its
-    estimated velocity: noise that moves a position by so much adds no more than that over the lag.
+    Where noise is allowed for, a single step says little of the speed. What moves on and on is faster than the cap by
+    its estimated velocity: noise that moves a position by so much adds no more than that over the lag.
     """
     cap = model.speed_cap
     timed = ca.logic_and(sample.kind == NUMBER_OF_SECONDS, ca.fabs(sample.stamp) < ca.inf)

@@ -1,17 +1,18 @@
 """Whether a hand comes to rest at the end of a spring that acts late and changes no faster than a slew limit.
 
 A hand of mass m that damps its own motion by c is held by F = -S x - D v. v is estimated from positions, through two
-low-passes that lag by `velocity_lag` together; the force acts `delay` later, with a first-order lag. With s = jw the loop is
+low-passes that lag by `velocity_lag` together; the force acts `delay` later, with a first-order lag. With s = jw the
+loop is
 
     L(s) = (S + D s / (1 + velocity_lag s / 2)^2) exp(-delay s) / ((1 + lag s) (m s + c) s)
 
-|L| falls with w, so it is one at a single w_c, and the hand comes to rest if and only if L lags by less than 180 degrees
-there (Nyquist). Half the margin in radians is the damping ratio of the swing that is left, to first order.
+|L| falls with w, so it is one at a single w_c, and the hand comes to rest if and only if L lags by less than 180
+degrees there (Nyquist). Half the margin in radians is the damping ratio of the swing that is left, to first order.
 
-A force that is cut at F and may change by R a second follows a swing at w whose force has the size A <= F unless A w > R.
-Where it does not follow, it comes late, by up to 90 degrees, and drives the swing (describing function of a rate limiter:
-Gelb and Vander Velde, Multiple-Input Describing Functions, 1968). A steady swing needs |L| >= 1, since limiters only take
-away from it, so w <= w_c. Hence there is none where
+A force that is cut at F and may change by R a second follows a swing at w whose force has the size A <= F unless A w >
+R. Where it does not follow, it comes late, by up to 90 degrees, and drives the swing (describing function of a rate
+limiter: Gelb and Vander Velde, Multiple-Input Describing Functions, 1968). A steady swing needs |L| >= 1, since
+limiters only take away from it, so w <= w_c. Hence there is none where
 
     F w_c <= R                                                                                  (force times frequency)
 
@@ -46,7 +47,7 @@ class Crossover(NamedTuple):
 
 
 def fitting_damping(stiffness: float) -> float:
-    """D [N s/m] for a spring S [N/m] on a hand of which only the range of its mass is known: sqrt(S m), m in its middle."""
+    """D [N s/m] for a spring S [N/m] on a hand of which only the range of its mass is known: sqrt(S m) in its middle."""
     return math.sqrt(stiffness * math.sqrt(LIGHT * HEAVY))
 
 
@@ -58,12 +59,15 @@ def crossover(
     def spring(w: float) -> complex:
         return stiffness + damping * 1j * w / (1.0 + 0.5 * velocity_lag * 1j * w) ** 2
 
+    def amplifies(w: float) -> bool:
+        return abs(spring(w)) > w * math.hypot(mass * w, OWN_DAMPING) * math.hypot(1.0, lag * w)
+
     low, high = 0.0, 1.0
-    while abs(spring(high)) > abs(mass * 1j * high + OWN_DAMPING) * high:
+    while amplifies(high):
         low, high = high, 2.0 * high
     for _ in range(60):
-        w = 0.5 * (low + high)
-        low, high = (w, high) if abs(spring(w)) > abs(mass * 1j * w + OWN_DAMPING) * w else (low, w)
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if amplifies(middle) else (low, middle)
     lead = cmath.phase(spring(high)) + math.atan2(OWN_DAMPING, mass * high)
     return Crossover(high, lead - high * delay - math.atan(lag * high))
 
@@ -121,4 +125,5 @@ def _better(stiffness: float, **times: float) -> str:
     for _ in range(30):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if margin(middle) >= MARGIN else (low, middle)
-    return f"at most {low:.2g} N/m come to rest behind this delay, with a damping of {fitting_damping(low):.3g} N s/m"
+    low = math.floor(0.1 * low) * 10.0
+    return f"at most {low:g} N/m come to rest behind this delay, with a damping of {fitting_damping(low):.3g} N s/m"

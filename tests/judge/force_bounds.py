@@ -20,14 +20,14 @@ PROMISES = (
             "an open dead-man switch: the force falls to zero within the slew bound."),
     Promise("rehab_opt/control/bounded_force.py", "Never raises on numbers: what is not usable gives a release, and "
             "its reason."),
-    Promise("rehab_opt/control/bounded_force.py", "growth_limit : [N/s] rate at which a force comes that the person has "
-            "not felt of late: beyond the largest of the last ticks, of which force_limit / 2 s fades."),
+    Promise("rehab_opt/control/bounded_force.py", "growth_limit : [N/s] rate at which a force comes that the person "
+            "has not felt of late: beyond the largest of the last ticks, of which force_limit / 2 s fades."),
     Promise("rehab_opt/control/bounded_force.py", "Help that the energy left holds back says so in its reason."),
     Promise("rehab_opt/control/command.py", "of assistance: of the desired force, along it."),
 )  # fmt: skip
 LEAST = {"solver closed form": 4e5, "solver qrqp": 5e4,
-         "at the force limit": 2000, "at the slew limit": 14_000, "held back by its growth": 5000, "yielded slew": 50, "wanted in full": 14_000,
-         "status releasing": 81, "status released": 5000, "reason not enabled": 300,
+         "at the force limit": 2000, "at the slew limit": 14_000, "held back by its growth": 5000, "yielded slew": 50,
+         "wanted in full": 14_000, "status releasing": 81, "status released": 5000, "reason not enabled": 300,
          "reason x is (#, #), not a usable position": 300,
          "held back by energy": 300}  # fmt: skip
 CI_TICKS = 24_000

@@ -68,7 +68,8 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     growth = (1e5, 200.0)[number % 2]
     comfortable = Workspace(shapely.box(-2, -2, 2, 2), accuracy=0.0)
     force = PathAssistance(knots, stiffness=stiffness, width=width, damping=damping, comfortable=comfortable,
-                           slew_limit=slew, growth_limit=growth, energy_budget=1e3, dt=dt, trust_stillness=True, compile=False)  # fmt: skip
+                           slew_limit=slew, growth_limit=growth, energy_budget=1e3, dt=dt, trust_stillness=True,
+                           compile=False)  # fmt: skip
     verdict.begin(number, f"{shape}, width {width:g}, dt {dt:g}")
     ticks = max(run_length(rng, number, dt), 600)
     lengths = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(knots, axis=0), axis=1))]
