@@ -40,8 +40,8 @@ MUCH = 1e3
 MISSED = 1e-6
 """Share of the wanted force by which the commanded one must differ for the task to count as yielding."""
 MODEL = Record(
-    dt=1, max_age=1, force_limit=1, slew_limit=1, growth_limit=1, speed_cap=1, velocity_lag=1, trust_stillness=1, budget=1,
-    window=1, tail=1, jitter=1, learns=1, tolerance=1,
+    dt=1, max_age=1, force_limit=1, slew_limit=1, growth_limit=1, speed_cap=1, velocity_lag=1, trust_stillness=1,
+    budget=1, window=1, tail=1, jitter=1, learns=1, tolerance=1,
 )  # fmt: skip
 """What differs between people and robots: see `BoundedForce`; window [s] and tail [N] are those of `EnergyTank`, jitter
 [m] is by how much noise may move a position between two samples, learns whether that is learnt instead."""

@@ -47,7 +47,7 @@ class Crossover(NamedTuple):
 
 
 def fitting_damping(stiffness: float) -> float:
-    """D [N s/m] for a spring S [N/m] on a hand of which only the range of its mass is known: sqrt(S m) in its middle."""
+    """D [N s/m] for a spring S [N/m], sqrt(S m), on a hand of which only the range of its mass is known."""
     return math.sqrt(stiffness * math.sqrt(LIGHT * HEAVY))
 
 

@@ -69,13 +69,12 @@ def test_a_hand_that_runs_on_under_the_noise_is_let_go() -> None:
         for k in range(200):
             helper.step((1e-4 * k, 0.0))
         x = 0.02
-        for after in range(40):
+        for _ in range(30):
             x += 1e-3 * (1.1 + 6 * told / 0.01)
             command = helper.step((x, 0.0))
             if command.status is not Status.OK:
                 break
         assert "hand moves at" in command.reason
-        assert after * 1e-3 <= 0.03
         assert not command.value.any()
 
 

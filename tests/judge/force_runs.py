@@ -110,7 +110,8 @@ def assistance(rng: np.random.Generator, given: Settings, **options: Any) -> Ass
     return Assistance(
         field_of(rng, given), comfortable=comfortable, mode=given.mode, force_limit=given.force_limit,  # type: ignore[arg-type]
         slew_limit=given.slew_limit, growth_limit=given.growth_limit, energy_budget=given.budget,
-        speed_cap=given.speed_cap, dt=given.dt, return_stiffness=given.return_stiffness, return_force=given.return_force, compile=False, **options,
+        speed_cap=given.speed_cap, dt=given.dt, return_stiffness=given.return_stiffness,
+        return_force=given.return_force, compile=False, **options,
     )  # fmt: skip
 
 
