@@ -13,6 +13,7 @@ from rehab_opt.control.gate import Mode, wanted_force
 from rehab_opt.control.velocity_controller import checked_number
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.field.potential import PotentialField
+from rehab_opt.field.settling import settling_notes
 from rehab_opt.workspace.region import Workspace
 
 __all__ = ["Assistance"]
@@ -61,6 +62,7 @@ class Assistance(BoundedForce):
             wanted_force,
             comfortable=comfortable,
             mode=mode,
+            pull_limit=checked_number("force_limit", force_limit, above=0.0, below=1e4),
             onset=checked_number("onset", onset, above=-TINY),
             return_stiffness=checked_number("return_stiffness", return_stiffness, above=0.0),
             return_force=checked_number("return_force", return_force, above=0.0),
@@ -76,6 +78,18 @@ class Assistance(BoundedForce):
         self._wanted = self._gate(field)
         self.field, self._by = field, None
         field.pull(0.0, 0.0)  # compiled now, not in the loop
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What of field, bounds and delay does not go together, and which number would; see `settling_notes`.
+
+        Empty where every hand comes to rest.
+        """
+        field = self.field
+        drag = 2.0 * abs(field.drag) if field.drag == field.drag else 0.0  # a learnt one has it in its samples
+        stiffness = max(float(field.samples.stiffness.max()), drag)
+        bounds = {"force_limit": self.force_limit, "slew_limit": self.slew_limit}
+        return tuple(settling_notes(stiffness, float(field.damping.min()), **bounds, **self._late_by))
 
     @property
     def carried(self) -> tuple[float, float]:

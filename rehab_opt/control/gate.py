@@ -24,6 +24,7 @@ def wanted_force(
     comfortable: Workspace,
     mode: Mode,
     *,
+    pull_limit: float,
     onset: float,
     return_stiffness: float,
     return_force: float,
@@ -34,6 +35,9 @@ def wanted_force(
     stretch, assist, resist (therapy): nothing inside the comfortable workspace, the field outside, growing to its full
     size over `onset` [m] beyond the boundary. follow, hold (help in a task): the field inside; outside a pull back to
     the nearest comfortable point, of `return_stiffness` [N/m] and at most `return_force` [N].
+
+    The pull of the field is `pull_limit` [N] at most, and its damping comes off that: of a pull that is cut only
+    together with the damping nothing would slow a hand far from its target, up to the speed at which it is let go.
 
     `carried` is read in every tick: how far [m] the field then stands from where it was made. Where it is no number,
     neither the field nor the pull back acts.
@@ -51,7 +55,7 @@ def wanted_force(
         raise ConfigurationError("mode", mode, "'resist' for a field that drags against the motion")
     damping_x, damping_y = field.damping.tolist()
     where = comfortable.signed_distance_and_foot
-    pull = field.pull if carried is None else _carried(field.pull, carried)
+    pull = _limited(field.pull if carried is None else _carried(field.pull, carried), pull_limit)
 
     def outside(x: float, y: float, vx: float, vy: float) -> tuple[float, float]:
         beyond = where((x, y))[0]
@@ -102,3 +106,16 @@ def _carried(
     pull: Callable[[float, float], tuple[float, float]], by: Sequence[float]
 ) -> Callable[[float, float], tuple[float, float]]:
     return lambda x, y: pull(x - by[0], y - by[1])
+
+
+def _limited(
+    pull: Callable[[float, float], tuple[float, float]], limit: float
+) -> Callable[[float, float], tuple[float, float]]:
+    """The pull, of a size [N] at most; NaN stays."""
+
+    def limited(x: float, y: float) -> tuple[float, float]:
+        fx, fy = pull(x, y)
+        size = math.hypot(fx, fy)
+        return (fx * (limit / size), fy * (limit / size)) if size > limit else (fx, fy)
+
+    return limited

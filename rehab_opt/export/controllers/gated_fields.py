@@ -50,6 +50,7 @@ def gated_fields(helper: Assistance, fields: Sequence[PotentialField], *, name: 
         "gate.c",
         {
             "onset": number(gate["onset"]),
+            "pull_limit": number(gate["pull_limit"]),
             "name": name,
             "workspace": filled("workspace.c", {}),
             "pull_back": pull_back(gate["return_stiffness"], gate["return_force"], name=name),
