@@ -10,18 +10,24 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from rehab_opt.control.held_hand import HELD, HeldHand
 from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.optim.certificate import all_true
 from rehab_opt.optim.rows import PLAUSIBLE
 from rehab_opt.symbolic import BufferedFunction
 from rehab_opt.symbolic.record import Record
 
-__all__ = ["FollowedJoints", "JointFeedback"]
+__all__ = ["FollowedJoints", "JointFeedback", "guidance"]
 
 Array = NDArray[np.float64]
 
 MOST_TICKS = 128
 """Longest delay, in ticks."""
+LIVELY = 0.1
+"""[rad/s or m/s] Joints that are slower are followed slower, by the square of their speed."""
+COUPLED = 0.5
+"""Share of a joint's own inertia by which another's motion turns it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,18 +69,45 @@ class JointFeedback:
     delay: float = 0.005
     servo_hz: float = 24.0
     correction: float = 0.05
+    following: float = 200.0
+    contact: float = 0.001
     tolerance: float = 0.03
     patience: float = 0.1
 
     def __post_init__(self) -> None:
         """Check every number."""
         for name, least in (
-            ("delay", -1e-12), ("servo_hz", 0.0), ("correction", 0.0), ("tolerance", 0.0), ("patience", -1e-12),
+            ("delay", -1e-12), ("servo_hz", 0.0), ("correction", 0.0), ("following", 0.0), ("contact", 0.0), ("tolerance", 0.0), ("patience", -1e-12),
         ):  # fmt: skip
             value = getattr(self, name)
             most = math.inf if name == "servo_hz" else 1e3
             if not (isinstance(value, float | int | np.floating | np.integer) and least < value <= most):
                 raise ConfigurationError(f"feedback.{name}", value, f"a number above {least:g}")
+
+    @property
+    def command_delay(self) -> float:
+        """[s] from a command until the joint moves: half of the delay, which is all that is known of it."""
+        return self.delay / 2
+
+    def thrown(self, chain: SerialChain, last: ca.SX) -> ca.SX:
+        """(n,) [rad or m] by which joints may be thrown off where they are led by others that brake from `last` (n,).
+
+        A servo with both poles at -p is thrown off by a/p^2 of an acceleration a that lasts, and by v/(e p) of a speed
+        v that ends at once; of another joint's it feels the share COUPLED.
+        """
+        p = pole(self.servo_hz)
+        each = ca.fmin(ca.DM(chain.acceleration / p**2), ca.fabs(last) / (math.e * p))
+        others = [[each[j] for j in range(chain.n) if j != i] or [ca.SX(0)] for i in range(chain.n)]
+        return COUPLED * ca.vertcat(*(ca.mmax(ca.vertcat(*some)) for some in others))
+
+    @property
+    def most_gain(self) -> float:
+        """[1/s] 2/(3 (T + 1/p)) of the delay T and the servo's pole p: largest gain on what is measured.
+
+        An integrator with this gain crosses unity there; T takes at most 2/3 rad of its phase, and the servo,
+        (2 p s + p^2)/(s + p)^2, nearly none: 50 degrees remain, enough for 3 ms and for inertias unlike its own.
+        """
+        return 2 / (3 * (self.delay + 1 / pole(self.servo_hz))) if self.delay + 1 / self.servo_hz > 0 else math.inf
 
     @property
     def approach(self) -> float:
@@ -93,10 +126,12 @@ def _record(n: int, ticks: int) -> Record:
     commands under way, the newest first; for how long a joint does not follow [s], and once that is a fault, which
     joint, counted from 1, by how much.
     """
-    return Record(q=n, v=n, w=n, sent=n * ticks, wrong=1, fault=1, far=1, known=1)
+    return Record(q=n, v=n, w=n, strays=n, sent=n * ticks, wrong=1, fault=1, far=1, known=1)
 
 
-MODEL = Record(dt=1, v_v=1, v_w=1, w_v=1, w_w=1, correction=1, tolerance=1, patience=1)
+HELD_BACK = "the hand was held back: led at recovery speed until it is free for two seconds"
+
+MODEL = Record(dt=1, v_v=1, v_w=1, w_v=1, w_w=1, correction=1, following=1, tolerance=1, patience=1)
 
 
 @cache
@@ -124,16 +159,19 @@ def _followed(n: int, ticks: int) -> ca.Function:
     fault, far = ca.if_else(new, worst, memory.fault), ca.if_else(new, size, memory.far)
     share = ca.fmin(model.correction * model.dt, 1) * (ca.fabs(error) <= model.tolerance)
     q = ca.if_else(anew, measured, expected + share * error)
+    pace = ca.fmin(ca.mmax(ca.fabs(v)) / LIVELY, 1) ** 2
+    strays = memory.strays + model.following * pace * (ca.fabs(error) <= model.tolerance) * (error - memory.strays)
     under_way = model.dt * ca.sum2(ca.reshape(sent[: n * ticks], n, ticks)) + w
     after = record.of(
-        q=q, v=v, w=w, sent=sent[: n * ticks], wrong=wrong, fault=fault, far=far,
+        q=q, v=v, w=w, strays=strays, sent=sent[: n * ticks], wrong=wrong, fault=fault, far=far,
         known=ca.logic_or(memory.known, usable),
     )  # fmt: skip
     # What is no position stays what it is, for whoever names it.
     reference = ca.if_else(ca.fabs(measured) <= PLAUSIBLE, q + under_way, measured)
     said = ca.vertcat(fault, ca.if_else(fault, far, size))
-    inputs = [model.column, memory.column, measured, command]
-    return ca.Function("followed_joints", inputs, [after, ca.densify(reference), said], {"cse": True})
+    seen = ca.fmax(ca.fmin(error, model.tolerance), -model.tolerance)
+    inputs, outputs = [model.column, memory.column, measured, command], [after, ca.densify(reference), seen, said]
+    return ca.Function("followed_joints", inputs, outputs, {"cse": True})
 
 
 def servo_rates(hz: float, dt: float) -> dict[str, float]:
@@ -150,22 +188,35 @@ def servo_rates(hz: float, dt: float) -> dict[str, float]:
     }  # fmt: skip
 
 
+@cache
+def guidance(n: int) -> Record:
+    """What a tick knows of joints that are led: from there to where they are (n,), and of the hand what `HELD` names."""
+    return Record(strays=n, **{name: place.stop - place.start for name, place in HELD.places.items()})
+
+
 class FollowedJoints:
     """The memory of a `JointFeedback`; call it once a tick.
 
     Parameters
     ----------
     feedback : what is known of the robot. names : (n,) of its joints. dt : [s] a tick.
+    chain : of the hand that is watched for contact; None for none.
 
     Raises
     ------
     ConfigurationError : a delay of more than 128 ticks.
     """
 
+    touched: bool = False
+    """Whether the hand is held from the last tick on."""
+    note: str = ""
+    """What is to be said of a tick without a fault."""
     error: float = 0.0
     """[rad or m] the largest following error of the last tick; once a joint is at fault, that of the fault."""
 
-    def __init__(self, feedback: JointFeedback, names: tuple[str, ...], *, dt: float) -> None:
+    def __init__(
+        self, feedback: JointFeedback, names: tuple[str, ...], *, dt: float, chain: SerialChain | None = None
+    ) -> None:
         if not isinstance(feedback, JointFeedback):
             raise ConfigurationError("feedback", feedback, "a JointFeedback, or None for measured positions")
         ticks = round(feedback.delay / dt)
@@ -174,11 +225,19 @@ class FollowedJoints:
         self._names, self._record = names, _record(len(names), ticks)
         self._function = BufferedFunction(_followed(len(names), ticks))
         model, self._memory, self._measured, self._command = self._function.inputs
-        self._after, self._reference, self._said = self._function.outputs
+        self._after, self._reference, self._errors, self._said = self._function.outputs
+        places = self._record.places
+        self._velocity, self._strays = self._memory[places["v"]], self._memory[places["strays"]]
+        self._hand, self._stuck = None, ""
+        if chain is not None:
+            self._hand = HeldHand(
+                chain, contact=feedback.contact, patience=feedback.patience, pole=pole(feedback.servo_hz), dt=dt
+            )
         model[:] = MODEL.numbers(
             dt=dt,
             **servo_rates(feedback.servo_hz, dt),
             correction=feedback.correction,
+            following=-math.expm1(-feedback.following * dt),
             tolerance=feedback.tolerance,
             patience=feedback.patience,
         )
@@ -189,16 +248,27 @@ class FollowedJoints:
         for name in ("v", "sent"):
             place = self._record.places[name]
             self._memory[place] = np.tile(velocity, (place.stop - place.start) // len(velocity))
+        self.touched, self.note, self._stuck = False, "", ""
+        if self._hand is not None:
+            self._hand.reset(velocity)
 
-    def lead(self, q: Array, last: Array) -> str:
+    def lead(self, q: Array, last: Array, guided: Array | None = None) -> str:
         """Put the reference into `q` (n,) in place of what was measured, after the command `last` (n,).
 
-        Returns why the joints do not follow; empty where they do.
+        Returns why the joints do not follow; empty where they do. What `guidance` names goes into `guided`.
         """
         self._measured[:], self._command[:] = q, last
         self._function.evaluate()
         self._memory[:], q[:] = self._after, self._reference
         joint, self.error = self._said.tolist()
+        if guided is not None and self._hand is not None:
+            self.touched, stuck = self._hand.feel(q, self._errors, self._velocity)
+            state, n = self._hand.state, len(q)
+            guided[:n], guided[n:] = self._strays, state
+            self.note = HELD_BACK if state[0] else ""
+            if stuck and not self._stuck:
+                at = self._errors[self._names.index(stuck)]
+                self._stuck = f"{stuck} does not follow: the hand is held back, the joint by {abs(at):.2g} rad or m"
         if not joint:
-            return ""
+            return self._stuck
         return f"{self._names[int(joint) - 1]} does not follow: {self.error:.2g} rad or m from where it was led"

@@ -96,7 +96,7 @@ def test_a_joint_that_does_not_follow_brakes_and_is_named(what: str, joint: int)
         joints.frozen[:] = True
     else:
         joints.gain[joint] = 0.0 if what == "blocked joint" else -1.0
-    while not command.reason and ticks < 1000:
+    while command.status.certified and ticks < 1000:
         ticks, way = ticks + 1, way + speed * DT
         seen = joints.step(command.value)
         command = led.step(seen, turned(joint, way), STILL)
