@@ -5,8 +5,9 @@ what is left of d after its slow part is taken away, against the way the hand go
 
     s = -(d - d_usual) . v / |v|,   v = J q',
 
-of a hand that is free at most `contact` + INERTIA sum_j |J_j| |q''_j| / p^2: of the servo's error p^-2 q'' under an
-inertia that it was tuned to, inertias of coupled joints are a share. Beyond that the hand is held. Then
+of a hand that is free at most `contact` + INERTIA sum_j |J_j| |q''_j| / p^2 + LATE |v - v_usual|: a servo that was tuned to
+another inertia is behind by a share of p^-2 q'', and a delay that is another one shows where the speed changes. Beyond
+that, in two ticks, the hand is held. Then
 
 - the joints' commands begin anew at rest: what was stopped may be stopped in the command, too;
 - along the way v the hand may be led no further than half of `contact` ahead of where it usually is, `room`;
@@ -33,13 +34,15 @@ USUAL = 20.0
 """[1/s] Rate at which a following error becomes the usual one: a contact outgrows it within a third of that time."""
 INERTIA = 0.5
 """Share of its own inertia by which a joint's differs from what the servo was tuned to, by posture and coupling."""
+LATE = 0.003
+"""[s] By which the delay may be another one than was told."""
 SLOWEST = 0.02
 """[m/s] Hands that are slower have no way that they could be held on."""
 CALM = 2.0
 """[s] for which a hand must be free until it is led at its usual speed again: a person's time to draw back."""
 HELD = Record(held=1, way=3, room=1)
 """Whether the hand is held; the way that it was held on; how far it may be led on along that [m]."""
-_MEMORY = Record(held=1, way=3, room=1, usual=3, before=1, swing=1, over=1, free=1, pressed=1, joint=1, known=1)
+_MEMORY = Record(held=1, way=3, room=1, usual=3, going=3, before=1, swing=1, over=1, free=1, pressed=1, joint=1, known=1)
 _MODEL = Record(contact=1, patience=1, per_square=1, usual=1, fades=1, dt=1)
 
 
@@ -97,7 +100,7 @@ def _held(chain: SerialChain) -> ca.Function:
     swing = ca.fmax(ca.dot(levers, ca.fabs(change)) * model.per_square / model.dt, model.fades * memory.swing)
     was_held = memory.held > 0
     usual = ca.if_else(memory.known, memory.usual, behind)
-    explained = model.contact + INERTIA * swing
+    explained = model.contact + INERTIA * swing + LATE * ca.norm_2(motion - memory.going)
     over = -ca.dot(behind - usual, along) > explained
     touched = ca.logic_and(ca.logic_not(was_held), ca.logic_and(over, memory.over))  # one sample may be a lie
 
@@ -107,7 +110,7 @@ def _held(chain: SerialChain) -> ca.Function:
     pressed = room < model.contact / 4
     held = ca.logic_or(touched, was_held)
     free = ca.if_else(pressed, 0, memory.free + model.dt)
-    waits = ca.if_else(pressed, memory.pressed + model.dt, ca.fmax(memory.pressed - model.dt, 0))
+    waits = memory.pressed + model.dt * ca.if_else(pressed, 1, -model.patience / CALM)
     held = ca.logic_and(held, free <= CALM)
     shares = ca.fabs((moves.T @ way) * error)
     joint, most = ca.SX(0), shares[0]
@@ -115,9 +118,10 @@ def _held(chain: SerialChain) -> ca.Function:
         joint, most = ca.if_else(shares[i] > most, i, joint), ca.fmax(most, shares[i])
     joint = ca.if_else(touched, joint, memory.joint)
     after = _MEMORY.of(
+        going=memory.going + model.usual * (motion - memory.going),
         held=held, way=way, room=room, before=before, swing=swing, over=over, joint=joint,
         usual=ca.if_else(held, usual, usual + model.usual * (behind - usual)),
-        free=held * free, pressed=held * waits, known=1,
+        free=held * free, pressed=held * ca.fmax(waits, 0), known=1,
     )  # fmt: skip
     said = ca.vertcat(touched, ca.logic_and(held, waits > model.patience), joint)
     inputs = [model.column, memory.column, q, error, velocity, change]
