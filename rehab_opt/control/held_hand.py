@@ -5,9 +5,12 @@ what is left of d after its slow part is taken away, against the way the hand go
 
     s = -(d - d_usual) . v / |v|,   v = J q',
 
-of a hand that is free at most `contact` + INERTIA sum_j |J_j| |q''_j| / p^2 + LATE |v - v_usual|: a servo that was tuned to
-another inertia is behind by a share of p^-2 q'', and a delay that is another one shows where the speed changes. Beyond
-that, in two ticks, the hand is held. Then
+of a hand that is free at most
+
+    contact + INERTIA sum_j |J_j| |q''_j| / p^2 + LATE |v - v_usual|:
+
+a servo that was tuned to another inertia is behind by a share of p^-2 q'', and a delay that is another one shows where
+the speed changes. Where it is more in two ticks (one sample may lie), the hand is held. Then
 
 - the joints' commands begin anew at rest: what was stopped may be stopped in the command, too;
 - along the way v the hand may be led no further than half of `contact` ahead of where it usually is, `room`;
@@ -42,7 +45,8 @@ CALM = 2.0
 """[s] for which a hand must be free until it is led at its usual speed again: a person's time to draw back."""
 HELD = Record(held=1, way=3, room=1)
 """Whether the hand is held; the way that it was held on; how far it may be led on along that [m]."""
-_MEMORY = Record(held=1, way=3, room=1, usual=3, going=3, before=1, swing=1, over=1, free=1, pressed=1, joint=1, known=1)
+_MEMORY = Record(held=1, way=3, room=1, usual=3, going=3, before=1, swing=1, over=1, free=1, pressed=1, joint=1,
+    known=1)  # fmt: skip
 _MODEL = Record(contact=1, patience=1, per_square=1, usual=1, fades=1, dt=1)
 
 
@@ -102,7 +106,7 @@ def _held(chain: SerialChain) -> ca.Function:
     usual = ca.if_else(memory.known, memory.usual, behind)
     explained = model.contact + INERTIA * swing + LATE * ca.norm_2(motion - memory.going)
     over = -ca.dot(behind - usual, along) > explained
-    touched = ca.logic_and(ca.logic_not(was_held), ca.logic_and(over, memory.over))  # one sample may be a lie
+    touched = ca.logic_and(ca.logic_not(was_held), ca.logic_and(over, memory.over))
 
     way = ca.if_else(touched, along / ca.fmax(ca.norm_2(along), 1e-12), memory.way)
     before = ca.if_else(touched, -ca.dot(usual, way), memory.before)
@@ -121,7 +125,7 @@ def _held(chain: SerialChain) -> ca.Function:
         going=memory.going + model.usual * (motion - memory.going),
         held=held, way=way, room=room, before=before, swing=swing, over=over, joint=joint,
         usual=ca.if_else(held, usual, usual + model.usual * (behind - usual)),
-        free=held * free, pressed=held * ca.fmax(waits, 0), known=1,
+        free=held * free, pressed=held * ca.fmax(waits, 0), known=ca.SX(1),
     )  # fmt: skip
     said = ca.vertcat(touched, ca.logic_and(held, waits > model.patience), joint)
     inputs = [model.column, memory.column, q, error, velocity, change]

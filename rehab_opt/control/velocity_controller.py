@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.command import Bound, Command, Status
-from rehab_opt.control.joint_feedback import FollowedJoints, JointFeedback, guidance
+from rehab_opt.control.followed_joints import FollowedJoints, guidance
+from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.control.stopping import VelocityBounds, nearest_to_rest, velocity_bounds
 from rehab_opt.control.thread_owner import OneThread
 from rehab_opt.control.watchdog import Watchdog

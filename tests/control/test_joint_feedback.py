@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from rehab_opt import ConfigurationError, JointFeedback, PoseTracker, Status, ur5
-from rehab_opt.control.joint_feedback import FollowedJoints, pole
+from rehab_opt.control.followed_joints import FollowedJoints
+from rehab_opt.control.joint_feedback import pole
 
 Array = NDArray[np.float64]
 START, DT = np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.0]), 1e-3
