@@ -83,12 +83,12 @@ def test_without_the_watch_it_presses_and_leaps() -> None:
     assert speed[touch + 800 :].max() > 0.2
 
 
-def test_a_hand_that_comes_free_at_once_is_led_on_slowly_and_after_two_seconds_as_before() -> None:
-    touch, commands, _, speed = at_a_wall(LED, gone=1.0, seconds=6.5, stays=0.03)
+def test_a_hand_that_comes_free_in_time_is_led_on_slowly_and_after_two_seconds_as_before() -> None:
+    touch, commands, _, speed = at_a_wall(replace(LED, patience=1.0), gone=1.0, seconds=4.2, stays=0.03)
     said = [k for k, each in enumerate(commands) if each.reason]
     assert commands[-1].reason == ""
     assert all(each.status.certified for each in commands)
-    assert 2000 <= said[-1] - said[0] <= 2500
+    assert 2000 <= said[-1] - said[0] <= 3500
     assert speed[touch + 150 : said[-1]].max() <= 0.1 * SPEED + 0.01  # the share `recovery_speed`, and the noise
     assert speed[said[-1] :].max() > 0.5 * SPEED  # it has not been forgotten where the hand should be
 
