@@ -16,7 +16,7 @@ __all__ = ["JointFeedback", "pole"]
 FAR = 1e9
 """[rad/s^2 or m/s^2] Stands for accelerations without a limit."""
 COUPLED = 0.5
-"""Share of a joint's own inertia by which another's motion turns it."""
+"""Share of the inertia a servo is tuned to that a posture, or the motion of another joint, adds or takes away."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,15 +88,14 @@ class JointFeedback:
         return self.delay / 2
 
     def thrown(self, chain: SerialChain, last: ca.SX) -> ca.SX:
-        """(n,) [rad or m] by which joints may be thrown off where they are led by others that brake from `last` (n,).
+        """[rad or m] by which a joint may be thrown off where it is led, by any that brakes from `last` (n,).
 
         A servo with both poles at -p is thrown off by a/p^2 of an acceleration a that lasts, and by v/(e p) of a speed
-        v that ends at once; of another joint's it feels the share COUPLED.
+        v that ends at once. A posture or another joint makes the share COUPLED of it.
         """
         p = pole(self.servo_hz)
         each = ca.fmin(ca.DM(np.minimum(chain.acceleration, FAR) / p**2), ca.fabs(last) / (math.e * p))
-        others = [[each[j] for j in range(chain.n) if j != i] or [ca.SX(0)] for i in range(chain.n)]
-        return COUPLED * ca.vertcat(*(ca.mmax(ca.vertcat(*some)) for some in others))
+        return COUPLED * ca.mmax(each)
 
     @property
     def most_gain(self) -> float:

@@ -69,7 +69,7 @@ def velocity_bounds(
     approach : [1/s] rate at which a limit is approached in its vicinity, and come back to, see `gentle_speed`; infinite
         for joints that move as commanded.
     strays : (n,) from where the joints are led, q, to where they are: limits hold for both. None for zero.
-    margin : (n,) room that is kept before the limits, as far as joints come to it by themselves. None for zero.
+    margin : room that is kept before the limits, as far as joints come to it by themselves. None for zero.
 
     From every state that can still stop, all bounds hold together and the next state can stop again, exactly, at any
     dt (the recursion is over ticks, not over continuous time). Other states brake at the largest deceleration.
