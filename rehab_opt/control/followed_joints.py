@@ -32,10 +32,10 @@ HELD_BACK = "the hand was held back: led at recovery speed until it is free for 
 @cache
 def _record(n: int, ticks: int) -> Record:
     """What is remembered: where the model's joints are, how fast, and how far behind their servos hold them [rad or m];
-    the following error as the task knows it; commands under way, the newest first; for how long a joint does not follow
-    [s], and once that is a fault, which joint, counted from 1, by how much.
+    the following error as the task and the limits know it; commands under way, the newest first; for how long a joint
+    does not follow [s], and once that is a fault, which joint, counted from 1, by how much.
     """
-    return Record(q=n, v=n, w=n, strays=n, sent=n * ticks, wrong=1, fault=1, far=1, known=1)
+    return Record(q=n, v=n, w=n, strays=n, apart=n, sent=n * ticks, wrong=1, fault=1, far=1, known=1)
 
 
 MODEL = Record(dt=1, v_v=1, v_w=1, w_v=1, w_w=1, correction=1, following=1, tolerance=1, patience=1)
@@ -67,10 +67,12 @@ def _followed(n: int, ticks: int) -> ca.Function:
     share = ca.fmin(model.correction * model.dt, 1) * (ca.fabs(error) <= model.tolerance)
     q = ca.if_else(anew, measured, expected + share * error)
     pace = ca.fmin(ca.mmax(ca.fabs(v)) / LIVELY, 1) ** 2
-    strays = memory.strays + model.following * pace * (ca.fabs(error) <= model.tolerance) * (error - memory.strays)
+    used = model.following * (ca.fabs(error) <= model.tolerance)
+    apart = memory.apart + used * (error - memory.apart)
+    strays = memory.strays + pace * used * (error - memory.strays)
     under_way = model.dt * ca.sum2(ca.reshape(sent[: n * ticks], n, ticks)) + w
     after = record.of(
-        q=q, v=v, w=w, strays=strays, sent=sent[: n * ticks], wrong=wrong, fault=fault, far=far,
+        q=q, v=v, w=w, strays=strays, apart=apart, sent=sent[: n * ticks], wrong=wrong, fault=fault, far=far,
         known=ca.logic_or(memory.known, usable),
     )  # fmt: skip
     # What is no position stays what it is, for whoever names it.
@@ -97,8 +99,8 @@ def servo_rates(hz: float, dt: float) -> dict[str, float]:
 
 @cache
 def guidance(n: int) -> Record:
-    """What a tick knows of led joints: from there to where they are (n,), and of the hand what `HELD` names."""
-    return Record(strays=n, **{name: place.stop - place.start for name, place in HELD.places.items()})
+    """What a tick knows of led joints: from there to where they are, as task and as limits have it (n,); and `HELD`."""
+    return Record(strays=n, apart=n, **{name: place.stop - place.start for name, place in HELD.places.items()})
 
 
 class FollowedJoints:
@@ -134,7 +136,10 @@ class FollowedJoints:
         model, self._memory, self._measured, self._command = self._function.inputs
         self._after, self._reference, self._errors, self._said = self._function.outputs
         places = self._record.places
-        self._velocity, self._strays = self._memory[places["v"]], self._memory[places["strays"]]
+        self._velocity, self._strays = (
+            self._memory[places["v"]],
+            self._memory[places["strays"].start : places["apart"].stop],
+        )
         self._hand, self._stuck = None, ""
         if chain is not None:
             self._hand = HeldHand(
@@ -171,7 +176,7 @@ class FollowedJoints:
         if guided is not None and self._hand is not None:
             self.touched, stuck = self._hand.feel(q, self._errors, self._velocity)
             state, n = self._hand.state, len(q)
-            guided[:n], guided[n:] = self._strays, state
+            guided[: 2 * n], guided[2 * n :] = self._strays, state
             self.note = HELD_BACK if state[0] else ""
             if stuck and not self._stuck:
                 at = self._errors[self._names.index(stuck)]

@@ -33,8 +33,8 @@ class JointFeedback:
 
     - The task's error is that of q_led + d: what friction holds back is led after. Joints that hardly move leave d as
       it is: led after by its integral, what sticks would be hunted to and fro, and noise be motion.
-    - Position limits hold for q_led and for q_led + d, and joints come to them no nearer than others that brake may
-      throw them off (`thrown`).
+    - Position limits hold for q_led and for q_led + e (at the same rate, at rest, too), and joints come to them no
+      nearer than others that brake may throw them off (`thrown`).
     - The target is taken to be where its twist leads it while a command is on its way (`command_delay`).
     - A hand that runs into something is noticed by where it is left behind (`HeldHand`): the joints are led from rest
       anew, back to where the hand presses hardly, and no faster than `recovery_speed` (a share of the hand speeds, too)

@@ -123,7 +123,7 @@ class VelocityController(OneThread, ABC):
         """Intervals of the joint velocities."""
         last, guided = memory[: self.chain.n], self.guided(memory)
         led = {} if guided is None or self.feedback is None else {
-            "strays": guided.strays, "margin": self.feedback.thrown(self.chain, last)
+            "strays": guided.apart, "margin": self.feedback.thrown(self.chain, last)
         }  # fmt: skip
         return velocity_bounds(
             self.chain, q, last, dt=self.dt, recovery_speed=self.recovery_speed, approach=self.approach, **led
