@@ -107,6 +107,8 @@ class VelocityController(OneThread, ABC):
     """What is wrong when the statement's requirements are not met."""
     sent: slice | None = None
     """Part of the memory (n,) that is sent, None for the last velocity."""
+    leads: ClassVar[bool] = True
+    """Whether `step` acts on where the joints are led, where there is a feedback."""
     wheels: slice | None = None
     """Part of the memory that goes to wheels, None where there are none."""
 
@@ -132,12 +134,12 @@ class VelocityController(OneThread, ABC):
     @property
     def guidance_size(self) -> int:
         """How many numbers of the memory, behind velocity and position, are what `guidance` names."""
-        return 0 if self.feedback is None else guidance(self.chain.n).size
+        return guidance(self.chain.n).size if self.leads and self.feedback is not None else 0
 
     def guided(self, memory: ca.SX) -> Values | None:
         """What `guidance` names, of a memory; None where joints are not led."""
         n = self.chain.n
-        return guidance(n).parts(memory[2 * n : 2 * n + self.guidance_size]) if self.feedback is not None else None
+        return guidance(n).parts(memory[2 * n : 2 * n + self.guidance_size]) if self.guidance_size else None
 
     def report(self, last: ca.SX, velocity: ca.SX, delivered: ca.SX, asked: ca.SX, outside: ca.SX) -> ca.SX:
         """What yielded, as a number of `Bound`, and the fraction of the asked motion that is delivered, 1 if none is.
