@@ -23,6 +23,7 @@ from rehab_opt.kinematics.frames import is_rigid, rotation_vector
 from rehab_opt.optim.qp import Statement
 from rehab_opt.optim.rows import parameter, variable, within
 from rehab_opt.symbolic import Compile
+from rehab_opt.symbolic.record import Values
 
 __all__ = ["Motion", "PoseTracker", "Tick"]
 
@@ -171,7 +172,7 @@ class PoseTracker(VelocityController):
         """The QP of one tick; parameters q (n,), pose (16, by rows), twist (6,); memory as `VelocityController`."""
         n, m = self.chain.n, self.row_count
         q, entries, twist, others = parameter("q", n), parameter("pose", 16), parameter("twist", 6), self.others()
-        memory = parameter("memory", 2 * n + self.memory_extra)
+        memory = parameter("memory", 2 * n + self.guidance_size + self.memory_extra)
         jacobian, asked, wanted = parameter("jacobian", 6 * n), parameter("asked", 6), parameter("wanted", n)
         lower, upper, outside = parameter("lower", n), parameter("upper", n), parameter("outside", 1)
         rows, most = parameter("rows", m * n), parameter("most", m)
@@ -255,16 +256,16 @@ class PoseTracker(VelocityController):
     def _settled(self, size: int, remembered: int) -> ca.Function:
         """Complete parameters, memory, x -> the command; the way back is looked for only where it leads too far."""
         n = self.chain.n
-        q, last, wanted = (ca.SX.sym(name, n) for name in ("q", "last", "wanted"))
-        inputs = [q, last, wanted]
+        q, memory, wanted = ca.SX.sym("q", n), ca.SX.sym("memory", remembered), ca.SX.sym("wanted", n)
+        inputs = [q, memory, wanted]
         kept = ca.Function("kept", inputs, [self.limits.kept(q, wanted)], {"cse": True})
         same = ca.Function("same", inputs, [wanted])
-        back = self.limits.keeping(q, wanted, self.slowest(q, last, self.bounds(q, last)))
+        back = self.limits.keeping(q, wanted, self.slowest(q, memory[:n], self.bounds(q, memory)))
         looked = ca.Function("looked", inputs, [ca.densify(back)], {"cse": True})
-        p, memory, x = ca.MX.sym("p", size), ca.MX.sym("memory", remembered), ca.MX.sym("x", n + 1)
-        here = p[:n], memory[:n], x[:n]
+        p, before, x = ca.MX.sym("p", size), ca.MX.sym("before", remembered), ca.MX.sym("x", n + 1)
+        here = p[:n], before, x[:n]
         command = ca.Function.if_else("keeping", same, looked)(kept(*here), *here)
-        return ca.Function("settle", [p, memory, x], [command])
+        return ca.Function("settle", [p, before, x], [command])
 
     def slowest(self, q: ca.SX, last: ca.SX, bounds: VelocityBounds) -> ca.SX:
         """The velocity nearest to rest that keeps the limits."""
@@ -276,17 +277,36 @@ class PoseTracker(VelocityController):
         chain, n = self.chain, self.chain.n
         weights = ca.sqrt(ca.DM(self.task_weights))
         jacobian = ca.diag(weights) @ chain.jacobian_expression(tick.q)
-        asked, slowdown = self._asked_twist(chain.pose_expression(tick.q), tick.target, tick.twist)
+        asked, slowdown = self._led_twist(tick, self.guided(tick.memory))
         drift = ca.SX.zeros(n)
         if self.posture is not None:
             drift = ca.DM(~chain.locked * self._settling) * (ca.DM(self.posture) - tick.q)
             fastest = ca.mmax(ca.fabs(drift) / ca.DM(DRIFT_SPEED * chain.velocity))
             drift = drift / ca.fmax(fastest, 1)  # as a whole: its direction is kept
-        rows, most, bounds, told = self.rows(tick, self.bounds(tick.q, tick.last))
+        rows, most, bounds, told = self.rows(tick, self.bounds(tick.q, tick.memory))
         wanted = WantedVelocity(
             jacobian, weights * asked, slowdown, drift, bounds, chain.velocity, chain.locked, rows, most, told
         )
         return wanted.prepare(ca.vertcat(tick.q, entries, tick.twist, *tick.others), tick.memory, self.excess)
+
+    def _led_twist(self, tick: Tick, guided: Values | None) -> tuple[ca.SX, ca.SX]:
+        """As `_asked_twist`, of where the joints are by what is measured, the commands' delay ahead of the target.
+
+        A hand that is held asks for no more than the speeds of recovery, and along the way that it is held on for what
+        brings it to where it may press.
+        """
+        chain = self.chain
+        if guided is None or self.feedback is None:
+            return self._asked_twist(chain.pose_expression(tick.q), tick.target, tick.twist)
+        early = 1 + self._settling * self.feedback.command_delay
+        pose = chain.pose_expression(tick.q + guided.strays)
+        asked, slowdown = self._asked_twist(pose, tick.target, early * tick.twist)
+        excess = ca.fmax(ca.norm_2(asked[:3]) / self.linear_speed, ca.norm_2(asked[3:]) / self.angular_speed)
+        slower = ca.if_else(guided.held, ca.fmax(excess / self.recovery_speed, 1), 1)
+        asked = asked / slower
+        over = ca.fmax(ca.dot(guided.way, asked[:3]) - min(self.feedback.most_gain, 1 / self.dt) * guided.room, 0)
+        asked[:3] -= ca.if_else(guided.held, over, 0) * guided.way
+        return asked, slowdown * slower
 
     def _asked_twist(self, pose: ca.SX, target: ca.SX, twist: ca.SX) -> tuple[ca.SX, ca.SX]:
         """(6,) twist plus feedback on the pose error, slowed as a whole to the hand speeds; and by how much."""

@@ -47,7 +47,15 @@ class VelocityBounds(NamedTuple):
 
 
 def velocity_bounds(
-    chain: SerialChain, q: ca.SX, last: ca.SX, *, dt: float, recovery_speed: float, approach: float = math.inf
+    chain: SerialChain,
+    q: ca.SX,
+    last: ca.SX,
+    *,
+    dt: float,
+    recovery_speed: float,
+    approach: float = math.inf,
+    strays: ca.SX | None = None,
+    margin: ca.SX | None = None,
 ) -> VelocityBounds:
     """Interval of the joint velocity that is held from now until the next tick.
 
@@ -60,6 +68,8 @@ def velocity_bounds(
     recovery_speed : share of the velocity limit at which a joint outside its limits comes back.
     approach : [1/s] rate at which a limit is approached in its vicinity, and come back to, see `gentle_speed`; infinite
         for joints that move as commanded.
+    strays : (n,) from where the joints are led, q, to where they are: limits hold for both. None for zero.
+    margin : room that is kept before the limits, as far as joints come to it by themselves. None for zero.
 
     From every state that can still stop, all bounds hold together and the next state can stop again, exactly, at any
     dt (the recursion is over ticks, not over continuous time). Other states brake at the largest deceleration.
@@ -68,8 +78,9 @@ def velocity_bounds(
     # A change beyond 2 v_max a tick is no change a bound could forbid; so infinite accelerations become finite.
     change = ca.DM(np.minimum(chain.acceleration * dt, 2 * chain.velocity))
     # Infinite limits become ones that are never felt.
-    room_up = ca.DM(np.clip(chain.upper, -FAR, FAR)) - q
-    room_down = q - ca.DM(np.clip(chain.lower, -FAR, FAR))
+    high, low = (q, q) if strays is None else (q + ca.fmax(strays, 0), q + ca.fmin(strays, 0))
+    room_up = ca.DM(np.clip(chain.upper, -FAR, FAR)) - high
+    room_down = low - ca.DM(np.clip(chain.lower, -FAR, FAR))
     above, below = room_up < -OUTSIDE, room_down < -OUTSIDE
     back = recovery_speed * speed
 
@@ -82,6 +93,8 @@ def velocity_bounds(
     # Then a speed from which the joint still stops at its limit, or the way back, at the end of which it can stop too:
     # of a joint's two speeds one is zero.
     rate = min(1 / dt, approach)
+    if margin is not None:
+        room_up, room_down = room_up - margin, room_down - margin
     can_stop_up, can_stop_down = (
         ca.fmin(stopping_speed(room, change, dt), gentle_speed(room, change / dt, approach))
         for room in (room_up, room_down)

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.command import Bound, Command, Status
-from rehab_opt.control.joint_feedback import FollowedJoints, JointFeedback
+from rehab_opt.control.followed_joints import FollowedJoints, guidance
+from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.control.stopping import VelocityBounds, nearest_to_rest, velocity_bounds
 from rehab_opt.control.thread_owner import OneThread
 from rehab_opt.control.watchdog import Watchdog
@@ -25,6 +26,7 @@ from rehab_opt.optim.ladder import FUSED, Ladder
 from rehab_opt.optim.qp import Statement
 from rehab_opt.optim.rows import PLAUSIBLE, Instance
 from rehab_opt.symbolic import BufferedFunction, Compile
+from rehab_opt.symbolic.record import Values
 
 if TYPE_CHECKING:
     import qpsolvers
@@ -77,7 +79,7 @@ class VelocityController(OneThread, ABC):
         self._watchdog = Watchdog(dt=dt, max_age=max_age)
         self.max_age = self._watchdog.max_age
         self.feedback = feedback
-        self._feedback = None if feedback is None else FollowedJoints(feedback, chain.names, dt=self.dt)
+        self._feedback = None if feedback is None else FollowedJoints(feedback, chain.names, dt=self.dt, chain=chain)
         self.approach = math.inf if feedback is None else feedback.approach
         """[1/s] see `velocity_bounds`."""
         self._ladder = Ladder(self.stated, solver=solver, backup=backup, tolerance=tolerance, compile=compile)
@@ -92,6 +94,7 @@ class VelocityController(OneThread, ABC):
         self._views = tuple(part.data for part in (first, *others))
         self._names = tuple(symbol[0].name().rsplit("_", 1)[0] for symbol in self.stated.parameters)
         self._last, self._predicted = ladder.memory[:n], ladder.memory[n : 2 * n]
+        self._guided = ladder.memory[2 * n : 2 * n + self.guidance_size]
         self._sent = ladder.memory[slice(n) if self.sent is None else self.sent]
         self._velocity = self._sent.data
         self._wheels = None if self.wheels is None else ladder.memory[self.wheels].data
@@ -104,6 +107,8 @@ class VelocityController(OneThread, ABC):
     """What is wrong when the statement's requirements are not met."""
     sent: slice | None = None
     """Part of the memory (n,) that is sent, None for the last velocity."""
+    leads: ClassVar[bool] = True
+    """Whether `step` acts on where the joints are led, where there is a feedback."""
     wheels: slice | None = None
     """Part of the memory that goes to wheels, None where there are none."""
 
@@ -116,11 +121,25 @@ class VelocityController(OneThread, ABC):
         """The QP of one tick, made once."""
         return self.statement()
 
-    def bounds(self, q: ca.SX, last: ca.SX) -> VelocityBounds:
+    def bounds(self, q: ca.SX, memory: ca.SX) -> VelocityBounds:
         """Intervals of the joint velocities."""
+        last, guided = memory[: self.chain.n], self.guided(memory)
+        led = {} if guided is None or self.feedback is None else {
+            "strays": guided.apart, "margin": self.feedback.thrown(self.chain, last)
+        }  # fmt: skip
         return velocity_bounds(
-            self.chain, q, last, dt=self.dt, recovery_speed=self.recovery_speed, approach=self.approach
+            self.chain, q, last, dt=self.dt, recovery_speed=self.recovery_speed, approach=self.approach, **led
         )
+
+    @property
+    def guidance_size(self) -> int:
+        """How many numbers of the memory, behind velocity and position, are what `guidance` names."""
+        return guidance(self.chain.n).size if self.leads and self.feedback is not None else 0
+
+    def guided(self, memory: ca.SX) -> Values | None:
+        """What `guidance` names, of a memory; None where joints are not led."""
+        n = self.chain.n
+        return guidance(n).parts(memory[2 * n : 2 * n + self.guidance_size]) if self.guidance_size else None
 
     def report(self, last: ca.SX, velocity: ca.SX, delivered: ca.SX, asked: ca.SX, outside: ca.SX) -> ca.SX:
         """What yielded, as a number of `Bound`, and the fraction of the asked motion that is delivered, 1 if none is.
@@ -137,14 +156,14 @@ class VelocityController(OneThread, ABC):
         return ca.vertcat(yielded, ca.if_else(ca.logic_and(missed, size > STILL**2), along, 1))
 
     def remember(self, q: ca.SX, velocity: ca.SX) -> ca.SX:
-        """The velocity, and where it leads by the next tick."""
-        return ca.vertcat(velocity, q + velocity * self.dt)
+        """The velocity, where it leads by the next tick, and room for what that tick is told of led joints."""
+        return ca.vertcat(velocity, q + velocity * self.dt, ca.SX.zeros(self.guidance_size))
 
     def braking(self) -> ca.Function:
         """q, memory -> what is remembered of the safe command, and its report."""
         q, memory = ca.SX.sym("q", self.chain.n), ca.SX.sym("memory", self.stated.memory.numel())
         last = memory[: self.chain.n]
-        bounds = self.bounds(q, last)
+        bounds = self.bounds(q, memory)
         rest = self.slowest(q, last, bounds)
         report = self.report(last, rest, ca.SX(0), ca.SX(1), bounds.outside)  # nothing of the task is delivered
         return ca.Function("braking", [q, memory], [ca.densify(self.remember(q, rest)), report], {"cse": True})
@@ -200,9 +219,12 @@ class VelocityController(OneThread, ABC):
 
     def _tick(self, enable: object, stamp: float | None) -> Command:
         """One step on what stands in the parameters."""
-        reason = ""
+        reason = note = ""
         if self._feedback is not None:
-            reason = self._feedback.lead(self._q, self._last)
+            reason = self._feedback.lead(self._q, self._last, self._guided)
+            note = self._feedback.note
+            if self._feedback.touched:
+                self._last[:] = 0.0  # whatever held the hand has stopped the joints
         if enable is not True or stamp is not None or self._watchdog.stamped:
             reason = self._refusal(enable, stamp) or reason
         if reason:
@@ -218,18 +240,18 @@ class VelocityController(OneThread, ABC):
                 wheels = None if self._wheels is None else _read_only(self._wheels.tobytes())
                 name, bound = FUSED_SOLVERS[int(who)], _BOUNDS[int(yielded)]
                 if scale:
-                    return _new(Command, (value, _OK, name, residual, -1, "", bound, scale, wheels))
-                return Command(value, _BLOCKED, name, residual, -1, NOTHING_LEFT, bound, scale, wheels)
+                    return _new(Command, (value, _OK, name, residual, -1, note, bound, scale, wheels))
+                return Command(value, _BLOCKED, name, residual, -1, note or NOTHING_LEFT, bound, scale, wheels)
         ladder = self._ladder
         solver = ladder.climb() if self._fused else ladder()
         if not solver:
             return self.fallback_command() or self._safe(self._fault())
-        status = Status.OK
+        status, reason = Status.OK, note
         if solver == ladder.backup != ladder.solver:
             status, reason = Status.BACKUP, f"{ladder.solver} gave no certified answer"
         residual, _, _, yielded, scale = ladder.verdict.tolist()
         if status is Status.OK and not scale:
-            status, reason = Status.BLOCKED, NOTHING_LEFT
+            status, reason = Status.BLOCKED, note or NOTHING_LEFT
         bound = _BOUNDS[int(yielded)]
         value, wheels = self._sent_now()
         return Command(value, status, solver, residual, ladder.iterations, reason, bound, scale, wheels)

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from rehab_opt import ConfigurationError, JointFeedback, PoseTracker, Status, ur5
-from rehab_opt.control.joint_feedback import FollowedJoints, pole
+from rehab_opt.control.followed_joints import FollowedJoints
+from rehab_opt.control.joint_feedback import pole
 
 Array = NDArray[np.float64]
 START, DT = np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.0]), 1e-3
@@ -96,7 +97,7 @@ def test_a_joint_that_does_not_follow_brakes_and_is_named(what: str, joint: int)
         joints.frozen[:] = True
     else:
         joints.gain[joint] = 0.0 if what == "blocked joint" else -1.0
-    while not command.reason and ticks < 1000:
+    while command.status.certified and ticks < 1000:
         ticks, way = ticks + 1, way + speed * DT
         seen = joints.step(command.value)
         command = led.step(seen, turned(joint, way), STILL)

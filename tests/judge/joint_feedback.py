@@ -23,23 +23,23 @@ from tests.judge.verdict import Promise, Verdict
 Array = NDArray[np.float64]
 
 PROMISES = (
-    Promise("rehab_opt/control/joint_feedback.py", "Here it acts on its own reference instead, the joints' positions "
-            "once all commands have arrived"),
-    Promise("rehab_opt/control/joint_feedback.py", "what they read differently is the following error, of which the "
-            "share `correction` dt goes into the reference in each tick"),
+    Promise("rehab_opt/control/joint_feedback.py", "Here it acts on its own reference q_led instead, the joints' "
+            "positions once all commands have arrived"),
+    Promise("rehab_opt/control/joint_feedback.py", "The task's error is that of q_led + d"),
+    Promise("rehab_opt/control/joint_feedback.py", "The target is taken to be where its twist leads it while a command "
+            "is on its way"),
     Promise("rehab_opt/control/joint_feedback.py", "A following error above `tolerance` for longer than `patience` is "
             "a joint that is blocked, an encoder that stands still, or an axis that turns the wrong way: the "
             "controller brakes, says which joint, and rests until `reset`"),
     Promise("rehab_opt/control/joint_feedback.py", "An error that large corrects nothing, and a sample that is no "
             "number neither ends nor hides a fault."),
-    Promise("rehab_opt/control/joint_feedback.py", "Limits hold for where the joints are led. The joints themselves "
-            "may be beyond one by the following error: where the servo has caught up that is nothing, but up to "
-            "`tolerance` is no fault."),
+    Promise("rehab_opt/control/joint_feedback.py", "Position limits hold for q_led and for q_led + e"),
     Promise("rehab_opt/control/joint_feedback.py", "an error that a joint makes at less than `correction` times "
             "`tolerance` is no fault."),
     Promise("rehab_opt/control/joint_feedback.py", "rate at which limits are approached: a third of the servo's pole, "
             "so that it does not run past them."),
 )  # fmt: skip
+ARM = ur5()
 KINDS = ("blocked", "nothing", "wrong way", "limits", "encoder still", "knocked", "offset", "blind", "drifting")
 NAMES = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
 FOR_GOOD = ("blocked", "wrong way", "encoder still")
@@ -48,6 +48,8 @@ LEAST = {"fault told": 30_000, "after a reset": 10_000, "a joint at its limit": 
          "compared with one that is not late": 300_000}  # fmt: skip
 CI_TICKS = 4400
 SHARE = 0.3
+GAIN = 20.0
+"""[1/s]"""
 TICKS = 400
 BEGINS, RESETS = 120, 320
 """Ticks of a run at which something goes wrong, and at which that ends and `reset` is called."""
@@ -128,6 +130,7 @@ def draw(rng: np.random.Generator, number: int, start: Array) -> Plan:
         correction=float(rng.choice([0.05, 1.0, 20.0])),
         tolerance=float(rng.choice([0.03, 0.05])),
         patience=float(rng.choice([0.05, 0.1])),
+        contact=1e3,  # what holds a hand is another matter
     )
     late = max(ticks + int(rng.integers(-1, 2)) * round(3e-3 / dt), 0) if other else ticks
     narrow = kind == "limits"
@@ -143,7 +146,7 @@ def trackers(plan: Plan) -> list[PoseTracker]:
     """The one that is judged, and one on measured positions."""
     arm = ur5(lower=plan.lower, upper=plan.upper, velocity=np.full(6, 1.5), acceleration=plan.acceleration)
     return [
-        PoseTracker(arm, dt=plan.dt, gain=20.0, angular_speed=1.0, linear_speed=0.5, feedback=each, compile=False)
+        PoseTracker(arm, dt=plan.dt, gain=GAIN, angular_speed=1.0, linear_speed=0.5, feedback=each, compile=False)
         for each in (plan.told, None)
     ]
 
@@ -189,18 +192,22 @@ class Observer:
         self.told, self.dt = plan.told, plan.dt
         self.model = Servo(start, plan.ticks, plan.told.servo_hz, plan.dt)
         self.known = False
-        self.error = np.zeros(6)
+        self.error, self.strays = np.zeros((2, 6))
+        """(6,) following error, and what the task knows of it."""
 
     def reset(self, velocity: Array) -> None:
         """Nothing is known but what the joints do now."""
         self.model.set_out(velocity)
-        self.known = False
+        self.known, self.strays = False, np.zeros(6)
 
     def reference(self, measured: Array, command: Array) -> Array:
         """(6,) after a tick of a command; what is no number stays so."""
         self.model.move(command)
         usable = np.isfinite(measured)
         self.error = measured - self.model.q if usable.all() and self.known else np.zeros(6)
+        lively = min(float(np.abs(self.model.v).max()) / 0.1, 1.0) ** 2
+        taken = -math.expm1(-self.told.following * self.dt) * lively * (np.abs(self.error) <= self.told.tolerance)
+        self.strays = self.strays + taken * (self.error - self.strays)
         if usable.all():
             if not self.known:
                 self.model.q = measured.copy()
@@ -209,6 +216,16 @@ class Observer:
             share = min(self.told.correction * self.dt, 1.0)
             self.model.q = self.model.q + np.where(large, 0.0, share * self.error)
         return np.asarray(np.where(usable, self.model.q + self.model.under_way, measured))
+
+
+def seen_from(led: Array, there: Array, target: Array) -> Array:
+    """(4, 4) pose that is as far from the hand at `led` (6,) as the target is from the hand at `there` (6,)."""
+    if not np.isfinite(led).all():
+        return target
+    here, away, pose = ARM.pose(led), ARM.pose(there), target.copy()
+    pose[:3, 3] += here[:3, 3] - away[:3, 3]
+    pose[:3, :3] = target[:3, :3] @ away[:3, :3].T @ here[:3, :3]
+    return pose
 
 
 class Seen(NamedTuple):
@@ -256,7 +273,9 @@ def one_run(verdict: Verdict, rng: np.random.Generator, plan: Plan, start: Array
         led[k] = observer.reference(measured, last)
         command = control.step(measured, poses[k], twists[k])
         tells[k] = "does not follow" in command.reason
-        others[k] = command.value if tells[k] else twin.step(led[k], poses[k], twists[k]).value
+        early = 1.0 - math.expm1(-GAIN * dt) / dt * told.delay / 2
+        pose = seen_from(led[k], led[k] + observer.strays, poses[k])
+        others[k] = command.value if tells[k] else twin.step(led[k], pose, early * twists[k]).value
         commands.append(command)
         last, true[k], errors[k] = command.value, encoders.robot.q, observer.error
         blind[k] = not np.isfinite(measured).all()

@@ -1,0 +1,186 @@
+"""Where led joints are, tick by tick: a model of delay and servo beside what the encoders read."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.control.held_hand import HELD, HeldHand
+from rehab_opt.control.joint_feedback import JointFeedback, pole
+from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.optim.certificate import all_true, clipped
+from rehab_opt.optim.rows import PLAUSIBLE
+from rehab_opt.symbolic import BufferedFunction
+from rehab_opt.symbolic.record import Record
+
+__all__ = ["FollowedJoints", "guidance"]
+
+Array = NDArray[np.float64]
+
+MOST_TICKS = 128
+"""Longest delay, in ticks."""
+LIVELY = 0.1
+"""[rad/s or m/s] Joints that are slower are followed slower, by the square of their speed."""
+HELD_BACK = "the hand was held back: led at recovery speed until it is free for two seconds"
+
+
+@cache
+def _record(n: int, ticks: int) -> Record:
+    """What is remembered: where the model's joints are, how fast, and how far behind their servos hold them [rad or m];
+    the following error as the task and the limits know it; commands under way, the newest first; for how long a joint
+    does not follow [s], and once that is a fault, which joint, counted from 1, by how much.
+    """
+    return Record(q=n, v=n, w=n, strays=n, apart=n, sent=n * ticks, wrong=1, fault=1, far=1, known=1)
+
+
+MODEL = Record(dt=1, v_v=1, v_w=1, w_v=1, w_w=1, correction=1, following=1, tolerance=1, patience=1)
+
+
+@cache
+def _followed(n: int, ticks: int) -> ca.Function:
+    """`MODEL`, memory, measured positions, last command (n,) -> memory, reference, errors (n,), (fault, its error)."""
+    record = _record(n, ticks)
+    model, memory = MODEL.symbols("model"), record.symbols("memory")
+    measured, command = ca.SX.sym("measured", n), ca.SX.sym("command", n)
+    usable = all_true(ca.fabs(measured) <= PLAUSIBLE)
+    sent = ca.vertcat(command, memory.sent)
+    arrived = sent[n * ticks :]
+    # Of a servo with v = u and w = 0 at rest in u, what differs from that fades as its double pole says.
+    short = memory.v - arrived
+    v = arrived + model.v_v * short + model.v_w * memory.w
+    w = model.w_v * short + model.w_w * memory.w
+    expected = memory.q + model.dt * arrived + memory.w - w
+    anew = ca.logic_and(usable, ca.logic_not(memory.known))
+    error = ca.if_else(ca.logic_and(usable, memory.known), measured - expected, 0)
+    size, worst = ca.fabs(error[0]), ca.SX(1)
+    for i in range(1, n):
+        worst, size = ca.if_else(ca.fabs(error[i]) > size, i + 1, worst), ca.fmax(size, ca.fabs(error[i]))
+    waits = ca.if_else(size > model.tolerance, memory.wrong + model.dt, ca.fmax(memory.wrong - model.dt, 0))
+    wrong = ca.if_else(usable, waits, memory.wrong)
+    new = ca.logic_and(wrong > model.patience, ca.logic_not(memory.fault))
+    fault, far = ca.if_else(new, worst, memory.fault), ca.if_else(new, size, memory.far)
+    share = ca.fmin(model.correction * model.dt, 1) * (ca.fabs(error) <= model.tolerance)
+    q = ca.if_else(anew, measured, expected + share * error)
+    pace = ca.fmin(ca.mmax(ca.fabs(v)) / LIVELY, 1) ** 2
+    used = model.following * (ca.fabs(error) <= model.tolerance)
+    apart = memory.apart + used * (error - memory.apart)
+    strays = memory.strays + pace * used * (error - memory.strays)
+    under_way = model.dt * ca.sum2(ca.reshape(sent[: n * ticks], n, ticks)) + w
+    after = record.of(
+        q=q, v=v, w=w, strays=strays, apart=apart, sent=sent[: n * ticks], wrong=wrong, fault=fault, far=far,
+        known=ca.logic_or(memory.known, usable),
+    )  # fmt: skip
+    # What is no position stays what it is, for whoever names it.
+    reference = ca.if_else(ca.fabs(measured) <= PLAUSIBLE, q + under_way, measured)
+    said = ca.vertcat(fault, ca.if_else(fault, far, size))
+    seen = clipped(error, -model.tolerance, model.tolerance)
+    inputs, outputs = [model.column, memory.column, measured, command], [after, ca.densify(reference), seen, said]
+    return ca.Function("followed_joints", inputs, outputs, {"cse": True})
+
+
+def servo_rates(hz: float, dt: float) -> dict[str, float]:
+    """How what a velocity servo lacks fades in a tick: of a proportional-integral loop with both poles at -p.
+
+    v' = 2 p (u - v) + p^2 w, w' = u - v for a command u, solved exactly.
+    """
+    p = pole(hz)
+    if not p * dt < 700.0:
+        return dict.fromkeys(("v_v", "v_w", "w_v", "w_w"), 0.0)
+    fading = math.exp(-p * dt)
+    return {
+        "v_v": fading * (1 - p * dt), "v_w": fading * p * p * dt, "w_v": -fading * dt, "w_w": fading * (1 + p * dt),
+    }  # fmt: skip
+
+
+@cache
+def guidance(n: int) -> Record:
+    """What a tick knows of led joints: from there to where they are, as task and as limits have it (n,); and `HELD`."""
+    return Record(strays=n, apart=n, **{name: place.stop - place.start for name, place in HELD.places.items()})
+
+
+class FollowedJoints:
+    """The memory of a `JointFeedback`; call it once a tick.
+
+    Parameters
+    ----------
+    feedback : what is known of the robot. names : (n,) of its joints. dt : [s] a tick.
+    chain : of the hand that is watched for contact; None for none.
+
+    Raises
+    ------
+    ConfigurationError : a delay of more than 128 ticks.
+    """
+
+    touched: bool = False
+    """Whether the hand is held from the last tick on."""
+    note: str = ""
+    """What is to be said of a tick without a fault."""
+    error: float = 0.0
+    """[rad or m] the largest following error of the last tick; once a joint is at fault, that of the fault."""
+
+    def __init__(
+        self, feedback: JointFeedback, names: tuple[str, ...], *, dt: float, chain: SerialChain | None = None
+    ) -> None:
+        if not isinstance(feedback, JointFeedback):
+            raise ConfigurationError("feedback", feedback, "a JointFeedback, or None for measured positions")
+        ticks = round(feedback.delay / dt)
+        if ticks > MOST_TICKS:
+            raise ConfigurationError("feedback.delay", feedback.delay, f"at most {MOST_TICKS} ticks of {dt:g} s")
+        self._names, self._record = names, _record(len(names), ticks)
+        self._function = BufferedFunction(_followed(len(names), ticks))
+        model, self._memory, self._measured, self._command = self._function.inputs
+        self._after, self._reference, self._errors, self._said = self._function.outputs
+        places = self._record.places
+        self._velocity, self._strays = (
+            self._memory[places["v"]],
+            self._memory[places["strays"].start : places["apart"].stop],
+        )
+        self._hand, self._stuck = None, ""
+        if chain is not None:
+            self._hand = HeldHand(
+                chain, contact=feedback.contact, patience=feedback.patience, pole=pole(feedback.servo_hz), dt=dt
+            )
+        model[:] = MODEL.numbers(
+            dt=dt,
+            **servo_rates(feedback.servo_hz, dt),
+            correction=feedback.correction,
+            following=-math.expm1(-feedback.following * dt),
+            tolerance=feedback.tolerance,
+            patience=feedback.patience,
+        )
+
+    def reset(self, velocity: Array) -> None:
+        """Nothing is known but what the joints do now (n,)."""
+        self._memory[:] = 0.0
+        for name in ("v", "sent"):
+            place = self._record.places[name]
+            self._memory[place] = np.tile(velocity, (place.stop - place.start) // len(velocity))
+        self.touched, self.note, self._stuck = False, "", ""
+        if self._hand is not None:
+            self._hand.reset(velocity)
+
+    def lead(self, q: Array, last: Array, guided: Array | None = None) -> str:
+        """Put the reference into `q` (n,) in place of what was measured, after the command `last` (n,).
+
+        Returns why the joints do not follow; empty where they do. What `guidance` names goes into `guided`.
+        """
+        self._measured[:], self._command[:] = q, last
+        self._function.evaluate()
+        self._memory[:], q[:] = self._after, self._reference
+        joint, self.error = self._said.tolist()
+        if guided is not None and self._hand is not None:
+            self.touched, stuck = self._hand.feel(q, self._errors, self._velocity)
+            state, n = self._hand.state, len(q)
+            guided[: 2 * n], guided[2 * n :] = self._strays, state
+            self.note = HELD_BACK if state[0] else ""
+            if stuck and not self._stuck:
+                at = self._errors[self._names.index(stuck)]
+                self._stuck = f"{stuck} does not follow: the hand is held back, the joint by {abs(at):.2g} rad or m"
+        if not joint:
+            return self._stuck
+        return f"{self._names[int(joint) - 1]} does not follow: {self.error:.2g} rad or m from where it was led"

@@ -1,0 +1,132 @@
+"""A hand that runs into something: noticed by where it is left behind, long before a joint is far from where it is led.
+
+The hand's following error is d = J e, e the joints' (n,). What friction and a steady motion make of it changes slowly;
+what is left of d after its slow part is taken away, against the way the hand goes, is
+
+    s = -(d - d_usual) . v / |v|,   v = J q',
+
+of a hand that is free at most
+
+    contact + INERTIA sum_j |J_j| |q''_j| / p^2 + LATE |v - v_usual|:
+
+a servo that was tuned to another inertia is behind by a share of p^-2 q'', and a delay that is another one shows where
+the speed changes. Where it is more in two ticks (one sample may lie), the hand is held. Then
+
+- the joints' commands begin anew at rest: what was stopped may be stopped in the command, too;
+- along the way v the hand may be led no further than half of `contact` ahead of where it usually is, `room`;
+- all asked speeds are those of recovery, until the hand has been free for CALM.
+"""
+
+from __future__ import annotations
+
+import math
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.symbolic import BufferedFunction
+from rehab_opt.symbolic.record import Record
+
+__all__ = ["HELD", "HeldHand"]
+
+Array = NDArray[np.float64]
+
+USUAL = 20.0
+"""[1/s] Rate at which a following error becomes the usual one: a contact outgrows it within a third of that time."""
+INERTIA = 0.5
+"""Share of its own inertia by which a joint's differs from what the servo was tuned to, by posture and coupling."""
+LATE = 0.003
+"""[s] By which the delay may be another one than was told."""
+SLOWEST = 0.02
+"""[m/s] Hands that are slower have no way that they could be held on."""
+CALM = 2.0
+"""[s] for which a hand must be free until it is led at its usual speed again: a person's time to draw back."""
+HELD = Record(held=1, way=3, room=1)
+"""Whether the hand is held; the way that it was held on; how far it may be led on along that [m]."""
+_MEMORY = Record(held=1, way=3, room=1, usual=3, going=3, before=1, swing=1, over=1, free=1, pressed=1, joint=1,
+    known=1)  # fmt: skip
+_MODEL = Record(contact=1, patience=1, per_square=1, usual=1, fades=1, dt=1)
+
+
+class HeldHand:
+    """The memory of one hand; call it once a tick.
+
+    Parameters
+    ----------
+    chain : the arm. contact : [m] following error that a free hand at a steady speed does not have. patience : [s] for
+        which a hand may be held before that is a fault. pole : [1/s] p of the servos. dt : [s] a tick.
+    """
+
+    def __init__(self, chain: SerialChain, *, contact: float, patience: float, pole: float, dt: float) -> None:
+        self._function = BufferedFunction(_held(chain))
+        model, self._memory, self._q, self._error, self._velocity, self._change = self._function.inputs
+        self._after, self._said = self._function.outputs
+        self._names, self._moves = chain.names, np.zeros(chain.n)
+        model[:] = _MODEL.numbers(
+            contact=contact, patience=patience, per_square=pole**-2, usual=-math.expm1(-USUAL * dt),
+            fades=math.exp(-min(pole / 2, 1 / dt) * dt), dt=dt,
+        )  # fmt: skip
+        self.state = self._memory[: HELD.size]
+        """What `HELD` names."""
+
+    def reset(self, velocity: Array) -> None:
+        """Nothing is known but what the joints do now (n,)."""
+        self._memory[:], self._velocity[:] = 0.0, velocity
+
+    def feel(self, q: Array, error: Array, velocity: Array) -> tuple[bool, str]:
+        """Whether the hand is held from this tick on, and the joint that does not follow if it was held for too long.
+
+        Parameters
+        ----------
+        q : (n,) where the joints are led. error, velocity : (n,) their following error, and how fast they should be.
+        """
+        np.subtract(velocity, self._velocity, out=self._change)
+        self._q[:], self._error[:], self._velocity[:] = q, error, velocity
+        self._function.evaluate()
+        self._memory[:] = self._after
+        touched, fault, joint = self._said.tolist()
+        return bool(touched), self._names[int(joint)] if fault else ""
+
+
+def _held(chain: SerialChain) -> ca.Function:
+    """`_MODEL`, memory, led positions, errors, velocities, their change (n,) -> memory, (touched, fault, joint)."""
+    n = chain.n
+    model, memory = _MODEL.symbols("model"), _MEMORY.symbols("memory")
+    q, error, velocity, change = (ca.SX.sym(name, n) for name in ("q", "error", "velocity", "change"))
+    moves = chain.jacobian_expression(q)[:3, :]
+    behind, motion = moves @ error, moves @ velocity
+    speed = ca.norm_2(motion)
+    along = motion / ca.fmax(speed, SLOWEST)
+
+    levers = ca.vertcat(*(ca.norm_2(moves[:, i]) for i in range(n)))
+    swing = ca.fmax(ca.dot(levers, ca.fabs(change)) * model.per_square / model.dt, model.fades * memory.swing)
+    was_held = memory.held > 0
+    usual = ca.if_else(memory.known, memory.usual, behind)
+    explained = model.contact + INERTIA * swing + LATE * ca.norm_2(motion - memory.going)
+    over = -ca.dot(behind - usual, along) > explained
+    touched = ca.logic_and(ca.logic_not(was_held), ca.logic_and(over, memory.over))
+
+    way = ca.if_else(touched, along / ca.fmax(ca.norm_2(along), 1e-12), memory.way)
+    before = ca.if_else(touched, -ca.dot(usual, way), memory.before)
+    room = model.contact / 2 + before + ca.dot(behind, way)
+    pressed = room < model.contact / 4
+    held = ca.logic_or(touched, was_held)
+    free = ca.if_else(pressed, 0, memory.free + model.dt)
+    waits = memory.pressed + model.dt * ca.if_else(pressed, 1, -model.patience / CALM)
+    held = ca.logic_and(held, free <= CALM)
+    shares = ca.fabs((moves.T @ way) * error)
+    joint, most = ca.SX(0), shares[0]
+    for i in range(1, n):
+        joint, most = ca.if_else(shares[i] > most, i, joint), ca.fmax(most, shares[i])
+    joint = ca.if_else(touched, joint, memory.joint)
+    after = _MEMORY.of(
+        going=memory.going + model.usual * (motion - memory.going),
+        held=held, way=way, room=room, before=before, swing=swing, over=over, joint=joint,
+        usual=ca.if_else(held, usual, usual + model.usual * (behind - usual)),
+        free=held * free, pressed=held * ca.fmax(waits, 0), known=ca.SX(1),
+    )  # fmt: skip
+    said = ca.vertcat(touched, ca.logic_and(held, waits > model.patience), joint)
+    inputs = [model.column, memory.column, q, error, velocity, change]
+    return ca.Function("held_hand", inputs, [after, ca.densify(said)], {"cse": True})

@@ -1,0 +1,152 @@
+"""Claims about a led hand on a simulated arm: what friction holds back is led after, what holds it is noticed."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+
+from rehab_opt import JointFeedback, PoseTracker, Status, ur5
+from rehab_opt.control.joint_feedback import COUPLED, pole
+
+Array = NDArray[np.float64]
+START, DT, SPEED, STILL = np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.0]), 1e-3, 0.25, np.zeros(6)
+ROBOT = ur5(acceleration=np.full(6, 10.0))
+LED = JointFeedback(delay=0.005)
+NEVER = 1e3
+"""[m] A contact that is none."""
+
+
+def tracker(feedback: JointFeedback = LED, **options: float) -> PoseTracker:
+    return PoseTracker(ROBOT, feedback=feedback, dt=DT, compile=False, **options)  # type: ignore[arg-type]
+
+
+def plant(seed: int = 0):  # type: ignore[no-untyped-def]
+    pytest.importorskip("mujoco")
+    from rehab_opt.plants.channel import Channel  # noqa: PLC0415  (needs MuJoCo)
+    from rehab_opt.plants.mujoco_arm import MujocoArm  # noqa: PLC0415
+    from rehab_opt.plants.ur5_model import ur5_model  # noqa: PLC0415
+
+    channel = Channel(command_delay=0.003, measurement_delay=0.002, position_noise=1e-4)
+    return MujocoArm(ur5_model(ROBOT), dt=DT, channel=channel, seed=seed)
+
+
+def at_a_wall(feedback: JointFeedback, gone: float, seconds: float, stays: float = math.inf):  # type: ignore[no-untyped-def]
+    """Times of touch and end, commands, true forces [N] and hand speeds [m/s] of a hand led into a wall.
+
+    The wall is taken away `gone` after the touch, or once it has been pressed for `stays` [s].
+    """
+    from rehab_opt.plants.contacts import Wall  # noqa: PLC0415
+
+    robot, led, first, way = (
+        plant(),
+        tracker(feedback, linear_speed=SPEED),
+        ROBOT.pose(START),
+        np.array([0.6, 0.0, -0.8]),
+    )
+    robot.contacts = (Wall(first[:3, 3] + 0.03 * way, -way),)
+    seen, touch, commands, forces, speeds = robot.reset(START), 0, [], [], []
+    for k in range(round(seconds / DT)):
+        pose, twist = first.copy(), STILL.copy()
+        pose[:3, 3] += min(SPEED * k * DT, 0.15) * way
+        twist[:3] = SPEED * way * (SPEED * k * DT < 0.15)
+        commands.append(led.step(seen.position, pose, twist))
+        seen, truth = robot.step(commands[-1].value), robot.truth
+        forces.append(np.linalg.norm(truth.force))
+        speeds.append(np.linalg.norm(ROBOT.jacobian(truth.position)[:3] @ truth.velocity))
+        touch = touch or k * bool(truth.force.any())
+        if touch and (k - touch) * DT > min(gone, stays):
+            robot.contacts = ()
+    return touch, commands, np.array(forces), np.array(speeds)
+
+
+def test_a_blocked_hand_yields_and_is_slow_when_it_comes_free() -> None:
+    touch, commands, force, speed = at_a_wall(LED, gone=0.8, seconds=1.6)
+    assert force.max() <= 140.0
+    assert force[touch + 500 :].max() <= 60.0
+    assert speed[touch + 800 :].max() <= 0.1
+    first = next(k for k, each in enumerate(commands) if each.reason)
+    assert touch < first <= touch + 30
+    assert "held back" in commands[first].reason
+    assert commands[-1].status is Status.HOLDING
+    assert "does not follow" in commands[-1].reason
+
+
+def test_without_the_watch_it_presses_and_leaps() -> None:
+    """The claim above can fail."""
+    touch, _, force, speed = at_a_wall(replace(LED, contact=NEVER), gone=0.8, seconds=1.6)
+    assert force.max() > 200.0
+    assert speed[touch + 800 :].max() > 0.2
+
+
+def test_a_hand_that_comes_free_in_time_is_led_on_slowly_and_after_two_seconds_as_before() -> None:
+    touch, commands, _, speed = at_a_wall(replace(LED, patience=1.0), gone=1.0, seconds=4.2, stays=0.03)
+    said = [k for k, each in enumerate(commands) if "held back" in each.reason]
+    assert commands[-1].reason == ""
+    assert all(each.status.certified for each in commands)
+    assert 2000 <= said[-1] - said[0] <= 3500
+    assert speed[touch + 150 : said[-1]].max() <= 0.1 * SPEED + 0.01  # the share `recovery_speed`, and the noise
+    assert speed[said[-1] :].max() > 0.5 * SPEED  # it has not been forgotten where the hand should be
+
+
+@pytest.mark.parametrize("late", [-0.003, 0.0, 0.003])
+def test_a_free_hand_is_never_held(late: float) -> None:
+    rng, robot = np.random.default_rng(5), plant(seed=5)
+    led, seen = tracker(replace(LED, delay=LED.delay + late)), robot.reset(START)
+    for k in range(2500):
+        if k % 500 == 0:
+            pose = ROBOT.pose(START + rng.uniform(-0.6, 0.6, 6))
+        command = led.step(seen.position, pose, STILL)
+        assert "held" not in command.reason
+        seen = robot.step(command.value)
+
+
+def test_what_friction_holds_back_is_led_after() -> None:
+    def error(feedback: JointFeedback) -> float:
+        """[m] RMS of the true hand on a loop, while it moves."""
+        robot, led, first, errors = plant(seed=3), tracker(feedback), ROBOT.pose(START), []
+        seen = robot.reset(START)
+        for k in range(2500):
+            pose, twist, t = first.copy(), STILL.copy(), k * DT
+            for axis, (size, rate) in enumerate(((0.05, 3.0), (0.04, 4.1), (0.03, 2.3))):
+                pose[axis, 3] += size * (1 - math.cos(rate * t))
+                twist[axis] = size * rate * math.sin(rate * t)
+            errors.append(np.linalg.norm(ROBOT.pose(robot.truth.position)[:3, 3] - pose[:3, 3]))
+            seen = robot.step(led.step(seen.position, pose, twist).value)
+        return float(np.sqrt(np.mean(np.square(errors[500:]))))
+
+    assert error(LED) < 5e-4
+    assert error(replace(LED, following=1e-6)) > 8e-4
+
+
+def test_a_lie_of_one_sample_holds_no_hand() -> None:
+    led = tracker(JointFeedback(delay=0.0, servo_hz=math.inf))
+    q, twist = START.copy(), np.array([0.2, 0.0, 0.0, 0.0, 0.0, 0.0])
+    first = ROBOT.pose(START)
+    for k in range(400):
+        pose = first.copy()
+        pose[:3, 3] += k * DT * twist[:3]
+        command = led.step(q - 0.02 * (k == 200) * np.eye(6)[0], pose, twist)
+        assert command.reason == ""
+        q = q + DT * command.value
+
+
+def test_a_joint_is_thrown_off_by_no_more_than_its_margin() -> None:
+    """Of the largest acceleration, for as long as a speed takes to end: the servo's equations, integrated."""
+    p, a = pole(LED.servo_hz), 10.0
+
+    def thrown(ends_after: float) -> float:
+        def rates(t: float, s: Array) -> list[float]:
+            return [s[1], a * (t < ends_after) - 2 * p * s[1] - p * p * s[0]]
+
+        return float(np.abs(solve_ivp(rates, (0, 0.3), np.zeros(2), max_step=1e-4).y[0]).max())
+
+    for speed in (0.01, 0.1, 0.5, 2.0):
+        margin = float(LED.thrown(ROBOT, np.eye(6)[1] * speed))
+        assert thrown(speed / a) <= margin / COUPLED * 1.001
+        assert thrown(speed / a) >= margin / COUPLED * 0.6  # and not by much less
+    assert float(LED.thrown(ROBOT, np.zeros(6))) == 0.0
