@@ -36,7 +36,7 @@ NEITHER = "`aim` and `carry` are not there: in Python they hold until the hand c
 def exported_path_assistance(helper: PathAssistance, positions: Array, *, title: str) -> ExportedForce:
     """The controller, and what it answers along a path of the hand (N, 2) [m]; see `exported_assistance`."""
     helper.reset()
-    gate = gated_fields(helper, helper.pieces, name=NAME)
+    wanted = gated_fields(helper, helper.pieces, name=NAME)
     places, reach, stride = helper._samples, helper._reach, helper._stride
     ticks = faulty_ticks(helper, positions, [{} for _ in positions])
 
@@ -49,8 +49,7 @@ def exported_path_assistance(helper: PathAssistance, positions: Array, *, title:
         name=NAME,
         title=f"{title}: force-bounded assistance along a path, in {len(helper.pieces)} pieces",
         force=helper,
-        wanted=gate.code,
-        evaluated=(gate.function,),
+        wanted=wanted,
         interface="path_assistance",
         call=CALL,
         usage=USAGE,
@@ -59,6 +58,7 @@ def exported_path_assistance(helper: PathAssistance, positions: Array, *, title:
         solves=2,  # and again from a cold start
         more_memory=MEMORY + "\n    int place;               /* along the path, where the hand is */",
         values={
+            "pieces": str(len(helper.pieces)),
             "places": str(len(places)),
             "reach": str(reach),
             "stride": str(stride),
