@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import casadi as ca
 import numpy as np
@@ -12,7 +12,7 @@ from rehab_opt.control.bilateral_sides import BEYOND, FromHelper, FromParticipan
 from rehab_opt.control.command import Command
 from rehab_opt.control.force_tick import give, take
 from rehab_opt.control.gate import reflected_force
-from rehab_opt.export.c_text import filled, number
+from rehab_opt.export.c_text import number
 from rehab_opt.export.controllers.bounded_force import DIFFERENCES, ExportedForce, check_rungs, faulty_ticks
 from rehab_opt.export.controllers.gated_fields import MEMORY, gated_fields
 from rehab_opt.export.evaluated import Evaluated
@@ -30,6 +30,7 @@ TABLES = ("FRAME", "AFFINE", "LANDMARKS", "WEIGHTS")
 """Of the map, as `point_inputs` gives them."""
 NUMBERS = "    long long said, newest;  /* numbers of the last message, and of the newest that was heard */"
 FELT = "    double felt[2];          /* on the participant's hand [N]; NaN where it is not known */"
+FORCE_TOO = "    said->force_x = out->value[0];\n    said->force_y = out->value[1];"
 CALL = """\
 rehab_from_{other} heard = {{{heard}, tick->serial}};
     rehab_from_{own} said;
@@ -104,6 +105,7 @@ def exported_helper_side(
         recording=_recording(side, ticks, answer),
         differences=(*DIFFERENCES, *OF_THE_PAIR, PARTNER),
         says=(HELPER_SAYS, PARTICIPANT_SAYS),
+        means={"target": "felt", "told": "force_", "listen": "memcpy(self->felt, told, sizeof told);", "say": ""},
     )
 
 
@@ -144,6 +146,7 @@ def exported_participant_side(
         recording=_recording(side, ticks, answer),
         differences=(*DIFFERENCES, *OF_THE_PAIR),
         says=(PARTICIPANT_SAYS, HELPER_SAYS),
+        means={"target": "carried", "told": "", "listen": "image(self, told, self->carried);", "say": FORCE_TOO},
     )
 
 
@@ -158,8 +161,9 @@ def _exported(
     recording: Recording,
     differences: Sequence[str],
     says: tuple[Sequence[str], Sequence[str]],
+    means: Mapping[str, str],
 ) -> ExportedForce:
-    """What both sides have in common; `says` is what it says, and what it hears."""
+    """What both sides have in common; `says` is what it says, and what it hears; `means` is C of what that does."""
     own, heard = says
     names = {
         "own": name.removesuffix("_side"),
@@ -174,7 +178,7 @@ def _exported(
             **{what: part(side.force.slots) for what, part in (("give", give), ("take", take))},
             **({image.name: image.function} if image else {}),
         },
-        interface=name,
+        interface="side",
         call=CALL.format(
             name=name,
             heard=", ".join(f"tick->heard[{i}]" for i in range(len(heard))),
@@ -187,10 +191,14 @@ def _exported(
         differences=differences,
         solves=2,  # and again from a cold start
         more_memory=more_memory,
+        pieces={"begin": "force_begin.c", "messages": "messages.h", "exchange": "exchange.c"},
         values={
-            "messages": filled("messages.h", {}),
-            "image": image.code if image else "",
-            "exchange": filled("exchange.c", {"name": name, "share": number(side._share), "beyond": number(BEYOND)}),
+            **names,
+            **means,
+            "full": "",
+            "image": f"{image.code}\n\n" if image else "",
+            "share": number(side._share),
+            "beyond": number(BEYOND),
         },
     )
 

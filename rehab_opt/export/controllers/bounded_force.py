@@ -51,6 +51,7 @@ class ExportedForce(ExportedController):
     force: BoundedForce
     wanted: Evaluated
     parts: Mapping[str, ca.Function] = field(default_factory=dict)
+    pieces: Mapping[str, str] = field(default_factory=lambda: {"begin": "force_begin.c"})
 
     @property
     def iterations(self) -> int:

@@ -66,5 +66,5 @@ def exported_path_assistance(helper: PathAssistance, positions: Array, *, title:
         solves=2,  # and again from a cold start
         more_memory=MEMORY + "\n    int place;               /* along the path, where the hand is */",
         parts={proceed.name: proceed.function},
-        values={"proceed": proceed.code, "last_place": str(len(helper.track) - 2 * REACH - 1)},
+        values={"full": ", 1", "proceed": proceed.code, "last_place": str(len(helper.track) - 2 * REACH - 1)},
     )
