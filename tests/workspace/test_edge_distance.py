@@ -20,6 +20,9 @@ OUTLINES = {
     "parts that touch": MultiPolygon([box(-0.1, 0.3, 0.0, 0.4), box(0.0, 0.4, 0.1, 0.5)]),
     "hole that touches": Polygon(box(0, 0, 1, 1).exterior, [[(0.5, 0.0), (0.7, 0.4), (0.3, 0.4)]]),
     "spike": Polygon([(0.0, 0.0), (0.3, 1e-4), (0.0, 2e-4), (-0.1, 0.1)]),
+    "needle thinner than rounding": Polygon(
+        [(0.1, -0.1), (0.1, 0.1), (0.4, 0.1), (0.1, 0.1 + 1e-16), (0.1, 0.3), (0.0, 0.3), (0.0, -0.1)]
+    ),
     "sliver": Polygon([(0.0, 0.0), (0.3, 0.0), (0.3, 0.3), (0.15, 1e-9), (0.0, 0.3)]),
     "waves": Polygon(np.column_stack([0.15 * np.cos(TURN), 0.1 * np.sin(TURN) + 0.01 * np.sin(9 * TURN)])),
 }
