@@ -74,14 +74,13 @@ def _from_edge() -> ca.Function:
 
 
 def _counted_side(size: int) -> ca.Function:
-    """Point, edges -> -1 inside, where a ray crosses the boundary an odd number of times, else 1."""
+    """Point, edges -> -1 inside, around which the boundary turns once, else 1: from the edges that a ray crosses."""
     point, table = ca.MX.sym("point", 2), ca.MX.sym("edges", size, COLUMNS)
     start_x, start_y, along_x, along_y, *_, end_y, _ = ca.horzsplit(table)
     begins, ends = start_y <= point[1], end_y <= point[1]
     left = (point[0] - start_x) * along_y < (point[1] - start_y) * along_x
-    return ca.Function(
-        "counted_side", [point, table], [1 - 2 * ca.fmod(ca.sum1((begins != ends) * (left == begins)), 2)]
-    )
+    turns = ca.sum1((begins - ends) * (left == begins))
+    return ca.Function("counted_side", [point, table], [1 - 2 * turns])
 
 
 @cache
