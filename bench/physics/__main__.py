@@ -25,7 +25,7 @@ __all__ = ["main", "table"]
 
 RESULTS = Path(__file__).parents[1] / "RESULTS.md"
 BEGIN, END = "<!-- physics: begin -->", "<!-- physics: end -->"
-DEAREST_FIRST = ("tracking", "hand", "energy", "help", "limit", "mirror", "push", "blocked", "frozen")
+DEAREST_FIRST = ("tracking", "hand", "energy", "need", "help", "limit", "mirror", "push", "blocked", "frozen")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -83,7 +83,7 @@ def table(rows: Sequence[Measured]) -> list[str]:
 
 def _bound(low: float, high: float, unit: str) -> str:
     if high == math.inf:
-        return f"- {unit}".rstrip()
+        return (f">= {low:g} {unit}" if low > -math.inf else f"- {unit}").rstrip()
     return (f"{low:g} to {high:g} {unit}" if low > -math.inf else f"<= {high:g} {unit}").rstrip()
 
 

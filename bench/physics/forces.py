@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from bench.physics.setting import Numbers, Setting
+from bench.physics.setting import Cell, Numbers, Setting
 from rehab_opt import Assistance, BoundedForce, PotentialField, Workspace
 from rehab_opt.plants.channel import Channel
 from rehab_opt.plants.contacts import Push, SpringDamper
@@ -16,17 +17,22 @@ from rehab_opt.plants.drives import HandForce
 from rehab_opt.plants.mujoco_arm import MujocoArm
 from rehab_opt.plants.planar import point_mass_model
 
-__all__ = ["delivered", "reached"]
+__all__ = ["delivered", "needed", "reached"]
 
 Array = NDArray[np.float64]
 
 LAG = 0.003
 """[s] of the acting force, besides the cell's delay; none where that is zero."""
 SECONDS = 12.0
+NONE = np.zeros(2)
 BUDGET, CAP = 20.0, 1.0
 """[J], [m/s] `BoundedForce`'s defaults."""
 WAY, ARRIVED = 0.2, 0.015
 """[m] of a reach, and from its target where it counts as arrived."""
+UNAIDED, PATIENCE, STAYS = 4.0, 8.0, 1.0
+"""[s] in which who needs no help arrives, who is helped may, and for which the hand stays there."""
+START = np.array([-0.17, 0.50])
+PATH = START + np.outer(np.linspace(0, 1, 50), [WAY, 0.0])
 
 
 def delivered(setting: Setting) -> Numbers:
@@ -47,17 +53,8 @@ def delivered(setting: Setting) -> Numbers:
 def reached(setting: Setting) -> Numbers:
     """A reach of 0.2 m with a field like the README's and `Assistance`'s default bounds."""
     rng = setting.rng
-    start = np.array([-0.17, 0.50])
-    path = start + np.outer(np.linspace(0, 1, 50), [WAY, 0.0])
-    field = setting.kept.get("field")
-    if field is None:
-        field = setting.kept["field"] = PotentialField(path, stiffness=1000.0, drag=200.0, width=0.025, damping=5.0)
-    comfortable = Workspace(shapely.box(-0.30, 0.45, -0.20, 0.55), accuracy=1e-3)
-    controller = Assistance(
-        field, comfortable=comfortable, mode="assist", dt=setting.dt, trust_stillness=True, **setting.told(Assistance)
-    )
-    work, speed, place = _reach(setting, controller, start + 0.005 * rng.normal(size=2))
-    near = np.linalg.norm(place - path[-1], axis=1) <= ARRIVED
+    work, speed, place = _reach(setting, _help(setting), START + 0.005 * rng.normal(size=2))
+    near = np.linalg.norm(place - PATH[-1], axis=1) <= ARRIVED
     arrival = int(near.argmax()) if near.any() else len(near)
     rest = speed[arrival + round(1.0 / setting.dt) :]
     return {
@@ -65,6 +62,45 @@ def reached(setting: Setting) -> Numbers:
         "help: speed at rest": float(np.sqrt(np.mean(rest**2))) if rest.size else math.inf,
         "help: work of a reach": float(work.max()),
     }
+
+
+def needed(setting: Setting) -> Numbers:
+    """Whether people arrive who pull towards the target as they can, their arms back to where they rest.
+
+    Without help, with help that is not late, and with help that is.
+    """
+    rng = setting.rng
+    strength, back, damping, seed = rng.uniform(0.2, 3.0), rng.uniform(10, 40), rng.uniform(4, 15), rng.integers(2**31)
+    start = START + 0.005 * rng.normal(size=2)
+    at_once = setting.cell._replace(delay=0.0)
+
+    def arrived(cell: Cell, helped: bool, seconds: float) -> float:
+        here = replace(setting, cell=cell, rng=np.random.default_rng(seed))
+        will = SpringDamper([*PATH[-1], 0.0], stiffness=300.0, damping=damping, strength=strength)
+        arm = SpringDamper([*start, 0.0], stiffness=back, damping=0.0)
+        mass = _mass(here, (will, arm, _tremor(here)))
+        place = _run(here, mass, _help(here) if helped else None, start, seconds)[2]
+        near = np.linalg.norm(place - PATH[-1], axis=1) <= ARRIVED
+        long = round(STAYS / here.dt)
+        inside = np.cumsum(np.r_[0, near])
+        return float((inside[long:] - inside[:-long] == long).any())
+
+    return {
+        "unaided": arrived(at_once, helped=False, seconds=UNAIDED),
+        "helped at once": arrived(at_once, helped=True, seconds=PATIENCE),
+        "helped": arrived(setting.cell, helped=True, seconds=PATIENCE),
+    }
+
+
+def _help(setting: Setting) -> Assistance:
+    """A field like the README's, outside a workspace that the hand starts beside."""
+    field = setting.kept.get("field")
+    if field is None:
+        field = setting.kept["field"] = PotentialField(PATH, stiffness=1000.0, drag=200.0, width=0.025)
+    comfortable = Workspace(shapely.box(-0.30, 0.45, -0.20, 0.55), accuracy=1e-3)
+    return Assistance(
+        field, comfortable=comfortable, mode="assist", dt=setting.dt, trust_stillness=True, **setting.told(Assistance)
+    )
 
 
 def _moved(setting: Setting, controller: BoundedForce, start: Array) -> tuple[Array, Array]:
@@ -82,7 +118,13 @@ def _moved(setting: Setting, controller: BoundedForce, start: Array) -> tuple[Ar
 
 
 def _reach(setting: Setting, controller: Assistance, start: Array) -> tuple[Array, Array, Array]:
-    """A person too weak to go alone: a damped hand, and a little tremor."""
+    """A person who does nothing: a damped hand, and a little tremor."""
+    tremor = _tremor(setting)
+    arm = SpringDamper([0.0, 0.0, 0.0], stiffness=0.0, damping=setting.rng.uniform(4.0, 15.0))
+    return _run(setting, _mass(setting, (arm, tremor)), controller, start)
+
+
+def _tremor(setting: Setting) -> Push:
     rng = setting.rng
     hertz, phase = rng.uniform(4, 8), rng.uniform(0, 2 * math.pi, 2)
 
@@ -90,8 +132,7 @@ def _reach(setting: Setting, controller: Assistance, start: Array) -> tuple[Arra
         x, y = (0.3 * np.sin(2 * math.pi * hertz * time + phase)).tolist()
         return np.array([x, y, 0.0])
 
-    arm = SpringDamper([0.0, 0.0, 0.0], stiffness=0.0, damping=rng.uniform(4.0, 15.0))
-    return _run(setting, _mass(setting, (arm, Push(tremor))), controller, start)
+    return Push(tremor)
 
 
 def _mass(setting: Setting, contacts: tuple[SpringDamper | Push, ...]) -> MujocoArm:
@@ -109,16 +150,18 @@ def _mass(setting: Setting, contacts: tuple[SpringDamper | Push, ...]) -> Mujoco
     )
 
 
-def _run(setting: Setting, plant: MujocoArm, controller: BoundedForce, start: Array) -> tuple[Array, Array, Array]:
-    """(N,) [J] work of the acting force so far, (N,) [m/s] speed, (N, 2) [m] place, all true."""
+def _run(
+    setting: Setting, plant: MujocoArm, controller: BoundedForce | None, start: Array, seconds: float = SECONDS
+) -> tuple[Array, Array, Array]:
+    """(N,) [J] work of the acting force so far, (N,) [m/s] speed, (N, 2) [m] place, all true; no force without help."""
     drive = plant.drive
     assert isinstance(drive, HandForce)
     seen = plant.reset(start)
-    ticks = round(SECONDS * setting.cell.rate)
+    ticks = round(seconds * setting.cell.rate)
     work, speed, place, done = np.empty(ticks), np.empty(ticks), np.empty((ticks, 2)), 0.0
     for k in range(ticks):
         before, force = plant.truth, drive.acting
-        seen = plant.step(controller.step(seen.position).value)
+        seen = plant.step(NONE if controller is None else controller.step(seen.position).value)
         after = plant.truth
         done += float((force + drive.acting) @ (after.position - before.position)) / 2
         work[k], speed[k], place[k] = done, np.linalg.norm(after.velocity), after.position

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from bench.physics.forces import BUDGET, CAP, delivered, reached
+from bench.physics.forces import BUDGET, CAP, delivered, needed, reached
 from bench.physics.limits import hand_bounds, held_limit
 from bench.physics.recordings import mirrored
 from bench.physics.setting import Cell, Numbers, Task, setting_of
@@ -25,6 +25,7 @@ TASKS: Mapping[str, Task] = MappingProxyType(
         "tracking": tracked,
         "energy": delivered,
         "help": reached,
+        "need": needed,
         "blocked": blocked,
         "frozen": frozen,
         "push": pushed,
@@ -79,6 +80,12 @@ def _beside(all_of_it: Sequence[Numbers]) -> float:
     return 1.0 if abs(ours - theirs) <= 1e-5 else ours / theirs
 
 
+def _arrive(all_of_it: Sequence[Numbers]) -> float:
+    """How many arrive with late help, over how many arrive with help that is not late."""
+    at_once = sum(each["helped at once"] for each in all_of_it)
+    return sum(each["helped"] for each in all_of_it) / at_once if at_once else math.nan
+
+
 ROWS = (
     Row("true joint beyond its limit, worst", "limit", _worst("beyond the limit"), 0.5, "mrad", 1e3),
     Row("limit held for 3 s: peak to peak, worst", "limit", _worst("limit: peak to peak"), 0.3, "mrad", 1e3),
@@ -96,6 +103,10 @@ ROWS = (
     Row(f"the same, of hands below {CAP:g} m/s", "energy", _worst("work below the cap"), BUDGET, "J"),
     Row("help, from 1 s after arrival: speed RMS, worst", "help", _worst("help: speed at rest"), 0.05, "m/s"),
     Row("help: work of a 0.2 m reach, worst", "help", _worst("help: work of a reach"), 3.0, "J"),
+    Row("people who need help: arrive within 4 s without it", "need", _mean("unaided"), 20.0, "%", 100.0),
+    Row("people who need help: arrive with help that is not late", "need", _mean("helped at once"),
+        math.inf, "%", 100.0),
+    Row("people who need help: arrive with late help, of these", "need", _arrive, math.inf, "%", 100.0, at_least=95.0),
     Row("lag of a mirrored recording / allowed, worst", "mirror", _worst("mirror: lag"), 1.0, ""),
     Row("blocked hand at 0.25 m/s: peak force, worst", "blocked", _worst("blocked: peak"), 140.0, "N"),
     Row("blocked hand: force after 0.5 s, worst", "blocked", _worst("blocked: after 0.5 s"), 60.0, "N"),
@@ -132,7 +143,9 @@ class Measured(NamedTuple):
     def verdict(self) -> str:
         """PASS or FAIL; nothing where nothing is asked. NaN fails."""
         row = self.row
-        if row.at_most == math.inf or self.total == -math.inf:  # nothing asked, or nobody whom it was asked of
+        if row.at_least == -math.inf and row.at_most == math.inf:
+            return ""
+        if self.total == -math.inf:  # nobody whom it was asked of
             return ""
         return "PASS" if row.at_least <= self.total <= row.at_most else "FAIL"
 

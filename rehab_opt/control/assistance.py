@@ -14,6 +14,7 @@ from rehab_opt.control.velocity_controller import checked_number
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.field.energy import arranged_samples
 from rehab_opt.field.potential import PotentialField
+from rehab_opt.field.settling import settling_notes
 from rehab_opt.symbolic import BufferedFunction
 from rehab_opt.workspace.edge_distance import edge_columns
 from rehab_opt.workspace.region import Workspace
@@ -60,6 +61,7 @@ class Assistance(BoundedForce):
         self.comfortable, self.mode = comfortable, mode
         self.gate = GATE.numbers(
             acts_inside=mode in ("follow", "hold"),
+            pull_limit=checked_number("force_limit", force_limit, above=0.0, below=1e4),
             onset=checked_number("onset", onset, above=-TINY),
             back=PULL_BACK.numbers(
                 stiffness=checked_number("return_stiffness", return_stiffness, above=0.0),
@@ -101,6 +103,18 @@ class Assistance(BoundedForce):
             return force[0], force[1]
 
         return wanted, carried
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What of field, bounds and delay does not go together, and which number would; see `settling_notes`.
+
+        Empty where every hand comes to rest.
+        """
+        field = self.field
+        drag = 2.0 * abs(field.drag) if field.drag == field.drag else 0.0  # a learnt one has it in its samples
+        stiffness = max(float(field.samples.stiffness.max()), drag)
+        bounds = {"force_limit": self.force_limit, "slew_limit": self.slew_limit}
+        return tuple(settling_notes(stiffness, float(field.damping.min()), **bounds, **self._late_by))
 
     @property
     def carried(self) -> tuple[float, float]:

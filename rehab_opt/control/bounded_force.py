@@ -52,11 +52,12 @@ class ForceBounds(TypedDict, total=False):
     """The options of `BoundedForce` that whoever builds on it hands through."""
 
     slew_limit: float
+    growth_limit: float
     energy_budget: float
     speed_cap: float
     actuation_delay: float
     actuation_lag: float
-    position_noise: float
+    position_noise: float | None
     velocity_lag: float
     trust_stillness: bool
     dt: float
@@ -71,7 +72,8 @@ class BoundedForce(OneThread):
     """Force on a hand [N]: the wanted one as far as bounds on its size, its change and its energy allow.
 
     min  |F - F_wanted|^2
-    s.t. |F| <= force_limit, |F - F_last| <= slew_limit dt, F.v dt <= energy left in the tank
+    s.t. |F| <= force_limit, |F - F_last| <= slew_limit dt, F.v dt <= energy left in the tank,
+         |F| <= largest force of late + growth_limit dt
 
     The force bound holds exactly and always. The slew bound holds but for a flagged release (`Bound.SLEW`): the force
     is zero at once when the hand moves faster than `speed_cap`, or the energy left no longer affords a release within
@@ -91,17 +93,25 @@ class BoundedForce(OneThread):
     ----------
     wanted : x, y [m], velocity [m/s] -> the force that is wanted [N], before any bound; may be no number.
     force_limit : [N] largest size of the force.
-    slew_limit : [N/s] largest change, as the length of a vector, per nominal tick.
+    slew_limit : [N/s] largest change, as the length of a vector, per nominal tick. It is what lets a spring hold a hand
+        still: the force must follow the swing that it is to damp, see `rehab_opt.field.settling`.
+    growth_limit : [N/s] rate at which a force comes that the person has not felt of late: beyond the largest of the
+        last ticks, of which force_limit / 2 s fades. What comes gently need not act late: below that size the force
+        changes as fast as the slew limit allows. The slew limit or more for no such bound.
     energy_budget : [J] what may be delivered to the hand until `reset`, net of what the hand puts in; see `EnergyTank`.
     speed_cap : [m/s] hand speed from which on the force is let go.
     actuation_delay : [s] from a command until its force acts, and from a position until it is told, together at most;
         it may be 3 ms more. actuation_lag : [s] time constant at which the acting force follows. Where one of them is
         above zero, energy is counted by the forces that may act, see `EnergyTank`.
-    position_noise : [m] standard deviation of each coordinate: positions may jump by six of them. Noise is taken for
-        motion: where the force depends on the velocity, what the two have in common is miscounted (with 30 N s/m along
-        the motion and 1 mm of noise, 16 J were drawn of 1 J); give a velocity that is filtered then.
-    velocity_lag : [s] time constant of the velocity that is estimated where none is given; it lags by this and half a
-        tick.
+    position_noise : [m] standard deviation of each coordinate: positions may jump by six of them; learnt from the
+        positions by default, in 0.2 s and up to 1.2 mm. A hand that moves on and on above the speed cap is found by its
+        estimated velocity then, as soon as that is beyond the cap by the jump over `velocity_lag`. For the energy,
+        noise is motion: a damper of 50 N s/m draws 1 W from the tank by 0.5 mm of noise at 1 kHz, 2 to 4 W where the
+        force is late, a third of that with twice the velocity lag. What it takes for granted the other way: where the
+        force drives the motion by its velocity, what the two have in common is miscounted (with 30 N s/m along the
+        motion and 1 mm of noise, 16 J were drawn of 1 J); give a velocity that is filtered then.
+    velocity_lag : [s] of the velocity that is estimated where none is given: two low-passes of half of it. It lags by
+        this and half a tick.
     trust_stillness : believe positions that repeat themselves exactly. A frozen sensor looks the same, so by default
         energy is set aside meanwhile, and the force falls where there is none left: a hand that is seen to move by a
         count of the encoder now and then never notices.
@@ -122,12 +132,13 @@ class BoundedForce(OneThread):
         wanted: WantedForce,
         *,
         force_limit: float = 30.0,
-        slew_limit: float = 200.0,
+        slew_limit: float = 2500.0,
+        growth_limit: float = 200.0,
         energy_budget: float = 20.0,
         speed_cap: float = 1.0,
         actuation_delay: float = 0.0,
         actuation_lag: float = 0.0,
-        position_noise: float = 0.0,
+        position_noise: float | None = None,
         velocity_lag: float = 0.01,
         trust_stillness: bool = False,
         dt: float = 0.001,
@@ -142,6 +153,7 @@ class BoundedForce(OneThread):
         self._wanted = wanted
         self.force_limit = checked_number("force_limit", force_limit, above=0.0, below=1e4)
         self.slew_limit = checked_number("slew_limit", slew_limit, above=0.0, below=1e6)
+        self.growth_limit = checked_number("growth_limit", growth_limit, above=0.0, below=1e6)
         self.speed_cap = checked_number("speed_cap", speed_cap, above=0.0, below=10.0)
         self.dt = checked_number("dt", dt, above=0.0, below=1.0)
         self.max_age = Watchdog(dt=dt, max_age=max_age).max_age
@@ -150,6 +162,7 @@ class BoundedForce(OneThread):
         delay = checked_number("actuation_delay", actuation_delay, above=-1e-12, below=0.2)
         lag = checked_number("actuation_lag", actuation_lag, above=-1e-12, below=0.1)
         late = delay > 0.0 or lag > 0.0
+        self._late_by = {"delay": delay + self.dt, "lag": lag, "velocity_lag": velocity_lag}
         self.slots = SLOTS if late else 1
         """Pieces of time in which forces are under way."""
         self.stated = self.statement()
@@ -167,13 +180,15 @@ class BoundedForce(OneThread):
             max_age=self.max_age,
             force_limit=self.force_limit,
             slew_limit=self.slew_limit,
+            growth_limit=self.growth_limit,
             speed_cap=self.speed_cap,
             velocity_lag=checked_number("velocity_lag", velocity_lag, above=0.0),
             trust_stillness=bool(trust_stillness),
             budget=self.energy_budget,
             window=delay + DELAY_UNKNOWN + TAIL * lag if late else 0.0,
             tail=math.exp(-TAIL) * self.force_limit if lag > 0.0 else 0.0,
-            jitter=NOISE_PEAK * checked_number("position_noise", position_noise, above=-1e-12, below=0.1),
+            jitter=NOISE_PEAK * checked_number("position_noise", position_noise or 0.0, above=-1e-12, below=0.1),
+            learns=position_noise is None,
             tolerance=tolerance,
         )
         """`MODEL` of this one."""
@@ -235,8 +250,9 @@ class BoundedForce(OneThread):
         full: dict[str, ArrayLike] = dict.fromkeys(tank_record(self.slots).places, 0.0)
         return watched_record(self.slots).numbers(
             stamps=STAMPS.numbers(last=_NAN, lag=0, stamped=0),
-            hand=HAND.numbers(x=_NAN, v=0, estimated=0, stamp=_NAN),
+            hand=HAND.numbers(x=_NAN, v=0, estimated=0, halfway=0, scatter=0, stamp=_NAN),
             tank=tank_record(self.slots).numbers(**full | told),
+            felt=math.hypot(*force),
         )
 
     @property
@@ -275,8 +291,10 @@ class BoundedForce(OneThread):
     def instance(self, x: ArrayLike, v: ArrayLike = (0.0, 0.0)) -> Instance:
         """The QP for a hand at x (2,) moving at v (2,), with the last force and the energy of now, for inspection."""
         point, velocity = np.asarray(x, dtype=np.float64), np.asarray(v, dtype=np.float64)
-        ceiling, left = self._affordable.of(self.model, self._watched)
-        view = VIEW.numbers(x=point, v=velocity, reason=0, details=0, at_once=0, ceiling=ceiling, left=left, repeats=0)
+        ceiling, left, grown = self._affordable.of(self.model, self._watched, self._force)
+        view = VIEW.numbers(
+            x=point, v=velocity, reason=0, details=0, at_once=0, ceiling=ceiling, left=left, repeats=0, grown=grown
+        )
         wanted = self._wanted(*point.tolist(), *velocity.tolist())
         return self.stated.instance(self._prepare.of(self.model, view, wanted), memory=self._force)
 

@@ -40,26 +40,29 @@ MUCH = 1e3
 MISSED = 1e-6
 """Share of the wanted force by which the commanded one must differ for the task to count as yielding."""
 MODEL = Record(
-    dt=1, max_age=1, force_limit=1, slew_limit=1, speed_cap=1, velocity_lag=1, trust_stillness=1, budget=1,
-    window=1, tail=1, jitter=1, tolerance=1,
+    dt=1, max_age=1, force_limit=1, slew_limit=1, growth_limit=1, speed_cap=1, velocity_lag=1, trust_stillness=1,
+    budget=1, window=1, tail=1, jitter=1, learns=1, tolerance=1,
 )  # fmt: skip
 """What differs between people and robots: see `BoundedForce`; window [s] and tail [N] are those of `EnergyTank`, jitter
-[m] is by how much noise may move a position between two samples."""
-VIEW = Record(x=2, v=2, reason=1, details=3, at_once=1, ceiling=1, left=1, repeats=1)
+[m] is by how much noise may move a position between two samples, learns whether that is learnt instead."""
+VIEW = Record(x=2, v=2, reason=1, details=3, at_once=1, ceiling=1, left=1, repeats=1, grown=1)
 """A hand as it was judged: position [m] and velocity [m/s], why it cannot be acted on and whether the force goes at
-once, largest force [N] and energy [J] that may be given, whether the position repeats itself."""
+once, largest force [N] and energy [J] that may be given, whether the position repeats itself, and the largest force [N]
+that the growth limit allows."""
 SOLVED = Record(asks=1, value=2, status=1, residual=1, solver=1, yielded=1, scale=1, reason=1, details=3, wanted=2)
 """A command: whether a certified answer is missing that another solver might have; the force [N]; whether it is OK (0),
 RELEASING (1) or RELEASED (2); the certificate's residual, infinite for a release, and who answered; what yielded, the
 share of the wanted force, the reason; and what was wanted [N], zero where the hand could not be acted on."""
+FORGOTTEN = 2.0
+"""[s] in which a person forgets the largest force: until then less than it does not come as a surprise."""
 LATEST = 1.0
 """[s] The longest time between two ticks that energy is set aside for."""
 
 
 @cache
 def watched_record(slots: int) -> Record:
-    """What is remembered of stamps, hand and tank."""
-    return Record(stamps=STAMPS.size, hand=HAND.size, tank=tank_record(slots).size)
+    """What is remembered of stamps, hand and tank; and `felt` [N], the largest force that is not forgotten yet."""
+    return Record(stamps=STAMPS.size, hand=HAND.size, tank=tank_record(slots).size, felt=1)
 
 
 class ForceTick(NamedTuple):
@@ -102,6 +105,7 @@ def _judge(slots: int) -> ca.Function:
     stale = stamps.reason, stamps.details
     hand = looked_at(HAND.parts(watched.hand), tank, sample, force=force, stale=stale, model=model)
     ceiling, left = _affordable(hand.tank, model)
+    felt, grown = _growth(watched.felt, force, model)
     least = ca.norm_2(force) - model.slew_limit * model.dt
     spent = all_true(hand.tank.ceiling <= model.force_limit, least > ceiling, ca.logic_not(hand.at_once))
     released = ca.logic_and(ca.logic_not(sample.enable), ca.logic_not(hand.at_once))
@@ -117,19 +121,20 @@ def _judge(slots: int) -> ca.Function:
         ceiling=ceiling,
         left=left,
         repeats=hand.tank.numbers.gap,
+        grown=grown,
     )
-    after = watched_record(slots).of(stamps=stamps.memory, hand=hand.memory, tank=hand.tank.numbers.column)
+    after = watched_record(slots).of(stamps=stamps.memory, hand=hand.memory, tank=hand.tank.numbers.column, felt=felt)
     inputs = [model.column, watched.column, force, sample.column]
     return ca.Function("force_judge", inputs, [after, view], {"cse": True})
 
 
 def _prepare() -> ca.Function:
-    """What the QP is told: a wanted force no larger than the ceiling."""
+    """What the QP is told: a wanted force no larger than energy and growth allow."""
     model, view, wanted = MODEL.symbols("model"), VIEW.symbols("view"), ca.SX.sym("wanted", 2)
-    size = ca.norm_2(wanted)
-    fitting = ca.if_else(size <= view.ceiling, 1, view.ceiling / size * EXACT)
+    size, ceiling = ca.norm_2(wanted), ca.fmin(view.ceiling, view.grown)
+    fitting = ca.if_else(size <= ceiling, 1, ceiling / size * EXACT)
     step = model.slew_limit * model.dt
-    parameters = ca.vertcat(wanted * fitting, view.v, view.ceiling, view.left, model.force_limit, step, model.dt)
+    parameters = ca.vertcat(wanted * fitting, view.v, ceiling, view.left, model.force_limit, step, model.dt)
     solves = all_true(view.reason == 0, size < ca.inf)
     return ca.Function("force_prepare", [model.column, view.column, wanted], [parameters, solves], {"cse": True})
 
@@ -180,14 +185,22 @@ def _finish(state_size: int, memory_at: int) -> ca.Function:
 
 @cache
 def affordable(slots: int) -> ca.Function:
-    """`MODEL`, `watched_record` -> the largest force [N] and the energy [J] that may be given now."""
-    model, watched = MODEL.symbols("model"), watched_record(slots).symbols("watched")
+    """`MODEL`, `watched_record`, last force (2,) -> the largest force [N], the energy [J], the growth [N] of now."""
+    model, watched, force = MODEL.symbols("model"), watched_record(slots).symbols("watched"), ca.SX.sym("force", 2)
     ceiling, left = _affordable(_tank(watched.tank, model, slots), model)
-    return ca.Function("force_affordable", [model.column, watched.column], [ca.vertcat(ceiling, left)])
+    grown = _growth(watched.felt, force, model)[1]
+    return ca.Function("force_affordable", [model.column, watched.column, force], [ca.vertcat(ceiling, left, grown)])
 
 
 def _affordable(tank: EnergyTank, model: Values) -> tuple[ca.SX, ca.SX]:
     return ca.fmin(tank.ceiling, model.force_limit), clipped(tank.left, 0, MUCH)
+
+
+def _growth(felt: ca.SX, force: ca.SX, model: Values) -> tuple[ca.SX, ca.SX]:
+    """[N] what is felt after `force` (2,) was sent, and the largest force that may be sent next."""
+    fades = model.force_limit / FORGOTTEN * model.dt
+    now = ca.fmax(ca.norm_2(force), felt - fades)
+    return now, now + model.growth_limit * model.dt
 
 
 @cache
@@ -202,8 +215,16 @@ def anew(slots: int) -> ca.Function:
     none = ca.SX(math.nan)
     after = watched_record(slots).of(
         stamps=STAMPS.of(last=none, lag=ca.SX(0), stamped=ca.SX(0)),
-        hand=HAND.of(x=ca.vertcat(none, none), v=ca.SX.zeros(2), estimated=ca.SX.zeros(2), stamp=none),
+        hand=HAND.of(
+            x=ca.vertcat(none, none),
+            v=ca.SX.zeros(2),
+            estimated=ca.SX.zeros(2),
+            halfway=ca.SX.zeros(2),
+            scatter=ca.SX(0),
+            stamp=none,
+        ),
         tank=tank.numbers.column,
+        felt=ca.norm_2(forces[2:]),
     )
     return ca.Function("force_anew", [model.column, watched.column, forces], [after])
 

@@ -40,8 +40,9 @@ WantedForce = Callable[[float, float, float, float], tuple[float, float]]
 
 PULL_BACK = Record(stiffness=1, force=1)
 """What brings a hand back to the nearest point of a workspace: of a stiffness [N/m], and at most a force [N]."""
-GATE = Record(acts_inside=1, onset=1, back=PULL_BACK.size)
-"""Whether the field acts inside of the workspace, or outside; outside it grows to its full size over an onset [m]."""
+GATE = Record(acts_inside=1, pull_limit=1, onset=1, back=PULL_BACK.size)
+"""Whether the field acts inside of the workspace, or outside; its largest pull [N]; over what distance beyond the
+boundary it grows to its full size [m]."""
 FIELD = Record(sharpness=1, damping=2)
 """Of a field: 1 / sigma^2 [1/m^2], D [N s/m]."""
 
@@ -75,6 +76,9 @@ def gated_force(edges: int, samples: int, *, in_blocks: bool = True) -> ca.Funct
     size over the onset beyond the boundary. follow, hold (help in a task): the field inside; outside a pull back to the
     nearest comfortable point. Where the place at which the field stands is no number, neither of them acts: NaN.
 
+    The pull of the field is limited, and its damping comes off that: of a pull that is cut only together with the
+    damping nothing would slow a hand far from its target, up to the speed at which it is let go.
+
     Parameters
     ----------
     edges, samples : rows of the tables.
@@ -107,7 +111,8 @@ def gated_force(edges: int, samples: int, *, in_blocks: bool = True) -> ca.Funct
 def _gated() -> ca.Function:
     hand, carried, where, elastic = (ca.SX.sym("input", n) for n in (4, 2, 3, 2))
     acts, gate, field = ca.SX.sym("acts"), GATE.symbols("gate"), FIELD.symbols("field")
-    damped = elastic - field.damping * hand[2:]
+    size = ca.hypot(elastic[0], elastic[1])
+    damped = ca.if_else(size > gate.pull_limit, elastic * (gate.pull_limit / size), elastic) - field.damping * hand[2:]
     share = ca.if_else(ca.logic_or(gate.acts_inside, where[0] >= gate.onset), 1, where[0] / gate.onset)
     back = ca.if_else(
         all_true(ca.fabs(carried) < ca.inf), _pulled_back(PULL_BACK.parts(gate.back), hand, where), math.nan

@@ -9,7 +9,7 @@ import casadi as ca
 from rehab_opt.control.energy_tank import EnergyTank
 from rehab_opt.control.reasons import NUMBER
 from rehab_opt.control.watchdog import NUMBER_OF_SECONDS, first_of
-from rehab_opt.optim.certificate import all_true
+from rehab_opt.optim.certificate import all_true, clipped
 from rehab_opt.symbolic.record import Record, Values
 
 __all__ = ["HAND", "SAMPLE", "Seen", "looked_at"]
@@ -18,12 +18,17 @@ FURTHEST = 1e3
 """[m] A position beyond this is a broken sensor."""
 ROUNDING = 1e-12
 """[m] By what a step at the speed cap may exceed it."""
+SCATTER_RATE, LARGEST_SCATTER = 0.01, 2e-3
+"""[m/s], [m] How fast the scatter of positions is learnt, and how much of it is taken for noise."""
+SCATTER_PEAK = 3.6
+"""Peak of the noise between two samples over the scatter: six standard deviations, where the median is 1.67 of them."""
 SAMPLE = Record(x=2, v=2, v_given=1, stamp=1, kind=1, enable=1)
 """What a tick is told of a hand: position [m], velocity [m/s] and whether it is given, stamp [s] and its kind (see
 `stamp_and_kind`), whether the dead-man input is held."""
-HAND = Record(x=2, v=2, estimated=2, stamp=1)
-"""What is remembered of it: where it was seen last [m], NaN at first; velocity as given or estimated, and as estimated
-[m/s]; its stamp [s], NaN at first."""
+HAND = Record(x=2, v=2, estimated=2, halfway=2, scatter=1, stamp=1)
+"""What is remembered of it: where it was seen last [m], NaN at first; velocity as given or estimated, as estimated, and
+behind the first of two filters [m/s]; median of how far a sample is from where the hand was expected [m]; its stamp
+[s], NaN at first."""
 
 
 class Seen(NamedTuple):
@@ -46,8 +51,11 @@ def looked_at(
     """Take one sample of a hand, after `force` (2,) [N] has acted since the last one.
 
     `stale` is the watchdog's reason and details. `model` has dt [s], the speed cap [m/s] from which on a hand is let
-    go, the time constant of the estimated velocity [s], and whether a position that repeats itself exactly was seen or
-    may be a frozen sensor's.
+    go, the lag of the estimated velocity [s], whether a position that repeats itself exactly was seen or may be a
+    frozen sensor's, and by how much noise moves a position between two samples [m], or that this is to be learnt.
+
+    Where noise is allowed for, a single step says little of the speed. What moves on and on is faster than the cap by
+    its estimated velocity: noise that moves a position by so much adds no more than that over the lag.
     """
     cap = model.speed_cap
     timed = ca.logic_and(sample.kind == NUMBER_OF_SECONDS, ca.fabs(sample.stamp) < ca.inf)
@@ -62,12 +70,20 @@ def looked_at(
     moved, unseen = sample.x - memory.x, waiting.numbers.unseen
     distance = ca.hypot(moved[0], moved[1])
     first, still = ca.logic_not(distance < ca.inf), all_true(moved[0] == 0, moved[1] == 0)
-    within = distance <= cap * unseen * (1 + 1e-9) + ROUNDING + model.jitter
+    jitter = ca.if_else(model.learns, SCATTER_PEAK * memory.scatter, model.jitter)
+    within = distance <= cap * unseen * (1 + 1e-9) + ROUNDING + jitter
     jumped = all_true(looks, ca.logic_not(first), ca.logic_not(still), ca.logic_not(within))
-    # A low-pass of differences: it lags by its time constant and half a tick.
-    share = unseen / (model.velocity_lag + unseen)
-    slower = memory.estimated + share * (moved / unseen - memory.estimated)
-    estimated = ca.if_else(looks, ca.if_else(ca.logic_or(first, jumped), ca.SX.zeros(2), slower), memory.estimated)
+    # Differences through two equal low-passes, which leave half of the noise of one that lags as much.
+    share, fresh = unseen / (0.5 * model.velocity_lag + unseen), ca.logic_or(first, jumped)
+    halfway = memory.halfway + share * (moved / unseen - memory.halfway)
+    slower = memory.estimated + share * (halfway - memory.estimated)
+    halfway, estimated = (
+        ca.if_else(looks, ca.if_else(fresh, ca.SX.zeros(2), now), before)
+        for now, before in ((halfway, memory.halfway), (slower, memory.estimated))
+    )
+    stray = ca.norm_2(moved - memory.estimated * unseen)
+    learnt = memory.scatter + SCATTER_RATE * unseen * ca.sign(stray - memory.scatter)
+    scatter = ca.if_else(ca.logic_and(looks, stray < ca.inf), clipped(learnt, 0, LARGEST_SCATTER), memory.scatter)
     here = waiting.or_else(first, waiting.seen(ca.SX.zeros(2)))
     here = here.or_else(within, waiting.seen(moved))
     here = here.or_else(jumped, waiting.jumped(distance))
@@ -75,9 +91,11 @@ def looked_at(
     here = waiting.or_else(looks, here)
 
     velocity = ca.if_else(sample.v_given, sample.v, estimated)
-    speed = ca.hypot(velocity[0], velocity[1])
-    slow = ca.logic_or(ca.logic_not(sample.v_given), speed <= cap)
-    fast = ca.logic_and(ca.logic_not(slow), speed < ca.inf)
+    given, seen = ca.hypot(sample.v[0], sample.v[1]), ca.hypot(estimated[0], estimated[1])
+    slow = ca.logic_or(ca.logic_not(sample.v_given), given <= cap)
+    runs = seen > cap * (1 + 1e-9) + jitter / model.velocity_lag
+    fast = ca.logic_or(runs, ca.logic_and(ca.logic_not(slow), given < ca.inf))
+    speed = ca.if_else(runs, seen, given)
     cases: list[tuple[ca.SX, str, tuple[Any, Any, Any]]] = [
         (fast, "HAND_TOO_FAST", (speed, cap, 0)),
         (jumped, "POSITION_JUMPED", (distance, unseen, cap)),
@@ -91,6 +109,8 @@ def looked_at(
             x=ca.if_else(looks, sample.x, memory.x),
             v=velocity,
             estimated=estimated,
+            halfway=halfway,
+            scatter=scatter,
             stamp=ca.if_else(timed, sample.stamp, memory.stamp),
         ),
         tank=here,

@@ -16,6 +16,7 @@ from rehab_opt.field.assembly import Assembled, DragAlong, assembled, rest_point
 from rehab_opt.field.energy import Kernel, field_kernel
 from rehab_opt.field.merging import merging_bound
 from rehab_opt.field.samples import SampledPath, Samples, checked_paths, resampled_path
+from rehab_opt.field.settling import fitting_damping
 from rehab_opt.field.weights import energies_and_forces, stiffness_at
 
 if TYPE_CHECKING:
@@ -52,7 +53,8 @@ class PotentialField:
     width : sigma [m] over which the influences of points blend.
     drag : k1 [N/m]: along the path the force is 2 k1 (length). To resist with F newtons at the target, and with less
         before, give F / (2 length).
-    damping : D [N s/m], scalar or (2,).
+    damping : D [N s/m], scalar or (2,); by default what lets a hand come to rest on the stiffest sample: sqrt(S m) of a
+        hand of 2.4 kg, see `settling`.
     drag_along : "remaining" or "travelled".
     rest_on_target : continue the path beyond its ends so that the force at its target is zero (see `continuation`);
         False is the published field, which rests up to a sigma short of it.
@@ -77,7 +79,7 @@ class PotentialField:
         stiffness: ArrayLike | Sequence[ArrayLike],
         width: float,
         drag: float = 0.0,
-        damping: ArrayLike = 0.0,
+        damping: ArrayLike | None = None,
         drag_along: DragAlong = "remaining",
         rest_on_target: bool = True,
         spacing: float | None = None,
@@ -91,6 +93,7 @@ class PotentialField:
             raise ConfigurationError("drag_along", drag_along, "'remaining' or 'travelled'")
         drag = checked_drag(drag, drag_along, rest_on_target)
         stiff = path_stiffness(stiffness, given, paths)
+        damping = fitting_damping(max(float(each.max()) for each in stiff)) if damping is None else damping
         offsets = [drag * getattr(path, drag_along) ** 2 for path in paths]
         self._set(paths, offsets, stiff, width, damping, drag_along, rest_on_target, compile)
         self.drag = drag

@@ -16,6 +16,7 @@ import numpy as np
 import shapely
 
 from rehab_opt import Assistance, Bound, Command, PotentialField, Workspace
+from rehab_opt.control.hand import LARGEST_SCATTER, SCATTER_PEAK
 from rehab_opt.symbolic import Compile
 from tests.control.campaign import HOSTILE, ROUNDING, Array, Tally, main
 
@@ -40,6 +41,8 @@ class Plant:
     gives_velocity: bool
     stamped: bool
     bursts: bool
+    noise: float
+    """[m] by how much a position may be noise."""
     position: Array
     force: Array = field(default_factory=lambda: np.zeros(2))
     velocity: Array = field(default_factory=lambda: np.zeros(2))
@@ -83,12 +86,14 @@ def _plants(compile: Compile) -> list[Plant]:
     for i, (mode, each) in enumerate(fields.items()):
         for j, (dt, budget) in enumerate(((1e-3, 3.0), (5e-3, 12.0), (2e-2, 30.0))):
             bursts = (i + j) % 3 == 0
+            learns = (i + 2 * j) % 4 == 0
             assistance = Assistance(
                 each, comfortable=COMFORTABLE, mode=mode, dt=dt, energy_budget=budget, compile=compile,
-                solver="proxqp" if i == j == 1 else "qrqp",
+                solver="proxqp" if i == j == 1 else "qrqp", position_noise=None if learns else 0.0,
             )  # fmt: skip
             name = f"{mode} dt={dt:g} budget={budget:g}"
-            plant = Plant(name, assistance, budget, (i + j) % 2 == 0, (i + 2 * j) % 3 != 0, bursts, np.zeros(2))
+            noise = SCATTER_PEAK * LARGEST_SCATTER if learns else 0.0
+            plant = Plant(name, assistance, budget, (i + j) % 2 == 0, (i + 2 * j) % 3 != 0, bursts, noise, np.zeros(2))
             _begin(plant, np.random.default_rng(0))
             plants.append(plant)
     return plants
@@ -142,7 +147,7 @@ def _one_tick(plant: Plant, rng: np.random.Generator, tally: Tally) -> None:
         too_far = float(np.linalg.norm(moved)) - cap * seconds
         # math.md 5: beyond the cap, the force limit times the jump; a position in between may have been unseen.
         plant.allowed += assistance.force_limit * (float(np.linalg.norm(moved)) if too_far > 0 else 0.0)
-    plant.too_fast = plant.seen and float(np.linalg.norm(moved)) > 1.001 * cap * max(seconds, dt)
+    plant.too_fast = plant.seen and float(np.linalg.norm(moved)) > 1.001 * cap * max(seconds, dt) + plant.noise
     plant.position = plant.position + moved
     plant.delivered += float(plant.force @ moved)
     plant.velocity = moved / seconds

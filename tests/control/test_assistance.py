@@ -27,7 +27,7 @@ THERAPY = ("stretch", "assist", "resist")
 
 
 def field(mode: str = "assist", **options: object) -> PotentialField:
-    given = {"stiffness": 1000.0, "width": 0.025, "compile": False, **FIELDS[mode], **options}
+    given = {"stiffness": 1000.0, "width": 0.025, "damping": 0.0, "compile": False, **FIELDS[mode], **options}
     return PotentialField(PATH, **given)  # type: ignore[arg-type]
 
 
@@ -35,7 +35,10 @@ READY = {mode: field(mode) for mode in FIELDS}
 
 
 def assistance(mode: str = "assist", each: PotentialField | None = None, **options: object) -> Assistance:
-    given = {"comfortable": COMFORTABLE, "mode": mode, "compile": False, "energy_budget": 1e3, "trust_stillness": True}
+    given = {
+        "comfortable": COMFORTABLE, "mode": mode, "compile": False, "energy_budget": 1e3, "trust_stillness": True,
+        "slew_limit": SLEW, "growth_limit": 1e5,
+    }  # fmt: skip
     return Assistance(each or READY.get(mode, READY["assist"]), **{**given, **options})  # type: ignore[arg-type]
 
 
@@ -189,13 +192,17 @@ HELPERS = {mode: assistance(mode) for mode in FIELDS}
 
 
 def test_a_large_force_keeps_its_direction_and_the_bound_exactly() -> None:
-    helper = assistance(speed_cap=9.0)
+    field = READY["assist"]
+    helper = BoundedForce(
+        lambda x, y, vx, vy: field.pull(x, y), slew_limit=SLEW, growth_limit=1e5, speed_cap=9.0, energy_budget=1e3,
+        trust_stillness=True, compile=False,
+    )  # fmt: skip
     for k in range(400):
         x = np.array([0.4 * math.cos(k / 300), 0.4 + 0.4 * math.sin(k / 300)])
         command = helper.step(x)
         assert math.hypot(*command.value) <= LIMIT
     assert math.hypot(*command.value) == pytest.approx(LIMIT, rel=1e-9)
-    wanted = READY["assist"].force(x)
+    wanted = field.force(x)
     assert command.value @ wanted == pytest.approx(LIMIT * np.linalg.norm(wanted), rel=1e-3)
     assert command.yielded == Bound.TASK
     assert command.scale == pytest.approx(LIMIT / np.linalg.norm(wanted), rel=1e-2)

@@ -20,12 +20,14 @@ PROMISES = (
             "an open dead-man switch: the force falls to zero within the slew bound."),
     Promise("rehab_opt/control/bounded_force.py", "Never raises on numbers: what is not usable gives a release, and "
             "its reason."),
+    Promise("rehab_opt/control/bounded_force.py", "growth_limit : [N/s] rate at which a force comes that the person "
+            "has not felt of late: beyond the largest of the last ticks, of which force_limit / 2 s fades."),
     Promise("rehab_opt/control/bounded_force.py", "Help that the energy left holds back says so in its reason."),
     Promise("rehab_opt/control/command.py", "of assistance: of the desired force, along it."),
 )  # fmt: skip
 LEAST = {"solver closed form": 4e5, "solver qrqp": 5e4,
-         "at the force limit": 2000, "at the slew limit": 14_000, "yielded slew": 50, "wanted in full": 14_000,
-         "status releasing": 81, "status released": 5000, "reason not enabled": 300,
+         "at the force limit": 2000, "at the slew limit": 14_000, "held back by its growth": 5000, "yielded slew": 50,
+         "wanted in full": 14_000, "status releasing": 81, "status released": 5000, "reason not enabled": 300,
          "reason x is (#, #), not a usable position": 300,
          "held back by energy": 300}  # fmt: skip
 CI_TICKS = 24_000
@@ -53,6 +55,12 @@ def judge(verdict: Verdict, one: Run) -> None:
     change = np.linalg.norm(force - last, axis=1)
     verdict.holds("the command is finite", np.isfinite(force))
     verdict.within("force over its limit", size / given.force_limit, 1.0)
+    felt = np.zeros(len(size))  # the largest force of late, of which half of the limit fades in a second
+    for k in range(1, len(size)):
+        felt[k] = max(size[k - 1], felt[k - 1] - 0.5 * given.force_limit * dt)
+    grown = felt + given.growth_limit * dt
+    verdict.within("force over what it may grow to", size / grown, 1 + 1e-9)
+    verdict.during("held back by its growth", (size > 0.999 * grown) & (size < 0.999 * given.force_limit), dt)
     slewed = answers.yielded & 8 != 0
     verdict.within("change of force over the slew bound", np.where(slewed, 0.0, change / step), 1 + 1e-9)
     verdict.holds("what is flagged is a release at once", ~slewed | ((size == 0) & (change > step * (1 - 1e-12))))
@@ -91,7 +99,7 @@ def judge(verdict: Verdict, one: Run) -> None:
     along = np.clip(np.einsum("ni,ni->n", force, asked) / np.maximum(need, 1e-12) ** 2, 0, 1)
     told = np.where(safe, 0.0, np.where(flagged, np.where(need > 1e-12, along, 0.0), 1.0))
     verdict.within("error of the scale", np.abs(answers.scale - told), 1e-9)
-    room = (need < 0.999 * given.force_limit) & (np.linalg.norm(asked - last, axis=1) < 0.999 * step)
+    room = (need < 0.999 * np.minimum(given.force_limit, grown)) & (np.linalg.norm(asked - last, axis=1) < 0.999 * step)
     rich = one.left > need * given.speed_cap * max(0.05, 3 * dt) + need**2 * given.speed_cap / given.slew_limit
     rich &= one.left > 1.5 * need * given.speed_cap * dt
     verdict.holds("what energy alone holds back has its reason", ~(room & flagged & ~safe) | short)

@@ -17,13 +17,15 @@ PROMISES = (
             "size never grows there, and is exactly zero after force_limit / slew_limit seconds."),
     Promise("rehab_opt/control/gate.py", "stretch, assist, resist (therapy): nothing inside the comfortable workspace, "
             "the field outside"),
+    Promise("rehab_opt/control/gate.py", "The pull of the field is `pull_limit` [N] at most, and its damping comes off "
+            "that"),
     Promise("rehab_opt/control/gate.py", "follow, hold (help in a task): the field inside; outside a pull back to the "
             "nearest comfortable point, of `return_stiffness` [N/m] and at most `return_force` [N]."),
     Promise("rehab_opt/field/potential.py", "drag : k1 [N/m]: along the path the force is 2 k1 (length)."),
 )  # fmt: skip
 LEAST = {"therapy inside": 20_000, "therapy outside": 50_000, "task inside": 8000, "task outside": 24_000,
          "therapy long inside": 5000, "mode stretch": 20_000, "mode assist": 20_000, "mode resist": 20_000,
-         "pull back at its largest": 3000}  # fmt: skip
+         "pull back at its largest": 3000, "pull that is cut": 20_000}  # fmt: skip
 CI_TICKS = 20_000
 LENGTH, MIDDLE, LINE = 0.6, 0.15, 0.02
 POINT = np.array([0.1, 0.02])
@@ -76,15 +78,21 @@ def judge(verdict: Verdict, one: Run) -> None:
     asked = field & acted & known
     scale = 1e-6 * (given.stiffness + 1)
     if given.mode == "hold":
-        off = np.abs(damped - given.stiffness * (POINT - x)).max(axis=1)
+        pull = given.stiffness * (POINT - x)
+        cut = np.minimum(1.0, given.force_limit / np.maximum(np.linalg.norm(pull, axis=1), 1e-12))
+        off = np.abs(damped - cut[:, None] * pull).max(axis=1)
         verdict.within("spring to a point: error [N]", np.where(asked, off, 0.0), scale)
     else:
-        across = np.abs(damped[:, 1] + given.stiffness * (x[:, 1] - LINE))
         along = {"assist": 2 * 100.0 * (LENGTH / 2 - x[:, 0]), "resist": -2 * 60.0 * (LENGTH / 2 + x[:, 0])}
-        gone = np.abs(damped[:, 0] - along.get(given.mode, np.zeros(len(x))))
-        middle = np.abs(x[:, 0]) < MIDDLE
-        verdict.within("pull across a line: error [N]", np.where(asked & middle, across, 0.0), scale)
-        verdict.within("force along a line: error [N]", np.where(asked & middle, gone, 0.0), 1e-2)
+        pull = np.column_stack([along.get(given.mode, np.zeros(len(x))), -given.stiffness * (x[:, 1] - LINE)])
+        whole = np.linalg.norm(pull, axis=1)
+        cut, middle = whole > given.force_limit, asked & (np.abs(x[:, 0]) < MIDDLE)
+        gone, across = np.abs(damped - pull * np.minimum(1.0, given.force_limit / np.maximum(whole, 1e-12))[:, None]).T
+        # What is cut is turned by what the length along the line is off, too.
+        verdict.within("pull across a line: error [N]", np.where(middle & ~cut, across, 0.0), scale)
+        verdict.within("pull across a line that is cut: error [N]", np.where(middle & cut, across, 0.0), 1e-2)
+        verdict.within("force along a line: error [N]", np.where(middle, gone, 0.0), 1e-2)
+        verdict.during("pull that is cut", middle & cut, dt)
     verdict.during(f"mode {given.mode}", np.ones(len(x), dtype=bool), dt)
 
 

@@ -32,6 +32,7 @@ class Settings(NamedTuple):
     mode: str
     force_limit: float
     slew_limit: float
+    growth_limit: float
     budget: float
     speed_cap: float
     stiffness: float
@@ -81,6 +82,7 @@ def draw(rng: np.random.Generator, number: int) -> Settings:
         mode=(THERAPY + TASK)[number % 5],
         force_limit=float(rng.choice([5.0, 30.0, 100.0])),
         slew_limit=float(rng.choice([50.0, 200.0, 1000.0, 5000.0])),
+        growth_limit=(1e5, 200.0, 60.0)[number % 7 % 3],
         budget=float(rng.choice([0.05, 0.5, 2.0, 20.0])),
         speed_cap=float(rng.choice([0.5, SPEED_CAP, 2.0])),
         stiffness=float(rng.choice([200.0, 1000.0, 4000.0])),
@@ -107,8 +109,9 @@ def assistance(rng: np.random.Generator, given: Settings, **options: Any) -> Ass
     comfortable = Workspace(shapely.Polygon(given.outline), accuracy=0.0)
     return Assistance(
         field_of(rng, given), comfortable=comfortable, mode=given.mode, force_limit=given.force_limit,  # type: ignore[arg-type]
-        slew_limit=given.slew_limit, energy_budget=given.budget, speed_cap=given.speed_cap, dt=given.dt,
-        return_stiffness=given.return_stiffness, return_force=given.return_force, compile=False, **options,
+        slew_limit=given.slew_limit, growth_limit=given.growth_limit, energy_budget=given.budget,
+        speed_cap=given.speed_cap, dt=given.dt, return_stiffness=given.return_stiffness,
+        return_force=given.return_force, compile=False, **options,
     )  # fmt: skip
 
 

@@ -120,6 +120,7 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     plain = (drawn.status == "ok") & (drawn.yielded == 0) & (np.arange(ticks) >= late) & within[:, 1]
     for k in np.flatnonzero(plain)[:: max(1, int(plain.sum()) // 50)].tolist():
         pull = stiffness * (mapped()(x[k - late, 0]) - x[k, 1])
+        pull *= min(1.0, limit / max(float(np.linalg.norm(pull)), 1e-12))
         verdict.within("pull away from that of the image [N]", np.abs(values[k, 1] - pull), 1e-5 * limit)
     verdict.during("pull compared", plain, dt)
     for k in picked.tolist():

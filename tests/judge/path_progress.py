@@ -65,9 +65,11 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     shape, width = SHAPES[number % len(SHAPES)], float(rng.choice([0.005, 0.01, 0.02]))
     knots, dt = corners(rng, shape, width), float(rng.choice([2e-3, 5e-3, 1e-2]))
     stiffness, damping, slew = float(rng.choice([500.0, 3000.0])), float(rng.choice([0.0, 40.0])), 1000.0
+    growth = (1e5, 200.0)[number % 2]
     comfortable = Workspace(shapely.box(-2, -2, 2, 2), accuracy=0.0)
     force = PathAssistance(knots, stiffness=stiffness, width=width, damping=damping, comfortable=comfortable,
-                           slew_limit=slew, energy_budget=1e3, dt=dt, trust_stillness=True, compile=False)  # fmt: skip
+                           slew_limit=slew, growth_limit=growth, energy_budget=1e3, dt=dt, trust_stillness=True,
+                           compile=False)  # fmt: skip
     verdict.begin(number, f"{shape}, width {width:g}, dt {dt:g}")
     ticks = max(run_length(rng, number, dt), 600)
     lengths = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(knots, axis=0), axis=1))]
@@ -85,7 +87,7 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     for k in range(ticks):
         commands.append(force.step(x[k], told[k]))
         progress[k], wanted[k] = force.progress, force.wanted
-    given = Settings(dt, "follow", 30.0, slew, 1000.0, 1.0, stiffness, damping, 500.0, 10.0, knots)
+    given = Settings(dt, "follow", 30.0, slew, growth, 1000.0, 1.0, stiffness, damping, 500.0, 10.0, knots)
     none = schedule(rng, ticks, dt, ("",), every=math.inf)
     judge_bounds(verdict, Run(given, shape, x, x[:-1], np.full(ticks, dt), commands, wanted, np.full(ticks, 1000.0),
                               none, told, step > dt, force))  # fmt: skip

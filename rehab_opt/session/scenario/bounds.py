@@ -20,6 +20,7 @@ def bounds_of(problem: ScenarioProblem, *, solver: str | None) -> ForceBounds:
     said = problem.assistance
     return {
         "slew_limit": said.slew_limit_N_s,
+        "growth_limit": said.growth_limit_N_s,
         "energy_budget": said.energy_budget_J,
         "speed_cap": said.speed_cap_m_s,
         "trust_stillness": True,  # a simulated sensor does not freeze

@@ -36,6 +36,9 @@ class Answer(NamedTuple):
 class ForceLaw(ABC):
     """Positions in, forces out."""
 
+    notes: tuple[str, ...] = ()
+    """What of its numbers does not go together."""
+
     def start(self, number: int) -> None:  # noqa: B027  (most have nothing to forget)
         """A trial begins."""
 
@@ -63,7 +66,7 @@ class Assisted(ForceLaw):
     """`Assistance`, which estimates the velocity from the positions."""
 
     def __init__(self, assistance: Assistance) -> None:
-        self._assistance = assistance
+        self._assistance, self.notes = assistance, assistance.notes
 
     def start(self, number: int) -> None:
         """No force yet, and a full tank."""

@@ -96,7 +96,8 @@ class AssistanceSection(Section):
     """The bounds of the force."""
 
     force_limit_N: float = Field(default=30.0, gt=0, le=1000)
-    slew_limit_N_s: float = Field(default=200.0, gt=0, le=1e5)
+    slew_limit_N_s: float = Field(default=2500.0, gt=0, le=1e5)
+    growth_limit_N_s: float = Field(default=200.0, gt=0, le=1e5)
     energy_budget_J: float = Field(default=20.0, gt=0, le=1e4)
     speed_cap_m_s: float = Field(default=1.0, gt=0, lt=10)
     onset_mm: float = Field(default=0.0, ge=0, le=1000)

@@ -62,8 +62,9 @@ def run_scenario(loaded: ProblemFile[ScenarioProblem], *, solver: str | None, pr
     scene = scene_of(loaded, ready)
     task = problem.task
     trials: dict[Law, tuple[Trial, ...]] = {}
+    laws: dict[Law, ForceLaw] = {}
     for name in problem.run.laws:
-        law = law_of(name, loaded, ready, solver=solver)
+        law = laws[name] = law_of(name, loaded, ready, solver=solver)
         done: list[Trial] = []
         for number in range(task.trials):
             progress(f"trials, {name}", number, task.trials)
@@ -92,7 +93,7 @@ def run_scenario(loaded: ProblemFile[ScenarioProblem], *, solver: str | None, pr
             *(() if problem.plant.kind == "ideal" else (plant_note(problem.plant, ""),)),
             *_pair_notes(problem, measures),
             *_runaways(problem, ready, trials),
-            *swinging_notes(trials, slew_limit=problem.assistance.slew_limit_N_s),
+            *swinging_notes(laws),
         ),
         metrics={
             "laws": {name: law_summary(list(of)) | {"trials": list(of)} for name, of in measures.items()},

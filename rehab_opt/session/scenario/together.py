@@ -36,6 +36,7 @@ class Together(ForceLaw):
 
     def __init__(self, both: Bilateral, helper: Helper, *, seed: int) -> None:
         self._both, self._helper, self._seed = both, helper, seed
+        self.notes = both.participant.force.notes
 
     def start(self, number: int) -> None:
         """A new trial: both at rest, nothing under way."""

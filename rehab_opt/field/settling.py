@@ -1,0 +1,129 @@
+"""Whether a hand comes to rest at the end of a spring that acts late and changes no faster than a slew limit.
+
+A hand of mass m that damps its own motion by c is held by F = -S x - D v. v is estimated from positions, through two
+low-passes that lag by `velocity_lag` together; the force acts `delay` later, with a first-order lag. With s = jw the
+loop is
+
+    L(s) = (S + D s / (1 + velocity_lag s / 2)^2) exp(-delay s) / ((1 + lag s) (m s + c) s)
+
+|L| falls with w, so it is one at a single w_c, and the hand comes to rest if and only if L lags by less than 180
+degrees there (Nyquist). Half the margin in radians is the damping ratio of the swing that is left, to first order.
+
+A force that is cut at F and may change by R a second follows a swing at w whose force has the size A <= F unless A w >
+R. Where it does not follow, it comes late, by up to 90 degrees, and drives the swing (describing function of a rate
+limiter: Gelb and Vander Velde, Multiple-Input Describing Functions, 1968). A steady swing needs |L| >= 1, since
+limiters only take away from it, so w <= w_c. Hence there is none where
+
+    F w_c <= R                                                                                  (force times frequency)
+
+A spring alone has w_c = sqrt(S / m). D = sqrt(S m) damps it by half of the critical damping, and puts w_c at 1.2 times
+that. More of it is not better: D / m is the rate at which the late damping itself begins to swing the hand.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+__all__ = ["Crossover", "crossover", "fitting_damping", "fitting_slew", "settling_notes"]
+
+LIGHT, HEAVY = 1.5, 4.0
+"""[kg] Mass of an arm as the hand feels it, across its long axis and along it."""
+OWN_DAMPING = 4.0
+"""[N s/m] The least by which a relaxed arm damps its own motion."""
+MARGIN = 0.1
+"""[rad] Below this a swing is left that loses less than a quarter of its size in each period."""
+
+
+class Crossover(NamedTuple):
+    """Where the gain of a loop is one."""
+
+    frequency: float
+    """[rad/s]"""
+    margin: float
+    """[rad] by which the loop lags less than 180 degrees there; below zero the hand swings ever more."""
+
+
+def fitting_damping(stiffness: float) -> float:
+    """D [N s/m] for a spring S [N/m], sqrt(S m), on a hand of which only the range of its mass is known."""
+    return math.sqrt(stiffness * math.sqrt(LIGHT * HEAVY))
+
+
+def crossover(
+    stiffness: float, damping: float, *, mass: float, delay: float, lag: float, velocity_lag: float
+) -> Crossover:
+    """Of the loop above, S [N/m], D [N s/m], m [kg], and times [s]."""
+
+    def spring(w: float) -> complex:
+        return stiffness + damping * 1j * w / (1.0 + 0.5 * velocity_lag * 1j * w) ** 2
+
+    def amplifies(w: float) -> bool:
+        return abs(spring(w)) > w * math.hypot(mass * w, OWN_DAMPING) * math.hypot(1.0, lag * w)
+
+    low, high = 0.0, 1.0
+    while amplifies(high):
+        low, high = high, 2.0 * high
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if amplifies(middle) else (low, middle)
+    lead = cmath.phase(spring(high)) + math.atan2(OWN_DAMPING, mass * high)
+    return Crossover(high, lead - high * delay - math.atan(lag * high))
+
+
+def fitting_slew(stiffness: float, damping: float, *, force_limit: float, velocity_lag: float) -> float:
+    """R [N/s] from which on no slew limit lets a hand swing: F w_c of the lightest; see the module."""
+    fastest = crossover(stiffness, damping, mass=LIGHT, delay=0.0, lag=0.0, velocity_lag=velocity_lag)
+    return force_limit * fastest.frequency
+
+
+def settling_notes(
+    stiffness: float,
+    damping: float,
+    *,
+    force_limit: float,
+    slew_limit: float,
+    delay: float,
+    lag: float,
+    velocity_lag: float,
+) -> Iterator[str]:
+    """What does not go together, and which number would.
+
+    Parameters
+    ----------
+    stiffness, damping : S [N/m], D [N s/m]. force_limit, slew_limit : F [N], R [N/s].
+    delay : [s] ticks included. lag, velocity_lag : [s]
+    """
+    times = {"delay": delay, "lag": lag, "velocity_lag": velocity_lag}
+    margins = {mass: crossover(stiffness, damping, mass=mass, **times).margin for mass in (LIGHT, HEAVY)}
+    mass = min(margins, key=margins.__getitem__)
+    if not margins[mass] >= MARGIN:
+        swings = "swings ever more" if margins[mass] < 0 else "hardly comes to rest"
+        yield (
+            f"a hand of {mass:g} kg {swings}: a stiffness of {stiffness:g} N/m with a damping of {damping:.3g} N s/m, "
+            f"{1e3 * (delay + lag):.3g} ms late, leaves a phase margin of {math.degrees(margins[mass]):.0f} degrees; "
+            f"{_better(stiffness, **times)}"
+        )
+    needed = fitting_slew(stiffness, damping, force_limit=force_limit, velocity_lag=velocity_lag)
+    if not slew_limit >= (1 - 1e-9) * needed:
+        yield (
+            f"slew_limit = {slew_limit:g} N/s lets a force of {force_limit:g} N come late, which can swing the hand: a "
+            f"stiffness of {stiffness:g} N/m with a damping of {damping:.3g} N s/m asks for {needed:.0f} N/s"
+        )
+
+
+def _better(stiffness: float, **times: float) -> str:
+    """A damping that would do, or the stiffness for which one would."""
+
+    def margin(of: float) -> float:
+        return min(crossover(of, fitting_damping(of), mass=mass, **times).margin for mass in (LIGHT, HEAVY))
+
+    if margin(stiffness) >= MARGIN:
+        return f"a damping of {fitting_damping(stiffness):.3g} N s/m does"
+    low, high = 0.0, stiffness
+    for _ in range(30):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if margin(middle) >= MARGIN else (low, middle)
+    low = math.floor(0.1 * low) * 10.0
+    return f"at most {low:g} N/m come to rest behind this delay, with a damping of {fitting_damping(low):.3g} N s/m"
