@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import math
-from functools import partial
 from threading import get_ident
-from typing import Unpack
+from typing import Unpack, cast
+from weakref import WeakKeyDictionary
 
 from rehab_opt.control.assistance_statement import TINY
 from rehab_opt.control.bounded_force import BoundedForce, ForceBounds
-from rehab_opt.control.gate import Mode, wanted_force
+from rehab_opt.control.gate import GATE, PULL_BACK, Mode, WantedForce, check_mode, gated_force, numbers_of
 from rehab_opt.control.velocity_controller import checked_number
 from rehab_opt.errors import ConfigurationError
+from rehab_opt.field.energy import arranged_samples
 from rehab_opt.field.potential import PotentialField
 from rehab_opt.field.settling import settling_notes
+from rehab_opt.symbolic import BufferedFunction
+from rehab_opt.workspace.edge_distance import edge_columns
 from rehab_opt.workspace.region import Workspace
 
 __all__ = ["Assistance"]
@@ -29,10 +32,10 @@ class Assistance(BoundedForce):
     ----------
     field : what to follow; `aim` exchanges it.
     comfortable : workspace of the gate; not empty.
-    mode : "stretch", "assist", "resist", "follow", "hold": see `wanted_force`.
+    mode : "stretch", "assist", "resist", "follow", "hold": see `gated_force`.
     force_limit : [N] largest size of the force.
-    onset : [m] see `wanted_force`; zero is Eq. (23).
-    return_stiffness, return_force : [N/m, N] see `wanted_force`.
+    onset : [m] over which a therapy's force grows beyond the boundary; zero is Eq. (23).
+    return_stiffness, return_force : [N/m, N] of the pull back to the workspace in a task, see `gated_force`.
     bounds : slew_limit, energy_budget, speed_cap, velocity_lag, trust_stillness, dt, max_age, solver, backup, tolerance
         and compile, see `BoundedForce`.
 
@@ -40,8 +43,6 @@ class Assistance(BoundedForce):
     ------
     ConfigurationError : an argument that cannot be used.
     """
-
-    _by: list[float] | None
 
     def __init__(
         self,
@@ -58,15 +59,18 @@ class Assistance(BoundedForce):
         if not isinstance(comfortable, Workspace) or comfortable.empty:
             raise ConfigurationError("comfortable", comfortable, "a Workspace that is not empty")
         self.comfortable, self.mode = comfortable, mode
-        self._gate = partial(
-            wanted_force,
-            comfortable=comfortable,
-            mode=mode,
+        self.gate = GATE.numbers(
+            acts_inside=mode in ("follow", "hold"),
             pull_limit=checked_number("force_limit", force_limit, above=0.0, below=1e4),
             onset=checked_number("onset", onset, above=-TINY),
-            return_stiffness=checked_number("return_stiffness", return_stiffness, above=0.0),
-            return_force=checked_number("return_force", return_force, above=0.0),
+            back=PULL_BACK.numbers(
+                stiffness=checked_number("return_stiffness", return_stiffness, above=0.0),
+                force=checked_number("return_force", return_force, above=0.0),
+            ),
         )
+        """`GATE` of this one."""
+        self._edges, self._compile = edge_columns(comfortable.polygon), bounds.get("compile")
+        self._known: WeakKeyDictionary[PotentialField, tuple[WantedForce, memoryview[float]]] = WeakKeyDictionary()
         self.aim(field)
         super().__init__(self._wanted, force_limit=force_limit, **bounds)
 
@@ -75,9 +79,30 @@ class Assistance(BoundedForce):
         if not isinstance(field, PotentialField):
             raise ConfigurationError("field", field, "a PotentialField")
         self._refuse_others()
-        self._wanted = self._gate(field)
-        self.field, self._by = field, None
-        field.pull(0.0, 0.0)  # compiled now, not in the loop
+        if field not in self._known:
+            check_mode(self.mode, field)
+            self._known[field] = self._gated(field)
+        self.field, (self._wanted, self._by) = field, self._known[field]
+        self._by[0] = self._by[1] = 0.0
+
+    def _gated(self, field: PotentialField) -> tuple[WantedForce, memoryview[float]]:
+        """What is wanted of a field, and how far [m] it stands from where it was made."""
+        samples, in_blocks = arranged_samples(field.samples, compile=self._compile)
+        statement = gated_force(len(self._edges), samples.shape[int(in_blocks)], in_blocks=in_blocks)
+        function = BufferedFunction(statement, compile=self._compile)
+        for held, values in zip(function.inputs[2:], (self.gate, self._edges, numbers_of(field), samples), strict=True):
+            held[...] = values
+        # Views: assigning and reading through them costs half of numpy's.
+        hand, carried, force = (
+            cast("memoryview[float]", array.data) for array in (*function.inputs[:2], function.outputs[0])
+        )
+
+        def wanted(x: float, y: float, vx: float, vy: float) -> tuple[float, float]:
+            hand[0], hand[1], hand[2], hand[3] = x, y, vx, vy
+            function.evaluate()
+            return force[0], force[1]
+
+        return wanted, carried
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -94,7 +119,7 @@ class Assistance(BoundedForce):
     @property
     def carried(self) -> tuple[float, float]:
         """[m] how far the field stands from where it was made."""
-        return (0.0, 0.0) if self._by is None else (self._by[0], self._by[1])
+        return self._by[0], self._by[1]
 
     def carry(self, dx: float, dy: float) -> None:
         """Let the field stand (dx, dy) [m] from where it was made, for a target that moves; `aim` puts it back.
@@ -114,7 +139,4 @@ class Assistance(BoundedForce):
             raise ConfigurationError("dx, dy", (dx, dy), "two real numbers [m]") from problem
         if self._owner != get_ident():
             self._refuse_others()
-        if self._by is None:
-            self._by = [0.0, 0.0]
-            self._wanted = self._gate(self.field, carried=self._by)
         self._by[0], self._by[1] = to_x, to_y

@@ -12,12 +12,14 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.control.assistance import Assistance
 from rehab_opt.control.bounded_force import BoundedForce, ForceBounds
 from rehab_opt.control.command import Command
-from rehab_opt.control.gate import kept_inside
+from rehab_opt.control.gate import PULL_BACK, reflected_force
 from rehab_opt.control.thread_owner import OneThread
 from rehab_opt.control.velocity_controller import checked_number
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.field.potential import PotentialField
+from rehab_opt.symbolic import BufferedFunction
 from rehab_opt.workspace.controller_map import ControllerMap
+from rehab_opt.workspace.edge_distance import edge_columns
 from rehab_opt.workspace.region import Workspace
 
 __all__ = ["FromHelper", "FromParticipant", "HelperSide", "ParticipantSide"]
@@ -102,7 +104,7 @@ class ParticipantSide(OneThread):
         force_limit: float = 30.0,
         **bounds: Unpack[ForceBounds],
     ) -> None:
-        self._carry = _checked_map(carry)
+        self.carry = _checked_map(carry)
         spring = PotentialField(
             np.zeros((1, 2)),
             stiffness=checked_number("stiffness", stiffness, above=0.0),
@@ -142,7 +144,7 @@ class ParticipantSide(OneThread):
         target: tuple[float, ...] = NO_FORCE
         if heard is not None and self._serials.fresh(heard.serial):
             self.force.take_energy(heard.energy)
-            target = tuple(self._carry.image(_floats(heard.x, heard.y)).tolist())
+            target = tuple(self.carry.image(_floats(heard.x, heard.y)).tolist())
         self.force.carry(*target)
         command = self.force.step(x, v, enable=enable, stamp=stamp)
         force_x, force_y = command.value.tolist()
@@ -177,20 +179,21 @@ class HelperSide(OneThread):
         return_force: float = 10.0,
         **bounds: Unpack[ForceBounds],
     ) -> None:
-        self._carry = _checked_map(carry)
-        self._damping = checked_number("damping", damping, above=-1e-12)
-        self._felt = np.full(2, math.nan)
-        self._partner = (math.nan, math.nan)
-        self.return_stiffness = checked_number("return_stiffness", return_stiffness, above=0.0)
-        self.return_force = checked_number("return_force", return_force, above=0.0)
-        kept = kept_inside(
-            self._reflected,
-            carry.source,
-            return_stiffness=self.return_stiffness,
-            return_force=self.return_force,
-            known=self._felt,
+        self.carry = _checked_map(carry)
+        self.damping = checked_number("damping", damping, above=-1e-12)
+        self._partner = NO_FORCE
+        self.back = PULL_BACK.numbers(
+            stiffness=checked_number("return_stiffness", return_stiffness, above=0.0),
+            force=checked_number("return_force", return_force, above=0.0),
         )
-        self.force = BoundedForce(kept, force_limit=force_limit, **bounds)
+        """`PULL_BACK` outside the map's source."""
+        edges = edge_columns(carry.source.polygon)
+        function = BufferedFunction(reflected_force(len(edges)), compile=bounds.get("compile"))
+        self._hand, self._jacobian, self._felt, *held = function.inputs
+        held[0][:], held[1][:], held[2][:] = self.damping, self.back, edges
+        self._felt[:] = math.nan
+        self._reflected = function
+        self.force = BoundedForce(self._wanted, force_limit=force_limit, **bounds)
         self._share = _checked_share(exchange, self.force.dt)
         self._serials = _Serials()
 
@@ -199,7 +202,7 @@ class HelperSide(OneThread):
         self._claim()
         self.force.reset()
         self._felt[:] = math.nan
-        self._partner = (math.nan, math.nan)
+        self._partner = NO_FORCE
         self._give_away()
 
     @property
@@ -208,7 +211,7 @@ class HelperSide(OneThread):
 
         For a display: a Newton solve.
         """
-        return self._carry.preimage(_floats(*self._partner))
+        return self.carry.preimage(_floats(*self._partner))
 
     def step(
         self,
@@ -235,9 +238,12 @@ class HelperSide(OneThread):
         given = self.force.give_energy(self._share)
         return command, FromHelper(*_place(x, self.force), given, self._serials.next())
 
-    def _reflected(self, x: float, y: float, vx: float, vy: float) -> tuple[float, float]:
-        back_x, back_y = self._carry.push_force(np.array((x, y)), self._felt).tolist()
-        return -back_x - self._damping * vx, -back_y - self._damping * vy
+    def _wanted(self, *hand: float) -> tuple[float, float]:
+        self._hand[:] = hand
+        self._jacobian[...] = self.carry.spline.value_and_jacobian(self._hand[:2])[1]
+        self._reflected.evaluate()
+        x, y = self._reflected.outputs[0].tolist()
+        return x, y
 
 
 def _place(x: ArrayLike, force: BoundedForce) -> tuple[float, float]:

@@ -1,50 +1,58 @@
-"""When assistance acts: Eq. (23), Rossa et al., and its counterpart of section VI."""
+"""When assistance acts: Eq. (23), Rossa et al., and its counterpart of section VI, as functions of numbers and tables.
+
+Python evaluates them, and C is generated from them.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
-from typing import TYPE_CHECKING, Literal, get_args
+from collections.abc import Callable
+from functools import cache
+from typing import Literal, get_args
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
 
 from rehab_opt.errors import ConfigurationError
+from rehab_opt.field.energy import field_function, field_function_in_blocks
+from rehab_opt.field.potential import PotentialField
+from rehab_opt.optim.certificate import all_true
+from rehab_opt.symbolic.record import Record, Values
+from rehab_opt.workspace.edge_distance import COLUMNS, distance_function
 
-if TYPE_CHECKING:
-    from rehab_opt.field.potential import PotentialField
-    from rehab_opt.workspace.region import Workspace
+__all__ = [
+    "FIELD",
+    "GATE",
+    "PULL_BACK",
+    "Mode",
+    "WantedForce",
+    "check_mode",
+    "gated_force",
+    "numbers_of",
+    "reflected_force",
+]
 
-__all__ = ["Mode", "WantedForce", "kept_inside", "wanted_force"]
-
+Array = NDArray[np.float64]
 Mode = Literal["stretch", "assist", "resist", "follow", "hold"]
 WantedForce = Callable[[float, float, float, float], tuple[float, float]]
 """x, y [m] and velocity [m/s] of the hand -> the force that is wanted [N], before any bound."""
 
+PULL_BACK = Record(stiffness=1, force=1)
+"""What brings a hand back to the nearest point of a workspace: of a stiffness [N/m], and at most a force [N]."""
+GATE = Record(acts_inside=1, pull_limit=1, onset=1, back=PULL_BACK.size)
+"""Whether the field acts inside of the workspace, or outside; its largest pull [N]; over what distance beyond the
+boundary it grows to its full size [m]."""
+FIELD = Record(sharpness=1, damping=2)
+"""Of a field: 1 / sigma^2 [1/m^2], D [N s/m]."""
 
-def wanted_force(
-    field: PotentialField,
-    comfortable: Workspace,
-    mode: Mode,
-    *,
-    pull_limit: float,
-    onset: float,
-    return_stiffness: float,
-    return_force: float,
-    carried: Sequence[float] | None = None,
-) -> WantedForce:
-    """The field, where the mode lets it act.
 
-    stretch, assist, resist (therapy): nothing inside the comfortable workspace, the field outside, growing to its full
-    size over `onset` [m] beyond the boundary. follow, hold (help in a task): the field inside; outside a pull back to
-    the nearest comfortable point, of `return_stiffness` [N/m] and at most `return_force` [N].
-
-    The pull of the field is `pull_limit` [N] at most, and its damping comes off that: of a pull that is cut only
-    together with the damping nothing would slow a hand far from its target, up to the speed at which it is let go.
-
-    `carried` is read in every tick: how far [m] the field then stands from where it was made. Where it is no number,
-    neither the field nor the pull back acts.
+def check_mode(mode: Mode, field: PotentialField) -> None:
+    """Refuse a mode that does not exist, or does not go with the field's drag.
 
     Raises
     ------
-    ConfigurationError : a mode that does not exist, or does not go with the field's drag.
+    ConfigurationError : it is such a one.
     """
     if mode not in get_args(Mode):
         raise ConfigurationError("mode", mode, f"one of {', '.join(get_args(Mode))}")
@@ -53,69 +61,90 @@ def wanted_force(
         raise ConfigurationError("mode", mode, "another mode for a field without drag against the motion")
     if mode != "resist" and resists:
         raise ConfigurationError("mode", mode, "'resist' for a field that drags against the motion")
-    damping_x, damping_y = field.damping.tolist()
-    where = comfortable.signed_distance_and_foot
-    pull = _limited(field.pull if carried is None else _carried(field.pull, carried), pull_limit)
-
-    def outside(x: float, y: float, vx: float, vy: float) -> tuple[float, float]:
-        beyond = where((x, y))[0]
-        if beyond <= 0.0:
-            return 0.0, 0.0
-        share = 1.0 if beyond >= onset else beyond / onset
-        fx, fy = pull(x, y)
-        return share * (fx - damping_x * vx), share * (fy - damping_y * vy)
-
-    def inside(x: float, y: float, vx: float, vy: float) -> tuple[float, float]:
-        fx, fy = pull(x, y)
-        return fx - damping_x * vx, fy - damping_y * vy
-
-    if mode not in ("follow", "hold"):
-        return outside
-    return kept_inside(
-        inside, comfortable, return_stiffness=return_stiffness, return_force=return_force, known=carried or ()
-    )
 
 
-def kept_inside(
-    inside: WantedForce,
-    workspace: Workspace,
-    *,
-    return_stiffness: float,
-    return_force: float,
-    known: Iterable[float] = (),
-) -> WantedForce:
-    """A force inside a workspace; outside a pull to its nearest point, of a stiffness [N/m] and at most a force [N].
+def numbers_of(field: PotentialField) -> Array:
+    """`FIELD` of a field."""
+    return FIELD.numbers(sharpness=1 / field.width**2, damping=field.damping)
 
-    Where one of `known`, read in every tick, is no number, outside there is no force either, but NaN: a release.
+
+@cache
+def gated_force(edges: int, samples: int, *, in_blocks: bool = True) -> ca.Function:
+    """The field, where the mode lets it act.
+
+    stretch, assist, resist (therapy): nothing inside the comfortable workspace, the field outside, growing to its full
+    size over the onset beyond the boundary. follow, hold (help in a task): the field inside; outside a pull back to the
+    nearest comfortable point. Where the place at which the field stands is no number, neither of them acts: NaN.
+
+    The pull of the field is limited, and its damping comes off that: of a pull that is cut only together with the
+    damping nothing would slow a hand far from its target, up to the speed at which it is let go.
+
+    Parameters
+    ----------
+    edges, samples : rows of the tables.
+    in_blocks : whether the samples come as `field_function_in_blocks` takes them, or as `field_function` does.
+
+    Returns
+    -------
+    Position [m] and velocity [m/s] of the hand (4,), how far the field stands from where it was made (2,) [m], `GATE`,
+    `edge_columns` of the workspace, `FIELD`, its samples -> wanted force (2,) [N].
     """
-    where = workspace.signed_distance_and_foot
-
-    def force(x: float, y: float, vx: float, vy: float) -> tuple[float, float]:
-        beyond, foot_x, foot_y = where((x, y))
-        if beyond <= 0.0:
-            return inside(x, y, vx, vy)
-        if not all(map(math.isfinite, known)):
-            return math.nan, math.nan
-        size = min(return_stiffness, return_force / beyond)
-        return size * (foot_x - x), size * (foot_y - y)
-
-    return force
-
-
-def _carried(
-    pull: Callable[[float, float], tuple[float, float]], by: Sequence[float]
-) -> Callable[[float, float], tuple[float, float]]:
-    return lambda x, y: pull(x - by[0], y - by[1])
+    pull = field_function_in_blocks(samples) if in_blocks else field_function(samples)
+    inputs = [ca.MX.sym("input", pull.sparsity_in(i)) for i in range(3)]
+    field = ca.Function("field", inputs, [pull(*inputs)[1]])
+    nothing = ca.Function("no_field", inputs, [ca.MX(ca.DM.nan(2))])
+    hand, carried, numbers, table, of_field = (
+        ca.MX.sym("input", n, m) for n, m in ((4, 1), (2, 1), (GATE.size, 1), (edges, COLUMNS), (FIELD.size, 1))
+    )
+    held = inputs[1]
+    signed, foot = distance_function(edges)(hand[:2], table)
+    where = ca.vertcat(signed, foot)
+    acts = (where[0] <= 0) == numbers[GATE["acts_inside"]]
+    elastic = ca.Function.if_else("field_where_it_acts", field, nothing)(
+        acts, hand[:2] - carried, held, of_field[FIELD["sharpness"]]
+    )
+    force = _gated()(hand, carried, numbers, of_field, where, acts, elastic)
+    return ca.Function(f"gated_force_{edges}_{samples}", [hand, carried, numbers, table, of_field, held], [force])
 
 
-def _limited(
-    pull: Callable[[float, float], tuple[float, float]], limit: float
-) -> Callable[[float, float], tuple[float, float]]:
-    """The pull, of a size [N] at most; NaN stays."""
+@cache
+def _gated() -> ca.Function:
+    hand, carried, where, elastic = (ca.SX.sym("input", n) for n in (4, 2, 3, 2))
+    acts, gate, field = ca.SX.sym("acts"), GATE.symbols("gate"), FIELD.symbols("field")
+    size = ca.hypot(elastic[0], elastic[1])
+    damped = ca.if_else(size > gate.pull_limit, elastic * (gate.pull_limit / size), elastic) - field.damping * hand[2:]
+    share = ca.if_else(ca.logic_or(gate.acts_inside, where[0] >= gate.onset), 1, where[0] / gate.onset)
+    back = ca.if_else(
+        all_true(ca.fabs(carried) < ca.inf), _pulled_back(PULL_BACK.parts(gate.back), hand, where), math.nan
+    )
+    force = ca.if_else(acts, share * damped, ca.if_else(gate.acts_inside, back, ca.SX.zeros(2)))
+    inputs = [hand, carried, gate.column, field.column, where, acts, elastic]
+    return ca.Function("gated", inputs, [force], {"cse": True})
 
-    def limited(x: float, y: float) -> tuple[float, float]:
-        fx, fy = pull(x, y)
-        size = math.hypot(fx, fy)
-        return (fx * (limit / size), fy * (limit / size)) if size > limit else (fx, fy)
 
-    return limited
+@cache
+def reflected_force(edges: int) -> ca.Function:
+    """A force that is felt at the image of the hand's place, by the transpose of the map's Jacobian, and damped.
+
+    Outside of the workspace there is a pull back to its nearest point. Where the felt force is no number, there is no
+    force in either place, but NaN: a release.
+
+    Returns
+    -------
+    Position [m] and velocity [m/s] of the hand (4,), Jacobian there (2, 2), felt force (2,) [N], damping [N s/m],
+    `PULL_BACK`, `edge_columns` of the workspace -> wanted force (2,) [N].
+    """
+    hand, jacobian, felt, damping = (ca.SX.sym("input", *size) for size in ((4, 1), (2, 2), (2, 1), (1, 1)))
+    back, where = PULL_BACK.symbols("back"), ca.SX.sym("where", 3)
+    reflected = -(jacobian.T @ felt) - damping * hand[2:]
+    known = all_true(ca.fabs(felt) < ca.inf)
+    force = ca.if_else(where[0] <= 0, reflected, ca.if_else(known, _pulled_back(back, hand, where), math.nan))
+    inner = ca.Function("reflected", [hand, jacobian, felt, damping, back.column, where], [force], {"cse": True})
+    inputs = [ca.MX.sym("input", inner.sparsity_in(i)) for i in range(5)]
+    table = ca.MX.sym("edges", edges, COLUMNS)
+    found = ca.vertcat(*distance_function(edges)(inputs[0][:2], table))
+    return ca.Function(f"reflected_force_{edges}", [*inputs, table], [inner(*inputs, found)])
+
+
+def _pulled_back(back: Values, hand: ca.SX, where: ca.SX) -> ca.SX:
+    return ca.fmin(back.stiffness, back.force / where[0]) * (where[1:] - hand[:2])

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 from typing import Unpack
 
+import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -14,9 +16,10 @@ from rehab_opt.control.command import Command
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.field.potential import SAMPLES_PER_WIDTH, PotentialField
 from rehab_opt.field.samples import checked_paths, resampled_path
+from rehab_opt.symbolic import BufferedFunction
 from rehab_opt.workspace.region import Workspace
 
-__all__ = ["PathAssistance"]
+__all__ = ["REACH", "PathAssistance", "progress_function"]
 
 Array = NDArray[np.float64]
 
@@ -24,6 +27,26 @@ WINDOW = 4.0
 """Widths of the field on either side that the hand is looked for and led along: further samples have no weight."""
 PIECE = 2.0
 """Widths between the middles of two pieces."""
+REACH, STRIDE = math.ceil(WINDOW * SAMPLES_PER_WIDTH), math.ceil(PIECE * SAMPLES_PER_WIDTH)
+"""The same in samples."""
+
+
+@cache
+def progress_function() -> ca.Function:
+    """Where along the path a hand has come to: the nearest sample within reach, and the piece whose middle is nearest.
+
+    Returns
+    -------
+    Hand (2,) [m], x and y of the samples within `REACH` of the last one (4 `REACH` + 2,) [m], infinite beyond the ends,
+    number of the last one, number of pieces -> number of the nearest sample, and of the piece (2,).
+    """
+    hand, near = ca.MX.sym("hand", 2), ca.MX.sym("near", 4 * REACH + 2)
+    last, pieces = ca.MX.sym("last"), ca.MX.sym("pieces")
+    across, along = near[0::2] - hand[0], near[1::2] - hand[1]
+    squares = across * across + along * along
+    place = last - REACH + ca.find(squares <= ca.mmin(squares))  # the first of them
+    piece = ca.fmin(ca.floor((place + STRIDE // 2) / STRIDE), pieces - 1)
+    return ca.Function("path_progress", [hand, near, last, pieces], [ca.vertcat(place, piece)])
 
 
 class PathAssistance(Assistance):
@@ -70,15 +93,15 @@ class PathAssistance(Assistance):
         if not (isinstance(width, int | float) and 0 < width < math.inf):
             raise ConfigurationError("width", width, "metres above zero")
         spacing = width / SAMPLES_PER_WIDTH
-        self._samples = samples = resampled_path(points, spacing).points
-        self._x, self._y = np.ascontiguousarray(samples.T)
+        samples = resampled_path(points, spacing).points
         if len(samples) < 2:
             raise ConfigurationError("path", points[0].tolist(), "a path, not one place")
-        self._reach = math.ceil(WINDOW * SAMPLES_PER_WIDTH)
-        self._stride = math.ceil(PIECE * SAMPLES_PER_WIDTH)
+        self.track = np.pad(samples, ((REACH, REACH), (0, 0)), constant_values=math.inf)
+        """(N + 2 `REACH`, 2) [m] samples of the path, infinite beyond its ends."""
+        self._flat = self.track.ravel()
         self.pieces = tuple(
             PotentialField(
-                samples[max(0, middle - self._reach) : middle + self._reach + 1],
+                samples[max(0, middle - REACH) : middle + REACH + 1],
                 stiffness=stiffness,
                 width=width,
                 damping=damping,
@@ -86,11 +109,11 @@ class PathAssistance(Assistance):
                 spacing=spacing,
                 compile=bounds.get("compile"),
             )
-            for middle in range(0, len(samples) + self._stride // 2, self._stride)
+            for middle in range(0, len(samples) + STRIDE // 2, STRIDE)
         )
-        for piece in self.pieces:
-            piece.pull(0.0, 0.0)  # made now, not in the loop
         self._at = self._piece = 0
+        self._proceed = BufferedFunction(progress_function(), compile=bounds.get("compile"))
+        self._proceed.inputs[3][0] = len(self.pieces)
         super().__init__(
             self.pieces[0],
             comfortable=comfortable,
@@ -100,18 +123,19 @@ class PathAssistance(Assistance):
             return_force=return_force,
             **bounds,
         )
+        for field in reversed(self.pieces):
+            self.aim(field)  # made now, not in the loop
 
     @property
     def progress(self) -> float:
         """Share of the path, 0 to 1, at which the hand is."""
-        return self._at / (len(self._samples) - 1)
+        return self._at / (len(self.track) - 2 * REACH - 1)
 
     def reset(self, *, energy: bool = True, force: ArrayLike = (0.0, 0.0)) -> None:
         """Forget the past, see `BoundedForce.reset`: at the path's start."""
         super().reset(energy=energy, force=force)
         self._claim()
-        self._at = 0
-        self._lead()
+        self._lead(0, 0)
         self._give_away()
 
     def step(
@@ -120,20 +144,17 @@ class PathAssistance(Assistance):
         """As `Assistance.step`; the progress goes on where the last tick's position was usable."""
         command = super().step(x, v, enable=enable, stamp=stamp)
         if self.usable:
-            (x_now, y_now), first = self.place, max(0, self._at - self._reach)
-            near = slice(first, self._at + self._reach + 1)
-            across, along = self._x[near] - x_now, self._y[near] - y_now
-            # Squared and added one by one, as in C: a fused product may find another of two places as near.
-            across *= across
-            along *= along
-            across += along
-            self._at = first + int(across.argmin())
-            self._lead()
+            proceed, at = self._proceed, self._at
+            proceed.inputs[0][:] = self.place
+            proceed.inputs[1][:] = self._flat[2 * at : 2 * at + 4 * REACH + 2]
+            proceed.inputs[2][0] = at
+            proceed.evaluate()
+            at, piece = proceed.outputs[0].tolist()
+            self._lead(int(at), int(piece))
         return command
 
-    def _lead(self) -> None:
-        """The piece whose middle is nearest."""
-        piece = min((self._at + self._stride // 2) // self._stride, len(self.pieces) - 1)
+    def _lead(self, at: int, piece: int) -> None:
+        self._at = at
         if piece != self._piece:
             self._piece = piece
             self.aim(self.pieces[piece])

@@ -21,7 +21,15 @@ from rehab_opt.field.samples import Samples
 from rehab_opt.symbolic import BufferedFunction, Compile, PerThread
 from rehab_opt.symbolic.compiled import how
 
-__all__ = ["Kernel", "field_function", "field_function_in_blocks", "field_kernel", "field_table", "filled_up"]
+__all__ = [
+    "Kernel",
+    "arranged_samples",
+    "field_function",
+    "field_function_in_blocks",
+    "field_kernel",
+    "field_table",
+    "filled_up",
+]
 
 BLOCK = 10
 """Samples that compiled code sums at once: half the time of a pass over all of them for every operation."""
@@ -43,11 +51,8 @@ class Kernel(NamedTuple):
 
 def field_kernel(samples: Samples, width: float, *, compile: Compile = None) -> PerThread[Kernel]:
     """What evaluates a field at one point, with memory for each thread that asks."""
-    count, table = len(samples.points), field_table(samples)
-    in_blocks = field_function_in_blocks(len(table))
-    function, arranged = in_blocks, table.T
-    if how(compile) == "no":  # the virtual machine is better at few operations on long columns
-        function, arranged = field_function(count), table[:count]
+    arranged, in_blocks = arranged_samples(samples, compile=compile)
+    function = field_function_in_blocks(arranged.shape[1]) if in_blocks else field_function(len(arranged))
 
     def kernel() -> Kernel:
         owner = BufferedFunction(function, compile=compile)
@@ -56,6 +61,13 @@ def field_kernel(samples: Samples, width: float, *, compile: Compile = None) -> 
         return Kernel(point.data, energy.data, force.data, owner)
 
     return PerThread(kernel)
+
+
+def arranged_samples(samples: Samples, *, compile: Compile = None) -> tuple[NDArray[np.float64], bool]:
+    """The samples as `field_function_in_blocks` takes them, or `field_function`, and whether it is the former."""
+    if how(compile) == "no":  # the virtual machine is better at few operations on long columns
+        return field_table(samples)[: len(samples.points)], False
+    return field_table(samples).T, True
 
 
 def field_table(samples: Samples) -> NDArray[np.float64]:

@@ -68,7 +68,7 @@ def filled_grid(
     Parameters
     ----------
     polygon : shapely Polygon or MultiPolygon [m], prepared.
-    table, doubtful : its edges (E, 9), and (E,) whose word on sides is not taken.
+    table, doubtful : its edges (E, 10), and (E,) whose word on sides is not taken.
     square : what to cover.
     known : a part of it whose cells may stay empty, as a finer grid answers there.
     slack : [m] by which rounding may move a point into a neighbouring cell or off the boundary.

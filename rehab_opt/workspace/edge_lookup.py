@@ -64,7 +64,7 @@ class EdgeLookup:
         self._polygon, self._contains_xy = polygon, shapely.contains_xy
         self._table = table = np.asfortranarray(edge_table(polygon))
         self._all = np.arange(len(table))
-        self._edges: list[Edge] = [(*row[:5], tuple(row[5:])) for row in table.tolist()]
+        self._edges: list[Edge] = [(*row[:5], tuple(row[5:9])) for row in table.tolist()]
         doubtful = doubtful_edges(table, tolerance)
         low, high = table[:, :2].min(axis=0), table[:, :2].max(axis=0)
         size = float((high - low).max())
@@ -205,7 +205,7 @@ class EdgeLookup:
             done = part.stop
 
     def _of_edge(self, x: Array, y: Array, edges: Array, sides: Integers) -> Array:
-        """(N, 3) signed distances and feet of points whose nearest edges (N, 9) are known."""
+        """(N, 3) signed distances and feet of points whose nearest edges (N, 10) are known."""
         along_x, along_y = edges[:, 2], edges[:, 3]
         off_x, off_y = x - edges[:, 0], y - edges[:, 1]
         raw = (off_x * along_x + off_y * along_y) * edges[:, 4]

@@ -21,7 +21,7 @@ SHARP = 0.02
 
 
 def edge_table(polygon: Any) -> Array:
-    """(E, 9) the numbers of an `Edge` a row, of all rings of a valid polygon, the interior to the left."""
+    """(E, 10) the numbers of an `Edge` a row, and y of its end: of a valid polygon, the interior to the left."""
     import shapely  # noqa: PLC0415  (loaded with the first workspace)
 
     rings = []
@@ -36,11 +36,13 @@ def edge_table(polygon: Any) -> Array:
                 continue
             if bool(shapely.is_ccw(ring)) is not wanted:
                 points = points[::-1]
-            vector = np.roll(points, -1, axis=0) - points
+            ends = np.roll(points, -1, axis=0)
+            vector = ends - points
             square = (vector**2).sum(axis=1, keepdims=True)
             normal = np.column_stack((vector[:, 1], -vector[:, 0])) / np.sqrt(square)
             at_start = normal + np.roll(normal, 1, axis=0)
-            rings.append(np.hstack((points, vector, 1 / square, at_start, np.roll(at_start, -1, axis=0))))
+            normals = at_start, np.roll(at_start, -1, axis=0)
+            rings.append(np.hstack((points, vector, 1 / square, *normals, ends[:, 1:])))
     return np.concatenate(rings)
 
 

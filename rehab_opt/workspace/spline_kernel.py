@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.symbolic import BufferedFunction
+from rehab_opt.symbolic.table_size import table_size, table_step
 from rehab_opt.workspace.spline_fit import TINY, Fit
 
 __all__ = ["jacobians", "point_function", "point_inputs", "point_statement", "values"]
@@ -60,8 +61,7 @@ def _bending_landmarks(fit: Fit) -> int:
 def _rounded(count: int) -> tuple[int, int]:
     """Landmarks to compile for, and how many of them to a block."""
     count = max(count, 1)  # one of weight zero lets NaN through an affine map
-    step = max(4, 2 ** (count.bit_length() - 4))
-    return -(-count // step) * step, min(step, BLOCK)
+    return table_size(count), min(table_step(count), BLOCK)
 
 
 @functools.lru_cache(maxsize=64)

@@ -206,14 +206,14 @@ def test_what_c_cannot_do_is_refused() -> None:
     hand = np.zeros((10, 2))
     with pytest.raises(ConfigurationError, match="backup='qrqp'"):
         exported_assistance(made("assist", backup=None), hand, title="t")
-    pointed = Workspace(shapely.Polygon([(0, 0), (1, 0), (1, 1), (0, 1e-3)]), accuracy=0.0)
-    sharp = Workspace(shapely.Polygon([(0, 0), (1, 0), (0, 1e-3)]), accuracy=0.0)
-    exported_assistance(made("assist", pointed), hand, title="t")
-    with pytest.raises(ConfigurationError, match="no spikes"):
-        exported_assistance(made("assist", sharp), hand, title="t")
     resisting = PotentialField(EIGHT[:50], stiffness=1000.0, width=0.02, drag=50.0, drag_along="travelled")
     with pytest.raises(ConfigurationError, match="mode"):
         exported_assistance(made("assist"), hand, title="t", fields=[resisting])
+
+
+def test_a_workspace_with_a_spike_becomes_c() -> None:
+    sharp = Workspace(shapely.Polygon([(0, 0), (1, 0), (0, 1e-3)]), accuracy=0.0)
+    assert exported_assistance(made("assist", sharp), np.zeros((10, 2)), title="t").wanted.function.n_in() == 6
 
 
 def test_a_field_that_is_not_there_is_not_aimed_at(library: ctypes.CDLL, helper: Assistance, mode: str) -> None:

@@ -63,15 +63,14 @@ def exported_assistance(
 
     Raises
     ------
-    ConfigurationError : a backup that C has not, a field that does not go with the mode, or a workspace with rings that
-        touch, slivers or spikes, of which Python asks shapely on which side a point is.
+    ConfigurationError : a backup that C has not, a field that does not go with the mode.
     """
     check_rungs(helper)
     path = np.asarray(positions, dtype=np.float64)
     if isinstance(helper, PathAssistance):
         return exported_path_assistance(helper, path, title=title)
     all_fields = (helper.field, *fields)
-    gate = gated_fields(helper, all_fields, name=NAME)
+    wanted = gated_fields(helper, all_fields, name=NAME)
     there = np.zeros_like(path) if carried is None else np.asarray(carried, dtype=np.float64)
     others: list[Tick] = [{"aimed": 0, "carried": by} for by in there]
     ticks = faulty_ticks(
@@ -98,8 +97,7 @@ def exported_assistance(
         name=NAME,
         title=f"{title}: force-bounded assistance, mode {helper.mode}",
         force=helper,
-        wanted=gate.code,
-        evaluated=(gate.function,),
+        wanted=wanted,
         interface="assistance",
         call=CALL,
         usage=USAGE.format(carried="" if carried is None else CARRY),
@@ -107,5 +105,5 @@ def exported_assistance(
         differences=(*DIFFERENCES, FIELDS.format(count), *there_too),
         solves=2,  # and again from a cold start
         more_memory=MEMORY,
-        values={"last_field": str(len(all_fields) - 1)},
+        values={"full": ", 1", "last_field": str(len(all_fields) - 1)},
     )

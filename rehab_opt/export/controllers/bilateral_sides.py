@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import casadi as ca
 import numpy as np
@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from rehab_opt.control.bilateral_sides import BEYOND, FromHelper, FromParticipant, HelperSide, ParticipantSide
 from rehab_opt.control.command import Command
 from rehab_opt.control.force_tick import give, take
-from rehab_opt.export.c_text import filled, initialiser, number
+from rehab_opt.control.gate import reflected_force
+from rehab_opt.export.c_text import number
 from rehab_opt.export.controllers.bounded_force import DIFFERENCES, ExportedForce, check_rungs, faulty_ticks
 from rehab_opt.export.controllers.gated_fields import MEMORY, gated_fields
-from rehab_opt.export.controllers.workspace_edges import edge_rows, pull_back
-from rehab_opt.export.generated import renamed
+from rehab_opt.export.evaluated import Evaluated
 from rehab_opt.export.recording import Recording, Tick, recorded
 from rehab_opt.workspace.controller_map import ControllerMap
-from rehab_opt.workspace.region import ON_BOUNDARY
+from rehab_opt.workspace.edge_distance import edge_columns, nearest_point_function
 from rehab_opt.workspace.spline_kernel import point_inputs, point_statement
 
 __all__ = ["exported_helper_side", "exported_participant_side"]
@@ -26,10 +26,11 @@ __all__ = ["exported_helper_side", "exported_participant_side"]
 Array = NDArray[np.float64]
 
 HELPER, PARTICIPANT = "helper_side", "participant_side"
-MAP = """\
-    double map[6];           /* image of a point [m], Jacobian there, column by column */
-    long long said, newest;  /* numbers of the last message, and of the newest that was heard */"""
+TABLES = ("FRAME", "AFFINE", "LANDMARKS", "WEIGHTS")
+"""Of the map, as `point_inputs` gives them."""
+NUMBERS = "    long long said, newest;  /* numbers of the last message, and of the newest that was heard */"
 FELT = "    double felt[2];          /* on the participant's hand [N]; NaN where it is not known */"
+FORCE_TOO = "    said->force_x = out->value[0];\n    said->force_y = out->value[1];"
 CALL = """\
 rehab_from_{other} heard = {{{heard}, tick->serial}};
     rehab_from_{own} said;
@@ -71,17 +72,24 @@ def exported_helper_side(
 
     Raises
     ------
-    ConfigurationError : a backup that C has not, or a workspace with rings that touch, slivers or spikes.
+    ConfigurationError : a backup that C has not.
     """
     check_rungs(side.force)
-    function = renamed(point_statement(side._carry.spline._fit, with_jacobian=True), f"{HELPER}_map")
-    code = {
-        "name": HELPER,
-        "workspace": filled("workspace.c", {}),
-        "pull_back": pull_back(side.return_stiffness, side.return_force, name=HELPER),
-        "map": _map(side._carry, function, name=HELPER),
-        "hand_damping": number(side._damping),
-    }
+    fit, edges = side.carry.spline._fit, edge_columns(side.carry.source.polygon)
+    spline, force = point_statement(fit, with_jacobian=True), reflected_force(len(edges))
+    at, felt, *numbers = (ca.MX.sym("input", force.sparsity_in(i)) for i in (0, *range(2, force.n_in())))
+    table = [ca.MX.sym("input", spline.sparsity_in(i)) for i in range(1, spline.n_in())]
+    function = ca.Function(
+        "wanted", [at, felt, *numbers, *table], [force(at, spline(at[:2], *table)[1], felt, *numbers)]
+    )
+    wanted = Evaluated(
+        controller=HELPER,
+        name="wanted",
+        about="the participant's force as it is felt in the helper's workspace; outside, what brings the hand back [N]",
+        function=function,
+        inputs=("self->view + X", "self->felt", "DAMPING", "BACK", "SOURCE", *TABLES),
+        tables={"DAMPING": np.array([side.damping]), "BACK": side.back, "SOURCE": edges, **_tables(side.carry)},
+    )
     ticks = _ticks(side, positions, heard, len(PARTICIPANT_SAYS))
 
     def answer(tick: Tick) -> tuple[Command, FromHelper]:
@@ -92,12 +100,12 @@ def exported_helper_side(
         side,
         HELPER,
         title=f"{title}: the helper's side",
-        wanted=filled("felt.c", code),
-        evaluated=(function,),
-        more_memory=f"{MAP}\n{FELT}",
+        wanted=wanted,
+        more_memory=f"{NUMBERS}\n{FELT}",
         recording=_recording(side, ticks, answer),
         differences=(*DIFFERENCES, *OF_THE_PAIR, PARTNER),
         says=(HELPER_SAYS, PARTICIPANT_SAYS),
+        means={"target": "felt", "told": "force_", "listen": "memcpy(self->felt, told, sizeof told);", "say": ""},
     )
 
 
@@ -106,8 +114,21 @@ def exported_participant_side(
 ) -> ExportedForce:
     """The participant's side, likewise."""
     check_rungs(side.force)
-    function = renamed(point_statement(side._carry.spline._fit, with_jacobian=False), f"{PARTICIPANT}_map")
-    gate = gated_fields(side.force, (side.force.field,), name=PARTICIPANT)
+    spline, edges = (
+        point_statement(side.carry.spline._fit, with_jacobian=False), edge_columns(side.carry.source.polygon),
+    )  # fmt: skip
+    inside = nearest_point_function(len(edges))
+    point, *table = (ca.MX.sym("input", spline.sparsity_in(i)) for i in range(spline.n_in()))
+    held = ca.MX.sym("edges", inside.sparsity_in(1))
+    image = Evaluated(
+        controller=PARTICIPANT,
+        name="image",
+        about="the image of a point of the helper's workspace, or of its point nearest to it [m]",
+        function=ca.Function("image", [point, held, *table], [spline(inside(point, held), *table)]),
+        inputs=("at", "SOURCE", *TABLES),
+        tables={"SOURCE": edges, **_tables(side.carry)},
+        arguments="const double *at, ",
+    )
     side.reset()
     ticks = _ticks(side, positions, heard, len(HELPER_SAYS))
 
@@ -119,12 +140,13 @@ def exported_participant_side(
         side,
         PARTICIPANT,
         title=f"{title}: the participant's side",
-        wanted=f"{gate.code}\n\n{_map(side._carry, function, name=PARTICIPANT)}",
-        evaluated=(gate.function, function),
-        more_memory=f"{MEMORY}\n{MAP}",
+        wanted=gated_fields(side.force, (side.force.field,), name=PARTICIPANT),
+        image=image,
+        more_memory=f"{MEMORY}\n{NUMBERS}",
         recording=_recording(side, ticks, answer),
         differences=(*DIFFERENCES, *OF_THE_PAIR),
         says=(PARTICIPANT_SAYS, HELPER_SAYS),
+        means={"target": "carried", "told": "", "listen": "image(self, told, self->carried);", "say": FORCE_TOO},
     )
 
 
@@ -133,14 +155,15 @@ def _exported(
     name: str,
     *,
     title: str,
-    wanted: str,
-    evaluated: Sequence[ca.Function],
+    wanted: Evaluated,
+    image: Evaluated | None = None,
     more_memory: str,
     recording: Recording,
     differences: Sequence[str],
     says: tuple[Sequence[str], Sequence[str]],
+    means: Mapping[str, str],
 ) -> ExportedForce:
-    """What both sides have in common; `says` is what it says, and what it hears."""
+    """What both sides have in common; `says` is what it says, and what it hears; `means` is C of what that does."""
     own, heard = says
     names = {
         "own": name.removesuffix("_side"),
@@ -151,11 +174,11 @@ def _exported(
         title=title,
         force=side.force,
         wanted=wanted,
-        evaluated=(
-            *evaluated,
-            *(renamed(part(side.force.slots), f"{name}_{what}") for what, part in (("give", give), ("take", take))),
-        ),
-        interface=name,
+        parts={
+            **{what: part(side.force.slots) for what, part in (("give", give), ("take", take))},
+            **({image.name: image.function} if image else {}),
+        },
+        interface="side",
         call=CALL.format(
             name=name,
             heard=", ".join(f"tick->heard[{i}]" for i in range(len(heard))),
@@ -168,26 +191,21 @@ def _exported(
         differences=differences,
         solves=2,  # and again from a cold start
         more_memory=more_memory,
+        pieces={"begin": "force_begin.c", "messages": "messages.h", "exchange": "exchange.c"},
         values={
-            "messages": filled("messages.h", {}),
-            "exchange": filled("exchange.c", {"name": name, "share": number(side._share), "beyond": number(BEYOND)}),
+            **names,
+            **means,
+            "full": "",
+            "image": f"{image.code}\n\n" if image else "",
+            "share": number(side._share),
+            "beyond": number(BEYOND),
         },
     )
 
 
-def _map(carry: ControllerMap, function: ca.Function, *, name: str) -> str:
-    """C of the function `map_at`."""
-    tables = zip(("frame", "affine", "landmarks", "weights"), point_inputs(carry.spline._fit), strict=True)
-    return filled(
-        "spline_map.c",
-        {
-            **{each: initialiser(table.ravel(order="F")) for each, table in tables},
-            "name": name,
-            "on_boundary": number(ON_BOUNDARY),
-            "source": edge_rows(carry.source, "carry"),
-            "map_function": function.name(),
-        },
-    )
+def _tables(carry: ControllerMap) -> dict[str, Array]:
+    """Of a map from the helper's workspace to the participant's, a thin-plate spline through landmarks."""
+    return dict(zip(TABLES, point_inputs(carry.spline._fit), strict=True))
 
 
 def _ticks(

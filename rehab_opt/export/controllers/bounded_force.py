@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 import casadi as ca
@@ -15,6 +15,7 @@ from rehab_opt.control.energy_tank import tank_record
 from rehab_opt.control.force_tick import MODEL, SOLVED, VIEW, anew, force_tick, watched_record
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.export.c_text import initialiser, number
+from rehab_opt.export.evaluated import Evaluated
 from rehab_opt.export.exported import ExportedController
 from rehab_opt.export.generated import renamed
 from rehab_opt.export.recording import Tick, with_faults
@@ -28,7 +29,6 @@ Array = NDArray[np.float64]
 DIFFERENCES = (
     f"There is no backup solver. Where Python would ask {BACKUP}, C releases the force and says `REHAB_NOT_CERTIFIED`; "
     "the recorded run is of a Python controller without the backup, too.",
-    "The nearest point of a workspace's boundary is found by asking every edge. Python asks those of a grid's cell.",
     "A stamp is always asked for and checked. In Python it may be left out.",
     "An x that is NULL counts as not a number; Python raises an error for an argument of the wrong shape.",
 )
@@ -42,15 +42,16 @@ class ExportedForce(ExportedController):
     Parameters
     ----------
     force : what answers in Python.
-    wanted : C of the function `wanted`, and of what it needs.
-    evaluated : functions that it calls.
+    wanted : what it wants: `wanted`.
+    parts : further functions of a tick by their names.
     """
 
     core: ClassVar[str] = "bounded_force"
     contents: ClassVar[str] = "what force is wanted, QP solve, certificate, energy tank, watchdog, safe command"
     force: BoundedForce
-    wanted: str
-    evaluated: Sequence[ca.Function]
+    wanted: Evaluated
+    parts: Mapping[str, ca.Function] = field(default_factory=dict)
+    pieces: Mapping[str, str] = field(default_factory=lambda: {"begin": "force_begin.c"})
 
     @property
     def iterations(self) -> int:
@@ -66,7 +67,8 @@ class ExportedForce(ExportedController):
         """The parts of a tick, and what is asked for the wanted force."""
         tick = force_tick(self.slots)
         parts = {"judge": tick.judge, "conclude": tick.conclude, "finish": tick.finish, "anew": anew(self.slots)}
-        return [*(renamed(part, f"{self.name}_{what}") for what, part in parts.items()), *self.evaluated]
+        parts |= {"wanted": self.wanted.function, **self.parts}
+        return [renamed(part, f"{self.name}_{what}") for what, part in parts.items()]
 
     def shape(self) -> dict[str, str]:
         """Sizes, and the model."""
@@ -91,7 +93,7 @@ class ExportedForce(ExportedController):
             "dt": number(self.force.dt),
             "model": initialiser(self.force.model),
             "nothing_seen": initialiser(self.force.nothing_seen()),
-            "wanted": self.wanted,
+            "wanted": self.wanted.code,
         }
 
 

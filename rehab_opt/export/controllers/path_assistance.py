@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.command import Command
-from rehab_opt.control.path_assistance import PathAssistance
-from rehab_opt.export.c_text import initialiser
+from rehab_opt.control.path_assistance import REACH, PathAssistance, progress_function
 from rehab_opt.export.controllers.bounded_force import DIFFERENCES, ExportedForce, faulty_ticks
 from rehab_opt.export.controllers.gated_fields import MEMORY, gated_fields
+from rehab_opt.export.evaluated import Evaluated
 from rehab_opt.export.recording import Tick, recorded
 
 __all__ = ["exported_path_assistance"]
@@ -36,8 +36,16 @@ NEITHER = "`aim` and `carry` are not there: in Python they hold until the hand c
 def exported_path_assistance(helper: PathAssistance, positions: Array, *, title: str) -> ExportedForce:
     """The controller, and what it answers along a path of the hand (N, 2) [m]; see `exported_assistance`."""
     helper.reset()
-    gate = gated_fields(helper, helper.pieces, name=NAME)
-    places, reach, stride = helper._samples, helper._reach, helper._stride
+    wanted = gated_fields(helper, helper.pieces, name=NAME)
+    proceed = Evaluated(
+        controller=NAME,
+        name="proceed",
+        about="where along the path the hand has come to, and the piece that is nearest",
+        function=progress_function(),
+        inputs=("self->view + X", "PATH + 2 * self->place", "place", "PIECES"),
+        tables={"PIECES": np.array([len(helper.pieces)]), "PATH": helper.track.T},
+        arguments="const double *place, ",
+    )
     ticks = faulty_ticks(helper, positions, [{} for _ in positions])
 
     def answer(tick: Tick) -> Command:
@@ -49,8 +57,7 @@ def exported_path_assistance(helper: PathAssistance, positions: Array, *, title:
         name=NAME,
         title=f"{title}: force-bounded assistance along a path, in {len(helper.pieces)} pieces",
         force=helper,
-        wanted=gate.code,
-        evaluated=(gate.function,),
+        wanted=wanted,
         interface="path_assistance",
         call=CALL,
         usage=USAGE,
@@ -58,10 +65,6 @@ def exported_path_assistance(helper: PathAssistance, positions: Array, *, title:
         differences=(*DIFFERENCES, NEITHER),
         solves=2,  # and again from a cold start
         more_memory=MEMORY + "\n    int place;               /* along the path, where the hand is */",
-        values={
-            "places": str(len(places)),
-            "reach": str(reach),
-            "stride": str(stride),
-            "path": ",\n".join(f"    {initialiser(place)}" for place in places.tolist()),
-        },
+        parts={proceed.name: proceed.function},
+        values={"full": ", 1", "proceed": proceed.code, "last_place": str(len(helper.track) - 2 * REACH - 1)},
     )

@@ -1,0 +1,92 @@
+"""Signed distance to a polygon's boundary as an expression over a table of its edges: what a tick evaluates.
+
+Every edge is asked, by a few operations on long columns; `EdgeLookup` answers in between, and for arrays of points. The
+side of a point is that of the nearest edge, or at a corner of the sum of both edges' normals (Baerentzen and Aanaes,
+2005). Where edges nearly coincide, so that rounding may name the wrong one, crossings of a ray are counted.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.optim.certificate import all_true, clipped
+from rehab_opt.symbolic.table_size import table_size
+from rehab_opt.workspace.edge_table import doubtful_edges, edge_table
+from rehab_opt.workspace.region import ON_BOUNDARY
+
+__all__ = ["COLUMNS", "distance_function", "edge_columns", "nearest_point_function"]
+
+COLUMNS = 11
+"""Of an edge: those of `edge_table`, and whether it may be mistaken for another one, so that sides must be counted."""
+NEAR = 1e-9
+"""[m] Edges nearer than this to one another may be mistaken for each other."""
+
+
+def edge_columns(polygon: Any) -> NDArray[np.float64]:
+    """(size, 11) the edges of a polygon, filled up with edges of no length at the first one's start."""
+    edges = edge_table(polygon)
+    table = np.zeros((table_size(len(edges)), COLUMNS))
+    table[:, [0, 1, 9]] = edges[0, [0, 1, 1]]
+    table[: len(edges)] = np.column_stack((edges, doubtful_edges(edges, NEAR)))
+    return table
+
+
+@cache
+def distance_function(size: int) -> ca.Function:
+    """Point (2,) [m], edges (size, 11) -> signed distance [m], negative inside, and the boundary's nearest point (2,).
+
+    Both are NaN for a point that is no number.
+    """
+    point, table = ca.MX.sym("point", 2), ca.MX.sym("edges", size, COLUMNS)
+    start_x, start_y, along_x, along_y, inverse, *_ = ca.horzsplit(table)
+    to_x, to_y = point[0] - start_x, point[1] - start_y
+    share = ca.fmin(ca.fmax((to_x * along_x + to_y * along_y) * inverse, 0), 1)
+    off_x, off_y = to_x - share * along_x, to_y - share * along_y
+    squares = off_x * off_x + off_y * off_y
+    edge = table[ca.find(squares <= ca.mmin(squares)), :]  # the first of them
+    signed, foot = _from_edge()(point, edge)
+    argument = ca.MX.sym("signed")
+    clear = ca.Function("clear", [argument, point, table], [argument])
+    counted = ca.Function("counted", [argument, point, table], [ca.fabs(argument) * _counted_side(size)(point, table)])
+    signed = ca.Function.if_else("sided", counted, clear)(edge[COLUMNS - 1], signed, point, table)
+    return ca.Function(f"edge_distance_{size}", [point, table], [signed, foot])
+
+
+@cache
+def _from_edge() -> ca.Function:
+    """Point (2,), its nearest edge -> signed distance, nearest point (2,): outside is where the normals point to."""
+    point, edge = ca.SX.sym("point", 2), ca.SX.sym("edge", COLUMNS)
+    start, along, inverse, at_start, at_end = ca.vertsplit(edge, [0, 2, 4, 5, 7, 9, COLUMNS])[:5]
+    known = all_true(ca.fabs(point) < ca.inf)
+    part = ca.if_else(known, clipped(ca.dot(point - start, along) * inverse, 0, 1), math.nan)
+    foot = start + part * along
+    off = point - start - part * along
+    within = ca.vertcat(along[1], -along[0])
+    beside = ca.dot(off, ca.if_else(part <= 0, at_start, ca.if_else(part >= 1, at_end, within))) > 0
+    distance = ca.sqrt(ca.sumsqr(off))
+    return ca.Function("from_edge", [point, edge], [ca.if_else(beside, distance, -distance), foot], {"cse": True})
+
+
+def _counted_side(size: int) -> ca.Function:
+    """Point, edges -> -1 inside, around which the boundary turns once, else 1: from the edges that a ray crosses."""
+    point, table = ca.MX.sym("point", 2), ca.MX.sym("edges", size, COLUMNS)
+    start_x, start_y, along_x, along_y, *_, end_y, _ = ca.horzsplit(table)
+    begins, ends = start_y <= point[1], end_y <= point[1]
+    left = (point[0] - start_x) * along_y < (point[1] - start_y) * along_x
+    turns = ca.sum1((begins - ends) * (left == begins))
+    return ca.Function("counted_side", [point, table], [1 - 2 * turns])
+
+
+@cache
+def nearest_point_function(size: int) -> ca.Function:
+    """Point (2,) [m], edges (size, 11) -> the polygon's point (2,) that is nearest: itself inside, see `Workspace`."""
+    point, table = ca.MX.sym("point", 2), ca.MX.sym("edges", size, COLUMNS)
+    distance, foot = distance_function(size)(point, table)
+    inside = distance <= ON_BOUNDARY * (1 + ca.fabs(point[0]) + ca.fabs(point[1]))
+    return ca.Function(f"nearest_point_{size}", [point, table], [ca.if_else(inside, point, foot)])
