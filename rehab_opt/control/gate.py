@@ -74,10 +74,11 @@ def gated_force(edges: int, samples: int, *, in_blocks: bool = True) -> ca.Funct
 
     stretch, assist, resist (therapy): nothing inside the comfortable workspace, the field outside, growing to its full
     size over the onset beyond the boundary. follow, hold (help in a task): the field inside; outside a pull back to the
-    nearest comfortable point. Where the place at which the field stands is no number, neither of them acts: NaN.
+    nearest comfortable point, of a stiffness [N/m] and at most a force [N]. Where the place at which the field stands
+    is no number, neither of them acts: NaN.
 
-    The pull of the field is limited, and its damping comes off that: of a pull that is cut only together with the
-    damping nothing would slow a hand far from its target, up to the speed at which it is let go.
+    The field pulls with `pull_limit` [N] at most, and its damping comes off that: of a pull that is cut only together
+    with the damping nothing would slow a hand far from its target, up to the speed at which it is let go.
 
     Parameters
     ----------

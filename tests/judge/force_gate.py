@@ -17,10 +17,10 @@ PROMISES = (
             "size never grows there, and is exactly zero after force_limit / slew_limit seconds."),
     Promise("rehab_opt/control/gate.py", "stretch, assist, resist (therapy): nothing inside the comfortable workspace, "
             "the field outside"),
-    Promise("rehab_opt/control/gate.py", "The pull of the field is `pull_limit` [N] at most, and its damping comes off "
+    Promise("rehab_opt/control/gate.py", "The field pulls with `pull_limit` [N] at most, and its damping comes off "
             "that"),
     Promise("rehab_opt/control/gate.py", "follow, hold (help in a task): the field inside; outside a pull back to the "
-            "nearest comfortable point, of `return_stiffness` [N/m] and at most `return_force` [N]."),
+            "nearest comfortable point, of a stiffness [N/m] and at most a force [N]."),
     Promise("rehab_opt/field/potential.py", "drag : k1 [N/m]: along the path the force is 2 k1 (length)."),
 )  # fmt: skip
 LEAST = {"therapy inside": 20_000, "therapy outside": 50_000, "task inside": 8000, "task outside": 24_000,

@@ -122,8 +122,8 @@ class Plan(NamedTuple):
 
 def draw(rng: np.random.Generator, number: int, start: Array) -> Plan:
     """Half of them as the model says, the others up to 3 ms more or less late and with noise."""
-    kind, dt = KINDS[number % len(KINDS)], float(rng.choice([2e-3, 5e-3, 1e-2]))
-    ticks, other = int(rng.integers(0, 9)), rng.random() < 0.5
+    kind, other = KINDS[number % len(KINDS)], (number + number // len(KINDS)) % 2 == 1
+    dt, ticks = float(rng.choice([2e-3, 5e-3] if other else [2e-3, 5e-3, 1e-2])), int(rng.integers(0, 9))
     told = JointFeedback(
         delay=(ticks + rng.uniform(-0.4, 0.4) * (ticks > 0)) * dt,
         servo_hz=float(rng.choice([math.inf, 10.0, 24.0, 60.0])) if kind != "limits" else float(rng.choice([10, 24])),
@@ -132,7 +132,8 @@ def draw(rng: np.random.Generator, number: int, start: Array) -> Plan:
         patience=float(rng.choice([0.05, 0.1])),
         contact=1e3,  # what holds a hand is another matter
     )
-    late = max(ticks + int(rng.integers(-1, 2)) * round(3e-3 / dt), 0) if other else ticks
+    change = round(3e-3 / dt) * int(rng.choice([-1, 1]))
+    late = ticks + (change if ticks + change >= 0 else -change) if other else ticks
     narrow = kind == "limits"
     room = rng.uniform(0.02, 0.2, (2, 6)) if narrow else np.full((2, 6), 9.0)
     return Plan(
