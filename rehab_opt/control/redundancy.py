@@ -59,9 +59,6 @@ class RedundancyResolver(OneThread):
     then, and of velocities that are held through it: wheels that hold their speeds instead turn the chair's way within
     a tick, by half of what the chair turns.
 
-    On a fixed base the arm is all there is, and its rows may become dependent on the way: an arm of four joints whose
-    wrist alone still turned the hand was seen to move it against the command by 23 % of it, for 0.2 s.
-
     A joint outside its limits comes back where the task moves it, or the posture cost does, and is not moved by itself:
     without a command there is no motion.
 
@@ -250,8 +247,8 @@ class RedundancyResolver(OneThread):
     ) -> Command:
         """Joint velocities (7,) that lead the hand to a place, through the same QP; call it every tick.
 
-        On a fixed base the hand may stop where a bound is in the way of the smoothed target, though the straight way to
-        the place is free: a chair would have given way.
+        Each axis of the smoothed target moves as fast as it may, so that it leaves the straight way. On a fixed base the
+        hand may stop where a bound is in the way of that, though the straight way is free: a chair gives way.
 
         Parameters
         ----------
