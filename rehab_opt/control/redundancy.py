@@ -228,8 +228,8 @@ class RedundancyResolver(OneThread):
 
         Raises
         ------
-        ConfigurationError : an argument of the wrong shape, a row or frame that does not exist. SharingError : a second
-            thread, see `OneThread`.
+        ConfigurationError : an argument of the wrong shape, a row or frame that does not exist, more rows than joints
+            that move. SharingError : a second thread, see `OneThread`.
         """
         if self._owner != get_ident():
             self._claim()
@@ -247,8 +247,8 @@ class RedundancyResolver(OneThread):
     ) -> Command:
         """Joint velocities (7,) that lead the hand to a place, through the same QP; call it every tick.
 
-        Each axis of the smoothed target moves as fast as it may, so that it leaves the straight way. On a fixed base the
-        hand may stop where a bound is in the way of that, though the straight way is free: a chair gives way.
+        Each axis of the smoothed target moves as fast as it may, so that it leaves the straight way. On a fixed base
+        the hand may stop where a bound is in the way of that, though the straight way is free: a chair gives way.
 
         Parameters
         ----------
@@ -326,6 +326,10 @@ class RedundancyResolver(OneThread):
         return chosen, (joints, asked, np.array([world]), self._numbers)[: 4 if self._max_obstacles else 3]
 
     def _prepare(self, rows: tuple[str, ...], *, compile: Compile) -> ChairAndArm:
+        most = len(self.robot.drive(self.drive).moving) + self.robot.chain.n - CHAIR
+        if len(rows) > most:
+            expected = f"at most {most} rows, as many as joints move on a {self.drive} base"
+            raise ConfigurationError("row_sets", rows, expected)
         chosen = ChairAndArm(self.robot, rows, compile=compile, **self._options)  # type: ignore[arg-type]
         chosen.tell_obstacles(self._numbers)
         self._sets[rows] = chosen

@@ -126,6 +126,12 @@ def test_a_fast_wrist_is_not_turned_round_by_the_elbow_that_carries_it() -> None
     assert min(along) > -0.02
 
 
+def test_more_rows_than_joints_that_move_are_refused() -> None:
+    rows = ("x", "y", "z", "rx", "ry")
+    with pytest.raises(ConfigurationError, match=r"row_sets = .*: expected at most 4 rows, as many as joints move"):
+        RedundancyResolver(ardis(), drive="fixed", row_sets=[rows], compile=False)
+
+
 @pytest.mark.parametrize("drive", DRIVES)
 def test_a_joint_that_stands_does_not_make_braking_longer(drive: DriveName) -> None:
     robot = ardis()
