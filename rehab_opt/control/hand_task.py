@@ -39,6 +39,8 @@ ROUNDING = 1e-9
 """Fraction by which a change stays within the accelerations, so that it is seen to."""
 TINY = 1e-12
 """[m/s] A speed that is no motion."""
+SHIFTS = 3
+"""Of `ROWS`, the first so many shift the hand; the others turn it."""
 
 
 class Last(NamedTuple):
@@ -127,9 +129,9 @@ class HandTask:
         # The hand where braking ends: J(z) u by its tangent at `slower`, since z = q + T u moves with u. The velocities
         # are those of the chassis as it stands there, and so is what the stick commands in the chassis frame.
         slower = braking.slower(last.velocity)
-        way = braking.time * slower
-        stop = self.task_jacobian((q + way)[CHAIR:], turned=ca.SX(0), heading=ca.if_else(world, q[2] + way[2], 0))
-        then, fixed = 2 * stop - jacobian, (jacobian - stop) @ slower
+        stop = self._at_stop(q, braking.time * slower, world)
+        changes = self._changes(q, slower, jacobian, stop, world=world, time=braking.time)
+        then, fixed = stop + changes, -changes @ slower
         along_row, along_fixed = direction.T @ then, ca.dot(direction, fixed)
         across, across_fixed = then - direction @ along_row, fixed - direction * along_fixed
         along_then = ca.fmin(along_row @ base, along_row @ slower) + along_fixed
@@ -162,6 +164,25 @@ class HandTask:
         for i, joint in enumerate(self.moving):
             every[joint] = velocity[i]
         return every
+
+    def _at_stop(self, q: ca.SX, way: ca.SX, world: ca.SX) -> ca.SX:
+        """(k, 7) the Jacobian `way` (7,) from q."""
+        return self.task_jacobian((q + way)[CHAIR:], turned=ca.SX(0), heading=ca.if_else(world, q[2] + way[2], 0))
+
+    def _changes(self, q: ca.SX, u: ca.SX, jacobian: ca.SX, stop: ca.SX, *, world: ca.SX, time: float) -> ca.SX:
+        """(k, 7) by how much J(q + T u) u changes with u through the place alone.
+
+        Where rows shift the hand, second derivatives are symmetric, and what J itself changes by on the way stands for
+        them. Where they turn it, they are not: an elbow swings the wrist's axis, a wrist not the elbow's. The one taken
+        for the other let an elbow turn a fast wrist against the command, by 23 % of it.
+        """
+        turning = [i for i, row in enumerate(self.rows) if ROWS.index(row) >= SHIFTS]
+        changes = stop - jacobian
+        if turning:
+            each = ca.SX.sym("u", u.numel())
+            hand = self._at_stop(q, time * each, world)[turning, :] @ u
+            changes[turning, :] = ca.substitute(ca.jacobian(hand, each), each, u)
+        return changes
 
     def task_jacobian(self, arm: ca.SX, *, turned: ca.SX, heading: ca.SX) -> ca.SX:
         """(k, 7) rows that the stick commands, at arm joints (4,), of velocities with the chair's in its own frame.

@@ -59,9 +59,6 @@ class RedundancyResolver(OneThread):
     then, and of velocities that are held through it: wheels that hold their speeds instead turn the chair's way within
     a tick, by half of what the chair turns.
 
-    On a fixed base the arm is all there is, and its rows may become dependent on the way: an arm of four joints whose
-    wrist alone still turned the hand was seen to move it against the command by 23 % of it, for 0.2 s.
-
     A joint outside its limits comes back where the task moves it, or the posture cost does, and is not moved by itself:
     without a command there is no motion.
 
@@ -231,8 +228,8 @@ class RedundancyResolver(OneThread):
 
         Raises
         ------
-        ConfigurationError : an argument of the wrong shape, a row or frame that does not exist. SharingError : a second
-            thread, see `OneThread`.
+        ConfigurationError : an argument of the wrong shape, a row or frame that does not exist, more rows than joints
+            that move. SharingError : a second thread, see `OneThread`.
         """
         if self._owner != get_ident():
             self._claim()
@@ -250,8 +247,8 @@ class RedundancyResolver(OneThread):
     ) -> Command:
         """Joint velocities (7,) that lead the hand to a place, through the same QP; call it every tick.
 
-        On a fixed base the hand may stop where a bound is in the way of the smoothed target, though the straight way to
-        the place is free: a chair would have given way.
+        Each axis of the smoothed target moves as fast as it may, so that it leaves the straight way. On a fixed base
+        the hand may stop where a bound is in the way of that, though the straight way is free: a chair gives way.
 
         Parameters
         ----------
@@ -329,6 +326,10 @@ class RedundancyResolver(OneThread):
         return chosen, (joints, asked, np.array([world]), self._numbers)[: 4 if self._max_obstacles else 3]
 
     def _prepare(self, rows: tuple[str, ...], *, compile: Compile) -> ChairAndArm:
+        most = len(self.robot.drive(self.drive).moving) + self.robot.chain.n - CHAIR
+        if len(rows) > most:
+            expected = f"at most {most} rows, as many as joints move on a {self.drive} base"
+            raise ConfigurationError("row_sets", rows, expected)
         chosen = ChairAndArm(self.robot, rows, compile=compile, **self._options)  # type: ignore[arg-type]
         chosen.tell_obstacles(self._numbers)
         self._sets[rows] = chosen

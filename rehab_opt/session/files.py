@@ -15,7 +15,7 @@ from rehab_opt.errors import ProblemFileError
 from rehab_opt.session.data_folder import ENVIRONMENT, PREFIX, data_file
 from rehab_opt.session.file_limits import LARGEST_PROBLEM, check_key_depth
 from rehab_opt.session.schema import FORMS, Problem
-from rehab_opt.session.systems import SYSTEMS, system_named
+from rehab_opt.session.systems import ROBOT_FILE, SYSTEMS, system_named
 from rehab_opt.session.text_lines import brief
 from rehab_opt.text_file import shown, whole_text
 
@@ -151,7 +151,8 @@ def recording_path(loaded: ProblemFile[Problem], reference: str, *, key: str = "
     except (OSError, ValueError):  # a name no file can have
         present = False
     if not present:
-        raise ProblemFileError(loaded.file, key, reference, "a recording beside the problem file, or data:folder/file")
+        kind = "robot file" if key == ROBOT_FILE else "recording"
+        raise ProblemFileError(loaded.file, key, reference, f"a {kind} beside the problem file, or data:folder/file")
     if path.is_dir():
         raise ProblemFileError(loaded.file, key, reference, "a file, this is a directory")
     return path
@@ -189,6 +190,8 @@ def schema_error(problem: ValidationError, file: str) -> ProblemFileError:
         value, expected = context["value"], context["expected"]
     elif first["type"] == "missing":
         value, expected = None, "this key"
+    elif first["type"] == "model_type":
+        expected = "a table of keys"
     elif first["type"] in ("too_short", "too_long"):
         expected = f"{_count(context)} entries"
     dotted = ".".join(map(shown, keys))

@@ -111,7 +111,7 @@ def other_resolver(rng: np.random.Generator, dt: float, max_obstacles: int, sets
     middle = np.deg2rad([-60.0, 0.0, 5.0, 0.0])
     wide = rng.uniform(0.5, 1.0, (2, 4)) * np.deg2rad([100.0, 100.0, 80.0, 170.0])
     chair = Chair(
-        str(rng.choice(["mecanum", "differential", "omnidirectional"])),
+        str(rng.choice(["mecanum", "differential", "omnidirectional", "fixed"])),
         a3=rng.uniform(0.0, 0.2),
         d4=rng.uniform(0.33, 0.45),
         d5=rng.uniform(0.35, 0.5),

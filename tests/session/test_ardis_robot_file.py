@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import shutil
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
@@ -10,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from rich.console import Console
 from scipy.spatial.transform import Rotation
 
 from rehab_opt import CapsuleOnLink, ProblemFileError, RedundancyResolver, SerialChain
@@ -17,6 +19,7 @@ from rehab_opt.kinematics.arm_on_chair import arm_on_chair
 from rehab_opt.session.ardis.clearance import arm_gaps, arm_points
 from rehab_opt.session.ardis.outcome import ArdisOutcome
 from rehab_opt.session.ardis.robot import robot_of, start_of
+from rehab_opt.session.ardis.table import ardis_table
 from rehab_opt.session.files import load_problem, shipped_folder
 from rehab_opt.session.mirror.outcome import STEP, MirrorOutcome
 from rehab_opt.session.report import write_report
@@ -215,7 +218,8 @@ PROBLEM, ROBOT, URDF = "ardis/kinova_drink.toml", "robots/kinova_gen3/on_chair.t
         (PROBLEM, "-72.0", "-172.0", "robot.arm_deg.1 = -172.0: expected joint_2 within"),
         (PROBLEM, "arm_deg = ", "# ", "robot.arm_deg = None: expected where the arm"),
         (PROBLEM, "arm_deg = ", "payload_kg = 1.0\narm_deg = ", "robot.payload_kg = 1.0: expected no such key beside"),
-        (PROBLEM, "on_chair.toml", "none.toml", "robot.file = '../robots/kinova_gen3/none.toml': expected a "),
+        (PROBLEM, "on_chair.toml", "none.toml", "kinova_gen3/none.toml': expected a robot file"),
+        (PROBLEM, "[robot]", 'robot = "ardis"\n[run]', "robot = 'ardis': expected a table of keys"),
         (PROBLEM, 'held = ["y", "rx", "ry"]', 'held = ["x", "rx", "ry"]', "stick.modes.0.held = "),
         (PROBLEM, "fixed = ", "tracks = ", "stick.tracks = 'kinova_drink_fixed.csv': expected one of the keys"),
         (PROBLEM, "[stick]", '[plant]\nkind = "mujoco"\n[stick]', "plant.kind = 'mujoco': expected 'ideal' for an arm"),
@@ -236,3 +240,17 @@ def test_a_fault_names_file_joint_key_value_and_what_was_expected(
     assert expected in said
     assert "\n" not in said
     assert len(said.replace(str(Path(loaded_from).parents[1]), "")) < 2 * 140
+
+
+def test_no_share_in_the_table_is_less_than_nothing_by_rounding(drink: ArdisOutcome) -> None:
+    text = io.StringIO()
+    Console(file=text, width=200).print(ardis_table(drink))
+    assert "100 / 0" in text.getvalue()
+    assert "-0 " not in text.getvalue()
+
+
+def test_what_stands_is_no_room_of_what_moves(drink: ArdisOutcome) -> None:
+    chain, motion = drink.robot.chain, drink.drives["fixed"].optimised
+    room = np.min(chain.velocity[3:] - np.abs(motion.velocity[:, 3:]))
+    assert room > chain.velocity[0]  # the standing chair's, smaller here
+    assert drink.metrics["drives"]["fixed"]["optimised"]["excess_max"]["velocity"] == pytest.approx(-room, abs=1e-12)

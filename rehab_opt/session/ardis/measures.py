@@ -91,9 +91,10 @@ def excesses(robot: MobileArm, drive: DriveName, motion: Motion, room: Sequence[
     ahead = motion.q + motion.velocity * motion.dt
     chassis = motion.chassis
     last = np.vstack([np.zeros(chain.n), chassis[:-1]])
-    speeds = np.column_stack(
-        [np.abs(chassis[:, 2:]) - chain.velocity[2:], np.hypot(chassis[:, 0], chassis[:, 1]) - chain.velocity[0]]
-    )
+    speeds = np.abs(chassis[:, CHAIR:]) - chain.velocity[CHAIR:]
+    if wheels.moving:  # the room of a chair that stands is none of the arm's
+        floor = np.hypot(chassis[:, 0], chassis[:, 1]) - chain.velocity[0]
+        speeds = np.column_stack([speeds, np.abs(chassis[:, 2]) - chain.velocity[2], floor])
     over = {
         "position": np.maximum(ahead - chain.upper, chain.lower - ahead)[:, CHAIR:].max(axis=1),
         "velocity": speeds.max(axis=1),

@@ -34,6 +34,7 @@ KEYS = {
     "self_motion": "run.self_motion",
     "solver": "run.solver",
     "obstacles": "room",
+    "row_sets": "stick.modes",
 }
 """Where the problem file says what the library calls by its own name."""
 

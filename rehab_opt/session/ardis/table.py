@@ -33,7 +33,7 @@ def ardis_table(outcome: ArdisOutcome) -> Table:
 def _shares(name: str) -> Callable[[Numbers], str]:
     def cell(of: Numbers) -> str:
         arm = of[f"hand_{name}_arm_share"]
-        return "-" if arm is None else f"{100 * arm:.0f} / {100 * (1 - arm):.0f}"
+        return "-" if arm is None else f"{100 * arm:z.0f} / {100 * (1 - arm):z.0f}"
 
     return cell
 
