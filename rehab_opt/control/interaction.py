@@ -98,8 +98,7 @@ class Interaction:
         for name in ("limit", "stop_at", "hold", "stiffness", "damping", "mass", "most", "speed", "reserve"):
             checked_number(name, getattr(self, name), above=0.0)
         checked_number("release", self.release, above=0.0, below=1.0)
-        if not 0.0 <= self.slow_from < self.limit:
-            raise ConfigurationError("slow_from", self.slow_from, f"newtons from 0 to below the limit, {self.limit:g}")
+        checked_number("slow_from", self.slow_from, above=-1e-12, below=self.limit)
         if not self.limit <= self.stop_at:
             raise ConfigurationError("stop_at", self.stop_at, f"newtons from the limit, {self.limit:g}, on")
 

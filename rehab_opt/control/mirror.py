@@ -117,6 +117,12 @@ class MirrorTracker(MirrorForeseen):
             raise ConfigurationError("chain", chain, "a SerialChain")
         if any(name in options for name in ("task_weights",)):
             raise ConfigurationError("task_weights", options["task_weights"], "turn_length instead")
+        if options.get("feedback") is not None:
+            raise ConfigurationError(
+                "feedback", options["feedback"], "None: this controller acts on measured positions"
+            )
+        if interaction is not None and not isinstance(interaction, Interaction):
+            raise ConfigurationError("interaction", interaction, "an Interaction")
         checked_number("dt", dt, above=0.0, below=1.0)
         limited = chain.with_limits(
             **{name: options.get(name) for name in ("lower", "upper", "velocity", "acceleration")}
