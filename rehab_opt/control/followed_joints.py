@@ -43,7 +43,10 @@ MODEL = Record(dt=1, v_v=1, v_w=1, w_v=1, w_w=1, correction=1, following=1, tole
 
 @cache
 def _followed(n: int, ticks: int) -> ca.Function:
-    """`MODEL`, memory, measured positions, last command (n,) -> memory, reference, errors (n,), (fault, its error, usable)."""
+    """`MODEL`, memory, measured positions, last command (n,) -> memory, reference, errors (n,), what is said of them.
+
+    Said is which joint is at fault, its error, and whether the positions are usable.
+    """
     record = _record(n, ticks)
     model, memory = MODEL.symbols("model"), record.symbols("memory")
     measured, command = ca.SX.sym("measured", n), ca.SX.sym("command", n)

@@ -119,7 +119,7 @@ class MirrorTracker(MirrorForeseen):
             raise ConfigurationError("task_weights", options["task_weights"], "turn_length instead")
         if options.get("feedback") is not None:
             raise ConfigurationError(
-                "feedback", options["feedback"], "None: this controller acts on measured positions"
+                "feedback", options["feedback"], "None: it acts on measured positions"
             )
         if interaction is not None and not isinstance(interaction, Interaction):
             raise ConfigurationError("interaction", interaction, "an Interaction")
