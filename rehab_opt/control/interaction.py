@@ -67,7 +67,8 @@ class Interaction:
 
     Defaults are choices: ISO/TS 15066 as quoted allows a hand 140 N, of healthy adults. A reference out of reach pulls
     with K times its distance: a push away from it is answered beyond that force. A sensor's bias moves the hand by
-    bias / K.
+    bias / K. A sensor that lies is not found: a force that stands still, or leaps by 100 N from tick to tick, is given
+    way to as any other below `stop_at`.
     """
 
     slow_from: float = 8.0

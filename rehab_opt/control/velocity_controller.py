@@ -254,7 +254,7 @@ class VelocityController(OneThread, ABC):
             return self.fallback_command() or self._safe(self._fault())
         status, reason = Status.OK, note
         if solver == ladder.backup != ladder.solver:
-            status, reason = Status.BACKUP, f"{ladder.solver} gave no certified answer"
+            status, reason = Status.BACKUP, "; ".join(filter(None, (f"{ladder.solver} gave no certified answer", note)))
         residual, _, _, yielded, scale = ladder.verdict.tolist()
         if status is Status.OK and not scale:
             status, reason = Status.BLOCKED, note or NOTHING_LEFT
