@@ -43,7 +43,10 @@ MODEL = Record(dt=1, v_v=1, v_w=1, w_v=1, w_w=1, correction=1, following=1, tole
 
 @cache
 def _followed(n: int, ticks: int) -> ca.Function:
-    """`MODEL`, memory, measured positions, last command (n,) -> memory, reference, errors (n,), (fault, its error)."""
+    """`MODEL`, memory, measured positions, last command (n,) -> memory, reference, errors (n,), what is said of them.
+
+    Said is which joint is at fault, its error, and whether the positions are usable.
+    """
     record = _record(n, ticks)
     model, memory = MODEL.symbols("model"), record.symbols("memory")
     measured, command = ca.SX.sym("measured", n), ca.SX.sym("command", n)
@@ -67,7 +70,7 @@ def _followed(n: int, ticks: int) -> ca.Function:
     share = ca.fmin(model.correction * model.dt, 1) * (ca.fabs(error) <= model.tolerance)
     q = ca.if_else(anew, measured, expected + share * error)
     pace = ca.fmin(ca.mmax(ca.fabs(v)) / LIVELY, 1) ** 2
-    used = model.following * (ca.fabs(error) <= model.tolerance)
+    used = model.following * ca.logic_and(usable, ca.fabs(error) <= model.tolerance)
     apart = memory.apart + used * (error - memory.apart)
     strays = memory.strays + pace * used * (error - memory.strays)
     under_way = model.dt * ca.sum2(ca.reshape(sent[: n * ticks], n, ticks)) + w
@@ -77,7 +80,7 @@ def _followed(n: int, ticks: int) -> ca.Function:
     )  # fmt: skip
     # What is no position stays what it is, for whoever names it.
     reference = ca.if_else(ca.fabs(measured) <= PLAUSIBLE, q + under_way, measured)
-    said = ca.vertcat(fault, ca.if_else(fault, far, size))
+    said = ca.vertcat(fault, ca.if_else(fault, far, size), usable)
     seen = clipped(error, -model.tolerance, model.tolerance)
     inputs, outputs = [model.column, memory.column, measured, command], [after, ca.densify(reference), seen, said]
     return ca.Function("followed_joints", inputs, outputs, {"cse": True})
@@ -172,9 +175,10 @@ class FollowedJoints:
         self._measured[:], self._command[:] = q, last
         self._function.evaluate()
         self._memory[:], q[:] = self._after, self._reference
-        joint, self.error = self._said.tolist()
+        joint, self.error, usable = self._said.tolist()
         if guided is not None and self._hand is not None:
-            self.touched, stuck = self._hand.feel(q, self._errors, self._velocity)
+            # A sample that is no number says nothing of the hand, and must not be remembered.
+            self.touched, stuck = self._hand.feel(q, self._errors, self._velocity) if usable else (False, "")
             state, n = self._hand.state, len(q)
             guided[: 2 * n], guided[2 * n :] = self._strays, state
             self.note = HELD_BACK if state[0] else ""

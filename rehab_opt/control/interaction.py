@@ -67,7 +67,8 @@ class Interaction:
 
     Defaults are choices: ISO/TS 15066 as quoted allows a hand 140 N, of healthy adults. A reference out of reach pulls
     with K times its distance: a push away from it is answered beyond that force. A sensor's bias moves the hand by
-    bias / K.
+    bias / K. A sensor that lies is not found: a force that stands still, or leaps by 100 N from tick to tick, is given
+    way to as any other below `stop_at`.
     """
 
     slow_from: float = 8.0
@@ -98,8 +99,7 @@ class Interaction:
         for name in ("limit", "stop_at", "hold", "stiffness", "damping", "mass", "most", "speed", "reserve"):
             checked_number(name, getattr(self, name), above=0.0)
         checked_number("release", self.release, above=0.0, below=1.0)
-        if not 0.0 <= self.slow_from < self.limit:
-            raise ConfigurationError("slow_from", self.slow_from, f"newtons from 0 to below the limit, {self.limit:g}")
+        checked_number("slow_from", self.slow_from, above=-1e-12, below=self.limit)
         if not self.limit <= self.stop_at:
             raise ConfigurationError("stop_at", self.stop_at, f"newtons from the limit, {self.limit:g}, on")
 

@@ -38,12 +38,19 @@ class JointFeedback:
     - The target is taken to be where its twist leads it while a command is on its way (`command_delay`).
     - A hand that runs into something is noticed by where it is left behind (`HeldHand`): the joints are led from rest
       anew, back to where the hand presses hardly, and no faster than `recovery_speed` (a share of the hand speeds, too)
-      until the hand has been free for two seconds. One that is held for longer than `patience` is a fault.
+      until the hand has been free for two seconds. One that is held for longer than `patience` is a fault. Where they
+      begin anew faster than accelerations allow, that yields (`Bound.ACCELERATION`).
+
+    The watch does not see what anything but the hand runs into, nor hands slower than 0.02 m/s. It is late where joints
+    turn faster and faster, near a singular posture. A UR5 simulated with MuJoCo ran into a wall of 30 kN/m at 0.25 m/s
+    with 78 to 187 N, 120 N in the median of 24 random postures, and let go. With its elbow stretched it pressed 600 N,
+    and 425 N until `reset`, since a joint was beyond `tolerance` before it could let go; at 0.02 m/s 86 N stayed. Where
+    that is too much, measure forces.
 
     A following error above `tolerance` for longer than `patience` is a joint that is blocked, an encoder that stands
     still, or an axis that turns the wrong way: the controller brakes, says which joint, and rests until `reset`, as
     drives do: a servo that was held may still push by what it lags behind. An error that large corrects nothing, and a
-    sample that is no number neither ends nor hides a fault.
+    sample that is no number neither ends nor hides a fault. Nor does it change d, or what is known of the hand.
 
     Parameters
     ----------

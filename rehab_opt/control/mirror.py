@@ -117,6 +117,10 @@ class MirrorTracker(MirrorForeseen):
             raise ConfigurationError("chain", chain, "a SerialChain")
         if any(name in options for name in ("task_weights",)):
             raise ConfigurationError("task_weights", options["task_weights"], "turn_length instead")
+        if options.get("feedback") is not None:
+            raise ConfigurationError("feedback", options["feedback"], "None: it acts on measured positions")
+        if interaction is not None and not isinstance(interaction, Interaction):
+            raise ConfigurationError("interaction", interaction, "an Interaction")
         checked_number("dt", dt, above=0.0, below=1.0)
         limited = chain.with_limits(
             **{name: options.get(name) for name in ("lower", "upper", "velocity", "acceleration")}
@@ -217,7 +221,8 @@ class MirrorTracker(MirrorForeseen):
         q : (n,) joint positions now [rad, m].
         pose : (4, 4) the mirrored pose of the tool now, in the base frame.
         twist : (6,) how that moves, linear [m/s] first, then angular [rad/s], in the base frame.
-        force : (3,) [N] that the person exerts on the tool, in the base frame, where it is measured.
+        force : (3,) [N] that the person exerts on the tool, in the base frame, where it is measured. None is no push,
+            also while one keeps the arm at rest: a sample that is lost must be told as NaN, which stops the arm.
         enable : the dead-man input; anything but true decelerates to rest.
         stamp : time of the state [s]; checked by the watchdog when given.
 

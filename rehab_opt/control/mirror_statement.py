@@ -41,7 +41,6 @@ STALE = 200
 class MirrorStatement(PoseTracker):
     """`PoseTracker`'s QP with the rows of `HandBounds`, its true state at the end of the tick, and shortened steps."""
 
-    leads = False  # of a feedback it takes the rate at which limits are approached, alone
     memory_extra = 1  # what the last tick lost of w / w_max against its tangent
     floor: float
     max_deviation: float

@@ -107,8 +107,6 @@ class VelocityController(OneThread, ABC):
     """What is wrong when the statement's requirements are not met."""
     sent: slice | None = None
     """Part of the memory (n,) that is sent, None for the last velocity."""
-    leads: ClassVar[bool] = True
-    """Whether `step` acts on where the joints are led, where there is a feedback."""
     wheels: slice | None = None
     """Part of the memory that goes to wheels, None where there are none."""
 
@@ -134,7 +132,7 @@ class VelocityController(OneThread, ABC):
     @property
     def guidance_size(self) -> int:
         """How many numbers of the memory, behind velocity and position, are what `guidance` names."""
-        return guidance(self.chain.n).size if self.leads and self.feedback is not None else 0
+        return 0 if self.feedback is None else guidance(self.chain.n).size
 
     def guided(self, memory: ca.SX) -> Values | None:
         """What `guidance` names, of a memory; None where joints are not led."""
@@ -219,12 +217,20 @@ class VelocityController(OneThread, ABC):
 
     def _tick(self, enable: object, stamp: float | None) -> Command:
         """One step on what stands in the parameters."""
-        reason = note = ""
-        if self._feedback is not None:
-            reason = self._feedback.lead(self._q, self._last, self._guided)
-            note = self._feedback.note
-            if self._feedback.touched:
-                self._last[:] = 0.0  # whatever held the hand has stopped the joints
+        if self._feedback is None:
+            return self._decided(enable, stamp)
+        reason = self._feedback.lead(self._q, self._last, self._guided)
+        note = self._feedback.note
+        if not self._feedback.touched:
+            return self._decided(enable, stamp, reason, note)
+        before = self._last.copy()
+        self._last[:] = 0.0  # whatever held the hand has stopped the joints
+        command = self._decided(enable, stamp, reason, note)
+        hurried = np.any(np.abs(self._last - before) > self.chain.acceleration * self.dt * (1 + 1e-9) + 1e-12)
+        return command._replace(yielded=command.yielded | Bound.ACCELERATION) if hurried else command
+
+    def _decided(self, enable: object, stamp: float | None, reason: str = "", note: str = "") -> Command:
+        """The command on what stands in the parameters and in the memory; the safe one where there is a reason."""
         if enable is not True or stamp is not None or self._watchdog.stamped:
             reason = self._refusal(enable, stamp) or reason
         if reason:
@@ -248,7 +254,7 @@ class VelocityController(OneThread, ABC):
             return self.fallback_command() or self._safe(self._fault())
         status, reason = Status.OK, note
         if solver == ladder.backup != ladder.solver:
-            status, reason = Status.BACKUP, f"{ladder.solver} gave no certified answer"
+            status, reason = Status.BACKUP, "; ".join(filter(None, (f"{ladder.solver} gave no certified answer", note)))
         residual, _, _, yielded, scale = ladder.verdict.tolist()
         if status is Status.OK and not scale:
             status, reason = Status.BLOCKED, note or NOTHING_LEFT

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from rehab_opt import JointFeedback, PoseTracker, Status, ur5
+from rehab_opt import Bound, Command, JointFeedback, PoseTracker, Status, ur5
 from rehab_opt.control.joint_feedback import COUPLED, pole
+from tests.failing_solvers import failing_solvers
 
 Array = NDArray[np.float64]
 START, DT, SPEED, STILL = np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.0]), 1e-3, 0.25, np.zeros(6)
@@ -133,6 +136,59 @@ def test_a_lie_of_one_sample_holds_no_hand() -> None:
         command = led.step(q - 0.02 * (k == 200) * np.eye(6)[0], pose, twist)
         assert command.reason == ""
         q = q + DT * command.value
+
+
+@cache
+def quick() -> PoseTracker:
+    return tracker(JointFeedback(delay=0.0, servo_hz=math.inf))
+
+
+def stopped_at_once(numbers: Callable[[int], float | None]) -> tuple[list[Command], int]:
+    """Commands to a hand at 0.2 m/s, and the tick in which its joints stand still; a number replaces q[0] of a tick."""
+    led, blocked = quick(), 300
+    led.reset()
+    q, twist, commands = START.copy(), np.array([0.2, 0.0, 0.0, 0.0, 0.0, 0.0]), []
+    first = ROBOT.pose(START)
+    for k in range(blocked + 60):
+        pose, seen, instead = first.copy(), q.copy(), numbers(k)
+        pose[:3, 3] += k * DT * twist[:3]
+        seen[0] = seen[0] if instead is None else instead
+        commands.append(led.step(seen, pose, twist))
+        q = q + DT * commands[-1].value * (k < blocked)
+    return commands, blocked
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, 1e300])
+@pytest.mark.parametrize("when", [range(100, 101), range(100, 400, 2)])
+def test_a_sample_that_is_no_number_does_not_blind_the_watch(bad: float, when: range) -> None:
+    commands, blocked = stopped_at_once(lambda k: bad if k in when else None)
+    first = next(k for k, each in enumerate(commands) if "held back" in each.reason)
+    assert blocked < first <= blocked + 30
+
+
+def test_joints_that_begin_anew_at_rest_say_that_the_acceleration_yields() -> None:
+    commands, _ = stopped_at_once(lambda k: None)
+    last = np.zeros(6)
+    for each in commands:
+        hurried = bool(np.any(np.abs(each.value - last) > ROBOT.acceleration * DT * (1 + 1e-9) + 1e-12))
+        assert bool(each.yielded & Bound.ACCELERATION) == hurried
+        last = each.value
+    assert any(each.yielded & Bound.ACCELERATION for each in commands)
+
+
+def test_another_solver_hides_no_contact() -> None:
+    with failing_solvers() as failures:
+        led = tracker(JointFeedback(delay=0.0, servo_hz=math.inf))
+    q, twist, first = START.copy(), np.array([0.2, 0.0, 0.0, 0.0, 0.0, 0.0]), ROBOT.pose(START)
+    for k in range(160):
+        pose = first.copy()
+        pose[:3, 3] += k * DT * twist[:3]
+        failures.primary = k > 140
+        command = led.step(q, pose, twist)
+        q = q + DT * command.value * (k < 100)
+    assert command.status is Status.BACKUP
+    assert "no certified answer" in command.reason
+    assert "held back" in command.reason
 
 
 def test_a_joint_is_thrown_off_by_no_more_than_its_margin() -> None:

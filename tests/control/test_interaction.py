@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rehab_opt import ConfigurationError, Interaction, KeepOut, MirrorTracker, SerialChain, Status, ur5
+from rehab_opt import ConfigurationError, Interaction, JointFeedback, KeepOut, MirrorTracker, SerialChain, Status, ur5
 from tests.control.mirror_campaign import LARGEST
 from tests.export.mirroring import seven_joints
 
@@ -209,10 +209,17 @@ def test_numbers_that_cannot_be_used_are_named(name: str, value: object) -> None
         Interaction(**{"slow_from": 0.0, name: value})  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("options", [{"stop_at": 20.0}, {"release": 1.0}, {"slow_from": 30.0}])
+@pytest.mark.parametrize("options", [{"stop_at": 20.0}, {"release": 1.0}, {"slow_from": 30.0}, {"slow_from": None}])
 def test_thresholds_out_of_order_are_refused(options: dict[str, float]) -> None:
     with pytest.raises(ConfigurationError, match=next(iter(options))):
         Interaction(**options)
+
+
+def test_a_tracker_refuses_what_it_cannot_use() -> None:
+    with pytest.raises(ConfigurationError, match="interaction = 30"):
+        MirrorTracker(ur5(), interaction=30.0)  # type: ignore[arg-type]
+    with pytest.raises(ConfigurationError, match="feedback = JointFeedback"):
+        MirrorTracker(ur5(), feedback=JointFeedback())
 
 
 # -------------------------------------------------------------------------------------------------- on arms, in a loop

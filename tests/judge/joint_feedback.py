@@ -207,7 +207,8 @@ class Observer:
         usable = np.isfinite(measured)
         self.error = measured - self.model.q if usable.all() and self.known else np.zeros(6)
         lively = min(float(np.abs(self.model.v).max()) / 0.1, 1.0) ** 2
-        taken = -math.expm1(-self.told.following * self.dt) * lively * (np.abs(self.error) <= self.told.tolerance)
+        share = -math.expm1(-self.told.following * self.dt) * lively * usable.all()
+        taken = share * (np.abs(self.error) <= self.told.tolerance)
         self.strays = self.strays + taken * (self.error - self.strays)
         if usable.all():
             if not self.known:
