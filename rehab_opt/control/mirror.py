@@ -72,7 +72,9 @@ class MirrorTracker(MirrorForeseen):
         (`SerialChain.capsules`: the UR5's whole body), the origin of a frame, or the tool's. Without capsules nothing
         is known of the links between those origins. What starts beyond a plane goes no deeper; what no joint moves,
         the led hand and what is mounted on the flange are not guarded, unless a capsule stands for them.
-    limits : what else the posture has to keep: see `Limit`; a rate of None is `rate` here.
+    limits : what else the posture has to keep: see `Limit`; a rate of None is `rate` here. Where curved ones are met
+        together, or with a plane, the hand may stand short of the nearest pose: their tangents promise too much, and
+        the step is shortened.
     person : the arm that is led, in the robot's base frame; the reference is limited to its range of motion
         (`PersonLimit`). grip : (4, 4) pose of the tool in its hand frame.
     interaction : how the hand gives way to measured forces, and where they stop it; default `Interaction()`.
@@ -80,7 +82,8 @@ class MirrorTracker(MirrorForeseen):
     turn_length : [m/rad] what a turn of the hand counts for against its place where both cannot be had.
     rate : [1/s] at which the distance to a bound may decay.
     max_manipulability : w_max where it is known; searched for by default, which takes half a second.
-    gain, posture, lower, upper, velocity, acceleration, dt, recovery_speed, solver, backup, tolerance, max_age,
+    gain : as for `PoseTracker`, but at most 0.4 / dt.
+    posture, lower, upper, velocity, acceleration, dt, recovery_speed, solver, backup, tolerance, max_age,
         compile : as for `PoseTracker`.
 
     Raises

@@ -33,6 +33,9 @@ SPARE = 0.95
 """Share of the hand speeds that the reference may take: the rest is for catching up with it."""
 HASTE = 4.0
 """[1] Feedback on the error asks for at most this many times the largest hand speed."""
+AT_MOST = 0.4
+"""Share of an error that feedback removes in a tick. A floor is curved, of which the QP knows nothing: beyond two over
+what that adds to its own curvature a hand at rest goes to and fro (0.26 rad/s at 20 ms and a share of 0.63)."""
 HALVINGS = 12
 STALE = 200
 """Ticks without gain after which another way out is looked for."""
@@ -88,6 +91,11 @@ class MirrorStatement(PoseTracker):
         turning = ca.norm_2(unweighted[3:, :] @ velocity)
         linear = speed_ahead(self.chain, q, unweighted, velocity, self.dt)
         return ca.fmax(linear / self.linear_speed, turning / self.angular_speed)
+
+    @property
+    def _settling(self) -> float:
+        """[1/s] as `PoseTracker`'s, and slower in long ticks."""
+        return min(super()._settling, AT_MOST / self.dt)
 
     def _asked_twist(self, pose: ca.SX, target: ca.SX, twist: ca.SX) -> tuple[ca.SX, ca.SX]:
         feedback = self._settling * ca.vertcat(
