@@ -118,9 +118,9 @@ def record(
     ticks: Annotated[int, typer.Option(help="QPs of each solver that are then kept at most.")] = 1000,
     solver: Annotated[str | None, typer.Option(help="Solver of the optimised law, instead of the file's.")] = None,
 ) -> None:
-    """Run a problem and write down the QPs that its controllers solve, for comparing solvers: problems/qp/README.md."""
-    from rehab_opt.comparison.recording import file_names, recorded_run  # noqa: PLC0415
-    from rehab_opt.comparison.sequence import write_sequence  # noqa: PLC0415
+    """Run a problem and record the QPs that its controllers solve, to compare solvers on: bench/solvers/README.md."""
+    from rehab_opt.qp_recording.recording import file_names, recorded_run  # noqa: PLC0415
+    from rehab_opt.qp_recording.sequence import write_sequence  # noqa: PLC0415
     from rehab_opt.session.files import load_problem  # noqa: PLC0415
 
     loaded = load_problem(file)
@@ -188,7 +188,13 @@ def bench(
     ),
 ) -> None:
     """Compare solvers on recorded QPs; write table.md, results.json and figures. What is done is not done again."""
-    from rehab_opt.comparison.command import Interruption, bench_command  # noqa: PLC0415  (it loads every solver)
+    try:
+        from bench.solvers.command import Interruption, bench_command  # noqa: PLC0415  (it loads every solver)
+    except ModuleNotFoundError as absent:
+        if (absent.name or "").partition(".")[0] != "bench":
+            raise
+        needed = "the solver comparison, which a wheel leaves out: pip install -e '.[bench]' in a checkout"
+        raise ConfigurationError("bench", "not installed", needed) from absent
 
     interruption = Interruption()
     try:
