@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from rehab_opt import __version__
 from rehab_opt.errors import ConfigurationError, RehabOptError
 from rehab_opt.terminal import bars, interrupted, no_folder, on_interrupt, printer, refuse, say, undisturbed, writable
 
@@ -49,6 +50,21 @@ def main(arguments: list[str] | None = None) -> None:
             os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what could not be printed fails no second time at the end
             place = str(problem.filename or "standard output")
             refuse(ConfigurationError(place, problem.strerror, "a place that can be read and written to"))
+
+
+def _print_version(asked: bool) -> None:
+    if asked:
+        say(f"rehab-opt {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    _version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and end.")
+    ] = False,
+) -> None:
+    """What stands before the command."""
 
 
 @app.command()
@@ -182,7 +198,7 @@ def many(
 def bench(
     family: Annotated[list[str] | None, typer.Option(help="Family or sequence; all of them by default.")] = None,
     solver: Annotated[list[str] | None, typer.Option(help="Solver; every installed one by default.")] = None,
-    time_limit: Annotated[float, typer.Option(help="Of one solve [s]: then its process is killed.")] = 1.0,
+    time_limit: Annotated[float, typer.Option(help="Seconds of one solve: then its process is killed.")] = 1.0,
     out: Annotated[Path, typer.Option(help="Folder of the results, and of what an interrupted run kept.")] = Path(
         "out/bench"
     ),
