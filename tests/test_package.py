@@ -47,7 +47,7 @@ LAYERS = {
     "qp_recording": {"errors", "optim", "session"},
     "export": {"errors", "optim", "workspace", "field", "control", "session"},
     "terminal": {"errors", "session", "symbolic"},
-    "cli": {"errors", "session", "qp_recording", "export", "terminal"},
+    "cli": {"__version__", "errors", "session", "qp_recording", "export", "terminal"},
 }
 
 PUBLIC_OF_TUPLES = {"_replace", "_fields", "_make", "_asdict"}
