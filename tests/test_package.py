@@ -78,7 +78,7 @@ def imported(file: Path) -> Iterator[str]:
             continue
         for name in names:
             first, _, rest = name.partition(".")
-            if first == "rehab_opt" and rest != "__version__":
+            if first == "rehab_opt":
                 yield rest.partition(".")[0]
 
 
