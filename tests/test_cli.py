@@ -19,6 +19,7 @@ from rehab_opt.cli import main
 from rehab_opt.kinematics.human_arm import ARM_JOINTS
 from rehab_opt.session.data_folder import ENVIRONMENT
 from rehab_opt.session.files import shipped_problems
+from rehab_opt.terminal import bars
 
 PROBLEM = """
 system = "upper_limb"
@@ -76,6 +77,21 @@ def test_help_loses_no_unit_to_markup_and_is_at_most_80_columns_wide(
     printed = capsys.readouterr().out
     assert max(map(len, printed.splitlines())) <= 80
     assert " :" not in printed
+
+
+def test_without_a_terminal_progress_is_a_line_a_minute(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = [0.0]
+    monkeypatch.setattr("rehab_opt.terminal.time.monotonic", lambda: clock[0])
+    with bars() as progress:
+        for second in range(150):
+            clock[0] = float(second)
+            progress("following the circle", second, 150)
+    assert capsys.readouterr().err.splitlines() == [
+        "rehab-opt: following the circle, 60 of 150",
+        "rehab-opt: following the circle, 120 of 150",
+    ]
 
 
 def test_run_writes_numbers_trace_and_figures(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -14,7 +14,7 @@ from rehab_opt.qp_recording.sequence import QPSequence, sequence_of
 from rehab_opt.session.files import ProblemFile, shipped_problems
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.run import run_problem
-from rehab_opt.session.systems import Recorded, system_named
+from rehab_opt.session.systems import system_named
 
 __all__ = ["file_names", "recorded_run", "sequence_of_stream"]
 
@@ -50,9 +50,9 @@ def recorded_run(
             raise ConfigurationError(argument, value, f"a number of ticks, {least} or more")
     name = loaded.problem.system
     system = system_named(name)
-    if not isinstance(system, Recorded):
-        raise ProblemFileError(loaded.file, "system", name, "one whose controllers solve a QP every tick")
     dt = system.seconds_a_tick(loaded.problem)
+    if dt is None:
+        raise ProblemFileError(loaded.file, "system", name, "one whose controllers solve a QP every tick")
     with witnessed(skip=skip, most=ticks) as witness:
         run_problem(loaded, progress=progress, **options)
     streams = [stream for stream in witness.streams if len(stream)]

@@ -1,4 +1,4 @@
-"""Figures of ranges used: the joints, the workspaces side by side, and how many of drawn people reach what."""
+"""Ranges used, shown: a table; the joints, the workspaces side by side, and how many of drawn people reach what."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
+from rich.table import Table
+from rich.text import Text
 
 from rehab_opt.kinematics.human_arm import ARM_JOINTS
 from rehab_opt.session.drawing import GRID, MM, REFERENCE, framed, legend_below
@@ -22,13 +24,14 @@ from rehab_opt.session.workspaces.region_drawing import (
     region_path,
     seen_from_above,
 )
+from rehab_opt.session.workspaces.shown import AREA_ROWS, percent, set_columns
 
-__all__ = ["used_ranges_figures"]
+__all__ = ["figures", "table"]
 
 OFFSETS = (-0.17, 0.17)
 
 
-def used_ranges_figures(outcome: UsedRangesOutcome) -> dict[str, Figure]:
+def figures(outcome: UsedRangesOutcome) -> dict[str, Figure]:
     """The figures by file name (without suffix)."""
     drawn = {"range_used": _ranges(outcome), "workspace_of_range_used": _workspaces(outcome)}
     if outcome.variation is not None:
@@ -117,3 +120,22 @@ def _finish(axes: Axes, outcome: UsedRangesOutcome, title: str) -> None:
     axes.set_aspect("equal", adjustable="box")  # the panels share their axes
     axes.set_axisbelow(True)
     axes.set_title(title, fontsize=10)
+
+
+def table(outcome: UsedRangesOutcome) -> Table:
+    """A section for each task, a column for each group; joints and quantities with their units."""
+    caption = f"workspace of the range used, plane {plane_words(outcome.section)}, {handle_words(outcome.section)}"
+    grid = set_columns(outcome.title, GROUPS, caption)
+    for task, of_task in outcome.tasks.items():
+        groups = [outcome.metrics["groups"][of.label] for of in of_task]
+        grid.add_section()
+        grid.add_row(Text(f"{TASKS[task]}: range used, deg", style="bold"))
+        for joint in ARM_JOINTS:
+            used = (numbers["range_used"][f"{joint}_deg"] for numbers in groups)
+            grid.add_row(f"   {joint.replace('_', ' ')}", *(f"{of['lower']:.0f} to {of['upper']:.0f}" for of in used))
+        grid.add_row(Text("workspace of the range used", style="bold"))
+        for label, value in AREA_ROWS:
+            grid.add_row(f"   {label}", *(value(numbers) for numbers in groups))
+        shares = (percent(numbers["share_inside_other_group"]) for numbers in groups)
+        grid.add_row("   share of it inside the other's, %", *shares)
+    return grid

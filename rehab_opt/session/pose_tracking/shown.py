@@ -1,20 +1,22 @@
-"""Figures of a followed pose: what was asked, what the robot did."""
+"""A followed pose shown: numbers as a table, what was asked and what the robot did as figures."""
 
 from __future__ import annotations
 
 import numpy as np
 from matplotlib.figure import Figure
+from rich.table import Table
+from rich.text import Text
 
+from rehab_opt.session.cells import Numbers, Rows, counts, margin, millimetres, speed, spread, statuses, times
 from rehab_opt.session.drawing import GRID, MM, REFERENCE, framed, legend_below
 from rehab_opt.session.joint_figure import LAW_STYLES, joint_figure
 from rehab_opt.session.plant.figure import servo_figure
 from rehab_opt.session.pose_tracking.outcome import RobotOutcome
-from rehab_opt.session.pose_tracking.table import TRACKER
 
-__all__ = ["robot_figures"]
+__all__ = ["figures", "table"]
 
 
-def robot_figures(outcome: RobotOutcome) -> dict[str, Figure]:
+def figures(outcome: RobotOutcome) -> dict[str, Figure]:
     """The figures of a run by file name (without suffix)."""
     drawn = {
         "tool_path": _tool_path(outcome),
@@ -61,3 +63,40 @@ def _robot_error(outcome: RobotOutcome) -> Figure:
         axes.grid(**GRID)
     legend_below(figure, distance, 1)
     return figure
+
+
+TRACKER = "PoseTracker"
+SHARE_SHOWN = 0.05  # [%] shares that differ by less look the same
+
+
+def table(outcome: RobotOutcome) -> Table:
+    """Rows of quantities with their units."""
+    grid = Table(title=Text(outcome.title))
+    grid.add_column("quantity")
+    grid.add_column(TRACKER, justify="right")
+    for label, value in ROBOT_ROWS:
+        grid.add_row(label, value(outcome.metrics["optimised"]))
+    return grid
+
+
+def _delivered(of: Numbers) -> str:
+    least, moving = 100 * of["scale_min"], of["scale_min_moving"]
+    if moving is None or 100 * moving - least < SHARE_SHOWN:
+        return f"{least:.1f}"
+    return f"{100 * moving:.1f} ({least:.1f} below 1 mm/s)"
+
+
+ROBOT_ROWS: Rows = (
+    ("parameters", lambda of: f"solver {of['parameters']['solver']}"),
+    ("position error mean / p95 / max, mm", millimetres("position_error")),
+    ("orientation error mean / p95 / max, deg", spread("orientation_error", "deg")),
+    ("smallest joint-limit margin, deg", margin),
+    ("fastest joint, deg/s (share of limit)", speed),
+    ("least share of the asked motion delivered, %", _delivered),
+    ("tick time median / p99 / max, ms", times("tick")),
+    ("ticks by status", statuses),
+    (
+        "ticks in which something yielded",
+        lambda of: counts(of["yielded"]) or "0",
+    ),
+)

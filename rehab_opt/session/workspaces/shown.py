@@ -1,11 +1,17 @@
-"""Figures of workspaces: slices as in Fig. 3(b) of Rossa et al., volumes as in Fig. 3(a)."""
+"""Workspaces shown: a table, and figures as in Fig. 3 of Rossa et al., slices (b) and volumes (a)."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
+from rich.table import Table
+from rich.text import Text
 
+from rehab_opt.session.cells import Numbers, Rows
 from rehab_opt.session.drawing import MM, framed, legend_below
 from rehab_opt.session.workspaces.outcome import WorkspaceOutcome
 from rehab_opt.session.workspaces.reached import handle_words, plane_words
@@ -18,10 +24,10 @@ from rehab_opt.session.workspaces.region_drawing import (
     seen_from_above,
 )
 
-__all__ = ["workspace_figures"]
+__all__ = ["AREA_ROWS", "figures", "percent", "set_columns", "table"]
 
 
-def workspace_figures(outcome: WorkspaceOutcome) -> dict[str, Figure]:
+def figures(outcome: WorkspaceOutcome) -> dict[str, Figure]:
     """The figures by file name (without suffix)."""
     drawn = {"workspace": _slices(outcome)}
     if outcome.volumes:
@@ -82,3 +88,60 @@ def _volumes(outcome: WorkspaceOutcome) -> Figure:
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=2, frameon=False, fontsize=9)
     return figure
+
+
+def table(outcome: WorkspaceOutcome) -> Table:
+    """Rows of quantities with their units, a column for each range of motion."""
+    sets = outcome.metrics["sets"]
+    caption = f"plane {plane_words(outcome.section)}, {handle_words(outcome.section)}"
+    grid = set_columns(outcome.title, sets, caption)
+    for label, value in AREA_ROWS:
+        grid.add_row(label, *(value(numbers) for numbers in sets.values()))
+    for other in sets if len(sets) > 1 else ():
+        shares = (numbers["share_inside"].get(other) for numbers in sets.values())
+        grid.add_row(Text(f"share of it inside {other}, %"), *map(percent, shares))
+    grid.add_row("time to find it, s", *(f"{numbers['seconds']:.2f}" for numbers in sets.values()))
+    volumes = outcome.metrics["volumes"]
+    for key, label in (("handle_held", "volume, handle held as above, l"), ("handle_free", "volume, handle free, l")):
+        if any(key in numbers for numbers in volumes.values()):
+            grid.add_row(label, *(_litres(volumes[name].get(key)) for name in sets))
+    return grid
+
+
+def set_columns(title: str, names: Any, caption: str) -> Table:
+    """An empty table with a column for each named set."""
+    grid = Table(title=Text(title), caption=Text(caption), caption_justify="left")
+    grid.add_column("quantity")
+    for name in names:
+        grid.add_column(Text(name), justify="right")
+    return grid
+
+
+def _extent(axis: str) -> Callable[[Numbers], str]:
+    def cell(of: Numbers) -> str:
+        low, high = of[f"{axis}_min_m"], of[f"{axis}_max_m"]
+        return "-" if low is None else f"{1e3 * low:.0f} to {1e3 * high:.0f}"
+
+    return cell
+
+
+def _area(of: Numbers) -> str:
+    return "0 (empty)" if of["empty"] else f"{1e4 * of['area_m2']:.4g}"
+
+
+def percent(share: float | None) -> str:
+    """A share, or that there is none."""
+    return "-" if share is None else f"{100 * share:.1f}"
+
+
+def _litres(of: Numbers | None) -> str:
+    return "-" if of is None else f"{1e3 * of['volume_m3']:.3g} +- {1e3 * of['volume_bound_m3']:.2g}"
+
+
+AREA_ROWS: Rows = (
+    ("area, cm^2", _area),
+    ("separate parts; holes", lambda of: f"{of['components']}; {of['holes']}"),
+    ("extent to the right, x, mm", _extent("x")),
+    ("extent forwards, y, mm", _extent("y")),
+    ("accuracy of the boundary, mm", lambda of: f"{1e3 * of['accuracy_m']:.2g}"),
+)
