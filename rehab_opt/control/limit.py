@@ -50,16 +50,22 @@ class Limit:
         """(k,) the distances at q (n,)."""
         return ca.densify(ca.vec(ca.SX(self.distances(chain, q))))
 
-    def nearest(self, chain: SerialChain, q: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """The least distance at q (n,), and how it changes with q (1, n)."""
-        symbol = ca.SX.sym("q", chain.n)
-        each = self.at(chain, symbol)
+    def nearest(self, chain: SerialChain, q: ca.SX, way: ca.SX | None = None) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """The least distance at q (n,), how it changes with q (1, n), and what of it `way` (n,) costs besides.
+
+        That is what the distance is below its tangent after `way`, zero where it is above.
+        """
+        symbol, ahead = ca.SX.sym("q", chain.n), ca.SX.sym("ahead", chain.n)
+        each, then = self.at(chain, symbol), self.at(chain, ahead)
         slopes = ca.jacobian(each, symbol)
-        least, slope = each[0], slopes[0, :]
+        least, slope, after = each[0], slopes[0, :], then[0]
         for i in range(1, each.numel()):
             closer = each[i] < least
             least, slope = ca.if_else(closer, each[i], least), ca.if_else(closer, slopes[i, :], slope)
-        return ca.Function("nearest", [symbol], [least, ca.densify(slope)]).call([q])  # type: ignore[return-value]
+            after = ca.if_else(closer, then[i], after)
+        found = ca.Function("nearest", [symbol, ahead], [least, ca.densify(slope), after])
+        least, slope, after = found.call([q, q if way is None else q + way])
+        return least, slope, ca.SX(0) if way is None else ca.fmax(least + slope @ way - after, 0)
 
 
 def checked_limits(limits: Sequence[Limit], chain: SerialChain) -> tuple[Limit, ...]:
@@ -121,6 +127,14 @@ class Limits:
         opened = bounds._replace(lower=ca.fmin(bounds.lower, kept), upper=ca.fmax(bounds.upper, kept))
         return -slopes, ca.fmax(free, -slopes @ kept), opened
 
+    def falls(self, q: ca.SX, last: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Slopes (m, n) of the least distances, and how fast they may fall (m,): below zero where they have to rise.
+
+        What is beyond a limit is taken for at it: it goes no further, and is not led back.
+        """
+        slopes, least, spent = self._tangents(q, last)
+        return slopes, self._shares * ca.fmax(least, 0) - spent
+
     def braking(self, q: ca.SX, last: ca.SX, bounds: VelocityBounds) -> ca.SX:
         """(n,) the velocity nearest to rest, but for joints that hold theirs longer where a limit wants it."""
         rest = nearest_to_rest(bounds)
@@ -146,16 +160,23 @@ class Limits:
         return all_true(*conditions)
 
     def _now(self, q: ca.SX, last: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Slopes (m, n) of the least distances, how fast they may fall, and may not but in this tick (m,).
+        """Slopes (m, n) of the least distances, how fast they may fall, and may not but in this tick (m,)."""
+        slopes, least, spent = self._tangents(q, last)
+        return slopes, self._shares * least - spent, ca.fmax(least, 0) / self.dt
 
-        The slopes are those of the middle of the tick, where the last velocity leads. What the way bends by besides is
-        kept as a margin: the square of the joints' way in a tick.
+    def _tangents(self, q: ca.SX, last: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Slopes (m, n) of the least distances, these (m,), and what of their fall the tangents do not tell (m,).
+
+        That is what the last velocity would lose against them in this tick, and what leads to a margin for what a
+        change of it may lose more. Nearer than the margin, what lacks of it is asked for in this tick: an arm that
+        stands at a limit is free to begin to move along it.
         """
-        least = ca.vertcat(*(each.nearest(self.chain, q)[0] for each in self.limits))
-        slopes = ca.vertcat(*(each.nearest(self.chain, q + last * (self.dt / 2))[1] for each in self.limits))
-        way = self.dt * (ca.sum1(ca.fabs(last)) + self._begun)
-        margin = ca.sqrt(ca.sum2(slopes**2)) * way**2 / 2
-        return slopes, self._shares * (least - margin), ca.fmax(least, 0) / self.dt
+        found = [each.nearest(self.chain, q, self.dt * last) for each in self.limits]
+        least, slopes, lost = (ca.vertcat(*column) for column in zip(*found, strict=True))
+        way, begun = self.dt * ca.sum1(ca.fabs(last)), self.dt * self._begun
+        margin = ca.sqrt(ca.sum2(slopes**2)) * (way + begun / 2) * begun
+        lacking = clipped(margin - least, 0, margin)
+        return slopes, least, self._shares * (margin - lacking) + (lacking + lost) / self.dt
 
 
 def _kept_within(
