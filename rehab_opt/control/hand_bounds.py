@@ -111,7 +111,7 @@ class HandBounds:
     @property
     def count(self) -> int:
         """Number of rows."""
-        return 2 + len(self.planes) + len(self.limits)
+        return 2 + len(self.distances)
 
     @cached_property
     def distances(self) -> Limits:

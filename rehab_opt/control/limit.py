@@ -37,7 +37,7 @@ class Limit:
     Parameters
     ----------
     distances : chain, joint positions (n,) -> (k,) distances h(q) as CasADi expressions, in any unit. Smooth where they
-        are small; of several the least one makes the row of the QP, all of them are judged at the end of the tick.
+        are small; of several the two least make rows of the QP, all of them are judged at the end of the tick.
         Where they, or their slopes, are no numbers, nothing is certified.
     rate : [1/s] at which the least distance may decay; by default 1/T, T the longest of the joints' speeds over their
         accelerations, so that all joints can brake together before it.
@@ -50,22 +50,26 @@ class Limit:
         """(k,) the distances at q (n,)."""
         return ca.densify(ca.vec(ca.SX(self.distances(chain, q))))
 
-    def nearest(self, chain: SerialChain, q: ca.SX, way: ca.SX | None = None) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """The least distance at q (n,), how it changes with q (1, n), and what of it `way` (n,) costs besides.
+    def count(self, chain: SerialChain) -> int:
+        """How many of the distances make a row of the QP: the two least, which an edge of two is slid along with."""
+        return min(self.at(chain, ca.SX.sym("q", chain.n)).numel(), 2)
 
-        That is what the distance is below its tangent after `way`, zero where it is above.
+    def nearest(self, chain: SerialChain, q: ca.SX, way: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """The least distances at q (n,), one or two, how they change with q (k, n), and what of them `way` (n,) loses.
+
+        That is what a distance is below its tangent after `way`, zero where it is above.
         """
         symbol, ahead = ca.SX.sym("q", chain.n), ca.SX.sym("ahead", chain.n)
-        each, then = self.at(chain, symbol), self.at(chain, ahead)
-        slopes = ca.jacobian(each, symbol)
-        least, slope, after = each[0], slopes[0, :], then[0]
-        for i in range(1, each.numel()):
-            closer = each[i] < least
-            least, slope = ca.if_else(closer, each[i], least), ca.if_else(closer, slopes[i, :], slope)
-            after = ca.if_else(closer, then[i], after)
-        found = ca.Function("nearest", [symbol, ahead], [least, ca.densify(slope), after])
-        least, slope, after = found.call([q, q if way is None else q + way])
-        return least, slope, ca.SX(0) if way is None else ca.fmax(least + slope @ way - after, 0)
+        each = self.at(chain, symbol)
+        first, *others = ca.vertsplit(ca.densify(ca.horzcat(each, self.at(chain, ahead), ca.jacobian(each, symbol))))
+        second = ca.SX(0, first.numel())
+        for other in others:
+            closer = other[0] < first[0]
+            further, first = ca.if_else(closer, first, other), ca.if_else(closer, other, first)
+            second = ca.if_else(further[0] < second[0], further, second) if second.numel() else further
+        found = ca.Function("nearest", [symbol, ahead], [ca.vertcat(first, second)])(q, q + way)
+        least, then, slopes = found[:, 0], found[:, 1], found[:, 2:]
+        return least, slopes, ca.fmax(least + slopes @ way - then, 0)
 
 
 def checked_limits(limits: Sequence[Limit], chain: SerialChain) -> tuple[Limit, ...]:
@@ -96,9 +100,10 @@ def checked_limits(limits: Sequence[Limit], chain: SerialChain) -> tuple[Limit, 
 class Limits:
     """The limits of one arm in one tick.
 
-    A margin is kept before each, the square of the joints' way in a tick: nearer than that the row leads the arm away
-    again, so that it slides along a curved limit and does not stick. Limits come before accelerations, also while
-    braking, and after speeds and joint limits.
+    A row is about the tangent at the beginning of a tick, and the arm is judged at its end. So what the last velocity
+    would lose against the tangent is counted on, and a margin is kept, about the square of the joints' way in a tick:
+    nearer than that the row leads the arm away again, so that it slides along a curved limit and does not stick. Limits
+    come before accelerations, also while braking, and after speeds and joint limits.
 
     Parameters
     ----------
@@ -108,12 +113,15 @@ class Limits:
     def __init__(self, limits: Sequence[Limit], chain: SerialChain, dt: float) -> None:
         self.limits, self.chain, self.dt = tuple(limits), chain, dt
         together = max(float(np.max(chain.velocity / chain.acceleration)), dt)
-        rates = [1 / together if each.rate is None else each.rate for each in self.limits]
+        rates = [
+            1 / together if each.rate is None else each.rate for each in self.limits for _ in range(each.count(chain))
+        ]
         self._shares = ca.DM([(1 - np.exp(-rate * dt)) / dt for rate in rates])
         self._begun = float(np.sum(np.minimum(chain.acceleration * dt, START * chain.velocity)))
 
     def __len__(self) -> int:
-        return len(self.limits)
+        """How many rows they make."""
+        return self._shares.numel()
 
     def rows(self, q: ca.SX, last: ca.SX, bounds: VelocityBounds) -> tuple[ca.SX, ca.SX, VelocityBounds]:
         """R (m, n), r (m,) of R q' <= r, and the intervals, opened where acceleration has to yield.
@@ -156,7 +164,8 @@ class Limits:
         conditions = []
         for each in self.limits:
             now, then = each.at(self.chain, q), each.at(self.chain, q + velocity * self.dt)
-            conditions.append(then >= ca.fmin(now, 0) - ROUNDING * ca.norm_2(each.nearest(self.chain, q)[1]))
+            slope = ca.norm_2(each.nearest(self.chain, q, ca.SX.zeros(self.chain.n))[1][0, :])
+            conditions.append(then >= ca.fmin(now, 0) - ROUNDING * slope)
         return all_true(*conditions)
 
     def _now(self, q: ca.SX, last: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
