@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import sys
-import tomllib
 from pathlib import Path
 
-HERE = Path(__file__).parent
-sys.path[:0] = [str(HERE / "extensions"), str(HERE.parent)]
+import rehab_opt
+
+sys.path.insert(0, str(Path(__file__).parent / "extensions"))
 
 project = "rehab_opt"
 author = "the authors of rehab_opt"
-release = version = tomllib.loads((HERE.parent / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
+release = version = rehab_opt.__version__
 
 extensions = ["myst_parser", "mathml", "from_package"]
 myst_enable_extensions = ["dollarmath", "deflist"]

@@ -19,7 +19,8 @@ FENCE = re.compile(r"^```\{(keys|api|file)\} *(\S*)\n(.*?)^```$", re.DOTALL | re
 PAGES = {
     "bench/README.md": "/reference/bench.md",
     "bench/RESULTS.md": "/reference/results.md",
-    "problems/qp/README.md": "/reference/recorded_qps.md",
+    "bench/solvers/README.md": "/reference/recorded_qps.md",
+    "CONTRIBUTING.md": "/contributing.md",
     "INTENDED_USE.md": "/intended_use.md",
     "CHANGELOG.md": "/changelog.md",
 }
@@ -45,8 +46,14 @@ def _content(fence: re.Match[str]) -> str:
     if kind == "keys":
         return keys_markdown(argument, without=body.split())
     if kind == "file":
-        return (ROOT / argument).read_text(encoding="utf-8")
+        return _linked_from_here((ROOT / argument).read_text(encoding="utf-8"))
     return "\n\n".join(api_markdown(argument, name) for name in body.split())
+
+
+def _linked_from_here(text: str) -> str:
+    """A text of the checkout's root whose links lead from these pages: to pages, or said in words."""
+    text = re.sub(r"\]\(docs/", "](/", text)
+    return re.sub(rf"\[([^\]]*)\]\((?!/|#|\w+:|{'|'.join(map(re.escape, PAGES))})([^)]*)\)", r"\1 (`\2`)", text)
 
 
 def _fill(app: Any, docname: str, source: list[str]) -> None:

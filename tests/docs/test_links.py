@@ -12,8 +12,8 @@ from tests.docs.pages import FENCE, ROOT, name, pages
 LINK = re.compile(r"\]\(([^)\s]+)\)|^```\{figure\} (\S+)$", re.MULTILINE)
 TEXTS = [
     *pages(),
-    *(ROOT / file for file in ("CHANGELOG.md", "INTENDED_USE.md", "problems/README.md", "problems/qp/README.md")),
-    *sorted((ROOT / "bench").glob("*.md")),
+    *(ROOT / file for file in ("CHANGELOG.md", "CONTRIBUTING.md", "INTENDED_USE.md", "problems/README.md")),
+    *sorted((ROOT / "bench").rglob("*.md")),
 ]
 LARGEST_README = 6000
 """[bytes]"""
