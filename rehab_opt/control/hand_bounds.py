@@ -191,7 +191,7 @@ class HandBounds:
             after <= ca.fmax(before, self.deviation) + ROUNDING,
         ]
         for plane in self.planes:
-            now, later = (self._heights(self.chain.frames_expression(at), plane) for at in (q, ahead))
+            now, later = (self.heights(self.chain.frames_expression(at), plane) for at in (q, ahead))
             conditions += [b >= ca.fmin(a, 0) - ROUNDING for a, b in zip(now, later, strict=True)]
         if self.limits:
             conditions.append(Limits(self.limits, self.chain, self.dt).kept(q, velocity))
@@ -200,10 +200,10 @@ class HandBounds:
     def least_height(self, q: Array, plane: KeepOut) -> float:
         """[m] of what is guarded above a plane at q (n,); negative where the arm is in the keep-out."""
         symbol = ca.SX.sym("q", self.chain.n)
-        heights = ca.vertcat(*self._heights(self.chain.frames_expression(symbol), plane))
+        heights = ca.vertcat(*self.heights(self.chain.frames_expression(symbol), plane))
         return float(ca.Function("height", [symbol], [ca.mmin(heights)])(q))
 
-    def _heights(self, frames: list[ca.SX], plane: KeepOut) -> list[ca.SX]:
+    def heights(self, frames: list[ca.SX], plane: KeepOut) -> list[ca.SX]:
         """[m] of each guarded point's ball above a plane."""
         normal = ca.DM(plane.normal)
         return [

@@ -109,5 +109,3 @@ def _notes(problem: MirrorProblem, scene: Scene, laws: dict[str, Led], tracker: 
     for name, led in laws.items():
         if not led.complete:
             yield f"{name}: INCOMPLETE, the reference's end was not reached within the patience"
-        if led.counts.get("left out"):
-            yield f"{name}: {led.counts['left out']} stretches of the reference left out, which the arm cannot do"
