@@ -140,7 +140,9 @@ class MirrorFollowing(MirrorWaiting):
             notes.append(f"the reference is followed at {self._rate:.0%} of its pace, {self.clock.behind:.2f} s behind")
         if self._bridging:
             notes.append("bridging a jump of the reference")
-        usual = self._limit is None and not self._interaction.active and self.clock.current and not flat
+        usual = (
+            self._limit is None and not self._interaction.active and self.clock.current and not flat and not self._short
+        )
         if usual and self._rate >= WHOLE and share >= WHOLE:
             pose, twist = self.clock.read()
             self._inputs[0][:], self._inputs[1][:] = pose, twist

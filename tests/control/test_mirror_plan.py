@@ -12,6 +12,7 @@ import pytest
 
 from problems.mirror import motions
 from rehab_opt import Bound, ConfigurationError, MirrorTracker, Smoother, ur5
+from rehab_opt.control import mirror_plan
 from rehab_opt.control.conditioning import Conditioned, conditioned
 from rehab_opt.control.foreseen import Foreseen
 from rehab_opt.control.hand_bounds import KeepOut
@@ -170,7 +171,8 @@ def test_a_recording_of_a_sample_or_two_leads_there(count: int) -> None:
     assert np.linalg.norm(path.poses[-1][:3, 3] - pose[:3, 3]) < 1e-4
 
 
-def test_a_plan_that_ends_incomplete_ends_at_rest() -> None:
+def test_a_plan_that_ends_incomplete_ends_at_rest(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mirror_plan, "PATIENCE", 0.4)
     chain, planes = ur5(), (KeepOut.through([0, 0, -0.05], [0, 0, 1]), KeepOut.through([0.35, 0, 0], [-1, 0, 0]))
     made = MirrorTracker(chain, dt=0.05, max_manipulability=LARGEST, keep_out=planes, compile=False)
     start, poses, twists = random_path(chain, np.random.default_rng(729), 0.05, below=True)  # rounding keeps it

@@ -33,10 +33,10 @@ __all__ = ["Place", "found_place", "placed"]
 
 Array = NDArray[np.float64]
 
-POSES = 60
-"""Of the path that are counted while looking."""
+POSES, FINELY = 60, 8
+"""Of the path that are counted while looking, and how many more the model of the led arm goes along."""
 SLOWLY = 8
-"""Ticks of the model of the led arm for each of them: the clock will wait for it."""
+"""Ticks of that model for each of them: the clock will wait for it."""
 ANYWHERE, NEARER, BEST = 600, (0.35, 0.2, 0.12, 0.07, 0.04, 0.02), 20
 """Seats drawn anywhere, spreads [rad] of those drawn near the best afterwards, and how many of the best are kept."""
 TRIED = 3
@@ -44,6 +44,8 @@ TRIED = 3
 HEIGHT, AWAY = (-0.1, 0.5), 0.45
 """[m] of the led shoulder over the robot's base, and least distance of the patient's middle and shoulders from the
 robot's upright axis."""
+CLEAR = 0.3
+"""[m] of the robot's joints before its wrist from the upright through the patient's middle."""
 GOOD = 0.5
 """Of the largest manipulability, above which the posture at the middle pose is drawn."""
 
@@ -139,15 +141,14 @@ def achieved(loaded: ProblemFile[MirrorProblem]) -> float:
 class _Search:
     """Of one recording."""
 
-    def __init__(
-        self, problem: MirrorProblem, scene: Scene, tracker: MirrorTracker, rng: np.random.Generator
-    ) -> None:
+    def __init__(self, problem: MirrorProblem, scene: Scene, tracker: MirrorTracker, rng: np.random.Generator) -> None:
         self.problem, self.chain, self.rng = problem, scene.robot, rng
         self.seats, self.w_max = Seats(tracker), tracker.max_manipulability
         self.grip = pose_of(problem.robot.grip_deg, problem.robot.grip_m)
         tools = scene.reference.poses[~scene.reference.lost]
-        tools = tools[np.unique(np.linspace(0, len(tools) - 1, POSES).astype(int))]
-        self.hands, self.wanted = _of_person(tools, scene.person, tracker.dt)
+        tools = tools[np.unique(np.linspace(0, len(tools) - 1, POSES * FINELY).astype(int))]
+        hands, wanted = _of_person(tools, scene.person, tracker.dt)
+        self.hands, self.wanted = hands[::FINELY], wanted[::FINELY]
         self.hands = self.hands @ np.linalg.inv(self.grip)
         places = self.hands[:, :3, 3]
         self.middle = int(np.argmin(np.linalg.norm(places - np.median(places, axis=0), axis=1)))
@@ -188,10 +189,14 @@ class _Search:
     def _walk(self, drawn: _Drawn) -> Walk:
         tools = self.seats.at(drawn.q)[0]
         paths = np.tile(np.eye(4), (len(self.hands), len(drawn.q), 1, 1))
+        middles = np.empty((len(drawn.q), 2))
         for i, (tool, facing) in enumerate(zip(tools, drawn.facing, strict=True)):
             seat, grip = self._seat(tool, float(facing))
             paths[:, i] = seat @ self.hands @ grip
-        return self.seats.walk(paths, drawn.q, self.middle)
+            middles[i] = (seat[:3, :3] @ self._points()[1] + seat[:3, 3])[:2]
+        walk = self.seats.walk(paths, drawn.q, self.middle)
+        clear = np.linalg.norm(walk.elbows - middles[:, None], axis=3).min(axis=2) >= CLEAR
+        return dataclasses.replace(walk, done=walk.done & clear)
 
     def _seat(self, tool: Array, facing: float) -> tuple[Array, Array]:
         """Rigid motion (4, 4) of all that is the patient's, and the grip (4, 4), for the robot's tool (3, 4)."""

@@ -37,11 +37,13 @@ class Walk:
     q : (N, M, n) [rad, m] postures.
     done : (N, M) whether the posture has the pose, above the floor and outside every keep-out.
     above : (N, M) w / w_max.
+    elbows : (N, M, k, 2) [m] the joints before the wrist, seen from above.
     """
 
     q: Array
     done: NDArray[np.bool_]
     above: Array
+    elbows: Array
 
 
 class Seats:
@@ -63,18 +65,25 @@ class Seats:
         frames = chain.frames_expression(q)
         w, slope = bounds.manipulability(q)
         height = ca.mmin(ca.vertcat(*(ca.mmin(ca.vertcat(*bounds.heights(frames, p))) for p in bounds.planes), 1.0))
-        everything = ca.vertcat(ca.vec(frames[-1][:3, :4]), ca.vec(chain.jacobian_expression(q)), w, slope, height)
+        self.joints = range(1, max(chain.n - 3, 2))
+        elbows = ca.vertcat(*(frames[i][:2, 3] for i in self.joints))
+        everything = ca.vertcat(
+            ca.vec(frames[-1][:3, :4]), ca.vec(chain.jacobian_expression(q)), w, slope, height, elbows
+        )
         function = ca.Function("seat", [q], [ca.densify(everything)], {"cse": True})
         self._at = functools.cache(function.map)
 
-    def at(self, q: Array) -> tuple[Array, Array, Array, Array, Array]:
-        """Tools (M, 3, 4), Jacobians (M, 6, n), w / w_max (M,), its slopes (M, n), heights over planes (M,) [m]."""
+    def at(self, q: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
+        """Tools (M, 3, 4), Jacobians (M, 6, n), w / w_max (M,), its slopes (M, n), heights over planes (M,) [m].
+
+        And where the joints before the wrist are, seen from above (M, k, 2) [m].
+        """
         n = self.chain.n
         found = np.array(self._at(len(q))(q.T)).T
-        tool, jacobian, w, slope, height = np.split(found, np.cumsum((12, 6 * n, 1, n)), axis=1)
+        tool, jacobian, w, slope, height, elbows = np.split(found, np.cumsum((12, 6 * n, 1, n, 1)), axis=1)
         return (
             tool.reshape(-1, 4, 3).transpose(0, 2, 1), jacobian.reshape(-1, n, 6).transpose(0, 2, 1), w[:, 0], slope,
-            height[:, 0],
+            height[:, 0], elbows.reshape(len(q), -1, 2),
         )  # fmt: skip
 
     def walk(self, paths: Array, start: Array, anchor: int) -> Walk:
@@ -82,17 +91,18 @@ class Seats:
         count, many = paths.shape[:2]
         q = np.empty((count, many, self.chain.n))
         done, above = np.zeros((count, many), dtype=bool), np.zeros((count, many))
+        elbows = np.empty((count, many, len(self.joints), 2))
         for way in (range(anchor, count), range(anchor, -1, -1)):
             here = start.copy()
             for k in way:
-                here, done[k], above[k] = self._next(here, paths[k])
+                here, done[k], above[k], elbows[k] = self._next(here, paths[k])
                 q[k] = here
-        return Walk(q, done, above)
+        return Walk(q, done, above, elbows)
 
-    def _next(self, q: Array, poses: Array) -> tuple[Array, NDArray[np.bool_], Array]:
+    def _next(self, q: Array, poses: Array) -> tuple[Array, NDArray[np.bool_], Array, Array]:
         chain = self.chain
         for round_ in range(ROUNDS + 1):
-            tool, jacobian, w, slope, height = self.at(q)
+            tool, jacobian, w, slope, height, elbows = self.at(q)
             error, turn = poses[:, :3, 3] - tool[:, :, 3], _turns(poses[:, :3, :3], tool[:, :, :3])
             if round_ == ROUNDS:
                 break
@@ -106,7 +116,7 @@ class Seats:
             step *= np.minimum(1.0, STRIDE / np.maximum(np.abs(step).max(axis=1), 1e-12))[:, None]
             q = np.clip(q + step, chain.lower, chain.upper)
         near = (np.linalg.norm(error, axis=1) < NEAR) & (np.linalg.norm(turn, axis=1) < TURNED)
-        return q, near & (w >= self.floor * (1 - 1e-3)) & (height > 0.0), w
+        return q, near & (w >= self.floor * (1 - 1e-3)) & (height > 0.0), w, elbows
 
 
 def _turns(target: Array, here: Array) -> Array:
