@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from bench.unseen.person_reach import hand
 
-__all__ = ["RANGE_DEG", "SHOULDERS", "slice_recording", "reach_recording"]
+__all__ = ["RANGE_DEG", "SHOULDERS", "reach_recording", "slice_recording"]
 
 Array = NDArray[np.float64]
 
@@ -48,7 +49,7 @@ def reach_recording(folder: Path, seed: int, *, seconds: float = 8.0) -> dict[st
             targets.append(pose)
     times = np.arange(round(seconds * RATE)) / RATE
     places, turns, at = np.empty((len(times), 3)), np.empty((len(times), 3, 3)), 0.0
-    for a, b in zip(targets, targets[1:], strict=False):
+    for a, b in itertools.pairwise(targets):
         # Not further at once than a hand goes, and a turn at random on top of it.
         b[:3, 3] = a[:3, 3] + (b[:3, 3] - a[:3, 3]) * min(1.0, 0.35 / np.linalg.norm(b[:3, 3] - a[:3, 3]))
         way = (Rotation.from_matrix(a[:3, :3]).inv() * Rotation.from_matrix(b[:3, :3])).as_rotvec()

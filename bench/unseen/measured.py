@@ -12,7 +12,7 @@ from bench.unseen.hands import LEFT_HAND, PATIENT
 from bench.unseen.person_reach import NAMES, reaches
 from bench.unseen.ur5_branches import branch_of, flange, manipulability, postures
 
-__all__ = ["Reach", "Broken", "broken", "passed", "reach"]
+__all__ = ["Broken", "Reach", "broken", "passed", "reach"]
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

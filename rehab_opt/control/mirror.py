@@ -208,6 +208,11 @@ class MirrorTracker(MirrorForeseen):
         return (0.0, 0.0) if self._live else self._short_by
 
     @property
+    def beyond_person(self) -> tuple[float, float]:
+        """[m, rad] of `short` that are the person's arm's: the model of it does not come to the reference."""
+        return (0.0, 0.0) if self._live else self._beyond_person
+
+    @property
     def manipulability(self) -> float:
         """W / w_max where the last command leads."""
         return self._then

@@ -49,6 +49,8 @@ class MirrorPath(NamedTuple):
     """(M,) [s] of the reference's own time; over a jump it runs as the bridge takes."""
     short: Array
     """(M, 2) [m, rad] by which the arms stay short of the reference; see `MirrorTracker.short`."""
+    person: Array
+    """(M, 2) [m, rad] of that which are the person's arm's."""
     paces: Array
     """(M,) seconds of the reference followed in a second."""
     manipulability: Array
@@ -96,7 +98,7 @@ def plan(tracker: MirrorTracker, poses: ArrayLike, twists: ArrayLike, q: ArrayLi
     dt = tracker.dt
     tracker.foresee(joints, reference[usable], motion[usable], np.asarray(dt * usable, dtype=np.float64))
     most = math.ceil((PATIENCE + PATIENCE * tracker.clock.lag) / dt)
-    path, speeds, clock, short, paces, shown, w, yielded = [], [], [], [], [], [], [], []
+    path, speeds, clock, short, person, paces, shown, w, yielded = [], [], [], [], [], [], [], [], []
     complete, reference_clock, follow = False, tracker.clock, tracker.follow
     ending, arrived = False, 0
     for tick in range(most + math.ceil(ENDING / dt)):
@@ -109,6 +111,7 @@ def plan(tracker: MirrorTracker, poses: ArrayLike, twists: ArrayLike, q: ArrayLi
         shown.append(tracker.followed)
         clock.append(reference_clock.stamp)
         short.append(tracker.short)
+        person.append(tracker.beyond_person)
         paces.append(tracker.time_scale)
         w.append(tracker.manipulability)
         yielded.append(command.yielded)
@@ -120,6 +123,6 @@ def plan(tracker: MirrorTracker, poses: ArrayLike, twists: ArrayLike, q: ArrayLi
     found, counts = tracker.tools(path), Counter(tracker.counts)
     return MirrorPath(
         np.asarray(dt * np.arange(len(path)), dtype=np.float64), np.array(path), np.array(speeds), found,
-        np.array(shown), np.array(clock), np.array(short), np.array(paces), np.array(w), yielded, complete, counts,
-        time.perf_counter() - begun,
+        np.array(shown), np.array(clock), np.array(short), np.array(person), np.array(paces),
+        np.array(w), yielded, complete, counts, time.perf_counter() - begun,
     )  # fmt: skip

@@ -43,7 +43,7 @@ class MirrorWaiting(MirrorStatement):
 
     def _begin_waiting(self) -> None:
         self._waited, self._stood, self._apart, self._aside = 0.0, 0.0, 0.0, 0.0
-        self._short_by = (0.0, 0.0)
+        self._short_by = self._beyond_person = (0.0, 0.0)
 
     def _beyond(self, here: Array, aim: Array) -> tuple[float, float]:
         """[m, rad] by which the hand is further from what it is to do than where it stood at best."""
@@ -56,6 +56,7 @@ class MirrorWaiting(MirrorStatement):
         beyond = (0.0, 0.0)
         if target is not self.followed:
             beyond = distance_between(self.followed, target), angle_between(self.followed, target)
+        self._beyond_person = beyond
         return self._apart + beyond[0], self._aside + beyond[1]
 
     def _cut(self, here: Array, target: Array) -> Array:

@@ -106,16 +106,19 @@ class _Diary:
         lag: float = 0.0,
         pace: float = 1.0,
         short: tuple[float, float] = (0.0, 0.0),
+        person: tuple[float, float] = (0.0, 0.0),
     ) -> None:
         """One tick, before its command is sent."""
         what, q = said(command.yielded), self.plant.truth.position
         self.log.note(command.value)
         self.rows.append(
-            (q, command.value, reference, lag, pace, short, command.status.value, what, command.reason, seconds)
+            (q, command.value, reference, lag, pace, short, person, command.status.value, what, command.reason, seconds)
         )
 
     def led(self, dt: float, *, complete: bool, counts: dict[str, int]) -> Led:
-        q, command, reference, lag, pace, short, status, yielded, reasons, seconds = zip(*self.rows, strict=True)
+        q, command, reference, lag, pace, short, person, status, yielded, reasons, seconds = zip(
+            *self.rows, strict=True
+        )
         joints = np.array(q)
         robot = self.scene.robot
         return Led(
@@ -128,6 +131,7 @@ class _Diary:
             lag=np.array(lag),
             pace=np.array(pace),
             short=np.array(short),
+            person=np.array(person),
             status=status,
             yielded=yielded,
             reasons=reasons,
@@ -175,7 +179,13 @@ def followed(tracker: MirrorTracker, scene: Scene, plant: Plant, *, patience: fl
         command = tracker.step(seen.position, pose, twist)
         spent = time.perf_counter() - began
         diary.note(
-            tracker.reference, command, lag=tracker.lag, pace=tracker.time_scale, short=tracker.short, seconds=spent
+            tracker.reference,
+            command,
+            lag=tracker.lag,
+            pace=tracker.time_scale,
+            short=tracker.short,
+            person=tracker.beyond_person,
+            seconds=spent,
         )
         seen = plant.step(command.value)
         if k % TICKS_A_REPORT == 0:
@@ -205,6 +215,7 @@ def planned(tracker: MirrorTracker, scene: Scene, *, progress: Progress) -> Led:
         lag=path.times - path.clock,
         pace=path.paces,
         short=path.short,
+        person=path.person,
         status=("planned",) * len(path.q),
         yielded=tuple(map(said, path.yielded)),
         reasons=("",) * len(path.q),

@@ -34,6 +34,7 @@ class Led:
     lag : (M,) [s] how old the reference is that is followed.
     pace : (M,) seconds of the reference in a second.
     short : (M, 2) [m, rad] by which person and robot stay short of the reference at best, from where they are.
+    person : (M, 2) [m, rad] of that which are the person's arm's.
     status, yielded : (M,) of each command.
     reasons : (M,) why a command is not a plain one.
     seconds : (M,) computing time of each tick, or (1,) of all of them.
@@ -51,6 +52,7 @@ class Led:
     lag: Array
     pace: Array
     short: Array
+    person: Array
     status: tuple[str, ...]
     yielded: tuple[str, ...]
     reasons: tuple[str, ...]

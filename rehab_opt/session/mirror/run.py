@@ -62,7 +62,15 @@ def run_mirror(loaded: ProblemFile[MirrorProblem], *, progress: Progress) -> Mir
         },
         "manipulability_largest": max_manipulability,
         "laws": {
-            name: led_metrics(led, robot, asked, floor=section.floor, rate=rate, max_manipulability=max_manipulability)
+            name: led_metrics(
+                led,
+                robot,
+                asked,
+                bounds=tracker.hand_bounds,
+                floor=section.floor,
+                rate=rate,
+                max_manipulability=max_manipulability,
+            )
             for name, led in laws.items()
         },
         "astar": astar_metrics(astar, robot, asked[:, :3, 3], max_manipulability=max_manipulability)
