@@ -121,7 +121,7 @@ class HandBounds:
         return Limits(own, self.chain, self.dt)
 
     def _above(self, plane: KeepOut, _: SerialChain, q: ca.SX) -> ca.SX:
-        return ca.vertcat(*self._heights(self.chain.frames_expression(q), plane))
+        return ca.vertcat(*self.heights(self.chain.frames_expression(q), plane))
 
     @cached_property
     def guarded(self) -> tuple[GuardedPoint, ...]:

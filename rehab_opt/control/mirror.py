@@ -77,6 +77,8 @@ class MirrorTracker(MirrorForeseen):
         pose: two of them make rows, and the step is shortened before the third.
     person : the arm that is led, in the robot's base frame; the reference is limited to its range of motion
         (`PersonLimit`). grip : (4, 4) pose of the tool in its hand frame.
+    person_start : (m,) [rad] posture of that arm from which its model finds to the first pose; the model is local, so
+        that another one may come to more. Default the middle of its range of motion.
     interaction : how the hand gives way to measured forces, and where they stop it; default `Interaction()`.
     catch_up : share by which the clock may run fast to make up for a lag.
     turn_length : [m/rad] what a turn of the hand counts for against its place where both cannot be had.
@@ -106,6 +108,7 @@ class MirrorTracker(MirrorForeseen):
         limits: Sequence[Limit] = (),
         person: SerialChain | None = None,
         grip: ArrayLike | None = None,
+        person_start: ArrayLike | None = None,
         interaction: Interaction | None = None,
         catch_up: float = 0.5,
         turn_length: float = 0.1,
@@ -152,7 +155,12 @@ class MirrorTracker(MirrorForeseen):
         self._limit = None
         if person is not None:
             self._limit = PersonLimit(
-                person, grip=np.eye(4) if grip is None else grip, dt=dt, backup=options.get("backup"), compile=compile
+                person,
+                grip=np.eye(4) if grip is None else grip,
+                dt=dt,
+                start=person_start,
+                backup=options.get("backup"),
+                compile=compile,
             )
         self._interaction = (Interaction() if interaction is None else interaction).started(dt)
         self._audit = BufferedFunction(self._auditing())

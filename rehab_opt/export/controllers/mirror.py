@@ -223,6 +223,7 @@ def _person(limit: PersonLimit) -> dict[str, str]:
         "person_joints": str(chain.n),
         "person_lower": initialiser(chain.lower),
         "person_upper": initialiser(chain.upper),
+        "person_start": initialiser(limit.start),
     }
 
 

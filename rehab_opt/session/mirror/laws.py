@@ -42,6 +42,7 @@ KEYS = {
     "angular_speed": "tracker.angular_speed_deg_s",
     "person": "patient.arm",
     "grip": "robot.grip_deg",
+    "start": "patient.arm.start_deg",
 }
 """Where the problem file says what the tracker calls by its own name."""
 
@@ -63,6 +64,7 @@ def tracker_of(
         except ConfigurationError as refused:
             raise ProblemFileError(file, f"tracker.keep_out.{i}.normal", each.normal, "a direction") from refused
     person, grip = scene.person if scene.person is not None else (None, None)
+    arm = problem.patient.arm
     try:
         return MirrorTracker(
             scene.robot,
@@ -75,6 +77,7 @@ def tracker_of(
             keep_out=planes,
             person=person,
             grip=grip,
+            person_start=None if arm is None or arm.start_deg is None else np.deg2rad(arm.start_deg),
             dt=1.0 / section.rate_hz,
             backup=backup,
             **options,
