@@ -27,6 +27,12 @@ ROW_PASSES = 2
 """Of the closed form with one row active: it is used away from singular poses, where the damping hardly errs."""
 INSIDE = 1e-9
 """[rad/s] By how much the wanted motion stays inside its rows."""
+LEFT = 0.01
+"""Share of the twist that may be left without more damping."""
+CALMING = 0.03
+"""[m s] What is left is an error that stays, and the way to its least bends: by a hand's curve, about its reach, and by
+its limits'. Where that is not counted, joints near a stretched elbow or at a curved limit swing past the least and back
+for good. Damping by a metre for what is left of a metre's error, at the rate of feedback, counts it."""
 PASSES = 3
 """Passes of the damped solve: each removes the damping's error where the arm is far from singular."""
 
@@ -57,6 +63,7 @@ class WantedVelocity(NamedTuple):
                                                        R q' <= r,
 
     iterated as `wanted_velocity` is; that solve is left out where no joint is near its limit and no row is reached.
+    Where rows leave some of v undone, the damping grows with it (`CALMING`), as in Sugihara's Levenberg-Marquardt.
     Without it, keeping the direction of an undeliverable motion would stop the arm where going on to the nearest pose
     is wanted.
     """
@@ -136,7 +143,7 @@ class WantedVelocity(NamedTuple):
         if m:
             solver, residual = _solver(n, k, m), ca.MX(0)
             for _ in range(PASSES):
-                found = solver(task, answer, low, high, rows)
+                found = solver(task, answer, low, high, rows, DAMPING)
                 answer, residual = found[:n], found[-1]
             bounded = self._certified(jacobian, flat, twist)(task, answer, residual, low, high, motion[:n])
         else:
@@ -147,7 +154,9 @@ class WantedVelocity(NamedTuple):
             bounded = self._checked(jacobian, flat, twist)(task, h, g, answer, low, high, motion[:n])
         held = ca.Function("within", arguments, [bounded])
         if m:
-            held = self._by_the_first_row(model, held, jacobian, flat, twist)
+            held = self._calmed(
+                self._by_the_first_row(model, held, jacobian, flat, twist), solver, jacobian, flat, twist
+            )
         return held, ca.Function("enough", arguments, [motion])
 
     def _by_the_first_row(
@@ -186,6 +195,29 @@ class WantedVelocity(NamedTuple):
         chosen = ca.Function.if_else("one_row", keep, go_on).call([fine, answer, *given])
         return ca.Function("within_rows", given, chosen)
 
+    def _calmed(
+        self, held: ca.Function, solver: ca.Function, jacobian: ca.SX, flat: ca.SX, twist: ca.SX
+    ) -> ca.Function:
+        """As `held`, and where that leaves some of the twist, damped by how much."""
+        k, n = self.jacobian.shape
+        task, motion, limits, rows, more = (
+            ca.MX.sym("given", size) for size in (*(held.size1_in(i) for i in range(4)), 1)
+        )
+        low, high, answer = ca.vertsplit(limits, n)
+        low, high = (ca.MX(ca.DM(~self.locked)) * each for each in (low, high))
+        residual = ca.MX(0)
+        for _ in range(PASSES):
+            found = solver(task, answer, low, high, rows, DAMPING + CALMING * more)
+            answer, residual = found[:n], found[-1]
+        damped = self._certified(jacobian, flat, twist)(task, answer, residual, low, high, motion[:n])
+        arguments = [task, motion, limits, rows, more]
+        damp, same = ca.Function("damp", arguments, [damped]), ca.Function("same", arguments, [motion])
+        before = held(*arguments[:4])
+        asked = task[k * n :]
+        left = ca.norm_2(asked - before[n:]) - LEFT * ca.norm_2(asked)
+        calm = ca.Function.if_else("calm", damp, same)(left > 0, task, before, limits, rows, left)
+        return ca.Function("calmed", arguments[:4], [calm])
+
     def _certified(self, jacobian: ca.SX, flat: ca.SX, twist: ca.SX) -> ca.Function:
         """As `_checked`, of a claim with rows: they leave no way to tell a solution but its multipliers."""
         n = self.jacobian.size2()
@@ -211,19 +243,20 @@ class WantedVelocity(NamedTuple):
 
 
 def _solver(n: int, k: int, m: int) -> ca.Function:
-    """Task, what the damping is about, low, high, rows -> x, multipliers, and the certificate's residual."""
+    """Task, what the damping is about, low, high, rows, damping -> x, multipliers, and the certificate's residual."""
     task, about, low, high = (
         parameter("task", k * n + k),
         parameter("about", n),
         parameter("low", n),
         parameter("high", n),
     )
-    rows, velocity = parameter("rows", m * n + m), variable("velocity", n, lower=low, upper=high)
+    rows, damping = parameter("rows", m * n + m), parameter("damping", 1)
+    velocity = variable("velocity", n, lower=low, upper=high)
     error = ca.reshape(task[: k * n], k, n) @ velocity.symbol - task[k * n :]
-    cost = ca.sumsqr(error) + DAMPING * ca.sumsqr(velocity.symbol - about)
+    cost = ca.sumsqr(error) + damping * ca.sumsqr(velocity.symbol - about)
     # Just inside the rows, so that rounding does not make the guess look as if it were outside.
     over = within(ca.reshape(rows[: m * n], m, n) @ velocity.symbol, -ca.inf, rows[m * n :] - INSIDE)
-    stated = Statement("bounded", [task, about, low, high, rows], [velocity], cost / 2, [over])
+    stated = Statement("bounded", [task, about, low, high, rows, damping], [velocity], cost / 2, [over])
     exact = active_set_round(stated, looking=False, together=n, passes=2, softened=1e-13)
     given = [ca.MX.sym("given", each.numel()) for each in stated.parameters]
     full, memory = ca.vertcat(*given), ca.MX(0, 1)
