@@ -135,12 +135,16 @@ class Limits:
         opened = bounds._replace(lower=ca.fmin(bounds.lower, kept), upper=ca.fmax(bounds.upper, kept))
         return -slopes, ca.fmax(free, -slopes @ kept), opened
 
-    def falls(self, q: ca.SX, last: ca.SX) -> tuple[ca.SX, ca.SX]:
+    def falls(
+        self, q: ca.SX, last: ca.SX, *, astray: ca.SX | float = 0.0, margins: Sequence[float] | float = 0.0
+    ) -> tuple[ca.SX, ca.SX]:
         """Slopes (m, n) of the least distances, and how fast they may fall (m,): below zero where they have to rise.
 
-        What is beyond a limit is taken for at it: it goes no further, and is not led back.
+        What is beyond a limit is taken for at it: it goes no further, and is not led back. Room is left for joints that
+        are `astray` (n,), one way or the other, and at least `margins` (m,).
         """
         slopes, least, spent = self._tangents(q, last)
+        least -= ca.fmax(ca.fabs(slopes) @ (astray * ca.SX.ones(self.chain.n)), ca.DM(margins))
         return slopes, self._shares * ca.fmax(least, 0) - spent
 
     def braking(self, q: ca.SX, last: ca.SX, bounds: VelocityBounds) -> ca.SX:

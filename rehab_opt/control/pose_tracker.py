@@ -245,10 +245,10 @@ class PoseTracker(VelocityController):
             return ca.SX(0, self.chain.n), ca.SX(0, 1), bounds, ca.SX(0, 1)
         return *self.limits.rows(tick.q, tick.last, bounds), ca.SX(0, 1)
 
-    def excess(self, q: ca.SX, jacobian: ca.SX, velocity: ca.SX) -> ca.SX | None:
+    def excess(self, q: ca.SX, jacobian: ca.SX, velocity: ca.SX, last: ca.SX) -> ca.SX | None:
         """By how much a wanted velocity (n,) is too fast, at the weighted Jacobian (6, n): it is slowed by that.
 
-        None where nothing but the asked twist is slowed.
+        `last` (n,) is the velocity before. None where nothing but the asked twist is slowed.
         """
         return None
 
@@ -298,7 +298,7 @@ class PoseTracker(VelocityController):
         chain = self.chain
         if guided is None or self.feedback is None:
             return self._asked_twist(chain.pose_expression(tick.q), tick.target, tick.twist)
-        early = 1 + self._settling * self.feedback.command_delay
+        early = 1 + self._settling * guided.early
         pose = chain.pose_expression(tick.q + guided.strays)
         asked, slowdown = self._asked_twist(pose, tick.target, early * tick.twist)
         excess = ca.fmax(ca.norm_2(asked[:3]) / self.linear_speed, ca.norm_2(asked[3:]) / self.angular_speed)

@@ -30,7 +30,7 @@ INSIDE = 1e-9
 PASSES = 3
 """Passes of the damped solve: each removes the damping's error where the arm is far from singular."""
 
-Excess = Callable[[ca.SX, ca.SX, ca.SX], ca.SX | None]
+Excess = Callable[[ca.SX, ca.SX, ca.SX, ca.SX], ca.SX | None]
 
 
 def wanted_velocity(jacobian: ca.SX, twist: ca.SX, drift: ca.SX) -> ca.SX:
@@ -84,7 +84,7 @@ class WantedVelocity(NamedTuple):
     def prepare(self, parameters: ca.SX, memory: ca.SX, excess: Excess) -> ca.Function:
         """Parameters, memory -> Jacobian by columns, twist, slowdown, bounds, outside, R, r, told, wanted motion.
 
-        Where `excess` of q (n,), the Jacobian and the wanted velocity is above 1, the wanted motion is slowed by it.
+        Where `excess` of q (n,), Jacobian, wanted and last velocity is above 1, the wanted motion is slowed by it.
         """
         bounds, movable = self.bounds, ca.diag(ca.sparsify(ca.DM(~self.locked)))
         moving = ca.sparsify(self.jacobian @ movable)
@@ -106,17 +106,19 @@ class WantedVelocity(NamedTuple):
         told, within, rows, more, motion, limits, needed = first.call([p, last])
         motion = ca.Function.if_else("hold", *self._hold(movable)).call([needed, told, motion, limits, rows])[0]
         if (slowed := self._slowed(excess)) is not None:
-            motion = slowed(p[: self.jacobian.size2()], told, motion)
+            n = self.jacobian.size2()
+            motion = slowed(p[:n], last[:n], told, motion)
         return ca.Function("prepare", [p, last], [ca.vertcat(told, within, rows, more, motion)])
 
     def _slowed(self, excess: Excess) -> ca.Function | None:
-        """Q, task, wanted velocity and its twist as one column -> both slowed; None where nothing is."""
+        """Q, last velocity, task, wanted velocity and its twist as one column -> both slowed; None where nothing is."""
         k, n = self.jacobian.shape
         q, task, motion = ca.SX.sym("q", n), ca.SX.sym("task", k * n + k), ca.SX.sym("motion", n + k)
-        factor = excess(q, ca.reshape(task[: k * n], k, n), motion[:n])
+        last = ca.SX.sym("last", n)
+        factor = excess(q, ca.reshape(task[: k * n], k, n), motion[:n], last)
         if factor is None:
             return None
-        return ca.Function("slowed", [q, task, motion], [motion / ca.fmax(factor, 1)], {"cse": True})
+        return ca.Function("slowed", [q, last, task, motion], [motion / ca.fmax(factor, 1)], {"cse": True})
 
     def _hold(self, movable: ca.DM) -> tuple[ca.Function, ca.Function]:
         """Task, wanted motion, stopping speeds and drift, rows -> wanted motion within both; and as it was."""
