@@ -15,6 +15,7 @@ from rehab_opt.control.command import Command
 from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.control.limit import Limit, Limits, checked_limits
 from rehab_opt.control.stopping import VelocityBounds
+from rehab_opt.control.tool_speed import tool_acceleration
 from rehab_opt.control.velocity_controller import VelocityController, checked_number
 from rehab_opt.control.wanted import WantedVelocity
 from rehab_opt.errors import ConfigurationError
@@ -287,7 +288,16 @@ class PoseTracker(VelocityController):
         wanted = WantedVelocity(
             jacobian, weights * asked, slowdown, drift, bounds, chain.velocity, chain.locked, rows, most, told
         )
-        return wanted.prepare(ca.vertcat(tick.q, entries, tick.twist, *tick.others), tick.memory, self.excess)
+        return wanted.prepare(
+            ca.vertcat(tick.q, entries, tick.twist, *tick.others), tick.memory, self.excess, self._bend
+        )
+
+    def _bend(self, q: ca.SX, jacobian: ca.SX, way: ca.SX) -> ca.SX:
+        """(6,) by which the weighted twist of a motion of one rad changes before its error is gone, see `damped`."""
+        weights = np.sqrt(self.task_weights)
+        # What is weighed by zero cannot be told from the weighted Jacobian.
+        plain = ca.diag(1 / ca.DM(weights)) @ jacobian if np.all(weights > 0) else self.chain.jacobian_expression(q)
+        return ca.DM(weights) * tool_acceleration(plain, way) / self._settling
 
     def _led_twist(self, tick: Tick, guided: Values | None) -> tuple[ca.SX, ca.SX]:
         """As `_asked_twist`, of where the joints are by what is measured, the commands' delay ahead of the target.
