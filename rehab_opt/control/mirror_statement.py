@@ -105,9 +105,11 @@ class MirrorStatement(PoseTracker):
         unweighted = ca.diag(1 / ca.sqrt(ca.DM(self.task_weights))) @ jacobian
         turning = ca.norm_2(unweighted[3:, :] @ velocity)
         linear = speed_ahead(self.chain, q, unweighted, velocity, self.dt)
-        hand, before = unweighted[:3, :] @ velocity, unweighted[:3, :] @ last
-        before = clipped(ca.dot(before, hand) / ca.fmax(ca.norm_2(hand), TINY), 0, self.linear_speed)
-        allowed = before - math.expm1(-self.approach * self.dt) * (self.linear_speed - before)
+        allowed = ca.SX(self.linear_speed)
+        if self.approach < math.inf:
+            hand, before = unweighted[:3, :] @ velocity, unweighted[:3, :] @ last
+            before = clipped(ca.dot(before, hand) / ca.fmax(ca.norm_2(hand), TINY), 0, self.linear_speed)
+            allowed = before - math.expm1(-self.approach * self.dt) * (self.linear_speed - before)
         return ca.fmax(linear / allowed, turning / self.angular_speed)
 
     @property
