@@ -161,14 +161,17 @@ class HandBounds:
         lead : (n,) stands for the gradient of w where that vanishes, else zero.
         loss : what the last tick lost of w / w_max against its tangent: counted on again.
         bounds : of the joint velocities.
-        strays : (n,) from q, where the joints are led, to where they are. Floor, planes and a user's limits have room for
-            it either way, joint by joint: what friction holds back on the way in, it holds back on the way out. None for zero.
+        strays : (n,) from q, where the joints are led, to where they are. Floor, planes and a user's limits have room
+            for it either way, joint by joint: what friction holds back on the way in, it holds back on the way out.
+            None for joints that move as commanded.
         """
-        astray = ca.SX.zeros(q.numel()) if strays is None else ca.fabs(strays)
+        astray = None if strays is None else ca.fabs(strays)
         share = (1 - math.exp(-self.rate * self.dt)) / self.dt
         w, slope_of_w = self.manipulability(q)
         gradient = slope_of_w + lead
-        climb = share * (self.floor + ABOVE - w + ca.dot(ca.fabs(slope_of_w), astray)) + loss / self.dt
+        climb = share * (self.floor + ABOVE - w) + loss / self.dt
+        if astray is not None:
+            climb += share * ca.dot(ca.fabs(slope_of_w), astray)
         frames = self.chain.frames_expression(q)
         pose = frames[-1]
         normals, most = [], []
@@ -179,7 +182,10 @@ class HandBounds:
         normals.append(unit.T @ self.chain.jacobian_expression(q)[:3, :])
         most.append(ca.if_else(far, share * ca.fmax(self.deviation - distance, 0), FREE))
         if len(self.distances):
-            slopes, falls = self.distances.falls(q, last, astray=astray, margins=self._margins)
+            margins = ca.DM(self._margins)
+            slopes, falls = self.distances.falls(
+                q, last, room=None if astray is None else lambda each: ca.fmax(ca.fabs(each) @ astray, margins)
+            )
             normals.append(-slopes)
             most.append(falls)
         slow = ca.DM(self.recovery_speed * self.chain.velocity)

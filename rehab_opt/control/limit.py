@@ -135,16 +135,14 @@ class Limits:
         opened = bounds._replace(lower=ca.fmin(bounds.lower, kept), upper=ca.fmax(bounds.upper, kept))
         return -slopes, ca.fmax(free, -slopes @ kept), opened
 
-    def falls(
-        self, q: ca.SX, last: ca.SX, *, astray: ca.SX | float = 0.0, margins: Sequence[float] | float = 0.0
-    ) -> tuple[ca.SX, ca.SX]:
+    def falls(self, q: ca.SX, last: ca.SX, *, room: Callable[[ca.SX], ca.SX] | None = None) -> tuple[ca.SX, ca.SX]:
         """Slopes (m, n) of the least distances, and how fast they may fall (m,): below zero where they have to rise.
 
-        What is beyond a limit is taken for at it: it goes no further, and is not led back. Room is left for joints that
-        are `astray` (n,), one way or the other, and at least `margins` (m,).
+        What is beyond a limit is taken for at it: it goes no further, and is not led back. `room` says, of the slopes,
+        what is left before each (m,).
         """
         slopes, least, spent = self._tangents(q, last)
-        least -= ca.fmax(ca.fabs(slopes) @ (astray * ca.SX.ones(self.chain.n)), ca.DM(margins))
+        least = least if room is None else least - room(slopes)
         return slopes, self._shares * ca.fmax(least, 0) - spent
 
     def braking(self, q: ca.SX, last: ca.SX, bounds: VelocityBounds) -> ca.SX:
