@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from rehab_opt.control.damped import DAMPING, PASSES, Bend, bent_motion, wanted_velocity
 from rehab_opt.control.stopping import FAR, VelocityBounds
 from rehab_opt.optim.active_set import active_set_round
 from rehab_opt.optim.certificate import clipped
@@ -17,41 +18,23 @@ from rehab_opt.optim.qp import Statement
 from rehab_opt.optim.qrqp import qrqp
 from rehab_opt.optim.rows import PLAUSIBLE, parameter, variable, within
 
-__all__ = ["WantedVelocity", "wanted_velocity"]
+__all__ = ["WantedVelocity"]
 
-DAMPING = 4e-4
-"""Square of the singular value [m/rad or 1] below which a direction counts as lost."""
 CLAIM_TOLERANCE = 1e-6
 """[rad/s] How far a claimed bounded answer may move on."""
 ROW_PASSES = 2
 """Of the closed form with one row active: it is used away from singular poses, where the damping hardly errs."""
 INSIDE = 1e-9
 """[rad/s] By how much the wanted motion stays inside its rows."""
-LEFT = 0.01
-"""Share of the twist that may be left without more damping."""
+MISSED = 1e-2
+"""Share of the twist from which on the wanted motion leaves some of it: damped more then."""
 CALMING = 0.03
-"""[m s] What is left is an error that stays, and the way to its least bends: by a hand's curve, about its reach, and by
-its limits'. Where that is not counted, joints near a stretched elbow or at a curved limit swing past the least and back
-for good. Damping by a metre for what is left of a metre's error, at the rate of feedback, counts it."""
-PASSES = 3
-"""Passes of the damped solve: each removes the damping's error where the arm is far from singular."""
+"""[m s] What rows leave is an error that stays, and the way to its least bends: by a hand's curve (`damped`), about its
+reach, and by its limits', which is not known here. Where that is not counted, joints near a stretched elbow or at a
+curved limit swing past the least and back for good. Damping by a metre for what is left of a metre's error, at the rate
+of feedback, counts it."""
 
-Excess = Callable[[ca.SX, ca.SX, ca.SX], ca.SX | None]
-
-
-def wanted_velocity(jacobian: ca.SX, twist: ca.SX, drift: ca.SX) -> ca.SX:
-    """(n,) iterated damped least squares: J'(K^-1 + d K^-2 + d^2 K^-3) v with K = J J' + d I.
-
-    `drift` (n,) is added where it does not move the hand: a posture, for redundant chains.
-    """
-    k = jacobian.size1()
-    diagonal, factor, order = ca.ldl(ca.densify(jacobian @ jacobian.T) + DAMPING * ca.SX.eye(k), False)
-    remaining, total = twist - jacobian @ drift, ca.SX.zeros(k)
-    for _ in range(PASSES):
-        solved = ca.ldl_solve(remaining, diagonal, factor, order)
-        total += solved
-        remaining = DAMPING * solved
-    return ca.densify(drift + jacobian.T @ total)
+Excess = Callable[[ca.SX, ca.SX, ca.SX, ca.SX], ca.SX | None]
 
 
 class WantedVelocity(NamedTuple):
@@ -88,10 +71,11 @@ class WantedVelocity(NamedTuple):
     told: ca.SX
     """What else is to be prepared."""
 
-    def prepare(self, parameters: ca.SX, memory: ca.SX, excess: Excess) -> ca.Function:
+    def prepare(self, parameters: ca.SX, memory: ca.SX, excess: Excess, bend: Bend) -> ca.Function:
         """Parameters, memory -> Jacobian by columns, twist, slowdown, bounds, outside, R, r, told, wanted motion.
 
-        Where `excess` of q (n,), the Jacobian and the wanted velocity is above 1, the wanted motion is slowed by it.
+        Where `excess` of q (n,), Jacobian, wanted and last velocity is above 1, the wanted motion is slowed by it.
+        `bend` says how the hand's twist changes (`damped`); with rows, which that does not know, it is not used.
         """
         bounds, movable = self.bounds, ca.diag(ca.sparsify(ca.DM(~self.locked)))
         moving = ca.sparsify(self.jacobian @ movable)
@@ -112,18 +96,35 @@ class WantedVelocity(NamedTuple):
         p, last = ca.MX.sym("p", parameters.numel()), ca.MX.sym("memory", memory.numel())
         told, within, rows, more, motion, limits, needed = first.call([p, last])
         motion = ca.Function.if_else("hold", *self._hold(movable)).call([needed, told, motion, limits, rows])[0]
+        n = self.jacobian.size2()
+        if not self.rows.size1():
+            motion = self._bent(movable, bend)(p[:n], last[:n], told, motion, limits)
         if (slowed := self._slowed(excess)) is not None:
-            motion = slowed(p[: self.jacobian.size2()], told, motion)
+            motion = slowed(p[:n], last[:n], told, motion)
         return ca.Function("prepare", [p, last], [ca.vertcat(told, within, rows, more, motion)])
 
+    def _bent(self, movable: ca.DM, bend: Bend) -> ca.Function:
+        """`bent_motion` where the wanted motion leaves some of the twist, else the wanted motion."""
+        k, n = self.jacobian.shape
+        calmer = bent_motion(k, n, movable=movable, bend=bend)
+        same = ca.Function("same", calmer.sx_in(), [calmer.sx_in(3)])
+        inputs = [
+            ca.MX.sym(name, calmer.sparsity_in(i)) for i, name in enumerate(("q", "last", "task", "motion", "at"))
+        ]
+        twist = inputs[2][k * n :]
+        misses = ca.sumsqr(twist - inputs[3][n:]) > MISSED**2 * ca.sumsqr(twist)
+        chosen = ca.Function.if_else("bent_or_not", calmer, same).call([misses, *inputs])
+        return ca.Function("bent_where_needed", inputs, chosen)
+
     def _slowed(self, excess: Excess) -> ca.Function | None:
-        """Q, task, wanted velocity and its twist as one column -> both slowed; None where nothing is."""
+        """Q, last velocity, task, wanted velocity and its twist as one column -> both slowed; None where nothing is."""
         k, n = self.jacobian.shape
         q, task, motion = ca.SX.sym("q", n), ca.SX.sym("task", k * n + k), ca.SX.sym("motion", n + k)
-        factor = excess(q, ca.reshape(task[: k * n], k, n), motion[:n])
+        last = ca.SX.sym("last", n)
+        factor = excess(q, ca.reshape(task[: k * n], k, n), motion[:n], last)
         if factor is None:
             return None
-        return ca.Function("slowed", [q, task, motion], [motion / ca.fmax(factor, 1)], {"cse": True})
+        return ca.Function("slowed", [q, last, task, motion], [motion / ca.fmax(factor, 1)], {"cse": True})
 
     def _hold(self, movable: ca.DM) -> tuple[ca.Function, ca.Function]:
         """Task, wanted motion, stopping speeds and drift, rows -> wanted motion within both; and as it was."""
@@ -214,7 +215,7 @@ class WantedVelocity(NamedTuple):
         damp, same = ca.Function("damp", arguments, [damped]), ca.Function("same", arguments, [motion])
         before = held(*arguments[:4])
         asked = task[k * n :]
-        left = ca.norm_2(asked - before[n:]) - LEFT * ca.norm_2(asked)
+        left = ca.norm_2(asked - before[n:]) - MISSED * ca.norm_2(asked)
         calm = ca.Function.if_else("calm", damp, same)(left > 0, task, before, limits, rows, left)
         return ca.Function("calmed", arguments[:4], [calm])
 
