@@ -183,17 +183,19 @@ def law_of(name: Law, loaded: ProblemFile[ScenarioProblem], ready: Prepared, *, 
     return assisted_law(problem, ready, assistance)
 
 
-def assisted_law(problem: ScenarioProblem, ready: Prepared, assistance: Assistance) -> Assisted:
+def assisted_law(
+    problem: ScenarioProblem, ready: Prepared, assistance: Assistance | PathAssistance
+) -> Assisted:
     """Ours as the loop calls it: with its field where it is, or carried from point to point."""
-    if problem.mode != "hold":
+    if problem.mode != "hold" or isinstance(assistance, PathAssistance):
         return Assisted(assistance)
     return AssistedAtPoints(assistance, ready.reference, _pace(problem, ready.reference))
 
 
 def assistance_of(
     problem: ScenarioProblem, ready: Prepared, *, solver: str | None = None, backup: str | None = None
-) -> Assistance:
-    """Ours, of the whole field; along a path that may cross itself, of the piece where the hand is.
+) -> Assistance | PathAssistance:
+    """Ours, of the whole field; along a path that may cross itself, by progress along it.
 
     Raises
     ------
