@@ -134,7 +134,9 @@ def lines_of(results: Sequence[Measured]) -> list[str]:
     """Numbers asked and measured, and the worst traces."""
     told = [str(each) for each in verdicts(results)]
     covered = [100 * float(np.mean([getattr(each, key) for each in results])) for key in ("without", "helped")]
-    told.append(f"NOTE  {results[0].aims}: covered in order, mean: {covered[0]:.1f} % without help, {covered[1]:.1f} % with")
+    told.append(
+        f"NOTE  {results[0].aims}: covered in order, mean: {covered[0]:.1f} % without help, {covered[1]:.1f} % with"
+    )
     worst = sorted(results, key=lambda each: (each.covers, each.helped - each.without))[:3]
     worst += [each for each in sorted(results, key=lambda each: -each.ratio)[:2] if each not in worst]
     told += [

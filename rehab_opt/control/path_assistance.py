@@ -44,8 +44,8 @@ class PathAssistance(BoundedForce):
     is held between them for good. Here s is a state of its own. It is moved by the person, in order: it never goes back,
     and cuts no detour longer than two widths. `rehab_opt.control.path_progress` states the law, why a steady push cannot
     hold a hand whose person means to go on, and what the law cannot see. A hand that stands under force all the same is
-    let go within 2 s: the command says RELEASING, then RELEASED, its `yielded` holds `Bound.TASK`, and its reason says
-    why, until the hand comes to a place further along the path.
+    let go within 2 s: the force fades, the command says BLOCKED, its scale is 0, its `yielded` holds `Bound.TASK`, and
+    its reason says why, until the hand comes to a place further along the path.
 
     A person who goes back along the path is held, by the spring, to where they had come, and let go in 2 s. Begin anew by
     `reset`.
@@ -177,8 +177,8 @@ class PathAssistance(BoundedForce):
             return command
         state = self._state_of_path
         if state[PROGRESS["away"]] and command.status is Status.OK:
-            status = Status.RELEASING if state[PROGRESS["grip"]] > 0.0 else Status.RELEASED
-            command = command._replace(status=status, reason=STANDS, yielded=command.yielded | Bound.TASK, scale=0.0)
+            yielded = command.yielded | Bound.TASK
+            command = command._replace(status=Status.BLOCKED, reason=STANDS, yielded=yielded, scale=0.0)
         proceed, at, looked = self._proceed, int(state[PROGRESS["at"]]), int(state[PROGRESS["looked"]])
         _, old, hand, force, ahead, searched = proceed.inputs
         old[:], hand[:], force[:] = state, self.place, self._force

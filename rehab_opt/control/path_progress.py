@@ -8,15 +8,18 @@ makes of it. In every tick the progress s becomes
 the place ahead at which the spring's energy, less the work of a drive w [N], is least. The drive grows while the spring
 is stretched by a push f, of whatever direction, that some place of the path ahead answers to,
 
-    w' = (|f| - f_0) / T    where f.(p(sigma) - p(s)) > f_0 (sigma - s) for a sigma <= s + 40 widths,
+    w' = (|f| - f_0) / T    where f.(p(sigma) - p(s)) > 2 f_0 exp(-t / 0.5 s) (sigma - s) for a sigma <= s + 40 widths,
 
-by T = 0.1 s, and is forgotten as s goes on (by a factor e in each width) and where there is no such push (in 0.2 s).
+t being how long the push has lasted since s went on by a width: the work of the push on the way there is worth more than
+the length of the way, which counts the less, the longer the person insists. T is 0.08 s. The drive is forgotten as s
+goes on (by a factor e in each width) and where there is no such push (in 0.2 s).
 
-**Why a steady push cannot hold a hand whose person means to go on.** Let the person push steadily by f towards any place
-of the next 40 widths, and let hand and progress stand. Then f = S (x - p(s)), and for small ways d along the path the
-energy changes by at most (|f| - w) d + 1/2 S d^2, whatever the direction of f: at most |f| d is lost where f points
-straight back. But w grows by (|f| - f_0) / T without end, so that after T |f| / (|f| - f_0) seconds it exceeds |f|, and s
-goes on: to the tip of a hairpin against the push, round a loop away from it, through a cusp, along a stretch gone twice.
+**Why a steady push cannot hold a hand whose person means to go on.** Let the person push steadily by f, |f| > f_0,
+towards any place of the next 40 widths, f.(p(sigma) - p(s)) > 0, and let hand and progress stand. After a time t that is
+finite the place answers. Then f = S (x - p(s)), and for small ways d along the path the energy changes by at most
+(|f| - w) d + 1/2 S d^2, whatever the direction of f: |f| d where f points straight back. But w grows by (|f| - f_0) / T,
+so that after T |f| / (|f| - f_0) seconds more it exceeds |f|, and s goes on: to the tip of a hairpin against the push,
+round a loop away from it, through a cusp, along a stretch gone twice.
 At a crossing or an overlap other branches do not come in at all: they are further than two widths along the path. Each
 width passed takes such a time at most, as long as the spring need not pull harder than the force limit. A push back
 along a path that does not return is answered by no place ahead: there the drive stays zero, so that a person who has
@@ -44,16 +47,18 @@ __all__ = ["AHEAD", "PATH_MODEL", "PLACES", "PROGRESS", "SEARCHED", "progress_fu
 
 PATH_MODEL = Record(stiffness=1, spacing=1, last=1, force_limit=1, push=1, speed_cap=1, dt=1)
 """S [N/m]; length between samples [m]; number of the last one; [N]; f_0 [N]; [m/s]; tick [s]."""
-PROGRESS = Record(at=1, drive=1, stood=1, mark=1, grip=1, away=1, looked=1, place=2, along=2)
-"""Progress in samples; w [N]; how long the hand has stood [s], and the progress since when, in samples; share of the
-force that is applied; whether the hand is let go; the sample from which on it is looked for; the place p(s) [m] and the
+PROGRESS = Record(at=1, drive=1, pushed=1, stood=1, mark=1, grip=1, away=1, looked=1, place=2, along=2)
+"""Progress in samples; w [N]; how long [s] the hand was pushed, and has stood under force, since the progress that is
+marked, in samples; share of the force that is applied; whether the hand is let go; the sample from which on it is looked for; the place p(s) [m] and the
 path's direction there."""
 WINDOW = 2.0
 """Widths ahead within which the progress is chosen: a detour shorter than that may be cut."""
 HORIZON = 40.0
 """Widths ahead within which a place may answer to a push."""
-GROWTH = 0.1
+GROWTH = 0.08
 """[s] T."""
+DETOUR, INSISTS = 2.0, 0.5
+"""Times f_0 that a push must do of work along the way to a place that answers, at first; [s] in which that fades."""
 FORGETS = 0.2
 """[s] in which a drive that nothing answers to is forgotten."""
 STANDING = 1 / 6
@@ -84,8 +89,10 @@ def progress_function() -> ca.Function:
     # The drive.
     push = model.stiffness * (hand - here)
     size = ca.norm_2(push)
+    pushed = ca.fmax(old.pushed + ca.if_else(size > model.push, model.dt, -model.dt), 0)
+    price = DETOUR * model.push * ca.exp(-pushed / INSISTS) * model.spacing
     answers = [
-        ca.dot(push, ahead[:, i] - here) > model.push * model.spacing * (i - begin)
+        ca.dot(push, ahead[:, i] - here) > price * (i - begin)
         for i in range(SAMPLES_PER_WIDTH, PLACES + 1, SAMPLES_PER_WIDTH)
     ]
     answered = ca.sum1(ca.vertcat(*answers)) > 0
@@ -130,6 +137,7 @@ def progress_function() -> ca.Function:
     looked = ca.if_else(ca.logic_or(old.grip > 0, further > model.last), start, further)
     at, away = ca.if_else(returns, back, at), ca.if_else(returns, 0, away)
     drive, stood = ca.if_else(away, 0, drive), ca.if_else(away, 0, stood)
+    pushed = ca.if_else(ca.logic_or(went_on, away), 0, pushed)
     mark = ca.if_else(ca.logic_or(went_on, returns), at, old.mark)
 
     # Place and direction there; of a hand that has come back from the next tick on, when it is first led again.
@@ -139,8 +147,17 @@ def progress_function() -> ca.Function:
         way, corner = ca.if_else(inside, ahead[:, i + 1] - ahead[:, i], way), ca.if_else(inside, ahead[:, i], corner)
         share = ca.if_else(inside, clipped(at - first - i, 0, 1), share)
     place, along = corner + share * way, way / ca.fmax(ca.norm_2(way), 1e-300)
-    after = PROGRESS.of(
-        at=at, drive=drive, stood=stood, mark=mark, grip=grip, away=away, looked=looked, place=place, along=along
+    after = PROGRESS.of(  # fmt: skip
+        at=at,
+        drive=drive,
+        pushed=pushed,
+        stood=stood,
+        mark=mark,
+        grip=grip,
+        away=away,
+        looked=looked,
+        place=place,
+        along=along,
     )
     inputs = [model.column, old.column, hand, force, ahead, searched]
     return ca.Function("path_progress", inputs, [after], {"cse": True})

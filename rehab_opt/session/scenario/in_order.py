@@ -6,6 +6,8 @@ are in order.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,7 +28,7 @@ def covered_in_order(position: Array, path: Array, *, within: float, jump: float
     that counts the most length; a piece of more than `jump` [m] that is passed over between two places does not count.
     """
     places, piece = _evenly(path)
-    reach = max(1, int(jump / piece)) if piece > 0 else 1
+    reach = max(1, math.ceil(jump / piece)) if piece > 0 else 1
     number = np.arange(len(places))
     counted = np.full(len(places), -np.inf)  # the most that is counted where the hand has come to each place
     counted[0] = 0.0

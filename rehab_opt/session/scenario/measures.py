@@ -21,7 +21,7 @@ from rehab_opt.session.scenario.in_order import covered_in_order, deviation_in_o
 from rehab_opt.session.scenario.smoothness import spectral_arc_length
 from rehab_opt.session.scenario.trial import Trial
 
-__all__ = ["COVERED", "LETTING_GO", "REACHES", "deviation_of", "trial_measures"]
+__all__ = ["COVERED", "REACHES", "deviation_of", "trial_measures"]
 
 Array = NDArray[np.float64]
 Ticks = NDArray[np.bool_]
@@ -35,7 +35,13 @@ LETTING_GO = (Status.RELEASING, Status.RELEASED)
 
 
 def trial_measures(
-    trial: Trial, *, reference: ArrayLike, mode: Mode, target: ArrayLike | None, within: float, jump: float | None = None
+    trial: Trial,
+    *,
+    reference: ArrayLike,
+    mode: Mode,
+    target: ArrayLike | None,
+    within: float,
+    jump: float | None = None,
 ) -> Numbers:
     """All measures of a trial.
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.assistance import Assistance
-from rehab_opt.control.command import Bound
+from rehab_opt.control.command import Status
 from rehab_opt.control.energy_tank import HAND_SPEED
 from rehab_opt.control.path_assistance import PathAssistance
 from rehab_opt.control.smoother import Smoother
@@ -21,7 +21,7 @@ from rehab_opt.session.scenario.bounds import bounds_of, bounds_refusals, check_
 from rehab_opt.session.scenario.demonstrated import fit_metrics
 from rehab_opt.session.scenario.laws import INDEX, Assisted, AssistedAtPoints, ForceLaw, Published, Unassisted
 from rehab_opt.session.scenario.loop import Arrival, Scene, ran
-from rehab_opt.session.scenario.measures import COVERED, LETTING_GO, trial_measures
+from rehab_opt.session.scenario.measures import COVERED, trial_measures
 from rehab_opt.session.scenario.outcome import ScenarioOutcome
 from rehab_opt.session.scenario.pair import pair_measures, pair_of
 from rehab_opt.session.scenario.plant import hand_robot_of, person_of, robot_model_of
@@ -160,8 +160,8 @@ def _left_out(
 
 def _times_let_go(trial: Trial) -> int:
     """How often the force yielded to a hand that could be acted on."""
-    yielded = trial.flagged(Bound.TASK) & np.isin(trial.status, [INDEX[each] for each in LETTING_GO])
-    return int(yielded[0]) + int((yielded[1:] & ~yielded[:-1]).sum())
+    let_go = trial.status == INDEX[Status.BLOCKED]
+    return int(let_go[0]) + int((let_go[1:] & ~let_go[:-1]).sum())
 
 
 def _runaways(problem: ScenarioProblem, ready: Prepared, trials: Mapping[Law, tuple[Trial, ...]]) -> Iterator[str]:
@@ -213,9 +213,7 @@ def law_of(name: Law, loaded: ProblemFile[ScenarioProblem], ready: Prepared, *, 
     return assisted_law(problem, ready, assistance)
 
 
-def assisted_law(
-    problem: ScenarioProblem, ready: Prepared, assistance: Assistance | PathAssistance
-) -> Assisted:
+def assisted_law(problem: ScenarioProblem, ready: Prepared, assistance: Assistance | PathAssistance) -> Assisted:
     """Ours as the loop calls it: with its field where it is, or carried from point to point."""
     if problem.mode != "hold" or isinstance(assistance, PathAssistance):
         return Assisted(assistance)
