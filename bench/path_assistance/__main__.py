@@ -1,6 +1,6 @@
 """Help along handwriting that nobody has seen, beside none: `python -m bench.path_assistance`.
 
-Traces of the seeds 1000 .. 1099 (`--first`, `--traces`) and the recorded pen trace, each traced by two simulated persons
+Traces of the seeds 1000 to 1099 (`--first`, `--traces`) and the recorded pen trace, each traced by two simulated people
 (by the clock; ahead of where they see themselves) in four trials of the same moods, with help and without. Prints one
 line a number, asked and measured, and the worst traces; exit code 1 where one is missed. `--write` puts it into
 bench/RESULTS.md.

@@ -1,4 +1,4 @@
-"""What a trial along a path was worth: numbers from the arrays of a trial alone. Nothing here comes from the library."""
+"""What a trial along a path was worth, from its arrays alone. Nothing here comes from the library."""
 
 from __future__ import annotations
 

@@ -41,14 +41,14 @@ class PathAssistance(BoundedForce):
     Outside the workspace there is a pull back to it, as with `Assistance` in mode "follow".
 
     The published field is of the whole path at once: at crossings, hairpins and loops it averages branches, and a hand
-    is held between them for good. Here s is a state of its own. It is moved by the person, in order: it never goes back,
-    and cuts no detour longer than two widths. `rehab_opt.control.path_progress` states the law, why a steady push cannot
-    hold a hand whose person means to go on, and what the law cannot see. A hand that stands under force all the same is
-    let go within 2 s: the force fades, the command says BLOCKED, its scale is 0, its `yielded` holds `Bound.TASK`, and
-    its reason says why, until the hand comes to a place further along the path.
+    is held between them for good. Here s is a state of its own. It is moved by the person, in order: it never goes
+    back, and cuts no detour longer than two widths. `rehab_opt.control.path_progress` states the law, why a steady push
+    cannot hold a hand whose person means to go on, and what the law cannot see. A hand that stands under force all the
+    same is let go within 2 s: the force fades, the command says BLOCKED, its scale is 0, its `yielded` holds
+    `Bound.TASK`, and its reason says why, until the hand comes to a place further along the path.
 
-    A person who goes back along the path is held, by the spring, to where they had come, and let go in 2 s. Begin anew by
-    `reset`.
+    A person who goes back along the path is held, by the spring, to where they had come, and let go in 2 s where they
+    insist. Begin anew by `reset`.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ class PathAssistance(BoundedForce):
         stiffness: float,
         width: float,
         damping: float = 0.0,
-        push: float = 1.0,
+        push: float = 2.0,
         comfortable: Workspace,
         force_limit: float = 30.0,
         return_stiffness: float = 500.0,
@@ -106,9 +106,9 @@ class PathAssistance(BoundedForce):
         self.track = np.pad(sampled.points, ((0, PLACES + SEARCHED), (0, 0)), mode="edge")
         """(N, 2) [m] samples of the path, the last of them repeated."""
         self._flat = self.track.ravel()
-        compile = bounds.get("compile")
+        option = bounds.get("compile")
         self._edges = edge_columns(comfortable.polygon)
-        self._pull = BufferedFunction(guided_force(len(self._edges)), compile=compile)
+        self._pull = BufferedFunction(guided_force(len(self._edges)), compile=option)
         super().__init__(self._pulled(), force_limit=force_limit, **bounds)
         self.path_model = PATH_MODEL.numbers(
             stiffness=stiffness,
@@ -120,7 +120,7 @@ class PathAssistance(BoundedForce):
             dt=self.dt,
         )
         """`PATH_MODEL` of this one."""
-        self._proceed = BufferedFunction(progress_function(), compile=compile)
+        self._proceed = BufferedFunction(progress_function(), compile=option)
         self._proceed.inputs[0][:] = self.path_model
         self._begin()
 

@@ -8,28 +8,29 @@ makes of it. In every tick the progress s becomes
 the place ahead at which the spring's energy, less the work of a drive w [N], is least. The drive grows while the spring
 is stretched by a push f, of whatever direction, that some place of the path ahead answers to,
 
-    w' = (|f| - f_0) / T    where f.(p(sigma) - p(s)) > 2 f_0 exp(-t / 0.5 s) (sigma - s) for a sigma <= s + 40 widths,
+    w' = (|f| - f_0) / T    where f.(p(sigma) - p(s)) > f_0 exp(-t / 0.5 s) (sigma - s) for a sigma <= s + 40 widths,
 
-t being how long the push has lasted since s went on by a width: the work of the push on the way there is worth more than
-the length of the way, which counts the less, the longer the person insists. T is 0.08 s. The drive is forgotten as s
-goes on (by a factor e in each width) and where there is no such push (in 0.2 s).
+t being how long the push has lasted since s went on by a width: on the way there the push does more work than f_0 would
+along all of it, and that counts the less, the longer the person insists. T is 0.06 s. The drive is forgotten as s goes
+on (by a factor e in each width) and where there is no such push (in 0.2 s).
 
 **Why a steady push cannot hold a hand whose person means to go on.** Let the person push steadily by f, |f| > f_0,
-towards any place of the next 40 widths, f.(p(sigma) - p(s)) > 0, and let hand and progress stand. After a time t that is
-finite the place answers. Then f = S (x - p(s)), and for small ways d along the path the energy changes by at most
-(|f| - w) d + 1/2 S d^2, whatever the direction of f: |f| d where f points straight back. But w grows by (|f| - f_0) / T,
-so that after T |f| / (|f| - f_0) seconds more it exceeds |f|, and s goes on: to the tip of a hairpin against the push,
-round a loop away from it, through a cusp, along a stretch gone twice.
-At a crossing or an overlap other branches do not come in at all: they are further than two widths along the path. Each
-width passed takes such a time at most, as long as the spring need not pull harder than the force limit. A push back
-along a path that does not return is answered by no place ahead: there the drive stays zero, so that a person who has
-stopped is not led on, and neither is one who pushes by less than f_0.
+towards any place of the next 40 widths, f.(p(sigma) - p(s)) > 0, and let hand and progress stand. After a finite time
+the place answers. Then f = S (x - p(s)), and for small ways d along the path the energy changes by at most
+(|f| - w) d + 1/2 S d^2, whatever the direction of f: by |f| d where it points straight back. But w grows by
+(|f| - f_0) / T, so that after T |f| / (|f| - f_0) seconds more it exceeds |f|, and s goes on: to the tip of a hairpin
+against the push, round a loop away from it, through a cusp, along a stretch gone twice. At a crossing or an overlap
+other branches do not come in at all: they are further than two widths along the path. Each width takes such a time at
+most, as long as the spring need not pull harder than the force limit. A push back along a path that does not return is
+answered by no place ahead: there the drive stays zero, so that a person who has stopped is not led on, and neither is
+one who pushes by less than f_0.
 
-**What it cannot see** is the intention. A push back into a loop of the path is taken for the wish to have passed it. A
-push that no place ahead answers to may still be the wish to leave: where the hand has stood under more than a sixth of
-the force limit for 1.5 s, with less progress than a width, the force fades within 0.3 s, in whatever direction the hand
-is pushed, and stays away until the hand comes within a width of a place at least a width further on: the first of these
-along the path. So a hand is never led back to an earlier loop, and a later one that it has come to takes it in.
+**What it cannot see** is the intention. A push back into a loop of the path is taken for the wish to have passed it, so
+that a person who lags behind the hand among small loops may be led on further ahead. A push that no place ahead answers
+to may be the wish to leave: where the hand has stood under more than 0.3 of the force limit for 1.5 s, with less
+progress than a width, the force fades within 0.3 s, in whatever direction the hand is pushed, and stays away until the
+hand comes within a width of a place at least a width further on: the first of these along the path. So a hand is never
+led back to an earlier loop, and a later one that it has come to takes it in.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ import casadi as ca
 
 from rehab_opt.field.potential import SAMPLES_PER_WIDTH
 from rehab_opt.optim.certificate import all_true, clipped
-from rehab_opt.symbolic.record import Record
+from rehab_opt.symbolic.record import Record, Values
 
 __all__ = ["AHEAD", "PATH_MODEL", "PLACES", "PROGRESS", "SEARCHED", "progress_function"]
 
@@ -49,19 +50,19 @@ PATH_MODEL = Record(stiffness=1, spacing=1, last=1, force_limit=1, push=1, speed
 """S [N/m]; length between samples [m]; number of the last one; [N]; f_0 [N]; [m/s]; tick [s]."""
 PROGRESS = Record(at=1, drive=1, pushed=1, stood=1, mark=1, grip=1, away=1, looked=1, place=2, along=2)
 """Progress in samples; w [N]; how long [s] the hand was pushed, and has stood under force, since the progress that is
-marked, in samples; share of the force that is applied; whether the hand is let go; the sample from which on it is looked for; the place p(s) [m] and the
-path's direction there."""
+marked, in samples; share of the force that is applied; whether the hand is let go; the sample from which on it is
+looked for; the place p(s) [m] and the path's direction there."""
 WINDOW = 2.0
 """Widths ahead within which the progress is chosen: a detour shorter than that may be cut."""
 HORIZON = 40.0
 """Widths ahead within which a place may answer to a push."""
-GROWTH = 0.08
+GROWTH = 0.06
 """[s] T."""
-DETOUR, INSISTS = 2.0, 0.5
-"""Times f_0 that a push must do of work along the way to a place that answers, at first; [s] in which that fades."""
+INSISTS = 0.5
+"""[s] in which it fades how much work a push must do along the way to a place that answers: f_0 times its length."""
 FORGETS = 0.2
 """[s] in which a drive that nothing answers to is forgotten."""
-STANDING = 1 / 6
+STANDING = 0.3
 """Share of the force limit above which a hand that stands is held."""
 PATIENCE, FADE = 1.5, 0.3
 """[s] for which a hand may be held, and in which the force then fades, so that it is gone within 2 s."""
@@ -76,8 +77,9 @@ def progress_function() -> ca.Function:
 
     Returns
     -------
-    `PATH_MODEL`, `PROGRESS`, hand (2,) [m], force on it (2,) [N], x and y of the samples from floor(`at`) on (2, `AHEAD`)
-    [m] and of those from `looked` on (2, `SEARCHED`) [m] -> `PROGRESS`. Beyond the path's end its last point repeats.
+    `PATH_MODEL`, `PROGRESS`, hand (2,) [m], force on it (2,) [N], x and y of the samples from floor(`at`) on
+    (2, `AHEAD`) [m] and of those from `looked` on (2, `SEARCHED`) [m] -> `PROGRESS`. Beyond the path's end its last
+    point repeats.
     """
     model, old = PATH_MODEL.symbols("model"), PROGRESS.symbols("old")
     hand, force = ca.SX.sym("hand", 2), ca.SX.sym("force", 2)
@@ -90,7 +92,7 @@ def progress_function() -> ca.Function:
     push = model.stiffness * (hand - here)
     size = ca.norm_2(push)
     pushed = ca.fmax(old.pushed + ca.if_else(size > model.push, model.dt, -model.dt), 0)
-    price = DETOUR * model.push * ca.exp(-pushed / INSISTS) * model.spacing
+    price = model.push * ca.exp(-pushed / INSISTS) * model.spacing
     answers = [
         ca.dot(push, ahead[:, i] - here) > price * (i - begin)
         for i in range(SAMPLES_PER_WIDTH, PLACES + 1, SAMPLES_PER_WIDTH)
@@ -124,14 +126,9 @@ def progress_function() -> ca.Function:
     away = ca.logic_or(ca.logic_not(free), lets_go)
     grip = clipped(old.grip + ca.if_else(away, -model.dt, model.dt) / FADE, 0, 1)
 
-    # Where a hand that was let go has come back to: the first place in order.
+    # Where a hand that was let go has come back to.
     start = ca.fmin(ca.floor(at) + SAMPLES_PER_WIDTH, model.last)
-    within = (SAMPLES_PER_WIDTH * model.spacing) ** 2
-    back = ca.SX(-1)
-    for i in reversed(range(SEARCHED)):
-        number = old.looked + i
-        near = all_true(ca.sumsqr(hand - searched[:, i]) <= within, number >= start, number <= model.last)
-        back = ca.if_else(near, number, back)
+    back = _first_place(hand, searched, old.looked, start=start, model=model)
     returns = all_true(ca.logic_not(free), old.grip == 0, back >= 0)
     further = old.looked + SEARCHED
     looked = ca.if_else(ca.logic_or(old.grip > 0, further > model.last), start, further)
@@ -147,7 +144,7 @@ def progress_function() -> ca.Function:
         way, corner = ca.if_else(inside, ahead[:, i + 1] - ahead[:, i], way), ca.if_else(inside, ahead[:, i], corner)
         share = ca.if_else(inside, clipped(at - first - i, 0, 1), share)
     place, along = corner + share * way, way / ca.fmax(ca.norm_2(way), 1e-300)
-    after = PROGRESS.of(  # fmt: skip
+    after = PROGRESS.of(
         at=at,
         drive=drive,
         pushed=pushed,
@@ -161,3 +158,13 @@ def progress_function() -> ca.Function:
     )
     inputs = [model.column, old.column, hand, force, ahead, searched]
     return ca.Function("path_progress", inputs, [after], {"cse": True})
+
+
+def _first_place(hand: ca.SX, searched: ca.SX, looked: ca.SX, *, start: ca.SX, model: Values) -> ca.SX:
+    """Number of the first sample in order that is within a width of the hand, from `start` on; -1 for none."""
+    within, back = (SAMPLES_PER_WIDTH * model.spacing) ** 2, ca.SX(-1)
+    for i in reversed(range(SEARCHED)):
+        number = looked + i
+        near = all_true(ca.sumsqr(hand - searched[:, i]) <= within, number >= start, number <= model.last)
+        back = ca.if_else(near, number, back)
+    return back

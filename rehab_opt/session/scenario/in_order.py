@@ -1,4 +1,4 @@
-"""How a hand went along a path from its start to its end: what it covered of it, and how far it was from where it was due.
+"""How a hand went along a path from start to end: what it covered, and how far it was from where it was due.
 
 The nearest place of a path that crosses itself or comes back says nothing of a loop that was left out: here the places
 are in order.
