@@ -44,8 +44,9 @@ def made(mode: str, comfortable: Workspace = COMFORTABLE, **options: object) -> 
 
 
 def made_along_a_path() -> PathAssistance:
-    """The same for a path that crosses itself."""
-    return PathAssistance(EIGHT, stiffness=1000.0, width=0.01, damping=5.0, comfortable=COMFORTABLE, **LITTLE)  # type: ignore[arg-type]
+    """The same for a path that crosses itself, with energy to hold a hand that stands."""
+    given = {**LITTLE, "energy_budget": 3.0}
+    return PathAssistance(EIGHT, stiffness=1000.0, width=0.01, damping=5.0, comfortable=COMFORTABLE, **given)  # type: ignore[arg-type]
 
 
 def exported_to(folder: Path, mode: str) -> Path:

@@ -160,9 +160,9 @@ def test_the_end_of_a_path_is_reached_and_a_hand_that_stands_is_let_go(
     c, helper, seen = CAssistance(along, "path_assistance"), path_helper, set()
     helper.reset()
     to_the_end = np.repeat(EIGHT, 4, axis=0)
-    aside = np.linspace(0.0, 0.008, 200)[:, None] * [-0.5, 0.9]
+    aside = np.linspace(0.0, 0.012, 200)[:, None] * [-0.5, 0.9]
     stands = EIGHT[-1] + np.vstack((aside, np.repeat(aside[-1:], 3000, axis=0), aside[::-1]))
-    stands += 2e-5 * np.random.default_rng(0).standard_normal(stands.shape)  # a sensor that is not frozen
+    stands += 1e-6 * np.random.default_rng(0).standard_normal(stands.shape)  # a sensor that is not frozen
     for k, x in enumerate(np.vstack((to_the_end, stands))):
         command = helper.step(x, stamp=DT * k)
         assert_same(c.step(x, None, stamp=DT * k), command)
