@@ -200,7 +200,7 @@ class PersonSection(Section):
     spasm_s: float = Field(default=Person.spasm_time, gt=0, le=5)
     """Mean length."""
     aims: Aims = Person.aims
-    """Towards where the hand should be by now ("clock"), or along the path, ahead of where the person sees it ("path")."""
+    """By the "clock", to where the hand should be by now; or along the "path", ahead of where the person sees it."""
     ahead_mm: float = Field(default=1e3 * Person.ahead, gt=0, le=100)
     """How far ahead at most, for "path"."""
 
