@@ -95,7 +95,7 @@ class WantedVelocity(NamedTuple):
 
         p, last = ca.MX.sym("p", parameters.numel()), ca.MX.sym("memory", memory.numel())
         told, within, rows, more, motion, limits, needed = first.call([p, last])
-        motion = ca.Function.if_else("hold", *self._hold(movable)).call([needed, told, motion, limits, rows])[0]
+        motion = ca.Function.if_else("hold", *self.hold(movable)).call([needed, told, motion, limits, rows])[0]
         n = self.jacobian.size2()
         if not self.rows.size1():
             motion = self._bent(movable, bend)(p[:n], last[:n], told, motion, limits)
@@ -126,7 +126,7 @@ class WantedVelocity(NamedTuple):
             return None
         return ca.Function("slowed", [q, last, task, motion], [motion / ca.fmax(factor, 1)], {"cse": True})
 
-    def _hold(self, movable: ca.DM) -> tuple[ca.Function, ca.Function]:
+    def hold(self, movable: ca.DM) -> tuple[ca.Function, ca.Function]:
         """Task, wanted motion, stopping speeds and drift, rows -> wanted motion within both; and as it was."""
         k, n = self.jacobian.shape
         m = self.rows.size1()

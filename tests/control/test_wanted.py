@@ -19,7 +19,7 @@ def held() -> ca.Function:
         matrix, ca.SX.sym("v", 6), ca.SX(1), nothing, None, np.ones(N), np.zeros(N, dtype=bool), rows,  # type: ignore[arg-type]
         ca.SX.sym("r", M), ca.SX(0, 1),
     )  # fmt: skip
-    return of._hold(ca.DM.eye(N))[0]
+    return of.hold(ca.DM.eye(N))[0]
 
 
 HELD = held()
