@@ -17,6 +17,7 @@ from rehab_opt.kinematics.link_capsules import CapsuleOnLink, LinkCapsule
 from rehab_opt.kinematics.ur5 import ur5
 
 if TYPE_CHECKING:
+    from rehab_opt import measures as measures
     from rehab_opt.control.assistance import Assistance
     from rehab_opt.control.bilateral import Bilateral
     from rehab_opt.control.bilateral_sides import HelperSide, ParticipantSide
@@ -83,6 +84,7 @@ __all__ = [
     "ardis",
     "arm_on_chair",
     "human_arm",
+    "measures",
     "planar_workspace",
     "range_of_motion",
     "reachability_map",
@@ -122,6 +124,8 @@ _LATER = {
 
 
 def __getattr__(name: str) -> Any:
+    if name == "measures":  # a package of functions that are told by its name
+        return importlib.import_module(f"{__name__}.measures")
     if name not in _LATER:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     value = getattr(importlib.import_module(f"{__name__}.{_LATER[name]}"), name)

@@ -27,6 +27,7 @@ LAYERS = {
     "symbolic": {"errors"},
     "kinematics": {"errors", "text_file", "symbolic"},
     "optim": {"errors", "symbolic"},
+    "measures": {"errors"},
     "workspace": {"errors", "symbolic", "kinematics", "optim"},
     "field": {"errors", "symbolic", "kinematics", "optim"},
     "control": {"errors", "symbolic", "kinematics", "optim", "workspace", "field"},
@@ -42,6 +43,7 @@ LAYERS = {
         "control",
         "published",
         "plants",
+        "measures",
     },
     "plants": {"errors", "kinematics"},
     "comparison": {
