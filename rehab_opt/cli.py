@@ -14,8 +14,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rehab_opt.errors import ConfigurationError, RehabOptError
-from rehab_opt.terminal import bars, interrupted, no_folder, on_interrupt, printer, refuse, say, undisturbed, writable
+from rehab_opt.errors import ConfigurationError, RehabOptError, printable
+from rehab_opt.terminal import (
+    bars,
+    interrupted,
+    no_folder,
+    numbers_in,
+    on_interrupt,
+    printer,
+    refuse,
+    say,
+    undisturbed,
+    writable,
+)
 
 if TYPE_CHECKING:
     from rehab_opt.session.files import ProblemFile
@@ -139,6 +150,56 @@ def record(
             write_sequence(path, sequence, argument="--out")
     for path, sequence in zip(paths, sequences, strict=True):
         say(f"{path}: {len(sequence)} QPs of {sequence.n} variables and {sequence.m} rows")
+
+
+@app.command()
+def score(
+    recordings: Annotated[list[str], typer.Argument(metavar="RECORDING...", help="Recordings of a hand, one or more.")],
+    *,
+    columns: Annotated[str | None, typer.Option(help="Columns of x, y (and z), with commas between.")] = None,
+    marker: Annotated[str | None, typer.Option(help="The hand's marker in a motion-capture file.")] = None,
+    target: Annotated[str | None, typer.Option(help="x,y(,z) [m] where each movement was to end.")] = None,
+    pause: Annotated[float | None, typer.Option(help="Rest [s] that ends a trial; by default a file is one.")] = None,
+    repeats: Annotated[
+        bool, typer.Option("--repeats", help="All trials are of one movement: how they vary, too.")
+    ] = False,
+    cutoff: Annotated[float, typer.Option(help="Of the low-pass before speeds are taken [Hz].")] = 10.0,
+    threshold: Annotated[float, typer.Option(help="Fraction of the peak speed where a movement begins.")] = 0.05,
+    out: Annotated[Path | None, typer.Option(help="A .csv; standard output by default.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace the .csv where there is one.")] = False,
+) -> None:
+    """Measure the trials of recordings: movement time, speed, smoothness, path, range; a row each, as CSV.
+
+    Notes, on the error stream, say what to know of the numbers: gaps, noise, rest. rehab_opt.measures has the formulas.
+    """
+    from rehab_opt.session.scoring import score_recordings, write_rows  # noqa: PLC0415
+
+    if out is not None:
+        no_folder(out)
+        writable(out.parent)
+        if out.exists() and not force:
+            raise ConfigurationError("--out", str(out), "a file that is not there yet, or --force to replace it")
+    scored = score_recordings(
+        recordings,
+        columns=None if columns is None else columns.split(","),
+        marker=marker,
+        target=None if target is None else numbers_in("--target", target),
+        pause=pause,
+        repeats=repeats,
+        cutoff_hz=cutoff,
+        threshold=threshold,
+    )
+    if out is None:
+        write_rows(scored.rows, sys.stdout)
+    else:
+        with undisturbed():
+            out.parent.mkdir(parents=True, exist_ok=True)
+            with out.open("w", encoding="utf-8", newline="") as file:
+                write_rows(scored.rows, file)
+    for note in scored.notes:
+        print(printable(f"rehab-opt: {note}"), file=sys.stderr)
+    if out is not None:
+        say(f"written to {out}: {len(scored.rows)} rows")
 
 
 @app.command()

@@ -58,7 +58,7 @@ LAYERS = {
         "session",
     },
     "export": {"errors", "optim", "workspace", "field", "control", "session"},
-    "terminal": {"errors", "session", "symbolic"},
+    "terminal": {"errors", "text_file", "session", "symbolic"},
     "cli": {"errors", "session", "comparison", "export", "terminal"},
 }
 
