@@ -34,6 +34,12 @@ if TYPE_CHECKING:
     from rehab_opt.field.potential import PotentialField
     from rehab_opt.kinematics.ardis import ardis
     from rehab_opt.kinematics.arm_on_chair import arm_on_chair
+    from rehab_opt.kinematics.goniometer import (
+        arm_posture,
+        arm_range_of_motion,
+        goniometer_angles,
+        goniometer_range,
+    )
     from rehab_opt.workspace.mapping import WorkspaceMap
     from rehab_opt.workspace.placement import ShoulderPlacement
     from rehab_opt.workspace.reach import planar_workspace
@@ -83,6 +89,10 @@ __all__ = [
     "WorkspaceMap",
     "ardis",
     "arm_on_chair",
+    "arm_posture",
+    "arm_range_of_motion",
+    "goniometer_angles",
+    "goniometer_range",
     "human_arm",
     "measures",
     "planar_workspace",
@@ -116,6 +126,10 @@ _LATER = {
     "WorkspaceMap": "workspace.mapping",
     "ardis": "kinematics.ardis",
     "arm_on_chair": "kinematics.arm_on_chair",
+    "arm_posture": "kinematics.goniometer",
+    "arm_range_of_motion": "kinematics.goniometer",
+    "goniometer_angles": "kinematics.goniometer",
+    "goniometer_range": "kinematics.goniometer",
     "planar_workspace": "workspace.reach",
     "range_of_motion": "workspace.used_range",
     "reachability_map": "workspace.variation",

@@ -105,16 +105,33 @@ def list_problems() -> None:
 
 
 @app.command()
-def check(file: Problem) -> None:
-    """Check a problem file and its recording without running it."""
+def check(
+    file: Problem,
+    picture: Annotated[
+        Path | None, typer.Option(help="Folder for a picture of the arm at both ends of each movement.")
+    ] = None,
+) -> None:
+    """Check a problem file and its recording without running it; say the range of motion as a goniometer reads it."""
     from rehab_opt.session.files import load_problem  # noqa: PLC0415
-    from rehab_opt.session.run import checked  # noqa: PLC0415
+    from rehab_opt.session.run import arms_of, checked  # noqa: PLC0415
 
     loaded = load_problem(file)
     notes = checked(loaded)
+    arms = arms_of(loaded)
     say(f"{loaded.name}: {loaded.problem.title}")
     for note in notes:
         say(f"- {note}")
+    if arms:
+        from rehab_opt.session.arm_picture import range_note, write_range_figures  # noqa: PLC0415
+
+        for name, arm in arms.items():
+            say(f"- {range_note(name, arm)}")
+        if picture is not None:
+            for path in write_range_figures(arms, writable(picture, argument="--picture"), title=loaded.problem.title):
+                say(f"- written: {path}")
+    elif picture is not None:
+        expected = f"a problem that states a range of motion, which {loaded.problem.system!r} does not"
+        raise ConfigurationError("--picture", str(picture), expected)
     say("ok")
 
 

@@ -8,36 +8,33 @@ from __future__ import annotations
 from pathlib import PurePath
 from typing import Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from rehab_opt.session.text_lines import brief
 
 __all__ = [
     "FORMS",
+    "GONIOMETER",
     "NAME",
     "NAMED",
     "TABLE",
     "UNUSABLE_SOLVERS",
-    "ArmSection",
     "Length",
-    "Limits",
     "Once",
     "PlacementSection",
     "PlanarPlacement",
     "Positive",
     "Problem",
-    "RangeOfMotion",
     "RecordingSection",
     "Section",
-    "SegmentsSection",
     "Side",
     "SolverName",
     "Triple",
     "refusal",
 ]
 
-NAME, TABLE, NAMED = FORMS = ("<name>", "<table>", "<named>")
+NAME, TABLE, NAMED, GONIOMETER = FORMS = ("<name>", "<table>", "<named>", "<goniometer>")
 """Which form of a key that has several was used; pydantic puts them into the place of an error."""
 
 UNUSABLE_SOLVERS = ("scpgen",)
@@ -47,20 +44,6 @@ Side = Literal["left", "right"]
 Positive = Annotated[float, Field(gt=0)]
 Length = Annotated[float, Field(ge=-10, le=10)]
 """[m] A coordinate; larger ones are another unit."""
-
-
-def _ordered(pair: list[float]) -> list[float]:
-    if not pair[0] <= pair[1]:
-        raise PydanticCustomError("inverted", "[lower, upper] with lower <= upper")
-    if pair[1] - pair[0] > 360:
-        raise PydanticCustomError("too_wide", "[lower, upper] at most 360 deg apart")
-    return pair
-
-
-def _bone(length: float) -> float:
-    if not 50 <= length <= 1000:  # a long bone is 60 mm at birth, and less than 50 cm in anybody
-        raise PydanticCustomError("unit", "50 to 1000 mm (is the length in another unit?)")
-    return length
 
 
 def _usable(solver: str) -> str:
@@ -78,10 +61,6 @@ def _different(values: list[str]) -> list[str]:
 Once = AfterValidator(_different)
 """Of a list: nothing stands in it twice."""
 SolverName = Annotated[str, Field(min_length=1), AfterValidator(_usable)]
-LongBone = Annotated[float, AfterValidator(_bone)]
-Limits = Annotated[
-    list[Annotated[float, Field(ge=-360, le=360)]], Field(min_length=2, max_length=2), AfterValidator(_ordered)
-]
 Triple = Annotated[list[Length], Field(min_length=3, max_length=3)]
 
 
@@ -111,42 +90,6 @@ class Problem(Section):
 
     system: str
     title: str = Field(min_length=1, max_length=120)
-
-
-class RangeOfMotion(Section):
-    """A person's own joint limits, counted as in Table I of Rossa et al.; equal ones lock the joint."""
-
-    scapular_retraction_deg: Limits
-    glenohumeral_rotation_deg: Limits
-    shoulder_adduction_deg: Limits
-    humeral_flexion_deg: Limits
-    forearm_extension_deg: Limits
-    wrist_flexion_deg: Limits
-    wrist_deviation_deg: Limits
-    wrist_supination_deg: Limits
-
-
-class SegmentsSection(Section):
-    """Segment lengths l0 to l3 of Table I."""
-
-    acromiohumeral_mm: float = Field(default=130.0, ge=0, le=1000)
-    humerus_mm: LongBone = 290.0
-    forearm_mm: LongBone = 300.0
-    hand_mm: float = Field(default=70.0, ge=0, le=1000)
-
-
-class ArmSection(Section):
-    """Whose arm."""
-
-    side: Side
-    range_of_motion: Annotated[
-        Annotated[Literal["regular", "restricted"], Tag(NAME)] | Annotated[RangeOfMotion, Tag(TABLE)],
-        Discriminator(lambda value: TABLE if isinstance(value, dict | RangeOfMotion) else NAME),
-    ]
-    segments: SegmentsSection = SegmentsSection()
-    handle_tilt_deg: float = Field(default=2.0, gt=0, le=90)
-    joint_speed_deg_s: float | None = Field(default=None, gt=0, le=3600)
-    joint_acceleration_deg_s2: float | None = Field(default=None, gt=0, le=1e6)
 
 
 class RecordingSection(Section):

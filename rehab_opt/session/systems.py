@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from rich.table import Table
 
+    from rehab_opt.kinematics.chain import SerialChain
     from rehab_opt.session.ardis.outcome import ArdisOutcome
     from rehab_opt.session.ardis.problem import ArdisProblem
     from rehab_opt.session.files import ProblemFile
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
     from rehab_opt.session.workspaces.outcome import WorkspaceOutcome
     from rehab_opt.session.workspaces.problem import WorkspaceProblem
 
-__all__ = ["ROBOT_FILE", "SYSTEMS", "Animated", "Column", "Needed", "Recorded", "System", "system_named"]
+__all__ = ["ROBOT_FILE", "SYSTEMS", "Animated", "Column", "Needed", "OfPeople", "Recorded", "System", "system_named"]
 
 P = TypeVar("P", bound=Problem)
 O = TypeVar("O", bound=Outcome)  # noqa: E741  (an outcome)
@@ -114,6 +115,20 @@ class Animated(Protocol):
 
     def animations(self, outcome: Any) -> dict[str, Animation]:
         """The films by file name, without suffix."""
+        ...
+
+
+@runtime_checkable
+class OfPeople(Protocol):
+    """A system whose problems state the range of motion of arms."""
+
+    def arms(self, loaded: ProblemFile[Any]) -> dict[str, SerialChain]:
+        """The arms by what their ranges of motion are called.
+
+        Raises
+        ------
+        ProblemFileError : the kinematics refuses a value of the file.
+        """
         ...
 
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from pydantic import BaseModel, ValidationError
 
 from rehab_opt.errors import ProblemFileError
-from rehab_opt.session import schema
+from rehab_opt.session.arm_keys import TableOneRange
 from rehab_opt.session.data_folder import ENVIRONMENT
 from rehab_opt.session.files import (
     load_problem,
@@ -96,7 +96,7 @@ def test_persons_own_range_of_motion_is_accepted(written: Write) -> None:
     written("path.csv", CSV)
     problem = load_problem(str(written("own.toml", OWN_RANGE + RANGES))).problem
     assert isinstance(problem, UpperLimb)
-    assert isinstance(problem.arm.range_of_motion, schema.RangeOfMotion)
+    assert isinstance(problem.arm.range_of_motion, TableOneRange)
 
 
 def test_every_number_of_the_schema_carries_its_unit_or_has_none() -> None:

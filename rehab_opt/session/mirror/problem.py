@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, Self
 
-from pydantic import Discriminator, Field, Tag, model_validator
+from pydantic import Field, model_validator
 
+from rehab_opt.session.arm_keys import OneRange, SegmentsSection
 from rehab_opt.session.plant.tables import JointPlant
 from rehab_opt.session.pose_tracking.problem import RobotSection
 from rehab_opt.session.schema import (
-    NAME,
-    TABLE,
     Positive,
     Problem,
-    RangeOfMotion,
     Section,
-    SegmentsSection,
     Side,
     Triple,
     refusal,
@@ -115,10 +112,7 @@ class PatientArmSection(Section):
     """The arm that is led, to whose range of motion the reference is limited."""
 
     shoulder_m: Triple
-    range_of_motion: Annotated[
-        Annotated[Literal["regular", "restricted"], Tag(NAME)] | Annotated[RangeOfMotion, Tag(TABLE)],
-        Discriminator(lambda value: TABLE if isinstance(value, dict | RangeOfMotion) else NAME),
-    ]
+    range_of_motion: OneRange
     segments: SegmentsSection = SegmentsSection()
 
 
