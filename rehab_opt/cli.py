@@ -21,6 +21,7 @@ from rehab_opt.terminal import (
     no_folder,
     numbers_in,
     on_interrupt,
+    one_of,
     printer,
     refuse,
     say,
@@ -175,6 +176,10 @@ def score(
     *,
     columns: Annotated[str | None, typer.Option(help="Columns of x, y (and z), with commas between.")] = None,
     marker: Annotated[str | None, typer.Option(help="The hand's marker in a motion-capture file.")] = None,
+    separator: Annotated[str, typer.Option(help="Of a .csv: comma, semicolon or tab.")] = "comma",
+    decimal: Annotated[str, typer.Option(help="Of a .csv: point or comma.")] = "point",
+    count_mm: Annotated[float | None, typer.Option(help="Millimetres that one raw count is.")] = None,
+    tick_ms: Annotated[float | None, typer.Option(help="Milliseconds that one raw count of time is.")] = None,
     target: Annotated[str | None, typer.Option(help="x,y(,z) [m] where each movement was to end.")] = None,
     pause: Annotated[float | None, typer.Option(help="Rest [s] that ends a trial; by default a file is one.")] = None,
     repeats: Annotated[
@@ -190,6 +195,7 @@ def score(
     Notes, on the error stream, say what to know of the numbers: gaps, noise, rest. rehab_opt.measures has the formulas.
     """
     from rehab_opt.session.scoring import score_recordings, write_rows  # noqa: PLC0415
+    from rehab_opt.session.tables import SEPARATORS  # noqa: PLC0415
 
     if out is not None:
         no_folder(out)
@@ -198,8 +204,14 @@ def score(
             raise ConfigurationError("--out", str(out), "a file that is not there yet, or --force to replace it")
     scored = score_recordings(
         recordings,
-        columns=None if columns is None else columns.split(","),
-        marker=marker,
+        reading={
+            "columns": None if columns is None else columns.split(","),
+            "marker": marker,
+            "separator": one_of("--separator", separator, SEPARATORS),
+            "decimal": one_of("--decimal", decimal, ("point", "comma")),
+            "count_mm": count_mm,
+            "tick_ms": tick_ms,
+        },
         target=None if target is None else numbers_in("--target", target),
         pause=pause,
         repeats=repeats,

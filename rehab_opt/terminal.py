@@ -7,7 +7,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -25,6 +25,7 @@ __all__ = [
     "no_folder",
     "numbers_in",
     "on_interrupt",
+    "one_of",
     "printer",
     "refuse",
     "say",
@@ -126,6 +127,13 @@ def numbers_in(argument: str, text: str) -> list[float]:
     if not all(map(math.isfinite, numbers)):
         raise ConfigurationError(argument, text, "numbers with commas between, such as 0.1,0.25")
     return numbers
+
+
+def one_of(argument: str, value: str, known: Collection[str]) -> str:
+    """`value`, if it is known."""
+    if value not in known:
+        raise ConfigurationError(argument, value, f"one of {', '.join(known)}")
+    return value
 
 
 def refuse(problem: RehabOptError) -> NoReturn:

@@ -100,18 +100,39 @@ class RecordingSection(Section):
     mirror: bool = False
     marker: str | None = None
     columns: Annotated[list[str], Field(min_length=2, max_length=3)] | None = None
+    separator: Literal["comma", "semicolon", "tab"] = Field(default="comma", description="between the cells of a .csv")
+    decimal: Literal["point", "comma"] = Field(default="point", description="of the numbers in a .csv")
+    count_mm: float | None = Field(
+        default=None, gt=0, le=1000, description="one raw count of length of a .svc, or of a .csv without units"
+    )
+    tick_ms: float | None = Field(
+        default=None, gt=0, le=1000, description="one raw count of time of a .svc, or of a .csv without units"
+    )
+    speed: float = Field(default=1.0, ge=0.01, le=10, description="of the recorded pace: 0.5 takes twice as long")
 
     @model_validator(mode="after")
     def hand_is_named_as_its_file_allows(self) -> Self:
         """Refuse a marker or columns that the file's format has none of, and one column in two places."""
         suffix = PurePath(self.file).suffix.lower()
-        if self.marker is not None and suffix != ".trc":
-            raise refusal("marker", self.marker, "no such key: only a .trc has markers")
-        if self.columns is not None and suffix not in (".csv", ".mot"):
-            raise refusal("columns", self.columns, "no such key: only a .csv or .mot has named columns")
+        allowed = {
+            "marker": ((".trc", ".c3d"), "markers"),
+            "columns": ((".csv", ".mot", ".sto"), "named columns"),
+            "separator": ((".csv",), "a separator of one's choice"),
+            "decimal": ((".csv",), "decimals of one's choice"),
+            "count_mm": ((".svc", ".csv"), "raw counts"),
+            "tick_ms": ((".svc", ".csv"), "raw counts"),
+        }
+        for key, (suffixes, what) in allowed.items():
+            if key in self.model_fields_set and getattr(self, key) is not None and suffix not in suffixes:
+                some = f"{', '.join(suffixes[:-1])} or {suffixes[-1]}" if len(suffixes) > 1 else suffixes[0]
+                raise refusal(key, getattr(self, key), f"no such key: only a {some} has {what}")
         if self.columns is not None and len(set(self.columns)) < len(self.columns):
             raise refusal("columns", self.columns, "each column once")
         return self
+
+    def reading(self) -> dict[str, Any]:
+        """How `read_recording` is to read the file."""
+        return self.model_dump(exclude={"file", "hand", "mirror"})
 
 
 class PlanarPlacement(Section):

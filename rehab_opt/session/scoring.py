@@ -5,9 +5,10 @@ from __future__ import annotations
 import csv
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple, TextIO
+from types import MappingProxyType
+from typing import Any, NamedTuple, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,8 +50,7 @@ class Scored(NamedTuple):
 def score_recordings(
     files: Sequence[str],
     *,
-    columns: Sequence[str] | None = None,
-    marker: str | None = None,
+    reading: Mapping[str, Any] = MappingProxyType({}),
     target: Sequence[float] | None = None,
     pause: float | None = None,
     repeats: bool = False,
@@ -62,7 +62,7 @@ def score_recordings(
     Parameters
     ----------
     files : paths, or `data:folder/file`.
-    columns, marker : as in `read_recording`.
+    reading : how, as the arguments of `read_recording` (`columns`, `marker`, `separator` and others).
     target : [m] where each movement was to end, in the recordings' own frame.
     pause : [s] a hand that rests as long ends a trial; each recording is one trial by default.
     repeats : all trials are of one movement: how much they vary is measured too.
@@ -78,7 +78,7 @@ def score_recordings(
     movements: list[Array] = []
     for file in files:
         path = data_file(file, problem=file, key="file") if file.startswith(PREFIX) else Path(file)
-        recording = read_recording(path, name=file, columns=columns, marker=marker)
+        recording = read_recording(path, name=file, **reading)
         if recording.points.shape[1] < 2:
             raise ProblemFileError(file, "columns", None, "the columns that hold the hand's x and y (--columns)")
         if target is not None and len(target) != recording.points.shape[1]:

@@ -121,6 +121,6 @@ def test_command_prints_rows_and_writes_no_file_twice(
 def test_recorded_pen_trace_and_marker_are_scored(recorded: Callable[[str], Path]) -> None:
     pen = score_recordings([str(recorded("pen_trace/signal.svc"))], pause=0.3)
     assert len({row.trial for row in pen.rows}) > 3
-    lift = score_recordings([str(recorded("upper_limb_mocap/markers.trc"))], marker="MEDH")
+    lift = score_recordings([str(recorded("upper_limb_mocap/markers.trc"))], reading={"marker": "MEDH"})
     assert column(lift, "workspace_volume")[0] > 0
     assert 0.1 < column(lift, "speed_peak")[0] < 3

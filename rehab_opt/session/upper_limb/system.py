@@ -13,8 +13,10 @@ from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.participant import participant_arm
 from rehab_opt.session.placed_recording import placed_recording
+from rehab_opt.session.recording_size import size_note
 from rehab_opt.session.solver_option import checked_solver, solver_refusals
 from rehab_opt.session.systems import Column, Needed
+from rehab_opt.session.upper_limb.in_reach import reach_note
 from rehab_opt.session.upper_limb.laws import LAWS, follower
 from rehab_opt.session.upper_limb.outcome import ArmOutcome
 from rehab_opt.session.upper_limb.problem import UpperLimb
@@ -43,13 +45,13 @@ class UpperLimbSystem:
         """Reads the recording and builds the laws."""
         problem = loaded.problem
         (arm,) = self.arms(loaded).values()
-        recording, _ = placed_recording(
+        recording, path = placed_recording(
             loaded, problem.recording, problem.placement, side=problem.arm.side, rate=problem.run.rate_hz
         )
         with _refusals(loaded, None):
             for law in LAWS:
                 follower(law, arm, problem, file=loaded.file)
-        return recording.notes
+        return (*recording.notes, size_note(recording), reach_note(arm, path, handle_tilt=problem.arm.handle_tilt_deg))
 
     def arms(self, loaded: ProblemFile[UpperLimb]) -> dict[str, SerialChain]:
         """The participant's one."""

@@ -17,11 +17,14 @@ Zero = Annotated[
 ]
 
 
+TaskName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9-]{0,19}$")]
+
+
 class RecordedSection(Section):
     """Whose reaches: the files of Vanmechelen et al. in one folder."""
 
     folder: str = Field(min_length=1)
-    tasks: Annotated[list[Literal["RF", "RGV"]], Field(min_length=1, max_length=2), Once] = Field(default=["RF", "RGV"])
+    tasks: Annotated[list[TaskName], Field(min_length=1, max_length=12), Once] = Field(default=["RF", "RGV"])
     cover: float = Field(default=0.5, ge=0.5, le=1)
     pronation_zero_deg: Zero = 0.0
 

@@ -6,7 +6,7 @@ from rich.table import Table
 from rich.text import Text
 
 from rehab_opt.kinematics.human_arm import ARM_JOINTS
-from rehab_opt.session.reach_rows import GROUPS, TASKS
+from rehab_opt.session.reach_rows import GROUPS, task_title
 from rehab_opt.session.used_ranges.outcome import UsedRangesOutcome
 from rehab_opt.session.workspaces.reached import handle_words, plane_words
 from rehab_opt.session.workspaces.table import AREA_ROWS, percent, set_columns
@@ -21,7 +21,7 @@ def used_ranges_table(outcome: UsedRangesOutcome) -> Table:
     for task, of_task in outcome.tasks.items():
         groups = [outcome.metrics["groups"][of.label] for of in of_task]
         table.add_section()
-        table.add_row(Text(f"{TASKS[task]}: range used, deg", style="bold"))
+        table.add_row(Text(f"{task_title(task)}: range used, deg", style="bold"))
         for joint in ARM_JOINTS:
             used = (numbers["range_used"][f"{joint}_deg"] for numbers in groups)
             table.add_row(f"   {joint.replace('_', ' ')}", *(f"{of['lower']:.0f} to {of['upper']:.0f}" for of in used))
