@@ -66,23 +66,31 @@ def main(arguments: list[str] | None = None) -> None:
 @app.command()
 def run(
     file: Problem,
+    *,
     out: Annotated[Path | None, typer.Option(help="Folder of the result; ./out/<problem> by default.")] = None,
     solver: Annotated[str | None, typer.Option(help="Solver of the optimised law, instead of the file's.")] = None,
     law: Annotated[str | None, typer.Option(help="Of an upper limb: published, optimised or both (default).")] = None,
     plant: Annotated[
         str | None, typer.Option(help="Of a robot: ideal, or mujoco (mass, servos, delays); the file's by default.")
     ] = None,
+    also: Annotated[str | None, typer.Option(help="Figures as pdf or svg, too; both: pdf,svg.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace the files of an earlier run in the folder.")] = False,
 ) -> None:
-    """Run a problem; print its table; write metrics.json, trace.csv and figures."""
+    """Run a problem; print its table; write metrics.json, trace.csv and figures.
+
+    Where an earlier run has written its files, the folder gets a number: figure_eight-2.
+    """
     from rehab_opt.session.files import load_problem  # noqa: PLC0415
-    from rehab_opt.session.report import write_report  # noqa: PLC0415
+    from rehab_opt.session.report import FIGURE_FORMATS, free_folder, write_report  # noqa: PLC0415
     from rehab_opt.session.systems import system_named  # noqa: PLC0415
 
     loaded = load_problem(file)
-    folder = writable(out if out is not None else Path("out") / loaded.name)
+    formats = [] if also is None else [one_of("--also", each, FIGURE_FORMATS) for each in also.split(",")]
+    chosen = out if out is not None else Path("out") / loaded.name
+    folder = writable(chosen) if force else free_folder(writable(chosen))
     outcome = _run_with_progress(loaded, law=law, plant=plant, solver=solver)
     with undisturbed():
-        written = write_report(outcome, folder)
+        written = write_report(outcome, folder, also=formats)
     console = printer()
     console.print(system_named(outcome.system).table(outcome))
     for note in outcome.notes:

@@ -17,6 +17,7 @@ from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.goniometer import GONIOMETER, arm_posture, goniometer_range, range_in_words
 from rehab_opt.kinematics.human_arm import ARM_JOINTS, ARM_REST
 from rehab_opt.session.drawing import framed
+from rehab_opt.session.figure_fit import fitted
 
 __all__ = ["range_figure", "range_note", "stick_arm", "write_range_figures"]
 
@@ -85,7 +86,7 @@ def write_range_figures(arms: Mapping[str, SerialChain], folder: Path, *, title:
     written = []
     for number, (name, arm) in enumerate(arms.items(), start=1):
         path = folder / f"arm_{number}.png"
-        range_figure(f"{title}\nrange of motion {name!r}", arm).savefig(path)
+        fitted(range_figure(f"{title}\nrange of motion {name!r}", arm)).savefig(path)
         written.append(path)
     return written
 
