@@ -30,7 +30,7 @@ class Status(Enum):
 
 
 class Bound(IntFlag):
-    """What had to give way in this tick, in the order of house.md; velocity and force bounds never do."""
+    """What had to give way in this tick; velocity and force bounds never do."""
 
     NOTHING = 0
     POSITION = 1  #: the state is outside a joint limit, or within an obstacle; never further, led back where stated

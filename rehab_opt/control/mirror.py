@@ -72,9 +72,9 @@ class MirrorTracker(MirrorForeseen):
         (`SerialChain.capsules`: the UR5's whole body), the origin of a frame, or the tool's. Without capsules nothing
         is known of the links between those origins. What starts beyond a plane goes no deeper; what no joint moves,
         the led hand and what is mounted on the flange are not guarded, unless a capsule stands for them.
-    limits : what else the posture has to keep: see `Limit`; a rate of None is `rate` here. Where curved ones are met
-        together, or with a plane, the hand may stand short of the nearest pose: their tangents promise too much, and
-        the step is shortened.
+    limits : what else the posture has to keep: see `Limit`; a rate of None is `rate` here. Where three distances of
+        one limit, or three points of the arm and one plane, are met at once, the hand may stand short of the nearest
+        pose: two of them make rows, and the step is shortened before the third.
     person : the arm that is led, in the robot's base frame; the reference is limited to its range of motion
         (`PersonLimit`). grip : (4, 4) pose of the tool in its hand frame.
     interaction : how the hand gives way to measured forces, and where they stop it; default `Interaction()`.

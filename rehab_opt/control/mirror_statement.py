@@ -80,7 +80,7 @@ class MirrorStatement(PoseTracker):
         """See `HandBounds.rows`."""
         offset, lead = tick.others
         rows, most, opened, now = self.hand_bounds.rows(
-            tick.q, centre=tick.target[:3, 3] + offset, lead=lead, loss=tick.memory[-1], bounds=bounds
+            tick.q, tick.last, centre=tick.target[:3, 3] + offset, lead=lead, loss=tick.memory[-1], bounds=bounds
         )
         turned = ca.sumsqr(rotation_vector(tick.target[:3, :3] @ now.pose[:3, :3].T))
         return rows, most, opened, ca.vertcat(now.w, now.gradient, now.pose[:3, 3], turned)

@@ -10,9 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.stopping import FAR, VelocityBounds
-from rehab_opt.optim.certificate import certificate_function, clipped
+from rehab_opt.optim.active_set import active_set_round
+from rehab_opt.optim.certificate import clipped
+from rehab_opt.optim.dual_active_set import dual_active_set
+from rehab_opt.optim.qp import Statement
 from rehab_opt.optim.qrqp import qrqp
-from rehab_opt.optim.rows import PLAUSIBLE
+from rehab_opt.optim.rows import PLAUSIBLE, parameter, variable, within
 
 __all__ = ["WantedVelocity", "wanted_velocity"]
 
@@ -129,27 +132,23 @@ class WantedVelocity(NamedTuple):
         rows = ca.MX.sym("rows", m * n + m)
         low, high, answer = ca.vertsplit(limits, n)
         low, high = (ca.MX(ca.DM(~self.locked)) * each for each in (low, high))
-        solver = qrqp("bounded", n, m)
-        # Just inside the rows, so that rounding does not make the guess look as if it were outside.
-        over = {"a": ca.reshape(rows[: m * n], m, n), "lba": ca.MX(ca.DM([-ca.inf] * m)), "uba": rows[m * n :] - INSIDE}
-        claim: dict[str, ca.MX] = {}
-        for _ in range(PASSES):
-            h, g = model(task, answer)
-            start = {"x0": claim["x"], "lam_x0": claim["lam_x"], "lam_a0": claim["lam_a"]} if claim and m else {}
-            claim = solver(h=h, g=g, lbx=low, ubx=high, **(over if m else {}), **start)
-            answer = claim["x"]
         arguments = [task, motion, limits, rows]
         if m:
-            x, residual = certificate_function(n, m)(
-                h, g, over["a"], over["lba"], over["uba"], low, high, 1, answer, claim["lam_x"], claim["lam_a"]
-            )
-            bounded = self._certified(jacobian, flat, twist)(task, x, residual, low, high, motion[:n])
+            solver, residual = _solver(n, k, m), ca.MX(0)
+            for _ in range(PASSES):
+                found = solver(task, answer, low, high, rows)
+                answer, residual = found[:n], found[-1]
+            bounded = self._certified(jacobian, flat, twist)(task, answer, residual, low, high, motion[:n])
         else:
+            solver = qrqp("bounded", n, m)
+            for _ in range(PASSES):
+                h, g = model(task, answer)
+                answer = solver(h=h, g=g, lbx=low, ubx=high)["x"]
             bounded = self._checked(jacobian, flat, twist)(task, h, g, answer, low, high, motion[:n])
-        within = ca.Function("within", arguments, [bounded])
+        held = ca.Function("within", arguments, [bounded])
         if m:
-            within = self._by_the_first_row(model, within, jacobian, flat, twist)
-        return within, ca.Function("enough", arguments, [motion])
+            held = self._by_the_first_row(model, held, jacobian, flat, twist)
+        return held, ca.Function("enough", arguments, [motion])
 
     def _by_the_first_row(
         self, model: ca.Function, otherwise: ca.Function, jacobian: ca.SX, flat: ca.SX, twist: ca.SX
@@ -209,3 +208,23 @@ class WantedVelocity(NamedTuple):
         velocity = ca.if_else(fixed, clipped(claim, low, high), clipped(free, low, high))
         inputs = [ca.vertcat(flat, twist), hessian, gradient, claim, low, high, free]
         return ca.Function("checked", inputs, [ca.densify(ca.vertcat(velocity, jacobian @ velocity))], {"cse": True})
+
+
+def _solver(n: int, k: int, m: int) -> ca.Function:
+    """Task, what the damping is about, low, high, rows -> x, multipliers, and the certificate's residual."""
+    task, about, low, high = (
+        parameter("task", k * n + k),
+        parameter("about", n),
+        parameter("low", n),
+        parameter("high", n),
+    )
+    rows, velocity = parameter("rows", m * n + m), variable("velocity", n, lower=low, upper=high)
+    error = ca.reshape(task[: k * n], k, n) @ velocity.symbol - task[k * n :]
+    cost = ca.sumsqr(error) + DAMPING * ca.sumsqr(velocity.symbol - about)
+    # Just inside the rows, so that rounding does not make the guess look as if it were outside.
+    over = within(ca.reshape(rows[: m * n], m, n) @ velocity.symbol, -ca.inf, rows[m * n :] - INSIDE)
+    stated = Statement("bounded", [task, about, low, high, rows], [velocity], cost / 2, [over])
+    exact = active_set_round(stated, looking=False, together=n, passes=2, softened=1e-13)
+    given = [ca.MX.sym("given", each.numel()) for each in stated.parameters]
+    full, memory = ca.vertcat(*given), ca.MX(0, 1)
+    return ca.Function("bounded", given, [exact(full, memory, dual_active_set(stated)(full, memory))[0]])

@@ -89,13 +89,21 @@ class TableOneRange(RangeOfMotion):
     """
 
     scapular_retraction_deg: Limits
+    """`[lower, upper]` of joint 1, relative to its rest."""
     glenohumeral_rotation_deg: Limits
+    """`[lower, upper]` of joint 2."""
     shoulder_adduction_deg: Limits
+    """`[lower, upper]` of joint 3."""
     humeral_flexion_deg: Limits
+    """`[lower, upper]` of joint 4."""
     forearm_extension_deg: Limits
+    """`[lower, upper]` of joint 5."""
     wrist_flexion_deg: Limits
+    """`[lower, upper]` of joint 6."""
     wrist_deviation_deg: Limits
+    """`[lower, upper]` of joint 7."""
     wrist_supination_deg: Limits
+    """`[lower, upper]` of joint 8."""
 
     def by_joint(self) -> dict[str, tuple[float, float]]:
         """(lower, upper) [rad] by joint."""
@@ -120,16 +128,23 @@ class GoniometerRange(RangeOfMotion):
     """
 
     convention: Literal["goniometer"]
-    scapular_retraction_deg: Limits = Field(description="negative: protraction; from the shoulder at rest")
-    shoulder_flexion_deg: Limits = Field(description="in the sagittal plane; negative: extension")
-    shoulder_abduction_deg: Limits = Field(description="in the frontal plane; negative: adduction")
-    shoulder_external_rotation_deg: Limits = Field(
-        description="upper arm at the side, elbow at 90 deg, zero with the forearm forward; negative: internal rotation"
-    )
-    elbow_flexion_deg: Limits = Field(description="zero is the straight arm; negative: hyperextension")
-    forearm_pronation_deg: Limits = Field(description="elbow at 90 deg, zero with the thumb up; negative: supination")
-    wrist_flexion_deg: Limits = Field(description="thumb up; negative: extension")
-    wrist_ulnar_deviation_deg: Limits = Field(description="thumb up; negative: radial deviation")
+    """How the angles below are counted."""
+    scapular_retraction_deg: Limits
+    """Negative: protraction; from the shoulder at rest."""
+    shoulder_flexion_deg: Limits
+    """In the sagittal plane; negative: extension."""
+    shoulder_abduction_deg: Limits
+    """In the frontal plane; negative: adduction."""
+    shoulder_external_rotation_deg: Limits
+    """Upper arm at the side, elbow at 90 deg, zero with the forearm forward; negative: internal rotation."""
+    elbow_flexion_deg: Limits
+    """Zero is the straight arm; negative: hyperextension. `[30, 120]` lacks 30 deg of extension."""
+    forearm_pronation_deg: Limits
+    """Elbow at 90 deg, zero with the thumb up; negative: supination."""
+    wrist_flexion_deg: Limits
+    """Thumb up; negative: extension."""
+    wrist_ulnar_deviation_deg: Limits
+    """Thumb up; negative: radial deviation."""
 
     def by_joint(self) -> dict[str, tuple[float, float]]:
         """(lower, upper) [rad] by joint."""
@@ -168,17 +183,28 @@ class SegmentsSection(Section):
     """Segment lengths l0 to l3 of Table I."""
 
     acromiohumeral_mm: float = Field(default=130.0, ge=0, le=1000)
+    """l0."""
     humerus_mm: LongBone = 290.0
+    """l1, 50 to 1000."""
     forearm_mm: LongBone = 300.0
+    """l2, 50 to 1000."""
     hand_mm: float = Field(default=70.0, ge=0, le=1000)
+    """l3, to the middle of the grip."""
 
 
 class ArmSection(Section):
     """Whose arm."""
 
     side: Side
+    """A right arm is the mirror image of the paper's left one."""
     range_of_motion: OneRange
+    """Table I of Rossa et al. by name, a table of its eight joints' limits, or what a goniometer measured."""
     segments: SegmentsSection = SegmentsSection()
+    """Lengths of the arm's segments."""
     handle_tilt_deg: float = Field(default=2.0, gt=0, le=90)
+    """Largest angle between handle and vertical."""
     joint_speed_deg_s: float | None = Field(default=None, gt=0, le=3600)
+    """Largest speed of every joint, which caps that of the smoother; by default `human_arm`'s (172), an assumption: the
+    paper gives none."""
     joint_acceleration_deg_s2: float | None = Field(default=None, gt=0, le=1e6)
+    """Largest acceleration of every joint, likewise; by default `human_arm`'s (1719)."""

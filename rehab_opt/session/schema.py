@@ -1,6 +1,7 @@
 """What problem files of several systems may say: each key, its unit (the end of its name), its range, its default.
 
-The keys of one system stand beside it; `problems/README.md` says what each means for the problem that is solved.
+The keys of one system stand beside it. What stands below a key says what it means: `docs/reference/problem_files.md`
+is made of it.
 """
 
 from __future__ import annotations
@@ -89,26 +90,34 @@ class Problem(Section):
     """The whole of a problem file."""
 
     system: str
+    """Which kind of problem this is."""
     title: str = Field(min_length=1, max_length=120)
+    """Heads table and figures."""
 
 
 class RecordingSection(Section):
     """Which movement, and whose hand made it."""
 
     file: str = Field(min_length=1)
+    """A `.csv`, `.svc`, `.mot`, `.sto`, `.trc` or `.c3d`, relative to the problem file, or `data:folder/file`."""
     hand: Side
+    """Whose hand was recorded."""
     mirror: bool = False
+    """Must be true if that is not the arm's side, and must not be if it is."""
     marker: str | None = None
+    """The hand's marker, in a `.trc` or `.c3d`."""
     columns: Annotated[list[str], Field(min_length=2, max_length=3)] | None = None
-    separator: Literal["comma", "semicolon", "tab"] = Field(default="comma", description="between the cells of a .csv")
-    decimal: Literal["point", "comma"] = Field(default="point", description="of the numbers in a .csv")
-    count_mm: float | None = Field(
-        default=None, gt=0, le=1000, description="one raw count of length of a .svc, or of a .csv without units"
-    )
-    tick_ms: float | None = Field(
-        default=None, gt=0, le=1000, description="one raw count of time of a .svc, or of a .csv without units"
-    )
-    speed: float = Field(default=1.0, ge=0.01, le=10, description="of the recorded pace: 0.5 takes twice as long")
+    """The columns of x, y (and z), in a `.csv`, `.mot` or `.sto`."""
+    separator: Literal["comma", "semicolon", "tab"] = "comma"
+    """Between the cells of a `.csv`."""
+    decimal: Literal["point", "comma"] = "point"
+    """Of the numbers in a `.csv`."""
+    count_mm: float | None = Field(default=None, gt=0, le=1000)
+    """What one raw count of length is, in a `.svc`, or in a `.csv` whose header names no units."""
+    tick_ms: float | None = Field(default=None, gt=0, le=1000)
+    """What one raw count of time is, likewise."""
+    speed: float = Field(default=1.0, ge=0.01, le=10)
+    """Of the recorded pace: 0.5 takes twice as long."""
 
     @model_validator(mode="after")
     def hand_is_named_as_its_file_allows(self) -> Self:
@@ -139,9 +148,13 @@ class PlanarPlacement(Section):
     """Where a movement lies in its plane."""
 
     centre_m: Annotated[list[Length], Field(min_length=2, max_length=2)]
+    """`[x, y]` where the middle of the path's bounding box comes to lie."""
     turn_deg: float = Field(default=0.0, ge=-360, le=360)
+    """Turn about the vertical, counterclockwise from above."""
     scale: float | None = Field(default=None, gt=0, le=1000)
+    """Size, 1 where neither this nor `fit_m` is given."""
     fit_m: Annotated[list[Annotated[float, Field(gt=0, le=10)]], Field(min_length=2, max_length=2)] | None = None
+    """`[width, depth]`: the largest size that fits, instead of `scale`."""
 
     @model_validator(mode="after")
     def size_is_said_once(self) -> Self:
@@ -155,3 +168,4 @@ class PlacementSection(PlanarPlacement):
     """Where a movement lies in the frame of the shoulder."""
 
     plane_height_m: Length = -0.24
+    """z of the plane."""

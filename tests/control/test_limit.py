@@ -113,7 +113,7 @@ def test_limit_of_several_distances_is_kept_by_all_of_them() -> None:
     control = PoseTracker(robot, dt=0.005, compile=False, limits=[elbow_above(TABLE), within(0.75)])
     assert far(START)[0] < 0.75
     near = 0
-    for seed in range(6):
+    for seed in range(7):
         control.reset()
         goal = START + np.random.default_rng(seed).uniform(-1.5, 1.5, 6)
         postures, _, _ = led(control, goal, ticks=600)

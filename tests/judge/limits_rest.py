@@ -6,7 +6,7 @@ also while braking; the barrier; and that the hand stands in the end, where no m
 it nearer (the multipliers of the judge's own gradients, by non-negative least squares), places and turns weighed as was
 asked.
 
-Not judged at rest: two distances of one limit that are met at once, of which the least alone makes a row; and a curved
+Not judged at rest: three distances of one limit that are met at once, of which the two least make rows; and a curved
 limit that `PoseTracker` rests at, where its joints were seen to shake by up to 0.26 rad/s instead.
 """
 
@@ -117,7 +117,7 @@ def at_rest(verdict: Verdict, of: Arm, q: Array, value: Array, asked: Array) -> 
     if isinstance(of.control, MirrorTracker) and (of.control.lag > 1e-6 or manipulability(q).min() < LEAST_W):
         return
     active = [each.numbers(q[-1:], of.start)[0] < ACTIVE for each in of.wishes]
-    if any(each.sum() > 1 or (each[-1] and not of.mirror) for each in active):
+    if any(each.sum() > 2 or (each[-1] and not of.mirror) for each in active):
         return
     plane = of.beside is not None and of.beside.heights(q[-1:])[0] < ACTIVE
     slopes = {
@@ -140,6 +140,7 @@ def at_rest(verdict: Verdict, of: Arm, q: Array, value: Array, asked: Array) -> 
     verdict.within("a nearer pose is left aside, gradient", left, NEAREST)
     verdict.during(f"{'mirror' if of.mirror else 'tracker'}, at rest beyond a limit", resting & bool(gradients), dt)
     verdict.during("several are active at rest", resting & (len(gradients) > 1), dt)
+    verdict.during("two of one limit are active at rest", resting & any(each.sum() > 1 for each in active), dt)
     for situation, found in slopes.items():
         verdict.during(situation, resting & bool(found), dt)
 
