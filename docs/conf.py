@@ -14,7 +14,7 @@ author = "the authors of rehab_opt"
 release = version = rehab_opt.__version__
 
 extensions = ["myst_parser", "mathml", "from_package"]
-myst_enable_extensions = ["dollarmath", "deflist"]
+myst_enable_extensions = ["dollarmath", "tasklist"]
 myst_heading_anchors = 4
 myst_links_external_new_tab = False
 nitpicky = True

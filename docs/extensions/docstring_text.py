@@ -92,7 +92,7 @@ def _call(name: str, item: Any) -> str:
             words.append("*")
             starred = True
         starred = starred or each.kind is each.VAR_POSITIONAL
-        stars = {each.VAR_POSITIONAL: "*", each.VAR_KEYWORD: "**"}.get(each.kind, "")
+        stars = "*" if each.kind is each.VAR_POSITIONAL else "**" if each.kind is each.VAR_KEYWORD else ""
         value = "" if each.default is each.empty else f"={_shown(each.default)}"
         words.append(f"{stars}{each.name}{value}")
     line = f"{name}({', '.join(words)})"

@@ -42,7 +42,7 @@ def with_all_named(text: str, folder: str) -> str:
 
 
 def _content(fence: re.Match[str]) -> str:
-    kind, argument, body = fence.groups()
+    kind, argument, body = (str(group) for group in fence.groups())
     if kind == "keys":
         return keys_markdown(argument, without=body.split())
     if kind == "file":

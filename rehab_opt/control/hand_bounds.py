@@ -95,6 +95,7 @@ class HandBounds:
     dt : tick [s].
     recovery_speed : share of the joints' speeds at which the arm is led back above the floor.
     limits : a user's own.
+    margin : [m] that is left before the planes at least, where they may be gone into by what joints are led astray.
     """
 
     chain: SerialChain
@@ -107,6 +108,7 @@ class HandBounds:
     dt: float
     recovery_speed: float
     limits: Sequence[Limit] = ()
+    margin: float = 0.0
 
     @property
     def count(self) -> int:
@@ -119,6 +121,12 @@ class HandBounds:
         planes = [Limit(partial(self._above, plane)) for plane in self.planes]
         own = [each if each.rate is not None else replace(each, rate=self.rate) for each in (*planes, *self.limits)]
         return Limits(own, self.chain, self.dt)
+
+    @property
+    def _margins(self) -> list[float]:
+        """[m] for every row of `distances`: of the planes, none of a user's own limits, whose units are not known."""
+        planes = len(self.planes) * min(len(self.guarded), 2)
+        return [self.margin] * planes + [0.0] * (len(self.distances) - planes)
 
     def _above(self, plane: KeepOut, _: SerialChain, q: ca.SX) -> ca.SX:
         return ca.vertcat(*self._heights(self.chain.frames_expression(q), plane))
@@ -134,7 +142,15 @@ class HandBounds:
         return w / self.max_manipulability, gradient / self.max_manipulability
 
     def rows(
-        self, q: ca.SX, last: ca.SX, *, centre: ca.SX, lead: ca.SX, loss: ca.SX, bounds: VelocityBounds
+        self,
+        q: ca.SX,
+        last: ca.SX,
+        *,
+        centre: ca.SX,
+        lead: ca.SX,
+        loss: ca.SX,
+        bounds: VelocityBounds,
+        strays: ca.SX | None = None,
     ) -> tuple[ca.SX, ca.SX, VelocityBounds, Now]:
         """R (m, n), r (m,), the joint intervals, opened where the acceleration bound has to yield, and how things are.
 
@@ -145,11 +161,17 @@ class HandBounds:
         lead : (n,) stands for the gradient of w where that vanishes, else zero.
         loss : what the last tick lost of w / w_max against its tangent: counted on again.
         bounds : of the joint velocities.
+        strays : (n,) from q, where the joints are led, to where they are. Floor, planes and a user's limits have room
+            for it either way, joint by joint: what friction holds back on the way in, it holds back on the way out.
+            None for joints that move as commanded.
         """
+        astray = None if strays is None else ca.fabs(strays)
         share = (1 - math.exp(-self.rate * self.dt)) / self.dt
         w, slope_of_w = self.manipulability(q)
         gradient = slope_of_w + lead
         climb = share * (self.floor + ABOVE - w) + loss / self.dt
+        if astray is not None:
+            climb += share * ca.dot(ca.fabs(slope_of_w), astray)
         frames = self.chain.frames_expression(q)
         pose = frames[-1]
         normals, most = [], []
@@ -160,7 +182,10 @@ class HandBounds:
         normals.append(unit.T @ self.chain.jacobian_expression(q)[:3, :])
         most.append(ca.if_else(far, share * ca.fmax(self.deviation - distance, 0), FREE))
         if len(self.distances):
-            slopes, falls = self.distances.falls(q, last)
+            margins = ca.DM(self._margins)
+            slopes, falls = self.distances.falls(
+                q, last, room=None if astray is None else lambda each: ca.fmax(ca.fabs(each) @ astray, margins)
+            )
             normals.append(-slopes)
             most.append(falls)
         slow = ca.DM(self.recovery_speed * self.chain.velocity)

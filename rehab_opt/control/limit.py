@@ -135,12 +135,14 @@ class Limits:
         opened = bounds._replace(lower=ca.fmin(bounds.lower, kept), upper=ca.fmax(bounds.upper, kept))
         return -slopes, ca.fmax(free, -slopes @ kept), opened
 
-    def falls(self, q: ca.SX, last: ca.SX) -> tuple[ca.SX, ca.SX]:
+    def falls(self, q: ca.SX, last: ca.SX, *, room: Callable[[ca.SX], ca.SX] | None = None) -> tuple[ca.SX, ca.SX]:
         """Slopes (m, n) of the least distances, and how fast they may fall (m,): below zero where they have to rise.
 
-        What is beyond a limit is taken for at it: it goes no further, and is not led back.
+        What is beyond a limit is taken for at it: it goes no further, and is not led back. `room` says, of the slopes,
+        what is left before each (m,).
         """
         slopes, least, spent = self._tangents(q, last)
+        least = least if room is None else least - room(slopes)
         return slopes, self._shares * ca.fmax(least, 0) - spent
 
     def braking(self, q: ca.SX, last: ca.SX, bounds: VelocityBounds) -> ca.SX:

@@ -15,6 +15,7 @@ from rehab_opt.control.command import Command
 from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.control.limit import Limit, Limits, checked_limits
 from rehab_opt.control.stopping import VelocityBounds
+from rehab_opt.control.tool_speed import tool_acceleration
 from rehab_opt.control.velocity_controller import VelocityController, checked_number
 from rehab_opt.control.wanted import WantedVelocity
 from rehab_opt.errors import ConfigurationError
@@ -245,10 +246,10 @@ class PoseTracker(VelocityController):
             return ca.SX(0, self.chain.n), ca.SX(0, 1), bounds, ca.SX(0, 1)
         return *self.limits.rows(tick.q, tick.last, bounds), ca.SX(0, 1)
 
-    def excess(self, q: ca.SX, jacobian: ca.SX, velocity: ca.SX) -> ca.SX | None:
+    def excess(self, q: ca.SX, jacobian: ca.SX, velocity: ca.SX, last: ca.SX) -> ca.SX | None:
         """By how much a wanted velocity (n,) is too fast, at the weighted Jacobian (6, n): it is slowed by that.
 
-        None where nothing but the asked twist is slowed.
+        `last` (n,) is the velocity before. None where nothing but the asked twist is slowed.
         """
         return None
 
@@ -287,7 +288,16 @@ class PoseTracker(VelocityController):
         wanted = WantedVelocity(
             jacobian, weights * asked, slowdown, drift, bounds, chain.velocity, chain.locked, rows, most, told
         )
-        return wanted.prepare(ca.vertcat(tick.q, entries, tick.twist, *tick.others), tick.memory, self.excess)
+        return wanted.prepare(
+            ca.vertcat(tick.q, entries, tick.twist, *tick.others), tick.memory, self.excess, self._bend
+        )
+
+    def _bend(self, q: ca.SX, jacobian: ca.SX, way: ca.SX) -> ca.SX:
+        """(6,) by which the weighted twist of a motion of one rad changes before its error is gone, see `damped`."""
+        weights = np.sqrt(self.task_weights)
+        # What is weighed by zero cannot be told from the weighted Jacobian.
+        plain = ca.diag(1 / ca.DM(weights)) @ jacobian if np.all(weights > 0) else self.chain.jacobian_expression(q)
+        return ca.DM(weights) * tool_acceleration(plain, way) / self._settling
 
     def _led_twist(self, tick: Tick, guided: Values | None) -> tuple[ca.SX, ca.SX]:
         """As `_asked_twist`, of where the joints are by what is measured, the commands' delay ahead of the target.
@@ -298,7 +308,7 @@ class PoseTracker(VelocityController):
         chain = self.chain
         if guided is None or self.feedback is None:
             return self._asked_twist(chain.pose_expression(tick.q), tick.target, tick.twist)
-        early = 1 + self._settling * self.feedback.command_delay
+        early = 1 + self._settling * guided.early
         pose = chain.pose_expression(tick.q + guided.strays)
         asked, slowdown = self._asked_twist(pose, tick.target, early * tick.twist)
         excess = ca.fmax(ca.norm_2(asked[:3]) / self.linear_speed, ca.norm_2(asked[3:]) / self.angular_speed)

@@ -44,12 +44,6 @@ def test_links_lead_somewhere(text: Path) -> None:
             assert anchor in anchors(there.read_text(encoding="utf-8")), target
 
 
-def test_every_capability_of_the_readme_has_its_page_and_every_page_its_line() -> None:
-    linked = {target for target in targets(ROOT / "README.md") if target.startswith("docs/capabilities/")}
-    there = {name(page) for page in (ROOT / "docs" / "capabilities").glob("*.md")}
-    assert there <= linked
-
-
 def test_the_readme_is_short_and_pictures_are_small() -> None:
     assert (ROOT / "README.md").stat().st_size <= LARGEST_README
     pictures = sorted((ROOT / "docs" / "pictures").iterdir())

@@ -22,3 +22,11 @@ def test_a_hand_where_a_plane_and_curved_limits_meet_stands_at_the_nearest_pose(
     assert verdict.seen["several are active at rest"].ticks == 250
     assert verdict.worst["a nearer pose is left aside, gradient"][0] < 1e-6
     assert not any("shortened" in situation for situation in verdict.seen)
+
+
+@pytest.mark.parametrize("run", [6, 90])
+def test_a_hand_at_a_curved_limit_does_not_go_to_and_fro(run: int) -> None:
+    verdict = limits_rest.run(250, 61001, only=run)
+    assert verdict.ticks == 250
+    assert verdict.seen["a user's limit is active at rest"].ticks == 250
+    assert not verdict.kinds
