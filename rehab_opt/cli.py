@@ -161,6 +161,48 @@ def check(
 
 
 @app.command()
+def place(
+    file: Problem,
+    out: Annotated[
+        Path | None, typer.Option(help="The problem file with these keys; nothing is written by default.")
+    ] = None,
+    seats: Annotated[int, typer.Option(min=20, help="Seats drawn anywhere; more follow near the best.")] = 600,
+    seed: Annotated[int, typer.Option(min=0, help="Of what is drawn.")] = 0,
+) -> None:
+    """Look for seat, direction, grip and start of a mirrored recording; print the keys, and what `run` achieves."""
+    from rehab_opt.session.files import load_problem, problem_path  # noqa: PLC0415
+    from rehab_opt.session.mirror.placing import found_place  # noqa: PLC0415  (loads solvers)
+    from rehab_opt.session.mirror.problem import MirrorProblem  # noqa: PLC0415
+    from rehab_opt.session.problem_text import replaced_keys, value_text  # noqa: PLC0415
+
+    loaded = load_problem(file)
+    if not isinstance(loaded.problem, MirrorProblem):
+        raise ConfigurationError("FILE", file, 'a problem of system = "mirror"')
+    if out is not None:
+        no_folder(out)
+        writable(out.parent)
+        recording = loaded.problem.recording.file
+        beside = out.parent.resolve() == loaded.path.parent.resolve()
+        if not (beside or recording.startswith("data:") or Path(recording).is_absolute()):
+            raise ConfigurationError("--out", str(out), f"a file beside {file}, from where {recording} is found")
+    with bars() as progress:
+        found = found_place(loaded, seats=seats, seed=seed, progress=progress)
+    for section, values in found.keys.items():
+        say(f"[{section}]")
+        for key, value in values.items():
+            say(f"{key} = {value_text(value)}")
+    say(
+        f"step passes {100 * found.passed:.1f} % of the poses within 5 mm and 5 deg (the search counted on "
+        f"{100 * found.counted:.1f} %)"
+    )
+    if out is not None:
+        text = replaced_keys(problem_path(file)[1].read_text(encoding="utf-8"), found.keys, file=file)
+        with undisturbed():
+            out.write_text(text, encoding="utf-8")
+        say(f"written to {out}")
+
+
+@app.command()
 def record(
     file: Problem,
     out: Annotated[

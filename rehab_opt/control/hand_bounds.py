@@ -129,7 +129,7 @@ class HandBounds:
         return [self.margin] * planes + [0.0] * (len(self.distances) - planes)
 
     def _above(self, plane: KeepOut, _: SerialChain, q: ca.SX) -> ca.SX:
-        return ca.vertcat(*self._heights(self.chain.frames_expression(q), plane))
+        return ca.vertcat(*self.heights(self.chain.frames_expression(q), plane))
 
     @cached_property
     def guarded(self) -> tuple[GuardedPoint, ...]:
@@ -216,7 +216,7 @@ class HandBounds:
             after <= ca.fmax(before, self.deviation) + ROUNDING,
         ]
         for plane in self.planes:
-            now, later = (self._heights(self.chain.frames_expression(at), plane) for at in (q, ahead))
+            now, later = (self.heights(self.chain.frames_expression(at), plane) for at in (q, ahead))
             conditions += [b >= ca.fmin(a, 0) - ROUNDING for a, b in zip(now, later, strict=True)]
         if self.limits:
             conditions.append(Limits(self.limits, self.chain, self.dt).kept(q, velocity))
@@ -225,10 +225,10 @@ class HandBounds:
     def least_height(self, q: Array, plane: KeepOut) -> float:
         """[m] of what is guarded above a plane at q (n,); negative where the arm is in the keep-out."""
         symbol = ca.SX.sym("q", self.chain.n)
-        heights = ca.vertcat(*self._heights(self.chain.frames_expression(symbol), plane))
+        heights = ca.vertcat(*self.heights(self.chain.frames_expression(symbol), plane))
         return float(ca.Function("height", [symbol], [ca.mmin(heights)])(q))
 
-    def _heights(self, frames: list[ca.SX], plane: KeepOut) -> list[ca.SX]:
+    def heights(self, frames: list[ca.SX], plane: KeepOut) -> list[ca.SX]:
         """[m] of each guarded point's ball above a plane."""
         normal = ca.DM(plane.normal)
         return [

@@ -55,18 +55,18 @@ class MirrorTracker(MirrorForeseen):
     The reference is read by a clock. It slows down where the reference is faster than the hand may be, where the
     deviation grows and where the person pushes, waits at the largest deviation, and catches up afterwards; what was
     slowed is late, not cut. What arrives with a safe command (a fault, a push at the limit) is not taken: that stretch
-    is cut, and counts in `lag` until the clock has passed it. A stretch that the arm cannot do at all is left out: once
-    the hand stands, it is led, at half the hand speeds, to where the reference is by then. Jumps of the reference are
-    bridged in the same way; the first bridge starts at the hand. An object belongs to one thread: see `OneThread`.
+    is lost, and counts in `lag` until the clock has passed it. A stretch that the arm cannot do is followed as near as
+    the hand comes from where it is: once it stands short of the reference, deviations count from there on (`short`),
+    and the clock goes on. Jumps of the reference are bridged, at half the hand speeds; the first bridge starts at the
+    hand. An object belongs to one thread: see `OneThread`.
 
     Parameters
     ----------
     chain : any serial chain.
     floor : least w / w_max, above 0 and below 1; w is Yoshikawa's measure, w_max its maximum over all postures of the
         chain.
-    max_deviation : [m] of the tool from the reference that the clock stands at.
-    max_turn : [rad] of the tool from it, or from what the person's arm can do of it, from which the clock waits; no
-        bound of the QP.
+    max_deviation : [m] of the tool from the reference that the clock stands at, cut to what it can do (`short`).
+    max_turn : [rad] of the tool from it, cut in the same way, from which the clock waits; no bound of the QP.
     linear_speed, angular_speed : [m/s, rad/s] largest hand speeds; the linear one is a bound on the tool's origin that
         holds at every instant of every tick, the other one slows what is wanted.
     keep_out : planes, by `KeepOut.through(point, normal)`, beyond which at the end of no tick there is a link's capsule
@@ -78,6 +78,8 @@ class MirrorTracker(MirrorForeseen):
         pose: two of them make rows, and the step is shortened before the third.
     person : the arm that is led, in the robot's base frame; the reference is limited to its range of motion
         (`PersonLimit`). grip : (4, 4) pose of the tool in its hand frame.
+    person_start : (m,) [rad] posture of that arm from which its model finds to the first pose; the model is local, so
+        that another one may come to more. Default the middle of its range of motion.
     interaction : how the hand gives way to measured forces, and where they stop it; default `Interaction()`.
     catch_up : share by which the clock may run fast to make up for a lag.
     turn_length : [m/rad] what a turn of the hand counts for against its place where both cannot be had.
@@ -111,6 +113,7 @@ class MirrorTracker(MirrorForeseen):
         limits: Sequence[Limit] = (),
         person: SerialChain | None = None,
         grip: ArrayLike | None = None,
+        person_start: ArrayLike | None = None,
         interaction: Interaction | None = None,
         catch_up: float = 0.5,
         turn_length: float = 0.1,
@@ -160,7 +163,12 @@ class MirrorTracker(MirrorForeseen):
         self._limit = None
         if person is not None:
             self._limit = PersonLimit(
-                person, grip=np.eye(4) if grip is None else grip, dt=dt, backup=options.get("backup"), compile=compile
+                person,
+                grip=np.eye(4) if grip is None else grip,
+                dt=dt,
+                start=person_start,
+                backup=options.get("backup"),
+                compile=compile,
             )
         self._interaction = (Interaction() if interaction is None else interaction).started(dt)
         self._audit = BufferedFunction(self._auditing())
@@ -172,7 +180,7 @@ class MirrorTracker(MirrorForeseen):
         self.clock = ReferenceClock(dt, linear_speed=BRIDGE * linear_speed, angular_speed=BRIDGE * angular_speed)
         """Where the reference is read."""
         self.counts: Counter[str] = Counter()
-        """How many ticks yielded acceleration, were shortened, waited, braked, and how many stretches were left out."""
+        """How many ticks yielded acceleration, were shortened, waited, braked, and how often the hand was cut short."""
         self._hot: tuple[Any, ...] = (
             *self._views[:3], self._ladder.parameters.data, self._verdict, self._keep, self._answer, self._velocity,
         )  # fmt: skip
@@ -206,6 +214,19 @@ class MirrorTracker(MirrorForeseen):
         While bridges are ahead, no less than what the clock needs to the newest.
         """
         return 0.0 if self._live else self.clock.behind
+
+    @property
+    def short(self) -> tuple[float, float]:
+        """[m, rad] by which the person's arm and the robot, from where they stand, stay short of the reference.
+
+        Deviations count from there on: the hand is at most `max_deviation` and this away from the reference.
+        """
+        return (0.0, 0.0) if self._live else self._short_by
+
+    @property
+    def beyond_person(self) -> tuple[float, float]:
+        """[m, rad] of `short` that are the person's arm's: the model of it does not come to the reference."""
+        return (0.0, 0.0) if self._live else self._beyond_person
 
     @property
     def manipulability(self) -> float:

@@ -23,10 +23,12 @@ WAITS = 0.9
 """Share of the largest deviation from which the clock waits."""
 QUICKENING, CATCHING_UP = 0.1, 0.3
 """[s] in which the clock regains its pace, and in which it makes up for its lag."""
+RUSH = 4.0
+"""Share by which the clock may run fast while the reference rests: to let that time pass leads no further away."""
 AT_LEAST = 0.02
 """Share by which the clock runs fast while it is late at all: so that it does catch up."""
 STILL = 0.01, 0.1
-"""[m/s, rad/s] A reference up to these is one of a hand that rests: to let its time pass leads no further away."""
+"""[m/s, rad/s] A reference up to these rests."""
 JUMP, SPIN = 5.0, 30.0
 """[m/s, rad/s] Faster samples than a hand can move: a jump of the tracker, and bridged."""
 SETTLING_TICKS = 3
@@ -90,21 +92,21 @@ class MirrorFollowing(MirrorWaiting):
         rate = self._pace(here, *now, foreseen=foreseen)
         target, motion, ahead = self._reference(here, now, rate)
         self._rate = ahead / self.dt
-        self._note_waiting(here, foreseen=foreseen)
+        self._note_waiting(here, now[0] if self._aim is None else self._aim)
         self.followed = target
-        centre = target[:3, 3].copy()
-        self._centre = centre
         motion = motion * self._rate
         if self._limit is not None:
             target, motion = self._limit.limited(target, motion)
             self._aim = target
+        self._short_by = self._missing(target)
+        centre = self._cut(here, target)
+        self._centre = centre
         if self._interaction.active:
             target = target.copy()
             target[:3, 3] += self._interaction.offset
             motion = motion.copy()
             motion[:3] += self._interaction.velocity
-        if target is not self.followed:
-            self._inputs[2][:] = centre - target[:3, 3]
+        self._inputs[2][:] = centre - target[:3, 3]
         self._inputs[0][:], self._inputs[1][:] = target, motion
         self._last_before = self._last.copy()
         solver = self._ladder()
@@ -137,7 +139,9 @@ class MirrorFollowing(MirrorWaiting):
             notes.append(f"the reference is followed at {self._rate:.0%} of its pace, {self.clock.behind:.2f} s behind")
         if self._bridging:
             notes.append("bridging a jump of the reference")
-        usual = self._limit is None and not self._interaction.active and self.clock.current and not flat
+        usual = (
+            self._limit is None and not self._interaction.active and self.clock.current and not flat and not self._short
+        )
         if usual and self._rate >= WHOLE and share >= WHOLE:
             pose, twist = self.clock.read()
             self._inputs[0][:], self._inputs[1][:] = pose, twist
@@ -175,23 +179,25 @@ class MirrorFollowing(MirrorWaiting):
         pace = 1.0
         if not foreseen and self._interaction.pace == 1.0:  # nobody is hurried who pushes
             late = clock.lag - self.dt
-            pace += min(self.catch_up, late / CATCHING_UP + AT_LEAST) if late > 0.0 else 0.0
+            if late > 0.0:
+                most = RUSH if clock.is_still(*STILL) else self.catch_up
+                pace += min(most, late / CATCHING_UP + AT_LEAST)
         # What the person's arm cannot do of the reference is no reason to dwell there: it would not come to an end.
         aim = pose if self._aim is None else self._aim
-        worst = max(distance_between(here, aim) / self.max_deviation, angle_between(here, aim) / self.max_turn)
-        eased = min(max((WAITS - worst) / (WAITS - CALM), 0.0), 1.0)
-        if 0.0 < eased < 1.0 and clock.is_still(*STILL):
-            eased = 1.0  # else a rest out of reach would be lived through again, seconds late, when the hand is gone
+        away, turned = self._beyond(here, aim)
+        eased = min(max((WAITS - max(away / self.max_deviation, turned / self.max_turn)) / (WAITS - CALM), 0.0), 1.0)
         pace *= eased * self._interaction.pace
         linear, angular = SPARE * self.linear_speed, SPARE * self.angular_speed
         pace = min(pace, clock.pace, linear / max(speed, 1e-9), angular / max(turning, 1e-9))
-        before = self._rate * (self._share if self._share < WHOLE else 1.0)
+        # A hand that stands short of the reference has no share of the motion towards it: that is no reason to wait.
+        before = self._rate * (self._share if self._share < WHOLE and not self._short else 1.0)
         return min(pace, max(before, 0.0) + self.dt / QUICKENING)
 
     def _reference(self, here: Array, now: tuple[Array, Array], rate: float) -> tuple[Array, Array, float]:
         """Pose and twist to follow now, and the reference seconds gone on by: as many as the deviation allows."""
         clock, ahead = self.clock, rate * self.dt
-        allowed = max(WAITS * self.max_deviation, distance_between(now[0], here))
+        beyond = 0.0 if self._aim is None else distance_between(now[0], self._aim)
+        allowed = max(WAITS * self.max_deviation + self._apart + beyond, distance_between(now[0], here))
         for _ in range(3):
             pose, twist = clock.read(ahead)
             if distance_between(pose, here) <= allowed:
@@ -202,7 +208,7 @@ class MirrorFollowing(MirrorWaiting):
 
     def _safe(self, reason: str) -> Command:
         """Decelerate within the bounds, and faster where the floor or the planes ask for it."""
-        self._live, self._waited = False, 0.0
+        self._live, self._waited, self._stood = False, 0.0, 0.0
         self._rate = 0.0
         self.counts["braked"] += 1
         self._last_before = self._last.copy()

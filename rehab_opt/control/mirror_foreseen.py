@@ -18,8 +18,6 @@ __all__ = ["MirrorForeseen"]
 
 Array = NDArray[np.float64]
 
-GIVEN_UP = 3.0
-"""[s] of waiting with all the future known, after which a plan ends incomplete."""
 SPAN = 64, 128
 """Ticks laid out at first, and at most: twice as many each time that all of them were taken."""
 REST = 32
@@ -46,7 +44,7 @@ class MirrorForeseen(MirrorFollowing):
         self._foreseen: Foreseen | None = None
         self._laid, self._flat, self._next = _NOTHING, np.zeros((0, 16)), 0
         self._span, self._rest, self._resting = SPAN[0], 1, 0
-        self._origin = (0, 0)
+        self._origin = 0
 
     def foresee(self, q: Array, poses: Array, twists: Array, stamps: Array) -> None:
         """Hand a whole recording (N, 4, 4), (N, 6), stamped (N,) [s], to the clock."""
@@ -97,11 +95,6 @@ class MirrorForeseen(MirrorFollowing):
             found[i] = pose
         return found
 
-    @property
-    def given_up(self) -> bool:
-        """Whether the clock has waited for so long that nothing will change."""
-        return self._waited > GIVEN_UP
-
     # ------------------------------------------------------------------------------------------------ what is laid out
     def _lay_out(self) -> bool:
         """Lay out the next ticks from where the clock stands, if they may be taken one after the other."""
@@ -109,13 +102,13 @@ class MirrorForeseen(MirrorFollowing):
         plain = self._limit is None and not self._interaction.active and self._fused and not self._inputs[3].any()
         if not plain or clock.bridging:
             return False
-        if self._foreseen is None or self._origin[0] != clock.cuts:
+        if self._foreseen is None:
             self._foreseen = clock.foreseen(
                 linear_speed=SPARE * self.linear_speed, angular_speed=SPARE * self.angular_speed
             )
-            self._origin = clock.cuts, clock.passed
+            self._origin = clock.passed
         before = self._rate * (self._share if self._share < WHOLE else 1.0)
-        place = clock.passed - self._origin[1], clock.fraction
+        place = clock.passed - self._origin, clock.fraction
         self._laid = self._foreseen.ahead(place, before, self._span, dt=self.dt, quickening=QUICKENING)
         self._flat, self._next, self._span = self._laid.poses.reshape(-1, 16), 0, min(2 * self._span, SPAN[1])
         self._place = place[0]
@@ -140,8 +133,7 @@ class MirrorForeseen(MirrorFollowing):
         self.clock.go_on(at - self._place, fraction, pace * self.dt)
         self._place, self._then, self._rate, self._share = at, then, pace, share
         self.followed = pose = laid.poses[k]
-        self._centre = pose[:3, 3]
-        self._count_pace()
+        self._centre, self._short_by, self._beyond_person = pose[:3, 3], (0.0, 0.0), (0.0, 0.0)
         flags = int(yielded)
         if pace < WHOLE:
             self.counts["slowed"] += 1

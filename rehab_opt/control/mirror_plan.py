@@ -26,6 +26,8 @@ STANDING = 1e-4
 """[rad/s or m/s] Joint speeds at which a motion has come to its end."""
 PATIENCE = 10.0
 """[s] beyond the reference's own length, and as a multiple of that, after which a plan ends incomplete."""
+SETTLING = 2.0
+"""[s] at most in which the hand finds to the last pose; then it is brought to rest where it is."""
 ENDING = 10.0
 """[s] at most in which a plan that ends incomplete comes to rest."""
 
@@ -44,7 +46,11 @@ class MirrorPath(NamedTuple):
     references: Array
     """(M, 4, 4) the reference pose where the clock stands in the tick."""
     clock: Array
-    """(M,) [s] of the reference's own time; over a stretch left out or a jump it runs as the bridge takes."""
+    """(M,) [s] of the reference's own time; over a jump it runs as the bridge takes."""
+    short: Array
+    """(M, 2) [m, rad] by which the arms stay short of the reference; see `MirrorTracker.short`."""
+    person: Array
+    """(M, 2) [m, rad] of that which are the person's arm's."""
     paces: Array
     """(M,) seconds of the reference followed in a second."""
     manipulability: Array
@@ -92,28 +98,31 @@ def plan(tracker: MirrorTracker, poses: ArrayLike, twists: ArrayLike, q: ArrayLi
     dt = tracker.dt
     tracker.foresee(joints, reference[usable], motion[usable], np.asarray(dt * usable, dtype=np.float64))
     most = math.ceil((PATIENCE + PATIENCE * tracker.clock.lag) / dt)
-    path, speeds, clock, paces, shown, w, yielded = [], [], [], [], [], [], []
+    path, speeds, clock, short, person, paces, shown, w, yielded = [], [], [], [], [], [], [], [], []
     complete, reference_clock, follow = False, tracker.clock, tracker.follow
-    ending = False
+    ending, arrived = False, 0
     for tick in range(most + math.ceil(ENDING / dt)):
         # Whoever plays a plan stops at its end: it must stand there, also where it ends before the reference does.
-        ending = ending or tick >= most or tracker.given_up
+        ending = ending or tick >= most or arrived * dt > SETTLING
         command = tracker.brake(joints) if ending else follow(joints)
         value = command.value
         path.append(joints)
         speeds.append(value)
         shown.append(tracker.followed)
         clock.append(reference_clock.stamp)
+        short.append(tracker.short)
+        person.append(tracker.beyond_person)
         paces.append(tracker.time_scale)
         w.append(tracker.manipulability)
         yielded.append(command.yielded)
         joints = joints + value * dt
+        arrived += reference_clock.current
         if (ending or reference_clock.current) and float(np.abs(value).max()) < STANDING:
-            complete = not ending
+            complete = reference_clock.current
             break
     found, counts = tracker.tools(path), Counter(tracker.counts)
     return MirrorPath(
         np.asarray(dt * np.arange(len(path)), dtype=np.float64), np.array(path), np.array(speeds), found,
-        np.array(shown), np.array(clock), np.array(paces), np.array(w), yielded, complete, counts,
-        time.perf_counter() - begun,
+        np.array(shown), np.array(clock), np.array(short), np.array(person), np.array(paces),
+        np.array(w), yielded, complete, counts, time.perf_counter() - begun,
     )  # fmt: skip

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.between_poses import moving_tool_function
 from rehab_opt.control.pose_tracker import PoseTracker
+from rehab_opt.control.velocity_controller import real_numbers
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.rigid import rigid
@@ -39,6 +40,7 @@ class PersonLimit:
     person : the arm, with finite limits, in the robot's base frame (`dataclasses.replace(human_arm(...), base=...)`).
     grip : (4, 4) pose of the robot's tool in the arm's hand frame.
     dt : tick [s].
+    start : (n,) [rad] posture from which the first pose is found; default the middle of the range of motion.
     backup, compile : as for `PoseTracker`.
     """
 
@@ -48,6 +50,7 @@ class PersonLimit:
         *,
         grip: ArrayLike,
         dt: float,
+        start: ArrayLike | None = None,
         backup: str | None = None,
         compile: Compile = None,
     ) -> None:
@@ -55,6 +58,12 @@ class PersonLimit:
             raise ConfigurationError("person", person, "a SerialChain with finite joint limits")
         chain = replace(person, tool=person.tool @ rigid("grip", grip), acceleration=np.full(person.n, np.inf))
         self.chain = chain
+        self.start: Array = (person.lower + person.upper) / 2
+        """(n,) [rad] where the model begins."""
+        if start is not None:
+            self.start = real_numbers("start", start, (person.n,))
+            if not np.all((self.start >= person.lower) & (self.start <= person.upper)):
+                raise ConfigurationError("start", start, "a posture within the person's range of motion")
         weights = [1.0, 1.0, 1.0, *(TURN_LENGTH**2,) * 3]
 
         def tracker(dt: float) -> PoseTracker:
@@ -68,7 +77,7 @@ class PersonLimit:
         self.reset()
 
     def reset(self) -> None:
-        """Begin anew at the middle of the range of motion."""
+        """Begin anew at `start`."""
         self.q: Array | None = None
         """(n,) posture of the model [rad]; None before the first pose."""
         self._tracker.reset()
@@ -79,7 +88,7 @@ class PersonLimit:
     def settle(self, pose: Array, *, ticks: int = SETTLING) -> bool:
         """Go on finding to the first pose for so many ticks; whether the model is there, as near as it goes."""
         if self.q is None:
-            self.q = (self.chain.lower + self.chain.upper) / 2
+            self.q = self.start.copy()
         while self._settling > 0 and ticks > 0:
             ticks -= 1
             self._settling -= 1

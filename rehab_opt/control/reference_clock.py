@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import functools
 import math
-import operator
-from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,8 +57,8 @@ class ReferenceClock:
         """[s] that the clock needs to the newest sample, bridges included."""
         self.lost = 0.0
         """[s] of the reference since the newest sample that were not taken."""
-        self.passed, self.cuts = 0, 0
-        """Samples that the clock has passed, and how often some were left out."""
+        self.passed = 0
+        """Samples that the clock has passed."""
         self._looked_at: tuple[int, Array | None, bool] = (-1, None, False)
 
     @property
@@ -73,6 +70,11 @@ class ReferenceClock:
     def current(self) -> bool:
         """Whether the newest sample is the one that is read."""
         return self._at >= len(self._poses) - 1
+
+    @property
+    def waiting(self) -> int:
+        """Samples that are still to come."""
+        return len(self._poses) - 1 - self._at
 
     @property
     def bridging(self) -> bool:
@@ -228,41 +230,10 @@ class ReferenceClock:
             paces[i] = min(paces[i], math.sqrt(paces[i + 1] ** 2 + 2.0 * self._seconds[i + 1] / quickening))
         self._paces = paces
 
-    def waiting(self) -> tuple[Array, Array, Array]:
-        """Positions (N, 3), poses (N, 4, 4) and reference time from now (N,) of the samples still to come."""
-        poses = np.array(self._poses[self._at + 1 :]).reshape(-1, 4, 4)
-        times = np.cumsum(self._seconds[self._at + 1 :]) if len(poses) else np.zeros(0)
-        if len(poses):
-            times = times - self._fraction * self._seconds[self._at + 1]
-        return poses[:, :3, 3], poses, times
-
-    def skip(self, samples: int) -> None:
-        """Leave out what lies before the `samples`-th of the samples still to come, counted from 1."""
-        self.lag = max(0.0, self.lag - self._time_to(samples))
-        self.cuts += 1
-        self._forget(self._at + samples)
-
-    def lead_to(self, samples: int, here: Array) -> None:
-        """As `skip`, by a bridge from the pose `here` (4, 4)."""
-        target, stamp = self._at + samples, self.stamp
-        seconds, between = self._bridge(here, self._poses[target], self.dt)
-        # As in `push` it arrives as steadily as it came: what the recording does from there on is no part of it.
-        self._poses = [here.copy(), self._poses[target], *self._poses[target:]]
-        self._twists = [between, between, *self._twists[target:]]
-        self._seconds = [0.0, seconds, 0.0, *self._seconds[target + 1 :]]
-        self._paces = [math.inf, math.inf, *self._paces[target:]]
-        self._stamps = [stamp, self._stamps[target], *self._stamps[target:]]
-        self._at, self._fraction, self.lag = 0, 0.0, _total(self._seconds)
-        self.cuts += 1
-
     def _bridge(self, a: Array, b: Array, least: float) -> tuple[float, Array]:
         """Seconds (at least so many) and twist (6,) of the calm way from one pose to another."""
         calm = float(self._calm_way.of(a.ravel()[:12], b.ravel()[:12], least)[0])
         return calm, self._calm_way.outputs[1].copy()
-
-    def _time_to(self, samples: int) -> float:
-        coming = self._seconds[self._at + 1 : self._at + 1 + samples]
-        return _total(coming) - self._fraction * self._seconds[self._at + 1]
 
     def _append(self, pose: Array, twist: Array, seconds: float, stamp: float) -> None:
         self._stamps.append(stamp)
@@ -288,8 +259,3 @@ class ReferenceClock:
         gone = slice(first, len(self._poses) - 1, 2)
         for column in (self._poses, self._twists, self._seconds, self._paces, self._stamps):
             del column[gone]
-
-
-def _total(seconds: Iterable[float]) -> float:
-    """One after the other, as C adds them; Python's own sum compensates rounding from 3.12 on."""
-    return functools.reduce(operator.add, seconds, 0.0)

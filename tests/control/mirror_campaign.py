@@ -164,9 +164,9 @@ def judge(
     hand, there = chain.pose(q)[:3, 3], chain.pose(ahead)[:3, 3]
     tally.worst("hand speed [m/s]", math.dist(hand, there) / dt)
     check(math.dist(hand, there) <= SPEED * dt * (1 + 1e-6), "hand speed")
-    away = math.dist(there, tracker.reference[:3, 3])
+    away = math.dist(there, tracker.reference[:3, 3]) - tracker.short[0]
     if not math.isnan(away):
-        tally.worst("deviation [m]", away)
+        tally.worst("deviation from what can be done [m]", away)
         check(away <= DEVIATION + 1e-9, "deviation")
     check(seen or not command.status.certified, "a position that is no number is not acted on")
     check(command.status.certified or command.reason != "", "reason")

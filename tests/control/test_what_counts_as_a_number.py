@@ -181,7 +181,7 @@ def test_masked_samples_of_a_recording_are_lost_sight() -> None:
     poses[10:12, 0, 3] = np.ma.masked  # hidden, with a jump behind
     path = tracker.plan(poses, np.zeros((20, 6)), READY)
     assert path.complete
-    assert path.counts["left out"] == 0
+    assert path.counts["cut"] == 0
     np.testing.assert_allclose(path.q, np.tile(READY, (len(path.q), 1)), atol=1e-6)
 
 

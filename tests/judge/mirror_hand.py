@@ -20,7 +20,7 @@ PROMISES = (
     Promise("rehab_opt/control/mirror.py", "the linear one is a bound on the tool's origin that "
             "holds at every instant of every tick"),
     Promise("rehab_opt/control/mirror.py", "max_deviation : [m] of the tool from the reference that the clock stands "
-            "at."),
+            "at, cut to what it can do (`short`)."),
     Promise("docs/capabilities/mirror.md", "The floor, the hand speed, the planes and the largest deviation are "
             "checked on the true state at the end of each tick"),
     Promise("rehab_opt/optim/dual_active_set.py", "it cannot cycle, whatever bounds meet in a corner."),
@@ -61,8 +61,10 @@ def judge(verdict: Verdict, one: Run) -> None:
     verdict.within("hand speed over the largest, from place to place", chord, 1 + 1e-6)
     apart = np.linalg.norm(places[1:] - one.references[:, :3, 3], axis=1)
     known = ~np.isnan(apart)  # no reference yet
-    before = np.maximum(np.r_[0.0, apart[:-1]], given.max_deviation)
-    excess = np.where(known & np.r_[False, known[:-1]], apart - before, 0.0)
+    short = one.clock[:, 3]
+    beyond = apart - short
+    before = np.maximum(np.r_[0.0, beyond[:-1]], given.max_deviation)
+    excess = np.where(known & np.r_[False, known[:-1]], beyond - before, 0.0)
     verdict.within("hand further from its reference than allowed [m]", excess, 1e-9)
     quick = fast > 0.99
     answers = Answers.of(one.commands)
@@ -75,4 +77,4 @@ def judge(verdict: Verdict, one: Run) -> None:
     verdict.during("at the largest hand speed, nothing else near", quick & alone, dt)
     verdict.during("at the largest hand speed", quick, dt)
     verdict.during("ticks of 20 ms at the largest hand speed", quick & (dt > 0.015), dt)
-    verdict.during("near the largest deviation", apart > 0.8 * given.max_deviation, dt)
+    verdict.during("near the largest deviation", beyond > 0.8 * given.max_deviation, dt)

@@ -178,7 +178,7 @@ def follow(
     wrong = schedule(rng, ticks, dt, FAULTS, every=faults)
     felt = _pushes(rng, ticks, dt, given.force_limit, given.stop_at) if pushed else np.full((ticks, 3), math.nan)
     kinds, stamped = wrong.kind.tolist(), math.isfinite(faults)
-    q, references, clock = np.empty((ticks + 1, 6)), np.empty((ticks, 4, 4)), np.empty((ticks, 3))
+    q, references, clock = np.empty((ticks + 1, 6)), np.empty((ticks, 4, 4)), np.empty((ticks, 4))
     q[0], commands = start, []
     for k in range(ticks):
         here, pose, twist = q[k], poses[k], twists[k]
@@ -188,7 +188,8 @@ def follow(
         options: dict[str, Any] = {"enable": wrong.enable[k], "stamp": wrong.stamp[k]} if stamped else {}
         command = control.step(here, pose, twist, force=force, **options)
         commands.append(command)
-        references[k], clock[k] = control.reference, (control.time_scale, control.lag, control.manipulability)
+        references[k] = control.reference
+        clock[k] = control.time_scale, control.lag, control.manipulability, control.short[0]
         q[k + 1] = q[k] + dt * command.value
     return Run(
         given, kind, q, commands, poses, references, clock, np.linalg.norm(felt, axis=1), wrong, dict(control.counts),

@@ -74,7 +74,7 @@ def judge(verdict: Verdict, one: Run) -> None:
     reasons = np.array([command.reason for command in one.commands])
     status = np.array([command.status.value for command in one.commands])
     scale = np.array([command.scale for command in one.commands])
-    pace, lag, _ = one.clock.T
+    pace, lag, *_ = one.clock.T
     safe = np.isin(status, ("braking", "holding"))
     wrong, strong = expected(one.faults), one.forces >= given.force_limit
     stopped = stops(one.forces, given.stop_at, dt)

@@ -18,7 +18,6 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from rehab_opt import MirrorTracker, ur5
 from rehab_opt.control.measured_lag import measured_lag
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.session.files import load_problem, problem_of, shipped_problems
@@ -28,7 +27,7 @@ from rehab_opt.session.mirror.table import mirror_table
 from rehab_opt.session.mirror.trace import mirror_columns
 from rehab_opt.session.report import metrics_json, write_report
 from rehab_opt.session.run import checked, run_problem
-from tests.control.mirror_campaign import LARGEST, closed_form
+from tests.control.mirror_campaign import closed_form
 
 Array = np.ndarray
 Write = Callable[[str, str | bytes], Path]
@@ -84,7 +83,8 @@ def test_floor_deviation_speeds_and_planes_hold_at_every_tick(
     here = np.array([robot.pose(q)[:3, 3] for q in led.q])
     there = np.array([robot.pose(q)[:3, 3] for q in after])
     asked = led.reference[:, :3, 3]
-    assert np.nanmax(np.linalg.norm(there - asked, axis=1)) <= DEVIATION + 1e-9
+    beyond = np.linalg.norm(there - asked, axis=1) - led.short[:, 0]
+    assert np.nanmax(beyond) <= DEVIATION + 1e-9
     assert np.linalg.norm(there - here, axis=1).max() <= SPEED * dt * (1 + 1e-6)
 
     assert np.all(np.abs(led.command) <= robot.velocity)
@@ -191,22 +191,6 @@ def test_the_real_hand_is_mirrored_scaled_limited_to_an_arm_and_its_rate_assumed
     asked, mirrored = outcome.asked[:, :3, 3], outcome.mirror.positions(outcome.recorded)
     assert 0.5 < np.ptp(asked, axis=0).max() < 1.2  # metres, of an arm of 0.59
     assert np.abs(asked.min(axis=0) - mirrored.min(axis=0)).max() < 0.05  # but for the filter
-
-
-def test_shipped_seat_and_grip_are_as_good_as_the_script_says(recorded: Callable[[str], Path]) -> None:
-    recorded("vr_hand_tracker/tracker_record_rows_1_3000.csv")
-    script = runpy.run_path(str(FOLDER / "place_recording.py"))
-    given = content("vr_hand")
-    facing = given["patient"]["facing_deg"]
-    place = script["Place"](
-        given["robot"]["start_deg"], facing, given["placement"]["origin_m"], given["robot"]["grip_deg"]
-    )
-    seat = script["axes"](facing)
-    assert given["placement"]["turn_deg"] == facing
-    for key, across in ((given["patient"]["sagittal_point_m"], 0.18), (given["patient"]["arm"]["shoulder_m"], 0.36)):
-        np.testing.assert_allclose(key, place.origin_m + seat @ [0.0, across, 0.0], atol=1e-3)
-    tracker = MirrorTracker(ur5(), dt=script["DT"], max_manipulability=LARGEST)
-    assert script["passed"](tracker, place, script["hand_path"]()) > 0.7
 
 
 # ----------------------------------------------------------------------------------------------------- lost sight

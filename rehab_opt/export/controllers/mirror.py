@@ -200,7 +200,7 @@ double aim[16];                    /* what the person's arm can do of the refere
 double centre[3];                  /* of the largest deviation [m] */
 double felt[{felt}];                   /* the admittance: by which forces turn the reference aside, and how fast */
 double last_before[{joints}];      /* velocities of the tick before */
-double rate, share, then, waited, lead_w;
+double rate, share, then, waited, stood, apart, aside, lead_w;
 int live, pushed, has_aim, has_centre, lead_age;
 """
 PERSON_MEMORY = (
@@ -223,6 +223,7 @@ def _person(limit: PersonLimit) -> dict[str, str]:
         "person_joints": str(chain.n),
         "person_lower": initialiser(chain.lower),
         "person_upper": initialiser(chain.upper),
+        "person_start": initialiser(limit.start),
     }
 
 
@@ -236,9 +237,9 @@ def _constants(tracker: MirrorTracker) -> dict[str, str]:
         "stop_at": law.stop_at, "catching_up": f.CATCHING_UP, "at_least": f.AT_LEAST,
         "catch_up": tracker.catch_up, "waits": f.WAITS, "calm": s.CALM, "whole": s.WHOLE,
         "reference_linear": s.SPARE * tracker.linear_speed, "reference_angular": s.SPARE * tracker.angular_speed,
-        "quickening": dt / f.QUICKENING, "waits_at": f.WAITS * tracker.max_deviation, "stuck_seconds": w.STUCK[0],
-        "stuck_speed": w.STUCK[1], "patience": w.PATIENCE, "calm_deviation": s.CALM * tracker.max_deviation,
-        "calm_turn": s.CALM * tracker.max_turn, "jump": f.JUMP * dt + 1e-3, "spin": f.SPIN * dt + 1e-2,
+        "quickening": dt / f.QUICKENING, "waits_at": f.WAITS * tracker.max_deviation, "stuck": w.STUCK,
+        "still_hand": w.STANDS[0], "still_turn": w.STANDS[1], "short_place": w.SHORT[0], "short_turn": w.SHORT[1],
+        "patience": w.PATIENCE, "rush": f.RUSH, "jump": f.JUMP * dt + 1e-3, "spin": f.SPIN * dt + 1e-2,
     }  # fmt: skip
     whole = {"felt": FELT, "waiting": THINNED, "drawn": DRAWN, "halvings": s.HALVINGS, "stale": s.STALE}
     arrays: dict[str, Iterable[float]] = {

@@ -30,6 +30,8 @@ Array = NDArray[np.float64]
 TICKS_A_REPORT = 200
 SETTLED = 1e-3
 """[rad/s] Joint speeds at which a motion has come to its end."""
+ARRIVED = 2.0
+"""[s] at the last pose after which a motion has come to its end, too: a hand at its floor may go on creeping."""
 SETTLED_AMID_NOISE = 0.03
 """[rad/s] The same where encoders have noise, which commands answer."""
 KEYS = {
@@ -40,6 +42,7 @@ KEYS = {
     "angular_speed": "tracker.angular_speed_deg_s",
     "person": "patient.arm",
     "grip": "robot.grip_deg",
+    "start": "patient.arm.start_deg",
 }
 """Where the problem file says what the tracker calls by its own name."""
 
@@ -61,6 +64,7 @@ def tracker_of(
         except ConfigurationError as refused:
             raise ProblemFileError(file, f"tracker.keep_out.{i}.normal", each.normal, "a direction") from refused
     person, grip = scene.person if scene.person is not None else (None, None)
+    arm = problem.patient.arm
     try:
         return MirrorTracker(
             scene.robot,
@@ -73,6 +77,7 @@ def tracker_of(
             keep_out=planes,
             person=person,
             grip=grip,
+            person_start=None if arm is None or arm.start_deg is None else np.deg2rad(arm.start_deg),
             dt=1.0 / section.rate_hz,
             backup=backup,
             **options,
@@ -95,14 +100,28 @@ class _Diary:
         self.plant, self.log = plant, MotionLog(plant)
         self.rows: list[tuple[Any, ...]] = []
 
-    def note(self, reference: Array, command: Any, *, lag: float, pace: float, seconds: float) -> None:
+    def note(
+        self,
+        reference: Array,
+        command: Any,
+        *,
+        seconds: float,
+        lag: float = 0.0,
+        pace: float = 1.0,
+        short: tuple[float, float] = (0.0, 0.0),
+        person: tuple[float, float] = (0.0, 0.0),
+    ) -> None:
         """One tick, before its command is sent."""
         what, q = said(command.yielded), self.plant.truth.position
         self.log.note(command.value)
-        self.rows.append((q, command.value, reference, lag, pace, command.status.value, what, command.reason, seconds))
+        self.rows.append(
+            (q, command.value, reference, lag, pace, short, person, command.status.value, what, command.reason, seconds)
+        )
 
     def led(self, dt: float, *, complete: bool, counts: dict[str, int]) -> Led:
-        q, command, reference, lag, pace, status, yielded, reasons, seconds = zip(*self.rows, strict=True)
+        q, command, reference, lag, pace, short, person, status, yielded, reasons, seconds = zip(
+            *self.rows, strict=True
+        )
         joints = np.array(q)
         robot = self.scene.robot
         return Led(
@@ -114,6 +133,8 @@ class _Diary:
             manipulability=np.array([robot.manipulability(each) for each in joints]) / self.max_manipulability,
             lag=np.array(lag),
             pace=np.array(pace),
+            short=np.array(short),
+            person=np.array(person),
             status=status,
             yielded=yielded,
             reasons=reasons,
@@ -134,7 +155,7 @@ def without_floor(scene: Scene, plant: Plant, *, max_manipulability: float, prog
         began = time.perf_counter()
         command = tracker.step(seen.position, pose, twist)
         spent = time.perf_counter() - began
-        diary.note(pose, command, lag=0.0, pace=1.0, seconds=spent)
+        diary.note(pose, command, seconds=spent)
         seen = plant.step(command.value)
         if k % TICKS_A_REPORT == 0:
             progress("without floor", k, total)
@@ -154,17 +175,26 @@ def followed(tracker: MirrorTracker, scene: Scene, plant: Plant, *, patience: fl
     end = poses[~scene.reference.lost][-1]
     diary, seen = _Diary(scene, tracker.max_manipulability, plant), plant.reset(scene.start)
     settled = SETTLED if isinstance(plant, IdealJoints) else SETTLED_AMID_NOISE
-    total, complete = len(poses), False
+    total, complete, arrived = len(poses), False, 0
     for k in range(math.ceil(patience * total + 2.0 / dt)):
         pose, twist = (poses[k], twists[k]) if k < total else (end, still)
         began = time.perf_counter()
         command = tracker.step(seen.position, pose, twist)
         spent = time.perf_counter() - began
-        diary.note(tracker.reference, command, lag=tracker.lag, pace=tracker.time_scale, seconds=spent)
+        diary.note(
+            tracker.reference,
+            command,
+            lag=tracker.lag,
+            pace=tracker.time_scale,
+            short=tracker.short,
+            person=tracker.beyond_person,
+            seconds=spent,
+        )
         seen = plant.step(command.value)
         if k % TICKS_A_REPORT == 0:
             progress("step", min(k, total), total)
-        if k >= total and tracker.lag < 2 * dt and float(np.abs(command.value).max()) < settled:
+        arrived = arrived + 1 if k >= total and tracker.lag < 2 * dt else 0
+        if arrived * dt > ARRIVED or (arrived and float(np.abs(command.value).max()) < settled):
             complete = True
             break
     progress("step", total, total)
@@ -187,6 +217,8 @@ def planned(tracker: MirrorTracker, scene: Scene, *, progress: Progress) -> Led:
         manipulability=np.array([robot.manipulability(each) for each in path.q]) / tracker.max_manipulability,
         lag=path.times - path.clock,
         pace=path.paces,
+        short=path.short,
+        person=path.person,
         status=("planned",) * len(path.q),
         yielded=tuple(map(said, path.yielded)),
         reasons=("",) * len(path.q),

@@ -8,9 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rehab_opt.control.hand_bounds import HandBounds
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.published.astar import AStarPath
 from rehab_opt.session.metrics import error_metrics, joint_metrics, reason_counts, status_counts, time_metrics
+from rehab_opt.session.mirror.causes import cause_seconds
 from rehab_opt.session.mirror.outcome import Led
 
 __all__ = ["BELOW", "astar_metrics", "led_metrics", "passed_share"]
@@ -26,7 +28,14 @@ SAMPLES = 400
 
 
 def led_metrics(
-    led: Led, robot: SerialChain, asked: Array, *, floor: float, rate: float, max_manipulability: float
+    led: Led,
+    robot: SerialChain,
+    asked: Array,
+    *,
+    bounds: HandBounds,
+    floor: float,
+    rate: float,
+    max_manipulability: float,
 ) -> dict[str, Any]:
     """Of one law; where sight was lost there is no reference, and no distance to it.
 
@@ -47,6 +56,7 @@ def led_metrics(
         "manipulability_min": float(w.min()),
         "manipulability_median": float(np.median(w)),
         "below_floor_share_of_time": float(np.mean(w < floor - BELOW)),
+        "seconds_by_cause": cause_seconds(led, bounds),
         "passed_share_of_time": passed_share(led.tool, asked),
         **error_metrics(led.deviation[seen], "deviation", "m"),
         **error_metrics(np.rad2deg(led.turn[seen]), "turn", "deg"),

@@ -33,11 +33,13 @@ class Led:
     manipulability : (M,) w / w_max, computed from q.
     lag : (M,) [s] how old the reference is that is followed.
     pace : (M,) seconds of the reference in a second.
+    short : (M, 2) [m, rad] by which person and robot stay short of the reference at best, from where they are.
+    person : (M, 2) [m, rad] of that which are the person's arm's.
     status, yielded : (M,) of each command.
     reasons : (M,) why a command is not a plain one.
     seconds : (M,) computing time of each tick, or (1,) of all of them.
     complete : whether the reference's end was reached.
-    counts : how often the tracker waited, left out, shortened and so on.
+    counts : how often the tracker waited, cut, shortened and so on.
     motion : of the joints, commanded and true; None where they are the same.
     """
 
@@ -49,6 +51,8 @@ class Led:
     manipulability: Array
     lag: Array
     pace: Array
+    short: Array
+    person: Array
     status: tuple[str, ...]
     yielded: tuple[str, ...]
     reasons: tuple[str, ...]

@@ -134,6 +134,11 @@ class PatientArmSection(Section):
 
     shoulder_m: Triple
     """Shoulder of the led arm in the robot's frame."""
+    start_deg: Annotated[list[Annotated[float, Field(ge=-360, le=360)]], Field(min_length=8, max_length=8)] | None = (
+        None
+    )
+    """Posture, as Table I counts, from which the model of this arm finds to the first pose; default the middle of its
+    range. The model is local: from another posture it may come to more."""
     range_of_motion: OneRange
     """Table I by name, a table of all eight joints' limits, or what a goniometer measured."""
     segments: SegmentsSection = SegmentsSection()

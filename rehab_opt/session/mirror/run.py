@@ -62,7 +62,15 @@ def run_mirror(loaded: ProblemFile[MirrorProblem], *, progress: Progress) -> Mir
         },
         "manipulability_largest": max_manipulability,
         "laws": {
-            name: led_metrics(led, robot, asked, floor=section.floor, rate=rate, max_manipulability=max_manipulability)
+            name: led_metrics(
+                led,
+                robot,
+                asked,
+                bounds=tracker.hand_bounds,
+                floor=section.floor,
+                rate=rate,
+                max_manipulability=max_manipulability,
+            )
             for name, led in laws.items()
         },
         "astar": astar_metrics(astar, robot, asked[:, :3, 3], max_manipulability=max_manipulability)
@@ -109,5 +117,3 @@ def _notes(problem: MirrorProblem, scene: Scene, laws: dict[str, Led], tracker: 
     for name, led in laws.items():
         if not led.complete:
             yield f"{name}: INCOMPLETE, the reference's end was not reached within the patience"
-        if led.counts.get("left out"):
-            yield f"{name}: {led.counts['left out']} stretches of the reference left out, which the arm cannot do"

@@ -41,6 +41,14 @@ def _ends(of: Numbers) -> str:
     return f"{of['duration_s']:.1f}" if of["complete"] else f"{of['duration_s']:.1f} INCOMPLETE"
 
 
+def _seconds(of: Numbers, *causes: str) -> str:
+    return " / ".join(f"{of['seconds_by_cause'][cause]:.1f}" for cause in causes)
+
+
+def _acceleration(of: Numbers) -> str:
+    return f"{of['joint_acceleration_max_share_of_limit']:.2f} ({of['joint_acceleration_above_limit_ticks']})"
+
+
 def _ticks(of: Numbers) -> str:
     return times("tick")(of) if "tick_median_ms" in of else "-"
 
@@ -49,6 +57,9 @@ MIRROR_ROWS: Rows = (
     ("least manipulability, share of largest", lambda of: f"{of['manipulability_min']:.4f}"),
     ("time below the floor, %", lambda of: f"{100 * of['below_floor_share_of_time']:.1f}"),
     ("reference passed within 5 mm and 5 deg, %", lambda of: f"{100 * of['passed_share_of_time']:.0f}"),
+    ("seconds followed / late / stopped", lambda of: _seconds(of, "followed", "late", "stopped")),
+    ("seconds short for the person's arm", lambda of: _seconds(of, "person's arm")),
+    ("seconds short for floor / keep-out / reach", lambda of: _seconds(of, "floor", "keep-out", "robot's reach")),
     ("distance to the reference mean / p95 / max, mm", millimetres("deviation")),
     ("turn from the reference mean / p95 / max, deg", spread("turn", "deg")),
     ("duration, s", _ends),
@@ -59,6 +70,7 @@ MIRROR_ROWS: Rows = (
     ("reference held back, s", lambda of: f"{of['reference_held_back_s']:.2f}"),
     ("fastest tool, m/s", lambda of: f"{of['tool_speed_max_m_s']:.4f}"),
     ("fastest joint, deg/s (share of limit)", speed),
+    ("largest joint acceleration, share of limit (ticks above)", _acceleration),
     ("smallest joint-limit margin, deg", margin),
     ("ticks by status", statuses),
     ("ticks in which something yielded", lambda of: counts(of["yielded"]) or "0"),
@@ -68,7 +80,7 @@ MIRROR_ROWS: Rows = (
 )
 ASTAR_CELLS: Mapping[str, Callable[[Numbers], str]] = {
     "least manipulability, share of largest": MIRROR_ROWS[0][1],
-    "distance to the reference mean / p95 / max, mm": MIRROR_ROWS[3][1],
+    "distance to the reference mean / p95 / max, mm": MIRROR_ROWS[6][1],
     "duration, s": lambda of: "no times" if of["complete"] else "no times, INCOMPLETE",
     "computing time, s": MIRROR_ROWS[-1][1],
     "events": lambda of: f"{of['expanded']} expanded, {of['blocked']} blocked",

@@ -1,0 +1,1 @@
+"""The mirror on recordings that nobody tuned it to."""

@@ -1,0 +1,223 @@
+"""The mirror on recordings that nobody tuned it to: placed by `rehab-opt place`, run, judged by an oracle of its own.
+
+`python -m bench.unseen [--recordings 10] [--seed 500] [--random-seats 2000] [--write]`. Half of the recordings are
+minimum-jerk reaches with turns at random (seeds from `--seed` on), half are slices of the real hand at random rows.
+Nothing judged is imported by the oracle (`ur5_branches`, `person_reach`, `measured`).
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+import tempfile
+import time
+import tomllib
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+
+from bench.machine import machine
+from bench.unseen.hands import reach_recording, slice_recording
+from bench.unseen.measured import Broken, broken, judged, passed, reach
+from bench.unseen.ur5_branches import branch_of, manipulability, postures
+from bench.verdict import Verdict, all_met, print_verdicts
+from rehab_opt.plants.ideal import IdealJoints
+from rehab_opt.session.files import ProblemFile, problem_of, shipped_problems
+from rehab_opt.session.mirror.laws import followed, planned, tracker_of
+from rehab_opt.session.mirror.placing import found_place, placed
+from rehab_opt.session.mirror.scene import laid_out
+
+__all__ = ["main"]
+
+Array = NDArray[np.float64]
+
+TUNED, JUDGED, KEPT_BACK = (721, 1500), (1501, 2400), (2401, 3000)
+"""Rows of the real hand: tuned on, judged by default, and looked at in the end only (`--kept-back`)."""
+ROWS = 480
+ACCELERATION = 15.0
+"""[rad/s^2] of `ur5()`."""
+SOME = 40
+"""Poses of a recording on which random seats are compared."""
+RESULTS = Path(__file__).parents[1] / "RESULTS.md"
+TITLE = "## The mirror on unseen recordings"
+
+
+class Row(NamedTuple):
+    """What was measured of one recording."""
+
+    name: str
+    in_reach: float
+    """Share of poses in reach of robot (any branch) and person, from the placed seat."""
+    on_branch: float
+    """The same on the branch that the motion starts on."""
+    promised: float
+    step: float
+    """Share of the poses in reach (any branch) that `step` passes."""
+    step_on_branch: float
+    plan: float
+    achieved: float
+    """Share of all poses that `step` passes, by the oracle."""
+    best_random: float
+    complete: bool
+    late: float
+    """Duration of `step` over the recording's."""
+    turn: float
+    """Of the tool from the reference, beyond what it is said to stay short of, over `max_turn`."""
+    worst: Broken
+
+
+def problem_with(recording: dict[str, Any], folder: Path) -> ProblemFile[Any]:
+    """The shipped recording's problem with another recording."""
+    content = tomllib.loads(shipped_problems()["mirror/vr_hand"].read_text())
+    content["recording"] = recording
+    if recording["frame"] == "robot":
+        del content["placement"]["recorded_arm_m"], content["placement"]["arm_m"]
+    return problem_of(content, name="unseen", file="unseen.toml", path=folder / "unseen.toml")
+
+
+def measured(loaded: ProblemFile[Any], name: str, *, random_seats: int, seed: int) -> Row:
+    """Place, run and judge one recording."""
+    place = found_place(loaded, seed=seed, progress=lambda *_: None)
+    there = placed(loaded, place.keys)
+    content = there.problem.model_dump(mode="json")
+    scene = laid_out(there)
+    tracker = tracker_of(there.problem, scene, file=name)
+    patience = there.problem.tracker.patience
+    step = followed(tracker, scene, IdealJoints(tracker.dt), patience=patience, progress=lambda *_: None)
+    plan = planned(tracker, scene, progress=lambda *_: None)
+    poses = judged(scene.reference.poses)
+    found = reach(poses, content)
+    branch = found.on(int(branch_of(scene.start[None])[0]))
+    by_step, by_plan = passed(step.q, poses), passed(plan.q, poses)
+    worst = [broken(led.q, led.command, tracker.dt, content, acceleration=ACCELERATION) for led in (step, plan)]
+    return Row(
+        name, float(found.anyhow.mean()), float(branch.mean()), place.passed, _mean(by_step, found.anyhow),
+        _mean(by_step, branch), _mean(by_plan, found.anyhow), float(by_step.mean()),
+        best_random(poses, found.person, content, random_seats, np.random.default_rng(seed)), step.complete,
+        float(step.time[-1] / (scene.reference.times[-1] - scene.reference.times[0])),
+        max(float((led.turn - led.short[:, 1]).max()) / tracker.max_turn for led in (step, plan)),
+        Broken(*(f(each) for f, each in zip((max, max, min), zip(*worst, strict=True), strict=True))),
+    )  # fmt: skip
+
+
+def best_random(
+    poses: Array, person: NDArray[np.bool_], content: dict[str, Any], count: int, rng: np.random.Generator
+) -> float:
+    """In-reach share (any branch) of the best of seats and grips at random, patients out of the robot's column."""
+    some = np.unique(np.linspace(0, len(poses) - 1, SOME).astype(int))
+    poses, person = poses[some], person[some]
+    points = np.array([content["placement"]["origin_m"], content["patient"]["sagittal_point_m"],
+                       content["patient"]["arm"]["shoulder_m"]])  # fmt: skip
+    middle, best, drawn = np.median(poses[:, :3, 3], axis=0), 0.0, 0
+    while drawn < count:
+        angle, about = rng.uniform(-math.pi, math.pi, 2)
+        c, s = math.cos(angle), math.sin(angle)
+        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        away, height = rng.uniform(0.2, 0.9), rng.uniform(-0.3, 0.7)
+        goal = np.array([away * math.cos(about), away * math.sin(about), height])
+        seats = (points - middle) @ turn.T + goal
+        if not (-0.1 <= seats[2, 2] <= 0.5 and np.linalg.norm(seats[:, :2], axis=1).min() >= 0.45):
+            continue
+        drawn += 1
+        moved = poses.copy()
+        moved[:, :3, 3] = (poses[:, :3, 3] - middle) @ turn.T + goal
+        grip = np.linalg.qr(rng.standard_normal((3, 3)))[0]
+        moved[:, :3, :3] = turn @ poses[:, :3, :3] @ (grip * np.sign(np.linalg.det(grip)))
+        found = postures(moved)
+        good = ~np.isnan(found).any(axis=2)
+        good &= (manipulability(np.nan_to_num(found.reshape(-1, 6))) >= content["tracker"]["floor"]).reshape(-1, 8)
+        best = max(best, float((good.any(axis=1) & person).mean()))
+    return best
+
+
+def verdicts(rows: list[Row]) -> list[Verdict]:
+    """The issue's rows."""
+    anyhow = np.maximum([row.in_reach for row in rows], 1e-9)
+    branch = np.maximum([row.on_branch for row in rows], 1e-9)
+    step, own, plan = np.array([(row.step, row.step_on_branch, row.plan) for row in rows]).T
+    gap = max(abs(r.promised - r.achieved) for r in rows)
+    seat = min(r.in_reach / max(r.best_random, 1e-9) for r in rows)
+    return [
+        Verdict("step: share of the poses in reach that it passes", _weighted(step, anyhow), ">=", 0.9),
+        Verdict("step: share of those in reach on the branch it starts on", _weighted(own, branch), ">=", 0.9),
+        Verdict("plan: share of the poses in reach that it passes", _weighted(plan, anyhow), ">=", 0.98),
+        Verdict("place: promised and achieved differ by at most", gap, "<=", 0.03),
+        Verdict("place: in-reach share / best of random seats, worst", seat, ">=", 0.95),
+        Verdict("runs that come to the recording's end", float(np.mean([r.complete for r in rows])), ">=", 1.0),
+        Verdict("joint acceleration / its limit, worst", max(r.worst.acceleration for r in rows), "<=", 1 + 1e-6),
+        Verdict("hand speed / its limit, worst", max(r.worst.hand_speed for r in rows), "<=", 1 + 1e-6),
+        Verdict("turn beyond what the arm stays short of / max_turn, worst", max(r.turn for r in rows), "<=", 1.0),
+        Verdict("manipulability / floor, worst", min(r.worst.floor for r in rows), ">=", 1 - 1e-6),
+    ]
+
+
+def _mean(flags: NDArray[np.bool_], among: NDArray[np.bool_]) -> float:
+    return float(flags[among].mean()) if among.any() else 1.0
+
+
+def _weighted(shares: Array, weights: Array) -> float:
+    return float(np.average(shares, weights=weights))
+
+
+def main() -> int:
+    """Measure, print, and write where it is asked for."""
+    parser = argparse.ArgumentParser(prog="python -m bench.unseen", description=__doc__)
+    parser.add_argument("--recordings", type=int, default=10)
+    parser.add_argument("--seed", type=int, default=500)
+    parser.add_argument("--random-seats", type=int, default=2000)
+    parser.add_argument("--rows", choices=("tuned", "judged", "kept-back"), default="judged")
+    parser.add_argument("--write", action="store_true", help="put the table into bench/RESULTS.md")
+    options = parser.parse_args()
+    console = Console(width=132)
+    first, last = {"tuned": TUNED, "judged": JUDGED, "kept-back": KEPT_BACK}[options.rows]
+    rng, rows, lines = np.random.default_rng(options.seed), [], []
+    titles = (
+        "recording", "in reach, any branch / start's", "best random", "promised", "step of all",
+        "step of in reach, any / start's", "plan", "step's seconds", "worst acceleration",
+    )  # fmt: skip
+    lines += ["| " + " | ".join(titles) + " |", "|---" * len(titles) + "|"]
+    with tempfile.TemporaryDirectory() as scratch:
+        for number in range(options.recordings):
+            began, seed = time.perf_counter(), options.seed + number
+            if number % 2:
+                row = int(rng.integers(first, last - ROWS + 2))
+                recording, name = slice_recording(row, rows=ROWS), f"real hand, rows {row} to {row + ROWS - 1}"
+            else:
+                recording, name = reach_recording(Path(scratch), seed), f"reaches, seed {seed}"
+            loaded = problem_with(recording, Path(scratch))
+            one = measured(loaded, name, random_seats=options.random_seats, seed=seed)
+            rows.append(one)
+            lines.append(
+                f"| {name} | {one.in_reach:.2f} / {one.on_branch:.2f} | {one.best_random:.2f} | {one.promised:.3f} | "
+                f"{one.achieved:.3f} | {one.step:.2f} / {one.step_on_branch:.2f} | {one.plan:.2f} | x {one.late:.1f} | "
+                f"{one.worst.acceleration:.2f} |"
+            )
+            console.print(f"{lines[-1]} ({time.perf_counter() - began:.0f} s)", highlight=False, soft_wrap=True)
+    found = verdicts(rows)
+    print_verdicts(console, found)
+    if options.write:
+        _write(lines, found, options)
+    return 0 if all_met(found) else 1
+
+
+def _write(lines: list[str], found: list[Verdict], options: argparse.Namespace) -> None:
+    about = "  ".join(f"{key}: {value}" for key, value in machine().items())
+    command = f"python -m bench.unseen --recordings {options.recordings} --seed {options.seed} --rows {options.rows}"
+    numbers = ["| what | value | bound | |", "|---|---|---|---|"]
+    for each in found:
+        verdict = "PASS" if each.met else "FAIL"
+        numbers.append(f"| {each.what} | {each.measured:.4g} | {each.relation} {each.asked:.4g} | {verdict} |")
+    section = [f"{TITLE}\n", f"`{command} --write`; {about}\n", *lines, "", *numbers, ""]
+    text = RESULTS.read_text()
+    begin = text.find(TITLE)
+    after = text.find("\n## ", begin + 1) + 1 if begin >= 0 else 0
+    rest = text if begin < 0 else text[:begin] + (text[after:] if after else "")
+    RESULTS.write_text(rest.rstrip() + "\n\n" + "\n".join(section))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,296 @@
+"""Where the patient of a mirrored recording sits, and how the robot holds the hand: found, and then run.
+
+The recording tells neither. What is looked for is a rigid motion of everything of the patient's (four numbers: a place
+and a direction) and the grip (three): a posture of the robot at one pose of the path and a direction fix them all. How
+much of the path a posture goes along is counted without time (`Seats`), for hundreds at once, drawn anywhere first and
+then nearer and nearer to the best. The best of those are run as `rehab-opt run` does, and what that achieves decides.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.control.mirror import MirrorTracker
+from rehab_opt.control.person_limit import PersonLimit
+from rehab_opt.errors import ProblemFileError
+from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.plants.ideal import IdealJoints
+from rehab_opt.session.files import ProblemFile
+from rehab_opt.session.mirror.laws import followed, tracker_of
+from rehab_opt.session.mirror.metrics import passed_share
+from rehab_opt.session.mirror.problem import MirrorProblem
+from rehab_opt.session.mirror.scene import Scene, laid_out
+from rehab_opt.session.mirror.seats import Seats, Walk
+from rehab_opt.session.outcome import Progress
+from rehab_opt.session.robot_file import pose_of
+
+__all__ = ["Place", "found_place", "placed"]
+
+Array = NDArray[np.float64]
+
+POSES, FINELY = 60, 8
+"""Of the path that are counted while looking, and how many more the model of the led arm goes along."""
+SLOWLY = 8
+"""Ticks of that model for each of them: the clock will wait for it."""
+BEGINNINGS, ENOUGH = 10, 0.95
+"""Postures from which that model is begun, and the share of the poses that are enough."""
+ANYWHERE, NEARER, BEST = 600, (0.35, 0.2, 0.12, 0.07, 0.04, 0.02), 20
+"""Seats drawn anywhere, spreads [rad] of those drawn near the best afterwards, and how many of the best are kept."""
+TRIED = 3
+"""Seats that are run in the end."""
+HEIGHT, AWAY = (-0.1, 0.5), 0.45
+"""[m] of the led shoulder over the robot's base, and least distance of the patient's middle and shoulders from the
+robot's upright axis."""
+CLEAR = 0.3
+"""[m] of the robot's joints before its wrist from the upright through the patient's middle."""
+GOOD = 0.5
+"""Of the largest manipulability, above which the posture at the middle pose is drawn."""
+
+
+class Place(NamedTuple):
+    """Values of a problem file's keys, by section, and what the run achieves with them."""
+
+    keys: dict[str, dict[str, Any]]
+    """E.g. `keys["placement"]["origin_m"]`; "patient.arm" is a section of its own."""
+    passed: float
+    """Share of the reference's poses that `step` passes within 5 mm and 5 deg."""
+    counted: float
+    """Share of them that the search counted on."""
+
+
+class _Drawn(NamedTuple):
+    """M seats."""
+
+    q: Array
+    """(M, n) the robot's postures at the middle pose."""
+    facing: Array
+    """(M,) [rad] by which everything of the patient's is turned."""
+
+
+def found_place(
+    loaded: ProblemFile[MirrorProblem], *, seats: int = ANYWHERE, seed: int = 0, progress: Progress
+) -> Place:
+    """Seat, direction, grip and starting posture with which the robot passes most of the recording.
+
+    Parameters
+    ----------
+    seats : drawn anywhere; six times a quarter as many follow near the best.
+
+    Raises
+    ------
+    ProblemFileError : a recording or a value that cannot be used; a frame that is calibrated, and so not to be chosen;
+        no seat from which the robot does any of it.
+    """
+    if loaded.problem.placement.origin_m is None:
+        raise ProblemFileError(
+            loaded.file, "placement.calibration_file", loaded.problem.placement.calibration_file,
+            "origin_m: where the recording lies was measured, and is not to be chosen",
+        )  # fmt: skip
+    scene = laid_out(loaded)
+    tracker = tracker_of(loaded.problem, scene, file=loaded.file)
+    search = _Search(loaded.problem, scene, tracker, np.random.default_rng(seed))
+    drawn = search.anywhere(seats)
+    scores = search.scores(drawn)
+    for number, spread in enumerate(NEARER, start=1):
+        progress("seats", number, 1 + len(NEARER))
+        best = np.argsort(-scores, kind="stable")[:BEST]
+        drawn, scores = _Drawn(drawn.q[best], drawn.facing[best]), scores[best]
+        more = search.near(drawn, spread, seats // 4)
+        scores = np.concatenate([scores, search.scores(more)])
+        drawn = _Drawn(np.vstack([drawn.q, more.q]), np.concatenate([drawn.facing, more.facing]))
+    progress("seats", 1, 1)
+    order = np.argsort(-scores, kind="stable")
+    if not scores[order[0]] > 0.0:
+        expected = "a recording of which the robot, above its floor, and the person's arm can do some"
+        raise ProblemFileError(loaded.file, "recording.file", loaded.problem.recording.file, expected)
+    tried = []
+    for number, one in enumerate(order[:TRIED].tolist()):
+        progress("runs", number, TRIED)
+        keys = search.keys(drawn.q[one], float(drawn.facing[one]))
+        share = achieved(placed(loaded, keys))
+        tried.append(Place(keys, share, search.counted(drawn.q[one], float(drawn.facing[one]))))
+    progress("runs", TRIED, TRIED)
+    return max(tried, key=lambda place: place.passed)
+
+
+def placed(loaded: ProblemFile[MirrorProblem], keys: dict[str, dict[str, Any]]) -> ProblemFile[MirrorProblem]:
+    """The same problem with these keys."""
+    content = loaded.problem.model_dump(mode="json", exclude_unset=True)
+    for section, values in keys.items():
+        where = content
+        for name in section.split("."):
+            where = where[name]
+        where.update(values)
+    return dataclasses.replace(loaded, problem=type(loaded.problem).model_validate(content))
+
+
+def achieved(loaded: ProblemFile[MirrorProblem]) -> float:
+    """Share of the reference's poses that `step` passes on a robot that moves as commanded."""
+    scene = laid_out(loaded)
+    tracker = tracker_of(loaded.problem, scene, file=loaded.file)
+    led = followed(
+        tracker, scene, IdealJoints(tracker.dt), patience=loaded.problem.tracker.patience,
+        progress=lambda *_: None,
+    )  # fmt: skip
+    return passed_share(led.tool, scene.reference.poses[~scene.reference.lost])
+
+
+class _Search:
+    """Of one recording."""
+
+    def __init__(self, problem: MirrorProblem, scene: Scene, tracker: MirrorTracker, rng: np.random.Generator) -> None:
+        self.problem, self.chain, self.rng = problem, scene.robot, rng
+        self.seats, self.w_max = Seats(tracker), tracker.max_manipulability
+        self.grip = pose_of(problem.robot.grip_deg, problem.robot.grip_m)
+        tools = scene.reference.poses[~scene.reference.lost]
+        tools = tools[np.unique(np.linspace(0, len(tools) - 1, POSES * FINELY).astype(int))]
+        person = _of_person(tools, scene.person, tracker.dt, rng)
+        self.hands, self.wanted, self.person_start = person.tools[::FINELY], person.asked[::FINELY], person.start
+        self.hands = self.hands @ np.linalg.inv(self.grip)
+        places = self.hands[:, :3, 3]
+        self.middle = int(np.argmin(np.linalg.norm(places - np.median(places, axis=0), axis=1)))
+
+    def anywhere(self, count: int) -> _Drawn:
+        """Postures far above the floor."""
+        chain, found, facing = self.chain, np.empty((0, self.chain.n)), np.empty(0)
+        far = np.minimum(np.pi, np.abs(np.vstack([chain.lower, chain.upper])))
+        while len(found) < count:
+            q = self.rng.uniform(-far[0], far[1], (4 * count, chain.n))
+            turns = self.rng.uniform(-np.pi, np.pi, len(q))
+            good = (self.seats.at(q)[2] > GOOD) & self.admitted(q, turns)
+            found, facing = np.vstack([found, q[good]]), np.concatenate([facing, turns[good]])
+        return _Drawn(found[:count], facing[:count])
+
+    def near(self, best: _Drawn, spread: float, count: int) -> _Drawn:
+        """Around the best."""
+        which = self.rng.integers(0, len(best.q), count)
+        q = best.q[which] + spread * self.rng.standard_normal((count, self.chain.n))
+        turns = best.facing[which] + 2 * spread * self.rng.standard_normal(count)
+        return _Drawn(np.clip(q, self.chain.lower, self.chain.upper), turns)
+
+    def scores(self, drawn: _Drawn) -> Array:
+        """(M,) share of the poses done, and a little for being far above the floor; none where nobody could sit."""
+        found = np.zeros(len(drawn.q))
+        for begun in range(0, len(found), 100):
+            some = slice(begun, begun + 100)
+            walk = self._walk(_Drawn(drawn.q[some], drawn.facing[some]))
+            done = (walk.done & self.wanted[:, None]).mean(axis=0)
+            found[some] = done + 0.02 * np.where(walk.done, walk.above, 0.0).mean(axis=0)
+        return np.where(self.admitted(drawn.q, drawn.facing), found, 0.0)
+
+    def counted(self, q: Array, facing: float) -> float:
+        """Share of the poses that are done from a seat."""
+        walk = self._walk(_Drawn(q[None], np.array([facing])))
+        return float((walk.done[:, 0] & self.wanted).mean())
+
+    def _walk(self, drawn: _Drawn) -> Walk:
+        tools = self.seats.at(drawn.q)[0]
+        paths = np.tile(np.eye(4), (len(self.hands), len(drawn.q), 1, 1))
+        middles = np.empty((len(drawn.q), 2))
+        for i, (tool, facing) in enumerate(zip(tools, drawn.facing, strict=True)):
+            seat, grip = self._seat(tool, float(facing))
+            paths[:, i] = seat @ self.hands @ grip
+            middles[i] = (seat[:3, :3] @ self._points()[1] + seat[:3, 3])[:2]
+        walk = self.seats.walk(paths, drawn.q, self.middle)
+        clear = np.linalg.norm(walk.elbows - middles[:, None], axis=3).min(axis=2) >= CLEAR
+        return dataclasses.replace(walk, done=walk.done & clear)
+
+    def _seat(self, tool: Array, facing: float) -> tuple[Array, Array]:
+        """Rigid motion (4, 4) of all that is the patient's, and the grip (4, 4), for the robot's tool (3, 4)."""
+        seat, grip = pose_of([0.0, 0.0, math.degrees(facing)], [0.0, 0.0, 0.0]), self.grip.copy()
+        hand = seat @ self.hands[self.middle]
+        grip[:3, :3] = hand[:3, :3].T @ tool[:, :3]
+        # The grip's place is in the hand's axes; the tool's place is the hand's and that.
+        seat[:3, 3] = tool[:, 3] - (hand @ grip)[:3, 3]
+        return seat, grip
+
+    def admitted(self, q: Array, facing: Array) -> NDArray[np.bool_]:
+        """(M,) whether a patient could sit there."""
+        points = self._points()
+        found = np.empty(len(q), dtype=bool)
+        for i, (tool, turn) in enumerate(zip(self.seats.at(q)[0], facing, strict=True)):
+            seat, _ = self._seat(tool, float(turn))
+            there = points @ seat[:3, :3].T + seat[:3, 3]
+            low, high = HEIGHT
+            found[i] = low <= there[-1, 2] <= high and np.linalg.norm(there[:, :2], axis=1).min() >= AWAY
+        return found
+
+    def _points(self) -> Array:
+        """(3, 3) [m] the recording's origin, a point of the patient's middle, and the led shoulder or what is there."""
+        problem = self.problem
+        origin = np.array(problem.placement.origin_m)
+        middle = np.array(problem.patient.sagittal_point_m)
+        arm = problem.patient.arm
+        return np.array([origin, middle, 2 * middle - origin if arm is None else arm.shoulder_m])
+
+    def keys(self, q: Array, facing: float) -> dict[str, dict[str, Any]]:
+        """What the problem file would say, in round numbers."""
+        tool = self.seats.at(q[None])[0][0]
+        seat, grip = self._seat(tool, facing)
+        walk = self._walk(_Drawn(q[None], np.array([facing])))
+        origin, middle, shoulder = (self._points() @ seat[:3, :3].T + seat[:3, 3]).round(3).tolist()
+        problem, turn = self.problem, math.degrees(facing)
+        found: dict[str, dict[str, Any]] = {
+            "placement": {"origin_m": origin, "turn_deg": _round_turn(problem.placement.turn_deg + turn)},
+            "patient": {"sagittal_point_m": middle, "facing_deg": _round_turn(problem.patient.facing_deg + turn)},
+            "robot": {
+                "start_deg": np.rad2deg(walk.q[0, 0]).round(1).tolist(),
+                "grip_deg": (_fixed_turns_deg(grip[:3, :3]).round(1) + 0.0).tolist(),
+            },
+        }
+        if problem.patient.arm is not None:
+            found["patient.arm"] = {"shoulder_m": shoulder}
+        if self.person_start is not None:
+            found["patient.arm"]["start_deg"] = (np.rad2deg(self.person_start).round(1) + 0.0).tolist()
+        return found
+
+
+class _Person(NamedTuple):
+    """What the led arm can do."""
+
+    tools: Array
+    """(N, 4, 4) nearest to what is asked, as its model goes along."""
+    asked: NDArray[np.bool_]
+    """(N,) whether it is what is asked."""
+    start: Array | None
+    """(m,) [rad] posture from which the model began; None without a person."""
+
+
+def _of_person(tools: Array, person: tuple[SerialChain, Array] | None, dt: float, rng: np.random.Generator) -> _Person:
+    """Slowly along tool poses (N, 4, 4), from the starting posture from which the model comes to most of them."""
+    best = _Person(tools, np.ones(len(tools), dtype=bool), None)
+    if person is None:
+        return best
+    arm, grip = person
+    middle, half, most = (arm.lower + arm.upper) / 2, (arm.upper - arm.lower) / 2, -1
+    for number in range(BEGINNINGS):
+        # In the file's own round numbers.
+        start = np.rad2deg(middle + 0.8 * (number > 0) * half * rng.uniform(-1, 1, arm.n)).round(1)
+        start = np.clip(np.deg2rad(start), arm.lower, arm.upper)
+        limit = PersonLimit(arm, grip=grip, dt=max(dt, 0.02), start=start, compile=False)
+        found = np.array([[limit.limited(pose, np.zeros(6)) for _ in range(SLOWLY)][-1][0] for pose in tools])
+        apart = np.linalg.norm(found[:, :3, 3] - tools[:, :3, 3], axis=1)
+        cosine = (np.einsum("nij,nij->n", found[:, :3, :3], tools[:, :3, :3]) - 1.0) / 2.0
+        asked = (apart < 4e-3) & (cosine > math.cos(math.radians(4.0)))
+        if asked.sum() > most:
+            most, best = int(asked.sum()), _Person(found, asked, start)
+        if asked.mean() > ENOUGH:
+            break
+    return best
+
+
+def _fixed_turns_deg(rotation: Array) -> Array:
+    """(3,) turns about x, then y, then z of the fixed frame."""
+    x = math.atan2(rotation[2, 1], rotation[2, 2])
+    y = math.atan2(-rotation[2, 0], math.hypot(rotation[2, 1], rotation[2, 2]))
+    return np.rad2deg([x, y, math.atan2(rotation[1, 0], rotation[0, 0])])
+
+
+def _round_turn(angle: float) -> float:
+    """[deg] within half a turn."""
+    return round((angle + 180.0) % 360.0 - 180.0, 1)

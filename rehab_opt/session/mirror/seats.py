@@ -1,0 +1,129 @@
+"""Seats and grips by the hundred: how much of a hand's path a robot goes along from one posture, above its floor."""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.control.mirror import MirrorTracker
+
+__all__ = ["Seats", "Walk"]
+
+Array = NDArray[np.float64]
+
+TURN_LENGTH = 0.1
+"""[m/rad] What a turn of the hand counts for against its place."""
+NEAR, TURNED = 3e-3, math.radians(3.0)
+"""[m, rad] within which a pose counts as done: stricter than what is then measured."""
+ABOVE = 1.05
+"""Of the floor, from which a posture counts as above it: as much is left to the tracker's own barrier."""
+HEAVY = 3.0
+"""[m] What w / w_max under the floor counts for against the hand's place."""
+DAMPING, ROUNDS, STRIDE = 1e-4, 4, 0.25
+"""Of a step [m^2], steps to a pose, and how far one of them goes at most [rad or m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Walk:
+    """M walks along N poses.
+
+    Parameters
+    ----------
+    q : (N, M, n) [rad, m] postures.
+    done : (N, M) whether the posture has the pose, above the floor and outside every keep-out.
+    above : (N, M) w / w_max.
+    elbows : (N, M, k, 2) [m] the joints before the wrist, seen from above.
+    """
+
+    q: Array
+    done: NDArray[np.bool_]
+    above: Array
+    elbows: Array
+
+
+class Seats:
+    """What a robot does of paths of poses, for many paths at once, without time.
+
+    From the posture at one pose of the path on, each next posture is the nearest to the next pose by damped
+    Gauss-Newton steps, within the joint limits, with what is under the floor as one more error: where a pose is out of
+    reach, the walk goes on from the nearest posture of the same branch.
+
+    Parameters
+    ----------
+    tracker : whose robot, floor and planes are meant.
+    """
+
+    def __init__(self, tracker: MirrorTracker) -> None:
+        self.chain, self.floor = tracker.chain, ABOVE * tracker.floor
+        bounds, chain = tracker.hand_bounds, tracker.chain
+        q = ca.SX.sym("q", chain.n)
+        frames = chain.frames_expression(q)
+        w, slope = bounds.manipulability(q)
+        height = ca.mmin(ca.vertcat(*(ca.mmin(ca.vertcat(*bounds.heights(frames, p))) for p in bounds.planes), 1.0))
+        self.joints = range(1, max(chain.n - 3, 2))
+        elbows = ca.vertcat(*(frames[i][:2, 3] for i in self.joints))
+        everything = ca.vertcat(
+            ca.vec(frames[-1][:3, :4]), ca.vec(chain.jacobian_expression(q)), w, slope, height, elbows
+        )
+        function = ca.Function("seat", [q], [ca.densify(everything)], {"cse": True})
+        self._at = functools.cache(function.map)
+
+    def at(self, q: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
+        """Tools (M, 3, 4), Jacobians (M, 6, n), w / w_max (M,), its slopes (M, n), heights over planes (M,) [m].
+
+        And where the joints before the wrist are, seen from above (M, k, 2) [m].
+        """
+        n = self.chain.n
+        found = np.array(self._at(len(q))(q.T)).T
+        tool, jacobian, w, slope, height, elbows = np.split(found, np.cumsum((12, 6 * n, 1, n, 1)), axis=1)
+        return (
+            tool.reshape(-1, 4, 3).transpose(0, 2, 1), jacobian.reshape(-1, n, 6).transpose(0, 2, 1), w[:, 0], slope,
+            height[:, 0], elbows.reshape(len(q), -1, 2),
+        )  # fmt: skip
+
+    def walk(self, paths: Array, start: Array, anchor: int) -> Walk:
+        """Along paths (N, M, 4, 4), both ways from the postures `start` (M, n) at their `anchor`-th poses."""
+        count, many = paths.shape[:2]
+        q = np.empty((count, many, self.chain.n))
+        done, above = np.zeros((count, many), dtype=bool), np.zeros((count, many))
+        elbows = np.empty((count, many, len(self.joints), 2))
+        for way in (range(anchor, count), range(anchor, -1, -1)):
+            here = start.copy()
+            for k in way:
+                here, done[k], above[k], elbows[k] = self._next(here, paths[k])
+                q[k] = here
+        return Walk(q, done, above, elbows)
+
+    def _next(self, q: Array, poses: Array) -> tuple[Array, NDArray[np.bool_], Array, Array]:
+        chain = self.chain
+        for round_ in range(ROUNDS + 1):
+            tool, jacobian, w, slope, height, elbows = self.at(q)
+            error, turn = poses[:, :3, 3] - tool[:, :, 3], _turns(poses[:, :3, :3], tool[:, :, :3])
+            if round_ == ROUNDS:
+                break
+            under = np.maximum(self.floor - w, 0.0)
+            wanted = np.concatenate([error, TURN_LENGTH * turn, HEAVY * under[:, None]], axis=1)
+            rows = jacobian.copy()
+            rows[:, 3:] *= TURN_LENGTH
+            rows = np.concatenate([rows, HEAVY * slope[:, None, :] * (under > 0)[:, None, None]], axis=1)
+            square = rows.transpose(0, 2, 1) @ rows + DAMPING * np.eye(chain.n)
+            step = np.linalg.solve(square, np.einsum("mij,mi->mj", rows, wanted)[:, :, None])[:, :, 0]
+            step *= np.minimum(1.0, STRIDE / np.maximum(np.abs(step).max(axis=1), 1e-12))[:, None]
+            q = np.clip(q + step, chain.lower, chain.upper)
+        near = (np.linalg.norm(error, axis=1) < NEAR) & (np.linalg.norm(turn, axis=1) < TURNED)
+        return q, near & (w >= self.floor * (1 - 1e-3)) & (height > 0.0), w, elbows
+
+
+def _turns(target: Array, here: Array) -> Array:
+    """(M, 3) rotation vectors from rotations to others (M, 3, 3)."""
+    turn = target @ here.transpose(0, 2, 1)
+    skew = np.stack([turn[:, 2, 1] - turn[:, 1, 2], turn[:, 0, 2] - turn[:, 2, 0], turn[:, 1, 0] - turn[:, 0, 1]], 1)
+    sine = 0.5 * np.linalg.norm(skew, axis=1)
+    angle = np.arctan2(sine, 0.5 * (np.trace(turn, axis1=1, axis2=2) - 1.0))
+    found: Array = 0.5 * skew * (angle / np.maximum(sine, 1e-12))[:, None]
+    return found

@@ -1,0 +1,135 @@
+"""A seat for a recording that nobody has placed: what is promised is what a run achieves, and a file says it."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bench.unseen.hands import RANGE_DEG, reach_recording
+from bench.unseen.measured import judged, passed, reach
+from bench.unseen.person_reach import hand, reaches
+from bench.unseen.ur5_branches import branch_of, flange, manipulability, postures
+from rehab_opt.cli import main
+from rehab_opt.errors import ProblemFileError
+from rehab_opt.plants.ideal import IdealJoints
+from rehab_opt.session.files import load_problem, shipped_problems
+from rehab_opt.session.mirror.laws import followed, tracker_of
+from rehab_opt.session.mirror.placing import found_place
+from rehab_opt.session.mirror.scene import laid_out
+from rehab_opt.session.problem_text import replaced_keys
+from tests.judge import ur5_numbers
+
+SHIPPED = shipped_problems()["mirror/vr_hand"]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two seconds of reaches, with everything else as the shipped recording has it."""
+    made = tmp_path_factory.mktemp("placing")
+    recording = reach_recording(made, 901, seconds=2.0)
+    text, begin = SHIPPED.read_text(), SHIPPED.read_text().index("[recording]")
+    lines = "\n".join(f'{key} = "{value}"' for key, value in recording.items())
+    rest = text[text.index("[placement]") :].replace("recorded_arm_m = 0.98", "").replace("arm_m = 0.59", "")
+    (made / "reaches.toml").write_text(f"{text[:begin]}[recording]\n{lines}\n\n{rest}")
+    return made
+
+
+@pytest.fixture(scope="module")
+def placed(folder: Path) -> Path:
+    """What the command writes."""
+    out = folder / "placed.toml"
+    main_exit(["place", str(folder / "reaches.toml"), "--out", str(out), "--seats", "60"])
+    return out
+
+
+def main_exit(arguments: list[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        main(arguments)
+    assert end.value.code == 0
+
+
+def content(path: Path) -> dict[str, Any]:
+    return tomllib.loads(path.read_text())
+
+
+def test_what_is_patients_moves_as_one_and_the_rest_of_the_file_stays(folder: Path, placed: Path) -> None:
+    before, after = content(folder / "reaches.toml"), content(placed)
+    turned = [after["placement"]["turn_deg"] - before["placement"]["turn_deg"],
+              after["patient"]["facing_deg"] - before["patient"]["facing_deg"]]  # fmt: skip
+    assert turned[0] % 360 == pytest.approx(turned[1] % 360, abs=0.2)
+    points = []
+    for each in (before, after):
+        patient = each["patient"]
+        points.append(
+            np.array([each["placement"]["origin_m"], patient["sagittal_point_m"], patient["arm"]["shoulder_m"]])
+        )
+    c, s = math.cos(math.radians(turned[0])), math.sin(math.radians(turned[0]))
+    turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    np.testing.assert_allclose(np.diff(points[1], axis=0), np.diff(points[0], axis=0) @ turn.T, atol=3e-3)
+    assert np.linalg.norm(points[1][:, :2], axis=1).min() > 0.44  # nobody sits in the robot
+    for each in (before, after):
+        for section, keys in (("placement", ("origin_m", "turn_deg")), ("robot", ("start_deg", "grip_deg")),
+                              ("patient", ("sagittal_point_m", "facing_deg", "arm"))):  # fmt: skip
+            for key in keys:
+                del each[section][key]
+    assert before == after
+    assert "# a table top" in placed.read_text() or "[[tracker.keep_out]]" in placed.read_text()
+
+
+def test_what_is_promised_is_what_a_run_achieves(placed: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    loaded = load_problem(str(placed))
+    scene = laid_out(loaded)
+    tracker = tracker_of(loaded.problem, scene, file="placed")
+    led = followed(tracker, scene, IdealJoints(tracker.dt), patience=10.0, progress=lambda *_: None)
+    poses = judged(scene.reference.poses)
+    found = reach(poses, content(placed))
+    ours = passed(led.q, poses)
+    assert led.complete
+    assert found.anyhow.mean() > 0.8
+    assert ours[found.anyhow].mean() >= 0.9
+    again = found_place(loaded, seats=20, progress=lambda *_: None)
+    assert 0.0 < again.passed <= 1.0
+
+
+def test_a_measured_frame_is_not_chosen_anew() -> None:
+    with pytest.raises(ProblemFileError) as refusal:
+        found_place(load_problem("mirror/pick_fruit"), progress=lambda *_: None)
+    assert refusal.value.key == "placement.calibration_file"
+
+
+def test_a_section_without_a_header_is_refused() -> None:
+    with pytest.raises(ProblemFileError, match="placement"):
+        replaced_keys("placement.turn_deg = 3.0\n", {"placement": {"turn_deg": 4.0}}, file="x.toml")
+    text = "[a]\nb = [1.0,  # one\n 2.0]\nc = 2 # two\n[d]\nb = 3\n"
+    new = replaced_keys(text, {"a": {"b": [0.5], "c": 7.0, "e": "word"}}, file="x.toml")
+    assert tomllib.loads(new) == {"a": {"b": [0.5], "c": 7.0, "e": "word"}, "d": {"b": 3}}
+    assert "c = 7.0 # two" in new
+
+
+# ------------------------------------------------------------------------------------------------ the oracle itself
+def test_the_oracle_finds_every_posture_that_has_a_pose() -> None:
+    q = np.random.default_rng(1).uniform(-math.pi, math.pi, (500, 6))
+    np.testing.assert_allclose(flange(q), ur5_numbers.tool(q), atol=1e-12)
+    np.testing.assert_allclose(manipulability(q), ur5_numbers.manipulability(q), atol=1e-9)
+    found = postures(flange(q))
+    flat = found.reshape(-1, 6)
+    real = ~np.isnan(flat).any(axis=1)
+    np.testing.assert_allclose(flange(flat[real]), np.repeat(flange(q), 8, axis=0)[real], atol=1e-8)
+    apart = np.abs((found - q[:, None] + math.pi) % (2 * math.pi) - math.pi).max(axis=2)
+    assert np.nanmin(apart, axis=1).max() < 1e-7
+    assert set(branch_of(flat[real]).tolist()) == set(range(8))
+
+
+def test_the_oracles_person_gets_to_every_hand_of_their_range_and_to_none_beyond() -> None:
+    limits = np.deg2rad(np.array(list(RANGE_DEG.values())))
+    limits[0] += math.pi
+    hands = hand(np.random.default_rng(2).uniform(limits[:, 0], limits[:, 1], (20, 8)))
+    assert reaches(hands, limits[:, 0], limits[:, 1]).all()
+    hands[:, :3, 3] *= 2.0
+    far = np.linalg.norm(hands[:, :3, 3], axis=1) > 0.8
+    assert not reaches(hands, limits[:, 0], limits[:, 1])[far].any()
