@@ -30,6 +30,8 @@ MOSTLY = 0.5
 """Share of them from which links that overlap belong together, as neighbours do."""
 SAME = 1e-9
 """[m] A motion that is rounding."""
+LATER = 0.01
+"""[m] Contacts besides a pair's nearest get their rows as if they were further by this: first comes every pair's own."""
 THERE = MOVING - 1
 """Which number of a moving capsule says that there is one."""
 
@@ -46,15 +48,13 @@ def _kinds() -> tuple[Kind, Kind]:
     c, b = ca.SX.sym("column", 19), ca.SX.sym("column", 22)
     of_capsules = capsule_and_capsule((c[:3], c[3:6]), (c[6:9], c[9:12]), c[18], (c[12:15], c[15:18]))
     of_boxes = capsule_and_box((b[:3], b[3:6]), ca.reshape(b[6:15], 3, 3), b[15:18], b[18:21], b[21])
-    made = [
-        Kind(
-            *(
-                ca.Function(f"{what}_{name}", [column], [ca.densify(each)], {"cse": True})
-                for what, each in zip(("distance", "contacts"), pair, strict=True)
-            )
+    made = []
+    for name, column, (distance, contacts) in (("of_capsules", c, of_capsules), ("of_box", b, of_boxes)):
+        keys = ca.if_else(contacts[0, :] <= ca.mmin(contacts[0, :]), contacts[0, :], ca.fmax(contacts[0, :], 0) + LATER)
+        outputs = {"distance": distance, "contacts": ca.vertcat(contacts, keys)}
+        made.append(
+            Kind(*(ca.Function(f"{what}_{name}", [column], [ca.densify(each)], {"cse": True}) for what, each in outputs.items()))
         )
-        for name, column, pair in (("of_capsules", c, of_capsules), ("of_box", b, of_boxes))
-    ]
     return made[0], made[1]
 
 
@@ -116,7 +116,7 @@ class ClearancePairs:
         q, last = ca.MX.sym("q", n), ca.MX.sym("last", n)
         told, time = ca.MX.sym("moving", self.told), ca.MX.sym("time")
         *columns, balls, _, screws = self._placed(q + last * time / 2, told, time / 2)
-        contacts, spans = [balls], [ca.MX(ca.DM(self._spans_of_balls))]
+        contacts, spans = [ca.vertcat(balls, balls[0, :])], [ca.MX(ca.DM(self._spans_of_balls))]
         for cells, kind, looked_at, span in zip(columns, KINDS, self._looked_at, self._spans, strict=True):
             if not looked_at:
                 continue
@@ -124,11 +124,11 @@ class ClearancePairs:
             if looked_at < cells.size2():
                 which = _least(cells.size2(), looked_at)(_mapped(kind.distance, cells)[0].T)
                 cells, joints = cells[:, which], joints[:, which]
-            contacts.append(ca.reshape(_mapped(kind.contacts, cells)[0], CONTACT, -1))
+            contacts.append(ca.reshape(_mapped(kind.contacts, cells)[0], CONTACT + 1, -1))
             spans.append(ca.reshape(ca.repmat(joints, CONTACTS, 1), 2, -1))
         near, joints = ca.horzcat(*contacts), ca.horzcat(*spans)
-        which = _least(near.size2(), k)(near[0, :].T)
-        column = self._rows(k)(near[:, which], joints[:, which], screws, last, time)
+        which = _least(near.size2(), k)(near[CONTACT, :].T)
+        column = self._rows(k)(near[:CONTACT, which], joints[:, which], screws, last, time)
         return ca.Function("nearest", [q, last, told, time], [column])
 
     def read(self, column: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
@@ -251,6 +251,7 @@ class ClearancePairs:
             there = distance < FAR / 2
             slope = screws.T @ ca.vertcat(moment, normal)
             moves = [ca.logic_and(ca.logic_and(i >= spans[0, j], i < spans[1, j]), there) for i in range(n)]
+            moves = [ca.logic_and(moves[i], ca.fabs(slope[i]) > SAME) for i in range(n)]  # no joint acts on rounding
             slopes.append(ca.vertcat(*(ca.if_else(moves[i], slope[i], 0) for i in range(n))))
             changes.append(ca.if_else(there, -speed, 0))
             distances.append(distance - (ca.dot(slopes[-1], last) + changes[-1]) * time / 2)

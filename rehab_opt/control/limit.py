@@ -28,6 +28,10 @@ PASSES = 2
 """Over all limits, in which a velocity is looked for that keeps them."""
 START = 0.1
 """Share of the largest speeds that a joint may reach in a tick and still be met by the margin, however fast it gets."""
+FLAT = 0.05
+"""[m/rad] Slope of a distance between bodies below which the way back from within the margin becomes slower."""
+SLACK = 1e-5
+"""[m] More than the margin at which bodies touch: what distances of bodies that lie along each other bend by."""
 MATTERS = 0.05
 """Of a slope's largest entry: a joint below it is not asked to keep a limit."""
 TINY = 1e-300
@@ -92,7 +96,7 @@ def checked_limits(limits: Sequence[Limit], chain: SerialChain) -> tuple[Limit, 
     return tuple(limits)
 
 
-def all_limits(limits: Sequence[Limit | Clearance], chain: SerialChain, dt: float) -> Limits:
+def all_limits(limits: Sequence[Limit | Clearance], chain: SerialChain, dt: float, recovery_speed: float) -> Limits:
     """The limits of an arm, one `Clearance` among them or none.
 
     Raises
@@ -106,7 +110,8 @@ def all_limits(limits: Sequence[Limit | Clearance], chain: SerialChain, dt: floa
         raise ConfigurationError(found[1][0], found[1][1], "one Clearance, which holds all bodies")
     pairs = [ClearancePairs(checked_clearance(name, each, chain), chain) for name, each in found]
     others = checked_limits([each for each in limits if isinstance(each, Limit)], chain)
-    return Limits(others, chain, dt, *(each for each in pairs if each.names))
+    found_pairs = next((each for each in pairs if each.names), None)
+    return Limits(others, chain, dt, found_pairs, recovery_speed=recovery_speed)
 
 
 class Limits:
@@ -120,12 +125,20 @@ class Limits:
     ----------
     limits : what `checked_limits` gives. chain : the arm. dt : tick [s].
     clearance : its pairs, where there is a `Clearance`: each of its contacts makes a row, behind those of the limits.
+    recovery_speed : share of the joints' speeds at which the arm is led back to where a limit is kept.
     """
 
     def __init__(
-        self, limits: Sequence[Limit], chain: SerialChain, dt: float, clearance: ClearancePairs | None = None
+        self,
+        limits: Sequence[Limit],
+        chain: SerialChain,
+        dt: float,
+        clearance: ClearancePairs | None = None,
+        *,
+        recovery_speed: float = 1.0,
     ) -> None:
         self.limits, self.chain, self.dt, self.clearance = tuple(limits), chain, dt, clearance
+        self._calm = ca.DM(recovery_speed * chain.velocity)
         together = max(float(np.max(chain.velocity / chain.acceleration)), dt)
         rates = [each.rate for each in self.limits]
         rates += [] if clearance is None else [clearance.clearance.rate] * clearance.slots
@@ -248,15 +261,22 @@ class Limits:
         The slopes are those of the middle of the tick, where the last velocity leads. What the way bends by besides is
         kept as a margin: the square of the joints' way in a tick.
         """
-        least = ca.vertcat(*(each.nearest(self.chain, q)[0] for each in self.limits))
-        slopes = ca.vertcat(*(each.nearest(self.chain, q + last * (self.dt / 2))[1] for each in self.limits))
+        least = ca.vertcat(ca.SX(0, 1), *(each.nearest(self.chain, q)[0] for each in self.limits))
+        slopes = ca.vertcat(ca.SX(0, self.chain.n), *(each.nearest(self.chain, q + last * (self.dt / 2))[1] for each in self.limits))
         changes = ca.SX(len(self.limits), 1)
         if self.clearance is not None:
             distances, along, besides = self.clearance.read(contacts)
             least, slopes, changes = ca.vertcat(least, distances), ca.vertcat(slopes, along), ca.vertcat(changes, besides)
         way = self.dt * (ca.sum1(ca.fabs(last)) + self._begun)
         margin = ca.sqrt(ca.sum2(slopes**2)) * way**2 / 2
-        return slopes, self._shares * (least - margin) + changes, ca.fmax(least, 0) / self.dt + changes
+        share, back = self._shares * (least - margin), -ca.SX.inf(len(self.limits))
+        if self.clearance is not None:
+            # Where a distance is nearly as large as a posture can make it, no joint goes to and fro about that posture.
+            steep = ca.fabs(along) * ca.fmin(ca.fabs(along) / FLAT, 1)
+            back = ca.vertcat(back, -steep @ self._calm)
+            share -= SLACK * self._shares * ca.vertcat(ca.SX.zeros(len(self.limits)), ca.SX.ones(distances.numel()))
+            least[len(self.limits) :] -= SLACK / 2
+        return slopes, ca.fmax(share, back) + changes, ca.fmax(least, 0) / self.dt + changes
 
 
 def _kept_within(

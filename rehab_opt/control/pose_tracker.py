@@ -164,7 +164,12 @@ class PoseTracker(VelocityController):
             raise ConfigurationError("task_weights", task_weights, "weights of zero or more, one of them above zero")
         self.posture = None if posture is None else per_joint("posture", posture, chain.n, finite=True)
         limited = chain.with_limits(lower=lower, upper=upper, velocity=velocity, acceleration=acceleration)
-        self.limits = all_limits(limits, limited, checked_number("dt", dt, above=0.0, below=1.0))
+        self.limits = all_limits(
+            limits,
+            limited,
+            checked_number("dt", dt, above=0.0, below=1.0),
+            checked_number("recovery_speed", recovery_speed, above=0.0, below=1.0),
+        )
         if self.limits.moving:
             self.shapes = (*self.shapes, (self.limits.moving, MOVING))  # type: ignore[misc]
         super().__init__(
