@@ -13,7 +13,7 @@ from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.denavit_hartenberg import DH
 from rehab_opt.kinematics.human_arm import human_arm
 from rehab_opt.kinematics.link import Link
-from rehab_opt.kinematics.link_capsules import CapsuleOnLink, LinkCapsule
+from rehab_opt.kinematics.link_capsules import Capsule, CapsuleOnLink, LinkCapsule
 from rehab_opt.kinematics.ur5 import ur5
 
 if TYPE_CHECKING:
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from rehab_opt.control.bilateral import Bilateral
     from rehab_opt.control.bilateral_sides import HelperSide, ParticipantSide
     from rehab_opt.control.bounded_force import BoundedForce
+    from rehab_opt.control.clearance import Clearance
     from rehab_opt.control.hand_bounds import KeepOut
     from rehab_opt.control.interaction import Interaction
     from rehab_opt.control.joint_feedback import JointFeedback
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     from rehab_opt.field.potential import PotentialField
     from rehab_opt.kinematics.ardis import ardis
     from rehab_opt.kinematics.arm_on_chair import arm_on_chair
+    from rehab_opt.kinematics.room import Box, MovingCapsule, arm_capsules
     from rehab_opt.workspace.mapping import WorkspaceMap
     from rehab_opt.workspace.placement import ShoulderPlacement
     from rehab_opt.workspace.reach import planar_workspace
@@ -49,7 +51,10 @@ __all__ = [
     "Bilateral",
     "Bound",
     "BoundedForce",
+    "Box",
+    "Capsule",
     "CapsuleOnLink",
+    "Clearance",
     "Command",
     "ConfigurationError",
     "Demonstration",
@@ -64,6 +69,7 @@ __all__ = [
     "Link",
     "LinkCapsule",
     "MirrorTracker",
+    "MovingCapsule",
     "ParticipantSide",
     "PathAssistance",
     "PoseTracker",
@@ -81,6 +87,7 @@ __all__ = [
     "Workspace",
     "WorkspaceMap",
     "ardis",
+    "arm_capsules",
     "arm_on_chair",
     "human_arm",
     "planar_workspace",
@@ -96,6 +103,8 @@ _LATER = {
     "Assistance": "control.assistance",
     "Bilateral": "control.bilateral",
     "BoundedForce": "control.bounded_force",
+    "Box": "kinematics.room",
+    "Clearance": "control.clearance",
     "Demonstration": "field.demonstration",
     "HelperSide": "control.bilateral_sides",
     "Interaction": "control.interaction",
@@ -104,6 +113,7 @@ _LATER = {
     "JointFeedback": "control.joint_feedback",
     "Limit": "control.limit",
     "MirrorTracker": "control.mirror",
+    "MovingCapsule": "kinematics.room",
     "ParticipantSide": "control.bilateral_sides",
     "PathAssistance": "control.path_assistance",
     "PotentialField": "field.potential",
@@ -113,6 +123,7 @@ _LATER = {
     "Workspace": "workspace.region",
     "WorkspaceMap": "workspace.mapping",
     "ardis": "kinematics.ardis",
+    "arm_capsules": "kinematics.room",
     "arm_on_chair": "kinematics.arm_on_chair",
     "planar_workspace": "workspace.reach",
     "range_of_motion": "workspace.used_range",
