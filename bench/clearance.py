@@ -156,7 +156,7 @@ class Run(NamedTuple):
     near: int
     """Ticks in which something was within a millimetre of the margin."""
     reversals: int
-    """Of those, in which a joint's velocity went to and fro by half its acceleration bound."""
+    """Of those, in which a joint's velocity went to, fro and to by a tenth of its acceleration bound or more."""
     uncertified: int
 
 
@@ -178,7 +178,7 @@ def closed_loop(kind: str, ticks: int, seed: int, dt: float, *, compile: object 
         if q is None:
             continue
         tracker.reset()
-        last = [np.zeros(chain.n), np.zeros(chain.n)]
+        last = [np.zeros(chain.n)] * 3
         for k in range(round(EPISODE / dt)):
             if k % round(1.0 / dt) == 0:
                 goal = chain.pose(rng.uniform(0.7 * np.maximum(chain.lower, -3), 0.7 * np.minimum(chain.upper, 3)))
@@ -198,11 +198,10 @@ def closed_loop(kind: str, ticks: int, seed: int, dt: float, *, compile: object 
                     log(f"{kind} seed {seed} tick {done + k}: {min(found, key=lambda f: f[1])} {command.status} {command.yielded} {going}")
             least = min(least, distance)
             near += distance < 1e-3
-            change = command.value - last[1]
-            previous = last[1] - last[0]
-            limit = 0.5 * chain.acceleration * dt
-            reversals += distance < 1e-3 and bool(np.any((change * previous < 0) & (np.minimum(abs(change), abs(previous)) > limit)))
-            last = [last[1], command.value]
+            changes = np.diff([*last, command.value], axis=0)
+            to_and_fro = np.all(changes[1:] * changes[:-1] < 0, axis=0) & np.all(np.abs(changes) > 0.1 * chain.acceleration * dt, axis=0)
+            reversals += distance < 1e-3 and bool(to_and_fro.any())
+            last = [*last[1:], command.value]
             held += int(not going.all())
             clock = clock + dt * going
         done += round(EPISODE / dt)
@@ -214,7 +213,7 @@ def _clear_start(rng, chain, judge, swinging, links):  # type: ignore[no-untyped
     for _ in range(300):
         q = rng.uniform(0.7 * np.maximum(chain.lower, -3), 0.7 * np.minimum(chain.upper, 3))
         found = judge.distances(link_ends(chain, q[None])[0], bodies, within=0.02, links=links)
-        if min((d for _, d in found), default=1.0) > 0.01:
+        if all(d > (0.001 if name == "link" else 0.01) for name, d in found):
             return q
     return None
 

@@ -59,13 +59,15 @@ def robot(kind: str, rng: np.random.Generator) -> SerialChain:
 
 def room(chain: SerialChain, rng: np.random.Generator, *, moving: int) -> Clearance:
     """A floor, a post, a bar and boxes about the arm."""
-    bases = rng.uniform(-0.9, 0.9, (2, 3))
+    angles, away = rng.uniform(0, 2 * np.pi, 3), rng.uniform(0.45, 0.9, 3)  # none is where no joint leads away
+    places = np.column_stack([away * np.cos(angles), away * np.sin(angles), rng.uniform(0.0, 0.8, 3)])
+    bases = places[:2]
     bars = [
-        Capsule(f"bar {i}", tuple(base), tuple(base + rng.uniform(-0.5, 0.5, 3)), rng.uniform(0.02, 0.06))
+        Capsule(f"bar {i}", tuple(base), tuple(base + rng.uniform(-0.2, 0.2, 3) * [1, 1, 3]), rng.uniform(0.02, 0.06))
         for i, base in enumerate(bases)
     ]
     pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = Rotation.random(rng=rng).as_matrix(), rng.uniform(-0.8, 0.8, 3)
+    pose[:3, :3], pose[:3, 3] = Rotation.random(rng=rng).as_matrix(), places[2]
     floor = KeepOut.through([0, 0, -rng.uniform(0.1, 0.4)], [*rng.uniform(-0.2, 0.2, 2), 1.0])
     return Clearance(
         margin=MARGIN, planes=[floor], capsules=bars, boxes=[Box.at("box", pose, rng.uniform(0.1, 0.4, 3))], moving=moving
