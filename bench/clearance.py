@@ -9,12 +9,11 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from itertools import product
 from typing import NamedTuple
 
 import coal
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
@@ -23,7 +22,7 @@ from scipy.spatial.transform import Rotation
 
 from bench.machine import machine
 from bench.verdict import Reported, Verdict, all_met
-from rehab_opt import Box, Capsule, Clearance, MovingCapsule, PoseTracker, SerialChain, ur5
+from rehab_opt import Box, Clearance, MovingCapsule, PoseTracker, SerialChain
 from rehab_opt.control.clearance_pairs import KINDS
 from rehab_opt.kinematics.room import moving_numbers
 from tests.control.clearance_world import MARGIN, Swinging, link_ends, robot, room
@@ -39,6 +38,8 @@ NEAR = 0.03
 """[m] Nearer than this beyond the margin, coal is asked."""
 ALONG = 1e-3
 """Sine of the angle of two segments below which coal's capsules are off by up to 5e-7 m, as 40 digits show."""
+NEARLY = 0.002
+"""[m] Distances beyond the margin above which the judge of whole runs does not look."""
 EPISODE = 4.0
 """[s]"""
 ENOUGH = 0.05
@@ -82,7 +83,9 @@ class Judge:
         one, length = cls.placed(a, b)
         still = coal.Transform3s.Identity()
         half = coal.Halfspace(np.array(normal), offset)
-        return float(coal.distance(coal.Capsule(radius, length), one, half, still, coal.DistanceRequest(), coal.DistanceResult()))
+        return float(
+            coal.distance(coal.Capsule(radius, length), one, half, still, coal.DistanceRequest(), coal.DistanceResult())
+        )
 
     def distances(
         self, ends: Array, moving: Sequence[MovingCapsule], *, within: float, links: Sequence[tuple[int, int]]
@@ -104,7 +107,9 @@ class Judge:
                     found.append((box.name, self.box(*ends[i], radii[i], box) - MARGIN))
             for plane in self.given.planes:
                 if middles[i] @ plane.normal - plane.offset - sizes[i] - radii[i] - MARGIN < within:
-                    found.append(("plane", self.plane(*ends[i], radii[i], np.array(plane.normal), plane.offset) - MARGIN))
+                    found.append(
+                        ("plane", self.plane(*ends[i], radii[i], np.array(plane.normal), plane.offset) - MARGIN)
+                    )
         for i, j in links:
             if j < 0:
                 continue
@@ -112,6 +117,65 @@ class Judge:
             if far - radii[i] - radii[j] < within:
                 found.append(("link", self.capsules(*ends[i], *ends[j], (radii[i], radii[j]))))
         return found
+
+    def least(self, q: Array, bodies: Array, links: Sequence[tuple[int, int]]) -> Array:
+        """(N,) least distance beyond the margins at postures (N, n) among moving bodies (N, k, 7), where below `NEARLY`.
+
+        By coal wherever distances in numpy, of boxes those of balls about them, are below `NEARLY`.
+        """
+        ends, found = link_ends(self.chain, q), np.full(len(q), NEARLY)
+        radii = [each.radius for each in self.chain.capsules]
+        still = [
+            (np.broadcast_to(c.start, (len(q), 3)), np.broadcast_to(c.end, (len(q), 3)), c.radius)
+            for c in self.given.capsules
+        ]
+        moving = [(body[:, :3], body[:, 3:6], float(body[0, 6])) for body in bodies.transpose(1, 0, 2)]
+        for i in sorted({i for i, _ in links}):
+            a, b = ends[:, i, 0], ends[:, i, 1]
+            for c, d, radius in [*still, *moving]:
+                for k in np.flatnonzero(segments(a, b, c, d) - radii[i] - radius - MARGIN < NEARLY):
+                    found[k] = min(found[k], self.capsules(a[k], b[k], c[k], d[k], (radii[i], radius)) - MARGIN)
+            for box in self.given.boxes:
+                centre = np.broadcast_to(box.centre, a.shape)
+                ball = segments(a, b, centre, centre) - np.linalg.norm(box.size) / 2
+                for k in np.flatnonzero(ball - radii[i] - MARGIN < NEARLY):
+                    found[k] = min(found[k], self.box(a[k], b[k], radii[i], box) - MARGIN)
+            for plane in self.given.planes:
+                heights = np.minimum(a @ plane.normal, b @ plane.normal) - plane.offset - radii[i] - MARGIN
+                for k in np.flatnonzero(heights < NEARLY):
+                    found[k] = min(
+                        found[k], self.plane(a[k], b[k], radii[i], np.array(plane.normal), plane.offset) - MARGIN
+                    )
+        for i, j in links:
+            if j < 0:
+                continue
+            apart = segments(ends[:, i, 0], ends[:, i, 1], ends[:, j, 0], ends[:, j, 1]) - radii[i] - radii[j]
+            for k in np.flatnonzero(apart < NEARLY):
+                found[k] = min(found[k], self.capsules(*ends[k, i], *ends[k, j], (radii[i], radii[j])))
+        return found
+
+
+def segments(a: Array, b: Array, c: Array, d: Array) -> Array:
+    """(N,) [m] of segments, by going to and fro between nearest points: from above, and exact where that has ended."""
+    u, v = b - a, d - c
+    uu, vv, uv = (
+        np.maximum(np.sum(x * y, axis=1), 1e-18) if x is y else np.sum(x * y, axis=1)
+        for x, y in ((u, u), (v, v), (u, v))
+    )
+    gap = a - c
+    least = np.full(len(a), np.inf)
+    starts = [
+        np.clip(
+            (uv * np.sum(v * gap, axis=1) - vv * np.sum(u * gap, axis=1)) / np.maximum(uu * vv - uv * uv, 1e-18), 0, 1
+        )
+    ]
+    for start in (*starts, np.zeros(len(a)), np.ones(len(a))):
+        s = start
+        for _ in range(3):
+            t = np.clip(np.sum(v * (gap + s[:, None] * u), axis=1) / vv, 0, 1)
+            least = np.minimum(least, np.linalg.norm(gap + s[:, None] * u - t[:, None] * v, axis=1))
+            s = np.clip(-np.sum(u * (gap - t[:, None] * v), axis=1) / uu, 0, 1)
+    return least
 
 
 def distances(count: int, seed: int) -> list[Verdict | Reported]:
@@ -133,12 +197,17 @@ def distances(count: int, seed: int) -> list[Verdict | Reported]:
     sizes, turns = rng.uniform(0.1, 0.8, (count, 3)), Rotation.random(count, rng=rng).as_matrix()
     columns = np.hstack([a, b, turns.transpose(0, 2, 1).reshape(count, 9), c, sizes / 2, np.full((count, 1), 0.05)])
     of_boxes = np.array(KINDS[1].distance.map(count)(columns.T)).ravel()
-    boxes = [Box("box", tuple(x), tuple(size), tuple(map(tuple, turn))) for x, size, turn in zip(c, sizes, turns, strict=True)]
+    boxes = [
+        Box("box", tuple(x), tuple(size), tuple(map(tuple, turn)))
+        for x, size, turn in zip(c, sizes, turns, strict=True)
+    ]
     theirs = np.array([Judge.box(*each[:2], 0.05, each[2]) for each in zip(a, b, boxes, strict=True)])
     off, worst = np.abs(ours - coals), float(np.abs(of_boxes - theirs).max())
     signs = int(np.sum((ours < 0) != (coals < 0)) + np.sum((of_boxes < 0) != (theirs < 0)))
     return [
-        Verdict(f"capsules, {count} states, {np.mean(ours < 0):.0%} overlap: from coal", off[clear].max(), "<=", 1e-9, "m"),
+        Verdict(
+            f"capsules, {count} states, {np.mean(ours < 0):.0%} overlap: from coal", off[clear].max(), "<=", 1e-9, "m"
+        ),
         Reported(f"the same, {np.sum(~clear)} nearly parallel ones, where coal itself errs, m", off[~clear].max()),
         Verdict(f"boxes, {count} states, {np.mean(of_boxes < 0):.0%} overlap: from coal", worst, "<=", 1e-6, "m"),
         Verdict("states whose sign differs", signs, "<=", 0),
@@ -160,52 +229,56 @@ class Run(NamedTuple):
     uncertified: int
 
 
-def closed_loop(kind: str, ticks: int, seed: int, dt: float, *, compile: object = "wait", log: Callable[[str], None] = print) -> Run:
+def closed_loop(kind: str, ticks: int, seed: int, dt: float, *, compile: object = "wait") -> Run:
     """A robot sent from random pose to random pose, among bodies that stand still and two that move."""
     rng = np.random.default_rng(seed)
     chain = robot(kind, rng)
     given = room(chain, rng, moving=2)
     tracker = PoseTracker(chain, dt=dt, limits=[given], compile=compile)  # type: ignore[arg-type]
     pairs = tracker.limits.clearance
+    assert pairs is not None
     judge = Judge(chain, given)
     links = [*pairs._linked, *((i, -1) for i in pairs._free)]
-    below = held = near = reversals = done = uncertified = 0
-    least = np.inf
-    while done < ticks:
+    total = Run(0, 0, np.inf, 0, 0, 0, 0)
+    low, high = 0.7 * np.maximum(chain.lower, -3), 0.7 * np.minimum(chain.upper, 3)
+    while total.ticks < ticks:
         swinging = Swinging.drawn(rng, 2, SPEED)
         clock, going = np.zeros(2), np.ones(2)
         q = _clear_start(rng, chain, judge, swinging, links)
         if q is None:
             continue
         tracker.reset()
-        last = [np.zeros(chain.n)] * 3
+        postures, velocities, bodies, held, uncertified = [], [], [], 0, 0
         for k in range(round(EPISODE / dt)):
             if k % round(1.0 / dt) == 0:
-                goal = chain.pose(rng.uniform(0.7 * np.maximum(chain.lower, -3), 0.7 * np.minimum(chain.upper, 3)))
-            bodies = swinging.at(clock, going)
+                goal = chain.pose(rng.uniform(low, high))
             if k % 10 == 0:
                 going = _may_go(chain, judge, q, swinging, clock, links)
-                bodies = swinging.at(clock, going)
-            command = tracker.step(q, goal, np.zeros(6), obstacles=bodies)
+            told = moving_numbers(swinging.at(clock, going), 2)
+            command = tracker.step(q, goal, np.zeros(6), obstacles=told)
             q = q + dt * command.value
+            postures.append(q)
+            velocities.append(command.value)
+            bodies.append(np.hstack([told[:, :6] + dt * told[:, 6:12], told[:, 12:13]]))
             uncertified += not command.status.certified
-            after = [m._replace(start=m.start + dt * np.asarray(m.start_velocity), end=m.end + dt * np.asarray(m.end_velocity)) for m in bodies]
-            found = judge.distances(link_ends(chain, q[None])[0], after, within=0.002, links=links)
-            distance = min((d for _, d in found), default=1.0)
-            if distance < -1e-9:
-                below += 1
-                if below < 5:
-                    log(f"{kind} seed {seed} tick {done + k}: {min(found, key=lambda f: f[1])} {command.status} {command.yielded} {going}")
-            least = min(least, distance)
-            near += distance < 1e-3
-            changes = np.diff([*last, command.value], axis=0)
-            to_and_fro = np.all(changes[1:] * changes[:-1] < 0, axis=0) & np.all(np.abs(changes) > 0.1 * chain.acceleration * dt, axis=0)
-            reversals += distance < 1e-3 and bool(to_and_fro.any())
-            last = [*last[1:], command.value]
             held += int(not going.all())
             clock = clock + dt * going
-        done += round(EPISODE / dt)
-    return Run(done, below, float(least), held, near, reversals, uncertified)
+        least = judge.least(np.array(postures), np.array(bodies), links)
+        changes = np.diff(velocities, axis=0)
+        fast = np.abs(changes) > 0.1 * chain.acceleration * dt
+        turned = (changes[1:] * changes[:-1] < 0) & fast[1:] & fast[:-1]
+        shaking = np.any(turned[1:] & turned[:-1], axis=1) & (least[3:] < 1e-3)
+        total = Run(
+            total.ticks + len(least), total.below + int(np.sum(least < -1e-9)), min(total.least, float(least.min())),
+            total.held + held, total.near + int(np.sum(least < 1e-3)), total.reversals + int(shaking.sum()),
+            total.uncertified + uncertified,
+        )  # fmt: skip
+        if least.min() < -1e-9 or shaking.any():
+            print(
+                f"  {kind} {seed}: least {least.min():.1e} at tick {np.argmin(least)}, {shaking.sum()} shaking",
+                flush=True,
+            )
+    return total
 
 
 def _clear_start(rng, chain, judge, swinging, links):  # type: ignore[no-untyped-def]
@@ -218,7 +291,7 @@ def _clear_start(rng, chain, judge, swinging, links):  # type: ignore[no-untyped
     return None
 
 
-def _may_go(chain, judge, q, swinging, clock, links):  # type: ignore[no-untyped-def]
+def _may_go(chain, judge, q, swinging, clock, links):  # type: ignore[no-untyped-def]  # noqa: PLR0917
     """Which bodies may move on: none that is near where no joint velocity keeps all distances, by coal and an LP."""
     bodies = swinging.at(clock, np.ones(2))
     ends = link_ends(chain, q[None])[0]
@@ -228,7 +301,10 @@ def _may_go(chain, judge, q, swinging, clock, links):  # type: ignore[no-untyped
         return np.ones(2)
     steps = 1e-6 * np.eye(chain.n)
     around = [judge.distances(e, bodies, within=NEAR, links=links) for e in link_ends(chain, q + steps)]
-    later = [m._replace(start=m.start + 1e-6 * np.asarray(m.start_velocity), end=m.end + 1e-6 * np.asarray(m.end_velocity)) for m in bodies]
+    later = [
+        m._replace(start=m.start + 1e-6 * np.asarray(m.start_velocity), end=m.end + 1e-6 * np.asarray(m.end_velocity))
+        for m in bodies
+    ]
     ahead = judge.distances(ends, later, within=NEAR, links=links)
     if len({tuple(n for n, _ in each) for each in (here, ahead, *around)}) > 1:
         return np.zeros(2)
@@ -237,8 +313,14 @@ def _may_go(chain, judge, q, swinging, clock, links):  # type: ignore[no-untyped
     change = (np.array([x for _, x in ahead]) - d) / 1e-6
     keep = d < NEAR
     room_up, room_down = (np.minimum(each, 1.0) for each in (5 * (chain.upper - q), 5 * (q - chain.lower)))
-    box = list(zip(-0.3 * chain.velocity * np.maximum(room_down, 0), 0.3 * chain.velocity * np.maximum(room_up, 0), strict=True))
-    answer = linprog(np.zeros(chain.n), A_ub=-slopes[keep], b_ub=change[keep] + 2.0 * np.maximum(d[keep] - 1e-3, 0), bounds=box)
+    box = list(
+        zip(
+            -0.3 * chain.velocity * np.maximum(room_down, 0), 0.3 * chain.velocity * np.maximum(room_up, 0), strict=True
+        )
+    )
+    answer = linprog(
+        np.zeros(chain.n), A_ub=-slopes[keep], b_ub=change[keep] + 2.0 * np.maximum(d[keep] - 1e-3, 0), bounds=box
+    )
     if answer.status == 0:
         return np.ones(2)
     return np.array([0.0 if f"moving {i}" in coming else 1.0 for i in range(2)])
@@ -264,10 +346,16 @@ def main() -> None:
         runs = []
         for kind, k in product(ROBOTS, range(given.worlds)):
             began = time.perf_counter()
-            runs.append(closed_loop(kind, each, given.seed + 100 * k, given.dt, compile=False if given.no_compile else "wait"))
+            runs.append(
+                closed_loop(kind, each, given.seed + 100 * k, given.dt, compile=False if given.no_compile else "wait")
+            )
             print(kind, k, runs[-1], f"{time.perf_counter() - began:.0f} s", flush=True)
         ticks, below, near = (sum(getattr(run, name) for run in runs) for name in ("ticks", "below", "near"))
-        least, held, reversals = min(run.least for run in runs), sum(run.held for run in runs), sum(run.reversals for run in runs)
+        least, held, reversals = (
+            min(run.least for run in runs),
+            sum(run.held for run in runs),
+            sum(run.reversals for run in runs),
+        )
         verdicts += [
             Verdict(f"{ticks} ticks among bodies of at most {SPEED} m/s: below the margin by coal", below, "<=", 0),
             Reported("least distance beyond the margin, m", least),

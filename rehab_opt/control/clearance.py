@@ -32,7 +32,7 @@ class Clearance:
     grad d . q' + n . (-v) >= -rate (d - margin)
 
     with n the direction from the body to the link and v the velocity of the body's nearest point. `slots` contacts that
-    are nearest make the rows of the QP, several of one pair where bodies lie along each other (`kinematics.contacts`);
+    are nearest make the rows of the QP, several of one pair where bodies lie along each other (`control.contacts`);
     all pairs are judged at the end of the tick.
 
     The promise, at the ends of ticks, where joints move as commanded and moving bodies as told:
@@ -84,7 +84,12 @@ def checked_clearance(argument: str, given: Clearance, chain: SerialChain) -> Cl
 
     if not chain.capsules:
         raise ConfigurationError("chain", chain.names, "a robot whose links have capsules, of which clearance is kept")
-    for name, low, high, whole in (("margin", 0, 10, False), ("self_margin", 0, 10, False), ("moving", 0, 100, True), ("slots", 1, 100, True)):
+    for name, low, high, whole in (
+        ("margin", 0, 10, False),
+        ("self_margin", 0, 10, False),
+        ("moving", 0, 100, True),
+        ("slots", 1, 100, True),
+    ):
         value = getattr(given, name)
         kinds = (int, np.integer) if whole else (int, float, np.number)
         if isinstance(value, bool) or not isinstance(value, kinds) or not low <= value <= high:

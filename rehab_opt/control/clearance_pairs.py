@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.clearance import Clearance
+from rehab_opt.control.contacts import CONTACT, CONTACTS, FAR, ball_above, capsule_and_box, capsule_and_capsule
 from rehab_opt.kinematics.chain import SerialChain
-from rehab_opt.kinematics.contacts import CONTACT, CONTACTS, FAR, ball_above, capsule_and_box, capsule_and_capsule
-from rehab_opt.kinematics.link_capsules import Capsule
 from rehab_opt.kinematics.room import MOVING
 
 __all__ = ["ClearancePairs", "linked_pairs"]
@@ -31,7 +30,7 @@ MOSTLY = 0.5
 SAME = 1e-9
 """[m] A motion that is rounding."""
 LATER = 0.01
-"""[m] Contacts besides a pair's nearest get their rows as if they were further by this: first comes every pair's own."""
+"""[m] Contacts besides a pair's nearest are ranked as if they were further by this: each pair's own comes first."""
 THERE = MOVING - 1
 """Which number of a moving capsule says that there is one."""
 
@@ -53,7 +52,12 @@ def _kinds() -> tuple[Kind, Kind]:
         keys = ca.if_else(contacts[0, :] <= ca.mmin(contacts[0, :]), contacts[0, :], ca.fmax(contacts[0, :], 0) + LATER)
         outputs = {"distance": distance, "contacts": ca.vertcat(contacts, keys)}
         made.append(
-            Kind(*(ca.Function(f"{what}_{name}", [column], [ca.densify(each)], {"cse": True}) for what, each in outputs.items()))
+            Kind(
+                *(
+                    ca.Function(f"{what}_{name}", [column], [ca.densify(each)], {"cse": True})
+                    for what, each in outputs.items()
+                )
+            )
         )
     return made[0], made[1]
 
@@ -85,7 +89,8 @@ class ClearancePairs:
     @cached_property
     def slots(self) -> int:
         """Number of contacts that have rows."""
-        return min(self.clearance.slots, self._spans_of_balls.shape[1] + CONTACTS * sum(self._looked_at))
+        contacts = self._spans_of_balls.shape[1] + CONTACTS * sum(self._looked_at)
+        return int(min(self.clearance.slots, contacts))
 
     @property
     def size(self) -> int:
@@ -117,10 +122,10 @@ class ClearancePairs:
         told, time = ca.MX.sym("moving", self.told), ca.MX.sym("time")
         *columns, balls, _, screws = self._placed(q + last * time / 2, told, time / 2)
         contacts, spans = [ca.vertcat(balls, balls[0, :])], [ca.MX(ca.DM(self._spans_of_balls))]
-        for cells, kind, looked_at, span in zip(columns, KINDS, self._looked_at, self._spans, strict=True):
+        for every, kind, looked_at, span in zip(columns, KINDS, self._looked_at, self._spans, strict=True):
             if not looked_at:
                 continue
-            joints = ca.MX(ca.DM(span))
+            cells, joints = every, ca.MX(ca.DM(span))
             if looked_at < cells.size2():
                 which = _least(cells.size2(), looked_at)(_mapped(kind.distance, cells)[0].T)
                 cells, joints = cells[:, which], joints[:, which]
@@ -156,7 +161,7 @@ class ClearancePairs:
 
     @cached_property
     def _spans(self) -> tuple[Array, Array]:
-        """(2, pairs) of each pair the first joint that moves one body against the other, and the first that does not."""
+        """(2, pairs) of each pair the first joint that moves one body against the other, and the first beyond those."""
         frames = [min(each.frame, self.chain.n) for each in self.chain.capsules]
         given = self.clearance
         linked = [(frames[j], frames[i]) for i, j in self._linked]
@@ -202,7 +207,8 @@ class ClearancePairs:
             absent = FAR * (1 - one[THERE])
             others.append((one[:6] + time * one[6:12], one[6:12], one[12] - absent))
         capsules = [
-            ca.vertcat(*ends[i], *ends[j], still, links[i].radius + links[j].radius + given.self_margin) for i, j in self._linked
+            ca.vertcat(*ends[i], *ends[j], still, links[i].radius + links[j].radius + given.self_margin)
+            for i, j in self._linked
         ]
         capsules += [
             ca.vertcat(*ends[i], other, speeds, links[i].radius + radius + margin)
@@ -288,10 +294,8 @@ def linked_pairs(chain: SerialChain, clearance: Clearance) -> tuple[tuple[int, i
 
 def _ends(chain: SerialChain, frames: list[ca.SX]) -> list[tuple[ca.SX, ca.SX]]:
     """(3,), (3,) [m] of each link's segment."""
-    return [
-        tuple(frames[link.frame][:3, :3] @ ca.DM(end) + frames[link.frame][:3, 3] for end in (link.start, link.end))  # type: ignore[misc]
-        for link in chain.capsules
-    ]
+    places = [(frames[each.frame][:3, :3], frames[each.frame][:3, 3], each) for each in chain.capsules]
+    return [(turn @ ca.DM(link.start) + origin, turn @ ca.DM(link.end) + origin) for turn, origin, link in places]
 
 
 def _places(chain: SerialChain, count: int) -> Array:

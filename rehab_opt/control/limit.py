@@ -262,11 +262,17 @@ class Limits:
         kept as a margin: the square of the joints' way in a tick.
         """
         least = ca.vertcat(ca.SX(0, 1), *(each.nearest(self.chain, q)[0] for each in self.limits))
-        slopes = ca.vertcat(ca.SX(0, self.chain.n), *(each.nearest(self.chain, q + last * (self.dt / 2))[1] for each in self.limits))
+        slopes = ca.vertcat(
+            ca.SX(0, self.chain.n), *(each.nearest(self.chain, q + last * (self.dt / 2))[1] for each in self.limits)
+        )
         changes = ca.SX(len(self.limits), 1)
         if self.clearance is not None:
             distances, along, besides = self.clearance.read(contacts)
-            least, slopes, changes = ca.vertcat(least, distances), ca.vertcat(slopes, along), ca.vertcat(changes, besides)
+            least, slopes, changes = (
+                ca.vertcat(least, distances),
+                ca.vertcat(slopes, along),
+                ca.vertcat(changes, besides),
+            )
         way = self.dt * (ca.sum1(ca.fabs(last)) + self._begun)
         margin = ca.sqrt(ca.sum2(slopes**2)) * way**2 / 2
         share, back = self._shares * (least - margin), -ca.SX.inf(len(self.limits))

@@ -12,9 +12,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rehab_opt.control.clearance import Clearance
 from rehab_opt.control.command import Command
 from rehab_opt.control.joint_feedback import JointFeedback
-from rehab_opt.control.clearance import Clearance
 from rehab_opt.control.limit import Limit, all_limits
 from rehab_opt.control.stopping import VelocityBounds
 from rehab_opt.control.velocity_controller import VelocityController, checked_number
@@ -22,8 +22,8 @@ from rehab_opt.control.wanted import WantedVelocity
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain, per_joint
 from rehab_opt.kinematics.frames import is_rigid, rotation_vector
-from rehab_opt.optim.qp import Statement
 from rehab_opt.kinematics.room import MOVING, MovingCapsule, moving_numbers
+from rehab_opt.optim.qp import Statement
 from rehab_opt.optim.rows import PLAUSIBLE, parameter, variable, within
 from rehab_opt.symbolic import Compile
 from rehab_opt.symbolic.record import Values
@@ -414,7 +414,7 @@ class PoseTracker(VelocityController):
         if self._owner != get_ident():
             self._claim()
         if obstacles is not None or self.limits.moving:
-            self._write((q, pose, twist, self._told(obstacles)))
+            self._write((q, pose, twist, self._numbers_of(obstacles)))
             return self._tick(enable, stamp)
         usual = False
         # A masked array would be read through its mask.
@@ -433,8 +433,7 @@ class PoseTracker(VelocityController):
             self._write((q, pose, twist))
         return self._tick(enable, stamp)
 
-
-    def _told(self, obstacles: Sequence[MovingCapsule] | Array | None) -> Array:
+    def _numbers_of(self, obstacles: Sequence[MovingCapsule] | Array | None) -> Array:
         if obstacles is None or not self.limits.moving:
             expected = f"at most {self.limits.moving} moving capsules, as the Clearance among `limits` says"
             raise ConfigurationError("obstacles", obstacles, expected)

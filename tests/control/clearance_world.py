@@ -70,7 +70,11 @@ def room(chain: SerialChain, rng: np.random.Generator, *, moving: int) -> Cleara
     pose[:3, :3], pose[:3, 3] = Rotation.random(rng=rng).as_matrix(), places[2]
     floor = KeepOut.through([0, 0, -rng.uniform(0.1, 0.4)], [*rng.uniform(-0.2, 0.2, 2), 1.0])
     return Clearance(
-        margin=MARGIN, planes=[floor], capsules=bars, boxes=[Box.at("box", pose, rng.uniform(0.1, 0.4, 3))], moving=moving
+        margin=MARGIN,
+        planes=[floor],
+        capsules=bars,
+        boxes=[Box.at("box", pose, rng.uniform(0.1, 0.4, 3))],
+        moving=moving,
     )
 
 
@@ -88,7 +92,9 @@ def link_ends(chain: SerialChain, q: Array) -> Array:
     """(N, links, 2, 3) [m]"""
     poses = frames(chain, q)
     ends = [
-        np.stack([poses[each.frame][:, :3, :3] @ end + poses[each.frame][:, :3, 3] for end in (each.start, each.end)], 1)
+        np.stack(
+            [poses[each.frame][:, :3, :3] @ end + poses[each.frame][:, :3, 3] for end in (each.start, each.end)], 1
+        )
         for each in chain.capsules
     ]
     return np.stack(ends, 1)
@@ -109,7 +115,13 @@ class Swinging:
         middles = rng.normal(size=(count, 3))
         middles *= rng.uniform(0.35, 0.8, (count, 1)) / np.linalg.norm(middles, axis=1, keepdims=True)
         middles[:, 2] = np.abs(middles[:, 2])
-        return cls(middles, rng.normal(size=(count, 3)) * 0.2, rng.uniform(0, 6, count), rng.normal(size=(count, 3)) * 0.15, speed)
+        return cls(
+            middles,
+            rng.normal(size=(count, 3)) * 0.2,
+            rng.uniform(0, 6, count),
+            rng.normal(size=(count, 3)) * 0.15,
+            speed,
+        )
 
     def at(self, clock: Array, going: Array) -> list[MovingCapsule]:
         """Capsules at each one's own clock [s]; they move on by it where they are `going`."""
@@ -144,15 +156,15 @@ def box_apart(a: Array, b: Array, box: Box) -> float:
     return float(hull.equations[:, -1].max())
 
 
-def least_distance(chain: SerialChain, given: Clearance, ends: Array, moving: list[MovingCapsule], links: Array) -> float:
+def least_distance(
+    chain: SerialChain, given: Clearance, ends: Array, moving: list[MovingCapsule], links: Array
+) -> float:
     """[m] of every link of `links` from the room, less the margin; ends (links, 2, 3)."""
-    found = []
+    found: list[float] = []
     for i in links:
         (a, b), radius = ends[i], chain.capsules[i].radius + given.margin
-        for plane in given.planes:
-            found.append(min(a @ plane.normal, b @ plane.normal) - plane.offset - radius)
-        for box in given.boxes:
-            found.append(box_apart(a, b, box) - radius)
-        for body in [*given.capsules, *moving]:
-            found.append(segments_apart(a, b, np.array(body.start), np.array(body.end)) - radius - body.radius)
+        bodies = [*given.capsules, *moving]
+        found += [min(a @ each.normal, b @ each.normal) - each.offset - radius for each in given.planes]
+        found += [box_apart(a, b, box) - radius for box in given.boxes]
+        found += [segments_apart(a, b, np.array(c.start), np.array(c.end)) - radius - c.radius for c in bodies]
     return min(found)

@@ -82,7 +82,8 @@ def test_arm_gives_way_to_what_comes_and_stays_at_the_margin() -> None:
         q, place = q + dt * command.value, place + dt * way
         links = ends(chain, q)
         distances = [
-            segments_apart(*links[i], place, place + 1e-12) - each.radius - 0.05 for i, each in enumerate(chain.capsules)
+            segments_apart(*links[i], place, place + 1e-12) - each.radius - 0.05
+            for i, each in enumerate(chain.capsules)
         ]
         moved.append((min(distances) - MARGIN, np.abs(command.value).max()))
     distances, speeds = np.array(moved).T
@@ -97,7 +98,13 @@ def test_arm_that_is_not_enabled_does_not_go_away_from_what_comes_and_says_that_
     place = chain.pose(START)[:3, 3] + [0.0, 0.0, 0.16]
     for k in range(200):
         at = place - [0, 0, 0.001 * k]
-        command = tracker.step(START, chain.pose(START), np.zeros(6), obstacles=[MovingCapsule(at, at, 0.05, *[(0, 0, -0.2)] * 2)], enable=False)
+        command = tracker.step(
+            START,
+            chain.pose(START),
+            np.zeros(6),
+            obstacles=[MovingCapsule(at, at, 0.05, *[(0, 0, -0.2)] * 2)],
+            enable=False,
+        )
         assert not command.value.any()
         assert command.status is Status.HOLDING
     assert command.yielded & Bound.POSITION
@@ -165,7 +172,9 @@ def test_bodies_told_in_another_order_or_as_an_array_change_nothing() -> None:
         swinging, q, found = Swinging.drawn(np.random.default_rng(1), 2, 0.1), START.copy(), []
         for k in range(100):
             bodies = swinging.at(np.full(2, 0.005 * k), np.ones(2))[::order]
-            told: Any = bodies if order == 1 else moving_numbers([BALL._replace(start=(9, 9, 9), end=(9, 9, 9)), *bodies], 3)
+            told: Any = (
+                bodies if order == 1 else moving_numbers([BALL._replace(start=(9, 9, 9), end=(9, 9, 9)), *bodies], 3)
+            )
             command = tracker.step(q, chain.pose(START + 0.5), np.zeros(6), obstacles=told)
             found.append(command.value)
             q = q + 0.005 * command.value
@@ -217,7 +226,9 @@ def test_clearance_needs_capsules_stands_alone_and_is_the_tracker_s() -> None:
         PoseTracker(ur5(), limits=[given, given], compile=False)
     with pytest.raises(ConfigurationError, match="limits"):
         MirrorTracker(ur5(), floor=0.1, limits=[given], compile=False)  # type: ignore[list-item]
-    both = PoseTracker(ur5(), limits=[given, Limit(lambda chain, q: chain.frames_expression(q)[2][2, 3])], compile=False)
+    both = PoseTracker(
+        ur5(), limits=[given, Limit(lambda chain, q: chain.frames_expression(q)[2][2, 3])], compile=False
+    )
     assert both.step(START, ur5().pose(START), np.zeros(6), obstacles=[]).status is Status.OK
 
 

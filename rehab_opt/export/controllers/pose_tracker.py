@@ -31,8 +31,8 @@ for (;;) {{ /* every tick */
     send(command.value); /* joint velocities, rad/s */
 }}"""
 MOVING_INPUT = """
- * obstacles[{size}]  what moves, 14 numbers each: start and end [m], their velocities [m/s], radius [m], and 1; 0 in the
- *           last place says that there is none"""
+ * obstacles[{size}]  what moves, 14 numbers each: start and end [m], their velocities [m/s], radius [m], and 1;
+ *           0 in the last place says that there is none"""
 DIFFERENCES = (
     f"There is no backup solver. Where Python would ask {BACKUP}, C gives the safe command and "
     "`REHAB_NOT_CERTIFIED`; the recorded run is of a Python controller without the backup, too.",
@@ -83,7 +83,9 @@ def exported_tracker(tracker: PoseTracker, run: Sequence[Tick], *, title: str, o
 
     def answer(tick: Tick) -> Command:
         around = {"obstacles": tick["obstacles"]} if moving else {}
-        return tracker.step(tick["q"], tick["pose"], tick["twist"], **around, enable=tick["enable"], stamp=tick["stamp"])
+        return tracker.step(
+            tick["q"], tick["pose"], tick["twist"], **around, enable=tick["enable"], stamp=tick["stamp"]
+        )
 
     told = tracker.limits.told
     moving = "" if not told else " {}obstacles,"

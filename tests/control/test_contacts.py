@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from rehab_opt import Box
 from rehab_opt.control.clearance_pairs import KINDS
-from rehab_opt.kinematics.contacts import FAR
+from rehab_opt.control.contacts import FAR
 from tests.control.clearance_world import box_apart, segments_apart
 
 CAPSULES, BOX = KINDS
@@ -57,7 +57,9 @@ def test_balls_have_the_distance_of_their_centres_and_one_contact() -> None:
     for _ in range(50):
         a, c = rng.normal(size=(2, 3))
         contacts = np.array(CAPSULES.contacts(np.r_[a, a, c, c, np.zeros(6), 0.3]))
-        assert float(CAPSULES.distance(np.r_[a, a, c, c, np.zeros(6), 0.3])) == pytest.approx(np.linalg.norm(a - c) - 0.3)
+        assert float(CAPSULES.distance(np.r_[a, a, c, c, np.zeros(6), 0.3])) == pytest.approx(
+            np.linalg.norm(a - c) - 0.3
+        )
         assert np.sum(contacts[0] < FAR / 2) == 1
 
 
@@ -74,7 +76,14 @@ def test_nearest_contact_says_how_the_distance_changes_with_any_motion(kind: str
         turn, half = Rotation.random(rng=rng).as_matrix(), rng.uniform(0.02, 0.1, 3)
         speeds = rng.normal(size=6)
 
-        def column(first: np.ndarray, after: float) -> np.ndarray:
+        def column(
+            first: np.ndarray,
+            after: float,
+            ends: np.ndarray = ends,
+            turn: np.ndarray = turn,
+            half: np.ndarray = half,
+            speeds: np.ndarray = speeds,
+        ) -> np.ndarray:
             if kind == "capsules":
                 return np.r_[first.ravel(), ends[2:].ravel() + after * speeds, speeds, 0.1]
             return np.r_[first.ravel(), turn.T.ravel(), ends[2], half, 0.05]

@@ -17,7 +17,7 @@ from functools import reduce
 
 import casadi as ca
 
-from rehab_opt.optim.certificate import clipped
+from rehab_opt.optim.certificate import all_true, clipped
 
 __all__ = ["CONTACT", "CONTACTS", "FAR", "ball_above", "capsule_and_box", "capsule_and_capsule"]
 
@@ -60,16 +60,22 @@ def capsule_and_capsule(
     gap = a - b
     c, f = ca.dot(along, gap), ca.dot(across, gap)
     # Of each end of the first the nearest point of the other; t is where on the other, s where on the first.
-    places = [(ca.SX(s), clipped((f + s * ab) / ca.fmax(bb, TINY), 0, 1), ca.SX(1)) for s in (0, 1)]
-    places[1] = (*places[1][:2], aa > TINY)  # a ball has one end
-    for t in (0, 1):
-        s = (t * ab - c) / ca.fmax(aa, TINY)
-        inside = reduce(ca.logic_and, [s > 0, s < 1, *([bb > TINY] if t else [])])  # otherwise the first's ends tell
-        places.append((clipped(s, 0, 1), ca.SX(t), inside))
+    places = [
+        (
+            ca.SX(end),
+            clipped((f + end * ab) / ca.fmax(bb, TINY), 0, 1),
+            aa > TINY if end else ca.SX(1),
+        )  # a ball has one
+        for end in (0, 1)
+    ]
+    for end in (0, 1):
+        s = (end * ab - c) / ca.fmax(aa, TINY)
+        inside = all_true(s > 0, s < 1, bb > TINY if end else ca.SX(1))  # otherwise the first's ends tell
+        places.append((clipped(s, 0, 1), ca.SX(end), inside))
     sine = aa * bb - ab * ab
     s = (ab * f - bb * c) / ca.fmax(sine, TINY * PARALLEL)
     t = (ab * s + f) / ca.fmax(bb, TINY)
-    crossing = reduce(ca.logic_and, [sine > PARALLEL * aa * bb, s > 0, s < 1, t > 0, t < 1])
+    crossing = all_true(sine > PARALLEL * aa * bb, s > 0, s < 1, t > 0, t < 1)
     places.append((clipped(s, 0, 1), clipped(t, 0, 1), crossing))
     contacts, squares = [], []
     for s, t, valid in places:
@@ -140,7 +146,7 @@ def capsule_and_box(
             direction, place = ca.if_else(within, out, direction), ca.if_else(within, deepest, place)
             distance = ca.if_else(within, -depth - radius, distance)
         else:
-            distance = ca.if_else(reduce(ca.logic_and, [valid, size > TINY, ca.logic_not(ball)]), distance, FAR)
+            distance = ca.if_else(all_true(valid, size > TINY, ca.logic_not(ball)), distance, FAR)
         normal, here = turn @ direction, centre + turn @ place
         contacts.append(ca.vertcat(distance, normal, ca.cross(here, normal), 0))
     return ca.if_else(within, -depth, least) - radius, ca.horzcat(*contacts)
