@@ -90,7 +90,7 @@ class Judge:
     def distances(
         self, ends: Array, moving: Sequence[MovingCapsule], *, within: float, links: Sequence[tuple[int, int]]
     ) -> list[tuple[str, float]]:
-        """Body by body, less the margin, of links (L, 2, 3); those that balls about them show to be further are left out."""
+        """Body by body, less the margin, of links (L, 2, 3); none further than `within` by balls."""
         found = []
         middles, sizes = ends.mean(axis=1), np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) / 2
         radii = [each.radius for each in self.chain.capsules]
@@ -105,11 +105,11 @@ class Judge:
                 far = np.linalg.norm(middles[i] - box.centre) - sizes[i] - np.linalg.norm(box.size) / 2
                 if far - radii[i] - MARGIN < within:
                     found.append((box.name, self.box(*ends[i], radii[i], box) - MARGIN))
-            for plane in self.given.planes:
-                if middles[i] @ plane.normal - plane.offset - sizes[i] - radii[i] - MARGIN < within:
-                    found.append(
-                        ("plane", self.plane(*ends[i], radii[i], np.array(plane.normal), plane.offset) - MARGIN)
-                    )
+            found += [
+                ("plane", self.plane(*ends[i], radii[i], np.array(plane.normal), plane.offset) - MARGIN)
+                for plane in self.given.planes
+                if middles[i] @ plane.normal - plane.offset - sizes[i] - radii[i] - MARGIN < within
+            ]
         for i, j in links:
             if j < 0:
                 continue
@@ -119,7 +119,7 @@ class Judge:
         return found
 
     def least(self, q: Array, bodies: Array, links: Sequence[tuple[int, int]]) -> Array:
-        """(N,) least distance beyond the margins at postures (N, n) among moving bodies (N, k, 7), where below `NEARLY`.
+        """(N,) least distance beyond the margins at postures (N, n) among moving bodies (N, k, 7), at most `NEARLY`.
 
         By coal wherever distances in numpy, of boxes those of balls about them, are below `NEARLY`.
         """
@@ -238,7 +238,7 @@ def closed_loop(kind: str, ticks: int, seed: int, dt: float, *, compile: object 
     pairs = tracker.limits.clearance
     assert pairs is not None
     judge = Judge(chain, given)
-    links = [*pairs._linked, *((i, -1) for i in pairs._free)]
+    links = [*pairs.linked, *((i, -1) for i in pairs.free)]
     total = Run(0, 0, np.inf, 0, 0, 0, 0)
     low, high = 0.7 * np.maximum(chain.lower, -3), 0.7 * np.minimum(chain.upper, 3)
     while total.ticks < ticks:

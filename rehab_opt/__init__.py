@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from rehab_opt.control.bilateral_sides import HelperSide, ParticipantSide
     from rehab_opt.control.bounded_force import BoundedForce
     from rehab_opt.control.clearance import Clearance
-    from rehab_opt.control.hand_bounds import KeepOut
     from rehab_opt.control.interaction import Interaction
     from rehab_opt.control.joint_feedback import JointFeedback
     from rehab_opt.control.joystick import Joystick
@@ -34,7 +33,7 @@ if TYPE_CHECKING:
     from rehab_opt.field.potential import PotentialField
     from rehab_opt.kinematics.ardis import ardis
     from rehab_opt.kinematics.arm_on_chair import arm_on_chair
-    from rehab_opt.kinematics.room import Box, MovingCapsule, arm_capsules
+    from rehab_opt.kinematics.room import Box, KeepOut, MovingCapsule, arm_capsules
     from rehab_opt.workspace.mapping import WorkspaceMap
     from rehab_opt.workspace.placement import ShoulderPlacement
     from rehab_opt.workspace.reach import planar_workspace
@@ -109,7 +108,7 @@ _LATER = {
     "HelperSide": "control.bilateral_sides",
     "Interaction": "control.interaction",
     "Joystick": "control.joystick",
-    "KeepOut": "control.hand_bounds",
+    "KeepOut": "kinematics.room",
     "JointFeedback": "control.joint_feedback",
     "Limit": "control.limit",
     "MirrorTracker": "control.mirror",

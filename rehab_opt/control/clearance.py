@@ -5,17 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.link_capsules import Capsule
-from rehab_opt.kinematics.room import Box
-
-if TYPE_CHECKING:
-    from rehab_opt.control.hand_bounds import KeepOut
+from rehab_opt.kinematics.room import Box, KeepOut
 
 __all__ = ["Clearance", "checked_clearance"]
 
@@ -77,7 +73,6 @@ def checked_clearance(argument: str, given: Clearance, chain: SerialChain) -> Cl
     ConfigurationError : a number that cannot be used, a body that is none, a robot without capsules, nothing to keep
         clear of.
     """
-    from rehab_opt.control.hand_bounds import KeepOut  # noqa: PLC0415  (it states limits, and those this)
 
     def refuse(name: str, value: object, expected: str) -> ConfigurationError:
         return ConfigurationError(f"{argument}.{name}", value, expected)

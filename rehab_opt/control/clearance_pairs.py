@@ -80,8 +80,8 @@ class ClearancePairs:
         """Both bodies of every pair, in the order of `distances`: before a plane, of every end that comes and goes."""
         given, links = self.clearance, self.chain.capsules
         others = [*(each.name for each in given.capsules), *(f"moving {i}" for i in range(given.moving))]
-        free = [links[i].name for i in self._free]
-        pairs = [(links[i].name, links[j].name) for i, j in self._linked]
+        free = [links[i].name for i in self.free]
+        pairs = [(links[i].name, links[j].name) for i, j in self.linked]
         pairs += [(link, other) for link in free for other in others]
         pairs += [(link, box.name) for link in free for box in given.boxes]
         return (*pairs, *((links[i].name, f"plane {j}") for i, _, j in self._before_planes))
@@ -143,13 +143,13 @@ class ClearancePairs:
 
     # --------------------------------------------------------------------------------------------- which pairs
     @cached_property
-    def _free(self) -> tuple[int, ...]:
+    def free(self) -> tuple[int, ...]:
         """Links that some joint moves."""
         moved = np.ptp(_places(self.chain, 5), axis=0).reshape(len(self.chain.capsules), -1).max(axis=1) > SAME
         return tuple(int(i) for i in np.flatnonzero(moved))
 
     @cached_property
-    def _linked(self) -> tuple[tuple[int, int], ...]:
+    def linked(self) -> tuple[tuple[int, int], ...]:
         """Pairs of links, the one that more joints move first."""
         return linked_pairs(self.chain, self.clearance)
 
@@ -164,9 +164,9 @@ class ClearancePairs:
         """(2, pairs) of each pair the first joint that moves one body against the other, and the first beyond those."""
         frames = [min(each.frame, self.chain.n) for each in self.chain.capsules]
         given = self.clearance
-        linked = [(frames[j], frames[i]) for i, j in self._linked]
+        linked = [(frames[j], frames[i]) for i, j in self.linked]
         round_, boxed = (
-            [(0, frames[i]) for i in self._free for _ in range(count)]
+            [(0, frames[i]) for i in self.free for _ in range(count)]
             for count in (len(given.capsules) + given.moving, len(given.boxes))
         )
         return _pairs_of_numbers([*linked, *round_]), _pairs_of_numbers(boxed)
@@ -183,7 +183,7 @@ class ClearancePairs:
         places, planes = _places(self.chain, 5), self.clearance.planes
         return tuple(
             (i, end, j)
-            for i in self._free
+            for i in self.free
             for j, plane in enumerate(planes)
             for end in range(2 if self.chain.capsules[i].start != self.chain.capsules[i].end else 1)
             if np.ptp(places[:, i, end] @ np.array(plane.normal)) > SAME
@@ -208,11 +208,11 @@ class ClearancePairs:
             others.append((one[:6] + time * one[6:12], one[6:12], one[12] - absent))
         capsules = [
             ca.vertcat(*ends[i], *ends[j], still, links[i].radius + links[j].radius + given.self_margin)
-            for i, j in self._linked
+            for i, j in self.linked
         ]
         capsules += [
             ca.vertcat(*ends[i], other, speeds, links[i].radius + radius + margin)
-            for i in self._free
+            for i in self.free
             for other, speeds, radius in others
         ]
         boxes = [
@@ -220,7 +220,7 @@ class ClearancePairs:
                 *ends[i], ca.vec(ca.DM(np.array(box.turn))), ca.DM(box.centre), ca.DM(box.size) / 2,
                 links[i].radius + margin,
             )
-            for i in self._free
+            for i in self.free
             for box in given.boxes
         ]  # fmt: skip
         balls = [

@@ -1,4 +1,4 @@
-"""Bodies beside a robot: boxes that stand still, capsules that move, and a person's arm as three of those."""
+"""Bodies beside a robot: half-spaces and boxes that stand still, capsules that move, and a person's arm."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from rehab_opt.kinematics.human_arm import ARM_JOINTS
 from rehab_opt.kinematics.real_array import real_array
 from rehab_opt.kinematics.rigid import rigid
 
-__all__ = ["ARM_RADII", "MOVING", "Box", "MovingCapsule", "arm_capsules", "moving_numbers"]
+__all__ = ["ARM_RADII", "MOVING", "Box", "KeepOut", "MovingCapsule", "arm_capsules", "moving_numbers"]
 
 Array = NDArray[np.float64]
 
@@ -25,6 +25,32 @@ ENDS = (1, 4, 5, 8)
 """Frames of `human_arm` at shoulder, elbow, wrist and fingers."""
 ARM_RADII = (0.06, 0.05, 0.045)
 """[m] Assumption: upper arm, forearm and hand of an adult with clothes."""
+
+
+class KeepOut(NamedTuple):
+    """Half-space that the arm stays out of: the side of a plane that its normal points away from."""
+
+    normal: tuple[float, float, float]
+    """Unit normal in the base frame, towards where the arm may be."""
+    offset: float
+    """[m] normal . x of the plane's points."""
+
+    @classmethod
+    def through(cls, point: ArrayLike, normal: ArrayLike) -> KeepOut:
+        """The plane through `point` (3,) [m] that keeps the arm on the side of `normal` (3,), of any length.
+
+        Raises
+        ------
+        ConfigurationError : numbers that are no plane.
+        """
+        try:
+            p, n = (np.array(value, dtype=np.float64) for value in (point, normal))
+        except (TypeError, ValueError, OverflowError) as problem:
+            raise ConfigurationError("point, normal", (point, normal), "three numbers each") from problem
+        if p.shape != (3,) or n.shape != (3,) or not np.all(np.isfinite([p, n])) or not np.linalg.norm(n) > 1e-9:
+            raise ConfigurationError("point, normal", (point, normal), "three finite numbers each, a normal above zero")
+        x, y, z = (float(each) for each in n / np.linalg.norm(n))
+        return cls((x, y, z), float(p @ (x, y, z)))
 
 
 class Box(NamedTuple):

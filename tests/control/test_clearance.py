@@ -61,8 +61,8 @@ def test_arm_among_bodies_that_stand_still_comes_to_none_nearer_than_the_margin(
         command = tracker.step(q, goal, np.zeros(6), enable=k % 100 < 80)
         q = q + dt * command.value
         if k % 40 == 0 or (k % 4 == 0 and np.min(np.array(pairs.distances(q, [], 0.0))) < 1e-3):
-            least = min(least, least_distance(chain, given, ends(chain, q), [], np.array(pairs._free)))
-            for i, j in pairs._linked:
+            least = min(least, least_distance(chain, given, ends(chain, q), [], np.array(pairs.free)))
+            for i, j in pairs.linked:
                 radii = chain.capsules[i].radius + chain.capsules[j].radius
                 least = min(least, segments_apart(*ends(chain, q)[i], *ends(chain, q)[j]) - radii)
     assert -1e-9 <= least < 0.05
