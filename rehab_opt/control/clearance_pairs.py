@@ -18,6 +18,7 @@ from rehab_opt.control.clearance import Clearance
 from rehab_opt.control.contacts import CONTACT, CONTACTS, FAR, ball_above, capsule_and_box, capsule_and_capsule
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.room import MOVING
+from rehab_opt.optim.certificate import all_true
 
 __all__ = ["ClearancePairs", "linked_pairs"]
 
@@ -29,6 +30,8 @@ MOSTLY = 0.5
 """Share of them from which links that overlap belong together, as neighbours do."""
 SAME = 1e-9
 """[m] A motion that is rounding."""
+ALIKE = 1e-7
+"""[m, 1] Largest difference of normal and moment of contacts that are one."""
 LATER = 0.01
 """[m] Contacts besides a pair's nearest are ranked as if they were further by this: each pair's own comes first."""
 THERE = MOVING - 1
@@ -254,13 +257,15 @@ class ClearancePairs:
         slopes, changes, distances = [], [], []
         for j in range(k):
             distance, normal, moment, speed = ca.vertsplit(contacts[:, j], [0, 1, 4, 7, 8])
-            there = distance < FAR / 2
+            # Links that meet in a joint have an end in common: its row is stated once, or rows would depend on each other.
+            seen = [ca.sumsqr(contacts[1:7, j] - contacts[1:7, i]) < ALIKE**2 for i in range(j)]
+            there = all_true(distance < FAR / 2, *(ca.logic_not(each) for each in seen))
             slope = screws.T @ ca.vertcat(moment, normal)
             moves = [ca.logic_and(ca.logic_and(i >= spans[0, j], i < spans[1, j]), there) for i in range(n)]
             moves = [ca.logic_and(moves[i], ca.fabs(slope[i]) > SAME) for i in range(n)]  # no joint acts on rounding
             slopes.append(ca.vertcat(*(ca.if_else(moves[i], slope[i], 0) for i in range(n))))
             changes.append(ca.if_else(there, -speed, 0))
-            distances.append(distance - (ca.dot(slopes[-1], last) + changes[-1]) * time / 2)
+            distances.append(ca.if_else(there, distance, FAR) - (ca.dot(slopes[-1], last) + changes[-1]) * time / 2)
         column = ca.vertcat(*distances, *changes, ca.vec(ca.horzcat(*slopes).T))
         return ca.Function("rows", [contacts, spans, screws, last, time], [ca.densify(column)], {"cse": True})
 

@@ -141,7 +141,7 @@ def test_forearm_pressed_along_a_body_neither_shakes_nor_sticks(body: str) -> No
     room = {
         "beside": {"capsules": [Capsule("bar", tuple(a), tuple(b), 0.05)]},
         "crossing": {"capsules": [Capsule("bar", tuple(a + 1e-3 * side), tuple(b - 1e-3 * side), 0.05)]},
-        "box": {"boxes": [Box("box", tuple(middle), (0.15, 0.15, 0.15), turn)]},
+        "box": {"boxes": [Box("box", tuple(middle), (0.12, 0.12, 0.12), turn)]},
         "floor": {"planes": [KeepOut.through([0.0, 0.0, forearm[:, 2].min() - 0.16], [0.0, 0.0, 1.0])]},
     }[body]
     given = Clearance(margin=MARGIN, pairs=(), **room)
