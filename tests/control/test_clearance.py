@@ -154,13 +154,13 @@ def test_forearm_pressed_along_a_body_neither_shakes_nor_sticks(body: str) -> No
         command = tracker.step(q, goal, np.zeros(6))
         q = q + dt * command.value
         velocities.append(command.value)
-        touched += np.min(np.array(tracker.limits.clearance.distances(q, [], 0.0))) < 1e-4
+        touched += np.min(np.array(tracker.limits.clearance.distances(q, [], 0.0))) < 1e-3
     assert least_distance(chain, given, ends(chain, q), [], np.arange(2, 7)) >= -1e-9
     assert touched > 1000
     changes = np.diff(velocities, axis=0)[1000:]
     to_and_fro = (changes[1:] * changes[:-1] < 0) & (np.minimum(*np.abs([changes[1:], changes[:-1]])) > 1e-3)
     assert not np.any(to_and_fro[1:] & to_and_fro[:-1])
-    assert np.abs(changes).max() < 0.5 * 15.0 * dt
+    assert np.abs(changes).max() <= 15.0 * dt * (1 + 1e-6)
     assert np.abs(velocities[1500:]).max() > 0.02  # it slides
 
 
