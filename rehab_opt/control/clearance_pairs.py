@@ -257,7 +257,7 @@ class ClearancePairs:
         slopes, changes, distances = [], [], []
         for j in range(k):
             distance, normal, moment, speed = ca.vertsplit(contacts[:, j], [0, 1, 4, 7, 8])
-            # Links that meet in a joint have an end in common: its row is stated once, or rows would depend on each other.
+            # Links that meet in a joint have an end in common: stated twice, its rows would depend on each other.
             seen = [ca.sumsqr(contacts[1:7, j] - contacts[1:7, i]) < ALIKE**2 for i in range(j)]
             there = all_true(distance < FAR / 2, *(ca.logic_not(each) for each in seen))
             slope = screws.T @ ca.vertcat(moment, normal)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -40,10 +41,11 @@ def clear_posture(tracker: PoseTracker, bodies: list[MovingCapsule], rng: np.ran
     chain, pairs = tracker.chain, tracker.limits.clearance
     assert pairs is not None
     told = moving_numbers(bodies, pairs.clearance.moving).ravel()
-    while True:
+    for _ in range(300):
         q = rng.uniform(0.7 * np.maximum(chain.lower, -3), 0.7 * np.minimum(chain.upper, 3))
         if np.min(np.array(pairs.distances(q, told, 0.0))) > 0.002:
             return q
+    raise AssertionError("no posture is clear of these bodies")
 
 
 @pytest.mark.parametrize(("kind", "seed"), [("ur5", 0), ("panda", 1), ("six", 2), ("seven", 3)])
@@ -66,6 +68,33 @@ def test_arm_among_bodies_that_stand_still_comes_to_none_nearer_than_the_margin(
                 radii = chain.capsules[i].radius + chain.capsules[j].radius
                 least = min(least, segments_apart(*ends(chain, q)[i], *ends(chain, q)[j]) - radii)
     assert -1e-9 <= least < 0.05
+
+
+@pytest.mark.parametrize(("kind", "seed"), [("ur5", 0), ("panda", 1), ("seven", 3)])
+def test_rows_say_how_the_nearest_distances_change(kind: str, seed: int) -> None:
+    rng, step = np.random.default_rng(seed), 1e-6
+    chain = robot(kind, rng)
+    tracker = PoseTracker(chain, limits=[room(chain, rng, moving=2)], compile=False)
+    pairs = tracker.limits.clearance
+    assert pairs is not None
+    found = 0
+    for _ in range(30):
+        bodies = Swinging.drawn(rng, 2, 0.1).at(np.zeros(2), np.ones(2))
+        q, velocity, told = (
+            rng.uniform(0.7 * np.maximum(chain.lower, -3), 0.7 * np.minimum(chain.upper, 3)),
+            rng.normal(size=chain.n),
+            moving_numbers(bodies, 2).ravel(),
+        )
+        here, ahead = (np.array(pairs.distances(q + t * velocity, told, t)).ravel() for t in (-step, step))
+        column = ca.SX(pairs.nearest(q, np.zeros(chain.n), told, 0.0))
+        distances, slopes, changes = (np.array(ca.DM(each)) for each in pairs.read(column))
+        expected = (ahead - here) / (2 * step)
+        for distance, slope, change in zip(distances.ravel(), slopes, changes.ravel(), strict=True):
+            same = np.flatnonzero(np.abs((here + ahead) / 2 - distance) < 1e-9)
+            if len(same) == 1 and distance > -MARGIN:  # the nearest contact of one pair
+                assert slope @ velocity + change == pytest.approx(expected[same[0]], abs=1e-5)
+                found += 1
+    assert found > 20
 
 
 def test_arm_gives_way_to_what_comes_and_stays_at_the_margin() -> None:
