@@ -414,7 +414,20 @@ class PoseTracker(VelocityController):
         if self._owner != get_ident():
             self._claim()
         if obstacles is not None or self.limits.moving:
-            self._write((q, pose, twist, self._numbers_of(obstacles)))
+            given: tuple[Any, ...] = (q, pose, twist, self._numbers_of(obstacles))
+            into: tuple[Any, ...] = self._views
+            if all(each.__class__ is _ndarray for each in given) and [each.shape for each in given[:3]] == [
+                (self.chain.n,),
+                (4, 4),
+                (TWIST,),
+            ]:
+                try:
+                    for view, each in zip(into, given, strict=True):  # see below
+                        view[:] = each.ravel()
+                    return self._tick(enable, stamp)
+                except (ValueError, TypeError):
+                    pass  # numbers of another type
+            self._write(given)
             return self._tick(enable, stamp)
         usual = False
         # A masked array would be read through its mask.
