@@ -25,8 +25,8 @@ from rich.table import Table
 
 from bench.corpus import along, certified_share, read, representatives
 from bench.machine import machine
-from rehab_opt.comparison.entrants import entrants
-from rehab_opt.comparison.record import versions_of
+from bench.solvers.entrants import entrants
+from bench.solvers.record import versions_of
 
 __all__ = ["Change", "changes", "main"]
 

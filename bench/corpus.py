@@ -7,10 +7,11 @@ from collections.abc import Callable, Iterator
 from functools import cache
 from typing import Any
 
-from rehab_opt.comparison.entrant import Entrant
-from rehab_opt.comparison.instances import RecordedQPs
-from rehab_opt.comparison.sequence import QPSequence, read_sequence, shipped_sequences
+from bench.solvers.entrant import Entrant
+from bench.solvers.instances import RecordedQPs
+from bench.solvers.shipped import shipped_sequences
 from rehab_opt.optim.certificate import is_certified
+from rehab_opt.qp_recording.sequence import QPSequence, read_sequence
 
 __all__ = ["along", "certified_share", "read", "representatives"]
 

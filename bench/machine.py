@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from rehab_opt.comparison.machine import machine
+from bench.solvers.machine import machine
 
 __all__ = ["machine", "resident_megabytes"]
 

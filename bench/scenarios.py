@@ -2,6 +2,7 @@
 
 Prints one line a number, asked and measured; exit code 1 where one is missed. The people differ by their seed: wander,
 tremor and spasms. Only the paper's claims are judged; `rehab-opt run upper_limb/scenario_...` shows everything.
+`--plant mujoco` asks whether they hold on a robot with delays, noise, friction and a force loop, too.
 """
 
 from __future__ import annotations
@@ -18,6 +19,8 @@ from rich.console import Console
 from bench.machine import machine
 from bench.verdict import Verdict, all_met, print_verdicts
 from rehab_opt.session.files import ProblemFile, problem_content, problem_of, problem_path
+from rehab_opt.session.plant.making import on_plant
+from rehab_opt.session.plant.tables import KINDS
 from rehab_opt.session.scenario.loop import ran
 from rehab_opt.session.scenario.outcome import ScenarioOutcome
 from rehab_opt.session.scenario.prepared import prepared
@@ -36,6 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--people", type=int, default=20)
     parser.add_argument("--parts", nargs="+", choices=["people", "session"], default=["people", "session"])
+    parser.add_argument("--plant", choices=KINDS, help="the robot of the people, in place of the file's")
     options = parser.parse_args(arguments)
     console = Console()
     console.print("  ".join(f"{key}: {value}" for key, value in machine().items()), highlight=False)
@@ -43,7 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if "people" in options.parts:
         for name in SCENARIOS:
             loaded = changed(name, task={"trials": options.people}, run={"laws": LAWS})
-            measured = judged(name, run_scenario(loaded, solver=None, progress=_silent))
+            measured = judged(name, run_scenario(on_plant(loaded, options.plant), solver=None, progress=_silent))
             print_verdicts(console, measured)
             verdicts += measured
     if "session" in options.parts:

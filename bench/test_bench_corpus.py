@@ -9,7 +9,7 @@ import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
 from bench.corpus import along, read, representatives
-from rehab_opt.comparison.entrants import entrants
+from bench.solvers.entrants import entrants
 
 ENTRANTS = {entrant.name: entrant for entrant in entrants() if entrant.kind == "qp"}
 

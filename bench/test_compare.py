@@ -11,7 +11,7 @@ import pytest
 
 from bench import compare
 from bench.compare import Change, changes
-from rehab_opt.comparison import dense_qp
+from bench.solvers import dense_qp
 
 BEFORE = {"pose/free": {"qrqp-fused": 0.10, "osqp-kept": 2.0}}
 

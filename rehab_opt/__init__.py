@@ -43,6 +43,8 @@ if TYPE_CHECKING:
     from rehab_opt.workspace.variation import reachability_map
     from rehab_opt.workspace.volume import reachable_volume
 
+__version__ = "0.1.0"
+
 __all__ = [
     "DH",
     "ArmIK",

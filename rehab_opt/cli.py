@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from rehab_opt import __version__
 from rehab_opt.errors import ConfigurationError, RehabOptError
 from rehab_opt.terminal import bars, interrupted, no_folder, on_interrupt, printer, refuse, say, undisturbed, writable
 
@@ -49,6 +50,21 @@ def main(arguments: list[str] | None = None) -> None:
             os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what could not be printed fails no second time at the end
             place = str(problem.filename or "standard output")
             refuse(ConfigurationError(place, problem.strerror, "a place that can be read and written to"))
+
+
+def _print_version(asked: bool) -> None:
+    if asked:
+        say(f"rehab-opt {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    _version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and end.")
+    ] = False,
+) -> None:
+    """What stands before the command."""
 
 
 @app.command()
@@ -118,9 +134,9 @@ def record(
     ticks: Annotated[int, typer.Option(help="QPs of each solver that are then kept at most.")] = 1000,
     solver: Annotated[str | None, typer.Option(help="Solver of the optimised law, instead of the file's.")] = None,
 ) -> None:
-    """Run a problem and write down the QPs that its controllers solve, for comparing solvers: problems/qp/README.md."""
-    from rehab_opt.comparison.recording import file_names, recorded_run  # noqa: PLC0415
-    from rehab_opt.comparison.sequence import write_sequence  # noqa: PLC0415
+    """Run a problem and record the QPs that its controllers solve, to compare solvers on: bench/solvers/README.md."""
+    from rehab_opt.qp_recording.recording import file_names, recorded_run  # noqa: PLC0415
+    from rehab_opt.qp_recording.sequence import write_sequence  # noqa: PLC0415
     from rehab_opt.session.files import load_problem  # noqa: PLC0415
 
     loaded = load_problem(file)
@@ -182,13 +198,19 @@ def many(
 def bench(
     family: Annotated[list[str] | None, typer.Option(help="Family or sequence; all of them by default.")] = None,
     solver: Annotated[list[str] | None, typer.Option(help="Solver; every installed one by default.")] = None,
-    time_limit: Annotated[float, typer.Option(help="Of one solve [s]: then its process is killed.")] = 1.0,
+    time_limit: Annotated[float, typer.Option(help="Seconds of one solve: then its process is killed.")] = 1.0,
     out: Annotated[Path, typer.Option(help="Folder of the results, and of what an interrupted run kept.")] = Path(
         "out/bench"
     ),
 ) -> None:
     """Compare solvers on recorded QPs; write table.md, results.json and figures. What is done is not done again."""
-    from rehab_opt.comparison.command import Interruption, bench_command  # noqa: PLC0415  (it loads every solver)
+    try:
+        from bench.solvers.command import Interruption, bench_command  # noqa: PLC0415  (it loads every solver)
+    except ModuleNotFoundError as absent:
+        if (absent.name or "").partition(".")[0] != "bench":
+            raise
+        needed = "the solver comparison, which a wheel leaves out: pip install -e '.[bench]' in a checkout"
+        raise ConfigurationError("bench", "not installed", needed) from absent
 
     interruption = Interruption()
     try:

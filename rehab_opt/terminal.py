@@ -6,6 +6,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
 __all__ = ["bars", "interrupted", "no_folder", "on_interrupt", "printer", "refuse", "say", "undisturbed", "writable"]
 
 MOST_OF_A_VALUE = 120  # characters of a message
+BETWEEN_LINES = 60.0
+"""[s] from one line of progress to the next, where there is no terminal to draw bars on."""
 
 
 def say(text: str) -> None:
@@ -60,7 +63,7 @@ class _Escaped:
 
 @contextmanager
 def bars() -> Iterator[Progress]:
-    """Progress as bars on the error stream, where that is a terminal; what is compiled meanwhile is said there."""
+    """Progress on the error stream: bars on a terminal, else a line a minute; and what is compiled meanwhile."""
     from rich.console import Console  # noqa: PLC0415
     from rich.progress import Progress as Bars  # noqa: PLC0415
     from rich.progress import TaskID  # noqa: PLC0415
@@ -70,8 +73,13 @@ def bars() -> Iterator[Progress]:
     console = Console(stderr=True)
     with Bars(console=console, transient=True, disable=not console.is_terminal) as shown:
         tasks: dict[str, TaskID] = {}
+        said = time.monotonic()
 
         def progress(what: str, done: int, whole: int) -> None:
+            nonlocal said
+            if not console.is_terminal and time.monotonic() - said >= BETWEEN_LINES:
+                said = time.monotonic()
+                print(f"rehab-opt: {printable(what)}, {done} of {whole}", file=sys.stderr, flush=True)
             if what not in tasks:
                 tasks[what] = shown.add_task(what, total=None)
             whole_known = whole if whole > 1 or done else None  # a law answers in one piece: its bar only moves

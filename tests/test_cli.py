@@ -14,10 +14,12 @@ from pathlib import Path
 
 import pytest
 
+import rehab_opt
 from rehab_opt.cli import main
 from rehab_opt.kinematics.human_arm import ARM_JOINTS
 from rehab_opt.session.data_folder import ENVIRONMENT
 from rehab_opt.session.files import shipped_problems
+from rehab_opt.terminal import bars
 
 PROBLEM = """
 system = "upper_limb"
@@ -59,6 +61,37 @@ def files(folder: Path) -> set[str]:
 def change(folder: Path, old: str, new: str) -> None:
     assert old in PROBLEM
     (folder / "problem.toml").write_text(PROBLEM.replace(old, new), encoding="utf-8")
+
+
+def test_the_version_is_that_of_the_package(capsys: pytest.CaptureFixture[str]) -> None:
+    assert ended("--version") == 0
+    assert capsys.readouterr().out == f"rehab-opt {rehab_opt.__version__}\n"
+
+
+@pytest.mark.parametrize("command", ["run", "list", "check", "record", "many", "bench", "export-c"])
+def test_help_loses_no_unit_to_markup_and_is_at_most_80_columns_wide(
+    command: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    assert ended(command, "--help") == 0
+    printed = capsys.readouterr().out
+    assert max(map(len, printed.splitlines())) <= 80
+    assert " :" not in printed
+
+
+def test_without_a_terminal_progress_is_a_line_a_minute(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = [0.0]
+    monkeypatch.setattr("rehab_opt.terminal.time.monotonic", lambda: clock[0])
+    with bars() as progress:
+        for second in range(150):
+            clock[0] = float(second)
+            progress("following the circle", second, 150)
+    assert capsys.readouterr().err.splitlines() == [
+        "rehab-opt: following the circle, 60 of 150",
+        "rehab-opt: following the circle, 120 of 150",
+    ]
 
 
 def test_run_writes_numbers_trace_and_figures(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.physics.arms import ARMS, Arm
-from rehab_opt import JointFeedback, MirrorTracker
+from rehab_opt import JointFeedback
 from rehab_opt.plants.channel import Channel
 from rehab_opt.plants.contacts import Contact
 from rehab_opt.plants.drives import Drive
@@ -49,7 +49,7 @@ class Setting:
     """One task's surroundings. Everything random in it comes of `rng`.
 
     A controller is told what it can be told: constructor arguments `actuation_delay`, `position_noise` and `feedback`
-    are given where its class has them; the feedback is a `JointFeedback`, unless it is "measured", as the mirror's is.
+    are given where its class has them; the feedback is a `JointFeedback`, unless it is "measured".
     """
 
     cell: Cell
@@ -86,7 +86,7 @@ class Setting:
 
     def told(self, kind: Callable[..., Any]) -> dict[str, Any]:
         """What a class of controllers can be told of this cell, by the names of its arguments."""
-        known, measured = _arguments(kind), self.ideal or self.feedback or kind is MirrorTracker
+        known, measured = _arguments(kind), self.ideal or self.feedback
         all_of_it: Mapping[str, Any] = {
             "actuation_delay": self.cell.delay,
             "position_noise": self.cell.noise,

@@ -102,8 +102,10 @@ def servo_rates(hz: float, dt: float) -> dict[str, float]:
 
 @cache
 def guidance(n: int) -> Record:
-    """What a tick knows of led joints: from there to where they are, as task and as limits have it (n,); and `HELD`."""
-    return Record(strays=n, apart=n, **{name: place.stop - place.start for name, place in HELD.places.items()})
+    """What a tick knows of led joints: from there to where they are, as task and as limits have it (n,); how early a
+    target must be taken [s]; and `HELD`. All of it is zero where nothing is measured, as in a plan.
+    """
+    return Record(strays=n, apart=n, early=1, **{name: place.stop - place.start for name, place in HELD.places.items()})
 
 
 class FollowedJoints:
@@ -143,7 +145,7 @@ class FollowedJoints:
             self._memory[places["v"]],
             self._memory[places["strays"].start : places["apart"].stop],
         )
-        self._hand, self._stuck = None, ""
+        self._hand, self._stuck, self._early = None, "", feedback.command_delay
         if chain is not None:
             self._hand = HeldHand(
                 chain, contact=feedback.contact, patience=feedback.patience, pole=pole(feedback.servo_hz), dt=dt
@@ -167,6 +169,11 @@ class FollowedJoints:
         if self._hand is not None:
             self._hand.reset(velocity)
 
+    @property
+    def measured(self) -> Array:
+        """(n,) positions of the last tick, as they were measured."""
+        return self._measured
+
     def lead(self, q: Array, last: Array, guided: Array | None = None) -> str:
         """Put the reference into `q` (n,) in place of what was measured, after the command `last` (n,).
 
@@ -180,7 +187,7 @@ class FollowedJoints:
             # A sample that is no number says nothing of the hand, and must not be remembered.
             self.touched, stuck = self._hand.feel(q, self._errors, self._velocity) if usable else (False, "")
             state, n = self._hand.state, len(q)
-            guided[: 2 * n], guided[2 * n :] = self._strays, state
+            guided[: 2 * n], guided[2 * n], guided[2 * n + 1 :] = self._strays, self._early, state
             self.note = HELD_BACK if state[0] else ""
             if stuck and not self._stuck:
                 at = self._errors[self._names.index(stuck)]

@@ -1,17 +1,17 @@
 """Bounds of a hand-holding arm besides its joints': manipulability floor, hand speed, keep-out planes, deviation.
 
 Each is stated twice. As a row R q' <= r of the QP, linear about the present state, that slows the approach to the bound
-exponentially; every r but the floor's is at least zero, so that standing still always remains. And as a condition on
-the true state at the end of the tick, `kept`: the rows are about a tangent, and tangents promise too much. The hand
-speed holds at every instant of the tick (`tool_speed`), the others at its ends.
+exponentially, and leads away from it again where the tangent would promise too much (`Limits.falls`). And as a
+condition on the true state at the end of the tick, `kept`: the rows are about a tangent. The hand speed holds at every
+instant of the tick (`tool_speed`), the others at its ends.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import casadi as ca
@@ -36,7 +36,9 @@ SHARE = 0.9
 """Share of what the joints can do that recovery may ask for: the rest is for the task."""
 ABOVE = 5e-5
 """Of w / w_max, above the floor where the tangents' barrier lies: sliding along it needs no step shortened."""
-ROUNDING = 1e-12
+ROUNDING, TINY = 1e-12, 1e-12
+PASSES = 2
+"""Over all rows, in which a velocity is looked for that leads away where it has to."""
 
 
 class Now(NamedTuple):
@@ -67,6 +69,7 @@ class HandBounds:
     dt : tick [s].
     recovery_speed : share of the joints' speeds at which the arm is led back above the floor.
     limits : a user's own.
+    margin : [m] that is left before the planes at least, where they may be gone into by what joints are led astray.
     """
 
     chain: SerialChain
@@ -79,11 +82,28 @@ class HandBounds:
     dt: float
     recovery_speed: float
     limits: Sequence[Limit] = ()
+    margin: float = 0.0
 
     @property
     def count(self) -> int:
         """Number of rows."""
-        return 2 + len(self.planes) + len(self.limits)
+        return 2 + len(self.distances)
+
+    @cached_property
+    def distances(self) -> Limits:
+        """What the arm keeps to the planes, and a user's own limits."""
+        planes = [Limit(partial(self._above, plane)) for plane in self.planes]
+        own = [each if each.rate is not None else replace(each, rate=self.rate) for each in (*planes, *self.limits)]
+        return Limits(own, self.chain, self.dt)
+
+    @property
+    def _margins(self) -> list[float]:
+        """[m] for every row of `distances`: of the planes, none of a user's own limits, whose units are not known."""
+        planes = len(self.planes) * min(len(self.guarded), 2)
+        return [self.margin] * planes + [0.0] * (len(self.distances) - planes)
+
+    def _above(self, plane: KeepOut, _: SerialChain, q: ca.SX) -> ca.SX:
+        return ca.vertcat(*self._heights(self.chain.frames_expression(q), plane))
 
     @cached_property
     def guarded(self) -> tuple[GuardedPoint, ...]:
@@ -96,22 +116,36 @@ class HandBounds:
         return w / self.max_manipulability, gradient / self.max_manipulability
 
     def rows(
-        self, q: ca.SX, *, centre: ca.SX, lead: ca.SX, loss: ca.SX, bounds: VelocityBounds
+        self,
+        q: ca.SX,
+        last: ca.SX,
+        *,
+        centre: ca.SX,
+        lead: ca.SX,
+        loss: ca.SX,
+        bounds: VelocityBounds,
+        strays: ca.SX | None = None,
     ) -> tuple[ca.SX, ca.SX, VelocityBounds, Now]:
         """R (m, n), r (m,), the joint intervals, opened where the acceleration bound has to yield, and how things are.
 
         Parameters
         ----------
-        q : (n,) joint positions.
+        q, last : (n,) joint positions, and their velocity in the last tick.
         centre : (3,) [m] the reference.
         lead : (n,) stands for the gradient of w where that vanishes, else zero.
         loss : what the last tick lost of w / w_max against its tangent: counted on again.
         bounds : of the joint velocities.
+        strays : (n,) from q, where the joints are led, to where they are. Floor, planes and a user's limits have room
+            for it either way, joint by joint: what friction holds back on the way in, it holds back on the way out.
+            None for joints that move as commanded.
         """
+        astray = None if strays is None else ca.fabs(strays)
         share = (1 - math.exp(-self.rate * self.dt)) / self.dt
         w, slope_of_w = self.manipulability(q)
         gradient = slope_of_w + lead
         climb = share * (self.floor + ABOVE - w) + loss / self.dt
+        if astray is not None:
+            climb += share * ca.dot(ca.fabs(slope_of_w), astray)
         frames = self.chain.frames_expression(q)
         pose = frames[-1]
         normals, most = [], []
@@ -121,20 +155,19 @@ class HandBounds:
         far = distance > 0.25 * self.deviation  # a row at the very centre has no direction
         normals.append(unit.T @ self.chain.jacobian_expression(q)[:3, :])
         most.append(ca.if_else(far, share * ca.fmax(self.deviation - distance, 0), FREE))
-        for plane in self.planes:
-            nearest, slope = self._nearest(q, frames, plane)
-            normals.append(-slope)
-            most.append(share * ca.fmax(nearest, 0))
-        for each in self.limits:
-            nearest, slope = each.nearest(self.chain, q)
-            rate = self.rate if each.rate is None else each.rate
-            normals.append(-slope)
-            most.append((1 - math.exp(-rate * self.dt)) / self.dt * ca.fmax(nearest, 0))
+        if len(self.distances):
+            margins = ca.DM(self._margins)
+            slopes, falls = self.distances.falls(
+                q, last, room=None if astray is None else lambda each: ca.fmax(ca.fabs(each) @ astray, margins)
+            )
+            normals.append(-slopes)
+            most.append(falls)
         slow = ca.DM(self.recovery_speed * self.chain.velocity)
         calm = ca.dot(ca.fabs(gradient), slow)
         rows = feasible_rows(
-            gradient, climb, calm=calm, normals=ca.vertcat(*normals), most=ca.vertcat(*most), bounds=bounds
-        )
+            gradient, climb, calm=calm, normals=ca.vertcat(*normals), most=ca.vertcat(*most), bounds=bounds,
+            leading=len(self.distances),
+        )  # fmt: skip
         return *rows, Now(w, slope_of_w, pose)
 
     def kept(
@@ -181,25 +214,25 @@ class HandBounds:
         """(3,) [m] of each guarded point."""
         return [frames[i][:3, :3] @ ca.sparsify(ca.DM(offset)) + frames[i][:3, 3] for i, offset, _ in self.guarded]
 
-    def _nearest(self, q: ca.SX, frames: list[ca.SX], plane: KeepOut) -> tuple[ca.SX, ca.SX]:
-        """[m] Height of the guarded point that is nearest to a plane, and its slope (1, n)."""
-        nearest, *others = self._heights(frames, plane)
-        slope = ca.jacobian(nearest, q)
-        for height in others:
-            closer = height < nearest
-            nearest, slope = ca.if_else(closer, height, nearest), ca.if_else(closer, ca.jacobian(height, q), slope)
-        return nearest, slope
-
 
 def feasible_rows(
-    gradient: ca.SX, climb: ca.SX, *, calm: ca.SX, normals: ca.SX, most: ca.SX, bounds: VelocityBounds
+    gradient: ca.SX,
+    climb: ca.SX,
+    *,
+    calm: ca.SX,
+    normals: ca.SX,
+    most: ca.SX,
+    bounds: VelocityBounds,
+    leading: int = 0,
 ) -> tuple[ca.SX, ca.SX, VelocityBounds]:
     """Rows that some velocity within the (perhaps opened) intervals satisfies, always.
 
     The floor's row asks for gradient . q' >= climb; where that is positive, at most for `calm`, and for what the joints
-    can do in this tick. The witness is the velocity nearest to rest, moved towards the fastest climb as far as the
-    floor asks, and scaled down as far as the other rows ask. Where it leaves the intervals, they are opened up to it:
-    the acceleration yields, no more than that.
+    can do in this tick. The others are `normals` q' <= `most`, of which the last `leading` may be below zero. The
+    witness is the velocity nearest to rest, moved towards the fastest climb as far as the floor asks, then across each
+    row that is below zero, past the floor's, and scaled down as far as the other rows ask. Where it leaves the
+    intervals, they are opened up to it: the acceleration yields, no more than that. Below zero, and of the floor, no
+    more is asked than the witness does.
     """
     lower, upper = bounds.lower, bounds.upper
     rest = nearest_to_rest(bounds._replace(brake_lower=lower, brake_upper=upper))
@@ -210,12 +243,26 @@ def feasible_rows(
     towards = rest + part * (fastest - rest)
     slowed = fastest * clipped(asked / ca.fmin(most_climb, -1e-12), 0, 1)
     witness = ca.if_else(slope >= asked, rest, ca.if_else(most_climb >= asked, towards, slowed))
-    speeds = normals @ witness
-    share = ca.SX(1)
+    low, high = ca.fmin(lower, witness), ca.fmax(upper, witness)
+    lead = range(most.numel() - leading, most.numel())
+    pushes = [_past(normals[i, :].T, gradient) for i in lead]
+    for i, push in list(zip(lead, pushes, strict=True)) * min(leading, PASSES):
+        over = ca.if_else(most[i] < 0, ca.fmax(normals[i, :] @ witness - most[i], 0), 0)
+        witness = clipped(witness - over * push, low, high)
+    speeds, share = normals @ witness, ca.SX(1)
     for i in range(most.numel()):
-        share = ca.fmin(share, ca.if_else(speeds[i] > most[i], most[i] / ca.fmax(speeds[i], 1e-12), 1))
+        least = ca.fmax(most[i], 0) if i in lead else most[i]
+        share = ca.fmin(share, ca.if_else(speeds[i] > least, least / ca.fmax(speeds[i], TINY), 1))
     witness = share * witness
-    least = ca.fmin(asked, ca.dot(gradient, witness))
+    least, most = ca.fmin(asked, ca.dot(gradient, witness)), ca.SX(most)
+    for i in lead:
+        most[i] = ca.if_else(most[i] < 0, ca.fmax(most[i], share * speeds[i]), most[i])
     rows = ca.vertcat(-gradient.T, normals)
     opened = bounds._replace(lower=ca.fmin(lower, witness), upper=ca.fmax(upper, witness))
     return rows, ca.vertcat(-least, most), opened
+
+
+def _past(normal: ca.SX, gradient: ca.SX) -> ca.SX:
+    """(n,) that leads by 1 along `normal` and not along `gradient`; as far as they differ."""
+    push = normal - gradient * (ca.dot(normal, gradient) / ca.fmax(ca.sumsqr(gradient), TINY))
+    return push / ca.fmax(ca.dot(normal, push), TINY)

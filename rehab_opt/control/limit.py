@@ -46,7 +46,7 @@ class Limit:
     Parameters
     ----------
     distances : chain, joint positions (n,) -> (k,) distances h(q) as CasADi expressions, in any unit. Smooth where they
-        are small; of several the least one makes the row of the QP, all of them are judged at the end of the tick.
+        are small; of several the two least make rows of the QP, all of them are judged at the end of the tick.
         Where they, or their slopes, are no numbers, nothing is certified.
     rate : [1/s] at which the least distance may decay; by default 1/T, T the longest of the joints' speeds over their
         accelerations, so that all joints can brake together before it.
@@ -59,16 +59,26 @@ class Limit:
         """(k,) the distances at q (n,)."""
         return ca.densify(ca.vec(ca.SX(self.distances(chain, q))))
 
-    def nearest(self, chain: SerialChain, q: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """The least distance at q (n,), and how it changes with q (1, n)."""
-        symbol = ca.SX.sym("q", chain.n)
+    def count(self, chain: SerialChain) -> int:
+        """How many of the distances make a row of the QP: the two least, which an edge of two is slid along with."""
+        return min(self.at(chain, ca.SX.sym("q", chain.n)).numel(), 2)
+
+    def nearest(self, chain: SerialChain, q: ca.SX, way: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """The least distances at q (n,), one or two, how they change with q (k, n), and what of them `way` (n,) loses.
+
+        That is what a distance is below its tangent after `way`, zero where it is above.
+        """
+        symbol, ahead = ca.SX.sym("q", chain.n), ca.SX.sym("ahead", chain.n)
         each = self.at(chain, symbol)
-        slopes = ca.jacobian(each, symbol)
-        least, slope = each[0], slopes[0, :]
-        for i in range(1, each.numel()):
-            closer = each[i] < least
-            least, slope = ca.if_else(closer, each[i], least), ca.if_else(closer, slopes[i, :], slope)
-        return ca.Function("nearest", [symbol], [least, ca.densify(slope)]).call([q])  # type: ignore[return-value]
+        first, *others = ca.vertsplit(ca.densify(ca.horzcat(each, self.at(chain, ahead), ca.jacobian(each, symbol))))
+        second = ca.SX(0, first.numel())
+        for other in others:
+            closer = other[0] < first[0]
+            further, first = ca.if_else(closer, first, other), ca.if_else(closer, other, first)
+            second = ca.if_else(further[0] < second[0], further, second) if second.numel() else further
+        found = ca.Function("nearest", [symbol, ahead], [ca.vertcat(first, second)])(q, q + way)
+        least, then, slopes = found[:, 0], found[:, 1], found[:, 2:]
+        return least, slopes, ca.fmax(least + slopes @ way - then, 0)
 
 
 def checked_limits(limits: Sequence[Limit], chain: SerialChain) -> tuple[Limit, ...]:
@@ -117,9 +127,10 @@ def all_limits(limits: Sequence[Limit | Clearance], chain: SerialChain, dt: floa
 class Limits:
     """The limits of one arm in one tick.
 
-    A margin is kept before each, the square of the joints' way in a tick: nearer than that the row leads the arm away
-    again, so that it slides along a curved limit and does not stick. Limits come before accelerations, also while
-    braking, and after speeds and joint limits.
+    A row is about the tangent at the beginning of a tick, and the arm is judged at its end. So what the last velocity
+    would lose against the tangent is counted on, and a margin is kept, about the square of the joints' way in a tick:
+    nearer than that the row leads the arm away again, so that it slides along a curved limit and does not stick. Limits
+    come before accelerations, also while braking, and after speeds and joint limits.
 
     Parameters
     ----------
@@ -140,14 +151,15 @@ class Limits:
         self.limits, self.chain, self.dt, self.clearance = tuple(limits), chain, dt, clearance
         self._calm = ca.DM(recovery_speed * chain.velocity)
         together = max(float(np.max(chain.velocity / chain.acceleration)), dt)
-        rates = [each.rate for each in self.limits]
+        rates = [each.rate for each in self.limits for _ in range(each.count(chain))]
+        self._own = len(rates)
         rates += [] if clearance is None else [clearance.clearance.rate] * clearance.slots
         self._shares = ca.DM([(1 - np.exp(-(1 / together if rate is None else rate) * dt)) / dt for rate in rates])
         self._begun = float(np.sum(np.minimum(chain.acceleration * dt, START * chain.velocity)))
 
     def __len__(self) -> int:
-        """Number of rows."""
-        return len(self.limits) + (0 if self.clearance is None else self.clearance.slots)
+        """How many rows they make."""
+        return self._shares.numel()
 
     @property
     def moving(self) -> int:
@@ -185,6 +197,16 @@ class Limits:
             outside=ca.logic_or(bounds.outside, self.inside(contacts)),
         )
         return -slopes, ca.fmax(free, -slopes @ kept), opened
+
+    def falls(self, q: ca.SX, last: ca.SX, *, room: Callable[[ca.SX], ca.SX] | None = None) -> tuple[ca.SX, ca.SX]:
+        """Slopes (m, n) of the least distances, and how fast they may fall (m,): below zero where they have to rise.
+
+        What is beyond a limit is taken for at it: it goes no further, and is not led back. `room` says, of the slopes,
+        what is left before each (m,).
+        """
+        slopes, least, spent = self._tangents(q, last)
+        least = least if room is None else least - room(slopes)
+        return slopes, self._shares[: self._own] * ca.fmax(least, 0) - spent
 
     def slower(self, q: ca.SX, last: ca.SX, bounds: VelocityBounds, contacts: ca.SX) -> ca.SX:
         """(n,) the velocity nearest to rest, but for joints that hold theirs longer where a limit wants it.
@@ -246,7 +268,8 @@ class Limits:
         conditions = []
         for each in self.limits:
             now, then = each.at(self.chain, q), each.at(self.chain, q + velocity * self.dt)
-            conditions.append(then >= ca.fmin(now, 0) - ROUNDING * ca.norm_2(each.nearest(self.chain, q)[1]))
+            slope = ca.norm_2(each.nearest(self.chain, q, ca.SX.zeros(self.chain.n))[1][0, :])
+            conditions.append(then >= ca.fmin(now, 0) - ROUNDING * slope)
         return all_true(*conditions)
 
     def inside(self, contacts: ca.SX) -> ca.SX:
@@ -256,33 +279,40 @@ class Limits:
         return ca.mmin(self.clearance.read(contacts)[0]) < -OUTSIDE
 
     def _now(self, q: ca.SX, last: ca.SX, contacts: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Slopes (m, n) of the least distances, how fast they may fall, and may not but in this tick (m,).
+        """Slopes (m, n) of the least distances, how fast they may fall, and may not but in this tick (m,)."""
+        parts = [(ca.SX(0, self.chain.n), ca.SX(0, 1), ca.SX(0, 1))]
+        if self.limits:
+            slopes, least, spent = self._tangents(q, last)
+            parts.append((slopes, self._shares[: self._own] * least - spent, ca.fmax(least, 0) / self.dt))
+        if self.clearance is not None:
+            parts.append(self._between_bodies(last, contacts))
+        slopes, free, hard = (ca.vertcat(*column) for column in zip(*parts, strict=True))
+        return slopes, free, hard
 
-        The slopes are those of the middle of the tick, where the last velocity leads. What the way bends by besides is
-        kept as a margin: the square of the joints' way in a tick.
-        """
-        least = ca.vertcat(ca.SX(0, 1), *(each.nearest(self.chain, q)[0] for each in self.limits))
-        slopes = ca.vertcat(
-            ca.SX(0, self.chain.n), *(each.nearest(self.chain, q + last * (self.dt / 2))[1] for each in self.limits)
-        )
-        changes = ca.SX(len(self.limits), 1)
-        if self.clearance is not None:
-            distances, along, besides = self.clearance.read(contacts)
-            least, slopes, changes = (
-                ca.vertcat(least, distances),
-                ca.vertcat(slopes, along),
-                ca.vertcat(changes, besides),
-            )
+    def _between_bodies(self, last: ca.SX, contacts: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """The same of contacts, whose slopes are those of the middle of the tick, where the last velocity leads."""
+        assert self.clearance is not None
+        distances, slopes, changes = self.clearance.read(contacts)
         way = self.dt * (ca.sum1(ca.fabs(last)) + self._begun)
-        margin = ca.sqrt(ca.sum2(slopes**2)) * way**2 / 2
-        share, back = self._shares * (least - margin), -ca.SX.inf(len(self.limits))
-        if self.clearance is not None:
-            # Where a distance is nearly as large as a posture can make it, no joint goes to and fro about that posture.
-            steep = ca.fabs(along) * ca.fmin(ca.fabs(along) / FLAT, 1)
-            back = ca.vertcat(back, -steep @ self._calm)
-            share -= SLACK * self._shares * ca.vertcat(ca.SX.zeros(len(self.limits)), ca.SX.ones(distances.numel()))
-            least[len(self.limits) :] -= SLACK / 2
-        return slopes, ca.fmax(share, back) + changes, ca.fmax(least, 0) / self.dt + changes
+        margin = ca.sqrt(ca.sum2(slopes**2)) * way**2 / 2 + SLACK
+        # Where a distance is nearly as large as a posture can make it, no joint goes to and fro about that posture.
+        steep = ca.fabs(slopes) * ca.fmin(ca.fabs(slopes) / FLAT, 1)
+        free = ca.fmax(self._shares[self._own :] * (distances - SLACK / 2 - margin), -steep @ self._calm)
+        return slopes, free + changes, ca.fmax(distances - SLACK / 2, 0) / self.dt + changes
+
+    def _tangents(self, q: ca.SX, last: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Slopes (m, n) of the least distances, these (m,), and what of their fall the tangents do not tell (m,).
+
+        That is what the last velocity would lose against them in this tick, and what leads to a margin for what a
+        change of it may lose more. Nearer than the margin, what lacks of it is asked for in this tick: an arm that
+        stands at a limit is free to begin to move along it.
+        """
+        found = [each.nearest(self.chain, q, self.dt * last) for each in self.limits]
+        least, slopes, lost = (ca.vertcat(*column) for column in zip(*found, strict=True))
+        way, begun = self.dt * ca.sum1(ca.fabs(last)), self.dt * self._begun
+        margin = ca.sqrt(ca.sum2(slopes**2)) * (way + begun / 2) * begun
+        lacking = clipped(margin - least, 0, margin)
+        return slopes, least, self._shares[: self._own] * (margin - lacking) + (lacking + lost) / self.dt
 
 
 def _kept_within(

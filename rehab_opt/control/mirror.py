@@ -20,6 +20,7 @@ from rehab_opt.control.between_poses import moving_tool_function, rigid_function
 from rehab_opt.control.command import Bound, Command, Status
 from rehab_opt.control.hand_bounds import HandBounds, KeepOut
 from rehab_opt.control.interaction import Interaction
+from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.control.limit import Limit, checked_limits
 from rehab_opt.control.manipulability import largest_manipulability
 from rehab_opt.control.mirror_following import BRIDGE
@@ -72,9 +73,9 @@ class MirrorTracker(MirrorForeseen):
         (`SerialChain.capsules`: the UR5's whole body), the origin of a frame, or the tool's. Without capsules nothing
         is known of the links between those origins. What starts beyond a plane goes no deeper; what no joint moves,
         the led hand and what is mounted on the flange are not guarded, unless a capsule stands for them.
-    limits : what else the posture has to keep: see `Limit`; a rate of None is `rate` here. Where curved ones are met
-        together, or with a plane, the hand may stand short of the nearest pose: their tangents promise too much, and
-        the step is shortened.
+    limits : what else the posture has to keep: see `Limit`; a rate of None is `rate` here. Where three distances of
+        one limit, or three points of the arm and one plane, are met at once, the hand may stand short of the nearest
+        pose: two of them make rows, and the step is shortened before the third.
     person : the arm that is led, in the robot's base frame; the reference is limited to its range of motion
         (`PersonLimit`). grip : (4, 4) pose of the tool in its hand frame.
     interaction : how the hand gives way to measured forces, and where they stop it; default `Interaction()`.
@@ -85,6 +86,10 @@ class MirrorTracker(MirrorForeseen):
     gain : as for `PoseTracker`, but at most 0.4 / dt.
     posture, lower, upper, velocity, acceleration, dt, recovery_speed, solver, backup, tolerance, max_age,
         compile : as for `PoseTracker`.
+    feedback : as for `PoseTracker`, too. Then the floor, the planes, the reference and the hand's largest speed are
+        come to no faster than servos follow (`JointFeedback.approach`), planes no nearer than `contact`, and forces
+        work where the hand is measured.
+        `plan` is of the commands.
 
     Raises
     ------
@@ -120,8 +125,6 @@ class MirrorTracker(MirrorForeseen):
             raise ConfigurationError("chain", chain, "a SerialChain")
         if any(name in options for name in ("task_weights",)):
             raise ConfigurationError("task_weights", options["task_weights"], "turn_length instead")
-        if options.get("feedback") is not None:
-            raise ConfigurationError("feedback", options["feedback"], "None: it acts on measured positions")
         if interaction is not None and not isinstance(interaction, Interaction):
             raise ConfigurationError("interaction", interaction, "an Interaction")
         checked_number("dt", dt, above=0.0, below=1.0)
@@ -140,10 +143,15 @@ class MirrorTracker(MirrorForeseen):
             if max_manipulability is None
             else checked_number("max_manipulability", max_manipulability, above=0.0)
         )
+        feedback = options.get("feedback")
+        slowly, margin = math.inf, 0.0
+        if isinstance(feedback, JointFeedback):
+            slowly, margin = feedback.approach, feedback.contact
         self.hand_bounds = HandBounds(
             limited, self.floor, self.max_manipulability, checked_number("linear_speed", linear_speed, above=0.0),
-            self.max_deviation, tuple(keep_out), checked_number("rate", rate, above=0.0), dt,
+            self.max_deviation, tuple(keep_out), min(checked_number("rate", rate, above=0.0), slowly), dt,
             checked_number("recovery_speed", recovery_speed, above=0.0, below=1.0), checked_limits(limits, limited),
+            margin,
         )  # fmt: skip
         super().__init__(
             chain, linear_speed=linear_speed, angular_speed=angular_speed, dt=dt, recovery_speed=recovery_speed,
@@ -235,10 +243,7 @@ class MirrorTracker(MirrorForeseen):
         """
         if self._owner != get_ident():
             self._claim()
-        if not self._live or force is not None:
-            return self._followed(q, pose, twist, force, self._refusal(enable, stamp))
-        # The usual way, without the layers of Python: they would cost as much as the solve.
-        q_view, pose_view, twist_view, given, verdict, keep, answer, velocity = self._hot
+        q_view, pose_view, twist_view, *_ = self._hot
         usual = False
         # A masked array would be read through its mask.
         if q.__class__ is _ndarray and twist.__class__ is _ndarray and pose.__class__ is _ndarray:
@@ -250,7 +255,17 @@ class MirrorTracker(MirrorForeseen):
             except (ValueError, TypeError):
                 usual = False
         reason = "" if enable is True and stamp is None and not self._watchdog.stamped else self._refusal(enable, stamp)
-        if usual and not reason:
+        if not usual:
+            self._write((q, pose, twist, *self._inputs[2:]))
+        if self._feedback is None:
+            return self._mirrored(force, reason)
+        return self._led(lambda fault, note: self._mirrored(force, reason or fault, note))
+
+    def _mirrored(self, force: ArrayLike | None, reason: str, note: str = "") -> Command:
+        """The command on what stands in the parameters; the safe one where there is a reason."""
+        if self._live and force is None and not reason:
+            # The usual way, without the layers of Python: they would cost as much as the solve.
+            *_, given, verdict, keep, answer, velocity = self._hot
             verdict[0] = _NAN  # see `Ladder`: a failure inside leaves the outputs as they are
             self._function.evaluate()
             residual, _, who, yielded, scale, usual, _, _, then, _ = verdict.tolist()
@@ -260,8 +275,8 @@ class MirrorTracker(MirrorForeseen):
                 self._good = given.tobytes()
                 value = _read_only(velocity.tobytes())
                 name, bound = FUSED_SOLVERS[int(who)], _BOUNDS[int(yielded)]
-                return _new(Command, (value, _OK, name, residual, -1, "", bound, scale, None))
-        return self._followed(q, pose, twist, force, reason)
+                return _new(Command, (value, _OK, name, residual, -1, note, bound, scale, None))
+        return self._followed(force, reason, note)
 
     # ----------------------------------------------------------------------------------------------- whole motions
     def plan(self, poses: ArrayLike, twists: ArrayLike, q: ArrayLike) -> MirrorPath:

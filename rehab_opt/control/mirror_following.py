@@ -61,19 +61,18 @@ class MirrorFollowing(MirrorWaiting):
         self._lead_w, self._lead_age = -1.0, 0
         self._inputs[2][:] = self._inputs[3][:] = 0.0
 
-    def _followed(
-        self, q: ArrayLike, pose: ArrayLike, twist: ArrayLike, force: ArrayLike | None, reason: str
-    ) -> Command:
-        """One tick with the clock."""
-        lead = self._inputs[3].copy()
-        self._write((q, pose, twist, np.zeros(3), lead))
+    def _followed(self, force: ArrayLike | None, reason: str, note: str) -> Command:
+        """One tick with the clock, on what stands in the parameters."""
+        self._inputs[2][:] = 0.0
         pose, twist = self._inputs[0].copy(), self._inputs[1].copy()
         if self._live:
             last, motion = self._accepted()
             self.clock.start(last, motion)
             self._live, self._centre = False, last[:3, 3]
-        here = self._tool.of(self._q)
-        pushed = self._interaction.feel(force, UNSEEN if self._centre is None else here[:3, 3] - self._centre)
+        # Work is done where the hand is measured, also where its joints are led ahead of that.
+        seen = self._tool.of(self._q if self._feedback is None else self._feedback.measured)
+        pushed = self._interaction.feel(force, UNSEEN if self._centre is None else seen[:3, 3] - self._centre)
+        here = seen if self._feedback is None else self._tool.of(self._q)
         reason = reason or self._unusable(pose, twist) or pushed
         if reason:
             self.clock.lost += self.dt
@@ -82,9 +81,9 @@ class MirrorFollowing(MirrorWaiting):
             self.clock.lost += self.dt
             return self._safe("the model of the led arm finds its posture")
         self._take(here, pose, twist)
-        return self._tracked(here)
+        return self._tracked(here, note=note)
 
-    def _tracked(self, here: Array, *, foreseen: bool = False) -> Command:
+    def _tracked(self, here: Array, *, foreseen: bool = False, note: str = "") -> Command:
         """One tick of following what the clock holds."""
         self._bridging = self.clock.bridging
         now = self.clock.read()
@@ -111,13 +110,13 @@ class MirrorFollowing(MirrorWaiting):
         solver = self._ladder()
         if not solver:
             return self._safe(self._fault())
-        return self._delivered(solver, centre)
+        return self._delivered(solver, centre, note)
 
-    def _delivered(self, solver: str, centre: Array) -> Command:
+    def _delivered(self, solver: str, centre: Array, note: str) -> Command:
         """The command of a certified answer, shortened where the true state asks for it."""
         ladder = self._ladder
         residual, _, _, yielded, share, _, kept, w, then, flat = ladder.verdict.tolist()
-        status, notes = Status.OK, []
+        status, notes = Status.OK, [note] if note else []
         if solver == ladder.backup != ladder.solver:
             status, notes = Status.BACKUP, [f"{ladder.solver} gave no certified answer"]
         value = np.frombuffer(self._velocity.tobytes())

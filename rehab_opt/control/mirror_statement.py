@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from functools import reduce
 
@@ -16,6 +17,7 @@ from rehab_opt.control.pose_tracker import Motion, PoseTracker, Tick
 from rehab_opt.control.stopping import VelocityBounds
 from rehab_opt.control.tool_speed import speed_ahead
 from rehab_opt.kinematics.frames import rotation_vector
+from rehab_opt.optim.certificate import clipped
 from rehab_opt.optim.rows import PLAUSIBLE, Instance, parameter
 from rehab_opt.symbolic import BufferedFunction
 
@@ -37,6 +39,8 @@ AT_MOST = 0.4
 """Share of an error that feedback removes in a tick. A floor is curved, of which the QP knows nothing: beyond two over
 what that adds to its own curvature a hand at rest goes to and fro (0.26 rad/s at 20 ms and a share of 0.63)."""
 HALVINGS = 12
+TINY = 1e-12
+"""[m/s] A speed that is no motion."""
 STALE = 200
 """Ticks without gain after which another way out is looked for."""
 
@@ -79,18 +83,34 @@ class MirrorStatement(PoseTracker):
     def rows(self, tick: Tick, bounds: VelocityBounds) -> tuple[ca.SX, ca.SX, VelocityBounds, ca.SX]:
         """See `HandBounds.rows`."""
         offset, lead = tick.others
+        guided = self.guided(tick.memory)
         rows, most, opened, now = self.hand_bounds.rows(
-            tick.q, centre=tick.target[:3, 3] + offset, lead=lead, loss=tick.memory[-1], bounds=bounds
+            tick.q,
+            tick.last,
+            centre=tick.target[:3, 3] + offset,
+            lead=lead,
+            loss=tick.memory[-1],
+            bounds=bounds,
+            strays=None if guided is None else guided.apart,
         )
         turned = ca.sumsqr(rotation_vector(tick.target[:3, :3] @ now.pose[:3, :3].T))
         return rows, most, opened, ca.vertcat(now.w, now.gradient, now.pose[:3, 3], turned)
 
-    def excess(self, q: ca.SX, jacobian: ca.SX, velocity: ca.SX) -> ca.SX:
-        """The wanted motion is slowed, not the asked one: what the floor takes from it must not slow the rest."""
+    def excess(self, q: ca.SX, jacobian: ca.SX, velocity: ca.SX, last: ca.SX) -> ca.SX:
+        """The wanted motion is slowed, not the asked one: what the floor takes from it must not slow the rest.
+
+        From its speed that way on, the hand comes to the largest one at the rate `approach`: servos overshoot the end
+        of an acceleration.
+        """
         unweighted = ca.diag(1 / ca.sqrt(ca.DM(self.task_weights))) @ jacobian
         turning = ca.norm_2(unweighted[3:, :] @ velocity)
         linear = speed_ahead(self.chain, q, unweighted, velocity, self.dt)
-        return ca.fmax(linear / self.linear_speed, turning / self.angular_speed)
+        allowed = ca.SX(self.linear_speed)
+        if self.approach < math.inf:
+            hand, before = unweighted[:3, :] @ velocity, unweighted[:3, :] @ last
+            before = clipped(ca.dot(before, hand) / ca.fmax(ca.norm_2(hand), TINY), 0, self.linear_speed)
+            allowed = before - math.expm1(-self.approach * self.dt) * (self.linear_speed - before)
+        return ca.fmax(linear / allowed, turning / self.angular_speed)
 
     @property
     def _settling(self) -> float:

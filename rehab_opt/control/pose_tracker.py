@@ -17,6 +17,7 @@ from rehab_opt.control.command import Command
 from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.control.limit import Limit, all_limits
 from rehab_opt.control.stopping import VelocityBounds
+from rehab_opt.control.tool_speed import tool_acceleration
 from rehab_opt.control.velocity_controller import VelocityController, checked_number
 from rehab_opt.control.wanted import WantedVelocity
 from rehab_opt.errors import ConfigurationError
@@ -266,10 +267,10 @@ class PoseTracker(VelocityController):
             return ca.SX(0, self.chain.n), ca.SX(0, 1), bounds, ca.SX(0, 1)
         return *self.limits.rows(tick.q, tick.last, bounds, tick.contacts), ca.SX(0, 1)
 
-    def excess(self, q: ca.SX, jacobian: ca.SX, velocity: ca.SX) -> ca.SX | None:
+    def excess(self, q: ca.SX, jacobian: ca.SX, velocity: ca.SX, last: ca.SX) -> ca.SX | None:
         """By how much a wanted velocity (n,) is too fast, at the weighted Jacobian (6, n): it is slowed by that.
 
-        None where nothing but the asked twist is slowed.
+        `last` (n,) is the velocity before. None where nothing but the asked twist is slowed.
         """
         return None
 
@@ -346,7 +347,14 @@ class PoseTracker(VelocityController):
         p, memory = ca.MX.sym("p", parameters.numel()), ca.MX.sym("memory", tick.memory.numel())
         near = self.limits.contacts(p[:n], memory[:n], p[p.numel() - self.limits.told :])
         around = ca.Function("around", [p, memory], [near])
-        return wanted.prepare(parameters, tick.memory, self.excess, (tick.contacts, around))
+        return wanted.prepare(parameters, tick.memory, self.excess, self._bend, (tick.contacts, around))
+
+    def _bend(self, q: ca.SX, jacobian: ca.SX, way: ca.SX) -> ca.SX:
+        """(6,) by which the weighted twist of a motion of one rad changes before its error is gone, see `damped`."""
+        weights = np.sqrt(self.task_weights)
+        # What is weighed by zero cannot be told from the weighted Jacobian.
+        plain = ca.diag(1 / ca.DM(weights)) @ jacobian if np.all(weights > 0) else self.chain.jacobian_expression(q)
+        return ca.DM(weights) * tool_acceleration(plain, way) / self._settling
 
     def _led_twist(self, tick: Tick, guided: Values | None) -> tuple[ca.SX, ca.SX]:
         """As `_asked_twist`, of where the joints are by what is measured, the commands' delay ahead of the target.
@@ -357,7 +365,7 @@ class PoseTracker(VelocityController):
         chain = self.chain
         if guided is None or self.feedback is None:
             return self._asked_twist(chain.pose_expression(tick.q), tick.target, tick.twist)
-        early = 1 + self._settling * self.feedback.command_delay
+        early = 1 + self._settling * guided.early
         pose = chain.pose_expression(tick.q + guided.strays)
         asked, slowdown = self._asked_twist(pose, tick.target, early * tick.twist)
         excess = ca.fmax(ca.norm_2(asked[:3]) / self.linear_speed, ca.norm_2(asked[3:]) / self.angular_speed)

@@ -21,11 +21,11 @@ __all__ = ["speed_ahead", "tool_acceleration", "tool_jerk"]
 
 
 def tool_acceleration(jacobian: ca.SX, velocity: ca.SX) -> ca.SX:
-    """(3,) [m/s^2] p''(0) at joint velocities (n,), from the geometric Jacobian (6, n)."""
-    total, turning = ca.SX.zeros(3), ca.SX.zeros(3)
+    """(6,) [m/s^2, rad/s^2] J' q' at joint velocities (n,) that are held, from the geometric Jacobian (6, n)."""
+    total, turning = ca.SX.zeros(6), ca.SX.zeros(3)
     for j in range(velocity.numel()):
         linear, turn = jacobian[:3, j] * velocity[j], jacobian[3:, j] * velocity[j]
-        total += ca.cross(2 * turning + turn, linear)
+        total += ca.vertcat(ca.cross(2 * turning + turn, linear), ca.cross(turning, turn))
         turning += turn
     return total
 
@@ -50,6 +50,6 @@ def speed_ahead(chain: SerialChain, q: ca.SX, jacobian: ca.SX, velocity: ca.SX, 
     Of s times the velocity it is at most s times as much, where s is 1 or less.
     """
     now = jacobian[:3, :] @ velocity
-    then = now + dt * tool_acceleration(jacobian, velocity)
+    then = now + dt * tool_acceleration(jacobian, velocity)[:3]
     # |p'(dt) - then| <= dt^2/2 max |p'''|, and an eighth for the way.
     return ca.fmax(ca.norm_2(now), ca.norm_2(then)) + 0.625 * dt**2 * tool_jerk(chain, q, velocity, dt)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from functools import cached_property
 from typing import TYPE_CHECKING, ClassVar
 
@@ -215,13 +216,21 @@ class VelocityController(OneThread, ABC):
         """One step on what stands in the parameters."""
         if self._feedback is None:
             return self._decided(enable, stamp)
-        reason = self._feedback.lead(self._q, self._last, self._guided)
-        note = self._feedback.note
+        return self._led(lambda fault, note: self._decided(enable, stamp, fault, note))
+
+    def _led(self, decided: Callable[[str, str], Command]) -> Command:
+        """What `decided` makes of where the joints are led, put in place of what was measured, of a fault and a note.
+
+        Every controller passes here once a tick, after the positions are written and before anything acts on them.
+        """
+        if self._feedback is None:
+            return decided("", "")
+        fault = self._feedback.lead(self._q, self._last, self._guided)
         if not self._feedback.touched:
-            return self._decided(enable, stamp, reason, note)
+            return decided(fault, self._feedback.note)
         before = self._last.copy()
         self._last[:] = 0.0  # whatever held the hand has stopped the joints
-        command = self._decided(enable, stamp, reason, note)
+        command = decided(fault, self._feedback.note)
         hurried = np.any(np.abs(self._last - before) > self.chain.acceleration * self.dt * (1 + 1e-9) + 1e-12)
         return command._replace(yielded=command.yielded | Bound.ACCELERATION) if hurried else command
 

@@ -9,40 +9,32 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from rehab_opt.control.damped import DAMPING, PASSES, Bend, bent_motion, wanted_velocity
 from rehab_opt.control.stopping import FAR, VelocityBounds
-from rehab_opt.optim.certificate import certificate_function, clipped
+from rehab_opt.optim.active_set import active_set_round
+from rehab_opt.optim.certificate import clipped
+from rehab_opt.optim.dual_active_set import dual_active_set
+from rehab_opt.optim.qp import Statement
 from rehab_opt.optim.qrqp import qrqp
-from rehab_opt.optim.rows import PLAUSIBLE
+from rehab_opt.optim.rows import PLAUSIBLE, parameter, variable, within
 
-__all__ = ["WantedVelocity", "wanted_velocity"]
+__all__ = ["WantedVelocity"]
 
-DAMPING = 4e-4
-"""Square of the singular value [m/rad or 1] below which a direction counts as lost."""
 CLAIM_TOLERANCE = 1e-6
 """[rad/s] How far a claimed bounded answer may move on."""
 ROW_PASSES = 2
 """Of the closed form with one row active: it is used away from singular poses, where the damping hardly errs."""
 INSIDE = 1e-9
 """[rad/s] By how much the wanted motion stays inside its rows."""
-PASSES = 3
-"""Passes of the damped solve: each removes the damping's error where the arm is far from singular."""
+MISSED = 1e-2
+"""Share of the twist from which on the wanted motion leaves some of it: damped more then."""
+CALMING = 0.03
+"""[m s] What rows leave is an error that stays, and the way to its least bends: by a hand's curve (`damped`), about its
+reach, and by its limits', which is not known here. Where that is not counted, joints near a stretched elbow or at a
+curved limit swing past the least and back for good. Damping by a metre for what is left of a metre's error, at the rate
+of feedback, counts it."""
 
-Excess = Callable[[ca.SX, ca.SX, ca.SX], ca.SX | None]
-
-
-def wanted_velocity(jacobian: ca.SX, twist: ca.SX, drift: ca.SX) -> ca.SX:
-    """(n,) iterated damped least squares: J'(K^-1 + d K^-2 + d^2 K^-3) v with K = J J' + d I.
-
-    `drift` (n,) is added where it does not move the hand: a posture, for redundant chains.
-    """
-    k = jacobian.size1()
-    diagonal, factor, order = ca.ldl(ca.densify(jacobian @ jacobian.T) + DAMPING * ca.SX.eye(k), False)
-    remaining, total = twist - jacobian @ drift, ca.SX.zeros(k)
-    for _ in range(PASSES):
-        solved = ca.ldl_solve(remaining, diagonal, factor, order)
-        total += solved
-        remaining = DAMPING * solved
-    return ca.densify(drift + jacobian.T @ total)
+Excess = Callable[[ca.SX, ca.SX, ca.SX, ca.SX], ca.SX | None]
 
 
 class WantedVelocity(NamedTuple):
@@ -54,6 +46,7 @@ class WantedVelocity(NamedTuple):
                                                        R q' <= r,
 
     iterated as `wanted_velocity` is; that solve is left out where no joint is near its limit and no row is reached.
+    Where rows leave some of v undone, the damping grows with it (`CALMING`), as in Sugihara's Levenberg-Marquardt.
     Without it, keeping the direction of an undeliverable motion would stop the arm where going on to the nearest pose
     is wanted.
     """
@@ -79,11 +72,12 @@ class WantedVelocity(NamedTuple):
     """What else is to be prepared."""
 
     def prepare(
-        self, parameters: ca.SX, memory: ca.SX, excess: Excess, around: tuple[ca.SX, ca.Function]
+        self, parameters: ca.SX, memory: ca.SX, excess: Excess, bend: Bend, around: tuple[ca.SX, ca.Function]
     ) -> ca.Function:
         """Parameters, memory -> Jacobian by columns, twist, slowdown, bounds, outside, R, r, told, wanted motion.
 
-        Where `excess` of q (n,), the Jacobian and the wanted velocity is above 1, the wanted motion is slowed by it.
+        Where `excess` of q (n,), Jacobian, wanted and last velocity is above 1, the wanted motion is slowed by it.
+        `bend` says how the hand's twist changes (`damped`); with rows, which that does not know, it is not used.
         `around` is a column that the expressions may hold besides, and the function of parameters and memory that
         gives it.
         """
@@ -107,21 +101,38 @@ class WantedVelocity(NamedTuple):
 
         p, last = ca.MX.sym("p", parameters.numel()), ca.MX.sym("memory", memory.numel())
         told, within, rows, more, motion, limits, needed = first.call([p, last, looked(p, last)])
-        motion = ca.Function.if_else("hold", *self._hold(movable)).call([needed, told, motion, limits, rows])[0]
+        motion = ca.Function.if_else("hold", *self.hold(movable)).call([needed, told, motion, limits, rows])[0]
+        n = self.jacobian.size2()
+        if not self.rows.size1():
+            motion = self._bent(movable, bend)(p[:n], last[:n], told, motion, limits)
         if (slowed := self._slowed(excess)) is not None:
-            motion = slowed(p[: self.jacobian.size2()], told, motion)
+            motion = slowed(p[:n], last[:n], told, motion)
         return ca.Function("prepare", [p, last], [ca.vertcat(told, within, rows, more, motion)])
 
+    def _bent(self, movable: ca.DM, bend: Bend) -> ca.Function:
+        """`bent_motion` where the wanted motion leaves some of the twist, else the wanted motion."""
+        k, n = self.jacobian.shape
+        calmer = bent_motion(k, n, movable=movable, bend=bend)
+        same = ca.Function("same", calmer.sx_in(), [calmer.sx_in(3)])
+        inputs = [
+            ca.MX.sym(name, calmer.sparsity_in(i)) for i, name in enumerate(("q", "last", "task", "motion", "at"))
+        ]
+        twist = inputs[2][k * n :]
+        misses = ca.sumsqr(twist - inputs[3][n:]) > MISSED**2 * ca.sumsqr(twist)
+        chosen = ca.Function.if_else("bent_or_not", calmer, same).call([misses, *inputs])
+        return ca.Function("bent_where_needed", inputs, chosen)
+
     def _slowed(self, excess: Excess) -> ca.Function | None:
-        """Q, task, wanted velocity and its twist as one column -> both slowed; None where nothing is."""
+        """Q, last velocity, task, wanted velocity and its twist as one column -> both slowed; None where nothing is."""
         k, n = self.jacobian.shape
         q, task, motion = ca.SX.sym("q", n), ca.SX.sym("task", k * n + k), ca.SX.sym("motion", n + k)
-        factor = excess(q, ca.reshape(task[: k * n], k, n), motion[:n])
+        last = ca.SX.sym("last", n)
+        factor = excess(q, ca.reshape(task[: k * n], k, n), motion[:n], last)
         if factor is None:
             return None
-        return ca.Function("slowed", [q, task, motion], [motion / ca.fmax(factor, 1)], {"cse": True})
+        return ca.Function("slowed", [q, last, task, motion], [motion / ca.fmax(factor, 1)], {"cse": True})
 
-    def _hold(self, movable: ca.DM) -> tuple[ca.Function, ca.Function]:
+    def hold(self, movable: ca.DM) -> tuple[ca.Function, ca.Function]:
         """Task, wanted motion, stopping speeds and drift, rows -> wanted motion within both; and as it was."""
         k, n = self.jacobian.shape
         m = self.rows.size1()
@@ -135,27 +146,25 @@ class WantedVelocity(NamedTuple):
         rows = ca.MX.sym("rows", m * n + m)
         low, high, answer = ca.vertsplit(limits, n)
         low, high = (ca.MX(ca.DM(~self.locked)) * each for each in (low, high))
-        solver = qrqp("bounded", n, m)
-        # Just inside the rows, so that rounding does not make the guess look as if it were outside.
-        over = {"a": ca.reshape(rows[: m * n], m, n), "lba": ca.MX(ca.DM([-ca.inf] * m)), "uba": rows[m * n :] - INSIDE}
-        claim: dict[str, ca.MX] = {}
-        for _ in range(PASSES):
-            h, g = model(task, answer)
-            start = {"x0": claim["x"], "lam_x0": claim["lam_x"], "lam_a0": claim["lam_a"]} if claim and m else {}
-            claim = solver(h=h, g=g, lbx=low, ubx=high, **(over if m else {}), **start)
-            answer = claim["x"]
         arguments = [task, motion, limits, rows]
         if m:
-            x, residual = certificate_function(n, m)(
-                h, g, over["a"], over["lba"], over["uba"], low, high, 1, answer, claim["lam_x"], claim["lam_a"]
-            )
-            bounded = self._certified(jacobian, flat, twist)(task, x, residual, low, high, motion[:n])
+            solver, residual = _solver(n, k, m), ca.MX(0)
+            for _ in range(PASSES):
+                found = solver(task, answer, low, high, rows, DAMPING)
+                answer, residual = found[:n], found[-1]
+            bounded = self._certified(jacobian, flat, twist)(task, answer, residual, low, high, motion[:n])
         else:
+            solver = qrqp("bounded", n, m)
+            for _ in range(PASSES):
+                h, g = model(task, answer)
+                answer = solver(h=h, g=g, lbx=low, ubx=high)["x"]
             bounded = self._checked(jacobian, flat, twist)(task, h, g, answer, low, high, motion[:n])
-        within = ca.Function("within", arguments, [bounded])
+        held = ca.Function("within", arguments, [bounded])
         if m:
-            within = self._by_the_first_row(model, within, jacobian, flat, twist)
-        return within, ca.Function("enough", arguments, [motion])
+            held = self._calmed(
+                self._by_the_first_row(model, held, jacobian, flat, twist), solver, jacobian, flat, twist
+            )
+        return held, ca.Function("enough", arguments, [motion])
 
     def _by_the_first_row(
         self, model: ca.Function, otherwise: ca.Function, jacobian: ca.SX, flat: ca.SX, twist: ca.SX
@@ -193,6 +202,29 @@ class WantedVelocity(NamedTuple):
         chosen = ca.Function.if_else("one_row", keep, go_on).call([fine, answer, *given])
         return ca.Function("within_rows", given, chosen)
 
+    def _calmed(
+        self, held: ca.Function, solver: ca.Function, jacobian: ca.SX, flat: ca.SX, twist: ca.SX
+    ) -> ca.Function:
+        """As `held`, and where that leaves some of the twist, damped by how much."""
+        k, n = self.jacobian.shape
+        task, motion, limits, rows, more = (
+            ca.MX.sym("given", size) for size in (*(held.size1_in(i) for i in range(4)), 1)
+        )
+        low, high, answer = ca.vertsplit(limits, n)
+        low, high = (ca.MX(ca.DM(~self.locked)) * each for each in (low, high))
+        residual = ca.MX(0)
+        for _ in range(PASSES):
+            found = solver(task, answer, low, high, rows, DAMPING + CALMING * more)
+            answer, residual = found[:n], found[-1]
+        damped = self._certified(jacobian, flat, twist)(task, answer, residual, low, high, motion[:n])
+        arguments = [task, motion, limits, rows, more]
+        damp, same = ca.Function("damp", arguments, [damped]), ca.Function("same", arguments, [motion])
+        before = held(*arguments[:4])
+        asked = task[k * n :]
+        left = ca.norm_2(asked - before[n:]) - MISSED * ca.norm_2(asked)
+        calm = ca.Function.if_else("calm", damp, same)(left > 0, task, before, limits, rows, left)
+        return ca.Function("calmed", arguments[:4], [calm])
+
     def _certified(self, jacobian: ca.SX, flat: ca.SX, twist: ca.SX) -> ca.Function:
         """As `_checked`, of a claim with rows: they leave no way to tell a solution but its multipliers."""
         n = self.jacobian.size2()
@@ -215,3 +247,24 @@ class WantedVelocity(NamedTuple):
         velocity = ca.if_else(fixed, clipped(claim, low, high), clipped(free, low, high))
         inputs = [ca.vertcat(flat, twist), hessian, gradient, claim, low, high, free]
         return ca.Function("checked", inputs, [ca.densify(ca.vertcat(velocity, jacobian @ velocity))], {"cse": True})
+
+
+def _solver(n: int, k: int, m: int) -> ca.Function:
+    """Task, what the damping is about, low, high, rows, damping -> x, multipliers, and the certificate's residual."""
+    task, about, low, high = (
+        parameter("task", k * n + k),
+        parameter("about", n),
+        parameter("low", n),
+        parameter("high", n),
+    )
+    rows, damping = parameter("rows", m * n + m), parameter("damping", 1)
+    velocity = variable("velocity", n, lower=low, upper=high)
+    error = ca.reshape(task[: k * n], k, n) @ velocity.symbol - task[k * n :]
+    cost = ca.sumsqr(error) + damping * ca.sumsqr(velocity.symbol - about)
+    # Just inside the rows, so that rounding does not make the guess look as if it were outside.
+    over = within(ca.reshape(rows[: m * n], m, n) @ velocity.symbol, -ca.inf, rows[m * n :] - INSIDE)
+    stated = Statement("bounded", [task, about, low, high, rows, damping], [velocity], cost / 2, [over])
+    exact = active_set_round(stated, looking=False, together=n, passes=2, softened=1e-13)
+    given = [ca.MX.sym("given", each.numel()) for each in stated.parameters]
+    full, memory = ca.vertcat(*given), ca.MX(0, 1)
+    return ca.Function("bounded", given, [exact(full, memory, dual_active_set(stated)(full, memory))[0]])

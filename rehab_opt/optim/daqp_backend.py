@@ -16,7 +16,7 @@ __all__ = ["DaqpBackend"]
 Array = NDArray[np.float64]
 
 OPTIONS = {"primal_tol": 1e-10, "dual_tol": 1e-12, "iter_limit": 1000}
-"""Absolute; the QPs of `problems/qp` take 62 iterations at most."""
+"""Absolute; the QPs of `bench/solvers/qp` take 62 iterations at most."""
 UNEVEN = 1e4
 """Ratio of the largest curvature along a variable to the smallest from which their units are made alike."""
 FLAT = 1e-14
@@ -30,8 +30,8 @@ class DaqpBackend:
 
     It needs no more than a few tens of us for that, an updated workspace was no quicker, and nothing of a failed solve
     can reach the next one. Badly scaled variables are given the units in which each has the curvature 1: it solves 12 %
-    of the badly scaled QPs of `problems/qp` in their own units, in these all. A cost that is not strictly convex is
-    daqp's to regularise (from 0.8), or fails.
+    of the badly scaled QPs of `bench/solvers/qp` in their own units, in these all. A cost that is not strictly convex
+    is daqp's to regularise (from 0.8), or fails.
     """
 
     name = "daqp"

@@ -25,8 +25,8 @@ __all__ = ["BACKUP", "FUSED", "Ladder"]
 FUSED = FUSED_SOLVERS[0]
 """Name of the solver inside the fused function."""
 BACKUP = "daqp"
-"""It solves every QP of `problems/qp` that has an answer, the slowest in twice its usual time; proxqp fails in 74 and
-takes up to 50 ms."""
+"""It solves every QP of `bench/solvers/qp` that has an answer, the slowest in twice its usual time; proxqp fails in 74
+and takes up to 50 ms."""
 
 
 class Ladder:

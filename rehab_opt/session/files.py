@@ -5,9 +5,8 @@ from __future__ import annotations
 import difflib
 import importlib.resources
 import tomllib
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 from pydantic import ValidationError
 
@@ -15,7 +14,7 @@ from rehab_opt.errors import ProblemFileError
 from rehab_opt.session.data_folder import ENVIRONMENT, PREFIX, data_file
 from rehab_opt.session.file_limits import LARGEST_PROBLEM, check_key_depth
 from rehab_opt.session.schema import FORMS, Problem
-from rehab_opt.session.systems import ROBOT_FILE, SYSTEMS, system_named
+from rehab_opt.session.systems import ROBOT_FILE, ProblemFile, system_named, systems
 from rehab_opt.session.text_lines import brief
 from rehab_opt.text_file import shown, whole_text
 
@@ -31,26 +30,6 @@ __all__ = [
     "shipped_folder",
     "shipped_problems",
 ]
-
-P_co = TypeVar("P_co", bound=Problem, covariant=True)
-
-
-@dataclass(frozen=True)
-class ProblemFile(Generic[P_co]):
-    """A checked problem.
-
-    Parameters
-    ----------
-    name : what it is called: `upper_limb/figure_eight` for a shipped one, the file's stem for others.
-    file : the file as the user named it, for errors.
-    path : where it lies.
-    problem : what it says.
-    """
-
-    name: str
-    file: str
-    path: Path
-    problem: P_co
 
 
 def load_problem(file: str) -> ProblemFile[Any]:
@@ -98,8 +77,8 @@ def problem_of(content: dict[str, Any], *, name: str, file: str, path: Path) -> 
     ProblemFileError : an unknown system or key, a value out of its range.
     """
     system = content.get("system")
-    if not isinstance(system, str) or system not in SYSTEMS:
-        raise ProblemFileError(file, "system", brief(system), f"one of {', '.join(SYSTEMS)}")
+    if not isinstance(system, str) or system not in systems():
+        raise ProblemFileError(file, "system", brief(system), f"one of {', '.join(systems())}")
     try:
         return ProblemFile(name=name, file=file, path=path, problem=system_named(system).schema.model_validate(content))
     except ValidationError as problem:

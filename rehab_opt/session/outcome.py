@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,9 +11,13 @@ from numpy.typing import NDArray
 
 from rehab_opt.kinematics.chain import SerialChain
 
-__all__ = ["MovementOutcome", "Outcome", "Progress"]
+__all__ = ["Column", "Columns", "MovementOutcome", "Outcome", "Progress"]
 
 Array = NDArray[np.float64]
+Cells = NDArray[np.float64] | NDArray[np.int64] | Sequence[float] | Sequence[int] | Sequence[str]
+Columns = Mapping[str, Cells]
+Column = tuple[str, Cells]
+"""Header, which ends in the unit, and cells of one column of trace.csv."""
 Progress = Callable[[str, int, int], None]
 """Called with what is being done, how much of it is done, and how much there is."""
 
@@ -28,6 +32,7 @@ class Outcome:
     name, title : of the problem.
     notes : sentences a reader of the numbers has to know.
     metrics : all numbers, nested; the problem's own under "parameters".
+    columns : of trace.csv by header, which ends in the unit; all of one length.
     """
 
     system: str
@@ -35,6 +40,11 @@ class Outcome:
     title: str
     notes: tuple[str, ...]
     metrics: Mapping[str, Any]
+    columns: Columns = field(default_factory=dict, kw_only=True)
+
+    def trace(self) -> Iterable[Column]:
+        """The columns of trace.csv, one after another; for an outcome that keeps them otherwise."""
+        return self.columns.items()
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.session.outcome import Outcome
-from rehab_opt.session.systems import Animated, system_named
+from rehab_opt.session.systems import system_named
 
 __all__ = ["checked_folder", "write_report", "write_results"]
 
@@ -56,7 +56,7 @@ def write_results(outcome: Outcome, folder: Path) -> list[Path]:
     """Write every file of a run straight into an existing folder; OSError where that fails."""
     system = system_named(outcome.system)
     drawn = system.figures(outcome)
-    films = system.animations(outcome) if isinstance(system, Animated) else {}
+    films = system.animations(outcome)
     (folder / "metrics.json").write_text(metrics_json(outcome), encoding="utf-8")
     write_trace(outcome, folder / "trace.csv")
     for name, figure in drawn.items():

@@ -1,4 +1,4 @@
-"""Robot files: a few lines of TOML that make an arm out of a URDF or an MJCF; `problems/README.md` has every key."""
+"""Robot files: a few lines of TOML that make an arm out of a URDF or an MJCF."""
 
 from __future__ import annotations
 
@@ -37,11 +37,18 @@ class JointSection(Section):
     """What is other than the URDF says of one joint, and what it does not say."""
 
     acceleration_deg_s2: float | None = Field(default=None, gt=0, le=1e5)
+    """In place of what holds for the other joints."""
     speed_deg_s: float | None = Field(default=None, gt=0, le=3600)
+    """In place of the file's, or of what holds for the others."""
     lower_deg: Angle | None = None
+    """In place of the file's lower limit."""
     upper_deg: Angle | None = None
+    """In place of the file's upper limit."""
     locked_deg: Angle | None = None
+    """Held there, and no joint of the chain. A joint that is coupled to another (mimic) has to be locked where it is
+    between base and tip."""
     locked_m: float | None = Field(default=None, ge=-10, le=10)
+    """The same of a joint that slides, which has to be locked there, too."""
 
     @model_validator(mode="after")
     def locked_once(self) -> Self:
@@ -62,27 +69,46 @@ class CapsuleSection(Section):
     """A link's body, in the link's own frame."""
 
     link: Name
+    """Name of the link in the URDF, or of the body in the MJCF."""
     start_m: Triple
+    """One end of the capsule's axis, in the link's own frame."""
     end_m: Triple
+    """The other end."""
     radius_m: float = Field(gt=0, le=1)
+    """Of the capsule."""
 
 
 class RobotFile(Section):
     """The whole of a robot file."""
 
     urdf: Name | None = None
+    """The file with links and joints, beside this file; meshes are not opened. Of a xacro: `xacro arm.urdf.xacro >
+    arm.urdf` first."""
     mjcf: Name | None = None
+    """The same in MuJoCo's format, which needs the extra `mjcf`; instead of `urdf`."""
     base: Name | None = None
+    """Link (of an MJCF: body) where the chain begins; by default the root."""
     tip: Name | None = None
+    """Link (body, or site) where it ends; by default the only last one."""
     acceleration_deg_s2: float = Field(gt=0, le=1e5)
+    """Largest acceleration of every joint: no URDF has it, so ask the vendor, or begin low."""
     speed_deg_s: float | None = Field(default=None, gt=0, le=3600)
+    """Largest speed of every joint, in place of the URDF's; required of an MJCF, which has none."""
     mount_m: Triple = Field(default=[0.0, 0.0, 0.0])
+    """Where the base stands in the problem's frame, after the turn of `mount_deg`."""
     mount_deg: Turns = Field(default=[0.0, 0.0, 0.0])
+    """Turned about the frame's x, then y, then z."""
     tool_m: Triple = Field(default=[0.0, 0.0, 0.0])
+    """The tool in the tip's frame, after the turn of `tool_deg`."""
     tool_deg: Turns = Field(default=[0.0, 0.0, 0.0])
+    """Turned about the tip's x, then y, then z."""
     payload_kg: float = Field(default=0.0, ge=0, le=1000)
+    """A mass at the tool's origin. It is kept with the links' masses; pose tracking and mirror move by velocities, and
+    use none."""
     joints: dict[str, JointSection] = Field(default={}, max_length=100)
+    """By joint name, what is other than the file says, and what it does not say."""
     capsules: list[CapsuleSection] = Field(default=[], max_length=50)
+    """Bodies of links. Without one a link is guarded by its frames' origins alone."""
 
     @model_validator(mode="after")
     def one_model(self) -> Self:

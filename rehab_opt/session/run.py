@@ -6,7 +6,7 @@ from rehab_opt.errors import ConfigurationError
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Outcome, Progress
 from rehab_opt.session.schema import Problem
-from rehab_opt.session.systems import SYSTEMS, system_named
+from rehab_opt.session.systems import SHIPPED, system_named
 
 __all__ = ["checked", "run_problem"]
 
@@ -32,7 +32,7 @@ def run_problem(
     given = {option: value for option, value in options.items() if value is not None}
     for option, value in given.items():
         if option == "plant" and option not in system.options:
-            able = " and ".join(each for each in SYSTEMS if "plant" in system_named(each).options)
+            able = " and ".join(each for each in SHIPPED if "plant" in system_named(each).options)
             expected = f"a problem with a robot in closed loop, which those of system {able} are, not {name!r}"
             raise ConfigurationError("--plant", value, expected)
         if option not in system.options:

@@ -1,6 +1,7 @@
 """What problem files of several systems may say: each key, its unit (the end of its name), its range, its default.
 
-The keys of one system stand beside it; `problems/README.md` says what each means for the problem that is solved.
+The keys of one system stand beside it. What stands below a key says what it means: `docs/reference/problem_files.md`
+is made of it.
 """
 
 from __future__ import annotations
@@ -110,53 +111,79 @@ class Problem(Section):
     """The whole of a problem file."""
 
     system: str
+    """Which kind of problem this is."""
     title: str = Field(min_length=1, max_length=120)
+    """Heads table and figures."""
 
 
 class RangeOfMotion(Section):
     """A person's own joint limits, counted as in Table I of Rossa et al.; equal ones lock the joint."""
 
     scapular_retraction_deg: Limits
+    """`[lower, upper]` of joint 1, relative to its rest."""
     glenohumeral_rotation_deg: Limits
+    """`[lower, upper]` of joint 2."""
     shoulder_adduction_deg: Limits
+    """`[lower, upper]` of joint 3."""
     humeral_flexion_deg: Limits
+    """`[lower, upper]` of joint 4."""
     forearm_extension_deg: Limits
+    """`[lower, upper]` of joint 5."""
     wrist_flexion_deg: Limits
+    """`[lower, upper]` of joint 6."""
     wrist_deviation_deg: Limits
+    """`[lower, upper]` of joint 7."""
     wrist_supination_deg: Limits
+    """`[lower, upper]` of joint 8."""
 
 
 class SegmentsSection(Section):
     """Segment lengths l0 to l3 of Table I."""
 
     acromiohumeral_mm: float = Field(default=130.0, ge=0, le=1000)
+    """l0."""
     humerus_mm: LongBone = 290.0
+    """l1, 50 to 1000."""
     forearm_mm: LongBone = 300.0
+    """l2, 50 to 1000."""
     hand_mm: float = Field(default=70.0, ge=0, le=1000)
+    """l3, to the middle of the grip."""
 
 
 class ArmSection(Section):
     """Whose arm."""
 
     side: Side
+    """A right arm is the mirror image of the paper's left one."""
     range_of_motion: Annotated[
         Annotated[Literal["regular", "restricted"], Tag(NAME)] | Annotated[RangeOfMotion, Tag(TABLE)],
         Discriminator(lambda value: TABLE if isinstance(value, dict | RangeOfMotion) else NAME),
     ]
+    """Table I of Rossa et al. by name, or a table of all eight joints' limits."""
     segments: SegmentsSection = SegmentsSection()
+    """Lengths of the arm's segments."""
     handle_tilt_deg: float = Field(default=2.0, gt=0, le=90)
+    """Largest angle between handle and vertical."""
     joint_speed_deg_s: float | None = Field(default=None, gt=0, le=3600)
+    """Largest speed of every joint, which caps that of the smoother; by default `human_arm`'s (172), an assumption: the
+    paper gives none."""
     joint_acceleration_deg_s2: float | None = Field(default=None, gt=0, le=1e6)
+    """Largest acceleration of every joint, likewise; by default `human_arm`'s (1719)."""
 
 
 class RecordingSection(Section):
     """Which movement, and whose hand made it."""
 
     file: str = Field(min_length=1)
+    """A `.csv`, `.svc`, `.mot` or `.trc`, relative to the problem file, or `data:folder/file`."""
     hand: Side
+    """Whose hand was recorded."""
     mirror: bool = False
+    """Must be true if that is not the arm's side, and must not be if it is."""
     marker: str | None = None
+    """The hand's marker, in a `.trc`."""
     columns: Annotated[list[str], Field(min_length=2, max_length=3)] | None = None
+    """The columns of x, y (and z), in a `.csv` or `.mot`."""
 
     @model_validator(mode="after")
     def hand_is_named_as_its_file_allows(self) -> Self:
@@ -175,9 +202,13 @@ class PlanarPlacement(Section):
     """Where a movement lies in its plane."""
 
     centre_m: Annotated[list[Length], Field(min_length=2, max_length=2)]
+    """`[x, y]` where the middle of the path's bounding box comes to lie."""
     turn_deg: float = Field(default=0.0, ge=-360, le=360)
+    """Turn about the vertical, counterclockwise from above."""
     scale: float | None = Field(default=None, gt=0, le=1000)
+    """Size, 1 where neither this nor `fit_m` is given."""
     fit_m: Annotated[list[Annotated[float, Field(gt=0, le=10)]], Field(min_length=2, max_length=2)] | None = None
+    """`[width, depth]`: the largest size that fits, instead of `scale`."""
 
     @model_validator(mode="after")
     def size_is_said_once(self) -> Self:
@@ -191,3 +222,4 @@ class PlacementSection(PlanarPlacement):
     """Where a movement lies in the frame of the shoulder."""
 
     plane_height_m: Length = -0.24
+    """z of the plane."""

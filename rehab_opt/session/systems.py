@@ -1,17 +1,26 @@
-"""The kinds of problems there are: the one place that knows a system by its name.
+"""The kinds of problems there are, and what a session asks of one.
 
-A new system is a module with a class that has what `System` asks for, and a line in `SYSTEMS`; the schema of its files,
-its run, its table, its figures and its trace stand beside it. Nothing of a system is imported before it is asked for.
+A kind is a class that derives from `System`, and a name: of the shipped ones in `SHIPPED`, of any other in the entry
+points of the group `rehab_opt.systems` of the distribution that it comes with,
+
+    [project.entry-points."rehab_opt.systems"]
+    circle = "my_package.circle:CircleSystem"
+
+Nothing else has to know it, and nothing of it is imported before it is asked for.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+import importlib
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar, runtime_checkable
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, TypeVar
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.session.outcome import Outcome, Progress
+from rehab_opt.session.outcome import Column, Outcome, Progress
 from rehab_opt.session.schema import Problem
 
 if TYPE_CHECKING:
@@ -19,33 +28,26 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from rich.table import Table
 
-    from rehab_opt.session.ardis.outcome import ArdisOutcome
-    from rehab_opt.session.ardis.problem import ArdisProblem
-    from rehab_opt.session.files import ProblemFile
-    from rehab_opt.session.mirror.outcome import MirrorOutcome
-    from rehab_opt.session.mirror.problem import MirrorProblem
-    from rehab_opt.session.pose_tracking.outcome import RobotOutcome
-    from rehab_opt.session.pose_tracking.problem import PoseTracking
-    from rehab_opt.session.scenario.outcome import ScenarioOutcome
-    from rehab_opt.session.scenario.problem import ScenarioProblem
-    from rehab_opt.session.upper_limb.outcome import ArmOutcome
-    from rehab_opt.session.upper_limb.problem import UpperLimb
-    from rehab_opt.session.used_ranges.outcome import UsedRangesOutcome
-    from rehab_opt.session.used_ranges.problem import UsedRangesProblem
-    from rehab_opt.session.workspace_maps.outcome import MapOutcome
-    from rehab_opt.session.workspace_maps.problem import WorkspaceMapProblem
-    from rehab_opt.session.workspaces.outcome import WorkspaceOutcome
-    from rehab_opt.session.workspaces.problem import WorkspaceProblem
-
-__all__ = ["ROBOT_FILE", "SYSTEMS", "Animated", "Column", "Needed", "Recorded", "System", "system_named"]
+__all__ = ["GROUP", "ROBOT_FILE", "SHIPPED", "Column", "Needed", "ProblemFile", "System", "system_named", "systems"]
 
 P = TypeVar("P", bound=Problem)
+P_co = TypeVar("P_co", bound=Problem, covariant=True)
 O = TypeVar("O", bound=Outcome)  # noqa: E741  (an outcome)
 
-Column = tuple[str, list[float] | list[int] | tuple[str, ...]]
-"""Header, which ends in the unit, and cells of one column of trace.csv."""
-
-
+GROUP = "rehab_opt.systems"
+"""Of the entry points that name kinds of problems outside of this package."""
+SHIPPED: Mapping[str, str] = MappingProxyType(
+    {
+        "upper_limb": "rehab_opt.session.upper_limb.system:UpperLimbSystem",
+        "pose_tracking": "rehab_opt.session.pose_tracking.system:PoseTrackingSystem",
+        "mirror": "rehab_opt.session.mirror.system:MirrorSystem",
+        "workspace": "rehab_opt.session.workspaces.system:WorkspaceSystem",
+        "workspace_map": "rehab_opt.session.workspace_maps.system:WorkspaceMapSystem",
+        "used_ranges": "rehab_opt.session.used_ranges.system:UsedRangesSystem",
+        "scenario": "rehab_opt.session.scenario.system:ScenarioSystem",
+        "ardis": "rehab_opt.session.ardis.system:ArdisSystem",
+    }
+)
 ROBOT_FILE = "robot.file"
 """Key of a file that describes a robot, and names other files."""
 
@@ -57,24 +59,42 @@ class Needed(NamedTuple):
     reference: str
 
 
-class System(Protocol[P, O]):
-    """What a session asks of one kind of problem.
+@dataclass(frozen=True)
+class ProblemFile(Generic[P_co]):
+    """A checked problem.
+
+    Parameters
+    ----------
+    name : what it is called: `upper_limb/figure_eight` for a shipped one, the file's stem for others.
+    file : the file as the user named it, for errors.
+    path : where it lies.
+    problem : what it says.
+    """
+
+    name: str
+    file: str
+    path: Path
+    problem: P_co
+
+
+class System(Generic[P, O]):
+    """What a session asks of one kind of problem: `schema` and `run`; the rest has defaults.
 
     Attributes
     ----------
     schema : what its files may say.
     options : names of the options of `rehab-opt run` that it knows; others are refused before it is run.
+    shown : modules with `table(outcome)`, `figures(outcome)` and `animations(outcome)`, of which the first that has
+        one is asked; loaded when a result is shown. By default the numbers as a table, the columns over time.
     """
 
-    @property
-    def schema(self) -> type[P]: ...  # noqa: D102  (above)
-
-    @property
-    def options(self) -> frozenset[str]: ...  # noqa: D102
+    schema: type[P]
+    options: ClassVar[frozenset[str]] = frozenset()
+    shown: ClassVar[tuple[str, ...]] = ("rehab_opt.session.default_shown",)
 
     def recordings(self, problem: P) -> tuple[Needed, ...]:
-        """The recordings and robot files it needs."""
-        ...
+        """The recordings and robot files it needs; none by default."""
+        return ()
 
     def check(self, loaded: ProblemFile[P]) -> tuple[str, ...]:
         """Everything that can be checked without running it; what was noticed on the way.
@@ -83,7 +103,7 @@ class System(Protocol[P, O]):
         ------
         ProblemFileError : a value of the file or a recording cannot be used.
         """
-        ...
+        return ()
 
     def run(self, loaded: ProblemFile[P], *, options: Mapping[str, str], progress: Progress) -> O:
         """The problem from its file to its numbers; nothing is written.
@@ -93,108 +113,73 @@ class System(Protocol[P, O]):
         ProblemFileError : as `check`.
         ConfigurationError : an option's value cannot be used.
         """
-        ...
+        raise NotImplementedError
+
+    def seconds_a_tick(self, problem: P) -> float | None:
+        """From one QP of its controllers to the next, for `rehab-opt record`; None where they solve none.
+
+        NaN where the QPs are no ticks, as iterations are.
+        """
+        return None
 
     def table(self, outcome: O) -> Table:
         """The result for the terminal."""
-        ...
+        made: Table = self._draws("table")(outcome)
+        return made
 
-    def trace(self, outcome: O) -> Iterator[Column]:
+    def trace(self, outcome: O) -> Iterable[Column]:
         """The columns of trace.csv, all of one length."""
-        ...
+        return outcome.trace()
 
     def figures(self, outcome: O) -> dict[str, Figure]:
         """The figures by file name, without suffix."""
-        ...
+        return dict(self._draws("figures")(outcome))
+
+    def animations(self, outcome: O) -> dict[str, Animation]:
+        """The films by file name, without suffix; none by default."""
+        return dict(self._draws("animations")(outcome))
+
+    def _draws(self, what: str) -> Callable[[O], Any]:
+        for module in map(importlib.import_module, self.shown):
+            if hasattr(module, what):
+                draw: Callable[[O], Any] = getattr(module, what)
+                return draw
+        return lambda _: {}
 
 
-@runtime_checkable
-class Animated(Protocol):
-    """A system that also shows its runs as films."""
-
-    def animations(self, outcome: Any) -> dict[str, Animation]:
-        """The films by file name, without suffix."""
-        ...
-
-
-@runtime_checkable
-class Recorded(Protocol):
-    """A system whose controllers solve QPs as it runs: `rehab-opt record` writes them down."""
-
-    def seconds_a_tick(self, problem: Any) -> float:
-        """From one QP to the next; NaN where they are no ticks, as iterations are."""
-        ...
+def systems() -> dict[str, str]:
+    """Where each kind of problem is, `module:class` by name: the shipped ones, then those of other distributions."""
+    others = {each.name: each.value for each in _others() if each.name not in SHIPPED}
+    return {**SHIPPED, **others}
 
 
 def system_named(name: str) -> System[Any, Any]:
-    """The system that a problem file calls by this name.
+    """The system that a problem file calls by this name; a shipped one goes before any other of its name.
 
     Raises
     ------
-    ConfigurationError : there is none.
+    ConfigurationError : there is none, or an entry point leads to none.
     """
-    if name not in SYSTEMS:
-        raise ConfigurationError("system", name, f"one of {', '.join(SYSTEMS)}")
-    return SYSTEMS[name]()
+    if name in SHIPPED:
+        module, _, attribute = SHIPPED[name].partition(":")
+        made: System[Any, Any] = getattr(importlib.import_module(module), attribute)()
+        return made
+    for entry in _others():
+        if entry.name == name:
+            return _loaded(entry)
+    raise ConfigurationError("system", name, f"one of {', '.join(systems())}")
 
 
-def _upper_limb() -> System[UpperLimb, ArmOutcome]:
-    from rehab_opt.session.upper_limb.system import UpperLimbSystem  # noqa: PLC0415  (what is not used is not loaded)
-
-    return UpperLimbSystem()
+def _others() -> tuple[EntryPoint, ...]:
+    return tuple(entry_points(group=GROUP))
 
 
-def _pose_tracking() -> System[PoseTracking, RobotOutcome]:
-    from rehab_opt.session.pose_tracking.system import PoseTrackingSystem  # noqa: PLC0415
-
-    return PoseTrackingSystem()
-
-
-def _mirror() -> System[MirrorProblem, MirrorOutcome]:
-    from rehab_opt.session.mirror.system import MirrorSystem  # noqa: PLC0415
-
-    return MirrorSystem()
-
-
-def _workspace() -> System[WorkspaceProblem, WorkspaceOutcome]:
-    from rehab_opt.session.workspaces.system import WorkspaceSystem  # noqa: PLC0415
-
-    return WorkspaceSystem()
-
-
-def _workspace_map() -> System[WorkspaceMapProblem, MapOutcome]:
-    from rehab_opt.session.workspace_maps.system import WorkspaceMapSystem  # noqa: PLC0415
-
-    return WorkspaceMapSystem()
-
-
-def _used_ranges() -> System[UsedRangesProblem, UsedRangesOutcome]:
-    from rehab_opt.session.used_ranges.system import UsedRangesSystem  # noqa: PLC0415
-
-    return UsedRangesSystem()
-
-
-def _scenario() -> System[ScenarioProblem, ScenarioOutcome]:
-    from rehab_opt.session.scenario.system import ScenarioSystem  # noqa: PLC0415
-
-    return ScenarioSystem()
-
-
-def _ardis() -> System[ArdisProblem, ArdisOutcome]:
-    from rehab_opt.session.ardis.system import ArdisSystem  # noqa: PLC0415
-
-    return ArdisSystem()
-
-
-SYSTEMS: Mapping[str, Callable[[], System[Any, Any]]] = MappingProxyType(
-    {
-        "upper_limb": _upper_limb,
-        "pose_tracking": _pose_tracking,
-        "mirror": _mirror,
-        "workspace": _workspace,
-        "workspace_map": _workspace_map,
-        "used_ranges": _used_ranges,
-        "scenario": _scenario,
-        "ardis": _ardis,
-    }
-)
+def _loaded(entry: EntryPoint) -> System[Any, Any]:
+    expected = f"an entry point {entry.value!r} that leads to a class derived from System"
+    try:
+        found = entry.load()
+    except (ImportError, AttributeError) as problem:
+        raise ConfigurationError("system", entry.name, f"{expected} ({problem})") from problem
+    if not (isinstance(found, type) and issubclass(found, System)):
+        raise ConfigurationError("system", entry.name, expected)
+    return found()

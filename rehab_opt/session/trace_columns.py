@@ -14,13 +14,13 @@ __all__ = ["joint_columns", "point_columns"]
 Array = NDArray[np.float64]
 
 
-def point_columns(name: str, points: Array) -> Iterator[tuple[str, list[float]]]:
+def point_columns(name: str, points: Array) -> Iterator[tuple[str, Array]]:
     """Points (N, 2) or (N, 3) [m]."""
     for axis, column in zip("xyz", points.T, strict=False):
-        yield f"{name}_{axis}_m", column.tolist()
+        yield f"{name}_{axis}_m", column
 
 
-def joint_columns(name: str, chain: SerialChain, values: Array, unit: str) -> Iterator[tuple[str, list[float]]]:
+def joint_columns(name: str, chain: SerialChain, values: Array, unit: str) -> Iterator[tuple[str, Array]]:
     """Values (N, n), one for each joint of the chain."""
     for joint, column in zip(chain.names, values.T, strict=True):
-        yield f"{name}_{joint}_{unit}", column.tolist()
+        yield f"{name}_{joint}_{unit}", column

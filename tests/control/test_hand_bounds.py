@@ -20,7 +20,7 @@ CLIMB, CALM, LOWER, UPPER = ca.SX.sym("f"), ca.SX.sym("c"), ca.SX.sym("l", N), c
 def function() -> BufferedFunction:
     nothing = ca.SX.zeros(N)
     bounds = VelocityBounds(LOWER, UPPER, *[nothing] * 4, ca.SX(0), nothing, nothing)
-    rows, most, opened = feasible_rows(GRADIENT, CLIMB, calm=CALM, normals=NORMALS, most=MOST, bounds=bounds)
+    rows, most, opened = feasible_rows(GRADIENT, CLIMB, calm=CALM, normals=NORMALS, most=MOST, bounds=bounds, leading=2)
     inputs = [GRADIENT, CLIMB, CALM, NORMALS, MOST, LOWER, UPPER]
     outputs = [ca.densify(each) for each in (rows, most, opened.lower, opened.upper)]
     return BufferedFunction(ca.Function("rows", inputs, outputs))
@@ -59,6 +59,32 @@ def test_some_velocity_keeps_every_row_whatever_the_state(seed: int) -> None:
     # What the floor asks for while above it is asked for in full.
     if given[1] <= 0:
         assert -most[0] >= given[1] - 1e-9
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=300, deadline=None)
+def test_rows_that_lead_away_leave_a_velocity_and_ask_for_all_there_is_room_for(seed: int) -> None:
+    gradient, climb, calm, normals, most, lower, upper = drawn(seed)
+    rng = np.random.default_rng(seed + 1)
+    alone, push = bool(rng.random() < 0.5), rng.uniform(0, 1, 2) * rng.choice([1e-6, 1e-3, 0.1])
+    most[1:] = [100.0, -push[1]] if alone else -push
+    if alone:  # with room for it
+        lower, upper, most[0], climb = np.full(N, -2.0), np.full(N, 2.0), 100.0, min(climb, -100.0)
+        normals[2] *= max(1.0, 1 / np.linalg.norm(normals[2]))
+    given = gradient, climb, calm, normals, most, lower, upper
+    for target, value in zip(ROWS.inputs, given, strict=True):
+        target[...] = value
+    ROWS()
+    rows, bounds, low, high = (output.copy() for output in ROWS.outputs)
+    answer = linprog(np.zeros(N), A_ub=rows, b_ub=bounds + 1e-9, bounds=list(zip(low, high, strict=True)))
+    assert answer.status == 0
+    assert np.all(low >= np.minimum(lower, 0) - 1e-12)
+    assert np.all(high <= np.maximum(upper, 0) + 1e-12)
+    assert bounds[1] == most[0]  # what is not below zero is asked as it was
+    assert np.all(bounds[2:] >= most[1:])
+    assert np.all(bounds[2:][most[1:] <= 0] <= 1e-12)  # and nobody is led nearer
+    if alone:
+        assert bounds[3] == pytest.approx(most[2], abs=1e-12)
 
 
 @given(st.integers(0, 2**32 - 1))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rehab_opt import ConfigurationError, Interaction, JointFeedback, KeepOut, MirrorTracker, SerialChain, Status, ur5
+from rehab_opt import ConfigurationError, Interaction, KeepOut, MirrorTracker, SerialChain, Status, ur5
 from tests.control.mirror_campaign import LARGEST
 from tests.export.mirroring import seven_joints
 
@@ -218,8 +218,8 @@ def test_thresholds_out_of_order_are_refused(options: dict[str, float]) -> None:
 def test_a_tracker_refuses_what_it_cannot_use() -> None:
     with pytest.raises(ConfigurationError, match="interaction = 30"):
         MirrorTracker(ur5(), interaction=30.0)  # type: ignore[arg-type]
-    with pytest.raises(ConfigurationError, match="feedback = JointFeedback"):
-        MirrorTracker(ur5(), feedback=JointFeedback())
+    with pytest.raises(ConfigurationError, match=r"feedback = 0\.005.*a JointFeedback"):
+        MirrorTracker(ur5(), feedback=0.005)
 
 
 # -------------------------------------------------------------------------------------------------- on arms, in a loop

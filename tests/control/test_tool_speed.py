@@ -27,13 +27,16 @@ def test_speed_acceleration_and_jerk_of_a_tool_in_a_tick(seed: int, dt: float) -
     x, u = ca.SX.sym("x", chain.n), ca.SX.sym("u", chain.n)
     jacobian = chain.jacobian_expression(x)
     outputs = [tool_acceleration(jacobian, u), tool_jerk(chain, x, u, dt), speed_ahead(chain, x, jacobian, u, dt)]
-    acceleration, jerk, speed = (np.array(each).ravel() for each in ca.Function("f", [x, u], outputs)(q, v))
+    change, jerk, speed = (np.array(each).ravel() for each in ca.Function("f", [x, u], outputs)(q, v))
+    h = 1e-5
+    twists = [chain.jacobian(q + t * v) @ v for t in (-h, h)]
+    np.testing.assert_allclose(change, (twists[1] - twists[0]) / (2 * h), atol=1e-6, rtol=1e-6)
 
     def place(t: float) -> np.ndarray:
         return chain.pose(q + t * v)[:3, 3]
 
     h = 1e-4
-    np.testing.assert_allclose(acceleration, (place(h) - 2 * place(0) + place(-h)) / h**2, atol=2e-5, rtol=1e-5)
+    np.testing.assert_allclose(change[:3], (place(h) - 2 * place(0) + place(-h)) / h**2, atol=2e-5, rtol=1e-5)
     h = 1e-3
     thirds, speeds = [], []
     for t in np.linspace(0, dt, 11):

@@ -19,8 +19,8 @@ PROMISES = (
     Promise("rehab_opt/control/mirror.py", "W / w_max where the last command leads."),
     Promise("rehab_opt/control/hand_bounds.py", "recovery_speed : share of the joints' speeds at which the arm is led "
             "back above the floor."),
-    Promise("README.md", "The arm keeps its branch (elbow, wrist, shoulder): a reference that crosses a singular "
-            "surface is not followed across it."),
+    Promise("docs/capabilities/mirror.md", "The arm keeps its branch (elbow, wrist, shoulder): a reference that "
+            "crosses a singular surface is not followed across it."),
 )  # fmt: skip
 LEAST = {"at the floor": 250, "below the floor": 250, "back above the floor": 20, "above the floor": 103_000,
          "20 s after a start below the floor": 20,

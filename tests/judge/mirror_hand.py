@@ -21,8 +21,8 @@ PROMISES = (
             "holds at every instant of every tick"),
     Promise("rehab_opt/control/mirror.py", "max_deviation : [m] of the tool from the reference that the clock stands "
             "at."),
-    Promise("README.md", "The floor, the hand speed, the planes and the largest deviation are checked on the true "
-            "state at the end of each tick"),
+    Promise("docs/capabilities/mirror.md", "The floor, the hand speed, the planes and the largest deviation are "
+            "checked on the true state at the end of each tick"),
     Promise("rehab_opt/optim/dual_active_set.py", "it cannot cycle, whatever bounds meet in a corner."),
     Promise("rehab_opt/control/tool_speed.py", "What |p'| does not exceed in a tick, from its beginning alone"),
 )  # fmt: skip

@@ -27,10 +27,11 @@ PROMISES = (
             "kept; None for all."),
     Promise("rehab_opt/optim/nlp_solvers.py", "Bounds that fatrop's fixed widening (1e-8, relative above 1) turns into "
             "the ones given, equalities untouched."),
-    Promise("README.md", "Every answer is judged by residuals computed from the statement, not by the solver's word"),
-    Promise("README.md", '`solver=` takes "qrqp" (compiled with everything else into one function), "proxqp" and '
-            '"osqp" (kept alive), or any solver known to qpsolvers; `ArmIK` takes "sqp" (ours), "ipopt", "fatrop", '
-            '"sqpmethod".'),
+    Promise("docs/capabilities/certificates.md", "Every answer is judged by residuals computed from the statement, not "
+            "by the solver's word"),
+    Promise("docs/capabilities/solvers.md", '`solver=` takes "qrqp" (compiled with everything else into one '
+            'function), "proxqp" and "osqp" (kept alive), or any solver known to qpsolvers; `ArmIK` takes "sqp" '
+            '(ours), "ipopt", "fatrop", "sqpmethod".'),
 )  # fmt: skip
 SOLVERS = tuple(name for name in ("proxqp", "osqp", "daqp", "quadprog") if name in qpsolvers.available_solvers)
 PROGRAMMES = ("ipopt", "fatrop", "sqpmethod")

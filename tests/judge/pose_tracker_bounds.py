@@ -13,10 +13,11 @@ from tests.judge.pose_tracker_runs import Run, rounded, runs, speeds
 from tests.judge.verdict import Promise, Verdict
 
 PROMISES = (
-    Promise("README.md", "Velocity never. Then a joint is never led further outside a limit; outside one it comes back "
-            "at no more than 10 % of its velocity limit (`recovery_speed`). Then acceleration. Then the task"),
-    Promise("README.md", "From every state that can still stop, all bounds hold together; other states brake at the "
-            "largest deceleration."),
+    Promise("docs/capabilities/certificates.md", "Velocity never. Then a joint is never led further outside a limit; "
+            "outside one it comes back at no more than 10 % of its velocity limit (`recovery_speed`). Then "
+            "acceleration. Then the task"),
+    Promise("docs/capabilities/certificates.md", "From every state that can still stop, all bounds hold together; "
+            "other states brake at the largest deceleration."),
     Promise("rehab_opt/control/command.py", "always finite"),
 )  # fmt: skip
 LEAST = {"status ok": 190_000, "yielded position": 1000, "yielded acceleration": 50, "yielded task": 50_000,

@@ -13,9 +13,9 @@ from tests.judge.sensor_faults import expected
 from tests.judge.verdict import Promise, Verdict
 
 PROMISES = (
-    Promise("README.md", "Letting go of `enable`, a stale or repeated `stamp`, a sensor value that is no number, a "
-            "target that is no rigid pose: the joints decelerate within the bounds and hold, and resume without a "
-            "jump."),
+    Promise("docs/capabilities/certificates.md", "Letting go of `enable`, a stale or repeated `stamp`, a sensor value "
+            "that is no number, a target that is no rigid pose: the joints decelerate within the bounds and hold, "
+            "and resume without a jump."),
     Promise("rehab_opt/control/pose_tracker.py", "Never raises on numbers: what is not usable gives the safe command, "
             "decelerating within the limits, and its reason."),
     Promise("rehab_opt/control/pose_tracker.py", "the dead-man input; anything but true decelerates to rest."),

@@ -23,7 +23,7 @@ PROMISES = (
             "faster than the hand speeds allow."),
     Promise("rehab_opt/control/pose_tracker.py", "[1/s] rate at which a pose error decays."),
     Promise("rehab_opt/control/pose_tracker.py", "largest asked hand speeds; faster requests are slowed, not cut."),
-    Promise("README.md", "Then the task: the hand keeps its direction and slows down."),
+    Promise("docs/capabilities/certificates.md", "Then the task: the hand keeps its direction and slows down."),
 )  # fmt: skip
 LEAST = {"solver closed form": 3e5, "solver active set": 5e4, "solver qrqp": 5e3,
          "task yielded": 96_000, "task delivered": 36_000, "slowed to the hand speed": 2000,

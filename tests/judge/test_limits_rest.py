@@ -1,6 +1,8 @@
-"""A run of the campaign that was broken once: it stays a claim."""
+"""Runs of the campaign that were broken once: they stay claims."""
 
 from __future__ import annotations
+
+import pytest
 
 from tests.judge import limits_rest
 
@@ -9,4 +11,22 @@ def test_a_hand_held_beyond_the_floor_in_ticks_of_20_ms_does_not_go_to_and_fro()
     verdict = limits_rest.run(250, 20281231, only=82)
     assert verdict.ticks == 250
     assert "joint speed at rest [rad/s]" not in {each.claim for each in verdict.broken}
+    assert not verdict.kinds
+
+
+@pytest.mark.parametrize(("seed", "run"), [(20281231, 66), (505, 92)])
+def test_a_hand_where_a_plane_and_curved_limits_meet_stands_at_the_nearest_pose(seed: int, run: int) -> None:
+    verdict = limits_rest.run(250, seed, only=run)
+    assert verdict.ticks == 250
+    assert not verdict.kinds
+    assert verdict.seen["several are active at rest"].ticks == 250
+    assert verdict.worst["a nearer pose is left aside, gradient"][0] < 1e-6
+    assert not any("shortened" in situation for situation in verdict.seen)
+
+
+@pytest.mark.parametrize("run", [6, 90])
+def test_a_hand_at_a_curved_limit_does_not_go_to_and_fro(run: int) -> None:
+    verdict = limits_rest.run(250, 61001, only=run)
+    assert verdict.ticks == 250
+    assert verdict.seen["a user's limit is active at rest"].ticks == 250
     assert not verdict.kinds

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rehab_opt.comparison.dense_qp import Certificate
+from bench.solvers.dense_qp import Certificate
 from rehab_opt.optim.backends import ProxqpBackend
 from rehab_opt.optim.daqp_backend import OPTIONS, DaqpBackend
 from rehab_opt.optim.rows import Instance

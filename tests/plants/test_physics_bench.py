@@ -10,7 +10,7 @@ from bench.physics.arms import ARMS, iiwa
 from bench.physics.geometry import frames, heights, jacobians, manipulabilities
 from bench.physics.rows import Done, done, measured
 from bench.physics.setting import CELLS, Cell, setting_of
-from rehab_opt import JointFeedback, KeepOut, PoseTracker
+from rehab_opt import JointFeedback, KeepOut, MirrorTracker, PoseTracker
 
 pytest.importorskip("mujoco")
 
@@ -61,6 +61,7 @@ def test_a_controller_is_told_what_its_class_can_be_told() -> None:
     led = setting.controller(Later, setting.arm.chain)
     assert led.told == 0.008
     assert led.feedback == JointFeedback(delay=0.008)
+    assert setting.told(MirrorTracker) == {"feedback": JointFeedback(delay=0.008)}
     measured = setting_of(23, "limit", seed=0, feedback="measured", kept={})
     assert measured.controller(Later, setting.arm.chain).feedback is None
 

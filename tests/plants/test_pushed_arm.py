@@ -11,7 +11,7 @@ import pytest
 
 from bench.physics.arms import ARMS
 from bench.physics.following import follow
-from rehab_opt import Interaction, MirrorTracker
+from rehab_opt import Interaction, JointFeedback, MirrorTracker
 from rehab_opt.plants.channel import Channel
 from rehab_opt.plants.contacts import SpringDamper
 from rehab_opt.plants.mujoco_arm import MujocoArm
@@ -24,9 +24,9 @@ WIDEST = {"UR5": 0.128, "iiwa 14": 0.2}
 
 
 @functools.cache
-def tracker(name: str) -> MirrorTracker:
+def tracker(name: str, feedback: JointFeedback | None = None) -> MirrorTracker:
     arm = next(each() for each in ARMS.values() if each().name == name)
-    return MirrorTracker(arm.chain, dt=DT, max_manipulability=WIDEST[name], compile=False)
+    return MirrorTracker(arm.chain, dt=DT, max_manipulability=WIDEST[name], feedback=feedback, compile=False)
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.005, 0.008])
@@ -55,10 +55,15 @@ def test_it_gives_way_calmly_and_comes_back(name: str, delay: float) -> None:
     assert sum(a is not b for a, b in itertools.pairwise(run.status)) <= 4
 
 
-@pytest.mark.parametrize(("hertz", "newtons"), [(1.0, 25.0), (6.0, 40.0), (15.0, 60.0)])
-def test_a_hand_that_is_shaken_is_given_no_more_than_it_gave_and_the_reserve(hertz: float, newtons: float) -> None:
+@pytest.mark.parametrize(
+    ("hertz", "newtons", "led"), [(1.0, 25.0, False), (6.0, 40.0, False), (15.0, 60.0, False), (6.0, 40.0, True)]
+)
+def test_a_hand_that_is_shaken_is_given_no_more_than_it_gave_and_the_reserve(
+    hertz: float, newtons: float, led: bool
+) -> None:
     arm = ARMS[next(iter(ARMS))]()
-    robot, law, start, delay = tracker(arm.name), Interaction(), arm.ready, 0.008
+    law, start, delay = Interaction(), arm.ready, 0.008
+    robot = tracker(arm.name, JointFeedback(delay=delay) if led else None)
     robot.reset()
     channel = Channel(command_delay=delay / 2, measurement_delay=delay / 2, position_noise=1e-4, force_noise=2.0)
     plant = MujocoArm(arm.model, dt=DT, channel=channel, seed=np.random.default_rng(3))

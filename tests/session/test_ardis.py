@@ -19,17 +19,16 @@ from rich.console import Console
 from rehab_opt.control.obstacles import Disc, HalfPlane
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.kinematics.ardis import ARDIS_READY, ardis
-from rehab_opt.session.ardis.animation import ardis_animation
+from rehab_opt.session.ardis.animation import motion_film
 from rehab_opt.session.ardis.clearance import arm_gaps, arm_points, chair_corners, chair_gaps
-from rehab_opt.session.ardis.figures import ardis_figures
+from rehab_opt.session.ardis.figures import figures as ardis_figures
 from rehab_opt.session.ardis.loop import Optimised, moved
 from rehab_opt.session.ardis.measures import KEPT, excesses, goals_met, hand_shares, kinetic_energies
 from rehab_opt.session.ardis.outcome import ArdisOutcome
 from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, room_of, start_of
 from rehab_opt.session.ardis.run import sticks_of
 from rehab_opt.session.ardis.stick import HEADER, Moment, read_stick
-from rehab_opt.session.ardis.table import ardis_table
-from rehab_opt.session.ardis.trace import ardis_columns
+from rehab_opt.session.ardis.table import table as ardis_table
 from rehab_opt.session.files import load_problem, problem_of, shipped_problems
 from rehab_opt.session.report import metrics_json, write_report
 from rehab_opt.session.run import checked, run_problem
@@ -146,7 +145,7 @@ def test_files_of_a_run_are_whole(button: ArdisOutcome, tmp_path: Path, monkeypa
     assert written["motion.gif"].stat().st_size < 2_000_000
     rows = written["trace.csv"].read_text().splitlines()
     assert len(rows) == 1 + sum(len(m.time) for of in button.drives.values() for m in of.by_law.values())
-    columns = dict(ardis_columns(button))
+    columns = dict(button.trace())
     assert len({len(cells) for cells in columns.values()}) == 1
     text = io.StringIO()
     Console(file=text, width=200).print(ardis_table(button))
@@ -159,7 +158,7 @@ def test_no_words_of_film_and_top_view_lie_on_each_other_where_goals_do(button: 
     above = first.model_copy(update={"name": "above", "hand_m": (*first.hand_m[:2], 1.4)})
     side = first.model_copy(update={"name": "side", "hand_m": (0.5, 1.5, 1.0)})  # panels stand side by side
     crowded = replace(button, goals=(*button.goals, above, side))
-    film = ardis_animation(crowded)
+    film = motion_film(crowded)
     film._draw_frame(20)  # type: ignore[attr-defined]
     pictures = [film._fig, ardis_figures(crowded)["top_view"]]  # type: ignore[attr-defined]
     for figure in pictures:

@@ -19,7 +19,7 @@ from rehab_opt.kinematics.arm_on_chair import arm_on_chair
 from rehab_opt.session.ardis.clearance import arm_gaps, arm_points
 from rehab_opt.session.ardis.outcome import ArdisOutcome
 from rehab_opt.session.ardis.robot import robot_of, start_of
-from rehab_opt.session.ardis.table import ardis_table
+from rehab_opt.session.ardis.table import table as ardis_table
 from rehab_opt.session.files import load_problem, shipped_folder
 from rehab_opt.session.mirror.outcome import STEP, MirrorOutcome
 from rehab_opt.session.report import write_report

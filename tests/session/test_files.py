@@ -25,7 +25,7 @@ from rehab_opt.session.files import (
     shipped_problems,
 )
 from rehab_opt.session.run import checked
-from rehab_opt.session.systems import SYSTEMS, system_named
+from rehab_opt.session.systems import SHIPPED, system_named
 from rehab_opt.session.upper_limb.problem import UpperLimb
 
 Write = Callable[[str, str | bytes], Path]
@@ -129,7 +129,7 @@ def test_every_number_of_the_schema_carries_its_unit_or_has_none() -> None:
     without |= {"dead_zone", "self_motion", "speeds"}  # ratios; m/s or rad/s, as the row next to it says
     without |= {"floor", "catch_up", "patience", "pull"}  # ratios
     without |= {"gain"}  # a ratio
-    for section in {found for name in SYSTEMS for found in sections(system_named(name).schema)}:
+    for section in {found for name in SHIPPED for found in sections(system_named(name).schema)}:
         for key, field in section.model_fields.items():
             if "float" in str(field.annotation) and key not in without:
                 assert key.endswith(units), key

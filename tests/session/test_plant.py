@@ -25,9 +25,8 @@ from rehab_opt.session.mirror.laws import without_floor
 from rehab_opt.session.mirror.scene import laid_out
 from rehab_opt.session.plant.making import chair_plant, joint_plant, on_plant
 from rehab_opt.session.plant.tables import ChairPlant, HandPlant, JointPlant
-from rehab_opt.session.pose_tracking.figures import robot_figures
 from rehab_opt.session.pose_tracking.outcome import RobotOutcome
-from rehab_opt.session.pose_tracking.trace import robot_columns
+from rehab_opt.session.pose_tracking.shown import figures as robot_figures
 from rehab_opt.session.run import checked, run_problem
 from rehab_opt.session.scenario.plant import hand_robot_of
 
@@ -143,7 +142,7 @@ def test_a_circle_on_servos_shows_what_was_commanded_and_what_was_true(servo: st
     lines = {line.get_label(): line.get_ydata() for line in shown.axes[4].get_lines()}  # of the elbow
     np.testing.assert_allclose(np.deg2rad(lines["true"]), motion.velocity[:, 2], atol=1e-12)
     np.testing.assert_allclose(np.deg2rad(lines["commanded"]), motion.commanded[:, 2], atol=1e-12)
-    columns = dict(robot_columns(outcome))
+    columns = dict(outcome.trace())
     assert columns["measured_elbow_rad"] == motion.measured[:, 2].tolist()
     assert columns["velocity_elbow_rad_s"] == motion.velocity[:, 2].tolist()
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from rehab_opt import ProblemFileError, SerialChain, ur5
-from rehab_opt.comparison.recording import recorded_run
 from rehab_opt.export.exporters import exported_controllers
+from rehab_opt.qp_recording.recording import recorded_run
 from rehab_opt.session.files import load_problem, shipped_problems
 from rehab_opt.session.many.digest import inputs_digest
 from rehab_opt.session.many.participant import Participant

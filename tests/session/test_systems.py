@@ -5,35 +5,31 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any, get_args
+from typing import get_args
 
 import pytest
-from matplotlib.figure import Figure
-from rich.table import Table
 
 import rehab_opt.session
 from rehab_opt.cli import main
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.session import files, systems
-from rehab_opt.session.files import ProblemFile, load_problem, shipped_problems
-from rehab_opt.session.outcome import Outcome, Progress
+from rehab_opt.session.files import load_problem, shipped_problems
+from rehab_opt.session.many.digest import inputs_digest
+from rehab_opt.session.many.participants import participants_of
+from rehab_opt.session.many.run import run_many
 from rehab_opt.session.run import run_problem
-from rehab_opt.session.schema import Problem
-from rehab_opt.session.systems import SYSTEMS, Column, Needed, system_named
+from rehab_opt.session.systems import SHIPPED, system_named, systems
 
 SHARED = ("files", "run", "report", "cells", "outcome", "many/run", "many/work", "many/digest", "many/pools")
 
 
-@pytest.mark.parametrize("name", SYSTEMS)
+@pytest.mark.parametrize("name", SHIPPED)
 def test_system_reads_files_that_call_it_by_its_name(name: str) -> None:
     assert get_args(system_named(name).schema.model_fields["system"].annotation) == (name,)
 
 
 def test_every_system_has_a_shipped_problem() -> None:
-    assert {load_problem(name).problem.system for name in shipped_problems()} == set(SYSTEMS)
+    assert {load_problem(name).problem.system for name in shipped_problems()} == set(SHIPPED)
 
 
 def test_unknown_system_is_refused_with_those_there_are() -> None:
@@ -55,63 +51,118 @@ def test_registry_loads_nothing_that_is_not_asked_for() -> None:
     assert done.stdout.strip() == "[]"
 
 
-class CountProblem(Problem):
-    """A system that no other test knows."""
+KIND = """
+from rehab_opt.session.outcome import Outcome
+from rehab_opt.session.schema import Problem
+from rehab_opt.session.systems import System
 
+
+class CountProblem(Problem):
     count: int = 3
 
 
-class CountSystem:
+class CountSystem(System[CountProblem, Outcome]):
     schema = CountProblem
     options = frozenset({"speed"})
 
-    def recordings(self, problem: CountProblem) -> tuple[Needed, ...]:
-        return ()
-
-    def check(self, loaded: ProblemFile[CountProblem]) -> tuple[str, ...]:
+    def check(self, loaded):
         return (f"counts to {loaded.problem.count}",)
 
-    def run(self, loaded: ProblemFile[CountProblem], *, options: Mapping[str, str], progress: Progress) -> Outcome:
-        return Outcome("count", loaded.name, loaded.problem.title, (), {"options": dict(options)})
+    def run(self, loaded, *, options, progress):
+        numbers = [float(n) for n in range(loaded.problem.count)]
+        columns = {"t_s": numbers, "count_m": numbers, "word": ["n"] * len(numbers)}
+        metrics = {"last_m": numbers[-1], "options": dict(options)}
+        return Outcome("count", loaded.name, loaded.problem.title, (), metrics, columns=columns)
+"""
+"""A kind of problem in one module of another distribution."""
+ENTRY = "[rehab_opt.systems]\n{name} = {value}\n"
 
-    def table(self, outcome: Outcome) -> Table:
-        return Table("counted")
 
-    def trace(self, outcome: Outcome) -> Iterator[Column]:
-        yield "n", [1, 2, 3]
-
-    def figures(self, outcome: Outcome) -> dict[str, Figure]:
-        return {"dots": Figure()}
+def installed(folder: Path, name: str, *, value: str) -> None:
+    """A distribution with one entry point, as pip leaves it."""
+    metadata = folder / f"{name}_problems-1.0.dist-info"
+    metadata.mkdir(parents=True)
+    (metadata / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}_problems\nVersion: 1.0\n")
+    (metadata / "entry_points.txt").write_text(ENTRY.format(name=name, value=value))
 
 
 @pytest.fixture
 def count(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
-    """A folder with a problem of another system, which is known by an entry of its own and nothing else."""
-    added: Mapping[str, Any] = MappingProxyType({**SYSTEMS, "count": CountSystem})
-    monkeypatch.setattr(systems, "SYSTEMS", added)
-    monkeypatch.setattr(files, "SYSTEMS", added)
-    (tmp_path / "count.toml").write_text('system = "count"\ntitle = "to three"\n', encoding="utf-8")
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
+    """A folder with a problem of a kind that an installed distribution brings, and nothing in this package names."""
+    site = tmp_path / "site"
+    installed(site, "count", value="counting_problems:CountSystem")
+    (site / "counting_problems.py").write_text(KIND, encoding="utf-8")
+    monkeypatch.syspath_prepend(site)
+    monkeypatch.delitem(sys.modules, "counting_problems", raising=False)
+    work = tmp_path / "work"
+    work.mkdir()
+    (work / "count.toml").write_text('system = "count"\ntitle = "to three"\n', encoding="utf-8")
+    monkeypatch.chdir(work)
+    return work
 
 
-def test_new_system_is_run_checked_and_reported_by_its_entry_alone(
-    count: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_kind_from_outside_is_run_checked_and_reported(count: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for command in ("check", "run"):
         with pytest.raises(SystemExit) as end:
             main([command, "count.toml"])
         assert not end.value.code
     printed = capsys.readouterr().out
     assert "counts to 3" in printed
-    assert "counted" in printed
-    assert {path.name for path in (count / "out/count").iterdir()} == {"metrics.json", "trace.csv", "dots.png"}
-    assert (count / "out/count/trace.csv").read_text(encoding="utf-8") == "n\n1\n2\n3\n"
+    assert "last m" in printed  # its numbers, though it draws no table of its own
+    assert {path.name for path in (count / "out/count").iterdir()} == {"metrics.json", "trace.csv", "trace.png"}
+    assert (count / "out/count/trace.csv").read_text(encoding="utf-8") == "t_s,count_m,word\n0,0,n\n1,1,n\n2,2,n\n"
     assert json.loads((count / "out/count/metrics.json").read_text(encoding="utf-8"))["title"] == "to three"
+
+
+def test_a_kind_from_outside_runs_for_many_people(count: Path) -> None:
+    folder = count / "people"
+    folder.mkdir()
+    for number in (2, 5):
+        (folder / f"p{number}.toml").write_text(f'system = "count"\ntitle = "p"\ncount = {number}\n', encoding="utf-8")
+    rows = run_many(participants_of(folder, problem=None), out=count / "out", workers=None, executor=None)
+    assert [row.error for row in rows] == ["", ""]
+
+
+def test_a_changed_kind_is_computed_again(count: Path) -> None:
+    before = inputs_digest(load_problem("count.toml"))
+    assert inputs_digest(load_problem("count.toml")) == before
+    source = count.parent / "site" / "counting_problems.py"
+    source.write_text(source.read_text(encoding="utf-8") + "# another version\n", encoding="utf-8")
+    assert inputs_digest(load_problem("count.toml")) != before
 
 
 def test_options_reach_the_system_that_knows_them_and_no_other(count: Path) -> None:
     loaded = load_problem("count.toml")
-    assert run_problem(loaded, speed="high", law=None).metrics == {"options": {"speed": "high"}}
+    assert run_problem(loaded, speed="high", law=None).metrics["options"] == {"speed": "high"}
     with pytest.raises(ConfigurationError, match="--law = 'both': expected no such option"):
         run_problem(loaded, law="both")
+
+
+def test_it_is_named_among_the_kinds_there_are(count: Path) -> None:
+    assert [*systems()] == [*SHIPPED, "count"]
+    with pytest.raises(ConfigurationError, match="ardis, count"):
+        system_named("leg")
+
+
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [
+        ("not_there_at_all:System", "not_there_at_all"),
+        ("json:nothing", "nothing"),
+        ("json:dumps", "derived from System"),
+    ],
+)
+def test_an_entry_point_that_leads_nowhere_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, value: str, said: str
+) -> None:
+    installed(tmp_path, "lost", value=value)
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(ConfigurationError, match=said):
+        system_named("lost")
+
+
+def test_no_distribution_takes_the_place_of_a_shipped_kind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    installed(tmp_path, "ardis", value="json:dumps")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert system_named("ardis").schema.__name__ == "ArdisProblem"
+    assert systems()["ardis"] == SHIPPED["ardis"]

@@ -14,10 +14,9 @@ from rehab_opt.errors import ProblemFileError
 from rehab_opt.session.files import load_problem, problem_of
 from rehab_opt.session.report import metrics_json
 from rehab_opt.session.run import checked, run_problem
-from rehab_opt.session.workspace_maps.figures import map_figures
 from rehab_opt.session.workspace_maps.outcome import MapOutcome
-from rehab_opt.session.workspace_maps.table import map_table
-from rehab_opt.session.workspace_maps.trace import trajectory_columns
+from rehab_opt.session.workspace_maps.shown import figures as map_figures
+from rehab_opt.session.workspace_maps.shown import table as map_table
 
 CONTENT: dict[str, Any] = {
     "system": "workspace_map",
@@ -63,7 +62,7 @@ def test_safe_rule_folds_nowhere_and_stays_inside_both_ways_where_the_published_
 
 
 def test_trajectories_are_carried_by_the_map_that_starts_where_they_lie(shipped: MapOutcome) -> None:
-    columns = dict(trajectory_columns(shipped))
+    columns = dict(shipped.trace())
     assert len({len(column) for column in columns.values()}) == 1
     names = np.array(columns["trajectory"])
     for direction in shipped.directions:

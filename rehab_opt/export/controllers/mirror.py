@@ -17,12 +17,12 @@ from rehab_opt.control.between_poses import (
     part_way_function,
     rigid_function,
 )
+from rehab_opt.control.damped import PASSES
 from rehab_opt.control.interaction import FELT, GONE
 from rehab_opt.control.manipulability import DISTANCES, DRAWN, GAIN, SHARES
 from rehab_opt.control.mirror import MirrorTracker
 from rehab_opt.control.person_limit import SETTLED, SETTLING, SETTLING_DT, PersonLimit
 from rehab_opt.control.reference_clock import CURVED, THINNED
-from rehab_opt.control.wanted import PASSES
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.export.c_text import initialiser, number
 from rehab_opt.export.controllers.mirror_run import mirror_run

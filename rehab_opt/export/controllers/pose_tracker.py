@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from rehab_opt.control.command import Command
+from rehab_opt.control.damped import PASSES
 from rehab_opt.control.pose_tracker import PoseTracker
-from rehab_opt.control.wanted import PASSES
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.export.exported import ExportedController, ExportedVelocity, Law
 from rehab_opt.export.recording import Tick, recorded, thinned, with_faults

@@ -14,7 +14,7 @@ from rehab_opt.session.ardis.outcome import ArdisOutcome
 from rehab_opt.session.drawing import REFERENCE
 from rehab_opt.session.joint_figure import LAW_STYLES
 
-__all__ = ["ardis_animation"]
+__all__ = ["animations", "motion_film"]
 
 FRAMES = 40
 """However long the run is, so that the file stays small."""
@@ -22,7 +22,12 @@ INTERVAL = 150
 """[ms] a frame"""
 
 
-def ardis_animation(outcome: ArdisOutcome) -> FuncAnimation:
+def animations(outcome: ArdisOutcome) -> dict[str, FuncAnimation]:
+    """The films by file name, without suffix."""
+    return {"motion": motion_film(outcome)}
+
+
+def motion_film(outcome: ArdisOutcome) -> FuncAnimation:
     """One panel a drive; a run is shown in `FRAMES` frames."""
     x, y = seen_from_above(outcome)
     count = len(outcome.drives)

@@ -13,7 +13,7 @@ from rehab_opt.session.drawing import GRID, REFERENCE, framed, legend_below
 from rehab_opt.session.joint_figure import LAW_STYLES
 from rehab_opt.session.plant.figure import servo_figure
 
-__all__ = ["ardis_figures", "draw_room", "seen_from_above"]
+__all__ = ["draw_room", "figures", "seen_from_above"]
 
 OBSTACLE, GOAL = "#BBBBBB", "#009E73"
 INSTANTS = 4
@@ -29,7 +29,7 @@ ORDER = {"optimised": 4, "published": 4.5}
 """Dashes are drawn over what they agree with."""
 
 
-def ardis_figures(outcome: ArdisOutcome) -> dict[str, Figure]:
+def figures(outcome: ArdisOutcome) -> dict[str, Figure]:
     """The figures by file name (without suffix)."""
     drawn = {"top_view": _top_view(outcome), "hand": _hand(outcome), "limits": _limits(outcome)}
     for drive, of in outcome.drives.items():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from rehab_opt.kinematics.mobile_arm import CHAIR
 from rehab_opt.plants.ideal import IdealJoints
 from rehab_opt.session.ardis.stick import Moment, Stick, StickSample
-from rehab_opt.session.plant.motion import JointMotion, MotionLog
+from rehab_opt.session.plant.loop import Sent, closed_loop
+from rehab_opt.session.plant.motion import JointMotion
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from rehab_opt.control.joystick import Joystick, StickCommand
     from rehab_opt.control.redundancy import RedundancyResolver
     from rehab_opt.kinematics.mobile_arm import MobileArm
-    from rehab_opt.plants.plant import Plant
+    from rehab_opt.plants.plant import Measurement, Plant
     from rehab_opt.published.pseudoinverse_law import PseudoinverseLaw
 
 __all__ = ["Answer", "Law", "Motion", "Optimised", "Published", "moved"]
@@ -30,7 +31,6 @@ Array = NDArray[np.float64]
 STANDSTILL = 1.0
 """[s] that the robot is watched after the stick was let go for good: it comes to rest."""
 LET_GO = StickSample((0.0, 0.0))
-TICKS_A_REPORT = 100
 
 
 class Answer(NamedTuple):
@@ -149,8 +149,12 @@ def moved(
     left = math.ceil(STANDSTILL / dt)
     ideal = plant is None
     robot_in_loop: Plant = IdealJoints(dt) if plant is None else plant
-    seen, log, rows = robot_in_loop.reset(start), MotionLog(robot_in_loop), []
-    for k in range(most):
+    rows: list[tuple[Any, ...]] = []
+
+    def steer(k: int, seen: Measurement) -> Sent | None:
+        nonlocal left
+        if left <= 0:
+            return None
         now = robot_in_loop.truth.position
         pose = robot.chain.pose(now)
         given = stick.at(Moment(k * dt, now, pose[:3, 3], joystick.mode.name))
@@ -160,15 +164,10 @@ def moved(
         asked = joystick.step(sample.axes, switch=sample.switch, gripper=sample.gripper)
         answer = law.step(seen.position, asked)
         rows.append((now, answer, pose, sample.axes, asked, joystick.mode.name))
-        log.note(answer.velocity)
-        seen = robot_in_loop.step(
-            answer.velocity if ideal else np.concatenate([answer.wheels, answer.velocity[CHAIR:]])
-        )
-        if k % TICKS_A_REPORT == 0:
-            progress(k, most)
-        if left <= 0:
-            break
-    progress(most, most)
+        wheels_and_arm = answer.velocity if ideal else np.concatenate([answer.wheels, answer.velocity[CHAIR:]])
+        return Sent(answer.velocity, wheels_and_arm)
+
+    motion = closed_loop(robot_in_loop, start, steer, ticks=most, progress=progress)
     q = np.array([row[0] for row in rows])
     velocity = np.array([row[1].velocity for row in rows])
     return Motion(
@@ -187,5 +186,5 @@ def moved(
         status=tuple(row[1].status for row in rows),
         yielded=tuple(row[1].yielded for row in rows),
         scale=np.array([row[1].scale for row in rows]),
-        motion=log.motion,
+        motion=motion,
     )

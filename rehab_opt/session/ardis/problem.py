@@ -1,4 +1,4 @@
-"""What a problem file of `system = "ardis"` may say; `problems/README.md` says what each key means."""
+"""What a problem file of `system = "ardis"` may say, and what each key means."""
 
 from __future__ import annotations
 
@@ -35,12 +35,22 @@ class RobotSection(Section):
     """The robot and how it stands when the run begins."""
 
     file: str | None = Field(default=None, min_length=1)
+    """A robot file whose `mount_m`, `mount_deg` say where the arm's base stands in the chassis frame; by default
+    ARDIS's arm. Chair, user, chassis limits and rotors (0.05 kg m^2 a joint) are those of `ardis` and `arm_on_chair`,
+    assumptions."""
     start_m: Pair = Field(default=[0.0, 0.0])
+    """Where the chair's turning point stands."""
     heading_deg: Angle = 0.0
+    """Counterclockwise from above."""
     arm_deg: Annotated[list[Angle], Field(min_length=4, max_length=100)] | None = None
+    """`[shoulder flexion, shoulder rotation, elbow, wrist]`, by default `ARDIS_READY`; with a robot file required, a
+    value for each of its joints."""
     mount_height_m: float = Field(default=0.70, ge=0.2, le=1.5)
+    """Of the shoulder; the robot file's where there is one."""
     chair_mass_kg: float = Field(default=120.0, ge=20, le=500)
+    """Of the chair with its user."""
     payload_kg: float = Field(default=0.0, ge=0, le=20)
+    """In the hand; the robot file's where there is one."""
 
     @model_validator(mode="after")
     def said_once(self) -> Self:
@@ -61,21 +71,33 @@ class ModeSection(Section):
     """What the two axes of the stick, forward and left, move in one mode."""
 
     name: str = Field(min_length=1, max_length=20)
+    """What the user calls it."""
     rows: Annotated[list[RowName], Field(min_length=2, max_length=2)]
+    """What forward and left move: two of x, y, z, rx, ry, rz (chair's frame), roll7."""
     speeds: Annotated[list[Annotated[float, Field(ge=-2, le=2)]], Field(min_length=2, max_length=2)]
+    """Of these at full deflection [m/s, rad/s]."""
     held: Annotated[list[RowName], Field(max_length=5)] = Field(default=[])
+    """Rows that do not move meanwhile: `["rx", "ry"]` keeps a cup level."""
 
 
 class StickSection(Section):
     """Recordings of the stick, one for each drive that is run, and how it is read."""
 
     mecanum: str | None = Field(default=None, min_length=1)
+    """Recording for four mecanum wheels, a `.csv` with the header `t_s,forward,left,switch,gripper`: deflections -1 to
+    1, buttons 0 or 1; each row is held until the next."""
     differential: str | None = Field(default=None, min_length=1)
+    """For two wheels on one axle, which cannot go sideways."""
     omnidirectional: str | None = Field(default=None, min_length=1)
+    """For a base that takes its own twist as command and goes in every direction."""
     fixed: str | None = Field(default=None, min_length=1)
+    """For a base that stands, where the arm moves alone."""
     dead_zone: float | None = Field(default=None, ge=0, lt=1)
+    """By default `Joystick`'s (0.12)."""
     rate_per_s: float | None = Field(default=None, gt=0, le=1000)
+    """By default `Joystick`'s (3)."""
     modes: Annotated[list[ModeSection], Field(min_length=1, max_length=8)] | None = None
+    """By default `Joystick`'s; the switch goes round."""
 
     @model_validator(mode="after")
     def a_drive_is_run(self) -> Self:
@@ -94,16 +116,22 @@ class GoalSection(Section):
     """What the user is to bring about, one after the other."""
 
     name: str = Field(min_length=1, max_length=40)
+    """What tables and figures call it."""
     hand_m: Triple
+    """Where the hand is to be, in the world frame."""
     within_m: float = Field(default=0.03, gt=0, le=1)
+    """Reached when the hand is within this and the gripper as asked. Goals are judged, they steer nothing."""
     gripper: Literal["open", "closed"] | None = None
+    """As it has to be, where it matters."""
 
 
 class WallSection(Section):
     """A wall: points p of the floor with normal . p > offset are not free, normal being of length one."""
 
     normal: Pair
+    """Of length 1."""
     offset_m: Annotated[float, Field(ge=-100, le=100)]
+    """Along the normal, from the world's origin."""
 
     @model_validator(mode="after")
     def normal_is_a_direction(self) -> Self:
@@ -117,22 +145,29 @@ class PostSection(Section):
     """Something round that stands on the floor."""
 
     centre_m: Pair
+    """On the floor."""
     radius_m: float = Field(ge=0, le=10)
+    """Of the post."""
 
 
 class RoomSection(Section):
     """What the chair must not run into."""
 
     walls: Annotated[list[WallSection], Field(max_length=20)] = Field(default=[])
+    """Straight ones."""
     posts: Annotated[list[PostSection], Field(max_length=40)] = Field(default=[])
+    """Round ones."""
 
 
 class RunSection(Section):
     """How often, and with what."""
 
     rate_hz: float = Field(default=100.0, ge=20, le=1000)
+    """Ticks a second."""
     self_motion: float = Field(default=1.0, ge=0, le=100)
+    """Weight of the posture in Eq. (1), of both laws."""
     solver: SolverName | None = None
+    """By default `RedundancyResolver`'s; `--solver` replaces it."""
 
 
 class ArdisProblem(Problem):
@@ -140,8 +175,14 @@ class ArdisProblem(Problem):
 
     system: Literal["ardis"]
     robot: RobotSection = RobotSection()
+    """The chair with its arm."""
     stick: StickSection
+    """The user's stick; every drive that has one is run."""
     goals: Annotated[list[GoalSection], Field(max_length=20)] = Field(default=[])
+    """Reached one after the other."""
     room: RoomSection = RoomSection()
+    """What is around."""
     run: RunSection = RunSection()
+    """How it is run."""
     plant: ChairPlant = ChairPlant()
+    """On which robot it runs: see the plant's keys."""

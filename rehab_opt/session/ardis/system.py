@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from contextlib import AbstractContextManager
-from typing import TYPE_CHECKING
 
 from rehab_opt.session.ardis.outcome import ArdisOutcome
 from rehab_opt.session.ardis.problem import ArdisProblem
@@ -14,20 +13,16 @@ from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.plant.making import on_plant
 from rehab_opt.session.solver_option import checked_solver, solver_refusals
-from rehab_opt.session.systems import ROBOT_FILE, Column, Needed
-
-if TYPE_CHECKING:
-    from matplotlib.animation import Animation
-    from matplotlib.figure import Figure
-    from rich.table import Table
+from rehab_opt.session.systems import ROBOT_FILE, Needed, System
 
 __all__ = ["ArdisSystem"]
 
 
-class ArdisSystem:
+class ArdisSystem(System[ArdisProblem, ArdisOutcome]):
     """A wheelchair with an arm, moved by one stick, with each drive that has a recording of it."""
 
     schema = ArdisProblem
+    shown = ("rehab_opt.session.ardis.table", "rehab_opt.session.ardis.figures", "rehab_opt.session.ardis.animation")
     options = frozenset({"plant", "solver"})
 
     def recordings(self, problem: ArdisProblem) -> tuple[Needed, ...]:
@@ -57,30 +52,6 @@ class ArdisSystem:
     def seconds_a_tick(self, problem: ArdisProblem) -> float:
         """Of the controller."""
         return 1 / problem.run.rate_hz
-
-    def table(self, outcome: ArdisOutcome) -> Table:
-        """Two columns a drive: the published law and ours."""
-        from rehab_opt.session.ardis.table import ardis_table  # noqa: PLC0415  (loads rich)
-
-        return ardis_table(outcome)
-
-    def trace(self, outcome: ArdisOutcome) -> Iterator[Column]:
-        """A row for each drive, law and tick."""
-        from rehab_opt.session.ardis.trace import ardis_columns  # noqa: PLC0415
-
-        return ardis_columns(outcome)
-
-    def figures(self, outcome: ArdisOutcome) -> dict[str, Figure]:
-        """Chair and hand from above, the hand's height and speeds over time, and the limits."""
-        from rehab_opt.session.ardis.figures import ardis_figures  # noqa: PLC0415  (loads matplotlib)
-
-        return ardis_figures(outcome)
-
-    def animations(self, outcome: ArdisOutcome) -> dict[str, Animation]:
-        """The run from above and from the side."""
-        from rehab_opt.session.ardis.animation import ardis_animation  # noqa: PLC0415  (loads matplotlib)
-
-        return {"motion": ardis_animation(outcome)}
 
 
 def _refusals(loaded: ProblemFile[ArdisProblem], solver: str | None) -> AbstractContextManager[None]:

@@ -10,24 +10,24 @@ from rich.text import Text
 from rehab_opt.session.ardis.outcome import LAWS, ArdisOutcome
 from rehab_opt.session.cells import Numbers, Rows, counts
 
-__all__ = ["ardis_table"]
+__all__ = ["table"]
 
 
-def ardis_table(outcome: ArdisOutcome) -> Table:
+def table(outcome: ArdisOutcome) -> Table:
     """Rows of quantities with their units, a column for each drive and law."""
     drives = outcome.metrics["drives"]
-    table = Table(title=Text(outcome.title))
-    table.add_column("quantity")
+    grid = Table(title=Text(outcome.title))
+    grid.add_column("quantity")
     for drive in drives:
         for law in LAWS:
-            table.add_column(Text(f"{drive}\n{law}"), justify="right")
+            grid.add_column(Text(f"{drive}\n{law}"), justify="right")
     columns = [drives[drive][law] for drive in drives for law in LAWS]
     for label, value in ARDIS_ROWS:
-        table.add_row(label, *map(value, columns))
+        grid.add_row(label, *map(value, columns))
     for goal in outcome.goals:
         shares = (_leg(of["legs"].get(goal.name)) for of in columns)
-        table.add_row(Text(f"  on the way to: {goal.name}"), *shares)
-    return table
+        grid.add_row(Text(f"  on the way to: {goal.name}"), *shares)
+    return grid
 
 
 def _shares(name: str) -> Callable[[Numbers], str]:

@@ -5,8 +5,11 @@ from __future__ import annotations
 import hashlib
 import importlib.metadata
 import importlib.resources
+import inspect
 import json
+import sys
 from functools import cache
+from pathlib import Path
 
 from rehab_opt.session.file_limits import LARGEST_RECORDING
 from rehab_opt.session.files import ProblemFile, recording_path
@@ -21,7 +24,7 @@ NUMERICS = ("casadi", "numpy", "scipy", "shapely")
 
 
 def inputs_digest(loaded: ProblemFile[Problem]) -> str:
-    """SHA-256 of a problem, its recordings, this library's source and the versions of what it computes with.
+    """SHA-256 of a problem, its recordings, the source of its kind and of this library, and versions of its numerics.
 
     Raises
     ------
@@ -29,15 +32,27 @@ def inputs_digest(loaded: ProblemFile[Problem]) -> str:
     """
     digest = hashlib.sha256(software_digest().encode())
     problem = loaded.problem
+    system = system_named(problem.system)
+    digest.update(_source_outside(type(system)))
     said = {"name": loaded.name, "problem": problem.model_dump(mode="json")}
     digest.update(json.dumps(said, sort_keys=True).encode())
-    for needed in system_named(problem.system).recordings(problem):
+    for needed in system.recordings(problem):
         if needed.key == ROBOT_FILE:
             digest.update(robot_text(loaded, needed.reference).encode())
             continue
         path = recording_path(loaded, needed.reference, key=needed.key)
         digest.update(file_content(path, needed.reference, largest=LARGEST_RECORDING))
     return digest.hexdigest()
+
+
+def _source_outside(kind: type) -> bytes:
+    """The source of a kind of problem of another distribution: its module, or all of the package that it is in."""
+    package = kind.__module__.partition(".")[0]
+    if package == __name__.partition(".")[0]:
+        return b""
+    file = Path(inspect.getfile(sys.modules[package]))
+    sources = sorted(file.parent.rglob("*.py")) if file.name == "__init__.py" else [file]
+    return b"".join(path.read_bytes() for path in sources)
 
 
 @cache

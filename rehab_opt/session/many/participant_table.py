@@ -1,7 +1,7 @@
 """A table of participants: each row is a problem file with some of its values replaced.
 
-Column `participant` names the person; every other column is a dotted key of the problem. `problems/README.md` has the
-rules.
+Column `participant` names the person; every other column is a dotted key of the problem. The rules are in
+`docs/howto/many_people.md`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a problem file of `system = "mirror"` may say; `problems/README.md` says what each key means."""
+"""What a problem file of `system = "mirror"` may say, and what each key means."""
 
 from __future__ import annotations
 
@@ -43,14 +43,25 @@ class PoseRecordingSection(Section):
     """Poses of the healthy hand, and what the axes of its frame mean."""
 
     file: str = Field(min_length=1)
+    """A `.csv` with the header `t_s,x_m,y_m,z_m,qx,qy,qz,qw`, or rows of numbers without a header, with the columns
+    below. Empty cells: the tracker had lost the hand."""
     hand: Side
+    """Whose hand was recorded; the other one is led."""
     frame: Literal["unity", "robot"]
+    """`unity`: x right, y up, z forward, left-handed; `robot`: x forward, y left, z up."""
     fingers: Axis
+    """Axis of the recorded hand frame that points to the fingertips, in the recording's own frame. It differs from
+    tracker to tracker, and mirrored fingers point backwards where it is wrong: there is no default."""
     back: Axis
+    """Axis that points out of the back of the hand."""
     rate_hz: float | None = Field(default=None, ge=1, le=2000)
+    """Instead of time stamps: an assumption, which the notes repeat."""
     position_columns: Annotated[list[Columns], Field(min_length=3, max_length=3)] | None = None
+    """Three column numbers from 1; need `rate_hz`."""
     quaternion_columns: Annotated[list[Columns], Field(min_length=4, max_length=4)] | None = None
+    """Four column numbers of x, y, z, w, likewise."""
     rows: Annotated[list[Annotated[int, Field(ge=1)]], Field(min_length=2, max_length=2)] | None = None
+    """`[first, last]` of the rows of numbers, from 1; by default all."""
 
     @model_validator(mode="after")
     def axes_and_columns_differ(self) -> Self:
@@ -75,19 +86,29 @@ class ConditioningSection(Section):
     """What happens to the tracker's samples on the way in."""
 
     cutoff_hz: float = Field(default=8.0, gt=0, le=1000)
+    """Of the filter's two equal poles; its lag is reported."""
     max_gap_s: float = Field(default=0.1, gt=0, le=10)
+    """Longer gaps count as lost sight."""
     largest_speed_m_s: float = Field(default=5.0, gt=0, le=100)
+    """Faster samples count as lost sight."""
     largest_turn_deg_s: float = Field(default=1720.0, gt=0, le=36000)
+    """Likewise."""
 
 
 class VrPlacementSection(Section):
     """How the recording's frame, its axes turned to the robot's kind, lies in the robot's frame."""
 
     calibration_file: str | None = Field(default=None, min_length=1)
+    """A `.csv` with the header `vr_x_m,vr_y_m,vr_z_m,robot_x_m,robot_y_m,robot_z_m`: at least three points touched with
+    both; least squares, the residual is reported. Or `origin_m`."""
     origin_m: Triple | None = None
+    """Where the recording's origin lies in the robot's frame."""
     turn_deg: float = Field(default=0.0, ge=-360, le=360)
+    """How its axes are turned about the vertical."""
     recorded_arm_m: float | None = Field(default=None, gt=0, le=10)
+    """Length of a stretch of arm in the recording's unit; with `arm_m` lengths are scaled by their ratio."""
     arm_m: float | None = Field(default=None, ge=0.1, le=2)
+    """Length of the same stretch of the patient's arm."""
 
     @model_validator(mode="after")
     def frame_is_said_once(self) -> Self:
@@ -115,56 +136,80 @@ class PatientArmSection(Section):
     """The arm that is led, to whose range of motion the reference is limited."""
 
     shoulder_m: Triple
+    """Shoulder of the led arm in the robot's frame."""
     range_of_motion: Annotated[
         Annotated[Literal["regular", "restricted"], Tag(NAME)] | Annotated[RangeOfMotion, Tag(TABLE)],
         Discriminator(lambda value: TABLE if isinstance(value, dict | RangeOfMotion) else NAME),
     ]
+    """Table I by name, or a table of all eight joints' limits."""
     segments: SegmentsSection = SegmentsSection()
+    """Lengths of the arm's segments."""
 
 
 class PatientSection(Section):
     """Where the patient sits, and which way they look."""
 
     sagittal_point_m: Triple
+    """A point of the sagittal plane, which is upright."""
     facing_deg: float = Field(ge=-360, le=360)
+    """Where the patient looks: 0 is the robot's x, counterclockwise."""
     arm: PatientArmSection | None = None
+    """The arm that is led: with it the reference is limited to its range of motion."""
 
 
 class LedRobotSection(RobotSection):
     """The robot, and how it holds the hand."""
 
     grip_m: Triple = Field(default=[0.0, 0.0, 0.0])
+    """The tool in the frame of the led hand (x fingers, y back, z across, fingers x back), after the turn of
+    `grip_deg`."""
     grip_deg: Turns = Field(default=[0.0, 0.0, 0.0])
+    """Turns about the hand's x, then y, then z as they stood."""
 
 
 class KeepOutSection(Section):
     """A plane that no part of the arm crosses."""
 
     point_m: Triple
+    """Of the plane."""
     normal: Triple
+    """To the side where the robot may be."""
 
 
 class MirrorTrackerSection(Section):
     """The law, `MirrorTracker`."""
 
     rate_hz: float = Field(default=200.0, ge=10, le=10000)
+    """Ticks a second."""
     floor: float = Field(default=0.3, gt=0, lt=1)
+    """Least w / w_max, of the robot's own largest w."""
     max_deviation_mm: float = Field(default=50.0, gt=0, le=1000)
+    """Distance to the reference that is never exceeded; near it the clock slows, and waits."""
     max_turn_deg: float = Field(default=45.0, gt=0, lt=180)
+    """Turn from the reference, likewise."""
     linear_speed_m_s: float = Field(default=0.25, gt=0, le=3)
+    """Largest speed of the hand."""
     angular_speed_deg_s: float = Field(default=86.0, gt=0, le=720)
+    """Largest turning of the hand."""
     catch_up: float = Field(default=0.5, ge=0, lt=10)
+    """Share by which the clock may run fast to make up for a lag."""
     patience: float = Field(default=10.0, ge=1, le=100)
+    """Durations of the recording after which a run ends, incomplete."""
     keep_out: list[KeepOutSection] = Field(default=[], max_length=10)
+    """Planes that no link of the robot crosses against their normal; without capsules, no joint."""
 
 
 class AStarSection(Section):
     """The published search, run beside as the yardstick."""
 
     resolution_mm: float = Field(ge=0.5, le=50)
+    """Of the search's lattice."""
     stretch_mm: Positive = Field(default=30.0, le=1000)
+    """Path searched at a time. This and the next are choices: the paper's numbers are lost."""
     pull: float = Field(default=4.0, ge=0, le=1000)
+    """Weight of the reference path in f."""
     most: int = Field(default=200_000, ge=1, le=10_000_000)
+    """Positions expanded a stretch at most."""
 
 
 class MirrorProblem(Problem):
@@ -172,10 +217,18 @@ class MirrorProblem(Problem):
 
     system: Literal["mirror"]
     recording: PoseRecordingSection
+    """The healthy hand."""
     conditioning: ConditioningSection = ConditioningSection()
+    """The filter."""
     placement: VrPlacementSection
+    """Where the recording lies; one of the two forms."""
     patient: PatientSection
+    """Who is led."""
     robot: LedRobotSection
+    """Which robot leads."""
     tracker: MirrorTrackerSection = MirrorTrackerSection()
+    """The controller."""
     plant: JointPlant = JointPlant()
+    """On which robot it runs: see the plant's keys."""
     astar: AStarSection | None = None
+    """The published search; left out where there is no such table."""

@@ -10,7 +10,7 @@ from rehab_opt.session.mirror.problem import MirrorProblem
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.plant.making import on_plant
 from rehab_opt.session.pose_tracking.robot import robot_files
-from rehab_opt.session.systems import Column, Needed
+from rehab_opt.session.systems import Column, Needed, System
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 __all__ = ["MirrorSystem"]
 
 
-class MirrorSystem:
+class MirrorSystem(System[MirrorProblem, "MirrorOutcome"]):
     """A hand led along the other hand's mirrored path."""
 
     schema = MirrorProblem

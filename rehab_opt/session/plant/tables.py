@@ -1,4 +1,4 @@
-"""What the table `[plant]` of a problem file may say; `problems/README.md` says what each key means."""
+"""What the table `[plant]` of a problem file may say, and what each key means."""
 
 from __future__ import annotations
 
@@ -19,12 +19,20 @@ class PlantTable(Section):
     """Which robot, and how late and noisy the way to it is. The defaults are a choice: a usual network servo."""
 
     kind: Kind = "ideal"
+    """Joints that move exactly as commanded, or a robot with mass in MuJoCo; `--plant` goes before it. An ideal robot
+    has no other keys."""
     command_delay_ms: Milliseconds = 3.0
+    """A command acts so long after it was sent."""
     command_jitter_ms: Milliseconds = 0.0
+    """Up to so much longer, drawn evenly; no command overtakes another."""
     measurement_delay_ms: Milliseconds = 2.0
+    """So old is what a controller sees."""
     measurement_jitter_ms: Milliseconds = 0.0
+    """Up to so much older, likewise."""
     physics_step_ms: float = Field(default=0.5, ge=0.01, le=5)
+    """At most; delays are exact to it, and never shorter."""
     seed: int = Field(default=0, ge=0, le=2**31)
+    """Of jitter and noise."""
 
     @model_validator(mode="after")
     def an_ideal_robot_has_no_numbers(self) -> Self:
@@ -52,10 +60,16 @@ class JointPlant(PlantTable):
     """An arm whose joints have servos."""
 
     servo: Literal["velocity", "position"] = "velocity"
+    """A proportional-integral servo of each joint's speed, or a critically damped spring to the position that the
+    commands add up to."""
     servo_hz: float = Field(default=24.0, gt=0, le=500)
+    """Where the servo follows by 3 dB less."""
     position_noise_rad: float = Field(default=1e-4, ge=0, le=0.1)
+    """Standard deviation of the encoders' noise."""
     position_resolution_rad: float = Field(default=0.0, ge=0, le=0.1)
+    """One count of the encoders."""
     payload_kg: float = Field(default=0.0, ge=0, le=10)
+    """At the tool, unknown to the servos but for its weight."""
 
     @property
     def imperfections(self) -> str:
@@ -67,8 +81,11 @@ class HandPlant(PlantTable):
     """A robot in the plane whose force on the hand is commanded."""
 
     force_lag_ms: Milliseconds = 3.0
+    """Time constant of the motors' force, behind the robot's own force loop."""
     position_noise_m: float = Field(default=2e-5, ge=0, le=0.01)
+    """Standard deviation of the sensor's noise."""
     position_resolution_m: float = Field(default=0.0, ge=0, le=0.01)
+    """One count of the sensor."""
 
     @property
     def imperfections(self) -> str:
@@ -80,9 +97,13 @@ class ChairPlant(PlantTable):
     """A wheelchair with an arm."""
 
     physics_step_ms: float = Field(default=1.0, ge=0.01, le=5)
+    """At most; delays are exact to it, and never shorter."""
     wheel_lag_ms: Milliseconds = 80.0
+    """Time constant of each wheel's speed."""
     servo_hz: float = Field(default=24.0, gt=0, le=500)
+    """Where the velocity servo of the arm's joints follows by 3 dB less."""
     position_noise_rad: float = Field(default=1e-4, ge=0, le=0.1)
+    """Standard deviation of the encoders' noise."""
 
     told_truly: ClassVar[str] = "places are"
 

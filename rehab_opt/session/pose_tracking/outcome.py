@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.session.outcome import MovementOutcome
+from rehab_opt.session.outcome import Column, MovementOutcome
 from rehab_opt.session.plant.motion import JointMotion
+from rehab_opt.session.trace_columns import joint_columns, point_columns
 
 __all__ = ["RobotOutcome"]
 
@@ -36,3 +38,17 @@ class RobotOutcome(MovementOutcome):
     command: Array = field(kw_only=True)
     status: tuple[str, ...] = field(kw_only=True)
     motion: JointMotion | None = field(kw_only=True, default=None)
+
+    def trace(self) -> Iterator[Column]:
+        """One row a tick."""
+        yield "t_s", self.time
+        yield from point_columns("reference", self.reference)
+        yield from point_columns("tool", self.tool)
+        yield "position_error_m", self.position_error
+        yield "orientation_error_rad", self.orientation_error
+        yield "status", self.status
+        yield from joint_columns("joint", self.chain, self.q, "rad")
+        yield from joint_columns("command", self.chain, self.command, "rad_s")
+        if self.motion is not None:
+            yield from joint_columns("measured", self.chain, self.motion.measured, "rad")
+            yield from joint_columns("velocity", self.chain, self.motion.velocity, "rad_s")

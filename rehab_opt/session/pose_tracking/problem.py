@@ -1,4 +1,4 @@
-"""What a problem file of `system = "pose_tracking"` may say; `problems/README.md` says what each key means."""
+"""What a problem file of `system = "pose_tracking"` may say, and what each key means."""
 
 from __future__ import annotations
 
@@ -20,10 +20,16 @@ class RobotSection(Section):
     """Which robot, and from where it starts."""
 
     model: Literal["ur5"] | None = None
+    """The UR5 with its vendor's limits; or `file`."""
     file: str | None = Field(default=None, min_length=1)
+    """A robot file beside the problem file, instead of `model`."""
     start_deg: Annotated[list[Annotated[float, Field(ge=-360, le=360)]], Field(min_length=1, max_length=100)]
+    """A value for each joint."""
     joint_speed_deg_s: Annotated[float, Field(gt=0, le=180)] = 180.0
+    """Largest speed of every joint; a robot that is slower stays so."""
     joint_acceleration_deg_s2: Annotated[float, Field(gt=0, le=1e5)] | None = None
+    """Largest acceleration of every joint: by default 859 of the UR5, an assumption, since the vendor publishes none;
+    of a robot file's arm no more than the file says."""
 
     @model_validator(mode="after")
     def one_robot(self) -> Self:
@@ -40,11 +46,17 @@ class CircleSection(Section):
     """A circle of the tool through its starting point, from rest to rest."""
 
     radius_m: float = Field(gt=0, le=1)
+    """Of the tool's path."""
     normal: Triple = Field(default=[0.0, 0.0, 1.0])
+    """Axis of the circle; the tool sets out along normal x towards."""
     towards: Triple = Field(default=[1.0, 0.0, 0.0])
+    """From the start to the centre (its part across `normal`)."""
     turns: float = Field(default=1.0, gt=0, le=100)
+    """How often round, from rest to rest."""
     duration_s: float = Field(gt=0, le=600)
+    """Of all turns together."""
     swing_deg: float = Field(default=0.0, ge=0, le=90)
+    """Largest turn of the tool about its own z axis."""
 
     @model_validator(mode="after")
     def directions_differ(self) -> Self:
@@ -59,8 +71,11 @@ class TrackerSection(Section):
     """The tracking law, `PoseTracker`."""
 
     rate_hz: float = Field(default=1000.0, ge=10, le=10000)
+    """Ticks a second."""
     gain_per_s: float | None = Field(default=None, gt=0, le=10000)
+    """Rate at which a pose error decays, by default `PoseTracker`'s."""
     solver: SolverName | None = None
+    """By default `PoseTracker`'s; `--solver` replaces it."""
 
 
 class PoseTracking(Problem):
@@ -68,9 +83,13 @@ class PoseTracking(Problem):
 
     system: Literal["pose_tracking"]
     robot: RobotSection
+    """The robot."""
     circle: CircleSection
+    """The path."""
     tracker: TrackerSection = TrackerSection()
+    """The controller."""
     plant: JointPlant = JointPlant()
+    """On which robot it runs: see the plant's keys."""
 
     @model_validator(mode="after")
     def ticks_fit_into_memory(self) -> Self:

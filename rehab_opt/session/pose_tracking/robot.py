@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import math
 import time
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,8 +17,8 @@ from rehab_opt.kinematics.ur5 import ur5
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.metrics import error_metrics, joint_metrics, status_counts, time_metrics
 from rehab_opt.session.outcome import Progress
+from rehab_opt.session.plant.loop import Sent, closed_loop
 from rehab_opt.session.plant.making import joint_plant, plant_note
-from rehab_opt.session.plant.motion import MotionLog
 from rehab_opt.session.pose_tracking.outcome import RobotOutcome
 from rehab_opt.session.pose_tracking.problem import CircleSection, PoseTracking, RobotSection
 from rehab_opt.session.robot_file import robot_of
@@ -25,12 +26,12 @@ from rehab_opt.session.systems import ROBOT_FILE, Needed
 
 if TYPE_CHECKING:
     from rehab_opt.control.pose_tracker import PoseTracker
+    from rehab_opt.plants.plant import Measurement
 
 __all__ = ["circle_reference", "robot_at_start", "robot_files", "run_pose_tracking", "tracker_of"]
 
 Array = NDArray[np.float64]
 
-TICKS_A_REPORT = 100
 MOVING = 1e-3
 """[m/s, rad/s] A reference slower than this stands still: a solver may leave micrometres a second undelivered."""
 KEYS = {"gain": "tracker.gain_per_s", "dt": "tracker.rate_hz"}
@@ -58,21 +59,21 @@ def run_pose_tracking(loaded: ProblemFile[PoseTracking], *, solver: str | None, 
     seconds = np.empty(len(times))
     statuses, yielded, scales = [], [], np.empty(len(times))
     plant = joint_plant(problem.plant, robot, dt)
-    log, seen = MotionLog(plant), plant.reset(start)
-    for i, (pose, twist) in enumerate(zip(poses, twists, strict=True)):
+
+    def follow(i: int, seen: Measurement) -> Sent:
         q[i] = plant.truth.position
         tool[i] = robot.pose(q[i])
         began = time.perf_counter()
-        answer = tracker.step(seen.position, pose, twist)
+        answer = tracker.step(seen.position, poses[i], twists[i])
         seconds[i] = time.perf_counter() - began
         command[i], scales[i] = answer.value, answer.scale
         statuses.append(answer.status.value)
         yielded.append(str(answer.yielded.name or "").lower().replace("|", ", "))
-        log.note(answer.value)
-        seen = plant.step(answer.value)
-        if i % TICKS_A_REPORT == 0:
-            progress("following the circle", i, len(times))
-    progress("following the circle", len(times), len(times))
+        return Sent(answer.value, answer.value)
+
+    motion = closed_loop(
+        plant, start, follow, ticks=len(times), progress=partial(progress, "following the circle")
+    )  # fmt: skip
 
     position_error = np.linalg.norm(tool[:, :3, 3] - poses[:, :3, 3], axis=1)
     orientation_error = _angles(tool[:, :3, :3], poses[:, :3, :3])
@@ -120,7 +121,7 @@ def run_pose_tracking(loaded: ProblemFile[PoseTracking], *, solver: str | None, 
         q=q,
         command=command,
         status=tuple(statuses),
-        motion=log.motion,
+        motion=motion,
     )
 
 

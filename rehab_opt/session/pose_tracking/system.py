@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from contextlib import AbstractContextManager
-from typing import TYPE_CHECKING
 
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
@@ -13,19 +12,16 @@ from rehab_opt.session.pose_tracking.outcome import RobotOutcome
 from rehab_opt.session.pose_tracking.problem import PoseTracking
 from rehab_opt.session.pose_tracking.robot import robot_at_start, robot_files, run_pose_tracking, tracker_of
 from rehab_opt.session.solver_option import checked_solver, solver_refusals
-from rehab_opt.session.systems import Column, Needed
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-    from rich.table import Table
+from rehab_opt.session.systems import Needed, System
 
 __all__ = ["PoseTrackingSystem"]
 
 
-class PoseTrackingSystem:
+class PoseTrackingSystem(System[PoseTracking, RobotOutcome]):
     """A simulated robot that follows a circle with `PoseTracker`."""
 
     schema = PoseTracking
+    shown = ("rehab_opt.session.pose_tracking.shown",)
     options = frozenset({"plant", "solver"})
 
     def recordings(self, problem: PoseTracking) -> tuple[Needed, ...]:
@@ -50,24 +46,6 @@ class PoseTrackingSystem:
     def seconds_a_tick(self, problem: PoseTracking) -> float:
         """Of the tracker."""
         return 1 / problem.tracker.rate_hz
-
-    def table(self, outcome: RobotOutcome) -> Table:
-        """One column, the tracker's."""
-        from rehab_opt.session.pose_tracking.table import robot_table  # noqa: PLC0415  (loads rich)
-
-        return robot_table(outcome)
-
-    def trace(self, outcome: RobotOutcome) -> Iterator[Column]:
-        """A row for each tick."""
-        from rehab_opt.session.pose_tracking.trace import robot_columns  # noqa: PLC0415
-
-        return robot_columns(outcome)
-
-    def figures(self, outcome: RobotOutcome) -> dict[str, Figure]:
-        """The path of the tool, the joints, the errors."""
-        from rehab_opt.session.pose_tracking.figures import robot_figures  # noqa: PLC0415  (loads matplotlib)
-
-        return robot_figures(outcome)
 
 
 def _refusals(loaded: ProblemFile[PoseTracking], solver: str | None) -> AbstractContextManager[None]:

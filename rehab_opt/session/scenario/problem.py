@@ -1,4 +1,4 @@
-"""What a problem file of `system = "scenario"` may say; `problems/README.md` says what each key means."""
+"""What a problem file of `system = "scenario"` may say, and what each key means."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 from rehab_opt.control.gate import Mode
 from rehab_opt.plants.force_robot import RobotModel
 from rehab_opt.session.plant.tables import HandPlant
+from rehab_opt.session.scenario.pace import LONGER, Aims
 from rehab_opt.session.scenario.simulated_person import FASTEST_LINE, Person
 from rehab_opt.session.scenario.trial import Law
 from rehab_opt.session.schema import (
@@ -43,31 +44,48 @@ class ScenarioArm(ArmInPlane):
     """Whose arm, with the range that is comfortable and the one that can be helped."""
 
     comfortable: OneRange = "restricted"
+    """W_c: Table I by name, or a table of the eight joints."""
     reachable: OneRange = "regular"
+    """W_r, likewise."""
 
 
 class DemonstrationsSection(Section):
     """What a therapist showed: movements recorded by the robot, with the forces on the hand."""
 
     files: Annotated[list[Annotated[str, Field(min_length=1)]], Field(min_length=1, max_length=200), Once]
+    """What a robot recorded while a therapist led the hand: each a `.csv` with `t_s,x_m,y_m,fx_N,fy_N`, force on the
+    hand, in the robot's frame."""
 
 
 class TaskSection(Section):
     """What is to be done."""
 
     demonstrations: DemonstrationsSection | None = None
+    """S, k1 and D are learnt from them (`stretch`, `assist`); the path is their mean, or the one given beside them."""
     points_m: Annotated[list[Point], Field(min_length=1, max_length=1000)] | None = None
+    """Corners of the path, or the points to be held, in the frame of the shoulder; this or a recording."""
     recording: RecordingSection | None = None
+    """Which movement."""
     placement: PlanarPlacement | None = None
+    """Where it lies."""
     record_rate_hz: float = Field(default=100.0, ge=1, le=1000)
+    """To which a recording is resampled."""
     start_m: Point | None = None
+    """Where the hand is before it goes to the line; required in `stretch`."""
     mapped: bool = True
+    """In `follow` and `hold`: the path lies in W_r and is mapped into W_c by the safe rule; false: it lies in W_c."""
     movement_s: Seconds = 5.0
+    """Of the intended motion; in `hold` from point to point."""
     rest_s: float = Field(default=5.0, ge=0, le=600)
+    """At its end."""
     dwell_s: Seconds = 1.5
+    """At each point to be held."""
     within_mm: float = Field(default=5.0, gt=0, le=100)
+    """Nearer is on the target; a reach is over after 0.5 s there below 20 mm/s."""
     trials: int = Field(default=4, ge=1, le=1000)
+    """The same trial has the same moods under every law."""
     seed: int = Field(default=0, ge=0, le=2**31)
+    """Of the moods."""
 
     @model_validator(mode="after")
     def the_path_is_said_once(self) -> Self:
@@ -85,36 +103,58 @@ class FieldSection(Section):
     """The force field: S, k1 or what it comes from, sigma, D; of one that is learnt only the sigmas to choose from."""
 
     stiffness_N_m: float | None = Field(default=None, gt=0, le=1e5)
+    """S; required where nothing is learnt."""
     width_mm: Width | None = None
+    """sigma; required where nothing is learnt."""
     widths_mm: Annotated[list[Width], Field(min_length=1, max_length=20), Once] | None = None
+    """sigmas to choose from, by the error on what is held out (every fifth demonstration, or the last); then no other
+    key of `field`."""
     drag_N_m: float = Field(default=0.0, ge=0, le=1e5)
+    """k1 of Eq. (21), not in `resist` and `hold`."""
     resistance_N: float = Field(default=0.0, ge=0, le=1e4)
+    """Against the motion, at the end of the path; required in `resist`."""
     damping_Ns_m: float = Field(default=0.0, ge=0, le=1e4)
+    """D."""
 
 
 class AssistanceSection(Section):
     """The bounds of the force."""
 
     force_limit_N: float = Field(default=30.0, gt=0, le=1000)
+    """Largest force; this and what follows as in `Assistance`, of both sides with a helper."""
     slew_limit_N_s: float = Field(default=2500.0, gt=0, le=1e5)
+    """Largest change of the force."""
     growth_limit_N_s: float = Field(default=200.0, gt=0, le=1e5)
+    """Largest growth of a force that was not felt of late."""
     energy_budget_J: float = Field(default=20.0, gt=0, le=1e4)
+    """Of the tank."""
     speed_cap_m_s: float = Field(default=1.0, gt=0, lt=10)
+    """A faster hand is a fault."""
     onset_mm: float = Field(default=0.0, ge=0, le=1000)
+    """Over which a therapy's force grows beyond W_c; zero is Eq. (23)."""
 
 
 class RobotSection(Section):
     """The simulated robot: see `RobotModel`."""
 
     mass_kg: float = Field(default=RobotModel.mass, gt=0, le=100)
+    """In every direction."""
     viscous_Ns_m: float = Field(default=RobotModel.viscous, ge=0, le=500)
+    """Viscous friction."""
     coulomb_N: float = Field(default=RobotModel.coulomb, ge=0, le=100)
+    """Dry friction."""
     gain: float = Field(default=RobotModel.gain, ge=0, le=10)
+    """Proportional gain of the force loop."""
     integral_per_s: float = Field(default=RobotModel.integral, ge=0, le=1000)
+    """Its integral gain."""
     sensor_noise_N: float = Field(default=RobotModel.noise, ge=0, le=10)
+    """Standard deviation of the force sensor, per axis."""
     motor_limit_N: float = Field(default=RobotModel.motor_limit, gt=0, le=1000)
+    """Of each axis."""
     lower_m: Point = Field(default=[-10.0, -10.0])
+    """Stops."""
     upper_m: Point = Field(default=[10.0, 10.0])
+    """Stops."""
 
     @model_validator(mode="after")
     def stops_are_in_order(self) -> Self:
@@ -128,40 +168,69 @@ class PersonSection(Section):
     """The simulated person: see `Person`."""
 
     hand_mass_kg: float = Field(default=Person.hand_mass, gt=0, le=20)
+    """What moves with the hand."""
     stiffness_N_m: float = Field(default=Person.stiffness, ge=0, le=5000)
+    """K, towards what is meant."""
     damping_Ns_m: float = Field(default=Person.damping, ge=0, le=500)
+    """B."""
     persistence_per_s: float = Field(default=Person.persistence, ge=0, le=100)
+    """How fast the effort grows: by this times K times the distance that is left, a second."""
     strength_N: float = Field(default=Person.strength, ge=0, le=1000)
+    """Largest voluntary force within W_c."""
     weak_strength_N: float = Field(default=Person.weak_strength, ge=0, le=1000)
+    """The same far outside."""
     fades_over_mm: float = Field(default=1e3 * Person.fades_over, gt=0, le=1000)
+    """Over which the strength falls beyond the boundary of W_c."""
     passive_stiffness_N_m: float = Field(default=Person.passive_stiffness, ge=0, le=5000)
+    """Of the pull back to the nearest point of W_c, outside it."""
     passive_damping_Ns_m: float = Field(default=Person.passive_damping, ge=0, le=500)
+    """Everywhere."""
     wander_mm: float = Field(default=1e3 * Person.wander, ge=0, le=100)
+    """Of where the hand is thought to be meant: standard deviation of each coordinate."""
     wander_s: float = Field(default=Person.wander_time, ge=0.01, le=60)
+    """T of its autocorrelation (1 + t / T) exp(-t / T)."""
     tremor_N: float = Field(default=Person.tremor, ge=0, le=50)
+    """Root mean square of the vector's length."""
     tremor_hz: float = Field(default=Person.tremor_hz, gt=0, le=30)
+    """Centre of three lines."""
     spasms_per_s: float = Field(default=Person.spasm_rate, ge=0, le=10)
+    """How often."""
     spasm_N: float = Field(default=Person.spasm_force, ge=0, le=100)
+    """Mean peak."""
     spasm_s: float = Field(default=Person.spasm_time, gt=0, le=5)
+    """Mean length."""
+    aims: Aims = Person.aims
+    """By the "clock", to where the hand should be by now; or along the "path", ahead of where the person sees it."""
+    ahead_mm: float = Field(default=1e3 * Person.ahead, gt=0, le=100)
+    """How far ahead at most, for "path"."""
 
 
 class HelperSection(Section):
     """Who does the task along with the participant in the laws "together" and "delayed": see `Bilateral`."""
 
     delay_s: float = Field(default=0.1, gt=0, le=5)
+    """Of messages, one way, in the law `delayed`."""
     stiffness_N_m: float = Field(default=400.0, gt=0, le=1e5)
+    """Of the spring that draws the participant's hand."""
     damping_Ns_m: float = Field(default=20.0, ge=0, le=1e4)
+    """Of that spring."""
     hand_damping_Ns_m: float = Field(default=2.0, ge=0, le=1e4)
+    """Felt by the helper's hand."""
     exchange_per_s: float = Field(default=5.0, ge=0, le=1000)
+    """Rate at which the tanks exchange energy."""
     wander_mm: float = Field(default=2.0, ge=0, le=100)
+    """Standard deviation of where the helper's hand is meant to be."""
 
 
 class RunSection(Section):
     """How it is run."""
 
     rate_hz: float = Field(default=1000.0, ge=20, le=5000)
+    """Ticks a second of robot, person and law."""
     laws: Annotated[list[Law], Field(min_length=1), Once] = Field(default=["unassisted", "assisted", "published"])
+    """Side by side; `together` and `delayed` with a mapped path in `follow`."""
     solver: SolverName | None = None
+    """By default `Assistance`'s; `--solver` replaces it."""
 
 
 class ScenarioProblem(Problem):
@@ -169,15 +238,25 @@ class ScenarioProblem(Problem):
 
     system: Literal["scenario"]
     mode: Mode
+    """Scenarios 1 to 3 (`stretch`, `assist`, `resist`), 4 (`follow`), 5 (`hold`)."""
     arm: ScenarioArm
+    """Whose arm."""
     task: TaskSection
+    """What is to be done."""
     field: FieldSection
+    """The force field."""
     assistance: AssistanceSection = AssistanceSection()
+    """The bounds of the force."""
     helper: HelperSection = HelperSection()
+    """Who does the task along with the participant."""
     robot: RobotSection = RobotSection()
+    """The simulated robot."""
     person: PersonSection = PersonSection()
+    """The simulated person."""
     run: RunSection = RunSection()
+    """How it is run."""
     plant: HandPlant = HandPlant()
+    """On which robot it runs: see the plant's keys."""
 
     @model_validator(mode="after")
     def the_field_is_given_or_learnt(self) -> Self:
@@ -221,6 +300,8 @@ class ScenarioProblem(Problem):
         pairs = [law for law in self.run.laws if law in ("together", "delayed")]
         if pairs and not (self.mode == "follow" and task.mapped):
             raise refusal("run.laws", pairs[0], 'other laws, but for mode = "follow" and a mapped path')
+        if self.person.aims == "path" and self.mode != "follow":
+            raise refusal("person.aims", self.person.aims, '"clock", but for mode = "follow"')
         if task.start_m is not None and self.mode != "stretch":
             raise refusal("task.start_m", task.start_m, 'no such key but for mode = "stretch"')
         if task.start_m is None and self.mode == "stretch":
@@ -240,7 +321,7 @@ class ScenarioProblem(Problem):
         if self.mode == "hold":
             count = len(task.points_m or ())
             seconds = count * task.dwell_s + (count - 1) * task.movement_s
-        ticks = seconds * rate * task.trials * len(self.run.laws)
+        ticks = seconds * rate * task.trials * len(self.run.laws) * (LONGER if self.person.aims == "path" else 1)
         if not ticks <= MOST_TICKS:
             told = f"at most {int(MOST_TICKS / (seconds * rate * len(self.run.laws)))}"
             if ticks > task.trials * MOST_TICKS:

@@ -17,7 +17,7 @@ from rehab_opt.session.scenario.plant import robot_model_of
 from rehab_opt.session.scenario.problem import ScenarioProblem
 from rehab_opt.session.scenario.run import run_scenario
 from rehab_opt.session.solver_option import checked_solver
-from rehab_opt.session.systems import Column, Needed
+from rehab_opt.session.systems import Column, Needed, System
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 __all__ = ["ScenarioSystem"]
 
 
-class ScenarioSystem:
+class ScenarioSystem(System[ScenarioProblem, ScenarioOutcome]):
     """The five scenarios of therapy and help."""
 
     schema = ScenarioProblem

@@ -13,7 +13,7 @@ from rehab_opt.session.outcome import Progress
 from rehab_opt.session.participant import participant_arm
 from rehab_opt.session.placed_recording import placed_recording
 from rehab_opt.session.solver_option import checked_solver, solver_refusals
-from rehab_opt.session.systems import Column, Needed
+from rehab_opt.session.systems import Column, Needed, System
 from rehab_opt.session.upper_limb.laws import LAWS, follower
 from rehab_opt.session.upper_limb.outcome import ArmOutcome
 from rehab_opt.session.upper_limb.problem import UpperLimb
@@ -27,7 +27,7 @@ __all__ = ["UpperLimbSystem"]
 BOTH = "both"
 
 
-class UpperLimbSystem:
+class UpperLimbSystem(System[UpperLimb, ArmOutcome]):
     """A recorded hand path followed by the optimised and the published law."""
 
     schema = UpperLimb

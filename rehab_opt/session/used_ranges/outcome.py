@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 from rehab_opt.session.cp_reach import ReachGroup
-from rehab_opt.session.outcome import Outcome
+from rehab_opt.session.outcome import Column, Outcome
 from rehab_opt.session.used_ranges.problem import VariationSection
+from rehab_opt.session.workspaces.outcome import boundary_columns
 from rehab_opt.session.workspaces.reached import Reached
 from rehab_opt.session.workspaces.sections import ArmInPlane
 from rehab_opt.workspace.reachability import ReachabilityMap
@@ -32,3 +33,7 @@ class UsedRangesOutcome(Outcome):
     section: ArmInPlane = field(kw_only=True)
     variation: VariationSection | None = field(kw_only=True)
     tasks: Mapping[str, tuple[GroupResult, ...]] = field(kw_only=True)
+
+    def trace(self) -> Iterator[Column]:
+        """A row for each vertex of the boundaries."""
+        return boundary_columns({of.label: of.reached.workspace for groups in self.tasks.values() for of in groups})

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.session.outcome import Outcome
+from rehab_opt.session.outcome import Column, Outcome
 from rehab_opt.session.workspaces.reached import Reached
 from rehab_opt.session.workspaces.sections import ArmInPlane
 from rehab_opt.workspace.audit import Audit
@@ -79,3 +80,20 @@ class MapOutcome(Outcome):
     """Maps in one direction, or there and back (two maps of their own: one is not the inverse of the other)."""
 
     directions: tuple[MapDirection, ...] = field(kw_only=True)
+
+    def trace(self) -> Iterator[Column]:
+        """One row a sample of a trajectory; a rule without a map has NaN."""
+        paths = [(direction, path) for direction in self.directions for path in direction.paths]
+        yield "trajectory", tuple(path.name for _, path in paths for _ in path.time)
+        yield "from", tuple(direction.start.name for direction, path in paths for _ in path.time)
+        yield "to", tuple(direction.end.name for direction, path in paths for _ in path.time)
+        yield "t_s", [t for _, path in paths for t in path.time.tolist()]
+        for k, axis in enumerate("xy"):
+            yield f"before_{axis}_m", [value for _, path in paths for value in path.before[:, k].tolist()]
+        for rule in sorted({made.rule for direction in self.directions for made in direction.maps}, reverse=True):
+            for k, axis in enumerate("xy"):
+                cells: list[float] = []
+                for _, path in paths:
+                    after = path.after.get(rule)
+                    cells += after[:, k].tolist() if after is not None else [math.nan] * len(path.time)
+                yield f"{rule}_after_{axis}_m", cells

@@ -1,4 +1,4 @@
-"""What a problem file of `system = "workspace_map"` may say; `problems/README.md` says what each key means."""
+"""What a problem file of `system = "workspace_map"` may say, and what each key means."""
 
 from __future__ import annotations
 
@@ -39,22 +39,34 @@ class MapSection(Section):
     rules: Annotated[list[Literal["safe", "polar"]], Field(min_length=1, max_length=2), Once] = Field(
         default=["safe", "polar"]
     )
+    """Which landmark rules, side by side."""
     directions: Literal["both", "forward"] = "both"
+    """Both ways, or from source to target alone."""
     landmarks: int | None = Field(default=None, ge=50, le=2000)
+    """Of the safe rule, roughly; by default 300, and more where that cannot be certified."""
     polar_landmarks: int = Field(default=20, ge=3, le=2000)
+    """Lines of the published rule."""
     rotation_deg: Rotation = 0.0
+    """By which directions turn on average; 0 keeps them, `"best"` is the turn that distorts least."""
     audit_points: int = Field(default=20_000, ge=100, le=1_000_000)
+    """Random points of the audit."""
     seed: int = Field(default=0, ge=0, le=2**31)
+    """Of the audit's points."""
 
 
 class TrajectorySection(Section):
     """A movement that lies in one of the sets and is carried into the other."""
 
     name: str = Field(min_length=1, max_length=40)
+    """What figures and `trace.csv` call it."""
     set: End
+    """The set where it lies."""
     recording: RecordingSection
+    """Which movement."""
     placement: PlanarPlacement
+    """Where it lies, in the frame of the sets."""
     rate_hz: float = Field(default=100.0, ge=1, le=1000)
+    """Samples a second."""
 
 
 class WorkspaceMapProblem(Problem):
@@ -62,10 +74,15 @@ class WorkspaceMapProblem(Problem):
 
     system: Literal["workspace_map"]
     source: MappedSet
+    """A name of `arm.range_of_motion`, or a table with the keys of `[arm]` and one range."""
     target: MappedSet
+    """The other set, likewise."""
     arm: ArmOfRanges | None = None
+    """Whose arm; needed where a set is named."""
     map: MapSection = MapSection()
+    """How the sets are mapped."""
     trajectory: Annotated[list[TrajectorySection], Field(max_length=MOST_TRAJECTORIES)] = Field(default=[])
+    """Movements to be carried over, each a `[[trajectory]]`."""
 
     @model_validator(mode="after")
     def sets_are_there(self) -> Self:

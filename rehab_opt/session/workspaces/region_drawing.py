@@ -13,8 +13,8 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 
 from rehab_opt.session.drawing import ACROSS, FORWARD, GRID, MM, REFERENCE
+from rehab_opt.session.workspaces.outcome import rings
 from rehab_opt.session.workspaces.sections import ArmInPlane
-from rehab_opt.session.workspaces.trace import rings
 from rehab_opt.workspace.region import Workspace
 
 __all__ = ["SET_STYLES", "draw_region", "draw_shoulder", "is_placed", "region_label", "region_path", "seen_from_above"]

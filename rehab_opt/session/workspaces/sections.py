@@ -64,24 +64,34 @@ class ArmInPlane(Section):
     """Whose arm, in which plane, and where its shoulder stands."""
 
     side: Side
+    """A right arm is the mirror image of the paper's left one."""
     segments: SegmentsSection = SegmentsSection()
+    """Lengths of the arm's segments."""
     handle_tilt_deg: AnyTilt = 2.0
+    """Largest angle between handle and vertical, or `"any"` for no such bound."""
     plane_height_m: Length = -0.24
+    """z of the plane in the frame of the shoulder."""
     accuracy_mm: float = Field(default=1.0, ge=0.01, le=50)
+    """Largest distance between the boundary found and the true one."""
     shoulder_m: Triple = Field(default=[0.0, 0.0, 0.0])
+    """The shoulder in the robot's frame."""
     shoulder_turn_deg: float = Field(default=0.0, ge=-360, le=360)
+    """Turn of the shoulder's axes in the robot's frame, counterclockwise from above."""
 
 
 class ArmOfOneRange(ArmInPlane):
     """With one range of motion."""
 
     range_of_motion: OneRange
+    """Table I by name, or a table of all eight joints' limits."""
 
 
 class ArmOfRanges(ArmInPlane):
     """With one range of motion, or several to be compared."""
 
     range_of_motion: NamedRanges
+    """One range: Table I by name, or a table of all eight joints' limits. Or up to 12 of them by names of your choice
+    (no name ends in `_deg`), which are compared."""
 
 
 def ranges_by_name(ranges: Any) -> dict[str, str | RangeOfMotion]:

@@ -1,0 +1,144 @@
+"""The keys of a problem file as Markdown tables, from the schema that reads such files."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import inspect
+import textwrap
+from collections.abc import Iterator
+from functools import cache
+from typing import Any, get_args
+
+from pydantic import BaseModel
+
+__all__ = ["attribute_docstrings", "keys_markdown", "sections_within"]
+
+HIDDEN = ("system",)
+
+
+def keys_markdown(schema: str, *, without: list[str]) -> str:
+    """A table for each section of a schema, `module.Class`; of sections named in `without` only their name."""
+    module, _, name = schema.rpartition(".")
+    return "\n\n".join(_tables(getattr(importlib.import_module(module), name), "", frozenset(without)))
+
+
+def sections_within(annotation: Any) -> list[type[BaseModel]]:
+    """The sections that a key may hold, in the order of the annotation."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [section for each in get_args(annotation) for section in sections_within(each)]
+
+
+def attribute_docstrings(owner: type) -> dict[str, str]:
+    """What stands below each attribute of a class, those it inherits included."""
+    said: dict[str, str] = {}
+    for each in reversed(owner.__mro__[:-1]):
+        if each is not BaseModel and each.__module__.startswith("rehab_opt"):
+            said |= _own_docstrings(each)
+    return said
+
+
+@cache
+def _own_docstrings(owner: type) -> dict[str, str]:
+    (tree,) = ast.parse(textwrap.dedent(inspect.getsource(owner))).body
+    assert isinstance(tree, ast.ClassDef)
+    said = {}
+    for first, second in zip(tree.body, tree.body[1:], strict=False):
+        match first, second:
+            case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(text))):
+                said[name] = " ".join(text.split())
+    return said
+
+
+def _tables(schema: type[BaseModel], prefix: str, without: frozenset[str]) -> Iterator[str]:
+    said, described = attribute_docstrings(schema), schema.model_json_schema()
+    rows = ["| key | values | default | meaning |", "|---|---|---|---|"]
+    within: list[tuple[str, str, type[BaseModel]]] = []
+    for key, field in schema.model_fields.items():
+        if key in HIDDEN:
+            continue
+        named = f"{prefix}{key}"
+        plain = described["properties"][key]
+        sections = sections_within(field.annotation)
+        if sections and named in without:
+            rows.append(f"| `{named}` | a table | {_default(field, plain)} | {said[key]} |")
+            continue
+        listed = _is_list(plain, described)
+        within += [(f"{named}{_element(plain, described)}.", named, section) for section in sections]
+        if sections and not listed and len(_forms(plain, described)) == len(sections):
+            continue  # nothing but a table of its own
+        rows.append(f"| `{named}` | {_values(plain, described)} | {_default(field, plain)} | {said[key]} |")
+    if len(rows) > 2:
+        yield "\n".join(rows)
+    yield from _refusals(schema)
+    for below, named, section in within:
+        head = f"`{named}`: {inspect.cleandoc(section.__doc__ or '')}"
+        optional = not schema.model_fields[named.removeprefix(prefix)].is_required()
+        yield f"**{head}**" + (" The table may be left out." if optional else "")
+        yield from _tables(section, below, without)
+
+
+def _refusals(schema: type[BaseModel]) -> Iterator[str]:
+    """What the checks over several keys refuse, in their own words."""
+    checks = schema.__pydantic_decorators__.model_validators.values()
+    lines = [inspect.getdoc(check.func) or "" for check in checks if check.info.mode == "after"]
+    if lines:
+        yield "Refused: " + "; ".join(line.removeprefix("Refuse ").rstrip(".") for line in lines) + "."
+
+
+def _element(plain: dict[str, Any], whole: dict[str, Any]) -> str:
+    if any(isinstance(form.get("additionalProperties"), dict) for form in _forms(plain, whole)):
+        return ".NAME"
+    return "[]" if _is_list(plain, whole) else ""
+
+
+def _is_list(plain: dict[str, Any], whole: dict[str, Any]) -> bool:
+    return any(form.get("type") == "array" for form in _forms(plain, whole))
+
+
+def _forms(plain: dict[str, Any], whole: dict[str, Any]) -> list[dict[str, Any]]:
+    """The alternatives of a value, references followed, "none" left out."""
+    if "$ref" in plain:
+        return _forms(whole["$defs"][plain["$ref"].rpartition("/")[2]], whole)
+    for word in ("anyOf", "oneOf", "allOf"):
+        if word in plain:
+            return [form for each in plain[word] for form in _forms(each, whole) if form.get("type") != "null"]
+    return [plain]
+
+
+def _values(plain: dict[str, Any], whole: dict[str, Any]) -> str:
+    return ", or ".join(dict.fromkeys(_form(form, whole) for form in _forms(plain, whole)))
+
+
+def _form(form: dict[str, Any], whole: dict[str, Any]) -> str:
+    if "const" in form or "enum" in form:
+        return ", ".join(f'`"{each}"`' for each in form.get("enum", [form.get("const")]))
+    kind = form.get("type")
+    if kind == "array":
+        least, most = form.get("minItems"), form.get("maxItems")
+        inner = _values(form.get("items", {}), whole)
+        number = f"{least}" if least == most and least else f"{least or 0} to {most}" if most else "any number"
+        return f"list of {number}: {inner}"
+    if kind == "object":
+        return "a table" if "properties" in form else f"a table of: {_values(form['additionalProperties'], whole)}"
+    if kind in ("boolean", "string"):
+        return "`true`, `false`" if kind == "boolean" else "text"
+    return _interval(form, "whole number" if kind == "integer" else "number")
+
+
+def _interval(form: dict[str, Any], word: str) -> str:
+    signs = {"exclusiveMinimum": ">", "minimum": "≥", "exclusiveMaximum": "<", "maximum": "≤"}
+    ends = [f"{signs[key]} {form[key]:.12g}" for key in signs if key in form]
+    return ", ".join((word, *ends))
+
+
+def _default(field: Any, plain: dict[str, Any]) -> str:
+    if field.is_required():
+        return "required"
+    value = plain.get("default")
+    if value in (None, []) or (isinstance(value, dict) and sections_within(field.annotation)):
+        return ""
+    if isinstance(value, bool):
+        return f"`{str(value).lower()}`"
+    return f"`{value:.12g}`" if isinstance(value, float) else f"`{value}`".replace("'", '"')

@@ -1,0 +1,77 @@
+"""Draw the pages' pictures from runs of shipped problems: `python docs/make_pictures.py [NAME ...]`; some minutes.
+
+Each is a figure of the run itself, with fewer colours so that the checkout stays small.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+os.environ.setdefault("REHAB_OPT_COMPILE", "wait")
+
+from matplotlib.figure import Figure
+from PIL import Image
+
+from rehab_opt.session.files import load_problem
+from rehab_opt.session.run import run_problem
+from rehab_opt.session.systems import system_named
+
+FOLDER = Path(__file__).parent / "pictures"
+COLOURS = 128
+
+
+class Picture(NamedTuple):
+    """Which figure of which run, and how wide it is drawn [pixels]."""
+
+    problem: str
+    figure: str
+    width: int = 900
+    plant: str | None = None
+
+
+PICTURES = {
+    "figure_eight_joints": Picture("upper_limb/figure_eight", "joints"),
+    "figure_eight_path": Picture("upper_limb/figure_eight", "hand_path", 700),
+    "workspace": Picture("upper_limb/workspace", "workspace", 700),
+    "workspace_map": Picture("upper_limb/workspace_map", "map_source_to_target", 1300),
+    "assist_field": Picture("upper_limb/scenario_2_assist", "field"),
+    "assist_trials": Picture("upper_limb/scenario_2_assist", "trials", 1200),
+    "circle_joints": Picture("robot/ur5_circle", "joints"),
+    "circle_servos": Picture("robot/ur5_circle", "servos", 1100, plant="mujoco"),
+    "chair_from_above": Picture("ardis/beyond_reach", "top_view", 800),
+    "mirror_in_space": Picture("mirror/pick_fruit", "space", 850),
+    "mirror_manipulability": Picture("mirror/pick_fruit", "manipulability"),
+    "drink_limits": Picture("ardis/kinova_drink", "limits", 900),
+}
+
+
+def small(figure: Figure, width: int) -> Image.Image:
+    """The figure, that many pixels wide."""
+    drawn = io.BytesIO()
+    figure.savefig(drawn, dpi=2 * width / figure.get_size_inches()[0])
+    whole = Image.open(drawn).convert("RGB")
+    reduced = whole.resize((width, round(whole.height * width / whole.width)), Image.Resampling.LANCZOS)
+    return reduced.quantize(COLOURS, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
+
+
+def main(names: list[str]) -> None:
+    """Draw those pictures, or all."""
+    chosen = {name: PICTURES[name] for name in names or PICTURES}
+    FOLDER.mkdir(exist_ok=True)
+    for run in dict.fromkeys((each.problem, each.plant) for each in chosen.values()):
+        outcome = run_problem(load_problem(run[0]), plant=run[1])
+        system = system_named(outcome.system)
+        figures = system.figures(outcome)
+        for name, picture in chosen.items():
+            if (picture.problem, picture.plant) == run:
+                path = FOLDER / f"{name}.png"
+                small(figures[picture.figure], picture.width).save(path, optimize=True)
+                print(f"{path.name}: {path.stat().st_size / 1000:.0f} kB", flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,69 @@
+"""Joint velocities for a twist by damped least squares, and the damping where the hand cannot have its target.
+
+A twist v removes an error e at the rate g, v = g e. Gauss and Newton's step takes the hand to go on as it begins. It
+does not: along a motion d its twist changes by J' d, and where the answer leaves r = v - J q' of the twist, beside a
+joint at its limit or with a stretched arm, that takes -r . J' d / g off the error's descent, as damping does. Without
+it every step is too long, joints run past the nearest posture, back, and so on: up to 2 rad/s to and fro, of an arm
+whose hand hardly moves. Sugihara (IEEE T-RO 27(5), 2011) damps by the squared error, also where targets can be had.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import casadi as ca
+
+from rehab_opt.optim.certificate import clipped
+
+__all__ = ["DAMPING", "PASSES", "Bend", "bent_motion", "wanted_velocity"]
+
+DAMPING = 4e-4
+"""Square of the singular value [m/rad or 1] below which a direction counts as lost."""
+PASSES = 3
+"""Passes of the damped solve: each removes the damping's error where the arm is far from singular."""
+INSIDE = 1e-9
+"""[rad/s] A joint this near to a speed that it must not pass is held."""
+TINY = 1e-12
+"""[rad/s] A motion that has no direction."""
+
+Bend = Callable[[ca.SX, ca.SX, ca.SX], ca.SX]
+"""q (n,), Jacobian (k, n), direction d (n,) -> (k,) J' d / g."""
+
+
+def wanted_velocity(jacobian: ca.SX, twist: ca.SX, drift: ca.SX, damping: ca.SX | float = DAMPING) -> ca.SX:
+    """(n,) iterated damped least squares: J'(K^-1 + d K^-2 + d^2 K^-3) v with K = J J' + d I.
+
+    `drift` (n,) is added where it does not move the hand: a posture, for redundant chains.
+    """
+    k = jacobian.size1()
+    diagonal, factor, order = ca.ldl(ca.densify(jacobian @ jacobian.T) + damping * ca.SX.eye(k), False)
+    remaining, total = twist - jacobian @ drift, ca.SX.zeros(k)
+    for _ in range(PASSES):
+        solved = ca.ldl_solve(remaining, diagonal, factor, order)
+        total += solved
+        remaining = damping * solved
+    return ca.densify(drift + jacobian.T @ total)
+
+
+def bent_motion(k: int, n: int, *, movable: ca.DM, bend: Bend) -> ca.Function:
+    """Q, last velocity, task, motion, stopping speeds and drift -> the motion, damped by the hand's curvature, too.
+
+    The task is the Jacobian by columns and the twist, the motion the wanted velocity and its twist. Directions are
+    those of the wanted and of the last velocity: nearly there, the one is turned to and fro, and the other swings.
+    Joints at their stopping speeds are held. Each pass takes the damping off again, so there is PASSES times as much.
+    """
+    sizes = {"q": n, "last": n, "task": k * n + k, "motion": n + k, "limits": 3 * n}
+    inputs = [ca.SX.sym(name, size) for name, size in sizes.items()]
+    q, last, task, motion, limits = inputs
+    jacobian, twist, velocity = ca.reshape(task[: k * n], k, n), task[k * n :], motion[:n]
+    low, high, drift = ca.vertsplit(limits, n)
+    left = twist - motion[n:]
+    curvature = ca.SX(0)
+    for each in (velocity, last):
+        curvature = ca.fmax(curvature, -ca.dot(left, bend(q, jacobian, each / ca.fmax(ca.norm_2(each), TINY))))
+    free = ca.logic_and(velocity > low + INSIDE, velocity < high - INSIDE)
+    held = velocity * ca.logic_not(free)
+    moving = jacobian @ movable @ ca.diag(free)
+    calm = wanted_velocity(moving, twist - jacobian @ held, free * drift, DAMPING + PASSES * curvature)
+    calm = clipped(held + free * calm, low, high)
+    return ca.Function("bent", inputs, [ca.densify(ca.vertcat(calm, jacobian @ calm))], {"cse": True})

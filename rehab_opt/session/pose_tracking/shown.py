@@ -1,0 +1,102 @@
+"""A followed pose shown: numbers as a table, what was asked and what the robot did as figures."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+from rich.table import Table
+from rich.text import Text
+
+from rehab_opt.session.cells import Numbers, Rows, counts, margin, millimetres, speed, spread, statuses, times
+from rehab_opt.session.drawing import GRID, MM, REFERENCE, framed, legend_below
+from rehab_opt.session.joint_figure import LAW_STYLES, joint_figure
+from rehab_opt.session.plant.figure import servo_figure
+from rehab_opt.session.pose_tracking.outcome import RobotOutcome
+
+__all__ = ["figures", "table"]
+
+
+def figures(outcome: RobotOutcome) -> dict[str, Figure]:
+    """The figures of a run by file name (without suffix)."""
+    drawn = {
+        "tool_path": _tool_path(outcome),
+        "joints": joint_figure(outcome, {TRACKER: (outcome.q, LAW_STYLES["optimised"])}),
+        "error": _robot_error(outcome),
+    }
+    if outcome.motion is not None:
+        drawn["servos"] = servo_figure(outcome.title, outcome.chain.names, outcome.motion)
+    return drawn
+
+
+def _tool_path(outcome: RobotOutcome) -> Figure:
+    figure = framed(f"{outcome.title}\nTool path seen from above and from the side", 9.0, 5.5)
+    above, side = figure.subplots(1, 2)
+    for axes, (a, b), labels in ((above, (0, 1), ("x", "y")), (side, (0, 2), ("x", "z"))):
+        reference, tool = MM * outcome.reference, MM * outcome.tool
+        axes.plot(reference[:, a], reference[:, b], color=REFERENCE, linewidth=4.5, alpha=0.25, label="path asked for")
+        axes.plot(tool[:, a], tool[:, b], **LAW_STYLES["optimised"], label="tool")
+        axes.plot(reference[0, a], reference[0, b], "o", color=REFERENCE, markersize=6, label="start")
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.set_xlabel(f"{labels[0]} [mm]")
+        axes.set_ylabel(f"{labels[1]} [mm]")
+        axes.grid(**GRID)
+    legend_below(figure, above, 3)
+    return figure
+
+
+def _robot_error(outcome: RobotOutcome) -> Figure:
+    figure = framed(f"{outcome.title}\nTracking error, and how much of the joints' speed is used", 9.0, 7.0)
+    distance, angle, speed = figure.subplots(3, 1, sharex=True)
+    distance.plot(outcome.time, MM * outcome.position_error, **LAW_STYLES["optimised"], label=TRACKER)
+    angle.plot(outcome.time, np.rad2deg(outcome.orientation_error), **LAW_STYLES["optimised"])
+    used = 100 * (np.abs(outcome.command) / outcome.chain.velocity).max(axis=1)
+    speed.plot(outcome.time, used, **LAW_STYLES["optimised"])
+    speed.axhline(100, color=REFERENCE, linewidth=1, linestyle=":")
+    speed.annotate("speed limit", (0.995, 100), xycoords=("axes fraction", "data"), ha="right", va="top", fontsize=9)
+    distance.set_ylabel("position error [mm]")
+    angle.set_ylabel("orientation error [deg]")
+    speed.set_ylabel("fastest joint [% of limit]")
+    speed.set_xlabel("time [s]")
+    for axes in (distance, angle, speed):
+        axes.set_ylim(bottom=0)
+        axes.margins(x=0.01)
+        axes.grid(**GRID)
+    legend_below(figure, distance, 1)
+    return figure
+
+
+TRACKER = "PoseTracker"
+SHARE_SHOWN = 0.05  # [%] shares that differ by less look the same
+
+
+def table(outcome: RobotOutcome) -> Table:
+    """Rows of quantities with their units."""
+    grid = Table(title=Text(outcome.title))
+    grid.add_column("quantity")
+    grid.add_column(TRACKER, justify="right")
+    for label, value in ROBOT_ROWS:
+        grid.add_row(label, value(outcome.metrics["optimised"]))
+    return grid
+
+
+def _delivered(of: Numbers) -> str:
+    least, moving = 100 * of["scale_min"], of["scale_min_moving"]
+    if moving is None or 100 * moving - least < SHARE_SHOWN:
+        return f"{least:.1f}"
+    return f"{100 * moving:.1f} ({least:.1f} below 1 mm/s)"
+
+
+ROBOT_ROWS: Rows = (
+    ("parameters", lambda of: f"solver {of['parameters']['solver']}"),
+    ("position error mean / p95 / max, mm", millimetres("position_error")),
+    ("orientation error mean / p95 / max, deg", spread("orientation_error", "deg")),
+    ("smallest joint-limit margin, deg", margin),
+    ("fastest joint, deg/s (share of limit)", speed),
+    ("least share of the asked motion delivered, %", _delivered),
+    ("tick time median / p99 / max, ms", times("tick")),
+    ("ticks by status", statuses),
+    (
+        "ticks in which something yielded",
+        lambda of: counts(of["yielded"]) or "0",
+    ),
+)

@@ -1,0 +1,242 @@
+"""Maps shown: their audits as a table, and figures as in Fig. 8 of Rossa et al., with where they fold."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap, LogNorm
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch, PathPatch
+from numpy.typing import NDArray
+from rich.table import Table
+from rich.text import Text
+
+from rehab_opt.session.cells import Numbers, Rows
+from rehab_opt.session.drawing import MM, REFERENCE, framed, legend_below
+from rehab_opt.session.workspace_maps.outcome import MadeMap, MapDirection, MapOutcome
+from rehab_opt.session.workspaces.region_drawing import draw_region, is_placed, region_path, seen_from_above
+from rehab_opt.session.workspaces.sections import ArmInPlane
+from rehab_opt.workspace.region import Workspace
+
+__all__ = ["figures", "table"]
+
+Array = NDArray[np.float64]
+
+GRID_LINES = 16
+"""Across the larger side of a set."""
+ALONG_A_LINE = 60
+ALONG_AN_OUTLINE = 600
+PIXELS = 260
+FOLDED, OUTSIDE = "#D55E00", "#CC79A7"
+PATH_STYLES: Sequence[Mapping[str, Any]] = (
+    {"color": "#0072B2", "linestyle": "-"},
+    {"color": "#D55E00", "linestyle": "--"},
+    {"color": "#009E73", "linestyle": "-."},
+    {"color": "#000000", "linestyle": ":"},
+)
+OUTLINE: Mapping[str, Any] = {"facecolor": "#DDDDDD", "edgecolor": "#333333", "linestyle": "-"}
+DENSITY = (0.1, 10.0)
+"""Of local area in overall ratios, the ends of the colour scale."""
+
+
+def figures(outcome: MapOutcome) -> dict[str, Figure]:
+    """The figures by file name (without suffix)."""
+    drawn = {}
+    for direction in outcome.directions:
+        drawn[f"map_{direction.key}"] = _before_and_after(outcome, direction)
+        drawn[f"folds_{direction.key}"] = _folds(outcome, direction)
+    return drawn
+
+
+def _before_and_after(outcome: MapOutcome, direction: MapDirection) -> Figure:
+    names = f"{direction.start.name} to {direction.end.name}"
+    what = "Grid and trajectories before and after" if direction.paths else "Grid before and after"
+    figure = framed(f"{outcome.title}\n{what}, from {names}", 5.2 * (1 + len(direction.maps)), 5.8)
+    first, *rest = figure.subplots(1, 1 + len(direction.maps), squeeze=False)[0]
+    start, end = direction.start.reached.workspace, direction.end.reached.workspace
+    draw_region(first, start, OUTLINE, label="workspace")
+    for k, line in enumerate(_grid(start)):
+        first.plot(*(MM * line.T), color="#777777", linewidth=0.6, label="grid" if k == 0 else None)
+    first.plot([], [], color=REFERENCE, linewidth=1.0, linestyle=":", label="edge of the workspace, mapped")
+    for k, path in enumerate(direction.paths):
+        _draw_path(first, path.before, k, path.name)
+    _finish(first, f"before: {direction.start.name}", direction.start.section)
+    for axes, made in zip(rest, direction.maps, strict=True):
+        draw_region(axes, end, OUTLINE)
+        if made.mapped is None:
+            axes.annotate("no map", (0.5, 0.5), xycoords="axes fraction", ha="center")
+        else:
+            for ring in _outline(start):
+                axes.plot(*(MM * made.mapped.spline(ring).T), color=REFERENCE, linewidth=1.0, linestyle=":")
+            for line in _grid(start):
+                axes.plot(*(MM * made.mapped.spline(line).T), color="#777777", linewidth=0.6)
+            for k, path in enumerate(direction.paths):
+                _draw_path(axes, path.after[made.rule], k, path.name)
+        _finish(axes, f"after, {made.rule} rule: {direction.end.name}\n{_verdict(made)}", direction.end.section)
+    legend_below(figure, first, 4)
+    return figure
+
+
+def _verdict(made: MadeMap) -> str:
+    if made.audit is None:
+        return "no map by this rule"
+    folded, outside = 100 * made.audit.folded, 100 * made.audit.outside
+    said = f"folded {folded:.3g} %, outside {outside:.3g} %"
+    return f"{said}: {'passes its audit' if made.audit.passed else 'NOT for a controller'}"
+
+
+def _draw_path(axes: Axes, points: Array, index: int, name: str) -> None:
+    style = PATH_STYLES[index % len(PATH_STYLES)]
+    axes.plot(*(MM * points.T), **style, linewidth=2.0, label=name)
+    axes.plot(*(MM * points[0]), "o", color=style["color"], markersize=5)
+
+
+def _finish(axes: Axes, title: str, section: ArmInPlane) -> None:
+    axes.set_title(title, fontsize=10)
+    seen_from_above(axes, section)
+    axes.set_axisbelow(True)
+    if not is_placed(section):
+        axes.set_xlabel("left (negative) or right of the shoulder [mm]")  # panels are narrow
+
+
+def _grid(workspace: Workspace) -> Iterator[Array]:
+    """Lines (n, 2) [m] of a square grid inside a workspace."""
+    import shapely  # noqa: PLC0415  (heavy)
+
+    left, low, right, high = workspace.polygon.bounds
+    step = max(right - left, high - low) / GRID_LINES
+    columns = np.arange(left + step / 2, right, step)
+    lines = [shapely.LineString([(x, low), (x, high)]) for x in columns]
+    lines += [shapely.LineString([(left, y), (right, y)]) for y in np.arange(low + step / 2, high, step)]
+    for piece in shapely.get_parts(shapely.intersection(lines, workspace.polygon)):
+        if piece.length > 0:
+            dense = shapely.segmentize(piece, max(right - left, high - low) / (GRID_LINES * ALONG_A_LINE / 10))
+            yield shapely.get_coordinates(dense)
+
+
+def _outline(workspace: Workspace) -> Iterator[Array]:
+    """Points (n, 2) [m] close together along the outlines."""
+    import shapely  # noqa: PLC0415  (heavy)
+
+    for ring in shapely.get_parts(workspace.polygon.boundary):
+        yield shapely.get_coordinates(shapely.segmentize(ring, ring.length / ALONG_AN_OUTLINE))
+
+
+def _folds(outcome: MapOutcome, direction: MapDirection) -> Figure:
+    names = f"{direction.start.name} to {direction.end.name}"
+    figure = framed(
+        f"{outcome.title}\nHow much each place of {direction.start.name} is enlarged, from {names}",
+        6.2 * len(direction.maps) + 1.0,
+        6.0,
+    )
+    start, end = direction.start.reached.workspace, direction.end.reached.workspace
+    panels = figure.subplots(1, len(direction.maps), squeeze=False)[0]
+    shown = None
+    for axes, made in zip(panels, direction.maps, strict=True):
+        if made.mapped is not None and made.audit is not None:
+            shown = _draw_folds(axes, made, start, end)
+        else:
+            axes.annotate("no map", (0.5, 0.5), xycoords="axes fraction", ha="center")
+        axes.add_patch(_edge(start))
+        _finish(axes, f"{made.rule} rule: {_verdict(made)}", direction.start.section)
+    if shown is not None:
+        bar = figure.colorbar(
+            shown, ax=list(panels), shrink=0.8, extend="both", ticks=[0.1, 0.3, 1, 3, 10], format="%g"
+        )
+        bar.minorticks_off()
+        bar.set_label("local enlargement of area (1: as the whole set's)")
+    marks = [
+        Patch(facecolor=FOLDED, edgecolor="none", label="folded: movements are reversed there"),
+        Patch(facecolor="none", edgecolor=OUTSIDE, hatch="////", label=f"mapped outside {direction.end.name}"),
+    ]
+    figure.legend(handles=marks, loc="outside lower center", ncols=2, frameon=False, fontsize=9)
+    return figure
+
+
+def _draw_folds(axes: Axes, made: MadeMap, start: Workspace, end: Workspace) -> Any:
+    """The determinant over the source in units of the overall ratio of areas; the image for a colour bar."""
+    assert made.mapped is not None
+    assert made.audit is not None
+    left, low, right, high = start.polygon.bounds
+    step = max(right - left, high - low) / PIXELS
+    x, y = np.arange(left, right + step, step), np.arange(low, high + step, step)
+    points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    inside = np.asarray(start.contains(points))
+    density, away = np.full(len(points), np.nan), np.zeros(len(points))
+    density[inside] = np.linalg.det(made.mapped.spline.jacobian(points[inside])) / made.audit.overall_ratio**2
+    away[inside] = ~np.asarray(end.contains(made.mapped.spline(points[inside])))
+    shape, extent = (
+        (len(y), len(x)),
+        (MM * np.array([x[0] - step / 2, x[-1] + step / 2, y[0] - step / 2, y[-1] + step / 2])),
+    )
+    held = np.where(density > 0, density, np.nan).reshape(shape)
+    folded = np.where(inside & ~(density > 0), 1.0, np.nan).reshape(shape)
+    shared: dict[str, Any] = {"origin": "lower", "extent": tuple(extent), "interpolation": "nearest"}
+    image = axes.imshow(held, cmap="cividis", norm=LogNorm(*DENSITY), **shared)
+    axes.imshow(folded, cmap=ListedColormap([FOLDED]), **shared)
+    if away.any():
+        marked = axes.contourf(MM * x, MM * y, away.reshape(shape), levels=[0.5, 1.5], colors="none", hatches=["////"])
+        marked.set_edgecolor(OUTSIDE)
+        marked.set_linewidth(0.0)
+    return image
+
+
+def _edge(workspace: Workspace) -> Any:
+    return PathPatch(region_path(workspace), fill=False, edgecolor=REFERENCE, linewidth=1.4)
+
+
+def table(outcome: MapOutcome) -> Table:
+    """A section for each direction, a column for each rule."""
+    grid = Table(title=Text(outcome.title), caption=Text(_caption(outcome)), caption_justify="left")
+    grid.add_column("quantity")
+    for made in outcome.directions[0].maps:
+        grid.add_column(f"{made.rule} rule", justify="right")
+    for direction in outcome.directions:
+        columns: list[Numbers] = [outcome.metrics["maps"][direction.key][made.rule] for made in direction.maps]
+        grid.add_section()
+        grid.add_row(Text(f"{direction.start.name} -> {direction.end.name}", style="bold"))
+        for label, value in MAP_ROWS:
+            cells = ("-" if "samples" not in numbers and label != VERDICT else value(numbers) for numbers in columns)
+            grid.add_row(label, *map(Text, cells))
+    return grid
+
+
+def _caption(outcome: MapOutcome) -> str:
+    sets = outcome.metrics["sets"].values()
+    areas = "; ".join(f"{numbers['name']} {1e4 * numbers['area_m2']:.4g} cm^2" for numbers in sets)
+    return f"{areas}. The notes say why a map is refused"
+
+
+def _round_trip(of: Numbers) -> str:
+    error = of["round_trip_max_m"]
+    return "no inverse somewhere" if error is None else f"{1e9 * error:.2g}"
+
+
+def _proof(of: Numbers) -> str:
+    proof = of["certificate"]
+    if not proof["valid"]:
+        return "NOT PROVEN"
+    return f"det J >= {proof['determinant_min']:.2g}, {1e3 * proof['margin_m']:.2g} mm inside"
+
+
+VERDICT = "may go to a controller"
+MAP_ROWS: Rows = (
+    (VERDICT, lambda of: "yes" if of["passed"] else "NO"),
+    ("folded, % of the set", lambda of: f"{100 * of['folded_share']:.3g}"),
+    ("mapped outside, % of the set", lambda of: f"{100 * of['outside_share']:.3g}"),
+    ("stretch, least to largest", lambda of: f"{of['stretch_min']:.3g} to {of['stretch_max']:.3g}"),
+    (
+        "   in overall ratios",
+        lambda of: (
+            f"{of['stretch_min_relative']:.2g} to {of['stretch_max_relative']:.3g} (x {of['overall_ratio']:.3g})"
+        ),
+    ),
+    ("proven everywhere, one-to-one", _proof),
+    ("there and back, nm", _round_trip),
+    ("share of the other set used, %", lambda of: f"{100 * of['coverage_share']:.1f}"),
+    ("landmarks; mean turn, deg", lambda of: f"{of['landmarks']}; {of['rotation_deg']:.1f}"),
+    ("time to make it, s", lambda of: f"{of['seconds']:.2f}"),
+)

@@ -1,0 +1,117 @@
+"""A whole comparison: what it writes, and that an interrupted one goes on where it stopped."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from bench.solvers import record
+from bench.solvers.entrant import Entrant
+from bench.solvers.instances import RecordedQPs
+from bench.solvers.passes import Rules
+from bench.solvers.record import RECORD
+from bench.solvers.run import Comparison, chosen_sequences, compare, header, write_comparison
+from rehab_opt.errors import ConfigurationError
+from rehab_opt.qp_recording.sequence import write_sequence
+from tests.bench_solvers.fake_solvers import boxes, counted, entrant
+
+RULES = Rules(limit=0.5, repeats=1)
+NAN = ((), ("nan",), (), (), (), ())
+
+
+def whole(out: Path, who: list[Entrant], **options: object) -> Comparison:
+    sequences = [RecordedQPs(each) for each in (boxes(), boxes(name="box/second"), boxes(name="box/nan", marks=NAN))]
+    return list(compare(sequences, who, out=out, rules=RULES, **options))[-1]  # type: ignore[arg-type]
+
+
+def test_a_table_figures_and_numbers_are_written(tmp_path: Path) -> None:
+    found = whole(tmp_path, [entrant("is honest"), entrant("lies")])
+    written = {path.name for path in write_comparison(found, tmp_path)}
+    figures = {f"box_{kind}.png" for kind in ("profile", "times", "accuracy")}
+    assert written == {"results.json", "table.md", *figures}
+    assert all((tmp_path / name).read_bytes().startswith(b"\x89PNG") for name in figures)
+    results = json.loads((tmp_path / "results.json").read_text())
+    assert results["settings"]["threads"]["OMP_NUM_THREADS"] == "1"
+    assert results["machine"]["processor"]
+    rows = {(row["family"], row["solver"], row["mode"]): row for row in results["rows"]}
+    assert rows["box", "is honest", "warm"]["solved"] == 1.0
+    assert rows["box", "lies", "cold"]["failures"]["wrong answer"] == 3
+    assert rows["box", "is honest", "cold"]["claimed"] == 1
+    table = (tmp_path / "table.md").read_text()
+    assert "### box: 17 instances" in table
+    assert "3 wrong" in table
+
+
+def test_what_is_done_is_not_done_again(tmp_path: Path) -> None:
+    made = tmp_path / "made"
+    who = Entrant("counted", counted, str(made))
+
+    class Stopped(Exception):  # noqa: N818
+        pass
+
+    def interrupt(what: str, done: int, of: int) -> None:
+        assert of == 6
+        if done == 3:
+            raise Stopped
+
+    with pytest.raises(Stopped):
+        whole(tmp_path, [who], progress=interrupt)
+    assert len((tmp_path / RECORD).read_text().splitlines()) == 3
+    before = len(made.read_text())
+    with (tmp_path / RECORD).open("a") as lines:
+        lines.write('{"solver": "counted", "sequence": "box/sec')  # cut off while it was written
+    found = whole(tmp_path, [who])
+    again = len(made.read_text()) - before
+    assert len(found.passes) == 6
+    assert again == before  # three passes then, three now
+    assert repr(whole(tmp_path, [who]).rows) == repr(found.rows)  # NaN is not equal to itself
+    assert len(made.read_text()) == 2 * before
+
+
+def test_an_interrupted_comparison_tells_what_can_be_compared(tmp_path: Path) -> None:
+    """After three passes of eight: both modes of one solver and one of the other, on the first sequence."""
+    sequences = [RecordedQPs(each) for each in (boxes(), boxes(name="box/second"))]
+    who = [entrant("is honest"), entrant("lies")]
+    steps = list(compare(sequences, who, out=tmp_path, rules=RULES))
+    assert len(steps) == 8
+    taking_part = [{(row.solver, row.mode, row.ticks) for row in step.rows} for step in steps]
+    one, other = "is honest", "lies"
+    assert taking_part[0] == {(one, "cold", 6)}
+    assert taking_part[2] == {(one, "cold", 6), (one, "warm", 6), (other, "cold", 6)}
+    both = {(solver, mode, 6) for solver in (one, other) for mode in ("cold", "warm")}
+    assert all(step == both for step in taking_part[3:7])  # the second sequence is not done by all
+    assert taking_part[7] == {(solver, mode, 12) for solver, mode, _ in both}
+    first = steps[0]
+    assert [grid.title.partition(":")[0] for grid in first.grids] == ["box"]  # no warm pass, and no programmes
+    assert "table.md" in {path.name for path in write_comparison(first, tmp_path)}
+    assert (tmp_path / "table.md").read_text().startswith("Not whole: 1 of 8 passes. ")
+    assert json.loads((tmp_path / "results.json").read_text())["passes"] == {"done": 1, "of": 8}
+    assert header(steps[-1]).startswith("processor")
+
+
+def test_passes_of_another_state_of_the_library_are_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    made = tmp_path / "made"
+    who = Entrant("counted", counted, str(made))
+    list(compare([RecordedQPs(boxes())], [who], out=tmp_path, rules=RULES))
+    before = len(made.read_text())
+    monkeypatch.setattr(record, "software_digest", lambda: "one line is other")
+    list(compare([RecordedQPs(boxes())], [who], out=tmp_path, rules=RULES))
+    assert len(made.read_text()) == 2 * before
+
+
+def test_other_rules_are_another_measurement(tmp_path: Path) -> None:
+    made = tmp_path / "made"
+    who = Entrant("counted", counted, str(made))
+    list(compare([RecordedQPs(boxes())], [who], out=tmp_path, rules=RULES))
+    before = len(made.read_text())
+    list(compare([RecordedQPs(boxes())], [who], out=tmp_path, rules=RULES._replace(limit=0.6)))
+    assert len(made.read_text()) == 2 * before
+
+
+def test_a_sequence_is_chosen_by_its_file(tmp_path: Path) -> None:
+    write_sequence(tmp_path / "boxes.npz", boxes())
+    assert [sequence.name for sequence in chosen_sequences([str(tmp_path / "boxes.npz")])] == ["box/plain"]
+    with pytest.raises(ConfigurationError, match="--family"):
+        chosen_sequences(["no such family"])

@@ -1,0 +1,287 @@
+"""Claims about the shipped corpus, judged by linear programmes and plain numpy: it is what it says it is."""
+
+import math
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.optimize import linprog
+
+from bench.solvers import corpus, nlp_corpus, regenerate
+from bench.solvers.marked import FACTOR, MAKERS
+from bench.solvers.nlp_instances import NLPInstances, read_nlp_instances
+from bench.solvers.shipped import families, shipped_nlp_instances, shipped_sequences
+from rehab_opt.optim.backends import backend
+from rehab_opt.optim.nlp_solvers import nlp_solver
+from rehab_opt.optim.rows import Instance
+from rehab_opt.qp_recording.sequence import ARRAYS, QPSequence, read_sequence
+
+Array = NDArray[np.float64]
+
+MEGABYTE = 1e6
+FOLDER = Path(corpus.__file__).parent
+SEQUENCES = {name: read_sequence(path) for name, path in shipped_sequences().items()}
+NLPS = {name: read_nlp_instances(path) for name, path in shipped_nlp_instances().items()}
+SOLVABLE = [name for name, each in SEQUENCES.items() if each.family not in ("infeasible", "badly_scaled")]
+SAME = 1e-9
+"""Largest difference of a regenerated number, in units of the largest of its array."""
+
+
+def feasible(qp: Instance) -> bool:
+    """Whether some x is within rows and bounds, by HiGHS."""
+    matrix, limits = np.vstack([qp.A, -qp.A]), np.concatenate([qp.rows_upper, -qp.rows_lower])
+    finite = np.isfinite(limits)
+    rows = (matrix[finite], limits[finite]) if finite.any() else (None, None)
+    bounds = np.column_stack([qp.lower, qp.upper])
+    answer = linprog(np.zeros(qp.g.size), A_ub=rows[0], b_ub=rows[1], bounds=bounds, method="highs")
+    assert answer.status in (0, 2), answer.message
+    return bool(answer.status == 0)
+
+
+def kkt_residual(qp: Instance, x: Array, of_bounds: Array, of_rows: Array) -> float:
+    """Largest of stationarity, violation and complementarity, by plain numpy; NaN where a number is."""
+    rows = qp.A @ x
+    parts = [np.abs(qp.H @ x + qp.g + of_bounds + qp.A.T @ of_rows)]
+    for value, lower, upper, multiplier in (
+        (x, qp.lower, qp.upper, of_bounds), (rows, qp.rows_lower, qp.rows_upper, of_rows),
+    ):  # fmt: skip
+        parts += [np.maximum(lower - value, 0), np.maximum(value - upper, 0)]
+        parts.append(np.minimum(np.maximum(multiplier, 0), np.abs(upper - value)))
+        parts.append(np.minimum(np.maximum(-multiplier, 0), np.abs(value - lower)))
+    return float(np.max(np.concatenate(parts)))
+
+
+def sound_ticks(sequence: QPSequence) -> list[int]:
+    return [tick for tick in range(len(sequence)) if "nan" not in sequence.marks_of(tick)]
+
+
+def assert_same_numbers(made: Array, shipped: Array) -> None:
+    assert made.shape == shipped.shape
+    finite = np.isfinite(shipped)
+    np.testing.assert_array_equal(made[~finite], shipped[~finite])
+    scale = max(1.0, float(np.abs(shipped[finite]).max(initial=0.0)))
+    assert float(np.abs(made[finite] - shipped[finite]).max(initial=0.0)) <= SAME * scale
+
+
+# ---------------------------------------------------------------------------------------------------------- the files
+def test_it_is_small_enough_to_live_in_the_repository() -> None:
+    size = sum(path.stat().st_size for path in FOLDER.rglob("*.npz"))
+    assert 0.1 * MEGABYTE < size <= 5 * MEGABYTE
+
+
+def test_every_capability_and_every_mark_has_a_family() -> None:
+    assert set(families()) >= {
+        "arm_ik", "ardis", "mirror", "assistance", "field_learning", "pose_tracking",
+        "infeasible", "degenerate", "badly_scaled", "nan",
+    }  # fmt: skip
+    assert {name.partition("/")[0] for name in shipped_sequences()} == set(families())
+
+
+def test_every_recipe_has_its_file_and_every_file_its_recipe() -> None:
+    assert sorted(SEQUENCES) == sorted(corpus.names())
+    assert sorted(NLPS) == sorted(nlp_corpus.names())
+
+
+@pytest.mark.parametrize("name", SEQUENCES)
+def test_a_sequence_says_what_it_is(name: str) -> None:
+    sequence = SEQUENCES[name]
+    assert sequence.name == name
+    assert sequence.command == f"python -m bench.solvers.regenerate {name}"
+    assert len(sequence.about) > 20
+    assert set(sequence.versions) == {"rehab_opt", "casadi", "numpy"}
+    assert 50 <= len(sequence) <= 500
+    marks = {mark for tick in range(len(sequence)) for mark in sequence.marks_of(tick)}
+    assert marks == ({sequence.family} if name in MAKERS else set())
+
+
+@pytest.mark.parametrize("name", SEQUENCES)
+def test_its_layout_is_as_documented(name: str) -> None:
+    readme = (FOLDER / "README.md").read_text()
+    assert f"`{name}`" in readme
+    assert all(f"`{key}`" in readme for key in ARRAYS)
+
+
+# --------------------------------------------------------------------------------------------------- what it says it is
+@pytest.mark.parametrize("name", [name for name in SEQUENCES if name.startswith("infeasible/")])
+def test_an_infeasible_one_has_no_solution(name: str) -> None:
+    assert not any(feasible(qp) for qp in list(SEQUENCES[name])[::5])
+
+
+@pytest.mark.parametrize("name", SOLVABLE)
+def test_any_other_has_one(name: str) -> None:
+    sequence = SEQUENCES[name]
+    assert all(feasible(sequence[tick]) for tick in sound_ticks(sequence)[::20])
+
+
+@pytest.mark.parametrize("name", SOLVABLE)
+def test_every_sound_tick_is_a_convex_qp_whose_solution_is_certified(name: str) -> None:
+    sequence = SEQUENCES[name]
+    primary, backup = (backend(solver, sequence.n, sequence.m) for solver in ("proxqp", "osqp"))
+    for tick in sound_ticks(sequence):
+        qp = sequence[tick]
+        np.testing.assert_allclose(qp.H, qp.H.T, atol=1e-12 * np.abs(qp.H).max())
+        assert np.linalg.eigvalsh(qp.H)[0] >= -1e-12 * np.abs(qp.H).max()
+        residual = kkt_residual(qp, *primary.solve(qp)[:3])
+        if not residual <= sequence.tolerance:
+            residual = kkt_residual(qp, *backup.solve(qp)[:3])
+        assert residual <= sequence.tolerance, f"tick {tick}"
+
+
+@pytest.mark.parametrize("name", [name for name in SEQUENCES if name.startswith("badly_scaled/")])
+def test_a_badly_scaled_one_is_its_origin_in_other_units(name: str) -> None:
+    """The origin's certified answer, in the other units, is certified there; the numbers are far apart."""
+    sequence, origin = SEQUENCES[name], SEQUENCES[MAKERS[name][0]]
+    d, r = FACTOR ** np.linspace(-1, 1, sequence.n), FACTOR ** np.linspace(1, -1, sequence.m)
+    solver = backend("proxqp", origin.n, origin.m)
+    for tick in range(len(sequence)):
+        x, of_bounds, of_rows, _ = solver.solve(origin[tick])
+        assert kkt_residual(sequence[tick], x / d, of_bounds * d, of_rows / r) <= sequence.tolerance
+    size = np.abs(np.diagonal(sequence[0].H))
+    assert size.max() / size[size > 0].min() > FACTOR**2
+
+
+@pytest.mark.parametrize("name", [name for name in SEQUENCES if name.startswith("degenerate/")])
+def test_a_degenerate_one_repeats_rows_and_has_bounds_without_width(name: str) -> None:
+    sequence = SEQUENCES[name]
+    for qp in sequence:
+        assert np.linalg.matrix_rank(qp.A) < len(qp.A)
+        assert (np.abs(qp.A).max(axis=1) == 0.0).any()
+        assert len(np.unique(qp.A, axis=0)) < len(qp.A) or sequence.m == 1 + SEQUENCES[MAKERS[name][0]].m
+        assert (qp.lower == qp.upper).any()
+
+
+@pytest.mark.parametrize("name", SEQUENCES)
+def test_exactly_the_marked_ticks_hold_what_is_no_number(name: str) -> None:
+    sequence = SEQUENCES[name]
+    for tick, qp in enumerate(sequence):
+        costs = np.concatenate([qp.H.ravel(), qp.g, qp.A.ravel()])
+        bounds = np.concatenate([qp.rows_lower, qp.rows_upper, qp.lower, qp.upper])
+        broken = not np.isfinite(costs).all() or bool(np.isnan(bounds).any())
+        assert broken == ("nan" in sequence.marks_of(tick))
+
+
+@pytest.mark.parametrize("name", [name for name, each in SEQUENCES.items() if each.dt > 0])
+def test_ticks_follow_each_other(name: str) -> None:
+    """From one tick to the next all moves by far less than between ticks at random, but where a row comes or goes."""
+    sequence, rng = SEQUENCES[name], np.random.default_rng(0)
+    assert math.isfinite(sequence.dt)
+    ticks = sound_ticks(sequence)
+    pairs = np.array([tick for tick in ticks if tick + 1 in ticks])
+    for key in ARRAYS:
+        array = getattr(sequence, key)
+        if len(array) > 1:
+            # A limit of 1e9 divided by a time says that there is none, as an infinite one does.
+            flat = np.where(np.abs(array) < 1e6, array, 0.0).reshape(len(array), -1)
+            next_one = np.median(np.abs(flat[pairs + 1] - flat[pairs]).sum(axis=1))
+            any_one = np.median(np.abs(flat[rng.permutation(pairs)] - flat[pairs]).sum(axis=1))
+            assert next_one <= 0.25 * any_one + 1e-12, key
+
+
+@pytest.mark.parametrize("drive", ["mecanum", "differential"])
+def test_a_differential_chair_cannot_go_sideways_and_a_mecanum_one_can(drive: str) -> None:
+    sequence = SEQUENCES[f"ardis/{drive}_doorway"]
+    most = []
+    for qp in list(sequence)[::20]:
+        matrix, limits = np.vstack([qp.A, -qp.A]), np.concatenate([qp.rows_upper, -qp.rows_lower])
+        finite, sideways = np.isfinite(limits), -np.eye(sequence.n)[1]
+        bounds = np.column_stack([qp.lower, qp.upper])
+        answer = linprog(sideways, A_ub=matrix[finite], b_ub=limits[finite], bounds=bounds, method="highs")
+        assert answer.status == 0
+        most.append(abs(answer.fun))
+    assert (max(most) < 1e-9) == (drive == "differential")
+
+
+# ----------------------------------------------------------------------------------------------------------- made again
+@pytest.mark.parametrize(
+    "name",
+    [
+        "pose_tracking/free",
+        "pose_tracking/limited",
+        "assistance/at_bounds",
+        "mirror/far",
+        "nan/pose_tracking",
+        "ardis/differential_doorway",
+    ],
+)
+def test_made_again_it_has_the_same_numbers(name: str) -> None:
+    made, shipped = corpus.made(name), SEQUENCES[name]
+    for key in ARRAYS:
+        assert_same_numbers(getattr(made, key), getattr(shipped, key))
+    assert (made.marks, made.tolerance, made.about) == (shipped.marks, shipped.tolerance, shipped.about)
+
+
+def test_the_command_in_a_file_writes_that_file(tmp_path: Path) -> None:
+    command = SEQUENCES["assistance/within_bounds"].command.split()[1:]
+    done = subprocess.run(
+        [sys.executable, *command, "--out", str(tmp_path)], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    made = read_sequence(tmp_path / "qp" / "assistance" / "within_bounds.npz")
+    for key in ARRAYS:
+        assert_same_numbers(getattr(made, key), getattr(SEQUENCES["assistance/within_bounds"], key))
+
+
+def test_a_name_that_is_none_is_refused_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert regenerate.main(["nothing", "--out", str(tmp_path)]) == 2
+    assert "NAME = 'nothing'" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+# ------------------------------------------------------------------------------------------------- nonlinear programmes
+@pytest.mark.parametrize("name", [name for name, each in NLPS.items() if each.statement != "mirror_plan"])
+def test_a_programme_is_the_library_s_own_and_has_a_certified_answer(name: str) -> None:
+    instances = NLPS[name]
+    solver = nlp_solver(instances.nlp, "ipopt", tolerance=instances.tolerance)
+    for parameters, start in list(zip(instances.parameters, instances.starts, strict=True))[::12]:
+        solver.parameters[:] = parameters
+        answer = solver.solve(start)
+        assert answer.certified
+        if instances.statement == "ik_posture":
+            assert answer.report[0] < 1e-6  # the hand is at its target
+        elif instances.statement == "mirror_window":
+            assert answer.report.min() >= instances.arguments["floor"] - 1e-9
+        else:
+            assert answer.report[0] > 1e-6  # the target is out of reach
+    assert len(instances) >= 49
+
+
+@pytest.mark.parametrize("name", [name for name in NLPS if name.startswith("mirror_window/")])
+def test_a_plan_made_tick_by_tick_keeps_what_its_windows_ask_and_is_nearly_the_best(name: str) -> None:
+    instances = NLPS[name]
+    solver = nlp_solver(instances.nlp, "ipopt", tolerance=instances.tolerance)
+    floored = 0
+    for parameters, start in list(zip(instances.parameters, instances.starts, strict=True))[::7]:
+        nothing = np.zeros(instances.nlp.n + instances.nlp.m)
+        planned, cost, _, violation, _ = instances.nlp.certify(parameters, start, nothing)
+        np.testing.assert_array_equal(np.array(planned).reshape(-1), start)
+        assert float(violation) <= 1e-9
+        solver.parameters[:] = parameters
+        answer = solver.solve(start)
+        assert answer.cost <= float(cost) + 1e-12
+        floored += bool(answer.report.min() <= 0.3 + 1e-6)
+    assert floored or not name.endswith("fruit")
+
+
+@pytest.mark.parametrize("name", [name for name, each in NLPS.items() if each.statement == "mirror_plan"])
+def test_a_plan_is_run_to_its_end(name: str) -> None:
+    path = NLPS[name].plan()
+    assert path.complete
+    assert path.manipulability.min() >= 0.3 - 1e-9
+
+
+def test_programmes_made_again_are_the_same() -> None:
+    made, shipped = nlp_corpus.made("boundary/restricted"), NLPS["boundary/restricted"]
+    for key in ("parameters", "starts"):
+        assert_same_numbers(getattr(made, key), getattr(shipped, key))
+    assert made.command == shipped.command == "python -m bench.solvers.regenerate nlp/boundary/restricted"
+
+
+def test_a_statement_that_the_library_does_not_have_is_refused() -> None:
+    shipped = NLPS["arm_ik/regular"]
+    with pytest.raises(ValueError, match="statement = 'other'"):
+        NLPInstances("a/b", "other", shipped.arguments, shipped.parameters, shipped.starts, 1e-9)
+    with pytest.raises(ValueError, match="parameters"):
+        NLPInstances("a/b", "ik_nearest", shipped.arguments, shipped.parameters, shipped.starts, 1e-9)

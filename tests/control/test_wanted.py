@@ -1,0 +1,53 @@
+"""The wanted motion is within its rows and nearest to what is asked: by multipliers of the test's own."""
+
+import casadi as ca
+import numpy as np
+import pytest
+from scipy.optimize import nnls
+
+from rehab_opt.control.stopping import FAR
+from rehab_opt.control.wanted import WantedVelocity
+
+N, M = 6, 4
+
+
+def held() -> ca.Function:
+    """Task, wanted motion, stopping speeds and drift, rows -> the wanted motion within both."""
+    nothing = ca.SX.zeros(N)
+    matrix, rows = ca.SX.sym("J", 6, N), ca.SX.sym("R", M, N)
+    of = WantedVelocity(
+        matrix, ca.SX.sym("v", 6), ca.SX(1), nothing, None, np.ones(N), np.zeros(N, dtype=bool), rows,  # type: ignore[arg-type]
+        ca.SX.sym("r", M), ca.SX(0, 1),
+    )  # fmt: skip
+    return of.hold(ca.DM.eye(N))[0]
+
+
+HELD = held()
+
+
+@pytest.mark.parametrize("parallel", [0.0, 0.03, 1.0])
+def test_wanted_motion_is_the_nearest_one_within_its_rows(parallel: float) -> None:
+    rng = np.random.default_rng(int(100 * parallel))
+    active = several = 0
+    for _ in range(300):
+        left, _, right = np.linalg.svd(rng.standard_normal((6, N)))
+        matrix, asked = left @ np.diag(rng.uniform(0.6, 1.0, 6)) @ right, 0.3 * rng.standard_normal(6)
+        free = np.linalg.solve(matrix, asked)
+        rows = rng.standard_normal((M, N))
+        rows[3] = rows[2] + parallel * rng.standard_normal(N)
+        rows *= np.where(rows @ free < 0, -1.0, 1.0)[:, None]  # all of them are in the way
+        most = np.abs(rows @ free) * rng.choice([0.0, 0.5, 2.0], M) - 1e-3 * rng.random(M)
+        told = (
+            np.r_[matrix.T.ravel(), asked],
+            np.r_[free, asked],
+            np.r_[-FAR * np.ones(N), FAR * np.ones(N), np.zeros(N)],
+        )
+        velocity = np.array(HELD(*told, np.r_[rows.T.ravel(), most])).ravel()[:N]
+        assert np.all(rows @ velocity <= most + 1e-8)
+        met = rows @ velocity > most - 1e-7
+        downhill = matrix.T @ (asked - matrix @ velocity)
+        pushed = nnls(rows[met].T, downhill)[1] if met.any() else float(np.linalg.norm(downhill))
+        assert pushed < 1e-4
+        active, several = active + bool(met.any()), several + bool(met.sum() > 1)
+    assert active > 150
+    assert several > 50

@@ -1,0 +1,294 @@
+"""Claims about recording: a witness sees each tick's own QP, once, and costs nothing where there is none."""
+
+import math
+import shlex
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from rehab_opt import ConfigurationError, PoseTracker, ProblemFileError, ur5
+from rehab_opt.cli import main
+from rehab_opt.control.arm_ik import ArmIK
+from rehab_opt.kinematics.human_arm import human_arm
+from rehab_opt.optim.backends import backend
+from rehab_opt.optim.ladder import Ladder
+from rehab_opt.optim.qp import Statement
+from rehab_opt.optim.rows import Instance, parameter, variable, within
+from rehab_opt.optim.witness import witness_now, witnessed
+from rehab_opt.qp_recording import recording
+from rehab_opt.qp_recording.recording import file_names, recorded_run
+from rehab_opt.qp_recording.sequence import QPSequence, read_sequence, sequence_of
+from rehab_opt.session.files import ProblemFile, load_problem, problem_content, problem_of, problem_path
+from rehab_opt.symbolic import BufferedFunction
+
+POSE = np.array([0.3, -1.3, 1.7, -1.9, -1.4, 0.2])
+
+
+def tracker(**options: object) -> PoseTracker:
+    return PoseTracker(ur5(velocity=0.2), dt=0.01, compile=False, **options)  # type: ignore[arg-type]
+
+
+def ladder(statement: Statement) -> Ladder:
+    return Ladder(statement, solver="qrqp", backup="daqp", tolerance=1e-9, compile=False)
+
+
+def moved(robot: PoseTracker, ticks: int) -> list[Instance]:
+    """Follow a pose that runs away; what the tracker itself says its QPs are."""
+    q, told = POSE.copy(), []
+    for tick in range(ticks):
+        pose = robot.chain.pose(POSE)
+        pose[0, 3] += 0.01 * tick
+        twist = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+        told.append(robot.instance(q, pose, twist))
+        q = q + robot.dt * robot.step(q, pose, twist).value
+    return told
+
+
+def assert_same(seen: list[Instance], told: list[Instance]) -> None:
+    assert len(seen) == len(told)
+    for one, other in zip(seen, told, strict=True):
+        for a, b in zip(one, other, strict=True):
+            np.testing.assert_array_equal(a, b)
+
+
+# ------------------------------------------------------------------------------------------------------------ witness
+@pytest.mark.parametrize("solver", ["qrqp", "proxqp", "daqp"])
+def test_a_witness_sees_each_tick_s_own_qp_once(solver: str) -> None:
+    with witnessed() as witness:
+        told = moved(tracker(solver=solver), 12)
+    (stream,) = witness.streams
+    assert stream.name == "pose_tracker"
+    assert stream.tolerance == tracker().tolerance
+    assert_same(stream.instances(), told)
+
+
+def test_what_is_tried_again_is_seen_once() -> None:
+    """The backup answers: qrqp is made to fail, and is tried twice before."""
+    target, x = parameter("target", 1), variable("x", 1, lower=-1.0, upper=1.0)
+    statement = Statement(
+        "again", parameters=[target], variables=[x], minimise=(x.symbol - target) ** 2 / 2,
+        subject_to=[within(x.symbol, -0.5, 0.5)],
+    )  # fmt: skip
+    with witnessed() as again:
+        other = Ladder(statement, solver="qrqp", backup="proxqp", tolerance=1e-9, compile=False)
+        plain = other.function.evaluate
+
+        def failing() -> None:
+            plain()
+            other.verdict[0] = math.nan
+
+        other.function.evaluate = failing
+        other.parameters[:] = 0.7
+        assert other() == "proxqp"
+    assert [stream.met for stream in again.streams] == [1]
+    (qp,) = again.streams[0].instances()
+    assert qp.g[0] == -0.7
+
+
+def test_without_a_witness_the_hot_path_is_the_compiled_function_itself() -> None:
+    assert witness_now() is None
+    stated = tracker().stated
+    usual = type(ladder(stated).function.evaluate)  # what CasADi gives
+    assert usual is type(BufferedFunction(ca.Function("one", [], [1.0])).evaluate)
+    with witnessed():
+        assert type(ladder(stated).function.evaluate) is not usual
+    assert witness_now() is None
+
+
+def test_a_witness_that_has_left_sees_no_more() -> None:
+    with witnessed() as witness:
+        robot = tracker()
+        moved(robot, 3)
+    moved(robot, 3)
+    assert [stream.met for stream in witness.streams] == [3]
+
+
+def test_the_window_is_what_was_asked_for() -> None:
+    with witnessed(skip=4, most=3) as witness:
+        told = moved(tracker(), 12)
+    (stream,) = witness.streams
+    assert (stream.met, len(stream)) == (12, 3)
+    assert_same(stream.instances(), told[4:7])
+
+
+def test_a_command_with_a_witness_is_the_command_without() -> None:
+    def commands() -> list[bytes]:
+        robot, q = tracker(), POSE.copy()
+        pose = robot.chain.pose(POSE + 0.3)
+        return [robot.step(q, pose, np.zeros(6)).value.tobytes() for _ in range(5)]
+
+    with witnessed():
+        seen = commands()
+    assert seen == commands()
+
+
+def test_the_iterations_of_inverse_kinematics_are_seen_as_the_qps_that_gave_their_steps() -> None:
+    """Each QP, solved by another solver, leads to where the next iteration begins."""
+    arm = human_arm(range_of_motion="regular")
+    with witnessed() as witness:
+        ArmIK(arm, compile=False).solve(
+            arm.pose((arm.lower + arm.upper) / 2)[:3, 3] + 0.05, (arm.lower + arm.upper) / 2
+        )
+    stream = next(each for each in witness.streams if each.name == "ik_posture_step" and len(each) > 2)
+    checked = 0
+    starts = [values[1] for values in stream.seen]
+    for qp, here, there in zip(stream.instances(), starts, starts[1:], strict=False):
+        step = backend("proxqp", qp.g.size, qp.rows_lower.size).solve(qp).x
+        if np.abs(there - here).max() < 0.5:  # else another start
+            np.testing.assert_allclose(here + step, there, atol=1e-7)
+            checked += 1
+    assert checked >= 2
+
+
+# ------------------------------------------------------------------------------------------------------ a file's run
+def circle(**changes: object) -> ProblemFile[object]:
+    name, path = problem_path("robot/ur5_circle")
+    content = problem_content(path, "robot/ur5_circle")
+    content["circle"] |= {"turns": 1.0, "duration_s": 2.0}
+    content["tracker"]["rate_hz"] = 100.0
+    return problem_of(content | changes, name=name, file="robot/ur5_circle", path=path)
+
+
+def test_a_run_gives_its_sequence_with_the_tick_and_the_command_that_makes_it_again() -> None:
+    (sequence,) = recorded_run(circle(), skip=10, ticks=50)
+    assert sequence.name == "pose_tracking/ur5_circle_pose_tracker"
+    assert (len(sequence), sequence.n, sequence.m) == (50, 7, 0)
+    assert sequence.dt == 0.01
+    assert sequence.command == "rehab-opt record robot/ur5_circle --skip 10 --ticks 50"
+    (longer,) = recorded_run(circle(), skip=0, ticks=60)
+    assert_same(list(sequence), list(longer)[10:])
+
+
+def test_the_command_names_a_file_of_one_s_own_and_the_solver(tmp_path: Path) -> None:
+    own = tmp_path / "my circle.toml"
+    text = problem_path("robot/ur5_circle")[1].read_text()
+    own.write_text(text.replace("duration_s = 8.0", "duration_s = 2.0").replace("rate_hz = 1000.0", "rate_hz = 50.0"))
+    (sequence,) = recorded_run(load_problem(str(own)), ticks=5, solver="proxqp")
+    words = shlex.split(sequence.command)
+    assert words == ["rehab-opt", "record", str(own), "--skip", "0", "--ticks", "5", "--solver=proxqp"]
+    with pytest.raises(SystemExit) as ended:
+        main([*words[1:], "--out", str(tmp_path / "again.npz")])
+    assert not ended.value.code
+    again = read_sequence(tmp_path / "again.npz")
+    assert again.command == sequence.command
+    assert again.dt == 0.02
+    assert_same(list(again), list(sequence))
+
+
+class TwoSearches:
+    """A run in which two solvers of one name iterate beside a controller that ticks."""
+
+    def __call__(self, loaded: object, **_: object) -> None:
+        witness = witness_now()
+        assert witness is not None
+        qp = Instance(np.eye(1), np.zeros(1), np.zeros((0, 1)), np.zeros(0), np.zeros(0), np.zeros(1), np.ones(1))
+        for name, ticks in (("search", False), ("search", False), ("controller", True)):
+            witness.stream(name, 1e-8, Instance, ticks=ticks).see(*qp)
+
+
+def test_solvers_of_one_name_are_told_apart_and_iterations_have_no_tick(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(recording, "run_problem", TwoSearches())
+    found = recorded_run(circle())
+    assert [each.name for each in found] == [
+        f"pose_tracking/ur5_circle_{name}" for name in ("search_1", "search_2", "controller")
+    ]
+    assert [math.isnan(each.dt) for each in found] == [True, True, False]
+
+
+def test_an_iteration_of_a_programme_is_no_tick() -> None:
+    arm = human_arm(range_of_motion="regular")
+    with witnessed() as witness:
+        ArmIK(arm, compile=False).solve(arm.pose((arm.lower + arm.upper) / 2)[:3, 3])
+        tracker()
+    assert {stream.name: stream.ticks for stream in witness.streams}["ik_posture_step"] is False
+    assert {stream.name: stream.ticks for stream in witness.streams}["pose_tracker"] is True
+
+
+def test_a_folder_in_the_place_of_a_file_is_refused_before_anything_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(recording, "run_problem", TwoSearches())
+    for folder, out in (("a.npz", "a.npz"), ("b_search_2.npz", "b.npz")):
+        Path(folder).mkdir()
+        with pytest.raises(SystemExit) as ended:
+            main(["record", "robot/ur5_circle", "--out", out])
+        assert ended.value.code == 2
+        told = f"rehab-opt: --out = '{folder}': expected the name of a file: a folder stands there\n"
+        assert capsys.readouterr().err == told
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.npz", "b_search_2.npz"]
+
+
+def test_a_system_without_qps_is_refused_in_one_line() -> None:
+    with pytest.raises(ProblemFileError, match="system = 'workspace'") as refused:
+        recorded_run(load_problem("upper_limb/workspace"))
+    assert "\n" not in str(refused.value)
+
+
+def test_a_run_shorter_than_what_is_skipped_is_refused() -> None:
+    with pytest.raises(ProblemFileError, match="201"):
+        recorded_run(circle(), skip=5000)
+
+
+@pytest.mark.parametrize(("option", "value"), [("skip", -1), ("ticks", 0)])
+def test_numbers_that_are_no_counts_are_refused(option: str, value: int) -> None:
+    with pytest.raises(ConfigurationError, match=f"--{option}"):
+        recorded_run(circle(), **{option: value})  # type: ignore[arg-type]
+
+
+def named(*names: str) -> list[QPSequence]:
+    qp = Instance(np.eye(1), np.zeros(1), np.zeros((0, 1)), np.zeros(0), np.zeros(0), np.zeros(1), np.ones(1))
+    return [sequence_of(f"a/{name}", [qp], dt=1.0, tolerance=1e-8, command="", about="") for name in names]
+
+
+@pytest.mark.parametrize(
+    ("names", "files"),
+    [
+        (["run_law"], ["out.npz"]),
+        (["run_law_left", "run_law_right"], ["out_left.npz", "out_right.npz"]),
+        (["run_law", "run_law_more"], ["out.npz", "out_more.npz"]),
+        (["run_law", "run_law"], ["out_1.npz", "out_2.npz"]),
+        (["one", "other"], ["out_one.npz", "out_other.npz"]),
+    ],
+)
+def test_several_solvers_write_several_files(names: list[str], files: list[str]) -> None:
+    found = file_names(Path("folder/out.npz"), named(*names))
+    assert [path.as_posix() for path in found] == [f"folder/{file}" for file in files]
+
+
+# -------------------------------------------------------------------------------------------------------- the command
+def test_the_command_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "deep" / "circle.npz"
+    with pytest.raises(SystemExit) as ended:
+        main(["record", "robot/ur5_circle", "--out", str(out), "--skip", "100", "--ticks", "20"])
+    assert not ended.value.code
+    assert capsys.readouterr().out.strip() == f"{out}: 20 QPs of 7 variables and 0 rows"
+    assert len(read_sequence(out)) == 20
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["upper_limb/workspace"], "system = 'workspace'"),
+        (["robot/ur5_circle", "--out", "circle.txt"], "--out"),
+        (["robot/ur5_circle", "--skip", "-1"], "--skip"),
+        (["robot/nothing"], "not found"),
+    ],
+)
+def test_a_refusal_is_one_line_and_writes_nothing(
+    arguments: list[str],
+    told: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as ended:
+        main(["record", *arguments])
+    assert ended.value.code == 2
+    line = capsys.readouterr().err
+    assert told in line
+    assert line.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
