@@ -17,6 +17,7 @@ from rehab_opt.kinematics.link_capsules import Capsule, CapsuleOnLink, LinkCapsu
 from rehab_opt.kinematics.ur5 import ur5
 
 if TYPE_CHECKING:
+    from rehab_opt import measures as measures
     from rehab_opt.control.assistance import Assistance
     from rehab_opt.control.bilateral import Bilateral
     from rehab_opt.control.bilateral_sides import HelperSide, ParticipantSide
@@ -33,6 +34,12 @@ if TYPE_CHECKING:
     from rehab_opt.field.potential import PotentialField
     from rehab_opt.kinematics.ardis import ardis
     from rehab_opt.kinematics.arm_on_chair import arm_on_chair
+    from rehab_opt.kinematics.goniometer import (
+        arm_posture,
+        arm_range_of_motion,
+        goniometer_angles,
+        goniometer_range,
+    )
     from rehab_opt.kinematics.room import Box, KeepOut, MovingCapsule, arm_capsules
     from rehab_opt.workspace.mapping import WorkspaceMap
     from rehab_opt.workspace.placement import ShoulderPlacement
@@ -90,7 +97,12 @@ __all__ = [
     "ardis",
     "arm_capsules",
     "arm_on_chair",
+    "arm_posture",
+    "arm_range_of_motion",
+    "goniometer_angles",
+    "goniometer_range",
     "human_arm",
+    "measures",
     "planar_workspace",
     "range_of_motion",
     "reachability_map",
@@ -126,6 +138,10 @@ _LATER = {
     "ardis": "kinematics.ardis",
     "arm_capsules": "kinematics.room",
     "arm_on_chair": "kinematics.arm_on_chair",
+    "arm_posture": "kinematics.goniometer",
+    "arm_range_of_motion": "kinematics.goniometer",
+    "goniometer_angles": "kinematics.goniometer",
+    "goniometer_range": "kinematics.goniometer",
     "planar_workspace": "workspace.reach",
     "range_of_motion": "workspace.used_range",
     "reachability_map": "workspace.variation",
@@ -134,6 +150,8 @@ _LATER = {
 
 
 def __getattr__(name: str) -> Any:
+    if name == "measures":  # a package of functions that are told by its name
+        return importlib.import_module(f"{__name__}.measures")
     if name not in _LATER:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     value = getattr(importlib.import_module(f"{__name__}.{_LATER[name]}"), name)

@@ -14,11 +14,13 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.control.command import Status
 from rehab_opt.control.gate import Mode
 from rehab_opt.errors import ConfigurationError
+from rehab_opt.measures.path import path_length, path_ratio
+from rehab_opt.measures.smoothness import spectral_arc_length
+from rehab_opt.measures.speed import mean_speed, peak_speed
 from rehab_opt.session.metrics import finite
 from rehab_opt.session.scenario.claims import promised
-from rehab_opt.session.scenario.deviation import Projection, path_length, projected
+from rehab_opt.session.scenario.deviation import Projection, projected
 from rehab_opt.session.scenario.in_order import covered_in_order, deviation_in_order
-from rehab_opt.session.scenario.smoothness import spectral_arc_length
 from rehab_opt.session.scenario.trial import Trial
 
 __all__ = ["COVERED", "REACHES", "deviation_of", "trial_measures"]
@@ -127,20 +129,17 @@ def _forces(trial: Trial) -> Numbers:
 
 
 def _motion(trial: Trial, mode: Mode, counts: Ticks) -> Numbers:
-    speed, measured = np.linalg.norm(trial.velocity, axis=1), np.linalg.norm(trial.measured, axis=1)
+    measured = np.linalg.norm(trial.measured, axis=1)
     holds = mode == "hold" and bool(counts.any())
-    travelled = path_length(trial.position)
-    # Of a reach that fell short, the way to the target would flatter: the straight line ends where the hand did.
-    straight = float(np.linalg.norm(trial.position[-1] - trial.position[0]))
-    meant = straight if mode in REACHES else path_length(trial.intended)
     return {
-        "speed_mean_m_s": float(speed.mean()),
-        "speed_max_m_s": float(speed.max()),
-        "speed_held_mean_m_s": float(speed[counts].mean()) if holds else None,
+        "speed_mean_m_s": mean_speed(trial.velocity),
+        "speed_max_m_s": peak_speed(trial.velocity),
+        "speed_held_mean_m_s": mean_speed(trial.velocity[counts]) if holds else None,
         "force_measured_held_mean_N": float(measured[counts].mean()) if holds else None,
         "duration_s": float(trial.time[-1] - trial.time[0]),
-        "path_length_m": travelled,
-        "path_length_ratio": travelled / meant if meant > 0 else None,
+        "path_length_m": path_length(trial.position),
+        # Of a reach that fell short, the way to the target would flatter: the straight line ends where the hand did.
+        "path_length_ratio": finite(path_ratio(trial.position, None if mode in REACHES else trial.intended)),
     }
 
 

@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 
 from rehab_opt.control.gate import Mode
 from rehab_opt.plants.force_robot import RobotModel
+from rehab_opt.session.arm_keys import OneRange
 from rehab_opt.session.plant.tables import HandPlant
 from rehab_opt.session.scenario.pace import LONGER, Aims
 from rehab_opt.session.scenario.simulated_person import FASTEST_LINE, Person
@@ -22,7 +23,7 @@ from rehab_opt.session.schema import (
     SolverName,
     refusal,
 )
-from rehab_opt.session.workspaces.sections import ArmInPlane, OneRange
+from rehab_opt.session.workspaces.sections import ArmInPlane
 
 __all__ = ["REACHES", "THERAPY", "FieldSection", "PersonSection", "RobotSection", "ScenarioProblem", "TaskSection"]
 
