@@ -13,7 +13,7 @@ from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.denavit_hartenberg import DH
 from rehab_opt.kinematics.human_arm import human_arm
 from rehab_opt.kinematics.link import Link
-from rehab_opt.kinematics.link_capsules import CapsuleOnLink, LinkCapsule
+from rehab_opt.kinematics.link_capsules import Capsule, CapsuleOnLink, LinkCapsule
 from rehab_opt.kinematics.ur5 import ur5
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from rehab_opt.control.bilateral import Bilateral
     from rehab_opt.control.bilateral_sides import HelperSide, ParticipantSide
     from rehab_opt.control.bounded_force import BoundedForce
-    from rehab_opt.control.hand_bounds import KeepOut
+    from rehab_opt.control.clearance import Clearance
     from rehab_opt.control.interaction import Interaction
     from rehab_opt.control.joint_feedback import JointFeedback
     from rehab_opt.control.joystick import Joystick
@@ -40,6 +40,7 @@ if TYPE_CHECKING:
         goniometer_angles,
         goniometer_range,
     )
+    from rehab_opt.kinematics.room import Box, KeepOut, MovingCapsule, arm_capsules
     from rehab_opt.workspace.mapping import WorkspaceMap
     from rehab_opt.workspace.placement import ShoulderPlacement
     from rehab_opt.workspace.reach import planar_workspace
@@ -58,7 +59,10 @@ __all__ = [
     "Bilateral",
     "Bound",
     "BoundedForce",
+    "Box",
+    "Capsule",
     "CapsuleOnLink",
+    "Clearance",
     "Command",
     "ConfigurationError",
     "Demonstration",
@@ -73,6 +77,7 @@ __all__ = [
     "Link",
     "LinkCapsule",
     "MirrorTracker",
+    "MovingCapsule",
     "ParticipantSide",
     "PathAssistance",
     "PoseTracker",
@@ -90,6 +95,7 @@ __all__ = [
     "Workspace",
     "WorkspaceMap",
     "ardis",
+    "arm_capsules",
     "arm_on_chair",
     "arm_posture",
     "arm_range_of_motion",
@@ -110,14 +116,17 @@ _LATER = {
     "Assistance": "control.assistance",
     "Bilateral": "control.bilateral",
     "BoundedForce": "control.bounded_force",
+    "Box": "kinematics.room",
+    "Clearance": "control.clearance",
     "Demonstration": "field.demonstration",
     "HelperSide": "control.bilateral_sides",
     "Interaction": "control.interaction",
     "Joystick": "control.joystick",
-    "KeepOut": "control.hand_bounds",
+    "KeepOut": "kinematics.room",
     "JointFeedback": "control.joint_feedback",
     "Limit": "control.limit",
     "MirrorTracker": "control.mirror",
+    "MovingCapsule": "kinematics.room",
     "ParticipantSide": "control.bilateral_sides",
     "PathAssistance": "control.path_assistance",
     "PotentialField": "field.potential",
@@ -127,6 +136,7 @@ _LATER = {
     "Workspace": "workspace.region",
     "WorkspaceMap": "workspace.mapping",
     "ardis": "kinematics.ardis",
+    "arm_capsules": "kinematics.room",
     "arm_on_chair": "kinematics.arm_on_chair",
     "arm_posture": "kinematics.goniometer",
     "arm_range_of_motion": "kinematics.goniometer",

@@ -71,11 +71,15 @@ class WantedVelocity(NamedTuple):
     told: ca.SX
     """What else is to be prepared."""
 
-    def prepare(self, parameters: ca.SX, memory: ca.SX, excess: Excess, bend: Bend) -> ca.Function:
+    def prepare(
+        self, parameters: ca.SX, memory: ca.SX, excess: Excess, bend: Bend, around: tuple[ca.SX, ca.Function]
+    ) -> ca.Function:
         """Parameters, memory -> Jacobian by columns, twist, slowdown, bounds, outside, R, r, told, wanted motion.
 
         Where `excess` of q (n,), Jacobian, wanted and last velocity is above 1, the wanted motion is slowed by it.
         `bend` says how the hand's twist changes (`damped`); with rows, which that does not know, it is not used.
+        `around` is a column that the expressions may hold besides, and the function of parameters and memory that
+        gives it.
         """
         bounds, movable = self.bounds, ca.diag(ca.sparsify(ca.DM(~self.locked)))
         moving = ca.sparsify(self.jacobian @ movable)
@@ -91,10 +95,12 @@ class WantedVelocity(NamedTuple):
         kept_rows = ca.vertcat(ca.vec(ca.densify(self.rows)), self.most)
         motion_limits = [ca.vertcat(wanted, moving @ wanted), ca.vertcat(low, high, self.drift)]
         outputs = [task, kept, kept_rows, self.told, *motion_limits, leaves]
-        first = ca.Function("first", [parameters, memory], [ca.densify(each) for each in outputs], {"cse": True})
+        near, looked = around
+        dense = [ca.densify(each) for each in outputs]
+        first = ca.Function("first", [parameters, memory, near], dense, {"cse": True})
 
         p, last = ca.MX.sym("p", parameters.numel()), ca.MX.sym("memory", memory.numel())
-        told, within, rows, more, motion, limits, needed = first.call([p, last])
+        told, within, rows, more, motion, limits, needed = first.call([p, last, looked(p, last)])
         motion = ca.Function.if_else("hold", *self.hold(movable)).call([needed, told, motion, limits, rows])[0]
         n = self.jacobian.size2()
         if not self.rows.size1():
