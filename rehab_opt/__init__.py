@@ -13,15 +13,16 @@ from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.denavit_hartenberg import DH
 from rehab_opt.kinematics.human_arm import human_arm
 from rehab_opt.kinematics.link import Link
-from rehab_opt.kinematics.link_capsules import CapsuleOnLink, LinkCapsule
+from rehab_opt.kinematics.link_capsules import Capsule, CapsuleOnLink, LinkCapsule
 from rehab_opt.kinematics.ur5 import ur5
 
 if TYPE_CHECKING:
+    from rehab_opt import measures as measures
     from rehab_opt.control.assistance import Assistance
     from rehab_opt.control.bilateral import Bilateral
     from rehab_opt.control.bilateral_sides import HelperSide, ParticipantSide
     from rehab_opt.control.bounded_force import BoundedForce
-    from rehab_opt.control.hand_bounds import KeepOut
+    from rehab_opt.control.clearance import Clearance
     from rehab_opt.control.interaction import Interaction
     from rehab_opt.control.joint_feedback import JointFeedback
     from rehab_opt.control.joystick import Joystick
@@ -33,6 +34,13 @@ if TYPE_CHECKING:
     from rehab_opt.field.potential import PotentialField
     from rehab_opt.kinematics.ardis import ardis
     from rehab_opt.kinematics.arm_on_chair import arm_on_chair
+    from rehab_opt.kinematics.goniometer import (
+        arm_posture,
+        arm_range_of_motion,
+        goniometer_angles,
+        goniometer_range,
+    )
+    from rehab_opt.kinematics.room import Box, KeepOut, MovingCapsule, arm_capsules
     from rehab_opt.workspace.mapping import WorkspaceMap
     from rehab_opt.workspace.placement import ShoulderPlacement
     from rehab_opt.workspace.reach import planar_workspace
@@ -51,7 +59,10 @@ __all__ = [
     "Bilateral",
     "Bound",
     "BoundedForce",
+    "Box",
+    "Capsule",
     "CapsuleOnLink",
+    "Clearance",
     "Command",
     "ConfigurationError",
     "Demonstration",
@@ -66,6 +77,7 @@ __all__ = [
     "Link",
     "LinkCapsule",
     "MirrorTracker",
+    "MovingCapsule",
     "ParticipantSide",
     "PathAssistance",
     "PoseTracker",
@@ -83,8 +95,14 @@ __all__ = [
     "Workspace",
     "WorkspaceMap",
     "ardis",
+    "arm_capsules",
     "arm_on_chair",
+    "arm_posture",
+    "arm_range_of_motion",
+    "goniometer_angles",
+    "goniometer_range",
     "human_arm",
+    "measures",
     "planar_workspace",
     "range_of_motion",
     "reachability_map",
@@ -98,14 +116,17 @@ _LATER = {
     "Assistance": "control.assistance",
     "Bilateral": "control.bilateral",
     "BoundedForce": "control.bounded_force",
+    "Box": "kinematics.room",
+    "Clearance": "control.clearance",
     "Demonstration": "field.demonstration",
     "HelperSide": "control.bilateral_sides",
     "Interaction": "control.interaction",
     "Joystick": "control.joystick",
-    "KeepOut": "control.hand_bounds",
+    "KeepOut": "kinematics.room",
     "JointFeedback": "control.joint_feedback",
     "Limit": "control.limit",
     "MirrorTracker": "control.mirror",
+    "MovingCapsule": "kinematics.room",
     "ParticipantSide": "control.bilateral_sides",
     "PathAssistance": "control.path_assistance",
     "PotentialField": "field.potential",
@@ -115,7 +136,12 @@ _LATER = {
     "Workspace": "workspace.region",
     "WorkspaceMap": "workspace.mapping",
     "ardis": "kinematics.ardis",
+    "arm_capsules": "kinematics.room",
     "arm_on_chair": "kinematics.arm_on_chair",
+    "arm_posture": "kinematics.goniometer",
+    "arm_range_of_motion": "kinematics.goniometer",
+    "goniometer_angles": "kinematics.goniometer",
+    "goniometer_range": "kinematics.goniometer",
     "planar_workspace": "workspace.reach",
     "range_of_motion": "workspace.used_range",
     "reachability_map": "workspace.variation",
@@ -124,6 +150,8 @@ _LATER = {
 
 
 def __getattr__(name: str) -> Any:
+    if name == "measures":  # a package of functions that are told by its name
+        return importlib.import_module(f"{__name__}.measures")
     if name not in _LATER:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     value = getattr(importlib.import_module(f"{__name__}.{_LATER[name]}"), name)

@@ -15,8 +15,20 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rehab_opt import __version__
-from rehab_opt.errors import ConfigurationError, RehabOptError
-from rehab_opt.terminal import bars, interrupted, no_folder, on_interrupt, printer, refuse, say, undisturbed, writable
+from rehab_opt.errors import ConfigurationError, RehabOptError, printable
+from rehab_opt.terminal import (
+    bars,
+    interrupted,
+    no_folder,
+    numbers_in,
+    on_interrupt,
+    one_of,
+    printer,
+    refuse,
+    say,
+    undisturbed,
+    writable,
+)
 
 if TYPE_CHECKING:
     from rehab_opt.session.files import ProblemFile
@@ -70,23 +82,31 @@ def options(
 @app.command()
 def run(
     file: Problem,
+    *,
     out: Annotated[Path | None, typer.Option(help="Folder of the result; ./out/<problem> by default.")] = None,
     solver: Annotated[str | None, typer.Option(help="Solver of the optimised law, instead of the file's.")] = None,
     law: Annotated[str | None, typer.Option(help="Of an upper limb: published, optimised or both (default).")] = None,
     plant: Annotated[
         str | None, typer.Option(help="Of a robot: ideal, or mujoco (mass, servos, delays); the file's by default.")
     ] = None,
+    also: Annotated[str | None, typer.Option(help="Figures as pdf or svg, too; both: pdf,svg.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace the files of an earlier run in the folder.")] = False,
 ) -> None:
-    """Run a problem; print its table; write metrics.json, trace.csv and figures."""
+    """Run a problem; print its table; write metrics.json, trace.csv and figures.
+
+    Where an earlier run has written its files, the folder gets a number: figure_eight-2.
+    """
     from rehab_opt.session.files import load_problem  # noqa: PLC0415
-    from rehab_opt.session.report import write_report  # noqa: PLC0415
+    from rehab_opt.session.report import FIGURE_FORMATS, free_folder, write_report  # noqa: PLC0415
     from rehab_opt.session.systems import system_named  # noqa: PLC0415
 
     loaded = load_problem(file)
-    folder = writable(out if out is not None else Path("out") / loaded.name)
+    formats = [] if also is None else [one_of("--also", each, FIGURE_FORMATS) for each in also.split(",")]
+    chosen = out if out is not None else Path("out") / loaded.name
+    folder = writable(chosen) if force else free_folder(writable(chosen))
     outcome = _run_with_progress(loaded, law=law, plant=plant, solver=solver)
     with undisturbed():
-        written = write_report(outcome, folder)
+        written = write_report(outcome, folder, also=formats)
     console = printer()
     console.print(system_named(outcome.system).table(outcome))
     for note in outcome.notes:
@@ -110,16 +130,33 @@ def list_problems() -> None:
 
 
 @app.command()
-def check(file: Problem) -> None:
-    """Check a problem file and its recording without running it."""
+def check(
+    file: Problem,
+    picture: Annotated[
+        Path | None, typer.Option(help="Folder for a picture of the arm at both ends of each movement.")
+    ] = None,
+) -> None:
+    """Check a problem file and its recording without running it; say the range of motion as a goniometer reads it."""
     from rehab_opt.session.files import load_problem  # noqa: PLC0415
-    from rehab_opt.session.run import checked  # noqa: PLC0415
+    from rehab_opt.session.run import arms_of, checked  # noqa: PLC0415
 
     loaded = load_problem(file)
     notes = checked(loaded)
+    arms = arms_of(loaded)
     say(f"{loaded.name}: {loaded.problem.title}")
     for note in notes:
         say(f"- {note}")
+    if arms:
+        from rehab_opt.session.arm_picture import range_note, write_range_figures  # noqa: PLC0415
+
+        for name, arm in arms.items():
+            say(f"- {range_note(name, arm)}")
+        if picture is not None:
+            for path in write_range_figures(arms, writable(picture, argument="--picture"), title=loaded.problem.title):
+                say(f"- written: {path}")
+    elif picture is not None:
+        expected = f"a problem that states a range of motion, which {loaded.problem.system!r} does not"
+        raise ConfigurationError("--picture", str(picture), expected)
     say("ok")
 
 
@@ -197,6 +234,67 @@ def record(
             write_sequence(path, sequence, argument="--out")
     for path, sequence in zip(paths, sequences, strict=True):
         say(f"{path}: {len(sequence)} QPs of {sequence.n} variables and {sequence.m} rows")
+
+
+@app.command()
+def score(
+    recordings: Annotated[list[str], typer.Argument(metavar="RECORDING...", help="Recordings of a hand, one or more.")],
+    *,
+    columns: Annotated[str | None, typer.Option(help="Columns of x, y (and z), with commas between.")] = None,
+    marker: Annotated[str | None, typer.Option(help="The hand's marker in a motion-capture file.")] = None,
+    separator: Annotated[str, typer.Option(help="Of a .csv: comma, semicolon or tab.")] = "comma",
+    decimal: Annotated[str, typer.Option(help="Of a .csv: point or comma.")] = "point",
+    count_mm: Annotated[float | None, typer.Option(help="Millimetres that one raw count is.")] = None,
+    tick_ms: Annotated[float | None, typer.Option(help="Milliseconds that one raw count of time is.")] = None,
+    target: Annotated[str | None, typer.Option(help="x,y(,z) [m] where each movement was to end.")] = None,
+    pause: Annotated[float | None, typer.Option(help="Rest [s] that ends a trial; by default a file is one.")] = None,
+    repeats: Annotated[
+        bool, typer.Option("--repeats", help="All trials are of one movement: how they vary, too.")
+    ] = False,
+    cutoff: Annotated[float, typer.Option(help="Of the low-pass before speeds are taken [Hz].")] = 10.0,
+    threshold: Annotated[float, typer.Option(help="Fraction of the peak speed where a movement begins.")] = 0.05,
+    out: Annotated[Path | None, typer.Option(help="A .csv; standard output by default.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace the .csv where there is one.")] = False,
+) -> None:
+    """Measure the trials of recordings: movement time, speed, smoothness, path, range; a row each, as CSV.
+
+    Notes, on the error stream, say what to know of the numbers: gaps, noise, rest. rehab_opt.measures has the formulas.
+    """
+    from rehab_opt.session.scoring import score_recordings, write_rows  # noqa: PLC0415
+    from rehab_opt.session.tables import SEPARATORS  # noqa: PLC0415
+
+    if out is not None:
+        no_folder(out)
+        writable(out.parent)
+        if out.exists() and not force:
+            raise ConfigurationError("--out", str(out), "a file that is not there yet, or --force to replace it")
+    scored = score_recordings(
+        recordings,
+        reading={
+            "columns": None if columns is None else columns.split(","),
+            "marker": marker,
+            "separator": one_of("--separator", separator, SEPARATORS),
+            "decimal": one_of("--decimal", decimal, ("point", "comma")),
+            "count_mm": count_mm,
+            "tick_ms": tick_ms,
+        },
+        target=None if target is None else numbers_in("--target", target),
+        pause=pause,
+        repeats=repeats,
+        cutoff_hz=cutoff,
+        threshold=threshold,
+    )
+    if out is None:
+        write_rows(scored.rows, sys.stdout)
+    else:
+        with undisturbed():
+            out.parent.mkdir(parents=True, exist_ok=True)
+            with out.open("w", encoding="utf-8", newline="") as file:
+                write_rows(scored.rows, file)
+    for note in scored.notes:
+        print(printable(f"rehab-opt: {note}"), file=sys.stderr)
+    if out is not None:
+        say(f"written to {out}: {len(scored.rows)} rows")
 
 
 @app.command()

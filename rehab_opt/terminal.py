@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -19,7 +20,19 @@ if TYPE_CHECKING:
 
     from rehab_opt.session.outcome import Progress
 
-__all__ = ["bars", "interrupted", "no_folder", "on_interrupt", "printer", "refuse", "say", "undisturbed", "writable"]
+__all__ = [
+    "bars",
+    "interrupted",
+    "no_folder",
+    "numbers_in",
+    "on_interrupt",
+    "one_of",
+    "printer",
+    "refuse",
+    "say",
+    "undisturbed",
+    "writable",
+]
 
 MOST_OF_A_VALUE = 120  # characters of a message
 BETWEEN_LINES = 60.0
@@ -112,6 +125,23 @@ def no_folder(file: Path) -> None:
     """Refuse a file in whose place a folder stands."""
     if file.is_dir():
         raise ConfigurationError("--out", str(file), "the name of a file: a folder stands there")
+
+
+def numbers_in(argument: str, text: str) -> list[float]:
+    """Numbers with commas between, as an option of the command line has them."""
+    from rehab_opt.text_file import number_in  # noqa: PLC0415
+
+    numbers = [number_in(part) for part in text.split(",")]
+    if not all(map(math.isfinite, numbers)):
+        raise ConfigurationError(argument, text, "numbers with commas between, such as 0.1,0.25")
+    return numbers
+
+
+def one_of(argument: str, value: str, known: Collection[str]) -> str:
+    """`value`, if it is known."""
+    if value not in known:
+        raise ConfigurationError(argument, value, f"one of {', '.join(known)}")
+    return value
 
 
 def refuse(problem: RehabOptError) -> NoReturn:

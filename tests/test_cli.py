@@ -119,12 +119,19 @@ def test_one_law_alone_can_be_run(folder: Path, law: str) -> None:
     assert (metrics["reachable_share_of_length"] is None) == (law == "published")
 
 
-def test_second_run_replaces_its_files_and_leaves_others(folder: Path) -> None:
+def test_second_run_gets_a_number_or_replaces_its_files_and_leaves_others(folder: Path) -> None:
     kept = folder / "result" / "notes.txt"
     kept.parent.mkdir()
     kept.write_text("mine", encoding="utf-8")
-    for _ in range(2):
-        assert ended("run", "problem.toml", "--law", "published", "--out", "result") == 0
+    arguments = ("run", "problem.toml", "--law", "published", "--out", "result")
+    assert ended(*arguments) == 0
+    first = (folder / "result/metrics.json").read_bytes()
+    assert ended(*arguments, "--also", "svg,pdf") == 0
+    assert (folder / "result/metrics.json").read_bytes() == first
+    assert {"metrics.json", "joints.png", "joints.svg", "joints.pdf"} <= files(folder / "result-2")
+    assert ended(*arguments, "--force") == 0
+    assert not (folder / "result-3").exists()
+    assert (folder / "result/metrics.json").read_bytes() != first  # solve times differ
     assert kept.read_text(encoding="utf-8") == "mine"
     assert not [name for name in files(folder) if Path(name).name.startswith(".")]
 
@@ -249,6 +256,7 @@ def test_unusable_input_is_one_line_and_exit_code_2_and_nothing_written(
         (("--solver", ""), "--solver = ''"),
         (("--solver", "x" * 5000), "--solver = 'xxx"),
         (("--law", "published", "--solver", "sqp"), "--solver = 'sqp'"),
+        (("--also", "jpg"), "one of pdf, svg"),
         (("--out", "x" * 300), "--out = 'xxx"),
         (("--out", "path.csv"), "a folder that can be written to"),
         (("--out", "path.csv/below"), "a folder that can be written to"),

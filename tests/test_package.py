@@ -27,6 +27,7 @@ LAYERS = {
     "symbolic": {"errors"},
     "kinematics": {"errors", "text_file", "symbolic"},
     "optim": {"errors", "symbolic"},
+    "measures": {"errors"},
     "workspace": {"errors", "symbolic", "kinematics", "optim"},
     "field": {"errors", "symbolic", "kinematics", "optim"},
     "control": {"errors", "symbolic", "kinematics", "optim", "workspace", "field"},
@@ -42,11 +43,12 @@ LAYERS = {
         "control",
         "published",
         "plants",
+        "measures",
     },
     "plants": {"errors", "kinematics"},
     "qp_recording": {"errors", "optim", "session"},
     "export": {"errors", "optim", "workspace", "field", "control", "session"},
-    "terminal": {"errors", "session", "symbolic"},
+    "terminal": {"errors", "text_file", "session", "symbolic"},
     "cli": {"__version__", "errors", "session", "qp_recording", "export", "terminal"},
 }
 

@@ -16,7 +16,8 @@ class Status(Enum):
 
     OK = "ok"  #: solved by the primary solver, certified
     BACKUP = "backup"  #: by the backup solver, or with a lesser claim, which the reason names; its bounds certified
-    BLOCKED = "blocked"  #: certified, but the bounds leave nothing of the commanded motion; the robot may still move
+    BLOCKED = "blocked"  #: certified, but the bounds leave nothing of the commanded motion, or a hand that stood under
+    # force is let go; the robot may still move
     UNREACHABLE = "unreachable"  #: the nearest reachable point is given instead (inverse kinematics)
     BRAKING = "braking"  #: safe command: decelerating within the limits
     HOLDING = "holding"  #: safe command: at rest

@@ -25,10 +25,12 @@ __all__ = [
     "FIELD",
     "GATE",
     "PULL_BACK",
+    "SPRING",
     "Mode",
     "WantedForce",
     "check_mode",
     "gated_force",
+    "guided_force",
     "numbers_of",
     "reflected_force",
 ]
@@ -43,6 +45,8 @@ PULL_BACK = Record(stiffness=1, force=1)
 GATE = Record(acts_inside=1, pull_limit=1, onset=1, back=PULL_BACK.size)
 """Whether the field acts inside of the workspace, or outside; its largest pull [N]; over what distance beyond the
 boundary it grows to its full size [m]."""
+SPRING = Record(stiffness=1, damping=1)
+"""S [N/m], D [N s/m]."""
 FIELD = Record(sharpness=1, damping=2)
 """Of a field: 1 / sigma^2 [1/m^2], D [N s/m]."""
 
@@ -121,6 +125,31 @@ def _gated() -> ca.Function:
     force = ca.if_else(acts, share * damped, ca.if_else(gate.acts_inside, back, ca.SX.zeros(2)))
     inputs = [hand, carried, gate.column, field.column, where, acts, elastic]
     return ca.Function("gated", inputs, [force], {"cse": True})
+
+
+@cache
+def guided_force(edges: int) -> ca.Function:
+    """A spring to a place of a path, damped across the path alone, inside the workspace; see `gated_force` in "follow".
+
+    Returns
+    -------
+    Position [m] and velocity [m/s] of the hand (4,), place (2,) [m], direction of the path there (2,), share that is
+    applied, `SPRING`, `GATE`, `edge_columns` of the workspace -> wanted force (2,) [N].
+    """
+    hand, place, along, share = (ca.SX.sym("input", n) for n in (4, 2, 2, 1))
+    spring, gate, where = SPRING.symbols("spring"), GATE.symbols("gate"), ca.SX.sym("where", 3)
+    across = hand[2:] - along * ca.dot(along, hand[2:])
+    acts = (where[0] <= 0) == gate.acts_inside
+    damping = FIELD.of(sharpness=ca.SX(0), damping=ca.vertcat(spring.damping, spring.damping))
+    pull = spring.stiffness * (place - hand[:2])
+    moving = ca.vertcat(hand[:2], across)
+    force = share * _gated()(moving, ca.SX.zeros(2), gate.column, damping, where, acts, pull)
+    inputs = [hand, place, along, share, spring.column, gate.column]
+    inner = ca.Function("guided", [*inputs, where], [force], {"cse": True})
+    told = [ca.MX.sym("input", each.numel()) for each in inputs]
+    table = ca.MX.sym("edges", edges, COLUMNS)
+    found = ca.vertcat(*distance_function(edges)(told[0][:2], table))
+    return ca.Function(f"guided_force_{edges}", [*told, table], [inner(*told, found)])
 
 
 @cache

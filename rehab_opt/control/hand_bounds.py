@@ -16,14 +16,14 @@ from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from rehab_opt.control.guarded_points import GuardedPoint, guarded_points
 from rehab_opt.control.limit import Limit, Limits
 from rehab_opt.control.stopping import VelocityBounds, nearest_to_rest
 from rehab_opt.control.tool_speed import tool_jerk
-from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.kinematics.room import KeepOut
 from rehab_opt.optim.certificate import all_true, clipped
 
 __all__ = ["HandBounds", "KeepOut", "feasible_rows"]
@@ -39,32 +39,6 @@ ABOVE = 5e-5
 ROUNDING, TINY = 1e-12, 1e-12
 PASSES = 2
 """Over all rows, in which a velocity is looked for that leads away where it has to."""
-
-
-class KeepOut(NamedTuple):
-    """Half-space that the arm stays out of: the side of a plane that its normal points away from."""
-
-    normal: tuple[float, float, float]
-    """Unit normal in the base frame, towards where the arm may be."""
-    offset: float
-    """[m] normal . x of the plane's points."""
-
-    @classmethod
-    def through(cls, point: ArrayLike, normal: ArrayLike) -> KeepOut:
-        """The plane through `point` (3,) [m] that keeps the arm on the side of `normal` (3,), of any length.
-
-        Raises
-        ------
-        ConfigurationError : numbers that are no plane.
-        """
-        try:
-            p, n = (np.array(value, dtype=np.float64) for value in (point, normal))
-        except (TypeError, ValueError, OverflowError) as problem:
-            raise ConfigurationError("point, normal", (point, normal), "three numbers each") from problem
-        if p.shape != (3,) or n.shape != (3,) or not np.all(np.isfinite([p, n])) or not np.linalg.norm(n) > 1e-9:
-            raise ConfigurationError("point, normal", (point, normal), "three finite numbers each, a normal above zero")
-        x, y, z = (float(each) for each in n / np.linalg.norm(n))
-        return cls((x, y, z), float(p @ (x, y, z)))
 
 
 class Now(NamedTuple):

@@ -1,28 +1,37 @@
-"""A user's own limit on an arm's posture: stated once, kept by the QP, the shortened step and the safe command."""
+"""Limits of a posture, a user's own and clearance: stated once, kept by QP, shortened step and safe command."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
 
-from rehab_opt.control.stopping import VelocityBounds, nearest_to_rest
+from rehab_opt.control.clearance import Clearance, checked_clearance
+from rehab_opt.control.clearance_pairs import ClearancePairs
+from rehab_opt.control.stopping import OUTSIDE, VelocityBounds, nearest_to_rest
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.optim.certificate import all_true, clipped
 
-__all__ = ["Limit", "Limits", "checked_limits"]
+__all__ = ["Limit", "Limits", "all_limits", "checked_limits"]
 
 ROUNDING = 1e-13
 """[rad, m] of a joint, by which rounding may take a distance further below zero."""
 PARTS = (0.75, 0.5, 0.25)
 """Of the way from braking to the QP's answer, and of braking itself, that are tried where those lead beyond a limit."""
+NEAR = 1e-13
+"""[m] by which rounding may bring bodies nearer."""
 PASSES = 2
 """Over all limits, in which a velocity is looked for that keeps them."""
 START = 0.1
 """Share of the largest speeds that a joint may reach in a tick and still be met by the margin, however fast it gets."""
+FLAT = 0.05
+"""[m/rad] Slope of a distance between bodies below which the way back from within the margin becomes slower."""
+SLACK = 1e-5
+"""[m] More than the margin at which bodies touch: what distances of bodies that lie along each other bend by."""
 MATTERS = 0.05
 """Of a slope's largest entry: a joint below it is not asked to keep a limit."""
 TINY = 1e-300
@@ -97,6 +106,24 @@ def checked_limits(limits: Sequence[Limit], chain: SerialChain) -> tuple[Limit, 
     return tuple(limits)
 
 
+def all_limits(limits: Sequence[Limit | Clearance], chain: SerialChain, dt: float, recovery_speed: float) -> Limits:
+    """The limits of an arm, one `Clearance` among them or none.
+
+    Raises
+    ------
+    ConfigurationError : as for `checked_limits` and `checked_clearance`; more than one clearance.
+    """
+    if not isinstance(limits, (list, tuple)) or not all(isinstance(each, (Limit, Clearance)) for each in limits):
+        raise ConfigurationError("limits", limits, "a list or tuple of Limit, and a Clearance")
+    found = [(f"limits[{i}]", each) for i, each in enumerate(limits) if isinstance(each, Clearance)]
+    if len(found) > 1:
+        raise ConfigurationError(found[1][0], found[1][1], "one Clearance, which holds all bodies")
+    pairs = [ClearancePairs(checked_clearance(name, each, chain), chain) for name, each in found]
+    others = checked_limits([each for each in limits if isinstance(each, Limit)], chain)
+    found_pairs = next((each for each in pairs if each.names), None)
+    return Limits(others, chain, dt, found_pairs, recovery_speed=recovery_speed)
+
+
 class Limits:
     """The limits of one arm in one tick.
 
@@ -108,31 +135,67 @@ class Limits:
     Parameters
     ----------
     limits : what `checked_limits` gives. chain : the arm. dt : tick [s].
+    clearance : its pairs, where there is a `Clearance`: each of its contacts makes a row, behind those of the limits.
+    recovery_speed : share of the joints' speeds at which the arm is led back to where a limit is kept.
     """
 
-    def __init__(self, limits: Sequence[Limit], chain: SerialChain, dt: float) -> None:
-        self.limits, self.chain, self.dt = tuple(limits), chain, dt
+    def __init__(
+        self,
+        limits: Sequence[Limit],
+        chain: SerialChain,
+        dt: float,
+        clearance: ClearancePairs | None = None,
+        *,
+        recovery_speed: float = 1.0,
+    ) -> None:
+        self.limits, self.chain, self.dt, self.clearance = tuple(limits), chain, dt, clearance
+        self._calm = ca.DM(recovery_speed * chain.velocity)
         together = max(float(np.max(chain.velocity / chain.acceleration)), dt)
-        rates = [
-            1 / together if each.rate is None else each.rate for each in self.limits for _ in range(each.count(chain))
-        ]
-        self._shares = ca.DM([(1 - np.exp(-rate * dt)) / dt for rate in rates])
+        rates = [each.rate for each in self.limits for _ in range(each.count(chain))]
+        self._own = len(rates)
+        rates += [] if clearance is None else [clearance.clearance.rate] * clearance.slots
+        self._shares = ca.DM([(1 - np.exp(-(1 / together if rate is None else rate) * dt)) / dt for rate in rates])
         self._begun = float(np.sum(np.minimum(chain.acceleration * dt, START * chain.velocity)))
 
     def __len__(self) -> int:
         """How many rows they make."""
         return self._shares.numel()
 
-    def rows(self, q: ca.SX, last: ca.SX, bounds: VelocityBounds) -> tuple[ca.SX, ca.SX, VelocityBounds]:
+    @property
+    def moving(self) -> int:
+        """How many moving capsules a tick is told of."""
+        return 0 if self.clearance is None else self.clearance.clearance.moving
+
+    @property
+    def told(self) -> int:
+        """Numbers of those."""
+        return 0 if self.clearance is None else self.clearance.told
+
+    @property
+    def contacts_size(self) -> int:
+        """Numbers of the column of `contacts`."""
+        return 0 if self.clearance is None else self.clearance.size
+
+    def contacts(self, q: ca.MX, last: ca.MX, told: ca.MX) -> ca.MX:
+        """Nearest contacts as one column, of positions and last velocity (n,), and moving capsules."""
+        return ca.MX(0, 1) if self.clearance is None else self.clearance.nearest(q, last, told, self.dt)
+
+    def rows(
+        self, q: ca.SX, last: ca.SX, bounds: VelocityBounds, contacts: ca.SX
+    ) -> tuple[ca.SX, ca.SX, VelocityBounds]:
         """R (m, n), r (m,) of R q' <= r, and the intervals, opened where acceleration has to yield.
 
         There is always a velocity that keeps them all: looked for between the intervals' ends, and where none of those
         keeps a distance above zero, beyond them.
         """
         rest = nearest_to_rest(bounds._replace(brake_lower=bounds.lower, brake_upper=bounds.upper))
-        slopes, free, _ = now = self._now(q, last)
+        slopes, free, _ = now = self._now(q, last, contacts)
         kept = _kept_within(now, rest, (bounds.lower, bounds.upper), bounds)
-        opened = bounds._replace(lower=ca.fmin(bounds.lower, kept), upper=ca.fmax(bounds.upper, kept))
+        opened = bounds._replace(
+            lower=ca.fmin(bounds.lower, kept),
+            upper=ca.fmax(bounds.upper, kept),
+            outside=ca.logic_or(bounds.outside, self.inside(contacts)),
+        )
         return -slopes, ca.fmax(free, -slopes @ kept), opened
 
     def falls(self, q: ca.SX, last: ca.SX, *, room: Callable[[ca.SX], ca.SX] | None = None) -> tuple[ca.SX, ca.SX]:
@@ -143,26 +206,65 @@ class Limits:
         """
         slopes, least, spent = self._tangents(q, last)
         least = least if room is None else least - room(slopes)
-        return slopes, self._shares * ca.fmax(least, 0) - spent
+        return slopes, self._shares[: self._own] * ca.fmax(least, 0) - spent
 
-    def braking(self, q: ca.SX, last: ca.SX, bounds: VelocityBounds) -> ca.SX:
-        """(n,) the velocity nearest to rest, but for joints that hold theirs longer where a limit wants it."""
+    def slower(self, q: ca.SX, last: ca.SX, bounds: VelocityBounds, contacts: ca.SX) -> ca.SX:
+        """(n,) the velocity nearest to rest, but for joints that hold theirs longer where a limit wants it.
+
+        From what comes nearer by itself it does not go away: who brakes is not enabled.
+        """
         rest = nearest_to_rest(bounds)
         held = clipped(last, bounds.brake_lower, bounds.brake_upper)
-        slower = _kept_within(self._now(q, last), rest, (ca.fmin(rest, held), ca.fmax(rest, held)), bounds)
-        return self.keeping(q, slower, slower)
+        slopes, free, hard = self._now(q, last, contacts)
+        now = (slopes, free, ca.fmax(hard, 0))
+        return _kept_within(now, rest, (ca.fmin(rest, held), ca.fmax(rest, held)), bounds)
 
-    def keeping(self, q: ca.SX, wanted: ca.SX, braking: ca.SX) -> ca.SX:
-        """(n,) the first that leads beyond no limit: `wanted`, parts of the way there from `braking`, parts of that."""
-        chosen = ca.SX.zeros(self.chain.n)
-        slower = [part * braking for part in reversed(PARTS)]
-        between = [braking + part * (wanted - braking) for part in (0.0, *reversed(PARTS))]
-        for u in (*slower, *between, wanted):
-            chosen = ca.if_else(self.kept(q, u), u, chosen)
-        return chosen
+    @cached_property
+    def keeping(self) -> ca.Function:
+        """Q, moving capsules, wanted, braking -> the first velocity (n,) that leads beyond no limit.
+
+        Of `wanted`, parts of the way there from `braking`, and parts of that; each is judged where those before failed.
+        """
+        n = self.chain.n
+        q, told = ca.MX.sym("q", n), ca.MX.sym("moving", self.told)
+        wanted, braking = ca.MX.sym("wanted", n), ca.MX.sym("braking", n)
+        inputs = [q, told, wanted, braking]
+        tried = [wanted, *(braking + part * (wanted - braking) for part in PARTS), braking]
+        tried += [part * braking for part in PARTS]
+        otherwise = ca.Function("rest", inputs, [ca.MX.zeros(n)])
+        for i, u in reversed(list(enumerate(tried))):
+            this = ca.Function(f"tried_{i}", inputs, [u])
+            choice = ca.Function.if_else(f"choice_{i}", this, otherwise)
+            otherwise = ca.Function(f"first_kept_{i}", inputs, [choice(self.judged(q, told, u), *inputs)])
+        return otherwise
+
+    @cached_property
+    def judged(self) -> ca.Function:
+        """Q, moving capsules, velocity -> 1 where that leads no distance below zero, nor below what rest would.
+
+        NaN fails.
+        """
+        n = self.chain.n
+        q, told, velocity = ca.MX.sym("q", n), ca.MX.sym("moving", self.told), ca.MX.sym("velocity", n)
+        inputs, verdict = [q, told, velocity], ca.MX(1)
+        if self.clearance is not None:
+            then, distances = ca.SX.sym("then", len(self.clearance.names)), self.clearance.distances
+            stayed = ca.SX.sym("stayed", then.numel())
+            clear = ca.Function("clear", [then], [all_true(then >= 0)])
+            no_worse = ca.Function("no_worse", [then, stayed], [all_true(then >= ca.fmin(stayed, 0) - NEAR)])
+            ends = ca.MX.sym("ends", then.numel())
+            yes = ca.Function("yes", [ends, q, told], [ca.MX(1)])
+            compared = ca.Function("compared", [ends, q, told], [no_worse(ends, distances(q, told, self.dt))])
+            there = distances(q + velocity * self.dt, told, self.dt)
+            verdict = ca.Function.if_else("clear_or_no_worse", yes, compared)(clear(there), there, q, told)
+        if self.limits:
+            here, u = ca.SX.sym("q", n), ca.SX.sym("velocity", n)
+            kept = ca.Function("kept", [here, u], [self.kept(here, u)], {"cse": True})
+            verdict = ca.logic_and(verdict, kept(q, velocity))
+        return ca.Function("judged", inputs, [verdict])
 
     def kept(self, q: ca.SX, velocity: ca.SX) -> ca.SX:
-        """1 where a velocity leads no distance below zero, nor further below; NaN fails."""
+        """1 where a velocity leads no `Limit` below zero, nor further below; NaN fails."""
         conditions = []
         for each in self.limits:
             now, then = each.at(self.chain, q), each.at(self.chain, q + velocity * self.dt)
@@ -170,10 +272,33 @@ class Limits:
             conditions.append(then >= ca.fmin(now, 0) - ROUNDING * slope)
         return all_true(*conditions)
 
-    def _now(self, q: ca.SX, last: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+    def inside(self, contacts: ca.SX) -> ca.SX:
+        """1 where a contact is nearer than its margin."""
+        if self.clearance is None:
+            return ca.SX(0)
+        return ca.mmin(self.clearance.read(contacts)[0]) < -OUTSIDE
+
+    def _now(self, q: ca.SX, last: ca.SX, contacts: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Slopes (m, n) of the least distances, how fast they may fall, and may not but in this tick (m,)."""
-        slopes, least, spent = self._tangents(q, last)
-        return slopes, self._shares * least - spent, ca.fmax(least, 0) / self.dt
+        parts = [(ca.SX(0, self.chain.n), ca.SX(0, 1), ca.SX(0, 1))]
+        if self.limits:
+            slopes, least, spent = self._tangents(q, last)
+            parts.append((slopes, self._shares[: self._own] * least - spent, ca.fmax(least, 0) / self.dt))
+        if self.clearance is not None:
+            parts.append(self._between_bodies(last, contacts))
+        slopes, free, hard = (ca.vertcat(*column) for column in zip(*parts, strict=True))
+        return slopes, free, hard
+
+    def _between_bodies(self, last: ca.SX, contacts: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """The same of contacts, whose slopes are those of the middle of the tick, where the last velocity leads."""
+        assert self.clearance is not None
+        distances, slopes, changes = self.clearance.read(contacts)
+        way = self.dt * (ca.sum1(ca.fabs(last)) + self._begun)
+        margin = ca.sqrt(ca.sum2(slopes**2)) * way**2 / 2 + SLACK
+        # Where a distance is nearly as large as a posture can make it, no joint goes to and fro about that posture.
+        steep = ca.fabs(slopes) * ca.fmin(ca.fabs(slopes) / FLAT, 1)
+        free = ca.fmax(self._shares[self._own :] * (distances - SLACK / 2 - margin), -steep @ self._calm)
+        return slopes, free + changes, ca.fmax(distances - SLACK / 2, 0) / self.dt + changes
 
     def _tangents(self, q: ca.SX, last: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Slopes (m, n) of the least distances, these (m,), and what of their fall the tangents do not tell (m,).
@@ -187,7 +312,7 @@ class Limits:
         way, begun = self.dt * ca.sum1(ca.fabs(last)), self.dt * self._begun
         margin = ca.sqrt(ca.sum2(slopes**2)) * (way + begun / 2) * begun
         lacking = clipped(margin - least, 0, margin)
-        return slopes, least, self._shares * (margin - lacking) + (lacking + lost) / self.dt
+        return slopes, least, self._shares[: self._own] * (margin - lacking) + (lacking + lost) / self.dt
 
 
 def _kept_within(
@@ -214,5 +339,5 @@ def _kept_within(
             clipped(u + slope * (over / ca.fmax(ca.sumsqr(slope), TINY)), bounds.hard_lower, bounds.hard_upper),
             u,
         )
-    closing = -slopes @ u
-    return ca.fmin(1, ca.mmin(ca.if_else(closing > hard, hard / ca.fmax(closing, TINY), 1))) * u
+    closing, least = -slopes @ u, ca.fmax(hard, 0)  # to slow down helps against what the arm does itself
+    return ca.fmin(1, ca.mmin(ca.if_else(closing > least, least / ca.fmax(closing, TINY), 1))) * u

@@ -233,7 +233,7 @@ class MirrorTracker(MirrorForeseen):
         """W / w_max where the last command leads."""
         return self._then
 
-    def step(
+    def step(  # type: ignore[override]  # it is told of no bodies that move
         self,
         q: ArrayLike,
         pose: ArrayLike,

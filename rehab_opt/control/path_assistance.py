@@ -1,72 +1,61 @@
-"""Assistance along a path that crosses itself or comes back to where it was: of the piece that the hand is at."""
+"""Assistance along a path that may cross itself, turn back, or come back to where it was: by progress along it."""
 
 from __future__ import annotations
 
 import math
-from functools import cache
-from typing import Unpack
+from typing import Unpack, cast
 
-import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rehab_opt.control.assistance import Assistance
-from rehab_opt.control.bounded_force import ForceBounds
-from rehab_opt.control.command import Command
+from rehab_opt.control.assistance_statement import TINY
+from rehab_opt.control.bounded_force import BoundedForce, ForceBounds
+from rehab_opt.control.command import Bound, Command, Status
+from rehab_opt.control.gate import GATE, PULL_BACK, SPRING, WantedForce, guided_force
+from rehab_opt.control.path_progress import AHEAD, PATH_MODEL, PLACES, PROGRESS, SEARCHED, progress_function
+from rehab_opt.control.reasons import NUMBER, reason_text
+from rehab_opt.control.velocity_controller import checked_number
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.field.potential import SAMPLES_PER_WIDTH, PotentialField
+from rehab_opt.field.potential import SAMPLES_PER_WIDTH
 from rehab_opt.field.samples import checked_paths, resampled_path
+from rehab_opt.field.settling import settling_notes
 from rehab_opt.symbolic import BufferedFunction
+from rehab_opt.workspace.edge_distance import edge_columns
 from rehab_opt.workspace.region import Workspace
 
-__all__ = ["REACH", "PathAssistance", "progress_function"]
+__all__ = ["PathAssistance"]
 
 Array = NDArray[np.float64]
 
-WINDOW = 4.0
-"""Widths of the field on either side that the hand is looked for and led along: further samples have no weight."""
-PIECE = 2.0
-"""Widths between the middles of two pieces."""
-REACH, STRIDE = math.ceil(WINDOW * SAMPLES_PER_WIDTH), math.ceil(PIECE * SAMPLES_PER_WIDTH)
-"""The same in samples."""
+STANDS = reason_text(NUMBER["HAND_STANDS"], ())
 
 
-@cache
-def progress_function() -> ca.Function:
-    """Where along the path a hand has come to: the nearest sample within reach, and the piece whose middle is nearest.
+class PathAssistance(BoundedForce):
+    """Force on a hand [N] along a path: a spring to where on the path the hand has come to; bounded as `BoundedForce`.
 
-    Returns
-    -------
-    Hand (2,) [m], x and y of the samples within `REACH` of the last one (4 `REACH` + 2,) [m], infinite beyond the ends,
-    number of the last one, number of pieces -> number of the nearest sample, and of the piece (2,).
-    """
-    hand, near = ca.MX.sym("hand", 2), ca.MX.sym("near", 4 * REACH + 2)
-    last, pieces = ca.MX.sym("last"), ca.MX.sym("pieces")
-    across, along = near[0::2] - hand[0], near[1::2] - hand[1]
-    squares = across * across + along * along
-    place = last - REACH + ca.find(squares <= ca.mmin(squares))  # the first of them
-    piece = ca.fmin(ca.floor((place + STRIDE // 2) / STRIDE), pieces - 1)
-    return ca.Function("path_progress", [hand, near, last, pieces], [ca.vertcat(place, piece)])
+    min  |F - F_wanted|^2  within the bounds of `BoundedForce`, where inside the comfortable workspace
 
+        F_wanted = S (p(s) - x) - D (v - (v.t) t),
 
-class PathAssistance(Assistance):
-    """`Assistance` in mode "follow", of the field around how far the hand has come.
+    p(s) the place of the path and t its direction at the progress s, so that along the path the hand moves freely.
+    Outside the workspace there is a pull back to it, as with `Assistance` in mode "follow".
 
-    The published field is of the whole path at once: where two branches lie closer than a few widths, the hand is held
-    between them, or passes from one to the other, and leaves out what is between. Here the field is that of a piece of
-    the path, four widths to either side of the hand's progress; the progress is the nearest sample among these, so that
-    it goes along the path, forwards or backwards, and never jumps to a branch that is further along the path than that.
-    From piece to piece the force changes within its slew bound.
+    The published field is of the whole path at once: at crossings, hairpins and loops it averages branches, and a hand
+    is held between them for good. Here s is a state of its own. It is moved by the person, in order: it never goes
+    back, and cuts no detour longer than two widths. `rehab_opt.control.path_progress` states the law, why a steady push
+    cannot hold a hand whose person means to go on, and what the law cannot see. A hand that stands under force all the
+    same is let go within 2 s: the force fades, the command says BLOCKED, its scale is 0, its `yielded` holds
+    `Bound.TASK`, and its reason says why, until the hand comes to a place further along the path.
 
-    Corners of a few degrees are a limit: near one, the window holds both legs, side by side. A hand on the new leg that
-    is nearer to the old one turns the progress back, which then goes back along the old leg as the hand goes on: on a
-    zigzag of 50 by 4 widths it came to be 102 widths of path behind the hand, with the force towards the wrong leg; its
-    bounds hold there, too.
+    A person who goes back along the path is held, by the spring, to where they had come, and let go in 2 s where they
+    insist. Begin anew by `reset`.
 
     Parameters
     ----------
     path : (N, 2) [m] from its start to its end.
-    stiffness, width, damping : S [N/m], sigma [m], D [N s/m], see `PotentialField`.
+    stiffness, damping : S [N/m], D [N s/m] across the path.
+    width : [m] the scale of the path: detours shorter than two widths may be cut, and a hand is at a place within one.
+    push : [N] a smaller push of the person is taken for tremor, and moves nothing on.
     comfortable, force_limit, return_stiffness, return_force, bounds : see `Assistance`.
 
     Raises
@@ -81,6 +70,7 @@ class PathAssistance(Assistance):
         stiffness: float,
         width: float,
         damping: float = 0.0,
+        push: float = 2.0,
         comfortable: Workspace,
         force_limit: float = 30.0,
         return_stiffness: float = 500.0,
@@ -92,69 +82,117 @@ class PathAssistance(Assistance):
             raise ConfigurationError("path", points.shape, "at least two points (N, 2) in metres")
         if not (isinstance(width, int | float) and 0 < width < math.inf):
             raise ConfigurationError("width", width, "metres above zero")
-        spacing = width / SAMPLES_PER_WIDTH
-        samples = resampled_path(points, spacing).points
-        if len(samples) < 2:
+        sampled = resampled_path(points, width / SAMPLES_PER_WIDTH)
+        if len(sampled.points) < 2:
             raise ConfigurationError("path", points[0].tolist(), "a path, not one place")
-        self.track = np.pad(samples, ((REACH, REACH), (0, 0)), constant_values=math.inf)
-        """(N + 2 `REACH`, 2) [m] samples of the path, infinite beyond its ends."""
+        if not isinstance(comfortable, Workspace) or comfortable.empty:
+            raise ConfigurationError("comfortable", comfortable, "a Workspace that is not empty")
+        self.comfortable = comfortable
+        self.spring = SPRING.numbers(
+            stiffness=checked_number("stiffness", stiffness, above=0.0, below=1e7),
+            damping=checked_number("damping", damping, above=-TINY, below=1e6),
+        )
+        """`SPRING` of this one."""
+        self.gate = GATE.numbers(
+            acts_inside=True,
+            pull_limit=checked_number("force_limit", force_limit, above=0.0, below=1e4),
+            onset=0.0,
+            back=PULL_BACK.numbers(
+                stiffness=checked_number("return_stiffness", return_stiffness, above=0.0),
+                force=checked_number("return_force", return_force, above=0.0),
+            ),
+        )
+        """`GATE` of this one."""
+        self.track = np.pad(sampled.points, ((0, PLACES + SEARCHED), (0, 0)), mode="edge")
+        """(N, 2) [m] samples of the path, the last of them repeated."""
         self._flat = self.track.ravel()
-        self.pieces = tuple(
-            PotentialField(
-                samples[max(0, middle - REACH) : middle + REACH + 1],
-                stiffness=stiffness,
-                width=width,
-                damping=damping,
-                rest_on_target=False,
-                spacing=spacing,
-                compile=bounds.get("compile"),
-            )
-            for middle in range(0, len(samples) + STRIDE // 2, STRIDE)
-        )
-        self._at = self._piece = 0
-        self._proceed = BufferedFunction(progress_function(), compile=bounds.get("compile"))
-        self._proceed.inputs[3][0] = len(self.pieces)
-        super().__init__(
-            self.pieces[0],
-            comfortable=comfortable,
-            mode="follow",
+        option = bounds.get("compile")
+        self._edges = edge_columns(comfortable.polygon)
+        self._pull = BufferedFunction(guided_force(len(self._edges)), compile=option)
+        super().__init__(self._pulled(), force_limit=force_limit, **bounds)
+        self.path_model = PATH_MODEL.numbers(
+            stiffness=stiffness,
+            spacing=float(sampled.travelled[1]),
+            last=len(sampled.points) - 1,
             force_limit=force_limit,
-            return_stiffness=return_stiffness,
-            return_force=return_force,
-            **bounds,
+            push=checked_number("push", push, above=0.0, below=force_limit),
+            speed_cap=self.speed_cap,
+            dt=self.dt,
         )
-        for field in reversed(self.pieces):
-            self.aim(field)  # made now, not in the loop
+        """`PATH_MODEL` of this one."""
+        self._proceed = BufferedFunction(progress_function(), compile=option)
+        self._proceed.inputs[0][:] = self.path_model
+        self._begin()
+
+    def _pulled(self) -> WantedForce:
+        """What the spring wants."""
+        hand, force = (cast("memoryview[float]", each.data) for each in (self._pull.inputs[0], self._pull.outputs[0]))
+        for held, values in zip(self._pull.inputs[4:], (self.spring, self.gate, self._edges), strict=True):
+            held[...] = values
+
+        def wanted(x: float, y: float, vx: float, vy: float) -> tuple[float, float]:
+            hand[0], hand[1], hand[2], hand[3] = x, y, vx, vy
+            self._pull.evaluate()
+            return force[0], force[1]
+
+        return wanted
 
     @property
     def progress(self) -> float:
-        """Share of the path, 0 to 1, at which the hand is."""
-        return self._at / (len(self.track) - 2 * REACH - 1)
+        """Share of the path, 0 to 1, to which the hand has come."""
+        return float(self._state_of_path[PROGRESS["at"]] / self.path_model[PATH_MODEL["last"]])
+
+    @property
+    def drive(self) -> float:
+        """[N] w, what leads the hand on against a push; see `path_progress`."""
+        return float(self._state_of_path[PROGRESS["drive"]])
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What of spring, bounds and delay does not go together, and which number would; see `settling_notes`."""
+        bounds = {"force_limit": self.force_limit, "slew_limit": self.slew_limit}
+        stiffness, damping = self.spring.tolist()
+        return tuple(settling_notes(stiffness, damping, **bounds, **self._late_by))
+
+    @property
+    def at_start(self) -> Array:
+        """`PROGRESS` of a hand at the path's start."""
+        first, second = self.track[:2]
+        full: dict[str, ArrayLike] = dict.fromkeys(PROGRESS.places, 0.0)
+        along = (second - first) / np.linalg.norm(second - first)
+        return PROGRESS.numbers(**full | {"grip": 1.0, "place": first, "along": along})
 
     def reset(self, *, energy: bool = True, force: ArrayLike = (0.0, 0.0)) -> None:
         """Forget the past, see `BoundedForce.reset`: at the path's start."""
         super().reset(energy=energy, force=force)
-        self._claim()
-        self._lead(0, 0)
-        self._give_away()
+        if hasattr(self, "_proceed"):  # not yet while it is made
+            self._begin()
 
     def step(
         self, x: ArrayLike, v: ArrayLike | None = None, *, enable: object = True, stamp: float | None = None
     ) -> Command:
-        """As `Assistance.step`; the progress goes on where the last tick's position was usable."""
+        """As `BoundedForce.step`; the progress goes on where the tick's position was usable."""
         command = super().step(x, v, enable=enable, stamp=stamp)
-        if self.usable:
-            proceed, at = self._proceed, self._at
-            proceed.inputs[0][:] = self.place
-            proceed.inputs[1][:] = self._flat[2 * at : 2 * at + 4 * REACH + 2]
-            proceed.inputs[2][0] = at
-            proceed.evaluate()
-            at, piece = proceed.outputs[0].tolist()
-            self._lead(int(at), int(piece))
+        if not self.usable:
+            return command
+        state = self._state_of_path
+        if state[PROGRESS["away"]] and command.status is Status.OK:
+            yielded = command.yielded | Bound.TASK
+            command = command._replace(status=Status.BLOCKED, reason=STANDS, yielded=yielded, scale=0.0)
+        proceed, at, looked = self._proceed, int(state[PROGRESS["at"]]), int(state[PROGRESS["looked"]])
+        _, old, hand, force, ahead, searched = proceed.inputs
+        old[:], hand[:], force[:] = state, self.place, self._force
+        ahead.T.ravel()[:] = self._flat[2 * at : 2 * (at + AHEAD)]
+        searched.T.ravel()[:] = self._flat[2 * looked : 2 * (looked + SEARCHED)]
+        proceed.evaluate()
+        self._lead(proceed.outputs[0])
         return command
 
-    def _lead(self, at: int, piece: int) -> None:
-        self._at = at
-        if piece != self._piece:
-            self._piece = piece
-            self.aim(self.pieces[piece])
+    def _begin(self) -> None:
+        self._lead(self.at_start)
+
+    def _lead(self, state: Array) -> None:
+        self._state_of_path = state.copy()
+        _, place, along, share, *_ = self._pull.inputs
+        place[:], along[:] = state[PROGRESS.places["place"]], state[PROGRESS.places["along"]]
+        share[:] = state[PROGRESS.places["grip"]]

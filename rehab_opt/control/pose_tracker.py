@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import cached_property
 from threading import get_ident
 from typing import Any, ClassVar, NamedTuple
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
+from rehab_opt.control.clearance import Clearance
 from rehab_opt.control.command import Command
 from rehab_opt.control.joint_feedback import JointFeedback
-from rehab_opt.control.limit import Limit, Limits, checked_limits
+from rehab_opt.control.limit import Limit, all_limits
 from rehab_opt.control.stopping import VelocityBounds
 from rehab_opt.control.tool_speed import tool_acceleration
 from rehab_opt.control.velocity_controller import VelocityController, checked_number
@@ -21,8 +23,9 @@ from rehab_opt.control.wanted import WantedVelocity
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain, per_joint
 from rehab_opt.kinematics.frames import is_rigid, rotation_vector
+from rehab_opt.kinematics.room import MOVING, MovingCapsule, moving_numbers
 from rehab_opt.optim.qp import Statement
-from rehab_opt.optim.rows import parameter, variable, within
+from rehab_opt.optim.rows import PLAUSIBLE, parameter, variable, within
 from rehab_opt.symbolic import Compile
 from rehab_opt.symbolic.record import Values
 
@@ -41,6 +44,10 @@ ROUNDS = 2
 TINY = 1e-12
 """[m/s] A speed that is no motion."""
 
+POSE, TWIST = 16, 6
+"""Numbers of each."""
+
+Array = NDArray[np.float64]
 _ndarray = np.ndarray
 
 
@@ -53,6 +60,8 @@ class Tick(NamedTuple):
     twist: ca.SX
     others: list[ca.SX]
     memory: ca.SX
+    contacts: ca.SX
+    """Nearest contacts, see `Limits.contacts`."""
 
     @property
     def last(self) -> ca.SX:
@@ -138,7 +147,7 @@ class PoseTracker(VelocityController):
         angular_speed: float = math.pi,
         task_weights: ArrayLike = 1.0,
         posture: ArrayLike | None = None,
-        limits: Sequence[Limit] = (),
+        limits: Sequence[Limit | Clearance] = (),
         dt: float = 0.001,
         recovery_speed: float = 0.1,
         solver: str = "qrqp",
@@ -156,7 +165,14 @@ class PoseTracker(VelocityController):
             raise ConfigurationError("task_weights", task_weights, "weights of zero or more, one of them above zero")
         self.posture = None if posture is None else per_joint("posture", posture, chain.n, finite=True)
         limited = chain.with_limits(lower=lower, upper=upper, velocity=velocity, acceleration=acceleration)
-        self.limits = Limits(checked_limits(limits, limited), limited, checked_number("dt", dt, above=0.0, below=1.0))
+        self.limits = all_limits(
+            limits,
+            limited,
+            checked_number("dt", dt, above=0.0, below=1.0),
+            checked_number("recovery_speed", recovery_speed, above=0.0, below=1.0),
+        )
+        if self.limits.moving:
+            self.shapes = (*self.shapes, (self.limits.moving, MOVING))  # type: ignore[misc]
         super().__init__(
             limited,
             dt=dt,
@@ -172,8 +188,8 @@ class PoseTracker(VelocityController):
     def statement(self) -> Statement:
         """The QP of one tick; parameters q (n,), pose (16, by rows), twist (6,); memory as `VelocityController`."""
         n, m = self.chain.n, self.row_count
-        q, entries, twist, others = parameter("q", n), parameter("pose", 16), parameter("twist", 6), self.others()
-        memory = parameter("memory", 2 * n + self.guidance_size + self.memory_extra)
+        q, entries, twist, others = parameter("q", n), parameter("pose", POSE), parameter("twist", TWIST), self.others()
+        memory = parameter("memory", self._memory_size)
         jacobian, asked, wanted = parameter("jacobian", 6 * n), parameter("asked", 6), parameter("wanted", n)
         lower, upper, outside = parameter("lower", n), parameter("upper", n), parameter("outside", 1)
         rows, most = parameter("rows", m * n), parameter("most", m)
@@ -184,7 +200,8 @@ class PoseTracker(VelocityController):
         )
         prepared = [jacobian, asked, slowdown, lower, upper, outside, rows, most, told, wanted, delivered]
         moves = ca.reshape(jacobian, 6, n)
-        given = Tick(q, _pose(entries), twist, others, memory)
+        contacts = parameter("contacts", self.limits.contacts_size)
+        given = Tick(q, _pose(entries), twist, others, memory, contacts)
 
         velocity = variable("velocity", n, lower=lower, upper=upper)
         # Progress is s times the size of the wanted motion: in units of velocity like the rest, so that one tolerance
@@ -223,6 +240,10 @@ class PoseTracker(VelocityController):
         """Number of linear bounds on the joint velocities besides their intervals."""
         return len(self.limits)
 
+    @property
+    def _memory_size(self) -> int:
+        return 2 * self.chain.n + self.guidance_size + self.memory_extra
+
     memory_extra = 0
     """Numbers remembered besides velocity and position."""
     told_size = 0
@@ -230,7 +251,7 @@ class PoseTracker(VelocityController):
 
     def others(self) -> list[ca.SX]:
         """Parameters besides q, pose and twist."""
-        return []
+        return [parameter("obstacles", self.limits.told)] if self.limits.moving else []
 
     def outcome(self, tick: Tick, motion: Motion) -> ca.SX:
         """The report of a tick, what yielded and the scale first."""
@@ -244,7 +265,7 @@ class PoseTracker(VelocityController):
         """R (m, n) and r (m,) of the bounds R q' <= r, the intervals that have room for them, and what is told on."""
         if not len(self.limits):
             return ca.SX(0, self.chain.n), ca.SX(0, 1), bounds, ca.SX(0, 1)
-        return *self.limits.rows(tick.q, tick.last, bounds), ca.SX(0, 1)
+        return *self.limits.rows(tick.q, tick.last, bounds, tick.contacts), ca.SX(0, 1)
 
     def excess(self, q: ca.SX, jacobian: ca.SX, velocity: ca.SX, last: ca.SX) -> ca.SX | None:
         """By how much a wanted velocity (n,) is too fast, at the weighted Jacobian (6, n): it is slowed by that.
@@ -256,21 +277,55 @@ class PoseTracker(VelocityController):
     # ------------------------------------------------------------------------------------------------ the user's limits
     def _settled(self, size: int, remembered: int) -> ca.Function:
         """Complete parameters, memory, x -> the command; the way back is looked for only where it leads too far."""
-        n = self.chain.n
-        q, memory, wanted = ca.SX.sym("q", n), ca.SX.sym("memory", remembered), ca.SX.sym("wanted", n)
-        inputs = [q, memory, wanted]
-        kept = ca.Function("kept", inputs, [self.limits.kept(q, wanted)], {"cse": True})
+        n, limits = self.chain.n, self.limits
+        q, told, memory, wanted = (
+            ca.MX.sym(name, count)
+            for name, count in (("q", n), ("moving", limits.told), ("memory", remembered), ("wanted", n))
+        )
+        inputs = [q, told, memory, wanted]
         same = ca.Function("same", inputs, [wanted])
-        back = self.limits.keeping(q, wanted, self.slowest(q, memory[:n], self.bounds(q, memory)))
-        looked = ca.Function("looked", inputs, [ca.densify(back)], {"cse": True})
+        back = limits.keeping(q, told, wanted, self._braked(q, told, memory))
+        looked = ca.Function("looked", inputs, [back])
         p, before, x = ca.MX.sym("p", size), ca.MX.sym("before", remembered), ca.MX.sym("x", n + 1)
-        here = p[:n], before, x[:n]
-        command = ca.Function.if_else("keeping", same, looked)(kept(*here), *here)
+        first = n + POSE + TWIST
+        here = p[:n], p[first : first + limits.told]
+        command = ca.Function.if_else("keeping", same, looked)(limits.judged(*here, x[:n]), *here, before, x[:n])
         return ca.Function("settle", [p, before, x], [command])
 
-    def slowest(self, q: ca.SX, last: ca.SX, bounds: VelocityBounds) -> ca.SX:
-        """The velocity nearest to rest that keeps the limits."""
-        return self.limits.braking(q, last, bounds) if len(self.limits) else super().slowest(q, last, bounds)
+    @cached_property
+    def _braked(self) -> ca.Function:
+        """Q, moving capsules, memory -> the velocity nearest to rest that keeps the limits."""
+        n, limits, size = self.chain.n, self.limits, int(self._memory_size)
+        q, memory, contacts = ca.SX.sym("q", n), ca.SX.sym("memory", size), ca.SX.sym("contacts", limits.contacts_size)
+        slower = limits.slower(q, memory[:n], self.bounds(q, memory), contacts)
+        nearly = ca.Function("slower", [q, memory, contacts], [ca.densify(slower)], {"cse": True})
+        here, told, before = ca.MX.sym("q", n), ca.MX.sym("moving", limits.told), ca.MX.sym("memory", size)
+        u = nearly(here, before, limits.contacts(here, before[:n], told))
+        return ca.Function("braked", [here, told, before], [limits.keeping(here, told, u, u)])
+
+    def braking(self) -> ca.Function:
+        """As a controller's without limits, but for moving capsules, where there are such, as a third input."""
+        if not len(self.limits):
+            return super().braking()
+        n, told = self.chain.n, ca.MX.sym("moving", self.limits.told)
+        q, memory, rest = ca.SX.sym("q", n), ca.SX.sym("memory", self._memory_size), ca.SX.sym("rest", n)
+        contacts = ca.SX.sym("contacts", self.limits.contacts_size)
+        bounds = self.bounds(q, memory)
+        outside = ca.logic_or(bounds.outside, self.limits.inside(contacts))
+        report = self.report(memory[:n], rest, ca.SX(0), ca.SX(1), outside)  # nothing of the task is delivered
+        outputs = [ca.densify(self.remember(q, rest)), ca.densify(report)]
+        remembered = ca.Function("remembered", [q, memory, rest, contacts], outputs, {"cse": True})
+        here, before = ca.MX.sym("q", n), ca.MX.sym("memory", self._memory_size)
+        near = self.limits.contacts(here, before[:n], told)
+        answer = remembered.call([here, before, self._braked(here, told, before), near])
+        return ca.Function("braking", [here, before, *([told] if self.limits.moving else [])], answer)
+
+    def tell_braking(self, inputs: tuple[Array, ...]) -> None:
+        """Also the moving capsules, where all of them are usable."""
+        super().tell_braking(inputs)
+        if self.limits.moving:
+            told = self._inputs[-1].reshape(-1)
+            inputs[2][:] = told if np.all(np.abs(told) <= PLAUSIBLE) else 0.0
 
     # -------------------------------------------------------------------------------------------------------------
     def _prepare(self, tick: Tick, entries: ca.SX) -> ca.Function:
@@ -288,9 +343,11 @@ class PoseTracker(VelocityController):
         wanted = WantedVelocity(
             jacobian, weights * asked, slowdown, drift, bounds, chain.velocity, chain.locked, rows, most, told
         )
-        return wanted.prepare(
-            ca.vertcat(tick.q, entries, tick.twist, *tick.others), tick.memory, self.excess, self._bend
-        )
+        parameters = ca.vertcat(tick.q, entries, tick.twist, *tick.others)
+        p, memory = ca.MX.sym("p", parameters.numel()), ca.MX.sym("memory", tick.memory.numel())
+        near = self.limits.contacts(p[:n], memory[:n], p[p.numel() - self.limits.told :])
+        around = ca.Function("around", [p, memory], [near])
+        return wanted.prepare(parameters, tick.memory, self.excess, self._bend, (tick.contacts, around))
 
     def _bend(self, q: ca.SX, jacobian: ca.SX, way: ca.SX) -> ca.SX:
         """(6,) by which the weighted twist of a motion of one rad changes before its error is gone, see `damped`."""
@@ -334,7 +391,14 @@ class PoseTracker(VelocityController):
         return (1 - math.exp(-self.gain * self.dt)) / self.dt
 
     def step(
-        self, q: ArrayLike, pose: ArrayLike, twist: ArrayLike, *, enable: object = True, stamp: float | None = None
+        self,
+        q: ArrayLike,
+        pose: ArrayLike,
+        twist: ArrayLike,
+        *,
+        obstacles: Sequence[MovingCapsule] | Array | None = None,
+        enable: object = True,
+        stamp: float | None = None,
     ) -> Command:
         """Joint velocity (n,) [rad/s, m/s] to hold until the next tick.
 
@@ -346,6 +410,8 @@ class PoseTracker(VelocityController):
         q : (n,) joint positions now [rad, m].
         pose : (4, 4) where the tool should be now, in the base frame.
         twist : (6,) how that moves, linear [m/s] first, then angular [rad/s], in the base frame.
+        obstacles : what moves, now, in the base frame; asked for in every tick of a tracker whose `Clearance` was told
+            of moving capsules, and by no other. The array (k, 14) of `moving_numbers` is the quick form.
         enable : the dead-man input; anything but true decelerates to rest.
         stamp : time of the state [s]; checked by the watchdog when given.
 
@@ -355,6 +421,22 @@ class PoseTracker(VelocityController):
         """
         if self._owner != get_ident():
             self._claim()
+        if obstacles is not None or self.limits.moving:
+            given: tuple[Any, ...] = (q, pose, twist, self._numbers_of(obstacles))
+            into: tuple[Any, ...] = self._views
+            if all(each.__class__ is _ndarray for each in given) and [each.shape for each in given[:3]] == [
+                (self.chain.n,),
+                (4, 4),
+                (TWIST,),
+            ]:
+                try:
+                    for view, each in zip(into, given, strict=True):  # see below
+                        view[:] = each.ravel()
+                    return self._tick(enable, stamp)
+                except (ValueError, TypeError):
+                    pass  # numbers of another type
+            self._write(given)
+            return self._tick(enable, stamp)
         usual = False
         # A masked array would be read through its mask.
         if q.__class__ is _ndarray and twist.__class__ is _ndarray and pose.__class__ is _ndarray:
@@ -371,6 +453,12 @@ class PoseTracker(VelocityController):
         if not usual:
             self._write((q, pose, twist))
         return self._tick(enable, stamp)
+
+    def _numbers_of(self, obstacles: Sequence[MovingCapsule] | Array | None) -> Array:
+        if obstacles is None or not self.limits.moving:
+            expected = f"at most {self.limits.moving} moving capsules, as the Clearance among `limits` says"
+            raise ConfigurationError("obstacles", obstacles, expected)
+        return moving_numbers(obstacles, self.limits.moving)
 
 
 def _pose(entries: ca.SX) -> ca.SX:

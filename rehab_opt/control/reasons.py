@@ -89,6 +89,11 @@ REASONS = (
         "the position repeats itself, as a frozen sensor's does: energy is set aside, {:.3g} J afford {:.3g} N",
     ),
     Reason("STAMP_NO_NUMBER", "stamp is not a number of seconds", "stamp is not a number of seconds"),
+    Reason(
+        "HAND_STANDS",
+        "the hand stood under force: let go until it comes to a place further along the path",
+        "the hand stood under force",
+    ),
 )
 """In the order of their numbers, which never change."""
 NUMBER = {reason.name: number for number, reason in enumerate(REASONS)}

@@ -163,13 +163,9 @@ class VelocityController(OneThread, ABC):
         q, memory = ca.SX.sym("q", self.chain.n), ca.SX.sym("memory", self.stated.memory.numel())
         last = memory[: self.chain.n]
         bounds = self.bounds(q, memory)
-        rest = self.slowest(q, last, bounds)
+        rest = nearest_to_rest(bounds)
         report = self.report(last, rest, ca.SX(0), ca.SX(1), bounds.outside)  # nothing of the task is delivered
         return ca.Function("braking", [q, memory], [ca.densify(self.remember(q, rest)), report], {"cse": True})
-
-    def slowest(self, q: ca.SX, last: ca.SX, bounds: VelocityBounds) -> ca.SX:
-        """(n,) the velocity of the safe command within its bounds."""
-        return nearest_to_rest(bounds)
 
     def fallback_command(self) -> Command | None:
         """What may be sent where every solver failed and the parameters are sound; the safe command if None."""

@@ -28,11 +28,11 @@ INSIDE = 1e-9
 """[rad/s] By how much the wanted motion stays inside its rows."""
 MISSED = 1e-2
 """Share of the twist from which on the wanted motion leaves some of it: damped more then."""
-CALMING = 0.03
+CALMING = 0.1
 """[m s] What rows leave is an error that stays, and the way to its least bends: by a hand's curve (`damped`), about its
 reach, and by its limits', which is not known here. Where that is not counted, joints near a stretched elbow or at a
 curved limit swing past the least and back for good. Damping by a metre for what is left of a metre's error, at the rate
-of feedback, counts it."""
+of feedback (20 /s in ticks of 20 ms), counts it; `PASSES` undo two thirds."""
 
 Excess = Callable[[ca.SX, ca.SX, ca.SX, ca.SX], ca.SX | None]
 
@@ -71,11 +71,15 @@ class WantedVelocity(NamedTuple):
     told: ca.SX
     """What else is to be prepared."""
 
-    def prepare(self, parameters: ca.SX, memory: ca.SX, excess: Excess, bend: Bend) -> ca.Function:
+    def prepare(
+        self, parameters: ca.SX, memory: ca.SX, excess: Excess, bend: Bend, around: tuple[ca.SX, ca.Function]
+    ) -> ca.Function:
         """Parameters, memory -> Jacobian by columns, twist, slowdown, bounds, outside, R, r, told, wanted motion.
 
         Where `excess` of q (n,), Jacobian, wanted and last velocity is above 1, the wanted motion is slowed by it.
         `bend` says how the hand's twist changes (`damped`); with rows, which that does not know, it is not used.
+        `around` is a column that the expressions may hold besides, and the function of parameters and memory that
+        gives it.
         """
         bounds, movable = self.bounds, ca.diag(ca.sparsify(ca.DM(~self.locked)))
         moving = ca.sparsify(self.jacobian @ movable)
@@ -91,10 +95,12 @@ class WantedVelocity(NamedTuple):
         kept_rows = ca.vertcat(ca.vec(ca.densify(self.rows)), self.most)
         motion_limits = [ca.vertcat(wanted, moving @ wanted), ca.vertcat(low, high, self.drift)]
         outputs = [task, kept, kept_rows, self.told, *motion_limits, leaves]
-        first = ca.Function("first", [parameters, memory], [ca.densify(each) for each in outputs], {"cse": True})
+        near, looked = around
+        dense = [ca.densify(each) for each in outputs]
+        first = ca.Function("first", [parameters, memory, near], dense, {"cse": True})
 
         p, last = ca.MX.sym("p", parameters.numel()), ca.MX.sym("memory", memory.numel())
-        told, within, rows, more, motion, limits, needed = first.call([p, last])
+        told, within, rows, more, motion, limits, needed = first.call([p, last, looked(p, last)])
         motion = ca.Function.if_else("hold", *self.hold(movable)).call([needed, told, motion, limits, rows])[0]
         n = self.jacobian.size2()
         if not self.rows.size1():

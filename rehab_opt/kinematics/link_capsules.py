@@ -1,4 +1,4 @@
-"""Bodies of a robot's links, as capsules that move with their frames."""
+"""Capsules: bodies of a robot's links, that move with their frames, and bodies beside it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,19 @@ from typing import NamedTuple
 
 from rehab_opt.errors import ConfigurationError
 
-__all__ = ["CapsuleOnLink", "LinkCapsule", "checked_capsules"]
+__all__ = ["Capsule", "CapsuleOnLink", "LinkCapsule", "checked_capsules"]
+
+
+class Capsule(NamedTuple):
+    """All points within `radius` [m] of the segment from `start` to `end` (3,) [m], in the base frame.
+
+    That of a chair is its chassis frame. Equal ends make a ball.
+    """
+
+    name: str
+    start: tuple[float, float, float]
+    end: tuple[float, float, float]
+    radius: float
 
 
 class LinkCapsule(NamedTuple):

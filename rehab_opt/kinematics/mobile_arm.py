@@ -20,6 +20,7 @@ from rehab_opt.kinematics.differential import Differential
 from rehab_opt.kinematics.drive import Drive, Fixed, Omnidirectional
 from rehab_opt.kinematics.drive_name import DRIVES
 from rehab_opt.kinematics.inertia import inertia_expression
+from rehab_opt.kinematics.link_capsules import Capsule
 from rehab_opt.kinematics.mecanum import Mecanum, checked_amounts
 from rehab_opt.symbolic.shared import Evaluator
 
@@ -47,15 +48,6 @@ class Outline(NamedTuple):
     def corners(self) -> Array:
         """(4, 2) [m]"""
         return np.array([[x, y] for x in (self.front, self.rear) for y in (self.left, self.right)])
-
-
-class Capsule(NamedTuple):
-    """All points within `radius` [m] of the segment from `start` to `end` (3,), in the chassis frame [m]."""
-
-    name: str
-    start: tuple[float, float, float]
-    end: tuple[float, float, float]
-    radius: float
 
 
 @dataclass(frozen=True, eq=False)

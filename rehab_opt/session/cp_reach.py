@@ -10,7 +10,7 @@ than typically developing people do, although each of them uses less.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.human_arm import ARM_JOINTS, human_arm
-from rehab_opt.session.reach_rows import GROUPS, SAMPLES, TASKS, ReachAngles, Suspect, read_cp_reach
+from rehab_opt.session.reach_rows import SAMPLES, TASKS, ReachAngles, Suspect, read_cp_reach, task_title
 from rehab_opt.workspace.clinical_angles import CLINICAL_ANGLES, model_scapula, model_shoulder, model_wrist
 from rehab_opt.workspace.number_arguments import real_number
 from rehab_opt.workspace.used_range import UsedRange
@@ -30,6 +30,8 @@ __all__ = ["ReachGroup", "grasp_zero", "group_range", "reach_groups"]
 
 Array = NDArray[np.float64]
 
+GRASP = "RGV"
+"""The task at whose end the thumb is upright."""
 EVERY = 5
 """Shoulder and wrist are taken at every 5 % of the reach: mean reaches are smooth, and combinations are many."""
 
@@ -49,7 +51,7 @@ class ReachGroup:
 
     Parameters
     ----------
-    task, group : as in `reach_rows.TASKS` and `GROUPS`.
+    task, group : a task's name, a member of `reach_rows.GROUPS`.
     used : limits of all eight joints, ready for `human_arm(range_of_motion=...)`; none is assumed.
     spread : by joint, how much the lower and the upper limit vary between limbs [rad]: half of what lies between the
         16th and 84th percentile, a standard deviation where they are normal.
@@ -80,12 +82,17 @@ class ReachGroup:
 
 
 def reach_groups(
-    folder: Path | str, *, cover: float = 0.5, pronation_zero: float | Literal["grasp"] = 0.0
+    folder: Path | str,
+    *,
+    tasks: Sequence[str] = tuple(TASKS),
+    cover: float = 0.5,
+    pronation_zero: float | Literal["grasp"] = 0.0,
 ) -> dict[tuple[str, str], ReachGroup]:
     """The range used by (task, group), of the files in `folder` (`cp_dyskinetic_reach`).
 
     Parameters
     ----------
+    tasks : names that the files begin with.
     cover : see `group_range`.
     pronation_zero : see `group_range`; "grasp" is `grasp_zero` of the typically developing group's grasp.
 
@@ -94,9 +101,9 @@ def reach_groups(
     ProblemFileError : a file is absent or not as `read_cp_reach` expects it.
     """
     folder = Path(folder)
-    both = [angles for task in TASKS for angles in read_cp_reach(folder, task)]
+    both = [angles for task in tasks for angles in read_cp_reach(folder, task)]
     if pronation_zero == "grasp":
-        pronation_zero = grasp_zero(next(a for a in both if (a.task, a.group) == ("RGV", GROUPS[0])))
+        pronation_zero = grasp_zero(read_cp_reach(folder, GRASP)[0])
     ranges = [group_range(angles, cover=cover, pronation_zero=pronation_zero) for angles in both]
     return {(found.task, found.group): found for found in ranges}
 
@@ -157,7 +164,7 @@ def group_range(
         spread[joint] = (_deviation(lowers), _deviation(uppers))
         trials[joint] = min(rows[column] for column, angle in columns.items() if joint in angle.joints)
         samples[joint] = trials[joint] * SAMPLES
-    notes = (f"{TASKS[reach.task]}, {reach.group}", *ASSUMPTIONS, *reach.notes)
+    notes = (f"{task_title(reach.task)}, {reach.group}", *ASSUMPTIONS, *reach.notes)
     if pronation_zero:
         notes += (f"pronation counted from {math.degrees(pronation_zero):.1f} deg of the files",)
     used = UsedRange({joint: limits[joint] for joint in ARM_JOINTS}, samples, trials, {}, (), notes)

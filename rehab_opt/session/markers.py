@@ -13,7 +13,7 @@ from rehab_opt.session.recording import Recording
 from rehab_opt.session.text_lines import FARTHEST, LATEST, brief, finite_number, text_lines
 from rehab_opt.text_file import shown
 
-__all__ = ["read_trc"]
+__all__ = ["LENGTH", "read_trc", "seen_marker"]
 
 LENGTH = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
 LONGEST_GAP = 0.2  # [s] a hidden marker is bridged by a straight line up to here; a reach is over in about a second
@@ -56,7 +56,7 @@ def read_trc(path: Path, *, name: str, marker: str | None) -> Recording:
         time = finite_number(row[1], name=name, line=number, column="Time", most=LATEST)
         cells = row[place : place + 3]
         rows.append([time, *_position(cells, name=name, line=number, marker=marker, most=FARTHEST / unit)])
-    return _seen(np.array(rows).reshape(-1, 4), name, marker, unit, facts.get("NumFrames", ""))
+    return seen_marker(np.array(rows).reshape(-1, 4), name, marker, unit, facts.get("NumFrames", ""))
 
 
 def _position(cells: list[str], *, name: str, line: int, marker: str, most: float) -> list[float]:
@@ -68,9 +68,19 @@ def _position(cells: list[str], *, name: str, line: int, marker: str, most: floa
     ]
 
 
-def _seen(
+def seen_marker(
     rows: np.ndarray[tuple[int, ...], np.dtype[np.float64]], name: str, marker: str, unit: float, stated: str
 ) -> Recording:
+    """The recording of rows (N, 4) of time [s] and position [unit m], NaN where the marker was hidden.
+
+    Parameters
+    ----------
+    stated : how many frames the file says it has.
+
+    Raises
+    ------
+    ProblemFileError : the marker was hidden for more than 0.2 s.
+    """
     seen = ~np.isnan(rows[:, 1])
     notes = []
     if stated != str(len(rows)):

@@ -12,16 +12,9 @@ from numpy.typing import NDArray
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.human_arm import human_arm
+from rehab_opt.session.arm_keys import ArmSection, RangeOfMotion, SegmentsSection
 from rehab_opt.session.recording import Recording
-from rehab_opt.session.schema import (
-    ArmSection,
-    PlacementSection,
-    PlanarPlacement,
-    RangeOfMotion,
-    RecordingSection,
-    SegmentsSection,
-    Side,
-)
+from rehab_opt.session.schema import PlacementSection, PlanarPlacement, RecordingSection, Side
 from rehab_opt.session.text_lines import FARTHEST
 
 __all__ = ["arm_of", "checked_hand", "participant_arm", "placed_path"]
@@ -53,11 +46,7 @@ def arm_of(
     ------
     ProblemFileError : the kinematics refuses a value of the file.
     """
-    chosen = (
-        ranges
-        if isinstance(ranges, str)
-        else {name.removesuffix("_deg"): np.deg2rad(pair) for name, pair in ranges.model_dump().items()}
-    )
+    chosen = ranges if isinstance(ranges, str) else ranges.by_joint()
     lengths = {name.removesuffix("_mm"): 1e-3 * length for name, length in segments.model_dump().items()}
     with _keys_of(key, file=file):
         return human_arm(range_of_motion=chosen, segments=lengths, side=side)

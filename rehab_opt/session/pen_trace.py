@@ -20,36 +20,43 @@ DIGITS = 12  # a count with more is none, and Python refuses to read a very long
 LONG_GAP = 0.1  # [s] a tablet samples every 5 to 10 ms; a longer pause means the pen was out of its range
 
 
-def read_svc(path: Path, *, name: str) -> Recording:
+def read_svc(path: Path, *, name: str, count_mm: float | None = None, tick_ms: float | None = None) -> Recording:
     """Pen trace, from the first to the last sample with the pen down.
 
     Samples with the pen up at either end are dropped (the hand is not at the task yet, or no more); those in between
     are kept, since the hand moves there too. Of samples with equal times the first is kept. Each is counted in the
-    notes.
+    notes, and so is a count in the first line that does not hold.
+
+    Parameters
+    ----------
+    count_mm, tick_ms : lengths and times are counts of so many mm, and of so many ms; mm and s by default.
 
     Raises
     ------
-    ProblemFileError : a first line that is no count or the wrong one, a cell that is not a finite number, a
+    ProblemFileError : a first line that is no count, a cell that is not a finite number, a
         pen-down other than 0 or 1, a time before the one above it, a pen that is never down.
     """
     lines = text_lines(path, name)
     stated = lines[0].strip()
     if not (stated.isascii() and stated.isdecimal()) or len(stated) > DIGITS:
         raise ProblemFileError(name, "line 1", shown(stated), "the number of samples")
-    if int(stated) != len(lines) - 1:
-        raise ProblemFileError(name, "line 1", int(stated), f"the number of samples below it, {len(lines) - 1}")
+    units = (count_mm or 1.0, count_mm or 1.0, 1e-3 * tick_ms if tick_ms else 1.0, 1.0)
     samples = np.empty((len(lines) - 1, len(COLUMNS)))
     for i, text in enumerate(lines[1:]):
         cells = text.split()
         if len(cells) < len(COLUMNS):
             raise ProblemFileError(name, f"line {i + 2}", shown(text), f"at least {', '.join(COLUMNS)}")
         for j, (column, most) in enumerate(COLUMNS.items()):
-            samples[i, j] = finite_number(cells[j], name=name, line=i + 2, column=column, most=most)
+            number = finite_number(cells[j], name=name, line=i + 2, column=column, most=most / units[j])
+            samples[i, j] = number * units[j]
         if samples[i, 3] not in (0, 1):
             raise ProblemFileError(name, f"line {i + 2}, column pen_down", shown(cells[3]), "0 or 1")
         if i and samples[i, 2] < samples[i - 1, 2]:
             raise ProblemFileError(name, f"line {i + 2}, column t_s", shown(cells[2]), "a time not before the last one")
-    return _trimmed(samples, name)
+    recording = _trimmed(samples, name)
+    if int(stated) == len(samples):
+        return recording
+    return recording.noting(f"its first line states {int(stated)} samples, {len(samples)} are there")
 
 
 def _trimmed(samples: np.ndarray[tuple[int, ...], np.dtype[np.float64]], name: str) -> Recording:

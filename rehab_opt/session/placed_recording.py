@@ -40,7 +40,7 @@ def placed_recording(
     try:
         checked_hand(source, side=side, file=loaded.file)
         path = recording_path(loaded, source.file)
-        recording = read_recording(path, name=source.file, columns=source.columns, marker=source.marker)
+        recording = read_recording(path, name=source.file, **source.reading())
         recording = resampled(recording, rate)
         points, sentence = placed_path(recording, placement, mirror=source.mirror, file=loaded.file)
     except ProblemFileError as refused:

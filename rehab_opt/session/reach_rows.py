@@ -1,8 +1,8 @@
 """Reaches of people with dyskinetic cerebral palsy beside typically developing people (Vanmechelen et al.).
 
-Two tasks, thirteen joint angles: one file each, without header. A row is the mean reach of one upper limb (a person can
-stand in two rows), its first cell the group, then 101 angles [deg] from 0 to 100 % of the reach. There is no subject
-id and rows do not align across files, so a range can be formed for a group, never for one person in all joints.
+A file for each task and each of thirteen joint angles, without header. A row is the mean reach of one upper limb (a
+person can stand in two rows), its first cell the group, then 101 angles [deg] from 0 to 100 % of the reach. There is no
+subject id and rows do not align across files, so a range can be formed for a group, never for one person in all joints.
 """
 
 from __future__ import annotations
@@ -21,11 +21,23 @@ from rehab_opt.errors import ProblemFileError
 from rehab_opt.session.text_lines import finite_number, text_lines
 from rehab_opt.workspace.clinical_angles import CLINICAL_ANGLES, WITHOUT_A_JOINT
 
-__all__ = ["COLUMNS", "GROUPS", "SAMPLES", "TASKS", "ReachAngles", "Suspect", "flip_suspects", "read_cp_reach"]
+__all__ = [
+    "COLUMNS",
+    "GROUPS",
+    "SAMPLES",
+    "TASKS",
+    "ReachAngles",
+    "Suspect",
+    "flip_suspects",
+    "read_cp_reach",
+    "task_title",
+    "tasks_in",
+]
 
 Array = NDArray[np.float64]
 
 TASKS = MappingProxyType({"RF": "reach forwards", "RGV": "reach and grasp vertical"})
+"""Of the published files; others are known by their names."""
 GROUPS = ("typically developing", "dyskinetic cerebral palsy")
 """By the number in column 0."""
 SAMPLES = 101
@@ -52,7 +64,7 @@ class ReachAngles:
 
     Parameters
     ----------
-    task, group : keys of `TASKS`, members of `GROUPS`.
+    task, group : a task's name, a member of `GROUPS`.
     angles : (rows, 101) [rad] by the files' column names, positive as `CLINICAL_ANGLES` says; rows of different
         columns are not of the same limb. Columns the task has no file of are not there.
     left_out : rows not in `angles`, suspected of a turned sign.
@@ -83,11 +95,15 @@ def read_cp_reach(folder: Path, task: str, *, keep_suspects: bool = False) -> tu
 
     Raises
     ------
-    ProblemFileError : no such task or file of an angle the model needs, a row of the wrong length, a group other than
-        0 or 1, a group without rows, a cell that is not an angle in degrees.
+    ProblemFileError : no such file of the task, or of an angle the model needs, a row of the wrong length, a
+        group other than 0 or 1, a group without rows, a cell that is not an angle in degrees.
     """
-    if task not in TASKS:
-        raise ProblemFileError(folder, "task", task, f"one of {', '.join(TASKS)}")
+    there = tasks_in(folder)
+    if task not in there:
+        expected = (
+            f"a task of which there are files: {', '.join(there) or 'none is there'} ({{task}}_MEAN_{{angle}}.csv)"
+        )
+        raise ProblemFileError(folder, "task", task, expected)
     signs = {angle.column: angle.sign for angle in CLINICAL_ANGLES}
     rows_of: tuple[dict[str, Array], ...] = ({}, {})
     left_out: tuple[list[Suspect], ...] = ([], [])
@@ -116,6 +132,16 @@ def read_cp_reach(folder: Path, task: str, *, keep_suspects: bool = False) -> tu
             )
         both.append(ReachAngles(task, name, rows_of[group], tuple(left_out[group]), tuple(notes)))
     return both[0], both[1]
+
+
+def tasks_in(folder: Path) -> list[str]:
+    """Names of the tasks that a folder has files of."""
+    return sorted({path.name.partition("_MEAN_")[0] for path in folder.glob("*_MEAN_*.csv")})
+
+
+def task_title(task: str) -> str:
+    """What a task is, or its name where that is all that is known."""
+    return TASKS.get(task, f"task {task}")
 
 
 def flip_suspects(rows: Array) -> NDArray[np.bool_]:

@@ -2,53 +2,81 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.errors import ProblemFileError
+from rehab_opt.session.c3d import read_c3d
 from rehab_opt.session.markers import read_trc
+from rehab_opt.session.opensim import read_opensim
 from rehab_opt.session.pen_trace import read_svc
 from rehab_opt.session.recording import Recording
-from rehab_opt.session.tables import read_csv, read_mot
+from rehab_opt.session.recording_size import strange_sizes
+from rehab_opt.session.tables import read_csv
 
 __all__ = ["FORMATS", "read_recording", "resampled"]
 
 Array = NDArray[np.float64]
 
-FORMATS = (".csv", ".svc", ".mot", ".trc")
+FORMATS = (".csv", ".svc", ".mot", ".sto", ".trc", ".c3d")
 MOST_SAMPLES = 200_000  # a longer path is far more likely a wrong time unit than a session
 
 
 def read_recording(
-    path: Path, *, name: str | None = None, columns: Sequence[str] | None = None, marker: str | None = None
+    path: Path,
+    *,
+    name: str | None = None,
+    columns: Sequence[str] | None = None,
+    marker: str | None = None,
+    separator: str = "comma",
+    decimal: str = "point",
+    count_mm: float | None = None,
+    tick_ms: float | None = None,
+    speed: float = 1.0,
 ) -> Recording:
     """Read a recording by its file's suffix.
 
     Parameters
     ----------
-    path : a `.csv` with a header, a `.svc` pen trace, a `.mot` or a `.trc` motion-capture file.
+    path : a `.csv` with a header, a `.svc` pen trace, a `.mot`, `.sto`, `.trc` or `.c3d` motion-capture file.
     name : what to call the file in errors and notes; its path by default.
-    columns : two or three columns that hold x, y (and z), of a `.csv` or `.mot`.
-    marker : which marker of a `.trc` is the hand.
+    columns : two or three columns that hold x, y (and z), of a `.csv`, `.mot` or `.sto`.
+    marker : which marker of a `.trc` or `.c3d` is the hand.
+    separator, decimal : of a `.csv`: "comma", "semicolon" or "tab"; "point" or "comma".
+    count_mm, tick_ms : [mm], [ms] what a raw count of a `.svc`, or of a `.csv` without units, is.
+    speed : of the recorded pace: 0.5 takes twice as long.
 
     Raises
     ------
     ProblemFileError : names the file, the line and column, the value, and what was expected.
     """
     name = name or str(path)
+    for key, value in (("count_mm", count_mm), ("tick_ms", tick_ms), ("speed", speed)):
+        if value is not None and not 0 < value < math.inf:
+            raise ProblemFileError(name, f"recording.{key}", value, "a finite number above zero")
     readers: dict[str, Callable[[], Recording]] = {
-        ".csv": lambda: read_csv(path, name=name, columns=columns),
-        ".mot": lambda: read_mot(path, name=name, columns=columns),
-        ".svc": lambda: read_svc(path, name=name),
+        ".csv": lambda: read_csv(
+            path, name=name, columns=columns, separator=separator, decimal=decimal, count_mm=count_mm, tick_ms=tick_ms
+        ),
+        ".mot": lambda: read_opensim(path, name=name, columns=columns),
+        ".sto": lambda: read_opensim(path, name=name, columns=columns),
+        ".svc": lambda: read_svc(path, name=name, count_mm=count_mm, tick_ms=tick_ms),
         ".trc": lambda: read_trc(path, name=name, marker=marker),
+        ".c3d": lambda: read_c3d(path, name=name, marker=marker),
     }
     suffix = path.suffix.lower()
     if suffix not in readers:
         raise ProblemFileError(name, "file", path.name, f"a recording ending in {', '.join(FORMATS)}")
-    return readers[suffix]()
+    recording = readers[suffix]()
+    if speed != 1.0:
+        paced = f"played at {speed:g} of its recorded speed"
+        recording = replace(recording, time=recording.time / speed, joints=dict(recording.joints)).noting(paced)
+    return recording.noting(*strange_sizes(recording))
 
 
 def resampled(recording: Recording, rate: float) -> Recording:

@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import csv
 import importlib.metadata
+import itertools
 import json
 import math
 import os
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.session.outcome import Outcome
 from rehab_opt.session.systems import system_named
 
-__all__ = ["checked_folder", "write_report", "write_results"]
+__all__ = ["FIGURE_FORMATS", "METRICS", "checked_folder", "free_folder", "write_report", "write_results"]
 
+METRICS = "metrics.json"
+FIGURE_FORMATS = ("pdf", "svg")
+"""Beside PNG, which is always written."""
 SOFTWARE = ("rehab_opt", "casadi", "numpy", "ruckig")
 
 
@@ -32,8 +37,18 @@ def checked_folder(folder: Path, *, argument: str = "--out") -> Path:
     return folder
 
 
-def write_report(outcome: Outcome, folder: Path) -> tuple[Path, ...]:
+def free_folder(folder: Path) -> Path:
+    """`folder`, or where an earlier run's files lie in it, `folder-2` or the next number whose folder has none."""
+    numbered = (folder.with_name(f"{folder.name}-{number}") for number in itertools.count(2))
+    return next(each for each in itertools.chain([folder], numbered) if not (each / METRICS).exists())
+
+
+def write_report(outcome: Outcome, folder: Path, *, also: Sequence[str] = ()) -> tuple[Path, ...]:
     """Write every file of a run into a scratch folder, then move them into `folder`; files of other names there stay.
+
+    Parameters
+    ----------
+    also : formats of `FIGURE_FORMATS` in which figures are written beside PNG.
 
     Raises
     ------
@@ -43,7 +58,7 @@ def write_report(outcome: Outcome, folder: Path) -> tuple[Path, ...]:
         folder.parent.mkdir(parents=True, exist_ok=True)
         beside = folder if folder.is_dir() else folder.parent  # one that is there may be mounted: no file moves into it
         with tempfile.TemporaryDirectory(prefix=f".{folder.name}-", dir=beside) as scratch:
-            written = write_results(outcome, Path(scratch))
+            written = write_results(outcome, Path(scratch), also=also)
             folder.mkdir(exist_ok=True)
             return tuple(path.replace(folder / path.name) for path in written)
     except OSError as problem:
@@ -52,15 +67,19 @@ def write_report(outcome: Outcome, folder: Path) -> tuple[Path, ...]:
         ) from problem
 
 
-def write_results(outcome: Outcome, folder: Path) -> list[Path]:
+def write_results(outcome: Outcome, folder: Path, *, also: Sequence[str] = ()) -> list[Path]:
     """Write every file of a run straight into an existing folder; OSError where that fails."""
+    from rehab_opt.session.figure_fit import fitted  # noqa: PLC0415  (loads matplotlib)
+
     system = system_named(outcome.system)
     drawn = system.figures(outcome)
     films = system.animations(outcome)
-    (folder / "metrics.json").write_text(metrics_json(outcome), encoding="utf-8")
+    (folder / METRICS).write_text(metrics_json(outcome), encoding="utf-8")
     write_trace(outcome, folder / "trace.csv")
     for name, figure in drawn.items():
-        figure.savefig(folder / f"{name}.png")
+        fitted(figure)
+        for suffix in ("png", *also):
+            figure.savefig(folder / f"{name}.{suffix}")
     for name, film in films.items():
         film.save(folder / f"{name}.gif", writer="pillow")
     return sorted(folder.iterdir())

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Outcome, Progress
 from rehab_opt.session.schema import Problem
 from rehab_opt.session.systems import SHIPPED, system_named
 
-__all__ = ["checked", "run_problem"]
+__all__ = ["arms_of", "checked", "run_problem"]
 
 
 def run_problem(
@@ -50,3 +51,13 @@ def checked(loaded: ProblemFile[Problem]) -> tuple[str, ...]:
     ProblemFileError : as `run_problem`.
     """
     return system_named(loaded.problem.system).check(loaded)
+
+
+def arms_of(loaded: ProblemFile[Problem]) -> dict[str, SerialChain]:
+    """The arms whose range of motion a problem states, by what these ranges are called; none where it states none.
+
+    Raises
+    ------
+    ProblemFileError : as `run_problem`.
+    """
+    return system_named(loaded.problem.system).arms(loaded)

@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from rich.table import Table
 
+    from rehab_opt.kinematics.chain import SerialChain
+
 __all__ = ["GROUP", "ROBOT_FILE", "SHIPPED", "Column", "Needed", "ProblemFile", "System", "system_named", "systems"]
 
 P = TypeVar("P", bound=Problem)
@@ -104,6 +106,15 @@ class System(Generic[P, O]):
         ProblemFileError : a value of the file or a recording cannot be used.
         """
         return ()
+
+    def arms(self, loaded: ProblemFile[P]) -> dict[str, SerialChain]:
+        """The arms whose range of motion it states, by what these ranges are called; none by default.
+
+        Raises
+        ------
+        ProblemFileError : the kinematics refuses a value of the file.
+        """
+        return {}
 
     def run(self, loaded: ProblemFile[P], *, options: Mapping[str, str], progress: Progress) -> O:
         """The problem from its file to its numbers; nothing is written.

@@ -1,72 +1,97 @@
-"""Tables of samples: CSV whose header names each column with its unit, and OpenSim's motion files (.mot)."""
+"""Tables of samples under a header that names each column with its unit: CSV, in whichever country it was written."""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.errors import ProblemFileError
+from rehab_opt.session.column_names import ANGLE, COUNTS, LENGTH, TIME, UNITS, canonical_name, unit_of
 from rehab_opt.session.file_limits import header_cells
 from rehab_opt.session.recording import Recording
-from rehab_opt.session.text_lines import FARTHEST, LATEST, brief, finite_number, text_lines
+from rehab_opt.session.text_lines import FARTHEST, LATEST, finite_number, text_lines
 from rehab_opt.text_file import shown
 
-__all__ = ["read_csv", "read_mot"]
+__all__ = ["SEPARATORS", "check_once", "numbers_below", "read_csv"]
 
 Array = NDArray[np.float64]
 
-TIME = {"s": 1.0, "ms": 1e-3}
-LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
-ANGLE = {"rad": 1.0, "deg": math.pi / 180}
-FORCE = {"N": 1.0}
-UNITS = {**TIME, **LENGTH, **ANGLE, **FORCE}
+SEPARATORS: Mapping[str, str] = {"comma": ",", "semicolon": ";", "tab": "\t"}
 STRONGEST = 1e4
 """[N] More is no force of a hand but another unit."""
 
 
-def read_csv(path: Path, *, name: str, columns: Sequence[str] | None = None) -> Recording:
-    """Comma separated samples under a header such as `t_s,x_m,y_m`.
+def read_csv(
+    path: Path,
+    *,
+    name: str,
+    columns: Sequence[str] | None = None,
+    separator: str = "comma",
+    decimal: str = "point",
+    count_mm: float | None = None,
+    tick_ms: float | None = None,
+) -> Recording:
+    """Samples, separated by `separator`, under a header such as `t_s,x_m,y_m`, `t [s];x [mm];y [mm]` or `t/s,x/m,y/m`.
 
-    Time is `t` or `time` (`_s`, `_ms`), positions `x`, `y` and optionally `z` (`_m`, `_cm`, `_mm`), every column in
-    `_deg` or `_rad` a joint, `fx_N`, `fy_N` (and `fz_N`) the force on the hand; others are left unread, with a note.
+    Time is `t` or `time` (s, ms), positions `x`, `y` and optionally `z` (m, cm, mm), every column in deg or rad a
+    joint, `fx`, `fy` (and `fz`) in N the force on the hand; others are left unread, with a note.
 
     Parameters
     ----------
     columns : the headers of x, y (and z), if they are named otherwise.
+    separator : a key of `SEPARATORS`.
+    decimal : "point" or "comma".
+    count_mm, tick_ms : lengths and times in headers without a unit are counts of so many mm, and of so many ms.
 
     Raises
     ------
     ProblemFileError : a missing or doubled column, a row of the wrong length, a cell that is not a finite number.
     """
     lines = text_lines(path, name)
-    header = header_cells(lines[0].split(","), name=name, line=1)
-    if _numeric(header[0]):
+    mark = SEPARATORS[separator]
+    if separator == "comma" and decimal == "comma":
+        expected = "'semicolon' or 'tab', since the decimals are commas"
+        raise ProblemFileError(name, "recording.separator", separator, expected)
+    _check_separated(lines[0], separator, name)
+    written = [cell.strip('"').strip() for cell in header_cells(lines[0].split(mark), name=name, line=1)]
+    if len(written) > 1 and not written[-1]:
+        written.pop()  # a separator at the end of each line
+    header = [canonical_name(cell) for cell in written]
+    if re.fullmatch(r"[-+]?[.,]?\d.*", header[0]):
         raise ProblemFileError(name, "line 1", shown(lines[0]), "a header with units, such as t_s,x_m,y_m")
-    _check_once(header, name, line=1)
-    time_column = _column(header, ("t", "time"), TIME, name)
+    check_once(header, name, line=1)
+    time_column = _column(header, ("t", "time"), TIME, name, counts=tick_ms is not None)
     if columns is None:
-        columns = [_column(header, (axis,), LENGTH, name) for axis in ("x", "y")]
-        columns += [cell for cell in (f"z_{unit}" for unit in LENGTH) if cell in header][:1]
-    _check_named(columns, header, name)
+        columns = [_column(header, (axis,), LENGTH, name, counts=count_mm is not None) for axis in ("x", "y")]
+        heights = [f"z_{unit}" for unit in LENGTH] + (["z"] if count_mm is not None else [])
+        columns += [cell for cell in heights if cell in header][:1]
+    else:
+        columns = _named(columns, header, written, name)
+    factors = {**UNITS, COUNTS: 1e-3 * (count_mm or 0.0)}
     for column in columns:
-        if _unit(column) not in LENGTH:
-            raise ProblemFileError(name, "recording.columns", column, f"a length: a name ending in {_endings(LENGTH)}")
-    angles = [cell for cell in header if _unit(cell) in ANGLE]
+        if unit_of(column) not in LENGTH and not (column in ("x", "y", "z") and count_mm is not None):
+            endings = ", ".join(f"_{unit}" for unit in LENGTH)
+            raise ProblemFileError(name, "recording.columns", column, f"a length: a name ending in {endings}")
+    angles = [cell for cell in header if unit_of(cell) in ANGLE]
     forces = [cell for cell in ("fx_N", "fy_N", "fz_N") if cell in header]
     if forces and forces[:2] != ["fx_N", "fy_N"]:
         raise ProblemFileError(name, "line 1", forces[0], "fx_N and fy_N together")
-    wanted = [time_column, *columns, *angles, *forces]
-    most = {time_column: LATEST / UNITS[_unit(time_column)]}
-    most |= {column: FARTHEST / UNITS[_unit(column)] for column in columns}
+    scale_of = {column: factors[unit_of(column)] for column in (*columns, *angles, *forces)}
+    scale_of[time_column] = 1e-3 * (tick_ms or 0.0) if unit_of(time_column) == COUNTS else TIME[unit_of(time_column)]
+    most = {column: FARTHEST / scale_of[column] for column in columns} | {time_column: LATEST / scale_of[time_column]}
     most |= dict.fromkeys(forces, STRONGEST)
-    cells = _cells(lines, header, wanted, most, name=name, first=2, separator=",")
-    values = {column: numbers * UNITS[_unit(column)] for column, numbers in zip(wanted, cells.T, strict=True)}
-    unread = ", ".join(cell for cell in header if cell not in values)
+    wanted = [time_column, *columns, *angles, *forces]
+    rows = lines[1:]
+    if decimal == "comma":
+        rows = [row.replace(",", ".") if "." not in row else row for row in rows]
+    cells = numbers_below(rows, header, wanted, most, name=name, first=2, separator=mark)
+    values = {column: numbers * scale_of[column] for column, numbers in zip(wanted, cells.T, strict=True)}
+    unread = ", ".join(cell for cell, known in zip(written, header, strict=True) if known not in values)
     return Recording(
         file=name,
         time=values[time_column],
@@ -77,60 +102,11 @@ def read_csv(path: Path, *, name: str, columns: Sequence[str] | None = None) -> 
     )
 
 
-def read_mot(path: Path, *, name: str, columns: Sequence[str] | None = None) -> Recording:
-    """OpenSim motion file, separated by commas, tabs or blanks: joint angles, and lengths in metres.
-
-    Columns that end in `tx`, `ty`, `tz` or `transX`, `transY`, `transZ` are lengths [m]; all others are angles, in
-    degrees if the header says `inDegrees=yes`.
-
-    Parameters
-    ----------
-    columns : the columns that hold x, y (and z) of the hand; none by default.
-
-    Raises
-    ------
-    ProblemFileError : no `endheader`, no `inDegrees`, a missing column, a cell that is not a finite number. A row
-        count in the header that does not hold is a note.
-    """
-    lines = text_lines(path, name)
-    ends = [i for i, line in enumerate(lines) if line.strip(", \t").lower() == "endheader"]
-    if not ends or ends[0] + 1 >= len(lines):
-        raise ProblemFileError(name, "header", "no endheader line", "a line endheader, and column names below it")
-    facts = dict(line.strip(", \t").split("=", 1) for line in lines[: ends[0]] if "=" in line)
-    facts = {key.strip().lower(): value.strip().lower() for key, value in facts.items()}
-    if facts.get("indegrees") not in ("yes", "no"):
-        raise ProblemFileError(name, "header inDegrees", brief(facts.get("indegrees")), "yes or no")
-    top = ends[0] + 1
-    separator = "," if "," in lines[top] else None
-    header = header_cells(lines[top].split(separator), name=name, line=top + 1)
-    _check_once(header, name, line=top + 1)
-    columns = list(columns or ())
-    _check_present("time", header, name, line=top + 1)
-    _check_named(columns, header, name)
-    lengths = {cell for cell in header if re.search(r"(^|_)t[xyz]$|trans[XYZ]$", cell)}
-    most = {"time": LATEST, **dict.fromkeys(lengths, FARTHEST)}
-    cells = _cells(lines, header, header, most, name=name, first=top + 2, separator=separator)
-    by_name = dict(zip(header, cells.T, strict=True))
-    unit = ANGLE["deg"] if facts["indegrees"] == "yes" else 1.0
-    for column in columns:
-        if column not in lengths:
-            raise ProblemFileError(name, "recording.columns", column, "a length: a name ending in tx..tz or transX..Z")
-    stated = facts.get("nrows", str(len(cells)))
-    notes = [] if stated == str(len(cells)) else [f"its header states {stated} rows, {len(cells)} are there"]
-    return Recording(
-        file=name,
-        time=by_name["time"].copy(),
-        points=np.column_stack([by_name[column] for column in columns]) if columns else np.empty((len(cells), 0)),
-        joints={cell: unit * by_name[cell] for cell in header if cell != "time" and cell not in lengths},
-        notes=tuple(notes),
-    )
-
-
-def _cells(
-    lines: list[str],
-    header: list[str],
-    wanted: list[str],
-    most: dict[str, float],
+def numbers_below(
+    rows: Sequence[str],
+    header: Sequence[str],
+    wanted: Sequence[str],
+    most: Mapping[str, float],
     *,
     name: str,
     first: int,
@@ -139,64 +115,79 @@ def _cells(
     """(rows, len(wanted)) numbers of the wanted columns; `first` is the first row's line, counted from 1.
 
     `most` bounds the size of the numbers of some columns.
+
+    Raises
+    ------
+    ProblemFileError : no rows, a row of the wrong length, a cell that is not a finite number.
     """
     place_of = {column: place for place, column in enumerate(header)}
     places = [place_of[column] for column in wanted]
-    rows = []
-    for number, text in enumerate(lines[first - 1 :], start=first):
+    numbers = []
+    for number, text in enumerate(rows, start=first):
         row = text.split(separator)
+        if len(row) == len(header) + 1 and not row[-1].strip():
+            row.pop()
         if len(row) != len(header):
-            raise ProblemFileError(name, f"line {number}", f"{len(row)} cells", f"{len(header)}, as in the header")
-        rows.append(
+            expected = f"{len(header)}, as in the header"
+            if separator == "," and len(row) > len(header):
+                expected += " (decimal commas? then other separators, and recording.decimal = 'comma')"
+            raise ProblemFileError(name, f"line {number}", f"{len(row)} cells", expected)
+        if '"' in text:
+            row = [cell.strip().strip('"') for cell in row]
+        numbers.append(
             [
                 finite_number(row[place], name=name, line=number, column=column, most=most.get(column, math.inf))
                 for place, column in zip(places, wanted, strict=True)
             ]
         )
-    if not rows:
+    if not numbers:
         raise ProblemFileError(name, f"line {first}", "no samples", "rows of numbers below the header")
-    return np.array(rows)
+    return np.array(numbers)
 
 
-def _column(header: list[str], names: Sequence[str], units: dict[str, float], file: str) -> str:
-    accepted = [f"{name}_{unit}" for name in names for unit in units]
-    found = [cell for cell in header if cell in accepted]
-    if len(found) != 1:
-        problem = f"columns {' and '.join(found)}" if found else f"no such column among {shown(', '.join(header), 60)}"
-        raise ProblemFileError(file, f"line 1, column {names[0]}", problem, f"one of {', '.join(accepted)}")
-    return found[0]
+def check_once(header: Sequence[str], name: str, *, line: int) -> None:
+    """Refuse a header with a column twice, or without a name.
 
-
-def _unit(column: str) -> str:
-    return column.rpartition("_")[2]
-
-
-def _endings(units: dict[str, float]) -> str:
-    return ", ".join(f"_{unit}" for unit in units)
-
-
-def _numeric(cell: str) -> bool:
-    return re.fullmatch(r"[-+]?\.?\d.*", cell) is not None
-
-
-def _check_present(column: str, header: list[str], name: str, *, line: int) -> None:
-    if column not in header:
-        raise ProblemFileError(
-            name, f"line {line}, column {column}", "missing", f"one of {shown(', '.join(header), 120)}"
-        )
-
-
-def _check_named(columns: Sequence[str], header: list[str], name: str) -> None:
-    for column in columns:
-        if column not in header:
-            raise ProblemFileError(
-                name, "recording.columns", column, f"columns of {name}: {shown(', '.join(header), 120)}"
-            )
-
-
-def _check_once(header: list[str], name: str, *, line: int) -> None:
+    Raises
+    ------
+    ProblemFileError : it has.
+    """
     seen: set[str] = set()
     for cell in header:
         if cell in seen or not cell:
             raise ProblemFileError(name, f"line {line}", shown(cell), "columns each with a name of its own")
         seen.add(cell)
+
+
+def _check_separated(line: str, separator: str, name: str) -> None:
+    """Name the separator that a header has, where it is not the one that was said."""
+    if SEPARATORS[separator] in line:
+        return
+    for other, mark in SEPARATORS.items():
+        if mark in line:
+            expected = f"'{other}', which line 1 has {line.count(mark)} times"
+            raise ProblemFileError(name, "recording.separator", separator, expected)
+
+
+def _column(header: Sequence[str], names: Sequence[str], units: Mapping[str, float], file: str, *, counts: bool) -> str:
+    accepted = [f"{name}_{unit}" for name in names for unit in units] + (list(names) if counts else [])
+    found = [cell for cell in header if cell in accepted]
+    if len(found) != 1:
+        problem = f"columns {' and '.join(found)}" if found else f"no such column among {shown(', '.join(header), 60)}"
+        bare = [cell for cell in header if cell in names]
+        expected = f"one of {', '.join(accepted)}"
+        if bare and not found:
+            key = "recording.tick_ms" if "t" in names else "recording.count_mm"
+            expected += f" (or raw counts, and what one is: {key})"
+        raise ProblemFileError(file, f"line 1, column {names[0]}", problem, expected)
+    return found[0]
+
+
+def _named(columns: Sequence[str], header: Sequence[str], written: Sequence[str], name: str) -> list[str]:
+    """Canonical names of the columns that a user named, as the file writes them or in canonical form."""
+    known = {**dict(zip(written, header, strict=True)), **{cell: cell for cell in header}}
+    for column in columns:
+        if column not in known:
+            expected = f"columns of {name}: {shown(', '.join(written), 120)}"
+            raise ProblemFileError(name, "recording.columns", column, expected)
+    return [known[column] for column in columns]

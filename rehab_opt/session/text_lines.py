@@ -35,7 +35,10 @@ def finite_number(text: str, *, name: str, line: int, column: str, most: float =
     """
     number = number_in(text)
     if not math.isfinite(number):
-        raise ProblemFileError(name, f"line {line}, column {shown(column)}", shown(text), "a finite number")
+        expected = "a finite number"
+        if math.isfinite(number_in(text.replace(",", "."))):
+            expected += " (a decimal comma? recording.decimal = 'comma')"
+        raise ProblemFileError(name, f"line {line}, column {shown(column)}", shown(text), expected)
     if abs(number) > most:
         raise ProblemFileError(
             name,

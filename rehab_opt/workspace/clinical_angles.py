@@ -17,7 +17,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.kinematics.human_arm import ARM_REST
 
-__all__ = ["CLINICAL_ANGLES", "WITHOUT_A_JOINT", "ClinicalAngle", "model_scapula", "model_shoulder", "model_wrist"]
+__all__ = [
+    "CLINICAL_ANGLES",
+    "WITHOUT_A_JOINT",
+    "ClinicalAngle",
+    "isb_shoulder",
+    "isb_wrist",
+    "model_scapula",
+    "model_shoulder",
+    "model_wrist",
+]
 
 Array = NDArray[np.float64]
 
@@ -75,6 +84,9 @@ CLINICAL_ANGLES = (
 )  # fmt: skip
 """The mapping as data. Left and right arms count alike: files are taken to mirror left arms, as `human_arm` does."""
 
+HANGING = 1e-9
+"""Sine of the elevation below which the arm counts as hanging."""
+
 WITHOUT_A_JOINT = ("ScRot", "ScTil", "TrFl", "TrLatFl", "TrRot")
 """Columns that the model has no joint for: scapular rotation and tilt, and the trunk, which it holds still."""
 
@@ -110,6 +122,37 @@ def model_wrist(pronation: ArrayLike, flexion: ArrayLike, ulnar: ArrayLike) -> t
     joint_7 = ARM_REST[6] + np.arcsin(np.clip(across, -1.0, 1.0))
     joint_8 = np.pi / 2 + _wrapped(np.arctan2(first_y, first_x) - np.pi / 2)
     return np.arctan2(forward, down), joint_7, joint_8
+
+
+def isb_shoulder(joint_2: ArrayLike, joint_3: ArrayLike, joint_4: ArrayLike) -> tuple[Array, Array, Array]:
+    """Elevation plane, elevation (0 to pi) and axial rotation [rad] of joints 2, 3 and 4 [rad].
+
+    `model_shoulder`'s inverse. Of a hanging arm (elevation 0) only the sum of plane and axial rotation is known: the
+    plane is zero there.
+    """
+    turn, adduction, flexion = _together(joint_2, joint_3, joint_4)
+    a = ARM_REST[2] - adduction
+    sa, ca, sf, cf = np.sin(a), np.cos(a), np.sin(flexion), np.cos(flexion)
+    raised = np.hypot(sa, ca * sf)
+    elevation = np.arctan2(raised, ca * cf)
+    hangs = raised < HANGING
+    plane = np.where(hangs, 0.0, -(turn + np.arctan2(-sf, sa * cf)))
+    # Of R = Rz(turn) Ry(a) Rx(flexion) the first two of the last row, or all of a turn about the arm itself.
+    axial = np.where(hangs, -turn, np.arctan2(-ca * sf, sa))
+    return _wrapped(plane), elevation, _wrapped(axial)
+
+
+def isb_wrist(joint_6: ArrayLike, joint_7: ArrayLike, joint_8: ArrayLike) -> tuple[Array, Array, Array]:
+    """Pronation, wrist flexion (within a right angle) and ulnar deviation [rad] of joints 6, 7 and 8 [rad].
+
+    `model_wrist`'s inverse; singular where the wrist is flexed by a right angle.
+    """
+    a, b, c = _together(joint_6, joint_7, joint_8)
+    b, c = -(b - ARM_REST[6]), -c
+    sa, ca, sb, cb, sc, cc = np.sin(a), np.cos(a), np.sin(b), np.cos(b), np.sin(c), np.cos(c)
+    flexion = np.arcsin(np.clip(sa * cc + ca * sb * sc, -1.0, 1.0))
+    ulnar = np.arctan2(sa * sc - ca * sb * cc, ca * cb)
+    return np.arctan2(-cb * sc, ca * cc - sa * sb * sc), flexion, ulnar
 
 
 def model_scapula(protraction: ArrayLike) -> Array:

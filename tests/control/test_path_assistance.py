@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import shapely
 
-from rehab_opt import Assistance, ConfigurationError, PotentialField, Status, Workspace
+from rehab_opt import Assistance, Bound, ConfigurationError, PotentialField, Status, Workspace
 from rehab_opt.control.path_assistance import PathAssistance
 
 COMFORTABLE = Workspace(shapely.box(-0.1, -0.1, 0.3, 0.1), accuracy=0.0)
@@ -24,20 +24,33 @@ def along(path: np.ndarray) -> PathAssistance:
     return PathAssistance(path, **GIVEN, **OPTIONS)  # type: ignore[arg-type]
 
 
-def settled(helper: Assistance, x: np.ndarray, ticks: int = 60) -> np.ndarray:
+def settled(
+    helper: Assistance | PathAssistance, x: np.ndarray, ticks: int = 60, v: np.ndarray | None = None
+) -> np.ndarray:
     for _ in range(ticks):
-        command = helper.step(x)
+        command = helper.step(x, v)
     assert command.status is Status.OK
     return command.value
 
 
-def test_on_a_simple_path_it_is_the_field_of_the_whole_path() -> None:
+def test_on_a_straight_path_it_is_the_field_of_the_whole_path() -> None:
     path = np.column_stack([np.linspace(0.0, 0.15, 100), np.zeros(100)])
     whole = Assistance(PotentialField(path, **GIVEN, rest_on_target=False), mode="follow", **OPTIONS)  # type: ignore[arg-type]
-    piecewise = along(path)
-    for x in np.linspace(0.0, 0.15, 16):
-        hand = np.array([x, 0.004])
-        np.testing.assert_allclose(settled(piecewise, hand), settled(whole, hand), atol=0.02)
+    ours = along(path)
+    for k, x in enumerate(np.linspace(0.0, 0.12, 1201)):
+        hand = np.array([x, 0.0004])
+        force = settled(ours, hand, 1)
+        if k > 200 and k % 100 == 0:  # the field rests short of the ends
+            np.testing.assert_allclose(settled(ours, hand), settled(whole, hand), atol=0.02)
+    assert np.linalg.norm(force) < 1.0
+
+
+def test_a_hand_moves_freely_along_the_path_and_is_damped_across_it() -> None:
+    helper = along(np.array([[0.0, 0.0], [0.15, 0.0]]))
+    for x in np.linspace(0.0, 0.1, 500):
+        value = helper.step([x, 0.0], [0.2, 0.0]).value
+    np.testing.assert_allclose(value, [0.0, 0.0], atol=0.5)  # of how far the hand went in a tick
+    np.testing.assert_allclose(settled(helper, np.array([0.1, 0.0]), v=np.array([0.0, 0.2])), [0.0, -2.0], atol=1e-6)
 
 
 def test_a_hand_that_goes_on_passes_every_place_of_a_crossing_path_in_order() -> None:
@@ -50,7 +63,7 @@ def test_a_hand_that_goes_on_passes_every_place_of_a_crossing_path_in_order() ->
 
 
 def test_branches_closer_than_a_width_are_told_apart() -> None:
-    """The whole field rests between the branches of a hairpin; the piece rests on the branch the hand is on."""
+    """The whole field rests between the branches of a hairpin; the spring on the branch that the hand has come to."""
     hand = np.array([0.05, 0.0])
     whole = Assistance(PotentialField(HAIRPIN, **GIVEN, rest_on_target=False), mode="follow", **OPTIONS)  # type: ignore[arg-type]
     helper = along(HAIRPIN)
@@ -65,16 +78,91 @@ def test_branches_closer_than_a_width_are_told_apart() -> None:
     assert helper.progress == pytest.approx((0.10 + 0.004 + 0.05) / 0.204, abs=0.02)
 
 
-def test_it_goes_backwards_with_the_hand_and_begins_anew_when_reset() -> None:
-    helper = along(HAIRPIN)
+def test_the_progress_never_goes_back_and_begins_anew_when_reset() -> None:
+    helper, seen = along(HAIRPIN), [0.0]
     for x in np.concatenate([np.linspace(0.0, 0.08, 300), np.linspace(0.08, 0.03, 300)]):
         helper.step([x, 0.0])
-    assert helper.progress == pytest.approx(0.03 / 0.204, abs=0.02)
+        seen.append(helper.progress)
+    assert np.diff(seen).min() >= 0.0
+    assert helper.progress >= 0.08 / 0.204 - 0.01
     helper.reset()
     assert helper.progress == 0.0
 
 
-def test_changes_from_piece_to_piece_stay_within_the_slew_bound_and_faults_move_nothing() -> None:
+def pushed(path: np.ndarray, force: np.ndarray, seconds: float, *, begin: float, goal: np.ndarray) -> list[float]:
+    """Progress [m] of a hand of 2 kg, pushed steadily from a place of the path on until it is near the goal.
+
+    A push of 20 N towards a goal beyond the help's reach is what a person does who means to be there.
+    """
+    helper, dt = along(path), 1e-3
+    length = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
+    way = np.linspace(0.0, begin, 400)
+    travelled = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))]
+    for at in way:
+        x = np.array([np.interp(at, travelled, axis) for axis in path.T])
+        helper.step(x)
+    v, progress = np.zeros(2), []
+    for _ in range(int(seconds / dt)):
+        value = helper.step(x).value
+        v = v + dt * (value + force - 15.0 * v) / 2.0
+        x = x + dt * v
+        progress.append(helper.progress * length)
+        if np.linalg.norm(x - goal) < 0.004 and len(progress) > 100:
+            break
+    return progress
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_steady_push_towards_a_place_ahead_moves_the_hand_on_wherever_it_stands(seed: int) -> None:
+    """Into a hairpin that the person believes to have passed: the push points straight back, by any strength."""
+    rng = np.random.default_rng(seed)
+    tip, apart = float(rng.uniform(0.06, 0.08)), float(rng.choice([0.0, 0.004, 0.02]))
+    path = np.array([[0.0, 0.0], [tip, 0.0], [tip, apart], [-0.03, apart]])
+    path = path[[True, True, apart > 0, True]]
+    begin = tip - float(rng.uniform(0.01, 0.03))  # well before the tip
+    force = np.array([-float(rng.uniform(2.0, 20.0)), 0.0])
+    progress = pushed(path, force, 12.0, begin=begin, goal=np.array([-0.03, apart]))
+    assert progress[-1] > 2 * tip
+    width = float(GIVEN["width"])
+    for k in range(0, len(progress) - 2000, 100):
+        assert progress[k + 2000] - progress[k] > width
+
+
+def test_a_push_back_along_a_path_that_does_not_return_moves_nothing_on_and_is_let_go() -> None:
+    """And the hand is taken in again where it comes to a place further on, never before."""
+    helper, path = along(np.array([[0.0, 0.0], [0.2, 0.0]])), np.linspace(0.0, 0.1, 400)
+    for at in path:
+        helper.step([at, 0.0])
+    reached = helper.progress
+    hand = np.array([0.1 - 0.006, 0.0])  # 12 N
+    commands = [helper.step(hand + 1e-6 * (k % 2)) for k in range(2500)]
+    assert helper.progress == pytest.approx(reached, abs=1e-3)
+    held = [k for k, each in enumerate(commands) if np.linalg.norm(each.value) >= 10.0]
+    assert max(held) < 2000
+    assert commands[-1].status is Status.BLOCKED
+    assert commands[-1].yielded & Bound.TASK
+    assert commands[-1].scale == 0.0
+    assert "stood under force" in commands[-1].reason
+    np.testing.assert_array_equal(commands[-1].value, [0.0, 0.0])
+    for at in np.linspace(hand[0], 0.02, 300):
+        assert helper.step([at, 0.001]).status is Status.BLOCKED
+    for at in np.linspace(0.02, 0.13, 1200):
+        command = helper.step([at, 0.001])
+    assert command.status is Status.OK
+    assert settled(helper, np.array([0.13, 0.001]))[1] == pytest.approx(-2.0, abs=0.05)
+
+
+def test_a_tremor_moves_nothing_on() -> None:
+    helper = along(EIGHT)
+    for at in range(100):
+        helper.step(EIGHT[at])
+    before = helper.progress
+    for k in range(2000):
+        helper.step(EIGHT[100] + 4e-4 * np.array([math.cos(0.05 * k), math.sin(0.05 * k)]))  # 0.8 N
+    assert (helper.progress - before) * 0.22 < 0.003
+
+
+def test_changes_of_the_progress_stay_within_the_slew_bound_and_faults_move_nothing() -> None:
     helper, last = along(EIGHT), np.zeros(2)
     rng = np.random.default_rng(0)
     hand = EIGHT[0].copy()
@@ -95,7 +183,7 @@ def test_changes_from_piece_to_piece_stay_within_the_slew_bound_and_faults_move_
     [({"width": math.nan}, "width"), ({"width": "wide"}, "width"), ({"stiffness": -1.0}, "stiffness"),
      ({"path": [[0.0, 0.0]]}, "path"), ({"path": [[0.1, 0.0], [0.1, 0.0]]}, "path"),
      ({"path": [[0.0, math.nan], [1.0, 0.0]]}, "path"),
-     ({"comfortable": None}, "comfortable")],
+     ({"comfortable": None}, "comfortable"), ({"push": 0.0}, "push"), ({"damping": -1.0}, "damping")],
 )  # fmt: skip
 def test_bad_configuration_is_named(change: dict, named: str) -> None:
     with pytest.raises(ConfigurationError, match=named):

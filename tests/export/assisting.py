@@ -10,6 +10,7 @@ import shapely
 from rehab_opt import Assistance, PotentialField, Workspace
 from rehab_opt.control.path_assistance import PathAssistance
 from rehab_opt.export.controllers.assistance import exported_assistance
+from rehab_opt.export.controllers.path_assistance import exported_path_assistance
 from rehab_opt.export.export_c import written_files
 
 S = np.linspace(0.0, 1.0, 200)
@@ -43,8 +44,9 @@ def made(mode: str, comfortable: Workspace = COMFORTABLE, **options: object) -> 
 
 
 def made_along_a_path() -> PathAssistance:
-    """The same for a path that crosses itself."""
-    return PathAssistance(EIGHT, stiffness=1000.0, width=0.01, damping=5.0, comfortable=COMFORTABLE, **LITTLE)  # type: ignore[arg-type]
+    """The same for a path that crosses itself, with energy to hold a hand that stands."""
+    given = {**LITTLE, "energy_budget": 3.0}
+    return PathAssistance(EIGHT, stiffness=1000.0, width=0.01, damping=5.0, comfortable=COMFORTABLE, **given)  # type: ignore[arg-type]
 
 
 def exported_to(folder: Path, mode: str) -> Path:
@@ -53,7 +55,7 @@ def exported_to(folder: Path, mode: str) -> Path:
     hand = np.column_stack([-0.05 + 0.12 * np.sin(2 * t), 0.41 + 0.05 * np.cos(5 * t)])
     if mode == "path":
         round_and_round = EIGHT[(np.arange(3000) // 7) % len(EIGHT)] + 0.002 * np.sin(9 * t)[:, None]
-        controller = exported_assistance(made_along_a_path(), round_and_round, title="round and round")
+        controller = exported_path_assistance(made_along_a_path(), round_and_round, title="round and round")
     else:
         carried = np.column_stack([0.02 * np.sin(3 * t), 0.01 * np.cos(3 * t)])
         controller = exported_assistance(

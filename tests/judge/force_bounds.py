@@ -92,6 +92,8 @@ def judge(verdict: Verdict, one: Run) -> None:
     calm = sound & np.r_[True, sound[:-1]] & np.r_[True, True, sound[:-2]] & ~jumped & ~dear
     verdict.holds("sound inputs are acted on again", ~safe | ~calm, str(set(reasons[safe & calm])))
 
+    # A hand that stood under force along a path is let go by a force that fades, of which nothing is wanted any more.
+    safe = safe | (status == "blocked")
     asked, flagged = one.wanted, answers.yielded & 4 != 0
     need, off = np.linalg.norm(asked, axis=1), np.linalg.norm(force - asked, axis=1)
     verdict.holds("a force other than the wanted one is flagged", flagged | (off <= 1.001e-6 * need + 2e-12) | safe)

@@ -57,10 +57,11 @@ class Probe(NamedTuple):
     offset: float
 
     def heights(self, q: Array) -> Array:
-        """(N,) [m] at q (N, 6)."""
-        poses = frames(q)[:, self.frame]
-        centres = poses[:, :3, :3] @ self.place + poses[:, :3, 3]
-        return np.asarray(centres @ self.normal - self.offset - self.radius)
+        """(N, 6) [m] of the probe and of the origins of the five frames that joints move, at q (N, 6)."""
+        poses = frames(q)
+        probe = poses[:, self.frame, :3, :3] @ self.place + poses[:, self.frame, :3, 3]
+        origins = poses[:, 2:, :3, 3] @ self.normal
+        return np.asarray(np.column_stack([probe @ self.normal - self.radius, origins]) - self.offset)
 
 
 def own(rng: np.random.Generator, start: Array) -> Own:

@@ -6,8 +6,9 @@ also while braking; the barrier; and that the hand stands in the end, where no m
 it nearer (the multipliers of the judge's own gradients, by non-negative least squares), places and turns weighed as was
 asked.
 
-Not judged at rest: three distances of one limit that are met at once, of which the two least make rows; and a curved
-limit that `PoseTracker` rests at, where its joints were seen to shake by up to 0.26 rad/s instead.
+Not judged at rest: three distances of one limit, or three points and the plane, that are met at once, of which the
+two least make rows; and a curved limit that `PoseTracker` rests at, where its joints were seen to shake by up to 0.26
+rad/s instead.
 """
 
 from __future__ import annotations
@@ -107,7 +108,7 @@ def in_every_tick(verdict: Verdict, of: Arm, q: Array, value: Array, ok: NDArray
         verdict.during("another distance is the least one", least != least[0], of.dt)
         near |= room < 0.02
     if of.beside is not None:
-        verdict.within("the probe below the plane [m]", -of.beside.heights(q), 1e-9)
+        verdict.within("the probe, or a frame's origin, below the plane [m]", -of.beside.heights(q), 1e-9)
     verdict.during("braking near a limit", ~ok & near, of.dt)
 
 
@@ -116,10 +117,10 @@ def at_rest(verdict: Verdict, of: Arm, q: Array, value: Array, asked: Array) -> 
     last, dt, resting = q[-1], of.dt, np.ones(len(value), dtype=bool)
     if isinstance(of.control, MirrorTracker) and (of.control.lag > 1e-6 or manipulability(q).min() < LEAST_W):
         return
+    below = [] if of.beside is None else np.flatnonzero(of.beside.heights(q[-1:])[0] < ACTIVE).tolist()
     active = [each.numbers(q[-1:], of.start)[0] < ACTIVE for each in of.wishes]
-    if any(each.sum() > 2 or (each[-1] and not of.mirror) for each in active):
+    if len(below) > 2 or any(each.sum() > 2 or (each[-1] and not of.mirror) for each in active):
         return
-    plane = of.beside is not None and of.beside.heights(q[-1:])[0] < ACTIVE
     slopes = {
         "a joint limit is active at rest": [
             *np.eye(6)[last < of.lower + ACTIVE], *-np.eye(6)[last > of.upper - ACTIVE]
@@ -127,7 +128,9 @@ def at_rest(verdict: Verdict, of: Arm, q: Array, value: Array, asked: Array) -> 
         "a user's limit is active at rest": [
             slope for each, met in zip(of.wishes, active, strict=True) for slope in each.slopes(q[-1:])[0][met]
         ],
-        "the plane is active at rest": [_slope(of.beside.heights, last)] if of.beside is not None and plane else [],
+        "the plane is active at rest": [
+            _slope(lambda at, i=i: of.beside.heights(at)[:, i], last) for i in below  # type: ignore[union-attr,misc]
+        ],
         "the floor is active at rest": [_slope(manipulability, last)]
         if of.mirror and manipulability(q[-1:])[0] < of.floor + ACTIVE else [],
     }  # fmt: skip

@@ -252,3 +252,17 @@ def test_a_missing_file_matters_where_the_model_needs_it(tmp_path: Path) -> None
         read_cp_reach(folder, "RF")
     with pytest.raises(ProblemFileError, match="task"):
         read_cp_reach(folder, "RS")
+
+
+def test_a_task_of_any_name_is_read_and_a_missing_one_names_those_there(
+    recorded: Callable[[str], Path], tmp_path: Path
+) -> None:
+    source = recorded("cp_dyskinetic_reach/RF_MEAN_ScPro.csv").parent
+    for file in source.glob("RF_MEAN_*.csv"):
+        (tmp_path / file.name.replace("RF", "RS")).symlink_to(file)
+    groups = reach_groups(tmp_path, tasks=["RS"])
+    assert set(groups) == {("RS", group) for group in GROUPS}
+    assert groups["RS", GROUPS[0]].notes[0] == f"task RS, {GROUPS[0]}"
+    assert groups["RS", GROUPS[0]].used.limits == reach_groups(source, tasks=["RF"])["RF", GROUPS[0]].used.limits
+    with pytest.raises(ProblemFileError, match="files: RS"):
+        reach_groups(tmp_path, tasks=["RGV"])

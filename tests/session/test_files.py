@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from pydantic import BaseModel, ValidationError
 
 from rehab_opt.errors import ProblemFileError
-from rehab_opt.session import schema
+from rehab_opt.session.arm_keys import TableOneRange
 from rehab_opt.session.data_folder import ENVIRONMENT
 from rehab_opt.session.files import (
     load_problem,
@@ -96,7 +96,7 @@ def test_persons_own_range_of_motion_is_accepted(written: Write) -> None:
     written("path.csv", CSV)
     problem = load_problem(str(written("own.toml", OWN_RANGE + RANGES))).problem
     assert isinstance(problem, UpperLimb)
-    assert isinstance(problem.arm.range_of_motion, schema.RangeOfMotion)
+    assert isinstance(problem.arm.range_of_motion, TableOneRange)
 
 
 def test_every_number_of_the_schema_carries_its_unit_or_has_none() -> None:
@@ -128,7 +128,7 @@ def test_every_number_of_the_schema_carries_its_unit_or_has_none() -> None:
     }  # ratios, directions
     without |= {"dead_zone", "self_motion", "speeds"}  # ratios; m/s or rad/s, as the row next to it says
     without |= {"floor", "catch_up", "patience", "pull"}  # ratios
-    without |= {"gain"}  # a ratio
+    without |= {"gain", "speed"}  # ratios
     for section in {found for name in SHIPPED for found in sections(system_named(name).schema)}:
         for key, field in section.model_fields.items():
             if "float" in str(field.annotation) and key not in without:
@@ -163,7 +163,7 @@ FAULTS = [
     (
         ARM.replace("path.csv", "a.trc").replace("[placement]", 'columns = ["x_m", "y_m"]\n[placement]'),
         "recording.columns",
-        "only a .csv or .mot",
+        "only a .csv, .mot or .sto",
     ),
     (ARM.replace("[placement]", 'columns = ["x_m", "x_m"]\n[placement]'), "recording.columns", "each column once"),
     (ARM + "[smoothing]\njerk_deg_s3 = 1e-300\n", "smoothing.jerk_deg_s3", "greater than or equal to 1"),

@@ -12,6 +12,8 @@ from rehab_opt.kinematics.human_arm import ARM_JOINTS, ARM_REST
 from rehab_opt.workspace.clinical_angles import (
     CLINICAL_ANGLES,
     WITHOUT_A_JOINT,
+    isb_shoulder,
+    isb_wrist,
     model_scapula,
     model_shoulder,
     model_wrist,
@@ -121,3 +123,23 @@ def test_the_table_covers_every_joint_and_says_how_sure_it_is() -> None:
     assert {joint for row in CLINICAL_ANGLES for joint in row.joints} == set(ARM_JOINTS)
     assert all(row.sure in ("high", "fair", "low") and abs(row.sign) == 1 and row.why for row in CLINICAL_ANGLES)
     assert not {row.column for row in CLINICAL_ANGLES} & set(WITHOUT_A_JOINT)
+
+
+@given(st.floats(-3.1, 3.1), st.floats(0.02, 3.1), st.floats(-3.1, 3.1))
+def test_shoulder_converts_there_and_back(plane: float, elevation: float, axial: float) -> None:
+    joints = model_shoulder(plane, elevation, axial)
+    back = model_shoulder(*isb_shoulder(*joints))
+    turns = [Rotation.from_euler("ZYX", [q2, np.pi / 2 - q3, q4]) for q2, q3, q4 in (joints, back)]
+    assert (turns[0].inv() * turns[1]).magnitude() < 1e-6
+    seen = Rotation.from_euler("ZYZ", [-isb_shoulder(*joints)[0], isb_shoulder(*joints)[1], -isb_shoulder(*joints)[2]])
+    assert (seen.inv() * turns[0]).magnitude() < 1e-6
+
+
+@given(angle, st.floats(-1.5, 1.5), st.floats(-1.5, 1.5))
+def test_wrist_converts_there_and_back(pronation: float, flexion: float, ulnar: float) -> None:
+    back = isb_wrist(*model_wrist(pronation, flexion, ulnar))
+    np.testing.assert_allclose(np.array(back, dtype=float), [pronation, flexion, ulnar], atol=1e-6)
+
+
+def test_hanging_arm_turns_about_itself() -> None:
+    np.testing.assert_allclose(isb_shoulder(*model_shoulder(0.0, 0.0, 0.4)), [0.0, 0.0, 0.4], atol=1e-12)

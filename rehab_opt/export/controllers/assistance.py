@@ -9,10 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.assistance import Assistance
 from rehab_opt.control.command import Command
-from rehab_opt.control.path_assistance import PathAssistance
 from rehab_opt.export.controllers.bounded_force import DIFFERENCES, ExportedForce, check_rungs, faulty_ticks
 from rehab_opt.export.controllers.gated_fields import MEMORY, gated_fields
-from rehab_opt.export.controllers.path_assistance import exported_path_assistance
 from rehab_opt.export.recording import Tick, recorded
 from rehab_opt.field.potential import PotentialField
 
@@ -55,7 +53,7 @@ def exported_assistance(
 
     Parameters
     ----------
-    helper : made with backup="qrqp"; it is reset. Of a `PathAssistance` the pieces of its path are exported.
+    helper : made with backup="qrqp"; it is reset.
     positions : (N, 2) [m] where the hand is in each tick. In the first half its velocity is given, then estimated.
     title : what it is, in a few words.
     fields : further ones that `aim` may take, numbered from 1; the helper's own is 0.
@@ -67,8 +65,6 @@ def exported_assistance(
     """
     check_rungs(helper)
     path = np.asarray(positions, dtype=np.float64)
-    if isinstance(helper, PathAssistance):
-        return exported_path_assistance(helper, path, title=title)
     all_fields = (helper.field, *fields)
     wanted = gated_fields(helper, all_fields, name=NAME)
     there = np.zeros_like(path) if carried is None else np.asarray(carried, dtype=np.float64)

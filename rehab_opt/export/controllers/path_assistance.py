@@ -1,4 +1,4 @@
-"""`PathAssistance`: the pieces of a path, each with its field, and the progress that chooses among them."""
+"""`PathAssistance`: the path, the spring that leads the hand along it, and the progress."""
 
 from __future__ import annotations
 
@@ -6,11 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.command import Command
-from rehab_opt.control.path_assistance import REACH, PathAssistance, progress_function
-from rehab_opt.export.controllers.bounded_force import DIFFERENCES, ExportedForce, faulty_ticks
-from rehab_opt.export.controllers.gated_fields import MEMORY, gated_fields
+from rehab_opt.control.gate import guided_force
+from rehab_opt.control.path_assistance import PathAssistance
+from rehab_opt.control.path_progress import PATH_MODEL, PROGRESS, progress_function
+from rehab_opt.export.controllers.bounded_force import DIFFERENCES, ExportedForce, check_rungs, faulty_ticks
 from rehab_opt.export.evaluated import Evaluated
 from rehab_opt.export.recording import Tick, recorded
+from rehab_opt.workspace.edge_distance import edge_columns
 
 __all__ = ["exported_path_assistance"]
 
@@ -30,22 +32,38 @@ for (;;) { /* every tick */
     rehab_path_assistance_step(&controller, x, NULL, enable, stamp, &command);
     apply(command.value); /* force, N */
 }"""
-NEITHER = "`aim` and `carry` are not there: in Python they hold until the hand comes to the next piece of the path."
+MEMORY = f"    double path[{PROGRESS.size}];        /* {', '.join(PROGRESS.places)} */"
 
 
 def exported_path_assistance(helper: PathAssistance, positions: Array, *, title: str) -> ExportedForce:
-    """The controller, and what it answers along a path of the hand (N, 2) [m]; see `exported_assistance`."""
+    """The controller, and what it answers along a path of the hand (N, 2) [m]; see `exported_assistance`.
+
+    Raises
+    ------
+    ConfigurationError : a backup that C has not.
+    """
+    check_rungs(helper)
     helper.reset()
-    wanted = gated_fields(helper, helper.pieces, name=NAME)
+    edges = edge_columns(helper.comfortable.polygon)
+    at = {each: f"self->path + {PROGRESS[each]}" for each in ("place", "along", "grip")}
+    wanted = Evaluated(
+        controller=NAME,
+        name="wanted",
+        about="the spring towards the place of the path to which the hand has come [N]",
+        function=guided_force(len(edges)),
+        inputs=("self->view + X", at["place"], at["along"], at["grip"], "SPRING", "GATE", "COMFORTABLE"),
+        tables={"SPRING": helper.spring, "GATE": helper.gate, "COMFORTABLE": edges},
+    )
+    seen = ("self->path", "self->view + X", "self->state + MEMORY_AT")
     proceed = Evaluated(
         controller=NAME,
         name="proceed",
-        about="where along the path the hand has come to, and the piece that is nearest",
+        about="how far along the path the hand has come",
         function=progress_function(),
-        inputs=("self->view + X", "PATH + 2 * self->place", "place", "PIECES"),
-        tables={"PIECES": np.array([len(helper.pieces)]), "PATH": helper.track.T},
-        arguments="const double *place, ",
+        inputs=("PATH_MODEL", *seen, "PATH + 2 * (int)self->path[AT]", "PATH + 2 * (int)self->path[LOOKED]"),
+        tables={"PATH_MODEL": helper.path_model, "AT_START": helper.at_start, "PATH": helper.track.T},
     )
+    places = ", ".join(f"{each.upper()} = {PROGRESS[each]}" for each in ("at", "away", "looked"))
     ticks = faulty_ticks(helper, positions, [{} for _ in positions])
 
     def answer(tick: Tick) -> Command:
@@ -53,18 +71,19 @@ def exported_path_assistance(helper: PathAssistance, positions: Array, *, title:
         return helper.step(tick["x"], v, enable=tick["enable"], stamp=tick["stamp"])
 
     about = f"{len(ticks)} ticks of a hand's path, with faults among them"
+    last = int(helper.path_model[PATH_MODEL["last"]])
     return ExportedForce(
         name=NAME,
-        title=f"{title}: force-bounded assistance along a path, in {len(helper.pieces)} pieces",
+        title=f"{title}: force-bounded assistance along a path of {last + 1} samples",
         force=helper,
         wanted=wanted,
         interface="path_assistance",
         call=CALL,
         usage=USAGE,
         recording=recorded(answer, ticks, about, more=lambda: (helper.energy_left, helper.progress)),
-        differences=(*DIFFERENCES, NEITHER),
+        differences=DIFFERENCES,
         solves=2,  # and again from a cold start
-        more_memory=MEMORY + "\n    int place;               /* along the path, where the hand is */",
+        more_memory=MEMORY,
         parts={proceed.name: proceed.function},
-        values={"full": ", 1", "proceed": proceed.code, "last_place": str(len(helper.track) - 2 * REACH - 1)},
+        values={"full": ", 1", "proceed": f"enum {{ {places} }};\n{proceed.code}", "last_place": f"{last}.0"},
     )

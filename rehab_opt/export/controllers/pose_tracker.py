@@ -20,16 +20,19 @@ from rehab_opt.session.pose_tracking.robot import circle_reference, robot_at_sta
 
 __all__ = ["exported_pose_tracker", "exported_tracker"]
 
-CALL = "rehab_pose_tracker_step(&controller, tick->q, tick->pose, tick->twist, tick->enable, tick->stamp, out);"
+CALL = "rehab_pose_tracker_step(&controller, tick->q, tick->pose, tick->twist,{moving} tick->enable, tick->stamp, out);"
 USAGE = """\
 static rehab_pose_tracker controller;
 rehab_command command;
 
 rehab_pose_tracker_init(&controller);
-for (;;) { /* every tick */
-    rehab_pose_tracker_step(&controller, q, pose, twist, enable, stamp, &command);
+for (;;) {{ /* every tick */
+    rehab_pose_tracker_step(&controller, q, pose, twist,{moving} enable, stamp, &command);
     send(command.value); /* joint velocities, rad/s */
-}"""
+}}"""
+MOVING_INPUT = """
+ * obstacles[{size}]  what moves, 14 numbers each: start and end [m], their velocities [m/s], radius [m], and 1;
+ *           0 in the last place says that there is none"""
 DIFFERENCES = (
     f"There is no backup solver. Where Python would ask {BACKUP}, C gives the safe command and "
     "`REHAB_NOT_CERTIFIED`; the recorded run is of a Python controller without the backup, too.",
@@ -67,7 +70,8 @@ def exported_tracker(tracker: PoseTracker, run: Sequence[Tick], *, title: str, o
     Parameters
     ----------
     tracker : made with backup="qrqp", the solver that C has; it is reset, and repeats the run.
-    run : ticks of a sound run, each q (n,), pose (4, 4), twist (6,): C repeats it, with faults among them.
+    run : ticks of a sound run, each q (n,), pose (4, 4), twist (6,), and `obstacles` (k, 14) by `moving_numbers` where
+        the tracker is told of moving capsules: C repeats it, with faults among them.
     title : what it is, in a few words. of : what the run is one of, in words.
     """
     tracker.reset()
@@ -78,15 +82,26 @@ def exported_tracker(tracker: PoseTracker, run: Sequence[Tick], *, title: str, o
     )
 
     def answer(tick: Tick) -> Command:
-        return tracker.step(tick["q"], tick["pose"], tick["twist"], enable=tick["enable"], stamp=tick["stamp"])
+        around = {"obstacles": tick["obstacles"]} if moving else {}
+        return tracker.step(
+            tick["q"], tick["pose"], tick["twist"], **around, enable=tick["enable"], stamp=tick["stamp"]
+        )
+
+    told = tracker.limits.told
+    moving = "" if not told else " {}obstacles,"
 
     return ExportedVelocity(
         name="pose_tracker",
         title=title,
-        laws=(Law("pose_tracker", tracker),),
+        laws=(Law("pose_tracker", tracker, obstacles=told),),
         interface="pose_tracker",
-        call=CALL,
-        usage=USAGE,
+        call=CALL.format(moving=moving.format("tick->")),
+        usage=USAGE.format(moving=moving.format("")),
+        values={
+            "moving_argument": " const double *obstacles," if told else "",
+            "moving_input": MOVING_INPUT.format(size=told) if told else "",
+            "moving_told": f"\n    told(self->law[0].parameters + JOINTS + 22, obstacles, {told});" if told else "",
+        },
         recording=recorded(answer, ticks, about),
         differences=DIFFERENCES,
         pieces={"one_tick": "one_tick.c", "at_start": "at_start.c"},

@@ -11,14 +11,16 @@ from numpy.typing import ArrayLike
 from rehab_opt.control.assistance import Assistance
 from rehab_opt.control.bilateral import Bilateral, BilateralCommand
 from rehab_opt.control.bilateral_sides import FromHelper, FromParticipant
+from rehab_opt.control.path_assistance import PathAssistance
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.export.controllers.assistance import exported_assistance
 from rehab_opt.export.controllers.bilateral_sides import exported_helper_side, exported_participant_side
+from rehab_opt.export.controllers.path_assistance import exported_path_assistance
 from rehab_opt.export.exported import ExportedController
 from rehab_opt.optim.ladder import FUSED
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
-from rehab_opt.session.scenario.laws import Answer, ForceLaw
+from rehab_opt.session.scenario.laws import Answer, Assisted, ForceLaw
 from rehab_opt.session.scenario.loop import ran
 from rehab_opt.session.scenario.pair import sides_of, together_of
 from rehab_opt.session.scenario.prepared import Prepared, prepared
@@ -87,6 +89,9 @@ def exported_scenario(loaded: ProblemFile[ScenarioProblem], *, progress: Progres
 def _assistance(loaded: ProblemFile[ScenarioProblem], ready: Prepared) -> ExportedController:
     problem = loaded.problem
     helper = assistance_of(problem, ready, solver=FUSED, backup=FUSED)
+    if isinstance(helper, PathAssistance):
+        trial = ran(scene_of(loaded, ready), Assisted(helper), name="assisted", number=0, seed=problem.task.seed)
+        return exported_path_assistance(helper, trial.position, title=problem.title)
     law = Listening(assisted_law(problem, ready, helper), helper)
     trial = ran(scene_of(loaded, ready), law, name="assisted", number=0, seed=problem.task.seed)
     carried = law.carried if problem.mode == "hold" else None

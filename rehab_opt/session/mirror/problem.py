@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, Self
 
-from pydantic import Discriminator, Field, Tag, model_validator
+from pydantic import Field, model_validator
 
+from rehab_opt.session.arm_keys import OneRange, SegmentsSection
 from rehab_opt.session.plant.tables import JointPlant
 from rehab_opt.session.pose_tracking.problem import RobotSection
 from rehab_opt.session.schema import (
-    NAME,
-    TABLE,
     Positive,
     Problem,
-    RangeOfMotion,
     Section,
-    SegmentsSection,
     Side,
     Triple,
     refusal,
@@ -137,16 +134,13 @@ class PatientArmSection(Section):
 
     shoulder_m: Triple
     """Shoulder of the led arm in the robot's frame."""
-    start_deg: (
-        Annotated[list[Annotated[float, Field(ge=-360, le=360)]], Field(min_length=8, max_length=8)] | None
-    ) = None
+    start_deg: Annotated[list[Annotated[float, Field(ge=-360, le=360)]], Field(min_length=8, max_length=8)] | None = (
+        None
+    )
     """Posture, as Table I counts, from which the model of this arm finds to the first pose; default the middle of its
     range. The model is local: from another posture it may come to more."""
-    range_of_motion: Annotated[
-        Annotated[Literal["regular", "restricted"], Tag(NAME)] | Annotated[RangeOfMotion, Tag(TABLE)],
-        Discriminator(lambda value: TABLE if isinstance(value, dict | RangeOfMotion) else NAME),
-    ]
-    """Table I by name, or a table of all eight joints' limits."""
+    range_of_motion: OneRange
+    """Table I by name, a table of all eight joints' limits, or what a goniometer measured."""
     segments: SegmentsSection = SegmentsSection()
     """Lengths of the arm's segments."""
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Projection", "path_length", "projected"]
+__all__ = ["Projection", "projected"]
 
 Array = NDArray[np.float64]
 
@@ -43,8 +43,3 @@ def projected(points: Array, path: Array) -> Projection:
     distance = np.linalg.norm(points - start - share[:, None] * tangent, axis=1)
     before = np.concatenate(([0.0], np.cumsum(lengths)))
     return Projection(distance, before[nearest] + share, tangent, float(before[-1]))
-
-
-def path_length(path: Array) -> float:
-    """[m] of a path (M, 2)."""
-    return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.control.assistance import Assistance
 from rehab_opt.control.command import Status
+from rehab_opt.control.path_assistance import PathAssistance
 from rehab_opt.control.smoother import Smoother
 from rehab_opt.published.field_law import FieldLaw
 from rehab_opt.session.scenario.trial import HelperTrace
@@ -63,9 +64,9 @@ class Unassisted(ForceLaw):
 
 
 class Assisted(ForceLaw):
-    """`Assistance`, which estimates the velocity from the positions."""
+    """`Assistance` or `PathAssistance`, which estimate the velocity from the positions."""
 
-    def __init__(self, assistance: Assistance) -> None:
+    def __init__(self, assistance: Assistance | PathAssistance) -> None:
         self._assistance, self.notes = assistance, assistance.notes
 
     def start(self, number: int) -> None:
@@ -94,6 +95,7 @@ class AssistedAtPoints(Assisted):
 
     def __init__(self, assistance: Assistance, points: Array, pace: Smoother) -> None:
         super().__init__(assistance)
+        self._carried = assistance
         self._points, self._pace = points, pace
 
     def start(self, number: int) -> None:
@@ -110,7 +112,7 @@ class AssistedAtPoints(Assisted):
         """The certified force towards where the field now is."""
         if not self._there:
             to_x, to_y = (self._pace.step(self._goal).value - self._points[0]).tolist()
-            self._assistance.carry(to_x, to_y)
+            self._carried.carry(to_x, to_y)
             self._there = self._pace.arrived
         return super().answer(x, y)
 

@@ -14,13 +14,16 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.control.command import Status
 from rehab_opt.control.gate import Mode
 from rehab_opt.errors import ConfigurationError
+from rehab_opt.measures.path import path_length, path_ratio
+from rehab_opt.measures.smoothness import spectral_arc_length
+from rehab_opt.measures.speed import mean_speed, peak_speed
 from rehab_opt.session.metrics import finite
 from rehab_opt.session.scenario.claims import promised
-from rehab_opt.session.scenario.deviation import Projection, path_length, projected
-from rehab_opt.session.scenario.smoothness import spectral_arc_length
+from rehab_opt.session.scenario.deviation import Projection, projected
+from rehab_opt.session.scenario.in_order import covered_in_order, deviation_in_order
 from rehab_opt.session.scenario.trial import Trial
 
-__all__ = ["REACHES", "deviation_of", "trial_measures"]
+__all__ = ["COVERED", "REACHES", "deviation_of", "trial_measures"]
 
 Array = NDArray[np.float64]
 Ticks = NDArray[np.bool_]
@@ -28,13 +31,19 @@ Numbers = dict[str, Any]
 
 REACHES: tuple[Mode, ...] = ("stretch", "assist", "resist")
 """Modes in which one place is to be reached; in the others a path is to be followed, or places held."""
-PLACES = 1000
-"""Along a reference, evenly, that a hand may come by."""
+COVERED = 0.95
+"""Share of a path that must be covered in order for a trial to succeed."""
 LETTING_GO = (Status.RELEASING, Status.RELEASED)
 
 
 def trial_measures(
-    trial: Trial, *, reference: ArrayLike, mode: Mode, target: ArrayLike | None, within: float
+    trial: Trial,
+    *,
+    reference: ArrayLike,
+    mode: Mode,
+    target: ArrayLike | None,
+    within: float,
+    jump: float | None = None,
 ) -> Numbers:
     """All measures of a trial.
 
@@ -43,7 +52,8 @@ def trial_measures(
     reference : (M, 2) [m] the path, or the points to be held.
     target : (2,) [m] the point to be reached; None where any place of the reference will do (stretch), or for the end
         of the reference (follow); not asked for in "hold".
-    within : [m] nearer than this is on the target.
+    within : [m] nearer than this is on the target, and covers a path.
+    jump : [m] of a path that may be passed over and still counts as covered; twice `within` where it is not said.
 
     Raises
     ------
@@ -57,13 +67,18 @@ def trial_measures(
     if not 0 < within < math.inf:
         raise ConfigurationError("within", within, "metres above zero")
     where = projected(trial.position, path)
+    covered: float | None = None
+    if mode == "follow":
+        covered = covered_in_order(trial.position, path, within=within, jump=2 * within if jump is None else jump)
+        where = where._replace(distance=deviation_in_order(trial.position, path))
     deviation, counts = deviation_of(trial, where.distance, mode)
     return {
+        "reference_covered_share": covered,
         **_deviations(deviation, counts, trial.inside),
         **_forces(trial),
         **_motion(trial, mode, counts),
-        **_followed(trial, path, mode, within),
-        **_arrival(trial, where, mode, path[-1] if target is None and mode == "follow" else target, within),
+        **_from_intended(trial),
+        **_arrival(trial, where, mode, path[-1] if target is None and mode == "follow" else target, within, covered),
         "smoothness_sparc": None if mode == "hold" else _smoothness(trial),  # it tells of one movement, not of many
         **_statuses(trial),
         **promised(trial, where, mode),
@@ -114,24 +129,23 @@ def _forces(trial: Trial) -> Numbers:
 
 
 def _motion(trial: Trial, mode: Mode, counts: Ticks) -> Numbers:
-    speed, measured = np.linalg.norm(trial.velocity, axis=1), np.linalg.norm(trial.measured, axis=1)
+    measured = np.linalg.norm(trial.measured, axis=1)
     holds = mode == "hold" and bool(counts.any())
-    travelled = path_length(trial.position)
-    # Of a reach that fell short, the way to the target would flatter: the straight line ends where the hand did.
-    straight = float(np.linalg.norm(trial.position[-1] - trial.position[0]))
-    meant = straight if mode in REACHES else path_length(trial.intended)
     return {
-        "speed_mean_m_s": float(speed.mean()),
-        "speed_max_m_s": float(speed.max()),
-        "speed_held_mean_m_s": float(speed[counts].mean()) if holds else None,
+        "speed_mean_m_s": mean_speed(trial.velocity),
+        "speed_max_m_s": peak_speed(trial.velocity),
+        "speed_held_mean_m_s": mean_speed(trial.velocity[counts]) if holds else None,
         "force_measured_held_mean_N": float(measured[counts].mean()) if holds else None,
         "duration_s": float(trial.time[-1] - trial.time[0]),
-        "path_length_m": travelled,
-        "path_length_ratio": travelled / meant if meant > 0 else None,
+        "path_length_m": path_length(trial.position),
+        # Of a reach that fell short, the way to the target would flatter: the straight line ends where the hand did.
+        "path_length_ratio": finite(path_ratio(trial.position, None if mode in REACHES else trial.intended)),
     }
 
 
-def _arrival(trial: Trial, where: Projection, mode: Mode, target: ArrayLike | None, within: float) -> Numbers:
+def _arrival(  # noqa: PLR0917  (what the trial was judged by)
+    trial: Trial, where: Projection, mode: Mode, target: ArrayLike | None, within: float, covered: float | None
+) -> Numbers:
     aimed, counts = deviation_of(trial, where.distance, mode)
     to_target = (
         aimed if target is None or mode == "hold" else np.linalg.norm(trial.position - np.asarray(target), axis=1)
@@ -141,6 +155,7 @@ def _arrival(trial: Trial, where: Projection, mode: Mode, target: ArrayLike | No
     reached_share = _reached_share(trial, on_target) if mode == "hold" else None
     first = np.flatnonzero(on_target)
     met = last <= within if reached_share is None else reached_share == 1.0
+    met = met and (covered is None or covered >= COVERED)
     return {
         "success": bool(trial.ended == "done" and met),
         "final_distance_m": finite(last),
@@ -151,23 +166,10 @@ def _arrival(trial: Trial, where: Projection, mode: Mode, target: ArrayLike | No
     }
 
 
-def _followed(trial: Trial, path: Array, mode: Mode, within: float) -> Numbers:
-    """How far the hand was from where the person meant to be, and how much of the path it came by.
-
-    A hand that leaves out a part of a path that comes back is near the path all the same.
-    """
+def _from_intended(trial: Trial) -> Numbers:
+    """How far the hand was from where the person meant to be."""
     behind = np.linalg.norm(trial.position - trial.intended, axis=1)
-    share: float | None = None
-    if mode == "follow":
-        travelled = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))))
-        evenly = np.linspace(0.0, travelled[-1], PLACES)
-        places = np.column_stack([np.interp(evenly, travelled, path[:, axis]) for axis in (0, 1)])
-        share = float((projected(places, trial.position).distance <= within).mean())
-    return {
-        "from_intended_mean_m": float(behind.mean()),
-        "from_intended_max_m": float(behind.max()),
-        "reference_covered_share": share,
-    }
+    return {"from_intended_mean_m": float(behind.mean()), "from_intended_max_m": float(behind.max())}
 
 
 def _reached_share(trial: Trial, on_target: Ticks) -> float:

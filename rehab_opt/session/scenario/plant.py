@@ -36,6 +36,8 @@ def person_of(problem: ScenarioProblem) -> Person:
         spasm_rate=said.spasms_per_s,
         spasm_force=said.spasm_N,
         spasm_time=said.spasm_s,
+        aims=said.aims,
+        ahead=1e-3 * said.ahead_mm,
     )
 
 

@@ -8,7 +8,9 @@ from pydantic import Field, model_validator
 
 from rehab_opt.control.gate import Mode
 from rehab_opt.plants.force_robot import RobotModel
+from rehab_opt.session.arm_keys import OneRange
 from rehab_opt.session.plant.tables import HandPlant
+from rehab_opt.session.scenario.pace import LONGER, Aims
 from rehab_opt.session.scenario.simulated_person import FASTEST_LINE, Person
 from rehab_opt.session.scenario.trial import Law
 from rehab_opt.session.schema import (
@@ -21,7 +23,7 @@ from rehab_opt.session.schema import (
     SolverName,
     refusal,
 )
-from rehab_opt.session.workspaces.sections import ArmInPlane, OneRange
+from rehab_opt.session.workspaces.sections import ArmInPlane
 
 __all__ = ["REACHES", "THERAPY", "FieldSection", "PersonSection", "RobotSection", "ScenarioProblem", "TaskSection"]
 
@@ -198,6 +200,10 @@ class PersonSection(Section):
     """Mean peak."""
     spasm_s: float = Field(default=Person.spasm_time, gt=0, le=5)
     """Mean length."""
+    aims: Aims = Person.aims
+    """By the "clock", to where the hand should be by now; or along the "path", ahead of where the person sees it."""
+    ahead_mm: float = Field(default=1e3 * Person.ahead, gt=0, le=100)
+    """How far ahead at most, for "path"."""
 
 
 class HelperSection(Section):
@@ -295,6 +301,8 @@ class ScenarioProblem(Problem):
         pairs = [law for law in self.run.laws if law in ("together", "delayed")]
         if pairs and not (self.mode == "follow" and task.mapped):
             raise refusal("run.laws", pairs[0], 'other laws, but for mode = "follow" and a mapped path')
+        if self.person.aims == "path" and self.mode != "follow":
+            raise refusal("person.aims", self.person.aims, '"clock", but for mode = "follow"')
         if task.start_m is not None and self.mode != "stretch":
             raise refusal("task.start_m", task.start_m, 'no such key but for mode = "stretch"')
         if task.start_m is None and self.mode == "stretch":
@@ -314,7 +322,7 @@ class ScenarioProblem(Problem):
         if self.mode == "hold":
             count = len(task.points_m or ())
             seconds = count * task.dwell_s + (count - 1) * task.movement_s
-        ticks = seconds * rate * task.trials * len(self.run.laws)
+        ticks = seconds * rate * task.trials * len(self.run.laws) * (LONGER if self.person.aims == "path" else 1)
         if not ticks <= MOST_TICKS:
             told = f"at most {int(MOST_TICKS / (seconds * rate * len(self.run.laws)))}"
             if ticks > task.trials * MOST_TICKS:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.assistance import Assistance
+from rehab_opt.control.command import Status
 from rehab_opt.control.energy_tank import HAND_SPEED
 from rehab_opt.control.path_assistance import PathAssistance
 from rehab_opt.control.smoother import Smoother
@@ -18,9 +19,9 @@ from rehab_opt.session.outcome import Progress
 from rehab_opt.session.plant.making import plant_note
 from rehab_opt.session.scenario.bounds import bounds_of, bounds_refusals, check_bounds
 from rehab_opt.session.scenario.demonstrated import fit_metrics
-from rehab_opt.session.scenario.laws import Assisted, AssistedAtPoints, ForceLaw, Published, Unassisted
+from rehab_opt.session.scenario.laws import INDEX, Assisted, AssistedAtPoints, ForceLaw, Published, Unassisted
 from rehab_opt.session.scenario.loop import Arrival, Scene, ran
-from rehab_opt.session.scenario.measures import trial_measures
+from rehab_opt.session.scenario.measures import COVERED, trial_measures
 from rehab_opt.session.scenario.outcome import ScenarioOutcome
 from rehab_opt.session.scenario.pair import pair_measures, pair_of
 from rehab_opt.session.scenario.plant import hand_robot_of, person_of, robot_model_of
@@ -76,7 +77,12 @@ def run_scenario(loaded: ProblemFile[ScenarioProblem], *, solver: str | None, pr
     measures = {
         name: tuple(
             trial_measures(
-                trial, reference=ready.reference, mode=problem.mode, target=target, within=1e-3 * task.within_mm
+                trial,
+                reference=ready.reference,
+                mode=problem.mode,
+                target=target,
+                within=1e-3 * task.within_mm,
+                jump=2 * ready.numbers.width,
             )
             | pair_measures(trial)
             for trial in done
@@ -92,6 +98,7 @@ def run_scenario(loaded: ProblemFile[ScenarioProblem], *, solver: str | None, pr
             *ASSUMPTIONS[: 2 if fit is None else 1],
             *(() if problem.plant.kind == "ideal" else (plant_note(problem.plant, ""),)),
             *_pair_notes(problem, measures),
+            *_left_out(measures, trials),
             *_runaways(problem, ready, trials),
             *swinging_notes(laws),
         ),
@@ -132,6 +139,29 @@ def _pair_notes(problem: ScenarioProblem, measures: Mapping[Law, tuple[Mapping[s
             f"{law}: the helper felt {np.mean(felt):.2g} N on average and {max(most):.2g} N at most; both hands "
             f"together had drawn {max(drawn):.2g} J at most, of {tanks:g} J in the tanks"
         )
+
+
+def _left_out(
+    measures: Mapping[Law, tuple[Mapping[str, Any], ...]], trials: Mapping[Law, tuple[Trial, ...]]
+) -> Iterator[str]:
+    """Paths that were not covered, and hands that stood under force until they were let go, law by law."""
+    for law, of in measures.items():
+        shares = [each["reference_covered_share"] for each in of if each["reference_covered_share"] is not None]
+        short = sum(share < COVERED for share in shares)
+        if short:
+            yield (
+                f"{law}: {short} of {len(shares)} trials did not cover the path in order, the worst of them "
+                f"{100 * min(shares):.0f} % of it"
+            )
+        let_go = [_times_let_go(trial) for trial in trials[law]]
+        if shares and sum(let_go):
+            yield f"{law}: a hand that stood under force was let go, {sum(let_go)} times in {len(let_go)} trials"
+
+
+def _times_let_go(trial: Trial) -> int:
+    """How often the force yielded to a hand that could be acted on."""
+    let_go = trial.status == INDEX[Status.BLOCKED]
+    return int(let_go[0]) + int((let_go[1:] & ~let_go[:-1]).sum())
 
 
 def _runaways(problem: ScenarioProblem, ready: Prepared, trials: Mapping[Law, tuple[Trial, ...]]) -> Iterator[str]:
@@ -183,17 +213,17 @@ def law_of(name: Law, loaded: ProblemFile[ScenarioProblem], ready: Prepared, *, 
     return assisted_law(problem, ready, assistance)
 
 
-def assisted_law(problem: ScenarioProblem, ready: Prepared, assistance: Assistance) -> Assisted:
+def assisted_law(problem: ScenarioProblem, ready: Prepared, assistance: Assistance | PathAssistance) -> Assisted:
     """Ours as the loop calls it: with its field where it is, or carried from point to point."""
-    if problem.mode != "hold":
+    if problem.mode != "hold" or isinstance(assistance, PathAssistance):
         return Assisted(assistance)
     return AssistedAtPoints(assistance, ready.reference, _pace(problem, ready.reference))
 
 
 def assistance_of(
     problem: ScenarioProblem, ready: Prepared, *, solver: str | None = None, backup: str | None = None
-) -> Assistance:
-    """Ours, of the whole field; along a path that may cross itself, of the piece where the hand is.
+) -> Assistance | PathAssistance:
+    """Ours, of the whole field; along a path that may cross itself, by progress along it.
 
     Raises
     ------

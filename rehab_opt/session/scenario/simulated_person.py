@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rehab_opt.session.scenario.pace import Aims
 from rehab_opt.workspace.region import Workspace
 
 __all__ = ["FASTEST_LINE", "Person", "SimulatedPerson"]
@@ -45,6 +46,7 @@ class Person:
     tremor, tremor_hz : [N] root mean square of the vector's length, [Hz] centre of three lines.
     spasm_rate, spasm_force, spasm_time : [1/s] how often, [N] mean peak, [s] mean length of involuntary bursts in
         random directions.
+    aims, ahead : "clock" or "path", see `AIMS`; [m] of the path at most, for "path".
     """
 
     hand_mass: float = 1.2
@@ -63,6 +65,8 @@ class Person:
     spasm_rate: float = 0.15
     spasm_force: float = 5.0
     spasm_time: float = 0.3
+    aims: Aims = "clock"
+    ahead: float = 0.01
 
 
 class SimulatedPerson:

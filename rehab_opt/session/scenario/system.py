@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
+from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.participant import arm_of
@@ -41,14 +42,20 @@ class ScenarioSystem(System[ScenarioProblem, ScenarioOutcome]):
     def check(self, loaded: ProblemFile[ScenarioProblem]) -> tuple[str, ...]:
         """Builds arm, robot and the force's bounds, reads recordings, learns; the run sees where the task lies."""
         on_plant(loaded, None)
-        arm = loaded.problem.arm
-        for name in ("comfortable", "reachable"):
-            arm_of(arm.side, arm.segments, getattr(arm, name), file=loaded.file)
+        self.arms(loaded)
         robot_model_of(loaded)
         check_bounds(loaded, solver=None)
         path, notes = given_path(loaded)
         led = learnt(loaded, path)
         return (*notes, *(() if led is None else led.notes))
+
+    def arms(self, loaded: ProblemFile[ScenarioProblem]) -> dict[str, SerialChain]:
+        """The arm within what is comfortable, and within what can be helped."""
+        arm = loaded.problem.arm
+        return {
+            name: arm_of(arm.side, arm.segments, getattr(arm, name), file=loaded.file)
+            for name in ("comfortable", "reachable")
+        }
 
     def run(
         self, loaded: ProblemFile[ScenarioProblem], *, options: Mapping[str, str], progress: Progress

@@ -121,8 +121,6 @@ def _groups(mode: Mode, *, pairs: bool) -> list[tuple[str, list[tuple[str, Cell]
         clinical.append(("time on target, %", _percent("time_on_target_share")))
     if not holds:
         clinical.insert(1, ("smoothness (SPARC; nearer 0 is smoother)", _number("smoothness_sparc")))
-    if mode == "follow":
-        clinical.append(("path that the hand came by, %", _percent("reference_covered_share")))
     if holds:
         clinical.append(("points reached, %", _percent("goals_reached_share")))
     law: list[tuple[str, Cell]] = [
@@ -144,6 +142,9 @@ def _groups(mode: Mode, *, pairs: bool) -> list[tuple[str, list[tuple[str, Cell]
         ("Clinical measures", clinical),
         ("Workspace and law", law),
     ]
+    if mode == "follow":
+        headings.insert(0, ("The path", [("covered, in order, %", _percent("reference_covered_share"))]))
+        headings[1] = ("Deviation from the place of the path that is due", deviation)
     if pairs:
         headings.insert(-1, ("Helper and participant", pair))
     return headings

@@ -6,10 +6,10 @@ from typing import Annotated, Literal
 
 from pydantic import Discriminator, Field, Tag
 
+from rehab_opt.session.arm_keys import ArmSection
 from rehab_opt.session.schema import (
     NAME,
     TABLE,
-    ArmSection,
     PlacementSection,
     Positive,
     Problem,

@@ -8,15 +8,19 @@ from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING
 
 from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.participant import participant_arm
 from rehab_opt.session.placed_recording import placed_recording
+from rehab_opt.session.recording_size import size_note
 from rehab_opt.session.solver_option import checked_solver, solver_refusals
 from rehab_opt.session.systems import Column, Needed, System
+from rehab_opt.session.upper_limb.in_reach import reach_note
 from rehab_opt.session.upper_limb.laws import LAWS, follower
 from rehab_opt.session.upper_limb.outcome import ArmOutcome
 from rehab_opt.session.upper_limb.problem import UpperLimb
+from rehab_opt.session.workspaces.sections import ranges_by_name
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -40,14 +44,20 @@ class UpperLimbSystem(System[UpperLimb, ArmOutcome]):
     def check(self, loaded: ProblemFile[UpperLimb]) -> tuple[str, ...]:
         """Reads the recording and builds the laws."""
         problem = loaded.problem
-        arm = participant_arm(problem.arm, file=loaded.file)
-        recording, _ = placed_recording(
+        (arm,) = self.arms(loaded).values()
+        recording, path = placed_recording(
             loaded, problem.recording, problem.placement, side=problem.arm.side, rate=problem.run.rate_hz
         )
         with _refusals(loaded, None):
             for law in LAWS:
                 follower(law, arm, problem, file=loaded.file)
-        return recording.notes
+        return (*recording.notes, size_note(recording), reach_note(arm, path, handle_tilt=problem.arm.handle_tilt_deg))
+
+    def arms(self, loaded: ProblemFile[UpperLimb]) -> dict[str, SerialChain]:
+        """The participant's one."""
+        section = loaded.problem.arm
+        (name,) = ranges_by_name(section.range_of_motion)
+        return {name: participant_arm(section, file=loaded.file)}
 
     def run(self, loaded: ProblemFile[UpperLimb], *, options: Mapping[str, str], progress: Progress) -> ArmOutcome:
         """Options: `law` ("optimised", "published", "both") and `solver` of the optimised one."""

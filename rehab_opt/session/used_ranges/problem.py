@@ -17,14 +17,17 @@ Zero = Annotated[
 ]
 
 
+TaskName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9-]{0,19}$")]
+
+
 class RecordedSection(Section):
     """Whose reaches: the files of Vanmechelen et al. in one folder."""
 
     folder: str = Field(min_length=1)
-    """Folder of the files `RF_MEAN_*.csv` and `RGV_MEAN_*.csv` (Vanmechelen et al.), beside the problem file or
-    `data:folder`."""
-    tasks: Annotated[list[Literal["RF", "RGV"]], Field(min_length=1, max_length=2), Once] = Field(default=["RF", "RGV"])
-    """Reach forwards; reach and grasp a vertical object."""
+    """Folder of the files `RF_MEAN_*.csv` and `RGV_MEAN_*.csv` (Vanmechelen et al.), or of other tasks; beside the
+    problem file, or `data:folder`."""
+    tasks: Annotated[list[TaskName], Field(min_length=1, max_length=12), Once] = Field(default=["RF", "RGV"])
+    """What the names of files begin with; reach forwards, and reach and grasp a vertical object."""
     cover: float = Field(default=0.5, ge=0.5, le=1)
     """Share of a group's limbs whose own limits lie within the group's: 0.5 is a typical limb, 1 all of them
     together."""

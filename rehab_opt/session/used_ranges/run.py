@@ -13,7 +13,7 @@ from rehab_opt.kinematics.human_arm import human_arm
 from rehab_opt.session.cp_reach import ReachGroup, reach_groups
 from rehab_opt.session.files import ProblemFile, recording_path
 from rehab_opt.session.outcome import Progress
-from rehab_opt.session.reach_rows import GROUPS, TASKS
+from rehab_opt.session.reach_rows import GROUPS, task_title
 from rehab_opt.session.systems import Needed
 from rehab_opt.session.used_ranges.outcome import GroupResult, UsedRangesOutcome
 from rehab_opt.session.used_ranges.problem import UsedRangesProblem, VariationSection
@@ -46,7 +46,7 @@ def run_used_ranges(loaded: ProblemFile[UsedRangesProblem], *, progress: Progres
             group = groups[task, name]
             of_task.append(
                 GroupResult(
-                    label=f"{TASKS[task]}, {name}",
+                    label=f"{task_title(task)}, {name}",
                     group=group,
                     reached=_reached(problem.arm, group, file=loaded.file),
                     shares=_shares(problem.arm, group, problem.variation),
@@ -77,7 +77,7 @@ def needed_files(problem: UsedRangesProblem) -> tuple[Needed, ...]:
     """The files of every angle that the model needs."""
     return tuple(
         Needed("recorded.folder", f"{problem.recorded.folder}/{task}_MEAN_{angle.column}.csv")
-        for task in TASKS
+        for task in problem.recorded.tasks
         for angle in CLINICAL_ANGLES
     )
 
@@ -94,6 +94,7 @@ def groups_of(loaded: ProblemFile[UsedRangesProblem]) -> dict[tuple[str, str], R
     zero = recorded.pronation_zero_deg
     return reach_groups(
         Path(files[0]).parent,
+        tasks=recorded.tasks,
         cover=recorded.cover,
         pronation_zero="grasp" if isinstance(zero, str) else math.radians(zero),
     )

@@ -13,7 +13,7 @@ from rich.text import Text
 
 from rehab_opt.kinematics.human_arm import ARM_JOINTS
 from rehab_opt.session.drawing import GRID, MM, REFERENCE, framed, legend_below
-from rehab_opt.session.reach_rows import GROUPS, TASKS
+from rehab_opt.session.reach_rows import GROUPS, task_title
 from rehab_opt.session.used_ranges.outcome import GroupResult, UsedRangesOutcome
 from rehab_opt.session.workspaces.reached import handle_words, plane_words
 from rehab_opt.session.workspaces.region_drawing import (
@@ -56,7 +56,7 @@ def _ranges(outcome: UsedRangesOutcome) -> Figure:
         axes.use_sticky_edges = False  # a bar that ends at the frame might go on behind it
         axes.set_yticks(range(len(ARM_JOINTS)), [joint.replace("_", " ") for joint in ARM_JOINTS])
         axes.set_xlabel("angle of the model's joint [deg]")
-        axes.set_title(TASKS[task], fontsize=10)
+        axes.set_title(task_title(task), fontsize=10)
         axes.grid(**GRID)
         axes.set_axisbelow(True)
     panels[0].invert_yaxis()
@@ -75,7 +75,7 @@ def _workspaces(outcome: UsedRangesOutcome) -> Figure:
         for k, of in enumerate(of_task):
             draw_region(axes, of.reached.workspace, SET_STYLES[k], label=GROUPS[k])
         areas = (region_label(GROUPS[k], of.reached.workspace) for k, of in enumerate(of_task))
-        _finish(axes, outcome, "\n".join((TASKS[task], *areas)))
+        _finish(axes, outcome, "\n".join((task_title(task), *areas)))
     legend_below(figure, panels[0], 3)
     return figure
 
@@ -129,7 +129,7 @@ def table(outcome: UsedRangesOutcome) -> Table:
     for task, of_task in outcome.tasks.items():
         groups = [outcome.metrics["groups"][of.label] for of in of_task]
         grid.add_section()
-        grid.add_row(Text(f"{TASKS[task]}: range used, deg", style="bold"))
+        grid.add_row(Text(f"{task_title(task)}: range used, deg", style="bold"))
         for joint in ARM_JOINTS:
             used = (numbers["range_used"][f"{joint}_deg"] for numbers in groups)
             grid.add_row(f"   {joint.replace('_', ' ')}", *(f"{of['lower']:.0f} to {of['upper']:.0f}" for of in used))

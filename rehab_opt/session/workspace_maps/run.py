@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.errors import ConfigurationError, ProblemFileError
+from rehab_opt.session.arm_keys import RangeOfMotion
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.placed_recording import placed_recording
 from rehab_opt.session.recording import Recording
-from rehab_opt.session.schema import RangeOfMotion
 from rehab_opt.session.workspace_maps.metrics import direction_metrics, mapped_set_metrics
 from rehab_opt.session.workspace_maps.outcome import CarriedPath, MadeMap, MapDirection, MapOutcome, MappedSet
 from rehab_opt.session.workspace_maps.problem import MapSection, TrajectorySection, WorkspaceMapProblem

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.participant import arm_of
+from rehab_opt.session.recording_size import size_note
 from rehab_opt.session.systems import Needed, System
 from rehab_opt.session.workspace_maps.outcome import MapOutcome
 from rehab_opt.session.workspace_maps.problem import WorkspaceMapProblem
@@ -34,7 +35,9 @@ class WorkspaceMapSystem(System[WorkspaceMapProblem, MapOutcome]):
             said = arm_of_set(loaded.problem, end)
             arm_of(said.section.side, said.section.segments, said.ranges, file=loaded.file, key=said.key)
         recordings = [placed_trajectory(loaded, i)[0] for i in range(len(loaded.problem.trajectory))]
-        return tuple(f"{recording.file}: {note}" for recording in recordings for note in recording.notes)
+        return tuple(
+            f"{recording.file}: {note}" for recording in recordings for note in (*recording.notes, size_note(recording))
+        )
 
     def run(
         self, loaded: ProblemFile[WorkspaceMapProblem], *, options: Mapping[str, str], progress: Progress

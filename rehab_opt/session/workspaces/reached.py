@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.session.arm_keys import RangeOfMotion
 from rehab_opt.session.participant import arm_of
-from rehab_opt.session.schema import RangeOfMotion
 from rehab_opt.session.workspaces.sections import ArmInPlane
 from rehab_opt.workspace.placement import ShoulderPlacement
 from rehab_opt.workspace.reach import planar_workspace

@@ -8,36 +8,17 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Discriminator, Field, Tag
 from pydantic_core import PydanticCustomError
 
-from rehab_opt.session.schema import (
-    NAME,
-    NAMED,
-    TABLE,
-    Length,
-    RangeOfMotion,
-    Section,
-    SegmentsSection,
-    Side,
-    Triple,
-)
+from rehab_opt.session.arm_keys import OneRange, OwnRange, RangeOfMotion, SegmentsSection, form_of_range
+from rehab_opt.session.schema import NAME, NAMED, TABLE, Length, Section, Side, Triple
 
 __all__ = ["AnyTilt", "ArmInPlane", "ArmOfOneRange", "ArmOfRanges", "NamedRanges", "OneRange", "ranges_by_name"]
 
 LONGEST_NAME = 40
 
-TABLE_I = Literal["regular", "restricted"]
-OwnRange = Annotated[TABLE_I, Tag(NAME)] | Annotated[RangeOfMotion, Tag(TABLE)]
-
-
-def _form_of_one(value: object) -> str:
-    return TABLE if isinstance(value, dict | RangeOfMotion) else NAME
-
 
 def _form(value: object) -> str:
-    if isinstance(value, RangeOfMotion):
-        return TABLE
-    if not isinstance(value, Mapping):
-        return NAME
-    return TABLE if any(str(key).endswith("_deg") for key in value) else NAMED
+    own = not isinstance(value, Mapping) or "convention" in value or any(str(key).endswith("_deg") for key in value)
+    return form_of_range(value) if own else NAMED
 
 
 def _named_well(name: str) -> str:
@@ -46,8 +27,6 @@ def _named_well(name: str) -> str:
     return name
 
 
-OneRange = Annotated[OwnRange, Discriminator(_form_of_one)]
-"""Table I's name, or a table of the eight joints."""
 RangeName = Annotated[str, AfterValidator(_named_well)]
 NamedRanges = Annotated[
     OwnRange | Annotated[dict[RangeName, OneRange], Field(min_length=1, max_length=12), Tag(NAMED)],

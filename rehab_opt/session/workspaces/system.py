@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.participant import arm_of
@@ -24,10 +25,16 @@ class WorkspaceSystem(System[WorkspaceProblem, WorkspaceOutcome]):
 
     def check(self, loaded: ProblemFile[WorkspaceProblem]) -> tuple[str, ...]:
         """Builds the arms."""
-        arm = loaded.problem.arm
-        for limits in ranges_by_name(arm.range_of_motion).values():
-            arm_of(arm.side, arm.segments, limits, file=loaded.file)
+        self.arms(loaded)
         return ()
+
+    def arms(self, loaded: ProblemFile[WorkspaceProblem]) -> dict[str, SerialChain]:
+        """An arm for each range of motion."""
+        arm = loaded.problem.arm
+        return {
+            name: arm_of(arm.side, arm.segments, limits, file=loaded.file)
+            for name, limits in ranges_by_name(arm.range_of_motion).items()
+        }
 
     def run(
         self, loaded: ProblemFile[WorkspaceProblem], *, options: Mapping[str, str], progress: Progress

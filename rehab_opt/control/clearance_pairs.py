@@ -1,0 +1,336 @@
+"""Pairs of bodies of one arm and its room: their distances, and the nearest contacts as rows, as functions.
+
+Every function takes joint positions q (n,), the moving capsules (14 k,) as `moving_numbers` gives them, and the time
+[s] for which those move on. Pairs of a kind are mapped over one small function, so that code does not grow with them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.control.clearance import Clearance
+from rehab_opt.control.contacts import CONTACT, CONTACTS, FAR, ball_above, capsule_and_box, capsule_and_capsule
+from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.kinematics.room import MOVING
+from rehab_opt.optim.certificate import all_true
+
+__all__ = ["ClearancePairs", "linked_pairs"]
+
+Array = NDArray[np.float64]
+
+SAMPLES = 200
+"""Random postures within the joint limits at which links are looked at."""
+MOSTLY = 0.5
+"""Share of them from which links that overlap belong together, as neighbours do."""
+SAME = 1e-9
+"""[m] A motion that is rounding."""
+ALIKE = 1e-7
+"""[m, 1] Largest difference of normal and moment of contacts that are one."""
+LATER = 0.01
+"""[m] Contacts besides a pair's nearest are ranked as if they were further by this: each pair's own comes first."""
+THERE = MOVING - 1
+"""Which number of a moving capsule says that there is one."""
+
+
+class Kind(NamedTuple):
+    """Functions of one pair's column of numbers."""
+
+    distance: ca.Function
+    contacts: ca.Function
+
+
+def _kinds() -> tuple[Kind, Kind]:
+    """Two capsules, from a column of 19 numbers; a capsule and a box, from one of 22."""
+    c, b = ca.SX.sym("column", 19), ca.SX.sym("column", 22)
+    of_capsules = capsule_and_capsule((c[:3], c[3:6]), (c[6:9], c[9:12]), c[18], (c[12:15], c[15:18]))
+    of_boxes = capsule_and_box((b[:3], b[3:6]), ca.reshape(b[6:15], 3, 3), b[15:18], b[18:21], b[21])
+    made = []
+    for name, column, (distance, contacts) in (("of_capsules", c, of_capsules), ("of_box", b, of_boxes)):
+        keys = ca.if_else(contacts[0, :] <= ca.mmin(contacts[0, :]), contacts[0, :], ca.fmax(contacts[0, :], 0) + LATER)
+        outputs = {"distance": distance, "contacts": ca.vertcat(contacts, keys)}
+        made.append(
+            Kind(
+                *(
+                    ca.Function(f"{what}_{name}", [column], [ca.densify(each)], {"cse": True})
+                    for what, each in outputs.items()
+                )
+            )
+        )
+    return made[0], made[1]
+
+
+KINDS = _kinds()
+
+
+@dataclass(frozen=True, eq=False)
+class ClearancePairs:
+    """The pairs of a checked `Clearance` and a chain.
+
+    A link that no joint moves, a base or one that turns about its own axis, keeps clear of other links alone.
+    """
+
+    clearance: Clearance
+    chain: SerialChain
+
+    @cached_property
+    def names(self) -> tuple[tuple[str, str], ...]:
+        """Both bodies of every pair, in the order of `distances`: before a plane, of every end that comes and goes."""
+        given, links = self.clearance, self.chain.capsules
+        others = [*(each.name for each in given.capsules), *(f"moving {i}" for i in range(given.moving))]
+        free = [links[i].name for i in self.free]
+        pairs = [(links[i].name, links[j].name) for i, j in self.linked]
+        pairs += [(link, other) for link in free for other in others]
+        pairs += [(link, box.name) for link in free for box in given.boxes]
+        return (*pairs, *((links[i].name, f"plane {j}") for i, _, j in self._before_planes))
+
+    @cached_property
+    def slots(self) -> int:
+        """Number of contacts that have rows."""
+        contacts = self._spans_of_balls.shape[1] + CONTACTS * sum(self._looked_at)
+        return int(min(self.clearance.slots, contacts))
+
+    @property
+    def size(self) -> int:
+        """Numbers of the column of `nearest`."""
+        return self.slots * (self.chain.n + 2)
+
+    @property
+    def told(self) -> int:
+        """Numbers of the moving capsules."""
+        return MOVING * self.clearance.moving
+
+    @cached_property
+    def distances(self) -> ca.Function:
+        """Q, moving capsules, time -> distance of every pair less the margin [m]."""
+        q, told, time = ca.MX.sym("q", self.chain.n), ca.MX.sym("moving", self.told), ca.MX.sym("time")
+        *columns, _, heights, _ = self._placed(q, told, time)
+        apart = [each for cells, kind in zip(columns, KINDS, strict=True) for each in _mapped(kind.distance, cells)]
+        return ca.Function("distances", [q, told, time], [ca.vertcat(*(each.T for each in apart), heights)])
+
+    @cached_property
+    def nearest(self) -> ca.Function:
+        """Q, last velocity, moving capsules, time -> the nearest contacts in one column, see `read`.
+
+        The contacts are those of half the time on, where q and the last velocity lead by then, but for their
+        distances, which are led back from there. Of every kind, pairs that are not among the nearest are left out.
+        """
+        n, k = self.chain.n, self.slots
+        q, last = ca.MX.sym("q", n), ca.MX.sym("last", n)
+        told, time = ca.MX.sym("moving", self.told), ca.MX.sym("time")
+        *columns, balls, _, screws = self._placed(q + last * time / 2, told, time / 2)
+        contacts, spans = [ca.vertcat(balls, balls[0, :])], [ca.MX(ca.DM(self._spans_of_balls))]
+        for every, kind, looked_at, span in zip(columns, KINDS, self._looked_at, self._spans, strict=True):
+            if not looked_at:
+                continue
+            cells, joints = every, ca.MX(ca.DM(span))
+            if looked_at < cells.size2():
+                which = _least(cells.size2(), looked_at)(_mapped(kind.distance, cells)[0].T)
+                cells, joints = cells[:, which], joints[:, which]
+            contacts.append(ca.reshape(_mapped(kind.contacts, cells)[0], CONTACT + 1, -1))
+            spans.append(ca.reshape(ca.repmat(joints, CONTACTS, 1), 2, -1))
+        near, joints = ca.horzcat(*contacts), ca.horzcat(*spans)
+        which = _least(near.size2(), k)(near[CONTACT, :].T)
+        column = self._rows(k)(near[:CONTACT, which], joints[:, which], screws, last, time)
+        return ca.Function("nearest", [q, last, told, time], [column])
+
+    def read(self, column: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Of a column of `nearest`: distances less the margin (k,), slopes (k, n), and how fast they change besides."""
+        k = self.slots
+        return column[:k], ca.reshape(column[2 * k :], k, self.chain.n), column[k : 2 * k]
+
+    # --------------------------------------------------------------------------------------------- which pairs
+    @cached_property
+    def free(self) -> tuple[int, ...]:
+        """Links that some joint moves."""
+        moved = np.ptp(_places(self.chain, 5), axis=0).reshape(len(self.chain.capsules), -1).max(axis=1) > SAME
+        return tuple(int(i) for i in np.flatnonzero(moved))
+
+    @cached_property
+    def linked(self) -> tuple[tuple[int, int], ...]:
+        """Pairs of links, the one that more joints move first."""
+        return linked_pairs(self.chain, self.clearance)
+
+    @cached_property
+    def _looked_at(self) -> tuple[int, int]:
+        """Of how many pairs of capsules, and of capsules and boxes, contacts are looked for."""
+        most = self.clearance.slots
+        return min(self._spans[0].shape[1], most), min(self._spans[1].shape[1], max(1, most // 2))
+
+    @cached_property
+    def _spans(self) -> tuple[Array, Array]:
+        """(2, pairs) of each pair the first joint that moves one body against the other, and the first beyond those."""
+        frames = [min(each.frame, self.chain.n) for each in self.chain.capsules]
+        given = self.clearance
+        linked = [(frames[j], frames[i]) for i, j in self.linked]
+        round_, boxed = (
+            [(0, frames[i]) for i in self.free for _ in range(count)]
+            for count in (len(given.capsules) + given.moving, len(given.boxes))
+        )
+        return _pairs_of_numbers([*linked, *round_]), _pairs_of_numbers(boxed)
+
+    @cached_property
+    def _spans_of_balls(self) -> Array:
+        """The same of the links' ends before planes."""
+        frames = [min(self.chain.capsules[i].frame, self.chain.n) for i, _, _ in self._before_planes]
+        return _pairs_of_numbers([(0, frame) for frame in frames])
+
+    @cached_property
+    def _before_planes(self) -> tuple[tuple[int, int, int], ...]:
+        """Link, end and plane, where some joint changes the height of that end above that plane."""
+        places, planes = _places(self.chain, 5), self.clearance.planes
+        return tuple(
+            (i, end, j)
+            for i in self.free
+            for j, plane in enumerate(planes)
+            for end in range(2 if self.chain.capsules[i].start != self.chain.capsules[i].end else 1)
+            if np.ptp(places[:, i, end] @ np.array(plane.normal)) > SAME
+        )
+
+    # ---------------------------------------------------------------------------------------------- expressions
+    @cached_property
+    def _placed(self) -> ca.Function:
+        """Q, moving, time -> columns of capsule pairs, of pairs with boxes, contacts with planes, heights; screws."""
+        chain, given = self.chain, self.clearance
+        q, told, time = ca.SX.sym("q", chain.n), ca.SX.sym("moving", self.told), ca.SX.sym("time")
+        frames, links, margin = chain.frames_expression(q), chain.capsules, given.margin
+        ends = _ends(chain, frames)
+        still = ca.SX.zeros(6)
+        others = [
+            (ca.SX(ca.vertcat(ca.DM(each.start), ca.DM(each.end))), still, ca.SX(each.radius))
+            for each in given.capsules
+        ]
+        for i in range(given.moving):
+            one = told[MOVING * i : MOVING * (i + 1)]
+            absent = FAR * (1 - one[THERE])
+            others.append((one[:6] + time * one[6:12], one[6:12], one[12] - absent))
+        capsules = [
+            ca.vertcat(*ends[i], *ends[j], still, links[i].radius + links[j].radius + given.self_margin)
+            for i, j in self.linked
+        ]
+        capsules += [
+            ca.vertcat(*ends[i], other, speeds, links[i].radius + radius + margin)
+            for i in self.free
+            for other, speeds, radius in others
+        ]
+        boxes = [
+            ca.vertcat(
+                *ends[i], ca.vec(ca.DM(np.array(box.turn))), ca.DM(box.centre), ca.DM(box.size) / 2,
+                links[i].radius + margin,
+            )
+            for i in self.free
+            for box in given.boxes
+        ]  # fmt: skip
+        balls = [
+            ball_above(
+                ends[i][end], ca.DM(given.planes[j].normal), ca.SX(given.planes[j].offset + links[i].radius + margin)
+            )
+            for i, end, j in self._before_planes
+        ]
+        heights = ca.vertcat(ca.SX(0, 1), *(height for height, _ in balls))
+        touching = ca.horzcat(ca.SX(CONTACT, 0), *(contact for _, contact in balls))
+        outputs = [
+            ca.horzcat(ca.SX(19, 0), *capsules), ca.horzcat(ca.SX(22, 0), *boxes), touching, heights,
+            self._screws(frames),
+        ]  # fmt: skip
+        return ca.Function("placed", [q, told, time], [ca.densify(each) for each in outputs], {"cse": True})
+
+    def _screws(self, frames: list[ca.SX]) -> ca.SX:
+        """(6, n) of each joint how unit speed turns and shifts what it moves, about the base frame's origin."""
+        columns = []
+        for row, frame in zip(self.chain.rows, frames, strict=False):
+            axis = frame[:3, 2]
+            turn, shift = (ca.SX.zeros(3), axis) if row.prismatic else (axis, ca.cross(frame[:3, 3], axis))
+            columns.append(ca.vertcat(turn, shift))
+        return ca.horzcat(*columns)
+
+    def _rows(self, k: int) -> ca.Function:
+        """Contacts (8, k), their joints (2, k), screws, last velocity, time -> distances, what they change, slopes."""
+        n = self.chain.n
+        contacts, spans, screws = ca.SX.sym("contacts", CONTACT, k), ca.SX.sym("spans", 2, k), ca.SX.sym("screws", 6, n)
+        last, time = ca.SX.sym("last", n), ca.SX.sym("time")
+        slopes, changes, distances = [], [], []
+        for j in range(k):
+            distance, normal, moment, speed = ca.vertsplit(contacts[:, j], [0, 1, 4, 7, 8])
+            # Links that meet in a joint have an end in common: stated twice, its rows would depend on each other.
+            seen = [ca.sumsqr(contacts[1:7, j] - contacts[1:7, i]) < ALIKE**2 for i in range(j)]
+            there = all_true(distance < FAR / 2, *(ca.logic_not(each) for each in seen))
+            slope = screws.T @ ca.vertcat(moment, normal)
+            moves = [ca.logic_and(ca.logic_and(i >= spans[0, j], i < spans[1, j]), there) for i in range(n)]
+            moves = [ca.logic_and(moves[i], ca.fabs(slope[i]) > SAME) for i in range(n)]  # no joint acts on rounding
+            slopes.append(ca.vertcat(*(ca.if_else(moves[i], slope[i], 0) for i in range(n))))
+            changes.append(ca.if_else(there, -speed, 0))
+            distances.append(ca.if_else(there, distance, FAR) - (ca.dot(slopes[-1], last) + changes[-1]) * time / 2)
+        column = ca.vertcat(*distances, *changes, ca.vec(ca.horzcat(*slopes).T))
+        return ca.Function("rows", [contacts, spans, screws, last, time], [ca.densify(column)], {"cse": True})
+
+
+def linked_pairs(chain: SerialChain, clearance: Clearance) -> tuple[tuple[int, int], ...]:
+    """Which links keep clear of each other, by their numbers, the one that more joints move first.
+
+    Where none are named: those that are neither of one frame nor of frames next to each other, and that overlap at less
+    than half of random postures within the joint limits.
+    """
+    links = chain.capsules
+    every = [(i, j) if links[i].frame >= links[j].frame else (j, i) for i in range(len(links)) for j in range(i)]
+    if clearance.pairs is not None:
+        named = {frozenset(pair) for pair in clearance.pairs}
+        return tuple(
+            (i, j)
+            for i, j in every
+            if frozenset((links[i].name, links[j].name)) in named and links[i].frame != links[j].frame
+        )
+    apart = [(i, j) for i, j in every if links[i].frame - links[j].frame > 1]
+    if not apart:
+        return ()
+    places, found, still = _places(chain, SAMPLES), [], np.zeros((SAMPLES, 6))
+    for i, j in apart:
+        radii = np.full((SAMPLES, 1), links[i].radius + links[j].radius)
+        columns = np.hstack([places[:, i].reshape(SAMPLES, 6), places[:, j].reshape(SAMPLES, 6), still, radii])
+        if np.mean(np.array(KINDS[0].distance.map(SAMPLES)(columns.T)) < 0) < MOSTLY:
+            found.append((i, j))
+    return tuple(found)
+
+
+def _ends(chain: SerialChain, frames: list[ca.SX]) -> list[tuple[ca.SX, ca.SX]]:
+    """(3,), (3,) [m] of each link's segment."""
+    places = [(frames[each.frame][:3, :3], frames[each.frame][:3, 3], each) for each in chain.capsules]
+    return [(turn @ ca.DM(link.start) + origin, turn @ ca.DM(link.end) + origin) for turn, origin, link in places]
+
+
+def _places(chain: SerialChain, count: int) -> Array:
+    """(count, links, 2, 3) [m] ends of the links at random postures within the joint limits, at most a turn of each."""
+    q = ca.SX.sym("q", chain.n)
+    ends = ca.vertcat(*(end for both in _ends(chain, chain.frames_expression(q)) for end in both))
+    lower, upper = np.maximum(chain.lower, -np.pi), np.minimum(chain.upper, np.pi)
+    drawn = np.random.default_rng(0).uniform(np.minimum(lower, chain.upper), np.maximum(upper, lower), (count, chain.n))
+    places = np.array(ca.Function("places", [q], [ca.densify(ends)]).map(count)(drawn.T))
+    return places.T.reshape(count, len(chain.capsules), 2, 3)
+
+
+def _mapped(function: ca.Function, cells: ca.MX) -> list[ca.MX]:
+    """What a function gives for every column, side by side; nothing of none."""
+    return [function.map(cells.size2())(cells)] if cells.size2() else []
+
+
+def _least(count: int, k: int) -> ca.Function:
+    """Column -> which k are the least of it, the least first."""
+    column = ca.SX.sym("column", count)
+    keys, which = [ca.SX(2 * FAR)] * k, [ca.SX(0)] * k
+    for i in range(count):
+        key, index = column[i], ca.SX(i)
+        for j in range(k):
+            less = key < keys[j]
+            keys[j], key = ca.if_else(less, key, keys[j]), ca.if_else(less, keys[j], key)
+            which[j], index = ca.if_else(less, index, which[j]), ca.if_else(less, which[j], index)
+    return ca.Function(f"least_{k}_of_{count}", [column], [ca.vertcat(*which)])
+
+
+def _pairs_of_numbers(pairs: list[tuple[int, int]]) -> Array:
+    """(2, len(pairs))"""
+    return np.array(pairs, dtype=np.float64).reshape(-1, 2).T

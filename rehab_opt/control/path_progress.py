@@ -1,0 +1,170 @@
+"""How far along a path a hand has come, as a state that only goes on: one function of numbers, for Python and C.
+
+A spring S leads the hand x to the place p(s) of the path (s [m] of its length); S (x - p) is what the person's push f
+makes of it. In every tick the progress s becomes
+
+    argmin  1/2 S |x - p(sigma)|^2 - w (sigma - s),    s <= sigma <= s + 2 widths,
+
+the place ahead at which the spring's energy, less the work of a drive w [N], is least. The drive grows while the spring
+is stretched by a push f, of whatever direction, that some place of the path ahead answers to,
+
+    w' = (|f| - f_0) / T    where f.(p(sigma) - p(s)) > f_0 exp(-t / 0.5 s) (sigma - s) for a sigma <= s + 40 widths,
+
+t being how long the push has lasted since s went on by a width: on the way there the push does more work than f_0 would
+along all of it, and that counts the less, the longer the person insists. T is 0.06 s. The drive is forgotten as s goes
+on (by a factor e in each width) and where there is no such push (in 0.2 s).
+
+**Why a steady push cannot hold a hand whose person means to go on.** Let the person push steadily by f, |f| > f_0,
+towards any place of the next 40 widths, f.(p(sigma) - p(s)) > 0, and let hand and progress stand. After a finite time
+the place answers. Then f = S (x - p(s)), and for small ways d along the path the energy changes by at most
+(|f| - w) d + 1/2 S d^2, whatever the direction of f: by |f| d where it points straight back. But w grows by
+(|f| - f_0) / T, so that after T |f| / (|f| - f_0) seconds more it exceeds |f|, and s goes on: to the tip of a hairpin
+against the push, round a loop away from it, through a cusp, along a stretch gone twice. At a crossing or an overlap
+other branches do not come in at all: they are further than two widths along the path. Each width takes such a time at
+most, as long as the spring need not pull harder than the force limit. A push back along a path that does not return is
+answered by no place ahead: there the drive stays zero, so that a person who has stopped is not led on, and neither is
+one who pushes by less than f_0.
+
+**What it cannot see** is the intention. A push back into a loop of the path is taken for the wish to have passed it, so
+that a person who lags behind the hand among small loops may be led on further ahead. A push that no place ahead answers
+to may be the wish to leave: where the hand has stood under more than 0.3 of the force limit for 1.5 s, with less
+progress than a width, the force fades within 0.3 s, in whatever direction the hand is pushed, and stays away until the
+hand comes within a width of a place at least a width further on: the first of these along the path. So a hand is never
+led back to an earlier loop, and a later one that it has come to takes it in.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import casadi as ca
+
+from rehab_opt.field.potential import SAMPLES_PER_WIDTH
+from rehab_opt.optim.certificate import all_true, clipped
+from rehab_opt.symbolic.record import Record, Values
+
+__all__ = ["AHEAD", "PATH_MODEL", "PLACES", "PROGRESS", "SEARCHED", "progress_function"]
+
+PATH_MODEL = Record(stiffness=1, spacing=1, last=1, force_limit=1, push=1, speed_cap=1, dt=1)
+"""S [N/m]; length between samples [m]; number of the last one; [N]; f_0 [N]; [m/s]; tick [s]."""
+PROGRESS = Record(at=1, drive=1, pushed=1, stood=1, mark=1, grip=1, away=1, looked=1, place=2, along=2)
+"""Progress in samples; w [N]; how long [s] the hand was pushed, and has stood under force, since the progress that is
+marked, in samples; share of the force that is applied; whether the hand is let go; the sample from which on it is
+looked for; the place p(s) [m] and the path's direction there."""
+WINDOW = 2.0
+"""Widths ahead within which the progress is chosen: a detour shorter than that may be cut."""
+HORIZON = 40.0
+"""Widths ahead within which a place may answer to a push."""
+GROWTH = 0.06
+"""[s] T."""
+INSISTS = 0.5
+"""[s] in which it fades how much work a push must do along the way to a place that answers: f_0 times its length."""
+FORGETS = 0.2
+"""[s] in which a drive that nothing answers to is forgotten."""
+STANDING = 0.3
+"""Share of the force limit above which a hand that stands is held."""
+PATIENCE, FADE = 1.5, 0.3
+"""[s] for which a hand may be held, and in which the force then fades, so that it is gone within 2 s."""
+PIECES, PLACES = math.ceil(WINDOW * SAMPLES_PER_WIDTH), math.ceil(HORIZON * SAMPLES_PER_WIDTH)
+AHEAD, SEARCHED = PLACES + 1, 8 * SAMPLES_PER_WIDTH
+"""Samples from the progress on that a tick looks at, and samples among which it looks for a hand that was let go."""
+
+
+@cache
+def progress_function() -> ca.Function:
+    """One tick of the progress.
+
+    Returns
+    -------
+    `PATH_MODEL`, `PROGRESS`, hand (2,) [m], force on it (2,) [N], x and y of the samples from floor(`at`) on
+    (2, `AHEAD`) [m] and of those from `looked` on (2, `SEARCHED`) [m] -> `PROGRESS`. Beyond the path's end its last
+    point repeats.
+    """
+    model, old = PATH_MODEL.symbols("model"), PROGRESS.symbols("old")
+    hand, force = ca.SX.sym("hand", 2), ca.SX.sym("force", 2)
+    ahead, searched = ca.SX.sym("ahead", 2, AHEAD), ca.SX.sym("searched", 2, SEARCHED)
+    free, first = old.away == 0, ca.floor(old.at)
+    begin = old.at - first
+    here = ahead[:, 0] + begin * (ahead[:, 1] - ahead[:, 0])
+
+    # The drive.
+    push = model.stiffness * (hand - here)
+    size = ca.norm_2(push)
+    pushed = ca.fmax(old.pushed + ca.if_else(size > model.push, model.dt, -model.dt), 0)
+    price = model.push * ca.exp(-pushed / INSISTS) * model.spacing
+    answers = [
+        ca.dot(push, ahead[:, i] - here) > price * (i - begin)
+        for i in range(SAMPLES_PER_WIDTH, PLACES + 1, SAMPLES_PER_WIDTH)
+    ]
+    answered = ca.sum1(ca.vertcat(*answers)) > 0
+    beyond = ca.fmax(size - model.push, 0)
+    drives = all_true(free, answered, beyond > 0, size < model.force_limit)
+    drive = ca.if_else(
+        drives, ca.fmin(old.drive + beyond * model.dt / GROWTH, model.force_limit),
+        old.drive * ca.exp(-model.dt / FORGETS),
+    )  # fmt: skip
+
+    # The progress: exact on each piece of the path between two samples.
+    best, found = ca.sumsqr(hand - here) / 2, old.at  # energies over S
+    gain = drive / model.stiffness * model.spacing  # of a sample further on
+    for i in range(PIECES):
+        way, off = ahead[:, i + 1] - ahead[:, i], hand - ahead[:, i]
+        low = begin if i == 0 else 0
+        share = clipped((ca.dot(off, way) + gain) / (ca.sumsqr(way) + 1e-300), low, 1)
+        energy = ca.sumsqr(off - share * way) / 2 - gain * (i + share - begin)
+        better = all_true(energy < best, first + i < model.last)
+        best, found = ca.if_else(better, energy, best), ca.if_else(better, first + i + share, found)
+    at = ca.if_else(free, ca.fmin(found, old.at + model.speed_cap * model.dt / model.spacing), old.at)
+    drive *= ca.exp((old.at - at) / SAMPLES_PER_WIDTH)
+
+    # Whether the hand stands, and the force must yield.
+    went_on = at - old.mark >= SAMPLES_PER_WIDTH
+    held = ca.norm_2(force) > STANDING * model.force_limit
+    stood = ca.if_else(went_on, 0, ca.fmax(old.stood + ca.if_else(held, model.dt, -model.dt), 0))
+    lets_go = ca.logic_and(free, stood > PATIENCE)
+    away = ca.logic_or(ca.logic_not(free), lets_go)
+    grip = clipped(old.grip + ca.if_else(away, -model.dt, model.dt) / FADE, 0, 1)
+
+    # Where a hand that was let go has come back to.
+    start = ca.fmin(ca.floor(at) + SAMPLES_PER_WIDTH, model.last)
+    back = _first_place(hand, searched, old.looked, start=start, model=model)
+    returns = all_true(ca.logic_not(free), old.grip == 0, back >= 0)
+    further = old.looked + SEARCHED
+    looked = ca.if_else(ca.logic_or(old.grip > 0, further > model.last), start, further)
+    at, away = ca.if_else(returns, back, at), ca.if_else(returns, 0, away)
+    drive, stood = ca.if_else(away, 0, drive), ca.if_else(away, 0, stood)
+    pushed = ca.if_else(ca.logic_or(went_on, away), 0, pushed)
+    mark = ca.if_else(ca.logic_or(went_on, returns), at, old.mark)
+
+    # Place and direction there; of a hand that has come back from the next tick on, when it is first led again.
+    way, corner, share = ahead[:, 1] - ahead[:, 0], ahead[:, 0], clipped(at - first, 0, 1)
+    for i in range(1, PIECES + 1):
+        inside = all_true(at - first >= i, first + i < model.last)
+        way, corner = ca.if_else(inside, ahead[:, i + 1] - ahead[:, i], way), ca.if_else(inside, ahead[:, i], corner)
+        share = ca.if_else(inside, clipped(at - first - i, 0, 1), share)
+    place, along = corner + share * way, way / ca.fmax(ca.norm_2(way), 1e-300)
+    after = PROGRESS.of(
+        at=at,
+        drive=drive,
+        pushed=pushed,
+        stood=stood,
+        mark=mark,
+        grip=grip,
+        away=away,
+        looked=looked,
+        place=place,
+        along=along,
+    )
+    inputs = [model.column, old.column, hand, force, ahead, searched]
+    return ca.Function("path_progress", inputs, [after], {"cse": True})
+
+
+def _first_place(hand: ca.SX, searched: ca.SX, looked: ca.SX, *, start: ca.SX, model: Values) -> ca.SX:
+    """Number of the first sample in order that is within a width of the hand, from `start` on; -1 for none."""
+    within, back = (SAMPLES_PER_WIDTH * model.spacing) ** 2, ca.SX(-1)
+    for i in reversed(range(SEARCHED)):
+        number = looked + i
+        near = all_true(ca.sumsqr(hand - searched[:, i]) <= within, number >= start, number <= model.last)
+        back = ca.if_else(near, number, back)
+    return back

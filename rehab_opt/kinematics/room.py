@@ -1,0 +1,158 @@
+"""Bodies beside a robot: half-spaces and boxes that stand still, capsules that move, and a person's arm."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.chain import SerialChain, per_joint
+from rehab_opt.kinematics.human_arm import ARM_JOINTS
+from rehab_opt.kinematics.real_array import real_array
+from rehab_opt.kinematics.rigid import rigid
+
+__all__ = ["ARM_RADII", "MOVING", "Box", "KeepOut", "MovingCapsule", "arm_capsules", "moving_numbers"]
+
+Array = NDArray[np.float64]
+
+MOVING = 14
+"""Numbers of a moving capsule: its ends, their velocities, its radius, and 1 where there is one."""
+ENDS = (1, 4, 5, 8)
+"""Frames of `human_arm` at shoulder, elbow, wrist and fingers."""
+ARM_RADII = (0.06, 0.05, 0.045)
+"""[m] Assumption: upper arm, forearm and hand of an adult with clothes."""
+
+
+class KeepOut(NamedTuple):
+    """Half-space that the arm stays out of: the side of a plane that its normal points away from."""
+
+    normal: tuple[float, float, float]
+    """Unit normal in the base frame, towards where the arm may be."""
+    offset: float
+    """[m] normal . x of the plane's points."""
+
+    @classmethod
+    def through(cls, point: ArrayLike, normal: ArrayLike) -> KeepOut:
+        """The plane through `point` (3,) [m] that keeps the arm on the side of `normal` (3,), of any length.
+
+        Raises
+        ------
+        ConfigurationError : numbers that are no plane.
+        """
+        try:
+            p, n = (np.array(value, dtype=np.float64) for value in (point, normal))
+        except (TypeError, ValueError, OverflowError) as problem:
+            raise ConfigurationError("point, normal", (point, normal), "three numbers each") from problem
+        if p.shape != (3,) or n.shape != (3,) or not np.all(np.isfinite([p, n])) or not np.linalg.norm(n) > 1e-9:
+            raise ConfigurationError("point, normal", (point, normal), "three finite numbers each, a normal above zero")
+        x, y, z = (float(each) for each in n / np.linalg.norm(n))
+        return cls((x, y, z), float(p @ (x, y, z)))
+
+
+class Box(NamedTuple):
+    """Box that stands still."""
+
+    name: str
+    centre: tuple[float, float, float]
+    """(3,) [m] in the base frame."""
+    size: tuple[float, float, float]
+    """(3,) [m] along its axes."""
+    turn: tuple[tuple[float, float, float], ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    """(3, 3) rotation from its axes to the base frame's."""
+
+    @classmethod
+    def at(cls, name: str, pose: ArrayLike, size: ArrayLike) -> Box:
+        """The box at a pose (4, 4) in the base frame.
+
+        Raises
+        ------
+        ConfigurationError : a pose that is not rigid, or sizes (3,) that are not above zero.
+        """
+        placed, sizes = rigid("pose", pose), per_joint("size", size, 3, finite=True)
+        if not np.all(sizes > 0):
+            raise ConfigurationError("size", size, "three lengths above zero [m]")
+        x, y, z = placed[:3, 3].tolist()
+        a, b, c = sizes.tolist()
+        return cls(name, (x, y, z), (a, b, c), tuple(tuple(row) for row in placed[:3, :3].tolist()))
+
+
+class MovingCapsule(NamedTuple):
+    """Capsule that moves: told anew in each tick, in the base frame."""
+
+    start: ArrayLike
+    """(3,) [m]"""
+    end: ArrayLike
+    """(3,) [m] the start again for a ball."""
+    radius: float
+    """[m]"""
+    start_velocity: ArrayLike = (0.0, 0.0, 0.0)
+    """(3,) [m/s]"""
+    end_velocity: ArrayLike = (0.0, 0.0, 0.0)
+    """(3,) [m/s]"""
+
+
+def moving_numbers(obstacles: Sequence[MovingCapsule] | Array, count: int) -> Array:
+    """(count, 14) moving capsules as inputs of a tick; rows of zeros where there is none.
+
+    Raises
+    ------
+    ConfigurationError : more than `count`, or no capsules. Numbers are judged by the certificate.
+    """
+    if isinstance(obstacles, np.ndarray):
+        if obstacles.shape == (count, MOVING):
+            return obstacles
+        raise ConfigurationError("obstacles", obstacles, f"an array of shape ({count}, {MOVING}), or MovingCapsules")
+    if not isinstance(obstacles, (list, tuple)) or not len(obstacles) <= count:
+        raise ConfigurationError("obstacles", obstacles, f"at most {count} MovingCapsules, as told at construction")
+    numbers = np.zeros((count, MOVING))
+    for i, each in enumerate(obstacles):
+        if not isinstance(each, MovingCapsule):
+            raise ConfigurationError(f"obstacles[{i}]", each, "a MovingCapsule")
+        try:
+            parts = [real_array(part) for part in (each.start, each.end, each.start_velocity, each.end_velocity)]
+            numbers[i] = np.concatenate([*(part.reshape(3) for part in parts), [float(each.radius), 1.0]])
+        except (TypeError, ValueError, OverflowError) as problem:
+            raise ConfigurationError(f"obstacles[{i}]", each, "ends and velocities (3,), and a radius") from problem
+    return numbers
+
+
+def arm_capsules(
+    arm: SerialChain,
+    q: ArrayLike,
+    velocity: ArrayLike = 0.0,
+    *,
+    placement: ArrayLike,
+    radii: tuple[float, float, float] = ARM_RADII,
+) -> tuple[MovingCapsule, MovingCapsule, MovingCapsule]:
+    """Upper arm, forearm and hand of a person, for the `obstacles` of a tick; leave out the hand that the robot leads.
+
+    Parameters
+    ----------
+    arm : a `human_arm`. q : (8,) its posture [rad], measured or estimated. velocity : (8,) or scalar [rad/s].
+    placement : (4, 4) pose of the arm's frame, which lies in its shoulder, in the robot's base frame.
+    radii : [m] of upper arm, forearm and hand; the defaults are assumptions.
+
+    Raises
+    ------
+    ConfigurationError : another chain, arrays of the wrong shape, a placement that is not rigid.
+    """
+    if not isinstance(arm, SerialChain) or arm.names != ARM_JOINTS:
+        raise ConfigurationError("arm", arm, "a human_arm")
+    placed = rigid("placement", placement)
+    posture, rates = per_joint("q", q, arm.n), per_joint("velocity", velocity, arm.n)
+
+    def arm_ends(q: ca.SX, velocity: ca.SX) -> ca.SX:
+        frames = arm.frames_expression(q)
+        ends = ca.vertcat(*(frames[i][:3, 3] for i in ENDS))
+        return ca.vertcat(ends, ca.jtimes(ends, q, velocity))
+
+    ends, speeds = arm._evaluator.of(arm_ends, posture, rates).reshape(2, len(ENDS), 3) @ placed[:3, :3].T
+    ends = ends + placed[:3, 3]
+    upper, fore, hand = (
+        MovingCapsule(ends[i], ends[i + 1], radius, speeds[i], speeds[i + 1]) for i, radius in enumerate(radii)
+    )
+    return upper, fore, hand

@@ -1,0 +1,173 @@
+"""All measures of one trial."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rehab_opt.errors import ConfigurationError
+from rehab_opt.measures.arguments import numbers, positive
+from rehab_opt.measures.noise import noise_of_derivative, white_noise
+from rehab_opt.measures.path import end_error, path_length, path_ratio, range_used, workspace_used
+from rehab_opt.measures.samples import CUT_OFF_HZ, FEWEST, LARGEST_CUT_OFF, evenly_sampled, low_passed
+from rehab_opt.measures.smoothness import dimensionless_jerk, log_dimensionless_jerk, spectral_arc_length
+from rehab_opt.measures.speed import mean_speed, movement_interval, peak_speed, velocity_peaks
+
+__all__ = ["Measure", "Score", "score"]
+
+Array = NDArray[np.float64]
+
+STILL = 1e-3
+"""[m/s] A hand whose fastest moment is slower rests: what is seen of it is noise."""
+AXES = "xyz"
+
+
+class Measure(NamedTuple):
+    """One number of one trial; NaN where there is none, and a note of the score says why."""
+
+    name: str
+    value: float
+    unit: str
+
+
+class Score(NamedTuple):
+    """What was measured of a trial, its movement (M, d) [m] without the rest before and after, and what to know."""
+
+    measures: tuple[Measure, ...]
+    movement: Array
+    notes: tuple[str, ...]
+
+
+def score(
+    time: ArrayLike,
+    points: ArrayLike,
+    *,
+    target: ArrayLike | None = None,
+    joints: Mapping[str, ArrayLike] | None = None,
+    cutoff_hz: float = CUT_OFF_HZ,
+    threshold: float = 0.05,
+) -> Score:
+    """Every measure of one trial: made even, low-passed, cut to its movement, measured.
+
+    Parameters
+    ----------
+    time : (N,) [s] increasing, N >= 10.
+    points : (N, 2) or (N, 3) [m] of the hand.
+    target : (2,) or (3,) [m] where the movement was to end.
+    joints : angles (N,) [rad] by name.
+    cutoff_hz : of the filter (`hand_velocity`); samples too slow for it stay as they are, with a note.
+    threshold : of the movement's start and end (`movement_interval`).
+
+    Returns
+    -------
+    Score : in SI units but for joint ranges, in deg. Speeds, peaks, smoothness and path are of the movement; the range
+        and the workspace used, and the error of the end, are of the whole trial. What is cut at 5 % of the peak speed
+        is less than the whole: a minimum-jerk reach has a dimensionless jerk of 82 here, not of 204.8.
+
+    Raises
+    ------
+    ConfigurationError : as `evenly_sampled`; a hand slower than 1 mm/s throughout, a movement of fewer than ten
+        samples.
+    """
+    even = evenly_sampled(time, points)
+    if even.points.shape[1] not in (2, 3):
+        raise ConfigurationError("points", f"shape {even.points.shape}", "(N, 2) or (N, 3)")
+    notes = list(even.notes)
+    rate, cutoff = even.rate_hz, _cutoff(even.rate_hz, cutoff_hz, notes)
+    path = low_passed(even.points, rate, cutoff_hz=cutoff)
+    velocity = np.gradient(path, 1.0 / rate, axis=0)
+    speed = np.linalg.norm(velocity, axis=1)
+    if not peak_speed(speed) > STILL:
+        expected = f"a hand that moves, at {1e3 * STILL:g} mm/s or more"
+        raise ConfigurationError("points", f"at most {1e3 * speed.max():.3g} mm/s", expected)
+    begin, end = movement_interval(speed, rate, threshold=threshold)
+    count = math.floor((end - begin) * rate) + 1
+    if count < FEWEST:
+        value = f"{count} samples, {1e3 * (end - begin):.3g} ms"
+        raise ConfigurationError("points", value, f"a movement of at least {FEWEST} samples")
+    notes += _cut_notes(speed, threshold)
+    moving, v = _between(path, rate, begin, end, count), _between(velocity, rate, begin, end, count)
+    of_movement = (count - 1) / (end - begin)
+    jerk = dimensionless_jerk(v, of_movement)
+    if cutoff is not None:
+        noise = white_noise(even.points, path, rate, cutoff_hz=cutoff)
+        notes += _noise_notes(noise, v, rate, cutoff, threshold=threshold, jerk=jerk)
+    measures = [
+        Measure("duration", float(even.time[-1] - even.time[0]), "s"),
+        Measure("movement_time", end - begin, "s"),
+        Measure("speed_mean", mean_speed(v), "m/s"),
+        Measure("speed_peak", peak_speed(v), "m/s"),
+        Measure("velocity_peaks", velocity_peaks(np.linalg.norm(v, axis=1), of_movement), "1"),
+        Measure("sparc", spectral_arc_length(np.linalg.norm(v, axis=1), of_movement), "1"),
+        Measure("dimensionless_jerk", jerk, "1"),
+        Measure("log_dimensionless_jerk", log_dimensionless_jerk(v, of_movement), "1"),
+        Measure("path_length", path_length(moving), "m"),
+        Measure("path_ratio", _ratio(moving, notes), "1"),
+    ]
+    if target is not None:
+        measures.append(Measure("end_error", end_error(path, target), "m"))
+    for axis, extent in zip(AXES, range_used(path), strict=False):
+        measures.append(Measure(f"range_{axis}", float(extent), "m"))
+    plane = even.points.shape[1] == 2
+    measures.append(
+        Measure("workspace_area" if plane else "workspace_volume", workspace_used(path), "m^2" if plane else "m^3")
+    )
+    measures += _joint_ranges(joints or {})
+    return Score(tuple(measures), moving, tuple(notes))
+
+
+def _between(samples: Array, rate: float, begin: float, end: float, count: int) -> Array:
+    """`count` samples from begin to end [s]: whole samples would make the duration wrong, and jerk has its cube."""
+    from scipy.interpolate import CubicSpline  # noqa: PLC0415
+
+    return np.asarray(CubicSpline(np.arange(len(samples)) / rate, samples)(np.linspace(begin, end, count)))
+
+
+def _cutoff(rate: float, cutoff_hz: float, notes: list[str]) -> float | None:
+    if positive("cutoff_hz", cutoff_hz) < LARGEST_CUT_OFF * rate:
+        return cutoff_hz
+    notes.append(f"sampled at {rate:.4g} Hz, too slowly for a low-pass at {cutoff_hz:g} Hz: not filtered")
+    return None
+
+
+def _cut_notes(speed: Array, threshold: float) -> Iterator[str]:
+    least = threshold * speed.max()
+    for place, what in ((0, "begins"), (-1, "ends")):
+        if speed[place] > least:
+            share = 100 * speed[place] / speed.max()
+            yield f"the trial {what} in motion, at {share:.0f} % of its peak speed: a part of it may be missing"
+
+
+def _noise_notes(
+    noise: float, velocity: Array, rate: float, cutoff: float, *, threshold: float, jerk: float
+) -> Iterator[str]:
+    """What of speed and jerk may be noise of `noise` [m]; `jerk` is the dimensionless jerk measured."""
+    peak, axes, duration = peak_speed(velocity), velocity.shape[1], (len(velocity) - 1) / rate
+    slow = noise_of_derivative(noise, rate, cutoff_hz=cutoff, order=1)
+    if 3 * slow > threshold * peak:
+        yield (
+            f"noise of {1e3 * noise:.2g} mm may be as fast as {100 * threshold:g} % of the peak speed: movement_time "
+            "and all that is cut to it may hold rest; a lower cut-off or a higher threshold may help"
+        )
+    of_noise = duration**4 / peak**2 * axes * noise_of_derivative(noise, rate, cutoff_hz=cutoff, order=3) ** 2
+    if of_noise > 0.2 * jerk:
+        yield f"noise of {1e3 * noise:.2g} mm may make up {100 * min(1.0, of_noise / jerk):.0f} % of dimensionless_jerk"
+
+
+def _ratio(path: Array, notes: list[str]) -> float:
+    length = path_length(path)
+    if np.linalg.norm(path[-1] - path[0]) < 0.05 * length:
+        notes.append("path_ratio: the movement ends where it began, so that there is no straight line to compare with")
+        return math.nan
+    return path_ratio(path)
+
+
+def _joint_ranges(joints: Mapping[str, ArrayLike]) -> Iterator[Measure]:
+    for name, angles in joints.items():
+        # A jump by a whole turn is a way of writing an angle, and no motion.
+        turned = np.unwrap(numbers(f"joints[{name!r}]", angles))
+        yield Measure(f"range_{name}", math.degrees(float(range_used(turned)[0])), "deg")

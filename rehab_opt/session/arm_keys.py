@@ -1,0 +1,210 @@
+"""What problem files say of an arm: its segments, and its range of motion in one of two ways of counting."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Annotated, Literal, Self
+
+from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
+from pydantic_core import PydanticCustomError
+
+from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.goniometer import arm_range_of_motion
+from rehab_opt.session.schema import GONIOMETER, NAME, TABLE, Section, Side, refusal
+
+__all__ = [
+    "ArmSection",
+    "GoniometerRange",
+    "Limits",
+    "OneRange",
+    "OwnRange",
+    "RangeOfMotion",
+    "SegmentsSection",
+    "TableOneRange",
+    "form_of_range",
+]
+
+RADIANS = 2 * math.pi
+"""[deg] A person none of whose joints gets further than this from any zero was measured in radians."""
+PLAUSIBLE_DEG: Mapping[str, tuple[float, float]] = {
+    "scapular_retraction": (-60, 60),
+    "glenohumeral_rotation": (-150, 150),
+    "shoulder_adduction": (-110, 180),
+    "humeral_flexion": (-100, 190),
+    "forearm_extension": (-90, 170),
+    "wrist_flexion": (-110, 110),
+    "wrist_deviation": (-190, 5),
+    "wrist_supination": (-120, 220),
+}
+"""[deg] of Table I's joints, wide: assumed ranges of modelled people are to pass, a goniometer's numbers are not."""
+LOOKS = "does this count as a goniometer does? then say convention = 'goniometer'"
+
+
+def _ordered(pair: list[float]) -> list[float]:
+    if not pair[0] <= pair[1]:
+        raise PydanticCustomError("inverted", "[lower, upper] with lower <= upper")
+    if pair[1] - pair[0] > 360:
+        raise PydanticCustomError("too_wide", "[lower, upper] at most 360 deg apart")
+    return pair
+
+
+def _bone(length: float) -> float:
+    if not 50 <= length <= 1000:  # a long bone is 60 mm at birth, and less than 50 cm in anybody
+        raise PydanticCustomError("unit", "50 to 1000 mm (is the length in another unit?)")
+    return length
+
+
+LongBone = Annotated[float, AfterValidator(_bone)]
+Limits = Annotated[
+    list[Annotated[float, Field(ge=-360, le=360)]], Field(min_length=2, max_length=2), AfterValidator(_ordered)
+]
+
+
+def _radians(pair: list[float]) -> tuple[float, float]:
+    return math.radians(pair[0]), math.radians(pair[1])
+
+
+class RangeOfMotion(Section):
+    """A person's own joint limits, however they are counted."""
+
+    def by_joint(self) -> dict[str, tuple[float, float]]:
+        """(lower, upper) [rad] by joint, as `human_arm` takes them."""
+        raise NotImplementedError
+
+    @model_validator(mode="after")
+    def angles_are_degrees(self) -> Self:
+        """Refuse a table in radians, in which no arm moves."""
+        pairs = {key: pair for key, pair in self if key.endswith("_deg")}
+        if pairs and max(abs(limit) for pair in pairs.values() for limit in pair) <= RADIANS:
+            key = max(pairs, key=lambda key: pairs[key][1] - pairs[key][0])
+            raise refusal(key, pairs[key], "degrees: all of these limits together look like radians")
+        return self
+
+
+class TableOneRange(RangeOfMotion):
+    """A person's own joint limits, counted as in Table I of Rossa et al.; equal ones lock the joint.
+
+    The arm hangs, palm forward, where they are 0, 0, 90, 0, 0, 0, -90, 0.
+    """
+
+    scapular_retraction_deg: Limits
+    """`[lower, upper]` of joint 1, relative to its rest."""
+    glenohumeral_rotation_deg: Limits
+    """`[lower, upper]` of joint 2."""
+    shoulder_adduction_deg: Limits
+    """`[lower, upper]` of joint 3."""
+    humeral_flexion_deg: Limits
+    """`[lower, upper]` of joint 4."""
+    forearm_extension_deg: Limits
+    """`[lower, upper]` of joint 5."""
+    wrist_flexion_deg: Limits
+    """`[lower, upper]` of joint 6."""
+    wrist_deviation_deg: Limits
+    """`[lower, upper]` of joint 7."""
+    wrist_supination_deg: Limits
+    """`[lower, upper]` of joint 8."""
+
+    def by_joint(self) -> dict[str, tuple[float, float]]:
+        """(lower, upper) [rad] by joint."""
+        return {name.removesuffix("_deg"): _radians(pair) for name, pair in self}
+
+    @model_validator(mode="after")
+    def limits_are_counted_as_table_i(self) -> Self:
+        """Refuse angles that no joint has, counted so."""
+        for joint, (least, most) in PLAUSIBLE_DEG.items():
+            pair = getattr(self, f"{joint}_deg")
+            if not (least <= pair[0] and pair[1] <= most):
+                expected = f"within {least:g} to {most:g} deg, counted as in Table I ({LOOKS})"
+                raise refusal(f"{joint}_deg", pair, expected)
+        return self
+
+
+class GoniometerRange(RangeOfMotion):
+    """A person's own range as a goniometer measures it: AAOS names, zeros and signs, left and right alike.
+
+    Zero: the arm hangs, elbow straight, thumb forward, hand in line with the forearm. Each movement is measured alone,
+    and is [lower, upper] in the direction of its name: [-60, 180] is 60 deg of extension to 180 deg of flexion.
+    """
+
+    convention: Literal["goniometer"]
+    """How the angles below are counted."""
+    scapular_retraction_deg: Limits
+    """Negative: protraction; from the shoulder at rest."""
+    shoulder_flexion_deg: Limits
+    """In the sagittal plane; negative: extension."""
+    shoulder_abduction_deg: Limits
+    """In the frontal plane; negative: adduction."""
+    shoulder_external_rotation_deg: Limits
+    """Upper arm at the side, elbow at 90 deg, zero with the forearm forward; negative: internal rotation."""
+    elbow_flexion_deg: Limits
+    """Zero is the straight arm; negative: hyperextension. `[30, 120]` lacks 30 deg of extension."""
+    forearm_pronation_deg: Limits
+    """Elbow at 90 deg, zero with the thumb up; negative: supination."""
+    wrist_flexion_deg: Limits
+    """Thumb up; negative: extension."""
+    wrist_ulnar_deviation_deg: Limits
+    """Thumb up; negative: radial deviation."""
+
+    def by_joint(self) -> dict[str, tuple[float, float]]:
+        """(lower, upper) [rad] by joint."""
+        return arm_range_of_motion(
+            {name.removesuffix("_deg"): _radians(pair) for name, pair in self if name != "convention"}
+        )
+
+    @model_validator(mode="after")
+    def people_have_such_angles(self) -> Self:
+        """Refuse angles that nobody has, with what they look like."""
+        try:
+            self.by_joint()
+        except ConfigurationError as refused:
+            key = f"{refused.argument.split(chr(39))[1]}_deg"
+            raise refusal(key, getattr(self, key), refused.expected) from refused
+        return self
+
+
+def form_of_range(value: object) -> str:
+    """Which of the forms of `OneRange` a value has."""
+    if isinstance(value, GoniometerRange) or (isinstance(value, dict) and "convention" in value):
+        return GONIOMETER
+    return TABLE if isinstance(value, dict | RangeOfMotion) else NAME
+
+
+OwnRange = (
+    Annotated[Literal["regular", "restricted"], Tag(NAME)]
+    | Annotated[TableOneRange, Tag(TABLE)]
+    | Annotated[GoniometerRange, Tag(GONIOMETER)]
+)
+OneRange = Annotated[OwnRange, Discriminator(form_of_range)]
+"""Table I's name, a table of its eight joints, or what a goniometer measured."""
+
+
+class SegmentsSection(Section):
+    """Segment lengths l0 to l3 of Table I."""
+
+    acromiohumeral_mm: float = Field(default=130.0, ge=0, le=1000)
+    """l0."""
+    humerus_mm: LongBone = 290.0
+    """l1, 50 to 1000."""
+    forearm_mm: LongBone = 300.0
+    """l2, 50 to 1000."""
+    hand_mm: float = Field(default=70.0, ge=0, le=1000)
+    """l3, to the middle of the grip."""
+
+
+class ArmSection(Section):
+    """Whose arm."""
+
+    side: Side
+    """A right arm is the mirror image of the paper's left one."""
+    range_of_motion: OneRange
+    """Table I of Rossa et al. by name, a table of its eight joints' limits, or what a goniometer measured."""
+    segments: SegmentsSection = SegmentsSection()
+    """Lengths of the arm's segments."""
+    handle_tilt_deg: float = Field(default=2.0, gt=0, le=90)
+    """Largest angle between handle and vertical."""
+    joint_speed_deg_s: float | None = Field(default=None, gt=0, le=3600)
+    """Largest speed of every joint, which caps that of the smoother; by default `human_arm`'s (172), an assumption: the
+    paper gives none."""
+    joint_acceleration_deg_s2: float | None = Field(default=None, gt=0, le=1e6)
+    """Largest acceleration of every joint, likewise; by default `human_arm`'s (1719)."""

@@ -1,0 +1,123 @@
+"""A person's range of motion in words and in a picture: the arm at both ends of each movement."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.kinematics.goniometer import GONIOMETER, arm_posture, goniometer_range, range_in_words
+from rehab_opt.kinematics.human_arm import ARM_JOINTS, ARM_REST
+from rehab_opt.session.drawing import framed
+from rehab_opt.session.figure_fit import fitted
+
+__all__ = ["range_figure", "range_note", "stick_arm", "write_range_figures"]
+
+Array = NDArray[np.float64]
+
+LOWER, UPPER, TRUNK = "#D55E00", "#0072B2", "#BBBBBB"
+SAME = 1e-9
+"""[m] Origins of frames that are no further apart are one place."""
+THUMB = 0.06
+"""[m] drawn of the thumb, which is the handle's axis."""
+BENT = {"elbow_flexion": math.pi / 2}
+
+
+class View(NamedTuple):
+    """From where a movement is seen: two axes of the shoulder's frame, and what the arm does beside it."""
+
+    across: int
+    up: int
+    words: str
+    beside: Mapping[str, float]
+
+
+FRONT, SIDE, TOP = (0, 2), (1, 2), (0, 1)
+VIEWS: Mapping[str, View] = {
+    "scapular_retraction": View(*TOP, "from above, forward is up", {}),
+    "shoulder_flexion": View(*SIDE, "from the side, forward is right", {}),
+    "shoulder_abduction": View(*FRONT, "from behind", {}),
+    "shoulder_external_rotation": View(*TOP, "from above, elbow bent", BENT),
+    "elbow_flexion": View(*SIDE, "from the side, forward is right", {}),
+    "forearm_pronation": View(*FRONT, "from behind, elbow bent", BENT),
+    "wrist_flexion": View(*TOP, "from above, elbow bent, thumb up", BENT),
+    "wrist_ulnar_deviation": View(*SIDE, "from the side, elbow bent, thumb up", BENT),
+}
+
+
+def range_note(name: str, arm: SerialChain) -> str:
+    """The range of motion of an arm as a clinician says it, whatever it was counted in."""
+    said = [range_in_words(movement, *pair) for movement, pair in _measured(arm).items()]
+    return f"range of motion {name!r}, as a goniometer reads it: {'; '.join(said)}"
+
+
+def range_figure(title: str, arm: SerialChain) -> Figure:
+    """A panel for each movement: the arm at its lower and upper end, all other movements at zero."""
+    figure = framed(f"{title}\nEach movement alone, at both ends of its range; the short line is the thumb", 11.0, 6.4)
+    panels = figure.subplots(2, 4).ravel()
+    for axes, (movement, (lower, upper)) in zip(panels, _measured(arm).items(), strict=True):
+        view, of = VIEWS[movement], GONIOMETER[movement]
+        for angle, colour, style in ((lower, LOWER, "--"), (upper, UPPER, "-")):
+            _draw(axes, stick_arm(arm, {**view.beside, movement: angle}), view, colour, style)
+        low, high = (round(math.degrees(angle), 1) + 0.0 for angle in (lower, upper))
+        ends = f"{low:g} to {high:g} deg"
+        axes.set_title(f"{movement.replace('_', ' ')}\n{ends}", fontsize=9)
+        axes.set_xlabel(f"{view.words}\n+ {of.positive}, - {of.negative}", fontsize=7)
+    handles = [
+        panels[0].plot([], [], color=colour, linestyle=style, label=label)[0]
+        for colour, style, label in ((LOWER, "--", "lower end"), (UPPER, "-", "upper end"))
+    ]
+    handles.append(panels[0].plot([], [], color=TRUNK, linewidth=4, label="trunk")[0])
+    figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False, fontsize=9)
+    return figure
+
+
+def write_range_figures(arms: Mapping[str, SerialChain], folder: Path, *, title: str) -> list[Path]:
+    """Write a figure of each arm into a folder, `arm_<number>.png`, and say where."""
+    folder.mkdir(parents=True, exist_ok=True)
+    written = []
+    for number, (name, arm) in enumerate(arms.items(), start=1):
+        path = folder / f"arm_{number}.png"
+        fitted(range_figure(f"{title}\nrange of motion {name!r}", arm)).savefig(path)
+        written.append(path)
+    return written
+
+
+def stick_arm(arm: SerialChain, angles: Mapping[str, float]) -> Array:
+    """(6, 3) [m] neck, shoulder, elbow, wrist, hand and the tip of the thumb where a goniometer reads these angles.
+
+    Fewer where segments have no length.
+    """
+    q = arm_posture(angles)
+    symbol = ca.SX.sym("q", arm.n)
+    origins = ca.horzcat(*(frame[:3, 3] for frame in arm.frames_expression(symbol)))
+    places = np.asarray(ca.Function("origins", [symbol], [origins])(q)).T
+    apart = np.concatenate(([True], np.linalg.norm(np.diff(places, axis=0), axis=1) > SAME))
+    return np.vstack((places[apart], places[-1] + THUMB * arm.pose(q)[:3, 0]))
+
+
+def _measured(arm: SerialChain) -> dict[str, tuple[float, float]]:
+    rest = np.where(np.arange(arm.n) == 0, ARM_REST[0], 0.0)
+    limits = zip(ARM_JOINTS, (arm.lower - rest).tolist(), (arm.upper - rest).tolist(), strict=True)
+    return goniometer_range({joint: (lower, upper) for joint, lower, upper in limits})
+
+
+def _draw(axes: Axes, points: Array, view: View, colour: str, style: str) -> None:
+    flat = points[:, [view.across, view.up]]
+    if view.up == 2:
+        axes.plot([0, 0], [-0.45, 0.1], color=TRUNK, linewidth=4, zorder=0)
+    else:
+        axes.plot([-0.1, 0.1], [0, 0], color=TRUNK, linewidth=4, zorder=0)
+    axes.plot(*flat[:-1].T, color=colour, linestyle=style, marker="o", markersize=3)
+    axes.plot(*flat[-2:].T, color=colour, linewidth=1)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.margins(0.1)
+    axes.set(xticks=[], yticks=[])

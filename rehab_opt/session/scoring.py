@@ -1,0 +1,163 @@
+"""Recordings cut into trials and measured: a row for each measure of each trial, in long format."""
+
+from __future__ import annotations
+
+import csv
+import itertools
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, NamedTuple, TextIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.errors import ConfigurationError, ProblemFileError
+from rehab_opt.measures.repeats import end_variability, path_variability
+from rehab_opt.measures.samples import CUT_OFF_HZ, LARGEST_CUT_OFF, evenly_sampled, hand_velocity
+from rehab_opt.measures.score import Measure, Score, score
+from rehab_opt.session.data_folder import PREFIX, data_file
+from rehab_opt.session.recording import Recording
+from rehab_opt.session.recordings import read_recording
+
+__all__ = ["HEADER", "Row", "Scored", "score_recordings", "trials_between_pauses", "write_rows"]
+
+Array = NDArray[np.float64]
+
+HEADER = ("recording", "trial", "measure", "value", "unit")
+ALL = "all"
+"""In place of a trial's number: a measure of all trials together."""
+
+
+class Row(NamedTuple):
+    """One measure of one trial; `value` is NaN where there is none."""
+
+    recording: str
+    trial: str
+    measure: str
+    value: float
+    unit: str
+
+
+class Scored(NamedTuple):
+    """What was measured, and what a reader of it has to know."""
+
+    rows: tuple[Row, ...]
+    notes: tuple[str, ...]
+
+
+def score_recordings(
+    files: Sequence[str],
+    *,
+    reading: Mapping[str, Any] = MappingProxyType({}),
+    target: Sequence[float] | None = None,
+    pause: float | None = None,
+    repeats: bool = False,
+    cutoff_hz: float = CUT_OFF_HZ,
+    threshold: float = 0.05,
+) -> Scored:
+    """Measures of every trial of some recordings.
+
+    Parameters
+    ----------
+    files : paths, or `data:folder/file`.
+    reading : how, as the arguments of `read_recording` (`columns`, `marker`, `separator` and others).
+    target : [m] where each movement was to end, in the recordings' own frame.
+    pause : [s] a hand that rests as long ends a trial; each recording is one trial by default.
+    repeats : all trials are of one movement: how much they vary is measured too.
+    cutoff_hz, threshold : as in `measures.score`.
+
+    Raises
+    ------
+    ProblemFileError : a recording cannot be read or measured (the key says which trial).
+    ConfigurationError : a target of other coordinates, fewer than two trials as repeats.
+    """
+    rows: list[Row] = []
+    notes: list[str] = []
+    movements: list[Array] = []
+    for file in files:
+        path = data_file(file, problem=file, key="file") if file.startswith(PREFIX) else Path(file)
+        recording = read_recording(path, name=file, **reading)
+        if recording.points.shape[1] < 2:
+            raise ProblemFileError(file, "columns", None, "the columns that hold the hand's x and y (--columns)")
+        if target is not None and len(target) != recording.points.shape[1]:
+            expected = f"{recording.points.shape[1]} coordinates, as {file} has"
+            raise ConfigurationError("--target", ",".join(f"{x:g}" for x in target), expected)
+        notes += (f"{file}: {note}" for note in recording.notes)
+        trials = [recording] if pause is None else trials_between_pauses(recording, pause=pause, threshold=threshold)
+        for number, trial in enumerate(trials, start=1):
+            scored = _scored(trial, number, target=target, cutoff_hz=cutoff_hz, threshold=threshold)
+            movements.append(scored.movement)
+            rows += (Row(file, str(number), *measure) for measure in scored.measures)
+            notes += (f"{file}, trial {number}: {note}" for note in scored.notes)
+    if repeats:
+        rows += (Row(ALL, ALL, *measure) for measure in _variability(movements))
+    return Scored(tuple(rows), tuple(notes))
+
+
+def trials_between_pauses(recording: Recording, *, pause: float, threshold: float = 0.05) -> list[Recording]:
+    """The recording, cut in the middle of every rest of `pause` [s] or longer.
+
+    The hand rests while it is slower than `threshold` times its largest speed in the recording. Rest at either end
+    belongs to the first and the last trial.
+
+    Raises
+    ------
+    ProblemFileError : samples that have no speed (`evenly_sampled`).
+    ConfigurationError : a pause that is not above zero.
+    """
+    if not 0 < pause < math.inf:
+        raise ConfigurationError("pause", pause, "seconds above zero")
+    try:
+        even = evenly_sampled(recording.time, recording.points)
+    except ConfigurationError as refused:
+        raise ProblemFileError(recording.file, refused.argument, refused.value, refused.expected) from refused
+    cutoff = CUT_OFF_HZ if LARGEST_CUT_OFF * even.rate_hz > CUT_OFF_HZ else None
+    speed = np.linalg.norm(hand_velocity(even.points, even.rate_hz, cutoff_hz=cutoff), axis=1)
+    moving = np.flatnonzero(speed >= threshold * speed.max())
+    stands = np.flatnonzero(np.diff(moving) >= pause * even.rate_hz)
+    cuts = [(even.time[moving[i]] + even.time[moving[i + 1]]) / 2 for i in stands]
+    places = np.searchsorted(recording.time, cuts)
+    bounds = [0, *places.tolist(), len(recording.time)]
+    return [_part(recording, first, last) for first, last in itertools.pairwise(bounds)]
+
+
+def write_rows(rows: Sequence[Row], file: TextIO) -> None:
+    """Rows as comma-separated values under `HEADER`; a value that is not there is an empty cell."""
+    writer = csv.writer(file, lineterminator="\n")
+    writer.writerow(HEADER)
+    for row in rows:
+        writer.writerow(row._replace(value="" if math.isnan(row.value) else f"{row.value:.9g}"))  # type: ignore[arg-type]
+
+
+def _part(recording: Recording, first: int, last: int) -> Recording:
+    return Recording(
+        file=recording.file,
+        time=recording.time[first:last],
+        points=recording.points[first:last],
+        joints={name: angles[first:last] for name, angles in recording.joints.items()},
+    )
+
+
+def _scored(
+    trial: Recording, number: int, *, target: Sequence[float] | None, cutoff_hz: float, threshold: float
+) -> Score:
+    try:
+        return score(
+            trial.time, trial.points, target=target, joints=trial.joints, cutoff_hz=cutoff_hz, threshold=threshold
+        )
+    except ConfigurationError as refused:
+        if refused.argument in ("cutoff_hz", "threshold", "target"):
+            raise
+        key = f"trial {number}, {refused.argument}"
+        raise ProblemFileError(trial.file, key, refused.value, refused.expected) from refused
+
+
+def _variability(movements: Sequence[Array]) -> Iterator[Measure]:
+    if len(movements) < 2:
+        raise ConfigurationError("--repeats", f"{len(movements)} trial", "two or more trials of one movement")
+    if len({movement.shape[1] for movement in movements}) > 1:
+        raise ConfigurationError("--repeats", "recordings in the plane and in space", "one or the other")
+    yield Measure("path_variability", path_variability(movements), "m")
+    yield Measure("end_variability", end_variability(movements), "m")

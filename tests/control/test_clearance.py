@@ -1,0 +1,280 @@
+"""Whole arms keep clear of what is around them, judged by kinematics and distances of their own."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from rehab_opt import (
+    Bound,
+    Box,
+    Capsule,
+    Clearance,
+    ConfigurationError,
+    KeepOut,
+    Limit,
+    MirrorTracker,
+    MovingCapsule,
+    PoseTracker,
+    SerialChain,
+    Status,
+    arm_capsules,
+    human_arm,
+    ur5,
+)
+from rehab_opt.kinematics.human_arm import ARM_REST
+from rehab_opt.kinematics.room import MOVING, moving_numbers
+from tests.control.clearance_world import MARGIN, Swinging, least_distance, link_ends, robot, room, segments_apart
+
+START = np.array([0.3, -1.4, 1.9, -1.9, -1.2, 0.4])
+BALL = MovingCapsule((0.6, 0.0, 0.9), (0.6, 0.0, 0.9), 0.05)
+
+
+def ends(chain: SerialChain, q: np.ndarray) -> np.ndarray:
+    return link_ends(chain, q[None])[0]
+
+
+def clear_posture(tracker: PoseTracker, bodies: list[MovingCapsule], rng: np.random.Generator) -> np.ndarray:
+    chain, pairs = tracker.chain, tracker.limits.clearance
+    assert pairs is not None
+    told = moving_numbers(bodies, pairs.clearance.moving).ravel()
+    for _ in range(300):
+        q = rng.uniform(0.7 * np.maximum(chain.lower, -3), 0.7 * np.minimum(chain.upper, 3))
+        if np.min(np.array(pairs.distances(q, told, 0.0))) > 0.002:
+            return q
+    raise AssertionError("no posture is clear of these bodies")
+
+
+@pytest.mark.parametrize(("kind", "seed"), [("ur5", 0), ("panda", 1), ("six", 2), ("seven", 3)])
+def test_arm_among_bodies_that_stand_still_comes_to_none_nearer_than_the_margin(kind: str, seed: int) -> None:
+    rng, dt = np.random.default_rng(seed), 0.005
+    chain = robot(kind, rng)
+    given = room(chain, rng, moving=0)
+    tracker = PoseTracker(chain, dt=dt, limits=[given], compile=False)
+    pairs = tracker.limits.clearance
+    assert pairs is not None
+    q, least = clear_posture(tracker, [], rng), 1.0
+    for k in range(400):
+        if k % 100 == 0:
+            goal = chain.pose(rng.uniform(0.8 * np.maximum(chain.lower, -3), 0.8 * np.minimum(chain.upper, 3)))
+        command = tracker.step(q, goal, np.zeros(6), enable=k % 100 < 80)
+        q = q + dt * command.value
+        if k % 40 == 0 or (k % 4 == 0 and np.min(np.array(pairs.distances(q, [], 0.0))) < 1e-3):
+            least = min(least, least_distance(chain, given, ends(chain, q), [], np.array(pairs.free)))
+            for i, j in pairs.linked:
+                radii = chain.capsules[i].radius + chain.capsules[j].radius
+                least = min(least, segments_apart(*ends(chain, q)[i], *ends(chain, q)[j]) - radii)
+    assert -1e-9 <= least < 0.05
+
+
+@pytest.mark.parametrize(("kind", "seed"), [("ur5", 0), ("panda", 1), ("seven", 3)])
+def test_rows_say_how_the_nearest_distances_change(kind: str, seed: int) -> None:
+    rng, step = np.random.default_rng(seed), 1e-6
+    chain = robot(kind, rng)
+    tracker = PoseTracker(chain, limits=[room(chain, rng, moving=2)], compile=False)
+    pairs = tracker.limits.clearance
+    assert pairs is not None
+    found = 0
+    for _ in range(30):
+        bodies = Swinging.drawn(rng, 2, 0.1).at(np.zeros(2), np.ones(2))
+        q, velocity, told = (
+            rng.uniform(0.7 * np.maximum(chain.lower, -3), 0.7 * np.minimum(chain.upper, 3)),
+            rng.normal(size=chain.n),
+            moving_numbers(bodies, 2).ravel(),
+        )
+        here, ahead = (np.array(pairs.distances(q + t * velocity, told, t)).ravel() for t in (-step, step))
+        column = ca.SX(pairs.nearest(q, np.zeros(chain.n), told, 0.0))
+        distances, slopes, changes = (np.array(ca.DM(each)) for each in pairs.read(column))
+        expected = (ahead - here) / (2 * step)
+        for distance, slope, change in zip(distances.ravel(), slopes, changes.ravel(), strict=True):
+            same = np.flatnonzero(np.abs((here + ahead) / 2 - distance) < 1e-9)
+            if len(same) == 1 and distance > -MARGIN:  # the nearest contact of one pair
+                assert slope @ velocity + change == pytest.approx(expected[same[0]], abs=1e-5)
+                found += 1
+    assert found > 20
+
+
+def test_arm_gives_way_to_what_comes_and_stays_at_the_margin() -> None:
+    dt = 0.005
+    chain = ur5(velocity=2.0)
+    tracker = PoseTracker(chain, dt=dt, limits=[Clearance(margin=MARGIN, moving=1)], compile=False)
+    q, goal, way = START.copy(), chain.pose(START), np.array([0.0, 0.1, 0.0])
+    place = chain.pose(START)[:3, 3] - [0.0, 0.25, 0.0]
+    moved = []
+    for _ in range(700):
+        body = MovingCapsule(place, place, 0.05, way, way)
+        command = tracker.step(q, goal, np.zeros(6), obstacles=[body])
+        assert command.status.certified
+        q, place = q + dt * command.value, place + dt * way
+        links = ends(chain, q)
+        distances = [
+            segments_apart(*links[i], place, place + 1e-12) - each.radius - 0.05
+            for i, each in enumerate(chain.capsules)
+        ]
+        moved.append((min(distances) - MARGIN, np.abs(command.value).max()))
+    distances, speeds = np.array(moved).T
+    assert distances.min() >= -1e-9
+    assert np.sum(distances < 1e-3) > 50  # it was pushed for a while
+    assert speeds.max() > 0.1
+
+
+def test_arm_that_is_not_enabled_does_not_go_away_from_what_comes_and_says_that_it_is_near() -> None:
+    chain = ur5(velocity=2.0)
+    tracker = PoseTracker(chain, dt=0.005, limits=[Clearance(margin=MARGIN, moving=1)], compile=False)
+    place = chain.pose(START)[:3, 3] + [0.0, 0.0, 0.16]
+    for k in range(200):
+        at = place - [0, 0, 0.001 * k]
+        command = tracker.step(
+            START,
+            chain.pose(START),
+            np.zeros(6),
+            obstacles=[MovingCapsule(at, at, 0.05, *[(0, 0, -0.2)] * 2)],
+            enable=False,
+        )
+        assert not command.value.any()
+        assert command.status is Status.HOLDING
+    assert command.yielded & Bound.POSITION
+
+
+def test_arm_brakes_before_a_body_that_stands_still_within_its_acceleration() -> None:
+    chain = ur5(velocity=2.0, acceleration=8.0)
+    floor = KeepOut.through([0, 0, 0.1], [0, 0, 1])
+    tracker = PoseTracker(chain, dt=0.005, limits=[Clearance(margin=MARGIN, planes=[floor], pairs=())], compile=False)
+    for released in (20, 40, 60, 80, 100):
+        tracker.reset()
+        q, last, goal = START.copy(), np.zeros(6), chain.pose(START)
+        goal[2, 3] -= 0.6
+        for k in range(200):
+            command = tracker.step(q, goal, np.zeros(6), enable=k < released)
+            assert np.abs(command.value - last).max() <= 8.0 * 0.005 * (1 + 1e-6)
+            q, last = q + 0.005 * command.value, command.value
+            heights = ends(chain, q)[..., 2].min(axis=1) - [each.radius for each in chain.capsules]
+            assert heights[2:].min() >= 0.1 + MARGIN - 1e-9
+        assert not last.any()
+
+
+@pytest.mark.parametrize("body", ["beside", "crossing", "box", "floor"])
+def test_forearm_pressed_along_a_body_neither_shakes_nor_sticks(body: str) -> None:
+    chain, dt = ur5(velocity=2.0), 0.002
+    forearm = ends(chain, START)[3]
+    along = forearm[1] - forearm[0]
+    along /= np.linalg.norm(along)
+    side = np.cross(along, [0.0, 0, 1])
+    side /= np.linalg.norm(side)
+    down = -np.cross(side, along) * np.sign(np.cross(side, along)[2])
+    middle, a, b = forearm.mean(axis=0) + 0.24 * down, forearm[0] + 0.22 * down, forearm[1] + 0.22 * down
+    turn = tuple(map(tuple, np.column_stack([along, side, np.cross(along, side)])))
+    room = {
+        "beside": {"capsules": [Capsule("bar", tuple(a), tuple(b), 0.05)]},
+        "crossing": {"capsules": [Capsule("bar", tuple(a + 1e-3 * side), tuple(b - 1e-3 * side), 0.05)]},
+        "box": {"boxes": [Box("box", tuple(middle), (0.12, 0.12, 0.12), turn)]},
+        "floor": {"planes": [KeepOut.through([0.0, 0.0, forearm[:, 2].min() - 0.16], [0.0, 0.0, 1.0])]},
+    }[body]
+    given = Clearance(margin=MARGIN, pairs=(), **room)
+    tracker = PoseTracker(chain, dt=dt, limits=[given], compile=False)
+    q, velocities, tool = START.copy(), [np.zeros(6)], chain.pose(START)
+    touched = 0
+    for k in range(2500):
+        goal = tool.copy()
+        goal[:3, 3] += 0.15 * down + 0.03 * along * np.sin(4 * k * dt)
+        command = tracker.step(q, goal, np.zeros(6))
+        q = q + dt * command.value
+        velocities.append(command.value)
+        touched += np.min(np.array(tracker.limits.clearance.distances(q, [], 0.0))) < 1e-3
+    assert least_distance(chain, given, ends(chain, q), [], np.arange(2, 7)) >= -1e-9
+    assert touched > 1000
+    changes = np.diff(velocities, axis=0)[1000:]
+    to_and_fro = (changes[1:] * changes[:-1] < 0) & (np.minimum(*np.abs([changes[1:], changes[:-1]])) > 1e-3)
+    assert not np.any(to_and_fro[1:] & to_and_fro[:-1])
+    assert np.abs(changes).max() <= 15.0 * dt * (1 + 1e-6)
+    assert np.abs(velocities[1500:]).max() > 0.02  # it slides
+
+
+def test_bodies_told_in_another_order_or_as_an_array_change_nothing() -> None:
+    rng, chain = np.random.default_rng(4), ur5(velocity=2.0)
+    commands = []
+    for order in (1, -1):
+        tracker = PoseTracker(chain, dt=0.005, limits=[Clearance(margin=MARGIN, moving=3)], compile=False)
+        swinging, q, found = Swinging.drawn(np.random.default_rng(1), 2, 0.1), START.copy(), []
+        for k in range(100):
+            bodies = swinging.at(np.full(2, 0.005 * k), np.ones(2))[::order]
+            told: Any = (
+                bodies if order == 1 else moving_numbers([BALL._replace(start=(9, 9, 9), end=(9, 9, 9)), *bodies], 3)
+            )
+            command = tracker.step(q, chain.pose(START + 0.5), np.zeros(6), obstacles=told)
+            found.append(command.value)
+            q = q + 0.005 * command.value
+        commands.append(found)
+    assert rng is not None
+    np.testing.assert_allclose(commands[0], commands[1], atol=1e-9)
+
+
+def test_tracker_without_what_it_was_told_of_refuses_and_bad_numbers_brake() -> None:
+    chain = ur5()
+    tracker = PoseTracker(chain, limits=[Clearance(margin=MARGIN, moving=2)], compile=False)
+    pose, twist = chain.pose(START), np.zeros(6)
+    for bodies in (None, [BALL] * 3, [1.0], np.zeros((1, MOVING)), [BALL._replace(start=(1, 2))]):
+        with pytest.raises(ConfigurationError, match="obstacles"):
+            tracker.step(START, pose, twist, obstacles=bodies)  # type: ignore[arg-type]
+    with pytest.raises(ConfigurationError, match="obstacles"):
+        PoseTracker(chain, compile=False).step(START, pose, twist, obstacles=[BALL])
+    command = tracker.step(START, pose, twist, obstacles=[BALL._replace(end=(np.nan, 0.0, 0.0))])
+    assert command.status is Status.HOLDING
+    assert "obstacles[0, 3] is nan" in command.reason
+    assert tracker.step(START, pose, twist, obstacles=[BALL]).status is Status.OK
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        ({"margin": -0.1}, "margin"),
+        ({"margin": float("nan")}, "margin"),
+        ({"moving": 1.5}, "moving"),
+        ({"slots": 0}, "slots"),
+        ({"rate": 0.0}, "rate"),
+        ({"planes": [1.0]}, r"planes\[0\]"),
+        ({"capsules": [Capsule("a", (0, 0, 0), (0, 0, float("inf")), 0.1)]}, r"capsules\[0\]"),
+        ({"boxes": [Box("a", (0, 0, 0), (1, 1, 0))]}, r"boxes\[0\]"),
+        ({"boxes": [Box("a", (0, 0, 0), (1, 1, 1), ((1, 0, 0), (0, 1, 0), (0, 1, 1)))]}, r"boxes\[0\]"),
+        ({"pairs": [("forearm", "ceiling")]}, r"pairs\[0\]"),
+    ],
+)
+def test_clearance_that_is_none_is_refused_by_name(options: dict[str, Any], named: str) -> None:
+    with pytest.raises(ConfigurationError, match=named):
+        PoseTracker(ur5(), limits=[Clearance(**{"margin": 0.02, **options})], compile=False)
+
+
+def test_clearance_needs_capsules_stands_alone_and_is_the_tracker_s() -> None:
+    given = Clearance(margin=0.02, moving=1)
+    with pytest.raises(ConfigurationError, match="capsules"):
+        PoseTracker(ur5(capsules=()), limits=[given], compile=False)
+    with pytest.raises(ConfigurationError, match=r"limits\[1\]"):
+        PoseTracker(ur5(), limits=[given, given], compile=False)
+    with pytest.raises(ConfigurationError, match="limits"):
+        MirrorTracker(ur5(), floor=0.1, limits=[given], compile=False)  # type: ignore[list-item]
+    both = PoseTracker(
+        ur5(), limits=[given, Limit(lambda chain, q: chain.frames_expression(q)[2][2, 3])], compile=False
+    )
+    assert both.step(START, ur5().pose(START), np.zeros(6), obstacles=[]).status is Status.OK
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_arm_of_a_person_is_where_its_joints_are_and_moves_as_they_do(side: Any) -> None:
+    arm, rng = human_arm(side=side), np.random.default_rng(0)
+    placement = np.eye(4)
+    placement[:3, :3], placement[:3, 3] = [[0, -1, 0], [1, 0, 0], [0, 0, 1]], (0.5, 0.2, 0.3)
+    q, velocity, step = ARM_REST + rng.uniform(-0.3, 0.3, 8), rng.normal(size=8), 1e-6
+    upper, fore, hand = arm_capsules(arm, q, velocity, placement=placement)
+    assert np.linalg.norm(np.subtract(upper.end, upper.start)) == pytest.approx(0.29)
+    assert np.linalg.norm(np.subtract(fore.end, fore.start)) == pytest.approx(0.30)
+    np.testing.assert_allclose(hand.end, (placement @ arm.pose(q))[:3, 3], atol=1e-12)
+    np.testing.assert_allclose(upper.end, fore.start)
+    later = arm_capsules(arm, q + step * velocity, placement=placement)
+    for now, then in zip((upper, fore, hand), later, strict=True):
+        np.testing.assert_allclose(np.subtract(then.start, now.start) / step, now.start_velocity, atol=1e-4)
+        np.testing.assert_allclose(np.subtract(then.end, now.end) / step, now.end_velocity, atol=1e-4)
+    with pytest.raises(ConfigurationError, match="arm"):
+        arm_capsules(ur5(), q[:6], placement=placement)

@@ -1,0 +1,189 @@
+"""Where a goniometer says that the arm is, there the model's arm is: checked by rotations written down here."""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rehab_opt import ConfigurationError, human_arm
+from rehab_opt.kinematics.goniometer import (
+    GONIOMETER,
+    arm_posture,
+    arm_range_of_motion,
+    goniometer_angles,
+    goniometer_range,
+    range_in_words,
+)
+from rehab_opt.kinematics.human_arm import ARM_JOINTS, RANGES_OF_MOTION_DEG
+
+RIGHT, FORWARD, UP = np.eye(3)
+SEGMENTS = (0.13, 0.29, 0.30, 0.07)
+Side = Literal["left", "right"]
+
+
+def turned(vector: np.ndarray, axis: np.ndarray, angle: float) -> np.ndarray:
+    """By Rodrigues' formula, in deg; right-handed in a frame right, forward, up."""
+    a, k = math.radians(angle), axis / np.linalg.norm(axis)
+    return vector * math.cos(a) + np.cross(k, vector) * math.sin(a) + k * (k @ vector) * (1 - math.cos(a))
+
+
+def hand_and_thumb(side: Side, **angles: float) -> tuple[np.ndarray, np.ndarray]:
+    arm = human_arm(side=side, segments=SEGMENTS)
+    pose = arm.pose(arm_posture({name: math.radians(angle) for name, angle in angles.items()}))
+    return pose[:3, 3], pose[:3, 0]
+
+
+def anatomical(side: Side, movement: str, angle: float, elbow: float) -> tuple[np.ndarray, np.ndarray]:
+    """Hand and thumb of an arm that hangs, thumb forward, elbow bent by `elbow`, then moved; in anatomical words."""
+    out = -RIGHT if side == "left" else RIGHT  # lateral
+    outward = 1.0 if side == "left" else -1.0  # a turn about UP that brings FORWARD to lateral
+    shoulder, humerus = out.copy(), -UP
+    flexed_by = elbow + (angle if movement == "elbow_flexion" else 0)
+    forearm = math.sin(math.radians(flexed_by)) * FORWARD - math.cos(math.radians(flexed_by)) * UP
+    thumb = math.cos(math.radians(flexed_by)) * FORWARD + math.sin(math.radians(flexed_by)) * UP
+    hand = forearm.copy()
+    palm_to = -out  # inwards: the thumb is forward
+    match movement:
+        case "forearm_pronation":  # the thumb goes over to the body's side
+            thumb = math.cos(math.radians(angle)) * thumb + math.sin(math.radians(angle)) * palm_to
+        case "wrist_flexion":  # towards the palm
+            hand = math.cos(math.radians(angle)) * hand + math.sin(math.radians(angle)) * palm_to
+        case "wrist_ulnar_deviation":  # away from the thumb
+            hand, thumb = (
+                math.cos(math.radians(angle)) * hand - math.sin(math.radians(angle)) * thumb,
+                math.cos(math.radians(angle)) * thumb + math.sin(math.radians(angle)) * hand,
+            )
+    parts = [shoulder, humerus, forearm, hand, thumb]
+    if movement == "shoulder_flexion":  # in the sagittal plane: what hangs comes forward
+        parts[1:] = [turned(part, RIGHT, angle) for part in parts[1:]]
+    elif movement == "shoulder_abduction":  # in the frontal plane: what hangs goes sideways
+        parts[1:] = [turned(part, FORWARD, outward * angle) for part in parts[1:]]
+    elif movement == "shoulder_external_rotation":  # about the humerus: what is forward goes sideways
+        parts[1:] = [turned(part, UP, outward * angle) for part in parts[1:]]
+    elif movement == "scapular_retraction":  # about the vertical: the shoulder, and all on it, goes back
+        parts = [turned(part, UP, outward * angle) for part in parts]
+    lengths = np.array(SEGMENTS)[:, None]
+    return (lengths * np.array(parts[:4])).sum(axis=0), parts[4]
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+@pytest.mark.parametrize("movement", GONIOMETER)
+@settings(max_examples=15, deadline=None)
+@given(angle=st.floats(-90, 150), elbow=st.floats(0, 120))
+def test_one_movement_at_a_time_is_exact(side: Side, movement: str, angle: float, elbow: float) -> None:
+    angles = {"elbow_flexion": elbow}
+    angles[movement] = angles.get(movement, 0.0) + angle
+    hand, thumb = hand_and_thumb(side, **angles)
+    expected_hand, expected_thumb = anatomical(side, movement, angle, elbow)
+    np.testing.assert_allclose(hand, expected_hand, atol=1e-9)
+    np.testing.assert_allclose(thumb, expected_thumb, atol=1e-9)
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_arm_at_right_angles_points_where_a_clinician_sees_it(side: Side) -> None:
+    out = -RIGHT if side == "left" else RIGHT
+    for movement, direction in (("shoulder_flexion", FORWARD), ("shoulder_abduction", out), ("elbow_flexion", None)):
+        hand, _ = hand_and_thumb(side, **{movement: 90.0})
+        straight = 0.13 * out + (0.66 * direction if direction is not None else -0.29 * UP + 0.37 * FORWARD)
+        np.testing.assert_allclose(hand, straight, atol=1e-9)
+    _, thumb = hand_and_thumb(side, elbow_flexion=90)
+    np.testing.assert_allclose(thumb, UP, atol=1e-12)
+    _, thumb = hand_and_thumb(side, elbow_flexion=90, forearm_pronation=90)
+    np.testing.assert_allclose(thumb, -out, atol=1e-9)  # palm down
+
+
+@given(st.lists(st.floats(-1.5, 1.5), min_size=8, max_size=8))
+def test_postures_convert_there_and_back(values: list[float]) -> None:
+    angles = dict(zip(GONIOMETER, values, strict=True))
+    assert goniometer_angles(arm_posture(angles)) == pytest.approx(angles, abs=1e-12)
+
+
+@settings(max_examples=50)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_ranges_convert_there_and_back_and_hold_the_postures_between(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    measured = {name: tuple(np.sort(np.deg2rad(rng.uniform(*of.plausible_deg, 2)))) for name, of in GONIOMETER.items()}
+    ranges = arm_range_of_motion(measured)
+    assert tuple(ranges) == ARM_JOINTS
+    back = goniometer_range(ranges)
+    for name, pair in measured.items():
+        assert back[name] == pytest.approx(pair, abs=1e-12)
+    arm = human_arm(range_of_motion=ranges)
+    q = arm_posture({name: rng.uniform(*pair) for name, pair in measured.items()})
+    assert np.all(q >= arm.lower - 1e-12)
+    assert np.all(q <= arm.upper + 1e-12)
+    for ends, limits in ((0, arm.lower), (1, arm.upper)):  # tight: each end of each movement is an end of its joint
+        at = arm_posture(
+            {name: pair[ends if GONIOMETER[name].sign > 0 else 1 - ends] for name, pair in measured.items()}
+        )
+        np.testing.assert_allclose(at, limits, atol=1e-12)
+
+
+def test_the_papers_ranges_read_as_a_goniometer_would() -> None:
+    table = {joint: np.deg2rad(pair) for joint, pair in RANGES_OF_MOTION_DEG["restricted"].items()}
+    seen = {name: tuple(np.rad2deg(pair).round(9)) for name, pair in goniometer_range(table).items()}
+    assert seen["shoulder_flexion"] == (30, 70)
+    assert seen["shoulder_abduction"] == (0, 20)
+    assert seen["elbow_flexion"] == (30, 60)
+    assert seen["forearm_pronation"] == (-50, -45)
+    assert seen["wrist_flexion"] == (60, 60)
+
+
+HEALTHY = {
+    "scapular_retraction": (-15, 15), "shoulder_flexion": (-60, 180), "shoulder_abduction": (-30, 180),
+    "shoulder_external_rotation": (-70, 90), "elbow_flexion": (-5, 150), "forearm_pronation": (-80, 80),
+    "wrist_flexion": (-70, 80), "wrist_ulnar_deviation": (-20, 30),
+}  # fmt: skip
+
+
+def radians(**replaced: tuple[float, float]) -> dict[str, np.ndarray]:
+    return {name: np.deg2rad(pair) for name, pair in {**HEALTHY, **replaced}.items()}
+
+
+@pytest.mark.parametrize(
+    ("replaced", "says"),
+    [
+        ({"elbow_flexion": (40, 180)}, "180 deg at the straight arm"),
+        ({"forearm_pronation": (0, 160)}, "supinated hand, as ISB does"),
+        ({"wrist_flexion": (110, 250)}, "180 deg in line with the forearm"),
+        ({"shoulder_flexion": (-90, 90)}, "another zero"),
+        ({"shoulder_abduction": (np.rad2deg(-30), np.rad2deg(180))}, "degrees given as radians"),
+        ({"elbow_flexion": (150, 0)}, "lower <= upper"),
+        ({"elbow_flexion": (0, math.nan)}, "lower <= upper"),
+    ],
+)
+def test_what_nobody_has_is_refused_with_what_it_looks_like(
+    replaced: dict[str, tuple[float, float]], says: str
+) -> None:
+    arm_range_of_motion(radians())
+    with pytest.raises(ConfigurationError, match=says):
+        arm_range_of_motion(radians(**replaced))
+
+
+def test_names_and_shapes_are_checked() -> None:
+    for bad in ({**radians(), "knee_flexion": (0, 1)}, {"elbow_flexion": (0, 1)}):
+        with pytest.raises(ConfigurationError, match="goniometer"):
+            arm_range_of_motion(bad)
+    with pytest.raises(ConfigurationError, match="ranges of"):
+        goniometer_range({"wrist_flexion": (0, 1)})
+    with pytest.raises(ConfigurationError, match="knee"):
+        arm_posture({"knee": 1.0})
+    with pytest.raises(ConfigurationError, match="finite"):
+        arm_posture({"elbow_flexion": math.inf})
+    with pytest.raises(ConfigurationError, match="joint values"):
+        goniometer_angles([0.0] * 7)
+
+
+def test_ranges_are_said_as_a_clinician_says_them() -> None:
+    said = [range_in_words("elbow_flexion", *np.deg2rad(pair)) for pair in ((30, 120), (-5, 150), (-40, -10), (90, 90))]
+    assert said == [
+        "elbow: 30 to 120 deg of flexion",
+        "elbow: 5 deg of extension to 150 deg of flexion",
+        "elbow: 10 to 40 deg of extension",
+        "elbow: locked at 90 deg of flexion",
+    ]

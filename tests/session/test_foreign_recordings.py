@@ -1,0 +1,265 @@
+"""Recordings as other people and other devices write them: European tables, raw counts, storage files, C3D."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import struct
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rehab_opt.errors import ProblemFileError
+from rehab_opt.session.column_names import canonical_name
+from rehab_opt.session.files import load_problem
+from rehab_opt.session.recordings import read_recording
+from rehab_opt.session.run import checked
+
+Write = Callable[[str, str | bytes], Path]
+Array = np.ndarray
+
+
+# ------------------------------------------------------------------------------------------------------------ tables
+@pytest.mark.parametrize(
+    ("cell", "name"),
+    [
+        ("x_mm", "x_mm"), ("X [mm]", "x_mm"), ("x (mm)", "x_mm"), ("Y/cm", "y_cm"), ("Time [s]", "time_s"),
+        ("T_ms", "t_ms"),
+        ('"x_m"', "x_m"), ("elbow [deg]", "elbow_deg"), ("Elbow (°)", "Elbow_deg"), ("Fx [N]", "fx_N"),
+        ("x [inch]", "x [inch]"),
+        ("X", "x"), ("pressure", "pressure"), ("[mm]", "[mm]"), ("a/b/c", "a/b/c"), ("_m", "_m"),
+        ("(" * 9999, "(" * 9999),
+    ],
+)  # fmt: skip
+def test_a_header_says_its_units_in_many_ways(cell: str, name: str) -> None:
+    assert canonical_name(cell) == name
+
+
+@settings(max_examples=60)
+@given(st.text(max_size=60))
+def test_a_canonical_name_stays_as_it_is(cell: str) -> None:
+    assert canonical_name(canonical_name(cell)) == canonical_name(cell)
+
+
+@pytest.mark.parametrize(("separator", "mark"), [("semicolon", ";"), ("tab", "\t")])
+def test_european_table_is_read(written: Write, separator: str, mark: str) -> None:
+    rows = ["\ufeffZeit;t [s];x [mm];y [mm];", "a;0,0;1,5;-2,0;", "b;0,5;2,5e1;3;"]
+    path = written("a.csv", "\r\n".join(rows).replace(";", mark))
+    recording = read_recording(path, separator=separator, decimal="comma")
+    np.testing.assert_allclose(recording.time, [0, 0.5])
+    np.testing.assert_allclose(recording.points, [[0.0015, -0.002], [0.025, 0.003]])
+    assert recording.notes == ("columns not read: Zeit",)
+
+
+def test_quoted_cells_and_columns_by_either_name_are_read(written: Write) -> None:
+    path = written("a.csv", '"t_s","hand x [mm]","hand y [mm]"\n"0","1","2"\n"1","30","40"\n')
+    for columns in (["hand x [mm]", "hand y [mm]"], ["hand x_mm", "hand y_mm"]):
+        np.testing.assert_allclose(read_recording(path, columns=columns).points, [[0.001, 0.002], [0.03, 0.04]])
+
+
+def test_raw_counts_are_scaled(written: Write) -> None:
+    table = written("a.csv", "time,x,y,z\n0,100,200,0\n5,1100,200,100\n")
+    recording = read_recording(table, count_mm=0.01, tick_ms=7.5)
+    np.testing.assert_allclose(recording.time, [0, 0.0375])
+    np.testing.assert_allclose(recording.points, [[0.001, 0.002, 0], [0.011, 0.002, 0.001]])
+    pen = written("a.svc", "2\n100000 200000 0 1\n100000 300000 1000 1\n")
+    recording = read_recording(pen, count_mm=0.001, tick_ms=1.0)
+    np.testing.assert_allclose(recording.points, [[0.1, 0.2], [0.1, 0.3]])
+    np.testing.assert_allclose(recording.time, [0, 1.0])
+
+
+def test_wrong_count_of_a_pen_trace_is_a_note(written: Write) -> None:
+    recording = read_recording(written("a.svc", "5\n0 0 0 1\n30 0 1 1\n"))
+    assert "its first line states 5 samples, 2 are there" in recording.notes
+
+
+def test_recording_is_slowed(written: Write) -> None:
+    path = written("a.csv", "t_s,x_m,y_m\n1,0,0\n2,0.1,0\n")
+    recording = read_recording(path, speed=0.25)
+    assert recording.duration == pytest.approx(4.0)
+    assert recording.notes == ("played at 0.25 of its recorded speed",)
+
+
+@pytest.mark.parametrize(
+    ("table", "says"),
+    [
+        ("t_s,x_mm,y_mm\n0,0,0\n1,0.3,0.2\n", "metres that its header calls millimetres"),
+        ("t_s,x_m,y_m\n0,0,0\n0.01,0.5,0\n0.02,1,0\n", "faster than 50 m/s"),
+        ("t_s,x_m,y_m\n0,0,0\n1000,0.1,0\n2000,0.2,0\n", "milliseconds taken for seconds"),
+    ],
+)
+def test_other_units_are_noticed_by_size(written: Write, table: str, says: str) -> None:
+    assert says in " ".join(read_recording(written("a.csv", table)).notes)
+
+
+CAUSES: list[tuple[str, str | bytes, dict[str, Any], str, str]] = [
+    ("a.csv", "t_s;x_m;y_m\n0;1;2\n", {}, "recording.separator", "'semicolon', which line 1 has 2 times"),
+    ("a.csv", "t_s\tx_m\ty_m\n0\t1\t2\n", {}, "recording.separator", "'tab'"),
+    ("a.csv", "t_s;x_m;y_m\n0;1,5;2\n", {"separator": "semicolon"}, "line 2, column x_m", "decimal = 'comma'"),
+    ("a.csv", "t_s,x_m,y_m\n0,0,1,5,2,5\n", {}, "line 2", "decimal commas?"),
+    ("a.csv", "t_s,x_m,y_m\n0,1,2\n", {"decimal": "comma"}, "recording.separator", "decimals are commas"),
+    ("a.csv", "t_s\tx_m\ty_m\n0\t1.0,5\t2\n", {"separator": "tab", "decimal": "comma"}, "line 2, column x_m", "finite"),
+    ("a.csv", "t,x,y\n0,1,2\n", {}, "line 1, column t", "recording.tick_ms"),
+    ("a.csv", "t_s,x,y\n0,1,2\n", {}, "line 1, column x", "recording.count_mm"),
+    ("a.csv", "t_s,x_m,X [m],y_m\n0,1,1,2\n", {}, "line 1", "a name of its own"),
+    ("a.csv", "t_s,x_m,y_m\n0,1,2\n".encode("utf-16"), {}, "file", "CSV UTF-8"),
+    ("a.csv", "t_s,x_m,y_m\n0,1,2\n1,2,3\n", {"speed": math.nan}, "recording.speed", "above zero"),
+    ("a.svc", "2\n20000 0 0 1\n20001 0 1 1\n", {}, "line 2, column x_mm", "another unit"),
+    ("a.sto", "x\nendheader\ntime hand_X\n0 1\n1 20\n", {"columns": ["hand_X"] * 2}, "column hand_X", "-10 to 10"),
+    ("a.sto", "x\ninDegrees=maybe\nendheader\ntime hand_X\n0 1\n", {}, "inDegrees", "yes or no"),
+    ("a.c3d", b"\x02\x50", {"marker": "HAND"}, "byte 2", "as in every C3D"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "content", "reading", "key", "says"), CAUSES)
+def test_refusal_names_the_cause(
+    written: Write, name: str, content: str | bytes, reading: dict[str, Any], key: str, says: str
+) -> None:
+    with pytest.raises(ProblemFileError) as refused:
+        read_recording(written(name, content), **reading)
+    assert key in refused.value.key
+    assert says in refused.value.expected
+
+
+def test_storage_file_holds_places_and_maybe_angles(written: Write) -> None:
+    text = "Position\nnRows=2\nendheader\ntime\thand_X\thand_Y\thand_Ox\n0\t0.1\t0.2\t90\n1\t0.3\t0.2\t90\n"
+    recording = read_recording(written("a.sto", text), columns=["hand_X", "hand_Y"])
+    np.testing.assert_allclose(recording.points, [[0.1, 0.2], [0.3, 0.2]])
+    assert not recording.joints
+    assert "nothing of inDegrees" in recording.notes[0]
+    told = read_recording(written("b.sto", text.replace("nRows=2", "inDegrees=yes")), columns=["hand_X", "hand_Y"])
+    np.testing.assert_allclose(told.joints["hand_Ox"], math.pi / 2)
+
+
+# --------------------------------------------------------------------------------------------------------------- C3D
+def c3d(points: Array, labels: list[str], *, order: str = "<", floats: bool = True, rate: float = 100.0) -> bytes:
+    """A file of points (frames, markers, 4) in mm, written as the format's description has it."""
+
+    def parameter(name: str, kind: int, sizes: list[int], data: bytes) -> bytes:
+        body = struct.pack("bB", kind, len(sizes)) + bytes(sizes) + data + b"\0"
+        return struct.pack("bb", len(name), 1) + name.encode() + struct.pack(f"{order}H", len(body) + 2) + body
+
+    width = max(map(len, labels))
+    section = struct.pack("bb", 5, -1) + b"POINT" + struct.pack(f"{order}H", 3) + b"\0"
+    text = "".join(label.ljust(width) for label in labels).encode()
+    section += parameter("LABELS", -1, [width, len(labels)], text) + parameter("UNITS", -1, [2], b"mm")
+    section += parameter("RATE", 4, [], struct.pack(f"{order}f", rate)) + b"\0\0"
+    blocks = -(-(4 + len(section)) // 512)
+    processor = 84 if order == "<" else 86
+    section = (bytes([1, 0x50, blocks, processor]) + section).ljust(512 * blocks, b"\0")
+    scale = -0.1 if floats else 0.1
+    head = bytes([2, 0x50]) + struct.pack(f"{order}5HfH", len(labels), 0, 1, len(points), 0, scale, 2 + blocks)
+    values = points.copy()
+    if not floats:
+        values[..., :3] = np.round(values[..., :3] / scale)
+    data = values.astype(f"{order}f4" if floats else f"{order}i2").tobytes()
+    return head.ljust(512, b"\0") + section + data
+
+
+def markers(frames: int = 30) -> Array:
+    points = np.zeros((frames, 2, 4))
+    points[:, 1, :3] = np.linspace((0, 50, -10), (300, 100, 20), frames).round(1)
+    points[7, 1, 3] = -1
+    return points
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("floats", [True, False])
+def test_marker_of_a_c3d_is_read(written: Write, order: str, floats: bool) -> None:
+    points = markers()
+    path = written("a.c3d", c3d(points, ["WRIST", "HAND"], order=order, floats=floats))
+    recording = read_recording(path, marker="HAND")
+    seen = np.arange(30) != 7
+    np.testing.assert_allclose(recording.points, 1e-3 * points[seen, 1, :3], atol=1e-8)
+    np.testing.assert_allclose(recording.time, np.flatnonzero(seen) / 100)
+    assert recording.notes == ("1 frames without marker HAND left out",)
+
+
+def test_ezc3d_and_this_library_see_the_same(tmp_path: Path) -> None:
+    ezc3d = pytest.importorskip("ezc3d")
+    file = ezc3d.c3d()
+    file["parameters"]["POINT"]["RATE"]["value"] = [120]
+    file["parameters"]["POINT"]["LABELS"]["value"] = ("WRIST", "HAND")
+    file["parameters"]["POINT"]["UNITS"]["value"] = ["m"]
+    points = np.ones((4, 2, 40))
+    points[:3] = np.random.default_rng(4).normal(0, 0.3, (3, 2, 1)) + np.linspace(0, 0.2, 40)
+    file["data"]["points"] = points
+    file.write(str(tmp_path / "a.c3d"))
+    recording = read_recording(tmp_path / "a.c3d", marker="HAND")
+    np.testing.assert_allclose(recording.points, points[:3, 1].T, atol=1e-6)
+    np.testing.assert_allclose(recording.time, np.arange(40) / 120)
+
+
+@settings(max_examples=100, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_spoilt_c3d_ends_in_a_recording_or_a_refusal(tmp_path_factory: pytest.TempPathFactory, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    content = bytearray(c3d(markers(), ["WRIST", "HAND"]))
+    for at in rng.integers(0, 1024, rng.integers(1, 9)):
+        content[at] = rng.choice([0, 1, 127, 128, 255, rng.integers(256)])
+    path = tmp_path_factory.mktemp("c3d") / "a.c3d"
+    path.write_bytes(content[: rng.integers(1, len(content)) if rng.random() < 0.3 else None])
+    with contextlib.suppress(ProblemFileError):
+        assert np.isfinite(read_recording(path, marker="HAND").points).all()
+
+
+@pytest.mark.parametrize("suffix", ["csv", "svc", "mot", "sto", "trc", "c3d"])
+def test_pipes_and_huge_files_are_refused_at_once(tmp_path: Path, suffix: str) -> None:
+    pipe, huge = tmp_path / f"pipe.{suffix}", tmp_path / f"huge.{suffix}"
+    os.mkfifo(pipe)
+    with huge.open("wb") as file:
+        file.truncate(10**12)
+    for path, value in ((pipe, "a pipe"), (huge, "1e+06 MB")):
+        with pytest.raises(ProblemFileError) as refused:
+            read_recording(path, marker="HAND")
+        assert refused.value.value == value
+
+
+# ---------------------------------------------------------------------------------------------------------- problems
+PROBLEM = """system = "upper_limb"
+title = "t"
+[arm]
+side = "left"
+range_of_motion = "restricted"
+[recording]
+file = "a.csv"
+hand = "left"
+{more}
+[placement]
+centre_m = [{x}, 0.502]
+"""
+
+
+def test_check_says_size_and_how_much_is_in_reach(written: Write) -> None:
+    written("a.csv", "t [s];x [mm];y [mm]\n0,0;0;0\n1,0;10;10\n2,0;20;0\n")
+    more = 'separator = "semicolon"\ndecimal = "comma"\nspeed = 0.5'
+    notes = checked(load_problem(str(written("in.toml", PROBLEM.format(more=more, x=-0.172)))))
+    assert "played at 0.5 of its recorded speed" in notes
+    assert any(note.startswith("401 samples over 4 s; 20 x 10 mm large, 28.28 mm long") for note in notes)
+    assert "in reach: 40 of 40 samples looked at (100 %)" in notes
+    notes = checked(load_problem(str(written("out.toml", PROBLEM.format(more=more, x=0.5)))))
+    assert any(
+        note.startswith("in reach: 0 of 40 samples looked at (0 %); from the others the hand stays") for note in notes
+    )
+
+
+@pytest.mark.parametrize(
+    ("more", "key"),
+    [
+        ("speed = 0", "recording.speed"), ('separator = ";"', "recording.separator"),
+        ("count_mm = -1.0", "recording.count_mm"),
+        ('marker = "HAND"', "recording.marker"), ('decimal = "Komma"', "recording.decimal"),
+    ],
+)  # fmt: skip
+def test_keys_of_a_recording_are_checked(written: Write, more: str, key: str) -> None:
+    with pytest.raises(ProblemFileError) as refused:
+        load_problem(str(written("p.toml", PROBLEM.format(more=more, x=0))))
+    assert refused.value.key == key
+    with pytest.raises(ProblemFileError, match=r"only a .svc or .csv has raw counts"):
+        load_problem(str(written("q.toml", PROBLEM.format(more="tick_ms = 1.0", x=0).replace("a.csv", "a.mot"))))

@@ -1,0 +1,126 @@
+"""Recordings cut into trials and scored, a row for each measure."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rehab_opt.cli import main
+from rehab_opt.errors import ConfigurationError, ProblemFileError, RehabOptError
+from rehab_opt.session.recording import Recording
+from rehab_opt.session.scoring import Scored, score_recordings, trials_between_pauses, write_rows
+from tests.measures.yardstick import reach
+
+Write = Callable[[str, str | bytes], Path]
+
+
+def table(time: np.ndarray, points: np.ndarray) -> str:
+    rows = "\n".join(f"{t:.6f},{x:.9f},{y:.9f}" for t, (x, y) in zip(time, points, strict=True))
+    return f"t_s,x_m,y_m\n{rows}\n"
+
+
+def to_and_fro(count: int, rest: float) -> tuple[np.ndarray, np.ndarray]:
+    """Reaches of 0.2 m to the right and back, in turn, with `rest` seconds before and after each."""
+    time, there = reach(100, rest=rest)
+    legs = [there if i % 2 == 0 else there[::-1] for i in range(count)]
+    return np.arange(count * len(time)) / 100, np.vstack(legs)
+
+
+def column(scored: Scored, measure: str) -> list[float]:
+    return [row.value for row in scored.rows if row.measure == measure]
+
+
+def test_a_recording_is_cut_where_the_hand_rests(written: Write) -> None:
+    file = str(written("a.csv", table(*to_and_fro(3, 0.4))))
+    whole, parts = score_recordings([file]), score_recordings([file], pause=0.5)
+    assert column(whole, "velocity_peaks") == [3]
+    assert column(parts, "velocity_peaks") == [1, 1, 1]
+    assert {row.trial for row in parts.rows} == {"1", "2", "3"}
+    for value in column(parts, "movement_time"):
+        assert value == pytest.approx(math.sqrt(1 - math.sqrt(0.05)), abs=1e-3)
+    assert column(score_recordings([file], pause=1.5), "velocity_peaks") == [3]  # it never rests that long
+
+
+def test_trials_hold_every_sample_once() -> None:
+    time, points = to_and_fro(4, 0.4)
+    parts = trials_between_pauses(Recording("a", time, points), pause=0.5)
+    np.testing.assert_array_equal(np.concatenate([part.time for part in parts]), time)
+    np.testing.assert_array_equal(np.vstack([part.points for part in parts]), points)
+
+
+def test_repeats_vary_and_targets_are_missed(written: Write) -> None:
+    time, points = reach(100, rest=0.3)
+    files = [str(written(f"{i}.csv", table(time, points + (0.0, shift)))) for i, shift in enumerate((-0.01, 0, 0.01))]
+    scored = score_recordings(files, repeats=True, target=(0.2, 0.0))
+    assert column(scored, "path_variability") == [pytest.approx(0.01, abs=1e-6)]
+    assert column(scored, "end_error") == pytest.approx([0.01, 0.0, 0.01], abs=1e-6)
+    assert [row.trial for row in scored.rows if row.measure == "end_variability"] == ["all"]
+
+
+def test_rows_are_long_format_and_read_back(written: Write) -> None:
+    name = str(written('a "b",c.csv', table(*reach(100))))
+    scored = score_recordings([name])
+    file = io.StringIO()
+    write_rows(scored.rows, file)
+    header, *rows = csv.reader(io.StringIO(file.getvalue()))
+    assert header == ["recording", "trial", "measure", "value", "unit"]
+    assert len(rows) == len(scored.rows)
+    assert {(row[0], row[1]) for row in rows} == {(name, "1")}
+    assert float(next(row[3] for row in rows if row[2] == "speed_peak")) == pytest.approx(0.375, rel=1e-3)
+
+
+def test_what_cannot_be_scored_is_refused_with_its_file_and_trial(written: Write) -> None:
+    time, points = reach(100)
+    good = str(written("good.csv", table(time, points)))
+    still = str(written("still.csv", table(time, 0 * points)))
+    short = str(written("short.csv", table(time[:5], points[:5])))
+    angles = str(written("angles.mot", "x\ninDegrees=yes\nendheader\ntime elbow\n0 1\n1 2\n"))
+    refusals: list[tuple[Callable[[], Scored], type[RehabOptError], str]] = [
+        (lambda: score_recordings([good, still]), ProblemFileError, "still.csv: trial 1, points"),
+        (lambda: score_recordings([short]), ProblemFileError, "short.csv: trial 1, time = '5 samples'"),
+        (lambda: score_recordings([short], pause=0.5), ProblemFileError, "short.csv: time = '5 samples'"),
+        (lambda: score_recordings([angles]), ProblemFileError, "--columns"),
+        (lambda: score_recordings([good], target=(1, 2, 3)), ConfigurationError, "--target"),
+        (lambda: score_recordings([good], repeats=True), ConfigurationError, "--repeats"),
+        (lambda: score_recordings([good], pause=math.nan), ConfigurationError, "pause"),
+        (lambda: score_recordings([good], cutoff_hz=0.0), ConfigurationError, "cutoff_hz"),
+    ]
+    for scored, error, text in refusals:
+        with pytest.raises(error) as refused:
+            scored()
+        assert text in str(refused.value)
+
+
+def test_command_prints_rows_and_writes_no_file_twice(
+    written: Write, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, out = str(written("a.csv", table(*reach(100, rest=0.3)))), tmp_path / "new" / "scores.csv"
+    with pytest.raises(SystemExit) as done:
+        main(["score", file])
+    assert done.value.code == 0
+    printed = capsys.readouterr()
+    assert printed.out.startswith("recording,trial,measure,value,unit\n")
+    assert printed.err == ""
+    for arguments, code in (([], 0), ([], 2), (["--force"], 0)):
+        with pytest.raises(SystemExit) as done:
+            main(["score", file, "--target", "0.2,0.01", "--out", str(out), *arguments])
+        assert done.value.code == code
+    assert "end_error,0.01" in out.read_text()
+    for bad in (["--target", "0.2;1"], ["--pause", "-1"], ["--marker", "HAND", "--columns", "a,b"]):
+        with pytest.raises(SystemExit) as done:
+            main(["score", file, *bad])
+        assert done.value.code == 2
+
+
+def test_recorded_pen_trace_and_marker_are_scored(recorded: Callable[[str], Path]) -> None:
+    pen = score_recordings([str(recorded("pen_trace/signal.svc"))], pause=0.3)
+    assert len({row.trial for row in pen.rows}) > 3
+    lift = score_recordings([str(recorded("upper_limb_mocap/markers.trc"))], reading={"marker": "MEDH"})
+    assert column(lift, "workspace_volume")[0] > 0
+    assert 0.1 < column(lift, "speed_peak")[0] < 3
