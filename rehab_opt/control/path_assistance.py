@@ -77,7 +77,10 @@ class PathAssistance(BoundedForce):
         return_force: float = 10.0,
         **bounds: Unpack[ForceBounds],
     ) -> None:
-        (points,) = checked_paths(np.asarray(path))
+        paths = checked_paths(path)
+        if len(paths) != 1:
+            raise ConfigurationError("path", f"{len(paths)} paths", "one path (N, 2) in metres")
+        points = paths[0]
         if len(points) < 2:
             raise ConfigurationError("path", points.shape, "at least two points (N, 2) in metres")
         if not (isinstance(width, int | float) and 0 < width < math.inf):

@@ -127,7 +127,7 @@ def progress_function() -> ca.Function:
     grip = clipped(old.grip + ca.if_else(away, -model.dt, model.dt) / FADE, 0, 1)
 
     # Where a hand that was let go has come back to.
-    start = ca.fmin(ca.floor(at) + SAMPLES_PER_WIDTH, model.last)
+    start = ca.floor(at) + SAMPLES_PER_WIDTH  # beyond the end where no width is left: nothing takes the hand in again
     back = _first_place(hand, searched, old.looked, start=start, model=model)
     returns = all_true(ca.logic_not(free), old.grip == 0, back >= 0)
     further = old.looked + SEARCHED
