@@ -43,9 +43,10 @@ class PathAssistance(BoundedForce):
     The published field is of the whole path at once: at crossings, hairpins and loops it averages branches, and a hand
     is held between them for good. Here s is a state of its own. It is moved by the person, in order: it never goes
     back, and cuts no detour longer than two widths. `rehab_opt.control.path_progress` states the law, why a steady push
-    cannot hold a hand whose person means to go on, and what the law cannot see. A hand that stands under force all the
-    same is let go within 2 s: the force fades, the command says BLOCKED, its scale is 0, its `yielded` holds
-    `Bound.TASK`, and its reason says why, until the hand comes to a place further along the path.
+    cannot hold a hand whose person means to go on, and what the law cannot see. A hand that stands under more than 0.3
+    of `force_limit` all the same, with less progress than a width, is let go within 2 s: the force fades, the command
+    says BLOCKED, its scale is 0, its `yielded` holds `Bound.TASK`, and its reason says why, until the hand comes to a
+    place further along the path. In the middle of many laps progress goes on, a width at a time: there it is not let go.
 
     A person who goes back along the path is held, by the spring, to where they had come, and let go in 2 s where they
     insist. Begin anew by `reset`.

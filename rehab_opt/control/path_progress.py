@@ -31,6 +31,11 @@ to may be the wish to leave: where the hand has stood under more than 0.3 of the
 progress than a width, the force fades within 0.3 s, in whatever direction the hand is pushed, and stays away until the
 hand comes within a width of a place at least a width further on: the first of these along the path. So a hand is never
 led back to an earlier loop, and a later one that it has come to takes it in.
+
+Whoever rests is let go where progress stands, and only there. In the middle of laps of one size, or beside a stretch
+that is gone many times, a hand at rest is led on a width at a time, or let go and taken in by the next lap within 2 s,
+until the laps are over: force that turns, up to the limit, was seen for 20 s of 100 laps. A force below 0.3 of the limit
+may stay for as long as the hand does.
 """
 
 from __future__ import annotations
