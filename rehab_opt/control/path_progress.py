@@ -34,7 +34,7 @@ led back to an earlier loop, and a later one that it has come to takes it in.
 
 Whoever rests is let go where progress stands, and only there. In the middle of laps of one size, or beside a stretch
 that is gone many times, a hand at rest is led on a width at a time, or let go and taken in by the next lap within 2 s,
-until the laps are over: force that turns, up to the limit, was seen for 20 s of 100 laps. A force below 0.3 of the limit
+until the laps are over: force that turns, up to the limit, was seen for 20 s of 100 laps. Below 0.3 of the limit force
 may stay for as long as the hand does.
 """
 
