@@ -268,6 +268,8 @@ def score(
         writable(out.parent)
         if out.exists() and not force:
             raise ConfigurationError("--out", str(out), "a file that is not there yet, or --force to replace it")
+        if any(out.exists() and Path(each).exists() and out.samefile(each) for each in recordings):
+            raise ConfigurationError("--out", str(out), "another file than the recordings")
     scored = score_recordings(
         recordings,
         reading={

@@ -207,8 +207,8 @@ class ClearancePairs:
         ]
         for i in range(given.moving):
             one = told[MOVING * i : MOVING * (i + 1)]
-            absent = FAR * (1 - one[THERE])
-            others.append((one[:6] + time * one[6:12], one[6:12], one[12] - absent))
+            absent = FAR * (one[THERE] == 0)
+            others.append((one[:6] + time * one[6:12], one[6:12], ca.fmax(one[12], 0) - absent))
         capsules = [
             ca.vertcat(*ends[i], *ends[j], still, links[i].radius + links[j].radius + given.self_margin)
             for i, j in self.linked

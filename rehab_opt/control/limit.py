@@ -1,4 +1,4 @@
-"""Limits of a posture, a user's own and clearance: stated once, kept by QP, shortened step and safe command."""
+"""Limits of a posture, and clearance: stated once, kept by the QP, the shortened step and the safe command."""
 
 from __future__ import annotations
 

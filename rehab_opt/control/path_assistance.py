@@ -43,9 +43,10 @@ class PathAssistance(BoundedForce):
     The published field is of the whole path at once: at crossings, hairpins and loops it averages branches, and a hand
     is held between them for good. Here s is a state of its own. It is moved by the person, in order: it never goes
     back, and cuts no detour longer than two widths. `rehab_opt.control.path_progress` states the law, why a steady push
-    cannot hold a hand whose person means to go on, and what the law cannot see. A hand that stands under force all the
-    same is let go within 2 s: the force fades, the command says BLOCKED, its scale is 0, its `yielded` holds
-    `Bound.TASK`, and its reason says why, until the hand comes to a place further along the path.
+    cannot hold a hand whose person means to go on, and what the law cannot see. A hand that stands under more than 0.3
+    of `force_limit` all the same, with less progress than a width, is let go within 2 s: the force fades, the command
+    says BLOCKED, its scale is 0, its `yielded` holds `Bound.TASK`, and its reason says why, until the hand comes to a
+    place further along the path. In the middle of many laps progress goes on: there it is not let go.
 
     A person who goes back along the path is held, by the spring, to where they had come, and let go in 2 s where they
     insist. Begin anew by `reset`.
@@ -77,7 +78,10 @@ class PathAssistance(BoundedForce):
         return_force: float = 10.0,
         **bounds: Unpack[ForceBounds],
     ) -> None:
-        (points,) = checked_paths(np.asarray(path))
+        paths = checked_paths(path)
+        if len(paths) != 1:
+            raise ConfigurationError("path", f"{len(paths)} paths", "one path (N, 2) in metres")
+        points = paths[0]
         if len(points) < 2:
             raise ConfigurationError("path", points.shape, "at least two points (N, 2) in metres")
         if not (isinstance(width, int | float) and 0 < width < math.inf):

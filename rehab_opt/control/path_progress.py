@@ -31,6 +31,11 @@ to may be the wish to leave: where the hand has stood under more than 0.3 of the
 progress than a width, the force fades within 0.3 s, in whatever direction the hand is pushed, and stays away until the
 hand comes within a width of a place at least a width further on: the first of these along the path. So a hand is never
 led back to an earlier loop, and a later one that it has come to takes it in.
+
+Whoever rests is let go where progress stands, and only there. In the middle of laps of one size, or beside a stretch
+that is gone many times, a hand at rest is led on a width at a time, or let go and taken in by the next lap within 2 s,
+until the laps are over: force that turns, up to the limit, was seen for 20 s of 100 laps. Below 0.3 of the limit force
+may stay for as long as the hand does.
 """
 
 from __future__ import annotations
@@ -127,7 +132,7 @@ def progress_function() -> ca.Function:
     grip = clipped(old.grip + ca.if_else(away, -model.dt, model.dt) / FADE, 0, 1)
 
     # Where a hand that was let go has come back to.
-    start = ca.fmin(ca.floor(at) + SAMPLES_PER_WIDTH, model.last)
+    start = ca.floor(at) + SAMPLES_PER_WIDTH  # beyond the end where no width is left: nothing takes the hand in again
     back = _first_place(hand, searched, old.looked, start=start, model=model)
     returns = all_true(ca.logic_not(free), old.grip == 0, back >= 0)
     further = old.looked + SEARCHED

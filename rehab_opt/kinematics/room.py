@@ -20,7 +20,10 @@ __all__ = ["ARM_RADII", "MOVING", "Box", "KeepOut", "MovingCapsule", "arm_capsul
 Array = NDArray[np.float64]
 
 MOVING = 14
-"""Numbers of a moving capsule: its ends, their velocities, its radius, and 1 where there is one."""
+"""Numbers of a moving capsule: its ends, their velocities, its radius, and 0 where there is none.
+
+Any other number there says that there is one, and a radius below zero counts as zero: neither takes a body away.
+"""
 ENDS = (1, 4, 5, 8)
 """Frames of `human_arm` at shoulder, elbow, wrist and fingers."""
 ARM_RADII = (0.06, 0.05, 0.045)
@@ -96,7 +99,7 @@ class MovingCapsule(NamedTuple):
 
 
 def moving_numbers(obstacles: Sequence[MovingCapsule] | Array, count: int) -> Array:
-    """(count, 14) moving capsules as inputs of a tick; rows of zeros where there is none.
+    """(count, 14) moving capsules as inputs of a tick, see `MOVING`; rows of zeros where there is none.
 
     Raises
     ------

@@ -29,6 +29,8 @@ FEWEST = 10
 """Samples; of fewer, nothing that is measured here would mean anything."""
 LARGEST_CUT_OFF = 0.4
 """Fraction of the rate; the corrected cut-off has to stay below half of it."""
+SMALLEST_CUT_OFF = 1e-6
+"""Fraction of the rate; below it the filter's poles are too near one for numbers of 64 bits."""
 ONCE_EACH_WAY = (2**0.5 - 1) ** 0.25
 """A second-order Butterworth filter run forward and back has 3 dB at this fraction of its own cut-off (Winter 2009)."""
 
@@ -113,13 +115,17 @@ def low_passed(points: ArrayLike, rate_hz: float, *, cutoff_hz: float | None = C
 
     Raises
     ------
-    ConfigurationError : fewer than ten points, numbers that are not finite, a cut-off of 0.4 of the rate or more.
+    ConfigurationError : fewer than ten points, numbers that are not finite, a cut-off of 0.4 of the rate or more, or
+        of less than a millionth of it.
     """
     p, rate = vectors("points", points, fewest=FEWEST), positive("rate_hz", rate_hz)
     if cutoff_hz is None:
         return p
     if not positive("cutoff_hz", cutoff_hz) < LARGEST_CUT_OFF * rate:
         expected = f"less than {LARGEST_CUT_OFF:g} of the {rate:.6g} Hz of the samples, or None"
+        raise ConfigurationError("cutoff_hz", cutoff_hz, expected)
+    if cutoff_hz < SMALLEST_CUT_OFF * rate:
+        expected = f"{SMALLEST_CUT_OFF:g} of the {rate:.6g} Hz of the samples, or more (are the times in seconds?)"
         raise ConfigurationError("cutoff_hz", cutoff_hz, expected)
     from scipy.signal import butter, sosfiltfilt  # noqa: PLC0415  (loads seconds of code)
 

@@ -227,6 +227,20 @@ def test_tracker_without_what_it_was_told_of_refuses_and_bad_numbers_brake() -> 
     assert tracker.step(START, pose, twist, obstacles=[BALL]).status is Status.OK
 
 
+@pytest.mark.parametrize(("at", "number"), [(12, -0.5), (13, 0.5), (13, -1.0)])
+def test_spoilt_numbers_take_no_body_away(at: int, number: float) -> None:
+    chain, pose = ur5(), ur5().pose(START)
+    through = MovingCapsule(pose[:3, 3] - 0.1, pose[:3, 3] + 0.1, 0.001)
+    spoilt = moving_numbers([through], 1).copy()
+    spoilt[0, at] = number
+    tracker = PoseTracker(chain, limits=[Clearance(margin=MARGIN, moving=1)], compile=False)
+    asked = pose.copy()
+    asked[2, 3] += 0.05
+    seen = [tracker.step(START, asked, np.zeros(6), obstacles=each) for each in (np.zeros((1, MOVING)), spoilt)]
+    assert Bound.POSITION not in seen[0].yielded
+    assert Bound.POSITION in seen[1].yielded
+
+
 @pytest.mark.parametrize(
     ("options", "named"),
     [

@@ -152,6 +152,25 @@ def test_a_push_back_along_a_path_that_does_not_return_moves_nothing_on_and_is_l
     assert settled(helper, np.array([0.13, 0.001]))[1] == pytest.approx(-2.0, abs=0.05)
 
 
+def test_a_hand_that_is_let_go_at_the_end_is_not_taken_in_again() -> None:
+    """No place is a width further on there: it would be held for 1.5 s, let go, and held again, for good."""
+    helper = PathAssistance([[0.0, 0.0], [0.1, 0.0]], **GIVEN | {"stiffness": 5000.0}, **OPTIONS | {"dt": 0.02})  # type: ignore[arg-type]
+    for at in np.linspace(0.0, 0.1, 100):
+        helper.step([at, 0.0])
+    hand = np.array([0.1 + 0.004, 0.0])  # 20 N, less than a width beyond the end
+    commands = [helper.step(hand + 1e-6 * (k % 2)) for k in range(500)]
+    assert helper.progress == 1.0
+    assert max(np.linalg.norm(each.value) for each in commands[:50]) > 10.0
+    assert all(each.status is Status.BLOCKED for each in commands[150:])
+    assert max(np.linalg.norm(each.value) for each in commands[150:]) == 0.0
+
+
+@pytest.mark.parametrize("path", [[[0.0, 0.0], [0.1, 0.0, 0.0]], [EIGHT, EIGHT], np.stack([EIGHT, EIGHT])])
+def test_what_is_not_one_path_is_refused(path: object) -> None:
+    with pytest.raises(ConfigurationError, match="path"):
+        along(path)  # type: ignore[arg-type]
+
+
 def test_a_tremor_moves_nothing_on() -> None:
     helper = along(EIGHT)
     for at in range(100):

@@ -16,7 +16,7 @@ from tests.judge.verdict import Promise, Verdict
 
 PROMISES = (
     Promise("rehab_opt/control/mirror.py", "beyond which at the end of no tick there is a link's capsule"),
-    Promise("rehab_opt/control/hand_bounds.py", "The plane through `point` (3,) [m] that keeps the arm on the side of "
+    Promise("rehab_opt/kinematics/room.py", "The plane through `point` (3,) [m] that keeps the arm on the side of "
             "`normal` (3,), of any length."),
 )  # fmt: skip
 LEAST = {"a plane is near": 219, "the hand is nearest to it": 219, "another link is nearest to it": 219,

@@ -310,6 +310,8 @@ BAD: list[tuple[Callable[[], Any], str]] = [
     (lambda: score(TIME, POINTS, joints={"elbow": [math.nan]}), "joints['elbow'][0]"),
     (lambda: score([*TIME[:-1], 1e9], POINTS), "rate_hz"),
     (lambda: measures.hand_velocity(POINTS, 100, cutoff_hz=40), "cutoff_hz"),
+    (lambda: measures.hand_velocity(POINTS, 100, cutoff_hz=1e-10), "cutoff_hz"),
+    (lambda: measures.hand_velocity(POINTS, 1e12), "cutoff_hz"),  # times in another unit
     (lambda: measures.hand_velocity(POINTS, 0.0), "rate_hz"),
     (lambda: measures.spectral_arc_length([], 1.0), "speed"),
     (lambda: measures.spectral_arc_length([math.nan], 1.0), "speed[0]"),

@@ -143,8 +143,8 @@ def test_a_circle_on_servos_shows_what_was_commanded_and_what_was_true(servo: st
     np.testing.assert_allclose(np.deg2rad(lines["true"]), motion.velocity[:, 2], atol=1e-12)
     np.testing.assert_allclose(np.deg2rad(lines["commanded"]), motion.commanded[:, 2], atol=1e-12)
     columns = dict(outcome.trace())
-    assert columns["measured_elbow_rad"] == motion.measured[:, 2].tolist()
-    assert columns["velocity_elbow_rad_s"] == motion.velocity[:, 2].tolist()
+    assert list(columns["measured_elbow_rad"]) == motion.measured[:, 2].tolist()
+    assert list(columns["velocity_elbow_rad_s"]) == motion.velocity[:, 2].tolist()
 
 
 def test_a_later_command_follows_worse() -> None:

@@ -124,3 +124,12 @@ def test_recorded_pen_trace_and_marker_are_scored(recorded: Callable[[str], Path
     lift = score_recordings([str(recorded("upper_limb_mocap/markers.trc"))], reading={"marker": "MEDH"})
     assert column(lift, "workspace_volume")[0] > 0
     assert 0.1 < column(lift, "speed_peak")[0] < 3
+
+
+def test_scores_do_not_replace_the_recording_they_are_of(written: Write, capsys: pytest.CaptureFixture[str]) -> None:
+    file = written("a.csv", table(*to_and_fro(1, 0.4)))
+    before = file.read_bytes()
+    with pytest.raises(SystemExit):
+        main(["score", str(file), "--out", str(file), "--force"])
+    assert "another file than the recordings" in capsys.readouterr().err
+    assert file.read_bytes() == before

@@ -105,7 +105,7 @@ def test_absent_recordings_are_said_with_their_origin(monkeypatch: pytest.Monkey
     [
         ({"folder": ""}, "recorded.folder"),
         ({"folder": "x", "tasks": ["RF", "RF"]}, "recorded.tasks"),
-        ({"folder": "x", "tasks": ["RS"]}, "recorded.tasks.0"),
+        ({"folder": "x", "tasks": ["R S"]}, "recorded.tasks.0"),
         ({"folder": "x", "cover": 0.2}, "recorded.cover"),
         ({"folder": "x", "pronation_zero_deg": "thumb"}, "recorded.pronation_zero_deg"),
         ({"folder": "nowhere"}, "recorded.folder"),
