@@ -99,7 +99,7 @@ def measured(loaded: ProblemFile[Any], name: str, *, random_seats: int, seed: in
         _mean(by_step, branch), _mean(by_plan, found.anyhow), float(by_step.mean()),
         best_random(poses, found.person, content, random_seats, np.random.default_rng(seed)), step.complete,
         float(step.time[-1] / (scene.reference.times[-1] - scene.reference.times[0])),
-        max(float((led.turn - led.short[:, 1]).max()) / tracker.max_turn for led in (step, plan)),
+        max(float(np.nanmax(led.turn - led.short[:, 1])) / tracker.max_turn for led in (step, plan)),
         Broken(*(f(each) for f, each in zip((max, max, min), zip(*worst, strict=True), strict=True))),
     )  # fmt: skip
 
