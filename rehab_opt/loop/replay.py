@@ -1,0 +1,94 @@
+"""A logged session computed again: every command from what the controller was given then."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.control.command import Command
+from rehab_opt.loop.logged import operator_of
+from rehab_opt.loop.tick import Decide, Tick
+from rehab_opt.plants.plant import Measurement
+
+__all__ = ["SAME", "Replay", "replayed", "tick_of"]
+
+SAME = 1e-12
+"""Commands that differ by no more [their own units] are the same."""
+
+
+@dataclass(frozen=True)
+class Replay:
+    """What came of it.
+
+    Parameters
+    ----------
+    same : commands that came out the same. ticks : in the log. worst : the largest difference among the same.
+    first : in words, the first that did not, or what the log lacks; empty where all did.
+    """
+
+    same: int
+    ticks: int
+    worst: float
+    first: str
+
+
+def replayed(records: NDArray[np.void], decide: Decide) -> Replay:
+    """Ask a controller, new as it was when its session began, what it was asked then.
+
+    Parameters
+    ----------
+    records : (N,) of a log, from its first tick on.
+    """
+    operator, worst = operator_of(records.dtype), 0.0
+    for i, record in enumerate(records):
+        if gap := _gap(records, i):
+            return Replay(i, len(records), worst, gap)
+        tick = tick_of(record, operator)
+        if record["asked_before"]:
+            decide(tick._replace(enabled=record["asked_before"] == 2))
+        command = decide(tick)
+        apart = _apart(command, record)
+        if not apart <= SAME or command.status.value != record["status"].decode():
+            return Replay(i, len(records), worst, _words(record, command, apart))
+        worst = max(worst, apart)
+    return Replay(len(records), len(records), worst, "")
+
+
+def tick_of(record: np.void, operator: np.dtype[np.void]) -> Tick:
+    """What the controller was given in a logged tick; `operator` is the layout of `operator_of`."""
+    wants = None
+    if operator.names and record["operated"]:
+        row: np.void = np.zeros(1, dtype=operator)[0]
+        for name in operator.names:
+            row[name] = record[f"operator_{name}"]
+        wants = row
+    seen = Measurement(
+        float(record["stamp"]), record["position"].copy(), record["velocity"].copy(), record["force"].copy()
+    )
+    return Tick(int(record["tick"]), float(record["time"]), seen, wants, bool(record["enabled"]))
+
+
+def _gap(records: NDArray[np.void], i: int) -> str:
+    number = int(records["record"][i])
+    if number == i + 1:
+        return ""
+    at = f"tick {int(records['tick'][i])}"
+    lost = number - i - 1
+    return f"{lost} records before {at} are not in the log: what the controller remembered then is not known"
+
+
+def _apart(command: Command, record: np.void) -> float:
+    apart = [float(np.abs(command.value - record["command"]).max(initial=0.0))]
+    if command.wheels is not None and "wheels" in (record.dtype.names or ()):
+        apart.append(float(np.abs(command.wheels - record["wheels"]).max(initial=0.0)))
+    return float(np.max(apart))  # of a NaN, NaN
+
+
+def _words(record: np.void, command: Command, apart: float) -> str:
+    at = f"tick {int(record['tick'])}, {float(record['time']):.3f} s after the beginning"
+    was, now = record["status"].decode(), command.status.value
+    if was != now:
+        return f"{at}: the status was {was!r} and is {now!r} ({command.reason or 'no reason'})"
+    return f"{at}: the command differs by {apart:.3g}"

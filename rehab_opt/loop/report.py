@@ -1,0 +1,51 @@
+"""How a loop ended, and how it kept the time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rehab_opt.loop.times import Times
+
+__all__ = ["LoopReport"]
+
+
+@dataclass(frozen=True)
+class LoopReport:
+    """What `Loop.run` says at its end.
+
+    Parameters
+    ----------
+    ticks : that were run. missed : that were left out, since a tick before them was too late.
+    late : that began more than half a tick after their deadline.
+    stale : commands that were not sent, since the state they were computed from was older than allowed.
+    lateness : from deadlines to the beginnings of ticks. tick_time : from there until the command was sent.
+    scheduling : of the thread, and what was refused.
+    reason : why the loop ended. lost : because the device was gone.
+    """
+
+    ticks: int
+    missed: int
+    late: int
+    stale: int
+    lateness: Times
+    tick_time: Times
+    scheduling: str
+    reason: str
+    lost: bool
+
+    def __str__(self) -> str:
+        """A few lines for a terminal."""
+        return "\n".join(
+            (
+                f"ended: {self.reason}",
+                f"{self.ticks} ticks, {self.missed} missed, {self.late} late by more than half a tick, {self.stale} "
+                "commands not sent since their state was too old",
+                *(f"{name}: {_shown(times)}" for name, times in (("late by", self.lateness), ("took", self.tick_time))),
+                f"scheduling: {self.scheduling}",
+            )
+        )
+
+
+def _shown(times: Times) -> str:
+    p50, p99, p999 = (1e3 * times.percentile(each) for each in (50, 99, 99.9))
+    return f"{p50:.3f} ms in the median, p99 {p99:.3f}, p99.9 {p999:.3f}, worst {1e3 * times.worst:.3f} ms"

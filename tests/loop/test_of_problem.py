@@ -1,0 +1,88 @@
+"""Problem files run in time, and run again from their logs, by the command."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rehab_opt.cli import main
+from rehab_opt.errors import ConfigurationError, ProblemFileError
+from rehab_opt.loop.log_file import LogFile
+from rehab_opt.loop.logged import Logged, read_log
+from rehab_opt.loop.of_problem import files_of, looped_problem, replay_problem
+from rehab_opt.loop.records import state_layout
+from rehab_opt.session.files import load_problem
+
+pytest.importorskip("mcap")
+
+CIRCLE = "robot/ur5_circle"
+
+
+def test_a_problem_is_run_in_time_and_again_from_its_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "logs" / "trace.mcap"
+    main_ended(["loop", CIRCLE, "--seconds", "0.5", "--log", str(path)], 0)
+    said = capsys.readouterr().out
+    assert "ended: 0.5 s have passed" in said
+    assert "scheduling: SCHED_OTHER" in said
+    logged = read_log(path)
+    assert logged.whole
+    assert logged.about["problem"] == CIRCLE
+    assert logged.files["problem.toml"] == load_problem(CIRCLE).path.read_bytes()
+    main_ended(["replay", str(path)], 0)
+    n = len(logged.records)
+    assert f"{n} of {n} commands come out the same" in capsys.readouterr().out
+
+    spoilt = logged.records.copy()
+    spoilt["command"][40, 1] += 1e-9
+    rewritten(logged, spoilt, tmp_path / "spoilt.mcap")
+    main_ended(["replay", str(tmp_path / "spoilt.mcap")], 1)
+    said = capsys.readouterr().out
+    assert f"first that does not: tick {int(spoilt['tick'][40])}" in said
+    assert "the command differs by 1e-09" in said
+
+
+def main_ended(arguments: list[str], code: int) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(arguments)
+    assert ended.value.code == code
+
+
+def rewritten(logged: Logged, records: np.ndarray, path: Path) -> None:
+    about = {name: value for name, value in logged.about.items() if name not in {"layout", "names"}}
+    log = LogFile(path, records.dtype, names=logged.names, epoch=0, about=about, files=logged.files)
+    log.write(records)
+    log.finish()
+    log.close()
+
+
+def test_a_problem_with_a_robot_file_takes_its_files_along(tmp_path: Path) -> None:
+    folder = load_problem(CIRCLE).path.parent.parent / "robots" / "kinova_gen3"
+    text = load_problem(CIRCLE).path.read_text()
+    text = text.replace('model = "ur5"', 'file = "gen3.toml"')
+    text = text.replace(
+        "start_deg = [0.0, -90.0, 90.0, -90.0, -90.0, 0.0]", "start_deg = [0, 15, 180, -130, 0, 55, 90]"
+    )
+    (tmp_path / "mine.toml").write_text(text)
+    (tmp_path / "gen3.toml").write_text('urdf = "gen3.urdf"\ntip = "end_effector_link"\nacceleration_deg_s2 = 100\n')
+    (tmp_path / "gen3.urdf").write_bytes((folder / "gen3.urdf").read_bytes())
+    files = files_of(load_problem(str(tmp_path / "mine.toml")))
+    assert set(files) == {"problem.toml", "gen3.toml", "gen3.urdf"}
+    empty = np.zeros(0, dtype=state_layout(7))
+    assert replay_problem(Logged(empty, (), {}, files, whole=True)).first == ""
+
+
+@pytest.mark.parametrize("name", ["../outside.toml", "/tmp/outside.toml", "a/../../outside"])
+def test_a_log_writes_no_file_outside_of_its_folder(name: str) -> None:
+    files = {"problem.toml": b"", name: b"x"}
+    with pytest.raises(ProblemFileError, match="attachment"):
+        replay_problem(Logged(np.zeros(0, dtype=state_layout(6)), (), {}, files, whole=True))
+
+
+def test_the_log_of_another_program_is_not_for_the_command() -> None:
+    with pytest.raises(ConfigurationError, match="LOG"):
+        replay_problem(Logged(np.zeros(0, dtype=state_layout(6)), (), {}, {}, whole=True))
+
+
+def test_problems_that_do_not_run_in_time_are_refused() -> None:
+    with pytest.raises(ConfigurationError, match="pose_tracking"):
+        looped_problem(load_problem("upper_limb/figure_eight"))

@@ -1,0 +1,106 @@
+"""A robot in another process, in the messages of ROS 2."""
+
+import socket
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from rehab_opt.control.command import Bound, Command, Status
+from rehab_opt.errors import ConfigurationError, DeviceLostError
+from rehab_opt.loop import ros2
+from rehab_opt.loop.loop import Loop
+from rehab_opt.loop.messages import JOINT_STATE, joint_state
+from rehab_opt.loop.ros2 import connect_ros2, joints_of
+from rehab_opt.loop.shared_ring import SharedRing
+from rehab_opt.loop.tick import Tick
+
+pytest.importorskip("zenoh")
+dynamic = pytest.importorskip("mcap_ros2._dynamic")
+
+WATCHDOG = 2.0
+"""[s] So long, since this machine may be busy with other tests."""
+
+
+def test_a_robot_in_another_process_is_led_and_its_end_is_told() -> None:
+    from tests.loop.ros2_robot import NAMES, START, TRUTH  # noqa: PLC0415  (needs zenoh)
+
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+
+    def move(tick: Tick) -> Command:
+        status = Status.OK if tick.enabled else Status.HOLDING
+        value = np.array([0.1, -0.2, 0.3]) * tick.enabled
+        return Command(value, status, "", 0.0, 0, "", Bound.NOTHING, 1.0)
+
+    with SharedRing.create(TRUTH) as truth:
+        command = [sys.executable, "-m", "tests.loop.ros2_robot", str(port), truth.name]
+        with subprocess.Popen(command) as process:
+            while truth.latest() is None:
+                assert process.poll() is None
+                time.sleep(0.01)
+            with connect_ros2(NAMES, rate_hz=200.0, locator=f"tcp/127.0.0.1:{port}", watchdog=WATCHDOG) as robot:
+                np.testing.assert_allclose(robot.reset(START).position, START)
+                went: list[np.ndarray] = []
+
+                def until() -> bool:
+                    newest = truth.latest()
+                    assert newest is not None
+                    if newest.record["velocity"].any():
+                        went.append(newest.record["velocity"])
+                    return len(went) > 20
+
+                assert not Loop(robot, move, max_age=WATCHDOG).run(seconds=30.0, until=until).lost
+                np.testing.assert_array_equal(went[0], [0.1, -0.2, 0.3])
+                moved = robot.measured.position - START
+                np.testing.assert_allclose(moved / moved[0], [1.0, -2.0, 3.0], rtol=1e-6)
+                assert moved[0] > 0.0
+                process.kill()
+                report = Loop(robot, move, max_age=WATCHDOG).run(seconds=30.0)
+                assert report.lost
+                assert "has told nothing for" in report.reason
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_joint_states_are_read_as_another_library_writes_them(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    names = [
+        "".join(rng.choice(list("abcö"), size=int(rng.integers(1, 9)))) + str(i) for i in range(int(rng.integers(1, 9)))
+    ]
+    position, velocity = rng.normal(size=(2, len(names)))
+    velocity = velocity if seed % 2 else np.zeros(0)
+    message = {
+        "header": {"stamp": {"sec": 5, "nanosec": 6}, "frame_id": "f" * (seed % 5)}, "name": names,
+        "position": position.tolist(), "velocity": velocity.tolist(), "effort": [1.0],
+    }  # fmt: skip
+    written = dynamic.serialize_dynamic(JOINT_STATE.name, JOINT_STATE.definition)[JOINT_STATE.name](message)
+    order = rng.permutation(len(names))
+    found = joints_of(bytes(written), [names[i] for i in order])
+    np.testing.assert_array_equal(found[0], position[order])
+    np.testing.assert_array_equal(found[1], velocity[order] if velocity.size else np.zeros(len(names)))
+    cut = int(rng.integers(len(written) - 20))
+    with pytest.raises(DeviceLostError):
+        joints_of(bytes(written)[:cut], names)
+
+
+def test_a_joint_that_is_not_told_is_refused() -> None:
+    with pytest.raises(DeviceLostError, match="knee"):
+        joints_of(joint_state(0, ["elbow"], [0.1]), ["knee"])
+
+
+def test_without_zenoh_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ros2, "find_spec", lambda _: None)
+    with pytest.raises(ConfigurationError, match=r"rehab_opt\[ros2\]"):
+        connect_ros2(["elbow"], rate_hz=100.0)
+
+
+def test_a_name_that_is_there_twice_is_refused() -> None:
+    with pytest.raises(ConfigurationError, match="names"):
+        connect_ros2(["elbow", "elbow"], rate_hz=100.0)
+
+
+def test_nobody_there_is_told() -> None:
+    with pytest.raises(DeviceLostError, match="cannot be connected"):
+        connect_ros2(["elbow"], rate_hz=100.0, locator="tcp/127.0.0.1:1")

@@ -1,0 +1,202 @@
+"""An arm behind UR's real interfaces, which ur_rtde speaks: it is led, and it comes to rest whatever is cut."""
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+
+from rehab_opt.control.command import Bound, Command, Status
+from rehab_opt.errors import ConfigurationError, DeviceLostError
+from rehab_opt.loop import ur
+from rehab_opt.loop.delay import measured_delay
+from rehab_opt.loop.loop import Loop
+from rehab_opt.loop.remote import RemoteDevice
+from rehab_opt.loop.shared_ring import SharedRing
+from rehab_opt.loop.tick import Tick
+from rehab_opt.loop.ur import connect_ur
+from rehab_opt.plants.channel import Channel
+from rehab_opt.plants.ideal import IdealJoints
+from tests.loop.clock import Clock
+from tests.loop.rtde_server import DELAY, ORDERS, START, TRUTH
+
+pytest.importorskip("rtde_control")
+
+HOST = f"127.0.{os.getpid() % 250 + 1}.{os.getpid() // 250 % 250 + 1}"  # ports are fixed: an address for each run
+
+
+WATCHDOG = 1.5
+"""[s] So long, since this machine may be busy with other tests."""
+
+
+class Server:
+    def __init__(self, truth: SharedRing, orders: SharedRing) -> None:
+        self._truth, self._orders = truth, orders
+
+    def __getattr__(self, name: str) -> np.ndarray:
+        newest = self._truth.latest()
+        assert newest is not None
+        value: np.ndarray = newest.record[name]
+        return value
+
+    def order(self, *, deaf: bool = False, protective_stop: bool = False) -> None:
+        self._orders.write(deaf=deaf, protective_stop=protective_stop)
+
+    def comes_to_rest(self) -> bool:
+        until = time.monotonic() + 10
+        while np.any(self.velocity) and time.monotonic() < until:
+            time.sleep(0.01)
+        return not np.any(self.velocity)
+
+
+@pytest.fixture(scope="module")
+def running() -> Iterator[Server]:
+    with SharedRing.create(TRUTH) as truth, SharedRing.create(ORDERS) as orders:
+        command = [sys.executable, "-m", "tests.loop.rtde_server", HOST, truth.name, orders.name]
+        with subprocess.Popen(command) as process:
+            with contextlib.suppress(PermissionError):  # as urgent as a robot
+                os.sched_setscheduler(process.pid, os.SCHED_FIFO, os.sched_param(1))
+            while truth.latest() is None:
+                assert process.poll() is None
+                time.sleep(0.01)
+            yield Server(truth, orders)
+            process.kill()
+
+
+@pytest.fixture
+def server(running: Server) -> Server:
+    running.order()
+    return running
+
+
+@pytest.fixture
+def robot(server: Server) -> Iterator[RemoteDevice]:
+    with connect_ur(HOST, watchdog=WATCHDOG, fifo=1) as made:
+        yield made
+
+
+def moving(tick: Tick) -> Command:
+    """The second joint turns at 0.1 rad/s while it may."""
+    value = np.array([0.0, 0.1 * tick.enabled, 0.0, 0.0, 0.0, 0.0])
+    status = Status.OK if tick.enabled else Status.HOLDING
+    return Command(value, status, "", 0.0, 0, "", Bound.NOTHING, 1.0)
+
+
+def test_a_robot_is_led_and_its_delay_measured(robot: RemoteDevice, server: Server) -> None:
+    seen = robot.reset(START)
+    np.testing.assert_allclose(seen.position, START)
+    np.testing.assert_allclose(seen.force, (1.0, 2.0, 3.0))
+    with pytest.raises(ConfigurationError, match="where UR at"):
+        robot.reset(np.zeros(6))
+    delay = delay_once_in_time(robot)
+    assert 0.8 * DELAY < delay < DELAY + 0.1
+    before = server.position[1]
+    report = Loop(robot, moving, max_age=WATCHDOG).run(seconds=0.5)
+    assert not report.lost
+    assert server.position[1] > before + 0.02
+    assert server.comes_to_rest()
+    robot.close()
+    with pytest.raises(DeviceLostError, match="was closed"):
+        _ = robot.measured
+
+
+def delay_once_in_time(robot: RemoteDevice) -> float:
+    """[s] A machine too busy to measure refuses to."""
+    for _ in range(5):
+        try:
+            return measured_delay(robot, joint=1, fifo=1)
+        except DeviceLostError as refused:
+            if "too late to measure" not in str(refused):
+                raise
+    return measured_delay(robot, joint=1, fifo=1)
+
+
+def test_a_loop_that_hangs_is_braked_and_may_go_on(robot: RemoteDevice, server: Server) -> None:
+    run_ticks(robot, 50)
+    assert np.any(server.velocity)
+    assert server.comes_to_rest()
+    time.sleep(WATCHDOG)  # its watchdog is told meanwhile
+    assert (server.running, server.watchdog) == (1, 0)
+    run_ticks(robot, 50)
+    assert np.any(server.velocity)
+
+
+def run_ticks(robot: RemoteDevice, count: int) -> None:
+    for _ in range(count):
+        robot.step([0.0, 0.1, 0.0, 0.0, 0.0, 0.0])
+        time.sleep(robot.dt)
+
+
+def test_a_cut_wire_brakes_on_both_sides_and_is_told(robot: RemoteDevice, server: Server) -> None:
+    report = cut_while_moving(robot, lambda: server.order(deaf=True))
+    assert "has told nothing for" in report
+    assert server.comes_to_rest()
+    assert server.watchdog == 1
+
+
+def test_a_killed_driver_brakes_the_robot_and_is_told(robot: RemoteDevice, server: Server) -> None:
+    assert "the process of its driver is gone" in cut_while_moving(
+        robot, lambda: os.kill(robot.process_id, signal.SIGKILL)
+    )
+    assert server.comes_to_rest()
+    assert server.running == 0
+
+
+def test_a_velocity_that_is_no_number_is_not_sent(robot: RemoteDevice) -> None:
+    with pytest.raises(ConfigurationError, match="command"):
+        robot.step([0.1, np.nan, 0.0, 0.0, 0.0, 0.0])
+
+
+def test_a_protective_stop_is_told(robot: RemoteDevice, server: Server) -> None:
+    assert "protective stop" in cut_while_moving(robot, lambda: server.order(protective_stop=True))
+    assert server.comes_to_rest()
+
+
+def cut_while_moving(robot: RemoteDevice, cut: Callable[[], None]) -> str:
+    ticks: list[int] = []
+
+    def until() -> bool:
+        ticks.append(1)
+        if len(ticks) == 60:
+            cut()
+        return False
+
+    report = Loop(robot, moving, max_age=WATCHDOG).run(seconds=20.0, until=until)
+    assert report.lost
+    return report.reason
+
+
+def test_a_robot_that_is_not_there_is_told() -> None:
+    with pytest.raises(DeviceLostError, match=r"UR at 127\.255\.7\.7 cannot be connected"):
+        connect_ur("127.255.7.7")
+
+
+def test_without_ur_rtde_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ur, "find_spec", lambda _: None)
+    with pytest.raises(ConfigurationError, match=r"rehab_opt\[ur\]"):
+        connect_ur(HOST)
+
+
+def test_the_delay_of_a_simulated_robot_is_its_channel_s(clock: Clock) -> None:
+    pytest.importorskip("mujoco")
+    from rehab_opt.plants.mujoco_arm import MujocoArm  # noqa: PLC0415
+    from rehab_opt.plants.ur5_model import ur5_model  # noqa: PLC0415
+
+    plant = MujocoArm(ur5_model(), dt=0.005, channel=Channel(command_delay=0.02, measurement_delay=0.01), seed=0)
+    plant.reset(START)
+    assert measured_delay(plant, joint=1) == pytest.approx(0.03, abs=0.003)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("joint", 6), ("joint", 1.0), ("speed", float("nan")), ("speed", 2.0), ("speed", 0.0)]
+)
+def test_a_swing_that_is_none_is_refused(name: str, value: float) -> None:
+    plant = IdealJoints(0.005)
+    plant.reset(START)
+    with pytest.raises(ConfigurationError, match=name):
+        measured_delay(plant, **{name: value})  # type: ignore[arg-type]
