@@ -1,0 +1,126 @@
+"""Which tab commands, whether it still lives, and what it wants."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from rehab_opt.loop.loop import DEAD_MAN
+from rehab_opt.session.live.inputs import AT_REST, NOWHERE, LiveInputs
+
+__all__ = ["Seats", "inputs_of"]
+
+FARTHEST, STRONGEST, NOISIEST, LATEST = 20.0, 100.0, 0.05, 0.5
+"""[m] of a target, [N] of a push, [rad, m] of noise, [s] of delay: what is beyond is no input."""
+OFTENEST, SPARE = 200.0, 50
+"""[1/s] messages of a tab, and how many at once: of more, those that wait would be old when they are heard."""
+
+
+def inputs_of(message: Mapping[str, Any], *, joints: int) -> LiveInputs | None:
+    """The inputs that a page sent; None where they are none: a wrong shape, a number not finite or too large."""
+    try:
+        target = message["target"]
+        (tx, ty, tz), (px, py, pz) = NOWHERE if target is None else target, message["push"]
+        forward, left = message["stick"]
+        inputs = LiveInputs(
+            enable=message["enable"] is True,
+            target=(float(tx), float(ty), float(tz)),
+            push=(float(px), float(py), float(pz)),
+            stick=(float(forward), float(left)),
+            switch=message["switch"] is True,
+            gripper=message["gripper"] is True,
+            frozen=int(message["frozen"]),
+            noise=float(message["noise"]),
+            delay=float(message["delay"]),
+        )
+    except (KeyError, TypeError, ValueError, OverflowError):
+        return None
+    valid = (
+        (target is None or all(abs(each) <= FARTHEST for each in inputs.target))
+        and math.hypot(*inputs.push) <= STRONGEST
+        and all(abs(each) <= 1.0 + 1e-9 for each in inputs.stick)
+        and -1 <= inputs.frozen < joints
+        and 0.0 <= inputs.noise <= NOISIEST
+        and 0.0 <= inputs.delay <= LATEST
+    )
+    return inputs if valid else None
+
+
+class Seats:
+    """The tabs by number. The first of them commands until it goes; then one that asks for it.
+
+    Attributes
+    ----------
+    commander : number of the tab that commands; None while none does.
+    lapsed : why the dead-man was released against the tab's will; empty once it has let go itself.
+    heartbeat : [s] when it was last known to be held, on the caller's clock; NaN while it is not.
+    """
+
+    def __init__(self) -> None:
+        self.commander: int | None = None
+        self.lapsed, self.heartbeat, self.inputs = "", math.nan, AT_REST
+        self._tabs: dict[int, bool] = {}
+        self._hands: dict[int, tuple[float, float, float]] = {}
+        self._next = 0
+        self._spare, self._heard = float(SPARE), -math.inf
+
+    def join(self, *, participant: bool) -> int:
+        """A tab opens; its number."""
+        tab, self._next = self._next, self._next + 1
+        self._tabs[tab] = participant
+        if self.commander is None and not participant:
+            self.take(tab)
+        return tab
+
+    def leave(self, tab: int) -> None:
+        """A tab's socket is gone; with it its command."""
+        del self._tabs[tab]
+        self._hands.pop(tab, None)
+        if tab == self.commander:
+            self.commander = None
+            self._release()
+
+    def take(self, tab: int) -> None:
+        """A tab takes the command, the dead-man released. A participant's does not."""
+        if self._tabs[tab] or tab == self.commander:
+            return
+        self.commander, self.lapsed = tab, ""
+        self._release()
+
+    def hear(self, tab: int, inputs: LiveInputs, *, now: float) -> None:
+        """A heartbeat with the state of a tab's controls; one that comes late has released the dead-man."""
+        if tab != self.commander:
+            return
+        held, gap = self.inputs.enable, now - self.heartbeat
+        spare = min(SPARE, self._spare + OFTENEST * (now - self._heard)) - 1
+        self._spare, self._heard = max(spare, -1.0), now
+        if self._spare < 0:
+            self.lapsed = "released: the page sends too much, what it says now would come late; press to go on"
+        elif not inputs.enable:
+            self.lapsed = ""
+        elif held and not gap <= DEAD_MAN:
+            self.lapsed = f"released: the page was silent for {1e3 * gap:.0f} ms; press to go on"
+        self.inputs = inputs._replace(enable=inputs.enable and not self.lapsed)
+        self.heartbeat = now if self.inputs.enable else math.nan
+
+    def point(self, tab: int, hand: tuple[float, float, float] | None) -> None:
+        """Where the participant, in a tab of their own, wants the hand to be [m]; None: nowhere."""
+        if hand is None or not all(abs(each) <= FARTHEST for each in hand):
+            self._hands.pop(tab, None)
+        elif self._tabs[tab]:
+            self._hands[tab] = hand
+
+    @property
+    def wanted(self) -> LiveInputs:
+        """Of the tab that commands, with the hand that a participant leads."""
+        hands = list(self._hands.values())
+        return self.inputs._replace(target=hands[0]) if hands else self.inputs
+
+    def state(self, tab: int) -> dict[str, Any]:
+        """What a tab is told of the others."""
+        participants = sum(self._tabs.values())
+        return {"commands": tab == self.commander, "tabs": len(self._tabs), "participants": participants}
+
+    def _release(self) -> None:
+        self.inputs, self.heartbeat = AT_REST, math.nan

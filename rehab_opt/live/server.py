@@ -1,0 +1,305 @@
+"""The page's server: it gives the page out behind a gate, tells tabs what is so, and hears what they want."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import math
+import secrets
+import time
+from collections.abc import Callable
+from http import HTTPStatus
+from importlib.resources import files
+from multiprocessing.connection import Connection
+from typing import TYPE_CHECKING, Any
+from urllib.parse import parse_qs, urlsplit
+
+import numpy as np
+
+from rehab_opt.control.command import Bound
+from rehab_opt.errors import ConfigurationError, RehabOptError
+from rehab_opt.live.control import BUTTONS, Rings
+from rehab_opt.live.gate import Gate
+from rehab_opt.live.seats import Seats, inputs_of
+from rehab_opt.loop.shared_ring import Newest
+from rehab_opt.session.live.problem import LiveProblem
+
+if TYPE_CHECKING:
+    from websockets.asyncio.server import Server, ServerConnection
+    from websockets.http11 import Request, Response
+
+__all__ = ["LivePage"]
+
+FRAMES_HZ = 30.0
+SILENT = 0.5
+"""[s] without news from the controller's process, after which the page says so."""
+LARGEST = 4096
+"""[byte] of a message from a page."""
+PAGES = ("/", "/participant")
+
+
+class LivePage:
+    """One problem's page.
+
+    Parameters
+    ----------
+    problem : drawn here; its controller runs elsewhere. rings : the ways to it and from it. scene : from where
+        `control_live` sends the scene.
+    alive : whether the controller's process still runs.
+    """
+
+    def __init__(self, problem: LiveProblem, rings: Rings, scene: Connection, *, alive: Callable[[], bool]) -> None:
+        self._problem, self._sent, self._alive = problem, scene, alive
+        self._given, self._state, self._shown = rings
+        self._seats = Seats()
+        self._refused = ""
+        self._tabs: dict[int, _Tab] = {}
+        self._scene = ""
+
+    async def serve(self, host: str, port: int, *, ready: Callable[[str, str], None]) -> None:
+        """Until cancelled; `ready` is told the addresses of the page and of the participant's.
+
+        Raises
+        ------
+        ConfigurationError : the address cannot be listened on; websockets is not installed.
+        RehabOptError : the controller's process refuses the problem.
+        """
+        serve = _websockets()
+        try:
+            server: Server = await serve(
+                self._hear, host, port, process_request=self._request, max_size=LARGEST, compression=None
+            )
+        except OSError as refused:
+            raise ConfigurationError(
+                "--host, --port", f"{host}:{port}", f"a free address ({refused.strerror})"
+            ) from refused
+        async with server:
+            bound = next(iter(server.sockets)).getsockname()[1]
+            self._gate = Gate(
+                {host, *(("localhost", "127.0.0.1") if host in {"127.0.0.1", "localhost"} else ())}, bound
+            )
+            named = f"[{host}]" if ":" in host else host
+            page, participant = (f"http://{named}:{bound}{path}?token={self._gate.token}" for path in PAGES)
+            ready(page, participant)
+            asyncio.get_running_loop().add_reader(self._sent.fileno(), self._begin)
+            await self._tell()
+            raise RehabOptError(self._refused)
+
+    # ------------------------------------------------------------------------------------------------ requests
+    def _request(self, connection: ServerConnection, request: Request) -> Response | None:
+        path, headers = urlsplit(request.path).path, request.headers
+        socket = path == "/ws"
+        refusal = self._gate.refusal(
+            request.path, headers.get_all("Host"), headers.get_all("Origin"), socket=socket
+        )  # fmt: skip
+        if refusal:
+            return connection.respond(HTTPStatus.FORBIDDEN, f"{refusal}\n")
+        if socket:
+            return None
+        if path not in PAGES:
+            return connection.respond(HTTPStatus.NOT_FOUND, "not a page\n")
+        nonce = secrets.token_urlsafe(12)
+        response = connection.respond(HTTPStatus.OK, _page(nonce))
+        del response.headers["Content-Type"]
+        response.headers.update(
+            {
+                "Content-Type": "text/html; charset=utf-8",
+                "Content-Security-Policy": (
+                    f"default-src 'none'; script-src 'nonce-{nonce}'; style-src 'nonce-{nonce}'; "
+                    f"connect-src ws://{headers['Host']}; img-src data:; base-uri 'none'; frame-ancestors 'none'"
+                ),
+                "Referrer-Policy": "no-referrer",
+                "X-Content-Type-Options": "nosniff",
+                "Cache-Control": "no-store",
+            }
+        )
+        return response
+
+    async def _hear(self, connection: ServerConnection) -> None:
+        """One tab, from its opening to its end."""
+        from websockets.exceptions import ConnectionClosed  # noqa: PLC0415
+
+        view = parse_qs(urlsplit(connection.request.path if connection.request else "").query).get("view", [""])[0]
+        tab = self._seats.join(participant=view == "participant")
+        told = self._tabs[tab] = _Tab(connection)
+        telling = asyncio.create_task(told.tell())
+        if self._scene:
+            told.queue(self._scene)
+        self._seat()
+        try:
+            async for text in connection:
+                self._obey(tab, text)
+        except ConnectionClosed:
+            pass
+        finally:
+            telling.cancel()
+            del self._tabs[tab]
+            self._seats.leave(tab)
+            self._pass_on()
+            self._seat()
+
+    def _obey(self, tab: int, text: str | bytes) -> None:
+        try:
+            message = json.loads(text)
+        except (ValueError, RecursionError):
+            return
+        if not isinstance(message, dict):
+            return
+        if message.get("take") is True:
+            self._seats.take(tab)
+            self._seat()
+        elif isinstance(message.get("inputs"), dict):
+            inputs = inputs_of(message["inputs"], joints=self._problem.encoders)
+            if inputs is not None:
+                self._seats.hear(tab, inputs, now=time.monotonic())
+        elif "hand" in message:
+            self._seats.point(tab, _place(message["hand"]))
+        self._pass_on()
+
+    def _pass_on(self) -> None:
+        """To the controller's process, at once."""
+        wanted, record = self._seats.wanted, self._given.record
+        record["heartbeat"] = self._seats.heartbeat
+        record["target"][0] = np.eye(4)
+        record["target"][0, :3, 3] = wanted.target
+        record["push"][...], record["stick"][...] = wanted.push[: self._problem.force], wanted.stick
+        record["buttons"] = sum(bit for name, bit in BUTTONS.items() if getattr(wanted, name))
+        record["frozen"][...] = np.arange(self._problem.encoders) == wanted.frozen
+        record["noise"], record["delay"] = wanted.noise, wanted.delay
+        self._given.publish()
+
+    def _seat(self) -> None:
+        for number, tab in self._tabs.items():
+            tab.queue(_told({"seat": self._seats.state(number)}))
+
+    # -------------------------------------------------------------------------------------------------- frames
+    def _begin(self) -> None:
+        """The controller's process sent its scene, or why there is none, or is gone."""
+        try:
+            sent = self._sent.recv()
+        except EOFError:
+            asyncio.get_running_loop().remove_reader(self._sent.fileno())
+            return
+        if isinstance(sent, str):
+            self._refused = sent
+            return
+        self._scene = _told({"scene": _scene(self._problem, sent)})
+        for tab in self._tabs.values():
+            tab.queue(self._scene)
+
+    async def _tell(self) -> None:
+        """What is so, to every tab, until the problem is refused."""
+        last, absent = -1, False
+        while not self._refused:
+            await asyncio.sleep(1 / FRAMES_HZ)
+            state, shown = self._state.latest(), self._shown.latest()
+            text = self._absence(state)
+            if absent and not text:
+                self._seat()  # what was lost is there again
+            absent = bool(text)
+            if text:
+                for tab in self._tabs.values():
+                    tab.show(_told({"lost": text}))
+            elif state is not None and shown is not None and state.number != last:
+                last, text = state.number, self._frame(state.record, shown.record)
+                for tab in self._tabs.values():
+                    tab.show(text)
+
+    def _absence(self, state: Newest | None) -> str:
+        """Why there is nothing to see; empty while there is, or soon will be."""
+        if not self._alive():
+            return "the controller's process has ended: the robot gets no commands; start rehab-opt live again"
+        silent = 0.0 if state is None else time.monotonic() - state.time
+        return f"the controller's process is silent for {silent:.1f} s" if silent > SILENT else ""
+
+    def _frame(self, state: np.void, shown: np.void) -> str:
+        frame = self._problem.frame({name: np.atleast_1d(shown[name]) for name in self._problem.layout})
+        frame["numbers"] = [*frame["numbers"], 1e3 * float(state["tick_time"])]
+        yielded = (Bound(int(state["yielded"])).name or "").lower().replace("|", ", ")
+        words = {
+            "status": _text(state["status"]),
+            "reason": _text(state["reason"]),
+            "yielded": "" if yielded == "nothing" else yielded,
+            "mode": _text(shown["mode"]),
+        }
+        late = f"{state['time']:.1f} s · {int(state['missed'])} ticks left out · {int(state['stale'])} stale"
+        return _told(
+            {"frame": frame, "words": words, "time": float(state["time"]), "late": late, "lapsed": self._seats.lapsed}
+        )
+
+
+class _Tab:
+    """What is still to be told to one tab: frames that it was too slow for are left out."""
+
+    def __init__(self, connection: ServerConnection) -> None:
+        self._connection, self._waiting = connection, asyncio.Event()
+        self._queue: list[str] = []
+        self._frame: str | None = None
+
+    def queue(self, text: str) -> None:
+        self._queue.append(text)
+        self._waiting.set()
+
+    def show(self, frame: str) -> None:
+        self._frame = frame
+        self._waiting.set()
+
+    async def tell(self) -> None:
+        from websockets.exceptions import ConnectionClosed  # noqa: PLC0415
+
+        with contextlib.suppress(ConnectionClosed):
+            while True:
+                await self._waiting.wait()
+                self._waiting.clear()
+                texts, self._queue = self._queue, []
+                if self._frame is not None:
+                    texts.append(self._frame)
+                    self._frame = None
+                for text in texts:
+                    await self._connection.send(text)
+
+
+def _text(field: bytes) -> str:
+    return field.decode(errors="replace")
+
+
+def _page(nonce: str) -> str:
+    folder = files("rehab_opt.live")
+    page, script = ((folder / name).read_text(encoding="utf-8") for name in ("page.html", "page.js"))
+    return page.replace("NONCE", nonce).replace("SCRIPT", script)
+
+
+def _scene(problem: LiveProblem, sent: dict[str, Any]) -> dict[str, Any]:
+    scene = {"title": problem.title, "controls": sorted(problem.controls)} | sent
+    scene["plots"] = [*scene["plots"], {"name": "tick", "unit": "ms", "line": 1e3 * problem.dt}]
+    return scene
+
+
+def _place(hand: object) -> tuple[float, float, float] | None:
+    try:
+        x, y, z = map(float, hand)  # type: ignore[call-overload]
+    except (TypeError, ValueError, OverflowError):
+        return None
+    return (x, y, z) if all(map(math.isfinite, (x, y, z))) else None
+
+
+def _told(message: dict[str, Any]) -> str:
+    """As JSON, which knows no infinite numbers and no NaN: they are null."""
+    return json.dumps(_finite(message), allow_nan=False)
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, dict):
+        return {name: _finite(each) for name, each in value.items()}
+    return list(map(_finite, value)) if isinstance(value, (list, tuple)) else value
+
+
+def _websockets() -> Callable[..., Any]:
+    try:
+        from websockets.asyncio.server import serve  # noqa: PLC0415
+    except ImportError as absent:
+        raise ConfigurationError("live", "websockets is not installed", "pip install 'rehab_opt[live]'") from absent
+    return serve

@@ -1,0 +1,81 @@
+"""`rehab-opt live`: the controller in a process of its own, the page in this one."""
+
+from __future__ import annotations
+
+import asyncio
+import ipaddress
+import multiprocessing
+import signal
+from collections.abc import Callable
+
+from rehab_opt.errors import ConfigurationError
+from rehab_opt.live.control import control_live, live_rings
+from rehab_opt.live.server import LivePage
+from rehab_opt.session.files import load_problem
+from rehab_opt.session.run import live_problem
+
+__all__ = ["show_live"]
+
+PATIENT = 2.0
+"""[s] that the controller's process has to end by itself."""
+
+
+def show_live(
+    file: str,
+    *,
+    host: str = "127.0.0.1",
+    port: int = 0,
+    plant: str | None = None,
+    solver: str | None = None,
+    ready: Callable[[str, str], None],
+) -> None:
+    """Run a problem in real time with a page to look at and to touch it, until interrupted.
+
+    Parameters
+    ----------
+    file : of the problem, or the name of a shipped one. plant, solver : as of `rehab-opt run`.
+    host, port : where the page is served; 0 is any free port.
+    ready : told the addresses of the page and of the participant's screen.
+
+    Raises
+    ------
+    ConfigurationError : problems of this kind do not run live; an option or address that cannot be used.
+    ProblemFileError : a value of the file cannot be used.
+    """
+    _refuse_wildcard(host)
+    options = {"plant": plant, "solver": solver}
+    problem = live_problem(load_problem(file), **options)
+    context = multiprocessing.get_context("spawn")
+    with live_rings(problem) as rings:
+        scene, told = context.Pipe(duplex=False)
+        control = context.Process(target=control_live, args=(file, options, rings, told), daemon=True)
+        control.start()
+        told.close()
+        try:
+            page = LivePage(problem, rings, scene, alive=control.is_alive)
+            asyncio.run(_until_stopped(page, host, port, ready))
+        finally:
+            control.terminate()
+            control.join(PATIENT)
+            if control.is_alive():
+                control.kill()
+
+
+async def _until_stopped(page: LivePage, host: str, port: int, ready: Callable[[str, str], None]) -> None:
+    task = asyncio.current_task()
+    assert task is not None
+    asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, task.cancel)
+    try:
+        await page.serve(host, port, ready=ready)
+    except asyncio.CancelledError:
+        return
+
+
+def _refuse_wildcard(host: str) -> None:
+    try:
+        unsaid = ipaddress.ip_address(host).is_unspecified
+    except ValueError:
+        unsaid = not host
+    if unsaid:
+        expected = "one address or name of this machine, by which browsers call it: others are refused"
+        raise ConfigurationError("--host", host, expected)

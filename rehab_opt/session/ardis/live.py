@@ -1,0 +1,163 @@
+"""A wheelchair with an arm, live: somebody at the page has the stick."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rehab_opt.control.command import Command
+from rehab_opt.control.joystick import Joystick
+from rehab_opt.control.obstacles import Disc, HalfPlane
+from rehab_opt.control.redundancy import RedundancyResolver
+from rehab_opt.errors import ProblemFileError
+from rehab_opt.kinematics.mobile_arm import CHAIR
+from rehab_opt.plants.ideal import IdealJoints
+from rehab_opt.plants.plant import Measurement
+from rehab_opt.plants.touched import TouchedPlant
+from rehab_opt.session.ardis.clearance import chair_corners, chair_gaps
+from rehab_opt.session.ardis.loop import LET_GO
+from rehab_opt.session.ardis.problem import ArdisProblem
+from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, room_of, start_of
+from rehab_opt.session.ardis.run import sticks_of
+from rehab_opt.session.ardis.stick import Moment, StickRecording
+from rehab_opt.session.files import ProblemFile
+from rehab_opt.session.live.bodies import ARM_PLOTS, BLUE, GREEN, GREY, PURPLE, ArmBodies, joint_rows, screen
+from rehab_opt.session.live.inputs import LiveInputs
+from rehab_opt.session.live.problem import LiveControl, LiveProblem
+from rehab_opt.session.plant.making import OWN_ARM, chair_plant
+
+__all__ = ["LiveArdis"]
+
+Array = NDArray[np.float64]
+
+WALL, ALONG, POST = 0.8, 4.0, 1.2
+"""[m] Height and half of the length of a wall as it is drawn, height of a post."""
+
+
+class LiveArdis(LiveProblem):
+    """A `RedundancyResolver` with the file's chair, room, stick modes and plant; its first drive."""
+
+    controls = frozenset({"stick", "push", "faults"})
+
+    def __init__(self, loaded: ProblemFile[ArdisProblem], *, solver: str | None) -> None:
+        self._loaded, self._solver = loaded, solver
+        problem = loaded.problem
+        self.drive = next(iter(problem.stick.recordings))
+        self.title, self.dt = f"{problem.title} ({self.drive} drive)", 1 / problem.run.rate_hz
+        self.robot, self.room = robot_of(loaded), room_of(loaded)
+        self.start = start_of(loaded, self.robot)
+        if problem.robot.file is not None and problem.plant.kind != "ideal":
+            raise ProblemFileError(loaded.file, "plant.kind", problem.plant.kind, OWN_ARM)
+        self.encoders = self.commanded = self.robot.chain.n
+        self.layout = {"q": self.encoders, "force": 3, "closed": 1}
+        self._arm = ArmBodies(self.robot.chain, first=CHAIR, radius=self.robot.arm_radius)
+
+    def control(self) -> LiveControl:
+        """The joystick and resolver of `rehab-opt run`."""
+        table, robot = self._loaded.problem.plant, self.robot
+        ideal = table.kind == "ideal"
+        plant = IdealJoints(self.dt) if ideal else chair_plant(table, robot, robot.drive(self.drive), self.dt)
+        resolver = resolver_of(self._loaded, robot, self.drive, solver=self._solver)
+        return _Steering(joystick_of(self._loaded), resolver, TouchedPlant(plant), self.start, wheels=not ideal)
+
+    def untouched(self, time: float) -> LiveInputs:
+        """The file's recording of the stick."""
+        sample = self._recorded.at(Moment(time, self.start, self.start[:3], "")) or LET_GO
+        return LiveInputs(enable=True, stick=sample.axes, switch=sample.switch, gripper=sample.gripper)
+
+    @cached_property
+    def _recorded(self) -> StickRecording:
+        return sticks_of(self._loaded)[self.drive]
+
+    def scene(self) -> dict[str, Any]:
+        """Walls, posts and goals."""
+        walls = [each for each in self.room if isinstance(each, HalfPlane)]
+        posts = [each for each in self.room if isinstance(each, Disc)]
+        goals = [(*goal.hand_m, *goal.hand_m, 0.5 * goal.within_m, GREEN) for goal in self._loaded.problem.goals]
+        hand, chair = self._arm.tool(self.start)[:, 3], [*self.start[:2], 0.5]
+        places = np.array([hand, chair, *([*goal.hand_m] for goal in self._loaded.problem.goals)])
+        names = [name.replace("_", " ") for name in self.robot.chain.names]
+        return {
+            "fills": [{"points": _wall(each), "colour": "#c3ccd5"} for each in walls],
+            "capsules": [[*each.centre, 0.0, *each.centre, POST, each.radius, GREY] for each in posts] + goals,
+            "legend": [[GREEN, "goals"], [PURPLE, "kept free for the user"]],
+            "joints": joint_rows(self.robot.chain),
+            "encoders": names,
+            "noise": "mrad or mm",
+            "plots": [
+                {"name": "chair to obstacles", "unit": "m", "least": 0.2},
+                *ARM_PLOTS,
+            ],
+            "centre": [*(0.5 * (places.min(axis=0) + places.max(axis=0)))[:2].tolist(), 0.5],
+            "reach": 2.0 + 0.7 * float(np.ptp(places, axis=0).max()),
+            "turn": -2.0,
+            "screen": screen(np.vstack([places, hand + 0.3 * np.eye(3)[:2]])),
+        }
+
+    def frame(self, shown: Mapping[str, Array]) -> dict[str, Any]:
+        """Chair, user and arm."""
+        q, force, robot = shown["q"], shown["force"], self.robot
+        hand = self._arm.tool(q)[:, 3]
+        corners = np.hstack([chair_corners(robot.outline, q[None])[0], np.full((4, 1), 0.04)])
+        turn = np.array([[math.cos(q[2]), -math.sin(q[2])], [math.sin(q[2]), math.cos(q[2])]])
+
+        def placed(point: tuple[float, float, float]) -> list[float]:
+            return [*(turn @ point[:2] + q[:2]).tolist(), point[2]]
+
+        person = [[*placed(each.start), *placed(each.end), each.radius, PURPLE] for each in robot.keep_out]
+        gaps = chair_gaps(robot.outline, self.room, q[None])
+        ended = np.isfinite(robot.chain.lower)
+        margin = np.minimum(q - robot.chain.lower, robot.chain.upper - q)[ended].min(initial=math.inf)
+        numbers = (
+            float(gaps.min(initial=math.inf)), math.degrees(margin), robot.chain.manipulability(q),
+            float(np.linalg.norm(force)),
+        )  # fmt: skip
+        return {
+            "capsules": [*self._arm.capsules(q), *person],
+            "lines": [{"points": [*corners.tolist(), corners[0].tolist()], "colour": BLUE, "radius": 0.02}],
+            "handles": {"hand": hand.round(4).tolist()},
+            "arrows": [[*hand.tolist(), *force.tolist(), "#e69f00"]] if force.any() else [],
+            "joints": q.round(4).tolist(),
+            "numbers": list(numbers),
+        }
+
+
+class _Steering(LiveControl):
+    def __init__(
+        self, joystick: Joystick, resolver: RedundancyResolver, plant: TouchedPlant, start: Array, *, wheels: bool
+    ) -> None:
+        super().__init__(plant, start)
+        self._joystick, self._resolver, self._wheels = joystick, resolver, wheels
+        self._closed = False
+
+    def step(self, inputs: LiveInputs, seen: Measurement) -> Command:
+        # NaN while the dead-man is released: afterwards the stick has to be let go before it moves anything.
+        axes = inputs.stick if inputs.enable else (math.nan, math.nan)
+        asked = self._joystick.step(axes, switch=inputs.switch, gripper=inputs.gripper)
+        self.mode, self._closed = self._joystick.mode.name, asked.gripper_closed
+        command = self._resolver.step(
+            seen.position, asked.twist, asked.rows, asked.frame, enable=inputs.enable, stamp=seen.stamp
+        )
+        return command._replace(reason=asked.reason) if inputs.enable and not command.reason else command
+
+    def sent(self, command: Command) -> Array:
+        if not self._wheels or command.wheels is None:
+            return command.value
+        return np.concatenate([command.wheels, command.value[CHAIR:]])
+
+    def shown(self) -> dict[str, ArrayLike]:
+        truth = self.plant.truth
+        return {"q": truth.position, "force": truth.force, "closed": self._closed}
+
+
+def _wall(wall: HalfPlane) -> list[list[float]]:
+    """A rectangle on the wall's line, about the point of it that is nearest to the origin."""
+    normal = np.asarray(wall.normal) / np.hypot(*wall.normal)
+    foot, along = wall.offset * normal, ALONG * np.array([-normal[1], normal[0]])
+    a, b = (foot - along).tolist(), (foot + along).tolist()
+    return [[*a, 0.0], [*b, 0.0], [*b, WALL], [*a, WALL]]

@@ -1,0 +1,143 @@
+"""Bodies of arms in space, as the page draws them: capsules with a colour."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.kinematics.link_capsules import LinkCapsule
+
+__all__ = [
+    "AMBER",
+    "ARM_PLOTS",
+    "BLUE",
+    "GREEN",
+    "GREY",
+    "ORANGE",
+    "PURPLE",
+    "RED",
+    "ROBOT",
+    "ArmBodies",
+    "joint_rows",
+    "near_limit",
+    "screen",
+]
+
+Array = NDArray[np.float64]
+
+BLUE, ORANGE, GREEN, RED, AMBER, GREY, PURPLE, ROBOT = (
+    "#0072b2", "#e69f00", "#2e9e6b", "#d1495b", "#e9b44c", "#8d99a6", "#9b5fc0", "#b9c4cf",
+)  # fmt: skip
+ARM_PLOTS = (
+    {"name": "joint-limit margin", "unit": "deg"},
+    {"name": "manipulability", "unit": ""},
+    {"name": "force", "unit": "N", "least": 10.0},
+)
+"""What the page plots of any arm, in this order."""
+STICK = 0.035
+"""[m] radius of an arm that has no capsules of its own."""
+SHORT = 1e-6
+"""[m] Frames closer than this have no link between them."""
+CLOSE, AWAY = math.radians(5.0), math.radians(20.0)
+"""[rad] of margin to a limit: red up to the first, amber up to the second."""
+
+
+def near_limit(margin: float) -> str:
+    """Colour of a joint so far [rad] within its limits."""
+    if not margin > CLOSE:
+        return RED
+    return AMBER if margin <= AWAY else GREEN
+
+
+def joint_rows(chain: SerialChain) -> list[dict[str, Any]]:
+    """Names and limits [rad] of the joints that move and end, for the page's bars."""
+    return [
+        {"index": i, "name": name.replace("_", " "), "lower": low, "upper": high, "angle": not chain.rows[i].prismatic}
+        for i, (name, low, high) in enumerate(zip(chain.names, chain.lower.tolist(), chain.upper.tolist(), strict=True))
+        if low < high
+    ]
+
+
+def screen(points: Array) -> dict[str, Any]:
+    """The plane in which a path (N, 3) [m] is seen best, for the participant: its centre, axes, half of its size [m].
+
+    The second axis points up, or along y of a plane that lies flat.
+    """
+    centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    normal = np.linalg.svd(points - centre, full_matrices=True)[2][2]
+    upright = abs(normal[2]) < 0.8
+    v = np.array([0.0, 0.0, 1.0]) if upright else np.array([0.0, 1.0, 0.0])
+    v = v - (v @ normal) * normal
+    v /= np.linalg.norm(v)
+    u = np.cross(v, normal if normal[2] + (normal[0] if upright else 0.0) > 0 else -normal)
+    half = 1.4 * float(np.abs((points - centre) @ np.column_stack([u, v])).max(initial=0.05))
+    return {"centre": centre.tolist(), "u": u.tolist(), "v": v.tolist(), "half": half}
+
+
+class ArmBodies:
+    """The capsules of an arm, or sticks between its joints where it has none, at any joint values.
+
+    Parameters
+    ----------
+    chain : the arm. radius : [m] of the sticks. first : number of joints at its beginning that bear no stick.
+    """
+
+    def __init__(self, chain: SerialChain, *, radius: float = STICK, first: int = 0) -> None:
+        self.chain, self._radius, self._first = chain, radius, first
+        q = ca.SX.sym("q", chain.n)
+        frames = [ca.densify(each[:3, :]) for each in chain.frames_expression(q)]
+        self._frames = ca.Function("frames", [q], [ca.horzcat(*frames)], {"cse": True})
+        self._capsules: Sequence[LinkCapsule] = chain.capsules
+
+    def frames(self, q: ArrayLike) -> Array:
+        """(n + 2, 3, 4) base, each joint's, tool."""
+        return (
+            np.array(self._frames(np.asarray(q, dtype=np.float64))).reshape(3, self.chain.n + 2, 4).transpose(1, 0, 2)
+        )
+
+    def capsules(self, q: ArrayLike, colours: Sequence[str] | str = ROBOT) -> list[list[Any]]:
+        """Rows of start, end, radius, colour; `colours` is one for all, or one a joint: a link takes its joint's."""
+        frames = self.frames(q)
+        if self._capsules:
+            bodies = [
+                (
+                    each.frame,
+                    self._at(frames, each.frame, each.start),
+                    self._at(frames, each.frame, each.end),
+                    each.radius,
+                )
+                for each in self._capsules
+            ]
+        else:
+            points = frames[self._first :, :, 3]
+            bodies = [
+                (i + self._first, a, b, self._radius)
+                for i, (a, b) in enumerate(pairwise(points))
+                if np.linalg.norm(b - a) > SHORT
+            ]
+        return [
+            [*a.round(4).tolist(), *b.round(4).tolist(), radius, self._colour(colours, frame)]
+            for frame, a, b, radius in bodies
+        ]
+
+    def tool(self, q: ArrayLike) -> Array:
+        """(3, 4) pose of the tool, its last row left out."""
+        pose: Array = self.frames(q)[-1]
+        return pose
+
+    def _colour(self, colours: Sequence[str] | str, frame: int) -> str:
+        if isinstance(colours, str):
+            return colours
+        return colours[min(max(frame - 1, 0), len(colours) - 1)]
+
+    @staticmethod
+    def _at(frames: Array, frame: int, point: tuple[float, float, float]) -> Array:
+        placed: Array = frames[frame][:, :3] @ np.array(point) + frames[frame][:, 3]
+        return placed

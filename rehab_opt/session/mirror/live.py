@@ -1,0 +1,155 @@
+"""Mirror therapy, live: the mirrored recording to and fro, or a hand that somebody drags."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rehab_opt.control.command import Command
+from rehab_opt.control.mirror import MirrorTracker
+from rehab_opt.control.person_limit import PersonLimit
+from rehab_opt.plants.plant import Measurement
+from rehab_opt.plants.touched import TouchedPlant
+from rehab_opt.session.files import ProblemFile
+from rehab_opt.session.live.bodies import BLUE, GREEN, ORANGE, RED, ArmBodies, joint_rows, near_limit, screen
+from rehab_opt.session.live.inputs import LiveInputs
+from rehab_opt.session.live.problem import LiveControl, LiveProblem
+from rehab_opt.session.mirror.laws import tracker_of
+from rehab_opt.session.mirror.problem import MirrorProblem
+from rehab_opt.session.mirror.scene import laid_out
+from rehab_opt.session.plant.making import joint_plant
+
+__all__ = ["LiveMirror"]
+
+Array = NDArray[np.float64]
+
+WIDE = 0.5
+"""[m] Half of the side of a plane as it is drawn."""
+FRAME = 1 / 30
+"""[s] from picture to picture, in which the person's arm is led on."""
+
+
+class LiveMirror(LiveProblem):
+    """A `MirrorTracker` with the file's recording, patient, robot and plant."""
+
+    controls = frozenset({"target", "push", "faults"})
+
+    def __init__(self, loaded: ProblemFile[MirrorProblem]) -> None:
+        self._loaded, self.title, self.dt = loaded, loaded.problem.title, 1 / loaded.problem.tracker.rate_hz
+        self._scene = laid_out(loaded)
+        self.robot = self._scene.robot
+        self.encoders = self.commanded = self.robot.n
+        self.layout = {"q": self.robot.n, "asked": 3, "target": 3, "force": 3, "lag": 1, "manipulability": 1}
+        self._arm = ArmBodies(self.robot)
+        self._person: tuple[ArmBodies, PersonLimit] | None = None
+        if self._scene.person is not None:
+            person, grip = self._scene.person
+            said = loaded.problem.patient.arm
+            start = None if said is None or said.start_deg is None else np.deg2rad(said.start_deg)
+            self._person = ArmBodies(person), PersonLimit(person, grip=grip, dt=FRAME, start=start, backup=None)
+
+    def control(self) -> LiveControl:
+        """The tracker of `rehab-opt run`."""
+        problem, scene = self._loaded.problem, self._scene
+        tracker = tracker_of(problem, scene, file=self._loaded.file)
+        plant = joint_plant(problem.plant, self.robot, self.dt)
+        reference = scene.reference
+        seen = ~reference.lost
+        return _Mirroring(tracker, TouchedPlant(plant), scene.start, reference.poses[seen], reference.twists[seen])
+
+    def scene(self) -> dict[str, Any]:
+        """The mirrored path, planes that are kept clear of, limits of the person or else the robot."""
+        reference, section = self._scene.reference, self._loaded.problem.tracker
+        path = reference.poses[~reference.lost][:: max(1, round(0.05 / self.dt)), :3, 3]
+        planes = [_square(np.array(each.point_m), np.array(each.normal), path) for each in section.keep_out]
+        shown = joint_rows(self.robot if self._person is None else self._person[0].chain)
+        return {
+            "lines": [
+                {"points": path.round(4).tolist(), "colour": BLUE},
+                *({"points": each, "colour": RED} for each in planes),
+            ],
+            "legend": [[BLUE, "mirrored path"], [RED, "planes to keep off"]]
+            + ([] if self._person is None else [[GREEN, "the person's arm, red near a limit"]]),
+            "screen": screen(path),
+            "joints": shown,
+            "jointtitle": "The person's joints within their range" if self._person else "Joints within their limits",
+            "encoders": [name.replace("_", " ") for name in self.robot.names],
+            "noise": "mrad",
+            "plots": [
+                {"name": "hand from the mirrored pose", "unit": "mm", "line": section.max_deviation_mm},
+                {"name": "manipulability, share of largest", "unit": "", "line": section.floor},
+                {"name": "behind the recording", "unit": "s", "least": 0.5},
+                {"name": "joint-limit margin", "unit": "deg"},
+                {"name": "force", "unit": "N", "least": 10.0},
+            ],
+            "centre": path.mean(axis=0).round(3).tolist(),
+            "reach": 1.3,
+        }
+
+    def frame(self, shown: Mapping[str, Array]) -> dict[str, Any]:
+        """Robot, the arm that it leads, what is asked."""
+        q, force = shown["q"], shown["force"]
+        pose = np.vstack([self._arm.tool(q), [0.0, 0.0, 0.0, 1.0]])
+        hand, chain, joints = pose[:3, 3], self.robot, q
+        capsules = self._arm.capsules(q)
+        if self._person is not None:
+            bodies, limit = self._person
+            limit.limited(pose, np.zeros(6))
+            assert limit.q is not None
+            chain, joints = bodies.chain, limit.q
+            colours = [near_limit(each) for each in np.minimum(joints - chain.lower, chain.upper - joints)]
+            capsules += bodies.capsules(joints, colours)
+        margin = np.minimum(joints - chain.lower, chain.upper - joints)[chain.lower < chain.upper].min()
+        numbers = (
+            1e3 * float(np.linalg.norm(hand - shown["asked"])), float(shown["manipulability"][0]),
+            float(shown["lag"][0]), math.degrees(margin), float(np.linalg.norm(force)),
+        )  # fmt: skip
+        return {
+            "capsules": capsules,
+            "handles": {"target": shown["target"].round(4).tolist(), "hand": hand.round(4).tolist()},
+            "arrows": [[*hand.tolist(), *force.tolist(), ORANGE]] if force.any() else [],
+            "joints": joints.round(4).tolist(),
+            "numbers": list(numbers),
+        }
+
+
+class _Mirroring(LiveControl):
+    def __init__(self, tracker: MirrorTracker, plant: TouchedPlant, start: Array, poses: Array, twists: Array) -> None:
+        super().__init__(plant, start)
+        self._tracker, self._poses, self._twists = tracker, poses, twists
+        self._at, self._way = 0, 1
+        self._pose: Array = poses[0].copy()
+
+    def step(self, inputs: LiveInputs, seen: Measurement) -> Command:
+        twist = np.zeros(6)
+        if inputs.dragged:
+            self._pose[:3, 3] = inputs.target
+        elif inputs.enable:  # the recording waits for whoever lets go; at its ends it turns back
+            self._pose, twist = self._poses[self._at].copy(), self._way * self._twists[self._at]
+            if not 0 <= self._at + self._way < len(self._poses):
+                self._way = -self._way
+            self._at += self._way
+        return self._tracker.step(
+            seen.position, self._pose, twist, force=seen.force, enable=inputs.enable, stamp=seen.stamp
+        )
+
+    def shown(self) -> dict[str, ArrayLike]:
+        truth, tracker = self.plant.truth, self._tracker
+        return {
+            "q": truth.position, "asked": tracker.reference[:3, 3], "target": self._pose[:3, 3], "force": truth.force,
+            "lag": tracker.lag, "manipulability": tracker.manipulability,
+        }  # fmt: skip
+
+
+def _square(point: Array, normal: Array, path: Array) -> list[list[float]]:
+    """A square of the plane, before the middle of the path."""
+    normal = normal / np.linalg.norm(normal)
+    middle = path.mean(axis=0)
+    foot = middle - ((middle - point) @ normal) * normal
+    u = np.cross(normal, [0.0, 0.0, 1.0] if abs(normal[2]) < 0.9 else [1.0, 0.0, 0.0])
+    u, v = WIDE * u / np.linalg.norm(u), WIDE * np.cross(normal, u) / np.linalg.norm(u)
+    return [(foot + a * u + b * v).round(4).tolist() for a, b in ((1, 1), (1, -1), (-1, -1), (-1, 1), (1, 1))]

@@ -1,0 +1,164 @@
+"""Live problems, tick by tick and without a page: the controllers and plants of `rehab-opt run`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image, ImageSequence
+
+from rehab_opt.control.command import Command, Status
+from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.ur5 import ur5
+from rehab_opt.live.film import write_film
+from rehab_opt.plants.ideal import IdealJoints
+from rehab_opt.plants.touched import TouchedPlant
+from rehab_opt.session.files import load_problem
+from rehab_opt.session.live.inputs import AT_REST, LiveInputs
+from rehab_opt.session.live.problem import LiveControl
+from rehab_opt.session.pose_tracking.outcome import RobotOutcome
+from rehab_opt.session.run import live_problem, run_problem
+
+PROBLEMS = ["robot/ur5_circle", "ardis/through_doorway", "mirror/pick_fruit"]
+
+
+def ticks(control: LiveControl, inputs: LiveInputs, count: int) -> list[Command]:
+    """Commands of so many ticks with the same inputs, in closed loop."""
+    commands = []
+    for _ in range(count):
+        plant = control.plant
+        plant.frozen, plant.noise, plant.delay = inputs.frozen, inputs.noise, inputs.delay
+        command = control.step(inputs, plant.measured)
+        plant.step(control.sent(command), inputs.push if any(inputs.push) else None)
+        commands.append(command)
+    return commands
+
+
+def begun(name: str) -> tuple[Any, LiveControl]:
+    problem = live_problem(load_problem(name))
+    control = problem.control()
+    control.plant.reset(control.start)
+    return problem, control
+
+
+def test_live_is_the_run_tick_by_tick_while_nobody_touches_it() -> None:
+    problem, control = begun("robot/ur5_circle")
+    outcome = run_problem(load_problem("robot/ur5_circle"))
+    assert isinstance(outcome, RobotOutcome)
+    commands = ticks(control, LiveInputs(enable=True), 400)
+    assert np.array_equal([each.value for each in commands], outcome.command[:400])
+    assert problem.dt == pytest.approx(float(np.diff(outcome.time[:2])[0]))
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_every_robot_can_be_drawn_and_comes_to_rest_when_the_dead_man_is_released(name: str) -> None:
+    problem, control = begun(name)
+    ticks(control, LiveInputs(enable=True), 5)
+    ticks(control, LiveInputs(enable=True, stick=(1.0, 0.0)), 100)
+    shown = {key: np.atleast_1d(np.asarray(value, dtype=np.float64)) for key, value in control.shown().items()}
+    assert {key: value.size for key, value in shown.items()} == dict(problem.layout)
+    frame, scene = problem.frame(shown), problem.scene()
+    assert len(frame["numbers"]) == len(scene["plots"])
+    assert len(scene["encoders"]) == problem.encoders
+    capsules = np.array([each[:7] for each in frame["capsules"]], dtype=np.float64)
+    assert np.isfinite(capsules).all()
+    assert (capsules[:, 6] > 0).all()
+    last = ticks(control, AT_REST, 400)[-1]
+    assert last.status is Status.HOLDING
+    assert not last.value.any()
+
+
+def test_a_person_is_helped_where_the_participant_points_and_let_go_with_the_dead_man() -> None:
+    problem, control = begun("upper_limb/scenario_2_assist")
+    outside = np.array([-0.22, 0.49])  # of the comfortable workspace, where the hand is weak
+    assert not problem.ready.comfortable.contains(outside)
+    led = LiveInputs(enable=True, target=(*outside.tolist(), 0.0))
+    commands = ticks(control, led, 2500)
+    sizes = [float(np.linalg.norm(each.value)) for each in commands]
+    assert 1.0 < max(sizes) <= 30.0 + 1e-9
+    assert np.linalg.norm(control.plant.truth.position - outside) < 0.05
+    assert ticks(control, AT_REST, 500)[-1].status is Status.RELEASED
+    shown = {key: np.atleast_1d(np.asarray(value, dtype=np.float64)) for key, value in control.shown().items()}
+    frame, scene = problem.frame(shown), problem.scene()
+    assert len(frame["numbers"]) == len(scene["plots"])
+    assert {key: value.size for key, value in shown.items()} == dict(problem.layout)
+
+
+def test_a_dragged_target_is_where_the_hand_goes() -> None:
+    problem, control = begun("robot/ur5_circle")
+    start = problem.robot.pose(control.start)[:3, 3]
+    target = start + [0.05, 0.03, -0.04]
+    ticks(control, LiveInputs(enable=True, target=tuple(target.tolist())), 1500)
+    hand = problem.frame({k: np.atleast_1d(v) for k, v in control.shown().items()})["handles"]["hand"]
+    assert np.linalg.norm(hand - target) < 1e-3
+
+
+def test_the_stick_must_be_let_go_after_the_dead_man_was() -> None:
+    _, control = begun("ardis/through_doorway")
+    push = LiveInputs(enable=True, stick=(1.0, 0.0))
+    ticks(control, LiveInputs(enable=True), 5)
+    assert np.abs(ticks(control, push, 50)[-1].value).max() > 0.05
+    ticks(control, push._replace(enable=False), 200)
+    held = ticks(control, push, 100)[-1]
+    assert not held.value.any()
+    assert held.reason == "the stick must be let go first"
+    ticks(control, LiveInputs(enable=True), 2)
+    assert np.abs(ticks(control, push, 50)[-1].value).max() > 0.05
+
+
+def test_bodies_are_where_the_chain_says() -> None:
+    problem, _ = begun("robot/ur5_circle")
+    robot, rng = ur5(), np.random.default_rng(5)
+    for _ in range(20):
+        q = rng.uniform(-3, 3, 6)
+        shown = {"q": q, "target": np.zeros(3), "force": np.zeros(3)}
+        frame = problem.frame(shown)
+        assert frame["handles"]["hand"] == pytest.approx(robot.pose(q)[:3, 3], abs=1e-4)
+
+
+def touched() -> TouchedPlant:
+    plant = TouchedPlant(IdealJoints(0.01), seed=1)
+    plant.reset(np.zeros(2))
+    return plant
+
+
+def test_a_frozen_encoder_repeats_its_last_value_and_the_others_go_on() -> None:
+    plant = touched()
+    plant.step([1.0, 1.0])
+    plant.frozen = 1
+    for _ in range(3):
+        seen = plant.step([1.0, 1.0])
+    assert seen.position == pytest.approx([0.04, 0.01])
+    plant.frozen = -1
+    assert plant.step([1.0, 1.0]).position == pytest.approx([0.05, 0.05])
+
+
+def test_a_delay_shows_what_was_so_with_the_stamp_of_then() -> None:
+    plant = touched()
+    plant.delay = 0.03
+    for _ in range(10):
+        seen = plant.step([1.0, 0.0])
+    assert (seen.stamp, seen.position[0]) == (pytest.approx(0.07), pytest.approx(0.07))
+
+
+def test_noise_is_of_the_size_that_was_asked_for_and_leaves_the_truth() -> None:
+    plant = touched()
+    plant.noise = 0.01
+    seen = np.array([plant.step([0.0, 0.0]).position for _ in range(4000)])
+    assert seen.std(axis=0) == pytest.approx([0.01, 0.01], rel=0.05)
+    assert not plant.truth.position.any()
+
+
+def test_a_film_is_small_and_moves(tmp_path: Path) -> None:
+    place = tmp_path / "circle.gif"
+    problem = live_problem(load_problem("robot/ur5_circle"))
+    assert write_film(problem, place, seconds=1.5, per_second=4.0) == 6
+    with Image.open(place) as film:
+        pictures = [np.asarray(each.convert("RGB"), dtype=int) for each in ImageSequence.Iterator(film)]
+    assert len(pictures) >= 5  # two that are alike are stored as one
+    assert np.abs(pictures[-1] - pictures[0]).max() > 50
+    assert place.stat().st_size < 60_000
+    with pytest.raises(ConfigurationError, match="seconds"):
+        write_film(problem, place, seconds=float("nan"))

@@ -1,0 +1,58 @@
+"""The page's process and the controller's: one hangs, or is killed."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+client = pytest.importorskip("websockets.sync.client")
+
+PATIENCE = 40.0
+"""[s] that something may take on a busy machine."""
+
+
+def test_what_was_silent_is_told_again_and_no_process_is_left() -> None:
+    command = [sys.executable, "-m", "rehab_opt.cli", "live", "robot/ur5_circle"]
+    environment = os.environ | {"REHAB_OPT_COMPILE": "0"}
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as page:
+        try:
+            assert page.stdout is not None
+            root, token = page.stdout.readline().split()[-1].split("/?token=")
+            with client.connect(f"{root.replace('http', 'ws')}/ws?token={token}", origin=root) as socket:
+                told_of(socket, "frame")
+                (controller,) = (it for it in children(page.pid) if b"spawn_main" in (it / "cmdline").read_bytes())
+                os.kill(int(controller.name), signal.SIGSTOP)
+                told_of(socket, "lost")
+                os.kill(int(controller.name), signal.SIGCONT)
+                assert told_of(socket, "seat") == {"commands": True, "tabs": 1, "participants": 0}
+        finally:
+            page.kill()
+    end = time.monotonic() + PATIENCE
+    while controller.exists() and (controller / "stat").read_text(encoding="utf-8").rpartition(") ")[2][0] != "Z":
+        assert time.monotonic() < end
+        time.sleep(0.05)
+
+
+def children(process: int) -> list[Path]:
+    return [
+        stat.parent
+        for stat in Path("/proc").glob("[0-9]*/stat")
+        if int(stat.read_text(encoding="utf-8").rpartition(") ")[2].split()[1]) == process
+    ]
+
+
+def told_of(socket: object, name: str) -> object:
+    """What the page is told next under this name."""
+    end = time.monotonic() + PATIENCE
+    while time.monotonic() < end:
+        message = json.loads(socket.recv(timeout=PATIENCE))  # type: ignore[attr-defined]
+        if name in message:
+            return message[name]
+    return pytest.fail(f"nothing was told of {name!r}")
