@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 import signal
 import subprocess
 import sys
@@ -18,7 +19,7 @@ from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.session.many.participant import Participant
 from rehab_opt.session.many.participants import participants_of
 from rehab_opt.session.many.results import Row
-from rehab_opt.session.many.run import RESULTS, run_many
+from rehab_opt.session.many.run import GROUPS, RESULTS, run_many
 from tests.session.stand_in_work import person, quick
 
 
@@ -50,6 +51,59 @@ def test_five_of_two_hundred_fail_each_in_their_own_row(tmp_path: Path) -> None:
     assert told[-1] == (200, 200)
     assert (tmp_path / "P042" / "metrics.json").read_text(encoding="utf-8") == "P042"
     assert not (tmp_path / "P017").exists()
+
+
+def test_one_that_hangs_is_killed_and_blocks_nobody(tmp_path: Path) -> None:
+    people = [person("A", "slow"), person("B"), person("C", "slow"), person("D")]
+    rows = run_many(people, out=tmp_path, workers=2, work=quick, timeout_s=3.0)
+    assert [row.status for row in rows] == ["failed", "done", "failed", "done"]
+    assert rows[0].error == rows[2].error == "TimeoutError: not done after 3 s"
+    assert not (tmp_path / "A").exists()
+    for bad in (0.0, math.nan, math.inf):
+        with pytest.raises(ConfigurationError, match="--timeout"):
+            run_many(people, out=tmp_path, work=quick, timeout_s=bad)
+
+
+def test_rows_are_written_as_they_end_and_told_of(tmp_path: Path) -> None:
+    people = [person(f"P{i}") for i in range(4)]
+    seen: list[tuple[str, list[str]]] = []
+
+    def record(who: Participant, row: Row, folder: Path, digest: str) -> None:
+        table = tmp_path / RESULTS
+        text = table.read_text(encoding="utf-8").splitlines() if table.exists() else []
+        seen.append((who.name, [each["status"] for each in csv.DictReader(text)]))
+        assert (folder / "metrics.json").exists()
+        assert (row.participant, len(digest)) == (who.name, 64)
+        time.sleep(1.1)
+
+    with ThreadPoolExecutor(1) as pool:
+        run_many(people, out=tmp_path, executor=pool, work=quick, record=record)
+        assert sorted(name for name, _ in seen) == ["P0", "P1", "P2", "P3"]
+        assert sorted(seen[3][1]) == ["done", "done", "done", "not run"]
+        run_many(people[:1], out=tmp_path, executor=pool, work=quick, record=record)
+    assert seen[4][0] == "P0"  # kept, and told all the same
+
+
+def test_results_have_inputs_and_groups_their_statistics(tmp_path: Path) -> None:
+    people = [
+        replace(person("A" * length), inputs={"arm.side": "left"}, covariates={"group": group})
+        for group, length in (("g", 1), ("g", 3), ("h", 7))
+    ]
+    people.append(replace(person("broken one", "broken"), covariates={"group": "h"}))
+    with ThreadPoolExecutor(1) as pool:
+        run_many(people, out=tmp_path, executor=pool, work=quick)
+    with (tmp_path / RESULTS).open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [(row["group"], row["input.arm.side"], row["letters"]) for row in rows] == [
+        ("g", "left", "1"), ("g", "left", "3"), ("h", "left", "7"), ("h", "", ""),
+    ]  # fmt: skip
+    with (tmp_path / GROUPS).open(encoding="utf-8", newline="") as file:
+        groups = {row["group"]: row for row in csv.DictReader(file) if row["measure"] == "letters"}
+    assert {key: groups["g"][key] for key in ("people", "mean", "min", "median", "max")} == {
+        "people": "2", "mean": "2", "min": "1", "median": "2", "max": "3",
+    }  # fmt: skip
+    assert float(groups["g"]["sd"]) == pytest.approx(math.sqrt(2))
+    assert (groups["h"]["people"], groups["h"]["sd"]) == ("1", "")
 
 
 def test_what_is_done_is_not_done_again_and_what_failed_is(tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +11,10 @@ from rehab_opt.errors import ProblemFileError
 from rehab_opt.session.files import ProblemFile, problem_of
 from rehab_opt.text_file import shown
 
-__all__ = ["Participant", "checked_name", "without_twins"]
+__all__ = ["COVARIATES", "Participant", "checked_name", "unnamed", "without_twins"]
 
+COVARIATES = ("session", "group", "condition", "visit", "date")
+"""Columns of a table that are no keys of a problem: whose trial a result is, for a study and for `groups.csv`."""
 LONGEST_NAME = 100
 FORBIDDEN = frozenset('/\\:*?"<>|')  # in a folder's name, on one system or another
 
@@ -28,6 +30,8 @@ class Participant:
     file : what errors call the file.
     path : where it lies; recordings are looked for beside it.
     error : why nothing can be run for this person; "" where that is not known yet.
+    inputs : cells of their row of a table, by dotted key.
+    covariates : `COVARIATES` that their row says.
     """
 
     name: str
@@ -35,6 +39,8 @@ class Participant:
     file: str
     path: Path
     error: str = ""
+    inputs: Mapping[str, str] = field(default_factory=dict)
+    covariates: Mapping[str, str] = field(default_factory=dict)
 
     def problem(self) -> ProblemFile[Any]:
         """The checked problem.
@@ -54,7 +60,7 @@ def checked_name(name: str, *, file: object, key: str) -> str:
     ProblemFileError : it cannot.
     """
     bad = (
-        name.casefold() == "results.csv"
+        name.casefold() in ("results.csv", "groups.csv")
         or not name.isprintable()
         or FORBIDDEN & set(name)
         or name.startswith(".")
@@ -66,17 +72,28 @@ def checked_name(name: str, *, file: object, key: str) -> str:
     return name
 
 
-def without_twins(people: Sequence[Participant], *, file: object, keys: Sequence[str]) -> tuple[Participant, ...]:
-    """The people, if no two share a name; upper and lower case are one, as they are to some file systems.
+def unnamed(place: str, name: str, *, file: str, path: Path, error: ProblemFileError) -> Participant:
+    """Somebody whose name cannot be used, under a name that is no other's and no folder's: where they stand."""
+    said = "".join("_" if letter in FORBIDDEN or not letter.isprintable() else letter for letter in shown(name))
+    return Participant(f"{place}: {said}", {}, file, path, str(error))
 
-    Raises
-    ------
-    ProblemFileError : two do; `keys` say where each stands.
+
+def without_twins(people: Sequence[Participant], *, file: object, keys: Sequence[str]) -> tuple[Participant, ...]:
+    """The people; of those that share a name nobody can be used, since nobody knows whose row is whose.
+
+    Upper and lower case are one, as they are to some file systems. `keys` say where each stands.
     """
-    seen: dict[str, str] = {}
-    for person, key in zip(people, keys, strict=True):
-        folded = person.name.casefold()
-        if folded in seen:
-            raise ProblemFileError(file, key, person.name, f"a name of its own: {seen[folded]} has it already")
-        seen[folded] = key
-    return tuple(people)
+    of: dict[str, list[int]] = {}
+    for i, person in enumerate(people):
+        of.setdefault(person.name.casefold(), []).append(i)
+    found = list(people)
+    for same in of.values():
+        for i in same if len(same) > 1 else ():
+            others = " and ".join(keys[j] for j in same if j != i)
+            error = ProblemFileError(file, keys[i], people[i].name, f"a name of its own: {others} has it, too")
+            found[i] = replace(
+                unnamed(keys[i].split(",")[0], people[i].name, file=people[i].file, path=people[i].path, error=error),
+                inputs=people[i].inputs,
+                covariates=people[i].covariates,
+            )
+    return tuple(found)

@@ -18,7 +18,7 @@ from rehab_opt.errors import ProblemFileError
 from rehab_opt.kinematics.human_arm import RANGES_OF_MOTION_DEG
 from rehab_opt.session.file_limits import DEEPEST_KEY, LARGEST_TABLE, check_key_depth, header_cells
 from rehab_opt.session.files import problem_content, problem_path
-from rehab_opt.session.many.participant import Participant, checked_name, without_twins
+from rehab_opt.session.many.participant import COVARIATES, Participant, checked_name, unnamed, without_twins
 from rehab_opt.text_file import number_in, shown, whole_text
 
 __all__ = ["BASE", "cell_value", "participants_in_table", "replaced"]
@@ -40,8 +40,7 @@ def participants_in_table(table: Path, *, problem: str = BASE) -> tuple[Particip
     Raises
     ------
     ProblemFileError : the table or the problem file cannot be read; no or two columns `participant`, a column without a
-        name, no rows, a name that cannot be a folder's or stands twice. What concerns one person alone is in their
-        `error`.
+        name, no rows. What concerns one person alone, their name too, is in their `error`.
     """
     _, path = problem_path(problem)
     base = problem_content(path, problem)
@@ -51,8 +50,13 @@ def participants_in_table(table: Path, *, problem: str = BASE) -> tuple[Particip
     for line, cells in rows:
         key = f"line {line}, column {NAME}"
         at = header.index(NAME)
-        name = checked_name(cells[at].strip() if at < len(cells) else "", file=file, key=key)
-        people.append(_person(name, header, cells, base, file=f"{file}, line {line}", path=path))
+        written = cells[at].strip() if at < len(cells) else ""
+        row = f"{file}, line {line}"
+        try:
+            name = checked_name(written, file=file, key=key)
+            people.append(_person(name, header, cells, base, file=row, path=path))
+        except ProblemFileError as refused:
+            people.append(unnamed(f"line {line}", written, file=row, path=path, error=refused))
         keys.append(key)
     if not people:
         raise ProblemFileError(file, "rows", 0, "a row for each participant")
@@ -96,15 +100,31 @@ def _person(
     if len(cells) != len(header):
         refused = ProblemFileError(file, "cells", len(cells), f"{len(header)}, one for each column")
         return Participant(name, {}, file, path, str(refused))
-    given = {key: cell for key, cell in zip(header, cells, strict=True) if key != NAME and cell.strip()}
+    row = {key: cell.strip() for key, cell in zip(header, cells, strict=True) if key != NAME}
+    covariates = {key: row.pop(key) for key in COVARIATES if key in row}
+    given = {key: cell for key, cell in row.items() if cell}
     try:
-        content = replaced(base, given, file=file)
+        _check_segments(row, base, file=file)
+        content, error = replaced(base, given, file=file), ""
     except ProblemFileError as problem:
-        return Participant(name, {}, file, path, str(problem))
+        content, error = {}, str(problem)
     title = content.get("title")
     if "title" not in given and isinstance(title, str):
         content["title"] = f"{name}: {title}"[:LONGEST_TITLE]
-    return Participant(name, content, file, path)
+    return Participant(name, content, file, path, error, row, covariates)
+
+
+def _check_segments(row: dict[str, str], base: dict[str, Any], *, file: str) -> None:
+    """Refuse an empty cell of a segment's length that the problem does not say: another person's would be taken."""
+    for key, cell in row.items():
+        *places, last = key.split(".")
+        if cell or places[-1:] != ["segments"]:
+            continue
+        below: Any = base
+        for part in (*places, last):
+            below = below.get(part) if isinstance(below, dict) else None
+        if below is None:
+            raise ProblemFileError(file, key, "", "a length, or one in the problem for those whose cell is empty")
 
 
 def replaced(base: dict[str, Any], given: dict[str, str], *, file: str) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from rehab_opt.errors import ConfigurationError, ProblemFileError, RehabOptError
 from rehab_opt.session.files import problem_content
-from rehab_opt.session.many.participant import Participant, checked_name, without_twins
+from rehab_opt.session.many.participant import Participant, checked_name, unnamed, without_twins
 from rehab_opt.session.many.participant_table import BASE, participants_in_table
 from rehab_opt.text_file import shown
 
@@ -24,7 +24,8 @@ def participants_of(source: Path, *, problem: str | None = None) -> tuple[Partic
 
     Raises
     ------
-    ProblemFileError : nobody there, no column `participant`, a name that is no folder's or stands twice.
+    ProblemFileError : nobody there, no column `participant`. A name that is no folder's, or stands twice, is in the
+        `error` of whom it concerns.
     ConfigurationError : `problem` for a folder, whose files are problems themselves.
     """
     if source.is_dir():
@@ -45,7 +46,11 @@ def participants_in_folder(folder: Path) -> tuple[Participant, ...]:
         raise ProblemFileError(folder, "folder", "no .toml in it", "a problem file for each participant")
     people = []
     for path in files:
-        name = checked_name(path.stem, file=folder, key=path.name)
+        try:
+            name = checked_name(path.stem, file=folder, key=path.name)
+        except ProblemFileError as refused:
+            people.append(unnamed("file", path.name, file=str(path), path=path, error=refused))
+            continue
         try:
             people.append(Participant(name, problem_content(path, str(path)), str(path), path))
         except RehabOptError as refused:

@@ -6,15 +6,20 @@ import multiprocessing
 import os
 import signal
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
-from typing import TypeVar
+from typing import Generic, TypeVar
 
 __all__ = ["WorkerDiedError", "answers", "cores"]
 
 T = TypeVar("T")
 A = TypeVar("A")
+
+DIED = "its worker process died (killed, out of memory, crashed), or sent what cannot be read"
+ASK_AGAIN = 0.2
+"""[s]"""
 
 
 class WorkerDiedError(Exception):
@@ -27,7 +32,12 @@ def cores() -> int:
 
 
 def answers(
-    tasks: Sequence[T], work: Callable[[T], A], *, executor: Executor | None, workers: int | None
+    tasks: Sequence[T],
+    work: Callable[[T], A],
+    *,
+    executor: Executor | None,
+    workers: int | None,
+    timeout_s: float | None = None,
 ) -> Iterator[tuple[T, A | BaseException]]:
     """Each task with its answer, or with the exception that it ended in, as they come.
 
@@ -36,28 +46,12 @@ def answers(
     work : must be found by its name in another process, and its answers be picklable.
     executor : where to work; processes of this machine without one. One that breaks fails all tasks it had left.
     workers : processes, without an executor; as many as `cores` by default.
+    timeout_s : [s] after which a task's process is killed, without an executor; TimeoutError is then its answer.
     """
     if executor is not None:
         yield from _by(executor, tasks, work)
-        return
-    waiting: deque[T] = deque(tasks)
-    suspects: deque[T] = deque()
-    while waiting or suspects:
-        # A broken pool does not tell whose process died: those it was working on are tried again, one by one.
-        alone = bool(suspects)
-        queue = deque([suspects.popleft()]) if alone else waiting
-        for task, answer in _in_one_pool(queue, work, 1 if alone else min(workers or cores(), len(queue))):
-            if not isinstance(answer, BrokenExecutor):
-                yield task, answer
-            elif alone:
-                yield (
-                    task,
-                    WorkerDiedError(
-                        "its worker process died (killed, out of memory, crashed), or sent what cannot be read"
-                    ),
-                )
-            else:
-                suspects.append(task)
+    elif tasks:
+        yield from _by_processes(deque(tasks), work, min(workers or cores(), len(tasks)), timeout_s)
 
 
 def _by(executor: Executor, tasks: Sequence[T], work: Callable[[T], A]) -> Iterator[tuple[T, A | BaseException]]:
@@ -77,28 +71,62 @@ def _by(executor: Executor, tasks: Sequence[T], work: Callable[[T], A]) -> Itera
             future.cancel()
 
 
-def _in_one_pool(waiting: deque[T], work: Callable[[T], A], workers: int) -> Iterator[tuple[T, A | BaseException]]:
-    """Tasks taken from `waiting` until none is left or the pool breaks; those it then had in hand come as broken."""
-    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), initializer=_end_with_parent)
-    running: dict[Future[A], T] = {}
-    broken = False
+def _by_processes(
+    waiting: deque[T], work: Callable[[T], A], workers: int, timeout_s: float | None
+) -> Iterator[tuple[T, A | BaseException]]:
+    """Tasks in pools of one process each, so that one that dies or is killed takes its own task alone."""
+    idle = [_Worker(work) for _ in range(workers)]
+    running: dict[Future[A], tuple[_Worker[T, A], T]] = {}
     try:
-        while running or (waiting and not broken):
-            while waiting and not broken and len(running) < workers:  # no more: each is a suspect if one breaks
-                try:
-                    running[_submitted(pool, work, waiting[0])] = waiting[0]
-                    waiting.popleft()
-                except BrokenExecutor:
-                    broken = True
-            for future in wait(running, return_when=FIRST_COMPLETED).done if running else ():
+        while waiting or running:
+            while waiting and idle:
+                worker, task = idle.pop(), waiting.popleft()
+                running[worker.begin(task)] = (worker, task)
+            pause = None if timeout_s is None else min(worker.left(timeout_s) for worker, _ in running.values())
+            for future in wait(running, timeout=pause, return_when=FIRST_COMPLETED).done:
+                worker, task = running.pop(future)
                 answer: A | BaseException = _answer(future)
-                broken = broken or isinstance(answer, BrokenExecutor)
-                yield running.pop(future), answer
+                if isinstance(answer, BrokenExecutor):
+                    worker.kill()
+                    worker, answer = _Worker(work), WorkerDiedError(DIED)
+                idle.append(worker)
+                yield task, answer
+            for future, (worker, task) in list(running.items()):
+                if timeout_s is not None and worker.left(timeout_s) <= 0 and not future.done():
+                    del running[future]
+                    worker.kill()
+                    idle.append(_Worker(work))
+                    yield task, TimeoutError(f"not done after {timeout_s:g} s")
     finally:
-        if running:  # interrupted: nobody waits for these
-            for process in list((getattr(pool, "_processes", None) or {}).values()):  # public from Python 3.14 on
-                process.terminate()
-        pool.shutdown(cancel_futures=True)
+        for worker, _ in running.values():  # interrupted: nobody waits for these
+            worker.kill()
+        for worker in idle:
+            worker.pool.shutdown()
+
+
+class _Worker(Generic[T, A]):
+    """One process, and when its task began: once it has loaded what it needs, which is not the task's fault."""
+
+    def __init__(self, work: Callable[[T], A]) -> None:
+        self.pool = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), initializer=_end_with_parent)
+        self._work = work
+        self._loaded = _submitted(self.pool, callable, work)
+        self._began: float | None = None
+
+    def begin(self, task: T) -> Future[A]:
+        self._began = None
+        return _submitted(self.pool, self._work, task)
+
+    def left(self, timeout_s: float) -> float:
+        """[s] until the task is late, or until it is time to ask again."""
+        if self._began is None and self._loaded.done():
+            self._began = time.monotonic()
+        return ASK_AGAIN if self._began is None else max(self._began + timeout_s - time.monotonic(), 0.0)
+
+    def kill(self) -> None:
+        for process in list((getattr(self.pool, "_processes", None) or {}).values()):  # public from Python 3.14 on
+            process.kill()
+        self.pool.shutdown(cancel_futures=True)
 
 
 def _submitted(pool: ProcessPoolExecutor, work: Callable[[T], A], task: T) -> Future[A]:

@@ -11,9 +11,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from rehab_opt.session.many.work import Answer, Cell
 
-__all__ = ["DONE", "FAILED", "NOT_RUN", "REFUSED", "Row", "forget", "keep", "kept_row", "write_rows"]
+__all__ = ["DONE", "FAILED", "NOT_RUN", "REFUSED", "Row", "forget", "keep", "kept_row", "write_groups", "write_rows"]
 
 DONE, REFUSED, FAILED, NOT_RUN = "done", "refused", "failed", "not run"
 """Of a row: computed; its input cannot be used; the computation failed; the run was interrupted before it."""
@@ -32,6 +34,7 @@ class Row:
     seconds : what computing it took, whenever that was.
     numbers : metrics by dotted key.
     kept : True if it was there from an earlier run.
+    inputs, covariates : of their row of a table.
     """
 
     participant: str
@@ -40,6 +43,8 @@ class Row:
     seconds: float | None = None
     numbers: Mapping[str, Cell] = field(default_factory=dict)
     kept: bool = False
+    inputs: Mapping[str, str] = field(default_factory=dict)
+    covariates: Mapping[str, str] = field(default_factory=dict)
 
 
 def keep(participant: str, answer: Answer, folder: Path, digest: str) -> Row:
@@ -77,14 +82,42 @@ def forget(folder: Path) -> None:
 
 
 def write_rows(rows: Sequence[Row], file: Path) -> None:
-    """All rows; columns are what any of them has."""
+    """All rows; columns are what any of them has: covariates, inputs under `input.`, numbers."""
+    covariates = list(dict.fromkeys(key for row in rows for key in row.covariates))
+    inputs = list(dict.fromkeys(key for row in rows for key in row.inputs))
     columns = list(dict.fromkeys(key for row in rows for key in row.numbers))
+    head = ["participant", "status", "error", "seconds", *covariates, *(f"input.{key}" for key in inputs), *columns]
+    _write_csv(file, head, [
+        [row.participant, row.status, row.error, row.seconds]
+        + [row.covariates.get(key) for key in covariates]
+        + [row.inputs.get(key) for key in inputs]
+        + [row.numbers.get(key) for key in columns]
+        for row in rows
+    ])  # fmt: skip
+
+
+def write_groups(rows: Sequence[Row], file: Path) -> None:
+    """Every number of the rows that are done over each group and condition: how many, mean, spread, quartiles."""
+    of: dict[tuple[str, str, str], list[float]] = {}
+    for row in rows:
+        group, condition = (row.covariates.get(key) or "all" for key in ("group", "condition"))
+        for name, value in row.numbers.items() if row.status == DONE else ():
+            if isinstance(value, int | float) and not isinstance(value, bool):
+                of.setdefault((group, condition, name), []).append(float(value))
+    head = ["group", "condition", "measure", "people", "mean", "sd", "min", "q1", "median", "q3", "max"]
+    rows_of = []
+    for (group, condition, name), values in sorted(of.items(), key=lambda item: item[0][:2]):
+        n, spread = len(values), float(np.std(values, ddof=1)) if len(values) > 1 else None
+        quartiles = map(float, np.percentile(values, (0, 25, 50, 75, 100)))
+        rows_of.append([group, condition, name, n, float(np.mean(values)), spread, *quartiles])
+    _write_csv(file, head, rows_of)
+
+
+def _write_csv(file: Path, head: Sequence[str], rows: Sequence[Sequence[Cell]]) -> None:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["participant", "status", "error", "seconds", *columns])
-    for row in rows:
-        cells = [row.numbers.get(column) for column in columns]
-        writer.writerow(map(_written, [row.participant, row.status, row.error, row.seconds, *cells]))
+    writer.writerow(head)
+    writer.writerows([_written(cell) for cell in row] for row in rows)
     _replace(file, text.getvalue().encode())
 
 

@@ -2,23 +2,36 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 from rehab_opt.errors import ConfigurationError, RehabOptError, printable
 from rehab_opt.session.many.digest import inputs_digest
 from rehab_opt.session.many.participant import Participant
 from rehab_opt.session.many.pools import answers
-from rehab_opt.session.many.results import FAILED, NOT_RUN, REFUSED, Row, forget, keep, kept_row, write_rows
+from rehab_opt.session.many.results import (
+    FAILED,
+    NOT_RUN,
+    REFUSED,
+    Row,
+    forget,
+    keep,
+    kept_row,
+    write_groups,
+    write_rows,
+)
 from rehab_opt.session.many.work import Answer, work_on
 from rehab_opt.session.outcome import Progress
 from rehab_opt.text_file import shown
 
-__all__ = ["RESULTS", "run_many"]
+__all__ = ["GROUPS", "RESULTS", "run_many"]
 
-RESULTS = "results.csv"
+RESULTS, GROUPS = "results.csv", "groups.csv"
 LONGEST_ERROR = 400
 
 
@@ -30,11 +43,14 @@ def run_many(
     workers: int | None = None,
     progress: Progress = lambda *_: None,
     work: Callable[[Participant], Answer] = work_on,
+    timeout_s: float | None = None,
+    record: Callable[[Participant, Row, Path, str], None] = lambda *_: None,
 ) -> tuple[Row, ...]:
-    """Run every person's problem; write a folder for each, and results.csv with a row for each.
+    """Run every person's problem; write a folder for each, results.csv with a row for each, and groups.csv.
 
-    A result that is there already, of the same problem, recordings and software, is kept. Interrupted, it leaves what
-    is done, and results.csv; called again, it does the rest.
+    results.csv is written anew while they end, every second or less often where that would take long. A result that is
+    there already, of the same problem, recordings and software, is kept. Interrupted, it leaves what is done, and
+    results.csv; called again, it does the rest.
 
         with distributed.Client(...) as client:
             run_many(participants_of(Path("people.csv")), out=Path("out"), executor=client.get_executor())
@@ -49,6 +65,9 @@ def run_many(
     workers : processes where no executor is given.
     progress : told how many are done.
     work : what is done for one person; importable by name, for other processes.
+    timeout_s : [s] after which a person's process is killed, and their row says so; not with an executor of one's own.
+    record : told of each person that was computed, or kept: their row, the folder of the result and the digest of what
+        it depends on; in this process, before the next one.
 
     Returns
     -------
@@ -64,6 +83,8 @@ def run_many(
         raise ConfigurationError("participants", shown(", ".join(names)), "one at least, each with a name of its own")
     if workers is not None and not workers >= 1:
         raise ConfigurationError("--workers", workers, "a number of processes, 1 or more")
+    if timeout_s is not None and (executor is not None or not 0 < timeout_s < math.inf):
+        raise ConfigurationError("--timeout", timeout_s, "seconds above zero, and processes of this machine")
     rows: dict[str, Row] = {}
     digests: dict[str, str] = {}
     first: RehabOptError | None = None
@@ -80,23 +101,51 @@ def run_many(
         for name in rows:
             with suppress(OSError):  # what is no folder of ours holds no result of ours
                 forget(out / name)
-        for name, digest in digests.items():
-            kept = kept_row(name, out / name, digest)
-            if kept is not None:
-                rows[name] = kept
-        left = [person for person in participants if person.name not in rows]
-        progress("participants", len(rows), len(names))
+
+        def table(why: str) -> tuple[Row, ...]:
+            said = (rows.get(each.name, Row(each.name, NOT_RUN, why)) for each in participants)
+            pairs = zip(said, participants, strict=True)
+            return tuple(replace(row, inputs=each.inputs, covariates=each.covariates) for row, each in pairs)
+
+        write = _Sometimes(lambda: write_rows(table("not done yet"), out / RESULTS))
         try:
-            for person, answer in answers(left, work, executor=executor, workers=workers):
-                rows[person.name] = _row(person.name, answer, out / person.name, digests[person.name])
+            for person in participants:
+                digest = digests.get(person.name)
+                kept = None if digest is None else kept_row(person.name, out / person.name, digest)
+                if digest is not None and kept is not None:
+                    rows[person.name] = kept
+                    record(person, kept, out / person.name, digest)
+            left = [person for person in participants if person.name not in rows]
+            progress("participants", len(rows), len(names))
+            for person, answer in answers(left, work, executor=executor, workers=workers, timeout_s=timeout_s):
+                digest = digests[person.name]
+                rows[person.name] = _row(person.name, answer, out / person.name, digest)
+                record(person, rows[person.name], out / person.name, digest)
+                write.now_and_then()
                 progress("participants", len(rows), len(names))
         finally:
-            ordered = tuple(rows.get(name, Row(name, NOT_RUN, "interrupted before it was done")) for name in names)
+            ordered = table("interrupted before it was done")
             write_rows(ordered, out / RESULTS)
+            write_groups(ordered, out / GROUPS)
     except OSError as problem:
         expected = f"a folder that can be written to ({problem.strerror})"
         raise ConfigurationError("--out", str(out), expected) from problem
     return ordered
+
+
+class _Sometimes:
+    """Does something at most once a second, and for a twentieth of the time."""
+
+    def __init__(self, do: Callable[[], None]) -> None:
+        self._do = do
+        self._next = 0.0
+
+    def now_and_then(self) -> None:
+        began = time.monotonic()
+        if began >= self._next:
+            self._do()
+            took = time.monotonic() - began
+            self._next = began + max(1.0, 20 * took)
 
 
 def _digest(person: Participant) -> str:

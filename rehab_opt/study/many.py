@@ -1,0 +1,95 @@
+"""Many people's runs into a study: one trial each, written as it ends; those whose covariates do not fit are told."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+
+from rehab_opt.errors import ConfigurationError, RehabOptError
+from rehab_opt.session.many.participant import Participant
+from rehab_opt.session.many.results import DONE, Row
+from rehab_opt.session.report import METRICS
+from rehab_opt.study.options import Covariates, covariates_of
+from rehab_opt.study.person import TABLE
+from rehab_opt.study.record import metric_trials, versions
+from rehab_opt.study.store import Study
+from rehab_opt.study.trial import ProblemText, Session, StoredFile, Trial
+
+__all__ = ["Recorder", "study_of_many"]
+
+
+class Recorder:
+    """Called by `run_many` with each row.
+
+    Parameters
+    ----------
+    study : open.
+    session : of the people whose row says none.
+    table : the results.csv that has a row for each of them.
+    """
+
+    def __init__(self, study: Study, session: str | None, *, table: Path) -> None:
+        self._study, self._session, self._table = study, session, table
+
+    def checked(self, people: Sequence[Participant]) -> list[Participant]:
+        """The people, with an error of those who cannot go into the study as their row says."""
+        found = []
+        for person in people:
+            error = person.error
+            if not error:
+                try:
+                    self._study.add(self._place(person)[0], [])
+                except RehabOptError as refused:
+                    error = f"{person.file}: {refused}"
+            found.append(replace(person, error=error))
+        return found
+
+    def __call__(self, person: Participant, row: Row, folder: Path, digest: str) -> None:
+        """Write a row; what was computed before and is in the study stays as it is.
+
+        Raises
+        ------
+        ConfigurationError : the study cannot be written to.
+        """
+        session, said = self._place(person)
+        made = json.dumps(dict(person.content), sort_keys=True)
+        trial = Trial(
+            "many",
+            digest=digest,
+            status=row.status,
+            error=row.error,
+            seconds=row.seconds,
+            problem=ProblemText(person.file, made),
+            software=versions(),
+        )
+        trials: Sequence[Trial] = [trial]
+        if row.status == DONE:
+            metrics = json.loads((folder / METRICS).read_text(encoding="utf-8"))["metrics"]
+            trials = metric_trials(metrics, trial, files=sorted(folder.iterdir()))
+            trials = [replace(each, files=[*each.files, StoredFile(self._table, TABLE)]) for each in trials]
+        self._study.add(session, [each if said.condition is None else each.under(said.condition) for each in trials])
+
+    def _place(self, person: Participant) -> tuple[Session, Covariates]:
+        given = dict(person.covariates)
+        session = given.pop("session", "") or self._session
+        said = covariates_of(given)
+        if session is None:
+            raise ConfigurationError("--session", None, "this option, or a column session, with --study")
+        return said.session(person.name, session), said
+
+
+def study_of_many(opened: ExitStack, file: Path | None, session: str | None, *, table: Path) -> Recorder | None:
+    """What writes rows into the study of `file`, which `opened` closes; None without one.
+
+    Raises
+    ------
+    ConfigurationError : a session without a study; as `Study`.
+    """
+    if file is None:
+        if session is not None:
+            raise ConfigurationError("--session", session, "no such option without --study FILE")
+        return None
+    return Recorder(opened.enter_context(Study(file)), session, table=table)

@@ -1,0 +1,195 @@
+"""What a run, a row of many people or a scored recording is in a study: trials with measures, bounds and events."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rehab_opt import __version__
+from rehab_opt.measures.score import Measure
+from rehab_opt.session.file_limits import LARGEST_RECORDING
+from rehab_opt.session.files import ProblemFile
+from rehab_opt.session.many.digest import inputs_digest, software_digest
+from rehab_opt.session.many.work import flat_numbers
+from rehab_opt.session.outcome import Outcome
+from rehab_opt.session.schema import Problem
+from rehab_opt.session.scoring import Scored, scored_path
+from rehab_opt.study.person import RECORDING
+from rehab_opt.study.trial import Bound, Event, ProblemText, StoredFile, Trial
+from rehab_opt.text_file import file_content
+
+__all__ = ["metric_trials", "run_trials", "score_trials", "versions"]
+
+UNITS = {
+    "m": "m", "m2": "m^2", "m3": "m^3", "m_s": "m/s", "mm": "mm", "deg": "deg", "deg_s": "deg/s", "rad": "rad",
+    "s": "s", "ms": "ms", "N": "N", "N_s": "N/s", "J": "J",
+}  # fmt: skip
+"""Ends of the keys of metrics.json, as units."""
+_UNIT = re.compile(rf"(.+?)_({'|'.join(sorted(UNITS, key=len, reverse=True))})")
+COUNTED = {"status": "ticks", "reasons": "ticks", "yielded": "ticks", "status_share": "% of ticks"}
+"""Tables of how often something happened, and in what that is counted."""
+USUAL = "ok"
+SHARE, OF_LIMIT = "_share", "_share_of_limit"
+TRACE = "trace.csv"
+
+
+def run_trials(
+    loaded: ProblemFile[Problem],
+    outcome: Outcome,
+    options: Mapping[str, str | None],
+    *,
+    files: Sequence[Path],
+    seconds: float,
+) -> tuple[Trial, ...]:
+    """The trials of a run.
+
+    Parameters
+    ----------
+    options : that it was run with, none where None.
+    files : that it has written.
+    seconds : that it took.
+    """
+    given = {key: value for key, value in options.items() if value is not None}
+    text = "\n".join([*(f"# --{key} {value}" for key, value in given.items()), loaded.path.read_text(encoding="utf-8")])
+    run = Trial(
+        "run",
+        digest=" ".join([inputs_digest(loaded), *(f"{key}={value}" for key, value in given.items())]),
+        problem=ProblemText(loaded.name, text),
+        software=versions(),
+        notes=outcome.notes,
+        seconds=seconds,
+    )
+    return metric_trials(outcome.metrics, run, files=files)
+
+
+def metric_trials(metrics: Mapping[str, Any], trial: Trial, *, files: Sequence[Path] = ()) -> tuple[Trial, ...]:
+    """The trials of a run's numbers: of a scenario one for each trial of each law; else one.
+
+    Parameters
+    ----------
+    metrics : of an outcome, as metrics.json has them.
+    trial : what all of them have in common; with a digest. A law is a condition.
+    files : that the run has written.
+    """
+    stored = [StoredFile(path, "trace" if path.name == TRACE else "result") for path in files]
+    laws = metrics.get("laws")
+    if not isinstance(laws, Mapping) or not all(
+        isinstance(law, Mapping) and law.get("trials") for law in laws.values()
+    ):
+        return (replace(trial, **_numbers(metrics), files=stored),)
+    limit = metrics.get("parameters", {}).get("assistance", {}).get("force_limit_N")
+    return tuple(
+        replace(
+            trial,
+            condition=law,
+            **_numbers(numbers, force_limit=limit),
+            digest=f"{trial.digest} {law} {number}",
+            files=stored,
+        )
+        for law, of in laws.items()
+        for number, numbers in enumerate(of["trials"], start=1)
+    )
+
+
+def score_trials(scored: Scored, how: Mapping[str, Any]) -> list[Trial]:
+    """The trials of scored recordings; `how` is what they were read and measured with.
+
+    Raises
+    ------
+    ProblemFileError : a recording cannot be read any more.
+    """
+    trials = []
+    begun = [hashlib.sha256(json.dumps(how, sort_keys=True).encode()).hexdigest(), software_digest()]
+    contents: dict[str, str] = {}
+    for file, number, score in scored.trials:
+        path = scored_path(file)
+        if file not in contents:
+            content = file_content(path, file, largest=LARGEST_RECORDING)
+            contents[file] = hashlib.sha256(content).hexdigest()
+        digest = hashlib.sha256(" ".join([*begun, contents[file], str(number)]).encode())
+        trials.append(
+            Trial(
+                "score",
+                score.measures,
+                digest=digest.hexdigest(),
+                problem=ProblemText("score", json.dumps(how, sort_keys=True)),
+                software=versions(),
+                notes=score.notes,
+                files=[StoredFile(path, RECORDING)],
+                outline=_outline(score.movement),
+            )
+        )
+    return trials
+
+
+def versions() -> str:
+    """What computed: this library, its source and its numerics."""
+    return f"rehab_opt {__version__} {software_digest()}"
+
+
+def _outline(points: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> list[tuple[float, float]]:
+    """Convex hull [m] along the two axes of the largest extents; none of a movement on a line."""
+    from scipy.spatial import ConvexHull, QhullError  # noqa: PLC0415
+
+    axes = np.sort(np.argsort(np.ptp(points, axis=0), kind="stable")[-2:])
+    flat = points[:, axes]
+    try:
+        corners = flat[ConvexHull(flat).vertices]
+    except QhullError:
+        return []
+    return [(float(x), float(y)) for x, y in corners]
+
+
+def _numbers(metrics: Mapping[str, Any], *, force_limit: float | None = None) -> dict[str, Any]:
+    """Measures, bounds and events of a trial."""
+    known = {key: value for key, value in metrics.items() if key != "parameters"}
+    numbers = {
+        key: float(value)
+        for key, value in flat_numbers(known)
+        if isinstance(value, bool | int | float) and not {*key.split(".")[:-1]} & {*COUNTED, "parameters"}
+    }
+    bounds = list(_bounds(numbers))
+    if force_limit is not None:
+        bounds.append(Bound("force_commanded", numbers["force_commanded_max_N"], force_limit, "N"))
+    measures = [Measure(*_named(key, value)) for key, value in numbers.items()]
+    return {"measures": measures, "bounds": bounds, "events": list(_events(known))}
+
+
+def _named(key: str, value: float) -> tuple[str, float, str]:
+    found = _UNIT.fullmatch(key)
+    if key.endswith(SHARE):
+        return key, value, "1"
+    return (key, value, "") if found is None else (found[1], value, UNITS[found[2]])
+
+
+def _bounds(numbers: Mapping[str, float]) -> Iterator[Bound]:
+    """What states its own limit: `x_max_u` beside `x_limit_u`, and shares of a limit."""
+    for key, value in numbers.items():
+        name, _, unit = key.rpartition("_max_")
+        limit = numbers.get(f"{name}_limit_{unit}")
+        if name and limit is not None:
+            yield Bound(name, value, limit, UNITS.get(unit, unit))
+        elif key.endswith(OF_LIMIT):
+            yield Bound(key.removesuffix(OF_LIMIT).removesuffix("_max"), value, 1.0, "of the limit")
+
+
+def _events(metrics: Mapping[str, Any], above: str = "") -> Iterator[Event]:
+    """Ticks that were not "ok", reasons, bounds that gave way, and forces let go."""
+    for key, value in metrics.items():
+        if key in COUNTED and isinstance(value, Mapping):
+            share = key.endswith(SHARE)
+            for what, times in value.items():
+                if what != USUAL and times:
+                    yield Event(f"{above}{what}", 100.0 * times if share else times, COUNTED[key])
+        elif isinstance(value, Mapping):
+            if key != "parameters":
+                yield from _events(value, f"{above}{key}: ")
+        elif key in ("releases", "status_refuted") and value:
+            yield Event(f"{above}{'force let go' if key == 'releases' else 'status refuted'}", value, "times")

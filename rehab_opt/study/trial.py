@@ -1,0 +1,151 @@
+"""What a study keeps of a trial, and of the session that it belongs to."""
+
+from __future__ import annotations
+
+import datetime
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import NamedTuple
+
+from rehab_opt.errors import ConfigurationError
+from rehab_opt.measures.score import Measure
+from rehab_opt.text_file import shown
+
+__all__ = ["DONE", "Bound", "Event", "ProblemText", "Session", "StoredFile", "Trial", "checked_label"]
+
+DONE = "done"
+LONGEST_LABEL = 100
+LARGEST_VISIT = 10_000
+
+
+class Bound(NamedTuple):
+    """A limit of a trial, and what came nearest to it; both in `unit`."""
+
+    name: str
+    value: float
+    bound: float
+    unit: str
+
+
+class Event(NamedTuple):
+    """Something of safety that happened: what, and how many times, counted in `unit`."""
+
+    text: str
+    times: float
+    unit: str = "ticks"
+
+
+class StoredFile(NamedTuple):
+    """A file of a trial. Of kind "recording" it is somebody else's; others were written by this library."""
+
+    path: Path
+    kind: str = "trace"
+
+
+class ProblemText(NamedTuple):
+    """A problem as it was run: TOML as the file has it, or JSON of what a row of a table made of it."""
+
+    name: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Session:
+    """One visit of one person.
+
+    Parameters
+    ----------
+    person : pseudonym: a study holds no names.
+    name : of the session, unique for the person.
+    group : of the person, such as "stroke".
+    visit : its number, 0 or more.
+    date : ISO, such as 2026-11-23.
+
+    Raises
+    ------
+    ConfigurationError : a label that is empty, longer than 100 characters or not printable, no visit, no date.
+    """
+
+    person: str
+    name: str
+    group: str | None = None
+    visit: int | None = None
+    date: str | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be kept."""
+        checked_label("person", self.person)
+        checked_label("session", self.name)
+        if self.group is not None:
+            checked_label("group", self.group)
+        if self.visit is not None and not 0 <= self.visit <= LARGEST_VISIT:
+            raise ConfigurationError("visit", self.visit, f"a number from 0 to {LARGEST_VISIT}")
+        if self.date is not None:
+            try:
+                ok = datetime.date.fromisoformat(self.date).isoformat() == self.date
+            except ValueError:
+                ok = False
+            if not ok:
+                raise ConfigurationError("date", shown(self.date), "a day such as 2026-11-23")
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A finished trial; a study keeps all of it or none.
+
+    Parameters
+    ----------
+    kind : what made it: "run", "many", "score" or "live".
+    measures : numbers with their units; NaN where there is none.
+    condition : under which it was done, such as "assisted".
+    digest : of everything it depends on: a session has a trial of one digest once. None for what happens once.
+    status : "done", or why `error` says it is not.
+    seconds : what computing it took [s].
+    problem, software : as it was run, and with which versions.
+    files : where traces lie.
+    outline : closed polygon (N, 2) [m] of the ground that the hand covered.
+    """
+
+    kind: str
+    measures: Sequence[Measure] = ()
+    condition: str | None = None
+    digest: str | None = None
+    status: str = DONE
+    error: str = ""
+    seconds: float | None = None
+    notes: Sequence[str] = ()
+    problem: ProblemText | None = None
+    software: str | None = None
+    files: Sequence[StoredFile] = ()
+    bounds: Sequence[Bound] = ()
+    events: Sequence[Event] = ()
+    outline: Sequence[tuple[float, float]] = ()
+
+    def __post_init__(self) -> None:
+        """Refuse a condition that is no label, and what no report could say: numbers that are not finite."""
+        if self.condition is not None:
+            checked_label("condition", self.condition)
+        said = [(f"bound {each.name}", number) for each in self.bounds for number in (each.value, each.bound)]
+        said += [(f"event {each.text}", each.times) for each in self.events]
+        for what, number in (*said, ("seconds", 0.0 if self.seconds is None else self.seconds)):
+            if not math.isfinite(number):
+                raise ConfigurationError(what, number, "a finite number")
+
+    def under(self, condition: str) -> Trial:
+        """The trial under a condition, which comes before the one that it has, such as a law."""
+        return replace(self, condition=condition if self.condition is None else f"{condition}, {self.condition}")
+
+
+def checked_label(argument: str, label: str) -> str:
+    """A pseudonym, session, group or condition.
+
+    Raises
+    ------
+    ConfigurationError : empty, longer than 100 characters, not printable, or with blanks at an end.
+    """
+    if not 0 < len(label) <= LONGEST_LABEL or not label.isprintable() or label != label.strip():
+        expected = f"1 to {LONGEST_LABEL} printable characters, no blanks at either end"
+        raise ConfigurationError(argument, shown(label), expected)
+    return label

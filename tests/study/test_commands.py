@@ -1,0 +1,247 @@
+"""Commands write into a study and read from it; nothing twice, nothing of one person under another."""
+
+from __future__ import annotations
+
+import json
+import math
+import sqlite3
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from rehab_opt.cli import main
+from rehab_opt.measures import score
+from rehab_opt.measures.score import Measure
+from rehab_opt.session.tables import read_csv
+from rehab_opt.study.record import metric_trials
+from rehab_opt.study.store import Study
+from rehab_opt.study.summary import interval, quantity, session_means, slopes
+from rehab_opt.study.trial import Session, Trial
+from tests.measures.yardstick import reach
+
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
+    """Exit code, output and errors of `rehab-opt` in a folder of its own."""
+    monkeypatch.chdir(tmp_path)
+
+    def called(*words: str) -> tuple[int, str, str]:
+        with pytest.raises(SystemExit) as done:
+            main([*words])
+        printed = capsys.readouterr()
+        return int(done.value.code or 0), printed.out, printed.err
+
+    return called
+
+
+def recording(path: Path, size: float = 1.0) -> str:
+    time, points = reach(100, rest=0.3)
+    rows = "\n".join(f"{t:.6f},{size * x:.9f},{y + 0.01 * t:.9f}" for t, (x, y) in zip(time, points, strict=True))
+    path.write_text(f"t_s,x_m,y_m\n{rows}\n")
+    return str(path)
+
+
+def into(person: str, session: str, *covariates: str) -> list[str]:
+    said = [word for each in covariates for word in ("--covariate", each)]
+    return ["--study", "s.db", "--person", person, "--session", session, *said]
+
+
+def test_scores_of_real_trials_go_into_the_study_once(run: Run, tmp_path: Path) -> None:
+    files = [recording(tmp_path / "a.csv"), recording(tmp_path / "b.csv", 0.9)]
+    words = ["score", *files, *into("P1", "week 1", "group=stroke", "condition=assisted", "visit=1", "date=2026-11-23")]
+    code, out, err = run(*words)
+    assert (code, out.splitlines()[0]) == (0, "recording,trial,measure,value,unit")
+    assert "2 trials into s.db: P1, week 1" in err
+    assert "0 trials into s.db: P1, week 1 (the study has them already)" in run(*words)[2]
+    with Study(tmp_path / "s.db") as study:
+        read = read_csv(Path(files[0]), name="a")
+        expected = {(each.name, each.unit): each.value for each in score(read.time, read.points).measures}
+        found = study.rows(
+            "SELECT q.name, q.unit, m.value FROM measures m JOIN quantities q ON q.id = m.quantity WHERE m.trial = 1"
+        )
+        assert {(name, unit): value for name, unit, value in found} == pytest.approx(expected)
+        assert study.rows("SELECT number, kind, condition, status FROM trials") == [
+            (1, "score", "assisted", "done"),
+            (2, "score", "assisted", "done"),
+        ]
+        assert study.rows("SELECT path, kind FROM files ORDER BY trial") == [
+            ("a.csv", "recording"),
+            ("b.csv", "recording"),
+        ]
+        corners = np.array(json.loads(study.rows("SELECT points FROM outlines")[0][0]))
+        assert np.ptp(corners[:, 0]) == pytest.approx(0.2, rel=0.02)
+    assert run("study", "remove", "s.db", "--person", "P1", "--yes")[1].count("a recording of theirs stays") == 2
+
+
+def test_the_same_recording_measured_otherwise_is_another_trial(run: Run, tmp_path: Path) -> None:
+    words = ["score", recording(tmp_path / "a.csv"), *into("P1", "1")]
+    assert "1 trial into" in run(*words)[2]
+    assert "1 trial into" in run(*words, "--cutoff", "8")[2]
+    assert "0 trials into" in run(*words, "--cutoff", "8")[2]
+    recording(tmp_path / "a.csv", 0.5)
+    assert "1 trial into" in run(*words)[2]
+
+
+def test_a_run_goes_in_with_problem_and_trace_and_both_leave_with_the_person(run: Run, tmp_path: Path) -> None:
+    problem = tmp_path / "p.toml"
+    problem.write_text(
+        'system = "workspace"\ntitle = "w"\n[arm]\nside = "left"\nrange_of_motion = "restricted"\naccuracy_mm = 5.0\n'
+    )
+    code, out, _ = run("run", "p.toml", *into("P1", "1"))
+    assert (code, "1 trial into s.db: P1, 1" in out) == (0, True)
+    with Study(tmp_path / "s.db") as study:
+        assert study.rows("SELECT name, text FROM problems") == [("p", problem.read_text())]
+        metrics = json.loads((tmp_path / "out" / "p" / "metrics.json").read_text())["metrics"]
+        area = quantity(study, "sets.restricted.area")
+        assert session_means(study, [area])[area][0].of.mean == metrics["sets"]["restricted"]["area_m2"]
+        assert (area.unit, "trace" in dict(study.rows("SELECT kind, path FROM files"))) == ("m^2", True)
+    run("study", "remove", "s.db", "--person", "P1", "--yes")
+    assert not (tmp_path / "out" / "p").exists()
+    assert problem.exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (["--study", "s.db"], "--person"),
+        (["--study", "s.db", "--person", "P"], "--session"),
+        (["--person", "P"], "--study"),
+        ([*into("P", "1"), "--covariate", "age=3"], "group, condition, visit, date"),
+        ([*into("P", "1", "visit=1", "visit=2")], "each once"),
+        ([*into("P", "1", "visit=first")], "visit"),
+        ([*into("P", "1", "date=today")], "date"),
+        ([*into("P", "1", "condition= \x1b")], "condition"),
+    ],
+)
+def test_what_does_not_say_whose_trial_it_is_is_refused_before_anything_is_done(
+    run: Run, tmp_path: Path, words: list[str], named: str
+) -> None:
+    code, out, err = run("score", recording(tmp_path / "a.csv"), *words)
+    assert (code, out) == (2, "")
+    assert named in err
+    assert len(err.splitlines()) == 1
+    assert not (tmp_path / "s.db").exists()
+
+
+def test_people_are_listed_shown_and_compared(run: Run, tmp_path: Path) -> None:
+    with Study(tmp_path / "s.db") as study:
+        for person, group, gain in (("A", "g", 1.0), ("B", "g", 3.0), ("C", "h", 0.0)):
+            for visit in (2, 1, 3):
+                trials = [Trial("live", [Measure("time", 10 - gain * visit + e, "s")]) for e in (-1, 1)]
+                study.add(Session(person, f"v{visit}", group=group, visit=visit), trials)
+        study.add(Session("A", "v3"), Trial("live", [Measure("time", 99.0, "s")], status="failed", error="x"))
+    assert run("study", "list", "s.db")[1].splitlines()[0] == "A  g  3 sessions  7 trials  -"
+    shown = run("study", "show", "s.db")[1]
+    assert "3 people, 9 sessions, 19 trials" in shown
+    assert "1 trials are not done" in shown
+    person = run("study", "show", "s.db", "--person", "A")[1]
+    assert person.index("v1") < person.index("v2") < person.index("v3")
+    assert "9 (-3.706 to" in person  # 8 and 10: 9 +- 12.706
+    compared = run("study", "compare", "s.db", "--measure", "time")[1]
+    assert "6 (-19.41 to" in compared  # of the people's means 8 and 4
+    assert "-2 (-14.71 to" in compared  # of the slopes -1 and -3
+    for words in (["show", "s.db", "--person", "X"], ["compare", "s.db", "--measure", "tme"], ["show", "absent.db"]):
+        assert run("study", *words)[0] == 2
+    assert "time" in run("study", "compare", "s.db", "--measure", "tme")[2]
+    assert not (tmp_path / "absent.db").exists()
+
+
+def test_intervals_and_slopes_are_those_of_scipy() -> None:
+    rng = np.random.default_rng(5)
+    for n in (2, 3, 10, 200):
+        values = rng.normal(1e6, 2.0, n)
+        found = interval(values.tolist())
+        low, high = stats.t.interval(0.95, n - 1, values.mean(), stats.sem(values))
+        assert (found.mean, found.n) == (pytest.approx(values.mean(), rel=1e-12), n)
+        assert found.upper - found.lower == pytest.approx(high - low, rel=1e-6)
+    assert math.isnan(interval([1.0]).lower)
+
+
+def test_slopes_are_least_squares_of_each_person(tmp_path: Path) -> None:
+    rng = np.random.default_rng(6)
+    lines = {"A": rng.normal(size=6), "B": rng.normal(size=3), "C": rng.normal(size=1)}
+    with Study(tmp_path / "s.db") as study:
+        for person, values in lines.items():
+            for visit, value in enumerate(values):
+                study.add(Session(person, str(visit), visit=visit), Trial("live", [Measure("m", value, "")]))
+        measure = quantity(study, "m")
+        found = slopes(session_means(study, [measure])[measure])
+    assert found.keys() == {"A", "B"}
+    for person, slope in found.items():
+        assert slope == pytest.approx(np.polyfit(range(len(lines[person])), lines[person], 1)[0])
+
+
+def test_numbers_of_a_run_keep_units_bounds_and_events() -> None:
+    law = {
+        "trials": [
+            {"force_commanded_max_N": 12.0, "speed_mean_m_s": 0.1, "status_share": {"ok": 0.75, "released": 0.25},
+             "releases": 2, "time_to_target_s": None, "success": True},
+        ]
+    }  # fmt: skip
+    metrics = {"laws": {"assisted": law, "published": law}, "parameters": {"assistance": {"force_limit_N": 10.0}}}
+    trials = metric_trials(metrics, Trial("run", digest="d"))
+    assert [(trial.condition, trial.digest) for trial in trials] == [
+        ("assisted", "d assisted 1"),
+        ("published", "d published 1"),
+    ]
+    assert set(trials[0].measures) == {
+        Measure("force_commanded_max", 12.0, "N"),
+        Measure("speed_mean", 0.1, "m/s"),
+        Measure("releases", 2.0, ""),
+        Measure("success", 1.0, ""),
+    }
+    assert trials[0].bounds == [("force_commanded", 12.0, 10.0, "N")]
+    assert trials[0].events == [("released", 25.0, "% of ticks"), ("force let go", 2, "times")]
+    flat = {
+        "tilt_max_deg": 1.0,
+        "tilt_limit_deg": 2.0,
+        "speed_max_share_of_limit": 0.5,
+        "status": {"ok": 9, "backup": 1},
+    }
+    (one,) = metric_trials({"optimised": flat}, Trial("run"))
+    assert one.bounds == [("optimised.tilt", 1.0, 2.0, "deg"), ("optimised.speed", 0.5, 1.0, "of the limit")]
+    assert one.events == [("optimised: backup", 1, "ticks")]
+
+
+def test_a_name_that_is_sql_is_a_name(tmp_path: Path) -> None:
+    name = "x'); DROP TABLE people; --"
+    with Study(tmp_path / "s.db") as study:
+        study.add(Session(name, name, group=name), Trial("live", [Measure(name, 1.0, name)], condition=name))
+        assert study.rows("SELECT name FROM people") == [(name,)]
+    with sqlite3.connect(tmp_path / "s.db") as db:
+        assert db.execute("SELECT name FROM quantities").fetchall() == [(name,)]
+
+
+def test_measures_are_parquet_too_and_a_pseudonym_is_no_number(run: Run, tmp_path: Path) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet")
+    with Study(tmp_path / "s.db") as study:
+        for visit, value in ((None, math.nan), (2, 0.1)):
+            study.add(Session("007", f"{visit}", visit=visit), Trial("live", [Measure("m", value, "s")]))
+    assert run("study", "export", "s.db", "--format", "parquet", "--out", "out")[0] == 0
+    rows = parquet.read_table(tmp_path / "out" / "measures.parquet").to_pylist()
+    assert [(row["person"], row["visit"], row["trial"], row["value"]) for row in rows] == [
+        ("007", None, 1, None),
+        ("007", 2, 1, 0.1),
+    ]
+
+
+@pytest.mark.parametrize("option", ["--out", "--pdf"])
+def test_a_report_is_never_written_over_its_study(run: Run, option: str) -> None:
+    Study(Path("s.db")).close()
+    before = Path("s.db").read_bytes()
+    code, _, error = run("report", "s.db", option, "./s.db")
+    assert code == 2
+    assert "another file than the study" in error
+    assert Path("s.db").read_bytes() == before
+
+
+def test_an_export_closes_a_folder_that_was_open_to_others(run: Run, tmp_path: Path) -> None:
+    Study(Path("s.db")).close()
+    (tmp_path / "shared").mkdir(mode=0o755)
+    assert run("study", "export", "s.db", "--out", "shared")[0] == 0
+    assert (tmp_path / "shared").stat().st_mode & 0o777 == 0o700

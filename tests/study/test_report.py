@@ -1,0 +1,210 @@
+"""A report is one page that loads nothing and runs nothing, whatever people and measures are called."""
+
+from __future__ import annotations
+
+import math
+import re
+import shutil
+import stat
+from collections.abc import Iterator
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rehab_opt.cli import main
+from rehab_opt.measures.score import Measure
+from rehab_opt.study.drawing import Series, outline_chart, progress_chart
+from rehab_opt.study.report import BROWSERS, report_html
+from rehab_opt.study.store import Study
+from rehab_opt.study.summary import Interval
+from rehab_opt.study.trial import Bound, Event, Session, Trial
+from tests.study.made_studies import made_trial
+
+HOSTILE = [
+    "<script>alert(1)</script>",
+    "\"><img src=x onerror=alert(1)>",
+    "</title></style></svg><iframe src='//evil'>",
+    "{body} {title} %s %(x)s \\u003cscript\\u003e",
+    "x' onload='alert(1)",
+    "]]><!-- &lt;b&gt; &#60;",
+    "W" * 100,
+]  # fmt: skip
+
+
+class Page(HTMLParser):
+    """Tags, attributes and text of a page; every tag that opens is to close."""
+
+    EMPTY = frozenset({"meta"})
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.attributes: set[str] = set()
+        self.words: list[str] = []
+        self.open: list[str] = []
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.attributes |= {name for name, _ in attrs}
+        if tag not in self.EMPTY:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.attributes |= {name for name, _ in attrs}
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.words.append(data)
+
+
+def read(text: str) -> Page:
+    """The page, which must load and run nothing."""
+    page = Page(text)
+    assert page.open == []
+    assert not {"script", "img", "iframe", "link", "object", "a", "b"} & set(page.tags) - {"b"}
+    assert not {name for name in page.attributes if name.startswith("on") or name in ("src", "href", "xlink:href")}
+    assert "url(" not in text
+    assert "http" not in text.replace("http-equiv", "")
+    assert "default-src 'none'" in text
+    assert not re.search(r'="[^"]*\b(nan|inf)\b', text), "a coordinate that is no number"
+    return page
+
+
+@pytest.fixture
+def study(tmp_path: Path) -> Iterator[Study]:
+    with Study(tmp_path / "study.db") as opened:
+        yield opened
+
+
+def test_hostile_names_are_text_and_nothing_else(study: Study) -> None:
+    for name in HOSTILE:
+        trial = Trial(
+            "live",
+            [Measure("movement_time", 1.0, "s"), Measure(name, 2.0, name)],
+            condition=name,
+            bounds=[Bound(name, 1.0, 2.0, name)],
+            events=[Event(name, 3, name)],
+            outline=[(0, 0), (1, 0), (0, 1)],
+        )
+        study.add(Session(name, name, group=name), trial)
+    plain = set(read(report_html(study)).tags)
+    for name in HOSTILE:
+        page = read(report_html(study, name))
+        said = "".join(page.words)
+        assert said.count(name) >= 4  # title, heading, event, session
+        assert set(page.tags) <= plain | {"figcaption", "polygon", "title"}
+
+
+def test_reports_of_next_to_nothing(study: Study) -> None:
+    read(report_html(study))
+    study.add(Session("nobody", "1"), [])
+    read(report_html(study, "nobody"))
+    study.add(Session("failed", "1"), Trial("run", [Measure("movement_time", 1.0, "s")], status="failed", error="x"))
+    assert "1 trial not done" in "".join(read(report_html(study)).words)
+    for i, value in enumerate((math.nan, 0.0, 0.0, -1e300, 1e300, 1e-300)):
+        study.add(Session("odd", str(i)), Trial("live", [Measure("movement_time", value, "s")]))
+    study.add(Session("odd", "0"), Trial("live", bounds=[Bound("zero", 1.0, 0.0, "N")], outline=[(0, 0)] * 3))
+    read(report_html(study, "odd"))
+    read(report_html(study))
+
+
+def test_what_changed_is_said_and_which_way(study: Study) -> None:
+    for visit in range(5):
+        for e in (-0.1, 0.0, 0.1):
+            measures = [
+                Measure("movement_time", 2.0 - 0.2 * visit + e, "s"),
+                Measure("path_ratio", 1.5 + 0.1 * visit + 0.1 * e, "1"),
+                Measure("speed_peak", 0.5 + 0.1 * visit + 0.1 * e, "m/s"),
+                Measure("sparc", -2.0 + (0.3, -0.3, 0.2, -0.3, 0.3)[visit] + e, "1"),
+            ]
+            study.add(Session("P", f"v{visit}", visit=visit), Trial("live", measures))
+    text = report_html(study, "P")
+    rows = dict(
+        re.findall(r"<tr><td>([^<]*)</td><td>.*<td(?: class=\"\w+\")?>([^<]*)</td></tr>", text.split("Progress")[0])
+    )
+    assert rows["Movement time"] == "better"
+    assert rows["Path of the hand over the straight line"] == "worse"
+    assert rows["Peak speed"] == "changed"
+    assert rows["Smoothness (SPARC, nearer 0 is smoother)"] == "no clear change"
+    assert "2 s</td><td>1.2 s" in text
+    assert "1.1 (v4, trial 1)</td><td>2.1 (v0, trial 3)" in text  # best and worst movement time
+
+
+def test_every_event_and_every_bound_that_was_passed_is_told(study: Study) -> None:
+    trials = [
+        Trial(
+            "run", bounds=[Bound("force", value, 10.0, "N")], events=[Event(f"event {value}", 7)] if value > 11 else []
+        )
+        for value in (9.0, 12.0, 13.0)
+    ]
+    study.add(Session("P", "1"), trials)
+    words = "".join(read(report_html(study, "P")).words)
+    for expected in ("2 events in 2 trials; a bound was passed 2 times", "event 12.0", "event 13.0", "130 %", "2 of 3"):
+        assert expected in words
+
+
+def test_conditions_are_compared_within_people(study: Study) -> None:
+    for i, gain in enumerate((0.1, 0.2, 0.3)):
+        for condition, value in (("a", 1.0 + i), ("b", 1.0 + i + gain)):
+            study.add(Session(f"P{i}", "1"), Trial("live", [Measure("movement_time", value, "s")], condition=condition))
+    study.add(Session("P9", "1"), Trial("live", [Measure("movement_time", 50.0, "s")], condition="b"))
+    assert "<td>b less a</td><td>3</td><td>0.2 (-0.0484 to 0.448)</td>" in report_html(study)
+
+
+def test_hundreds_of_people_with_long_names_stay_a_page_of_some_megabytes(study: Study) -> None:
+    rng = np.random.default_rng(1)
+    for i in range(200):
+        session = Session(f"{i:03}" + "W" * 97, "S" * 100, group="G" * 100)
+        study.add(session, [made_trial(rng, condition="C" * 100), made_trial(rng)])
+    text = report_html(study)
+    assert "".join(read(text).words).count("W" * 97) >= 200
+    assert len(text) < 1e6
+
+
+def test_points_and_intervals_stand_where_they_belong() -> None:
+    means = [(0.0, Interval(1.0, 0.5, 1.5, 4)), (1.0, Interval(2.0, math.nan, math.nan, 1))]
+    chart = progress_chart([Series("s", [(0.0, 1.0), (1.0, 2.0)], means)], [(0.0, "a"), (1.0, "b")])
+    dots = [(float(x), float(y)) for x, y in re.findall(r"M(\d+) (\d+)h0", chart)]
+    circles = [(float(x), float(y)) for x, y in re.findall(r'<circle cx="([\d.]+)" cy="([\d.]+)"', chart)]
+    np.testing.assert_allclose(dots, circles, atol=0.51)
+    assert dots[0][1] > dots[1][1]  # more is higher
+    assert len(re.findall(r'class="bar"', chart)) == 1
+    square = outline_chart([("s", [(0, 0), (0.1, 0), (0.1, 0.1), (0, 0.1), (0.05, 0.05)])])
+    corners = re.findall(r'points="([^"]*)"', square)[0].split()
+    assert len(corners) == 4  # the point inside is no corner
+
+
+def test_the_command_writes_a_page_for_its_owner_alone(
+    study: Study, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    study.add(Session("P", "1"), made_trial(np.random.default_rng(1)))
+    for words, code in ((["--person", "P"], 0), (["--person", "X"], 2), (["--out", str(tmp_path)], 2)):
+        with pytest.raises(SystemExit) as done:
+            main(["report", str(study.file), *words])
+        assert done.value.code == code
+    assert stat.S_IMODE((tmp_path / "study-report.html").stat().st_mode) == 0o600
+    printed = capsys.readouterr()
+    assert "study-report.html" in printed.out
+    assert "somebody in this study" in printed.err
+
+
+@pytest.mark.skipif(not any(map(shutil.which, BROWSERS)), reason=f"none of {', '.join(BROWSERS)} is installed")
+def test_a_browser_prints_it(study: Study, tmp_path: Path) -> None:
+    study.add(Session("P", "1"), made_trial(np.random.default_rng(1)))
+    with pytest.raises(SystemExit) as done:
+        main(["report", str(study.file), "--pdf", str(tmp_path / "r.pdf")])
+    assert done.value.code == 0
+    assert (tmp_path / "r.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_ticks_of_an_axis_are_told_apart() -> None:
+    chart = progress_chart([Series("all", [(0.0, 1.0), (1.0, 1.02)], [])], [(0.0, "1"), (1.0, "2")])
+    said = re.findall(r'class="end">([^<]+)<', chart)
+    assert len(said) == len(set(said)) > 2
