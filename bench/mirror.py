@@ -17,6 +17,7 @@ from rich.table import Table
 
 from bench.long_run import run
 from bench.machine import machine
+from bench.measured_lag import measured_lag
 from bench.peers.contender import Array, Contender, verify_kinematics
 from bench.peers.path import START, HandPath, circle
 from bench.peers.rounds import alternate
@@ -24,7 +25,6 @@ from bench.verdict import Verdict, all_met, print_verdicts
 from problems.mirror import motions
 from rehab_opt import Command, MirrorTracker, SerialChain, Smoother, Status, ur5
 from rehab_opt.control.conditioning import Conditioned, conditioned
-from rehab_opt.control.measured_lag import measured_lag
 from rehab_opt.kinematics.vr import quaternions_of
 from rehab_opt.published.astar import astar_path
 

@@ -8,7 +8,14 @@ from rehab_opt.control.command import Bound, Command, Status
 from rehab_opt.control.pose_tracker import PoseTracker
 from rehab_opt.control.smoother import Smoother
 from rehab_opt.control.smoothing import smooth_path
-from rehab_opt.errors import ConfigurationError, ProblemFileError, RehabOptError, RobotFileError, SharingError
+from rehab_opt.errors import (
+    ConfigurationError,
+    DeviceLostError,
+    ProblemFileError,
+    RehabOptError,
+    RobotFileError,
+    SharingError,
+)
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.denavit_hartenberg import DH
 from rehab_opt.kinematics.human_arm import human_arm
@@ -30,6 +37,7 @@ if TYPE_CHECKING:
     from rehab_opt.control.mirror import MirrorTracker
     from rehab_opt.control.path_assistance import PathAssistance
     from rehab_opt.control.redundancy import RedundancyResolver
+    from rehab_opt.export.export_c import export_c
     from rehab_opt.field.demonstration import Demonstration
     from rehab_opt.field.potential import PotentialField
     from rehab_opt.kinematics.ardis import ardis
@@ -41,6 +49,10 @@ if TYPE_CHECKING:
         goniometer_range,
     )
     from rehab_opt.kinematics.room import Box, KeepOut, MovingCapsule, arm_capsules
+    from rehab_opt.loop.log import Log
+    from rehab_opt.loop.loop import Loop
+    from rehab_opt.loop.shared_ring import SharedRing
+    from rehab_opt.loop.tick import Tick
     from rehab_opt.workspace.mapping import WorkspaceMap
     from rehab_opt.workspace.placement import ShoulderPlacement
     from rehab_opt.workspace.reach import planar_workspace
@@ -66,6 +78,7 @@ __all__ = [
     "Command",
     "ConfigurationError",
     "Demonstration",
+    "DeviceLostError",
     "HelperSide",
     "IKPath",
     "IKSolution",
@@ -76,6 +89,8 @@ __all__ = [
     "Limit",
     "Link",
     "LinkCapsule",
+    "Log",
+    "Loop",
     "MirrorTracker",
     "MovingCapsule",
     "ParticipantSide",
@@ -87,11 +102,13 @@ __all__ = [
     "RehabOptError",
     "RobotFileError",
     "SerialChain",
+    "SharedRing",
     "SharingError",
     "ShoulderPlacement",
     "Smoother",
     "Status",
     "ThinPlateSpline",
+    "Tick",
     "Workspace",
     "WorkspaceMap",
     "ardis",
@@ -99,6 +116,7 @@ __all__ = [
     "arm_on_chair",
     "arm_posture",
     "arm_range_of_motion",
+    "export_c",
     "goniometer_angles",
     "goniometer_range",
     "human_arm",
@@ -125,14 +143,18 @@ _LATER = {
     "KeepOut": "kinematics.room",
     "JointFeedback": "control.joint_feedback",
     "Limit": "control.limit",
+    "Log": "loop.log",
+    "Loop": "loop.loop",
     "MirrorTracker": "control.mirror",
     "MovingCapsule": "kinematics.room",
     "ParticipantSide": "control.bilateral_sides",
     "PathAssistance": "control.path_assistance",
     "PotentialField": "field.potential",
     "RedundancyResolver": "control.redundancy",
+    "SharedRing": "loop.shared_ring",
     "ShoulderPlacement": "workspace.placement",
     "ThinPlateSpline": "workspace.spline",
+    "Tick": "loop.tick",
     "Workspace": "workspace.region",
     "WorkspaceMap": "workspace.mapping",
     "ardis": "kinematics.ardis",
@@ -140,6 +162,7 @@ _LATER = {
     "arm_on_chair": "kinematics.arm_on_chair",
     "arm_posture": "kinematics.goniometer",
     "arm_range_of_motion": "kinematics.goniometer",
+    "export_c": "export.export_c",
     "goniometer_angles": "kinematics.goniometer",
     "goniometer_range": "kinematics.goniometer",
     "planar_workspace": "workspace.reach",

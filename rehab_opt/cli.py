@@ -5,10 +5,13 @@ Bad input ends with one line on the error stream and exit code 2; nothing is wri
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shlex
 import signal
 import sys
+import time
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,6 +19,9 @@ import typer
 
 from rehab_opt import __version__
 from rehab_opt.errors import ConfigurationError, RehabOptError, printable
+from rehab_opt.study.commands import app as study_app
+from rehab_opt.study.commands import report
+from rehab_opt.study.options import CovariateOption, PersonOption, SessionOption, StudyOption, destination
 from rehab_opt.terminal import (
     bars,
     interrupted,
@@ -23,6 +29,7 @@ from rehab_opt.terminal import (
     numbers_in,
     on_interrupt,
     one_of,
+    output_file,
     printer,
     refuse,
     say,
@@ -43,6 +50,9 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
+
+app.add_typer(study_app, name="study")
+app.command()(report)
 
 Problem = Annotated[str, typer.Argument(metavar="FILE", help="A problem file, or the name of a shipped problem.")]
 
@@ -91,6 +101,10 @@ def run(
     ] = None,
     also: Annotated[str | None, typer.Option(help="Figures as pdf or svg, too; both: pdf,svg.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace the files of an earlier run in the folder.")] = False,
+    study: StudyOption = None,
+    person: PersonOption = None,
+    session: SessionOption = None,
+    covariate: CovariateOption = None,
 ) -> None:
     """Run a problem; print its table; write metrics.json, trace.csv and figures.
 
@@ -102,17 +116,120 @@ def run(
 
     loaded = load_problem(file)
     formats = [] if also is None else [one_of("--also", each, FIGURE_FORMATS) for each in also.split(",")]
+    into = destination(study, person, session, covariate)
     chosen = out if out is not None else Path("out") / loaded.name
     folder = writable(chosen) if force else free_folder(writable(chosen))
-    outcome = _run_with_progress(loaded, law=law, plant=plant, solver=solver)
+    began, options = time.perf_counter(), {"law": law, "plant": plant, "solver": solver}
+    outcome = _run_with_progress(loaded, **options)
     with undisturbed():
         written = write_report(outcome, folder, also=formats)
+        if into is not None:
+            from rehab_opt.study.record import run_trials  # noqa: PLC0415
+
+            new = into.add(run_trials(loaded, outcome, options, files=written, seconds=time.perf_counter() - began))
     console = printer()
     console.print(system_named(outcome.system).table(outcome))
     for note in outcome.notes:
         console.print(f"- {note}", highlight=False)
+    if into is not None:
+        say(into.said(new))
     names = ", ".join(path.name for path in written)
     console.print(f"written to {folder}: {names}", highlight=False, soft_wrap=True)
+
+
+@app.command()
+def live(
+    file: Problem,
+    *,
+    plant: Annotated[str | None, typer.Option(help="Of a robot: ideal, or mujoco; the file's by default.")] = None,
+    solver: Annotated[str | None, typer.Option(help="Solver of the optimised law, instead of the file's.")] = None,
+    host: Annotated[str, typer.Option(help="Address of this machine on which the page is served.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the page; 0: any that is free.")] = 0,
+) -> None:
+    """Run a problem in real time, and print the address of a page in which to see and touch it. Ctrl-C ends it."""
+    from rehab_opt.live.session import show_live  # noqa: PLC0415
+
+    def ready(page: str, participant: str) -> None:
+        say(f"open {page}")
+        say(f"the participant's screen: {participant}")
+        say("whoever has these addresses may move the simulated robot; Ctrl-C ends it")
+        sys.stdout.flush()
+
+    with contextlib.suppress(KeyboardInterrupt), on_interrupt(signal.default_int_handler):
+        show_live(file, plant=plant, solver=solver, host=host, port=port, ready=ready)
+
+
+@app.command()
+def film(
+    file: Problem,
+    *,
+    out: Annotated[Path | None, typer.Option(help="The .gif; ./out/<problem>.gif by default.")] = None,
+    seconds: Annotated[float, typer.Option(min=0.1, max=600, help="Of the problem's time.")] = 8.0,
+    plant: Annotated[str | None, typer.Option(help="As of run.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace the .gif where there is one.")] = False,
+) -> None:
+    """Write what the page of `live` shows of a problem that nobody touches, as a film."""
+    from rehab_opt.live.film import write_film  # noqa: PLC0415  (loads matplotlib)
+    from rehab_opt.session.files import load_problem  # noqa: PLC0415
+    from rehab_opt.session.run import live_problem  # noqa: PLC0415
+
+    loaded = load_problem(file)
+    place = output_file(out, loaded.name, ".gif")
+    if place.exists() and not force:
+        raise ConfigurationError("--out", str(place), "a file that is not there yet, or --force to replace it")
+    with bars() as progress:
+        problem = live_problem(loaded, plant=plant)
+        place.parent.mkdir(parents=True, exist_ok=True)
+        count = write_film(problem, place, seconds=seconds, progress=progress)
+    say(f"written to {place}: {count} pictures, {place.stat().st_size / 1e3:.0f} kB")
+
+
+@app.command()
+def loop(
+    file: Problem,
+    *,
+    seconds: Annotated[float, typer.Option(min=0.01, max=86400, help="How long.")] = 10.0,
+    log: Annotated[Path | None, typer.Option(help="An .mcap of every tick, for `replay` and Foxglove.")] = None,
+    fifo: Annotated[
+        int | None,
+        typer.Option(min=1, max=99, help="Priority of a thread that runs before all usual ones (SCHED_FIFO)."),
+    ] = None,
+    plant: Annotated[str | None, typer.Option(help="As of run.")] = None,
+    solver: Annotated[str | None, typer.Option(help="As of run.")] = None,
+) -> None:
+    """Run a problem at its own rate, on a simulated robot; say how the time was kept."""
+    from rehab_opt.loop.of_problem import run_in_time  # noqa: PLC0415  (loads solvers)
+    from rehab_opt.session.files import load_problem  # noqa: PLC0415
+
+    loaded = load_problem(file)
+    if log is not None:
+        no_folder(log)
+        writable(log.parent)
+        log.parent.mkdir(parents=True, exist_ok=True)
+    report, lost = run_in_time(loaded, seconds=seconds, plant=plant, solver=solver, log=log, fifo=fifo)
+    for line in str(report).splitlines():
+        say(line)
+    if log is not None:
+        say(f"written to {log}" + (f"; {lost} records came too fast for it" if lost else ""))
+
+
+@app.command()
+def replay(log: Annotated[Path, typer.Argument(metavar="LOG", help="An .mcap of `loop`.")]) -> None:
+    """Compute every command of a log again from what its controller was given. Exit code 1 if one is another."""
+    from rehab_opt.loop.logged import read_log  # noqa: PLC0415
+    from rehab_opt.loop.of_problem import replay_problem  # noqa: PLC0415
+
+    logged = read_log(log)
+    again = replay_problem(logged)
+    if not logged.whole:
+        say("the log was not ended: its disk was full, or its writer was killed")
+    say(f"{again.same} of {again.ticks} commands come out the same, to {again.worst:.1e}")
+    if again.first:
+        versions = ", ".join(
+            f"{name} {logged.about[name]}" for name in ("rehab_opt", "numpy", "casadi") if name in logged.about
+        )
+        say(f"first that does not: {again.first}; logged by {versions}")
+        raise typer.Exit(1)
 
 
 @app.command(name="list")
@@ -219,11 +336,7 @@ def record(
     from rehab_opt.session.files import load_problem  # noqa: PLC0415
 
     loaded = load_problem(file)
-    place = out if out is not None else Path("out") / f"{loaded.name}.npz"
-    if place.suffix != ".npz":
-        raise ConfigurationError("--out", str(place), "a file that ends in .npz")
-    no_folder(place)
-    writable(place.parent)
+    place = output_file(out, loaded.name, ".npz")
     with bars() as progress:
         sequences = recorded_run(loaded, skip=skip, ticks=ticks, progress=progress, solver=solver)
     paths = file_names(place, sequences)
@@ -255,6 +368,10 @@ def score(
     threshold: Annotated[float, typer.Option(help="Fraction of the peak speed where a movement begins.")] = 0.05,
     out: Annotated[Path | None, typer.Option(help="A .csv; standard output by default.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace the .csv where there is one.")] = False,
+    study: StudyOption = None,
+    person: PersonOption = None,
+    session: SessionOption = None,
+    covariate: CovariateOption = None,
 ) -> None:
     """Measure the trials of recordings: movement time, speed, smoothness, path, range; a row each, as CSV.
 
@@ -270,9 +387,9 @@ def score(
             raise ConfigurationError("--out", str(out), "a file that is not there yet, or --force to replace it")
         if any(out.exists() and Path(each).exists() and out.samefile(each) for each in recordings):
             raise ConfigurationError("--out", str(out), "another file than the recordings")
-    scored = score_recordings(
-        recordings,
-        reading={
+    into = destination(study, person, session, covariate)
+    how: dict[str, Any] = {
+        "reading": {
             "columns": None if columns is None else columns.split(","),
             "marker": marker,
             "separator": one_of("--separator", separator, SEPARATORS),
@@ -280,12 +397,18 @@ def score(
             "count_mm": count_mm,
             "tick_ms": tick_ms,
         },
-        target=None if target is None else numbers_in("--target", target),
-        pause=pause,
-        repeats=repeats,
-        cutoff_hz=cutoff,
-        threshold=threshold,
-    )
+        "target": None if target is None else numbers_in("--target", target),
+        "pause": pause,
+        "cutoff_hz": cutoff,
+        "threshold": threshold,
+    }
+    scored = score_recordings(recordings, repeats=repeats, **how)
+    if into is not None:
+        from rehab_opt.study.record import score_trials  # noqa: PLC0415
+
+        with undisturbed():
+            new = into.add(score_trials(scored, how))
+        print(printable(f"rehab-opt: {into.said(new)}"), file=sys.stderr)  # rows alone are on the output
     if out is None:
         write_rows(scored.rows, sys.stdout)
     else:
@@ -309,20 +432,35 @@ def many(
     ] = None,
     out: Annotated[Path | None, typer.Option(help="Folder of the results; ./out/many/<name> by default.")] = None,
     workers: Annotated[int | None, typer.Option(help="Processes; one for each core by default.")] = None,
+    *,
+    timeout: Annotated[float, typer.Option(help="Seconds after which a person's process is killed.")] = 3600.0,
+    study: StudyOption = None,
+    session: SessionOption = None,
 ) -> None:
     """Run a problem for each of many people; write a folder for each and results.csv. What is done is not done again.
+
+    With --study results go into it, too, the participants being its people, under --session or the table's column.
 
     Exit code 1 if some rows are not done: results.csv says why.
     """
     from rehab_opt.session.many.participants import participants_of  # noqa: PLC0415
-    from rehab_opt.session.many.run import RESULTS, run_many  # noqa: PLC0415
+    from rehab_opt.session.many.run import GROUPS, RESULTS, run_many  # noqa: PLC0415
     from rehab_opt.session.many.summary import counted, failed_table  # noqa: PLC0415
+    from rehab_opt.study.many import study_of_many  # noqa: PLC0415
 
     participants = participants_of(people, problem=problem)
     folder = writable(out if out is not None else Path("out") / "many" / people.resolve().name.removesuffix(".csv"))
     try:
-        with on_interrupt(signal.default_int_handler), bars() as progress:
-            rows = run_many(participants, out=folder, workers=workers, progress=progress)
+        with ExitStack() as opened, on_interrupt(signal.default_int_handler), bars() as progress:
+            recorder = study_of_many(opened, study, session, table=folder / RESULTS)
+            rows = run_many(
+                participants if recorder is None else recorder.checked(participants),
+                out=folder,
+                workers=workers,
+                progress=progress,
+                timeout_s=timeout,
+                record=(lambda *_: None) if recorder is None else recorder,
+            )
     except KeyboardInterrupt:
         print("rehab-opt: interrupted", file=sys.stderr)
         raise typer.Exit(130) from None
@@ -331,7 +469,7 @@ def many(
     if failed:
         console.print(failed_table(rows))
     console.print(counted(rows), highlight=False)
-    console.print(f"written to {folder}: {RESULTS}", highlight=False, soft_wrap=True)
+    console.print(f"written to {folder}: {RESULTS}, {GROUPS}", highlight=False, soft_wrap=True)
     if failed:
         raise typer.Exit(1)
 
@@ -369,6 +507,10 @@ def bench(
 def export_controller(
     file: Problem,
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the C files; made where it is absent.")],
+    memory: Annotated[
+        int | None,
+        typer.Option(metavar="BYTES", help="Of its struct at most; a mirror's is 64000 where nothing is said."),
+    ] = None,
 ) -> None:
     """Write a problem's controller as C: one source and header, a recorded run that it repeats, and how to build it."""
     from rehab_opt.export.export_c import export_c  # noqa: PLC0415
@@ -377,7 +519,7 @@ def export_controller(
     loaded = load_problem(file)
     with bars() as progress:
         place = writable(folder, argument="DIR")
-        written = export_c(loaded, place, progress=progress, writing=undisturbed())
+        written = export_c(loaded, place, memory=memory, progress=progress, writing=undisturbed())
     for place in sorted({path.parent for path in written}):
         say(f"written to {place}: {', '.join(path.name for path in written if path.parent == place)}")
         source, build = shlex.quote(str(place)), shlex.quote(str(place / "build"))

@@ -4,7 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
-__all__ = ["ConfigurationError", "ProblemFileError", "RehabOptError", "RobotFileError", "SharingError", "printable"]
+__all__ = [
+    "ConfigurationError",
+    "DeviceLostError",
+    "ProblemFileError",
+    "RehabOptError",
+    "RobotFileError",
+    "SharingError",
+    "printable",
+]
 
 
 def printable(text: str) -> str:
@@ -39,6 +47,10 @@ class ConfigurationError(RehabOptError, ValueError):
     def __reduce__(self) -> tuple[Any, ...]:
         """Made again from its parts: people are processed in pools, and an error must come back from one."""
         return type(self), (self.argument, self.value, self.expected), self.__dict__
+
+
+class DeviceLostError(RehabOptError):
+    """A device no longer answers: a cable, its program, its power; the message says which, since when and why."""
 
 
 class SharingError(RehabOptError, TypeError):

@@ -27,6 +27,7 @@ __all__ = [
     "numbers_in",
     "on_interrupt",
     "one_of",
+    "output_file",
     "printer",
     "refuse",
     "say",
@@ -125,6 +126,16 @@ def no_folder(file: Path) -> None:
     """Refuse a file in whose place a folder stands."""
     if file.is_dir():
         raise ConfigurationError("--out", str(file), "the name of a file: a folder stands there")
+
+
+def output_file(out: Path | None, name: str, suffix: str) -> Path:
+    """`--out`, or a file of that name in ./out, refused before the run where it cannot be written."""
+    place = out if out is not None else Path("out") / f"{name}{suffix}"
+    if place.suffix != suffix:
+        raise ConfigurationError("--out", str(place), f"a file that ends in {suffix}")
+    no_folder(place)
+    writable(place.parent)
+    return place
 
 
 def numbers_in(argument: str, text: str) -> list[float]:

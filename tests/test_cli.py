@@ -290,7 +290,7 @@ side = "left"
 range_of_motion = "restricted"
 accuracy_mm = 10.0
 """
-PEOPLE = "participant,arm.side,arm.segments.humerus_mm\nanna,right,\nben,left,0.3\n"
+PEOPLE = "participant,arm.side,arm.segments.humerus_mm\nanna,right,290\nben,left,0.3\n"
 
 
 def test_many_writes_a_folder_for_each_and_a_row_for_all_and_goes_on_where_it_was(
@@ -310,7 +310,7 @@ def test_many_writes_a_folder_for_each_and_a_row_for_all_and_goes_on_where_it_wa
     assert float(rows["anna"]["sets.restricted.area_m2"]) > 0.002
     assert rows["ben"]["error"].startswith("people.csv, line 3: arm.segments.humerus_mm = 0.3: expected 50 to 1000 mm")
     assert (folder / "out/many/people/anna/workspace.png").exists()
-    (folder / "people.csv").write_text(PEOPLE.replace("0.3", ""), encoding="utf-8")
+    (folder / "people.csv").write_text(PEOPLE.replace("0.3", "310"), encoding="utf-8")
     assert ended("many", "people.csv", "--problem", "range.toml", "--workers", "1") == 0
     assert capsys.readouterr().out.startswith("2 of 2 participants done, 1 of them from an earlier run\n")
 

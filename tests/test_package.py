@@ -14,7 +14,7 @@ import rehab_opt
 PACKAGE = Path(rehab_opt.__file__).parent
 HEAVY = {
     "matplotlib", "scipy", "ruckig", "osqp", "proxsuite", "qpsolvers", "pydantic", "typer", "rich", "shapely",
-    "platformdirs", "skimage", "distributed", "mujoco",
+    "platformdirs", "skimage", "distributed", "mujoco", "pyxdf", "pyarrow",
 }  # fmt: skip
 PUBLIC = {
     "ArmIK", "Command", "ConfigurationError", "DH", "MirrorTracker", "PoseTracker", "ProblemFileError", "RehabOptError",
@@ -47,9 +47,12 @@ LAYERS = {
     },
     "plants": {"errors", "kinematics"},
     "qp_recording": {"errors", "optim", "session"},
-    "export": {"errors", "optim", "workspace", "field", "control", "session"},
+    "export": {"__version__", "errors", "optim", "workspace", "field", "control", "session"},
+    "live": {"errors", "control", "loop", "session"},
+    "loop": {"__version__", "errors", "kinematics", "control", "plants", "session"},
     "terminal": {"errors", "text_file", "session", "symbolic"},
-    "cli": {"__version__", "errors", "session", "qp_recording", "export", "terminal"},
+    "study": {"__version__", "errors", "text_file", "measures", "session", "terminal"},
+    "cli": {"__version__", "errors", "session", "qp_recording", "export", "live", "loop", "terminal", "study"},
 }
 
 PUBLIC_OF_TUPLES = {"_replace", "_fields", "_make", "_asdict"}

@@ -122,7 +122,7 @@ def of_a_map() -> Ask:
 
 def of_a_controller_s_map() -> Ask:
     asked = between().for_controller(unsafe=True)
-    return lambda rng: (asked.image(x := near(rng)), asked.jacobian(x), asked.push_force(x, x), asked.preimage(x))
+    return lambda rng: (asked.image(x := near(rng)), asked.jacobian(x), asked.preimage(x))
 
 
 SHAREABLE: dict[str, Callable[[], Ask]] = {

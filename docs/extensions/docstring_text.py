@@ -141,6 +141,6 @@ def _own_names(item: type) -> list[str]:
 
 
 def _comments(item: type) -> dict[str, str]:
-    """What stands behind `#:` beside each value of an enumeration."""
-    found = re.findall(r"^\s+(\w+) = .*?#: (.*)$", inspect.getsource(item), re.MULTILINE)
-    return dict(found)
+    """What stands behind `#:` beside each value of an enumeration, and in lines of comment below it."""
+    found = re.findall(r"^\s+(\w+) = .*?#: (.*(?:\n +# .*)*)$", inspect.getsource(item), re.MULTILINE)
+    return {name: re.sub(r"\n +# ", " ", text) for name, text in found}

@@ -66,6 +66,11 @@ class Bilateral(OneThread):
         self._back: deque[FromParticipant | None] = deque([None] * (self._ticks + 1))
         self._give_away()
 
+    @property
+    def under_way(self) -> tuple[FromParticipant | None, FromHelper | None]:
+        """What the helper's and the participant's side are told in the next tick."""
+        return self._back[0], self._there[0]
+
     def step(
         self,
         helper: ArrayLike,

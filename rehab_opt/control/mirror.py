@@ -56,9 +56,10 @@ class MirrorTracker(MirrorForeseen):
     deviation grows and where the person pushes, waits at the largest deviation, and catches up afterwards; what was
     slowed is late, not cut. What arrives with a safe command (a fault, a push at the limit) is not taken: that stretch
     is lost, and counts in `lag` until the clock has passed it. A stretch that the arm cannot do is followed as near as
-    the hand comes from where it is: once it stands short of the reference, deviations count from there on (`short`),
-    and the clock goes on. Jumps of the reference are bridged, at half the hand speeds; the first bridge starts at the
-    hand. An object belongs to one thread: see `OneThread`.
+    the hand comes from where it is: once it stands short of the reference, or the clock has waited for a second longer
+    than it went on, deviations count from there on (`short`), and the clock goes on. Jumps of the reference are
+    bridged, at half the hand speeds; the first bridge starts at the hand. An object belongs to one thread: see
+    `OneThread`.
 
     Parameters
     ----------
@@ -204,7 +205,7 @@ class MirrorTracker(MirrorForeseen):
 
     @property
     def time_scale(self) -> float:
-        """Seconds of the reference followed in a second, in the last tick."""
+        """Seconds of the reference, or of the bridge over a jump, followed in a second, in the last tick."""
         return self._rate
 
     @property

@@ -139,6 +139,8 @@ class MirrorFollowing(MirrorWaiting):
             notes.append(f"the reference is followed at {self._rate:.0%} of its pace, {self.clock.behind:.2f} s behind")
         if self._bridging:
             notes.append("bridging a jump of the reference")
+        if self.clock.thinned:
+            notes.append(f"every second sample that waited was left out: {self.clock.most} wait at most")
         usual = (
             self._limit is None and not self._interaction.active and self.clock.current and not flat and not self._short
         )
@@ -180,8 +182,8 @@ class MirrorFollowing(MirrorWaiting):
         if not foreseen and self._interaction.pace == 1.0:  # nobody is hurried who pushes
             late = clock.lag - self.dt
             if late > 0.0:
-                most = RUSH if clock.is_still(*STILL) else self.catch_up
-                pace += min(most, late / CATCHING_UP + AT_LEAST)
+                # What rests is passed at full haste to the last tick: nothing moves that would have to be slowed down.
+                pace += RUSH if clock.is_still(*STILL) else min(self.catch_up, late / CATCHING_UP + AT_LEAST)
         # What the person's arm cannot do of the reference is no reason to dwell there: it would not come to an end.
         aim = pose if self._aim is None else self._aim
         away, turned = self._beyond(here, aim)

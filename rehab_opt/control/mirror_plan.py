@@ -52,7 +52,8 @@ class MirrorPath(NamedTuple):
     person: Array
     """(M, 2) [m, rad] of that which are the person's arm's."""
     paces: Array
-    """(M,) seconds of the reference followed in a second."""
+    """(M,) seconds by which `clock` goes on in a second, in the tick that brings it there: 1 is the recording's own
+    pace; less where the bridge over a jump takes longer than the recording, 0 once the clock stands at its end."""
     manipulability: Array
     """(M,) w / w_max where the tick leads."""
     yielded: list[Bound]
@@ -98,9 +99,9 @@ def plan(tracker: MirrorTracker, poses: ArrayLike, twists: ArrayLike, q: ArrayLi
     dt = tracker.dt
     tracker.foresee(joints, reference[usable], motion[usable], np.asarray(dt * usable, dtype=np.float64))
     most = math.ceil((PATIENCE + PATIENCE * tracker.clock.lag) / dt)
-    path, speeds, clock, short, person, paces, shown, w, yielded = [], [], [], [], [], [], [], [], []
+    path, speeds, clock, short, person, shown, w, yielded = [], [], [], [], [], [], [], []
     complete, reference_clock, follow = False, tracker.clock, tracker.follow
-    ending, arrived = False, 0
+    ending, arrived, before = False, 0, reference_clock.stamp
     for tick in range(most + math.ceil(ENDING / dt)):
         # Whoever plays a plan stops at its end: it must stand there, also where it ends before the reference does.
         ending = ending or tick >= most or arrived * dt > SETTLING
@@ -112,7 +113,6 @@ def plan(tracker: MirrorTracker, poses: ArrayLike, twists: ArrayLike, q: ArrayLi
         clock.append(reference_clock.stamp)
         short.append(tracker.short)
         person.append(tracker.beyond_person)
-        paces.append(tracker.time_scale)
         w.append(tracker.manipulability)
         yielded.append(command.yielded)
         joints = joints + value * dt
@@ -123,6 +123,6 @@ def plan(tracker: MirrorTracker, poses: ArrayLike, twists: ArrayLike, q: ArrayLi
     found, counts = tracker.tools(path), Counter(tracker.counts)
     return MirrorPath(
         np.asarray(dt * np.arange(len(path)), dtype=np.float64), np.array(path), np.array(speeds), found,
-        np.array(shown), np.array(clock), np.array(short), np.array(person), np.array(paces),
-        np.array(w), yielded, complete, counts, time.perf_counter() - begun,
+        np.array(shown), np.array(clock), np.array(short), np.array(person),
+        np.diff(clock, prepend=before) / dt, np.array(w), yielded, complete, counts, time.perf_counter() - begun,
     )  # fmt: skip

@@ -48,6 +48,7 @@ STALE = 200
 class MirrorStatement(PoseTracker):
     """`PoseTracker`'s QP with the rows of `HandBounds`, its true state at the end of the tick, and shortened steps."""
 
+    takes_jerk = False
     memory_extra = 1  # what the last tick lost of w / w_max against its tangent
     floor: float
     max_deviation: float

@@ -24,15 +24,16 @@ SHORT = 0.001, 0.01
 STUCK = 0.1
 """[s] for which it must have stood while the clock is slowed, before it counts as nearest."""
 PATIENCE = 1.0
-"""[s] for which the clock waits at most, for a hand that does not come to rest either."""
+"""[s] for which the clock waits longer than it goes on, at most, for a hand that does not come to rest either."""
 
 
 class MirrorWaiting(MirrorStatement):
     """How far the hand stays from the reference at best, and how long the clock has waited.
 
-    `_apart` [m] and `_aside` [rad] are those of a hand that stood: what is nearest to the reference, seen from where it
-    is. The clock counts deviations from there on, so that a stretch out of reach is followed along its edge, as near as
-    the hand comes, and none of it is left out. They shrink as the hand comes nearer.
+    `_apart` [m] and `_aside` [rad] are those of a hand that stood, or was waited for long enough: what is nearest to
+    the reference, seen from where it is. The clock counts deviations from there on, so that a stretch out of reach is
+    followed along its edge, as near as the hand comes, and none of it is left out. They shrink as the hand comes
+    nearer.
     """
 
     clock: ReferenceClock
@@ -78,6 +79,8 @@ class MirrorWaiting(MirrorStatement):
         if self._rate <= 0.02:
             self.counts["waited"] += 1
             self._waited += self.dt
+        else:  # what was waited for before it went on is no reason to cut the hand short now
+            self._waited = max(self._waited - self.dt, 0.0)
         self._moving.of(self._q, self._last)
         x, y, z, turning_x, turning_y, turning_z = self._moving.outputs[1].tolist()
         still = math.hypot(x, y, z) <= STANDS[0] and math.hypot(turning_x, turning_y, turning_z) <= STANDS[1]

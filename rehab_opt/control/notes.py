@@ -22,8 +22,11 @@ NOTES = (
     Note("SHORTENED", "the step was shortened: the tangents of the bounds promised too much", "step shortened"),
     Note("SLOWED", "the reference is followed below its own pace", "of its pace"),
     Note("BRIDGING", "a jump of the reference is bridged", "bridging a jump of the reference"),
+    Note(
+        "THINNED", "no more samples fit: every second one that waited was left out", "every second sample that waited"
+    ),
 )
-"""In the order of their numbers, 1, 2, 4, which never change. Python joins them by semicolons in its reason."""
+"""In the order of their numbers, 1, 2, 4, 8, which never change. Python joins them by semicolons in its reason."""
 
 
 def notes_of(reason: str) -> int:

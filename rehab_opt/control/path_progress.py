@@ -25,12 +25,24 @@ most, as long as the spring need not pull harder than the force limit. A push ba
 answered by no place ahead: there the drive stays zero, so that a person who has stopped is not led on, and neither is
 one who pushes by less than f_0.
 
+**How far ahead of the hand it leads.** At the place that is chosen, d further on, 1/2 S |x - p|^2 is greater by w d at
+most. The drive grows where the spring pulls less than the force limit F, to F at most, and is forgotten as s goes on:
+until it grows again it is worth F times three widths at most, two for the first place chosen and one for all others. So
+these lie within sqrt((F/S)^2 + 6 F/S widths), less than F/S and three widths, of a hand that rests, and each place that
+s passes on the way within one width more; what the hand moves away meanwhile adds to that. Where it goes on along the
+straight stretch on which the hand is, the progress is F/S and three widths ahead of the hand at most. Past a sharp
+corner or the tip of a hairpin it may be further along the path, there and back: so it is where a hand rests before the
+tip and its tremor pushes back.
+
 **What it cannot see** is the intention. A push back into a loop of the path is taken for the wish to have passed it, so
 that a person who lags behind the hand among small loops may be led on further ahead. A push that no place ahead answers
 to may be the wish to leave: where the hand has stood under more than 0.3 of the force limit for 1.5 s, with less
 progress than a width, the force fades within 0.3 s, in whatever direction the hand is pushed, and stays away until the
-hand comes within a width of a place at least a width further on: the first of these along the path. So a hand is never
-led back to an earlier loop, and a later one that it has come to takes it in.
+hand comes within a width of a place at least a width further on: the first of these along the path, found by a search
+of eight widths a tick that begins anew where the hand has come near, once it is more than a width away from the width
+of the path that follows on where it was let go. Until then the progress stands. A hand that stays near such places is
+taken in within the time of the fading and of two searches. So a hand is never led back to an earlier loop, and a later
+one that it has come to takes it in.
 
 Whoever rests is let go where progress stands, and only there. In the middle of laps of one size, or beside a stretch
 that is gone many times, a hand at rest is led on a width at a time, or let go and taken in by the next lap within 2 s,
@@ -53,10 +65,10 @@ __all__ = ["AHEAD", "PATH_MODEL", "PLACES", "PROGRESS", "SEARCHED", "progress_fu
 
 PATH_MODEL = Record(stiffness=1, spacing=1, last=1, force_limit=1, push=1, speed_cap=1, dt=1)
 """S [N/m]; length between samples [m]; number of the last one; [N]; f_0 [N]; [m/s]; tick [s]."""
-PROGRESS = Record(at=1, drive=1, pushed=1, stood=1, mark=1, grip=1, away=1, looked=1, place=2, along=2)
+PROGRESS = Record(at=1, drive=1, pushed=1, stood=1, mark=1, grip=1, away=1, looked=1, near=1, place=2, along=2)
 """Progress in samples; w [N]; how long [s] the hand was pushed, and has stood under force, since the progress that is
 marked, in samples; share of the force that is applied; whether the hand is let go; the sample from which on it is
-looked for; the place p(s) [m] and the path's direction there."""
+looked for; whether it was near the path when that search began; the place p(s) [m] and the path's direction there."""
 WINDOW = 2.0
 """Widths ahead within which the progress is chosen: a detour shorter than that may be cut."""
 HORIZON = 40.0
@@ -133,10 +145,13 @@ def progress_function() -> ca.Function:
 
     # Where a hand that was let go has come back to.
     start = ca.floor(at) + SAMPLES_PER_WIDTH  # beyond the end where no width is left: nothing takes the hand in again
-    back = _first_place(hand, searched, old.looked, start=start, model=model)
-    returns = all_true(ca.logic_not(free), old.grip == 0, back >= 0)
-    further = old.looked + SEARCHED
-    looked = ca.if_else(ca.logic_or(old.grip > 0, further > model.last), start, further)
+    back = _first_place(hand, ahead[:, : SAMPLES_PER_WIDTH + 1], searched, old.looked, start=start, model=model)
+    near = all_true(ca.logic_not(free), old.grip == 0, back >= 0)
+    # Where this search began with the hand near a place, or begins here, no place before was passed over.
+    returns = ca.logic_and(near, ca.logic_or(old.looked <= start, old.near > 0))
+    again, further = ca.logic_and(near, ca.logic_not(returns)), old.looked + SEARCHED
+    anew = ca.sum1(ca.vertcat(old.grip > 0, again, further > model.last)) > 0
+    looked, near = ca.if_else(anew, start, further), ca.if_else(anew, again, old.near)
     at, away = ca.if_else(returns, back, at), ca.if_else(returns, 0, away)
     drive, stood = ca.if_else(away, 0, drive), ca.if_else(away, 0, stood)
     pushed = ca.if_else(ca.logic_or(went_on, away), 0, pushed)
@@ -158,6 +173,7 @@ def progress_function() -> ca.Function:
         grip=grip,
         away=away,
         looked=looked,
+        near=near,
         place=place,
         along=along,
     )
@@ -165,11 +181,15 @@ def progress_function() -> ca.Function:
     return ca.Function("path_progress", inputs, [after], {"cse": True})
 
 
-def _first_place(hand: ca.SX, searched: ca.SX, looked: ca.SX, *, start: ca.SX, model: Values) -> ca.SX:
-    """Number of the first sample in order that is within a width of the hand, from `start` on; -1 for none."""
+def _first_place(hand: ca.SX, left: ca.SX, searched: ca.SX, looked: ca.SX, *, start: ca.SX, model: Values) -> ca.SX:
+    """Number of the first sample in order that is within a width of the hand, from `start` on; -1 for none.
+
+    None for a hand within a width of `left`, too, where it was let go: it passes a crossing there on its own branch.
+    """
     within, back = (SAMPLES_PER_WIDTH * model.spacing) ** 2, ca.SX(-1)
     for i in reversed(range(SEARCHED)):
         number = looked + i
         near = all_true(ca.sumsqr(hand - searched[:, i]) <= within, number >= start, number <= model.last)
         back = ca.if_else(near, number, back)
-    return back
+    nearest = ca.mmin(ca.vertcat(*[ca.sumsqr(hand - left[:, i]) for i in range(left.columns())]))
+    return ca.if_else(nearest <= within, -1, back)

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.clearance import Clearance
 from rehab_opt.control.command import Command
+from rehab_opt.control.jerk_bounds import JerkBounds
 from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.control.limit import Limit, all_limits
 from rehab_opt.control.stopping import VelocityBounds
@@ -114,6 +115,10 @@ class PoseTracker(VelocityController):
     gain : [1/s] rate at which a pose error decays.
     linear_speed, angular_speed : [m/s, rad/s] largest asked hand speeds; faster requests are slowed, not cut.
     task_weights : (6,) weights of the twist's components in the base frame; a zero frees one.
+    jerk : (n,) or scalar [rad/s^3, m/s^3] largest jerk, for drives that stop on more: of the finite differences of what
+        is sent, braking and fallbacks included. Velocity, acceleration and jerk then never yield; a joint that is put
+        where it cannot stop before its limit any more goes beyond it. Not together with `limits` and `feedback`; the
+        gain is then a quarter of jerk over acceleration at most. None for no such bound.
     posture : (n,) joint positions that a redundant chain drifts to where the task leaves it free, or None.
     limits : what the posture has to keep besides, each a `Limit`: an elbow above a table, say. They come before
         accelerations and hold while braking, too.
@@ -146,6 +151,7 @@ class PoseTracker(VelocityController):
         linear_speed: float = 1.0,
         angular_speed: float = math.pi,
         task_weights: ArrayLike = 1.0,
+        jerk: ArrayLike | None = None,
         posture: ArrayLike | None = None,
         limits: Sequence[Limit | Clearance] = (),
         dt: float = 0.001,
@@ -157,6 +163,8 @@ class PoseTracker(VelocityController):
         feedback: JointFeedback | None = None,
         compile: Compile = None,
     ) -> None:
+        if not isinstance(chain, SerialChain):
+            raise ConfigurationError("chain", chain, "a SerialChain")
         self.gain = checked_number("gain", gain, above=0.0)
         self.linear_speed = checked_number("linear_speed", linear_speed, above=0.0)
         self.angular_speed = checked_number("angular_speed", angular_speed, above=0.0)
@@ -171,6 +179,13 @@ class PoseTracker(VelocityController):
             checked_number("dt", dt, above=0.0, below=1.0),
             checked_number("recovery_speed", recovery_speed, above=0.0, below=1.0),
         )
+        self.jerk = None
+        if jerk is not None:
+            self._check_jerk_alone(jerk, feedback)
+            self.jerk = JerkBounds.checked(limited, jerk, dt, recovery_speed)
+            if not self.gain <= self.jerk.fastest_gain:
+                expected = f"at most {self.jerk.fastest_gain:.4g} /s with this jerk: a faster one swings for good"
+                raise ConfigurationError("gain", gain, expected)
         if self.limits.moving:
             self.shapes = (*self.shapes, (self.limits.moving, MOVING))  # type: ignore[misc]
         super().__init__(
@@ -244,8 +259,11 @@ class PoseTracker(VelocityController):
     def _memory_size(self) -> int:
         return 2 * self.chain.n + self.guidance_size + self.memory_extra
 
-    memory_extra = 0
-    """Numbers remembered besides velocity and position."""
+    @property
+    def memory_extra(self) -> int:
+        """Numbers remembered besides velocity and position: with a jerk the last change of velocity."""
+        return 0 if self.jerk is None else self.chain.n
+
     told_size = 0
     """Numbers that `rows` hands on to `outcome` and `remembered`."""
 
@@ -259,7 +277,27 @@ class PoseTracker(VelocityController):
 
     def remembered(self, tick: Tick, motion: Motion) -> ca.SX:
         """The memory that a tick leaves."""
-        return self.remember(tick.q, motion.velocity)
+        return self.memory_after(tick.q, tick.last, motion.velocity)
+
+    def memory_after(self, q: ca.SX, last: ca.SX, velocity: ca.SX) -> ca.SX:
+        """What `remember` gives, with a jerk the change of velocity besides."""
+        change = ca.SX(0, 1) if self.jerk is None else (velocity - last) / self.dt
+        return ca.vertcat(self.remember(q, velocity), change)
+
+    def bounds(self, q: ca.SX, memory: ca.SX) -> VelocityBounds:
+        """Intervals of the joint velocities."""
+        if self.jerk is None:
+            return super().bounds(q, memory)
+        return self.jerk.interval(q, memory[: self.chain.n], memory[-self.chain.n :])
+
+    takes_jerk: ClassVar[bool] = True
+    """Whether nothing here comes before what a drive bounds."""
+
+    def _check_jerk_alone(self, jerk: ArrayLike, feedback: JointFeedback | None) -> None:
+        others = (("limits", len(self.limits)), ("feedback", feedback), (type(self).__name__, not self.takes_jerk))
+        for name, given in others:
+            if given:
+                raise ConfigurationError("jerk", jerk, f"None with {name}, which has bounds that come before a drive's")
 
     def rows(self, tick: Tick, bounds: VelocityBounds) -> tuple[ca.SX, ca.SX, VelocityBounds, ca.SX]:
         """R (m, n) and r (m,) of the bounds R q' <= r, the intervals that have room for them, and what is told on."""
@@ -347,7 +385,19 @@ class PoseTracker(VelocityController):
         p, memory = ca.MX.sym("p", parameters.numel()), ca.MX.sym("memory", tick.memory.numel())
         near = self.limits.contacts(p[:n], memory[:n], p[p.numel() - self.limits.told :])
         around = ca.Function("around", [p, memory], [near])
-        return wanted.prepare(parameters, tick.memory, self.excess, self._bend, (tick.contacts, around))
+        prepared = wanted.prepare(parameters, tick.memory, self.excess, self._bend, (tick.contacts, around))
+        return prepared if self.jerk is None else self._steadied(prepared, self.jerk)
+
+    def _steadied(self, prepared: ca.Function, jerk: JerkBounds) -> ca.Function:
+        """The same with intervals of velocities that do not pass the wanted ones."""
+        n, size = self.chain.n, prepared.size1_out(0)
+        column, last = ca.SX.sym("column", size), ca.SX.sym("last", n)
+        at = 6 * n + TWIST + 1
+        before, lower, upper, after = ca.vertsplit(column, [0, at, at + n, at + 2 * n, size])
+        bounds = jerk.towards(last, lower, upper, column[size - n - TWIST : size - TWIST])
+        steady = ca.Function("steady", [column, last], [ca.vertcat(before, *bounds, after)], {"cse": True})
+        p, memory = (ca.MX.sym(name, prepared.size1_in(i)) for i, name in enumerate(("p", "memory")))
+        return ca.Function("prepare", [p, memory], [steady(prepared(p, memory), memory[:n])])
 
     def _bend(self, q: ca.SX, jacobian: ca.SX, way: ca.SX) -> ca.SX:
         """(6,) by which the weighted twist of a motion of one rad changes before its error is gone, see `damped`."""

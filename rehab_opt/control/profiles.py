@@ -38,9 +38,10 @@ class Profiles:
     bounds : of the n axes, finite but for the positions.
     dt : tick [s].
     recovery_speed : share of the velocity bound for an axis that comes back from outside its position bounds.
+    straight : see `Smoother`.
     """
 
-    def __init__(self, bounds: AxisBounds, *, dt: float, recovery_speed: float) -> None:
+    def __init__(self, bounds: AxisBounds, *, dt: float, recovery_speed: float, straight: bool = False) -> None:
         import ruckig  # noqa: PLC0415  (loaded when used)
 
         n = len(bounds.velocity)
@@ -61,7 +62,9 @@ class Profiles:
         self._plan, self._spare = ruckig.Trajectory(n), ruckig.Trajectory(n)
         self._rest = [0.0] * n
         self._question = ruckig.InputParameter(n)
-        self._question.synchronization = ruckig.Synchronization.No  # free axes: none waits for another
+        # Free axes: none waits for another. Off the line, where no phase is common to all, Ruckig makes ends meet.
+        self._straight = straight
+        self._question.synchronization = ruckig.Synchronization.Phase if straight else ruckig.Synchronization.No
         self._question.max_acceleration, self._question.max_jerk = bounds.acceleration, bounds.jerk
         self._question.target_velocity = self._rest
         self._stops: dict[int, tuple[AxisStop, float]] = {}  # by axis, with `age` at its begin; the others follow _plan
@@ -96,7 +99,8 @@ class Profiles:
         question = self._question
         question.target_position = self._rest if moving else goal
         frame = (origin, speed) if moving else None
-        if not (self._planned(frame) and self._stays_inside(frame)):
+        planned = self._straight and not (moving or self.outside or any(self.v) or any(self.a)) and self._along(goal)
+        if not ((planned or self._planned(frame)) and self._stays_inside(frame)):
             return False
         self._allow_rounding(goal)
         self._adopt(frame, goal)
@@ -226,6 +230,19 @@ class Profiles:
             limit = [v if low <= x <= high else slow for x, v, slow, low, high in ways]
         self._question.max_velocity = [v - w for v, w in zip(limit, frame_speed, strict=True)]
         self._question.min_velocity = [-v - w for v, w in zip(limit, frame_speed, strict=True)]
+
+    def _along(self, goal: list[float]) -> bool:
+        """Whether Ruckig answers from rest within the bounds of the line: it tries its own slowest axis alone."""
+        question, ways = self._question, [abs(y - x) for x, y in zip(self.p, goal, strict=True)]
+        names, bounds = ("max_velocity", "max_acceleration", "max_jerk"), self.bounds[2:]
+        for name, bound in zip(names, bounds, strict=True):
+            most = min((b / w for b, w in zip(bound, ways, strict=True) if w), default=math.inf)
+            setattr(question, name, [min(most * w, b) if w else b for b, w in zip(bound, ways, strict=True)])
+        question.min_velocity = [-v for v in question.max_velocity]
+        planned = self._planned(None)
+        self._set_velocity_bounds(self._rest)
+        question.max_acceleration, question.max_jerk = self.bounds.acceleration, self.bounds.jerk
+        return planned
 
     def _planned(self, frame: Frame | None) -> bool:
         """Whether Ruckig answers the question from the present state, in `_spare`."""

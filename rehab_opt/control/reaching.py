@@ -29,19 +29,28 @@ FARTHEST = 100.0
 """[m] What is further away than this from the hand is no target but a mistake, as of metres and millimetres."""
 ARRIVED = 1e-4
 """[m] Nearer than this the hand is there."""
+TINY = 1e-12
+"""[m^2] A way that is none."""
 
 
 class Reaching:
-    """Twist of the hand that follows a smoothed target.
+    """Twist of the hand that follows a smoothed target along the straight way.
 
-    Where bounds slow the hand by more than `LEASH`, the target starts again from the hand, so that the motion goes on
-    as if it had begun there.
+    Where bounds slow the hand by more than `LEASH`, the target starts again from the hand, along the straight way from
+    there: so a hand that bounds hold asks for that direction and no other. Axes that each go as fast as they may ask
+    for up to 55 degrees off it, and then a hand stops where the straight way is free.
     """
 
     def __init__(self, robot: MobileArm, *, dt: float) -> None:
         self._robot = robot
         self._smoother = Smoother(
-            velocity=HAND_SPEED, acceleration=HAND_ACCELERATION, jerk=HAND_JERK, dt=dt, axes=3, max_age=math.inf
+            velocity=HAND_SPEED,
+            acceleration=HAND_ACCELERATION,
+            jerk=HAND_JERK,
+            dt=dt,
+            axes=3,
+            max_age=math.inf,
+            straight=True,
         )
         self._gain = (1 - math.exp(-GAIN * dt)) / dt
         self._begun = False
@@ -68,7 +77,10 @@ class Reaching:
             return np.full(3, math.nan)
         smoother = self._smoother
         if not self._begun or not np.linalg.norm(smoother.position - hand) <= LEASH:
-            smoother.reset(hand, np.clip(smoother.velocity if self._begun else np.zeros(3), -HAND_SPEED, HAND_SPEED))
+            way = target - hand
+            along = max(0.0, float(smoother.velocity @ way) / max(float(way @ way), TINY)) if self._begun else 0.0
+            most = HAND_SPEED / max(float(np.max(np.abs(way))), TINY)
+            smoother.reset(hand, np.clip(min(along, most) * way, -HAND_SPEED, HAND_SPEED))  # which rounding may pass
             self._begun = True
         place = smoother.step(target).value
         error = place - hand

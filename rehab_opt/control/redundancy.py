@@ -247,8 +247,8 @@ class RedundancyResolver(OneThread):
     ) -> Command:
         """Joint velocities (7,) that lead the hand to a place, through the same QP; call it every tick.
 
-        Each axis of the smoothed target moves as fast as it may, so that it leaves the straight way. On a fixed base
-        the hand may stop where a bound is in the way of that, though the straight way is free: a chair gives way.
+        The hand goes straight, but for what is left of its motion to a target before. Where bounds hold it, it goes on
+        along the straight way from there as far as they leave anything of that.
 
         Parameters
         ----------

@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 THINNED = 4096
 """Samples that wait at most; beyond, every second one is left out. What arrives at 200 Hz waits 20 s until then, and is
-still sampled at 100 Hz afterwards: far above what a tracker's filter lets through. C holds as many."""
+still sampled at 100 Hz afterwards: far above what a tracker's filter lets through. C has room for fewer."""
 CURVED = 0.02
 """[rad] Turns between samples up to this are interpolated by entries, larger ones along the arc."""
 
@@ -42,6 +42,8 @@ class ReferenceClock:
         self.dt = dt
         self._part_way = BufferedFunction(part_way_function())
         self._calm_way = BufferedFunction(calm_way_function(linear_speed, angular_speed))
+        self.most = THINNED
+        """Samples that wait at most; may be set between two ticks."""
         self.reset()
 
     def reset(self) -> None:
@@ -59,6 +61,8 @@ class ReferenceClock:
         """[s] of the reference since the newest sample that were not taken."""
         self.passed = 0
         """Samples that the clock has passed."""
+        self.thinned = False
+        """Whether the last sample made every second one go that waits."""
         self._looked_at: tuple[int, Array | None, bool] = (-1, None, False)
 
     @property
@@ -133,7 +137,8 @@ class ReferenceClock:
                 self._append(pose, between, calm, stamp)
                 seconds = 0.0
         self._append(pose, twist, seconds, stamp)
-        if thinning and len(self._poses) - self._at > THINNED:
+        self.thinned = thinning and len(self._poses) - self._at > self.most
+        if self.thinned:
             self._thin()
 
     def extend(self, poses: Array, twists: Array, seconds: Array) -> None:

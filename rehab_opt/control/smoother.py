@@ -36,13 +36,13 @@ NOT_RENEWED = "moving target was not renewed in time"
 class Smoother(OneThread):
     """Follows targets with every axis inside its position, velocity, acceleration and jerk bounds.
 
-    Each axis moves as fast as its own bounds allow. A target outside the position bounds is clipped to them. A
-    disabled smoother, a target that is not a plausible number and a stale stamp bring all axes to rest as fast as
-    the bounds allow and hold them there; from wherever that is, the motion goes on without a jump. Each axis is stopped
-    by itself and without a planner. One that could stop only beyond its position bound, because it is about to turn
-    round before it, brakes on at its largest deceleration until it can stop inside. No bound yields in that. Only where
-    `reset` puts an axis too fast before a position bound that bound yields, and is flagged. An object belongs to one
-    thread: see `OneThread`.
+    Each axis moves as fast as its own bounds allow, unless the way is to be straight. A target outside the position
+    bounds is clipped to them. A disabled smoother, a target that is not a plausible number and a stale stamp bring all
+    axes to rest as fast as the bounds allow and hold them there; from wherever that is, the motion goes on without a
+    jump. Each axis is stopped by itself and without a planner. One that could stop only beyond its position bound,
+    because it is about to turn round before it, brakes on at its largest deceleration until it can stop inside. No
+    bound yields in that. Only where `reset` puts an axis too fast before a position bound that bound yields, and is
+    flagged. An object belongs to one thread: see `OneThread`.
 
     Parameters
     ----------
@@ -53,6 +53,8 @@ class Smoother(OneThread):
     axes : n, needed where every bound is a scalar; default 1.
     recovery_speed : share of `velocity` at which an axis that was reset outside its bounds comes back.
     max_age : of the targets, see `Watchdog`.
+    straight : whether axes that begin at rest keep to the straight line to the target, as fast as the slowest allows;
+        from a motion they arrive together, on that line or near it where the motion is along it.
 
     Raises
     ------
@@ -71,14 +73,17 @@ class Smoother(OneThread):
         axes: int | None = None,
         recovery_speed: float = RETURN_SPEED,
         max_age: float | None = None,
+        straight: bool = False,
     ) -> None:
         if not (isinstance(recovery_speed, (int, float, np.integer, np.floating)) and 0.0 < recovery_speed <= 1.0):
             raise ConfigurationError("recovery_speed", recovery_speed, "a share of the velocity, above 0 and at most 1")
+        if not isinstance(straight, bool):
+            raise ConfigurationError("straight", straight, "True or False")
         bounds = axis_bounds(
             lower=lower, upper=upper, velocity=velocity, acceleration=acceleration, jerk=jerk, axes=axes
         )
         self._watchdog = Watchdog(dt=dt, max_age=max_age)
-        self._profiles = Profiles(bounds, dt=float(dt), recovery_speed=float(recovery_speed))
+        self._profiles = Profiles(bounds, dt=float(dt), recovery_speed=float(recovery_speed), straight=straight)
         self._bounds = bounds
         self._n = len(bounds.velocity)
         self._dt, self._ready = float(dt), False

@@ -1,4 +1,4 @@
-"""A whole path made followable: positions with bounded velocity, acceleration and jerk, from rest to rest."""
+"""A whole path for a drive: kept as it is, and passed as fast as its axes may, no faster than it was recorded."""
 
 from __future__ import annotations
 
@@ -8,32 +8,35 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rehab_opt.control.axis_bounds import numbers
-from rehab_opt.control.measured_lag import measured_lag
-from rehab_opt.control.profiles import CERTIFIED
-from rehab_opt.control.smoother import Smoother
+from rehab_opt.control.axis_bounds import axis_bounds, numbers
+from rehab_opt.control.path_timing import PathCells, fastest_timing
+from rehab_opt.control.velocity_controller import checked_number
 from rehab_opt.errors import ConfigurationError
 
 __all__ = ["SmoothPath", "smooth_path"]
 
 Array = NDArray[np.float64]
 
+CELL = 2.0
+"""Ticks: on stretches that take up to so long the square of the pace changes evenly along the path."""
+
 
 class SmoothPath(NamedTuple):
     """A path made followable: positions within the bounds at every tick."""
 
     times: Array
-    """(M,) [s] ticks from the first time of the path, until the last point is reached."""
+    """(M,) [s] ticks from the first time of the path, until its last point is reached."""
     positions: Array
     """(M, n) [u]."""
-    lag: float
-    """[s] by which the positions trail the path, see `measured_lag`."""
+    phase: Array
+    """(M,) [s] of the path's own time at which these are passed: it never runs back, nor faster than the ticks do."""
     deviation: Array
-    """(n,) [u] largest distance from where the path was at the same time."""
-    residual: float
-    """Largest certificate residual of all ticks; infinite if the axes had to brake."""
-    compensation: str
-    """"velocity", "preview" or "none": what was done about the lag."""
+    """(n,) [u] largest distance from the path at that time."""
+
+    @property
+    def delay(self) -> float:
+        """[s] by which the last point is reached later than the path has it."""
+        return float(self.times[-1] - self.phase[-1])
 
 
 def smooth_path(
@@ -46,23 +49,33 @@ def smooth_path(
     lower: ArrayLike | None = None,
     upper: ArrayLike | None = None,
     dt: float = 0.001,
-    compensate: bool = True,
+    tolerance: float = 1e-4,
 ) -> SmoothPath:
-    """A recorded or planned path as `Smoother` follows it, from rest to rest.
+    """A recorded or planned path, from rest to rest, for a drive: late where its axes are too slow, not elsewhere.
 
-    Between its points the path is interpolated by shape-preserving cubics, which leave no range the points keep.
+    All axes wait for one another, so that what couples them (a hand's place, a handle's tilt) stays. A `Smoother`
+    leads each axis by itself, which breaks that; it is for targets whose future is unknown, this for a path after its
+    run.
+
+    Between its points the path is interpolated by shape-preserving cubics, which leave no range the points keep. One
+    parameter of time is led along it as fast as the bounds of speed and acceleration allow, at most at the recorded
+    pace (`fastest_timing`). The positions are then averaged over a window T: means of what keeps a bound keep it too,
+    the jerk is at most 2 a / T, and an axis leaves the path by at most a T^2 / 24. T and the acceleration a are chosen
+    so that these are within `jerk` and `tolerance`.
 
     Parameters
     ----------
     times : (N,) [s], increasing.
-    points : (N, n) [u], in the order of the axes.
-    velocity, acceleration, jerk, lower, upper, dt : as for `Smoother`.
-    compensate : also follow the path with its own velocity, and ahead of time by the lag, and keep what stays closest.
-        The first is nearly exact on a path within the bounds and overshoots at its corners, where the second is better.
+    points : (N, n) [u], in the order of the axes; those outside the position bounds are moved onto them.
+    velocity, acceleration, jerk : (n,) bounds of the axes [u/s, u/s^2, u/s^3 with u = rad or m], positive and finite; a
+        scalar stands for all.
+    lower, upper : (n,) position bounds [u]; None or infinite for none.
+    dt : tick [s].
+    tolerance : [u] by which an axis may leave the path.
 
     Raises
     ------
-    ConfigurationError : times not increasing, points of the wrong shape, a number that is not finite.
+    ConfigurationError : times not increasing, points of the wrong shape, a bound or number that cannot be used.
     """
     from scipy.interpolate import PchipInterpolator  # noqa: PLC0415  (loaded when used)
 
@@ -71,47 +84,37 @@ def smooth_path(
         raise ConfigurationError("times", times, "at least two finite, increasing times (N,)")
     if x.ndim != 2 or len(x) != len(t) or not np.all(np.isfinite(x)):
         raise ConfigurationError("points", points, f"finite numbers of shape ({t.size}, n)")
-    smoother = Smoother(
-        velocity=velocity,
-        acceleration=acceleration,
-        jerk=jerk,
-        lower=lower,
-        upper=upper,
-        dt=dt,
-        axes=x.shape[1],
+    dt, tolerance = checked_number("dt", dt, above=0.0), checked_number("tolerance", tolerance, above=0.0)
+    bounds = axis_bounds(
+        lower=lower, upper=upper, velocity=velocity, acceleration=acceleration, jerk=jerk, axes=x.shape[1]
     )
-    path = PchipInterpolator(t, x, axis=0)
-    ticks = t[0] + dt * np.arange(1, math.ceil((t[-1] - t[0]) / dt - 1e-9) + 1)
+    path = PchipInterpolator(t, np.clip(x, bounds.lower, bounds.upper), axis=0)
+    window, gentle = _window(np.array(bounds.acceleration), np.array(bounds.jerk), dt, tolerance)
 
-    def at(when: Array) -> Array:
-        return np.asarray(path(np.clip(when, t[0], t[-1])))
+    needed = np.maximum(np.diff(t), (np.abs(np.diff(x, axis=0)) / bounds.velocity).max(axis=1))
+    parts = np.ceil(needed / (CELL * dt)).astype(int)
+    knots = np.append(np.concatenate([np.linspace(a, b, n, endpoint=False)
+                                      for a, b, n in zip(t[:-1], t[1:], parts, strict=True)]), t[-1])  # fmt: skip
+    cells = PathCells(knots, *(path.derivative(order)(knots[:-1]) for order in (1, 2, 3)))
+    timing = fastest_timing(cells, velocity=np.array(bounds.velocity), acceleration=gentle)
 
-    def followed(targets: Array, speeds: Array | None, compensation: str) -> SmoothPath:
-        positions, residual = _followed(smoother, x[0], targets, speeds, x[-1])
-        when = t[0] + dt * np.arange(len(positions))
-        wanted = at(when)
-        lag = measured_lag(when, wanted, positions)
-        return SmoothPath(when, positions, lag, np.abs(positions - wanted).max(axis=0), residual, compensation)
-
-    tries = [followed(at(ticks), None, "none")]
-    if compensate:
-        speeds = np.where((ticks < t[-1])[:, None], path.derivative()(ticks), 0.0)
-        tries.append(followed(at(ticks), speeds, "velocity"))
-        tries.append(followed(at(ticks + tries[0].lag), None, "preview"))
-    fastest = np.broadcast_to(np.asarray(velocity, dtype=np.float64), x.shape[1])
-    return min(tries, key=lambda run: (run.residual > CERTIFIED, float(np.max(run.deviation / fastest))))
+    still = np.full(window // 2, 0.0)
+    ticks = np.concatenate([still, dt * np.arange(math.ceil(timing.times[-1] / dt) + 1)])
+    phase = timing.at(np.append(ticks, still + timing.times[-1]))
+    followed = np.clip(path(phase), bounds.lower, bounds.upper)  # rounding leaves no range either
+    padded = np.concatenate([np.repeat(followed[:1], window // 2, axis=0), followed,
+                             np.repeat(followed[-1:], window // 2, axis=0)])  # fmt: skip
+    even = np.full(window, 1.0 / window)
+    positions = np.column_stack([np.convolve(column, even, mode="valid") for column in padded.T])
+    positions = np.clip(positions, followed.min(axis=0), followed.max(axis=0))
+    positions[0], positions[-1] = followed[0], followed[-1]
+    when = t[0] + dt * np.arange(len(positions))
+    return SmoothPath(when, positions, phase, np.abs(positions - followed).max(axis=0))
 
 
-def _followed(
-    smoother: Smoother, start: Array, targets: Array, speeds: Array | None, end: Array
-) -> tuple[Array, float]:
-    """Positions (M, n) from the start at rest along the targets to rest at the end, and their largest residual."""
-    smoother.reset(start)
-    commands = [
-        smoother.step(target, None if speeds is None else speed)
-        for target, speed in zip(targets, targets if speeds is None else speeds, strict=True)
-    ]
-    commands.append(smoother.step(end))
-    while not smoother.arrived:
-        commands.append(smoother.step(end))
-    return np.array([start, *(command.value for command in commands)]), max(command.residual for command in commands)
+def _window(acceleration: Array, jerk: Array, dt: float, tolerance: float) -> tuple[int, Array]:
+    """Ticks to average over, an odd number, and the accelerations (n,) for which that keeps `jerk` and `tolerance`."""
+    longest = float(np.max(np.minimum(2.0 * acceleration / jerk, np.cbrt(48.0 * tolerance / jerk))))
+    window = 2 * math.ceil(max(longest / dt - 1.0, 0.0) / 2.0) + 1
+    span = window * dt
+    return window, np.minimum.reduce([acceleration, jerk * span / 2.0, np.full_like(jerk, 24.0 * tolerance / span**2)])

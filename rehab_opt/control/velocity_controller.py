@@ -158,6 +158,10 @@ class VelocityController(OneThread, ABC):
         """The velocity, where it leads by the next tick, and room for what that tick is told of led joints."""
         return ca.vertcat(velocity, q + velocity * self.dt, ca.SX.zeros(self.guidance_size))
 
+    def memory_after(self, q: ca.SX, last: ca.SX, velocity: ca.SX) -> ca.SX:
+        """What a tick of the safe command remembers at q, after the last velocity."""
+        return self.remember(q, velocity)
+
     def braking(self) -> ca.Function:
         """q, memory -> what is remembered of the safe command, and its report."""
         q, memory = ca.SX.sym("q", self.chain.n), ca.SX.sym("memory", self.stated.memory.numel())
@@ -165,7 +169,8 @@ class VelocityController(OneThread, ABC):
         bounds = self.bounds(q, memory)
         rest = nearest_to_rest(bounds)
         report = self.report(last, rest, ca.SX(0), ca.SX(1), bounds.outside)  # nothing of the task is delivered
-        return ca.Function("braking", [q, memory], [ca.densify(self.remember(q, rest)), report], {"cse": True})
+        outputs = [ca.densify(self.memory_after(q, last, rest)), report]
+        return ca.Function("braking", [q, memory], outputs, {"cse": True})
 
     def fallback_command(self) -> Command | None:
         """What may be sent where every solver failed and the parameters are sound; the safe command if None."""

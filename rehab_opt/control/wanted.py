@@ -33,6 +33,11 @@ CALMING = 0.1
 reach, and by its limits', which is not known here. Where that is not counted, joints near a stretched elbow or at a
 curved limit swing past the least and back for good. Damping by a metre for what is left of a metre's error, at the rate
 of feedback (20 /s in ticks of 20 ms), counts it; `PASSES` undo two thirds."""
+MOMENTUM = 0.8
+"""Share of the last velocity that `CALMING` is about, as of Polyak's heavy ball (1964). About rest, what hardly changes
+the error, as a turn of a wrist that counts little, would creep for tens of seconds; so it goes on 1 / (1 - `MOMENTUM`)
+times as fast, in ticks of any length. Nor does it swing more: with a share s of the last velocity kept, a tick's motion
+may be up to 2 (1 + s) times the way to the least until it does, not 2 times."""
 
 Excess = Callable[[ca.SX, ca.SX, ca.SX, ca.SX], ca.SX | None]
 
@@ -100,9 +105,10 @@ class WantedVelocity(NamedTuple):
         first = ca.Function("first", [parameters, memory, near], dense, {"cse": True})
 
         p, last = ca.MX.sym("p", parameters.numel()), ca.MX.sym("memory", memory.numel())
-        told, within, rows, more, motion, limits, needed = first.call([p, last, looked(p, last)])
-        motion = ca.Function.if_else("hold", *self.hold(movable)).call([needed, told, motion, limits, rows])[0]
         n = self.jacobian.size2()
+        told, within, rows, more, motion, limits, needed = first.call([p, last, looked(p, last)])
+        held = [needed, told, motion, ca.vertcat(limits, last[:n]), rows]
+        motion = ca.Function.if_else("hold", *self.hold(movable)).call(held)[0]
         if not self.rows.size1():
             motion = self._bent(movable, bend)(p[:n], last[:n], told, motion, limits)
         if (slowed := self._slowed(excess)) is not None:
@@ -133,7 +139,7 @@ class WantedVelocity(NamedTuple):
         return ca.Function("slowed", [q, last, task, motion], [motion / ca.fmax(factor, 1)], {"cse": True})
 
     def hold(self, movable: ca.DM) -> tuple[ca.Function, ca.Function]:
-        """Task, wanted motion, stopping speeds and drift, rows -> wanted motion within both; and as it was."""
+        """Task, wanted motion, stopping speeds, drift and last velocity, rows -> motion within both; and as it was."""
         k, n = self.jacobian.shape
         m = self.rows.size1()
         flat, twist, velocity = ca.SX.sym("jacobian", k * n), ca.SX.sym("twist", k), ca.SX.sym("velocity", n)
@@ -142,9 +148,9 @@ class WantedVelocity(NamedTuple):
         hessian = jacobian.T @ jacobian + DAMPING * ca.SX.eye(n)
         gradient = -(jacobian.T @ twist) - DAMPING * velocity
         model = ca.Function("model", inputs, [ca.densify(hessian), ca.densify(gradient)], {"cse": True})
-        task, motion, limits = ca.MX.sym("task", k * n + k), ca.MX.sym("motion", n + k), ca.MX.sym("limits", 3 * n)
+        task, motion, limits = ca.MX.sym("task", k * n + k), ca.MX.sym("motion", n + k), ca.MX.sym("limits", 4 * n)
         rows = ca.MX.sym("rows", m * n + m)
-        low, high, answer = ca.vertsplit(limits, n)
+        low, high, answer, _ = ca.vertsplit(limits, n)
         low, high = (ca.MX(ca.DM(~self.locked)) * each for each in (low, high))
         arguments = [task, motion, limits, rows]
         if m:
@@ -172,8 +178,8 @@ class WantedVelocity(NamedTuple):
         """As `otherwise`, in closed form where the first row alone is active, which is the usual case."""
         k, n = self.jacobian.shape
         m = self.rows.size1()
-        motion, limits, rows = ca.SX.sym("motion", n + k), ca.SX.sym("limits", 3 * n), ca.SX.sym("rows", m * n + m)
-        task, x = ca.vertcat(flat, twist), limits[2 * n :]
+        motion, limits, rows = ca.SX.sym("motion", n + k), ca.SX.sym("limits", 4 * n), ca.SX.sym("rows", m * n + m)
+        task, x = ca.vertcat(flat, twist), limits[2 * n : 3 * n]
         low, high = (ca.DM(~self.locked) * each for each in (limits[:n], limits[n : 2 * n]))
         matrix, most = ca.reshape(rows[: m * n], m, n), rows[m * n :]
         normal = matrix[0, :].T
@@ -210,9 +216,9 @@ class WantedVelocity(NamedTuple):
         task, motion, limits, rows, more = (
             ca.MX.sym("given", size) for size in (*(held.size1_in(i) for i in range(4)), 1)
         )
-        low, high, answer = ca.vertsplit(limits, n)
+        low, high, drift, last = ca.vertsplit(limits, n)
         low, high = (ca.MX(ca.DM(~self.locked)) * each for each in (low, high))
-        residual = ca.MX(0)
+        answer, residual = drift + MOMENTUM * (last - drift), ca.MX(0)
         for _ in range(PASSES):
             found = solver(task, answer, low, high, rows, DAMPING + CALMING * more)
             answer, residual = found[:n], found[-1]

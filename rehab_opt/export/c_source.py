@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
+
 import casadi as ca
 
+from rehab_opt import __version__
 from rehab_opt.control.notes import NOTES
 from rehab_opt.control.reasons import REASONS
-from rehab_opt.export.c_text import comment, filled, indented
+from rehab_opt.export.c_text import comment, filled, indented, number
 from rehab_opt.export.exported import ExportedController
 from rehab_opt.export.generated import Generated, generated
 from rehab_opt.optim.fused import FUSED_SOLVERS
@@ -15,9 +18,6 @@ __all__ = ["SOLVERS", "files_of"]
 
 SOLVERS = (*FUSED_SOLVERS, "braking together")
 """What Python calls who answered, by the number that C gives; -1 is nobody."""
-
-BYTES = 8
-"""Of a number or an address."""
 
 
 def files_of(exported: ExportedController, *, problem: str) -> dict[str, str]:
@@ -30,6 +30,8 @@ def files_of(exported: ExportedController, *, problem: str) -> dict[str, str]:
     values |= {name: filled(part, values) for name, part in exported.pieces.items()}
     values["types"] += "\n\n" if values["types"] else ""
     values |= {"memory": filled(f"{exported.core}.h", values), "core": filled(f"{exported.core}.c", values)}
+    computes = (code.code, values["core"], filled(f"{exported.interface}.c", values))
+    values["model"] = hashlib.sha256("\n".join(computes).encode()).hexdigest()
     header = filled("header.h", {**values, "interface": filled(f"{exported.interface}.h", values)})
     source = filled("source.c", {**values, "interface": filled(f"{exported.interface}.c", values)})
     return {
@@ -47,7 +49,6 @@ def _values(exported: ExportedController, code: Generated, problem: str) -> dict
     """What stands for the names in the templates."""
     shape, recording = exported.shape(), exported.recording
     arguments, results, reals = max(code.arguments, 3), max(code.results, 3), max(code.reals, 1)
-    memory = BYTES * (int(shape["numbers"]) + arguments + results + reals + code.integers)
     return {
         **shape,
         "arguments": str(arguments),
@@ -88,6 +89,10 @@ def _values(exported: ExportedController, code: Generated, problem: str) -> dict
         "more": str(len(recording.more[0])),
         "more_room": str(max(1, len(recording.more[0]))),
         "differences": "\n".join(f"- {sentence}" for sentence in exported.differences),
-        "size": f"about {round(memory / 1024)} kB",
+        "size": f"about {round(exported.bytes / 1000)} kB",
+        "bytes": str(exported.bytes),
+        "version": __version__,
+        "seconds": number(exported.dt),
+        "limits": "\n".join(f" *     {comment(line)}" for line in exported.limits()),
         **exported.values,
     }

@@ -1,10 +1,10 @@
-"""Write the controllers of a problem file as C."""
+"""Write controllers as C: one that was made in Python, or those of a problem file."""
 
 from __future__ import annotations
 
 import errno
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
@@ -23,31 +23,58 @@ MARK = "Written by rehab-opt export-c"
 
 
 def export_c(
-    loaded: ProblemFile[Any],
-    folder: Path,
+    controller: object,
+    folder: str | Path,
     *,
+    run: Sequence[Mapping[str, Any]] | None = None,
+    memory: int | None = None,
     progress: Progress = lambda *_: None,
     writing: AbstractContextManager[None] | None = None,
 ) -> tuple[Path, ...]:
-    """Write every file into a scratch folder, then move them into `folder`; what was written.
+    """Write a controller as C: source, header, and a recorded run that C repeats; the files that were written.
 
-    A problem with several controllers gets a folder for each, named after it. Files of other names stay; those of
-    these names are replaced where they are an earlier export's.
+    The header has the joints' names and limits, `dt`, the version of this library, and a hash of all that is computed.
+    Every file is written into a scratch folder, then moved. A pair, and a problem with several controllers, get a
+    folder for each, named after it. Files of other names stay; those of these names are replaced where they are an
+    earlier export's.
 
     Parameters
     ----------
+    controller : `PoseTracker`, with its own `limits` too, `MirrorTracker`, `RedundancyResolver`, `Assistance`,
+        `PathAssistance`, `Bilateral`, or a loaded problem file. It is reset, before and after. Its solver has to be
+        qrqp, as it is by default; a backup is left out.
+    folder : where to; made where it is absent.
+    run : ticks that C repeats, with faults among them, each the arguments of `step` by name; default a random run, of
+        a problem file its own.
+    memory : [bytes] that the struct in C may take at most. Of a `MirrorTracker` what is left of it holds samples of
+        the reference that wait, default 64 kB together; others take what they take.
     writing : held while files are written, when everything is computed.
 
     Raises
     ------
-    ProblemFileError : the file's controller cannot be exported.
-    ConfigurationError : as for `written_files`.
+    ConfigurationError : a controller that cannot become C, or takes more memory; a file in the folder that is no
+        earlier export's.
+    ProblemFileError : a problem file without a controller that can become C.
     OSError : the folder cannot be made or written to.
     """
-    controllers = exported_controllers(loaded, progress=progress)
-    places = [folder] if len(controllers) == 1 else [folder / controller.name for controller in controllers]
+    if memory is not None and not (type(memory) is int and memory > 0):
+        raise ConfigurationError("memory", memory, "a number of bytes above zero")
+    if isinstance(controller, ProblemFile):
+        if run is not None:
+            raise ConfigurationError("run", f"{len(run)} ticks", "None: a problem file has a run of its own")
+        controllers, name = exported_controllers(controller, memory=memory, progress=progress), controller.name
+    else:
+        from rehab_opt.export.of_objects import exported_object  # noqa: PLC0415  (loads every controller)
+
+        controllers = exported_object(controller, run=run, memory=memory, progress=progress)
+        name = f"a {type(controller).__name__} of Python"
+    for each in controllers:
+        if memory is not None and each.bytes > memory:
+            raise ConfigurationError("memory", memory, f"at least {each.bytes} bytes, which {each.name} takes")
+    target = Path(folder)
+    places = [target] if len(controllers) == 1 else [target / each.name for each in controllers]
     with writing if writing is not None else nullcontext():
-        return written_files(dict(zip(places, controllers, strict=True)), folder, problem=loaded.name)
+        return written_files(dict(zip(places, controllers, strict=True)), target, problem=name)
 
 
 def written_files(places: Mapping[Path, ExportedController], folder: Path, *, problem: str) -> tuple[Path, ...]:

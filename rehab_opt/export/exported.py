@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from rehab_opt.control.pose_tracker import PoseTracker
 from rehab_opt.control.reasons import REASONS, reason_number
 from rehab_opt.control.velocity_controller import VelocityController
 from rehab_opt.control.watchdog import watched
@@ -26,6 +27,10 @@ __all__ = ["ExportedController", "ExportedVelocity", "Law"]
 
 MOST_VALUES = 12
 """Of a command: `REHAB_MOST_VALUES`."""
+BYTES = 8
+"""Of a number or an address."""
+SPARE = 100
+"""Numbers that a struct has besides those that are counted; with them it is not larger than said."""
 VERDICT = 3
 """Numbers of a verdict before its report."""
 
@@ -130,6 +135,23 @@ class ExportedController(ABC):
 
     @property
     @abstractmethod
+    def dt(self) -> float:
+        """[s] of a tick."""
+
+    @abstractmethod
+    def limits(self) -> list[str]:
+        """What it keeps to, line by line."""
+
+    @property
+    def bytes(self) -> int:
+        """Of its struct, to within a kilobyte and not less."""
+        functions = self.functions()
+        work = (max(3, *(each.sz_arg() for each in functions)), max(3, *(each.sz_res() for each in functions)))
+        numbers = max(each.sz_iw() for each in functions) + max(1, *(each.sz_w() for each in functions))
+        return BYTES * (int(self.shape()["numbers"]) + sum(work) + numbers + SPARE)
+
+    @property
+    @abstractmethod
     def iterations(self) -> int:
         """Cap on the active-set changes of a solve."""
 
@@ -166,6 +188,26 @@ class ExportedVelocity(ExportedController):
                 raise ConfigurationError("chain", law.controller.chain.n, f"at most {MOST_VALUES} joints, as C has")
             if law.controller.feedback is not None:
                 raise ConfigurationError("feedback", law.controller.feedback, "None: C acts on measured positions")
+
+    @property
+    def dt(self) -> float:
+        """[s] of a tick."""
+        return self.laws[0].controller.dt
+
+    def limits(self) -> list[str]:
+        """Of each joint its largest and smallest position, speed and acceleration; of the hand its speeds."""
+        first = self.laws[0].controller
+        chain = first.chain
+        table: list[tuple[str, ...]] = [("joint", "lower", "upper", "velocity", "acceleration")]
+        for i, (name, row) in enumerate(zip(chain.names, chain.rows, strict=True)):
+            unit = "m" if row.prismatic else "rad"
+            given = (chain.lower[i], chain.upper[i], chain.velocity[i], chain.acceleration[i])
+            table.append((f"{name} [{unit}]", *(f"{value:.9g}" for value in given)))
+        width = max(len(line[0]) for line in table)
+        lines = [f"{line[0]:<{width}}" + "".join(f" {each:>13}" for each in line[1:]) for line in table]
+        if isinstance(first, PoseTracker):
+            lines.append(f"hand: at most {first.linear_speed:.9g} m/s and {first.angular_speed:.9g} rad/s")
+        return lines
 
     @property
     def iterations(self) -> int:

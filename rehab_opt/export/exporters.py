@@ -16,11 +16,13 @@ from rehab_opt.session.outcome import Progress
 
 __all__ = ["EXPORTERS", "Exporter", "exported_controllers"]
 
-Exporter = Callable[[ProblemFile[Any], Progress], Sequence[ExportedController]]
-"""A problem file -> its controllers, recorded."""
+Exporter = Callable[[ProblemFile[Any], Progress, int | None], Sequence[ExportedController]]
+"""A problem file, and the memory [bytes] that a struct may have -> its controllers, recorded."""
 
 
-def exported_controllers(loaded: ProblemFile[Any], *, progress: Progress) -> Sequence[ExportedController]:
+def exported_controllers(
+    loaded: ProblemFile[Any], *, memory: int | None = None, progress: Progress
+) -> Sequence[ExportedController]:
     """The controllers of a problem file, each with the run that it has to repeat.
 
     Raises
@@ -31,31 +33,32 @@ def exported_controllers(loaded: ProblemFile[Any], *, progress: Progress) -> Seq
     if system not in EXPORTERS:
         expected = f"a system whose controller can be exported: {', '.join(EXPORTERS)}"
         raise ProblemFileError(loaded.file, "system", system, expected)
-    return EXPORTERS[system](loaded, progress)
+    return EXPORTERS[system](loaded, progress, memory)
 
 
-def _pose_tracking(loaded: ProblemFile[Any], progress: Progress) -> Sequence[ExportedController]:
+def _pose_tracking(loaded: ProblemFile[Any], progress: Progress, _: int | None) -> Sequence[ExportedController]:
     from rehab_opt.export.controllers.pose_tracker import exported_pose_tracker  # noqa: PLC0415  (loads solvers)
 
     return (exported_pose_tracker(loaded, progress=progress),)
 
 
-def _ardis(loaded: ProblemFile[Any], progress: Progress) -> Sequence[ExportedController]:
+def _ardis(loaded: ProblemFile[Any], progress: Progress, _: int | None) -> Sequence[ExportedController]:
     from rehab_opt.export.controllers.redundancy import exported_resolvers  # noqa: PLC0415
 
     return exported_resolvers(loaded, progress=progress)
 
 
-def _scenario(loaded: ProblemFile[Any], progress: Progress) -> Sequence[ExportedController]:
+def _scenario(loaded: ProblemFile[Any], progress: Progress, _: int | None) -> Sequence[ExportedController]:
     from rehab_opt.export.controllers.scenario import exported_scenario  # noqa: PLC0415
 
     return exported_scenario(loaded, progress=progress)
 
 
-def _mirror(loaded: ProblemFile[Any], progress: Progress) -> Sequence[ExportedController]:
-    from rehab_opt.export.controllers.mirror import exported_mirror_problem  # noqa: PLC0415
+def _mirror(loaded: ProblemFile[Any], progress: Progress, memory: int | None) -> Sequence[ExportedController]:
+    from rehab_opt.export.controllers.mirror import MEMORY, exported_mirror_problem  # noqa: PLC0415
 
-    return (exported_mirror_problem(loaded, progress=progress),)
+    given = MEMORY if memory is None else memory
+    return (exported_mirror_problem(loaded, memory=given, progress=progress),)
 
 
 EXPORTERS: Mapping[str, Exporter] = MappingProxyType(

@@ -45,7 +45,7 @@ class Demonstration:
 
     def __post_init__(self) -> None:
         """Check, and complete the velocities."""
-        (positions,) = checked_paths(np.asarray(self.positions), "positions")
+        (positions,) = checked_paths([self.positions], "positions")
         if len(positions) < 3:
             raise ConfigurationError("positions", f"{len(positions)} samples", "at least three")
         object.__setattr__(self, "positions", positions)
@@ -78,7 +78,10 @@ def _velocities(positions: Array, seconds: Array) -> Array:
 
 
 def _column(argument: str, values: ArrayLike, positions: Array) -> Array:
-    array = np.array(values, dtype=np.float64)
+    try:
+        array = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError) as problem:
+        raise ConfigurationError(argument, values, f"finite numbers of shape {positions.shape}") from problem
     if array.shape != positions.shape or not np.all(np.isfinite(array)):
         raise ConfigurationError(argument, array.shape, f"finite numbers of shape {positions.shape}")
     return array

@@ -87,7 +87,7 @@ def checked_paths(path: ArrayLike | Sequence[ArrayLike], argument: str = "path")
     ConfigurationError : no points, another shape, numbers that are not finite or not metres.
     """
     several = (isinstance(path, np.ndarray) and path.ndim == 3) or (
-        isinstance(path, Sequence) and len(path) > 0 and np.ndim(path[0]) == 2
+        isinstance(path, Sequence) and len(path) > 0 and _has_rows(path[0])
     )
     given: list[Any] = list(path) if several else [path]  # type: ignore[arg-type]
     paths = []
@@ -104,6 +104,13 @@ def checked_paths(path: ArrayLike | Sequence[ArrayLike], argument: str = "path")
             raise ConfigurationError(name, float(worst), f"finite coordinates within {PLAUSIBLE:g} m")
         paths.append(points)
     return tuple(paths)
+
+
+def _has_rows(path: ArrayLike) -> bool:
+    try:
+        return np.ndim(path) == 2
+    except ValueError:  # rows of unequal lengths
+        return False
 
 
 def arc_length(points: Array) -> Array:

@@ -44,6 +44,8 @@ class SerialChain:
     base, tool : (4, 4) pose of row 1's frame in the base frame, and of the tool in the last row's frame.
     capsules : the links' bodies, for whatever keeps the robot clear of something; none by default.
     bodies : the links' masses, where they are known; nothing here uses them.
+    effort : (n,) largest torque or force of each drive [N m or N], infinite where it is not known; nothing here uses
+        it.
     notes : what a reader has to know about where the numbers come from; a rotation that was rounded, say.
 
     Raises
@@ -62,6 +64,7 @@ class SerialChain:
     tool: Array = field(default_factory=lambda: np.eye(4), kw_only=True)
     capsules: tuple[LinkCapsule, ...] = field(default=(), kw_only=True)
     bodies: tuple[Body, ...] = field(default=(), kw_only=True)
+    effort: Array = field(default_factory=lambda: np.array(math.inf), kw_only=True)
     notes: tuple[str, ...] = field(default=(), kw_only=True)
 
     def __post_init__(self) -> None:
@@ -84,6 +87,9 @@ class SerialChain:
         acceleration = per_joint("acceleration", self.acceleration, n)
         if not np.all(acceleration > 0):
             raise ConfigurationError("acceleration", self.acceleration, "positive numbers (infinite for no bound)")
+        effort = per_joint("effort", self.effort, n)
+        if not np.all(effort > 0):
+            raise ConfigurationError("effort", self.effort, "positive numbers (infinite for none that is known)")
         base, base_note = nearest_rigid("base", self.base)
         tool, tool_note = nearest_rigid("tool", self.tool)
         checked = {
@@ -97,6 +103,7 @@ class SerialChain:
             "tool": tool,
             "capsules": checked_capsules(self.capsules, n + 2),
             "bodies": tuple(self.bodies),
+            "effort": effort,
             "notes": (*self.notes, *(note for note in (base_note, tool_note) if note)),
         }
         for name, value in checked.items():
@@ -122,7 +129,7 @@ class SerialChain:
 
         Frame i of `frames_expression` lies in the origin of joint i + 1, the last but one in that of the tip link;
         their z axes are those of the joints. Angles are taken as they are written: a rounded 3.1416 stays one. Meshes
-        are not opened, efforts and soft limits not read. `notes` says what was corrected; `bodies` holds the masses of
+        are not opened, soft limits not read. `notes` says what was corrected; `bodies` holds the masses of
         the links on the way.
 
         Parameters

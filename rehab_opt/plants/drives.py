@@ -94,6 +94,11 @@ class PositionServo:
     def __init__(self, bandwidth: float = 24.0) -> None:
         self._rate = 2 * math.pi * _hertz(bandwidth) / 0.6436
 
+    @property
+    def lag(self) -> float:
+        """[s] by which it trails a position that moves steadily."""
+        return 2 / self._rate
+
     def start(self, position: Array, inertia: Array, limit: Array, step: float) -> Array:
         """Commanded to stay."""
         self._inertia, self._limit = inertia, limit

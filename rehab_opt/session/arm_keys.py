@@ -204,7 +204,7 @@ class ArmSection(Section):
     handle_tilt_deg: float = Field(default=2.0, gt=0, le=90)
     """Largest angle between handle and vertical."""
     joint_speed_deg_s: float | None = Field(default=None, gt=0, le=3600)
-    """Largest speed of every joint, which caps that of the smoother; by default `human_arm`'s (172), an assumption: the
+    """Largest speed of every joint, which caps that of a drive; by default `human_arm`'s (172), an assumption: the
     paper gives none."""
     joint_acceleration_deg_s2: float | None = Field(default=None, gt=0, le=1e6)
     """Largest acceleration of every joint, likewise; by default `human_arm`'s (1719)."""

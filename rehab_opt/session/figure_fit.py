@@ -106,8 +106,10 @@ def _titles(axes: Axes) -> list[Text]:
 
 
 def _is_formula(text: str) -> bool:
+    parser = MathTextParser("agg")
     try:
-        MathTextParser("agg").parse(text)
+        for line in text.split("\n"):  # as it is drawn
+            parser.parse(line)
     except ValueError:
         return False
     return True

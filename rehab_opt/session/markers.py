@@ -47,12 +47,14 @@ def read_trc(path: Path, *, name: str, marker: str | None) -> Recording:
         raise ProblemFileError(name, "recording.marker", marker, f"one of {shown(', '.join(markers), 120)}")
     place = header.index(marker)
     rows = []
+    whole = 2 + 3 * len(markers)
     for number, text in enumerate(lines[FIRST_ROW - 1 :], start=FIRST_ROW):
         row = [cell.strip() for cell in text.split(separator)]
         if not any(row):
             continue
-        if len(row) < place + 3:
-            raise ProblemFileError(name, f"line {number}", f"{len(row)} cells", f"at least {place + 3}")
+        if len(row) < whole or any(row[whole:]):  # one cell less, and every marker behind it is another's
+            expected = f"{whole}: frame, time, and x, y, z of {len(markers)} markers"
+            raise ProblemFileError(name, f"line {number}", f"{len(row)} cells", expected)
         time = finite_number(row[1], name=name, line=number, column="Time", most=LATEST)
         cells = row[place : place + 3]
         rows.append([time, *_position(cells, name=name, line=number, marker=marker, most=FARTHEST / unit)])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.kinematics.chain import SerialChain
 
-__all__ = ["error_metrics", "joint_metrics", "lag", "path_shares", "reason_counts", "status_counts", "time_metrics"]
+__all__ = ["error_metrics", "joint_metrics", "path_shares", "reason_counts", "status_counts", "time_metrics"]
 
 Array = NDArray[np.float64]
 
@@ -79,18 +79,6 @@ def status_counts(statuses: Iterable[str]) -> dict[str, int]:
 def reason_counts(reasons: Iterable[str]) -> dict[str, int]:
     """How often each reason occurs, whatever it measures; the most frequent first. No reason is not counted."""
     return status_counts(MEASURED.sub("", reason) for reason in reasons if reason)
-
-
-def lag(target: Array, answer: Array, dt: float, longest: float = 0.5) -> float:
-    """Delay [s] of `answer` behind `target`, both (N, n) sampled every `dt`: the shift that fits best.
-
-    Shifts from 0 to `longest` [s] are compared by their mean squared difference; the resolution is `dt`.
-    """
-    shifts = range(min(int(longest / dt), len(target) - 1) + 1)
-    misfits: Sequence[float] = [
-        float(np.mean((answer[shift:] - target[: len(target) - shift]) ** 2)) for shift in shifts
-    ]
-    return float(np.argmin(misfits)) * dt
 
 
 def finite(number: float) -> float | None:

@@ -15,6 +15,9 @@ SMALLEST = 2e-3
 FASTEST, SLOWEST = 10.0, 1e-3
 """[m/s] No hand is faster (a thrown ball leaves it at 40); one that is slower throughout hardly moves."""
 
+UNEVEN, EVEN = 1.1, 1e-2
+"""Of steps from sample to sample: the largest over the smallest, and how much they differ, over their mean."""
+
 
 def size_note(recording: Recording) -> str:
     """Samples, duration, extent and speed in one sentence."""
@@ -31,9 +34,15 @@ def size_note(recording: Recording) -> str:
 
 
 def strange_sizes(recording: Recording) -> Iterator[str]:
-    """Notes on a movement so small, fast or slow that its lengths or times are likely in another unit than it says."""
+    """Notes on a movement so small, fast or slow that its lengths or times are likely in another unit than it says, or
+    whose times are likely in another column.
+    """
     if not recording.points.shape[1]:
         return
+    steps = np.diff(recording.time)
+    for axis, along in zip("xyz", np.diff(recording.points, axis=0).T, strict=False):
+        if steps.max() > UNEVEN * steps.min() and along.mean() > 0 and np.ptp(along) < EVEN * along.mean():
+            yield f"{axis} grows by the same in each sample, and time does not: is one taken for the other?"
     extent, usual = float(np.ptp(recording.points, axis=0).max()), float(np.percentile(_speeds(recording), 90))
     if 0 < extent < SMALLEST:
         yield (

@@ -13,17 +13,19 @@ from numpy.typing import NDArray
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.session.c3d import read_c3d
 from rehab_opt.session.markers import read_trc
+from rehab_opt.session.motion_bids import read_motion
 from rehab_opt.session.opensim import read_opensim
 from rehab_opt.session.pen_trace import read_svc
 from rehab_opt.session.recording import Recording
 from rehab_opt.session.recording_size import strange_sizes
 from rehab_opt.session.tables import read_csv
+from rehab_opt.session.xdf import read_xdf
 
 __all__ = ["FORMATS", "read_recording", "resampled"]
 
 Array = NDArray[np.float64]
 
-FORMATS = (".csv", ".svc", ".mot", ".sto", ".trc", ".c3d")
+FORMATS = (".csv", ".svc", ".mot", ".sto", ".trc", ".c3d", ".tsv", ".xdf")
 MOST_SAMPLES = 200_000  # a longer path is far more likely a wrong time unit than a session
 
 
@@ -43,10 +45,11 @@ def read_recording(
 
     Parameters
     ----------
-    path : a `.csv` with a header, a `.svc` pen trace, a `.mot`, `.sto`, `.trc` or `.c3d` motion-capture file.
+    path : a `.csv` with a header, a `.svc` pen trace, a `.mot`, `.sto`, `.trc`, `.c3d` or `_motion.tsv` motion
+        capture, an `.xdf`.
     name : what to call the file in errors and notes; its path by default.
-    columns : two or three columns that hold x, y (and z), of a `.csv`, `.mot` or `.sto`.
-    marker : which marker of a `.trc` or `.c3d` is the hand.
+    columns : two or three columns that hold x, y (and z), of a `.csv`, `.mot`, `.sto` or `.xdf`.
+    marker : which marker of a `.trc` or `.c3d`, or tracked point of a `_motion.tsv`, is the hand.
     separator, decimal : of a `.csv`: "comma", "semicolon" or "tab"; "point" or "comma".
     count_mm, tick_ms : [mm], [ms] what a raw count of a `.svc`, or of a `.csv` without units, is.
     speed : of the recorded pace: 0.5 takes twice as long.
@@ -68,6 +71,8 @@ def read_recording(
         ".svc": lambda: read_svc(path, name=name, count_mm=count_mm, tick_ms=tick_ms),
         ".trc": lambda: read_trc(path, name=name, marker=marker),
         ".c3d": lambda: read_c3d(path, name=name, marker=marker),
+        ".xdf": lambda: read_xdf(path, name=name, columns=columns),
+        ".tsv": lambda: read_motion(path, name=name, marker=marker),
     }
     suffix = path.suffix.lower()
     if suffix not in readers:

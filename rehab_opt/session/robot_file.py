@@ -103,8 +103,7 @@ class RobotFile(Section):
     tool_deg: Turns = Field(default=[0.0, 0.0, 0.0])
     """Turned about the tip's x, then y, then z."""
     payload_kg: float = Field(default=0.0, ge=0, le=1000)
-    """A mass at the tool's origin. It is kept with the links' masses; pose tracking and mirror move by velocities, and
-    use none."""
+    """A mass at the tool's origin. It is kept with the links' masses, which are those of the plant `mujoco`."""
     joints: dict[str, JointSection] = Field(default={}, max_length=100)
     """By joint name, what is other than the file says, and what it does not say."""
     capsules: list[CapsuleSection] = Field(default=[], max_length=50)
@@ -142,7 +141,7 @@ def robot_text(loaded: ProblemFile[Problem], reference: str) -> str:
     parts = [
         arm.names, *((row.prismatic, np.array(row.after).tolist()) for row in arm.rows),
         *(array.tolist() for array in (arm.base, arm.tool, arm.lower, arm.upper, arm.velocity, arm.acceleration)),
-        arm.capsules, bodies,
+        arm.effort.tolist(), arm.capsules, bodies,
     ]  # fmt: skip
     return repr(parts)
 

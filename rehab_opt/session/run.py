@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.session.files import ProblemFile
+from rehab_opt.session.live.problem import LiveProblem
 from rehab_opt.session.outcome import Outcome, Progress
 from rehab_opt.session.schema import Problem
-from rehab_opt.session.systems import SHIPPED, system_named
+from rehab_opt.session.systems import SHIPPED, System, system_named
 
-__all__ = ["arms_of", "checked", "run_problem"]
+__all__ = ["arms_of", "checked", "live_problem", "run_problem"]
 
 
 def run_problem(
@@ -28,6 +32,31 @@ def run_problem(
     ProblemFileError : a recording or a value of the file cannot be used.
     ConfigurationError : an option that the system does not know, or a value that it cannot use.
     """
+    system, given = _with_options(loaded, options)
+    outcome: Outcome = system.run(loaded, options=given, progress=progress)
+    return outcome
+
+
+def live_problem(loaded: ProblemFile[Problem], **options: str | None) -> LiveProblem:
+    """A problem to be run in real time, for `rehab-opt live`; `options` as of `run_problem`.
+
+    Raises
+    ------
+    ProblemFileError : a recording or a value of the file cannot be used.
+    ConfigurationError : no problem of its kind runs live; an option that the system does not know or cannot use.
+    """
+    system, given = _with_options(loaded, options)
+    if type(system).live is System.live:
+        able = " and ".join(repr(each) for each in SHIPPED if type(system_named(each)).live is not System.live)
+        expected = f"a problem that runs live, as those of system {able} do, not {loaded.problem.system!r}"
+        raise ConfigurationError("FILE", loaded.name, expected)
+    made: LiveProblem = system.live(loaded, options=given)
+    return made
+
+
+def _with_options(
+    loaded: ProblemFile[Problem], options: Mapping[str, str | None]
+) -> tuple[System[Any, Any], dict[str, str]]:
     name = loaded.problem.system
     system = system_named(name)
     given = {option: value for option, value in options.items() if value is not None}
@@ -39,8 +68,7 @@ def run_problem(
         if option not in system.options:
             known = ", ".join(f"--{each}" for each in sorted(system.options)) or "none"
             raise ConfigurationError(f"--{option}", value, f"no such option: those of system {name!r} are {known}")
-    outcome: Outcome = system.run(loaded, options=given, progress=progress)
-    return outcome
+    return system, given
 
 
 def checked(loaded: ProblemFile[Problem]) -> tuple[str, ...]:

@@ -99,15 +99,16 @@ class RecordingSection(Section):
     """Which movement, and whose hand made it."""
 
     file: str = Field(min_length=1)
-    """A `.csv`, `.svc`, `.mot`, `.sto`, `.trc` or `.c3d`, relative to the problem file, or `data:folder/file`."""
+    """A `.csv`, `.svc`, `.mot`, `.sto`, `.trc`, `.c3d`, `.xdf` or `_motion.tsv`, relative to the problem file,
+    or `data:folder/file`."""
     hand: Side
     """Whose hand was recorded."""
     mirror: bool = False
     """Must be true if that is not the arm's side, and must not be if it is."""
     marker: str | None = None
-    """The hand's marker, in a `.trc` or `.c3d`."""
+    """The hand's marker, in a `.trc`, `.c3d` or `_motion.tsv`."""
     columns: Annotated[list[str], Field(min_length=2, max_length=3)] | None = None
-    """The columns of x, y (and z), in a `.csv`, `.mot` or `.sto`."""
+    """The columns of x, y (and z), in a `.csv`, `.mot`, `.sto` or `.xdf`."""
     separator: Literal["comma", "semicolon", "tab"] = "comma"
     """Between the cells of a `.csv`."""
     decimal: Literal["point", "comma"] = "point"
@@ -124,8 +125,8 @@ class RecordingSection(Section):
         """Refuse a marker or columns that the file's format has none of, and one column in two places."""
         suffix = PurePath(self.file).suffix.lower()
         allowed = {
-            "marker": ((".trc", ".c3d"), "markers"),
-            "columns": ((".csv", ".mot", ".sto"), "named columns"),
+            "marker": ((".trc", ".c3d", ".tsv"), "markers"),
+            "columns": ((".csv", ".mot", ".sto", ".xdf"), "named columns"),
             "separator": ((".csv",), "a separator of one's choice"),
             "decimal": ((".csv",), "decimals of one's choice"),
             "count_mm": ((".svc", ".csv"), "raw counts"),

@@ -21,7 +21,7 @@ from rehab_opt.session.data_folder import PREFIX, data_file
 from rehab_opt.session.recording import Recording
 from rehab_opt.session.recordings import read_recording
 
-__all__ = ["HEADER", "Row", "Scored", "score_recordings", "trials_between_pauses", "write_rows"]
+__all__ = ["HEADER", "Row", "Scored", "score_recordings", "scored_path", "trials_between_pauses", "write_rows"]
 
 Array = NDArray[np.float64]
 
@@ -41,10 +41,11 @@ class Row(NamedTuple):
 
 
 class Scored(NamedTuple):
-    """What was measured, and what a reader of it has to know."""
+    """What was measured, and what a reader of it has to know; each trial with its recording and its number in it."""
 
     rows: tuple[Row, ...]
     notes: tuple[str, ...]
+    trials: tuple[tuple[str, int, Score], ...]
 
 
 def score_recordings(
@@ -75,10 +76,9 @@ def score_recordings(
     """
     rows: list[Row] = []
     notes: list[str] = []
-    movements: list[Array] = []
+    measured: list[tuple[str, int, Score]] = []
     for file in files:
-        path = data_file(file, problem=file, key="file") if file.startswith(PREFIX) else Path(file)
-        recording = read_recording(path, name=file, **reading)
+        recording = read_recording(scored_path(file), name=file, **reading)
         if recording.points.shape[1] < 2:
             raise ProblemFileError(file, "columns", None, "the columns that hold the hand's x and y (--columns)")
         if target is not None and len(target) != recording.points.shape[1]:
@@ -88,12 +88,17 @@ def score_recordings(
         trials = [recording] if pause is None else trials_between_pauses(recording, pause=pause, threshold=threshold)
         for number, trial in enumerate(trials, start=1):
             scored = _scored(trial, number, target=target, cutoff_hz=cutoff_hz, threshold=threshold)
-            movements.append(scored.movement)
+            measured.append((file, number, scored))
             rows += (Row(file, str(number), *measure) for measure in scored.measures)
             notes += (f"{file}, trial {number}: {note}" for note in scored.notes)
     if repeats:
-        rows += (Row(ALL, ALL, *measure) for measure in _variability(movements))
-    return Scored(tuple(rows), tuple(notes))
+        rows += (Row(ALL, ALL, *measure) for measure in _variability([scored.movement for _, _, scored in measured]))
+    return Scored(tuple(rows), tuple(notes), tuple(measured))
+
+
+def scored_path(file: str) -> Path:
+    """Where a recording lies that is named by its path, or as `data:folder/file`; raises as `data_file`."""
+    return data_file(file, problem=file, key="file") if file.startswith(PREFIX) else Path(file)
 
 
 def trials_between_pauses(recording: Recording, *, pause: float, threshold: float = 0.05) -> list[Recording]:

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from rehab_opt.kinematics.chain import SerialChain
+    from rehab_opt.session.live.problem import LiveProblem
 
 __all__ = ["GROUP", "ROBOT_FILE", "SHIPPED", "Column", "Needed", "ProblemFile", "System", "system_named", "systems"]
 
@@ -118,6 +119,16 @@ class System(Generic[P, O]):
 
     def run(self, loaded: ProblemFile[P], *, options: Mapping[str, str], progress: Progress) -> O:
         """The problem from its file to its numbers; nothing is written.
+
+        Raises
+        ------
+        ProblemFileError : as `check`.
+        ConfigurationError : an option's value cannot be used.
+        """
+        raise NotImplementedError
+
+    def live(self, loaded: ProblemFile[P], *, options: Mapping[str, str]) -> LiveProblem:
+        """The problem to be run in real time; problems of most kinds are not. Ask `live_problem`, which says so.
 
         Raises
         ------

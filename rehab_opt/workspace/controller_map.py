@@ -61,16 +61,6 @@ class ControllerMap:
         """Derivatives d image_i / d point_j (2, 2) at a point (2,) [m]."""
         return self.spline.jacobian(self._inside(point))
 
-    def push_force(self, point: NDArray[np.float64], force: NDArray[np.float64]) -> NDArray[np.float64]:
-        """A force (2,) [N] at the image of a point (2,) [m], as felt at the point: J' F.
-
-        Equal power on both sides within the source. Outside it is J' F of the nearest point, which is not: a hand that
-        moves away from the edge feels the force while the image stands still. Keep it inside by other means.
-        """
-        ((xx, xy), (yx, yy)), (force_x, force_y) = self.jacobian(point).tolist(), np.asarray(force).tolist()
-        # One product and one sum at a time, as in C; a matrix product may fuse them.
-        return np.array((xx * force_x + yx * force_y, xy * force_x + yy * force_y))
-
     def summed(self) -> ControllerMap:
         """The same map with `ThinPlateSpline.summed`."""
         return replace(self, spline=self.spline.summed())

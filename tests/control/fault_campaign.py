@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import tempfile
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -70,12 +71,14 @@ class Plant:
     """No position was read since the state last jumped."""
 
 
-def run(cases: int, seed: int, *, compile: Compile = None) -> Tally:
-    """Judge `cases` ticks."""
+def run(
+    cases: int, seed: int, *, compile: Compile = None, chains: Mapping[str, Callable[[], SerialChain]] = CHAINS
+) -> Tally:
+    """Judge `cases` ticks of these arms."""
     rng = np.random.default_rng(seed)
     tally = Tally()
-    plants = [_plant(name, dt, compile) for name in CHAINS for dt in TICKS]
-    plants += [_plant("ur5", 1e-3, compile, solver=solver) for solver in ("proxqp", "osqp", "daqp")]
+    plants = [_plant(name, make(), dt, compile) for name, make in chains.items() for dt in TICKS]
+    plants += [_plant("ur5", ur5(), 1e-3, compile, solver=solver) for solver in ("proxqp", "osqp", "daqp")]
     for _ in range(cases):
         plant = plants[rng.integers(len(plants))]
         if rng.random() < 0.03:
@@ -84,8 +87,7 @@ def run(cases: int, seed: int, *, compile: Compile = None) -> Tally:
     return tally
 
 
-def _plant(name: str, dt: float, compile: Compile, solver: str = "qrqp") -> Plant:
-    chain = CHAINS[name]()
+def _plant(name: str, chain: SerialChain, dt: float, compile: Compile, solver: str = "qrqp") -> Plant:
     tracker = PoseTracker(chain, dt=dt, solver=solver, compile=compile)
     return Plant(f"{name} {solver} dt={dt:g}", tracker, _middle(chain), np.zeros(chain.n))
 

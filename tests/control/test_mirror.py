@@ -196,6 +196,24 @@ def test_a_fast_reference_is_slowed_in_time_and_not_cut_in_space() -> None:
     assert errors(chain.pose(q), centre)[0] < 0.1
 
 
+def test_a_rest_of_the_reference_is_passed_at_full_haste_to_the_last_tick() -> None:
+    dt = 1e-2
+    robot, q, centre = tracker(dt=dt), START.copy(), ur5().pose(START)
+    robot.step(q, centre, np.zeros(6))
+    lags = []
+    for k in range(500):
+        moving = k < 20  # 0.1 m at twice the hand's speed, then a rest
+        pose = moved(centre, 0.005 * min(k + 1, 20), 0, 0)
+        q = q + robot.step(q, pose, np.array([0.5 * moving, 0, 0, 0, 0, 0])).value * dt
+        lags.append(robot.lag)
+    falls = -np.diff(lags)
+    assert max(lags) > 0.15
+    assert lags[-1] == 0.0
+    hasty = np.array(lags[1:]) < np.array(lags[:-1]) - 1.0001 * 0.5 * dt  # beyond what catching up alone takes
+    assert np.all(hasty[np.argmax(hasty) :] | (np.array(lags[np.argmax(hasty) + 1 :]) < 1e-12))
+    assert falls.max() <= 4.0 * dt + 1e-9
+
+
 @pytest.mark.parametrize("dt", [5e-3, 2e-2])
 def test_out_of_reach_the_hand_goes_as_near_as_it_can_and_the_clock_goes_on(dt: float) -> None:
     chain, centre = ur5(), ur5().pose(START)

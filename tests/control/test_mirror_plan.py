@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bench.measured_lag import measured_lag
 from problems.mirror import motions
 from rehab_opt import Bound, ConfigurationError, MirrorTracker, Smoother, ur5
 from rehab_opt.control import mirror_plan
 from rehab_opt.control.conditioning import Conditioned, conditioned
 from rehab_opt.control.foreseen import Foreseen
 from rehab_opt.control.hand_bounds import KeepOut
-from rehab_opt.control.measured_lag import measured_lag
 from rehab_opt.control.reference_clock import ReferenceClock
 from rehab_opt.kinematics.vr import fit_frame, poses_of, quaternions_of, robot_from_unity
 from tests.control.mirror_campaign import LARGEST, closed_form, random_path
@@ -185,6 +185,18 @@ def test_a_plan_that_ends_incomplete_ends_at_rest(monkeypatch: pytest.MonkeyPatc
     eased = np.array([not flags & Bound.ACCELERATION for flags in path.yielded[-braked:]])
     changes = np.abs(np.diff(path.velocities[-braked - 1 :], axis=0))[eased]
     assert np.all(changes <= chain.acceleration * 0.05 + 1e-9)
+
+
+def test_a_plans_paces_are_the_steps_of_its_clock_also_in_a_bridge() -> None:
+    dt, given = 2e-2, samples("pick_fruit", 2e-2)
+    poses = given.poses.copy()
+    poses[100:, :3, :3] = poses[100:, :3, :3] @ np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])  # a quarter turn at once
+    path = tracker(dt).plan(poses, given.twists, motions.START)
+    np.testing.assert_allclose(np.diff(path.clock), dt * path.paces[1:], atol=1e-12)
+    bridged = (path.clock > 99 * dt + 1e-9) & (path.clock < 100 * dt - 1e-9)
+    assert bridged.sum() * dt > 1.5  # pi/2 at 0.75 rad/s, for a recording's 0.02 s
+    assert path.paces[bridged].max() < 0.02
+    assert path.complete
 
 
 def test_a_rest_out_of_reach_makes_nobody_late() -> None:

@@ -146,10 +146,44 @@ def test_a_push_back_along_a_path_that_does_not_return_moves_nothing_on_and_is_l
     np.testing.assert_array_equal(commands[-1].value, [0.0, 0.0])
     for at in np.linspace(hand[0], 0.02, 300):
         assert helper.step([at, 0.001]).status is Status.BLOCKED
-    for at in np.linspace(0.02, 0.13, 1200):
+    for at in np.linspace(0.02, 0.14, 1300):
         command = helper.step([at, 0.001])
     assert command.status is Status.OK
-    assert settled(helper, np.array([0.13, 0.001]))[1] == pytest.approx(-2.0, abs=0.05)
+    assert settled(helper, np.array([0.14, 0.001]))[1] == pytest.approx(-2.0, abs=0.05)
+
+
+@pytest.mark.parametrize("waits", range(0, 20, 2))
+def test_a_crossing_takes_in_a_hand_on_the_first_of_its_branches_whenever_it_comes(waits: int) -> None:
+    """At whatever place the search for it has arrived."""
+    path = [[0.0, 0.0], [0.25, 0.0], [0.25, 0.08], [0.15, 0.08], [0.15, -0.2]]
+    helper = PathAssistance(path, **GIVEN, **OPTIONS | {"dt": 0.01})  # type: ignore[arg-type]
+    for at in np.linspace(0.0, 0.1, 40):
+        helper.step([at, 0.0])
+    for k in range(200):
+        helper.step([0.094 + 1e-6 * (k % 2), 0.0])
+    for y in np.linspace(0.0, 0.05, 30 + waits):
+        assert helper.step([0.094, y]).status is Status.BLOCKED
+    for x, y in np.linspace([0.094, 0.05], [0.15, 0.0], 9):
+        helper.step([x, y])
+    for k in range(50):
+        helper.step([0.15, 1e-6 * (k % 2)])
+    assert helper.progress == pytest.approx(0.15 / 0.71, abs=0.01)
+
+
+def test_a_hand_that_is_where_it_was_let_go_is_not_taken_in_by_another_branch_there() -> None:
+    path = np.array([[0.0, 0.0], [0.2, 0.0], [0.2, 0.1], [0.1, 0.1], [0.1, -0.1]])
+    helper = PathAssistance(path, **GIVEN, **OPTIONS | {"dt": 0.01})  # type: ignore[arg-type]
+    for at in np.linspace(0.0, 0.1, 40):
+        helper.step([at, 0.0])
+    for k in range(300):  # let go, back from the crossing
+        helper.step([0.094 + 1e-6 * (k % 2), 0.0])
+    reached = helper.progress
+    for at in np.linspace(0.094, 0.109, 40):
+        helper.step([at, 0.0])
+        assert helper.progress < reached + 0.02
+    for at in np.linspace(0.109, 0.13, 40):
+        helper.step([at, 0.0])
+    assert helper.progress == pytest.approx(0.13 / 0.6, abs=0.01)
 
 
 def test_a_hand_that_is_let_go_at_the_end_is_not_taken_in_again() -> None:

@@ -391,6 +391,12 @@ def test_bad_configuration_names_the_argument(option: str, value: object) -> Non
     assert option in str(caught.value)
 
 
+@pytest.mark.parametrize("chain", ["ur5", None, SerialChain])
+def test_what_is_no_arm_is_named(chain: object) -> None:
+    with pytest.raises(ConfigurationError, match=r"^chain = .* a SerialChain$"):
+        PoseTracker(chain)  # type: ignore[arg-type]
+
+
 @given(
     lower=st.floats(-2, 2), width=st.floats(0, 3), where=st.floats(-1, 2), last=st.floats(-1, 1),
     dt=st.sampled_from([1e-4, 1e-3, 2e-2, 0.1]), speed=st.floats(0.05, 4), change=st.floats(0.1, 50),

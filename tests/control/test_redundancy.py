@@ -15,6 +15,7 @@ from rehab_opt import Bound, ConfigurationError, Joystick, RedundancyResolver, S
 from rehab_opt.control.chair_and_arm import ChairAndArm
 from rehab_opt.control.joystick import STICK_MODES
 from rehab_opt.control.obstacles import Disc, HalfPlane, obstacle_numbers
+from rehab_opt.control.reaching import Reaching
 from rehab_opt.control.scanning import Scanning
 from rehab_opt.kinematics.ardis import ARDIS_READY
 from rehab_opt.kinematics.differential import Differential
@@ -645,6 +646,34 @@ def test_a_place_is_reached_within_the_arm_s_reach_and_beyond_it(drive: str, way
             break
     assert np.linalg.norm(robot.robot.chain.pose(q)[:3, 3] - target) < 1e-3
     assert not command.value.any()
+
+
+def test_a_hand_that_bounds_hold_is_asked_for_the_straight_way_from_where_it_is() -> None:
+    rng, robot = np.random.default_rng(3), ardis()
+    for _ in range(20):
+        reaching, q = Reaching(robot, dt=0.01), ARDIS_READY.copy()
+        begin = robot.chain.pose(q)[:3, 3]
+        target = begin + rng.uniform(-1, 1, 3)
+        for tick in range(200):
+            if tick == 40:  # moved aside, and held there
+                q[:2] += 0.1 * rng.choice([-1, 1], 2)
+            twist = reaching.twist(q, target, moving=True)
+            way = target - robot.chain.pose(q)[:3, 3]
+            if np.linalg.norm(twist):
+                assert twist @ way > (1 - 1e-9) * np.linalg.norm(twist) * np.linalg.norm(way)
+        assert np.linalg.norm(twist) > 0.2
+
+
+@pytest.mark.parametrize("drive", DRIVES)
+def test_where_nothing_is_in_its_way_the_hand_goes_straight(drive: str) -> None:
+    robot, q = resolver(drive=drive), ARDIS_READY.copy()
+    begin = robot.robot.chain.pose(q)[:3, 3]
+    way = np.array([0.3, 0.15, 0.05])
+    for _ in range(600):
+        q = q + robot.reach(q, begin + way).value * robot.dt
+        gone = robot.robot.chain.pose(q)[:3, 3] - begin
+        assert np.linalg.norm(np.cross(gone, way)) / np.linalg.norm(way) < 1e-3
+    assert gone == pytest.approx(way, abs=1e-3)
 
 
 def test_reaching_stops_on_a_target_that_is_no_number_and_goes_on_with_the_next() -> None:

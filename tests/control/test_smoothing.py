@@ -12,7 +12,7 @@ from rehab_opt.control.axis_bounds import axis_bounds
 from rehab_opt.control.axis_motion import AxisStop
 from rehab_opt.control.command import Bound, Status
 from rehab_opt.control.profiles import Profiles
-from rehab_opt.control.smoothing import Smoother, measured_lag, smooth_path
+from rehab_opt.control.smoother import Smoother
 from rehab_opt.errors import ConfigurationError
 
 V, A, J, DT = 1.0, 5.0, 50.0, 0.001
@@ -85,9 +85,48 @@ def test_axes_do_not_wait_for_each_other():
     np.testing.assert_allclose(run(both, [[0.1, 5.0]] * 900)[:, :1], run(alone, [[0.1]] * 900), atol=1e-15, rtol=0)
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_a_straight_way_is_kept_where_one_axis_is_slow_and_another_lazy(seed):
+    rng = np.random.default_rng(seed)
+    bounds = {
+        "velocity": rng.uniform(0.3, 2, 3),
+        "acceleration": rng.uniform(1, 10, 3),
+        "jerk": rng.uniform(10, 200, 3),
+    }
+    s = Smoother(**bounds, straight=True, dt=0.005)
+    way = rng.uniform(-1.0, 1.0, 3)
+    s.reset(np.zeros(3))
+    positions = run(s, [way] * 1500)
+    along = positions @ way / (way @ way)
+    np.testing.assert_allclose(positions, along[:, None] * way, rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(positions[-1], way)
+
+
+@settings(deadline=None, max_examples=30)
+@given(limits=limits, way=st.lists(st.floats(-5.0, 5.0), min_size=3, max_size=3))
+def test_a_straight_way_is_kept_from_rest_and_takes_the_time_of_its_slowest_axis(limits, way):
+    way = np.array(way)
+    longest = np.max(np.abs(way))
+    assume(longest > 1e-3)
+    s = Smoother(
+        velocity=limits[0],
+        acceleration=limits[1],
+        jerk=limits[2],
+        dt=rest_to_rest_seconds(longest, *limits) / 200.0,
+        axes=3,
+        straight=True,
+    )
+    s.reset(np.zeros(3))
+    positions = run(s, [way] * 202)
+    along = positions @ way / (way @ way)
+    np.testing.assert_allclose(positions, along[:, None] * way, rtol=0, atol=1e-7 * longest)
+    assert along[198] < 1  # not earlier
+    assert positions[200] == pytest.approx(way, abs=1e-9 * (1 + longest))
+
+
 # ------------------------------------------------------------------------------------------ all the bounds
 @settings(deadline=None, max_examples=150)
-@example(n=1, limits=[(1.0, 1.0, 1.0)] * 9, dt=1e-4, change=1.0, bounded=False, moving=True, seed=0)
+@example(n=1, limits=[(1.0, 1.0, 1.0)] * 9, dt=1e-4, change=1.0, bounded=False, moving=True, straight=False, seed=0)
 @given(
     n=st.integers(1, 9),
     limits=st.lists(limits, min_size=9, max_size=9),
@@ -95,14 +134,15 @@ def test_axes_do_not_wait_for_each_other():
     change=st.sampled_from([1.0, 0.3, 0.02]),
     bounded=st.booleans(),
     moving=st.booleans(),
+    straight=st.booleans(),
     seed=seeds,
 )
-def test_no_bound_is_exceeded_whatever_is_asked(*, n, limits, dt, change, bounded, moving, seed):
+def test_no_bound_is_exceeded_whatever_is_asked(*, n, limits, dt, change, bounded, moving, straight, seed):
     rng = np.random.default_rng(seed)
     v, a, j = np.array(limits[:n]).T
     reach = np.maximum(v * dt * 100, 0.1)
     lower, upper = (-reach * rng.uniform(0, 1, n), reach * rng.uniform(0, 1, n)) if bounded else (-np.inf, np.inf)
-    s = Smoother(velocity=v, acceleration=a, jerk=j, dt=dt, lower=lower, upper=upper, axes=n)
+    s = Smoother(velocity=v, acceleration=a, jerk=j, dt=dt, lower=lower, upper=upper, axes=n, straight=straight)
     s.reset(np.zeros(n))
     faults = [np.full(n, np.nan), np.full(n, np.inf), np.full(n, -1e300), np.zeros(n + 1), None, "left", 1j]
     positions, target, speed, stamp = [np.zeros(n)] * 4, np.zeros(n), None, 0.0
@@ -543,63 +583,6 @@ def test_a_target_that_leaves_the_bounds_is_followed_to_the_bound(velocity):
     assert_within_bounds(positions, V, A, J, DT)
 
 
-# ------------------------------------------------------------------------------------------ a whole path
-def test_a_smooth_path_within_the_bounds_is_kept_to_the_micrometre():
-    t = np.linspace(0, 6, 601)
-    u = t / 6
-    path = np.stack([10 * u**3 - 15 * u**4 + 6 * u**5, -0.5 * (10 * u**3 - 15 * u**4 + 6 * u**5)], axis=1)
-    found = smooth_path(t, path, velocity=V, acceleration=A, jerk=J)
-    assert found.compensation == "velocity"
-    assert found.deviation.max() < 1e-5
-    assert abs(found.lag) < DT
-    assert found.residual == 0.0
-    plain = smooth_path(t, path, velocity=V, acceleration=A, jerk=J, compensate=False)
-    assert plain.lag > 0.03
-    assert plain.deviation.max() > 1e-2
-
-
-@pytest.mark.parametrize("compensate", [False, True])
-def test_a_path_with_corners_and_steps_is_followed_within_the_bounds_to_its_end(compensate):
-    t = np.arange(0, 4, 0.01)
-    path = np.stack([0.5 * np.abs(t % 2 - 1), np.floor(t) / 4], axis=1)
-    found = smooth_path(t, path, velocity=V, acceleration=A, jerk=J, lower=0, upper=1, compensate=compensate)
-    assert_within_bounds(found.positions, V, A, J, DT)
-    np.testing.assert_array_equal(found.positions[0], path[0])
-    np.testing.assert_allclose(found.positions[-1], path[-1], atol=1e-12)
-    assert found.times[0] == 0.0
-    assert np.all((found.positions >= 0) & (found.positions <= 1))
-    if compensate:
-        assert abs(found.lag) < 0.03
-
-
-def test_a_known_delay_is_measured():
-    t = np.arange(0, 10, 0.01)
-    for delay in (0.0, 0.123, -0.05, 1.0):
-        target, late = (np.stack([np.sin(x), 100 * np.cos(0.7 * x)], axis=1) for x in (t, t - delay))
-        assert measured_lag(t, target, late) == pytest.approx(delay, abs=2e-3)
-    assert measured_lag(t, 0 * target, 0 * target) == 0.0
-
-
-@pytest.mark.parametrize(
-    ("times", "points"),
-    [
-        ([0.0, 0.0], [[0.0], [1.0]]),
-        ([0.0, math.nan], [[0.0], [1.0]]),
-        ([0.0], [[0.0]]),
-        ([0.0, 1.0], [[0.0], [math.inf]]),
-        ([0.0, 1.0], [0.0, 1.0]),
-        ([0.0, 1.0], [[0.0]]),
-        ("a", [[0.0], [1.0]]),
-        ([0.0, 1.0], "a"),
-        ([0.0, 10**400], [[0.0], [1.0]]),
-        ([0.0, 1.0], [[0.0], [1.0, 2.0]]),
-    ],
-)
-def test_an_unusable_path_is_refused(times, points):
-    with pytest.raises(ConfigurationError):
-        smooth_path(times, points, velocity=V, acceleration=A, jerk=J)
-
-
 # --------------------------------------------------------------------------------------------- arguments
 @pytest.mark.parametrize(
     "changes",
@@ -624,6 +607,7 @@ def test_an_unusable_path_is_refused(times, points):
         {"axes": 1.5},
         {"recovery_speed": "x"},
         {"recovery_speed": [0.1, 0.1]},
+        {"straight": 1},
         {"velocity": "x"},
         {"velocity": None},
         {"acceleration": {}},
@@ -635,13 +619,6 @@ def test_an_unusable_path_is_refused(times, points):
 def test_unusable_bounds_are_refused_by_name(changes):
     with pytest.raises(ConfigurationError, match="|".join(changes)):
         smoother(**changes)
-
-
-@pytest.mark.parametrize("changes", [{"dt": "x"}, {"velocity": "x"}, {"lower": "x"}])
-def test_what_no_smoother_can_use_is_refused_with_a_path_by_name(changes):
-    with pytest.raises(ConfigurationError) as caught:
-        smooth_path([0.0, 1.0], [[0.0], [1.0]], **{"velocity": V, "acceleration": A, "jerk": J, **changes})
-    assert caught.value.argument in changes
 
 
 @pytest.mark.parametrize("enable", [True, 1, 1.0, np.True_])

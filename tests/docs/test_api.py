@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import re
+import sys
 
 import pytest
 
@@ -11,6 +12,8 @@ import rehab_opt
 from rehab_opt import measures
 from tests.docs.pages import ROOT
 
+sys.path.insert(0, str(ROOT / "docs" / "extensions"))
+docstring_text = importlib.import_module("docstring_text")
 PAGE = (ROOT / "docs" / "reference" / "api.md").read_text(encoding="utf-8")
 FENCE = re.compile(r"^```\{api\} (\S+)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 
@@ -32,3 +35,8 @@ def test_what_the_page_names_is_there(module: str) -> None:
     missing = [name for name in names_of(module) if not hasattr(there, name)]
     assert not missing
     assert names_of(module)
+
+
+def test_what_a_status_means_is_there_to_its_end() -> None:
+    text = docstring_text.api_markdown("rehab_opt", "Status")
+    assert "a hand that stood under force is let go; the robot may still move\n" in text

@@ -25,8 +25,8 @@ Exported = Callable[[str], Path]
 ROBOT = "robot/ur5_circle"
 SECONDS = 200.0
 SAME = 1e-9
-CHAIRS = dict.fromkeys(("redundancy_mecanum", "redundancy_differential"), "-O0")
-"""Levels of what would take half a minute at that of the CMake file, -O2, at which all other controllers are built."""
+LEVELS = {"redundancy_mecanum": "-O0", "redundancy_differential": "-O0", "mirror_tracker": "-O1"}
+"""Of what would take ten seconds or half a minute at that of the CMake file, -O2, at which the others are built."""
 SIZE = """\
 #include <stddef.h>
 #include "rehab_{0}.h"
@@ -35,13 +35,13 @@ size_t controller_size(void) {{ return sizeof(rehab_{0}); }}
 """
 
 
-def compiled_once(folder: Path, name: str, built: Built, *, level: str = "-O2") -> str:
+def compiled_once(folder: Path, name: str, built: Built, *, level: str | None = None) -> str:
     """Name of the controller's object file, which every test of it may link."""
-    level = CHAIRS.get(name, level)
-    return built(folder, "controller.o", "-c", f"rehab_{name}.c", flags=(level, "-fPIC")).name
+    flags = (level or LEVELS.get(name, "-O2"), "-fPIC")
+    return built(folder, "controller.o", "-c", f"rehab_{name}.c", flags=flags).name
 
 
-def shared(folder: Path, name: str, built: Built, *, level: str = "-O2") -> ctypes.CDLL:
+def shared(folder: Path, name: str, built: Built, *, level: str | None = None) -> ctypes.CDLL:
     """The controller, to be called from Python, with `controller_size` besides."""
     (folder / "size.c").write_text(SIZE.format(name))
     object_file = compiled_once(folder, name, built, level=level)
@@ -114,3 +114,12 @@ def assert_same(answer: CCommand, command: Command, tolerance: float = SAME) -> 
     assert answer.solver == (SOLVERS.index(command.solver) if command.solver else -1)
     assert abs(answer.scale - command.scale) <= tolerance
     assert answer.residual == pytest.approx(command.residual, abs=SAME)
+
+
+def largest_difference(folder: Path, name: str, built: Built) -> float:
+    """Of a command of C from the recorded one of Python, in its units; infinite where what is said of it differs."""
+    compiled_once(folder, name, built, level="-O0")
+    done = ran(built(folder, "repeated", "controller.o", "main.c"), "0")
+    found = re.search(r"largest difference from Python (\S+)", done.stdout)
+    assert found is not None, done.stdout + done.stderr
+    return float(found[1])

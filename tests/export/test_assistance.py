@@ -210,8 +210,8 @@ def test_a_hand_that_is_not_there_and_a_controller_that_was_not_made_apply_nothi
 
 def test_what_c_cannot_do_is_refused() -> None:
     hand = np.zeros((10, 2))
-    with pytest.raises(ConfigurationError, match="backup='qrqp'"):
-        exported_assistance(made("assist", backup=None), hand, title="t")
+    with pytest.raises(ConfigurationError, match="solver = 'proxqp': expected qrqp"):
+        exported_assistance(made("assist", solver="proxqp"), hand, title="t")
     resisting = PotentialField(EIGHT[:50], stiffness=1000.0, width=0.02, drag=50.0, drag_along="travelled")
     with pytest.raises(ConfigurationError, match="mode"):
         exported_assistance(made("assist"), hand, title="t", fields=[resisting])

@@ -103,8 +103,7 @@ def test_the_sums_that_c_has_are_the_map_of_python() -> None:
     rng = np.random.default_rng(0)
     for point in HELPER + 0.08 * rng.normal(size=(500, 2)):
         np.testing.assert_allclose(carry().image(point), series.image(point), rtol=0, atol=1e-13)
-        force = rng.normal(size=2)
-        np.testing.assert_allclose(carry().push_force(point, force), series.jacobian(point).T @ force, atol=1e-11)
+        np.testing.assert_allclose(carry().jacobian(point), series.jacobian(point), atol=1e-11)
 
 
 @pytest.mark.parametrize("name", SIDES)

@@ -181,3 +181,13 @@ def test_a_casadi_that_writes_other_code_is_refused(
     assert ended("export-c", str(robot), str(tmp_path / "c")) == 2
     assert capsys.readouterr().err.startswith("rehab-opt: casadi = '")
     assert {path.name for path in tmp_path.iterdir()} == {"robot.toml"}
+
+
+def test_memory_that_is_too_small_is_refused_by_one_line(
+    robot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert ended("export-c", str(robot), str(tmp_path / "c"), "--memory", "100") == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "memory = 100: expected at least" in error
+    assert not (tmp_path / "c").exists()

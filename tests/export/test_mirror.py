@@ -13,9 +13,7 @@ from hypothesis import strategies as st
 
 from rehab_opt import MirrorTracker
 from rehab_opt.control import reference_clock
-from rehab_opt.errors import ConfigurationError
-from rehab_opt.export.controllers import mirror
-from rehab_opt.export.controllers.mirror import NAME, exported_mirror
+from rehab_opt.export.controllers.mirror import NAME
 from rehab_opt.export.exported import MOST_VALUES
 from tests.export.calling_c import Built, giving_up, ran, shared
 from tests.export.mirroring import MADE, START, Array, CMirror, Twins, seven_joints, wave, written
@@ -31,7 +29,6 @@ def little_room() -> Iterator[None]:
     """So that references are often thinned, in both languages."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(reference_clock, "THINNED", FEW)
-        patch.setattr(mirror, "THINNED", FEW)
         yield
 
 
@@ -132,6 +129,27 @@ def test_samples_that_do_not_fit_are_thinned_alike(
     assert most > FEW * dt
     assert tracker.lag < 2 * dt
     assert np.linalg.norm(tracker.chain.pose(q)[:3, 3] - pose[:3, 3]) < 1e-3
+
+
+@pytest.mark.parametrize("held", [0.75, 1.75])
+def test_only_one_long_hold_cuts_a_hand_short_not_several_short_ones(
+    held: float, libraries: dict[str, ctypes.CDLL], trackers: dict[str, MirrorTracker]
+) -> None:
+    """An arm that is held again and again, and pushes on meanwhile: it stands nowhere by its own will."""
+    tracker = trackers["redundant"]
+    twins, q, dt = Twins(libraries["redundant"], tracker), START["redundant"], tracker.dt
+    first, waits, late = tracker.chain.pose(q), 0.0, []
+    for k in range(round(4 * (held + 0.75) / dt)):
+        pose = first.copy()
+        pose[1, 3] += 0.1 * np.sin(4 * k * dt)
+        command = twins.step(q, pose, np.array([0, 0.4 * np.cos(4 * k * dt), 0, 0, 0, 0]))
+        waits += dt * (tracker.time_scale <= 0.02)
+        if k * dt % (held + 0.75) < 0.75:
+            q = q + command.value * dt
+        late.append(tracker.lag)
+    assert min(late[round(1.5 / dt) :]) > dt
+    assert waits > 1.2
+    assert (tracker.counts["cut"] > 0) == (held > 1.0)
 
 
 @pytest.mark.parametrize("name", MADE)
@@ -255,9 +273,3 @@ def test_two_instances_are_independent(libraries: dict[str, ctypes.CDLL], tracke
         answer = leading.step(q, pose, twist, stamp=0.005 * k)
         assert bytes(answer) == bytes(expected)
         q = q + 0.005 * np.array(answer.value[:6])
-
-
-def test_a_tracker_with_a_backup_that_c_has_not_is_refused() -> None:
-    tracker = MirrorTracker(seven_joints(), max_manipulability=0.1, compile=False)
-    with pytest.raises(ConfigurationError, match="backup='qrqp'"):
-        exported_mirror(tracker, np.zeros(7), np.eye(4)[None], np.zeros((1, 6)), title="", source="")

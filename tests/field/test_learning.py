@@ -172,7 +172,8 @@ def test_velocities_come_from_positions_where_none_were_recorded() -> None:
         ({"forces": np.zeros((3, 2))}, "forces"), ({"forces": np.full((4, 2), math.nan)}, "forces"),
         ({"dt": None}, "dt"),
         ({"dt": -1.0}, "dt"), ({"times": np.zeros(4)}, "times"), ({"positions": np.zeros((2, 2))}, "positions"),
-        ({"velocities": np.zeros(4)}, "velocities"),
+        ({"velocities": np.zeros(4)}, "velocities"), ({"positions": [[0.0, 1.0], [1.0]]}, "positions"),
+        ({"positions": [[[0.0, 1.0], [1.0]]] * 3}, "positions"), ({"forces": [[0.0, 1.0], [1.0]]}, "forces"),
     ],
 )  # fmt: skip
 def test_a_recording_that_cannot_be_used_is_named(options: dict, named: str) -> None:

@@ -22,6 +22,10 @@ PROMISES = (
         "where the hand should go, in the world frame [m]; smoothed by a `Smoother`, so it may jump.",
     ),
     Promise(
+        "rehab_opt/control/redundancy.py",
+        "Where bounds hold it, it goes on along the straight way from there as far as they leave anything of that.",
+    ),
+    Promise(
         "rehab_opt/control/reaching.py",
         "of the target, on each axis; the cap usual for machines",
     ),
@@ -110,8 +114,5 @@ def judge_target(run: Run, verdict: Verdict, part: Part, ticks: slice) -> None:
     else:
         way = (target - hand[-1]) / apart[-1]
         possible = chair.fastest(run.q[ticks.stop], TRIED * way, part.rows, part.frame)
-        if chair.drive == "fixed":  # of which `reach` promises less
-            verdict.during("stopped on a fixed base, not so by the programme", np.array([possible > POSSIBLE]), dt)
-        else:
-            verdict.within("a hand that stopped elsewhere can go no further", [possible], POSSIBLE)
+        verdict.within("a hand that stopped elsewhere can go no further", [possible], POSSIBLE)
         verdict.during("asked of the linear programme", np.array([True]), dt)

@@ -1,9 +1,11 @@
 """Help along a path that crosses itself: of the stretch where the hand is, in order, whatever else lies near it.
 
 Judged on paths made of straight stretches that cross each other, turn back sharply, or lie side by side, closer than
-the field is wide, walked by hands that nothing can hold: the progress never goes back and is the length that the hand
-has walked, to three widths and what a spring at the force limit may lead by; the force that is wanted pulls across the
-stretch where the hand is, not towards the other one, and damps across it alone.
+the field is wide, walked by hands that nothing can hold: the progress never goes back; it is behind the length that the
+hand has walked, and ahead of it on a straight stretch, by three widths and what a spring at the force limit may lead by
+at most; round corners it passes no place that is more than one width further from the hand. The progress of a hand that
+was let go stands, until soon after the hand has come to a place further on. From 0.3 s after that, the force that is
+wanted pulls across the stretch where the hand is, not towards the other one, and damps across it alone.
 """
 
 from __future__ import annotations
@@ -12,6 +14,7 @@ import math
 
 import numpy as np
 import shapely
+import shapely.ops
 
 from rehab_opt import PathAssistance, Workspace
 from tests.judge.force_bounds import judge as judge_bounds
@@ -26,9 +29,23 @@ PROMISES = (
             "no detour longer than two widths."),
     Promise("rehab_opt/control/path_assistance.py", "p(s) the place of the path and t its direction at the progress s, "
             "so that along the path the hand moves freely."),
-    Promise("rehab_opt/control/path_assistance.py", "Share of the path, 0 to 1, to which the hand has come."),
+    Promise("rehab_opt/control/path_assistance.py", "until the hand comes to a place further along the path, where the "
+            "force grows again within 0.3 s."),
+    Promise("rehab_opt/control/path_assistance.py", "Share of the path, 0 to 1, to which the hand has come. It stands "
+            "while a hand is let go."),
+    Promise("rehab_opt/control/path_progress.py", "less than F/S and three widths, of a hand that rests, and each "
+            "place that s passes on the way within one width more"),
+    Promise("rehab_opt/control/path_progress.py", "Where it goes on along the straight stretch on which the hand is, "
+            "the progress is F/S and three widths ahead of the hand at most."),
+    Promise("rehab_opt/control/path_progress.py", "A hand that stays near such places is taken in within the time of "
+            "the fading and of two searches."),
 )  # fmt: skip
-LEAST = {"near another branch": 1696, "standing": 20_000, "on a straight stretch": 28_000}
+LEAST = {
+    "near another branch": 1696,
+    "standing": 20_000,
+    "on a straight stretch": 28_000,
+    "led on beyond a corner": 700,
+}
 CI_TICKS = 6000
 SHAPES = ("cross", "hairpin", "meander")
 
@@ -66,12 +83,16 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
                            slew_limit=slew, growth_limit=growth, energy_budget=1e3, dt=dt, trust_stillness=True,
                            compile=False)  # fmt: skip
     verdict.begin(number, f"{shape}, width {width:g}, dt {dt:g}")
-    ticks = max(run_length(rng, number, dt), 600)
+    ticks = max(run_length(rng, number, dt), 600 if number % 4 < 2 else round(5.0 / dt))
     lengths = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(knots, axis=0), axis=1))]
-    # From the start to the end, with rests, as fast as a hand.
-    pace = np.repeat(rng.uniform(0.0, 0.5, size=ticks // 100 + 1) * rng.choice([0.0, 1.0], size=ticks // 100 + 1), 100)
-    walked = np.minimum(np.r_[0.0, np.cumsum(pace[:ticks] * dt)], lengths[-1])
-    on = np.column_stack([np.interp(walked, lengths, knots[:, i]) for i in (0, 1)])
+    if number % 4 < 2:  # from the start to the end, with rests, as fast as a hand
+        pieces = ticks // 100 + 1
+        pace = np.repeat(rng.uniform(0.0, 0.5, size=pieces) * rng.choice([0.0, 1.0], size=pieces), 100)
+        walked = np.minimum(np.r_[0.0, np.cumsum(pace[:ticks] * dt)], lengths[-1])
+        drawn = walked
+    else:
+        walked, drawn = insisting(rng, ticks, dt, lengths, reach=30.0 / stiffness)
+    on = _at(knots, lengths, drawn)
     x = on + tremor(rng, ticks + 1, dt, size=float(rng.choice([0.0, 0.3])) * width, axes=2)
     step = np.linalg.norm(np.diff(x, axis=0), axis=1)
     commands, progress, wanted = [], np.empty(ticks + 1), np.empty((ticks, 2))
@@ -87,8 +108,8 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
 
     at = progress * lengths[-1]
     verdict.holds("the progress never goes back", np.diff(progress) >= -1e-12)
-    led = 3.0 * width + 30.0 / stiffness
-    verdict.within("progress away from the length walked [m]", np.abs(at[1:] - walked[:-1]) / led, 1.0)
+    away = np.array([each.status.value == "blocked" for each in commands])
+    judge_progress(verdict, knots, at, walked[:-1], x[:-1], away, width=width, reach=30.0 / stiffness, dt=dt)
     # What is wanted in a tick is of the progress before it.
     piece = np.clip(np.searchsorted(lengths, at[:-1], side="right") - 1, 0, len(knots) - 2)
     ways = np.diff(knots, axis=0)
@@ -98,6 +119,7 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     speed = np.einsum("ni,ni->n", told, normal)
     straight = np.minimum(at[:-1] - lengths[piece], lengths[piece + 1] - at[:-1]) > width
     free = np.array([each.status.value == "ok" and each.scale > 0.0 for each in commands]) & straight
+    free &= np.convolve(away, np.ones(round(0.3 / dt) + 2))[:ticks] == 0  # the force of a hand that comes back grows
     free &= np.linalg.norm(x[:-1] - _at(knots, lengths, at[:-1]), axis=1) < 0.9 * 30.0 / stiffness
     across = np.einsum("ni,ni->n", wanted, normal)
     pull = -stiffness * offset - damping * speed
@@ -109,6 +131,94 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     verdict.during("near another branch", free & (others < 3 * width), dt)
     verdict.during("standing", np.diff(walked) < 1e-9, dt)
     verdict.during("on a straight stretch", free, dt)
+
+
+def insisting(
+    rng: np.random.Generator, ticks: int, dt: float, lengths: np.ndarray, *, reach: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """(ticks + 1,) [m] the length walked, and where the hand is along the path, which draws back from there at times.
+
+    It rests shortly before corners and before the middles of stretches, where paths cross, and draws back in half of
+    its rests, by up to one and a half times what the spring stretches at the force limit.
+    """
+    marks = np.sort(np.r_[lengths[1:], (lengths[1:] + lengths[:-1]) / 2])
+    walked, drawn, at = [np.zeros(1)], [np.zeros(1)], 0.0
+    while sum(map(len, walked)) <= ticks:
+        ahead = marks[marks > at + 1e-6]
+        stop = float(rng.choice(ahead[:2])) - rng.uniform(0.0, 1.0) * min(reach, 0.02) if len(ahead) else at
+        way = np.linspace(at, max(stop, at), 1 + math.ceil(max(stop - at, 0.0) / (rng.uniform(0.1, 0.5) * dt)))
+        at = float(way[-1])
+        rest = round(float(rng.choice([0.3, 1.0, 2.2])) / dt)
+        slope = np.minimum(np.arange(rest), np.arange(rest)[::-1]) * dt / 0.2
+        back = rng.choice([0.0, 1.0]) * rng.uniform(0.2, 1.5) * min(reach, at) * np.minimum(slope, 1.0)
+        walked += [way, np.full(rest, at)]
+        drawn += [way, at - back]
+    return np.concatenate(walked)[: ticks + 1], np.maximum(np.concatenate(drawn)[: ticks + 1], 0.0)
+
+
+def judge_progress(
+    verdict: Verdict,
+    knots: np.ndarray,
+    at: np.ndarray,
+    walked: np.ndarray,
+    x: np.ndarray,
+    away: np.ndarray,
+    *,
+    width: float,
+    reach: float,
+    dt: float,
+) -> None:
+    """The progress `at` (n + 1,) [m] before and after each tick of a hand at x (n, 2) [m].
+
+    `walked` (n,) [m] is how far it has come, `away` (n,) tells whether it is let go in the tick, and `reach` [m] is how
+    far the spring stretches at the force limit.
+    """
+    lengths, line = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(knots, axis=0), axis=1))], shapely.LineString(knots)
+    before, after, led = at[:-1], at[1:], 3.0 * width + reach
+    gone = np.r_[away[1:], away[-1]]
+    taken_in = np.flatnonzero(away & ~gone)
+    # A later branch may take in a hand that has not gone on along its own: in order of another branch from there on.
+    skips = taken_in[after[taken_in] > walked[taken_in] + width]
+    in_order = np.arange(len(x)) < min(skips, default=len(x))
+
+    free = in_order & ~gone
+    verdict.within("progress behind the length walked", np.where(free, (walked - after) / led, 0.0), 1.0)
+    low, high = np.minimum(walked, after), np.maximum(walked, after)
+    straight = free & (np.searchsorted(lengths, low, side="right") == np.searchsorted(lengths, high, side="left"))
+    straight &= after > before  # what it was led on beyond a corner, the hand comes to later
+    verdict.within("progress ahead on a straight stretch", np.where(straight, (after - walked) / led, 0.0), 1.0)
+    # Of what is passed of a straight stretch, one end is furthest from the hand.
+    begin = np.maximum(before, walked)
+    on = free & ~away & (after > begin)
+    passed = np.where(on, np.linalg.norm(_at(knots, lengths, after) - x, axis=1), 0.0)
+    for corner, place in zip(lengths[1:-1], knots[1:-1], strict=True):
+        beyond = on & (begin < corner) & (corner < after)
+        passed = np.maximum(passed, np.where(beyond, np.linalg.norm(place - x, axis=1), 0.0))
+        verdict.during("led on beyond a corner", free & (walked < corner) & (corner < after), dt)
+    verdict.within("place that progress passes, away from the hand", passed / (led + width), 1.0)
+
+    verdict.holds("the progress of a hand that was let go stands", ~(away & gone) | (after == before))
+    left = np.full(len(x), np.inf)  # [m] from where it was let go
+    for let_go in np.unique(before[away]):
+        ticks = away & (before == let_go)
+        stretch = shapely.ops.substring(line, let_go, let_go + 0.7 * width)
+        left[ticks] = shapely.distance(stretch, shapely.points(x[ticks]))
+    near = in_order & (np.linalg.norm(_at(knots, lengths, walked) - x, axis=1) < 0.8 * width)
+    returned = away & near & (walked > before + 1.5 * width) & (left > 1.3 * width)
+    waits = np.diff(np.flatnonzero(np.r_[True, ~returned, True])) - 1  # ticks of each time that it stays there
+    searches = 2.0 * math.ceil(lengths[-1] / (8.0 * width) + 1.0)
+    verdict.within("let go though on the path again [s]", float(waits.max()) * dt, 0.3 + (searches + 2.0) * dt)
+    back = np.linalg.norm(_at(knots, lengths, after[taken_in]) - x[taken_in], axis=1) / width
+    verdict.within("a hand that is taken in, away from its place [widths]", back, 1.001)
+    verdict.holds("a hand that is where it was let go is not taken in", left[taken_in] > 0.98 * width)
+    for k in skips[:1]:  # only where the hand was near some branch when the search began
+        began = k - 1 - int((after[k] - before[k] - width) / (8.0 * width))
+        further = shapely.ops.substring(line, before[k] + width, lengths[-1])
+        apart = shapely.distance(further, shapely.points(x[max(began - 1, 0) : began + 2])).min()
+        verdict.holds("the first branch that it comes to takes it in", not (returned[k] and apart > 1.1 * width))
+    for situation, mask in (("let go and on the path further on", returned), ("taken in again", away & ~gone)):
+        verdict.during(situation, mask, dt)
+    verdict.during("taken in by a later branch", np.isin(np.arange(len(x)), skips), dt)
 
 
 def _at(knots: np.ndarray, lengths: np.ndarray, along: np.ndarray) -> np.ndarray:

@@ -30,3 +30,19 @@ def test_a_hand_at_a_curved_limit_does_not_go_to_and_fro(seed: int, run: int) ->
     assert verdict.ticks == 250
     assert verdict.seen["mirror, at rest beyond a limit"].ticks == 250
     assert not verdict.kinds
+
+
+@pytest.mark.parametrize(("run", "ticks"), [(24, 500), (70, 250)])
+def test_what_hardly_changes_the_error_does_not_creep(run: int, ticks: int) -> None:
+    verdict = limits_rest.run(ticks, 21320704, only=run)
+    assert verdict.ticks == ticks  # it was not waited for
+    assert not verdict.kinds
+    assert verdict.worst["joint speed at rest [rad/s]"][0] < 1e-3
+
+
+def test_a_hand_on_a_flat_way_to_its_nearest_pose_is_waited_for_and_comes_nearer() -> None:
+    verdict = limits_rest.run(250, 21320704, only=110)
+    assert 250 < verdict.ticks < 750
+    assert not verdict.kinds
+    nearer, before = verdict.worst["who goes on comes nearer, squared error"]
+    assert nearer < before

@@ -42,5 +42,5 @@ def quick(participant: Participant) -> Answer:
     if what == "refused":
         raise ConfigurationError("hand", 3, "one of two")
     if what == "slow":
-        time.sleep(30.0)
+        time.sleep(60.0)
     return Answer({"metrics.json": participant.name.encode()}, {"letters": len(participant.name)}, 0.001)

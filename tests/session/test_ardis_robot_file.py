@@ -222,7 +222,7 @@ PROBLEM, ROBOT, URDF = "ardis/kinova_drink.toml", "robots/kinova_gen3/on_chair.t
         (PROBLEM, "[robot]", 'robot = "ardis"\n[run]', "robot = 'ardis': expected a table of keys"),
         (PROBLEM, 'held = ["y", "rx", "ry"]', 'held = ["x", "rx", "ry"]', "stick.modes.0.held = "),
         (PROBLEM, "fixed = ", "tracks = ", "stick.tracks = 'kinova_drink_fixed.csv': expected one of the keys"),
-        (PROBLEM, "[stick]", '[plant]\nkind = "mujoco"\n[stick]', "plant.kind = 'mujoco': expected 'ideal' for an arm"),
+        (PROBLEM, "[stick]", '[plant]\nkind = "mujoco"\n[stick]', "plant.kind = 'mujoco': expected 'ideal' for a"),
         (ROBOT, "[[caps", "[joints.joint_1]\nlower_deg = -90.0\n[[caps", "on_chair.toml: joint joint_1, lower"),
         (ROBOT, 'tip = "end_effector_link"', 'tip = "half_arm_2_link"', "half_arm_2_link"),
         (URDF, 'velocity="1.3963"', 'velocity="-1"', "gen3.urdf: joint joint_1, limit.velocity = -1.0: expected"),

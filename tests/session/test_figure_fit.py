@@ -57,5 +57,11 @@ def test_a_title_is_drawn_whatever_it_holds(title: str) -> None:
     overhang(fitted(labelled(title, [title], 1, 2)))
 
 
+def test_a_formula_in_a_text_of_two_lines_is_drawn_without_a_warning(caplog: pytest.LogCaptureFixture) -> None:
+    figure = framed("outside $W_c$,\nmean [mm]", 4.0, 3.0)
+    fitted(figure).canvas.draw()
+    assert not caplog.records
+
+
 def test_picture_of_an_arm_with_a_long_name_fits() -> None:
     assert overhang(fitted(range_figure(f"{LONG}\nrange of motion {'n' * 40!r}", human_arm()))) < 0.01

@@ -163,7 +163,7 @@ FAULTS = [
     (
         ARM.replace("path.csv", "a.trc").replace("[placement]", 'columns = ["x_m", "y_m"]\n[placement]'),
         "recording.columns",
-        "only a .csv, .mot or .sto",
+        "only a .csv, .mot, .sto or .xdf",
     ),
     (ARM.replace("[placement]", 'columns = ["x_m", "x_m"]\n[placement]'), "recording.columns", "each column once"),
     (ARM + "[smoothing]\njerk_deg_s3 = 1e-300\n", "smoothing.jerk_deg_s3", "greater than or equal to 1"),

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import math
 import os
-import struct
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ from rehab_opt.session.column_names import canonical_name
 from rehab_opt.session.files import load_problem
 from rehab_opt.session.recordings import read_recording
 from rehab_opt.session.run import checked
+from tests.session.made_c3d import c3d
 
 Write = Callable[[str, str | bytes], Path]
 Array = np.ndarray
@@ -138,30 +138,6 @@ def test_storage_file_holds_places_and_maybe_angles(written: Write) -> None:
 
 
 # --------------------------------------------------------------------------------------------------------------- C3D
-def c3d(points: Array, labels: list[str], *, order: str = "<", floats: bool = True, rate: float = 100.0) -> bytes:
-    """A file of points (frames, markers, 4) in mm, written as the format's description has it."""
-
-    def parameter(name: str, kind: int, sizes: list[int], data: bytes) -> bytes:
-        body = struct.pack("bB", kind, len(sizes)) + bytes(sizes) + data + b"\0"
-        return struct.pack("bb", len(name), 1) + name.encode() + struct.pack(f"{order}H", len(body) + 2) + body
-
-    width = max(map(len, labels))
-    section = struct.pack("bb", 5, -1) + b"POINT" + struct.pack(f"{order}H", 3) + b"\0"
-    text = "".join(label.ljust(width) for label in labels).encode()
-    section += parameter("LABELS", -1, [width, len(labels)], text) + parameter("UNITS", -1, [2], b"mm")
-    section += parameter("RATE", 4, [], struct.pack(f"{order}f", rate)) + b"\0\0"
-    blocks = -(-(4 + len(section)) // 512)
-    processor = 84 if order == "<" else 86
-    section = (bytes([1, 0x50, blocks, processor]) + section).ljust(512 * blocks, b"\0")
-    scale = -0.1 if floats else 0.1
-    head = bytes([2, 0x50]) + struct.pack(f"{order}5HfH", len(labels), 0, 1, len(points), 0, scale, 2 + blocks)
-    values = points.copy()
-    if not floats:
-        values[..., :3] = np.round(values[..., :3] / scale)
-    data = values.astype(f"{order}f4" if floats else f"{order}i2").tobytes()
-    return head.ljust(512, b"\0") + section + data
-
-
 def markers(frames: int = 30) -> Array:
     points = np.zeros((frames, 2, 4))
     points[:, 1, :3] = np.linspace((0, 50, -10), (300, 100, 20), frames).round(1)

@@ -13,14 +13,13 @@ from rehab_opt.kinematics.human_arm import human_arm
 from rehab_opt.session.metrics import (
     error_metrics,
     joint_metrics,
-    lag,
     path_shares,
     reason_counts,
     status_counts,
     time_metrics,
 )
+from rehab_opt.session.upper_limb.driven import driven
 from rehab_opt.session.upper_limb.problem import SmoothingSection
-from rehab_opt.session.upper_limb.smoothed import smoothed
 
 ARM = human_arm(range_of_motion="restricted")
 
@@ -64,14 +63,6 @@ def test_unlimited_and_locked_joints_give_strict_json() -> None:
         assert json.loads(json.dumps(numbers, allow_nan=False))["joint_limit_margin_min_deg"] is None
 
 
-def test_delay_of_a_known_shift_is_found() -> None:
-    time = np.arange(0, 5, 0.001)
-    target = np.column_stack((np.sin(time), np.cos(3 * time)))
-    late = np.column_stack((np.sin(time - 0.042), np.cos(3 * (time - 0.042))))
-    assert lag(target, late, 0.001) == pytest.approx(0.042)
-    assert lag(target, target, 0.001) == 0.0
-
-
 def test_spread_names_its_unit() -> None:
     assert error_metrics(np.array([1.0, 3.0]), "error", "m") == pytest.approx(
         {"error_mean_m": 2.0, "error_p95_m": 2.9, "error_max_m": 3.0}
@@ -91,23 +82,27 @@ def test_reasons_that_differ_in_what_they_measure_alone_are_one() -> None:
     }
 
 
-def test_arm_slower_to_accelerate_than_the_file_says_is_smoothed_at_its_own_acceleration() -> None:
+def test_arm_slower_to_accelerate_than_the_file_says_is_driven_at_its_own_acceleration() -> None:
     slow = ARM.with_limits(acceleration=np.deg2rad(100.0))
     q = np.tile((ARM.lower + ARM.upper) / 2, (200, 1))
     q[50:, 3] = ARM.upper[3]
-    smooth, numbers = smoothed(slow, q, 100.0, SmoothingSection())
+    drive, numbers = driven(slow, q, np.arange(200) / 100.0, np.zeros((200, 3)), SmoothingSection())
     assert numbers["bounds"]["acceleration_deg_s2"] == pytest.approx(100.0)
-    acceleration = np.abs(np.diff(smooth[:, 3], 2)).max() * 100.0**2
+    acceleration = np.abs(np.diff(drive.path.positions[:, 3], 2)).max() * 1000.0**2
     assert np.rad2deg(acceleration) <= 100.0 * (1 + 1e-6)
+    assert numbers["joint_acceleration_max_share_of_limit"] <= 1.0 + 1e-6
 
 
-def test_smoothed_joints_keep_limits_and_speed_and_arrive() -> None:
+def test_driven_joints_keep_limits_and_speed_and_arrive_late() -> None:
     q = np.tile((ARM.lower + ARM.upper) / 2, (200, 1))
     q[50:, 3] = ARM.upper[3]  # a step up to the limit
     bounds = SmoothingSection(speed_deg_s=60.0)
-    smooth, numbers = smoothed(ARM, q, 100.0, bounds)
+    drive, numbers = driven(ARM, q, np.arange(200) / 100.0, np.zeros((200, 3)), bounds)
+    smooth = drive.path.positions
     assert (smooth >= ARM.lower).all()
     assert (smooth <= ARM.upper).all()
-    assert numbers["joint_speed_max_deg_s"] <= 60.0 + 1e-6
+    assert np.rad2deg(np.abs(np.diff(smooth, axis=0)).max() / 1e-3) <= 60.0 + 1e-6
     np.testing.assert_allclose(smooth[-1], q[-1], atol=1e-9)
-    assert numbers["lag_s"] > 0
+    np.testing.assert_allclose(drive.q, q, atol=1e-4)
+    away = np.degrees(ARM.upper[3] - q[0, 3])
+    assert numbers["delay_s"] >= away / 60.0 - 0.01

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from rehab_opt.control.measured_lag import measured_lag
+from bench.measured_lag import measured_lag
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.session.files import load_problem, problem_of, shipped_problems
 from rehab_opt.session.mirror.metrics import passed_share

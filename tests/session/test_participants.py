@@ -33,7 +33,7 @@ def ranges_of(person: Participant) -> Any:
 
 def test_cells_replace_what_the_problem_says_and_empty_ones_do_not(written: Write) -> None:
     first, second = people(
-        written, 'participant,arm.side,arm.segments.humerus_mm,arm.shoulder_m\nA,right,310,\nB,,,"[0.1, 0, 0.9]"\n'
+        written, 'participant,arm.side,arm.segments.humerus_mm,arm.shoulder_m\nA,right,310,\nB,,290,"[0.1, 0, 0.9]"\n'
     )
     a, b = (person.problem().problem.arm for person in (first, second))
     assert (a.side, a.segments.humerus_mm, a.shoulder_m) == ("right", 310.0, [0.0, 0.0, 0.0])
@@ -116,13 +116,6 @@ TABLE_FAULTS = [
     ("participant,arm.side\n", "rows", "a row for each"),
     ("participant,arm.side,arm.side\nA,left,left\n", "line 1, column 3", "each column once"),
     ("participant,\nA,left\n", "line 1, column 2", "a name"),
-    (
-        "participant,arm.side\nA,left\n\nB,left\na,left\n",
-        "line 5, column participant",
-        "line 2, column participant has",
-    ),
-    ("participant,arm.side\n,left\n", "line 2, column participant", "1 to 100 characters"),
-    ("participant,arm.side\n../A,left\n", "line 2, column participant", "a folder's name"),
     ('participant,arm.side\n"A,left\n', "line 2", "comma-separated cells"),
     (b"participant,arm.side\n\xff,left\n", "line 2", "UTF-8"),
     ("", "file", "not empty"),
@@ -136,6 +129,46 @@ def test_fault_of_the_table_names_row_and_column(written: Write, table: str | by
     assert refusal.value.key == key
     assert expected in refusal.value.expected
     assert "\n" not in str(refusal.value)
+
+
+def test_a_name_that_cannot_be_used_is_its_own_row(written: Write) -> None:
+    names = ["A", "", "B", "../A", "b", "C", "x" * 101, "groups.csv"]
+    found = people(written, "participant,arm.side\n" + "".join(f"{name},left\n" for name in names))
+    assert [person.error == "" for person in found] == [name in ("A", "C") for name in names]
+    assert "line 6, column participant has it, too" in found[2].error
+    assert "line 4, column participant has it, too" in found[4].error
+    assert "1 to 100 characters" in found[1].error
+    assert "people.csv: line 5, column participant = '../A'" in found[3].error
+    assert len({person.name for person in found}) == len(names)
+    assert not any("/" in person.name for person in found)
+
+
+@pytest.mark.parametrize("segment", ["hand_mm", "humerus_mm"])
+def test_an_empty_segment_is_nobody_elses(written: Write, segment: str) -> None:
+    table = f"participant,arm.segments.{segment}\nA,\nB,90\n"
+    first, second = people(written, table)
+    assert f"people.csv, line 2: arm.segments.{segment} = ''" in first.error
+    assert getattr(second.problem().problem.arm.segments, segment) == 90
+    base = written(
+        "base.toml",
+        f"""system = "workspace"
+title = "t"
+[arm]
+side = "left"
+range_of_motion = "regular"
+segments = {{{segment} = 80.0}}
+""",
+    )
+    first, _ = people(written, table, str(base))
+    assert first.error == ""
+    assert getattr(first.problem().problem.arm.segments, segment) == 80
+
+
+def test_covariates_are_no_keys_of_a_problem(written: Write) -> None:
+    (person,) = people(written, "participant,group,visit,arm.side\nA,stroke,,right\n")
+    assert person.covariates == {"group": "stroke", "visit": ""}
+    assert person.inputs == {"arm.side": "right"}
+    assert person.problem().problem.arm.side == "right"
 
 
 def test_folder_has_a_person_in_each_problem_file(written: Write, tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ import pytest
 
 from rehab_opt import ConfigurationError, ProblemFileError
 from rehab_opt.cli import main
+from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.kinematics.ardis import ARDIS_READY
 from rehab_opt.plants.channel import Channel
 from rehab_opt.plants.force_robot import ForceRobot, RobotModel
@@ -23,7 +24,7 @@ from rehab_opt.session.ardis.stick import StickRecording
 from rehab_opt.session.files import ProblemFile, load_problem, problem_content, problem_of, problem_path
 from rehab_opt.session.mirror.laws import without_floor
 from rehab_opt.session.mirror.scene import laid_out
-from rehab_opt.session.plant.making import chair_plant, joint_plant, on_plant
+from rehab_opt.session.plant.making import chair_plant, joint_feedback, joint_plant, on_plant
 from rehab_opt.session.plant.tables import ChairPlant, HandPlant, JointPlant
 from rehab_opt.session.pose_tracking.outcome import RobotOutcome
 from rehab_opt.session.pose_tracking.shown import figures as robot_figures
@@ -138,6 +139,9 @@ def test_a_circle_on_servos_shows_what_was_commanded_and_what_was_true(servo: st
     assert np.abs(motion.commanded - motion.velocity).max() > 0.01
     assert 1e-4 < outcome.position_error.max() < 0.03
     assert any("5 ms of delay" in note for note in outcome.notes)
+    # Told of delay and servo, noise neither costs the solver ticks nor makes the tracker's task yield.
+    assert set(outcome.status) == {"ok"}
+    assert outcome.metrics["optimised"]["yielded"].keys() <= {"task"}
     shown = robot_figures(outcome)["servos"]
     lines = {line.get_label(): line.get_ydata() for line in shown.axes[4].get_lines()}  # of the elbow
     np.testing.assert_allclose(np.deg2rad(lines["true"]), motion.velocity[:, 2], atol=1e-12)
@@ -145,6 +149,19 @@ def test_a_circle_on_servos_shows_what_was_commanded_and_what_was_true(servo: st
     columns = dict(outcome.trace())
     assert list(columns["measured_elbow_rad"]) == motion.measured[:, 2].tolist()
     assert list(columns["velocity_elbow_rad_s"]) == motion.velocity[:, 2].tolist()
+
+
+def test_a_tracker_is_told_what_the_table_says_of_delays_and_servos() -> None:
+    assert joint_feedback(JointPlant()) is None
+    late = {"command_delay_ms": 4.0, "measurement_delay_ms": 1.0, "command_jitter_ms": 2.0}
+    told = joint_feedback(JointPlant(kind="mujoco", servo_hz=10.0, **late))
+    assert told == JointFeedback(delay=0.006, servo_hz=10.0)
+    # A critically damped spring w^2/(s + w)^2, 3 dB down at 0.6436 w, trails a ramp by 2/w.
+    pytest.importorskip("mujoco")
+    told = joint_feedback(JointPlant(kind="mujoco", servo="position", servo_hz=10.0, **late))
+    assert told is not None
+    assert told.delay == pytest.approx(0.006 + 2 * 0.6436 / (20 * math.pi))
+    assert told.servo_hz == math.inf
 
 
 def test_a_later_command_follows_worse() -> None:

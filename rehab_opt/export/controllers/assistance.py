@@ -9,9 +9,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.assistance import Assistance
 from rehab_opt.control.command import Command
-from rehab_opt.export.controllers.bounded_force import DIFFERENCES, ExportedForce, check_rungs, faulty_ticks
+from rehab_opt.export.controllers.bounded_force import DIFFERENCES, ExportedForce, faulty_ticks
 from rehab_opt.export.controllers.gated_fields import MEMORY, gated_fields
 from rehab_opt.export.recording import Tick, recorded
+from rehab_opt.export.rungs import as_in_c
 from rehab_opt.field.potential import PotentialField
 
 __all__ = ["exported_assistance"]
@@ -53,7 +54,7 @@ def exported_assistance(
 
     Parameters
     ----------
-    helper : made with backup="qrqp"; it is reset.
+    helper : it is reset.
     positions : (N, 2) [m] where the hand is in each tick. In the first half its velocity is given, then estimated.
     title : what it is, in a few words.
     fields : further ones that `aim` may take, numbered from 1; the helper's own is 0.
@@ -61,9 +62,8 @@ def exported_assistance(
 
     Raises
     ------
-    ConfigurationError : a backup that C has not, a field that does not go with the mode.
+    ConfigurationError : a solver that does not become C, a field that does not go with the mode.
     """
-    check_rungs(helper)
     path = np.asarray(positions, dtype=np.float64)
     all_fields = (helper.field, *fields)
     wanted = gated_fields(helper, all_fields, name=NAME)
@@ -85,8 +85,10 @@ def exported_assistance(
         return helper.step(tick["x"], v, enable=tick["enable"], stamp=tick["stamp"])
 
     about = f"{len(ticks)} ticks of a hand's path, with faults among them"
-    recording = recorded(answer, ticks, about, more=lambda: (helper.energy_left,))
+    with as_in_c(helper._ladder):
+        recording = recorded(answer, ticks, about, more=lambda: (helper.energy_left,))
     helper.aim(all_fields[0])
+    helper.reset()
     there_too = () if carried is None else (CARRIER,)
     count = "is 1" if len(all_fields) == 1 else f"are {len(all_fields)}"
     return ExportedForce(

@@ -13,10 +13,11 @@ from rehab_opt.control.command import Command
 from rehab_opt.control.force_tick import give, take
 from rehab_opt.control.gate import reflected_force
 from rehab_opt.export.c_text import number
-from rehab_opt.export.controllers.bounded_force import DIFFERENCES, ExportedForce, check_rungs, faulty_ticks
+from rehab_opt.export.controllers.bounded_force import DIFFERENCES, ExportedForce, faulty_ticks
 from rehab_opt.export.controllers.gated_fields import MEMORY, gated_fields
 from rehab_opt.export.evaluated import Evaluated
 from rehab_opt.export.recording import Recording, Tick, recorded
+from rehab_opt.export.rungs import as_in_c
 from rehab_opt.workspace.controller_map import ControllerMap
 from rehab_opt.workspace.edge_distance import edge_columns, nearest_point_function
 from rehab_opt.workspace.spline_kernel import point_inputs, point_statement
@@ -68,13 +69,12 @@ def exported_helper_side(
 
     Parameters
     ----------
-    side : made new, with backup="qrqp".
+    side : it is reset.
 
     Raises
     ------
-    ConfigurationError : a backup that C has not.
+    ConfigurationError : a solver that does not become C.
     """
-    check_rungs(side.force)
     fit, edges = side.carry.spline._fit, edge_columns(side.carry.source.polygon)
     spline, force = point_statement(fit, with_jacobian=True), reflected_force(len(edges))
     at, felt, *numbers = (ca.MX.sym("input", force.sparsity_in(i)) for i in (0, *range(2, force.n_in())))
@@ -90,6 +90,7 @@ def exported_helper_side(
         inputs=("self->view + X", "self->felt", "DAMPING", "BACK", "SOURCE", *TABLES),
         tables={"DAMPING": np.array([side.damping]), "BACK": side.back, "SOURCE": edges, **_tables(side.carry)},
     )
+    side.reset()
     ticks = _ticks(side, positions, heard, len(PARTICIPANT_SAYS))
 
     def answer(tick: Tick) -> tuple[Command, FromHelper]:
@@ -113,7 +114,6 @@ def exported_participant_side(
     side: ParticipantSide, positions: Array, heard: Sequence[FromHelper | None], *, title: str
 ) -> ExportedForce:
     """The participant's side, likewise."""
-    check_rungs(side.force)
     spline, edges = (
         point_statement(side.carry.spline._fit, with_jacobian=False), edge_columns(side.carry.source.polygon),
     )  # fmt: skip
@@ -248,7 +248,14 @@ def _recording(
         return command
 
     about = f"{len(ticks)} ticks of a hand's path and of messages, with faults among them"
-    return recorded(command_of, ticks, about, more=lambda: (side.force.energy_left, *said[-1]))
+    numbers = side._serials  # they go on through a reset, and C begins anew
+    try:
+        side._serials = type(numbers)()
+        with as_in_c(side.force._ladder):
+            return recorded(command_of, ticks, about, more=lambda: (side.force.energy_left, *said[-1]))
+    finally:
+        side._serials = numbers
+        side.reset()
 
 
 def _v(tick: Tick) -> Array | None:

@@ -13,16 +13,15 @@ from numpy.typing import NDArray
 from rehab_opt.control.bounded_force import BoundedForce
 from rehab_opt.control.energy_tank import tank_record
 from rehab_opt.control.force_tick import MODEL, SOLVED, VIEW, anew, force_tick, watched_record
-from rehab_opt.errors import ConfigurationError
 from rehab_opt.export.c_text import initialiser, number
 from rehab_opt.export.evaluated import Evaluated
 from rehab_opt.export.exported import ExportedController
 from rehab_opt.export.generated import renamed
 from rehab_opt.export.recording import Tick, with_faults
-from rehab_opt.optim.ladder import BACKUP, FUSED
+from rehab_opt.optim.ladder import BACKUP
 from rehab_opt.optim.qrqp import QRQP_ITERATIONS
 
-__all__ = ["DIFFERENCES", "ExportedForce", "check_rungs", "faulty_ticks"]
+__all__ = ["DIFFERENCES", "ExportedForce", "faulty_ticks"]
 
 Array = NDArray[np.float64]
 
@@ -33,6 +32,8 @@ DIFFERENCES = (
     "An x that is NULL counts as not a number; Python raises an error for an argument of the wrong shape.",
 )
 """Of every force."""
+UNITS = {"force_limit": "N", "slew_limit": "N/s", "growth_limit": "N/s", "speed_cap": "m/s", "budget": "J"}
+"""Of what stands in the header."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -52,6 +53,15 @@ class ExportedForce(ExportedController):
     wanted: Evaluated
     parts: Mapping[str, ca.Function] = field(default_factory=dict)
     pieces: Mapping[str, str] = field(default_factory=lambda: {"begin": "force_begin.c"})
+
+    @property
+    def dt(self) -> float:
+        """[s] of a tick."""
+        return self.force.dt
+
+    def limits(self) -> list[str]:
+        """Bounds of force, speed and energy."""
+        return [f"{name} {self.force.model[MODEL[name]]:.9g} {unit}" for name, unit in UNITS.items()]
 
     @property
     def iterations(self) -> int:
@@ -95,17 +105,6 @@ class ExportedForce(ExportedController):
             "nothing_seen": initialiser(self.force.nothing_seen()),
             "wanted": self.wanted.code,
         }
-
-
-def check_rungs(force: BoundedForce) -> None:
-    """Refuse a controller with more rungs than C has.
-
-    Raises
-    ------
-    ConfigurationError : a solver or backup that C has not.
-    """
-    if force._ladder.solver != FUSED or force._ladder.backup != FUSED:
-        raise ConfigurationError("helper", force._ladder.backup, f"Assistance(..., backup='{FUSED}'), as C is")
 
 
 def faulty_ticks(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -22,13 +22,15 @@ from rehab_opt.control.interaction import FELT, GONE
 from rehab_opt.control.manipulability import DISTANCES, DRAWN, GAIN, SHARES
 from rehab_opt.control.mirror import MirrorTracker
 from rehab_opt.control.person_limit import SETTLED, SETTLING, SETTLING_DT, PersonLimit
-from rehab_opt.control.reference_clock import CURVED, THINNED
+from rehab_opt.control.reference_clock import CURVED
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.export.c_text import initialiser, number
 from rehab_opt.export.controllers.mirror_run import mirror_run
-from rehab_opt.export.exported import ExportedVelocity, Law
+from rehab_opt.export.exported import BYTES, ExportedVelocity, Law
 from rehab_opt.export.generated import renamed
-from rehab_opt.optim.ladder import BACKUP, FUSED
+from rehab_opt.export.recording import Recording
+from rehab_opt.export.rungs import as_in_c
+from rehab_opt.optim.ladder import BACKUP
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.mirror.laws import tracker_of
 from rehab_opt.session.mirror.problem import MirrorProblem
@@ -40,6 +42,10 @@ __all__ = ["ExportedMirror", "exported_mirror", "exported_mirror_problem"]
 Array = NDArray[np.float64]
 
 NAME = "mirror_tracker"
+MEMORY = 64_000
+"""[bytes] of its struct where nothing else is said."""
+SAMPLE, SLOTS, LEAST = 20, 2, 16
+"""Numbers of a sample, samples besides those that may wait, and the fewest that wait."""
 CALL = (
     f"rehab_{NAME}_step(&controller, tick->q, tick->pose, tick->twist, tick->with_force ? tick->force : NULL, "
     "tick->enable, tick->stamp, out);"
@@ -65,9 +71,10 @@ DIFFERENCES = (
     "`iterations` of Python's command is not told.",
 )
 SAME = (
-    f"The same in both: at most {THINNED} samples of the reference wait while the clock does. Where one more arrives, "
-    "every second one of those that wait is left out, and the path between its neighbours is straight; their time is "
-    "kept, and nothing is dropped at either end.",
+    "At most {0} samples of the reference wait here while the clock does, in Python {1}. Where one more arrives, every "
+    "second one of those that wait is left out, with `REHAB_THINNED`, and the path between its neighbours is straight; "
+    "their time is kept, and nothing is dropped at either end. `memory` of `export_c` has room for more; in Python "
+    "`clock.most` is the number.",
     "The same in both: where the gradient of the manipulability vanishes below the floor, a tick looks for a way out "
     "among thousands of postures: half a millisecond where the others take microseconds, and it may come again after "
     f"{mirror_statement.STALE} ticks without gain. An arm that starts above its floor does not come there.",
@@ -86,9 +93,11 @@ class ExportedMirror(ExportedVelocity):
     Parameters
     ----------
     tracker : what answers in Python.
+    waiting : samples of the reference that wait at most.
     """
 
     tracker: MirrorTracker
+    waiting: int = 0
 
     def functions(self) -> list[ca.Function]:
         """The laws' functions, and what the clock, the true bounds and the way out are made of."""
@@ -111,11 +120,13 @@ class ExportedMirror(ExportedVelocity):
     def shape(self) -> dict[str, str]:
         """Those of the laws, and the constants of clock, pace, forces and way out."""
         shape = super().shape()
-        samples = 20 * (THINNED + 2)
-        return {**shape, "numbers": str(int(shape["numbers"]) + samples + 120), **_constants(self.tracker)}
+        numbers = int(shape["numbers"]) + SAMPLE * (self.waiting + SLOTS) + 120
+        return {**shape, "numbers": str(numbers), "waiting": str(self.waiting), **_constants(self.tracker)}
 
 
-def exported_mirror_problem(loaded: ProblemFile[MirrorProblem], *, progress: Progress) -> ExportedMirror:
+def exported_mirror_problem(
+    loaded: ProblemFile[MirrorProblem], *, memory: int = MEMORY, progress: Progress
+) -> ExportedMirror:
     """The tracker of a problem file, and what it does along the recording.
 
     Raises
@@ -123,11 +134,11 @@ def exported_mirror_problem(loaded: ProblemFile[MirrorProblem], *, progress: Pro
     ProblemFileError : a recording or a value of the file that cannot be used.
     """
     problem, scene = loaded.problem, laid_out(loaded)
-    tracker = tracker_of(problem, scene, file=loaded.file, backup=FUSED)
+    tracker = tracker_of(problem, scene, file=loaded.file)
     poses, twists = scene.reference.poses, scene.reference.twists
     return exported_mirror(
         tracker, scene.start, poses, twists, title=problem.title, source=f"the recording of `{loaded.name}`",
-        progress=progress,
+        memory=memory, progress=progress,
     )  # fmt: skip
 
 
@@ -139,34 +150,37 @@ def exported_mirror(
     *,
     title: str,
     source: str,
+    memory: int = MEMORY,
     progress: Progress = lambda *_: None,
 ) -> ExportedMirror:
     """The tracker, and what it answers where its robot moves as commanded.
 
     Parameters
     ----------
-    tracker : made with backup="qrqp"; it is reset.
+    tracker : it is reset.
     start : (n,) [rad, m] where its robot begins, at rest.
     poses, twists : (N, 4, 4), (N, 6) what is asked for, tick by tick; as much of it as a recorded run holds.
     title, source : what it is and where the poses come from, in a few words.
+    memory : [bytes] of its struct at most; what the rest leaves holds samples of the reference that wait.
 
     Raises
     ------
-    ConfigurationError : a solver or a backup that C has not, or a chain of more joints than a command has room for.
+    ConfigurationError : a solver that does not become C, a chain of more joints than a command has room for, or less
+        memory than it takes.
     """
-    ladder, limit = tracker._ladder, tracker._limit
-    if ladder.solver != FUSED or ladder.backup != FUSED:
-        raise ConfigurationError("tracker", ladder.backup, f"MirrorTracker(..., backup='{FUSED}'), as C is")
+    limit = tracker._limit
     laws, pieces = [Law("mirror", tracker)], {"types": "mirror_types.h", "at_start": "at_start.c"}
     pieces |= {"reference_clock": "reference_clock.c", "way_out": "way_out.c", "person_limit": "no_person.c"}
     pieces |= {"true_bounds": "mirror_bounds.c", "pace": "mirror_pace.c"}
-    values, more, solves = {"one_tick": ""}, MEMORY, 2 * (PASSES + 1)
+    values, more, solves = {"one_tick": ""}, MEMBERS, 2 * (PASSES + 1)
+    ladders = [tracker._ladder]
     if limit is not None:
         laws += [Law("following", limit._tracker), Law("settling", limit._settler)]
         pieces |= {"one_tick": "one_tick.c", "person_limit": "person_limit.c"}
-        values, more = _person(limit), MEMORY + PERSON_MEMORY.format(limit.chain.n)
+        ladders += [limit._tracker._ladder, limit._settler._ladder]
+        values, more = _person(limit), MEMBERS + PERSON_MEMBERS.format(limit.chain.n)
         solves *= max(2, mirror_following.SETTLING_TICKS)  # the model's beside the robot's, or its alone
-    return ExportedMirror(
+    exported = ExportedMirror(
         name=NAME,
         title=f"{title}: joint velocities that lead a hand along a mirrored path",
         laws=laws,
@@ -174,23 +188,43 @@ def exported_mirror(
         interface="mirror",
         call=CALL,
         usage=USAGE,
-        recording=mirror_run(tracker, start, poses, twists, source=source, progress=progress),
-        differences=(*DIFFERENCES, *SAME, *(OF_A_PERSON if limit is not None else ())),
+        recording=Recording((), (), "", ()),
+        differences=(),
         solves=solves,
         values=values,
         pieces=pieces,
-        more_memory=more.format(name=NAME, slots=THINNED + 2, joints=tracker.chain.n, felt=FELT),
+    )
+    most = tracker.clock.most
+    waiting = min(most, (memory - exported.bytes) // (BYTES * SAMPLE))
+    if waiting < LEAST:
+        needed = exported.bytes + BYTES * SAMPLE * LEAST
+        raise ConfigurationError("memory", memory, f"at least {needed} bytes, {LEAST} samples that wait among them")
+    try:
+        with as_in_c(*ladders):
+            tracker.clock.most = waiting
+            recording = mirror_run(tracker, start, poses, twists, source=source, progress=progress)
+    finally:
+        tracker.clock.most = most
+        tracker.reset()
+    same = (SAME[0].format(waiting, most), *SAME[1:], *(OF_A_PERSON if limit is not None else ()))
+    return replace(
+        exported,
+        recording=recording,
+        differences=(*DIFFERENCES, *same),
+        waiting=waiting,
+        more_memory=more.format(name=NAME, slots=waiting + SLOTS, joints=tracker.chain.n, felt=FELT),
     )
 
 
 # ------------------------------------------------------------------------------------------------ what C is told
-MEMORY = """\
+MEMBERS = """\
 struct {{
     struct rehab_{name}_sample {{
         double pose[12], twist[6]; /* the first three rows [m]; [m/s, rad/s] */
         double seconds, stamp;     /* since the sample before; of the reference's own time */
     }} sample[{slots}];            /* a ring */
     int first, count;              /* the one at hand, and how many there are from it on */
+    int thinned;                   /* whether the last sample made every second one go that waited */
     double fraction;               /* of the way to the next one */
     double lag, lost;              /* [s] to the newest, and not taken since */
 }} clock;
@@ -203,7 +237,7 @@ double last_before[{joints}];      /* velocities of the tick before */
 double rate, share, then, waited, stood, apart, aside, lead_w;
 int live, pushed, has_aim, has_centre, lead_age;
 """
-PERSON_MEMORY = (
+PERSON_MEMBERS = (
     "double person[{}]; /* posture of the model of the led arm */\nint settling; /* ticks left to find it */\n"
 )
 
@@ -241,7 +275,7 @@ def _constants(tracker: MirrorTracker) -> dict[str, str]:
         "still_hand": w.STANDS[0], "still_turn": w.STANDS[1], "short_place": w.SHORT[0], "short_turn": w.SHORT[1],
         "patience": w.PATIENCE, "rush": f.RUSH, "jump": f.JUMP * dt + 1e-3, "spin": f.SPIN * dt + 1e-2,
     }  # fmt: skip
-    whole = {"felt": FELT, "waiting": THINNED, "drawn": DRAWN, "halvings": s.HALVINGS, "stale": s.STALE}
+    whole = {"felt": FELT, "drawn": DRAWN, "halvings": s.HALVINGS, "stale": s.STALE}
     arrays: dict[str, Iterable[float]] = {
         "change": chain.acceleration * dt * (1 + 1e-9) + 1e-12, "lower": chain.lower, "upper": chain.upper,
         "distances": DISTANCES, "shares": SHARES,

@@ -9,9 +9,10 @@ from rehab_opt.control.command import Command
 from rehab_opt.control.gate import guided_force
 from rehab_opt.control.path_assistance import PathAssistance
 from rehab_opt.control.path_progress import PATH_MODEL, PROGRESS, progress_function
-from rehab_opt.export.controllers.bounded_force import DIFFERENCES, ExportedForce, check_rungs, faulty_ticks
+from rehab_opt.export.controllers.bounded_force import DIFFERENCES, ExportedForce, faulty_ticks
 from rehab_opt.export.evaluated import Evaluated
 from rehab_opt.export.recording import Tick, recorded
+from rehab_opt.export.rungs import as_in_c
 from rehab_opt.workspace.edge_distance import edge_columns
 
 __all__ = ["exported_path_assistance"]
@@ -40,9 +41,8 @@ def exported_path_assistance(helper: PathAssistance, positions: Array, *, title:
 
     Raises
     ------
-    ConfigurationError : a backup that C has not.
+    ConfigurationError : a solver that does not become C.
     """
-    check_rungs(helper)
     helper.reset()
     edges = edge_columns(helper.comfortable.polygon)
     at = {each: f"self->path + {PROGRESS[each]}" for each in ("place", "along", "grip")}
@@ -71,6 +71,9 @@ def exported_path_assistance(helper: PathAssistance, positions: Array, *, title:
         return helper.step(tick["x"], v, enable=tick["enable"], stamp=tick["stamp"])
 
     about = f"{len(ticks)} ticks of a hand's path, with faults among them"
+    with as_in_c(helper._ladder):
+        recording = recorded(answer, ticks, about, more=lambda: (helper.energy_left, helper.progress))
+    helper.reset()
     last = int(helper.path_model[PATH_MODEL["last"]])
     return ExportedForce(
         name=NAME,
@@ -80,7 +83,7 @@ def exported_path_assistance(helper: PathAssistance, positions: Array, *, title:
         interface="path_assistance",
         call=CALL,
         usage=USAGE,
-        recording=recorded(answer, ticks, about, more=lambda: (helper.energy_left, helper.progress)),
+        recording=recording,
         differences=DIFFERENCES,
         solves=2,  # and again from a cold start
         more_memory=MEMORY,

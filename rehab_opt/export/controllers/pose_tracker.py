@@ -12,6 +12,7 @@ from rehab_opt.control.pose_tracker import PoseTracker
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.export.exported import ExportedController, ExportedVelocity, Law
 from rehab_opt.export.recording import Tick, recorded, thinned, with_faults
+from rehab_opt.export.rungs import as_in_c
 from rehab_opt.optim.ladder import BACKUP, FUSED
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
@@ -53,7 +54,7 @@ def exported_pose_tracker(loaded: ProblemFile[PoseTracking], *, progress: Progre
     if problem.tracker.solver not in (None, FUSED):
         raise ProblemFileError(loaded.file, "tracker.solver", problem.tracker.solver, f"{FUSED}, which can become C")
     robot, start = robot_at_start(loaded)
-    tracker = tracker_of(problem, robot, file=loaded.file, backup=FUSED)
+    tracker = tracker_of(problem, robot, file=loaded.file)
     run = run_pose_tracking(loaded, solver=None, progress=progress)
     poses, twists = circle_reference(robot.pose(start), problem.circle, run.time)
     kept = thinned(len(run.time))
@@ -65,16 +66,19 @@ def exported_pose_tracker(loaded: ProblemFile[PoseTracking], *, progress: Progre
 
 
 def exported_tracker(tracker: PoseTracker, run: Sequence[Tick], *, title: str, of: str) -> ExportedController:
-    """Any tracker, a user's own limits included; for `export_c.written_files`.
+    """Any tracker, a user's own limits included.
 
     Parameters
     ----------
-    tracker : made with backup="qrqp", the solver that C has; it is reset, and repeats the run.
+    tracker : it is reset, and repeats the run without a backup, which C has not.
     run : ticks of a sound run, each q (n,), pose (4, 4), twist (6,), and `obstacles` (k, 14) by `moving_numbers` where
         the tracker is told of moving capsules: C repeats it, with faults among them.
     title : what it is, in a few words. of : what the run is one of, in words.
+
+    Raises
+    ------
+    ConfigurationError : a solver that does not become C, or a chain of more joints than a command has room for.
     """
-    tracker.reset()
     ticks = with_faults(run, dt=tracker.dt, max_age=tracker.max_age, more=_faults(tracker))
     about = (
         f"{len(ticks)} ticks of {of}, with faults among them: numbers that are none, stamps that are wrong, the enable "
@@ -82,11 +86,15 @@ def exported_tracker(tracker: PoseTracker, run: Sequence[Tick], *, title: str, o
     )
 
     def answer(tick: Tick) -> Command:
-        around = {"obstacles": tick["obstacles"]} if moving else {}
+        around = {"obstacles": tick["obstacles"]} if tracker.limits.moving else {}
         return tracker.step(
             tick["q"], tick["pose"], tick["twist"], **around, enable=tick["enable"], stamp=tick["stamp"]
         )
 
+    with as_in_c(tracker._ladder):
+        tracker.reset()
+        recording = recorded(answer, ticks, about)
+    tracker.reset()
     told = tracker.limits.told
     moving = "" if not told else " {}obstacles,"
 
@@ -102,7 +110,7 @@ def exported_tracker(tracker: PoseTracker, run: Sequence[Tick], *, title: str, o
             "moving_input": MOVING_INPUT.format(size=told) if told else "",
             "moving_told": f"\n    told(self->law[0].parameters + JOINTS + 22, obstacles, {told});" if told else "",
         },
-        recording=recorded(answer, ticks, about),
+        recording=recording,
         differences=DIFFERENCES,
         pieces={"one_tick": "one_tick.c", "at_start": "at_start.c"},
         solves=2 * (PASSES + 1),  # of the wanted motion and of the QP, and all again from a cold start

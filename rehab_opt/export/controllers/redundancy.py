@@ -16,6 +16,7 @@ from rehab_opt.errors import ProblemFileError
 from rehab_opt.export.c_text import indented, initialiser, number
 from rehab_opt.export.exported import ExportedController, ExportedVelocity, Law
 from rehab_opt.export.recording import Recording, Tick, recorded, thinned, with_faults
+from rehab_opt.export.rungs import as_in_c
 from rehab_opt.optim.ladder import BACKUP, FUSED
 from rehab_opt.session.ardis.loop import Answer, Array, Optimised, moved
 from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
@@ -24,7 +25,7 @@ from rehab_opt.session.ardis.run import sticks_of
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
 
-__all__ = ["exported_resolvers"]
+__all__ = ["exported_resolver", "exported_resolvers"]
 
 DIFFERENCES = (
     f"There is no backup solver. Where Python would ask {BACKUP}, C goes on to a tick of braking together "
@@ -65,18 +66,30 @@ def exported_resolvers(loaded: ProblemFile[ArdisProblem], *, progress: Progress)
     solver = loaded.problem.run.solver
     if solver not in (None, FUSED):
         raise ProblemFileError(loaded.file, "run.solver", solver, f"{FUSED}, which can become C")
-    return [_exported(loaded, drive, progress=progress) for drive in sticks_of(loaded)]
+    return [_of_a_file(loaded, drive, progress=progress) for drive in sticks_of(loaded)]
 
 
-def _exported(loaded: ProblemFile[ArdisProblem], drive: DriveName, *, progress: Progress) -> ExportedController:
-    name = f"redundancy_{drive}"
-    resolver = resolver_of(loaded, robot_of(loaded), drive, backup=FUSED)
+def exported_resolver(resolver: RedundancyResolver, run: Sequence[Tick], *, title: str, of: str) -> ExportedController:
+    """Any resolver, with the sets of rows that it has.
+
+    Parameters
+    ----------
+    resolver : it is reset, and repeats the run without a backup, which C has not.
+    run : ticks of a sound run, each q (n,), twist (k,) with k the most numbers that a set of rows has, and `rows` and
+        `frame` as whole numbers: places in `row_sets` and in `FRAMES`. C repeats it, with faults among them.
+    title : what it is, in a few words. of : what the run is one of, in words.
+
+    Raises
+    ------
+    ConfigurationError : a solver that does not become C, or a robot of more joints than a command has room for.
+    """
+    name = f"redundancy_{resolver.drive}"
     active = list(resolver._sets.values())
     max_obstacles = active[0].max_obstacles
     rows = [f"REHAB_{name.upper()}_{'_'.join(names).upper()}" for names in resolver.row_sets]
     return ExportedVelocity(
         name=name,
-        title=f"{loaded.problem.title}: joint velocities of a chair with an arm, {drive} drive",
+        title=f"{title}: joint velocities of a chair with an arm, {resolver.drive} drive",
         laws=[
             Law(f"law_{i}", law, lesser=law._braking_together.function, obstacles=NUMBERS * max_obstacles)
             for i, law in enumerate(active)
@@ -85,7 +98,7 @@ def _exported(loaded: ProblemFile[ArdisProblem], drive: DriveName, *, progress: 
         call=f"rehab_{name}_step(&controller, tick->q, tick->twist, tick->rows, tick->frame, tick->enable, "
         "tick->stamp, out);",
         usage=_usage(name, rows[0]),
-        recording=_recording(loaded, drive, resolver, progress=progress),
+        recording=_recording(resolver, run, of),
         differences=DIFFERENCES,
         pieces={"one_tick": "one_tick.c"},
         solves=2 * 2,  # without the rows that are seldom active and with them, and both again from a cold start
@@ -94,10 +107,9 @@ def _exported(loaded: ProblemFile[ArdisProblem], drive: DriveName, *, progress: 
     )
 
 
-def _recording(
-    loaded: ProblemFile[ArdisProblem], drive: DriveName, resolver: RedundancyResolver, *, progress: Progress
-) -> Recording:
-    """The session's run with a controller of its own, told to `resolver` once more with faults in it."""
+def _of_a_file(loaded: ProblemFile[ArdisProblem], drive: DriveName, *, progress: Progress) -> ExportedController:
+    """The session's run with a controller of its own, repeated by another."""
+    resolver = resolver_of(loaded, robot_of(loaded), drive)
     robot, dt = resolver.robot, 1 / loaded.problem.run.rate_hz
     listening = Listening(resolver_of(loaded, robot, drive))
     moved(
@@ -106,10 +118,19 @@ def _recording(
     )  # fmt: skip
     kept = thinned(len(listening.ticks))
     step = 1 if len(kept) < 2 else int(kept[1])
-    sound = [listening.ticks[i] for i in kept]
+    part = "" if step == 1 else f" (one of {step}, since the run is longer)"
+    return exported_resolver(
+        resolver, [listening.ticks[i] for i in kept], title=loaded.problem.title,
+        of=f"`rehab-opt run {loaded.name}`, {drive} drive{part}",
+    )  # fmt: skip
+
+
+def _recording(resolver: RedundancyResolver, run: Sequence[Tick], of: str) -> Recording:
+    """What it answers to the run, with faults in it."""
+    robot = resolver.robot
     max_age = next(iter(resolver._sets.values())).max_age
     ticks = with_faults(
-        sound, dt=dt, max_age=max_age,
+        run, dt=resolver.dt, max_age=max_age,
         more=(
             lambda tick: {**tick, "twist": 1e4 * np.ones_like(tick["twist"])},
             lambda tick: {**tick, "frame": 1},
@@ -119,17 +140,21 @@ def _recording(
     frames = {int(value): name for name, value in FRAMES.items()}
 
     def answer(tick: Tick) -> Command:
+        rows = resolver.row_sets[tick["rows"]]
         return resolver.step(
-            tick["q"], tick["twist"], resolver.row_sets[tick["rows"]], frames[tick["frame"]], enable=tick["enable"],
+            tick["q"], tick["twist"][: len(rows)], rows, frames[tick["frame"]], enable=tick["enable"],
             stamp=tick["stamp"],
         )  # fmt: skip
 
     about = (
-        f"{len(ticks)} ticks of `rehab-opt run {loaded.name}`, {drive} drive"
-        + ("" if step == 1 else f" (one of {step}, since the run is longer)")
-        + ", with faults among them: numbers that are none, stamps that are wrong, the enable input released"
+        f"{len(ticks)} ticks of {of}, with faults among them: numbers that are none, stamps that are wrong, the enable "
+        "input released"
     )
-    return recorded(answer, ticks, about)
+    resolver.reset()
+    with as_in_c(*(law._ladder for law in resolver._sets.values())):
+        recording = recorded(answer, ticks, about)
+    resolver.reset()
+    return recording
 
 
 def _values(

@@ -65,7 +65,7 @@ class Overheard(Bilateral):
     def step(self, helper: ArrayLike, participant: ArrayLike, *rest: Any, **options: Any) -> BilateralCommand:
         """Its forces."""
         self.hands.append((helper, participant))
-        self.heard.append((self._back[0], self._there[0]))
+        self.heard.append(self.under_way)
         return super().step(helper, participant, *rest, **options)
 
 

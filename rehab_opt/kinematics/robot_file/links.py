@@ -89,6 +89,7 @@ def chain_arguments(form: Format, file: str | Path, base: str | None, tip: str |
         "velocity": velocity,
         "acceleration": _accelerations(given.acceleration, names),
         "capsules": tuple(_capsule(i, each, places) for i, each in enumerate(given.capsules)),
+        "effort": np.array([joint.effort for joint in joints]),
         "bodies": tuple(_body(each, places) for each in frames if each.step.inertial is not None),
         "notes": tuple(notes),
     }

@@ -34,6 +34,8 @@ class Joint(NamedTuple):
     velocity: float
     coupled_to: str = ""
     """Joint that it is coupled to, or empty."""
+    effort: float = math.inf
+    """Largest effort of its drive [N m or N], infinite where the file says none above zero."""
 
 
 class Inertial(NamedTuple):

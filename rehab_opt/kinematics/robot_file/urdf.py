@@ -148,16 +148,17 @@ def _joint(joint: Element, kind: str, source: Source, owner: str, notes: list[st
             notes.append(note)
     limit = joint.only("limit", source, owner)
     mimic = joint.only("mimic", source, owner)
-    lower, upper, velocity = (
+    lower, upper, velocity, effort = (
         math.nan if limit is None else float(limit.numbers(key, source, owner, _NO_NUMBER)[0])
-        for key in ("lower", "upper", "velocity")
+        for key in ("lower", "upper", "velocity", "effort")
     )
     if kind == "continuous":
         lower, upper = -math.inf, math.inf
     elif math.isnan(lower) != math.isnan(upper):  # the format's default of one of them is zero
         lower, upper = (0.0 if math.isnan(each) else each for each in (lower, upper))
     coupled = "" if mimic is None else mimic.text("joint", source, owner)
-    return Joint(joint.attributes["name"], kind in SLIDING, axis, lower, upper, velocity, coupled)
+    effort = effort if effort > 0.0 else math.inf
+    return Joint(joint.attributes["name"], kind in SLIDING, axis, lower, upper, velocity, coupled, effort)
 
 
 def _origin(element: Element, source: Source, owner: str) -> Array:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from rehab_opt.plants.plant import Measurement, Plant
     from rehab_opt.published.pseudoinverse_law import PseudoinverseLaw
 
-__all__ = ["Answer", "Law", "Motion", "Optimised", "Published", "moved"]
+__all__ = ["LET_GO", "Answer", "Law", "Motion", "Optimised", "Published", "moved"]
 
 Array = NDArray[np.float64]
 

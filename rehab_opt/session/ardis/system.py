@@ -10,6 +10,7 @@ from rehab_opt.session.ardis.problem import ArdisProblem
 from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, start_of
 from rehab_opt.session.ardis.run import run_ardis, sticks_of
 from rehab_opt.session.files import ProblemFile
+from rehab_opt.session.live.problem import LiveProblem
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.plant.making import on_plant
 from rehab_opt.session.solver_option import checked_solver, solver_refusals
@@ -48,6 +49,14 @@ class ArdisSystem(System[ArdisProblem, ArdisOutcome]):
         loaded = on_plant(loaded, options.get("plant"))
         with _refusals(loaded, solver):
             return run_ardis(loaded, solver=solver, progress=progress)
+
+    def live(self, loaded: ProblemFile[ArdisProblem], *, options: Mapping[str, str]) -> LiveProblem:
+        """The stick in somebody's hand; options as of `run`."""
+        from rehab_opt.session.ardis.live import LiveArdis  # noqa: PLC0415  (for those who look)
+
+        solver = checked_solver(options.get("solver"))
+        with _refusals(loaded, solver):
+            return LiveArdis(on_plant(loaded, options.get("plant")), solver=solver)
 
     def seconds_a_tick(self, problem: ArdisProblem) -> float:
         """Of the controller."""

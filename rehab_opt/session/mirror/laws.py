@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.control.command import Bound
 from rehab_opt.control.hand_bounds import KeepOut
+from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.control.mirror import MirrorTracker
 from rehab_opt.control.pose_tracker import PoseTracker
 from rehab_opt.errors import ConfigurationError, ProblemFileError
@@ -145,10 +146,12 @@ class _Diary:
         )
 
 
-def without_floor(scene: Scene, plant: Plant, *, max_manipulability: float, progress: Progress) -> Led:
+def without_floor(
+    scene: Scene, plant: Plant, *, max_manipulability: float, progress: Progress, feedback: JointFeedback | None = None
+) -> Led:
     """The reference as it is, at its own pace, followed within the robot's limits alone: what the paper has before."""
     dt = plant.dt
-    tracker = PoseTracker(scene.robot, dt=dt, linear_speed=3.0, angular_speed=20.0)
+    tracker = PoseTracker(scene.robot, dt=dt, linear_speed=3.0, angular_speed=20.0, feedback=feedback)
     diary, seen = _Diary(scene, max_manipulability, plant), plant.reset(scene.start)
     total = len(scene.reference.poses)
     for k, (pose, twist) in enumerate(zip(scene.reference.poses, scene.reference.twists, strict=True)):
@@ -216,7 +219,8 @@ def planned(tracker: MirrorTracker, scene: Scene, *, progress: Progress) -> Led:
         reference=path.references,
         manipulability=np.array([robot.manipulability(each) for each in path.q]) / tracker.max_manipulability,
         lag=path.times - path.clock,
-        pace=path.paces,
+        # At its end the reference stands still: a hand that settles there is not held back.
+        pace=np.where(path.complete & (path.clock == path.clock[-1]), 1.0, path.paces),
         short=path.short,
         person=path.person,
         status=("planned",) * len(path.q),

@@ -15,7 +15,7 @@ from rehab_opt.session.mirror.outcome import BEFORE, PLAN, STEP, Led, MirrorOutc
 from rehab_opt.session.mirror.problem import MirrorProblem
 from rehab_opt.session.mirror.scene import Scene, laid_out
 from rehab_opt.session.outcome import Progress
-from rehab_opt.session.plant.making import joint_plant, plant_note
+from rehab_opt.session.plant.making import joint_feedback, joint_plant, plant_note
 
 if TYPE_CHECKING:
     from rehab_opt.control.mirror import MirrorTracker
@@ -35,11 +35,14 @@ def run_mirror(loaded: ProblemFile[MirrorProblem], *, progress: Progress) -> Mir
     """
     problem, scene = loaded.problem, laid_out(loaded)
     section, reference, robot = problem.tracker, scene.reference, scene.robot
-    tracker = tracker_of(problem, scene, file=loaded.file)
+    feedback = joint_feedback(problem.plant)
+    tracker = tracker_of(problem, scene, file=loaded.file, feedback=feedback)
     max_manipulability, rate = tracker.max_manipulability, section.rate_hz
     plant = joint_plant(problem.plant, robot, 1.0 / rate)
     laws = {
-        BEFORE: without_floor(scene, plant, max_manipulability=max_manipulability, progress=progress),
+        BEFORE: without_floor(
+            scene, plant, max_manipulability=max_manipulability, progress=progress, feedback=feedback
+        ),
         STEP: followed(tracker, scene, plant, patience=section.patience, progress=progress),
         PLAN: planned(tracker, scene, progress=progress),
     }

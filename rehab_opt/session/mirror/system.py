@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
 from rehab_opt.session.files import ProblemFile
+from rehab_opt.session.live.problem import LiveProblem
 from rehab_opt.session.mirror.problem import MirrorProblem
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.plant.making import on_plant
@@ -50,6 +51,12 @@ class MirrorSystem(System[MirrorProblem, "MirrorOutcome"]):
         from rehab_opt.session.mirror.run import run_mirror  # noqa: PLC0415  (loads solvers)
 
         return run_mirror(on_plant(loaded, options.get("plant")), progress=progress)
+
+    def live(self, loaded: ProblemFile[MirrorProblem], *, options: Mapping[str, str]) -> LiveProblem:
+        """The mirrored recording to and fro, until somebody drags the hand; the option is `plant`."""
+        from rehab_opt.session.mirror.live import LiveMirror  # noqa: PLC0415  (loads solvers)
+
+        return LiveMirror(on_plant(loaded, options.get("plant")))
 
     def seconds_a_tick(self, problem: MirrorProblem) -> float:
         """Of the tracker."""

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING, TypeVar
 
+from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.ur5 import ur5
 from rehab_opt.plants.channel import Channel
@@ -20,11 +22,11 @@ if TYPE_CHECKING:
     from rehab_opt.plants.plant import Plant
     from rehab_opt.plants.wheelchair import Wheelchair
 
-__all__ = ["OWN_ARM", "chair_plant", "channel_of", "joint_plant", "ms", "on_plant", "plant_note"]
+__all__ = ["OWN_ARM", "chair_plant", "channel_of", "joint_feedback", "joint_plant", "ms", "on_plant", "plant_note"]
 
 P = TypeVar("P", bound=Problem)
 
-OWN_ARM = "'ideal' for an arm from a robot file: its drives and friction are not known"
+OWN_ARM = "'ideal' for a chair with an arm from a robot file: what of it is driven how is not known"
 
 
 def on_plant(loaded: ProblemFile[P], kind: str | None) -> ProblemFile[P]:
@@ -49,24 +51,23 @@ def on_plant(loaded: ProblemFile[P], kind: str | None) -> ProblemFile[P]:
 
 
 def joint_plant(table: JointPlant, chain: SerialChain, dt: float) -> Plant:
-    """A UR5 that takes joint velocities [rad/s]; of other arms only ideal joints.
+    """An arm that takes joint velocities [rad/s]: a UR5, or one whose robot file has masses and efforts.
 
     Raises
     ------
-    ConfigurationError : physics of an arm from a robot file.
+    ConfigurationError : physics of an arm from a robot file that has not.
     """
     if table.kind == "ideal":
         return IdealJoints(dt)
-    if chain.rows != ur5().rows:
-        raise ConfigurationError("plant.kind", table.kind, OWN_ARM)
     from rehab_opt.plants.drives import PositionServo, VelocityServo  # noqa: PLC0415  (loads MuJoCo)
     from rehab_opt.plants.mujoco_arm import MujocoArm  # noqa: PLC0415
+    from rehab_opt.plants.own_arm import own_arm_model  # noqa: PLC0415
     from rehab_opt.plants.streaming import PositionStream  # noqa: PLC0415
     from rehab_opt.plants.ur5_model import ur5_model  # noqa: PLC0415
 
     servo = VelocityServo if table.servo == "velocity" else PositionServo
     arm = MujocoArm(
-        ur5_model(chain, payload=table.payload_kg),
+        (ur5_model if chain.rows == ur5().rows else own_arm_model)(chain, payload=table.payload_kg),
         dt=dt,
         drive=servo(table.servo_hz),
         channel=channel_of(table, table.position_noise_rad, table.position_resolution_rad),
@@ -74,6 +75,22 @@ def joint_plant(table: JointPlant, chain: SerialChain, dt: float) -> Plant:
         physics_step=ms(table.physics_step_ms),
     )
     return arm if table.servo == "velocity" else PositionStream(arm)
+
+
+def joint_feedback(table: JointPlant) -> JointFeedback | None:
+    """What a tracker is told of that robot: its servos, and delays at the mean of their jitter; None of ideal joints.
+
+    A servo of the position counts as joints that move as commanded, later by as much as it trails.
+    """
+    if table.kind == "ideal":
+        return None
+    from rehab_opt.plants.drives import PositionServo  # noqa: PLC0415  (loads MuJoCo)
+
+    jitter = table.command_jitter_ms + table.measurement_jitter_ms
+    delay = ms(table.command_delay_ms + table.measurement_delay_ms + jitter / 2)
+    if table.servo == "velocity":
+        return JointFeedback(delay=delay, servo_hz=table.servo_hz)
+    return JointFeedback(delay=delay + PositionServo(table.servo_hz).lag, servo_hz=math.inf)
 
 
 def chair_plant(table: ChairPlant, robot: MobileArm, wheels: Drive, dt: float) -> Wheelchair:

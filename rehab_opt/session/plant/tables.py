@@ -57,7 +57,7 @@ class PlantTable(Section):
 
 
 class JointPlant(PlantTable):
-    """An arm whose joints have servos."""
+    """An arm whose joints have servos; trackers are told of its delays and servos (`JointFeedback`)."""
 
     servo: Literal["velocity", "position"] = "velocity"
     """A proportional-integral servo of each joint's speed, or a critically damped spring to the position that the
@@ -74,7 +74,8 @@ class JointPlant(PlantTable):
     @property
     def imperfections(self) -> str:
         """Of encoders and servos."""
-        return f"{1e3 * self.position_noise_rad:g} mrad of noise, a {self.servo} servo of {self.servo_hz:g} Hz"
+        noise = 1e3 * self.position_noise_rad
+        return f"{noise:g} mrad of noise, a {self.servo} servo of {self.servo_hz:g} Hz; trackers know delays and servo"
 
 
 class HandPlant(PlantTable):

@@ -18,13 +18,14 @@ from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.metrics import error_metrics, joint_metrics, status_counts, time_metrics
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.plant.loop import Sent, closed_loop
-from rehab_opt.session.plant.making import joint_plant, plant_note
+from rehab_opt.session.plant.making import joint_feedback, joint_plant, plant_note
 from rehab_opt.session.pose_tracking.outcome import RobotOutcome
 from rehab_opt.session.pose_tracking.problem import CircleSection, PoseTracking, RobotSection
 from rehab_opt.session.robot_file import robot_of
 from rehab_opt.session.systems import ROBOT_FILE, Needed
 
 if TYPE_CHECKING:
+    from rehab_opt.control.joint_feedback import JointFeedback
     from rehab_opt.control.pose_tracker import PoseTracker
     from rehab_opt.plants.plant import Measurement
 
@@ -47,7 +48,7 @@ def run_pose_tracking(loaded: ProblemFile[PoseTracking], *, solver: str | None, 
     """
     problem = loaded.problem
     robot, start = robot_at_start(loaded)
-    tracker = tracker_of(problem, robot, file=loaded.file, solver=solver)
+    tracker = tracker_of(problem, robot, file=loaded.file, solver=solver, feedback=joint_feedback(problem.plant))
     rate = problem.tracker.rate_hz
     dt = 1 / rate
     times = dt * np.arange(round(problem.circle.duration_s * rate) + 1, dtype=np.float64)
@@ -126,9 +127,15 @@ def run_pose_tracking(loaded: ProblemFile[PoseTracking], *, solver: str | None, 
 
 
 def tracker_of(
-    problem: PoseTracking, robot: SerialChain, *, file: str, solver: str | None = None, backup: str | None = None
+    problem: PoseTracking,
+    robot: SerialChain,
+    *,
+    file: str,
+    solver: str | None = None,
+    backup: str | None = None,
+    feedback: JointFeedback | None = None,
 ) -> PoseTracker:
-    """The tracker with the file's parameters; `backup` as `PoseTracker` takes it.
+    """The tracker with the file's parameters; `backup` and `feedback` as `PoseTracker` takes them.
 
     Raises
     ------
@@ -140,7 +147,7 @@ def tracker_of(
     given = {"gain": problem.tracker.gain_per_s, "solver": solver or problem.tracker.solver}
     chosen: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
     try:
-        return PoseTracker(robot, dt=1 / problem.tracker.rate_hz, backup=backup, **chosen)
+        return PoseTracker(robot, dt=1 / problem.tracker.rate_hz, backup=backup, feedback=feedback, **chosen)
     except ConfigurationError as refused:
         if refused.argument == "solver" and solver is not None:
             raise

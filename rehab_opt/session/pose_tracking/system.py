@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from contextlib import AbstractContextManager
 
 from rehab_opt.session.files import ProblemFile
+from rehab_opt.session.live.problem import LiveProblem
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.plant.making import on_plant
 from rehab_opt.session.pose_tracking.outcome import RobotOutcome
@@ -42,6 +43,14 @@ class PoseTrackingSystem(System[PoseTracking, RobotOutcome]):
         on = on_plant(loaded, options.get("plant"))
         with _refusals(loaded, solver):
             return run_pose_tracking(on, solver=solver, progress=progress)
+
+    def live(self, loaded: ProblemFile[PoseTracking], *, options: Mapping[str, str]) -> LiveProblem:
+        """The circle, until somebody drags the target; options as of `run`."""
+        from rehab_opt.session.pose_tracking.live import LivePoseTracking  # noqa: PLC0415  (for those who look)
+
+        solver = checked_solver(options.get("solver"))
+        with _refusals(loaded, solver):
+            return LivePoseTracking(on_plant(loaded, options.get("plant")), solver=solver)
 
     def seconds_a_tick(self, problem: PoseTracking) -> float:
         """Of the tracker."""

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.assistance import Assistance
-from rehab_opt.control.command import Status
+from rehab_opt.control.command import Command, Status
 from rehab_opt.control.path_assistance import PathAssistance
 from rehab_opt.control.smoother import Smoother
 from rehab_opt.published.field_law import FieldLaw
@@ -73,14 +73,25 @@ class Assisted(ForceLaw):
         """No force yet, and a full tank."""
         self._assistance.reset()
 
+    @property
+    def wanted(self) -> tuple[float, float]:
+        """[N] desired in the last tick, before bounds."""
+        return self._assistance.wanted
+
+    @property
+    def energy_left(self) -> float:
+        """[J] in the tank."""
+        return self._assistance.energy_left
+
+    def command(self, x: float, y: float, *, enable: object = True, stamp: float | None = None) -> Command:
+        """The certified force with how it came about."""
+        return self._assistance.step((x, y), enable=enable, stamp=stamp)
+
     def answer(self, x: float, y: float) -> Answer:
         """The certified force."""
-        command = self._assistance.step((x, y))
+        command = self.command(x, y)
         force_x, force_y = command.value.tolist()
-        wanted = self._assistance.wanted
-        return Answer(
-            wanted, (force_x, force_y), INDEX[command.status], command.yielded._value_, self._assistance.energy_left
-        )
+        return Answer(self.wanted, (force_x, force_y), INDEX[command.status], command.yielded._value_, self.energy_left)
 
 
 class AssistedAtPoints(Assisted):
@@ -108,13 +119,13 @@ class AssistedAtPoints(Assisted):
         """To the next one."""
         self._goal, self._there = self._points[goal], False
 
-    def answer(self, x: float, y: float) -> Answer:
+    def command(self, x: float, y: float, *, enable: object = True, stamp: float | None = None) -> Command:
         """The certified force towards where the field now is."""
         if not self._there:
             to_x, to_y = (self._pace.step(self._goal).value - self._points[0]).tolist()
             self._carried.carry(to_x, to_y)
             self._there = self._pace.arrived
-        return super().answer(x, y)
+        return super().command(x, y, enable=enable, stamp=stamp)
 
 
 class Published(ForceLaw):

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.session.files import ProblemFile
+from rehab_opt.session.live.problem import LiveProblem
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.participant import arm_of
 from rehab_opt.session.plant.making import on_plant
@@ -63,6 +64,16 @@ class ScenarioSystem(System[ScenarioProblem, ScenarioOutcome]):
         """Options: `solver`, `plant`."""
         loaded = on_plant(loaded, options.get("plant"))
         return run_scenario(loaded, solver=checked_solver(options.get("solver")), progress=progress)
+
+    def live(self, loaded: ProblemFile[ScenarioProblem], *, options: Mapping[str, str]) -> LiveProblem:
+        """The person as the file has them, until somebody points where the hand shall be; options as of `run`."""
+        from rehab_opt.session.scenario.live import LiveScenario  # noqa: PLC0415  (for those who look)
+
+        loaded = on_plant(loaded, options.get("plant"))
+        robot_model_of(loaded)
+        solver = checked_solver(options.get("solver"))
+        check_bounds(loaded, solver=solver)
+        return LiveScenario(loaded, solver=solver)
 
     def seconds_a_tick(self, problem: ScenarioProblem) -> float:
         """Of the assistance."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from itertools import pairwise
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.session.drawing import ACROSS, FORWARD, GRID, MISSED, MM, REFERENCE, framed, legend_below
 from rehab_opt.session.joint_figure import LAW_STYLES, joint_figure
-from rehab_opt.session.upper_limb.outcome import ArmOutcome, LawResult
+from rehab_opt.session.upper_limb.outcome import ArmOutcome, Drive
 
 __all__ = ["arm_figures"]
 
@@ -23,14 +24,27 @@ SEEN = 1.0  # [mm] from which a height off the plane is worth a word
 
 def arm_figures(outcome: ArmOutcome) -> dict[str, Figure]:
     """The figures of a run by file name (without suffix)."""
-    joints = {f"{run.law} law": (run.q, LAW_STYLES[run.law]) for run in outcome.laws}
-    return {"hand_path": _hand_path(outcome), "joints": joint_figure(outcome, joints), "error": _arm_error(outcome)}
+    drives = {f"{law} law, driven": (drive, LAW_STYLES[law]) for law, drive in _drives(outcome)}
+    joints = {label: (drive.path.positions, style) for label, (drive, style) in drives.items()}
+    times = {label: drive.path.times for label, (drive, _) in drives.items()}
+    return {
+        "hand_path": _hand_path(outcome),
+        "joints": joint_figure(outcome, joints, times=times),
+        "error": _arm_error(outcome),
+    }
+
+
+def _drives(outcome: ArmOutcome) -> Iterator[tuple[str, Drive]]:
+    """Each law that was driven: the figures show what a drive would do."""
+    for run in outcome.laws:
+        if run.drive is not None:
+            yield run.law, run.drive
 
 
 def _hand_path(outcome: ArmOutcome) -> Figure:
     depth = -float(outcome.path[0, 2])
     where = f"{abs(depth):g} m {'below' if depth >= 0 else 'above'} the shoulder"
-    figure = framed(f"{outcome.title}\nHand path seen from above, in the plane {where}", 7.5, 6.5)
+    figure = framed(f"{outcome.title}\nPath of the driven hand seen from above, in the plane {where}", 7.5, 6.5)
     axes = figure.add_subplot()
     path = MM * outcome.path
     axes.plot(path[:, 0], path[:, 1], color=REFERENCE, linewidth=4.5, alpha=0.25, label="path asked for")
@@ -40,9 +54,9 @@ def _hand_path(outcome: ArmOutcome) -> Figure:
         share = 100 * (1 - outcome.metrics["reachable_share_of_length"])
         label = f"out of this arm's reach ({share:.0f} % of the path)"
         axes.plot(missed[:, 0], missed[:, 1], "x", color=MISSED, markersize=5, label=label)
-    for run in outcome.laws:
-        label = f"hand, {run.law} law{_off_plane(run)}"
-        axes.plot(MM * run.hand[:, 0], MM * run.hand[:, 1], **LAW_STYLES[run.law], label=label)
+    for law, drive in _drives(outcome):
+        label = f"hand, {law} law{_off_plane(outcome, law)}"
+        axes.plot(MM * drive.hand[:, 0], MM * drive.hand[:, 1], **LAW_STYLES[law], label=label)
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel(ACROSS)
     axes.set_ylabel(FORWARD)
@@ -51,33 +65,37 @@ def _hand_path(outcome: ArmOutcome) -> Figure:
     return figure
 
 
-def _off_plane(run: LawResult) -> str:
+def _off_plane(outcome: ArmOutcome, law: str) -> str:
     """How far the hand leaves the plane that the figure shows."""
-    height = MM * run.metrics["height_off_plane_max_m"]
+    height = MM * outcome.metrics[law]["drive"]["height_off_plane_max_m"]
     return f" (up to {height:.0f} mm off the plane)" if height >= SEEN else ""
 
 
 def _arm_error(outcome: ArmOutcome) -> Figure:
-    figure = framed(f"{outcome.title}\nHow far the hand is from the path, and the handle from the vertical", 9.0, 6.0)
-    distance, tilt = figure.subplots(2, 1, sharex=True)
-    for run in outcome.laws:
-        distance.plot(outcome.time, MM * run.position_error, **LAW_STYLES[run.law], label=f"{run.law} law")
-        tilt.plot(outcome.time, np.rad2deg(run.handle_tilt), **LAW_STYLES[run.law])
+    what = "How far a driven hand is from the path, and the handle from the vertical"
+    figure = framed(f"{outcome.title}\n{what}", 9.0, 7.0)
+    distance, tilt, delay = figure.subplots(3, 1, sharex=True, height_ratios=(3, 3, 2))
+    drives = tuple(_drives(outcome))
+    for law, drive in drives:
+        distance.plot(outcome.time, MM * drive.position_error, **LAW_STYLES[law], label=f"{law} law, driven")
+        tilt.plot(outcome.time, np.rad2deg(drive.handle_tilt), **LAW_STYLES[law])
+        delay.plot(outcome.time, drive.passes - outcome.time, **LAW_STYLES[law])
     limit = math.degrees(outcome.handle_tilt_limit)
     tilt.axhline(limit, color=REFERENCE, linewidth=1, linestyle=":")
     tilt.annotate(f"limit {limit:g} deg", (0.995, limit), xycoords=("axes fraction", "data"), ha="right", va="bottom")
     if outcome.reachable is not None and not outcome.reachable.all():
-        for axes in (distance, tilt):
+        for axes in (distance, tilt, delay):
             _shade_missed(axes, outcome.time, ~outcome.reachable)
         distance.plot([], [], color=MISSED, linewidth=8, alpha=0.3, label="path out of this arm's reach")
     distance.set_ylabel("position error [mm]")
     tilt.set_ylabel("handle tilt [deg]")
-    tilt.set_xlabel("time [s]")
-    for axes in (distance, tilt):
+    delay.set_ylabel("later [s]")
+    delay.set_xlabel("time of the recording [s]")
+    for axes in (distance, tilt, delay):
         axes.set_ylim(bottom=0)
         axes.margins(x=0.01)
         axes.grid(**GRID)
-    top = max(1.0, 1.08 * max(float(MM * run.position_error.max()) for run in outcome.laws))
+    top = max(1.0, 1.08 * max(float(MM * drive.position_error.max()) for _, drive in drives))
     distance.set_ylim(0, top)
     tilt.set_ylim(0, max(1.25 * limit, tilt.dataLim.y1 * 1.08))
     legend_below(figure, distance, 3)

@@ -64,7 +64,6 @@ def followed(
         status=tuple(status.value for status in answer.status),
         reason=tuple(getattr(answer, "reason", [""] * len(path))),
         seconds=answer.seconds,
-        smooth=answer.q,
         metrics={"parameters": _parameters(law_of_arm, problem, solver)},
     )
 

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
-from rehab_opt.session.cells import ROUNDING_DEG
 from rehab_opt.session.upper_limb.outcome import LawResult
 
-__all__ = ["hurried", "law_notes", "smoothing_note"]
+__all__ = ["DRIVEN_DEG", "drive_note", "hurried", "law_notes"]
 
-TICKS_OK = "ok"
+DRIVEN_DEG = 0.01  # by which a drive may tilt further: it goes on between the samples that the law is asked for
 
 
 def law_notes(run: LawResult, *, within_reach: bool) -> Iterator[str]:
@@ -21,7 +19,6 @@ def law_notes(run: LawResult, *, within_reach: bool) -> Iterator[str]:
         yield f"the {run.law} law, {count} of {len(run.q)} samples: {reason}"
     yield from hurried(run)
     yield from _tilted(run)
-    yield from _braked(run)
 
 
 def hurried(run: LawResult) -> list[str]:
@@ -29,38 +26,29 @@ def hurried(run: LawResult) -> list[str]:
     share = run.metrics["joint_speed_max_share_of_limit"]
     if share <= 1:
         return []
-    joint, behind = run.metrics["joint_speed_max_joint"].replace("_", " "), run.metrics["smoothed"]
+    joint, late = run.metrics["joint_speed_max_joint"].replace("_", " "), run.metrics["drive"]["delay_s"]
     return [
-        f"the {run.law} law asks {joint} for {share:.1f} times its speed limit; smoothed within limits, the hand is "
-        f"up to {1e3 * behind['hand_deviation_max_m']:.3g} mm from where the law has it"
+        f"the {run.law} law asks {joint} for {share:.1f} times its speed limit: a drive takes {late:.3g} s longer than "
+        "the recording"
     ]
 
 
-def smoothing_note(bounds: dict[str, float]) -> str:
-    """Within which bounds both laws were smoothed."""
+def drive_note(bounds: dict[str, float]) -> str:
+    """Within which bounds the joints of both laws are driven."""
     return (
-        f"smoothed at 1 kHz within {bounds['speed_deg_s']:.0f} deg/s, {bounds['acceleration_deg_s2']:.0f} deg/s^2, "
-        f"{bounds['jerk_deg_s3']:.0f} deg/s^3: speed and acceleration are the smaller of the file's and the arm's"
+        f"driven at 1 kHz within {bounds['speed_deg_s']:.0f} deg/s, {bounds['acceleration_deg_s2']:.0f} deg/s^2, "
+        f"{bounds['jerk_deg_s3']:.0f} deg/s^3: speed and acceleration are the smaller of the file's and the arm's; "
+        "where a joint is too slow all of them wait, and the path is kept"
     )
 
 
 def _tilted(run: LawResult) -> Iterator[str]:
-    tilt, limit = run.metrics["smoothed"]["handle_tilt_max_deg"], run.metrics["handle_tilt_limit_deg"]
-    if tilt > limit + ROUNDING_DEG:
+    tilt, limit = run.metrics["drive"]["handle_tilt_max_deg"], run.metrics["handle_tilt_limit_deg"]
+    if tilt > limit + DRIVEN_DEG:
         yield (
-            f"SMOOTHED HANDLE BEYOND ITS TILT: behind the smoother the {run.law} law tilts it by up to {tilt:.3g} deg, "
-            f"{limit:g} allowed; joints are smoothed one by one, which bounds no tilt"
+            f"HANDLE BEYOND ITS TILT: driven along the {run.law} law's joints it tilts by up to {tilt:.3g} deg, "
+            f"{limit:g} allowed; between two samples that are far apart no law bounds it"
         )
-
-
-def _braked(run: LawResult) -> Iterator[str]:
-    behind: dict[str, Any] = run.metrics["smoothed"]
-    ticks = sum(behind["status"].values())
-    for status, count in behind["status"].items():
-        if status != TICKS_OK:
-            yield f"the smoother of the {run.law} law was {status} in {count} of {ticks} ticks"
-    for reason, count in behind["reasons"].items():
-        yield f"the smoother of the {run.law} law, {count} of {ticks} ticks: {reason}"
 
 
 def _published(run: LawResult, *, within_reach: bool) -> Iterator[str]:

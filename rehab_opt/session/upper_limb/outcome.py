@@ -4,16 +4,34 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rehab_opt.control.smoothing import SmoothPath
 from rehab_opt.session.outcome import MovementOutcome
 
-__all__ = ["ArmOutcome", "LawResult"]
+__all__ = ["ArmOutcome", "Drive", "LawResult"]
 
 Array = NDArray[np.float64]
+
+
+class Drive(NamedTuple):
+    """What a drive does with the joints of N samples, in M ticks."""
+
+    path: SmoothPath
+    """Its joints (M, n) [rad], and where it is in the recording."""
+    hand: Array
+    """(M, 3) [m]."""
+    passes: Array
+    """(N,) [s] when it passes each sample."""
+    q: Array
+    """(N, n) [rad] its joints there."""
+    position_error: Array
+    """(N,) [m] largest distance of the hand from the path while it is nearest to this sample."""
+    handle_tilt: Array
+    """(N,) [rad] largest angle of the handle from the vertical then."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,8 +48,8 @@ class LawResult:
     status : (N,) what the law said of each sample.
     reason : (N,) why, where that is not a plain ok; empty otherwise, and where the law does not tell.
     seconds : (N,) time it took [s].
-    smooth : (N, n) joint values behind the smoother [rad].
     metrics : its numbers.
+    drive : what a drive would do with its joints; None until that is known.
     """
 
     law: str
@@ -42,8 +60,8 @@ class LawResult:
     status: tuple[str, ...]
     reason: tuple[str, ...]
     seconds: Array
-    smooth: Array
     metrics: Mapping[str, Any]
+    drive: Drive | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -55,10 +55,10 @@ class PublishedSection(Section):
 
 
 class SmoothingSection(Section):
-    """Bounds of the smoothed joint motion; the same for every joint."""
+    """Bounds of the joint motion that a drive gets; the same for every joint."""
 
     speed_deg_s: float = Field(default=180.0, ge=1, le=1e4)
-    """Of the joint trajectory that a drive would get; capped by the arm's."""
+    """Where a joint would be faster, all of them wait; capped by the arm's."""
     acceleration_deg_s2: float = Field(default=1800.0, ge=1, le=1e7)
     """Likewise."""
     jerk_deg_s3: float = Field(default=180000.0, ge=1, le=1e10)
@@ -82,4 +82,4 @@ class UpperLimb(Problem):
     published: PublishedSection = PublishedSection()
     """The published law."""
     smoothing: SmoothingSection = SmoothingSection()
-    """The smoother."""
+    """The drive."""

@@ -1,4 +1,4 @@
-"""The run along a recorded path: laws, smoother, numbers. Nothing is written here."""
+"""The run along a recorded path: laws, what a drive does with their joints, numbers. Nothing is written here."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from rehab_opt.session.metrics import (
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.participant import participant_arm
 from rehab_opt.session.placed_recording import placed_recording
+from rehab_opt.session.upper_limb.driven import driven
 from rehab_opt.session.upper_limb.laws import followed, hand_and_tilt
-from rehab_opt.session.upper_limb.notes import law_notes, smoothing_note
+from rehab_opt.session.upper_limb.notes import DRIVEN_DEG, drive_note, law_notes
 from rehab_opt.session.upper_limb.outcome import ArmOutcome, LawResult
 from rehab_opt.session.upper_limb.problem import UpperLimb
-from rehab_opt.session.upper_limb.smoothed import smoothed
 
 __all__ = ["FOLLOWED", "run_upper_limb", "verified"]
 
@@ -65,9 +65,9 @@ def run_upper_limb(
     reachable = next((verified(run) for run in runs if run.law == "optimised"), None)
     results: list[LawResult] = []
     for run in runs:
-        progress("smoothing", len(results), len(runs))
-        results.append(_measured(run, arm, path, problem, reachable))
-    progress("smoothing", len(runs), len(runs))
+        progress("drive", len(results), len(runs))
+        results.append(_measured(run, arm, recording.time, path, problem, reachable=reachable))
+    progress("drive", len(runs), len(runs))
     shares = (None, None) if reachable is None else path_shares(path, reachable)
     within_reach = reachable is not None and bool(reachable.all())
     length = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
@@ -80,7 +80,7 @@ def run_upper_limb(
         notes=(
             *recording.notes,
             f"the handle may tilt by {problem.arm.handle_tilt_deg:g} deg from the vertical",
-            smoothing_note(results[0].metrics["smoothed"]["bounds"]),
+            drive_note(results[0].metrics["drive"]["bounds"]),
             *(note for result in results for note in law_notes(result, within_reach=within_reach)),
         ),
         metrics={
@@ -110,21 +110,30 @@ def claimed(run: LawResult) -> NDArray[np.bool_]:
 
 
 def _measured(
-    run: LawResult, arm: SerialChain, path: Array, problem: UpperLimb, reachable: NDArray[np.bool_] | None
+    run: LawResult,
+    arm: SerialChain,
+    times: Array,
+    path: Array,
+    problem: UpperLimb,
+    *,
+    reachable: NDArray[np.bool_] | None,
 ) -> LawResult:
-    """The run with its smoothed joints and its numbers."""
+    """The run with its drive and its numbers."""
     rate, limit = problem.run.rate_hz, math.radians(problem.arm.handle_tilt_deg)
-    of_length, of_time = path_shares(path, _met(run.position_error, run.handle_tilt, limit))
-    smooth, behind = smoothed(arm, run.q, rate, problem.smoothing)
-    hand, tilt = hand_and_tilt(arm, smooth)
-    error = np.linalg.norm(hand - path, axis=1)
-    smooth_of_length, smooth_of_time = path_shares(path, _met(error, tilt, limit))
-    behind |= {
-        "followed_share_of_length": smooth_of_length,
-        "followed_share_of_time": smooth_of_time,
-        **error_metrics(error, "position_error", "m"),
-        "hand_deviation_max_m": float(np.linalg.norm(hand - run.hand, axis=1).max()),
-        "handle_tilt_max_deg": float(np.rad2deg(tilt.max())),
+    met = _met(run.position_error, run.handle_tilt, limit + ROUNDING)
+    of_length, of_time = path_shares(path, met)
+    drive, told = driven(arm, run.q, times, path, problem.smoothing)
+    allowed = limit + math.radians(DRIVEN_DEG)
+    drive_of_length, drive_of_time = path_shares(path, _met(drive.position_error, drive.handle_tilt, allowed))
+    hand, tilt = hand_and_tilt(arm, drive.q)
+    kept = _met(np.linalg.norm(hand - path, axis=1), tilt, allowed)
+    told |= {
+        "followed_share_of_length": drive_of_length,
+        "followed_share_of_time": drive_of_time,
+        "kept_share": float(np.mean(kept[met])) if met.any() else None,
+        **error_metrics(drive.position_error, "position_error", "m"),
+        "height_off_plane_max_m": float(np.abs(drive.hand[:, 2] - path[0, 2]).max()),
+        "handle_tilt_max_deg": float(np.rad2deg(drive.handle_tilt.max())),
     }
     numbers: dict[str, Any] = {
         "parameters": run.metrics["parameters"],
@@ -140,16 +149,16 @@ def _measured(
         **time_metrics(run.seconds[1:], "solve_time"),
         "status": status_counts(run.status),
         "reasons": reason_counts(run.reason),
-        "smoothed": behind,
+        "drive": told,
     }
     if run.law == "optimised":
         numbers["status_refuted"] = int(np.count_nonzero(claimed(run) & ~verified(run)))
     if reachable is not None and reachable.any():
         numbers["position_error_reachable_max_m"] = float(run.position_error[reachable].max())
-    return replace(run, smooth=smooth, metrics=numbers)
+    return replace(run, metrics=numbers, drive=drive)
 
 
 def _met(error: Array, tilt: Array, limit: float) -> NDArray[np.bool_]:
     """(N,) where a sample counts as followed; `limit` [rad] of the tilt."""
-    met: NDArray[np.bool_] = (error <= FOLLOWED) & (tilt <= limit + ROUNDING)
+    met: NDArray[np.bool_] = (error <= FOLLOWED) & (tilt <= limit)
     return met

@@ -9,7 +9,6 @@ from rehab_opt.session.cells import (
     ROUNDING_DEG,
     Numbers,
     Rows,
-    counts,
     length,
     margin,
     millimetres,
@@ -18,6 +17,7 @@ from rehab_opt.session.cells import (
     times,
 )
 from rehab_opt.session.outcome import Outcome
+from rehab_opt.session.upper_limb.notes import DRIVEN_DEG
 from rehab_opt.session.upper_limb.outcome import ArmOutcome
 
 __all__ = ["arm_table"]
@@ -56,31 +56,34 @@ def _parameters(of: Numbers) -> str:
     return f"solver {chosen['solver']}"
 
 
-def _tilt(of: Numbers, limit: float) -> str:
+def _tilt(of: Numbers, limit: float, rounding: float) -> str:
     tilt = of["handle_tilt_max_deg"]
-    return f"{tilt:.3g} ({limit:g})" + (" BEYOND" if tilt > limit + ROUNDING_DEG else "")
+    return f"{tilt:.3g} ({limit:g})" + (" BEYOND" if tilt > limit + rounding else "")
+
+
+def _share(of: Numbers) -> str:
+    return f"{100 * of['followed_share_of_length']:.1f}"
+
+
+def _hurry(of: Numbers) -> str:
+    shares = (of["drive"][f"joint_{of_what}_max_share_of_limit"] for of_what in ("speed", "acceleration"))
+    return "; ".join(f"{share:.2f}" for share in shares)
 
 
 ARM_ROWS: Rows = (
     ("parameters", _parameters),
-    ("path followed to 1 mm, % of length", lambda of: f"{100 * of['followed_share_of_length']:.1f}"),
-    ("position error mean / p95 / max, mm", millimetres("position_error")),
+    ("path followed by a drive to 1 mm, % of length", lambda of: _share(of["drive"])),
+    ("   later than the recording at its end, s", lambda of: f"{of['drive']['delay_s']:.3g}"),
+    ("   position error mean / p95 / max, mm", lambda of: millimetres("position_error")(of["drive"])),
+    ("   handle tilt max (limit), deg", lambda of: _tilt(of["drive"], of["handle_tilt_limit_deg"], DRIVEN_DEG)),
+    ("   fastest joint; acceleration, share of limit", _hurry),
+    ("path followed by the law to 1 mm, % of length", _share),
+    ("   position error mean / p95 / max, mm", millimetres("position_error")),
     ("   max where the path is within reach, mm", _reachable_error),
-    ("handle tilt max (limit), deg", lambda of: _tilt(of, of["handle_tilt_limit_deg"])),
+    ("   handle tilt max (limit), deg", lambda of: _tilt(of, of["handle_tilt_limit_deg"], ROUNDING_DEG)),
+    ("   fastest joint, deg/s (share of limit)", speed),
     ("smallest joint-limit margin, deg", margin),
-    ("fastest joint, deg/s (share of limit)", speed),
     ("solve time of the first sample, ms", lambda of: f"{of['solve_time_first_ms']:.3g}"),
     ("   of the others, median / p99 / max, ms", times("solve_time")),
     ("samples by status", statuses),
-    (
-        "smoothed: path followed to 1 mm, % of length",
-        lambda of: f"{100 * of['smoothed']['followed_share_of_length']:.1f}",
-    ),
-    ("   handle tilt max (limit), deg", lambda of: _tilt(of["smoothed"], of["handle_tilt_limit_deg"])),
-    (
-        "   lag, ms; largest deviation, deg",
-        lambda of: f"{1e3 * of['smoothed']['lag_s']:.0f}; {of['smoothed']['deviation_max_deg']:.3g}",
-    ),
-    ("   hand from the law's own, max, mm", lambda of: length(1e3 * of["smoothed"]["hand_deviation_max_m"])),
-    ("   ticks by status", lambda of: counts(of["smoothed"]["status"])),
 )

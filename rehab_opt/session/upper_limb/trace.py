@@ -24,4 +24,8 @@ def arm_columns(outcome: ArmOutcome) -> Iterator[Column]:
         yield f"{run.law}_status", run.status
         yield f"{run.law}_solve_time_s", run.seconds.tolist()
         yield from joint_columns(f"{run.law}", outcome.chain, run.q, "rad")
-        yield from joint_columns(f"{run.law}_smoothed", outcome.chain, run.smooth, "rad")
+        if run.drive is not None:
+            yield f"{run.law}_drive_t_s", run.drive.passes.tolist()
+            yield f"{run.law}_drive_position_error_m", run.drive.position_error.tolist()
+            yield f"{run.law}_drive_handle_tilt_rad", run.drive.handle_tilt.tolist()
+            yield from joint_columns(f"{run.law}_drive", outcome.chain, run.drive.q, "rad")

@@ -1,0 +1,167 @@
+"""How fast each joint may move in this tick where its drive bounds jerk, too: one interval a joint, never empty.
+
+A tick chooses u; with the last velocity v and change a = (v - v_before)/dt, finite differences have to keep
+
+    |u| <= V,   |u - v| <= A dt,   |u - v - a dt| <= J dt^2,   lower <= q + u dt <= upper,
+
+and so do all ticks behind it. The state after u can stop if a stop in continuous time fits, from u with an acceleration
+b whose mean over the next tick is within a jerk's reach, |b - (u - v)/dt| <= J dt/2: its velocities at the ends of
+ticks are commands that keep every difference, and such a b is there again a tick later. The stop is the shortest one:
+jerk down to a deceleration p <= A, hold it, jerk up, at rest with no acceleration. What held velocities go further than
+it is known but for `MARGIN` J dt^3, where jerk changes within a tick. The way of the stop is convex in u, so that a
+chord in the tick's interval is on the safe side of it.
+
+Velocity, acceleration and jerk never yield. A position limit does where nothing could keep it any more.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rehab_opt.control.stopping import FAR, OUTSIDE, VelocityBounds
+from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.chain import SerialChain, per_joint
+from rehab_opt.optim.certificate import clipped
+
+__all__ = ["JerkBounds"]
+
+Array = NDArray[np.float64]
+
+MARGIN = 0.03
+"""Of J dt^3, before a position limit: 0.0225 of it were needed in 10^7 ticks at random."""
+TINY = 1e-300
+
+
+class JerkBounds(NamedTuple):
+    """Bounds of the joint velocities of one chain.
+
+    Parameters
+    ----------
+    chain : its position, velocity and acceleration limits.
+    jerk : (n,) [rad/s^3 or m/s^3] finite, above zero.
+    dt : [s] tick.
+    recovery_speed : share of the velocity limit at which a joint outside its limits comes back.
+    """
+
+    chain: SerialChain
+    jerk: Array
+    dt: float
+    recovery_speed: float
+
+    @classmethod
+    def checked(cls, chain: SerialChain, jerk: ArrayLike, dt: float, recovery_speed: float) -> JerkBounds:
+        """The same of a scalar or (n,) numbers.
+
+        Raises
+        ------
+        ConfigurationError : a jerk that is no number above zero.
+        """
+        bound = per_joint("jerk", jerk, chain.n, finite=True)
+        if not np.all(bound > 0):
+            raise ConfigurationError("jerk", jerk, "positive numbers, or None for no bound")
+        return cls(chain, bound, dt, recovery_speed)
+
+    @property
+    def fastest_gain(self) -> float:
+        """[1/s] Largest rate of feedback whose speeds the joints follow: accelerations are built up in time for it."""
+        built = np.minimum(self.chain.acceleration, np.sqrt(self.jerk * self.chain.velocity))
+        return float(np.min(self.jerk / (4 * built)))
+
+    @property
+    def _change(self) -> ca.DM:
+        """(n,) acceleration; changes beyond 2 V a tick are none that a bound could forbid."""
+        return ca.DM(np.minimum(self.chain.acceleration, 2 * self.chain.velocity / self.dt))
+
+    @property
+    def _jerk(self) -> ca.DM:
+        return ca.fmin(ca.DM(self.jerk), 2 * self._change / self.dt)
+
+    def interval(self, q: ca.SX, last: ca.SX, acceleration: ca.SX) -> VelocityBounds:
+        """Intervals at positions q, the last velocities and their last changes [rad/s^2], (n,) each.
+
+        The braking interval is one velocity: the next one of the shortest way to rest.
+        """
+        dt, most, jerk = self.dt, self._change, self._jerk
+        movable = ca.DM(~self.chain.locked)
+        speed = ca.DM(self.chain.velocity)
+        back = self.recovery_speed * speed
+        calm = 0.5 * most / back  # the way back ends as gently
+        low, high = (ca.DM(np.clip(each, -FAR, FAR)) for each in (self.chain.lower, self.chain.upper))
+        above, below = q > high + OUTSIDE, q < low - OUTSIDE
+        first = last + dt * clipped(acceleration - jerk * dt, -most, most)
+        final = last + dt * clipped(acceleration + jerk * dt, -most, most)
+        # Outside a limit: back, and no faster than recovery. A braking joint is not led back.
+        fast_up, fast_down = ca.if_else(below, back, speed), ca.if_else(above, back, speed)
+        upper = clipped(self._up_to(last, fast_up), first, final)
+        lower = clipped(-self._up_to(-last, fast_down), first, final)
+        lower, upper = ca.fmin(lower, upper), ca.fmax(lower, upper)
+        up, free_up = self._before(q, last, high, first, upper)
+        down, free_down = self._before(-q, -last, -low, -final, -lower)
+        rest_up, rest_down = self._up_to(last, 0), -self._up_to(-last, 0)
+        led_up = self._up_to(last, -ca.fmin(back, calm * ca.fmax(q - high, 0)))
+        led_down = -self._up_to(-last, -ca.fmin(back, calm * ca.fmax(low - q, 0)))
+        brake_upper = ca.if_else(above, clipped(rest_up, first, upper), up)
+        brake_lower = ca.if_else(below, clipped(rest_down, lower, final), -down)
+        stop_upper = ca.if_else(above, led_up, ca.if_else(free_up, speed, up))
+        stop_lower = ca.if_else(below, led_down, ca.if_else(free_down, -speed, -down))
+        upper = ca.if_else(above, clipped(led_up, first, upper), up)
+        lower = ca.if_else(below, clipped(led_down, lower, final), -down)
+        lower, upper = ca.fmin(lower, upper), ca.fmax(lower, upper)
+        rest = ca.if_else(last >= 0, rest_down, rest_up)
+        rest = clipped(rest, ca.fmin(brake_lower, brake_upper), ca.fmax(brake_lower, brake_upper))
+        kept = [movable * clipped(each, -speed, speed) for each in (lower, upper, rest)]
+        return VelocityBounds(
+            lower=kept[0],
+            upper=kept[1],
+            brake_lower=kept[2],
+            brake_upper=kept[2],
+            stop_lower=movable * stop_lower,
+            stop_upper=movable * stop_upper,
+            outside=ca.sum1(ca.logic_or(above, below)) > 0,
+            hard_lower=kept[0],
+            hard_upper=kept[1],
+        )
+
+    def towards(self, last: ca.SX, lower: ca.SX, upper: ca.SX, wanted: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """The interval without what would pass the wanted velocities (n,): a change needs time to end."""
+        slower = last <= wanted
+        most = ca.if_else(slower, clipped(self._up_to(last, wanted), lower, upper), upper)
+        least = ca.if_else(slower, lower, clipped(-self._up_to(-last, -wanted), lower, upper))
+        return least, most
+
+    def _up_to(self, last: ca.SX, ceiling: ca.SX | float) -> ca.SX:
+        """(n,) Largest velocity from which the velocity need not pass a ceiling: its change can end before."""
+        dt, jerk = self.dt, self._jerk
+        room = ceiling - last - 0.5 * jerk * dt**2
+        change = 0.5 * jerk * dt + jerk * (ca.sqrt(dt**2 + 2 * ca.fmax(room, 0) / jerk) - dt)
+        return ca.if_else(room >= 0, last + dt * change, ceiling)
+
+    def _before(self, q: ca.SX, last: ca.SX, limit: ca.DM, first: ca.SX, final: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """(n,) Largest velocity of the interval from which a stop ends before the limit; and whether all of it does."""
+        near = clipped(q, limit - MARGIN * self._jerk * self.dt**3, limit)  # who stands within the margin may stay
+        least, most = (self._stop(u, last, q) - near for u in (first, final))
+        chord = first - least * (final - first) / ca.fmax(most - least, TINY)
+        free = most <= 0
+        return ca.if_else(free, final, ca.if_else(least >= 0, first, clipped(chord, first, final))), free
+
+    def _stop(self, u: ca.SX, last: ca.SX, q: ca.SX) -> ca.SX:
+        """(n,) where the shortest stop after a tick of u ends, or turns round."""
+        dt, most, jerk = self.dt, self._change, self._jerk
+        change = clipped((u - last) * (1 / dt), -most, most)
+        root = ca.sqrt(2 * jerk * ca.fabs(u))
+        ends = ca.if_else(u >= 0, -root, root)  # what a single jerk ends at rest
+        a = clipped(clipped(ends, change - 0.5 * jerk * dt, change + 0.5 * jerk * dt), -most, most)
+        turning = ca.if_else(u > 0, root**3 / (6 * jerk**2), 0)
+        p = ca.fmin(ca.sqrt(ca.fmax(jerk * u + 0.5 * a**2, 0)), most)
+        fall = ca.fmax((a + p) / jerk, 0)
+        slower = u + a * fall - 0.5 * jerk * fall**2
+        hold = ca.if_else(p >= most, ca.fmax(slower / most - 0.5 * most / jerk, 0), 0)
+        way = fall * (u + fall * (0.5 * a - jerk * fall / 6)) + hold * (slower - 0.5 * p * hold) + p**3 / (6 * jerk**2)
+        further = u + 0.5 * a * ca.fabs(a) / jerk > 0
+        way = ca.if_else(further, ca.fmax(way, 0), turning)
+        # Held velocities go on by half a tick's, and by what a sum of a curve's ends is more than the curve.
+        return q + 0.5 * dt * u - dt**2 / 12 * a + way

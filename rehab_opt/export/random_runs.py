@@ -1,0 +1,112 @@
+"""Runs of controllers for which nobody gives one: far targets, jumps, hands that go in and out; always the same."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.control.bilateral import Bilateral
+from rehab_opt.control.pose_tracker import PoseTracker
+from rehab_opt.control.redundancy import RedundancyResolver
+from rehab_opt.control.task_rows import FRAMES
+from rehab_opt.control.velocity_controller import VelocityController
+from rehab_opt.workspace.region import Workspace
+
+__all__ = ["hand_run", "mirror_reference", "pair_run", "resolver_run", "tracker_run"]
+
+Array = NDArray[np.float64]
+Ticks = list[dict[str, Any]]
+
+TICKS, EACH = 2000, 100
+"""Of a run, and of one target in it."""
+WIDEST = np.pi
+"""[rad, m] Joints without ends are led so far."""
+
+
+def tracker_run(tracker: PoseTracker) -> Ticks:
+    """Poses that jump within and beyond the arm's reach, some of them moving, the joints going as commanded."""
+    rng, chain, moving = np.random.default_rng(0), tracker.chain, tracker.limits.moving
+    tracker.reset()
+    q, ticks = best_posture(tracker, rng), Ticks()
+    for k in range(TICKS):
+        if k % EACH == 0:
+            goal = chain.pose(q + rng.normal(size=chain.n) * rng.choice([1e-3, 0.1, 1.0]))
+            twist = rng.normal(size=6) * rng.choice([0.0, 0.1, 3.0])
+            bodies = np.zeros((moving, 14))
+            for body in bodies[: rng.integers(moving + 1)]:
+                body[:6], body[6:12] = np.tile(goal[:3, 3] + 0.3 * rng.normal(size=3), 2), 0.1 * rng.normal(size=6)
+                body[12:] = 0.05, 1.0
+        tick = {"q": q.copy(), "pose": goal, "twist": twist, **({"obstacles": bodies} if moving else {})}
+        ticks.append(tick)
+        q = q + tracker.dt * tracker.step(**tick).value
+    return ticks
+
+
+def mirror_reference(tracker: PoseTracker) -> tuple[Array, Array, Array]:
+    """Posture (n,), poses (N, 4, 4) and twists (N, 6) of a hand that waves about it, at times faster than the arm."""
+    rng = np.random.default_rng(0)
+    q = best_posture(tracker, rng)
+    t = tracker.dt * np.arange(TICKS)[:, None]
+    rates, phases = rng.uniform(0.5, 4.0, 3), rng.uniform(0, 2 * np.pi, 3)
+    poses, twists = np.tile(tracker.chain.pose(q), (TICKS, 1, 1)), np.zeros((TICKS, 6))
+    poses[:, :3, 3] += 0.1 * (np.sin(rates * t + phases) - np.sin(phases))
+    twists[:, :3] = 0.1 * rates * np.cos(rates * t + phases)
+    return q, poses, twists
+
+
+def resolver_run(resolver: RedundancyResolver) -> Ticks:
+    """Twists of every set of rows, in both frames, up to twice as fast as the robot; it goes as commanded."""
+    rng, chain = np.random.default_rng(0), resolver.robot.chain
+    widest = max(map(len, resolver.row_sets))
+    resolver.reset()
+    q, ticks = middle(chain.lower, chain.upper), Ticks()
+    names = list(FRAMES)
+    for k in range(TICKS):
+        if k % EACH == 0:
+            rows, frame = int(rng.integers(len(resolver.row_sets))), names[rng.integers(len(names))]
+            twist = rng.normal(size=widest) * rng.choice([0.0, 0.1, 1.0])
+        ticks.append({"q": q.copy(), "twist": twist, "rows": rows, "frame": int(FRAMES[frame])})
+        set_of_rows = resolver.row_sets[rows]
+        q = q + resolver.dt * resolver.step(q, twist[: len(set_of_rows)], set_of_rows, frame).value
+    return ticks
+
+
+def hand_run(region: Workspace, dt: float) -> Array:
+    """(N, 2) [m] a hand that goes round in a workspace and out of it."""
+    west, south, east, north = map(float, region.polygon.bounds)
+    t = dt * np.arange(TICKS)
+    round_and_round = np.column_stack([np.sin(2.0 * t), np.sin(5.0 * t + 1.0)])
+    centre, size = np.array([west + east, south + north]) / 2, np.array([east - west, north - south])
+    return np.asarray(centre + 0.6 * size * round_and_round)
+
+
+def pair_run(pair: Bilateral) -> tuple[Array, Array, Sequence[Any], Sequence[Any]]:
+    """Hands (N, 2) [m] of helper and participant, who follows where the other leads, and what each of them hears."""
+    carry = pair.helper.carry
+    hands = hand_run(carry.source, pair.dt)
+    drawn = np.array([carry.image(hand) for hand in hands])
+    drawn += 0.004 * np.sin(4 * np.pi * pair.dt * np.arange(TICKS))[:, None]
+    pair.reset()
+    heard = []
+    for hand, other in zip(hands, drawn, strict=True):
+        heard.append(pair.under_way)
+        pair.step(hand, other)
+    pair.reset()
+    return hands, drawn, [each[0] for each in heard], [each[1] for each in heard]
+
+
+def middle(lower: Array, upper: Array) -> Array:
+    """(n,) the middle of the ranges, as far as they are ones."""
+    return np.asarray((np.maximum(lower, -WIDEST) + np.minimum(upper, WIDEST)) / 2)
+
+
+def best_posture(controller: VelocityController, rng: np.random.Generator) -> Array:
+    """(n,) of some random postures the one that is furthest from a singular one."""
+    chain = controller.chain
+    centre = middle(chain.lower, chain.upper)
+    half = np.minimum((chain.upper - chain.lower) / 2, WIDEST)
+    postures = centre + 0.8 * half * rng.uniform(-1.0, 1.0, (100, chain.n))
+    return np.asarray(max(postures, key=chain.manipulability))

@@ -1,0 +1,73 @@
+"""A plant whose sensors somebody spoils while it runs: a frozen encoder, noise, delay."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rehab_opt.plants.plant import Measurement, Plant, Truth
+
+__all__ = ["TouchedPlant"]
+
+Array = NDArray[np.float64]
+
+LONGEST = 10.0
+"""[s] of measurements that are kept."""
+
+
+class TouchedPlant:
+    """Any plant behind sensors that can be spoilt at any time; a `Plant`.
+
+    Attributes
+    ----------
+    frozen : joint whose encoder repeats its last value; -1 for none.
+    noise : [rad, m] standard deviation on every position.
+    delay : [s] of measurements, 0 to 10, besides the plant's own.
+
+    Parameters
+    ----------
+    plant : whose sensors they are. seed : of the noise.
+    """
+
+    def __init__(self, plant: Plant, *, seed: int = 0) -> None:
+        self.plant, self.dt = plant, plant.dt
+        self.frozen, self.noise, self.delay = -1, 0.0, 0.0
+        self._rng = np.random.default_rng(seed)
+        self._kept: deque[Measurement] = deque(maxlen=math.ceil(LONGEST / plant.dt) + 1)
+        self._measured = self._seen(plant.measured)
+
+    @property
+    def measured(self) -> Measurement:
+        """What the sensors say, spoilt."""
+        return self._measured
+
+    @property
+    def truth(self) -> Truth:
+        """The plant's."""
+        return self.plant.truth
+
+    def reset(self, position: ArrayLike) -> Measurement:
+        """At rest at `position` (n,); what was frozen thaws for the moment."""
+        self._kept.clear()
+        self._measured = self.plant.reset(position)
+        self._kept.append(self._measured)
+        return self._measured
+
+    def step(self, command: ArrayLike, push: ArrayLike | None = None) -> Measurement:
+        """One tick."""
+        self._measured = self._seen(self.plant.step(command, push))
+        return self._measured
+
+    def _seen(self, now: Measurement) -> Measurement:
+        kept = self._kept
+        kept.append(now)
+        seen = now if self.delay == 0.0 else kept[-1 - min(round(self.delay / self.dt), len(kept) - 1)]
+        if not (self.noise or 0 <= self.frozen < len(seen.position)):
+            return seen
+        position = seen.position + self.noise * self._rng.standard_normal(len(seen.position))
+        if 0 <= self.frozen < len(position):
+            position[self.frozen] = self._measured.position[self.frozen]
+        return seen._replace(position=position)

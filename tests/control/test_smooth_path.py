@@ -1,0 +1,167 @@
+"""Whole paths for a drive: kept, retimed, and within every bound in every tick."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.interpolate import PchipInterpolator
+from scipy.optimize import linprog
+
+from bench.measured_lag import measured_lag
+from rehab_opt.control.path_timing import PathCells, fastest_timing
+from rehab_opt.control.smoothing import smooth_path
+from rehab_opt.errors import ConfigurationError
+from tests.control.test_smoothing import DT, A, J, V, assert_within_bounds
+
+LINKS = 0.3, 0.25
+SUDDEN = 1e9
+
+
+def hand(q):
+    """(N, 2) [m] of an arm with two links."""
+    one, both = q[:, 0], q.sum(axis=1)
+    return np.stack([LINKS[0] * np.cos(one) + LINKS[1] * np.cos(both),
+                     LINKS[0] * np.sin(one) + LINKS[1] * np.sin(both)], axis=1)  # fmt: skip
+
+
+def joints(place):
+    """(N, 2) [rad] of that arm, elbow to one side."""
+    square = (place**2).sum(axis=1)
+    elbow = np.arccos((square - LINKS[0] ** 2 - LINKS[1] ** 2) / (2 * LINKS[0] * LINKS[1]))
+    shoulder = np.arctan2(place[:, 1], place[:, 0])
+    return np.stack([shoulder - np.arctan2(LINKS[1] * np.sin(elbow), LINKS[0] + LINKS[1] * np.cos(elbow)), elbow], 1)
+
+
+def least_jerk(u):
+    return u**3 * (10 + u * (6 * u - 15))
+
+
+def test_a_path_within_the_bounds_is_passed_at_its_own_pace():
+    t = np.linspace(0, 6, 601)
+    path = np.outer(least_jerk(t / 6), [1.0, -0.5])
+    found = smooth_path(t, path, velocity=V, acceleration=A, jerk=J)
+    wanted = PchipInterpolator(t, path, axis=0)(found.phase)
+    np.testing.assert_allclose(found.deviation, np.abs(found.positions - wanted).max(axis=0), atol=1e-12)
+    assert found.deviation.max() <= 1e-4
+    assert 0.0 <= found.delay < 0.06
+    at = (found.times > 0.5) & (found.times < 5.5)
+    np.testing.assert_allclose(np.diff(found.phase[at]), DT, rtol=1e-6)
+
+
+@pytest.mark.parametrize("hurry", [1.0, 8.0, 40.0])
+def test_a_hand_that_is_too_fast_for_its_joints_stays_on_its_path(hurry):
+    """A square of 0.1 m, 8 s at the first pace; joint by joint it is cut (`Smoother`) by more than 5 mm."""
+    corners = np.array([[0.25, 0.2], [0.35, 0.2], [0.35, 0.3], [0.25, 0.3], [0.25, 0.2]])
+    way = np.concatenate([a + np.outer(least_jerk(np.linspace(0, 1, 201)[:-1]), b - a)
+                          for a, b in pairwise(corners)])  # fmt: skip
+    t = np.arange(len(way)) * 0.01 / hurry
+    found = smooth_path(t, joints(way), velocity=V, acceleration=A, jerk=J)
+    assert_within_bounds(found.positions, V, A, J, DT)
+    asked = np.stack([np.interp(found.phase, t, column) for column in way.T], axis=1)
+    assert np.linalg.norm(hand(found.positions) - asked, axis=1).max() < 2e-4
+    assert found.deviation.max() <= 1e-4 + 1e-12
+    assert np.all(np.diff(found.phase) >= 0.0)
+    assert np.diff(found.phase).max() <= DT + 1e-12
+    assert found.delay == pytest.approx(found.times[-1] - t[-1], abs=1e-9)
+
+
+def test_a_path_with_corners_and_steps_is_passed_within_the_bounds_to_its_end():
+    t = np.arange(0, 4, 0.01)
+    path = np.stack([0.5 * np.abs(t % 2 - 1), np.floor(t) / 4], axis=1)
+    found = smooth_path(t, path, velocity=V, acceleration=A, jerk=J, lower=0, upper=1)
+    assert_within_bounds(found.positions, V, A, J, DT)
+    np.testing.assert_array_equal(found.positions[[0, -1]], path[[0, -1]])
+    assert found.times[0] == 0.0
+    assert np.all((found.positions >= 0) & (found.positions <= 1))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_every_bound_and_the_tolerance_hold_on_random_paths(seed):
+    rng = np.random.default_rng(seed)
+    axes, dt = int(rng.integers(1, 5)), float(rng.choice([1e-3, 4e-3]))
+    v, a, j = rng.uniform(0.5, 2, axes), rng.uniform(1, 30, axes), 10 ** rng.uniform(0.5, 3.5, axes)
+    t = np.cumsum(rng.uniform(0.01, 0.3, 12))
+    tolerance = 10 ** rng.uniform(-5, -3)
+    found = smooth_path(t, rng.standard_normal((12, axes)), velocity=v, acceleration=a, jerk=j, dt=dt,
+                        tolerance=tolerance)  # fmt: skip
+    assert_within_bounds(found.positions, v, a, j, dt)
+    assert found.deviation.max() <= tolerance * (1 + 1e-9)
+
+
+def test_a_straight_way_takes_as_long_as_a_trapezoid_of_speed():
+    length, pace = 2.0, 50.0
+    found = smooth_path([0, length / pace], [[0.0], [length]], velocity=V, acceleration=A, jerk=SUDDEN)
+    assert found.times[-1] == pytest.approx(length / V + V / A, abs=0.01)
+    found = smooth_path([0, 0.1 / pace], [[0.0], [0.1]], velocity=V, acceleration=A, jerk=SUDDEN)
+    assert found.times[-1] == pytest.approx(2 * math.sqrt(0.1 / A), abs=0.01)  # never at the largest speed
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_no_timing_is_much_faster_than_the_one_found(seed):
+    """A linear programme over the squares of the pace, with the bounds at 9 places a cell: it may only be faster."""
+    rng = np.random.default_rng(seed)
+    n, count = 3, 120
+    path = PchipInterpolator(np.linspace(0, 1, 6), rng.standard_normal((6, n)), axis=0)
+    velocity, acceleration = rng.uniform(0.5, 2, n), rng.uniform(2, 8, n)
+    knots = np.append(np.concatenate([np.linspace(a, b, count // 5, endpoint=False) for a, b in pairwise(path.x)]), 1.0)
+    cells = PathCells(knots, *(path.derivative(order)(knots[:-1]) for order in (1, 2, 3)))
+    timing = fastest_timing(cells, velocity=velocity, acceleration=acceleration)
+    rows, most, top = [], [], np.ones(count + 1)
+    for k in range(count):
+        for share in np.linspace(1e-9, 1 - 1e-9, 9):
+            s = knots[k] + share / count
+            first, second = path(s, 1), path(s, 2)
+            for i in range(n):
+                row = np.zeros(count + 1)
+                row[k], row[k + 1] = -first[i] * count / 2, first[i] * count / 2
+                row[k] += second[i] * (1 - share)
+                row[k + 1] += second[i] * share
+                rows += [row, -row]
+                most += [acceleration[i]] * 2
+            top[k : k + 2] = np.minimum(top[k : k + 2], ((velocity / np.maximum(np.abs(first), 1e-9)) ** 2).min())
+    top[[0, -1]] = 0.0
+    best = linprog(-np.ones(count + 1), A_ub=np.array(rows), b_ub=most, bounds=np.stack([0 * top, top], axis=1))
+    assert best.success
+    ours = timing.speeds**2
+    assert np.max(np.array(rows) @ ours - most) <= 1e-9
+    quickest = np.sum(2 / count / (np.sqrt(best.x[1:]) + np.sqrt(best.x[:-1])))
+    assert quickest <= timing.times[-1] <= 1.02 * quickest
+
+
+def test_a_known_delay_is_measured():
+    t = np.arange(0, 10, 0.01)
+    for delay in (0.0, 0.123, -0.05, 1.0):
+        target, late = (np.stack([np.sin(x), 100 * np.cos(0.7 * x)], axis=1) for x in (t, t - delay))
+        assert measured_lag(t, target, late) == pytest.approx(delay, abs=2e-3)
+    assert measured_lag(t, 0 * target, 0 * target) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("times", "points"),
+    [
+        ([0.0, 0.0], [[0.0], [1.0]]),
+        ([0.0, math.nan], [[0.0], [1.0]]),
+        ([0.0], [[0.0]]),
+        ([0.0, 1.0], [[0.0], [math.inf]]),
+        ([0.0, 1.0], [0.0, 1.0]),
+        ([0.0, 1.0], [[0.0]]),
+        ("a", [[0.0], [1.0]]),
+        ([0.0, 1.0], "a"),
+        ([0.0, 10**400], [[0.0], [1.0]]),
+        ([0.0, 1.0], [[0.0], [1.0, 2.0]]),
+    ],
+)
+def test_an_unusable_path_is_refused(times, points):
+    with pytest.raises(ConfigurationError):
+        smooth_path(times, points, velocity=V, acceleration=A, jerk=J)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"dt": "x"}, {"dt": 0.0}, {"velocity": "x"}, {"lower": "x"}, {"tolerance": 0.0}, {"tolerance": math.nan}],
+)
+def test_what_no_drive_can_use_is_refused_by_name(changes):
+    with pytest.raises(ConfigurationError) as caught:
+        smooth_path([0.0, 1.0], [[0.0], [1.0]], **{"velocity": V, "acceleration": A, "jerk": J, **changes})
+    assert caught.value.argument in changes

@@ -1,0 +1,154 @@
+"""A controller that was made in Python becomes C by one call, and commands the same."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rehab_opt
+from rehab_opt import ConfigurationError, JointFeedback, PoseTracker, Smoother, export_c, ur5
+from rehab_opt.control.bilateral import Bilateral
+from rehab_opt.control.redundancy import RedundancyResolver
+from rehab_opt.kinematics.ardis import ardis
+from rehab_opt.session.files import load_problem
+from tests.control.test_limit import TABLE, elbow_above
+from tests.export.assisting import made, made_along_a_path
+from tests.export.calling_c import Built, largest_difference, shared
+from tests.export.mirroring import redundant
+from tests.export.pairing import sides
+
+ALIKE = 1e-12
+"""[rad/s, m/s, N]"""
+
+
+def with_a_table(**options: object) -> PoseTracker:
+    """A tracker as its user makes one, backup and all, whose elbow stays above a table."""
+    robot = ur5(acceleration=np.full(6, 10.0))
+    return PoseTracker(robot, dt=0.005, compile=False, limits=[elbow_above(TABLE)], **options)  # type: ignore[arg-type]
+
+
+def hostile_run(seed: int, ticks: int) -> list[dict[str, np.ndarray]]:
+    """States on and beyond every limit, poses that are none, twists of any size and numbers that are not."""
+    rng, robot = np.random.default_rng(seed), ur5()
+    run = []
+    for _ in range(ticks):
+        q = rng.uniform(robot.lower, robot.upper) * rng.choice([0.2, 0.5, 1.0, 1.01])
+        pose = robot.pose(q + rng.normal(size=6) * rng.choice([1e-6, 1e-2, 1.0]))
+        tick = {"q": q, "pose": pose, "twist": rng.normal(size=6) * rng.choice([0.0, 0.1, 10.0])}
+        if rng.random() < 0.1:
+            array = tick[str(rng.choice(list(tick)))]
+            array.flat[rng.integers(array.size)] = rng.choice([np.nan, np.inf, -np.inf, 1e7, -9e5, 1e300])
+        run.append(tick)
+    return run
+
+
+def test_a_tracker_with_a_limit_of_its_own_commands_the_same_in_c(built: Built, tmp_path: Path) -> None:
+    export_c(with_a_table(), tmp_path, run=hostile_run(7, 1500))
+    assert largest_difference(tmp_path, "pose_tracker", built) <= ALIKE
+    statuses = {line.split(",")[-4] for line in (tmp_path / "recorded_run.csv").read_text().splitlines()[1:]}
+    assert statuses >= {"0", "2", "3"}  # solved, braking, holding
+
+
+def fixed() -> RedundancyResolver:
+    """An arm on a chair that stands."""
+    return RedundancyResolver(ardis(), drive="fixed", row_sets=[("x", "y"), ("z",)], keep_out=False, compile=False)
+
+
+def arms_and_hands() -> dict[str, tuple[Callable[[], object], tuple[str, ...]]]:
+    """What may be made in Python, and the folders of its C."""
+    return {
+        "pose_tracker": (with_a_table, ("",)),
+        "redundancy_fixed": (fixed, ("",)),
+        "assistance": (lambda: made("assist", backup=None), ("",)),
+        "path_assistance": (made_along_a_path, ("",)),
+        "pair": (lambda: Bilateral(*sides(), delay=0.01), ("helper_side", "participant_side")),
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", arms_and_hands())
+def test_without_a_run_of_its_own_it_repeats_a_random_one(kind: str, built: Built, tmp_path: Path) -> None:
+    make, folders = arms_and_hands()[kind]
+    export_c(make(), tmp_path / "c")
+    for folder in folders:
+        assert largest_difference(tmp_path / "c" / folder, folder or kind, built) <= ALIKE
+
+
+def test_the_header_says_whose_joints_what_limits_which_tick_and_what_is_computed(tmp_path: Path) -> None:
+    robot = ur5(velocity=2.25, acceleration=np.full(6, 12.5))
+    headers = {}
+    for name, dt, speed in (
+        ("first", 0.004, 0.3),
+        ("again", 0.004, 0.3),
+        ("slower", 0.004, 0.2),
+        ("later", 0.005, 0.3),
+    ):
+        export_c(PoseTracker(robot, dt=dt, linear_speed=speed, compile=False), tmp_path / name)
+        headers[name] = (tmp_path / name / "rehab_pose_tracker.h").read_text()
+    header = headers["first"]
+    for i, joint in enumerate(robot.names):
+        found = re.search(rf"^ \*\s+{joint} \[rad\]((?:\s+\S+){{4}})$", header, re.MULTILINE)
+        assert found is not None, joint
+        expected = robot.lower[i], robot.upper[i], 2.25, 12.5
+        assert [float(each) for each in found[1].split()] == pytest.approx(expected, rel=1e-8)
+    assert "hand: at most 0.3 m/s" in header
+    assert "#define REHAB_POSE_TRACKER_DT 0.004 " in header
+    assert f'#define REHAB_POSE_TRACKER_VERSION "{rehab_opt.__version__}"' in header
+    model = {name: re.search(r'_MODEL "([0-9a-f]{64})"', text)[1] for name, text in headers.items()}  # type: ignore[index]
+    assert model["first"] == model["again"]
+    assert len(set(model.values())) == 3
+
+
+@pytest.mark.parametrize("memory", [None, 50_000])
+def test_a_mirror_keeps_to_its_memory_and_says_when_samples_go(
+    memory: int | None, built: Built, tmp_path: Path
+) -> None:
+    """Where its hand is pushed, and the clock waits, samples are thinned in both languages."""
+    tracker = redundant()
+    most = tracker.clock.most
+    export_c(tracker, tmp_path, memory=memory)
+    library = shared(tmp_path, "mirror_tracker", built, level="-O0")
+    assert library.controller_size() <= (memory or 64_000)
+    assert largest_difference(tmp_path, "mirror_tracker", built) <= ALIKE
+    notes = [int(line.rsplit(",", 1)[1]) for line in (tmp_path / "recorded_run.csv").read_text().splitlines()[1:]]
+    assert any(note & 8 for note in notes)
+    assert "REHAB_THINNED = 8 /* no more samples fit" in (tmp_path / "rehab_mirror_tracker.h").read_text()
+    assert tracker.clock.most == most
+
+
+def test_memory_that_is_too_small_is_refused_with_what_it_takes(tmp_path: Path) -> None:
+    for make, memory in ((redundant, 5000), (with_a_table, 5000)):
+        with pytest.raises(ConfigurationError, match=r"memory = 5000: expected at least (\d+) bytes") as refused:
+            export_c(make(), tmp_path / "c", memory=memory)
+        least = int(re.search(r"at least (\d+)", str(refused.value))[1])  # type: ignore[index]
+        export_c(make(), tmp_path / make.__name__, memory=least)
+    for memory in (0, -1, 1e4, True):
+        with pytest.raises(ConfigurationError, match=r"memory = .*a number of bytes"):
+            export_c(with_a_table(), tmp_path / "c", memory=memory)  # type: ignore[arg-type]
+
+
+def test_what_cannot_become_c_is_refused_by_name(tmp_path: Path) -> None:
+    smoother = Smoother(axes=1, dt=0.01, velocity=1.0, acceleration=1.0, jerk=1.0)
+    refused = {
+        "controller = .*MirrorTracker.*PoseTracker": smoother,
+        "solver = 'proxqp': expected qrqp": PoseTracker(ur5(), solver="proxqp", compile=False),
+        "feedback = JointFeedback": PoseTracker(ur5(), feedback=JointFeedback(), compile=False),
+    }  # fmt: skip
+    for says, controller in refused.items():
+        with pytest.raises(ConfigurationError, match=says):
+            export_c(controller, tmp_path / "c")
+    for controller in (Bilateral(*sides()), load_problem("robot/ur5_circle")):
+        with pytest.raises(ConfigurationError, match="run = '1 ticks': expected None"):
+            export_c(controller, tmp_path / "c", run=[{}])
+    assert not (tmp_path / "c").exists()
+
+
+def test_a_tracker_goes_on_with_its_backup_afterwards(tmp_path: Path) -> None:
+    """What export leaves behind is a tracker that was reset, and no other."""
+    tracker, other = with_a_table(), with_a_table()
+    export_c(tracker, tmp_path)
+    for tick in hostile_run(3, 50):
+        assert str(tracker.step(**tick)) == str(other.step(**tick))

@@ -1,0 +1,82 @@
+"""A joint limit of chair and arm on late servos and noisy encoders: approached at 1/T, it holds and does not shake."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from rehab_opt import RedundancyResolver, ardis
+from rehab_opt.control.task_rows import ROWS
+from rehab_opt.kinematics.drive_name import DriveName
+
+Array = NDArray[np.float64]
+
+STEP = 0.001
+"""[s] of the plant."""
+POLE = 2 * math.pi * 24.0 / 2.4818
+"""[1/s] of a proportional-integral velocity servo of 24 Hz with both poles at one place."""
+WHEEL_LAG = 0.08
+"""[s]"""
+
+
+class LateChair:
+    """Arm joints with velocity servos, a chassis that lags and goes where it heads; commands and encoders are late."""
+
+    def __init__(self, q: Array, *, delay: float, noise: float, seed: int) -> None:
+        late = round(delay / STEP)
+        self.q, self.u, self.behind = q.copy(), np.zeros(7), np.zeros(4)
+        self.sent: deque[Array] = deque([np.zeros(7)] * (late - late // 2))
+        self.told: deque[Array] = deque([q.copy()] * (late // 2 + 1), maxlen=late // 2 + 1)
+        self.noise, self.rng = noise, np.random.default_rng(seed)
+
+    def measured(self) -> Array:
+        return np.asarray(self.told[0] + self.noise * self.rng.standard_normal(7))
+
+    def hold(self, u: Array, seconds: float) -> list[Array]:
+        """The ways of all steps under a command (7,), the chair's share in its own frame."""
+        way = []
+        for _ in range(round(seconds / STEP)):
+            self.sent.append(u)
+            command = self.sent.popleft()
+            short = command[3:] - self.u[3:]
+            self.u[3:] += STEP * (2 * POLE * short + POLE * POLE * self.behind)
+            self.behind += STEP * short
+            self.u[:3] += (STEP / WHEEL_LAG) * (command[:3] - self.u[:3])
+            c, s = math.cos(self.q[2] + STEP * self.u[2] / 2), math.sin(self.q[2] + STEP * self.u[2] / 2)
+            forward, left = self.u[:2]
+            self.q = self.q + STEP * np.concatenate([[c * forward - s * left, s * forward + c * left], self.u[2:]])
+            self.told.append(self.q)
+            way.append(self.q)
+        return way
+
+
+@pytest.mark.parametrize(
+    ("drive", "cases"),
+    [("mecanum", [(0.0, 2e-4), (0.005, 1e-4)]), ("differential", [(0.002, 2e-4), (0.008, 2e-4)])],
+)
+def test_a_joint_limit_is_held_on_late_servos_and_noisy_encoders_without_a_limit_cycle(
+    drive: DriveName, cases: list[tuple[float, float]]
+) -> None:
+    dt, rows = 0.01, ROWS[:3]
+    resolver = RedundancyResolver(ardis(), drive=drive, dt=dt, row_sets=[rows], compile=False)
+    chain = resolver.robot.chain
+    for delay, noise in cases:
+        start = np.array([0.0, 0.0, 1.0, -2.7, 0.0, 1.25, 0.05])
+        plant = LateChair(start, delay=delay, noise=noise, seed=7)
+        resolver.reset(heading=1.0)
+        ways: list[Array] = []
+        for _ in range(1100):
+            resolver.step(plant.measured(), np.array([0.0, 0.0, -0.2]), rows)
+            ways += plant.hold(resolver.chassis_velocity, dt)
+        way = np.array(ways)
+        beyond = np.maximum(way - chain.upper, chain.lower - way)[:, 3:]
+        assert beyond.max() <= 5e-4
+        held = way[-3000:]
+        assert np.ptp(held[:, 3:], axis=0).max() <= 3e-4
+        assert np.sort(beyond[-3000:].max(axis=0))[-1] > -3e-4  # one of them is at its limit
+        hand = np.array([chain.pose(q)[:3, 3] for q in held[::10]])
+        assert np.sqrt((np.diff(hand, axis=0) ** 2).sum(axis=1).mean()) / (10 * STEP) <= 2e-3

@@ -1,0 +1,90 @@
+"""Arms from files on the MuJoCo plant, by the masses and efforts that stand in the file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rehab_opt import ConfigurationError, SerialChain, export_c, ur5
+from rehab_opt.plants.own_arm import own_arm_model
+from rehab_opt.session.files import load_problem
+from rehab_opt.session.pose_tracking.outcome import RobotOutcome
+from rehab_opt.session.run import run_problem
+from tests.export.calling_c import Built, largest_difference
+from tests.export.conftest import among_workers, built, c_compiler  # noqa: F401  (fixtures)
+
+ROBOTS = Path(__file__).parents[2] / "problems/robots"
+CIRCLE = """
+system = "pose_tracking"
+title = "a circle"
+[robot]
+file = "robot.toml"
+start_deg = {start}
+[circle]
+radius_m = 0.03
+duration_s = 2.5
+[tracker]
+rate_hz = 500.0
+"""
+ROBOT = """
+urdf = "{urdf}"
+tip = "{tip}"
+acceleration_deg_s2 = 429.0
+"""
+ARMS = {
+    "Panda": ("franka_panda/panda.urdf", "panda_link8", [0, -45, 0, -135, 0, 90, 45], (87.0,) * 4 + (12.0,) * 3),
+    "Gen3": ("kinova_gen3/gen3.urdf", "end_effector_link", [0, 30, 180, -100, 0, -60, 90], (39.0,) * 4 + (9.0,) * 3),
+}
+
+
+@pytest.fixture(autouse=True)
+def uncompiled(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("REHAB_OPT_COMPILE", "off")
+
+
+def problem_of(folder: Path, arm: str) -> str:
+    urdf, tip, start, _ = ARMS[arm]
+    (folder / "robot.toml").write_text(ROBOT.format(urdf=ROBOTS / urdf, tip=tip))
+    (folder / "circle.toml").write_text(CIRCLE.format(start=start))
+    return str(folder / "circle.toml")
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_an_arm_from_a_file_goes_round_on_late_servos_and_becomes_c(
+    arm: str,
+    tmp_path: Path,
+    built: Built,  # noqa: F811
+) -> None:
+    pytest.importorskip("mujoco")
+    problem = problem_of(tmp_path, arm)
+    by_plant = {plant: run_problem(load_problem(problem), plant=plant) for plant in (None, "mujoco")}
+    for plant, outcome in by_plant.items():
+        assert isinstance(outcome, RobotOutcome)
+        assert outcome.position_error.max() < (2e-5 if plant is None else 0.01)
+        assert plant is None or outcome.position_error.max() > 1e-4  # it does move as something with a mass
+        assert np.all((outcome.q >= outcome.chain.lower) & (outcome.q <= outcome.chain.upper))
+    export_c(load_problem(problem), tmp_path / "c")
+    assert largest_difference(tmp_path / "c", "pose_tracker", built) <= 1e-12
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_efforts_and_masses_are_those_of_the_file(arm: str) -> None:
+    urdf, tip, _, efforts = ARMS[arm]
+    chain = SerialChain.from_urdf(ROBOTS / urdf, tip=tip, acceleration=5.0)
+    model = own_arm_model(chain, payload=0.5)
+    assert tuple(model.torque_limit) == efforts
+    assert sum(body.mass for body in model.bodies) == pytest.approx(
+        sum(body.mass for body in chain.bodies if body.link) + 0.5
+    )
+
+
+def test_an_arm_without_masses_or_efforts_is_refused_with_what_is_missing(tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match=r"bodies.*masses of links"):
+        own_arm_model(ur5())
+    urdf, tip, _, _ = ARMS["Gen3"]
+    (tmp_path / "gen3.urdf").write_text((ROBOTS / urdf).read_text().replace('effort="9"', 'effort="0"'))
+    weak = SerialChain.from_urdf(tmp_path / "gen3.urdf", tip=tip, acceleration=5.0)
+    with pytest.raises(ConfigurationError, match=r"effort of \S+ = inf: expected the drive's largest"):
+        own_arm_model(weak)
