@@ -20,11 +20,12 @@ from rehab_opt.symbolic import Evaluator
 
 __all__ = [
     "angle_between",
-    "angle_function",
-    "calm_way_function",
+    "angle_of",
+    "calm_way",
     "distance_between",
+    "distance_of",
     "moving_tool_function",
-    "part_way_function",
+    "part_way",
     "rigid_function",
     "turn_between",
     "turned",
@@ -62,30 +63,6 @@ def turned(rotation: Array, vector: Array) -> Array:
 
 
 # ------------------------------------------------------------------------------------------------- as functions
-def angle_function() -> ca.Function:
-    """Two poses -> `angle_between` them."""
-    a, b = ca.SX.sym("a", 12), ca.SX.sym("b", 12)
-    rows = ([[pose[4 * i + j] for j in range(4)] for i in range(3)] for pose in (a, b))
-    return ca.Function("angle", [a, b], [ca.acos(clipped(_cosine(*rows), -1, 1))], {"cse": True})
-
-
-def part_way_function() -> ca.Function:
-    """Two poses, share -> axes (3, 3), by rows, of the first turned evenly towards the second by this share."""
-    a, b, share = ca.SX.sym("a", 12), ca.SX.sym("b", 12), ca.SX.sym("share")
-    one, other = (_by_rows(pose)[:3, :3] for pose in (a, b))
-    found = _turned(one, share * _turn(one, other))
-    return ca.Function("part_way", [a, b, share], [ca.densify(ca.vec(found.T))], {"cse": True})
-
-
-def calm_way_function(linear_speed: float, angular_speed: float) -> ca.Function:
-    """Two poses, least seconds -> seconds and twist (6,) of the even way between them at no more than these speeds."""
-    a, b, least = ca.SX.sym("a", 12), ca.SX.sym("b", 12), ca.SX.sym("least")
-    one, other = _by_rows(a), _by_rows(b)
-    shift, turn = other[:3, 3] - one[:3, 3], _turn(one[:3, :3], other[:3, :3])
-    seconds = ca.fmax(ca.fmax(ca.norm_2(shift) / linear_speed, ca.norm_2(turn) / angular_speed), least)
-    return ca.Function("calm_way", [a, b, least], [seconds, ca.vertcat(shift, turn) / seconds], {"cse": True})
-
-
 def rigid_function() -> ca.Function:
     """Pose, all 16 entries -> see `is_rigid`."""
     pose = ca.SX.sym("pose", 16)
@@ -100,6 +77,31 @@ def moving_tool_function(chain: SerialChain) -> ca.Function:
 
 
 # -------------------------------------------------------------------------------------------------- expressions
+def distance_of(a: ca.SX, b: ca.SX) -> ca.SX:
+    """`distance_between` two poses, columns of at least 12 entries."""
+    return ca.norm_2(a[[3, 7, 11]] - b[[3, 7, 11]])
+
+
+def angle_of(a: ca.SX, b: ca.SX) -> ca.SX:
+    """`angle_between` two poses, columns of at least 12 entries."""
+    rows = ([[pose[4 * i + j] for j in range(4)] for i in range(3)] for pose in (a, b))
+    return ca.acos(clipped(_cosine(*rows), -1, 1))
+
+
+def part_way(a: ca.SX, b: ca.SX, share: ca.SX) -> ca.SX:
+    """Axes (9,), by rows, of the first of two poses (12,) turned evenly towards the second by this share."""
+    one, other = (_by_rows(pose)[:3, :3] for pose in (a, b))
+    return ca.vec(_turned(one, share * _turn(one, other)).T)
+
+
+def calm_way(a: ca.SX, b: ca.SX, least: ca.SX, *, linear_speed: float, angular_speed: float) -> tuple[ca.SX, ca.SX]:
+    """Seconds, and twist (6,), of the even way between two poses (12,) at no more than these speeds."""
+    one, other = _by_rows(a), _by_rows(b)
+    shift, turn = other[:3, 3] - one[:3, 3], _turn(one[:3, :3], other[:3, :3])
+    seconds = ca.fmax(ca.fmax(ca.norm_2(shift) / linear_speed, ca.norm_2(turn) / angular_speed), least)
+    return seconds, ca.vertcat(shift, turn) / seconds
+
+
 def _by_rows(entries: ca.SX) -> ca.SX:
     return ca.reshape(entries, 4, 3).T
 

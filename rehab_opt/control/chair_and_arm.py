@@ -318,13 +318,6 @@ class ChairAndArm(VelocityController):
             {"cse": True},
         )
 
-    def tell_braking(self, inputs: tuple[Array, ...]) -> None:
-        """Also the obstacles, where they are usable: the chair could stop before them, and brakes."""
-        super().tell_braking(inputs)
-        if self.max_obstacles:
-            told = self._inputs[-1]
-            inputs[2][:] = told if np.all(np.abs(told) <= PLAUSIBLE) else 0.0
-
     # ----------------------------------------------------------------------------------------- for the resolver
     def tell_obstacles(self, numbers: Array) -> None:
         """Write the obstacles, for all ticks until the next call."""

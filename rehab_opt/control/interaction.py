@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.velocity_controller import checked_number, real_numbers
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.optim.certificate import clipped
+from rehab_opt.optim.certificate import all_true, clipped
 from rehab_opt.symbolic import BufferedFunction
+from rehab_opt.symbolic.record import Record
 
 __all__ = ["FELT", "AdmittanceState", "Interaction"]
 
@@ -32,9 +33,12 @@ LEAP = 1.0
 """[m/s] A hand that leaves its reference faster than this does not: the reference leapt."""
 SEEN = 1e3
 """[m] No hand is farther from its reference."""
-FELT = 15
-"""Numbers of an admittance's state: displacement (3,), its velocity (3,), hand off its reference (3,), pace, tank,
-seconds of the stop, force (3,)."""
+FELT = Record(moved=3, velocity=3, away=3, pace=1, tank=1, stopped=1, force=3, active=1)
+"""An admittance's state: displacement [m], its velocity [m/s], the hand off its reference [m], the share of its pace
+that the reference keeps, [J] left in the tank, [s] of the stop, the last force [N], and whether forces are measured, or
+the last of them is not over yet."""
+FINE, UNUSABLE, AT_LIMIT = range(3)
+"""Why the arm must stop."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,31 +108,44 @@ class Interaction:
             raise ConfigurationError("stop_at", self.stop_at, f"newtons from the limit, {self.limit:g}, on")
 
     def felt_function(self, dt: float) -> ca.Function:
-        """Force [N] (3,), state (`FELT`,), hand off the reference [m] (3,) -> state after a tick dt [s].
+        """Force [N] (3,), whether it is measured, state (`FELT`), hand off the reference [m] (3,) -> state, the reason.
 
-        The hand is where it is now, off the reference that the last tick followed; NaN where that is not known.
+        The state is that after a tick dt [s]; the reason why the arm must stop is `FINE`, `UNUSABLE` or `AT_LIMIT`. The
+        hand is where it is now, off the reference that the last tick followed; NaN where that is not known.
         """
-        force, state, seen = ca.SX.sym("force", 3), ca.SX.sym("state", FELT), ca.SX.sym("seen", 3)
-        x, v, before, pace, tank, stopped, pushed = ca.vertsplit(state, [0, 3, 6, 9, 10, 11, 12, FELT])
+        force, measured, seen = ca.SX.sym("force", 3), ca.SX.sym("measured"), ca.SX.sym("seen", 3)
+        old = FELT.symbols("state")
         size = ca.norm_2(force)
-        again = ca.logic_or(size >= self.stop_at, ca.logic_and(stopped > 0, size >= self.release * self.stop_at))
-        left = ca.if_else(stopped > 1.5 * dt, stopped - dt, 0)  # by halves of a tick: rounding does not decide
+        again = ca.logic_or(size >= self.stop_at, ca.logic_and(old.stopped > 0, size >= self.release * self.stop_at))
+        left = ca.if_else(old.stopped > 1.5 * dt, old.stopped - dt, 0)  # by halves of a tick: rounding does not decide
         stopped = ca.if_else(again, self.hold, left)
-        pace = ca.fmin(clipped((self.limit - size) / (self.limit - self.slow_from), 0, 1), pace + dt / REGAIN)
+        pace = ca.fmin(clipped((self.limit - size) / (self.limit - self.slow_from), 0, 1), old.pace + dt / REGAIN)
 
         known = ca.sumsqr(seen) < SEEN**2
-        away = ca.if_else(known, seen, before)
-        way = away - before
+        away = ca.if_else(known, seen, old.away)
+        way = away - old.away
         leapt = ca.logic_or(ca.sumsqr(way) > (LEAP * dt) ** 2, ca.logic_not(known))
 
-        moved, velocity = self._yielding(force, x, v, tank, dt)
+        moved, velocity = self._yielding(force, old.moved, old.velocity, old.tank, dt)
         moved, velocity = self._delivered(moved, velocity, away, dt)
         rest = ca.logic_or(stopped > 0, ca.logic_not(known))
-        moved, velocity = ca.if_else(rest, x, moved), ca.if_else(rest, 0, velocity)
-        gained = ca.if_else(leapt, 0, ca.dot(pushed, way)) - self._energy(moved, velocity) + self._energy(x, v)
-        tank = clipped(tank + gained + ALLOWED * dt, -self.reserve, self.reserve)
-        after = ca.vertcat(moved, velocity, away, pace, tank, stopped, force)
-        return ca.Function("felt", [force, state, seen], [after], {"cse": True})
+        moved, velocity = ca.if_else(rest, old.moved, moved), ca.if_else(rest, 0, velocity)
+        gained = ca.if_else(leapt, 0, ca.dot(old.force, way)) - self._energy(moved, velocity)
+        gained = gained + self._energy(old.moved, old.velocity)
+        tank = clipped(old.tank + gained + ALLOWED * dt, -self.reserve, self.reserve)
+        active = ca.logic_or(ca.logic_or(measured, stopped > 0), ca.logic_or(pace < 1, ca.norm_2(moved) > GONE))
+        after = FELT.of(
+            moved=ca.if_else(active, moved, 0), velocity=ca.if_else(active, velocity, 0), away=away, pace=pace,
+            tank=tank, stopped=stopped, force=force, active=active,
+        )  # fmt: skip
+        # Of a force that is no number nothing is known but that there is one.
+        blind = FELT.changed(old, velocity=ca.SX.zeros(3), pace=ca.SX(0), active=ca.SX(1)).column
+        usable = all_true(ca.fabs(force) < ca.inf)
+        idle = ca.logic_not(ca.logic_or(measured, old.active))
+        state = ca.if_else(idle, old.column, ca.if_else(usable, after, blind))
+        reason = ca.if_else(idle, FINE, ca.if_else(usable, ca.if_else(stopped > 0, AT_LIMIT, FINE), UNUSABLE))
+        inputs = [force, measured, old.column, seen]
+        return ca.Function("felt", inputs, [ca.densify(state), reason], {"cse": True})
 
     def _energy(self, x: ca.SX, v: ca.SX) -> ca.SX:
         """[J] stored."""
@@ -172,30 +189,33 @@ class AdmittanceState:
 
     def reset(self) -> None:
         """No force was felt."""
-        self._state: Array = np.zeros(FELT)
-        self._state[9:11] = 1.0, self.law.reserve
-        self.active = False
+        self.state: Array = FELT.numbers(**{**dict.fromkeys(FELT.places, 0.0), "pace": 1.0, "tank": self.law.reserve})
+        """`FELT`"""
+
+    @property
+    def active(self) -> bool:
         """Whether forces are measured, or the last of them is not over yet."""
+        return bool(self.state[FELT["active"]])
 
     @property
     def offset(self) -> Array:
         """(3,) [m] displacement of the reference."""
-        return self._state[:3]
+        return self.state[:3]
 
     @property
     def velocity(self) -> Array:
         """(3,) [m/s] of the displacement."""
-        return self._state[3:6]
+        return self.state[3:6]
 
     @property
     def pace(self) -> float:
         """Share of its pace that the reference keeps."""
-        return float(self._state[9])
+        return float(self.state[FELT["pace"]])
 
     @property
     def energy(self) -> float:
         """[J] left in the tank; below zero it owes."""
-        return float(self._state[10])
+        return float(self.state[FELT["tank"]])
 
     def feel(self, force: ArrayLike | None, away: Array) -> str:
         """Take one measurement (3,) [N], None for none; why the arm must stop, or nothing.
@@ -205,20 +225,13 @@ class AdmittanceState:
         if force is None and not self.active:
             return ""
         felt = np.zeros(3) if force is None else real_numbers("force", force, (3,))
-        size = math.hypot(*felt.tolist())  # numpy's would warn where squares overflow
-        if not size < math.inf:
-            self.active = True
-            self._state[3:6] = self._state[9] = 0.0
-            return "force is not a usable number"
-        self._state = self._felt.of(felt, self._state, away)
-        stopped = self._state[11] > 0.0
-        x, y, z = self.offset.tolist()
-        self.active = force is not None or stopped or self.pace < 1.0 or math.sqrt(x * x + y * y + z * z) > GONE
-        if not self.active:
-            self._state[:6] = 0.0
-        if not stopped:
+        self.state = self._felt.of(felt, force is not None, self.state, away)
+        reason = int(self._felt.outputs[1][0])
+        if not reason:
             return ""
-        law = self.law
+        if reason == UNUSABLE:
+            return "force is not a usable number"
+        law, size = self.law, math.hypot(*felt.tolist())
         if size >= law.stop_at:
             return f"interaction force of {size:.1f} N, at most {law.stop_at:g} N"
         return (

@@ -25,6 +25,7 @@ from rehab_opt.control.limit import Limit, checked_limits
 from rehab_opt.control.manipulability import largest_manipulability
 from rehab_opt.control.mirror_following import BRIDGE
 from rehab_opt.control.mirror_foreseen import MirrorForeseen
+from rehab_opt.control.mirror_pace import MirrorPace
 from rehab_opt.control.mirror_plan import MirrorPath, plan
 from rehab_opt.control.person_limit import PersonLimit
 from rehab_opt.control.reference_clock import ReferenceClock
@@ -172,13 +173,21 @@ class MirrorTracker(MirrorForeseen):
                 compile=compile,
             )
         self._interaction = (Interaction() if interaction is None else interaction).started(dt)
-        self._audit = BufferedFunction(self._auditing())
+        self._keeping = BufferedFunction(self.keeping())
         symbol = ca.SX.sym("q", self.chain.n)
         tool = ca.Function("tool", [symbol], [ca.densify(self.chain.pose_expression(symbol))], {"cse": True})
         self._tool = BufferedFunction(tool, compile=compile)
         self._moving = BufferedFunction(moving_tool_function(self.chain))
         self._rigid = BufferedFunction(rigid_function())
-        self.clock = ReferenceClock(dt, linear_speed=BRIDGE * linear_speed, angular_speed=BRIDGE * angular_speed)
+        self.pace = MirrorPace(
+            dt=dt, linear_speed=linear_speed, angular_speed=angular_speed, max_deviation=max_deviation,
+            max_turn=max_turn, catch_up=catch_up,
+        )  # fmt: skip
+        self._pacing = BufferedFunction(self.pace.function(), compile=compile)
+        self._aiming = BufferedFunction(self.pace.aimed_function())
+        self.clock = ReferenceClock(
+            dt, linear_speed=BRIDGE * linear_speed, angular_speed=BRIDGE * angular_speed, window=self.pace.window
+        )
         """Where the reference is read."""
         self.counts: Counter[str] = Counter()
         """How many ticks yielded acceleration, were shortened, waited, braked, and how often the hand was cut short."""

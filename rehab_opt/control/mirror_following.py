@@ -9,28 +9,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.between_poses import angle_between, distance_between
 from rehab_opt.control.command import Bound, Command, Status
-from rehab_opt.control.mirror_statement import CALM, SPARE, WHOLE
-from rehab_opt.control.mirror_waiting import MirrorWaiting
+from rehab_opt.control.interaction import FELT, AdmittanceState
+from rehab_opt.control.mirror_statement import WHOLE, MirrorStatement
 from rehab_opt.control.person_limit import PersonLimit
-from rehab_opt.optim.rows import PLAUSIBLE
+from rehab_opt.control.reference_clock import ReferenceClock
 from rehab_opt.symbolic import BufferedFunction
 
 __all__ = ["BRIDGE", "MirrorFollowing"]
 
 Array = NDArray[np.float64]
 
-WAITS = 0.9
-"""Share of the largest deviation from which the clock waits."""
-QUICKENING, CATCHING_UP = 0.1, 0.3
-"""[s] in which the clock regains its pace, and in which it makes up for its lag."""
-RUSH = 4.0
-"""Share by which the clock may run fast while the reference rests: to let that time pass leads no further away."""
-AT_LEAST = 0.02
-"""Share by which the clock runs fast while it is late at all: so that it does catch up."""
-STILL = 0.01, 0.1
-"""[m/s, rad/s] A reference up to these rests."""
-JUMP, SPIN = 5.0, 30.0
-"""[m/s, rad/s] Faster samples than a hand can move: a jump of the tracker, and bridged."""
 SETTLING_TICKS = 3
 """Of the model of the led arm while it finds its posture, in each tick: more would not fit into a quick one."""
 BRIDGE = 0.5
@@ -38,11 +26,15 @@ BRIDGE = 0.5
 UNSEEN = np.full(3, math.nan)
 
 
-class MirrorFollowing(MirrorWaiting):
+class MirrorFollowing(MirrorStatement):
     """The tick of `MirrorTracker` wherever something is unusual: late, pushed, led by a range of motion, or faulty."""
 
-    catch_up: float
+    clock: ReferenceClock
+    _interaction: AdmittanceState
     _limit: PersonLimit | None
+    _pacing: BufferedFunction
+    _aiming: BufferedFunction
+    _moving: BufferedFunction
     _tool: BufferedFunction
     _rigid: BufferedFunction
 
@@ -53,11 +45,12 @@ class MirrorFollowing(MirrorWaiting):
             self._limit.reset()
         self._interaction.reset()
         self._rate, self._share, self._then = 1.0, 1.0, math.nan
-        self._begin_waiting()
+        self._waited = self._stood = self._apart = self._aside = 0.0
+        self._short_by = self._beyond_person = (0.0, 0.0)
         self._live = False
         self._good = b""
         self._centre: Array | None = None
-        self._aim: Array | None = None
+        self._aim = np.full((4, 4), math.nan)
         self.followed: Array = np.full((4, 4), math.nan)
         """(4, 4) the reference of the last tick with a clock, before the range of motion and forces."""
         self._lead_w, self._lead_age = -1.0, 0
@@ -71,48 +64,65 @@ class MirrorFollowing(MirrorWaiting):
             last, motion = self._accepted()
             self.clock.start(last, motion)
             self._live, self._centre = False, last[:3, 3]
+        here, hand = self._hand()
         # Work is done where the hand is measured, also where its joints are led ahead of that.
-        seen = self._tool.of(self._q if self._feedback is None else self._feedback.measured)
+        seen = here if self._feedback is None else self._tool.of(self._feedback.measured)
         pushed = self._interaction.feel(force, UNSEEN if self._centre is None else seen[:3, 3] - self._centre)
-        here = seen if self._feedback is None else self._tool.of(self._q)
-        reason = reason or self._unusable(pose, twist) or pushed
+        reason = reason or self._unusable(sound=True) or self._bent(pose) or pushed
         if reason:
             self.clock.lost += self.dt
             return self._safe(reason)
         if self._limit is not None and not self._limit.settle(here, ticks=SETTLING_TICKS):
             self.clock.lost += self.dt
             return self._safe("the model of the led arm finds its posture")
-        self._take(here, pose, twist)
-        return self._tracked(here, note=note)
+        first = self.clock.empty
+        if first:
+            self.clock.start(here, np.zeros(6))
+        self.clock.push(pose, twist, bridge=first)
+        return self._tracked(here, hand, note=note)
 
-    def _tracked(self, here: Array, *, foreseen: bool = False, note: str = "") -> Command:
-        """One tick of following what the clock holds."""
-        self._bridging = self.clock.bridging
-        now = self.clock.read()
-        rate = self._pace(here, *now, foreseen=foreseen)
-        target, motion, ahead = self._reference(here, now, rate)
-        self._rate = ahead / self.dt
-        self._note_waiting(here, now[0] if self._aim is None else self._aim)
-        self.followed = target
-        motion = motion * self._rate
+    def _hand(self) -> tuple[Array, Array]:
+        """Pose (4, 4) of the tool, and how it moves (6,)."""
+        pose = self._moving.of(self._q, self._last).reshape(4, 4)
+        return pose, self._moving.outputs[1].copy()
+
+    def _tracked(self, here: Array, hand: Array, *, foreseen: bool = False, note: str = "") -> Command:
+        """One tick of following what the clock holds; what is foreseen is not late."""
+        target, motion = self._paced(here, hand, foreseen=foreseen)
+        self.followed, self._beyond_person = target, (0.0, 0.0)
         if self._limit is not None:
             target, motion = self._limit.limited(target, motion)
             self._aim = target
-        self._short_by = self._missing(target)
-        centre = self._cut(here, target)
-        self._centre = centre
-        if self._interaction.active:
-            target = target.copy()
-            target[:3, 3] += self._interaction.offset
-            motion = motion.copy()
-            motion[:3] += self._interaction.velocity
-        self._inputs[2][:] = centre - target[:3, 3]
-        self._inputs[0][:], self._inputs[1][:] = target, motion
+            self._beyond_person = distance_between(self.followed, target), angle_between(self.followed, target)
+        self._short_by = self._apart + self._beyond_person[0], self._aside + self._beyond_person[1]
+        felt = self._interaction.state[: FELT["away"]]
+        pose = self._aiming.of(here.reshape(-1), target.reshape(-1), motion, self._apart, felt)
+        _, motion, offset, centre = self._aiming.outputs
+        self._inputs[0][:], self._inputs[1][:], self._inputs[2][:] = pose.reshape(4, 4), motion, offset
+        self._centre = centre.copy()
         self._last_before = self._last.copy()
         solver = self._ladder()
         if not solver:
             return self._safe(self._fault())
-        return self._delivered(solver, centre, note)
+        return self._delivered(solver, self._centre, note)
+
+    def _paced(self, here: Array, hand: Array, *, foreseen: bool) -> tuple[Array, Array]:
+        """Pose (4, 4) and twist (6,) to follow now; the clock goes on: see `MirrorPace`."""
+        clock, pacing = self.clock, self._pacing
+        samples, at, before, others, pose, twist, aim = pacing.inputs
+        samples[...] = clock.window.T
+        at[:] = clock.waiting, clock.fraction, clock.lag
+        before[:] = self._rate, self._share, self._waited, self._stood, self._apart, self._aside
+        others[:] = self._interaction.pace, not foreseen, clock.pace
+        pose[:], twist[:], aim[:] = here.reshape(-1), hand, self._aim.reshape(-1)
+        pacing.evaluate()
+        reached, motion, after, said = pacing.outputs
+        self._rate, _, self._waited, self._stood, self._apart, self._aside = after.tolist()
+        passed, fraction, lag, self._bridging, waits, cuts, self._short = said.tolist()
+        clock.stand(int(passed), fraction, lag)
+        if waits or cuts:
+            self.counts.update(waited=int(waits), cut=int(cuts))
+        return reached.reshape(4, 4).copy(), motion.copy()
 
     def _delivered(self, solver: str, centre: Array, note: str) -> Command:
         """The command of a certified answer, shortened where the true state asks for it."""
@@ -124,7 +134,7 @@ class MirrorFollowing(MirrorWaiting):
         value = np.frombuffer(self._velocity.tobytes())
         flags = Bound(int(yielded))
         if not kept:
-            value, flags = self._shortened(self._q.copy(), value, centre, flags)
+            value, flags, _ = self._shortened(self._q.copy(), value, centre, flags, broken=True)
             notes.append("step shortened: the bounds' tangents promised too much")
         else:
             self._then = then
@@ -156,82 +166,28 @@ class MirrorFollowing(MirrorWaiting):
         _, pose, twist, _ = np.split(np.frombuffer(self._good), np.cumsum((self.chain.n, 16, 6)))
         return pose.reshape(4, 4).copy(), twist.copy()
 
-    def _take(self, here: Array, pose: Array, twist: Array) -> None:
-        """Hand a sample to the clock, bridging what no hand can do."""
-        clock = self.clock
-        if clock.empty:
-            clock.start(here, np.zeros(6))
-            clock.push(pose, twist, bridge=True)
-            return
-        clock.push(pose, twist, bridge=self._jumps(clock.newest, pose, self.dt))
-
-    def _jumps(self, before: Array, pose: Array, seconds: float) -> bool:
-        """Whether no hand goes from one pose to the next in this time."""
-        return (
-            distance_between(pose, before) > JUMP * seconds + 1e-3
-            or angle_between(pose, before) > SPIN * seconds + 1e-2
-        )
-
-    def _pace(self, here: Array, pose: Array, twist: Array, *, foreseen: bool) -> float:
-        """Seconds of the reference to follow in a second; what is foreseen is not late."""
-        clock = self.clock
-        x, y, z, turning_x, turning_y, turning_z = twist.tolist()
-        speed = math.sqrt(x * x + y * y + z * z)
-        turning = math.sqrt(turning_x * turning_x + turning_y * turning_y + turning_z * turning_z)
-        pace = 1.0
-        if not foreseen and self._interaction.pace == 1.0:  # nobody is hurried who pushes
-            late = clock.lag - self.dt
-            if late > 0.0:
-                # What rests is passed at full haste to the last tick: nothing moves that would have to be slowed down.
-                pace += RUSH if clock.is_still(*STILL) else min(self.catch_up, late / CATCHING_UP + AT_LEAST)
-        # What the person's arm cannot do of the reference is no reason to dwell there: it would not come to an end.
-        aim = pose if self._aim is None else self._aim
-        away, turned = self._beyond(here, aim)
-        eased = min(max((WAITS - max(away / self.max_deviation, turned / self.max_turn)) / (WAITS - CALM), 0.0), 1.0)
-        pace *= eased * self._interaction.pace
-        linear, angular = SPARE * self.linear_speed, SPARE * self.angular_speed
-        pace = min(pace, clock.pace, linear / max(speed, 1e-9), angular / max(turning, 1e-9))
-        # A hand that stands short of the reference has no share of the motion towards it: that is no reason to wait.
-        before = self._rate * (self._share if self._share < WHOLE and not self._short else 1.0)
-        return min(pace, max(before, 0.0) + self.dt / QUICKENING)
-
-    def _reference(self, here: Array, now: tuple[Array, Array], rate: float) -> tuple[Array, Array, float]:
-        """Pose and twist to follow now, and the reference seconds gone on by: as many as the deviation allows."""
-        clock, ahead = self.clock, rate * self.dt
-        beyond = 0.0 if self._aim is None else distance_between(now[0], self._aim)
-        allowed = max(WAITS * self.max_deviation + self._apart + beyond, distance_between(now[0], here))
-        for _ in range(3):
-            pose, twist = clock.read(ahead)
-            if distance_between(pose, here) <= allowed:
-                clock.advance(ahead)
-                return pose, twist, ahead
-            ahead *= 0.5
-        return *now, 0.0
-
     def _safe(self, reason: str) -> Command:
         """Decelerate within the bounds, and faster where the floor or the planes ask for it."""
         self._live, self._waited, self._stood = False, 0.0, 0.0
         self._rate = 0.0
         self.counts["braked"] += 1
         self._last_before = self._last.copy()
-        q, centre = self._audited, self._centre  # before the prediction goes on
+        centre = self._centre
         command = super()._safe(reason)
+        q = self._stopping.outputs[2].copy()
         if centre is None:
             centre = self.chain.pose(q)[:3, 3]
         self._ladder.memory[2 * self.chain.n :] = 0.0
-        if command.value.any() and not self._kept(q, command.value, centre):
-            value, flags = self._shortened(q, command.value, centre, command.yielded)
+        value, flags, shorter = command.value, command.yielded, False
+        if value.any():
+            value, flags, shorter = self._shortened(q, value, centre, flags, broken=False)
+        if shorter:
             if flags & Bound.ACCELERATION:
                 self.counts["acceleration"] += 1
             status = Status.BRAKING if value.any() else Status.HOLDING
             command = command._replace(value=value, yielded=flags, status=status)
         return command
 
-    def _unusable(self, pose: Array, twist: Array) -> str:
-        """Why a state or sample cannot be used, or nothing."""
-        for name, array in (("q", self._q), ("pose", pose), ("twist", twist)):
-            bad = ~(np.abs(array) <= PLAUSIBLE)
-            if bad.any():
-                where = ", ".join(str(i) for i in np.argwhere(bad)[0])
-                return f"{name}[{where}] is {array[bad][0]}, not a usable number"
+    def _bent(self, pose: Array) -> str:
+        """What is wrong with a pose of usable numbers, or nothing."""
         return "" if self._rigid.of(pose.ravel())[0] else self.requirement

@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 
 from rehab_opt.control.command import Bound, Command, Status
 from rehab_opt.control.foreseen import Foreseen, Layout
-from rehab_opt.control.mirror_following import JUMP, QUICKENING, SPIN, MirrorFollowing
+from rehab_opt.control.mirror_following import MirrorFollowing
+from rehab_opt.control.mirror_pace import QUICKENING
 from rehab_opt.control.mirror_statement import SPARE, WHOLE
+from rehab_opt.control.reference_clock import JUMP, SPIN
 from rehab_opt.optim.fused import FUSED_SOLVERS
 
 __all__ = ["MirrorForeseen"]
@@ -78,7 +80,7 @@ class MirrorForeseen(MirrorFollowing):
             self._laid, self._span = _NOTHING, SPAN[0]
             self._resting, self._rest = self._rest, min(2 * self._rest, REST)
         self._q[:] = q
-        return self._tracked(self._tool.of(q), foreseen=True)
+        return self._tracked(*self._hand(), foreseen=True)
 
     def brake(self, q: Array) -> Command:
         """One tick towards rest, within the bounds."""

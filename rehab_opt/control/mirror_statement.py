@@ -18,7 +18,7 @@ from rehab_opt.control.stopping import VelocityBounds
 from rehab_opt.control.tool_speed import speed_ahead
 from rehab_opt.kinematics.frames import rotation_vector
 from rehab_opt.optim.certificate import clipped
-from rehab_opt.optim.rows import PLAUSIBLE, Instance, parameter
+from rehab_opt.optim.rows import Instance, parameter
 from rehab_opt.symbolic import BufferedFunction
 
 __all__ = ["CALM", "SPARE", "WHOLE", "MirrorStatement"]
@@ -55,7 +55,7 @@ class MirrorStatement(PoseTracker):
     max_turn: float
     hand_bounds: HandBounds
     counts: Counter[str]
-    _audit: BufferedFunction
+    _keeping: BufferedFunction
     _last_before: Array
     """(n,) the velocity before this tick's."""
     _then: float
@@ -160,42 +160,53 @@ class MirrorStatement(PoseTracker):
         centre, hand = tick.target[:3, 3] + tick.others[0], motion.delivered[:3]  # places weigh 1
         return self.hand_bounds.kept(tick.q, motion.velocity, centre, w=w, here=here, hand=hand)
 
-    def _auditing(self) -> ca.Function:
-        """q, velocity, centre -> see `HandBounds.kept`."""
-        q, velocity, centre = ca.SX.sym("q", self.chain.n), ca.SX.sym("v", self.chain.n), ca.SX.sym("centre", 3)
+    def keeping(self) -> ca.Function:
+        """q, velocity, centre, velocity before, broken -> the longest part of the step that keeps every bound truly.
+
+        To a thousandth; with `broken` the whole step is known not to. Then three numbers: w / w_max where it leads,
+        whether it is shorter, and whether the acceleration yields.
+        """
+        n = self.chain.n
+        q, velocity, centre = ca.SX.sym("q", n), ca.SX.sym("v", n), ca.SX.sym("centre", 3)
         w, here = self.hand_bounds.manipulability(q)[0], self.chain.pose_expression(q)[:3, 3]
         hand = self.chain.jacobian_expression(q)[:3, :] @ velocity
         kept = self.hand_bounds.kept(q, velocity, centre, w=w, here=here, hand=hand)
-        return ca.Function("audit", [q, velocity, centre], [ca.densify(ca.vertcat(*kept))], {"cse": True})
+        audit = ca.Function("audit", [q, velocity, centre], [ca.densify(ca.vertcat(*kept))], {"cse": True})
+
+        sizes = {"q": n, "v": n, "centre": 3, "before": n, "broken": 1, "then": 1}
+        at, value, around, before, broken, then = given = [ca.MX.sym(name, size) for name, size in sizes.items()]
+        short, long = ca.MX(0), ca.MX(1)
+        for _ in range(HALVINGS):
+            middle = (short + long) / 2
+            fits = audit(at, middle * value, around)[0]
+            short, long = ca.if_else(fits, middle, short), ca.if_else(fits, long, middle)
+        part = short * value
+        changes = ca.fabs(part - before) > self.chain.acceleration * self.dt * (1 + 1e-9) + 1e-12
+        said = ca.vertcat(audit(at, part, around)[1], 1, ca.sum1(changes) > 0)
+        shortened = ca.Function("shortened", given, [part, said])
+        whole = ca.Function("whole", given, [value, ca.vertcat(then, 0, 0)])
+        ends = audit(at, value, around)
+        either = ca.Function.if_else("either", whole, shortened)
+        fits = ca.logic_and(ends[0], ca.logic_not(broken))
+        return ca.Function("keeping", given[:5], either(fits, *given[:5], ends[1]))
 
     def instance(self, q: ArrayLike, *inputs: ArrayLike) -> Instance:
         """The QP of a tick at q, pose and twist, as numbers, for inspection."""
         return super().instance(q, *inputs, *(np.zeros(3), np.zeros(self.chain.n))[len(inputs) - 2 :])
 
     # --------------------------------------------------------------------------------------------- true bounds
-    def _kept(self, q: Array, value: Array, centre: Array) -> bool:
-        kept, self._then = self._audit.of(q, value, centre).tolist()
-        return bool(kept)
-
-    @property
-    def _audited(self) -> Array:
-        """(n,) positions that can be used: as measured, or where the last command led."""
-        return np.where(np.abs(self._q) <= PLAUSIBLE, self._q, self._predicted)
-
-    def _shortened(self, q: Array, value: Array, centre: Array, flags: Bound) -> tuple[Array, Bound]:
-        """The longest part of a step that keeps every bound truly, to a thousandth; and what yields to it."""
-        short, long = 0.0, 1.0
-        for _ in range(HALVINGS):
-            middle = (short + long) / 2
-            short, long = (middle, long) if self._kept(q, middle * value, centre) else (short, middle)
-        value = short * value + 0.0
-        value.setflags(write=False)
-        self._kept(q, value, centre)
-        if np.any(np.abs(value - self._last_before) > self.chain.acceleration * self.dt * (1 + 1e-9) + 1e-12):
-            flags |= Bound.ACCELERATION
+    def _shortened(
+        self, q: Array, value: Array, centre: Array, flags: Bound, *, broken: bool
+    ) -> tuple[Array, Bound, bool]:
+        """The longest part of a step that keeps every bound truly, what yields to it, and whether it is shorter."""
+        part: Array = self._keeping.of(q, value, centre, self._last_before, broken) + 0.0
+        self._then, shorter, hurried = self._keeping.outputs[1].tolist()
+        if not shorter:
+            return value, flags, False
+        part.setflags(write=False)
         self.counts["shortened"] += 1
-        self._ladder.memory[: 2 * self.chain.n] = np.concatenate([value, q + value * self.dt])
-        return value, flags | Bound.TASK
+        self._ladder.memory[: 2 * self.chain.n] = np.concatenate([part, q + part * self.dt])
+        return part, flags | Bound.TASK | (Bound.ACCELERATION if hurried else Bound.NOTHING), True
 
     def _find_way_out(self, flat: bool, w: float) -> None:
         """What stands for the gradient in the next tick, where there is none."""

@@ -26,7 +26,7 @@ from rehab_opt.kinematics.chain import SerialChain, per_joint
 from rehab_opt.kinematics.frames import is_rigid, rotation_vector
 from rehab_opt.kinematics.room import MOVING, MovingCapsule, moving_numbers
 from rehab_opt.optim.qp import Statement
-from rehab_opt.optim.rows import PLAUSIBLE, parameter, variable, within
+from rehab_opt.optim.rows import parameter, variable, within
 from rehab_opt.symbolic import Compile
 from rehab_opt.symbolic.record import Values
 
@@ -357,13 +357,6 @@ class PoseTracker(VelocityController):
         near = self.limits.contacts(here, before[:n], told)
         answer = remembered.call([here, before, self._braked(here, told, before), near])
         return ca.Function("braking", [here, before, *([told] if self.limits.moving else [])], answer)
-
-    def tell_braking(self, inputs: tuple[Array, ...]) -> None:
-        """Also the moving capsules, where all of them are usable."""
-        super().tell_braking(inputs)
-        if self.limits.moving:
-            told = self._inputs[-1].reshape(-1)
-            inputs[2][:] = told if np.all(np.abs(told) <= PLAUSIBLE) else 0.0
 
     # -------------------------------------------------------------------------------------------------------------
     def _prepare(self, tick: Tick, entries: ca.SX) -> ca.Function:

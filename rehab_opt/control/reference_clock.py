@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.control.between_poses import (
-    angle_between,
-    calm_way_function,
-    distance_between,
-    part_way_function,
-)
+from rehab_opt.control.between_poses import angle_of, calm_way, distance_of, part_way
 from rehab_opt.control.foreseen import Foreseen
 from rehab_opt.symbolic import BufferedFunction
+from rehab_opt.symbolic.record import Record, Values
 
-__all__ = ["ReferenceClock"]
+__all__ = ["CLOCK", "JUMP", "SAMPLE", "SPIN", "ClockStatement", "Read", "ReferenceClock"]
 
 Array = NDArray[np.float64]
 
@@ -24,7 +22,129 @@ THINNED = 4096
 """Samples that wait at most; beyond, every second one is left out. What arrives at 200 Hz waits 20 s until then, and is
 still sampled at 100 Hz afterwards: far above what a tracker's filter lets through. C has room for fewer."""
 CURVED = 0.02
-"""[rad] Turns between samples up to this are interpolated by entries, larger ones along the arc."""
+"""[rad] Turns between samples up to this are interpolated by entries, larger ones along the arc: what entries miss of a
+rotation is an eighth of the angle's square."""
+LONGEST = 1.5
+"""Ticks between samples that are no bridge."""
+JUMP, SPIN = 5.0, 30.0
+"""[m/s, rad/s] Faster samples than a hand can move: a jump of the tracker, and bridged."""
+ROTATION = [4 * i + j for i in range(3) for j in range(3)]
+"""Where its entries stand in a pose."""
+WINDOW = 12
+"""Samples looked at together where nothing else is said."""
+
+SAMPLE = Record(pose=12, twist=6, seconds=1, stamp=1)
+"""First three rows [m], [m/s, rad/s], since the sample before [s], of the reference's own time [s]."""
+CLOCK = Record(ahead=1, fraction=1, lag=1)
+"""Samples behind the one at hand, share of the way to the next, and [s] to the newest."""
+
+
+class Read(NamedTuple):
+    """The reference at a time."""
+
+    pose: ca.SX
+    """(12,)"""
+    twist: ca.SX
+
+
+class ClockStatement:
+    """What a clock does with the samples from the one at hand on, `window` of them: Python and C evaluate it.
+
+    Parameters
+    ----------
+    dt : [s] between samples as they arrive.
+    window : samples that a tick may come to, at most.
+    """
+
+    def __init__(self, dt: float, *, window: int = WINDOW) -> None:
+        self.dt, self.window = dt, window
+
+    def samples(self) -> tuple[ca.SX, list[Values]]:
+        """Symbols of a window (20, window), and its samples."""
+        symbols = ca.SX.sym("samples", SAMPLE.size, self.window)
+        return symbols, [SAMPLE.parts(symbols[:, i]) for i in range(self.window)]
+
+    def read(self, each: list[Values], clock: Values, ahead: ca.SX) -> Read:
+        """Pose and twist, `ahead` seconds of the reference from now."""
+        passed, fraction, going = ca.SX(0), clock.fraction, ahead > 0
+        for i in range(self.window - 1):
+            length = each[i + 1].seconds
+            left = length * (1 - fraction)
+            looked = ca.logic_and(ca.logic_and(going, clock.ahead > i), ahead > 0)
+            ends = ahead < left
+            fraction = ca.if_else(looked, ca.if_else(ends, fraction + ahead / length, 0), fraction)
+            going = ca.logic_and(looked, ca.logic_not(ends))
+            ahead, passed = ca.if_else(going, ahead - left, ahead), passed + going
+        a, b = (SAMPLE.parts(_chosen([one.column for one in some], passed)) for some in (each, each[1:]))
+        pose = a.pose + fraction * (b.pose - a.pose)
+        turn = ca.mmax(ca.fabs(a.pose[ROTATION] - b.pose[ROTATION]))
+        curved = ca.logic_or(b.seconds > LONGEST * self.dt, turn > CURVED)
+        pose[ROTATION] = ca.if_else(curved, part_way(a.pose, b.pose, fraction), pose[ROTATION])
+        stands = ca.logic_or(passed >= clock.ahead, fraction == 0)
+        twist = a.twist + fraction * (b.twist - a.twist)
+        return Read(ca.if_else(stands, a.pose, pose), ca.if_else(stands, a.twist, twist))
+
+    def advanced(self, each: list[Values], clock: Values, seconds: ca.SX, goes: ca.SX) -> tuple[ca.SX, Values]:
+        """Samples passed in so much reference time, at most to the newest, where it `goes`; and the clock then."""
+        passed, fraction, lag, going = ca.SX(0), clock.fraction, clock.lag, goes
+        for i in range(self.window - 1):
+            length = each[i + 1].seconds
+            left = length * (1 - fraction)
+            looked = ca.logic_and(going, clock.ahead > i)
+            ends = seconds < left
+            lag = ca.if_else(looked, lag - ca.if_else(ends, seconds, left), lag)
+            fraction = ca.if_else(looked, ca.if_else(ends, fraction + seconds / length, 0), fraction)
+            going = ca.logic_and(looked, ca.logic_not(ends))
+            seconds, passed = ca.if_else(going, seconds - left, seconds), passed + going
+        ahead = clock.ahead - passed
+        newest = ca.logic_and(goes, ahead <= 0)
+        after = CLOCK.changed(
+            clock, ahead=ahead, fraction=ca.if_else(newest, 0, fraction), lag=ca.if_else(newest, 0, lag)
+        )
+        return passed, after
+
+    def is_bridging(self, each: list[Values], clock: Values) -> ca.SX:
+        """Whether the clock is between samples that a jump lies between."""
+        return ca.logic_and(clock.ahead > 0, each[1].seconds > LONGEST * self.dt)
+
+    def read_function(self) -> ca.Function:
+        """Samples, `CLOCK`, [s] ahead -> pose (16,) and twist."""
+        (symbols, each), clock, ahead = self.samples(), CLOCK.symbols("clock"), ca.SX.sym("ahead")
+        pose, twist = self.read(each, clock, ahead)
+        outputs = [ca.densify(ca.vertcat(pose, 0, 0, 0, 1)), ca.densify(twist)]
+        return ca.Function("read", [symbols, clock.column, ahead], outputs, {"cse": True})
+
+    def advanced_function(self) -> ca.Function:
+        """Samples, `CLOCK`, [s] -> samples passed, `CLOCK`."""
+        (symbols, each), clock, seconds = self.samples(), CLOCK.symbols("clock"), ca.SX.sym("seconds")
+        passed, after = self.advanced(each, clock, seconds, ca.SX(1))
+        return ca.Function("advanced", [symbols, clock.column, seconds], [passed, after.column], {"cse": True})
+
+    @staticmethod
+    def taken_function(linear_speed: float, angular_speed: float) -> ca.Function:
+        """Newest sample, pose, twist, [seconds, of them lost, bridge] -> newest, two samples more, whether both are.
+
+        A jump is bridged, and what else is told to be: then the sample is as late as a calm way to it at these speeds
+        takes, and in between there is one of the way. What was lost before it counts in its stamp.
+        """
+        newest, pose, twist = SAMPLE.symbols("newest"), ca.SX.sym("pose", 16), ca.SX.sym("twist", 6)
+        seconds, lost, bridge = ca.vertsplit(told := ca.SX.sym("told", 3))
+        entries = pose[:12]
+        stamp = newest.stamp + lost + seconds
+        jumps = ca.logic_or(
+            distance_of(entries, newest.pose) > JUMP * seconds + 1e-3,
+            angle_of(entries, newest.pose) > SPIN * seconds + 1e-2,
+        )
+        calm, between = calm_way(newest.pose, entries, seconds, linear_speed=linear_speed, angular_speed=angular_speed)
+        both = ca.logic_and(ca.logic_or(bridge, jumps), calm > seconds)
+        # All the way, and steadily: the tracker's own bounds round the corners.
+        before = SAMPLE.of(
+            pose=newest.pose, twist=ca.if_else(both, between, newest.twist), seconds=newest.seconds, stamp=newest.stamp
+        )
+        way = SAMPLE.of(pose=entries, twist=between, seconds=calm, stamp=stamp)
+        own = SAMPLE.of(pose=entries, twist=twist, seconds=ca.if_else(both, 0, seconds), stamp=stamp)
+        more = ca.vertcat(ca.if_else(both, way, own), ca.if_else(both, own, 0))
+        return ca.Function("taken", [newest.column, pose, twist, told], [before, more, both], {"cse": True})
 
 
 class ReferenceClock:
@@ -36,25 +156,26 @@ class ReferenceClock:
     ----------
     dt : [s] between samples as they arrive.
     linear_speed, angular_speed : [m/s, rad/s] at which a jump between samples is bridged.
+    window : samples that a tick may come to, at most.
     """
 
-    def __init__(self, dt: float, *, linear_speed: float, angular_speed: float) -> None:
-        self.dt = dt
-        self._part_way = BufferedFunction(part_way_function())
-        self._calm_way = BufferedFunction(calm_way_function(linear_speed, angular_speed))
+    def __init__(self, dt: float, *, linear_speed: float, angular_speed: float, window: int = WINDOW) -> None:
+        self.dt, self._window = dt, window
+        stated = ClockStatement(dt, window=window)
+        self._reading = BufferedFunction(stated.read_function())
+        self._advanced = BufferedFunction(stated.advanced_function())
+        self._taken = BufferedFunction(stated.taken_function(linear_speed, angular_speed))
         self.most = THINNED
         """Samples that wait at most; may be set between two ticks."""
         self.reset()
 
     def reset(self) -> None:
         """Forget every sample."""
-        self._poses: list[Array] = []
-        self._twists: list[Array] = []
-        self._seconds: list[float] = []  # since the sample before
+        self._table: Array = np.zeros((4 * self._window, SAMPLE.size))
+        self._end = self._at = 0
         self._paces: list[float] = []  # the most that what follows allows, where it is known
-        self._stamps: list[float] = []  # of the reference's own time
-        self._at = 0
-        self._fraction = 0.0
+        self.fraction = 0.0
+        """Share of the way to the next sample that the clock has gone."""
         self.lag = 0.0
         """[s] that the clock needs to the newest sample, bridges included."""
         self.lost = 0.0
@@ -63,56 +184,48 @@ class ReferenceClock:
         """Samples that the clock has passed."""
         self.thinned = False
         """Whether the last sample made every second one go that waits."""
-        self._looked_at: tuple[int, Array | None, bool] = (-1, None, False)
 
     @property
     def empty(self) -> bool:
         """Whether there is no sample yet."""
-        return not self._poses
+        return not self._end
 
     @property
     def current(self) -> bool:
         """Whether the newest sample is the one that is read."""
-        return self._at >= len(self._poses) - 1
+        return self._at >= self._end - 1
 
     @property
     def waiting(self) -> int:
         """Samples that are still to come."""
-        return len(self._poses) - 1 - self._at
+        return self._end - 1 - self._at
+
+    @property
+    def window(self) -> Array:
+        """(window, 20) numbers of the samples from the one at hand on; what stands behind the newest means nothing."""
+        return self._table[self._at : self._at + self._window]
 
     @property
     def bridging(self) -> bool:
         """Whether the clock is between samples that a jump lies between."""
-        return self._at < len(self._poses) - 1 and self._seconds[self._at + 1] > 1.5 * self.dt
+        return not self.current and float(self._table[self._at + 1, SAMPLE["seconds"]]) > LONGEST * self.dt
 
     @property
     def stamp(self) -> float:
         """[s] of the reference's own time, from the first sample on, where the clock stands; in a bridge, between."""
-        at = self._at
-        if self._fraction == 0.0:
-            return self._stamps[at]
-        return self._stamps[at] + self._fraction * (self._stamps[at + 1] - self._stamps[at])
+        at, next_one = self._table[self._at : self._at + 2, SAMPLE["stamp"]].tolist()
+        return float(at if self.fraction == 0.0 else at + self.fraction * (next_one - at))
 
     @property
     def behind(self) -> float:
         """[s] by which what is read is older than what arrives now, taken or not; and no less than `lag`."""
-        return 0.0 if self.empty else max(self.lag, self._stamps[-1] + self.lost - self.stamp)
-
-    @property
-    def fraction(self) -> float:
-        """Share of the way to the next sample that the clock has gone."""
-        return self._fraction
-
-    @property
-    def newest(self) -> Array:
-        """(4, 4) the last pose that arrived."""
-        return self._poses[-1]
+        newest = float(self._table[self._end - 1, SAMPLE["stamp"]])
+        return 0.0 if self.empty else max(self.lag, newest + self.lost - self.stamp)
 
     def start(self, pose: Array, twist: Array, *, stamp: float = 0.0) -> None:
         """Stand at one sample, and forget the others."""
         self.reset()
-        self._stamps = [stamp]
-        self._poses, self._twists, self._seconds, self._paces = [pose.copy()], [twist.copy()], [0.0], [math.inf]
+        self._append(SAMPLE.numbers(pose=pose.reshape(-1)[:12], twist=twist, seconds=0.0, stamp=stamp)[None])
 
     def push(
         self,
@@ -123,144 +236,109 @@ class ReferenceClock:
         bridge: bool = False,
         thinning: bool = True,
     ) -> None:
-        """A new sample, one tick (or `seconds`) after the newest; with `bridge`, as late as a calm way to it takes.
+        """A new sample, one tick (or `seconds`) after the newest; after a jump, or with `bridge`, as a calm way takes.
 
         What was lost between them is left out: its time counts in `behind` until the clock has passed it.
         `thinning` bounds the samples that wait.
         """
-        seconds = self.dt if seconds is None else seconds
-        stamp, self.lost = self._stamps[-1] + self.lost + seconds, 0.0
-        if bridge:
-            calm, between = self._bridge(self._poses[-1], pose, seconds)
-            if calm > seconds:
-                self._twists[-1] = between  # all the way, and steadily: the tracker's own bounds round the corners
-                self._append(pose, between, calm, stamp)
-                seconds = 0.0
-        self._append(pose, twist, seconds, stamp)
-        self.thinned = thinning and len(self._poses) - self._at > self.most
+        taken, newest = self._taken, self._table[self._end - 1]
+        taken.inputs[0][:], taken.inputs[1][:], taken.inputs[2][:] = newest, pose.reshape(-1), twist
+        taken.inputs[3][:] = self.dt if seconds is None else seconds, self.lost, bridge
+        taken.evaluate()
+        newest[:], self.lost = taken.outputs[0], 0.0
+        self._append(taken.outputs[1].reshape(2, -1)[: 1 + int(taken.outputs[2][0])])
+        self.thinned = thinning and self._end - self._at > self.most
         if self.thinned:
             self._thin()
 
     def extend(self, poses: Array, twists: Array, seconds: Array) -> None:
         """Many samples (N, 4, 4), (N, 6) at once, so many seconds (N,) after each other; none of them bridged."""
-        self._stamps.extend((self._stamps[-1] + np.cumsum(seconds)).tolist())
-        self._poses.extend(poses.copy())
-        self._twists.extend(twists.copy())
-        self._seconds.extend(seconds.tolist())
-        self._paces.extend([math.inf] * len(poses))
-        self.lag += float(seconds.sum())
+        stamps = self._table[self._end - 1, SAMPLE["stamp"]] + np.cumsum(seconds)
+        self._append(np.column_stack([poses.reshape(-1, 16)[:, :12], twists, seconds, stamps]))
+
+    def stand(self, samples: int, fraction: float, lag: float) -> None:
+        """Stand so many samples further, at this share of the way to the next one and so many seconds late."""
+        self._at, self.passed, self.fraction, self.lag = self._at + samples, self.passed + samples, fraction, lag
+        if self._at > 256 and not self._paces:
+            self._table[: self._end - self._at] = self._table[self._at : self._end].copy()
+            self._end, self._at = self._end - self._at, 0
 
     def go_on(self, samples: int, fraction: float, seconds: float) -> None:
-        """Stand so many samples further, and at this share of the way to the next one."""
-        self._at, self.passed, self._fraction = self._at + samples, self.passed + samples, fraction
-        self.lag = 0.0 if self.current else self.lag - seconds
+        """The same, so many seconds of the reference further."""
+        self.stand(samples, fraction, self.lag - seconds)
+        self.lag = 0.0 if self.current else self.lag
 
     def foreseen(self, *, linear_speed: float, angular_speed: float) -> Foreseen:
         """The samples from the one at hand on, to be laid out in time, at most at these speeds [m/s, rad/s]."""
-        poses, twists, seconds, paces = (
-            np.array(column[self._at :]) for column in (self._poses, self._twists, self._seconds, self._paces)
+        samples = self._table[self._at : self._end]
+        poses = np.tile(np.eye(4), (len(samples), 1, 1))
+        poses[:, :3] = samples[:, :12].reshape(-1, 3, 4)
+        seconds, paces = samples[:, SAMPLE["seconds"]].copy(), np.array(self._paces[self._at :])
+        return Foreseen(
+            poses, samples[:, 12:18].copy(), seconds, paces, linear_speed=linear_speed, angular_speed=angular_speed
         )
-        return Foreseen(poses, twists, seconds, paces, linear_speed=linear_speed, angular_speed=angular_speed)
 
     def advance(self, seconds: float) -> None:
-        """Go on by this much reference time, at most to the newest sample."""
-        last = len(self._poses) - 1
-        while self._at < last:
-            length = self._seconds[self._at + 1]
-            left = length * (1.0 - self._fraction)
-            if seconds < left:
-                self._fraction += seconds / length
-                self.lag -= seconds
-                break
-            seconds -= left
-            self.lag -= left
-            self._at, self.passed, self._fraction = self._at + 1, self.passed + 1, 0.0
-        if self._at >= last:
-            self._fraction, self.lag = 0.0, 0.0
-        if self._at > 256:
-            self._forget(self._at)
+        """Go on by this much reference time, at most to the newest sample and over as many as the window has."""
+        self._looked_at(self._advanced, seconds)
+        passed, (_, fraction, lag) = self._advanced.outputs
+        self.stand(int(passed[0]), float(fraction), float(lag))
 
     def read(self, ahead: float = 0.0) -> tuple[Array, Array]:
         """Pose (4, 4) and twist (6,), `ahead` seconds of reference time from now; the clock stays where it is."""
-        at, fraction = self._at, self._fraction
-        last = len(self._poses) - 1
-        while ahead > 0.0 and at < last:
-            length = self._seconds[at + 1]
-            left = length * (1.0 - fraction)
-            if ahead < left:
-                fraction += ahead / length
-                break
-            ahead -= left
-            at, fraction = at + 1, 0.0
-        if at >= last or fraction == 0.0:
-            return self._poses[at], self._twists[at]
-        a, b = self._poses[at], self._poses[at + 1]
-        twist = self._twists[at] + fraction * (self._twists[at + 1] - self._twists[at])
-        pose = a + fraction * (b - a)
-        # Between neighbouring samples entries suffice: what they miss of a rotation is an eighth of the angle's square.
-        if self._seconds[at + 1] > 1.5 * self.dt or self._is_curved(at):
-            pose[:3, :3] = self._part_way.of(a.ravel()[:12], b.ravel()[:12], fraction).reshape(3, 3)
-        return pose, twist
+        self._looked_at(self._reading, ahead)
+        pose, twist = self._reading.outputs
+        return pose.reshape(4, 4).copy(), twist.copy()
 
-    def _is_curved(self, at: int) -> bool:
-        if at != self._looked_at[0] or self._poses[at] is not self._looked_at[1]:
-            turn = float(np.abs(self._poses[at][:3, :3] - self._poses[at + 1][:3, :3]).max())
-            self._looked_at = at, self._poses[at], turn > CURVED
-        return self._looked_at[2]
-
-    def is_still(self, linear_speed: float, angular_speed: float) -> bool:
-        """Whether the poses on both sides of the clock are no further apart than these speeds [m/s, rad/s] lead."""
-        if self.current:
-            return True
-        a, b, seconds = self._poses[self._at], self._poses[self._at + 1], self._seconds[self._at + 1]
-        return distance_between(a, b) <= linear_speed * seconds and angle_between(a, b) <= angular_speed * seconds
+    def _looked_at(self, function: BufferedFunction, seconds: float) -> None:
+        function.inputs[0][...] = self.window.T
+        function.inputs[1][:] = self.waiting, self.fraction, self.lag
+        function.inputs[2][:] = seconds
+        function.evaluate()
 
     @property
     def pace(self) -> float:
         """The most that what follows allows, where `slow_ahead` has looked at it."""
-        return self._paces[self._at]
+        return self._paces[self._at] if self._paces else math.inf
 
     def slow_ahead(self, *, linear_speed: float, angular_speed: float, quickening: float) -> None:
         """Look at all samples: the pace at which none is faster than these speeds [m/s, rad/s], slowed down in time.
 
         The pace falls by at most 1 in `quickening` seconds.
         """
-        motion = np.array(self._twists)
+        motion = self._table[: self._end, 12:18]
         fastest = np.maximum(
             np.linalg.norm(motion[:, :3], axis=1) / linear_speed, np.linalg.norm(motion[:, 3:], axis=1) / angular_speed
         )
-        paces = (1.0 / np.maximum(fastest, 1e-9)).tolist()
+        paces, seconds = (1.0 / np.maximum(fastest, 1e-9)).tolist(), self._table[:, SAMPLE["seconds"]].tolist()
         for i in range(len(paces) - 2, -1, -1):
             # d(pace^2)/d(reference time) = 2 d(pace)/dt
-            paces[i] = min(paces[i], math.sqrt(paces[i + 1] ** 2 + 2.0 * self._seconds[i + 1] / quickening))
+            paces[i] = min(paces[i], math.sqrt(paces[i + 1] ** 2 + 2.0 * seconds[i + 1] / quickening))
         self._paces = paces
 
-    def _bridge(self, a: Array, b: Array, least: float) -> tuple[float, Array]:
-        """Seconds (at least so many) and twist (6,) of the calm way from one pose to another."""
-        calm = float(self._calm_way.of(a.ravel()[:12], b.ravel()[:12], least)[0])
-        return calm, self._calm_way.outputs[1].copy()
-
-    def _append(self, pose: Array, twist: Array, seconds: float, stamp: float) -> None:
-        self._stamps.append(stamp)
-        self._poses.append(pose.copy())
-        self._twists.append(twist.copy())
-        self._seconds.append(seconds)
-        self._paces.append(math.inf)
-        self.lag += seconds
-
-    def _forget(self, before: int) -> None:
-        if before > self._at:
-            self._fraction = 0.0
-        for column in (self._poses, self._twists, self._seconds, self._paces, self._stamps):
-            del column[:before]
-        self._at = max(self._at - before, 0)
+    def _append(self, samples: Array) -> None:
+        """Samples (N, 20) behind the newest."""
+        end = self._end + len(samples)
+        if end + self._window > len(self._table):
+            self._table = np.concatenate([self._table, np.zeros((end + self._window, SAMPLE.size))])
+        self._table[self._end : end] = samples
+        self._end = end
+        for seconds in samples[:, SAMPLE["seconds"]].tolist():
+            self.lag += seconds
 
     def _thin(self) -> None:
         """Leave out every second sample that waits; their time is kept."""
-        first = self._at + 2
-        for i in range(first, len(self._poses) - 1):
-            if (i - first) % 2 == 0:
-                self._seconds[i + 1] += self._seconds[i]
-        gone = slice(first, len(self._poses) - 1, 2)
-        for column in (self._poses, self._twists, self._seconds, self._paces, self._stamps):
-            del column[gone]
+        seconds, first = self._table[:, SAMPLE["seconds"]], self._at + 2
+        gone = np.arange(first, self._end - 1, 2)
+        seconds[gone + 1] += seconds[gone]
+        kept = np.delete(self._table[: self._end], gone, axis=0)
+        self._end = len(kept)
+        self._table[: self._end] = kept
+
+
+def _chosen(columns: list[ca.SX], which: ca.SX) -> ca.SX:
+    """The column of that number, zero where there is none."""
+    found = ca.SX.zeros(columns[0].numel())
+    for i, column in enumerate(columns):
+        found += ca.if_else(which == i, column, 0)
+    return found

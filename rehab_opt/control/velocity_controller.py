@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.control.command import Bound, Command, Status
 from rehab_opt.control.followed_joints import FollowedJoints, guidance
 from rehab_opt.control.joint_feedback import JointFeedback
+from rehab_opt.control.reasons import NUMBER, reason_number, reason_text
 from rehab_opt.control.stopping import VelocityBounds, nearest_to_rest, velocity_bounds
 from rehab_opt.control.thread_owner import OneThread
 from rehab_opt.control.watchdog import Watchdog
@@ -84,7 +85,8 @@ class VelocityController(OneThread, ABC):
         self.approach = math.inf if feedback is None else feedback.approach
         """[1/s] see `velocity_bounds`."""
         self._ladder = Ladder(self.stated, solver=solver, backup=backup, tolerance=tolerance, compile=compile)
-        self._safe_command = BufferedFunction(self.braking())
+        self._stopping = BufferedFunction(self.stopping())
+        self._faulty = BufferedFunction(self.faulty())
         ladder, n = self._ladder, chain.n
         ends = np.cumsum([symbol.numel() for symbol in self.stated.parameters])
         first, *others = np.split(ladder.parameters, ends[:-1])
@@ -176,10 +178,40 @@ class VelocityController(OneThread, ABC):
         """What may be sent where every solver failed and the parameters are sound; the safe command if None."""
         return None
 
-    def tell_braking(self, inputs: tuple[Array, ...]) -> None:
-        """Write the inputs of `braking`; the last good position stands in for one that is unusable."""
-        inputs[0][:] = np.where(np.abs(self._q) <= PLAUSIBLE, self._q, self._predicted)
-        inputs[1][:] = self._ladder.memory
+    def stopping(self) -> ca.Function:
+        """Parameters, state -> state after a tick of the safe command; what yielded and whether it moves; q (n,).
+
+        The last good position stands in for one that is unusable, and of what else `braking` needs, the last
+        parameters, nothing is there where one of its numbers is. The warm start is forgotten.
+        """
+        stated, n, brake = self.stated, self.chain.n, self.braking()
+        p, state = ca.MX.sym("p", stated.parameter_size), ca.MX.sym("state", stated.state_size)
+        memory = state[stated.state_size - stated.memory.numel() :]
+        q = ca.if_else(ca.fabs(p[:n]) <= PLAUSIBLE, p[:n], memory[n : 2 * n])
+        given = [q, memory]
+        if brake.n_in() > len(given):
+            around = p[p.numel() - brake.size1_in(2) :]
+            usable = ca.sum1(ca.fabs(around) <= PLAUSIBLE) == around.numel()
+            given.append(ca.if_else(usable, around, 0))
+        kept, report = brake.call(given)
+        after = ca.vertcat(kept, memory[kept.numel() :])  # what else a subclass remembers is its own to forget
+        start = ca.vertcat(kept[:n], ca.MX.zeros(state.numel() - memory.numel() - n))
+        moves = ca.sum1(after[slice(n) if self.sent is None else self.sent] != 0) > 0
+        said = ca.vertcat(report[0], moves)
+        return ca.Function("stopping", [p, state], [ca.vertcat(start, after), said, q])
+
+    def faulty(self) -> ca.Function:
+        """Parameters, whether they are sound -> number of the reason for no certified answer, input and element of it.
+
+        Input and element, both counted from 0, are those of the first number that is not usable, else -1.
+        """
+        p, sound = ca.SX.sym("p", self.stated.parameter_size), ca.SX.sym("sound")
+        where = [(i, k) for i, each in enumerate(self.stated.parameters) for k in range(each.numel())]
+        reason = ca.if_else(ca.norm_2(p) <= PLAUSIBLE, reason_number(self.requirement), NUMBER["INPUT_TOO_LARGE"])
+        found = ca.vertcat(ca.if_else(sound, NUMBER["NOT_CERTIFIED"], reason), -1, -1)
+        for at, (i, k) in reversed(list(enumerate(where))):
+            found = ca.if_else(ca.fabs(p[at]) <= PLAUSIBLE, found, ca.DM([NUMBER["INPUT_UNUSABLE"], i, k]))
+        return ca.Function("faulty", [p, sound], [found])
 
     # -------------------------------------------------------------------------------------------------- the user's
     def reset(self, velocity: ArrayLike | None = None) -> None:
@@ -288,29 +320,31 @@ class VelocityController(OneThread, ABC):
 
     def _safe(self, reason: str) -> Command:
         """Decelerate within the bounds, from the last good position where this one is unusable."""
-        braking, ladder = self._safe_command, self._ladder
-        self.tell_braking(braking.inputs)
-        braking()
-        memory, (yielded, _) = braking.outputs
-        ladder.memory[: memory.size] = memory  # what else a subclass remembers is its own to forget
-        ladder.warm_start(np.append(self._last, np.zeros(self.stated.n - self._last.size)))
+        stopping, ladder = self._stopping, self._ladder
+        stopping.inputs[0][:], stopping.inputs[1][:] = ladder.parameters, ladder.state
+        stopping()
+        state, (yielded, moves), _ = stopping.outputs
+        ladder.keep[:] = state.data
         value, wheels = self._sent_now()
-        status = Status.BRAKING if value.any() else Status.HOLDING
+        status = Status.BRAKING if moves else Status.HOLDING
         return Command(value, status, "", math.inf, -1, reason, _BOUNDS[int(yielded)], 0.0, wheels)
 
     def _fault(self) -> str:
         """Why no answer was certified."""
-        for name, array in zip(self._names, (self._q, *self._inputs), strict=False):
-            bad = ~(np.abs(array) <= PLAUSIBLE)
-            if bad.any():
-                return (
-                    f"{name}[{', '.join(str(i) for i in np.argwhere(bad)[0])}] is {array[bad][0]}, not a usable number"
-                )
-        if self._ladder.sound[0]:
-            return f"no solver gave a certified answer (residual {self._ladder.residual[0]:.1e})"
-        if not np.linalg.norm(self._ladder.parameters) <= PLAUSIBLE:
-            return "the numbers are too large to be meant"
-        return self.requirement
+        return self._unusable(sound=bool(self._ladder.sound[0])) or reason_text(
+            NUMBER["NOT_CERTIFIED"], self._ladder.residual
+        )
+
+    def _unusable(self, *, sound: bool) -> str:
+        """What is wrong with the parameters; nothing where they are `sound` and every number is usable."""
+        reason, i, k = self._faulty.of(self._ladder.parameters, sound).astype(int).tolist()
+        if reason == NUMBER["NOT_CERTIFIED"]:
+            return ""
+        if i < 0:
+            return reason_text(reason, ())
+        array = (self._q, *self._inputs)[i]
+        where = ", ".join(map(str, np.unravel_index(k, array.shape)))
+        return f"{self._names[i]}[{where}] is {array.flat[k]}, not a usable number"
 
 
 def real_numbers(argument: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:

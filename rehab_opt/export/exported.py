@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.pose_tracker import PoseTracker
-from rehab_opt.control.reasons import REASONS, reason_number
 from rehab_opt.control.velocity_controller import VelocityController
 from rehab_opt.control.watchdog import watched
 from rehab_opt.errors import ConfigurationError
@@ -44,13 +43,11 @@ class Law:
     name : identifier, different from those of other laws of the same file.
     controller : what answers in Python.
     lesser : (parameters, memory) -> report, memory, violation: what may be sent where the solver failed, or None.
-    obstacles : how many of the last parameters `braking` needs, too.
     """
 
     name: str
     controller: VelocityController
     lesser: ca.Function | None = None
-    obstacles: int = 0
 
     @property
     def iterations(self) -> int:
@@ -74,7 +71,8 @@ class Law:
 
     def functions(self) -> list[ca.Function]:
         """Its tick, its safe command, and its lesser law where there is one."""
-        pairs = {"tick": fused(self.controller.stated), "brake": self.controller.braking(), "lesser": self.lesser}
+        of = self.controller
+        pairs = {"tick": fused(of.stated), "stop": of.stopping(), "faulty": of.faulty(), "lesser": self.lesser}
         return [renamed(function, f"{self.name}_{what}") for what, function in pairs.items() if function is not None]
 
     def row(self) -> str:
@@ -82,17 +80,11 @@ class Law:
         controller, stated, n = self.controller, self.controller.stated, self.controller.chain.n
         sent = controller.sent or slice(n)
         wheels = controller.wheels
-        inputs = [int(symbol.numel()) for symbol in stated.parameters]
-        braked = int(controller.braking().size1_out(0))
-        requirement = REASONS[reason_number(controller.requirement)].name
         begin, count = (-1, 0) if wheels is None else (wheels.start, wheels.stop - wheels.start)
         cells = (
-            n,
-            *(stated.parameter_size, stated.n, self.state - self.memory, self.memory, braked, self.reported),
-            *(sent.start or 0, begin, count),
-            *(len(inputs), "{" + ", ".join(map(str, inputs)) + "}"),
-            *(stated.parameter_size - self.obstacles, self.obstacles, f"REHAB_{requirement}"),
-            *(f"{self.name}_tick", f"{self.name}_brake", f"{self.name}_lesser" if self.lesser else "NULL"),
+            *(n, stated.parameter_size, self.state - self.memory, self.memory, self.reported),
+            *(sent.start or 0, begin, count, f"{self.name}_tick", f"{self.name}_stop", f"{self.name}_faulty"),
+            f"{self.name}_lesser" if self.lesser else "NULL",
         )
         return "{" + ", ".join(map(str, cells)) + "}"
 
@@ -232,8 +224,6 @@ class ExportedVelocity(ExportedController):
             "state_most": max(law.state for law in laws),
             "memory_most": max(law.memory for law in laws),
             "verdict_most": VERDICT + max(law.reported for law in laws),
-            "inputs_most": max(len(law.controller.stated.parameters) for law in laws),
-            "obstacle_room": max(1, *(law.obstacles for law in laws)),
             "values": chain.n,
             "wheels": 0 if wheels is None else wheels.stop - wheels.start,
         }

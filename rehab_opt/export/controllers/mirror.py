@@ -9,20 +9,15 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.control import mirror_following, mirror_statement, mirror_waiting
-from rehab_opt.control.between_poses import (
-    angle_function,
-    calm_way_function,
-    moving_tool_function,
-    part_way_function,
-    rigid_function,
-)
+from rehab_opt.control import mirror_following, mirror_statement
+from rehab_opt.control.between_poses import moving_tool_function, rigid_function
 from rehab_opt.control.damped import PASSES
-from rehab_opt.control.interaction import FELT, GONE
+from rehab_opt.control.interaction import AT_LIMIT, FELT, UNUSABLE
 from rehab_opt.control.manipulability import DISTANCES, DRAWN, GAIN, SHARES
 from rehab_opt.control.mirror import MirrorTracker
+from rehab_opt.control.mirror_pace import PACE, SAID
 from rehab_opt.control.person_limit import SETTLED, SETTLING, SETTLING_DT, PersonLimit
-from rehab_opt.control.reference_clock import CURVED
+from rehab_opt.control.reference_clock import SAMPLE, ClockStatement
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.export.c_text import initialiser, number
 from rehab_opt.export.controllers.mirror_run import mirror_run
@@ -44,8 +39,8 @@ Array = NDArray[np.float64]
 NAME = "mirror_tracker"
 MEMORY = 64_000
 """[bytes] of its struct where nothing else is said."""
-SAMPLE, SLOTS, LEAST = 20, 2, 16
-"""Numbers of a sample, samples besides those that may wait, and the fewest that wait."""
+LEAST = 16
+"""The fewest samples that wait."""
 CALL = (
     f"rehab_{NAME}_step(&controller, tick->q, tick->pose, tick->twist, tick->with_force ? tick->force : NULL, "
     "tick->enable, tick->stamp, out);"
@@ -103,15 +98,17 @@ class ExportedMirror(ExportedVelocity):
         """The laws' functions, and what the clock, the true bounds and the way out are made of."""
         tracker = self.tracker
         speeds = mirror_following.BRIDGE * tracker.linear_speed, mirror_following.BRIDGE * tracker.angular_speed
+        clock = ClockStatement(tracker.dt, window=tracker.pace.window)
         extra = {
-            "audit": tracker._auditing(),
+            "keeping": tracker.keeping(),
             "moving_tool": moving_tool_function(tracker.chain),
             "manipulability": _manipulability(tracker),
-            "felt": tracker._interaction.law.felt_function(tracker.dt),
+            "felt_force": tracker._interaction.law.felt_function(tracker.dt),
             "is_rigid": rigid_function(),
-            "angle_of": angle_function(),
-            "part_way": part_way_function(),
-            "calm_way": calm_way_function(*speeds),
+            "taken": clock.taken_function(*speeds),
+            "read_at": clock.read_function(),
+            "paced": tracker.pace.function(),
+            "aimed": tracker.pace.aimed_function(),
         }
         if tracker._limit is not None:
             extra["person_moving"] = moving_tool_function(tracker._limit.chain)
@@ -120,7 +117,7 @@ class ExportedMirror(ExportedVelocity):
     def shape(self) -> dict[str, str]:
         """Those of the laws, and the constants of clock, pace, forces and way out."""
         shape = super().shape()
-        numbers = int(shape["numbers"]) + SAMPLE * (self.waiting + SLOTS) + 120
+        numbers = int(shape["numbers"]) + SAMPLE.size * (self.waiting + _besides(self.tracker)) + 120
         return {**shape, "numbers": str(numbers), "waiting": str(self.waiting), **_constants(self.tracker)}
 
 
@@ -170,8 +167,7 @@ def exported_mirror(
     """
     limit = tracker._limit
     laws, pieces = [Law("mirror", tracker)], {"types": "mirror_types.h", "at_start": "at_start.c"}
-    pieces |= {"reference_clock": "reference_clock.c", "way_out": "way_out.c", "person_limit": "no_person.c"}
-    pieces |= {"true_bounds": "mirror_bounds.c", "pace": "mirror_pace.c"}
+    pieces |= {"way_out": "way_out.c", "person_limit": "no_person.c"}
     values, more, solves = {"one_tick": ""}, MEMBERS, 2 * (PASSES + 1)
     ladders = [tracker._ladder]
     if limit is not None:
@@ -195,9 +191,9 @@ def exported_mirror(
         pieces=pieces,
     )
     most = tracker.clock.most
-    waiting = min(most, (memory - exported.bytes) // (BYTES * SAMPLE))
+    waiting = min(most, (memory - exported.bytes) // (BYTES * SAMPLE.size))
     if waiting < LEAST:
-        needed = exported.bytes + BYTES * SAMPLE * LEAST
+        needed = exported.bytes + BYTES * SAMPLE.size * LEAST
         raise ConfigurationError("memory", memory, f"at least {needed} bytes, {LEAST} samples that wait among them")
     try:
         with as_in_c(*ladders):
@@ -212,17 +208,20 @@ def exported_mirror(
         recording=recording,
         differences=(*DIFFERENCES, *same),
         waiting=waiting,
-        more_memory=more.format(name=NAME, slots=waiting + SLOTS, joints=tracker.chain.n, felt=FELT),
+        more_memory=more.format(
+            name=NAME,
+            slots=waiting + _besides(tracker),
+            joints=tracker.chain.n,
+            **{record: each.size for record, each in RECORDS.items()},
+        ),
     )
 
 
 # ------------------------------------------------------------------------------------------------ what C is told
+RECORDS = {"sample": SAMPLE, "pace": PACE, "said": SAID, "felt": FELT}
 MEMBERS = """\
 struct {{
-    struct rehab_{name}_sample {{
-        double pose[12], twist[6]; /* the first three rows [m]; [m/s, rad/s] */
-        double seconds, stamp;     /* since the sample before; of the reference's own time */
-    }} sample[{slots}];            /* a ring */
+    double sample[{slots}][{sample}]; /* of the reference: pose's rows, twist, [s] since the one before, stamp */
     int first, count;              /* the one at hand, and how many there are from it on */
     int thinned;                   /* whether the last sample made every second one go that waited */
     double fraction;               /* of the way to the next one */
@@ -230,16 +229,22 @@ struct {{
 }} clock;
 rehab_{name}_following following;  /* its counts; the rest is made when it is asked for */
 double accepted[22];               /* pose and twist of the last tick that needed no clock */
-double aim[16];                    /* what the person's arm can do of the reference */
-double centre[3];                  /* of the largest deviation [m] */
+double aim[16];                    /* what the person's arm can do of the reference; NaN where nothing is known */
+double centre[3];                  /* of the largest deviation [m]; NaN likewise */
 double felt[{felt}];                   /* the admittance: by which forces turn the reference aside, and how fast */
+double pace[{pace}];                   /* how fast the reference is followed, and what the hand stays short of */
 double last_before[{joints}];      /* velocities of the tick before */
-double rate, share, then, waited, stood, apart, aside, lead_w;
-int live, pushed, has_aim, has_centre, lead_age;
+double then, lead_w;
+int live, lead_age;
 """
 PERSON_MEMBERS = (
     "double person[{}]; /* posture of the model of the led arm */\nint settling; /* ticks left to find it */\n"
 )
+
+
+def _besides(tracker: MirrorTracker) -> int:
+    """Samples that there is room for besides those that may wait: a bridge's two, and two windows."""
+    return 2 + 2 * tracker.pace.window
 
 
 def _manipulability(tracker: MirrorTracker) -> ca.Function:
@@ -263,26 +268,24 @@ def _person(limit: PersonLimit) -> dict[str, str]:
 
 def _constants(tracker: MirrorTracker) -> dict[str, str]:
     """What the templates of clock, pace, forces and way out hold; each product as Python makes it."""
-    f, s, w, dt, chain = mirror_following, mirror_statement, mirror_waiting, tracker.dt, tracker.chain
-    law = tracker._interaction.law
-    doubles = {
-        "longest": 1.5 * dt, "curved": CURVED, "still_linear": f.STILL[0], "still_angular": f.STILL[1], "gain": GAIN,
-        "max_deviation": tracker.max_deviation, "max_turn": tracker.max_turn, "gone": GONE, "reserve": law.reserve,
-        "stop_at": law.stop_at, "catching_up": f.CATCHING_UP, "at_least": f.AT_LEAST,
-        "catch_up": tracker.catch_up, "waits": f.WAITS, "calm": s.CALM, "whole": s.WHOLE,
-        "reference_linear": s.SPARE * tracker.linear_speed, "reference_angular": s.SPARE * tracker.angular_speed,
-        "quickening": dt / f.QUICKENING, "waits_at": f.WAITS * tracker.max_deviation, "stuck": w.STUCK,
-        "still_hand": w.STANDS[0], "still_turn": w.STANDS[1], "short_place": w.SHORT[0], "short_turn": w.SHORT[1],
-        "patience": w.PATIENCE, "rush": f.RUSH, "jump": f.JUMP * dt + 1e-3, "spin": f.SPIN * dt + 1e-2,
+    chain = tracker.chain
+    places = [
+        f"{name.upper()}_{each.upper()} = {record[each]}" for name, record in RECORDS.items() for each in record.places
+    ]
+    whole = {
+        "drawn": DRAWN, "stale": mirror_statement.STALE, "unusable": UNUSABLE, "at_limit": AT_LIMIT,
+        "window": tracker.pace.window, "with_person": int(tracker._limit is not None),
     }  # fmt: skip
-    whole = {"felt": FELT, "drawn": DRAWN, "halvings": s.HALVINGS, "stale": s.STALE}
+    doubles = {
+        "gain": GAIN, "whole": mirror_statement.WHOLE, "reserve": tracker._interaction.law.reserve,
+        "stop_at": tracker._interaction.law.stop_at,
+    }  # fmt: skip
     arrays: dict[str, Iterable[float]] = {
-        "change": chain.acceleration * dt * (1 + 1e-9) + 1e-12, "lower": chain.lower, "upper": chain.upper,
-        "distances": DISTANCES, "shares": SHARES,
+        "lower": chain.lower, "upper": chain.upper, "distances": DISTANCES, "shares": SHARES,
     }  # fmt: skip
     return {
         **{name: number(value) for name, value in doubles.items()},
         **{name: str(value) for name, value in whole.items()},
         **{name: initialiser(value) for name, value in arrays.items()},
-        "with_person": str(int(tracker._limit is not None)),
+        "places": ", ".join([*places, *(f"{name.upper()}_SIZE = {record.size}" for name, record in RECORDS.items())]),
     }

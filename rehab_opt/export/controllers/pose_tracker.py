@@ -101,7 +101,7 @@ def exported_tracker(tracker: PoseTracker, run: Sequence[Tick], *, title: str, o
     return ExportedVelocity(
         name="pose_tracker",
         title=title,
-        laws=(Law("pose_tracker", tracker, obstacles=told),),
+        laws=(Law("pose_tracker", tracker),),
         interface="pose_tracker",
         call=CALL.format(moving=moving.format("tick->")),
         usage=USAGE.format(moving=moving.format("")),

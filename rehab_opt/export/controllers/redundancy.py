@@ -90,10 +90,7 @@ def exported_resolver(resolver: RedundancyResolver, run: Sequence[Tick], *, titl
     return ExportedVelocity(
         name=name,
         title=f"{title}: joint velocities of a chair with an arm, {resolver.drive} drive",
-        laws=[
-            Law(f"law_{i}", law, lesser=law._braking_together.function, obstacles=NUMBERS * max_obstacles)
-            for i, law in enumerate(active)
-        ],
+        laws=[Law(f"law_{i}", law, lesser=law._braking_together.function) for i, law in enumerate(active)],
         interface="redundancy",
         call=f"rehab_{name}_step(&controller, tick->q, tick->twist, tick->rows, tick->frame, tick->enable, "
         "tick->stamp, out);",
