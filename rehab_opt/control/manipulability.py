@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.symbolic import BufferedFunction
 
-__all__ = ["drawn_ways", "largest_manipulability", "way_out"]
+__all__ = ["DISTANCES", "DRAWN", "WayOut", "climb_function", "drawn_ways", "known_ways", "largest_manipulability"]
 
 Array = NDArray[np.float64]
 
@@ -61,35 +62,68 @@ def largest_manipulability(chain: SerialChain, *, starts: int = STARTS, seed: in
     return best, where
 
 
-def way_out(chain: SerialChain, q: Array, *, turn: int = 0) -> Array:
-    """(n,) direction, of length 1/2, in which w grows from a posture where its gradient shows none.
+class WayOut:
+    """Directions in which w grows from a posture where its gradient shows none.
 
     The best of the joint axes, their pairs and a few directions drawn by a seed, either way, at the smallest distance
-    at which any of them gains without losing before: the same in every run, and in C. `turn` is the seed.
+    at which any of them gains without losing before: the same in every run, and in C.
     """
-    n = chain.n
+
+    def __init__(self, chain: SerialChain) -> None:
+        self._n, self._climb = chain.n, BufferedFunction(climb_function(chain))
+
+    def of(self, q: Array, *, turn: int = 0) -> Array:
+        """(n,) of length 1/2, zero where none is found; `turn` is the seed."""
+        n, climb = self._n, self._climb
+        at, way, distance, found = climb.inputs
+        at[:] = q
+        for distance[:] in DISTANCES:
+            found[:] = 0.0
+            for way[:] in (*known_ways(n), *drawn_ways(DRAWN * n, n, seed=turn)):
+                climb.evaluate()
+                found[:] = climb.outputs[0]
+            if found[1:].any():
+                break
+        return found[1:].copy()
+
+
+def known_ways(n: int) -> Array:
+    """(n^2, n) the joint axes and their pairs, either way."""
     axes = np.eye(n)
     pairs = [axes[i] + sign * axes[j] for i in range(n) for j in range(i) for sign in (1.0, -1.0)]
-    ways = [_of_length_one(way) for way in (*axes, *pairs, *drawn_ways(DRAWN * n, n, seed=turn))]
-    lower, upper = np.minimum(chain.lower, q), np.maximum(chain.upper, q)
+    return np.array([*axes, *pairs])
 
-    def ahead(way: Array, distance: float) -> float:
-        return chain.manipulability(np.clip(q + distance * way, lower, upper))
 
-    here = chain.manipulability(q)
-    best, direction = here, np.zeros(n)
-    for distance in DISTANCES:
-        for way in ways:
-            for signed in (distance, -distance):
-                w = ahead(way, signed)
-                if not w > best + GAIN:
-                    continue
-                before = [ahead(way, share * signed) for share in SHARES]
-                if all(a <= b for a, b in itertools.pairwise((here, *before, w))):
-                    best, direction = w, math.copysign(1.0, signed) * way
-        if direction.any():
-            break
-    return np.asarray(0.5 * direction)
+def climb_function(chain: SerialChain) -> ca.Function:
+    """Posture q, way (n,), distance [rad or m], what was found so far -> the same with this way, one way and the other.
+
+    What is found is its gain of w, and its direction of length 1/2: a way counts where it gains more than the best so
+    far, and w never falls towards there.
+    """
+    n = chain.n
+    symbol = ca.SX.sym("q", n)
+    w = ca.Function("manipulability", [symbol], [chain.manipulability_expression(symbol)], {"cse": True})
+    q, way, distance, found = (
+        ca.MX.sym(name, size) for name, size in (("q", n), ("way", n), ("far", 1), ("found", n + 1))
+    )
+    lower, upper = ca.fmin(q, ca.DM(chain.lower)), ca.fmax(q, ca.DM(chain.upper))
+
+    def ahead(far: ca.MX) -> ca.MX:
+        return w(ca.fmin(ca.fmax(q + far * way, lower), upper))
+
+    last = ahead(distance)
+    gain, rises, before = last - w(q), ca.MX(1), w(q)
+    for share in SHARES:
+        there = ahead(share * distance)
+        rises, before = ca.logic_and(rises, before <= there), there
+    better = ca.vertcat(gain, 0.5 * distance / ca.fabs(distance) * way)
+    inputs = [q, way, distance, found]
+    looked = ca.Function("looked", inputs, [ca.if_else(ca.logic_and(rises, before <= last), better, found)])
+    same = ca.Function("same", inputs, [found])
+    either = ca.Function.if_else("either", looked, same)
+    one = ca.Function("one", inputs, [either(gain > found[0] + GAIN, *inputs)])
+    unit = way / ca.norm_2(way)
+    return ca.Function("climb", inputs, [one(q, unit, -distance, one(q, unit, distance, found))])
 
 
 def drawn_ways(count: int, n: int, *, seed: int) -> Array:
@@ -101,10 +135,3 @@ def drawn_ways(count: int, n: int, *, seed: int) -> Array:
         mixed = ((mixed ^ (mixed >> 27)) * 0x94D049BB133111EB) & ALL_BITS
         numbers[i] = ((mixed ^ (mixed >> 31)) >> 11) * 2.0**-52 - 1.0
     return numbers.reshape(count, n)
-
-
-def _of_length_one(way: Array) -> Array:
-    squares = 0.0
-    for each in way.tolist():
-        squares += each * each
-    return np.asarray(way / math.sqrt(squares))

@@ -22,7 +22,7 @@ from rehab_opt.control.hand_bounds import HandBounds, KeepOut
 from rehab_opt.control.interaction import Interaction
 from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.control.limit import Limit, checked_limits
-from rehab_opt.control.manipulability import largest_manipulability
+from rehab_opt.control.manipulability import WayOut, largest_manipulability
 from rehab_opt.control.mirror_following import BRIDGE
 from rehab_opt.control.mirror_foreseen import MirrorForeseen
 from rehab_opt.control.mirror_pace import MirrorPace
@@ -173,7 +173,7 @@ class MirrorTracker(MirrorForeseen):
                 compile=compile,
             )
         self._interaction = (Interaction() if interaction is None else interaction).started(dt)
-        self._keeping = BufferedFunction(self.keeping())
+        self._keeping, self._way_out = BufferedFunction(self.keeping()), WayOut(self.chain)
         symbol = ca.SX.sym("q", self.chain.n)
         tool = ca.Function("tool", [symbol], [ca.densify(self.chain.pose_expression(symbol))], {"cse": True})
         self._tool = BufferedFunction(tool, compile=compile)

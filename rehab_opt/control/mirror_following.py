@@ -120,8 +120,7 @@ class MirrorFollowing(MirrorStatement):
         self._rate, _, self._waited, self._stood, self._apart, self._aside = after.tolist()
         passed, fraction, lag, self._bridging, waits, cuts, self._short = said.tolist()
         clock.stand(int(passed), fraction, lag)
-        if waits or cuts:
-            self.counts.update(waited=int(waits), cut=int(cuts))
+        self.counts.update(["waited"] * bool(waits) + ["cut"] * bool(cuts))
         return reached.reshape(4, 4).copy(), motion.copy()
 
     def _delivered(self, solver: str, centre: Array, note: str) -> Command:

@@ -12,7 +12,7 @@ import casadi as ca
 
 from rehab_opt.control.between_poses import angle_of, distance_of
 from rehab_opt.control.mirror_statement import CALM, SPARE, WHOLE
-from rehab_opt.control.reference_clock import CLOCK, ClockStatement, Read
+from rehab_opt.control.reference_clock import CLOCK, LONGEST, SAMPLE, ClockStatement
 from rehab_opt.optim.certificate import all_true, clipped
 from rehab_opt.symbolic.record import Record, Values
 
@@ -75,41 +75,72 @@ class MirrorPace:
         nothing is known of one.
         """
         clocked = ClockStatement(self.dt, window=self.window)
-        symbols, each = clocked.samples()
-        clock, pace, others = CLOCK.symbols("clock"), PACE.symbols("pace"), ca.SX.sym("others", 3)
-        here, hand, aim = ca.SX.sym("here", 16), ca.SX.sym("hand", 6), ca.SX.sym("aim", 16)
-        now = clocked.read(each, clock, ca.SX(0))
-        goal = ca.if_else(ca.fabs(aim[0]) < ca.inf, aim[:12], now.pose)
-        still = ca.logic_or(clock.ahead <= 0, ca.logic_and(
-            distance_of(each[0].pose, each[1].pose) <= STILL[0] * each[1].seconds,
-            angle_of(each[0].pose, each[1].pose) <= STILL[1] * each[1].seconds,
-        ))  # fmt: skip
-        near = PACE.changed(
-            pace,
-            apart=ca.fmin(pace.apart, distance_of(here, goal)),
-            aside=ca.fmin(pace.aside, angle_of(here, goal)),
+        symbols = {
+            "samples": SAMPLE.size, "clock": CLOCK.size, "pace": PACE.size, "others": 3, "here": 16, "hand": 6, "aim": 16,
+        }  # fmt: skip
+        inputs = [ca.MX.sym(name, size, self.window if name == "samples" else 1) for name, size in symbols.items()]
+        samples, clock, pace, others, here, hand, aim = inputs
+        rated, concluded = self._rated(clocked), self._concluded(clocked)
+        near, rate, goal, allowed, pose, twist = rated(samples[:, 0], samples[:, 1], clock, pace, others, here, aim)
+        reached, motion, seconds, goes = self._reached(clocked)(
+            samples, clock, rate * self.dt, here, allowed, pose, twist
         )
-        rate = self._rate(near, clock.lag, still, others, here, goal, now)
+        lengths = samples[SAMPLE["seconds"], :].T
+        after, said, moves = concluded(lengths, clock, near, others, here, hand, goal, seconds, goes, motion)
+        whole = ca.vertcat(reached, ca.DM([0, 0, 0, 1]))
+        return ca.Function("pace", inputs, [whole, moves, after, said])
 
-        allowed = WAITS * self.max_deviation + near.apart + distance_of(now.pose, goal)
-        allowed = ca.fmax(allowed, distance_of(now.pose, here))
-        reached, seconds, goes = now, ca.SX(0), ca.SX(0)
-        for k in reversed(range(HALVED)):
-            ahead = rate * self.dt * 0.5**k
-            tried = clocked.read(each, clock, ahead)
-            fits = distance_of(tried.pose, here) <= allowed
-            reached = Read(*(ca.if_else(fits, new, old) for new, old in zip(tried, reached, strict=True)))
-            seconds, goes = ca.if_else(fits, ahead, seconds), ca.logic_or(fits, goes)
-        passed, then = clocked.advanced(each, clock, seconds, goes)
+    def _rated(self, clocked: ClockStatement) -> ca.Function:
+        """Sample at hand, the next, and the inputs -> `PACE`, rate, goal, allowed deviation; pose and twist of now."""
+        a, b, clock, pace = (each.symbols("s") for each in (SAMPLE, SAMPLE, CLOCK, PACE))
+        others, here, aim = ca.SX.sym("others", 3), ca.SX.sym("here", 16), ca.SX.sym("aim", 16)
+        share = ca.if_else(clock.ahead <= 0, 0, clock.fraction)
+        pose, twist = clocked.between(a, b, share)
+        goal = ca.if_else(ca.fabs(aim[0]) < ca.inf, aim[:12], pose)
+        still = ca.logic_or(clock.ahead <= 0, ca.logic_and(
+            distance_of(a.pose, b.pose) <= STILL[0] * b.seconds, angle_of(a.pose, b.pose) <= STILL[1] * b.seconds
+        ))  # fmt: skip
+        apart, aside = ca.fmin(pace.apart, distance_of(here, goal)), ca.fmin(pace.aside, angle_of(here, goal))
+        near = PACE.changed(pace, apart=apart, aside=aside)
+        rate = self._rate(near, clock.lag, still, others, here, goal, twist)
+        allowed = WAITS * self.max_deviation + apart + distance_of(pose, goal)
+        outputs = [near.column, rate, goal, ca.fmax(allowed, distance_of(pose, here)), pose, twist]
+        inputs = [a.column, b.column, clock.column, pace.column, others, here, aim]
+        return ca.Function("rated", inputs, [ca.densify(each) for each in outputs], {"cse": True})
+
+    @staticmethod
+    def _reached(clocked: ClockStatement) -> ca.Function:
+        """Samples, `CLOCK`, [s], hand, deviation allowed, now -> pose, twist, [s] as far as that, whether it goes."""
+        sizes = (CLOCK.size, 1, 16, 1, 12, 6)
+        given = [ca.MX.sym("samples", SAMPLE.size, clocked.window), *(ca.MX.sym("given", size) for size in sizes)]
+        samples, clock, ahead, here, allowed, pose, twist = given
+        read, near = clocked.read_function(), (a := ca.SX.sym("a", 12), b := ca.SX.sym("b", 16))
+        distance = ca.Function("distance", [a, b], [distance_of(*near)])
+        found = ca.Function("stays", given, [pose, twist, ca.MX(0), ca.MX(0)])
+        took = [ca.MX.sym("took", size) for size in (12, 6)]
+        for _ in range(HALVED):
+            shorter = ca.Function("shorter", [*given, *took], found(samples, clock, ahead / 2, *given[3:]))
+            taken = ca.Function("taken", [*given, *took], [*took, ahead, ca.MX(1)])
+            tried = read(samples, clock, ahead)
+            either = ca.Function.if_else("either", taken, shorter)
+            found = ca.Function("tried", given, either.call([distance(tried[0], here) <= allowed, *given, *tried]))
+        return found
+
+    def _concluded(self, clocked: ClockStatement) -> ca.Function:
+        """Samples' seconds, and what was found -> `PACE`, `SAID`, twist at the clock's pace."""
+        lengths, clock, near = ca.SX.sym("lengths", self.window), CLOCK.symbols("clock"), PACE.symbols("pace")
+        others, here, hand, goal = (ca.SX.sym("given", size) for size in (3, 16, 6, 12))
+        seconds, goes, twist = ca.SX.sym("seconds"), ca.SX.sym("goes"), ca.SX.sym("twist", 6)
+        passed, then = clocked.advanced(lengths, clock, seconds, goes)
         going = PACE.changed(near, rate=seconds / self.dt)
         after, waits, cuts = self._waited(going, then.ahead <= 0, others[0], hand, here, goal)
+        bridging = ca.logic_and(clock.ahead > 0, lengths[1] > LONGEST * self.dt)
         said = SAID.of(
-            passed=passed, fraction=then.fraction, lag=then.lag, bridging=clocked.is_bridging(each, clock),
-            waits=waits, cuts=cuts, short=_short(after),
+            passed=passed, fraction=then.fraction, lag=then.lag, bridging=bridging, waits=waits, cuts=cuts,
+            short=_short(after),
         )  # fmt: skip
-        outputs = [ca.vertcat(reached.pose, 0, 0, 0, 1), reached.twist * going.rate, after.column, said]
-        inputs = [symbols, clock.column, pace.column, others, here, hand, aim]
-        return ca.Function("pace", inputs, [ca.densify(each) for each in outputs], {"cse": True})
+        inputs = [lengths, clock.column, near.column, others, here, hand, goal, seconds, goes, twist]
+        return ca.Function("concluded", inputs, [after.column, said, twist * going.rate], {"cse": True})
 
     def aimed_function(self) -> ca.Function:
         """Hand's pose (16,), target's, twist, [m] apart, displacement by forces (6,) -> pose, twist, offset, centre.
@@ -129,7 +160,7 @@ class MirrorPace:
 
     # ---------------------------------------------------------------------------------------------------- its parts
     def _rate(  # noqa: PLR0917
-        self, pace: Values, lag: ca.SX, still: ca.SX, others: ca.SX, here: ca.SX, goal: ca.SX, now: Read
+        self, pace: Values, lag: ca.SX, still: ca.SX, others: ca.SX, here: ca.SX, goal: ca.SX, twist: ca.SX
     ) -> ca.SX:
         """Seconds of the reference to follow in a second."""
         yielding, hurried, most = ca.vertsplit(others)
@@ -142,7 +173,7 @@ class MirrorPace:
         turned = (angle_of(here, goal) - pace.aside) / self.max_turn
         eased = clipped((WAITS - ca.fmax(away, turned)) / (WAITS - CALM), 0, 1)
         rate = (1 + ca.if_else(hurried, hurry, 0)) * (eased * yielding)
-        for part, largest in ((now.twist[:3], self.linear_speed), (now.twist[3:], self.angular_speed)):
+        for part, largest in ((twist[:3], self.linear_speed), (twist[3:], self.angular_speed)):
             rate = ca.fmin(rate, SPARE * largest / ca.fmax(ca.norm_2(part), 1e-9))
         # A hand that stands short of the reference has no share of the motion towards it: that is no reason to wait.
         slowed = ca.logic_and(pace.share < WHOLE, ca.logic_not(_short(pace)))

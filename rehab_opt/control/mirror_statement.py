@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.command import Bound
 from rehab_opt.control.hand_bounds import HandBounds
-from rehab_opt.control.manipulability import way_out
+from rehab_opt.control.manipulability import WayOut
 from rehab_opt.control.pose_tracker import Motion, PoseTracker, Tick
 from rehab_opt.control.stopping import VelocityBounds
 from rehab_opt.control.tool_speed import speed_ahead
@@ -56,6 +56,7 @@ class MirrorStatement(PoseTracker):
     hand_bounds: HandBounds
     counts: Counter[str]
     _keeping: BufferedFunction
+    _way_out: WayOut
     _last_before: Array
     """(n,) the velocity before this tick's."""
     _then: float
@@ -218,5 +219,5 @@ class MirrorStatement(PoseTracker):
         self._lead_age = 0 if w > self._lead_w + 1e-7 else self._lead_age + 1
         self._lead_w = max(w, self._lead_w) if lead.any() else w
         if not lead.any() or self._lead_age > STALE:
-            lead[:] = way_out(self.chain, self._q, turn=self._lead_age)
+            lead[:] = self._way_out.of(self._q, turn=self._lead_age)
             self._lead_age = 0

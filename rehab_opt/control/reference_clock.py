@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -11,10 +10,11 @@ from numpy.typing import NDArray
 
 from rehab_opt.control.between_poses import angle_of, calm_way, distance_of, part_way
 from rehab_opt.control.foreseen import Foreseen
+from rehab_opt.optim.certificate import all_true
 from rehab_opt.symbolic import BufferedFunction
 from rehab_opt.symbolic.record import Record, Values
 
-__all__ = ["CLOCK", "JUMP", "SAMPLE", "SPIN", "ClockStatement", "Read", "ReferenceClock"]
+__all__ = ["CLOCK", "JUMP", "SAMPLE", "SPIN", "ClockStatement", "ReferenceClock"]
 
 Array = NDArray[np.float64]
 
@@ -39,14 +39,6 @@ CLOCK = Record(ahead=1, fraction=1, lag=1)
 """Samples behind the one at hand, share of the way to the next, and [s] to the newest."""
 
 
-class Read(NamedTuple):
-    """The reference at a time."""
-
-    pose: ca.SX
-    """(12,)"""
-    twist: ca.SX
-
-
 class ClockStatement:
     """What a clock does with the samples from the one at hand on, `window` of them: Python and C evaluate it.
 
@@ -59,36 +51,45 @@ class ClockStatement:
     def __init__(self, dt: float, *, window: int = WINDOW) -> None:
         self.dt, self.window = dt, window
 
-    def samples(self) -> tuple[ca.SX, list[Values]]:
-        """Symbols of a window (20, window), and its samples."""
-        symbols = ca.SX.sym("samples", SAMPLE.size, self.window)
-        return symbols, [SAMPLE.parts(symbols[:, i]) for i in range(self.window)]
-
-    def read(self, each: list[Values], clock: Values, ahead: ca.SX) -> Read:
-        """Pose and twist, `ahead` seconds of the reference from now."""
-        passed, fraction, going = ca.SX(0), clock.fraction, ahead > 0
-        for i in range(self.window - 1):
-            length = each[i + 1].seconds
-            left = length * (1 - fraction)
-            looked = ca.logic_and(ca.logic_and(going, clock.ahead > i), ahead > 0)
-            ends = ahead < left
-            fraction = ca.if_else(looked, ca.if_else(ends, fraction + ahead / length, 0), fraction)
-            going = ca.logic_and(looked, ca.logic_not(ends))
-            ahead, passed = ca.if_else(going, ahead - left, ahead), passed + going
-        a, b = (SAMPLE.parts(_chosen([one.column for one in some], passed)) for some in (each, each[1:]))
-        pose = a.pose + fraction * (b.pose - a.pose)
+    def between(self, a: Values, b: Values, share: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Pose (12,) and twist, so much of the way from one sample to the next."""
+        pose = a.pose + share * (b.pose - a.pose)
         turn = ca.mmax(ca.fabs(a.pose[ROTATION] - b.pose[ROTATION]))
         curved = ca.logic_or(b.seconds > LONGEST * self.dt, turn > CURVED)
-        pose[ROTATION] = ca.if_else(curved, part_way(a.pose, b.pose, fraction), pose[ROTATION])
-        stands = ca.logic_or(passed >= clock.ahead, fraction == 0)
-        twist = a.twist + fraction * (b.twist - a.twist)
-        return Read(ca.if_else(stands, a.pose, pose), ca.if_else(stands, a.twist, twist))
+        pose[ROTATION] = ca.if_else(curved, part_way(a.pose, b.pose, share), pose[ROTATION])
+        twist = a.twist + share * (b.twist - a.twist)
+        return ca.if_else(share == 0, a.pose, pose), ca.if_else(share == 0, a.twist, twist)
 
-    def advanced(self, each: list[Values], clock: Values, seconds: ca.SX, goes: ca.SX) -> tuple[ca.SX, Values]:
-        """Samples passed in so much reference time, at most to the newest, where it `goes`; and the clock then."""
+    def read_function(self) -> ca.Function:
+        """Samples (20, window), `CLOCK`, [s] ahead of where it stands -> pose (12,) and twist."""
+        lengths, clock, ahead = ca.SX.sym("seconds", self.window), CLOCK.symbols("clock"), ca.SX.sym("ahead")
+        passed, fraction, left, going = ca.SX(0), clock.fraction, ahead, ahead > 0
+        for i in range(self.window - 2):  # generated code looks beyond an array that is asked for more
+            length = lengths[i + 1]
+            to_next = length * (1 - fraction)
+            looked = all_true(going, clock.ahead > i, left > 0)
+            ends = left < to_next
+            fraction = ca.if_else(looked, ca.if_else(ends, fraction + left / length, 0), fraction)
+            going = ca.logic_and(looked, ca.logic_not(ends))
+            left, passed = ca.if_else(going, left - to_next, left), passed + going
+        share = ca.if_else(passed >= clock.ahead, 0, fraction)
+        find = ca.Function("find", [lengths, clock.column, ahead], [passed, share], {"cse": True})
+        a, b, part = SAMPLE.symbols("a"), SAMPLE.symbols("b"), ca.SX.sym("share")
+        outputs = [ca.densify(each) for each in self.between(a, b, part)]
+        between = ca.Function("between", [a.column, b.column, part], outputs, {"cse": True})
+        samples = ca.MX.sym("samples", SAMPLE.size, self.window)
+        given = [ca.MX.sym("clock", CLOCK.size), ca.MX.sym("ahead")]
+        at, way = find(samples[SAMPLE["seconds"], :].T, *given)
+        return ca.Function("read", [samples, *given], between.call([samples[:, at], samples[:, at + 1], way]))
+
+    def advanced(self, lengths: ca.SX, clock: Values, seconds: ca.SX, goes: ca.SX) -> tuple[ca.SX, Values]:
+        """Samples passed in so much reference time, at most to the newest, where it `goes`; and the clock then.
+
+        The lengths (window,) are the samples' seconds.
+        """
         passed, fraction, lag, going = ca.SX(0), clock.fraction, clock.lag, goes
         for i in range(self.window - 1):
-            length = each[i + 1].seconds
+            length = lengths[i + 1]
             left = length * (1 - fraction)
             looked = ca.logic_and(going, clock.ahead > i)
             ends = seconds < left
@@ -103,22 +104,12 @@ class ClockStatement:
         )
         return passed, after
 
-    def is_bridging(self, each: list[Values], clock: Values) -> ca.SX:
-        """Whether the clock is between samples that a jump lies between."""
-        return ca.logic_and(clock.ahead > 0, each[1].seconds > LONGEST * self.dt)
-
-    def read_function(self) -> ca.Function:
-        """Samples, `CLOCK`, [s] ahead -> pose (16,) and twist."""
-        (symbols, each), clock, ahead = self.samples(), CLOCK.symbols("clock"), ca.SX.sym("ahead")
-        pose, twist = self.read(each, clock, ahead)
-        outputs = [ca.densify(ca.vertcat(pose, 0, 0, 0, 1)), ca.densify(twist)]
-        return ca.Function("read", [symbols, clock.column, ahead], outputs, {"cse": True})
-
     def advanced_function(self) -> ca.Function:
         """Samples, `CLOCK`, [s] -> samples passed, `CLOCK`."""
-        (symbols, each), clock, seconds = self.samples(), CLOCK.symbols("clock"), ca.SX.sym("seconds")
-        passed, after = self.advanced(each, clock, seconds, ca.SX(1))
-        return ca.Function("advanced", [symbols, clock.column, seconds], [passed, after.column], {"cse": True})
+        samples, clock = ca.SX.sym("samples", SAMPLE.size, self.window), CLOCK.symbols("clock")
+        seconds = ca.SX.sym("seconds")
+        passed, after = self.advanced(samples[SAMPLE["seconds"], :].T, clock, seconds, ca.SX(1))
+        return ca.Function("advanced", [samples, clock.column, seconds], [passed, after.column], {"cse": True})
 
     @staticmethod
     def taken_function(linear_speed: float, angular_speed: float) -> ca.Function:
@@ -288,7 +279,9 @@ class ReferenceClock:
         """Pose (4, 4) and twist (6,), `ahead` seconds of reference time from now; the clock stays where it is."""
         self._looked_at(self._reading, ahead)
         pose, twist = self._reading.outputs
-        return pose.reshape(4, 4).copy(), twist.copy()
+        found = np.eye(4)
+        found[:3] = pose.reshape(3, 4)
+        return found, twist.copy()
 
     def _looked_at(self, function: BufferedFunction, seconds: float) -> None:
         function.inputs[0][...] = self.window.T
@@ -334,11 +327,3 @@ class ReferenceClock:
         kept = np.delete(self._table[: self._end], gone, axis=0)
         self._end = len(kept)
         self._table[: self._end] = kept
-
-
-def _chosen(columns: list[ca.SX], which: ca.SX) -> ca.SX:
-    """The column of that number, zero where there is none."""
-    found = ca.SX.zeros(columns[0].numel())
-    for i, column in enumerate(columns):
-        found += ca.if_else(which == i, column, 0)
-    return found

@@ -60,6 +60,6 @@ class Evaluated:
                 "name": self.controller,
                 "what": self.name,
                 "more": self.arguments,
-                "inputs": "\n".join(f"    self->arguments[{i}] = {place};" for i, place in enumerate(self.inputs)),
+                "inputs": ", ".join(self.inputs),
             },
         )

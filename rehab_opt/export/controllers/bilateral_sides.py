@@ -191,7 +191,7 @@ def _exported(
         differences=differences,
         solves=2,  # and again from a cold start
         more_memory=more_memory,
-        pieces={"begin": "force_begin.c", "messages": "messages.h", "exchange": "exchange.c"},
+        pieces={"begin": "force_begin.c", "messages": "messages.h"},
         values={
             **names,
             **means,

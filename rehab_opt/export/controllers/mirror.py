@@ -13,7 +13,7 @@ from rehab_opt.control import mirror_following, mirror_statement
 from rehab_opt.control.between_poses import moving_tool_function, rigid_function
 from rehab_opt.control.damped import PASSES
 from rehab_opt.control.interaction import AT_LIMIT, FELT, UNUSABLE
-from rehab_opt.control.manipulability import DISTANCES, DRAWN, GAIN, SHARES
+from rehab_opt.control.manipulability import DISTANCES, DRAWN, climb_function, known_ways
 from rehab_opt.control.mirror import MirrorTracker
 from rehab_opt.control.mirror_pace import PACE, SAID
 from rehab_opt.control.person_limit import SETTLED, SETTLING, SETTLING_DT, PersonLimit
@@ -102,7 +102,7 @@ class ExportedMirror(ExportedVelocity):
         extra = {
             "keeping": tracker.keeping(),
             "moving_tool": moving_tool_function(tracker.chain),
-            "manipulability": _manipulability(tracker),
+            "climb": climb_function(tracker.chain),
             "felt_force": tracker._interaction.law.felt_function(tracker.dt),
             "is_rigid": rigid_function(),
             "taken": clock.taken_function(*speeds),
@@ -247,11 +247,6 @@ def _besides(tracker: MirrorTracker) -> int:
     return 2 + 2 * tracker.pace.window
 
 
-def _manipulability(tracker: MirrorTracker) -> ca.Function:
-    q = ca.SX.sym("q", tracker.chain.n)
-    return ca.Function("manipulability", [q], [tracker.chain.manipulability_expression(q)], {"cse": True})
-
-
 def _person(limit: PersonLimit) -> dict[str, str]:
     chain = limit.chain
     return {
@@ -277,11 +272,11 @@ def _constants(tracker: MirrorTracker) -> dict[str, str]:
         "window": tracker.pace.window, "with_person": int(tracker._limit is not None),
     }  # fmt: skip
     doubles = {
-        "gain": GAIN, "whole": mirror_statement.WHOLE, "reserve": tracker._interaction.law.reserve,
+        "whole": mirror_statement.WHOLE, "reserve": tracker._interaction.law.reserve,
         "stop_at": tracker._interaction.law.stop_at,
     }  # fmt: skip
     arrays: dict[str, Iterable[float]] = {
-        "lower": chain.lower, "upper": chain.upper, "distances": DISTANCES, "shares": SHARES,
+        "distances": DISTANCES, "ways": known_ways(chain.n).ravel(),
     }  # fmt: skip
     return {
         **{name: number(value) for name, value in doubles.items()},
