@@ -76,7 +76,8 @@ class MirrorPace:
         """
         clocked = ClockStatement(self.dt, window=self.window)
         symbols = {
-            "samples": SAMPLE.size, "clock": CLOCK.size, "pace": PACE.size, "others": 3, "here": 16, "hand": 6, "aim": 16,
+            "samples": SAMPLE.size, "clock": CLOCK.size, "pace": PACE.size, "others": 3, "here": 16, "hand": 6,
+            "aim": 16,
         }  # fmt: skip
         inputs = [ca.MX.sym(name, size, self.window if name == "samples" else 1) for name, size in symbols.items()]
         samples, clock, pace, others, here, hand, aim = inputs
