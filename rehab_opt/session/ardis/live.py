@@ -53,7 +53,7 @@ class LiveArdis(LiveProblem):
         self.start = start_of(loaded, self.robot)
         if problem.robot.file is not None and problem.plant.kind != "ideal":
             raise ProblemFileError(loaded.file, "plant.kind", problem.plant.kind, OWN_ARM)
-        self.encoders = self.commanded = self.robot.chain.n
+        self.names = tuple(self.robot.chain.names)
         self.layout = {"q": self.encoders, "force": 3, "closed": 1}
         self._arm = ArmBodies(self.robot.chain, first=CHAIR, radius=self.robot.arm_radius)
 
@@ -81,13 +81,12 @@ class LiveArdis(LiveProblem):
         goals = [(*goal.hand_m, *goal.hand_m, 0.5 * goal.within_m, GREEN) for goal in self._loaded.problem.goals]
         hand, chair = self._arm.tool(self.start)[:, 3], [*self.start[:2], 0.5]
         places = np.array([hand, chair, *([*goal.hand_m] for goal in self._loaded.problem.goals)])
-        names = [name.replace("_", " ") for name in self.robot.chain.names]
         return {
+            **super().scene(),
             "fills": [{"points": _wall(each), "colour": "#c3ccd5"} for each in walls],
             "capsules": [[*each.centre, 0.0, *each.centre, POST, each.radius, GREY] for each in posts] + goals,
             "legend": [[GREEN, "goals"], [PURPLE, "kept free for the user"]],
             "joints": joint_rows(self.robot.chain),
-            "encoders": names,
             "noise": "mrad or mm",
             "plots": [
                 {"name": "chair to obstacles", "unit": "m", "least": 0.2},

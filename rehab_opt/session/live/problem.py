@@ -51,8 +51,8 @@ class LiveProblem(ABC):
 
     Attributes
     ----------
-    title : of the page. dt : [s] of a tick. encoders : how many positions the plant measures.
-    commanded, force : sizes of a command, and of a force on the hand.
+    title : of the page. dt : [s] of a tick. names : of the joints, or coordinates, that are measured and commanded.
+    force : size of a force on the hand.
     layout : names and sizes of the numbers that go from the controller to the page.
     """
 
@@ -60,10 +60,14 @@ class LiveProblem(ABC):
     """Of "target", "push", "stick", "faults": what of the page does something here."""
     title: str
     dt: float
-    encoders: int
-    commanded: int
+    names: tuple[str, ...]
     force: int = 3
     layout: Mapping[str, int]
+
+    @property
+    def encoders(self) -> int:
+        """How many positions the plant measures."""
+        return len(self.names)
 
     @abstractmethod
     def control(self) -> LiveControl:
@@ -75,7 +79,9 @@ class LiveProblem(ABC):
 
     @abstractmethod
     def scene(self) -> dict[str, Any]:
-        """What the page is told once: see `rehab_opt.live.page`."""
+        """What the page is told once: see `rehab_opt.live.page`; here what all problems tell it."""
+        encoders = [name.replace("_", " ") for name in self.names]
+        return {"title": self.title, "controls": sorted(self.controls), "encoders": encoders}
 
     @abstractmethod
     def frame(self, shown: Mapping[str, Array]) -> dict[str, Any]:

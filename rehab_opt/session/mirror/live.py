@@ -42,7 +42,7 @@ class LiveMirror(LiveProblem):
         self._loaded, self.title, self.dt = loaded, loaded.problem.title, 1 / loaded.problem.tracker.rate_hz
         self._scene = laid_out(loaded)
         self.robot = self._scene.robot
-        self.encoders = self.commanded = self.robot.n
+        self.names = tuple(self.robot.names)
         self.layout = {"q": self.robot.n, "asked": 3, "target": 3, "force": 3, "lag": 1, "manipulability": 1}
         self._arm = ArmBodies(self.robot)
         self._person: tuple[ArmBodies, PersonLimit] | None = None
@@ -68,6 +68,7 @@ class LiveMirror(LiveProblem):
         planes = [_square(np.array(each.point_m), np.array(each.normal), path) for each in section.keep_out]
         shown = joint_rows(self.robot if self._person is None else self._person[0].chain)
         return {
+            **super().scene(),
             "lines": [
                 {"points": path.round(4).tolist(), "colour": BLUE},
                 *({"points": each, "colour": RED} for each in planes),
@@ -77,7 +78,6 @@ class LiveMirror(LiveProblem):
             "screen": screen(path),
             "joints": shown,
             "jointtitle": "The person's joints within their range" if self._person else "Joints within their limits",
-            "encoders": [name.replace("_", " ") for name in self.robot.names],
             "noise": "mrad",
             "plots": [
                 {"name": "hand from the mirrored pose", "unit": "mm", "line": section.max_deviation_mm},

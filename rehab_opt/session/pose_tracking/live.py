@@ -35,7 +35,7 @@ class LivePoseTracking(LiveProblem):
         self._loaded, self._solver, self.title = loaded, solver, loaded.problem.title
         self.robot, self.start = robot_at_start(loaded)
         self.dt = 1 / loaded.problem.tracker.rate_hz
-        self.encoders = self.commanded = self.robot.n
+        self.names = tuple(self.robot.names)
         self.layout = {"q": self.robot.n, "target": 3, "force": 3}
         self._arm = ArmBodies(self.robot)
 
@@ -56,10 +56,10 @@ class LivePoseTracking(LiveProblem):
         """The circle, the joints' limits, what is plotted."""
         path = self.reference()[0][:: max(1, round(0.05 / self.dt)), :3, 3]
         return {
+            **super().scene(),
             "lines": [{"points": path.round(4).tolist(), "colour": BLUE, "name": "reference"}],
             "screen": screen(path),
             "joints": joint_rows(self.robot),
-            "encoders": [name.replace("_", " ") for name in self.robot.names],
             "noise": "mrad",
             "plots": [
                 {"name": "position error", "unit": "mm", "least": 1.0},

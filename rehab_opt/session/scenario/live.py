@@ -47,7 +47,7 @@ class LiveScenario(LiveProblem):
             raise ProblemFileError(loaded.file, "run.laws", problem.run.laws, expected)
         self._loaded, self._solver = loaded, solver
         self.title, self.dt = problem.title, 1 / problem.run.rate_hz
-        self.encoders = self.commanded = self.force = 2
+        self.names, self.force = ("x", "y"), 2
         self.layout = {"hand": 2, "meant": 2, "force": 2, "wanted": 2, "exerted": 2, "energy": 1}
 
     @cached_property
@@ -72,6 +72,7 @@ class LiveScenario(LiveProblem):
         low, high = around.min(axis=0), around.max(axis=0)
         reach = 1.15 * float((high - low).max())
         return {
+            **super().scene(),
             "planar": True,
             "springy": True,
             "handled": True,
@@ -88,7 +89,6 @@ class LiveScenario(LiveProblem):
             "legend": [
                 [GREEN, "comfortable"], [GREY, "reachable"], [PURPLE, "the robot's force"], [ORANGE, "the person's"],
             ],
-            "encoders": ["x", "y"],
             "noise": "mm",
             "plots": [
                 {"name": "the robot's force", "unit": "N", "line": said.force_limit_N},
