@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.joystick import StickMode
-from rehab_opt.session.ardis.loop import Motion, Optimised, moved
+from rehab_opt.session.ardis.outcome import Motion, Optimised, moved
 from rehab_opt.session.ardis.problem import ArdisProblem, DriveName, GoalSection
 from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, start_of
 from rehab_opt.session.ardis.stick import HEADER, Moment, StickSample

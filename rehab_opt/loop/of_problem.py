@@ -26,8 +26,7 @@ from rehab_opt.plants.plant import Measurement, Truth
 from rehab_opt.plants.touched import TouchedPlant
 from rehab_opt.session.data_folder import PREFIX
 from rehab_opt.session.files import ProblemFile, load_problem, recording_path
-from rehab_opt.session.live.inputs import AT_REST, NOWHERE, LiveInputs
-from rehab_opt.session.live.problem import LiveControl, LiveProblem
+from rehab_opt.session.live.problem import AT_REST, NOWHERE, LiveControl, LiveInputs, LiveProblem
 from rehab_opt.session.run import live_problem
 from rehab_opt.session.systems import system_named
 

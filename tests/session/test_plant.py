@@ -17,7 +17,7 @@ from rehab_opt.kinematics.ardis import ARDIS_READY
 from rehab_opt.plants.channel import Channel
 from rehab_opt.plants.force_robot import ForceRobot, RobotModel
 from rehab_opt.plants.hand_robot import MujocoHandRobot, OnMujoco
-from rehab_opt.session.ardis.loop import Answer, moved
+from rehab_opt.session.ardis.outcome import Answer, moved
 from rehab_opt.session.ardis.problem import ArdisProblem
 from rehab_opt.session.ardis.robot import joystick_of, robot_of
 from rehab_opt.session.ardis.stick import StickRecording
@@ -29,7 +29,7 @@ from rehab_opt.session.plant.tables import ChairPlant, HandPlant, JointPlant
 from rehab_opt.session.pose_tracking.outcome import RobotOutcome
 from rehab_opt.session.pose_tracking.shown import figures as robot_figures
 from rehab_opt.session.run import checked, run_problem
-from rehab_opt.session.scenario.plant import hand_robot_of
+from rehab_opt.session.scenario.loop import hand_robot_of
 
 CIRCLE = {"circle": {"radius_m": 0.03, "duration_s": 1.5, "turns": 1.0, "swing_deg": 10.0}}
 

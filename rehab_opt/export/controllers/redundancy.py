@@ -18,7 +18,7 @@ from rehab_opt.export.exported import ExportedController, ExportedVelocity, Law
 from rehab_opt.export.recording import Recording, Tick, recorded, thinned, with_faults
 from rehab_opt.export.rungs import as_in_c
 from rehab_opt.optim.ladder import BACKUP, FUSED
-from rehab_opt.session.ardis.loop import Answer, Array, Optimised, moved
+from rehab_opt.session.ardis.outcome import Answer, Array, Optimised, moved
 from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
 from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, start_of
 from rehab_opt.session.ardis.run import sticks_of

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from rehab_opt.errors import ProblemFileError
-from rehab_opt.session.ardis.loop import Law, Motion, Optimised, Published, moved
 from rehab_opt.session.ardis.measures import drive_metrics
-from rehab_opt.session.ardis.outcome import ArdisOutcome, DriveOutcome
+from rehab_opt.session.ardis.outcome import ArdisOutcome, DriveOutcome, Law, Motion, Optimised, Published, moved
 from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
 from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, room_of, start_of
 from rehab_opt.session.ardis.stick import StickRecording, read_stick

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,11 +13,45 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.control.command import Command
 from rehab_opt.plants.plant import Measurement
 from rehab_opt.plants.touched import TouchedPlant
-from rehab_opt.session.live.inputs import LiveInputs
 
-__all__ = ["LiveControl", "LiveProblem"]
+__all__ = ["AT_REST", "LiveControl", "LiveInputs", "LiveProblem"]
 
 Array = NDArray[np.float64]
+
+
+Triple = tuple[float, float, float]
+
+NOWHERE = (math.nan, math.nan, math.nan)
+
+
+class LiveInputs(NamedTuple):
+    """One state of the page's controls; places and forces in the base frame."""
+
+    enable: bool = False
+    """The dead-man."""
+    target: Triple = NOWHERE
+    """[m] where the hand, or its target, is dragged to; NaN where nobody drags: the problem's own reference."""
+    push: Triple = (0.0, 0.0, 0.0)
+    """[N] on the hand."""
+    stick: tuple[float, float] = (0.0, 0.0)
+    """Deflection forward and to the left, -1 to 1."""
+    switch: bool = False
+    gripper: bool = False
+    frozen: int = -1
+    """Encoder that repeats its last value; -1 for none."""
+    noise: float = 0.0
+    """[rad, m] standard deviation that is added to every position."""
+    delay: float = 0.0
+    """[s] by which measurements are late, besides the plant's own delay."""
+
+    @property
+    def dragged(self) -> bool:
+        """Whether there is a target."""
+        return all(map(math.isfinite, self.target))
+
+
+AT_REST = LiveInputs()
+"""Nobody there: the dead-man released, nothing touched."""
 
 
 class LiveControl(ABC):

@@ -16,8 +16,7 @@ from rehab_opt.plants.plant import Measurement
 from rehab_opt.plants.touched import TouchedPlant
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.bodies import BLUE, GREEN, ORANGE, RED, ArmBodies, joint_rows, near_limit, screen
-from rehab_opt.session.live.inputs import LiveInputs
-from rehab_opt.session.live.problem import LiveControl, LiveProblem
+from rehab_opt.session.live.problem import LiveControl, LiveInputs, LiveProblem
 from rehab_opt.session.mirror.laws import tracker_of
 from rehab_opt.session.mirror.problem import MirrorProblem
 from rehab_opt.session.mirror.scene import laid_out

@@ -15,8 +15,7 @@ from rehab_opt.plants.plant import Measurement
 from rehab_opt.plants.touched import TouchedPlant
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.bodies import ARM_PLOTS, BLUE, ORANGE, ArmBodies, joint_rows, screen
-from rehab_opt.session.live.inputs import LiveInputs
-from rehab_opt.session.live.problem import LiveControl, LiveProblem
+from rehab_opt.session.live.problem import LiveControl, LiveInputs, LiveProblem
 from rehab_opt.session.plant.making import joint_plant
 from rehab_opt.session.pose_tracking.problem import PoseTracking
 from rehab_opt.session.pose_tracking.robot import circle_reference, robot_at_start, tracker_of

@@ -8,9 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.session.outcome import Column, MovementOutcome
-from rehab_opt.session.plant.motion import JointMotion
-from rehab_opt.session.trace_columns import joint_columns, point_columns
+from rehab_opt.session.outcome import Column, MovementOutcome, joint_columns, point_columns
+from rehab_opt.session.plant.loop import JointMotion
 
 __all__ = ["RobotOutcome"]
 

@@ -15,14 +15,13 @@ from rehab_opt.plants.plant import Measurement
 from rehab_opt.plants.touched import TouchedPlant
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.bodies import BLUE, GREEN, GREY, ORANGE, PURPLE, screen
-from rehab_opt.session.live.inputs import LiveInputs
-from rehab_opt.session.live.problem import LiveControl, LiveProblem
+from rehab_opt.session.live.problem import LiveControl, LiveInputs, LiveProblem
+from rehab_opt.session.scenario.intention import Pace
 from rehab_opt.session.scenario.laws import Assisted
-from rehab_opt.session.scenario.pace import Pace
-from rehab_opt.session.scenario.person_at_robot import PersonAtRobot
 from rehab_opt.session.scenario.prepared import Prepared, prepared
 from rehab_opt.session.scenario.problem import ScenarioProblem
 from rehab_opt.session.scenario.run import law_of, scene_of
+from rehab_opt.session.scenario.simulated_person import PersonAtRobot
 from rehab_opt.workspace.region import Workspace
 
 __all__ = ["LiveScenario"]
