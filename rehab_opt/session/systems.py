@@ -42,7 +42,7 @@ GROUP = "rehab_opt.systems"
 SHIPPED: Mapping[str, str] = MappingProxyType(
     {
         "upper_limb": "rehab_opt.session.upper_limb.system:UpperLimbSystem",
-        "pose_tracking": "rehab_opt.session.pose_tracking.system:PoseTrackingSystem",
+        "pose_tracking": "rehab_opt.session.pose_tracking.run:PoseTrackingSystem",
         "mirror": "rehab_opt.session.mirror.system:MirrorSystem",
         "workspace": "rehab_opt.session.workspaces.run:WorkspaceSystem",
         "workspace_map": "rehab_opt.session.workspace_maps.run:WorkspaceMapSystem",

@@ -9,7 +9,7 @@ from rich.text import Text
 
 from rehab_opt.session.cells import Numbers, Rows, counts, margin, millimetres, speed, spread, statuses, times
 from rehab_opt.session.drawing import GRID, LAW_STYLES, MM, REFERENCE, framed, joint_figure, legend_below, servo_figure
-from rehab_opt.session.pose_tracking.outcome import RobotOutcome
+from rehab_opt.session.pose_tracking.run import RobotOutcome
 
 __all__ = ["figures", "table"]
 
