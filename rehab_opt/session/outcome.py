@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.kinematics.chain import SerialChain
 
-__all__ = ["Column", "MovementOutcome", "Outcome", "Progress", "joint_columns", "point_columns"]
+__all__ = ["Column", "Columns", "MovementOutcome", "Outcome", "Progress", "joint_columns", "point_columns", "stacked"]
 
 Array = NDArray[np.float64]
 
@@ -66,3 +66,9 @@ def joint_columns(name: str, chain: SerialChain, values: Array, unit: str) -> It
     """Values (N, n), one for each joint of the chain."""
     for joint, column in zip(chain.names, values.T, strict=True):
         yield f"{name}_{joint}_{unit}", column
+
+
+def stacked(parts: Iterable[Columns]) -> Columns:
+    """Tables of the same columns, one below the other."""
+    tables = list(parts)
+    return {header: np.concatenate([np.asarray(each[header]) for each in tables]).tolist() for header in tables[0]}

@@ -23,7 +23,7 @@ from rehab_opt.session.ardis.clearance import arm_gaps, arm_points, chair_corner
 from rehab_opt.session.ardis.figures import figures as ardis_figures
 from rehab_opt.session.ardis.figures import motion_film
 from rehab_opt.session.ardis.measures import KEPT, excesses, goals_met, hand_shares, kinetic_energies
-from rehab_opt.session.ardis.outcome import ArdisOutcome, Optimised, moved
+from rehab_opt.session.ardis.outcome import ArdisOutcome, moved
 from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, room_of, start_of
 from rehab_opt.session.ardis.run import sticks_of
 from rehab_opt.session.ardis.stick import HEADER, Moment, read_stick
@@ -122,7 +122,7 @@ def test_chair_passes_between_the_posts(doorway: ArdisOutcome) -> None:
 def test_gripper_closes_on_the_cup_and_opens_on_the_table(name: str, pattern: list[bool]) -> None:
     loaded = load_problem(f"ardis/{name}")
     robot = robot_of(loaded)
-    law = Optimised(resolver_of(loaded, robot, "mecanum"))
+    law = resolver_of(loaded, robot, "mecanum")
     stick = sticks_of(loaded)["mecanum"]
     motion = moved(robot, law, joystick_of(loaded), stick, start_of(loaded, robot), dt=0.01)
     changes = motion.closed[np.concatenate([[True], np.diff(motion.closed)])]

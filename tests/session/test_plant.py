@@ -12,12 +12,13 @@ import pytest
 
 from rehab_opt import ConfigurationError, ProblemFileError
 from rehab_opt.cli import main
+from rehab_opt.control.command import Bound, Command, Status
 from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.kinematics.ardis import ARDIS_READY
 from rehab_opt.plants.channel import Channel
 from rehab_opt.plants.force_robot import ForceRobot, RobotModel
 from rehab_opt.plants.hand_robot import MujocoHandRobot, OnMujoco
-from rehab_opt.session.ardis.outcome import Answer, moved
+from rehab_opt.session.ardis.outcome import moved
 from rehab_opt.session.ardis.problem import ArdisProblem
 from rehab_opt.session.ardis.robot import joystick_of, robot_of
 from rehab_opt.session.ardis.stick import StickRecording
@@ -198,9 +199,10 @@ def test_a_chair_under_its_stick_goes_where_its_wheels_carry_it(drive: str) -> N
     class Straight:
         """Forward at 0.2 m/s in the world, the elbow at 0.1 rad/s, whatever is asked."""
 
-        def step(self, q: np.ndarray, asked: object) -> Answer:
+        def step(self, *_: object, **__: object) -> Command:
             velocity = np.array([0.2, 0.0, 0.0, 0.0, 0.0, 0.1, 0.0])
-            return Answer(velocity, wheels.wheel_speeds([0.2, 0.0, 0.0]), "ok", "", 1.0)
+            speeds = wheels.wheel_speeds([0.2, 0.0, 0.0])
+            return Command(velocity, Status.OK, "", 0.0, 0, "", Bound.NOTHING, 1.0, speeds)
 
     plant = chair_plant(ChairPlant(kind="mujoco"), robot, wheels, 0.01)
     stick = StickRecording(np.array([0.0]), np.zeros((1, 2)), np.zeros(1, bool), np.zeros(1, bool))
