@@ -60,13 +60,21 @@ class LiveControl(ABC):
     Parameters
     ----------
     plant : whose sensors can be spoilt through the page. start : (n,) [rad, m] where it begins, at rest.
+
+    Attributes
+    ----------
+    timed : whether the controller is told when things were seen; a run that waits for nobody tells nothing.
     """
 
     mode = ""
     """Of a stick; empty where there is none."""
 
     def __init__(self, plant: TouchedPlant, start: Array) -> None:
-        self.plant, self.start = plant, start
+        self.plant, self.start, self.timed = plant, start, True
+
+    def stamp(self, seen: Measurement) -> float | None:
+        """[s] when something was seen, for the controller's watchdog; None while `timed` is false."""
+        return seen.stamp if self.timed else None
 
     @abstractmethod
     def step(self, inputs: LiveInputs, seen: Measurement) -> Command:
@@ -125,7 +133,7 @@ class Following(LiveControl):
 
     def track(self, seen: Measurement, twist: Array, *, enable: bool) -> Command:
         """The tracker's, towards `target`."""
-        return self._tracker.step(seen.position, self.target, twist, enable=enable, stamp=seen.stamp)
+        return self._tracker.step(seen.position, self.target, twist, enable=enable, stamp=self.stamp(seen))
 
     def shown(self) -> dict[str, ArrayLike]:
         """Where the robot is, its target, the push."""

@@ -122,7 +122,9 @@ class _Mirroring(Following):
         self._mirror = tracker
 
     def track(self, seen: Measurement, twist: Array, *, enable: bool) -> Command:
-        return self._mirror.step(seen.position, self.target, twist, force=seen.force, enable=enable, stamp=seen.stamp)
+        return self._mirror.step(
+            seen.position, self.target, twist, force=seen.force, enable=enable, stamp=self.stamp(seen)
+        )
 
     def shown(self) -> dict[str, ArrayLike]:
         tracker = self._mirror
