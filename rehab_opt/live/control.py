@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rehab_opt.control.command import Command
+from rehab_opt.control.command import Command, Status
 from rehab_opt.errors import RehabOptError
 from rehab_opt.loop.loop import Loop
 from rehab_opt.loop.records import operator_layout, state_layout
@@ -73,12 +73,17 @@ def _run(problem: LiveProblem, given: SharedRing, state: SharedRing, shown: Shar
     assert parent is not None
     plant, every = control.plant, max(1, round(1 / (SHOWN_HZ * problem.dt)))
     plant.reset(control.start)
+    drawn: tuple[int, Status] | None = None
 
     def decide(tick: Tick) -> Command:
+        nonlocal drawn
         inputs = AT_REST if tick.operator is None else inputs_of(tick.operator, enable=tick.enabled)
         plant.frozen, plant.noise, plant.delay = inputs.frozen, inputs.noise, inputs.delay
         command = control.step(inputs, tick.seen)
-        if tick.number % every == 0:
+        # At every change of the status, too: else the page says that a robot is at rest, and draws where it was before.
+        now = tick.number // every, command.status
+        if now != drawn:
+            drawn = now
             shown.write(mode=control.mode, **control.shown())
         return command
 
