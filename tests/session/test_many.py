@@ -89,7 +89,11 @@ def test_rows_are_written_as_they_end_and_told_of(tmp_path: Path, monkeypatch: p
 
 def test_results_have_inputs_and_groups_their_statistics(tmp_path: Path) -> None:
     people = [
-        replace(person("A" * length), inputs={"arm.side": "left"}, covariates={"group": group})
+        replace(
+            person("A" * length),
+            inputs={"arm.side": "left", "title": f"={length}", "x": "-1"},
+            covariates={"group": group},
+        )
         for group, length in (("g", 1), ("g", 3), ("h", 7))
     ]
     people.append(replace(person("broken one", "broken"), covariates={"group": "h"}))
@@ -100,6 +104,7 @@ def test_results_have_inputs_and_groups_their_statistics(tmp_path: Path) -> None
     assert [(row["group"], row["input.arm.side"], row["letters"]) for row in rows] == [
         ("g", "left", "1"), ("g", "left", "3"), ("h", "left", "7"), ("h", "", ""),
     ]  # fmt: skip
+    assert [(row["input.title"], row["input.x"]) for row in rows[:2]] == [("'=1", "-1"), ("'=3", "-1")]  # no formula
     with (tmp_path / GROUPS).open(encoding="utf-8", newline="") as file:
         groups = {row["group"]: row for row in csv.DictReader(file) if row["measure"] == "letters"}
     assert {key: groups["g"][key] for key in ("people", "mean", "min", "median", "max")} == {
