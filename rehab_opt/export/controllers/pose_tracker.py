@@ -17,7 +17,8 @@ from rehab_opt.optim.ladder import BACKUP, FUSED
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.pose_tracking.problem import PoseTracking
-from rehab_opt.session.pose_tracking.robot import circle_reference, robot_at_start, run_pose_tracking, tracker_of
+from rehab_opt.session.pose_tracking.robot import circle_reference, robot_at_start, tracker_of
+from rehab_opt.session.pose_tracking.run import run_pose_tracking
 
 __all__ = ["exported_pose_tracker", "exported_tracker"]
 
