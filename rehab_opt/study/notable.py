@@ -9,7 +9,7 @@ from rehab_opt.study.store import Study
 from rehab_opt.study.summary import FROM, IN_ORDER, Quantity, of_person
 from rehab_opt.study.trial import DONE
 
-__all__ = ["Extreme", "Happened", "Neared", "Outline", "bounds", "events", "extreme", "outlines"]
+__all__ = ["Extreme", "Happened", "Neared", "Outline", "bounds", "events", "extreme", "outlines", "stating_safety"]
 
 
 class Extreme(NamedTuple):
@@ -84,6 +84,14 @@ def bounds(study: Study, person: str | None = None) -> list[Neared]:
         f"{FROM} JOIN bounds b ON b.trial = t.id WHERE {of} AND b.bound > 0 GROUP BY b.name, b.unit ORDER BY 7 DESC"
     )
     return [Neared(*row[:6]) for row in study.rows(question, who)]
+
+
+def stating_safety(study: Study, person: str | None = None) -> tuple[int, int]:
+    """How many trials state a bound or a safety event, and how many there are."""
+    of, who = of_person(person)
+    states = "(EXISTS (SELECT 1 FROM bounds WHERE trial = t.id) OR EXISTS (SELECT 1 FROM events WHERE trial = t.id))"
+    ((stating, trials),) = study.rows(f"SELECT coalesce(sum({states}), 0), count(*) {FROM} WHERE {of}", who)
+    return stating, trials
 
 
 def outlines(study: Study, person: str) -> list[Outline]:

@@ -16,7 +16,7 @@ from typing import NamedTuple, TypeVar
 from rehab_opt import __version__
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.study.drawing import COLOURS, Series, bars, escaped, number, outline_chart, progress_chart
-from rehab_opt.study.notable import Extreme, bounds, events, extreme, outlines
+from rehab_opt.study.notable import Extreme, bounds, events, extreme, outlines, stating_safety
 from rehab_opt.study.person import check_there
 from rehab_opt.study.store import Study
 from rehab_opt.study.summary import (
@@ -94,6 +94,7 @@ td, th {{ text-align: left; padding: 3px 10px 3px 0; border-bottom: 1px solid #e
 .better {{ color: #007a5a; font-weight: 600 }} .worse {{ color: #c04a00; font-weight: 600 }}
 .box {{ border-left: 5px solid #009e73; background: #f3faf7; padding: 8px 14px; margin: 12px 0 }}
 .alarm {{ border-color: #d55e00; background: #fdf3ec }}
+.unknown {{ border-color: #888; background: #f4f4f4 }}
 .key {{ display: inline-block; margin-right: 16px; overflow-wrap: anywhere }}
 .key i {{ display: inline-block; width: 11px; height: 11px; border-radius: 6px; margin-right: 5px }}
 ul {{ margin: 4px 0; padding-left: 20px }}
@@ -367,16 +368,19 @@ def _where(end: Extreme | None, factor: float, person: str | None) -> str:
 
 
 def _safety_box(study: Study, person: str | None) -> str:
-    found, limits = events(study, person), bounds(study, person)
+    """Events and bounds in a line: green only where bounds are known, and all of them were kept."""
+    found, limits, (stating, trials) = events(study, person), bounds(study, person), stating_safety(study, person)
     passed = sum(each.passed for each in limits)
-    trials = len({(each.person, each.session, each.trial) for each in found})
-    said = f"{_count(len(found), 'event')} in {_count(trials, 'trial')}" if found else "No safety events"
-    if limits:
-        of = "every bound was kept" if not passed else f"a bound was passed {_count(passed, 'time')}"
-        said += f"; {of}"
+    if not found and not limits:
+        kind, said = " unknown", "Nothing is known: no trial states a bound or a safety event"
     else:
-        said += "; no bounds are known"
-    return f'<div class="box{" alarm" if found or passed else ""}"><b>Safety.</b> {escaped(said)}.</div>'
+        kind = " alarm" if found or passed else ""
+        of = len({(each.person, each.session, each.trial) for each in found})
+        said = f"{_count(len(found), 'event')} in {_count(of, 'trial')}" if found else "No safety events"
+        kept = "every bound was kept" if not passed else f"a bound was passed {_count(passed, 'time')}"
+        said += f"; {kept}" if limits else "; no bounds are known"
+        said += f"; nothing is known of {trials - stating} of {_count(trials, 'trial')}" if stating < trials else ""
+    return f'<div class="box{kind}"><b>Safety.</b> {escaped(said)}.</div>'
 
 
 def _safety_details(study: Study, person: str | None) -> str:

@@ -115,6 +115,20 @@ def test_reports_of_next_to_nothing(study: Study) -> None:
     read(report_html(study))
 
 
+def test_safety_is_green_only_where_something_was_checked(study: Study) -> None:
+    def box() -> str:
+        return re.search(r'<div class="(box[ a-z]*)"><b>Safety.</b> ([^<]*)', report_html(study))[0]  # type: ignore[index]
+
+    study.add(Session("P", "1"), Trial("score", [Measure("movement_time", 1.0, "s")]))
+    assert '"box unknown"' in box()
+    assert "No safety events" not in box()
+    study.add(Session("P", "1"), Trial("run", bounds=[Bound("force", 1.0, 2.0, "N")]))
+    assert '"box"' in box()
+    assert "every bound was kept; nothing is known of 1 of 2 trials" in box()
+    study.add(Session("P", "1"), Trial("run", events=[Event("braking", 1.0)]))
+    assert '"box alarm"' in box()
+
+
 def test_what_changed_is_said_and_which_way(study: Study) -> None:
     for visit in range(5):
         for e in (-0.1, 0.0, 0.1):

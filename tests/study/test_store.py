@@ -9,6 +9,7 @@ import stat
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -96,12 +97,40 @@ def test_covariates_do_not_change_under_a_study(tmp_path: Path, session: Session
     "bad",
     [
         {"person": ""}, {"person": " P"}, {"person": "P\n"}, {"person": "P" * 101}, {"name": "\x1b[2J"}, {"group": ""},
+        {"person": "=1+1"}, {"person": "@sum"}, {"name": "+cmd|x"}, {"name": "-x"}, {"group": "=A1"}, {"person": 5},
+        {"name": None}, {"group": 1}, {"date": 5}, {"visit": 1.5}, {"visit": True}, {"visit": "1"},
         {"visit": -1}, {"date": "23.11.2026"}, {"date": "2026-02-30"}, {"date": "20261123"},
     ],
 )  # fmt: skip
-def test_labels_that_cannot_be_kept_are_refused(bad: dict[str, str]) -> None:
+def test_labels_that_cannot_be_kept_are_refused(bad: dict[str, Any]) -> None:
     with pytest.raises(ConfigurationError):
-        Session(**{"person": "P", "name": "1", **bad})
+        Session(**{"person": "P", "name": "-1", **bad})
+
+
+@pytest.mark.parametrize("bad", [{"condition": "=1+1"}, {"condition": 2}, {"seconds": "a"}])
+def test_trials_that_cannot_be_kept_are_refused(bad: dict[str, Any]) -> None:
+    with pytest.raises(ConfigurationError):
+        Trial("live", **bad)
+
+
+def test_on_a_full_disk_a_study_is_read_and_what_is_added_is_refused_in_words(tmp_path: Path) -> None:
+    resource = pytest.importorskip("resource")  # not on Windows
+    file = tmp_path / "s.db"
+    with Study(file) as study:
+        study.add(Session("P", "1"), [])
+    before = file.read_bytes()
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, limits[1]))  # no file may grow
+    try:
+        with Study(file, create=False) as study:
+            assert study.rows("SELECT name FROM people") == [("P",)]
+            with pytest.raises(ConfigurationError, match="read-only, or full"):
+                study.forget("P")
+        with pytest.raises(ConfigurationError, match="the disk is full"):
+            Study(file)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert file.read_bytes() == before
 
 
 def test_only_the_owner_reads_the_file_and_its_log(tmp_path: Path) -> None:
