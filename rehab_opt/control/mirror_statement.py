@@ -168,9 +168,7 @@ class MirrorStatement(PoseTracker):
     def _ends(self, tick: Tick, motion: Motion) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
         w, gradient, here, _ = self._told(motion)
         centre, hand = tick.target[:3, 3] + tick.others[0], motion.delivered[:3]  # places weigh 1
-        return self.hand_bounds.kept(
-            tick.q, motion.velocity, centre, w=w, gradient=gradient, here=here, hand=hand
-        )
+        return self.hand_bounds.kept(tick.q, motion.velocity, centre, w=w, gradient=gradient, here=here, hand=hand)
 
     def _auditing(self) -> ca.Function:
         """q, velocity, centre, target, turn -> the first three of `HandBounds.kept`, and no further turned than that.
