@@ -197,7 +197,7 @@ class HandBounds:
     def kept(
         self, q: ca.SX, velocity: ca.SX, centre: ca.SX, *, w: ca.SX, gradient: ca.SX, here: ca.SX, hand: ca.SX
     ) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
-        """Whether the true state keeps every bound, and may brake after the tick; whether it may brake; w / w_max; loss.
+        """Whether a tick keeps every bound and may be followed by braking; whether it may brake; w / w_max then; loss.
 
         What is broken already must not get worse. A tick that keeps all of it can be followed by one that brakes, so
         that no bound ever asks for more than the joints' acceleration; the distance from the reference is none that a

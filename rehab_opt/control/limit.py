@@ -204,7 +204,7 @@ class Limits:
         """Slopes (m, n) of the least distances, and how fast they may fall (m,): below zero where they have to rise.
 
         What is beyond a limit is taken for at it: it goes no further, and is not led back. `room` says, of the slopes,
-        what is left before each (m,). `ticks` are those of the last velocity that lead as far as its tangent is to hold.
+        what is left before each (m,). `ticks` of the last velocity lead as far as the tangents are to hold.
         """
         slopes, least, spent = self._tangents(q, last, ticks)
         least = least if room is None else least - room(slopes)

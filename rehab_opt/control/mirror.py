@@ -50,7 +50,7 @@ class MirrorTracker(MirrorForeseen):
     the hand near the reference and out of what it must not enter. Then the true state at the end of the tick is
     computed, and the step shortened where the tangents promised too much: w(q + q' dt) / w_max >= min(floor, w / w_max)
     holds in every tick, also while braking. Where the acceleration bound is in the way of it, it yields, is flagged and
-    counted. That happens to an arm that was put or pushed somewhere: a tick ends where the arm can brake (`HandBounds`).
+    counted. That happens to an arm that was put or pushed somewhere: ticks end where it can brake (`HandBounds`).
 
     The reference is read by a clock. It slows down where the reference is faster than the hand may be, where the
     deviation grows and where the person pushes, waits at the largest deviation, and catches up afterwards; what was

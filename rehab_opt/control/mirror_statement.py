@@ -201,7 +201,7 @@ class MirrorStatement(PoseTracker):
 
     # --------------------------------------------------------------------------------------------- true bounds
     def _kept(self, q: Array, value: Array, held: Held, *, braked: bool = False) -> bool:
-        """Whether a velocity keeps every bound, and braking after it does; with `braked` what a tick of braking has to."""
+        """Whether a velocity keeps every bound and can be braked; with `braked` what a tick of braking has to keep."""
         kept, braking, self._then = self._audit.of(q, value, held.centre, held.target.ravel(), held.turn).tolist()
         return bool(braking if braked else kept)
 

@@ -81,7 +81,7 @@ def test_rows_that_lead_away_leave_a_velocity_and_ask_for_all_there_is_room_for(
     answer = linprog(np.zeros(N), A_ub=rows, b_ub=bounds + 1e-9, bounds=list(zip(lower, upper, strict=True)))
     assert answer.status == 0
     braking = np.clip(0, lower, upper)
-    # What is not below zero is asked as it was, unless braking already breaks it; and nobody is led nearer than by that.
+    # What is not below zero is asked as it was, unless braking breaks it; and nobody is led nearer than by that.
     assert bounds[1] <= max(most[0], normals[0] @ braking) + 1e-12
     assert np.all(bounds[2:] >= most[1:])
     assert np.all(bounds[2:] <= np.maximum(most[1:], np.maximum(normals[1:] @ braking, 0.0)) + 1e-12)
