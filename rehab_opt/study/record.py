@@ -20,7 +20,7 @@ from rehab_opt.session.many.digest import inputs_digest, software_digest
 from rehab_opt.session.many.work import flat_numbers
 from rehab_opt.session.outcome import Outcome
 from rehab_opt.session.schema import Problem
-from rehab_opt.session.scoring import Scored, scored_path
+from rehab_opt.session.scoring import Scored
 from rehab_opt.study.person import RECORDING
 from rehab_opt.study.trial import Bound, Event, ProblemText, StoredFile, Trial
 from rehab_opt.text_file import file_content
@@ -57,7 +57,11 @@ def run_trials(
     seconds : that it took.
     """
     given = {key: value for key, value in options.items() if value is not None}
-    text = "\n".join([*(f"# --{key} {value}" for key, value in given.items()), loaded.path.read_text(encoding="utf-8")])
+    text = loaded.path.read_text(encoding="utf-8")
+    said = [f"# --{key} {value}" for key, value in given.items()]
+    if ".toml" in text:  # a recording's description is not in it
+        said.append(f"# as it was read: {loaded.problem.model_dump_json(exclude_defaults=True)}")
+    text = "\n".join([*said, text])
     run = Trial(
         "run",
         digest=" ".join([inputs_digest(loaded), *(f"{key}={value}" for key, value in given.items())]),
@@ -106,23 +110,23 @@ def score_trials(scored: Scored, how: Mapping[str, Any]) -> list[Trial]:
     ProblemFileError : a recording cannot be read any more.
     """
     trials = []
-    begun = [hashlib.sha256(json.dumps(how, sort_keys=True).encode()).hexdigest(), software_digest()]
     contents: dict[str, str] = {}
-    for file, number, score in scored.trials:
-        path = scored_path(file)
-        if file not in contents:
-            content = file_content(path, file, largest=LARGEST_RECORDING)
-            contents[file] = hashlib.sha256(content).hexdigest()
-        digest = hashlib.sha256(" ".join([*begun, contents[file], str(number)]).encode())
+    for source, number, score in scored.trials:
+        if source.file not in contents:
+            content = file_content(source.path, source.file, largest=LARGEST_RECORDING)
+            contents[source.file] = hashlib.sha256(content).hexdigest()
+        text = json.dumps({**how, "reading": source.reading}, sort_keys=True)
+        begun = [hashlib.sha256(text.encode()).hexdigest(), software_digest()]
+        digest = hashlib.sha256(" ".join([*begun, contents[source.file], str(number)]).encode())
         trials.append(
             Trial(
                 "score",
                 score.measures,
                 digest=digest.hexdigest(),
-                problem=ProblemText("score", json.dumps(how, sort_keys=True)),
+                problem=ProblemText("score", text),
                 software=versions(),
                 notes=score.notes,
-                files=[StoredFile(path, RECORDING)],
+                files=[StoredFile(source.path, RECORDING)],
                 outline=_outline(score.movement),
             )
         )
