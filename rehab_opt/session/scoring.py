@@ -65,11 +65,11 @@ class Described(NamedTuple):
 
 
 class Scored(NamedTuple):
-    """What was measured, and what a reader of it has to know; each trial with its recording and its number in it."""
+    """What was measured, and what a reader of it has to know; each trial: its source, number in it, samples, score."""
 
     rows: tuple[Row, ...]
     notes: tuple[str, ...]
-    trials: tuple[tuple[Described, int, Score], ...]
+    trials: tuple[tuple[Described, int, Recording, Score], ...]
 
 
 def score_recordings(
@@ -101,7 +101,7 @@ def score_recordings(
     """
     rows: list[Row] = []
     notes: list[str] = []
-    measured: list[tuple[Described, int, Score]] = []
+    measured: list[tuple[Described, int, Recording, Score]] = []
     for source in (described(file, reading) for file in files):
         file = source.file
         recording = read_recording(source.path, name=file, **source.reading)
@@ -114,11 +114,11 @@ def score_recordings(
         trials = [recording] if pause is None else trials_between_pauses(recording, pause=pause, threshold=threshold)
         for number, trial in enumerate(trials, start=1):
             scored = _scored(trial, number, target=target, cutoff_hz=cutoff_hz, threshold=threshold)
-            measured.append((source, number, scored))
+            measured.append((source, number, trial, scored))
             rows += (Row(file, str(number), *measure) for measure in scored.measures)
             notes += (f"{file}, trial {number}: {note}" for note in scored.notes)
     if repeats:
-        rows += (Row(ALL, ALL, *measure) for measure in _variability([scored.movement for _, _, scored in measured]))
+        rows += (Row(ALL, ALL, *measure) for measure in _variability([scored.movement for *_, scored in measured]))
     return Scored(tuple(rows), tuple(notes), tuple(measured))
 
 

@@ -19,6 +19,7 @@ from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.many.digest import inputs_digest, software_digest
 from rehab_opt.session.many.work import flat_numbers
 from rehab_opt.session.outcome import Outcome
+from rehab_opt.session.recording import Recording
 from rehab_opt.session.schema import Problem
 from rehab_opt.session.scoring import Scored
 from rehab_opt.study.person import RECORDING
@@ -26,6 +27,8 @@ from rehab_opt.study.trial import Bound, Event, ProblemText, StoredFile, Trial
 from rehab_opt.text_file import file_content
 
 __all__ = ["metric_trials", "run_trials", "score_trials", "versions"]
+
+Array = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 
 UNITS = {
     "m": "m", "m2": "m^2", "m3": "m^3", "m_s": "m/s", "mm": "mm", "deg": "deg", "deg_s": "deg/s", "rad": "rad",
@@ -83,11 +86,12 @@ def metric_trials(metrics: Mapping[str, Any], trial: Trial, *, files: Sequence[P
     files : that the run has written.
     """
     stored = [StoredFile(path, "trace" if path.name == TRACE else "result") for path in files]
+    trace = next((path for path in files if path.name == TRACE), None)
     laws = metrics.get("laws")
     if not isinstance(laws, Mapping) or not all(
         isinstance(law, Mapping) and law.get("trials") for law in laws.values()
     ):
-        return (replace(trial, **_numbers(metrics), files=stored),)
+        return (replace(trial, **_numbers(metrics), trace=trace, files=stored),)
     limit = metrics.get("parameters", {}).get("assistance", {}).get("force_limit_N")
     return tuple(
         replace(
@@ -95,6 +99,7 @@ def metric_trials(metrics: Mapping[str, Any], trial: Trial, *, files: Sequence[P
             condition=law,
             **_numbers(numbers, force_limit=limit),
             digest=f"{trial.digest} {law} {number}",
+            trace=trace,
             files=stored,
         )
         for law, of in laws.items()
@@ -111,7 +116,7 @@ def score_trials(scored: Scored, how: Mapping[str, Any]) -> list[Trial]:
     """
     trials = []
     contents: dict[str, str] = {}
-    for source, number, score in scored.trials:
+    for source, number, recording, score in scored.trials:
         if source.file not in contents:
             content = file_content(source.path, source.file, largest=LARGEST_RECORDING)
             contents[source.file] = hashlib.sha256(content).hexdigest()
@@ -126,6 +131,7 @@ def score_trials(scored: Scored, how: Mapping[str, Any]) -> list[Trial]:
                 problem=ProblemText("score", text),
                 software=versions(),
                 notes=score.notes,
+                trace=_samples(recording),
                 files=[StoredFile(source.path, RECORDING)],
                 outline=_outline(score.movement),
             )
@@ -133,12 +139,19 @@ def score_trials(scored: Scored, how: Mapping[str, Any]) -> list[Trial]:
     return trials
 
 
+def _samples(of: Recording) -> dict[str, Array]:
+    """Columns of a recording: time, hand, joint angles, forces."""
+    columns = {"t_s": of.time, **{f"{axis}_m": values for axis, values in zip("xyz", of.points.T, strict=False)}}
+    columns |= {f"{name}_deg": np.degrees(angles) for name, angles in of.joints.items()}
+    return columns | {f"f{axis}_N": values for axis, values in zip("xyz", of.forces.T, strict=False)}
+
+
 def versions() -> str:
     """What computed: this library, its source and its numerics."""
     return f"rehab_opt {__version__} {software_digest()}"
 
 
-def _outline(points: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> list[tuple[float, float]]:
+def _outline(points: Array) -> list[tuple[float, float]]:
     """Convex hull [m] along the two axes of the largest extents; none of a movement on a line."""
     from scipy.spatial import ConvexHull, QhullError  # noqa: PLC0415
 
