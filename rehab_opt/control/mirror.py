@@ -276,11 +276,12 @@ class MirrorTracker(MirrorForeseen):
                 usual = pose.shape == _SQUARE
             except (ValueError, TypeError):
                 usual = False
-        reason = "" if enable is True and stamp is None and not self._watchdog.stamped else self._refusal(enable, stamp)
         if not usual:
             self._write((q, pose, twist, *self._inputs[2:]))
+        fault = self._not_following(stamp) if self._feedback is None else ""
+        reason = "" if enable is True and stamp is None and not self._watchdog.stamped else self._refusal(enable, stamp)
         if self._feedback is None:
-            return self._mirrored(force, reason)
+            return self._mirrored(force, reason or fault)
         return self._led(lambda fault, note: self._mirrored(force, reason or fault, note))
 
     def _mirrored(self, force: ArrayLike | None, reason: str, note: str = "") -> Command:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from rehab_opt.loop.loop import DEAD_MAN
-from rehab_opt.session.live.inputs import AT_REST, NOWHERE, LiveInputs
+from rehab_opt.session.live.problem import AT_REST, NOWHERE, LiveInputs
 
 __all__ = ["Seats", "inputs_of"]
 

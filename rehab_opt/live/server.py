@@ -19,9 +19,10 @@ import numpy as np
 
 from rehab_opt.control.command import Bound
 from rehab_opt.errors import ConfigurationError, RehabOptError
-from rehab_opt.live.control import BUTTONS, Rings
+from rehab_opt.live.control import Rings
 from rehab_opt.live.gate import Gate
 from rehab_opt.live.seats import Seats, inputs_of
+from rehab_opt.loop.of_problem import BUTTONS
 from rehab_opt.loop.shared_ring import Newest
 from rehab_opt.session.live.problem import LiveProblem
 
@@ -193,7 +194,7 @@ class LivePage:
         last, absent = -1, False
         while not self._refused:
             await asyncio.sleep(1 / FRAMES_HZ)
-            state, shown = self._state.latest(), self._shown.latest()
+            state, shown = self._state.latest(), self._shown.latest()  # in this order: the picture is the newer one
             text = self._absence(state)
             if absent and not text:
                 self._seat()  # what was lost is there again
@@ -271,9 +272,7 @@ def _page(nonce: str) -> str:
 
 
 def _scene(problem: LiveProblem, sent: dict[str, Any]) -> dict[str, Any]:
-    scene = {"title": problem.title, "controls": sorted(problem.controls)} | sent
-    scene["plots"] = [*scene["plots"], {"name": "tick", "unit": "ms", "line": 1e3 * problem.dt}]
-    return scene
+    return sent | {"plots": [*sent["plots"], {"name": "tick", "unit": "ms", "line": 1e3 * problem.dt}]}
 
 
 def _place(hand: object) -> tuple[float, float, float] | None:

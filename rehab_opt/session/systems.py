@@ -42,11 +42,11 @@ GROUP = "rehab_opt.systems"
 SHIPPED: Mapping[str, str] = MappingProxyType(
     {
         "upper_limb": "rehab_opt.session.upper_limb.system:UpperLimbSystem",
-        "pose_tracking": "rehab_opt.session.pose_tracking.system:PoseTrackingSystem",
+        "pose_tracking": "rehab_opt.session.pose_tracking.run:PoseTrackingSystem",
         "mirror": "rehab_opt.session.mirror.system:MirrorSystem",
-        "workspace": "rehab_opt.session.workspaces.system:WorkspaceSystem",
-        "workspace_map": "rehab_opt.session.workspace_maps.system:WorkspaceMapSystem",
-        "used_ranges": "rehab_opt.session.used_ranges.system:UsedRangesSystem",
+        "workspace": "rehab_opt.session.workspaces.run:WorkspaceSystem",
+        "workspace_map": "rehab_opt.session.workspace_maps.run:WorkspaceMapSystem",
+        "used_ranges": "rehab_opt.session.used_ranges.run:UsedRangesSystem",
         "scenario": "rehab_opt.session.scenario.system:ScenarioSystem",
         "ardis": "rehab_opt.session.ardis.system:ArdisSystem",
     }

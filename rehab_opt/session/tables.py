@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.session.column_names import ANGLE, COUNTS, LENGTH, TIME, UNITS, canonical_name, unit_of
-from rehab_opt.session.file_limits import header_cells
 from rehab_opt.session.recording import Recording
-from rehab_opt.session.text_lines import FARTHEST, LATEST, finite_number, text_lines
+from rehab_opt.session.text_lines import FARTHEST, LATEST, finite_number, header_cells, text_lines
 from rehab_opt.text_file import shown
 
 __all__ = ["SEPARATORS", "check_once", "numbers_below", "read_csv"]

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from rehab_opt.live.seats import Seats, inputs_of
 from rehab_opt.loop.loop import DEAD_MAN
-from rehab_opt.session.live.inputs import LiveInputs
+from rehab_opt.session.live.problem import LiveInputs
 
 HELD, LET_GO = LiveInputs(enable=True), LiveInputs()
 

@@ -9,7 +9,7 @@ from rehab_opt.cli import main
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.loop.log_file import LogFile
 from rehab_opt.loop.logged import Logged, read_log
-from rehab_opt.loop.of_problem import files_of, looped_problem, replay_problem
+from rehab_opt.loop.of_problem import files_of, replay_problem, run_in_time
 from rehab_opt.loop.records import state_layout
 from rehab_opt.session.files import load_problem
 
@@ -32,13 +32,24 @@ def test_a_problem_is_run_in_time_and_again_from_its_log(tmp_path: Path, capsys:
     n = len(logged.records)
     assert f"{n} of {n} commands come out the same" in capsys.readouterr().out
 
-    spoilt = logged.records.copy()
-    spoilt["command"][40, 1] += 1e-9
+    spoilt, at = logged.records.copy(), n // 2
+    spoilt["command"][at, 1] += 1e-9
     rewritten(logged, spoilt, tmp_path / "spoilt.mcap")
     main_ended(["replay", str(tmp_path / "spoilt.mcap")], 1)
     said = capsys.readouterr().out
-    assert f"first that does not: tick {int(spoilt['tick'][40])}" in said
+    assert f"first that does not: tick {int(spoilt['tick'][at])}" in said
     assert "the command differs by 1e-09" in said
+
+
+@pytest.mark.parametrize("name", ["mirror/franka_pick_fruit", "ardis/kinova_drink", "upper_limb/scenario_1_stretch"])
+def test_every_kind_that_is_live_is_run_in_time_and_again(name: str, tmp_path: Path) -> None:
+    path = tmp_path / "trace.mcap"
+    report, lost = run_in_time(load_problem(name), seconds=0.3, log=path)
+    logged = read_log(path)
+    again = replay_problem(logged)
+    assert (lost, again.first, again.same) == (0, "", len(logged.records))
+    assert again.ticks == report.ticks > 10
+    assert not (logged.records["status"] == b"holding").all()
 
 
 def main_ended(arguments: list[str], code: int) -> None:
@@ -85,4 +96,4 @@ def test_the_log_of_another_program_is_not_for_the_command() -> None:
 
 def test_problems_that_do_not_run_in_time_are_refused() -> None:
     with pytest.raises(ConfigurationError, match="pose_tracking"):
-        looped_problem(load_problem("upper_limb/figure_eight"))
+        run_in_time(load_problem("upper_limb/figure_eight"), seconds=0.1)

@@ -10,7 +10,7 @@ import pytest
 from rehab_opt import ConfigurationError, SerialChain, export_c, ur5
 from rehab_opt.plants.own_arm import own_arm_model
 from rehab_opt.session.files import load_problem
-from rehab_opt.session.pose_tracking.outcome import RobotOutcome
+from rehab_opt.session.pose_tracking.run import RobotOutcome
 from rehab_opt.session.run import run_problem
 from tests.export.calling_c import Built, largest_difference
 from tests.export.conftest import among_workers, built, c_compiler  # noqa: F401  (fixtures)

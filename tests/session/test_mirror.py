@@ -22,9 +22,8 @@ from bench.measured_lag import measured_lag
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.session.files import load_problem, problem_of, shipped_problems
 from rehab_opt.session.mirror.metrics import passed_share
-from rehab_opt.session.mirror.outcome import BEFORE, PLAN, STEP, Led, MirrorOutcome
+from rehab_opt.session.mirror.outcome import BEFORE, PLAN, STEP, Led, MirrorOutcome, mirror_columns
 from rehab_opt.session.mirror.table import mirror_table
-from rehab_opt.session.mirror.trace import mirror_columns
 from rehab_opt.session.report import metrics_json, write_report
 from rehab_opt.session.run import checked, run_problem
 from tests.control.mirror_campaign import closed_form

@@ -16,7 +16,7 @@ from rehab_opt.session.many.participant import Participant
 from rehab_opt.session.many.participant_table import cell_value, replaced
 from rehab_opt.session.many.participants import participants_of
 from rehab_opt.session.upper_limb.problem import UpperLimb
-from rehab_opt.session.workspaces.problem import WorkspaceProblem
+from rehab_opt.session.workspaces.run import WorkspaceProblem
 
 Write = Callable[[str, str | bytes], Path]
 

@@ -15,13 +15,10 @@ import pytest
 from rehab_opt.session.files import load_problem
 from rehab_opt.session.report import metrics_json, write_trace
 from rehab_opt.session.run import run_problem
-from rehab_opt.session.upper_limb.figures import arm_figures
-from rehab_opt.session.upper_limb.notes import hurried, law_notes
-from rehab_opt.session.upper_limb.outcome import ArmOutcome, LawResult
+from rehab_opt.session.upper_limb.outcome import ArmOutcome, LawResult, arm_columns, hurried, law_notes
 from rehab_opt.session.upper_limb.problem import UpperLimb
 from rehab_opt.session.upper_limb.run import verified
-from rehab_opt.session.upper_limb.table import arm_table
-from rehab_opt.session.upper_limb.trace import arm_columns
+from rehab_opt.session.upper_limb.shown import arm_figures, arm_table
 
 
 def run(name: str) -> ArmOutcome:

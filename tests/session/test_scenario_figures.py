@@ -16,15 +16,13 @@ from rich.console import Console
 
 from rehab_opt.control.command import Bound
 from rehab_opt.control.gate import Mode
-from rehab_opt.session.scenario.along_figure import along_figure, fields_along, force_along
-from rehab_opt.session.scenario.field_figure import field_figure, gated_forces
+from rehab_opt.session.scenario.field_figures import field_figure, gated_forces
 from rehab_opt.session.scenario.figures import scenario_figures
-from rehab_opt.session.scenario.outcome import ScenarioOutcome
-from rehab_opt.session.scenario.parameter_figure import variants
+from rehab_opt.session.scenario.outcome import RATE, ScenarioOutcome, thinned_ticks, trial_columns
+from rehab_opt.session.scenario.parameter_figures import along_figure, fields_along, force_along, variants
 from rehab_opt.session.scenario.plane_drawing import LAW_NAMES, mean_over_trials
 from rehab_opt.session.scenario.table import scenario_table
-from rehab_opt.session.scenario.trace import RATE, thinned_ticks, trial_columns
-from rehab_opt.session.scenario.trials_figure import largest_between, trials_figure
+from rehab_opt.session.scenario.trials_figures import largest_between, trials_figure
 from tests.session.made_trials import ALONE, COMFORTABLE, REACHABLE, made_outcome, trial_of
 
 NAMES: dict[Mode, set[str]] = {

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from rehab_opt.errors import ProblemFileError
-from rehab_opt.session.ardis.loop import Law, Motion, Optimised, Published, moved
 from rehab_opt.session.ardis.measures import drive_metrics
-from rehab_opt.session.ardis.outcome import ArdisOutcome, DriveOutcome
+from rehab_opt.session.ardis.outcome import ArdisOutcome, DriveOutcome, Motion, Published, StickLaw, moved
 from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
 from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, room_of, start_of
 from rehab_opt.session.ardis.stick import StickRecording, read_stick
@@ -62,7 +61,7 @@ def run_ardis(loaded: ProblemFile[ArdisProblem], *, solver: str | None, progress
     if problem.robot.file is not None and problem.plant.kind != "ideal":
         raise ProblemFileError(loaded.file, "plant.kind", problem.plant.kind, OWN_ARM)
 
-    def run(drive: DriveName, name: str, law: Law) -> Motion:
+    def run(drive: DriveName, name: str, law: StickLaw) -> Motion:
         table = problem.plant
         plant = None if table.kind == "ideal" else chair_plant(table, robot, robot.drive(drive), dt)
         return moved(
@@ -72,7 +71,7 @@ def run_ardis(loaded: ProblemFile[ArdisProblem], *, solver: str | None, progress
 
     drives = {}
     for drive in sticks:
-        ours = Optimised(resolver_of(loaded, robot, drive, solver=solver))
+        ours = resolver_of(loaded, robot, drive, solver=solver)
         theirs = Published(PseudoinverseLaw(robot, drive=drive, self_motion=problem.run.self_motion))
         drives[drive] = DriveOutcome(published=run(drive, "published", theirs), optimised=run(drive, "optimised", ours))
     metrics = {

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,11 +13,45 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.control.command import Command
 from rehab_opt.plants.plant import Measurement
 from rehab_opt.plants.touched import TouchedPlant
-from rehab_opt.session.live.inputs import LiveInputs
 
-__all__ = ["LiveControl", "LiveProblem"]
+__all__ = ["AT_REST", "LiveControl", "LiveInputs", "LiveProblem"]
 
 Array = NDArray[np.float64]
+
+
+Triple = tuple[float, float, float]
+
+NOWHERE = (math.nan, math.nan, math.nan)
+
+
+class LiveInputs(NamedTuple):
+    """One state of the page's controls; places and forces in the base frame."""
+
+    enable: bool = False
+    """The dead-man."""
+    target: Triple = NOWHERE
+    """[m] where the hand, or its target, is dragged to; NaN where nobody drags: the problem's own reference."""
+    push: Triple = (0.0, 0.0, 0.0)
+    """[N] on the hand."""
+    stick: tuple[float, float] = (0.0, 0.0)
+    """Deflection forward and to the left, -1 to 1."""
+    switch: bool = False
+    gripper: bool = False
+    frozen: int = -1
+    """Encoder that repeats its last value; -1 for none."""
+    noise: float = 0.0
+    """[rad, m] standard deviation that is added to every position."""
+    delay: float = 0.0
+    """[s] by which measurements are late, besides the plant's own delay."""
+
+    @property
+    def dragged(self) -> bool:
+        """Whether there is a target."""
+        return all(map(math.isfinite, self.target))
+
+
+AT_REST = LiveInputs()
+"""Nobody there: the dead-man released, nothing touched."""
 
 
 class LiveControl(ABC):
@@ -51,8 +86,8 @@ class LiveProblem(ABC):
 
     Attributes
     ----------
-    title : of the page. dt : [s] of a tick. encoders : how many positions the plant measures.
-    commanded, force : sizes of a command, and of a force on the hand.
+    title : of the page. dt : [s] of a tick. names : of the joints, or coordinates, that are measured and commanded.
+    force : size of a force on the hand.
     layout : names and sizes of the numbers that go from the controller to the page.
     """
 
@@ -60,10 +95,14 @@ class LiveProblem(ABC):
     """Of "target", "push", "stick", "faults": what of the page does something here."""
     title: str
     dt: float
-    encoders: int
-    commanded: int
+    names: tuple[str, ...]
     force: int = 3
     layout: Mapping[str, int]
+
+    @property
+    def encoders(self) -> int:
+        """How many positions the plant measures."""
+        return len(self.names)
 
     @abstractmethod
     def control(self) -> LiveControl:
@@ -75,7 +114,9 @@ class LiveProblem(ABC):
 
     @abstractmethod
     def scene(self) -> dict[str, Any]:
-        """What the page is told once: see `rehab_opt.live.page`."""
+        """What the page is told once: see `rehab_opt.live.page`; here what all problems tell it."""
+        encoders = [name.replace("_", " ") for name in self.names]
+        return {"title": self.title, "controls": sorted(self.controls), "encoders": encoders}
 
     @abstractmethod
     def frame(self, shown: Mapping[str, Array]) -> dict[str, Any]:

@@ -22,7 +22,7 @@ from rehab_opt.session.mirror.outcome import Led
 from rehab_opt.session.mirror.problem import MirrorProblem
 from rehab_opt.session.mirror.scene import Scene
 from rehab_opt.session.outcome import Progress
-from rehab_opt.session.plant.motion import MotionLog
+from rehab_opt.session.plant.loop import MotionLog
 
 __all__ = ["followed", "planned", "searched", "tracker_of", "without_floor"]
 

@@ -16,8 +16,7 @@ from rehab_opt.plants.plant import Measurement
 from rehab_opt.plants.touched import TouchedPlant
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.bodies import BLUE, GREEN, ORANGE, RED, ArmBodies, joint_rows, near_limit, screen
-from rehab_opt.session.live.inputs import LiveInputs
-from rehab_opt.session.live.problem import LiveControl, LiveProblem
+from rehab_opt.session.live.problem import LiveControl, LiveInputs, LiveProblem
 from rehab_opt.session.mirror.laws import tracker_of
 from rehab_opt.session.mirror.problem import MirrorProblem
 from rehab_opt.session.mirror.scene import laid_out
@@ -42,7 +41,7 @@ class LiveMirror(LiveProblem):
         self._loaded, self.title, self.dt = loaded, loaded.problem.title, 1 / loaded.problem.tracker.rate_hz
         self._scene = laid_out(loaded)
         self.robot = self._scene.robot
-        self.encoders = self.commanded = self.robot.n
+        self.names = tuple(self.robot.names)
         self.layout = {"q": self.robot.n, "asked": 3, "target": 3, "force": 3, "lag": 1, "manipulability": 1}
         self._arm = ArmBodies(self.robot)
         self._person: tuple[ArmBodies, PersonLimit] | None = None
@@ -68,6 +67,7 @@ class LiveMirror(LiveProblem):
         planes = [_square(np.array(each.point_m), np.array(each.normal), path) for each in section.keep_out]
         shown = joint_rows(self.robot if self._person is None else self._person[0].chain)
         return {
+            **super().scene(),
             "lines": [
                 {"points": path.round(4).tolist(), "colour": BLUE},
                 *({"points": each, "colour": RED} for each in planes),
@@ -77,7 +77,6 @@ class LiveMirror(LiveProblem):
             "screen": screen(path),
             "joints": shown,
             "jointtitle": "The person's joints within their range" if self._person else "Joints within their limits",
-            "encoders": [name.replace("_", " ") for name in self.robot.names],
             "noise": "mrad",
             "plots": [
                 {"name": "hand from the mirrored pose", "unit": "mm", "line": section.max_deviation_mm},

@@ -1,7 +1,8 @@
-"""What a robot did that led a hand along a mirrored path."""
+"""What a robot did that led a hand along a mirrored path, tick by tick."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -9,12 +10,14 @@ from numpy.typing import NDArray
 
 from rehab_opt.kinematics.vr import Mirror
 from rehab_opt.published.astar import AStarPath
-from rehab_opt.session.outcome import MovementOutcome
-from rehab_opt.session.plant.motion import JointMotion
+from rehab_opt.session.outcome import MovementOutcome, joint_columns, point_columns
+from rehab_opt.session.plant.loop import JointMotion
+from rehab_opt.session.systems import Column
 
-__all__ = ["LAWS", "Led", "MirrorOutcome"]
+__all__ = ["Led", "MirrorOutcome", "mirror_columns"]
 
 Array = NDArray[np.float64]
+
 
 BEFORE, STEP, PLAN = "without floor", "step", "plan"
 LAWS = (BEFORE, STEP, PLAN)
@@ -96,3 +99,22 @@ class MirrorOutcome(MovementOutcome):
     astar: AStarPath | None = field(kw_only=True)
     max_deviation: float = field(kw_only=True)
     linear_speed: float = field(kw_only=True)
+
+
+def mirror_columns(outcome: MirrorOutcome) -> Iterator[Column]:
+    """One row a tick of each law, one law after the other; cells are empty where there is no reference."""
+    laws = outcome.laws
+    yield "law", tuple(name for name, led in laws.items() for _ in led.time)
+    for name in ("time", "lag"):
+        unit = "t_s" if name == "time" else "lag_s"
+        yield unit, np.concatenate([getattr(led, name) for led in laws.values()]).tolist()
+    yield "pace", np.concatenate([led.pace for led in laws.values()]).tolist()
+    yield from point_columns("reference", np.concatenate([led.reference[:, :3, 3] for led in laws.values()]))
+    yield from point_columns("tool", np.concatenate([led.tool[:, :3, 3] for led in laws.values()]))
+    yield "deviation_m", np.concatenate([led.deviation for led in laws.values()]).tolist()
+    yield "turn_rad", np.concatenate([led.turn for led in laws.values()]).tolist()
+    yield "manipulability", np.concatenate([led.manipulability for led in laws.values()]).tolist()
+    yield "status", tuple(each for led in laws.values() for each in led.status)
+    yield "yielded", tuple(each for led in laws.values() for each in led.yielded)
+    yield from joint_columns("joint", outcome.chain, np.concatenate([led.q for led in laws.values()]), "rad")
+    yield from joint_columns("command", outcome.chain, np.concatenate([led.command for led in laws.values()]), "rad_s")

@@ -70,7 +70,7 @@ class MirrorSystem(System[MirrorProblem, "MirrorOutcome"]):
 
     def trace(self, outcome: MirrorOutcome) -> Iterator[Column]:
         """A row for each tick of each law."""
-        from rehab_opt.session.mirror.trace import mirror_columns  # noqa: PLC0415
+        from rehab_opt.session.mirror.outcome import mirror_columns  # noqa: PLC0415
 
         return mirror_columns(outcome)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -15,9 +16,8 @@ from rehab_opt.plants.plant import Measurement
 from rehab_opt.plants.touched import TouchedPlant
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.bodies import ARM_PLOTS, BLUE, ORANGE, ArmBodies, joint_rows, screen
-from rehab_opt.session.live.inputs import LiveInputs
-from rehab_opt.session.live.problem import LiveControl, LiveProblem
-from rehab_opt.session.plant.making import joint_plant
+from rehab_opt.session.live.problem import LiveControl, LiveInputs, LiveProblem
+from rehab_opt.session.plant.making import joint_feedback, joint_plant
 from rehab_opt.session.pose_tracking.problem import PoseTracking
 from rehab_opt.session.pose_tracking.robot import circle_reference, robot_at_start, tracker_of
 
@@ -35,31 +35,34 @@ class LivePoseTracking(LiveProblem):
         self._loaded, self._solver, self.title = loaded, solver, loaded.problem.title
         self.robot, self.start = robot_at_start(loaded)
         self.dt = 1 / loaded.problem.tracker.rate_hz
-        self.encoders = self.commanded = self.robot.n
+        self.names = tuple(self.robot.names)
         self.layout = {"q": self.robot.n, "target": 3, "force": 3}
         self._arm = ArmBodies(self.robot)
 
+    @cached_property
     def reference(self) -> tuple[Array, Array]:
         """Poses (N, 4, 4) and twists (N, 6) of one pass of the circle, from rest to rest."""
         circle = self._loaded.problem.circle
-        times = np.arange(0.0, circle.duration_s, self.dt)
+        rate = self._loaded.problem.tracker.rate_hz
+        times = self.dt * np.arange(round(circle.duration_s * rate) + 1, dtype=np.float64)
         return circle_reference(self.robot.pose(self.start), circle, times)
 
     def control(self) -> LiveControl:
         """The tracker of `rehab-opt run`."""
         problem = self._loaded.problem
-        tracker = tracker_of(problem, self.robot, file=self._loaded.file, solver=self._solver)
+        feedback = joint_feedback(problem.plant)
+        tracker = tracker_of(problem, self.robot, file=self._loaded.file, solver=self._solver, feedback=feedback)
         plant = joint_plant(problem.plant, self.robot, self.dt)
-        return _Tracking(tracker, TouchedPlant(plant), self.start, self.reference())
+        return _Tracking(tracker, TouchedPlant(plant), self.start, self.reference)
 
     def scene(self) -> dict[str, Any]:
         """The circle, the joints' limits, what is plotted."""
-        path = self.reference()[0][:: max(1, round(0.05 / self.dt)), :3, 3]
+        path = self.reference[0][:: max(1, round(0.05 / self.dt)), :3, 3]
         return {
+            **super().scene(),
             "lines": [{"points": path.round(4).tolist(), "colour": BLUE, "name": "reference"}],
             "screen": screen(path),
             "joints": joint_rows(self.robot),
-            "encoders": [name.replace("_", " ") for name in self.robot.names],
             "noise": "mrad",
             "plots": [
                 {"name": "position error", "unit": "mm", "least": 1.0},

@@ -8,10 +8,8 @@ from rich.table import Table
 from rich.text import Text
 
 from rehab_opt.session.cells import Numbers, Rows, counts, margin, millimetres, speed, spread, statuses, times
-from rehab_opt.session.drawing import GRID, MM, REFERENCE, framed, legend_below
-from rehab_opt.session.joint_figure import LAW_STYLES, joint_figure
-from rehab_opt.session.plant.figure import servo_figure
-from rehab_opt.session.pose_tracking.outcome import RobotOutcome
+from rehab_opt.session.drawing import GRID, LAW_STYLES, MM, REFERENCE, framed, joint_figure, legend_below, servo_figure
+from rehab_opt.session.pose_tracking.run import RobotOutcome
 
 __all__ = ["figures", "table"]
 

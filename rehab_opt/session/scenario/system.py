@@ -11,11 +11,11 @@ from rehab_opt.session.live.problem import LiveProblem
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.participant import arm_of
 from rehab_opt.session.plant.making import on_plant
-from rehab_opt.session.scenario.bounds import check_bounds
 from rehab_opt.session.scenario.demonstrated import learnt, needed_demonstrations
-from rehab_opt.session.scenario.given_path import given_path
+from rehab_opt.session.scenario.laws import check_bounds
+from rehab_opt.session.scenario.loop import robot_model_of
 from rehab_opt.session.scenario.outcome import ScenarioOutcome
-from rehab_opt.session.scenario.plant import robot_model_of
+from rehab_opt.session.scenario.prepared import given_path
 from rehab_opt.session.scenario.problem import ScenarioProblem
 from rehab_opt.session.scenario.run import run_scenario
 from rehab_opt.session.solver_option import checked_solver
@@ -87,7 +87,7 @@ class ScenarioSystem(System[ScenarioProblem, ScenarioOutcome]):
 
     def trace(self, outcome: ScenarioOutcome) -> Iterator[Column]:
         """Law by law, trial by trial."""
-        from rehab_opt.session.scenario.trace import trial_columns  # noqa: PLC0415
+        from rehab_opt.session.scenario.outcome import trial_columns  # noqa: PLC0415
 
         return trial_columns(outcome)
 

@@ -10,9 +10,8 @@ from rich.text import Text
 
 from rehab_opt.control.gate import Mode
 from rehab_opt.session.cells import Numbers
-from rehab_opt.session.scenario.measures import REACHES
+from rehab_opt.session.scenario.measures import REACHES, law_summary
 from rehab_opt.session.scenario.outcome import ScenarioOutcome
-from rehab_opt.session.scenario.summary import law_summary
 
 __all__ = ["scenario_table"]
 

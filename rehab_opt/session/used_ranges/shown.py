@@ -14,7 +14,7 @@ from rich.text import Text
 from rehab_opt.kinematics.human_arm import ARM_JOINTS
 from rehab_opt.session.drawing import GRID, MM, REFERENCE, framed, legend_below
 from rehab_opt.session.reach_rows import GROUPS, task_title
-from rehab_opt.session.used_ranges.outcome import GroupResult, UsedRangesOutcome
+from rehab_opt.session.used_ranges.run import GroupResult, UsedRangesOutcome
 from rehab_opt.session.workspaces.reached import handle_words, plane_words
 from rehab_opt.session.workspaces.region_drawing import (
     SET_STYLES,

@@ -13,7 +13,7 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 
 from rehab_opt.session.drawing import ACROSS, FORWARD, GRID, MM, REFERENCE
-from rehab_opt.session.workspaces.outcome import rings
+from rehab_opt.session.workspaces.run import rings
 from rehab_opt.session.workspaces.sections import ArmInPlane
 from rehab_opt.workspace.region import Workspace
 

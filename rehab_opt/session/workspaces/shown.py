@@ -13,7 +13,6 @@ from rich.text import Text
 
 from rehab_opt.session.cells import Numbers, Rows
 from rehab_opt.session.drawing import MM, framed, legend_below
-from rehab_opt.session.workspaces.outcome import WorkspaceOutcome
 from rehab_opt.session.workspaces.reached import handle_words, plane_words
 from rehab_opt.session.workspaces.region_drawing import (
     SET_STYLES,
@@ -23,6 +22,7 @@ from rehab_opt.session.workspaces.region_drawing import (
     region_label,
     seen_from_above,
 )
+from rehab_opt.session.workspaces.run import WorkspaceOutcome
 
 __all__ = ["AREA_ROWS", "figures", "percent", "set_columns", "table"]
 
