@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rehab_opt.control.command import Command, Status
 from rehab_opt.errors import RehabOptError
 from rehab_opt.loop.loop import Loop
 from rehab_opt.loop.of_problem import decide_of
@@ -70,9 +71,14 @@ def _run(problem: LiveProblem, given: SharedRing, state: SharedRing, shown: Shar
     assert parent is not None
     every = max(1, round(1 / (SHOWN_HZ * problem.dt)))
     control.plant.reset(control.start)
+    drawn: tuple[int, Status] | None = None
 
-    def show(tick: Tick) -> None:
-        if tick.number % every == 0:
+    def show(tick: Tick, command: Command) -> None:
+        nonlocal drawn
+        # At every change of the status, too: else the page says that a robot is at rest, and draws where it was before.
+        now = tick.number // every, command.status
+        if now != drawn:
+            drawn = now
             shown.write(mode=control.mode, **control.shown())
 
     decide = decide_of(problem, control, then=show)

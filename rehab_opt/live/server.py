@@ -194,7 +194,7 @@ class LivePage:
         last, absent = -1, False
         while not self._refused:
             await asyncio.sleep(1 / FRAMES_HZ)
-            state, shown = self._state.latest(), self._shown.latest()
+            state, shown = self._state.latest(), self._shown.latest()  # in this order: the picture is the newer one
             text = self._absence(state)
             if absent and not text:
                 self._seat()  # what was lost is there again

@@ -39,10 +39,12 @@ HOME = "folder"
 BUTTONS = {"switch": 1, "gripper": 2}
 
 
-def decide_of(problem: LiveProblem, control: LiveControl, *, then: Callable[[Tick], None] = lambda _: None) -> Decide:
+def decide_of(
+    problem: LiveProblem, control: LiveControl, *, then: Callable[[Tick, Command], None] = lambda *_: None
+) -> Decide:
     """The controller of a problem as a loop calls it, following the problem's own reference where nobody operates.
 
-    `then` is told each tick after it.
+    `then` is told each tick and its command.
     """
     plant = control.plant
 
@@ -53,7 +55,7 @@ def decide_of(problem: LiveProblem, control: LiveControl, *, then: Callable[[Tic
             inputs = problem.untouched(tick.time) if tick.enabled else AT_REST
         plant.frozen, plant.noise, plant.delay = inputs.frozen, inputs.noise, inputs.delay
         command = control.step(inputs, tick.seen)
-        then(tick)
+        then(tick, command)
         return command
 
     return decide

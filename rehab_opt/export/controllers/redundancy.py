@@ -16,7 +16,7 @@ from rehab_opt.control.task_rows import FRAMES
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.export.c_text import indented, initialiser, number
 from rehab_opt.export.exported import ExportedController, ExportedVelocity, Law
-from rehab_opt.export.recording import Recording, Tick, recorded, thinned, with_faults
+from rehab_opt.export.recording import Recording, Tick, recorded, standing, thinned, with_faults
 from rehab_opt.export.rungs import as_in_c
 from rehab_opt.optim.ladder import BACKUP, FUSED
 from rehab_opt.session.ardis.outcome import moved
@@ -139,6 +139,7 @@ def _recording(resolver: RedundancyResolver, run: Sequence[Tick], of: str) -> Re
             lambda tick: {**tick, "q": np.minimum(robot.chain.upper, 10.0) + 0.05},  # beyond every limit
         ),
     )  # fmt: skip
+    ticks += standing(ticks, dt=resolver.dt)
     frames = {int(value): name for name, value in FRAMES.items()}
 
     def answer(tick: Tick) -> Command:
@@ -150,7 +151,7 @@ def _recording(resolver: RedundancyResolver, run: Sequence[Tick], of: str) -> Re
 
     about = (
         f"{len(ticks)} ticks of {of}, with faults among them: numbers that are none, stamps that are wrong, the enable "
-        "input released"
+        "input released, encoders that stand still"
     )
     resolver.reset()
     with as_in_c(*(law._ladder for law in resolver._sets.values())):
