@@ -99,7 +99,7 @@ def metrics_json(outcome: Outcome) -> str:
 
 def write_trace(outcome: Outcome, path: Path) -> None:
     """One column a quantity, its unit at the end of its name; a number that is not there (NaN) is an empty cell."""
-    columns = dict(system_named(outcome.system).trace(outcome))
+    columns = dict(outcome.trace())
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)

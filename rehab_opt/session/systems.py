@@ -12,7 +12,7 @@ Nothing else has to know it, and nothing of it is imported before it is asked fo
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
@@ -148,10 +148,6 @@ class System(Generic[P, O]):
         """The result for the terminal."""
         made: Table = self._draws("table")(outcome)
         return made
-
-    def trace(self, outcome: O) -> Iterable[Column]:
-        """The columns of trace.csv, all of one length."""
-        return outcome.trace()
 
     def figures(self, outcome: O) -> dict[str, Figure]:
         """The figures by file name, without suffix."""

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import datetime
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -106,7 +106,8 @@ class Trial:
     status : "done", or why `error` says it is not.
     seconds : what computing it took [s].
     problem, software : as it was run, and with which versions.
-    files : where traces lie.
+    trace : samples, of which the study keeps a copy as Parquet (with pyarrow): a .csv, or columns (N,) by name.
+    files : that belong to the trial, and stay where they lie.
     outline : closed polygon (N, 2) [m] of the ground that the hand covered.
     """
 
@@ -120,6 +121,7 @@ class Trial:
     notes: Sequence[str] = ()
     problem: ProblemText | None = None
     software: str | None = None
+    trace: Path | Mapping[str, Any] | None = None
     files: Sequence[StoredFile] = ()
     bounds: Sequence[Bound] = ()
     events: Sequence[Event] = ()

@@ -10,10 +10,10 @@ from rich.text import Text
 from rehab_opt.session.cells import Numbers, Rows, counts, margin, millimetres, speed, spread, statuses, times
 from rehab_opt.session.mirror.outcome import MirrorOutcome
 
-__all__ = ["mirror_table"]
+__all__ = ["table"]
 
 
-def mirror_table(outcome: MirrorOutcome) -> Table:
+def table(outcome: MirrorOutcome) -> Table:
     """Rows of quantities with their units; A* is a path without times and without a robot that follows it."""
     numbers = outcome.metrics
     reference, astar = numbers["reference"], numbers["astar"]
@@ -23,18 +23,18 @@ def mirror_table(outcome: MirrorOutcome) -> Table:
         f"{100 * reference['faster_than_cap_share_of_time']:.0f} % of the time; "
         f"filter lag {1e3 * reference['filter_lag_s']:.0f} ms"
     )
-    table = Table(title=Text(outcome.title), caption=Text(caption), caption_justify="left")
-    table.add_column("quantity")
+    grid = Table(title=Text(outcome.title), caption=Text(caption), caption_justify="left")
+    grid.add_column("quantity")
     for name in numbers["laws"]:
-        table.add_column(name, justify="right")
+        grid.add_column(name, justify="right")
     if astar is not None:
-        table.add_column(f"A*, {numbers['parameters']['astar']['resolution_mm']:g} mm", justify="right")
+        grid.add_column(f"A*, {numbers['parameters']['astar']['resolution_mm']:g} mm", justify="right")
     for label, value in MIRROR_ROWS:
         row = [value(of) for of in numbers["laws"].values()]
         if astar is not None:
             row.append(ASTAR_CELLS[label](astar) if label in ASTAR_CELLS else "-")
-        table.add_row(label, *row)
-    return table
+        grid.add_row(label, *row)
+    return grid
 
 
 def _ends(of: Numbers) -> str:

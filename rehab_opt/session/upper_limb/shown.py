@@ -29,20 +29,20 @@ from rehab_opt.session.drawing import (
 from rehab_opt.session.outcome import Outcome
 from rehab_opt.session.upper_limb.outcome import DRIVEN_DEG, ArmOutcome, Drive
 
-__all__ = ["arm_figures", "arm_table"]
+__all__ = ["figures", "table"]
 
 Array = NDArray[np.float64]
 
 
-def arm_table(outcome: ArmOutcome) -> Table:
+def table(outcome: ArmOutcome) -> Table:
     """Rows of quantities with their units, a column for each law."""
-    table = Table(title=Text(outcome.title), caption=_caption(outcome), caption_justify="left")
-    table.add_column("quantity")
+    grid = Table(title=Text(outcome.title), caption=_caption(outcome), caption_justify="left")
+    grid.add_column("quantity")
     for run in outcome.laws:
-        table.add_column(run.law, justify="right")
+        grid.add_column(run.law, justify="right")
     for label, value in ARM_ROWS:
-        table.add_row(label, *(value(outcome.metrics[run.law]) for run in outcome.laws))
-    return table
+        grid.add_row(label, *(value(outcome.metrics[run.law]) for run in outcome.laws))
+    return grid
 
 
 def _caption(outcome: Outcome) -> str:
@@ -102,7 +102,7 @@ ARM_ROWS: Rows = (
 SEEN = 1.0  # [mm] from which a height off the plane is worth a word
 
 
-def arm_figures(outcome: ArmOutcome) -> dict[str, Figure]:
+def figures(outcome: ArmOutcome) -> dict[str, Figure]:
     """The figures of a run by file name (without suffix)."""
     drives = {f"{law} law, driven": (drive, LAW_STYLES[law]) for law, drive in _drives(outcome)}
     joints = {label: (drive.path.positions, style) for label, (drive, style) in drives.items()}
