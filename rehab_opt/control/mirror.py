@@ -50,7 +50,7 @@ class MirrorTracker(MirrorForeseen):
     the hand near the reference and out of what it must not enter. Then the true state at the end of the tick is
     computed, and the step shortened where the tangents promised too much: w(q + q' dt) / w_max >= min(floor, w / w_max)
     holds in every tick, also while braking. Where the acceleration bound is in the way of it, it yields, is flagged and
-    counted.
+    counted. That happens to an arm that was put or pushed somewhere: ticks end where it can brake (`HandBounds`).
 
     The reference is read by a clock. It slows down where the reference is faster than the hand may be, where the
     deviation grows and where the person pushes, waits at the largest deviation, and catches up afterwards; what was
@@ -67,7 +67,7 @@ class MirrorTracker(MirrorForeseen):
     floor : least w / w_max, above 0 and below 1; w is Yoshikawa's measure, w_max its maximum over all postures of the
         chain.
     max_deviation : [m] of the tool from the reference that the clock stands at, cut to what it can do (`short`).
-    max_turn : [rad] of the tool from it, cut in the same way, from which the clock waits; no bound of the QP.
+    max_turn : [rad] of the tool from it, cut in the same way, that the clock stands at; no row of the QP.
     linear_speed, angular_speed : [m/s, rad/s] largest hand speeds; the linear one is a bound on the tool's origin that
         holds at every instant of every tick, the other one slows what is wanted.
     keep_out : planes, by `KeepOut.through(point, normal)`, beyond which at the end of no tick there is a link's capsule

@@ -181,7 +181,7 @@ class MirrorStatement(PoseTracker):
         w, gradient = self.hand_bounds.manipulability(q)
         hand = self.chain.jacobian_expression(q)[:3, :] @ velocity
         here = self.chain.pose_expression(q)
-        kept, now, then, _ = self.hand_bounds.kept(
+        kept, braking, then, _ = self.hand_bounds.kept(
             q, velocity, centre, w=w, gradient=gradient, here=here[:3, 3], hand=hand
         )
         aimed = ca.reshape(target, 4, 4)[:3, :3]  # by rows: its transpose
@@ -192,7 +192,7 @@ class MirrorStatement(PoseTracker):
         ]  # fmt: skip
         least = ca.fmin(cosines[0], ca.cos(ca.fmin(turn, math.pi)))
         turns = [each >= least - ROUNDING for each in cosines[1:]]
-        outputs = ca.vertcat(ca.logic_and(kept, all_true(*turns)), ca.logic_and(now, turns[0]), then)
+        outputs = ca.vertcat(ca.logic_and(kept, all_true(*turns)), braking, then)
         return ca.Function("audit", [q, velocity, centre, target, turn], [ca.densify(outputs)], {"cse": True})
 
     def instance(self, q: ArrayLike, *inputs: ArrayLike) -> Instance:
@@ -201,9 +201,9 @@ class MirrorStatement(PoseTracker):
 
     # --------------------------------------------------------------------------------------------- true bounds
     def _kept(self, q: Array, value: Array, held: Held, *, braked: bool = False) -> bool:
-        """Whether a velocity keeps every bound, and braking after it does; with `braked` that is not asked."""
-        kept, now, self._then = self._audit.of(q, value, held.centre, held.target.ravel(), held.turn).tolist()
-        return bool(now if braked else kept)
+        """Whether a velocity keeps every bound and can be braked; with `braked` what a tick of braking has to keep."""
+        kept, braking, self._then = self._audit.of(q, value, held.centre, held.target.ravel(), held.turn).tolist()
+        return bool(braking if braked else kept)
 
     @property
     def _braked(self) -> Array:

@@ -39,11 +39,6 @@ ARMS = {
 }
 
 
-@pytest.fixture(autouse=True)
-def uncompiled(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("REHAB_OPT_COMPILE", "off")
-
-
 def problem_of(folder: Path, arm: str) -> str:
     urdf, tip, start, _ = ARMS[arm]
     (folder / "robot.toml").write_text(ROBOT.format(urdf=ROBOTS / urdf, tip=tip))

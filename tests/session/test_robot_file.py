@@ -58,12 +58,6 @@ tool_deg = [-90, 0, 0]
 """
 
 
-@pytest.fixture(autouse=True)
-def uncompiled(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Runs are short: to compile a tracker takes longer than they do."""
-    monkeypatch.setenv("REHAB_OPT_COMPILE", "off")
-
-
 @pytest.fixture
 def problem(tmp_path: Path) -> Callable[..., str]:
     """Writes a problem, its robot file and URDF; the path of the first."""

@@ -21,14 +21,20 @@ from rehab_opt.symbolic.compiled import _compiler, compiled
 
 pytestmark = pytest.mark.skipif(_compiler() is None, reason="no C compiler on this machine")
 MACHINE_CODE, VIRTUAL_MACHINE = "External", "SXFunction"
-PATIENCE = 600.0
-"""[s] A compiler at idle priority waits for whatever else runs on the machine."""
+PATIENCE = 300.0
+"""[s] that something may take on a busy machine."""
 START = np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.0])
 
 
 @pytest.fixture(autouse=True)
 def empty_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """With a `nice` that sees what it is asked for and does not do it: a busy machine gets to no idle compiler."""
     assert finished(PATIENCE)
+    nice = tmp_path / "bin" / "nice"
+    nice.parent.mkdir()
+    nice.write_text('#!/bin/sh\n[ "$1 $2" = "-n 19" ] && shift 2 && exec "$@"\n')
+    nice.chmod(0o700)
+    monkeypatch.setenv("PATH", f"{nice.parent}{os.pathsep}{os.environ['PATH']}")
     monkeypatch.setenv("REHAB_OPT_CACHE", str(tmp_path / "cache"))
     monkeypatch.delenv("REHAB_OPT_COMPILE", raising=False)
     return tmp_path / "cache"

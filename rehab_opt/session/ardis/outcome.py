@@ -91,7 +91,7 @@ class Steering(LiveControl):
         asked = self.asked = self._joystick.step(axes, switch=inputs.switch, gripper=inputs.gripper)
         self.mode = self._joystick.mode.name
         command = self._law.step(
-            seen.position, asked.twist, asked.rows, asked.frame, enable=inputs.enable, stamp=seen.stamp
+            seen.position, asked.twist, asked.rows, asked.frame, enable=inputs.enable, stamp=self.stamp(seen)
         )
         return command._replace(reason=asked.reason) if inputs.enable and not command.reason else command
 

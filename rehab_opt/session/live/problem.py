@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -60,13 +60,21 @@ class LiveControl(ABC):
     Parameters
     ----------
     plant : whose sensors can be spoilt through the page. start : (n,) [rad, m] where it begins, at rest.
+
+    Attributes
+    ----------
+    timed : whether the controller is told when things were seen; a run that waits for nobody tells nothing.
     """
 
     mode = ""
     """Of a stick; empty where there is none."""
 
     def __init__(self, plant: TouchedPlant, start: Array) -> None:
-        self.plant, self.start = plant, start
+        self.plant, self.start, self.timed = plant, start, True
+
+    def stamp(self, seen: Measurement) -> float | None:
+        """[s] when something was seen, for the controller's watchdog; None while `timed` is false."""
+        return seen.stamp if self.timed else None
 
     @abstractmethod
     def step(self, inputs: LiveInputs, seen: Measurement) -> Command:
@@ -79,6 +87,70 @@ class LiveControl(ABC):
     @abstractmethod
     def shown(self) -> Mapping[str, ArrayLike]:
         """What the page draws of this tick, by the names of `LiveProblem.layout`."""
+
+
+class Tracker(Protocol):
+    """Something that leads a tool along poses, as `PoseTracker` and `MirrorTracker` do."""
+
+    def step(self, q: Array, pose: Array, twist: Array, *, enable: object, stamp: float | None) -> Command:
+        """Joint velocities (n,) of a tool that should now be at `pose` (4, 4) and move at `twist` (6,)."""
+        ...
+
+
+class Following(LiveControl):
+    """A tracker along a reference, which waits for whoever lets go, until somebody drags the target.
+
+    Parameters
+    ----------
+    poses, twists : (N, 4, 4), (N, 6) of the reference, a row a tick.
+    then : at its end it begins again, goes back, or the tool stays at the last pose that is known.
+    """
+
+    def __init__(
+        self,
+        tracker: Tracker,
+        plant: TouchedPlant,
+        start: Array,
+        poses: Array,
+        twists: Array,
+        *,
+        then: Literal["again", "back", "stay"],
+    ) -> None:
+        super().__init__(plant, start)
+        self._tracker, self._poses, self._twists, self._then = tracker, poses, twists, then
+        self._passed, self._still = 0, np.zeros(6)
+        self.target: Array = poses[0].copy()
+
+    def step(self, inputs: LiveInputs, seen: Measurement) -> Command:
+        """The tracker's."""
+        twist = self._still
+        if inputs.dragged:
+            self.target[:3, 3] = inputs.target
+        elif inputs.enable:
+            self.target, twist = self._next()
+            self._passed += 1
+        return self.track(seen, twist, enable=inputs.enable)
+
+    def track(self, seen: Measurement, twist: Array, *, enable: bool) -> Command:
+        """The tracker's, towards `target`."""
+        return self._tracker.step(seen.position, self.target, twist, enable=enable, stamp=self.stamp(seen))
+
+    def shown(self) -> dict[str, ArrayLike]:
+        """Where the robot is, its target, the push."""
+        truth = self.plant.truth
+        return {"q": truth.position, "target": self.target[:3, 3], "force": truth.force}
+
+    def _next(self) -> tuple[Array, Array]:
+        n = len(self._poses)
+        if self._then == "stay" and self._passed >= n:
+            return self._poses[np.isfinite(self._poses[:, 0, 3])][-1], self._still
+        if self._then == "back" and n > 1:
+            at = self._passed % (2 * n - 2)
+            back = at >= n
+            at = 2 * n - 2 - at if back else at
+            return self._poses[at].copy(), -self._twists[at] if back else self._twists[at]
+        at = self._passed % n
+        return self._poses[at].copy(), self._twists[at]
 
 
 class LiveProblem(ABC):

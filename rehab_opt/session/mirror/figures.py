@@ -24,7 +24,7 @@ from rehab_opt.session.drawing import (
 )
 from rehab_opt.session.mirror.outcome import BEFORE, PLAN, STEP, MirrorOutcome
 
-__all__ = ["mirror_figures"]
+__all__ = ["figures"]
 
 Array = NDArray[np.float64]
 
@@ -39,7 +39,7 @@ LABELS = {BEFORE: "before: no floor", STEP: "tick by tick", PLAN: "planned as a 
 EVENTS = ("braking", "holding", "backup", "acceleration", "position", "task")
 
 
-def mirror_figures(outcome: MirrorOutcome) -> dict[str, Figure]:
+def figures(outcome: MirrorOutcome) -> dict[str, Figure]:
     """The figures of a run by file name (without suffix)."""
     led = outcome.laws
     drawn = {

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 
 from rehab_opt.kinematics.vr import Mirror
 from rehab_opt.published.astar import AStarPath
-from rehab_opt.session.outcome import MovementOutcome, joint_columns, point_columns
+from rehab_opt.session.outcome import Column, Columns, MovementOutcome, joint_columns, point_columns, stacked
 from rehab_opt.session.plant.loop import JointMotion
-from rehab_opt.session.systems import Column
 
-__all__ = ["Led", "MirrorOutcome", "mirror_columns"]
+__all__ = ["Led", "MirrorOutcome"]
 
 Array = NDArray[np.float64]
 
@@ -100,21 +99,23 @@ class MirrorOutcome(MovementOutcome):
     max_deviation: float = field(kw_only=True)
     linear_speed: float = field(kw_only=True)
 
+    def trace(self) -> Iterable[Column]:
+        """One row a tick of each law, one law after the other; cells are empty where there is no reference."""
+        return stacked(self._columns(name, led) for name, led in self.laws.items()).items()
 
-def mirror_columns(outcome: MirrorOutcome) -> Iterator[Column]:
-    """One row a tick of each law, one law after the other; cells are empty where there is no reference."""
-    laws = outcome.laws
-    yield "law", tuple(name for name, led in laws.items() for _ in led.time)
-    for name in ("time", "lag"):
-        unit = "t_s" if name == "time" else "lag_s"
-        yield unit, np.concatenate([getattr(led, name) for led in laws.values()]).tolist()
-    yield "pace", np.concatenate([led.pace for led in laws.values()]).tolist()
-    yield from point_columns("reference", np.concatenate([led.reference[:, :3, 3] for led in laws.values()]))
-    yield from point_columns("tool", np.concatenate([led.tool[:, :3, 3] for led in laws.values()]))
-    yield "deviation_m", np.concatenate([led.deviation for led in laws.values()]).tolist()
-    yield "turn_rad", np.concatenate([led.turn for led in laws.values()]).tolist()
-    yield "manipulability", np.concatenate([led.manipulability for led in laws.values()]).tolist()
-    yield "status", tuple(each for led in laws.values() for each in led.status)
-    yield "yielded", tuple(each for led in laws.values() for each in led.yielded)
-    yield from joint_columns("joint", outcome.chain, np.concatenate([led.q for led in laws.values()]), "rad")
-    yield from joint_columns("command", outcome.chain, np.concatenate([led.command for led in laws.values()]), "rad_s")
+    def _columns(self, name: str, led: Led) -> Columns:
+        return {
+            "law": (name,) * len(led.time),
+            "t_s": led.time,
+            "lag_s": led.lag,
+            "pace": led.pace,
+            **dict(point_columns("reference", led.reference[:, :3, 3])),
+            **dict(point_columns("tool", led.tool[:, :3, 3])),
+            "deviation_m": led.deviation,
+            "turn_rad": led.turn,
+            "manipulability": led.manipulability,
+            "status": led.status,
+            "yielded": led.yielded,
+            **dict(joint_columns("joint", self.chain, led.q, "rad")),
+            **dict(joint_columns("command", self.chain, led.command, "rad_s")),
+        }

@@ -90,7 +90,7 @@ def simulate(
         there may be.
     """
     plant, rows, seconds = control.plant, list[tuple[Truth, Measurement, Command]](), list[float]()
-    seen = plant.reset(control.start)
+    control.timed, seen = False, plant.reset(control.start)
     for k in range(ticks):
         given = inputs(k)
         if given is None:

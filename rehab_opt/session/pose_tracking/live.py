@@ -8,15 +8,12 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from rehab_opt.control.command import Command
-from rehab_opt.control.pose_tracker import PoseTracker
-from rehab_opt.plants.plant import Measurement
 from rehab_opt.plants.touched import TouchedPlant
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.bodies import ARM_PLOTS, BLUE, ORANGE, ArmBodies, joint_rows, screen
-from rehab_opt.session.live.problem import LiveControl, LiveInputs, LiveProblem
+from rehab_opt.session.live.problem import Following, LiveControl, LiveProblem
 from rehab_opt.session.plant.making import joint_feedback, joint_plant
 from rehab_opt.session.pose_tracking.problem import PoseTracking
 from rehab_opt.session.pose_tracking.robot import circle_reference, robot_at_start, tracker_of
@@ -53,7 +50,7 @@ class LivePoseTracking(LiveProblem):
         feedback = joint_feedback(problem.plant)
         tracker = tracker_of(problem, self.robot, file=self._loaded.file, solver=self._solver, feedback=feedback)
         plant = joint_plant(problem.plant, self.robot, self.dt)
-        return _Tracking(tracker, TouchedPlant(plant), self.start, self.reference)
+        return Following(tracker, TouchedPlant(plant), self.start, *self.reference, then="again")
 
     def scene(self) -> dict[str, Any]:
         """The circle, the joints' limits, what is plotted."""
@@ -88,24 +85,3 @@ class LivePoseTracking(LiveProblem):
             "joints": q.round(4).tolist(),
             "numbers": [round(each, 4) for each in numbers],
         }
-
-
-class _Tracking(LiveControl):
-    def __init__(self, tracker: PoseTracker, plant: TouchedPlant, start: Array, reference: tuple[Array, Array]) -> None:
-        super().__init__(plant, start)
-        self._tracker, (self._poses, self._twists) = tracker, reference
-        self._at, self._still = 0, np.zeros(6)
-        self._pose: Array = self._poses[0].copy()
-
-    def step(self, inputs: LiveInputs, seen: Measurement) -> Command:
-        twist = self._still
-        if inputs.dragged:
-            self._pose[:3, 3] = inputs.target
-        elif inputs.enable:  # the circle waits for whoever lets go
-            self._pose, twist = self._poses[self._at].copy(), self._twists[self._at]
-            self._at = (self._at + 1) % len(self._poses)
-        return self._tracker.step(seen.position, self._pose, twist, enable=inputs.enable, stamp=seen.stamp)
-
-    def shown(self) -> dict[str, ArrayLike]:
-        truth = self.plant.truth
-        return {"q": truth.position, "target": self._pose[:3, 3], "force": truth.force}

@@ -23,12 +23,12 @@ from rehab_opt.session.scenario.plane_drawing import (
 )
 from rehab_opt.session.scenario.trials_figures import deviation_figure, trials_figure
 
-__all__ = ["scenario_figures"]
+__all__ = ["figures"]
 
 Array = NDArray[np.float64]
 
 
-def scenario_figures(outcome: ScenarioOutcome) -> dict[str, Figure]:
+def figures(outcome: ScenarioOutcome) -> dict[str, Figure]:
     """The figures by file name (without suffix).
 
     "parameters" is left out for "hold": around a single point the field is a spring, whatever sigma and k1.

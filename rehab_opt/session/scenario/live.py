@@ -139,7 +139,7 @@ class _Helping(LiveControl):
                 self._law.aim(self._aimed)
             if self._pace.over:
                 self._begin()
-        command = self._law.command(*seen.position.tolist(), enable=inputs.enable, stamp=seen.stamp)
+        command = self._law.command(*seen.position.tolist(), enable=inputs.enable, stamp=self.stamp(seen))
         self._force = command.value
         return command
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -14,11 +14,10 @@ from rehab_opt.control.command import Bound, Status
 from rehab_opt.control.gate import Mode
 from rehab_opt.field.demonstration import Demonstration
 from rehab_opt.field.potential import PotentialField
-from rehab_opt.session.outcome import Outcome
-from rehab_opt.session.systems import Column
+from rehab_opt.session.outcome import Column, Columns, Outcome, stacked
 from rehab_opt.workspace.region import Workspace
 
-__all__ = ["LAWS", "RATE", "HelperTrace", "Law", "ScenarioOutcome", "Trial", "thinned_ticks", "trial_columns"]
+__all__ = ["LAWS", "RATE", "HelperTrace", "Law", "ScenarioOutcome", "Trial", "thinned_ticks"]
 
 Array = NDArray[np.float64]
 
@@ -26,6 +25,10 @@ Law = Literal["unassisted", "assisted", "published", "together", "delayed"]
 LAWS: tuple[Law, ...] = ("unassisted", "assisted", "published", "together", "delayed")
 """No force wanted; `Assistance`; the paper's field with a hard gate and a clip (`FieldLaw`), certified by nobody;
 `Bilateral`, drawn along by a helper, without and with a delay."""
+
+
+RATE = 100.0
+"""[Hz] of trace.csv at most; metrics.json is made of all ticks."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,48 +129,44 @@ class ScenarioOutcome(Outcome):
     trials: Mapping[Law, tuple[Trial, ...]] = field(kw_only=True)
     measures: Mapping[Law, tuple[Mapping[str, Any], ...]] = field(kw_only=True)
 
+    def trace(self) -> Iterable[Column]:
+        """One row a law, trial and tick that is kept; a cell is empty where there is no such number.
 
-RATE = 100.0
-"""[Hz] of trace.csv at most; metrics.json is made of all ticks."""
+        Between two rows nothing is averaged, but for `yielded`, which holds all that gave way since the row before.
+        """
+        trials = [trial for of in self.trials.values() for trial in of]
+        helped = any(trial.helper is not None for trial in trials)
+        return stacked(_columns(trial, helped=helped) for trial in trials).items()
 
 
-def trial_columns(outcome: ScenarioOutcome) -> Iterator[Column]:
-    """One row a law, trial and tick that is kept; a cell is empty where there is no such number.
-
-    Between two rows nothing is averaged, but for `yielded`, which holds all that gave way since the row before.
-    """
-    trials = [(trial, thinned_ticks(trial)) for of in outcome.trials.values() for trial in of]
-
-    words = tuple(status.value for status in Status)
-
-    def numbers(of: Callable[[Trial], Array]) -> list[float]:
-        return [value for trial, ticks in trials for value in of(trial)[ticks].tolist()]
-
-    def known(of: Callable[[Trial], Array]) -> tuple[str, ...]:
-        return tuple("" if math.isnan(value) else f"{value:.9g}" for value in numbers(of))
-
-    yield "law", tuple(trial.law for trial, ticks in trials for _ in ticks)
-    yield "trial", [trial.number for trial, ticks in trials for _ in ticks]
-    yield "t_s", numbers(lambda trial: trial.time)
-    for name, unit in (("position", "m"), ("velocity", "m_s"), ("intended", "m")):
-        what = "" if name == "position" else f"{name}_"
-        for axis, letter in enumerate("xy"):
-            yield f"{what}{letter}_{unit}", numbers(lambda of, name=name, axis=axis: getattr(of, name)[:, axis])  # type: ignore[misc]
-    for name in ("wanted", "commanded", "measured"):
-        for axis, letter in enumerate("xy"):
-            yield f"force_{name}_{letter}_N", numbers(lambda of, name=name, axis=axis: getattr(of, name)[:, axis])  # type: ignore[misc]
-    yield "inside", [int(value) for trial, ticks in trials for value in trial.inside[ticks]]
-    for axis, letter in enumerate("xy"):
-        yield f"goal_{letter}_m", known(lambda of, axis=axis: of.goal[:, axis])  # type: ignore[misc]
-    yield "energy_left_J", known(lambda trial: trial.energy_left)
-    if any(trial.helper is not None for trial, _ in trials):
-        for axis, letter in enumerate("xy"):
-            yield f"helper_{letter}_m", known(lambda of, axis=axis: _of_helper(of, "position")[:, axis])  # type: ignore[misc]
-        for axis, letter in enumerate("xy"):
-            yield f"helper_force_{letter}_N", known(lambda of, axis=axis: _of_helper(of, "commanded")[:, axis])  # type: ignore[misc]
-        yield "helper_energy_left_J", known(lambda trial: _of_helper(trial, "energy_left")[:, 0])
-    yield "status", tuple(words[i] for trial, ticks in trials for i in trial.status[ticks])
-    yield "yielded", tuple(word for trial, ticks in trials for word in _yielded(trial, ticks))
+def _columns(trial: Trial, *, helped: bool) -> Columns:
+    ticks, words = thinned_ticks(trial), tuple(status.value for status in Status)
+    vectors = {
+        "{}_m": trial.position, "velocity_{}_m_s": trial.velocity, "intended_{}_m": trial.intended,
+        "force_wanted_{}_N": trial.wanted, "force_commanded_{}_N": trial.commanded,
+        "force_measured_{}_N": trial.measured,
+    }  # fmt: skip
+    numbers = {
+        name.format(axis): of for name, values in vectors.items() for axis, of in zip("xy", values.T, strict=True)
+    }
+    later = {"goal_x_m": trial.goal[:, 0], "goal_y_m": trial.goal[:, 1], "energy_left_J": trial.energy_left}
+    if helped:
+        by = trial.helper or HelperTrace(
+            *(np.full((len(trial.time), 2), np.nan),) * 3, np.full(len(trial.time), np.nan)
+        )
+        later |= {"helper_x_m": by.position[:, 0], "helper_y_m": by.position[:, 1]}
+        later |= {"helper_force_x_N": by.commanded[:, 0], "helper_force_y_N": by.commanded[:, 1]}
+        later["helper_energy_left_J"] = by.energy_left
+    return {
+        "law": (trial.law,) * len(ticks),
+        "trial": (trial.number,) * len(ticks),
+        "t_s": trial.time[ticks],
+        **{name: of[ticks] for name, of in numbers.items()},
+        "inside": trial.inside[ticks].astype(int),
+        **{name: of[ticks] for name, of in later.items()},
+        "status": [words[i] for i in trial.status[ticks]],
+        "yielded": list(_yielded(trial, ticks)),
+    }
 
 
 def thinned_ticks(trial: Trial, rate: float = RATE) -> NDArray[np.intp]:
@@ -176,14 +175,6 @@ def thinned_ticks(trial: Trial, rate: float = RATE) -> NDArray[np.intp]:
         return np.arange(len(trial.time))
     stride = max(1, math.ceil(1.0 / (rate * float(np.median(np.diff(trial.time)))) - 1e-6))
     return np.unique(np.append(np.arange(0, len(trial.time), stride), len(trial.time) - 1))
-
-
-def _of_helper(trial: Trial, name: str) -> Array:
-    """(N, 2) or (N, 1) of the helper, NaN where there is none."""
-    if trial.helper is None:
-        return np.full((len(trial.time), 2), math.nan)
-    values: Array = getattr(trial.helper, name)
-    return values.reshape(len(trial.time), -1)
 
 
 def _yielded(trial: Trial, ticks: NDArray[np.intp]) -> Iterator[str]:

@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.smoothing import SmoothPath
-from rehab_opt.session.outcome import MovementOutcome, joint_columns, point_columns
-from rehab_opt.session.systems import Column
+from rehab_opt.session.outcome import Column, MovementOutcome, joint_columns, point_columns
 
-__all__ = ["DRIVEN_DEG", "ArmOutcome", "Drive", "LawResult", "arm_columns", "drive_note", "hurried", "law_notes"]
+__all__ = ["DRIVEN_DEG", "ArmOutcome", "Drive", "LawResult", "drive_note", "hurried", "law_notes"]
 
 Array = NDArray[np.float64]
 
@@ -77,6 +76,25 @@ class ArmOutcome(MovementOutcome):
     reachable: NDArray[np.bool_] | None = field(kw_only=True)
     handle_tilt_limit: float = field(kw_only=True)
 
+    def trace(self) -> Iterator[Column]:
+        """One row a sample."""
+        yield "t_s", self.time.tolist()
+        yield from point_columns("path", self.path)
+        if self.reachable is not None:
+            yield "reachable", self.reachable.astype(int).tolist()
+        for run in self.laws:
+            yield from point_columns(f"{run.law}_hand", run.hand)
+            yield f"{run.law}_position_error_m", run.position_error.tolist()
+            yield f"{run.law}_handle_tilt_rad", run.handle_tilt.tolist()
+            yield f"{run.law}_status", run.status
+            yield f"{run.law}_solve_time_s", run.seconds.tolist()
+            yield from joint_columns(f"{run.law}", self.chain, run.q, "rad")
+            if run.drive is not None:
+                yield f"{run.law}_drive_t_s", run.drive.passes.tolist()
+                yield f"{run.law}_drive_position_error_m", run.drive.position_error.tolist()
+                yield f"{run.law}_drive_handle_tilt_rad", run.drive.handle_tilt.tolist()
+                yield from joint_columns(f"{run.law}_drive", self.chain, run.drive.q, "rad")
+
 
 DRIVEN_DEG = 0.01  # by which a drive may tilt further: it goes on between the samples that the law is asked for
 
@@ -133,23 +151,3 @@ def _published(run: LawResult, *, within_reach: bool) -> Iterator[str]:
             "the published law winds up: after a sample out of its reach its joints may stay at their limits, "
             "and samples within reach be missed too"
         )
-
-
-def arm_columns(outcome: ArmOutcome) -> Iterator[Column]:
-    """One row a sample."""
-    yield "t_s", outcome.time.tolist()
-    yield from point_columns("path", outcome.path)
-    if outcome.reachable is not None:
-        yield "reachable", outcome.reachable.astype(int).tolist()
-    for run in outcome.laws:
-        yield from point_columns(f"{run.law}_hand", run.hand)
-        yield f"{run.law}_position_error_m", run.position_error.tolist()
-        yield f"{run.law}_handle_tilt_rad", run.handle_tilt.tolist()
-        yield f"{run.law}_status", run.status
-        yield f"{run.law}_solve_time_s", run.seconds.tolist()
-        yield from joint_columns(f"{run.law}", outcome.chain, run.q, "rad")
-        if run.drive is not None:
-            yield f"{run.law}_drive_t_s", run.drive.passes.tolist()
-            yield f"{run.law}_drive_position_error_m", run.drive.position_error.tolist()
-            yield f"{run.law}_drive_handle_tilt_rad", run.drive.handle_tilt.tolist()
-            yield from joint_columns(f"{run.law}_drive", outcome.chain, run.drive.q, "rad")

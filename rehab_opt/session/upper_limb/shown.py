@@ -11,9 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from rich.table import Table
-from rich.text import Text
 
-from rehab_opt.session.cells import ROUNDING_DEG, Numbers, Rows, length, margin, millimetres, speed, statuses, times
 from rehab_opt.session.drawing import (
     ACROSS,
     FORWARD,
@@ -27,22 +25,29 @@ from rehab_opt.session.drawing import (
     legend_below,
 )
 from rehab_opt.session.outcome import Outcome
+from rehab_opt.session.shown import (
+    ROUNDING_DEG,
+    Numbers,
+    Rows,
+    law_table,
+    length,
+    margin,
+    millimetres,
+    speed,
+    statuses,
+    times,
+)
 from rehab_opt.session.upper_limb.outcome import DRIVEN_DEG, ArmOutcome, Drive
 
-__all__ = ["arm_figures", "arm_table"]
+__all__ = ["figures", "table"]
 
 Array = NDArray[np.float64]
 
 
-def arm_table(outcome: ArmOutcome) -> Table:
+def table(outcome: ArmOutcome) -> Table:
     """Rows of quantities with their units, a column for each law."""
-    table = Table(title=Text(outcome.title), caption=_caption(outcome), caption_justify="left")
-    table.add_column("quantity")
-    for run in outcome.laws:
-        table.add_column(run.law, justify="right")
-    for label, value in ARM_ROWS:
-        table.add_row(label, *(value(outcome.metrics[run.law]) for run in outcome.laws))
-    return table
+    of = {run.law: outcome.metrics[run.law] for run in outcome.laws}
+    return law_table(outcome.title, of, ARM_ROWS, caption=_caption(outcome))
 
 
 def _caption(outcome: Outcome) -> str:
@@ -102,7 +107,7 @@ ARM_ROWS: Rows = (
 SEEN = 1.0  # [mm] from which a height off the plane is worth a word
 
 
-def arm_figures(outcome: ArmOutcome) -> dict[str, Figure]:
+def figures(outcome: ArmOutcome) -> dict[str, Figure]:
     """The figures of a run by file name (without suffix)."""
     drives = {f"{law} law, driven": (drive, LAW_STYLES[law]) for law, drive in _drives(outcome)}
     joints = {label: (drive.path.positions, style) for label, (drive, style) in drives.items()}

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from contextlib import AbstractContextManager
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,17 +16,13 @@ from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.participant import participant_arm
 from rehab_opt.session.placed_recording import placed_recording
-from rehab_opt.session.recording_size import size_note
+from rehab_opt.session.recording import size_note
 from rehab_opt.session.solver_option import checked_solver, solver_refusals
-from rehab_opt.session.systems import Column, Needed, System
+from rehab_opt.session.systems import Needed, System
 from rehab_opt.session.upper_limb.laws import LAWS, follower
 from rehab_opt.session.upper_limb.outcome import ArmOutcome
 from rehab_opt.session.upper_limb.problem import UpperLimb
 from rehab_opt.session.workspaces.sections import ranges_by_name
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-    from rich.table import Table
 
 __all__ = ["UpperLimbSystem", "reach_note"]
 
@@ -62,6 +57,7 @@ class UpperLimbSystem(System[UpperLimb, ArmOutcome]):
     """A recorded hand path followed by the optimised and the published law."""
 
     schema = UpperLimb
+    shown = ("rehab_opt.session.upper_limb.shown",)
     options = frozenset({"law", "solver"})
 
     def recordings(self, problem: UpperLimb) -> tuple[Needed, ...]:
@@ -101,24 +97,6 @@ class UpperLimbSystem(System[UpperLimb, ArmOutcome]):
     def seconds_a_tick(self, problem: UpperLimb) -> float:
         """NaN: its QPs are the iterations of inverse kinematics, one or more a sample."""
         return math.nan
-
-    def table(self, outcome: ArmOutcome) -> Table:
-        """A column for each law."""
-        from rehab_opt.session.upper_limb.shown import arm_table  # noqa: PLC0415  (loads rich)
-
-        return arm_table(outcome)
-
-    def trace(self, outcome: ArmOutcome) -> Iterator[Column]:
-        """A row for each sample of the path."""
-        from rehab_opt.session.upper_limb.outcome import arm_columns  # noqa: PLC0415
-
-        return arm_columns(outcome)
-
-    def figures(self, outcome: ArmOutcome) -> dict[str, Figure]:
-        """The path on its plane, the joints, the errors."""
-        from rehab_opt.session.upper_limb.shown import arm_figures  # noqa: PLC0415  (loads matplotlib)
-
-        return arm_figures(outcome)
 
 
 def _refusals(loaded: ProblemFile[UpperLimb], solver: str | None) -> AbstractContextManager[None]:
