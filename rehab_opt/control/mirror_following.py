@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.control.between_poses import angle_between, distance_between
 from rehab_opt.control.command import Bound, Command, Status
 from rehab_opt.control.interaction import FELT, AdmittanceState
-from rehab_opt.control.mirror_statement import WHOLE, MirrorStatement
+from rehab_opt.control.mirror_pace import PACES, TRIED
+from rehab_opt.control.mirror_statement import HELD, WHOLE, MirrorStatement
 from rehab_opt.control.person_limit import PersonLimit
 from rehab_opt.control.reference_clock import ReferenceClock
 from rehab_opt.symbolic import BufferedFunction
@@ -23,7 +24,6 @@ SETTLING_TICKS = 3
 """Of the model of the led arm while it finds its posture, in each tick: more would not fit into a quick one."""
 BRIDGE = 0.5
 """Share of the hand speeds at which a jump is bridged."""
-UNSEEN = np.full(3, math.nan)
 
 
 class MirrorFollowing(MirrorStatement):
@@ -32,8 +32,9 @@ class MirrorFollowing(MirrorStatement):
     clock: ReferenceClock
     _interaction: AdmittanceState
     _limit: PersonLimit | None
-    _pacing: BufferedFunction
-    _aiming: BufferedFunction
+    _tried: BufferedFunction
+    _aimed: BufferedFunction
+    _concluded: BufferedFunction
     _moving: BufferedFunction
     _tool: BufferedFunction
     _rigid: BufferedFunction
@@ -49,7 +50,7 @@ class MirrorFollowing(MirrorStatement):
         self._short_by = self._beyond_person = (0.0, 0.0)
         self._live = False
         self._good = b""
-        self._centre: Array | None = None
+        self._held = np.full(HELD.size, math.nan)
         self._aim = np.full((4, 4), math.nan)
         self.followed: Array = np.full((4, 4), math.nan)
         """(4, 4) the reference of the last tick with a clock, before the range of motion and forces."""
@@ -63,11 +64,12 @@ class MirrorFollowing(MirrorStatement):
         if self._live:
             last, motion = self._accepted()
             self.clock.start(last, motion)
-            self._live, self._centre = False, last[:3, 3]
+            self._live = False
+            self._hold(last)
         here, hand = self._hand()
         # Work is done where the hand is measured, also where its joints are led ahead of that.
         seen = here if self._feedback is None else self._tool.of(self._feedback.measured)
-        pushed = self._interaction.feel(force, UNSEEN if self._centre is None else seen[:3, 3] - self._centre)
+        pushed = self._interaction.feel(force, seen[:3, 3] - self._held[:3])
         reason = reason or self._unusable(sound=True) or self._bent(pose) or pushed
         if reason:
             self.clock.lost += self.dt
@@ -86,44 +88,63 @@ class MirrorFollowing(MirrorStatement):
         pose = self._moving.of(self._q, self._last).reshape(4, 4)
         return pose, self._moving.outputs[1].copy()
 
+    def _hold(self, pose: Array) -> None:
+        """What the hand is held near, where it followed as usual."""
+        self._held = HELD.numbers(centre=pose[:3, 3], target=pose.reshape(-1), turn=self.max_turn)
+
     def _tracked(self, here: Array, hand: Array, *, foreseen: bool = False, note: str = "") -> Command:
-        """One tick of following what the clock holds; what is foreseen is not late."""
-        target, motion = self._paced(here, hand, foreseen=foreseen)
-        self.followed, self._beyond_person = target, (0.0, 0.0)
-        if self._limit is not None:
-            target, motion = self._limit.limited(target, motion)
-            self._aim = target
-            self._beyond_person = distance_between(self.followed, target), angle_between(self.followed, target)
-        self._short_by = self._apart + self._beyond_person[0], self._aside + self._beyond_person[1]
-        felt = self._interaction.state[: FELT["away"]]
-        pose = self._aiming.of(here.reshape(-1), target.reshape(-1), motion, self._apart, felt)
-        _, motion, offset, centre = self._aiming.outputs
-        self._inputs[0][:], self._inputs[1][:], self._inputs[2][:] = pose.reshape(4, 4), motion, offset
-        self._centre = centre.copy()
+        """One tick of following what the clock holds, at a pace that deviation and braking allow; see `MirrorPace`.
+
+        Where not even the reference as it is does, because the model of the person's arm moves, it stands, too. What is
+        foreseen is not late.
+        """
+        clock, limit, tried, aimed = self.clock, self._limit, self._tried, self._aimed
+        posture, q = None if limit is None else limit.q, self._q.copy()
         self._last_before = self._last.copy()
+        at = clock.waiting, clock.fraction, clock.lag
+        pace = self._rate, self._share, self._waited, self._stood, self._apart, self._aside
+        others = self._interaction.pace, not foreseen, clock.pace
+        felt = self._interaction.state[: FELT["away"]]
+        self._beyond_person = (0.0, 0.0)
+
+        def aim(target: Array, motion: Array, *, stays: bool) -> bool:
+            aimed.of(q, self._last_before, here.reshape(-1), target.reshape(-1), motion, near, felt, self._held, stays)
+            return bool(aimed.outputs[1][0])
+
+        for part in PACES:
+            near = tried.of(clock.window.T, at, pace, others, here.reshape(-1), self._aim.reshape(-1), part)
+            taken = tried.outputs[1].copy()
+            if not taken[TRIED["fits"]]:
+                continue
+            target, motion = taken[:16].reshape(4, 4), taken[16:22]
+            if limit is not None:
+                limit.q = posture
+                target, motion = limit.limited(target, motion)
+            if aim(target, motion, stays=False):
+                break
+        else:
+            if limit is not None:
+                limit.q = posture
+            target = self._held[3:19].reshape(4, 4)
+            aim(target, motion, stays=True)
+        self.followed, self._held = taken[:16].reshape(4, 4).copy(), aimed.outputs[0].copy()
+        if limit is not None:
+            self._aim = target.copy()
+            self._beyond_person = distance_between(self.followed, target), angle_between(self.followed, target)
+        _, pose, motion, offset = np.split(aimed.outputs[1], [1, 17, 23])
+        self._inputs[0][:], self._inputs[1][:], self._inputs[2][:] = pose.reshape(4, 4), motion, offset
+        after = self._concluded.of(clock.window.T, at, near, others[0], here.reshape(-1), hand, taken)
+        self._rate, _, self._waited, self._stood, self._apart, self._aside = after.tolist()
+        passed, fraction, lag, self._bridging, waits, cuts, self._short = self._concluded.outputs[1].tolist()
+        clock.stand(int(passed), fraction, lag)
+        self.counts.update(["waited"] * bool(waits) + ["cut"] * bool(cuts))
+        self._short_by = self._apart + self._beyond_person[0], self._aside + self._beyond_person[1]
         solver = self._ladder()
         if not solver:
             return self._safe(self._fault())
-        return self._delivered(solver, self._centre, note)
+        return self._delivered(solver, note)
 
-    def _paced(self, here: Array, hand: Array, *, foreseen: bool) -> tuple[Array, Array]:
-        """Pose (4, 4) and twist (6,) to follow now; the clock goes on: see `MirrorPace`."""
-        clock, pacing = self.clock, self._pacing
-        samples, at, before, others, pose, twist, aim = pacing.inputs
-        samples[...] = clock.window.T
-        at[:] = clock.waiting, clock.fraction, clock.lag
-        before[:] = self._rate, self._share, self._waited, self._stood, self._apart, self._aside
-        others[:] = self._interaction.pace, not foreseen, clock.pace
-        pose[:], twist[:], aim[:] = here.reshape(-1), hand, self._aim.reshape(-1)
-        pacing.evaluate()
-        reached, motion, after, said = pacing.outputs
-        self._rate, _, self._waited, self._stood, self._apart, self._aside = after.tolist()
-        passed, fraction, lag, self._bridging, waits, cuts, self._short = said.tolist()
-        clock.stand(int(passed), fraction, lag)
-        self.counts.update(["waited"] * bool(waits) + ["cut"] * bool(cuts))
-        return reached.reshape(4, 4).copy(), motion.copy()
-
-    def _delivered(self, solver: str, centre: Array, note: str) -> Command:
+    def _delivered(self, solver: str, note: str) -> Command:
         """The command of a certified answer, shortened where the true state asks for it."""
         ladder = self._ladder
         residual, _, _, yielded, share, _, kept, w, then, flat = ladder.verdict.tolist()
@@ -132,8 +153,8 @@ class MirrorFollowing(MirrorStatement):
             status, notes = Status.BACKUP, [f"{ladder.solver} gave no certified answer"]
         value = np.frombuffer(self._velocity.tobytes())
         flags = Bound(int(yielded))
-        if not kept:
-            value, flags, _ = self._shortened(self._q.copy(), value, centre, flags, broken=True)
+        value, flags, shorter = self._shortened(self._q.copy(), value, self._held, flags, broken=not kept)
+        if shorter:
             notes.append("step shortened: the bounds' tangents promised too much")
         else:
             self._then = then
@@ -171,15 +192,15 @@ class MirrorFollowing(MirrorStatement):
         self._rate = 0.0
         self.counts["braked"] += 1
         self._last_before = self._last.copy()
-        centre = self._centre
         command = super()._safe(reason)
-        q = self._stopping.outputs[2].copy()
-        if centre is None:
-            centre = self.chain.pose(q)[:3, 3]
+        q, held = self._stopping.outputs[2].copy(), self._held
+        if math.isnan(held[0]):
+            self._hold(self.chain.pose(q))
+            held, self._held = self._held, held
         self._ladder.memory[2 * self.chain.n :] = 0.0
         value, flags, shorter = command.value, command.yielded, False
         if value.any():
-            value, flags, shorter = self._shortened(q, value, centre, flags, broken=False)
+            value, flags, shorter = self._shortened(q, value, held, flags, broken=False)
         if shorter:
             if flags & Bound.ACCELERATION:
                 self.counts["acceleration"] += 1

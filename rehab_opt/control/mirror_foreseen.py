@@ -135,7 +135,8 @@ class MirrorForeseen(MirrorFollowing):
         self.clock.go_on(at - self._place, fraction, pace * self.dt)
         self._place, self._then, self._rate, self._share = at, then, pace, share
         self.followed = pose = laid.poses[k]
-        self._centre, self._short_by, self._beyond_person = pose[:3, 3], (0.0, 0.0), (0.0, 0.0)
+        self._hold(pose)
+        self._short_by = self._beyond_person = (0.0, 0.0)
         flags = int(yielded)
         if pace < WHOLE:
             self.counts["slowed"] += 1

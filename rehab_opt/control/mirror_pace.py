@@ -11,12 +11,12 @@ from dataclasses import dataclass
 import casadi as ca
 
 from rehab_opt.control.between_poses import angle_of, distance_of
-from rehab_opt.control.mirror_statement import CALM, SPARE, WHOLE
+from rehab_opt.control.mirror_statement import CALM, HELD, SPARE, WHOLE
 from rehab_opt.control.reference_clock import CLOCK, LONGEST, SAMPLE, ClockStatement
 from rehab_opt.optim.certificate import all_true, clipped
 from rehab_opt.symbolic.record import Record, Values
 
-__all__ = ["PACE", "QUICKENING", "SAID", "MirrorPace"]
+__all__ = ["AIMED", "PACE", "PACES", "QUICKENING", "SAID", "TRIED", "MirrorPace"]
 
 WAITS = 0.9
 """Share of the largest deviation from which the clock waits."""
@@ -38,16 +38,21 @@ PATIENCE = 1.0
 """[s] for which the clock waits longer than it goes on, at most, for a hand that does not come to rest either."""
 WAITED = 0.02
 """Pace up to which the clock stands."""
-HALVED = 3
-"""Steps of the clock that are tried, each half as long as the one before, until the deviation allows one."""
+PACES = (1.0, 0.5, 0.25, 0.0)
+"""Shares of the clock's pace that are tried."""
 
 PACE = Record(rate=1, share=1, waited=1, stood=1, apart=1, aside=1)
 """Seconds of the reference in one, the share of the wanted motion that was delivered, [s] that the clock waited and
 that the hand stood, and [m, rad] that it then was apart from the reference: the nearest that it comes, seen from where
 it is. Deviations count from there on, so that a stretch out of reach is followed along its edge and none of it is left
 out. They shrink as the hand comes nearer."""
+TRIED = Record(pose=16, twist=6, seconds=1, fits=1, goal=12)
+"""What may be followed: pose, twist at the clock's pace, [s] that it goes on by, whether the deviation allows it; and
+pose of what the hand is led to now, which may be what the person's arm can do of the reference."""
 SAID = Record(passed=1, fraction=1, lag=1, bridging=1, waits=1, cuts=1, short=1)
 """Samples passed, where the clock then is, and whether it bridges a jump, stood, a hand was cut short, and is short."""
+AIMED = Record(kept=1, pose=16, twist=6, offset=3)
+"""Whether an arm that brakes keeps what it is held near, and pose, twist and offset [m] that the QP is told."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,37 +71,84 @@ class MirrorPace:
         """Samples from the one at hand on that a tick may come to: of a tick each, or a bridge and one of no time."""
         return 2 * math.ceil(1.0 + max(RUSH, self.catch_up)) + 2
 
-    def function(self) -> ca.Function:
-        """Samples, `CLOCK`, `PACE`, others, hand's pose (16,) and twist, aim (16,) -> pose, twist, `PACE`, `SAID`.
+    @property
+    def clock(self) -> ClockStatement:
+        """What the clock does."""
+        return ClockStatement(self.dt, window=self.window)
 
-        Pose and twist are what is followed now: the clock goes on as far as the deviation allows, and the twist is at
-        its pace. The others are the share of its pace that forces leave the reference, whether it makes up for a lag,
-        and the most that what follows allows. The aim is what the person's arm can do of the reference; NaN where
-        nothing is known of one.
+    def tried_function(self) -> ca.Function:
+        """Samples, `CLOCK`, `PACE`, others, hand's pose (16,), aim (16,), share of the pace -> `PACE`, `TRIED`.
+
+        The others are the share of its pace that forces leave the reference, whether it makes up for a lag, and the
+        most that what follows allows. The aim is what the person's arm can do of the reference; NaN where nothing is
+        known of one.
         """
-        clocked = ClockStatement(self.dt, window=self.window)
-        symbols = {
-            "samples": SAMPLE.size, "clock": CLOCK.size, "pace": PACE.size, "others": 3, "here": 16, "hand": 6,
-            "aim": 16,
-        }  # fmt: skip
-        inputs = [ca.MX.sym(name, size, self.window if name == "samples" else 1) for name, size in symbols.items()]
-        samples, clock, pace, others, here, hand, aim = inputs
-        rated, concluded = self._rated(clocked), self._concluded(clocked)
-        near, rate, goal, allowed, pose, twist = rated(samples[:, 0], samples[:, 1], clock, pace, others, here, aim)
-        reached, motion, seconds, goes = self._reached(clocked)(
-            samples, clock, rate * self.dt, here, allowed, pose, twist
-        )
-        lengths = samples[SAMPLE["seconds"], :].T
-        after, said, moves = concluded(lengths, clock, near, others, here, hand, goal, seconds, goes, motion)
-        whole = ca.vertcat(reached, ca.DM([0, 0, 0, 1]))
-        return ca.Function("pace", inputs, [whole, moves, after, said])
+        sizes = {"clock": CLOCK.size, "pace": PACE.size, "others": 3, "here": 16, "aim": 16, "part": 1}
+        samples = ca.MX.sym("samples", SAMPLE.size, self.window)
+        clock, pace, others, here, aim, part = given = [ca.MX.sym(name, size) for name, size in sizes.items()]
+        near, rate, goal, allowed = self._rated()(samples[:, 0], samples[:, 1], clock, pace, others, here, aim)
+        rate *= part
+        pose, twist = self.clock.read_function()(samples, clock, rate * self.dt)
+        a, b = ca.SX.sym("a", 12), ca.SX.sym("b", 16)
+        distance = ca.Function("distance", [a, b], [distance_of(a, b)])
+        fits = ca.logic_or(distance(pose, here) <= allowed, rate <= 0)
+        tried = ca.vertcat(pose, ca.DM([0, 0, 0, 1]), rate * twist, rate * self.dt, fits, goal)
+        near = ca.vertcat(rate, near[1:])
+        return ca.Function("tried", [samples, *given], [near, tried])
 
-    def _rated(self, clocked: ClockStatement) -> ca.Function:
-        """Sample at hand, the next, and the inputs -> `PACE`, rate, goal, allowed deviation; pose and twist of now."""
+    def concluded_function(self) -> ca.Function:
+        """Samples, `CLOCK`, `PACE`, share that forces leave, hand's pose and twist, `TRIED` -> `PACE`, `SAID`.
+
+        The clock goes on by the seconds of what was tried and taken.
+        """
+        samples, clock, near = ca.SX.sym("samples", SAMPLE.size, self.window), CLOCK.symbols("c"), PACE.symbols("p")
+        yielding, here, hand = (ca.SX.sym("given", size) for size in (1, 16, 6))
+        tried, lengths = TRIED.symbols("tried"), samples[SAMPLE["seconds"], :].T
+        passed, then = self.clock.advanced(lengths, clock, tried.seconds, tried.seconds > 0)
+        after, waits, cuts = self._waited(near, then.ahead <= 0, yielding, hand, here, tried.goal)
+        bridging = ca.logic_and(clock.ahead > 0, lengths[1] > LONGEST * self.dt)
+        said = SAID.of(
+            passed=passed, fraction=then.fraction, lag=then.lag, bridging=bridging, waits=waits, cuts=cuts,
+            short=_short(after),
+        )  # fmt: skip
+        inputs = [samples, clock.column, near.column, yielding, here, hand, tried.column]
+        return ca.Function("concluded", inputs, [after.column, said], {"cse": True})
+
+    def aimed_function(self, audit: ca.Function, braked: ca.Function) -> ca.Function:
+        """q, last velocity, hand's pose (16,), target's, twist, `PACE`, displacement (6,), `HELD`, stays -> both.
+
+        `HELD` is what the hand is then held near: the target, from there towards the hand by what it stays short of at
+        best. With `stays` it is held as it was, and rests. Of `AIMED` pose and twist are displaced by forces, and the
+        offset leads from there to the centre. Audit and braking are those of `MirrorStatement`.
+        """
+        here, to, twist = ca.SX.sym("here", 16), ca.SX.sym("target", 16), ca.SX.sym("twist", 6)
+        pace, felt, old, stays = PACE.symbols("pace"), ca.SX.sym("felt", 6), HELD.symbols("held"), ca.SX.sym("stays")
+        origin, target = [3, 7, 11], ca.if_else(stays, old.target, to)
+        part = ca.fmin(pace.apart / ca.fmax(distance_of(here, target), 1e-12), 1)
+        cut = target[origin] + part * (here[origin] - target[origin])
+        centre = ca.if_else(stays, old.centre, cut)
+        turn = ca.if_else(stays, old.turn, self.max_turn + pace.aside)
+        pose, motion = ca.SX(target), ca.if_else(stays, 0, twist)
+        pose[origin] += felt[:3]
+        motion[:3] += felt[3:]
+        held = HELD.of(centre=centre, target=target, turn=turn)
+        known = ca.fabs(old.turn) < ca.inf
+        inputs = [here, to, twist, pace.column, felt, old.column, stays]
+        parts = ca.Function(
+            "parts", inputs, [held, ca.vertcat(pose, motion, centre - pose[origin]), known], {"cse": True}
+        )
+        q, last = (ca.MX.sym(name, audit.size1_in(0)) for name in ("q", "last"))
+        given = [ca.MX.sym("given", each.numel()) for each in inputs]
+        held, told, known = parts.call(given)
+        kept = ca.logic_or(ca.logic_not(known), audit(q, braked(last), held)[0])
+        return ca.Function("aimed", [q, last, *given], [held, ca.vertcat(kept, told)])
+
+    # ---------------------------------------------------------------------------------------------------- its parts
+    def _rated(self) -> ca.Function:
+        """Sample at hand, the next, and the inputs of `tried` -> `PACE`, rate, goal (12,), allowed deviation [m]."""
         a, b, clock, pace = (each.symbols("s") for each in (SAMPLE, SAMPLE, CLOCK, PACE))
         others, here, aim = ca.SX.sym("others", 3), ca.SX.sym("here", 16), ca.SX.sym("aim", 16)
-        share = ca.if_else(clock.ahead <= 0, 0, clock.fraction)
-        pose, twist = clocked.between(a, b, share)
+        pose, twist = self.clock.between(a, b, ca.if_else(clock.ahead <= 0, 0, clock.fraction))
         goal = ca.if_else(ca.fabs(aim[0]) < ca.inf, aim[:12], pose)
         still = ca.logic_or(clock.ahead <= 0, ca.logic_and(
             distance_of(a.pose, b.pose) <= STILL[0] * b.seconds, angle_of(a.pose, b.pose) <= STILL[1] * b.seconds
@@ -105,61 +157,10 @@ class MirrorPace:
         near = PACE.changed(pace, apart=apart, aside=aside)
         rate = self._rate(near, clock.lag, still, others, here, goal, twist)
         allowed = WAITS * self.max_deviation + apart + distance_of(pose, goal)
-        outputs = [near.column, rate, goal, ca.fmax(allowed, distance_of(pose, here)), pose, twist]
+        outputs = [near.column, rate, goal, ca.fmax(allowed, distance_of(pose, here))]
         inputs = [a.column, b.column, clock.column, pace.column, others, here, aim]
         return ca.Function("rated", inputs, [ca.densify(each) for each in outputs], {"cse": True})
 
-    @staticmethod
-    def _reached(clocked: ClockStatement) -> ca.Function:
-        """Samples, `CLOCK`, [s], hand, deviation allowed, now -> pose, twist, [s] as far as that, whether it goes."""
-        sizes = (CLOCK.size, 1, 16, 1, 12, 6)
-        given = [ca.MX.sym("samples", SAMPLE.size, clocked.window), *(ca.MX.sym("given", size) for size in sizes)]
-        samples, clock, ahead, here, allowed, pose, twist = given
-        read, near = clocked.read_function(), (a := ca.SX.sym("a", 12), b := ca.SX.sym("b", 16))
-        distance = ca.Function("distance", [a, b], [distance_of(*near)])
-        found = ca.Function("stays", given, [pose, twist, ca.MX(0), ca.MX(0)])
-        took = [ca.MX.sym("took", size) for size in (12, 6)]
-        for _ in range(HALVED):
-            shorter = ca.Function("shorter", [*given, *took], found(samples, clock, ahead / 2, *given[3:]))
-            taken = ca.Function("taken", [*given, *took], [*took, ahead, ca.MX(1)])
-            tried = read(samples, clock, ahead)
-            either = ca.Function.if_else("either", taken, shorter)
-            found = ca.Function("tried", given, either.call([distance(tried[0], here) <= allowed, *given, *tried]))
-        return found
-
-    def _concluded(self, clocked: ClockStatement) -> ca.Function:
-        """Samples' seconds, and what was found -> `PACE`, `SAID`, twist at the clock's pace."""
-        lengths, clock, near = ca.SX.sym("lengths", self.window), CLOCK.symbols("clock"), PACE.symbols("pace")
-        others, here, hand, goal = (ca.SX.sym("given", size) for size in (3, 16, 6, 12))
-        seconds, goes, twist = ca.SX.sym("seconds"), ca.SX.sym("goes"), ca.SX.sym("twist", 6)
-        passed, then = clocked.advanced(lengths, clock, seconds, goes)
-        going = PACE.changed(near, rate=seconds / self.dt)
-        after, waits, cuts = self._waited(going, then.ahead <= 0, others[0], hand, here, goal)
-        bridging = ca.logic_and(clock.ahead > 0, lengths[1] > LONGEST * self.dt)
-        said = SAID.of(
-            passed=passed, fraction=then.fraction, lag=then.lag, bridging=bridging, waits=waits, cuts=cuts,
-            short=_short(after),
-        )  # fmt: skip
-        inputs = [lengths, clock.column, near.column, others, here, hand, goal, seconds, goes, twist]
-        return ca.Function("concluded", inputs, [after.column, said, twist * going.rate], {"cse": True})
-
-    def aimed_function(self) -> ca.Function:
-        """Hand's pose (16,), target's, twist, [m] apart, displacement by forces (6,) -> pose, twist, offset, centre.
-
-        The centre (3,) is what deviations are bounded around: from the target towards the hand by what it stays short
-        of at best. Forces displace target and twist; the offset (3,) leads from there to the centre.
-        """
-        here, target, twist = ca.SX.sym("here", 16), ca.SX.sym("target", 16), ca.SX.sym("twist", 6)
-        apart, felt, origin = ca.SX.sym("apart"), ca.SX.sym("felt", 6), [3, 7, 11]
-        part = ca.fmin(apart / ca.fmax(distance_of(here, target), 1e-12), 1)
-        centre = target[origin] + part * (here[origin] - target[origin])
-        pose, motion = ca.SX(target), ca.SX(twist)
-        pose[origin] += felt[:3]
-        motion[:3] += felt[3:]
-        outputs = [pose, motion, centre - pose[origin], centre]
-        return ca.Function("aimed", [here, target, twist, apart, felt], outputs, {"cse": True})
-
-    # ---------------------------------------------------------------------------------------------------- its parts
     def _rate(  # noqa: PLR0917
         self, pace: Values, lag: ca.SX, still: ca.SX, others: ca.SX, here: ca.SX, goal: ca.SX, twist: ca.SX
     ) -> ca.SX:
@@ -172,8 +173,9 @@ class MirrorPace:
         # What the person's arm cannot do of the reference is no reason to dwell there: it would not come to an end.
         away = (distance_of(here, goal) - pace.apart) / self.max_deviation
         turned = (angle_of(here, goal) - pace.aside) / self.max_turn
-        eased = clipped((WAITS - ca.fmax(away, turned)) / (WAITS - CALM), 0, 1)
-        rate = (1 + ca.if_else(hurried, hurry, 0)) * (eased * yielding)
+        eased = (WAITS - ca.fmax(away, turned)) / (WAITS - CALM)
+        eased = ca.if_else(still, 1, clipped(eased, 0, 1))  # from what rests, time leads no further away
+        rate = (1 + ca.if_else(hurried, hurry, 0)) * eased * yielding
         for part, largest in ((twist[:3], self.linear_speed), (twist[3:], self.angular_speed)):
             rate = ca.fmin(rate, SPARE * largest / ca.fmax(ca.norm_2(part), 1e-9))
         # A hand that stands short of the reference has no share of the motion towards it: that is no reason to wait.

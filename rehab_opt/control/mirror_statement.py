@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from functools import reduce
+from functools import cached_property, reduce
 
 import casadi as ca
 import numpy as np
@@ -17,11 +17,12 @@ from rehab_opt.control.pose_tracker import Motion, PoseTracker, Tick
 from rehab_opt.control.stopping import VelocityBounds
 from rehab_opt.control.tool_speed import speed_ahead
 from rehab_opt.kinematics.frames import rotation_vector
-from rehab_opt.optim.certificate import clipped
+from rehab_opt.optim.certificate import all_true, clipped
 from rehab_opt.optim.rows import Instance, parameter
 from rehab_opt.symbolic import BufferedFunction
+from rehab_opt.symbolic.record import Record
 
-__all__ = ["CALM", "SPARE", "WHOLE", "MirrorStatement"]
+__all__ = ["CALM", "HELD", "SPARE", "WHOLE", "MirrorStatement"]
 
 Array = NDArray[np.float64]
 
@@ -39,10 +40,15 @@ AT_MOST = 0.4
 """Share of an error that feedback removes in a tick. A floor is curved, of which the QP knows nothing: beyond two over
 what that adds to its own curvature a hand at rest goes to and fro (0.26 rad/s at 20 ms and a share of 0.63)."""
 HALVINGS = 12
-TINY = 1e-12
+ROUNDING, TINY = 1e-12, 1e-12
 """[m/s] A speed that is no motion."""
 STALE = 200
 """Ticks without gain after which another way out is looked for."""
+
+
+HELD = Record(centre=3, target=16, turn=1)
+"""What the hand is held near: the centre [m] of the places that it may have, and the pose, by rows, whose orientation
+it may be turned from by so much [rad]; NaN where nothing is known."""
 
 
 class MirrorStatement(PoseTracker):
@@ -86,7 +92,7 @@ class MirrorStatement(PoseTracker):
         """See `HandBounds.rows`."""
         offset, lead = tick.others
         guided = self.guided(tick.memory)
-        rows, most, opened, now = self.hand_bounds.rows(
+        rows, most, now = self.hand_bounds.rows(
             tick.q,
             tick.last,
             centre=tick.target[:3, 3] + offset,
@@ -96,7 +102,7 @@ class MirrorStatement(PoseTracker):
             strays=None if guided is None else guided.apart,
         )
         turned = ca.sumsqr(rotation_vector(tick.target[:3, :3] @ now.pose[:3, :3].T))
-        return rows, most, opened, ca.vertcat(now.w, now.gradient, now.pose[:3, 3], turned)
+        return rows, most, bounds, ca.vertcat(now.w, now.gradient, now.pose[:3, 3], turned)
 
     def excess(self, q: ca.SX, jacobian: ca.SX, velocity: ca.SX, last: ca.SX) -> ca.SX:
         """The wanted motion is slowed, not the asked one: what the floor takes from it must not slow the rest.
@@ -112,6 +118,12 @@ class MirrorStatement(PoseTracker):
             hand, before = unweighted[:3, :] @ velocity, unweighted[:3, :] @ last
             before = clipped(ca.dot(before, hand) / ca.fmax(ca.norm_2(hand), TINY), 0, self.linear_speed)
             allowed = before - math.expm1(-self.approach * self.dt) * (self.linear_speed - before)
+            # Exactly, or what is missing at a large error would be missing from `before` in every tick: of parts of a
+            # motion `speed_ahead` is convex, so that it is below its chord.
+            part = ca.fmin(allowed / ca.fmax(linear, TINY), 1)
+            below = speed_ahead(self.chain, q, unweighted, part * velocity, self.dt)
+            part += (1 - part) * (allowed - below) / ca.fmax(linear - below, TINY)
+            return ca.fmax(1 / part, turning / self.angular_speed)
         return ca.fmax(linear / allowed, turning / self.angular_speed)
 
     @property
@@ -133,7 +145,7 @@ class MirrorStatement(PoseTracker):
         w, gradient, here, turned = self._told(motion)
         yielded = super().outcome(tick, motion)[0]
         share = ca.if_else(motion.speed > 1e-9, motion.scale, 1)
-        kept, then = self._ends(tick, motion)
+        kept, _, then, _ = self._ends(tick, motion)
         flat = ca.logic_and(ca.sumsqr(gradient) < FLAT**2, w < self.floor)
         usual = [
             kept, share >= WHOLE, ca.logic_not(flat), motion.outside < 0.5,
@@ -146,9 +158,7 @@ class MirrorStatement(PoseTracker):
 
     def remembered(self, tick: Tick, motion: Motion) -> ca.SX:
         """Velocity, where it leads, and the loss of w against its tangent."""
-        w, gradient, _, _ = self._told(motion)
-        _, then = self._ends(tick, motion)
-        loss = ca.fmax(w + ca.dot(gradient, motion.velocity) * self.dt - then, 0)
+        loss = self._ends(tick, motion)[3]
         return ca.vertcat(super().remembered(tick, motion), ca.fmin(loss, self.floor))
 
     def _told(self, motion: Motion) -> list[ca.SX]:
@@ -156,40 +166,69 @@ class MirrorStatement(PoseTracker):
         w, gradient, here, turned = ca.vertsplit(motion.told, [0, 1, n + 1, n + 4, n + 5])
         return [w, gradient, here, turned]
 
-    def _ends(self, tick: Tick, motion: Motion) -> tuple[ca.SX, ca.SX]:
-        w, _, here, _ = self._told(motion)
+    def _ends(self, tick: Tick, motion: Motion) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+        w, gradient, here, _ = self._told(motion)
         centre, hand = tick.target[:3, 3] + tick.others[0], motion.delivered[:3]  # places weigh 1
-        return self.hand_bounds.kept(tick.q, motion.velocity, centre, w=w, here=here, hand=hand)
+        return self.hand_bounds.kept(tick.q, motion.velocity, centre, w=w, gradient=gradient, here=here, hand=hand)
+
+    @cached_property
+    def audit(self) -> ca.Function:
+        """q, velocity, `HELD` -> the first three of `HandBounds.kept`, and no further turned than held.
+
+        Turns of the tool from the target are judged where places are, and may fall while above `turn`.
+        """
+        q, velocity, held = ca.SX.sym("q", self.chain.n), ca.SX.sym("v", self.chain.n), HELD.symbols("held")
+        w, gradient = self.hand_bounds.manipulability(q)
+        hand = self.chain.jacobian_expression(q)[:3, :] @ velocity
+        here = self.chain.pose_expression(q)
+        kept, braking, then, _ = self.hand_bounds.kept(
+            q, velocity, held.centre, w=w, gradient=gradient, here=here[:3, 3], hand=hand
+        )
+        aimed = ca.reshape(held.target, 4, 4)[:3, :3]  # by rows: its transpose
+        cosines = [
+            (ca.trace(aimed @ pose[:3, :3]) - 1) / 2
+            for pose in (here, *(self.chain.pose_expression(q + self.dt * way * velocity)
+                                 for way in self.hand_bounds.ways(velocity)))
+        ]  # fmt: skip
+        least = ca.fmin(cosines[0], ca.cos(ca.fmin(held.turn, math.pi)))
+        turns = [each >= least - ROUNDING for each in cosines[1:]]
+        outputs = ca.vertcat(ca.logic_and(kept, all_true(*turns)), braking, then)
+        return ca.Function("audit", [q, velocity, held.column], [ca.densify(outputs)], {"cse": True})
+
+    @cached_property
+    def braked(self) -> ca.Function:
+        """Velocity (n,) -> all joints slowed alike, as fast as their accelerations allow."""
+        last = ca.SX.sym("last", self.chain.n)
+        return ca.Function("braked", [last], [ca.densify(self.hand_bounds.braking(last))], {"cse": True})
 
     def keeping(self) -> ca.Function:
-        """q, velocity, centre, velocity before, broken -> the longest part of the step that keeps every bound truly.
+        """q, velocity, `HELD`, velocity before, broken -> the velocity that keeps every bound truly, and three numbers.
 
-        To a thousandth; with `broken` the whole step is known not to. Then three numbers: w / w_max where it leads,
-        whether it is shorter, and whether the acceleration yields.
+        Where that velocity does not, as is known with `broken`, it is the longest part of the way to it from braking;
+        where not even braking does, because the arm was put there or moves by itself, the longest part of that. The
+        numbers are w / w_max where it leads, whether it is shorter, and whether the acceleration yields.
         """
-        n = self.chain.n
-        q, velocity, centre = ca.SX.sym("q", n), ca.SX.sym("v", n), ca.SX.sym("centre", 3)
-        w, here = self.hand_bounds.manipulability(q)[0], self.chain.pose_expression(q)[:3, 3]
-        hand = self.chain.jacobian_expression(q)[:3, :] @ velocity
-        kept = self.hand_bounds.kept(q, velocity, centre, w=w, here=here, hand=hand)
-        audit = ca.Function("audit", [q, velocity, centre], [ca.densify(ca.vertcat(*kept))], {"cse": True})
-
-        sizes = {"q": n, "v": n, "centre": 3, "before": n, "broken": 1, "then": 1}
-        at, value, around, before, broken, then = given = [ca.MX.sym(name, size) for name, size in sizes.items()]
+        n, audit = self.chain.n, self.audit
+        sizes = {"q": n, "v": n, "held": HELD.size, "before": n, "broken": 1, "then": 1}
+        q, value, held, before, broken, then = given = [ca.MX.sym(name, size) for name, size in sizes.items()]
+        braked = self.braked(before)
+        brakes = audit(q, braked, held)[1]
+        begin, end = ca.if_else(brakes, braked, 0), ca.if_else(brakes, value, braked)
         short, long = ca.MX(0), ca.MX(1)
         for _ in range(HALVINGS):
             middle = (short + long) / 2
-            fits = audit(at, middle * value, around)[0]
-            short, long = ca.if_else(fits, middle, short), ca.if_else(fits, long, middle)
-        part = short * value
+            ends = audit(q, begin + middle * (end - begin), held)
+            good = ca.if_else(brakes, ends[0], ends[1])
+            short, long = ca.if_else(good, middle, short), ca.if_else(good, long, middle)
+        part = begin + short * (end - begin)
         changes = ca.fabs(part - before) > self.chain.acceleration * self.dt * (1 + 1e-9) + 1e-12
-        said = ca.vertcat(audit(at, part, around)[1], 1, ca.sum1(changes) > 0)
+        said = ca.vertcat(audit(q, part, held)[2], 1, ca.sum1(changes) > 0)
         shortened = ca.Function("shortened", given, [part, said])
         whole = ca.Function("whole", given, [value, ca.vertcat(then, 0, 0)])
-        ends = audit(at, value, around)
+        ends = audit(q, value, held)
         either = ca.Function.if_else("either", whole, shortened)
         fits = ca.logic_and(ends[0], ca.logic_not(broken))
-        return ca.Function("keeping", given[:5], either(fits, *given[:5], ends[1]))
+        return ca.Function("keeping", given[:5], either(fits, *given[:5], ends[2]))
 
     def instance(self, q: ArrayLike, *inputs: ArrayLike) -> Instance:
         """The QP of a tick at q, pose and twist, as numbers, for inspection."""
@@ -197,10 +236,10 @@ class MirrorStatement(PoseTracker):
 
     # --------------------------------------------------------------------------------------------- true bounds
     def _shortened(
-        self, q: Array, value: Array, centre: Array, flags: Bound, *, broken: bool
+        self, q: Array, value: Array, held: Array, flags: Bound, *, broken: bool
     ) -> tuple[Array, Bound, bool]:
-        """The longest part of a step that keeps every bound truly, what yields to it, and whether it is shorter."""
-        part: Array = self._keeping.of(q, value, centre, self._last_before, broken) + 0.0
+        """See `keeping`: the velocity, what yields to it, and whether it is shorter."""
+        part: Array = self._keeping.of(q, value, held, self._last_before, broken) + 0.0
         self._then, shorter, hurried = self._keeping.outputs[1].tolist()
         if not shorter:
             return value, flags, False

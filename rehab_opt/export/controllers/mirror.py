@@ -15,9 +15,10 @@ from rehab_opt.control.damped import PASSES
 from rehab_opt.control.interaction import AT_LIMIT, FELT, UNUSABLE
 from rehab_opt.control.manipulability import DISTANCES, DRAWN, climb_function, known_ways
 from rehab_opt.control.mirror import MirrorTracker
-from rehab_opt.control.mirror_pace import PACE, SAID
+from rehab_opt.control.mirror_pace import AIMED, PACE, PACES, SAID, TRIED
+from rehab_opt.control.mirror_statement import HELD
 from rehab_opt.control.person_limit import SETTLED, SETTLING, SETTLING_DT, PersonLimit
-from rehab_opt.control.reference_clock import SAMPLE, ClockStatement
+from rehab_opt.control.reference_clock import SAMPLE
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.export.c_text import initialiser, number
 from rehab_opt.export.controllers.mirror_run import mirror_run
@@ -98,7 +99,7 @@ class ExportedMirror(ExportedVelocity):
         """The laws' functions, and what the clock, the true bounds and the way out are made of."""
         tracker = self.tracker
         speeds = mirror_following.BRIDGE * tracker.linear_speed, mirror_following.BRIDGE * tracker.angular_speed
-        clock = ClockStatement(tracker.dt, window=tracker.pace.window)
+        clock = tracker.pace.clock
         extra = {
             "keeping": tracker.keeping(),
             "moving_tool": moving_tool_function(tracker.chain),
@@ -107,8 +108,9 @@ class ExportedMirror(ExportedVelocity):
             "is_rigid": rigid_function(),
             "taken": clock.taken_function(*speeds),
             "read_at": clock.read_function(),
-            "paced": tracker.pace.function(),
-            "aimed": tracker.pace.aimed_function(),
+            "tried_pace": tracker.pace.tried_function(),
+            "aimed_at": tracker.pace.aimed_function(tracker.audit, tracker.braked),
+            "concluded": tracker.pace.concluded_function(),
         }
         if tracker._limit is not None:
             extra["person_moving"] = moving_tool_function(tracker._limit.chain)
@@ -218,7 +220,7 @@ def exported_mirror(
 
 
 # ------------------------------------------------------------------------------------------------ what C is told
-RECORDS = {"sample": SAMPLE, "pace": PACE, "said": SAID, "felt": FELT}
+RECORDS = {"sample": SAMPLE, "pace": PACE, "tried": TRIED, "aimed": AIMED, "held": HELD, "said": SAID, "felt": FELT}
 MEMBERS = """\
 struct {{
     double sample[{slots}][{sample}]; /* of the reference: pose's rows, twist, [s] since the one before, stamp */
@@ -230,7 +232,7 @@ struct {{
 rehab_{name}_following following;  /* its counts; the rest is made when it is asked for */
 double accepted[22];               /* pose and twist of the last tick that needed no clock */
 double aim[16];                    /* what the person's arm can do of the reference; NaN where nothing is known */
-double centre[3];                  /* of the largest deviation [m]; NaN likewise */
+double held[{held}];                   /* what the hand is held near; NaN likewise */
 double felt[{felt}];                   /* the admittance: by which forces turn the reference aside, and how fast */
 double pace[{pace}];                   /* how fast the reference is followed, and what the hand stays short of */
 double last_before[{joints}];      /* velocities of the tick before */
@@ -238,7 +240,8 @@ double then, lead_w;
 int live, lead_age;
 """
 PERSON_MEMBERS = (
-    "double person[{}]; /* posture of the model of the led arm */\nint settling; /* ticks left to find it */\n"
+    "double person[{0}], posture[{0}]; /* of the model of the led arm, and before what is tried */\n"
+    "int settling; /* ticks left to find it */\n"
 )
 
 
@@ -273,10 +276,10 @@ def _constants(tracker: MirrorTracker) -> dict[str, str]:
     }  # fmt: skip
     doubles = {
         "whole": mirror_statement.WHOLE, "reserve": tracker._interaction.law.reserve,
-        "stop_at": tracker._interaction.law.stop_at,
+        "stop_at": tracker._interaction.law.stop_at, "max_turn": tracker.max_turn,
     }  # fmt: skip
     arrays: dict[str, Iterable[float]] = {
-        "distances": DISTANCES, "ways": known_ways(chain.n).ravel(),
+        "distances": DISTANCES, "paces": PACES, "ways": known_ways(chain.n).ravel(),
     }  # fmt: skip
     return {
         **{name: number(value) for name, value in doubles.items()},
