@@ -99,13 +99,12 @@ class MirrorFollowing(MirrorStatement):
         foreseen is not late.
         """
         clock, limit, tried, aimed = self.clock, self._limit, self._tried, self._aimed
-        posture, q = None if limit is None else limit.q, self._q.copy()
+        posture, q, led = None if limit is None else limit.q, self._q.copy(), limit is not None
         self._last_before = self._last.copy()
         at = clock.waiting, clock.fraction, clock.lag
         pace = self._rate, self._share, self._waited, self._stood, self._apart, self._aside
         others = self._interaction.pace, not foreseen, clock.pace
         felt = self._interaction.state[: FELT["away"]]
-        self._beyond_person = (0.0, 0.0)
 
         def aim(target: Array, motion: Array, *, stays: bool) -> bool:
             aimed.of(q, self._last_before, here.reshape(-1), target.reshape(-1), motion, near, felt, self._held, stays)
@@ -125,12 +124,11 @@ class MirrorFollowing(MirrorStatement):
         else:
             if limit is not None:
                 limit.q = posture
-            target = self._held[3:19].reshape(4, 4)
+            target, led = self._held[3:19].reshape(4, 4), True
             aim(target, motion, stays=True)
         self.followed, self._held = taken[:16].reshape(4, 4).copy(), aimed.outputs[0].copy()
         if limit is not None:
             self._aim = target.copy()
-            self._beyond_person = distance_between(self.followed, target), angle_between(self.followed, target)
         _, pose, motion, offset = np.split(aimed.outputs[1], [1, 17, 23])
         self._inputs[0][:], self._inputs[1][:], self._inputs[2][:] = pose.reshape(4, 4), motion, offset
         after = self._concluded.of(clock.window.T, at, near, others[0], here.reshape(-1), hand, taken)
@@ -138,7 +136,8 @@ class MirrorFollowing(MirrorStatement):
         passed, fraction, lag, self._bridging, waits, cuts, self._short = self._concluded.outputs[1].tolist()
         clock.stand(int(passed), fraction, lag)
         self.counts.update(["waited"] * bool(waits) + ["cut"] * bool(cuts))
-        self._short_by = self._apart + self._beyond_person[0], self._aside + self._beyond_person[1]
+        beyond = (distance_between(self.followed, target), angle_between(self.followed, target)) if led else (0.0, 0.0)
+        self._beyond_person, self._short_by = beyond, (self._apart + beyond[0], self._aside + beyond[1])
         solver = self._ladder()
         if not solver:
             return self._safe(self._fault())
