@@ -69,7 +69,7 @@ def write_report(outcome: Outcome, folder: Path, *, also: Sequence[str] = ()) ->
 
 def write_results(outcome: Outcome, folder: Path, *, also: Sequence[str] = ()) -> list[Path]:
     """Write every file of a run straight into an existing folder; OSError where that fails."""
-    from rehab_opt.session.figure_fit import fitted  # noqa: PLC0415  (loads matplotlib)
+    from rehab_opt.session.drawing import fitted  # noqa: PLC0415  (loads matplotlib)
 
     system = system_named(outcome.system)
     drawn = system.figures(outcome)

@@ -48,7 +48,7 @@ SHIPPED: Mapping[str, str] = MappingProxyType(
         "workspace_map": "rehab_opt.session.workspace_maps.run:WorkspaceMapSystem",
         "used_ranges": "rehab_opt.session.used_ranges.run:UsedRangesSystem",
         "scenario": "rehab_opt.session.scenario.system:ScenarioSystem",
-        "ardis": "rehab_opt.session.ardis.system:ArdisSystem",
+        "ardis": "rehab_opt.session.ardis.run:ArdisSystem",
     }
 )
 ROBOT_FILE = "robot.file"
@@ -93,7 +93,7 @@ class System(Generic[P, O]):
 
     schema: type[P]
     options: ClassVar[frozenset[str]] = frozenset()
-    shown: ClassVar[tuple[str, ...]] = ("rehab_opt.session.default_shown",)
+    shown: ClassVar[tuple[str, ...]] = ("rehab_opt.session.shown",)
 
     def recordings(self, problem: P) -> tuple[Needed, ...]:
         """The recordings and robot files it needs; none by default."""

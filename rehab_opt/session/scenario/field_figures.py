@@ -21,7 +21,7 @@ from rehab_opt.session.scenario.plane_drawing import (
     seen_box,
     shown_box,
 )
-from rehab_opt.session.workspaces.region_drawing import region_path
+from rehab_opt.session.workspaces.shown import region_path
 
 __all__ = ["field_figure", "force_colours", "gated_forces", "learnt_figure", "most_telling"]
 

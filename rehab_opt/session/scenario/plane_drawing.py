@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.session.drawing import ACROSS, FORWARD, GRID, MM, REFERENCE
 from rehab_opt.session.scenario.outcome import Law, ScenarioOutcome, Trial
-from rehab_opt.session.workspaces.region_drawing import draw_region
+from rehab_opt.session.workspaces.shown import draw_region
 
 __all__ = [
     "COMFORTABLE",

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable
 
 from rich.table import Table
 from rich.text import Text
 
 from rehab_opt.control.gate import Mode
-from rehab_opt.session.cells import Numbers
 from rehab_opt.session.scenario.measures import REACHES, law_summary
 from rehab_opt.session.scenario.outcome import ScenarioOutcome
+from rehab_opt.session.shown import Cell, Numbers, law_table
 
 __all__ = ["table"]
 
-Cell = Callable[[Numbers], str]
 WRAPPED = 90
 MM = 1e3
 
@@ -25,12 +23,7 @@ def table(outcome: ScenarioOutcome) -> Table:
     summaries = {law: law_summary(of) for law, of in outcome.measures.items()}
     trials = max(len(of) for of in outcome.measures.values())
     said = f"mode {outcome.mode}, {trials} trial{'s' if trials > 1 else ''} each: mean (worst trial); - is no number"
-    grid = Table(
-        title=Text("\n".join(textwrap.wrap(outcome.title, WRAPPED))), caption=Text(said), caption_justify="left"
-    )
-    grid.add_column("quantity")
-    for law in summaries:
-        grid.add_column(Text(law), justify="right")
+    grid = law_table("\n".join(textwrap.wrap(outcome.title, WRAPPED)), summaries, caption=said)
     pairs = any("helper_force_mean_N" in of["mean"] for of in summaries.values())
     for heading, rows in _groups(outcome.mode, pairs=pairs):
         grid.add_section()

@@ -11,9 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from rich.table import Table
-from rich.text import Text
 
-from rehab_opt.session.cells import ROUNDING_DEG, Numbers, Rows, length, margin, millimetres, speed, statuses, times
 from rehab_opt.session.drawing import (
     ACROSS,
     FORWARD,
@@ -27,6 +25,18 @@ from rehab_opt.session.drawing import (
     legend_below,
 )
 from rehab_opt.session.outcome import Outcome
+from rehab_opt.session.shown import (
+    ROUNDING_DEG,
+    Numbers,
+    Rows,
+    law_table,
+    length,
+    margin,
+    millimetres,
+    speed,
+    statuses,
+    times,
+)
 from rehab_opt.session.upper_limb.outcome import DRIVEN_DEG, ArmOutcome, Drive
 
 __all__ = ["figures", "table"]
@@ -36,13 +46,8 @@ Array = NDArray[np.float64]
 
 def table(outcome: ArmOutcome) -> Table:
     """Rows of quantities with their units, a column for each law."""
-    grid = Table(title=Text(outcome.title), caption=_caption(outcome), caption_justify="left")
-    grid.add_column("quantity")
-    for run in outcome.laws:
-        grid.add_column(run.law, justify="right")
-    for label, value in ARM_ROWS:
-        grid.add_row(label, *(value(outcome.metrics[run.law]) for run in outcome.laws))
-    return grid
+    of = {run.law: outcome.metrics[run.law] for run in outcome.laws}
+    return law_table(outcome.title, of, ARM_ROWS, caption=_caption(outcome))
 
 
 def _caption(outcome: Outcome) -> str:

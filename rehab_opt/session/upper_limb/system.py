@@ -16,7 +16,7 @@ from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.participant import participant_arm
 from rehab_opt.session.placed_recording import placed_recording
-from rehab_opt.session.recording_size import size_note
+from rehab_opt.session.recording import size_note
 from rehab_opt.session.solver_option import checked_solver, solver_refusals
 from rehab_opt.session.systems import Needed, System
 from rehab_opt.session.upper_limb.laws import LAWS, follower
