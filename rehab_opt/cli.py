@@ -139,24 +139,31 @@ def run(
 
 @app.command()
 def live(
-    file: Problem,
+    file: Annotated[str | None, typer.Argument(metavar="FILE", help="As of run; or --replay.")] = None,
     *,
     plant: Annotated[str | None, typer.Option(help="Of a robot: ideal, or mujoco; the file's by default.")] = None,
     solver: Annotated[str | None, typer.Option(help="Solver of the optimised law, instead of the file's.")] = None,
     host: Annotated[str, typer.Option(help="Address of this machine on which the page is served.")] = "127.0.0.1",
+    replay: Annotated[Path | None, typer.Option(metavar="LOG", help="Show an .mcap of `loop` instead.")] = None,
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the page; 0: any that is free.")] = 0,
 ) -> None:
     """Run a problem in real time, and print the address of a page in which to see and touch it. Ctrl-C ends it."""
     from rehab_opt.live.session import show_live  # noqa: PLC0415
 
+    if (file is None) == (replay is None) or (replay is not None and (plant or solver)):
+        said = " ".join(str(each) for each in (file, replay) if each is not None)
+        raise ConfigurationError("FILE", said, "a problem, or --replay and a log, which has plant and solver in it")
+
     def ready(page: str, participant: str) -> None:
         say(f"open {page}")
         say(f"the participant's screen: {participant}")
-        say("whoever has these addresses may move the simulated robot; Ctrl-C ends it")
+        touched = "may move the simulated robot" if replay is None else "sees the log"
+        say(f"whoever has these addresses {touched}; Ctrl-C ends it")
         sys.stdout.flush()
 
     with contextlib.suppress(KeyboardInterrupt), on_interrupt(signal.default_int_handler):
-        show_live(file, plant=plant, solver=solver, host=host, port=port, ready=ready)
+        shown = str(file if replay is None else replay)
+        show_live(shown, plant=plant, solver=solver, again=replay is not None, host=host, port=port, ready=ready)
 
 
 @app.command()
