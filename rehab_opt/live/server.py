@@ -8,7 +8,7 @@ import json
 import math
 import secrets
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from http import HTTPStatus
 from importlib.resources import files
 from multiprocessing.connection import Connection
@@ -25,6 +25,7 @@ from rehab_opt.live.seats import Seats, inputs_of
 from rehab_opt.loop.of_problem import BUTTONS
 from rehab_opt.loop.shared_ring import Newest
 from rehab_opt.session.live.problem import LiveProblem
+from rehab_opt.session.live.seen import Seen, Watching
 
 if TYPE_CHECKING:
     from websockets.asyncio.server import Server, ServerConnection
@@ -48,9 +49,19 @@ class LivePage:
     problem : drawn here; its controller runs elsewhere. rings : the ways to it and from it. scene : from where
         `control_live` sends the scene.
     alive : whether the controller's process still runs.
+    watching : told what is drawn, whether a tab is there or not.
     """
 
-    def __init__(self, problem: LiveProblem, rings: Rings, scene: Connection, *, alive: Callable[[], bool]) -> None:
+    def __init__(
+        self,
+        problem: LiveProblem,
+        rings: Rings,
+        scene: Connection,
+        *,
+        alive: Callable[[], bool],
+        watching: Watching | None = None,
+    ) -> None:
+        self._watching = watching
         self._problem, self._sent, self._alive = problem, scene, alive
         self._given, self._state, self._shown = rings
         self._seats = Seats()
@@ -188,6 +199,8 @@ class LivePage:
             self._refused = sent
             return
         self._scene = _told({"scene": _scene(self._problem, sent)})
+        if self._watching is not None:
+            self._watching.begin(sent["plots"])
         for tab in self._tabs.values():
             tab.queue(self._scene)
 
@@ -218,6 +231,8 @@ class LivePage:
 
     def _frame(self, state: np.void, shown: np.void) -> str:
         frame = self._problem.frame({name: np.atleast_1d(shown[name]) for name in self._problem.layout})
+        if self._watching is not None:
+            self._watching.see(_seen(state, frame))
         frame["numbers"] = [*frame["numbers"], 1e3 * float(state["tick_time"])]
         yielded = (Bound(int(state["yielded"])).name or "").lower().replace("|", ", ")
         words = {
@@ -264,6 +279,14 @@ class _Tab:
                     self._frame = None
                 for text in texts:
                     await self._connection.send(text)
+
+
+def _seen(state: np.void, frame: Mapping[str, Any]) -> Seen:
+    hand = frame.get("handles", {}).get("hand")
+    return Seen(
+        float(state["time"]), bool(state["enabled"]), _text(state["status"]), _text(state["reason"]),
+        int(state["missed"]), int(state["stale"]), None if hand is None else tuple(hand), tuple(frame["numbers"]),
+    )  # fmt: skip
 
 
 def _text(field: bytes) -> str:

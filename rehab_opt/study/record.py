@@ -26,7 +26,7 @@ from rehab_opt.study.person import RECORDING
 from rehab_opt.study.trial import Bound, Event, ProblemText, StoredFile, Trial
 from rehab_opt.text_file import file_content
 
-__all__ = ["metric_trials", "run_trials", "score_trials", "versions"]
+__all__ = ["metric_trials", "outline", "run_trials", "score_trials", "versions"]
 
 Array = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 
@@ -133,7 +133,7 @@ def score_trials(scored: Scored, how: Mapping[str, Any]) -> list[Trial]:
                 notes=score.notes,
                 trace=_samples(recording),
                 files=[StoredFile(source.path, RECORDING)],
-                outline=_outline(score.movement),
+                outline=outline(score.movement),
             )
         )
     return trials
@@ -151,7 +151,7 @@ def versions() -> str:
     return f"rehab_opt {__version__} {software_digest()}"
 
 
-def _outline(points: Array) -> list[tuple[float, float]]:
+def outline(points: Array) -> list[tuple[float, float]]:
     """Convex hull [m] along the two axes of the largest extents; none of a movement on a line."""
     from scipy.spatial import ConvexHull, QhullError  # noqa: PLC0415
 

@@ -6,7 +6,7 @@ import datetime
 import hashlib
 import json
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
@@ -64,9 +64,7 @@ class Study:
         """
         many = [trials] if isinstance(trials, Trial) else list(trials)
         with refusals(self.file), transaction(self._db):
-            person = self._row_of("people", {"name": session.person}, {"group": session.group})
-            dated = {"visit": session.visit, "date": session.date}
-            at = self._row_of("sessions", {"person": person, "name": session.name}, dated)
+            person, at = self._place(session)
             quantities: dict[tuple[str, str], int] = {}
             new = 0
             kept: dict[int, StoredFile] = {}  # a trace that several trials share is written once
@@ -76,6 +74,21 @@ class Study:
                     new += 1
                     self._keep_trace(trial, kept, session, folder=f"{person}", number=number)
             return new
+
+    def admit(self, sessions: Iterable[Session]) -> list[ConfigurationError | None]:
+        """Make room for sessions, all of them in one commit; of each None, or why it does not fit."""
+        said: list[ConfigurationError | None] = []
+        with refusals(self.file), transaction(self._db):
+            for session in sessions:
+                self._db.execute("SAVEPOINT one")
+                try:
+                    self._place(session)
+                    said.append(None)
+                except ConfigurationError as refused:
+                    self._db.execute("ROLLBACK TO one")
+                    said.append(refused)
+                self._db.execute("RELEASE one")
+        return said
 
     def has(self, session: Session, digest: str) -> bool:
         """Whether a trial of this session and digest is done, and its files are there."""
@@ -139,6 +152,12 @@ class Study:
                 yield
             finally:
                 self._db.execute("ROLLBACK")
+
+    def _place(self, session: Session) -> tuple[int, int]:
+        """Ids of a session's person and of itself, made where they are absent."""
+        person = self._row_of("people", {"name": session.person}, {"group": session.group})
+        dated = {"visit": session.visit, "date": session.date}
+        return person, self._row_of("sessions", {"person": person, "name": session.name}, dated)
 
     def _row_of(self, table: str, key: dict[str, Any], facts: dict[str, Any]) -> int:
         """The id of a row, made where it is absent; what it does not say yet is filled in."""
