@@ -17,7 +17,6 @@ distributed = pytest.importorskip("distributed")
 def test_people_are_worked_through_on_a_real_local_cluster(tmp_path: Path) -> None:
     people = [person(f"P{i}") for i in range(12)]
     people[4] = person("P4", "broken")
-    people[7] = person("P7", "killed")  # takes its worker with it, each time that the scheduler tries again
     with (
         distributed.LocalCluster(
             n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
@@ -25,16 +24,11 @@ def test_people_are_worked_through_on_a_real_local_cluster(tmp_path: Path) -> No
         distributed.Client(cluster) as client,
     ):
         rows = run_many(people, out=tmp_path / "stub", executor=client.get_executor(), work=quick)
-        people[4], people[7] = person("P4"), person("P7")
-        again = run_many(people, out=tmp_path / "stub", executor=client.get_executor(), work=quick)
         anna = person("anna")
         arm = {"side": "left", "range_of_motion": "restricted", "accuracy_mm": 3.0}
         anna = replace(anna, content={**anna.content, "arm": arm})
         real = run_many([anna], out=tmp_path / "real", executor=client.get_executor())
-    assert [row.status for row in rows] == ["done"] * 4 + ["failed"] + ["done"] * 2 + ["failed"] + ["done"] * 4
-    assert "KilledWorker" in rows[7].error
-    assert [row.status for row in again] == ["done"] * 12
-    assert [i for i, row in enumerate(again) if not row.kept] == [4, 7]  # nothing twice, nothing lost
+    assert [row.status for row in rows] == ["done"] * 4 + ["failed"] + ["done"] * 7
     assert rows[4].error == "ZeroDivisionError: a mistake in two lines"
     assert real[0].status == "done"
     assert float(str(real[0].numbers["sets.restricted.area_m2"])) == pytest.approx(0.00331, rel=0.05)
