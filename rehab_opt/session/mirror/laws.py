@@ -49,9 +49,11 @@ KEYS = {
 
 
 def tracker_of(
-    problem: MirrorProblem, scene: Scene, *, file: str, backup: str | None = None, **options: Any
+    problem: MirrorProblem, scene: Scene, *, file: str, backup: str | None = None, live: bool = False, **options: Any
 ) -> MirrorTracker:
     """The tracker with the file's parameters; `backup` as for `Ladder`, `options` are further ones of `MirrorTracker`.
+
+    With `live` it is told of the person's arm, and what comes is limited to that tick by tick: `scene.led` is already.
 
     Raises
     ------
@@ -64,7 +66,7 @@ def tracker_of(
             planes.append(KeepOut.through(each.point_m, each.normal))
         except ConfigurationError as refused:
             raise ProblemFileError(file, f"tracker.keep_out.{i}.normal", each.normal, "a direction") from refused
-    person, grip = scene.person if scene.person is not None else (None, None)
+    person, grip = scene.person if scene.person is not None and live else (None, None)
     arm = problem.patient.arm
     try:
         return MirrorTracker(
@@ -125,17 +127,21 @@ class _Diary:
         )
         joints = np.array(q)
         robot = self.scene.robot
+        time = np.asarray(dt * np.arange(len(joints)), dtype=np.float64)
+        asked, beyond = np.array(reference), np.array(person)
+        if self.scene.person is not None:
+            asked, beyond = self.scene.asked_of(asked, time - np.array(lag))
         return Led(
-            time=np.asarray(dt * np.arange(len(joints)), dtype=np.float64),
+            time=time,
             q=joints,
             command=np.array(command),
             tool=np.array([robot.pose(each) for each in joints]),
-            reference=np.array(reference),
+            reference=asked,
             manipulability=np.array([robot.manipulability(each) for each in joints]) / self.max_manipulability,
             lag=np.array(lag),
             pace=np.array(pace),
-            short=np.array(short),
-            person=np.array(person),
+            short=np.array(short) + beyond,
+            person=beyond,
             status=status,
             yielded=yielded,
             reasons=reasons,
@@ -174,8 +180,8 @@ def followed(tracker: MirrorTracker, scene: Scene, plant: Plant, *, patience: fl
     tracker.reset()
     tracker.counts.clear()  # they outlive a reset
     dt, still = tracker.dt, np.zeros(6)
-    poses, twists = scene.reference.poses, scene.reference.twists
-    end = poses[~scene.reference.lost][-1]
+    poses, twists = scene.led.poses, scene.led.twists
+    end = poses[~scene.led.lost][-1]
     diary, seen = _Diary(scene, tracker.max_manipulability, plant), plant.reset(scene.start)
     settled = SETTLED if isinstance(plant, IdealJoints) else SETTLED_AMID_NOISE
     total, complete, arrived = len(poses), False, 0
@@ -208,21 +214,23 @@ def planned(tracker: MirrorTracker, scene: Scene, *, progress: Progress) -> Led:
     """The whole motion, the future known."""
     progress("plan", 0, 1)
     tracker.counts.clear()
-    path = tracker.plan(scene.reference.poses, scene.reference.twists, scene.start)
+    path = tracker.plan(scene.led.poses, scene.led.twists, scene.start)
     progress("plan", 1, 1)
-    robot = scene.robot
+    robot, asked, beyond = scene.robot, path.references, path.person
+    if scene.person is not None:
+        asked, beyond = scene.asked_of(path.references, path.clock)
     return Led(
         time=path.times,
         q=path.q,
         command=path.velocities,
         tool=path.poses,
-        reference=path.references,
+        reference=asked,
         manipulability=np.array([robot.manipulability(each) for each in path.q]) / tracker.max_manipulability,
         lag=path.times - path.clock,
         # At its end the reference stands still: a hand that settles there is not held back.
         pace=np.where(path.complete & (path.clock == path.clock[-1]), 1.0, path.paces),
-        short=path.short,
-        person=path.person,
+        short=path.short + beyond,
+        person=beyond,
         status=("planned",) * len(path.q),
         yielded=tuple(map(said, path.yielded)),
         reasons=("",) * len(path.q),

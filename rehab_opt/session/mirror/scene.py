@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.conditioning import Conditioned, conditioned
+from rehab_opt.control.foreseen import turns_between
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.vr import FrameFit, Mirror, fit_frame, quaternions_of, robot_from_unity, rotations_of
 from rehab_opt.session.files import ProblemFile, recording_path
+from rehab_opt.session.mirror.arm_path import arm_path
 from rehab_opt.session.mirror.hand_poses import HandPoses, calibration_points, read_hand_poses
 from rehab_opt.session.mirror.problem import MirrorProblem, PatientSection, PoseRecordingSection
 from rehab_opt.session.participant import arm_of
@@ -45,6 +48,8 @@ class Scene:
     mirror : of the patient.
     reference : poses of the tool that are asked for, the recording mirrored; even samples.
     recorded : (N, 3) [m] the healthy hand in the robot's frame, where it was seen; not filtered.
+    led : what the robot is led along: the reference, or as much of it as the person's arm does, samples `dt` apart.
+    asked : (M,) which sample of the reference each of `led` is; the same again while the arm changes its posture.
     person : the arm that is led, in the robot's base frame, and the tool's pose (4, 4) in its hand frame; or None.
     fit : of the recording's frame, where points fix it.
     notes : what a reader of the result has to know.
@@ -54,10 +59,29 @@ class Scene:
     start: Array
     mirror: Mirror
     reference: Conditioned
+    led: Conditioned
+    asked: NDArray[np.int_]
     recorded: Array
     person: tuple[SerialChain, Array] | None
     fit: FrameFit | None
     notes: tuple[str, ...]
+
+    @cached_property
+    def beyond(self) -> Array:
+        """(M, 2) [m, rad] from each pose of `led` to the reference; zero where sight was lost."""
+        asked, led = self.reference.poses[self.asked], self.led.poses
+        away = np.linalg.norm(led[:, :3, 3] - asked[:, :3, 3], axis=1)
+        turned = np.linalg.norm(turns_between(asked[:, :3, :3], led[:, :3, :3]), axis=1)
+        return np.nan_to_num(np.column_stack([away, turned]))
+
+    def asked_of(self, led: Array, seconds: ArrayLike) -> tuple[Array, Array]:
+        """The reference (K, 4, 4) where `led` (K, 4, 4) was followed, at seconds from its beginning, and `beyond`."""
+        step = float(self.led.times[1] - self.led.times[0])
+        k = np.clip(np.rint(np.nan_to_num(np.asarray(seconds)) / step).astype(int), 0, len(self.asked) - 1)
+        wanted, done, found = self.reference.poses[self.asked[k]], self.led.poses[k], led.copy()
+        found[:, :3, 3] += wanted[:, :3, 3] - done[:, :3, 3]
+        found[:, :3, :3] = wanted[:, :3, :3] @ done[:, :3, :3].transpose(0, 2, 1) @ led[:, :3, :3]
+        return np.where(np.isnan(found), led, found), self.beyond[k]
 
 
 def laid_out(loaded: ProblemFile[MirrorProblem]) -> Scene:
@@ -111,16 +135,44 @@ def laid_out(loaded: ProblemFile[MirrorProblem]) -> Scene:
             f"{reference.dropped} samples left out (spikes, stamps that do not advance), "
             f"sight lost {reference.gaps} times"
         )
+    person = _person(problem, grip, file=file)
+    led, asked = _led(reference, person, 1.0 / rate)
     return Scene(
         robot=robot,
         start=start,
         mirror=mirror,
         reference=reference,
+        led=led,
+        asked=asked,
         recorded=poses[usable, :3, 3],
-        person=_person(problem, grip, file=file),
+        person=person,
         fit=fit if problem.placement.calibration_file is not None else None,
         notes=tuple(notes),
     )
+
+
+def _led(
+    reference: Conditioned, person: tuple[SerialChain, Array] | None, dt: float
+) -> tuple[Conditioned, NDArray[np.int_]]:
+    """What the person's arm does of the reference, and of which of its samples; sight that was lost stays lost."""
+    everything = np.arange(len(reference.poses))
+    if person is None:
+        return reference, everything
+    seen = np.flatnonzero(~reference.lost)
+    path = arm_path(*person, reference.poses[seen], dt=dt)
+    # Where sight was lost before a sample, there is nothing between it and the one before.
+    first = np.searchsorted(path.asked, np.arange(len(seen)))
+    gaps = np.flatnonzero(reference.lost)
+    where = np.append(first, len(path.asked))[np.searchsorted(seen, gaps)]
+    twists = path.twists.copy()
+    twists[first[1:][np.diff(seen) > 1]] = 0.0
+    asked = np.insert(seen[path.asked], where, gaps)
+    return reference._replace(
+        times=reference.times[0] + dt * np.arange(len(asked)),
+        poses=np.insert(path.poses, where, math.nan, axis=0),
+        twists=np.insert(twists, where, math.nan, axis=0),
+        lost=np.insert(np.zeros(len(path.asked), dtype=bool), where, True),
+    ), asked
 
 
 def hand_axes(section: PoseRecordingSection) -> Array:
