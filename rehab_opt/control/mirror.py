@@ -58,8 +58,8 @@ class MirrorTracker(MirrorForeseen):
     is lost, and counts in `lag` until the clock has passed it. A stretch that the arm cannot do is followed as near as
     the hand comes from where it is: once it stands short of the reference, or the clock has waited for a second longer
     than it went on, deviations count from there on (`short`), and the clock goes on. Jumps of the reference are
-    bridged, at half the hand speeds; the first bridge starts at the hand. An object belongs to one thread: see
-    `OneThread`.
+    bridged, at half the hand speeds; the first bridge starts at the hand. Joints that do not follow are seen as by
+    `PoseTracker`. An object belongs to one thread: see `OneThread`.
 
     Parameters
     ----------
@@ -276,11 +276,12 @@ class MirrorTracker(MirrorForeseen):
                 usual = pose.shape == _SQUARE
             except (ValueError, TypeError):
                 usual = False
-        reason = "" if enable is True and stamp is None and not self._watchdog.stamped else self._refusal(enable, stamp)
         if not usual:
             self._write((q, pose, twist, *self._inputs[2:]))
+        fault = self._not_following(stamp) if self._feedback is None else ""
+        reason = "" if enable is True and stamp is None and not self._watchdog.stamped else self._refusal(enable, stamp)
         if self._feedback is None:
-            return self._mirrored(force, reason)
+            return self._mirrored(force, reason or fault)
         return self._led(lambda fault, note: self._mirrored(force, reason or fault, note))
 
     def _mirrored(self, force: ArrayLike | None, reason: str, note: str = "") -> Command:

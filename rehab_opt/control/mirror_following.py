@@ -183,8 +183,10 @@ class MirrorFollowing(MirrorWaiting):
         # What the person's arm cannot do of the reference is no reason to dwell there: it would not come to an end.
         aim = pose if self._aim is None else self._aim
         away, turned = self._beyond(here, aim)
-        eased = min(max((WAITS - max(away / self.max_deviation, turned / self.max_turn)) / (WAITS - CALM), 0.0), 1.0)
-        pace *= eased * self._interaction.pace
+        eased = (WAITS - max(away / self.max_deviation, turned / self.max_turn)) / (WAITS - CALM)
+        if eased < 1.0 and not clock.is_still(*STILL):  # from what rests, time leads no further away
+            pace *= max(eased, 0.0)
+        pace *= self._interaction.pace
         linear, angular = SPARE * self.linear_speed, SPARE * self.angular_speed
         pace = min(pace, clock.pace, linear / max(speed, 1e-9), angular / max(turning, 1e-9))
         # A hand that stands short of the reference has no share of the motion towards it: that is no reason to wait.

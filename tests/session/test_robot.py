@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from rehab_opt.kinematics.ur5 import ur5
 from rehab_opt.session.files import load_problem
-from rehab_opt.session.pose_tracking.outcome import RobotOutcome
 from rehab_opt.session.pose_tracking.problem import CircleSection, PoseTracking
 from rehab_opt.session.pose_tracking.robot import circle_reference
+from rehab_opt.session.pose_tracking.run import RobotOutcome
 from rehab_opt.session.pose_tracking.shown import figures as robot_figures
 from rehab_opt.session.run import run_problem
 
