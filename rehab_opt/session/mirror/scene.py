@@ -48,8 +48,6 @@ class Scene:
     mirror : of the patient.
     reference : poses of the tool that are asked for, the recording mirrored; even samples.
     recorded : (N, 3) [m] the healthy hand in the robot's frame, where it was seen; not filtered.
-    led : what the robot is led along: the reference, or as much of it as the person's arm does, samples `dt` apart.
-    asked : (M,) which sample of the reference each of `led` is; the same again while the arm changes its posture.
     person : the arm that is led, in the robot's base frame, and the tool's pose (4, 4) in its hand frame; or None.
     fit : of the recording's frame, where points fix it.
     notes : what a reader of the result has to know.
@@ -59,12 +57,40 @@ class Scene:
     start: Array
     mirror: Mirror
     reference: Conditioned
-    led: Conditioned
-    asked: NDArray[np.int_]
     recorded: Array
     person: tuple[SerialChain, Array] | None
     fit: FrameFit | None
     notes: tuple[str, ...]
+
+    @cached_property
+    def _path(self) -> tuple[Conditioned, NDArray[np.int_]]:
+        reference = self.reference
+        if self.person is None:
+            return reference, np.arange(len(reference.poses))
+        dt, seen = float(reference.times[1] - reference.times[0]), np.flatnonzero(~reference.lost)
+        path = arm_path(*self.person, reference.poses[seen], dt=dt)
+        first = np.searchsorted(path.asked, np.arange(len(seen)))
+        gaps = np.flatnonzero(reference.lost)
+        where = np.append(first, len(path.asked))[np.searchsorted(seen, gaps)]
+        twists = path.twists.copy()
+        twists[first[1:][np.diff(seen) > 1]] = 0.0  # nothing is known of how the hand came there
+        asked = np.insert(seen[path.asked], where, gaps)
+        return reference._replace(
+            times=reference.times[0] + dt * np.arange(len(asked)),
+            poses=np.insert(path.poses, where, math.nan, axis=0),
+            twists=np.insert(twists, where, math.nan, axis=0),
+            lost=np.insert(np.zeros(len(path.asked), dtype=bool), where, True),
+        ), asked
+
+    @property
+    def led(self) -> Conditioned:
+        """M samples that the robot is led along: the reference, or what the person's arm does of it (`arm_path`)."""
+        return self._path[0]
+
+    @property
+    def asked(self) -> NDArray[np.int_]:
+        """(M,) which sample of the reference each of `led` is; the same again while the arm changes its posture."""
+        return self._path[1]
 
     @cached_property
     def beyond(self) -> Array:
@@ -135,44 +161,16 @@ def laid_out(loaded: ProblemFile[MirrorProblem]) -> Scene:
             f"{reference.dropped} samples left out (spikes, stamps that do not advance), "
             f"sight lost {reference.gaps} times"
         )
-    person = _person(problem, grip, file=file)
-    led, asked = _led(reference, person, 1.0 / rate)
     return Scene(
         robot=robot,
         start=start,
         mirror=mirror,
         reference=reference,
-        led=led,
-        asked=asked,
         recorded=poses[usable, :3, 3],
-        person=person,
+        person=_person(problem, grip, file=file),
         fit=fit if problem.placement.calibration_file is not None else None,
         notes=tuple(notes),
     )
-
-
-def _led(
-    reference: Conditioned, person: tuple[SerialChain, Array] | None, dt: float
-) -> tuple[Conditioned, NDArray[np.int_]]:
-    """What the person's arm does of the reference, and of which of its samples; sight that was lost stays lost."""
-    everything = np.arange(len(reference.poses))
-    if person is None:
-        return reference, everything
-    seen = np.flatnonzero(~reference.lost)
-    path = arm_path(*person, reference.poses[seen], dt=dt)
-    # Where sight was lost before a sample, there is nothing between it and the one before.
-    first = np.searchsorted(path.asked, np.arange(len(seen)))
-    gaps = np.flatnonzero(reference.lost)
-    where = np.append(first, len(path.asked))[np.searchsorted(seen, gaps)]
-    twists = path.twists.copy()
-    twists[first[1:][np.diff(seen) > 1]] = 0.0
-    asked = np.insert(seen[path.asked], where, gaps)
-    return reference._replace(
-        times=reference.times[0] + dt * np.arange(len(asked)),
-        poses=np.insert(path.poses, where, math.nan, axis=0),
-        twists=np.insert(twists, where, math.nan, axis=0),
-        lost=np.insert(np.zeros(len(path.asked), dtype=bool), where, True),
-    ), asked
 
 
 def hand_axes(section: PoseRecordingSection) -> Array:
