@@ -1,4 +1,4 @@
-"""A person's arm along a whole recording: within its range, never jumping, and where a posture ahead was needed, in it."""
+"""A person's arm along a whole recording: within its range, never jumping, and in time where it has to be."""
 
 import math
 
