@@ -18,6 +18,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from rehab_opt.control.clearance_pairs import ClearancePairs
 from rehab_opt.control.guarded_points import GuardedPoint, guarded_points
 from rehab_opt.control.limit import Limit, Limits
 from rehab_opt.control.stopping import VelocityBounds, nearest_to_rest
@@ -69,7 +70,9 @@ class HandBounds:
     dt : tick [s].
     recovery_speed : share of the joints' speeds at which the arm is led back above the floor.
     limits : a user's own.
-    margin : [m] that is left before the planes at least, where they may be gone into by what joints are led astray.
+    margin : [m] that is left before planes and bodies at least, where they may be gone into by what joints are led
+        astray.
+    clearance : pairs of bodies that keep clear of each other, or None.
     """
 
     chain: SerialChain
@@ -83,6 +86,7 @@ class HandBounds:
     recovery_speed: float
     limits: Sequence[Limit] = ()
     margin: float = 0.0
+    clearance: ClearancePairs | None = None
 
     @property
     def count(self) -> int:
@@ -91,16 +95,20 @@ class HandBounds:
 
     @cached_property
     def distances(self) -> Limits:
-        """What the arm keeps to the planes, and a user's own limits."""
+        """What the arm keeps to the planes, a user's own limits, and clearance."""
         planes = [Limit(partial(self._above, plane)) for plane in self.planes]
         own = [each if each.rate is not None else replace(each, rate=self.rate) for each in (*planes, *self.limits)]
-        return Limits(own, self.chain, self.dt)
+        return Limits(
+            own, self.chain, self.dt, self.clearance, recovery_speed=self.recovery_speed, fastest_rate=self.rate
+        )
 
     @property
     def _margins(self) -> list[float]:
-        """[m] for every row of `distances`: of the planes, none of a user's own limits, whose units are not known."""
+        """[m] for every row of `distances`: none of a user's own limits, whose units are not known."""
         planes = len(self.planes) * min(len(self.guarded), 2)
-        return [self.margin] * planes + [0.0] * (len(self.distances) - planes)
+        bodies = 0 if self.clearance is None else self.clearance.slots
+        others = len(self.distances) - planes - bodies
+        return [self.margin] * planes + [0.0] * others + [self.margin] * bodies
 
     def _above(self, plane: KeepOut, _: SerialChain, q: ca.SX) -> ca.SX:
         return ca.vertcat(*self.heights(self.chain.frames_expression(q), plane))
@@ -124,6 +132,7 @@ class HandBounds:
         lead: ca.SX,
         loss: ca.SX,
         bounds: VelocityBounds,
+        contacts: ca.SX,
         strays: ca.SX | None = None,
     ) -> tuple[ca.SX, ca.SX, VelocityBounds, Now]:
         """R (m, n), r (m,), the joint intervals, opened where the acceleration bound has to yield, and how things are.
@@ -135,6 +144,7 @@ class HandBounds:
         lead : (n,) stands for the gradient of w where that vanishes, else zero.
         loss : what the last tick lost of w / w_max against its tangent: counted on again.
         bounds : of the joint velocities.
+        contacts : the nearest, see `Limits.contacts`.
         strays : (n,) from q, where the joints are led, to where they are. Floor, planes and a user's limits have room
             for it either way, joint by joint: what friction holds back on the way in, it holds back on the way out.
             None for joints that move as commanded.
@@ -155,18 +165,20 @@ class HandBounds:
         far = distance > 0.25 * self.deviation  # a row at the very centre has no direction
         normals.append(unit.T @ self.chain.jacobian_expression(q)[:3, :])
         most.append(ca.if_else(far, share * ca.fmax(self.deviation - distance, 0), FREE))
-        if len(self.distances):
-            margins = ca.DM(self._margins)
-            slopes, falls = self.distances.falls(
-                q, last, room=None if astray is None else lambda each: ca.fmax(ca.fabs(each) @ astray, margins)
-            )
-            normals.append(-slopes)
-            most.append(falls)
+        margins = ca.DM(self._margins)
+
+        def room(slopes: ca.SX, which: slice) -> ca.SX:
+            return ca.fmax(ca.fabs(slopes) @ astray, margins[which])
+
+        slopes, falls, hard = self.distances.falls(q, last, contacts, room=None if astray is None else room)
+        normals.append(-slopes)
+        most.append(falls)
+        bounds = bounds._replace(outside=ca.logic_or(bounds.outside, self.distances.inside(contacts)))
         slow = ca.DM(self.recovery_speed * self.chain.velocity)
         calm = ca.dot(ca.fabs(gradient), slow)
         rows = feasible_rows(
             gradient, climb, calm=calm, normals=ca.vertcat(*normals), most=ca.vertcat(*most), bounds=bounds,
-            leading=len(self.distances),
+            hard=hard,
         )  # fmt: skip
         return *rows, Now(w, slope_of_w, pose)
 
@@ -223,16 +235,17 @@ def feasible_rows(
     normals: ca.SX,
     most: ca.SX,
     bounds: VelocityBounds,
-    leading: int = 0,
+    hard: ca.SX,
 ) -> tuple[ca.SX, ca.SX, VelocityBounds]:
     """Rows that some velocity within the (perhaps opened) intervals satisfies, always.
 
     The floor's row asks for gradient . q' >= climb; where that is positive, at most for `calm`, and for what the joints
-    can do in this tick. The others are `normals` q' <= `most`, of which the last `leading` may be below zero. The
-    witness is the velocity nearest to rest, moved towards the fastest climb as far as the floor asks, then across each
-    row that is below zero, past the floor's, and scaled down as far as the other rows ask. Where it leaves the
-    intervals, they are opened up to it: the acceleration yields, no more than that. Below zero, and of the floor, no
-    more is asked than the witness does.
+    can do in this tick. The others are `normals` q' <= `most`, of which the last, as many as
+    `hard` has, may be below zero. The witness is the velocity nearest to rest, moved towards the fastest climb as far
+    as the floor asks, then across each row that is below zero, past the floor's, beyond the intervals only for what
+    `hard` asks for, and scaled down as far as the other rows ask. Where it leaves the intervals, they are opened up to
+    it: the acceleration yields, no more than that. Below zero, and of the floor, no more is asked than the witness
+    does.
     """
     lower, upper = bounds.lower, bounds.upper
     rest = nearest_to_rest(bounds._replace(brake_lower=lower, brake_upper=upper))
@@ -244,11 +257,16 @@ def feasible_rows(
     slowed = fastest * clipped(asked / ca.fmin(most_climb, -1e-12), 0, 1)
     witness = ca.if_else(slope >= asked, rest, ca.if_else(most_climb >= asked, towards, slowed))
     low, high = ca.fmin(lower, witness), ca.fmax(upper, witness)
+    leading = hard.numel()
     lead = range(most.numel() - leading, most.numel())
     pushes = [_past(normals[i, :].T, gradient) for i in lead]
     for i, push in list(zip(lead, pushes, strict=True)) * min(leading, PASSES):
         over = ca.if_else(most[i] < 0, ca.fmax(normals[i, :] @ witness - most[i], 0), 0)
         witness = clipped(witness - over * push, low, high)
+    for i, push, least in list(zip(lead, pushes, ca.vertsplit(hard), strict=True)) * PASSES:
+        if not least.is_constant():
+            over = ca.fmax(normals[i, :] @ witness - least, 0)
+            witness = clipped(witness - over * push, *bounds.hard)
     speeds, share = normals @ witness, ca.SX(1)
     for i in range(most.numel()):
         least = ca.fmax(most[i], 0) if i in lead else most[i]

@@ -17,7 +17,7 @@ from rehab_opt.control.pose_tracker import Motion, PoseTracker, Tick
 from rehab_opt.control.stopping import VelocityBounds
 from rehab_opt.control.tool_speed import speed_ahead
 from rehab_opt.kinematics.frames import rotation_vector
-from rehab_opt.optim.certificate import clipped
+from rehab_opt.optim.certificate import all_true, clipped
 from rehab_opt.optim.rows import PLAUSIBLE, Instance, parameter
 from rehab_opt.symbolic import BufferedFunction
 
@@ -69,12 +69,13 @@ class MirrorStatement(PoseTracker):
 
     def others(self) -> list[ca.SX]:
         """From the target to the deviation's centre (3,), and what stands for a gradient that vanishes (n,)."""
-        return [parameter("offset", 3), parameter("lead", self.chain.n)]
+        return [parameter("offset", 3), parameter("lead", self.chain.n), *super().others()]
 
     @property
     def shapes(self) -> tuple[tuple[int, ...], ...]:  # type: ignore[override]
         """Shapes of the statement's parameters after q."""
-        return ((4, 4), (6,), (3,), (self.chain.n,))
+        pose, twist, *moving = super().shapes
+        return (pose, twist, (3,), (self.chain.n,), *moving)
 
     @property
     def told_size(self) -> int:  # type: ignore[override]
@@ -83,7 +84,7 @@ class MirrorStatement(PoseTracker):
 
     def rows(self, tick: Tick, bounds: VelocityBounds) -> tuple[ca.SX, ca.SX, VelocityBounds, ca.SX]:
         """See `HandBounds.rows`."""
-        offset, lead = tick.others
+        offset, lead, *_ = tick.others
         guided = self.guided(tick.memory)
         rows, most, opened, now = self.hand_bounds.rows(
             tick.q,
@@ -92,6 +93,7 @@ class MirrorStatement(PoseTracker):
             lead=lead,
             loss=tick.memory[-1],
             bounds=bounds,
+            contacts=tick.contacts,
             strays=None if guided is None else guided.apart,
         )
         turned = ca.sumsqr(rotation_vector(tick.target[:3, :3] @ now.pose[:3, :3].T))
@@ -129,7 +131,7 @@ class MirrorStatement(PoseTracker):
     def outcome(self, tick: Tick, motion: Motion) -> ca.SX:
         """Yielded, share of the wanted motion, nothing unusual, bounds truly kept, w before and after, w is flat."""
         centre = tick.target[:3, 3] + tick.others[0]
-        w, gradient, here, turned = self._told(motion)
+        w, gradient, here, turned = self._computed(motion)
         yielded = super().outcome(tick, motion)[0]
         share = ca.if_else(motion.speed > 1e-9, motion.scale, 1)
         kept, then = self._ends(tick, motion)
@@ -145,36 +147,58 @@ class MirrorStatement(PoseTracker):
 
     def remembered(self, tick: Tick, motion: Motion) -> ca.SX:
         """Velocity, where it leads, and the loss of w against its tangent."""
-        w, gradient, _, _ = self._told(motion)
+        w, gradient, _, _ = self._computed(motion)
         _, then = self._ends(tick, motion)
         loss = ca.fmax(w + ca.dot(gradient, motion.velocity) * self.dt - then, 0)
         return ca.vertcat(super().remembered(tick, motion), ca.fmin(loss, self.floor))
 
-    def _told(self, motion: Motion) -> list[ca.SX]:
+    @property
+    def settled_size(self) -> int:
+        """Numbers of `settled`: one where bodies keep clear of each other."""
+        return 0 if self.limits.clearance is None else 1
+
+    def settled(self, size: int, remembered: int) -> ca.Function:
+        """Complete parameters, memory, x -> whether bodies are clear of each other where it leads."""
+        n = self.chain.n
+        inputs = [ca.MX.sym(name, count) for name, count in (("p", size), ("memory", remembered), ("x", n + 1))]
+        p, _, x = inputs
+        return ca.Function("settle", inputs, [self.limits.clear(p[:n], p[self._told], x[:n])])
+
+    def _computed(self, motion: Motion) -> list[ca.SX]:
         n = self.chain.n
         w, gradient, here, turned = ca.vertsplit(motion.told, [0, 1, n + 1, n + 4, n + 5])
         return [w, gradient, here, turned]
 
     def _ends(self, tick: Tick, motion: Motion) -> tuple[ca.SX, ca.SX]:
-        w, _, here, _ = self._told(motion)
+        w, _, here, _ = self._computed(motion)
         centre, hand = tick.target[:3, 3] + tick.others[0], motion.delivered[:3]  # places weigh 1
-        return self.hand_bounds.kept(tick.q, motion.velocity, centre, w=w, here=here, hand=hand)
+        kept, then = self.hand_bounds.kept(tick.q, motion.velocity, centre, w=w, here=here, hand=hand)
+        return all_true(kept, motion.settled > 0), then
 
     def _auditing(self) -> ca.Function:
-        """q, velocity, centre -> see `HandBounds.kept`."""
+        """q, velocity, centre and moving capsules in one column -> see `HandBounds.kept`."""
         q, velocity, centre = ca.SX.sym("q", self.chain.n), ca.SX.sym("v", self.chain.n), ca.SX.sym("centre", 3)
         w, here = self.hand_bounds.manipulability(q)[0], self.chain.pose_expression(q)[:3, 3]
         hand = self.chain.jacobian_expression(q)[:3, :] @ velocity
         kept = self.hand_bounds.kept(q, velocity, centre, w=w, here=here, hand=hand)
-        return ca.Function("audit", [q, velocity, centre], [ca.densify(ca.vertcat(*kept))], {"cse": True})
+        audit = ca.Function("audit", [q, velocity, centre], [ca.densify(ca.vertcat(*kept))], {"cse": True})
+        if not self.settled_size:
+            return audit
+        size = 3 + self.limits.told
+        inputs = [ca.MX.sym(name, count) for name, count in (("q", q.numel()), ("v", q.numel()), ("around", size))]
+        here, u, around = inputs
+        alone, then = ca.vertsplit(audit(here, u, around[:3]))
+        verdict = ca.logic_and(alone, self.limits.clear(here, around[3:], u))
+        return ca.Function("audit", inputs, [ca.vertcat(verdict, then)])
 
     def instance(self, q: ArrayLike, *inputs: ArrayLike) -> Instance:
-        """The QP of a tick at q, pose and twist, as numbers, for inspection."""
-        return super().instance(q, *inputs, *(np.zeros(3), np.zeros(self.chain.n))[len(inputs) - 2 :])
+        """The QP of a tick at q, pose and twist, as numbers, for inspection; nothing moves where nothing is said."""
+        return super().instance(q, *inputs, *(np.zeros(shape) for shape in self.shapes[len(inputs) :]))
 
     # --------------------------------------------------------------------------------------------- true bounds
     def _kept(self, q: Array, value: Array, centre: Array) -> bool:
-        kept, self._then = self._audit.of(q, value, centre).tolist()
+        around = np.append(centre, self._usable_obstacles()) if self.limits.moving else centre
+        kept, self._then = self._audit.of(q, value, around).tolist()
         return bool(kept)
 
     @property

@@ -20,7 +20,9 @@ CLIMB, CALM, LOWER, UPPER = ca.SX.sym("f"), ca.SX.sym("c"), ca.SX.sym("l", N), c
 def function() -> BufferedFunction:
     nothing = ca.SX.zeros(N)
     bounds = VelocityBounds(LOWER, UPPER, *[nothing] * 4, ca.SX(0), nothing, nothing)
-    rows, most, opened = feasible_rows(GRADIENT, CLIMB, calm=CALM, normals=NORMALS, most=MOST, bounds=bounds, leading=2)
+    rows, most, opened = feasible_rows(
+        GRADIENT, CLIMB, calm=CALM, normals=NORMALS, most=MOST, bounds=bounds, hard=ca.SX.inf(2)
+    )
     inputs = [GRADIENT, CLIMB, CALM, NORMALS, MOST, LOWER, UPPER]
     outputs = [ca.densify(each) for each in (rows, most, opened.lower, opened.upper)]
     return BufferedFunction(ca.Function("rows", inputs, outputs))
