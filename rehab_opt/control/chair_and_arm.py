@@ -136,10 +136,10 @@ class ChairAndArm(VelocityController):
         closing = ca.reshape(keep_outs[: far[0].numel()], *far[0].shape), keep_outs[far[0].numel() :]
         around = parameter("around", self.max_obstacles * self.limits.obstacles.size)
         contacts = parameter("contacts", self.limits.own.contacts_size)
-        limits = self.limits.limits(q, last, around, closing, clearance, contacts)
+        moving = ca.sumsqr(twist) > 0
+        limits = self.limits.limits(q, last, around, closing, clearance, contacts=contacts, gives_way=moving)
         braking, remembered = self.limits.braking, Last(last, memory[-1 - k : -1], memory[-1])
         task = self.task.columns(q, twist, world, last=remembered, limits=limits, braking=braking, dt=self.dt)
-        moving = ca.sumsqr(twist) > 0
         eased = limits._replace(
             lower=ca.if_else(
                 moving, ca.fmax(limits.lower, ca.fmin(last - self.limits.braking.change, limits.base)), limits.lower
@@ -325,7 +325,8 @@ class ChairAndArm(VelocityController):
         _, clearance = self.limits.near(arm, last[CHAIR:])
         each = [obstacles[NUMBERS * i : NUMBERS * (i + 1)] for i in range(self.max_obstacles)]
         around = ca.vertcat(ca.SX(0, 1), *(self.limits.obstacles.column(one, q[:CHAIR], last[:CHAIR]) for one in each))
-        limits = self.limits.limits(q, last, around, self.limits.keep_outs(arm, last[CHAIR:]), clearance, contacts)
+        keep_outs = self.limits.keep_outs(arm, last[CHAIR:])
+        limits = self.limits.limits(q, last, around, keep_outs, clearance, contacts=contacts, gives_way=ca.SX(0))
         rest = self.limits.unhindered(limits.base, limits.base, arm) if self.robot.keep_out else limits.base
         inputs = [q, memory, obstacles, contacts]
         slower = ca.Function("slower", inputs, [ca.densify(rest), limits.outside], {"cse": True})

@@ -61,7 +61,7 @@ class Limits(NamedTuple):
     """(e, 7) rows of a user's limits and of what keeps clear of each other, at most beside_limit (e,)."""
     beside_limit: ca.SX
     base: ca.SX
-    """(7,) one tick of the hardest braking together, led out of the way of what comes: the safe command."""
+    """(7,) one tick of the hardest braking together: the safe command; see `ChairLimits` for what comes nearer."""
     clearance: ca.SX
     """[m] of the arm from the nearest keep-out, negative inside."""
     outside: ca.SX
@@ -124,8 +124,8 @@ class ChairLimits:
     for braking as hard as the accelerations allow, until it is kept again; and the command is shortened to what keeps
     the robot out in this tick: there only acceleration yields.
 
-    A user's limits and a `Clearance` make the rows that they make everywhere (`control.limit.Limits`); what comes
-    nearer by itself leads the safe command out of its way, and only there and in those rows acceleration yields to it.
+    A user's limits and a `Clearance` make the rows that they make everywhere (`control.limit.Limits`). While the stick
+    commands, `base` is led out of the way of what comes nearer by itself, and acceleration yields to it.
 
     Parameters
     ----------
@@ -210,11 +210,13 @@ class ChairLimits:
         obstacles: ca.SX,
         keep_outs: tuple[ca.SX, ca.SX],
         clearance: ca.SX,
+        *,
         contacts: ca.SX,
+        gives_way: ca.SX,
     ) -> Limits:
         """Limits at joint values q (7,) after the command `last` (7,), with columns of obstacles and `keep_outs`.
 
-        contacts : see `Limits.contacts` of `control.limit`.
+        contacts, gives_way : see `Limits.contacts` and `Limits.beside` of `control.limit`.
         """
         lower, upper, hard_lower, hard_upper, outside = self._joints(q, last)
         read, size = self.obstacles.read, self.obstacles.size
@@ -244,7 +246,9 @@ class ChairLimits:
             turn = self.world(q[2], q.numel())
             turn[:, still] = 0
             hard = hard_lower, hard_upper
-            beside, free_beside, base = self.own.beside(q, turn @ last, contacts, turn, base, hard)
+            beside, free_beside, base = self.own.beside(
+                q, turn @ last, contacts, turn=turn, base=base, hard=hard, gives_way=gives_way
+            )
             base[:CHAIR] *= ca.fmin(
                 largest_part(chair @ base[:CHAIR], chair_limit), largest_part(-chair @ base[:CHAIR], chair_limit)
             )

@@ -255,15 +255,24 @@ class Limits:
         return _kept_within(now, rest, (ca.fmin(rest, held), ca.fmax(rest, held)), bounds.hard)
 
     def beside(
-        self, q: ca.SX, last: ca.SX, contacts: ca.SX, turn: ca.SX, base: ca.SX, hard: tuple[ca.SX, ca.SX]
+        self,
+        q: ca.SX,
+        last: ca.SX,
+        contacts: ca.SX,
+        *,
+        turn: ca.SX,
+        base: ca.SX,
+        hard: tuple[ca.SX, ca.SX],
+        gives_way: ca.SX,
     ) -> tuple[ca.SX, ca.SX, ca.SX]:
         """R (m, n), r (m,) of R u <= r, and `base`, led within `hard` to where no limit is passed in this tick.
 
-        Of velocities q' = turn u.
+        Of velocities q' = turn u. Where `gives_way` is 0, nothing is led out of the way of what comes nearer by itself.
         """
         slopes, free, now = self._now(q, last, contacts)
-        slopes = slopes @ turn
-        return -slopes, free, _kept_within((slopes, free, now), base, (base, base), hard)
+        slopes, least = slopes @ turn, ca.if_else(gives_way, -ca.inf, 0)
+        base = _kept_within((slopes, free, ca.fmax(now, least)), base, (base, base), hard)
+        return -slopes, ca.fmax(free, least), base
 
     @cached_property
     def keeping(self) -> ca.Function:
@@ -271,7 +280,7 @@ class Limits:
         return self.first_kept(self.judged)
 
     def first_kept(self, judged: ca.Function) -> ca.Function:
-        """Q, moving capsules, wanted, braking -> the first velocity (n,) that a function, as `judged`, has nothing against.
+        """Q, moving capsules, wanted, braking -> the first velocity (n,) for which `judged` gives 1.
 
         Of `wanted`, parts of the way there from `braking`, and parts of that; each is judged where those before failed.
         """

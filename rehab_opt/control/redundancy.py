@@ -81,7 +81,7 @@ class RedundancyResolver(OneThread):
     max_obstacles : how many there will ever be at most; default as many as there are now.
     keep_out : whether the arm is kept from the robot's keep-outs.
     limits : what the posture has to keep besides, in the world frame: `Limit`, and a `Clearance` of the arm, of which
-        links are pairs that chair and arm move. See `PoseTracker`.
+        links are pairs that chair and arm move. See `PoseTracker`. Without a command nothing is given way to.
     self_motion : weight of grad c in Eq. (1): v(r') = self_motion |r'|.
     dt : nominal tick [s].
     recovery_speed : share of the velocity limit at which a joint outside its limits comes back at most.
