@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.session.ardis.loop import Motion
 from rehab_opt.session.ardis.problem import DriveName, GoalSection
+from rehab_opt.session.clearance import NearestBodies
 from rehab_opt.session.outcome import Column, Outcome
 
 if TYPE_CHECKING:
@@ -45,12 +46,14 @@ class ArdisOutcome(Outcome):
     ----------
     robot : that moved. room : walls and posts. goals : of the user.
     drives : motions by drive.
+    near : how near bodies came to each other, by drive; empty without `[clearance]`.
     """
 
     robot: MobileArm = field(kw_only=True)
     room: tuple[Obstacle, ...] = field(kw_only=True)
     goals: tuple[GoalSection, ...] = field(kw_only=True)
     drives: Mapping[DriveName, DriveOutcome] = field(kw_only=True)
+    near: Mapping[DriveName, NearestBodies] = field(kw_only=True, default_factory=dict)
 
     def trace(self) -> Iterator[Column]:
         """One row a drive, law and tick; wheels that a drive does not have are at rest."""

@@ -9,6 +9,7 @@ from rehab_opt.session.ardis.outcome import ArdisOutcome, DriveOutcome
 from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
 from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, room_of, start_of
 from rehab_opt.session.ardis.stick import StickRecording, read_stick
+from rehab_opt.session.clearance import nearest_bodies
 from rehab_opt.session.files import ProblemFile, recording_path
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.plant.making import OWN_ARM, chair_plant, plant_note
@@ -70,11 +71,14 @@ def run_ardis(loaded: ProblemFile[ArdisProblem], *, solver: str | None, progress
             progress=lambda done, of: progress(f"{drive}, {name} law", done, of),
         )  # fmt: skip
 
-    drives = {}
+    drives, near = {}, {}
     for drive in sticks:
-        ours = Optimised(resolver_of(loaded, robot, drive, solver=solver))
+        resolver = resolver_of(loaded, robot, drive, solver=solver)
+        ours = Optimised(resolver)
         theirs = Published(PseudoinverseLaw(robot, drive=drive, self_motion=problem.run.self_motion))
         drives[drive] = DriveOutcome(published=run(drive, "published", theirs), optimised=run(drive, "optimised", ours))
+        seen = nearest_bodies(resolver.limits, drives[drive].optimised.q, drives[drive].optimised.time)
+        near |= {} if seen is None else {drive: seen}
     metrics = {
         drive: drive_metrics(robot, drive, outcome, room=room, goals=problem.goals) for drive, outcome in drives.items()
     }
@@ -90,9 +94,11 @@ def run_ardis(loaded: ProblemFile[ArdisProblem], *, solver: str | None, progress
             ROBOT_OF_PAPER if problem.robot.file is None else ROBOT_OF_FILE,
             "walls and posts are kept from the chair's outline; the arm may reach over them",
             *robot.chain.notes,
+            *(f"{drive} drive: {seen.note}" for drive, seen in near.items()),
         ),
         metrics={
             "drives": metrics,
+            **({"clearance": {drive: seen.metrics for drive, seen in near.items()}} if near else {}),
             "parameters": problem.model_dump(mode="json", exclude={"title", "plant"})
             | {"plant": problem.plant.parameters},
         },
@@ -100,4 +106,5 @@ def run_ardis(loaded: ProblemFile[ArdisProblem], *, solver: str | None, progress
         room=room,
         goals=tuple(problem.goals),
         drives=drives,
+        near=near,
     )

@@ -18,6 +18,7 @@ from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.plants.ideal import IdealJoints
 from rehab_opt.plants.plant import Plant
 from rehab_opt.published.astar import AStarPath, astar_path
+from rehab_opt.session.clearance import clearance_key, clearance_of
 from rehab_opt.session.mirror.outcome import Led
 from rehab_opt.session.mirror.problem import MirrorProblem
 from rehab_opt.session.mirror.scene import Scene
@@ -76,6 +77,7 @@ def tracker_of(
             angular_speed=math.radians(section.angular_speed_deg_s),
             catch_up=section.catch_up,
             keep_out=planes,
+            limits=clearance_of(problem.clearance, file),
             person=person,
             grip=grip,
             person_start=None if arm is None or arm.start_deg is None else np.deg2rad(arm.start_deg),
@@ -84,7 +86,7 @@ def tracker_of(
             **options,
         )
     except ConfigurationError as refused:
-        key = KEYS.get(refused.argument, f"tracker.{refused.argument}")
+        key = clearance_key(refused.argument) or KEYS.get(refused.argument, f"tracker.{refused.argument}")
         raise ProblemFileError(file, key, refused.value, refused.expected) from refused
 
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.kinematics.vr import Mirror
 from rehab_opt.published.astar import AStarPath
+from rehab_opt.session.clearance import NearestBodies
 from rehab_opt.session.outcome import MovementOutcome
 from rehab_opt.session.plant.motion import JointMotion
 
@@ -86,6 +87,7 @@ class MirrorOutcome(MovementOutcome):
     laws : what was run, by its name among `LAWS`.
     astar : the published path where it was asked for.
     max_deviation, linear_speed : [m, m/s] the bounds.
+    near : how near bodies came to each other, tick by tick; None without `[clearance]`.
     """
 
     floor: float = field(kw_only=True)
@@ -96,3 +98,4 @@ class MirrorOutcome(MovementOutcome):
     astar: AStarPath | None = field(kw_only=True)
     max_deviation: float = field(kw_only=True)
     linear_speed: float = field(kw_only=True)
+    near: NearestBodies | None = field(kw_only=True, default=None)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from rehab_opt.session.clearance import NearestBodies
 from rehab_opt.session.outcome import Column, MovementOutcome
 from rehab_opt.session.plant.motion import JointMotion
 from rehab_opt.session.trace_columns import joint_columns, point_columns
@@ -28,6 +29,7 @@ class RobotOutcome(MovementOutcome):
     q, command : (N, n) true positions [rad], commanded velocities [rad/s].
     status : (N,) of each command.
     motion : of the joints, commanded and true; None where they are the same.
+    near : how near bodies came to each other; None without `[clearance]`.
     """
 
     reference: Array = field(kw_only=True)
@@ -38,6 +40,7 @@ class RobotOutcome(MovementOutcome):
     command: Array = field(kw_only=True)
     status: tuple[str, ...] = field(kw_only=True)
     motion: JointMotion | None = field(kw_only=True, default=None)
+    near: NearestBodies | None = field(kw_only=True, default=None)
 
     def trace(self) -> Iterator[Column]:
         """One row a tick."""

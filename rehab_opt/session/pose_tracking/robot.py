@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.ur5 import ur5
+from rehab_opt.session.clearance import clearance_key, clearance_of, nearest_bodies
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.metrics import error_metrics, joint_metrics, status_counts, time_metrics
 from rehab_opt.session.outcome import Progress
@@ -79,6 +80,7 @@ def run_pose_tracking(loaded: ProblemFile[PoseTracking], *, solver: str | None, 
     position_error = np.linalg.norm(tool[:, :3, 3] - poses[:, :3, 3], axis=1)
     orientation_error = _angles(tool[:, :3, :3], poses[:, :3, :3])
     acceleration = np.abs(np.diff(command, axis=0, prepend=np.zeros((1, robot.n)))) * rate
+    near = nearest_bodies(tracker.limits, q, times)
     moving = np.maximum(np.linalg.norm(twists[:, :3], axis=1), np.linalg.norm(twists[:, 3:], axis=1)) >= MOVING
     own = inspect.signature(type(tracker)).parameters
     metrics: dict[str, Any] = {
@@ -103,13 +105,16 @@ def run_pose_tracking(loaded: ProblemFile[PoseTracking], *, solver: str | None, 
         "status": status_counts(statuses),
         "yielded": status_counts(text for text in yielded if text and text != "nothing"),
     }
+    if near is not None:
+        metrics["clearance"] = near.metrics
     return RobotOutcome(
         system=problem.system,
         name=loaded.name,
         title=problem.title,
         chain=robot,
         time=times,
-        notes=(plant_note(problem.plant, "the robot is simulated: its joints move exactly as commanded"), *robot.notes),
+        notes=(plant_note(problem.plant, "the robot is simulated: its joints move exactly as commanded"), *robot.notes)
+        + (() if near is None else (near.note,)),
         metrics={
             "parameters": problem.model_dump(mode="json", exclude={"title", "plant"})
             | {"plant": problem.plant.parameters},
@@ -123,6 +128,7 @@ def run_pose_tracking(loaded: ProblemFile[PoseTracking], *, solver: str | None, 
         command=command,
         status=tuple(statuses),
         motion=motion,
+        near=near,
     )
 
 
@@ -147,11 +153,14 @@ def tracker_of(
     given = {"gain": problem.tracker.gain_per_s, "solver": solver or problem.tracker.solver}
     chosen: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
     try:
-        return PoseTracker(robot, dt=1 / problem.tracker.rate_hz, backup=backup, feedback=feedback, **chosen)
+        limits = clearance_of(problem.clearance, file)
+        return PoseTracker(
+            robot, dt=1 / problem.tracker.rate_hz, limits=limits, backup=backup, feedback=feedback, **chosen
+        )
     except ConfigurationError as refused:
         if refused.argument == "solver" and solver is not None:
             raise
-        key = KEYS.get(refused.argument, f"tracker.{refused.argument}")
+        key = clearance_key(refused.argument) or KEYS.get(refused.argument, f"tracker.{refused.argument}")
         raise ProblemFileError(file, key, refused.value, refused.expected) from refused
 
 
