@@ -145,9 +145,25 @@ def live(
     solver: Annotated[str | None, typer.Option(help="Solver of the optimised law, instead of the file's.")] = None,
     host: Annotated[str, typer.Option(help="Address of this machine on which the page is served.")] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the page; 0: any that is free.")] = 0,
+    study: StudyOption = None,
+    person: PersonOption = None,
+    session: SessionOption = None,
+    covariate: CovariateOption = None,
 ) -> None:
-    """Run a problem in real time, and print the address of a page in which to see and touch it. Ctrl-C ends it."""
+    """Run a problem in real time, and print the address of a page in which to see and touch it. Ctrl-C ends it.
+
+    With --study each time that the dead man's switch is held, for a second at least, is a trial of it.
+    """
     from rehab_opt.live.session import show_live  # noqa: PLC0415
+
+    into, trials = destination(study, person, session, covariate), None
+    if into is not None:
+        from rehab_opt.session.files import problem_path  # noqa: PLC0415
+        from rehab_opt.study.live import LiveTrials  # noqa: PLC0415
+        from rehab_opt.study.trial import ProblemText  # noqa: PLC0415
+
+        name, path = problem_path(file)
+        trials = LiveTrials(into, ProblemText(name, path.read_text(encoding="utf-8")))
 
     def ready(page: str, participant: str) -> None:
         say(f"open {page}")
@@ -156,7 +172,11 @@ def live(
         sys.stdout.flush()
 
     with contextlib.suppress(KeyboardInterrupt), on_interrupt(signal.default_int_handler):
-        show_live(file, plant=plant, solver=solver, host=host, port=port, ready=ready)
+        show_live(file, plant=plant, solver=solver, host=host, port=port, ready=ready, watching=trials)
+    if into is not None and trials is not None:
+        with undisturbed():
+            trials.end()
+        say(into.said(trials.written))
 
 
 @app.command()

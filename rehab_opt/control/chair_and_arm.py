@@ -81,6 +81,7 @@ class ChairAndArm(VelocityController):
     """
 
     requirement = "the rows are dependent at this posture"
+    base = CHAIR
 
     def __init__(
         self,
@@ -386,10 +387,10 @@ class ChairAndArm(VelocityController):
 
     def take_over(self, other: ChairAndArm) -> None:
         """Go on where another set of rows ends: its velocity, position and stamps are this one's."""
-        self._last[:], self._predicted[:] = other._last, other._predicted
+        self._last[:], self._predicted[:], self._sent[:] = other._last, other._predicted, other._sent
         self._ladder.memory[-1] = UNKNOWN
         self._ladder.warm_start(0.0)
-        self._watchdog = other._watchdog
+        self._watchdog, self._watch = other._watchdog, other._watch
 
     @property
     def velocity(self) -> Array:

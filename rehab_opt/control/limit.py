@@ -219,29 +219,33 @@ class Limits:
         return -slopes, ca.fmax(free, -slopes @ kept), opened
 
     def falls(
-        self, q: ca.SX, last: ca.SX, contacts: ca.SX, *, room: Callable[[ca.SX, slice], ca.SX] | None = None
-    ) -> tuple[ca.SX, ca.SX, ca.SX]:
+        self,
+        q: ca.SX,
+        last: ca.SX,
+        contacts: ca.SX,
+        *,
+        room: Callable[[ca.SX, slice], ca.SX] | None = None,
+        ticks: ca.SX | float = 1.0,
+    ) -> tuple[ca.SX, ca.SX]:
         """Slopes (m, n) of the least distances, and how fast they may fall (m,): below zero where they have to rise.
 
-        Then how fast they may not fall but in this tick (m,); infinite of a `Limit`. What is beyond a limit is taken
-        for at it: it goes no further, and is not led back. `room` says, of the slopes of some rows, what is left before
-        each.
+        What is beyond a limit is taken for at it: it goes no further, and is not led back. `room` says, of the slopes
+        of some rows, what is left before each. `ticks` of the last velocity lead as far as the tangents are to hold.
         """
 
         def left(least: ca.SX, slopes: ca.SX, which: slice) -> ca.SX:
             return least if room is None else least - room(slopes, which)
 
-        parts, own = [(ca.SX(0, self.chain.n), ca.SX(0, 1), ca.SX(0, 1))], slice(self._own)
+        parts, own = [(ca.SX(0, self.chain.n), ca.SX(0, 1))], slice(self._own)
         if self.limits:
-            slopes, least, spent = self._tangents(q, last)
-            least = ca.fmax(left(least, slopes, own), 0)
-            parts.append((slopes, self._shares[own] * least - spent, ca.SX.inf(self._own)))
+            slopes, least, spent = self._tangents(q, last, ticks)
+            parts.append((slopes, self._shares[own] * ca.fmax(left(least, slopes, own), 0) - spent))
         if self.clearance is not None:
             distances, slopes, changes = self.clearance.read(contacts)
             which = slice(self._own, len(self))
-            parts.append(self._between_bodies(last, left(distances, slopes, which), slopes, changes))
-        slopes, falls, hard = (ca.vertcat(*column) for column in zip(*parts, strict=True))
-        return slopes, falls, hard
+            parts.append(self._between_bodies(last, left(distances, slopes, which), slopes, changes)[:2])
+        slopes, falls = (ca.vertcat(*column) for column in zip(*parts, strict=True))
+        return slopes, falls
 
     def slower(self, q: ca.SX, last: ca.SX, bounds: VelocityBounds, contacts: ca.SX) -> ca.SX:
         """(n,) the velocity nearest to rest, but for joints that hold theirs longer where a limit wants it.
@@ -367,19 +371,20 @@ class Limits:
         free = ca.fmax(self._shares[self._own :] * (distances - SLACK / 2 - margin), -steep @ self._calm)
         return slopes, free + changes, ca.fmax(distances - SLACK / 2, 0) / self.dt + changes
 
-    def _tangents(self, q: ca.SX, last: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+    def _tangents(self, q: ca.SX, last: ca.SX, ticks: ca.SX | float = 1.0) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Slopes (m, n) of the least distances, these (m,), and what of their fall the tangents do not tell (m,).
 
-        That is what the last velocity would lose against them in this tick, and what leads to a margin for what a
-        change of it may lose more. Nearer than the margin, what lacks of it is asked for in this tick: an arm that
+        That is what the last velocity would lose against them in so many ticks, and what leads to a margin for what a
+        change of it may lose more. Nearer than the margin, what lacks of it is asked for in these ticks: an arm that
         stands at a limit is free to begin to move along it.
         """
-        found = [each.nearest(self.chain, q, self.dt * last) for each in self.limits]
+        seconds = ticks * self.dt
+        found = [each.nearest(self.chain, q, seconds * last) for each in self.limits]
         least, slopes, lost = (ca.vertcat(*column) for column in zip(*found, strict=True))
-        way, begun = self.dt * ca.sum1(ca.fabs(last)), self.dt * self._begun
+        way, begun = seconds * ca.sum1(ca.fabs(last)), seconds * self._begun
         margin = ca.sqrt(ca.sum2(slopes**2)) * (way + begun / 2) * begun
         lacking = clipped(margin - least, 0, margin)
-        return slopes, least, self._shares[: self._own] * (margin - lacking) + (lacking + lost) / self.dt
+        return slopes, least, self._shares[: self._own] * (margin - lacking) + (lacking + lost) / seconds
 
 
 def _kept_within(

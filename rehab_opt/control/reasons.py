@@ -94,6 +94,7 @@ REASONS = (
         "the hand stood under force: let go until it comes to a place further along the path",
         "the hand stood under force",
     ),
+    Reason("NOT_FOLLOWED", "a joint does not follow: `element` says which", "does not follow"),
 )
 """In the order of their numbers, which never change."""
 NUMBER = {reason.name: number for number, reason in enumerate(REASONS)}

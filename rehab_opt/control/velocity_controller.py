@@ -18,6 +18,7 @@ from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.control.stopping import VelocityBounds, nearest_to_rest, velocity_bounds
 from rehab_opt.control.thread_owner import OneThread
 from rehab_opt.control.watchdog import Watchdog
+from rehab_opt.control.watched_joints import WatchedJoints, watched_joints
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain, per_joint
 from rehab_opt.kinematics.real_array import real_array
@@ -56,6 +57,10 @@ class VelocityController(OneThread, ABC):
 
     The velocity last commanded is part of the state: a new controller is at rest, `reset` says otherwise. An object
     belongs to one thread: see `OneThread`.
+
+    Positions that do not follow the commands are a fault (`WatchedJoints`; with a `JointFeedback`, a following error):
+    the robot brakes, the reason says which joint, and it rests until `reset`, or until `enable` was released. Call
+    `reset` between states that are not one motion.
     """
 
     def __init__(
@@ -99,6 +104,7 @@ class VelocityController(OneThread, ABC):
         self._sent = ladder.memory[slice(n) if self.sent is None else self.sent]
         self._velocity = self._sent.data
         self._wheels = None if self.wheels is None else ladder.memory[self.wheels].data
+        self._watch = WatchedJoints(self.watch, chain.names)
         self.reset()
 
     # ------------------------------------------------------------------------------------------- for subclasses
@@ -110,6 +116,13 @@ class VelocityController(OneThread, ABC):
     """Part of the memory (n,) that is sent, None for the last velocity."""
     wheels: slice | None = None
     """Part of the memory that goes to wheels, None where there are none."""
+    base: ClassVar[int] = 0
+    """How many of the first joints are the place of a base that need not be measured."""
+
+    @property
+    def watch(self) -> ca.Function:
+        """What finds joints that do not follow, see `watched_joints`."""
+        return watched_joints(self.chain, dt=self.dt, base=self.base)
 
     @abstractmethod
     def statement(self) -> Statement:
@@ -195,8 +208,7 @@ class VelocityController(OneThread, ABC):
         lower, upper = np.maximum(self.chain.lower, -PLAUSIBLE), np.minimum(self.chain.upper, PLAUSIBLE)
         self._predicted[:] = (lower + upper) / 2
         self._watchdog.reset()
-        if self._feedback is not None:
-            self._feedback.reset(speed)
+        self._forget_joints(speed)
         self._give_away()
 
     def instance(self, q: ArrayLike, *inputs: ArrayLike) -> Instance:
@@ -215,13 +227,25 @@ class VelocityController(OneThread, ABC):
         reason = self._watchdog.check(stamp)
         if enable is not True and not (isinstance(enable, np.bool_ | int | float) and enable == 1):
             reason = "not enabled"
+            if not self._sent.any():  # an arm that was switched off may be moved by hand, and a fault is acknowledged
+                self._forget_joints(np.zeros(self.chain.n))
         return reason
+
+    def _forget_joints(self, velocity: Array) -> None:
+        """Where the joints were is forgotten; they move at `velocity` (n,) now."""
+        self._watch.reset()
+        if self._feedback is not None:
+            self._feedback.reset(velocity)
 
     def _tick(self, enable: object, stamp: float | None) -> Command:
         """One step on what stands in the parameters."""
         if self._feedback is None:
-            return self._decided(enable, stamp)
+            return self._decided(enable, stamp, self._not_following(stamp))
         return self._led(lambda fault, note: self._decided(enable, stamp, fault, note))
+
+    def _not_following(self, stamp: float | None) -> str:
+        """Which joint does not follow; empty where all do."""
+        return self._watch.fault(self._views[0], self._velocity, stamped=stamp is not None)
 
     def _led(self, decided: Callable[[str, str], Command]) -> Command:
         """What `decided` makes of where the joints are led, put in place of what was measured, of a fault and a note.

@@ -15,6 +15,7 @@ from rehab_opt.control.pose_tracker import PoseTracker
 from rehab_opt.control.reasons import REASONS, reason_number
 from rehab_opt.control.velocity_controller import VelocityController
 from rehab_opt.control.watchdog import watched
+from rehab_opt.control.watched_joints import memory_of_watch
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.export.c_text import filled, indented, initialiser, number
 from rehab_opt.export.generated import renamed
@@ -217,7 +218,8 @@ class ExportedVelocity(ExportedController):
     def functions(self) -> list[ca.Function]:
         """Of each law its tick, its safe command, and its lesser law where there is one."""
         watchdog = renamed(watched(), f"{self.name}_watched")
-        return [watchdog, *(function for law in self.laws for function in law.functions())]
+        followed = renamed(self.laws[0].controller.watch, f"{self.name}_followed")
+        return [watchdog, followed, *(function for law in self.laws for function in law.functions())]
 
     def shape(self) -> dict[str, str]:
         """Sizes, limits and the table of the laws."""
@@ -236,8 +238,11 @@ class ExportedVelocity(ExportedController):
             "obstacle_room": max(1, *(law.obstacles for law in laws)),
             "values": chain.n,
             "wheels": 0 if wheels is None else wheels.stop - wheels.start,
+            "watch": memory_of_watch(chain.n).size,
+            "watch_fault": memory_of_watch(chain.n)["fault"],
         }
         sizes["numbers"] = len(laws) * (sizes["parameters_most"] + 2 * sizes["state_most"] + sizes["verdict_most"])
+        sizes["numbers"] += sizes["watch"]
         return {
             **{name: str(size) for name, size in sizes.items()},
             "dt": number(first.dt),

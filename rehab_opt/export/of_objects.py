@@ -38,16 +38,15 @@ def exported_object(
     """The controller, or its sides, with the run that C has to repeat; arguments as of `export_c.export_c`."""
     title, of = type(controller).__name__, "a run that was given" if run is not None else "a random run"
     if isinstance(controller, MirrorTracker):
-        start, poses, twists, obstacles = (
-            (run[0]["q"], *([tick.get(name) for tick in run] for name in ("pose", "twist", "obstacles")))
+        start, poses, twists = (
+            (run[0]["q"], *(np.array([tick[name] for tick in run]) for name in ("pose", "twist")))
             if run is not None
             else random_runs.mirror_reference(controller)
         )
         given = MEMORY if memory is None else memory
         return [
             exported_mirror(
-                controller, start, np.array(poses), np.array(twists), obstacles=obstacles, title=title, source=of,
-                memory=given, progress=progress,
+                controller, start, poses, twists, title=title, source=of, memory=given, progress=progress
             )
         ]  # fmt: skip
     if isinstance(controller, PoseTracker):

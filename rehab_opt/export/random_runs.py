@@ -52,11 +52,8 @@ def bodies_about(place: Array, most: int, rng: np.random.Generator) -> Array:
     return bodies
 
 
-def mirror_reference(tracker: PoseTracker) -> tuple[Array, Array, Array, list[Array]]:
-    """Posture (n,), poses (N, 4, 4) and twists (N, 6) of a hand that waves about it, at times faster than the arm.
-
-    And the moving capsules about it.
-    """
+def mirror_reference(tracker: PoseTracker) -> tuple[Array, Array, Array]:
+    """Posture (n,), poses (N, 4, 4) and twists (N, 6) of a hand that waves about it, at times faster than the arm."""
     rng = np.random.default_rng(0)
     q = best_posture(tracker, rng)
     t = tracker.dt * np.arange(TICKS)[:, None]
@@ -64,8 +61,7 @@ def mirror_reference(tracker: PoseTracker) -> tuple[Array, Array, Array, list[Ar
     poses, twists = np.tile(tracker.chain.pose(q), (TICKS, 1, 1)), np.zeros((TICKS, 6))
     poses[:, :3, 3] += 0.1 * (np.sin(rates * t + phases) - np.sin(phases))
     twists[:, :3] = 0.1 * rates * np.cos(rates * t + phases)
-    several = [bodies_about(poses[k, :3, 3], tracker.limits.moving, rng) for k in range(0, TICKS, EACH)]
-    return q, poses, twists, [several[k // EACH] for k in range(TICKS)]
+    return q, poses, twists
 
 
 def resolver_run(resolver: RedundancyResolver) -> Ticks:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -16,7 +17,7 @@ from rehab_opt.control.notes import notes_of
 from rehab_opt.control.reasons import reason_number
 from rehab_opt.export.c_text import indented, initialiser, number
 
-__all__ = ["MOST_TICKS", "Recording", "Tick", "recorded", "thinned", "with_faults"]
+__all__ = ["MOST_TICKS", "Recording", "Tick", "recorded", "standing", "thinned", "with_faults"]
 
 Array = NDArray[np.float64]
 Tick = dict[str, Any]
@@ -24,6 +25,8 @@ Tick = dict[str, Any]
 
 MOST_TICKS = 4000
 """Of a run; a longer one is thinned, or its header would be read for minutes."""
+STANDS = 0.6
+"""[s] A hand at some 5 cm/s has joints by then that are seen not to follow."""
 STATUSES = {
     Status.OK: 0, Status.BACKUP: 1, Status.BRAKING: 2, Status.HOLDING: 3, Status.RELEASING: 4, Status.RELEASED: 5,
     Status.BLOCKED: 6,
@@ -136,6 +139,13 @@ def with_faults(
         stamp = np.nan if i == spread[0] - 1 else clock
         result.append(at.get(i, dict)({**tick, "enable": 1, "stamp": float(stamp)}))
     return result
+
+
+def standing(ticks: Sequence[Tick], run: Sequence[Tick], *, dt: float) -> list[Tick]:
+    """Ticks behind `ticks`: encoders that stand still for STANDS where `run` was fastest, then no enable input."""
+    last, count = ticks[-1]["stamp"], math.ceil(STANDS / dt)
+    tick = run[int(np.argmax(np.abs(np.diff([each["q"] for each in run], axis=0)).max(axis=1)))]
+    return [{**tick, "enable": int(k <= count), "stamp": float(last + k * dt)} for k in range(1, count + count // 2)]
 
 
 def _element(name: str, index: int, value: float) -> Callable[[Tick], Tick]:

@@ -12,6 +12,7 @@ from rehab_opt.errors import ConfigurationError
 from rehab_opt.live.control import control_live, live_rings
 from rehab_opt.live.server import LivePage
 from rehab_opt.session.files import load_problem
+from rehab_opt.session.live.seen import Watching
 from rehab_opt.session.run import live_problem
 
 __all__ = ["show_live"]
@@ -28,6 +29,7 @@ def show_live(
     plant: str | None = None,
     solver: str | None = None,
     ready: Callable[[str, str], None],
+    watching: Watching | None = None,
 ) -> None:
     """Run a problem in real time with a page to look at and to touch it, until interrupted.
 
@@ -35,7 +37,7 @@ def show_live(
     ----------
     file : of the problem, or the name of a shipped one. plant, solver : as of `rehab-opt run`.
     host, port : where the page is served; 0 is any free port.
-    ready : told the addresses of the page and of the participant's screen.
+    ready : told the addresses of the page and of the participant's screen. watching : told what is drawn.
 
     Raises
     ------
@@ -52,7 +54,7 @@ def show_live(
         control.start()
         told.close()
         try:
-            page = LivePage(problem, rings, scene, alive=control.is_alive)
+            page = LivePage(problem, rings, scene, alive=control.is_alive, watching=watching)
             asyncio.run(_until_stopped(page, host, port, ready))
         finally:
             control.terminate()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,17 +35,20 @@ class Replay:
     first: str
 
 
-def replayed(records: NDArray[np.void], decide: Decide) -> Replay:
+def replayed(
+    records: NDArray[np.void], decide: Decide, *, before: Callable[[np.void], None] = lambda _: None
+) -> Replay:
     """Ask a controller, new as it was when its session began, what it was asked then.
 
     Parameters
     ----------
-    records : (N,) of a log, from its first tick on.
+    records : (N,) of a log, from its first tick on. before : is told each record before the controller is asked.
     """
     operator, worst = operator_of(records.dtype), 0.0
     for i, record in enumerate(records):
         if gap := _gap(records, i):
             return Replay(i, len(records), worst, gap)
+        before(record)
         tick = tick_of(record, operator)
         if record["asked_before"]:
             decide(tick._replace(enabled=record["asked_before"] == 2))

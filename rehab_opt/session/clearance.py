@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,7 +17,7 @@ from rehab_opt.session.schema import Section, Side, Triple
 
 if TYPE_CHECKING:
     from rehab_opt.control.clearance_pairs import ClearancePairs
-    from rehab_opt.control.limit import Limits
+    from rehab_opt.kinematics.chain import SerialChain
 
 __all__ = ["ClearanceSection", "NearestBodies", "clearance_key", "clearance_of", "nearest_bodies"]
 
@@ -219,13 +220,14 @@ def clearance_key(argument: str) -> str | None:
     return "clearance" if argument == "chain" else None
 
 
-def nearest_bodies(limits: Limits, q: Array, time: Array) -> NearestBodies | None:
-    """Of a run's postures (N, n); None where nothing keeps clear."""
-    pairs = limits.clearance
-    if pairs is None:
+def nearest_bodies(limits: Sequence[Any], chain: SerialChain, q: Array, time: Array) -> NearestBodies | None:
+    """Of a run's postures (N, n), by what `clearance_of` gives; None where nothing keeps clear."""
+    from rehab_opt.control.clearance_pairs import ClearancePairs  # noqa: PLC0415  (loads CasADi)
+
+    if not limits:
         return None
-    none = np.zeros((pairs.told, 1)), np.zeros((1, 1))
-    found = np.array(pairs.distances.map(len(q))(q.T, *(np.tile(each, len(q)) for each in none)))
+    pairs = ClearancePairs(limits[0], chain)
+    found = np.array(pairs.distances.map(len(q))(q.T, np.zeros((0, len(q))), np.zeros((1, len(q)))))
     return NearestBodies(pairs, q, time, found.T)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import re
 import shutil
 import subprocess
@@ -71,6 +72,20 @@ def test_it_builds_with_warnings_as_errors_and_repeats_the_recorded_run(
 def test_the_recorded_run_is_clean_under_sanitizers(name: str, exported: Exported, built: Built) -> None:
     done = ran(built(exported(name), "sanitized", f"rehab_{name}.c", "main.c", flags=SANITIZED), "0")
     assert (done.returncode, done.stderr) == (0, ""), done.stdout
+
+
+@pytest.mark.parametrize("name", ["pose_tracker", "redundancy_mecanum"])
+def test_the_recorded_run_has_joints_that_do_not_follow_until_the_enable_input_is_released(
+    name: str, exported: Exported
+) -> None:
+    with (exported(name) / "recorded_run.csv").open() as lines:
+        rows = list(csv.DictReader(lines))
+    reasons = [REASONS[int(row["reason"])].name for row in rows]
+    moved = [k for k, (row, after) in enumerate(zip(rows, rows[1:], strict=False)) if row["q_3"] != after["q_3"]]
+    lost = [k for k, reason in enumerate(reasons) if reason == "NOT_FOLLOWED"]
+    assert lost
+    assert reasons[-1] == "NOT_ENABLED"
+    assert moved[-1] < lost[0]
 
 
 def test_a_changed_number_beside_the_command_is_found(exported: Exported, built: Built, tmp_path: Path) -> None:

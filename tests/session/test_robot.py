@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from rehab_opt.kinematics.ur5 import ur5
 from rehab_opt.session.files import load_problem
-from rehab_opt.session.pose_tracking.outcome import RobotOutcome
 from rehab_opt.session.pose_tracking.problem import CircleSection, PoseTracking
 from rehab_opt.session.pose_tracking.robot import circle_reference
+from rehab_opt.session.pose_tracking.run import RobotOutcome
 from rehab_opt.session.pose_tracking.shown import figures as robot_figures
 from rehab_opt.session.run import run_problem
 from tests.control.clearance_world import least_distance, link_ends
@@ -110,6 +110,8 @@ def test_shipped_robot_among_bodies_comes_to_its_margin_and_goes_on() -> None:
     assert min(found) == pytest.approx(
         outcome.near.distances[::10, len(pairs.linked) :].min(), abs=1e-6
     )  # of the links among each other nothing is asked here
-    assert outcome.metrics["optimised"]["clearance"]["least_beyond_margin_m"] == pytest.approx(outcome.near.distances.min())
+    assert outcome.metrics["optimised"]["clearance"]["least_beyond_margin_m"] == pytest.approx(
+        outcome.near.distances.min()
+    )
     assert outcome.metrics["optimised"]["scale_min"] < 0.5
     assert "clearance" in robot_figures(outcome)

@@ -17,8 +17,8 @@ from rehab_opt.session.many.digest import inputs_digest
 from rehab_opt.session.many.participant import Participant
 from rehab_opt.session.many.participants import participants_of
 from rehab_opt.session.many.work import work_on
-from rehab_opt.session.pose_tracking.outcome import RobotOutcome
 from rehab_opt.session.pose_tracking.robot import robot_at_start
+from rehab_opt.session.pose_tracking.run import RobotOutcome
 from rehab_opt.session.report import write_report
 from rehab_opt.session.run import checked, run_problem
 from rehab_opt.session.systems import ROBOT_FILE, system_named
@@ -56,12 +56,6 @@ mount_deg = [0, 0, 180]
 tool_m = {list(UR5_TOOL)}
 tool_deg = [-90, 0, 0]
 """
-
-
-@pytest.fixture(autouse=True)
-def uncompiled(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Runs are short: to compile a tracker takes longer than they do."""
-    monkeypatch.setenv("REHAB_OPT_COMPILE", "off")
 
 
 @pytest.fixture

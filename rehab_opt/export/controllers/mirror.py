@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import casadi as ca
@@ -26,7 +26,6 @@ from rehab_opt.control.reference_clock import CURVED
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.export.c_text import initialiser, number
 from rehab_opt.export.controllers.mirror_run import mirror_run
-from rehab_opt.export.controllers.pose_tracker import moving_argument, moving_values
 from rehab_opt.export.exported import BYTES, ExportedVelocity, Law
 from rehab_opt.export.generated import renamed
 from rehab_opt.export.recording import Recording
@@ -48,7 +47,7 @@ MEMORY = 64_000
 SAMPLE, SLOTS, LEAST = 20, 2, 16
 """Numbers of a sample, samples besides those that may wait, and the fewest that wait."""
 CALL = (
-    f"rehab_{NAME}_step(&controller, tick->q, tick->pose, tick->twist,{{}} tick->with_force ? tick->force : NULL, "
+    f"rehab_{NAME}_step(&controller, tick->q, tick->pose, tick->twist, tick->with_force ? tick->force : NULL, "
     "tick->enable, tick->stamp, out);"
 )
 USAGE = f"""\
@@ -56,10 +55,10 @@ static rehab_{NAME} controller; /* static: it is large */
 rehab_command command;
 
 rehab_{NAME}_init(&controller);
-for (;;) {{{{ /* every tick */
-    rehab_{NAME}_step(&controller, q, pose, twist,{{}} NULL, enable, stamp, &command);
+for (;;) {{ /* every tick */
+    rehab_{NAME}_step(&controller, q, pose, twist, NULL, enable, stamp, &command);
     send(command.value); /* joint velocities, rad/s */
-}}}}"""
+}}"""
 DIFFERENCES = (
     f"There is no backup solver. Where Python would ask {BACKUP}, C gives the safe command and "
     "`REHAB_NOT_CERTIFIED`; the recorded run is of a Python controller without the backup, too.",
@@ -151,7 +150,6 @@ def exported_mirror(
     *,
     title: str,
     source: str,
-    obstacles: Sequence[Array] = (),
     memory: int = MEMORY,
     progress: Progress = lambda *_: None,
 ) -> ExportedMirror:
@@ -162,7 +160,6 @@ def exported_mirror(
     tracker : it is reset.
     start : (n,) [rad, m] where its robot begins, at rest.
     poses, twists : (N, 4, 4), (N, 6) what is asked for, tick by tick; as much of it as a recorded run holds.
-    obstacles : (k, 14) of every tick by `moving_numbers`, where the tracker is told of moving capsules.
     title, source : what it is and where the poses come from, in a few words.
     memory : [bytes] of its struct at most; what the rest leaves holds samples of the reference that wait.
 
@@ -171,21 +168,19 @@ def exported_mirror(
     ConfigurationError : a solver that does not become C, a chain of more joints than a command has room for, or less
         memory than it takes.
     """
+    if tracker.limits.moving:
+        raise ConfigurationError("moving", tracker.limits.moving, "0: a mirror in C is told of no bodies that move")
     limit = tracker._limit
-    laws, pieces = (
-        [Law("mirror", tracker, obstacles=tracker.limits.told)],
-        {"types": "mirror_types.h", "at_start": "at_start.c"},
-    )
+    laws, pieces = [Law("mirror", tracker)], {"types": "mirror_types.h", "at_start": "at_start.c"}
     pieces |= {"reference_clock": "reference_clock.c", "way_out": "way_out.c", "person_limit": "no_person.c"}
     pieces |= {"true_bounds": "mirror_bounds.c", "pace": "mirror_pace.c"}
-    moving = moving_values(tracker.limits, "parameters + BODIES")
-    values, more, solves = {"one_tick": "", **moving}, MEMBERS, 2 * (PASSES + 1)
+    values, more, solves = {"one_tick": ""}, MEMBERS, 2 * (PASSES + 1)
     ladders = [tracker._ladder]
     if limit is not None:
         laws += [Law("following", limit._tracker), Law("settling", limit._settler)]
         pieces |= {"one_tick": "one_tick.c", "person_limit": "person_limit.c"}
         ladders += [limit._tracker._ladder, limit._settler._ladder]
-        values, more = _person(limit) | moving, MEMBERS + PERSON_MEMBERS.format(limit.chain.n)
+        values, more = _person(limit), MEMBERS + PERSON_MEMBERS.format(limit.chain.n)
         solves *= max(2, mirror_following.SETTLING_TICKS)  # the model's beside the robot's, or its alone
     exported = ExportedMirror(
         name=NAME,
@@ -193,8 +188,8 @@ def exported_mirror(
         laws=laws,
         tracker=tracker,
         interface="mirror",
-        call=CALL.format(moving_argument(tracker.limits, "tick->")),
-        usage=USAGE.format(moving_argument(tracker.limits)),
+        call=CALL,
+        usage=USAGE,
         recording=Recording((), (), "", ()),
         differences=(),
         solves=solves,
@@ -209,7 +204,7 @@ def exported_mirror(
     try:
         with as_in_c(*ladders):
             tracker.clock.most = waiting
-            recording = mirror_run(tracker, start, poses, twists, obstacles, source=source, progress=progress)
+            recording = mirror_run(tracker, start, poses, twists, source=source, progress=progress)
     finally:
         tracker.clock.most = most
         tracker.reset()
@@ -282,7 +277,7 @@ def _constants(tracker: MirrorTracker) -> dict[str, str]:
         "still_hand": w.STANDS[0], "still_turn": w.STANDS[1], "short_place": w.SHORT[0], "short_turn": w.SHORT[1],
         "patience": w.PATIENCE, "rush": f.RUSH, "jump": f.JUMP * dt + 1e-3, "spin": f.SPIN * dt + 1e-2,
     }  # fmt: skip
-    whole = {"moving": tracker.limits.told, "felt": FELT, "drawn": DRAWN, "halvings": s.HALVINGS, "stale": s.STALE}
+    whole = {"felt": FELT, "drawn": DRAWN, "halvings": s.HALVINGS, "stale": s.STALE}
     arrays: dict[str, Iterable[float]] = {
         "change": chain.acceleration * dt * (1 + 1e-9) + 1e-12, "lower": chain.lower, "upper": chain.upper,
         "distances": DISTANCES, "shares": SHARES,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,25 +22,16 @@ PUSH = 12.0
 
 
 def mirror_run(
-    tracker: MirrorTracker,
-    start: Array,
-    poses: Array,
-    twists: Array,
-    obstacles: Sequence[Array] = (),
-    *,
-    source: str,
-    progress: Progress,
+    tracker: MirrorTracker, start: Array, poses: Array, twists: Array, *, source: str, progress: Progress
 ) -> Recording:
     """What the tracker answers along poses (N, 4, 4), (N, 6) from q = start, as many as a recorded run holds.
 
-    The joints are filled in as it goes. `obstacles` (k, 14) of every tick are there where it is told of any; `source`
-    says where the poses come from.
+    The joints are filled in as it goes. `source` says where the poses come from.
     """
     count = min(len(poses), MOST_TICKS)
     pushed, strong = range(count // 2, 5 * count // 8), 1.1 * tracker._interaction.law.stop_at
     sound: list[Tick] = [
         {"q": start, "pose": pose, "twist": twist, "force": _force(k, pushed, strong), "with_force": int(k in pushed)}
-        | ({"obstacles": obstacles[k]} if tracker.limits.moving else {})
         for k, (pose, twist) in enumerate(zip(poses[:count], twists[:count], strict=True))
     ]
     faulty = with_faults(sound, dt=tracker.dt, max_age=tracker.max_age, more=_faults(tracker))
@@ -63,10 +54,7 @@ def mirror_run(
 
 def _answer(tracker: MirrorTracker, tick: Tick) -> Command:
     force = tick["force"] if tick["with_force"] else None
-    return tracker.step(
-        tick["q"], tick["pose"], tick["twist"], obstacles=tick.get("obstacles"), force=force, enable=tick["enable"],
-        stamp=tick["stamp"],
-    )  # fmt: skip
+    return tracker.step(tick["q"], tick["pose"], tick["twist"], force=force, enable=tick["enable"], stamp=tick["stamp"])
 
 
 def _force(k: int, pushed: range, strong: float) -> Array:

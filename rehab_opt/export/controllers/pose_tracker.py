@@ -12,13 +12,14 @@ from rehab_opt.control.limit import Limits
 from rehab_opt.control.pose_tracker import PoseTracker
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.export.exported import ExportedController, ExportedVelocity, Law
-from rehab_opt.export.recording import Tick, recorded, thinned, with_faults
+from rehab_opt.export.recording import Tick, recorded, standing, thinned, with_faults
 from rehab_opt.export.rungs import as_in_c
 from rehab_opt.optim.ladder import BACKUP, FUSED
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.pose_tracking.problem import PoseTracking
-from rehab_opt.session.pose_tracking.robot import circle_reference, robot_at_start, run_pose_tracking, tracker_of
+from rehab_opt.session.pose_tracking.robot import circle_reference, robot_at_start, tracker_of
+from rehab_opt.session.pose_tracking.run import run_pose_tracking
 
 __all__ = ["exported_pose_tracker", "exported_tracker", "moving_argument", "moving_values"]
 
@@ -81,9 +82,10 @@ def exported_tracker(tracker: PoseTracker, run: Sequence[Tick], *, title: str, o
     ConfigurationError : a solver that does not become C, or a chain of more joints than a command has room for.
     """
     ticks = with_faults(run, dt=tracker.dt, max_age=tracker.max_age, more=_faults(tracker))
+    ticks += standing(ticks, run, dt=tracker.dt)
     about = (
         f"{len(ticks)} ticks of {of}, with faults among them: numbers that are none, stamps that are wrong, the enable "
-        "input released"
+        "input released, encoders that stand still"
     )
 
     def answer(tick: Tick) -> Command:

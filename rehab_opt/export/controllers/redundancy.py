@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rehab_opt.control.chair_and_arm import UNKNOWN, ChairAndArm
 from rehab_opt.control.command import Command
-from rehab_opt.control.joystick import StickCommand
 from rehab_opt.control.obstacles import NUMBERS
 from rehab_opt.control.redundancy import RedundancyResolver
 from rehab_opt.control.task_rows import FRAMES
@@ -16,10 +17,10 @@ from rehab_opt.errors import ProblemFileError
 from rehab_opt.export.c_text import indented, initialiser, number
 from rehab_opt.export.controllers.pose_tracker import moving_argument, moving_values
 from rehab_opt.export.exported import ExportedController, ExportedVelocity, Law
-from rehab_opt.export.recording import Recording, Tick, recorded, thinned, with_faults
+from rehab_opt.export.recording import Recording, Tick, recorded, standing, thinned, with_faults
 from rehab_opt.export.rungs import as_in_c
 from rehab_opt.optim.ladder import BACKUP, FUSED
-from rehab_opt.session.ardis.loop import Answer, Array, Optimised, moved
+from rehab_opt.session.ardis.outcome import moved
 from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
 from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, start_of
 from rehab_opt.session.ardis.run import sticks_of
@@ -27,6 +28,8 @@ from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
 
 __all__ = ["exported_resolver", "exported_resolvers"]
+
+Array = NDArray[np.float64]
 
 DIFFERENCES = (
     f"There is no backup solver. Where Python would ask {BACKUP}, C goes on to a tick of braking together "
@@ -46,15 +49,14 @@ class Listening:
     """`RedundancyResolver`, and what it was told."""
 
     def __init__(self, resolver: RedundancyResolver) -> None:
-        self._law = Optimised(resolver)
+        self._resolver = resolver
         self.ticks: list[Tick] = []
-        self._rows = resolver.row_sets
 
-    def step(self, q: Array, asked: StickCommand) -> Answer:
+    def step(self, q: Array, twist: Array, rows: tuple[str, ...], frame: str, **given: Any) -> Command:
         """Its command."""
-        told = {"q": q.copy(), "twist": np.array(asked.twist), "rows": self._rows.index(asked.rows)}
-        self.ticks.append({**told, "frame": int(FRAMES[asked.frame])})
-        return self._law.step(q, asked)
+        told = {"q": q.copy(), "twist": np.array(twist), "rows": self._resolver.row_sets.index(rows)}
+        self.ticks.append({**told, "frame": int(FRAMES[frame])})
+        return self._resolver.step(q, twist, rows, frame, **given)
 
 
 def exported_resolvers(loaded: ProblemFile[ArdisProblem], *, progress: Progress) -> Sequence[ExportedController]:
@@ -139,6 +141,7 @@ def _recording(resolver: RedundancyResolver, run: Sequence[Tick], of: str) -> Re
             lambda tick: {**tick, "q": np.minimum(robot.chain.upper, 10.0) + 0.05},  # beyond every limit
         ),
     )  # fmt: skip
+    ticks += standing(ticks, run, dt=resolver.dt)
     frames = {int(value): name for name, value in FRAMES.items()}
 
     def answer(tick: Tick) -> Command:
@@ -150,7 +153,7 @@ def _recording(resolver: RedundancyResolver, run: Sequence[Tick], of: str) -> Re
 
     about = (
         f"{len(ticks)} ticks of {of}, with faults among them: numbers that are none, stamps that are wrong, the enable "
-        "input released"
+        "input released, encoders that stand still"
     )
     resolver.reset()
     with as_in_c(*(law._ladder for law in resolver._sets.values())):
