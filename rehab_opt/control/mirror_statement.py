@@ -230,7 +230,7 @@ class MirrorStatement(PoseTracker):
         audit = ca.Function("audit", inputs, [ca.densify(outputs)], {"cse": True})
         if not self.settled_size:
             return audit
-        given = [ca.MX.sym(each.name(), each.numel()) for each in (q, velocity, centre, target, turn)]
+        given = [ca.MX.sym("given", each.numel()) for each in (q, velocity, centre, target, turn)]
         told = ca.MX.sym("moving", self.limits.told)
         alone, may, then = ca.vertsplit(audit(*given))
         verdicts = [

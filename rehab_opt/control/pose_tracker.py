@@ -337,7 +337,7 @@ class PoseTracker(VelocityController):
         )
         inputs = [q, told, memory, wanted]
         same = ca.Function("same", inputs, [wanted])
-        back = limits.keeping(q, told, wanted, self._braked(q, told, memory))
+        back = limits.keeping(q, told, wanted, self._slowed(q, told, memory))
         looked = ca.Function("looked", inputs, [back])
         p, before, x = ca.MX.sym("p", size), ca.MX.sym("before", remembered), ca.MX.sym("x", n + 1)
         here = p[:n], p[self._told]
@@ -345,7 +345,7 @@ class PoseTracker(VelocityController):
         return ca.Function("settle", [p, before, x], [command])
 
     @cached_property
-    def _braked(self) -> ca.Function:
+    def _slowed(self) -> ca.Function:
         """Q, moving capsules, memory -> the velocity nearest to rest that keeps the limits."""
         n, limits, size = self.chain.n, self.limits, int(self._memory_size)
         q, memory, contacts = ca.SX.sym("q", n), ca.SX.sym("memory", size), ca.SX.sym("contacts", limits.contacts_size)
@@ -369,7 +369,7 @@ class PoseTracker(VelocityController):
         remembered = ca.Function("remembered", [q, memory, rest, contacts], outputs, {"cse": True})
         here, before = ca.MX.sym("q", n), ca.MX.sym("memory", self._memory_size)
         near = self.limits.contacts(here, before[:n], told)
-        answer = remembered.call([here, before, self._braked(here, told, before), near])
+        answer = remembered.call([here, before, self._slowed(here, told, before), near])
         return ca.Function("braking", [here, before, *([told] if self.limits.moving else [])], answer)
 
     def tell_braking(self, inputs: tuple[Array, ...]) -> None:
