@@ -48,6 +48,8 @@ class Limit:
 
     h(q) >= 0, met as the barrier  grad h . q' >= -rate h
 
+    A `MirrorTracker`, whose accelerations do not yield to it, meets it faster where braking of all joints alike does.
+
     Parameters
     ----------
     distances : chain, joint positions (n,) -> (k,) distances h(q) as CasADi expressions, in any unit. Smooth where they

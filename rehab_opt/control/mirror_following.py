@@ -174,19 +174,19 @@ class MirrorFollowing(MirrorWaiting):
         x, y, z, turning_x, turning_y, turning_z = twist.tolist()
         speed = math.sqrt(x * x + y * y + z * z)
         turning = math.sqrt(turning_x * turning_x + turning_y * turning_y + turning_z * turning_z)
-        pace = 1.0
-        if not foreseen and self._interaction.pace == 1.0:  # nobody is hurried who pushes
-            late = clock.lag - self.dt
-            if late > 0.0:
-                # What rests is passed at full haste to the last tick: nothing moves that would have to be slowed down.
-                pace += RUSH if clock.is_still(*STILL) else min(self.catch_up, late / CATCHING_UP + AT_LEAST)
         # What the person's arm cannot do of the reference is no reason to dwell there: it would not come to an end.
         aim = pose if self._aim is None else self._aim
         away, turned = self._beyond(here, aim)
-        eased = (WAITS - max(away / self.max_deviation, turned / self.max_turn)) / (WAITS - CALM)
-        if eased < 1.0 and not clock.is_still(*STILL):  # from what rests, time leads no further away
-            pace *= max(eased, 0.0)
-        pace *= self._interaction.pace
+        eased = min(max((WAITS - max(away / self.max_deviation, turned / self.max_turn)) / (WAITS - CALM), 0.0), 1.0)
+        pace = 1.0
+        if not foreseen and self._interaction.pace == 1.0:  # nobody is hurried who pushes
+            late = clock.lag - self.dt
+            if late > 0.0 and not clock.is_still(*STILL):
+                pace += min(self.catch_up, late / CATCHING_UP + AT_LEAST)
+            elif late > 0.0 and eased == 1.0:
+                # What rests is passed at full haste to the last tick: nothing moves that would have to be slowed down.
+                pace += RUSH
+        pace *= eased * self._interaction.pace
         linear, angular = SPARE * self.linear_speed, SPARE * self.angular_speed
         pace = min(pace, clock.pace, linear / max(speed, 1e-9), angular / max(turning, 1e-9))
         # A hand that stands short of the reference has no share of the motion towards it: that is no reason to wait.
