@@ -63,7 +63,7 @@ class JointFeedback:
     following : [1/s] rate c at which the task's error takes over the following error of joints that move. With a gain
         g, the loop that is left has g c / ((s + g)(s + c)) times what robot and model differ by: never more than that,
         so that a delay that is another one by 3 ms, or twice an inertia, leaves it stable at any g and c.
-    contact : [m] by which the hand of an arm that moves freely is not left behind all of a sudden, at a steady speed, on
+    contact : [m] by which the hand of an arm that moves freely is not left behind all of a sudden at a steady speed, on
         a way on which its joints have a lever of 1 m together; less on others. Five times what 0.2 mrad of noise in
         each encoder make of it. A noisier arm needs more, or stops by itself.
     tolerance : [rad or m] following error that is none.
