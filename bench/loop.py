@@ -24,11 +24,12 @@ from bench.machine import machine
 from bench.verdict import Verdict, all_met, print_verdicts
 from rehab_opt.loop.log import DEPTH, Log
 from rehab_opt.loop.loop import Loop
-from rehab_opt.loop.of_problem import looped_problem
+from rehab_opt.loop.of_problem import decide_of
 from rehab_opt.loop.records import state_layout
 from rehab_opt.loop.report import LoopReport
 from rehab_opt.loop.shared_ring import SharedRing
 from rehab_opt.session.files import load_problem
+from rehab_opt.session.run import live_problem
 
 __all__ = ["main"]
 
@@ -104,17 +105,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(seconds: float, *, others: bool, fifo: int | None) -> tuple[LoopReport, str, int]:
-    looped = looped_problem(load_problem(PROBLEM), plant="mujoco")
-    n = len(looped.names)
+    problem = live_problem(load_problem(PROBLEM), plant="mujoco")
+    control = problem.control()
+    plant, decide = control.plant, decide_of(problem, control)
+    plant.reset(control.start)
     load = f"{os.getloadavg()[0]:.1f}"
     with ExitStack() as stack:
-        ring = stack.enter_context(SharedRing.create(state_layout(n), depth=DEPTH))
+        ring = stack.enter_context(SharedRing.create(state_layout(problem.encoders), depth=DEPTH))
         if not others:
-            return Loop(looped.plant, looped.decide, state=ring, fifo=fifo).run(seconds=seconds), load, 0
+            return Loop(plant, decide, state=ring, fifo=fifo).run(seconds=seconds), load, 0
         folder = stack.enter_context(tempfile.TemporaryDirectory())
-        log = stack.enter_context(Log(ring, Path(folder) / "trace.mcap", names=looped.names))
+        log = stack.enter_context(Log(ring, Path(folder) / "trace.mcap", names=problem.names))
         stack.enter_context(_process([sys.executable, "-c", VIEWER, ring.name]))
-        report = Loop(looped.plant, looped.decide, state=ring, watches=(log.watch,), fifo=fifo).run(seconds=seconds)
+        report = Loop(plant, decide, state=ring, watches=(log.watch,), fifo=fifo).run(seconds=seconds)
     return report, load, log.lost
 
 

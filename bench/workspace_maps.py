@@ -32,7 +32,7 @@ from rehab_opt.workspace.audit import LARGEST_STRETCH, Audit
 from rehab_opt.workspace.mapping import WorkspaceMap
 from rehab_opt.workspace.reach import planar_workspace
 from rehab_opt.workspace.region import Workspace
-from rehab_opt.workspace.varied_ranges import varied_ranges
+from rehab_opt.workspace.variation import varied_ranges
 
 __all__ = ["main", "people"]
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from rehab_opt.errors import ProblemFileError
 
-__all__ = ["file_content", "number_in", "shown", "whole_text"]
+__all__ = ["file_content", "is_formula", "number_in", "shown", "whole_text"]
 
 
 def file_content(path: Path, name: str, *, largest: int) -> bytes:
@@ -29,7 +29,8 @@ def file_content(path: Path, name: str, *, largest: int) -> bytes:
     except IsADirectoryError as problem:
         raise ProblemFileError(name, "file", "a directory", "a file") from problem
     except OSError as problem:
-        raise ProblemFileError(name, "file", problem.strerror, "a file that can be read") from problem
+        expected = f"a file that can be read ({problem.strerror})"
+        raise ProblemFileError(name, "file", path.name, expected) from problem
     size = max(about.st_size, len(content))
     if size > largest:
         expected = f"at most {_megabytes(largest)}: split the file, or leave out what is not needed"
@@ -81,6 +82,11 @@ def number_in(text: str) -> float:
         return float(text)
     except ValueError:
         return math.nan
+
+
+def is_formula(text: str) -> bool:
+    """Whether a spreadsheet that opens a table with this cell in it would compute it: =1+1, but not -1."""
+    return text[:1] in ("=", "+", "-", "@") and text != "-" and math.isnan(number_in(text))
 
 
 def shown(text: str, most: int = 40) -> str:

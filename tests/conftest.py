@@ -2,16 +2,19 @@
 
 import os
 
+# Before numpy is loaded: on busy cores its second thread costs as much again, in matrices of a few rows.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 import pytest
 from hypothesis import settings
 
 # The recordings' fixture lives beside the tests that read most of them.
 from tests.session.conftest import recorded
 
-__all__ = ["recorded", "shipped"]
+__all__ = ["machine_code", "recorded", "shipped"]
 
-# A test sees what it asked for, from its first tick on.
-os.environ.setdefault("REHAB_OPT_COMPILE", "wait")
+# A controller's code takes as long to compile as 50 000 of its ticks to run: see `machine_code`.
+os.environ.setdefault("REHAB_OPT_COMPILE", "0")
 # Compiled in a sixth of the time, with the same numbers; `shipped` is for claims about the code that users get.
 os.environ.setdefault("REHAB_OPT_OPTIMISE", "0")
 
@@ -20,7 +23,30 @@ settings.register_profile("rehab_opt", deadline=None, print_blob=True)
 settings.load_profile("rehab_opt")
 
 
+LONG = (
+    "judge/test_judge.py", "export/test_recorded_runs.py", "control/test_redundancy.py", "session/test_scenarios.py",
+    "session/test_mirror.py", "test_cli.py", "control/test_mirror.py", "control/test_arm_ik.py",
+)  # fmt: skip
+"""Files of half a minute and more, the longest first."""
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Keep the order below: that of pytest-xdist is by the number of a file's tests, whatever they take."""
+    config.option.loadscopereorder = False
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with what is long, or one worker ends with it alone."""
+    items.sort(key=lambda item: next((i for i, file in enumerate(LONG) if f"tests/{file}::" in item.nodeid), len(LONG)))
+
+
 @pytest.fixture
-def shipped(monkeypatch: pytest.MonkeyPatch) -> None:
+def machine_code(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Functions are compiled, and that is waited for."""
+    monkeypatch.setenv("REHAB_OPT_COMPILE", "wait")
+
+
+@pytest.fixture
+def shipped(machine_code: None, monkeypatch: pytest.MonkeyPatch) -> None:
     """Functions are compiled as a user's are."""
     monkeypatch.delenv("REHAB_OPT_OPTIMISE", raising=False)

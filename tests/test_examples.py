@@ -12,7 +12,7 @@ ROOT = Path(__file__).parents[1]
 
 
 def printed_by(name: str) -> str:
-    environment = os.environ | {"REHAB_OPT_COMPILE": "0", "PYTHONPATH": str(ROOT)}
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
     script = ROOT / "examples" / name
     done = subprocess.run([sys.executable, script], env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

@@ -183,8 +183,7 @@ def test_four_threads_get_what_one_gets(kind: str) -> None:
 
 @pytest.mark.skipif(_compiler() is None, reason="no C compiler on this machine")
 @pytest.mark.usefixtures("shipped")
-def test_four_threads_get_what_one_gets_of_compiled_fields(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("REHAB_OPT_COMPILE", "wait")
+def test_four_threads_get_what_one_gets_of_compiled_fields() -> None:
     expected = [answers(of_a_field(compile="wait"), seed) for seed in range(THREADS)]
     shared = of_a_field(compile="wait")
     found = at_once([lambda seed=seed: answers(shared, seed) for seed in range(THREADS)])  # type: ignore[misc]

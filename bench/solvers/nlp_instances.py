@@ -21,8 +21,7 @@ from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.kinematics.human_arm import ARM_SEGMENTS, human_arm
 from rehab_opt.kinematics.ur5 import ur5
 from rehab_opt.optim.nlp import NLP
-from rehab_opt.qp_recording.array_file import META, read_arrays, write_arrays
-from rehab_opt.qp_recording.provenance import versions_now
+from rehab_opt.qp_recording.array_file import META, read_arrays, versions_now, write_arrays
 from rehab_opt.workspace.plane_statement import PlaneStatement
 
 __all__ = [

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.joystick import StickMode
-from rehab_opt.session.ardis.loop import Motion, Optimised, moved
+from rehab_opt.session.ardis.outcome import Motion, moved
 from rehab_opt.session.ardis.problem import ArdisProblem, DriveName, GoalSection
 from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, start_of
 from rehab_opt.session.ardis.stick import HEADER, Moment, StickSample
@@ -96,7 +96,7 @@ def steered(loaded: ProblemFile[ArdisProblem], drive: DriveName) -> tuple[User, 
     """The user at the stick of one drive."""
     robot, joystick = robot_of(loaded), joystick_of(loaded)
     user = User(loaded.problem.goals, joystick.modes)
-    law = Optimised(resolver_of(loaded, robot, drive))
+    law = resolver_of(loaded, robot, drive)
     motion = moved(robot, law, joystick, user, start_of(loaded, robot), dt=1 / loaded.problem.run.rate_hz)
     return user, motion
 

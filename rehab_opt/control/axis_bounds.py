@@ -15,6 +15,9 @@ from rehab_opt.kinematics.real_array import real_array
 __all__ = ["AxisBounds", "axis_bounds", "numbers"]
 
 
+MOST_AXES = 10_000
+
+
 class AxisBounds(NamedTuple):
     """Bounds of n free axes, each (n,) in u, u/s, u/s^2 and u/s^3 with u = rad or m."""
 
@@ -43,8 +46,8 @@ def axis_bounds(
         "jerk": jerk,
     }
     n = axes if axes is not None else max(numbers(name, value).size for name, value in given.items())
-    if not (isinstance(n, (int, np.integer)) and n >= 1):
-        raise ConfigurationError("axes", axes, "a whole number of axes, at least one")
+    if not (isinstance(n, (int, np.integer)) and not isinstance(n, bool) and 1 <= n <= MOST_AXES):
+        raise ConfigurationError("axes", axes, f"a whole number of axes from 1 to {MOST_AXES}")
     bounds = AxisBounds(**{name: per_joint(name, value, n).tolist() for name, value in given.items()})
     for name in ("velocity", "acceleration", "jerk"):
         if not all(0.0 < number < math.inf for number in getattr(bounds, name)):

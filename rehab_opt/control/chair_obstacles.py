@@ -64,7 +64,7 @@ class ChairObstacles:
     def near(self, one: ca.SX, place: ca.SX, last: ca.SX) -> ca.SX:
         """1 where the obstacle can matter after a command `last` (3,) of the chair at `place` (3,)."""
         each, change = self._approach(one, place, last, self.braking.time), self.braking.change
-        turn, drive = ca.fabs(last[2]) + change[2], ca.fabs(last[0]) + ca.fabs(last[1]) + 2 * change[0]
+        turn, drive = ca.fabs(last[2]) + change[2], self._drive(last)
         margin = 2 * CLEAR + 2 * self._swept(each, last) + self._bent * self.braking.time**2
         gap = ca.fmin(ca.mmin(self._gaps(each)), ca.if_else(each.is_post, _post(each.post, self.outline)[0], FAR))
         return ca.logic_and(one[3] != 0, gap <= margin + self.braking.time * (drive + self._lever * turn))
@@ -97,20 +97,23 @@ class ChairObstacles:
 
     def _approach(self, one: ca.SX, place: ca.SX, last: ca.SX, horizon: float) -> Approach:
         turn = self._turning(last)  # chords from rest to turns that cannot be would stop a chair that turns a little
-        return approach(one, place, self.outline, dt=self.dt, horizon=horizon, turn=turn)
+        drive = self._drive(last)
+        return approach(one, place, self.outline, dt=self.dt, horizon=horizon, turn=turn, drive=drive)
 
     def _turning(self, last: ca.SX) -> ca.SX:
         """[rad/s] fastest turn in a tick after a command `last` (3,)."""
         return ca.fmin(ca.fabs(last[2]) + self.braking.change[2], self._turn)
+
+    def _drive(self, last: ca.SX) -> ca.SX:
+        """[m/s] no less than the fastest speed in a tick after a command `last` (3,)."""
+        return ca.fabs(last[0]) + ca.fabs(last[1]) + 2 * self.braking.change[0]
 
     def _gaps(self, each: Approach) -> ca.SX:
         return each.wall[2] - ca.DM(self.outline.corners) @ each.wall[:2]
 
     def _swept(self, each: Approach, last: ca.SX) -> ca.SX:
         """[m] by which the outline may leave its straight way in a tick after a command `last` (3,)."""
-        change = self.braking.change
-        turn = self._turning(last)
-        drive = ca.fabs(last[0]) + ca.fabs(last[1]) + 2 * change[0]
+        turn, drive = self._turning(last), self._drive(last)
         lever = ca.if_else(each.is_post, ca.norm_2(each.post[:2]), self._lever)
         return turn * (lever * turn + 2 * drive) * self.dt**2 / 2
 

@@ -3,7 +3,8 @@
 Each is stated twice. As a row R q' <= r of the QP, linear about the present state, that slows the approach to the bound
 exponentially, and leads away from it again where the tangent would promise too much (`Limits.falls`). And as a
 condition on the true state at the end of the tick, `kept`: the rows are about a tangent. The hand speed holds at every
-instant of the tick (`tool_speed`), the others at its ends.
+instant of the tick (`tool_speed`), the others at its ends; those of place and posture also on the way to rest of an arm
+that brakes from there on, so that what is kept in a tick can be kept in all that follow, within the accelerations.
 """
 
 from __future__ import annotations
@@ -18,9 +19,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from rehab_opt.control.clearance_pairs import ClearancePairs
 from rehab_opt.control.guarded_points import GuardedPoint, guarded_points
 from rehab_opt.control.limit import Limit, Limits
-from rehab_opt.control.stopping import VelocityBounds, nearest_to_rest
+from rehab_opt.control.stopping import VelocityBounds
 from rehab_opt.control.tool_speed import tool_jerk
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.room import KeepOut
@@ -37,6 +39,8 @@ SHARE = 0.9
 ABOVE = 5e-5
 """Of w / w_max, above the floor where the tangents' barrier lies: sliding along it needs no step shortened."""
 ROUNDING, TINY = 1e-12, 1e-12
+PARTS = (0.0, 0.5, 1.0)
+"""Of the way from the end of a tick to rest, where bounds are judged."""
 PASSES = 2
 """Over all rows, in which a velocity is looked for that leads away where it has to."""
 
@@ -69,7 +73,9 @@ class HandBounds:
     dt : tick [s].
     recovery_speed : share of the joints' speeds at which the arm is led back above the floor.
     limits : a user's own.
-    margin : [m] that is left before the planes at least, where they may be gone into by what joints are led astray.
+    margin : [m] that is left before planes and bodies at least, where they may be gone into by what joints are led
+        astray.
+    clearance : pairs of bodies that keep clear of each other, or None.
     """
 
     chain: SerialChain
@@ -83,6 +89,7 @@ class HandBounds:
     recovery_speed: float
     limits: Sequence[Limit] = ()
     margin: float = 0.0
+    clearance: ClearancePairs | None = None
 
     @property
     def count(self) -> int:
@@ -91,16 +98,20 @@ class HandBounds:
 
     @cached_property
     def distances(self) -> Limits:
-        """What the arm keeps to the planes, and a user's own limits."""
+        """What the arm keeps to the planes, a user's own limits, and clearance."""
         planes = [Limit(partial(self._above, plane)) for plane in self.planes]
         own = [each if each.rate is not None else replace(each, rate=self.rate) for each in (*planes, *self.limits)]
-        return Limits(own, self.chain, self.dt)
+        return Limits(
+            own, self.chain, self.dt, self.clearance, recovery_speed=self.recovery_speed, fastest_rate=self.rate
+        )
 
     @property
     def _margins(self) -> list[float]:
-        """[m] for every row of `distances`: of the planes, none of a user's own limits, whose units are not known."""
+        """[m] for every row of `distances`: none of a user's own limits, whose units are not known."""
         planes = len(self.planes) * min(len(self.guarded), 2)
-        return [self.margin] * planes + [0.0] * (len(self.distances) - planes)
+        bodies = 0 if self.clearance is None else self.clearance.slots
+        others = len(self.distances) - planes - bodies
+        return [self.margin] * planes + [0.0] * others + [self.margin] * bodies
 
     def _above(self, plane: KeepOut, _: SerialChain, q: ca.SX) -> ca.SX:
         return ca.vertcat(*self.heights(self.chain.frames_expression(q), plane))
@@ -124,9 +135,10 @@ class HandBounds:
         lead: ca.SX,
         loss: ca.SX,
         bounds: VelocityBounds,
+        contacts: ca.SX,
         strays: ca.SX | None = None,
-    ) -> tuple[ca.SX, ca.SX, VelocityBounds, Now]:
-        """R (m, n), r (m,), the joint intervals, opened where the acceleration bound has to yield, and how things are.
+    ) -> tuple[ca.SX, ca.SX, Now]:
+        """R (m, n), r (m,), and how things are.
 
         Parameters
         ----------
@@ -135,6 +147,7 @@ class HandBounds:
         lead : (n,) stands for the gradient of w where that vanishes, else zero.
         loss : what the last tick lost of w / w_max against its tangent: counted on again.
         bounds : of the joint velocities.
+        contacts : the nearest, see `Limits.contacts`.
         strays : (n,) from q, where the joints are led, to where they are. Floor, planes and a user's limits have room
             for it either way, joint by joint: what friction holds back on the way in, it holds back on the way out.
             None for joints that move as commanded.
@@ -155,46 +168,81 @@ class HandBounds:
         far = distance > 0.25 * self.deviation  # a row at the very centre has no direction
         normals.append(unit.T @ self.chain.jacobian_expression(q)[:3, :])
         most.append(ca.if_else(far, share * ca.fmax(self.deviation - distance, 0), FREE))
-        if len(self.distances):
-            margins = ca.DM(self._margins)
-            slopes, falls = self.distances.falls(
-                q, last, room=None if astray is None else lambda each: ca.fmax(ca.fabs(each) @ astray, margins)
-            )
-            normals.append(-slopes)
-            most.append(falls)
+        margins = ca.DM(self._margins)
+
+        def room(slopes: ca.SX, which: slice) -> ca.SX:
+            return ca.fmax(ca.fabs(slopes) @ astray, margins[which])
+
+        slopes, falls = self.distances.falls(
+            q, last, contacts, room=None if astray is None else room, ticks=self.ways(last)[-1]
+        )
+        normals.append(-slopes)
+        most.append(falls)
         slow = ca.DM(self.recovery_speed * self.chain.velocity)
         calm = ca.dot(ca.fabs(gradient), slow)
         rows = feasible_rows(
             gradient, climb, calm=calm, normals=ca.vertcat(*normals), most=ca.vertcat(*most), bounds=bounds,
-            leading=len(self.distances),
+            braking=self.braking(last), leading=len(self.distances),
         )  # fmt: skip
         return *rows, Now(w, slope_of_w, pose)
 
-    def kept(
-        self, q: ca.SX, velocity: ca.SX, centre: ca.SX, *, w: ca.SX, here: ca.SX, hand: ca.SX
-    ) -> tuple[ca.SX, ca.SX]:
-        """Whether the true state after the tick keeps every bound; and w / w_max then.
+    def ways(self, velocity: ca.SX) -> list[ca.SX]:
+        """Ticks of `velocity` (n,) to the ends of this one and of parts of the way to rest, all joints slowing alike.
 
-        What is broken already must not get worse. `w`, `here` (3,) and `hand` (3,) are w / w_max and the tool's origin
-        at q and its velocity.
+        With N the ticks in which the slowest joint to stop stops, velocities fall by 1/N of `velocity` a tick: further
+        ones lead as far as N - (N + 1)/2 of it. Braking stays on that line, and comes to rest where it ends.
         """
-        ahead = q + velocity * self.dt
-        then = self.chain.manipulability_expression(ahead) / self.max_manipulability
-        there = self.chain.pose_expression(ahead)[:3, 3]
-        fast = [ca.norm_2(each) for each in (hand, self.chain.jacobian_expression(ahead)[:3, :] @ velocity)]
+        ticks = ca.mmax(ca.fabs(velocity) / self.change)
+        whole = ca.floor(ticks)
+        further = whole - whole * (whole + 1) / (2 * ca.fmax(ticks, TINY))
+        return [1 + further * part for part in PARTS]
+
+    def braking(self, last: ca.SX) -> ca.SX:
+        """(n,) the velocity after a tick of braking of all joints alike, as fast as their accelerations allow."""
+        return last * ca.fmax(0, 1 - 1 / ca.fmax(ca.mmax(ca.fabs(last) / self.change), 1))
+
+    @cached_property
+    def change(self) -> ca.DM:
+        """(n,) largest change of a velocity in a tick."""
+        return ca.DM(np.minimum(self.chain.acceleration * self.dt, 2 * self.chain.velocity))
+
+    def kept(
+        self, q: ca.SX, velocity: ca.SX, centre: ca.SX, *, w: ca.SX, gradient: ca.SX, here: ca.SX, hand: ca.SX
+    ) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+        """Whether a tick keeps every bound and may be followed by braking; whether it may brake; w / w_max then; loss.
+
+        What is broken already must not get worse. A tick that keeps all of it can be followed by one that brakes, so
+        that no bound ever asks for more than the joints' acceleration; the distance from the reference is none that a
+        velocity which brakes has to keep. `w`, `gradient` (n,), `here` (3,) and `hand`
+        (3,) are w / w_max, its gradient and the tool's origin at q and its velocity. The loss is what w falls short of
+        its tangent on the way to rest, of a tick's share of it.
+        """
+        ways = self.ways(velocity)
+        ends = [q + self.dt * way * velocity for way in ways]
+        shares = [self.chain.manipulability_expression(end) / self.max_manipulability for end in ends]
+        places = [self.chain.pose_expression(end)[:3, 3] for end in ends]
+        fast = [ca.norm_2(each) for each in (hand, self.chain.jacobian_expression(ends[0])[:3, :] @ velocity)]
         reach = self.linear_speed * (1 + 1e-9) - self.dt**2 / 8 * tool_jerk(self.chain, q, velocity, self.dt)
-        before, after = ca.norm_2(here - centre), ca.norm_2(there - centre)
-        conditions = [
-            then >= ca.fmin(w, self.floor) - ROUNDING,
-            *(each <= reach for each in fast),
-            after <= ca.fmax(before, self.deviation) + ROUNDING,
-        ]
-        for plane in self.planes:
-            now, later = (self.heights(self.chain.frames_expression(at), plane) for at in (q, ahead))
-            conditions += [b >= ca.fmin(a, 0) - ROUNDING for a, b in zip(now, later, strict=True)]
-        if self.limits:
-            conditions.append(Limits(self.limits, self.chain, self.dt).kept(q, velocity))
-        return all_true(*conditions), then
+        away = ca.fmax(ca.norm_2(here - centre), self.deviation) + ROUNDING
+        lower, upper = ca.fmin(q, self.chain.lower) - ROUNDING, ca.fmax(q, self.chain.upper) + ROUNDING
+        now = [shares[0] >= ca.fmin(w, self.floor) - ROUNDING, *(each <= reach for each in fast)]
+        later = [share >= ca.fmin(w, self.floor + ABOVE / 2) - ROUNDING for share in shares[1:]]
+        later += [ends[-1] >= lower, ends[-1] <= upper, *(ca.norm_2(place - centre) <= away for place in places)]
+        for conditions, some in ((now, slice(1)), (later, slice(1, None))):
+            for plane in self.planes:
+                before = self.heights(self.chain.frames_expression(q), plane)
+                for end in ends[some]:
+                    there = self.heights(self.chain.frames_expression(end), plane)
+                    conditions += [b >= ca.fmin(a, 0) - ROUNDING for a, b in zip(before, there, strict=True)]
+            if self.limits:
+                own = Limits(self.limits, self.chain, self.dt)
+                conditions += [own.kept(q, way * velocity) for way in ways[some]]
+        slope = ca.dot(gradient, velocity) * self.dt
+        loss = ca.SX(0)
+        for way, share in zip(ways, shares, strict=True):
+            loss = ca.fmax(loss, (w + way * slope - share) / way)
+        braking = all_true(*now)
+        return ca.logic_and(braking, all_true(*later)), braking, shares[0], loss
 
     def least_height(self, q: Array, plane: KeepOut) -> float:
         """[m] of what is guarded above a plane at q (n,); negative where the arm is in the keep-out."""
@@ -223,43 +271,38 @@ def feasible_rows(
     normals: ca.SX,
     most: ca.SX,
     bounds: VelocityBounds,
+    braking: ca.SX,
     leading: int = 0,
-) -> tuple[ca.SX, ca.SX, VelocityBounds]:
-    """Rows that some velocity within the (perhaps opened) intervals satisfies, always.
+) -> tuple[ca.SX, ca.SX]:
+    """Rows that some velocity within the intervals satisfies, always.
 
     The floor's row asks for gradient . q' >= climb; where that is positive, at most for `calm`, and for what the joints
     can do in this tick. The others are `normals` q' <= `most`, of which the last `leading` may be below zero. The
-    witness is the velocity nearest to rest, moved towards the fastest climb as far as the floor asks, then across each
-    row that is below zero, past the floor's, and scaled down as far as the other rows ask. Where it leaves the
-    intervals, they are opened up to it: the acceleration yields, no more than that. Below zero, and of the floor, no
-    more is asked than the witness does.
+    witness is `braking` (n,), moved towards the fastest climb as far as the floor asks, then across each
+    row that is below zero, past the floor's, and back as far as the other rows ask. No row asks for more than the
+    witness does: what accelerations do not allow is no part of an approach, and `HandBounds.kept` sees to it that none
+    of it is missing.
     """
     lower, upper = bounds.lower, bounds.upper
-    rest = nearest_to_rest(bounds._replace(brake_lower=lower, brake_upper=upper))
+    rest = clipped(braking, lower, upper)
     fastest = ca.if_else(gradient > 0, upper, lower)
     slope, most_climb = ca.dot(gradient, rest), ca.dot(gradient, fastest)
     asked = ca.if_else(climb > 0, ca.fmin(ca.fmin(climb, calm), SHARE * ca.fmax(most_climb, 0)), climb)
-    part = clipped((asked - slope) / ca.fmax(most_climb - slope, 1e-12), 0, 1)
-    towards = rest + part * (fastest - rest)
-    slowed = fastest * clipped(asked / ca.fmin(most_climb, -1e-12), 0, 1)
-    witness = ca.if_else(slope >= asked, rest, ca.if_else(most_climb >= asked, towards, slowed))
-    low, high = ca.fmin(lower, witness), ca.fmax(upper, witness)
+    part = clipped((asked - slope) / ca.fmax(most_climb - slope, TINY), 0, 1)
+    witness = rest + part * (fastest - rest)
     lead = range(most.numel() - leading, most.numel())
     pushes = [_past(normals[i, :].T, gradient) for i in lead]
     for i, push in list(zip(lead, pushes, strict=True)) * min(leading, PASSES):
         over = ca.if_else(most[i] < 0, ca.fmax(normals[i, :] @ witness - most[i], 0), 0)
-        witness = clipped(witness - over * push, low, high)
-    speeds, share = normals @ witness, ca.SX(1)
+        witness = clipped(witness - over * push, lower, upper)
+    slowest, speeds, share = normals @ rest, normals @ witness, ca.SX(1)
     for i in range(most.numel()):
-        least = ca.fmax(most[i], 0) if i in lead else most[i]
-        share = ca.fmin(share, ca.if_else(speeds[i] > least, least / ca.fmax(speeds[i], TINY), 1))
-    witness = share * witness
-    least, most = ca.fmin(asked, ca.dot(gradient, witness)), ca.SX(most)
-    for i in lead:
-        most[i] = ca.if_else(most[i] < 0, ca.fmax(most[i], share * speeds[i]), most[i])
-    rows = ca.vertcat(-gradient.T, normals)
-    opened = bounds._replace(lower=ca.fmin(lower, witness), upper=ca.fmax(upper, witness))
-    return rows, ca.vertcat(-least, most), opened
+        most_here = ca.fmax(ca.fmax(most[i], 0) if i in lead else most[i], slowest[i])
+        part = (most_here - slowest[i]) / ca.fmax(speeds[i] - slowest[i], TINY)
+        share = ca.fmin(share, ca.if_else(speeds[i] > most_here, part, 1))
+    witness = rest + share * (witness - rest)
+    least = ca.fmin(asked, ca.dot(gradient, witness))
+    return ca.vertcat(-gradient.T, normals), ca.vertcat(-least, ca.fmax(most, normals @ witness))
 
 
 def _past(normal: ca.SX, gradient: ca.SX) -> ca.SX:

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.between_poses import angle_between, distance_between
 from rehab_opt.control.command import Bound, Command, Status
-from rehab_opt.control.mirror_statement import CALM, SPARE, WHOLE
+from rehab_opt.control.mirror_statement import CALM, SPARE, WHOLE, Held
 from rehab_opt.control.mirror_waiting import MirrorWaiting
 from rehab_opt.control.person_limit import PersonLimit
 from rehab_opt.optim.rows import PLAUSIBLE
@@ -21,6 +21,8 @@ Array = NDArray[np.float64]
 
 WAITS = 0.9
 """Share of the largest deviation from which the clock waits."""
+PACES = (1.0, 0.5, 0.25, 0.0)
+"""Shares of the clock's pace that are tried."""
 QUICKENING, CATCHING_UP = 0.1, 0.3
 """[s] in which the clock regains its pace, and in which it makes up for its lag."""
 RUSH = 4.0
@@ -56,7 +58,7 @@ class MirrorFollowing(MirrorWaiting):
         self._begin_waiting()
         self._live = False
         self._good = b""
-        self._centre: Array | None = None
+        self._held: Held | None = None
         self._aim: Array | None = None
         self.followed: Array = np.full((4, 4), math.nan)
         """(4, 4) the reference of the last tick with a clock, before the range of motion and forces."""
@@ -70,10 +72,10 @@ class MirrorFollowing(MirrorWaiting):
         if self._live:
             last, motion = self._accepted()
             self.clock.start(last, motion)
-            self._live, self._centre = False, last[:3, 3]
+            self._live, self._held = False, Held(last[:3, 3], last, self.max_turn)
         # Work is done where the hand is measured, also where its joints are led ahead of that.
         seen = self._tool.of(self._q if self._feedback is None else self._feedback.measured)
-        pushed = self._interaction.feel(force, UNSEEN if self._centre is None else seen[:3, 3] - self._centre)
+        pushed = self._interaction.feel(force, UNSEEN if self._held is None else seen[:3, 3] - self._held.centre)
         here = seen if self._feedback is None else self._tool.of(self._q)
         reason = reason or self._unusable(pose, twist) or pushed
         if reason:
@@ -89,32 +91,26 @@ class MirrorFollowing(MirrorWaiting):
         """One tick of following what the clock holds."""
         self._bridging = self.clock.bridging
         now = self.clock.read()
+        aim = now[0] if self._aim is None else self._aim
         rate = self._pace(here, *now, foreseen=foreseen)
-        target, motion, ahead = self._reference(here, now, rate)
-        self._rate = ahead / self.dt
-        self._note_waiting(here, now[0] if self._aim is None else self._aim)
-        self.followed = target
-        motion = motion * self._rate
-        if self._limit is not None:
-            target, motion = self._limit.limited(target, motion)
-            self._aim = target
+        self._last_before = self._last.copy()
+        target, motion, self._rate = self._reference(here, now, rate)
+        self._note_waiting(here, aim)
         self._short_by = self._missing(target)
-        centre = self._cut(here, target)
-        self._centre = centre
         if self._interaction.active:
             target = target.copy()
             target[:3, 3] += self._interaction.offset
             motion = motion.copy()
             motion[:3] += self._interaction.velocity
-        self._inputs[2][:] = centre - target[:3, 3]
+        assert self._held is not None
+        self._inputs[2][:] = self._held.centre - target[:3, 3]
         self._inputs[0][:], self._inputs[1][:] = target, motion
-        self._last_before = self._last.copy()
         solver = self._ladder()
         if not solver:
             return self._safe(self._fault())
-        return self._delivered(solver, centre, note)
+        return self._delivered(solver, self._held, note)
 
-    def _delivered(self, solver: str, centre: Array, note: str) -> Command:
+    def _delivered(self, solver: str, held: Held, note: str) -> Command:
         """The command of a certified answer, shortened where the true state asks for it."""
         ladder = self._ladder
         residual, _, _, yielded, share, _, kept, w, then, flat = ladder.verdict.tolist()
@@ -123,8 +119,8 @@ class MirrorFollowing(MirrorWaiting):
             status, notes = Status.BACKUP, [f"{ladder.solver} gave no certified answer"]
         value = np.frombuffer(self._velocity.tobytes())
         flags = Bound(int(yielded))
-        if not kept:
-            value, flags = self._shortened(self._q.copy(), value, centre, flags)
+        if not (kept and self._kept(self._q, value, held)):
+            value, flags = self._shortened(self._q.copy(), value, held, flags)
             notes.append("step shortened: the bounds' tangents promised too much")
         else:
             self._then = then
@@ -187,8 +183,10 @@ class MirrorFollowing(MirrorWaiting):
         # What the person's arm cannot do of the reference is no reason to dwell there: it would not come to an end.
         aim = pose if self._aim is None else self._aim
         away, turned = self._beyond(here, aim)
-        eased = min(max((WAITS - max(away / self.max_deviation, turned / self.max_turn)) / (WAITS - CALM), 0.0), 1.0)
-        pace *= eased * self._interaction.pace
+        eased = (WAITS - max(away / self.max_deviation, turned / self.max_turn)) / (WAITS - CALM)
+        if eased < 1.0 and not clock.is_still(*STILL):  # from what rests, time leads no further away
+            pace *= max(eased, 0.0)
+        pace *= self._interaction.pace
         linear, angular = SPARE * self.linear_speed, SPARE * self.angular_speed
         pace = min(pace, clock.pace, linear / max(speed, 1e-9), angular / max(turning, 1e-9))
         # A hand that stands short of the reference has no share of the motion towards it: that is no reason to wait.
@@ -196,17 +194,48 @@ class MirrorFollowing(MirrorWaiting):
         return min(pace, max(before, 0.0) + self.dt / QUICKENING)
 
     def _reference(self, here: Array, now: tuple[Array, Array], rate: float) -> tuple[Array, Array, float]:
-        """Pose and twist to follow now, and the reference seconds gone on by: as many as the deviation allows."""
-        clock, ahead = self.clock, rate * self.dt
+        """Pose and twist to follow now, and the pace: as much as the deviation allows, and braking near that.
+
+        Where not even the reference as it is does, because the model of the person's arm moves, it stands, too.
+        """
+        clock, limit, q = self.clock, self._limit, self._q.copy()
+        posture = None if limit is None else limit.q
         beyond = 0.0 if self._aim is None else distance_between(now[0], self._aim)
         allowed = max(WAITS * self.max_deviation + self._apart + beyond, distance_between(now[0], here))
-        for _ in range(3):
-            pose, twist = clock.read(ahead)
-            if distance_between(pose, here) <= allowed:
-                clock.advance(ahead)
-                return pose, twist, ahead
-            ahead *= 0.5
-        return *now, 0.0
+        for part in PACES:
+            pace = part * rate
+            pose, twist = clock.read(pace * self.dt) if pace > 0.0 else now
+            if distance_between(pose, here) > allowed and pace > 0.0:
+                continue
+            target, motion = pose, pace * twist
+            if limit is not None:
+                limit.q = posture
+                target, motion = limit.limited(target, motion)
+            held = Held(self._cut(here, target), target, self.max_turn + self._aside)
+            if self._held is None or (self._near(here, held) and self._kept(q, self._braked, held)):
+                break
+        else:
+            if limit is not None:
+                limit.q = posture
+            assert self._held is not None
+            held = self._held
+            pose, target, motion = now[0], held.target, np.zeros(6)
+        if pace > 0.0:
+            clock.advance(pace * self.dt)
+        self.followed, self._held = pose, held
+        if limit is not None:
+            self._aim = target
+        return target, motion, pace
+
+    def _near(self, here: Array, held: Held) -> bool:
+        """Whether what the person's arm does now stays within the hand's bounds, or comes nearer to it."""
+        before = self._held
+        if before is None or self._limit is None:
+            return True
+        away, turned = math.dist(here[:3, 3], before.centre), angle_between(here, before.target)
+        return math.dist(here[:3, 3], held.centre) <= max(WAITS * self.max_deviation, away) and (
+            angle_between(here, held.target) <= max(WAITS * self.max_turn + self._aside, turned)
+        )
 
     def _safe(self, reason: str) -> Command:
         """Decelerate within the bounds, and faster where the floor or the planes ask for it."""
@@ -214,13 +243,14 @@ class MirrorFollowing(MirrorWaiting):
         self._rate = 0.0
         self.counts["braked"] += 1
         self._last_before = self._last.copy()
-        q, centre = self._audited, self._centre  # before the prediction goes on
+        q, held = self._audited, self._held  # before the prediction goes on
         command = super()._safe(reason)
-        if centre is None:
-            centre = self.chain.pose(q)[:3, 3]
+        if held is None:
+            here = self.chain.pose(q)
+            held = Held(here[:3, 3], here, self.max_turn)
         self._ladder.memory[2 * self.chain.n :] = 0.0
-        if command.value.any() and not self._kept(q, command.value, centre):
-            value, flags = self._shortened(q, command.value, centre, command.yielded)
+        if command.value.any() and not self._kept(q, command.value, held):
+            value, flags = self._shortened(q, command.value, held, command.yielded)
             if flags & Bound.ACCELERATION:
                 self.counts["acceleration"] += 1
             status = Status.BRAKING if value.any() else Status.HOLDING
@@ -229,7 +259,8 @@ class MirrorFollowing(MirrorWaiting):
 
     def _unusable(self, pose: Array, twist: Array) -> str:
         """Why a state or sample cannot be used, or nothing."""
-        for name, array in (("q", self._q), ("pose", pose), ("twist", twist)):
+        moving = [("obstacles", self._inputs[-1])] if self.limits.moving else []
+        for name, array in (("q", self._q), ("pose", pose), ("twist", twist), *moving):
             bad = ~(np.abs(array) <= PLAUSIBLE)
             if bad.any():
                 where = ", ".join(str(i) for i in np.argwhere(bad)[0])

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rehab_opt.control.command import Bound, Command, Status
 from rehab_opt.control.foreseen import Foreseen, Layout
 from rehab_opt.control.mirror_following import JUMP, QUICKENING, SPIN, MirrorFollowing
-from rehab_opt.control.mirror_statement import SPARE, WHOLE
+from rehab_opt.control.mirror_statement import SPARE, WHOLE, Held
 from rehab_opt.optim.fused import FUSED_SOLVERS
 
 __all__ = ["MirrorForeseen"]
@@ -133,7 +133,7 @@ class MirrorForeseen(MirrorFollowing):
         self.clock.go_on(at - self._place, fraction, pace * self.dt)
         self._place, self._then, self._rate, self._share = at, then, pace, share
         self.followed = pose = laid.poses[k]
-        self._centre, self._short_by, self._beyond_person = pose[:3, 3], (0.0, 0.0), (0.0, 0.0)
+        self._held, self._short_by, self._beyond_person = Held(pose[:3, 3], pose, self.max_turn), (0.0, 0.0), (0.0, 0.0)
         flags = int(yielded)
         if pace < WHOLE:
             self.counts["slowed"] += 1

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from functools import reduce
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -17,7 +18,7 @@ from rehab_opt.control.pose_tracker import Motion, PoseTracker, Tick
 from rehab_opt.control.stopping import VelocityBounds
 from rehab_opt.control.tool_speed import speed_ahead
 from rehab_opt.kinematics.frames import rotation_vector
-from rehab_opt.optim.certificate import clipped
+from rehab_opt.optim.certificate import all_true, clipped
 from rehab_opt.optim.rows import PLAUSIBLE, Instance, parameter
 from rehab_opt.symbolic import BufferedFunction
 
@@ -39,10 +40,21 @@ AT_MOST = 0.4
 """Share of an error that feedback removes in a tick. A floor is curved, of which the QP knows nothing: beyond two over
 what that adds to its own curvature a hand at rest goes to and fro (0.26 rad/s at 20 ms and a share of 0.63)."""
 HALVINGS = 12
-TINY = 1e-12
+ROUNDING, TINY = 1e-12, 1e-12
 """[m/s] A speed that is no motion."""
 STALE = 200
 """Ticks without gain after which another way out is looked for."""
+
+
+class Held(NamedTuple):
+    """What the hand is held near."""
+
+    centre: Array
+    """(3,) [m] of the places that it may have."""
+    target: Array
+    """(4, 4) whose orientation it may be turned from,"""
+    turn: float
+    """[rad] by so much."""
 
 
 class MirrorStatement(PoseTracker):
@@ -69,12 +81,13 @@ class MirrorStatement(PoseTracker):
 
     def others(self) -> list[ca.SX]:
         """From the target to the deviation's centre (3,), and what stands for a gradient that vanishes (n,)."""
-        return [parameter("offset", 3), parameter("lead", self.chain.n)]
+        return [parameter("offset", 3), parameter("lead", self.chain.n), *super().others()]
 
     @property
     def shapes(self) -> tuple[tuple[int, ...], ...]:  # type: ignore[override]
         """Shapes of the statement's parameters after q."""
-        return ((4, 4), (6,), (3,), (self.chain.n,))
+        pose, twist, *moving = super().shapes
+        return (pose, twist, (3,), (self.chain.n,), *moving)
 
     @property
     def told_size(self) -> int:  # type: ignore[override]
@@ -83,19 +96,20 @@ class MirrorStatement(PoseTracker):
 
     def rows(self, tick: Tick, bounds: VelocityBounds) -> tuple[ca.SX, ca.SX, VelocityBounds, ca.SX]:
         """See `HandBounds.rows`."""
-        offset, lead = tick.others
+        offset, lead, *_ = tick.others
         guided = self.guided(tick.memory)
-        rows, most, opened, now = self.hand_bounds.rows(
+        rows, most, now = self.hand_bounds.rows(
             tick.q,
             tick.last,
             centre=tick.target[:3, 3] + offset,
             lead=lead,
             loss=tick.memory[-1],
             bounds=bounds,
+            contacts=tick.contacts,
             strays=None if guided is None else guided.apart,
         )
         turned = ca.sumsqr(rotation_vector(tick.target[:3, :3] @ now.pose[:3, :3].T))
-        return rows, most, opened, ca.vertcat(now.w, now.gradient, now.pose[:3, 3], turned)
+        return rows, most, bounds, ca.vertcat(now.w, now.gradient, now.pose[:3, 3], turned)
 
     def excess(self, q: ca.SX, jacobian: ca.SX, velocity: ca.SX, last: ca.SX) -> ca.SX:
         """The wanted motion is slowed, not the asked one: what the floor takes from it must not slow the rest.
@@ -135,10 +149,10 @@ class MirrorStatement(PoseTracker):
     def outcome(self, tick: Tick, motion: Motion) -> ca.SX:
         """Yielded, share of the wanted motion, nothing unusual, bounds truly kept, w before and after, w is flat."""
         centre = tick.target[:3, 3] + tick.others[0]
-        w, gradient, here, turned = self._told(motion)
+        w, gradient, here, turned = self._computed(motion)
         yielded = super().outcome(tick, motion)[0]
         share = ca.if_else(motion.speed > 1e-9, motion.scale, 1)
-        kept, then = self._ends(tick, motion)
+        kept, _, then, _ = self._ends(tick, motion)
         flat = ca.logic_and(ca.sumsqr(gradient) < FLAT**2, w < self.floor)
         usual = [
             kept, share >= WHOLE, ca.logic_not(flat), motion.outside < 0.5,
@@ -151,52 +165,119 @@ class MirrorStatement(PoseTracker):
 
     def remembered(self, tick: Tick, motion: Motion) -> ca.SX:
         """Velocity, where it leads, and the loss of w against its tangent."""
-        w, gradient, _, _ = self._told(motion)
-        _, then = self._ends(tick, motion)
-        loss = ca.fmax(w + ca.dot(gradient, motion.velocity) * self.dt - then, 0)
+        loss = self._ends(tick, motion)[3]
         return ca.vertcat(super().remembered(tick, motion), ca.fmin(loss, self.floor))
 
-    def _told(self, motion: Motion) -> list[ca.SX]:
+    @property
+    def settled_size(self) -> int:
+        """Numbers of `settled`: one where bodies keep clear of each other."""
+        return 0 if self.limits.clearance is None else 1
+
+    def settled(self, size: int, remembered: int) -> ca.Function:
+        """Complete parameters, memory, x -> whether bodies are clear of each other where it leads."""
+        n = self.chain.n
+        inputs = [ca.MX.sym(name, count) for name, count in (("p", size), ("memory", remembered), ("x", n + 1))]
+        p, _, x = inputs
+        return ca.Function("settle", inputs, [self._clear(p[:n], p[self._told], x[:n], braked=False)])
+
+    def _computed(self, motion: Motion) -> list[ca.SX]:
         n = self.chain.n
         w, gradient, here, turned = ca.vertsplit(motion.told, [0, 1, n + 1, n + 4, n + 5])
         return [w, gradient, here, turned]
 
-    def _ends(self, tick: Tick, motion: Motion) -> tuple[ca.SX, ca.SX]:
-        w, _, here, _ = self._told(motion)
+    def _ends(self, tick: Tick, motion: Motion) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+        w, gradient, here, _ = self._computed(motion)
         centre, hand = tick.target[:3, 3] + tick.others[0], motion.delivered[:3]  # places weigh 1
-        return self.hand_bounds.kept(tick.q, motion.velocity, centre, w=w, here=here, hand=hand)
+        kept, *others = self.hand_bounds.kept(
+            tick.q, motion.velocity, centre, w=w, gradient=gradient, here=here, hand=hand
+        )
+        return all_true(kept, motion.settled > 0), *others
+
+    def _clear(self, q: ca.MX, told: ca.MX, velocity: ca.MX, *, braked: bool) -> ca.MX:
+        """Whether bodies are clear of each other where it leads, and on the way to rest unless it is `braked`."""
+        u = ca.SX.sym("u", self.chain.n)
+        ways = ca.Function("ways", [u], self.hand_bounds.ways(u)).call([velocity])
+        verdict = self.limits.clear(q, told, ways[0] * velocity)
+        for way in () if braked else ways[1:]:
+            verdict = ca.logic_and(verdict, self.limits.clear(q, told, way * velocity))
+        return verdict
 
     def _auditing(self) -> ca.Function:
-        """q, velocity, centre -> see `HandBounds.kept`."""
-        q, velocity, centre = ca.SX.sym("q", self.chain.n), ca.SX.sym("v", self.chain.n), ca.SX.sym("centre", 3)
-        w, here = self.hand_bounds.manipulability(q)[0], self.chain.pose_expression(q)[:3, 3]
+        """q, velocity, centre, target, turn -> the first three of `HandBounds.kept`, and no further turned than that.
+
+        Turns of the tool from the target (4, 4) are judged where places are, and may fall while above `turn` [rad].
+        Moving capsules, where there are such, are a sixth input.
+        """
+        n = self.chain.n
+        q, velocity, centre, turn = (ca.SX.sym(*each) for each in (("q", n), ("v", n), ("centre", 3), ("turn", 1)))
+        target = ca.SX.sym("target", 16)
+        w, gradient = self.hand_bounds.manipulability(q)
         hand = self.chain.jacobian_expression(q)[:3, :] @ velocity
-        kept = self.hand_bounds.kept(q, velocity, centre, w=w, here=here, hand=hand)
-        return ca.Function("audit", [q, velocity, centre], [ca.densify(ca.vertcat(*kept))], {"cse": True})
+        here = self.chain.pose_expression(q)
+        kept, braking, then, _ = self.hand_bounds.kept(
+            q, velocity, centre, w=w, gradient=gradient, here=here[:3, 3], hand=hand
+        )
+        aimed = ca.reshape(target, 4, 4)[:3, :3]  # by rows: its transpose
+        cosines = [
+            (ca.trace(aimed @ pose[:3, :3]) - 1) / 2
+            for pose in (here, *(self.chain.pose_expression(q + self.dt * way * velocity)
+                                 for way in self.hand_bounds.ways(velocity)))
+        ]  # fmt: skip
+        least = ca.fmin(cosines[0], ca.cos(ca.fmin(turn, math.pi)))
+        turns = [each >= least - ROUNDING for each in cosines[1:]]
+        outputs = ca.vertcat(ca.logic_and(kept, all_true(*turns)), braking, then)
+        inputs = [q, velocity, centre, target, turn]
+        audit = ca.Function("audit", inputs, [ca.densify(outputs)], {"cse": True})
+        if not self.settled_size:
+            return audit
+        given = [ca.MX.sym("given", each.numel()) for each in (q, velocity, centre, target, turn)]
+        told = ca.MX.sym("moving", self.limits.told)
+        alone, may, then = ca.vertsplit(audit(*given))
+        verdicts = [
+            ca.logic_and(one, self._clear(given[0], told, given[1], braked=braked))
+            for one, braked in ((alone, False), (may, True))
+        ]
+        return ca.Function("audit", [*given, told][: 6 if self.limits.moving else 5], [ca.vertcat(*verdicts, then)])
 
     def instance(self, q: ArrayLike, *inputs: ArrayLike) -> Instance:
-        """The QP of a tick at q, pose and twist, as numbers, for inspection."""
-        return super().instance(q, *inputs, *(np.zeros(3), np.zeros(self.chain.n))[len(inputs) - 2 :])
+        """The QP of a tick at q, pose and twist, as numbers, for inspection; nothing moves where nothing is said."""
+        return super().instance(q, *inputs, *(np.zeros(shape) for shape in self.shapes[len(inputs) :]))
 
     # --------------------------------------------------------------------------------------------- true bounds
-    def _kept(self, q: Array, value: Array, centre: Array) -> bool:
-        kept, self._then = self._audit.of(q, value, centre).tolist()
-        return bool(kept)
+    def _kept(self, q: Array, value: Array, held: Held, *, braked: bool = False) -> bool:
+        """Whether a velocity keeps every bound and can be braked; with `braked` what a tick of braking has to keep."""
+        around = (self._usable_obstacles(),) if self.limits.moving else ()
+        found = self._audit.of(q, value, held.centre, held.target.ravel(), held.turn, *around)
+        kept, braking, self._then = found.tolist()
+        return bool(braking if braked else kept)
+
+    @property
+    def _braked(self) -> Array:
+        """(n,) all joints slowed alike, as fast as their accelerations allow."""
+        last, change = self._last_before, np.minimum(self.chain.acceleration * self.dt, 2 * self.chain.velocity)
+        return np.asarray(last * max(1.0 - 1.0 / max(float(np.max(np.abs(last) / change)), 1.0), 0.0))
 
     @property
     def _audited(self) -> Array:
         """(n,) positions that can be used: as measured, or where the last command led."""
         return np.where(np.abs(self._q) <= PLAUSIBLE, self._q, self._predicted)
 
-    def _shortened(self, q: Array, value: Array, centre: Array, flags: Bound) -> tuple[Array, Bound]:
-        """The longest part of a step that keeps every bound truly, to a thousandth; and what yields to it."""
+    def _shortened(self, q: Array, value: Array, held: Held, flags: Bound) -> tuple[Array, Bound]:
+        """The longest part of the way from braking to a velocity that keeps every bound truly; and what yields to it.
+
+        Where not even braking does, because the arm was put there or moves by itself: the longest part of that.
+        """
+        begin, braked = self._braked, False
+        if not self._kept(q, begin, held, braked=True):
+            begin, value, braked = np.zeros_like(begin), begin, True
         short, long = 0.0, 1.0
         for _ in range(HALVINGS):
             middle = (short + long) / 2
-            short, long = (middle, long) if self._kept(q, middle * value, centre) else (short, middle)
-        value = short * value + 0.0
+            good = self._kept(q, begin + middle * (value - begin), held, braked=braked)
+            short, long = (middle, long) if good else (short, middle)
+        value = begin + short * (value - begin) + 0.0
         value.setflags(write=False)
-        self._kept(q, value, centre)
+        self._kept(q, value, held)
         if np.any(np.abs(value - self._last_before) > self.chain.acceleration * self.dt * (1 + 1e-9) + 1e-12):
             flags |= Bound.ACCELERATION
         self.counts["shortened"] += 1

@@ -111,30 +111,32 @@ def _number(value: object) -> float:
 
 
 def approach(
-    numbers: ca.SX, place: ca.SX, outline: Outline, *, dt: float, horizon: float, turn: ca.SX | float
-) -> Approach:
+    numbers: ca.SX, place: ca.SX, outline: Outline, *, dt: float, horizon: float, turn: ca.SX | float,
+    drive: ca.SX | float,
+) -> Approach:  # fmt: skip
     """Rows that keep the chair's outline out of one obstacle, wherever its corners turn to within the tick.
 
     Parameters
     ----------
     numbers : (4,) of `obstacle_numbers`. place : (3,) q1, q2, q3 of the chair.
-    dt : tick [s]. turn : [rad/s] fastest turn in this tick.
+    dt : tick [s]. turn : [rad/s] fastest turn in this tick. drive : [m/s] its fastest speed.
     horizon : [s] no corner comes nearer than its gap divided by this, per second. At least dt; and no less than the
         chair needs to stop from any speed when all its components slow down together: then a chair that kept these
         rows in the last tick can keep them in this one within its accelerations.
 
     Guaranteed at every instant of the tick, at any dt, for any twist within the rows that turns no faster than `turn`:
     an outline that is outside stays outside; one that is inside gets no deeper. Depth is the shortest way out of the
-    obstacle by translation. The chair is taken to move straight in the world while it turns: q + t value.
+    obstacle by translation. The chair may move straight in the world while it turns, q + t value, or along the arc of
+    wheels that hold their speeds.
 
     A disc is replaced by the wall, fixed in the world, that touches it and has the outline's outward normal n at the
     point of the outline nearest to the disc's centre; the nearest edge's normal where the centre is on or under the
     outline. The distance of the centre c from a rectangle of corners p, negative inside, is the largest
     n . c - max(n . p) of all unit vectors n, so it falls by no more than max(n . p) rises.
 
-    A corner p turns by w dt within the tick and is then off its straight way by at most |p| (w dt)^2/2: with it, and
-    over all corners, the largest speed towards the wall is a concave function of w, zero or more at w = 0. The rows are
-    its two chords from there to the fastest turns.
+    A corner p turns by w dt within the tick and is then off its straight way by at most |p| (w dt)^2/2, and wheels by
+    drive |w| dt^2/2: with both, and over all corners, the largest speed towards the wall is a concave function of w,
+    zero or more at w = 0. The rows are its two chords from there to the fastest turns.
     """
     cos, sin = ca.cos(place[2]), ca.sin(place[2])
     disc = numbers[3] == _DISC
@@ -158,7 +160,7 @@ def approach(
         gap = offset - normal[0] * x - normal[1] * y
         speed = ca.fmax(gap, 0) * (1 / horizon)
         lever = normal[1] * x - normal[0] * y
-        sweep = float(np.hypot(x, y)) * dt / 2 * turn**2
+        sweep = (float(np.hypot(x, y)) * turn + drive) * turn * (dt / 2)
         least, still = ca.fmin(least, gap), ca.fmin(still, speed)
         left = ca.fmin(left, speed - turn * lever - sweep * there)
         right = ca.fmin(right, speed + turn * lever - sweep * there)

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.control.axis_bounds import axis_bounds, numbers
 from rehab_opt.control.path_timing import PathCells, fastest_timing
 from rehab_opt.control.velocity_controller import checked_number
+from rehab_opt.control.watchdog import SHORTEST_TICK
 from rehab_opt.errors import ConfigurationError
 
 __all__ = ["SmoothPath", "smooth_path"]
@@ -19,6 +20,8 @@ Array = NDArray[np.float64]
 
 CELL = 2.0
 """Ticks: on stretches that take up to so long the square of the pace changes evenly along the path."""
+MOST_TICKS = 10_000_000
+"""Of a path: close to three hours at 1 kHz."""
 
 
 class SmoothPath(NamedTuple):
@@ -84,7 +87,8 @@ def smooth_path(
         raise ConfigurationError("times", times, "at least two finite, increasing times (N,)")
     if x.ndim != 2 or len(x) != len(t) or not np.all(np.isfinite(x)):
         raise ConfigurationError("points", points, f"finite numbers of shape ({t.size}, n)")
-    dt, tolerance = checked_number("dt", dt, above=0.0), checked_number("tolerance", tolerance, above=0.0)
+    dt = checked_number("dt", dt, above=SHORTEST_TICK, below=1e6)
+    tolerance = checked_number("tolerance", tolerance, above=0.0)
     bounds = axis_bounds(
         lower=lower, upper=upper, velocity=velocity, acceleration=acceleration, jerk=jerk, axes=x.shape[1]
     )
@@ -92,12 +96,14 @@ def smooth_path(
     window, gentle = _window(np.array(bounds.acceleration), np.array(bounds.jerk), dt, tolerance)
 
     needed = np.maximum(np.diff(t), (np.abs(np.diff(x, axis=0)) / bounds.velocity).max(axis=1))
+    _check_length(window * dt + float(needed.sum()), dt, ("dt", dt), ("velocity", velocity), ("jerk", jerk))
     parts = np.ceil(needed / (CELL * dt)).astype(int)
     knots = np.append(np.concatenate([np.linspace(a, b, n, endpoint=False)
                                       for a, b, n in zip(t[:-1], t[1:], parts, strict=True)]), t[-1])  # fmt: skip
     cells = PathCells(knots, *(path.derivative(order)(knots[:-1]) for order in (1, 2, 3)))
     timing = fastest_timing(cells, velocity=np.array(bounds.velocity), acceleration=gentle)
 
+    _check_length(timing.times[-1], dt, ("tolerance", tolerance), ("acceleration", acceleration), ("jerk", jerk))
     still = np.full(window // 2, 0.0)
     ticks = np.concatenate([still, dt * np.arange(math.ceil(timing.times[-1] / dt) + 1)])
     phase = timing.at(np.append(ticks, still + timing.times[-1]))
@@ -112,9 +118,17 @@ def smooth_path(
     return SmoothPath(when, positions, phase, np.abs(positions - followed).max(axis=0))
 
 
+def _check_length(seconds: float, dt: float, *given: tuple[str, object]) -> None:
+    """Refuse a path that takes more ticks than a memory holds; `given` is what makes it so long."""
+    if not seconds <= MOST_TICKS * dt:  # NaN, too
+        names, values = zip(*given, strict=True)
+        expected = f"a path of at most {MOST_TICKS} ticks; this one takes {seconds:.3g} s"
+        raise ConfigurationError(", ".join(names), values, expected)
+
+
 def _window(acceleration: Array, jerk: Array, dt: float, tolerance: float) -> tuple[int, Array]:
     """Ticks to average over, an odd number, and the accelerations (n,) for which that keeps `jerk` and `tolerance`."""
     longest = float(np.max(np.minimum(2.0 * acceleration / jerk, np.cbrt(48.0 * tolerance / jerk))))
-    window = 2 * math.ceil(max(longest / dt - 1.0, 0.0) / 2.0) + 1
-    span = window * dt
+    window = 2 * math.ceil(min(max(longest / dt - 1.0, 0.0), float(2 * MOST_TICKS)) / 2.0) + 1  # more is refused
+    span = np.float64(window * dt)
     return window, np.minimum.reduce([acceleration, jerk * span / 2.0, np.full_like(jerk, 24.0 * tolerance / span**2)])

@@ -20,6 +20,10 @@ __all__ = ["VelocityBounds", "nearest_to_rest", "stopping_speed", "velocity_boun
 OUTSIDE = 1e-9
 """[rad or m] A joint less than this beyond its limit stands at it: rounding is no excursion."""
 
+ROUNDED = 1e-11
+"""[rad or m] A stop ends this much before a limit: what thousands of rounded ticks take of its way at most, where the
+last would have to brake harder for it."""
+
 FAR = 1e9
 """[rad or m] A position limit that is never felt."""
 
@@ -44,6 +48,11 @@ class VelocityBounds(NamedTuple):
     hard_lower: ca.SX
     """Bounds without acceleration: speed, and in this tick not beyond, or not further beyond, a position limit."""
     hard_upper: ca.SX
+
+    @property
+    def hard(self) -> tuple[ca.SX, ca.SX]:
+        """Both ends of the last."""
+        return self.hard_lower, self.hard_upper
 
 
 def velocity_bounds(
@@ -120,7 +129,7 @@ def stopping_speed(room: ca.SX, change: ca.DM, dt: float) -> ca.SX:
     A speed v is held for dt, then v - change, v - 2 change and so on: k = floor(v/change) further ticks, in all
     dt ((k + 1) v - change k (k + 1)/2). That is piecewise linear in v; this is its inverse. Zero without room.
     """
-    room = ca.fmax(room, 0)
+    room = ca.fmax(room - ROUNDED, 0)
     ticks = ca.floor(0.5 * ca.sqrt(1 + room * (8 / (change * dt))) - 0.5)
     return room * (1 / dt) / (ticks + 1) + (0.5 * change) * ticks
 

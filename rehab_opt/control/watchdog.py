@@ -17,11 +17,13 @@ from rehab_opt.optim.certificate import all_true
 from rehab_opt.symbolic import BufferedFunction
 from rehab_opt.symbolic.record import Record, Values
 
-__all__ = ["STAMPS", "Watchdog", "checked_stamp", "default_max_age", "stamp_and_kind", "watched"]
+__all__ = ["SHORTEST_TICK", "STAMPS", "Watchdog", "checked_stamp", "default_max_age", "stamp_and_kind", "watched"]
 
 DRIFT = 1e-3
 """Share by which the stamps' clock may run slower than the ticks for ever: ten times what two quartz clocks differ by.
 Without it every long session would end as stale."""
+SHORTEST_TICK = 1e-9
+"""[s] No controller ticks faster; of much shorter ones rates to the third power are no numbers any more."""
 STAMPS = Record(last=1, lag=1, stamped=1)
 """What is remembered of the stamps: the last [s], how far they have fallen behind the ticks [s], whether there was one.
 At first NaN, 0, 0."""
@@ -128,7 +130,7 @@ class Watchdog:
 
     Raises
     ------
-    ConfigurationError : dt not a positive, finite number, max_age not one above dt.
+    ConfigurationError : dt not finite or below 1e-9 s, max_age not one above dt.
     """
 
     __slots__ = ("_after", "_evaluate", "_function", "_given", "_keep", "_memory", "_said", "max_age", "stamped")
@@ -137,8 +139,8 @@ class Watchdog:
     """Whether there was a stamp since the last reset: from then on one that is missing is a fault."""
 
     def __init__(self, *, dt: float, max_age: float | None = None) -> None:
-        if not (isinstance(dt, (int, float, np.integer, np.floating)) and 0.0 < dt < math.inf):
-            raise ConfigurationError("dt", dt, "a positive, finite number of seconds")
+        if not (isinstance(dt, (int, float, np.integer, np.floating)) and SHORTEST_TICK <= dt < math.inf):
+            raise ConfigurationError("dt", dt, f"a finite number of seconds, at least {SHORTEST_TICK:g}")
         max_age = default_max_age(dt) if max_age is None else max_age
         if not (isinstance(max_age, (int, float, np.integer, np.floating)) and max_age > dt):
             raise ConfigurationError("max_age", max_age, f"seconds, more than dt = {dt:g}")

@@ -15,6 +15,7 @@ from rehab_opt.export.exported import ExportedController
 from rehab_opt.export.exporters import exported_controllers
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
+from rehab_opt.session.report import checked_folder
 
 __all__ = ["export_c", "written_files"]
 
@@ -52,13 +53,16 @@ def export_c(
 
     Raises
     ------
-    ConfigurationError : a controller that cannot become C, or takes more memory; a file in the folder that is no
-        earlier export's.
+    ConfigurationError : a controller that cannot become C, or takes more memory; a folder that is no path or a file; a
+        file in it that is no earlier export's.
     ProblemFileError : a problem file without a controller that can become C.
     OSError : the folder cannot be made or written to.
     """
     if memory is not None and not (type(memory) is int and memory > 0):
         raise ConfigurationError("memory", memory, "a number of bytes above zero")
+    if not isinstance(folder, str | Path):
+        raise ConfigurationError("folder", folder, "a path: str or Path")
+    target = checked_folder(Path(folder), argument="folder")
     if isinstance(controller, ProblemFile):
         if run is not None:
             raise ConfigurationError("run", f"{len(run)} ticks", "None: a problem file has a run of its own")
@@ -71,7 +75,6 @@ def export_c(
     for each in controllers:
         if memory is not None and each.bytes > memory:
             raise ConfigurationError("memory", memory, f"at least {each.bytes} bytes, which {each.name} takes")
-    target = Path(folder)
     places = [target] if len(controllers) == 1 else [target / each.name for each in controllers]
     with writing if writing is not None else nullcontext():
         return written_files(dict(zip(places, controllers, strict=True)), target, problem=name)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +14,11 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
 
+from rehab_opt.control.command import Command
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.session.live.bodies import BLUE, ORANGE
 from rehab_opt.session.live.problem import LiveProblem
+from rehab_opt.session.plant.loop import simulate
 
 __all__ = ["write_film"]
 
@@ -54,19 +57,20 @@ def write_film(
         if not 0.0 < value <= most:
             raise ConfigurationError(name, value, f"a number above 0, at most {most:g}")
     control, scene = problem.control(), problem.scene()
-    plant, every = control.plant, max(1, round(1 / (per_second * problem.dt)))
-    plant.reset(control.start)
-    pictures, trail, ticks = [], list[list[float]](), math.ceil(seconds / problem.dt)
-    for tick in range(ticks):
-        command = control.step(problem.untouched(tick * problem.dt), plant.measured)
-        plant.step(control.sent(command))
+    every, pictures, trail = max(1, round(1 / (per_second * problem.dt))), list[Image.Image](), list[list[float]]()
+
+    def shoot(tick: int, command: Command) -> None:
         if tick % every == 0:
-            progress("film", tick, ticks)
             numbers = {name: np.atleast_1d(np.asarray(value, float)) for name, value in control.shown().items()}
             frame = problem.frame(numbers)
             trail.append(frame["handles"]["hand"])
             words = f"{problem.title} · {tick * problem.dt:.1f} s · {command.status.value}"
             pictures.append(_picture(words, scene, frame, trail))
+
+    simulate(
+        control, lambda tick: problem.untouched(tick * problem.dt), ticks=math.ceil(seconds / problem.dt), note=shoot,
+        progress=partial(progress, "film"),
+    )  # fmt: skip
     palette = pictures[-1].quantize(COLOURS)
     flat = [each.quantize(palette=palette, dither=Image.Dither.NONE) for each in pictures]
     flat[0].save(path, save_all=True, append_images=flat[1:], duration=round(1e3 / per_second), loop=0, optimize=True)

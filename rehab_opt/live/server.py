@@ -8,7 +8,7 @@ import json
 import math
 import secrets
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from http import HTTPStatus
 from importlib.resources import files
 from multiprocessing.connection import Connection
@@ -19,11 +19,13 @@ import numpy as np
 
 from rehab_opt.control.command import Bound
 from rehab_opt.errors import ConfigurationError, RehabOptError
-from rehab_opt.live.control import BUTTONS, Rings
+from rehab_opt.live.control import Rings
 from rehab_opt.live.gate import Gate
 from rehab_opt.live.seats import Seats, inputs_of
+from rehab_opt.loop.of_problem import BUTTONS
 from rehab_opt.loop.shared_ring import Newest
 from rehab_opt.session.live.problem import LiveProblem
+from rehab_opt.session.live.seen import Seen, Watching
 
 if TYPE_CHECKING:
     from websockets.asyncio.server import Server, ServerConnection
@@ -47,9 +49,19 @@ class LivePage:
     problem : drawn here; its controller runs elsewhere. rings : the ways to it and from it. scene : from where
         `control_live` sends the scene.
     alive : whether the controller's process still runs.
+    watching : told what is drawn, whether a tab is there or not.
     """
 
-    def __init__(self, problem: LiveProblem, rings: Rings, scene: Connection, *, alive: Callable[[], bool]) -> None:
+    def __init__(
+        self,
+        problem: LiveProblem,
+        rings: Rings,
+        scene: Connection,
+        *,
+        alive: Callable[[], bool],
+        watching: Watching | None = None,
+    ) -> None:
+        self._watching = watching
         self._problem, self._sent, self._alive = problem, scene, alive
         self._given, self._state, self._shown = rings
         self._seats = Seats()
@@ -121,7 +133,7 @@ class LivePage:
         from websockets.exceptions import ConnectionClosed  # noqa: PLC0415
 
         view = parse_qs(urlsplit(connection.request.path if connection.request else "").query).get("view", [""])[0]
-        tab = self._seats.join(participant=view == "participant")
+        tab = self._seats.join(participant=view == "participant" or self._problem.logged)
         told = self._tabs[tab] = _Tab(connection)
         telling = asyncio.create_task(told.tell())
         if self._scene:
@@ -141,7 +153,7 @@ class LivePage:
 
     def _obey(self, tab: int, text: str | bytes) -> None:
         try:
-            message = json.loads(text)
+            message = json.loads(text, parse_int=float)
         except (ValueError, RecursionError):
             return
         if not isinstance(message, dict):
@@ -152,7 +164,9 @@ class LivePage:
         elif isinstance(message.get("inputs"), dict):
             inputs = inputs_of(message["inputs"], joints=self._problem.encoders)
             if inputs is not None:
-                self._seats.hear(tab, inputs, now=time.monotonic())
+                sent = message.get("clock")
+                sent = sent if isinstance(sent, float) else math.nan
+                self._seats.hear(tab, inputs, now=time.monotonic(), sent=sent)
         elif "hand" in message:
             self._seats.point(tab, _place(message["hand"]))
         self._pass_on()
@@ -185,6 +199,8 @@ class LivePage:
             self._refused = sent
             return
         self._scene = _told({"scene": _scene(self._problem, sent)})
+        if self._watching is not None:
+            self._watching.begin(sent["plots"])
         for tab in self._tabs.values():
             tab.queue(self._scene)
 
@@ -193,7 +209,7 @@ class LivePage:
         last, absent = -1, False
         while not self._refused:
             await asyncio.sleep(1 / FRAMES_HZ)
-            state, shown = self._state.latest(), self._shown.latest()
+            state, shown = self._state.latest(), self._shown.latest()  # in this order: the picture is the newer one
             text = self._absence(state)
             if absent and not text:
                 self._seat()  # what was lost is there again
@@ -215,6 +231,8 @@ class LivePage:
 
     def _frame(self, state: np.void, shown: np.void) -> str:
         frame = self._problem.frame({name: np.atleast_1d(shown[name]) for name in self._problem.layout})
+        if self._watching is not None:
+            self._watching.see(_seen(state, frame))
         frame["numbers"] = [*frame["numbers"], 1e3 * float(state["tick_time"])]
         yielded = (Bound(int(state["yielded"])).name or "").lower().replace("|", ", ")
         words = {
@@ -225,8 +243,11 @@ class LivePage:
         }
         late = f"{state['time']:.1f} s · {int(state['missed'])} ticks left out · {int(state['stale'])} stale"
         return _told(
-            {"frame": frame, "words": words, "time": float(state["time"]), "late": late, "lapsed": self._seats.lapsed}
-        )
+            {
+                "frame": frame, "words": words, "time": float(state["time"]), "late": late,
+                "lapsed": self._seats.lapsed, "clock": time.monotonic(),
+            }
+        )  # fmt: skip
 
 
 class _Tab:
@@ -260,6 +281,14 @@ class _Tab:
                     await self._connection.send(text)
 
 
+def _seen(state: np.void, frame: Mapping[str, Any]) -> Seen:
+    hand = frame.get("handles", {}).get("hand")
+    return Seen(
+        float(state["time"]), bool(state["enabled"]), _text(state["status"]), _text(state["reason"]),
+        int(state["missed"]), int(state["stale"]), None if hand is None else tuple(hand), tuple(frame["numbers"]),
+    )  # fmt: skip
+
+
 def _text(field: bytes) -> str:
     return field.decode(errors="replace")
 
@@ -271,9 +300,7 @@ def _page(nonce: str) -> str:
 
 
 def _scene(problem: LiveProblem, sent: dict[str, Any]) -> dict[str, Any]:
-    scene = {"title": problem.title, "controls": sorted(problem.controls)} | sent
-    scene["plots"] = [*scene["plots"], {"name": "tick", "unit": "ms", "line": 1e3 * problem.dt}]
-    return scene
+    return sent | {"plots": [*sent["plots"], {"name": "tick", "unit": "ms", "line": 1e3 * problem.dt}]}
 
 
 def _place(hand: object) -> tuple[float, float, float] | None:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
+import posixpath
 import tempfile
 import tomllib
+from collections.abc import Callable
 from pathlib import Path, PurePosixPath
-from typing import Any, NamedTuple
+from typing import Any, cast
 
 import numpy as np
 
@@ -19,95 +22,109 @@ from rehab_opt.loop.replay import Replay, replayed
 from rehab_opt.loop.report import LoopReport
 from rehab_opt.loop.shared_ring import SharedRing
 from rehab_opt.loop.tick import Decide, Tick
-from rehab_opt.plants.plant import Plant
+from rehab_opt.plants.plant import Measurement, Truth
+from rehab_opt.plants.touched import TouchedPlant
+from rehab_opt.session.data_folder import PREFIX
 from rehab_opt.session.files import ProblemFile, load_problem, recording_path
-from rehab_opt.session.pose_tracking.problem import PoseTracking
+from rehab_opt.session.live.problem import AT_REST, NOWHERE, LiveControl, LiveInputs, LiveProblem
+from rehab_opt.session.run import live_problem
 from rehab_opt.session.systems import system_named
 
-__all__ = ["LoopedProblem", "files_of", "looped_problem", "replay_problem", "run_in_time"]
+__all__ = ["BUTTONS", "control_again", "decide_of", "files_of", "logged_problem", "replay_problem", "run_in_time"]
 
 TEXT = "problem.toml"
 """What a problem's own text is called in a log."""
+HOME = "folder"
+"""Of what is said about a log: where the problem's text lies among its other files."""
+BUTTONS = {"switch": 1, "gripper": 2}
 
 
-class LoopedProblem(NamedTuple):
-    """What a loop needs of a problem."""
+def decide_of(
+    problem: LiveProblem, control: LiveControl, *, then: Callable[[Tick, Command], None] = lambda *_: None
+) -> Decide:
+    """The controller of a problem as a loop calls it, following the problem's own reference where nobody operates.
 
-    plant: Plant
-    """At rest where the problem starts."""
-    decide: Decide
-    """Its controller, following the problem's reference, or the operator's target where there is one."""
-    names: tuple[str, ...]
-    """Of the joints."""
-
-
-def looped_problem(loaded: ProblemFile[Any], *, plant: str | None = None, solver: str | None = None) -> LoopedProblem:
-    """Controller and plant of `rehab-opt run`, new.
-
-    Raises
-    ------
-    ConfigurationError : problems of this kind do not run in time yet; an option that cannot be used.
-    ProblemFileError : a value of the file cannot be used.
+    `then` is told each tick and its command.
     """
-    from rehab_opt.session.plant.making import joint_plant, on_plant  # noqa: PLC0415  (loads solvers)
-    from rehab_opt.session.pose_tracking.robot import circle_reference, robot_at_start, tracker_of  # noqa: PLC0415
-
-    if not isinstance(loaded.problem, PoseTracking):
-        expected = "a problem of system 'pose_tracking', the only ones that run in time so far"
-        raise ConfigurationError("FILE", loaded.name, expected)
-    problem: PoseTracking = on_plant(loaded, plant).problem
-    robot, start = robot_at_start(loaded)
-    tracker = tracker_of(problem, robot, file=loaded.file, solver=solver)
-    dt, still = 1 / problem.tracker.rate_hz, np.zeros(6)
-    times = np.arange(0.0, problem.circle.duration_s, dt)
-    poses, twists = circle_reference(robot.pose(start), problem.circle, times)
+    plant = control.plant
 
     def decide(tick: Tick) -> Command:
-        at, pose = tick.number % len(times), None if tick.operator is None else tick.operator["target"][0]
-        if pose is None or not np.isfinite(pose).all():
-            return tracker.step(tick.seen.position, poses[at], twists[at], enable=tick.enabled, stamp=tick.seen.stamp)
-        return tracker.step(tick.seen.position, pose, still, enable=tick.enabled, stamp=tick.seen.stamp)
+        if tick.operator is not None:
+            inputs = _inputs_of(tick.operator, enable=tick.enabled)
+        else:
+            inputs = problem.untouched(tick.time) if tick.enabled else AT_REST
+        plant.frozen, plant.noise, plant.delay = inputs.frozen, inputs.noise, inputs.delay
+        command = control.step(inputs, tick.seen)
+        then(tick, command)
+        return command
 
-    moved = joint_plant(problem.plant, robot, dt)
-    moved.reset(start)
-    return LoopedProblem(moved, decide, tuple(robot.names))
+    return decide
+
+
+def _inputs_of(record: np.void, *, enable: bool) -> LiveInputs:
+    """What the operator wants; whether the dead-man is held is the loop's to say."""
+    target, frozen, buttons = record["target"][0, :3, 3], np.flatnonzero(record["frozen"]), int(record["buttons"])
+    return LiveInputs(
+        enable=enable,
+        target=NOWHERE if math.isnan(target[0]) else tuple(target.tolist()),
+        push=tuple(record["push"].tolist()),
+        stick=tuple(record["stick"].tolist()),
+        switch=bool(buttons & BUTTONS["switch"]),
+        gripper=bool(buttons & BUTTONS["gripper"]),
+        frozen=int(frozen[0]) if frozen.size else -1,
+        noise=float(record["noise"]),
+        delay=float(record["delay"]),
+    )
 
 
 def run_in_time(
-    loaded: ProblemFile[Any],
-    *,
-    seconds: float,
-    plant: str | None = None,
-    solver: str | None = None,
-    log: Path | None = None,
-    fifo: int | None = None,
+    loaded: ProblemFile[Any], *, seconds: float, log: Path | None = None, fifo: int | None = None, **options: str | None
 ) -> tuple[LoopReport, int]:
     """Run a problem at its rate, on a simulated robot, with nobody at it.
 
     Parameters
     ----------
-    seconds : how long. plant, solver : as of `rehab-opt run`. log : file of the log, None for none. fifo : see `Loop`.
+    seconds : how long. log : file of the log, None for none. fifo : see `Loop`. options : as of `live_problem`.
 
     Returns
     -------
     How it went, and how many records the log lost.
+
+    Raises
+    ------
+    ConfigurationError, ProblemFileError : as `live_problem`.
     """
-    looped = looped_problem(loaded, plant=plant, solver=solver)
-    n, force = len(looped.names), looped.plant.measured.force.size
+    problem = live_problem(loaded, **options)
+    control = problem.control()
+    control.plant.reset(control.start)
+    decide = decide_of(problem, control)
     if log is None:
-        return Loop(looped.plant, looped.decide, fifo=fifo).run(seconds=seconds), 0
-    options = {name: value for name, value in (("plant", plant), ("solver", solver)) if value is not None}
-    with SharedRing.create(state_layout(n, force=force), depth=DEPTH) as ring:
-        written = Log(ring, log, names=looped.names, problem=loaded.name, files=files_of(loaded), about=options)
+        return Loop(control.plant, decide, sent=control.sent, fifo=fifo).run(seconds=seconds), 0
+    about = {name: value for name, value in options.items() if value is not None} | {HOME: str(_home(loaded))}
+    with SharedRing.create(state_layout(problem.encoders, force=problem.force), depth=DEPTH) as ring:
+        written = Log(ring, log, names=problem.names, problem=loaded.name, files=files_of(loaded), about=about)
         with written:
-            report = Loop(looped.plant, looped.decide, state=ring, watches=(written.watch,), fifo=fifo).run(
-                seconds=seconds
-            )
+            loop = Loop(control.plant, decide, state=ring, watches=(written.watch,), sent=control.sent, fifo=fifo)
+            report = loop.run(seconds=seconds)
         return report, written.lost
 
 
-def replay_problem(logged: Logged) -> Replay:
-    """Compute the session of a problem again.
+class _LoggedRobot:
+    """A robot that was where a log says; nothing moves it."""
+
+    def __init__(self, dt: float) -> None:
+        self.dt, self.frozen, self.noise, self.delay = dt, -1, 0.0, 0.0
+
+    def show(self, record: np.void) -> None:
+        """A tick."""
+        stamp, time = float(record["stamp"]), float(record["time"])
+        self.measured = Measurement(stamp, *(record[each].copy() for each in ("position", "velocity", "force")))
+        true = (record[each].copy() for each in ("true_position", "true_velocity", "effort", "true_force"))
+        self.truth = Truth(time, *true)
+
+
+def logged_problem(logged: Logged, folder: Path) -> LiveProblem:
+    """The problem that a log is of, its files written into an empty folder.
 
     Raises
     ------
@@ -118,28 +135,56 @@ def replay_problem(logged: Logged) -> Replay:
         raise ConfigurationError(
             "LOG", logged.about.get("problem", ""), "the log of a problem file, by `rehab-opt loop`"
         )
+    home = PurePosixPath(logged.about.get(HOME, ""))
+    for name, data in logged.files.items():
+        place = home / name if name == TEXT else PurePosixPath(name)
+        if place.is_absolute() or ".." in place.parts:  # a log may come from anybody
+            raise ProblemFileError("the log", "attachment", name, "the name of a file beside the problem's")
+        path = folder / place
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(data)
+    loaded = load_problem(str(folder / home / TEXT))
+    return live_problem(loaded, **{name: logged.about.get(name) for name in ("plant", "solver")})
+
+
+def control_again(
+    problem: LiveProblem, *, then: Callable[[Tick, Command], None] = lambda *_: None
+) -> tuple[LiveControl, Decide, Callable[[np.void], None]]:
+    """A problem's control on a robot that is where a log says: it, how it is asked, and what is told each record."""
+    control, robot = problem.control(), _LoggedRobot(problem.dt)
+    decide = decide_of(problem, control, then=then)
+    control.plant = cast(TouchedPlant, robot)
+    return control, decide, robot.show
+
+
+def replay_problem(logged: Logged) -> Replay:
+    """Compute the session of a problem again; raises as `logged_problem`."""
     with tempfile.TemporaryDirectory() as folder:
-        for name, data in logged.files.items():
-            place = PurePosixPath(name)
-            if place.is_absolute() or ".." in place.parts:  # a log may come from anybody
-                raise ProblemFileError("the log", "attachment", name, "the name of a file beside the problem's")
-            path = Path(folder) / place
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_bytes(data)
-        loaded = load_problem(str(Path(folder) / TEXT))
-        # The plant is not asked: what it measured is in the log.
-        return replayed(logged.records, looped_problem(loaded, plant="ideal", solver=logged.about.get("solver")).decide)
+        _, decide, show = control_again(logged_problem(logged, Path(folder)))
+        return replayed(logged.records, decide, before=show)
 
 
 def files_of(loaded: ProblemFile[Any]) -> dict[str, bytes]:
-    """The problem's text, and the robot file, URDF or MJCF that it names, by names relative to it."""
-    files = {TEXT: loaded.path.read_bytes()}
+    """The problem's text, and the recordings, robot files, URDF or MJCF beside it that it names, by their places.
+
+    What lies in the data folder stays there: it is other people's.
+    """
+    files, home = {TEXT: loaded.path.read_bytes()}, _home(loaded)
     for needed in system_named(loaded.problem.system).recordings(loaded.problem):
+        if needed.reference.startswith(PREFIX):
+            continue
         path = recording_path(loaded, needed.reference, key=needed.key)
-        files[needed.reference] = path.read_bytes()
-        told = tomllib.loads(path.read_text(encoding="utf-8"))
-        for key in ("urdf", "mjcf"):
-            if key in told:
-                beside = PurePosixPath(needed.reference).parent / told[key]
-                files[str(beside)] = (path.parent / told[key]).read_bytes()
+        place = home / needed.reference
+        named = {place: path}
+        if path.suffix == ".toml":
+            told = tomllib.loads(path.read_text(encoding="utf-8"))
+            named |= {place.parent / told[key]: path.parent / told[key] for key in ("urdf", "mjcf") if key in told}
+        files |= {posixpath.normpath(each): file.read_bytes() for each, file in named.items()}
     return files
+
+
+def _home(loaded: ProblemFile[Any]) -> PurePosixPath:
+    """The problem's own folder below the one in which all of its files are."""
+    needed = system_named(loaded.problem.system).recordings(loaded.problem)
+    above = max((PurePosixPath(each.reference).parts.count("..") for each in needed), default=0)
+    return PurePosixPath(*loaded.path.resolve().parent.parts[-above:]) if above else PurePosixPath()

@@ -10,16 +10,56 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.measures.arguments import numbers, positive
-from rehab_opt.measures.noise import noise_of_derivative, white_noise
+from rehab_opt.measures.arguments import numbers, positive, vectors
 from rehab_opt.measures.path import end_error, path_length, path_ratio, range_used, workspace_used
-from rehab_opt.measures.samples import CUT_OFF_HZ, FEWEST, LARGEST_CUT_OFF, evenly_sampled, low_passed
+from rehab_opt.measures.samples import CUT_OFF_HZ, FEWEST, LARGEST_CUT_OFF, ONCE_EACH_WAY, evenly_sampled, low_passed
 from rehab_opt.measures.smoothness import dimensionless_jerk, log_dimensionless_jerk, spectral_arc_length
 from rehab_opt.measures.speed import mean_speed, movement_interval, peak_speed, velocity_peaks
 
-__all__ = ["Measure", "Score", "score"]
+__all__ = ["Measure", "Score", "noise_of_derivative", "score", "white_noise"]
 
 Array = NDArray[np.float64]
+
+
+FREQUENCIES = 2001
+
+
+def white_noise(points: ArrayLike, smooth: ArrayLike, rate_hz: float, *, cutoff_hz: float) -> float:
+    """Standard deviation [m] of the noise in each coordinate of points (N, d), were all of it white.
+
+    Parameters
+    ----------
+    smooth : (N, d) the same points low-passed at `cutoff_hz`; what the filter took away tells of the noise.
+
+    Raises
+    ------
+    ConfigurationError : arrays of different shapes, numbers that are not finite.
+    """
+    p, s = vectors("points", points), vectors("smooth", smooth)
+    if p.shape != s.shape:
+        raise ConfigurationError("smooth", f"shape {s.shape}", f"{p.shape}, as the points")
+    passed, _ = _response(rate_hz, cutoff_hz)
+    return float(np.sqrt(((p - s) ** 2).mean() / ((1 - passed) ** 2).mean()))
+
+
+def noise_of_derivative(noise: float, rate_hz: float, *, cutoff_hz: float, order: int) -> float:
+    """Standard deviation [m/s^order] that white noise of `noise` [m] leaves in a derivative: 1 velocity, 3 its jerk.
+
+    As `hand_velocity` and `dimensionless_jerk` take them: a central difference, then second differences.
+    """
+    passed, angle = _response(rate_hz, cutoff_hz)
+    differences = np.sin(angle) * (2 - 2 * np.cos(angle)) ** ((order - 1) // 2) * positive("rate_hz", rate_hz) ** order
+    return float(noise * np.sqrt(((passed * differences) ** 2).mean()))
+
+
+def _response(rate_hz: float, cutoff_hz: float) -> tuple[Array, Array]:
+    """Gain of the filter run both ways, and radians a sample, at frequencies from 0 to half the rate."""
+    angle = np.linspace(0.0, np.pi, FREQUENCIES)
+    corner = np.pi * positive("cutoff_hz", cutoff_hz) / ONCE_EACH_WAY / positive("rate_hz", rate_hz)
+    # The bilinear transform of the analogue filter, which squeezes infinity to half the rate.
+    passed = np.append(1 / (1 + (np.tan(angle[:-1] / 2) / np.tan(corner)) ** 4), 0.0)
+    return passed, angle
+
 
 STILL = 1e-3
 """[m/s] A hand whose fastest moment is slower rests: what is seen of it is noise."""

@@ -10,6 +10,7 @@ import struct
 import zipfile
 import zlib
 from collections.abc import Mapping
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
@@ -18,9 +19,21 @@ from numpy.typing import NDArray
 
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 
-__all__ = ["META", "ArrayFile", "read_arrays", "write_arrays"]
+__all__ = ["META", "ArrayFile", "read_arrays", "versions_now", "write_arrays"]
 
 Array = NDArray[np.float64]
+
+
+def versions_now() -> dict[str, str]:
+    """Of the library and of what its numbers depend on; a checkout that is not installed has none."""
+    found = {}
+    for name in ("rehab_opt", "casadi", "numpy"):
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "a checkout"
+    return found
+
 
 META = "meta"
 """Key of the JSON text; every other key holds float64 numbers."""

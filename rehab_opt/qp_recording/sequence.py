@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.optim.rows import Instance
-from rehab_opt.qp_recording.array_file import META, read_arrays, write_arrays
-from rehab_opt.qp_recording.provenance import versions_now
+from rehab_opt.qp_recording.array_file import META, read_arrays, versions_now, write_arrays
 from rehab_opt.qp_recording.sequence_arrays import ARRAYS, checked_arrays, checked_costs, checked_numbers
 
 if TYPE_CHECKING:

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.goniometer import GONIOMETER, arm_posture, goniometer_range, range_in_words
 from rehab_opt.kinematics.human_arm import ARM_JOINTS, ARM_REST
-from rehab_opt.session.drawing import framed
-from rehab_opt.session.figure_fit import fitted
+from rehab_opt.session.drawing import fitted, framed
 
 __all__ = ["range_figure", "range_note", "stick_arm", "write_range_figures"]
 

@@ -1,19 +1,44 @@
-"""What all figures have in common: they are drawn to be read by a therapist.
-
-Colours are those of Okabe and Ito, told apart by all common kinds of colour vision; line styles differ as well. Nothing
-here touches pyplot, so that no state is shared and no window is opened.
-"""
+"""What all figures share: their frame and colours, joints over time, servos, and room for their legends."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+import textwrap
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.legend import Legend
+from matplotlib.mathtext import MathTextParser
+from matplotlib.text import Text
+from matplotlib.transforms import Bbox
+from numpy.typing import NDArray
 
-__all__ = ["ACROSS", "FORWARD", "GRID", "LIMIT", "MISSED", "MM", "REFERENCE", "framed", "legend_below"]
+from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.session.outcome import MovementOutcome
+from rehab_opt.session.plant.loop import JointMotion
+
+__all__ = [
+    "ACROSS",
+    "FORWARD",
+    "GRID",
+    "LAW_STYLES",
+    "LIMIT",
+    "MISSED",
+    "MM",
+    "REFERENCE",
+    "fitted",
+    "framed",
+    "joint_figure",
+    "legend_below",
+    "servo_figure",
+]
+
+Array = NDArray[np.float64]
+
 
 REFERENCE, MISSED, LIMIT = "#000000", "#CC79A7", "#BBBBBB"
 MM = 1e3
@@ -34,3 +59,230 @@ def legend_below(figure: Figure, axes: Axes, columns: int) -> None:
     """One legend for the whole figure, outside of all axes."""
     handles, labels = axes.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=columns, frameon=False, fontsize=9)
+
+
+LAW_STYLES: Mapping[str, Mapping[str, Any]] = {
+    "optimised": {"color": "#0072B2", "linestyle": "-", "linewidth": 2.0},
+    "published": {"color": "#D55E00", "linestyle": "--", "linewidth": 1.5},
+}
+
+
+def joint_figure(
+    outcome: MovementOutcome,
+    joints: Mapping[str, tuple[Array, Mapping[str, Any]]],
+    *,
+    times: Mapping[str, Array] | None = None,
+) -> Figure:
+    """A panel for each joint; `joints` holds values (N, n) [rad] and their style by label.
+
+    `times` (N,) [s] by label, where they are not all sampled at the outcome's own.
+    """
+    chain = outcome.chain
+    rows = math.ceil(chain.n / 2)
+    figure = framed(outcome.title, 9.0, 1.3 + 1.9 * rows)
+    grid = np.atleast_1d(figure.subplots(rows, 2, sharex=True)).ravel()
+    limits_seen = False
+    for joint, axes in enumerate(grid[: chain.n]):
+        for label, (q, style) in joints.items():
+            axes.plot((times or {}).get(label, outcome.time), np.rad2deg(q[:, joint]), **style, label=label)
+        limits_seen |= _shade_limits(axes, chain, joint)
+        axes.set_title(chain.names[joint].replace("_", " "), fontsize=9, loc="left", parse_math=False)
+        axes.set_ylabel("angle [deg]", fontsize=8)
+        axes.tick_params(labelsize=8)
+    for axes in grid[chain.n - 2 : chain.n]:
+        axes.set_xlabel("time [s]", fontsize=9)
+    for axes in grid[chain.n :]:
+        axes.set_visible(False)
+    what = (
+        "Joint angles and the limits near them" if limits_seen else "Joint angles; all limits lie outside these panels"
+    )
+    figure.suptitle(f"{outcome.title}\n{what}", fontsize=12)
+    if limits_seen:
+        grid[0].plot([], [], color=LIMIT, linewidth=8, alpha=0.6, label="outside the joint's range")
+    legend_below(figure, grid[0], 4)
+    return figure
+
+
+def _shade_limits(axes: Axes, chain: SerialChain, joint: int) -> bool:
+    """Grey where the joint may not be, and whether that is in the panel.
+
+    Limits beyond half a turn are left out, so that the motion can be seen.
+    """
+    lower, upper = np.rad2deg(chain.lower[joint]), np.rad2deg(chain.upper[joint])
+    low, high = axes.dataLim.intervaly
+    for limit in (lower, upper):
+        if abs(limit) < 180 or lower == upper:
+            low, high = min(low, limit), max(high, limit)
+    margin = max(0.12 * (high - low), 1.5)
+    axes.set_ylim(low - margin, high + margin)
+    for outside in ((-1e4, max(lower, -1e4)), (min(upper, 1e4), 1e4)):  # some joints have no ends
+        axes.axhspan(*outside, color=LIMIT, alpha=0.6, linewidth=0, zorder=0)
+    if chain.locked[joint]:
+        axes.annotate("locked: a range of zero width", (0.98, 0.06), xycoords="axes fraction", ha="right", fontsize=7)
+    return bool(lower > low - margin or upper < high + margin)
+
+
+TRUE, TOLD = "#0072B2", "#E69F00"
+CLOSE_UP = 0.5
+"""[s] shown around the fastest change, where delay and servo can be seen."""
+
+
+def servo_figure(title: str, names: Sequence[str], motion: JointMotion, *, lengths: int = 0) -> Figure:
+    """Two panels a joint: the whole run, and half a second about its hardest acceleration.
+
+    Parameters
+    ----------
+    names : (n,) of the joints. lengths : how many of them, the first ones, are in metres; the others are angles.
+    """
+    figure = framed(
+        f"{title}\nJoint speeds, commanded and true: the whole run, and the half second of the largest change",
+        11.0,
+        1.3 + 1.5 * len(names),
+    )
+    grid = figure.subplots(len(names), 2, squeeze=False, width_ratios=(2.2, 1), sharex="col")
+    time, units = motion.time, np.where(np.arange(len(names)) < lengths, 1.0, 180 / math.pi)
+    middle = _moment(motion, lengths)
+    near = np.flatnonzero(np.abs(time - middle) <= CLOSE_UP / 2)
+    every = np.arange(len(time))
+    for joint, (name, axes) in enumerate(zip(names, grid, strict=True)):
+        for panel, shown in zip(axes, (every, near), strict=True):
+            at = time[shown]
+            told, true = (units[joint] * each[shown, joint] for each in (motion.commanded, motion.velocity))
+            # The commands, which answer the encoders' noise, would hide what came of them.
+            panel.step(at, told, where="post", color=TOLD, linewidth=0.9, label="commanded")
+            panel.plot(at, true, color=TRUE, linewidth=1.4, label="true")
+            panel.grid(**GRID)
+            panel.margins(x=0.01)
+            panel.tick_params(labelsize=8)
+        unit = "m/s" if joint < lengths else "deg/s"
+        axes[0].set_ylabel(f"[{unit}]", fontsize=8)
+        axes[0].set_title(name.replace("_", " "), fontsize=9, loc="left")
+    for panel in grid[-1]:
+        panel.set_xlabel("time [s]", fontsize=9)
+    legend_below(figure, grid[0, 0], 2)
+    return figure
+
+
+def _moment(motion: JointMotion, lengths: int) -> float:
+    """[s] of the largest change of a true speed, as a share of the fastest joint's of its kind."""
+    if len(motion.time) < 3:
+        return float(motion.time[0])
+    fastest = np.abs(motion.velocity).max(axis=0)
+    for kind in (slice(0, lengths), slice(lengths, None)):
+        fastest[kind] = max(float(fastest[kind].max(initial=0.0)), 1e-9)
+    change = np.abs(np.diff(motion.velocity, axis=0)) / fastest
+    return float(motion.time[1 + int(change.max(axis=1).argmax())])
+
+
+ROOM = 0.97
+"""Fraction of the figure's width, or of a panel's, that a text may fill."""
+LINE = 1.3
+"""Height of a line in sizes of its letters."""
+MOST_COLUMNS = 6
+FEWEST_LETTERS = 8
+
+
+def fitted(figure: Figure) -> Figure:
+    """The figure itself, its titles broken into lines and its legends into columns that it has room for.
+
+    What is added in height is added to the figure, so that panels keep their size. A dollar that begins no formula is
+    a dollar.
+    """
+    for text in figure.findobj(Text):
+        if isinstance(text, Text) and "$" in text.get_text() and not _is_formula(text.get_text()):
+            text.set_parse_math(False)
+    if figure.get_suptitle():
+        title = figure.suptitle(figure.get_suptitle(), fontsize=12)
+        _heighten(figure, _wrap(figure, title, figure.bbox.width), 12.0)
+    figure.draw_without_rendering()
+    for legend in list(figure.legends):
+        _fit_legend(figure, legend)
+    for axes in figure.axes:
+        inside = axes.get_legend()
+        if inside is not None:
+            _shorten(figure, inside, ROOM * axes.bbox.width)
+        lines = [_wrap(figure, text, max(axes.bbox.width, 0.15 * figure.bbox.width)) for text in _titles(axes)]
+        _heighten(figure, max(lines, default=0), 9.0)
+    return figure
+
+
+def _wrap(figure: Figure, text: Text, width: float) -> int:
+    """Break the lines of a text that are wider than `width` [pixel]; how many lines that added."""
+    before = text.get_text()
+    after = "\n".join(part for line in before.split("\n") for part in _parts(figure, text, line, ROOM * width))
+    text.set_text(after)
+    return after.count("\n") - before.count("\n")
+
+
+def _parts(figure: Figure, text: Text, line: str, width: float) -> list[str]:
+    text.set_text(line)
+    wide = _width(figure, text) if line.strip() else 0.0
+    if wide <= width or ("$" in line and text.get_parse_math()):  # a formula is not cut in two
+        return [line]
+    return textwrap.wrap(line, max(FEWEST_LETTERS, int(len(line) * width / wide))) or [line]
+
+
+def _fit_legend(figure: Figure, legend: Legend) -> None:
+    """The figure's legend anew, with fewer columns and then shorter lines, if it is wider than the figure."""
+    labels, room = [text.get_text() for text in legend.get_texts()], ROOM * figure.bbox.width
+    if not labels or _width(figure, legend) <= room:
+        return
+    handles, size, before = legend.legend_handles, legend.get_texts()[0].get_fontsize(), _height(figure, legend)
+    for columns in range(min(MOST_COLUMNS, len(labels)), 0, -1):
+        legend.remove()
+        legend = figure.legend(
+            handles=handles,
+            labels=labels,
+            loc="outside lower center",
+            ncols=columns,
+            frameon=False,
+            fontsize=size,
+        )
+        if _width(figure, legend) <= room:
+            break
+    _shorten(figure, legend, room)
+    figure.set_figheight(figure.get_figheight() + max(_height(figure, legend) - before, 0.0) / figure.dpi)
+
+
+def _shorten(figure: Figure, legend: Legend, room: float) -> None:
+    """Break the labels of a legend that is wider than `room` [pixel]."""
+    excess = _width(figure, legend) - room
+    if excess > 0:
+        widest = max(_width(figure, text) for text in legend.get_texts())
+        for text in legend.get_texts():
+            _wrap(figure, text, max(widest - excess, 0.2 * room))
+
+
+def _heighten(figure: Figure, lines: int, size: float) -> None:
+    """More height for lines of `size` [point]."""
+    if lines > 0:
+        figure.set_figheight(figure.get_figheight() + lines * LINE * size / 72)
+
+
+def _titles(axes: Axes) -> list[Text]:
+    """The titles of a panel: what stands in them, and nowhere else."""
+    said = {axes.get_title(loc) for loc in ("left", "center", "right")} - {""}
+    return [text for text in axes.findobj(Text) if isinstance(text, Text) and text.get_text() in said]
+
+
+def _is_formula(text: str) -> bool:
+    parser = MathTextParser("agg")
+    try:
+        for line in text.split("\n"):  # as it is drawn
+            parser.parse(line)
+    except ValueError:
+        return False
+    return True
+
+
+def _width(figure: Figure, artist: Text | Legend) -> float:
+    return float(_extent(figure, artist).width)
+
+
+def _height(figure: Figure, artist: Text | Legend) -> float:
+    return float(_extent(figure, artist).height)
+
+
+def _extent(figure: Figure, artist: Text | Legend) -> Bbox:
+    canvas = figure.canvas if isinstance(figure.canvas, FigureCanvasAgg) else FigureCanvasAgg(figure)
+    return artist.get_window_extent(canvas.get_renderer())  # type: ignore[no-untyped-call]

@@ -12,10 +12,9 @@ from pydantic import ValidationError
 
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.session.data_folder import ENVIRONMENT, PREFIX, data_file
-from rehab_opt.session.file_limits import LARGEST_PROBLEM, check_key_depth
 from rehab_opt.session.schema import FORMS, Problem
 from rehab_opt.session.systems import ROBOT_FILE, ProblemFile, system_named, systems
-from rehab_opt.session.text_lines import brief
+from rehab_opt.session.text_lines import LARGEST_PROBLEM, brief, check_key_depth
 from rehab_opt.text_file import shown, whole_text
 
 __all__ = [
@@ -24,12 +23,16 @@ __all__ = [
     "problem_content",
     "problem_of",
     "problem_path",
+    "recording_description",
     "recording_path",
     "recording_state",
     "schema_error",
     "shipped_folder",
     "shipped_problems",
 ]
+
+DESCRIPTION, DESCRIBED = "description", ("recording", "placement")
+"""Key that names a recording's description, and the tables of one."""
 
 
 def load_problem(file: str) -> ProblemFile[Any]:
@@ -48,7 +51,63 @@ def load_problem(file: str) -> ProblemFile[Any]:
 
 
 def problem_content(path: Path, file: str) -> dict[str, Any]:
-    """What a TOML file says, not yet checked; raises as `load_problem`, `file` being what errors call it."""
+    """What a problem file says, its recordings' descriptions put in; raises as `load_problem`.
+
+    Parameters
+    ----------
+    file : what errors call it.
+    """
+    return _with_descriptions(_toml_content(path, file), path.parent, file)
+
+
+def recording_description(path: Path, file: str) -> dict[str, Any]:
+    """What a file says of one recording, for every problem and for `score`: a table `recording`, one `placement`.
+
+    The keys are those of a problem's tables of these names; `recording.file` lies beside the description.
+
+    Raises
+    ------
+    ProblemFileError : it cannot be read, other tables, no `recording.file`.
+    """
+    content = _toml_content(path, file)
+    for key, value in content.items():
+        if key not in DESCRIBED or not isinstance(value, dict):
+            raise ProblemFileError(file, shown(key), brief(value), "the tables recording and placement alone")
+    named = content.get("recording", {}).get("file")
+    if not isinstance(named, str) or not named:
+        raise ProblemFileError(
+            file, "recording.file", brief(named), "the recording, beside this file or data:folder/file"
+        )
+    if not named.startswith(PREFIX):
+        folder, slash, _ = file.rpartition("/")
+        content["recording"]["file"] = named if Path(named).is_absolute() else f"{folder}{slash}{named}"
+    return content
+
+
+def _with_descriptions(content: Any, folder: Path, file: str) -> Any:
+    """A problem's content with the tables of the descriptions that it names.
+
+    A table says `recording = "NAME.toml"`, or `recording = {description = "NAME.toml", mirror = true}` with keys of its
+    own; these, and a placement of its own, go before the description's.
+    """
+    if isinstance(content, list):
+        return [_with_descriptions(each, folder, file) for each in content]
+    if not isinstance(content, dict):
+        return content
+    content = {key: _with_descriptions(value, folder, file) for key, value in content.items()}
+    recording = content.get("recording")
+    own = {key: value for key, value in recording.items() if key != DESCRIPTION} if isinstance(recording, dict) else {}
+    named = recording.get(DESCRIPTION) if isinstance(recording, dict) else recording
+    if not isinstance(named, str):
+        return content
+    if not named.isprintable():  # a name no file can have
+        raise ProblemFileError(file, "recording", brief(named), "a table, or the description of a recording: NAME.toml")
+    path = data_file(named, problem=file, key="recording") if named.startswith(PREFIX) else folder / named
+    said = recording_description(path, named)
+    return said | content | {"recording": said["recording"] | own}
+
+
+def _toml_content(path: Path, file: str) -> dict[str, Any]:
     text = whole_text(path, file, largest=LARGEST_PROBLEM)
     check_key_depth(text, name=file)
     try:

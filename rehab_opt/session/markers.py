@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from rehab_opt.errors import ProblemFileError
-from rehab_opt.session.file_limits import header_cells
 from rehab_opt.session.recording import Recording
-from rehab_opt.session.text_lines import FARTHEST, LATEST, brief, finite_number, text_lines
+from rehab_opt.session.text_lines import FARTHEST, LATEST, brief, finite_number, header_cells, text_lines
 from rehab_opt.text_file import shown
 
 __all__ = ["LENGTH", "read_trc", "seen_marker"]

@@ -11,11 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.errors import ProblemFileError
-from rehab_opt.session.column_names import ANGLE, LENGTH, TIME
-from rehab_opt.session.file_limits import LARGEST_PROBLEM, header_cells
 from rehab_opt.session.markers import seen_marker
 from rehab_opt.session.recording import Recording
-from rehab_opt.session.text_lines import FARTHEST, LATEST, finite_number, text_lines
+from rehab_opt.session.tables import ANGLE, LENGTH, TIME
+from rehab_opt.session.text_lines import FARTHEST, LARGEST_PROBLEM, LATEST, finite_number, header_cells, text_lines
 from rehab_opt.text_file import shown, whole_text
 
 __all__ = ["MISSING", "MOTION", "REQUIRED", "read_motion"]

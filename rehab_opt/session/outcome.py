@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from rehab_opt.kinematics.chain import SerialChain
 
-__all__ = ["Column", "Columns", "MovementOutcome", "Outcome", "Progress"]
+__all__ = ["Column", "Columns", "MovementOutcome", "Outcome", "Progress", "joint_columns", "point_columns", "stacked"]
 
 Array = NDArray[np.float64]
+
 Cells = NDArray[np.float64] | NDArray[np.int64] | Sequence[float] | Sequence[int] | Sequence[str]
 Columns = Mapping[str, Cells]
 Column = tuple[str, Cells]
@@ -53,3 +54,21 @@ class MovementOutcome(Outcome):
 
     chain: SerialChain = field(kw_only=True)
     time: Array = field(kw_only=True)
+
+
+def point_columns(name: str, points: Array) -> Iterator[tuple[str, Array]]:
+    """Points (N, 2) or (N, 3) [m]."""
+    for axis, column in zip("xyz", points.T, strict=False):
+        yield f"{name}_{axis}_m", column
+
+
+def joint_columns(name: str, chain: SerialChain, values: Array, unit: str) -> Iterator[tuple[str, Array]]:
+    """Values (N, n), one for each joint of the chain."""
+    for joint, column in zip(chain.names, values.T, strict=True):
+        yield f"{name}_{joint}_{unit}", column
+
+
+def stacked(parts: Iterable[Columns]) -> Columns:
+    """Tables of the same columns, one below the other."""
+    tables = list(parts)
+    return {header: np.concatenate([np.asarray(each[header]) for each in tables]).tolist() for header in tables[0]}

@@ -16,8 +16,7 @@ from rehab_opt.session.markers import read_trc
 from rehab_opt.session.motion_bids import read_motion
 from rehab_opt.session.opensim import read_opensim
 from rehab_opt.session.pen_trace import read_svc
-from rehab_opt.session.recording import Recording
-from rehab_opt.session.recording_size import strange_sizes
+from rehab_opt.session.recording import Recording, strange_sizes
 from rehab_opt.session.tables import read_csv
 from rehab_opt.session.xdf import read_xdf
 

@@ -69,7 +69,7 @@ def write_report(outcome: Outcome, folder: Path, *, also: Sequence[str] = ()) ->
 
 def write_results(outcome: Outcome, folder: Path, *, also: Sequence[str] = ()) -> list[Path]:
     """Write every file of a run straight into an existing folder; OSError where that fails."""
-    from rehab_opt.session.figure_fit import fitted  # noqa: PLC0415  (loads matplotlib)
+    from rehab_opt.session.drawing import fitted  # noqa: PLC0415  (loads matplotlib)
 
     system = system_named(outcome.system)
     drawn = system.figures(outcome)
@@ -99,7 +99,7 @@ def metrics_json(outcome: Outcome) -> str:
 
 def write_trace(outcome: Outcome, path: Path) -> None:
     """One column a quantity, its unit at the end of its name; a number that is not there (NaN) is an empty cell."""
-    columns = dict(system_named(outcome.system).trace(outcome))
+    columns = dict(outcome.trace())
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)

@@ -12,16 +12,28 @@ from typing import Any, NamedTuple, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import ValidationError
 
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.measures.repeats import end_variability, path_variability
 from rehab_opt.measures.samples import CUT_OFF_HZ, LARGEST_CUT_OFF, evenly_sampled, hand_velocity
 from rehab_opt.measures.score import Measure, Score, score
 from rehab_opt.session.data_folder import PREFIX, data_file
+from rehab_opt.session.files import recording_description, schema_error
 from rehab_opt.session.recording import Recording
 from rehab_opt.session.recordings import read_recording
+from rehab_opt.session.schema import RecordingSection
 
-__all__ = ["HEADER", "Row", "Scored", "score_recordings", "scored_path", "trials_between_pauses", "write_rows"]
+__all__ = [
+    "HEADER",
+    "Described",
+    "Row",
+    "Scored",
+    "described",
+    "score_recordings",
+    "trials_between_pauses",
+    "write_rows",
+]
 
 Array = NDArray[np.float64]
 
@@ -40,12 +52,24 @@ class Row(NamedTuple):
     unit: str
 
 
+class Described(NamedTuple):
+    """A recording: its path or `data:folder/file`, and how it is read, as the arguments of `read_recording`."""
+
+    file: str
+    reading: dict[str, Any]
+
+    @property
+    def path(self) -> Path:
+        """Where it lies; raises as `data_file`."""
+        return data_file(self.file, problem=self.file, key="file") if self.file.startswith(PREFIX) else Path(self.file)
+
+
 class Scored(NamedTuple):
-    """What was measured, and what a reader of it has to know; each trial with its recording and its number in it."""
+    """What was measured, and what a reader of it has to know; each trial: its source, number in it, samples, score."""
 
     rows: tuple[Row, ...]
     notes: tuple[str, ...]
-    trials: tuple[tuple[str, int, Score], ...]
+    trials: tuple[tuple[Described, int, Recording, Score], ...]
 
 
 def score_recordings(
@@ -62,8 +86,9 @@ def score_recordings(
 
     Parameters
     ----------
-    files : paths, or `data:folder/file`.
-    reading : how, as the arguments of `read_recording` (`columns`, `marker`, `separator` and others).
+    files : recordings or descriptions of them (`.toml`), as paths or `data:folder/file`.
+    reading : how, as the arguments of `read_recording` (`columns`, `marker`, `separator` and others); a description's
+        keys go before it.
     target : [m] where each movement was to end, in the recordings' own frame.
     pause : [s] a hand that rests as long ends a trial; each recording is one trial by default.
     repeats : all trials are of one movement: how much they vary is measured too.
@@ -76,9 +101,10 @@ def score_recordings(
     """
     rows: list[Row] = []
     notes: list[str] = []
-    measured: list[tuple[str, int, Score]] = []
-    for file in files:
-        recording = read_recording(scored_path(file), name=file, **reading)
+    measured: list[tuple[Described, int, Recording, Score]] = []
+    for source in (described(file, reading) for file in files):
+        file = source.file
+        recording = read_recording(source.path, name=file, **source.reading)
         if recording.points.shape[1] < 2:
             raise ProblemFileError(file, "columns", None, "the columns that hold the hand's x and y (--columns)")
         if target is not None and len(target) != recording.points.shape[1]:
@@ -88,17 +114,33 @@ def score_recordings(
         trials = [recording] if pause is None else trials_between_pauses(recording, pause=pause, threshold=threshold)
         for number, trial in enumerate(trials, start=1):
             scored = _scored(trial, number, target=target, cutoff_hz=cutoff_hz, threshold=threshold)
-            measured.append((file, number, scored))
+            measured.append((source, number, trial, scored))
             rows += (Row(file, str(number), *measure) for measure in scored.measures)
             notes += (f"{file}, trial {number}: {note}" for note in scored.notes)
     if repeats:
-        rows += (Row(ALL, ALL, *measure) for measure in _variability([scored.movement for _, _, scored in measured]))
+        rows += (Row(ALL, ALL, *measure) for measure in _variability([scored.movement for *_, scored in measured]))
     return Scored(tuple(rows), tuple(notes), tuple(measured))
 
 
-def scored_path(file: str) -> Path:
-    """Where a recording lies that is named by its path, or as `data:folder/file`; raises as `data_file`."""
-    return data_file(file, problem=file, key="file") if file.startswith(PREFIX) else Path(file)
+def described(file: str, reading: Mapping[str, Any] = MappingProxyType({})) -> Described:
+    """A recording by its own name, or by that of its description (`.toml`), whose keys go before `reading`.
+
+    Raises
+    ------
+    ProblemFileError : a description that cannot be used; a recording that is absent.
+    """
+    named = Described(file, dict(reading))
+    if not file.endswith(".toml"):
+        return named
+    said = recording_description(named.path, file)["recording"]
+    if "fingers" in said:  # of a hand's poses, which `mirror` reads
+        said = {"columns": ["x_m", "y_m", "z_m"], **{key: said[key] for key in ("file", "hand") if key in said}}
+    try:
+        section = RecordingSection.model_validate(said)
+    except ValidationError as refused:
+        raise schema_error(refused, file) from refused
+    own = {key: value for key, value in section.reading().items() if key in section.model_fields_set}
+    return Described(section.file, {**reading, **own})
 
 
 def trials_between_pauses(recording: Recording, *, pause: float, threshold: float = 0.05) -> list[Recording]:

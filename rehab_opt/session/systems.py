@@ -12,7 +12,7 @@ Nothing else has to know it, and nothing of it is imported before it is asked fo
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
@@ -42,13 +42,13 @@ GROUP = "rehab_opt.systems"
 SHIPPED: Mapping[str, str] = MappingProxyType(
     {
         "upper_limb": "rehab_opt.session.upper_limb.system:UpperLimbSystem",
-        "pose_tracking": "rehab_opt.session.pose_tracking.system:PoseTrackingSystem",
+        "pose_tracking": "rehab_opt.session.pose_tracking.run:PoseTrackingSystem",
         "mirror": "rehab_opt.session.mirror.system:MirrorSystem",
-        "workspace": "rehab_opt.session.workspaces.system:WorkspaceSystem",
-        "workspace_map": "rehab_opt.session.workspace_maps.system:WorkspaceMapSystem",
-        "used_ranges": "rehab_opt.session.used_ranges.system:UsedRangesSystem",
+        "workspace": "rehab_opt.session.workspaces.run:WorkspaceSystem",
+        "workspace_map": "rehab_opt.session.workspace_maps.run:WorkspaceMapSystem",
+        "used_ranges": "rehab_opt.session.used_ranges.run:UsedRangesSystem",
         "scenario": "rehab_opt.session.scenario.system:ScenarioSystem",
-        "ardis": "rehab_opt.session.ardis.system:ArdisSystem",
+        "ardis": "rehab_opt.session.ardis.run:ArdisSystem",
     }
 )
 ROBOT_FILE = "robot.file"
@@ -93,7 +93,7 @@ class System(Generic[P, O]):
 
     schema: type[P]
     options: ClassVar[frozenset[str]] = frozenset()
-    shown: ClassVar[tuple[str, ...]] = ("rehab_opt.session.default_shown",)
+    shown: ClassVar[tuple[str, ...]] = ("rehab_opt.session.shown",)
 
     def recordings(self, problem: P) -> tuple[Needed, ...]:
         """The recordings and robot files it needs; none by default."""
@@ -148,10 +148,6 @@ class System(Generic[P, O]):
         """The result for the terminal."""
         made: Table = self._draws("table")(outcome)
         return made
-
-    def trace(self, outcome: O) -> Iterable[Column]:
-        """The columns of trace.csv, all of one length."""
-        return outcome.trace()
 
     def figures(self, outcome: O) -> dict[str, Figure]:
         """The figures by file name, without suffix."""

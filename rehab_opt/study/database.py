@@ -16,6 +16,13 @@ __all__ = ["APPLICATION", "VERSIONS", "connected", "own_alone", "refusals", "tra
 
 APPLICATION = 0x52484F53
 """PRAGMA application_id of a study: another program's database is not written into."""
+WHY = {
+    sqlite3.SQLITE_FULL: "the disk is full",
+    sqlite3.SQLITE_IOERR: "the disk is full, or fails",
+    sqlite3.SQLITE_READONLY: "the file, its folder or the disk is read-only, or full",
+    sqlite3.SQLITE_CANTOPEN: "its folder cannot be written to, where a log is kept beside it while it is open",
+}
+"""What SQLite's errors are to a user, by their primary code; its own words for others."""
 WAIT_S = 60.0
 """[s] that one writer waits for another; a trial takes milliseconds."""
 VERSIONS: tuple[str, ...] = (
@@ -75,17 +82,32 @@ def connected(file: Path, *, create: bool) -> sqlite3.Connection:
             raise ConfigurationError("study", str(file), "a study's file (rehab-opt run --study FILE makes one)")
     except OSError as problem:
         raise ConfigurationError("study", str(file), f"a file that can be written to ({problem.strerror})") from problem
-    with refusals(file), ExitStack() as undo:
+    with refusals(file):
+        try:
+            return _opened(file)
+        except sqlite3.OperationalError:
+            log = own_alone(file)[0]
+            if create or (log.exists() and log.stat().st_size):  # a log with trials in it must be read, too
+                raise
+            return _opened(file, as_it_lies=True)
+
+
+def _opened(file: Path, *, as_it_lies: bool = False) -> sqlite3.Connection:
+    """A connection; `as_it_lies` reads without the log, on a disk that is full or in a folder that is read-only."""
+    with ExitStack() as undo:
         # absolute: SQLite keeps what is called ":memory:" in memory
-        made = sqlite3.connect(file.absolute(), timeout=WAIT_S, isolation_level=None)
+        name = f"{file.absolute().as_uri()}{'?immutable=1' if as_it_lies else ''}"
+        made = sqlite3.connect(name, timeout=WAIT_S, isolation_level=None, uri=True)
         undo.callback(made.close)
         made.execute("PRAGMA foreign_keys = ON")
         made.execute("PRAGMA secure_delete = ON")
         made.execute("PRAGMA synchronous = FULL")  # a finished trial outlives a cut of power
         _check_ours(made, file)
-        _make_private(file)  # not before: another program's file keeps its mode
-        made.execute("PRAGMA journal_mode = WAL")
+        if not as_it_lies:
+            _make_private(file)  # not before: another program's file keeps its mode
+            made.execute("PRAGMA journal_mode = WAL")
         _migrate(made, file)
+        made.execute("SELECT count(*) FROM people")
         undo.pop_all()
     return made
 
@@ -106,7 +128,8 @@ def refusals(file: Path) -> Iterator[None]:
     try:
         yield
     except sqlite3.Error as problem:
-        expected = f"a study that can be read and written to ({shown(str(problem), 100)})"
+        why = WHY.get(getattr(problem, "sqlite_errorcode", 0) & 0xFF, shown(str(problem), 100))
+        expected = f"a study that can be read and written to ({why})"
         raise ConfigurationError("study", str(file), expected) from problem
 
 

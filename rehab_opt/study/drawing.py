@@ -11,7 +11,18 @@ from rehab_opt.errors import printable
 from rehab_opt.study.summary import Interval
 from rehab_opt.text_file import shown
 
-__all__ = ["COLOURS", "Series", "bars", "escaped", "number", "outline_chart", "progress_chart"]
+__all__ = [
+    "COLOURS",
+    "Series",
+    "area",
+    "bars",
+    "escaped",
+    "growth_chart",
+    "hull",
+    "number",
+    "outline_chart",
+    "progress_chart",
+]
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#555555")
 """Okabe and Ito's; the last one for whatever is left."""
@@ -95,9 +106,38 @@ def progress_chart(
     return _svg(parts, width, height)
 
 
+class Shape(NamedTuple):
+    """A convex outline (N, 2) [m] to draw: its label, its colour by number, how strong its line is, 0 to 1."""
+
+    label: str
+    corners: Sequence[tuple[float, float]]
+    colour: int
+    strength: float
+
+
 def outline_chart(shapes: Sequence[tuple[str, Sequence[tuple[float, float]]]]) -> str:
-    """Convex hulls of points [m] over one another, from light to dark, under one scale in both directions."""
-    points = [point for _, of in shapes for point in of]
+    """Convex hulls of one person's points [m] over one another, from light to dark, the first one on top."""
+    last = len(shapes) - 1
+    drawn = [
+        Shape(label, hull(of), 1 if i == 0 < last else 0, 1.0 if i in (0, last) else 0.15 + 0.5 * i / len(shapes))
+        for i, (label, of) in enumerate(shapes)
+    ]
+    return _outlines([*drawn[1:], *drawn[:1]])
+
+
+def growth_chart(people: Sequence[tuple[str, Sequence[tuple[float, float]], Sequence[tuple[float, float]]]]) -> str:
+    """Of each person two hulls [m], the first orange and the last blue, both moved by what centres the first one."""
+    drawn = []
+    for name, first, last in people:
+        x, y = (sum(axis) / len(first) for axis in zip(*first, strict=True))
+        for corners, colour in ((last, 0), (first, 1)):
+            drawn.append(Shape(name, [(px - x, py - y) for px, py in corners], colour, 0.55))
+    return _outlines(sorted(drawn, key=lambda each: each.colour))
+
+
+def _outlines(shapes: Sequence[Shape]) -> str:
+    """Shapes under one scale in both directions, later ones on top."""
+    points = [point for shape in shapes for point in shape.corners]
     if not points:
         return ""
     size, edge = 320, 14
@@ -105,22 +145,20 @@ def outline_chart(shapes: Sequence[tuple[str, Sequence[tuple[float, float]]]]) -
     extent = max(max(point[axis] for point in points) - low[axis] for axis in (0, 1)) or 1.0
     scale = (size - 2 * edge - 16) / extent
     parts = []
-    for i, (label, of) in sorted(enumerate(shapes), key=lambda each: each[0] or len(shapes)):  # the first one on top
-        end = i in (0, len(shapes) - 1)
-        colour = COLOURS[1] if i == 0 and len(shapes) > 1 else COLOURS[0]
-        look = f'stroke="{colour}" fill="none" stroke-width="{2.2 if end else 1}"'
-        look += f' stroke-opacity="{1.0 if end else 0.15 + 0.5 * i / len(shapes):.2f}"'
-        at = [(edge + scale * (x - low[0]), size - edge - 16 - scale * (y - low[1])) for x, y in _hull(of)]
+    for shape in shapes:
+        look = f'stroke="{COLOURS[shape.colour]}" fill="none" stroke-width="{2.2 if shape.strength == 1 else 1}"'
+        look += f' stroke-opacity="{shape.strength:.2f}"'
+        at = [(edge + scale * (x - low[0]), size - edge - 16 - scale * (y - low[1])) for x, y in shape.corners]
         path = " ".join(f"{x:.1f},{y:.1f}" for x, y in at)
-        parts.append(f'<polygon points="{path}" {look}><title>{escaped(label)}</title></polygon>')
+        parts.append(f'<polygon points="{path}" {look}><title>{escaped(shape.label)}</title></polygon>')
     step = _ticks(0.0, extent / 2)[-1] or extent
     parts.append(f'<path d="M{edge} {size - 8}h{scale * step:.1f}" class="scale"/>')
     parts.append(f'<text x="{edge + scale * step + 6:.1f}" y="{size - 4}">{number(1e3 * step)} mm</text>')
     return _svg(parts, size, size)
 
 
-def _hull(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Corners of the convex hull (Andrew's monotone chain)."""
+def hull(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Corners of the convex hull, counterclockwise (Andrew's monotone chain)."""
     corners: list[tuple[float, float]] = []
     for ordered in (sorted(points), sorted(points, reverse=True)):
         side: list[tuple[float, float]] = []
@@ -132,6 +170,12 @@ def _hull(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
             side.append((x, y))
         corners += side[:-1]
     return corners
+
+
+def area(corners: Sequence[tuple[float, float]]) -> float:
+    """Area of a polygon, whichever way round."""
+    ends = zip(corners, [*corners[1:], *corners[:1]], strict=True)
+    return abs(sum(x * v - u * y for (x, y), (u, v) in ends)) / 2
 
 
 def bars(shares: Iterable[tuple[str, float]]) -> str:

@@ -36,16 +36,19 @@ class Recorder:
 
     def checked(self, people: Sequence[Participant]) -> list[Participant]:
         """The people, with an error of those who cannot go into the study as their row says."""
-        found = []
+        errors: dict[str, RehabOptError] = {}
+        sessions: dict[str, Session] = {}
         for person in people:
-            error = person.error
-            if not error:
+            if not person.error:
                 try:
-                    self._study.add(self._place(person)[0], [])
+                    sessions[person.name] = self._place(person)[0]
                 except RehabOptError as refused:
-                    error = f"{person.file}: {refused}"
-            found.append(replace(person, error=error))
-        return found
+                    errors[person.name] = refused
+        for name, refusal in zip(sessions, self._study.admit(sessions.values()), strict=True):
+            errors |= {} if refusal is None else {name: refusal}
+        return [
+            replace(each, error=f"{each.file}: {errors[each.name]}") if each.name in errors else each for each in people
+        ]
 
     def __call__(self, person: Participant, row: Row, folder: Path, digest: str) -> None:
         """Write a row; what was computed before and is in the study stays as it is.

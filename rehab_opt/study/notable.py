@@ -9,7 +9,21 @@ from rehab_opt.study.store import Study
 from rehab_opt.study.summary import FROM, IN_ORDER, Quantity, of_person
 from rehab_opt.study.trial import DONE
 
-__all__ = ["Extreme", "Happened", "Neared", "Outline", "bounds", "events", "extreme", "outlines"]
+__all__ = [
+    "Extreme",
+    "Happened",
+    "Neared",
+    "Outline",
+    "bounds",
+    "events",
+    "extreme",
+    "growth",
+    "outlines",
+    "stating_safety",
+]
+
+
+Point = tuple[float, float]
 
 
 class Extreme(NamedTuple):
@@ -86,6 +100,14 @@ def bounds(study: Study, person: str | None = None) -> list[Neared]:
     return [Neared(*row[:6]) for row in study.rows(question, who)]
 
 
+def stating_safety(study: Study, person: str | None = None) -> tuple[int, int]:
+    """How many trials state a bound or a safety event, and how many there are."""
+    of, who = of_person(person)
+    states = "(EXISTS (SELECT 1 FROM bounds WHERE trial = t.id) OR EXISTS (SELECT 1 FROM events WHERE trial = t.id))"
+    ((stating, trials),) = study.rows(f"SELECT coalesce(sum({states}), 0), count(*) {FROM} WHERE {of}", who)
+    return stating, trials
+
+
 def outlines(study: Study, person: str) -> list[Outline]:
     """A person's sessions in order, with the ground that the hand covered in them."""
     found: dict[int, Outline] = {}
@@ -96,3 +118,22 @@ def outlines(study: Study, person: str) -> list[Outline]:
     for session, name, date, points in study.rows(question, (person, DONE)):
         found.setdefault(session, Outline(name, date, [])).points.extend((x, y) for x, y in json.loads(points))
     return list(found.values())
+
+
+def growth(study: Study, *, most: int) -> dict[str | None, list[tuple[str, list[Point], list[Point]]]]:
+    """By group the people with the ground of their first and of their last session, `most` of each group at most."""
+    question = (
+        "WITH ordered AS (SELECT s.id, s.person, count(*) OVER (PARTITION BY s.person) AS sessions, "
+        f"row_number() OVER (PARTITION BY s.person ORDER BY {IN_ORDER}) AS place FROM sessions s WHERE EXISTS "
+        "(SELECT 1 FROM trials t JOIN outlines o ON o.trial = t.id WHERE t.session = s.id AND t.status = ?1)) "
+        'SELECT p.name, p."group", s.place > 1, o.points FROM ordered s JOIN people p ON p.id = s.person '
+        "JOIN trials t ON t.session = s.id JOIN outlines o ON o.trial = t.id "
+        "WHERE t.status = ?1 AND s.sessions > 1 AND s.place IN (1, s.sessions) ORDER BY p.id"
+    )
+    found: dict[str | None, dict[str, tuple[str, list[Point], list[Point]]]] = {}
+    for name, group, last, points in study.each(question, (DONE,)):
+        people = found.setdefault(group, {})
+        if name in people or len(people) < most:
+            of = people.setdefault(name, (name, [], []))
+            of[1 + last].extend((x, y) for x, y in json.loads(points))
+    return {group: list(people.values()) for group, people in found.items()}

@@ -76,7 +76,10 @@ class Destination:
     def said(self, new: int) -> str:
         """What became of the trials, in a line."""
         trials = "1 trial" if new == 1 else f"{new} trials"
+        from rehab_opt.study.parquet import kept_as_parquet  # noqa: PLC0415
+
         kept = "" if new else " (the study has them already)"
+        kept += "" if kept_as_parquet() else " (without samples: pip install 'rehab_opt[parquet]' keeps them, too)"
         return f"{trials} into {self.file}: {self.session.person}, {self.session.name}{kept}"
 
 

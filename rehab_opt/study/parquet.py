@@ -1,14 +1,20 @@
-"""A table of a study as Parquet, for programs that read columns."""
+"""Measures and traces of a study as Parquet, for programs that read columns (extra `parquet`)."""
 
 from __future__ import annotations
 
+import importlib.util
+import os
+from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.study.person import COLUMNS
 
-__all__ = ["write_parquet"]
+__all__ = ["COLUMNS", "kept_as_parquet", "write_parquet", "write_trace"]
 
+COLUMNS = ("person", "group", "session", "visit", "date", "trial", "condition", "status", "measure", "value", "unit")
+"""Of measures.csv."""
 WHOLE, REAL = ("visit", "trial"), ("value",)
 
 
@@ -38,3 +44,35 @@ def write_parquet(table: Path) -> Path:
             written.write_batch(part)
     file.chmod(0o600)
     return file
+
+
+@cache
+def kept_as_parquet() -> bool:
+    """Whether pyarrow is there, without which a study keeps no samples, only where they lie."""
+    return importlib.util.find_spec("pyarrow") is not None
+
+
+def write_trace(trace: Path | Mapping[str, Any], file: Path, **about: str) -> Path:
+    """Write samples into a Parquet file of their owner alone, whole or not at all, and onto the disk.
+
+    Parameters
+    ----------
+    trace : a .csv with a header, or columns by name, their units at the end.
+    about : columns that say the same in every row, such as `person`.
+    """
+    import pyarrow  # noqa: PLC0415
+    import pyarrow.csv  # noqa: PLC0415
+    import pyarrow.parquet  # noqa: PLC0415
+
+    table = pyarrow.csv.read_csv(trace) if isinstance(trace, Path) else pyarrow.table(dict(trace))
+    for place, (name, value) in enumerate(about.items()):
+        column = pyarrow.DictionaryArray.from_arrays(pyarrow.array([0] * len(table), pyarrow.int8()), [value])
+        table = table.add_column(place, name, column)
+    file.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+    beside = file.with_name(f".{file.name}.partial")
+    beside.unlink(missing_ok=True)
+    with os.fdopen(os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as written:
+        pyarrow.parquet.write_table(table, written, compression="zstd")
+        written.flush()
+        os.fsync(written.fileno())
+    return beside.replace(file)

@@ -12,15 +12,15 @@ from pathlib import Path
 from typing import Any
 
 from rehab_opt.errors import ConfigurationError
+from rehab_opt.study.parquet import COLUMNS
 from rehab_opt.study.store import Study
 
-__all__ = ["COLUMNS", "RECORDING", "TABLE", "exported", "new_folder", "private_text", "removed"]
+__all__ = ["RECORDING", "TABLE", "exported", "new_folder", "private_text", "removed"]
 
 RECORDING, TABLE = "recording", "table"
 """Kinds of files that stay when a person goes: somebody else's recording; a table of many people, less their row."""
 GROUPS = "groups.csv"
 PERSON, MEASURES = "person.json", "measures.csv"
-COLUMNS = ("person", "group", "session", "visit", "date", "trial", "condition", "status", "measure", "value", "unit")
 OF_TRIALS = "FROM people p JOIN sessions s ON s.person = p.id JOIN trials t ON t.session = s.id "
 
 
@@ -87,6 +87,14 @@ def removed(study: Study, person: str) -> tuple[Path, ...]:
             raise ConfigurationError(
                 "traces", str(path), f"a file that can be removed ({problem.strerror})"
             ) from problem
+    rows = study.rows("SELECT id FROM people WHERE name = ?", (person,))
+    for (folder,) in rows:  # what a process that was killed left there, too
+        left = study.traces / str(folder)
+        try:
+            if left.exists():
+                shutil.rmtree(left)
+        except OSError as problem:
+            raise ConfigurationError("traces", str(left), f"a folder to remove ({problem.strerror})") from problem
     if not study.forget(person):
         raise ConfigurationError("--person", person, "somebody in this study")
     return tuple(kept)

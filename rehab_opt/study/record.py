@@ -14,18 +14,21 @@ import numpy as np
 
 from rehab_opt import __version__
 from rehab_opt.measures.score import Measure
-from rehab_opt.session.file_limits import LARGEST_RECORDING
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.many.digest import inputs_digest, software_digest
 from rehab_opt.session.many.work import flat_numbers
 from rehab_opt.session.outcome import Outcome
+from rehab_opt.session.recording import Recording
 from rehab_opt.session.schema import Problem
-from rehab_opt.session.scoring import Scored, scored_path
+from rehab_opt.session.scoring import Scored
+from rehab_opt.session.text_lines import LARGEST_RECORDING
 from rehab_opt.study.person import RECORDING
 from rehab_opt.study.trial import Bound, Event, ProblemText, StoredFile, Trial
 from rehab_opt.text_file import file_content
 
-__all__ = ["metric_trials", "run_trials", "score_trials", "versions"]
+__all__ = ["metric_trials", "outline", "run_trials", "score_trials", "versions"]
+
+Array = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 
 UNITS = {
     "m": "m", "m2": "m^2", "m3": "m^3", "m_s": "m/s", "mm": "mm", "deg": "deg", "deg_s": "deg/s", "rad": "rad",
@@ -57,7 +60,11 @@ def run_trials(
     seconds : that it took.
     """
     given = {key: value for key, value in options.items() if value is not None}
-    text = "\n".join([*(f"# --{key} {value}" for key, value in given.items()), loaded.path.read_text(encoding="utf-8")])
+    text = loaded.path.read_text(encoding="utf-8")
+    said = [f"# --{key} {value}" for key, value in given.items()]
+    if ".toml" in text:  # a recording's description is not in it
+        said.append(f"# as it was read: {loaded.problem.model_dump_json(exclude_defaults=True)}")
+    text = "\n".join([*said, text])
     run = Trial(
         "run",
         digest=" ".join([inputs_digest(loaded), *(f"{key}={value}" for key, value in given.items())]),
@@ -79,11 +86,12 @@ def metric_trials(metrics: Mapping[str, Any], trial: Trial, *, files: Sequence[P
     files : that the run has written.
     """
     stored = [StoredFile(path, "trace" if path.name == TRACE else "result") for path in files]
+    trace = next((path for path in files if path.name == TRACE), None)
     laws = metrics.get("laws")
     if not isinstance(laws, Mapping) or not all(
         isinstance(law, Mapping) and law.get("trials") for law in laws.values()
     ):
-        return (replace(trial, **_numbers(metrics), files=stored),)
+        return (replace(trial, **_numbers(metrics), trace=trace, files=stored),)
     limit = metrics.get("parameters", {}).get("assistance", {}).get("force_limit_N")
     return tuple(
         replace(
@@ -91,6 +99,7 @@ def metric_trials(metrics: Mapping[str, Any], trial: Trial, *, files: Sequence[P
             condition=law,
             **_numbers(numbers, force_limit=limit),
             digest=f"{trial.digest} {law} {number}",
+            trace=trace,
             files=stored,
         )
         for law, of in laws.items()
@@ -106,27 +115,35 @@ def score_trials(scored: Scored, how: Mapping[str, Any]) -> list[Trial]:
     ProblemFileError : a recording cannot be read any more.
     """
     trials = []
-    begun = [hashlib.sha256(json.dumps(how, sort_keys=True).encode()).hexdigest(), software_digest()]
     contents: dict[str, str] = {}
-    for file, number, score in scored.trials:
-        path = scored_path(file)
-        if file not in contents:
-            content = file_content(path, file, largest=LARGEST_RECORDING)
-            contents[file] = hashlib.sha256(content).hexdigest()
-        digest = hashlib.sha256(" ".join([*begun, contents[file], str(number)]).encode())
+    for source, number, recording, score in scored.trials:
+        if source.file not in contents:
+            content = file_content(source.path, source.file, largest=LARGEST_RECORDING)
+            contents[source.file] = hashlib.sha256(content).hexdigest()
+        text = json.dumps({**how, "reading": source.reading}, sort_keys=True)
+        begun = [hashlib.sha256(text.encode()).hexdigest(), software_digest()]
+        digest = hashlib.sha256(" ".join([*begun, contents[source.file], str(number)]).encode())
         trials.append(
             Trial(
                 "score",
                 score.measures,
                 digest=digest.hexdigest(),
-                problem=ProblemText("score", json.dumps(how, sort_keys=True)),
+                problem=ProblemText("score", text),
                 software=versions(),
                 notes=score.notes,
-                files=[StoredFile(path, RECORDING)],
-                outline=_outline(score.movement),
+                trace=_samples(recording),
+                files=[StoredFile(source.path, RECORDING)],
+                outline=outline(score.movement),
             )
         )
     return trials
+
+
+def _samples(of: Recording) -> dict[str, Array]:
+    """Columns of a recording: time, hand, joint angles, forces."""
+    columns = {"t_s": of.time, **{f"{axis}_m": values for axis, values in zip("xyz", of.points.T, strict=False)}}
+    columns |= {f"{name}_deg": np.degrees(angles) for name, angles in of.joints.items()}
+    return columns | {f"f{axis}_N": values for axis, values in zip("xyz", of.forces.T, strict=False)}
 
 
 def versions() -> str:
@@ -134,7 +151,7 @@ def versions() -> str:
     return f"rehab_opt {__version__} {software_digest()}"
 
 
-def _outline(points: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> list[tuple[float, float]]:
+def outline(points: Array) -> list[tuple[float, float]]:
     """Convex hull [m] along the two axes of the largest extents; none of a movement on a line."""
     from scipy.spatial import ConvexHull, QhullError  # noqa: PLC0415
 

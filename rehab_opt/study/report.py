@@ -15,8 +15,19 @@ from typing import NamedTuple, TypeVar
 
 from rehab_opt import __version__
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.study.drawing import COLOURS, Series, bars, escaped, number, outline_chart, progress_chart
-from rehab_opt.study.notable import Extreme, bounds, events, extreme, outlines
+from rehab_opt.study.drawing import (
+    COLOURS,
+    Series,
+    area,
+    bars,
+    escaped,
+    growth_chart,
+    hull,
+    number,
+    outline_chart,
+    progress_chart,
+)
+from rehab_opt.study.notable import Extreme, bounds, events, extreme, growth, outlines, stating_safety
 from rehab_opt.study.person import check_there
 from rehab_opt.study.store import Study
 from rehab_opt.study.summary import (
@@ -66,6 +77,9 @@ PLAIN = {
 SCALES = {"m": (1e3, "mm"), "m^2": (1e4, "cm²"), "m^3": (1e6, "cm³"), "m/s": (1e3, "mm/s"), "1": (1.0, "")}
 MOST_DRAWN = 8
 MOST_CONDITIONS = 6
+MOST_OUTLINED = 40
+"""People of a group whose outlines are drawn: more hide one another."""
+DAYS_OF_A_WEEK = 7
 NAMED_CONDITION = "all"
 BETTER, WORSE = "better", "worse"
 FEWEST_FOR_A_TREND = 4
@@ -94,6 +108,7 @@ td, th {{ text-align: left; padding: 3px 10px 3px 0; border-bottom: 1px solid #e
 .better {{ color: #007a5a; font-weight: 600 }} .worse {{ color: #c04a00; font-weight: 600 }}
 .box {{ border-left: 5px solid #009e73; background: #f3faf7; padding: 8px 14px; margin: 12px 0 }}
 .alarm {{ border-color: #d55e00; background: #fdf3ec }}
+.unknown {{ border-color: #888; background: #f4f4f4 }}
 .key {{ display: inline-block; margin-right: 16px; overflow-wrap: anywhere }}
 .key i {{ display: inline-block; width: 11px; height: 11px; border-radius: 6px; margin-right: 5px }}
 ul {{ margin: 4px 0; padding-left: 20px }}
@@ -222,7 +237,13 @@ def _everybody(study: Study, means: dict[Quantity, list[SessionMean]]) -> str:
     counts = ((all_of.people, "person"), (all_of.sessions, "session"), (all_of.trials, "trial"))
     said = ", ".join(_count(*each) for each in counts) + failed + days
     parts = [f"<h1>{escaped(study.file.name)}</h1><p class=facts>{escaped(said)}</p>", _safety_box(study, None)]
-    parts += [_progress(means, single=False), _trends(means), _contrasts(means), _extremes(study, means, None)]
+    parts += [
+        _progress(means, single=False),
+        _growth(study),
+        _trends(means),
+        _contrasts(means),
+        _extremes(study, means, None),
+    ]
     rows: list[Sequence[object]] = [
         [each.name, each.group or "-", each.sessions, each.trials, each.last or "-"] for each in people(study)
     ]
@@ -241,6 +262,7 @@ def _progress(means: dict[Quantity, list[SessionMean]], *, single: bool) -> str:
     def series_of(each: SessionMean) -> str:
         return _condition(each) if alone else f"{each.group or '-'}, {_condition(each)}"
 
+    weeks = None if single else _weeks(means)
     names = sorted({series_of(each) for of in means.values() for each in of})
     shown, hidden = names[:MOST_CONDITIONS], names[MOST_CONDITIONS:]
     for measure, of in means.items():
@@ -249,8 +271,13 @@ def _progress(means: dict[Quantity, list[SessionMean]], *, single: bool) -> str:
         dated = single and all(each.date for each in of)
         values: dict[str, dict[float, list[float]]] = {name: defaultdict(list) for name in names}
         for each in of:
-            x = float(datetime.date.fromisoformat(each.date or "").toordinal()) if dated else float(each.order)
-            places[x] = (each.date or "") if dated else each.session if single else str(each.order + 1)
+            if dated:
+                x, label = float(datetime.date.fromisoformat(each.date or "").toordinal()), each.date or ""
+            elif weeks is not None:
+                x, label = weeks(each), f"{weeks(each):.0f}"
+            else:
+                x, label = float(each.order), each.session if single else str(each.order + 1)
+            places[x] = label
             values[series_of(each)][x] += [factor * value for value in each.values or (each.of.mean,)]
         series = []
         for name in shown:
@@ -270,8 +297,47 @@ def _progress(means: dict[Quantity, list[SessionMean]], *, single: bool) -> str:
     )
     legend = f"<p>{keys}</p>" if names != [NAMED_CONDITION] else ""
     more = f"<p><small>Not drawn: {escaped(', '.join(hidden))}</small></p>" if hidden else ""
-    axis = "" if single else "<p><small>Along x: the person's sessions, counted from 1.</small></p>"
+    along = "sessions, counted from 1" if weeks is None else "weeks from their first day"
+    axis = "" if single else f"<p><small>Along x: the person's {along}.</small></p>"
     return f"<h2>Progress</h2>{legend}<div class=charts>{''.join(charts)}</div>{more}{axis}"
+
+
+def _growth(study: Study) -> str:
+    """Of each group the ground that its people's hands covered at first and at last."""
+    figures = []
+    for group, grown in growth(study, most=MOST_OUTLINED).items():
+        outlines_of = [(name, hull(first), hull(last)) for name, first, last in grown]
+        first, last = (interval([1e4 * area(of[i]) for of in outlines_of]) for i in (1, 2))
+        figures.append(
+            f"<figure><h3>{escaped(group or 'no group')}</h3>{growth_chart(outlines_of)}"
+            f"<figcaption>{_count(len(grown), 'person')}: {_said(first, 1.0)} cm² at first, {_said(last, 1.0)} cm² at "
+            "last</figcaption></figure>"
+        )
+    if not figures:
+        return ""
+    note = (
+        "<p><small>Convex outlines of each person's first session (orange) and last one (blue), laid over one "
+        f"another by the middle of the first; of {MOST_OUTLINED} people of a group at most.</small></p>"
+    )
+    return f"<h2>Ground that hands covered</h2><div class=charts>{''.join(figures)}</div>{note}"
+
+
+def _weeks(means: dict[Quantity, list[SessionMean]]) -> Callable[[SessionMean], float] | None:
+    """Weeks from a person's first day on, where every session has a day and one person at least comes for weeks."""
+    days: dict[str, list[int]] = defaultdict(list)
+    for each in (each for of in means.values() for each in of):
+        if each.date is None:
+            return None
+        days[each.person].append(datetime.date.fromisoformat(each.date).toordinal())
+    first = {person: min(of) for person, of in days.items()}
+    if not any(max(of) - min(of) >= DAYS_OF_A_WEEK for of in days.values()):
+        return None
+
+    def weeks(of: SessionMean) -> float:
+        day = datetime.date.fromisoformat(of.date or "").toordinal()
+        return float(round((day - first[of.person]) / DAYS_OF_A_WEEK))
+
+    return weeks
 
 
 def _changes(measure: Quantity, means: Sequence[SessionMean]) -> Iterable[list[object]]:
@@ -367,16 +433,19 @@ def _where(end: Extreme | None, factor: float, person: str | None) -> str:
 
 
 def _safety_box(study: Study, person: str | None) -> str:
-    found, limits = events(study, person), bounds(study, person)
+    """Events and bounds in a line: green only where bounds are known, and all of them were kept."""
+    found, limits, (stating, trials) = events(study, person), bounds(study, person), stating_safety(study, person)
     passed = sum(each.passed for each in limits)
-    trials = len({(each.person, each.session, each.trial) for each in found})
-    said = f"{_count(len(found), 'event')} in {_count(trials, 'trial')}" if found else "No safety events"
-    if limits:
-        of = "every bound was kept" if not passed else f"a bound was passed {_count(passed, 'time')}"
-        said += f"; {of}"
+    if not found and not limits:
+        kind, said = " unknown", "Nothing is known: no trial states a bound or a safety event"
     else:
-        said += "; no bounds are known"
-    return f'<div class="box{" alarm" if found or passed else ""}"><b>Safety.</b> {escaped(said)}.</div>'
+        kind = " alarm" if found or passed else ""
+        of = len({(each.person, each.session, each.trial) for each in found})
+        said = f"{_count(len(found), 'event')} in {_count(of, 'trial')}" if found else "No safety events"
+        kept = "every bound was kept" if not passed else f"a bound was passed {_count(passed, 'time')}"
+        said += f"; {kept}" if limits else "; no bounds are known"
+        said += f"; nothing is known of {trials - stating} of {_count(trials, 'trial')}" if stating < trials else ""
+    return f'<div class="box{kind}"><b>Safety.</b> {escaped(said)}.</div>'
 
 
 def _safety_details(study: Study, person: str | None) -> str:

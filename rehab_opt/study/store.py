@@ -6,7 +6,7 @@ import datetime
 import hashlib
 import json
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
@@ -14,7 +14,8 @@ from typing import Any, Self
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.study.database import connected, refusals, transaction
-from rehab_opt.study.trial import DONE, ProblemText, Session, Trial
+from rehab_opt.study.parquet import kept_as_parquet, write_trace
+from rehab_opt.study.trial import DONE, ProblemText, Session, StoredFile, Trial
 
 __all__ = ["Study"]
 
@@ -63,11 +64,31 @@ class Study:
         """
         many = [trials] if isinstance(trials, Trial) else list(trials)
         with refusals(self.file), transaction(self._db):
-            person = self._row_of("people", {"name": session.person}, {"group": session.group})
-            dated = {"visit": session.visit, "date": session.date}
-            at = self._row_of("sessions", {"person": person, "name": session.name}, dated)
+            person, at = self._place(session)
             quantities: dict[tuple[str, str], int] = {}
-            return sum(self._add(at, trial, quantities) for trial in many)
+            new = 0
+            kept: dict[int, StoredFile] = {}  # a trace that several trials share is written once
+            for trial in many:
+                number = self._add(at, trial, quantities)
+                if number is not None:
+                    new += 1
+                    self._keep_trace(trial, kept, session, folder=f"{person}", number=number)
+            return new
+
+    def admit(self, sessions: Iterable[Session]) -> list[ConfigurationError | None]:
+        """Make room for sessions, all of them in one commit; of each None, or why it does not fit."""
+        said: list[ConfigurationError | None] = []
+        with refusals(self.file), transaction(self._db):
+            for session in sessions:
+                self._db.execute("SAVEPOINT one")
+                try:
+                    self._place(session)
+                    said.append(None)
+                except ConfigurationError as refused:
+                    self._db.execute("ROLLBACK TO one")
+                    said.append(refused)
+                self._db.execute("RELEASE one")
+        return said
 
     def has(self, session: Session, digest: str) -> bool:
         """Whether a trial of this session and digest is done, and its files are there."""
@@ -91,6 +112,11 @@ class Study:
         with refusals(self.file):
             yield from self._db.execute(question, values)
 
+    @property
+    def traces(self) -> Path:
+        """Folder of the samples that the study keeps: one below it for each person, by their row."""
+        return self.file.with_name(f"{self.file.name}-traces")
+
     def place(self, path: str) -> Path:
         """Where a file of a trial lies: paths below the study's folder are kept relative to it."""
         return self.file.absolute().parent / path
@@ -99,7 +125,7 @@ class Study:
         """Delete a person's rows, and problems that were theirs alone; whether they were there.
 
         What was deleted is overwritten with zeros in the file (secure_delete, VACUUM), and the log is cut to nothing.
-        The traces stay: `removed` of `rehab_opt.study.person` takes them, too.
+        The files stay: `removed` of `rehab_opt.study.person` takes them, too.
 
         Raises
         ------
@@ -127,6 +153,12 @@ class Study:
             finally:
                 self._db.execute("ROLLBACK")
 
+    def _place(self, session: Session) -> tuple[int, int]:
+        """Ids of a session's person and of itself, made where they are absent."""
+        person = self._row_of("people", {"name": session.person}, {"group": session.group})
+        dated = {"visit": session.visit, "date": session.date}
+        return person, self._row_of("sessions", {"person": person, "name": session.name}, dated)
+
     def _row_of(self, table: str, key: dict[str, Any], facts: dict[str, Any]) -> int:
         """The id of a row, made where it is absent; what it does not say yet is filled in."""
         where = " AND ".join(f"{name} = ?" for name in key)
@@ -147,7 +179,20 @@ class Study:
         made = self._db.execute(f"INSERT INTO {table} ({columns}) VALUES ({marks})", (*values.values(),))
         return int(made.lastrowid or 0)
 
-    def _add(self, session: int, trial: Trial, quantities: dict[tuple[str, str], int]) -> bool:
+    def _keep_trace(
+        self, trial: Trial, kept: dict[int, StoredFile], session: Session, *, folder: str, number: int
+    ) -> None:
+        """Write a new trial's samples beside the study, before the commit: what is in it is there."""
+        if trial.trace is None or not kept_as_parquet():
+            return
+        at = id(trial.trace)
+        if at not in kept:
+            file = self.traces / folder / f"{number}.parquet"
+            kept[at] = StoredFile(write_trace(trial.trace, file, person=session.person, session=session.name))
+        self._add_files(number, [kept[at]])
+
+    def _add(self, session: int, trial: Trial, quantities: dict[tuple[str, str], int]) -> int | None:
+        """The id of the trial; None where it is there already."""
         db = self._db
         if trial.digest is not None:
             question = "SELECT id, status FROM trials WHERE session = ? AND digest = ?"
@@ -155,7 +200,7 @@ class Study:
             if same is not None and same[1] == DONE:
                 if trial.status == DONE:
                     self._set_files(same[0], trial)
-                return False
+                return None
             if same is not None:
                 db.execute("DELETE FROM trials WHERE id = ?", same[:1])
         (last,) = db.execute("SELECT coalesce(max(number), 0) FROM trials WHERE session = ?", (session,)).fetchone()
@@ -186,7 +231,7 @@ class Study:
         if trial.outline:
             points = json.dumps([[round(x, 5), round(y, 5)] for x, y in trial.outline])
             db.execute("INSERT INTO outlines VALUES (?, ?)", (at, points))
-        return True
+        return at
 
     def _problem(self, problem: ProblemText | None) -> int | None:
         if problem is None:
@@ -199,8 +244,11 @@ class Study:
         for (path,) in self._db.execute("SELECT path FROM files WHERE trial = ?", (trial,)).fetchall():
             if not self.place(path).exists():
                 self._db.execute("DELETE FROM files WHERE trial = ? AND path = ?", (trial, path))
+        self._add_files(trial, of.files)
+
+    def _add_files(self, trial: int, files: Sequence[StoredFile]) -> None:
         folder = self.file.absolute().parent
-        for each in of.files:
+        for each in files:
             path = each.path.absolute()
             said = str(path.relative_to(folder) if path.is_relative_to(folder) else path)
             self._db.execute("INSERT OR IGNORE INTO files VALUES (?, ?, ?)", (trial, said, each.kind))

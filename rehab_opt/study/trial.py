@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import datetime
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.measures.score import Measure
-from rehab_opt.text_file import shown
+from rehab_opt.text_file import is_formula, shown
 
 __all__ = ["DONE", "Bound", "Event", "ProblemText", "Session", "StoredFile", "Trial", "checked_label"]
 
@@ -65,7 +67,7 @@ class Session:
 
     Raises
     ------
-    ConfigurationError : a label that is empty, longer than 100 characters or not printable, no visit, no date.
+    ConfigurationError : a label that `checked_label` refuses, no visit, no date.
     """
 
     person: str
@@ -80,15 +82,15 @@ class Session:
         checked_label("session", self.name)
         if self.group is not None:
             checked_label("group", self.group)
-        if self.visit is not None and not 0 <= self.visit <= LARGEST_VISIT:
-            raise ConfigurationError("visit", self.visit, f"a number from 0 to {LARGEST_VISIT}")
+        if self.visit is not None and not (type(self.visit) is int and 0 <= self.visit <= LARGEST_VISIT):
+            raise ConfigurationError("visit", self.visit, f"a whole number from 0 to {LARGEST_VISIT}")
         if self.date is not None:
             try:
                 ok = datetime.date.fromisoformat(self.date).isoformat() == self.date
-            except ValueError:
+            except (TypeError, ValueError):
                 ok = False
             if not ok:
-                raise ConfigurationError("date", shown(self.date), "a day such as 2026-11-23")
+                raise ConfigurationError("date", shown(str(self.date)), "a day such as 2026-11-23")
 
 
 @dataclass(frozen=True)
@@ -104,7 +106,8 @@ class Trial:
     status : "done", or why `error` says it is not.
     seconds : what computing it took [s].
     problem, software : as it was run, and with which versions.
-    files : where traces lie.
+    trace : samples, of which the study keeps a copy as Parquet (with pyarrow): a .csv, or columns (N,) by name.
+    files : that belong to the trial, and stay where they lie.
     outline : closed polygon (N, 2) [m] of the ground that the hand covered.
     """
 
@@ -118,6 +121,7 @@ class Trial:
     notes: Sequence[str] = ()
     problem: ProblemText | None = None
     software: str | None = None
+    trace: Path | Mapping[str, Any] | None = None
     files: Sequence[StoredFile] = ()
     bounds: Sequence[Bound] = ()
     events: Sequence[Event] = ()
@@ -130,7 +134,7 @@ class Trial:
         said = [(f"bound {each.name}", number) for each in self.bounds for number in (each.value, each.bound)]
         said += [(f"event {each.text}", each.times) for each in self.events]
         for what, number in (*said, ("seconds", 0.0 if self.seconds is None else self.seconds)):
-            if not math.isfinite(number):
+            if not isinstance(number, float | int | np.floating | np.integer) or not math.isfinite(number):
                 raise ConfigurationError(what, number, "a finite number")
 
     def under(self, condition: str) -> Trial:
@@ -143,9 +147,14 @@ def checked_label(argument: str, label: str) -> str:
 
     Raises
     ------
-    ConfigurationError : empty, longer than 100 characters, not printable, or with blanks at an end.
+    ConfigurationError : no text, empty, longer than 100 characters, not printable, with blanks at an end, or what a
+        spreadsheet would compute: these go into tables.
     """
-    if not 0 < len(label) <= LONGEST_LABEL or not label.isprintable() or label != label.strip():
-        expected = f"1 to {LONGEST_LABEL} printable characters, no blanks at either end"
-        raise ConfigurationError(argument, shown(label), expected)
+    if not isinstance(label, str) or not 0 < len(label) <= LONGEST_LABEL or is_formula(label):
+        ok = False
+    else:
+        ok = label.isprintable() and label == label.strip()
+    if not ok:
+        expected = f"1 to {LONGEST_LABEL} printable characters, no blanks at either end, no formula (=, +, -, @ first)"
+        raise ConfigurationError(argument, shown(str(label)), expected)
     return label

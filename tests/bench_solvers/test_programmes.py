@@ -17,10 +17,7 @@ def boundary() -> Programmes:
 
 
 @pytest.mark.parametrize("who", PROGRAMME_ENTRANTS, ids=lambda who: who.name)
-def test_what_a_solver_claims_is_what_the_certificate_says(
-    boundary: Programmes, who: object, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("REHAB_OPT_COMPILE", "0")
+def test_what_a_solver_claims_is_what_the_certificate_says(boundary: Programmes, who: object) -> None:
     solver = who.make(boundary, who.solver)  # type: ignore[attr-defined]
     solved = 0
     for tick in range(8):

@@ -26,6 +26,8 @@ ROUNDING = 1e-12
 """[m]"""
 TURN = 2.0
 """[rad/s] Fastest turn."""
+DRIVE = 2.0
+"""[m/s] Fastest speed."""
 
 
 class Ticks(NamedTuple):
@@ -71,15 +73,15 @@ def clearances(outline: Outline, obstacles: list[Obstacle], places: Array) -> Ar
     return np.where(discs[:, None], posts, walls)
 
 
-def driven(ticks: Ticks, dt: float) -> Array:
-    """(N, 11, 3) places of the chair within the ticks."""
-    heading = ticks.places[:, 2]
-    forward, left, turn = ticks.twists.T
-    world = np.stack(
-        [np.cos(heading) * forward - np.sin(heading) * left, np.sin(heading) * forward + np.cos(heading) * left, turn],
-        axis=-1,
-    )
-    return ticks.places[:, None, :] + dt * INSTANTS[:, None] * world[:, None, :]
+def driven(ticks: Ticks, dt: float, *, arcs: bool) -> Array:
+    """(N, 11, 3) places of the chair within the ticks: straight in the world, or as wheels roll."""
+    forward, left, turn = (each[:, None] for each in ticks.twists.T)
+    angle = dt * INSTANTS * turn
+    heading = ticks.places[:, 2, None] + (angle / 2 if arcs else 0 * angle)
+    chord = dt * INSTANTS * (np.sinc(angle / 2 / np.pi) if arcs else 1.0)
+    east = chord * (np.cos(heading) * forward - np.sin(heading) * left)
+    north = chord * (np.sin(heading) * forward + np.cos(heading) * left)
+    return ticks.places[:, None, :] + np.stack([east, north, angle], axis=-1)
 
 
 def random_outline(rng: np.random.Generator) -> Outline:
@@ -115,7 +117,7 @@ def random_ticks(rng: np.random.Generator, count: int, *, dt: float, at_once: bo
     """Ticks at the rows' limits, which let a gap be used up in a second or less; `at_once` in this tick."""
     outline, horizon = random_outline(rng), dt + (0.0 if at_once else rng.uniform(0.0, 1.0))
     numbers, place = ca.SX.sym("numbers", NUMBERS), ca.SX.sym("place", 3)
-    rows = approach(numbers, place, outline, dt=dt, horizon=horizon, turn=TURN)
+    rows = approach(numbers, place, outline, dt=dt, horizon=horizon, turn=TURN, drive=DRIVE)
     function = ca.Function("rows", [numbers, place], [rows.matrix, rows.room, rows.inside])
     places = rng.uniform(-3, 3, (count, 3)) * [1, 1, 2]
     obstacles = [random_obstacle(rng, outline, each) for each in places]
@@ -132,7 +134,8 @@ def random_ticks(rng: np.random.Generator, count: int, *, dt: float, at_once: bo
     towards = np.einsum("nij,nj->ni", matrix, twists)
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.where(towards > room, room / towards, 1.0).min(axis=1)
-    return outline, Ticks(obstacles, places, twists * share[:, None])
+    twists *= share[:, None]
+    return outline, Ticks(obstacles, places, twists / np.maximum(np.hypot(*twists[:, :2].T) / DRIVE, 1)[:, None])
 
 
 def test_no_twist_within_the_rows_takes_the_chair_in_or_deeper() -> None:
@@ -185,7 +188,7 @@ def campaign(count: int, *, seed: int) -> Tally:
     for _ in range(count // batch):
         dt = float(rng.choice([1e-3, 5e-3, 1e-2, 2e-2, 5e-2]))
         outline, ticks = random_ticks(rng, batch, dt=dt, at_once=bool(rng.integers(2)))
-        gaps = clearances(outline, ticks.obstacles, driven(ticks, dt))
+        gaps = clearances(outline, ticks.obstacles, driven(ticks, dt, arcs=bool(rng.integers(2))))
         taken = np.minimum(gaps[:, 0], 0.0) - gaps.min(axis=1)
         i = int(taken.argmax())
         if not taken[i] <= worst:

@@ -605,6 +605,8 @@ def test_a_target_that_leaves_the_bounds_is_followed_to_the_bound(velocity):
         {"max_age": "x"},
         {"axes": "x"},
         {"axes": 1.5},
+        {"axes": True},
+        {"dt": 1e-300},
         {"recovery_speed": "x"},
         {"recovery_speed": [0.1, 0.1]},
         {"straight": 1},

@@ -144,6 +144,10 @@ def test_what_cannot_become_c_is_refused_by_name(tmp_path: Path) -> None:
         with pytest.raises(ConfigurationError, match="run = '1 ticks': expected None"):
             export_c(controller, tmp_path / "c", run=[{}])
     assert not (tmp_path / "c").exists()
+    (tmp_path / "file").touch()
+    for folder in (None, 5, tmp_path / "file", tmp_path / "file" / "below"):
+        with pytest.raises(ConfigurationError, match="folder = "):
+            export_c(PoseTracker(ur5(), compile=False), folder)  # type: ignore[arg-type]
 
 
 def test_a_tracker_goes_on_with_its_backup_afterwards(tmp_path: Path) -> None:

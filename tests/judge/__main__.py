@@ -96,6 +96,9 @@ def main() -> int:
     with ProcessPoolExecutor(options.processes, mp_context=get_context("spawn")) as pool:
         work = parts(names, options.ticks, seed, options.processes)
         for verdict in pool.map(hearing, *zip(*work, strict=True), [options.run] * len(work)):
+            for claim, numbers, again in verdict.broken:
+                print(f"BROKEN {verdict.name}: {claim}: {numbers}\n    {again}", flush=True)
+            print(f"{verdict.name}: {verdict.ticks} ticks in {verdict.took:.0f} s", file=sys.stderr, flush=True)
             if verdict.name in verdicts:
                 verdicts[verdict.name].add(verdict)
             else:
@@ -105,8 +108,6 @@ def main() -> int:
     failed = False
     for name, verdict in verdicts.items():
         failed |= bool(verdict.kinds)
-        for claim, numbers, again in verdict.broken:
-            print(f"BROKEN {name}: {claim}: {numbers}\n    {again}")
         if options.run is None:
             for situation, (count, asked) in verdict.missed.items():
                 failed = True

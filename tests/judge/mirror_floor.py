@@ -24,7 +24,7 @@ PROMISES = (
 )  # fmt: skip
 LEAST = {"at the floor": 250, "below the floor": 250, "back above the floor": 20, "above the floor": 103_000,
          "20 s after a start below the floor": 20,
-         "yielded acceleration": 20, "reason step shortened: the bounds' tangents promised too much": 5,
+         "reason step shortened: the bounds' tangents promised too much": 5,
          "status braking": 100}  # fmt: skip
 CI_TICKS = 4000
 SHARE = 0.2

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tests.judge.pose_tracker_runs import Run, rounded, runs, speeds
+from tests.judge.pose_tracker_runs import Run, runs, speeds
 from tests.judge.verdict import Promise, Verdict
 
 PROMISES = (
@@ -65,7 +65,7 @@ def judge(verdict: Verdict, one: Run, *, calm: bool) -> None:
     verdict.holds("a joint outside is flagged, and nothing else is",
                   ((answers.yielded & 1 != 0) == (above | below).any(axis=1)) | ~known)  # fmt: skip
     if calm:
-        verdict.within("change of speed of a robot that can stop", change / allowed, 1 + 1e-9 + rounded(one))
+        verdict.within("change of speed of a robot that can stop", change / allowed, 1 + 1e-9)
     # Where the bounds above acceleration leave no speed that it allows, theirs is the nearest to it.
     room_up, room_down = (given.upper - q) / dt, (q - given.lower) / dt
     back = given.recovery_speed * given.velocity

@@ -139,10 +139,3 @@ def speeds(run: Run) -> tuple[Array, Array]:
     """(N, 6) joint speeds that were sent, and those before each."""
     value = np.array([command.value for command in run.commands])
     return value, np.vstack([np.zeros(6), value[:-1]])
-
-
-def rounded(run: Run) -> Array:
-    """(N, 6) what rounding of a joint's position, by which it stops at its limit, leaves of its largest change."""
-    given = run.settings
-    rounding = 4 * np.finfo(float).eps * np.maximum(np.abs(run.q[:-1]), 1.0) / given.dt
-    return np.asarray(rounding / np.minimum(given.acceleration * given.dt, 2 * given.velocity))

@@ -13,11 +13,6 @@ JUDGES = judges()
 PROMISES = [(name, promise) for name, module in JUDGES.items() for promise in module.PROMISES]
 
 
-@pytest.fixture(autouse=True)
-def _virtual_machine(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("REHAB_OPT_COMPILE", "0")  # a slice is shorter than compiling would take
-
-
 @pytest.mark.parametrize(("judge", "promise"), PROMISES)
 def test_promise_still_stands_where_it_was_quoted(judge: str, promise: Promise) -> None:
     assert promise.stands(), f"{judge} judges what {promise.file} no longer says: {promise.text}"

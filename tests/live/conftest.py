@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -22,9 +21,7 @@ class Address(NamedTuple):
 def address() -> Iterator[Address]:
     pytest.importorskip("websockets", reason="the live page needs websockets: pip install rehab_opt[live]")
     command = [sys.executable, "-m", "rehab_opt.cli", "live", "robot/ur5_circle"]
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ | {"REHAB_OPT_COMPILE": "0"}
-    ) as process:
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         assert process.stderr is not None
         page, participant = (process.stdout.readline().split()[-1] for _ in range(2))

@@ -16,9 +16,8 @@ from rehab_opt.live.film import write_film
 from rehab_opt.plants.ideal import IdealJoints
 from rehab_opt.plants.touched import TouchedPlant
 from rehab_opt.session.files import load_problem
-from rehab_opt.session.live.inputs import AT_REST, LiveInputs
-from rehab_opt.session.live.problem import LiveControl
-from rehab_opt.session.pose_tracking.outcome import RobotOutcome
+from rehab_opt.session.live.problem import AT_REST, LiveControl, LiveInputs
+from rehab_opt.session.pose_tracking.run import RobotOutcome
 from rehab_opt.session.run import live_problem, run_problem
 
 PROBLEMS = ["robot/ur5_circle", "ardis/through_doorway", "mirror/pick_fruit"]

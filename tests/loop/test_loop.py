@@ -17,9 +17,9 @@ from rehab_opt.errors import ConfigurationError, DeviceLostError
 from rehab_opt.loop import scheduling
 from rehab_opt.loop.loop import Loop
 from rehab_opt.loop.records import operator_layout, state_layout
+from rehab_opt.loop.report import Times
 from rehab_opt.loop.shared_ring import SharedRing
 from rehab_opt.loop.tick import Tick
-from rehab_opt.loop.times import Times
 from rehab_opt.plants.ideal import IdealJoints
 from rehab_opt.plants.plant import Measurement, Truth
 from tests.loop.clock import Clock
@@ -230,7 +230,7 @@ def test_a_wall_clock_that_is_stepped_changes_nothing(monkeypatch: pytest.Monkey
         assert Loop(plant, one_or_none, state=ring).run(seconds=0.02).ticks > 0
 
 
-def test_a_robot_is_at_rest_when_its_loop_ends() -> None:
+def test_a_robot_is_at_rest_when_its_loop_ends(clock: Clock) -> None:
     robot = ur5(velocity=1.0)
     tracker = PoseTracker(robot, dt=DT)
     q = np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.0])
@@ -247,7 +247,7 @@ def test_a_robot_is_at_rest_when_its_loop_ends() -> None:
     report = Loop(plant, follow).run(seconds=0.1)
     assert max(speeds) > 0.05
     assert not plant.truth.velocity.any()
-    assert report.ticks + report.missed >= 100
+    assert report.ticks > 100  # those in which it brakes are more
 
 
 def test_what_was_changed_of_the_process_is_put_back(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,5 +1,6 @@
 """Problem files run in time, and run again from their logs, by the command."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -7,13 +8,14 @@ import pytest
 
 from rehab_opt.cli import main
 from rehab_opt.errors import ConfigurationError, ProblemFileError
-from rehab_opt.loop.log_file import LogFile
+from rehab_opt.loop.log_file import ABOUT, LogFile
 from rehab_opt.loop.logged import Logged, read_log
-from rehab_opt.loop.of_problem import files_of, looped_problem, replay_problem
+from rehab_opt.loop.of_problem import files_of, replay_problem, run_in_time
 from rehab_opt.loop.records import state_layout
 from rehab_opt.session.files import load_problem
+from tests.loop.clock import Clock
 
-pytest.importorskip("mcap")
+Writer = pytest.importorskip("mcap.writer").Writer
 
 CIRCLE = "robot/ur5_circle"
 
@@ -32,13 +34,48 @@ def test_a_problem_is_run_in_time_and_again_from_its_log(tmp_path: Path, capsys:
     n = len(logged.records)
     assert f"{n} of {n} commands come out the same" in capsys.readouterr().out
 
-    spoilt = logged.records.copy()
-    spoilt["command"][40, 1] += 1e-9
+    spoilt, at = logged.records.copy(), n // 2
+    spoilt["command"][at, 1] += 1e-9
     rewritten(logged, spoilt, tmp_path / "spoilt.mcap")
     main_ended(["replay", str(tmp_path / "spoilt.mcap")], 1)
     said = capsys.readouterr().out
-    assert f"first that does not: tick {int(spoilt['tick'][40])}" in said
+    assert f"first that does not: tick {int(spoilt['tick'][at])}" in said
     assert "the command differs by 1e-09" in said
+
+
+@pytest.mark.parametrize("name", ["mirror/franka_pick_fruit", "ardis/kinova_drink", "upper_limb/scenario_1_stretch"])
+def test_every_kind_that_is_live_is_run_in_time_and_again(name: str, tmp_path: Path, clock: Clock) -> None:
+    """On a clock on which no machine is too busy for a tick."""
+    path = tmp_path / "trace.mcap"
+    report, lost = run_in_time(load_problem(name), seconds=0.3, log=path)
+    logged = read_log(path)
+    again = replay_problem(logged)
+    assert (lost, again.first, again.same) == (0, "", len(logged.records))
+    assert again.ticks == report.ticks > 10
+    assert not (logged.records["status"] == b"holding").all()
+
+
+@pytest.mark.parametrize(
+    ("key", "text"),
+    [
+        ("layout", ""), ("layout", "[[1"), ("layout", '"record"'), ("layout", "{}"), ("layout", "5"), ("names", "7"),
+        ("layout", '[["record", "O"]]'), ("layout", '[["record", "<f8", [1e9]]]'), ("layout", '[["a", "(2"]]'),
+        ("layout", '[["record", "<u8"]]'), ("layout", "[" * 100_000), ("names", "{"),
+    ],
+)  # fmt: skip
+def test_a_log_whose_header_was_altered_is_refused_in_one_line(
+    key: str, text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    layout = state_layout(2)
+    about = {"layout": json.dumps(layout.descr), "names": '["a", "b"]'} | {key: text}
+    with (tmp_path / "trace.mcap").open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        writer.add_metadata(ABOUT, about)
+        writer.finish()
+    main_ended(["replay", str(tmp_path / "trace.mcap")], 2)
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "the log was altered" in line
 
 
 def main_ended(arguments: list[str], code: int) -> None:
@@ -85,4 +122,4 @@ def test_the_log_of_another_program_is_not_for_the_command() -> None:
 
 def test_problems_that_do_not_run_in_time_are_refused() -> None:
     with pytest.raises(ConfigurationError, match="pose_tracking"):
-        looped_problem(load_problem("upper_limb/figure_eight"))
+        run_in_time(load_problem("upper_limb/figure_eight"), seconds=0.1)

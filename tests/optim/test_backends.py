@@ -139,9 +139,9 @@ def endures(solver: str, name: str, *, used_before: bool) -> None:
     kept, good = backend(solver, N, M), [random_qp(seed, N, M, unbounded=False) for seed in range(20, 25)]
     if used_before:
         assert certified(good[0], kept.solve(good[0]))[0]
-    begun = time.perf_counter()
+    begun = time.process_time()
     answer = kept.solve(FAULTS[name])
-    assert time.perf_counter() - begun < SECONDS
+    assert time.process_time() - begun < SECONDS
     passed, x = certified(FAULTS[name], answer)
     assert not passed or (name in POSSIBLE and np.isfinite(x).all())
     for qp in good:

@@ -38,6 +38,7 @@ CERTIFICATES = {(n, m): certificate(n, m) for n in range(1, 8) for m in range(6)
 def both() -> list[Certify]:
     """In the virtual machine and in machine code: a compiler may not do away with what catches NaN."""
     with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("REHAB_OPT_COMPILE", "wait")
         patch.delenv("REHAB_OPT_OPTIMISE", raising=False)
         return [CERTIFICATES[N, M], certificate(N, M, compile="wait")]
 

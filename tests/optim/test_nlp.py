@@ -28,6 +28,7 @@ def valley(*, sum_to: float | None = None) -> NLP:
 
 
 @pytest.mark.parametrize("name", SOLVERS)
+@pytest.mark.usefixtures("machine_code")
 @pytest.mark.parametrize("compile", [False, "wait"])
 def test_every_solver_agrees_with_scipy(name: str, compile: Compile) -> None:
     solver = nlp_solver(valley(), name, compile=compile)
@@ -70,6 +71,7 @@ def test_nothing_is_printed(name: str, capfd: pytest.CaptureFixture[str]) -> Non
 
 
 @pytest.mark.parametrize("name", SOLVERS)
+@pytest.mark.usefixtures("machine_code")
 @pytest.mark.parametrize("compile", [False, "wait"])
 def test_an_infeasible_problem_is_never_certified(name: str, compile: Compile) -> None:
     solver = nlp_solver(valley(sum_to=3.0), name, compile=compile)  # the line misses the disc
@@ -79,6 +81,7 @@ def test_an_infeasible_problem_is_never_certified(name: str, compile: Compile) -
     assert not answer.residual <= 1e-3
 
 
+@pytest.mark.usefixtures("machine_code")
 @pytest.mark.parametrize("compile", [False, "wait"])
 def test_a_failed_qp_does_not_leave_the_last_certificate_standing(compile: Compile) -> None:
     x, total = variable("x", 4, lower=-1, upper=1), parameter("total", 1)
@@ -159,6 +162,7 @@ def test_a_convexified_hessian_is_positive_definite_and_unchanged_where_it_was(
         np.testing.assert_allclose(result, symmetric, atol=1e-12 * np.abs(symmetric).max())
 
 
+@pytest.mark.usefixtures("machine_code")
 def test_both_ways_of_evaluation_give_the_same_numbers() -> None:
     answers = []
     for wanted in (False, "wait"):

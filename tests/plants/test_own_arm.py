@@ -10,7 +10,7 @@ import pytest
 from rehab_opt import ConfigurationError, SerialChain, export_c, ur5
 from rehab_opt.plants.own_arm import own_arm_model
 from rehab_opt.session.files import load_problem
-from rehab_opt.session.pose_tracking.outcome import RobotOutcome
+from rehab_opt.session.pose_tracking.run import RobotOutcome
 from rehab_opt.session.run import run_problem
 from tests.export.calling_c import Built, largest_difference
 from tests.export.conftest import among_workers, built, c_compiler  # noqa: F401  (fixtures)
@@ -37,11 +37,6 @@ ARMS = {
     "Panda": ("franka_panda/panda.urdf", "panda_link8", [0, -45, 0, -135, 0, 90, 45], (87.0,) * 4 + (12.0,) * 3),
     "Gen3": ("kinova_gen3/gen3.urdf", "end_effector_link", [0, 30, 180, -100, 0, -60, 90], (39.0,) * 4 + (9.0,) * 3),
 }
-
-
-@pytest.fixture(autouse=True)
-def uncompiled(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("REHAB_OPT_COMPILE", "off")
 
 
 def problem_of(folder: Path, arm: str) -> str:

@@ -1,8 +1,10 @@
-"""C3D files as the format's description has them."""
+"""C3D files as the format has them; of a .trc by `python -m tests.session.made_c3d markers.trc lift.c3d`."""
 
 from __future__ import annotations
 
 import struct
+import sys
+from pathlib import Path
 
 import numpy as np
 
@@ -31,3 +33,21 @@ def c3d(points: Array, labels: list[str], *, order: str = "<", floats: bool = Tr
         values[..., :3] = np.round(values[..., :3] / scale)
     data = values.astype(f"{order}f4" if floats else f"{order}i2").tobytes()
     return head.ljust(512, b"\0") + section + data
+
+
+def of_trc(trc: Path) -> bytes:
+    """The markers of OpenSim's text format as a C3D in mm, frame by frame; an empty cell is no marker."""
+    lines = [line.replace(",", "\t").split("\t") for line in trc.read_text(encoding="utf-8").splitlines()]
+    rate, labels = float(lines[2][0]), [cell for cell in lines[3][2:] if cell.strip()]
+    assert lines[2][4] == "mm"
+    rows = [cells for cells in lines[5:] if cells[0].strip()]
+    points = np.zeros((len(rows), len(labels), 4))
+    for frame, cells in enumerate(rows):
+        for marker in range(len(labels)):
+            said = cells[2 + 3 * marker : 5 + 3 * marker]
+            points[frame, marker] = (*map(float, said), 0.0) if all(said) else (0.0, 0.0, 0.0, -1.0)
+    return c3d(points, labels, rate=rate)
+
+
+if __name__ == "__main__":
+    Path(sys.argv[2]).write_bytes(of_trc(Path(sys.argv[1])))

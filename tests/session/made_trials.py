@@ -11,10 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.gate import Mode
 from rehab_opt.field.potential import PotentialField
-from rehab_opt.session.scenario.measures import REACHES, trial_measures
-from rehab_opt.session.scenario.outcome import ScenarioOutcome
-from rehab_opt.session.scenario.summary import law_summary
-from rehab_opt.session.scenario.trial import LAWS, HelperTrace, Law, Trial
+from rehab_opt.session.scenario.measures import REACHES, law_summary, trial_measures
+from rehab_opt.session.scenario.outcome import LAWS, HelperTrace, Law, ScenarioOutcome, Trial
 from rehab_opt.workspace.region import Workspace
 
 Array = NDArray[np.float64]

@@ -42,12 +42,6 @@ MOUNT = np.eye(4)
 MOUNT[:3, 3] = 0.30, -0.32, 0.55
 
 
-@pytest.fixture(autouse=True)
-def uncompiled(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Runs are short: to compile a tracker takes longer than they do."""
-    monkeypatch.setenv("REHAB_OPT_COMPILE", "off")
-
-
 @pytest.fixture(scope="module")
 def drink() -> ArdisOutcome:
     outcome = run_problem(load_problem("ardis/kinova_drink"))

@@ -16,7 +16,7 @@ from rehab_opt.session.reach_rows import COLUMNS, GROUPS, TASKS, ReachAngles, fl
 from rehab_opt.session.recordings import read_recording
 from rehab_opt.workspace.clinical_angles import WITHOUT_A_JOINT, model_shoulder, model_wrist
 from rehab_opt.workspace.used_range import range_of_motion
-from rehab_opt.workspace.varied_ranges import varied_ranges
+from rehab_opt.workspace.variation import varied_ranges
 
 Array = NDArray[np.float64]
 Recorded = Callable[[str], Path]

@@ -20,7 +20,7 @@ from rehab_opt.session.recordings import read_recording, resampled
 from rehab_opt.session.report import metrics_json
 from rehab_opt.session.run import checked, run_problem
 from rehab_opt.session.scenario.demonstrated import learnt
-from rehab_opt.session.scenario.figures import scenario_figures
+from rehab_opt.session.scenario.figures import figures
 from rehab_opt.session.scenario.outcome import ScenarioOutcome
 
 SHIPPED = shipped_folder() / "upper_limb"
@@ -89,7 +89,7 @@ def test_quality_on_what_was_held_out_is_told_in_notes_and_metrics() -> None:
     assert told["held_out"] == [5]
     assert told["held_out_error_N"] < told["constant_stiffness_error_N"]
     assert "NaN" not in metrics_json(found)
-    assert "learnt" in scenario_figures(found)
+    assert "learnt" in figures(found)
 
 
 def test_points_of_the_task_are_the_path_that_the_field_is_learnt_around() -> None:

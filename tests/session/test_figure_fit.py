@@ -8,8 +8,7 @@ from matplotlib.figure import Figure
 
 from rehab_opt import human_arm
 from rehab_opt.session.arm_picture import range_figure
-from rehab_opt.session.drawing import framed, legend_below
-from rehab_opt.session.figure_fit import fitted
+from rehab_opt.session.drawing import fitted, framed, legend_below
 
 LONG = "The title of a person's own problem, as long as a problem file allows, nothing left out, and then some more"
 

@@ -23,8 +23,7 @@ from rehab_opt.errors import ProblemFileError
 from rehab_opt.session.files import load_problem, problem_of, shipped_problems
 from rehab_opt.session.mirror.metrics import passed_share
 from rehab_opt.session.mirror.outcome import BEFORE, PLAN, STEP, Led, MirrorOutcome
-from rehab_opt.session.mirror.table import mirror_table
-from rehab_opt.session.mirror.trace import mirror_columns
+from rehab_opt.session.mirror.table import table
 from rehab_opt.session.report import metrics_json, write_report
 from rehab_opt.session.run import checked, run_problem
 from tests.control.mirror_campaign import closed_form
@@ -265,14 +264,14 @@ def test_trace_has_empty_cells_where_nothing_is_seen(blinded: MirrorOutcome, tmp
     assert 0.4 * 200 < len(empty) < 0.6 * 200
     assert {row["law"] for row in empty} == {BEFORE}  # the clock of the others stands at the last pose seen
     assert all(row["deviation_m"] == "" and float(row["joint_elbow_rad"]) for row in empty)
-    columns = dict(mirror_columns(blinded))
+    columns = dict(blinded.trace())
     assert len({len(cells) for cells in columns.values()}) == 1
 
 
 # -------------------------------------------------------------------------------------------------- what one is told
 def test_table_shows_every_law_and_what_yielded(ran: Callable[[str], MirrorOutcome]) -> None:
     text = io.StringIO()
-    Console(file=text, width=200).print(mirror_table(ran("open_refrigerator")))
+    Console(file=text, width=200).print(table(ran("open_refrigerator")))
     for part in ("without floor", "step", "plan", "A*, 5 mm", "reference held back, s", "acceleration+task"):
         assert part in text.getvalue()
     assert any("reconstruction" in note for note in ran("open_refrigerator").notes)

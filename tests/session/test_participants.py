@@ -16,7 +16,7 @@ from rehab_opt.session.many.participant import Participant
 from rehab_opt.session.many.participant_table import cell_value, replaced
 from rehab_opt.session.many.participants import participants_of
 from rehab_opt.session.upper_limb.problem import UpperLimb
-from rehab_opt.session.workspaces.problem import WorkspaceProblem
+from rehab_opt.session.workspaces.run import WorkspaceProblem
 
 Write = Callable[[str, str | bytes], Path]
 
@@ -132,9 +132,9 @@ def test_fault_of_the_table_names_row_and_column(written: Write, table: str | by
 
 
 def test_a_name_that_cannot_be_used_is_its_own_row(written: Write) -> None:
-    names = ["A", "", "B", "../A", "b", "C", "x" * 101, "groups.csv"]
+    names = ["A", "", "B", "../A", "b", "C", "x" * 101, "groups.csv", "=1+1", "-x", "-1"]
     found = people(written, "participant,arm.side\n" + "".join(f"{name},left\n" for name in names))
-    assert [person.error == "" for person in found] == [name in ("A", "C") for name in names]
+    assert [person.error == "" for person in found] == [name in ("A", "C", "-1") for name in names]
     assert "line 6, column participant has it, too" in found[2].error
     assert "line 4, column participant has it, too" in found[4].error
     assert "1 to 100 characters" in found[1].error

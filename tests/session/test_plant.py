@@ -12,12 +12,13 @@ import pytest
 
 from rehab_opt import ConfigurationError, ProblemFileError
 from rehab_opt.cli import main
+from rehab_opt.control.command import Bound, Command, Status
 from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.kinematics.ardis import ARDIS_READY
 from rehab_opt.plants.channel import Channel
 from rehab_opt.plants.force_robot import ForceRobot, RobotModel
 from rehab_opt.plants.hand_robot import MujocoHandRobot, OnMujoco
-from rehab_opt.session.ardis.loop import Answer, moved
+from rehab_opt.session.ardis.outcome import moved
 from rehab_opt.session.ardis.problem import ArdisProblem
 from rehab_opt.session.ardis.robot import joystick_of, robot_of
 from rehab_opt.session.ardis.stick import StickRecording
@@ -26,10 +27,10 @@ from rehab_opt.session.mirror.laws import without_floor
 from rehab_opt.session.mirror.scene import laid_out
 from rehab_opt.session.plant.making import chair_plant, joint_feedback, joint_plant, on_plant
 from rehab_opt.session.plant.tables import ChairPlant, HandPlant, JointPlant
-from rehab_opt.session.pose_tracking.outcome import RobotOutcome
+from rehab_opt.session.pose_tracking.run import RobotOutcome
 from rehab_opt.session.pose_tracking.shown import figures as robot_figures
 from rehab_opt.session.run import checked, run_problem
-from rehab_opt.session.scenario.plant import hand_robot_of
+from rehab_opt.session.scenario.loop import hand_robot_of
 
 CIRCLE = {"circle": {"radius_m": 0.03, "duration_s": 1.5, "turns": 1.0, "swing_deg": 10.0}}
 
@@ -198,9 +199,10 @@ def test_a_chair_under_its_stick_goes_where_its_wheels_carry_it(drive: str) -> N
     class Straight:
         """Forward at 0.2 m/s in the world, the elbow at 0.1 rad/s, whatever is asked."""
 
-        def step(self, q: np.ndarray, asked: object) -> Answer:
+        def step(self, *_: object, **__: object) -> Command:
             velocity = np.array([0.2, 0.0, 0.0, 0.0, 0.0, 0.1, 0.0])
-            return Answer(velocity, wheels.wheel_speeds([0.2, 0.0, 0.0]), "ok", "", 1.0)
+            speeds = wheels.wheel_speeds([0.2, 0.0, 0.0])
+            return Command(velocity, Status.OK, "", 0.0, 0, "", Bound.NOTHING, 1.0, speeds)
 
     plant = chair_plant(ChairPlant(kind="mujoco"), robot, wheels, 0.01)
     stick = StickRecording(np.array([0.0]), np.zeros((1, 2)), np.zeros(1, bool), np.zeros(1, bool))

@@ -17,8 +17,8 @@ from rehab_opt.session.many.digest import inputs_digest
 from rehab_opt.session.many.participant import Participant
 from rehab_opt.session.many.participants import participants_of
 from rehab_opt.session.many.work import work_on
-from rehab_opt.session.pose_tracking.outcome import RobotOutcome
 from rehab_opt.session.pose_tracking.robot import robot_at_start
+from rehab_opt.session.pose_tracking.run import RobotOutcome
 from rehab_opt.session.report import write_report
 from rehab_opt.session.run import checked, run_problem
 from rehab_opt.session.systems import ROBOT_FILE, system_named
@@ -56,12 +56,6 @@ mount_deg = [0, 0, 180]
 tool_m = {list(UR5_TOOL)}
 tool_deg = [-90, 0, 0]
 """
-
-
-@pytest.fixture(autouse=True)
-def uncompiled(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Runs are short: to compile a tracker takes longer than they do."""
-    monkeypatch.setenv("REHAB_OPT_COMPILE", "off")
 
 
 @pytest.fixture
@@ -178,7 +172,7 @@ LIFT = random_edge(np.random.default_rng(1), "lift", "prismatic", "l6", "lifted"
         (MINE.replace("900.0", "-1.0"), "acceleration_deg_s2 = -1.0: expected greater than 0"),
         (MINE.replace("900.0", "nan"), "acceleration_deg_s2 = nan: expected"),
         (MINE.replace("l6", "hand"), "arm.urdf: tip = 'hand': expected one of the links base, l0"),
-        (MINE.replace("arm.urdf", "none.urdf"), "none.urdf: file = 'No such file"),
+        (MINE.replace("arm.urdf", "none.urdf"), "urdf = 'none.urdf': expected a file beside"),
         (MINE + "[joints.elbow]\nspeed_deg_s = 3.0", "joints.elbow.speed_deg_s = 3.0: expected joint names"),
         (MINE + "[joints.elbow]\nacceleration_deg_s2 = 3.0", "joints.elbow.acceleration_deg_s2 = 3.0: expected joint"),
         (MINE + "[joints.elbow]\nlocked_deg = 3.0", "joints.elbow.locked_deg = 3.0: expected a joint between"),

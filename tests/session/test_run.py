@@ -15,13 +15,10 @@ import pytest
 from rehab_opt.session.files import load_problem
 from rehab_opt.session.report import metrics_json, write_trace
 from rehab_opt.session.run import run_problem
-from rehab_opt.session.upper_limb.figures import arm_figures
-from rehab_opt.session.upper_limb.notes import hurried, law_notes
-from rehab_opt.session.upper_limb.outcome import ArmOutcome, LawResult
+from rehab_opt.session.upper_limb.outcome import ArmOutcome, LawResult, hurried, law_notes
 from rehab_opt.session.upper_limb.problem import UpperLimb
 from rehab_opt.session.upper_limb.run import verified
-from rehab_opt.session.upper_limb.table import arm_table
-from rehab_opt.session.upper_limb.trace import arm_columns
+from rehab_opt.session.upper_limb.shown import figures, table
 
 
 def run(name: str) -> ArmOutcome:
@@ -158,7 +155,7 @@ def test_numbers_are_strict_json_and_the_trace_has_a_unit_in_every_column(
     content = json.loads(metrics_json(figure_eight), parse_constant=refuse)
     assert content["notes"] == list(figure_eight.notes)
     units = ("_s", "_m", "_rad", "_status", "reachable")
-    names = [name for name, _ in arm_columns(figure_eight)]
+    names = [name for name, _ in figure_eight.trace()]
     assert len(set(names)) == len(names)
     assert [name for name in names if not name.endswith(units)] == []
     write_trace(figure_eight, tmp_path / "trace.csv")
@@ -172,14 +169,14 @@ def test_table_shows_every_unit(figure_eight: ArmOutcome) -> None:
     from rich.console import Console  # noqa: PLC0415
 
     text = io.StringIO()
-    Console(file=text, width=200).print(arm_table(figure_eight))
+    Console(file=text, width=200).print(table(figure_eight))
     printed = text.getvalue()
     for unit in ("mm", "deg", "deg/s", "ms", "% of length"):
         assert f", {unit}" in printed
 
 
 def test_figures_name_what_they_show_and_keep_their_legends_outside(figure_eight: ArmOutcome) -> None:
-    drawn = arm_figures(figure_eight)
+    drawn = figures(figure_eight)
     assert set(drawn) == {"hand_path", "joints", "error"}
     for figure in drawn.values():
         assert figure_eight.title in figure.get_suptitle()
@@ -216,7 +213,7 @@ def test_recording_is_followed_where_it_is_within_reach(
         assert any("HANDLE BEYOND" in note and law.law in note for note in outcome.notes) == beyond
         assert told["kept_share"] is None or told["kept_share"] >= 0.99
     assert optimised.metrics["drive"]["kept_share"] == 1.0
-    drawn = arm_figures(outcome)
+    drawn = figures(outcome)
     if not outcome.reachable.all():
         assert optimised.position_error[~outcome.reachable].min() > 1e-6
         assert optimised.metrics["reasons"] == {"out of reach: nearest posture": int((~outcome.reachable).sum())}

@@ -16,15 +16,13 @@ from rich.console import Console
 
 from rehab_opt.control.command import Bound
 from rehab_opt.control.gate import Mode
-from rehab_opt.session.scenario.along_figure import along_figure, fields_along, force_along
-from rehab_opt.session.scenario.field_figure import field_figure, gated_forces
-from rehab_opt.session.scenario.figures import scenario_figures
-from rehab_opt.session.scenario.outcome import ScenarioOutcome
-from rehab_opt.session.scenario.parameter_figure import variants
+from rehab_opt.session.scenario.field_figures import field_figure, gated_forces
+from rehab_opt.session.scenario.figures import figures
+from rehab_opt.session.scenario.outcome import RATE, ScenarioOutcome, thinned_ticks
+from rehab_opt.session.scenario.parameter_figures import along_figure, fields_along, force_along, variants
 from rehab_opt.session.scenario.plane_drawing import LAW_NAMES, mean_over_trials
-from rehab_opt.session.scenario.table import scenario_table
-from rehab_opt.session.scenario.trace import RATE, thinned_ticks, trial_columns
-from rehab_opt.session.scenario.trials_figure import largest_between, trials_figure
+from rehab_opt.session.scenario.table import table
+from rehab_opt.session.scenario.trials_figures import largest_between, trials_figure
 from tests.session.made_trials import ALONE, COMFORTABLE, REACHABLE, made_outcome, trial_of
 
 NAMES: dict[Mode, set[str]] = {
@@ -51,7 +49,7 @@ def lines(figure: Figure) -> Iterator[np.ndarray]:
 # ---------------------------------------------------------------------------------------------------------- figures
 @pytest.mark.parametrize("mode", MODES)
 def test_figures_of_every_mode_are_there_and_can_be_drawn(mode: Mode) -> None:
-    drawn = scenario_figures(made_outcome(mode))
+    drawn = figures(made_outcome(mode))
     assert set(drawn) == NAMES[mode]
     for name, figure in drawn.items():
         assert "Made by hand" in words(figure), name
@@ -173,13 +171,13 @@ def test_table_says_when_a_target_was_never_reached() -> None:
 
 def _printed(outcome: ScenarioOutcome) -> str:
     file = io.StringIO()
-    Console(file=file, width=100).print(scenario_table(outcome))
+    Console(file=file, width=100).print(table(outcome))
     return file.getvalue()
 
 
 def test_trace_has_a_row_a_kept_tick_and_a_unit_in_every_header() -> None:
     outcome = made_outcome("hold", trials=2)
-    columns = dict(trial_columns(outcome))
+    columns = dict(outcome.trace())
     lengths = {len(column) for column in columns.values()}
     trials = [trial for of in outcome.trials.values() for trial in of]
     assert lengths == {sum(len(thinned_ticks(trial)) for trial in trials)}
@@ -187,18 +185,18 @@ def test_trace_has_a_row_a_kept_tick_and_a_unit_in_every_header() -> None:
     bare = {"law", "trial", "inside", "status", "yielded"}
     for name in set(columns) - bare:
         assert name.endswith(("_m", "_m_s", "_N", "_J", "_s")), name
-    assert "" in columns["goal_x_m"]
+    assert np.isnan(columns["goal_x_m"]).any()
     assert not any(word == "nan" for column in columns.values() for word in column)
 
 
 def test_a_helper_is_in_the_trace_and_the_figures_and_others_cells_are_empty() -> None:
     outcome = made_outcome("follow", trials=1, laws=("unassisted", "together"))
-    columns = dict(trial_columns(outcome))
+    columns = dict(outcome.trace())
     helper, place = columns["helper_x_m"], columns["x_m"]
     for law, cell, x in zip(columns["law"], helper, place, strict=True):
-        assert cell == ("" if law == "unassisted" else f"{3.0 * x:.9g}")  # type: ignore[operator]
-    assert "together" in scenario_figures(outcome)
-    assert "helper_x_m" not in dict(trial_columns(made_outcome("follow", trials=1)))
+        assert np.isnan(cell) if law == "unassisted" else cell == 3.0 * x  # type: ignore[operator]
+    assert "together" in figures(outcome)
+    assert "helper_x_m" not in dict(made_outcome("follow", trials=1).trace())
 
 
 def test_trace_is_thinned_to_at_most_a_hundred_rows_a_second_with_both_ends() -> None:
@@ -215,5 +213,5 @@ def test_a_bound_that_yields_between_two_rows_is_in_the_second_and_in_no_other()
     yielded[13], yielded[17], yielded[30] = int(Bound.SLEW), int(Bound.TASK), int(Bound.SLEW)
     outcome = made_outcome("assist", trials=1, laws=("assisted",))
     outcome.trials["assisted"] = (trial_of(np.zeros((41, 2)), dt=0.001, yielded=yielded),)  # type: ignore[index]
-    said = dict(trial_columns(outcome))["yielded"]
-    assert said == ("", "", "task, slew", "slew", "")
+    said = dict(outcome.trace())["yielded"]
+    assert list(said) == ["", "", "task, slew", "slew", ""]

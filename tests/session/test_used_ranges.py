@@ -15,7 +15,7 @@ from rehab_opt.session.cp_reach import reach_groups
 from rehab_opt.session.data_folder import ENVIRONMENT
 from rehab_opt.session.files import load_problem, problem_of, recording_state
 from rehab_opt.session.run import checked, run_problem
-from rehab_opt.session.used_ranges.outcome import UsedRangesOutcome
+from rehab_opt.session.used_ranges.run import UsedRangesOutcome
 from rehab_opt.session.used_ranges.shown import figures as used_ranges_figures
 from rehab_opt.session.used_ranges.shown import table as used_ranges_table
 

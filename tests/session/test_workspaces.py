@@ -14,8 +14,8 @@ from rehab_opt.errors import ProblemFileError
 from rehab_opt.session.files import load_problem, problem_of
 from rehab_opt.session.report import metrics_json
 from rehab_opt.session.run import checked, run_problem
-from rehab_opt.session.workspaces.outcome import WorkspaceOutcome, boundary_columns
-from rehab_opt.session.workspaces.region_drawing import SET_STYLES
+from rehab_opt.session.workspaces.run import WorkspaceOutcome, boundary_columns
+from rehab_opt.session.workspaces.shown import SET_STYLES
 from rehab_opt.session.workspaces.shown import figures as workspace_figures
 from rehab_opt.session.workspaces.shown import table as workspace_table
 

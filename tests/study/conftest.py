@@ -1,5 +1,5 @@
 """Files of a test's own folder."""
 
-from tests.session.conftest import written
+from tests.session.conftest import recorded, written
 
-__all__ = ["written"]
+__all__ = ["recorded", "written"]

@@ -69,7 +69,7 @@ def test_scores_of_real_trials_go_into_the_study_once(run: Run, tmp_path: Path) 
             (1, "score", "assisted", "done"),
             (2, "score", "assisted", "done"),
         ]
-        assert study.rows("SELECT path, kind FROM files ORDER BY trial") == [
+        assert study.rows("SELECT path, kind FROM files WHERE kind = 'recording' ORDER BY trial") == [
             ("a.csv", "recording"),
             ("b.csv", "recording"),
         ]

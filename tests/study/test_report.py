@@ -115,6 +115,20 @@ def test_reports_of_next_to_nothing(study: Study) -> None:
     read(report_html(study))
 
 
+def test_safety_is_green_only_where_something_was_checked(study: Study) -> None:
+    def box() -> str:
+        return re.search(r'<div class="(box[ a-z]*)"><b>Safety.</b> ([^<]*)', report_html(study))[0]  # type: ignore[index]
+
+    study.add(Session("P", "1"), Trial("score", [Measure("movement_time", 1.0, "s")]))
+    assert '"box unknown"' in box()
+    assert "No safety events" not in box()
+    study.add(Session("P", "1"), Trial("run", bounds=[Bound("force", 1.0, 2.0, "N")]))
+    assert '"box"' in box()
+    assert "every bound was kept; nothing is known of 1 of 2 trials" in box()
+    study.add(Session("P", "1"), Trial("run", events=[Event("braking", 1.0)]))
+    assert '"box alarm"' in box()
+
+
 def test_what_changed_is_said_and_which_way(study: Study) -> None:
     for visit in range(5):
         for e in (-0.1, 0.0, 0.1):
@@ -148,6 +162,29 @@ def test_every_event_and_every_bound_that_was_passed_is_told(study: Study) -> No
     words = "".join(read(report_html(study, "P")).words)
     for expected in ("2 events in 2 trials; a bound was passed 2 times", "event 12.0", "event 13.0", "130 %", "2 of 3"):
         assert expected in words
+
+
+def test_the_ground_of_a_group_is_drawn_at_first_and_at_last(study: Study) -> None:
+    """Squares of a known side: the drawn corners, the areas and the weeks are counted by hand."""
+    for person, group in (("A", "g"), ("B", "g"), ("C", None), ("once", "g")):
+        for week in range(1 if person == "once" else 3):
+            side = 0.1 * (1 + week)
+            square = [(5.0, 7.0), (5.0 + side, 7.0), (5.0 + side, 7.0 + side), (5.0, 7.0 + side), (5.01, 7.01)]
+            date = f"2026-01-{5 + 7 * week + (person == 'B'):02}"
+            trials = [Trial("score", [Measure("sparc", -2.0, "1")], outline=square), Trial("score", outline=square)]
+            study.add(Session(person, f"{week}", group=group, date=date), trials)
+    text = report_html(study)
+    part = text.split("Ground that hands covered")[1].split("<h2>")[0]
+    assert part.count("<h3>g</h3>") == part.count("<h3>no group</h3>") == 1
+    assert part.count("<polygon") == 2 * 3
+    assert "2 people: 100 (100 to 100) cm² at first, 900 (900 to 900) cm² at last" in part
+    assert "1 person: 100 (one value) cm² at first" in part
+    corners = [re.findall(r"([\d.]+),([\d.]+)", each) for each in re.findall(r'points="([^"]*)"', part)]
+    sides = sorted(max(float(x) for x, _ in each) - min(float(x) for x, _ in each) for each in corners)
+    assert sides == pytest.approx([sides[0]] * 3 + [3 * sides[0]] * 3, rel=0.01)
+    progress = text.split("<h2>Progress")[1].split("<h2>")[0]
+    assert "weeks from their first day" in progress
+    assert re.findall(r">(\d)<title>(\d)</title>", progress) == [("0", "0"), ("1", "1"), ("2", "2")]
 
 
 def test_conditions_are_compared_within_people(study: Study) -> None:

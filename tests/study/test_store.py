@@ -9,6 +9,7 @@ import stat
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -96,12 +97,40 @@ def test_covariates_do_not_change_under_a_study(tmp_path: Path, session: Session
     "bad",
     [
         {"person": ""}, {"person": " P"}, {"person": "P\n"}, {"person": "P" * 101}, {"name": "\x1b[2J"}, {"group": ""},
+        {"person": "=1+1"}, {"person": "@sum"}, {"name": "+cmd|x"}, {"name": "-x"}, {"group": "=A1"}, {"person": 5},
+        {"name": None}, {"group": 1}, {"date": 5}, {"visit": 1.5}, {"visit": True}, {"visit": "1"},
         {"visit": -1}, {"date": "23.11.2026"}, {"date": "2026-02-30"}, {"date": "20261123"},
     ],
 )  # fmt: skip
-def test_labels_that_cannot_be_kept_are_refused(bad: dict[str, str]) -> None:
+def test_labels_that_cannot_be_kept_are_refused(bad: dict[str, Any]) -> None:
     with pytest.raises(ConfigurationError):
-        Session(**{"person": "P", "name": "1", **bad})
+        Session(**{"person": "P", "name": "-1", **bad})
+
+
+@pytest.mark.parametrize("bad", [{"condition": "=1+1"}, {"condition": 2}, {"seconds": "a"}])
+def test_trials_that_cannot_be_kept_are_refused(bad: dict[str, Any]) -> None:
+    with pytest.raises(ConfigurationError):
+        Trial("live", **bad)
+
+
+def test_on_a_full_disk_a_study_is_read_and_what_is_added_is_refused_in_words(tmp_path: Path) -> None:
+    resource = pytest.importorskip("resource")  # not on Windows
+    file = tmp_path / "s.db"
+    with Study(file) as study:
+        study.add(Session("P", "1"), [])
+    before = file.read_bytes()
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, limits[1]))  # no file may grow
+    try:
+        with Study(file, create=False) as study:
+            assert study.rows("SELECT name FROM people") == [("P",)]
+            with pytest.raises(ConfigurationError, match="read-only, or full"):
+                study.forget("P")
+        with pytest.raises(ConfigurationError, match="the disk is full"):
+            Study(file)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert file.read_bytes() == before
 
 
 def test_only_the_owner_reads_the_file_and_its_log(tmp_path: Path) -> None:
@@ -295,3 +324,33 @@ def test_numbers_of_a_sensor_library_are_numbers_and_infinite_bounds_are_refused
         Trial("live", bounds=[Bound("force", math.inf, 30.0, "N")])
     with pytest.raises(ConfigurationError, match="seconds"):
         Trial("live", seconds=math.nan)
+
+
+def test_samples_are_kept_as_parquet_and_leave_with_the_person(tmp_path: Path) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet")
+    csv, rng = tmp_path / "trace.csv", np.random.default_rng(8)
+    csv.write_text("t_s,law\n0,a\n0.5,b\n")
+    samples = {"t_s": np.arange(100) / 100, "x_m": rng.normal(size=100)}
+    with Study(tmp_path / "s.db") as study:
+        shared = [Trial("run", trace=csv, digest=f"{i}") for i in range(3)]
+        assert study.add(Session("P", "1"), [*shared, Trial("score", trace=samples)]) == 4
+        assert study.add(Session("P", "1"), shared) == 0  # nothing twice, no file either
+        csv.unlink()
+        files = sorted((tmp_path / "s.db-traces").glob("*/*"))
+        assert len(files) == 2
+        assert all(stat.S_IMODE(path.stat().st_mode) == 0o600 for path in files)
+        assert files[0].parent.stat().st_mode & 0o777 == 0o700
+        first, second = (parquet.read_table(path).to_pydict() for path in files)
+        assert first == {"person": ["P"] * 2, "session": ["1"] * 2, "t_s": [0, 0.5], "law": ["a", "b"]}
+        assert second["x_m"] == samples["x_m"].tolist()
+        of = study.rows("SELECT trial, path FROM files ORDER BY trial")
+        assert [study.place(path) for _, path in of] == [files[0]] * 3 + [files[1]]
+        assert sorted(path.name for path in exported(study, "P", tmp_path / "out"))[:2] == [
+            "1-1.parquet",
+            "2-4.parquet",
+        ]
+        study.add(Session("Q", "1"), Trial("score", trace=samples))
+        (files[0].parent / ".9.parquet.partial").touch()  # of a process that was killed
+        removed(study, "P")
+        assert not files[0].parent.exists()
+        assert len(list((tmp_path / "s.db-traces").glob("*/*"))) == 1

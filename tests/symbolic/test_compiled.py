@@ -26,7 +26,6 @@ MACHINE_CODE, VIRTUAL_MACHINE = "External", "SXFunction"
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, shipped: None) -> Path:
     folder = tmp_path / "cache"
     monkeypatch.setenv("REHAB_OPT_CACHE", str(folder))
-    monkeypatch.setenv("REHAB_OPT_COMPILE", "wait")
     return folder
 
 

@@ -3,29 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rehab_opt.control.chair_and_arm import UNKNOWN, ChairAndArm
 from rehab_opt.control.command import Command
-from rehab_opt.control.joystick import StickCommand
 from rehab_opt.control.obstacles import NUMBERS
 from rehab_opt.control.redundancy import RedundancyResolver
 from rehab_opt.control.task_rows import FRAMES
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.export.c_text import indented, initialiser, number
+from rehab_opt.export.controllers.pose_tracker import moving_argument, moving_values
 from rehab_opt.export.exported import ExportedController, ExportedVelocity, Law
 from rehab_opt.export.recording import Recording, Tick, recorded, standing, thinned, with_faults
 from rehab_opt.export.rungs import as_in_c
 from rehab_opt.optim.ladder import BACKUP, FUSED
-from rehab_opt.session.ardis.loop import Answer, Array, Optimised, moved
+from rehab_opt.session.ardis.outcome import moved
 from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
 from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, start_of
-from rehab_opt.session.ardis.run import sticks_of
+from rehab_opt.session.ardis.stick import sticks_of
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
 
 __all__ = ["exported_resolver", "exported_resolvers"]
+
+Array = NDArray[np.float64]
 
 DIFFERENCES = (
     f"There is no backup solver. Where Python would ask {BACKUP}, C goes on to a tick of braking together "
@@ -45,15 +49,14 @@ class Listening:
     """`RedundancyResolver`, and what it was told."""
 
     def __init__(self, resolver: RedundancyResolver) -> None:
-        self._law = Optimised(resolver)
+        self._resolver = resolver
         self.ticks: list[Tick] = []
-        self._rows = resolver.row_sets
 
-    def step(self, q: Array, asked: StickCommand) -> Answer:
+    def step(self, q: Array, twist: Array, rows: tuple[str, ...], frame: str, **given: Any) -> Command:
         """Its command."""
-        told = {"q": q.copy(), "twist": np.array(asked.twist), "rows": self._rows.index(asked.rows)}
-        self.ticks.append({**told, "frame": int(FRAMES[asked.frame])})
-        return self._law.step(q, asked)
+        told = {"q": q.copy(), "twist": np.array(twist), "rows": self._resolver.row_sets.index(rows)}
+        self.ticks.append({**told, "frame": int(FRAMES[frame])})
+        return self._resolver.step(q, twist, rows, frame, **given)
 
 
 def exported_resolvers(loaded: ProblemFile[ArdisProblem], *, progress: Progress) -> Sequence[ExportedController]:
@@ -76,7 +79,8 @@ def exported_resolver(resolver: RedundancyResolver, run: Sequence[Tick], *, titl
     ----------
     resolver : it is reset, and repeats the run without a backup, which C has not.
     run : ticks of a sound run, each q (n,), twist (k,) with k the most numbers that a set of rows has, and `rows` and
-        `frame` as whole numbers: places in `row_sets` and in `FRAMES`. C repeats it, with faults among them.
+        `frame` as whole numbers: places in `row_sets` and in `FRAMES`; `obstacles` (k, 14) where it is told of moving
+        capsules. C repeats it, with faults among them.
     title : what it is, in a few words. of : what the run is one of, in words.
 
     Raises
@@ -91,13 +95,13 @@ def exported_resolver(resolver: RedundancyResolver, run: Sequence[Tick], *, titl
         name=name,
         title=f"{title}: joint velocities of a chair with an arm, {resolver.drive} drive",
         laws=[
-            Law(f"law_{i}", law, lesser=law._braking_together.function, obstacles=NUMBERS * max_obstacles)
+            Law(f"law_{i}", law, lesser=law._braking_together.function, obstacles=law.surroundings)
             for i, law in enumerate(active)
         ],
         interface="redundancy",
-        call=f"rehab_{name}_step(&controller, tick->q, tick->twist, tick->rows, tick->frame, tick->enable, "
-        "tick->stamp, out);",
-        usage=_usage(name, rows[0]),
+        call=f"rehab_{name}_step(&controller, tick->q, tick->twist, tick->rows, tick->frame,"
+        f"{moving_argument(resolver.limits, 'tick->')} tick->enable, tick->stamp, out);",
+        usage=_usage(name, rows[0], moving_argument(resolver.limits)),
         recording=_recording(resolver, run, of),
         differences=DIFFERENCES,
         pieces={"one_tick": "one_tick.c"},
@@ -143,8 +147,8 @@ def _recording(resolver: RedundancyResolver, run: Sequence[Tick], of: str) -> Re
     def answer(tick: Tick) -> Command:
         rows = resolver.row_sets[tick["rows"]]
         return resolver.step(
-            tick["q"], tick["twist"][: len(rows)], rows, frames[tick["frame"]], enable=tick["enable"],
-            stamp=tick["stamp"],
+            tick["q"], tick["twist"][: len(rows)], rows, frames[tick["frame"]], moving=tick.get("obstacles"),
+            enable=tick["enable"], stamp=tick["stamp"],
         )  # fmt: skip
 
     about = (
@@ -172,16 +176,17 @@ def _values(
         "max_obstacles": str(max_obstacles),
         "room": initialiser(resolver._numbers if max_obstacles else [0.0]),
         "unknown": number(UNKNOWN),
+        **moving_values(resolver.limits, "parameters + JOINTS + ROWS[which] + 1 + ROOM"),
     }
 
 
-def _usage(name: str, rows: str) -> str:
+def _usage(name: str, rows: str, moving: str) -> str:
     return f"""\
 static rehab_{name} controller;
 rehab_command command;
 
 rehab_{name}_init(&controller);
 for (;;) {{ /* every tick */
-    rehab_{name}_step(&controller, q, twist, {rows}, REHAB_CHASSIS, enable, stamp, &command);
+    rehab_{name}_step(&controller, q, twist, {rows}, REHAB_CHASSIS,{moving} enable, stamp, &command);
     send(command.value, command.wheels); /* joint velocities, m/s and rad/s, and wheel speeds, rad/s */
 }}"""

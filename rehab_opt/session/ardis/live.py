@@ -8,27 +8,21 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from rehab_opt.control.command import Command
-from rehab_opt.control.joystick import Joystick
 from rehab_opt.control.obstacles import Disc, HalfPlane
-from rehab_opt.control.redundancy import RedundancyResolver
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.kinematics.mobile_arm import CHAIR
 from rehab_opt.plants.ideal import IdealJoints
-from rehab_opt.plants.plant import Measurement
 from rehab_opt.plants.touched import TouchedPlant
 from rehab_opt.session.ardis.clearance import chair_corners, chair_gaps
-from rehab_opt.session.ardis.loop import LET_GO
+from rehab_opt.session.ardis.outcome import LET_GO, Steering
 from rehab_opt.session.ardis.problem import ArdisProblem
 from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, room_of, start_of
-from rehab_opt.session.ardis.run import sticks_of
-from rehab_opt.session.ardis.stick import Moment, StickRecording
+from rehab_opt.session.ardis.stick import Moment, StickRecording, sticks_of
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.bodies import ARM_PLOTS, BLUE, GREEN, GREY, PURPLE, ArmBodies, joint_rows, screen
-from rehab_opt.session.live.inputs import LiveInputs
-from rehab_opt.session.live.problem import LiveControl, LiveProblem
+from rehab_opt.session.live.problem import LiveControl, LiveInputs, LiveProblem
 from rehab_opt.session.plant.making import OWN_ARM, chair_plant
 
 __all__ = ["LiveArdis"]
@@ -53,7 +47,7 @@ class LiveArdis(LiveProblem):
         self.start = start_of(loaded, self.robot)
         if problem.robot.file is not None and problem.plant.kind != "ideal":
             raise ProblemFileError(loaded.file, "plant.kind", problem.plant.kind, OWN_ARM)
-        self.encoders = self.commanded = self.robot.chain.n
+        self.names = tuple(self.robot.chain.names)
         self.layout = {"q": self.encoders, "force": 3, "closed": 1}
         self._arm = ArmBodies(self.robot.chain, first=CHAIR, radius=self.robot.arm_radius)
 
@@ -63,7 +57,7 @@ class LiveArdis(LiveProblem):
         ideal = table.kind == "ideal"
         plant = IdealJoints(self.dt) if ideal else chair_plant(table, robot, robot.drive(self.drive), self.dt)
         resolver = resolver_of(self._loaded, robot, self.drive, solver=self._solver)
-        return _Steering(joystick_of(self._loaded), resolver, TouchedPlant(plant), self.start, wheels=not ideal)
+        return Steering(joystick_of(self._loaded), resolver, TouchedPlant(plant), self.start, wheels=not ideal)
 
     def untouched(self, time: float) -> LiveInputs:
         """The file's recording of the stick."""
@@ -81,13 +75,12 @@ class LiveArdis(LiveProblem):
         goals = [(*goal.hand_m, *goal.hand_m, 0.5 * goal.within_m, GREEN) for goal in self._loaded.problem.goals]
         hand, chair = self._arm.tool(self.start)[:, 3], [*self.start[:2], 0.5]
         places = np.array([hand, chair, *([*goal.hand_m] for goal in self._loaded.problem.goals)])
-        names = [name.replace("_", " ") for name in self.robot.chain.names]
         return {
+            **super().scene(),
             "fills": [{"points": _wall(each), "colour": "#c3ccd5"} for each in walls],
             "capsules": [[*each.centre, 0.0, *each.centre, POST, each.radius, GREY] for each in posts] + goals,
             "legend": [[GREEN, "goals"], [PURPLE, "kept free for the user"]],
             "joints": joint_rows(self.robot.chain),
-            "encoders": names,
             "noise": "mrad or mm",
             "plots": [
                 {"name": "chair to obstacles", "unit": "m", "least": 0.2},
@@ -125,34 +118,6 @@ class LiveArdis(LiveProblem):
             "joints": q.round(4).tolist(),
             "numbers": list(numbers),
         }
-
-
-class _Steering(LiveControl):
-    def __init__(
-        self, joystick: Joystick, resolver: RedundancyResolver, plant: TouchedPlant, start: Array, *, wheels: bool
-    ) -> None:
-        super().__init__(plant, start)
-        self._joystick, self._resolver, self._wheels = joystick, resolver, wheels
-        self._closed = False
-
-    def step(self, inputs: LiveInputs, seen: Measurement) -> Command:
-        # NaN while the dead-man is released: afterwards the stick has to be let go before it moves anything.
-        axes = inputs.stick if inputs.enable else (math.nan, math.nan)
-        asked = self._joystick.step(axes, switch=inputs.switch, gripper=inputs.gripper)
-        self.mode, self._closed = self._joystick.mode.name, asked.gripper_closed
-        command = self._resolver.step(
-            seen.position, asked.twist, asked.rows, asked.frame, enable=inputs.enable, stamp=seen.stamp
-        )
-        return command._replace(reason=asked.reason) if inputs.enable and not command.reason else command
-
-    def sent(self, command: Command) -> Array:
-        if not self._wheels or command.wheels is None:
-            return command.value
-        return np.concatenate([command.wheels, command.value[CHAIR:]])
-
-    def shown(self) -> dict[str, ArrayLike]:
-        truth = self.plant.truth
-        return {"q": truth.position, "force": truth.force, "closed": self._closed}
 
 
 def _wall(wall: HalfPlane) -> list[list[float]]:

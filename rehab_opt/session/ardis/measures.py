@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.session.ardis.clearance import arm_gaps, arm_points, chair_gaps, point_gaps
-from rehab_opt.session.ardis.loop import Motion
-from rehab_opt.session.ardis.outcome import DriveOutcome
+from rehab_opt.session.ardis.outcome import DriveOutcome, Motion
 from rehab_opt.session.ardis.problem import DriveName, GoalSection
 from rehab_opt.session.metrics import finite, status_counts
 

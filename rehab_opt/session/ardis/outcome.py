@@ -1,23 +1,212 @@
-"""What chair and arm did under one stick."""
+"""The closed loop of a stick, a law and a robot, and what chair and arm did in it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+import math
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from rehab_opt.session.ardis.loop import Motion
+from rehab_opt.control.command import Bound, Command, Status
+from rehab_opt.kinematics.mobile_arm import CHAIR
+from rehab_opt.plants.ideal import IdealJoints
+from rehab_opt.plants.touched import TouchedPlant
 from rehab_opt.session.ardis.problem import DriveName, GoalSection
-from rehab_opt.session.outcome import Column, Outcome
+from rehab_opt.session.ardis.stick import Moment, Stick, StickSample
+from rehab_opt.session.clearance import NearestBodies
+from rehab_opt.session.live.problem import LiveControl, LiveInputs
+from rehab_opt.session.outcome import Column, Columns, Outcome, point_columns, stacked
+from rehab_opt.session.plant.loop import JointMotion, simulate
 
 if TYPE_CHECKING:
+    from rehab_opt.control.joystick import Joystick, StickCommand
     from rehab_opt.control.obstacles import Obstacle
     from rehab_opt.kinematics.mobile_arm import MobileArm
+    from rehab_opt.plants.plant import Measurement, Plant
+    from rehab_opt.published.pseudoinverse_law import PseudoinverseLaw
 
-__all__ = ["LAWS", "ArdisOutcome", "DriveOutcome"]
+__all__ = ["LAWS", "LET_GO", "ArdisOutcome", "DriveOutcome", "Motion", "Published", "Steering", "StickLaw", "moved"]
+
+Array = NDArray[np.float64]
+
+
+STANDSTILL = 1.0
+"""[s] that the robot is watched after the stick was let go for good: it comes to rest."""
+LET_GO = StickSample((0.0, 0.0))
+NO_ANSWER = "no answer"
+
+
+class StickLaw(Protocol):
+    """Something that makes joint velocities of what the stick asks for, such as a `RedundancyResolver`."""
+
+    def step(
+        self, q: Array, twist: Array, rows: tuple[str, ...], frame: str, *, enable: object, stamp: float | None
+    ) -> Command:
+        """Joint velocities (n,), the chair's in the world frame, and wheel speeds."""
+        ...
+
+
+class Published:
+    """Eq. (1), Honzik, as it is; where it has no answer the robot is told to stand still."""
+
+    def __init__(self, law: PseudoinverseLaw) -> None:
+        self._law = law
+
+    def step(
+        self, q: Array, twist: Array, rows: tuple[str, ...], frame: str, *, enable: object, stamp: float | None
+    ) -> Command:
+        """Eq. (1) of the stick, whatever `enable` and `stamp` say."""
+        velocity = np.full(len(q), math.nan)
+        with suppress(np.linalg.LinAlgError):
+            velocity = self._law.rate(q, twist, rows, frame)
+        answered = bool(np.all(np.isfinite(velocity)))
+        status, reason = (Status.OK, "") if answered else (Status.HOLDING, NO_ANSWER)
+        velocity = velocity if answered else np.zeros(len(q))
+        wheels = self._law.wheels(q, velocity)
+        return Command(velocity, status, "", math.inf, -1, reason, Bound.NOTHING, 1.0, wheels)
+
+
+class Steering(LiveControl):
+    """A stick, a law and a robot.
+
+    Parameters
+    ----------
+    plant : that takes joint velocities, or with `wheels` wheel speeds and the arm's joint velocities.
+    start : (n,) joint values [m, rad].
+    """
+
+    def __init__(self, joystick: Joystick, law: StickLaw, plant: TouchedPlant, start: Array, *, wheels: bool) -> None:
+        super().__init__(plant, start)
+        self._joystick, self._law, self._wheels = joystick, law, wheels
+        self.mode = joystick.mode.name
+        self.asked: StickCommand
+
+    def step(self, inputs: LiveInputs, seen: Measurement) -> Command:
+        """The law's, of what the stick asks for."""
+        # NaN while the dead-man is released: afterwards the stick has to be let go before it moves anything.
+        axes = inputs.stick if inputs.enable else (math.nan, math.nan)
+        asked = self.asked = self._joystick.step(axes, switch=inputs.switch, gripper=inputs.gripper)
+        self.mode = self._joystick.mode.name
+        command = self._law.step(
+            seen.position, asked.twist, asked.rows, asked.frame, enable=inputs.enable, stamp=self.stamp(seen)
+        )
+        return command._replace(reason=asked.reason) if inputs.enable and not command.reason else command
+
+    def sent(self, command: Command) -> Array:
+        """Wheel speeds in place of the chair's velocity where the plant has wheels."""
+        if not self._wheels or command.wheels is None:
+            return command.value
+        return np.concatenate([command.wheels, command.value[CHAIR:]])
+
+    def shown(self) -> dict[str, ArrayLike]:
+        """Where the robot is, the push, the gripper."""
+        truth = self.plant.truth
+        return {"q": truth.position, "force": truth.force, "closed": self.asked.gripper_closed}
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A run, N ticks; what holds from each tick to the next.
+
+    Parameters
+    ----------
+    dt : [s]. time : (N,) [s]. q : (N, 7) [m, rad] at the beginning of each tick.
+    velocity : (N, 7) what was sent [m/s, rad/s], the chair's in the world frame; chassis : the same in its own.
+    wheels : (N, w) [rad/s]. hand : (N, 3) [m]. poses : (N, 4, 4) of the hand. jacobians : (N, 6, 7).
+    sticks : (N, 2) deflections. asked : (N,) whether anything was asked for. closed : (N,) the gripper.
+    mode, status, yielded : (N,) each. scale : (N,) share of the asked motion that was delivered.
+    motion : commanded and true, of a robot that does not move exactly as commanded.
+    """
+
+    dt: float
+    time: Array
+    q: Array
+    velocity: Array
+    chassis: Array
+    wheels: Array
+    poses: Array
+    jacobians: Array
+    sticks: Array
+    asked: NDArray[np.bool_]
+    closed: NDArray[np.bool_]
+    mode: tuple[str, ...]
+    status: tuple[str, ...]
+    yielded: tuple[str, ...]
+    scale: Array
+    motion: JointMotion | None = None
+
+    @property
+    def hand(self) -> Array:
+        """(N, 3) [m]"""
+        return self.poses[:, :3, 3]
+
+
+def moved(
+    robot: MobileArm,
+    law: StickLaw,
+    joystick: Joystick,
+    stick: Stick,
+    start: Array,
+    *,
+    dt: float,
+    plant: Plant | None = None,
+    progress: Callable[[int, int], None] = lambda *_: None,
+) -> Motion:
+    """Run until the stick was let go for good, and a second more.
+
+    Parameters
+    ----------
+    start : (7,) joint values [m, rad]; the robot is at rest.
+    dt : [s] tick, which joystick and law were made for.
+    plant : that takes wheel speeds, and the arm's joint velocities; by default the robot moves exactly as commanded.
+    progress : told the tick and how many there may be.
+    """
+    touched = TouchedPlant(IdealJoints(dt) if plant is None else plant)
+    control = Steering(joystick, law, touched, start, wheels=plant is not None)
+    left, poses = math.ceil(STANDSTILL / dt), list[Array]()
+    rows: list[tuple[tuple[float, float], StickCommand, str]] = []
+    sample = LET_GO
+
+    def steer(k: int) -> LiveInputs | None:
+        nonlocal left, sample
+        if left <= 0:
+            return None
+        now = touched.truth.position
+        poses.append(robot.chain.pose(now))
+        given = stick.at(Moment(k * dt, now, poses[-1][:3, 3], control.mode))
+        if given is None:
+            left -= 1
+        sample = given or LET_GO
+        return LiveInputs(enable=True, stick=sample.axes, switch=sample.switch, gripper=sample.gripper)
+
+    ran = simulate(
+        control, steer, ticks=math.ceil((stick.duration + STANDSTILL) / dt) + 1, progress=progress,
+        note=lambda *_: rows.append((sample.axes, control.asked, control.mode)),
+    )  # fmt: skip
+    sticks, asked, modes = zip(*rows, strict=True)
+    return Motion(
+        dt=dt,
+        time=dt * np.arange(len(rows), dtype=np.float64),
+        q=ran.q,
+        velocity=ran.values,
+        chassis=np.array([robot.chassis_velocity(*pair) for pair in zip(ran.q, ran.values, strict=True)]),
+        wheels=np.array([np.empty(0) if each.wheels is None else each.wheels for each in ran.commands]),
+        poses=np.array(poses),
+        jacobians=np.array([robot.chain.jacobian(each) for each in ran.q]),
+        sticks=np.array(sticks),
+        asked=np.array([bool(each.twist.any()) for each in asked]),
+        closed=np.array([each.gripper_closed for each in asked]),
+        mode=modes,
+        status=tuple(NO_ANSWER if each.reason == NO_ANSWER else each.status.value for each in ran.commands),
+        yielded=ran.yielded,
+        scale=ran.scales,
+        motion=ran.motion,
+    )
+
 
 LAWS = ("published", "optimised")
 METRES = 2
@@ -45,46 +234,39 @@ class ArdisOutcome(Outcome):
     ----------
     robot : that moved. room : walls and posts. goals : of the user.
     drives : motions by drive.
+    near : how near bodies came to each other, by drive; empty without `[clearance]`.
     """
 
     robot: MobileArm = field(kw_only=True)
     room: tuple[Obstacle, ...] = field(kw_only=True)
     goals: tuple[GoalSection, ...] = field(kw_only=True)
     drives: Mapping[DriveName, DriveOutcome] = field(kw_only=True)
+    near: Mapping[DriveName, NearestBodies] = field(kw_only=True, default_factory=dict)
 
-    def trace(self) -> Iterator[Column]:
+    def trace(self) -> Iterable[Column]:
         """One row a drive, law and tick; wheels that a drive does not have are at rest."""
         motions = [(drive, law, motion) for drive, of in self.drives.items() for law, motion in of.by_law.items()]
+        wheels = max(motion.wheels.shape[1] for *_, motion in motions)
+        return stacked(self._columns(*each, wheels) for each in motions).items()
 
-        def numbers(of: Callable[[Motion], NDArray[np.float64]]) -> list[float]:
-            return [float(value) for _, _, motion in motions for value in of(motion)]
-
-        def words(of: Callable[[Motion], tuple[str, ...]]) -> tuple[str, ...]:
-            return tuple(value for _, _, motion in motions for value in of(motion))
-
-        yield "drive", tuple(drive for drive, _, motion in motions for _ in motion.time)
-        yield "law", tuple(law for _, law, motion in motions for _ in motion.time)
-        yield "t_s", numbers(lambda motion: motion.time)
-        for axis, name in enumerate(("forward", "left")):
-            yield f"stick_{name}", numbers(lambda motion, axis=axis: motion.sticks[:, axis])  # type: ignore[misc]
-        yield "stick_mode", words(lambda motion: motion.mode)
-        yield "gripper_closed", [int(value) for _, _, motion in motions for value in motion.closed]
-        for axis, name in enumerate("xyz"):
-            yield f"hand_{name}_m", numbers(lambda motion, axis=axis: motion.hand[:, axis])  # type: ignore[misc]
-        for joint, name in enumerate(self.robot.chain.names):
-            unit = "m" if joint < METRES else "rad"
-            yield f"joint_{name}_{unit}", numbers(lambda motion, joint=joint: motion.q[:, joint])  # type: ignore[misc]
-        for joint, name in enumerate(self.robot.chain.names):
-            unit = "m_s" if joint < METRES else "rad_s"
+    def _columns(self, drive: str, law: str, motion: Motion, wheels: int) -> Columns:
+        n, names = len(motion.time), self.robot.chain.names
+        joints = [(name, "m" if i < METRES else "rad") for i, name in enumerate(names)]
+        turning = np.hstack([motion.wheels, np.zeros((n, wheels - motion.wheels.shape[1]))])
+        return {
+            "drive": (drive,) * n,
+            "law": (law,) * n,
+            "t_s": motion.time,
+            "stick_forward": motion.sticks[:, 0],
+            "stick_left": motion.sticks[:, 1],
+            "stick_mode": motion.mode,
+            "gripper_closed": motion.closed.astype(int),
+            **dict(point_columns("hand", motion.hand)),
+            **{f"joint_{name}_{unit}": of for (name, unit), of in zip(joints, motion.q.T, strict=True)},
             # The chair's in its own frame, in which its limits are.
-            yield f"command_{name}_{unit}", numbers(lambda motion, joint=joint: motion.chassis[:, joint])  # type: ignore[misc]
-        most = max(motion.wheels.shape[1] for _, _, motion in motions)
-        for wheel in range(most):
-            yield f"wheel_{wheel + 1}_rad_s", numbers(lambda motion, wheel=wheel: _wheel(motion, wheel))  # type: ignore[misc]
-        yield "scale", numbers(lambda motion: motion.scale)
-        yield "status", words(lambda motion: motion.status)
-        yield "yielded", words(lambda motion: motion.yielded)
-
-
-def _wheel(motion: Motion, wheel: int) -> NDArray[np.float64]:
-    return motion.wheels[:, wheel] if wheel < motion.wheels.shape[1] else np.zeros(len(motion.time))
+            **{f"command_{name}_{unit}_s": of for (name, unit), of in zip(joints, motion.chassis.T, strict=True)},
+            **{f"wheel_{i + 1}_rad_s": of for i, of in enumerate(turning.T)},
+            "scale": motion.scale,
+            "status": motion.status,
+            "yielded": motion.yielded,
+        }

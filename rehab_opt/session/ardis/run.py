@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from contextlib import AbstractContextManager
+
 from rehab_opt.errors import ProblemFileError
-from rehab_opt.session.ardis.loop import Law, Motion, Optimised, Published, moved
 from rehab_opt.session.ardis.measures import drive_metrics
-from rehab_opt.session.ardis.outcome import ArdisOutcome, DriveOutcome
+from rehab_opt.session.ardis.outcome import ArdisOutcome, DriveOutcome, Motion, Published, StickLaw, moved
 from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
 from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, room_of, start_of
-from rehab_opt.session.ardis.stick import StickRecording, read_stick
-from rehab_opt.session.files import ProblemFile, recording_path
+from rehab_opt.session.ardis.stick import sticks_of
+from rehab_opt.session.clearance import clearance_of, nearest_bodies
+from rehab_opt.session.files import ProblemFile
+from rehab_opt.session.live.problem import LiveProblem
 from rehab_opt.session.outcome import Progress
-from rehab_opt.session.plant.making import OWN_ARM, chair_plant, plant_note
+from rehab_opt.session.plant.making import OWN_ARM, chair_plant, on_plant, plant_note
+from rehab_opt.session.solver_option import checked_solver, solver_refusals
+from rehab_opt.session.systems import ROBOT_FILE, Needed, System
 
-__all__ = ["run_ardis", "sticks_of"]
+__all__ = ["ArdisSystem", "run_ardis"]
 
-MOST_TICKS = 500_000
-"""More keep more than a gigabyte of poses and Jacobians."""
+
 ROBOT_OF_PAPER = "lengths, masses and limits of the robot are assumptions: the paper gives joints and axes only"
 ROBOT_OF_FILE = (
     "the chair, its user and what motors add to the joints are those of `ardis` and `arm_on_chair`: assumptions; where "
@@ -26,24 +31,6 @@ RECORDED = (
     "the stick is a recording of a user who saw another robot, and steers this one blindly; speeds and accelerations "
     "are those that were sent"
 )
-
-
-def sticks_of(loaded: ProblemFile[ArdisProblem]) -> dict[DriveName, StickRecording]:
-    """The recordings of the sticks.
-
-    Raises
-    ------
-    ProblemFileError : absent, not a stick's, or as long as the run is dense.
-    """
-    sticks = {}
-    for drive, file in loaded.problem.stick.recordings.items():
-        stick = read_stick(recording_path(loaded, file, key=f"stick.{drive}"), name=file)
-        rate = loaded.problem.run.rate_hz
-        if stick.duration * rate > MOST_TICKS:
-            expected = f"at most {MOST_TICKS} ticks in the {stick.duration:.6g} s of stick.{drive}"
-            raise ProblemFileError(loaded.file, "run.rate_hz", rate, expected)
-        sticks[drive] = stick
-    return sticks
 
 
 def run_ardis(loaded: ProblemFile[ArdisProblem], *, solver: str | None, progress: Progress) -> ArdisOutcome:
@@ -62,7 +49,7 @@ def run_ardis(loaded: ProblemFile[ArdisProblem], *, solver: str | None, progress
     if problem.robot.file is not None and problem.plant.kind != "ideal":
         raise ProblemFileError(loaded.file, "plant.kind", problem.plant.kind, OWN_ARM)
 
-    def run(drive: DriveName, name: str, law: Law) -> Motion:
+    def run(drive: DriveName, name: str, law: StickLaw) -> Motion:
         table = problem.plant
         plant = None if table.kind == "ideal" else chair_plant(table, robot, robot.drive(drive), dt)
         return moved(
@@ -70,11 +57,14 @@ def run_ardis(loaded: ProblemFile[ArdisProblem], *, solver: str | None, progress
             progress=lambda done, of: progress(f"{drive}, {name} law", done, of),
         )  # fmt: skip
 
-    drives = {}
+    drives, near = {}, {}
     for drive in sticks:
-        ours = Optimised(resolver_of(loaded, robot, drive, solver=solver))
+        ours = resolver_of(loaded, robot, drive, solver=solver)
         theirs = Published(PseudoinverseLaw(robot, drive=drive, self_motion=problem.run.self_motion))
         drives[drive] = DriveOutcome(published=run(drive, "published", theirs), optimised=run(drive, "optimised", ours))
+        ran = drives[drive].optimised
+        seen = nearest_bodies(clearance_of(problem.clearance, loaded.file), robot.bodied_chain, ran.q, ran.time)
+        near |= {} if seen is None else {drive: seen}
     metrics = {
         drive: drive_metrics(robot, drive, outcome, room=room, goals=problem.goals) for drive, outcome in drives.items()
     }
@@ -90,9 +80,11 @@ def run_ardis(loaded: ProblemFile[ArdisProblem], *, solver: str | None, progress
             ROBOT_OF_PAPER if problem.robot.file is None else ROBOT_OF_FILE,
             "walls and posts are kept from the chair's outline; the arm may reach over them",
             *robot.chain.notes,
+            *(f"{drive} drive: {seen.note}" for drive, seen in near.items()),
         ),
         metrics={
             "drives": metrics,
+            **({"clearance": {drive: seen.metrics for drive, seen in near.items()}} if near else {}),
             "parameters": problem.model_dump(mode="json", exclude={"title", "plant"})
             | {"plant": problem.plant.parameters},
         },
@@ -100,4 +92,53 @@ def run_ardis(loaded: ProblemFile[ArdisProblem], *, solver: str | None, progress
         room=room,
         goals=tuple(problem.goals),
         drives=drives,
+        near=near,
     )
+
+
+class ArdisSystem(System[ArdisProblem, ArdisOutcome]):
+    """A wheelchair with an arm, moved by one stick, with each drive that has a recording of it."""
+
+    schema = ArdisProblem
+    shown = ("rehab_opt.session.ardis.table", "rehab_opt.session.ardis.figures", "rehab_opt.session.ardis.figures")
+    options = frozenset({"plant", "solver"})
+
+    def recordings(self, problem: ArdisProblem) -> tuple[Needed, ...]:
+        """A recording of the stick for each drive, and the robot file where there is one."""
+        sticks = tuple(Needed(f"stick.{drive}", file) for drive, file in problem.stick.recordings.items())
+        return sticks if problem.robot.file is None else (*sticks, Needed(ROBOT_FILE, problem.robot.file))
+
+    def check(self, loaded: ProblemFile[ArdisProblem]) -> tuple[str, ...]:
+        """Reads the sticks, builds the robot and its controllers."""
+        on_plant(loaded, None)
+        robot = robot_of(loaded)
+        start_of(loaded, robot)
+        joystick_of(loaded)
+        sticks = sticks_of(loaded)
+        with _refusals(loaded, None):
+            for drive in sticks:
+                resolver_of(loaded, robot, drive)
+        return robot.chain.notes
+
+    def run(self, loaded: ProblemFile[ArdisProblem], *, options: Mapping[str, str], progress: Progress) -> ArdisOutcome:
+        """Options: `solver` of the controller, `plant`."""
+        solver = checked_solver(options.get("solver"))
+        loaded = on_plant(loaded, options.get("plant"))
+        with _refusals(loaded, solver):
+            return run_ardis(loaded, solver=solver, progress=progress)
+
+    def live(self, loaded: ProblemFile[ArdisProblem], *, options: Mapping[str, str]) -> LiveProblem:
+        """The stick in somebody's hand; options as of `run`."""
+        from rehab_opt.session.ardis.live import LiveArdis  # noqa: PLC0415  (for those who look)
+
+        solver = checked_solver(options.get("solver"))
+        with _refusals(loaded, solver):
+            return LiveArdis(on_plant(loaded, options.get("plant")), solver=solver)
+
+    def seconds_a_tick(self, problem: ArdisProblem) -> float:
+        """Of the controller."""
+        return 1 / problem.run.rate_hz
+
+
+def _refusals(loaded: ProblemFile[ArdisProblem], solver: str | None) -> AbstractContextManager[None]:
+    return solver_refusals(solver, file=loaded.file, key="run.solver", value=loaded.problem.run.solver)

@@ -8,7 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from rehab_opt.session.ardis.outcome import LAWS, ArdisOutcome
-from rehab_opt.session.cells import Numbers, Rows, counts
+from rehab_opt.session.shown import Numbers, Rows, counts, law_table
 
 __all__ = ["table"]
 
@@ -16,16 +16,10 @@ __all__ = ["table"]
 def table(outcome: ArdisOutcome) -> Table:
     """Rows of quantities with their units, a column for each drive and law."""
     drives = outcome.metrics["drives"]
-    grid = Table(title=Text(outcome.title))
-    grid.add_column("quantity")
-    for drive in drives:
-        for law in LAWS:
-            grid.add_column(Text(f"{drive}\n{law}"), justify="right")
-    columns = [drives[drive][law] for drive in drives for law in LAWS]
-    for label, value in ARDIS_ROWS:
-        grid.add_row(label, *map(value, columns))
+    columns = {f"{drive}\n{law}": drives[drive][law] for drive in drives for law in LAWS}
+    grid = law_table(outcome.title, columns, ARDIS_ROWS)
     for goal in outcome.goals:
-        shares = (_leg(of["legs"].get(goal.name)) for of in columns)
+        shares = (_leg(of["legs"].get(goal.name)) for of in columns.values())
         grid.add_row(Text(f"  on the way to: {goal.name}"), *shares)
     return grid
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,11 +13,45 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.control.command import Command
 from rehab_opt.plants.plant import Measurement
 from rehab_opt.plants.touched import TouchedPlant
-from rehab_opt.session.live.inputs import LiveInputs
 
-__all__ = ["LiveControl", "LiveProblem"]
+__all__ = ["AT_REST", "LiveControl", "LiveInputs", "LiveProblem"]
 
 Array = NDArray[np.float64]
+
+
+Triple = tuple[float, float, float]
+
+NOWHERE = (math.nan, math.nan, math.nan)
+
+
+class LiveInputs(NamedTuple):
+    """One state of the page's controls; places and forces in the base frame."""
+
+    enable: bool = False
+    """The dead-man."""
+    target: Triple = NOWHERE
+    """[m] where the hand, or its target, is dragged to; NaN where nobody drags: the problem's own reference."""
+    push: Triple = (0.0, 0.0, 0.0)
+    """[N] on the hand."""
+    stick: tuple[float, float] = (0.0, 0.0)
+    """Deflection forward and to the left, -1 to 1."""
+    switch: bool = False
+    gripper: bool = False
+    frozen: int = -1
+    """Encoder that repeats its last value; -1 for none."""
+    noise: float = 0.0
+    """[rad, m] standard deviation that is added to every position."""
+    delay: float = 0.0
+    """[s] by which measurements are late, besides the plant's own delay."""
+
+    @property
+    def dragged(self) -> bool:
+        """Whether there is a target."""
+        return all(map(math.isfinite, self.target))
+
+
+AT_REST = LiveInputs()
+"""Nobody there: the dead-man released, nothing touched."""
 
 
 class LiveControl(ABC):
@@ -25,13 +60,21 @@ class LiveControl(ABC):
     Parameters
     ----------
     plant : whose sensors can be spoilt through the page. start : (n,) [rad, m] where it begins, at rest.
+
+    Attributes
+    ----------
+    timed : whether the controller is told when things were seen; a run that waits for nobody tells nothing.
     """
 
     mode = ""
     """Of a stick; empty where there is none."""
 
     def __init__(self, plant: TouchedPlant, start: Array) -> None:
-        self.plant, self.start = plant, start
+        self.plant, self.start, self.timed = plant, start, True
+
+    def stamp(self, seen: Measurement) -> float | None:
+        """[s] when something was seen, for the controller's watchdog; None while `timed` is false."""
+        return seen.stamp if self.timed else None
 
     @abstractmethod
     def step(self, inputs: LiveInputs, seen: Measurement) -> Command:
@@ -46,24 +89,94 @@ class LiveControl(ABC):
         """What the page draws of this tick, by the names of `LiveProblem.layout`."""
 
 
+class Tracker(Protocol):
+    """Something that leads a tool along poses, as `PoseTracker` and `MirrorTracker` do."""
+
+    def step(self, q: Array, pose: Array, twist: Array, *, enable: object, stamp: float | None) -> Command:
+        """Joint velocities (n,) of a tool that should now be at `pose` (4, 4) and move at `twist` (6,)."""
+        ...
+
+
+class Following(LiveControl):
+    """A tracker along a reference, which waits for whoever lets go, until somebody drags the target.
+
+    Parameters
+    ----------
+    poses, twists : (N, 4, 4), (N, 6) of the reference, a row a tick.
+    then : at its end it begins again, goes back, or the tool stays at the last pose that is known.
+    """
+
+    def __init__(
+        self,
+        tracker: Tracker,
+        plant: TouchedPlant,
+        start: Array,
+        poses: Array,
+        twists: Array,
+        *,
+        then: Literal["again", "back", "stay"],
+    ) -> None:
+        super().__init__(plant, start)
+        self._tracker, self._poses, self._twists, self._then = tracker, poses, twists, then
+        self._passed, self._still = 0, np.zeros(6)
+        self.target: Array = poses[0].copy()
+
+    def step(self, inputs: LiveInputs, seen: Measurement) -> Command:
+        """The tracker's."""
+        twist = self._still
+        if inputs.dragged:
+            self.target[:3, 3] = inputs.target
+        elif inputs.enable:
+            self.target, twist = self._next()
+            self._passed += 1
+        return self.track(seen, twist, enable=inputs.enable)
+
+    def track(self, seen: Measurement, twist: Array, *, enable: bool) -> Command:
+        """The tracker's, towards `target`."""
+        return self._tracker.step(seen.position, self.target, twist, enable=enable, stamp=self.stamp(seen))
+
+    def shown(self) -> dict[str, ArrayLike]:
+        """Where the robot is, its target, the push."""
+        truth = self.plant.truth
+        return {"q": truth.position, "target": self.target[:3, 3], "force": truth.force}
+
+    def _next(self) -> tuple[Array, Array]:
+        n = len(self._poses)
+        if self._then == "stay" and self._passed >= n:
+            return self._poses[np.isfinite(self._poses[:, 0, 3])][-1], self._still
+        if self._then == "back" and n > 1:
+            at = self._passed % (2 * n - 2)
+            back = at >= n
+            at = 2 * n - 2 - at if back else at
+            return self._poses[at].copy(), -self._twists[at] if back else self._twists[at]
+        at = self._passed % n
+        return self._poses[at].copy(), self._twists[at]
+
+
 class LiveProblem(ABC):
     """A problem that runs live. One process calls `control`, another draws: nothing is kept here but the problem.
 
     Attributes
     ----------
-    title : of the page. dt : [s] of a tick. encoders : how many positions the plant measures.
-    commanded, force : sizes of a command, and of a force on the hand.
+    title : of the page. dt : [s] of a tick. names : of the joints, or coordinates, that are measured and commanded.
+    force : size of a force on the hand.
     layout : names and sizes of the numbers that go from the controller to the page.
     """
 
+    logged = False
+    """Whether it is a log that is shown, at which nothing can be touched."""
     controls: ClassVar[frozenset[str]] = frozenset()
     """Of "target", "push", "stick", "faults": what of the page does something here."""
     title: str
     dt: float
-    encoders: int
-    commanded: int
+    names: tuple[str, ...]
     force: int = 3
     layout: Mapping[str, int]
+
+    @property
+    def encoders(self) -> int:
+        """How many positions the plant measures."""
+        return len(self.names)
 
     @abstractmethod
     def control(self) -> LiveControl:
@@ -75,7 +188,10 @@ class LiveProblem(ABC):
 
     @abstractmethod
     def scene(self) -> dict[str, Any]:
-        """What the page is told once: see `rehab_opt.live.page`."""
+        """What the page is told once: see `rehab_opt.live.page`; here what all problems tell it."""
+        encoders = [name.replace("_", " ") for name in self.names]
+        controls = [] if self.logged else sorted(self.controls)
+        return {"title": self.title, "controls": controls, "encoders": encoders, "logged": self.logged}
 
     @abstractmethod
     def frame(self, shown: Mapping[str, Array]) -> dict[str, Any]:

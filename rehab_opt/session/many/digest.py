@@ -11,11 +11,11 @@ import sys
 from functools import cache
 from pathlib import Path
 
-from rehab_opt.session.file_limits import LARGEST_RECORDING
 from rehab_opt.session.files import ProblemFile, recording_path
 from rehab_opt.session.robot_file import robot_text
 from rehab_opt.session.schema import Problem
 from rehab_opt.session.systems import ROBOT_FILE, system_named
+from rehab_opt.session.text_lines import LARGEST_RECORDING
 from rehab_opt.text_file import file_content
 
 __all__ = ["inputs_digest", "software_digest"]

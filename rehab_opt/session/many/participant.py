@@ -9,7 +9,7 @@ from typing import Any
 
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.session.files import ProblemFile, problem_of
-from rehab_opt.text_file import shown
+from rehab_opt.text_file import is_formula, shown
 
 __all__ = ["COVARIATES", "Participant", "checked_name", "unnamed", "without_twins"]
 
@@ -65,9 +65,10 @@ def checked_name(name: str, *, file: object, key: str) -> str:
         or FORBIDDEN & set(name)
         or name.startswith(".")
         or name.endswith((" ", "."))
+        or is_formula(name)
     )
     if bad or not 0 < len(name) <= LONGEST_NAME:
-        expected = f"1 to {LONGEST_NAME} characters that a folder's name may have, no dot at either end"
+        expected = f"1 to {LONGEST_NAME} characters that a folder's name may have, no dot at either end, no formula"
         raise ProblemFileError(file, key, shown(name), expected)
     return name
 

@@ -18,6 +18,8 @@ T = TypeVar("T")
 A = TypeVar("A")
 
 DIED = "its worker process died (killed, out of memory, crashed), or sent what cannot be read"
+HANDED = 256
+"""Tasks that an executor is given at once: enough for so many cores, and what as many answers take in memory."""
 ASK_AGAIN = 0.2
 """[s]"""
 
@@ -45,27 +47,32 @@ def answers(
     ----------
     work : must be found by its name in another process, and its answers be picklable.
     executor : where to work; processes of this machine without one. One that breaks fails all tasks it had left.
-    workers : processes, without an executor; as many as `cores` by default.
+    workers : processes, as many as `cores` by default; tasks that an executor is given at once, `HANDED` by default.
     timeout_s : [s] after which a task's process is killed, without an executor; TimeoutError is then its answer.
     """
     if executor is not None:
-        yield from _by(executor, tasks, work)
+        yield from _by(executor, tasks, work, workers or HANDED)
     elif tasks:
         yield from _by_processes(deque(tasks), work, min(workers or cores(), len(tasks)), timeout_s)
 
 
-def _by(executor: Executor, tasks: Sequence[T], work: Callable[[T], A]) -> Iterator[tuple[T, A | BaseException]]:
-    running: dict[Future[A], T] = {}
+def _by(
+    executor: Executor, tasks: Sequence[T], work: Callable[[T], A], handed: int
+) -> Iterator[tuple[T, A | BaseException]]:
+    """Tasks given to an executor, `handed` at once: answers that wait to be taken are not to fill the memory."""
+    waiting, running = deque(tasks), dict[Future[A], T]()
     try:
-        for task in tasks:
-            try:
-                running[executor.submit(work, task)] = task
-            except (BrokenExecutor, RuntimeError) as refused:  # broken, or shut down
-                yield task, refused
-        while running:
-            for future in wait(running, return_when=FIRST_COMPLETED).done:
+        while waiting or running:
+            while waiting and len(running) < handed:
+                task = waiting.popleft()
+                try:
+                    running[executor.submit(work, task)] = task
+                except (BrokenExecutor, RuntimeError) as refused:  # broken, or shut down
+                    yield task, refused
+            for future in wait(running, return_when=FIRST_COMPLETED).done if running else ():
                 answer: A | BaseException = _answer(future)
                 yield running.pop(future), answer
+                del future, answer
     finally:
         for future in running:
             future.cancel()

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from rehab_opt.session.many.work import Answer, Cell
+from rehab_opt.text_file import is_formula
 
 __all__ = ["DONE", "FAILED", "NOT_RUN", "REFUSED", "Row", "forget", "keep", "kept_row", "write_groups", "write_rows"]
 
@@ -124,6 +125,8 @@ def _write_csv(file: Path, head: Sequence[str], rows: Sequence[Sequence[Cell]]) 
 def _written(cell: Cell) -> object:
     if isinstance(cell, bool):
         return str(cell).lower()
+    if isinstance(cell, str) and is_formula(cell):
+        return f"'{cell}"  # a spreadsheet shows it, and computes nothing
     return f"{cell:.9g}" if isinstance(cell, float) else cell
 
 

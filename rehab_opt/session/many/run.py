@@ -62,7 +62,8 @@ def run_many(
     executor : any `concurrent.futures.Executor`, such as a dask.distributed client's; its workers need this library
         and the recordings, and write nothing. By default a process for each core; one that dies fails its own person
         alone.
-    workers : processes where no executor is given.
+    workers : processes, one for each core by default; where an executor is given, how many people it is given at once
+        (256 by default).
     progress : told how many are done.
     work : what is done for one person; importable by name, for other processes.
     timeout_s : [s] after which a person's process is killed, and their row says so; not with an executor of one's own.

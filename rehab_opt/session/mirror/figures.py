@@ -5,20 +5,29 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import casadi as ca
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from rehab_opt.session.drawing import GRID, LIMIT, MM, REFERENCE, framed, legend_below
-from rehab_opt.session.joint_figure import LAW_STYLES, joint_figure
+from rehab_opt.session.drawing import (
+    GRID,
+    LAW_STYLES,
+    LIMIT,
+    MM,
+    REFERENCE,
+    framed,
+    joint_figure,
+    legend_below,
+    servo_figure,
+)
 from rehab_opt.session.mirror.outcome import BEFORE, PLAN, STEP, MirrorOutcome
-from rehab_opt.session.mirror.space_figure import space_figure
-from rehab_opt.session.plant.figure import servo_figure
 
-__all__ = ["STYLES", "mirror_figures"]
+__all__ = ["figures"]
 
 Array = NDArray[np.float64]
+
 
 STYLES: Mapping[str, Mapping[str, Any]] = {
     BEFORE: {"color": "#E69F00", "linestyle": ":", "linewidth": 1.8},
@@ -30,7 +39,7 @@ LABELS = {BEFORE: "before: no floor", STEP: "tick by tick", PLAN: "planned as a 
 EVENTS = ("braking", "holding", "backup", "acceleration", "position", "task")
 
 
-def mirror_figures(outcome: MirrorOutcome) -> dict[str, Figure]:
+def figures(outcome: MirrorOutcome) -> dict[str, Figure]:
     """The figures of a run by file name (without suffix)."""
     led = outcome.laws
     drawn = {
@@ -44,6 +53,8 @@ def mirror_figures(outcome: MirrorOutcome) -> dict[str, Figure]:
         "pace": _pace(outcome),
         "space": space_figure(outcome, STYLES, LABELS, ASTAR),
     }
+    if outcome.near is not None:
+        drawn["clearance"] = outcome.near.figure(f"{outcome.title}, {LABELS[STEP]}")
     motion = led[STEP].motion
     if motion is not None:
         drawn["servos"] = servo_figure(f"{outcome.title}, {LABELS[STEP]}", outcome.chain.names, motion)
@@ -165,3 +176,61 @@ def _events(axes: Axes, outcome: MirrorOutcome) -> None:
     if not rows:
         axes.set_ylim(0, 1)
         axes.annotate("nothing yielded", (0.5, 0.5), xycoords="axes fraction", ha="center")
+
+
+Style = Mapping[str, Any]
+
+
+def space_figure(
+    outcome: MirrorOutcome, styles: Mapping[str, Style], labels: Mapping[str, str], astar: Style
+) -> Figure:
+    """In the robot's frame; the robot stands as at the motion's end."""
+    figure = framed(f"{outcome.title}\nThe healthy hand, its mirror image, and the hand that is led", 9.0, 8.0)
+    axes = figure.add_subplot(projection="3d")
+    healthy, asked = MM * outcome.recorded, MM * outcome.asked[:, :3, 3]
+    axes.plot(*healthy.T, color="#CC79A7", linewidth=1.2, label="healthy hand")
+    axes.plot(*asked.T, color=REFERENCE, linewidth=4.0, alpha=0.25, label="mirrored hand")
+    drawn = [healthy, asked]
+    for name, led in outcome.laws.items():
+        if name == BEFORE:
+            continue
+        path = MM * led.tool[:, :3, 3]
+        axes.plot(*path.T, **styles[name], label=labels[name])
+        drawn.append(path)
+    if outcome.astar is not None:
+        axes.plot(*(MM * outcome.astar.positions).T, **astar, label="published A*")
+    last = list(outcome.laws.values())[-1].q[-1]
+    arm = MM * np.array(
+        [np.array(ca.DM(frame[:3, 3])).ravel() for frame in outcome.chain.frames_expression(ca.SX(last))]
+    )
+    axes.plot(*arm.T, color="#555555", linewidth=3, marker="o", markersize=5, label="robot at the end")
+    drawn.append(arm)
+    points = np.concatenate(drawn)
+    points = points[np.all(np.isfinite(points), axis=1)]
+    low, high = points.min(axis=0), points.max(axis=0)
+    _draw_mirror(axes, outcome, low, high)
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+    axes.set_box_aspect(np.maximum(high - low, 1.0), zoom=1.1)
+    axes.view_init(elev=24, azim=-125)
+    axes.set_xlabel("x [mm]")
+    axes.set_ylabel("y [mm]")
+    axes.zaxis.set_rotate_label(False)
+    axes.set_zlabel("z [mm]", rotation=90)
+    legend_below(figure, axes, 4)
+    return figure
+
+
+def _draw_mirror(axes: Any, outcome: MirrorOutcome, low: Array, high: Array) -> None:
+    """The part of the sagittal plane, which is upright, over the extent of everything else."""
+    normal = np.array(outcome.mirror.normal) / np.linalg.norm(outcome.mirror.normal)
+    along, point = np.array([-normal[1], normal[0], 0.0]), MM * np.array(outcome.mirror.point)
+    corners = np.array([[x, y, 0.0] for x in (low[0], high[0]) for y in (low[1], high[1])])
+    reach = (corners - point) @ along
+    across = np.array([reach.min(), reach.max()])
+    heights = np.array([low[2], high[2]])
+    ground = point[None, :2] + across[:, None] * along[None, :2]
+    axes.plot_surface(
+        np.tile(ground[:, 0], (2, 1)), np.tile(ground[:, 1], (2, 1)), np.tile(heights[:, None], (1, 2)),
+        color="#56B4E9", alpha=0.15, linewidth=0,
+    )  # fmt: skip
+    axes.plot([], [], color="#56B4E9", alpha=0.3, linewidth=8, label="mirror: sagittal plane")

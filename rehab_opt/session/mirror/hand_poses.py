@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.errors import ProblemFileError
-from rehab_opt.session.file_limits import header_cells
 from rehab_opt.session.mirror.problem import PoseRecordingSection
-from rehab_opt.session.text_lines import LATEST, text_lines
+from rehab_opt.session.text_lines import LATEST, header_cells, text_lines
 from rehab_opt.text_file import number_in, shown
 
 __all__ = ["HandPoses", "calibration_points", "read_hand_poses"]

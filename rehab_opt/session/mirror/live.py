@@ -16,12 +16,11 @@ from rehab_opt.plants.plant import Measurement
 from rehab_opt.plants.touched import TouchedPlant
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.bodies import BLUE, GREEN, ORANGE, RED, ArmBodies, joint_rows, near_limit, screen
-from rehab_opt.session.live.inputs import LiveInputs
-from rehab_opt.session.live.problem import LiveControl, LiveProblem
+from rehab_opt.session.live.problem import Following, LiveControl, LiveProblem
 from rehab_opt.session.mirror.laws import tracker_of
 from rehab_opt.session.mirror.problem import MirrorProblem
 from rehab_opt.session.mirror.scene import laid_out
-from rehab_opt.session.plant.making import joint_plant
+from rehab_opt.session.plant.making import joint_feedback, joint_plant
 
 __all__ = ["LiveMirror"]
 
@@ -42,7 +41,7 @@ class LiveMirror(LiveProblem):
         self._loaded, self.title, self.dt = loaded, loaded.problem.title, 1 / loaded.problem.tracker.rate_hz
         self._scene = laid_out(loaded)
         self.robot = self._scene.robot
-        self.encoders = self.commanded = self.robot.n
+        self.names = tuple(self.robot.names)
         self.layout = {"q": self.robot.n, "asked": 3, "target": 3, "force": 3, "lag": 1, "manipulability": 1}
         self._arm = ArmBodies(self.robot)
         self._person: tuple[ArmBodies, PersonLimit] | None = None
@@ -55,7 +54,7 @@ class LiveMirror(LiveProblem):
     def control(self) -> LiveControl:
         """The tracker of `rehab-opt run`."""
         problem, scene = self._loaded.problem, self._scene
-        tracker = tracker_of(problem, scene, file=self._loaded.file)
+        tracker = tracker_of(problem, scene, file=self._loaded.file, live=True, feedback=joint_feedback(problem.plant))
         plant = joint_plant(problem.plant, self.robot, self.dt)
         reference = scene.reference
         seen = ~reference.lost
@@ -68,6 +67,7 @@ class LiveMirror(LiveProblem):
         planes = [_square(np.array(each.point_m), np.array(each.normal), path) for each in section.keep_out]
         shown = joint_rows(self.robot if self._person is None else self._person[0].chain)
         return {
+            **super().scene(),
             "lines": [
                 {"points": path.round(4).tolist(), "colour": BLUE},
                 *({"points": each, "colour": RED} for each in planes),
@@ -77,7 +77,6 @@ class LiveMirror(LiveProblem):
             "screen": screen(path),
             "joints": shown,
             "jointtitle": "The person's joints within their range" if self._person else "Joints within their limits",
-            "encoders": [name.replace("_", " ") for name in self.robot.names],
             "noise": "mrad",
             "plots": [
                 {"name": "hand from the mirrored pose", "unit": "mm", "line": section.max_deviation_mm},
@@ -117,31 +116,20 @@ class LiveMirror(LiveProblem):
         }
 
 
-class _Mirroring(LiveControl):
+class _Mirroring(Following):
     def __init__(self, tracker: MirrorTracker, plant: TouchedPlant, start: Array, poses: Array, twists: Array) -> None:
-        super().__init__(plant, start)
-        self._tracker, self._poses, self._twists = tracker, poses, twists
-        self._at, self._way = 0, 1
-        self._pose: Array = poses[0].copy()
+        super().__init__(tracker, plant, start, poses, twists, then="back")
+        self._mirror = tracker
 
-    def step(self, inputs: LiveInputs, seen: Measurement) -> Command:
-        twist = np.zeros(6)
-        if inputs.dragged:
-            self._pose[:3, 3] = inputs.target
-        elif inputs.enable:  # the recording waits for whoever lets go; at its ends it turns back
-            self._pose, twist = self._poses[self._at].copy(), self._way * self._twists[self._at]
-            if not 0 <= self._at + self._way < len(self._poses):
-                self._way = -self._way
-            self._at += self._way
-        return self._tracker.step(
-            seen.position, self._pose, twist, force=seen.force, enable=inputs.enable, stamp=seen.stamp
+    def track(self, seen: Measurement, twist: Array, *, enable: bool) -> Command:
+        return self._mirror.step(
+            seen.position, self.target, twist, force=seen.force, enable=enable, stamp=self.stamp(seen)
         )
 
     def shown(self) -> dict[str, ArrayLike]:
-        truth, tracker = self.plant.truth, self._tracker
-        return {
-            "q": truth.position, "asked": tracker.reference[:3, 3], "target": self._pose[:3, 3], "force": truth.force,
-            "lag": tracker.lag, "manipulability": tracker.manipulability,
+        tracker = self._mirror
+        return super().shown() | {
+            "asked": tracker.reference[:3, 3], "lag": tracker.lag, "manipulability": tracker.manipulability
         }  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""The numbers of a mirrored motion; every key ends in its unit, every value is strict JSON."""
+"""The numbers of a mirrored motion, and why a hand is not where, or not when, the reference is; strict JSON."""
 
 from __future__ import annotations
 
@@ -9,19 +9,50 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.hand_bounds import HandBounds
+from rehab_opt.control.mirror_statement import WHOLE
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.published.astar import AStarPath
 from rehab_opt.session.metrics import error_metrics, joint_metrics, reason_counts, status_counts, time_metrics
-from rehab_opt.session.mirror.causes import cause_seconds
 from rehab_opt.session.mirror.outcome import Led
 
-__all__ = ["BELOW", "astar_metrics", "led_metrics", "passed_share"]
+__all__ = ["astar_metrics", "led_metrics", "passed_share"]
 
 Array = NDArray[np.float64]
 
+
+CAUSES = ("followed", "late", "person's arm", "floor", "keep-out", "robot's reach", "stopped")
+"""In the order that they are shown. Late: the reference is slowed, or the hand behind it. Where several hold, the first
+of `stopped`, `person's arm`, `floor`, `keep-out`, `robot's reach`, `late` counts."""
+NEAR, TURNED = 5e-3, math.radians(5.0)
+"""[m, rad] by which a hand may stay short of the reference and still follow it."""
+AT_FLOOR, AT_PLANE = 0.02, 0.005
+"""Of w / w_max above the floor, and [m] above a plane, up to which it counts as what is in the way."""
+
+
+def causes(led: Led, bounds: HandBounds) -> NDArray[np.int_]:
+    """(M,) place in `CAUSES` of each tick."""
+    person = (led.person[:, 0] > NEAR) | (led.person[:, 1] > TURNED)
+    robot = (led.short - led.person > (NEAR, TURNED)).any(axis=1) & ~person
+    behind = (led.deviation > NEAR + led.short[:, 0]) | (led.turn > TURNED + led.short[:, 1])
+    found = np.where((led.pace < WHOLE) | behind, 1, 0)
+    found[robot] = 5
+    for k in np.flatnonzero(robot).tolist():
+        if any(bounds.least_height(led.q[k], plane) < AT_PLANE for plane in bounds.planes):
+            found[k] = 4
+    found[robot & (led.manipulability < bounds.floor + AT_FLOOR)] = 3
+    found[person] = 2
+    found[np.isin(led.status, ("braking", "holding"))] = 6
+    return np.asarray(found)
+
+
+def cause_seconds(led: Led, bounds: HandBounds) -> dict[str, float]:
+    """[s] of a run under each cause; together they are its ticks."""
+    counted = np.bincount(causes(led, bounds), minlength=len(CAUSES)) * bounds.dt
+    return {name: float(seconds) for name, seconds in zip(CAUSES, counted, strict=True)}
+
+
 BELOW = 1e-3
 """Of w / w_max under the floor, that counts as under it."""
-NEAR, TURNED = 5e-3, math.radians(5.0)
 """[m, rad] within which a hand passes a pose."""
 SAMPLES = 400
 """Poses of the reference at most that are looked for on a path."""

@@ -1,7 +1,8 @@
-"""What a robot did that led a hand along a mirrored path."""
+"""What a robot did that led a hand along a mirrored path, tick by tick."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -9,12 +10,14 @@ from numpy.typing import NDArray
 
 from rehab_opt.kinematics.vr import Mirror
 from rehab_opt.published.astar import AStarPath
-from rehab_opt.session.outcome import MovementOutcome
-from rehab_opt.session.plant.motion import JointMotion
+from rehab_opt.session.clearance import NearestBodies
+from rehab_opt.session.outcome import Column, Columns, MovementOutcome, joint_columns, point_columns, stacked
+from rehab_opt.session.plant.loop import JointMotion
 
-__all__ = ["LAWS", "Led", "MirrorOutcome"]
+__all__ = ["Led", "MirrorOutcome"]
 
 Array = NDArray[np.float64]
+
 
 BEFORE, STEP, PLAN = "without floor", "step", "plan"
 LAWS = (BEFORE, STEP, PLAN)
@@ -86,6 +89,7 @@ class MirrorOutcome(MovementOutcome):
     laws : what was run, by its name among `LAWS`.
     astar : the published path where it was asked for.
     max_deviation, linear_speed : [m, m/s] the bounds.
+    near : how near bodies came to each other, tick by tick; None without `[clearance]`.
     """
 
     floor: float = field(kw_only=True)
@@ -96,3 +100,25 @@ class MirrorOutcome(MovementOutcome):
     astar: AStarPath | None = field(kw_only=True)
     max_deviation: float = field(kw_only=True)
     linear_speed: float = field(kw_only=True)
+    near: NearestBodies | None = field(kw_only=True, default=None)
+
+    def trace(self) -> Iterable[Column]:
+        """One row a tick of each law, one law after the other; cells are empty where there is no reference."""
+        return stacked(self._columns(name, led) for name, led in self.laws.items()).items()
+
+    def _columns(self, name: str, led: Led) -> Columns:
+        return {
+            "law": (name,) * len(led.time),
+            "t_s": led.time,
+            "lag_s": led.lag,
+            "pace": led.pace,
+            **dict(point_columns("reference", led.reference[:, :3, 3])),
+            **dict(point_columns("tool", led.tool[:, :3, 3])),
+            "deviation_m": led.deviation,
+            "turn_rad": led.turn,
+            "manipulability": led.manipulability,
+            "status": led.status,
+            "yielded": led.yielded,
+            **dict(joint_columns("joint", self.chain, led.q, "rad")),
+            **dict(joint_columns("command", self.chain, led.command, "rad_s")),
+        }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from rehab_opt.session.files import ProblemFile
@@ -11,12 +11,9 @@ from rehab_opt.session.mirror.problem import MirrorProblem
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.plant.making import on_plant
 from rehab_opt.session.pose_tracking.robot import robot_files
-from rehab_opt.session.systems import Column, Needed, System
+from rehab_opt.session.systems import Needed, System
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-    from rich.table import Table
-
     from rehab_opt.session.mirror.outcome import MirrorOutcome
 
 __all__ = ["MirrorSystem"]
@@ -26,6 +23,7 @@ class MirrorSystem(System[MirrorProblem, "MirrorOutcome"]):
     """A hand led along the other hand's mirrored path."""
 
     schema = MirrorProblem
+    shown = ("rehab_opt.session.mirror.table", "rehab_opt.session.mirror.figures")
     options = frozenset({"plant"})
 
     def recordings(self, problem: MirrorProblem) -> tuple[Needed, ...]:
@@ -61,21 +59,3 @@ class MirrorSystem(System[MirrorProblem, "MirrorOutcome"]):
     def seconds_a_tick(self, problem: MirrorProblem) -> float:
         """Of the tracker."""
         return 1 / problem.tracker.rate_hz
-
-    def table(self, outcome: MirrorOutcome) -> Table:
-        """A column for each law."""
-        from rehab_opt.session.mirror.table import mirror_table  # noqa: PLC0415  (loads rich)
-
-        return mirror_table(outcome)
-
-    def trace(self, outcome: MirrorOutcome) -> Iterator[Column]:
-        """A row for each tick of each law."""
-        from rehab_opt.session.mirror.trace import mirror_columns  # noqa: PLC0415
-
-        return mirror_columns(outcome)
-
-    def figures(self, outcome: MirrorOutcome) -> dict[str, Figure]:
-        """Manipulability, positions, joints, pace, and the motion in space."""
-        from rehab_opt.session.mirror.figures import mirror_figures  # noqa: PLC0415  (loads matplotlib)
-
-        return mirror_figures(outcome)

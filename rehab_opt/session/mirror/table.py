@@ -5,15 +5,26 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from rich.table import Table
-from rich.text import Text
 
-from rehab_opt.session.cells import Numbers, Rows, counts, margin, millimetres, speed, spread, statuses, times
 from rehab_opt.session.mirror.outcome import MirrorOutcome
+from rehab_opt.session.shown import (
+    Cell,
+    Numbers,
+    Rows,
+    counts,
+    law_table,
+    margin,
+    millimetres,
+    speed,
+    spread,
+    statuses,
+    times,
+)
 
-__all__ = ["mirror_table"]
+__all__ = ["table"]
 
 
-def mirror_table(outcome: MirrorOutcome) -> Table:
+def table(outcome: MirrorOutcome) -> Table:
     """Rows of quantities with their units; A* is a path without times and without a robot that follows it."""
     numbers = outcome.metrics
     reference, astar = numbers["reference"], numbers["astar"]
@@ -23,18 +34,19 @@ def mirror_table(outcome: MirrorOutcome) -> Table:
         f"{100 * reference['faster_than_cap_share_of_time']:.0f} % of the time; "
         f"filter lag {1e3 * reference['filter_lag_s']:.0f} ms"
     )
-    table = Table(title=Text(outcome.title), caption=Text(caption), caption_justify="left")
-    table.add_column("quantity")
-    for name in numbers["laws"]:
-        table.add_column(name, justify="right")
+    laws = dict(numbers["laws"])
+    rows: Rows = MIRROR_ROWS
     if astar is not None:
-        table.add_column(f"A*, {numbers['parameters']['astar']['resolution_mm']:g} mm", justify="right")
-    for label, value in MIRROR_ROWS:
-        row = [value(of) for of in numbers["laws"].values()]
-        if astar is not None:
-            row.append(ASTAR_CELLS[label](astar) if label in ASTAR_CELLS else "-")
-        table.add_row(label, *row)
-    return table
+        name = f"A*, {numbers['parameters']['astar']['resolution_mm']:g} mm"
+        laws[name] = astar
+        rows = tuple((label, _of_astar(label, value, astar)) for label, value in MIRROR_ROWS)
+    return law_table(outcome.title, laws, rows, caption=caption)
+
+
+def _of_astar(label: str, value: Cell, astar: Numbers) -> Cell:
+    """The cell of a law, or of A*, which has few of them."""
+    own = ASTAR_CELLS.get(label, lambda _: "-")
+    return lambda of: own(of) if of is astar else value(of)
 
 
 def _ends(of: Numbers) -> str:

@@ -1,61 +1,117 @@
-"""The closed loop of a run: a controller is asked, what it answers is kept, the plant moves."""
+"""The closed loop of a run, the one that is live but without waiting, and what was commanded and so in it."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.plants.plant import Measurement, Plant
-from rehab_opt.session.plant.motion import JointMotion, MotionLog
+from rehab_opt.control.command import Bound, Command
+from rehab_opt.plants.ideal import IdealJoints
+from rehab_opt.plants.plant import Measurement, Truth
+from rehab_opt.session.live.problem import LiveControl, LiveInputs
 
-__all__ = ["Sent", "closed_loop"]
+__all__ = ["JointMotion", "Ran", "simulate", "yielded_words"]
 
 Array = NDArray[np.float64]
 
 TICKS_A_REPORT = 100
 
 
-class Sent(NamedTuple):
-    """What a controller answers in one tick."""
+class JointMotion(NamedTuple):
+    """N ticks; everything holds at the beginning of its tick, commands are held during it."""
 
+    time: Array
+    """(N,) [s]"""
+    commanded: Array
+    """(N, n) velocities [rad/s, m/s]"""
     velocity: Array
-    """(n,) of the joints [rad/s, m/s]; what is kept."""
-    command: Array
-    """What the plant takes; the same, but for a chair, which takes wheel speeds."""
+    """(N, n) true ones"""
+    measured: Array
+    """(N, n) [rad, m] positions as the controller saw them"""
+    effort: Array
+    """(N, n) [N m, N] of the drives in the tick before"""
 
 
-def closed_loop(
-    plant: Plant,
-    start: Array,
-    controller: Callable[[int, Measurement], Sent | None],
+class Ran(NamedTuple):
+    """A run of N ticks; everything holds at the beginning of its tick, commands are held during it."""
+
+    q: Array
+    """(N, n) [rad, m] true positions"""
+    commands: tuple[Command, ...]
+    seconds: Array
+    """(N,) [s] that the controller took."""
+    motion: JointMotion | None
+    """What was commanded and what was so; None of an ideal plant, which does as it is told."""
+
+    @property
+    def values(self) -> Array:
+        """(N, n) what was commanded."""
+        return np.array([command.value for command in self.commands])
+
+    @property
+    def scales(self) -> Array:
+        """(N,) fraction of the commanded motion that was delivered."""
+        return np.array([command.scale for command in self.commands])
+
+    @property
+    def status(self) -> tuple[str, ...]:
+        """(N,) of each command."""
+        return tuple(command.status.value for command in self.commands)
+
+    @property
+    def yielded(self) -> tuple[str, ...]:
+        """(N,) what gave way, in words; empty where nothing did."""
+        return tuple(yielded_words(command.yielded) for command in self.commands)
+
+
+def yielded_words(yielded: Bound, *, between: str = ", ") -> str:
+    """What gave way, in words; empty where nothing did."""
+    return str(yielded.name).lower().replace("|", between) if yielded else ""
+
+
+def simulate(
+    control: LiveControl,
+    inputs: Callable[[int], LiveInputs | None],
     *,
     ticks: int,
+    note: Callable[[int, Command], None] = lambda *_: None,
     progress: Callable[[int, int], None] = lambda *_: None,
-) -> JointMotion | None:
-    """Run until the controller answers None, or for so many ticks.
+) -> Ran:
+    """Run until `inputs` gives None, or for so many ticks, from the control's start at rest.
 
     Parameters
     ----------
-    start : (n,) joint values [rad, m]; the plant is at rest.
-    controller : the tick's number and what the sensors say -> its answer. It keeps what it wants kept of the tick, and
-        may look at `plant.truth`, which no real one can.
-    progress : told the tick and how many there may be.
-
-    Returns
-    -------
-    What was commanded and what was so; None of an ideal plant, which does as it is told.
+    inputs : the tick's number -> what is done to the robot. It may look at `control.plant.truth`, which no controller
+        can. note : told the tick's number and its command before that is sent. progress : told the tick and how many
+        there may be.
     """
-    log, seen = MotionLog(plant), plant.reset(start)
+    plant, rows, seconds = control.plant, list[tuple[Truth, Measurement, Command]](), list[float]()
+    control.timed, seen = False, plant.reset(control.start)
     for k in range(ticks):
-        sent = controller(k, seen)
-        if sent is None:
+        given = inputs(k)
+        if given is None:
             break
-        log.note(sent.velocity)
-        seen = plant.step(sent.command)
+        began = time.perf_counter()
+        command = control.step(given, seen)
+        seconds.append(time.perf_counter() - began)
+        rows.append((plant.truth, seen, command))
+        note(k, command)
+        seen = plant.step(control.sent(command))
         if k % TICKS_A_REPORT == 0:
             progress(k, ticks)
     progress(ticks, ticks)
-    return log.motion
+    truths, measured, commands = zip(*rows, strict=True)
+    motion = None
+    if not isinstance(plant.plant, IdealJoints):
+        motion = JointMotion(
+            time=np.array([truth.time for truth in truths]),
+            commanded=np.array([command.value for command in commands]),
+            velocity=np.array([truth.velocity for truth in truths]),
+            measured=np.array([each.position for each in measured]),
+            effort=np.array([truth.effort for truth in truths]),
+        )
+    return Ran(np.array([truth.position for truth in truths]), commands, np.array(seconds), motion)

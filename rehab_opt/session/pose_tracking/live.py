@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from rehab_opt.control.command import Command
-from rehab_opt.control.pose_tracker import PoseTracker
-from rehab_opt.plants.plant import Measurement
 from rehab_opt.plants.touched import TouchedPlant
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.bodies import ARM_PLOTS, BLUE, ORANGE, ArmBodies, joint_rows, screen
-from rehab_opt.session.live.inputs import LiveInputs
-from rehab_opt.session.live.problem import LiveControl, LiveProblem
-from rehab_opt.session.plant.making import joint_plant
+from rehab_opt.session.live.problem import Following, LiveControl, LiveProblem
+from rehab_opt.session.plant.making import joint_feedback, joint_plant
 from rehab_opt.session.pose_tracking.problem import PoseTracking
 from rehab_opt.session.pose_tracking.robot import circle_reference, robot_at_start, tracker_of
 
@@ -35,31 +32,34 @@ class LivePoseTracking(LiveProblem):
         self._loaded, self._solver, self.title = loaded, solver, loaded.problem.title
         self.robot, self.start = robot_at_start(loaded)
         self.dt = 1 / loaded.problem.tracker.rate_hz
-        self.encoders = self.commanded = self.robot.n
+        self.names = tuple(self.robot.names)
         self.layout = {"q": self.robot.n, "target": 3, "force": 3}
         self._arm = ArmBodies(self.robot)
 
+    @cached_property
     def reference(self) -> tuple[Array, Array]:
         """Poses (N, 4, 4) and twists (N, 6) of one pass of the circle, from rest to rest."""
         circle = self._loaded.problem.circle
-        times = np.arange(0.0, circle.duration_s, self.dt)
+        rate = self._loaded.problem.tracker.rate_hz
+        times = self.dt * np.arange(round(circle.duration_s * rate) + 1, dtype=np.float64)
         return circle_reference(self.robot.pose(self.start), circle, times)
 
     def control(self) -> LiveControl:
         """The tracker of `rehab-opt run`."""
         problem = self._loaded.problem
-        tracker = tracker_of(problem, self.robot, file=self._loaded.file, solver=self._solver)
+        feedback = joint_feedback(problem.plant)
+        tracker = tracker_of(problem, self.robot, file=self._loaded.file, solver=self._solver, feedback=feedback)
         plant = joint_plant(problem.plant, self.robot, self.dt)
-        return _Tracking(tracker, TouchedPlant(plant), self.start, self.reference())
+        return Following(tracker, TouchedPlant(plant), self.start, *self.reference, then="again")
 
     def scene(self) -> dict[str, Any]:
         """The circle, the joints' limits, what is plotted."""
-        path = self.reference()[0][:: max(1, round(0.05 / self.dt)), :3, 3]
+        path = self.reference[0][:: max(1, round(0.05 / self.dt)), :3, 3]
         return {
+            **super().scene(),
             "lines": [{"points": path.round(4).tolist(), "colour": BLUE, "name": "reference"}],
             "screen": screen(path),
             "joints": joint_rows(self.robot),
-            "encoders": [name.replace("_", " ") for name in self.robot.names],
             "noise": "mrad",
             "plots": [
                 {"name": "position error", "unit": "mm", "least": 1.0},
@@ -85,24 +85,3 @@ class LivePoseTracking(LiveProblem):
             "joints": q.round(4).tolist(),
             "numbers": [round(each, 4) for each in numbers],
         }
-
-
-class _Tracking(LiveControl):
-    def __init__(self, tracker: PoseTracker, plant: TouchedPlant, start: Array, reference: tuple[Array, Array]) -> None:
-        super().__init__(plant, start)
-        self._tracker, (self._poses, self._twists) = tracker, reference
-        self._at, self._still = 0, np.zeros(6)
-        self._pose: Array = self._poses[0].copy()
-
-    def step(self, inputs: LiveInputs, seen: Measurement) -> Command:
-        twist = self._still
-        if inputs.dragged:
-            self._pose[:3, 3] = inputs.target
-        elif inputs.enable:  # the circle waits for whoever lets go
-            self._pose, twist = self._poses[self._at].copy(), self._twists[self._at]
-            self._at = (self._at + 1) % len(self._poses)
-        return self._tracker.step(seen.position, self._pose, twist, enable=inputs.enable, stamp=seen.stamp)
-
-    def shown(self) -> dict[str, ArrayLike]:
-        truth = self.plant.truth
-        return {"q": truth.position, "target": self._pose[:3, 3], "force": truth.force}

@@ -1,11 +1,8 @@
-"""Closed loop of a robot whose tool follows a circle, tick by tick."""
+"""Robot, reference and tracker of a problem file, each refusal in the file's words."""
 
 from __future__ import annotations
 
-import inspect
 import math
-import time
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,12 +11,8 @@ from numpy.typing import NDArray
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.ur5 import ur5
+from rehab_opt.session.clearance import clearance_key, clearance_of
 from rehab_opt.session.files import ProblemFile
-from rehab_opt.session.metrics import error_metrics, joint_metrics, status_counts, time_metrics
-from rehab_opt.session.outcome import Progress
-from rehab_opt.session.plant.loop import Sent, closed_loop
-from rehab_opt.session.plant.making import joint_feedback, joint_plant, plant_note
-from rehab_opt.session.pose_tracking.outcome import RobotOutcome
 from rehab_opt.session.pose_tracking.problem import CircleSection, PoseTracking, RobotSection
 from rehab_opt.session.robot_file import robot_of
 from rehab_opt.session.systems import ROBOT_FILE, Needed
@@ -27,103 +20,13 @@ from rehab_opt.session.systems import ROBOT_FILE, Needed
 if TYPE_CHECKING:
     from rehab_opt.control.joint_feedback import JointFeedback
     from rehab_opt.control.pose_tracker import PoseTracker
-    from rehab_opt.plants.plant import Measurement
 
-__all__ = ["circle_reference", "robot_at_start", "robot_files", "run_pose_tracking", "tracker_of"]
+__all__ = ["circle_reference", "robot_at_start", "robot_files", "tracker_of"]
 
 Array = NDArray[np.float64]
 
-MOVING = 1e-3
-"""[m/s, rad/s] A reference slower than this stands still: a solver may leave micrometres a second undelivered."""
 KEYS = {"gain": "tracker.gain_per_s", "dt": "tracker.rate_hz"}
 """Where the problem file says what the tracker calls by its own name."""
-
-
-def run_pose_tracking(loaded: ProblemFile[PoseTracking], *, solver: str | None, progress: Progress) -> RobotOutcome:
-    """Follow the circle from the starting posture on and measure.
-
-    Raises
-    ------
-    ProblemFileError : a starting posture outside the limits, or a value the tracker refuses.
-    """
-    problem = loaded.problem
-    robot, start = robot_at_start(loaded)
-    tracker = tracker_of(problem, robot, file=loaded.file, solver=solver, feedback=joint_feedback(problem.plant))
-    rate = problem.tracker.rate_hz
-    dt = 1 / rate
-    times = dt * np.arange(round(problem.circle.duration_s * rate) + 1, dtype=np.float64)
-    poses, twists = circle_reference(robot.pose(start), problem.circle, times)
-
-    q = np.empty((len(times), robot.n))
-    command = np.empty_like(q)
-    tool = np.empty((len(times), 4, 4))
-    seconds = np.empty(len(times))
-    statuses, yielded, scales = [], [], np.empty(len(times))
-    plant = joint_plant(problem.plant, robot, dt)
-
-    def follow(i: int, seen: Measurement) -> Sent:
-        q[i] = plant.truth.position
-        tool[i] = robot.pose(q[i])
-        began = time.perf_counter()
-        answer = tracker.step(seen.position, poses[i], twists[i])
-        seconds[i] = time.perf_counter() - began
-        command[i], scales[i] = answer.value, answer.scale
-        statuses.append(answer.status.value)
-        yielded.append(str(answer.yielded.name or "").lower().replace("|", ", "))
-        return Sent(answer.value, answer.value)
-
-    motion = closed_loop(
-        plant, start, follow, ticks=len(times), progress=partial(progress, "following the circle")
-    )  # fmt: skip
-
-    position_error = np.linalg.norm(tool[:, :3, 3] - poses[:, :3, 3], axis=1)
-    orientation_error = _angles(tool[:, :3, :3], poses[:, :3, :3])
-    acceleration = np.abs(np.diff(command, axis=0, prepend=np.zeros((1, robot.n)))) * rate
-    moving = np.maximum(np.linalg.norm(twists[:, :3], axis=1), np.linalg.norm(twists[:, 3:], axis=1)) >= MOVING
-    own = inspect.signature(type(tracker)).parameters
-    metrics: dict[str, Any] = {
-        "parameters": {
-            "controller": "PoseTracker",
-            "solver": solver or problem.tracker.solver or own["solver"].default,
-            "backup": own["backup"].default,
-            "gain_per_s": tracker.gain,
-            "joint_speed_deg_s": np.rad2deg(robot.velocity).tolist(),
-            "joint_acceleration_deg_s2": np.rad2deg(robot.acceleration).tolist(),
-        },
-        "ticks": len(times),
-        "duration_s": float(times[-1]),
-        **error_metrics(position_error, "position_error", "m"),
-        **error_metrics(np.rad2deg(orientation_error), "orientation_error", "deg"),
-        **joint_metrics(robot, q, rate),
-        "joint_acceleration_max_share_of_limit": float((acceleration / robot.acceleration).max()),
-        **time_metrics(seconds, "tick"),
-        "tick_p99_9_ms": float(1e3 * np.percentile(seconds, 99.9)),
-        "scale_min": float(scales.min()),
-        "scale_min_moving": float(scales[moving].min()) if moving.any() else None,
-        "status": status_counts(statuses),
-        "yielded": status_counts(text for text in yielded if text and text != "nothing"),
-    }
-    return RobotOutcome(
-        system=problem.system,
-        name=loaded.name,
-        title=problem.title,
-        chain=robot,
-        time=times,
-        notes=(plant_note(problem.plant, "the robot is simulated: its joints move exactly as commanded"), *robot.notes),
-        metrics={
-            "parameters": problem.model_dump(mode="json", exclude={"title", "plant"})
-            | {"plant": problem.plant.parameters},
-            "optimised": metrics,
-        },
-        reference=poses[:, :3, 3],
-        tool=tool[:, :3, 3],
-        position_error=position_error,
-        orientation_error=orientation_error,
-        q=q,
-        command=command,
-        status=tuple(statuses),
-        motion=motion,
-    )
 
 
 def tracker_of(
@@ -147,11 +50,14 @@ def tracker_of(
     given = {"gain": problem.tracker.gain_per_s, "solver": solver or problem.tracker.solver}
     chosen: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
     try:
-        return PoseTracker(robot, dt=1 / problem.tracker.rate_hz, backup=backup, feedback=feedback, **chosen)
+        limits = clearance_of(problem.clearance, file)
+        return PoseTracker(
+            robot, dt=1 / problem.tracker.rate_hz, limits=limits, backup=backup, feedback=feedback, **chosen
+        )
     except ConfigurationError as refused:
         if refused.argument == "solver" and solver is not None:
             raise
-        key = KEYS.get(refused.argument, f"tracker.{refused.argument}")
+        key = clearance_key(refused.argument) or KEYS.get(refused.argument, f"tracker.{refused.argument}")
         raise ProblemFileError(file, key, refused.value, refused.expected) from refused
 
 
@@ -222,11 +128,3 @@ def robot_at_start(loaded: ProblemFile[Any]) -> tuple[SerialChain, Array]:
 def robot_files(section: RobotSection) -> tuple[Needed, ...]:
     """The robot file, where there is one."""
     return () if section.file is None else (Needed(ROBOT_FILE, section.file),)
-
-
-def _angles(rotations: Array, references: Array) -> Array:
-    """(N,) [rad] angle of the rotation between two orientations, exact for small ones too."""
-    difference = rotations - references  # |R - S| = 2 sqrt(2) sin(angle / 2), Frobenius norm
-    chord: Array = np.linalg.norm(difference, axis=(1, 2)) / (2 * math.sqrt(2))
-    angles: Array = 2 * np.arcsin(np.minimum(chord, 1.0))
-    return angles

@@ -5,13 +5,21 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 from rich.table import Table
-from rich.text import Text
 
-from rehab_opt.session.cells import Numbers, Rows, counts, margin, millimetres, speed, spread, statuses, times
-from rehab_opt.session.drawing import GRID, MM, REFERENCE, framed, legend_below
-from rehab_opt.session.joint_figure import LAW_STYLES, joint_figure
-from rehab_opt.session.plant.figure import servo_figure
-from rehab_opt.session.pose_tracking.outcome import RobotOutcome
+from rehab_opt.session.drawing import GRID, LAW_STYLES, MM, REFERENCE, framed, joint_figure, legend_below, servo_figure
+from rehab_opt.session.pose_tracking.run import RobotOutcome
+from rehab_opt.session.shown import (
+    Numbers,
+    Rows,
+    counts,
+    law_table,
+    margin,
+    millimetres,
+    speed,
+    spread,
+    statuses,
+    times,
+)
 
 __all__ = ["figures", "table"]
 
@@ -25,6 +33,8 @@ def figures(outcome: RobotOutcome) -> dict[str, Figure]:
     }
     if outcome.motion is not None:
         drawn["servos"] = servo_figure(outcome.title, outcome.chain.names, outcome.motion)
+    if outcome.near is not None:
+        drawn["clearance"] = outcome.near.figure(outcome.title)
     return drawn
 
 
@@ -71,12 +81,7 @@ SHARE_SHOWN = 0.05  # [%] shares that differ by less look the same
 
 def table(outcome: RobotOutcome) -> Table:
     """Rows of quantities with their units."""
-    grid = Table(title=Text(outcome.title))
-    grid.add_column("quantity")
-    grid.add_column(TRACKER, justify="right")
-    for label, value in ROBOT_ROWS:
-        grid.add_row(label, value(outcome.metrics["optimised"]))
-    return grid
+    return law_table(outcome.title, {TRACKER: outcome.metrics["optimised"]}, ROBOT_ROWS)
 
 
 def _delivered(of: Numbers) -> str:

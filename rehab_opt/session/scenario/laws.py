@@ -4,21 +4,42 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.assistance import Assistance
+from rehab_opt.control.bounded_force import BoundedForce, ForceBounds
 from rehab_opt.control.command import Command, Status
 from rehab_opt.control.path_assistance import PathAssistance
 from rehab_opt.control.smoother import Smoother
+from rehab_opt.errors import ConfigurationError, ProblemFileError
+from rehab_opt.optim.ladder import FUSED
 from rehab_opt.published.field_law import FieldLaw
-from rehab_opt.session.scenario.trial import HelperTrace
+from rehab_opt.session.files import ProblemFile
+from rehab_opt.session.scenario.outcome import HelperTrace, Law
+from rehab_opt.session.scenario.problem import ScenarioProblem
+from rehab_opt.session.solver_option import solver_refusals
 
-__all__ = ["Answer", "Assisted", "AssistedAtPoints", "ForceLaw", "Published", "Unassisted"]
+__all__ = [
+    "BOUNDED",
+    "Answer",
+    "Assisted",
+    "AssistedAtPoints",
+    "ForceLaw",
+    "Published",
+    "Unassisted",
+    "bounds_of",
+    "bounds_refusals",
+    "check_bounds",
+    "swinging_notes",
+]
 
 Array = NDArray[np.float64]
+
 
 NONE = (0.0, 0.0)
 INDEX = {status: i for i, status in enumerate(Status)}
@@ -146,3 +167,56 @@ class Published(ForceLaw):
         velocity = ((x - before[0]) / self._dt, (y - before[1]) / self._dt)
         force_x, force_y = self._law.force(np.array((x, y)), np.array(velocity)).tolist()
         return Answer((force_x, force_y), (force_x, force_y))
+
+
+BOUNDED: tuple[Law, ...] = ("assisted", "together", "delayed")
+"""Laws that have a slew limit."""
+
+
+def swinging_notes(laws: Mapping[Law, ForceLaw]) -> Iterator[str]:
+    """What `settling_notes` has to say of each law, in the keys of a problem file."""
+    for name, law in laws.items():
+        for note in law.notes:
+            yield f"{name}: {note.replace('slew_limit =', 'assistance.slew_limit_N_s =')}"
+
+
+def bounds_of(problem: ScenarioProblem, *, solver: str | None) -> ForceBounds:
+    """What both sides of a pair and the assistance have in common; `solver` goes before the file's."""
+    said = problem.assistance
+    return {
+        "slew_limit": said.slew_limit_N_s,
+        "growth_limit": said.growth_limit_N_s,
+        "energy_budget": said.energy_budget_J,
+        "speed_cap": said.speed_cap_m_s,
+        "trust_stillness": True,  # a simulated sensor does not freeze
+        "solver": solver or problem.run.solver or FUSED,
+        "dt": 1 / problem.run.rate_hz,
+    }
+
+
+@contextmanager
+def bounds_refusals(loaded: ProblemFile[ScenarioProblem], *, solver: str | None, section: str) -> Iterator[None]:
+    """Name the file's key, or `--solver`, where a law cannot be made.
+
+    Raises
+    ------
+    ProblemFileError : a value of the file is refused.
+    ConfigurationError : `solver` is.
+    """
+    try:
+        with solver_refusals(solver, file=loaded.file, key="run.solver", value=loaded.problem.run.solver):
+            yield
+    except ConfigurationError as refused:
+        if refused.argument.startswith("--") or isinstance(refused, ProblemFileError):
+            raise
+        key = "run.solver" if refused.argument == "solver" else f"{section}, {refused.argument}"
+        raise ProblemFileError(loaded.file, key, refused.value, refused.expected) from refused
+
+
+def check_bounds(loaded: ProblemFile[ScenarioProblem], *, solver: str | None) -> None:
+    """Refuse solver and bounds before anything is computed; see `bounds_refusals`."""
+    problem = loaded.problem
+    with bounds_refusals(loaded, solver=solver, section="assistance"):
+        BoundedForce(
+            lambda *_: (0.0, 0.0), force_limit=problem.assistance.force_limit_N, **bounds_of(problem, solver=solver)
+        )

@@ -15,14 +15,13 @@ from rehab_opt.plants.plant import Measurement
 from rehab_opt.plants.touched import TouchedPlant
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.bodies import BLUE, GREEN, GREY, ORANGE, PURPLE, screen
-from rehab_opt.session.live.inputs import LiveInputs
-from rehab_opt.session.live.problem import LiveControl, LiveProblem
+from rehab_opt.session.live.problem import LiveControl, LiveInputs, LiveProblem
+from rehab_opt.session.scenario.intention import Pace
 from rehab_opt.session.scenario.laws import Assisted
-from rehab_opt.session.scenario.pace import Pace
-from rehab_opt.session.scenario.person_at_robot import PersonAtRobot
 from rehab_opt.session.scenario.prepared import Prepared, prepared
 from rehab_opt.session.scenario.problem import ScenarioProblem
 from rehab_opt.session.scenario.run import law_of, scene_of
+from rehab_opt.session.scenario.simulated_person import PersonAtRobot
 from rehab_opt.workspace.region import Workspace
 
 __all__ = ["LiveScenario"]
@@ -47,7 +46,7 @@ class LiveScenario(LiveProblem):
             raise ProblemFileError(loaded.file, "run.laws", problem.run.laws, expected)
         self._loaded, self._solver = loaded, solver
         self.title, self.dt = problem.title, 1 / problem.run.rate_hz
-        self.encoders = self.commanded = self.force = 2
+        self.names, self.force = ("x", "y"), 2
         self.layout = {"hand": 2, "meant": 2, "force": 2, "wanted": 2, "exerted": 2, "energy": 1}
 
     @cached_property
@@ -72,6 +71,7 @@ class LiveScenario(LiveProblem):
         low, high = around.min(axis=0), around.max(axis=0)
         reach = 1.15 * float((high - low).max())
         return {
+            **super().scene(),
             "planar": True,
             "springy": True,
             "handled": True,
@@ -88,7 +88,6 @@ class LiveScenario(LiveProblem):
             "legend": [
                 [GREEN, "comfortable"], [GREY, "reachable"], [PURPLE, "the robot's force"], [ORANGE, "the person's"],
             ],
-            "encoders": ["x", "y"],
             "noise": "mm",
             "plots": [
                 {"name": "the robot's force", "unit": "N", "line": said.force_limit_N},
@@ -140,7 +139,7 @@ class _Helping(LiveControl):
                 self._law.aim(self._aimed)
             if self._pace.over:
                 self._begin()
-        command = self._law.command(*seen.position.tolist(), enable=inputs.enable, stamp=seen.stamp)
+        command = self._law.command(*seen.position.tolist(), enable=inputs.enable, stamp=self.stamp(seen))
         self._force = command.value
         return command
 

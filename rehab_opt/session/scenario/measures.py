@@ -6,6 +6,7 @@ Every key ends in its unit, every value is strict JSON; None says that there is 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,14 +19,13 @@ from rehab_opt.measures.path import path_length, path_ratio
 from rehab_opt.measures.smoothness import spectral_arc_length
 from rehab_opt.measures.speed import mean_speed, peak_speed
 from rehab_opt.session.metrics import finite
-from rehab_opt.session.scenario.claims import promised
-from rehab_opt.session.scenario.deviation import Projection, projected
-from rehab_opt.session.scenario.in_order import covered_in_order, deviation_in_order
-from rehab_opt.session.scenario.trial import Trial
+from rehab_opt.session.scenario.along_path import Projection, covered_in_order, deviation_in_order, projected
+from rehab_opt.session.scenario.outcome import Trial
 
-__all__ = ["COVERED", "REACHES", "deviation_of", "trial_measures"]
+__all__ = ["COVERED", "REACHES", "deviation_of", "law_summary", "time_to_zero_force", "trial_measures"]
 
 Array = NDArray[np.float64]
+
 Ticks = NDArray[np.bool_]
 Numbers = dict[str, Any]
 
@@ -196,3 +196,92 @@ def _statuses(trial: Trial) -> Numbers:
 def _tick(trial: Trial) -> float:
     """[s]"""
     return float(np.median(np.diff(trial.time)))
+
+
+NEAR = 0.25
+"""Share of the reference that counts as near its end."""
+
+
+def promised(trial: Trial, where: Projection, mode: Mode) -> dict[str, Any]:
+    """The numbers of one trial; `where` are its places on the reference.
+
+    The size of the commanded force may not grow inside. Along the reference, towards its end, only outside W_c counts.
+    """
+    wanted, commanded = np.linalg.norm(trial.wanted, axis=1), np.linalg.norm(trial.commanded, axis=1)
+    growth = np.diff(np.concatenate(([0.0], commanded)))
+    inside, outside = trial.inside, ~trial.inside
+    along = (trial.commanded * where.tangent).sum(axis=1)
+    led = mode != "hold" and bool(outside.any())
+    near = where.length - where.along <= NEAR * where.length
+    return {
+        "force_wanted_inside_max_N": float(wanted[inside].max()) if inside.any() else None,
+        "force_growth_inside_max_N": float(growth[inside].max()) if inside.any() else None,
+        "time_to_zero_force_after_entry_max_s": time_to_zero_force(trial),
+        "force_along_reference_outside_min_N": float(along[outside].min()) if led else None,
+        "force_along_reference_outside_max_N": float(along[outside].max()) if led else None,
+        "force_along_reference_last_quarter_mean_N": _mean(along, outside & near if led else None),
+        "force_along_reference_before_mean_N": _mean(along, outside & ~near if led else None),
+    }
+
+
+def time_to_zero_force(trial: Trial) -> float | None:
+    """[s] from entering W_c, or the start in it, until the force is exactly zero: the longest of all stays.
+
+    A stay that ends before counts with its length, so that it cannot hide a force that was never let go. None where
+    the hand was never inside.
+    """
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], trial.inside.astype(np.int8), [0]))))
+    zero: NDArray[np.bool_] = (trial.commanded == 0).all(axis=1)
+    longest: float | None = None
+    for entry, left in zip(edges[::2], edges[1::2], strict=True):
+        first = entry + int(np.argmax(zero[entry:left])) if zero[entry:left].any() else min(left, len(zero) - 1)
+        longest = max(longest or 0.0, float(trial.time[first] - trial.time[entry]))
+    return longest
+
+
+def _mean(values: NDArray[np.float64], ticks: NDArray[np.bool_] | None) -> float | None:
+    return float(values[ticks].mean()) if ticks is not None and ticks.any() else None
+
+
+LESS_IS_WORSE = frozenset(
+    {
+        "smoothness_sparc",
+        "time_on_target_s",
+        "time_on_target_share",
+        "goals_reached_share",
+        "reference_covered_share",
+        "inside_share",
+        "pair_energy_left_min_J",
+    }
+)
+"""Of all other measures the largest is the worst."""
+NEVER_IS_WORST = frozenset({"time_to_target_s"})
+"""Where a trial that has no such number is the worst of all."""
+
+
+def law_summary(measures: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Mean and worst of every number over the trials, and the share of trials that succeeded.
+
+    A mean is over the trials that have the number, None where none has. The worst of a time that a trial never came to
+    is None.
+    """
+    mean: dict[str, Any] = {}
+    worst: dict[str, Any] = {}
+    for key in measures[0] if measures else ():
+        values = [of[key] for of in measures]
+        if key == "success":
+            continue
+        if isinstance(values[0], Mapping):
+            names = dict.fromkeys(name for of in values for name in of)
+            mean[key] = {name: float(np.mean([of.get(name, 0.0) for of in values])) for name in names}
+            continue
+        known = [float(value) for value in values if value is not None]
+        mean[key] = float(np.mean(known)) if known else None
+        missing = key in NEVER_IS_WORST and len(known) < len(values)
+        of_worst = min if key in LESS_IS_WORSE else max
+        worst[key] = of_worst(known) if known and not missing else None
+    return {
+        "success_rate": float(np.mean([of["success"] for of in measures])) if measures else None,
+        "mean": mean,
+        "worst": worst,
+    }

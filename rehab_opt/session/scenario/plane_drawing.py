@@ -10,9 +10,8 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from rehab_opt.session.drawing import ACROSS, FORWARD, GRID, MM, REFERENCE
-from rehab_opt.session.scenario.outcome import ScenarioOutcome
-from rehab_opt.session.scenario.trial import Law, Trial
-from rehab_opt.session.workspaces.region_drawing import draw_region
+from rehab_opt.session.scenario.outcome import Law, ScenarioOutcome, Trial
+from rehab_opt.session.workspaces.shown import draw_region
 
 __all__ = [
     "COMFORTABLE",

@@ -17,19 +17,25 @@ from rehab_opt.published.field_law import FieldLaw
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.plant.making import plant_note
-from rehab_opt.session.scenario.bounds import bounds_of, bounds_refusals, check_bounds
 from rehab_opt.session.scenario.demonstrated import fit_metrics
-from rehab_opt.session.scenario.laws import INDEX, Assisted, AssistedAtPoints, ForceLaw, Published, Unassisted
-from rehab_opt.session.scenario.loop import Arrival, Scene, ran
-from rehab_opt.session.scenario.measures import COVERED, trial_measures
-from rehab_opt.session.scenario.outcome import ScenarioOutcome
+from rehab_opt.session.scenario.laws import (
+    INDEX,
+    Assisted,
+    AssistedAtPoints,
+    ForceLaw,
+    Published,
+    Unassisted,
+    bounds_of,
+    bounds_refusals,
+    check_bounds,
+    swinging_notes,
+)
+from rehab_opt.session.scenario.loop import Arrival, Scene, hand_robot_of, person_of, ran, robot_model_of
+from rehab_opt.session.scenario.measures import COVERED, law_summary, trial_measures
+from rehab_opt.session.scenario.outcome import Law, ScenarioOutcome, Trial
 from rehab_opt.session.scenario.pair import pair_measures, pair_of
-from rehab_opt.session.scenario.plant import hand_robot_of, person_of, robot_model_of
 from rehab_opt.session.scenario.prepared import Prepared, prepared
 from rehab_opt.session.scenario.problem import REACHES, THERAPY, ScenarioProblem
-from rehab_opt.session.scenario.summary import law_summary
-from rehab_opt.session.scenario.swinging import swinging_notes
-from rehab_opt.session.scenario.trial import Law, Trial
 
 __all__ = ["assistance_of", "assisted_law", "law_of", "run_scenario", "scene_of"]
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
 
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.session.files import ProblemFile
@@ -11,19 +10,15 @@ from rehab_opt.session.live.problem import LiveProblem
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.participant import arm_of
 from rehab_opt.session.plant.making import on_plant
-from rehab_opt.session.scenario.bounds import check_bounds
 from rehab_opt.session.scenario.demonstrated import learnt, needed_demonstrations
-from rehab_opt.session.scenario.given_path import given_path
+from rehab_opt.session.scenario.laws import check_bounds
+from rehab_opt.session.scenario.loop import robot_model_of
 from rehab_opt.session.scenario.outcome import ScenarioOutcome
-from rehab_opt.session.scenario.plant import robot_model_of
+from rehab_opt.session.scenario.prepared import given_path
 from rehab_opt.session.scenario.problem import ScenarioProblem
 from rehab_opt.session.scenario.run import run_scenario
 from rehab_opt.session.solver_option import checked_solver
-from rehab_opt.session.systems import Column, Needed, System
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-    from rich.table import Table
+from rehab_opt.session.systems import Needed, System
 
 __all__ = ["ScenarioSystem"]
 
@@ -32,6 +27,7 @@ class ScenarioSystem(System[ScenarioProblem, ScenarioOutcome]):
     """The five scenarios of therapy and help."""
 
     schema = ScenarioProblem
+    shown = ("rehab_opt.session.scenario.table", "rehab_opt.session.scenario.figures")
     options = frozenset({"plant", "solver"})
 
     def recordings(self, problem: ScenarioProblem) -> tuple[Needed, ...]:
@@ -78,21 +74,3 @@ class ScenarioSystem(System[ScenarioProblem, ScenarioOutcome]):
     def seconds_a_tick(self, problem: ScenarioProblem) -> float:
         """Of the assistance."""
         return 1 / problem.run.rate_hz
-
-    def table(self, outcome: ScenarioOutcome) -> Table:
-        """A column for each law."""
-        from rehab_opt.session.scenario.table import scenario_table  # noqa: PLC0415  (loads rich)
-
-        return scenario_table(outcome)
-
-    def trace(self, outcome: ScenarioOutcome) -> Iterator[Column]:
-        """Law by law, trial by trial."""
-        from rehab_opt.session.scenario.trace import trial_columns  # noqa: PLC0415
-
-        return trial_columns(outcome)
-
-    def figures(self, outcome: ScenarioOutcome) -> dict[str, Figure]:
-        """The field, the trials beside each other, and the study of the field's parameters."""
-        from rehab_opt.session.scenario.figures import scenario_figures  # noqa: PLC0415  (loads matplotlib)
-
-        return scenario_figures(outcome)

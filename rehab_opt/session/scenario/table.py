@@ -3,42 +3,34 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable
 
 from rich.table import Table
 from rich.text import Text
 
 from rehab_opt.control.gate import Mode
-from rehab_opt.session.cells import Numbers
-from rehab_opt.session.scenario.measures import REACHES
+from rehab_opt.session.scenario.measures import REACHES, law_summary
 from rehab_opt.session.scenario.outcome import ScenarioOutcome
-from rehab_opt.session.scenario.summary import law_summary
+from rehab_opt.session.shown import Cell, Numbers, law_table
 
-__all__ = ["scenario_table"]
+__all__ = ["table"]
 
-Cell = Callable[[Numbers], str]
 WRAPPED = 90
 MM = 1e3
 
 
-def scenario_table(outcome: ScenarioOutcome) -> Table:
+def table(outcome: ScenarioOutcome) -> Table:
     """Rows of quantities with their units, a column for each law: the mean over its trials, and the worst of them."""
     summaries = {law: law_summary(of) for law, of in outcome.measures.items()}
     trials = max(len(of) for of in outcome.measures.values())
     said = f"mode {outcome.mode}, {trials} trial{'s' if trials > 1 else ''} each: mean (worst trial); - is no number"
-    table = Table(
-        title=Text("\n".join(textwrap.wrap(outcome.title, WRAPPED))), caption=Text(said), caption_justify="left"
-    )
-    table.add_column("quantity")
-    for law in summaries:
-        table.add_column(Text(law), justify="right")
+    grid = law_table("\n".join(textwrap.wrap(outcome.title, WRAPPED)), summaries, caption=said)
     pairs = any("helper_force_mean_N" in of["mean"] for of in summaries.values())
     for heading, rows in _groups(outcome.mode, pairs=pairs):
-        table.add_section()
-        table.add_row(Text(heading, style="bold"))
+        grid.add_section()
+        grid.add_row(Text(heading, style="bold"))
         for label, cell in rows:
-            table.add_row(Text(f"  {label}"), *map(cell, summaries.values()))
-    return table
+            grid.add_row(Text(f"  {label}"), *map(cell, summaries.values()))
+    return grid
 
 
 def _number(key: str, *, scale: float = 1.0) -> Cell:

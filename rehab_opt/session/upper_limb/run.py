@@ -26,8 +26,7 @@ from rehab_opt.session.participant import participant_arm
 from rehab_opt.session.placed_recording import placed_recording
 from rehab_opt.session.upper_limb.driven import driven
 from rehab_opt.session.upper_limb.laws import followed, hand_and_tilt
-from rehab_opt.session.upper_limb.notes import DRIVEN_DEG, drive_note, law_notes
-from rehab_opt.session.upper_limb.outcome import ArmOutcome, LawResult
+from rehab_opt.session.upper_limb.outcome import DRIVEN_DEG, ArmOutcome, LawResult, drive_note, law_notes
 from rehab_opt.session.upper_limb.problem import UpperLimb
 
 __all__ = ["FOLLOWED", "run_upper_limb", "verified"]

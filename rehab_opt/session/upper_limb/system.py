@@ -3,30 +3,52 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from contextlib import AbstractContextManager
-from typing import TYPE_CHECKING
 
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.control.arm_ik import ArmIK
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.participant import participant_arm
 from rehab_opt.session.placed_recording import placed_recording
-from rehab_opt.session.recording_size import size_note
+from rehab_opt.session.recording import size_note
 from rehab_opt.session.solver_option import checked_solver, solver_refusals
-from rehab_opt.session.systems import Column, Needed, System
-from rehab_opt.session.upper_limb.in_reach import reach_note
+from rehab_opt.session.systems import Needed, System
 from rehab_opt.session.upper_limb.laws import LAWS, follower
 from rehab_opt.session.upper_limb.outcome import ArmOutcome
 from rehab_opt.session.upper_limb.problem import UpperLimb
 from rehab_opt.session.workspaces.sections import ranges_by_name
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-    from rich.table import Table
+__all__ = ["UpperLimbSystem", "reach_note"]
 
-__all__ = ["UpperLimbSystem"]
+Array = NDArray[np.float64]
+
+
+LOOKED_AT = 40
+"""Samples, evenly along the time of the path."""
+
+
+def reach_note(arm: SerialChain, path: Array, *, handle_tilt: float) -> str:
+    """Of some samples of a path (N, 3) [m], how many the hand gets to, and how far off it stays from the others.
+
+    Parameters
+    ----------
+    handle_tilt : [deg] largest angle between handle and vertical.
+    """
+    places = path[np.unique(np.linspace(0, len(path) - 1, LOOKED_AT).round().astype(int))]
+    answer = ArmIK(arm, handle_tilt=math.radians(handle_tilt)).follow(places)
+    near = np.array([status.certified for status in answer.status])
+    said = f"in reach: {near.sum()} of {len(places)} samples looked at ({100 * near.mean():.0f} %)"
+    if near.all():
+        return said
+    away = np.linalg.norm([arm.pose(q)[:3, 3] for q in answer.q] - places, axis=1)[~near]
+    return f"{said}; from the others the hand stays {1e3 * away.min():.3g} to {1e3 * away.max():.3g} mm away"
+
 
 BOTH = "both"
 
@@ -35,6 +57,7 @@ class UpperLimbSystem(System[UpperLimb, ArmOutcome]):
     """A recorded hand path followed by the optimised and the published law."""
 
     schema = UpperLimb
+    shown = ("rehab_opt.session.upper_limb.shown",)
     options = frozenset({"law", "solver"})
 
     def recordings(self, problem: UpperLimb) -> tuple[Needed, ...]:
@@ -74,24 +97,6 @@ class UpperLimbSystem(System[UpperLimb, ArmOutcome]):
     def seconds_a_tick(self, problem: UpperLimb) -> float:
         """NaN: its QPs are the iterations of inverse kinematics, one or more a sample."""
         return math.nan
-
-    def table(self, outcome: ArmOutcome) -> Table:
-        """A column for each law."""
-        from rehab_opt.session.upper_limb.table import arm_table  # noqa: PLC0415  (loads rich)
-
-        return arm_table(outcome)
-
-    def trace(self, outcome: ArmOutcome) -> Iterator[Column]:
-        """A row for each sample of the path."""
-        from rehab_opt.session.upper_limb.trace import arm_columns  # noqa: PLC0415
-
-        return arm_columns(outcome)
-
-    def figures(self, outcome: ArmOutcome) -> dict[str, Figure]:
-        """The path on its plane, the joints, the errors."""
-        from rehab_opt.session.upper_limb.figures import arm_figures  # noqa: PLC0415  (loads matplotlib)
-
-        return arm_figures(outcome)
 
 
 def _refusals(loaded: ProblemFile[UpperLimb], solver: str | None) -> AbstractContextManager[None]:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -12,20 +13,42 @@ from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.kinematics.human_arm import human_arm
 from rehab_opt.session.cp_reach import ReachGroup, reach_groups
 from rehab_opt.session.files import ProblemFile, recording_path
-from rehab_opt.session.outcome import Progress
+from rehab_opt.session.outcome import Column, Outcome, Progress
 from rehab_opt.session.reach_rows import GROUPS, task_title
-from rehab_opt.session.systems import Needed
-from rehab_opt.session.used_ranges.outcome import GroupResult, UsedRangesOutcome
+from rehab_opt.session.systems import Needed, System
 from rehab_opt.session.used_ranges.problem import UsedRangesProblem, VariationSection
 from rehab_opt.session.workspaces.reached import Reached, placement_of, tilt_of
-from rehab_opt.session.workspaces.run import plane_notes, share_inside, workspace_metrics
+from rehab_opt.session.workspaces.run import boundary_columns, plane_notes, share_inside, workspace_metrics
 from rehab_opt.session.workspaces.sections import ArmInPlane
 from rehab_opt.workspace.clinical_angles import CLINICAL_ANGLES
 from rehab_opt.workspace.reach import planar_workspace
 from rehab_opt.workspace.reachability import ReachabilityMap
 from rehab_opt.workspace.variation import reachability_map, varied_ranges
 
-__all__ = ["groups_of", "needed_files", "run_used_ranges"]
+__all__ = ["GroupResult", "UsedRangesOutcome", "UsedRangesSystem"]
+
+
+@dataclass(frozen=True, eq=False)
+class GroupResult:
+    """One group in one task: the range used, its workspace, and how many of drawn people reach what."""
+
+    label: str
+    group: ReachGroup
+    reached: Reached
+    shares: ReachabilityMap | None
+
+
+@dataclass(frozen=True, eq=False)
+class UsedRangesOutcome(Outcome):
+    """Results by task, the groups in the order of `reach_rows.GROUPS`; how people were drawn, if they were."""
+
+    section: ArmInPlane = field(kw_only=True)
+    variation: VariationSection | None = field(kw_only=True)
+    tasks: Mapping[str, tuple[GroupResult, ...]] = field(kw_only=True)
+
+    def trace(self) -> Iterator[Column]:
+        """A row for each vertex of the boundaries."""
+        return boundary_columns({of.label: of.reached.workspace for groups in self.tasks.values() for of in groups})
 
 
 def run_used_ranges(loaded: ProblemFile[UsedRangesProblem], *, progress: Progress) -> UsedRangesOutcome:
@@ -167,3 +190,25 @@ def _notes(problem: UsedRangesProblem, results: dict[str, tuple[GroupResult, ...
             f"{problem.variation.people} people drawn around each group's typical limb, every limit on its own: limits "
             "of one person tend to fall together, so real people may differ more or less than these"
         )
+
+
+class UsedRangesSystem(System[UsedRangesProblem, UsedRangesOutcome]):
+    """Ranges used in recorded reaches by two groups, and their workspaces."""
+
+    schema = UsedRangesProblem
+    shown = ("rehab_opt.session.used_ranges.shown",)
+
+    def recordings(self, problem: UsedRangesProblem) -> tuple[Needed, ...]:
+        """The files of every angle that the model needs."""
+        return needed_files(problem)
+
+    def check(self, loaded: ProblemFile[UsedRangesProblem]) -> tuple[str, ...]:
+        """Reads the files."""
+        groups = groups_of(loaded)
+        return tuple(dict.fromkeys(note for group in groups.values() for note in group.notes))
+
+    def run(
+        self, loaded: ProblemFile[UsedRangesProblem], *, options: Mapping[str, str], progress: Progress
+    ) -> UsedRangesOutcome:
+        """No options."""
+        return run_used_ranges(loaded, progress=progress)

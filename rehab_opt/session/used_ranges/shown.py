@@ -14,17 +14,19 @@ from rich.text import Text
 from rehab_opt.kinematics.human_arm import ARM_JOINTS
 from rehab_opt.session.drawing import GRID, MM, REFERENCE, framed, legend_below
 from rehab_opt.session.reach_rows import GROUPS, task_title
-from rehab_opt.session.used_ranges.outcome import GroupResult, UsedRangesOutcome
+from rehab_opt.session.shown import law_table
+from rehab_opt.session.used_ranges.run import GroupResult, UsedRangesOutcome
 from rehab_opt.session.workspaces.reached import handle_words, plane_words
-from rehab_opt.session.workspaces.region_drawing import (
+from rehab_opt.session.workspaces.shown import (
+    AREA_ROWS,
     SET_STYLES,
     draw_region,
     draw_shoulder,
+    percent,
     region_label,
     region_path,
     seen_from_above,
 )
-from rehab_opt.session.workspaces.shown import AREA_ROWS, percent, set_columns
 
 __all__ = ["figures", "table"]
 
@@ -125,7 +127,7 @@ def _finish(axes: Axes, outcome: UsedRangesOutcome, title: str) -> None:
 def table(outcome: UsedRangesOutcome) -> Table:
     """A section for each task, a column for each group; joints and quantities with their units."""
     caption = f"workspace of the range used, plane {plane_words(outcome.section)}, {handle_words(outcome.section)}"
-    grid = set_columns(outcome.title, GROUPS, caption)
+    grid = law_table(outcome.title, {name: {} for name in GROUPS}, caption=caption)
     for task, of_task in outcome.tasks.items():
         groups = [outcome.metrics["groups"][of.label] for of in of_task]
         grid.add_section()

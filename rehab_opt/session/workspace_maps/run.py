@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator
-from typing import Literal, NamedTuple
+from collections.abc import Iterator, Mapping
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,20 +13,33 @@ from numpy.typing import NDArray
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.session.arm_keys import RangeOfMotion
 from rehab_opt.session.files import ProblemFile
+from rehab_opt.session.metrics import finite
 from rehab_opt.session.outcome import Progress
+from rehab_opt.session.participant import arm_of
 from rehab_opt.session.placed_recording import placed_recording
-from rehab_opt.session.recording import Recording
-from rehab_opt.session.workspace_maps.metrics import direction_metrics, mapped_set_metrics
+from rehab_opt.session.recording import Recording, size_note
+from rehab_opt.session.systems import Needed, System
 from rehab_opt.session.workspace_maps.outcome import CarriedPath, MadeMap, MapDirection, MapOutcome, MappedSet
 from rehab_opt.session.workspace_maps.problem import MapSection, TrajectorySection, WorkspaceMapProblem
 from rehab_opt.session.workspaces.reached import reached
-from rehab_opt.session.workspaces.run import plane_notes
+from rehab_opt.session.workspaces.run import plane_notes, workspace_metrics
 from rehab_opt.session.workspaces.sections import ArmInPlane, ranges_by_name
 from rehab_opt.workspace.mapping import WorkspaceMap
 
-__all__ = ["ENDS", "ArmOfSet", "arm_of_set", "placed_trajectory", "run_workspace_map"]
+__all__ = [
+    "ENDS",
+    "ArmOfSet",
+    "WorkspaceMapSystem",
+    "arm_of_set",
+    "direction_metrics",
+    "map_metrics",
+    "mapped_set_metrics",
+    "placed_trajectory",
+    "run_workspace_map",
+]
 
 Array = NDArray[np.float64]
+
 End = Literal["source", "target"]
 Rule = Literal["safe", "polar"]
 
@@ -165,3 +178,104 @@ def _notes(sets: dict[End, MappedSet], directions: list[MapDirection], recording
                 )
     for recording in recordings:
         yield from (f"{recording.file}: {note}" for note in recording.notes)
+
+
+def mapped_set_metrics(of: MappedSet) -> dict[str, Any]:
+    """A set and its name."""
+    return {"name": of.name, **workspace_metrics(of.reached.workspace), "seconds": of.reached.seconds}
+
+
+def direction_metrics(direction: MapDirection) -> dict[str, Any]:
+    """Each rule's map, and what it does to the trajectories."""
+    return {
+        "from": direction.start.name,
+        "to": direction.end.name,
+        **{made.rule: map_metrics(made) for made in direction.maps},
+        "trajectories": {path.name: _path_metrics(path, direction) for path in direction.paths},
+    }
+
+
+def map_metrics(made: MadeMap) -> dict[str, Any]:
+    """The audit of a map; the stretches also relative to the pair's overall ratio."""
+    if made.mapped is None or made.audit is None:
+        return {"passed": False, "reasons": [made.reason]}
+    audit, proof = made.audit, made.audit.certificate
+    return {
+        "passed": audit.passed,
+        "reasons": list(audit.reasons),
+        "samples": audit.samples,
+        "folded_share": audit.folded,
+        "outside_share": audit.outside,
+        "stretch_max": finite(audit.largest_stretch),
+        "stretch_min": finite(audit.smallest_stretch),
+        "overall_ratio": audit.overall_ratio,
+        "stretch_max_relative": finite(audit.largest_stretch / audit.overall_ratio),
+        "stretch_min_relative": finite(audit.smallest_stretch / audit.overall_ratio),
+        "round_trip_max_m": finite(audit.round_trip),
+        "coverage_share": audit.coverage,
+        "target_accuracy_m": audit.target_accuracy,
+        "landmarks": len(made.mapped.spline.source),
+        "rotation_deg": math.degrees(made.mapped.rotation),
+        "certificate": {
+            "valid": bool(proof.valid),
+            "determinant_min": finite(proof.determinant),
+            "margin_m": finite(proof.margin),
+            "outline_simple": bool(proof.outline_simple),
+            "cells": proof.cells,
+            "reason": proof.reason,
+        },
+        "seconds": made.seconds,
+    }
+
+
+def _path_metrics(path: CarriedPath, direction: MapDirection) -> dict[str, Any]:
+    inside = np.asarray(direction.start.reached.workspace.contains(path.before))
+    numbers: dict[str, Any] = {
+        "samples": len(path.before),
+        "outside_start_share": float(np.mean(~inside)),
+        "length_before_m": _length(path.before),
+    }
+    for made in direction.maps:
+        if made.mapped is None:
+            continue
+        after = path.after[made.rule]
+        numbers[made.rule] = {
+            "length_after_m": _length(after),
+            "outside_end_share": float(np.mean(~np.asarray(direction.end.reached.workspace.contains(after)))),
+            "folded_share": float(np.mean(~(np.linalg.det(made.mapped.jacobian(path.before)) > 0))),
+        }
+    return numbers
+
+
+def _length(points: Array) -> float:
+    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+
+
+class WorkspaceMapSystem(System[WorkspaceMapProblem, MapOutcome]):
+    """Maps between two workspaces."""
+
+    schema = WorkspaceMapProblem
+    shown = ("rehab_opt.session.workspace_maps.shown",)
+
+    def recordings(self, problem: WorkspaceMapProblem) -> tuple[Needed, ...]:
+        """The trajectories."""
+        return tuple(
+            Needed(f"trajectory.{i}.recording.file", trajectory.recording.file)
+            for i, trajectory in enumerate(problem.trajectory)
+        )
+
+    def check(self, loaded: ProblemFile[WorkspaceMapProblem]) -> tuple[str, ...]:
+        """Builds the arms and reads the trajectories."""
+        for end in ENDS:
+            said = arm_of_set(loaded.problem, end)
+            arm_of(said.section.side, said.section.segments, said.ranges, file=loaded.file, key=said.key)
+        recordings = [placed_trajectory(loaded, i)[0] for i in range(len(loaded.problem.trajectory))]
+        return tuple(
+            f"{recording.file}: {note}" for recording in recordings for note in (*recording.notes, size_note(recording))
+        )
+
+    def run(
+        self, loaded: ProblemFile[WorkspaceMapProblem], *, options: Mapping[str, str], progress: Progress
+    ) -> MapOutcome:
+        """No options."""
+        return run_workspace_map(loaded, progress=progress)

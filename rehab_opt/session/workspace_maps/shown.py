@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from rich.table import Table
 from rich.text import Text
 
-from rehab_opt.session.cells import Numbers, Rows
 from rehab_opt.session.drawing import MM, REFERENCE, framed, legend_below
+from rehab_opt.session.shown import Numbers, Rows, law_table
 from rehab_opt.session.workspace_maps.outcome import MadeMap, MapDirection, MapOutcome
-from rehab_opt.session.workspaces.region_drawing import draw_region, is_placed, region_path, seen_from_above
 from rehab_opt.session.workspaces.sections import ArmInPlane
+from rehab_opt.session.workspaces.shown import draw_region, is_placed, region_path, seen_from_above
 from rehab_opt.workspace.region import Workspace
 
 __all__ = ["figures", "table"]
@@ -190,10 +190,8 @@ def _edge(workspace: Workspace) -> Any:
 
 def table(outcome: MapOutcome) -> Table:
     """A section for each direction, a column for each rule."""
-    grid = Table(title=Text(outcome.title), caption=Text(_caption(outcome)), caption_justify="left")
-    grid.add_column("quantity")
-    for made in outcome.directions[0].maps:
-        grid.add_column(f"{made.rule} rule", justify="right")
+    rules: dict[str, Numbers] = {f"{made.rule} rule": {} for made in outcome.directions[0].maps}
+    grid = law_table(outcome.title, rules, caption=_caption(outcome))
     for direction in outcome.directions:
         columns: list[Numbers] = [outcome.metrics["maps"][direction.key][made.rule] for made in direction.maps]
         grid.add_section()

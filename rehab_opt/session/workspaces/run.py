@@ -3,25 +3,91 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Any, Literal
 
+from pydantic import Field
+
+from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.session.files import ProblemFile
-from rehab_opt.session.outcome import Progress
-from rehab_opt.session.workspaces.outcome import WorkspaceOutcome
-from rehab_opt.session.workspaces.problem import WorkspaceProblem
-from rehab_opt.session.workspaces.reached import (
-    Reached,
-    handle_words,
-    placement_of,
-    plane_words,
-    reached,
-    tilt_of,
-)
-from rehab_opt.session.workspaces.sections import ArmInPlane, ranges_by_name
+from rehab_opt.session.outcome import Column, Outcome, Progress
+from rehab_opt.session.participant import arm_of
+from rehab_opt.session.schema import Problem
+from rehab_opt.session.systems import System
+from rehab_opt.session.workspaces.reached import Reached, handle_words, placement_of, plane_words, reached, tilt_of
+from rehab_opt.session.workspaces.sections import ArmInPlane, ArmOfRanges, ranges_by_name
 from rehab_opt.workspace.region import Workspace
 from rehab_opt.workspace.volume import ReachableVolume, reachable_volume
 
-__all__ = ["plane_notes", "run_workspace", "share_inside", "workspace_metrics"]
+__all__ = [
+    "WorkspaceOutcome",
+    "WorkspaceProblem",
+    "WorkspaceSystem",
+    "boundary_columns",
+    "plane_notes",
+    "rings",
+    "share_inside",
+    "workspace_metrics",
+]
+
+
+class WorkspaceProblem(Problem):
+    """Where an arm reaches with one or several ranges of motion."""
+
+    system: Literal["workspace"]
+    arm: ArmOfRanges
+    """Whose arm."""
+    volume: bool = False
+    """Also the volumes of Fig. 3(a), with the handle held as above and free."""
+    volume_accuracy_mm: float = Field(default=8.0, ge=1, le=50)
+    """Of the slices that make up a volume."""
+    volume_spacing_mm: float = Field(default=40.0, ge=5, le=500)
+    """Distance of these slices."""
+
+
+@dataclass(frozen=True, eq=False)
+class WorkspaceOutcome(Outcome):
+    """Workspaces by the name of their range of motion.
+
+    Parameters
+    ----------
+    section : the arm and the plane they share.
+    sets : at least one; empty workspaces say why.
+    volumes : by name and by whether the handle is held as in the plane (True) or free (False); none unless asked for.
+    """
+
+    section: ArmInPlane = field(kw_only=True)
+    sets: Mapping[str, Reached] = field(kw_only=True)
+    volumes: Mapping[tuple[str, bool], ReachableVolume] = field(kw_only=True)
+
+    def trace(self) -> Iterator[Column]:
+        """A row for each vertex of the boundaries."""
+        return boundary_columns({name: of.workspace for name, of in self.sets.items()})
+
+
+def boundary_columns(spaces: Mapping[str, Workspace]) -> Iterator[Column]:
+    """One row a vertex: set, component (from 1), ring (0 is the outline, holes count from 1), x and y."""
+    rows = [
+        (name, component, ring, x, y)
+        for name, workspace in spaces.items()
+        for component, ring, points in rings(workspace)
+        for x, y in points
+    ]
+    yield "set", tuple(row[0] for row in rows)
+    yield "component", [row[1] for row in rows]
+    yield "ring", [row[2] for row in rows]
+    yield "x_m", [row[3] for row in rows]
+    yield "y_m", [row[4] for row in rows]
+
+
+def rings(workspace: Workspace) -> Iterator[tuple[int, int, Any]]:
+    """Component, ring and its vertices [m], the first one repeated at the end."""
+    if workspace.empty:
+        return
+    for component, part in enumerate(getattr(workspace.polygon, "geoms", (workspace.polygon,)), start=1):
+        for ring, line in enumerate((part.exterior, *part.interiors)):
+            yield component, ring, list(line.coords)
+
 
 WORSE = 1.0001
 """An accuracy this much above the one asked for is told."""
@@ -131,3 +197,29 @@ def _volume_metrics(volumes: Mapping[tuple[str, bool], ReachableVolume]) -> dict
             "reason": volume.reason,
         }
     return numbers
+
+
+class WorkspaceSystem(System[WorkspaceProblem, WorkspaceOutcome]):
+    """The reachable workspaces of an arm."""
+
+    schema = WorkspaceProblem
+    shown = ("rehab_opt.session.workspaces.shown",)
+
+    def check(self, loaded: ProblemFile[WorkspaceProblem]) -> tuple[str, ...]:
+        """Builds the arms."""
+        self.arms(loaded)
+        return ()
+
+    def arms(self, loaded: ProblemFile[WorkspaceProblem]) -> dict[str, SerialChain]:
+        """An arm for each range of motion."""
+        arm = loaded.problem.arm
+        return {
+            name: arm_of(arm.side, arm.segments, limits, file=loaded.file)
+            for name, limits in ranges_by_name(arm.range_of_motion).items()
+        }
+
+    def run(
+        self, loaded: ProblemFile[WorkspaceProblem], *, options: Mapping[str, str], progress: Progress
+    ) -> WorkspaceOutcome:
+        """No options."""
+        return run_workspace(loaded, progress=progress)

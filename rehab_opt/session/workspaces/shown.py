@@ -2,29 +2,111 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+import textwrap
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch
+from matplotlib.patches import Patch, PathPatch
+from matplotlib.path import Path
 from rich.table import Table
 from rich.text import Text
 
-from rehab_opt.session.cells import Numbers, Rows
-from rehab_opt.session.drawing import MM, framed, legend_below
-from rehab_opt.session.workspaces.outcome import WorkspaceOutcome
+from rehab_opt.session.drawing import ACROSS, FORWARD, GRID, MM, REFERENCE, framed, legend_below
+from rehab_opt.session.shown import Numbers, Rows, law_table
 from rehab_opt.session.workspaces.reached import handle_words, plane_words
-from rehab_opt.session.workspaces.region_drawing import (
-    SET_STYLES,
-    draw_region,
-    draw_shoulder,
-    is_placed,
-    region_label,
-    seen_from_above,
-)
+from rehab_opt.session.workspaces.run import WorkspaceOutcome, rings
+from rehab_opt.session.workspaces.sections import ArmInPlane
+from rehab_opt.workspace.region import Workspace
 
-__all__ = ["AREA_ROWS", "figures", "percent", "set_columns", "table"]
+__all__ = [
+    "AREA_ROWS",
+    "SET_STYLES",
+    "draw_region",
+    "draw_shoulder",
+    "figures",
+    "is_placed",
+    "percent",
+    "region_label",
+    "region_path",
+    "seen_from_above",
+    "table",
+]
+
+
+SET_STYLES: Sequence[Mapping[str, Any]] = (
+    {"facecolor": "#BBBBBB", "edgecolor": "#555555", "linestyle": "-"},
+    {"facecolor": "#D55E00", "edgecolor": "#7A3600", "linestyle": "-", "hatch": "////"},
+    {"facecolor": "#0072B2", "edgecolor": "#003F63", "linestyle": "--", "hatch": "\\\\\\\\"},
+    {"facecolor": "#009E73", "edgecolor": "#00573F", "linestyle": "-.", "hatch": "...."},
+    {"facecolor": "#E69F00", "edgecolor": "#7F5800", "linestyle": ":", "hatch": "xxxx"},
+    {"facecolor": "#CC79A7", "edgecolor": "#75405E", "linestyle": "--", "hatch": "oo"},
+    {"facecolor": "#F0E442", "edgecolor": "#786F00", "linestyle": "-.", "hatch": "++"},
+    {"facecolor": "#56B4E9", "edgecolor": "#1F5F86", "linestyle": ":", "hatch": "||||"},
+    {"facecolor": "#8B5A2B", "edgecolor": "#452D15", "linestyle": "-", "hatch": "----"},
+    {"facecolor": "#5D3A9B", "edgecolor": "#2E1D4D", "linestyle": "--", "hatch": "**"},
+    {"facecolor": "#E8C4B8", "edgecolor": "#8A5A4A", "linestyle": "-.", "hatch": "OO"},
+    {"facecolor": "#333333", "edgecolor": "#000000", "linestyle": ":", "hatch": "xx"},
+)
+"""Of the sets in the order of the file, as many as may be compared."""
+WRAPPED = 62  # characters of a legend's line
+ARROW = 60  # [mm]
+
+
+def draw_region(axes: Axes, workspace: Workspace, style: Mapping[str, Any], *, label: str = "") -> None:
+    """A workspace as a translucent area; an empty one leaves its label in the legend alone."""
+    patch = PathPatch(region_path(workspace), linewidth=1.6, label=label or None, **_translucent(style))
+    axes.add_patch(patch)
+
+
+def region_path(workspace: Workspace) -> Path:
+    """The boundary [mm], holes left open; no vertices where the set is empty."""
+    vertices: list[tuple[float, float]] = []
+    codes: list[Any] = []
+    for _, _, points in rings(workspace):
+        vertices += [(MM * x, MM * y) for x, y in points]
+        codes += [Path.MOVETO, *[Path.LINETO] * (len(points) - 2), Path.CLOSEPOLY]
+    return Path(np.array(vertices).reshape(-1, 2), codes or None)
+
+
+def draw_shoulder(axes: Axes, section: ArmInPlane) -> None:
+    """The shoulder as a dot, and an arrow of 60 mm to where the participant looks; both are within the frame drawn."""
+    x, y = MM * np.array(section.shoulder_m[:2])
+    turn = math.radians(section.shoulder_turn_deg)
+    ahead = (x - ARROW * math.sin(turn), y + ARROW * math.cos(turn))
+    # Axes make no room for an annotation; where every set is empty the frame would be a tenth of a millimetre wide.
+    axes.update_datalim([(x - ARROW, y - ARROW), (x + ARROW, y + ARROW)])
+    axes.annotate("", ahead, (x, y), arrowprops={"arrowstyle": "-|>", "color": REFERENCE, "linewidth": 1.5})
+    axes.plot(x, y, "o", color=REFERENCE, markersize=8, label=f"{section.side} shoulder; the arrow points forwards")
+
+
+def seen_from_above(axes: Axes, section: ArmInPlane) -> None:
+    """Equal scales in millimetres, labelled in the shoulder's frame or, where that is turned or moved, the robot's."""
+    placed = is_placed(section)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_xlabel("x in the robot's frame [mm]" if placed else ACROSS)
+    axes.set_ylabel("y in the robot's frame [mm]" if placed else FORWARD)
+    axes.grid(**GRID)
+    axes.autoscale_view()
+
+
+def is_placed(section: ArmInPlane) -> bool:
+    """Whether the robot's frame is another one than the shoulder's."""
+    return any(section.shoulder_m) or section.shoulder_turn_deg != 0
+
+
+def region_label(name: str, workspace: Workspace) -> str:
+    """Name and area for a legend, or why the set is empty."""
+    said = f"{name}: empty, {workspace.reason}" if workspace.empty else f"{name}: {1e4 * workspace.area:.4g} cm$^2$"
+    return "\n".join(textwrap.wrap(said.replace("_", " "), WRAPPED))
+
+
+def _translucent(style: Mapping[str, Any]) -> dict[str, Any]:
+    red, green, blue = (int(style["facecolor"][k : k + 2], 16) / 255 for k in (1, 3, 5))
+    return {**style, "facecolor": (red, green, blue, 0.45)}
 
 
 def figures(outcome: WorkspaceOutcome) -> dict[str, Figure]:
@@ -94,9 +176,7 @@ def table(outcome: WorkspaceOutcome) -> Table:
     """Rows of quantities with their units, a column for each range of motion."""
     sets = outcome.metrics["sets"]
     caption = f"plane {plane_words(outcome.section)}, {handle_words(outcome.section)}"
-    grid = set_columns(outcome.title, sets, caption)
-    for label, value in AREA_ROWS:
-        grid.add_row(label, *(value(numbers) for numbers in sets.values()))
+    grid = law_table(outcome.title, sets, AREA_ROWS, caption=caption)
     for other in sets if len(sets) > 1 else ():
         shares = (numbers["share_inside"].get(other) for numbers in sets.values())
         grid.add_row(Text(f"share of it inside {other}, %"), *map(percent, shares))
@@ -105,15 +185,6 @@ def table(outcome: WorkspaceOutcome) -> Table:
     for key, label in (("handle_held", "volume, handle held as above, l"), ("handle_free", "volume, handle free, l")):
         if any(key in numbers for numbers in volumes.values()):
             grid.add_row(label, *(_litres(volumes[name].get(key)) for name in sets))
-    return grid
-
-
-def set_columns(title: str, names: Any, caption: str) -> Table:
-    """An empty table with a column for each named set."""
-    grid = Table(title=Text(title), caption=Text(caption), caption_justify="left")
-    grid.add_column("quantity")
-    for name in names:
-        grid.add_column(Text(name), justify="right")
     return grid
 
 

@@ -1,0 +1,192 @@
+"""The run of `system = "pose_tracking"`: a robot whose tool follows a circle, and what it did."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.control.pose_tracker import PoseTracker
+from rehab_opt.session.clearance import NearestBodies, clearance_of, nearest_bodies
+from rehab_opt.session.files import ProblemFile
+from rehab_opt.session.live.problem import LiveInputs, LiveProblem
+from rehab_opt.session.metrics import error_metrics, joint_metrics, status_counts, time_metrics
+from rehab_opt.session.outcome import Column, MovementOutcome, Progress, joint_columns, point_columns
+from rehab_opt.session.plant.loop import JointMotion, simulate
+from rehab_opt.session.plant.making import on_plant, plant_note
+from rehab_opt.session.pose_tracking.live import LivePoseTracking
+from rehab_opt.session.pose_tracking.problem import PoseTracking
+from rehab_opt.session.pose_tracking.robot import robot_at_start, robot_files, tracker_of
+from rehab_opt.session.solver_option import checked_solver, solver_refusals
+from rehab_opt.session.systems import Needed, System
+
+__all__ = ["PoseTrackingSystem", "RobotOutcome", "run_pose_tracking"]
+
+Array = NDArray[np.float64]
+
+MOVING = 1e-3
+"""[m/s, rad/s] A reference slower than this stands still: a solver may leave micrometres a second undelivered."""
+
+
+@dataclass(frozen=True, eq=False)
+class RobotOutcome(MovementOutcome):
+    """A pose followed by a robot, N ticks.
+
+    Parameters
+    ----------
+    reference, tool : (N, 3) positions [m].
+    position_error, orientation_error : (N,) [m, rad].
+    q, command : (N, n) true positions [rad], commanded velocities [rad/s].
+    status : (N,) of each command.
+    motion : of the joints, commanded and true; None where they are the same.
+    near : how near bodies came to each other; None without `[clearance]`.
+    """
+
+    reference: Array = field(kw_only=True)
+    tool: Array = field(kw_only=True)
+    position_error: Array = field(kw_only=True)
+    orientation_error: Array = field(kw_only=True)
+    q: Array = field(kw_only=True)
+    command: Array = field(kw_only=True)
+    status: tuple[str, ...] = field(kw_only=True)
+    motion: JointMotion | None = field(kw_only=True, default=None)
+    near: NearestBodies | None = field(kw_only=True, default=None)
+
+    def trace(self) -> Iterator[Column]:
+        """One row a tick."""
+        yield "t_s", self.time
+        yield from point_columns("reference", self.reference)
+        yield from point_columns("tool", self.tool)
+        yield "position_error_m", self.position_error
+        yield "orientation_error_rad", self.orientation_error
+        yield "status", self.status
+        yield from joint_columns("joint", self.chain, self.q, "rad")
+        yield from joint_columns("command", self.chain, self.command, "rad_s")
+        if self.motion is not None:
+            yield from joint_columns("measured", self.chain, self.motion.measured, "rad")
+            yield from joint_columns("velocity", self.chain, self.motion.velocity, "rad_s")
+
+
+def run_pose_tracking(loaded: ProblemFile[PoseTracking], *, solver: str | None, progress: Progress) -> RobotOutcome:
+    """Follow the circle from the starting posture on and measure.
+
+    Raises
+    ------
+    ProblemFileError : a starting posture outside the limits, or a value the tracker refuses.
+    """
+    problem, live = loaded.problem, LivePoseTracking(loaded, solver=solver)
+    robot, rate, (poses, twists) = live.robot, problem.tracker.rate_hz, live.reference
+    ran = simulate(
+        live.control(), lambda _: LiveInputs(enable=True), ticks=len(poses),
+        progress=partial(progress, "following the circle"),
+    )  # fmt: skip
+    times, command, scales = live.dt * np.arange(len(poses), dtype=np.float64), ran.values, ran.scales
+    tool = np.array([robot.pose(q) for q in ran.q])
+    position_error = np.linalg.norm(tool[:, :3, 3] - poses[:, :3, 3], axis=1)
+    orientation_error = _angles(tool[:, :3, :3], poses[:, :3, :3])
+    acceleration = np.abs(np.diff(command, axis=0, prepend=np.zeros((1, robot.n)))) * rate
+    near = nearest_bodies(clearance_of(problem.clearance, loaded.file), robot, ran.q, times)
+    moving = np.maximum(np.linalg.norm(twists[:, :3], axis=1), np.linalg.norm(twists[:, 3:], axis=1)) >= MOVING
+    own = inspect.signature(PoseTracker).parameters
+    metrics: dict[str, Any] = {
+        "parameters": {
+            "controller": "PoseTracker",
+            "solver": solver or problem.tracker.solver or own["solver"].default,
+            "backup": own["backup"].default,
+            "gain_per_s": own["gain"].default if problem.tracker.gain_per_s is None else problem.tracker.gain_per_s,
+            "joint_speed_deg_s": np.rad2deg(robot.velocity).tolist(),
+            "joint_acceleration_deg_s2": np.rad2deg(robot.acceleration).tolist(),
+        },
+        "ticks": len(times),
+        "duration_s": float(times[-1]),
+        **error_metrics(position_error, "position_error", "m"),
+        **error_metrics(np.rad2deg(orientation_error), "orientation_error", "deg"),
+        **joint_metrics(robot, ran.q, rate),
+        "joint_acceleration_max_share_of_limit": float((acceleration / robot.acceleration).max()),
+        **time_metrics(ran.seconds, "tick"),
+        "tick_p99_9_ms": float(1e3 * np.percentile(ran.seconds, 99.9)),
+        "scale_min": float(scales.min()),
+        "scale_min_moving": float(scales[moving].min()) if moving.any() else None,
+        "status": status_counts(ran.status),
+        "yielded": status_counts(text for text in ran.yielded if text),
+        **({} if near is None else {"clearance": near.metrics}),
+    }
+    return RobotOutcome(
+        system=problem.system,
+        name=loaded.name,
+        title=problem.title,
+        chain=robot,
+        time=times,
+        notes=(plant_note(problem.plant, "the robot is simulated: its joints move exactly as commanded"), *robot.notes)
+        + (() if near is None else (near.note,)),
+        metrics={
+            "parameters": problem.model_dump(mode="json", exclude={"title", "plant"})
+            | {"plant": problem.plant.parameters},
+            "optimised": metrics,
+        },
+        reference=poses[:, :3, 3],
+        tool=tool[:, :3, 3],
+        position_error=position_error,
+        orientation_error=orientation_error,
+        q=ran.q,
+        command=command,
+        status=ran.status,
+        motion=ran.motion,
+        near=near,
+    )
+
+
+def _angles(rotations: Array, references: Array) -> Array:
+    """(N,) [rad] angle of the rotation between two orientations, exact for small ones too."""
+    difference = rotations - references  # |R - S| = 2 sqrt(2) sin(angle / 2), Frobenius norm
+    chord: Array = np.linalg.norm(difference, axis=(1, 2)) / (2 * math.sqrt(2))
+    angles: Array = 2 * np.arcsin(np.minimum(chord, 1.0))
+    return angles
+
+
+class PoseTrackingSystem(System[PoseTracking, RobotOutcome]):
+    """A simulated robot that follows a circle with `PoseTracker`."""
+
+    schema = PoseTracking
+    shown = ("rehab_opt.session.pose_tracking.shown",)
+    options = frozenset({"plant", "solver"})
+
+    def recordings(self, problem: PoseTracking) -> tuple[Needed, ...]:
+        """No recording, since the circle is computed; the robot file."""
+        return robot_files(problem.robot)
+
+    def check(self, loaded: ProblemFile[PoseTracking]) -> tuple[str, ...]:
+        """Builds the robot and the tracker."""
+        on_plant(loaded, None)
+        robot, _ = robot_at_start(loaded)
+        with _refusals(loaded, None):
+            tracker_of(loaded.problem, robot, file=loaded.file)
+        return robot.notes
+
+    def run(self, loaded: ProblemFile[PoseTracking], *, options: Mapping[str, str], progress: Progress) -> RobotOutcome:
+        """Options: `solver` of the tracker, `plant`."""
+        solver = checked_solver(options.get("solver"))
+        on = on_plant(loaded, options.get("plant"))
+        with _refusals(loaded, solver):
+            return run_pose_tracking(on, solver=solver, progress=progress)
+
+    def live(self, loaded: ProblemFile[PoseTracking], *, options: Mapping[str, str]) -> LiveProblem:
+        """The circle, until somebody drags the target; options as of `run`."""
+        solver = checked_solver(options.get("solver"))
+        with _refusals(loaded, solver):
+            return LivePoseTracking(on_plant(loaded, options.get("plant")), solver=solver)
+
+    def seconds_a_tick(self, problem: PoseTracking) -> float:
+        """Of the tracker."""
+        return 1 / problem.tracker.rate_hz
+
+
+def _refusals(loaded: ProblemFile[PoseTracking], solver: str | None) -> AbstractContextManager[None]:
+    return solver_refusals(solver, file=loaded.file, key="tracker.solver", value=loaded.problem.tracker.solver)

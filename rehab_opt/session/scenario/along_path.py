@@ -1,0 +1,124 @@
+"""A hand beside a path: its distance, how far along it is, and, in order, what it covered and where it was due.
+
+The nearest place of a path that crosses itself or comes back says nothing of a loop that was left out: in order, the
+places never go back.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Projection", "covered_in_order", "deviation_in_order", "projected"]
+
+Array = NDArray[np.float64]
+
+
+class Projection(NamedTuple):
+    """Of N points onto a path, segment by segment and so exact."""
+
+    distance: Array
+    """(N,) [m] to the nearest point of the path."""
+    along: Array
+    """(N,) [m] of the path before that point."""
+    tangent: Array
+    """(N, 2) unit vector along the path there, towards its end; zero where the path is a point."""
+    length: float
+    """[m] of the whole path."""
+
+
+def projected(points: Array, path: Array) -> Projection:
+    """The nearest places of a path (M, 2) [m] to points (N, 2) [m]."""
+    import shapely  # noqa: PLC0415
+
+    kept = np.concatenate(([True], np.any(np.diff(path, axis=0) != 0, axis=1)))
+    corners = path[kept]
+    if len(corners) == 1:
+        away = np.linalg.norm(points - corners[0], axis=1)
+        return Projection(away, np.zeros(len(points)), np.zeros_like(points), 0.0)
+    starts, steps = corners[:-1], np.diff(corners, axis=0)
+    lengths = np.linalg.norm(steps, axis=1)
+    segments = shapely.STRtree(shapely.linestrings(np.stack((starts, corners[1:]), axis=1)))
+    nearest = segments.query_nearest(shapely.points(points), all_matches=False)[1]
+    start, tangent, length = starts[nearest], steps[nearest] / lengths[nearest, None], lengths[nearest]
+    share = np.clip(((points - start) * tangent).sum(axis=1), 0.0, length)
+    distance = np.linalg.norm(points - start - share[:, None] * tangent, axis=1)
+    before = np.concatenate(([0.0], np.cumsum(lengths)))
+    return Projection(distance, before[nearest] + share, tangent, float(before[-1]))
+
+
+SAMPLES = 3000
+"""Of a trial, at most, evenly in time."""
+PIECES = 1000
+"""Of a path, of equal lengths."""
+
+
+def covered_in_order(position: Array, path: Array, *, within: float, jump: float) -> float:
+    """Share of a path (M, 2) [m] that a hand (N, 2) [m] came by in order.
+
+    Of all ways to assign to the hand places of the path that never go back, each within a distance [m] of it, the one
+    that counts the most length; a piece of more than `jump` [m] that is passed over between two places does not count.
+    """
+    places, piece = _evenly(path)
+    reach = max(1, math.ceil(jump / piece)) if piece > 0 else 1
+    number = np.arange(len(places))
+    counted = np.full(len(places), -np.inf)  # the most that is counted where the hand has come to each place
+    counted[0] = 0.0
+    behind = np.full(len(places) + reach, -np.inf)
+    for hand in position[:: _stride(position)]:
+        near = ((places - hand) ** 2).sum(axis=1) <= within**2
+        if not near.any():
+            continue
+        edges = np.flatnonzero(np.diff(np.concatenate(([False], near, [False])).astype(np.int8)))
+        for first, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+            entered = counted[first:last].copy()
+            if first:
+                entered = np.maximum(entered, counted[:first].max())  # over a gap that does not count
+            # Over one that does: of the places before the run, within reach of each in it.
+            behind[reach : reach + first] = counted[:first] - number[:first]
+            ends = min(last, first + reach)
+            best = np.maximum.accumulate(behind[first : first + reach][::-1])[::-1]
+            gaps = number[first:ends] + best[: ends - first]
+            entered[: ends - first] = np.maximum(entered[: ends - first], gaps)
+            counted[first:last] = number[first:last] + np.maximum.accumulate(entered - number[first:last])
+    return float(np.clip(counted.max() / (len(places) - 1), 0.0, 1.0))
+
+
+def deviation_in_order(position: Array, path: Array) -> Array:
+    """(N,) [m] of a hand (N, 2) [m] from the place of a path (M, 2) [m] at which it is due.
+
+    Due are the places that never go back from the path's start on and lie nearest to the hand, in the least squares.
+    """
+    places, _ = _evenly(path)
+    hands = position[:: _stride(position)]
+    came_from = np.empty((len(hands), len(places)), dtype=np.int32)
+    cost = np.full(len(places), np.inf)
+    cost[0] = 0.0
+    for t, hand in enumerate(hands):
+        least = np.minimum.accumulate(cost)
+        came_from[t] = np.maximum.accumulate(np.where(cost <= least, np.arange(len(places)), 0))
+        cost = least + ((places - hand) ** 2).sum(axis=1)
+    due = np.empty(len(hands), dtype=np.int64)
+    at = int(np.argmin(cost))
+    for t in range(len(hands) - 1, -1, -1):
+        due[t] = at
+        at = int(came_from[t, at])
+    ticks = np.arange(len(position))
+    between = np.interp(ticks, ticks[:: _stride(position)], due)
+    along = np.column_stack([np.interp(between, np.arange(len(places)), places[:, axis]) for axis in (0, 1)])
+    return np.asarray(np.linalg.norm(position - along, axis=1))
+
+
+def _stride(position: Array) -> int:
+    return max(1, -(-len(position) // SAMPLES))
+
+
+def _evenly(path: Array) -> tuple[Array, float]:
+    """Places along a path, and the length between two [m]."""
+    travelled = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))))
+    along = np.linspace(0.0, travelled[-1], PIECES + 1)
+    places = np.column_stack([np.interp(along, travelled, path[:, axis]) for axis in (0, 1)])
+    return places, float(along[1])

@@ -1,0 +1,194 @@
+"""A followed path shown: numbers as a table, what was asked and what the arm did as figures."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from itertools import pairwise
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from rich.table import Table
+
+from rehab_opt.session.drawing import (
+    ACROSS,
+    FORWARD,
+    GRID,
+    LAW_STYLES,
+    MISSED,
+    MM,
+    REFERENCE,
+    framed,
+    joint_figure,
+    legend_below,
+)
+from rehab_opt.session.outcome import Outcome
+from rehab_opt.session.shown import (
+    ROUNDING_DEG,
+    Numbers,
+    Rows,
+    law_table,
+    length,
+    margin,
+    millimetres,
+    speed,
+    statuses,
+    times,
+)
+from rehab_opt.session.upper_limb.outcome import DRIVEN_DEG, ArmOutcome, Drive
+
+__all__ = ["figures", "table"]
+
+Array = NDArray[np.float64]
+
+
+def table(outcome: ArmOutcome) -> Table:
+    """Rows of quantities with their units, a column for each law."""
+    of = {run.law: outcome.metrics[run.law] for run in outcome.laws}
+    return law_table(outcome.title, of, ARM_ROWS, caption=_caption(outcome))
+
+
+def _caption(outcome: Outcome) -> str:
+    share, of_time = (outcome.metrics[f"reachable_share_of_{of}"] for of in ("length", "time"))
+    if share is None:
+        return "the share of the path within reach is not known: run the optimised law"
+    length = 1e3 * outcome.metrics["path_length_m"]
+    return (
+        f"within this arm's reach: {100 * share:.1f} % of the path's {length:.0f} mm, {100 * of_time:.1f} % of its time"
+    )
+
+
+def _reachable_error(of: Numbers) -> str:
+    error = of["position_error_reachable_max_m"]
+    return "not known" if error is None else length(1e3 * error)
+
+
+def _parameters(of: Numbers) -> str:
+    chosen = of["parameters"]
+    if "damping" in chosen:
+        return f"k0 = {chosen['gain_per_s']:g}/s, mu = {chosen['damping']:g}"
+    return f"solver {chosen['solver']}"
+
+
+def _tilt(of: Numbers, limit: float, rounding: float) -> str:
+    tilt = of["handle_tilt_max_deg"]
+    return f"{tilt:.3g} ({limit:g})" + (" BEYOND" if tilt > limit + rounding else "")
+
+
+def _share(of: Numbers) -> str:
+    return f"{100 * of['followed_share_of_length']:.1f}"
+
+
+def _hurry(of: Numbers) -> str:
+    shares = (of["drive"][f"joint_{of_what}_max_share_of_limit"] for of_what in ("speed", "acceleration"))
+    return "; ".join(f"{share:.2f}" for share in shares)
+
+
+ARM_ROWS: Rows = (
+    ("parameters", _parameters),
+    ("path followed by a drive to 1 mm, % of length", lambda of: _share(of["drive"])),
+    ("   later than the recording at its end, s", lambda of: f"{of['drive']['delay_s']:.3g}"),
+    ("   position error mean / p95 / max, mm", lambda of: millimetres("position_error")(of["drive"])),
+    ("   handle tilt max (limit), deg", lambda of: _tilt(of["drive"], of["handle_tilt_limit_deg"], DRIVEN_DEG)),
+    ("   fastest joint; acceleration, share of limit", _hurry),
+    ("path followed by the law to 1 mm, % of length", _share),
+    ("   position error mean / p95 / max, mm", millimetres("position_error")),
+    ("   max where the path is within reach, mm", _reachable_error),
+    ("   handle tilt max (limit), deg", lambda of: _tilt(of, of["handle_tilt_limit_deg"], ROUNDING_DEG)),
+    ("   fastest joint, deg/s (share of limit)", speed),
+    ("smallest joint-limit margin, deg", margin),
+    ("solve time of the first sample, ms", lambda of: f"{of['solve_time_first_ms']:.3g}"),
+    ("   of the others, median / p99 / max, ms", times("solve_time")),
+    ("samples by status", statuses),
+)
+
+SEEN = 1.0  # [mm] from which a height off the plane is worth a word
+
+
+def figures(outcome: ArmOutcome) -> dict[str, Figure]:
+    """The figures of a run by file name (without suffix)."""
+    drives = {f"{law} law, driven": (drive, LAW_STYLES[law]) for law, drive in _drives(outcome)}
+    joints = {label: (drive.path.positions, style) for label, (drive, style) in drives.items()}
+    times = {label: drive.path.times for label, (drive, _) in drives.items()}
+    return {
+        "hand_path": _hand_path(outcome),
+        "joints": joint_figure(outcome, joints, times=times),
+        "error": _arm_error(outcome),
+    }
+
+
+def _drives(outcome: ArmOutcome) -> Iterator[tuple[str, Drive]]:
+    """Each law that was driven: the figures show what a drive would do."""
+    for run in outcome.laws:
+        if run.drive is not None:
+            yield run.law, run.drive
+
+
+def _hand_path(outcome: ArmOutcome) -> Figure:
+    depth = -float(outcome.path[0, 2])
+    where = f"{abs(depth):g} m {'below' if depth >= 0 else 'above'} the shoulder"
+    figure = framed(f"{outcome.title}\nPath of the driven hand seen from above, in the plane {where}", 7.5, 6.5)
+    axes = figure.add_subplot()
+    path = MM * outcome.path
+    axes.plot(path[:, 0], path[:, 1], color=REFERENCE, linewidth=4.5, alpha=0.25, label="path asked for")
+    axes.plot(*path[0, :2], "o", color=REFERENCE, markersize=6, label="start")
+    if outcome.reachable is not None and not outcome.reachable.all():
+        missed = path[~outcome.reachable]
+        share = 100 * (1 - outcome.metrics["reachable_share_of_length"])
+        label = f"out of this arm's reach ({share:.0f} % of the path)"
+        axes.plot(missed[:, 0], missed[:, 1], "x", color=MISSED, markersize=5, label=label)
+    for law, drive in _drives(outcome):
+        label = f"hand, {law} law{_off_plane(outcome, law)}"
+        axes.plot(MM * drive.hand[:, 0], MM * drive.hand[:, 1], **LAW_STYLES[law], label=label)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_xlabel(ACROSS)
+    axes.set_ylabel(FORWARD)
+    axes.grid(**GRID)
+    legend_below(figure, axes, 2)
+    return figure
+
+
+def _off_plane(outcome: ArmOutcome, law: str) -> str:
+    """How far the hand leaves the plane that the figure shows."""
+    height = MM * outcome.metrics[law]["drive"]["height_off_plane_max_m"]
+    return f" (up to {height:.0f} mm off the plane)" if height >= SEEN else ""
+
+
+def _arm_error(outcome: ArmOutcome) -> Figure:
+    what = "How far a driven hand is from the path, and the handle from the vertical"
+    figure = framed(f"{outcome.title}\n{what}", 9.0, 7.0)
+    distance, tilt, delay = figure.subplots(3, 1, sharex=True, height_ratios=(3, 3, 2))
+    drives = tuple(_drives(outcome))
+    for law, drive in drives:
+        distance.plot(outcome.time, MM * drive.position_error, **LAW_STYLES[law], label=f"{law} law, driven")
+        tilt.plot(outcome.time, np.rad2deg(drive.handle_tilt), **LAW_STYLES[law])
+        delay.plot(outcome.time, drive.passes - outcome.time, **LAW_STYLES[law])
+    limit = math.degrees(outcome.handle_tilt_limit)
+    tilt.axhline(limit, color=REFERENCE, linewidth=1, linestyle=":")
+    tilt.annotate(f"limit {limit:g} deg", (0.995, limit), xycoords=("axes fraction", "data"), ha="right", va="bottom")
+    if outcome.reachable is not None and not outcome.reachable.all():
+        for axes in (distance, tilt, delay):
+            _shade_missed(axes, outcome.time, ~outcome.reachable)
+        distance.plot([], [], color=MISSED, linewidth=8, alpha=0.3, label="path out of this arm's reach")
+    distance.set_ylabel("position error [mm]")
+    tilt.set_ylabel("handle tilt [deg]")
+    delay.set_ylabel("later [s]")
+    delay.set_xlabel("time of the recording [s]")
+    for axes in (distance, tilt, delay):
+        axes.set_ylim(bottom=0)
+        axes.margins(x=0.01)
+        axes.grid(**GRID)
+    top = max(1.0, 1.08 * max(float(MM * drive.position_error.max()) for _, drive in drives))
+    distance.set_ylim(0, top)
+    tilt.set_ylim(0, max(1.25 * limit, tilt.dataLim.y1 * 1.08))
+    legend_below(figure, distance, 3)
+    return figure
+
+
+def _shade_missed(axes: Axes, time: Array, missed: NDArray[np.bool_]) -> None:
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], missed, [False])).astype(int)))
+    half = (time[1] - time[0]) / 2
+    for first, after in list(pairwise(edges))[::2]:
+        axes.axvspan(time[first] - half, time[after - 1] + half, color=MISSED, alpha=0.3, linewidth=0, zorder=0)
