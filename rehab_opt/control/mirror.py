@@ -60,8 +60,9 @@ class MirrorTracker(MirrorForeseen):
     is lost, and counts in `lag` until the clock has passed it. A stretch that the arm cannot do is followed as near as
     the hand comes from where it is: once it stands short of the reference, or the clock has waited for a second longer
     than it went on, deviations count from there on (`short`), and the clock goes on. Jumps of the reference are
-    bridged, at half the hand speeds; the first bridge starts at the hand. Joints that do not follow are seen as by
-    `PoseTracker`. An object belongs to one thread: see `OneThread`.
+    bridged, at half the hand speeds; the first bridge starts at the hand. A live tracker's samples go through a
+    `Conditioner` first: given as they come, a lone outlier is a jump there and back, and the hand is led there. Joints
+    that do not follow are seen as by `PoseTracker`. An object belongs to one thread: see `OneThread`.
 
     Parameters
     ----------

@@ -23,7 +23,7 @@ from rehab_opt.optim.ladder import BACKUP, FUSED
 from rehab_opt.session.ardis.outcome import moved
 from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
 from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, start_of
-from rehab_opt.session.ardis.run import sticks_of
+from rehab_opt.session.ardis.stick import sticks_of
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
 

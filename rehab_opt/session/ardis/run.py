@@ -10,20 +10,18 @@ from rehab_opt.session.ardis.measures import drive_metrics
 from rehab_opt.session.ardis.outcome import ArdisOutcome, DriveOutcome, Motion, Published, StickLaw, moved
 from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
 from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, room_of, start_of
-from rehab_opt.session.ardis.stick import StickRecording, read_stick
+from rehab_opt.session.ardis.stick import sticks_of
 from rehab_opt.session.clearance import clearance_of, nearest_bodies
-from rehab_opt.session.files import ProblemFile, recording_path
+from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.problem import LiveProblem
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.plant.making import OWN_ARM, chair_plant, on_plant, plant_note
 from rehab_opt.session.solver_option import checked_solver, solver_refusals
 from rehab_opt.session.systems import ROBOT_FILE, Needed, System
 
-__all__ = ["ArdisSystem", "run_ardis", "sticks_of"]
+__all__ = ["ArdisSystem", "run_ardis"]
 
 
-MOST_TICKS = 500_000
-"""More keep more than a gigabyte of poses and Jacobians."""
 ROBOT_OF_PAPER = "lengths, masses and limits of the robot are assumptions: the paper gives joints and axes only"
 ROBOT_OF_FILE = (
     "the chair, its user and what motors add to the joints are those of `ardis` and `arm_on_chair`: assumptions; where "
@@ -33,24 +31,6 @@ RECORDED = (
     "the stick is a recording of a user who saw another robot, and steers this one blindly; speeds and accelerations "
     "are those that were sent"
 )
-
-
-def sticks_of(loaded: ProblemFile[ArdisProblem]) -> dict[DriveName, StickRecording]:
-    """The recordings of the sticks.
-
-    Raises
-    ------
-    ProblemFileError : absent, not a stick's, or as long as the run is dense.
-    """
-    sticks = {}
-    for drive, file in loaded.problem.stick.recordings.items():
-        stick = read_stick(recording_path(loaded, file, key=f"stick.{drive}"), name=file)
-        rate = loaded.problem.run.rate_hz
-        if stick.duration * rate > MOST_TICKS:
-            expected = f"at most {MOST_TICKS} ticks in the {stick.duration:.6g} s of stick.{drive}"
-            raise ProblemFileError(loaded.file, "run.rate_hz", rate, expected)
-        sticks[drive] = stick
-    return sticks
 
 
 def run_ardis(loaded: ProblemFile[ArdisProblem], *, solver: str | None, progress: Progress) -> ArdisOutcome:

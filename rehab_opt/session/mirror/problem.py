@@ -138,8 +138,8 @@ class PatientArmSection(Section):
     start_deg: Annotated[list[Annotated[float, Field(ge=-360, le=360)]], Field(min_length=8, max_length=8)] | None = (
         None
     )
-    """Posture, as Table I counts, from which the model of this arm finds to the first pose; default the middle of its
-    range. The model is local: from another posture it may come to more."""
+    """Live, where the future is not known: posture, as Table I counts, from which the model of this arm finds to the
+    first pose; default the middle of its range. That model is local: from another posture it may come to more."""
     range_of_motion: OneRange
     """Table I by name, a table of all eight joints' limits, or what a goniometer measured."""
     segments: SegmentsSection = SegmentsSection()
