@@ -179,7 +179,8 @@ class MirrorStatement(PoseTracker):
     def _auditing(self) -> ca.Function:
         """q, velocity, centre, target, turn -> the first three of `HandBounds.kept`, and no further turned than that.
 
-        Turns of the tool from the target (4, 4) are judged where places are, and may fall while above `turn` [rad].
+        Turns of the tool from the target (4, 4) are judged where places are, above the floor; beyond `turn` [rad] they
+        may only fall.
         """
         n = self.chain.n
         q, velocity, centre, turn = (ca.SX.sym(*each) for each in (("q", n), ("v", n), ("centre", 3), ("turn", 1)))
@@ -197,6 +198,7 @@ class MirrorStatement(PoseTracker):
                                  for way in self.hand_bounds.ways(velocity)))
         ]  # fmt: skip
         least = ca.fmin(cosines[0], ca.cos(ca.fmin(turn, math.pi)))
+        least = ca.if_else(w < self.floor, -2, least)  # the way back above the floor comes first
         turns = [each >= least - ROUNDING for each in cosines[1:]]
         outputs = ca.vertcat(ca.logic_and(kept, all_true(*turns)), braking, then)
         return ca.Function("audit", [q, velocity, centre, target, turn], [ca.densify(outputs)], {"cse": True})
