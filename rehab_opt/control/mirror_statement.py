@@ -214,7 +214,7 @@ class MirrorStatement(PoseTracker):
         return bool(braking if braked else kept)
 
     @property
-    def _braked(self) -> Array:
+    def _slowed_alike(self) -> Array:
         """(n,) all joints slowed alike, as fast as their accelerations allow."""
         last, change = self._last_before, np.minimum(self.chain.acceleration * self.dt, 2 * self.chain.velocity)
         return np.asarray(last * max(1.0 - 1.0 / max(float(np.max(np.abs(last) / change)), 1.0), 0.0))
@@ -229,7 +229,7 @@ class MirrorStatement(PoseTracker):
 
         Where not even braking does, because the arm was put there or moves by itself: the longest part of that.
         """
-        begin, braked = self._braked, False
+        begin, braked = self._slowed_alike, False
         if not self._kept(q, begin, held, braked=True):
             begin, value, braked = np.zeros_like(begin), begin, True
         short, long = 0.0, 1.0
