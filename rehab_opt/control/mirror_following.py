@@ -259,7 +259,8 @@ class MirrorFollowing(MirrorWaiting):
 
     def _unusable(self, pose: Array, twist: Array) -> str:
         """Why a state or sample cannot be used, or nothing."""
-        for name, array in (("q", self._q), ("pose", pose), ("twist", twist)):
+        moving = [("obstacles", self._inputs[-1])] if self.limits.moving else []
+        for name, array in (("q", self._q), ("pose", pose), ("twist", twist), *moving):
             bad = ~(np.abs(array) <= PLAUSIBLE)
             if bad.any():
                 where = ", ".join(str(i) for i in np.argwhere(bad)[0])

@@ -19,6 +19,7 @@ from rehab_opt.plants.ideal import IdealJoints
 from rehab_opt.plants.plant import Plant
 from rehab_opt.plants.touched import TouchedPlant
 from rehab_opt.published.astar import AStarPath, astar_path
+from rehab_opt.session.clearance import clearance_key, clearance_of
 from rehab_opt.session.live.problem import Following, LiveInputs
 from rehab_opt.session.mirror.outcome import Led
 from rehab_opt.session.mirror.problem import MirrorProblem
@@ -80,6 +81,7 @@ def tracker_of(
             angular_speed=math.radians(section.angular_speed_deg_s),
             catch_up=section.catch_up,
             keep_out=planes,
+            limits=clearance_of(problem.clearance, file),
             person=person,
             grip=grip,
             person_start=None if arm is None or arm.start_deg is None else np.deg2rad(arm.start_deg),
@@ -88,7 +90,7 @@ def tracker_of(
             **options,
         )
     except ConfigurationError as refused:
-        key = KEYS.get(refused.argument, f"tracker.{refused.argument}")
+        key = clearance_key(refused.argument) or KEYS.get(refused.argument, f"tracker.{refused.argument}")
         raise ProblemFileError(file, key, refused.value, refused.expected) from refused
 
 

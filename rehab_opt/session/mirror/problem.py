@@ -7,6 +7,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from rehab_opt.session.arm_keys import OneRange, SegmentsSection
+from rehab_opt.session.clearance import ClearanceSection
 from rehab_opt.session.plant.tables import JointPlant
 from rehab_opt.session.pose_tracking.problem import RobotSection
 from rehab_opt.session.schema import (
@@ -227,6 +228,8 @@ class MirrorProblem(Problem):
     """Which robot leads."""
     tracker: MirrorTrackerSection = MirrorTrackerSection()
     """The controller."""
+    clearance: ClearanceSection | None = None
+    """What the arm keeps clear of; left out where there is no such table."""
     plant: JointPlant = JointPlant()
     """On which robot it runs: see the plant's keys."""
     astar: AStarSection | None = None
