@@ -187,7 +187,8 @@ def live(
     if into is not None and trials is not None:
         with undisturbed():
             trials.end()
-        say(into.said(trials.written))
+        held = f"no trial into {into.file}: the switch was held for a second at no time"
+        say(into.said(trials.written) if trials.written else held)
 
 
 @app.command()

@@ -11,6 +11,7 @@ from rehab_opt.session.ardis.outcome import ArdisOutcome, DriveOutcome, Motion, 
 from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
 from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, room_of, start_of
 from rehab_opt.session.ardis.stick import sticks_of
+from rehab_opt.session.clearance import clearance_of, nearest_bodies
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.problem import LiveProblem
 from rehab_opt.session.outcome import Progress
@@ -56,11 +57,14 @@ def run_ardis(loaded: ProblemFile[ArdisProblem], *, solver: str | None, progress
             progress=lambda done, of: progress(f"{drive}, {name} law", done, of),
         )  # fmt: skip
 
-    drives = {}
+    drives, near = {}, {}
     for drive in sticks:
         ours = resolver_of(loaded, robot, drive, solver=solver)
         theirs = Published(PseudoinverseLaw(robot, drive=drive, self_motion=problem.run.self_motion))
         drives[drive] = DriveOutcome(published=run(drive, "published", theirs), optimised=run(drive, "optimised", ours))
+        ran = drives[drive].optimised
+        seen = nearest_bodies(clearance_of(problem.clearance, loaded.file), robot.bodied_chain, ran.q, ran.time)
+        near |= {} if seen is None else {drive: seen}
     metrics = {
         drive: drive_metrics(robot, drive, outcome, room=room, goals=problem.goals) for drive, outcome in drives.items()
     }
@@ -76,9 +80,11 @@ def run_ardis(loaded: ProblemFile[ArdisProblem], *, solver: str | None, progress
             ROBOT_OF_PAPER if problem.robot.file is None else ROBOT_OF_FILE,
             "walls and posts are kept from the chair's outline; the arm may reach over them",
             *robot.chain.notes,
+            *(f"{drive} drive: {seen.note}" for drive, seen in near.items()),
         ),
         metrics={
             "drives": metrics,
+            **({"clearance": {drive: seen.metrics for drive, seen in near.items()}} if near else {}),
             "parameters": problem.model_dump(mode="json", exclude={"title", "plant"})
             | {"plant": problem.plant.parameters},
         },
@@ -86,6 +92,7 @@ def run_ardis(loaded: ProblemFile[ArdisProblem], *, solver: str | None, progress
         room=room,
         goals=tuple(problem.goals),
         drives=drives,
+        near=near,
     )
 
 
