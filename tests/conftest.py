@@ -23,6 +23,23 @@ settings.register_profile("rehab_opt", deadline=None, print_blob=True)
 settings.load_profile("rehab_opt")
 
 
+LONG = (
+    "judge/test_judge.py", "export/test_recorded_runs.py", "control/test_redundancy.py", "session/test_scenarios.py",
+    "session/test_mirror.py", "test_cli.py", "control/test_mirror.py", "control/test_arm_ik.py",
+)  # fmt: skip
+"""Files of half a minute and more, the longest first."""
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Keep the order below: that of pytest-xdist is by the number of a file's tests, whatever they take."""
+    config.option.loadscopereorder = False
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with what is long, or one worker ends with it alone."""
+    items.sort(key=lambda item: next((i for i, file in enumerate(LONG) if f"tests/{file}::" in item.nodeid), len(LONG)))
+
+
 @pytest.fixture
 def machine_code(monkeypatch: pytest.MonkeyPatch) -> None:
     """Functions are compiled, and that is waited for."""

@@ -112,6 +112,7 @@ ROWS = (
     Row("blocked hand: force after 0.5 s, worst", "blocked", _worst("blocked: after 0.5 s"), 60.0, "N"),
     Row("speed on release, worst", "blocked", _worst("release"), 0.1, "m/s"),
     Row("frozen encoder, fresh stamps: braking after, worst", "frozen", _worst("frozen encoder"), 0.2, "s"),
+    Row("the same without a `JointFeedback`, worst", "frozen", _worst("frozen encoder, measured"), 0.2, "s"),
     Row("28 +- 2 N: gives way / (F/k) from 1 s on, least", "push", _least("push: gives way"), 1.2, "", at_least=0.8),
     Row("the same, most", "push", _worst("push: gives way, most"), 1.2, "", at_least=0.8),
     Row("28 +- 2 N: stiffness of the reply, largest", "push", _worst("push: stiffness"), 600.0, "N/m"),

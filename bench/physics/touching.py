@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -63,7 +64,15 @@ def blocked(setting: Setting) -> Numbers:
 
 
 def frozen(setting: Setting) -> Numbers:
-    """Encoders that stand still while their stamps go on: whether, and how soon, the arm is told to brake."""
+    """Encoders that stand still while their stamps go on: how soon the arm is told to brake, led and as measured."""
+    state = setting.rng.bit_generator.state  # the same draws for both
+    found = {"frozen encoder": _late(setting)}
+    setting.rng.bit_generator.state = state
+    return found | {"frozen encoder, measured": _late(replace(setting, feedback="measured"))}
+
+
+def _late(setting: Setting) -> float:
+    """[s] by which braking comes later than the fastest joint takes to `TOLERANCE`."""
     rng, arm, rate = setting.rng, setting.arm, setting.cell.rate
     chain, start = arm.chain, arm.start(rng, 0.15)
     first, way = chain.pose(start), rng.normal(size=3)
@@ -84,7 +93,7 @@ def frozen(setting: Setting) -> Numbers:
     fastest = float(np.abs(run.velocity[when]).max())
     braking = [k for k, status in enumerate(run.status) if k >= when and status in STOPPED]
     late = (braking[0] - when) / rate if braking else math.inf
-    return {"frozen encoder": late - TOLERANCE / max(fastest, 1e-3)}
+    return late - TOLERANCE / max(fastest, 1e-3)
 
 
 def pushed(setting: Setting) -> Numbers:

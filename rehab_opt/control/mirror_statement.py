@@ -123,6 +123,12 @@ class MirrorStatement(PoseTracker):
             hand, before = unweighted[:3, :] @ velocity, unweighted[:3, :] @ last
             before = clipped(ca.dot(before, hand) / ca.fmax(ca.norm_2(hand), TINY), 0, self.linear_speed)
             allowed = before - math.expm1(-self.approach * self.dt) * (self.linear_speed - before)
+            # Exactly, or what is missing at a large error would be missing from `before` in every tick: of parts of a
+            # motion `speed_ahead` is convex, so that it is below its chord.
+            part = ca.fmin(allowed / ca.fmax(linear, TINY), 1)
+            below = speed_ahead(self.chain, q, unweighted, part * velocity, self.dt)
+            part += (1 - part) * (allowed - below) / ca.fmax(linear - below, TINY)
+            return ca.fmax(1 / part, turning / self.angular_speed)
         return ca.fmax(linear / allowed, turning / self.angular_speed)
 
     @property

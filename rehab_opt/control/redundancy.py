@@ -62,6 +62,9 @@ class RedundancyResolver(OneThread):
     A joint outside its limits comes back where the task moves it, or the posture cost does, and is not moved by itself:
     without a command there is no motion.
 
+    Joints that do not follow are seen as by `PoseTracker`, and so is a base from when its measured place changes: one
+    that is always the same is taken not to be measured.
+
     The velocity last commanded is part of the state: a new resolver is at rest, `reset` says otherwise. An object
     belongs to one thread: see `OneThread`.
 

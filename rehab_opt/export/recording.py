@@ -141,10 +141,10 @@ def with_faults(
     return result
 
 
-def standing(ticks: Sequence[Tick], *, dt: float) -> list[Tick]:
-    """Ticks behind those of `with_faults`: encoders that stand still for STANDS, then the enable input released."""
+def standing(ticks: Sequence[Tick], run: Sequence[Tick], *, dt: float) -> list[Tick]:
+    """Ticks behind `ticks`: encoders that stand still for STANDS where `run` was fastest, then no enable input."""
     last, count = ticks[-1]["stamp"], math.ceil(STANDS / dt)
-    tick = ticks[len(ticks) // 3]
+    tick = run[int(np.argmax(np.abs(np.diff([each["q"] for each in run], axis=0)).max(axis=1)))]
     return [{**tick, "enable": int(k <= count), "stamp": float(last + k * dt)} for k in range(1, count + count // 2)]
 
 

@@ -6,7 +6,7 @@ import multiprocessing
 import os
 import signal
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
 from typing import NamedTuple
 
@@ -58,12 +58,13 @@ def control_live(file: str, options: dict[str, str | None], rings: Rings, page: 
     `page` is sent what is drawn once, `LiveProblem.scene`, or the `RehabOptError`'s text where the problem is refused.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process of the page, which ends this one
-    try:
-        problem = live_problem(load_problem(file), **options)
-        page.send(problem.scene())
-        _run(problem, *rings)
-    except RehabOptError as refused:
-        page.send(str(refused))
+    with suppress(BrokenPipeError):  # who asked is gone, and nobody is left to be told
+        try:
+            problem = live_problem(load_problem(file), **options)
+            page.send(problem.scene())
+            _run(problem, *rings)
+        except RehabOptError as refused:
+            page.send(str(refused))
 
 
 def _run(problem: LiveProblem, given: SharedRing, state: SharedRing, shown: SharedRing) -> None:

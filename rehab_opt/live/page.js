@@ -200,13 +200,16 @@ $("delay").oninput = () => { inputs.delay = +$("delay").value / 1e3; $("delaytex
 $("take").onclick = () => socket.send('{"take":true}');
 document.addEventListener("visibilitychange", () => { if (document.hidden) { enable(false, "released: the tab was hidden"); } });
 
-/* The heartbeat: from the page's own thread, so that a page that hangs is silent. */
+/* The heartbeat: from the page's own thread, so that a page that hangs is silent. It says when it was sent, by the clock
+   of the server as the newest frame told it, so that one that waited on its way is no fresh one. */
+let told = null;
+function clock() { return told && told.clock + (performance.now() - told.at) / 1e3; }
 function beat() {
   if (!socket || socket.readyState !== 1 || document.hidden) return;
   if (participant) { if (scene && scene.handled) socket.send(JSON.stringify({ hand: inputs.target })); return; }
   if (!commands) return;
   if (allowed("stick")) { inputs.stick = stick(); drawPad(); }
-  socket.send(JSON.stringify({ inputs }));
+  socket.send(JSON.stringify({ inputs, clock: clock() }));
 }
 setInterval(beat, 25);
 
@@ -283,6 +286,7 @@ function connect() {
   socket = new WebSocket("ws://" + location.host + "/ws?" + new URLSearchParams({ token: query.get("token"), view: participant ? "participant" : "main" }));
   socket.onmessage = (e) => {
     const m = JSON.parse(e.data);
+    if (m.clock) told = { clock: m.clock, at: performance.now() };
     if (m.scene) { const known = scene; scene = m.scene; if (!known) panel(); }
     if (m.seat) seat(m.seat);
     if (m.frame && scene) show(m);

@@ -54,7 +54,7 @@ class Seats:
     ----------
     commander : number of the tab that commands; None while none does.
     lapsed : why the dead-man was released against the tab's will; empty once it has let go itself.
-    heartbeat : [s] when it was last known to be held, on the caller's clock; NaN while it is not.
+    heartbeat : [s] when what last said that it is held was sent, on the caller's clock; NaN while it is not.
     """
 
     def __init__(self) -> None:
@@ -88,21 +88,28 @@ class Seats:
         self.commander, self.lapsed = tab, ""
         self._release()
 
-    def hear(self, tab: int, inputs: LiveInputs, *, now: float) -> None:
-        """A heartbeat with the state of a tab's controls; one that comes late has released the dead-man."""
+    def hear(self, tab: int, inputs: LiveInputs, *, now: float, sent: float | None = None) -> None:
+        """A heartbeat with the state of a tab's controls; one that comes late has released the dead-man.
+
+        It counts from when it was `sent`, on the clock of `now`: one that waited somewhere is as old as it is. A page
+        that does not know that time (NaN) holds nothing.
+        """
         if tab != self.commander:
             return
-        held, gap = self.inputs.enable, now - self.heartbeat
+        sent = now if sent is None else min(sent, now)
+        held, gap, waited = self.inputs.enable, sent - self.heartbeat, now - sent
         spare = min(SPARE, self._spare + OFTENEST * (now - self._heard)) - 1
         self._spare, self._heard = max(spare, -1.0), now
         if self._spare < 0:
             self.lapsed = "released: the page sends too much, what it says now would come late; press to go on"
         elif not inputs.enable:
             self.lapsed = ""
+        elif not waited <= DEAD_MAN:
+            self.lapsed = "released: what the page says comes too late; press to go on"
         elif held and not gap <= DEAD_MAN:
             self.lapsed = f"released: the page was silent for {1e3 * gap:.0f} ms; press to go on"
         self.inputs = inputs._replace(enable=inputs.enable and not self.lapsed)
-        self.heartbeat = now if self.inputs.enable else math.nan
+        self.heartbeat = sent if self.inputs.enable else math.nan
 
     def point(self, tab: int, hand: tuple[float, float, float] | None) -> None:
         """Where the participant, in a tab of their own, wants the hand to be [m]; None: nowhere."""

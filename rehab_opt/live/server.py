@@ -153,7 +153,7 @@ class LivePage:
 
     def _obey(self, tab: int, text: str | bytes) -> None:
         try:
-            message = json.loads(text)
+            message = json.loads(text, parse_int=float)
         except (ValueError, RecursionError):
             return
         if not isinstance(message, dict):
@@ -164,7 +164,9 @@ class LivePage:
         elif isinstance(message.get("inputs"), dict):
             inputs = inputs_of(message["inputs"], joints=self._problem.encoders)
             if inputs is not None:
-                self._seats.hear(tab, inputs, now=time.monotonic())
+                sent = message.get("clock")
+                sent = sent if isinstance(sent, float) else math.nan
+                self._seats.hear(tab, inputs, now=time.monotonic(), sent=sent)
         elif "hand" in message:
             self._seats.point(tab, _place(message["hand"]))
         self._pass_on()
@@ -241,8 +243,11 @@ class LivePage:
         }
         late = f"{state['time']:.1f} s · {int(state['missed'])} ticks left out · {int(state['stale'])} stale"
         return _told(
-            {"frame": frame, "words": words, "time": float(state["time"]), "late": late, "lapsed": self._seats.lapsed}
-        )
+            {
+                "frame": frame, "words": words, "time": float(state["time"]), "late": late,
+                "lapsed": self._seats.lapsed, "clock": time.monotonic(),
+            }
+        )  # fmt: skip
 
 
 class _Tab:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,8 +17,12 @@ from numpy.typing import NDArray
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.loop.cdr import records_of
 from rehab_opt.loop.log_file import ABOUT, TICK, mcap_module
+from rehab_opt.loop.records import state_layout
 
-__all__ = ["Logged", "read_log"]
+__all__ = ["Logged", "operator_of", "read_log"]
+
+KIND, MOST = re.compile(r"<f8|<u8|\|?S\d{1,4}"), 1000
+"""Of a field in a record; numbers in it at most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,8 +80,24 @@ def read_log(path: Path | str) -> Logged:
         raise ProblemFileError(path, "metadata", sorted(about), f"an MCAP file with the metadata {ABOUT!r}, by a loop")
     if damaged:
         raise ProblemFileError(path, "bytes", damaged, "those that were written: the log was altered since")
-    layout = np.dtype([(name, kind, *map(tuple, shape)) for name, kind, *shape in json.loads(about["layout"])])
-    return Logged(records_of(layout, ticks), tuple(json.loads(about["names"])), about, files, whole)
+    try:
+        layout = _layout(json.loads(about["layout"]))
+        return Logged(records_of(layout, ticks), tuple(map(str, json.loads(about["names"]))), about, files, whole)
+    except (ValueError, TypeError, RecursionError, struct.error) as wrong:
+        raise ProblemFileError(
+            path, "metadata", str(wrong), "what was written there: the log was altered since"
+        ) from wrong
+
+
+def _layout(told: list[tuple[Any, ...]]) -> np.dtype[Any]:
+    """As it was written; ValueError or TypeError where it was not."""
+    for _, kind, *shape in told:
+        if not (KIND.fullmatch(kind) and all(0 < size <= MOST for sizes in shape for size in sizes)):
+            raise ValueError(f"{kind} {shape}")
+    layout = np.dtype([(name, kind, *map(tuple, shape)) for name, kind, *shape in told])
+    if missing := set(state_layout(1).names or ()) - {"wheels"} - set(layout.names or ()):
+        raise ValueError(f"no {', '.join(sorted(missing))}")
+    return layout
 
 
 def operator_of(layout: np.dtype[Any]) -> np.dtype[Any]:

@@ -85,10 +85,10 @@ def test_planted_fault_breaks_a_claim_that_holds_without_it() -> None:
     hearing = Hearing("joystick_stick", 2000, 20)
     with copied() as root:
         path = root / "rehab_opt/control/joystick.py"
-        (outcome,) = heard(root, [hearing], seconds=30.0)
+        (outcome,) = heard(root, [hearing], seconds=300.0)
         assert not outcome.claims
         source = path.read_bytes()
         fault = next(each for each in faults(path.name, source) if "last - way" in each.after)
         path.write_bytes(fault.planted(source))
-        (outcome,) = heard(root, [hearing], seconds=30.0)
+        (outcome,) = heard(root, [hearing], seconds=300.0)
     assert "deflection away from a model of its own" in outcome.claims

@@ -78,6 +78,22 @@ def test_a_page_that_was_silent_has_to_let_go_before_it_holds_again(gaps: list[f
     assert seats.wanted.enable
 
 
+@settings(max_examples=60, deadline=None)
+@given(waited=st.floats(0.0, 0.5), ahead=st.floats(0.0, 5.0))
+def test_a_heartbeat_is_as_old_as_what_was_sent_however_late_it_is_heard(waited: float, ahead: float) -> None:
+    seats = Seats()
+    tab = seats.join(participant=False)
+    seats.hear(tab, HELD, now=10.0 + waited, sent=10.0)
+    late = not 10.0 + waited - 10.0 <= DEAD_MAN
+    assert (seats.wanted.enable, math.isnan(seats.heartbeat)) == (not late, late)
+    assert late or seats.heartbeat == 10.0
+    seats.hear(tab, LET_GO, now=11.0, sent=11.0)
+    seats.hear(tab, HELD, now=12.0, sent=12.0 + ahead)  # a clock that runs ahead makes nothing fresher
+    assert seats.heartbeat == 12.0
+    seats.hear(tab, HELD, now=12.01, sent=math.nan)
+    assert not seats.wanted.enable
+
+
 def test_a_participant_leads_the_hand_only_in_a_tab_of_the_participant() -> None:
     seats = Seats()
     main, theirs = seats.join(participant=False), seats.join(participant=True)

@@ -1,5 +1,6 @@
 """Problem files run in time, and run again from their logs, by the command."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -7,13 +8,13 @@ import pytest
 
 from rehab_opt.cli import main
 from rehab_opt.errors import ConfigurationError, ProblemFileError
-from rehab_opt.loop.log_file import LogFile
+from rehab_opt.loop.log_file import ABOUT, LogFile
 from rehab_opt.loop.logged import Logged, read_log
 from rehab_opt.loop.of_problem import files_of, replay_problem, run_in_time
 from rehab_opt.loop.records import state_layout
 from rehab_opt.session.files import load_problem
 
-pytest.importorskip("mcap")
+Writer = pytest.importorskip("mcap.writer").Writer
 
 CIRCLE = "robot/ur5_circle"
 
@@ -50,6 +51,29 @@ def test_every_kind_that_is_live_is_run_in_time_and_again(name: str, tmp_path: P
     assert (lost, again.first, again.same) == (0, "", len(logged.records))
     assert again.ticks == report.ticks > 10
     assert not (logged.records["status"] == b"holding").all()
+
+
+@pytest.mark.parametrize(
+    ("key", "text"),
+    [
+        ("layout", ""), ("layout", "[[1"), ("layout", '"record"'), ("layout", "{}"), ("layout", "5"), ("names", "7"),
+        ("layout", '[["record", "O"]]'), ("layout", '[["record", "<f8", [1e9]]]'), ("layout", '[["a", "(2"]]'),
+        ("layout", '[["record", "<u8"]]'), ("layout", "[" * 100_000), ("names", "{"),
+    ],
+)  # fmt: skip
+def test_a_log_whose_header_was_altered_is_refused_in_one_line(
+    key: str, text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    layout = state_layout(2)
+    about = {"layout": json.dumps(layout.descr), "names": '["a", "b"]'} | {key: text}
+    with (tmp_path / "trace.mcap").open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        writer.add_metadata(ABOUT, about)
+        writer.finish()
+    main_ended(["replay", str(tmp_path / "trace.mcap")], 2)
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "the log was altered" in line
 
 
 def main_ended(arguments: list[str], code: int) -> None:

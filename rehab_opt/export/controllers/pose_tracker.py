@@ -81,7 +81,7 @@ def exported_tracker(tracker: PoseTracker, run: Sequence[Tick], *, title: str, o
     ConfigurationError : a solver that does not become C, or a chain of more joints than a command has room for.
     """
     ticks = with_faults(run, dt=tracker.dt, max_age=tracker.max_age, more=_faults(tracker))
-    ticks += standing(ticks, dt=tracker.dt)
+    ticks += standing(ticks, run, dt=tracker.dt)
     about = (
         f"{len(ticks)} ticks of {of}, with faults among them: numbers that are none, stamps that are wrong, the enable "
         "input released, encoders that stand still"

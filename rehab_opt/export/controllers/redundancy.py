@@ -139,7 +139,7 @@ def _recording(resolver: RedundancyResolver, run: Sequence[Tick], of: str) -> Re
             lambda tick: {**tick, "q": np.minimum(robot.chain.upper, 10.0) + 0.05},  # beyond every limit
         ),
     )  # fmt: skip
-    ticks += standing(ticks, dt=resolver.dt)
+    ticks += standing(ticks, run, dt=resolver.dt)
     frames = {int(value): name for name, value in FRAMES.items()}
 
     def answer(tick: Tick) -> Command:
