@@ -49,9 +49,9 @@ class JointFeedback:
 
     A following error above `tolerance` for longer than `patience` is a joint that is blocked, an encoder that stands
     still, or an axis that turns the wrong way: the controller brakes, says which joint, and rests until `reset`, or
-    until `enable` was released, as drives do: a servo that was held may still push by what it lags behind. An error that
-    large corrects nothing, and a sample that is no number neither ends nor hides a fault. Nor does it change d, or what
-    is known of the hand.
+    until `enable` was released, as drives do: a servo that was held may still push by what it lags behind. An error
+    that large corrects nothing, and a sample that is no number neither ends nor hides a fault. Nor does it change d, or
+    what is known of the hand.
 
     Parameters
     ----------

@@ -212,7 +212,7 @@ class MirrorFollowing(MirrorWaiting):
                 limit.q = posture
                 target, motion = limit.limited(target, motion)
             held = Held(self._cut(here, target), target, self.max_turn + self._aside)
-            if self._held is None or self._kept(q, self._braked, held):
+            if self._held is None or (self._near(here, held) and self._kept(q, self._braked, held)):
                 break
         else:
             if limit is not None:
@@ -226,6 +226,16 @@ class MirrorFollowing(MirrorWaiting):
         if limit is not None:
             self._aim = target
         return target, motion, pace
+
+    def _near(self, here: Array, held: Held) -> bool:
+        """Whether what the person's arm does now stays within the hand's bounds, or comes nearer to it."""
+        before = self._held
+        if before is None or self._limit is None:
+            return True
+        away, turned = math.dist(here[:3, 3], before.centre), angle_between(here, before.target)
+        return math.dist(here[:3, 3], held.centre) <= max(WAITS * self.max_deviation, away) and (
+            angle_between(here, held.target) <= max(WAITS * self.max_turn + self._aside, turned)
+        )
 
     def _safe(self, reason: str) -> Command:
         """Decelerate within the bounds, and faster where the floor or the planes ask for it."""
@@ -249,7 +259,8 @@ class MirrorFollowing(MirrorWaiting):
 
     def _unusable(self, pose: Array, twist: Array) -> str:
         """Why a state or sample cannot be used, or nothing."""
-        for name, array in (("q", self._q), ("pose", pose), ("twist", twist)):
+        moving = [("obstacles", self._inputs[-1])] if self.limits.moving else []
+        for name, array in (("q", self._q), ("pose", pose), ("twist", twist), *moving):
             bad = ~(np.abs(array) <= PLAUSIBLE)
             if bad.any():
                 where = ", ".join(str(i) for i in np.argwhere(bad)[0])

@@ -81,12 +81,13 @@ class MirrorStatement(PoseTracker):
 
     def others(self) -> list[ca.SX]:
         """From the target to the deviation's centre (3,), and what stands for a gradient that vanishes (n,)."""
-        return [parameter("offset", 3), parameter("lead", self.chain.n)]
+        return [parameter("offset", 3), parameter("lead", self.chain.n), *super().others()]
 
     @property
     def shapes(self) -> tuple[tuple[int, ...], ...]:  # type: ignore[override]
         """Shapes of the statement's parameters after q."""
-        return ((4, 4), (6,), (3,), (self.chain.n,))
+        pose, twist, *moving = super().shapes
+        return (pose, twist, (3,), (self.chain.n,), *moving)
 
     @property
     def told_size(self) -> int:  # type: ignore[override]
@@ -95,7 +96,7 @@ class MirrorStatement(PoseTracker):
 
     def rows(self, tick: Tick, bounds: VelocityBounds) -> tuple[ca.SX, ca.SX, VelocityBounds, ca.SX]:
         """See `HandBounds.rows`."""
-        offset, lead = tick.others
+        offset, lead, *_ = tick.others
         guided = self.guided(tick.memory)
         rows, most, now = self.hand_bounds.rows(
             tick.q,
@@ -104,6 +105,7 @@ class MirrorStatement(PoseTracker):
             lead=lead,
             loss=tick.memory[-1],
             bounds=bounds,
+            contacts=tick.contacts,
             strays=None if guided is None else guided.apart,
         )
         turned = ca.sumsqr(rotation_vector(tick.target[:3, :3] @ now.pose[:3, :3].T))
@@ -147,7 +149,7 @@ class MirrorStatement(PoseTracker):
     def outcome(self, tick: Tick, motion: Motion) -> ca.SX:
         """Yielded, share of the wanted motion, nothing unusual, bounds truly kept, w before and after, w is flat."""
         centre = tick.target[:3, 3] + tick.others[0]
-        w, gradient, here, turned = self._told(motion)
+        w, gradient, here, turned = self._computed(motion)
         yielded = super().outcome(tick, motion)[0]
         share = ca.if_else(motion.speed > 1e-9, motion.scale, 1)
         kept, _, then, _ = self._ends(tick, motion)
@@ -166,20 +168,45 @@ class MirrorStatement(PoseTracker):
         loss = self._ends(tick, motion)[3]
         return ca.vertcat(super().remembered(tick, motion), ca.fmin(loss, self.floor))
 
-    def _told(self, motion: Motion) -> list[ca.SX]:
+    @property
+    def settled_size(self) -> int:
+        """Numbers of `settled`: one where bodies keep clear of each other."""
+        return 0 if self.limits.clearance is None else 1
+
+    def settled(self, size: int, remembered: int) -> ca.Function:
+        """Complete parameters, memory, x -> whether bodies are clear of each other where it leads."""
+        n = self.chain.n
+        inputs = [ca.MX.sym(name, count) for name, count in (("p", size), ("memory", remembered), ("x", n + 1))]
+        p, _, x = inputs
+        return ca.Function("settle", inputs, [self._clear(p[:n], p[self._told], x[:n], braked=False)])
+
+    def _computed(self, motion: Motion) -> list[ca.SX]:
         n = self.chain.n
         w, gradient, here, turned = ca.vertsplit(motion.told, [0, 1, n + 1, n + 4, n + 5])
         return [w, gradient, here, turned]
 
     def _ends(self, tick: Tick, motion: Motion) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
-        w, gradient, here, _ = self._told(motion)
+        w, gradient, here, _ = self._computed(motion)
         centre, hand = tick.target[:3, 3] + tick.others[0], motion.delivered[:3]  # places weigh 1
-        return self.hand_bounds.kept(tick.q, motion.velocity, centre, w=w, gradient=gradient, here=here, hand=hand)
+        kept, *others = self.hand_bounds.kept(
+            tick.q, motion.velocity, centre, w=w, gradient=gradient, here=here, hand=hand
+        )
+        return all_true(kept, motion.settled > 0), *others
+
+    def _clear(self, q: ca.MX, told: ca.MX, velocity: ca.MX, *, braked: bool) -> ca.MX:
+        """Whether bodies are clear of each other where it leads, and on the way to rest unless it is `braked`."""
+        u = ca.SX.sym("u", self.chain.n)
+        ways = ca.Function("ways", [u], self.hand_bounds.ways(u)).call([velocity])
+        verdict = self.limits.clear(q, told, ways[0] * velocity)
+        for way in () if braked else ways[1:]:
+            verdict = ca.logic_and(verdict, self.limits.clear(q, told, way * velocity))
+        return verdict
 
     def _auditing(self) -> ca.Function:
         """q, velocity, centre, target, turn -> the first three of `HandBounds.kept`, and no further turned than that.
 
         Turns of the tool from the target (4, 4) are judged where places are, and may fall while above `turn` [rad].
+        Moving capsules, where there are such, are a sixth input.
         """
         n = self.chain.n
         q, velocity, centre, turn = (ca.SX.sym(*each) for each in (("q", n), ("v", n), ("centre", 3), ("turn", 1)))
@@ -199,16 +226,29 @@ class MirrorStatement(PoseTracker):
         least = ca.fmin(cosines[0], ca.cos(ca.fmin(turn, math.pi)))
         turns = [each >= least - ROUNDING for each in cosines[1:]]
         outputs = ca.vertcat(ca.logic_and(kept, all_true(*turns)), braking, then)
-        return ca.Function("audit", [q, velocity, centre, target, turn], [ca.densify(outputs)], {"cse": True})
+        inputs = [q, velocity, centre, target, turn]
+        audit = ca.Function("audit", inputs, [ca.densify(outputs)], {"cse": True})
+        if not self.settled_size:
+            return audit
+        given = [ca.MX.sym("given", each.numel()) for each in (q, velocity, centre, target, turn)]
+        told = ca.MX.sym("moving", self.limits.told)
+        alone, may, then = ca.vertsplit(audit(*given))
+        verdicts = [
+            ca.logic_and(one, self._clear(given[0], told, given[1], braked=braked))
+            for one, braked in ((alone, False), (may, True))
+        ]
+        return ca.Function("audit", [*given, told][: 6 if self.limits.moving else 5], [ca.vertcat(*verdicts, then)])
 
     def instance(self, q: ArrayLike, *inputs: ArrayLike) -> Instance:
-        """The QP of a tick at q, pose and twist, as numbers, for inspection."""
-        return super().instance(q, *inputs, *(np.zeros(3), np.zeros(self.chain.n))[len(inputs) - 2 :])
+        """The QP of a tick at q, pose and twist, as numbers, for inspection; nothing moves where nothing is said."""
+        return super().instance(q, *inputs, *(np.zeros(shape) for shape in self.shapes[len(inputs) :]))
 
     # --------------------------------------------------------------------------------------------- true bounds
     def _kept(self, q: Array, value: Array, held: Held, *, braked: bool = False) -> bool:
         """Whether a velocity keeps every bound and can be braked; with `braked` what a tick of braking has to keep."""
-        kept, braking, self._then = self._audit.of(q, value, held.centre, held.target.ravel(), held.turn).tolist()
+        around = (self._usable_obstacles(),) if self.limits.moving else ()
+        found = self._audit.of(q, value, held.centre, held.target.ravel(), held.turn, *around)
+        kept, braking, self._then = found.tolist()
         return bool(braking if braked else kept)
 
     @property

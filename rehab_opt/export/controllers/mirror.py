@@ -168,6 +168,8 @@ def exported_mirror(
     ConfigurationError : a solver that does not become C, a chain of more joints than a command has room for, or less
         memory than it takes.
     """
+    if tracker.limits.moving:
+        raise ConfigurationError("moving", tracker.limits.moving, "0: a mirror in C is told of no bodies that move")
     limit = tracker._limit
     laws, pieces = [Law("mirror", tracker)], {"types": "mirror_types.h", "at_start": "at_start.c"}
     pieces |= {"reference_clock": "reference_clock.c", "way_out": "way_out.c", "person_limit": "no_person.c"}
