@@ -212,7 +212,7 @@ class MirrorFollowing(MirrorWaiting):
                 limit.q = posture
                 target, motion = limit.limited(target, motion)
             held = Held(self._cut(here, target), target, self.max_turn + self._aside)
-            if self._held is None or (self._near(here, held) and self._kept(q, self._braked, held)):
+            if self._held is None or (self._near(here, held) and self._kept(q, self._slowed_alike, held)):
                 break
         else:
             if limit is not None:

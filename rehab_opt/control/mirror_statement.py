@@ -205,7 +205,8 @@ class MirrorStatement(PoseTracker):
     def _auditing(self) -> ca.Function:
         """q, velocity, centre, target, turn -> the first three of `HandBounds.kept`, and no further turned than that.
 
-        Turns of the tool from the target (4, 4) are judged where places are, and may fall while above `turn` [rad].
+        Turns of the tool from the target (4, 4) are judged where places are, above the floor; beyond `turn` [rad] they
+        may only fall.
         Moving capsules, where there are such, are a sixth input.
         """
         n = self.chain.n
@@ -224,6 +225,7 @@ class MirrorStatement(PoseTracker):
                                  for way in self.hand_bounds.ways(velocity)))
         ]  # fmt: skip
         least = ca.fmin(cosines[0], ca.cos(ca.fmin(turn, math.pi)))
+        least = ca.if_else(w < self.floor, -2, least)  # the way back above the floor comes first
         turns = [each >= least - ROUNDING for each in cosines[1:]]
         outputs = ca.vertcat(ca.logic_and(kept, all_true(*turns)), braking, then)
         inputs = [q, velocity, centre, target, turn]
@@ -252,7 +254,7 @@ class MirrorStatement(PoseTracker):
         return bool(braking if braked else kept)
 
     @property
-    def _braked(self) -> Array:
+    def _slowed_alike(self) -> Array:
         """(n,) all joints slowed alike, as fast as their accelerations allow."""
         last, change = self._last_before, np.minimum(self.chain.acceleration * self.dt, 2 * self.chain.velocity)
         return np.asarray(last * max(1.0 - 1.0 / max(float(np.max(np.abs(last) / change)), 1.0), 0.0))
@@ -267,7 +269,7 @@ class MirrorStatement(PoseTracker):
 
         Where not even braking does, because the arm was put there or moves by itself: the longest part of that.
         """
-        begin, braked = self._braked, False
+        begin, braked = self._slowed_alike, False
         if not self._kept(q, begin, held, braked=True):
             begin, value, braked = np.zeros_like(begin), begin, True
         short, long = 0.0, 1.0

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.bilateral import Bilateral
+from rehab_opt.control.limit import Limits
 from rehab_opt.control.pose_tracker import PoseTracker
 from rehab_opt.control.redundancy import RedundancyResolver
 from rehab_opt.control.task_rows import FRAMES
 from rehab_opt.control.velocity_controller import VelocityController
-from rehab_opt.kinematics.room import MOVING
 from rehab_opt.workspace.region import Workspace
 
 __all__ = ["hand_run", "mirror_reference", "pair_run", "resolver_run", "tracker_run"]
@@ -36,16 +36,17 @@ def tracker_run(tracker: PoseTracker) -> Ticks:
         if k % EACH == 0:
             goal = chain.pose(q + rng.normal(size=chain.n) * rng.choice([1e-3, 0.1, 1.0]))
             twist = rng.normal(size=6) * rng.choice([0.0, 0.1, 3.0])
-            bodies = bodies_about(goal[:3, 3], moving, rng)
+            bodies = bodies_about(goal[:3, 3], tracker.limits, rng) if moving else None
         tick = {"q": q.copy(), "pose": goal, "twist": twist, **({"obstacles": bodies} if moving else {})}
         ticks.append(tick)
         q = q + tracker.dt * tracker.step(**tick).value
     return ticks
 
 
-def bodies_about(place: Array, most: int, rng: np.random.Generator) -> Array:
-    """(most, 14) moving capsules about a place (3,) [m], some of which are not there."""
-    bodies = np.zeros((most, MOVING))
+def bodies_about(place: Array, limits: Limits, rng: np.random.Generator) -> Array:
+    """(k, 14) moving capsules about a place (3,) [m], some of which are not there."""
+    most = limits.moving
+    bodies = np.zeros((most, limits.told // most))
     for body in bodies[: rng.integers(most + 1)]:
         body[:6], body[6:12] = np.tile(place + 0.3 * rng.normal(size=3), 2), 0.1 * rng.normal(size=6)
         body[12:] = 0.05, 1.0
@@ -75,7 +76,7 @@ def resolver_run(resolver: RedundancyResolver) -> Ticks:
         if k % EACH == 0:
             rows, frame = int(rng.integers(len(resolver.row_sets))), names[rng.integers(len(names))]
             twist = rng.normal(size=widest) * rng.choice([0.0, 0.1, 1.0])
-            around = {"obstacles": bodies_about(chain.pose(q)[:3, 3], most, rng)} if most else {}
+            around = {"obstacles": bodies_about(chain.pose(q)[:3, 3], resolver.limits, rng)} if most else {}
         ticks.append({"q": q.copy(), "twist": twist, "rows": rows, "frame": int(FRAMES[frame]), **around})
         set_of_rows = resolver.row_sets[rows]
         command = resolver.step(q, twist[: len(set_of_rows)], set_of_rows, frame, moving=around.get("obstacles"))

@@ -1,7 +1,8 @@
-"""Workers of a dask cluster that are killed: `python -m tests.session.lost_workers [PEOPLE]`; 24 by default.
+"""Workers of a dask cluster that are killed: `python -m tests.session.lost_workers [PEOPLE]`; 8 by default.
 
-One person takes every worker with them that they are given to; the others are done once each, and in a second run, in
-which nobody does, nothing is computed but what was lost. Every computation leaves a line in a file, which is counted.
+One person takes every worker with them that they are given to. The others are done, although the scheduler computes
+again what a lost worker had not handed over; in a second run, in which nobody does, nothing is computed but that one
+person. Every computation leaves a line in a file, which is counted.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from tests.session.stand_in_work import person, quick
 
 def main() -> None:
     """Run twice, count, say."""
-    count = int(sys.argv[1]) if len(sys.argv) > 1 else 24
+    count = int(sys.argv[1]) if len(sys.argv) > 1 else 8
     with (
         tempfile.TemporaryDirectory() as folder,
         distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=50) as cluster,

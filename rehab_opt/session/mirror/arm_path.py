@@ -76,7 +76,7 @@ def arm_path(arm: SerialChain, grip: Array, tools: Array, *, dt: float, seed: in
     about = best[begin] + part[:, None] * (best[after] - best[begin])
     q, parts, asked = moves.nearest(about, tools, rounds=2 * ROUNDS, pull=PULL)[0], [], []
     begun = 0
-    for k in np.flatnonzero(np.abs(np.diff(q, axis=0)).max(axis=1, initial=0.0) > STEP) + 1:
+    for k in (np.flatnonzero(np.abs(np.diff(q, axis=0)).max(axis=1, initial=0.0) > STEP) + 1).tolist():
         way = q[k] - q[k - 1]
         count = math.ceil(float(np.abs(way).max()) / (SPEED * dt))
         s = np.arange(1, count) / count

@@ -98,7 +98,7 @@ class Scene:
         asked, led = self.reference.poses[self.asked], self.led.poses
         away = np.linalg.norm(led[:, :3, 3] - asked[:, :3, 3], axis=1)
         turned = np.linalg.norm(turns_between(asked[:, :3, :3], led[:, :3, :3]), axis=1)
-        return np.nan_to_num(np.column_stack([away, turned]))
+        return np.asarray(np.nan_to_num(np.column_stack([away, turned])))
 
     def asked_of(self, led: Array, seconds: ArrayLike) -> tuple[Array, Array]:
         """The reference (K, 4, 4) where `led` (K, 4, 4) was followed, at seconds from its beginning, and `beyond`."""
