@@ -41,6 +41,7 @@ PICTURES = {
     "assist_field": Picture("upper_limb/scenario_2_assist", "field"),
     "assist_trials": Picture("upper_limb/scenario_2_assist", "trials", 1200),
     "circle_joints": Picture("robot/ur5_circle", "joints"),
+    "clearance": Picture("robot/ur5_among_bodies", "clearance"),
     "circle_servos": Picture("robot/ur5_circle", "servos", 1100, plant="mujoco"),
     "chair_from_above": Picture("ardis/beyond_reach", "top_view", 800),
     "mirror_in_space": Picture("mirror/pick_fruit", "space", 850),

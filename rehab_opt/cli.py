@@ -139,11 +139,12 @@ def run(
 
 @app.command()
 def live(
-    file: Problem,
+    file: Annotated[str | None, typer.Argument(metavar="FILE", help="As of run; or --replay.")] = None,
     *,
     plant: Annotated[str | None, typer.Option(help="Of a robot: ideal, or mujoco; the file's by default.")] = None,
     solver: Annotated[str | None, typer.Option(help="Solver of the optimised law, instead of the file's.")] = None,
     host: Annotated[str, typer.Option(help="Address of this machine on which the page is served.")] = "127.0.0.1",
+    replay: Annotated[Path | None, typer.Option(metavar="LOG", help="Show an .mcap of `loop` instead.")] = None,
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the page; 0: any that is free.")] = 0,
     study: StudyOption = None,
     person: PersonOption = None,
@@ -156,8 +157,14 @@ def live(
     """
     from rehab_opt.live.session import show_live  # noqa: PLC0415
 
+    if (file is None) == (replay is None) or (replay is not None and (plant or solver or study)):
+        said = " ".join(str(each) for each in (file, replay) if each is not None)
+        raise ConfigurationError(
+            "FILE", said, "a problem, or --replay and a log, which has plant and solver in it and is no trial"
+        )
+
     into, trials = destination(study, person, session, covariate), None
-    if into is not None:
+    if into is not None and file is not None:
         from rehab_opt.session.files import problem_path  # noqa: PLC0415
         from rehab_opt.study.live import LiveTrials  # noqa: PLC0415
         from rehab_opt.study.trial import ProblemText  # noqa: PLC0415
@@ -168,15 +175,20 @@ def live(
     def ready(page: str, participant: str) -> None:
         say(f"open {page}")
         say(f"the participant's screen: {participant}")
-        say("whoever has these addresses may move the simulated robot; Ctrl-C ends it")
+        touched = "may move the simulated robot" if replay is None else "sees the log"
+        say(f"whoever has these addresses {touched}; Ctrl-C ends it")
         sys.stdout.flush()
 
     with contextlib.suppress(KeyboardInterrupt), on_interrupt(signal.default_int_handler):
-        show_live(file, plant=plant, solver=solver, host=host, port=port, ready=ready, watching=trials)
+        again, shown = replay is not None, str(file if replay is None else replay)
+        show_live(
+            shown, plant=plant, solver=solver, again=again, host=host, port=port, ready=ready, watching=trials
+        )  # fmt: skip
     if into is not None and trials is not None:
         with undisturbed():
             trials.end()
-        say(into.said(trials.written))
+        held = f"no trial into {into.file}: the switch was held for a second at no time"
+        say(into.said(trials.written) if trials.written else held)
 
 
 @app.command()

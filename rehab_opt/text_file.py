@@ -29,7 +29,8 @@ def file_content(path: Path, name: str, *, largest: int) -> bytes:
     except IsADirectoryError as problem:
         raise ProblemFileError(name, "file", "a directory", "a file") from problem
     except OSError as problem:
-        raise ProblemFileError(name, "file", problem.strerror, "a file that can be read") from problem
+        expected = f"a file that can be read ({problem.strerror})"
+        raise ProblemFileError(name, "file", path.name, expected) from problem
     size = max(about.st_size, len(content))
     if size > largest:
         expected = f"at most {_megabytes(largest)}: split the file, or leave out what is not needed"

@@ -109,6 +109,7 @@ ROWS = (
     Row("people who need help: arrive with late help, of these", "need", _arrive, math.inf, "%", 100.0, at_least=95.0),
     Row("lag of a mirrored recording / allowed, worst", "mirror", _worst("mirror: lag"), 1.0, ""),
     Row("blocked hand at 0.25 m/s: peak force, worst", "blocked", _worst("blocked: peak"), 140.0, "N"),
+    Row("the same of commands that end as it touches", "blocked", _worst("blocked: stopped at once"), math.inf, "N"),
     Row("blocked hand: force after 0.5 s, worst", "blocked", _worst("blocked: after 0.5 s"), 60.0, "N"),
     Row("speed on release, worst", "blocked", _worst("release"), 0.1, "m/s"),
     Row("frozen encoder, fresh stamps: braking after, worst", "frozen", _worst("frozen encoder"), 0.2, "s"),

@@ -26,7 +26,15 @@ PUSH, BACK = 28.0, 2.0
 
 
 def blocked(setting: Setting) -> Numbers:
-    """The hand moves into a wall and on, as far as its target goes; after a second the wall is taken away."""
+    """The hand moves into a wall and on, and again with commands that end as it touches: what any controller could."""
+    state = setting.rng.bit_generator.state  # the same draws for both
+    found = _blocked(setting)
+    setting.rng.bit_generator.state = state
+    return found | {"blocked: stopped at once": _blocked(setting, stops=True)["blocked: peak"]}
+
+
+def _blocked(setting: Setting, *, stops: bool = False) -> Numbers:
+    """As far as its target goes; after a second the wall is taken away. With `stops` nobody has to notice the wall."""
     rng, arm, rate = setting.rng, setting.arm, setting.cell.rate
     chain, start = arm.chain, arm.start(rng, 0.15)
     first = chain.pose(start)
@@ -35,16 +43,19 @@ def blocked(setting: Setting) -> Numbers:
     near = 0.05
     wall = Wall(first[:3, 3] + near * way, -way)
     plant = setting.plant(contacts=(wall,))
-    tracker = setting.controller(PoseTracker, chain, linear_speed=SPEED)
+    tracker, touched = setting.controller(PoseTracker, chain, linear_speed=SPEED), False
     ticks, gone, deepest = round(2.5 * rate), round((near / SPEED + 1.2) * rate), 0.15
 
     def step(k: int, seen: Measurement):  # type: ignore[no-untyped-def]
+        nonlocal touched
         pose, twist = first.copy(), np.zeros(6)
         along = SPEED * k / rate
+        touched = touched or bool(stops and plant.truth.force.any())
         if along < deepest:
             twist[:3] = SPEED * way
         pose[:3, 3] += min(along, deepest) * way
-        return tracker.step(seen.position, pose, twist)
+        command = tracker.step(seen.position, pose, twist)
+        return command._replace(value=np.zeros(chain.n)) if touched else command
 
     def each(k: int, now: Plant) -> None:
         if k == gone and isinstance(now, MujocoArm):

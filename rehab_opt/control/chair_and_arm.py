@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rehab_opt.control.chair_limits import ChairLimits, Limits
+from rehab_opt.control.chair_limits import ChairLimits, Limits, OwnLimits
 from rehab_opt.control.command import Bound, Command, Status
 from rehab_opt.control.hand_task import PROGRESS, HandTask, Last
 from rehab_opt.control.obstacles import NUMBERS
@@ -96,15 +98,17 @@ class ChairAndArm(VelocityController):
         tolerance: float,
         max_age: float | None,
         compile: Compile,
+        own: OwnLimits,
     ) -> None:
         self.robot, self.rows, self.drive, self.max_obstacles = robot, rows, drive, max_obstacles
         self.wheelset = robot.drive(drive)
         self.limits = ChairLimits(
-            robot, self.wheelset, max_obstacles=max_obstacles, dt=dt, recovery_speed=recovery_speed
+            robot, self.wheelset, max_obstacles=max_obstacles, dt=dt, recovery_speed=recovery_speed, own=own
         )
         n, k, wheels = robot.chain.n, len(rows), len(self.wheelset.rolling)
-        self.shapes = ((k,), (1,), (NUMBERS * max_obstacles,))  # type: ignore[misc]
-        self.shapes = self.shapes if max_obstacles else self.shapes[:2]  # type: ignore[misc]
+        self.surroundings = NUMBERS * max_obstacles + own.told
+        """Numbers of the obstacles, and behind them of the moving capsules."""
+        self.shapes = ((k,), (1,), *([(self.surroundings,)] if self.surroundings else []))  # type: ignore[misc]
         self.task = HandTask(robot, rows, moving=self.limits.moving, self_motion=self_motion)
         # What is remembered: u, where it leads, the command, the wheels' part of it, the hand's velocity and its frame.
         self.sent, self.wheels = slice(2 * n, 3 * n), slice(3 * n, 3 * n + wheels)
@@ -122,9 +126,9 @@ class ChairAndArm(VelocityController):
         """The QP of one tick."""
         n, k, name = self.chain.n, len(self.rows), "_".join(self.rows)
         q, twist, world = parameter("q", n), parameter("twist", k), parameter("frame", 1)
-        obstacles = parameter("obstacles", NUMBERS * self.max_obstacles)
+        obstacles = parameter("obstacles", self.surroundings)
         memory = parameter("last", 3 * n + len(self.wheelset.rolling) + k + 1)
-        parameters = [q, twist, world, obstacles] if self.max_obstacles else [q, twist, world]
+        parameters = [q, twist, world, obstacles] if self.surroundings else [q, twist, world]
         last = memory[:n]
 
         far = self.limits.far()
@@ -132,10 +136,11 @@ class ChairAndArm(VelocityController):
         clearance = parameter("clearance", 1)
         closing = ca.reshape(keep_outs[: far[0].numel()], *far[0].shape), keep_outs[far[0].numel() :]
         around = parameter("around", self.max_obstacles * self.limits.obstacles.size)
-        limits = self.limits.limits(q, last, around, closing, clearance)
+        contacts = parameter("contacts", self.limits.own.contacts_size)
+        moving = ca.sumsqr(twist) > 0
+        limits = self.limits.limits(q, last, around, closing, clearance, contacts=contacts, gives_way=moving)
         braking, remembered = self.limits.braking, Last(last, memory[-1 - k : -1], memory[-1])
         task = self.task.columns(q, twist, world, last=remembered, limits=limits, braking=braking, dt=self.dt)
-        moving = ca.sumsqr(twist) > 0
         eased = limits._replace(
             lower=ca.if_else(
                 moving, ca.fmax(limits.lower, ca.fmin(last - self.limits.braking.change, limits.base)), limits.lower
@@ -185,7 +190,7 @@ class ChairAndArm(VelocityController):
             dual=ca.vertcat(given["multipliers"], ca.SX.zeros(limits.row_count + 1 + k)),
             precomputed=columns,
             precompute=self._prepared(
-                ca.vertcat(*parameters), memory, ca.vertcat(keep_outs, clearance, around), prepared
+                ca.vertcat(*parameters), memory, ca.vertcat(keep_outs, clearance, around, contacts), prepared
             ),
             postprocessed=[sent],
             postprocess=self._settled(
@@ -243,6 +248,7 @@ class ChairAndArm(VelocityController):
         inputs = p[CHAIR:n], m[CHAIR:n]
         is_near, clearance = near.call(inputs)
         found = [ca.Function.if_else("keep_outs", some, none)(is_near, *inputs), clearance]
+        first = parameters.numel() - self.surroundings
         if self.max_obstacles:
             one, place, chair = ca.SX.sym("one", NUMBERS), ca.SX.sym("place", CHAIR), ca.SX.sym("chair", CHAIR)
             given, obstacles = [one, place, chair], limits.obstacles
@@ -251,10 +257,20 @@ class ChairAndArm(VelocityController):
             here, away = (ca.Function("rows", given, [each], cse) for each in (rows, nothing))
             either = ca.Function.if_else("obstacle", here, away)
             for i in range(self.max_obstacles):
-                begin = parameters.numel() - NUMBERS * (self.max_obstacles - i)
+                begin = first + NUMBERS * i
                 each = p[begin : begin + NUMBERS], p[:CHAIR], m[:CHAIR]
                 found.append(either(close(*each), *each))
+        found.append(self._contacts(p[:n], m[:n], p[first + NUMBERS * self.max_obstacles :]))
         return ca.Function("prepare", [p, m], [rest(p, m, ca.vertcat(*found))])
+
+    @cached_property
+    def _contacts(self) -> ca.Function:
+        """Q, last command (7,) with the chair's in its own frame, moving capsules -> see `Limits.contacts`."""
+        own, n = self.limits.own, self.chain.n
+        here, last = ca.SX.sym("q", n), ca.SX.sym("last", n)
+        sent = ca.Function("sent", [here, last], [self.limits.world(here[2], n) @ last])
+        inputs = [ca.MX.sym(name, size) for name, size in (("q", n), ("last", n), ("moving", own.told))]
+        return ca.Function("contacts", inputs, [own.contacts(inputs[0], sent(*inputs[:2]), inputs[2])])
 
     def _settled(self, complete: ca.SX, size: int, x: ca.SX, wanted: ca.SX, limits: Limits) -> ca.Function:
         """Complete parameters, memory, x -> the command; the arm's true way is looked at only near a keep-out."""
@@ -269,8 +285,10 @@ class ChairAndArm(VelocityController):
         looked = ca.Function("looked", [base, u, q], [ca.densify(checked)], {"cse": True})
         p, answer = ca.MX.sym("p", complete.numel()), ca.MX.sym("x", x.numel())
         memory = ca.MX.sym("memory", size)
-        start, end, is_clear = first(p, answer)
-        command = ca.Function.if_else("unhindered", same, looked)(is_clear, start, end, p[:n])
+        start, wish, is_clear = first(p, answer)
+        command = ca.Function.if_else("unhindered", same, looked)(is_clear, start, wish, p[:n])
+        end = n + sum(math.prod(shape) for shape in self.shapes)
+        command = self.limits.keeping(p[:n], p[end - self.limits.own.told : end], command, start)
         return ca.Function("settle", [p, memory, answer], [command])
 
     # ------------------------------------------------------------------------------------------ what is remembered
@@ -301,37 +319,43 @@ class ChairAndArm(VelocityController):
 
     def braking(self) -> ca.Function:
         """q, memory, obstacles -> what is remembered of the safe command, and its report."""
-        n = self.chain.n
-        q, obstacles = ca.SX.sym("q", n), ca.SX.sym("obstacles", NUMBERS * self.max_obstacles)
-        memory = ca.SX.sym("memory", self.stated.memory.numel())
+        n, own = self.chain.n, self.limits.own
+        q, obstacles = ca.SX.sym("q", n), ca.SX.sym("obstacles", self.surroundings)
+        memory, contacts = ca.SX.sym("memory", self.stated.memory.numel()), ca.SX.sym("contacts", own.contacts_size)
         last, arm = memory[:n], q[CHAIR:]
         _, clearance = self.limits.near(arm, last[CHAIR:])
         each = [obstacles[NUMBERS * i : NUMBERS * (i + 1)] for i in range(self.max_obstacles)]
         around = ca.vertcat(ca.SX(0, 1), *(self.limits.obstacles.column(one, q[:CHAIR], last[:CHAIR]) for one in each))
-        limits = self.limits.limits(q, last, around, self.limits.keep_outs(arm, last[CHAIR:]), clearance)
+        keep_outs = self.limits.keep_outs(arm, last[CHAIR:])
+        limits = self.limits.limits(q, last, around, keep_outs, clearance, contacts=contacts, gives_way=ca.SX(0))
         rest = self.limits.unhindered(limits.base, limits.base, arm) if self.robot.keep_out else limits.base
-        report = self.report(last, rest, ca.SX(0), ca.SX(1), limits.outside)  # nothing of the task is delivered
-        inputs = [q, memory, obstacles] if self.max_obstacles else [q, memory]
-        return ca.Function(
-            "braking",
-            inputs,
-            [self.remembered(q, rest, ca.SX.zeros(len(self.rows)), ca.SX(UNKNOWN)), report],
-            {"cse": True},
-        )
+        inputs = [q, memory, obstacles, contacts]
+        slower = ca.Function("slower", inputs, [ca.densify(rest), limits.outside], {"cse": True})
+        u, outside = ca.SX.sym("u", n), ca.SX.sym("outside")
+        report = self.report(last, u, ca.SX(0), ca.SX(1), outside)  # nothing of the task is delivered
+        remembered = self.remembered(q, u, ca.SX.zeros(len(self.rows)), ca.SX(UNKNOWN))
+        told = ca.Function("told", [q, memory, u, outside], [remembered, ca.densify(report)], {"cse": True})
+        here, before, room = (ca.MX.sym("p", each.numel()) for each in (q, memory, obstacles))
+        bodies = room[NUMBERS * self.max_obstacles :]
+        start, beyond = slower(here, before, room, self._contacts(here, before[:n], bodies))
+        answer = told.call([here, before, self.limits.keeping(here, bodies, start, start), beyond])
+        return ca.Function("braking", [here, before, room] if self.surroundings else [here, before], answer)
 
     # ----------------------------------------------------------------------------------------- for the resolver
     def tell_obstacles(self, numbers: Array) -> None:
         """Write the obstacles, for all ticks until the next call."""
         if self.max_obstacles:
-            self._inputs[2][:] = numbers
+            self._inputs[2][: numbers.size] = numbers
 
-    def tell(self, q: ArrayLike, twist: ArrayLike, world: float) -> None:
-        """Write the other parameters of a tick.
+    def tell(self, q: ArrayLike, twist: ArrayLike, world: float, moving: Array) -> None:
+        """Write the other parameters of a tick; `moving` by `moving_numbers`.
 
         Raises
         ------
         ConfigurationError : an argument of the wrong shape, or no numbers.
         """
+        if moving.size:
+            self._inputs[2][-moving.size :] = moving.reshape(-1)
         views = self._views
         try:
             # From view to view: half of numpy's cost, and any other type or size is refused.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import cached_property
 from typing import NamedTuple
 
 import casadi as ca
@@ -12,6 +13,7 @@ import numpy as np
 from rehab_opt.control.braking_together import BrakingTogether
 from rehab_opt.control.chair_obstacles import INTO, ROWS, ChairObstacles
 from rehab_opt.control.keep_out import arm_gaps, closing_rows
+from rehab_opt.control.limit import Limits as OwnLimits
 from rehab_opt.control.stopping import FAR, velocity_bounds
 from rehab_opt.kinematics.drive import Drive
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
@@ -55,8 +57,11 @@ class Limits(NamedTuple):
     closing: ca.SX
     """(c, 4) rows of the arm towards its keep-outs, at most closing_limit (c,) [m/s]; of the posture now first."""
     closing_limit: ca.SX
+    beside: ca.SX
+    """(e, 7) rows of a user's limits and of what keeps clear of each other, at most beside_limit (e,)."""
+    beside_limit: ca.SX
     base: ca.SX
-    """(7,) one tick of the hardest braking together: the safe command."""
+    """(7,) one tick of the hardest braking together: the safe command; see `ChairLimits` for what comes nearer."""
     clearance: ca.SX
     """[m] of the arm from the nearest keep-out, negative inside."""
     outside: ca.SX
@@ -65,7 +70,7 @@ class Limits(NamedTuple):
     @property
     def row_count(self) -> int:
         """Number of rows."""
-        return int(self.chair.size1() + self.towards.size1() + self.closing.size1())
+        return int(sum(each.size1() for each in (self.chair, self.towards, self.closing, self.beside)))
 
     def chassis_rows(self, u: ca.SX) -> list[Row]:
         """The rows of the drive as a statement wants them; none of a base that stands."""
@@ -78,6 +83,8 @@ class Limits(NamedTuple):
             rows.append(within(self.towards @ chair, -np.inf, self.towards_limit))
         if self.closing.size1():
             rows.append(within(self.closing @ arm, -np.inf, self.closing_limit))
+        if self.beside.size1():
+            rows.append(within(self.beside @ u, -np.inf, self.beside_limit))
         return rows
 
     def columns(self) -> dict[str, ca.SX]:
@@ -117,16 +124,20 @@ class ChairLimits:
     for braking as hard as the accelerations allow, until it is kept again; and the command is shortened to what keeps
     the robot out in this tick: there only acceleration yields.
 
+    A user's limits and a `Clearance` make the rows that they make everywhere (`control.limit.Limits`). While the stick
+    commands, `base` is led out of the way of what comes nearer by itself, and acceleration yields to it.
+
     Parameters
     ----------
     robot, wheels : see `RedundancyResolver`. max_obstacles : obstacles that may be around. dt : tick [s].
+    own : a user's limits, and clearance.
     recovery_speed : fraction of a joint's speed at which it comes back from beyond its limit at most.
     """
 
     def __init__(
-        self, robot: MobileArm, wheels: Drive, *, max_obstacles: int, dt: float, recovery_speed: float
+        self, robot: MobileArm, wheels: Drive, *, max_obstacles: int, dt: float, recovery_speed: float, own: OwnLimits
     ) -> None:
-        self.robot, self.wheels, self.max_obstacles = robot, wheels, max_obstacles
+        self.robot, self.wheels, self.max_obstacles, self.own = robot, wheels, max_obstacles, own
         self.dt, self.recovery_speed = dt, recovery_speed
         self.braking = BrakingTogether(robot.chain, dt, moving=self.moving)
         self.obstacles = ChairObstacles(robot, self.braking, dt)
@@ -193,9 +204,20 @@ class ChairLimits:
         return ca.SX.zeros(count, self.robot.chain.n - CHAIR), FAR * ca.SX.ones(count)
 
     def limits(
-        self, q: ca.SX, last: ca.SX, obstacles: ca.SX, keep_outs: tuple[ca.SX, ca.SX], clearance: ca.SX
+        self,
+        q: ca.SX,
+        last: ca.SX,
+        obstacles: ca.SX,
+        keep_outs: tuple[ca.SX, ca.SX],
+        clearance: ca.SX,
+        *,
+        contacts: ca.SX,
+        gives_way: ca.SX,
     ) -> Limits:
-        """Limits at joint values q (7,) after the command `last` (7,), with columns of obstacles and `keep_outs`."""
+        """Limits at joint values q (7,) after the command `last` (7,), with columns of obstacles and `keep_outs`.
+
+        contacts, gives_way : see `Limits.contacts` and `Limits.beside` of `control.limit`.
+        """
         lower, upper, hard_lower, hard_upper, outside = self._joints(q, last)
         read, size = self.obstacles.read, self.obstacles.size
         around = [obstacles[i : i + size] for i in range(0, obstacles.numel(), size)]
@@ -218,6 +240,22 @@ class ChairLimits:
             )
 
         base = pressed(slowest)
+        beside, beside_limit = ca.SX(0, q.numel()), ca.SX(0, 1)
+        if len(self.own):
+            still = [i for i in range(q.numel()) if i not in self.moving]
+            turn = self.world(q[2], q.numel())
+            turn[:, still] = 0
+            hard = hard_lower, hard_upper
+            beside, free_beside, base = self.own.beside(
+                q, turn @ last, contacts, turn=turn, base=base, hard=hard, gives_way=gives_way
+            )
+            base[:CHAIR] *= ca.fmin(
+                largest_part(chair @ base[:CHAIR], chair_limit), largest_part(-chair @ base[:CHAIR], chair_limit)
+            )
+            base = pressed(base)
+            beside_limit = ca.fmax(free_beside, beside @ base)
+            lower, upper = ca.fmin(lower, base), ca.fmax(upper, base)
+            outside = ca.logic_or(outside, self.own.inside(contacts))
         towards, left = _stacked([read(each, 0, ROWS) for each in around])
         towards_limit = ca.fmax(left + towards @ slower[:CHAIR], towards @ base[:CHAIR])
         return Limits(
@@ -230,6 +268,8 @@ class ChairLimits:
             into=into,
             into_limit=into_limit,
             closing=closing,
+            beside=beside,
+            beside_limit=beside_limit,
             closing_limit=ca.vertcat(now_limit, ca.fmax(free[count:] + then @ slower[CHAIR:], then @ base[CHAIR:])),
             base=base,
             clearance=clearance,
@@ -254,6 +294,33 @@ class ChairLimits:
             then = self._gaps(arm + self.dt * u[CHAIR:])
             chosen = ca.if_else(all_true(then >= now), u, chosen)
         return chosen
+
+    @staticmethod
+    def world(heading: ca.SX, joints: int) -> ca.SX:
+        """(n, n) velocities from those with the chair's in its own frame."""
+        turn, cos, sin = ca.SX.eye(joints), ca.cos(heading), ca.sin(heading)
+        turn[:2, :2] = ca.vertcat(ca.horzcat(cos, -sin), ca.horzcat(sin, cos))
+        return turn
+
+    @cached_property
+    def keeping(self) -> ca.Function:
+        """Q, moving capsules, wanted u (7,), braking -> the first of `Limits.first_kept` of a user's limits.
+
+        It leads the arm into no keep-out either, nor deeper; without limits it is `wanted`.
+        """
+        own, n = self.own, self.robot.chain.n
+        inputs = [ca.MX.sym(name, size) for name, size in (("q", n), ("moving", own.told), ("u", n))]
+        q, told, u = inputs
+        if not len(own):
+            return ca.Function("keeping", [*inputs, ca.MX.sym("braking", n)], [u])
+        here, velocity = ca.SX.sym("q", n), ca.SX.sym("u", n)
+        sent = ca.Function("sent", [here, velocity], [self.world(here[2], n) @ velocity])
+        verdict = own.judged(q, told, sent(q, u))
+        if self.robot.keep_out:
+            then, now = (self._gaps(arm) for arm in ((here + self.dt * velocity)[CHAIR:], here[CHAIR:]))
+            out = ca.Function("out", [here, velocity], [all_true(then >= ca.fmin(now, 0))], {"cse": True})
+            verdict = ca.logic_and(verdict, out(q, u))
+        return own.first_kept(ca.Function("judged", inputs, [verdict]))
 
     def clear(self, u: ca.SX, clearance: ca.SX) -> ca.SX:
         """1 where no keep-out is as near as a tick of u (7,) reaches, or of half the arm's."""

@@ -78,7 +78,11 @@ def checked_clearance(argument: str, given: Clearance, chain: SerialChain) -> Cl
         return ConfigurationError(f"{argument}.{name}", value, expected)
 
     if not chain.capsules:
-        raise ConfigurationError("chain", chain.names, "a robot whose links have capsules, of which clearance is kept")
+        raise ConfigurationError(
+            "chain",
+            chain.names,
+            "a robot whose links have capsules, which keep clear: from_urdf(..., capsules='collision')",
+        )
     for name, low, high, whole in (
         ("margin", 0, 10, False),
         ("self_margin", 0, 10, False),

@@ -19,6 +19,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from rehab_opt.control.clearance_pairs import ClearancePairs
 from rehab_opt.control.guarded_points import GuardedPoint, guarded_points
 from rehab_opt.control.limit import Limit, Limits
 from rehab_opt.control.stopping import VelocityBounds
@@ -72,7 +73,9 @@ class HandBounds:
     dt : tick [s].
     recovery_speed : share of the joints' speeds at which the arm is led back above the floor.
     limits : a user's own.
-    margin : [m] that is left before the planes at least, where they may be gone into by what joints are led astray.
+    margin : [m] that is left before planes and bodies at least, where they may be gone into by what joints are led
+        astray.
+    clearance : pairs of bodies that keep clear of each other, or None.
     """
 
     chain: SerialChain
@@ -86,6 +89,7 @@ class HandBounds:
     recovery_speed: float
     limits: Sequence[Limit] = ()
     margin: float = 0.0
+    clearance: ClearancePairs | None = None
 
     @property
     def count(self) -> int:
@@ -94,16 +98,20 @@ class HandBounds:
 
     @cached_property
     def distances(self) -> Limits:
-        """What the arm keeps to the planes, and a user's own limits."""
+        """What the arm keeps to the planes, a user's own limits, and clearance."""
         planes = [Limit(partial(self._above, plane)) for plane in self.planes]
         own = [each if each.rate is not None else replace(each, rate=self.rate) for each in (*planes, *self.limits)]
-        return Limits(own, self.chain, self.dt)
+        return Limits(
+            own, self.chain, self.dt, self.clearance, recovery_speed=self.recovery_speed, fastest_rate=self.rate
+        )
 
     @property
     def _margins(self) -> list[float]:
-        """[m] for every row of `distances`: of the planes, none of a user's own limits, whose units are not known."""
+        """[m] for every row of `distances`: none of a user's own limits, whose units are not known."""
         planes = len(self.planes) * min(len(self.guarded), 2)
-        return [self.margin] * planes + [0.0] * (len(self.distances) - planes)
+        bodies = 0 if self.clearance is None else self.clearance.slots
+        others = len(self.distances) - planes - bodies
+        return [self.margin] * planes + [0.0] * others + [self.margin] * bodies
 
     def _above(self, plane: KeepOut, _: SerialChain, q: ca.SX) -> ca.SX:
         return ca.vertcat(*self.heights(self.chain.frames_expression(q), plane))
@@ -127,6 +135,7 @@ class HandBounds:
         lead: ca.SX,
         loss: ca.SX,
         bounds: VelocityBounds,
+        contacts: ca.SX,
         strays: ca.SX | None = None,
     ) -> tuple[ca.SX, ca.SX, Now]:
         """R (m, n), r (m,), and how things are.
@@ -138,6 +147,7 @@ class HandBounds:
         lead : (n,) stands for the gradient of w where that vanishes, else zero.
         loss : what the last tick lost of w / w_max against its tangent: counted on again.
         bounds : of the joint velocities.
+        contacts : the nearest, see `Limits.contacts`.
         strays : (n,) from q, where the joints are led, to where they are. Floor, planes and a user's limits have room
             for it either way, joint by joint: what friction holds back on the way in, it holds back on the way out.
             None for joints that move as commanded.
@@ -158,14 +168,16 @@ class HandBounds:
         far = distance > 0.25 * self.deviation  # a row at the very centre has no direction
         normals.append(unit.T @ self.chain.jacobian_expression(q)[:3, :])
         most.append(ca.if_else(far, share * ca.fmax(self.deviation - distance, 0), FREE))
-        if len(self.distances):
-            margins = ca.DM(self._margins)
-            slopes, falls = self.distances.falls(
-                q, last, room=None if astray is None else lambda each: ca.fmax(ca.fabs(each) @ astray, margins),
-                ticks=self.ways(last)[-1],
-            )  # fmt: skip
-            normals.append(-slopes)
-            most.append(falls)
+        margins = ca.DM(self._margins)
+
+        def room(slopes: ca.SX, which: slice) -> ca.SX:
+            return ca.fmax(ca.fabs(slopes) @ astray, margins[which])
+
+        slopes, falls = self.distances.falls(
+            q, last, contacts, room=None if astray is None else room, ticks=self.ways(last)[-1]
+        )
+        normals.append(-slopes)
+        most.append(falls)
         slow = ca.DM(self.recovery_speed * self.chain.velocity)
         calm = ca.dot(ca.fabs(gradient), slow)
         rows = feasible_rows(

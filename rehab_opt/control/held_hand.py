@@ -7,13 +7,13 @@ what is left of d after its slow part is taken away, against the way the hand go
 
 of a hand that is free at most
 
-    contact + INERTIA sum_j |J_j| |q''_j| / p^2 + LATE |v - v_usual|:
+    min(|J' v| / |v|, 1) contact + INERTIA sum_j |J_j| |q''_j| / p^2 + LATE |v - v_usual|:
 
 a servo that was tuned to another inertia is behind by a share of p^-2 q'', and a delay that is another one shows where
 the speed changes. Where it is more in two ticks (one sample may lie), the hand is held. Then
 
 - the joints' commands begin anew at rest: what was stopped may be stopped in the command, too;
-- along the way v the hand may be led no further than half of `contact` ahead of where it usually is, `room`;
+- along the way v the hand may be led no further than 0.75 `contact` ahead of where it usually is, `room`;
 - all asked speeds are those of recovery, until the hand has been free for CALM.
 """
 
@@ -104,13 +104,14 @@ def _held(chain: SerialChain) -> ca.Function:
     swing = ca.fmax(ca.dot(levers, ca.fabs(change)) * model.per_square / model.dt, model.fades * memory.swing)
     was_held = memory.held > 0
     usual = ca.if_else(memory.known, memory.usual, behind)
-    explained = model.contact + INERTIA * swing + LATE * ca.norm_2(motion - memory.going)
+    lever = ca.fmin(ca.norm_2(moves.T @ along), 1)  # what encoders' noise makes of the hand on this way
+    explained = lever * model.contact + INERTIA * swing + LATE * ca.norm_2(motion - memory.going)
     over = -ca.dot(behind - usual, along) > explained
     touched = ca.logic_and(ca.logic_not(was_held), ca.logic_and(over, memory.over))
 
     way = ca.if_else(touched, along / ca.fmax(ca.norm_2(along), 1e-12), memory.way)
     before = ca.if_else(touched, -ca.dot(usual, way), memory.before)
-    room = model.contact / 2 + before + ca.dot(behind, way)
+    room = 0.75 * model.contact + before + ca.dot(behind, way)
     pressed = room < model.contact / 4
     held = ca.logic_or(touched, was_held)
     free = ca.if_else(pressed, 0, memory.free + model.dt)

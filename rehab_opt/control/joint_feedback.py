@@ -42,16 +42,16 @@ class JointFeedback:
       begin anew faster than accelerations allow, that yields (`Bound.ACCELERATION`).
 
     The watch does not see what anything but the hand runs into, nor hands slower than 0.02 m/s. It is late where joints
-    turn faster and faster, near a singular posture. A UR5 simulated with MuJoCo ran into a wall of 30 kN/m at 0.25 m/s
-    with 78 to 187 N, 120 N in the median of 24 random postures, and let go. With its elbow stretched it pressed 600 N,
-    and 425 N until `reset`, since a joint was beyond `tolerance` before it could let go; at 0.02 m/s 86 N stayed. Where
-    that is too much, measure forces.
+    turn faster and faster, near a singular posture. A UR5 and an iiwa simulated with MuJoCo ran into a wall of 30 kN/m
+    at 0.25 m/s with 104 N in the median of 24 random postures, 163 N at the worst, and let go. With its elbow stretched
+    a UR5 pressed 600 N, and 425 N until `reset`, since a joint was beyond `tolerance` before it could let go; at 0.02
+    m/s 86 N stayed. Where that is too much, measure forces.
 
     A following error above `tolerance` for longer than `patience` is a joint that is blocked, an encoder that stands
     still, or an axis that turns the wrong way: the controller brakes, says which joint, and rests until `reset`, or
-    until `enable` was released, as drives do: a servo that was held may still push by what it lags behind. An error that
-    large corrects nothing, and a sample that is no number neither ends nor hides a fault. Nor does it change d, or what
-    is known of the hand.
+    until `enable` was released, as drives do: a servo that was held may still push by what it lags behind. An error
+    that large corrects nothing, and a sample that is no number neither ends nor hides a fault. Nor does it change d, or
+    what is known of the hand.
 
     Parameters
     ----------
@@ -63,8 +63,9 @@ class JointFeedback:
     following : [1/s] rate c at which the task's error takes over the following error of joints that move. With a gain
         g, the loop that is left has g c / ((s + g)(s + c)) times what robot and model differ by: never more than that,
         so that a delay that is another one by 3 ms, or twice an inertia, leaves it stable at any g and c.
-    contact : [m] by which the hand of an arm that moves freely is not left behind all of a sudden, at a steady speed:
-        five times what 0.2 mrad of noise in each encoder make of it. A noisier arm needs more, or stops by itself.
+    contact : [m] by which the hand of an arm that moves freely is not left behind all of a sudden at a steady speed, on
+        a way on which its joints have a lever of 1 m together; less on others. Five times what 0.2 mrad of noise in
+        each encoder make of it. A noisier arm needs more, or stops by itself.
     tolerance : [rad or m] following error that is none.
     patience : [s] for which a larger one, or a held hand, is no fault.
 

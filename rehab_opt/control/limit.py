@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from rehab_opt.control.clearance import Clearance, checked_clearance
 from rehab_opt.control.clearance_pairs import ClearancePairs
 from rehab_opt.control.stopping import OUTSIDE, VelocityBounds, nearest_to_rest
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.kinematics.room import MovingCapsule, moving_numbers
 from rehab_opt.optim.certificate import all_true, clipped
 
 __all__ = ["Limit", "Limits", "all_limits", "checked_limits"]
+
+Array = NDArray[np.float64]
 
 ROUNDING = 1e-13
 """[rad, m] of a joint, by which rounding may take a distance further below zero."""
@@ -42,6 +47,8 @@ class Limit:
     """What a posture has to keep: every distance h(q) at zero or above, at the end of every tick.
 
     h(q) >= 0, met as the barrier  grad h . q' >= -rate h
+
+    A `MirrorTracker`, whose accelerations do not yield to it, meets it faster where braking of all joints alike does.
 
     Parameters
     ----------
@@ -137,6 +144,7 @@ class Limits:
     limits : what `checked_limits` gives. chain : the arm. dt : tick [s].
     clearance : its pairs, where there is a `Clearance`: each of its contacts makes a row, behind those of the limits.
     recovery_speed : share of the joints' speeds at which the arm is led back to where a limit is kept.
+    fastest_rate : [1/s] a rate of None is no more than this.
     """
 
     def __init__(
@@ -147,6 +155,7 @@ class Limits:
         clearance: ClearancePairs | None = None,
         *,
         recovery_speed: float = 1.0,
+        fastest_rate: float = math.inf,
     ) -> None:
         self.limits, self.chain, self.dt, self.clearance = tuple(limits), chain, dt, clearance
         self._calm = ca.DM(recovery_speed * chain.velocity)
@@ -154,7 +163,8 @@ class Limits:
         rates = [each.rate for each in self.limits for _ in range(each.count(chain))]
         self._own = len(rates)
         rates += [] if clearance is None else [clearance.clearance.rate] * clearance.slots
-        self._shares = ca.DM([(1 - np.exp(-(1 / together if rate is None else rate) * dt)) / dt for rate in rates])
+        usual = min(1 / together, fastest_rate)
+        self._shares = ca.DM([(1 - np.exp(-(usual if rate is None else rate) * dt)) / dt for rate in rates])
         self._begun = float(np.sum(np.minimum(chain.acceleration * dt, START * chain.velocity)))
 
     def __len__(self) -> int:
@@ -170,6 +180,18 @@ class Limits:
     def told(self) -> int:
         """Numbers of those."""
         return 0 if self.clearance is None else self.clearance.told
+
+    def told_numbers(self, argument: str, bodies: Sequence[MovingCapsule] | Array | None) -> Array:
+        """(k, 14) of what moves, by `moving_numbers`.
+
+        Raises
+        ------
+        ConfigurationError : more than `moving` of them, none where it is above zero, no moving capsules.
+        """
+        if bodies is None or not self.moving:
+            expected = f"at most {self.moving} moving capsules, as the Clearance among `limits` says"
+            raise ConfigurationError(argument, bodies, expected)
+        return moving_numbers(bodies, self.moving, argument)
 
     @property
     def contacts_size(self) -> int:
@@ -190,7 +212,7 @@ class Limits:
         """
         rest = nearest_to_rest(bounds._replace(brake_lower=bounds.lower, brake_upper=bounds.upper))
         slopes, free, _ = now = self._now(q, last, contacts)
-        kept = _kept_within(now, rest, (bounds.lower, bounds.upper), bounds)
+        kept = _kept_within(now, rest, (bounds.lower, bounds.upper), bounds.hard)
         opened = bounds._replace(
             lower=ca.fmin(bounds.lower, kept),
             upper=ca.fmax(bounds.upper, kept),
@@ -199,16 +221,33 @@ class Limits:
         return -slopes, ca.fmax(free, -slopes @ kept), opened
 
     def falls(
-        self, q: ca.SX, last: ca.SX, *, room: Callable[[ca.SX], ca.SX] | None = None, ticks: ca.SX | float = 1.0
+        self,
+        q: ca.SX,
+        last: ca.SX,
+        contacts: ca.SX,
+        *,
+        room: Callable[[ca.SX, slice], ca.SX] | None = None,
+        ticks: ca.SX | float = 1.0,
     ) -> tuple[ca.SX, ca.SX]:
         """Slopes (m, n) of the least distances, and how fast they may fall (m,): below zero where they have to rise.
 
-        What is beyond a limit is taken for at it: it goes no further, and is not led back. `room` says, of the slopes,
-        what is left before each (m,). `ticks` of the last velocity lead as far as the tangents are to hold.
+        What is beyond a limit is taken for at it: it goes no further, and is not led back. `room` says, of the slopes
+        of some rows, what is left before each. `ticks` of the last velocity lead as far as the tangents are to hold.
         """
-        slopes, least, spent = self._tangents(q, last, ticks)
-        least = least if room is None else least - room(slopes)
-        return slopes, self._shares[: self._own] * ca.fmax(least, 0) - spent
+
+        def left(least: ca.SX, slopes: ca.SX, which: slice) -> ca.SX:
+            return least if room is None else least - room(slopes, which)
+
+        parts, own = [(ca.SX(0, self.chain.n), ca.SX(0, 1))], slice(self._own)
+        if self.limits:
+            slopes, least, spent = self._tangents(q, last, ticks)
+            parts.append((slopes, self._shares[own] * ca.fmax(left(least, slopes, own), 0) - spent))
+        if self.clearance is not None:
+            distances, slopes, changes = self.clearance.read(contacts)
+            which = slice(self._own, len(self))
+            parts.append(self._between_bodies(last, left(distances, slopes, which), slopes, changes)[:2])
+        slopes, falls = (ca.vertcat(*column) for column in zip(*parts, strict=True))
+        return slopes, falls
 
     def slower(self, q: ca.SX, last: ca.SX, bounds: VelocityBounds, contacts: ca.SX) -> ca.SX:
         """(n,) the velocity nearest to rest, but for joints that hold theirs longer where a limit wants it.
@@ -219,11 +258,35 @@ class Limits:
         held = clipped(last, bounds.brake_lower, bounds.brake_upper)
         slopes, free, hard = self._now(q, last, contacts)
         now = (slopes, free, ca.fmax(hard, 0))
-        return _kept_within(now, rest, (ca.fmin(rest, held), ca.fmax(rest, held)), bounds)
+        return _kept_within(now, rest, (ca.fmin(rest, held), ca.fmax(rest, held)), bounds.hard)
+
+    def beside(
+        self,
+        q: ca.SX,
+        last: ca.SX,
+        contacts: ca.SX,
+        *,
+        turn: ca.SX,
+        base: ca.SX,
+        hard: tuple[ca.SX, ca.SX],
+        gives_way: ca.SX,
+    ) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """R (m, n), r (m,) of R u <= r, and `base`, led within `hard` to where no limit is passed in this tick.
+
+        Of velocities q' = turn u. Where `gives_way` is 0, nothing is led out of the way of what comes nearer by itself.
+        """
+        slopes, free, now = self._now(q, last, contacts)
+        slopes, least = slopes @ turn, ca.if_else(gives_way, -ca.inf, 0)
+        base = _kept_within((slopes, free, ca.fmax(now, least)), base, (base, base), hard)
+        return -slopes, ca.fmax(free, least), base
 
     @cached_property
     def keeping(self) -> ca.Function:
-        """Q, moving capsules, wanted, braking -> the first velocity (n,) that leads beyond no limit.
+        """As `first_kept`, of `judged`."""
+        return self.first_kept(self.judged)
+
+    def first_kept(self, judged: ca.Function) -> ca.Function:
+        """Q, moving capsules, wanted, braking -> the first velocity (n,) for which `judged` gives 1.
 
         Of `wanted`, parts of the way there from `braking`, and parts of that; each is judged where those before failed.
         """
@@ -237,7 +300,7 @@ class Limits:
         for i, u in reversed(list(enumerate(tried))):
             this = ca.Function(f"tried_{i}", inputs, [u])
             choice = ca.Function.if_else(f"choice_{i}", this, otherwise)
-            otherwise = ca.Function(f"first_kept_{i}", inputs, [choice(self.judged(q, told, u), *inputs)])
+            otherwise = ca.Function(f"first_kept_{i}", inputs, [choice(judged(q, told, u), *inputs)])
         return otherwise
 
     @cached_property
@@ -246,6 +309,18 @@ class Limits:
 
         NaN fails.
         """
+        inputs = [ca.MX.sym(name, size) for name, size in (("q", self.chain.n), ("moving", self.told))]
+        inputs.append(ca.MX.sym("velocity", self.chain.n))
+        verdict = self.clear(*inputs)
+        if self.limits:
+            here, u = ca.SX.sym("q", self.chain.n), ca.SX.sym("velocity", self.chain.n)
+            kept = ca.Function("kept", [here, u], [self.kept(here, u)], {"cse": True})
+            verdict = ca.logic_and(verdict, kept(inputs[0], inputs[2]))
+        return ca.Function("judged", inputs, [verdict])
+
+    @cached_property
+    def clear(self) -> ca.Function:
+        """The same of bodies alone."""
         n = self.chain.n
         q, told, velocity = ca.MX.sym("q", n), ca.MX.sym("moving", self.told), ca.MX.sym("velocity", n)
         inputs, verdict = [q, told, velocity], ca.MX(1)
@@ -259,11 +334,7 @@ class Limits:
             compared = ca.Function("compared", [ends, q, told], [no_worse(ends, distances(q, told, self.dt))])
             there = distances(q + velocity * self.dt, told, self.dt)
             verdict = ca.Function.if_else("clear_or_no_worse", yes, compared)(clear(there), there, q, told)
-        if self.limits:
-            here, u = ca.SX.sym("q", n), ca.SX.sym("velocity", n)
-            kept = ca.Function("kept", [here, u], [self.kept(here, u)], {"cse": True})
-            verdict = ca.logic_and(verdict, kept(q, velocity))
-        return ca.Function("judged", inputs, [verdict])
+        return ca.Function("among_bodies", inputs, [verdict])
 
     def kept(self, q: ca.SX, velocity: ca.SX) -> ca.SX:
         """1 where a velocity leads no `Limit` below zero, nor further below; NaN fails."""
@@ -287,14 +358,14 @@ class Limits:
             slopes, least, spent = self._tangents(q, last)
             parts.append((slopes, self._shares[: self._own] * least - spent, ca.fmax(least, 0) / self.dt))
         if self.clearance is not None:
-            parts.append(self._between_bodies(last, contacts))
+            parts.append(self._between_bodies(last, *self.clearance.read(contacts)))
         slopes, free, hard = (ca.vertcat(*column) for column in zip(*parts, strict=True))
         return slopes, free, hard
 
-    def _between_bodies(self, last: ca.SX, contacts: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+    def _between_bodies(
+        self, last: ca.SX, distances: ca.SX, slopes: ca.SX, changes: ca.SX
+    ) -> tuple[ca.SX, ca.SX, ca.SX]:
         """The same of contacts, whose slopes are those of the middle of the tick, where the last velocity leads."""
-        assert self.clearance is not None
-        distances, slopes, changes = self.clearance.read(contacts)
         way = self.dt * (ca.sum1(ca.fabs(last)) + self._begun)
         margin = ca.sqrt(ca.sum2(slopes**2)) * way**2 / 2 + SLACK
         # Where a distance is nearly as large as a posture can make it, no joint goes to and fro about that posture.
@@ -319,11 +390,11 @@ class Limits:
 
 
 def _kept_within(
-    now: tuple[ca.SX, ca.SX, ca.SX], rest: ca.SX, ends: tuple[ca.SX, ca.SX], bounds: VelocityBounds
+    now: tuple[ca.SX, ca.SX, ca.SX], rest: ca.SX, ends: tuple[ca.SX, ca.SX], outer: tuple[ca.SX, ca.SX]
 ) -> ca.SX:
     """(n,) `rest`, moved limit by limit towards the end of an interval that keeps it, as far as it asks.
 
-    What still leads below zero in this tick is taken away across that limit, within the bounds that never yield,
+    What still leads below zero in this tick is taken away across that limit, within the `outer` ends that never yield,
     and if that is not enough, of all joints alike: only there acceleration yields.
     """
     (lower, upper), (slopes, free, hard) = ends, now
@@ -339,7 +410,7 @@ def _kept_within(
         over = ca.fmax(-ca.dot(slope, u) - hard[i], 0)
         u = ca.if_else(
             over > 0,
-            clipped(u + slope * (over / ca.fmax(ca.sumsqr(slope), TINY)), bounds.hard_lower, bounds.hard_upper),
+            clipped(u + slope * (over / ca.fmax(ca.sumsqr(slope), TINY)), *outer),
             u,
         )
     closing, least = -slopes @ u, ca.fmax(hard, 0)  # to slow down helps against what the arm does itself

@@ -17,11 +17,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.between_poses import moving_tool_function, rigid_function
+from rehab_opt.control.clearance import Clearance
 from rehab_opt.control.command import Bound, Command, Status
 from rehab_opt.control.hand_bounds import HandBounds, KeepOut
 from rehab_opt.control.interaction import Interaction
 from rehab_opt.control.joint_feedback import JointFeedback
-from rehab_opt.control.limit import Limit, checked_limits
+from rehab_opt.control.limit import Limit, all_limits
 from rehab_opt.control.manipulability import WayOut, largest_manipulability
 from rehab_opt.control.mirror_following import BRIDGE
 from rehab_opt.control.mirror_foreseen import MirrorForeseen
@@ -32,6 +33,7 @@ from rehab_opt.control.reference_clock import ReferenceClock
 from rehab_opt.control.velocity_controller import checked_number
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.kinematics.room import MovingCapsule
 from rehab_opt.optim.fused import FUSED_SOLVERS
 from rehab_opt.symbolic import BufferedFunction, Compile
 
@@ -59,8 +61,9 @@ class MirrorTracker(MirrorForeseen):
     is lost, and counts in `lag` until the clock has passed it. A stretch that the arm cannot do is followed as near as
     the hand comes from where it is: once it stands short of the reference, or the clock has waited for a second longer
     than it went on, deviations count from there on (`short`), and the clock goes on. Jumps of the reference are
-    bridged, at half the hand speeds; the first bridge starts at the hand. Joints that do not follow are seen as by
-    `PoseTracker`. An object belongs to one thread: see `OneThread`.
+    bridged, at half the hand speeds; the first bridge starts at the hand. A live tracker's samples go through a
+    `Conditioner` first: given as they come, a lone outlier is a jump there and back, and the hand is led there. Joints
+    that do not follow are seen as by `PoseTracker`. An object belongs to one thread: see `OneThread`.
 
     Parameters
     ----------
@@ -75,9 +78,11 @@ class MirrorTracker(MirrorForeseen):
         (`SerialChain.capsules`: the UR5's whole body), the origin of a frame, or the tool's. Without capsules nothing
         is known of the links between those origins. What starts beyond a plane goes no deeper; what no joint moves,
         the led hand and what is mounted on the flange are not guarded, unless a capsule stands for them.
-    limits : what else the posture has to keep: see `Limit`; a rate of None is `rate` here. Where three distances of
-        one limit, or three points of the arm and one plane, are met at once, the hand may stand short of the nearest
-        pose: two of them make rows, and the step is shortened before the third.
+    limits : what else the posture has to keep: see `Limit`, whose rate of None is `rate` here, and `Clearance`. Where
+        three distances of one limit, or three points of the arm and one plane, are met at once, the hand may stand
+        short of the nearest pose: two of them make rows, and the step is shortened before the third. To a body that
+        moves the arm gives way within the floor, the largest deviation and the hand speed, too; what is left of it
+        comes nearer by its own motion.
     person : the arm that is led, in the robot's base frame; the reference is limited to its range of motion
         (`PersonLimit`). grip : (4, 4) pose of the tool in its hand frame.
     person_start : (m,) [rad] posture of that arm from which its model finds to the first pose; the model is local, so
@@ -112,7 +117,7 @@ class MirrorTracker(MirrorForeseen):
         linear_speed: float = 0.25,
         angular_speed: float = 1.5,
         keep_out: Sequence[KeepOut] = (),
-        limits: Sequence[Limit] = (),
+        limits: Sequence[Limit | Clearance] = (),
         person: SerialChain | None = None,
         grip: ArrayLike | None = None,
         person_start: ArrayLike | None = None,
@@ -152,15 +157,16 @@ class MirrorTracker(MirrorForeseen):
         slowly, margin = math.inf, 0.0
         if isinstance(feedback, JointFeedback):
             slowly, margin = feedback.approach, feedback.contact
+        own = all_limits(limits, limited, dt, checked_number("recovery_speed", recovery_speed, above=0.0, below=1.0))
         self.hand_bounds = HandBounds(
             limited, self.floor, self.max_manipulability, checked_number("linear_speed", linear_speed, above=0.0),
             self.max_deviation, tuple(keep_out), min(checked_number("rate", rate, above=0.0), slowly), dt,
-            checked_number("recovery_speed", recovery_speed, above=0.0, below=1.0), checked_limits(limits, limited),
-            margin,
+            recovery_speed, own.limits, margin, own.clearance,
         )  # fmt: skip
         super().__init__(
             chain, linear_speed=linear_speed, angular_speed=angular_speed, dt=dt, recovery_speed=recovery_speed,
-            task_weights=[1.0, 1.0, 1.0, *(turn_length**2,) * 3], compile=compile, **options,
+            task_weights=[1.0, 1.0, 1.0, *(turn_length**2,) * 3], limits=self.hand_bounds.distances, compile=compile,
+            **options,
         )  # fmt: skip
         self._limit = None
         if person is not None:
@@ -187,7 +193,7 @@ class MirrorTracker(MirrorForeseen):
             BufferedFunction(each, compile=compile)
             for each in (
                 self.pace.tried_function(), self.pace.concluded_function(),
-                self.pace.aimed_function(self.audit, self.braked),
+                self.pace.aimed_function(self.audit, self.braked, person=person is not None),
             )
         )  # fmt: skip
         self.clock = ReferenceClock(
@@ -248,12 +254,13 @@ class MirrorTracker(MirrorForeseen):
         """W / w_max where the last command leads."""
         return self._then
 
-    def step(  # type: ignore[override]  # it is told of no bodies that move
+    def step(
         self,
         q: ArrayLike,
         pose: ArrayLike,
         twist: ArrayLike,
         *,
+        obstacles: Sequence[MovingCapsule] | Array | None = None,
         force: ArrayLike | None = None,
         enable: object = True,
         stamp: float | None = None,
@@ -268,6 +275,7 @@ class MirrorTracker(MirrorForeseen):
         q : (n,) joint positions now [rad, m].
         pose : (4, 4) the mirrored pose of the tool now, in the base frame.
         twist : (6,) how that moves, linear [m/s] first, then angular [rad/s], in the base frame.
+        obstacles : what moves, as for `PoseTracker.step`.
         force : (3,) [N] that the person exerts on the tool, in the base frame, where it is measured. None is no push,
             also while one keeps the arm at rest: a sample that is lost must be told as NaN, which stops the arm.
         enable : the dead-man input; anything but true decelerates to rest.
@@ -292,6 +300,8 @@ class MirrorTracker(MirrorForeseen):
                 usual = False
         if not usual:
             self._write((q, pose, twist, *self._inputs[2:]))
+        if obstacles is not None or self.limits.moving:
+            self._inputs[-1][:] = self.limits.told_numbers("obstacles", obstacles)
         fault = self._not_following(stamp) if self._feedback is None else ""
         reason = "" if enable is True and stamp is None and not self._watchdog.stamped else self._refusal(enable, stamp)
         if self._feedback is None:
@@ -329,6 +339,10 @@ class MirrorTracker(MirrorForeseen):
 
         Raises
         ------
-        ConfigurationError : wrong shapes, or nothing usable.
+        ConfigurationError : wrong shapes, or nothing usable; a tracker that is told of bodies that move, since where
+            they will be is not known.
         """
+        if self.limits.moving:
+            expected = "a Clearance without moving capsules: where they will be is not known"
+            raise ConfigurationError("moving", self.limits.moving, expected)
         return plan(self, poses, twists, q)

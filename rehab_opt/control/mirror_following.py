@@ -104,10 +104,11 @@ class MirrorFollowing(MirrorStatement):
         at = clock.waiting, clock.fraction, clock.lag
         pace = self._rate, self._share, self._waited, self._stood, self._apart, self._aside
         others = self._interaction.pace, not foreseen, clock.pace
-        felt = self._interaction.state[: FELT["away"]]
+        felt, around = self._interaction.state[: FELT["away"]], self._usable_obstacles()
 
         def aim(target: Array, motion: Array, *, stays: bool) -> bool:
-            aimed.of(q, self._last_before, here.reshape(-1), target.reshape(-1), motion, near, felt, self._held, stays)
+            poses = here.reshape(-1), target.reshape(-1)
+            aimed.of(q, self._last_before, *poses, motion, near, felt, self._held, stays, around)
             return bool(aimed.outputs[1][0])
 
         for part in PACES:

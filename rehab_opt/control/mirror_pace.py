@@ -114,12 +114,13 @@ class MirrorPace:
         inputs = [samples, clock.column, near.column, yielding, here, hand, tried.column]
         return ca.Function("concluded", inputs, [after.column, said], {"cse": True})
 
-    def aimed_function(self, audit: ca.Function, braked: ca.Function) -> ca.Function:
-        """q, last velocity, hand's pose (16,), target's, twist, `PACE`, displacement (6,), `HELD`, stays -> both.
+    def aimed_function(self, audit: ca.Function, braked: ca.Function, *, person: bool) -> ca.Function:
+        """q, last velocity, hand's pose, target's, twist, `PACE`, displacement (6,), `HELD`, stays, moving -> both.
 
         `HELD` is what the hand is then held near: the target, from there towards the hand by what it stays short of at
         best. With `stays` it is held as it was, and rests. Of `AIMED` pose and twist are displaced by forces, and the
-        offset leads from there to the centre. Audit and braking are those of `MirrorStatement`.
+        offset leads from there to the centre. Audit, braking and what moves are those of `MirrorStatement`. What a
+        `person`'s arm does is kept to where it stays within the hand's bounds, or comes nearer to the hand.
         """
         here, to, twist = ca.SX.sym("here", 16), ca.SX.sym("target", 16), ca.SX.sym("twist", 6)
         pace, felt, old, stays = PACE.symbols("pace"), ca.SX.sym("felt", 6), HELD.symbols("held"), ca.SX.sym("stays")
@@ -132,16 +133,24 @@ class MirrorPace:
         pose[origin] += felt[:3]
         motion[:3] += felt[3:]
         held = HELD.of(centre=centre, target=target, turn=turn)
-        known = ca.fabs(old.turn) < ca.inf
+        known, near = ca.fabs(old.turn) < ca.inf, ca.SX(1)
+        if person:
+            away = [ca.norm_2(here[origin] - each) for each in (centre, old.centre)]
+            turned = [angle_of(here, each) for each in (target, old.target)]
+            near = ca.logic_and(
+                away[0] <= ca.fmax(WAITS * self.max_deviation, away[1]),
+                turned[0] <= ca.fmax(WAITS * self.max_turn + pace.aside, turned[1]),
+            )
         inputs = [here, to, twist, pace.column, felt, old.column, stays]
         parts = ca.Function(
-            "parts", inputs, [held, ca.vertcat(pose, motion, centre - pose[origin]), known], {"cse": True}
+            "parts", inputs, [held, ca.vertcat(pose, motion, centre - pose[origin]), known, near], {"cse": True}
         )
-        q, last = (ca.MX.sym(name, audit.size1_in(0)) for name in ("q", "last"))
+        q, last, moving = (ca.MX.sym(name, audit.size1_in(i)) for name, i in (("q", 0), ("last", 1), ("moving", 3)))
         given = [ca.MX.sym("given", each.numel()) for each in inputs]
-        held, told, known = parts.call(given)
-        kept = ca.logic_or(ca.logic_not(known), audit(q, braked(last), held)[0])
-        return ca.Function("aimed", [q, last, *given], [held, ca.vertcat(kept, told)])
+        held, told, known, near = parts.call(given)
+        kept = ca.logic_and(near, audit(q, braked(last), held, moving)[0])
+        kept = ca.logic_or(ca.logic_not(known), kept)
+        return ca.Function("aimed", [q, last, *given, moving], [held, ca.vertcat(kept, told)])
 
     # ---------------------------------------------------------------------------------------------------- its parts
     def _rated(self) -> ca.Function:
@@ -167,14 +176,14 @@ class MirrorPace:
         """Seconds of the reference to follow in a second."""
         yielding, hurried, most = ca.vertsplit(others)
         late = lag - self.dt
-        # What rests is passed at full haste to the last tick: nothing moves that would have to be slowed down.
-        hurry = ca.if_else(still, RUSH, ca.fmin(self.catch_up, late / CATCHING_UP + AT_LEAST))
-        hurried = all_true(hurried, yielding == 1, late > 0)  # nobody is hurried who pushes
         # What the person's arm cannot do of the reference is no reason to dwell there: it would not come to an end.
         away = (distance_of(here, goal) - pace.apart) / self.max_deviation
         turned = (angle_of(here, goal) - pace.aside) / self.max_turn
-        eased = (WAITS - ca.fmax(away, turned)) / (WAITS - CALM)
-        eased = ca.if_else(still, 1, clipped(eased, 0, 1))  # from what rests, time leads no further away
+        eased = clipped((WAITS - ca.fmax(away, turned)) / (WAITS - CALM), 0, 1)
+        # What rests is passed at full haste to the last tick: nothing moves that would have to be slowed down.
+        rush = ca.if_else(eased == 1, RUSH, 0)
+        hurry = ca.if_else(still, rush, ca.fmin(self.catch_up, late / CATCHING_UP + AT_LEAST))
+        hurried = all_true(hurried, yielding == 1, late > 0)  # nobody is hurried who pushes
         rate = (1 + ca.if_else(hurried, hurry, 0)) * eased * yielding
         for part, largest in ((twist[:3], self.linear_speed), (twist[3:], self.angular_speed)):
             rate = ca.fmin(rate, SPARE * largest / ca.fmax(ca.norm_2(part), 1e-9))

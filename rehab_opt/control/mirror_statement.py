@@ -18,7 +18,7 @@ from rehab_opt.control.stopping import VelocityBounds
 from rehab_opt.control.tool_speed import speed_ahead
 from rehab_opt.kinematics.frames import rotation_vector
 from rehab_opt.optim.certificate import all_true, clipped
-from rehab_opt.optim.rows import Instance, parameter
+from rehab_opt.optim.rows import PLAUSIBLE, Instance, parameter
 from rehab_opt.symbolic import BufferedFunction
 from rehab_opt.symbolic.record import Record
 
@@ -76,12 +76,13 @@ class MirrorStatement(PoseTracker):
 
     def others(self) -> list[ca.SX]:
         """From the target to the deviation's centre (3,), and what stands for a gradient that vanishes (n,)."""
-        return [parameter("offset", 3), parameter("lead", self.chain.n)]
+        return [parameter("offset", 3), parameter("lead", self.chain.n), *super().others()]
 
     @property
     def shapes(self) -> tuple[tuple[int, ...], ...]:  # type: ignore[override]
         """Shapes of the statement's parameters after q."""
-        return ((4, 4), (6,), (3,), (self.chain.n,))
+        pose, twist, *moving = super().shapes
+        return (pose, twist, (3,), (self.chain.n,), *moving)
 
     @property
     def told_size(self) -> int:  # type: ignore[override]
@@ -90,7 +91,7 @@ class MirrorStatement(PoseTracker):
 
     def rows(self, tick: Tick, bounds: VelocityBounds) -> tuple[ca.SX, ca.SX, VelocityBounds, ca.SX]:
         """See `HandBounds.rows`."""
-        offset, lead = tick.others
+        offset, lead, *_ = tick.others
         guided = self.guided(tick.memory)
         rows, most, now = self.hand_bounds.rows(
             tick.q,
@@ -99,6 +100,7 @@ class MirrorStatement(PoseTracker):
             lead=lead,
             loss=tick.memory[-1],
             bounds=bounds,
+            contacts=tick.contacts,
             strays=None if guided is None else guided.apart,
         )
         turned = ca.sumsqr(rotation_vector(tick.target[:3, :3] @ now.pose[:3, :3].T))
@@ -142,7 +144,7 @@ class MirrorStatement(PoseTracker):
     def outcome(self, tick: Tick, motion: Motion) -> ca.SX:
         """Yielded, share of the wanted motion, nothing unusual, bounds truly kept, w before and after, w is flat."""
         centre = tick.target[:3, 3] + tick.others[0]
-        w, gradient, here, turned = self._told(motion)
+        w, gradient, here, turned = self._computed(motion)
         yielded = super().outcome(tick, motion)[0]
         share = ca.if_else(motion.speed > 1e-9, motion.scale, 1)
         kept, _, then, _ = self._ends(tick, motion)
@@ -161,21 +163,46 @@ class MirrorStatement(PoseTracker):
         loss = self._ends(tick, motion)[3]
         return ca.vertcat(super().remembered(tick, motion), ca.fmin(loss, self.floor))
 
-    def _told(self, motion: Motion) -> list[ca.SX]:
+    @property
+    def settled_size(self) -> int:
+        """Numbers of `settled`: one where bodies keep clear of each other."""
+        return 0 if self.limits.clearance is None else 1
+
+    def settled(self, size: int, remembered: int) -> ca.Function:
+        """Complete parameters, memory, x -> whether bodies are clear of each other where it leads."""
+        n = self.chain.n
+        inputs = [ca.MX.sym(name, count) for name, count in (("p", size), ("memory", remembered), ("x", n + 1))]
+        p, _, x = inputs
+        return ca.Function("settle", inputs, [self._clear(p[:n], p[self._told], x[:n], braked=False)])
+
+    def _computed(self, motion: Motion) -> list[ca.SX]:
         n = self.chain.n
         w, gradient, here, turned = ca.vertsplit(motion.told, [0, 1, n + 1, n + 4, n + 5])
         return [w, gradient, here, turned]
 
     def _ends(self, tick: Tick, motion: Motion) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
-        w, gradient, here, _ = self._told(motion)
+        w, gradient, here, _ = self._computed(motion)
         centre, hand = tick.target[:3, 3] + tick.others[0], motion.delivered[:3]  # places weigh 1
-        return self.hand_bounds.kept(tick.q, motion.velocity, centre, w=w, gradient=gradient, here=here, hand=hand)
+        kept, *others = self.hand_bounds.kept(
+            tick.q, motion.velocity, centre, w=w, gradient=gradient, here=here, hand=hand
+        )
+        return all_true(kept, motion.settled > 0), *others
+
+    def _clear(self, q: ca.MX, told: ca.MX, velocity: ca.MX, *, braked: bool) -> ca.MX:
+        """Whether bodies are clear of each other where it leads, and on the way to rest unless it is `braked`."""
+        u = ca.SX.sym("u", self.chain.n)
+        ways = ca.Function("ways", [u], self.hand_bounds.ways(u)).call([velocity])
+        verdict = self.limits.clear(q, told, ways[0] * velocity)
+        for way in () if braked else ways[1:]:
+            verdict = ca.logic_and(verdict, self.limits.clear(q, told, way * velocity))
+        return verdict
 
     @cached_property
     def audit(self) -> ca.Function:
         """q, velocity, `HELD` -> the first three of `HandBounds.kept`, and no further turned than held.
 
-        Turns of the tool from the target are judged where places are, and may fall while above `turn`.
+        Turns of the tool from the target are judged where places are, above the floor; beyond `turn` they may only
+        fall. Moving capsules, where there are such, are the last input.
         """
         q, velocity, held = ca.SX.sym("q", self.chain.n), ca.SX.sym("v", self.chain.n), HELD.symbols("held")
         w, gradient = self.hand_bounds.manipulability(q)
@@ -191,9 +218,17 @@ class MirrorStatement(PoseTracker):
                                  for way in self.hand_bounds.ways(velocity)))
         ]  # fmt: skip
         least = ca.fmin(cosines[0], ca.cos(ca.fmin(held.turn, math.pi)))
+        least = ca.if_else(w < self.floor, -2, least)  # the way back above the floor comes first
         turns = [each >= least - ROUNDING for each in cosines[1:]]
         outputs = ca.vertcat(ca.logic_and(kept, all_true(*turns)), braking, then)
-        return ca.Function("audit", [q, velocity, held.column], [ca.densify(outputs)], {"cse": True})
+        inputs = [q, velocity, held.column]
+        audit = ca.Function("audit", inputs, [ca.densify(outputs)], {"cse": True})
+        given, told = [ca.MX.sym("given", each.numel()) for each in inputs], ca.MX.sym("moving", self.limits.told)
+        alone, may, then = ca.vertsplit(audit(*given))
+        if self.settled_size:
+            alone = ca.logic_and(alone, self._clear(given[0], told, given[1], braked=False))
+            may = ca.logic_and(may, self._clear(given[0], told, given[1], braked=True))
+        return ca.Function("audit", [*given, told], [ca.vertcat(alone, may, then)])
 
     @cached_property
     def braked(self) -> ca.Function:
@@ -202,44 +237,49 @@ class MirrorStatement(PoseTracker):
         return ca.Function("braked", [last], [ca.densify(self.hand_bounds.braking(last))], {"cse": True})
 
     def keeping(self) -> ca.Function:
-        """q, velocity, `HELD`, velocity before, broken -> the velocity that keeps every bound truly, and three numbers.
+        """q, velocity, `HELD`, velocity before, broken, moving capsules -> the velocity that keeps every bound truly.
 
         Where that velocity does not, as is known with `broken`, it is the longest part of the way to it from braking;
-        where not even braking does, because the arm was put there or moves by itself, the longest part of that. The
-        numbers are w / w_max where it leads, whether it is shorter, and whether the acceleration yields.
+        where not even braking does, because the arm was put there or moves by itself, the longest part of that. Three
+        numbers besides: w / w_max where it leads, whether it is shorter, and whether the acceleration yields.
         """
         n, audit = self.chain.n, self.audit
-        sizes = {"q": n, "v": n, "held": HELD.size, "before": n, "broken": 1, "then": 1}
-        q, value, held, before, broken, then = given = [ca.MX.sym(name, size) for name, size in sizes.items()]
+        sizes = {"q": n, "v": n, "held": HELD.size, "before": n, "broken": 1, "moving": self.limits.told, "then": 1}
+        q, value, held, before, broken, moving, then = given = [ca.MX.sym(name, size) for name, size in sizes.items()]
         braked = self.braked(before)
-        brakes = audit(q, braked, held)[1]
+        brakes = audit(q, braked, held, moving)[1]
         begin, end = ca.if_else(brakes, braked, 0), ca.if_else(brakes, value, braked)
         short, long = ca.MX(0), ca.MX(1)
         for _ in range(HALVINGS):
             middle = (short + long) / 2
-            ends = audit(q, begin + middle * (end - begin), held)
+            ends = audit(q, begin + middle * (end - begin), held, moving)
             good = ca.if_else(brakes, ends[0], ends[1])
             short, long = ca.if_else(good, middle, short), ca.if_else(good, long, middle)
         part = begin + short * (end - begin)
         changes = ca.fabs(part - before) > self.chain.acceleration * self.dt * (1 + 1e-9) + 1e-12
-        said = ca.vertcat(audit(q, part, held)[2], 1, ca.sum1(changes) > 0)
+        said = ca.vertcat(audit(q, part, held, moving)[2], 1, ca.sum1(changes) > 0)
         shortened = ca.Function("shortened", given, [part, said])
         whole = ca.Function("whole", given, [value, ca.vertcat(then, 0, 0)])
-        ends = audit(q, value, held)
+        ends = audit(q, value, held, moving)
         either = ca.Function.if_else("either", whole, shortened)
         fits = ca.logic_and(ends[0], ca.logic_not(broken))
-        return ca.Function("keeping", given[:5], either(fits, *given[:5], ends[2]))
+        return ca.Function("keeping", given[:-1], either(fits, *given[:-1], ends[2]))
 
     def instance(self, q: ArrayLike, *inputs: ArrayLike) -> Instance:
-        """The QP of a tick at q, pose and twist, as numbers, for inspection."""
-        return super().instance(q, *inputs, *(np.zeros(3), np.zeros(self.chain.n))[len(inputs) - 2 :])
+        """The QP of a tick at q, pose and twist, as numbers, for inspection; nothing moves where nothing is said."""
+        return super().instance(q, *inputs, *(np.zeros(shape) for shape in self.shapes[len(inputs) :]))
 
     # --------------------------------------------------------------------------------------------- true bounds
+    def _usable_obstacles(self) -> Array:
+        """(14 k,) the moving capsules, none where they cannot be used."""
+        told = self._inputs[-1].reshape(-1)[: self.limits.told]
+        return told if np.all(np.abs(told) <= PLAUSIBLE) else np.zeros(told.size)
+
     def _shortened(
         self, q: Array, value: Array, held: Array, flags: Bound, *, broken: bool
     ) -> tuple[Array, Bound, bool]:
         """See `keeping`: the velocity, what yields to it, and whether it is shorter."""
-        part: Array = self._keeping.of(q, value, held, self._last_before, broken) + 0.0
+        part: Array = self._keeping.of(q, value, held, self._last_before, broken, self._usable_obstacles()) + 0.0
         self._then, shorter, hurried = self._keeping.outputs[1].tolist()
         if not shorter:
             return value, flags, False

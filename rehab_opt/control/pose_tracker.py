@@ -16,7 +16,7 @@ from rehab_opt.control.clearance import Clearance
 from rehab_opt.control.command import Command
 from rehab_opt.control.jerk_bounds import JerkBounds
 from rehab_opt.control.joint_feedback import JointFeedback
-from rehab_opt.control.limit import Limit, all_limits
+from rehab_opt.control.limit import Limit, Limits, all_limits
 from rehab_opt.control.stopping import VelocityBounds
 from rehab_opt.control.tool_speed import tool_acceleration
 from rehab_opt.control.velocity_controller import VelocityController, checked_number
@@ -24,7 +24,7 @@ from rehab_opt.control.wanted import WantedVelocity
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain, per_joint
 from rehab_opt.kinematics.frames import is_rigid, rotation_vector
-from rehab_opt.kinematics.room import MOVING, MovingCapsule, moving_numbers
+from rehab_opt.kinematics.room import MOVING, MovingCapsule
 from rehab_opt.optim.qp import Statement
 from rehab_opt.optim.rows import parameter, variable, within
 from rehab_opt.symbolic import Compile
@@ -87,6 +87,8 @@ class Motion(NamedTuple):
     """1 where a joint is beyond its limit."""
     told: ca.SX
     """(k,) what `rows` computed and need not be computed again."""
+    settled: ca.SX
+    """(k,) what `settled` gives."""
 
 
 class PoseTracker(VelocityController):
@@ -108,10 +110,10 @@ class PoseTracker(VelocityController):
     - a joint is too fast to be brought into the direction within its acceleration bound and the hand speeds;
     - the pose is nearly singular, a singular value of J below 0.03, and lost directions are left out of w.
 
-    A joint that moves less than 8 % of the way that it is commanded is blocked, or its encoder stands still, or it turns
-    the wrong way: the arm brakes within 0.2 s and 0.03 rad over the commanded speed, the reason says which joint, and it
-    rests until `reset`, or until `enable` was released. Call `reset` between states that are not one motion. An arm all
-    of whose joints stand still is found so only where states have stamps.
+    A joint that moves less than 8 % of the way that it is commanded is blocked, its encoder stands still, or it turns
+    the wrong way: the arm brakes within 0.2 s and 0.03 rad over the commanded speed, the reason says which joint, and
+    it rests until `reset`, or until `enable` was released. Call `reset` between states that are not one motion. An arm
+    all of whose joints stand still is found so only where states have stamps.
 
     Parameters
     ----------
@@ -140,7 +142,6 @@ class PoseTracker(VelocityController):
     ConfigurationError : an argument that cannot be used.
     """
 
-    shapes: ClassVar[tuple[tuple[int, ...], ...]] = ((4, 4), (6,))
     requirement = "pose is not a rigid transform"
     name: ClassVar[str] = "pose_tracker"
 
@@ -158,7 +159,7 @@ class PoseTracker(VelocityController):
         task_weights: ArrayLike = 1.0,
         jerk: ArrayLike | None = None,
         posture: ArrayLike | None = None,
-        limits: Sequence[Limit | Clearance] = (),
+        limits: Sequence[Limit | Clearance] | Limits = (),
         dt: float = 0.001,
         recovery_speed: float = 0.1,
         solver: str = "qrqp",
@@ -178,12 +179,9 @@ class PoseTracker(VelocityController):
             raise ConfigurationError("task_weights", task_weights, "weights of zero or more, one of them above zero")
         self.posture = None if posture is None else per_joint("posture", posture, chain.n, finite=True)
         limited = chain.with_limits(lower=lower, upper=upper, velocity=velocity, acceleration=acceleration)
-        self.limits = all_limits(
-            limits,
-            limited,
-            checked_number("dt", dt, above=0.0, below=1.0),
-            checked_number("recovery_speed", recovery_speed, above=0.0, below=1.0),
-        )
+        checked_number("dt", dt, above=0.0, below=1.0)
+        checked_number("recovery_speed", recovery_speed, above=0.0, below=1.0)
+        self.limits = limits if isinstance(limits, Limits) else all_limits(limits, limited, dt, recovery_speed)
         self.jerk = None
         if jerk is not None:
             self._check_jerk_alone(jerk, feedback)
@@ -191,8 +189,6 @@ class PoseTracker(VelocityController):
             if not self.gain <= self.jerk.fastest_gain:
                 expected = f"at most {self.jerk.fastest_gain:.4g} /s with this jerk: a faster one swings for good"
                 raise ConfigurationError("gain", gain, expected)
-        if self.limits.moving:
-            self.shapes = (*self.shapes, (self.limits.moving, MOVING))  # type: ignore[misc]
         super().__init__(
             limited,
             dt=dt,
@@ -213,11 +209,8 @@ class PoseTracker(VelocityController):
         jacobian, asked, wanted = parameter("jacobian", 6 * n), parameter("asked", 6), parameter("wanted", n)
         lower, upper, outside = parameter("lower", n), parameter("upper", n), parameter("outside", 1)
         rows, most = parameter("rows", m * n), parameter("most", m)
-        delivered, slowdown, told = (
-            parameter("delivered", 6),
-            parameter("slowdown", 1),
-            parameter("told", self.told_size),
-        )
+        delivered, slowdown = parameter("delivered", 6), parameter("slowdown", 1)
+        told, settled = parameter("told", self.told_size), parameter("settled", self.settled_size)
         prepared = [jacobian, asked, slowdown, lower, upper, outside, rows, most, told, wanted, delivered]
         moves = ca.reshape(jacobian, 6, n)
         contacts = parameter("contacts", self.limits.contacts_size)
@@ -233,8 +226,8 @@ class PoseTracker(VelocityController):
         error = moves @ velocity.symbol - scale * delivered
         slower = progress.symbol - speed
         cost = ca.sumsqr(error) + STEADYING * ca.sumsqr(short) + DIRECTION_KEEPING * ca.sumsqr(slower)
-        command = parameter("command", n) if len(self.limits) else velocity.symbol
-        motion = Motion(command, scale, speed, moves @ command, slowdown * asked, outside, told)
+        command = settled if self.settled_size == n else velocity.symbol
+        motion = Motion(command, scale, speed, moves @ command, slowdown * asked, outside, told, settled)
         complete = sum(each.numel() for each in (*prepared, q, entries, twist, *others))
         return Statement(
             name=self.name,
@@ -247,12 +240,18 @@ class PoseTracker(VelocityController):
             analytic=ca.vertcat(wanted, speed),
             precomputed=prepared,
             precompute=self._prepare(given, entries),
-            postprocessed=[command] if len(self.limits) else [],
-            postprocess=self._settled(complete, memory.numel()) if len(self.limits) else None,
+            postprocessed=[settled] if self.settled_size else [],
+            postprocess=self.settled(complete, memory.numel()) if self.settled_size else None,
             report=self.outcome(given, motion),
             memory=memory,
             remember=self.remembered(given, motion),
         )
+
+    @property
+    def shapes(self) -> tuple[tuple[int, ...], ...]:  # type: ignore[override]
+        """Shapes of the statement's parameters after q: pose, twist, and moving capsules where there are such."""
+        moving = self.limits.moving
+        return ((4, 4), (6,), *([(moving, MOVING)] if moving else []))
 
     # -------------------------------------------------------------------------- what a tracker with more bounds adds
     @property
@@ -318,7 +317,18 @@ class PoseTracker(VelocityController):
         return None
 
     # ------------------------------------------------------------------------------------------------ the user's limits
-    def _settled(self, size: int, remembered: int) -> ca.Function:
+    @property
+    def settled_size(self) -> int:
+        """Numbers of `settled`: the command, where there are limits."""
+        return self.chain.n if len(self.limits) else 0
+
+    @property
+    def _told(self) -> slice:
+        """Where moving capsules stand among the parameters."""
+        inputs = self.chain.n + sum(math.prod(shape) for shape in self.shapes)
+        return slice(inputs - self.limits.told, inputs)
+
+    def settled(self, size: int, remembered: int) -> ca.Function:
         """Complete parameters, memory, x -> the command; the way back is looked for only where it leads too far."""
         n, limits = self.chain.n, self.limits
         q, told, memory, wanted = (
@@ -327,16 +337,15 @@ class PoseTracker(VelocityController):
         )
         inputs = [q, told, memory, wanted]
         same = ca.Function("same", inputs, [wanted])
-        back = limits.keeping(q, told, wanted, self._braked(q, told, memory))
+        back = limits.keeping(q, told, wanted, self._slowed(q, told, memory))
         looked = ca.Function("looked", inputs, [back])
         p, before, x = ca.MX.sym("p", size), ca.MX.sym("before", remembered), ca.MX.sym("x", n + 1)
-        first = n + POSE + TWIST
-        here = p[:n], p[first : first + limits.told]
+        here = p[:n], p[self._told]
         command = ca.Function.if_else("keeping", same, looked)(limits.judged(*here, x[:n]), *here, before, x[:n])
         return ca.Function("settle", [p, before, x], [command])
 
     @cached_property
-    def _braked(self) -> ca.Function:
+    def _slowed(self) -> ca.Function:
         """Q, moving capsules, memory -> the velocity nearest to rest that keeps the limits."""
         n, limits, size = self.chain.n, self.limits, int(self._memory_size)
         q, memory, contacts = ca.SX.sym("q", n), ca.SX.sym("memory", size), ca.SX.sym("contacts", limits.contacts_size)
@@ -348,7 +357,7 @@ class PoseTracker(VelocityController):
 
     def braking(self) -> ca.Function:
         """As a controller's without limits, but for moving capsules, where there are such, as a third input."""
-        if not len(self.limits):
+        if not self.settled_size:
             return super().braking()
         n, told = self.chain.n, ca.MX.sym("moving", self.limits.told)
         q, memory, rest = ca.SX.sym("q", n), ca.SX.sym("memory", self._memory_size), ca.SX.sym("rest", n)
@@ -360,7 +369,7 @@ class PoseTracker(VelocityController):
         remembered = ca.Function("remembered", [q, memory, rest, contacts], outputs, {"cse": True})
         here, before = ca.MX.sym("q", n), ca.MX.sym("memory", self._memory_size)
         near = self.limits.contacts(here, before[:n], told)
-        answer = remembered.call([here, before, self._braked(here, told, before), near])
+        answer = remembered.call([here, before, self._slowed(here, told, before), near])
         return ca.Function("braking", [here, before, *([told] if self.limits.moving else [])], answer)
 
     # -------------------------------------------------------------------------------------------------------------
@@ -381,7 +390,7 @@ class PoseTracker(VelocityController):
         )
         parameters = ca.vertcat(tick.q, entries, tick.twist, *tick.others)
         p, memory = ca.MX.sym("p", parameters.numel()), ca.MX.sym("memory", tick.memory.numel())
-        near = self.limits.contacts(p[:n], memory[:n], p[p.numel() - self.limits.told :])
+        near = self.limits.contacts(p[:n], memory[:n], p[self._told])
         around = ca.Function("around", [p, memory], [near])
         prepared = wanted.prepare(parameters, tick.memory, self.excess, self._bend, (tick.contacts, around))
         return prepared if self.jerk is None else self._steadied(prepared, self.jerk)
@@ -470,7 +479,7 @@ class PoseTracker(VelocityController):
         if self._owner != get_ident():
             self._claim()
         if obstacles is not None or self.limits.moving:
-            given: tuple[Any, ...] = (q, pose, twist, self._numbers_of(obstacles))
+            given: tuple[Any, ...] = (q, pose, twist, self.limits.told_numbers("obstacles", obstacles))
             into: tuple[Any, ...] = self._views
             if all(each.__class__ is _ndarray for each in given) and [each.shape for each in given[:3]] == [
                 (self.chain.n,),
@@ -501,12 +510,6 @@ class PoseTracker(VelocityController):
         if not usual:
             self._write((q, pose, twist))
         return self._tick(enable, stamp)
-
-    def _numbers_of(self, obstacles: Sequence[MovingCapsule] | Array | None) -> Array:
-        if obstacles is None or not self.limits.moving:
-            expected = f"at most {self.limits.moving} moving capsules, as the Clearance among `limits` says"
-            raise ConfigurationError("obstacles", obstacles, expected)
-        return moving_numbers(obstacles, self.limits.moving)
 
 
 def _pose(entries: ca.SX) -> ca.SX:

@@ -11,8 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.chair_and_arm import ChairAndArm
+from rehab_opt.control.clearance import Clearance
 from rehab_opt.control.command import Command
 from rehab_opt.control.joystick import pressed
+from rehab_opt.control.limit import Limit, all_limits
 from rehab_opt.control.obstacles import Obstacle, obstacle_numbers
 from rehab_opt.control.reaching import Reaching
 from rehab_opt.control.task_rows import checked_rows, frame_number
@@ -22,6 +24,7 @@ from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import per_joint
 from rehab_opt.kinematics.drive_name import DriveName
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
+from rehab_opt.kinematics.room import MovingCapsule
 from rehab_opt.optim.rows import Instance
 from rehab_opt.symbolic import Compile
 
@@ -35,6 +38,7 @@ Array = NDArray[np.float64]
 STICK_ROWS = (("x", "y", "z"), ("x", "y"), ("z", "roll7"))
 """Sets of rows that are prepared where nothing else is said: reaching, and the paper's two modes of the stick."""
 CHASSIS = ("forward", "sideways", "turning")
+_NONE = np.zeros(0)
 FASTER = 1e-9
 """Share by which a velocity that is reset may pass a limit: rounding."""
 
@@ -79,6 +83,8 @@ class RedundancyResolver(OneThread):
     obstacles : walls and posts in the world frame.
     max_obstacles : how many there will ever be at most; default as many as there are now.
     keep_out : whether the arm is kept from the robot's keep-outs.
+    limits : what the posture has to keep besides, in the world frame: `Limit`, and a `Clearance` of the arm, of which
+        links are pairs that chair and arm move. See `PoseTracker`. Without a command nothing is given way to.
     self_motion : weight of grad c in Eq. (1): v(r') = self_motion |r'|.
     dt : nominal tick [s].
     recovery_speed : share of the velocity limit at which a joint outside its limits comes back at most.
@@ -100,6 +106,7 @@ class RedundancyResolver(OneThread):
         obstacles: Sequence[Obstacle] = (),
         max_obstacles: int | None = None,
         keep_out: bool = True,
+        limits: Sequence[Limit | Clearance] = (),
         self_motion: float = 1.0,
         dt: float = 0.01,
         recovery_speed: float = 0.1,
@@ -124,10 +131,12 @@ class RedundancyResolver(OneThread):
         self.drive, self.dt = drive, checked_number("dt", dt, above=0.0, below=1.0)
         if not (isinstance(self_motion, (int, float)) and self_motion == 0.0):
             checked_number("self_motion", self_motion, above=0.0)
+        checked_number("recovery_speed", recovery_speed, above=0.0, below=1.0)
+        self.limits = all_limits(limits, self.robot.bodied_chain, self.dt, recovery_speed)
         self._options = {
             "drive": drive, "self_motion": float(self_motion), "max_obstacles": int(max_obstacles), "dt": dt,
             "recovery_speed": recovery_speed, "solver": solver, "backup": backup, "tolerance": tolerance,
-            "max_age": max_age,
+            "max_age": max_age, "own": self.limits,
         }  # fmt: skip
         self._max_obstacles = int(max_obstacles)
         self._sets: dict[tuple[str, ...], ChairAndArm] = {}
@@ -212,6 +221,7 @@ class RedundancyResolver(OneThread):
         rows: tuple[str, ...] = ("x", "y", "z"),
         frame: str = "chassis",
         *,
+        moving: Sequence[MovingCapsule] | Array | None = None,
         enable: object = True,
         stamp: float | None = None,
     ) -> Command:
@@ -226,6 +236,7 @@ class RedundancyResolver(OneThread):
         twist : (k,) asked hand velocity, one number a row [m/s, rad/s].
         rows : any of x, y, z, rx, ry, rz in `frame`, and roll7 about the wrist axis; all else is free.
         frame : "chassis", which turns with the chair, or "world"; at the hand, both.
+        moving : what moves, now, in the world frame: see `PoseTracker.step`, where it is `obstacles`.
         enable : the dead-man input; anything but true decelerates to rest.
         stamp : time of the state [s]; checked by the watchdog when given.
 
@@ -238,13 +249,14 @@ class RedundancyResolver(OneThread):
             self._claim()
         if self._reaching is not None:
             self._reaching.forget()
-        return self._step(q, twist, rows, frame, enable, stamp)
+        return self._step(q, twist, rows, frame, moving, enable, stamp)
 
     def reach(
         self,
         q: ArrayLike,
         target: ArrayLike,
         *,
+        moving: Sequence[MovingCapsule] | Array | None = None,
         enable: object = True,
         stamp: float | None = None,
     ) -> Command:
@@ -258,7 +270,7 @@ class RedundancyResolver(OneThread):
         q : (7,) joint positions now [m, rad].
         target : (3,) where the hand should go, in the world frame [m]; smoothed by a `Smoother`, so it may jump. One
             that is more than 100 m away is refused, as one in millimetres is.
-        enable, stamp : see `step`.
+        moving, enable, stamp : see `step`.
 
         Raises
         ------
@@ -270,7 +282,7 @@ class RedundancyResolver(OneThread):
             self._reaching = Reaching(self.robot, dt=self.dt)
         place, joints = real_numbers("target", target, (3,)), real_numbers("q", q, (self.robot.chain.n,))
         twist = self._reaching.twist(joints, place, moving=pressed(enable))
-        command = self._step(q, twist, ("x", "y", "z"), "world", enable, stamp)
+        command = self._step(q, twist, ("x", "y", "z"), "world", moving, enable, stamp)
         if not command.status.certified:
             self._reaching.forget()
         if self._reaching.refused and command.reason.startswith("twist["):  # which is then no number
@@ -296,17 +308,25 @@ class RedundancyResolver(OneThread):
 
     # --------------------------------------------------------------------------------------------------- plumbing
     def _step(  # noqa: PLR0917  (in the hot path, keywords cost)
-        self, q: ArrayLike, twist: ArrayLike, rows: tuple[str, ...], frame: str, enable: object, stamp: float | None
+        self,
+        q: ArrayLike,
+        twist: ArrayLike,
+        rows: tuple[str, ...],
+        frame: str,
+        moving: Sequence[MovingCapsule] | Array | None,
+        enable: object,
+        stamp: float | None,
     ) -> Command:
         active = self._active
         if type(q) is not np.ndarray:  # a masked array would be read through its mask
             q = real_numbers("q", q, (self.robot.chain.n,))
+        bodies = _NONE if moving is None and not self.limits.moving else self.limits.told_numbers("moving", moving)
         if not isinstance(rows, tuple) or rows != active.rows:
             names = checked_rows(rows)
             other = self._sets.get(names)
             if other is None:
                 if active.velocity.any():
-                    active.tell(q, np.zeros(len(active.rows)), 0.0)
+                    active.tell(q, np.zeros(len(active.rows)), 0.0, bodies)
                     return active.brake(f"rows {', '.join(names)} are prepared at rest")
                 other = self._prepare(names, compile=False)
             if other is not active:
@@ -314,7 +334,7 @@ class RedundancyResolver(OneThread):
                 self._active = active = other
         if type(twist) is not np.ndarray:
             twist = real_numbers("twist", twist, (len(active.rows),))
-        active.tell(q, twist, 0.0 if frame == "chassis" else frame_number(frame))
+        active.tell(q, twist, 0.0 if frame == "chassis" else frame_number(frame), bodies)
         return active.tick(enable, stamp)
 
     def _at_hand(
@@ -326,7 +346,8 @@ class RedundancyResolver(OneThread):
         chosen = self._sets.get(names) or self._prepare(names, compile=False)
         if chosen is not self._active:
             chosen.take_over(self._active)
-        return chosen, (joints, asked, np.array([world]), self._numbers)[: 4 if self._max_obstacles else 3]
+        around = np.append(self._numbers, np.zeros(self.limits.told))
+        return chosen, (joints, asked, np.array([world]), around)[: 4 if around.size else 3]
 
     def _prepare(self, rows: tuple[str, ...], *, compile: Compile) -> ChairAndArm:
         most = len(self.robot.drive(self.drive).moving) + self.robot.chain.n - CHAIR

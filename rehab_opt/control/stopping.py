@@ -49,6 +49,11 @@ class VelocityBounds(NamedTuple):
     """Bounds without acceleration: speed, and in this tick not beyond, or not further beyond, a position limit."""
     hard_upper: ca.SX
 
+    @property
+    def hard(self) -> tuple[ca.SX, ca.SX]:
+        """Both ends of the last."""
+        return self.hard_lower, self.hard_upper
+
 
 def velocity_bounds(
     chain: SerialChain,

@@ -41,7 +41,7 @@ def memory_of_watch(n: int) -> Record:
 
 
 def overdue(wrong: ca.SX, patience: float | ca.SX, size: ca.SX) -> ca.SX:
-    """Number, from 1 on, of the joint with the largest `size` (n,) of those `wrong` [s] (n,) for too long; 0 if none."""
+    """Number, from 1 on, of the joint of the largest `size` (n,) of those `wrong` [s] (n,) for too long; 0 for none."""
     joint, most = ca.SX(0), ca.SX(-1)
     for i in range(wrong.numel()):
         worse = ca.logic_and(wrong[i] > patience, size[i] > most)

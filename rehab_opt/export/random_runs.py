@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.bilateral import Bilateral
+from rehab_opt.control.limit import Limits
 from rehab_opt.control.pose_tracker import PoseTracker
 from rehab_opt.control.redundancy import RedundancyResolver
 from rehab_opt.control.task_rows import FRAMES
@@ -35,14 +36,21 @@ def tracker_run(tracker: PoseTracker) -> Ticks:
         if k % EACH == 0:
             goal = chain.pose(q + rng.normal(size=chain.n) * rng.choice([1e-3, 0.1, 1.0]))
             twist = rng.normal(size=6) * rng.choice([0.0, 0.1, 3.0])
-            bodies = np.zeros((moving, 14))
-            for body in bodies[: rng.integers(moving + 1)]:
-                body[:6], body[6:12] = np.tile(goal[:3, 3] + 0.3 * rng.normal(size=3), 2), 0.1 * rng.normal(size=6)
-                body[12:] = 0.05, 1.0
+            bodies = bodies_about(goal[:3, 3], tracker.limits, rng) if moving else None
         tick = {"q": q.copy(), "pose": goal, "twist": twist, **({"obstacles": bodies} if moving else {})}
         ticks.append(tick)
         q = q + tracker.dt * tracker.step(**tick).value
     return ticks
+
+
+def bodies_about(place: Array, limits: Limits, rng: np.random.Generator) -> Array:
+    """(k, 14) moving capsules about a place (3,) [m], some of which are not there."""
+    most = limits.moving
+    bodies = np.zeros((most, limits.told // most))
+    for body in bodies[: rng.integers(most + 1)]:
+        body[:6], body[6:12] = np.tile(place + 0.3 * rng.normal(size=3), 2), 0.1 * rng.normal(size=6)
+        body[12:] = 0.05, 1.0
+    return bodies
 
 
 def mirror_reference(tracker: PoseTracker) -> tuple[Array, Array, Array]:
@@ -59,7 +67,7 @@ def mirror_reference(tracker: PoseTracker) -> tuple[Array, Array, Array]:
 
 def resolver_run(resolver: RedundancyResolver) -> Ticks:
     """Twists of every set of rows, in both frames, up to twice as fast as the robot; it goes as commanded."""
-    rng, chain = np.random.default_rng(0), resolver.robot.chain
+    rng, chain, most = np.random.default_rng(0), resolver.robot.chain, resolver.limits.moving
     widest = max(map(len, resolver.row_sets))
     resolver.reset()
     q, ticks = middle(chain.lower, chain.upper), Ticks()
@@ -68,9 +76,11 @@ def resolver_run(resolver: RedundancyResolver) -> Ticks:
         if k % EACH == 0:
             rows, frame = int(rng.integers(len(resolver.row_sets))), names[rng.integers(len(names))]
             twist = rng.normal(size=widest) * rng.choice([0.0, 0.1, 1.0])
-        ticks.append({"q": q.copy(), "twist": twist, "rows": rows, "frame": int(FRAMES[frame])})
+            around = {"obstacles": bodies_about(chain.pose(q)[:3, 3], resolver.limits, rng)} if most else {}
+        ticks.append({"q": q.copy(), "twist": twist, "rows": rows, "frame": int(FRAMES[frame]), **around})
         set_of_rows = resolver.row_sets[rows]
-        q = q + resolver.dt * resolver.step(q, twist[: len(set_of_rows)], set_of_rows, frame).value
+        command = resolver.step(q, twist[: len(set_of_rows)], set_of_rows, frame, moving=around.get("obstacles"))
+        q = q + resolver.dt * command.value
     return ticks
 
 

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.determinant import determinant
+from rehab_opt.kinematics.link_capsules import LinkCapsule
 
-__all__ = ["ArmLink", "LinkEnd", "arm_links", "arm_reach", "hand_volume", "largest_hand_volume"]
+__all__ = ["ArmLink", "LinkEnd", "arm_links", "arm_reach", "hand_volume", "largest_hand_volume", "links_as_capsules"]
 
 Array = NDArray[np.float64]
 
@@ -74,6 +75,17 @@ def arm_links(chain: SerialChain, *, first: int, radius: float) -> tuple[ArmLink
         ends = [origins[i]._replace(moves=moved[i]) for i in kept]
         pairs = [(begin, end, radius) for begin, end in itertools.pairwise(ends)]
     return tuple(ArmLink(begin, end, size) for begin, end, size in pairs if begin.moves or end.moves)
+
+
+def links_as_capsules(chain: SerialChain, links: tuple[ArmLink, ...]) -> tuple[LinkCapsule, ...]:
+    """The same links in the frame of their further end, in which the nearer one does not move either."""
+    frames = chain.frames_expression(ca.SX.zeros(chain.n))
+    found = []
+    for i, (begin, end, radius) in enumerate(links):
+        frame = frames[end.frame]
+        x, y, z = np.array(ca.DM(frame[:3, :3].T @ (begin.place(frames) - frame[:3, 3]))).ravel().tolist()
+        found.append(LinkCapsule(f"link {i}", end.frame, (x, y, z), end.offset, radius))
+    return tuple(found)
 
 
 def arm_reach(chain: SerialChain, links: tuple[ArmLink, ...], *, first: int) -> float:

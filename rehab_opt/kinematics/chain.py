@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
@@ -123,7 +123,7 @@ class SerialChain:
         locked: Mapping[str, float] = MappingProxyType({}),
         mount: ArrayLike | None = None,
         tool: ArrayLike | None = None,
-        capsules: Sequence[CapsuleOnLink] = (),
+        capsules: Sequence[CapsuleOnLink] | Literal["collision"] = (),
     ) -> SerialChain:
         """The chain between two links of a URDF: joints of any axis and origin, revolute, continuous or prismatic.
 
@@ -143,10 +143,12 @@ class SerialChain:
         mount : (4, 4) pose of the base link in the base frame; default the identity.
         tool : (4, 4) pose of the tool in the tip link's frame; default the identity.
         capsules : bodies of links, in the links' own frames; a link without keeps its frame's origin guarded, no more.
+            "collision" for capsules about the file's own <collision>, of cylinders, boxes, balls and capsules.
 
         Raises
         ------
-        RobotFileError : the file cannot be used; it names file, joint, key, value and what was expected.
+        RobotFileError : the file cannot be used, or has meshes for `capsules="collision"`; it names file, joint, key,
+            value and what was expected.
         ProblemFileError : it cannot be read. ConfigurationError : an argument cannot be used.
         """
         given = Given(acceleration, velocity, lower, upper, locked, capsules)

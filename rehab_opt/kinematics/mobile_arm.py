@@ -13,7 +13,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.kinematics.arm_links import ArmLink, arm_links, arm_reach, hand_volume, largest_hand_volume
+from rehab_opt.kinematics.arm_links import (
+    ArmLink,
+    arm_links,
+    arm_reach,
+    hand_volume,
+    largest_hand_volume,
+    links_as_capsules,
+)
 from rehab_opt.kinematics.body import Body
 from rehab_opt.kinematics.chain import SerialChain, per_joint
 from rehab_opt.kinematics.differential import Differential
@@ -181,6 +188,12 @@ class MobileArm:
     def links(self) -> tuple[ArmLink, ...]:
         """The arm's links, as capsules."""
         return arm_links(self.chain, first=CHAIR, radius=self.arm_radius)
+
+    @cached_property
+    def bodied_chain(self) -> SerialChain:
+        """The chain, with those links where it has no capsules of its own."""
+        chain = self.chain
+        return chain if chain.capsules else replace(chain, capsules=links_as_capsules(chain, self.links))
 
     @cached_property
     def reach(self) -> float:

@@ -98,7 +98,7 @@ class MovingCapsule(NamedTuple):
     """(3,) [m/s]"""
 
 
-def moving_numbers(obstacles: Sequence[MovingCapsule] | Array, count: int) -> Array:
+def moving_numbers(obstacles: Sequence[MovingCapsule] | Array, count: int, argument: str = "obstacles") -> Array:
     """(count, 14) moving capsules as inputs of a tick, see `MOVING`; rows of zeros where there is none.
 
     Raises
@@ -108,18 +108,18 @@ def moving_numbers(obstacles: Sequence[MovingCapsule] | Array, count: int) -> Ar
     if isinstance(obstacles, np.ndarray):
         if obstacles.shape == (count, MOVING):
             return obstacles
-        raise ConfigurationError("obstacles", obstacles, f"an array of shape ({count}, {MOVING}), or MovingCapsules")
+        raise ConfigurationError(argument, obstacles, f"an array of shape ({count}, {MOVING}), or MovingCapsules")
     if not isinstance(obstacles, (list, tuple)) or not len(obstacles) <= count:
-        raise ConfigurationError("obstacles", obstacles, f"at most {count} MovingCapsules, as told at construction")
+        raise ConfigurationError(argument, obstacles, f"at most {count} MovingCapsules, as told at construction")
     numbers = np.zeros((count, MOVING))
     for i, each in enumerate(obstacles):
         if not isinstance(each, MovingCapsule):
-            raise ConfigurationError(f"obstacles[{i}]", each, "a MovingCapsule")
+            raise ConfigurationError(f"{argument}[{i}]", each, "a MovingCapsule")
         try:
             parts = [real_array(part) for part in (each.start, each.end, each.start_velocity, each.end_velocity)]
             numbers[i] = np.concatenate([*(part.reshape(3) for part in parts), [float(each.radius), 1.0]])
         except (TypeError, ValueError, OverflowError) as problem:
-            raise ConfigurationError(f"obstacles[{i}]", each, "ends and velocities (3,), and a radius") from problem
+            raise ConfigurationError(f"{argument}[{i}]", each, "ends and velocities (3,), and a radius") from problem
     return numbers
 
 

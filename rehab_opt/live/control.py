@@ -5,25 +5,30 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 import numpy as np
 
 from rehab_opt.control.command import Command, Status
-from rehab_opt.errors import RehabOptError
+from rehab_opt.errors import ConfigurationError, RehabOptError
+from rehab_opt.loop.logged import Logged, operator_of, read_log
 from rehab_opt.loop.loop import Loop
-from rehab_opt.loop.of_problem import decide_of
+from rehab_opt.loop.of_problem import control_again, decide_of, logged_problem
 from rehab_opt.loop.records import operator_layout, state_layout
+from rehab_opt.loop.replay import asked
 from rehab_opt.loop.shared_ring import SharedRing
 from rehab_opt.loop.tick import Tick
 from rehab_opt.session.files import load_problem
 from rehab_opt.session.live.problem import LiveProblem
 from rehab_opt.session.run import live_problem
 
-__all__ = ["Rings", "control_live", "live_rings"]
+__all__ = ["Rings", "control_live", "live_or_logged", "live_rings"]
 
 SHOWN_HZ = 60.0
 """How often the page is told; it asks 30 times a second."""
@@ -41,6 +46,23 @@ class Rings(NamedTuple):
 
 
 @contextmanager
+def live_or_logged(
+    file: str, options: dict[str, str | None], *, again: bool
+) -> Iterator[tuple[LiveProblem, Logged | None]]:
+    """A problem that is live, or with `again` that of a log, at which nothing can be touched, with the log."""
+    if not again:
+        yield live_problem(load_problem(file), **options), None
+        return
+    logged = read_log(file)
+    if not len(logged.records):
+        raise ConfigurationError("--replay", file, "a log with a tick in it")
+    with TemporaryDirectory() as folder:
+        problem = logged_problem(logged, Path(folder))
+        problem.title, problem.logged = f"{problem.title} (a log)", True
+        yield problem, logged
+
+
+@contextmanager
 def live_rings(problem: LiveProblem) -> Iterator[Rings]:
     """Made for a problem, and removed afterwards."""
     n, force = problem.encoders, problem.force
@@ -52,17 +74,21 @@ def live_rings(problem: LiveProblem) -> Iterator[Rings]:
         yield Rings(one, two, three)
 
 
-def control_live(file: str, options: dict[str, str | None], rings: Rings, page: Connection) -> None:
+def control_live(file: str, options: dict[str, str | None], rings: Rings, page: Connection, *, again: bool) -> None:
     """Run until the process that asked for it ends.
 
     `page` is sent what is drawn once, `LiveProblem.scene`, or the `RehabOptError`'s text where the problem is refused.
+    With `again` the file is a log, which is shown again and again.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process of the page, which ends this one
     with suppress(BrokenPipeError):  # who asked is gone, and nobody is left to be told
         try:
-            problem = live_problem(load_problem(file), **options)
-            page.send(problem.scene())
-            _run(problem, *rings)
+            with live_or_logged(file, options, again=again) as (problem, logged):
+                page.send(problem.scene())
+                if logged is None:
+                    _run(problem, *rings)
+                else:
+                    _run_again(problem, logged, rings)
         except RehabOptError as refused:
             page.send(str(refused))
 
@@ -85,3 +111,23 @@ def _run(problem: LiveProblem, given: SharedRing, state: SharedRing, shown: Shar
     decide = decide_of(problem, control, then=show)
     loop = Loop(control.plant, decide, state=state, operator=given, sent=control.sent)
     loop.run(until=lambda: os.getppid() != parent.pid)
+
+
+def _run_again(problem: LiveProblem, logged: Logged, rings: Rings) -> None:
+    """What a log says, at its pace; the controller is asked again for what is drawn of it."""
+    operator, parent, state = operator_of(logged.records.dtype), multiprocessing.parent_process(), rings.state
+    assert parent is not None
+    names = set(state.layout.names or ()) & set(logged.records.dtype.names or ())
+    every = max(1, round(1 / (SHOWN_HZ * problem.dt)))
+    while True:
+        control, decide, show = control_again(problem)
+        begun, first = time.monotonic(), float(logged.records["time"][0])
+        for record in logged.records:
+            time.sleep(max(0.0, begun + float(record["time"]) - first - time.monotonic()))
+            if os.getppid() != parent.pid:
+                return
+            show(record)
+            asked(record, operator, decide)
+            if record["tick"] % every == 0:
+                rings.shown.write(mode=control.mode, **control.shown())
+            state.write(**{name: record[name] for name in names})

@@ -251,7 +251,7 @@ function plot(p, now) {
 }
 function shown() {
   $("deadman").disabled = !commands; $("deadman").classList.toggle("on", inputs.enable);
-  $("deadman").textContent = !commands ? (scene ? "Another tab commands" : "Starting") : inputs.enable ? "Enabled: press to release" : "Press to enable (or hold the space bar)";
+  $("deadman").textContent = !commands ? (scene ? (scene.logged ? "A log: nothing to command" : "Another tab commands") : "Starting") : inputs.enable ? "Enabled: press to release" : "Press to enable (or hold the space bar)";
   for (const each of document.querySelectorAll("#dragging button, #faults select, #faults input, #sticking button")) each.disabled = !commands;
 }
 const good = ["ok", "backup"], stopped = ["braking", "holding", "releasing", "released", "lost"];
@@ -279,7 +279,7 @@ function show(message) {
 function seat(s) {
   commands = s.commands; if (!commands) inputs.enable = false;
   $("seattext").textContent = (commands ? "this tab commands" : "this tab watches") + " · " + s.tabs + (s.tabs === 1 ? " tab" : " tabs") + (s.participants ? ", " + s.participants + " for the participant" : "");
-  $("take").hidden = commands; shown();
+  $("take").hidden = commands || (scene && scene.logged); shown();
 }
 function lost(text) { commands = false; inputs.enable = false; $("wait").hidden = false; $("wait").textContent = text; $("status").textContent = "lost"; $("status").className = "stop"; $("reason").textContent = text; $("seattext").textContent = "not connected"; $("take").hidden = true; shown(); }
 function connect() {

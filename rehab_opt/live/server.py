@@ -133,7 +133,7 @@ class LivePage:
         from websockets.exceptions import ConnectionClosed  # noqa: PLC0415
 
         view = parse_qs(urlsplit(connection.request.path if connection.request else "").query).get("view", [""])[0]
-        tab = self._seats.join(participant=view == "participant")
+        tab = self._seats.join(participant=view == "participant" or self._problem.logged)
         told = self._tabs[tab] = _Tab(connection)
         telling = asyncio.create_task(told.tell())
         if self._scene:

@@ -9,11 +9,9 @@ import signal
 from collections.abc import Callable
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.live.control import control_live, live_rings
+from rehab_opt.live.control import control_live, live_or_logged, live_rings
 from rehab_opt.live.server import LivePage
-from rehab_opt.session.files import load_problem
 from rehab_opt.session.live.seen import Watching
-from rehab_opt.session.run import live_problem
 
 __all__ = ["show_live"]
 
@@ -28,6 +26,7 @@ def show_live(
     port: int = 0,
     plant: str | None = None,
     solver: str | None = None,
+    again: bool = False,
     ready: Callable[[str, str], None],
     watching: Watching | None = None,
 ) -> None:
@@ -36,6 +35,7 @@ def show_live(
     Parameters
     ----------
     file : of the problem, or the name of a shipped one. plant, solver : as of `rehab-opt run`.
+    again : the file is a log of `rehab-opt loop`, which is shown at its pace, from the beginning again at its end.
     host, port : where the page is served; 0 is any free port.
     ready : told the addresses of the page and of the participant's screen. watching : told what is drawn.
 
@@ -46,11 +46,12 @@ def show_live(
     """
     _refuse_wildcard(host)
     options = {"plant": plant, "solver": solver}
-    problem = live_problem(load_problem(file), **options)
     context = multiprocessing.get_context("spawn")
-    with live_rings(problem) as rings:
+    with live_or_logged(file, options, again=again) as (problem, _), live_rings(problem) as rings:
         scene, told = context.Pipe(duplex=False)
-        control = context.Process(target=control_live, args=(file, options, rings, told), daemon=True)
+        control = context.Process(
+            target=control_live, args=(file, options, rings, told), kwargs={"again": again}, daemon=True
+        )  # fmt: skip
         control.start()
         told.close()
         try:

@@ -30,7 +30,7 @@ from rehab_opt.session.live.problem import AT_REST, NOWHERE, LiveControl, LiveIn
 from rehab_opt.session.run import live_problem
 from rehab_opt.session.systems import system_named
 
-__all__ = ["BUTTONS", "decide_of", "files_of", "replay_problem", "run_in_time"]
+__all__ = ["BUTTONS", "control_again", "decide_of", "files_of", "logged_problem", "replay_problem", "run_in_time"]
 
 TEXT = "problem.toml"
 """What a problem's own text is called in a log."""
@@ -123,8 +123,8 @@ class _LoggedRobot:
         self.truth = Truth(time, *true)
 
 
-def replay_problem(logged: Logged) -> Replay:
-    """Compute the session of a problem again.
+def logged_problem(logged: Logged, folder: Path) -> LiveProblem:
+    """The problem that a log is of, its files written into an empty folder.
 
     Raises
     ------
@@ -136,20 +136,32 @@ def replay_problem(logged: Logged) -> Replay:
             "LOG", logged.about.get("problem", ""), "the log of a problem file, by `rehab-opt loop`"
         )
     home = PurePosixPath(logged.about.get(HOME, ""))
+    for name, data in logged.files.items():
+        place = home / name if name == TEXT else PurePosixPath(name)
+        if place.is_absolute() or ".." in place.parts:  # a log may come from anybody
+            raise ProblemFileError("the log", "attachment", name, "the name of a file beside the problem's")
+        path = folder / place
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(data)
+    loaded = load_problem(str(folder / home / TEXT))
+    return live_problem(loaded, **{name: logged.about.get(name) for name in ("plant", "solver")})
+
+
+def control_again(
+    problem: LiveProblem, *, then: Callable[[Tick, Command], None] = lambda *_: None
+) -> tuple[LiveControl, Decide, Callable[[np.void], None]]:
+    """A problem's control on a robot that is where a log says: it, how it is asked, and what is told each record."""
+    control, robot = problem.control(), _LoggedRobot(problem.dt)
+    decide = decide_of(problem, control, then=then)
+    control.plant = cast(TouchedPlant, robot)
+    return control, decide, robot.show
+
+
+def replay_problem(logged: Logged) -> Replay:
+    """Compute the session of a problem again; raises as `logged_problem`."""
     with tempfile.TemporaryDirectory() as folder:
-        for name, data in logged.files.items():
-            place = home / name if name == TEXT else PurePosixPath(name)
-            if place.is_absolute() or ".." in place.parts:  # a log may come from anybody
-                raise ProblemFileError("the log", "attachment", name, "the name of a file beside the problem's")
-            path = Path(folder) / place
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_bytes(data)
-        loaded = load_problem(str(Path(folder) / home / TEXT))
-        problem = live_problem(loaded, **{name: logged.about.get(name) for name in ("plant", "solver")})
-        control = problem.control()
-        decide, robot = decide_of(problem, control), _LoggedRobot(problem.dt)
-        control.plant = cast(TouchedPlant, robot)
-        return replayed(logged.records, decide, before=robot.show)
+        _, decide, show = control_again(logged_problem(logged, Path(folder)))
+        return replayed(logged.records, decide, before=show)
 
 
 def files_of(loaded: ProblemFile[Any]) -> dict[str, bytes]:

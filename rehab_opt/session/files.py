@@ -57,7 +57,8 @@ def problem_content(path: Path, file: str) -> dict[str, Any]:
     ----------
     file : what errors call it.
     """
-    return _with_descriptions(_toml_content(path, file), path.parent, file)
+    content: dict[str, Any] = _with_descriptions(_toml_content(path, file), path.parent, file)
+    return content
 
 
 def recording_description(path: Path, file: str) -> dict[str, Any]:

@@ -108,6 +108,8 @@ class RobotFile(Section):
     """By joint name, what is other than the file says, and what it does not say."""
     capsules: list[CapsuleSection] = Field(default=[], max_length=50)
     """Bodies of links. Without one a link is guarded by its frames' origins alone."""
+    collision: bool = False
+    """Instead of `capsules` those about the cylinders, boxes and balls of the URDF's `<collision>`."""
 
     @model_validator(mode="after")
     def one_model(self) -> Self:
@@ -116,6 +118,8 @@ class RobotFile(Section):
             raise refusal("urdf", self.urdf, "either urdf or mjcf, the file with the robot's links")
         if self.mjcf is not None and self.speed_deg_s is None:
             raise refusal("speed_deg_s", None, "the joints' largest speed, which an MJCF does not have")
+        if self.collision and (self.capsules or self.urdf is None):
+            raise refusal("collision", True, "a URDF, and no capsules beside it")
         return self
 
 
@@ -162,6 +166,10 @@ def _arm(said: RobotFile, path: Path, name: str) -> SerialChain:
     model = said.urdf if said.urdf is not None else said.mjcf
     assert model is not None  # the schema asks for either
     file = path.parent / model
+    if not file.is_file():
+        raise RobotFileError(
+            name, "mjcf" if said.urdf is None else "urdf", model, "a file beside this one: it is not there"
+        )
     read = SerialChain.from_urdf if said.urdf is not None else SerialChain.from_mjcf
     speeds = {key: each.speed_deg_s for key, each in said.joints.items()}
     turned = {key: each.locked_deg for key, each in said.joints.items()}
@@ -179,7 +187,9 @@ def _arm(said: RobotFile, path: Path, name: str) -> SerialChain:
             locked=_radians(turned) | slid,
             mount=pose_of(said.mount_deg, said.mount_m),
             tool=pose_of(said.tool_deg, said.tool_m),
-            capsules=[CapsuleOnLink(each.link, *_ends(each), each.radius_m) for each in said.capsules],
+            capsules="collision"
+            if said.collision
+            else [CapsuleOnLink(each.link, *_ends(each), each.radius_m) for each in said.capsules],
         )
     except ConfigurationError as refused:
         raise RobotFileError(name, *_key_and_value(said, refused), refused.expected) from refused

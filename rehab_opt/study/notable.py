@@ -134,6 +134,6 @@ def growth(study: Study, *, most: int) -> dict[str | None, list[tuple[str, list[
     for name, group, last, points in study.each(question, (DONE,)):
         people = found.setdefault(group, {})
         if name in people or len(people) < most:
-            of = people.setdefault(name, (name, [], []))
-            of[1 + last].extend((x, y) for x, y in json.loads(points))
+            _, first, after = people.setdefault(name, (name, [], []))
+            (after if last else first).extend((x, y) for x, y in json.loads(points))
     return {group: list(people.values()) for group, people in found.items()}

@@ -307,7 +307,8 @@ def _growth(study: Study) -> str:
     figures = []
     for group, grown in growth(study, most=MOST_OUTLINED).items():
         outlines_of = [(name, hull(first), hull(last)) for name, first, last in grown]
-        first, last = (interval([1e4 * area(of[i]) for of in outlines_of]) for i in (1, 2))
+        first = interval([1e4 * area(corners) for _, corners, _ in outlines_of])
+        last = interval([1e4 * area(corners) for *_, corners in outlines_of])
         figures.append(
             f"<figure><h3>{escaped(group or 'no group')}</h3>{growth_chart(outlines_of)}"
             f"<figcaption>{_count(len(grown), 'person')}: {_said(first, 1.0)} cm² at first, {_said(last, 1.0)} cm² at "

@@ -15,7 +15,7 @@ from rehab_opt.optim.answer import Answer
 from rehab_opt.optim.rows import Instance
 from rehab_opt.qp_recording.sequence import QPSequence, sequence_of
 
-SLEEP = 30.0
+SLEEP = 300.0
 DAWDLE = 0.1
 TRAP = 2
 """The tick in which they fail, where nothing else is said."""

@@ -86,12 +86,12 @@ def test_interrupted_it_keeps_what_it_has_and_ends_with_130(folder: Path) -> Non
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder, start_new_session=True
     )
     record = folder / "out/bench" / RECORD
-    for _ in range(600):  # however slow the machine
+    for _ in range(6000):  # however slow the machine
         if record.exists() and record.read_text().count("\n") >= 2:
             break
         time.sleep(0.05)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to every process
-    _, said = process.communicate(timeout=60)
+    _, said = process.communicate(timeout=300)
     assert process.returncode == 130, said
     assert said == "rehab-opt: interrupted; the same command goes on from here\n"
     assert record.read_text().count("\n") >= 2

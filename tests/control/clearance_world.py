@@ -83,7 +83,10 @@ def frames(chain: SerialChain, q: Array) -> list[Array]:
     poses = [np.broadcast_to(chain.base, (len(q), 4, 4))]
     for row, angle in zip(chain.rows, q.T, strict=True):
         joint = np.tile(np.eye(4), (len(q), 1, 1))
-        joint[:, :3, :3] = Rotation.from_euler("z", angle[:, None]).as_matrix()
+        if row.prismatic:
+            joint[:, 2, 3] = angle
+        else:
+            joint[:, :3, :3] = Rotation.from_euler("z", angle[:, None]).as_matrix()
         poses.append(poses[-1] @ joint @ np.asarray(row.after, dtype=float))
     return [*poses, poses[-1] @ chain.tool]
 

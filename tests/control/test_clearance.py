@@ -19,15 +19,18 @@ from rehab_opt import (
     MirrorTracker,
     MovingCapsule,
     PoseTracker,
+    RedundancyResolver,
     SerialChain,
     Status,
     arm_capsules,
     human_arm,
     ur5,
 )
+from rehab_opt.kinematics.ardis import ardis
 from rehab_opt.kinematics.human_arm import ARM_REST
 from rehab_opt.kinematics.room import MOVING, moving_numbers
 from tests.control.clearance_world import MARGIN, Swinging, least_distance, link_ends, robot, room, segments_apart
+from tests.control.mirror_campaign import LARGEST
 
 START = np.array([0.3, -1.4, 1.9, -1.9, -1.2, 0.4])
 BALL = MovingCapsule((0.6, 0.0, 0.9), (0.6, 0.0, 0.9), 0.05)
@@ -119,6 +122,75 @@ def test_arm_gives_way_to_what_comes_and_stays_at_the_margin() -> None:
     assert distances.min() >= -1e-9
     assert np.sum(distances < 1e-3) > 50  # it was pushed for a while
     assert speeds.max() > 0.1
+
+
+def test_mirrored_hand_keeps_clear_of_what_stands_and_gives_way_to_what_comes() -> None:
+    rng, dt, chain = np.random.default_rng(1), 0.005, ur5(velocity=2.0)
+    given = room(chain, rng, moving=1)
+    made = {"floor": 0.05, "max_deviation": 0.5, "max_turn": 3.0, "max_manipulability": LARGEST, "compile": False}
+    mirror = MirrorTracker(chain, dt=dt, limits=[given], **made)  # type: ignore[arg-type]
+    links, q, pose = np.arange(2, len(chain.capsules)), START.copy(), chain.pose(START)
+    way, away = np.array([0.0, 0.1, 0.0]), pose[:3, 3] - [0.0, 0.25, 0.0]
+    near = 0
+    for k in range(600):
+        body = MovingCapsule(away, away, 0.05, way, way)
+        at, twist = pose.copy(), np.zeros(6)
+        at[:3, 3] += np.array([0.1, 0.0, -0.5]) * np.sin(2 * k * dt)
+        twist[:3] = np.array([0.1, 0.0, -0.5]) * 2 * np.cos(2 * k * dt)
+        command = mirror.step(q, at, twist, obstacles=[body], enable=k % 150 < 140)
+        before, q, away = q, q + dt * command.value, away + dt * way
+        if k % 3:
+            continue
+        now = least_distance(chain, given, ends(chain, q), [still(body, dt)], links)
+        if now < 0.0:  # by what comes, while it brakes
+            assert not command.status.certified
+            assert now >= least_distance(chain, given, ends(chain, before), [still(body, dt)], links) - 1e-9
+        near += now < 2e-3
+    assert near > 15
+    with pytest.raises(ConfigurationError, match="obstacles"):
+        mirror.step(q, pose, np.zeros(6))
+    with pytest.raises(ConfigurationError, match="moving"):
+        mirror.plan(np.tile(pose, (5, 1, 1)), np.zeros((5, 6)), q)
+
+
+def still(body: MovingCapsule, dt: float) -> MovingCapsule:
+    """Where it is a tick later."""
+    return body._replace(start=body.start + dt * body.start_velocity, end=body.end + dt * body.end_velocity)
+
+
+@pytest.mark.parametrize("drive", ["mecanum", "differential"])
+def test_chair_and_arm_keep_clear_of_what_stands_and_give_way_to_what_comes(drive: Any) -> None:
+    robot_on_chair, dt = ardis(), 0.01
+    chain = robot_on_chair.bodied_chain
+    table = Box("table", (1.1, 0.0, 0.6), (0.3, 2.0, 0.2))
+    given = Clearance(margin=MARGIN, boxes=[table], moving=1, slots=3)
+    rows = [("x", "y", "z")]
+    resolver = RedundancyResolver(robot_on_chair, drive=drive, row_sets=rows, dt=dt, limits=[given], compile=False)
+    q, links, pressed = np.array([0.0, 0.0, 0.0, -0.3, 0.4, 1.2, 0.0]), np.arange(len(chain.capsules)), 350
+    place, way, found, speeds = np.array([0.0, 9.0, 1.0]), np.array([0.0, -0.1, 0.0]), [], []
+    for k in range(pressed + 200):
+        if k == pressed:  # something comes from the side, after the arm was led against the table
+            place = chain.pose(q)[:3, 3] + [0.0, 0.17, 0.0]
+        twist = np.array([0.3 if k < pressed else 0.02, 0.0, 0.0])
+        body = MovingCapsule(place, place, 0.05, way, way)
+        command = resolver.step(q, twist, rows[0], "world", moving=[body])
+        assert command.status.certified
+        q, place = q + dt * command.value, place + dt * way
+        speeds.append(np.abs(command.value).max())
+        if k % 5 == 0:
+            found.append(least_distance(chain, given, ends(chain, q), [still(body, dt)], links))
+    distances = np.array(found)
+    assert distances.min() >= -1e-9
+    assert distances[: pressed // 5].min() < 0.05
+    assert np.sum(distances[pressed // 5 :] < 1e-3) > 10
+    assert np.max(speeds[pressed + 100 :]) > 0.03  # it gives way
+    body = MovingCapsule(place, place, 0.05, way, way)
+    for _ in range(100):
+        command = resolver.step(q, np.zeros(3), rows[0], moving=[body])  # without a command nothing is given way to
+        q = q + dt * command.value
+    assert not command.value.any()
+    with pytest.raises(ConfigurationError, match="moving"):
+        resolver.step(q, np.zeros(3), rows[0])
 
 
 def test_arm_that_is_not_enabled_does_not_go_away_from_what_comes_and_says_that_it_is_near() -> None:
@@ -261,14 +333,12 @@ def test_clearance_that_is_none_is_refused_by_name(options: dict[str, Any], name
         PoseTracker(ur5(), limits=[Clearance(**{"margin": 0.02, **options})], compile=False)
 
 
-def test_clearance_needs_capsules_stands_alone_and_is_the_tracker_s() -> None:
+def test_clearance_needs_capsules_and_stands_alone() -> None:
     given = Clearance(margin=0.02, moving=1)
     with pytest.raises(ConfigurationError, match="capsules"):
         PoseTracker(ur5(capsules=()), limits=[given], compile=False)
     with pytest.raises(ConfigurationError, match=r"limits\[1\]"):
         PoseTracker(ur5(), limits=[given, given], compile=False)
-    with pytest.raises(ConfigurationError, match="limits"):
-        MirrorTracker(ur5(), floor=0.1, limits=[given], compile=False)  # type: ignore[list-item]
     both = PoseTracker(
         ur5(), limits=[given, Limit(lambda chain, q: chain.frames_expression(q)[2][2, 3])], compile=False
     )

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rehab_opt import Command, JointFeedback, KeepOut, MirrorTracker, Status, ur5
+from rehab_opt import Bound, Command, JointFeedback, KeepOut, MirrorTracker, Status, ur5
 from tests.control.mirror_campaign import LARGEST
 from tests.judge.joint_feedback import Servo
 
@@ -134,8 +134,12 @@ def test_the_true_hand_is_no_faster_than_its_bound(hz: float, seed: int) -> None
     seen, fastest = START, 0.0
     for k in range(500):  # up to 1.4 m/s are asked for
         pose, twist = moved(way, k * DT / seconds, seconds)
-        seen = robot.step(led.step(seen, pose, twist).value)
+        command = led.step(seen, pose, twist)
+        if command.yielded & Bound.ACCELERATION:  # the floor comes before accelerations: servos overshoot that, too
+            break
+        seen = robot.step(command.value)
         fastest = max(fastest, robot.hand_speed)
+    assert k > 400
     assert 0.8 * FAST <= fastest <= 1.02 * FAST
 
 

@@ -59,7 +59,7 @@ def mode(request: pytest.FixtureRequest) -> str:
 @pytest.fixture(scope="module")
 def library(mode: str, exported: Exported, built: Built, tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
     folder = exported("assistance") if mode == "assist" else exported_to(tmp_path_factory.mktemp("as") / "c", mode)
-    return shared(folder, "assistance", built)
+    return shared(folder, "assistance", built, level=None if mode == "assist" else "-O0")
 
 
 @pytest.fixture(scope="module")

@@ -6,6 +6,7 @@ import csv
 import re
 import shutil
 import subprocess
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -81,7 +82,7 @@ def test_the_recorded_run_has_joints_that_do_not_follow_until_the_enable_input_i
     with (exported(name) / "recorded_run.csv").open() as lines:
         rows = list(csv.DictReader(lines))
     reasons = [REASONS[int(row["reason"])].name for row in rows]
-    moved = [k for k, (row, after) in enumerate(zip(rows, rows[1:], strict=False)) if row["q_3"] != after["q_3"]]
+    moved = [k for k, (row, after) in enumerate(pairwise(rows)) if row["q_3"] != after["q_3"]]
     lost = [k for k, reason in enumerate(reasons) if reason == "NOT_FOLLOWED"]
     assert lost
     assert reasons[-1] == "NOT_ENABLED"

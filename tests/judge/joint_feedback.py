@@ -277,7 +277,11 @@ def one_run(verdict: Verdict, rng: np.random.Generator, plan: Plan, start: Array
         tells[k] = "does not follow" in command.reason
         early = 1.0 - math.expm1(-GAIN * dt) / dt * told.delay / 2
         pose = seen_from(led[k], led[k] + observer.strays, poses[k])
-        others[k] = command.value if tells[k] else twin.step(led[k], pose, early * twists[k]).value
+        other = twin.step(led[k], pose, early * twists[k])
+        if "does not follow" in other.reason:  # it watches, too, but where joints are led is no measurement
+            twin.reset(last)
+            other = twin.step(led[k], pose, early * twists[k])
+        others[k] = command.value if tells[k] else other.value
         commands.append(command)
         last, true[k], errors[k] = command.value, encoders.robot.q, observer.error
         blind[k] = not np.isfinite(measured).all()

@@ -101,6 +101,7 @@ class Arm(NamedTuple):
     rate: float
     weights: Array
     """(6,) of the hand's places and turns."""
+    acceleration: Array
 
     @property
     def mirror(self) -> bool:
@@ -137,4 +138,4 @@ def draw(rng: np.random.Generator, *, mirror: bool) -> Arm:
     else:
         control = PoseTracker(arm, task_weights=weights, dt=dt, limits=limits, compile=False)
         rate = 1.0 / max(float(np.max(velocity / acceleration)), dt)
-    return Arm(control, dt, start, lower, upper, wishes, beside, floor, rate, weights)
+    return Arm(control, dt, start, lower, upper, wishes, beside, floor, rate, weights, acceleration)

@@ -38,6 +38,8 @@ PROMISES = (
             "cannot be had."),
     Promise("rehab_opt/control/limit.py", "every distance h(q) at zero or above, at the end of every tick. h(q) >= 0, "
             "met as the barrier grad h . q' >= -rate h"),
+    Promise("rehab_opt/control/limit.py", "A `MirrorTracker`, whose accelerations do not yield to it, meets it faster "
+            "where braking of all joints alike does."),
     Promise("rehab_opt/control/limit.py", "kept by the QP, the shortened step and the safe command."),
     Promise("rehab_opt/control/pose_tracker.py", "They come before accelerations and hold while braking, too."),
 )  # fmt: skip
@@ -127,6 +129,8 @@ def is_judged(of: Arm, at: list[Array], commands: list[Command], asked: Array) -
 def in_every_tick(verdict: Verdict, of: Arm, q: Array, value: Array, ok: NDArray[np.bool_]) -> None:
     """Distances and barriers on the way."""
     ticks, near = len(value), np.zeros(len(value), dtype=bool)
+    last = np.vstack([np.zeros(6), value[:-1]])  # all joints slowing alike, as fast as accelerations let them:
+    braked = last * (1 - 1 / np.maximum((np.abs(last) / (of.acceleration * of.dt)).max(axis=1, keepdims=True), 1))
     for each in of.wishes:
         numbers = each.numbers(q, of.start)
         verdict.within("a user's distance below zero", -numbers, 1e-9)
@@ -134,7 +138,8 @@ def in_every_tick(verdict: Verdict, of: Arm, q: Array, value: Array, ok: NDArray
         decay = (1 - math.exp(-(of.rate if each.rate is None else each.rate) * of.dt)) / of.dt
         closing = -np.einsum("ni,ni->n", each.slopes(q[:-1])[np.arange(ticks), least], value)
         if of.mirror:  # `PoseTracker`'s is about the middle of the tick
-            fast = np.where(ok, closing - decay * np.maximum(room, 0.0), 0.0)
+            braking = -np.einsum("ni,ni->n", each.slopes(q[:-1])[np.arange(ticks), least], braked)
+            fast = np.where(ok, closing - np.maximum(decay * np.maximum(room, 0.0), braking), 0.0)
             verdict.within("a user's distance falls faster than its barrier", fast, 1e-9)
         verdict.during("another distance is the least one", least != least[0], of.dt)
         near |= room < 0.02

@@ -80,9 +80,11 @@ def judge(verdict: Verdict, one: Run) -> None:
     stopped = stops(one.forces, given.stop_at, dt)
     verdict.holds("what cannot be used is not followed", safe | ~wrong)
     verdict.holds("the arm stops for a push that is too strong, until it is over", safe | ~stopped)
-    slower = np.maximum(np.abs(last) - given.acceleration * dt, 0.0)
-    verdict.within("braking: speed above what the whole deceleration leaves [rad/s]",
-                   np.where(safe[:, None], np.abs(value) - slower, 0.0), 1e-12)  # fmt: skip
+    # Each joint slows by its whole acceleration, or, where a bound is in the way of that, all of them alike.
+    ticks = np.maximum((np.abs(last) / (given.acceleration * dt)).max(axis=1, keepdims=True), 1)
+    alike = np.abs(last) * (1 - 1 / ticks)
+    verdict.within("braking: speed above what braking of all joints alike leaves [rad/s]",
+                   np.where(safe[:, None], np.abs(value) - alike, 0.0), 1e-12)  # fmt: skip
     verdict.holds("holding is standing still, braking is not", (status == "holding") == (safe & ~value.any(axis=1)))
     verdict.holds("a safe command has a reason", (reasons != "") | ~safe)
     calm = ~wrong & np.r_[True, ~wrong[:-1]] & np.r_[True, True, ~wrong[:-2]] & ~stopped

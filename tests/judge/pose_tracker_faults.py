@@ -1,7 +1,8 @@
 """What `PoseTracker` does with inputs that are none, with stamps that are not fresh, and without the dead-man switch.
 
 Judged: such a tick is answered by a safe command with a reason; every joint slows by its whole acceleration, never
-turns round, and then stands; and the tick after next of sound inputs is followed again.
+turns round, and then stands; and the tick after next of sound inputs is followed again. Only joints that somebody
+pushes are found not to follow, and the arm rests then.
 """
 
 from __future__ import annotations
@@ -59,7 +60,9 @@ def judge(verdict: Verdict, one: Run) -> None:
     change = np.abs(value - last) / np.minimum(one.settings.acceleration * dt, 2 * one.settings.velocity)
     if not one.pushed.any():
         verdict.within("change of speed, faults and resumptions included", change, 1 + 1e-9)
-    calm = ~wrong & np.r_[True, ~wrong[:-1]] & np.r_[True, True, ~wrong[:-2]]
+    lost = np.char.find(answers.reason, "does not follow") >= 0
+    verdict.holds("a robot that nobody pushes follows", ~lost | np.logical_or.accumulate(one.pushed))
+    calm = ~wrong & np.r_[True, ~wrong[:-1]] & np.r_[True, True, ~wrong[:-2]] & ~lost
     verdict.holds("sound inputs are followed again", ~safe | ~calm, str(set(answers.reason[safe & calm])))
     verdict.during("resumed", ~safe & np.r_[False, safe[:-1]], dt)
     for kind in np.unique(one.faults.kind):

@@ -13,6 +13,7 @@ from rehab_opt.loop.logged import Logged, read_log
 from rehab_opt.loop.of_problem import files_of, replay_problem, run_in_time
 from rehab_opt.loop.records import state_layout
 from rehab_opt.session.files import load_problem
+from tests.loop.clock import Clock
 
 Writer = pytest.importorskip("mcap.writer").Writer
 
@@ -43,7 +44,8 @@ def test_a_problem_is_run_in_time_and_again_from_its_log(tmp_path: Path, capsys:
 
 
 @pytest.mark.parametrize("name", ["mirror/franka_pick_fruit", "ardis/kinova_drink", "upper_limb/scenario_1_stretch"])
-def test_every_kind_that_is_live_is_run_in_time_and_again(name: str, tmp_path: Path) -> None:
+def test_every_kind_that_is_live_is_run_in_time_and_again(name: str, tmp_path: Path, clock: Clock) -> None:
+    """On a clock on which no machine is too busy for a tick."""
     path = tmp_path / "trace.mcap"
     report, lost = run_in_time(load_problem(name), seconds=0.3, log=path)
     logged = read_log(path)

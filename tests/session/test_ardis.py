@@ -25,8 +25,7 @@ from rehab_opt.session.ardis.figures import motion_film
 from rehab_opt.session.ardis.measures import KEPT, excesses, goals_met, hand_shares, kinetic_energies
 from rehab_opt.session.ardis.outcome import ArdisOutcome, moved
 from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, room_of, start_of
-from rehab_opt.session.ardis.run import sticks_of
-from rehab_opt.session.ardis.stick import HEADER, Moment, read_stick
+from rehab_opt.session.ardis.stick import HEADER, Moment, read_stick, sticks_of
 from rehab_opt.session.ardis.table import table as ardis_table
 from rehab_opt.session.files import load_problem, problem_of, shipped_problems
 from rehab_opt.session.report import metrics_json, write_report

@@ -272,7 +272,7 @@ def test_trace_has_empty_cells_where_nothing_is_seen(blinded: MirrorOutcome, tmp
 def test_table_shows_every_law_and_what_yielded(ran: Callable[[str], MirrorOutcome]) -> None:
     text = io.StringIO()
     Console(file=text, width=200).print(table(ran("open_refrigerator")))
-    for part in ("without floor", "step", "plan", "A*, 5 mm", "reference held back, s", "acceleration+task"):
+    for part in ("without floor", "step", "plan", "A*, 5 mm", "reference held back, s", "task"):
         assert part in text.getvalue()
     assert any("reconstruction" in note for note in ran("open_refrigerator").notes)
 

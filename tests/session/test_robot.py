@@ -16,6 +16,7 @@ from rehab_opt.session.pose_tracking.robot import circle_reference
 from rehab_opt.session.pose_tracking.run import RobotOutcome
 from rehab_opt.session.pose_tracking.shown import figures as robot_figures
 from rehab_opt.session.run import run_problem
+from tests.control.clearance_world import least_distance, link_ends
 
 START = ur5().pose(np.deg2rad([0.0, -90.0, 90.0, -90.0, -90.0, 0.0]))
 direction = st.tuples(st.floats(-1, 1), st.floats(-1, 1), st.floats(-1, 1))
@@ -96,3 +97,21 @@ def test_solver_that_leaves_the_slowest_motion_undelivered_is_not_taken_for_one_
     assert numbers["position_error_max_m"] < 1e-4
     assert numbers["scale_min"] <= numbers["scale_min_moving"]
     assert numbers["scale_min_moving"] > 0.9
+
+
+def test_shipped_robot_among_bodies_comes_to_its_margin_and_goes_on() -> None:
+    outcome = run_problem(load_problem("robot/ur5_among_bodies"))
+    assert isinstance(outcome, RobotOutcome)
+    assert outcome.near is not None
+    pairs = outcome.near.pairs
+    ends, given = link_ends(pairs.chain, outcome.q[::10]), pairs.clearance
+    found = [least_distance(pairs.chain, given, each, [], np.array(pairs.free)) for each in ends]
+    assert 0.0 <= min(found) < 2e-3
+    assert min(found) == pytest.approx(
+        outcome.near.distances[::10, len(pairs.linked) :].min(), abs=1e-6
+    )  # of the links among each other nothing is asked here
+    assert outcome.metrics["optimised"]["clearance"]["least_beyond_margin_m"] == pytest.approx(
+        outcome.near.distances.min()
+    )
+    assert outcome.metrics["optimised"]["scale_min"] < 0.5
+    assert "clearance" in robot_figures(outcome)

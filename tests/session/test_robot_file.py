@@ -172,7 +172,7 @@ LIFT = random_edge(np.random.default_rng(1), "lift", "prismatic", "l6", "lifted"
         (MINE.replace("900.0", "-1.0"), "acceleration_deg_s2 = -1.0: expected greater than 0"),
         (MINE.replace("900.0", "nan"), "acceleration_deg_s2 = nan: expected"),
         (MINE.replace("l6", "hand"), "arm.urdf: tip = 'hand': expected one of the links base, l0"),
-        (MINE.replace("arm.urdf", "none.urdf"), "none.urdf: file = 'No such file"),
+        (MINE.replace("arm.urdf", "none.urdf"), "urdf = 'none.urdf': expected a file beside"),
         (MINE + "[joints.elbow]\nspeed_deg_s = 3.0", "joints.elbow.speed_deg_s = 3.0: expected joint names"),
         (MINE + "[joints.elbow]\nacceleration_deg_s2 = 3.0", "joints.elbow.acceleration_deg_s2 = 3.0: expected joint"),
         (MINE + "[joints.elbow]\nlocked_deg = 3.0", "joints.elbow.locked_deg = 3.0: expected a joint between"),

@@ -109,7 +109,7 @@ class ExportedMirror(ExportedVelocity):
             "taken": clock.taken_function(*speeds),
             "read_at": clock.read_function(),
             "tried_pace": tracker.pace.tried_function(),
-            "aimed_at": tracker.pace.aimed_function(tracker.audit, tracker.braked),
+            "aimed_at": tracker.pace.aimed_function(tracker.audit, tracker.braked, person=tracker._limit is not None),
             "concluded": tracker.pace.concluded_function(),
         }
         if tracker._limit is not None:
@@ -167,6 +167,8 @@ def exported_mirror(
     ConfigurationError : a solver that does not become C, a chain of more joints than a command has room for, or less
         memory than it takes.
     """
+    if tracker.limits.moving:
+        raise ConfigurationError("moving", tracker.limits.moving, "0: a mirror in C is told of no bodies that move")
     limit = tracker._limit
     laws, pieces = [Law("mirror", tracker)], {"types": "mirror_types.h", "at_start": "at_start.c"}
     pieces |= {"way_out": "way_out.c", "person_limit": "no_person.c"}

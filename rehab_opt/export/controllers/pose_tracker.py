@@ -8,6 +8,7 @@ import numpy as np
 
 from rehab_opt.control.command import Command
 from rehab_opt.control.damped import PASSES
+from rehab_opt.control.limit import Limits
 from rehab_opt.control.pose_tracker import PoseTracker
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.export.exported import ExportedController, ExportedVelocity, Law
@@ -20,7 +21,7 @@ from rehab_opt.session.pose_tracking.problem import PoseTracking
 from rehab_opt.session.pose_tracking.robot import circle_reference, robot_at_start, tracker_of
 from rehab_opt.session.pose_tracking.run import run_pose_tracking
 
-__all__ = ["exported_pose_tracker", "exported_tracker"]
+__all__ = ["exported_pose_tracker", "exported_tracker", "moving_argument", "moving_values"]
 
 CALL = "rehab_pose_tracker_step(&controller, tick->q, tick->pose, tick->twist,{moving} tick->enable, tick->stamp, out);"
 USAGE = """\
@@ -97,26 +98,34 @@ def exported_tracker(tracker: PoseTracker, run: Sequence[Tick], *, title: str, o
         tracker.reset()
         recording = recorded(answer, ticks, about)
     tracker.reset()
-    told = tracker.limits.told
-    moving = "" if not told else " {}obstacles,"
-
     return ExportedVelocity(
         name="pose_tracker",
         title=title,
         laws=(Law("pose_tracker", tracker),),
         interface="pose_tracker",
-        call=CALL.format(moving=moving.format("tick->")),
-        usage=USAGE.format(moving=moving.format("")),
-        values={
-            "moving_argument": " const double *obstacles," if told else "",
-            "moving_input": MOVING_INPUT.format(size=told) if told else "",
-            "moving_told": f"\n    told(self->law[0].parameters + JOINTS + 22, obstacles, {told});" if told else "",
-        },
+        call=CALL.format(moving=moving_argument(tracker.limits, "tick->")),
+        usage=USAGE.format(moving=moving_argument(tracker.limits)),
+        values=moving_values(tracker.limits, "self->law[0].parameters + JOINTS + 22"),
         recording=recording,
         differences=DIFFERENCES,
         pieces={"one_tick": "one_tick.c", "at_start": "at_start.c"},
         solves=2 * (PASSES + 1),  # of the wanted motion and of the QP, and all again from a cold start
     )
+
+
+def moving_argument(limits: Limits, owner: str = "") -> str:
+    """The argument of a call in C with which moving capsules are told; nothing where there are none."""
+    return f" {owner}obstacles," if limits.told else ""
+
+
+def moving_values(limits: Limits, where: str) -> dict[str, str]:
+    """What the templates hold for them; `where` they stand among the parameters, in C."""
+    told = limits.told
+    return {
+        "moving_argument": " const double *obstacles," if told else "",
+        "moving_input": MOVING_INPUT.format(size=told) if told else "",
+        "moving_told": f"\n    told({where}, obstacles, {told});" if told else "",
+    }
 
 
 def _faults(tracker: PoseTracker) -> tuple[Callable[[Tick], Tick], ...]:

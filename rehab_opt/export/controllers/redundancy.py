@@ -15,6 +15,7 @@ from rehab_opt.control.redundancy import RedundancyResolver
 from rehab_opt.control.task_rows import FRAMES
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.export.c_text import indented, initialiser, number
+from rehab_opt.export.controllers.pose_tracker import moving_argument, moving_values
 from rehab_opt.export.exported import ExportedController, ExportedVelocity, Law
 from rehab_opt.export.recording import Recording, Tick, recorded, standing, thinned, with_faults
 from rehab_opt.export.rungs import as_in_c
@@ -22,7 +23,7 @@ from rehab_opt.optim.ladder import BACKUP, FUSED
 from rehab_opt.session.ardis.outcome import moved
 from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
 from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, start_of
-from rehab_opt.session.ardis.run import sticks_of
+from rehab_opt.session.ardis.stick import sticks_of
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
 
@@ -78,7 +79,8 @@ def exported_resolver(resolver: RedundancyResolver, run: Sequence[Tick], *, titl
     ----------
     resolver : it is reset, and repeats the run without a backup, which C has not.
     run : ticks of a sound run, each q (n,), twist (k,) with k the most numbers that a set of rows has, and `rows` and
-        `frame` as whole numbers: places in `row_sets` and in `FRAMES`. C repeats it, with faults among them.
+        `frame` as whole numbers: places in `row_sets` and in `FRAMES`; `obstacles` (k, 14) where it is told of moving
+        capsules. C repeats it, with faults among them.
     title : what it is, in a few words. of : what the run is one of, in words.
 
     Raises
@@ -94,9 +96,9 @@ def exported_resolver(resolver: RedundancyResolver, run: Sequence[Tick], *, titl
         title=f"{title}: joint velocities of a chair with an arm, {resolver.drive} drive",
         laws=[Law(f"law_{i}", law, lesser=law._braking_together.function) for i, law in enumerate(active)],
         interface="redundancy",
-        call=f"rehab_{name}_step(&controller, tick->q, tick->twist, tick->rows, tick->frame, tick->enable, "
-        "tick->stamp, out);",
-        usage=_usage(name, rows[0]),
+        call=f"rehab_{name}_step(&controller, tick->q, tick->twist, tick->rows, tick->frame,"
+        f"{moving_argument(resolver.limits, 'tick->')} tick->enable, tick->stamp, out);",
+        usage=_usage(name, rows[0], moving_argument(resolver.limits)),
         recording=_recording(resolver, run, of),
         differences=DIFFERENCES,
         pieces={"one_tick": "one_tick.c"},
@@ -142,8 +144,8 @@ def _recording(resolver: RedundancyResolver, run: Sequence[Tick], of: str) -> Re
     def answer(tick: Tick) -> Command:
         rows = resolver.row_sets[tick["rows"]]
         return resolver.step(
-            tick["q"], tick["twist"][: len(rows)], rows, frames[tick["frame"]], enable=tick["enable"],
-            stamp=tick["stamp"],
+            tick["q"], tick["twist"][: len(rows)], rows, frames[tick["frame"]], moving=tick.get("obstacles"),
+            enable=tick["enable"], stamp=tick["stamp"],
         )  # fmt: skip
 
     about = (
@@ -171,16 +173,17 @@ def _values(
         "max_obstacles": str(max_obstacles),
         "room": initialiser(resolver._numbers if max_obstacles else [0.0]),
         "unknown": number(UNKNOWN),
+        **moving_values(resolver.limits, "parameters + JOINTS + ROWS[which] + 1 + ROOM"),
     }
 
 
-def _usage(name: str, rows: str) -> str:
+def _usage(name: str, rows: str, moving: str) -> str:
     return f"""\
 static rehab_{name} controller;
 rehab_command command;
 
 rehab_{name}_init(&controller);
 for (;;) {{ /* every tick */
-    rehab_{name}_step(&controller, q, twist, {rows}, REHAB_CHASSIS, enable, stamp, &command);
+    rehab_{name}_step(&controller, q, twist, {rows}, REHAB_CHASSIS,{moving} enable, stamp, &command);
     send(command.value, command.wheels); /* joint velocities, m/s and rad/s, and wheel speeds, rad/s */
 }}"""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,6 +26,8 @@ __all__ = ["MJCF", "URDF", "Given", "chain_arguments"]
 Array = NDArray[np.float64]
 PerJoint = ArrayLike | Mapping[str, float]
 
+COLLISION = "collision"
+"""In place of capsules: those about the collision geometry of the file."""
 FAST = 4 * math.pi
 """[rad/s] A speed limit beyond bounds no arm: it is noted."""
 
@@ -38,7 +40,7 @@ class Given(NamedTuple):
     lower: PerJoint | None
     upper: PerJoint | None
     locked: Mapping[str, float]
-    capsules: Sequence[CapsuleOnLink]
+    capsules: Sequence[CapsuleOnLink] | Literal["collision"]
 
 
 class _Fixed(NamedTuple):
@@ -72,7 +74,8 @@ def chain_arguments(form: Format, file: str | Path, base: str | None, tip: str |
         be read. ConfigurationError : what the caller says cannot be used.
     """
     source, keys = Source(Path(file), str(file)), form.keys
-    steps, notes = form.steps(source, base=base, tip=tip)
+    steps, notes = form.steps(source, base=base, tip=tip, bodies=given.capsules == COLLISION)
+    capsules = [each for step in steps for each in step.bodies] if given.capsules == COLLISION else given.capsules
     joints, before, frames = _joints_and_frames(steps, given.locked, source, notes)
     n, names = len(joints), tuple(joint.name for joint in joints)
     rows = tuple(Link(before[i + 1], joints[i].prismatic) for i in range(n))
@@ -88,7 +91,7 @@ def chain_arguments(form: Format, file: str | Path, base: str | None, tip: str |
         "upper": upper,
         "velocity": velocity,
         "acceleration": _accelerations(given.acceleration, names),
-        "capsules": tuple(_capsule(i, each, places) for i, each in enumerate(given.capsules)),
+        "capsules": tuple(_capsule(i, each, places) for i, each in enumerate(capsules)),
         "effort": np.array([joint.effort for joint in joints]),
         "bodies": tuple(_body(each, places) for each in frames if each.step.inertial is not None),
         "notes": tuple(notes),

@@ -46,7 +46,9 @@ MUCH_TOO_LIGHT = 1e-9
 """[kg, kg m^2] MuJoCo wants masses that its dynamics would need; they are not used."""
 
 
-def mjcf_steps(source: Source, *, base: str | None, tip: str | None) -> tuple[list[Step], list[str]]:
+def mjcf_steps(
+    source: Source, *, base: str | None, tip: str | None, bodies: bool = False
+) -> tuple[list[Step], list[str]]:
     """Steps from body `base` (the world by default) to body or site `tip` (the only last body), and notes.
 
     Masses are those that the file gives bodies; what MuJoCo would compute from shapes and meshes is left out.
@@ -54,8 +56,10 @@ def mjcf_steps(source: Source, *, base: str | None, tip: str | None) -> tuple[li
     Raises
     ------
     ProblemFileError : the file cannot be read. RobotFileError : MuJoCo refuses it, or the tip is not below the base.
-    ConfigurationError : MuJoCo is not installed.
+    ConfigurationError : MuJoCo is not installed; `bodies`, since no geometry is read.
     """
+    if bodies:
+        raise ConfigurationError("capsules", "collision", "CapsuleOnLinks: of an MJCF no geometry is read")
     try:
         import mujoco  # noqa: PLC0415  (an extra)
     except ImportError as problem:

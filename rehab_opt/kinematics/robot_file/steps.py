@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.kinematics.denavit_hartenberg import exact
+from rehab_opt.kinematics.link_capsules import CapsuleOnLink
 from rehab_opt.kinematics.rigid import ROUNDED
 from rehab_opt.kinematics.robot_file.xml_tree import Source
 
@@ -58,6 +59,8 @@ class Step(NamedTuple):
     link: str = ""
     """Link whose frame lies here; empty for a step between two joints of one link."""
     inertial: Inertial | None = None
+    bodies: tuple[CapsuleOnLink, ...] = ()
+    """Capsules about the link's collision geometry, where they are asked for."""
 
 
 def moved(x: float, y: float, z: float) -> Array:

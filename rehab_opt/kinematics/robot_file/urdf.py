@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rehab_opt.kinematics.link_capsules import CapsuleOnLink
 from rehab_opt.kinematics.robot_file.steps import TWO_TURNS, Inertial, Joint, Step, turned_by_rpy, unit_axis
 from rehab_opt.kinematics.robot_file.xml_tree import FARTHEST, Element, Source, xml_root
 from rehab_opt.text_file import shown
@@ -17,6 +18,13 @@ __all__ = ["urdf_steps"]
 
 Array = NDArray[np.float64]
 
+SHAPES = {
+    "sphere": (("radius", 1),),
+    "cylinder": (("radius", 1), ("length", 1)),
+    "capsule": (("radius", 1), ("length", 1)),
+    "box": (("size", 3),),
+}
+"""Collision geometry that becomes capsules, and the numbers that it has."""
 TURNING, SLIDING = ("revolute", "continuous"), ("prismatic",)
 _NO_NUMBER = np.array([math.nan])
 
@@ -28,15 +36,18 @@ class _Tree(NamedTuple):
     carriers: Mapping[str, Element]
 
 
-def urdf_steps(source: Source, *, base: str | None, tip: str | None) -> tuple[list[Step], list[str]]:
+def urdf_steps(
+    source: Source, *, base: str | None, tip: str | None, bodies: bool = False
+) -> tuple[list[Step], list[str]]:
     """Steps from `base` (the root by default) to `tip` (the only leaf by default), and notes.
 
-    What is not on the way, a gripper's coupled fingers say, is not looked at beyond the names of its links.
+    With `bodies`, links have capsules about their <collision>. What is not on the way, a gripper's coupled fingers say,
+    is not looked at beyond the names of its links.
 
     Raises
     ------
     ProblemFileError : the file cannot be read. RobotFileError : it is no URDF, its joints make no tree, the tip is not
-        below the base, or a joint on the way cannot be used.
+        below the base, or a joint on the way cannot be used; a mesh as collision geometry where `bodies` are asked for.
     """
     root = xml_root(source)
     if root.tag != "robot":
@@ -56,6 +67,8 @@ def urdf_steps(source: Source, *, base: str | None, tip: str | None) -> tuple[li
     if way:
         first = _parent(way[0])
         steps.insert(0, Step(np.eye(4), None, first, _inertial(tree.links[first], source)))
+    if bodies:
+        steps = [each._replace(bodies=tuple(_bodies(tree.links[each.link], source))) for each in steps]
     return steps, notes
 
 
@@ -170,6 +183,30 @@ def _origin(element: Element, source: Source, owner: str) -> Array:
         roll, pitch, yaw = origin.numbers("rpy", source, owner, np.zeros(3), most=TWO_TURNS)
         pose[:3, :3] = turned_by_rpy(roll, pitch, yaw)
     return pose
+
+
+def _bodies(link: Element, source: Source) -> Iterator[CapsuleOnLink]:
+    """The smallest capsules of the same axis about a link's boxes (along their longest side), cylinders and balls."""
+    name = link.attributes["name"]
+    owner = f"link {name}"
+    for collision in link.each("collision"):
+        pose, geometry = _origin(collision, source, owner), collision.only("geometry", source, owner)
+        for shape in () if geometry is None else geometry.children:
+            if shape.tag not in SHAPES:
+                value = shape.attributes.get("filename", f"<{shape.tag}>")
+                expected = f"{', '.join(SHAPES)}; or give the link's capsules, by CapsuleOnLink({name!r}, ...)"
+                raise source.refuse(f"{owner}, collision.{shape.tag}", value, expected)
+            sizes = [shape.numbers(key, source, owner, np.full(n, math.nan)) for key, n in SHAPES[shape.tag]]
+            if not all(np.all(each > 0.0) for each in sizes):  # what is absent is NaN
+                said = " ".join(f"{key}={shape.attributes.get(key)}" for key, _ in SHAPES[shape.tag])
+                raise source.refuse(f"{owner}, collision.{shape.tag}", said, "sizes above 0 m")
+            axis, radius = np.array([0.0, 0.0, 1.0]), float(sizes[0][0])
+            half = float(sizes[1][0]) / 2 if len(sizes) > 1 else 0.0
+            if shape.tag == "box":
+                a, b, c = np.sort(sizes[0]).tolist()
+                axis, half, radius = np.eye(3)[int(np.argmax(sizes[0]))], c / 2, math.hypot(a, b) / 2
+            (x, y, z), (u, v, w) = ((pose[:3, 3] + sign * half * pose[:3, :3] @ axis).tolist() for sign in (-1.0, 1.0))
+            yield CapsuleOnLink(name, (x, y, z), (u, v, w), radius)
 
 
 def _inertial(link: Element, source: Source) -> Inertial | None:

@@ -33,6 +33,8 @@ ORDER = {"optimised": 4, "published": 4.5}
 def figures(outcome: ArdisOutcome) -> dict[str, Figure]:
     """The figures by file name (without suffix)."""
     drawn = {"top_view": _top_view(outcome), "hand": _hand(outcome), "limits": _limits(outcome)}
+    for drive, near in outcome.near.items():
+        drawn[f"clearance_{drive}"] = near.figure(f"{outcome.title}, {drive} drive, ours")
     for drive, of in outcome.drives.items():
         motion = of.optimised.motion
         if motion is not None:

@@ -19,8 +19,7 @@ from rehab_opt.session.ardis.clearance import chair_corners, chair_gaps
 from rehab_opt.session.ardis.outcome import LET_GO, Steering
 from rehab_opt.session.ardis.problem import ArdisProblem
 from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, room_of, start_of
-from rehab_opt.session.ardis.run import sticks_of
-from rehab_opt.session.ardis.stick import Moment, StickRecording
+from rehab_opt.session.ardis.stick import Moment, StickRecording, sticks_of
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.bodies import ARM_PLOTS, BLUE, GREEN, GREY, PURPLE, ArmBodies, joint_rows, screen
 from rehab_opt.session.live.problem import LiveControl, LiveInputs, LiveProblem

@@ -17,6 +17,7 @@ from rehab_opt.plants.ideal import IdealJoints
 from rehab_opt.plants.touched import TouchedPlant
 from rehab_opt.session.ardis.problem import DriveName, GoalSection
 from rehab_opt.session.ardis.stick import Moment, Stick, StickSample
+from rehab_opt.session.clearance import NearestBodies
 from rehab_opt.session.live.problem import LiveControl, LiveInputs
 from rehab_opt.session.outcome import Column, Columns, Outcome, point_columns, stacked
 from rehab_opt.session.plant.loop import JointMotion, simulate
@@ -233,12 +234,14 @@ class ArdisOutcome(Outcome):
     ----------
     robot : that moved. room : walls and posts. goals : of the user.
     drives : motions by drive.
+    near : how near bodies came to each other, by drive; empty without `[clearance]`.
     """
 
     robot: MobileArm = field(kw_only=True)
     room: tuple[Obstacle, ...] = field(kw_only=True)
     goals: tuple[GoalSection, ...] = field(kw_only=True)
     drives: Mapping[DriveName, DriveOutcome] = field(kw_only=True)
+    near: Mapping[DriveName, NearestBodies] = field(kw_only=True, default_factory=dict)
 
     def trace(self) -> Iterable[Column]:
         """One row a drive, law and tick; wheels that a drive does not have are at rest."""

@@ -7,6 +7,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from rehab_opt.kinematics.drive_name import DRIVES, DriveName
+from rehab_opt.session.clearance import ClearanceSection
 from rehab_opt.session.plant.tables import ChairPlant
 from rehab_opt.session.schema import Length, Problem, Section, SolverName, Triple, refusal
 
@@ -184,5 +185,7 @@ class ArdisProblem(Problem):
     """What is around."""
     run: RunSection = RunSection()
     """How it is run."""
+    clearance: ClearanceSection | None = None
+    """What the arm keeps clear of besides chair and user, in the world frame; left out where there is no such table."""
     plant: ChairPlant = ChairPlant()
     """On which robot it runs: see the plant's keys."""

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from rehab_opt.errors import ConfigurationError, ProblemFileError, RobotFileError
 from rehab_opt.session.ardis.clearance import chair_gaps
 from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
+from rehab_opt.session.clearance import clearance_key, clearance_of
 from rehab_opt.session.files import ProblemFile
 
 if TYPE_CHECKING:
@@ -149,6 +150,7 @@ def resolver_of(
             drive=drive,
             row_sets=list(dict.fromkeys(mode.task_rows for mode in joystick_of(loaded).modes)),
             obstacles=room_of(loaded),
+            limits=clearance_of(loaded.problem.clearance, loaded.file),
             self_motion=run.self_motion,
             dt=1 / run.rate_hz,
             backup=backup,
@@ -165,5 +167,6 @@ def _refusals(file: str, *, option: str | None = None) -> Iterator[None]:
     except ConfigurationError as refused:
         if refused.argument == "solver" and option is not None:
             raise
-        key = KEYS.get(refused.argument, f"stick.{refused.argument}".replace("[", ".").replace("]", ""))
+        own = f"stick.{refused.argument}".replace("[", ".").replace("]", "")
+        key = clearance_key(refused.argument) or KEYS.get(refused.argument, own)
         raise ProblemFileError(file, key, refused.value, refused.expected) from refused

@@ -10,19 +10,18 @@ from rehab_opt.session.ardis.measures import drive_metrics
 from rehab_opt.session.ardis.outcome import ArdisOutcome, DriveOutcome, Motion, Published, StickLaw, moved
 from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
 from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, room_of, start_of
-from rehab_opt.session.ardis.stick import StickRecording, read_stick
-from rehab_opt.session.files import ProblemFile, recording_path
+from rehab_opt.session.ardis.stick import sticks_of
+from rehab_opt.session.clearance import clearance_of, nearest_bodies
+from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.problem import LiveProblem
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.plant.making import OWN_ARM, chair_plant, on_plant, plant_note
 from rehab_opt.session.solver_option import checked_solver, solver_refusals
 from rehab_opt.session.systems import ROBOT_FILE, Needed, System
 
-__all__ = ["ArdisSystem", "run_ardis", "sticks_of"]
+__all__ = ["ArdisSystem", "run_ardis"]
 
 
-MOST_TICKS = 500_000
-"""More keep more than a gigabyte of poses and Jacobians."""
 ROBOT_OF_PAPER = "lengths, masses and limits of the robot are assumptions: the paper gives joints and axes only"
 ROBOT_OF_FILE = (
     "the chair, its user and what motors add to the joints are those of `ardis` and `arm_on_chair`: assumptions; where "
@@ -32,24 +31,6 @@ RECORDED = (
     "the stick is a recording of a user who saw another robot, and steers this one blindly; speeds and accelerations "
     "are those that were sent"
 )
-
-
-def sticks_of(loaded: ProblemFile[ArdisProblem]) -> dict[DriveName, StickRecording]:
-    """The recordings of the sticks.
-
-    Raises
-    ------
-    ProblemFileError : absent, not a stick's, or as long as the run is dense.
-    """
-    sticks = {}
-    for drive, file in loaded.problem.stick.recordings.items():
-        stick = read_stick(recording_path(loaded, file, key=f"stick.{drive}"), name=file)
-        rate = loaded.problem.run.rate_hz
-        if stick.duration * rate > MOST_TICKS:
-            expected = f"at most {MOST_TICKS} ticks in the {stick.duration:.6g} s of stick.{drive}"
-            raise ProblemFileError(loaded.file, "run.rate_hz", rate, expected)
-        sticks[drive] = stick
-    return sticks
 
 
 def run_ardis(loaded: ProblemFile[ArdisProblem], *, solver: str | None, progress: Progress) -> ArdisOutcome:
@@ -76,11 +57,14 @@ def run_ardis(loaded: ProblemFile[ArdisProblem], *, solver: str | None, progress
             progress=lambda done, of: progress(f"{drive}, {name} law", done, of),
         )  # fmt: skip
 
-    drives = {}
+    drives, near = {}, {}
     for drive in sticks:
         ours = resolver_of(loaded, robot, drive, solver=solver)
         theirs = Published(PseudoinverseLaw(robot, drive=drive, self_motion=problem.run.self_motion))
         drives[drive] = DriveOutcome(published=run(drive, "published", theirs), optimised=run(drive, "optimised", ours))
+        ran = drives[drive].optimised
+        seen = nearest_bodies(clearance_of(problem.clearance, loaded.file), robot.bodied_chain, ran.q, ran.time)
+        near |= {} if seen is None else {drive: seen}
     metrics = {
         drive: drive_metrics(robot, drive, outcome, room=room, goals=problem.goals) for drive, outcome in drives.items()
     }
@@ -96,9 +80,11 @@ def run_ardis(loaded: ProblemFile[ArdisProblem], *, solver: str | None, progress
             ROBOT_OF_PAPER if problem.robot.file is None else ROBOT_OF_FILE,
             "walls and posts are kept from the chair's outline; the arm may reach over them",
             *robot.chain.notes,
+            *(f"{drive} drive: {seen.note}" for drive, seen in near.items()),
         ),
         metrics={
             "drives": metrics,
+            **({"clearance": {drive: seen.metrics for drive, seen in near.items()}} if near else {}),
             "parameters": problem.model_dump(mode="json", exclude={"title", "plant"})
             | {"plant": problem.plant.parameters},
         },
@@ -106,6 +92,7 @@ def run_ardis(loaded: ProblemFile[ArdisProblem], *, solver: str | None, progress
         room=room,
         goals=tuple(problem.goals),
         drives=drives,
+        near=near,
     )
 
 

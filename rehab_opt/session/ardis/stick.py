@@ -9,14 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.errors import ProblemFileError
+from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
+from rehab_opt.session.files import ProblemFile, recording_path
 from rehab_opt.session.text_lines import LATEST, finite_number, text_lines
 from rehab_opt.text_file import shown
 
-__all__ = ["HEADER", "Moment", "Stick", "StickRecording", "StickSample", "read_stick"]
+__all__ = ["HEADER", "Moment", "Stick", "StickRecording", "StickSample", "read_stick", "sticks_of"]
 
 Array = NDArray[np.float64]
 
 HEADER = ("t_s", "forward", "left", "switch", "gripper")
+MOST_TICKS = 500_000
+"""More keep more than a gigabyte of poses and Jacobians."""
 MOST_SAMPLES = 200_000
 LONGEST = 3600.0
 """[s] A recording that takes longer has its times in another unit."""
@@ -122,3 +126,21 @@ def read_stick(path: Path, *, name: str) -> StickRecording:
     if not time[-1] <= LONGEST:
         raise ProblemFileError(name, "duration", f"{time[-1]:.6g} s", f"at most {LONGEST:g} s (are the times in s?)")
     return StickRecording(time, values[:, 1:3], values[:, 3] == 1.0, values[:, 4] == 1.0)
+
+
+def sticks_of(loaded: ProblemFile[ArdisProblem]) -> dict[DriveName, StickRecording]:
+    """The recordings of the sticks.
+
+    Raises
+    ------
+    ProblemFileError : absent, not a stick's, or as long as the run is dense.
+    """
+    sticks = {}
+    for drive, file in loaded.problem.stick.recordings.items():
+        stick = read_stick(recording_path(loaded, file, key=f"stick.{drive}"), name=file)
+        rate = loaded.problem.run.rate_hz
+        if stick.duration * rate > MOST_TICKS:
+            expected = f"at most {MOST_TICKS} ticks in the {stick.duration:.6g} s of stick.{drive}"
+            raise ProblemFileError(loaded.file, "run.rate_hz", rate, expected)
+        sticks[drive] = stick
+    return sticks

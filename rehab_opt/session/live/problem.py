@@ -163,6 +163,8 @@ class LiveProblem(ABC):
     layout : names and sizes of the numbers that go from the controller to the page.
     """
 
+    logged = False
+    """Whether it is a log that is shown, at which nothing can be touched."""
     controls: ClassVar[frozenset[str]] = frozenset()
     """Of "target", "push", "stick", "faults": what of the page does something here."""
     title: str
@@ -188,7 +190,8 @@ class LiveProblem(ABC):
     def scene(self) -> dict[str, Any]:
         """What the page is told once: see `rehab_opt.live.page`; here what all problems tell it."""
         encoders = [name.replace("_", " ") for name in self.names]
-        return {"title": self.title, "controls": sorted(self.controls), "encoders": encoders}
+        controls = [] if self.logged else sorted(self.controls)
+        return {"title": self.title, "controls": controls, "encoders": encoders, "logged": self.logged}
 
     @abstractmethod
     def frame(self, shown: Mapping[str, Array]) -> dict[str, Any]:

@@ -53,6 +53,8 @@ def figures(outcome: MirrorOutcome) -> dict[str, Figure]:
         "pace": _pace(outcome),
         "space": space_figure(outcome, STYLES, LABELS, ASTAR),
     }
+    if outcome.near is not None:
+        drawn["clearance"] = outcome.near.figure(f"{outcome.title}, {LABELS[STEP]}")
     motion = led[STEP].motion
     if motion is not None:
         drawn["servos"] = servo_figure(f"{outcome.title}, {LABELS[STEP]}", outcome.chain.names, motion)

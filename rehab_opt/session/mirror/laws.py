@@ -19,6 +19,7 @@ from rehab_opt.plants.ideal import IdealJoints
 from rehab_opt.plants.plant import Plant
 from rehab_opt.plants.touched import TouchedPlant
 from rehab_opt.published.astar import AStarPath, astar_path
+from rehab_opt.session.clearance import clearance_key, clearance_of
 from rehab_opt.session.live.problem import Following, LiveInputs
 from rehab_opt.session.mirror.outcome import Led
 from rehab_opt.session.mirror.problem import MirrorProblem
@@ -51,9 +52,11 @@ KEYS = {
 
 
 def tracker_of(
-    problem: MirrorProblem, scene: Scene, *, file: str, backup: str | None = None, **options: Any
+    problem: MirrorProblem, scene: Scene, *, file: str, backup: str | None = None, live: bool = False, **options: Any
 ) -> MirrorTracker:
     """The tracker with the file's parameters; `backup` as for `Ladder`, `options` are further ones of `MirrorTracker`.
+
+    With `live` it is told of the person's arm, and what comes is limited to that tick by tick: `scene.led` is already.
 
     Raises
     ------
@@ -66,7 +69,7 @@ def tracker_of(
             planes.append(KeepOut.through(each.point_m, each.normal))
         except ConfigurationError as refused:
             raise ProblemFileError(file, f"tracker.keep_out.{i}.normal", each.normal, "a direction") from refused
-    person, grip = scene.person if scene.person is not None else (None, None)
+    person, grip = scene.person if scene.person is not None and live else (None, None)
     arm = problem.patient.arm
     try:
         return MirrorTracker(
@@ -78,6 +81,7 @@ def tracker_of(
             angular_speed=math.radians(section.angular_speed_deg_s),
             catch_up=section.catch_up,
             keep_out=planes,
+            limits=clearance_of(problem.clearance, file),
             person=person,
             grip=grip,
             person_start=None if arm is None or arm.start_deg is None else np.deg2rad(arm.start_deg),
@@ -86,7 +90,7 @@ def tracker_of(
             **options,
         )
     except ConfigurationError as refused:
-        key = KEYS.get(refused.argument, f"tracker.{refused.argument}")
+        key = clearance_key(refused.argument) or KEYS.get(refused.argument, f"tracker.{refused.argument}")
         raise ProblemFileError(file, key, refused.value, refused.expected) from refused
 
 
@@ -137,27 +141,26 @@ def followed(tracker: MirrorTracker, scene: Scene, plant: Plant, *, patience: fl
     """
     tracker.reset()
     tracker.counts.clear()  # they outlive a reset
-    dt, total, arrived, complete = tracker.dt, len(scene.reference.poses), 0, False
+    dt, led, total, arrived, complete = tracker.dt, scene.led, len(scene.led.poses), 0, False
     settled = SETTLED if isinstance(plant, IdealJoints) else SETTLED_AMID_NOISE
-    rows: list[tuple[Array, float, float, tuple[float, float], tuple[float, float]]] = []
+    rows: list[tuple[Array, float, float, tuple[float, float]]] = []
 
     def note(k: int, command: Command) -> None:
         nonlocal arrived, complete
-        rows.append((tracker.reference, tracker.lag, tracker.time_scale, tracker.short, tracker.beyond_person))
+        rows.append((tracker.reference, tracker.lag, tracker.time_scale, tracker.short))
         arrived = arrived + 1 if k >= total and tracker.lag < 2 * dt else 0
         complete = arrived * dt > ARRIVED or bool(arrived and float(np.abs(command.value).max()) < settled)
 
-    control = Following(
-        tracker, TouchedPlant(plant), scene.start, scene.reference.poses, scene.reference.twists, then="stay"
-    )  # fmt: skip
+    control = Following(tracker, TouchedPlant(plant), scene.start, led.poses, led.twists, then="stay")
     ran = simulate(
         control, lambda _: None if complete else HELD, ticks=math.ceil(patience * total + 2.0 / dt), note=note,
         progress=lambda done, _: progress("step", min(done, total), total),
     )  # fmt: skip
-    names = ("reference", "lag", "pace", "short", "person")
+    references, lag, pace, short = (np.array(of) for of in zip(*rows, strict=True))
+    asked, person = scene.asked_of(references, dt * np.arange(len(lag)) - lag)
     return _led(
         scene, ran, dt, max_manipulability=tracker.max_manipulability, complete=complete, counts=dict(tracker.counts),
-        **{name: np.array(of) for name, of in zip(names, zip(*rows, strict=True), strict=True)},
+        reference=asked, lag=lag, pace=pace, short=short + person, person=person,
     )  # fmt: skip
 
 
@@ -165,21 +168,21 @@ def planned(tracker: MirrorTracker, scene: Scene, *, progress: Progress) -> Led:
     """The whole motion, the future known."""
     progress("plan", 0, 1)
     tracker.counts.clear()
-    path = tracker.plan(scene.reference.poses, scene.reference.twists, scene.start)
+    path = tracker.plan(scene.led.poses, scene.led.twists, scene.start)
     progress("plan", 1, 1)
-    robot = scene.robot
+    robot, (asked, person) = scene.robot, scene.asked_of(path.references, path.clock)
     return Led(
         time=path.times,
         q=path.q,
         command=path.velocities,
         tool=path.poses,
-        reference=path.references,
+        reference=asked,
         manipulability=np.array([robot.manipulability(each) for each in path.q]) / tracker.max_manipulability,
         lag=path.times - path.clock,
         # At its end the reference stands still: a hand that settles there is not held back.
         pace=np.where(path.complete & (path.clock == path.clock[-1]), 1.0, path.paces),
-        short=path.short,
-        person=path.person,
+        short=path.short + person,
+        person=person,
         status=("planned",) * len(path.q),
         yielded=tuple(map(_said, path.yielded)),
         reasons=("",) * len(path.q),

@@ -54,7 +54,7 @@ class LiveMirror(LiveProblem):
     def control(self) -> LiveControl:
         """The tracker of `rehab-opt run`."""
         problem, scene = self._loaded.problem, self._scene
-        tracker = tracker_of(problem, scene, file=self._loaded.file, feedback=joint_feedback(problem.plant))
+        tracker = tracker_of(problem, scene, file=self._loaded.file, live=True, feedback=joint_feedback(problem.plant))
         plant = joint_plant(problem.plant, self.robot, self.dt)
         reference = scene.reference
         seen = ~reference.lost

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.kinematics.vr import Mirror
 from rehab_opt.published.astar import AStarPath
+from rehab_opt.session.clearance import NearestBodies
 from rehab_opt.session.outcome import Column, Columns, MovementOutcome, joint_columns, point_columns, stacked
 from rehab_opt.session.plant.loop import JointMotion
 
@@ -88,6 +89,7 @@ class MirrorOutcome(MovementOutcome):
     laws : what was run, by its name among `LAWS`.
     astar : the published path where it was asked for.
     max_deviation, linear_speed : [m, m/s] the bounds.
+    near : how near bodies came to each other, tick by tick; None without `[clearance]`.
     """
 
     floor: float = field(kw_only=True)
@@ -98,6 +100,7 @@ class MirrorOutcome(MovementOutcome):
     astar: AStarPath | None = field(kw_only=True)
     max_deviation: float = field(kw_only=True)
     linear_speed: float = field(kw_only=True)
+    near: NearestBodies | None = field(kw_only=True, default=None)
 
     def trace(self) -> Iterable[Column]:
         """One row a tick of each law, one law after the other; cells are empty where there is no reference."""

@@ -16,9 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.mirror import MirrorTracker
-from rehab_opt.control.person_limit import PersonLimit
 from rehab_opt.errors import ProblemFileError
-from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.plants.ideal import IdealJoints
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.mirror.laws import followed, tracker_of
@@ -33,12 +31,10 @@ __all__ = ["Place", "found_place", "placed"]
 
 Array = NDArray[np.float64]
 
-POSES, FINELY = 60, 8
-"""Of the path that are counted while looking, and how many more the model of the led arm goes along."""
-SLOWLY = 8
-"""Ticks of that model for each of them: the clock will wait for it."""
-BEGINNINGS, ENOUGH = 10, 0.95
-"""Postures from which that model is begun, and the share of the poses that are enough."""
+POSES = 60
+"""Of the path that are counted while looking."""
+NEARLY = 4e-3, math.radians(4.0)
+"""[m, rad] up to which the person's arm has what is asked."""
 ANYWHERE, NEARER, BEST = 600, (0.35, 0.2, 0.12, 0.07, 0.04, 0.02), 20
 """Seats drawn anywhere, spreads [rad] of those drawn near the best afterwards, and how many of the best are kept."""
 TRIED = 3
@@ -147,11 +143,11 @@ class _Search:
         self.problem, self.chain, self.rng = problem, scene.robot, rng
         self.seats, self.w_max = Seats(tracker), tracker.max_manipulability
         self.grip = pose_of(problem.robot.grip_deg, problem.robot.grip_m)
-        tools = scene.reference.poses[~scene.reference.lost]
-        tools = tools[np.unique(np.linspace(0, len(tools) - 1, POSES * FINELY).astype(int))]
-        person = _of_person(tools, scene.person, tracker.dt, rng)
-        self.hands, self.wanted, self.person_start = person.tools[::FINELY], person.asked[::FINELY], person.start
-        self.hands = self.hands @ np.linalg.inv(self.grip)
+        # Samples at which the person's arm does what is asked, or waits for nothing.
+        own = np.flatnonzero(~scene.led.lost & (np.diff(scene.asked, append=len(scene.reference.poses)) > 0))
+        own = own[np.unique(np.linspace(0, len(own) - 1, POSES).astype(int))]
+        self.wanted = (scene.beyond[own] < NEARLY).all(axis=1)
+        self.hands = scene.led.poses[own] @ np.linalg.inv(self.grip)
         places = self.hands[:, :3, 3]
         self.middle = int(np.argmin(np.linalg.norm(places - np.median(places, axis=0), axis=1)))
 
@@ -245,43 +241,7 @@ class _Search:
         }
         if problem.patient.arm is not None:
             found["patient.arm"] = {"shoulder_m": shoulder}
-        if self.person_start is not None:
-            found["patient.arm"]["start_deg"] = (np.rad2deg(self.person_start).round(1) + 0.0).tolist()
         return found
-
-
-class _Person(NamedTuple):
-    """What the led arm can do."""
-
-    tools: Array
-    """(N, 4, 4) nearest to what is asked, as its model goes along."""
-    asked: NDArray[np.bool_]
-    """(N,) whether it is what is asked."""
-    start: Array | None
-    """(m,) [rad] posture from which the model began; None without a person."""
-
-
-def _of_person(tools: Array, person: tuple[SerialChain, Array] | None, dt: float, rng: np.random.Generator) -> _Person:
-    """Slowly along tool poses (N, 4, 4), from the starting posture from which the model comes to most of them."""
-    best = _Person(tools, np.ones(len(tools), dtype=bool), None)
-    if person is None:
-        return best
-    arm, grip = person
-    middle, half, most = (arm.lower + arm.upper) / 2, (arm.upper - arm.lower) / 2, -1
-    for number in range(BEGINNINGS):
-        # In the file's own round numbers.
-        start = np.rad2deg(middle + 0.8 * (number > 0) * half * rng.uniform(-1, 1, arm.n)).round(1)
-        start = np.clip(np.deg2rad(start), arm.lower, arm.upper)
-        limit = PersonLimit(arm, grip=grip, dt=max(dt, 0.02), start=start, compile=False)
-        found = np.array([[limit.limited(pose, np.zeros(6)) for _ in range(SLOWLY)][-1][0] for pose in tools])
-        apart = np.linalg.norm(found[:, :3, 3] - tools[:, :3, 3], axis=1)
-        cosine = (np.einsum("nij,nij->n", found[:, :3, :3], tools[:, :3, :3]) - 1.0) / 2.0
-        asked = (apart < 4e-3) & (cosine > math.cos(math.radians(4.0)))
-        if asked.sum() > most:
-            most, best = int(asked.sum()), _Person(found, asked, start)
-        if asked.mean() > ENOUGH:
-            break
-    return best
 
 
 def _fixed_turns_deg(rotation: Array) -> Array:

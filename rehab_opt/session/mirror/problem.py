@@ -7,6 +7,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from rehab_opt.session.arm_keys import OneRange, SegmentsSection
+from rehab_opt.session.clearance import ClearanceSection
 from rehab_opt.session.plant.tables import JointPlant
 from rehab_opt.session.pose_tracking.problem import RobotSection
 from rehab_opt.session.schema import (
@@ -137,8 +138,8 @@ class PatientArmSection(Section):
     start_deg: Annotated[list[Annotated[float, Field(ge=-360, le=360)]], Field(min_length=8, max_length=8)] | None = (
         None
     )
-    """Posture, as Table I counts, from which the model of this arm finds to the first pose; default the middle of its
-    range. The model is local: from another posture it may come to more."""
+    """Live, where the future is not known: posture, as Table I counts, from which the model of this arm finds to the
+    first pose; default the middle of its range. That model is local: from another posture it may come to more."""
     range_of_motion: OneRange
     """Table I by name, a table of all eight joints' limits, or what a goniometer measured."""
     segments: SegmentsSection = SegmentsSection()
@@ -227,6 +228,8 @@ class MirrorProblem(Problem):
     """Which robot leads."""
     tracker: MirrorTrackerSection = MirrorTrackerSection()
     """The controller."""
+    clearance: ClearanceSection | None = None
+    """What the arm keeps clear of; left out where there is no such table."""
     plant: JointPlant = JointPlant()
     """On which robot it runs: see the plant's keys."""
     astar: AStarSection | None = None

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rehab_opt.control.conditioning import Conditioner
+from rehab_opt.session.clearance import clearance_of, nearest_bodies
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.mirror.laws import followed, planned, searched, tracker_of, without_floor
 from rehab_opt.session.mirror.metrics import astar_metrics, led_metrics
@@ -46,6 +47,7 @@ def run_mirror(loaded: ProblemFile[MirrorProblem], *, progress: Progress) -> Mir
         STEP: followed(tracker, scene, plant, patience=section.patience, progress=progress),
         PLAN: planned(tracker, scene, progress=progress),
     }
+    near = nearest_bodies(clearance_of(problem.clearance, loaded.file), robot, laws[STEP].q, laws[STEP].time)
     astar = searched(problem, scene, max_manipulability=max_manipulability, progress=progress)
     asked = reference.poses[~reference.lost]
     speeds = np.linalg.norm(reference.twists[~reference.lost, :3], axis=1)
@@ -79,6 +81,7 @@ def run_mirror(loaded: ProblemFile[MirrorProblem], *, progress: Progress) -> Mir
         "astar": astar_metrics(astar, robot, asked[:, :3, 3], max_manipulability=max_manipulability)
         if astar is not None
         else None,
+        **({} if near is None else {"clearance": near.metrics}),
     }
     return MirrorOutcome(
         system=problem.system,
@@ -86,7 +89,7 @@ def run_mirror(loaded: ProblemFile[MirrorProblem], *, progress: Progress) -> Mir
         title=problem.title,
         chain=robot,
         time=reference.times - reference.times[0],
-        notes=(*scene.notes, *_notes(problem, scene, laws, tracker)),
+        notes=(*scene.notes, *_notes(problem, scene, laws, tracker), *([] if near is None else [near.note])),
         metrics=metrics,
         floor=section.floor,
         mirror=scene.mirror,
@@ -96,6 +99,7 @@ def run_mirror(loaded: ProblemFile[MirrorProblem], *, progress: Progress) -> Mir
         astar=astar,
         max_deviation=1e-3 * section.max_deviation_mm,
         linear_speed=section.linear_speed_m_s,
+        near=near,
     )
 
 

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.conditioning import Conditioned, conditioned
+from rehab_opt.control.foreseen import turns_between
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.vr import FrameFit, Mirror, fit_frame, quaternions_of, robot_from_unity, rotations_of
 from rehab_opt.session.files import ProblemFile, recording_path
+from rehab_opt.session.mirror.arm_path import arm_path
 from rehab_opt.session.mirror.hand_poses import HandPoses, calibration_points, read_hand_poses
 from rehab_opt.session.mirror.problem import MirrorProblem, PatientSection, PoseRecordingSection
 from rehab_opt.session.participant import arm_of
@@ -58,6 +61,53 @@ class Scene:
     person: tuple[SerialChain, Array] | None
     fit: FrameFit | None
     notes: tuple[str, ...]
+
+    @cached_property
+    def _path(self) -> tuple[Conditioned, NDArray[np.int_]]:
+        reference = self.reference
+        if self.person is None:
+            return reference, np.arange(len(reference.poses))
+        dt, seen = float(reference.times[1] - reference.times[0]), np.flatnonzero(~reference.lost)
+        path = arm_path(*self.person, reference.poses[seen], dt=dt)
+        first = np.searchsorted(path.asked, np.arange(len(seen)))
+        gaps = np.flatnonzero(reference.lost)
+        where = np.append(first, len(path.asked))[np.searchsorted(seen, gaps)]
+        twists = path.twists.copy()
+        twists[first[1:][np.diff(seen) > 1]] = 0.0  # nothing is known of how the hand came there
+        asked = np.insert(seen[path.asked], where, gaps)
+        return reference._replace(
+            times=reference.times[0] + dt * np.arange(len(asked)),
+            poses=np.insert(path.poses, where, math.nan, axis=0),
+            twists=np.insert(twists, where, math.nan, axis=0),
+            lost=np.insert(np.zeros(len(path.asked), dtype=bool), where, True),
+        ), asked
+
+    @property
+    def led(self) -> Conditioned:
+        """M samples that the robot is led along: the reference, or what the person's arm does of it (`arm_path`)."""
+        return self._path[0]
+
+    @property
+    def asked(self) -> NDArray[np.int_]:
+        """(M,) which sample of the reference each of `led` is; the same again while the arm changes its posture."""
+        return self._path[1]
+
+    @cached_property
+    def beyond(self) -> Array:
+        """(M, 2) [m, rad] from each pose of `led` to the reference; zero where sight was lost."""
+        asked, led = self.reference.poses[self.asked], self.led.poses
+        away = np.linalg.norm(led[:, :3, 3] - asked[:, :3, 3], axis=1)
+        turned = np.linalg.norm(turns_between(asked[:, :3, :3], led[:, :3, :3]), axis=1)
+        return np.asarray(np.nan_to_num(np.column_stack([away, turned])))
+
+    def asked_of(self, led: Array, seconds: ArrayLike) -> tuple[Array, Array]:
+        """The reference (K, 4, 4) where `led` (K, 4, 4) was followed, at seconds from its beginning, and `beyond`."""
+        step = float(self.led.times[1] - self.led.times[0])
+        k = np.clip(np.rint(np.nan_to_num(np.asarray(seconds)) / step).astype(int), 0, len(self.asked) - 1)
+        wanted, done, found = self.reference.poses[self.asked[k]], self.led.poses[k], led.copy()
+        found[:, :3, 3] += wanted[:, :3, 3] - done[:, :3, 3]
+        found[:, :3, :3] = wanted[:, :3, :3] @ done[:, :3, :3].transpose(0, 2, 1) @ led[:, :3, :3]
+        return np.where(np.isnan(found), led, found), self.beyond[k]
 
 
 def laid_out(loaded: ProblemFile[MirrorProblem]) -> Scene:

@@ -45,8 +45,8 @@ def table(outcome: MirrorOutcome) -> Table:
 
 def _of_astar(label: str, value: Cell, astar: Numbers) -> Cell:
     """The cell of a law, or of A*, which has few of them."""
-    own = ASTAR_CELLS.get(label, lambda _: "-")
-    return lambda of: own(of) if of is astar else value(of)
+    own = ASTAR_CELLS[label](astar) if label in ASTAR_CELLS else "-"
+    return lambda of: own if of is astar else value(of)
 
 
 def _ends(of: Numbers) -> str:

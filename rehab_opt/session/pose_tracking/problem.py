@@ -7,6 +7,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
+from rehab_opt.session.clearance import ClearanceSection
 from rehab_opt.session.plant.tables import JointPlant
 from rehab_opt.session.schema import Problem, Section, SolverName, Triple, refusal
 
@@ -88,6 +89,8 @@ class PoseTracking(Problem):
     """The path."""
     tracker: TrackerSection = TrackerSection()
     """The controller."""
+    clearance: ClearanceSection | None = None
+    """What the arm keeps clear of; left out where there is no such table."""
     plant: JointPlant = JointPlant()
     """On which robot it runs: see the plant's keys."""
 

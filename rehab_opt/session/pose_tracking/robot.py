@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.ur5 import ur5
+from rehab_opt.session.clearance import clearance_key, clearance_of
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.pose_tracking.problem import CircleSection, PoseTracking, RobotSection
 from rehab_opt.session.robot_file import robot_of
@@ -49,11 +50,14 @@ def tracker_of(
     given = {"gain": problem.tracker.gain_per_s, "solver": solver or problem.tracker.solver}
     chosen: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
     try:
-        return PoseTracker(robot, dt=1 / problem.tracker.rate_hz, backup=backup, feedback=feedback, **chosen)
+        limits = clearance_of(problem.clearance, file)
+        return PoseTracker(
+            robot, dt=1 / problem.tracker.rate_hz, limits=limits, backup=backup, feedback=feedback, **chosen
+        )
     except ConfigurationError as refused:
         if refused.argument == "solver" and solver is not None:
             raise
-        key = KEYS.get(refused.argument, f"tracker.{refused.argument}")
+        key = clearance_key(refused.argument) or KEYS.get(refused.argument, f"tracker.{refused.argument}")
         raise ProblemFileError(file, key, refused.value, refused.expected) from refused
 
 

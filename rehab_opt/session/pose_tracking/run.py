@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.pose_tracker import PoseTracker
+from rehab_opt.session.clearance import NearestBodies, clearance_of, nearest_bodies
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.problem import LiveInputs, LiveProblem
 from rehab_opt.session.metrics import error_metrics, joint_metrics, status_counts, time_metrics
@@ -45,6 +46,7 @@ class RobotOutcome(MovementOutcome):
     q, command : (N, n) true positions [rad], commanded velocities [rad/s].
     status : (N,) of each command.
     motion : of the joints, commanded and true; None where they are the same.
+    near : how near bodies came to each other; None without `[clearance]`.
     """
 
     reference: Array = field(kw_only=True)
@@ -55,6 +57,7 @@ class RobotOutcome(MovementOutcome):
     command: Array = field(kw_only=True)
     status: tuple[str, ...] = field(kw_only=True)
     motion: JointMotion | None = field(kw_only=True, default=None)
+    near: NearestBodies | None = field(kw_only=True, default=None)
 
     def trace(self) -> Iterator[Column]:
         """One row a tick."""
@@ -89,6 +92,7 @@ def run_pose_tracking(loaded: ProblemFile[PoseTracking], *, solver: str | None, 
     position_error = np.linalg.norm(tool[:, :3, 3] - poses[:, :3, 3], axis=1)
     orientation_error = _angles(tool[:, :3, :3], poses[:, :3, :3])
     acceleration = np.abs(np.diff(command, axis=0, prepend=np.zeros((1, robot.n)))) * rate
+    near = nearest_bodies(clearance_of(problem.clearance, loaded.file), robot, ran.q, times)
     moving = np.maximum(np.linalg.norm(twists[:, :3], axis=1), np.linalg.norm(twists[:, 3:], axis=1)) >= MOVING
     own = inspect.signature(PoseTracker).parameters
     metrics: dict[str, Any] = {
@@ -112,6 +116,7 @@ def run_pose_tracking(loaded: ProblemFile[PoseTracking], *, solver: str | None, 
         "scale_min_moving": float(scales[moving].min()) if moving.any() else None,
         "status": status_counts(ran.status),
         "yielded": status_counts(text for text in ran.yielded if text),
+        **({} if near is None else {"clearance": near.metrics}),
     }
     return RobotOutcome(
         system=problem.system,
@@ -119,7 +124,8 @@ def run_pose_tracking(loaded: ProblemFile[PoseTracking], *, solver: str | None, 
         title=problem.title,
         chain=robot,
         time=times,
-        notes=(plant_note(problem.plant, "the robot is simulated: its joints move exactly as commanded"), *robot.notes),
+        notes=(plant_note(problem.plant, "the robot is simulated: its joints move exactly as commanded"), *robot.notes)
+        + (() if near is None else (near.note,)),
         metrics={
             "parameters": problem.model_dump(mode="json", exclude={"title", "plant"})
             | {"plant": problem.plant.parameters},
@@ -133,6 +139,7 @@ def run_pose_tracking(loaded: ProblemFile[PoseTracking], *, solver: str | None, 
         command=command,
         status=ran.status,
         motion=ran.motion,
+        near=near,
     )
 
 

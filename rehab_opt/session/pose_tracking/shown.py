@@ -33,6 +33,8 @@ def figures(outcome: RobotOutcome) -> dict[str, Figure]:
     }
     if outcome.motion is not None:
         drawn["servos"] = servo_figure(outcome.title, outcome.chain.names, outcome.motion)
+    if outcome.near is not None:
+        drawn["clearance"] = outcome.near.figure(outcome.title)
     return drawn
 
 

@@ -188,6 +188,46 @@ def test_capsules_are_told_in_the_links_own_frames(arm_file: Path) -> None:
             np.testing.assert_allclose(frames[capsule.frame] @ [*found, 1.0], link @ [*told, 1.0], atol=1e-12)
 
 
+def test_capsules_about_collision_geometry_hold_all_of_it(arm_file: Path) -> None:
+    rng = np.random.default_rng(11)
+    shapes = {
+        "box": (lambda a, b, c: f'<box size="{a} {b} {c}"/>', lambda a, b, c: np.array([a, b, c]) / 2),
+        "cylinder": (lambda a, b, c: f'<cylinder radius="{a}" length="{c}"/>', lambda a, b, c: np.array([a, a, c / 2])),
+        "sphere": (lambda a, b, c: f'<sphere radius="{a}"/>', lambda a, b, c: np.array([a, a, a])),
+    }
+    for name, (written, halves) in shapes.items():
+        sizes, xyz, rpy = rng.uniform(0.05, 0.4, 3), rng.uniform(-0.3, 0.3, 3), rng.uniform(-3, 3, 3)
+        origin = '<origin xyz="{} {} {}" rpy="{} {} {}"/>'.format(*xyz, *rpy)
+        geometry = f"<collision>{origin}<geometry>{written(*sizes)}</geometry></collision>"
+        arm_file.write_text(
+            urdf(random_arm(rng, 3)).replace('<link name="base"/>', f'<link name="base">{geometry}</link>')
+        )
+        chain = SerialChain.from_urdf(arm_file, acceleration=1.0, capsules="collision")
+        (capsule,) = chain.capsules
+        assert (capsule.name, capsule.frame) == ("base", 0)
+        points = rng.uniform(-1, 1, (2000, 3))
+        if name != "box":
+            points[:, :2] /= np.maximum(np.linalg.norm(points[:, :2], axis=1, keepdims=True), 1)
+        if name == "sphere":
+            points /= np.maximum(np.linalg.norm(points, axis=1, keepdims=True), 1)
+        frame = chain.base
+        there = points * halves(*sizes) @ Rotation.from_euler("xyz", rpy).as_matrix().T + xyz
+        a, b = (frame[:3, :3] @ each + frame[:3, 3] for each in (np.array(capsule.start), np.array(capsule.end)))
+        way = (b - a) / max(float(np.sum((b - a) ** 2)), 1e-12)
+        along = np.clip((there - a) @ way, 0, 1)[:, None]
+        apart = np.linalg.norm(there - a - along * (b - a), axis=1)
+        assert 0.8 * capsule.radius < apart.max() <= capsule.radius + 1e-12
+    arm_file.write_text(urdf(random_arm(rng, 3)).replace('<link name="base"/>', MESHED))
+    with pytest.raises(
+        RobotFileError, match=r"link base, collision.mesh = 'package://a.stl': expected sphere, cylinder"
+    ):
+        SerialChain.from_urdf(arm_file, acceleration=1.0, capsules="collision")
+    assert not SerialChain.from_urdf(arm_file, acceleration=1.0).capsules
+
+
+MESHED = '<link name="base"><collision><geometry><mesh filename="package://a.stl"/></geometry></collision></link>'
+
+
 def test_what_is_off_by_rounding_is_corrected_and_noted(arm_file: Path) -> None:
     edges = [edge for edge in random_arm(np.random.default_rng(10), 2) if edge.kind != "fixed"]
     edges[0].parent, edges[1].parent = "base", edges[0].child

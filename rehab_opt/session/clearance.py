@@ -1,0 +1,278 @@
+"""`[clearance]` of problem files: what an arm keeps clear of, how near it came, and a picture of both."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from pydantic import Field
+
+from rehab_opt.errors import ConfigurationError, ProblemFileError
+from rehab_opt.session.drawing import GRID, LIMIT, MM, REFERENCE, framed, legend_below
+from rehab_opt.session.schema import Section, Side, Triple
+
+if TYPE_CHECKING:
+    from rehab_opt.control.clearance_pairs import ClearancePairs
+    from rehab_opt.kinematics.chain import SerialChain
+
+__all__ = ["ClearanceSection", "NearestBodies", "clearance_key", "clearance_of", "nearest_bodies"]
+
+Array = NDArray[np.float64]
+Name = Annotated[str, Field(min_length=1, max_length=60)]
+Turns = Annotated[list[Annotated[float, Field(ge=-360, le=360)]], Field(min_length=3, max_length=3)]
+
+SHOWN = 4
+"""Pairs whose distance over time is drawn: those that came nearest."""
+LINK, BODY = "#0072B2", "#E69F00"
+COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7")
+
+
+class ClearPlaneSection(Section):
+    """A half-space that no link enters."""
+
+    point_m: Triple
+    """Of the plane."""
+    normal: Triple
+    """To the side where the robot may be."""
+
+
+class ClearCapsuleSection(Section):
+    """A bar or a ball that stands still."""
+
+    name: Name
+    """Stands in figures and numbers."""
+    start_m: Triple
+    """One end of its axis."""
+    end_m: Triple | None = None
+    """The other end; a ball without."""
+    radius_m: float = Field(gt=0, le=5)
+    """Of the capsule."""
+
+
+class ClearBoxSection(Section):
+    """A box that stands still: a table top, a cupboard."""
+
+    name: Name
+    """Stands in figures and numbers."""
+    centre_m: Triple
+    """Of the box."""
+    size_m: Annotated[list[Annotated[float, Field(gt=0, le=20)]], Field(min_length=3, max_length=3)]
+    """Along its own axes."""
+    turn_deg: Turns = Field(default=[0.0, 0.0, 0.0])
+    """Turned about the frame's x, then y, then z."""
+
+
+class ClearPersonSection(Section):
+    """A person's arm, at a posture that it is held in; its radii are assumptions (`ARM_RADII`)."""
+
+    side: Side
+    """Of the person."""
+    shoulder_m: Triple
+    """Where the shoulder is."""
+    facing_deg: float = Field(default=0.0, ge=-360, le=360)
+    """Where the person looks: 0 is the frame's x, counterclockwise."""
+    angles_deg: Annotated[list[Annotated[float, Field(ge=-360, le=360)]], Field(min_length=8, max_length=8)] | None = (
+        None
+    )
+    """The eight joints of Table I; by default the arm hangs."""
+
+
+class ClearanceSection(Section):
+    """What the links, as capsules, keep clear of: each other and bodies, in the frame of the problem."""
+
+    margin_mm: float = Field(default=20.0, ge=0, le=1000)
+    """Distance kept from planes, capsules, boxes and the person."""
+    self_margin_mm: float = Field(default=0.0, ge=0, le=1000)
+    """Distance kept between links."""
+    pairs: Annotated[list[Annotated[list[Name], Field(min_length=2, max_length=2)]], Field(max_length=100)] | None = (
+        None
+    )
+    """Names of links that keep clear of each other; by default all that can without being neighbours."""
+    rows: int = Field(default=6, ge=1, le=30)
+    """Contacts that make rows of the QP, the nearest ones."""
+    planes: list[ClearPlaneSection] = Field(default=[], max_length=20)
+    """Half-spaces."""
+    capsules: list[ClearCapsuleSection] = Field(default=[], max_length=50)
+    """Bars and balls."""
+    boxes: list[ClearBoxSection] = Field(default=[], max_length=50)
+    """Boxes."""
+    person: list[ClearPersonSection] = Field(default=[], max_length=4)
+    """Arms of people that stay where they are."""
+
+
+@dataclass(frozen=True, eq=False)
+class NearestBodies:
+    """How near the bodies of a run came to each other, N ticks.
+
+    Parameters
+    ----------
+    pairs : of links and bodies. q : (N, n) [rad, m]. time : (N,) [s].
+    distances : (N, k) [m] of every pair, less its margin.
+    """
+
+    pairs: ClearancePairs
+    q: Array
+    time: Array
+    distances: Array
+
+    @property
+    def metrics(self) -> dict[str, Any]:
+        """The least distance beyond the margin, of whom and when."""
+        tick, pair = np.unravel_index(np.argmin(self.distances), self.distances.shape)
+        return {
+            "least_beyond_margin_m": float(self.distances[tick, pair]),
+            "of": list(self.pairs.names[pair]),
+            "at_s": float(self.time[tick]),
+            "margin_m": self.pairs.clearance.margin,
+            "pairs": len(self.pairs.names),
+        }
+
+    @property
+    def note(self) -> str:
+        """The same in a sentence, and where it starts nearer than the margin."""
+        of = self.metrics
+        least, names = MM * of["least_beyond_margin_m"], " and ".join(of["of"])
+        said = f"bodies came no nearer than {least:.3g} mm beyond the margin: {names}, at {of['at_s']:.3g} s"
+        within = -MM * float(self.distances[0].min())
+        return said if within <= 0 else f"the robot starts {within:.3g} mm within a margin, and goes no deeper; {said}"
+
+    def figure(self, title: str) -> Figure:
+        """Bodies seen from above and from the side where they were nearest, and distances over time."""
+        figure = framed(
+            f"{title}\nLinks and bodies where they came nearest, and what is left before the margin", 9.5, 9.0
+        )
+        panels = figure.subplot_mosaic([["above", "side"], ["over", "over"]])
+        tick = int(self.distances.min(axis=1).argmin())
+        for key, across, up in (("above", 0, 1), ("side", 0, 2)):
+            _draw(panels[key], self.pairs, self.q[tick], across, up)
+        axes = panels["over"]
+        nearest = np.argsort(self.distances.min(axis=0), kind="stable")[:SHOWN]
+        for pair, colour in zip(nearest, COLOURS, strict=False):
+            label = " and ".join(self.pairs.names[pair])
+            axes.plot(self.time, MM * self.distances[:, pair], color=colour, linewidth=1.5, label=label)
+        axes.axhspan(-1e6, 0, color=LIMIT, alpha=0.4, linewidth=0, zorder=0, label="within the margin")
+        axes.axvline(self.time[tick], color=REFERENCE, linewidth=0.8, linestyle=":", label="shown above")
+        top = MM * max(float(self.distances[:, nearest].max()), 0.01)
+        axes.set_ylim(-0.06 * top, 1.05 * top)
+        axes.set_xlabel("time [s]")
+        axes.set_ylabel("distance less the margin [mm]")
+        axes.margins(x=0.01)
+        axes.grid(**GRID)
+        legend_below(figure, axes, 3)
+        return figure
+
+
+def clearance_of(section: ClearanceSection | None, file: str) -> list[Any]:
+    """The `Clearance` that a problem file states, as `limits` of a controller; none without such a table.
+
+    Raises
+    ------
+    ProblemFileError : a normal that is none.
+    """
+    from rehab_opt.control.clearance import Clearance  # noqa: PLC0415  (loads CasADi)
+    from rehab_opt.kinematics.human_arm import ARM_REST, human_arm  # noqa: PLC0415
+    from rehab_opt.kinematics.link_capsules import Capsule  # noqa: PLC0415
+    from rehab_opt.kinematics.room import Box, KeepOut, arm_capsules  # noqa: PLC0415
+    from rehab_opt.session.robot_file import pose_of  # noqa: PLC0415
+
+    if section is None:
+        return []
+    planes = []
+    for i, each in enumerate(section.planes):
+        try:
+            planes.append(KeepOut.through(each.point_m, each.normal))
+        except ConfigurationError as refused:
+            raise ProblemFileError(file, f"clearance.planes.{i}.normal", each.normal, "a direction") from refused
+    capsules = [
+        Capsule(each.name, _point(each.start_m), _point(each.end_m or each.start_m), each.radius_m)
+        for each in section.capsules
+    ]
+    for person in section.person:
+        posture = ARM_REST if person.angles_deg is None else np.deg2rad(person.angles_deg)
+        placement = pose_of([0.0, 0.0, person.facing_deg - 90.0], person.shoulder_m)  # the arm's frame looks along y
+        parts = arm_capsules(human_arm(side=person.side), posture, placement=placement)
+        capsules += [
+            Capsule(f"{person.side} {name}", _point(np.asarray(part.start)), _point(np.asarray(part.end)), part.radius)
+            for name, part in zip(("upper arm", "forearm", "hand"), parts, strict=True)
+        ]
+    return [
+        Clearance(
+            margin=1e-3 * section.margin_mm,
+            self_margin=1e-3 * section.self_margin_mm,
+            planes=planes,
+            capsules=capsules,
+            boxes=[Box.at(each.name, pose_of(each.turn_deg, each.centre_m), each.size_m) for each in section.boxes],
+            pairs=None if section.pairs is None else [(one, other) for one, other in section.pairs],
+            slots=section.rows,
+        )
+    ]
+
+
+def clearance_key(argument: str) -> str | None:
+    """Where the problem file says what a controller calls `argument`, if that is about clearance."""
+    first, _, rest = argument.partition("limits[0]")
+    if not first and rest:
+        return "clearance" + rest.replace("[", ".").replace("]", "")
+    return "clearance" if argument == "chain" else None
+
+
+def nearest_bodies(limits: Sequence[Any], chain: SerialChain, q: Array, time: Array) -> NearestBodies | None:
+    """Of a run's postures (N, n), by what `clearance_of` gives; None where nothing keeps clear."""
+    from rehab_opt.control.clearance_pairs import ClearancePairs  # noqa: PLC0415  (loads CasADi)
+
+    if not limits:
+        return None
+    pairs = ClearancePairs(limits[0], chain)
+    found = np.array(pairs.distances.map(len(q))(q.T, np.zeros((0, len(q))), np.zeros((1, len(q)))))
+    return NearestBodies(pairs, q, time, found.T)
+
+
+def _point(numbers: Any) -> tuple[float, float, float]:
+    x, y, z = (float(each) for each in numbers)
+    return x, y, z
+
+
+def _draw(axes: Any, pairs: ClearancePairs, q: Array, across: int, up: int) -> None:
+    """Links and bodies as their outlines, seen along the third axis."""
+    import casadi as ca  # noqa: PLC0415
+    from shapely import LineString, MultiPoint, Point  # noqa: PLC0415
+
+    chain, given, seen = pairs.chain, pairs.clearance, [across, up]
+    frames = [np.array(ca.DM(each)) for each in chain.frames_expression(ca.SX(ca.DM(q)))]
+    links = [
+        (
+            frames[c.frame][:3, :3] @ c.start + frames[c.frame][:3, 3],
+            frames[c.frame][:3, :3] @ c.end + frames[c.frame][:3, 3],
+            c.radius,
+        )
+        for c in chain.capsules
+    ]
+    outlines = []
+    for start, end, radius, colour in (
+        *((*link, LINK) for link in links),
+        *((np.array(c.start), np.array(c.end), c.radius, BODY) for c in given.capsules),
+    ):
+        a, b = MM * start[seen], MM * end[seen]
+        axis = Point(a) if np.linalg.norm(b - a) < 1e-6 else LineString([a, b])
+        outlines.append((axis.buffer(MM * radius), colour))
+    for box in given.boxes:
+        corners = (
+            np.array(np.meshgrid(*[[-0.5, 0.5]] * 3)).reshape(3, -1).T * box.size @ np.array(box.turn).T + box.centre
+        )
+        outlines.append((MultiPoint(MM * corners[:, seen]).convex_hull, BODY))
+    for outline, colour in outlines:
+        axes.fill(*outline.exterior.xy, facecolor=colour, edgecolor=colour, alpha=0.35, linewidth=1.0)
+    axes.autoscale_view()
+    for plane in given.planes:
+        normal = np.array(plane.normal)
+        if np.linalg.norm(normal[seen]) > 0.999:  # seen edge on
+            foot, way = MM * plane.offset * normal[seen], np.array([-normal[up], normal[across]])
+            axes.axline(foot, foot + way, color=REFERENCE, linewidth=1.2, linestyle="--")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_xlabel(f"{'xyz'[across]} [mm]")
+    axes.set_ylabel(f"{'xyz'[up]} [mm]")
+    axes.grid(**GRID)

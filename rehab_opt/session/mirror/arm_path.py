@@ -1,0 +1,179 @@
+"""What a person's arm does of a recorded path of hand poses: its postures, found for the whole of it beforehand.
+
+An arm that goes on from where it is, always to the nearest, ends in a corner of its range where another posture would
+have gone on. So many postures are led along the path at once, each from a start of its own, and the best way through
+all of them is found by dynamic programming: a knot that is reached counts 1, a change of posture `CHANGE` a radian.
+Where the posture changes, the arm goes straight through its range of motion from one to the next (a box of joint
+angles: all in between are within it), and the recording waits.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import replace
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.control.foreseen import turns_between
+from rehab_opt.kinematics.chain import SerialChain
+
+__all__ = ["ArmPath", "arm_path"]
+
+Array = NDArray[np.float64]
+
+KNOTS = 120
+TRACKS, ENOUGH = (4, 32), 0.98
+"""Postures led along at first, and where they reach less than this share of the knots."""
+FOUND, ROUNDS, STRIDE = 40, 5, 0.3
+"""Steps to the first knot, to each further one, and how far one of them goes at most [rad]."""
+CHANGE = 2.0
+"""[knots/rad]"""
+JUMP = 0.4
+"""[rad] between knots, from which on a posture counts as another one."""
+SPEED = 1.0
+"""[rad/s] of the joint that moves furthest, on average, from one posture to another."""
+STEP = 0.03
+"""[rad] from sample to sample, from which on the recording waits for the posture to change."""
+NEAR, TURNED, TURN_LENGTH = 1e-3, math.radians(1.0), 0.1
+"""[m, rad] within which a pose is reached, and [m/rad] what a turn counts for against a place."""
+DAMPING, PULL = 1e-5, 1e-5
+"""[m^2] Of a step, and what a radian away from the way between knots costs."""
+
+
+class ArmPath(NamedTuple):
+    """N samples of a path that an arm goes along."""
+
+    q: Array
+    """(N, m) [rad] postures."""
+    poses: Array
+    """(N, 4, 4) of the tool that the hand holds."""
+    twists: Array
+    """(N, 6) [m/s, rad/s] over the tick before."""
+    asked: NDArray[np.int_]
+    """(N,) which sample of what was asked: the same again while the posture changes."""
+
+
+def arm_path(arm: SerialChain, grip: Array, tools: Array, *, dt: float, seed: int = 0) -> ArmPath:
+    """Postures of `arm`, which holds the tool by `grip` (4, 4), along tool poses (N, 4, 4) `dt` [s] apart."""
+    moves = _Arm(replace(arm, tool=arm.tool @ grip))
+    knots = np.unique(np.linspace(0, len(tools) - 1, KNOTS).astype(int))
+    best = np.zeros((len(knots), arm.n))
+    for count in TRACKS:
+        tracks, missing = moves.tracks(tools[knots], count, np.random.default_rng(seed))
+        chosen = np.arange(len(knots)), _best_way(tracks, missing)
+        best = tracks[chosen]
+        if np.mean(missing[chosen] <= 1.0) >= ENOUGH:
+            break
+    changed = np.abs(np.diff(best, axis=0)).max(axis=1, initial=0.0) > JUMP
+    begin = np.searchsorted(knots, np.arange(len(tools)), side="right") - 1
+    after = np.minimum(begin + 1, len(knots) - 1)
+    part = (np.arange(len(tools)) - knots[begin]) / np.maximum(knots[after] - knots[begin], 1)
+    part[np.append(changed, False)[begin]] = 0.0  # the posture stays until the knot at which it is another one
+    about = best[begin] + part[:, None] * (best[after] - best[begin])
+    q, parts, asked = moves.nearest(about, tools, rounds=2 * ROUNDS, pull=PULL)[0], [], []
+    begun = 0
+    for k in (np.flatnonzero(np.abs(np.diff(q, axis=0)).max(axis=1, initial=0.0) > STEP) + 1).tolist():
+        way = q[k] - q[k - 1]
+        count = math.ceil(float(np.abs(way).max()) / (SPEED * dt))
+        s = np.arange(1, count) / count
+        parts += [q[begun:k], q[k - 1] + (s**3 * (10 - 15 * s + 6 * s**2))[:, None] * way]
+        asked += [np.arange(begun, k), np.full(len(s), k)]
+        begun = k
+    joints = np.vstack([*parts, q[begun:]])
+    poses, jacobians = moves.at(joints)
+    speeds = np.diff(joints, axis=0, prepend=joints[:1]) / dt
+    return ArmPath(
+        joints, poses, np.einsum("nij,nj->ni", jacobians, speeds), np.concatenate([*asked, np.arange(begun, len(q))])
+    )
+
+
+class _Arm:
+    """Many postures of one arm at once."""
+
+    def __init__(self, chain: SerialChain) -> None:
+        self.chain, q = chain, ca.SX.sym("q", chain.n)
+        told = ca.vertcat(ca.vec(chain.pose_expression(q)), ca.vec(chain.jacobian_expression(q)))
+        self._at = functools.cache(ca.Function("arm", [q], [ca.densify(told)], {"cse": True}).map)
+
+    def at(self, q: Array) -> tuple[Array, Array]:
+        """Poses (M, 4, 4) and Jacobians (M, 6, m) at q (M, m)."""
+        found = np.array(self._at(len(q))(q.T)).T
+        return (
+            found[:, :16].reshape(-1, 4, 4).transpose(0, 2, 1),
+            found[:, 16:].reshape(-1, self.chain.n, 6).transpose(0, 2, 1),
+        )
+
+    def nearest(self, q: Array, poses: Array, *, rounds: int, pull: float = 0.0) -> tuple[Array, Array]:
+        """Postures (M, m) nearest to the poses (M, 4, 4), from q on; what is missing, 1 where it just counts as none.
+
+        Levenberg-Marquardt steps; a joint at a limit that a step leads beyond takes no part in it.
+        """
+        lower, upper, n = self.chain.lower, self.chain.upper, self.chain.n
+        about, damping = q, np.full(len(q), DAMPING)
+        q = np.clip(q, lower, upper)
+        error, jacobian = self._error(q, poses)
+        size = (error**2).sum(axis=1) + pull * ((q - about) ** 2).sum(axis=1)
+        for _ in range(rounds):
+            step, free = np.zeros_like(q), np.ones(q.shape, dtype=bool)
+            for _ in range(2):
+                rows = jacobian * free[:, None, :]
+                square = rows.transpose(0, 2, 1) @ rows + (damping[:, None, None] + pull) * np.eye(n)
+                wanted = np.einsum("mij,mi->mj", rows, error) + pull * free * (about - q)
+                step = free * np.linalg.solve(square, wanted[:, :, None])[:, :, 0]
+                free = ~(((q <= lower) & (step < 0)) | ((q >= upper) & (step > 0)))
+            step *= np.minimum(1.0, STRIDE / np.maximum(np.abs(step).max(axis=1), 1e-12))[:, None]
+            tried = np.clip(q + step, lower, upper)
+            new_error, new_jacobian = self._error(tried, poses)
+            new_size = (new_error**2).sum(axis=1) + pull * ((tried - about) ** 2).sum(axis=1)
+            better = new_size < size
+            q, error = np.where(better[:, None], tried, q), np.where(better[:, None], new_error, error)
+            jacobian = np.where(better[:, None, None], new_jacobian, jacobian)
+            size = np.where(better, new_size, size)
+            damping = np.clip(np.where(better, damping / 4, damping * 5), 1e-9, 1.0)
+        away, turned = np.linalg.norm(error[:, :3], axis=1), np.linalg.norm(error[:, 3:], axis=1)
+        return q, np.maximum(away / NEAR, turned / (TURN_LENGTH * TURNED))
+
+    def tracks(self, poses: Array, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
+        """(K, count, m) postures from starts at random along K poses, and what is missing (K, count).
+
+        A quarter of those that miss are drawn anew now and then.
+        """
+        lower, upper, n = self.chain.lower, self.chain.upper, self.chain.n
+        found, missing = np.empty((len(poses), count, n)), np.empty((len(poses), count))
+        q = rng.uniform(lower, upper, (count, n))
+        q[0] = (lower + upper) / 2
+        rounds = FOUND
+        for k, pose in enumerate(poses):
+            targets = np.repeat(pose[None], count, axis=0)
+            q, missing[k] = self.nearest(q, targets, rounds=rounds)
+            found[k], rounds = q, ROUNDS
+            if k % 10 == 9:
+                lost = np.flatnonzero(missing[k] > 1.0)[: count // 4]
+                q[lost], rounds = rng.uniform(lower, upper, (len(lost), n)), FOUND
+        return found, missing
+
+    def _error(self, q: Array, poses: Array) -> tuple[Array, Array]:
+        here, jacobian = self.at(q)
+        turn = TURN_LENGTH * turns_between(here[:, :3, :3], poses[:, :3, :3])
+        jacobian[:, 3:] *= TURN_LENGTH
+        return np.concatenate([poses[:, :3, 3] - here[:, :3, 3], turn], axis=1), jacobian
+
+
+def _best_way(tracks: Array, missing: Array) -> NDArray[np.int_]:
+    """(K,) which of the tracks (K, M, m) is gone along from knot to knot."""
+    gain = np.where(missing <= 1.0, 1.0, -0.01 * np.minimum(missing, 100.0) / 100.0)
+    value, before = gain[0], np.zeros(missing.shape, dtype=int)
+    for k in range(1, len(tracks)):
+        apart = np.abs(tracks[k][:, None] - tracks[k - 1][None]).max(axis=2)
+        worth = value[None] - CHANGE * apart
+        before[k] = worth.argmax(axis=1)
+        value = worth.max(axis=1) + gain[k]
+    way = np.empty(len(tracks), dtype=int)
+    way[-1] = int(value.argmax())
+    for k in range(len(tracks) - 1, 0, -1):
+        way[k - 1] = before[k, way[k]]
+    return way
