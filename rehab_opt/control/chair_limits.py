@@ -245,9 +245,8 @@ class ChairLimits:
             still = [i for i in range(q.numel()) if i not in self.moving]
             turn = self.world(q[2], q.numel())
             turn[:, still] = 0
-            hard = hard_lower, hard_upper
             beside, free_beside, base = self.own.beside(
-                q, turn @ last, contacts, turn=turn, base=base, hard=hard, gives_way=gives_way
+                q, turn @ last, contacts, turn=turn, base=base, hard=(hard_lower, hard_upper), gives_way=gives_way
             )
             base[:CHAIR] *= ca.fmin(
                 largest_part(chair @ base[:CHAIR], chair_limit), largest_part(-chair @ base[:CHAIR], chair_limit)

@@ -170,12 +170,8 @@ class HandBounds:
         most.append(ca.if_else(far, share * ca.fmax(self.deviation - distance, 0), FREE))
         margins = ca.DM(self._margins)
 
-        def room(slopes: ca.SX, which: slice) -> ca.SX:
-            return ca.fmax(ca.fabs(slopes) @ astray, margins[which])
-
-        slopes, falls = self.distances.falls(
-            q, last, contacts, room=None if astray is None else room, ticks=self.ways(last)[-1]
-        )
+        room = None if astray is None else lambda each, which: ca.fmax(ca.fabs(each) @ astray, margins[which])
+        slopes, falls = self.distances.falls(q, last, contacts, room=room, ticks=self.ways(last)[-1])
         normals.append(-slopes)
         most.append(falls)
         slow = ca.DM(self.recovery_speed * self.chain.velocity)

@@ -6,7 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from functools import cached_property
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import casadi as ca
 import numpy as np
@@ -99,12 +99,12 @@ class VelocityController(OneThread, ABC):
         self._inputs = tuple(part.reshape(shape) for part, shape in zip(others, self.shapes, strict=True))
         self._fused, self._function, self._verdict = solver == FUSED, ladder.function, ladder.verdict
         self._keep, self._answer = ladder.keep, ladder.answer
-        self._views = tuple(part.data for part in (first, *others))
+        self._views: tuple[memoryview[Any], ...] = tuple(part.data for part in (first, *others))
         self._names = tuple(symbol[0].name().rsplit("_", 1)[0] for symbol in self.stated.parameters)
         self._last, self._predicted = ladder.memory[:n], ladder.memory[n : 2 * n]
         self._guided = ladder.memory[2 * n : 2 * n + self.guidance_size]
         self._sent = ladder.memory[slice(n) if self.sent is None else self.sent]
-        self._velocity = self._sent.data
+        self._velocity: memoryview[Any] = self._sent.data
         self._wheels = None if self.wheels is None else ladder.memory[self.wheels].data
         self._watch = WatchedJoints(self.watch, chain.names)
         self.reset()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Self
@@ -170,7 +171,8 @@ def _arm(said: RobotFile, path: Path, name: str) -> SerialChain:
         raise RobotFileError(
             name, "mjcf" if said.urdf is None else "urdf", model, "a file beside this one: it is not there"
         )
-    read = SerialChain.from_urdf if said.urdf is not None else SerialChain.from_mjcf
+    read: Callable[..., SerialChain] = SerialChain.from_urdf if said.urdf is not None else SerialChain.from_mjcf
+    capsules = [CapsuleOnLink(each.link, *_ends(each), each.radius_m) for each in said.capsules]
     speeds = {key: each.speed_deg_s for key, each in said.joints.items()}
     turned = {key: each.locked_deg for key, each in said.joints.items()}
     slid = {key: each.locked_m for key, each in said.joints.items() if each.locked_m is not None}
@@ -187,9 +189,7 @@ def _arm(said: RobotFile, path: Path, name: str) -> SerialChain:
             locked=_radians(turned) | slid,
             mount=pose_of(said.mount_deg, said.mount_m),
             tool=pose_of(said.tool_deg, said.tool_m),
-            capsules="collision"
-            if said.collision
-            else [CapsuleOnLink(each.link, *_ends(each), each.radius_m) for each in said.capsules],
+            capsules="collision" if said.collision else capsules,
         )
     except ConfigurationError as refused:
         raise RobotFileError(name, *_key_and_value(said, refused), refused.expected) from refused

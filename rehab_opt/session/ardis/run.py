@@ -11,7 +11,7 @@ from rehab_opt.session.ardis.outcome import ArdisOutcome, DriveOutcome, Motion, 
 from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
 from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, room_of, start_of
 from rehab_opt.session.ardis.stick import sticks_of
-from rehab_opt.session.clearance import clearance_of, nearest_bodies
+from rehab_opt.session.clearance import NearestBodies, clearance_of, nearest_bodies
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.problem import LiveProblem
 from rehab_opt.session.outcome import Progress
@@ -57,7 +57,8 @@ def run_ardis(loaded: ProblemFile[ArdisProblem], *, solver: str | None, progress
             progress=lambda done, of: progress(f"{drive}, {name} law", done, of),
         )  # fmt: skip
 
-    drives, near = {}, {}
+    drives: dict[DriveName, DriveOutcome] = {}
+    near: dict[DriveName, NearestBodies] = {}
     for drive in sticks:
         ours = resolver_of(loaded, robot, drive, solver=solver)
         theirs = Published(PseudoinverseLaw(robot, drive=drive, self_motion=problem.run.self_motion))

@@ -20,7 +20,7 @@ MM = 1e3
 
 def table(outcome: ScenarioOutcome) -> Table:
     """Rows of quantities with their units, a column for each law: the mean over its trials, and the worst of them."""
-    summaries = {law: law_summary(of) for law, of in outcome.measures.items()}
+    summaries: dict[str, Numbers] = {law: law_summary(of) for law, of in outcome.measures.items()}
     trials = max(len(of) for of in outcome.measures.values())
     said = f"mode {outcome.mode}, {trials} trial{'s' if trials > 1 else ''} each: mean (worst trial); - is no number"
     grid = law_table("\n".join(textwrap.wrap(outcome.title, WRAPPED)), summaries, caption=said)
