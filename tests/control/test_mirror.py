@@ -233,6 +233,26 @@ def test_a_hand_that_is_kept_away_from_a_rest_of_the_reference_waits_for_nothing
     assert len(set(reasons[200:])) == 1
 
 
+@pytest.mark.parametrize("held", [0.75, 1.75])
+def test_only_one_long_hold_cuts_a_hand_short_not_several_short_ones(held: float) -> None:
+    """An arm that is held again and again, and pushes on meanwhile: it stands nowhere by its own will.
+
+    Its states have no stamps: with those, an arm all of whose joints stand still is one that does not follow.
+    """
+    robot, q, dt = tracker(dt=0.01), START, 0.01
+    first, waits, late = robot.chain.pose(q), 0.0, []
+    for k in range(round(4 * (held + 0.75) / dt)):
+        pose = moved(first, 0.0, 0.1 * math.sin(4 * k * dt), 0.0)
+        command = robot.step(q, pose, np.array([0, 0.4 * math.cos(4 * k * dt), 0, 0, 0, 0]))
+        waits += dt * (robot.time_scale <= 0.02)
+        if k * dt % (held + 0.75) < 0.75:
+            q = q + command.value * dt
+        late.append(robot.lag)
+    assert min(late[round(1.5 / dt) :]) > dt
+    assert waits > 1.2
+    assert (robot.counts["cut"] > 0) == (held > 1.0)
+
+
 @pytest.mark.parametrize("dt", [5e-3, 2e-2])
 def test_out_of_reach_the_hand_goes_as_near_as_it_can_and_the_clock_goes_on(dt: float) -> None:
     chain, centre = ur5(), ur5().pose(START)
