@@ -298,7 +298,7 @@ class PoseTracker(VelocityController):
     """Whether nothing here comes before what a drive bounds."""
 
     def _check_jerk_alone(self, jerk: ArrayLike, feedback: JointFeedback | None) -> None:
-        others = (("limits", len(self.limits)), ("feedback", feedback), (type(self).__name__, not self.takes_jerk))
+        others = ((type(self).__name__, not self.takes_jerk), ("limits", len(self.limits)), ("feedback", feedback))
         for name, given in others:
             if given:
                 raise ConfigurationError("jerk", jerk, f"None with {name}, which has bounds that come before a drive's")
