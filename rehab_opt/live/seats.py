@@ -97,17 +97,17 @@ class Seats:
         if tab != self.commander:
             return
         sent = now if sent is None else min(sent, now)
-        held, gap, waited = self.inputs.enable, sent - self.heartbeat, now - sent
+        held, waited, silent = self.inputs.enable, now - sent, now - self._heard
         spare = min(SPARE, self._spare + OFTENEST * (now - self._heard)) - 1
         self._spare, self._heard = max(spare, -1.0), now
         if self._spare < 0:
             self.lapsed = "released: the page sends too much, what it says now would come late; press to go on"
         elif not inputs.enable:
             self.lapsed = ""
-        elif not waited <= DEAD_MAN:
+        elif held and not silent <= DEAD_MAN:
+            self.lapsed = f"released: the page was silent for {1e3 * silent:.0f} ms; press to go on"
+        elif not waited <= DEAD_MAN or (held and not sent - self.heartbeat <= DEAD_MAN):
             self.lapsed = "released: what the page says comes too late; press to go on"
-        elif held and not gap <= DEAD_MAN:
-            self.lapsed = f"released: the page was silent for {1e3 * gap:.0f} ms; press to go on"
         self.inputs = inputs._replace(enable=inputs.enable and not self.lapsed)
         self.heartbeat = sent if self.inputs.enable else math.nan
 
