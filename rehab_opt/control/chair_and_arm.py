@@ -10,9 +10,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rehab_opt.control.chair_limits import ChairLimits, Limits, OwnLimits
+from rehab_opt.control.chair_limits import ChairLimits, Limits
 from rehab_opt.control.command import Bound, Command, Status
 from rehab_opt.control.hand_task import PROGRESS, HandTask, Last
+from rehab_opt.control.limit import Limits as OwnLimits
 from rehab_opt.control.obstacles import NUMBERS
 from rehab_opt.control.velocity_controller import VelocityController
 from rehab_opt.kinematics.drive_name import DriveName
@@ -361,7 +362,7 @@ class ChairAndArm(VelocityController):
             # From view to view: half of numpy's cost, and any other type or size is refused.
             views[0][:] = q  # type: ignore[assignment]
             views[1][:] = twist  # type: ignore[assignment]
-            views[2][0] = world  # type: ignore[call-overload]
+            views[2][0] = world
         except (ValueError, TypeError):
             self._write((q, twist, [world], *self._inputs[2:]))
 

@@ -183,10 +183,10 @@ class MirrorStatement(PoseTracker):
     def _ends(self, tick: Tick, motion: Motion) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
         w, gradient, here, _ = self._computed(motion)
         centre, hand = tick.target[:3, 3] + tick.others[0], motion.delivered[:3]  # places weigh 1
-        kept, *others = self.hand_bounds.kept(
+        kept, braking, then, loss = self.hand_bounds.kept(
             tick.q, motion.velocity, centre, w=w, gradient=gradient, here=here, hand=hand
         )
-        return all_true(kept, motion.settled > 0), *others
+        return all_true(kept, motion.settled > 0), braking, then, loss
 
     def _clear(self, q: ca.MX, told: ca.MX, velocity: ca.MX, *, braked: bool) -> ca.MX:
         """Whether bodies are clear of each other where it leads, and on the way to rest unless it is `braked`."""
@@ -224,11 +224,11 @@ class MirrorStatement(PoseTracker):
         inputs = [q, velocity, held.column]
         audit = ca.Function("audit", inputs, [ca.densify(outputs)], {"cse": True})
         given, told = [ca.MX.sym("given", each.numel()) for each in inputs], ca.MX.sym("moving", self.limits.told)
-        alone, may, then = ca.vertsplit(audit(*given))
+        verdicts = ca.vertsplit(audit(*given))
         if self.settled_size:
-            alone = ca.logic_and(alone, self._clear(given[0], told, given[1], braked=False))
-            may = ca.logic_and(may, self._clear(given[0], told, given[1], braked=True))
-        return ca.Function("audit", [*given, told], [ca.vertcat(alone, may, then)])
+            for i, braked in enumerate((False, True)):
+                verdicts[i] = ca.logic_and(verdicts[i], self._clear(given[0], told, given[1], braked=braked))
+        return ca.Function("audit", [*given, told], [ca.vertcat(*verdicts)])
 
     @cached_property
     def braked(self) -> ca.Function:
@@ -263,7 +263,8 @@ class MirrorStatement(PoseTracker):
         ends = audit(q, value, held, moving)
         either = ca.Function.if_else("either", whole, shortened)
         fits = ca.logic_and(ends[0], ca.logic_not(broken))
-        return ca.Function("keeping", given[:-1], either(fits, *given[:-1], ends[2]))
+        outputs = either.call([fits, *given[:-1], ends[2]])
+        return ca.Function("keeping", given[:-1], outputs)
 
     def instance(self, q: ArrayLike, *inputs: ArrayLike) -> Instance:
         """The QP of a tick at q, pose and twist, as numbers, for inspection; nothing moves where nothing is said."""
