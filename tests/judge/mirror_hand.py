@@ -4,7 +4,8 @@ Judged: the flange's true velocity at five instants of every tick, while the joi
 the pose that the clock stands at, after every tick. The clock never runs away from the hand, so that a distance above
 `max_deviation` (as at the start) only shrinks. 1e-6 of the speed is rounding.
 
-The hand speed is known from a tick's beginning on: where no other bound is near, no step is found too fast at its end.
+The hand speed is known from a tick's beginning on: where no other bound is near, neither where a tick ends nor where
+braking from there ends, no step is found too fast.
 """
 
 from __future__ import annotations
@@ -72,6 +73,10 @@ def judge(verdict: Verdict, one: Run) -> None:
     alone = (np.abs(value) < FAR * given.velocity).all(axis=1) & (change < FAR * given.acceleration.min() * dt)
     alone &= (manipulability(one.q[:-1]) > given.floor + AWAY) & (apart < FAR * given.max_deviation)
     alone &= (np.minimum(given.upper - one.q, one.q - given.lower).min(axis=1) > AWAY)[:-1]
+    slowing = np.max(np.abs(value) / given.acceleration, axis=1)  # [s] all joints alike
+    rest = one.q[1:] + value * slowing[:, None] / 2
+    alone &= np.linalg.norm(tool(rest)[:, :3, 3] - one.references[:, :3, 3], axis=1) < FAR * given.max_deviation
+    alone &= manipulability(rest) > given.floor + AWAY
     late = np.char.find(answers.reason, "step shortened") >= 0
     verdict.holds("no step is shortened where nothing but the hand speed is near", ~late | ~alone)
     verdict.during("at the largest hand speed, nothing else near", quick & alone, dt)
