@@ -31,13 +31,20 @@ FADING = 0.05
 """[1/s] Rate at which ways are forgotten: a joint that is commanded more slowly than 0.75 mrad/s is not judged."""
 
 
+STANDS = 0.05
+"""[s] States without a stamp that are the same for no longer are those of an encoder slower than the ticks."""
+
+
 @cache
 def memory_of_watch(n: int) -> Record:
     """What is remembered of n joints: where each was seen; the way that it was commanded since it was last seen to
     follow, and that it has moved [rad or m]; for how long it does not follow [s]; the joint at fault, counted from 1,
-    with both of its ways; whether there was a position; whether the place of a base is measured.
+    with both of its ways; whether there was a position; whether the place of a base is measured; the way that each was
+    commanded, and the time [s], since there was a new state.
     """
-    return Record(seen=n, led=n, moved=n, wrong=n, fault=1, fault_led=1, fault_moved=1, known=1, placed=1)
+    return Record(
+        seen=n, led=n, moved=n, wrong=n, fault=1, fault_led=1, fault_moved=1, known=1, placed=1, pending=n, waited=1
+    )
 
 
 def overdue(wrong: ca.SX, patience: float | ca.SX, size: ca.SX) -> ca.SX:
@@ -62,19 +69,23 @@ def watched_joints(chain: SerialChain, *, dt: float, base: int) -> ca.Function:
     """
     n, window = chain.n, TOLERANCE / 2
     memory, measured, command = memory_of_watch(n).symbols("memory"), ca.SX.sym("measured", n), ca.SX.sym("command", n)
-    stamped, keep = ca.SX.sym("stamped"), 1 - min(FADING * dt, 1.0)
+    stamped = ca.SX.sym("stamped")
+    pending, waited = memory.pending + dt * command, memory.waited + dt
+    stood = waited > max(STANDS, dt) + dt / 2
+    way, time = ca.if_else(stood, dt * command, pending), ca.if_else(stood, dt, waited)
+    keep = 1 - ca.fmin(FADING * time, 1)
     usable = all_true(ca.fabs(measured) <= PLAUSIBLE)
     step = ca.if_else(ca.logic_and(usable, memory.known), measured - memory.seen, 0)
-    # Farther than a joint goes: states that are not one motion.
-    jumped = ca.logic_not(all_true(ca.fabs(step) <= ca.DM(2 * np.minimum(chain.velocity, PLAUSIBLE) * dt + window)))
+    # Farther than a joint goes: states that are not one motion of it.
+    jumped = ca.logic_not(ca.fabs(step) <= ca.DM(2 * np.minimum(chain.velocity, PLAUSIBLE)) * time + window)
     anew = ca.logic_or(ca.logic_not(memory.known), jumped)
     placed = ca.logic_or(memory.placed, ca.logic_not(all_true(step[:base] == 0)))
-    led, moved = keep * memory.led + dt * command, keep * memory.moved + step
+    led, moved = keep * memory.led + way, keep * memory.moved + step
     led = ca.if_else(ca.vertcat(*(placed if i < base else 1 for i in range(n))), led, 0)
     along = moved * ca.sign(led)
     judged, follows = ca.fabs(led) > window, along >= SHARE * ca.fabs(led)
     lost = ca.logic_and(judged, ca.logic_not(follows))
-    waits = ca.fmax(memory.wrong + dt * (2 * lost - 1), 0)
+    waits = ca.fmax(memory.wrong + time * (2 * lost - 1), 0)
     wrong = ca.if_else(anew, 0, ca.if_else(usable, waits, memory.wrong))
     joint = overdue(wrong, max(PATIENCE, TICKS * dt), ca.fabs(led) - along)
     fault, fault_led, fault_moved = memory.fault, memory.fault_led, memory.fault_moved
@@ -86,11 +97,12 @@ def watched_joints(chain: SerialChain, *, dt: float, base: int) -> ca.Function:
     after = memory_of_watch(n).of(
         seen=ca.if_else(usable, measured, memory.seen), led=ca.if_else(begins, 0, led),
         moved=ca.if_else(begins, 0, moved), wrong=wrong, fault=fault, fault_led=fault_led, fault_moved=fault_moved,
-        known=ca.logic_or(memory.known, usable), placed=placed,
+        known=ca.logic_or(memory.known, usable), placed=placed, pending=ca.SX(n, 1), waited=ca.SX(0),
     )  # fmt: skip
     # A state without a stamp that is the same number by number is the same state, not a later one.
     same = ca.logic_and(ca.logic_and(memory.known, ca.logic_not(stamped)), all_true(measured == memory.seen))
-    after = ca.if_else(same, memory.column, after)
+    stays = memory_of_watch(n).changed(memory, pending=pending, waited=waited).column
+    after = ca.if_else(same, stays, after)
     said = memory_of_watch(n).parts(after)
     return ca.Function(
         "watched_joints", [memory.column, measured, command, stamped],
@@ -106,9 +118,10 @@ class WatchedJoints:
     PATIENCE is at fault. So a fault is seen PATIENCE and TOLERANCE / speed after it begins at the latest, while neither
     a servo of 24 Hz, a delay of 50 ms, encoder noise of 0.2 mrad, nor a caller that integrates another dt is one.
 
-    States that are not one motion are no fault: where a joint has gone farther than it can, all begins anew; and a
-    state without a stamp that is the same as the last one, in every joint, is not taken for a later one. So an arm all
-    of whose joints stand still is found to be at fault only where states have stamps.
+    States that are not one motion are no fault: a joint that has gone farther than it can begins anew; and a state
+    without a stamp that is the same as the last one, in every joint, is not taken for a later one, but what was
+    commanded meanwhile counts with the next, unless it stands for longer than STANDS. So an arm all of whose joints
+    stand still is found to be at fault only where states have stamps.
 
     Parameters
     ----------

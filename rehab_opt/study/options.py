@@ -73,6 +73,13 @@ class Destination:
         with Study(self.file) as study:
             return study.add(self.session, said)
 
+    def check(self) -> None:
+        """The file can be written to, and what is said of the person agrees with it. Raises as `Study.check`."""
+        from rehab_opt.study.store import Study  # noqa: PLC0415
+
+        with Study(self.file) as study:
+            study.check(self.session)
+
     def said(self, new: int) -> str:
         """What became of the trials, in a line."""
         trials = "1 trial" if new == 1 else f"{new} trials"
@@ -99,7 +106,7 @@ def destination(
         return None
     given = covariates(said)
     place = Destination(study, given.session(person, session), given.condition)
-    place.add([])  # the file can be written to, and what is said of the person agrees with what it has
+    place.check()
     return place
 
 

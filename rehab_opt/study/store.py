@@ -75,6 +75,14 @@ class Study:
                     self._keep_trace(trial, kept, session, folder=f"{person}", number=number)
             return new
 
+    def check(self, session: Session) -> None:
+        """Refuse what `add` refuses of a session, and a file that cannot be written to; nothing of it is kept."""
+        with refusals(self.file), transaction(self._db):
+            self._db.execute("SAVEPOINT one")
+            self._place(session)
+            self._db.execute("ROLLBACK TO one")
+            self._db.execute("RELEASE one")
+
     def admit(self, sessions: Iterable[Session]) -> list[ConfigurationError | None]:
         """Make room for sessions, all of them in one commit; of each None, or why it does not fit."""
         said: list[ConfigurationError | None] = []

@@ -90,6 +90,31 @@ def test_an_arm_that_follows_in_some_way_is_at_no_fault(what: str, dt: float) ->
         seen = joints.step(command.value)
 
 
+@pytest.mark.parametrize("every", [1, 8, 20, 45])
+@pytest.mark.parametrize("glitches", [False, True])
+def test_a_fault_shows_behind_slow_encoders_without_stamps_and_beside_one_that_jumps(
+    every: int, *, glitches: bool
+) -> None:
+    joints, tracker = Joints(START, dt=1e-3), tracker_of(1e-3)
+    tracker.reset()
+    away, seen, told = ROBOT.pose(START + [1.5, 0.3, -0.3, 0.3, 0.3, 0.3]), START, False
+    for k in range(1500):
+        joints.frozen[0] = k >= 300
+        if k == 300:
+            led = joints.q[0]
+        command = tracker.step(seen, away, STILL)
+        told = command.reason.startswith("shoulder_pan does not follow")
+        if told:
+            break
+        assert command.status.certified, command.reason
+        shown = joints.step(command.value)
+        if (k + 1) % every == 0:
+            seen = shown + (glitches and k % 100 >= 100 - every) * np.array([0, 0, 0, 0, 0, 0.3])
+    assert told
+    speed = float(np.abs(joints.q[0] - led) / (k - 300) / 1e-3)
+    assert (k - 300) * 1e-3 <= SHOWS + TOLERANCE / speed + every * 1e-3
+
+
 def controller_of(name: str) -> tuple[VelocityController | RedundancyResolver, Callable[..., Command], Array]:
     """A controller, its step towards somewhere, and where it starts."""
     if name == "chair":

@@ -51,6 +51,12 @@ def into(person: str, session: str, *covariates: str) -> list[str]:
     return ["--study", "s.db", "--person", person, "--session", session, *said]
 
 
+def test_a_command_that_fails_leaves_nobody_in_the_study(run: Run) -> None:
+    assert run("score", "none.csv", *into("P1", "week 1"))[0] == 2
+    with Study(Path("s.db")) as study:
+        assert study.rows("SELECT name FROM people") == []
+
+
 def test_scores_of_real_trials_go_into_the_study_once(run: Run, tmp_path: Path) -> None:
     files = [recording(tmp_path / "a.csv"), recording(tmp_path / "b.csv", 0.9)]
     words = ["score", *files, *into("P1", "week 1", "group=stroke", "condition=assisted", "visit=1", "date=2026-11-23")]
