@@ -57,7 +57,9 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
         share = np.linspace(0.0, 1.0, 41)
         reach = share**3 * (10 + share * (6 * share - 15))
         times = 3.0 + rng.uniform(2.0, 4.0) * np.linspace(0.0, 1.0, 81)
-        points = velocity * rng.choice([0.05, 0.3]) * rng.uniform(-1, 1, axes) * np.r_[reach, reach[-2::-1]][:, None]
+        points = (
+            velocity * (0.02, 0.3)[number // 4 % 2] * rng.uniform(-1, 1, axes) * np.r_[reach, reach[-2::-1]][:, None]
+        )
     if axes > 1 and rng.random() < 0.3:
         points[:, 0] = 0.1  # an axis that stands
     lower, upper = points.min(axis=0), points.max(axis=0)
