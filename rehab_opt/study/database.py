@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sqlite3
 import stat
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
@@ -105,7 +106,7 @@ def _opened(file: Path, *, as_it_lies: bool = False) -> sqlite3.Connection:
         _check_ours(made, file)
         if not as_it_lies:
             _make_private(file)  # not before: another program's file keeps its mode
-            made.execute("PRAGMA journal_mode = WAL")
+            _log_ahead(made)
         _migrate(made, file)
         made.execute("SELECT count(*) FROM people")
         undo.pop_all()
@@ -149,8 +150,9 @@ def _pragma(of: sqlite3.Connection, name: str) -> int:
 
 
 def _check_ours(of: sqlite3.Connection, file: Path) -> None:
-    ours = _pragma(of, "application_id") == APPLICATION
-    if not ours and of.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
+    # tables first: who makes the study at this moment writes its id together with them, so that it is there by now
+    tables = of.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
+    if tables and _pragma(of, "application_id") != APPLICATION:
         raise ConfigurationError("study", str(file), "a study, this is another program's database")
 
 
@@ -161,6 +163,20 @@ def _make_private(file: Path) -> None:
                 each.chmod(0o600)
     except OSError as problem:
         raise ConfigurationError("study", str(file), f"a file that can be written to ({problem.strerror})") from problem
+
+
+def _log_ahead(of: sqlite3.Connection) -> None:
+    """WAL mode. SQLite does not wait here for another process that makes the study at the same moment: we do."""
+    until = time.monotonic() + WAIT_S
+    while True:
+        try:
+            of.execute("PRAGMA journal_mode = WAL")
+        except sqlite3.OperationalError as problem:
+            if problem.sqlite_errorcode & 0xFF != sqlite3.SQLITE_BUSY or time.monotonic() > until:
+                raise
+            time.sleep(0.01)
+        else:
+            return
 
 
 def _migrate(of: sqlite3.Connection, file: Path) -> None:

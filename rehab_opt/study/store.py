@@ -23,7 +23,7 @@ __all__ = ["Study"]
 class Study:
     """An open study.
 
-        with Study(Path("study.db")) as study:
+        with Study("study.db") as study:
             study.add(Session("P01", "week 1", group="stroke"), Trial("live", measures))
 
     Parameters
@@ -36,9 +36,9 @@ class Study:
     ConfigurationError : no study, of a later version, or not to be written to.
     """
 
-    def __init__(self, file: Path, *, create: bool = True) -> None:
-        self.file = file
-        self._db = connected(file, create=create)
+    def __init__(self, file: str | Path, *, create: bool = True) -> None:
+        self.file = Path(file)
+        self._db = connected(self.file, create=create)
 
     def __enter__(self) -> Self:
         """Itself."""
