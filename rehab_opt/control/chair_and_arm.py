@@ -111,7 +111,8 @@ class ChairAndArm(VelocityController):
         """Numbers of the obstacles, and behind them of the moving capsules."""
         self.shapes = ((k,), (1,), *([(self.surroundings,)] if self.surroundings else []))  # type: ignore[misc]
         self.task = HandTask(robot, rows, moving=self.limits.moving, self_motion=self_motion)
-        # What is remembered: u, where it leads, the command, the wheels' part of it, the hand's velocity and its frame.
+        # What is remembered: u, where it leads, the command, the wheels' part of it, and of the hand its velocity, the
+        # insistence on its progress, and the frame.
         self.sent, self.wheels = slice(2 * n, 3 * n), slice(3 * n, 3 * n + wheels)
         super().__init__(
             robot.chain, dt=dt, recovery_speed=recovery_speed, solver=solver, backup=backup, tolerance=tolerance,
@@ -128,7 +129,7 @@ class ChairAndArm(VelocityController):
         n, k, name = self.chain.n, len(self.rows), "_".join(self.rows)
         q, twist, world = parameter("q", n), parameter("twist", k), parameter("frame", 1)
         obstacles = parameter("obstacles", self.surroundings)
-        memory = parameter("last", 3 * n + len(self.wheelset.rolling) + k + 1)
+        memory = parameter("last", 3 * n + len(self.wheelset.rolling) + k + 2)
         parameters = [q, twist, world, obstacles] if self.surroundings else [q, twist, world]
         last = memory[:n]
 
@@ -140,7 +141,7 @@ class ChairAndArm(VelocityController):
         contacts = parameter("contacts", self.limits.own.contacts_size)
         moving = ca.sumsqr(twist) > 0
         limits = self.limits.limits(q, last, around, closing, clearance, contacts=contacts, gives_way=moving)
-        braking, remembered = self.limits.braking, Last(last, memory[-1 - k : -1], memory[-1])
+        braking, remembered = self.limits.braking, Last(last, memory[-2 - k : -2], memory[-2], memory[-1])
         task = self.task.columns(q, twist, world, last=remembered, limits=limits, braking=braking, dt=self.dt)
         eased = limits._replace(
             lower=ca.if_else(
@@ -199,7 +200,7 @@ class ChairAndArm(VelocityController):
             ),
             report=self.report(last, sent, jacobian @ sent, twist, limits.outside),
             memory=memory,
-            remember=self.remembered(q, sent, jacobian @ sent, world),
+            remember=self.remembered(q, sent, jacobian @ sent, given["insistence"], world),
             violation=limits.violation(sent),
         )
 
@@ -293,12 +294,12 @@ class ChairAndArm(VelocityController):
         return ca.Function("settle", [p, memory, answer], [command])
 
     # ------------------------------------------------------------------------------------------ what is remembered
-    def remembered(self, q: ca.SX, u: ca.SX, hand: ca.SX, frame: ca.SX) -> ca.SX:
+    def remembered(self, q: ca.SX, u: ca.SX, hand: ca.SX, insistence: ca.SX, frame: ca.SX) -> ca.SX:
         """The memory: see `__init__`."""
         cos, sin = ca.cos(q[2]), ca.sin(q[2])
         value = ca.vertcat(cos * u[0] - sin * u[1], sin * u[0] + cos * u[1], u[2:])
         wheels = self.wheelset.wheel_speeds_expression(u[:CHAIR])
-        return ca.densify(ca.vertcat(u, q + value * self.dt, value, wheels, hand, frame))
+        return ca.densify(ca.vertcat(u, q + value * self.dt, value, wheels, hand, insistence, frame))
 
     def fallback_command(self) -> Command | None:
         """One tick of braking together: within all bounds, and the next tick may answer again."""
@@ -334,7 +335,7 @@ class ChairAndArm(VelocityController):
         slower = ca.Function("slower", inputs, [ca.densify(rest), limits.outside], {"cse": True})
         u, outside = ca.SX.sym("u", n), ca.SX.sym("outside")
         report = self.report(last, u, ca.SX(0), ca.SX(1), outside)  # nothing of the task is delivered
-        remembered = self.remembered(q, u, ca.SX.zeros(len(self.rows)), ca.SX(UNKNOWN))
+        remembered = self.remembered(q, u, ca.SX.zeros(len(self.rows)), ca.SX(0), ca.SX(UNKNOWN))
         told = ca.Function("told", [q, memory, u, outside], [remembered, ca.densify(report)], {"cse": True})
         here, before, room = (ca.MX.sym("p", each.numel()) for each in (q, memory, obstacles))
         bodies = room[NUMBERS * self.max_obstacles :]
