@@ -26,12 +26,12 @@ PROGRESS = 2.0
 Prices of 3 to 8 made joints shake where a bound is met (75 to 176 reversals in 10 s for 30), and one that grows with
 what is missing in the tick led to the same stops: see `CREEPS`.
 """
-CREEPS, GOES, WORTH = 0.1, 0.5, 0.025
+CREEPS, GOES, WORTH = 0.2, 0.5, 0.025
 """Fractions of the commanded speed. While a hand is below the first, the price of progress grows where what moves it,
 as fast as a joint allows, would give it the third, and falls where not; past the second it falls, too. Half a m/s of
 the chair for a twentieth of the hand's speed is else too dear, and the hand stops.
 """
-GROWING, FIRST, DEAREST = 0.25, 0.37, 100.0
+GROWING, FIRST, DEAREST = 0.5, 0.37, 100.0
 """[s] in which that price grows or falls e-fold; least factor on `PROGRESS`, below 1 as 1; the most."""
 STEEP = 1e3
 """[m/s] Up to which the price follows that cost where it is higher, as it is near singular postures."""
