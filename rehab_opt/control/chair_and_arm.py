@@ -64,7 +64,8 @@ class ChairAndArm(VelocityController):
     after a turn of the stick, t is so far from u_last to Eq. (1) as the accelerations allow (`HandTask`). b is the
     answer of the first term alone where that keeps all bounds, so that it stays the answer; u_last after a tick of
     braking where an obstacle or keep-out is in its way, or it passes another bound by what a tick's accelerations can
-    do; in between, between them: light joints stay calm.
+    do; in between, between them: light joints stay calm. The price of progress grows while the hand creeps although its
+    joints could be faster to good effect (`hand_task.CREEPS`).
 
     **What decreases.** Let d be the part of the hand's last velocity that is no part of r between none and all of it,
     and c one tick of the hardest braking together. c is feasible: its changes are within the accelerations, it lies on
