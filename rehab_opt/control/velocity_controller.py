@@ -89,7 +89,9 @@ class VelocityController(OneThread, ABC):
         self._feedback = None if feedback is None else FollowedJoints(feedback, chain.names, dt=self.dt, chain=chain)
         self.approach = math.inf if feedback is None else feedback.approach
         """[1/s] see `velocity_bounds`."""
-        self._ladder = Ladder(self.stated, solver=solver, backup=backup, tolerance=tolerance, compile=compile)
+        self._ladder = Ladder(
+            self.stated, solver=solver, backup=backup, tolerance=tolerance, compile=compile, beside=self.beside()
+        )
         self._stopping = BufferedFunction(self.stopping())
         self._faulty = BufferedFunction(self.faulty())
         ladder, n = self._ladder, chain.n
@@ -98,7 +100,8 @@ class VelocityController(OneThread, ABC):
         self._q = first
         self._inputs = tuple(part.reshape(shape) for part, shape in zip(others, self.shapes, strict=True))
         self._fused, self._function, self._verdict = solver == FUSED, ladder.function, ladder.verdict
-        self._keep, self._answer = ladder.keep, ladder.answer
+        before, after = ladder.everything
+        self._keep, self._answer, self._stamped = before.data, after.data, ladder.told[0].data
         self._views: tuple[memoryview[Any], ...] = tuple(part.data for part in (first, *others))
         self._names = tuple(symbol[0].name().rsplit("_", 1)[0] for symbol in self.stated.parameters)
         self._last, self._predicted = ladder.memory[:n], ladder.memory[n : 2 * n]
@@ -106,7 +109,7 @@ class VelocityController(OneThread, ABC):
         self._sent = ladder.memory[slice(n) if self.sent is None else self.sent]
         self._velocity: memoryview[Any] = self._sent.data
         self._wheels = None if self.wheels is None else ladder.memory[self.wheels].data
-        self._watch = WatchedJoints(self.watch, chain.names)
+        self._watch = WatchedJoints(self.watch, chain.names, before[self.stated.state_size :])
         self.reset()
 
     # ------------------------------------------------------------------------------------------- for subclasses
@@ -125,6 +128,17 @@ class VelocityController(OneThread, ABC):
     def watch(self) -> ca.Function:
         """What finds joints that do not follow, see `watched_joints`."""
         return watched_joints(self.chain, dt=self.dt, base=self.base)
+
+    def beside(self) -> ca.Function:
+        """See `fused`: `watch` on the positions and the command that led there; nothing of joints that are led."""
+        n, watch = self.chain.n, self.watch
+        p, memory = ca.MX.sym("p", self.stated.parameter_size), ca.MX.sym("memory", self.stated.memory.numel())
+        watched, stamped = ca.MX.sym("watched", watch.numel_in(0)), ca.MX.sym("stamped")
+        after, fault = watched, ca.MX(0)
+        if self.feedback is None:
+            after, said = watch(watched, p[:n], memory[slice(n) if self.sent is None else self.sent], stamped)
+            fault = said[0]
+        return ca.Function("beside", [p, memory, watched, stamped], [after, fault])
 
     @abstractmethod
     def statement(self) -> Statement:
@@ -240,6 +254,7 @@ class VelocityController(OneThread, ABC):
         lower, upper = np.maximum(self.chain.lower, -PLAUSIBLE), np.minimum(self.chain.upper, PLAUSIBLE)
         self._predicted[:] = (lower + upper) / 2
         self._watchdog.reset()
+        self._stamped[0] = 0.0
         self._forget_joints(speed)
         self._give_away()
 
@@ -256,11 +271,15 @@ class VelocityController(OneThread, ABC):
     # ---------------------------------------------------------------------------------------------------- one tick
     def _refusal(self, enable: object, stamp: float | None) -> str:
         """Why this state must not be acted on, or nothing."""
+        self._stamped[0] = stamp is not None
         reason = self._watchdog.check(stamp)
         if enable is not True and not (isinstance(enable, np.bool_ | int | float) and enable == 1):
             reason = "not enabled"
             if not self._sent.any():  # an arm that was switched off may be moved by hand, and a fault is acknowledged
                 self._forget_joints(np.zeros(self.chain.n))
+                return reason
+        if reason:
+            self._not_following()
         return reason
 
     def _forget_joints(self, velocity: Array) -> None:
@@ -272,12 +291,17 @@ class VelocityController(OneThread, ABC):
     def _tick(self, enable: object, stamp: float | None) -> Command:
         """One step on what stands in the parameters."""
         if self._feedback is None:
-            return self._decided(enable, stamp, self._not_following(stamp))
+            return self._decided(enable, stamp)
         return self._led(lambda fault, note: self._decided(enable, stamp, fault, note))
 
-    def _not_following(self, stamp: float | None) -> str:
-        """Which joint does not follow; empty where all do."""
-        return self._watch.fault(self._views[0], self._velocity, stamped=stamp is not None)
+    def _not_following(self) -> str:
+        """Which joint does not follow; empty where all do, and where they are led.
+
+        Asked once in each tick whose fused answer is not taken: there, the function asks.
+        """
+        if self._feedback is not None:
+            return ""
+        return self._watch.fault(self._views[0], self._velocity, stamped=self._stamped[0])
 
     def _led(self, decided: Callable[[str, str], Command]) -> Command:
         """What `decided` makes of where the joints are led, put in place of what was measured, of a fault and a note.
@@ -305,8 +329,8 @@ class VelocityController(OneThread, ABC):
             verdict = self._verdict
             verdict[0] = _NAN  # see `Ladder`: a failure inside leaves the outputs as they are
             self._function.evaluate()
-            residual, _, who, yielded, scale = verdict.tolist()
-            if 0.0 <= residual <= self.tolerance:
+            residual, _, who, yielded, scale, lost = verdict.tolist()
+            if 0.0 <= residual <= self.tolerance and not lost:
                 self._keep[:] = self._answer
                 value = _read_only(self._velocity.tobytes())  # a copy
                 wheels = None if self._wheels is None else _read_only(self._wheels.tobytes())
@@ -314,14 +338,16 @@ class VelocityController(OneThread, ABC):
                 if scale:
                     return _new(Command, (value, _OK, name, residual, -1, note, bound, scale, wheels))
                 return Command(value, _BLOCKED, name, residual, -1, note or NOTHING_LEFT, bound, scale, wheels)
-        ladder = self._ladder
+        reason, ladder = self._not_following(), self._ladder
+        if reason:
+            return self._safe(reason)
         solver = ladder.climb() if self._fused else ladder()
         if not solver:
             return self.fallback_command() or self._safe(self._fault())
         status, reason = Status.OK, note
         if solver == ladder.backup != ladder.solver:
             status, reason = Status.BACKUP, "; ".join(filter(None, (f"{ladder.solver} gave no certified answer", note)))
-        residual, _, _, yielded, scale = ladder.verdict.tolist()
+        residual, _, _, yielded, scale, _ = ladder.verdict.tolist()
         if status is Status.OK and not scale:
             status, reason = Status.BLOCKED, note or NOTHING_LEFT
         bound = _BOUNDS[int(yielded)]

@@ -125,31 +125,34 @@ class WatchedJoints:
 
     Parameters
     ----------
-    watched : what `watched_joints` makes. names : (n,) of the joints.
+    watched : what `watched_joints` makes. names : (n,) of the joints. memory : of `memory_of_watch`, kept elsewhere.
     """
 
-    def __init__(self, watched: ca.Function, names: tuple[str, ...]) -> None:
-        self._names, self._function = names, BufferedFunction(watched)
+    def __init__(self, watched: ca.Function, names: tuple[str, ...], memory: Array) -> None:
+        self._names, self._function, self._memory = names, BufferedFunction(watched), memory
         self._evaluate = self._function.evaluate  # it is never exchanged
-        self._memory, *given = self._function.inputs
-        after, said = self._function.outputs
-        views = (cast("memoryview[float]", each.data) for each in (*given, self._memory, after, said))
-        self._measured, self._command, self._stamped, self._keep, self._after, self._said = views
+        views = (cast("memoryview[float]", each.data) for each in (*self._function.inputs, *self._function.outputs))
+        self._before, self._measured, self._command, self._stamped, self._after, self._said = views
 
     def reset(self) -> None:
         """Nothing is known."""
         self._memory[:] = 0.0
 
-    def fault(self, measured: memoryview[float], command: memoryview[float], *, stamped: bool) -> str:
+    def take_over(self, other: WatchedJoints) -> None:
+        """Remember what another one of the same joints does."""
+        self._memory[:] = other._memory
+
+    def fault(self, measured: memoryview[float], command: memoryview[float], *, stamped: float) -> str:
         """Which joint does not follow, once a tick: empty for none, the same until `reset`.
 
         Parameters
         ----------
         measured, command : (n,) positions now, and the command that led there. stamped : whether they have a stamp.
         """
-        self._measured[:], self._command[:], self._stamped[0] = measured, command, stamped
+        self._before[:], self._measured[:], self._command[:] = self._memory.data, measured, command
+        self._stamped[0] = stamped
         self._evaluate()
-        self._keep[:] = self._after
+        self._memory[:] = self._after
         if not self._said[0]:
             return ""
         joint, led, moved = self._said.tolist()
