@@ -348,14 +348,14 @@ class ChairAndArm(VelocityController):
         if self.max_obstacles:
             self._inputs[2][: numbers.size] = numbers
 
-    def tell(self, q: ArrayLike, twist: ArrayLike, world: float, moving: Array) -> None:
-        """Write the other parameters of a tick; `moving` by `moving_numbers`.
+    def tell(self, q: ArrayLike, twist: ArrayLike, world: float, moving: Array | None) -> None:
+        """Write the other parameters of a tick; `moving` by `moving_numbers`, where there are such.
 
         Raises
         ------
         ConfigurationError : an argument of the wrong shape, or no numbers.
         """
-        if moving.size:
+        if moving is not None:
             self._inputs[2][-moving.size :] = moving.reshape(-1)
         views = self._views
         try:
@@ -366,8 +366,8 @@ class ChairAndArm(VelocityController):
         except (ValueError, TypeError):
             self._write((q, twist, [world], *self._inputs[2:]))
 
-    tick = VelocityController._tick
-    """One step on what was told."""
+    tick = VelocityController._decided
+    """One step on what was told: its joints are not led."""
 
     def brake(self, reason: str) -> Command:
         """The safe command at what was told."""

@@ -42,7 +42,7 @@ __all__ = ["MirrorTracker"]
 Array = NDArray[np.float64]
 
 _OK, _NAN, _new, _read_only = Status.OK, math.nan, tuple.__new__, np.frombuffer
-_BOUNDS = tuple(Bound(i) for i in range(8))
+_BOUNDS, _SOLVERS = {float(i): Bound(i) for i in range(8)}, {float(i): name for i, name in enumerate(FUSED_SOLVERS)}
 _ndarray, _SQUARE = np.ndarray, (4, 4)
 
 
@@ -320,7 +320,7 @@ class MirrorTracker(MirrorForeseen):
                 keep[:] = answer
                 self._good = given.tobytes()
                 value = _read_only(velocity.tobytes())
-                name, bound = FUSED_SOLVERS[int(who)], _BOUNDS[int(yielded)]
+                name, bound = _SOLVERS[who], _BOUNDS[yielded]
                 return _new(Command, (value, _OK, name, residual, -1, note, bound, scale, None))
         return self._followed(force, reason or self._not_following(), note)
 

@@ -45,7 +45,8 @@ STILL = 1e-6
 
 # Bound once: each look-up of an attribute in the hot path would cost a hundredth of the tick.
 _OK, _BLOCKED, _NAN, _new, _read_only = Status.OK, Status.BLOCKED, math.nan, tuple.__new__, np.frombuffer
-_BOUNDS = tuple(Bound(i) for i in range(8))  # looked up, since making an IntFlag costs half a microsecond
+# Looked up, since making an IntFlag costs half a microsecond; by the numbers of a verdict as they come.
+_BOUNDS, _SOLVERS = {float(i): Bound(i) for i in range(8)}, {float(i): name for i, name in enumerate(FUSED_SOLVERS)}
 
 
 class VelocityController(OneThread, ABC):
@@ -334,7 +335,7 @@ class VelocityController(OneThread, ABC):
                 self._keep[:] = self._answer
                 value = _read_only(self._velocity.tobytes())  # a copy
                 wheels = None if self._wheels is None else _read_only(self._wheels.tobytes())
-                name, bound = FUSED_SOLVERS[int(who)], _BOUNDS[int(yielded)]
+                name, bound = _SOLVERS[who], _BOUNDS[yielded]
                 if scale:
                     return _new(Command, (value, _OK, name, residual, -1, note, bound, scale, wheels))
                 return Command(value, _BLOCKED, name, residual, -1, note or NOTHING_LEFT, bound, scale, wheels)
@@ -350,7 +351,7 @@ class VelocityController(OneThread, ABC):
         residual, _, _, yielded, scale, _ = ladder.verdict.tolist()
         if status is Status.OK and not scale:
             status, reason = Status.BLOCKED, note or NOTHING_LEFT
-        bound = _BOUNDS[int(yielded)]
+        bound = _BOUNDS[yielded]
         value, wheels = self._sent_now()
         return Command(value, status, solver, residual, ladder.iterations, reason, bound, scale, wheels)
 
@@ -377,7 +378,7 @@ class VelocityController(OneThread, ABC):
         ladder.keep[:] = state.data
         value, wheels = self._sent_now()
         status = Status.BRAKING if moves else Status.HOLDING
-        return Command(value, status, "", math.inf, -1, reason, _BOUNDS[int(yielded)], 0.0, wheels)
+        return Command(value, status, "", math.inf, -1, reason, _BOUNDS[yielded], 0.0, wheels)
 
     def _fault(self) -> str:
         """Why no answer was certified."""
