@@ -86,7 +86,10 @@ class VelocityController(OneThread, ABC):
         self._watchdog = Watchdog(dt=dt, max_age=max_age)
         self.max_age = self._watchdog.max_age
         self.feedback = feedback
-        self._feedback = None if feedback is None else FollowedJoints(feedback, chain.names, dt=self.dt, chain=chain)
+        self._feedback = None
+        if feedback is not None:  # a hand that a base moves, too, is not watched
+            hand = None if self.base else chain
+            self._feedback = FollowedJoints(feedback, chain.names[self.base :], dt=self.dt, chain=hand)
         self.approach = math.inf if feedback is None else feedback.approach
         """[1/s] see `velocity_bounds`."""
         self._ladder = Ladder(self.stated, solver=solver, backup=backup, tolerance=tolerance, compile=compile)
@@ -121,7 +124,7 @@ class VelocityController(OneThread, ABC):
     wheels: slice | None = None
     """Part of the memory that goes to wheels, None where there are none."""
     base: ClassVar[int] = 0
-    """How many of the first joints are the place of a base that need not be measured."""
+    """How many of the first joints are the place of a base that need not be measured, and is led by no `feedback`."""
 
     @property
     def watch(self) -> ca.Function:
@@ -269,7 +272,7 @@ class VelocityController(OneThread, ABC):
         """Where the joints were is forgotten; they move at `velocity` (n,) now."""
         self._watch.reset()
         if self._feedback is not None:
-            self._feedback.reset(velocity)
+            self._feedback.reset(velocity[self.base :])
 
     def _tick(self, enable: object, stamp: float | None) -> Command:
         """One step on what stands in the parameters."""
@@ -284,7 +287,8 @@ class VelocityController(OneThread, ABC):
         """
         if self._feedback is None:
             return decided("", "")
-        fault = self._feedback.lead(self._q, self._last, self._guided)
+        watched = self._watch.fault() if self.base else ""  # of which no model is known
+        fault = self._feedback.lead(self._q[self.base :], self._last[self.base :], self._guided) or watched
         if not self._feedback.touched:
             return decided(fault, self._feedback.note)
         before = self._last.copy()
