@@ -386,7 +386,8 @@ class ChairAndArm(VelocityController):
         self._last[:], self._predicted[:], self._sent[:] = other._last, other._predicted, other._sent
         self._ladder.memory[-1] = UNKNOWN
         self._ladder.warm_start(0.0)
-        self._watchdog, self._watch = other._watchdog, other._watch
+        self._watchdog = other._watchdog
+        self._watch.take_over(other._watch)
 
     @property
     def velocity(self) -> Array:
