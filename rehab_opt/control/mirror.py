@@ -304,7 +304,7 @@ class MirrorTracker(MirrorForeseen):
             self._inputs[-1][:] = self.limits.told_numbers("obstacles", obstacles)
         reason = "" if enable is True and stamp is None and not self._watchdog.stamped else self._refusal(enable, stamp)
         if self._feedback is None:
-            return self._mirrored(force, reason)
+            return self._mirrored(force, reason or self._watch.known)
         return self._led(lambda fault, note: self._mirrored(force, reason or fault, note))
 
     def _mirrored(self, force: ArrayLike | None, reason: str, note: str = "") -> Command:
@@ -314,8 +314,8 @@ class MirrorTracker(MirrorForeseen):
             *_, given, verdict, keep, answer, velocity = self._hot
             verdict[0] = _NAN  # see `Ladder`: a failure inside leaves the outputs as they are
             self._function.evaluate()
-            residual, _, who, yielded, scale, usual, _, _, then, _, lost = verdict.tolist()
-            if usual and 0.0 <= residual <= self.tolerance and not lost:
+            residual, _, who, yielded, scale, usual, _, _, then, _, apart = verdict.tolist()
+            if usual and 0.0 <= residual <= self.tolerance and 0.0 <= apart <= self._patience:
                 self._then = then
                 keep[:] = answer
                 self._good = given.tobytes()

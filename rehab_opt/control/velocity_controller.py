@@ -19,7 +19,7 @@ from rehab_opt.control.reasons import NUMBER, reason_number, reason_text
 from rehab_opt.control.stopping import VelocityBounds, nearest_to_rest, velocity_bounds
 from rehab_opt.control.thread_owner import OneThread
 from rehab_opt.control.watchdog import Watchdog
-from rehab_opt.control.watched_joints import WatchedJoints, watched_joints
+from rehab_opt.control.watched_joints import WatchedJoints, patience_of, watched_joints
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain, per_joint
 from rehab_opt.kinematics.real_array import real_array
@@ -87,7 +87,10 @@ class VelocityController(OneThread, ABC):
         self._watchdog = Watchdog(dt=dt, max_age=max_age)
         self.max_age = self._watchdog.max_age
         self.feedback = feedback
-        self._feedback = None if feedback is None else FollowedJoints(feedback, chain.names, dt=self.dt, chain=chain)
+        self._feedback = None
+        if feedback is not None:  # a hand that a base moves, too, is not watched
+            hand = None if self.base else chain
+            self._feedback = FollowedJoints(feedback, chain.names[self.base :], dt=self.dt, chain=hand)
         self.approach = math.inf if feedback is None else feedback.approach
         """[1/s] see `velocity_bounds`."""
         self._ladder = Ladder(
@@ -102,7 +105,7 @@ class VelocityController(OneThread, ABC):
         self._inputs = tuple(part.reshape(shape) for part, shape in zip(others, self.shapes, strict=True))
         self._fused, self._function, self._verdict = solver == FUSED, ladder.function, ladder.verdict
         before, after = ladder.everything
-        self._keep, self._answer, self._stamped = before.data, after.data, ladder.told[0].data
+        self._keep, self._answer = before.data, after.data
         self._views: tuple[memoryview[Any], ...] = tuple(part.data for part in (first, *others))
         self._names = tuple(symbol[0].name().rsplit("_", 1)[0] for symbol in self.stated.parameters)
         self._last, self._predicted = ladder.memory[:n], ladder.memory[n : 2 * n]
@@ -110,7 +113,10 @@ class VelocityController(OneThread, ABC):
         self._sent = ladder.memory[slice(n) if self.sent is None else self.sent]
         self._velocity: memoryview[Any] = self._sent.data
         self._wheels = None if self.wheels is None else ladder.memory[self.wheels].data
-        self._watch = WatchedJoints(self.watch, chain.names, before[self.stated.state_size :])
+        self._patience = patience_of(self.dt)
+        self._watch = WatchedJoints(
+            self.watch, chain.names, before[self.stated.state_size :], self._q, self._sent, patience=self._patience
+        )
         self.reset()
 
     # ------------------------------------------------------------------------------------------- for subclasses
@@ -123,7 +129,7 @@ class VelocityController(OneThread, ABC):
     wheels: slice | None = None
     """Part of the memory that goes to wheels, None where there are none."""
     base: ClassVar[int] = 0
-    """How many of the first joints are the place of a base that need not be measured."""
+    """How many of the first joints are the place of a base that need not be measured, and is led by no `feedback`."""
 
     @property
     def watch(self) -> ca.Function:
@@ -134,12 +140,11 @@ class VelocityController(OneThread, ABC):
         """See `fused`: `watch` on the positions and the command that led there; nothing of joints that are led."""
         n, watch = self.chain.n, self.watch
         p, memory = ca.MX.sym("p", self.stated.parameter_size), ca.MX.sym("memory", self.stated.memory.numel())
-        watched, stamped = ca.MX.sym("watched", watch.numel_in(0)), ca.MX.sym("stamped")
-        after, fault = watched, ca.MX(0)
+        watched = ca.MX.sym("watched", watch.numel_in(0))
+        after, apart = watched, ca.MX(0)
         if self.feedback is None:
-            after, said = watch(watched, p[:n], memory[slice(n) if self.sent is None else self.sent], stamped)
-            fault = said[0]
-        return ca.Function("beside", [p, memory, watched, stamped], [after, fault])
+            after, apart = watch(watched, p[:n], memory[slice(n) if self.sent is None else self.sent])
+        return ca.Function("beside", [p, memory, watched], [after, apart])
 
     @abstractmethod
     def statement(self) -> Statement:
@@ -255,7 +260,6 @@ class VelocityController(OneThread, ABC):
         lower, upper = np.maximum(self.chain.lower, -PLAUSIBLE), np.minimum(self.chain.upper, PLAUSIBLE)
         self._predicted[:] = (lower + upper) / 2
         self._watchdog.reset()
-        self._stamped[0] = 0.0
         self._forget_joints(speed)
         self._give_away()
 
@@ -272,7 +276,6 @@ class VelocityController(OneThread, ABC):
     # ---------------------------------------------------------------------------------------------------- one tick
     def _refusal(self, enable: object, stamp: float | None) -> str:
         """Why this state must not be acted on, or nothing."""
-        self._stamped[0] = stamp is not None
         reason = self._watchdog.check(stamp)
         if enable is not True and not (isinstance(enable, np.bool_ | int | float) and enable == 1):
             reason = "not enabled"
@@ -287,22 +290,20 @@ class VelocityController(OneThread, ABC):
         """Where the joints were is forgotten; they move at `velocity` (n,) now."""
         self._watch.reset()
         if self._feedback is not None:
-            self._feedback.reset(velocity)
+            self._feedback.reset(velocity[self.base :])
 
     def _tick(self, enable: object, stamp: float | None) -> Command:
         """One step on what stands in the parameters."""
         if self._feedback is None:
-            return self._decided(enable, stamp)
+            return self._decided(enable, stamp, self._watch.known)
         return self._led(lambda fault, note: self._decided(enable, stamp, fault, note))
 
     def _not_following(self) -> str:
-        """Which joint does not follow; empty where all do, and where they are led.
+        """Which joint does not follow, asked in each tick whose fused answer is not taken: with it, the function asks.
 
-        Asked once in each tick whose fused answer is not taken: there, the function asks.
+        Empty where all do, and where joints are led: see `_led`.
         """
-        if self._feedback is not None:
-            return ""
-        return self._watch.fault(self._views[0], self._velocity, stamped=self._stamped[0])
+        return self._watch.fault() if self._feedback is None else ""
 
     def _led(self, decided: Callable[[str, str], Command]) -> Command:
         """What `decided` makes of where the joints are led, put in place of what was measured, of a fault and a note.
@@ -311,7 +312,8 @@ class VelocityController(OneThread, ABC):
         """
         if self._feedback is None:
             return decided("", "")
-        fault = self._feedback.lead(self._q, self._last, self._guided)
+        watched = self._watch.fault() if self.base else ""  # of which no model is known
+        fault = self._feedback.lead(self._q[self.base :], self._last[self.base :], self._guided) or watched
         if not self._feedback.touched:
             return decided(fault, self._feedback.note)
         before = self._last.copy()
@@ -330,8 +332,8 @@ class VelocityController(OneThread, ABC):
             verdict = self._verdict
             verdict[0] = _NAN  # see `Ladder`: a failure inside leaves the outputs as they are
             self._function.evaluate()
-            residual, _, who, yielded, scale, lost = verdict.tolist()
-            if 0.0 <= residual <= self.tolerance and not lost:
+            residual, _, who, yielded, scale, apart = verdict.tolist()
+            if 0.0 <= residual <= self.tolerance and 0.0 <= apart <= self._patience:
                 self._keep[:] = self._answer
                 value = _read_only(self._velocity.tobytes())  # a copy
                 wheels = None if self._wheels is None else _read_only(self._wheels.tobytes())

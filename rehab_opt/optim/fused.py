@@ -38,9 +38,8 @@ def fused(statement: Statement, beside: ca.Function | None = None) -> ca.Functio
     (an index of `FUSED_SOLVERS`), and the statement's report. The solver is CasADi's qrqp, an active-set method that
     generates C.
 
-    beside : parameters, memory, a memory of its own, what it is told -> its memory, what it says. It is evaluated in
-        the same call: its memory stands behind the state, what it says behind the report, and what it is told is a
-        third input.
+    beside : parameters, memory, a memory of its own -> its memory, what it says. It is evaluated in the same call: its
+        memory stands behind the state, what it says behind the report.
     """
     n, m, size = statement.n, statement.m, statement.state_size
     p, last = ca.MX.sym("p", statement.parameter_size), ca.MX.sym("last", size + (beside.numel_in(2) if beside else 0))
@@ -56,11 +55,10 @@ def fused(statement: Statement, beside: ca.Function | None = None) -> ca.Functio
     report, after, violation = statement.finish(full, memory, x)
     state = ca.vertcat(answer[: 2 * n + m], after)
     verdict = ca.vertcat(answer[-2] + violation, sound, answer[-1], report)
-    if beside is None:
-        return ca.Function(statement.name, [p, last], [state, verdict])
-    told = ca.MX.sym("told", beside.numel_in(3))
-    own, said = beside(p, memory, own, told)
-    return ca.Function(statement.name, [p, last, told], [ca.vertcat(state, own), ca.vertcat(verdict, said)])
+    if beside is not None:
+        own, said = beside(p, memory, own)
+        state, verdict = ca.vertcat(state, own), ca.vertcat(verdict, said)
+    return ca.Function(statement.name, [p, last], [state, verdict])
 
 
 def _choice(name: str, otherwise: ca.Function) -> ca.Function:

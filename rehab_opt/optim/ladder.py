@@ -46,8 +46,8 @@ class Ladder:
         None is daqp, and qrqp behind daqp.
     tolerance : largest certificate residual that is accepted, in the statement's units.
     compile : see `BufferedFunction`.
-    beside : what the function evaluates besides, see `fused`: it reads `told`, and `everything` are state and answer
-        with its memory behind them. What it leaves is the caller's to keep.
+    beside : what the function evaluates besides, see `fused`; `everything` are state and answer with its memory behind
+        them. What it leaves is the caller's to keep.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class Ladder:
         self.statement, self.solver, self.backup, self.tolerance = statement, solver, backup, tolerance
         self.function = function = BufferedFunction(fused(statement, beside), compile=compile)
         """The whole tick; what it evaluates may be exchanged between two ticks."""
-        self.parameters, before, *self.told = function.inputs
+        self.parameters, before = function.inputs
         after, self._verdict = function.outputs
         self.everything: tuple[NDArray[np.float64], NDArray[np.float64]] = before, after
         self.state, self._answer = before[: statement.state_size], after[: statement.state_size]
