@@ -78,7 +78,7 @@ def joint_plant(table: JointPlant, chain: SerialChain, dt: float) -> Plant:
 
 
 def joint_feedback(table: JointPlant | ChairPlant) -> JointFeedback | None:
-    """What a controller is told of that robot: its servos, and delays at the mean of their jitter; None of ideal joints.
+    """What a controller is told of that robot: its servos, and its mean delays with their jitter; None of ideal joints.
 
     A servo of the position counts as joints that move as commanded, later by as much as it trails.
     """
