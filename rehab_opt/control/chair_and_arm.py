@@ -64,7 +64,8 @@ class ChairAndArm(VelocityController):
     after a turn of the stick, t is so far from u_last to Eq. (1) as the accelerations allow (`HandTask`). b is the
     answer of the first term alone where that keeps all bounds, so that it stays the answer; u_last after a tick of
     braking where an obstacle or keep-out is in its way, or it passes another bound by what a tick's accelerations can
-    do; in between, between them: light joints stay calm.
+    do; in between, between them: light joints stay calm. The price of progress grows while the hand creeps although its
+    joints could be faster to good effect (`hand_task.CREEPS`).
 
     **What decreases.** Let d be the part of the hand's last velocity that is no part of r between none and all of it,
     and c one tick of the hardest braking together. c is feasible: its changes are within the accelerations, it lies on
@@ -111,7 +112,8 @@ class ChairAndArm(VelocityController):
         """Numbers of the obstacles, and behind them of the moving capsules."""
         self.shapes = ((k,), (1,), *([(self.surroundings,)] if self.surroundings else []))  # type: ignore[misc]
         self.task = HandTask(robot, rows, moving=self.limits.moving, self_motion=self_motion)
-        # What is remembered: u, where it leads, the command, the wheels' part of it, the hand's velocity and its frame.
+        # What is remembered: u, where it leads, the command, the wheels' part of it, and of the hand its velocity, the
+        # insistence on its progress, and the frame.
         self.sent, self.wheels = slice(2 * n, 3 * n), slice(3 * n, 3 * n + wheels)
         super().__init__(
             robot.chain, dt=dt, recovery_speed=recovery_speed, solver=solver, backup=backup, tolerance=tolerance,
@@ -128,7 +130,7 @@ class ChairAndArm(VelocityController):
         n, k, name = self.chain.n, len(self.rows), "_".join(self.rows)
         q, twist, world = parameter("q", n), parameter("twist", k), parameter("frame", 1)
         obstacles = parameter("obstacles", self.surroundings)
-        memory = parameter("last", 3 * n + len(self.wheelset.rolling) + k + 1)
+        memory = parameter("last", 3 * n + len(self.wheelset.rolling) + k + 2)
         parameters = [q, twist, world, obstacles] if self.surroundings else [q, twist, world]
         last = memory[:n]
 
@@ -140,7 +142,7 @@ class ChairAndArm(VelocityController):
         contacts = parameter("contacts", self.limits.own.contacts_size)
         moving = ca.sumsqr(twist) > 0
         limits = self.limits.limits(q, last, around, closing, clearance, contacts=contacts, gives_way=moving)
-        braking, remembered = self.limits.braking, Last(last, memory[-1 - k : -1], memory[-1])
+        braking, remembered = self.limits.braking, Last(last, memory[-2 - k : -2], memory[-2], memory[-1])
         task = self.task.columns(q, twist, world, last=remembered, limits=limits, braking=braking, dt=self.dt)
         eased = limits._replace(
             lower=ca.if_else(
@@ -199,7 +201,7 @@ class ChairAndArm(VelocityController):
             ),
             report=self.report(last, sent, jacobian @ sent, twist, limits.outside),
             memory=memory,
-            remember=self.remembered(q, sent, jacobian @ sent, world),
+            remember=self.remembered(q, sent, jacobian @ sent, given["insistence"], world),
             violation=limits.violation(sent),
         )
 
@@ -293,12 +295,12 @@ class ChairAndArm(VelocityController):
         return ca.Function("settle", [p, memory, answer], [command])
 
     # ------------------------------------------------------------------------------------------ what is remembered
-    def remembered(self, q: ca.SX, u: ca.SX, hand: ca.SX, frame: ca.SX) -> ca.SX:
+    def remembered(self, q: ca.SX, u: ca.SX, hand: ca.SX, insistence: ca.SX, frame: ca.SX) -> ca.SX:
         """The memory: see `__init__`."""
         cos, sin = ca.cos(q[2]), ca.sin(q[2])
         value = ca.vertcat(cos * u[0] - sin * u[1], sin * u[0] + cos * u[1], u[2:])
         wheels = self.wheelset.wheel_speeds_expression(u[:CHAIR])
-        return ca.densify(ca.vertcat(u, q + value * self.dt, value, wheels, hand, frame))
+        return ca.densify(ca.vertcat(u, q + value * self.dt, value, wheels, hand, insistence, frame))
 
     def fallback_command(self) -> Command | None:
         """One tick of braking together: within all bounds, and the next tick may answer again."""
@@ -334,7 +336,7 @@ class ChairAndArm(VelocityController):
         slower = ca.Function("slower", inputs, [ca.densify(rest), limits.outside], {"cse": True})
         u, outside = ca.SX.sym("u", n), ca.SX.sym("outside")
         report = self.report(last, u, ca.SX(0), ca.SX(1), outside)  # nothing of the task is delivered
-        remembered = self.remembered(q, u, ca.SX.zeros(len(self.rows)), ca.SX(UNKNOWN))
+        remembered = self.remembered(q, u, ca.SX.zeros(len(self.rows)), ca.SX(0), ca.SX(UNKNOWN))
         told = ca.Function("told", [q, memory, u, outside], [remembered, ca.densify(report)], {"cse": True})
         here, before, room = (ca.MX.sym("p", each.numel()) for each in (q, memory, obstacles))
         bodies = room[NUMBERS * self.max_obstacles :]
@@ -384,7 +386,8 @@ class ChairAndArm(VelocityController):
         self._last[:], self._predicted[:], self._sent[:] = other._last, other._predicted, other._sent
         self._ladder.memory[-1] = UNKNOWN
         self._ladder.warm_start(0.0)
-        self._watchdog, self._watch = other._watchdog, other._watch
+        self._watchdog = other._watchdog
+        self._watch.take_over(other._watch)
 
     @property
     def velocity(self) -> Array:

@@ -112,8 +112,8 @@ class PoseTracker(VelocityController):
 
     A joint that moves less than 8 % of the way that it is commanded is blocked, its encoder stands still, or it turns
     the wrong way: the arm brakes within 0.2 s and 0.03 rad over the commanded speed, the reason says which joint, and
-    it rests until `reset`, or until `enable` was released. Call `reset` between states that are not one motion. An arm
-    all of whose joints stand still is found so only where states have stamps.
+    it rests until `reset`, or until `enable` was released. Call `reset` between states that are not one motion:
+    the same one, asked about again and again, is an arm that stands still.
 
     Parameters
     ----------

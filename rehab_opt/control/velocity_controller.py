@@ -19,7 +19,7 @@ from rehab_opt.control.reasons import NUMBER, reason_number, reason_text
 from rehab_opt.control.stopping import VelocityBounds, nearest_to_rest, velocity_bounds
 from rehab_opt.control.thread_owner import OneThread
 from rehab_opt.control.watchdog import Watchdog
-from rehab_opt.control.watched_joints import WatchedJoints, watched_joints
+from rehab_opt.control.watched_joints import WatchedJoints, patience_of, watched_joints
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain, per_joint
 from rehab_opt.kinematics.real_array import real_array
@@ -106,7 +106,9 @@ class VelocityController(OneThread, ABC):
         self._sent = ladder.memory[slice(n) if self.sent is None else self.sent]
         self._velocity: memoryview[Any] = self._sent.data
         self._wheels = None if self.wheels is None else ladder.memory[self.wheels].data
-        self._watch = WatchedJoints(self.watch, chain.names)
+        self._watch = WatchedJoints(
+            self.watch, chain.names, self._q, self._sent, patience=patience_of(self.dt), compile=compile
+        )
         self.reset()
 
     # ------------------------------------------------------------------------------------------- for subclasses
@@ -272,12 +274,8 @@ class VelocityController(OneThread, ABC):
     def _tick(self, enable: object, stamp: float | None) -> Command:
         """One step on what stands in the parameters."""
         if self._feedback is None:
-            return self._decided(enable, stamp, self._not_following(stamp))
+            return self._decided(enable, stamp, self._watch.fault())
         return self._led(lambda fault, note: self._decided(enable, stamp, fault, note))
-
-    def _not_following(self, stamp: float | None) -> str:
-        """Which joint does not follow; empty where all do."""
-        return self._watch.fault(self._views[0], self._velocity, stamped=stamp is not None)
 
     def _led(self, decided: Callable[[str, str], Command]) -> Command:
         """What `decided` makes of where the joints are led, put in place of what was measured, of a fault and a note.

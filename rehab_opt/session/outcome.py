@@ -34,6 +34,7 @@ class Outcome:
     notes : sentences a reader of the numbers has to know.
     metrics : all numbers, nested; the problem's own under "parameters".
     columns : of trace.csv by header, which ends in the unit; all of one length.
+    inputs, options : files that it was made of, see `input_files`, and options that it was run with, for metrics.json.
     """
 
     system: str
@@ -42,6 +43,8 @@ class Outcome:
     notes: tuple[str, ...]
     metrics: Mapping[str, Any]
     columns: Columns = field(default_factory=dict, kw_only=True)
+    inputs: Mapping[str, Mapping[str, str]] = field(default_factory=dict, kw_only=True)
+    options: Mapping[str, str] = field(default_factory=dict, kw_only=True)
 
     def trace(self) -> Iterable[Column]:
         """The columns of trace.csv, one after another; for an outcome that keeps them otherwise."""

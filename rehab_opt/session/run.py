@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.session.files import ProblemFile
+from rehab_opt.session.inputs import input_files
 from rehab_opt.session.live.problem import LiveProblem
 from rehab_opt.session.outcome import Outcome, Progress
 from rehab_opt.session.schema import Problem
@@ -34,7 +36,7 @@ def run_problem(
     """
     system, given = _with_options(loaded, options)
     outcome: Outcome = system.run(loaded, options=given, progress=progress)
-    return outcome
+    return replace(outcome, inputs=input_files(loaded), options=given)
 
 
 def live_problem(loaded: ProblemFile[Problem], **options: str | None) -> LiveProblem:

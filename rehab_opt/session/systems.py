@@ -87,8 +87,9 @@ class System(Generic[P, O]):
     ----------
     schema : what its files may say.
     options : names of the options of `rehab-opt run` that it knows; others are refused before it is run.
-    shown : modules with `table(outcome)`, `figures(outcome)` and `animations(outcome)`, of which the first that has
-        one is asked; loaded when a result is shown. By default the numbers as a table, the columns over time.
+    shown : modules with `table(outcome)`, `brief(outcome)` (a table of the few numbers that matter first),
+        `figures(outcome)` and `animations(outcome)`, of which the first that has one is asked; loaded when a result is
+        shown. By default the numbers as a table, the columns over time.
     """
 
     schema: type[P]
@@ -145,9 +146,13 @@ class System(Generic[P, O]):
         return None
 
     def table(self, outcome: O) -> Table:
-        """The result for the terminal."""
+        """The result for the terminal, all of it."""
         made: Table = self._draws("table")(outcome)
         return made
+
+    def brief(self, outcome: O) -> Table | None:
+        """The few numbers that matter first; None where there are but few."""
+        return self._draws("brief")(outcome) or None
 
     def figures(self, outcome: O) -> dict[str, Figure]:
         """The figures by file name, without suffix."""

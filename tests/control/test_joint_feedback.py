@@ -201,7 +201,7 @@ def test_the_servo_of_the_model_is_a_proportional_integral_loop(dt: float) -> No
         q = np.array([state[0]])
         measured = q.copy()
         joints.lead(q, u)
-        assert joints.error == pytest.approx(0.0, abs=1e-7)
+        assert joints.errors[0] == pytest.approx(0.0, abs=1e-7)
         assert q[0] == pytest.approx(measured[0] + state[2], abs=1e-7)  # where it comes to: the sum of the commands
 
 

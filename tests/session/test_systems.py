@@ -14,7 +14,7 @@ import rehab_opt.session
 from rehab_opt.cli import main
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.session.files import load_problem, shipped_problems
-from rehab_opt.session.many.digest import inputs_digest
+from rehab_opt.session.inputs import inputs_digest
 from rehab_opt.session.many.participants import participants_of
 from rehab_opt.session.many.run import run_many
 from rehab_opt.session.run import run_problem
