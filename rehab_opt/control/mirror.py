@@ -328,7 +328,9 @@ class MirrorTracker(MirrorForeseen):
     def plan(self, poses: ArrayLike, twists: ArrayLike, q: ArrayLike) -> MirrorPath:
         """The whole motion along a recording, with every guarantee of `step` and the future known.
 
-        The clock slows down ahead of what is too fast, and knows at once where a stretch it must leave out ends.
+        The clock slows down ahead of what is too fast, and knows at once where a stretch it must leave out ends. Then
+        the joint path is passed in the least time within the same bounds (`retimed`); with servos that follow it
+        stays as it is, since bounds are come to slowly for them.
 
         Parameters
         ----------
@@ -344,4 +346,4 @@ class MirrorTracker(MirrorForeseen):
         if self.limits.moving:
             expected = "a Clearance without moving capsules: where they will be is not known"
             raise ConfigurationError("moving", self.limits.moving, expected)
-        return plan(self, poses, twists, q)
+        return plan(self, poses, twists, q, quick=self.approach == math.inf)
