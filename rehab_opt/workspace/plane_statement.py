@@ -32,8 +32,6 @@ UNBOUNDED = 1e6
 STILL = 1e-11
 """A quantity whose derivatives are all below this, in m or rad per joint unit, does not move."""
 CHECKED_POSTURES = 16
-FIRMER = 5.0
-"""Plane and handle count so much more than the way to the probe, which may be out of reach."""
 
 
 class PlaneStatement:
@@ -54,7 +52,7 @@ class PlaneStatement:
     vertical, vertical_free : with the handle's rows and without; report [z].
         Parameters: fixed, sign (1 for the lowest, -1 for the highest hand).
     upright : report [handle tilt [rad]]. Parameters: fixed.
-    approach : function (x, parameters of `nearest`) -> what is left between hand and probe and, times `FIRMER`, between
+    approach : function (x, parameters of `nearest`) -> what is left between hand and probe and, times `firmness`, between
         hand and plane (in `size`s) and handle and cone (rad). Zero where the probe is reached. See `PlaneApproach`.
     fixed : numbers of the common parameters: lower (k,), upper (k,), still (n,), lengths, tilt.
     free : (k,) indices of the joints that can move.
@@ -62,6 +60,9 @@ class PlaneStatement:
     constant_tilt : [rad] of a handle that no joint tilts, else None; then it is no row.
     size : [m] sum of all lengths, at least 1e-3.
     """
+
+    firmness = 5.0
+    """Of `approach`: plane and handle count so much more than the way to the probe, which may be out of reach."""
 
     def __init__(self, arm: SerialChain, *, handle_tilt: float | None) -> None:
         self.arm = arm
@@ -100,11 +101,13 @@ class PlaneStatement:
             subject_to=[*plane, *handle],
             report=ca.vertcat(ca.norm_2(away), hand[:2]),
         )
-        rows = ca.vertcat(away, FIRMER * (hand[2] - height)) * ca.sqrt(scale)
+        left = [away * ca.sqrt(scale)]
+        if plane:
+            left.append(self.firmness * (hand[2] - height) * ca.sqrt(scale))
         if handle:
-            rows = ca.vertcat(rows, FIRMER * beyond_cone(axis, tilt))
+            left.append(self.firmness * beyond_cone(axis, tilt))
         self.approach = ca.Function(
-            "plane_approach", [x.symbol, ca.vertcat(*fixed, height, probe, scale)], [ca.densify(rows)]
+            "plane_approach", [x.symbol, ca.vertcat(*fixed, height, probe, scale)], [ca.densify(ca.vertcat(*left))]
         )
         self.vertical, self.vertical_free = (
             NLP(
