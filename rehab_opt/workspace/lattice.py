@@ -139,7 +139,8 @@ class Lattice:
         if not starts:
             return
         probes = self.spacing * np.array([key for key, _ in starts], dtype=np.float64)
-        found = self.search.approached(probes, np.array([posture for _, posture in starts]))
+        below = np.array([self.nodes[key].distance for key, _ in starts])
+        found = self.search.approached(probes, np.array([posture for _, posture in starts]), below)
         hands, distances = found.hands.tolist(), found.distances.tolist()
         for (key, _), distance, hand, posture in zip(starts, distances, hands, found.postures, strict=True):
             self._take(key, Nearest(distance, *hand, posture))

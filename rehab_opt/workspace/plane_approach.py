@@ -6,6 +6,7 @@ the programme's linearised rows have no common point or its full steps go round 
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import casadi as ca
@@ -19,17 +20,22 @@ __all__ = ["Approached", "PlaneApproach"]
 
 Array = NDArray[np.float64]
 
-STEPS = 8
+STEPS = 4
 """Between two looks at who has arrived."""
-ROUNDS = 10
+LOOKS, ROUNDS = 2, 10
+"""Looks of a round, after which those that no longer get nearer are given up; rounds at most."""
 TOGETHER = 16
 """Postures of one call."""
+PASSES = 2
 LONGEST = 1.0
 """[rad or m] Longest change of a joint in a step."""
 DAMPING, LESS, MORE = 1e-4, 0.1, 8.0
 LEAST, MOST = 1e-13, 1e6
 STALLED = 0.003
 """Share of the cost by which a round must lower it, or no other follows."""
+FORESEEN = 2.0
+"""Times what a round lowered the cost by: the others are not expected to bring more."""
+SLACK = 1.1
 FIRMER = 20.0
 """Plane and handle count so much more in the last round, which is for probes out of reach."""
 ARRIVED = 1e-9
@@ -73,28 +79,36 @@ class PlaneApproach:
         self._several = BufferedFunction(one.map("plane_approaches", "serial", TOGETHER, [3, 4], []), compile=compile)
         self._lower, self._upper = statement.lower, statement.upper
 
-    def near(self, parameters: Array, probes: Array, starts: Array) -> Approached:
+    def near(self, parameters: Array, probes: Array, starts: Array, below: Array | float = math.inf) -> Approached:
         """Postures near the slice and the probes (N, 2) [m], from `starts` (N, k), each its own.
 
         Parameters
         ----------
         parameters : of `PlaneStatement.nearest`; its probe is not looked at.
+        below : (N,) or scalar [m] distance that is worth something: what seems to end further off is given up.
         """
         x, damping = np.clip(starts, self._lower, self._upper), np.full(len(probes), DAMPING)
         found = np.full((len(probes), 5), np.inf)
         several = self._several
         several.inputs[4][:] = np.concatenate([parameters[:-3], parameters[-1:]])
         busy = np.arange(len(probes))
-        for _ in range(ROUNDS):
+        enough = np.broadcast_to(parameters[-1] * (SLACK * np.asarray(below)) ** 2, len(probes))
+        of_round = np.full(len(probes), np.inf)
+        for look in range(1, ROUNDS * LOOKS + 1):
             before = found[busy, 4]
             self._go_on(busy, probes, x, damping, found, firm=1.0)
-            arrived = (found[busy, 2] <= ARRIVED) & (found[busy, 3] <= ARRIVED)
-            busy = busy[~arrived & (found[busy, 4] < (1 - STALLED) * before)]
+            cost = found[busy, 4]
+            on_its_way = (cost == before) | (cost - FORESEEN * (before - cost) <= enough[busy])
+            if look % LOOKS == 0:
+                on_its_way &= cost < (1 - STALLED) * of_round[busy]
+                of_round[busy] = cost
+            busy = busy[on_its_way & ((found[busy, 2] > ARRIVED) | (found[busy, 3] > ARRIVED))]
             if not len(busy):
                 break
-        away = np.flatnonzero(found[:, 2] > ARRIVED)
+        away = np.flatnonzero((found[:, 2] > ARRIVED) & (found[:, 4] <= enough))
         damping[away] = DAMPING
-        self._go_on(away, probes, x, damping, found, firm=FIRMER)
+        for _ in range(LOOKS):
+            self._go_on(away, probes, x, damping, found, firm=FIRMER)
         return Approached(x, found[:, :2], found[:, 2], found[:, 3])
 
     def _go_on(
@@ -123,10 +137,15 @@ def _step(statement: PlaneStatement) -> ca.Function:
     slopes = ca.jacobian(off, x)
     downhill = -slopes.T @ off
     held = ca.logic_or(ca.logic_and(x <= lower, downhill < 0), ca.logic_and(x >= upper, downhill > 0))
-    slopes = slopes @ ca.diag(1 - held)  # a joint at its limit that would leave it
-    root = ca.chol(ca.densify(slopes @ slopes.T + damping * ca.SX.eye(rows)))
-    step = -slopes.T @ ca.solve(root, ca.solve(root.T, off))
-    taken = ca.fmax(lower, ca.fmin(upper, x + ca.fmax(-LONGEST, ca.fmin(LONGEST, step))))
+    least, most = ca.fmax(lower - x, -LONGEST), ca.fmin(upper - x, LONGEST)
+    step = ca.SX.zeros(k)
+    for _ in range(PASSES):  # joints that would leave their limits stop there, and the others make up for them
+        free = slopes @ ca.diag(1 - held)
+        root = ca.chol(ca.densify(free @ free.T + damping * ca.SX.eye(rows)))
+        others = -free.T @ ca.solve(root, ca.solve(root.T, off + slopes @ (held * step)))
+        step = ca.fmax(least, ca.fmin(most, ca.if_else(held, step, others)))
+        held = ca.logic_or(held, ca.logic_or(step <= least, step >= most))
+    taken = ca.fmax(lower, ca.fmin(upper, x + step))
     nearer = ca.sumsqr(weights * statement.approach(taken, p)) < ca.sumsqr(off)
     at = ca.if_else(nearer, taken, x)
     now = ca.if_else(nearer, ca.fmax(LEAST, LESS * damping), ca.fmin(MOST, MORE * damping))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import cached_property
 from typing import NamedTuple
 
@@ -82,13 +83,14 @@ class PlaneSearch:
         self.uncertified += not answer.certified
         return _nearest(answer)
 
-    def approached(self, probes: Array, starts: Array) -> Approached:
+    def approached(self, probes: Array, starts: Array, below: Array | float = math.inf) -> Approached:
         """What the probes (N, 2) come to from as many postures (N, k), at a tenth of the price of `nearest`.
 
         Distances are 0 where the probe was reached, infinite where the posture is not at the slice, and else right to
-        some hundredths: the point is near the slice's nearest one, not certified to be it.
+        some hundredths: the point is near the slice's nearest one, not certified to be it. What seems to end further
+        off than `below` [m] is given up.
         """
-        found = self._approach.near(self._sqp.parameters, probes, starts)
+        found = self._approach.near(self._sqp.parameters, probes, starts, below)
         away = np.where(found.distances > REACHED, found.distances, 0.0)
         off = np.where(away > 0.0, found.misses > np.maximum(VIOLATION, ASIDE * away), found.misses > VIOLATION)
         away[off] = np.inf

@@ -162,7 +162,7 @@ class SliceSearch:
             if not len(left):
                 break
             starts = near[i][left] if i < len(near) else np.array(list(itertools.islice(self._others, len(left))))
-            found = self.search.approached(probes[left], starts)
+            found = self.search.approached(probes[left], starts, below=0.0)
             there = found.distances == 0.0
             reached[left[there]], postures[left[there]] = True, found.postures[there]
         return reached, postures
