@@ -103,34 +103,43 @@ class Lattice:
         """Go on until no node can improve another."""
         while self._waiting:
             wave, self._waiting = self._waiting, {}
-            self.offer([offer for key in wave for offer in self._to_neighbours(key)])
+            offers: list[tuple[Key, Array]] = []
+            others: list[tuple[Node, Key, Array]] = []
+            for key in wave:
+                self._to_neighbours(key, offers, others)
+            self.offer([*offers, *self._worth_a_try(others)])
 
-    def _to_neighbours(self, key: Key) -> Iterator[tuple[Key, Array]]:
-        node = self.nodes[key]
-        assert node.posture is not None
+    def _to_neighbours(
+        self, key: Key, offers: list[tuple[Key, Array]], others: list[tuple[Node, Key, Array]]
+    ) -> None:
+        """What promises something goes to `offers`, what does not to `others`."""
+        node, nodes, spacing = self.nodes[key], self.nodes, self.spacing
+        posture = node.posture
+        assert posture is not None
         makes = self._spreads(node)
         for di, dj in AROUND:
-            other = (key[0] + di, key[1] + dj)
-            known = self.nodes.get(other)
+            i, j = other = (key[0] + di, key[1] + dj)
+            known = nodes.get(other)
             if known is None:
                 if makes:
-                    yield other, node.posture
-            elif known.distance > 0.0 and (self._promises(node, other, known) or self._worth_a_try(node, known)):
-                yield other, node.posture
+                    offers.append((other, posture))
+            elif known.distance > 0.0:
+                # The slice's point that belongs to this node may be nearer than what the other one knows.
+                if math.hypot(i * spacing - node.x, j * spacing - node.y) < known.distance - IMPROVED:
+                    offers.append((other, posture))
+                elif known.offers < self.most_offers:
+                    others.append((known, other, posture))
 
-    def _promises(self, node: Node, key: Key, known: Node) -> bool:
-        """Whether the slice's point that belongs to `node` is nearer to another one than what that knows."""
-        x, y = self._at(key)
-        return math.hypot(x - node.x, y - node.y) < known.distance - IMPROVED
-
-    def _worth_a_try(self, node: Node, known: Node) -> bool:
-        assert node.posture is not None
-        if known.offers >= self.most_offers:
-            return False
-        if known.posture is not None and float(np.abs(known.posture - node.posture).max()) < SAME:
-            return False
-        known.offers += 1
-        return True
+    def _worth_a_try(self, others: list[tuple[Node, Key, Array]]) -> Iterator[tuple[Key, Array]]:
+        """Of postures that promise nothing, those that are unlike the node's own; a few for each node."""
+        if not others:
+            return
+        own = np.array([posture if known.posture is None else known.posture for known, _, posture in others])
+        unlike = np.abs(own - np.array([posture for _, _, posture in others])).max(axis=1) >= SAME
+        for (known, key, posture), new in zip(others, unlike.tolist(), strict=True):
+            if (new or known.posture is None) and known.offers < self.most_offers:
+                known.offers += 1
+                yield key, posture
 
     def _at(self, key: Key) -> tuple[float, float]:
         return key[0] * self.spacing, key[1] * self.spacing

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.symbolic import BufferedFunction, Compile
-from rehab_opt.workspace.plane_statement import PlaneStatement
+from rehab_opt.workspace.plane_statement import FIRMNESS, PlaneStatement
 
 __all__ = ["Approached", "PlaneApproach"]
 
@@ -31,6 +31,7 @@ LONGEST = 1.0
 """[rad or m] Longest change of a joint in a step."""
 DAMPING, LESS, MORE = 1e-4, 0.1, 8.0
 LEAST, MOST = 1e-13, 1e6
+SLOW = 0.01
 STALLED = 0.003
 """Share of the cost by which a round must lower it, or no other follows."""
 FORESEEN = 2.0
@@ -60,7 +61,7 @@ class PlaneApproach:
 
     Parameters
     ----------
-    statement : of the arm.
+    statement : of an arm; the approach serves every arm with the same `PlaneStatement.approach`.
     compile : as for `SQP`.
     """
 
@@ -77,7 +78,6 @@ class PlaneApproach:
             at, now = step(at, now, firm, whole)
         one = ca.Function("plane_approach", [x, damping, probe, firm, p], [at, now, measure(at, whole)])
         self._several = BufferedFunction(one.map("plane_approaches", "serial", TOGETHER, [3, 4], []), compile=compile)
-        self._lower, self._upper = statement.lower, statement.upper
 
     def near(self, parameters: Array, probes: Array, starts: Array, below: Array | float = math.inf) -> Approached:
         """Postures near the slice and the probes (N, 2) [m], from `starts` (N, k), each its own.
@@ -87,7 +87,8 @@ class PlaneApproach:
         parameters : of `PlaneStatement.nearest`; its probe is not looked at.
         below : (N,) or scalar [m] distance that is worth something: what seems to end further off is given up.
         """
-        x, damping = np.clip(starts, self._lower, self._upper), np.full(len(probes), DAMPING)
+        k = starts.shape[1]
+        x, damping = np.clip(starts, parameters[:k], parameters[k : 2 * k]), np.full(len(probes), DAMPING)
         found = np.full((len(probes), 5), np.inf)
         several = self._several
         several.inputs[4][:] = np.concatenate([parameters[:-3], parameters[-1:]])
@@ -98,7 +99,8 @@ class PlaneApproach:
             before = found[busy, 4]
             self._go_on(busy, probes, x, damping, found, firm=1.0)
             cost = found[busy, 4]
-            on_its_way = (cost == before) | (cost - FORESEEN * (before - cost) <= enough[busy])
+            nearer = (cost - FORESEEN * (before - cost) <= enough[busy]) & (cost < (1 - SLOW) * before)
+            on_its_way = (cost == before) | nearer
             if look % LOOKS == 0:
                 on_its_way &= cost < (1 - STALLED) * of_round[busy]
                 of_round[busy] = cost
@@ -107,8 +109,7 @@ class PlaneApproach:
                 break
         away = np.flatnonzero((found[:, 2] > ARRIVED) & (found[:, 4] <= enough))
         damping[away] = DAMPING
-        for _ in range(LOOKS):
-            self._go_on(away, probes, x, damping, found, firm=FIRMER)
+        self._go_on(away, probes, x, damping, found, firm=FIRMER)
         return Approached(x, found[:, :2], found[:, 2], found[:, 3])
 
     def _go_on(
@@ -156,7 +157,7 @@ def _measure(statement: PlaneStatement) -> ca.Function:
     """From x and parameters: hand (2,), distance to the probe, miss of plane or handle, cost."""
     x, p = ca.SX.sym("x", len(statement.free)), ca.SX.sym("p", statement.approach.size1_in(1))
     off = statement.approach(x, p)
-    away, missed = off[:2] / ca.sqrt(p[-1]), off[2:] / (statement.firmness * ca.sqrt(p[-1]))
+    away, missed = off[:2] / ca.sqrt(p[-1]), off[2:] / (FIRMNESS * ca.sqrt(p[-1]))
     miss = ca.mmax(ca.fabs(missed)) if missed.numel() else ca.SX(0)
     found = ca.vertcat(p[-3:-1] + away, ca.norm_2(away), miss, ca.sumsqr(off))
     return ca.Function("plane_approach_measure", [x, p], [ca.densify(found)], {"cse": True})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from functools import cached_property
 from typing import NamedTuple
 
@@ -12,7 +13,9 @@ from numpy.typing import NDArray
 from rehab_opt.optim.nlp import NLPAnswer
 from rehab_opt.optim.nlp_solvers import NLPSolver, nlp_solver
 from rehab_opt.optim.nlp_sqp import SQP
+from rehab_opt.optim.witness import witness_now
 from rehab_opt.symbolic import Compile
+from rehab_opt.symbolic.compiled import how
 from rehab_opt.workspace.plane_approach import Approached, PlaneApproach
 from rehab_opt.workspace.plane_statement import PlaneStatement
 from rehab_opt.workspace.spread import spread_postures
@@ -28,6 +31,7 @@ VIOLATION = 1e-8
 TOLERANCE = 1e-9
 ASIDE = 0.05
 """Share of its distance from the probe by which what was approached may miss plane or handle."""
+KEPT = 8
 BACKUP_CALLS = 64
 """The backup solver takes ten milliseconds; it is not to turn a second into minutes."""
 
@@ -42,6 +46,25 @@ class Nearest(NamedTuple):
     y: float
     posture: Array
     """(k,) of the free joints."""
+
+
+class _Solvers(threading.local):
+    """What this thread has made, by statement: arms that differ in numbers alone have theirs in common."""
+
+    def __init__(self) -> None:
+        self._made: dict[tuple[object, ...], tuple[SQP, PlaneApproach]] = {}
+
+    def of(self, statement: PlaneStatement, compile: Compile) -> tuple[SQP, PlaneApproach]:
+        key = (statement.nearest, how(compile), witness_now())  # a solver tells the witness of its making
+        if key not in self._made:
+            if len(self._made) >= KEPT:
+                del self._made[next(iter(self._made))]
+            sqp = SQP(statement.nearest, tolerance=TOLERANCE, compile=compile)
+            self._made[key] = sqp, PlaneApproach(statement, compile=compile)
+        return self._made[key]
+
+
+_solvers = _Solvers()
 
 
 class PlaneSearch:
@@ -60,20 +83,21 @@ class PlaneSearch:
     """
 
     def __init__(self, statement: PlaneStatement, *, height: float, compile: Compile = None) -> None:
-        self.statement, self.height, self._compile = statement, height, compile
-        self._sqp = SQP(statement.nearest, tolerance=TOLERANCE, compile=compile)
-        self._sqp.parameters[:] = np.concatenate([statement.fixed, [height, 0.0, 0.0, statement.size**-2]])
-        self._probe = self._sqp.parameters[-3:-1]
+        self.statement, self.height = statement, height
+        self._sqp, self._approach = _solvers.of(statement, compile)
+        self._parameters = np.concatenate([statement.fixed, [height, 0.0, 0.0, statement.size**-2]])
         self.solves = self.uncertified = self.failures = 0
         self._backup_calls = 0
 
     def nearest(self, x: float, y: float, start: Array) -> Nearest | None:
         """Local answer for the probe (x, y) from the posture `start` (k,); None where no row-keeping one was found."""
-        self._probe[0], self._probe[1] = x, y
+        self._parameters[-3], self._parameters[-2] = x, y
+        self._sqp.parameters[:] = self._parameters
         answer = self._sqp.solve(start)
         self.solves += 1
         if not (answer.certified and answer.violation <= VIOLATION):  # NaN and infinity too
-            again = self._sqp.solve(self._approach.near(self._sqp.parameters, np.array([[x, y]]), start[None]).postures[0])
+            nearer = self._approach.near(self._parameters, np.array([[x, y]]), start[None]).postures[0]
+            again = self._sqp.solve(nearer)
             self.solves += 1
             if (not again.violation <= VIOLATION, again.cost) < (not answer.violation <= VIOLATION, answer.cost):
                 answer = again
@@ -90,7 +114,7 @@ class PlaneSearch:
         some hundredths: the point is near the slice's nearest one, not certified to be it. What seems to end further
         off than `below` [m] is given up.
         """
-        found = self._approach.near(self._sqp.parameters, probes, starts, below)
+        found = self._approach.near(self._parameters, probes, starts, below)
         away = np.where(found.distances > REACHED, found.distances, 0.0)
         off = np.where(away > 0.0, found.misses > np.maximum(VIOLATION, ASIDE * away), found.misses > VIOLATION)
         away[off] = np.inf
@@ -102,7 +126,7 @@ class PlaneSearch:
             return None
         self._backup_calls += 1
         solver = self._backup
-        solver.parameters[:] = self._sqp.parameters
+        solver.parameters[:] = self._parameters
         solver.parameters[-3:-1] = x, y
         answer = solver.solve(start)
         self.solves += 1
@@ -110,10 +134,6 @@ class PlaneSearch:
             self.failures += 1
             return None
         return _nearest(answer)
-
-    @cached_property
-    def _approach(self) -> PlaneApproach:
-        return PlaneApproach(self.statement, compile=self._compile)
 
     @cached_property
     def _backup(self) -> SQP | NLPSolver:

@@ -77,7 +77,7 @@ class SliceSearch:
             search,
             spacing,
             others=lambda x, y: [*self._seeds_at(x, y), *itertools.islice(self._others, OTHERS)],
-            spreads=lambda node: node.distance <= 1.5 * spacing,
+            spreads=lambda node: node.distance <= spacing,
             most_offers=2 * FEW,
         )
         self.fine = Lattice(
