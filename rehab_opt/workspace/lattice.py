@@ -109,9 +109,7 @@ class Lattice:
                 self._to_neighbours(key, offers, others)
             self.offer([*offers, *self._worth_a_try(others)])
 
-    def _to_neighbours(
-        self, key: Key, offers: list[tuple[Key, Array]], others: list[tuple[Node, Key, Array]]
-    ) -> None:
+    def _to_neighbours(self, key: Key, offers: list[tuple[Key, Array]], others: list[tuple[Node, Key, Array]]) -> None:
         """What promises something goes to `offers`, what does not to `others`."""
         node, nodes, spacing = self.nodes[key], self.nodes, self.spacing
         posture = node.posture

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.link import ChainRow
 from rehab_opt.optim.nlp import NLP
-from rehab_opt.optim.rows import Row, equal, parameter, variable
+from rehab_opt.optim.rows import equal, parameter, variable
 from rehab_opt.workspace.handle import beyond_cone, handle_kind, handle_rows
 from rehab_opt.workspace.spread import spread_postures
 
@@ -100,7 +100,14 @@ class _Kind:
         ones = itertools.repeat(1.0)
         rows = [(row.prismatic, ca.DM(ca.SX(row.with_lengths(ones).after)).full().tobytes()) for row in arm.rows]
         given = tuple(len(row.lengths) for row in arm.rows)
-        self._key = (*rows, given, arm.base.tobytes(), arm.tool.tobytes(), arm.locked.tobytes(), handle_kind(handle_tilt))
+        self._key = (
+            *rows,
+            given,
+            arm.base.tobytes(),
+            arm.tool.tobytes(),
+            arm.locked.tobytes(),
+            handle_kind(handle_tilt),
+        )
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, _Kind) and other._key == self._key
@@ -151,7 +158,9 @@ def _posed(kind: _Kind) -> _Posed:
 def _programmes(kind: _Kind, rises: bool, tilts: bool) -> _Programmes:
     """Those of an arm whose joints move the hand up and down or do not, and tilt the handle or do not."""
     fixed, x, hand, axis, _ = _posed(kind)
-    height, probe, scale, sign = (parameter(n, size) for n, size in (("height", 1), ("probe", 2), ("scale", 1), ("sign", 1)))
+    height, probe, scale, sign = (
+        parameter(n, size) for n, size in (("height", 1), ("probe", 2), ("scale", 1), ("sign", 1))
+    )
     handle = handle_rows(axis, fixed[-1], kind.handle_tilt) if tilts else []
     plane = [equal(hand[2], height)] if rises else []
     away = hand[:2] - probe

@@ -91,9 +91,7 @@ class SliceSearch:
 
     def fill(self) -> None:
         """Nodes inside and around every part."""
-        self.coarse.offer(
-            (key, seed.posture) for seed in self.seeds for key in self.coarse.keys_around(seed.x, seed.y)
-        )
+        self.coarse.offer((key, seed.posture) for seed in self.seeds for key in self.coarse.keys_around(seed.x, seed.y))
         self.coarse.spread()
 
     def surround(self) -> None:
@@ -149,9 +147,17 @@ class SliceSearch:
                 probes = np.concatenate([probes, _gaps(polygon, distance)])
             count += len(probes)
             reached, postures = self._reached(probes, FEW if side > 0 else MANY)
-            bad = np.flatnonzero(reached != (side < 0))
-            wrong += [(float(x), float(y), posture) for (x, y), posture in zip(probes[bad], postures[bad], strict=True)]
+            for i in np.flatnonzero(reached != (side < 0)):
+                x, y = (float(each) for each in probes[i])
+                if reached[i] or not self._reached_after_all(x, y):
+                    wrong.append((x, y, postures[i]))
         return wrong, count
+
+    def _reached_after_all(self, x: float, y: float) -> bool:
+        """What nothing approached, by the programme itself."""
+        probe = np.array([[x, y]])
+        answers = (self.search.nearest(x, y, start[0]) for start in self._inside_near(probe) + self._seeds_near(probe))
+        return any(answer is not None and answer.distance == 0.0 for answer in answers)
 
     def _reached(self, probes: Array, others: int) -> tuple[NDArray[np.bool_], Array]:
         """Which probes (N, 2) are in the slice, (N,), and postures (N, k) there, or where to look closer."""
