@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.link import ChainRow
 from rehab_opt.optim.nlp import NLP
-from rehab_opt.optim.rows import equal, parameter, variable
+from rehab_opt.optim.rows import Variable, equal, parameter, variable
 from rehab_opt.workspace.handle import beyond_cone, handle_kind, handle_rows
 from rehab_opt.workspace.spread import spread_postures
 
@@ -58,8 +58,9 @@ class PlaneStatement:
     vertical, vertical_free : with the handle's rows and without; report [z].
         Parameters: fixed, sign (1 for the lowest, -1 for the highest hand).
     upright : report [handle tilt [rad]]. Parameters: fixed.
-    approach : function (x, parameters of `nearest`) -> what is left between hand and probe and, times `FIRMNESS`, between
-        hand and plane (in `size`s) and handle and cone (rad). Zero where the probe is reached. See `PlaneApproach`.
+    approach : function (x, parameters of `nearest`) -> what is left between hand and probe and, times `FIRMNESS`,
+        between hand and plane (in `size`s) and handle and cone (rad). Zero where the probe is reached. See
+        `PlaneApproach`.
     fixed : numbers of the common parameters: lower (k,), upper (k,), still (n,), lengths, tilt.
     free : (k,) indices of the joints that can move.
     constant_height : [m] of a hand that no joint moves up or down, else None; then it is no row.
@@ -142,7 +143,7 @@ def _posed(kind: _Kind) -> _Posed:
     free = np.flatnonzero(~arm.locked)
     k, count = len(free), sum(len(row.lengths) for row in arm.rows)
     sizes = {"lower": k, "upper": k, "still": arm.n, "lengths": count, "tilt": 1}
-    lower, upper, still, lengths, tilt = fixed = [parameter(name, size) for name, size in sizes.items()]
+    lower, upper, still, lengths, _ = fixed = [parameter(name, size) for name, size in sizes.items()]
     x = variable("x", k, lower=lower, upper=upper)
     q = ca.vertcat(*ca.vertsplit(still))
     for i, joint in enumerate(free):

@@ -226,7 +226,8 @@ class SliceSearch:
 
 
 def _nearest_of(tree: cKDTree, postures: Array, probes: Array) -> list[Array]:
-    indices = tree.query(probes, min(2, len(postures)))[1].reshape(len(probes), -1)
+    count = min(2, len(postures))
+    indices = tree.query(probes, count)[1].reshape(len(probes), count)
     return [postures[column] for column in indices.T]
 
 
