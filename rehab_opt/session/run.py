@@ -40,7 +40,7 @@ def run_problem(
 
 
 def live_problem(loaded: ProblemFile[Problem], **options: str | None) -> LiveProblem:
-    """A problem to be run in real time, for `rehab-opt live`; `options` as of `run_problem`.
+    """A problem to be run in real time, for `rehab-opt live`, `film` and `loop`; `options` as of `run_problem`.
 
     Raises
     ------
@@ -49,8 +49,11 @@ def live_problem(loaded: ProblemFile[Problem], **options: str | None) -> LivePro
     """
     system, given = _with_options(loaded, options)
     if type(system).live is System.live:
-        able = " and ".join(repr(each) for each in SHIPPED if type(system_named(each)).live is not System.live)
-        expected = f"a problem that runs live, as those of system {able} do, not {loaded.problem.system!r}"
+        able = ", ".join(repr(each) for each in SHIPPED if type(system_named(each)).live is not System.live)
+        expected = (
+            f"a problem with a controller in a loop, as those of system {able} are; one of system "
+            f"{loaded.problem.system!r} has none: rehab-opt run"
+        )
         raise ConfigurationError("FILE", loaded.name, expected)
     made: LiveProblem = system.live(loaded, options=given)
     return made
