@@ -22,10 +22,8 @@ from rehab_opt.session.metrics import (
     time_metrics,
 )
 from rehab_opt.session.outcome import Progress
-from rehab_opt.session.participant import participant_arm
-from rehab_opt.session.placed_recording import placed_recording
-from rehab_opt.session.upper_limb.driven import driven
-from rehab_opt.session.upper_limb.laws import followed, hand_and_tilt
+from rehab_opt.session.participant import participant_arm, placed_recording
+from rehab_opt.session.upper_limb.laws import driven, followed, hand_and_tilt
 from rehab_opt.session.upper_limb.outcome import DRIVEN_DEG, ArmOutcome, LawResult, drive_note, law_notes
 from rehab_opt.session.upper_limb.problem import UpperLimb
 

@@ -15,8 +15,7 @@ from rehab_opt.session.arm_keys import RangeOfMotion
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.metrics import finite
 from rehab_opt.session.outcome import Progress
-from rehab_opt.session.participant import arm_of
-from rehab_opt.session.placed_recording import placed_recording
+from rehab_opt.session.participant import arm_of, placed_recording
 from rehab_opt.session.recording import Recording, size_note
 from rehab_opt.session.systems import Needed, System
 from rehab_opt.session.workspace_maps.outcome import CarriedPath, MadeMap, MapDirection, MapOutcome, MappedSet
