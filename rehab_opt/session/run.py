@@ -39,7 +39,16 @@ def run_problem(
     """
     with _given(loaded, options) as (system, on, given):
         outcome: Outcome = system.run(on, options=given, progress=progress)
-    return replace(outcome, inputs=input_files(loaded), options=given)
+    problem = on.problem
+    return replace(
+        outcome,
+        system=problem.system,
+        name=on.name,
+        title=problem.title,
+        metrics={**outcome.metrics, "parameters": problem.model_dump(mode="json", exclude={"title"})},
+        inputs=input_files(on),
+        options=given,
+    )
 
 
 def live_problem(loaded: ProblemFile[Problem], **options: str | None) -> LiveProblem:

@@ -72,7 +72,7 @@ class CountSystem(System[CountProblem, Outcome]):
         numbers = [float(n) for n in range(loaded.problem.count)]
         columns = {"t_s": numbers, "count_m": numbers, "word": ["n"] * len(numbers)}
         metrics = {"last_m": numbers[-1], "options": dict(options)}
-        return Outcome("count", loaded.name, loaded.problem.title, (), metrics, columns=columns)
+        return Outcome((), metrics, columns=columns)
 """
 """A kind of problem in one module of another distribution."""
 ENTRY = "[rehab_opt.systems]\n{name} = {value}\n"

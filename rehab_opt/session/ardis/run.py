@@ -68,9 +68,6 @@ def run_ardis(loaded: ProblemFile[ArdisProblem], *, solver: str | None, progress
         drive: drive_metrics(robot, drive, outcome, room=room, goals=problem.goals) for drive, outcome in drives.items()
     }
     return ArdisOutcome(
-        system=problem.system,
-        name=loaded.name,
-        title=problem.title,
         notes=(
             plant_note(
                 problem.plant, "the robot is simulated: chair and arm move exactly as commanded, whichever law commands"
@@ -84,8 +81,6 @@ def run_ardis(loaded: ProblemFile[ArdisProblem], *, solver: str | None, progress
         metrics={
             "drives": metrics,
             **({"clearance": {drive: seen.metrics for drive, seen in near.items()}} if near else {}),
-            "parameters": problem.model_dump(mode="json", exclude={"title", "plant"})
-            | {"plant": problem.plant.parameters},
         },
         robot=robot,
         room=room,

@@ -117,16 +117,11 @@ def run_pose_tracking(loaded: ProblemFile[PoseTracking], *, solver: str | None, 
         **({} if near is None else {"clearance": near.metrics}),
     }
     return RobotOutcome(
-        system=problem.system,
-        name=loaded.name,
-        title=problem.title,
         chain=robot,
         time=times,
         notes=(plant_note(problem.plant, "the robot is simulated: its joints move exactly as commanded"), *robot.notes)
         + (() if near is None else (near.note,)),
         metrics={
-            "parameters": problem.model_dump(mode="json", exclude={"title", "plant"})
-            | {"plant": problem.plant.parameters},
             "optimised": metrics,
         },
         reference=poses[:, :3, 3],

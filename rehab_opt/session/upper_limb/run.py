@@ -69,9 +69,6 @@ def run_upper_limb(
     within_reach = reachable is not None and bool(reachable.all())
     length = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
     return ArmOutcome(
-        system=problem.system,
-        name=loaded.name,
-        title=problem.title,
         chain=arm,
         time=recording.time,
         notes=(
@@ -86,7 +83,6 @@ def run_upper_limb(
             "path_length_m": length,
             "reachable_share_of_length": shares[0],
             "reachable_share_of_time": shares[1],
-            "parameters": problem.model_dump(mode="json", exclude={"title"}),
             **{result.law: dict(result.metrics) for result in results},
         },
         path=path,

@@ -89,14 +89,10 @@ def run_workspace_map(loaded: ProblemFile[WorkspaceMapProblem], *, progress: Pro
         )
     progress("maps", whole, whole)
     return MapOutcome(
-        system=problem.system,
-        name=loaded.name,
-        title=problem.title,
         notes=tuple(_notes(sets, directions, [recording for recording, _ in placed])),
         metrics={
             "sets": {end: mapped_set_metrics(of) for end, of in sets.items()},
             "maps": {direction.key: direction_metrics(direction) for direction in directions},
-            "parameters": problem.model_dump(mode="json", exclude={"title"}),
         },
         directions=tuple(directions),
     )
