@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.control.chair_limits import ChairLimits, Limits
 from rehab_opt.control.command import Bound, Command, Status
 from rehab_opt.control.hand_task import PROGRESS, HandTask, Last
+from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.control.limit import Limits as OwnLimits
 from rehab_opt.control.obstacles import NUMBERS
 from rehab_opt.control.velocity_controller import VelocityController
@@ -64,7 +65,8 @@ class ChairAndArm(VelocityController):
     after a turn of the stick, t is so far from u_last to Eq. (1) as the accelerations allow (`HandTask`). b is the
     answer of the first term alone where that keeps all bounds, so that it stays the answer; u_last after a tick of
     braking where an obstacle or keep-out is in its way, or it passes another bound by what a tick's accelerations can
-    do; in between, between them: light joints stay calm.
+    do; in between, between them: light joints stay calm. The price of progress grows while the hand creeps although its
+    joints could be faster to good effect (`hand_task.CREEPS`).
 
     **What decreases.** Let d be the part of the hand's last velocity that is no part of r between none and all of it,
     and c one tick of the hardest braking together. c is feasible: its changes are within the accelerations, it lies on
@@ -100,6 +102,7 @@ class ChairAndArm(VelocityController):
         max_age: float | None,
         compile: Compile,
         own: OwnLimits,
+        feedback: JointFeedback | None = None,
     ) -> None:
         self.robot, self.rows, self.drive, self.max_obstacles = robot, rows, drive, max_obstacles
         self.wheelset = robot.drive(drive)
@@ -111,16 +114,28 @@ class ChairAndArm(VelocityController):
         """Numbers of the obstacles, and behind them of the moving capsules."""
         self.shapes = ((k,), (1,), *([(self.surroundings,)] if self.surroundings else []))  # type: ignore[misc]
         self.task = HandTask(robot, rows, moving=self.limits.moving, self_motion=self_motion)
-        # What is remembered: u, where it leads, the command, the wheels' part of it, the hand's velocity and its frame.
-        self.sent, self.wheels = slice(2 * n, 3 * n), slice(3 * n, 3 * n + wheels)
+        # What is remembered: u, where it leads, from where the arm is led to where it is, the command, the wheels' part
+        # of it, and of the hand its velocity, the insistence on its progress, and the frame.
+        first = 2 * n + (0 if feedback is None else n - CHAIR)
+        self.sent, self.wheels = slice(first, first + n), slice(first + n, first + n + wheels)
         super().__init__(
             robot.chain, dt=dt, recovery_speed=recovery_speed, solver=solver, backup=backup, tolerance=tolerance,
-            max_age=max_age, compile=compile,
+            max_age=max_age, compile=compile, feedback=feedback,
         )  # fmt: skip
         full, memory = ca.MX.sym("p", self.stated.parameter_size), ca.MX.sym("memory", self.stated.memory.numel())
         complete = self.stated.complete(full, memory)
         outputs = self.stated.finish.call([complete, memory, self._braking_answer(complete)])
         self._braking_together = BufferedFunction(ca.Function("braking_law", [full, memory], outputs))
+
+    @property
+    def guidance_size(self) -> int:
+        """How many numbers of the memory, behind velocity and position, say where the led joints are."""
+        return 0 if self.feedback is None else self.chain.n - CHAIR
+
+    def _apart(self, memory: ca.SX) -> ca.SX:
+        """(n,) from where the joints are led to where they are."""
+        n, size = self.chain.n, self.guidance_size
+        return ca.vertcat(ca.SX.zeros(n - size), memory[2 * n : 2 * n + size])
 
     # --------------------------------------------------------------------------------------------- the task
     def statement(self) -> Statement:
@@ -128,7 +143,7 @@ class ChairAndArm(VelocityController):
         n, k, name = self.chain.n, len(self.rows), "_".join(self.rows)
         q, twist, world = parameter("q", n), parameter("twist", k), parameter("frame", 1)
         obstacles = parameter("obstacles", self.surroundings)
-        memory = parameter("last", 3 * n + len(self.wheelset.rolling) + k + 1)
+        memory = parameter("last", self.wheels.stop + k + 2)
         parameters = [q, twist, world, obstacles] if self.surroundings else [q, twist, world]
         last = memory[:n]
 
@@ -139,8 +154,11 @@ class ChairAndArm(VelocityController):
         around = parameter("around", self.max_obstacles * self.limits.obstacles.size)
         contacts = parameter("contacts", self.limits.own.contacts_size)
         moving = ca.sumsqr(twist) > 0
-        limits = self.limits.limits(q, last, around, closing, clearance, contacts=contacts, gives_way=moving)
-        braking, remembered = self.limits.braking, Last(last, memory[-1 - k : -1], memory[-1])
+        apart = self._apart(memory)
+        limits = self.limits.limits(
+            q, last, around, closing, clearance, contacts=contacts, gives_way=moving, apart=apart
+        )
+        braking, remembered = self.limits.braking, Last(last, memory[-2 - k : -2], memory[-2], memory[-1])
         task = self.task.columns(q, twist, world, last=remembered, limits=limits, braking=braking, dt=self.dt)
         eased = limits._replace(
             lower=ca.if_else(
@@ -199,7 +217,7 @@ class ChairAndArm(VelocityController):
             ),
             report=self.report(last, sent, jacobian @ sent, twist, limits.outside),
             memory=memory,
-            remember=self.remembered(q, sent, jacobian @ sent, world),
+            remember=self.remembered(q, sent, jacobian @ sent, given["insistence"], world),
             violation=limits.violation(sent),
         )
 
@@ -293,12 +311,13 @@ class ChairAndArm(VelocityController):
         return ca.Function("settle", [p, memory, answer], [command])
 
     # ------------------------------------------------------------------------------------------ what is remembered
-    def remembered(self, q: ca.SX, u: ca.SX, hand: ca.SX, frame: ca.SX) -> ca.SX:
+    def remembered(self, q: ca.SX, u: ca.SX, hand: ca.SX, insistence: ca.SX, frame: ca.SX) -> ca.SX:
         """The memory: see `__init__`."""
         cos, sin = ca.cos(q[2]), ca.sin(q[2])
         value = ca.vertcat(cos * u[0] - sin * u[1], sin * u[0] + cos * u[1], u[2:])
         wheels = self.wheelset.wheel_speeds_expression(u[:CHAIR])
-        return ca.densify(ca.vertcat(u, q + value * self.dt, value, wheels, hand, frame))
+        led = ca.SX.zeros(self.guidance_size)
+        return ca.densify(ca.vertcat(u, q + value * self.dt, led, value, wheels, hand, insistence, frame))
 
     def fallback_command(self) -> Command | None:
         """One tick of braking together: within all bounds, and the next tick may answer again."""
@@ -328,13 +347,15 @@ class ChairAndArm(VelocityController):
         each = [obstacles[NUMBERS * i : NUMBERS * (i + 1)] for i in range(self.max_obstacles)]
         around = ca.vertcat(ca.SX(0, 1), *(self.limits.obstacles.column(one, q[:CHAIR], last[:CHAIR]) for one in each))
         keep_outs = self.limits.keep_outs(arm, last[CHAIR:])
-        limits = self.limits.limits(q, last, around, keep_outs, clearance, contacts=contacts, gives_way=ca.SX(0))
+        limits = self.limits.limits(
+            q, last, around, keep_outs, clearance, contacts=contacts, gives_way=ca.SX(0), apart=self._apart(memory)
+        )
         rest = self.limits.unhindered(limits.base, limits.base, arm) if self.robot.keep_out else limits.base
         inputs = [q, memory, obstacles, contacts]
         slower = ca.Function("slower", inputs, [ca.densify(rest), limits.outside], {"cse": True})
         u, outside = ca.SX.sym("u", n), ca.SX.sym("outside")
         report = self.report(last, u, ca.SX(0), ca.SX(1), outside)  # nothing of the task is delivered
-        remembered = self.remembered(q, u, ca.SX.zeros(len(self.rows)), ca.SX(UNKNOWN))
+        remembered = self.remembered(q, u, ca.SX.zeros(len(self.rows)), ca.SX(0), ca.SX(UNKNOWN))
         told = ca.Function("told", [q, memory, u, outside], [remembered, ca.densify(report)], {"cse": True})
         here, before, room = (ca.MX.sym("p", each.numel()) for each in (q, memory, obstacles))
         bodies = room[NUMBERS * self.max_obstacles :]
@@ -384,7 +405,8 @@ class ChairAndArm(VelocityController):
         self._last[:], self._predicted[:], self._sent[:] = other._last, other._predicted, other._sent
         self._ladder.memory[-1] = UNKNOWN
         self._ladder.warm_start(0.0)
-        self._watchdog, self._watch = other._watchdog, other._watch
+        self._watchdog, self._feedback = other._watchdog, other._feedback
+        self._watch.take_over(other._watch)
 
     @property
     def velocity(self) -> Array:

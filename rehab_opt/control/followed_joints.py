@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.control.held_hand import HELD, HeldHand
 from rehab_opt.control.joint_feedback import JointFeedback, pole
+from rehab_opt.control.watched_joints import NOT_FOLLOWED, not_followed, time_apart
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.optim.certificate import all_true, clipped
@@ -31,21 +32,21 @@ HELD_BACK = "the hand was held back: led at recovery speed until it is free for 
 
 @cache
 def _record(n: int, ticks: int) -> Record:
-    """What is remembered: where the model's joints are, how fast, and how far behind their servos hold them [rad or m];
-    the following error as the task and the limits know it; commands under way, the newest first; for how long a joint
-    does not follow [s], and once that is a fault, which joint, counted from 1, by how much.
+    """What is remembered: for how long each joint does not follow [s], and its following error; where the model's
+    joints are, how fast, and how far behind their servos hold them [rad or m]; that error as the task and the limits
+    know it; commands under way, the newest first.
     """
-    return Record(q=n, v=n, w=n, strays=n, apart=n, sent=n * ticks, wrong=1, fault=1, far=1, known=1)
+    return Record(wrong=n, error=n, q=n, v=n, w=n, strays=n, apart=n, sent=n * ticks, known=1)
 
 
-MODEL = Record(dt=1, v_v=1, v_w=1, w_v=1, w_w=1, correction=1, following=1, tolerance=1, patience=1)
+MODEL = Record(dt=1, v_v=1, v_w=1, w_v=1, w_w=1, correction=1, following=1, tolerance=1)
 
 
 @cache
 def _followed(n: int, ticks: int) -> ca.Function:
     """`MODEL`, memory, measured positions, last command (n,) -> memory, reference, errors (n,), what is said of them.
 
-    Said is which joint is at fault, its error, and whether the positions are usable.
+    Said is for how long a joint does not follow at most [s], and whether the positions are usable.
     """
     record = _record(n, ticks)
     model, memory = MODEL.symbols("model"), record.symbols("memory")
@@ -60,27 +61,22 @@ def _followed(n: int, ticks: int) -> ca.Function:
     expected = memory.q + model.dt * arrived + memory.w - w
     anew = ca.logic_and(usable, ca.logic_not(memory.known))
     error = ca.if_else(ca.logic_and(usable, memory.known), measured - expected, 0)
-    size, worst = ca.fabs(error[0]), ca.SX(1)
-    for i in range(1, n):
-        worst, size = ca.if_else(ca.fabs(error[i]) > size, i + 1, worst), ca.fmax(size, ca.fabs(error[i]))
-    waits = ca.if_else(size > model.tolerance, memory.wrong + model.dt, ca.fmax(memory.wrong - model.dt, 0))
-    wrong = ca.if_else(usable, waits, memory.wrong)
-    new = ca.logic_and(wrong > model.patience, ca.logic_not(memory.fault))
-    fault, far = ca.if_else(new, worst, memory.fault), ca.if_else(new, size, memory.far)
-    share = ca.fmin(model.correction * model.dt, 1) * (ca.fabs(error) <= model.tolerance)
+    follows = ca.fabs(error) <= model.tolerance
+    wrong = ca.if_else(usable, time_apart(memory.wrong, 1 - follows, model.dt), memory.wrong)
+    share = ca.fmin(model.correction * model.dt, 1) * follows
     q = ca.if_else(anew, measured, expected + share * error)
     pace = ca.fmin(ca.mmax(ca.fabs(v)) / LIVELY, 1) ** 2
-    used = model.following * ca.logic_and(usable, ca.fabs(error) <= model.tolerance)
+    used = model.following * ca.logic_and(usable, follows)
     apart = memory.apart + used * (error - memory.apart)
     strays = memory.strays + pace * used * (error - memory.strays)
     under_way = model.dt * ca.sum2(ca.reshape(sent[: n * ticks], n, ticks)) + w
     after = record.of(
-        q=q, v=v, w=w, strays=strays, apart=apart, sent=sent[: n * ticks], wrong=wrong, fault=fault, far=far,
+        wrong=wrong, error=error, q=q, v=v, w=w, strays=strays, apart=apart, sent=sent[: n * ticks],
         known=ca.logic_or(memory.known, usable),
     )  # fmt: skip
     # What is no position stays what it is, for whoever names it.
     reference = ca.if_else(ca.fabs(measured) <= PLAUSIBLE, q + under_way, measured)
-    said = ca.vertcat(fault, ca.if_else(fault, far, size), usable)
+    said = ca.vertcat(ca.mmax(wrong), usable)
     seen = clipped(error, -model.tolerance, model.tolerance)
     inputs, outputs = [model.column, memory.column, measured, command], [after, ca.densify(reference), seen, said]
     return ca.Function("followed_joints", inputs, outputs, {"cse": True})
@@ -125,8 +121,8 @@ class FollowedJoints:
     """Whether the hand is held from the last tick on."""
     note: str = ""
     """What is to be said of a tick without a fault."""
-    error: float = 0.0
-    """[rad or m] the largest following error of the last tick; once a joint is at fault, that of the fault."""
+    errors: Array
+    """(n,) following errors of the last tick [rad or m], within the tolerance."""
 
     def __init__(
         self, feedback: JointFeedback, names: tuple[str, ...], *, dt: float, chain: SerialChain | None = None
@@ -139,13 +135,13 @@ class FollowedJoints:
         self._names, self._record = names, _record(len(names), ticks)
         self._function = BufferedFunction(_followed(len(names), ticks))
         model, self._memory, self._measured, self._command = self._function.inputs
-        self._after, self._reference, self._errors, self._said = self._function.outputs
+        self._after, self._reference, self.errors, self._said = self._function.outputs
         places = self._record.places
         self._velocity, self._strays = (
             self._memory[places["v"]],
             self._memory[places["strays"].start : places["apart"].stop],
         )
-        self._hand, self._stuck, self._early = None, "", feedback.command_delay
+        self._hand, self._fault, self._early, self._patience = None, "", feedback.command_delay, feedback.patience
         if chain is not None:
             self._hand = HeldHand(
                 chain, contact=feedback.contact, patience=feedback.patience, pole=pole(feedback.servo_hz), dt=dt
@@ -156,7 +152,6 @@ class FollowedJoints:
             correction=feedback.correction,
             following=-math.expm1(-feedback.following * dt),
             tolerance=feedback.tolerance,
-            patience=feedback.patience,
         )
 
     def reset(self, velocity: Array) -> None:
@@ -165,7 +160,7 @@ class FollowedJoints:
         for name in ("v", "sent"):
             place = self._record.places[name]
             self._memory[place] = np.tile(velocity, (place.stop - place.start) // len(velocity))
-        self.touched, self.note, self._stuck = False, "", ""
+        self.touched, self.note, self._fault = False, "", ""
         if self._hand is not None:
             self._hand.reset(velocity)
 
@@ -177,21 +172,24 @@ class FollowedJoints:
     def lead(self, q: Array, last: Array, guided: Array | None = None) -> str:
         """Put the reference into `q` (n,) in place of what was measured, after the command `last` (n,).
 
-        Returns why the joints do not follow; empty where they do. What `guidance` names goes into `guided`.
+        Returns why the joints do not follow; empty where they do. What `guidance` names goes into `guided`; without a
+        hand that is watched, where they are from there on (n,), as limits have it.
         """
         self._measured[:], self._command[:] = q, last
         self._function.evaluate()
         self._memory[:], q[:] = self._after, self._reference
-        joint, self.error, usable = self._said.tolist()
-        if guided is not None and self._hand is not None:
+        longest, usable = self._said.tolist()
+        if longest > self._patience and not self._fault:
+            self._fault = not_followed(self._names, self._memory)
+        if guided is not None and self._hand is None:
+            guided[:] = self._memory[self._record.places["apart"]]
+        elif guided is not None:
             # A sample that is no number says nothing of the hand, and must not be remembered.
-            self.touched, stuck = self._hand.feel(q, self._errors, self._velocity) if usable else (False, "")
+            self.touched, stuck = self._hand.feel(q, self.errors, self._velocity) if usable else (False, "")
             state, n = self._hand.state, len(q)
             guided[: 2 * n], guided[2 * n], guided[2 * n + 1 :] = self._strays, self._early, state
             self.note = HELD_BACK if state[0] else ""
-            if stuck and not self._stuck:
-                at = self._errors[self._names.index(stuck)]
-                self._stuck = f"{stuck} does not follow: the hand is held back, the joint by {abs(at):.2g} rad or m"
-        if not joint:
-            return self._stuck
-        return f"{self._names[int(joint) - 1]} does not follow: {self.error:.2g} rad or m from where it was led"
+            if stuck and not self._fault:
+                at = abs(self.errors[self._names.index(stuck)])
+                self._fault = f"{stuck} {NOT_FOLLOWED}: the hand is held back, the joint by {at:.2g} rad or m"
+        return self._fault

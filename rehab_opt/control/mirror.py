@@ -302,7 +302,7 @@ class MirrorTracker(MirrorForeseen):
             self._write((q, pose, twist, *self._inputs[2:]))
         if obstacles is not None or self.limits.moving:
             self._inputs[-1][:] = self.limits.told_numbers("obstacles", obstacles)
-        fault = self._not_following(stamp) if self._feedback is None else ""
+        fault = self._watch.fault() if self._feedback is None else ""
         reason = "" if enable is True and stamp is None and not self._watchdog.stamped else self._refusal(enable, stamp)
         if self._feedback is None:
             return self._mirrored(force, reason or fault)

@@ -19,7 +19,7 @@ from rehab_opt.control.reasons import NUMBER, reason_number, reason_text
 from rehab_opt.control.stopping import VelocityBounds, nearest_to_rest, velocity_bounds
 from rehab_opt.control.thread_owner import OneThread
 from rehab_opt.control.watchdog import Watchdog
-from rehab_opt.control.watched_joints import WatchedJoints, watched_joints
+from rehab_opt.control.watched_joints import WatchedJoints, patience_of, watched_joints
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain, per_joint
 from rehab_opt.kinematics.real_array import real_array
@@ -86,7 +86,10 @@ class VelocityController(OneThread, ABC):
         self._watchdog = Watchdog(dt=dt, max_age=max_age)
         self.max_age = self._watchdog.max_age
         self.feedback = feedback
-        self._feedback = None if feedback is None else FollowedJoints(feedback, chain.names, dt=self.dt, chain=chain)
+        self._feedback = None
+        if feedback is not None:  # a hand that a base moves, too, is not watched
+            hand = None if self.base else chain
+            self._feedback = FollowedJoints(feedback, chain.names[self.base :], dt=self.dt, chain=hand)
         self.approach = math.inf if feedback is None else feedback.approach
         """[1/s] see `velocity_bounds`."""
         self._ladder = Ladder(self.stated, solver=solver, backup=backup, tolerance=tolerance, compile=compile)
@@ -106,7 +109,9 @@ class VelocityController(OneThread, ABC):
         self._sent = ladder.memory[slice(n) if self.sent is None else self.sent]
         self._velocity: memoryview[Any] = self._sent.data
         self._wheels = None if self.wheels is None else ladder.memory[self.wheels].data
-        self._watch = WatchedJoints(self.watch, chain.names)
+        self._watch = WatchedJoints(
+            self.watch, chain.names, self._q, self._sent, patience=patience_of(self.dt), compile=compile
+        )
         self.reset()
 
     # ------------------------------------------------------------------------------------------- for subclasses
@@ -119,7 +124,7 @@ class VelocityController(OneThread, ABC):
     wheels: slice | None = None
     """Part of the memory that goes to wheels, None where there are none."""
     base: ClassVar[int] = 0
-    """How many of the first joints are the place of a base that need not be measured."""
+    """How many of the first joints are the place of a base that need not be measured, and is led by no `feedback`."""
 
     @property
     def watch(self) -> ca.Function:
@@ -267,17 +272,13 @@ class VelocityController(OneThread, ABC):
         """Where the joints were is forgotten; they move at `velocity` (n,) now."""
         self._watch.reset()
         if self._feedback is not None:
-            self._feedback.reset(velocity)
+            self._feedback.reset(velocity[self.base :])
 
     def _tick(self, enable: object, stamp: float | None) -> Command:
         """One step on what stands in the parameters."""
         if self._feedback is None:
-            return self._decided(enable, stamp, self._not_following(stamp))
+            return self._decided(enable, stamp, self._watch.fault())
         return self._led(lambda fault, note: self._decided(enable, stamp, fault, note))
-
-    def _not_following(self, stamp: float | None) -> str:
-        """Which joint does not follow; empty where all do."""
-        return self._watch.fault(self._views[0], self._velocity, stamped=stamp is not None)
 
     def _led(self, decided: Callable[[str, str], Command]) -> Command:
         """What `decided` makes of where the joints are led, put in place of what was measured, of a fault and a note.
@@ -286,7 +287,8 @@ class VelocityController(OneThread, ABC):
         """
         if self._feedback is None:
             return decided("", "")
-        fault = self._feedback.lead(self._q, self._last, self._guided)
+        watched = self._watch.fault() if self.base else ""  # of which no model is known
+        fault = self._feedback.lead(self._q[self.base :], self._last[self.base :], self._guided) or watched
         if not self._feedback.touched:
             return decided(fault, self._feedback.note)
         before = self._last.copy()

@@ -1,21 +1,27 @@
-"""Whether joints follow their commands: the way that each has moved beside the way that it was commanded."""
+"""Whether joints follow their commands: from the ways that they were commanded and moved, where no robot is known."""
 
 from __future__ import annotations
 
 from functools import cache
-from typing import cast
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.kinematics.chain import SerialChain
-from rehab_opt.optim.certificate import all_true
 from rehab_opt.optim.rows import PLAUSIBLE
-from rehab_opt.symbolic import BufferedFunction
+from rehab_opt.symbolic import BufferedFunction, Compile
 from rehab_opt.symbolic.record import Record
 
-__all__ = ["NOT_FOLLOWED", "WatchedJoints", "memory_of_watch", "overdue", "watched_joints"]
+__all__ = [
+    "NOT_FOLLOWED",
+    "WatchedJoints",
+    "memory_of_watch",
+    "not_followed",
+    "patience_of",
+    "time_apart",
+    "watched_joints",
+]
 
 Array = NDArray[np.float64]
 
@@ -29,37 +35,37 @@ PATIENCE, TICKS = 0.15, 5
 """[s, ticks] for which a joint that does not follow is none: 2.6 delays pass until one that turns back has done so."""
 FADING = 0.05
 """[1/s] Rate at which ways are forgotten: a joint that is commanded more slowly than 0.75 mrad/s is not judged."""
-
-
 STANDS = 0.05
-"""[s] States without a stamp that are the same for no longer are those of an encoder slower than the ticks."""
+"""[s] An encoder slower than the ticks shows the same position for no longer: by as much a joint may seem to jump."""
 
 
 @cache
 def memory_of_watch(n: int) -> Record:
-    """What is remembered of n joints: where each was seen; the way that it was commanded since it was last seen to
-    follow, and that it has moved [rad or m]; for how long it does not follow [s]; the joint at fault, counted from 1,
-    with both of its ways; whether there was a position; whether the place of a base is measured; the way that each was
-    commanded, and the time [s], since there was a new state.
+    """What is remembered of n joints: for how long each does not follow [s]; how far it is from where it was led, and
+    the way that it was led, since it was last seen to follow [rad or m]; where it was seen; the
+    time from when any was last seen to move to the next tick [s], 0 of none; whether the place of a base is measured.
     """
-    return Record(
-        seen=n, led=n, moved=n, wrong=n, fault=1, fault_led=1, fault_moved=1, known=1, placed=1, pending=n, waited=1
-    )
+    return Record(wrong=n, apart=n, led=n, seen=n, since=1, placed=1)
 
 
-def overdue(wrong: ca.SX, patience: float | ca.SX, size: ca.SX) -> ca.SX:
-    """Number, from 1 on, of the joint of the largest `size` (n,) of those `wrong` [s] (n,) for too long; 0 for none."""
-    joint, most = ca.SX(0), ca.SX(-1)
-    for i in range(wrong.numel()):
-        worse = ca.logic_and(wrong[i] > patience, size[i] > most)
-        joint, most = ca.if_else(worse, i + 1, joint), ca.if_else(worse, size[i], most)
-    return joint
+def time_apart(wrong: ca.SX, apart: ca.SX, dt: float | ca.SX) -> ca.SX:
+    """(n,) [s] for which each joint does not follow, after one more tick in which those of `apart` (n,) do not.
+
+    A joint that does not follow for longer than its patience is at fault, until a reset (`WatchedJoints.named`). Time
+    in which it does comes off again, so that what shows one time in two is no fault and what shows more often is.
+    """
+    return ca.fmax(wrong + dt * (2 * apart - 1), 0)
+
+
+def patience_of(dt: float) -> float:
+    """[s] for which a joint of `watched_joints` may not follow."""
+    return max(PATIENCE, TICKS * dt)
 
 
 def watched_joints(chain: SerialChain, *, dt: float, base: int) -> ca.Function:
-    """`memory_of_watch`, measured positions, last command (n,), whether they have a stamp -> memory, what is said.
+    """`memory_of_watch`, measured positions, last command (n,) -> memory, longest time that one does not follow [s].
 
-    Said are the joint at fault, counted from 1, 0 for none, the way that it was commanded and that it has moved.
+    Where positions are not usable, that is -1, and the memory is to stay what it was. Written for few operations.
 
     Parameters
     ----------
@@ -67,47 +73,30 @@ def watched_joints(chain: SerialChain, *, dt: float, base: int) -> ca.Function:
     base : how many of the first joints are the place of a base. Where that never changes it is taken not to be
         measured.
     """
-    n, window = chain.n, TOLERANCE / 2
+    n, window, keep = chain.n, TOLERANCE / 2, 1 - FADING * dt
     memory, measured, command = memory_of_watch(n).symbols("memory"), ca.SX.sym("measured", n), ca.SX.sym("command", n)
-    stamped = ca.SX.sym("stamped")
-    pending, waited = memory.pending + dt * command, memory.waited + dt
-    stood = waited > max(STANDS, dt) + dt / 2
-    way, time = ca.if_else(stood, dt * command, pending), ca.if_else(stood, dt, waited)
-    keep = 1 - ca.fmin(FADING * time, 1)
-    usable = all_true(ca.fabs(measured) <= PLAUSIBLE)
-    step = ca.if_else(ca.logic_and(usable, memory.known), measured - memory.seen, 0)
-    # Farther than a joint goes: states that are not one motion of it.
-    jumped = ca.logic_not(ca.fabs(step) <= ca.DM(2 * np.minimum(chain.velocity, PLAUSIBLE)) * time + window)
-    anew = ca.logic_or(ca.logic_not(memory.known), jumped)
-    placed = ca.logic_or(memory.placed, ca.logic_not(all_true(step[:base] == 0)))
-    led, moved = keep * memory.led + way, keep * memory.moved + step
-    led = ca.if_else(ca.vertcat(*(placed if i < base else 1 for i in range(n))), led, 0)
-    along = moved * ca.sign(led)
-    judged, follows = ca.fabs(led) > window, along >= SHARE * ca.fabs(led)
-    lost = ca.logic_and(judged, ca.logic_not(follows))
-    waits = ca.fmax(memory.wrong + time * (2 * lost - 1), 0)
-    wrong = ca.if_else(anew, 0, ca.if_else(usable, waits, memory.wrong))
-    joint = overdue(wrong, max(PATIENCE, TICKS * dt), ca.fabs(led) - along)
-    fault, fault_led, fault_moved = memory.fault, memory.fault_led, memory.fault_moved
-    for i in range(n):
-        new = ca.logic_and(joint == i + 1, ca.logic_not(memory.fault))
-        fault, fault_led = ca.if_else(new, i + 1, fault), ca.if_else(new, led[i], fault_led)
-        fault_moved = ca.if_else(new, moved[i], fault_moved)
-    begins = ca.logic_or(anew, ca.logic_and(judged, follows))
+    step, known = measured - memory.seen, memory.since > 0
+    # Farther than a joint goes, or never seen before: states that are not one motion of it. The way begins anew.
+    most = ca.DM(2 * np.minimum(chain.velocity, PLAUSIBLE)) * memory.since + window * known
+    one_motion = ca.fabs(step) <= most
+    way = dt * command
+    led, apart = keep * memory.led + way, ca.if_else(one_motion, keep * memory.apart + way - step, 0)
+    placed = memory.placed
+    if base:
+        placed = ca.logic_or(placed, known * ca.sum1(ca.fabs(step[:base])) > 0)
+        one_motion[:base] *= placed
+    led *= one_motion
+    judged = ca.fabs(led) > window
+    # moved sign(led) < SHARE |led|, with moved = led - apart
+    lost = ca.logic_and(judged, led * (apart - (1 - SHARE) * led) > 0)
+    goes_on = 1 - judged + lost
+    still = ca.sum1(ca.fabs(step)) == 0
     after = memory_of_watch(n).of(
-        seen=ca.if_else(usable, measured, memory.seen), led=ca.if_else(begins, 0, led),
-        moved=ca.if_else(begins, 0, moved), wrong=wrong, fault=fault, fault_led=fault_led, fault_moved=fault_moved,
-        known=ca.logic_or(memory.known, usable), placed=placed, pending=ca.SX(n, 1), waited=ca.SX(0),
+        wrong=one_motion * time_apart(memory.wrong, lost, dt), apart=goes_on * apart, led=goes_on * led, seen=measured,
+        since=dt + still * ca.fmin(memory.since, STANDS), placed=placed,
     )  # fmt: skip
-    # A state without a stamp that is the same number by number is the same state, not a later one.
-    same = ca.logic_and(ca.logic_and(memory.known, ca.logic_not(stamped)), all_true(measured == memory.seen))
-    stays = memory_of_watch(n).changed(memory, pending=pending, waited=waited).column
-    after = ca.if_else(same, stays, after)
-    said = memory_of_watch(n).parts(after)
-    return ca.Function(
-        "watched_joints", [memory.column, measured, command, stamped],
-        [after, ca.vertcat(said.fault, said.fault_led, said.fault_moved)], {"cse": True},
-    )  # fmt: skip
+    said = ca.if_else(ca.sum1(ca.fabs(measured)) <= PLAUSIBLE, ca.mmax(after[:n]), -1)
+    return ca.Function("watched_joints", [memory.column, measured, command], [after, said], {"cse": True})
 
 
 class WatchedJoints:
@@ -118,39 +107,51 @@ class WatchedJoints:
     PATIENCE is at fault. So a fault is seen PATIENCE and TOLERANCE / speed after it begins at the latest, while neither
     a servo of 24 Hz, a delay of 50 ms, encoder noise of 0.2 mrad, nor a caller that integrates another dt is one.
 
-    States that are not one motion are no fault: a joint that has gone farther than it can begins anew; and a state
-    without a stamp that is the same as the last one, in every joint, is not taken for a later one, but what was
-    commanded meanwhile counts with the next, unless it stands for longer than STANDS. So an arm all of whose joints
-    stand still is found to be at fault only where states have stamps.
+    A joint that has gone farther than it can begins anew: such states are not one motion. The same state, asked about
+    again and again, is one in which nothing moves.
 
     Parameters
     ----------
-    watched : what `watched_joints` makes. names : (n,) of the joints.
+    watched : what `watched_joints` makes. names : (n,) of the joints. patience : [s] see `patience_of`.
+    measured, command : (n,) arrays in which the positions now, and the command that led there, stand at each call.
+    compile : see `BufferedFunction`.
     """
 
-    def __init__(self, watched: ca.Function, names: tuple[str, ...]) -> None:
-        self._names, self._function = names, BufferedFunction(watched)
-        self._evaluate = self._function.evaluate  # it is never exchanged
-        self._memory, *given = self._function.inputs
-        after, said = self._function.outputs
-        views = (cast("memoryview[float]", each.data) for each in (*given, self._memory, after, said))
-        self._measured, self._command, self._stamped, self._keep, self._after, self._said = views
+    def __init__(
+        self, watched: ca.Function, names: tuple[str, ...], measured: Array, command: Array, *, patience: float,
+        compile: Compile = False,
+    ) -> None:  # fmt: skip
+        self._names, self._patience = names, patience
+        self._function = BufferedFunction(watched, compile=compile, inputs={1: measured, 2: command})
+        self._memory, self._after, self._said = (
+            self._function.inputs[0].data,
+            *(each.data for each in self._function.outputs),
+        )
+        self._fault = ""
 
     def reset(self) -> None:
         """Nothing is known."""
-        self._memory[:] = 0.0
+        self._function.inputs[0][:], self._fault = 0.0, ""
 
-    def fault(self, measured: memoryview[float], command: memoryview[float], *, stamped: bool) -> str:
-        """Which joint does not follow, once a tick: empty for none, the same until `reset`.
+    def take_over(self, other: WatchedJoints) -> None:
+        """Go on where another watch of the same joints ends."""
+        self._memory[:], self._fault = other._memory, other._fault
 
-        Parameters
-        ----------
-        measured, command : (n,) positions now, and the command that led there. stamped : whether they have a stamp.
-        """
-        self._measured[:], self._command[:], self._stamped[0] = measured, command, stamped
-        self._evaluate()
-        self._keep[:] = self._after
-        if not self._said[0]:
-            return ""
-        joint, led, moved = self._said.tolist()
-        return f"{self._names[int(joint) - 1]} {NOT_FOLLOWED}: led by {led:.2g}, it moved by {moved:.2g} rad or m"
+    def fault(self) -> str:
+        """Which joint does not follow, once a tick: empty for none, the same until `reset`."""
+        if self._fault:
+            return self._fault
+        self._function.evaluate()
+        longest = self._said[0]
+        if longest >= 0.0:
+            self._memory[:] = self._after
+            if longest > self._patience:
+                self._fault = not_followed(self._names, self._function.inputs[0])
+        return self._fault
+
+
+def not_followed(names: tuple[str, ...], memory: Array) -> str:
+    """Which joint did not follow for longest, and by how much, from a memory that begins as `memory_of_watch`'s."""
+    n = len(names)
+    joint = int(np.argmax(memory[:n]))
+    return f"{names[joint]} {NOT_FOLLOWED}: {abs(memory[n + joint]):.2g} rad or m from where it was led"

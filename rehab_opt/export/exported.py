@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rehab_opt.control.pose_tracker import PoseTracker
 from rehab_opt.control.velocity_controller import VelocityController
 from rehab_opt.control.watchdog import watched
-from rehab_opt.control.watched_joints import memory_of_watch
+from rehab_opt.control.watched_joints import memory_of_watch, patience_of
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.export.c_text import filled, indented, initialiser, number
 from rehab_opt.export.generated import renamed
@@ -229,7 +229,7 @@ class ExportedVelocity(ExportedController):
             "values": chain.n,
             "wheels": 0 if wheels is None else wheels.stop - wheels.start,
             "watch": memory_of_watch(chain.n).size,
-            "watch_fault": memory_of_watch(chain.n)["fault"],
+            "patience": number(patience_of(first.dt)),
         }
         sizes["numbers"] = len(laws) * (sizes["parameters_most"] + 2 * sizes["state_most"] + sizes["verdict_most"])
         sizes["numbers"] += sizes["watch"]

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import threading
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Any
 
 import casadi as ca
@@ -32,6 +33,7 @@ class BufferedFunction:
     compile : False evaluates `function` as it is. None compiles it in the background, or as `REHAB_OPT_COMPILE` says:
         the virtual machine answers until the code is there, from then on that does, between two calls and with the same
         numbers to rounding. "wait" waits for it.
+    inputs : arrays that others own, by the number of the input that is read there.
 
     Attributes
     ----------
@@ -43,8 +45,11 @@ class BufferedFunction:
 
     evaluate: Call
 
-    def __init__(self, function: ca.Function, *, compile: Compile = False) -> None:
-        self.inputs = tuple(_dense(function.sparsity_in(i)) for i in range(function.n_in()))
+    def __init__(
+        self, function: ca.Function, *, compile: Compile = False, inputs: Mapping[int, Array] = MappingProxyType({})
+    ) -> None:
+        own = (inputs.get(i) for i in range(function.n_in()))
+        self.inputs = tuple(_dense(function.sparsity_in(i)) if each is None else each for i, each in enumerate(own))
         self.outputs = tuple(_dense(function.sparsity_out(i)) for i in range(function.n_out()))
         self._around: Callable[[Call], Call] | None = None
         self._buffers: list[Any] = []

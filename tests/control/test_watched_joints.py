@@ -131,11 +131,12 @@ def controller_of(name: str) -> tuple[VelocityController | RedundancyResolver, C
 def test_every_controller_brakes_until_the_enable_input_is_released_or_it_is_reset(name: str) -> None:
     controller, step, start = controller_of(name)
     controller.reset()
-    for acknowledged in (False, True):
+    for acknowledged in (False, True):  # and its states with and without stamps
         commands, stamp = [], 0.0
         for _ in range(round(3.0 / controller.dt)):
             stamp += controller.dt
-            commands.append(step(start, stamp=stamp))  # every encoder stands still
+            told = {"stamp": stamp} if acknowledged else {}
+            commands.append(step(start, **told))  # every encoder stands still
         first = next(k for k, each in enumerate(commands) if "does not follow" in each.reason)
         fastest = np.abs(np.array([each.value for each in commands[: first + 1]])).max()
         assert first * controller.dt <= SHOWS + TOLERANCE / fastest + 0.1  # which it has to come to first
@@ -167,7 +168,7 @@ def test_a_fault_shows_in_time_and_is_named(what: str, speed: float) -> None:
             seen = joints.step(command.value)
             if not command.status.certified:
                 break
-        assert command.reason.startswith(f"{ROBOT.names[joint]} does not follow: led by")
+        assert command.reason.startswith(f"{ROBOT.names[joint]} does not follow: ")
         assert begins < k * 2e-3 <= begins + SHOWS + TOLERANCE / speed
 
 
@@ -175,8 +176,6 @@ def test_states_that_are_not_one_motion_are_no_fault() -> None:
     tracker, rng = tracker_of(1e-3), np.random.default_rng(4)
     tracker.reset()
     away = ROBOT.pose(START + 0.3)
-    for _ in range(1000):  # the same state, asked about again and again
-        assert tracker.step(START, away, STILL).status.certified
     for k in range(500):  # a planner's samples, with stamps
         assert "follow" not in tracker.step(rng.uniform(-2, 2, 6), away, STILL, stamp=1e-3 * k).reason
     tracker.reset()
