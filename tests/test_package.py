@@ -53,7 +53,6 @@ LAYERS = {
     "loop": {"__version__", "errors", "kinematics", "control", "plants", "session"},
     "terminal": {"errors", "text_file", "session", "symbolic"},
     "study": {"__version__", "errors", "text_file", "measures", "session", "terminal"},
-    "__main__": {"cli"},
     "cli": {"__version__", "errors", "session", "qp_recording", "export", "live", "loop", "terminal", "study"},
 }
 
