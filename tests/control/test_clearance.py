@@ -237,6 +237,24 @@ def test_arm_brakes_before_a_body_that_stands_still_within_its_acceleration() ->
         assert not last.any()
 
 
+@pytest.mark.parametrize("deep", [0.001, 0.03])
+def test_arm_within_a_margin_that_is_no_longer_enabled_stops_and_does_not_go_on_out_of_it(deep: float) -> None:
+    chain, dt = ur5(velocity=2.0, acceleration=8.0), 0.002
+    lowest = ends(chain, START)[2:, :, 2].min(axis=1) - [each.radius for each in chain.capsules[2:]]
+    floor = KeepOut.through([0, 0, lowest.min() - MARGIN + deep], [0, 0, 1])
+    tracker = PoseTracker(chain, dt=dt, limits=[Clearance(margin=MARGIN, planes=[floor], pairs=())], compile=False)
+    q, fastest = START.copy(), 0.0
+    for k in range(400):
+        command = tracker.step(q, chain.pose(START), np.zeros(6), enable=k < 40)
+        q = q + dt * command.value
+        if k < 40:
+            fastest = float(np.abs(command.value).max())
+        elif (k - 39) * dt * 8.0 >= fastest:
+            assert command.status is Status.HOLDING, k
+            assert not command.value.any()
+    assert fastest > 1e-3
+
+
 @pytest.mark.parametrize("body", ["beside", "crossing", "box", "floor"])
 def test_forearm_pressed_along_a_body_neither_shakes_nor_sticks(body: str) -> None:
     chain, dt = ur5(velocity=2.0), 0.002
