@@ -57,7 +57,7 @@ def main() -> None:
         }
         for name, (words, asked) in commands.items():
             place = 2 if words[0] == "study" else 1
-            command = [sys.executable, "-m", "rehab_opt.cli", *words[:place], str(file), *words[place:]]
+            command = [sys.executable, "-m", "rehab_opt", *words[:place], str(file), *words[place:]]
             taken, computed = [], []
             for _ in range(3):
                 began, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)

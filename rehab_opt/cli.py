@@ -24,6 +24,7 @@ from rehab_opt.study.commands import report
 from rehab_opt.study.options import CovariateOption, PersonOption, SessionOption, StudyOption, destination
 from rehab_opt.terminal import (
     bars,
+    grouped,
     interrupted,
     no_folder,
     numbers_in,
@@ -101,6 +102,7 @@ def run(
     ] = None,
     also: Annotated[str | None, typer.Option(help="Figures as pdf or svg, too; both: pdf,svg.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace the files of an earlier run in the folder.")] = False,
+    whole: Annotated[bool, typer.Option("--all", help="The whole table, not its first numbers alone.")] = False,
     study: StudyOption = None,
     person: PersonOption = None,
     session: SessionOption = None,
@@ -127,10 +129,13 @@ def run(
             from rehab_opt.study.record import run_trials  # noqa: PLC0415
 
             new = into.add(run_trials(loaded, outcome, options, files=written, seconds=time.perf_counter() - began))
-    console = printer()
-    console.print(system_named(outcome.system).table(outcome))
-    for note in outcome.notes:
-        console.print(f"- {note}", highlight=False)
+    console, system = printer(), system_named(outcome.system)
+    few = None if whole else system.brief(outcome)
+    console.print(few if few is not None else system.table(outcome))
+    for line in grouped(outcome.notes):
+        console.print(line, highlight=False)
+    if few is not None:
+        console.print("- more numbers: --all, and metrics.json", highlight=False)
     if into is not None:
         say(into.said(new))
     names = ", ".join(path.name for path in written)
@@ -476,8 +481,8 @@ def many(
     Exit code 1 if some rows are not done: results.csv says why.
     """
     from rehab_opt.session.many.participants import participants_of  # noqa: PLC0415
+    from rehab_opt.session.many.results import counted, failed_table  # noqa: PLC0415
     from rehab_opt.session.many.run import GROUPS, RESULTS, run_many  # noqa: PLC0415
-    from rehab_opt.session.many.summary import counted, failed_table  # noqa: PLC0415
     from rehab_opt.study.many import study_of_many  # noqa: PLC0415
 
     participants = participants_of(people, problem=problem)
@@ -564,7 +569,3 @@ def _run_with_progress(loaded: ProblemFile[Any], **options: str | None) -> Outco
 
     with bars() as progress:
         return run_problem(loaded, progress=progress, **options)
-
-
-if __name__ == "__main__":
-    main()

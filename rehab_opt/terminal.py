@@ -8,7 +8,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "bars",
+    "grouped",
     "interrupted",
     "no_folder",
     "numbers_in",
@@ -59,6 +60,19 @@ def printer() -> Console:
     console = Console(markup=False)
     console.push_render_hook(Escaping())
     return console
+
+
+def grouped(notes: Iterable[str]) -> Iterator[str]:
+    """Notes as lines of a list; those of one thing (`assisted: ...`) stand together below its name."""
+    of: dict[str, list[str]] = {}
+    for note in notes:
+        name, colon, said = note.partition(": ")
+        of.setdefault(name if colon else "", []).append(said if colon else note)
+    for name, said in of.items():
+        if name and len(said) > 1:
+            yield f"- {name}:"
+        for each in said:
+            yield f"- {each}" if not name else f"  - {each}" if len(said) > 1 else f"- {name}: {each}"
 
 
 class _Escaped:

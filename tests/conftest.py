@@ -1,6 +1,8 @@
 """What every test may use."""
 
 import os
+from collections.abc import Iterator
+from typing import Any
 
 # Before numpy is loaded: on busy cores its second thread costs as much again, in matrices of a few rows.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -11,7 +13,7 @@ from hypothesis import settings
 # The recordings' fixture lives beside the tests that read most of them.
 from tests.session.conftest import recorded
 
-__all__ = ["machine_code", "recorded", "shipped"]
+__all__ = ["machine_code", "recorded", "shipped", "workspaces_once"]
 
 # A controller's code takes as long to compile as 50 000 of its ticks to run: see `machine_code`.
 os.environ.setdefault("REHAB_OPT_COMPILE", "0")
@@ -38,6 +40,25 @@ def pytest_configure(config: pytest.Config) -> None:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Begin with what is long, or one worker ends with it alone."""
     items.sort(key=lambda item: next((i for i, file in enumerate(LONG) if f"tests/{file}::" in item.nodeid), len(LONG)))
+
+
+@pytest.fixture(autouse=True, scope="session")
+def workspaces_once() -> Iterator[None]:
+    """The workspace of an arm that many tests' problem files have is searched once in a process, for 4 s each.
+
+    Whether a search finds the same again is asked of `planar_workspace` itself, in tests/workspace.
+    """
+    from rehab_opt.session.workspaces import reached  # noqa: PLC0415  (after the environment is set)
+
+    search, found = reached.planar_workspace, dict[str, Any]()
+
+    def once(arm: Any, **asked: Any) -> Any:
+        key = repr((arm.rows, *(each.tolist() for each in (arm.lower, arm.upper, arm.base, arm.tool)), asked))
+        return found[key] if key in found else found.setdefault(key, search(arm, **asked))
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(reached, "planar_workspace", once)
+        yield
 
 
 @pytest.fixture

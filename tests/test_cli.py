@@ -10,8 +10,11 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from datetime import UTC, datetime, timedelta
+from hashlib import sha256
 from pathlib import Path
 
+import casadi
 import pytest
 
 import rehab_opt
@@ -19,7 +22,7 @@ from rehab_opt.cli import main
 from rehab_opt.kinematics.human_arm import ARM_JOINTS
 from rehab_opt.session.data_folder import ENVIRONMENT
 from rehab_opt.session.files import shipped_problems
-from rehab_opt.terminal import bars
+from rehab_opt.terminal import bars, grouped
 
 PROBLEM = """
 system = "upper_limb"
@@ -94,6 +97,13 @@ def test_without_a_terminal_progress_is_a_line_a_minute(
     ]
 
 
+def test_notes_of_one_thing_stand_together() -> None:
+    notes = ("simulated", "assisted: slow", "a.csv: 2 gaps", "assisted: late", "a time: 3 s")
+    assert [*grouped(notes)] == [
+        "- simulated", "- assisted:", "  - slow", "  - late", "- a.csv: 2 gaps", "- a time: 3 s",
+    ]  # fmt: skip
+
+
 def test_run_writes_numbers_trace_and_figures(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert ended("run", "problem.toml", "--out", "result") == 0
     assert files(folder / "result") == {"metrics.json", "trace.csv", "hand_path.png", "joints.png", "error.png"}
@@ -109,12 +119,26 @@ def test_run_writes_numbers_trace_and_figures(folder: Path, capsys: pytest.Captu
     printed = capsys.readouterr()
     assert "within this arm's reach: 100.0 %" in printed.out
     assert printed.err == ""
+    assert "solve time" not in printed.out
+    assert "more numbers: --all" in printed.out
+    (recording,) = (each for each in folder.glob("*.csv"))
+    assert content["inputs"] == {
+        "problem": {"file": "problem.toml", "sha256": sha256((folder / "problem.toml").read_bytes()).hexdigest()},
+        "recording.file": {"file": recording.name, "sha256": sha256(recording.read_bytes()).hexdigest()},
+    }
+    assert abs(datetime.fromisoformat(content["date"]) - datetime.now(UTC)) < timedelta(minutes=5)
+    assert content["software"]["casadi"] == casadi.__version__
 
 
 @pytest.mark.parametrize("law", ["published", "optimised"])
-def test_one_law_alone_can_be_run(folder: Path, law: str) -> None:
-    assert ended("run", "problem.toml", "--law", law) == 0
-    metrics = json.loads((folder / "out/problem/metrics.json").read_text(encoding="utf-8"))["metrics"]
+def test_one_law_alone_can_be_run(folder: Path, law: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert ended("run", "problem.toml", "--law", law, "--all") == 0
+    said = capsys.readouterr().out
+    assert said.index("samples by status") < said.index("solve time of the first sample")
+    assert "--all" not in said
+    content = json.loads((folder / "out/problem/metrics.json").read_text(encoding="utf-8"))
+    metrics = content["metrics"]
+    assert content["options"] == {"law": law}
     assert {"published", "optimised"} & metrics.keys() == {law}
     assert (metrics["reachable_share_of_length"] is None) == (law == "published")
 
@@ -345,7 +369,7 @@ def test_unusable_people_are_one_line_and_exit_code_2(
 def test_interrupted_many_is_one_line_and_exit_code_130_and_says_who_is_left(folder: Path) -> None:
     (folder / "range.toml").write_text(RANGE.replace("10.0", "0.02"), encoding="utf-8")
     (folder / "people.csv").write_text(PEOPLE.replace("0.3", "280"), encoding="utf-8")
-    command = [sys.executable, "-m", "rehab_opt.cli", "many", "people.csv", "--problem", "range.toml"]
+    command = [sys.executable, "-m", "rehab_opt", "many", "people.csv", "--problem", "range.toml"]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=folder, start_new_session=True) as process:
         for _ in range(1200):  # however slow the machine
             if (folder / "out/many/people").exists():
@@ -375,7 +399,7 @@ def test_figure_that_cannot_be_written_leaves_the_folder_as_it_was(
 
 
 def test_command_ends_with_2_and_one_line_in_a_process_of_its_own(folder: Path) -> None:
-    command = [sys.executable, "-m", "rehab_opt.cli", "run", "missing.toml"]
+    command = [sys.executable, "-m", "rehab_opt", "run", "missing.toml"]
     done = subprocess.run(command, capture_output=True, text=True, cwd=folder, check=False)
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
@@ -385,7 +409,7 @@ def test_command_ends_with_2_and_one_line_in_a_process_of_its_own(folder: Path) 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
 @pytest.mark.parametrize("arguments", [("list",), ("check", "problem.toml"), ("--help",)])
 def test_output_that_cannot_be_written_is_one_line_and_exit_code_2(folder: Path, arguments: tuple[str, ...]) -> None:
-    command = [sys.executable, "-m", "rehab_opt.cli", *arguments]
+    command = [sys.executable, "-m", "rehab_opt", *arguments]
     with Path("/dev/full").open("w", encoding="utf-8") as full:
         done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, cwd=folder, check=False)
     assert done.returncode == 2
@@ -411,7 +435,7 @@ def test_processes_own_mistake_is_not_called_the_users(folder: Path, monkeypatch
 INTERRUPTED = """
 import os, signal, sys
 import rehab_opt.cli as cli
-from rehab_opt.session import placed_recording, report
+from rehab_opt.session import participant, report
 {patch}
 cli.main(sys.argv[1:])
 """
@@ -431,7 +455,7 @@ NLPSolver.solve = lambda *given: [begin(), solve(*given)][1]
 
 @pytest.mark.parametrize(
     ("patch", "left"),
-    [(f"placed_recording.placed_path = {NOW}", set()), (DURING_WRITING, None)],
+    [(f"participant.placed_path = {NOW}", set()), (DURING_WRITING, None)],
     ids=["running", "writing"],
 )
 def test_interrupt_is_one_line_and_exit_code_130_and_leaves_all_files_or_none(

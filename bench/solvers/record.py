@@ -16,7 +16,7 @@ from bench.solvers.entrant import Entrant
 from bench.solvers.instances import Instances
 from bench.solvers.judgement import Judged, Outcome
 from bench.solvers.passes import Pass, Rules
-from rehab_opt.session.many.digest import software_digest
+from rehab_opt.session.inputs import software_digest
 from rehab_opt.symbolic.compiled import compilation_wanted
 
 __all__ = ["RECORD", "Key", "keep_pass", "kept_passes", "key_of", "versions_of"]

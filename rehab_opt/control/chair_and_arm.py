@@ -65,7 +65,8 @@ class ChairAndArm(VelocityController):
     after a turn of the stick, t is so far from u_last to Eq. (1) as the accelerations allow (`HandTask`). b is the
     answer of the first term alone where that keeps all bounds, so that it stays the answer; u_last after a tick of
     braking where an obstacle or keep-out is in its way, or it passes another bound by what a tick's accelerations can
-    do; in between, between them: light joints stay calm.
+    do; in between, between them: light joints stay calm. The price of progress grows while the hand creeps although its
+    joints could be faster to good effect (`hand_task.CREEPS`).
 
     **What decreases.** Let d be the part of the hand's last velocity that is no part of r between none and all of it,
     and c one tick of the hardest braking together. c is feasible: its changes are within the accelerations, it lies on
@@ -114,7 +115,7 @@ class ChairAndArm(VelocityController):
         self.shapes = ((k,), (1,), *([(self.surroundings,)] if self.surroundings else []))  # type: ignore[misc]
         self.task = HandTask(robot, rows, moving=self.limits.moving, self_motion=self_motion)
         # What is remembered: u, where it leads, from where the arm is led to where it is, the command, the wheels' part
-        # of it, the hand's velocity and its frame.
+        # of it, and of the hand its velocity, the insistence on its progress, and the frame.
         first = 2 * n + (0 if feedback is None else n - CHAIR)
         self.sent, self.wheels = slice(first, first + n), slice(first + n, first + n + wheels)
         super().__init__(
@@ -142,7 +143,7 @@ class ChairAndArm(VelocityController):
         n, k, name = self.chain.n, len(self.rows), "_".join(self.rows)
         q, twist, world = parameter("q", n), parameter("twist", k), parameter("frame", 1)
         obstacles = parameter("obstacles", self.surroundings)
-        memory = parameter("last", self.wheels.stop + k + 1)
+        memory = parameter("last", self.wheels.stop + k + 2)
         parameters = [q, twist, world, obstacles] if self.surroundings else [q, twist, world]
         last = memory[:n]
 
@@ -157,7 +158,7 @@ class ChairAndArm(VelocityController):
         limits = self.limits.limits(
             q, last, around, closing, clearance, contacts=contacts, gives_way=moving, apart=apart
         )
-        braking, remembered = self.limits.braking, Last(last, memory[-1 - k : -1], memory[-1])
+        braking, remembered = self.limits.braking, Last(last, memory[-2 - k : -2], memory[-2], memory[-1])
         task = self.task.columns(q, twist, world, last=remembered, limits=limits, braking=braking, dt=self.dt)
         eased = limits._replace(
             lower=ca.if_else(
@@ -216,7 +217,7 @@ class ChairAndArm(VelocityController):
             ),
             report=self.report(last, sent, jacobian @ sent, twist, limits.outside),
             memory=memory,
-            remember=self.remembered(q, sent, jacobian @ sent, world),
+            remember=self.remembered(q, sent, jacobian @ sent, given["insistence"], world),
             violation=limits.violation(sent),
         )
 
@@ -232,21 +233,22 @@ class ChairAndArm(VelocityController):
         """(7,) what steadies the command: b of the class."""
         guess, u, braking = task["guess"], ca.SX.sym("u", self.chain.n), self.limits.braking
 
-        def passed(rows: list[Row]) -> ca.SX:
-            """By how much the guess passes them, as a share of what the accelerations can do in a tick."""
-            most = ca.if_else(all_true(ca.fabs(guess) <= PLAUSIBLE), 0, ca.inf)
-            for row in rows:
-                matrix = ca.jacobian(row.expression, u)
-                there = matrix @ guess
-                over = ca.fmax(there - row.upper, row.lower - there)
-                most = ca.fmax(most, ca.mmax(over / ca.fmax(ca.fabs(matrix) @ braking.change, TINY)))
-            return most
+        def over(row: Row, matrix: ca.SX) -> ca.SX:
+            """By how much the guess passes each of its bounds."""
+            there = matrix @ guess
+            return ca.fmax(there - row.upper, row.lower - there)
 
-        own = [within(u, eased.lower, eased.upper), *limits.chassis_rows(u), *self._hand_rows(u, task)]
-        beyond, surroundings = passed(own), limits.surrounding_rows(u)
+        # Of its own bounds as a share of what the accelerations can do in a tick.
+        beyond = ca.if_else(all_true(ca.fabs(guess) <= PLAUSIBLE), 0, ca.inf)
+        for row in (within(u, eased.lower, eased.upper), *limits.chassis_rows(u), *self._hand_rows(u, task)):
+            matrix = ca.jacobian(row.expression, u)
+            shares = over(row, matrix) / ca.fmax(ca.fabs(matrix) @ braking.change, TINY)
+            beyond = ca.fmax(beyond, ca.mmax(shares))
+        surroundings = [over(row, ca.jacobian(row.expression, u)) for row in limits.surrounding_rows(u)]
+        met = ca.mmax(ca.vertcat(ca.SX(0), *surroundings)) > 0
         going = ca.fmin(ca.mmax(ca.fabs(last) / braking.change) / GOING, 1)
         part = ca.if_else(beyond > 0, going * ca.fmax(1 - beyond, 0), 1)
-        part = ca.if_else(passed(surroundings) > 0, 0, part)
+        part = ca.if_else(met, 0, part)
         slower = braking.slower(last)
         return ca.if_else(part > 0, slower + part * (guess - slower), slower)
 
@@ -310,13 +312,13 @@ class ChairAndArm(VelocityController):
         return ca.Function("settle", [p, memory, answer], [command])
 
     # ------------------------------------------------------------------------------------------ what is remembered
-    def remembered(self, q: ca.SX, u: ca.SX, hand: ca.SX, frame: ca.SX) -> ca.SX:
+    def remembered(self, q: ca.SX, u: ca.SX, hand: ca.SX, insistence: ca.SX, frame: ca.SX) -> ca.SX:
         """The memory: see `__init__`."""
         cos, sin = ca.cos(q[2]), ca.sin(q[2])
         value = ca.vertcat(cos * u[0] - sin * u[1], sin * u[0] + cos * u[1], u[2:])
         wheels = self.wheelset.wheel_speeds_expression(u[:CHAIR])
         led = ca.SX.zeros(self.guidance_size)
-        return ca.densify(ca.vertcat(u, q + value * self.dt, led, value, wheels, hand, frame))
+        return ca.densify(ca.vertcat(u, q + value * self.dt, led, value, wheels, hand, insistence, frame))
 
     def fallback_command(self) -> Command | None:
         """One tick of braking together: within all bounds, and the next tick may answer again."""
@@ -354,7 +356,7 @@ class ChairAndArm(VelocityController):
         slower = ca.Function("slower", inputs, [ca.densify(rest), limits.outside], {"cse": True})
         u, outside = ca.SX.sym("u", n), ca.SX.sym("outside")
         report = self.report(last, u, ca.SX(0), ca.SX(1), outside)  # nothing of the task is delivered
-        remembered = self.remembered(q, u, ca.SX.zeros(len(self.rows)), ca.SX(UNKNOWN))
+        remembered = self.remembered(q, u, ca.SX.zeros(len(self.rows)), ca.SX(0), ca.SX(UNKNOWN))
         told = ca.Function("told", [q, memory, u, outside], [remembered, ca.densify(report)], {"cse": True})
         here, before, room = (ca.MX.sym("p", each.numel()) for each in (q, memory, obstacles))
         bodies = room[NUMBERS * self.max_obstacles :]
@@ -368,14 +370,14 @@ class ChairAndArm(VelocityController):
         if self.max_obstacles:
             self._inputs[2][: numbers.size] = numbers
 
-    def tell(self, q: ArrayLike, twist: ArrayLike, world: float, moving: Array) -> None:
-        """Write the other parameters of a tick; `moving` by `moving_numbers`.
+    def tell(self, q: ArrayLike, twist: ArrayLike, world: float, moving: Array | None) -> None:
+        """Write the other parameters of a tick; `moving` by `moving_numbers`, where there are such.
 
         Raises
         ------
         ConfigurationError : an argument of the wrong shape, or no numbers.
         """
-        if moving.size:
+        if moving is not None:
             self._inputs[2][-moving.size :] = moving.reshape(-1)
         views = self._views
         try:

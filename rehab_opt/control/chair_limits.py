@@ -180,7 +180,7 @@ class ChairLimits:
         # In the middle of the tick: there a link that slides along a keep-out comes no nearer.
         opening, gaps = self._closing(arm + last * (self.dt / 2))
         now, free = -opening, ca.fmax(gaps - self._margin(0.0, last), 0) / time
-        then, left = 0 * now, ca.inf * ca.SX.ones(now.size1())
+        then, left = 0 * opening, ca.inf * ca.SX.ones(now.size1())
         before, falls = opening, ca.fmin(opening @ slower, 0)
         for part in ALONG:
             margin = self._margin(part, last)
@@ -193,10 +193,10 @@ class ChairLimits:
             then_time = ca.fmax(part * time - (1 - share) * apart, apart / 4)
             nearest = before + share * (opening - before)
             less = (least - margin) / then_time
-            then = ca.if_else(ca.repmat(less < left, 1, now.size2()), -nearest, then)
+            then = ca.if_else(ca.repmat(less < left, 1, now.size2()), nearest, then)
             left = ca.fmin(less, left)
             before, gaps, falls = opening, here, ca.fmin(opening @ slower, 0)
-        return ca.vertcat(now, then), ca.vertcat(free, left)
+        return ca.vertcat(now, -then), ca.vertcat(free, left)
 
     def far(self) -> tuple[ca.SX, ca.SX]:
         """Those rows and speeds where no keep-out matters."""
@@ -247,9 +247,11 @@ class ChairLimits:
             still = [i for i in range(q.numel()) if i not in self.moving]
             turn = self.world(q[2], q.numel())
             turn[:, still] = 0
+            hard_ends, change = (hard_lower, hard_upper), self.braking.change
             beside, free_beside, base = self.own.beside(
-                q, turn @ last, contacts, turn=turn, base=base, hard=(hard_lower, hard_upper), gives_way=gives_way
-            )
+                q, turn @ last, contacts, turn=turn, base=base, ends=_reached(last, change, base, hard_ends),
+                hard=hard_ends, gives_way=gives_way,
+            )  # fmt: skip
             base[:CHAIR] *= ca.fmin(
                 largest_part(chair @ base[:CHAIR], chair_limit), largest_part(-chair @ base[:CHAIR], chair_limit)
             )
@@ -371,6 +373,12 @@ def _stacked(rows: list[tuple[ca.SX, ca.SX]]) -> tuple[ca.SX, ca.SX]:
     """The rows of all obstacles in one matrix, and what stands behind them in one column."""
     matrices, columns = [each for each, _ in rows], [each for _, each in rows]
     return ca.vertcat(ca.SX(0, CHAIR), *matrices), ca.vertcat(ca.SX(0, 1), *columns)
+
+
+def _reached(last: ca.SX, change: ca.DM, base: ca.SX, hard: tuple[ca.SX, ca.SX]) -> tuple[ca.SX, ca.SX]:
+    """What a change of velocity leads to within `hard`, `base` included."""
+    lower, upper = (clipped(end, *hard) for end in (last - change, last + change))
+    return ca.fmin(lower, base), ca.fmax(upper, base)
 
 
 def largest_part(values: ca.SX, limits: ca.SX) -> ca.SX:

@@ -23,10 +23,16 @@ __all__ = ["PROGRESS", "HandTask", "Last"]
 PROGRESS = 2.0
 """[m/s] Price of a missing m/s of hand speed; one more costs about 1 in kinetic energy by the robot's mass.
 
-Where bounds leave the hand a twentieth of its speed, by half a m/s of the chair, it stops, in a run of thousands.
-Prices of 3 to 8 made joints shake where a bound is met (75 to 176 reversals in 10 s for 30); a price that grows with
-what is missing led to the same stops.
+Prices of 3 to 8 made joints shake where a bound is met (75 to 176 reversals in 10 s for 30), and one that grows with
+what is missing in the tick led to the same stops: see `CREEPS`.
 """
+CREEPS, GOES, WORTH = 0.2, 0.5, 0.025
+"""Fractions of the commanded speed. While a hand is below the first, the price of progress grows where what moves it,
+as fast as a joint allows, would give it the third, and falls where not; past the second it falls, too. Half a m/s of
+the chair for a twentieth of the hand's speed is else too dear, and the hand stops.
+"""
+GROWING, FIRST, DEAREST = 0.5, 0.37, 100.0
+"""[s] in which that price grows or falls e-fold; least factor on `PROGRESS`, below 1 as 1; the most."""
 STEEP = 1e3
 """[m/s] Up to which the price follows that cost where it is higher, as it is near singular postures."""
 STRAIGHT = 0.3
@@ -50,6 +56,8 @@ class Last(NamedTuple):
     """(7,)"""
     hand: ca.SX
     """(k,) the hand's, as the command delivered it."""
+    insistence: ca.SX
+    """Factor on the price of progress; below 1 as 1."""
     frame: ca.SX
     """0 or 1: the frame of `hand`; another number where it is not known."""
 
@@ -139,6 +147,7 @@ class HandTask:
         across_most = ca.fmax(across @ base, across @ slower) + across_fixed
         straight = ca.if_else(size > 0, STRAIGHT * size, FAR)
         steep = ca.fmin(ca.fabs(ca.dot(direction, part * y + (1 - part) * x)), STEEP)
+        insistence = self._insistence(last, along, size, dt)
         return {
             "jacobian": ca.vec(ca.densify(jacobian)),
             "inertia": ca.densify(upper_triangle(inertia)),
@@ -146,7 +155,8 @@ class HandTask:
             "direction": direction,
             "speed": speed,
             "turning": turning,
-            "price": PROGRESS + 2 * steep,
+            "price": PROGRESS * ca.fmax(insistence, 1) + 2 * steep,
+            "insistence": insistence,
             "error": ca.if_else(off > TINY, error / ca.fmax(off, TINY), 0),
             "off": ca.if_else(off > TINY, off, 0),
             "along": ca.densify(along_row.T),
@@ -164,6 +174,14 @@ class HandTask:
         for i, joint in enumerate(self.moving):
             every[joint] = velocity[i]
         return every
+
+    def _insistence(self, last: Last, along: ca.SX, size: ca.SX, dt: float) -> ca.SX:
+        """Factor on the price of progress for a hand that goes `along` of `size`: see `CREEPS`."""
+        effort = ca.mmax(ca.fabs(last.velocity) / self.robot.chain.velocity)
+        worth, step = along > WORTH * size * effort, dt / GROWING
+        growth = ca.if_else(along > GOES * size, -step, 0)
+        growth = ca.if_else(along < CREEPS * size, ca.if_else(worth, step, -step), growth)
+        return ca.if_else(size > 0, ca.fmin(ca.fmax(last.insistence * (1 + growth), FIRST), DEAREST), FIRST)
 
     def _at_stop(self, q: ca.SX, way: ca.SX, world: ca.SX) -> ca.SX:
         """(k, 7) the Jacobian `way` (7,) from q."""

@@ -87,7 +87,8 @@ class ForceRobot:
     """
 
     __slots__ = (
-        "_dt", "_hand_mass", "_loop", "_model", "_noise", "_tick", "measured_x", "measured_y", "vx", "vy", "x", "y",
+        "_dt", "_hand_mass", "_loop", "_model", "_noise", "_tick", "acting", "measured_x", "measured_y", "vx", "vy",
+        "x", "y",
     )  # fmt: skip
 
     def __init__(
@@ -104,6 +105,7 @@ class ForceRobot:
         self._model, self._hand_mass, self._dt = model, hand_mass, dt
         self.x, self.y = map(float, start)
         self.vx = self.vy = self.measured_x = self.measured_y = 0.0
+        self.acting = (0.0, 0.0)
         self._loop = ForceLoop(model.gain, model.integral, model.motor_limit, step=dt)
         self._noise: list[list[float]] = (model.noise * rng.standard_normal((ticks, 2))).tolist()
         self._tick = 0
@@ -116,7 +118,8 @@ class ForceRobot:
     def step(self, force_x: float, force_y: float, person_x: float, person_y: float) -> None:
         """One tick under the commanded force [N], with a person who pushes the handle with person_x, person_y [N].
 
-        Afterwards x, y, vx, vy are the new state, and measured_x, measured_y the force on the hand in this tick.
+        Afterwards x, y, vx, vy are the new state, measured_x, measured_y the force on the hand in this tick, and
+        `acting` that of the motors.
         """
         model, dt = self._model, self._dt
         noise_x, noise_y = self._noise[self._tick]
@@ -126,18 +129,19 @@ class ForceRobot:
         # Friction stops within a tick what it can stop; more would turn the hand round, for ever.
         slip = model.viscous + max(0.0, min(dry, whole / dt - model.viscous))
 
-        motor = self._loop.motor(0, force_x - self.measured_x, force_x)
-        acceleration = (motor - slip * self.vx + person_x) / whole
+        motor_x = self._loop.motor(0, force_x - self.measured_x, force_x)
+        acceleration = (motor_x - slip * self.vx + person_x) / whole
         self.measured_x = self._hand_mass * acceleration - person_x + noise_x
         self.vx += acceleration * dt
         self.x += self.vx * dt
 
-        motor = self._loop.motor(1, force_y - self.measured_y, force_y)
-        acceleration = (motor - slip * self.vy + person_y) / whole
+        motor_y = self._loop.motor(1, force_y - self.measured_y, force_y)
+        acceleration = (motor_y - slip * self.vy + person_y) / whole
         self.measured_y = self._hand_mass * acceleration - person_y + noise_y
         self.vy += acceleration * dt
         self.y += self.vy * dt
 
+        self.acting = (motor_x, motor_y)
         if not (model.lower[0] <= self.x <= model.upper[0]):
             self.x, self.vx = min(max(self.x, model.lower[0]), model.upper[0]), 0.0
         if not (model.lower[1] <= self.y <= model.upper[1]):

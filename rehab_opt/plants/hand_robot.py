@@ -31,6 +31,11 @@ class HandRobot(Protocol):
         """[m] where the controller sees the hand."""
         ...
 
+    @property
+    def acting(self) -> tuple[float, float]:
+        """[N] of the motors in the last tick, or at its end where the physics has smaller steps."""
+        ...
+
     def step(self, force_x: float, force_y: float, person_x: float, person_y: float) -> None:
         """One tick under the commanded force [N], with a person who pushes the handle with person_x, person_y [N]."""
         ...

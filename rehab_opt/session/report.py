@@ -8,8 +8,10 @@ import itertools
 import json
 import math
 import os
+import platform
 import tempfile
 from collections.abc import Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 
 from rehab_opt.errors import ConfigurationError
@@ -21,7 +23,7 @@ __all__ = ["FIGURE_FORMATS", "METRICS", "checked_folder", "free_folder", "write_
 METRICS = "metrics.json"
 FIGURE_FORMATS = ("pdf", "svg")
 """Beside PNG, which is always written."""
-SOFTWARE = ("rehab_opt", "casadi", "numpy", "ruckig")
+SOFTWARE = ("rehab_opt", "casadi", "numpy", "scipy", "shapely", "ruckig", "mujoco")
 
 
 def checked_folder(folder: Path, *, argument: str = "--out") -> Path:
@@ -86,13 +88,16 @@ def write_results(outcome: Outcome, folder: Path, *, also: Sequence[str] = ()) -
 
 
 def metrics_json(outcome: Outcome) -> str:
-    """All numbers and notes of a run as strict JSON: no NaN, no infinity."""
+    """All numbers and notes of a run, when and of what it was made, as strict JSON: no NaN, no infinity."""
     content = {
         "problem": outcome.name,
         "title": outcome.title,
+        "date": datetime.now(UTC).isoformat(timespec="seconds"),
+        "inputs": outcome.inputs,
+        "options": outcome.options,
         "notes": list(outcome.notes),
         "metrics": outcome.metrics,
-        "software": {name: _version(name) for name in SOFTWARE},
+        "software": {"python": platform.python_version()} | {name: _version(name) for name in SOFTWARE},
     }
     return json.dumps(content, indent=2, allow_nan=False) + "\n"
 
@@ -116,5 +121,5 @@ def _cell(value: float | int | str) -> float | int | str:
 def _version(name: str) -> str | None:
     try:
         return importlib.metadata.version(name)
-    except importlib.metadata.PackageNotFoundError:  # run from a checkout that is not installed
+    except importlib.metadata.PackageNotFoundError:  # an extra that is not there, or a checkout that is not installed
         return None

@@ -86,13 +86,17 @@ class System(Generic[P, O]):
     Attributes
     ----------
     schema : what its files may say.
-    options : names of the options of `rehab-opt run` that it knows; others are refused before it is run.
-    shown : modules with `table(outcome)`, `figures(outcome)` and `animations(outcome)`, of which the first that has
-        one is asked; loaded when a result is shown. By default the numbers as a table, the columns over time.
+    options : names of the options of `rehab-opt run` that it knows; others are refused before it is run. With "plant",
+        a problem is handed on with the table that the option asks for; a solver that cannot be made is refused.
+    solver_key : where the problem file names the solver that `--solver` goes before; empty where it names none.
+    shown : modules with `table(outcome)`, `brief(outcome)` (a table of the few numbers that matter first),
+        `figures(outcome)` and `animations(outcome)`, of which the first that has one is asked; loaded when a result is
+        shown. By default the numbers as a table, the columns over time.
     """
 
     schema: type[P]
     options: ClassVar[frozenset[str]] = frozenset()
+    solver_key: ClassVar[str] = ""
     shown: ClassVar[tuple[str, ...]] = ("rehab_opt.session.shown",)
 
     def recordings(self, problem: P) -> tuple[Needed, ...]:
@@ -145,9 +149,13 @@ class System(Generic[P, O]):
         return None
 
     def table(self, outcome: O) -> Table:
-        """The result for the terminal."""
+        """The result for the terminal, all of it."""
         made: Table = self._draws("table")(outcome)
         return made
+
+    def brief(self, outcome: O) -> Table | None:
+        """The few numbers that matter first; None where there are but few."""
+        return self._draws("brief")(outcome) or None
 
     def figures(self, outcome: O) -> dict[str, Figure]:
         """The figures by file name, without suffix."""

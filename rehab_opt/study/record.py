@@ -15,7 +15,7 @@ import numpy as np
 from rehab_opt import __version__
 from rehab_opt.measures.score import Measure
 from rehab_opt.session.files import ProblemFile
-from rehab_opt.session.many.digest import inputs_digest, software_digest
+from rehab_opt.session.inputs import inputs_digest, software_digest
 from rehab_opt.session.many.work import flat_numbers
 from rehab_opt.session.outcome import Outcome
 from rehab_opt.session.recording import Recording

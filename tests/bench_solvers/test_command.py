@@ -81,7 +81,7 @@ def test_an_interruption_that_a_solver_swallowed_is_seen_at_the_next_step() -> N
 
 @pytest.mark.skipif(not hasattr(signal, "SIGINT"), reason="needs signals")
 def test_interrupted_it_keeps_what_it_has_and_ends_with_130(folder: Path) -> None:
-    command = [sys.executable, "-m", "rehab_opt.cli", "bench", "--family", "boxes.npz"]
+    command = [sys.executable, "-m", "rehab_opt", "bench", "--family", "boxes.npz"]
     process = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder, start_new_session=True
     )

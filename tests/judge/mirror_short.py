@@ -43,13 +43,13 @@ def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
 
 
 def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
-    """Out of reach, some seconds there, and back to a good posture."""
+    """Out of reach, some seconds there, and back to a good posture: held by joint limits or, if wide, by the floor."""
     start = good_posture(rng, 0.6)
     given = draw(rng, start, planes=False)
-    dt = float(rng.choice([0.01, 0.02]))
+    dt, wide = float(rng.choice([0.01, 0.02])), float(rng.choice([0.4, 0.7, 1.5]))
     given = given._replace(
-        dt=dt, floor=0.1, linear_speed=float(rng.choice([0.25, 0.5])), angular_speed=1.5, lower=start - 1.5,
-        upper=start + 1.5, velocity=np.full(6, 2.0), acceleration=np.full(6, 15.0),
+        dt=dt, floor=0.1, linear_speed=float(rng.choice([0.25, 0.5])), angular_speed=1.5, lower=start - wide,
+        upper=start + wide, velocity=np.full(6, 2.0), acceleration=np.full(6, 15.0),
     )  # fmt: skip
     control = tracker(given)
     first, end = tool(start[None])[0], tool(start[None] + 0.15 * rng.uniform(-1, 1, (1, 6)))[0]

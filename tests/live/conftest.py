@@ -20,7 +20,7 @@ class Address(NamedTuple):
 @pytest.fixture(scope="module")
 def address() -> Iterator[Address]:
     pytest.importorskip("websockets", reason="the live page needs websockets: pip install rehab_opt[live]")
-    command = [sys.executable, "-m", "rehab_opt.cli", "live", "robot/ur5_circle"]
+    command = [sys.executable, "-m", "rehab_opt", "live", "robot/ur5_circle"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         assert process.stderr is not None

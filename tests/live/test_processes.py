@@ -24,7 +24,7 @@ PATIENCE = 120.0
 
 
 def test_what_was_silent_is_told_again_and_no_process_is_left() -> None:
-    command = [sys.executable, "-m", "rehab_opt.cli", "live", "robot/ur5_circle"]
+    command = [sys.executable, "-m", "rehab_opt", "live", "robot/ur5_circle"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as page:
         try:
             assert page.stdout is not None
@@ -49,7 +49,7 @@ def test_a_log_is_shown_at_its_pace_and_commanded_by_nobody(tmp_path: Path) -> N
     log = tmp_path / "trace.mcap"
     run_in_time(load_problem("robot/ur5_circle"), seconds=0.5, log=log)
     logged = read_log(log).records
-    command = [sys.executable, "-m", "rehab_opt.cli", "live", "--replay", str(log)]
+    command = [sys.executable, "-m", "rehab_opt", "live", "--replay", str(log)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as page:
         try:
             assert page.stdout is not None

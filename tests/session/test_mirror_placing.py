@@ -14,6 +14,7 @@ from bench.unseen.hands import RANGE_DEG, reach_recording
 from bench.unseen.measured import judged, passed, reach
 from bench.unseen.person_reach import hand, reaches
 from bench.unseen.ur5_branches import branch_of, flange, manipulability, postures
+from rehab_opt import MirrorTracker, ur5
 from rehab_opt.cli import main
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.plants.ideal import IdealJoints
@@ -21,6 +22,7 @@ from rehab_opt.session.files import load_problem, shipped_problems
 from rehab_opt.session.mirror.laws import followed, tracker_of
 from rehab_opt.session.mirror.placing import found_place
 from rehab_opt.session.mirror.scene import laid_out
+from rehab_opt.session.mirror.seats import Seats
 from rehab_opt.session.problem_text import replaced_keys
 from tests.judge import ur5_numbers
 
@@ -109,6 +111,24 @@ def test_a_section_without_a_header_is_refused() -> None:
     new = replaced_keys(text, {"a": {"b": [0.5], "c": 7.0, "e": "word"}}, file="x.toml")
     assert tomllib.loads(new) == {"a": {"b": [0.5], "c": 7.0, "e": "word"}, "d": {"b": 3}}
     assert "c = 7.0 # two" in new
+
+
+@pytest.mark.parametrize("wrist_deg", [-170.0, 20.0, 170.0])
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_a_wrist_begins_a_turn_earlier_where_the_path_would_wind_it_up(wrist_deg: float, way: float) -> None:
+    arm = ur5()
+    seats = Seats(MirrorTracker(arm, dt=0.005, max_manipulability=0.1, compile=False))
+    at = np.array([0.3, -1.2, 1.5, -1.8, -1.57, math.radians(wrist_deg)])
+    joints = np.tile(at, (61, 1))
+    joints[:, 5] += way * np.radians(np.linspace(-90.0, 450.0, 61))  # one and a half turns, of the two it has
+    poses = np.array([arm.pose(q) for q in joints])[:, None]
+    walk = seats.walk(poses, at[None], 10)
+    assert walk.done.all() == (abs((wrist_deg + way * 180.0 + 180.0) % 360.0 - 180.0) <= 90.0)
+    turns = (walk.q[:, 0] - joints) / (2 * math.pi)
+    np.testing.assert_allclose(turns, np.round(turns), atol=1e-3)
+    done = walk.done[:, 0]
+    assert np.all((walk.q[done] >= arm.lower) & (walk.q[done] <= arm.upper))
+    assert done[0] or not done.any()
 
 
 # ------------------------------------------------------------------------------------------------ the oracle itself

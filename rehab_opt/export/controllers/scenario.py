@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from rehab_opt.control.assistance import Assistance
 from rehab_opt.control.bilateral import Bilateral, BilateralCommand
 from rehab_opt.control.bilateral_sides import FromHelper, FromParticipant
+from rehab_opt.control.command import Command
 from rehab_opt.control.path_assistance import PathAssistance
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.export.controllers.assistance import exported_assistance
@@ -20,7 +21,7 @@ from rehab_opt.export.exported import ExportedController
 from rehab_opt.optim.ladder import FUSED
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
-from rehab_opt.session.scenario.laws import Answer, Assisted, ForceLaw
+from rehab_opt.session.scenario.laws import Assisted, ForceLaw
 from rehab_opt.session.scenario.loop import ran
 from rehab_opt.session.scenario.pair import sides_of, together_of
 from rehab_opt.session.scenario.prepared import Prepared, prepared
@@ -46,11 +47,11 @@ class Listening(ForceLaw):
         """The goal has changed."""
         self._law.aim(goal)
 
-    def answer(self, x: float, y: float) -> Answer:
-        """Its answer."""
-        answer = self._law.answer(x, y)
+    def command(self, x: float, y: float, *, enable: object = True, stamp: float | None = None) -> Command:
+        """Its command."""
+        command = self._law.command(x, y, enable=enable, stamp=stamp)
         self.carried.append(self._assistance.carried)
-        return answer
+        return command
 
 
 class Overheard(Bilateral):

@@ -50,6 +50,7 @@ class LiveArdis(LiveProblem):
         self.names = tuple(self.robot.chain.names)
         self.layout = {"q": self.encoders, "force": 3, "closed": 1}
         self._arm = ArmBodies(self.robot.chain, first=CHAIR, radius=self.robot.arm_radius)
+        self._reached = 0
 
     def control(self) -> LiveControl:
         """The joystick and resolver of `rehab-opt run`."""
@@ -92,6 +93,13 @@ class LiveArdis(LiveProblem):
             "screen": screen(np.vstack([places, hand + 0.3 * np.eye(3)[:2]])),
         }
 
+    def _goal(self, hand: Array, *, closed: bool) -> dict[str, Any]:
+        """Where the participant's screen shows that the hand is to go: the first goal that it was not at."""
+        goals = self._loaded.problem.goals
+        while self._reached < len(goals) - 1 and goals[self._reached].met(hand, closed):
+            self._reached += 1
+        return {"goal": goals[self._reached].hand_m} if goals else {}
+
     def frame(self, shown: Mapping[str, Array]) -> dict[str, Any]:
         """Chair, user and arm."""
         q, force, robot = shown["q"], shown["force"], self.robot
@@ -114,6 +122,7 @@ class LiveArdis(LiveProblem):
             "capsules": [*self._arm.capsules(q), *person],
             "lines": [{"points": [*corners.tolist(), corners[0].tolist()], "colour": BLUE, "radius": 0.02}],
             "handles": {"hand": hand.round(4).tolist()},
+            **self._goal(hand, closed=bool(shown["closed"].ravel()[0])),
             "arrows": [[*hand.tolist(), *force.tolist(), "#e69f00"]] if force.any() else [],
             "joints": q.round(4).tolist(),
             "numbers": list(numbers),

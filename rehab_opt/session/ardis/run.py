@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from contextlib import AbstractContextManager
 
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.session.ardis.measures import drive_metrics
@@ -15,8 +14,7 @@ from rehab_opt.session.clearance import NearestBodies, clearance_of, nearest_bod
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.problem import LiveProblem
 from rehab_opt.session.outcome import Progress
-from rehab_opt.session.plant.making import OWN_ARM, chair_plant, joint_feedback, on_plant, plant_note
-from rehab_opt.session.solver_option import checked_solver, solver_refusals
+from rehab_opt.session.plant.making import OWN_ARM, chair_plant, joint_feedback, plant_note
 from rehab_opt.session.systems import ROBOT_FILE, Needed, System
 
 __all__ = ["ArdisSystem", "run_ardis"]
@@ -70,9 +68,6 @@ def run_ardis(loaded: ProblemFile[ArdisProblem], *, solver: str | None, progress
         drive: drive_metrics(robot, drive, outcome, room=room, goals=problem.goals) for drive, outcome in drives.items()
     }
     return ArdisOutcome(
-        system=problem.system,
-        name=loaded.name,
-        title=problem.title,
         notes=(
             plant_note(
                 problem.plant, "the robot is simulated: chair and arm move exactly as commanded, whichever law commands"
@@ -86,8 +81,6 @@ def run_ardis(loaded: ProblemFile[ArdisProblem], *, solver: str | None, progress
         metrics={
             "drives": metrics,
             **({"clearance": {drive: seen.metrics for drive, seen in near.items()}} if near else {}),
-            "parameters": problem.model_dump(mode="json", exclude={"title", "plant"})
-            | {"plant": problem.plant.parameters},
         },
         robot=robot,
         room=room,
@@ -103,6 +96,7 @@ class ArdisSystem(System[ArdisProblem, ArdisOutcome]):
     schema = ArdisProblem
     shown = ("rehab_opt.session.ardis.table", "rehab_opt.session.ardis.figures", "rehab_opt.session.ardis.figures")
     options = frozenset({"plant", "solver"})
+    solver_key = "run.solver"
 
     def recordings(self, problem: ArdisProblem) -> tuple[Needed, ...]:
         """A recording of the stick for each drive, and the robot file where there is one."""
@@ -111,35 +105,23 @@ class ArdisSystem(System[ArdisProblem, ArdisOutcome]):
 
     def check(self, loaded: ProblemFile[ArdisProblem]) -> tuple[str, ...]:
         """Reads the sticks, builds the robot and its controllers."""
-        on_plant(loaded, None)
         robot = robot_of(loaded)
         start_of(loaded, robot)
         joystick_of(loaded)
-        sticks = sticks_of(loaded)
-        with _refusals(loaded, None):
-            for drive in sticks:
-                resolver_of(loaded, robot, drive)
+        for drive in sticks_of(loaded):
+            resolver_of(loaded, robot, drive)
         return robot.chain.notes
 
     def run(self, loaded: ProblemFile[ArdisProblem], *, options: Mapping[str, str], progress: Progress) -> ArdisOutcome:
         """Options: `solver` of the controller, `plant`."""
-        solver = checked_solver(options.get("solver"))
-        loaded = on_plant(loaded, options.get("plant"))
-        with _refusals(loaded, solver):
-            return run_ardis(loaded, solver=solver, progress=progress)
+        return run_ardis(loaded, solver=options.get("solver"), progress=progress)
 
     def live(self, loaded: ProblemFile[ArdisProblem], *, options: Mapping[str, str]) -> LiveProblem:
         """The stick in somebody's hand; options as of `run`."""
         from rehab_opt.session.ardis.live import LiveArdis  # noqa: PLC0415  (for those who look)
 
-        solver = checked_solver(options.get("solver"))
-        with _refusals(loaded, solver):
-            return LiveArdis(on_plant(loaded, options.get("plant")), solver=solver)
+        return LiveArdis(loaded, solver=options.get("solver"))
 
     def seconds_a_tick(self, problem: ArdisProblem) -> float:
         """Of the controller."""
         return 1 / problem.run.rate_hz
-
-
-def _refusals(loaded: ProblemFile[ArdisProblem], solver: str | None) -> AbstractContextManager[None]:
-    return solver_refusals(solver, file=loaded.file, key="run.solver", value=loaded.problem.run.solver)

@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from rehab_opt.errors import ConfigurationError, RehabOptError, printable
-from rehab_opt.session.many.digest import inputs_digest
+from rehab_opt.session.inputs import inputs_digest
 from rehab_opt.session.many.participant import Participant
 from rehab_opt.session.many.pools import answers
 from rehab_opt.session.many.results import (

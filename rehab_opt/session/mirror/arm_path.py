@@ -26,11 +26,11 @@ __all__ = ["ArmPath", "arm_path"]
 Array = NDArray[np.float64]
 
 KNOTS = 120
-TRACKS, ENOUGH = (4, 32), 0.98
+TRACKS, ENOUGH = (4, 100), 0.98
 """Postures led along at first, and where they reach less than this share of the knots."""
 FOUND, ROUNDS, STRIDE = 40, 5, 0.3
 """Steps to the first knot, to each further one, and how far one of them goes at most [rad]."""
-CHANGE = 2.0
+CHANGE = 0.5
 """[knots/rad]"""
 JUMP = 0.4
 """[rad] between knots, from which on a posture counts as another one."""

@@ -33,6 +33,8 @@ Array = NDArray[np.float64]
 
 POSES = 60
 """Of the path that are counted while looking."""
+CHANGING = 0.1
+"""[s] from pose to pose where the person's arm changes its posture."""
 NEARLY = 4e-3, math.radians(4.0)
 """[m, rad] up to which the person's arm has what is asked."""
 ANYWHERE, NEARER, BEST = 600, (0.35, 0.2, 0.12, 0.07, 0.04, 0.02), 20
@@ -143,11 +145,15 @@ class _Search:
         self.problem, self.chain, self.rng = problem, scene.robot, rng
         self.seats, self.w_max = Seats(tracker), tracker.max_manipulability
         self.grip = pose_of(problem.robot.grip_deg, problem.robot.grip_m)
-        # Samples at which the person's arm does what is asked, or waits for nothing.
-        own = np.flatnonzero(~scene.led.lost & (np.diff(scene.asked, append=len(scene.reference.poses)) > 0))
-        own = own[np.unique(np.linspace(0, len(own) - 1, POSES).astype(int))]
-        self.wanted = (scene.beyond[own] < NEARLY).all(axis=1)
-        self.hands = scene.led.poses[own] @ np.linalg.inv(self.grip)
+        # Samples at which the person's arm does what is asked; where it changes its posture, how it comes there.
+        seen = np.flatnonzero(~scene.led.lost)
+        goes_on = np.diff(scene.asked[seen], append=len(scene.reference.poses)) > 0
+        own = seen[goes_on][np.unique(np.linspace(0, goes_on.sum() - 1, POSES).astype(int))]
+        every = math.ceil(CHANGING / float(scene.led.times[1] - scene.led.times[0]))
+        where = np.union1d(own, seen[~goes_on][::every])
+        self.counted_on = np.isin(where, own)
+        self.wanted = self.counted_on & (scene.beyond[where] < NEARLY).all(axis=1)
+        self.hands = scene.led.poses[where] @ np.linalg.inv(self.grip)
         places = self.hands[:, :3, 3]
         self.middle = int(np.argmin(np.linalg.norm(places - np.median(places, axis=0), axis=1)))
 
@@ -175,14 +181,14 @@ class _Search:
         for begun in range(0, len(found), 100):
             some = slice(begun, begun + 100)
             walk = self._walk(_Drawn(drawn.q[some], drawn.facing[some]))
-            done = (walk.done & self.wanted[:, None]).mean(axis=0)
+            done = (walk.done & self.wanted[:, None]).sum(axis=0) / self.counted_on.sum()
             found[some] = done + 0.02 * np.where(walk.done, walk.above, 0.0).mean(axis=0)
         return np.where(self.admitted(drawn.q, drawn.facing), found, 0.0)
 
     def counted(self, q: Array, facing: float) -> float:
         """Share of the poses that are done from a seat."""
         walk = self._walk(_Drawn(q[None], np.array([facing])))
-        return float((walk.done[:, 0] & self.wanted).mean())
+        return float((walk.done[:, 0] & self.wanted).sum() / self.counted_on.sum())
 
     def _walk(self, drawn: _Drawn) -> Walk:
         tools = self.seats.at(drawn.q)[0]

@@ -52,7 +52,6 @@ def run_mirror(loaded: ProblemFile[MirrorProblem], *, progress: Progress) -> Mir
     asked = reference.poses[~reference.lost]
     speeds = np.linalg.norm(reference.twists[~reference.lost, :3], axis=1)
     metrics: dict[str, Any] = {
-        "parameters": problem.model_dump(mode="json", exclude={"title", "plant"}) | {"plant": problem.plant.parameters},
         "reference": {
             "duration_s": float(reference.times[-1] - reference.times[0]),
             "samples": len(reference.poses),
@@ -84,9 +83,6 @@ def run_mirror(loaded: ProblemFile[MirrorProblem], *, progress: Progress) -> Mir
         **({} if near is None else {"clearance": near.metrics}),
     }
     return MirrorOutcome(
-        system=problem.system,
-        name=loaded.name,
-        title=problem.title,
         chain=robot,
         time=reference.times - reference.times[0],
         notes=(*scene.notes, *_notes(problem, scene, laws, tracker), *([] if near is None else [near.note])),

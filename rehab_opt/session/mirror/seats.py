@@ -24,6 +24,8 @@ ABOVE = 1.05
 """Of the floor, from which a posture counts as above it: as much is left to the tracker's own barrier."""
 HEAVY = 3.0
 """[m] What w / w_max under the floor counts for against the hand's place."""
+WOUND = 4 * math.pi
+"""[rad] that a walk may wind up beyond the limits of a joint that goes all the way round."""
 DAMPING, ROUNDS, STRIDE = 1e-4, 4, 0.25
 """Of a step [m^2], steps to a pose, and how far one of them goes at most [rad or m]."""
 
@@ -51,7 +53,8 @@ class Seats:
 
     From the posture at one pose of the path on, each next posture is the nearest to the next pose by damped
     Gauss-Newton steps, within the joint limits, with what is under the floor as one more error: where a pose is out of
-    reach, the walk goes on from the nearest posture of the same branch.
+    reach, the walk goes on from the nearest posture of the same branch. A joint that goes all the way round begins as
+    many turns on as keep the whole walk within its limits.
 
     Parameters
     ----------
@@ -72,6 +75,12 @@ class Seats:
         )
         function = ca.Function("seat", [q], [ca.densify(everything)], {"cse": True})
         self._at = functools.cache(function.map)
+        turning = np.array([not row.prismatic for row in chain.rows])
+        self.round = (
+            turning & np.isfinite(chain.lower) & np.isfinite(chain.upper) & (chain.upper - chain.lower >= 2 * np.pi)
+        )
+        more = np.where(self.round, WOUND, 0.0)
+        self.lower, self.upper = chain.lower - more, chain.upper + more
 
     def at(self, q: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
         """Tools (M, 3, 4), Jacobians (M, 6, n), w / w_max (M,), its slopes (M, n), heights over planes (M,) [m].
@@ -97,7 +106,10 @@ class Seats:
             for k in way:
                 here, done[k], above[k], elbows[k] = self._next(here, paths[k])
                 q[k] = here
-        return Walk(q, done, above, elbows)
+        middle = np.where(self.round, self.chain.lower + self.chain.upper, 0.0) / 2
+        q += self.round * 2 * np.pi * np.rint((middle - (q.min(axis=0) + q.max(axis=0)) / 2) / (2 * np.pi))
+        within = ((q >= self.chain.lower) & (q <= self.chain.upper)).all(axis=2)
+        return Walk(q, done & within & within[0], above, elbows)
 
     def _next(self, q: Array, poses: Array) -> tuple[Array, NDArray[np.bool_], Array, Array]:
         chain = self.chain
@@ -114,7 +126,7 @@ class Seats:
             square = rows.transpose(0, 2, 1) @ rows + DAMPING * np.eye(chain.n)
             step = np.linalg.solve(square, np.einsum("mij,mi->mj", rows, wanted)[:, :, None])[:, :, 0]
             step *= np.minimum(1.0, STRIDE / np.maximum(np.abs(step).max(axis=1), 1e-12))[:, None]
-            q = np.clip(q + step, chain.lower, chain.upper)
+            q = np.clip(q + step, self.lower, self.upper)
         near = (np.linalg.norm(error, axis=1) < NEAR) & (np.linalg.norm(turn, axis=1) < TURNED)
         return q, near & (w >= self.floor * (1 - 1e-3)) & (height > 0.0), w, elbows
 

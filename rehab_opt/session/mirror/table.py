@@ -21,11 +21,20 @@ from rehab_opt.session.shown import (
     times,
 )
 
-__all__ = ["table"]
+__all__ = ["brief", "table"]
 
 
 def table(outcome: MirrorOutcome) -> Table:
     """Rows of quantities with their units; A* is a path without times and without a robot that follows it."""
+    return _table(outcome, (*FIRST_ROWS, *MORE_ROWS))
+
+
+def brief(outcome: MirrorOutcome) -> Table:
+    """The first of them."""
+    return _table(outcome, FIRST_ROWS)
+
+
+def _table(outcome: MirrorOutcome, rows: Rows) -> Table:
     numbers = outcome.metrics
     reference, astar = numbers["reference"], numbers["astar"]
     caption = (
@@ -35,11 +44,10 @@ def table(outcome: MirrorOutcome) -> Table:
         f"filter lag {1e3 * reference['filter_lag_s']:.0f} ms"
     )
     laws = dict(numbers["laws"])
-    rows: Rows = MIRROR_ROWS
     if astar is not None:
         name = f"A*, {numbers['parameters']['astar']['resolution_mm']:g} mm"
         laws[name] = astar
-        rows = tuple((label, _of_astar(label, value, astar)) for label, value in MIRROR_ROWS)
+        rows = tuple((label, _of_astar(label, value, astar)) for label, value in rows)
     return law_table(outcome.title, laws, rows, caption=caption)
 
 
@@ -65,16 +73,27 @@ def _ticks(of: Numbers) -> str:
     return times("tick")(of) if "tick_median_ms" in of else "-"
 
 
-MIRROR_ROWS: Rows = (
+ASTAR_CELLS: Mapping[str, Callable[[Numbers], str]] = {
+    "least manipulability, share of largest": lambda of: f"{of['manipulability_min']:.4f}",
+    "distance to the reference mean / p95 / max, mm": millimetres("deviation"),
+    "duration, s": lambda of: "no times" if of["complete"] else "no times, INCOMPLETE",
+    "computing time, s": lambda of: f"{of['computing_s']:.3g}",
+    "events": lambda of: f"{of['expanded']} expanded, {of['blocked']} blocked",
+}
+FIRST_ROWS: Rows = (
+    ("reference passed within 5 mm and 5 deg, %", lambda of: f"{100 * of['passed_share_of_time']:.0f}"),
+    ("distance to the reference mean / p95 / max, mm", millimetres("deviation")),
+    ("duration, s", _ends),
     ("least manipulability, share of largest", lambda of: f"{of['manipulability_min']:.4f}"),
     ("time below the floor, %", lambda of: f"{100 * of['below_floor_share_of_time']:.1f}"),
-    ("reference passed within 5 mm and 5 deg, %", lambda of: f"{100 * of['passed_share_of_time']:.0f}"),
+    ("smallest joint-limit margin, deg", margin),
+    ("ticks by status", statuses),
+)
+MORE_ROWS: Rows = (
     ("seconds followed / late / stopped", lambda of: _seconds(of, "followed", "late", "stopped")),
     ("seconds short for the person's arm", lambda of: _seconds(of, "person's arm")),
     ("seconds short for floor / keep-out / reach", lambda of: _seconds(of, "floor", "keep-out", "robot's reach")),
-    ("distance to the reference mean / p95 / max, mm", millimetres("deviation")),
     ("turn from the reference mean / p95 / max, deg", spread("turn", "deg")),
-    ("duration, s", _ends),
     (
         "lag mean / max / at the end, s",
         lambda of: " / ".join(f"{of[f'lag_{k}_s']:.2f}" for k in ("mean", "max", "at_end")),
@@ -83,17 +102,8 @@ MIRROR_ROWS: Rows = (
     ("fastest tool, m/s", lambda of: f"{of['tool_speed_max_m_s']:.4f}"),
     ("fastest joint, deg/s (share of limit)", speed),
     ("largest joint acceleration, share of limit (ticks above)", _acceleration),
-    ("smallest joint-limit margin, deg", margin),
-    ("ticks by status", statuses),
     ("ticks in which something yielded", lambda of: counts(of["yielded"]) or "0"),
     ("events", lambda of: counts({key: n for key, n in of["counts"].items() if n}) or "none"),
     ("tick time median / p99 / max, ms", _ticks),
     ("computing time, s", lambda of: f"{of['computing_s']:.3g}"),
 )
-ASTAR_CELLS: Mapping[str, Callable[[Numbers], str]] = {
-    "least manipulability, share of largest": MIRROR_ROWS[0][1],
-    "distance to the reference mean / p95 / max, mm": MIRROR_ROWS[6][1],
-    "duration, s": lambda of: "no times" if of["complete"] else "no times, INCOMPLETE",
-    "computing time, s": MIRROR_ROWS[-1][1],
-    "events": lambda of: f"{of['expanded']} expanded, {of['blocked']} blocked",
-}

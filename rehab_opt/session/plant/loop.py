@@ -46,6 +46,8 @@ class Ran(NamedTuple):
     """(N,) [s] that the controller took."""
     motion: JointMotion | None
     """What was commanded and what was so; None of an ideal plant, which does as it is told."""
+    force: Array
+    """(N, 2) or (N, 3) [N] on the hand during each tick."""
 
     @property
     def values(self) -> Array:
@@ -91,6 +93,7 @@ def simulate(
     """
     plant, rows, seconds = control.plant, list[tuple[Truth, Measurement, Command]](), list[float]()
     control.timed, seen = False, plant.reset(control.start)
+    truth = plant.truth
     for k in range(ticks):
         given = inputs(k)
         if given is None:
@@ -98,9 +101,10 @@ def simulate(
         began = time.perf_counter()
         command = control.step(given, seen)
         seconds.append(time.perf_counter() - began)
-        rows.append((plant.truth, seen, command))
+        rows.append((truth, seen, command))
         note(k, command)
         seen = plant.step(control.sent(command))
+        truth = plant.truth
         if k % TICKS_A_REPORT == 0:
             progress(k, ticks)
     progress(ticks, ticks)
@@ -108,10 +112,11 @@ def simulate(
     motion = None
     if not isinstance(plant.plant, IdealJoints):
         motion = JointMotion(
-            time=np.array([truth.time for truth in truths]),
+            time=np.array([each.time for each in truths]),
             commanded=np.array([command.value for command in commands]),
-            velocity=np.array([truth.velocity for truth in truths]),
+            velocity=np.array([each.velocity for each in truths]),
             measured=np.array([each.position for each in measured]),
-            effort=np.array([truth.effort for truth in truths]),
+            effort=np.array([each.effort for each in truths]),
         )
-    return Ran(np.array([truth.position for truth in truths]), commands, np.array(seconds), motion)
+    force = np.array([*(each.force for each in truths[1:]), truth.force])
+    return Ran(np.array([each.position for each in truths]), commands, np.array(seconds), motion, force)

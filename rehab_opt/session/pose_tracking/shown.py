@@ -21,7 +21,7 @@ from rehab_opt.session.shown import (
     times,
 )
 
-__all__ = ["figures", "table"]
+__all__ = ["brief", "figures", "table"]
 
 
 def figures(outcome: RobotOutcome) -> dict[str, Figure]:
@@ -81,7 +81,12 @@ SHARE_SHOWN = 0.05  # [%] shares that differ by less look the same
 
 def table(outcome: RobotOutcome) -> Table:
     """Rows of quantities with their units."""
-    return law_table(outcome.title, {TRACKER: outcome.metrics["optimised"]}, ROBOT_ROWS)
+    return law_table(outcome.title, {TRACKER: outcome.metrics["optimised"]}, (*FIRST_ROWS, *MORE_ROWS))
+
+
+def brief(outcome: RobotOutcome) -> Table:
+    """The first of them."""
+    return law_table(outcome.title, {TRACKER: outcome.metrics["optimised"]}, FIRST_ROWS)
 
 
 def _delivered(of: Numbers) -> str:
@@ -91,17 +96,16 @@ def _delivered(of: Numbers) -> str:
     return f"{100 * moving:.1f} ({least:.1f} below 1 mm/s)"
 
 
-ROBOT_ROWS: Rows = (
-    ("parameters", lambda of: f"solver {of['parameters']['solver']}"),
+FIRST_ROWS: Rows = (
     ("position error mean / p95 / max, mm", millimetres("position_error")),
     ("orientation error mean / p95 / max, deg", spread("orientation_error", "deg")),
     ("smallest joint-limit margin, deg", margin),
-    ("fastest joint, deg/s (share of limit)", speed),
     ("least share of the asked motion delivered, %", _delivered),
-    ("tick time median / p99 / max, ms", times("tick")),
     ("ticks by status", statuses),
-    (
-        "ticks in which something yielded",
-        lambda of: counts(of["yielded"]) or "0",
-    ),
+)
+MORE_ROWS: Rows = (
+    ("parameters", lambda of: f"solver {of['parameters']['solver']}"),
+    ("fastest joint, deg/s (share of limit)", speed),
+    ("tick time median / p99 / max, ms", times("tick")),
+    ("ticks in which something yielded", lambda of: counts(of["yielded"]) or "0"),
 )

@@ -6,14 +6,13 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.assistance import Assistance
 from rehab_opt.control.bounded_force import BoundedForce, ForceBounds
-from rehab_opt.control.command import Command, Status
+from rehab_opt.control.command import Bound, Command, Status
 from rehab_opt.control.path_assistance import PathAssistance
 from rehab_opt.control.smoother import Smoother
 from rehab_opt.errors import ConfigurationError, ProblemFileError
@@ -26,7 +25,6 @@ from rehab_opt.session.solver_option import solver_refusals
 
 __all__ = [
     "BOUNDED",
-    "Answer",
     "Assisted",
     "AssistedAtPoints",
     "ForceLaw",
@@ -42,17 +40,6 @@ Array = NDArray[np.float64]
 
 
 NONE = (0.0, 0.0)
-INDEX = {status: i for i, status in enumerate(Status)}
-
-
-class Answer(NamedTuple):
-    """Force wanted and commanded [N], index of the status, `Bound` flags, energy left [J]."""
-
-    wanted: tuple[float, float]
-    force: tuple[float, float]
-    status: int = 0
-    yielded: int = 0
-    energy_left: float = math.nan
 
 
 class ForceLaw(ABC):
@@ -60,6 +47,10 @@ class ForceLaw(ABC):
 
     notes: tuple[str, ...] = ()
     """What of its numbers does not go together."""
+    wanted: tuple[float, float] = NONE
+    """[N] desired in the last tick, before bounds."""
+    energy_left: float = math.nan
+    """[J] in the tank; NaN where there is none."""
 
     def start(self, number: int) -> None:  # noqa: B027  (most have nothing to forget)
         """A trial begins."""
@@ -68,8 +59,8 @@ class ForceLaw(ABC):
         """The goal has changed."""
 
     @abstractmethod
-    def answer(self, x: float, y: float) -> Answer:
-        """The force for a hand at (x, y) [m]."""
+    def command(self, x: float, y: float, *, enable: object = True, stamp: float | None = None) -> Command:
+        """The force (2,) [N] for a hand at (x, y) [m]; `enable` and `stamp` as a controller takes them."""
 
     def partner(self) -> HelperTrace | None:
         """Who has done the trial along with the participant."""
@@ -79,9 +70,14 @@ class ForceLaw(ABC):
 class Unassisted(ForceLaw):
     """The robot follows the hand without a force of its own."""
 
-    def answer(self, x: float, y: float) -> Answer:
+    def command(self, x: float, y: float, *, enable: object = True, stamp: float | None = None) -> Command:
         """No force."""
-        return Answer(NONE, NONE)
+        return uncertified(NONE)
+
+
+def uncertified(force: tuple[float, float]) -> Command:
+    """A force [N] of a law that certifies nothing."""
+    return Command(np.array(force), Status.OK, "", math.inf, -1, "", Bound.NOTHING, 1.0)
 
 
 class Assisted(ForceLaw):
@@ -93,26 +89,13 @@ class Assisted(ForceLaw):
     def start(self, number: int) -> None:
         """No force yet, and a full tank."""
         self._assistance.reset()
-
-    @property
-    def wanted(self) -> tuple[float, float]:
-        """[N] desired in the last tick, before bounds."""
-        return self._assistance.wanted
-
-    @property
-    def energy_left(self) -> float:
-        """[J] in the tank."""
-        return self._assistance.energy_left
+        self.wanted, self.energy_left = NONE, self._assistance.energy_left
 
     def command(self, x: float, y: float, *, enable: object = True, stamp: float | None = None) -> Command:
         """The certified force with how it came about."""
-        return self._assistance.step((x, y), enable=enable, stamp=stamp)
-
-    def answer(self, x: float, y: float) -> Answer:
-        """The certified force."""
-        command = self.command(x, y)
-        force_x, force_y = command.value.tolist()
-        return Answer(self.wanted, (force_x, force_y), INDEX[command.status], command.yielded._value_, self.energy_left)
+        command = self._assistance.step((x, y), enable=enable, stamp=stamp)
+        self.wanted, self.energy_left = self._assistance.wanted, self._assistance.energy_left
+        return command
 
 
 class AssistedAtPoints(Assisted):
@@ -160,13 +143,14 @@ class Published(ForceLaw):
         """Nothing is known of the velocity."""
         self._last: tuple[float, float] | None = None
 
-    def answer(self, x: float, y: float) -> Answer:
+    def command(self, x: float, y: float, *, enable: object = True, stamp: float | None = None) -> Command:
         """The clipped force."""
         before = self._last or (x, y)
         self._last = (x, y)
         velocity = ((x - before[0]) / self._dt, (y - before[1]) / self._dt)
         force_x, force_y = self._law.force(np.array((x, y)), np.array(velocity)).tolist()
-        return Answer((force_x, force_y), (force_x, force_y))
+        self.wanted = (force_x, force_y)
+        return uncertified(self.wanted)
 
 
 BOUNDED: tuple[Law, ...] = ("assisted", "together", "delayed")

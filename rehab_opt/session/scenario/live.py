@@ -7,21 +7,16 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from rehab_opt.control.command import Command
 from rehab_opt.errors import ProblemFileError
-from rehab_opt.plants.plant import Measurement
-from rehab_opt.plants.touched import TouchedPlant
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.bodies import BLUE, GREEN, GREY, ORANGE, PURPLE, screen
-from rehab_opt.session.live.problem import LiveControl, LiveInputs, LiveProblem
-from rehab_opt.session.scenario.intention import Pace
-from rehab_opt.session.scenario.laws import Assisted
+from rehab_opt.session.live.problem import LiveControl, LiveProblem
+from rehab_opt.session.scenario.loop import Helping
 from rehab_opt.session.scenario.prepared import Prepared, prepared
 from rehab_opt.session.scenario.problem import ScenarioProblem
 from rehab_opt.session.scenario.run import law_of, scene_of
-from rehab_opt.session.scenario.simulated_person import PersonAtRobot
 from rehab_opt.workspace.region import Workspace
 
 __all__ = ["LiveScenario"]
@@ -42,7 +37,7 @@ class LiveScenario(LiveProblem):
     def __init__(self, loaded: ProblemFile[ScenarioProblem], *, solver: str | None) -> None:
         problem = loaded.problem
         if "assisted" not in problem.run.laws:
-            expected = 'a file whose laws have "assisted": a helper\'s hand does not go live yet'
+            expected = 'a file whose laws have "assisted": a pair of hands runs by `rehab-opt run` alone'
             raise ProblemFileError(loaded.file, "run.laws", problem.run.laws, expected)
         self._loaded, self._solver = loaded, solver
         self.title, self.dt = problem.title, 1 / problem.run.rate_hz
@@ -58,10 +53,7 @@ class LiveScenario(LiveProblem):
         """The law "assisted" of `rehab-opt run` at the person and robot of its trials."""
         ready, problem = self.ready, self._loaded.problem
         law = law_of("assisted", self._loaded, ready, solver=self._solver)
-        assert isinstance(law, Assisted)
-        scene = scene_of(self._loaded, ready)
-        plant = PersonAtRobot(scene.person, ready.comfortable, scene.robot, dt=self.dt, seed=problem.task.seed)
-        return _Helping(law, plant, ready)
+        return Helping(law, scene_of(self._loaded, ready), number=0, seed=problem.task.seed, endless=True)
 
     def scene(self) -> dict[str, Any]:
         """W_c, W_r, the reference, the field's pull on a hand at rest."""
@@ -114,48 +106,6 @@ class LiveScenario(LiveProblem):
             "arrows": [[*hand, *force.tolist(), 0.0, colour] for force, colour in forces],
             "numbers": [*sizes, away, float(shown["energy"][0])],
         }
-
-
-class _Helping(LiveControl):
-    def __init__(self, law: Assisted, person: PersonAtRobot, ready: Prepared) -> None:
-        super().__init__(TouchedPlant(person), ready.intention.places[0])
-        self._law, self._person, self._ready = law, person, ready
-        self._meant: Array = ready.intention.places[0]
-        self._told, self._force = np.zeros(2), np.zeros(2)
-        self._trial, self._aimed = 0, -1
-        self._begin()
-
-    def step(self, inputs: LiveInputs, seen: Measurement) -> Command:
-        intention, truth = self._ready.intention, self.plant.truth
-        self._person.aim = (*inputs.target[:2], 0.0, 0.0) if inputs.dragged else None
-        if inputs.enable:
-            now, goes_on = self._pace.meant(*truth.position.tolist())
-            self._meant = intention.places[now]
-            if not inputs.dragged:
-                velocity = intention.velocities[now] if goes_on else np.zeros(2)
-                self._person.aim = (*self._meant.tolist(), *velocity.tolist())
-            if intention.goal[now] != self._aimed:
-                self._aimed = int(intention.goal[now])
-                self._law.aim(self._aimed)
-            if self._pace.over:
-                self._begin()
-        command = self._law.command(*seen.position.tolist(), enable=inputs.enable, stamp=self.stamp(seen))
-        self._force = command.value
-        return command
-
-    def shown(self) -> dict[str, ArrayLike]:
-        return {
-            "hand": self.plant.truth.position, "meant": self._meant, "force": self._force, "wanted": self._law.wanted,
-            "exerted": self._person.exerted, "energy": self._law.energy_left,
-        }  # fmt: skip
-
-    def _begin(self) -> None:
-        """The next trial, from where the hand is: its tank is not filled up before it is due."""
-        person = self._person.person
-        self._pace, self._aimed = Pace(self._ready.intention, person.aims, ahead=person.ahead), -1
-        if self._trial == 0:
-            self._law.start(0)
-        self._trial += 1
 
 
 def _flat(points: Array) -> Array:

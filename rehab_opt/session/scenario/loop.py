@@ -6,20 +6,26 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from rehab_opt.control.command import Command, Status
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.plants.force_robot import RobotModel
-from rehab_opt.plants.hand_robot import MakesRobots, MujocoHandRobot, OnMujoco, WithoutDelay
+from rehab_opt.plants.hand_robot import MakesRobots, OnMujoco, WithoutDelay
+from rehab_opt.plants.plant import Measurement
+from rehab_opt.plants.touched import TouchedPlant
 from rehab_opt.session.files import ProblemFile
+from rehab_opt.session.live.problem import LiveControl, LiveInputs
+from rehab_opt.session.plant.loop import simulate
 from rehab_opt.session.plant.making import channel_of, ms
 from rehab_opt.session.scenario.intention import Intention, Pace
 from rehab_opt.session.scenario.laws import ForceLaw
 from rehab_opt.session.scenario.outcome import Law, Trial
 from rehab_opt.session.scenario.problem import ScenarioProblem
-from rehab_opt.session.scenario.simulated_person import Person, SimulatedPerson
+from rehab_opt.session.scenario.simulated_person import Person, PersonAtRobot
 from rehab_opt.workspace.region import Workspace
 
-__all__ = ["Arrival", "Scene", "hand_robot_of", "person_of", "ran", "robot_model_of"]
+__all__ = ["INDEX", "Arrival", "Helping", "Scene", "hand_robot_of", "person_of", "ran", "robot_model_of"]
 
 
 STABLE = 1 + 1e-6
@@ -123,70 +129,122 @@ class Scene(NamedTuple):
     """None where the time says when the trial is over."""
     dt: float
 
+    @property
+    def pace(self) -> Pace:
+        """Of a new trial."""
+        return Pace(self.intention, self.person.aims, ahead=self.person.ahead)
+
+
+LONGEST = 120.0
+"""[s] after which person and robot begin anew where they are, where trials follow one another."""
+HELD = LiveInputs(enable=True)
+INDEX = {status: i for i, status in enumerate(Status)}
+
+
+class Helping(LiveControl):
+    """A law and a simulated person, who means what the file says, or what somebody points at.
+
+    Parameters
+    ----------
+    law : started for the trial `number`. scene : of all trials. seed : of the person's moods and the sensor's noise.
+    endless : whether a trial that is over is followed by the next one, from where the hand is.
+
+    Attributes
+    ----------
+    now : tick of the intention that is meant.
+    """
+
+    def __init__(self, law: ForceLaw, scene: Scene, *, number: int, seed: int, endless: bool) -> None:
+        intention = scene.intention
+        self.law, self.pace, self.now = law, scene.pace, 0
+        self._scene, self._endless, self._aimed, self._force = scene, endless, -1, np.zeros(2)
+        self._meant: list[tuple[float, float, float, float]] = list(
+            zip(*intention.places.T.tolist(), *intention.velocities.T.tolist(), strict=True)
+        )
+        self._goals: list[int] = intention.goal.tolist()
+        ticks = math.ceil(LONGEST / scene.dt) if endless else self.pace.ticks
+        self.person = PersonAtRobot(
+            scene.person, scene.comfortable, scene.robot, dt=scene.dt, seed=seed, ticks=ticks
+        )  # fmt: skip
+        super().__init__(TouchedPlant(self.person), intention.places[0])
+        law.start(number)
+
+    def step(self, inputs: LiveInputs, seen: Measurement) -> Command:
+        """The law's; the person means nothing unless they are enabled, or somebody points."""
+        person = self.person
+        person.aim = (*inputs.target[:2], 0.0, 0.0) if inputs.dragged else None
+        if inputs.enable:
+            if self._endless and self.pace.over:
+                self.pace, self._aimed = self._scene.pace, -1
+            now, goes_on = self.pace.meant(*person.hand[:2])
+            if not inputs.dragged:
+                person.aim = self._meant[now] if goes_on else (*self._meant[now][:2], 0.0, 0.0)
+            if self._goals[now] != self._aimed:
+                self._aimed = self._goals[now]
+                self.law.aim(self._aimed)
+            self.now = now
+        command = self.law.command(*seen.position.tolist(), enable=inputs.enable, stamp=self.stamp(seen))
+        self._force = command.value
+        return command
+
+    def shown(self) -> dict[str, ArrayLike]:
+        """Hand, what is meant, the forces."""
+        return {
+            "hand": self.person.hand[:2], "meant": self._meant[self.now][:2], "force": self._force,
+            "wanted": self.law.wanted, "exerted": self.person.exerted, "energy": self.law.energy_left,
+        }  # fmt: skip
+
 
 def ran(scene: Scene, law: ForceLaw, *, name: Law, number: int, seed: int) -> Trial:
     """One trial from rest at the intention's first place; the seed decides the person's moods and the sensor's."""
-    intention, dt, arrival = scene.intention, scene.dt, scene.arrival
-    pace = Pace(intention, scene.person.aims, ahead=scene.person.ahead)
-    ticks = pace.ticks
-    start = tuple(intention.places[0].tolist())
-    person = SimulatedPerson(scene.person, scene.comfortable, dt=dt, ticks=ticks, seed=seed)
-    robot = scene.robot.robot(
-        hand_mass=scene.person.hand_mass,
-        start=start,
-        dt=dt,
-        rng=np.random.default_rng((seed, 1)),
-        ticks=ticks,
-    )
-    meant = np.hstack((intention.places, intention.velocities)).tolist()
-    goals, goal_x, goal_y = intention.goal.tolist(), 0.0, 0.0
-    meant_at: list[int] = []
-    calm, needed = 0, math.inf if arrival is None else math.ceil(arrival.seconds / dt)
-    within = 0.0 if arrival is None else arrival.within
-    law.start(number)
-    aimed, rows, marks = -1, [], []
-    shown: list[tuple[float, ...]] = []
-    for _ in range(ticks):
-        now, goes_on = pace.meant(robot.x, robot.y)
-        meant_at.append(now)
-        if goals[now] != aimed:
-            aimed = goals[now]
-            law.aim(aimed)
-            goal_x, goal_y = intention.goals[aimed].tolist()
-        x, y, vx, vy = robot.x, robot.y, robot.vx, robot.vy
-        wanted, force, status, yielded, left = law.answer(*robot.seen)
-        to_x, to_y, to_vx, to_vy = meant[now]
-        push = person.force(x, y, vx, vy, to_x, to_y, *((to_vx, to_vy) if goes_on else (0.0, 0.0)))
-        if isinstance(robot, MujocoHandRobot):
-            shown.append((*robot.seen, *robot.acting))
-        robot.step(*force, *push)
-        rows.append((x, y, vx, vy, *wanted, *force, robot.measured_x, robot.measured_y, left, person.beyond))
-        marks.append((status, yielded))
-        near = math.hypot(robot.x - goal_x, robot.y - goal_y) <= within and math.hypot(robot.vx, robot.vy) <= CALM
+    intention, arrival = scene.intention, scene.arrival
+    control = Helping(law, scene, number=number, seed=seed, endless=False)
+    needed = math.inf if arrival is None else math.ceil(arrival.seconds / scene.dt)
+    calm, kept = 0, list[tuple[float, ...]]()
+
+    def arrived() -> bool:
+        """Whether the hand has been at its goal, and calm, for long enough, after a tick."""
+        nonlocal calm
+        if arrival is None:
+            return False
+        x, y, vx, vy = control.person.hand
+        goal_x, goal_y = intention.goals[intention.goal[control.now]].tolist()
+        near = math.hypot(x - goal_x, y - goal_y) <= arrival.within and math.hypot(vx, vy) <= CALM
         calm = calm + 1 if near else 0
-        if calm >= needed or pace.over:
-            break
-    count, at = len(rows), np.array(meant_at)
-    table, flags = np.array(rows), np.array(marks, dtype=np.uint8)
-    time = np.asarray(np.arange(count) * dt, dtype=np.float64)
-    goal = np.where(intention.active[at, None], intention.goals[intention.goal[at]], np.nan)
+        return calm >= needed
+
+    def inputs(k: int) -> LiveInputs | None:
+        return None if k and (arrived() or control.pace.over) else HELD
+
+    found = simulate(
+        control,
+        inputs,
+        ticks=control.pace.ticks,
+        note=lambda _, command: kept.append((control.now, *law.wanted, law.energy_left, command.yielded._value_)),
+    )
+    if len(kept) == control.pace.ticks:
+        arrived()
+    table, motion = np.array(kept), found.motion
+    assert motion is not None
+    at = table[:, 0].astype(int)
+    late = isinstance(scene.robot, OnMujoco)
     return Trial(
         law=name,
         number=number,
-        time=time,
-        position=table[:, 0:2],
-        velocity=table[:, 2:4],
+        time=np.arange(len(at)) * scene.dt,
+        position=found.q,
+        velocity=motion.velocity,
         intended=intention.places[at],
-        wanted=table[:, 4:6],
-        commanded=table[:, 6:8],
-        measured=table[:, 8:10],
-        inside=table[:, 11] <= 0.0,
-        status=flags[:, 0],
-        yielded=flags[:, 1],
-        energy_left=table[:, 10],
-        goal=goal,
+        wanted=table[:, 1:3],
+        commanded=found.values,
+        measured=found.force,
+        inside=np.asarray(scene.comfortable.distance(found.q)) <= 0.0,
+        status=np.array([INDEX[command.status] for command in found.commands], dtype=np.uint8),
+        yielded=table[:, 4].astype(np.uint8),
+        energy_left=table[:, 3],
+        goal=np.where(intention.active[at, None], intention.goals[intention.goal[at]], np.nan),
         ended="late" if arrival is not None and calm < needed else "done",
         helper=law.partner(),
-        seen=np.array(shown)[:, 0:2] if shown else None,
-        acting=np.array(shown)[:, 2:4] if shown else None,
+        seen=motion.measured if late else None,
+        acting=motion.effort if late else None,
     )

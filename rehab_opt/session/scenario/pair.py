@@ -8,11 +8,12 @@ import numpy as np
 
 from rehab_opt.control.bilateral import Bilateral
 from rehab_opt.control.bilateral_sides import HelperSide, ParticipantSide
+from rehab_opt.control.command import Command
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.plants.hand_robot import MakesRobots
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.scenario.intention import Intention, traced
-from rehab_opt.session.scenario.laws import INDEX, Answer, ForceLaw, bounds_of, bounds_refusals
+from rehab_opt.session.scenario.laws import ForceLaw, bounds_of, bounds_refusals
 from rehab_opt.session.scenario.loop import hand_robot_of
 from rehab_opt.session.scenario.outcome import HelperTrace, Trial
 from rehab_opt.session.scenario.prepared import Prepared
@@ -57,18 +58,17 @@ class Together(ForceLaw):
         self._meant = np.hstack((meant.places, meant.velocities)).tolist()
         self._rows: list[tuple[float, ...]] = []
 
-    def answer(self, x: float, y: float) -> Answer:
+    def command(self, x: float, y: float, *, enable: object = True, stamp: float | None = None) -> Command:
         """The participant's force; the helper moves on by a tick."""
         both, robot = self._both, self._robot
         at_x, at_y, vx, vy = robot.x, robot.y, robot.vx, robot.vy
-        felt, drawn = both.step(robot.seen, (x, y))
+        felt, drawn = both.step(robot.seen, (x, y), enable=enable)
         felt_x, felt_y = felt.value.tolist()
         push = self._person.force(at_x, at_y, vx, vy, *self._meant[len(self._rows)])
         robot.step(felt_x, felt_y, *push)
         self._rows.append((at_x, at_y, felt_x, felt_y, both.helper.force.energy_left))
-        force_x, force_y = drawn.value.tolist()
-        side = both.participant.force
-        return Answer(side.wanted, (force_x, force_y), INDEX[drawn.status], drawn.yielded._value_, side.energy_left)
+        self.wanted, self.energy_left = both.participant.force.wanted, both.participant.force.energy_left
+        return drawn
 
     def partner(self) -> HelperTrace:
         """What the helper did, tick by tick."""

@@ -19,7 +19,6 @@ from rehab_opt.session.outcome import Progress
 from rehab_opt.session.plant.making import plant_note
 from rehab_opt.session.scenario.demonstrated import fit_metrics
 from rehab_opt.session.scenario.laws import (
-    INDEX,
     Assisted,
     AssistedAtPoints,
     ForceLaw,
@@ -30,7 +29,7 @@ from rehab_opt.session.scenario.laws import (
     check_bounds,
     swinging_notes,
 )
-from rehab_opt.session.scenario.loop import Arrival, Scene, hand_robot_of, person_of, ran, robot_model_of
+from rehab_opt.session.scenario.loop import INDEX, Arrival, Scene, hand_robot_of, person_of, ran, robot_model_of
 from rehab_opt.session.scenario.measures import COVERED, law_summary, trial_measures
 from rehab_opt.session.scenario.outcome import Law, ScenarioOutcome, Trial
 from rehab_opt.session.scenario.pair import pair_measures, pair_of
@@ -96,9 +95,6 @@ def run_scenario(loaded: ProblemFile[ScenarioProblem], *, solver: str | None, pr
         for name, done in trials.items()
     }
     return ScenarioOutcome(
-        system=problem.system,
-        name=loaded.name,
-        title=problem.title,
         notes=(
             *ready.notes,
             *ASSUMPTIONS[: 2 if fit is None else 1],
@@ -115,8 +111,6 @@ def run_scenario(loaded: ProblemFile[ScenarioProblem], *, solver: str | None, pr
                 "reachable_cm2": 1e4 * ready.reachable.area,
             },
             **({} if fit is None else {"learnt": fit_metrics(fit)}),
-            "parameters": problem.model_dump(mode="json", exclude={"title", "plant"})
-            | {"plant": problem.plant.parameters},
         },
         mode=problem.mode,
         comfortable=ready.comfortable,

@@ -172,10 +172,6 @@ def _spasms(person: Person, ticks: int, dt: float, rng: np.random.Generator) -> 
     return total
 
 
-LONGEST = 120.0
-"""[s] after which robot and person begin anew where they are, at rest: their moods and noise are drawn beforehand."""
-
-
 class PersonAtRobot:
     """The person and robot of a scenario's trials; a `Plant` whose commands are forces (2,) [N].
 
@@ -186,12 +182,16 @@ class PersonAtRobot:
 
     Parameters
     ----------
-    person, comfortable : see `SimulatedPerson`. robot : makes robots. dt : [s] of a tick. seed : of moods and noise.
+    person, comfortable : see `SimulatedPerson`. robot : makes robots. dt : [s] of a tick. seed : of moods and noise;
+        whenever person and robot begin anew where they are, the next one.
+    ticks : after so many they do, at rest, since moods and noise are drawn beforehand.
     """
 
-    def __init__(self, person: Person, comfortable: Workspace, robot: MakesRobots, *, dt: float, seed: int) -> None:
-        self.dt, self.person, self._comfortable, self._kind, self._seed = dt, person, comfortable, robot, seed
-        self._most = math.ceil(LONGEST / dt)
+    def __init__(
+        self, person: Person, comfortable: Workspace, robot: MakesRobots, *, dt: float, seed: int, ticks: int
+    ) -> None:
+        self.dt, self.person, self._comfortable, self._kind = dt, person, comfortable, robot
+        self._first, self._most = seed, ticks
         self.aim: tuple[float, float, float, float] | None = None
         self.exerted: Array = np.zeros(2)
         self._time = 0.0
@@ -208,12 +208,19 @@ class PersonAtRobot:
         """Where the hand is."""
         robot = self._robot
         return Truth(
-            self._time, np.array((robot.x, robot.y)), np.array((robot.vx, robot.vy)), np.zeros(2), self._felt
+            self._time, np.array((robot.x, robot.y)), np.array((robot.vx, robot.vy)), np.array(robot.acting),
+            self._felt,
         )  # fmt: skip
+
+    @property
+    def hand(self) -> tuple[float, float, float, float]:
+        """x, y [m], vx, vy [m/s]: as in `truth`."""
+        robot = self._robot
+        return robot.x, robot.y, robot.vx, robot.vy
 
     def reset(self, position: ArrayLike) -> Measurement:
         """At rest at `position` (2,) [m]; the clock at zero."""
-        self._time = 0.0
+        self._time, self._seed = 0.0, self._first
         x, y = np.asarray(position, dtype=np.float64).tolist()
         self._begin((x, y))
         return self.measured
@@ -221,6 +228,7 @@ class PersonAtRobot:
     def step(self, command: ArrayLike, push: ArrayLike | None = None) -> Measurement:
         """One tick under the robot's force (2,) [N], the person's, and a push (2,) [N] besides."""
         if self._left == 0:
+            self._seed += 1
             self._begin((self._robot.x, self._robot.y))
         self._left -= 1
         robot, force = self._robot, np.asarray(command, dtype=np.float64)
@@ -239,7 +247,6 @@ class PersonAtRobot:
 
     def _begin(self, start: tuple[float, float]) -> None:
         self._left = self._most
-        self._seed += 1
         self._moods = SimulatedPerson(
             self.person, self._comfortable, dt=self.dt, ticks=self._most, seed=self._seed
         )  # fmt: skip

@@ -10,9 +10,9 @@ from rich.text import Text
 from rehab_opt.control.gate import Mode
 from rehab_opt.session.scenario.measures import REACHES, law_summary
 from rehab_opt.session.scenario.outcome import ScenarioOutcome
-from rehab_opt.session.shown import Cell, Numbers, law_table
+from rehab_opt.session.shown import Cell, Numbers, Rows, law_table
 
-__all__ = ["table"]
+__all__ = ["brief", "table"]
 
 WRAPPED = 90
 MM = 1e3
@@ -20,10 +20,7 @@ MM = 1e3
 
 def table(outcome: ScenarioOutcome) -> Table:
     """Rows of quantities with their units, a column for each law: the mean over its trials, and the worst of them."""
-    summaries: dict[str, Numbers] = {law: law_summary(of) for law, of in outcome.measures.items()}
-    trials = max(len(of) for of in outcome.measures.values())
-    said = f"mode {outcome.mode}, {trials} trial{'s' if trials > 1 else ''} each: mean (worst trial); - is no number"
-    grid = law_table("\n".join(textwrap.wrap(outcome.title, WRAPPED)), summaries, caption=said)
+    summaries, grid = _summaries(outcome), _table(outcome, ())
     pairs = any("helper_force_mean_N" in of["mean"] for of in summaries.values())
     for heading, rows in _groups(outcome.mode, pairs=pairs):
         grid.add_section()
@@ -31,6 +28,33 @@ def table(outcome: ScenarioOutcome) -> Table:
         for label, cell in rows:
             grid.add_row(Text(f"  {label}"), *map(cell, summaries.values()))
     return grid
+
+
+def brief(outcome: ScenarioOutcome) -> Table:
+    """The first of them."""
+    follows = [("path covered, in order, %", _percent("reference_covered_share"))] if outcome.mode == "follow" else []
+    rows: Rows = (
+        ("trials that succeeded, %", _success),
+        *follows,
+        ("deviation, mean, mm", _number("deviation_mean_m", scale=MM)),
+        ("deviation, largest, mm", _number("deviation_max_m", scale=MM)),
+        ("force measured, mean, N", _number("force_measured_mean_N")),
+        ("force measured, largest, N", _number("force_measured_max_N")),
+        ("speed, largest, mm/s", _number("speed_max_m_s", scale=MM)),
+        ("duration, s", _number("duration_s")),
+        ("ticks by status, %", _statuses),
+    )
+    return _table(outcome, rows)
+
+
+def _summaries(outcome: ScenarioOutcome) -> dict[str, Numbers]:
+    return {law: law_summary(of) for law, of in outcome.measures.items()}
+
+
+def _table(outcome: ScenarioOutcome, rows: Rows) -> Table:
+    trials = max(len(of) for of in outcome.measures.values())
+    said = f"mode {outcome.mode}, {trials} trial{'s' if trials > 1 else ''} each: mean (worst trial); - is no number"
+    return law_table("\n".join(textwrap.wrap(outcome.title, WRAPPED)), _summaries(outcome), rows, caption=said)
 
 
 def _number(key: str, *, scale: float = 1.0) -> Cell:

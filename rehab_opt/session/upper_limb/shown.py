@@ -39,15 +39,24 @@ from rehab_opt.session.shown import (
 )
 from rehab_opt.session.upper_limb.outcome import DRIVEN_DEG, ArmOutcome, Drive
 
-__all__ = ["figures", "table"]
+__all__ = ["brief", "figures", "table"]
 
 Array = NDArray[np.float64]
 
 
 def table(outcome: ArmOutcome) -> Table:
     """Rows of quantities with their units, a column for each law."""
+    return _table(outcome, (*FIRST_ROWS, *MORE_ROWS))
+
+
+def brief(outcome: ArmOutcome) -> Table:
+    """The first of them."""
+    return _table(outcome, FIRST_ROWS)
+
+
+def _table(outcome: ArmOutcome, rows: Rows) -> Table:
     of = {run.law: outcome.metrics[run.law] for run in outcome.laws}
-    return law_table(outcome.title, of, ARM_ROWS, caption=_caption(outcome))
+    return law_table(outcome.title, of, rows, caption=_caption(outcome))
 
 
 def _caption(outcome: Outcome) -> str:
@@ -86,22 +95,24 @@ def _hurry(of: Numbers) -> str:
     return "; ".join(f"{share:.2f}" for share in shares)
 
 
-ARM_ROWS: Rows = (
-    ("parameters", _parameters),
+FIRST_ROWS: Rows = (
     ("path followed by a drive to 1 mm, % of length", lambda of: _share(of["drive"])),
     ("   later than the recording at its end, s", lambda of: f"{of['drive']['delay_s']:.3g}"),
     ("   position error mean / p95 / max, mm", lambda of: millimetres("position_error")(of["drive"])),
     ("   handle tilt max (limit), deg", lambda of: _tilt(of["drive"], of["handle_tilt_limit_deg"], DRIVEN_DEG)),
-    ("   fastest joint; acceleration, share of limit", _hurry),
+    ("smallest joint-limit margin, deg", margin),
+    ("samples by status", statuses),
+)
+MORE_ROWS: Rows = (
+    ("parameters", _parameters),
+    ("driven: fastest joint; acceleration, share of limit", _hurry),
     ("path followed by the law to 1 mm, % of length", _share),
     ("   position error mean / p95 / max, mm", millimetres("position_error")),
     ("   max where the path is within reach, mm", _reachable_error),
     ("   handle tilt max (limit), deg", lambda of: _tilt(of, of["handle_tilt_limit_deg"], ROUNDING_DEG)),
     ("   fastest joint, deg/s (share of limit)", speed),
-    ("smallest joint-limit margin, deg", margin),
     ("solve time of the first sample, ms", lambda of: f"{of['solve_time_first_ms']:.3g}"),
     ("   of the others, median / p99 / max, ms", times("solve_time")),
-    ("samples by status", statuses),
 )
 
 SEEN = 1.0  # [mm] from which a height off the plane is worth a word

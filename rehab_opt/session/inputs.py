@@ -1,4 +1,4 @@
-"""What a result depends on, as one number: equal ones need no second computation."""
+"""What a result depends on: its files, and one number of all, of which equal ones need no second computation."""
 
 from __future__ import annotations
 
@@ -8,19 +8,36 @@ import importlib.resources
 import inspect
 import json
 import sys
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from rehab_opt.session.files import ProblemFile, recording_path
 from rehab_opt.session.robot_file import robot_text
 from rehab_opt.session.schema import Problem
-from rehab_opt.session.systems import ROBOT_FILE, system_named
+from rehab_opt.session.systems import ROBOT_FILE, Needed, system_named
 from rehab_opt.session.text_lines import LARGEST_RECORDING
 from rehab_opt.text_file import file_content
 
-__all__ = ["inputs_digest", "software_digest"]
+__all__ = ["input_files", "inputs_digest", "software_digest"]
 
 NUMERICS = ("casadi", "numpy", "scipy", "shapely")
+
+
+def input_files(loaded: ProblemFile[Any]) -> dict[str, dict[str, str]]:
+    """The files that a problem is made of, by key: what it calls each, and the SHA-256 of its content.
+
+    Of a robot file, which names others, it is that of the arm's numbers, as `inputs_digest` counts them.
+
+    Raises
+    ------
+    ProblemFileError : a recording is absent or cannot be read.
+    """
+    contents = [(each.key, each.reference, content) for each, content in _contents(loaded)]
+    if loaded.path.is_file():
+        contents.insert(0, ("problem", loaded.file, loaded.path.read_bytes()))
+    return {key: {"file": file, "sha256": hashlib.sha256(content).hexdigest()} for key, file, content in contents}
 
 
 def inputs_digest(loaded: ProblemFile[Problem]) -> str:
@@ -32,17 +49,21 @@ def inputs_digest(loaded: ProblemFile[Problem]) -> str:
     """
     digest = hashlib.sha256(software_digest().encode())
     problem = loaded.problem
-    system = system_named(problem.system)
-    digest.update(_source_outside(type(system)))
+    digest.update(_source_outside(type(system_named(problem.system))))
     said = {"name": loaded.name, "problem": problem.model_dump(mode="json")}
     digest.update(json.dumps(said, sort_keys=True).encode())
-    for needed in system.recordings(problem):
-        if needed.key == ROBOT_FILE:
-            digest.update(robot_text(loaded, needed.reference).encode())
-            continue
-        path = recording_path(loaded, needed.reference, key=needed.key)
-        digest.update(file_content(path, needed.reference, largest=LARGEST_RECORDING))
+    for _, content in _contents(loaded):
+        digest.update(content)
     return digest.hexdigest()
+
+
+def _contents(loaded: ProblemFile[Any]) -> Iterator[tuple[Needed, bytes]]:
+    for needed in system_named(loaded.problem.system).recordings(loaded.problem):
+        if needed.key == ROBOT_FILE:
+            yield needed, robot_text(loaded, needed.reference).encode()
+        else:
+            path = recording_path(loaded, needed.reference, key=needed.key)
+            yield needed, file_content(path, needed.reference, largest=LARGEST_RECORDING)
 
 
 def _source_outside(kind: type) -> bytes:
