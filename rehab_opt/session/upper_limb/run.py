@@ -121,7 +121,7 @@ def _measured(
     rate, limit = problem.run.rate_hz, math.radians(problem.arm.handle_tilt_deg)
     met = _met(run.position_error, run.handle_tilt, limit + ROUNDING)
     of_length, of_time = path_shares(path, met)
-    drive, told = driven(arm, run.q, times, path, problem.smoothing)
+    drive, told = driven(arm, run.q, times, path, problem.smoothing, handle_tilt=limit)
     allowed = limit + math.radians(DRIVEN_DEG)
     drive_of_length, drive_of_time = path_shares(path, _met(drive.position_error, drive.handle_tilt, allowed))
     hand, tilt = hand_and_tilt(arm, drive.q)
