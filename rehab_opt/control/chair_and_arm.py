@@ -233,21 +233,22 @@ class ChairAndArm(VelocityController):
         """(7,) what steadies the command: b of the class."""
         guess, u, braking = task["guess"], ca.SX.sym("u", self.chain.n), self.limits.braking
 
-        def passed(rows: list[Row]) -> ca.SX:
-            """By how much the guess passes them, as a share of what the accelerations can do in a tick."""
-            most = ca.if_else(all_true(ca.fabs(guess) <= PLAUSIBLE), 0, ca.inf)
-            for row in rows:
-                matrix = ca.jacobian(row.expression, u)
-                there = matrix @ guess
-                over = ca.fmax(there - row.upper, row.lower - there)
-                most = ca.fmax(most, ca.mmax(over / ca.fmax(ca.fabs(matrix) @ braking.change, TINY)))
-            return most
+        def over(row: Row, matrix: ca.SX) -> ca.SX:
+            """By how much the guess passes each of its bounds."""
+            there = matrix @ guess
+            return ca.fmax(there - row.upper, row.lower - there)
 
-        own = [within(u, eased.lower, eased.upper), *limits.chassis_rows(u), *self._hand_rows(u, task)]
-        beyond, surroundings = passed(own), limits.surrounding_rows(u)
+        # Of its own bounds as a share of what the accelerations can do in a tick.
+        beyond = ca.if_else(all_true(ca.fabs(guess) <= PLAUSIBLE), 0, ca.inf)
+        for row in (within(u, eased.lower, eased.upper), *limits.chassis_rows(u), *self._hand_rows(u, task)):
+            matrix = ca.jacobian(row.expression, u)
+            shares = over(row, matrix) / ca.fmax(ca.fabs(matrix) @ braking.change, TINY)
+            beyond = ca.fmax(beyond, ca.mmax(shares))
+        surroundings = [over(row, ca.jacobian(row.expression, u)) for row in limits.surrounding_rows(u)]
+        met = ca.mmax(ca.vertcat(ca.SX(0), *surroundings)) > 0
         going = ca.fmin(ca.mmax(ca.fabs(last) / braking.change) / GOING, 1)
         part = ca.if_else(beyond > 0, going * ca.fmax(1 - beyond, 0), 1)
-        part = ca.if_else(passed(surroundings) > 0, 0, part)
+        part = ca.if_else(met, 0, part)
         slower = braking.slower(last)
         return ca.if_else(part > 0, slower + part * (guess - slower), slower)
 
@@ -369,14 +370,14 @@ class ChairAndArm(VelocityController):
         if self.max_obstacles:
             self._inputs[2][: numbers.size] = numbers
 
-    def tell(self, q: ArrayLike, twist: ArrayLike, world: float, moving: Array) -> None:
-        """Write the other parameters of a tick; `moving` by `moving_numbers`.
+    def tell(self, q: ArrayLike, twist: ArrayLike, world: float, moving: Array | None) -> None:
+        """Write the other parameters of a tick; `moving` by `moving_numbers`, where there are such.
 
         Raises
         ------
         ConfigurationError : an argument of the wrong shape, or no numbers.
         """
-        if moving.size:
+        if moving is not None:
             self._inputs[2][-moving.size :] = moving.reshape(-1)
         views = self._views
         try:

@@ -180,7 +180,7 @@ class ChairLimits:
         # In the middle of the tick: there a link that slides along a keep-out comes no nearer.
         opening, gaps = self._closing(arm + last * (self.dt / 2))
         now, free = -opening, ca.fmax(gaps - self._margin(0.0, last), 0) / time
-        then, left = 0 * now, ca.inf * ca.SX.ones(now.size1())
+        then, left = 0 * opening, ca.inf * ca.SX.ones(now.size1())
         before, falls = opening, ca.fmin(opening @ slower, 0)
         for part in ALONG:
             margin = self._margin(part, last)
@@ -193,10 +193,10 @@ class ChairLimits:
             then_time = ca.fmax(part * time - (1 - share) * apart, apart / 4)
             nearest = before + share * (opening - before)
             less = (least - margin) / then_time
-            then = ca.if_else(ca.repmat(less < left, 1, now.size2()), -nearest, then)
+            then = ca.if_else(ca.repmat(less < left, 1, now.size2()), nearest, then)
             left = ca.fmin(less, left)
             before, gaps, falls = opening, here, ca.fmin(opening @ slower, 0)
-        return ca.vertcat(now, then), ca.vertcat(free, left)
+        return ca.vertcat(now, -then), ca.vertcat(free, left)
 
     def far(self) -> tuple[ca.SX, ca.SX]:
         """Those rows and speeds where no keep-out matters."""

@@ -158,6 +158,8 @@ class Limits:
         fastest_rate: float = math.inf,
     ) -> None:
         self.limits, self.chain, self.dt, self.clearance = tuple(limits), chain, dt, clearance
+        self.moving = 0 if clearance is None else clearance.clearance.moving
+        """How many moving capsules a tick is told of."""
         self._calm = ca.DM(recovery_speed * chain.velocity)
         together = max(float(np.max(chain.velocity / chain.acceleration)), dt)
         rates = [each.rate for each in self.limits for _ in range(each.count(chain))]
@@ -170,11 +172,6 @@ class Limits:
     def __len__(self) -> int:
         """How many rows they make."""
         return self._shares.numel()
-
-    @property
-    def moving(self) -> int:
-        """How many moving capsules a tick is told of."""
-        return 0 if self.clearance is None else self.clearance.clearance.moving
 
     @property
     def told(self) -> int:

@@ -39,7 +39,6 @@ Array = NDArray[np.float64]
 STICK_ROWS = (("x", "y", "z"), ("x", "y"), ("z", "roll7"))
 """Sets of rows that are prepared where nothing else is said: reaching, and the paper's two modes of the stick."""
 CHASSIS = ("forward", "sideways", "turning")
-_NONE = np.zeros(0)
 FASTER = 1e-9
 """Share by which a velocity that is reset may pass a limit: rounding."""
 
@@ -325,7 +324,7 @@ class RedundancyResolver(OneThread):
         active = self._active
         if type(q) is not np.ndarray:  # a masked array would be read through its mask
             q = real_numbers("q", q, (self.robot.chain.n,))
-        bodies = _NONE if moving is None and not self.limits.moving else self.limits.told_numbers("moving", moving)
+        bodies = None if moving is None and not self.limits.moving else self.limits.told_numbers("moving", moving)
         if not isinstance(rows, tuple) or rows != active.rows:
             names = checked_rows(rows)
             other = self._sets.get(names)

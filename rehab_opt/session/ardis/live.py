@@ -23,7 +23,7 @@ from rehab_opt.session.ardis.stick import Moment, StickRecording, sticks_of
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.bodies import ARM_PLOTS, BLUE, GREEN, GREY, PURPLE, ArmBodies, joint_rows, screen
 from rehab_opt.session.live.problem import LiveControl, LiveInputs, LiveProblem
-from rehab_opt.session.plant.making import OWN_ARM, chair_plant
+from rehab_opt.session.plant.making import OWN_ARM, chair_plant, joint_feedback
 
 __all__ = ["LiveArdis"]
 
@@ -57,7 +57,7 @@ class LiveArdis(LiveProblem):
         table, robot = self._loaded.problem.plant, self.robot
         ideal = table.kind == "ideal"
         plant = IdealJoints(self.dt) if ideal else chair_plant(table, robot, robot.drive(self.drive), self.dt)
-        resolver = resolver_of(self._loaded, robot, self.drive, solver=self._solver)
+        resolver = resolver_of(self._loaded, robot, self.drive, solver=self._solver, feedback=joint_feedback(table))
         return Steering(joystick_of(self._loaded), resolver, TouchedPlant(plant), self.start, wheels=not ideal)
 
     def untouched(self, time: float) -> LiveInputs:

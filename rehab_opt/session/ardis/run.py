@@ -14,7 +14,7 @@ from rehab_opt.session.clearance import NearestBodies, clearance_of, nearest_bod
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.problem import LiveProblem
 from rehab_opt.session.outcome import Progress
-from rehab_opt.session.plant.making import OWN_ARM, chair_plant, plant_note
+from rehab_opt.session.plant.making import OWN_ARM, chair_plant, joint_feedback, plant_note
 from rehab_opt.session.systems import ROBOT_FILE, Needed, System
 
 __all__ = ["ArdisSystem", "run_ardis"]
@@ -58,7 +58,7 @@ def run_ardis(loaded: ProblemFile[ArdisProblem], *, solver: str | None, progress
     drives: dict[DriveName, DriveOutcome] = {}
     near: dict[DriveName, NearestBodies] = {}
     for drive in sticks:
-        ours = resolver_of(loaded, robot, drive, solver=solver)
+        ours = resolver_of(loaded, robot, drive, solver=solver, feedback=joint_feedback(problem.plant))
         theirs = Published(PseudoinverseLaw(robot, drive=drive, self_motion=problem.run.self_motion))
         drives[drive] = DriveOutcome(published=run(drive, "published", theirs), optimised=run(drive, "optimised", ours))
         ran = drives[drive].optimised

@@ -112,4 +112,8 @@ class ChairPlant(PlantTable):
     @property
     def imperfections(self) -> str:
         """Of the sensors and the wheels."""
-        return f"{1e3 * self.position_noise_rad:g} mrad of noise, {self.wheel_lag_ms:g} ms of lag of the wheels"
+        noise, lag = (
+            f"{1e3 * self.position_noise_rad:g} mrad of noise",
+            f"{self.wheel_lag_ms:g} ms of lag of the wheels",
+        )
+        return f"{noise}, {lag}; the optimised law knows delays and servo"
