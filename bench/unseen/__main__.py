@@ -2,7 +2,8 @@
 
 `python -m bench.unseen [--recordings 10] [--seed 500] [--random-seats 2000] [--write]`. Half of the recordings are
 minimum-jerk reaches with turns at random (seeds from `--seed` on), half are slices of the real hand at random rows.
-Nothing judged is imported by the oracle (`ur5_branches`, `person_reach`, `measured`).
+Nothing judged is imported by the oracle (`ur5_branches`, `person_reach`, `measured`, `time_optimal`, which needs the
+extra `peers`).
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ from rich.console import Console
 from bench.machine import machine
 from bench.unseen.hands import reach_recording, slice_recording
 from bench.unseen.measured import Broken, broken, judged, passed, reach
-from bench.unseen.ur5_branches import branch_of, manipulability, postures
+from bench.unseen.time_optimal import least_seconds
+from bench.unseen.ur5_branches import branch_of, flange, manipulability, postures
 from bench.verdict import Verdict, all_met, print_verdicts
 from rehab_opt.plants.ideal import IdealJoints
 from rehab_opt.session.files import ProblemFile, problem_of, shipped_problems
@@ -65,6 +67,8 @@ class Row(NamedTuple):
     complete: bool
     late: float
     """Duration of `step` over the recording's."""
+    over_least: float
+    """Duration of the plan over the least of its joint path."""
     turn: float
     """Of the tool from the reference, beyond what it is said to stay short of, over `max_turn`."""
     worst: Broken
@@ -99,6 +103,10 @@ def measured(loaded: ProblemFile[Any], name: str, *, random_seats: int, seed: in
         _mean(by_step, branch), _mean(by_plan, found.anyhow), float(by_step.mean()),
         best_random(poses, found.person, content, random_seats, np.random.default_rng(seed)), step.complete,
         float(step.time[-1] / (scene.reference.times[-1] - scene.reference.times[0])),
+        float(plan.time[-1]) / least_seconds(
+            plan.q, np.maximum.accumulate(plan.time - plan.lag), flange(plan.q)[:, :3, 3], speed=np.full(6, math.pi),
+            acceleration=np.full(6, ACCELERATION), hand_speed=content["tracker"]["linear_speed_m_s"],
+        ),
         max(float(np.nanmax(led.turn - led.short[:, 1])) / tracker.max_turn for led in (step, plan)),
         Broken(*(f(each) for f, each in zip((max, max, min), zip(*worst, strict=True), strict=True))),
     )  # fmt: skip
@@ -145,6 +153,9 @@ def verdicts(rows: list[Row]) -> list[Verdict]:
         Verdict("step: share of the poses in reach that it passes", _weighted(step, anyhow), ">=", 0.9),
         Verdict("step: share of those in reach on the branch it starts on", _weighted(own, branch), ">=", 0.9),
         Verdict("plan: share of the poses in reach that it passes", _weighted(plan, anyhow), ">=", 0.98),
+        Verdict(
+            "plan: duration / the least of its joint path (toppra), worst", max(r.over_least for r in rows), "<=", 1.15
+        ),
         Verdict("place: promised and achieved differ by at most", gap, "<=", 0.03),
         Verdict("place: in-reach share / best of random seats, worst", seat, ">=", 0.95),
         Verdict("runs that come to the recording's end", float(np.mean([r.complete for r in rows])), ">=", 1.0),
@@ -177,7 +188,7 @@ def main() -> int:
     rng, rows, lines = np.random.default_rng(options.seed), [], []
     titles = (
         "recording", "in reach, any branch / start's", "best random", "promised", "step of all",
-        "step of in reach, any / start's", "plan", "step's seconds", "worst acceleration",
+        "step of in reach, any / start's", "plan", "step's seconds", "plan / least time", "worst acceleration",
     )  # fmt: skip
     lines += ["| " + " | ".join(titles) + " |", "|---" * len(titles) + "|"]
     with tempfile.TemporaryDirectory() as scratch:
@@ -194,6 +205,7 @@ def main() -> int:
             lines.append(
                 f"| {name} | {one.in_reach:.2f} / {one.on_branch:.2f} | {one.best_random:.2f} | {one.promised:.3f} | "
                 f"{one.achieved:.3f} | {one.step:.2f} / {one.step_on_branch:.2f} | {one.plan:.2f} | x {one.late:.1f} | "
+                f"{one.over_least:.2f} | "
                 f"{one.worst.acceleration:.2f} |"
             )
             console.print(f"{lines[-1]} ({time.perf_counter() - began:.0f} s)", highlight=False, soft_wrap=True)

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.between_poses import turn_between
 from rehab_opt.control.command import Bound
+from rehab_opt.control.mirror_retiming import retimed
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.real_array import real_array
 
@@ -81,8 +82,8 @@ class MirrorPath(NamedTuple):
         return float(self.times[-1] - self.clock[-1]) if len(self.times) else 0.0
 
 
-def plan(tracker: MirrorTracker, poses: ArrayLike, twists: ArrayLike, q: ArrayLike) -> MirrorPath:
-    """Follow a whole recording from posture q; see `MirrorTracker.plan`."""
+def plan(tracker: MirrorTracker, poses: ArrayLike, twists: ArrayLike, q: ArrayLike, *, quick: bool) -> MirrorPath:
+    """Follow a whole recording from posture q; see `MirrorTracker.plan`. `quick` plans are `retimed`."""
     try:
         reference, motion, joints = real_array(poses), real_array(twists), np.array(real_array(q))
     except (TypeError, ValueError, OverflowError) as problem:
@@ -99,7 +100,7 @@ def plan(tracker: MirrorTracker, poses: ArrayLike, twists: ArrayLike, q: ArrayLi
     dt = tracker.dt
     tracker.foresee(joints, reference[usable], motion[usable], np.asarray(dt * usable, dtype=np.float64))
     most = math.ceil((PATIENCE + PATIENCE * tracker.clock.lag) / dt)
-    path, speeds, clock, short, person, shown, w, yielded = [], [], [], [], [], [], [], []
+    path, speeds, clock, left, short, person, shown, w, yielded = [], [], [], [], [], [], [], [], []
     complete, reference_clock, follow = False, tracker.clock, tracker.follow
     ending, arrived, before = False, 0, reference_clock.stamp
     for tick in range(most + math.ceil(ENDING / dt)):
@@ -111,6 +112,7 @@ def plan(tracker: MirrorTracker, poses: ArrayLike, twists: ArrayLike, q: ArrayLi
         speeds.append(value)
         shown.append(tracker.followed)
         clock.append(reference_clock.stamp)
+        left.append(reference_clock.lag)
         short.append(tracker.short)
         person.append(tracker.beyond_person)
         w.append(tracker.manipulability)
@@ -121,8 +123,11 @@ def plan(tracker: MirrorTracker, poses: ArrayLike, twists: ArrayLike, q: ArrayLi
             complete = reference_clock.current
             break
     found, counts = tracker.tools(path), Counter(tracker.counts)
-    return MirrorPath(
+    planned = MirrorPath(
         np.asarray(dt * np.arange(len(path)), dtype=np.float64), np.array(path), np.array(speeds), found,
         np.array(shown), np.array(clock), np.array(short), np.array(person),
-        np.diff(clock, prepend=before) / dt, np.array(w), yielded, complete, counts, time.perf_counter() - begun,
+        np.diff(clock, prepend=before) / dt, np.array(w), yielded, complete, counts, 0.0,
     )  # fmt: skip
+    if quick:
+        planned = retimed(tracker, planned, np.array(left))
+    return planned._replace(seconds=time.perf_counter() - begun)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.between_poses import angle_of, calm_way, distance_of, part_way
-from rehab_opt.control.foreseen import Foreseen
+from rehab_opt.control.foreseen import Foreseen, turned_each, turns_between
 from rehab_opt.optim.certificate import all_true
 from rehab_opt.symbolic import BufferedFunction
 from rehab_opt.symbolic.record import Record, Values
@@ -268,6 +268,22 @@ class ReferenceClock:
         return Foreseen(
             poses, samples[:, 12:18].copy(), seconds, paces, linear_speed=linear_speed, angular_speed=angular_speed
         )
+
+    def left(self, seconds: Array) -> tuple[Array, Array]:
+        """Poses (M, 4, 4), and [s] of the reference's own time, so many seconds (M,) before the newest sample."""
+        samples = self._table[: self._end]
+        after = np.append(np.cumsum(samples[:0:-1, SAMPLE["seconds"]])[::-1], 0.0)
+        place = np.interp(-seconds, -after, np.arange(self._end))
+        at = np.minimum(place.astype(int), max(self._end - 2, 0))
+        share, here, there = place - at, samples[at], samples[np.minimum(at + 1, self._end - 1)]
+        poses = np.tile(np.eye(4), (len(seconds), 1, 1))
+        poses[:, :3] = here[:, :12].reshape(-1, 3, 4)
+        then = there[:, :12].reshape(-1, 3, 4)
+        poses[:, :3, 3] += share[:, None] * (then[:, :, 3] - poses[:, :3, 3])
+        turns = turns_between(poses[:, :3, :3], then[:, :, :3])
+        poses[:, :3, :3] = turned_each(poses[:, :3, :3], share[:, None] * turns)
+        stamp = SAMPLE["stamp"]
+        return poses, here[:, stamp] + share * (there[:, stamp] - here[:, stamp])
 
     def advance(self, seconds: float) -> None:
         """Go on by this much reference time, at most to the newest sample and over as many as the window has."""

@@ -13,7 +13,7 @@ import pytest
 from bench.measured_lag import measured_lag
 from problems.mirror import motions
 from rehab_opt import Bound, ConfigurationError, MirrorTracker, Smoother, ur5
-from rehab_opt.control import mirror_plan
+from rehab_opt.control import mirror_plan, mirror_retiming
 from rehab_opt.control.conditioning import Conditioned, conditioned
 from rehab_opt.control.foreseen import Foreseen
 from rehab_opt.control.hand_bounds import KeepOut
@@ -195,7 +195,40 @@ def test_a_plans_paces_are_the_steps_of_its_clock_also_in_a_bridge() -> None:
     np.testing.assert_allclose(np.diff(path.clock), dt * path.paces[1:], atol=1e-12)
     bridged = (path.clock > 99 * dt + 1e-9) & (path.clock < 100 * dt - 1e-9)
     assert bridged.sum() * dt > 1.5  # pi/2 at 0.75 rad/s, for a recording's 0.02 s
-    assert path.paces[bridged].max() < 0.02
+    assert path.paces[1:][bridged[1:] & bridged[:-1]].max() < 0.02  # a tick that enters it was elsewhere, too
+    assert path.complete
+
+
+def hurried(dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """Poses and twists of a hand that goes 0.24 m to and fro, six times as fast as it is led."""
+    seconds = np.arange(round(1.2 / dt)) * dt
+    poses = np.tile(ur5().pose(motions.START), (len(seconds), 1, 1))
+    poses[:, 1, 3] += 0.12 * (1 - np.cos(2 * math.pi * seconds / 0.6))
+    twists = np.zeros((len(seconds), 6))
+    twists[:, 1] = 0.12 * 2 * math.pi / 0.6 * np.sin(2 * math.pi * seconds / 0.6)
+    return poses, twists
+
+
+def test_a_plan_takes_little_more_than_its_hands_way_does_at_the_largest_speed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    path = tracker(5e-3).plan(*hurried(5e-3), motions.START)
+    way = np.linalg.norm(np.diff(path.poses[:, :3, 3], axis=0), axis=1).sum()
+    assert way == pytest.approx(4 * 0.24, abs=5e-3)
+    assert path.complete
+    assert path.times[-1] <= 1.15 * way / 0.25
+    monkeypatch.setattr(mirror_plan, "retimed", lambda tracker, plan, left: plan)
+    assert path.times[-1] < 0.97 * tracker(5e-3).plan(*hurried(5e-3), motions.START).times[-1]
+
+
+def test_a_passage_that_would_break_a_bound_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot, dt, fastest = tracker(5e-3), 5e-3, mirror_retiming.fastest_timing
+    monkeypatch.setattr(
+        mirror_retiming, "fastest_timing",
+        lambda cells, *, velocity, acceleration: fastest(cells, velocity=1.2 * velocity, acceleration=acceleration),
+    )  # fmt: skip
+    path = robot.plan(*hurried(dt), motions.START)
+    assert np.linalg.norm(np.diff(path.poses[:, :3, 3], axis=0), axis=1).max() <= 0.25 * dt * (1 + 1e-9)
     assert path.complete
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 import re
 import shutil
 import subprocess
@@ -87,6 +88,19 @@ def test_the_recorded_run_has_joints_that_do_not_follow_until_the_enable_input_i
     assert lost
     assert reasons[-1] == "NOT_ENABLED"
     assert moved[-1] < lost[0]
+
+
+@pytest.mark.parametrize("name", ["pose_tracker", "redundancy_mecanum", "mirror_tracker"])
+def test_half_of_the_recorded_run_has_encoders_with_noise(name: str, exported: Exported) -> None:
+    with (exported(name) / "recorded_run.csv").open() as lines:
+        rows = list(csv.DictReader(lines))
+    q = np.array([[float(row[key]) for key in row if key.startswith("q_")] for row in rows])
+    bends = np.abs(q[2:] - 2 * q[1:-1] + q[:-2]) / math.sqrt(6.0)  # of white noise, as large as itself
+    quiet, noisy = np.nanmedian(bends[: len(q) // 3], axis=0), np.nanmedian(bends[2 * len(q) // 3 :], axis=0)
+    assert quiet.max() < 3e-5
+    assert noisy.min() > 5e-5
+    certified = [float(row["scale"]) > 0 for row in rows[2 * len(q) // 3 :]]
+    assert np.mean(certified) > 0.3
 
 
 def test_a_changed_number_beside_the_command_is_found(exported: Exported, built: Built, tmp_path: Path) -> None:

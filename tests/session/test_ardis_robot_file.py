@@ -160,7 +160,8 @@ def test_a_link_that_is_a_ball_stays_out_of_the_user() -> None:
     assert nearest < 0.01  # it did come near
 
 
-def test_the_report_is_whole(drink: ArdisOutcome, tmp_path: Path) -> None:
+def test_the_report_is_whole(drink: ArdisOutcome, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rehab_opt.session.ardis.figures.FRAMES", 6)
     files = write_report(drink, tmp_path / "out")
     assert {file.name for file in files} >= {"metrics.json", "trace.csv", "top_view.png", "hand.png", "limits.png"}
     assert "NaN" not in (tmp_path / "out/metrics.json").read_text()

@@ -246,4 +246,4 @@ def test_a_scenario_has_the_robot_of_its_table() -> None:
     assert robot.lag == 0.005
     assert robot.channel == Channel(command_delay=0.003, measurement_delay=0.002, position_noise=1e-3)
     assert not isinstance(hand_robot_of(load_problem("upper_limb/scenario_2_assist")), OnMujoco)
-    assert HandPlant().parameters == {"kind": "ideal"}
+    assert HandPlant().model_dump() == {"kind": "ideal"}

@@ -23,7 +23,7 @@ from rehab_opt.session.ardis.stick import Moment, StickRecording, sticks_of
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.bodies import ARM_PLOTS, BLUE, GREEN, GREY, PURPLE, ArmBodies, joint_rows, screen
 from rehab_opt.session.live.problem import LiveControl, LiveInputs, LiveProblem
-from rehab_opt.session.plant.making import OWN_ARM, chair_plant
+from rehab_opt.session.plant.making import OWN_ARM, chair_plant, joint_feedback
 
 __all__ = ["LiveArdis"]
 
@@ -50,13 +50,14 @@ class LiveArdis(LiveProblem):
         self.names = tuple(self.robot.chain.names)
         self.layout = {"q": self.encoders, "force": 3, "closed": 1}
         self._arm = ArmBodies(self.robot.chain, first=CHAIR, radius=self.robot.arm_radius)
+        self._reached = 0
 
     def control(self) -> LiveControl:
         """The joystick and resolver of `rehab-opt run`."""
         table, robot = self._loaded.problem.plant, self.robot
         ideal = table.kind == "ideal"
         plant = IdealJoints(self.dt) if ideal else chair_plant(table, robot, robot.drive(self.drive), self.dt)
-        resolver = resolver_of(self._loaded, robot, self.drive, solver=self._solver)
+        resolver = resolver_of(self._loaded, robot, self.drive, solver=self._solver, feedback=joint_feedback(table))
         return Steering(joystick_of(self._loaded), resolver, TouchedPlant(plant), self.start, wheels=not ideal)
 
     def untouched(self, time: float) -> LiveInputs:
@@ -92,6 +93,13 @@ class LiveArdis(LiveProblem):
             "screen": screen(np.vstack([places, hand + 0.3 * np.eye(3)[:2]])),
         }
 
+    def _goal(self, hand: Array, *, closed: bool) -> dict[str, Any]:
+        """Where the participant's screen shows that the hand is to go: the first goal that it was not at."""
+        goals = self._loaded.problem.goals
+        while self._reached < len(goals) - 1 and goals[self._reached].met(hand, closed):
+            self._reached += 1
+        return {"goal": goals[self._reached].hand_m} if goals else {}
+
     def frame(self, shown: Mapping[str, Array]) -> dict[str, Any]:
         """Chair, user and arm."""
         q, force, robot = shown["q"], shown["force"], self.robot
@@ -114,6 +122,7 @@ class LiveArdis(LiveProblem):
             "capsules": [*self._arm.capsules(q), *person],
             "lines": [{"points": [*corners.tolist(), corners[0].tolist()], "colour": BLUE, "radius": 0.02}],
             "handles": {"hand": hand.round(4).tolist()},
+            **self._goal(hand, closed=bool(shown["closed"].ravel()[0])),
             "arrows": [[*hand.tolist(), *force.tolist(), "#e69f00"]] if force.any() else [],
             "joints": q.round(4).tolist(),
             "numbers": list(numbers),

@@ -77,19 +77,19 @@ def joint_plant(table: JointPlant, chain: SerialChain, dt: float) -> Plant:
     return arm if table.servo == "velocity" else PositionStream(arm)
 
 
-def joint_feedback(table: JointPlant) -> JointFeedback | None:
-    """What a tracker is told of that robot: its servos, and delays at the mean of their jitter; None of ideal joints.
+def joint_feedback(table: JointPlant | ChairPlant) -> JointFeedback | None:
+    """What a controller is told of that robot: its servos, and its mean delays with their jitter; None of ideal joints.
 
     A servo of the position counts as joints that move as commanded, later by as much as it trails.
     """
     if table.kind == "ideal":
         return None
-    from rehab_opt.plants.drives import PositionServo  # noqa: PLC0415  (loads MuJoCo)
-
     jitter = table.command_jitter_ms + table.measurement_jitter_ms
     delay = ms(table.command_delay_ms + table.measurement_delay_ms + jitter / 2)
-    if table.servo == "velocity":
+    if isinstance(table, ChairPlant) or table.servo == "velocity":
         return JointFeedback(delay=delay, servo_hz=table.servo_hz)
+    from rehab_opt.plants.drives import PositionServo  # noqa: PLC0415  (loads MuJoCo)
+
     return JointFeedback(delay=delay + PositionServo(table.servo_hz).lag, servo_hz=math.inf)
 
 

@@ -1,0 +1,49 @@
+"""The least time in which a joint path can be passed, by toppra (extra `peers`): the yardstick of a plan's duration."""
+
+from __future__ import annotations
+
+import logging
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["least_seconds"]
+
+Array = NDArray[np.float64]
+
+APART = 4e-3
+"""[rad] Way of the joint that moves furthest, from one point that the path's spline goes through to the next."""
+FREE = 1e6
+
+
+def least_seconds(
+    q: Array, clock: Array, hand: Array, *, speed: Array, acceleration: Array, hand_speed: float
+) -> float:
+    """[s] along joint positions q (M, n), no faster than the recording, the hand no faster than it may be.
+
+    The recording's `clock` (M,) [s] is one more axis, with the speed 1; the way of the `hand` (M, 3) [m] another one.
+    """
+    import toppra  # noqa: PLC0415  (an optional extra)
+    import toppra.algorithm  # noqa: PLC0415
+    import toppra.constraint  # noqa: PLC0415
+
+    logging.getLogger("toppra").setLevel(logging.ERROR)
+    way = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(hand, axis=0), axis=1)))
+    x = np.column_stack([q, clock, way])
+    passed = np.append(0.0, np.cumsum(np.maximum(np.abs(np.diff(q, axis=0)).max(axis=1), 0.01 * np.diff(clock))))
+    at = np.unique(np.searchsorted(passed, np.append(np.arange(0.0, passed[-1] - APART / 2, APART), passed[-1])))
+    knots, x = passed[at], x[at]
+    speeds, accelerations = np.append(speed, [1.0, hand_speed]), np.append(acceleration, [FREE, FREE])
+    kind = toppra.constraint.DiscretizationType.Interpolation
+    bounds = [
+        toppra.constraint.JointVelocityConstraint(np.column_stack([-speeds, speeds])),
+        toppra.constraint.JointAccelerationConstraint(
+            np.column_stack([-accelerations, accelerations]), discretization_scheme=kind
+        ),
+    ]
+    path = toppra.SplineInterpolator(knots, x, bc_type="natural")
+    grid = np.linspace(0.0, knots[-1], max(2 * len(knots), 200))
+    solver = toppra.algorithm.TOPPRA(bounds, path, gridpoints=grid, solver_wrapper="seidel")
+    solver.compute_parameterization(0.0, 0.0)
+    speeds = solver.problem_data.sd_vec
+    return float("nan") if speeds is None else float(np.sum(2 * np.diff(grid) / (speeds[1:] + speeds[:-1])))

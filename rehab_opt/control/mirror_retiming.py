@@ -1,0 +1,157 @@
+"""A plan passed as fast as its bounds allow: the same joint path, at a time of its own.
+
+What is decided tick by tick stops, looks, and goes on. Along the joint path that came of it, with the reference's clock
+and the hand's way as two more axes, `fastest_timing` is the passage of least time: joint speed and acceleration, the
+hand's speed, and a clock that runs at most at the recording's pace. Ticks of it are then looked at as commands are; a
+passage that would break a bound is not taken.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from typing import TYPE_CHECKING
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.control.command import Bound
+from rehab_opt.control.mirror_statement import HELD, WHOLE
+from rehab_opt.control.path_timing import PathCells, fastest_timing
+
+if TYPE_CHECKING:
+    from rehab_opt.control.mirror import MirrorTracker
+    from rehab_opt.control.mirror_plan import MirrorPath
+
+__all__ = ["retimed"]
+
+Array = NDArray[np.float64]
+
+APART, OFTEN = 4e-3, 0.02
+"""[rad or m] Way of the joint that moves furthest, or [s] of the reference, from one point of the path to the next."""
+NEVER = 0.9
+"""Of the time that a stretch takes at least: a passage is never as fast as this."""
+PART = 1.0 - 1e-6
+"""Of speeds and accelerations that are used: rounding must not decide."""
+SHARES = (0.99, 0.985, 0.98, 0.97)
+"""Of the largest hand speed that are tried, one after the other."""
+CURVED, CLOSELY, STRAIGHT = range(3)
+"""From point to point, through every tick of the plan, or straight from one to the next, too."""
+ABOUT = 20, 3
+"""Ticks before and after one that breaks a bound, where the next passage goes closely and straight."""
+BROKEN = 1e-9
+
+
+def retimed(tracker: MirrorTracker, plan: MirrorPath, left: Array) -> MirrorPath:
+    """The plan in the least time, or as it is where no such passage keeps every bound.
+
+    Parameters
+    ----------
+    left : (M,) [s] that the clock needs in each tick to the reference's end, bridges included.
+    """
+    way = np.abs(np.diff(plan.q, axis=0)).max(axis=1, initial=0.0)
+    if not plan.complete or any(each & Bound.ACCELERATION for each in plan.yielded) or way.sum() < APART:
+        return plan
+    ways = np.full(len(plan.times), CURVED)
+    for share in SHARES:
+        found, ticks = _passed(tracker, plan, left, share, ways)
+        if len(found.times) >= len(plan.times):
+            return plan
+        broken = _broken(tracker, found, plan)
+        if not broken.any():
+            return found
+        for tick in ticks[broken].tolist():
+            for way, about in zip((CLOSELY, STRAIGHT), ABOUT, strict=True):
+                part = slice(max(tick - about, 0), tick + about)
+                ways[part] = np.maximum(ways[part], way)
+    return plan
+
+
+def _passed(
+    tracker: MirrorTracker, plan: MirrorPath, left: Array, share: float, ways: NDArray[np.int_]
+) -> tuple[MirrorPath, NDArray[np.int_]]:
+    """The passage of least time, the hand at most at this share of its speed; and which tick of the plan each is of.
+
+    About each of the plan's ticks it goes as `ways` (M,) says.
+    """
+    from scipy.interpolate import CubicHermiteSpline, PchipInterpolator  # noqa: PLC0415  (loaded when used)
+
+    chain, dt, n = tracker.chain, tracker.dt, tracker.chain.n
+    hand = np.linalg.norm(np.diff(plan.poses[:, :3, 3], axis=0), axis=1)
+    x = np.column_stack([plan.q, left[0] - left, np.append(0.0, np.cumsum(hand))])
+    at = _points(x, ways > CURVED)
+    speeds = PART * np.append(chain.velocity, [1.0, share * tracker.linear_speed])
+    seconds = (np.abs(np.diff(x[at], axis=0)) / speeds).max(axis=1)
+    knots = np.append(0.0, np.cumsum(NEVER * np.maximum(seconds, 1e-6)))
+    slopes = _slopes(knots, x[at, :n])
+    slopes[ways[at] >= STRAIGHT] = 0.0
+    slopes[(x[at, :n] <= chain.lower + APART) | (x[at, :n] >= chain.upper - APART)] = 0.0
+    curves = (
+        CubicHermiteSpline(knots, x[at, :n], slopes),
+        PchipInterpolator(knots, x[at, n:]),
+    )  # a clock never runs back
+    cells = PathCells(knots, *(np.hstack([curve(knots[:-1], order) for curve in curves]) for order in (1, 2, 3)))
+    accelerations = PART * np.append(np.minimum(chain.acceleration, 2 * chain.velocity / dt), [np.inf, np.inf])
+    timing = fastest_timing(cells, velocity=speeds, acceleration=accelerations)
+    place = timing.at(dt * np.arange(math.ceil(timing.times[-1] / dt) + 1))
+    moved = np.hstack([curve(place) for curve in curves])
+    moved[0], moved[-1] = x[0], x[-1]
+    q = moved[:, :n]
+    velocities = np.append(np.diff(q, axis=0), np.zeros((1, n)), axis=0) / dt
+    references, clock = tracker.clock.left(left[0] - np.minimum(moved[:, n], left[0] - left[-1]))
+    tick = np.interp(place, knots, at)
+    paces = np.diff(clock, prepend=clock[0] - dt * plan.paces[0]) / dt
+    k = tick.astype(int)
+    slowed = (paces < WHOLE) & (clock < clock[-1])
+    bounds = [plan.yielded[i] & ~Bound.TASK | (Bound.TASK if late else Bound.NOTHING)
+              for i, late in zip(k.tolist(), slowed.tolist(), strict=True)]  # fmt: skip
+    w = tracker.hand_bounds.manipulability
+    symbol = ca.SX.sym("q", n)
+    share_of = ca.Function("w", [symbol], [w(symbol)[0]]).map(len(q))(np.vstack([q[1:], q[-1:]]).T)
+    short, person = (
+        np.column_stack([np.interp(tick, np.arange(len(plan.q)), column) for column in each.T])
+        for each in (plan.short, plan.person)
+    )
+    found = plan._replace(
+        times=np.asarray(dt * np.arange(len(q)), dtype=np.float64), q=q, velocities=velocities,
+        poses=tracker.tools(list(q)), references=references, clock=clock, short=short, person=person, paces=paces,
+        manipulability=np.array(share_of).ravel(), yielded=bounds,
+        counts=Counter(plan.counts | {"slowed": int(slowed.sum())}),
+    )  # fmt: skip
+    return found, k
+
+
+def _slopes(knots: Array, x: Array) -> Array:
+    """(K, n) of the parabolas through each three points (K, n); none at the ends."""
+    steps = np.diff(knots)[:, None]
+    ways, found = np.diff(x, axis=0) / steps, np.zeros_like(x)
+    found[1:-1] = (steps[1:] * ways[:-1] + steps[:-1] * ways[1:]) / (steps[1:] + steps[:-1])
+    return found
+
+
+def _points(x: Array, fine: NDArray[np.bool_]) -> NDArray[np.int_]:
+    """Ticks whose places (M, n + 2) the path goes through: the first, the last, and what is `APART` of each other."""
+    moved = np.maximum(np.abs(np.diff(x[:, :-2], axis=0)).max(axis=1) / APART, np.diff(x[:, -2]) / OFTEN)
+    moved = np.where(fine[1:] & (moved > 0.01), 1.0, moved)
+    passed = np.append(0.0, np.cumsum(moved))
+    at = np.unique(np.searchsorted(passed, np.arange(math.ceil(passed[-1]))))
+    last = int(np.searchsorted(passed, passed[-1]))
+    return np.append(at[passed[at] < passed[last] - 0.5], last)
+
+
+def _broken(tracker: MirrorTracker, found: MirrorPath, plan: MirrorPath) -> NDArray[np.bool_]:
+    """(M,) which ticks break what commands keep: the arm's bounds, or what its reference allows."""
+    held = HELD.numbers(centre=np.full(3, np.nan), target=np.eye(4).reshape(-1), turn=math.pi)
+    held = np.tile(held, (len(found.q), 1))
+    held[:, :3] = found.poses[:, :3, 3]
+    moving = np.zeros((tracker.limits.told, len(found.q)))
+    kept = np.array(tracker.audit.map(len(found.q))(found.q.T, found.velocities.T, held.T, moving))[1] > 0.5
+    ends = np.vstack([found.poses[1:], found.poses[-1:]])[:, :3, 3]
+    apart = np.linalg.norm(ends - found.references[:, :3, 3], axis=1) - found.short[:, 0]
+    kept[1:] &= apart[1:] <= np.maximum(apart[:-1], tracker.max_deviation) + BROKEN
+    turned, before = found.turns - found.short[:, 1], plan.turns - plan.short[:, 1]
+    kept &= turned <= max(tracker.max_turn, before.max()) + BROKEN
+    change = np.abs(np.diff(found.velocities, axis=0, prepend=0.0))
+    kept &= (change <= np.array(tracker.hand_bounds.change).ravel() * (1 + BROKEN)).all(axis=1)
+    return np.asarray(~kept)
