@@ -63,6 +63,11 @@ def exported_pose_tracker(loaded: ProblemFile[PoseTracking], *, progress: Progre
     step = 1 if len(kept) < 2 else int(kept[1])
     part = "" if step == 1 else f" (one tick of {step}, since the run is longer)"
     sound: list[Tick] = [{"q": run.q[i], "pose": poses[i], "twist": twists[i]} for i in kept]
+    if problem.clearance is not None and problem.clearance.moving:
+        sound = [
+            {**each, "obstacles": told}
+            for each, told in zip(sound, problem.clearance.told(run.time[kept]), strict=True)
+        ]
     title = f"{problem.title}: joint velocities that make a tool follow a pose"
     return exported_tracker(tracker, sound, title=title, of=f"`rehab-opt run {loaded.name}`{part}")
 

@@ -10,7 +10,7 @@ from rehab_opt.session.ardis.outcome import ArdisOutcome, DriveOutcome, Motion, 
 from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
 from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, room_of, start_of
 from rehab_opt.session.ardis.stick import sticks_of
-from rehab_opt.session.clearance import NearestBodies, clearance_of, nearest_bodies
+from rehab_opt.session.clearance import NearestBodies, nearest_bodies
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.problem import LiveProblem
 from rehab_opt.session.outcome import Progress
@@ -62,7 +62,7 @@ def run_ardis(loaded: ProblemFile[ArdisProblem], *, solver: str | None, progress
         theirs = Published(PseudoinverseLaw(robot, drive=drive, self_motion=problem.run.self_motion))
         drives[drive] = DriveOutcome(published=run(drive, "published", theirs), optimised=run(drive, "optimised", ours))
         ran = drives[drive].optimised
-        seen = nearest_bodies(clearance_of(problem.clearance, loaded.file), robot.bodied_chain, ran.q, ran.time)
+        seen = nearest_bodies(problem.clearance, loaded.file, robot.bodied_chain, ran.q, ran.time)
         near |= {} if seen is None else {drive: seen}
     metrics = {
         drive: drive_metrics(robot, drive, outcome, room=room, goals=problem.goals) for drive, outcome in drives.items()
