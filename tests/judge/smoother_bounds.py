@@ -117,6 +117,8 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator, *, faults: 
 
     safe, bad = np.isin(answers.status, ("braking", "holding")), expected(wrong)
     verdict.holds("what cannot be used is not followed", safe | ~bad)
+    refused = np.char.startswith(answers.reason, "target is more than # s away")  # none of these is
+    verdict.holds("a target is too far only if it is so", ~refused | (wrong.kind == "target"))
     verdict.holds("a safe command has a reason", (answers.reason != "") | ~safe)
     still = (ahead == q).all(axis=1)
     holding = answers.status == "holding"
