@@ -31,6 +31,8 @@ CI_TICKS = 12_000
 SHARE = 0.2
 WAVERS = 0.7
 DEBOUNCE = 0.15
+USUAL = 0.3
+"""Threshold where none is told."""
 NO_NUMBERS = (math.nan, math.inf, -math.inf, "1.0", None, b"1")
 
 
@@ -72,8 +74,9 @@ def pressures(rng: np.random.Generator, ticks: int, dt: float, threshold: float,
 def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     """One switch."""
     dt, dwell = float(rng.choice([0.01, 0.02])), float(rng.choice([0.05, 0.2, 1.0]))
-    sip, threshold, rate = bool(rng.random() < 0.5), float(rng.choice([0.2, 0.3, 0.5])), rng.uniform(1.0, 8.0)
-    switch = Scanning(MODES, dt=dt, dwell=dwell, sip=sip, threshold=threshold, rate=rate)  # type: ignore[arg-type]
+    sip, threshold, rate = bool(rng.random() < 0.5), float(rng.choice([0.2, USUAL, 0.5])), rng.uniform(1.0, 8.0)
+    besides = {} if threshold == USUAL else {"threshold": threshold}
+    switch = Scanning(MODES, dt=dt, dwell=dwell, sip=sip, rate=rate, **besides)  # type: ignore[arg-type]
     ticks = run_length(rng, number, dt)
     verdict.begin(number, f"dt {dt:g}, dwell {dwell:g}{', sip' * sip}")
     given, moves = pressures(rng, ticks, dt, threshold, sip), options(sip)

@@ -72,7 +72,7 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator, *, faults: 
     velocity, acceleration = rng.uniform(0.2, 3.0, axes), rng.uniform(1.0, 20.0, axes)
     jerk = acceleration * rng.uniform(2.0, 200.0, axes)
     start, bounded, recovery_speed = (
-        rng.choice([0.3, 3.0]) * rng.uniform(-1, 1, axes),
+        rng.choice([0.3, 3.0, 3.0, 5000.0]) * rng.uniform(-1, 1, axes),
         rng.random() < 0.6,
         float(rng.choice([0.1, 0.3])),
     )
@@ -117,6 +117,8 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator, *, faults: 
 
     safe, bad = np.isin(answers.status, ("braking", "holding")), expected(wrong)
     verdict.holds("what cannot be used is not followed", safe | ~bad)
+    refused = np.char.startswith(answers.reason, "target is more than # s away")  # none of these is
+    verdict.holds("a target is too far only if it is so", ~refused | (wrong.kind == "target"))
     verdict.holds("a safe command has a reason", (answers.reason != "") | ~safe)
     still = (ahead == q).all(axis=1)
     holding = answers.status == "holding"
