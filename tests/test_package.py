@@ -60,7 +60,11 @@ PUBLIC_OF_TUPLES = {"_replace", "_fields", "_make", "_asdict"}
 
 # Modules that import one another, lazily or for types alone counted, and why.
 CIRCLES = {
-    ("control.mirror", "control.mirror_plan"): "`MirrorTracker.plan` is a method that fills a file of its own",
+    (
+        "control.mirror",
+        "control.mirror_plan",
+        "control.mirror_retiming",
+    ): "`MirrorTracker.plan` is a method that fills two files of its own",
     ("field.learning", "field.potential"): "`PotentialField.learn` is a constructor that fills a file of its own",
 }
 

@@ -100,8 +100,8 @@ def _given(
 
         loaded = on_plant(loaded, given.get("plant"))
     key = system.solver_key
-    value = reduce(getattr, key.split("."), loaded.problem) if key else None
-    with solver_refusals(solver, file=loaded.file, key=key, value=value) if key else nullcontext():  # type: ignore[arg-type]
+    named: Any = reduce(getattr, key.split("."), loaded.problem) if key else None
+    with solver_refusals(solver, file=loaded.file, key=key, value=named) if key else nullcontext():
         yield system, loaded, given
 
 
