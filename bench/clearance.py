@@ -1,7 +1,7 @@
 """Whole-arm clearance judged by coal: `python -m bench.clearance`; needs `pip install coal`.
 
-Distances of 10^5 random pairs of each kind, the least distances in closed loop among bodies that move, what an arm
-still does where its way is free, and the time of a tick.
+Distances of 10^5 random pairs of each kind, the least distances in closed loop among bodies that move, and what an arm
+still does where its way is free.
 """
 
 from __future__ import annotations
@@ -44,6 +44,10 @@ EPISODE = 4.0
 """[s]"""
 ENOUGH = 0.05
 """[m] beyond the margin: the way is free where no part of the arm comes nearer without obstacles."""
+MOVE = 1.0
+"""[s] of a move whose work is measured."""
+ARM_LENGTH = 0.3
+"""[m] A turn of the tool counts as this way of it a rad."""
 
 
 class Judge:
@@ -118,12 +122,12 @@ class Judge:
                 found.append(("link", self.capsules(*ends[i], *ends[j], (radii[i], radii[j]))))
         return found
 
-    def least(self, q: Array, bodies: Array, links: Sequence[tuple[int, int]]) -> Array:
-        """(N,) least distance beyond the margins at postures (N, n) among moving bodies (N, k, 7), at most `NEARLY`.
+    def least(self, q: Array, bodies: Array, links: Sequence[tuple[int, int]], *, within: float = NEARLY) -> Array:
+        """(N,) least distance beyond the margins at postures (N, n) among moving bodies (N, k, 7), at most `within`.
 
-        By coal wherever distances in numpy, of boxes those of balls about them, are below `NEARLY`.
+        By coal wherever distances in numpy, of boxes those of balls about them, are below `within`.
         """
-        ends, found = link_ends(self.chain, q), np.full(len(q), NEARLY)
+        ends, found = link_ends(self.chain, q), np.full(len(q), within)
         radii = [each.radius for each in self.chain.capsules]
         still = [
             (np.broadcast_to(c.start, (len(q), 3)), np.broadcast_to(c.end, (len(q), 3)), c.radius)
@@ -133,16 +137,16 @@ class Judge:
         for i in sorted({i for i, _ in links}):
             a, b = ends[:, i, 0], ends[:, i, 1]
             for c, d, radius in [*still, *moving]:
-                for k in np.flatnonzero(segments(a, b, c, d) - radii[i] - radius - MARGIN < NEARLY):
+                for k in np.flatnonzero(segments(a, b, c, d) - radii[i] - radius - MARGIN < within):
                     found[k] = min(found[k], self.capsules(a[k], b[k], c[k], d[k], (radii[i], radius)) - MARGIN)
             for box in self.given.boxes:
                 centre = np.broadcast_to(box.centre, a.shape)
                 ball = segments(a, b, centre, centre) - np.linalg.norm(box.size) / 2
-                for k in np.flatnonzero(ball - radii[i] - MARGIN < NEARLY):
+                for k in np.flatnonzero(ball - radii[i] - MARGIN < within):
                     found[k] = min(found[k], self.box(a[k], b[k], radii[i], box) - MARGIN)
             for plane in self.given.planes:
                 heights = np.minimum(a @ plane.normal, b @ plane.normal) - plane.offset - radii[i] - MARGIN
-                for k in np.flatnonzero(heights < NEARLY):
+                for k in np.flatnonzero(heights < within):
                     found[k] = min(
                         found[k], self.plane(a[k], b[k], radii[i], np.array(plane.normal), plane.offset) - MARGIN
                     )
@@ -150,7 +154,7 @@ class Judge:
             if j < 0:
                 continue
             apart = segments(ends[:, i, 0], ends[:, i, 1], ends[:, j, 0], ends[:, j, 1]) - radii[i] - radii[j]
-            for k in np.flatnonzero(apart < NEARLY):
+            for k in np.flatnonzero(apart < within):
                 found[k] = min(found[k], self.capsules(*ends[k, i], *ends[k, j], (radii[i], radii[j])))
         return found
 
@@ -281,6 +285,68 @@ def closed_loop(kind: str, ticks: int, seed: int, dt: float, *, compile: object 
     return total
 
 
+class Work(NamedTuple):
+    """What was done of moves whose way is free."""
+
+    tried: int
+    free: int
+    without: float
+    """[m] by which the tool came nearer to its goals without obstacles."""
+    among: float
+    """[m] the same among them."""
+    least: float
+    """Least share of one move."""
+
+
+def work_done(kind: str, moves: int, seed: int, dt: float, *, compile: object = "wait") -> Work:
+    """Moves of random postures, without a `Clearance` and with one; those count that are free without it."""
+    rng = np.random.default_rng(seed)
+    chain = robot(kind, rng)
+    given = room(chain, rng, moving=2)
+    free, among = (PoseTracker(chain, dt=dt, limits=limits, compile=compile) for limits in ([], [given]))  # type: ignore[arg-type]
+    pairs = among.limits.clearance
+    assert pairs is not None
+    judge, links, count = Judge(chain, given), [*pairs.linked, *((i, -1) for i in pairs.free)], round(MOVE / dt)
+    found = Work(0, 0, 0.0, 0.0, np.inf)
+    low, high = 0.7 * np.maximum(chain.lower, -3), 0.7 * np.minimum(chain.upper, 3)
+    while found.tried < moves:
+        swinging = Swinging.drawn(rng, 2, SPEED)
+        start = _clear_start(rng, chain, judge, swinging, links)
+        if start is None:
+            continue
+        goal = chain.pose(np.clip(start + rng.uniform(-0.6, 0.6, chain.n), low, high))
+        told = [moving_numbers(swinging.at(np.full(2, k * dt), np.ones(2)), 2) for k in range(count + 1)]
+        free.reset()
+        q, postures = start, [start]
+        for _ in range(count):
+            q = q + dt * free.step(q, goal, np.zeros(6)).value
+            postures.append(q)
+        bodies = np.array([np.hstack([each[:, :6], each[:, 12:13]]) for each in told])
+        ways = judge.least(np.array(postures), bodies, links, within=ENOUGH)
+        done = _come_nearer(chain, start, q, goal)
+        found = found._replace(tried=found.tried + 1)
+        if ways.min() < ENOUGH or done < ENOUGH:  # what moves nothing has no share
+            continue
+        among.reset()
+        q = start
+        for k in range(count):
+            q = q + dt * among.step(q, goal, np.zeros(6), obstacles=told[k]).value
+        still = _come_nearer(chain, start, q, goal)
+        found = Work(
+            found.tried, found.free + 1, found.without + done, found.among + still, min(found.least, still / done)
+        )
+    return found
+
+
+def _come_nearer(chain: SerialChain, start: Array, q: Array, goal: Array) -> float:
+    """[m] by which the tool is nearer to its goal at q than at the start, turns counted by `ARM_LENGTH`."""
+    away = []
+    for pose in (chain.pose(start), chain.pose(q)):
+        turn = Rotation.from_matrix(goal[:3, :3] @ pose[:3, :3].T).magnitude()
+        away.append(float(np.linalg.norm(goal[:3, 3] - pose[:3, 3]) + ARM_LENGTH * turn))
+    return away[0] - away[1]
+
+
 def _clear_start(rng, chain, judge, swinging, links):  # type: ignore[no-untyped-def]
     bodies = swinging.at(np.zeros(2), np.ones(2))
     for _ in range(300):
@@ -329,9 +395,10 @@ def _may_go(chain, judge, q, swinging, clock, links):  # type: ignore[no-untyped
 def main() -> None:
     """Print every part's verdicts."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0] if __doc__ else "")
-    parser.add_argument("--parts", nargs="*", default=["distances", "loop"])
+    parser.add_argument("--parts", nargs="*", default=["distances", "loop", "work"])
     parser.add_argument("--states", type=int, default=100_000)
     parser.add_argument("--ticks", type=int, default=1_000_000)
+    parser.add_argument("--moves", type=int, default=1000)
     parser.add_argument("--worlds", type=int, default=3, help="of each robot")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--dt", type=float, default=0.001)
@@ -362,6 +429,17 @@ def main() -> None:
             Reported("ticks within 1 mm of the margin", near),
             Reported("ticks in which bodies stood still since the arm had nowhere to go", held),
             Verdict("ticks at contact in which a joint went to and fro", reversals, "<=", 0),
+        ]
+    if "work" in given.parts:
+        each = given.moves // (len(ROBOTS) * given.worlds)
+        works = [
+            work_done(kind, each, given.seed + 100 * k, given.dt, compile=False if given.no_compile else "wait")
+            for kind, k in product(ROBOTS, range(given.worlds))
+        ]
+        count, without, among = (sum(getattr(work, name) for work in works) for name in ("free", "without", "among"))
+        verdicts += [
+            Verdict(f"{count} moves whose way is free: work done of that without bodies", among / without, ">=", 0.9),
+            Reported("the same of the worst of them", min(work.least for work in works)),
         ]
     console.print(machine())
     asked = [each for each in verdicts if isinstance(each, Verdict)]

@@ -37,7 +37,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     console = Console()
     console.print("  ".join(f"{key}: {value}" for key, value in machine().items()), highlight=False)
     chain = ur5(velocity=options.limit) if options.limit else ur5()
-    tracker = PoseTracker(chain, dt=DT, compile=not options.virtual)
+    tracker = PoseTracker(chain, dt=DT, compile=False if options.virtual else "wait")
     if options.tracemalloc:
         tracemalloc.start()
     nanoseconds, statuses, memory = run(tracker, round_trip(chain), options.ticks)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 
 from bench import compare
 from bench.compare import Change, changes
+from bench.results import write_section
 from bench.solvers import dense_qp
 
 BEFORE = {"pose/free": {"qrqp-fused": 0.10, "osqp-kept": 2.0}}
@@ -65,3 +67,14 @@ def test_the_command_fails_where_a_solve_has_become_slower_or_wrong(
 
 def test_a_time_that_is_no_number_fails() -> None:
     assert Change("pose/free", "qrqp-fused", 0.1, math.nan).worse(1.5)
+
+
+def test_a_section_of_the_results_is_put_at_the_end_and_later_replaced_where_it_stands(tmp_path: Path) -> None:
+    file = tmp_path / "RESULTS.md"
+    file.write_text("# Results\n", encoding="utf-8")
+    for name, line in (("spline", "one"), ("imports", "two"), ("spline", "three")):
+        write_section(file, name, [line])
+    assert file.read_text(encoding="utf-8") == (
+        "# Results\n\n<!-- spline: begin -->\nthree\n<!-- spline: end -->\n\n"
+        "<!-- imports: begin -->\ntwo\n<!-- imports: end -->\n"
+    )

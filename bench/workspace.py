@@ -24,6 +24,7 @@ from rich.console import Console
 
 from bench.machine import machine
 from bench.verdict import Verdict, all_met, print_verdicts
+from bench.workspace_maps import arms_of
 from rehab_opt import ArmIK, SerialChain, human_arm
 from rehab_opt.symbolic import BufferedFunction, compiled
 from rehab_opt.workspace.reach import Slice, slice_at
@@ -32,6 +33,7 @@ __all__ = ["main"]
 
 Array = NDArray[np.float64]
 HEIGHT, TILT, ACCURACY = -0.24, math.radians(2), 1e-3
+SECONDS = 0.5
 BLOCK = 4096
 """Samples evaluated in one call: few enough to stay in the cache."""
 
@@ -57,6 +59,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for line in lines:
             console.print(line, highlight=False, soft_wrap=True)
         some = [verdict._replace(what=f"{name}: {verdict.what}") for verdict in some]
+        print_verdicts(console, some)
+        verdicts += some
+    if options.people:
+        console.rule(f"{options.people} random people, seed {options.seed}")
+        some = people_verdicts(options)
         print_verdicts(console, some)
         verdicts += some
     if options.json:
@@ -100,12 +107,32 @@ def measured(arm: SerialChain, options: argparse.Namespace) -> tuple[list[Verdic
         f"hits, cells of 1 mm with one {seen:.2%}, largest disc without one {1e3 * gap:.1f} mm in radius",
     ]
     return [
-        Verdict("one slice", ours, "<=", 3.0, "s"),
+        Verdict("one slice", ours, "<=", SECONDS, "s"),
         Verdict(f"wrong of {probed} probes by ArmIK, 1 mm to either side", wrong, "<=", 0),
         Verdict("stated accuracy", found.accuracy, "<=", ACCURACY, "m"),
         Verdict("Monte Carlo's time for the same accuracy / ours", 3600 * hours / ours, ">=", 100),
         Verdict(f"error of Monte Carlo after {options.factor:g} x our time", gap, ">=", ACCURACY, "m"),
     ], lines
+
+
+def people_verdicts(options: argparse.Namespace) -> list[Verdict]:
+    """Random people of `bench.workspace_maps`, both ranges of each: time and independent probes of every slice."""
+    seconds, wrong, probed, coarser = [], 0, 0, 0
+    for number in range(options.people):
+        for arm in arms_of(options.seed, number):
+            begun = time.process_time()
+            found = _slice(arm)
+            seconds.append(time.process_time() - begun)
+            coarser += found.accuracy > ACCURACY
+            if not found.polygon.is_empty:
+                bad, count = _wrong_probes(arm, found, options.probes_of_people)
+                wrong, probed = wrong + bad, probed + count
+    return [
+        Verdict("people: one slice, median", float(np.median(seconds)), "<=", SECONDS, "s"),
+        Verdict("people: one slice, longest", max(seconds), "<=", 4 * SECONDS, "s"),
+        Verdict(f"people: wrong of {probed} probes by ArmIK, at the accuracy stated", wrong, "<=", 0),
+        Verdict(f"people: of {len(seconds)} slices, those stated coarser than asked", coarser, "<=", 0),
+    ]
 
 
 def _slice(arm: SerialChain) -> Slice:
@@ -115,13 +142,16 @@ def _slice(arm: SerialChain) -> Slice:
 def _wrong_probes(arm: SerialChain, found: Slice, count: int) -> tuple[int, int]:
     """Probes 1 mm outside that ArmIK reaches, and 1 mm inside that it does not; and how many there were."""
     arm_ik = ArmIK(arm, handle_tilt=TILT)
-    wrong = 0
+    wrong = probed = 0
     for side in (1.0, -1.0):
-        line = found.polygon.buffer(side * ACCURACY).boundary
+        line = found.polygon.buffer(side * found.accuracy).boundary
+        if line.is_empty:
+            continue
         at = np.random.default_rng(0).uniform(0, line.length, count)
         for x, y in shapely.get_coordinates(shapely.line_interpolate_point(line, at)):
             wrong += arm_ik.solve([x, y, HEIGHT]).status.certified != (side < 0)
-    return wrong, 2 * count
+        probed += count
+    return wrong, probed
 
 
 def _monte_carlo(arm: SerialChain, seconds: float) -> Sampled:
@@ -161,10 +191,13 @@ def _unseen(found: Slice, hits: Array) -> tuple[float, float]:
 
 def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m bench.workspace", description=__doc__)
-    parser.add_argument("--ranges", nargs="+", default=["regular", "restricted"], choices=["regular", "restricted"])
+    parser.add_argument("--ranges", nargs="*", default=["regular", "restricted"], choices=["regular", "restricted"])
     parser.add_argument("--repeats", type=int, default=5, help="slices that are timed")
     parser.add_argument("--probes", type=int, default=200, help="independent probes on either side")
     parser.add_argument("--factor", type=float, default=100.0, help="Monte Carlo's time over ours")
+    parser.add_argument("--people", type=int, default=0, help="random people besides, both ranges of each")
+    parser.add_argument("--seed", type=int, default=0, help="of the people")
+    parser.add_argument("--probes-of-people", type=int, default=40, help="on either side of each of their slices")
     parser.add_argument("--json", type=Path, help="write the numbers here too")
     return parser.parse_args(arguments)
 

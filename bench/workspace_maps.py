@@ -26,7 +26,7 @@ from rich.table import Table
 
 from bench.machine import machine
 from bench.verdict import Verdict, all_met, print_verdicts
-from rehab_opt import human_arm
+from rehab_opt import SerialChain, human_arm
 from rehab_opt.kinematics.human_arm import ARM_SEGMENTS
 from rehab_opt.workspace.audit import LARGEST_STRETCH, Audit
 from rehab_opt.workspace.mapping import WorkspaceMap
@@ -34,7 +34,7 @@ from rehab_opt.workspace.reach import planar_workspace
 from rehab_opt.workspace.region import Workspace
 from rehab_opt.workspace.variation import varied_ranges
 
-__all__ = ["main", "people"]
+__all__ = ["arms_of", "main", "people"]
 
 LIMIT_SPREAD_DEG = 6.0
 SEGMENT_SPREAD = 0.05
@@ -123,6 +123,11 @@ def people(count: int, seed: int, passed_over: Counter[str]) -> Iterator[Pair]:
 
 def person(seed: int, number: int) -> Pair:
     """The person of that number."""
+    return Pair(f"person {number}", *(planar_workspace(arm) for arm in arms_of(seed, number)))
+
+
+def arms_of(seed: int, number: int) -> tuple[SerialChain, SerialChain]:
+    """The arm of the person of that number, with their regular and their restricted range."""
     random = np.random.default_rng([seed, number])
     own_seed = int(random.integers(2**31))
     (regular,) = varied_ranges("regular", spread=math.radians(LIMIT_SPREAD_DEG), count=1, seed=own_seed)
@@ -133,8 +138,8 @@ def person(seed: int, number: int) -> Pair:
         restricted[name] = (start, start + width)
     segments = {name: float(length * random.normal(1.0, SEGMENT_SPREAD)) for name, length in ARM_SEGMENTS.items()}
     side: Any = "left" if random.random() < 0.5 else "right"
-    arms = (human_arm(range_of_motion=each, segments=segments, side=side) for each in (regular, restricted))
-    return Pair(f"person {number}", *(planar_workspace(arm) for arm in arms))
+    whole, part = (human_arm(range_of_motion=each, segments=segments, side=side) for each in (regular, restricted))
+    return whole, part
 
 
 def outcome(name: str, source: Workspace, target: Workspace, samples: int) -> Outcome:

@@ -481,8 +481,8 @@ def many(
     Exit code 1 if some rows are not done: results.csv says why.
     """
     from rehab_opt.session.many.participants import participants_of  # noqa: PLC0415
+    from rehab_opt.session.many.results import counted, failed_table  # noqa: PLC0415
     from rehab_opt.session.many.run import GROUPS, RESULTS, run_many  # noqa: PLC0415
-    from rehab_opt.session.many.summary import counted, failed_table  # noqa: PLC0415
     from rehab_opt.study.many import study_of_many  # noqa: PLC0415
 
     participants = participants_of(people, problem=problem)

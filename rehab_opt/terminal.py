@@ -66,13 +66,13 @@ def grouped(notes: Iterable[str]) -> Iterator[str]:
     """Notes as lines of a list; those of one thing (`assisted: ...`) stand together below its name."""
     of: dict[str, list[str]] = {}
     for note in notes:
-        name, colon, said = note.partition(": ")
-        of.setdefault(name if colon else "", []).append(said if colon else note)
+        name, colon, rest = note.partition(": ")
+        of.setdefault(name if colon else "", []).append(rest if colon else note)
     for name, said in of.items():
         if name and len(said) > 1:
-            yield f"- {name}:"
-        for each in said:
-            yield f"- {each}" if not name else f"  - {each}" if len(said) > 1 else f"- {name}: {each}"
+            yield from (f"- {name}:", *(f"  - {each}" for each in said))
+        else:
+            yield from (f"- {name}: {each}" if name else f"- {each}" for each in said)
 
 
 class _Escaped:

@@ -435,7 +435,7 @@ def test_processes_own_mistake_is_not_called_the_users(folder: Path, monkeypatch
 INTERRUPTED = """
 import os, signal, sys
 import rehab_opt.cli as cli
-from rehab_opt.session import placed_recording, report
+from rehab_opt.session import participant, report
 {patch}
 cli.main(sys.argv[1:])
 """
@@ -455,7 +455,7 @@ NLPSolver.solve = lambda *given: [begin(), solve(*given)][1]
 
 @pytest.mark.parametrize(
     ("patch", "left"),
-    [(f"placed_recording.placed_path = {NOW}", set()), (DURING_WRITING, None)],
+    [(f"participant.placed_path = {NOW}", set()), (DURING_WRITING, None)],
     ids=["running", "writing"],
 )
 def test_interrupt_is_one_line_and_exit_code_130_and_leaves_all_files_or_none(

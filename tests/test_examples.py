@@ -1,5 +1,6 @@
 """Every script in `examples` runs as it stands, and says what it shows."""
 
+import json
 import os
 import re
 import subprocess
@@ -24,8 +25,21 @@ def numbers(text: str) -> list[float]:
 
 
 def test_every_example_is_claimed_here() -> None:
-    claimed = {"follow_pose.py", "help_along_path.py", "own_limit.py"}
-    assert {path.name for path in (ROOT / "examples").glob("*.py")} == claimed
+    claimed = {"first_steps.ipynb", "follow_pose.py", "help_along_path.py", "own_limit.py"}
+    assert {path.name for path in (ROOT / "examples").iterdir() if path.suffix in {".py", ".ipynb"}} == claimed
+
+
+def test_every_cell_of_the_notebook_prints_what_stands_below_it(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("MPLBACKEND", "Agg")
+    notebook = json.loads((ROOT / "examples" / "first_steps.ipynb").read_text(encoding="utf-8"))
+    names: dict[str, object] = {"__name__": "__main__"}
+    for number, cell in enumerate(each for each in notebook["cells"] if each["cell_type"] == "code"):
+        exec(compile("".join(cell["source"]), f"first_steps.ipynb, cell {number}", "exec"), names)
+        stored = "".join(line for output in cell["outputs"] for line in output["text"])
+        assert capsys.readouterr().out == stored, f"cell {number}"
+    names["plt"].close("all")  # type: ignore[attr-defined]
 
 
 def test_a_pose_that_moves_too_fast_is_followed_slowly() -> None:

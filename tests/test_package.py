@@ -5,6 +5,7 @@ import importlib
 import subprocess
 import sys
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -59,9 +60,19 @@ PUBLIC_OF_TUPLES = {"_replace", "_fields", "_make", "_asdict"}
 
 # Modules that import one another, lazily or for types alone counted, and why.
 CIRCLES = {
-    ("control.mirror", "control.mirror_plan"): "`MirrorTracker.plan` is a method that fills a file of its own",
+    (
+        "control.mirror",
+        "control.mirror_plan",
+        "control.mirror_retiming",
+    ): "`MirrorTracker.plan` is a method that fills two files of its own",
     ("field.learning", "field.potential"): "`PotentialField.learn` is a constructor that fills a file of its own",
 }
+
+
+@cache
+def nodes(file: Path) -> tuple[ast.AST, ...]:
+    """All of a file's syntax tree, parsed once for all tests."""
+    return tuple(ast.walk(ast.parse(file.read_text())))
 
 
 def fresh(code: str) -> str:
@@ -73,7 +84,7 @@ def fresh(code: str) -> str:
 
 def imported(file: Path) -> Iterator[str]:
     """Layers of this package that a file imports anywhere in it, also within functions and for types alone."""
-    for node in ast.walk(ast.parse(file.read_text())):
+    for node in nodes(file):
         if isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{file}: relative import"
             names = [f"{node.module}.{alias.name}" for alias in node.names]
@@ -108,7 +119,7 @@ def test_modules_import_one_another_only_for_a_reason() -> None:
 
 def modules(file: Path) -> Iterator[str]:
     """Modules of this package that a file imports anywhere in it, by their names below the package."""
-    for node in ast.walk(ast.parse(file.read_text())):
+    for node in nodes(file):
         if isinstance(node, ast.ImportFrom) and str(node.module).startswith("rehab_opt."):
             yield str(node.module).removeprefix("rehab_opt.")
             yield from (f"{node.module}.{each.name}".removeprefix("rehab_opt.") for each in node.names)
@@ -127,7 +138,7 @@ def private_names(*folders: Path) -> set[str]:
     found = set()
     for folder in folders:
         for file in folder.rglob("*.py"):
-            for node in ast.walk(ast.parse(file.read_text())):
+            for node in nodes(file):
                 if isinstance(node, ast.ClassDef):
                     inside = [each for each in ast.walk(node) if isinstance(each, ast.Attribute | ast.FunctionDef)]
                     found |= {each.attr if isinstance(each, ast.Attribute) else each.name for each in inside}
@@ -140,7 +151,7 @@ def test_tests_reach_no_private_attribute_of_a_controller() -> None:
     assert {"_ladder", "_owner", "_search", "_last"} <= private
     reached = []
     for file in sorted(Path(__file__).parent.rglob("*.py")):
-        for node in ast.walk(ast.parse(file.read_text())):
+        for node in nodes(file):
             if isinstance(node, ast.Attribute) and node.attr in private:
                 own = isinstance(node.value, ast.Name) and node.value.id in {"self", "cls"}
                 if not own:
@@ -205,7 +216,7 @@ def test_no_layer_is_named_for_nothing() -> None:
 
 def test_nobody_catches_every_exception() -> None:
     for file in PACKAGE.rglob("*.py"):
-        for node in ast.walk(ast.parse(file.read_text())):
+        for node in nodes(file):
             if isinstance(node, ast.ExceptHandler):
                 caught = {name.id for name in ast.walk(node.type) if isinstance(name, ast.Name)} if node.type else {""}
                 assert not caught & {"", "Exception", "BaseException"}, f"{file}:{node.lineno}"

@@ -10,7 +10,7 @@ import argparse
 import math
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -24,7 +24,14 @@ from bench.physics.setting import CELLS
 __all__ = ["main", "table"]
 
 RESULTS = Path(__file__).parents[1] / "RESULTS.md"
-BEGIN, END = "<!-- physics: begin -->", "<!-- physics: end -->"
+BEGIN, END, TABLE = "<!-- physics: begin -->", "<!-- physics: end -->", "<!-- physics table: "
+HEAD = """\
+## Robots with mass, servos, delays and noise
+
+Controllers with default settings, told of the delay; the pose tracker acts on where its joints are led
+(`JointFeedback`; `--feedback measured` for what is measured). UR5 and iiwa 14 in turn; columns are delays, half of them
+of the command, half of the measurement; encoder noise of 0, 0.1 and 0.2 mrad; 500 Hz and 1 kHz. Every number is of the
+true robot. Why a wall is pressed with more than 140 N: `docs/capabilities/real_servos.md`."""
 DEAREST_FIRST = ("tracking", "hand", "energy", "need", "help", "limit", "mirror", "push", "blocked", "frozen")
 
 
@@ -39,7 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--feedback", choices=["measured"], help="act on measured positions instead of where the joints are led"
     )
     parser.add_argument("--processes", type=int, default=1)
-    parser.add_argument("--write", action="store_true", help="put the table into bench/RESULTS.md")
+    parser.add_argument("--write", action="store_true", help="put the tables into bench/RESULTS.md")
     options = parser.parse_args(arguments)
     os.environ.setdefault("REHAB_OPT_COMPILE", "0")  # the same answers, and no minute of compiling for each controller
     names = [name for name in DEAREST_FIRST if name in options.only]
@@ -57,12 +64,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with ProcessPoolExecutor(options.processes, mp_context=get_context("spawn")) as pool:
             for each, of in zip(work, pool.map(done, *zip(*work, strict=True)), strict=True):
                 found[each[0]] += of
-    rows = measured(found)
-    lines = [*_head(options), *table(rows)]
-    print("\n".join(lines))
+    rows = {name: measured({name: found[name]}) for name in names}
+    tables = {name: [*_head(options, name), *table(each)] for name, each in rows.items()}
+    print("\n".join(line for lines in tables.values() for line in lines))
     if options.write:
-        _write(lines)
-    return int(any(row.verdict == "FAIL" for row in rows))
+        _write(tables)
+    return int(any(row.verdict == "FAIL" for each in rows.values() for row in each))
 
 
 def table(rows: Sequence[Measured]) -> list[str]:
@@ -93,32 +100,26 @@ def _number(value: float) -> str:
     return "never" if value == math.inf else "none" if value == -math.inf else f"{value:.3g}"
 
 
-def _head(options: argparse.Namespace) -> list[str]:
-    told = f" --only {' '.join(options.only)}" if set(options.only) != set(TASKS) else ""
-    told += " --ideal" if options.ideal else ""
+def _head(options: argparse.Namespace, name: str) -> list[str]:
+    """The command that gives a table again, where and when it was run."""
+    told = " --ideal" if options.ideal else ""
     told += f" --feedback {options.feedback}" if options.feedback else ""
+    command = f"python -m bench.physics --only {name} --tasks {options.tasks} --seed {options.seed}{told}"
     place = ", ".join(f"{key} {value}" for key, value in machine().items())
-    return [
-        "## Robots with mass, servos, delays and noise",
-        "",
-        f"{datetime.now(UTC):%Y-%m-%d}; {place}; MuJoCo {version('mujoco')}.",
-        "",
-        f"    python -m bench.physics --tasks {options.tasks} --seed {options.seed}{told}",
-        "",
-        "Controllers with default settings, told of the delay; the pose tracker acts on where its joints are led "
-        "(`JointFeedback`; `--feedback measured` for what is measured). UR5 and iiwa 14 in turn; columns are delays, "
-        "half of them of the command, half of the measurement; encoder noise of 0, 0.1 and 0.2 mrad; 500 Hz and 1 kHz. "
-        "Every number is of the true robot.",
-        "",
-    ]
+    return [f"`{command}`, {datetime.now(UTC):%Y-%m-%d}; {place}; MuJoCo {version('mujoco')}.", ""]
 
 
-def _write(lines: list[str]) -> None:
+def _write(tables: Mapping[str, Sequence[str]]) -> None:
+    """Put these tables in place of those of the same names; the others stay as they are."""
     text = RESULTS.read_text(encoding="utf-8") if RESULTS.exists() else "# Results\n"
     if BEGIN not in text:
         text = f"{text.rstrip()}\n\n{BEGIN}\n{END}\n"
     before, _, rest = text.partition(BEGIN)
-    RESULTS.write_text(before + "\n".join([BEGIN, *lines, ""]) + END + rest.partition(END)[2], encoding="utf-8")
+    old, _, after = rest.partition(END)
+    all_of_them = {part.partition(" -->")[0]: part.partition("-->")[2].strip() for part in old.split(TABLE)[1:]}
+    all_of_them |= {name: "\n".join(lines) for name, lines in tables.items()}
+    parts = [HEAD, *(f"{TABLE}{name} -->\n{all_of_them[name]}" for name in TASKS if name in all_of_them)]
+    RESULTS.write_text(f"{before}{BEGIN}\n" + "\n\n".join(parts) + f"\n{END}{after}", encoding="utf-8")
 
 
 if __name__ == "__main__":

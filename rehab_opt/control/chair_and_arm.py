@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.control.chair_limits import ChairLimits, Limits
 from rehab_opt.control.command import Bound, Command, Status
 from rehab_opt.control.hand_task import PROGRESS, HandTask, Last
+from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.control.limit import Limits as OwnLimits
 from rehab_opt.control.obstacles import NUMBERS
 from rehab_opt.control.velocity_controller import VelocityController
@@ -101,6 +102,7 @@ class ChairAndArm(VelocityController):
         max_age: float | None,
         compile: Compile,
         own: OwnLimits,
+        feedback: JointFeedback | None = None,
     ) -> None:
         self.robot, self.rows, self.drive, self.max_obstacles = robot, rows, drive, max_obstacles
         self.wheelset = robot.drive(drive)
@@ -112,17 +114,28 @@ class ChairAndArm(VelocityController):
         """Numbers of the obstacles, and behind them of the moving capsules."""
         self.shapes = ((k,), (1,), *([(self.surroundings,)] if self.surroundings else []))  # type: ignore[misc]
         self.task = HandTask(robot, rows, moving=self.limits.moving, self_motion=self_motion)
-        # What is remembered: u, where it leads, the command, the wheels' part of it, and of the hand its velocity, the
-        # insistence on its progress, and the frame.
-        self.sent, self.wheels = slice(2 * n, 3 * n), slice(3 * n, 3 * n + wheels)
+        # What is remembered: u, where it leads, from where the arm is led to where it is, the command, the wheels' part
+        # of it, and of the hand its velocity, the insistence on its progress, and the frame.
+        first = 2 * n + (0 if feedback is None else n - CHAIR)
+        self.sent, self.wheels = slice(first, first + n), slice(first + n, first + n + wheels)
         super().__init__(
             robot.chain, dt=dt, recovery_speed=recovery_speed, solver=solver, backup=backup, tolerance=tolerance,
-            max_age=max_age, compile=compile,
+            max_age=max_age, compile=compile, feedback=feedback,
         )  # fmt: skip
         full, memory = ca.MX.sym("p", self.stated.parameter_size), ca.MX.sym("memory", self.stated.memory.numel())
         complete = self.stated.complete(full, memory)
         outputs = self.stated.finish.call([complete, memory, self._braking_answer(complete)])
         self._braking_together = BufferedFunction(ca.Function("braking_law", [full, memory], outputs))
+
+    @property
+    def guidance_size(self) -> int:
+        """How many numbers of the memory, behind velocity and position, say where the led joints are."""
+        return 0 if self.feedback is None else self.chain.n - CHAIR
+
+    def _apart(self, memory: ca.SX) -> ca.SX:
+        """(n,) from where the joints are led to where they are."""
+        n, size = self.chain.n, self.guidance_size
+        return ca.vertcat(ca.SX.zeros(n - size), memory[2 * n : 2 * n + size])
 
     # --------------------------------------------------------------------------------------------- the task
     def statement(self) -> Statement:
@@ -130,7 +143,7 @@ class ChairAndArm(VelocityController):
         n, k, name = self.chain.n, len(self.rows), "_".join(self.rows)
         q, twist, world = parameter("q", n), parameter("twist", k), parameter("frame", 1)
         obstacles = parameter("obstacles", self.surroundings)
-        memory = parameter("last", 3 * n + len(self.wheelset.rolling) + k + 2)
+        memory = parameter("last", self.wheels.stop + k + 2)
         parameters = [q, twist, world, obstacles] if self.surroundings else [q, twist, world]
         last = memory[:n]
 
@@ -141,7 +154,10 @@ class ChairAndArm(VelocityController):
         around = parameter("around", self.max_obstacles * self.limits.obstacles.size)
         contacts = parameter("contacts", self.limits.own.contacts_size)
         moving = ca.sumsqr(twist) > 0
-        limits = self.limits.limits(q, last, around, closing, clearance, contacts=contacts, gives_way=moving)
+        apart = self._apart(memory)
+        limits = self.limits.limits(
+            q, last, around, closing, clearance, contacts=contacts, gives_way=moving, apart=apart
+        )
         braking, remembered = self.limits.braking, Last(last, memory[-2 - k : -2], memory[-2], memory[-1])
         task = self.task.columns(q, twist, world, last=remembered, limits=limits, braking=braking, dt=self.dt)
         eased = limits._replace(
@@ -217,21 +233,22 @@ class ChairAndArm(VelocityController):
         """(7,) what steadies the command: b of the class."""
         guess, u, braking = task["guess"], ca.SX.sym("u", self.chain.n), self.limits.braking
 
-        def passed(rows: list[Row]) -> ca.SX:
-            """By how much the guess passes them, as a share of what the accelerations can do in a tick."""
-            most = ca.if_else(all_true(ca.fabs(guess) <= PLAUSIBLE), 0, ca.inf)
-            for row in rows:
-                matrix = ca.jacobian(row.expression, u)
-                there = matrix @ guess
-                over = ca.fmax(there - row.upper, row.lower - there)
-                most = ca.fmax(most, ca.mmax(over / ca.fmax(ca.fabs(matrix) @ braking.change, TINY)))
-            return most
+        def over(row: Row, matrix: ca.SX) -> ca.SX:
+            """By how much the guess passes each of its bounds."""
+            there = matrix @ guess
+            return ca.fmax(there - row.upper, row.lower - there)
 
-        own = [within(u, eased.lower, eased.upper), *limits.chassis_rows(u), *self._hand_rows(u, task)]
-        beyond, surroundings = passed(own), limits.surrounding_rows(u)
+        # Of its own bounds as a share of what the accelerations can do in a tick.
+        beyond = ca.if_else(all_true(ca.fabs(guess) <= PLAUSIBLE), 0, ca.inf)
+        for row in (within(u, eased.lower, eased.upper), *limits.chassis_rows(u), *self._hand_rows(u, task)):
+            matrix = ca.jacobian(row.expression, u)
+            shares = over(row, matrix) / ca.fmax(ca.fabs(matrix) @ braking.change, TINY)
+            beyond = ca.fmax(beyond, ca.mmax(shares))
+        surroundings = [over(row, ca.jacobian(row.expression, u)) for row in limits.surrounding_rows(u)]
+        met = ca.mmax(ca.vertcat(ca.SX(0), *surroundings)) > 0
         going = ca.fmin(ca.mmax(ca.fabs(last) / braking.change) / GOING, 1)
         part = ca.if_else(beyond > 0, going * ca.fmax(1 - beyond, 0), 1)
-        part = ca.if_else(passed(surroundings) > 0, 0, part)
+        part = ca.if_else(met, 0, part)
         slower = braking.slower(last)
         return ca.if_else(part > 0, slower + part * (guess - slower), slower)
 
@@ -300,7 +317,8 @@ class ChairAndArm(VelocityController):
         cos, sin = ca.cos(q[2]), ca.sin(q[2])
         value = ca.vertcat(cos * u[0] - sin * u[1], sin * u[0] + cos * u[1], u[2:])
         wheels = self.wheelset.wheel_speeds_expression(u[:CHAIR])
-        return ca.densify(ca.vertcat(u, q + value * self.dt, value, wheels, hand, insistence, frame))
+        led = ca.SX.zeros(self.guidance_size)
+        return ca.densify(ca.vertcat(u, q + value * self.dt, led, value, wheels, hand, insistence, frame))
 
     def fallback_command(self) -> Command | None:
         """One tick of braking together: within all bounds, and the next tick may answer again."""
@@ -330,7 +348,9 @@ class ChairAndArm(VelocityController):
         each = [obstacles[NUMBERS * i : NUMBERS * (i + 1)] for i in range(self.max_obstacles)]
         around = ca.vertcat(ca.SX(0, 1), *(self.limits.obstacles.column(one, q[:CHAIR], last[:CHAIR]) for one in each))
         keep_outs = self.limits.keep_outs(arm, last[CHAIR:])
-        limits = self.limits.limits(q, last, around, keep_outs, clearance, contacts=contacts, gives_way=ca.SX(0))
+        limits = self.limits.limits(
+            q, last, around, keep_outs, clearance, contacts=contacts, gives_way=ca.SX(0), apart=self._apart(memory)
+        )
         rest = self.limits.unhindered(limits.base, limits.base, arm) if self.robot.keep_out else limits.base
         inputs = [q, memory, obstacles, contacts]
         slower = ca.Function("slower", inputs, [ca.densify(rest), limits.outside], {"cse": True})
@@ -350,14 +370,14 @@ class ChairAndArm(VelocityController):
         if self.max_obstacles:
             self._inputs[2][: numbers.size] = numbers
 
-    def tell(self, q: ArrayLike, twist: ArrayLike, world: float, moving: Array) -> None:
-        """Write the other parameters of a tick; `moving` by `moving_numbers`.
+    def tell(self, q: ArrayLike, twist: ArrayLike, world: float, moving: Array | None) -> None:
+        """Write the other parameters of a tick; `moving` by `moving_numbers`, where there are such.
 
         Raises
         ------
         ConfigurationError : an argument of the wrong shape, or no numbers.
         """
-        if moving.size:
+        if moving is not None:
             self._inputs[2][-moving.size :] = moving.reshape(-1)
         views = self._views
         try:
@@ -386,7 +406,7 @@ class ChairAndArm(VelocityController):
         self._last[:], self._predicted[:], self._sent[:] = other._last, other._predicted, other._sent
         self._ladder.memory[-1] = UNKNOWN
         self._ladder.warm_start(0.0)
-        self._watchdog = other._watchdog
+        self._watchdog, self._feedback = other._watchdog, other._feedback
         self._watch.take_over(other._watch)
 
     @property

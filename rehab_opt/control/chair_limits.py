@@ -180,7 +180,7 @@ class ChairLimits:
         # In the middle of the tick: there a link that slides along a keep-out comes no nearer.
         opening, gaps = self._closing(arm + last * (self.dt / 2))
         now, free = -opening, ca.fmax(gaps - self._margin(0.0, last), 0) / time
-        then, left = 0 * now, ca.inf * ca.SX.ones(now.size1())
+        then, left = 0 * opening, ca.inf * ca.SX.ones(now.size1())
         before, falls = opening, ca.fmin(opening @ slower, 0)
         for part in ALONG:
             margin = self._margin(part, last)
@@ -193,10 +193,10 @@ class ChairLimits:
             then_time = ca.fmax(part * time - (1 - share) * apart, apart / 4)
             nearest = before + share * (opening - before)
             less = (least - margin) / then_time
-            then = ca.if_else(ca.repmat(less < left, 1, now.size2()), -nearest, then)
+            then = ca.if_else(ca.repmat(less < left, 1, now.size2()), nearest, then)
             left = ca.fmin(less, left)
             before, gaps, falls = opening, here, ca.fmin(opening @ slower, 0)
-        return ca.vertcat(now, then), ca.vertcat(free, left)
+        return ca.vertcat(now, -then), ca.vertcat(free, left)
 
     def far(self) -> tuple[ca.SX, ca.SX]:
         """Those rows and speeds where no keep-out matters."""
@@ -213,12 +213,14 @@ class ChairLimits:
         *,
         contacts: ca.SX,
         gives_way: ca.SX,
+        apart: ca.SX,
     ) -> Limits:
         """Limits at joint values q (7,) after the command `last` (7,), with columns of obstacles and `keep_outs`.
 
-        contacts, gives_way : see `Limits.contacts` and `Limits.beside` of `control.limit`.
+        contacts, gives_way : see `Limits.contacts` and `Limits.beside` of `control.limit`. apart : (n,) from q to where
+        the joints are, for which joint limits hold, too.
         """
-        lower, upper, hard_lower, hard_upper, outside = self._joints(q, last)
+        lower, upper, hard_lower, hard_upper, outside = self._joints(q, last, apart)
         read, size = self.obstacles.read, self.obstacles.size
         around = [obstacles[i : i + size] for i in range(0, obstacles.numel(), size)]
         into, into_limit = _stacked([read(each, ROWS, INTO) for each in around])
@@ -245,9 +247,11 @@ class ChairLimits:
             still = [i for i in range(q.numel()) if i not in self.moving]
             turn = self.world(q[2], q.numel())
             turn[:, still] = 0
+            hard_ends, change = (hard_lower, hard_upper), self.braking.change
             beside, free_beside, base = self.own.beside(
-                q, turn @ last, contacts, turn=turn, base=base, hard=(hard_lower, hard_upper), gives_way=gives_way
-            )
+                q, turn @ last, contacts, turn=turn, base=base, ends=_reached(last, change, base, hard_ends),
+                hard=hard_ends, gives_way=gives_way,
+            )  # fmt: skip
             base[:CHAIR] *= ca.fmin(
                 largest_part(chair @ base[:CHAIR], chair_limit), largest_part(-chair @ base[:CHAIR], chair_limit)
             )
@@ -341,10 +345,11 @@ class ChairLimits:
             + self.reach * min(step, fastest) ** 2 / 2
         )
 
-    def _joints(self, q: ca.SX, last: ca.SX) -> tuple[ca.SX, ...]:
+    def _joints(self, q: ca.SX, last: ca.SX, apart: ca.SX) -> tuple[ca.SX, ...]:
         chain, time, slowest = self.robot.chain, self.braking.time, self.braking.slowest(last)
-        bounds = velocity_bounds(chain, q, last, dt=self.dt, recovery_speed=self.recovery_speed)
-        up, down = (ca.fmax(room, 0) / time for room in (ca.DM(chain.upper) - q, q - ca.DM(chain.lower)))
+        bounds = velocity_bounds(chain, q, last, dt=self.dt, recovery_speed=self.recovery_speed, strays=apart)
+        high, low = q + ca.fmax(apart, 0), q + ca.fmin(apart, 0)
+        up, down = (ca.fmax(room, 0) / time for room in (ca.DM(chain.upper) - high, low - ca.DM(chain.lower)))
         upper = ca.fmin(ca.fmax(up, slowest), bounds.hard_upper)
         lower = ca.fmax(ca.fmin(-down, slowest), bounds.hard_lower)
         # Positions of the chair are not bounded: its intervals are numbers.
@@ -368,6 +373,12 @@ def _stacked(rows: list[tuple[ca.SX, ca.SX]]) -> tuple[ca.SX, ca.SX]:
     """The rows of all obstacles in one matrix, and what stands behind them in one column."""
     matrices, columns = [each for each, _ in rows], [each for _, each in rows]
     return ca.vertcat(ca.SX(0, CHAIR), *matrices), ca.vertcat(ca.SX(0, 1), *columns)
+
+
+def _reached(last: ca.SX, change: ca.DM, base: ca.SX, hard: tuple[ca.SX, ca.SX]) -> tuple[ca.SX, ca.SX]:
+    """What a change of velocity leads to within `hard`, `base` included."""
+    lower, upper = (clipped(end, *hard) for end in (last - change, last + change))
+    return ca.fmin(lower, base), ca.fmax(upper, base)
 
 
 def largest_part(values: ca.SX, limits: ca.SX) -> ca.SX:

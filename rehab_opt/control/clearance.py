@@ -27,9 +27,9 @@ class Clearance:
 
     grad d . q' + n . (-v) >= -rate (d - margin)
 
-    with n the direction from the body to the link and v the velocity of the body's nearest point. `slots` contacts that
-    are nearest make the rows of the QP, several of one pair where bodies lie along each other (`control.contacts`);
-    all pairs are judged at the end of the tick.
+    with n the direction from the body to the link and v the velocity of the body's nearest point. The `slots` contacts
+    with the least room before their barriers at the last velocity make the rows of the QP, several of one pair where
+    bodies lie along each other (`control.contacts`); all pairs are judged at the end of the tick.
 
     The promise, at the ends of ticks, where joints move as commanded and moving bodies as told:
     - among bodies that stand still, no pair that was clear comes nearer than `margin`, and one that was nearer gets no
@@ -49,8 +49,8 @@ class Clearance:
         them, by `arm_capsules`.
     pairs : names of links that keep clear of each other, or None for those that neither are neighbours nor overlap at
         half of all postures; the tuple () for none.
-    slots : how many contacts a tick has rows for. Nearest ones beyond are judged at the tick's end, so that the arm
-        stops before them, but does not slide.
+    slots : how many contacts a tick has rows for. Those beyond are judged at the tick's end, so that the arm stops
+        before them, but does not slide.
     rate : [1/s] at which the distance to the margin may decay; by default that of a `Limit`.
     """
 

@@ -7,7 +7,7 @@ Every function takes joint positions q (n,), the moving capsules (14 k,) as `mov
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import NamedTuple
 
 import casadi as ca
@@ -15,7 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.clearance import Clearance
-from rehab_opt.control.contacts import CONTACT, CONTACTS, FAR, ball_above, capsule_and_box, capsule_and_capsule
+from rehab_opt.control.contacts import (
+    CONTACT,
+    CONTACTS,
+    FAR,
+    Approach,
+    ball_above,
+    capsule_and_box,
+    capsule_and_capsule,
+)  # fmt: skip
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.room import MOVING
 from rehab_opt.optim.certificate import all_true
@@ -32,34 +40,42 @@ SAME = 1e-9
 """[m] A motion that is rounding."""
 ALIKE = 1e-7
 """[m, 1] Largest difference of normal and moment of contacts that are one."""
-LATER = 0.01
-"""[m] Contacts besides a pair's nearest are ranked as if they were further by this: each pair's own comes first."""
+BEHIND = 4.0
+"""By how many times what it is further than its pair's nearest a contact is ranked as if it were further still."""
+TIE = 1e-12
+"""[m] by which a contact is ranked behind an equal one before it."""
+APPROACH = 11
+"""Numbers of an `Approach`."""
 THERE = MOVING - 1
 """Which number of a moving capsule says that there is one."""
 
 
 class Kind(NamedTuple):
-    """Functions of one pair's column of numbers."""
+    """Functions of one pair's column of numbers, and but for the distance of its `Approach`."""
 
     distance: ca.Function
+    room: ca.Function
     contacts: ca.Function
+    """(9, 5), the last of each the number by which it is ranked."""
 
 
 def _kinds() -> tuple[Kind, Kind]:
     """Two capsules, from a column of 19 numbers; a capsule and a box, from one of 22."""
-    c, b = ca.SX.sym("column", 19), ca.SX.sym("column", 22)
-    of_capsules = capsule_and_capsule((c[:3], c[3:6]), (c[6:9], c[9:12]), c[18], (c[12:15], c[15:18]))
-    of_boxes = capsule_and_box((b[:3], b[3:6]), ca.reshape(b[6:15], 3, 3), b[15:18], b[18:21], b[21])
+    c, b, numbers = ca.SX.sym("column", 19), ca.SX.sym("column", 22), ca.SX.sym("approach", APPROACH)
+    near = Approach(numbers[:6], numbers[6], numbers[7:])
+    of_capsules = capsule_and_capsule((c[:3], c[3:6]), (c[6:9], c[9:12]), c[18], (c[12:15], c[15:18]), near)
+    of_boxes = capsule_and_box((b[:3], b[3:6]), ca.reshape(b[6:15], 3, 3), b[15:18], b[18:21], b[21], near=near)
     made = []
-    for name, column, (distance, contacts) in (("of_capsules", c, of_capsules), ("of_box", b, of_boxes)):
-        keys = ca.if_else(contacts[0, :] <= ca.mmin(contacts[0, :]), contacts[0, :], ca.fmax(contacts[0, :], 0) + LATER)
-        outputs = {"distance": distance, "contacts": ca.vertcat(contacts, keys)}
+    for name, column, (distance, room, contacts) in (("capsules", c, of_capsules), ("box", b, of_boxes)):
+        behind = BEHIND * (contacts[0, :] - ca.mmin(contacts[0, :]))
+        ranked = ca.vertcat(contacts[:CONTACT, :], contacts[CONTACT, :] + behind)
         made.append(
             Kind(
+                ca.Function(f"distance_of_{name}", [column], [distance], {"cse": True}),
                 *(
-                    ca.Function(f"{what}_{name}", [column], [ca.densify(each)], {"cse": True})
-                    for what, each in outputs.items()
-                )
+                    ca.Function(f"{what}_of_{name}", [column, numbers], [ca.densify(each)], {"cse": True})
+                    for what, each in (("room", room), ("contacts", ranked))
+                ),
             )
         )
     return made[0], made[1]
@@ -115,24 +131,26 @@ class ClearancePairs:
 
     @cached_property
     def nearest(self) -> ca.Function:
-        """Q, last velocity, moving capsules, time -> the nearest contacts in one column, see `read`.
+        """Q, last velocity, moving capsules, time -> the contacts with the least room in one column, see `read`.
 
         The contacts are those of half the time on, where q and the last velocity lead by then, but for their
-        distances, which are led back from there. Of every kind, pairs that are not among the nearest are left out.
+        distances, which are led back from there. Of every kind, pairs that are not among the least are left out.
         """
         n, k = self.chain.n, self.slots
         q, last = ca.MX.sym("q", n), ca.MX.sym("last", n)
         told, time = ca.MX.sym("moving", self.told), ca.MX.sym("time")
         *columns, balls, _, screws = self._placed(q + last * time / 2, told, time / 2)
-        contacts, spans = [ca.vertcat(balls, balls[0, :])], [ca.MX(ca.DM(self._spans_of_balls))]
-        for every, kind, looked_at, span in zip(columns, KINDS, self._looked_at, self._spans, strict=True):
+        *approaches, rooms = self._approaches(screws, last, balls)
+        contacts, spans = [ca.vertcat(balls, rooms)], [ca.MX(ca.DM(self._spans_of_balls))]
+        parts = (columns, approaches, KINDS, self._looked_at, self._spans)
+        for cells, near, kind, looked_at, span in zip(*parts, strict=True):
             if not looked_at:
                 continue
-            cells, joints = every, ca.MX(ca.DM(span))
+            joints = ca.MX(ca.DM(span))
             if looked_at < cells.size2():
-                which = _least(cells.size2(), looked_at)(_mapped(kind.distance, cells)[0].T)
-                cells, joints = cells[:, which], joints[:, which]
-            contacts.append(ca.reshape(_mapped(kind.contacts, cells)[0], CONTACT + 1, -1))
+                which = _least(cells.size2(), looked_at)(kind.room.map(cells.size2())(cells, near).T)
+                cells, near, joints = cells[:, which], near[:, which], joints[:, which]  # noqa: PLW2901
+            contacts.append(ca.reshape(kind.contacts.map(looked_at)(cells, near), CONTACT + 1, -1))
             spans.append(ca.reshape(ca.repmat(joints, CONTACTS, 1), 2, -1))
         near, joints = ca.horzcat(*contacts), ca.horzcat(*spans)
         which = _least(near.size2(), k)(near[CONTACT, :].T)
@@ -189,8 +207,66 @@ class ClearancePairs:
             for i in self.free
             for j, plane in enumerate(planes)
             for end in range(2 if self.chain.capsules[i].start != self.chain.capsules[i].end else 1)
-            if np.ptp(places[:, i, end] @ np.array(plane.normal)) > SAME
+            if np.ptp(places[:, i, end] @ np.array(plane.normal)) > SAME and self._thickest(i, end)
         )
+
+    def _thickest(self, link: int, end: int) -> bool:
+        """Whether no other link is thicker, or comes before one as thick, at an end of this one."""
+        number = self._ends_by_number["link", link][0][end]
+        radii = {
+            i: radius for (kind, i), (both, radius) in self._ends_by_number.items() if kind == "link" and number in both
+        }
+        return max(radii, key=lambda i: (radii[i], -i)) == link
+
+    @cached_property
+    def lead(self) -> float:
+        """[s] after which a barrier wants a speed gone, see `Approach`."""
+        chain, rate = self.chain, self.clearance.rate
+        return float(np.max(chain.velocity / chain.acceleration)) if rate is None else 1 / rate
+
+    @cached_property
+    def _told(self) -> tuple[Array, Array]:
+        """(4, pairs) of each kind: 0 for an end that another pair tells of, see `Approach`.
+
+        Of bodies that are joined in an end, the thickest tells of it.
+        """
+        bodies = [("link", i) for i in self.free], [("body", i) for i, _ in enumerate(self.clearance.capsules)]
+        moving = [("moving", i) for i in range(self.clearance.moving)]
+        pairs = [(("link", i), ("link", j)) for i, j in self.linked]
+        pairs += [(link, other) for link in bodies[0] for other in (*bodies[1], *moving)]
+        boxed = [(link, ("box", i)) for link in bodies[0] for i, _ in enumerate(self.clearance.boxes)]
+        told = []
+        for some in (pairs, boxed):
+            sides = [((a, 0, b), (a, 1, b), (b, 0, a), (b, 1, a)) for a, b in some]
+            tellers: dict[tuple[int, tuple[str, int]], tuple[float, int]] = {}
+            for number, each in enumerate(sides):
+                for body, end, other in each:
+                    if body in self._ends_by_number:
+                        numbers, radius = self._ends_by_number[body]
+                        key, mine = (numbers[end], other), (-radius, number)
+                        tellers[key] = min(tellers.get(key, mine), mine)
+            found = np.ones((4, len(some)))
+            for number, each in enumerate(sides):
+                for row, (body, end, other) in enumerate(each):
+                    if body in self._ends_by_number:
+                        found[row, number] = tellers[self._ends_by_number[body][0][end], other][1] == number
+            told.append(found)
+        return told[0], told[1]
+
+    @cached_property
+    def _ends_by_number(self) -> dict[tuple[str, int], tuple[tuple[int, int], float]]:
+        """Numbers of the ends of links and of capsules that stand still, one for ends that are one place; radii."""
+        places, found, ends = _places(self.chain, 5), {}, []
+        bodies = [(("link", i), places[:, i], each.radius) for i, each in enumerate(self.chain.capsules)]
+        for i, each in enumerate(self.clearance.capsules):
+            bodies.append((("body", i), np.broadcast_to([each.start, each.end], (len(places), 2, 3)), each.radius))
+        for name, points, radius in bodies:
+            numbers = []
+            for end in (0, 1):
+                ends.append(points[:, end])
+                numbers.append(next(k for k, other in enumerate(ends) if np.abs(other - ends[-1]).max() <= SAME))
+            found[name] = (numbers[0], numbers[1]), radius
+        return found
 
     # ---------------------------------------------------------------------------------------------- expressions
     @cached_property
@@ -248,6 +324,31 @@ class ClearancePairs:
             turn, shift = (ca.SX.zeros(3), axis) if row.prismatic else (axis, ca.cross(frame[:3, 3], axis))
             columns.append(ca.vertcat(turn, shift))
         return ca.horzcat(*columns)
+
+    @cached_property
+    def _approaches(self) -> ca.Function:
+        """Screws, last velocity, contacts with planes -> `Approach` (11, pairs) of each kind; those contacts' room."""
+        n, balls = self.chain.n, ca.SX.sym("balls", CONTACT, self._spans_of_balls.shape[1])
+        screws, last = ca.SX.sym("screws", 6, n), ca.SX.sym("last", n)
+        moves = [ca.SX.zeros(6)]
+        for i in range(n):
+            moves.append(moves[-1] + screws[:, i] * last[i])
+
+        def approach(span: Array, told: Array) -> Approach:
+            return Approach(moves[int(span[1])] - moves[int(span[0])], ca.SX(self.lead), ca.SX(ca.DM(told)))
+
+        outputs = [
+            ca.horzcat(
+                ca.SX(APPROACH, 0), *(ca.vertcat(*approach(*each)) for each in zip(spans.T, told.T, strict=True))
+            )
+            for spans, told in zip(self._spans, self._told, strict=True)
+        ]
+        rooms = [
+            approach(span, np.ones(4)).room(ball[0], ball[1:4], ball[4:7], 0)
+            for span, ball in zip(self._spans_of_balls.T, ca.horzsplit(balls), strict=False)
+        ]
+        outputs.append(ca.horzcat(ca.SX(1, 0), *rooms))
+        return ca.Function("approaches", [screws, last, balls], [ca.densify(each) for each in outputs], {"cse": True})
 
     def _rows(self, k: int) -> ca.Function:
         """Contacts (8, k), their joints (2, k), screws, last velocity, time -> distances, what they change, slopes."""
@@ -321,13 +422,11 @@ def _mapped(function: ca.Function, cells: ca.MX) -> list[ca.MX]:
 def _least(count: int, k: int) -> ca.Function:
     """Column -> which k are the least of it, the least first."""
     column = ca.SX.sym("column", count)
-    keys, which = [ca.SX(2 * FAR)] * k, [ca.SX(0)] * k
-    for i in range(count):
-        key, index = column[i], ca.SX(i)
+    keys, given = [ca.SX(2 * FAR)] * k, [column[i] + i * TIE for i in range(count)]
+    for key in given:
         for j in range(k):
-            less = key < keys[j]
-            keys[j], key = ca.if_else(less, key, keys[j]), ca.if_else(less, keys[j], key)
-            which[j], index = ca.if_else(less, index, which[j]), ca.if_else(less, which[j], index)
+            keys[j], key = ca.fmin(keys[j], key), ca.fmax(keys[j], key)  # noqa: PLW2901
+    which = [reduce(ca.fmax, [i * (each == key) for i, each in enumerate(given)], ca.SX(0)) for key in keys]
     return ca.Function(f"least_{k}_of_{count}", [column], [ca.vertcat(*which)])
 
 

@@ -14,12 +14,13 @@ moment p x normal (3,) [m] of the place p of contact; and the velocity of the ot
 from __future__ import annotations
 
 from functools import reduce
+from typing import NamedTuple
 
 import casadi as ca
 
 from rehab_opt.optim.certificate import all_true, clipped
 
-__all__ = ["CONTACT", "CONTACTS", "FAR", "ball_above", "capsule_and_box", "capsule_and_capsule"]
+__all__ = ["CONTACT", "CONTACTS", "FAR", "Approach", "ball_above", "capsule_and_box", "capsule_and_capsule"]
 
 CONTACT = 8
 """Numbers of a contact."""
@@ -33,6 +34,29 @@ PARALLEL = 1e-14
 """Square of the sine of the angle below which segments count as parallel: their ends come as near as their insides."""
 SAME = 1e-9
 """Share of a segment by which two places on it differ."""
+BESIDE, AGAIN = 5e-4, 1.0
+"""[m] Of two contacts of a pair so near each other the later one has up to so much more room: one row does for both."""
+
+
+class Approach(NamedTuple):
+    """How two bodies move against each other, and what of them another pair tells.
+
+    Of two bodies that come nearer at a speed, the room is their distance less `lead` times that: the row of the nearest
+    one may wait, that of what comes fast may not. A pair's room is that of its nearest contact.
+    """
+
+    twist: ca.SX
+    """(6,) [rad/s, m/s] of the first body against the other, besides that one's `speeds`: turn, and shift of what lies
+    at the origin."""
+    lead: ca.SX
+    """[s]"""
+    told: ca.SX
+    """(4,) 0 for an end of the first and of the other body that a body beside it has, too, whose pair tells of it."""
+
+    def room(self, distance: ca.SX, normal: ca.SX, moment: ca.SX, speed: ca.SX | float) -> ca.SX:
+        """[m] of a contact."""
+        closing = speed - ca.dot(moment, self.twist[:3]) - ca.dot(normal, self.twist[3:])
+        return distance - self.lead * ca.fmax(closing, 0)
 
 
 def ball_above(centre: ca.SX, normal: ca.DM, offset: ca.SX) -> tuple[ca.SX, ca.SX]:
@@ -42,14 +66,14 @@ def ball_above(centre: ca.SX, normal: ca.DM, offset: ca.SX) -> tuple[ca.SX, ca.S
 
 
 def capsule_and_capsule(
-    first: tuple[ca.SX, ca.SX], other: tuple[ca.SX, ca.SX], radii: ca.SX, speeds: tuple[ca.SX, ca.SX]
-) -> tuple[ca.SX, ca.SX]:
-    """Distance [m] of two capsules, and contacts (8, 5).
+    first: tuple[ca.SX, ca.SX], other: tuple[ca.SX, ca.SX], radii: ca.SX, speeds: tuple[ca.SX, ca.SX], near: Approach
+) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Distance [m] of two capsules, about the room [m] of their nearest points, and contacts (9, 5), each with room.
 
     Parameters
     ----------
     first, other : (3,), (3,) [m] ends of their segments; equal ones make a ball.
-    radii : [m] their sum. speeds : (3,), (3,) [m/s] how the ends of the other one move.
+    radii : [m] their sum. speeds : (3,), (3,) [m/s] how the ends of the other one move. near : see `Approach`.
 
     The distance is that of the segments less `radii`, negative by as much as the bodies overlap where one of the
     segments' nearest points is an end or a crossing: at least minus `radii`, at segments that meet.
@@ -77,29 +101,56 @@ def capsule_and_capsule(
     t = (ab * s + f) / ca.fmax(bb, TINY)
     crossing = all_true(sine > PARALLEL * aa * bb, s > 0, s < 1, t > 0, t < 1)
     places.append((clipped(s, 0, 1), clipped(t, 0, 1), crossing))
-    contacts, squares = [], []
-    for s, t, valid in places:
-        here, there = a + s * along, b + t * across
-        apart = here - there
-        square = ca.sumsqr(apart)
-        squares.append(ca.if_else(valid, square, FAR**2))
-        size = ca.sqrt(square)
-        normal = apart / ca.fmax(size, TINY)
+    told = [*ca.vertsplit(near.told), ca.SX(1)]
+
+    def contact(s: ca.SX, t: ca.SX, square: ca.SX) -> ca.SX:
+        here, size = a + s * along, ca.sqrt(square)
+        normal = (here - b - t * across) / ca.fmax(size, TINY)
         speed = ca.dot(normal, speeds[0] + t * (speeds[1] - speeds[0]))
-        distance = ca.if_else(valid, size - radii, FAR)
-        contacts.append(ca.vertcat(distance, normal, ca.cross(here, normal), speed))
-    return ca.sqrt(reduce(ca.fmin, squares)) - radii, ca.horzcat(*contacts)
+        moment = ca.cross(here, normal)
+        return ca.vertcat(size - radii, normal, moment, speed, near.room(size - radii, normal, moment, speed))
+
+    contacts, squares = [], []
+    for (s, t, valid), own in zip(places, told, strict=True):
+        square = ca.sumsqr(a + s * along - b - t * across)
+        squares.append(ca.if_else(valid, square, FAR**2))
+        contacts.append(_where(ca.logic_and(valid, own), contact(s, t, square)))
+    sizes = ca.vertcat(ca.sqrt(aa), ca.sqrt(bb))
+    on_both = [sizes * ca.vertcat(s, t) for s, t, _ in places]
+    _behind_those_beside(contacts, on_both, [each for *_, each in places], told)
+    # The nearest points of lines, moved into one segment and then into the other: exact but where they are parallel.
+    s = clipped((ab * f - bb * c) / ca.fmax(sine, TINY * PARALLEL), 0, 1)
+    t = clipped((ab * s + f) / ca.fmax(bb, TINY), 0, 1)
+    s = clipped((ab * t - c) / ca.fmax(aa, TINY), 0, 1)
+    room = contact(s, t, ca.sumsqr(a + s * along - b - t * across))[-1]
+    return ca.sqrt(reduce(ca.fmin, squares)) - radii, room, ca.horzcat(*contacts)
+
+
+def _behind_those_beside(contacts: list[ca.SX], places: list[ca.SX], valid: list[ca.SX], told: list[ca.SX]) -> None:
+    """Give contacts whose place [m] is that of one before them, or of one that another pair tells of, more room."""
+    for j, place in enumerate(places):
+        for i, beside in enumerate(places):
+            counts = valid[i] if i < j else ca.logic_and(valid[i], ca.logic_not(told[i]))
+            if i != j:
+                near = 1 - ca.sum1(ca.fabs(place - beside)) / BESIDE
+                contacts[j][-1] += AGAIN * ca.if_else(counts, ca.fmax(near, 0), 0)
+
+
+def _where(there: ca.SX, contact: ca.SX) -> ca.SX:
+    """The contact, or one that is none."""
+    distance, room = (ca.if_else(there, each, FAR) for each in (contact[0], contact[-1]))
+    return ca.vertcat(distance, contact[1:-1], room)
 
 
 def capsule_and_box(
-    ends: tuple[ca.SX, ca.SX], turn: ca.SX, centre: ca.SX, half: ca.SX, radius: ca.SX
-) -> tuple[ca.SX, ca.SX]:
-    """Distance [m] of a capsule and a box, and contacts (8, 5).
+    ends: tuple[ca.SX, ca.SX], turn: ca.SX, centre: ca.SX, half: ca.SX, radius: ca.SX, *, near: Approach
+) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Distance [m] of a capsule and a box, the room [m] of their nearest contact, and contacts (9, 5), each with its.
 
     Parameters
     ----------
     ends : (3,), (3,) [m] of the capsule's segment. turn : (3, 3) axes of the box, by columns. centre : (3,) [m] of it.
-    half : (3,) [m] half its sizes. radius : [m] of the capsule.
+    half : (3,) [m] half its sizes. radius : [m] of the capsule. near : see `Approach`.
 
     Outside, the distance of the segment from the box less `radius`. Where the segment cuts the box, minus the shortest
     way out by translation less `radius`, exactly: box and segment added up are a body of twelve faces. There the
@@ -132,24 +183,30 @@ def capsule_and_box(
         (nearest, ca.SX(1)), (ca.SX(0), nearest > SAME), (ca.SX(1), nearest < 1 - SAME),
         (before, before > SAME), (after, after < 1 - SAME),
     ]  # fmt: skip
+    told = [ca.SX(1), near.told[0], near.told[1], ca.SX(1), ca.SX(1)]
     ball = ca.sumsqr(along) <= TINY
     out, depth, deepest = _way_out(start, stop, half)
     least = ca.norm_2(beyond(nearest))
     within = least <= TINY
     contacts = []
-    for k, (t, valid) in enumerate(places):
+    for k, ((t, valid), own) in enumerate(zip(places, told, strict=True)):
         local = beyond(t)
         size = ca.norm_2(local)
         direction, place = local / ca.fmax(size, TINY), start + t * along
         distance = size - radius
+        there = ca.logic_and(valid, own)
         if k == 0:
             direction, place = ca.if_else(within, out, direction), ca.if_else(within, deepest, place)
             distance = ca.if_else(within, -depth - radius, distance)
         else:
-            distance = ca.if_else(all_true(valid, size > TINY, ca.logic_not(ball)), distance, FAR)
+            there = all_true(there, size > TINY, ca.logic_not(ball))
         normal, here = turn @ direction, centre + turn @ place
-        contacts.append(ca.vertcat(distance, normal, ca.cross(here, normal), 0))
-    return ca.if_else(within, -depth, least) - radius, ca.horzcat(*contacts)
+        moment = ca.cross(here, normal)
+        room = near.room(distance, normal, moment, 0)
+        contacts.append(_where(there, ca.vertcat(distance, normal, moment, 0, room)))
+    size = ca.norm_2(along)
+    _behind_those_beside(contacts, [size * t for t, _ in places], [ca.SX(1)] * len(places), told)
+    return ca.if_else(within, -depth, least) - radius, contacts[0][-1], ca.horzcat(*contacts)
 
 
 def _way_out(start: ca.SX, stop: ca.SX, half: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:

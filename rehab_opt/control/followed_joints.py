@@ -172,7 +172,8 @@ class FollowedJoints:
     def lead(self, q: Array, last: Array, guided: Array | None = None) -> str:
         """Put the reference into `q` (n,) in place of what was measured, after the command `last` (n,).
 
-        Returns why the joints do not follow; empty where they do. What `guidance` names goes into `guided`.
+        Returns why the joints do not follow; empty where they do. What `guidance` names goes into `guided`; without a
+        hand that is watched, where they are from there on (n,), as limits have it.
         """
         self._measured[:], self._command[:] = q, last
         self._function.evaluate()
@@ -180,7 +181,9 @@ class FollowedJoints:
         longest, usable = self._said.tolist()
         if longest > self._patience and not self._fault:
             self._fault = not_followed(self._names, self._memory)
-        if guided is not None and self._hand is not None:
+        if guided is not None and self._hand is None:
+            guided[:] = self._memory[self._record.places["apart"]]
+        elif guided is not None:
             # A sample that is no number says nothing of the hand, and must not be remembered.
             self.touched, stuck = self._hand.feel(q, self.errors, self._velocity) if usable else (False, "")
             state, n = self._hand.state, len(q)

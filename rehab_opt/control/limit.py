@@ -158,6 +158,8 @@ class Limits:
         fastest_rate: float = math.inf,
     ) -> None:
         self.limits, self.chain, self.dt, self.clearance = tuple(limits), chain, dt, clearance
+        self.moving = 0 if clearance is None else clearance.clearance.moving
+        """How many moving capsules a tick is told of."""
         self._calm = ca.DM(recovery_speed * chain.velocity)
         together = max(float(np.max(chain.velocity / chain.acceleration)), dt)
         rates = [each.rate for each in self.limits for _ in range(each.count(chain))]
@@ -172,11 +174,6 @@ class Limits:
         return self._shares.numel()
 
     @property
-    def moving(self) -> int:
-        """How many moving capsules a tick is told of."""
-        return 0 if self.clearance is None else self.clearance.clearance.moving
-
-    @property
     def told(self) -> int:
         """Numbers of those."""
         return 0 if self.clearance is None else self.clearance.told
@@ -188,8 +185,10 @@ class Limits:
         ------
         ConfigurationError : more than `moving` of them, none where it is above zero, no moving capsules.
         """
-        if bodies is None or not self.moving:
-            expected = f"at most {self.moving} moving capsules, as the Clearance among `limits` says"
+        if not self.moving:
+            raise ConfigurationError(argument, bodies, "None, since no Clearance(moving=...) is among `limits`")
+        if bodies is None:
+            expected = f"up to {self.moving} MovingCapsule in every tick, [] where none is there: Clearance(moving=...)"
             raise ConfigurationError(argument, bodies, expected)
         return moving_numbers(bodies, self.moving, argument)
 
@@ -252,13 +251,15 @@ class Limits:
     def slower(self, q: ca.SX, last: ca.SX, bounds: VelocityBounds, contacts: ca.SX) -> ca.SX:
         """(n,) the velocity nearest to rest, but for joints that hold theirs longer where a limit wants it.
 
-        From what comes nearer by itself it does not go away: who brakes is not enabled.
+        From what comes nearer by itself it does not go away, and from within a limit it is not led back: who brakes is
+        not enabled. Where every joint can, it stops.
         """
         rest = nearest_to_rest(bounds)
         held = clipped(last, bounds.brake_lower, bounds.brake_upper)
-        slopes, free, hard = self._now(q, last, contacts)
+        slopes, free, hard = self._now(q, last, contacts, leads_back=False)
         now = (slopes, free, ca.fmax(hard, 0))
-        return _kept_within(now, rest, (ca.fmin(rest, held), ca.fmax(rest, held)), bounds.hard)
+        slower = _kept_within(now, rest, (ca.fmin(rest, held), ca.fmax(rest, held)), bounds.hard)
+        return ca.if_else(all_true(rest == 0), 0, slower)
 
     def beside(
         self,
@@ -268,16 +269,19 @@ class Limits:
         *,
         turn: ca.SX,
         base: ca.SX,
+        ends: tuple[ca.SX, ca.SX],
         hard: tuple[ca.SX, ca.SX],
         gives_way: ca.SX,
     ) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """R (m, n), r (m,) of R u <= r, and `base`, led within `hard` to where no limit is passed in this tick.
+        """R (m, n), r (m,) of R u <= r, and `base`, led within `ends` to where the rows are kept, see `rows`.
 
-        Of velocities q' = turn u. Where `gives_way` is 0, nothing is led out of the way of what comes nearer by itself.
+        Of velocities q' = turn u. What that leaves is led within `hard` to where no limit is passed in this tick. Where
+        `gives_way` is 0, nothing is led out of the way of what comes nearer by itself, nor out of a margin.
         """
         slopes, free, now = self._now(q, last, contacts)
         slopes, least = slopes @ turn, ca.if_else(gives_way, -ca.inf, 0)
-        base = _kept_within((slopes, free, ca.fmax(now, least)), base, (base, base), hard)
+        lower, upper = (ca.if_else(gives_way, end, base) for end in ends)
+        base = _kept_within((slopes, free, ca.fmax(now, least)), base, (lower, upper), hard)
         return -slopes, ca.fmax(free, least), base
 
     @cached_property
@@ -351,14 +355,20 @@ class Limits:
             return ca.SX(0)
         return ca.mmin(self.clearance.read(contacts)[0]) < -OUTSIDE
 
-    def _now(self, q: ca.SX, last: ca.SX, contacts: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Slopes (m, n) of the least distances, how fast they may fall, and may not but in this tick (m,)."""
+    def _now(self, q: ca.SX, last: ca.SX, contacts: ca.SX, *, leads_back: bool = True) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Slopes (m, n) of the least distances, how fast they may fall, and may not but in this tick (m,).
+
+        What is beyond a limit has to rise, or is taken for at it where nothing `leads_back`.
+        """
+        lowest = -ca.inf if leads_back else 0.0
         parts = [(ca.SX(0, self.chain.n), ca.SX(0, 1), ca.SX(0, 1))]
         if self.limits:
             slopes, least, spent = self._tangents(q, last)
-            parts.append((slopes, self._shares[: self._own] * least - spent, ca.fmax(least, 0) / self.dt))
+            free = self._shares[: self._own] * ca.fmax(least, lowest) - spent
+            parts.append((slopes, free, ca.fmax(least, 0) / self.dt))
         if self.clearance is not None:
-            parts.append(self._between_bodies(last, *self.clearance.read(contacts)))
+            distances, slopes, changes = self.clearance.read(contacts)
+            parts.append(self._between_bodies(last, ca.fmax(distances, lowest), slopes, changes))
         slopes, free, hard = (ca.vertcat(*column) for column in zip(*parts, strict=True))
         return slopes, free, hard
 

@@ -42,7 +42,7 @@ __all__ = ["MirrorTracker"]
 Array = NDArray[np.float64]
 
 _OK, _NAN, _new, _read_only = Status.OK, math.nan, tuple.__new__, np.frombuffer
-_BOUNDS = tuple(Bound(i) for i in range(8))
+_BOUNDS, _SOLVERS = {float(i): Bound(i) for i in range(8)}, {float(i): name for i, name in enumerate(FUSED_SOLVERS)}
 _ndarray, _SQUARE = np.ndarray, (4, 4)
 
 
@@ -302,10 +302,9 @@ class MirrorTracker(MirrorForeseen):
             self._write((q, pose, twist, *self._inputs[2:]))
         if obstacles is not None or self.limits.moving:
             self._inputs[-1][:] = self.limits.told_numbers("obstacles", obstacles)
-        fault = self._watch.fault() if self._feedback is None else ""
         reason = "" if enable is True and stamp is None and not self._watchdog.stamped else self._refusal(enable, stamp)
         if self._feedback is None:
-            return self._mirrored(force, reason or fault)
+            return self._mirrored(force, reason or self._watch.known)
         return self._led(lambda fault, note: self._mirrored(force, reason or fault, note))
 
     def _mirrored(self, force: ArrayLike | None, reason: str, note: str = "") -> Command:
@@ -315,15 +314,15 @@ class MirrorTracker(MirrorForeseen):
             *_, given, verdict, keep, answer, velocity = self._hot
             verdict[0] = _NAN  # see `Ladder`: a failure inside leaves the outputs as they are
             self._function.evaluate()
-            residual, _, who, yielded, scale, usual, _, _, then, _ = verdict.tolist()
-            if usual and 0.0 <= residual <= self.tolerance:
+            residual, _, who, yielded, scale, usual, _, _, then, _, apart = verdict.tolist()
+            if usual and 0.0 <= residual <= self.tolerance and 0.0 <= apart <= self._patience:
                 self._then = then
                 keep[:] = answer
                 self._good = given.tobytes()
                 value = _read_only(velocity.tobytes())
-                name, bound = FUSED_SOLVERS[int(who)], _BOUNDS[int(yielded)]
+                name, bound = _SOLVERS[who], _BOUNDS[yielded]
                 return _new(Command, (value, _OK, name, residual, -1, note, bound, scale, None))
-        return self._followed(force, reason, note)
+        return self._followed(force, reason or self._not_following(), note)
 
     # ----------------------------------------------------------------------------------------------- whole motions
     def plan(self, poses: ArrayLike, twists: ArrayLike, q: ArrayLike) -> MirrorPath:

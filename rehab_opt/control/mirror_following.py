@@ -147,7 +147,7 @@ class MirrorFollowing(MirrorStatement):
     def _delivered(self, solver: str, note: str) -> Command:
         """The command of a certified answer, shortened where the true state asks for it."""
         ladder = self._ladder
-        residual, _, _, yielded, share, _, kept, w, then, flat = ladder.verdict.tolist()
+        residual, _, _, yielded, share, _, kept, w, then, flat, _ = ladder.verdict.tolist()
         status, notes = Status.OK, [note] if note else []
         if solver == ladder.backup != ladder.solver:
             status, notes = Status.BACKUP, [f"{ladder.solver} gave no certified answer"]

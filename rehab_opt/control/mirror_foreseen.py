@@ -120,16 +120,16 @@ class MirrorForeseen(MirrorFollowing):
     def _as_laid_out(self, q: Array) -> Command | None:
         """The command of the next tick that is laid out, or None where something about it is unusual."""
         k, laid = self._next, self._laid
-        q_view, pose_view, twist_view, _, verdict, keep, answer, velocity = self._hot
+        q_view, pose_view, twist_view, _, verdict, _, _, velocity = self._hot
         q_view[:] = q
         pose_view[:] = self._flat[k]
         twist_view[:] = laid.twists[k]
         verdict[0] = _NAN  # see `Ladder`: a failure inside leaves the outputs as they are
         self._function.evaluate()
-        residual, _, who, yielded, share, usual, _, _, then, _ = verdict.tolist()
+        residual, _, who, yielded, share, usual, _, _, then, _, _ = verdict.tolist()
         if not (usual and 0.0 <= residual <= self.tolerance):
             return None
-        keep[:] = answer
+        self._ladder.keep[:] = self._ladder.answer  # nothing was measured that could be watched
         self._next = k + 1
         pace, (at, fraction) = laid.paces[k], laid.places[k]
         self.clock.go_on(at - self._place, fraction, pace * self.dt)

@@ -20,7 +20,7 @@ from rehab_opt.control.limit import Limit, Limits, all_limits
 from rehab_opt.control.stopping import VelocityBounds
 from rehab_opt.control.tool_speed import tool_acceleration
 from rehab_opt.control.velocity_controller import VelocityController, checked_number
-from rehab_opt.control.wanted import WantedVelocity
+from rehab_opt.control.wanted import CALMING, MISSED, WantedVelocity
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain, per_joint
 from rehab_opt.kinematics.frames import is_rigid, rotation_vector
@@ -225,7 +225,11 @@ class PoseTracker(VelocityController):
         short = velocity.symbol - scale * wanted
         error = moves @ velocity.symbol - scale * delivered
         slower = progress.symbol - speed
-        cost = ca.sumsqr(error) + STEADYING * ca.sumsqr(short) + DIRECTION_KEEPING * ca.sumsqr(slower)
+        # What damps the wanted motion where rows leave some of it undone damps here, too: a joint that its acceleration
+        # holds back would else swing all others, by the scale and by directions that hardly matter.
+        left = ca.norm_2(asked - delivered) - MISSED * ca.norm_2(asked)
+        calm = CALMING * ca.fmax(left, 0) if self.among_bodies else 0
+        cost = ca.sumsqr(error) + (STEADYING + calm) * ca.sumsqr(short) + (DIRECTION_KEEPING + calm) * ca.sumsqr(slower)
         command = settled if self.settled_size == n else velocity.symbol
         motion = Motion(command, scale, speed, moves @ command, slowdown * asked, outside, told, settled)
         complete = sum(each.numel() for each in (*prepared, q, entries, twist, *others))
@@ -293,6 +297,11 @@ class PoseTracker(VelocityController):
         if self.jerk is None:
             return super().bounds(q, memory)
         return self.jerk.interval(q, memory[: self.chain.n], memory[-self.chain.n :])
+
+    @property
+    def among_bodies(self) -> bool:
+        """Whether a `Clearance` is among the limits, whose rows come and go."""
+        return self.limits.clearance is not None
 
     takes_jerk: ClassVar[bool] = True
     """Whether nothing here comes before what a drive bounds."""

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.control.chair_and_arm import ChairAndArm
 from rehab_opt.control.clearance import Clearance
 from rehab_opt.control.command import Command
+from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.control.joystick import pressed
 from rehab_opt.control.limit import Limit, all_limits
 from rehab_opt.control.obstacles import Obstacle, obstacle_numbers
@@ -38,7 +39,6 @@ Array = NDArray[np.float64]
 STICK_ROWS = (("x", "y", "z"), ("x", "y"), ("z", "roll7"))
 """Sets of rows that are prepared where nothing else is said: reaching, and the paper's two modes of the stick."""
 CHASSIS = ("forward", "sideways", "turning")
-_NONE = np.zeros(0)
 FASTER = 1e-9
 """Share by which a velocity that is reset may pass a limit: rounding."""
 
@@ -90,6 +90,9 @@ class RedundancyResolver(OneThread):
     recovery_speed : share of the velocity limit at which a joint outside its limits comes back at most.
     solver, backup : see `Ladder`. tolerance : largest certificate residual accepted [m/s, rad/s].
     max_age : [s] see `Watchdog`.
+    feedback : act on where the arm's joints are led, see `PoseTracker`; joint limits hold there and where they are. The
+        base acts on its measured place: its wheels, slow and slipping, are no servo that is known. A hand that runs
+        into something is not noticed.
     compile : see `BufferedFunction`.
 
     Raises
@@ -114,6 +117,7 @@ class RedundancyResolver(OneThread):
         backup: str | None = None,
         tolerance: float = 1e-8,
         max_age: float | None = None,
+        feedback: JointFeedback | None = None,
         compile: Compile = None,
     ) -> None:
         if not isinstance(robot, MobileArm):
@@ -136,7 +140,7 @@ class RedundancyResolver(OneThread):
         self._options = {
             "drive": drive, "self_motion": float(self_motion), "max_obstacles": int(max_obstacles), "dt": dt,
             "recovery_speed": recovery_speed, "solver": solver, "backup": backup, "tolerance": tolerance,
-            "max_age": max_age, "own": self.limits,
+            "max_age": max_age, "own": self.limits, "feedback": feedback,
         }  # fmt: skip
         self._max_obstacles = int(max_obstacles)
         self._sets: dict[tuple[str, ...], ChairAndArm] = {}
@@ -320,7 +324,7 @@ class RedundancyResolver(OneThread):
         active = self._active
         if type(q) is not np.ndarray:  # a masked array would be read through its mask
             q = real_numbers("q", q, (self.robot.chain.n,))
-        bodies = _NONE if moving is None and not self.limits.moving else self.limits.told_numbers("moving", moving)
+        bodies = None if moving is None and not self.limits.moving else self.limits.told_numbers("moving", moving)
         if not isinstance(rows, tuple) or rows != active.rows:
             names = checked_rows(rows)
             other = self._sets.get(names)

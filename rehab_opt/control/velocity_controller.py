@@ -45,7 +45,8 @@ STILL = 1e-6
 
 # Bound once: each look-up of an attribute in the hot path would cost a hundredth of the tick.
 _OK, _BLOCKED, _NAN, _new, _read_only = Status.OK, Status.BLOCKED, math.nan, tuple.__new__, np.frombuffer
-_BOUNDS = tuple(Bound(i) for i in range(8))  # looked up, since making an IntFlag costs half a microsecond
+# Looked up, since making an IntFlag costs half a microsecond; by the numbers of a verdict as they come.
+_BOUNDS, _SOLVERS = {float(i): Bound(i) for i in range(8)}, {float(i): name for i, name in enumerate(FUSED_SOLVERS)}
 
 
 class VelocityController(OneThread, ABC):
@@ -86,10 +87,15 @@ class VelocityController(OneThread, ABC):
         self._watchdog = Watchdog(dt=dt, max_age=max_age)
         self.max_age = self._watchdog.max_age
         self.feedback = feedback
-        self._feedback = None if feedback is None else FollowedJoints(feedback, chain.names, dt=self.dt, chain=chain)
+        self._feedback = None
+        if feedback is not None:  # a hand that a base moves, too, is not watched
+            hand = None if self.base else chain
+            self._feedback = FollowedJoints(feedback, chain.names[self.base :], dt=self.dt, chain=hand)
         self.approach = math.inf if feedback is None else feedback.approach
         """[1/s] see `velocity_bounds`."""
-        self._ladder = Ladder(self.stated, solver=solver, backup=backup, tolerance=tolerance, compile=compile)
+        self._ladder = Ladder(
+            self.stated, solver=solver, backup=backup, tolerance=tolerance, compile=compile, beside=self.beside()
+        )
         self._stopping = BufferedFunction(self.stopping())
         self._faulty = BufferedFunction(self.faulty())
         ladder, n = self._ladder, chain.n
@@ -98,7 +104,8 @@ class VelocityController(OneThread, ABC):
         self._q = first
         self._inputs = tuple(part.reshape(shape) for part, shape in zip(others, self.shapes, strict=True))
         self._fused, self._function, self._verdict = solver == FUSED, ladder.function, ladder.verdict
-        self._keep, self._answer = ladder.keep, ladder.answer
+        before, after = ladder.everything
+        self._keep, self._answer = before.data, after.data
         self._views: tuple[memoryview[Any], ...] = tuple(part.data for part in (first, *others))
         self._names = tuple(symbol[0].name().rsplit("_", 1)[0] for symbol in self.stated.parameters)
         self._last, self._predicted = ladder.memory[:n], ladder.memory[n : 2 * n]
@@ -106,8 +113,9 @@ class VelocityController(OneThread, ABC):
         self._sent = ladder.memory[slice(n) if self.sent is None else self.sent]
         self._velocity: memoryview[Any] = self._sent.data
         self._wheels = None if self.wheels is None else ladder.memory[self.wheels].data
+        self._patience = patience_of(self.dt)
         self._watch = WatchedJoints(
-            self.watch, chain.names, self._q, self._sent, patience=patience_of(self.dt), compile=compile
+            self.watch, chain.names, before[self.stated.state_size :], self._q, self._sent, patience=self._patience
         )
         self.reset()
 
@@ -121,12 +129,22 @@ class VelocityController(OneThread, ABC):
     wheels: slice | None = None
     """Part of the memory that goes to wheels, None where there are none."""
     base: ClassVar[int] = 0
-    """How many of the first joints are the place of a base that need not be measured."""
+    """How many of the first joints are the place of a base that need not be measured, and is led by no `feedback`."""
 
     @property
     def watch(self) -> ca.Function:
         """What finds joints that do not follow, see `watched_joints`."""
         return watched_joints(self.chain, dt=self.dt, base=self.base)
+
+    def beside(self) -> ca.Function:
+        """See `fused`: `watch` on the positions and the command that led there; nothing of joints that are led."""
+        n, watch = self.chain.n, self.watch
+        p, memory = ca.MX.sym("p", self.stated.parameter_size), ca.MX.sym("memory", self.stated.memory.numel())
+        watched = ca.MX.sym("watched", watch.numel_in(0))
+        after, apart = watched, ca.MX(0)
+        if self.feedback is None:
+            after, apart = watch(watched, p[:n], memory[slice(n) if self.sent is None else self.sent])
+        return ca.Function("beside", [p, memory, watched], [after, apart])
 
     @abstractmethod
     def statement(self) -> Statement:
@@ -263,19 +281,29 @@ class VelocityController(OneThread, ABC):
             reason = "not enabled"
             if not self._sent.any():  # an arm that was switched off may be moved by hand, and a fault is acknowledged
                 self._forget_joints(np.zeros(self.chain.n))
+                return reason
+        if reason:
+            self._not_following()
         return reason
 
     def _forget_joints(self, velocity: Array) -> None:
         """Where the joints were is forgotten; they move at `velocity` (n,) now."""
         self._watch.reset()
         if self._feedback is not None:
-            self._feedback.reset(velocity)
+            self._feedback.reset(velocity[self.base :])
 
     def _tick(self, enable: object, stamp: float | None) -> Command:
         """One step on what stands in the parameters."""
         if self._feedback is None:
-            return self._decided(enable, stamp, self._watch.fault())
+            return self._decided(enable, stamp, self._watch.known)
         return self._led(lambda fault, note: self._decided(enable, stamp, fault, note))
+
+    def _not_following(self) -> str:
+        """Which joint does not follow, asked in each tick whose fused answer is not taken: with it, the function asks.
+
+        Empty where all do, and where joints are led: see `_led`.
+        """
+        return self._watch.fault() if self._feedback is None else ""
 
     def _led(self, decided: Callable[[str, str], Command]) -> Command:
         """What `decided` makes of where the joints are led, put in place of what was measured, of a fault and a note.
@@ -284,7 +312,8 @@ class VelocityController(OneThread, ABC):
         """
         if self._feedback is None:
             return decided("", "")
-        fault = self._feedback.lead(self._q, self._last, self._guided)
+        watched = self._watch.fault() if self.base else ""  # of which no model is known
+        fault = self._feedback.lead(self._q[self.base :], self._last[self.base :], self._guided) or watched
         if not self._feedback.touched:
             return decided(fault, self._feedback.note)
         before = self._last.copy()
@@ -303,26 +332,28 @@ class VelocityController(OneThread, ABC):
             verdict = self._verdict
             verdict[0] = _NAN  # see `Ladder`: a failure inside leaves the outputs as they are
             self._function.evaluate()
-            residual, _, who, yielded, scale = verdict.tolist()
-            if 0.0 <= residual <= self.tolerance:
+            residual, _, who, yielded, scale, apart = verdict.tolist()
+            if 0.0 <= residual <= self.tolerance and 0.0 <= apart <= self._patience:
                 self._keep[:] = self._answer
                 value = _read_only(self._velocity.tobytes())  # a copy
                 wheels = None if self._wheels is None else _read_only(self._wheels.tobytes())
-                name, bound = FUSED_SOLVERS[int(who)], _BOUNDS[int(yielded)]
+                name, bound = _SOLVERS[who], _BOUNDS[yielded]
                 if scale:
                     return _new(Command, (value, _OK, name, residual, -1, note, bound, scale, wheels))
                 return Command(value, _BLOCKED, name, residual, -1, note or NOTHING_LEFT, bound, scale, wheels)
-        ladder = self._ladder
+        reason, ladder = self._not_following(), self._ladder
+        if reason:
+            return self._safe(reason)
         solver = ladder.climb() if self._fused else ladder()
         if not solver:
             return self.fallback_command() or self._safe(self._fault())
         status, reason = Status.OK, note
         if solver == ladder.backup != ladder.solver:
             status, reason = Status.BACKUP, "; ".join(filter(None, (f"{ladder.solver} gave no certified answer", note)))
-        residual, _, _, yielded, scale = ladder.verdict.tolist()
+        residual, _, _, yielded, scale, _ = ladder.verdict.tolist()
         if status is Status.OK and not scale:
             status, reason = Status.BLOCKED, note or NOTHING_LEFT
-        bound = _BOUNDS[int(yielded)]
+        bound = _BOUNDS[yielded]
         value, wheels = self._sent_now()
         return Command(value, status, solver, residual, ladder.iterations, reason, bound, scale, wheels)
 
@@ -349,7 +380,7 @@ class VelocityController(OneThread, ABC):
         ladder.keep[:] = state.data
         value, wheels = self._sent_now()
         status = Status.BRAKING if moves else Status.HOLDING
-        return Command(value, status, "", math.inf, -1, reason, _BOUNDS[int(yielded)], 0.0, wheels)
+        return Command(value, status, "", math.inf, -1, reason, _BOUNDS[yielded], 0.0, wheels)
 
     def _fault(self) -> str:
         """Why no answer was certified."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.optim.rows import PLAUSIBLE
-from rehab_opt.symbolic import BufferedFunction, Compile
+from rehab_opt.symbolic import BufferedFunction
 from rehab_opt.symbolic.record import Record
 
 __all__ = [
@@ -113,41 +113,42 @@ class WatchedJoints:
     Parameters
     ----------
     watched : what `watched_joints` makes. names : (n,) of the joints. patience : [s] see `patience_of`.
-    measured, command : (n,) arrays in which the positions now, and the command that led there, stand at each call.
-    compile : see `BufferedFunction`.
+    memory, measured, command : arrays in which `memory_of_watch`, the positions now (n,), and the command that led
+        there (n,), stand at each call.
+
+    Attributes
+    ----------
+    known : which joint was found not to follow, since the last `reset`; empty for none.
     """
 
     def __init__(
-        self, watched: ca.Function, names: tuple[str, ...], measured: Array, command: Array, *, patience: float,
-        compile: Compile = False,
+        self, watched: ca.Function, names: tuple[str, ...], memory: Array, measured: Array, command: Array, *,
+        patience: float,
     ) -> None:  # fmt: skip
         self._names, self._patience = names, patience
-        self._function = BufferedFunction(watched, compile=compile, inputs={1: measured, 2: command})
-        self._memory, self._after, self._said = (
-            self._function.inputs[0].data,
-            *(each.data for each in self._function.outputs),
-        )
-        self._fault = ""
+        self._function = BufferedFunction(watched, inputs={0: memory, 1: measured, 2: command})
+        self._memory, self._after, self._said = memory.data, *(each.data for each in self._function.outputs)
+        self.known = ""
 
     def reset(self) -> None:
         """Nothing is known."""
-        self._function.inputs[0][:], self._fault = 0.0, ""
+        self._function.inputs[0][:], self.known = 0.0, ""
 
     def take_over(self, other: WatchedJoints) -> None:
         """Go on where another watch of the same joints ends."""
-        self._memory[:], self._fault = other._memory, other._fault
+        self._memory[:], self.known = other._memory, other.known
 
     def fault(self) -> str:
         """Which joint does not follow, once a tick: empty for none, the same until `reset`."""
-        if self._fault:
-            return self._fault
+        if self.known:
+            return self.known
         self._function.evaluate()
         longest = self._said[0]
         if longest >= 0.0:
             self._memory[:] = self._after
             if longest > self._patience:
-                self._fault = not_followed(self._names, self._function.inputs[0])
-        return self._fault
+                self.known = not_followed(self._names, self._function.inputs[0])
+        return self.known
 
 
 def not_followed(names: tuple[str, ...], memory: Array) -> str:

@@ -104,11 +104,11 @@ function onScreen(p) {
 }
 let inside = false, audio = null;
 function drawParticipant(g) {
-  const h = frame.handles || {};
-  if (!h.target || !h.hand) return;
-  const r = Math.max(24, 0.06 * Math.min(canvas.clientWidth, canvas.clientHeight)), [tx, ty] = onScreen(h.target), [x, y] = onScreen(h.hand);
-  const there = Math.hypot(x - tx, y - ty) < r;
-  g.fillStyle = there ? "#3fae7a" : "#2f6f9f"; g.beginPath(); g.arc(tx, ty, r, 0, 7); g.fill();
+  const h = frame.handles || {}, target = h.target || frame.goal;
+  if (!h.hand) return;
+  const r = Math.max(24, 0.06 * Math.min(canvas.clientWidth, canvas.clientHeight)), [x, y] = onScreen(h.hand);
+  const [tx, ty] = target ? onScreen(target) : [NaN, NaN], there = Math.hypot(x - tx, y - ty) < r;
+  if (target) { g.fillStyle = there ? "#3fae7a" : "#2f6f9f"; g.beginPath(); g.arc(tx, ty, r, 0, 7); g.fill(); }
   g.fillStyle = "#f2c14e"; g.beginPath(); g.arc(x, y, r / 3, 0, 7); g.fill();
   if (there && !inside && $("sound").checked) {
     audio = audio || new AudioContext(); const o = audio.createOscillator(), v = audio.createGain();

@@ -24,8 +24,7 @@ from rehab_opt.live.gate import Gate
 from rehab_opt.live.seats import Seats, inputs_of
 from rehab_opt.loop.of_problem import BUTTONS
 from rehab_opt.loop.shared_ring import Newest
-from rehab_opt.session.live.problem import LiveProblem
-from rehab_opt.session.live.seen import Seen, Watching
+from rehab_opt.session.live.problem import LiveProblem, Seen, Watching
 
 if TYPE_CHECKING:
     from websockets.asyncio.server import Server, ServerConnection

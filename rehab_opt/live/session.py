@@ -11,7 +11,7 @@ from collections.abc import Callable
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.live.control import control_live, live_or_logged, live_rings
 from rehab_opt.live.server import LivePage
-from rehab_opt.session.live.seen import Watching
+from rehab_opt.session.live.problem import Watching
 
 __all__ = ["show_live"]
 

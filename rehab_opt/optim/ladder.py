@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, cast
 
+import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -45,20 +46,31 @@ class Ladder:
         None is daqp, and qrqp behind daqp.
     tolerance : largest certificate residual that is accepted, in the statement's units.
     compile : see `BufferedFunction`.
+    beside : what the function evaluates besides, see `fused`; `everything` are state and answer with its memory behind
+        them. What it leaves is the caller's to keep.
     """
 
     def __init__(
-        self, statement: Statement, *, solver: str, backup: str | None, tolerance: float, compile: Compile = None
+        self,
+        statement: Statement,
+        *,
+        solver: str,
+        backup: str | None,
+        tolerance: float,
+        compile: Compile = None,
+        beside: ca.Function | None = None,
     ) -> None:
         if not (isinstance(tolerance, float) and 0 < tolerance < 1):
             raise ConfigurationError("tolerance", tolerance, "a number between 0 and 1")
         if backup is None:
             backup = BACKUP if solver != BACKUP else FUSED
         self.statement, self.solver, self.backup, self.tolerance = statement, solver, backup, tolerance
-        self.function = function = BufferedFunction(fused(statement), compile=compile)
+        self.function = function = BufferedFunction(fused(statement, beside), compile=compile)
         """The whole tick; what it evaluates may be exchanged between two ticks."""
-        self.parameters, self.state = function.inputs
-        self._answer, self._verdict = function.outputs
+        self.parameters, before = function.inputs
+        after, self._verdict = function.outputs
+        self.everything: tuple[NDArray[np.float64], NDArray[np.float64]] = before, after
+        self.state, self._answer = before[: statement.state_size], after[: statement.state_size]
         self.residual, self.sound, self.report = self._verdict[:1], self._verdict[1:2], self._verdict[3:]
         # Views of views: reading and assigning through them costs half of numpy's.
         self.verdict = cast("memoryview[float]", self._verdict.data)
@@ -169,7 +181,7 @@ class Ladder:
         x, residual = _outputs(certify, *qp, sound, *claim[:3])
         report, memory, violation = _outputs(finish, full, self.memory, x)
         self._answer[:] = np.concatenate([x, *claim[1:3], memory])
-        self._verdict[:] = np.concatenate([residual + violation, sound, [0.0], report])
+        self._verdict[: 3 + len(report)] = np.concatenate([residual + violation, sound, [0.0], report])
         self.iterations = claim.iterations
 
     def _backend(self, argument: str, name: str) -> Backend | None:

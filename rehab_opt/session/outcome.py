@@ -29,20 +29,22 @@ class Outcome:
 
     Parameters
     ----------
-    system : of the problem, which knows the tables, figures and traces of this outcome.
-    name, title : of the problem.
     notes : sentences a reader of the numbers has to know.
-    metrics : all numbers, nested; the problem's own under "parameters".
+    metrics : all numbers, nested.
     columns : of trace.csv by header, which ends in the unit; all of one length.
-    inputs, options : files that it was made of, see `input_files`, and options that it was run with, for metrics.json.
+
+    Attributes
+    ----------
+    system, name, title, inputs, options : of the problem, files that it was made of (see `input_files`) and options
+        that it was run with. `run_problem` fills them in, and what the problem says as the metric "parameters".
     """
 
-    system: str
-    name: str
-    title: str
     notes: tuple[str, ...]
     metrics: Mapping[str, Any]
     columns: Columns = field(default_factory=dict, kw_only=True)
+    system: str = field(default="", kw_only=True)
+    name: str = field(default="", kw_only=True)
+    title: str = field(default="", kw_only=True)
     inputs: Mapping[str, Mapping[str, str]] = field(default_factory=dict, kw_only=True)
     options: Mapping[str, str] = field(default_factory=dict, kw_only=True)
 

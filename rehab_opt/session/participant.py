@@ -13,11 +13,13 @@ from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.human_arm import human_arm
 from rehab_opt.session.arm_keys import ArmSection, RangeOfMotion, SegmentsSection
+from rehab_opt.session.files import ProblemFile, recording_path
 from rehab_opt.session.recording import Recording
-from rehab_opt.session.schema import PlacementSection, PlanarPlacement, RecordingSection, Side
+from rehab_opt.session.recordings import read_recording, resampled
+from rehab_opt.session.schema import PlacementSection, PlanarPlacement, Problem, RecordingSection, Side
 from rehab_opt.session.text_lines import FARTHEST
 
-__all__ = ["arm_of", "checked_hand", "participant_arm", "placed_path"]
+__all__ = ["arm_of", "checked_hand", "participant_arm", "placed_path", "placed_recording"]
 
 Array = NDArray[np.float64]
 
@@ -131,3 +133,36 @@ def _scale(placement: PlanarPlacement, extent: Array, *, file: str) -> float:
     if not sized.any():
         raise ProblemFileError(file, "placement.fit_m", placement.fit_m, "a path that is more than one point")
     return float(np.min(np.array(placement.fit_m)[sized] / extent[sized]))
+
+
+def placed_recording(
+    loaded: ProblemFile[Problem],
+    source: RecordingSection,
+    placement: PlanarPlacement | PlacementSection,
+    *,
+    side: Side,
+    rate: float,
+    keys: str = "",
+) -> tuple[Recording, Array]:
+    """The recording at `rate` [Hz], and its path (N, 3) [m] where the placement puts it (z is 0 if it says none).
+
+    Parameters
+    ----------
+    side : of the arm that is to follow it.
+    keys : what stands before `recording` and `placement` in the problem file, with its dot.
+
+    Raises
+    ------
+    ProblemFileError : it is absent, unreadable, or of the other hand and not mirrored.
+    """
+    try:
+        checked_hand(source, side=side, file=loaded.file)
+        path = recording_path(loaded, source.file)
+        recording = read_recording(path, name=source.file, **source.reading())
+        recording = resampled(recording, rate)
+        points, sentence = placed_path(recording, placement, mirror=source.mirror, file=loaded.file)
+    except ProblemFileError as refused:
+        if not refused.key.startswith(("recording.", "placement")):
+            raise  # a line or a column of the recording itself
+        raise ProblemFileError(loaded.file, keys + refused.key, refused.value, refused.expected) from refused
+    return recording.noting(sentence), points

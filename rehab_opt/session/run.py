@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
+from functools import reduce
 from typing import Any
 
 from rehab_opt.errors import ConfigurationError
@@ -13,6 +15,7 @@ from rehab_opt.session.inputs import input_files
 from rehab_opt.session.live.problem import LiveProblem
 from rehab_opt.session.outcome import Outcome, Progress
 from rehab_opt.session.schema import Problem
+from rehab_opt.session.solver_option import checked_solver, solver_refusals
 from rehab_opt.session.systems import SHIPPED, System, system_named
 
 __all__ = ["arms_of", "checked", "live_problem", "run_problem"]
@@ -34,31 +37,52 @@ def run_problem(
     ProblemFileError : a recording or a value of the file cannot be used.
     ConfigurationError : an option that the system does not know, or a value that it cannot use.
     """
-    system, given = _with_options(loaded, options)
-    outcome: Outcome = system.run(loaded, options=given, progress=progress)
-    return replace(outcome, inputs=input_files(loaded), options=given)
+    with _given(loaded, options) as (system, on, given):
+        outcome: Outcome = system.run(on, options=given, progress=progress)
+    problem = on.problem
+    return replace(
+        outcome,
+        system=problem.system,
+        name=on.name,
+        title=problem.title,
+        metrics={**outcome.metrics, "parameters": problem.model_dump(mode="json", exclude={"title"})},
+        inputs=input_files(on),
+        options=given,
+    )
 
 
 def live_problem(loaded: ProblemFile[Problem], **options: str | None) -> LiveProblem:
-    """A problem to be run in real time, for `rehab-opt live`; `options` as of `run_problem`.
+    """A problem to be run in real time, for `rehab-opt live`, `film` and `loop`; `options` as of `run_problem`.
 
     Raises
     ------
     ProblemFileError : a recording or a value of the file cannot be used.
     ConfigurationError : no problem of its kind runs live; an option that the system does not know or cannot use.
     """
-    system, given = _with_options(loaded, options)
+    system = system_named(loaded.problem.system)
     if type(system).live is System.live:
-        able = " and ".join(repr(each) for each in SHIPPED if type(system_named(each)).live is not System.live)
-        expected = f"a problem that runs live, as those of system {able} do, not {loaded.problem.system!r}"
+        able = ", ".join(repr(each) for each in SHIPPED if type(system_named(each)).live is not System.live)
+        expected = (
+            f"a problem with a controller in a loop, as those of system {able} are; one of system "
+            f"{loaded.problem.system!r} has none: rehab-opt run"
+        )
         raise ConfigurationError("FILE", loaded.name, expected)
-    made: LiveProblem = system.live(loaded, options=given)
+    with _given(loaded, options) as (system, on, given):
+        made: LiveProblem = system.live(on, options=given)
     return made
 
 
-def _with_options(
+@contextmanager
+def _given(
     loaded: ProblemFile[Problem], options: Mapping[str, str | None]
-) -> tuple[System[Any, Any], dict[str, str]]:
+) -> Iterator[tuple[System[Any, Any], ProblemFile[Any], dict[str, str]]]:
+    """The system, the problem on the plant of `--plant`, and the options; refusals of a solver name who asked for it.
+
+    Raises
+    ------
+    ConfigurationError : an option that the system does not know or cannot use.
+    ProblemFileError : the file's solver cannot be used.
+    """
     name = loaded.problem.system
     system = system_named(name)
     given = {option: value for option, value in options.items() if value is not None}
@@ -70,7 +94,15 @@ def _with_options(
         if option not in system.options:
             known = ", ".join(f"--{each}" for each in sorted(system.options)) or "none"
             raise ConfigurationError(f"--{option}", value, f"no such option: those of system {name!r} are {known}")
-    return system, given
+    solver = checked_solver(given.get("solver"))
+    if "plant" in system.options:
+        from rehab_opt.session.plant.making import on_plant  # noqa: PLC0415  (loads what plants need)
+
+        loaded = on_plant(loaded, given.get("plant"))
+    key = system.solver_key
+    named: Any = reduce(getattr, key.split("."), loaded.problem) if key else None
+    with solver_refusals(solver, file=loaded.file, key=key, value=named) if key else nullcontext():
+        yield system, loaded, given
 
 
 def checked(loaded: ProblemFile[Problem]) -> tuple[str, ...]:
@@ -80,7 +112,8 @@ def checked(loaded: ProblemFile[Problem]) -> tuple[str, ...]:
     ------
     ProblemFileError : as `run_problem`.
     """
-    return system_named(loaded.problem.system).check(loaded)
+    with _given(loaded, {}) as (system, on, _):
+        return system.check(on)
 
 
 def arms_of(loaded: ProblemFile[Problem]) -> dict[str, SerialChain]:

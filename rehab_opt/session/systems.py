@@ -86,7 +86,9 @@ class System(Generic[P, O]):
     Attributes
     ----------
     schema : what its files may say.
-    options : names of the options of `rehab-opt run` that it knows; others are refused before it is run.
+    options : names of the options of `rehab-opt run` that it knows; others are refused before it is run. With "plant",
+        a problem is handed on with the table that the option asks for; a solver that cannot be made is refused.
+    solver_key : where the problem file names the solver that `--solver` goes before; empty where it names none.
     shown : modules with `table(outcome)`, `brief(outcome)` (a table of the few numbers that matter first),
         `figures(outcome)` and `animations(outcome)`, of which the first that has one is asked; loaded when a result is
         shown. By default the numbers as a table, the columns over time.
@@ -94,6 +96,7 @@ class System(Generic[P, O]):
 
     schema: type[P]
     options: ClassVar[frozenset[str]] = frozenset()
+    solver_key: ClassVar[str] = ""
     shown: ClassVar[tuple[str, ...]] = ("rehab_opt.session.shown",)
 
     def recordings(self, problem: P) -> tuple[Needed, ...]:

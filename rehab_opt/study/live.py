@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.measures.score import Measure, score
-from rehab_opt.session.live.seen import Seen
+from rehab_opt.session.live.problem import Seen
 from rehab_opt.study.options import Destination
 from rehab_opt.study.record import outline, versions
 from rehab_opt.study.trial import Bound, Event, ProblemText, Trial

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from rehab_opt.workspace.lattice import Lattice
 
 __all__ = ["Crossing", "contours", "missing_nodes"]
 
+Array = NDArray[np.float64]
 Key = tuple[int, int]
 Edge = tuple[Key, Key]
 
@@ -27,27 +32,24 @@ class Crossing(NamedTuple):
 
 def missing_nodes(lattice: Lattice, level: float) -> list[tuple[Key, Key]]:
     """Nodes not made yet of cells that the level crosses, each with its cell's node nearest to the slice."""
+    cells, distances = _crossed(lattice, level)
+    lacking = np.isnan(distances).any(axis=1)
+    nearest = np.nanargmin(distances[lacking], axis=1)
     missing: dict[Key, Key] = {}
-    for cell in _cells(lattice):
-        keys = [(cell[0] + di, cell[1] + dj) for di, dj in CORNERS]
-        known = [key for key in keys if key in lattice.nodes]
-        if len(known) < 4 and len({lattice.nodes[key].distance < level for key in known}) == 2:
-            nearest = min(known, key=lambda key: lattice.nodes[key].distance)
-            missing.update((key, nearest) for key in keys if key not in lattice.nodes)
+    for (i, j), of_cell, best in zip(cells[lacking].tolist(), distances[lacking], nearest, strict=True):
+        known = (i + CORNERS[best][0], j + CORNERS[best][1])
+        missing.update(((i + di, j + dj), known) for (di, dj), d in zip(CORNERS, of_cell, strict=True) if math.isnan(d))
     return list(missing.items())
 
 
 def contours(lattice: Lattice, level: float) -> list[list[Crossing]]:
     """Closed curves around what is nearer than `level` [m], which lies on their left."""
     following: dict[Edge, Edge] = {}
-    for cell in _cells(lattice):
-        keys = [(cell[0] + di, cell[1] + dj) for di, dj in CORNERS]
-        if not all(key in lattice.nodes for key in keys):
+    for (i, j), distances in zip(*(each.tolist() for each in _crossed(lattice, level)), strict=True):
+        if any(map(math.isnan, distances)):
             continue
-        distances = [lattice.nodes[key].distance for key in keys]
+        keys = [(i + di, j + dj) for di, dj in CORNERS]
         inside = [distance < level for distance in distances]
-        if all(inside) or not any(inside):
-            continue
         # Counterclockwise around the cell, the curve enters where it goes from outside to inside, seen with the
         # inside on its left, and leaves at the next change: unless a saddle's middle joins the inside corners.
         leaves = [_edge(keys[c], keys[(c + 1) % 4]) for c in range(4) if inside[c] and not inside[(c + 1) % 4]]
@@ -75,9 +77,21 @@ def _rings(lattice: Lattice, level: float, following: dict[Edge, Edge]) -> list[
     return rings
 
 
-def _cells(lattice: Lattice) -> list[Key]:
-    """Lower left corners of every cell with a node."""
-    return sorted({(i - di, j - dj) for i, j in lattice.nodes for di, dj in CORNERS})
+def _crossed(lattice: Lattice, level: float) -> tuple[NDArray[np.int64], Array]:
+    """Lower left corners (N, 2) of the cells that the level crosses, and distances (N, 4); NaN where no node is."""
+    keys = np.array(list(lattice.nodes), dtype=np.int64).reshape(-1, 2)
+    known = np.array([node.distance for node in lattice.nodes.values()])
+    order = np.lexsort(keys.T[::-1])
+    keys, known = keys[order], known[order]
+    cells = np.unique((keys[:, None] - np.array(CORNERS)).reshape(-1, 2), axis=0)
+    base = keys.min(axis=0, initial=0) - 1
+    width = int(np.ptp(keys[:, 1])) + 4 if len(keys) else 1
+    codes = (keys - base) @ np.array([width, 1])
+    asked = (cells[:, None] + np.array(CORNERS) - base) @ np.array([width, 1])
+    at = np.minimum(np.searchsorted(codes, asked), len(codes) - 1)
+    distances = np.where(codes[at] == asked, known[at], np.nan)
+    crossed = (distances < level).any(axis=1) & (distances >= level).any(axis=1)
+    return cells[crossed], distances[crossed]
 
 
 def _edge(one: Key, other: Key) -> Edge:

@@ -7,10 +7,19 @@ import numpy as np
 
 from rehab_opt.optim.rows import Row, equal, within
 
-__all__ = ["ALMOST_EXACT", "beyond_cone", "handle_rows"]
+__all__ = ["ALMOST_EXACT", "beyond_cone", "handle_kind", "handle_rows"]
 
 ALMOST_EXACT = 1e-5
 """[rad] Below this tilt the cone's normal vanishes, and the handle is aligned exactly instead."""
+
+
+def handle_kind(handle_tilt: float | None) -> str:
+    """Which of the ways to write the handle's rows a tilt [rad] takes."""
+    if handle_tilt is None or handle_tilt >= np.pi:
+        return "free"
+    if handle_tilt < ALMOST_EXACT:
+        return "line"
+    return "cone" if handle_tilt <= np.pi / 2 else "wide cone"
 
 
 def handle_rows(axis: ca.SX, tilt: ca.SX, handle_tilt: float | None) -> list[Row]:
@@ -21,12 +30,13 @@ def handle_rows(axis: ca.SX, tilt: ca.SX, handle_tilt: float | None) -> list[Row
 
     Never posed through Euler angles: Eqs. (4)-(5), Rossa et al., are singular exactly at their own goal.
     """
-    if handle_tilt is None or handle_tilt >= np.pi:
+    kind = handle_kind(handle_tilt)
+    if kind == "free":
         return []
-    if handle_tilt < ALMOST_EXACT:
+    if kind == "line":
         return [equal(axis[:2], ca.SX.zeros(2)), within(axis[2], 0.0, ca.inf)]
     # Below horizontal the unit does not matter, and almost straight down the sine would blow the row up.
-    slope = ca.sin(tilt) if handle_tilt <= np.pi / 2 else 1.0
+    slope = ca.sin(tilt) if kind == "cone" else 1.0
     return [within((axis[2] - ca.cos(tilt)) / slope, 0.0, ca.inf)]
 
 

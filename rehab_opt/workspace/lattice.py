@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
+import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
@@ -43,7 +43,8 @@ class Lattice:
     """Nodes at (i, j) * spacing, made as the search spreads; deterministic.
 
     A local minimum can call a reachable node unreachable. So a node's better answer is offered to its neighbours as a
-    start until nothing improves (label correcting), and every new node also tries what `others` names.
+    start until nothing improves (label correcting), and every new node also tries what `others` names. What is offered
+    at one time is tried together: distances of nodes outside are right to some hundredths.
 
     Parameters
     ----------
@@ -66,8 +67,8 @@ class Lattice:
         self.search, self.spacing, self.most_offers = search, spacing, most_offers
         self._others, self._spreads = others, spreads
         self.nodes: dict[Key, Node] = {}
-        self._queue: deque[Key] = deque()
-        self._waiting: set[Key] = set()
+        self._waiting: dict[Key, None] = {}
+        """Nodes with news for their neighbours, in the order in which they came."""
 
     def key(self, x: float, y: float) -> Key:
         """The node nearest to a point."""
@@ -78,59 +79,84 @@ class Lattice:
         i, j = int(np.floor(x / self.spacing)), int(np.floor(y / self.spacing))
         yield from ((i, j), (i + 1, j), (i, j + 1), (i + 1, j + 1))
 
-    def offer(self, key: Key, posture: Array, *, promising: bool = True) -> Node:
-        """Let a node try a start; made if it is new."""
-        x, y = key[0] * self.spacing, key[1] * self.spacing
-        node = self.nodes.get(key)
-        if node is None:
-            if len(self.nodes) >= MOST_NODES:
-                raise TooManyNodesError
-            node = self.nodes[key] = Node(np.inf, x, y, None)
-            self._take(key, node, self.search.nearest(x, y, posture))
-            if node.distance > 0.0:
-                for other in self._others(x, y):
-                    self._take(key, node, self.search.nearest(x, y, other))
-                    if node.distance == 0.0:
-                        break
-            if node.posture is None:
-                self._take(key, node, self.search.by_backup(x, y, posture))
-            return node
-        if node.distance == 0.0:
-            return node
-        if not promising:
-            if node.offers >= self.most_offers:
-                return node
-            if node.posture is not None and float(np.abs(node.posture - posture).max()) < SAME:
-                return node
-            node.offers += 1
-        self._take(key, node, self.search.nearest(x, y, posture))
-        return node
+    def offer(self, offers: Iterable[tuple[Key, Array]]) -> None:
+        """Let nodes try starts, all together; those that are new are made."""
+        asked: dict[Key, list[Array]] = {}
+        for key, posture in offers:
+            asked.setdefault(key, []).append(posture)
+        new = [key for key in asked if key not in self.nodes]
+        if len(self.nodes) + len(new) > MOST_NODES:
+            raise TooManyNodesError
+        known = [(key, posture) for key in asked if key in self.nodes for posture in asked[key]]
+        for i, j in new:
+            self.nodes[i, j] = Node(np.inf, i * self.spacing, j * self.spacing, None)
+        self._try([*known, *((key, asked[key][0]) for key in new)])
+        left = [key for key in new if self.nodes[key].distance > 0.0]
+        self._try([(key, each) for key in left for each in (*asked[key][1:], *self._others(*self._at(key)))])
+        for key in left:
+            if self.nodes[key].posture is None:
+                self._take(key, self.search.nearest(*self._at(key), asked[key][0]))
+            if self.nodes[key].posture is None:
+                self._take(key, self.search.by_backup(*self._at(key), asked[key][0]))
 
     def spread(self) -> None:
         """Go on until no node can improve another."""
-        while self._queue:
-            key = self._queue.popleft()
-            self._waiting.discard(key)
-            node = self.nodes[key]
-            assert node.posture is not None
-            makes = self._spreads(node)
-            for di, dj in AROUND:
-                other = (key[0] + di, key[1] + dj)
-                known = self.nodes.get(other)
-                if known is None:
-                    if makes:
-                        self.offer(other, node.posture)
-                elif known.distance > 0.0:
-                    # The slice's point that belongs to this node may be nearer than what the other one knows.
-                    here = np.hypot(other[0] * self.spacing - node.x, other[1] * self.spacing - node.y)
-                    self.offer(other, node.posture, promising=bool(here < known.distance - IMPROVED))
+        while self._waiting:
+            wave, self._waiting = self._waiting, {}
+            offers: list[tuple[Key, Array]] = []
+            others: list[tuple[Node, Key, Array]] = []
+            for key in wave:
+                self._to_neighbours(key, offers, others)
+            self.offer([*offers, *self._worth_a_try(others)])
 
-    def _take(self, key: Key, node: Node, answer: Nearest | None) -> None:
+    def _to_neighbours(self, key: Key, offers: list[tuple[Key, Array]], others: list[tuple[Node, Key, Array]]) -> None:
+        """What promises something goes to `offers`, what does not to `others`."""
+        node, nodes, spacing = self.nodes[key], self.nodes, self.spacing
+        posture = node.posture
+        assert posture is not None
+        makes = self._spreads(node)
+        for di, dj in AROUND:
+            i, j = other = (key[0] + di, key[1] + dj)
+            known = nodes.get(other)
+            if known is None:
+                if makes:
+                    offers.append((other, posture))
+            elif known.distance > 0.0:
+                # The slice's point that belongs to this node may be nearer than what the other one knows.
+                if math.hypot(i * spacing - node.x, j * spacing - node.y) < known.distance - IMPROVED:
+                    offers.append((other, posture))
+                elif known.offers < self.most_offers:
+                    others.append((known, other, posture))
+
+    def _worth_a_try(self, others: list[tuple[Node, Key, Array]]) -> Iterator[tuple[Key, Array]]:
+        """Of postures that promise nothing, those that are unlike the node's own; a few for each node."""
+        if not others:
+            return
+        own = np.array([posture if known.posture is None else known.posture for known, _, posture in others])
+        unlike = np.abs(own - np.array([posture for _, _, posture in others])).max(axis=1) >= SAME
+        for (known, key, posture), new in zip(others, unlike.tolist(), strict=True):
+            if (new or known.posture is None) and known.offers < self.most_offers:
+                known.offers += 1
+                yield key, posture
+
+    def _at(self, key: Key) -> tuple[float, float]:
+        return key[0] * self.spacing, key[1] * self.spacing
+
+    def _try(self, starts: list[tuple[Key, Array]]) -> None:
+        if not starts:
+            return
+        probes = self.spacing * np.array([key for key, _ in starts], dtype=np.float64)
+        below = np.array([self.nodes[key].distance for key, _ in starts])
+        found = self.search.approached(probes, np.array([posture for _, posture in starts]), below)
+        hands, distances = found.hands.tolist(), found.distances.tolist()
+        for (key, _), distance, hand, posture in zip(starts, distances, hands, found.postures, strict=True):
+            self._take(key, Nearest(distance, *hand, posture))
+
+    def _take(self, key: Key, answer: Nearest | None) -> None:
+        node = self.nodes[key]
         if answer is None or not answer.distance < node.distance:
             return
         if answer.distance > 0.0 and not answer.distance < node.distance - IMPROVED:
             return
         node.distance, node.x, node.y, node.posture = answer
-        if key not in self._waiting:
-            self._waiting.add(key)
-            self._queue.append(key)
+        self._waiting[key] = None

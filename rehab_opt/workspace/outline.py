@@ -36,10 +36,28 @@ def boundary_ring(search: PlaneSearch, lattice: Lattice, curve: Sequence[Crossin
     """
     feet = [foot for crossing in curve if (foot := _foot(search, lattice, crossing)) is not None]
     ring: list[Nearest] = []
-    for i, foot in enumerate(feet):
+    following = [*feet[1:], *feet[:1]]
+    for foot, after, left in zip(feet, following, _chords_leave(search, feet, following, tolerance), strict=True):
         ring.append(foot)
-        ring.extend(_between(search, foot, feet[(i + 1) % len(feet)], tolerance))
+        if left:
+            ring.extend(_between(search, foot, after, tolerance))
     return ring
+
+
+def _chords_leave(
+    search: PlaneSearch, starts: Sequence[Nearest], ends: Sequence[Nearest], tolerance: float
+) -> NDArray[np.bool_]:
+    """(N,) whether the chords between vertices may leave the slice at their middles: what is near is left out."""
+    if not starts:
+        return np.zeros(0, dtype=bool)
+    middles = np.array([(0.5 * (a.x + b.x), 0.5 * (a.y + b.y)) for a, b in zip(starts, ends, strict=True)])
+    leaves = np.ones(len(starts), dtype=bool)
+    for side in (starts, ends):
+        left = np.flatnonzero(leaves)
+        if len(left):
+            found = search.approached(middles[left], np.array([side[i].posture for i in left]), tolerance)
+            leaves[left] = ~(found.distances <= tolerance)
+    return leaves
 
 
 def polygon_of_rings(rings: Sequence[Sequence[Nearest]]) -> BaseGeometry:

@@ -1,32 +1,59 @@
-"""A posture brought near a slice and a probe from anywhere: damped least squares, for starts the programme fails from.
+"""Postures brought near a slice and near probes from anywhere, many at once: damped least squares within joint limits.
 
-Far from the slice the linearised rows of `PlaneStatement.nearest` often have no common point: for a range of motion of
-240 deg a joint from nine starts in ten. Near a folded elbow its full steps go round and round. Either way reachable
-points were called unreachable.
+A step takes a microsecond, where one of the programme takes ten. Far from the slice, or near a folded elbow, where the
+programme's linearised rows have no common point or its full steps go round and round, it arrives all the same.
 """
 
 from __future__ import annotations
+
+import math
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.symbolic import BufferedFunction, Compile
-from rehab_opt.workspace.plane_statement import PlaneStatement
+from rehab_opt.workspace.plane_statement import FIRMNESS, PlaneStatement
 
-__all__ = ["PlaneApproach"]
+__all__ = ["Approached", "PlaneApproach"]
 
 Array = NDArray[np.float64]
 
-STEPS = 60
+STEPS = 4
+"""Between two looks at who has arrived."""
+LOOKS, ROUNDS = 2, 10
+"""Looks of a round, after which those that no longer get nearer are given up; rounds at most."""
+TOGETHER = 16
+"""Postures of one call."""
+PASSES = 2
 LONGEST = 1.0
 """[rad or m] Longest change of a joint in a step."""
-DAMPING, LESS, MORE = 1e-3, 0.25, 5.0
-LEAST, MOST = 1e-12, 1e6
-ARRIVED = 1e-10
-"""Cost from which the programme itself goes on: 1e-5 of the chain's size."""
-STALLED = 1e-6
-"""Share of the cost by which a step must lower it, five times in a row at the latest."""
+DAMPING, LESS, MORE = 1e-4, 0.1, 8.0
+LEAST, MOST = 1e-13, 1e6
+SLOW = 0.01
+STALLED = 0.003
+"""Share of the cost by which a round must lower it, or no other follows."""
+FORESEEN = 2.0
+"""Times what a round lowered the cost by: the others are not expected to bring more."""
+SLACK = 1.1
+FIRMER = 20.0
+"""Plane and handle count so much more in the last round, which is for probes out of reach."""
+ARRIVED = 1e-9
+"""[m, rad] What is this near, to the probe, the plane and the handle's cone, needs no further step."""
+
+
+class Approached(NamedTuple):
+    """What became of N postures."""
+
+    postures: Array
+    """(N, k) of the free joints, within their limits."""
+    hands: Array
+    """(N, 2) [m]"""
+    distances: Array
+    """(N,) [m] from hand to probe."""
+    misses: Array
+    """(N,) [m] by which the plane is missed, or the handle's cone: the angle times the arm's size."""
 
 
 class PlaneApproach:
@@ -34,42 +61,103 @@ class PlaneApproach:
 
     Parameters
     ----------
-    statement : of the arm.
+    statement : of an arm; the approach serves every arm with the same `PlaneStatement.approach`.
     compile : as for `SQP`.
     """
 
     def __init__(self, statement: PlaneStatement, *, compile: Compile = None) -> None:
-        k = len(statement.free)
-        x, damping, p = ca.SX.sym("x", k), ca.SX.sym("damping"), ca.SX.sym("p", statement.approach.size1_in(1))
-        off = statement.approach(x, p)
-        lower, upper = p[:k], p[k : 2 * k]
-        slopes = ca.jacobian(off, x)
-        downhill = -slopes.T @ off
-        held = ca.logic_or(ca.logic_and(x <= lower, downhill < 0), ca.logic_and(x >= upper, downhill > 0))
-        slopes = slopes @ ca.diag(1 - held)  # a joint at its limit that would leave it
-        step = ca.solve(slopes.T @ slopes + damping * ca.SX.eye(k), (1 - held) * downhill)
-        taken = ca.fmax(lower, ca.fmin(upper, x + ca.fmax(-LONGEST, ca.fmin(LONGEST, step))))
-        costs = [ca.sumsqr(off), ca.sumsqr(statement.approach(taken, p))]
-        outputs = [ca.densify(taken), *map(ca.densify, costs)]
-        function = ca.Function("plane_approach_step", [x, damping, p], outputs, {"cse": True})
-        self._step = BufferedFunction(function, compile=compile)
-
-    def near(self, parameters: Array, start: Array) -> Array:
-        """(k,) a posture, from `start` (k,), that is near the slice and the probe; parameters as of `nearest`."""
-        step = self._step
-        x, damping, p = step.inputs
-        taken, cost, next_cost = step.outputs
-        x[:], damping[...], p[:] = start, DAMPING, parameters
-        stalls = 0
+        k, numbers = len(statement.free), statement.approach.size1_in(1)
+        x, damping, probe, firm, p = (
+            ca.MX.sym(name, size)
+            for name, size in (("x", k), ("damping", 1), ("probe", 2), ("firm", 1), ("p", numbers - 2))
+        )
+        step, measure = _step(statement), _measure(statement)
+        whole = ca.vertcat(p[:-1], probe, p[-1])
+        at, now = x, damping
         for _ in range(STEPS):
-            step.evaluate()
-            before, after = float(cost.item()), float(next_cost.item())
-            if after < before:
-                x[:] = taken
-                damping[...] = max(LEAST, LESS * float(damping.item()))
-            else:
-                damping[...] = min(MOST, MORE * float(damping.item()))
-            stalls = 0 if after < (1 - STALLED) * before else stalls + 1
-            if min(before, after) <= ARRIVED or stalls >= 5:
+            at, now = step(at, now, firm, whole)
+        one = ca.Function("plane_approach", [x, damping, probe, firm, p], [at, now, measure(at, whole)])
+        self._several = BufferedFunction(one.map("plane_approaches", "serial", TOGETHER, [3, 4], []), compile=compile)
+
+    def near(self, parameters: Array, probes: Array, starts: Array, below: Array | float = math.inf) -> Approached:
+        """Postures near the slice and the probes (N, 2) [m], from `starts` (N, k), each its own.
+
+        Parameters
+        ----------
+        parameters : of `PlaneStatement.nearest`; its probe is not looked at.
+        below : (N,) or scalar [m] distance that is worth something: what seems to end further off is given up.
+        """
+        k = starts.shape[1]
+        x, damping = np.clip(starts, parameters[:k], parameters[k : 2 * k]), np.full(len(probes), DAMPING)
+        found = np.full((len(probes), 5), np.inf)
+        several = self._several
+        several.inputs[4][:] = np.concatenate([parameters[:-3], parameters[-1:]])
+        busy = np.arange(len(probes))
+        enough = np.broadcast_to(parameters[-1] * (SLACK * np.asarray(below)) ** 2, len(probes))
+        of_round = np.full(len(probes), np.inf)
+        for look in range(1, ROUNDS * LOOKS + 1):
+            before = found[busy, 4]
+            self._go_on(busy, probes, x, damping, found, firm=1.0)
+            cost = found[busy, 4]
+            nearer = (cost - FORESEEN * (before - cost) <= enough[busy]) & (cost < (1 - SLOW) * before)
+            on_its_way = (cost == before) | nearer
+            if look % LOOKS == 0:
+                on_its_way &= cost < (1 - STALLED) * of_round[busy]
+                of_round[busy] = cost
+            busy = busy[on_its_way & ((found[busy, 2] > ARRIVED) | (found[busy, 3] > ARRIVED))]
+            if not len(busy):
                 break
-        return np.array(x)
+        away = np.flatnonzero((found[:, 2] > ARRIVED) & (found[:, 4] <= enough))
+        damping[away] = DAMPING
+        self._go_on(away, probes, x, damping, found, firm=FIRMER)
+        return Approached(x, found[:, :2], found[:, 2], found[:, 3])
+
+    def _go_on(
+        self, busy: NDArray[np.intp], probes: Array, x: Array, damping: Array, found: Array, *, firm: float
+    ) -> None:
+        """`STEPS` more of those; `found`: hand, distance, miss, cost."""
+        (starts, dampings, goals, firmness, _), (ends, after, measured) = self._several.inputs, self._several.outputs
+        firmness[...] = firm
+        for first in range(0, len(busy), TOGETHER):
+            some = busy[first : first + TOGETHER]
+            n = len(some)
+            starts.T[:n], dampings.T[:n, 0], goals.T[:n] = x[some], damping[some], probes[some]
+            self._several.evaluate()
+            x[some], damping[some], found[some] = ends.T[:n], after.T[:n, 0], measured.T[:n]
+
+
+def _step(statement: PlaneStatement) -> ca.Function:
+    """From x, damping, firmness of plane and handle, parameters: the next x and damping."""
+    k = len(statement.free)
+    x, damping, firm = ca.SX.sym("x", k), ca.SX.sym("damping"), ca.SX.sym("firm")
+    p = ca.SX.sym("p", statement.approach.size1_in(1))
+    lower, upper = p[:k], p[k : 2 * k]
+    rows = statement.approach.size1_out(0)
+    weights = ca.vertcat(1, 1, *[firm] * (rows - 2))
+    off = weights * statement.approach(x, p)
+    slopes = ca.jacobian(off, x)
+    downhill = -slopes.T @ off
+    held = ca.logic_or(ca.logic_and(x <= lower, downhill < 0), ca.logic_and(x >= upper, downhill > 0))
+    least, most = ca.fmax(lower - x, -LONGEST), ca.fmin(upper - x, LONGEST)
+    step = ca.SX.zeros(k)
+    for _ in range(PASSES):  # joints that would leave their limits stop there, and the others make up for them
+        free = slopes @ ca.diag(1 - held)
+        root = ca.chol(ca.densify(free @ free.T + damping * ca.SX.eye(rows)))
+        others = -free.T @ ca.solve(root, ca.solve(root.T, off + slopes @ (held * step)))
+        step = ca.fmax(least, ca.fmin(most, ca.if_else(held, step, others)))
+        held = ca.logic_or(held, ca.logic_or(step <= least, step >= most))
+    taken = ca.fmax(lower, ca.fmin(upper, x + step))
+    nearer = ca.sumsqr(weights * statement.approach(taken, p)) < ca.sumsqr(off)
+    at = ca.if_else(nearer, taken, x)
+    now = ca.if_else(nearer, ca.fmax(LEAST, LESS * damping), ca.fmin(MOST, MORE * damping))
+    return ca.Function("plane_approach_step", [x, damping, firm, p], [at, now], {"cse": True})
+
+
+def _measure(statement: PlaneStatement) -> ca.Function:
+    """From x and parameters: hand (2,), distance to the probe, miss of plane or handle, cost."""
+    x, p = ca.SX.sym("x", len(statement.free)), ca.SX.sym("p", statement.approach.size1_in(1))
+    off = statement.approach(x, p)
+    away, missed = off[:2] / ca.sqrt(p[-1]), off[2:] / (FIRMNESS * ca.sqrt(p[-1]))
+    miss = ca.mmax(ca.fabs(missed)) if missed.numel() else ca.SX(0)
+    found = ca.vertcat(p[-3:-1] + away, ca.norm_2(away), miss, ca.sumsqr(off))
+    return ca.Function("plane_approach_measure", [x, p], [ca.densify(found)], {"cse": True})

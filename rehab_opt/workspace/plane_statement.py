@@ -9,8 +9,10 @@ A probe is reachable where the first one's minimum is zero; elsewhere its minimi
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
-from typing import Any
+from functools import lru_cache
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -19,11 +21,11 @@ from numpy.typing import NDArray
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.link import ChainRow
 from rehab_opt.optim.nlp import NLP
-from rehab_opt.optim.rows import Row, equal, parameter, variable
-from rehab_opt.workspace.handle import beyond_cone, handle_rows
+from rehab_opt.optim.rows import Variable, equal, parameter, variable
+from rehab_opt.workspace.handle import beyond_cone, handle_kind, handle_rows
 from rehab_opt.workspace.spread import spread_postures
 
-__all__ = ["PlaneStatement"]
+__all__ = ["FIRMNESS", "PlaneStatement"]
 
 Array = NDArray[np.float64]
 
@@ -32,8 +34,10 @@ UNBOUNDED = 1e6
 STILL = 1e-11
 """A quantity whose derivatives are all below this, in m or rad per joint unit, does not move."""
 CHECKED_POSTURES = 16
-FIRMER = 5.0
-"""Plane and handle count so much more than the way to the probe, which may be out of reach."""
+FIRMNESS = 5.0
+"""Of `approach`: plane and handle count so much more than the way to the probe, which may be out of reach."""
+KINDS = 16
+"""Kinds of arms whose expressions are kept: making them takes longer than a small slice."""
 
 
 class PlaneStatement:
@@ -54,8 +58,9 @@ class PlaneStatement:
     vertical, vertical_free : with the handle's rows and without; report [z].
         Parameters: fixed, sign (1 for the lowest, -1 for the highest hand).
     upright : report [handle tilt [rad]]. Parameters: fixed.
-    approach : function (x, parameters of `nearest`) -> what is left between hand and probe and, times `FIRMER`, between
-        hand and plane (in `size`s) and handle and cone (rad). Zero where the probe is reached. See `PlaneApproach`.
+    approach : function (x, parameters of `nearest`) -> what is left between hand and probe and, times `FIRMNESS`,
+        between hand and plane (in `size`s) and handle and cone (rad). Zero where the probe is reached. See
+        `PlaneApproach`.
     fixed : numbers of the common parameters: lower (k,), upper (k,), still (n,), lengths, tilt.
     free : (k,) indices of the joints that can move.
     constant_height : [m] of a hand that no joint moves up or down, else None; then it is no row.
@@ -66,77 +71,122 @@ class PlaneStatement:
     def __init__(self, arm: SerialChain, *, handle_tilt: float | None) -> None:
         self.arm = arm
         self.free = np.flatnonzero(~arm.locked)
-        k = len(self.free)
         numbers = np.array([length for row in arm.rows for length in row.lengths])
-        lower, upper, still, lengths, tilt, height, probe, scale, sign = (
-            parameter(name, size)
-            for name, size in (
-                ("lower", k), ("upper", k), ("still", arm.n), ("lengths", len(numbers)), ("tilt", 1), ("height", 1),
-                ("probe", 2), ("scale", 1), ("sign", 1),
-            )
-        )  # fmt: skip
         self.lower = np.maximum(arm.lower[self.free], -UNBOUNDED)
         self.upper = np.minimum(arm.upper[self.free], UNBOUNDED)
         self.fixed = np.concatenate(
             [self.lower, self.upper, np.where(arm.locked, arm.lower, 0.0), numbers, [handle_tilt or 0.0]]
         )
         self.size = max(1e-3, float(np.abs(numbers).sum() + np.linalg.norm(arm.tool[:3, 3])))
-        x = variable("x", k, lower=lower, upper=upper)
-        q = ca.vertcat(*ca.vertsplit(still))
-        for i, joint in enumerate(self.free):
-            q[int(joint)] = x.symbol[i]
-        pose = arm.pose_expression(q, _with_lengths(arm, lengths))
-        hand, axis = pose[:3, 3], pose[:3, 0]
-        fixed = [lower, upper, still, lengths, tilt]
-        self._find_what_moves(ca.vertcat(*fixed), x.symbol, hand, axis)
-        handle = [] if self.constant_tilt is not None else handle_rows(axis, tilt, handle_tilt)
-        plane: list[Row] = [] if self.constant_height is not None else [equal(hand[2], height)]
-        away = hand[:2] - probe
-        self.nearest = NLP(
-            "plane_nearest",
-            parameters=[*fixed, height, probe, scale],
-            variables=[x],
-            minimise=scale * ca.sumsqr(away) / 2,
-            subject_to=[*plane, *handle],
-            report=ca.vertcat(ca.norm_2(away), hand[:2]),
-        )
-        rows = ca.vertcat(away, FIRMER * (hand[2] - height)) * ca.sqrt(scale)
-        if handle:
-            rows = ca.vertcat(rows, FIRMER * beyond_cone(axis, tilt))
-        self.approach = ca.Function(
-            "plane_approach", [x.symbol, ca.vertcat(*fixed, height, probe, scale)], [ca.densify(rows)]
-        )
-        self.vertical, self.vertical_free = (
-            NLP(
-                name,
-                parameters=[*fixed, sign],
-                variables=[x],
-                minimise=sign * hand[2],
-                subject_to=rows,
-                report=hand[2],
-            )
-            for name, rows in (("plane_vertical", handle), ("plane_vertical_free", []))
-        )
-        self.upright = NLP(
-            "plane_upright",
-            parameters=fixed,
-            variables=[x],
-            minimise=1 - axis[2],
-            report=ca.atan2(ca.norm_2(axis[:2]), axis[2]),
+        kind = _Kind(arm, handle_tilt)
+        self.measure = _posed(kind).measure
+        self._find_what_moves()
+        programmes = _programmes(kind, self.constant_height is None, self.constant_tilt is None)
+        self.nearest, self.approach, self.vertical, self.vertical_free, self.upright = programmes
+
+    def _find_what_moves(self) -> None:
+        """A row that no joint changes has no gradient, and no solver should meet it: a planar chain's height, say."""
+        postures = spread_postures(self.arm, self.free, CHECKED_POSTURES)
+        at, along, rises, tilts = (each.full() for each in self.measure(postures.T, self.fixed))
+        self.constant_height = None if np.abs(rises).max() > STILL else float(at[2, 0])
+        across = float(np.hypot(along[0, 0], along[1, 0]))
+        self.constant_tilt = None if np.abs(tilts).max() > STILL else float(np.arctan2(across, along[2, 0]))
+
+
+class _Kind:
+    """What statements share that differ in numbers alone: equal where their expressions are."""
+
+    def __init__(self, arm: SerialChain, handle_tilt: float | None) -> None:
+        self.arm, self.handle_tilt = arm, handle_tilt
+        ones = itertools.repeat(1.0)
+        rows = [(row.prismatic, ca.DM(ca.SX(row.with_lengths(ones).after)).full().tobytes()) for row in arm.rows]
+        given = tuple(len(row.lengths) for row in arm.rows)
+        self._key = (
+            *rows,
+            given,
+            arm.base.tobytes(),
+            arm.tool.tobytes(),
+            arm.locked.tobytes(),
+            handle_kind(handle_tilt),
         )
 
-    def _find_what_moves(self, fixed: ca.SX, x: ca.SX, hand: ca.SX, axis: ca.SX) -> None:
-        """A row that no joint changes has no gradient, and no solver should meet it: a planar chain's height, say."""
-        outputs = [hand, axis, ca.jacobian(hand[2], x), ca.jacobian(axis, x)]
-        measure = ca.Function("plane_measure", [x, fixed], [ca.densify(each) for each in outputs])
-        self.measure = measure
-        rises, tilts = 0.0, 0.0
-        for posture in spread_postures(self.arm, self.free, CHECKED_POSTURES):
-            at, along, rise, turn = (each.full() for each in measure(posture, self.fixed))
-            rises, tilts = max(rises, float(np.abs(rise).max())), max(tilts, float(np.abs(turn).max()))
-        self.constant_height = None if rises > STILL else float(at[2, 0])
-        across = float(np.hypot(along[0, 0], along[1, 0]))
-        self.constant_tilt = None if tilts > STILL else float(np.arctan2(across, along[2, 0]))
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Kind) and other._key == self._key
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+
+class _Posed(NamedTuple):
+    """A pose of symbols."""
+
+    fixed: list[ca.SX]
+    """lower, upper, still, lengths, tilt"""
+    x: Variable
+    hand: ca.SX
+    axis: ca.SX
+    measure: ca.Function
+    """From x and the fixed parameters: hand, axis, and the slopes of the hand's height and of the axis."""
+
+
+class _Programmes(NamedTuple):
+    nearest: NLP
+    approach: ca.Function
+    vertical: NLP
+    vertical_free: NLP
+    upright: NLP
+
+
+@lru_cache(maxsize=KINDS)
+def _posed(kind: _Kind) -> _Posed:
+    arm = kind.arm
+    free = np.flatnonzero(~arm.locked)
+    k, count = len(free), sum(len(row.lengths) for row in arm.rows)
+    sizes = {"lower": k, "upper": k, "still": arm.n, "lengths": count, "tilt": 1}
+    lower, upper, still, lengths, _ = fixed = [parameter(name, size) for name, size in sizes.items()]
+    x = variable("x", k, lower=lower, upper=upper)
+    q = ca.vertcat(*ca.vertsplit(still))
+    for i, joint in enumerate(free):
+        q[int(joint)] = x.symbol[i]
+    pose = arm.pose_expression(q, _with_lengths(arm, lengths))
+    hand, axis = pose[:3, 3], pose[:3, 0]
+    outputs = [hand, axis, ca.jacobian(hand[2], x.symbol), ca.jacobian(axis, x.symbol)]
+    measure = ca.Function("plane_measure", [x.symbol, ca.vertcat(*fixed)], [ca.densify(each) for each in outputs])
+    return _Posed(fixed, x, hand, axis, measure)
+
+
+@lru_cache(maxsize=KINDS)
+def _programmes(kind: _Kind, rises: bool, tilts: bool) -> _Programmes:
+    """Those of an arm whose joints move the hand up and down or do not, and tilt the handle or do not."""
+    fixed, x, hand, axis, _ = _posed(kind)
+    height, probe, scale, sign = (
+        parameter(n, size) for n, size in (("height", 1), ("probe", 2), ("scale", 1), ("sign", 1))
+    )
+    handle = handle_rows(axis, fixed[-1], kind.handle_tilt) if tilts else []
+    plane = [equal(hand[2], height)] if rises else []
+    away = hand[:2] - probe
+    nearest = NLP(
+        "plane_nearest",
+        parameters=[*fixed, height, probe, scale],
+        variables=[x],
+        minimise=scale * ca.sumsqr(away) / 2,
+        subject_to=[*plane, *handle],
+        report=ca.vertcat(ca.norm_2(away), hand[:2]),
+    )
+    left = [away * ca.sqrt(scale)]
+    if plane:
+        left.append(FIRMNESS * (hand[2] - height) * ca.sqrt(scale))
+    if handle:
+        left.append(FIRMNESS * beyond_cone(axis, fixed[-1]))
+    parameters = ca.vertcat(*fixed, height, probe, scale)
+    approach = ca.Function("plane_approach", [x.symbol, parameters], [ca.densify(ca.vertcat(*left))])
+    vertical, vertical_free = (
+        NLP(name, parameters=[*fixed, sign], variables=[x], minimise=sign * hand[2], subject_to=rows, report=hand[2])
+        for name, rows in (("plane_vertical", handle), ("plane_vertical_free", []))
+    )
+    tilt = ca.atan2(ca.norm_2(axis[:2]), axis[2])
+    upright = NLP("plane_upright", parameters=fixed, variables=[x], minimise=1 - axis[2], report=tilt)
+    return _Programmes(nearest, approach, vertical, vertical_free, upright)
 
 
 def _with_lengths(arm: SerialChain, lengths: ca.SX) -> list[ChainRow]:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +45,17 @@ PROBES = 1.0
 """Spacing of the probes that check the boundary, in accuracies."""
 
 
+class _Way(NamedTuple):
+    """From a coarse node outside, at 0, to one inside: between which fine steps it is known to cross the boundary."""
+
+    outside: tuple[int, int]
+    step: tuple[int, int]
+    out: int
+    into: int
+    posture: Array
+    """Inside, nearest to the crossing."""
+
+
 class SliceSearch:
     """Inside by a coarse lattice, the boundary by a fine one along it."""
 
@@ -57,15 +69,15 @@ class SliceSearch:
         self.fine_spacing = min(FINE * accuracy, max(coarse, accuracy / 2))
         self.ratio = max(1, round(coarse / self.fine_spacing))
         spacing = self.ratio * self.fine_spacing
-        self._seed_tree = cKDTree(points)
+        self._seed_tree, self._seed_postures = cKDTree(points), np.array([seed.posture for seed in seeds])
         # A posture that was not asked to come nearer than it could holds fewer joints at their limits.
         free = [seed.posture for seed in seeds if seed.distance == 0.0] or [seed.posture for seed in seeds]
         self._others = itertools.cycle(free)
         self.coarse = Lattice(
             search,
             spacing,
-            others=lambda x, y: [*self._seeds_near(x, y), *itertools.islice(self._others, OTHERS)],
-            spreads=lambda node: node.distance <= 1.5 * spacing,
+            others=lambda x, y: [*self._seeds_at(x, y), *itertools.islice(self._others, OTHERS)],
+            spreads=lambda node: node.distance <= spacing,
             most_offers=2 * FEW,
         )
         self.fine = Lattice(
@@ -75,13 +87,11 @@ class SliceSearch:
             spreads=self._is_near,
             most_offers=FEW,
         )
-        self._coarse_tree: tuple[cKDTree, list[Array]] | None = None
+        self._coarse_tree: tuple[cKDTree, Array] | None = None
 
     def fill(self) -> None:
         """Nodes inside and around every part."""
-        for seed in self.seeds:
-            for key in self.coarse.keys_around(seed.x, seed.y):
-                self.coarse.offer(key, seed.posture)
+        self.coarse.offer((key, seed.posture) for seed in self.seeds for key in self.coarse.keys_around(seed.x, seed.y))
         self.coarse.spread()
 
     def surround(self) -> None:
@@ -92,28 +102,30 @@ class SliceSearch:
         if inside:
             self._coarse_tree = (
                 cKDTree([(n.x, n.y) for n in inside]),
-                [n.posture for n in inside if n.posture is not None],
+                np.array([n.posture for n in inside]),
             )
-        for key, node in self.coarse.nodes.items():
-            if node.distance == 0.0 or node.posture is None:
-                continue
-            for near in self.fine.keys_around(node.x, node.y):
-                if near not in self.fine.nodes:
-                    self.fine.offer(near, node.posture)
+        outside = [(key, node) for key, node in self.coarse.nodes.items() if node.distance > 0.0]
+        self.fine.offer(
+            (near, node.posture)
+            for _, node in outside if node.posture is not None
+            for near in self.fine.keys_around(node.x, node.y)
+        )  # fmt: skip
+        between = []
+        for key, _ in outside:
             for step in ((1, 0), (-1, 0), (0, 1), (0, -1)):
                 other = self.coarse.nodes.get((key[0] + step[0], key[1] + step[1]))
-                if other is not None and other.distance == 0.0:
-                    self._approach(key, step, other)
+                if other is not None and other.posture is not None and other.distance == 0.0:
+                    between.append(_Way(key, step, 0, self.ratio, other.posture))
+        self._bisect(between)
         self.close()
 
     def close(self) -> None:
         """Spread until the level's curves are closed."""
         self.fine.spread()
         while missing := missing_nodes(self.fine, LEVEL * self.fine_spacing):
-            for key, known in missing:
-                posture = self.fine.nodes[known].posture
-                assert posture is not None  # it is nearer than the level
-                self.fine.offer(key, posture)
+            # What is nearer than the level has a posture.
+            known = [(key, self.fine.nodes[near].posture) for key, near in missing]
+            self.fine.offer((key, posture) for key, posture in known if posture is not None)
             self.fine.spread()
 
     def polygon(self) -> BaseGeometry:
@@ -130,53 +142,74 @@ class SliceSearch:
         for side in (1.0, -1.0):
             ring = polygon.buffer(side * distance).boundary
             spacing = PROBES * self.accuracy * (2 if side > 0 else 1)
-            for x, y in [*_along(ring, spacing), *(_gaps(polygon, distance) if side > 0 else ())]:
-                count += 1
-                reached, posture = self._reached(x, y, FEW if side > 0 else MANY)
-                if reached != (side < 0):
-                    wrong.append((x, y, posture))
+            probes = _along(ring, spacing)
+            if side > 0:
+                probes = np.concatenate([probes, _gaps(polygon, distance)])
+            count += len(probes)
+            reached, postures = self._reached(probes, FEW if side > 0 else MANY)
+            for i in np.flatnonzero(reached != (side < 0)):
+                x, y = (float(each) for each in probes[i])
+                if reached[i] or not self._reached_after_all(x, y):
+                    wrong.append((x, y, postures[i]))
         return wrong, count
 
-    def _reached(self, x: float, y: float, others: int) -> tuple[bool, Array]:
-        for posture in (*self._inside_near(x, y), *self._seeds_near(x, y), *itertools.islice(self._others, others)):
-            answer = self.search.nearest(x, y, posture)
-            if answer is not None and answer.distance == 0.0:
-                return True, answer.posture
-        return False, self._seeds_near(x, y)[0]
+    def _reached_after_all(self, x: float, y: float) -> bool:
+        """What nothing approached, by the programme itself."""
+        probe = np.array([[x, y]])
+        answers = (self.search.nearest(x, y, start[0]) for start in self._inside_near(probe) + self._seeds_near(probe))
+        return any(answer is not None and answer.distance == 0.0 for answer in answers)
+
+    def _reached(self, probes: Array, others: int) -> tuple[NDArray[np.bool_], Array]:
+        """Which probes (N, 2) are in the slice, (N,), and postures (N, k) there, or where to look closer."""
+        near = self._inside_near(probes) + self._seeds_near(probes)
+        reached, postures = np.zeros(len(probes), dtype=bool), near[-1].copy()
+        for i in range(len(near) + others):
+            left = np.flatnonzero(~reached)
+            if not len(left):
+                break
+            starts = near[i][left] if i < len(near) else np.array(list(itertools.islice(self._others, len(left))))
+            found = self.search.approached(probes[left], starts, below=0.0)
+            there = found.distances == 0.0
+            reached[left[there]], postures[left[there]] = True, found.postures[there]
+        return reached, postures
 
     def repair(self, wrong: list[tuple[float, float, Array]]) -> None:
         """Look closer around probes that contradicted."""
         self.fine.most_offers = MANY
         for x, y, posture in wrong:
-            for key in self.fine.keys_around(x, y):
-                self.fine.offer(key, posture)
+            self.fine.offer((key, posture) for key in self.fine.keys_around(x, y))
         self.close()
 
-    def _approach(self, key: tuple[int, int], step: tuple[int, int], inside: Node) -> None:
-        """Fine nodes on the way from a coarse node outside to one inside, by bisection."""
-        assert inside.posture is not None
-        out, into = 0, self.ratio
-        posture = inside.posture
-        while into - out > 1:
-            middle = (out + into) // 2
-            fine = (key[0] * self.ratio + step[0] * middle, key[1] * self.ratio + step[1] * middle)
-            node = self.fine.nodes.get(fine) or self.fine.offer(fine, posture)
-            if node.distance == 0.0 and node.posture is not None:
-                into, posture = middle, node.posture
-            else:
-                out = middle
-        for at in (out, into):
-            fine = (key[0] * self.ratio + step[0] * at, key[1] * self.ratio + step[1] * at)
-            if fine not in self.fine.nodes:
-                self.fine.offer(fine, posture)
+    def _bisect(self, ways: list[_Way]) -> None:
+        """Fine nodes on every way, down to two neighbours of which one is inside."""
+        done = [way for way in ways if way.into - way.out <= 1]
+        while ways := [way for way in ways if way.into - way.out > 1]:
+            middles = [(way.out + way.into) // 2 for way in ways]
+            self._make((way, middle) for way, middle in zip(ways, middles, strict=True))
+            for i, (way, middle) in enumerate(zip(ways, middles, strict=True)):
+                node = self.fine.nodes[self._fine_key(way, middle)]
+                inside = node.distance == 0.0 and node.posture is not None
+                ways[i] = way._replace(into=middle, posture=node.posture) if inside else way._replace(out=middle)
+            done += [way for way in ways if way.into - way.out <= 1]
+        self._make((way, at) for way in done for at in (way.out, way.into))
+
+    def _make(self, places: Iterable[tuple[_Way, int]]) -> None:
+        """Fine nodes there, if they are new."""
+        offers = ((self._fine_key(way, at), way.posture) for way, at in places)
+        self.fine.offer((key, posture) for key, posture in offers if key not in self.fine.nodes)
+
+    def _fine_key(self, way: _Way, at: int) -> tuple[int, int]:
+        return way.outside[0] * self.ratio + way.step[0] * at, way.outside[1] * self.ratio + way.step[1] * at
 
     def _is_near(self, node: Node) -> bool:
         return 0.0 < node.distance <= 0.8 * self.fine_spacing
 
-    def _seeds_near(self, x: float, y: float) -> list[Array]:
-        count = min(2, len(self.seeds))
-        indices = np.atleast_1d(self._seed_tree.query((x, y), count)[1])
-        return [self.seeds[i].posture for i in indices]
+    def _seeds_at(self, x: float, y: float) -> list[Array]:
+        return [postures[0] for postures in self._seeds_near(np.array([[x, y]]))]
+
+    def _seeds_near(self, probes: Array) -> list[Array]:
+        """(N, k) of the seeds nearest to the probes (N, 2), and of the second nearest."""
+        return _nearest_of(self._seed_tree, self._seed_postures, probes)
 
     def _inside_of_cell(self, x: float, y: float) -> list[Array]:
         """One posture from inside: a look-up, for what is asked at every fine node."""
@@ -186,12 +219,16 @@ class SliceSearch:
                 return [node.posture]
         return []
 
-    def _inside_near(self, x: float, y: float) -> list[Array]:
+    def _inside_near(self, probes: Array) -> list[Array]:
         if self._coarse_tree is None:
-            return self._seeds_near(x, y)[:1]
-        tree, postures = self._coarse_tree
-        indices = np.atleast_1d(tree.query((x, y), min(2, len(postures)))[1])
-        return [postures[i] for i in indices]
+            return self._seeds_near(probes)[:1]
+        return _nearest_of(*self._coarse_tree, probes)
+
+
+def _nearest_of(tree: cKDTree, postures: Array, probes: Array) -> list[Array]:
+    count = min(2, len(postures))
+    indices = tree.query(probes, count)[1].reshape(len(probes), count)
+    return [postures[column] for column in indices.T]
 
 
 def _gaps(polygon: BaseGeometry, distance: float) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import casadi as ca
@@ -163,7 +164,7 @@ def test_chair_and_arm_keep_clear_of_what_stands_and_give_way_to_what_comes(driv
     robot_on_chair, dt = ardis(), 0.01
     chain = robot_on_chair.bodied_chain
     table = Box("table", (1.1, 0.0, 0.6), (0.3, 2.0, 0.2))
-    given = Clearance(margin=MARGIN, boxes=[table], moving=1, slots=3)
+    given = Clearance(margin=MARGIN, boxes=[table], moving=1, slots=3, rate=8.0)
     rows = [("x", "y", "z")]
     resolver = RedundancyResolver(robot_on_chair, drive=drive, row_sets=rows, dt=dt, limits=[given], compile=False)
     q, links, pressed = np.array([0.0, 0.0, 0.0, -0.3, 0.4, 1.2, 0.0]), np.arange(len(chain.capsules)), 350
@@ -189,6 +190,14 @@ def test_chair_and_arm_keep_clear_of_what_stands_and_give_way_to_what_comes(driv
         command = resolver.step(q, np.zeros(3), rows[0], moving=[body])  # without a command nothing is given way to
         q = q + dt * command.value
     assert not command.value.any()
+    nearest = least_distance(chain, given, ends(chain, q), [still(body, 0.0)], links)
+    body, inside = MovingCapsule(place, place, 0.05 + nearest + 0.005), [-0.005]  # what stands, 5 mm within the margin
+    for _ in range(150):
+        command = resolver.step(q, np.array([1e-3, 0.0, 0.0]), rows[0], "world", moving=[body])
+        q = q + dt * command.value
+        inside.append(least_distance(chain, given, ends(chain, q), [body], links))
+    assert all(now >= min(before, 0.0) - 1e-9 for before, now in pairwise(inside))
+    assert inside[-1] > -0.002
     with pytest.raises(ConfigurationError, match="moving"):
         resolver.step(q, np.zeros(3), rows[0])
 
@@ -226,6 +235,24 @@ def test_arm_brakes_before_a_body_that_stands_still_within_its_acceleration() ->
             heights = ends(chain, q)[..., 2].min(axis=1) - [each.radius for each in chain.capsules]
             assert heights[2:].min() >= 0.1 + MARGIN - 1e-9
         assert not last.any()
+
+
+@pytest.mark.parametrize("deep", [0.001, 0.03])
+def test_arm_within_a_margin_that_is_no_longer_enabled_stops_and_does_not_go_on_out_of_it(deep: float) -> None:
+    chain, dt = ur5(velocity=2.0, acceleration=8.0), 0.002
+    lowest = ends(chain, START)[2:, :, 2].min(axis=1) - [each.radius for each in chain.capsules[2:]]
+    floor = KeepOut.through([0, 0, lowest.min() - MARGIN + deep], [0, 0, 1])
+    tracker = PoseTracker(chain, dt=dt, limits=[Clearance(margin=MARGIN, planes=[floor], pairs=())], compile=False)
+    q, fastest = START.copy(), 0.0
+    for k in range(400):
+        command = tracker.step(q, chain.pose(START), np.zeros(6), enable=k < 40)
+        q = q + dt * command.value
+        if k < 40:
+            fastest = float(np.abs(command.value).max())
+        elif (k - 39) * dt * 8.0 >= fastest:
+            assert command.status is Status.HOLDING, k
+            assert not command.value.any()
+    assert fastest > 1e-3
 
 
 @pytest.mark.parametrize("body", ["beside", "crossing", "box", "floor"])

@@ -11,6 +11,8 @@ from rehab_opt.control.contacts import FAR
 from tests.control.clearance_world import box_apart, segments_apart
 
 CAPSULES, BOX = KINDS
+ALONE = np.r_[np.zeros(7), np.ones(4)]
+"""Of a pair at rest that tells of all its ends."""
 
 
 def segments(rng: np.random.Generator, nearly: int) -> np.ndarray:
@@ -56,7 +58,7 @@ def test_balls_have_the_distance_of_their_centres_and_one_contact() -> None:
     rng = np.random.default_rng(0)
     for _ in range(50):
         a, c = rng.normal(size=(2, 3))
-        contacts = np.array(CAPSULES.contacts(np.r_[a, a, c, c, np.zeros(6), 0.3]))
+        contacts = np.array(CAPSULES.contacts(np.r_[a, a, c, c, np.zeros(6), 0.3], ALONE))
         assert float(CAPSULES.distance(np.r_[a, a, c, c, np.zeros(6), 0.3])) == pytest.approx(
             np.linalg.norm(a - c) - 0.3
         )
@@ -89,7 +91,7 @@ def test_nearest_contact_says_how_the_distance_changes_with_any_motion(kind: str
             return np.r_[first.ravel(), turn.T.ravel(), ends[2], half, 0.05]
 
         functions = CAPSULES if kind == "capsules" else BOX
-        contacts = np.array(functions.contacts(column(ends[:2], 0.0)))
+        contacts = np.array(functions.contacts(column(ends[:2], 0.0), ALONE))
         normal, moment, speed = contacts[1:4, 0], contacts[4:7, 0], 0.0
         nearest = contacts[:, np.argmin(contacts[0])]
         assert nearest[0] == pytest.approx(float(functions.distance(column(ends[:2], 0.0))), abs=1e-12)
@@ -109,12 +111,12 @@ def test_bodies_that_lie_along_each_other_touch_in_two_places_at_least() -> None
     """The least tilt moves the nearest point from one to the other: rows hold both."""
     bar = np.array([[0.0, 0, 0], [0.5, 0, 0]])
     above = np.array([[-0.1, 0, 0.2], [0.3, 0, 0.2]])
-    contacts = np.array(CAPSULES.contacts(np.r_[bar.ravel(), above.ravel(), np.zeros(6), 0.1]))
+    contacts = np.array(CAPSULES.contacts(np.r_[bar.ravel(), above.ravel(), np.zeros(6), 0.1], ALONE))
     places = np.cross(contacts[1:4].T, contacts[4:7].T)  # of the contact, without its part along the normal
     touching = np.abs(contacts[0] - 0.1) < 1e-12
     assert np.ptp(places[touching, 0]) == pytest.approx(0.3)
     box = np.r_[0.15, 0.0, 0.4, 0.2, 0.1, 0.1]
-    contacts = np.array(BOX.contacts(np.r_[bar.ravel(), np.eye(3).ravel(), box, 0.1]))
+    contacts = np.array(BOX.contacts(np.r_[bar.ravel(), np.eye(3).ravel(), box, 0.1], ALONE))
     places = np.cross(contacts[1:4].T, contacts[4:7].T)
     touching = np.abs(contacts[0] - 0.2) < 1e-12
     assert np.ptp(places[touching, 0]) == pytest.approx(0.35)
@@ -126,5 +128,11 @@ def test_functions_give_numbers_for_bodies_in_any_place() -> None:
         points = rng.integers(-1, 2, (4, 3)) * 0.5  # ends that coincide, segments in one line, corners on edges
         column = np.r_[points.ravel(), np.zeros(6), 0.1]
         of_box = np.r_[points[:2].ravel(), np.eye(3).ravel(), points[2], 0.5, 0.5, 0.5, 0.1]
-        for found in (CAPSULES.contacts(column), BOX.contacts(of_box), CAPSULES.distance(column), BOX.distance(of_box)):
-            assert np.all(np.isfinite(np.array(ca.DM(found))))
+        near = np.r_[rng.normal(size=6), 0.1, rng.integers(0, 2, 4)]
+        found = [
+            each
+            for kind, it in ((CAPSULES, column), (BOX, of_box))
+            for each in (kind.contacts(it, near), kind.room(it, near), kind.distance(it))
+        ]
+        for each in found:
+            assert np.all(np.isfinite(np.array(ca.DM(each))))

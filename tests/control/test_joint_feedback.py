@@ -57,7 +57,7 @@ def test_joints_that_move_as_commanded_get_the_commands_of_measured_positions() 
         q = q + DT * command.value
 
 
-@pytest.mark.parametrize("delay", [0.003, 0.008, 0.02])
+@pytest.mark.parametrize("delay", [0.003, 0.008, 0.05])
 def test_late_joints_come_to_rest_where_the_hand_is_asked(delay: float) -> None:
     ticks = round(delay / DT)
     joints, led = LateJoints(ticks - ticks // 3, ticks // 3, np.random.default_rng(1)), tracker(delay=delay)

@@ -189,6 +189,23 @@ def test_no_joint_shakes(drive: str, dt: float, arm: list[float], twist: list[fl
     assert shaken.max() < 30
 
 
+@pytest.mark.parametrize("drive", DRIVES)
+def test_a_hand_that_creeps_goes_on_where_the_chair_s_turn_helps_and_else_the_chair_stays_slow(drive: str) -> None:
+    """A level forearm that only the chair can roll: by the sine of its slope, at the chair's full turn."""
+    nothing, free = 1e-6, np.full(3, math.inf)
+    stiff = ardis(lower=[*-free, -2, *[-nothing] * 3], upper=[*free, 2, *[nothing] * 3])
+    robot, roll = new(stiff, drive=drive, row_sets=[("z", "roll7")], keep_out=False), 0.06
+    for slope, worth in ((3e-3, True), (1e-3, False)):
+        possible = math.sin(slope) * stiff.chain.velocity[2] / roll
+        q = np.array([0.0, 0.0, 0.0, slope, 0.0, 0.0, 0.0])
+        robot.reset()
+        for _ in range(300):
+            command = robot.step(q, [0.0, roll], ("z", "roll7"))
+            q = q + 0.01 * command.value
+        assert 0.02 < possible < 0.06 if worth else possible < 0.02
+        assert command.scale > 0.95 * possible if worth else abs(command.value[2]) < 0.2 * stiff.chain.velocity[2]
+
+
 def test_no_other_command_within_the_bounds_moves_the_hand_faster_in_the_direction_asked() -> None:
     robot, rng = unhurried("mecanum"), np.random.default_rng(3)
     for _ in range(40):

@@ -66,6 +66,8 @@ class Run(NamedTuple):
     counts: dict[str, int]
     below: bool
     """Whether it began below the floor."""
+    begun: Array
+    """(6,) [rad/s] what the joints did before the first tick."""
 
 
 def draw(rng: np.random.Generator, start: Array, *, planes: bool) -> Settings:
@@ -147,11 +149,20 @@ def tracker(given: Settings) -> MirrorTracker:
 
 
 def follow(
-    rng: np.random.Generator, number: int, *, faults: float, planes: bool, pushed: bool, below: float, least: float
+    rng: np.random.Generator,
+    number: int,
+    *,
+    faults: float,
+    planes: bool,
+    pushed: bool,
+    below: float,
+    least: float,
+    begun: float,
 ) -> Run:
     """One run: a fault each `faults` s; a share `below` of them begins below the floor.
 
-    One of `least` s or more begins, and is held, where w has no gradient.
+    One of `least` s or more begins, and is held, where w has no gradient. All begin at a part `begun` of their joints'
+    speeds at most, and then near the floor.
     """
     under = bool(rng.random() < below)
     start = (
@@ -159,6 +170,8 @@ def follow(
     )
     start = singular_posture(rng, 3) if least else start
     given, kind = draw(rng, start, planes=planes), KINDS[-1 - number % len(KINDS)]
+    if begun:
+        given = given._replace(floor=float(manipulability(start[None])[0] - 10 ** rng.uniform(-2.5, -1.0)))
     if least:
         lower, upper = -LIMIT, LIMIT.copy()
         for bend in (2, 4):  # each joint that has to leave it, to one side or the other, or either
@@ -178,6 +191,8 @@ def follow(
     wrong = schedule(rng, ticks, dt, FAULTS, every=faults)
     felt = _pushes(rng, ticks, dt, given.force_limit, given.stop_at) if pushed else np.full((ticks, 3), math.nan)
     kinds, stamped = wrong.kind.tolist(), math.isfinite(faults)
+    velocity = begun * rng.uniform(-1, 1, 6) * given.velocity if begun else np.zeros(6)
+    control.reset(velocity)
     q, references, clock = np.empty((ticks + 1, 6)), np.empty((ticks, 4, 4)), np.empty((ticks, 4))
     q[0], commands = start, []
     for k in range(ticks):
@@ -193,7 +208,7 @@ def follow(
         q[k + 1] = q[k] + dt * command.value
     return Run(
         given, kind, q, commands, poses, references, clock, np.linalg.norm(felt, axis=1), wrong, dict(control.counts),
-        bool(manipulability(start[None])[0] < given.floor),
+        bool(manipulability(start[None])[0] < given.floor), velocity,
     )  # fmt: skip
 
 
@@ -221,10 +236,11 @@ def runs(
     pushed: bool = False,
     below: float = 0.2,
     least: float = 0.0,
+    begun: float = 0.0,
     first: int = 0,
 ) -> Iterator[Run]:
     """Runs numbered from `first` until so many ticks are done; or the one that is asked for, if it is one of them."""
     for number, rng in numbered(verdict, ticks, only, first=first):
-        run = follow(rng, number, faults=faults, planes=planes, pushed=pushed, below=below, least=least)
+        run = follow(rng, number, faults=faults, planes=planes, pushed=pushed, below=below, least=least, begun=begun)
         verdict.begin(number, f"{run.kind}, dt {run.settings.dt:g}")
         yield run

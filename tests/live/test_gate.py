@@ -88,13 +88,13 @@ def test_all_addresses_at_once_are_refused(host: str) -> None:
 
 
 def test_a_problem_that_does_not_run_live_is_refused_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
-    for name in ("upper_limb/workspace", "upper_limb/figure_eight"):
+    for command, name in (("live", "workspace"), ("live", "figure_eight"), ("loop", "figure_eight")):
         with pytest.raises(SystemExit) as ended:
-            main(["live", name])
+            main([command, f"upper_limb/{name}"])
         assert ended.value.code == 2
         (line,) = capsys.readouterr().err.splitlines()
-        assert "a problem that runs live, as those of system 'pose_tracking'" in line
-        assert name in line
+        assert f"FILE = 'upper_limb/{name}': expected a problem with a controller in a loop, as those of system" in line
+        assert line.endswith("has none: rehab-opt run")
 
 
 def test_a_helper_s_hand_is_refused_with_the_key(capsys: pytest.CaptureFixture[str]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +50,19 @@ def test_live_is_the_run_tick_by_tick_while_nobody_touches_it() -> None:
     commands = ticks(control, LiveInputs(enable=True), 400)
     assert np.array_equal([each.value for each in commands], outcome.command[:400])
     assert problem.dt == pytest.approx(float(np.diff(outcome.time[:2])[0]))
+
+
+def test_the_participant_of_a_chair_sees_one_goal_after_the_other() -> None:
+    problem, control = begun("ardis/through_doorway")
+    control.step(AT_REST, control.plant.measured)
+    shown = {key: np.atleast_1d(np.asarray(value, dtype=np.float64)) for key, value in control.shown().items()}
+    first = problem.frame(shown)
+    loaded = load_problem("ardis/through_doorway")
+    goals = loaded.problem.goals
+    assert first["goal"] == goals[0].hand_m
+    here = goals[0].model_copy(update={"hand_m": first["handles"]["hand"]})
+    problem = live_problem(replace(loaded, problem=loaded.problem.model_copy(update={"goals": [here, *goals[1:]]})))
+    assert problem.frame(shown)["goal"] == goals[1].hand_m
 
 
 @pytest.mark.parametrize("name", PROBLEMS)

@@ -1,4 +1,4 @@
-"""A joint limit of chair and arm on late servos and noisy encoders: approached at 1/T, it holds and does not shake."""
+"""Chair and arm on late servos and noisy encoders: a joint limit, approached at 1/T, holds; led, nothing swings."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rehab_opt import RedundancyResolver, ardis
+from rehab_opt import JointFeedback, RedundancyResolver, Status, ardis
 from rehab_opt.control.task_rows import ROWS
 from rehab_opt.kinematics.drive_name import DriveName
 
@@ -69,7 +69,7 @@ def test_a_joint_limit_is_held_on_late_servos_and_noisy_encoders_without_a_limit
         plant = LateChair(start, delay=delay, noise=noise, seed=7)
         resolver.reset(heading=1.0)
         ways: list[Array] = []
-        for _ in range(1100):
+        for _ in range(1400):  # a hand that creeps to its limit insists for some seconds (`hand_task.CREEPS`)
             resolver.step(plant.measured(), np.array([0.0, 0.0, -0.2]), rows)
             ways += plant.hold(resolver.chassis_velocity, dt)
         way = np.array(ways)
@@ -80,3 +80,68 @@ def test_a_joint_limit_is_held_on_late_servos_and_noisy_encoders_without_a_limit
         assert np.sort(beyond[-3000:].max(axis=0))[-1] > -3e-4  # one of them is at its limit
         hand = np.array([chain.pose(q)[:3, 3] for q in held[::10]])
         assert np.sqrt((np.diff(hand, axis=0) ** 2).sum(axis=1).mean()) / (10 * STEP) <= 2e-3
+
+
+SEATED = np.array([0.0, 0.0, 1.0, -2.7, 0.0, 1.25, 0.05])
+
+
+def test_joints_that_move_as_commanded_get_the_commands_of_measured_positions() -> None:
+    rows, rng = (ROWS[:3], ROWS[:2]), np.random.default_rng(5)
+    ideal = JointFeedback(delay=0.0, servo_hz=math.inf)
+    led, plain = (
+        RedundancyResolver(ardis(), dt=0.01, row_sets=rows, feedback=each, compile=False) for each in (ideal, None)
+    )
+    q, command = SEATED.copy(), plain.step(SEATED, np.zeros(3))
+    for each in (led, plain):
+        each.reset(heading=q[2])
+    for k in range(120):
+        if k % 40 == 0:
+            chosen = rows[k // 40 % 2]
+            twist = rng.uniform(-0.2, 0.2, len(chosen))
+        command = plain.step(q, twist, chosen)
+        np.testing.assert_allclose(led.step(q, twist, chosen).value, command.value, rtol=0, atol=1e-6)
+        q = q + 0.01 * command.value
+
+
+def test_led_joints_come_to_rest_at_a_limit_where_believed_ones_swing() -> None:
+    """On the simulated wheelchair: masses, friction, wheels behind; the delay is told 3 ms wrong."""
+    pytest.importorskip("mujoco")
+    from rehab_opt.plants.channel import Channel  # noqa: PLC0415  (needs MuJoCo)
+    from rehab_opt.plants.wheelchair import Wheelchair  # noqa: PLC0415
+
+    dt, rows, swings = 0.005, ROWS[:3], []
+    for delay, feedback in ((0.005, JointFeedback(delay=0.008)), (0.008, JointFeedback(delay=0.005)), (0.008, None)):
+        resolver = RedundancyResolver(ardis(), dt=dt, row_sets=[rows], feedback=feedback, compile=False)
+        chain, wheels = resolver.robot.chain, resolver.robot.drive("mecanum")
+        way = Channel(command_delay=delay / 2, measurement_delay=delay / 2, position_noise=1e-4)
+        plant = Wheelchair(resolver.robot, wheels, dt=dt, channel=way, seed=7)
+        seen, true = plant.reset(SEATED), []
+        resolver.reset(heading=1.0)
+        for _ in range(round(7.0 / dt)):
+            command = resolver.step(seen.position, np.array([0.0, 0.0, -0.2]), rows)
+            seen = plant.step(np.append(command.wheels, command.value[3:]))
+            true.append(plant.truth.position)
+        beyond = np.maximum(true - chain.upper, chain.lower - true)[:, 3:]
+        assert beyond.max() <= 5e-4
+        assert beyond[-1].max() > -3e-4  # one of them is at its limit
+        swings.append(np.ptp(true[-round(1.0 / dt) :], axis=0)[3:].max())
+    assert max(swings[:2]) <= 3e-4
+    assert swings[2] > 1e-3
+
+
+@pytest.mark.parametrize("joint", [0, 3])
+def test_a_blocked_joint_of_a_led_chair_is_named_and_one_of_its_base(joint: int) -> None:
+    resolver = RedundancyResolver(
+        ardis(), dt=0.01, row_sets=[ROWS[:3]], feedback=JointFeedback(servo_hz=math.inf), compile=False
+    )
+    q, ahead = np.array([0.0, 0.0, 0.0, -1.0, 0.3, 0.6, 0.0]), np.array([0.2, 0.0, -0.05])
+    reasons = []
+    for k in range(300):
+        command = resolver.step(q, ahead)
+        moved = 0.01 * command.value
+        moved[joint] *= k < 50
+        q = q + moved
+        reasons.append(command.reason)
+    assert reasons[49] == ""
+    assert command.status is Status.HOLDING
+    assert command.reason.startswith(f"{resolver.robot.chain.names[joint]} does not follow")

@@ -26,6 +26,7 @@ from rehab_opt.session.ardis.measures import KEPT, excesses, goals_met, hand_sha
 from rehab_opt.session.ardis.outcome import ArdisOutcome, moved
 from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, room_of, start_of
 from rehab_opt.session.ardis.stick import HEADER, Moment, read_stick, sticks_of
+from rehab_opt.session.ardis.table import brief
 from rehab_opt.session.ardis.table import table as ardis_table
 from rehab_opt.session.files import load_problem, problem_of, shipped_problems
 from rehab_opt.session.report import metrics_json, write_report
@@ -149,6 +150,7 @@ def test_files_of_a_run_are_whole(button: ArdisOutcome, tmp_path: Path, monkeypa
     Console(file=text, width=200).print(ardis_table(button))
     assert "published" in text.getvalue()
     assert "before the button" in text.getvalue()
+    assert brief(button).row_count <= 8 < ardis_table(button).row_count
 
 
 def test_no_words_of_film_and_top_view_lie_on_each_other_where_goals_do(button: ArdisOutcome) -> None:

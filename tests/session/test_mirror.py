@@ -23,7 +23,7 @@ from rehab_opt.errors import ProblemFileError
 from rehab_opt.session.files import load_problem, problem_of, shipped_problems
 from rehab_opt.session.mirror.metrics import passed_share
 from rehab_opt.session.mirror.outcome import BEFORE, PLAN, STEP, Led, MirrorOutcome
-from rehab_opt.session.mirror.table import table
+from rehab_opt.session.mirror.table import brief, table
 from rehab_opt.session.report import metrics_json, write_report
 from rehab_opt.session.run import checked, run_problem
 from tests.control.mirror_campaign import closed_form
@@ -276,6 +276,9 @@ def test_table_shows_every_law_and_what_yielded(ran: Callable[[str], MirrorOutco
     for part in ("without floor", "step", "plan", "A*, 5 mm", "reference held back, s", "task"):
         assert part in text.getvalue()
     assert any("reconstruction" in note for note in ran("open_refrigerator").notes)
+    first, whole = ([[*each.cells] for each in of(ran("open_refrigerator")).columns] for of in (brief, table))
+    assert 0 < len(first[0]) <= 8
+    assert first == [cells[: len(first[0])] for cells in whole]
 
 
 def test_shipped_recordings_are_what_their_generator_writes(tmp_path: Path) -> None:

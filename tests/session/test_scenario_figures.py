@@ -21,7 +21,7 @@ from rehab_opt.session.scenario.figures import figures
 from rehab_opt.session.scenario.outcome import RATE, ScenarioOutcome, thinned_ticks
 from rehab_opt.session.scenario.parameter_figures import along_figure, fields_along, force_along, variants
 from rehab_opt.session.scenario.plane_drawing import LAW_NAMES, mean_over_trials
-from rehab_opt.session.scenario.table import table
+from rehab_opt.session.scenario.table import brief, table
 from rehab_opt.session.scenario.trials_figures import largest_between, trials_figure
 from tests.session.made_trials import ALONE, COMFORTABLE, REACHABLE, made_outcome, trial_of
 
@@ -159,6 +159,19 @@ def test_table_fits_a_hundred_columns_and_names_every_law(mode: Mode) -> None:
     assert "nan" not in text
     assert "…" not in text
     assert ("SPARC" in text) == (mode != "hold")
+
+
+@pytest.mark.parametrize("mode", ["follow", "assist", "hold"])
+def test_what_is_printed_first_are_success_deviation_and_force(mode: Mode) -> None:
+    outcome = made_outcome(mode, trials=2)
+    file = io.StringIO()
+    Console(file=file, width=100).print(brief(outcome))
+    text = file.getvalue()
+    assert brief(outcome).row_count <= 9
+    assert "…" not in text
+    for part in ("trials that succeeded", "deviation, largest", "force measured, largest", *outcome.measures):
+        assert part in text
+    assert ("covered" in text) == (mode == "follow")
 
 
 def test_table_says_when_a_target_was_never_reached() -> None:

@@ -19,7 +19,6 @@ from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.plants.force_robot import ForceRobot, RobotModel
 from rehab_opt.session.files import load_problem
 from rehab_opt.session.run import run_problem
-from rehab_opt.session.scenario import prepared as prepared_module
 from rehab_opt.session.scenario.intention import held, nearest_next, reached
 from rehab_opt.session.scenario.loop import ran
 from rehab_opt.session.scenario.outcome import ScenarioOutcome
@@ -27,8 +26,6 @@ from rehab_opt.session.scenario.prepared import prepared
 from rehab_opt.session.scenario.run import law_of, scene_of
 from rehab_opt.session.scenario.simulated_person import Person, SimulatedPerson
 from rehab_opt.session.scenario.system import ScenarioSystem
-from rehab_opt.session.workspaces import reached as sets
-from rehab_opt.session.workspaces.sections import ArmInPlane
 from rehab_opt.workspace.mapping import WorkspaceMap
 from tests.workspace.mapped import table_one
 
@@ -40,20 +37,12 @@ SHORTER = {"scenario_4_follow": {"movement_s": 8.0}, "scenario_5_hold": {"moveme
 
 @pytest.fixture(autouse=True)
 def _found_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Workspaces and maps, which take seconds, are those of the first test that asks for the same ones."""
-    monkeypatch.setattr(prepared_module.sets, "reached", _reached)
+    """Maps, which take seconds, are those of the first test that asks for the same ones, as workspaces are."""
     monkeypatch.setattr(WorkspaceMap, "between", _between)
 
 
-REACHED, BETWEEN = sets.reached, WorkspaceMap.between
+BETWEEN = WorkspaceMap.between
 MADE: dict[object, object] = {}
-
-
-def _reached(section: ArmInPlane, ranges: object, *, file: str, key: str) -> object:
-    told = (section.model_dump_json(), str(ranges))
-    if told not in MADE:
-        MADE[told] = REACHED(section, ranges, file=file, key=key)  # type: ignore[arg-type]
-    return MADE[told]
 
 
 def _between(source: object, target: object) -> object:

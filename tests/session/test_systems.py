@@ -20,7 +20,7 @@ from rehab_opt.session.many.run import run_many
 from rehab_opt.session.run import run_problem
 from rehab_opt.session.systems import SHIPPED, system_named, systems
 
-SHARED = ("files", "run", "report", "shown", "outcome", "many/run", "many/work", "many/digest", "many/pools")
+SHARED = ("files", "run", "report", "shown", "outcome", "many/run", "many/work", "inputs", "many/pools")
 
 
 @pytest.mark.parametrize("name", SHIPPED)
@@ -72,7 +72,7 @@ class CountSystem(System[CountProblem, Outcome]):
         numbers = [float(n) for n in range(loaded.problem.count)]
         columns = {"t_s": numbers, "count_m": numbers, "word": ["n"] * len(numbers)}
         metrics = {"last_m": numbers[-1], "options": dict(options)}
-        return Outcome("count", loaded.name, loaded.problem.title, (), metrics, columns=columns)
+        return Outcome((), metrics, columns=columns)
 """
 """A kind of problem in one module of another distribution."""
 ENTRY = "[rehab_opt.systems]\n{name} = {value}\n"

@@ -7,7 +7,7 @@ import pytest
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.measures.score import score
-from rehab_opt.session.live.seen import Seen
+from rehab_opt.session.live.problem import Seen
 from rehab_opt.study.live import LiveTrials
 from rehab_opt.study.options import Destination
 from rehab_opt.study.store import Study

@@ -67,20 +67,26 @@ def test_an_approach_stays_within_the_limits_and_never_ends_further_off(
     statement = PlaneStatement(wide_arm, handle_tilt=tilt)
     approach = PlaneApproach(statement)
     parameters = np.concatenate([statement.fixed, [-0.24, 0.3, 0.35, statement.size**-2]])
+    starts = spread_postures(wide_arm, statement.free, 32)
+    found = approach.near(parameters, np.tile([0.3, 0.35], (32, 1)), starts)
     arrived = 0
-    for start in spread_postures(wide_arm, statement.free, 32):
-        x = approach.near(parameters, start)
-        before, after = (float(np.linalg.norm(statement.approach(each, parameters).full())) for each in (start, x))
-        assert after <= before
+    for start, x, hand, distance, miss in zip(starts, *found, strict=True):
         assert np.all((wide_arm.lower <= x) & (x <= wide_arm.upper))
-        arrived += after < 1e-4
-    assert arrived >= 10
+        pose = wide_arm.pose(x)
+        assert np.allclose(pose[:2, 3], hand, atol=1e-9)
+        assert math.dist(hand, (0.3, 0.35)) == pytest.approx(distance, abs=1e-9)
+        assert abs(pose[2, 3] + 0.24) <= miss + 1e-9
+        off, before = (np.linalg.norm(statement.approach(each, parameters).full()) for each in (x, start))
+        assert off <= 20 * before  # of the last round's, where plane and handle count twenty times as much
+        arrived += off < 1e-4
+    assert arrived >= 20
 
 
 def test_an_approach_from_what_is_no_number_comes_to_an_end(wide_arm: SerialChain) -> None:
     statement = PlaneStatement(wide_arm, handle_tilt=None)
     parameters = np.concatenate([statement.fixed, [math.nan, 0.3, 0.35, 1.0]])
-    assert np.isnan(PlaneApproach(statement).near(parameters, np.full(8, math.nan))).all()
+    found = PlaneApproach(statement).near(parameters, np.array([[0.3, 0.35]]), np.full((1, 8), math.nan))
+    assert np.isnan(found.postures).all()
 
 
 def test_a_cone_that_leaves_out_next_to_nothing_is_as_good_as_none() -> None:

@@ -96,9 +96,10 @@ def test_nodes_called_unreachable_by_mistake_are_repaired(searched: tuple[SliceS
     x, y = search.fine_spacing * np.round(np.array(inside.coords[0]) / search.fine_spacing)
     lattice = search.fine
     before = dict(lattice.nodes)
-    _, posture = search._reached(x, y, slice_search.MANY)
-    for node in [lattice.offer(key, posture) for key in lattice.keys_around(x, y)]:
-        node.distance = 1e-4  # as a local minimum would have it
+    posture = search._reached(np.array([[x, y]]), slice_search.MANY)[1][0]
+    lattice.offer((key, posture) for key in lattice.keys_around(x, y))
+    for key in lattice.keys_around(x, y):
+        lattice.nodes[key].distance = 1e-4  # as a local minimum would have it
     search.repair([(float(x), float(y), posture)])
     assert all(lattice.nodes[key].distance == 0.0 for key in lattice.keys_around(x, y))
     assert len(lattice.nodes) >= len(before)

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.obstacles import Disc, HalfPlane
-from rehab_opt.errors import ProblemFileError
 from rehab_opt.kinematics.mobile_arm import CHAIR
 from rehab_opt.plants.ideal import IdealJoints
 from rehab_opt.plants.touched import TouchedPlant
@@ -23,7 +22,7 @@ from rehab_opt.session.ardis.stick import Moment, StickRecording, sticks_of
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.bodies import ARM_PLOTS, BLUE, GREEN, GREY, PURPLE, ArmBodies, joint_rows, screen
 from rehab_opt.session.live.problem import LiveControl, LiveInputs, LiveProblem
-from rehab_opt.session.plant.making import OWN_ARM, chair_plant
+from rehab_opt.session.plant.making import chair_plant, joint_feedback
 
 __all__ = ["LiveArdis"]
 
@@ -45,18 +44,17 @@ class LiveArdis(LiveProblem):
         self.title, self.dt = f"{problem.title} ({self.drive} drive)", 1 / problem.run.rate_hz
         self.robot, self.room = robot_of(loaded), room_of(loaded)
         self.start = start_of(loaded, self.robot)
-        if problem.robot.file is not None and problem.plant.kind != "ideal":
-            raise ProblemFileError(loaded.file, "plant.kind", problem.plant.kind, OWN_ARM)
         self.names = tuple(self.robot.chain.names)
         self.layout = {"q": self.encoders, "force": 3, "closed": 1}
         self._arm = ArmBodies(self.robot.chain, first=CHAIR, radius=self.robot.arm_radius)
+        self._reached = 0
 
     def control(self) -> LiveControl:
         """The joystick and resolver of `rehab-opt run`."""
-        table, robot = self._loaded.problem.plant, self.robot
-        ideal = table.kind == "ideal"
-        plant = IdealJoints(self.dt) if ideal else chair_plant(table, robot, robot.drive(self.drive), self.dt)
-        resolver = resolver_of(self._loaded, robot, self.drive, solver=self._solver)
+        table, robot, own = self._loaded.problem.plant, self.robot, self._loaded.problem.robot.file is not None
+        wheels, ideal = robot.drive(self.drive), table.kind == "ideal"
+        plant = IdealJoints(self.dt) if ideal else chair_plant(table, robot, wheels, self.dt, own_arm=own)
+        resolver = resolver_of(self._loaded, robot, self.drive, solver=self._solver, feedback=joint_feedback(table))
         return Steering(joystick_of(self._loaded), resolver, TouchedPlant(plant), self.start, wheels=not ideal)
 
     def untouched(self, time: float) -> LiveInputs:
@@ -92,6 +90,13 @@ class LiveArdis(LiveProblem):
             "screen": screen(np.vstack([places, hand + 0.3 * np.eye(3)[:2]])),
         }
 
+    def _goal(self, hand: Array, *, closed: bool) -> dict[str, Any]:
+        """Where the participant's screen shows that the hand is to go: the first goal that it was not at."""
+        goals = self._loaded.problem.goals
+        while self._reached < len(goals) - 1 and goals[self._reached].met(hand, closed):
+            self._reached += 1
+        return {"goal": goals[self._reached].hand_m} if goals else {}
+
     def frame(self, shown: Mapping[str, Array]) -> dict[str, Any]:
         """Chair, user and arm."""
         q, force, robot = shown["q"], shown["force"], self.robot
@@ -114,6 +119,7 @@ class LiveArdis(LiveProblem):
             "capsules": [*self._arm.capsules(q), *person],
             "lines": [{"points": [*corners.tolist(), corners[0].tolist()], "colour": BLUE, "radius": 0.02}],
             "handles": {"hand": hand.round(4).tolist()},
+            **self._goal(hand, closed=bool(shown["closed"].ravel()[0])),
             "arrows": [[*hand.tolist(), *force.tolist(), "#e69f00"]] if force.any() else [],
             "joints": q.round(4).tolist(),
             "numbers": list(numbers),

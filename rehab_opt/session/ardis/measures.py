@@ -160,9 +160,7 @@ def goals_met(motion: Motion, goals: Sequence[GoalSection]) -> list[float | None
     met: list[float | None] = []
     begin = 0
     for goal in goals:
-        there = np.linalg.norm(motion.hand[begin:] - goal.hand_m, axis=1) <= goal.within_m
-        if goal.gripper is not None:
-            there &= motion.closed[begin:] == (goal.gripper == "closed")
+        there = goal.met(motion.hand[begin:], motion.closed[begin:])
         if not there.any():
             break
         begin += int(there.argmax())

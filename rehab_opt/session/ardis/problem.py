@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, Self
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, model_validator
 
 from rehab_opt.kinematics.drive_name import DRIVES, DriveName
@@ -124,6 +126,12 @@ class GoalSection(Section):
     """Reached when the hand is within this and the gripper as asked. Goals are judged, they steer nothing."""
     gripper: Literal["open", "closed"] | None = None
     """As it has to be, where it matters."""
+
+    def met(self, hand: ArrayLike, closed: ArrayLike) -> NDArray[np.bool_]:
+        """(...) whether a hand (..., 3) [m] with its gripper closed or not (...) is as asked."""
+        near = np.linalg.norm(np.asarray(hand) - self.hand_m, axis=-1) <= self.within_m
+        as_asked = self.gripper is None or np.asarray(closed) == (self.gripper == "closed")
+        return np.asarray(near & as_asked)
 
 
 class WallSection(Section):

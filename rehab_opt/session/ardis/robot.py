@@ -16,6 +16,7 @@ from rehab_opt.session.clearance import clearance_key, clearance_of
 from rehab_opt.session.files import ProblemFile
 
 if TYPE_CHECKING:
+    from rehab_opt.control.joint_feedback import JointFeedback
     from rehab_opt.control.joystick import Joystick
     from rehab_opt.control.obstacles import Obstacle
     from rehab_opt.control.redundancy import RedundancyResolver
@@ -131,8 +132,9 @@ def resolver_of(
     *,
     solver: str | None = None,
     backup: str | None = None,
+    feedback: JointFeedback | None = None,
 ) -> RedundancyResolver:
-    """The controller with the file's room, and functions for the modes of its stick; `backup` as it takes it.
+    """The controller with the file's room, and functions for the modes of its stick; `backup`, `feedback` as it takes.
 
     Raises
     ------
@@ -154,6 +156,7 @@ def resolver_of(
             self_motion=run.self_motion,
             dt=1 / run.rate_hz,
             backup=backup,
+            feedback=feedback,
             # A run is over before a compiler would be; the answers are the same.
             compile=False,
             **chosen,

@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from contextlib import AbstractContextManager
 
-from rehab_opt.errors import ProblemFileError
 from rehab_opt.session.ardis.measures import drive_metrics
 from rehab_opt.session.ardis.outcome import ArdisOutcome, DriveOutcome, Motion, Published, StickLaw, moved
 from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
 from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, room_of, start_of
 from rehab_opt.session.ardis.stick import sticks_of
-from rehab_opt.session.clearance import NearestBodies, clearance_of, nearest_bodies
+from rehab_opt.session.clearance import NearestBodies, nearest_bodies
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.problem import LiveProblem
 from rehab_opt.session.outcome import Progress
-from rehab_opt.session.plant.making import OWN_ARM, chair_plant, on_plant, plant_note
-from rehab_opt.session.solver_option import checked_solver, solver_refusals
+from rehab_opt.session.plant.making import chair_plant, joint_feedback, plant_note
 from rehab_opt.session.systems import ROBOT_FILE, Needed, System
 
 __all__ = ["ArdisSystem", "run_ardis"]
@@ -46,12 +43,12 @@ def run_ardis(loaded: ProblemFile[ArdisProblem], *, solver: str | None, progress
     problem, robot = loaded.problem, robot_of(loaded)
     start, room, sticks = start_of(loaded, robot), room_of(loaded), sticks_of(loaded)
     dt = 1 / problem.run.rate_hz
-    if problem.robot.file is not None and problem.plant.kind != "ideal":
-        raise ProblemFileError(loaded.file, "plant.kind", problem.plant.kind, OWN_ARM)
 
     def run(drive: DriveName, name: str, law: StickLaw) -> Motion:
         table = problem.plant
-        plant = None if table.kind == "ideal" else chair_plant(table, robot, robot.drive(drive), dt)
+        plant = None
+        if table.kind != "ideal":
+            plant = chair_plant(table, robot, robot.drive(drive), dt, own_arm=problem.robot.file is not None)
         return moved(
             robot, law, joystick_of(loaded), sticks[drive], start, dt=dt, plant=plant,
             progress=lambda done, of: progress(f"{drive}, {name} law", done, of),
@@ -60,19 +57,16 @@ def run_ardis(loaded: ProblemFile[ArdisProblem], *, solver: str | None, progress
     drives: dict[DriveName, DriveOutcome] = {}
     near: dict[DriveName, NearestBodies] = {}
     for drive in sticks:
-        ours = resolver_of(loaded, robot, drive, solver=solver)
+        ours = resolver_of(loaded, robot, drive, solver=solver, feedback=joint_feedback(problem.plant))
         theirs = Published(PseudoinverseLaw(robot, drive=drive, self_motion=problem.run.self_motion))
         drives[drive] = DriveOutcome(published=run(drive, "published", theirs), optimised=run(drive, "optimised", ours))
         ran = drives[drive].optimised
-        seen = nearest_bodies(clearance_of(problem.clearance, loaded.file), robot.bodied_chain, ran.q, ran.time)
+        seen = nearest_bodies(problem.clearance, loaded.file, robot.bodied_chain, ran.q, ran.time)
         near |= {} if seen is None else {drive: seen}
     metrics = {
         drive: drive_metrics(robot, drive, outcome, room=room, goals=problem.goals) for drive, outcome in drives.items()
     }
     return ArdisOutcome(
-        system=problem.system,
-        name=loaded.name,
-        title=problem.title,
         notes=(
             plant_note(
                 problem.plant, "the robot is simulated: chair and arm move exactly as commanded, whichever law commands"
@@ -86,8 +80,6 @@ def run_ardis(loaded: ProblemFile[ArdisProblem], *, solver: str | None, progress
         metrics={
             "drives": metrics,
             **({"clearance": {drive: seen.metrics for drive, seen in near.items()}} if near else {}),
-            "parameters": problem.model_dump(mode="json", exclude={"title", "plant"})
-            | {"plant": problem.plant.parameters},
         },
         robot=robot,
         room=room,
@@ -103,6 +95,7 @@ class ArdisSystem(System[ArdisProblem, ArdisOutcome]):
     schema = ArdisProblem
     shown = ("rehab_opt.session.ardis.table", "rehab_opt.session.ardis.figures", "rehab_opt.session.ardis.figures")
     options = frozenset({"plant", "solver"})
+    solver_key = "run.solver"
 
     def recordings(self, problem: ArdisProblem) -> tuple[Needed, ...]:
         """A recording of the stick for each drive, and the robot file where there is one."""
@@ -111,35 +104,23 @@ class ArdisSystem(System[ArdisProblem, ArdisOutcome]):
 
     def check(self, loaded: ProblemFile[ArdisProblem]) -> tuple[str, ...]:
         """Reads the sticks, builds the robot and its controllers."""
-        on_plant(loaded, None)
         robot = robot_of(loaded)
         start_of(loaded, robot)
         joystick_of(loaded)
-        sticks = sticks_of(loaded)
-        with _refusals(loaded, None):
-            for drive in sticks:
-                resolver_of(loaded, robot, drive)
+        for drive in sticks_of(loaded):
+            resolver_of(loaded, robot, drive)
         return robot.chain.notes
 
     def run(self, loaded: ProblemFile[ArdisProblem], *, options: Mapping[str, str], progress: Progress) -> ArdisOutcome:
         """Options: `solver` of the controller, `plant`."""
-        solver = checked_solver(options.get("solver"))
-        loaded = on_plant(loaded, options.get("plant"))
-        with _refusals(loaded, solver):
-            return run_ardis(loaded, solver=solver, progress=progress)
+        return run_ardis(loaded, solver=options.get("solver"), progress=progress)
 
     def live(self, loaded: ProblemFile[ArdisProblem], *, options: Mapping[str, str]) -> LiveProblem:
         """The stick in somebody's hand; options as of `run`."""
         from rehab_opt.session.ardis.live import LiveArdis  # noqa: PLC0415  (for those who look)
 
-        solver = checked_solver(options.get("solver"))
-        with _refusals(loaded, solver):
-            return LiveArdis(on_plant(loaded, options.get("plant")), solver=solver)
+        return LiveArdis(loaded, solver=options.get("solver"))
 
     def seconds_a_tick(self, problem: ArdisProblem) -> float:
         """Of the controller."""
         return 1 / problem.run.rate_hz
-
-
-def _refusals(loaded: ProblemFile[ArdisProblem], solver: str | None) -> AbstractContextManager[None]:
-    return solver_refusals(solver, file=loaded.file, key="run.solver", value=loaded.problem.run.solver)

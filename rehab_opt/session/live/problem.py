@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Literal, NamedTuple, Protocol
 
 import numpy as np
@@ -14,7 +14,7 @@ from rehab_opt.control.command import Command
 from rehab_opt.plants.plant import Measurement
 from rehab_opt.plants.touched import TouchedPlant
 
-__all__ = ["AT_REST", "LiveControl", "LiveInputs", "LiveProblem"]
+__all__ = ["AT_REST", "LiveControl", "LiveInputs", "LiveProblem", "Seen", "Watching"]
 
 Array = NDArray[np.float64]
 
@@ -196,3 +196,32 @@ class LiveProblem(ABC):
     @abstractmethod
     def frame(self, shown: Mapping[str, Array]) -> dict[str, Any]:
         """What the page is told again and again, of numbers that `LiveControl.shown` gave."""
+
+
+class Seen(NamedTuple):
+    """One picture of the page."""
+
+    time: float
+    """[s] of the loop."""
+    held: bool
+    """Whether the controller was told to move."""
+    status: str
+    reason: str
+    missed: int
+    """Ticks left out so far."""
+    stale: int
+    """Commands not sent so far."""
+    hand: tuple[float, float, float] | None
+    """[m] where the page draws one."""
+    numbers: tuple[float, ...]
+    """What it plots."""
+
+
+class Watching(Protocol):
+    """Who is told what the page draws."""
+
+    def begin(self, plots: Sequence[Mapping[str, Any]]) -> None:
+        """What the page plots: name, unit, and `line` where it has a limit."""
+
+    def see(self, seen: Seen) -> None:
+        """One picture."""

@@ -12,11 +12,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rich.table import Table
+from rich.text import Text
 
 from rehab_opt.session.many.work import Answer, Cell
 from rehab_opt.text_file import is_formula
 
-__all__ = ["DONE", "FAILED", "NOT_RUN", "REFUSED", "Row", "forget", "keep", "kept_row", "write_groups", "write_rows"]
+__all__ = [
+    "DONE", "FAILED", "NOT_RUN", "REFUSED", "Row", "counted", "failed_table", "forget", "keep", "kept_row",
+    "write_groups", "write_rows",
+]  # fmt: skip
 
 DONE, REFUSED, FAILED, NOT_RUN = "done", "refused", "failed", "not run"
 """Of a row: computed; its input cannot be used; the computation failed; the run was interrupted before it."""
@@ -144,3 +149,25 @@ def _mark(folder: Path) -> dict[str, Any] | None:
         return None
     there = isinstance(mark, dict) and {"digest", "seconds", "files", "numbers"} <= mark.keys()
     return mark if there else None
+
+
+MOST_LISTED = 20
+
+
+def counted(rows: Sequence[Row]) -> str:
+    """How many are done, and how many of them were so before."""
+    failed, kept = sum(bool(row.error) for row in rows), sum(row.kept for row in rows)
+    said = f"{len(rows) - failed} of {len(rows)} participants done"
+    return f"{said}, {kept} of them from an earlier run" if kept else said
+
+
+def failed_table(rows: Sequence[Row]) -> Table:
+    """Those that are not done and why, the first ones of them."""
+    failed = [row for row in rows if row.error]
+    more = len(failed) - MOST_LISTED
+    table = Table(caption=f"{more} more are not done: see results.csv" if more > 0 else None)
+    for column in ("participant", "status", "error"):
+        table.add_column(column, overflow="fold")
+    for row in failed[:MOST_LISTED]:
+        table.add_row(Text(row.participant), row.status, Text(row.error))
+    return table

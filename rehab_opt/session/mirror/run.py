@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rehab_opt.control.conditioning import Conditioner
-from rehab_opt.session.clearance import clearance_of, nearest_bodies
+from rehab_opt.session.clearance import nearest_bodies
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.mirror.laws import followed, planned, searched, tracker_of, without_floor
 from rehab_opt.session.mirror.metrics import astar_metrics, causes, led_metrics
@@ -48,12 +48,11 @@ def run_mirror(loaded: ProblemFile[MirrorProblem], *, progress: Progress) -> Mir
         PLAN: planned(tracker, scene, progress=progress),
     }
     why = {name: causes(led, tracker.hand_bounds) for name, led in laws.items()}
-    near = nearest_bodies(clearance_of(problem.clearance, loaded.file), robot, laws[STEP].q, laws[STEP].time)
+    near = nearest_bodies(problem.clearance, loaded.file, robot, laws[STEP].q, laws[STEP].time)
     astar = searched(problem, scene, max_manipulability=max_manipulability, progress=progress)
     asked = reference.poses[~reference.lost]
     speeds = np.linalg.norm(reference.twists[~reference.lost, :3], axis=1)
     metrics: dict[str, Any] = {
-        "parameters": problem.model_dump(mode="json", exclude={"title", "plant"}) | {"plant": problem.plant.parameters},
         "reference": {
             "duration_s": float(reference.times[-1] - reference.times[0]),
             "samples": len(reference.poses),
@@ -85,9 +84,6 @@ def run_mirror(loaded: ProblemFile[MirrorProblem], *, progress: Progress) -> Mir
         **({} if near is None else {"clearance": near.metrics}),
     }
     return MirrorOutcome(
-        system=problem.system,
-        name=loaded.name,
-        title=problem.title,
         chain=robot,
         time=reference.times - reference.times[0],
         notes=(*scene.notes, *_notes(problem, scene, laws, tracker), *([] if near is None else [near.note])),

@@ -9,7 +9,6 @@ from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.problem import LiveProblem
 from rehab_opt.session.mirror.problem import MirrorProblem
 from rehab_opt.session.outcome import Progress
-from rehab_opt.session.plant.making import on_plant
 from rehab_opt.session.pose_tracking.robot import robot_files
 from rehab_opt.session.systems import Needed, System
 
@@ -37,7 +36,6 @@ class MirrorSystem(System[MirrorProblem, "MirrorOutcome"]):
         from rehab_opt.session.mirror.laws import tracker_of  # noqa: PLC0415  (loads solvers)
         from rehab_opt.session.mirror.scene import laid_out  # noqa: PLC0415
 
-        on_plant(loaded, None)
         scene = laid_out(loaded)
         tracker_of(loaded.problem, scene, file=loaded.file)
         return scene.notes
@@ -48,13 +46,13 @@ class MirrorSystem(System[MirrorProblem, "MirrorOutcome"]):
         """The option is `plant`."""
         from rehab_opt.session.mirror.run import run_mirror  # noqa: PLC0415  (loads solvers)
 
-        return run_mirror(on_plant(loaded, options.get("plant")), progress=progress)
+        return run_mirror(loaded, progress=progress)
 
     def live(self, loaded: ProblemFile[MirrorProblem], *, options: Mapping[str, str]) -> LiveProblem:
         """The mirrored recording to and fro, until somebody drags the hand; the option is `plant`."""
         from rehab_opt.session.mirror.live import LiveMirror  # noqa: PLC0415  (loads solvers)
 
-        return LiveMirror(on_plant(loaded, options.get("plant")))
+        return LiveMirror(loaded)
 
     def seconds_a_tick(self, problem: MirrorProblem) -> float:
         """Of the tracker."""

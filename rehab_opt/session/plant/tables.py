@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 
-from pydantic import Field, model_validator
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from rehab_opt.session.schema import Section, refusal
 
@@ -50,10 +50,11 @@ class PlantTable(Section):
         """Noise and lags besides the delays, in words."""
         raise NotImplementedError
 
-    @property
-    def parameters(self) -> dict[str, Any]:
-        """What a run reports of its plant."""
-        return self.model_dump(mode="json") if self.kind != "ideal" else {"kind": "ideal"}
+    @model_serializer(mode="wrap")
+    def without_numbers_of_an_ideal_robot(self, whole: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """An ideal robot has no other keys, written as read."""
+        written: dict[str, Any] = whole(self)
+        return {key: value for key, value in written.items() if self.kind != "ideal" or key == "kind"}
 
 
 class JointPlant(PlantTable):
@@ -111,4 +112,8 @@ class ChairPlant(PlantTable):
     @property
     def imperfections(self) -> str:
         """Of the sensors and the wheels."""
-        return f"{1e3 * self.position_noise_rad:g} mrad of noise, {self.wheel_lag_ms:g} ms of lag of the wheels"
+        noise, lag = (
+            f"{1e3 * self.position_noise_rad:g} mrad of noise",
+            f"{self.wheel_lag_ms:g} ms of lag of the wheels",
+        )
+        return f"{noise}, {lag}; the optimised law knows delays and servo"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Iterator, Mapping
-from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -14,17 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.pose_tracker import PoseTracker
-from rehab_opt.session.clearance import NearestBodies, clearance_of, nearest_bodies
+from rehab_opt.session.clearance import NearestBodies, nearest_bodies
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.problem import LiveInputs, LiveProblem
 from rehab_opt.session.metrics import error_metrics, joint_metrics, status_counts, time_metrics
 from rehab_opt.session.outcome import Column, MovementOutcome, Progress, joint_columns, point_columns
 from rehab_opt.session.plant.loop import JointMotion, simulate
-from rehab_opt.session.plant.making import on_plant, plant_note
+from rehab_opt.session.plant.making import plant_note
 from rehab_opt.session.pose_tracking.live import LivePoseTracking
 from rehab_opt.session.pose_tracking.problem import PoseTracking
 from rehab_opt.session.pose_tracking.robot import robot_at_start, robot_files, tracker_of
-from rehab_opt.session.solver_option import checked_solver, solver_refusals
 from rehab_opt.session.systems import Needed, System
 
 __all__ = ["PoseTrackingSystem", "RobotOutcome", "run_pose_tracking"]
@@ -92,7 +90,7 @@ def run_pose_tracking(loaded: ProblemFile[PoseTracking], *, solver: str | None, 
     position_error = np.linalg.norm(tool[:, :3, 3] - poses[:, :3, 3], axis=1)
     orientation_error = _angles(tool[:, :3, :3], poses[:, :3, :3])
     acceleration = np.abs(np.diff(command, axis=0, prepend=np.zeros((1, robot.n)))) * rate
-    near = nearest_bodies(clearance_of(problem.clearance, loaded.file), robot, ran.q, times)
+    near = nearest_bodies(problem.clearance, loaded.file, robot, ran.q, times)
     moving = np.maximum(np.linalg.norm(twists[:, :3], axis=1), np.linalg.norm(twists[:, 3:], axis=1)) >= MOVING
     own = inspect.signature(PoseTracker).parameters
     metrics: dict[str, Any] = {
@@ -119,16 +117,11 @@ def run_pose_tracking(loaded: ProblemFile[PoseTracking], *, solver: str | None, 
         **({} if near is None else {"clearance": near.metrics}),
     }
     return RobotOutcome(
-        system=problem.system,
-        name=loaded.name,
-        title=problem.title,
         chain=robot,
         time=times,
         notes=(plant_note(problem.plant, "the robot is simulated: its joints move exactly as commanded"), *robot.notes)
         + (() if near is None else (near.note,)),
         metrics={
-            "parameters": problem.model_dump(mode="json", exclude={"title", "plant"})
-            | {"plant": problem.plant.parameters},
             "optimised": metrics,
         },
         reference=poses[:, :3, 3],
@@ -157,6 +150,7 @@ class PoseTrackingSystem(System[PoseTracking, RobotOutcome]):
     schema = PoseTracking
     shown = ("rehab_opt.session.pose_tracking.shown",)
     options = frozenset({"plant", "solver"})
+    solver_key = "tracker.solver"
 
     def recordings(self, problem: PoseTracking) -> tuple[Needed, ...]:
         """No recording, since the circle is computed; the robot file."""
@@ -164,29 +158,18 @@ class PoseTrackingSystem(System[PoseTracking, RobotOutcome]):
 
     def check(self, loaded: ProblemFile[PoseTracking]) -> tuple[str, ...]:
         """Builds the robot and the tracker."""
-        on_plant(loaded, None)
         robot, _ = robot_at_start(loaded)
-        with _refusals(loaded, None):
-            tracker_of(loaded.problem, robot, file=loaded.file)
+        tracker_of(loaded.problem, robot, file=loaded.file)
         return robot.notes
 
     def run(self, loaded: ProblemFile[PoseTracking], *, options: Mapping[str, str], progress: Progress) -> RobotOutcome:
         """Options: `solver` of the tracker, `plant`."""
-        solver = checked_solver(options.get("solver"))
-        on = on_plant(loaded, options.get("plant"))
-        with _refusals(loaded, solver):
-            return run_pose_tracking(on, solver=solver, progress=progress)
+        return run_pose_tracking(loaded, solver=options.get("solver"), progress=progress)
 
     def live(self, loaded: ProblemFile[PoseTracking], *, options: Mapping[str, str]) -> LiveProblem:
         """The circle, until somebody drags the target; options as of `run`."""
-        solver = checked_solver(options.get("solver"))
-        with _refusals(loaded, solver):
-            return LivePoseTracking(on_plant(loaded, options.get("plant")), solver=solver)
+        return LivePoseTracking(loaded, solver=options.get("solver"))
 
     def seconds_a_tick(self, problem: PoseTracking) -> float:
         """Of the tracker."""
         return 1 / problem.tracker.rate_hz
-
-
-def _refusals(loaded: ProblemFile[PoseTracking], solver: str | None) -> AbstractContextManager[None]:
-    return solver_refusals(solver, file=loaded.file, key="tracker.solver", value=loaded.problem.tracker.solver)

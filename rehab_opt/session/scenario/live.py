@@ -37,7 +37,7 @@ class LiveScenario(LiveProblem):
     def __init__(self, loaded: ProblemFile[ScenarioProblem], *, solver: str | None) -> None:
         problem = loaded.problem
         if "assisted" not in problem.run.laws:
-            expected = 'a file whose laws have "assisted": a helper\'s hand does not go live yet'
+            expected = 'a file whose laws have "assisted": a pair of hands runs by `rehab-opt run` alone'
             raise ProblemFileError(loaded.file, "run.laws", problem.run.laws, expected)
         self._loaded, self._solver = loaded, solver
         self.title, self.dt = problem.title, 1 / problem.run.rate_hz

@@ -231,7 +231,7 @@ def ran(scene: Scene, law: ForceLaw, *, name: Law, number: int, seed: int) -> Tr
     return Trial(
         law=name,
         number=number,
-        time=np.arange(len(at)) * scene.dt,
+        time=np.arange(len(at), dtype=np.float64) * scene.dt,
         position=found.q,
         velocity=motion.velocity,
         intended=intention.places[at],

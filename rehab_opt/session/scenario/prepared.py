@@ -13,7 +13,7 @@ from rehab_opt.field.demonstration import Demonstration
 from rehab_opt.field.potential import PotentialField
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
-from rehab_opt.session.placed_recording import placed_recording
+from rehab_opt.session.participant import placed_recording
 from rehab_opt.session.scenario.demonstrated import learnt
 from rehab_opt.session.scenario.intention import Intention, held, nearest_next, reached, traced
 from rehab_opt.session.scenario.problem import THERAPY, ScenarioProblem

@@ -95,9 +95,6 @@ def run_scenario(loaded: ProblemFile[ScenarioProblem], *, solver: str | None, pr
         for name, done in trials.items()
     }
     return ScenarioOutcome(
-        system=problem.system,
-        name=loaded.name,
-        title=problem.title,
         notes=(
             *ready.notes,
             *ASSUMPTIONS[: 2 if fit is None else 1],
@@ -114,8 +111,6 @@ def run_scenario(loaded: ProblemFile[ScenarioProblem], *, solver: str | None, pr
                 "reachable_cm2": 1e4 * ready.reachable.area,
             },
             **({} if fit is None else {"learnt": fit_metrics(fit)}),
-            "parameters": problem.model_dump(mode="json", exclude={"title", "plant"})
-            | {"plant": problem.plant.parameters},
         },
         mode=problem.mode,
         comfortable=ready.comfortable,

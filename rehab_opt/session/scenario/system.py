@@ -9,7 +9,6 @@ from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.problem import LiveProblem
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.participant import arm_of
-from rehab_opt.session.plant.making import on_plant
 from rehab_opt.session.scenario.demonstrated import learnt, needed_demonstrations
 from rehab_opt.session.scenario.laws import check_bounds
 from rehab_opt.session.scenario.loop import robot_model_of
@@ -17,7 +16,6 @@ from rehab_opt.session.scenario.outcome import ScenarioOutcome
 from rehab_opt.session.scenario.prepared import given_path
 from rehab_opt.session.scenario.problem import ScenarioProblem
 from rehab_opt.session.scenario.run import run_scenario
-from rehab_opt.session.solver_option import checked_solver
 from rehab_opt.session.systems import Needed, System
 
 __all__ = ["ScenarioSystem"]
@@ -38,7 +36,6 @@ class ScenarioSystem(System[ScenarioProblem, ScenarioOutcome]):
 
     def check(self, loaded: ProblemFile[ScenarioProblem]) -> tuple[str, ...]:
         """Builds arm, robot and the force's bounds, reads recordings, learns; the run sees where the task lies."""
-        on_plant(loaded, None)
         self.arms(loaded)
         robot_model_of(loaded)
         check_bounds(loaded, solver=None)
@@ -58,18 +55,15 @@ class ScenarioSystem(System[ScenarioProblem, ScenarioOutcome]):
         self, loaded: ProblemFile[ScenarioProblem], *, options: Mapping[str, str], progress: Progress
     ) -> ScenarioOutcome:
         """Options: `solver`, `plant`."""
-        loaded = on_plant(loaded, options.get("plant"))
-        return run_scenario(loaded, solver=checked_solver(options.get("solver")), progress=progress)
+        return run_scenario(loaded, solver=options.get("solver"), progress=progress)
 
     def live(self, loaded: ProblemFile[ScenarioProblem], *, options: Mapping[str, str]) -> LiveProblem:
         """The person as the file has them, until somebody points where the hand shall be; options as of `run`."""
         from rehab_opt.session.scenario.live import LiveScenario  # noqa: PLC0415  (for those who look)
 
-        loaded = on_plant(loaded, options.get("plant"))
         robot_model_of(loaded)
-        solver = checked_solver(options.get("solver"))
-        check_bounds(loaded, solver=solver)
-        return LiveScenario(loaded, solver=solver)
+        check_bounds(loaded, solver=options.get("solver"))
+        return LiveScenario(loaded, solver=options.get("solver"))
 
     def seconds_a_tick(self, problem: ScenarioProblem) -> float:
         """Of the assistance."""

@@ -1,4 +1,4 @@
-"""The two laws that turn a hand path into joint values: ours and the published one, measured alike."""
+"""The two laws that turn a hand path into joint values, ours and the published one."""
 
 from __future__ import annotations
 

@@ -22,8 +22,7 @@ from rehab_opt.session.metrics import (
     time_metrics,
 )
 from rehab_opt.session.outcome import Progress
-from rehab_opt.session.participant import participant_arm
-from rehab_opt.session.placed_recording import placed_recording
+from rehab_opt.session.participant import participant_arm, placed_recording
 from rehab_opt.session.upper_limb.driven import driven
 from rehab_opt.session.upper_limb.laws import followed, hand_and_tilt
 from rehab_opt.session.upper_limb.outcome import DRIVEN_DEG, ArmOutcome, LawResult, drive_note, law_notes
@@ -71,9 +70,6 @@ def run_upper_limb(
     within_reach = reachable is not None and bool(reachable.all())
     length = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
     return ArmOutcome(
-        system=problem.system,
-        name=loaded.name,
-        title=problem.title,
         chain=arm,
         time=recording.time,
         notes=(
@@ -88,7 +84,6 @@ def run_upper_limb(
             "path_length_m": length,
             "reachable_share_of_length": shares[0],
             "reachable_share_of_time": shares[1],
-            "parameters": problem.model_dump(mode="json", exclude={"title"}),
             **{result.law: dict(result.metrics) for result in results},
         },
         path=path,

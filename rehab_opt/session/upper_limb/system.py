@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from contextlib import AbstractContextManager
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +13,8 @@ from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
-from rehab_opt.session.participant import participant_arm
-from rehab_opt.session.placed_recording import placed_recording
+from rehab_opt.session.participant import participant_arm, placed_recording
 from rehab_opt.session.recording import size_note
-from rehab_opt.session.solver_option import checked_solver, solver_refusals
 from rehab_opt.session.systems import Needed, System
 from rehab_opt.session.upper_limb.laws import LAWS, follower
 from rehab_opt.session.upper_limb.outcome import ArmOutcome
@@ -59,6 +56,7 @@ class UpperLimbSystem(System[UpperLimb, ArmOutcome]):
     schema = UpperLimb
     shown = ("rehab_opt.session.upper_limb.shown",)
     options = frozenset({"law", "solver"})
+    solver_key = "optimised.solver"
 
     def recordings(self, problem: UpperLimb) -> tuple[Needed, ...]:
         """The recorded path."""
@@ -71,9 +69,8 @@ class UpperLimbSystem(System[UpperLimb, ArmOutcome]):
         recording, path = placed_recording(
             loaded, problem.recording, problem.placement, side=problem.arm.side, rate=problem.run.rate_hz
         )
-        with _refusals(loaded, None):
-            for law in LAWS:
-                follower(law, arm, problem, file=loaded.file)
+        for law in LAWS:
+            follower(law, arm, problem, file=loaded.file)
         return (*recording.notes, size_note(recording), reach_note(arm, path, handle_tilt=problem.arm.handle_tilt_deg))
 
     def arms(self, loaded: ProblemFile[UpperLimb]) -> dict[str, SerialChain]:
@@ -86,19 +83,13 @@ class UpperLimbSystem(System[UpperLimb, ArmOutcome]):
         """Options: `law` ("optimised", "published", "both") and `solver` of the optimised one."""
         from rehab_opt.session.upper_limb.run import run_upper_limb  # noqa: PLC0415  (loads the smoother)
 
-        law, solver = options.get("law", BOTH), checked_solver(options.get("solver"))
+        law, solver = options.get("law", BOTH), options.get("solver")
         if law not in (BOTH, *LAWS):
             raise ConfigurationError("--law", law, "published, optimised or both")
         if solver is not None and law == "published":
             raise ConfigurationError("--solver", solver, "no such option with --law published, which needs no solver")
-        with _refusals(loaded, solver):
-            return run_upper_limb(loaded, laws=LAWS if law == BOTH else (law,), solver=solver, progress=progress)
+        return run_upper_limb(loaded, laws=LAWS if law == BOTH else (law,), solver=solver, progress=progress)
 
     def seconds_a_tick(self, problem: UpperLimb) -> float:
         """NaN: its QPs are the iterations of inverse kinematics, one or more a sample."""
         return math.nan
-
-
-def _refusals(loaded: ProblemFile[UpperLimb], solver: str | None) -> AbstractContextManager[None]:
-    section = loaded.problem.optimised
-    return solver_refusals(solver, file=loaded.file, key="optimised.solver", value=section.solver)

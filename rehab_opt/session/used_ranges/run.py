@@ -78,9 +78,6 @@ def run_used_ranges(loaded: ProblemFile[UsedRangesProblem], *, progress: Progres
         results[task] = tuple(of_task)
     progress("groups", whole, whole)
     return UsedRangesOutcome(
-        system=problem.system,
-        name=loaded.name,
-        title=problem.title,
         notes=tuple(_notes(problem, results)),
         metrics={
             "groups": {
@@ -88,7 +85,6 @@ def run_used_ranges(loaded: ProblemFile[UsedRangesProblem], *, progress: Progres
                 for of_task in results.values()
                 for of, other in zip(of_task, reversed(of_task), strict=True)
             },
-            "parameters": problem.model_dump(mode="json", exclude={"title"}),
         },
         section=problem.arm,
         variation=problem.variation,

@@ -15,8 +15,7 @@ from rehab_opt.session.arm_keys import RangeOfMotion
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.metrics import finite
 from rehab_opt.session.outcome import Progress
-from rehab_opt.session.participant import arm_of
-from rehab_opt.session.placed_recording import placed_recording
+from rehab_opt.session.participant import arm_of, placed_recording
 from rehab_opt.session.recording import Recording, size_note
 from rehab_opt.session.systems import Needed, System
 from rehab_opt.session.workspace_maps.outcome import CarriedPath, MadeMap, MapDirection, MapOutcome, MappedSet
@@ -90,14 +89,10 @@ def run_workspace_map(loaded: ProblemFile[WorkspaceMapProblem], *, progress: Pro
         )
     progress("maps", whole, whole)
     return MapOutcome(
-        system=problem.system,
-        name=loaded.name,
-        title=problem.title,
         notes=tuple(_notes(sets, directions, [recording for recording, _ in placed])),
         metrics={
             "sets": {end: mapped_set_metrics(of) for end, of in sets.items()},
             "maps": {direction.key: direction_metrics(direction) for direction in directions},
-            "parameters": problem.model_dump(mode="json", exclude={"title"}),
         },
         directions=tuple(directions),
     )

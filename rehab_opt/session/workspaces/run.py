@@ -122,9 +122,6 @@ def run_workspace(loaded: ProblemFile[WorkspaceProblem], *, progress: Progress) 
                 )
     spaces = {name: of.workspace for name, of in sets.items()}
     return WorkspaceOutcome(
-        system=problem.system,
-        name=loaded.name,
-        title=problem.title,
         notes=tuple(plane_notes(problem.arm, spaces)),
         metrics={
             "sets": {
@@ -138,7 +135,6 @@ def run_workspace(loaded: ProblemFile[WorkspaceProblem], *, progress: Progress) 
                 for name, of in sets.items()
             },
             "volumes": _volume_metrics(volumes),
-            "parameters": problem.model_dump(mode="json", exclude={"title"}),
         },
         section=problem.arm,
         sets=sets,
