@@ -116,8 +116,8 @@ def capsule_and_capsule(
         squares.append(ca.if_else(valid, square, FAR**2))
         contacts.append(_where(ca.logic_and(valid, own), contact(s, t, square)))
     sizes = ca.vertcat(ca.sqrt(aa), ca.sqrt(bb))
-    valid = [each for *_, each in places]
-    _behind_those_beside(contacts, [sizes * ca.vertcat(s, t) for s, t, _ in places], valid, told)
+    on_both = [sizes * ca.vertcat(s, t) for s, t, _ in places]
+    _behind_those_beside(contacts, on_both, [each for *_, each in places], told)
     # The nearest points of lines, moved into one segment and then into the other: exact but where they are parallel.
     s = clipped((ab * f - bb * c) / ca.fmax(sine, TINY * PARALLEL), 0, 1)
     t = clipped((ab * s + f) / ca.fmax(bb, TINY), 0, 1)

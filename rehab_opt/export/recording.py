@@ -27,6 +27,8 @@ MOST_TICKS = 4000
 """Of a run; a longer one is thinned, or its header would be read for minutes."""
 STANDS = 0.6
 """[s] A hand at some 5 cm/s has joints by then that are seen not to follow."""
+NOISE = 1e-4
+"""[rad or m] Standard deviation of the encoders in a recorded run."""
 STATUSES = {
     Status.OK: 0, Status.BACKUP: 1, Status.BRAKING: 2, Status.HOLDING: 3, Status.RELEASING: 4, Status.RELEASED: 5,
     Status.BLOCKED: 6,
@@ -109,6 +111,19 @@ def recorded(
 def thinned(count: int) -> NDArray[np.intp]:
     """Which of `count` ticks are kept: all, or every second, third and so on."""
     return np.arange(0, count, -(-count // MOST_TICKS))
+
+
+def encoder_noise(ticks: int, joints: int) -> Array:
+    """(ticks, joints) [rad or m] noise of positions in the second half of a run, none in the first."""
+    noise = NOISE * np.random.default_rng(0).normal(size=(ticks, joints))
+    noise[: ticks // 2] = 0.0
+    return np.asarray(noise)
+
+
+def noisy(run: Sequence[Tick]) -> list[Tick]:
+    """The run with `encoder_noise`."""
+    noise = encoder_noise(len(run), run[0]["q"].size)
+    return [{**tick, "q": tick["q"] + each} for tick, each in zip(run, noise, strict=True)]
 
 
 def with_faults(

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
 from rehab_opt.errors import ConfigurationError, ProblemFileError
@@ -17,9 +16,11 @@ from rehab_opt.session.schema import Section, Side, Triple
 
 if TYPE_CHECKING:
     from rehab_opt.control.clearance_pairs import ClearancePairs
+    from rehab_opt.control.command import Command
+    from rehab_opt.control.pose_tracker import PoseTracker
     from rehab_opt.kinematics.chain import SerialChain
 
-__all__ = ["ClearanceSection", "NearestBodies", "clearance_key", "clearance_of", "nearest_bodies"]
+__all__ = ["AmongMoving", "ClearanceSection", "NearestBodies", "clearance_key", "clearance_of", "nearest_bodies"]
 
 Array = NDArray[np.float64]
 Name = Annotated[str, Field(min_length=1, max_length=60)]
@@ -51,6 +52,15 @@ class ClearCapsuleSection(Section):
     """The other end; a ball without."""
     radius_m: float = Field(gt=0, le=5)
     """Of the capsule."""
+
+
+class ClearMovingSection(ClearCapsuleSection):
+    """A bar or a ball that goes to and fro on a straight way, at rest at its ends; it sets out with the run."""
+
+    towards_m: Triple
+    """The way, from where the keys before say."""
+    period_s: float = Field(gt=0, le=3600)
+    """Of going there and coming back."""
 
 
 class ClearBoxSection(Section):
@@ -102,6 +112,37 @@ class ClearanceSection(Section):
     """Boxes."""
     person: list[ClearPersonSection] = Field(default=[], max_length=4)
     """Arms of people that stay where they are."""
+    moving: list[ClearMovingSection] = Field(default=[], max_length=20)
+    """Bars and balls that move; the controller is told where they are and how fast."""
+
+    def told(self, time: ArrayLike) -> Array:
+        """(N, k, 14) numbers of what moves at times (N,) [s] after the run began, see `moving_numbers`."""
+        clock, found = np.atleast_1d(np.asarray(time, dtype=np.float64)), []
+        for each in self.moving:
+            way, rate = np.tile(each.towards_m, 2), 2 * np.pi / each.period_s
+            ends = np.array([*each.start_m, *(each.end_m or each.start_m)])
+            gone, speed = (1 - np.cos(rate * clock)) / 2, rate * np.sin(rate * clock) / 2
+            rest = np.tile([each.radius_m, 1.0], (len(clock), 1))
+            found.append(np.hstack([ends + gone[:, None] * way, speed[:, None] * way, rest]))
+        return np.stack(found, axis=1) if found else np.zeros((len(clock), 0, 14))
+
+
+class AmongMoving:
+    """A tracker, told in every tick where the bodies of a problem are.
+
+    Parameters
+    ----------
+    tracker : with a `Clearance` of these bodies. section : of them. dt : [s] of a tick.
+    """
+
+    def __init__(self, tracker: PoseTracker, section: ClearanceSection, dt: float) -> None:
+        self._tracker, self._section, self._dt, self._ticks = tracker, section, dt, 0
+
+    def step(self, q: Array, pose: Array, twist: Array, *, enable: object, stamp: float | None) -> Command:
+        """The tracker's; the bodies go on in every tick, enabled or not."""
+        told = self._section.told(self._dt * self._ticks)[0]
+        self._ticks += 1
+        return self._tracker.step(q, pose, twist, obstacles=told, enable=enable, stamp=stamp)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,14 +151,21 @@ class NearestBodies:
 
     Parameters
     ----------
-    pairs : of links and bodies. q : (N, n) [rad, m]. time : (N,) [s].
+    pairs : of links and bodies. section : of the problem. q : (N, n) [rad, m]. time : (N,) [s].
     distances : (N, k) [m] of every pair, less its margin.
     """
 
     pairs: ClearancePairs
+    section: ClearanceSection
     q: Array
     time: Array
     distances: Array
+
+    @property
+    def names(self) -> tuple[tuple[str, ...], ...]:
+        """Both bodies of every pair, those that move by the problem's names."""
+        known = {f"moving {i}": each.name for i, each in enumerate(self.section.moving)}
+        return tuple(tuple(known.get(name, name) for name in pair) for pair in self.pairs.names)
 
     @property
     def metrics(self) -> dict[str, Any]:
@@ -125,7 +173,7 @@ class NearestBodies:
         tick, pair = np.unravel_index(np.argmin(self.distances), self.distances.shape)
         return {
             "least_beyond_margin_m": float(self.distances[tick, pair]),
-            "of": list(self.pairs.names[pair]),
+            "of": list(self.names[pair]),
             "at_s": float(self.time[tick]),
             "margin_m": self.pairs.clearance.margin,
             "pairs": len(self.pairs.names),
@@ -148,11 +196,11 @@ class NearestBodies:
         panels = figure.subplot_mosaic([["above", "side"], ["over", "over"]])
         tick = int(self.distances.min(axis=1).argmin())
         for key, across, up in (("above", 0, 1), ("side", 0, 2)):
-            _draw(panels[key], self.pairs, self.q[tick], across, up)
+            _draw(panels[key], self.pairs, self.q[tick], self.section.told(self.time[tick])[0], across, up)
         axes = panels["over"]
         nearest = np.argsort(self.distances.min(axis=0), kind="stable")[:SHOWN]
         for pair, colour in zip(nearest, COLOURS, strict=False):
-            label = " and ".join(self.pairs.names[pair])
+            label = " and ".join(self.names[pair])
             axes.plot(self.time, MM * self.distances[:, pair], color=colour, linewidth=1.5, label=label)
         axes.axhspan(-1e6, 0, color=LIMIT, alpha=0.4, linewidth=0, zorder=0, label="within the margin")
         axes.axvline(self.time[tick], color=REFERENCE, linewidth=0.8, linestyle=":", label="shown above")
@@ -166,12 +214,12 @@ class NearestBodies:
         return figure
 
 
-def clearance_of(section: ClearanceSection | None, file: str) -> list[Any]:
+def clearance_of(section: ClearanceSection | None, file: str, *, moving: bool = False) -> list[Any]:
     """The `Clearance` that a problem file states, as `limits` of a controller; none without such a table.
 
     Raises
     ------
-    ProblemFileError : a normal that is none.
+    ProblemFileError : a normal that is none; bodies that move where the run tells of none, unless `moving`.
     """
     from rehab_opt.control.clearance import Clearance  # noqa: PLC0415  (loads CasADi)
     from rehab_opt.kinematics.human_arm import ARM_REST, human_arm  # noqa: PLC0415
@@ -181,6 +229,9 @@ def clearance_of(section: ClearanceSection | None, file: str) -> list[Any]:
 
     if section is None:
         return []
+    if section.moving and not moving:
+        expected = 'none: bodies that move are told in runs of system = "pose_tracking"'
+        raise ProblemFileError(file, "clearance.moving", [each.name for each in section.moving], expected)
     planes = []
     for i, each in enumerate(section.planes):
         try:
@@ -206,6 +257,7 @@ def clearance_of(section: ClearanceSection | None, file: str) -> list[Any]:
             planes=planes,
             capsules=capsules,
             boxes=[Box.at(each.name, pose_of(each.turn_deg, each.centre_m), each.size_m) for each in section.boxes],
+            moving=len(section.moving),
             pairs=None if section.pairs is None else [(one, other) for one, other in section.pairs],
             slots=section.rows,
         )
@@ -220,15 +272,18 @@ def clearance_key(argument: str) -> str | None:
     return "clearance" if argument == "chain" else None
 
 
-def nearest_bodies(limits: Sequence[Any], chain: SerialChain, q: Array, time: Array) -> NearestBodies | None:
-    """Of a run's postures (N, n), by what `clearance_of` gives; None where nothing keeps clear."""
+def nearest_bodies(
+    section: ClearanceSection | None, file: str, chain: SerialChain, q: Array, time: Array
+) -> NearestBodies | None:
+    """Of a run's postures (N, n) at times (N,) [s] of a problem file's bodies; None where nothing keeps clear."""
     from rehab_opt.control.clearance_pairs import ClearancePairs  # noqa: PLC0415  (loads CasADi)
 
-    if not limits:
+    if section is None:
         return None
-    pairs = ClearancePairs(limits[0], chain)
-    found = np.array(pairs.distances.map(len(q))(q.T, np.zeros((0, len(q))), np.zeros((1, len(q)))))
-    return NearestBodies(pairs, q, time, found.T)
+    pairs = ClearancePairs(clearance_of(section, file, moving=True)[0], chain)
+    told = section.told(time).reshape(len(q), -1)
+    found = np.array(pairs.distances.map(len(q))(q.T, told.T, np.zeros((1, len(q)))))
+    return NearestBodies(pairs, section, q, time, found.T)
 
 
 def _point(numbers: Any) -> tuple[float, float, float]:
@@ -236,7 +291,7 @@ def _point(numbers: Any) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _draw(axes: Any, pairs: ClearancePairs, q: Array, across: int, up: int) -> None:
+def _draw(axes: Any, pairs: ClearancePairs, q: Array, told: Array, across: int, up: int) -> None:  # noqa: PLR0917
     """Links and bodies as their outlines, seen along the third axis."""
     import casadi as ca  # noqa: PLC0415
     from shapely import LineString, MultiPoint, Point  # noqa: PLC0415
@@ -255,6 +310,7 @@ def _draw(axes: Any, pairs: ClearancePairs, q: Array, across: int, up: int) -> N
     for start, end, radius, colour in (
         *((*link, LINK) for link in links),
         *((np.array(c.start), np.array(c.end), c.radius, BODY) for c in given.capsules),
+        *((each[:3], each[3:6], each[12], BODY) for each in told),
     ):
         a, b = MM * start[seen], MM * end[seen]
         axis = Point(a) if np.linalg.norm(b - a) < 1e-6 else LineString([a, b])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 import re
 import shutil
 import subprocess
@@ -87,6 +88,21 @@ def test_the_recorded_run_has_joints_that_do_not_follow_until_the_enable_input_i
     assert lost
     assert reasons[-1] == "NOT_ENABLED"
     assert moved[-1] < lost[0]
+
+
+@pytest.mark.parametrize("name", ["pose_tracker", "redundancy_mecanum", "mirror_tracker"])
+def test_half_of_the_recorded_run_has_encoders_with_noise(name: str, exported: Exported) -> None:
+    with (exported(name) / "recorded_run.csv").open() as lines:
+        rows = list(csv.DictReader(lines))
+    q = np.array([[float(row[key]) for key in row if key.startswith("q_")] for row in rows])
+    bends = np.abs(q[2:] - 2 * q[1:-1] + q[:-2]) / math.sqrt(6.0)  # of white noise, as large as itself
+    moves = bends.max(axis=1) > 0  # which encoders that stand still, at the end, do not
+    sound = bends[moves]
+    quiet, noisy = np.nanmedian(sound[: len(sound) // 3], axis=0), np.nanmedian(sound[2 * len(sound) // 3 :], axis=0)
+    assert np.median(quiet) < 2e-5
+    assert 5e-5 < noisy.min() <= noisy.max() < 1e-4
+    certified = np.array([float(row["scale"]) > 0 for row in rows])[1:-1][moves]
+    assert np.mean(certified[2 * len(sound) // 3 :]) > 0.9
 
 
 def test_a_changed_number_beside_the_command_is_found(exported: Exported, built: Built, tmp_path: Path) -> None:

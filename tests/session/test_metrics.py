@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 
 import numpy as np
 import pytest
@@ -18,7 +19,8 @@ from rehab_opt.session.metrics import (
     status_counts,
     time_metrics,
 )
-from rehab_opt.session.upper_limb.laws import driven
+from rehab_opt.session.upper_limb.driven import driven
+from rehab_opt.session.upper_limb.laws import hand_and_tilt
 from rehab_opt.session.upper_limb.problem import SmoothingSection
 
 ARM = human_arm(range_of_motion="restricted")
@@ -86,7 +88,7 @@ def test_arm_slower_to_accelerate_than_the_file_says_is_driven_at_its_own_accele
     slow = ARM.with_limits(acceleration=np.deg2rad(100.0))
     q = np.tile((ARM.lower + ARM.upper) / 2, (200, 1))
     q[50:, 3] = ARM.upper[3]
-    drive, numbers = driven(slow, q, np.arange(200) / 100.0, np.zeros((200, 3)), SmoothingSection())
+    drive, numbers = driven(slow, q, np.arange(200) / 100.0, np.zeros((200, 3)), SmoothingSection(), handle_tilt=3.0)
     assert numbers["bounds"]["acceleration_deg_s2"] == pytest.approx(100.0)
     acceleration = np.abs(np.diff(drive.path.positions[:, 3], 2)).max() * 1000.0**2
     assert np.rad2deg(acceleration) <= 100.0 * (1 + 1e-6)
@@ -97,7 +99,7 @@ def test_driven_joints_keep_limits_and_speed_and_arrive_late() -> None:
     q = np.tile((ARM.lower + ARM.upper) / 2, (200, 1))
     q[50:, 3] = ARM.upper[3]  # a step up to the limit
     bounds = SmoothingSection(speed_deg_s=60.0)
-    drive, numbers = driven(ARM, q, np.arange(200) / 100.0, np.zeros((200, 3)), bounds)
+    drive, numbers = driven(ARM, q, np.arange(200) / 100.0, np.zeros((200, 3)), bounds, handle_tilt=3.0)
     smooth = drive.path.positions
     assert (smooth >= ARM.lower).all()
     assert (smooth <= ARM.upper).all()
@@ -106,3 +108,24 @@ def test_driven_joints_keep_limits_and_speed_and_arrive_late() -> None:
     np.testing.assert_allclose(drive.q, q, atol=1e-4)
     away = np.degrees(ARM.upper[3] - q[0, 3])
     assert numbers["delay_s"] >= away / 60.0 - 0.01
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_change_of_posture_from_sample_to_sample_leads_hand_and_handle_off_by_nothing(seed: int) -> None:
+    arm = ARM.with_limits(lower=ARM.lower - 0.6, upper=ARM.upper + 0.6)
+    here = (arm.lower + arm.upper) / 2
+    there, turns = here.copy(), np.random.default_rng(seed).standard_normal(arm.n)
+    hand = arm.pose(here)[:3, 3]
+    for _ in range(250):  # the hand stays
+        rows = arm.jacobian(there)[:3]
+        inverse = np.linalg.pinv(rows)
+        turns = turns - inverse @ (rows @ turns)
+        there = there + 2e-3 * turns / np.abs(turns).max() + inverse @ (hand - arm.pose(there)[:3, 3])
+    tilts = hand_and_tilt(arm, np.array([here, there]))[1]
+    middle = arm.pose((here + there) / 2)[:3, 3]
+    assert np.linalg.norm(middle - hand) > 1e-3  # else this says nothing
+    q = np.vstack([np.tile(here, (50, 1)), np.tile(there, (50, 1))])
+    limit = float(tilts.max())
+    drive, _ = driven(arm, q, np.arange(100) / 100.0, np.tile(hand, (100, 1)), SmoothingSection(), handle_tilt=limit)
+    assert np.linalg.norm(drive.hand - hand, axis=1).max() < 5e-4
+    assert drive.handle_tilt.max() < limit + math.radians(0.02)

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from rehab_opt import Clearance, MovingCapsule
 from rehab_opt.kinematics.ur5 import ur5
 from rehab_opt.session.files import load_problem
 from rehab_opt.session.pose_tracking.problem import CircleSection, PoseTracking
@@ -105,8 +106,15 @@ def test_shipped_robot_among_bodies_comes_to_its_margin_and_goes_on() -> None:
     assert outcome.near is not None
     pairs = outcome.near.pairs
     ends, given = link_ends(pairs.chain, outcome.q[::10]), pairs.clearance
-    found = [least_distance(pairs.chain, given, each, [], np.array(pairs.free)) for each in ends]
+    found, trays = [], []
+    for each, time in zip(ends, outcome.time[::10], strict=True):
+        y = -0.8 + 0.65 * np.sin(np.pi * time / 8.0) ** 2
+        tray = MovingCapsule((-0.75, y, 0.45), (-0.45, y, 0.45), 0.05)
+        found.append(least_distance(pairs.chain, given, each, [tray], np.array(pairs.free)))
+        trays.append(least_distance(pairs.chain, Clearance(margin=given.margin), each, [tray], np.array(pairs.free)))
     assert 0.0 <= min(found) < 2e-3
+    assert -1e-9 <= min(trays) < 5e-3
+    assert any("tray" in pair for pair in outcome.near.names)
     assert min(found) == pytest.approx(
         outcome.near.distances[::10, len(pairs.linked) :].min(), abs=1e-6
     )  # of the links among each other nothing is asked here

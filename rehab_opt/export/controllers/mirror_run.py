@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.control.command import Command
 from rehab_opt.control.mirror import MirrorTracker
-from rehab_opt.export.recording import MOST_TICKS, Recording, Tick, with_faults
+from rehab_opt.export.recording import MOST_TICKS, Recording, Tick, encoder_noise, with_faults
 from rehab_opt.session.outcome import Progress
 
 __all__ = ["mirror_run"]
@@ -36,9 +36,9 @@ def mirror_run(
     ]
     faulty = with_faults(sound, dt=tracker.dt, max_age=tracker.max_age, more=_faults(tracker))
     tracker.reset()
-    ticks, commands, q = [], [], start.copy()
+    ticks, commands, q, noise = [], [], start.copy(), encoder_noise(len(faulty), start.size)
     for k, each in enumerate(faulty):
-        tick = {**each, "q": np.where(each["q"] == start, q, each["q"])}  # what was not replaced by a fault
+        tick = {**each, "q": np.where(each["q"] == start, q + noise[k], each["q"])}  # what was not replaced by a fault
         command = _answer(tracker, tick)
         ticks.append(tick)
         commands.append(command)
@@ -47,7 +47,8 @@ def mirror_run(
             progress("recorded", k, count)
     about = (
         f"{count} ticks along {source}, the robot moving as commanded, with faults among them: numbers that are none, "
-        "stamps that are wrong, the enable input released, jumps, forces"
+        "stamps that are wrong, the enable input released, jumps, forces; encoders with noise of 0.1 mrad in the "
+        "second half"
     )
     return Recording(ticks, commands, about, [()] * len(ticks))
 

@@ -12,7 +12,7 @@ from rehab_opt.control.limit import Limits
 from rehab_opt.control.pose_tracker import PoseTracker
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.export.exported import ExportedController, ExportedVelocity, Law
-from rehab_opt.export.recording import Tick, recorded, standing, thinned, with_faults
+from rehab_opt.export.recording import Tick, noisy, recorded, standing, thinned, with_faults
 from rehab_opt.export.rungs import as_in_c
 from rehab_opt.optim.ladder import BACKUP, FUSED
 from rehab_opt.session.files import ProblemFile
@@ -63,6 +63,11 @@ def exported_pose_tracker(loaded: ProblemFile[PoseTracking], *, progress: Progre
     step = 1 if len(kept) < 2 else int(kept[1])
     part = "" if step == 1 else f" (one tick of {step}, since the run is longer)"
     sound: list[Tick] = [{"q": run.q[i], "pose": poses[i], "twist": twists[i]} for i in kept]
+    if problem.clearance is not None and problem.clearance.moving:
+        sound = [
+            {**each, "obstacles": told}
+            for each, told in zip(sound, problem.clearance.told(run.time[kept]), strict=True)
+        ]
     title = f"{problem.title}: joint velocities that make a tool follow a pose"
     return exported_tracker(tracker, sound, title=title, of=f"`rehab-opt run {loaded.name}`{part}")
 
@@ -81,11 +86,11 @@ def exported_tracker(tracker: PoseTracker, run: Sequence[Tick], *, title: str, o
     ------
     ConfigurationError : a solver that does not become C, or a chain of more joints than a command has room for.
     """
-    ticks = with_faults(run, dt=tracker.dt, max_age=tracker.max_age, more=_faults(tracker))
+    ticks = with_faults(noisy(run), dt=tracker.dt, max_age=tracker.max_age, more=_faults(tracker))
     ticks += standing(ticks, run, dt=tracker.dt)
     about = (
         f"{len(ticks)} ticks of {of}, with faults among them: numbers that are none, stamps that are wrong, the enable "
-        "input released, encoders that stand still"
+        "input released, encoders that stand still; encoders with noise of 0.1 mrad in the second half"
     )
 
     def answer(tick: Tick) -> Command:

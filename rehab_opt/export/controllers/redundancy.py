@@ -17,7 +17,7 @@ from rehab_opt.errors import ProblemFileError
 from rehab_opt.export.c_text import indented, initialiser, number
 from rehab_opt.export.controllers.pose_tracker import moving_argument, moving_values
 from rehab_opt.export.exported import ExportedController, ExportedVelocity, Law
-from rehab_opt.export.recording import Recording, Tick, recorded, standing, thinned, with_faults
+from rehab_opt.export.recording import Recording, Tick, noisy, recorded, standing, thinned, with_faults
 from rehab_opt.export.rungs import as_in_c
 from rehab_opt.optim.ladder import BACKUP, FUSED
 from rehab_opt.session.ardis.outcome import moved
@@ -131,7 +131,7 @@ def _recording(resolver: RedundancyResolver, run: Sequence[Tick], of: str) -> Re
     robot = resolver.robot
     max_age = next(iter(resolver._sets.values())).max_age
     ticks = with_faults(
-        run, dt=resolver.dt, max_age=max_age,
+        noisy(run), dt=resolver.dt, max_age=max_age,
         more=(
             lambda tick: {**tick, "twist": 1e4 * np.ones_like(tick["twist"])},
             lambda tick: {**tick, "frame": 1},
@@ -150,7 +150,7 @@ def _recording(resolver: RedundancyResolver, run: Sequence[Tick], of: str) -> Re
 
     about = (
         f"{len(ticks)} ticks of {of}, with faults among them: numbers that are none, stamps that are wrong, the enable "
-        "input released, encoders that stand still"
+        "input released, encoders that stand still; encoders with noise of 0.1 mrad in the second half"
     )
     resolver.reset()
     with as_in_c(*(law._ladder for law in resolver._sets.values())):

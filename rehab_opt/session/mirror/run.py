@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rehab_opt.control.conditioning import Conditioner
-from rehab_opt.session.clearance import clearance_of, nearest_bodies
+from rehab_opt.session.clearance import nearest_bodies
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.mirror.laws import followed, planned, searched, tracker_of, without_floor
 from rehab_opt.session.mirror.metrics import astar_metrics, led_metrics
@@ -47,7 +47,7 @@ def run_mirror(loaded: ProblemFile[MirrorProblem], *, progress: Progress) -> Mir
         STEP: followed(tracker, scene, plant, patience=section.patience, progress=progress),
         PLAN: planned(tracker, scene, progress=progress),
     }
-    near = nearest_bodies(clearance_of(problem.clearance, loaded.file), robot, laws[STEP].q, laws[STEP].time)
+    near = nearest_bodies(problem.clearance, loaded.file, robot, laws[STEP].q, laws[STEP].time)
     astar = searched(problem, scene, max_manipulability=max_manipulability, progress=progress)
     asked = reference.poses[~reference.lost]
     speeds = np.linalg.norm(reference.twists[~reference.lost, :3], axis=1)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.plants.touched import TouchedPlant
+from rehab_opt.session.clearance import AmongMoving
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.bodies import ARM_PLOTS, BLUE, ORANGE, ArmBodies, joint_rows, screen
 from rehab_opt.session.live.problem import Following, LiveControl, LiveProblem
@@ -49,8 +50,9 @@ class LivePoseTracking(LiveProblem):
         problem = self._loaded.problem
         feedback = joint_feedback(problem.plant)
         tracker = tracker_of(problem, self.robot, file=self._loaded.file, solver=self._solver, feedback=feedback)
-        plant = joint_plant(problem.plant, self.robot, self.dt)
-        return Following(tracker, TouchedPlant(plant), self.start, *self.reference, then="again")
+        plant, around = joint_plant(problem.plant, self.robot, self.dt), problem.clearance
+        led = AmongMoving(tracker, around, self.dt) if around is not None and around.moving else tracker
+        return Following(led, TouchedPlant(plant), self.start, *self.reference, then="again")
 
     def scene(self) -> dict[str, Any]:
         """The circle, the joints' limits, what is plotted."""

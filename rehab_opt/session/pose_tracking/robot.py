@@ -50,7 +50,7 @@ def tracker_of(
     given = {"gain": problem.tracker.gain_per_s, "solver": solver or problem.tracker.solver}
     chosen: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
     try:
-        limits = clearance_of(problem.clearance, file)
+        limits = clearance_of(problem.clearance, file, moving=True)
         return PoseTracker(
             robot, dt=1 / problem.tracker.rate_hz, limits=limits, backup=backup, feedback=feedback, **chosen
         )

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.pose_tracker import PoseTracker
-from rehab_opt.session.clearance import NearestBodies, clearance_of, nearest_bodies
+from rehab_opt.session.clearance import NearestBodies, nearest_bodies
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.problem import LiveInputs, LiveProblem
 from rehab_opt.session.metrics import error_metrics, joint_metrics, status_counts, time_metrics
@@ -90,7 +90,7 @@ def run_pose_tracking(loaded: ProblemFile[PoseTracking], *, solver: str | None, 
     position_error = np.linalg.norm(tool[:, :3, 3] - poses[:, :3, 3], axis=1)
     orientation_error = _angles(tool[:, :3, :3], poses[:, :3, :3])
     acceleration = np.abs(np.diff(command, axis=0, prepend=np.zeros((1, robot.n)))) * rate
-    near = nearest_bodies(clearance_of(problem.clearance, loaded.file), robot, ran.q, times)
+    near = nearest_bodies(problem.clearance, loaded.file, robot, ran.q, times)
     moving = np.maximum(np.linalg.norm(twists[:, :3], axis=1), np.linalg.norm(twists[:, 3:], axis=1)) >= MOVING
     own = inspect.signature(PoseTracker).parameters
     metrics: dict[str, Any] = {

@@ -1,4 +1,4 @@
-"""The two laws that turn a hand path into joint values, ours and the published one, and what a drive makes of them."""
+"""The two laws that turn a hand path into joint values, ours and the published one."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.session.outcome import Progress
-from rehab_opt.session.upper_limb.outcome import Drive, LawResult
-from rehab_opt.session.upper_limb.problem import SmoothingSection, UpperLimb
+from rehab_opt.session.upper_limb.outcome import LawResult
+from rehab_opt.session.upper_limb.problem import UpperLimb
 
-__all__ = ["LAWS", "driven", "followed", "follower", "hand_and_tilt"]
+__all__ = ["LAWS", "followed", "follower", "hand_and_tilt"]
 
 Array = NDArray[np.float64]
 
@@ -144,50 +144,3 @@ def _published(arm: SerialChain, problem: UpperLimb) -> Any:
         handle_tilt=math.radians(problem.arm.handle_tilt_deg),
         **{name: value for name, value in given.items() if value is not None},
     )
-
-
-TICK = 0.001
-"""[s] of a drive."""
-
-
-def driven(
-    chain: SerialChain, q: Array, times: Array, path: Array, bounds: SmoothingSection
-) -> tuple[Drive, dict[str, Any]]:
-    """The joints q (N, n) [rad] at `times` (N,) [s] of a hand path (N, 3) [m], passed by `smooth_path`; its numbers.
-
-    The bounds of speed and acceleration are the smaller of the file's and the chain's. All joints wait for the slowest
-    one, so that hand and handle keep their way; the hand is compared with the path where the drive is in it.
-    """
-    speed = np.minimum(math.radians(bounds.speed_deg_s), chain.velocity)
-    acceleration = np.minimum(math.radians(bounds.acceleration_deg_s2), chain.acceleration)
-    from rehab_opt.control.smoothing import smooth_path  # noqa: PLC0415  (loads the smoother)
-
-    found = smooth_path(
-        times, q, velocity=speed, acceleration=acceleration, jerk=math.radians(bounds.jerk_deg_s3), dt=TICK,
-        lower=chain.lower, upper=chain.upper,
-    )  # fmt: skip
-    hand, tilt = hand_and_tilt(chain, found.positions)
-    asked = np.column_stack([np.interp(found.phase, times, column) for column in path.T])
-    begins = np.searchsorted(found.phase, np.append(times[0], (times[1:] + times[:-1]) / 2))
-    begins = np.minimum(begins, len(hand) - 1)
-    passes = np.interp(times, found.phase, found.times)
-    drive = Drive(
-        path=found,
-        hand=hand,
-        passes=passes,
-        q=np.column_stack([np.interp(passes, found.times, column) for column in found.positions.T]),
-        position_error=np.maximum.reduceat(np.linalg.norm(hand - asked, axis=1), begins),
-        handle_tilt=np.maximum.reduceat(tilt, begins),
-    )
-    moved, change = np.diff(found.positions, axis=0) / TICK, np.diff(found.positions, 2, axis=0) / TICK**2
-    return drive, {
-        "bounds": {
-            "speed_deg_s": float(np.rad2deg(speed.min())),
-            "acceleration_deg_s2": float(np.rad2deg(acceleration.min())),
-            "jerk_deg_s3": bounds.jerk_deg_s3,
-        },
-        "delay_s": found.delay,
-        "joint_deviation_max_deg": float(np.rad2deg(found.deviation.max())),
-        "joint_speed_max_share_of_limit": float((np.abs(moved) / speed).max()),
-        "joint_acceleration_max_share_of_limit": float((np.abs(change) / acceleration).max(initial=0.0)),
-    }

@@ -23,7 +23,8 @@ from rehab_opt.session.metrics import (
 )
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.participant import participant_arm, placed_recording
-from rehab_opt.session.upper_limb.laws import driven, followed, hand_and_tilt
+from rehab_opt.session.upper_limb.driven import driven
+from rehab_opt.session.upper_limb.laws import followed, hand_and_tilt
 from rehab_opt.session.upper_limb.outcome import DRIVEN_DEG, ArmOutcome, LawResult, drive_note, law_notes
 from rehab_opt.session.upper_limb.problem import UpperLimb
 
@@ -115,7 +116,7 @@ def _measured(
     rate, limit = problem.run.rate_hz, math.radians(problem.arm.handle_tilt_deg)
     met = _met(run.position_error, run.handle_tilt, limit + ROUNDING)
     of_length, of_time = path_shares(path, met)
-    drive, told = driven(arm, run.q, times, path, problem.smoothing)
+    drive, told = driven(arm, run.q, times, path, problem.smoothing, handle_tilt=limit)
     allowed = limit + math.radians(DRIVEN_DEG)
     drive_of_length, drive_of_time = path_shares(path, _met(drive.position_error, drive.handle_tilt, allowed))
     hand, tilt = hand_and_tilt(arm, drive.q)
