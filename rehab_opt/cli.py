@@ -325,9 +325,12 @@ def place(
 ) -> None:
     """Look for seat, direction, grip and start of a mirrored recording; print the keys, and what `run` achieves."""
     from rehab_opt.session.files import load_problem, problem_path  # noqa: PLC0415
-    from rehab_opt.session.mirror.placing import found_place  # noqa: PLC0415  (loads solvers)
+    from rehab_opt.session.mirror.placing import (  # noqa: PLC0415
+        found_place,
+        replaced_keys,
+        value_text,
+    )
     from rehab_opt.session.mirror.problem import MirrorProblem  # noqa: PLC0415
-    from rehab_opt.session.problem_text import replaced_keys, value_text  # noqa: PLC0415
 
     loaded = load_problem(file)
     if not isinstance(loaded.problem, MirrorProblem):

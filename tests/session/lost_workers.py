@@ -4,8 +4,8 @@ One person takes every worker with them that they are given to. The others are d
 again what a lost worker had not handed over; in a second run, in which nobody does, nothing is computed but that one
 person. Every computation leaves a line in a file, which is counted.
 
-A local cluster gives a worker up for good that has not come back within 15 s, as on a loaded machine, and waits for
-ever once all are gone; here it waits longer for each.
+A local cluster gives a worker up that has not come back within 15 s, as on a loaded machine, and waits for ever
+once all are gone; here it waits longer for each.
 """
 
 from __future__ import annotations

@@ -20,10 +20,9 @@ from rehab_opt.errors import ProblemFileError
 from rehab_opt.plants.ideal import IdealJoints
 from rehab_opt.session.files import load_problem, shipped_problems
 from rehab_opt.session.mirror.laws import followed, tracker_of
-from rehab_opt.session.mirror.placing import found_place
+from rehab_opt.session.mirror.placing import found_place, replaced_keys
 from rehab_opt.session.mirror.scene import laid_out
 from rehab_opt.session.mirror.seats import Seats
-from rehab_opt.session.problem_text import replaced_keys
 from tests.judge import ur5_numbers
 
 SHIPPED = shipped_problems()["mirror/vr_hand"]

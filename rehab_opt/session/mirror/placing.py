@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
+import tomllib
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,7 +29,7 @@ from rehab_opt.session.mirror.seats import Seats, Walk
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.robot_file import pose_of
 
-__all__ = ["Place", "found_place", "placed"]
+__all__ = ["Place", "found_place", "placed", "replaced_keys", "value_text"]
 
 Array = NDArray[np.float64]
 
@@ -260,3 +262,48 @@ def _fixed_turns_deg(rotation: Array) -> Array:
 def _round_turn(angle: float) -> float:
     """[deg] within half a turn."""
     return round((angle + 180.0) % 360.0 - 180.0, 1)
+
+
+def value_text(value: float | str | list[float]) -> str:
+    """A number, text or list of numbers as TOML."""
+    if isinstance(value, list):
+        return "[" + ", ".join(value_text(each) for each in value) + "]"
+    return f'"{value}"' if isinstance(value, str) else f"{value:g}" if value != int(value) else f"{value:.1f}"
+
+
+def replaced_keys(text: str, keys: dict[str, dict[str, Any]], *, file: str) -> str:
+    """The text of a TOML file in which `keys[section][key]` has another value, or stands first in its section.
+
+    Raises
+    ------
+    ProblemFileError : a section that is written in another way than under a header of its own.
+    """
+    lines = text.splitlines()
+    for section, values in keys.items():
+        headers = [
+            i for i, line in enumerate(lines) if re.fullmatch(rf"\[{re.escape(section)}\]\s*(#.*)?", line.strip())
+        ]
+        if len(headers) != 1:
+            raise ProblemFileError(file, section, len(headers), f"one line [{section}], with its keys below")
+        begin = headers[0] + 1
+        for key, value in values.items():
+            end = next((i for i in range(begin, len(lines)) if lines[i].lstrip().startswith("[")), len(lines))
+            new = f"{key} = {value_text(value)}"
+            at = next((i for i in range(begin, end) if re.match(rf"\s*{re.escape(key)}\s*=", lines[i])), None)
+            if at is None:
+                lines.insert(begin, new)
+                continue
+            last = at
+            while not _is_whole("\n".join(lines[at : last + 1])):
+                last += 1
+            comment = re.search(r"\s+#[^\"\]]*$", lines[last])
+            lines[at : last + 1] = [new + (comment.group() if comment else "")]
+    return "\n".join(lines) + "\n"
+
+
+def _is_whole(text: str) -> bool:
+    try:
+        tomllib.loads(text)
+    except tomllib.TOMLDecodeError:
+        return False
+    return True

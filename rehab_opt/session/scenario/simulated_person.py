@@ -193,24 +193,19 @@ class PersonAtRobot:
         self.dt, self.person, self._comfortable, self._kind = dt, person, comfortable, robot
         self._first, self._most = seed, ticks
         self.aim: tuple[float, float, float, float] | None = None
-        self.exerted: Array = np.zeros(2)
+        self.exerted = (0.0, 0.0)
         self._time = 0.0
         self.reset((0.0, 0.0))
 
     @property
     def measured(self) -> Measurement:
         """Where the controller sees the hand; the speed is the true one, which no law of a scenario is given."""
-        robot = self._robot
-        return Measurement(self._time, np.array(robot.seen), np.array((robot.vx, robot.vy)), self._felt)
+        return self._measured
 
     @property
     def truth(self) -> Truth:
         """Where the hand is."""
-        robot = self._robot
-        return Truth(
-            self._time, np.array((robot.x, robot.y)), np.array((robot.vx, robot.vy)), np.array(robot.acting),
-            self._felt,
-        )  # fmt: skip
+        return self._truth
 
     @property
     def hand(self) -> tuple[float, float, float, float]:
@@ -223,7 +218,7 @@ class PersonAtRobot:
         self._time, self._seed = 0.0, self._first
         x, y = np.asarray(position, dtype=np.float64).tolist()
         self._begin((x, y))
-        return self.measured
+        return self._look()
 
     def step(self, command: ArrayLike, push: ArrayLike | None = None) -> Measurement:
         """One tick under the robot's force (2,) [N], the person's, and a push (2,) [N] besides."""
@@ -231,19 +226,26 @@ class PersonAtRobot:
             self._seed += 1
             self._begin((self._robot.x, self._robot.y))
         self._left -= 1
-        robot, force = self._robot, np.asarray(command, dtype=np.float64)
+        robot, (force_x, force_y) = self._robot, np.asarray(command, dtype=np.float64).tolist()
         to = (robot.x, robot.y, 0.0, 0.0) if self.aim is None else self.aim
         will_x, will_y = self._moods.force(robot.x, robot.y, robot.vx, robot.vy, *to)
         if push is not None:
             more_x, more_y = np.asarray(push, dtype=np.float64)[:2].tolist()
             will_x, will_y = will_x + more_x, will_y + more_y
-        robot.step(float(force[0]), float(force[1]), will_x, will_y)
-        self.exerted, self._time = np.array((will_x, will_y)), self._time + self.dt
-        return self.measured
+        robot.step(force_x, force_y, will_x, will_y)
+        self.exerted, self._time = (will_x, will_y), self._time + self.dt
+        return self._look()
 
-    @property
-    def _felt(self) -> Array:
-        return np.array((self._robot.measured_x, self._robot.measured_y))
+    def _look(self) -> Measurement:
+        """What is so now, and what is seen of it, in one array: a loop asks for both in each tick."""
+        robot, time = self._robot, self._time
+        now = np.array(
+            (robot.x, robot.y, robot.vx, robot.vy, robot.measured_x, robot.measured_y, *robot.acting, *robot.seen)
+        )
+        velocity, force = now[2:4], now[4:6]
+        self._truth = Truth(time, now[:2], velocity, now[6:8], force)
+        self._measured = Measurement(time, now[8:], velocity, force)
+        return self._measured
 
     def _begin(self, start: tuple[float, float]) -> None:
         self._left = self._most
