@@ -111,7 +111,7 @@ class Seats:
                 q[k] = here
         middle = np.where(self.round, self.chain.lower + self.chain.upper, 0.0) / 2
         q += self.round * 2 * np.pi * np.rint((middle - (q.min(axis=0) + q.max(axis=0)) / 2) / (2 * np.pi))
-        within = ((q >= self.chain.lower) & (q <= self.chain.upper)).all(axis=2)
+        within = np.all((q >= self.chain.lower) & (q <= self.chain.upper), axis=2)
         starts = within[0] & (above[0] >= self.floor * STARTS / ABOVE)
         return Walk(q, done & within & starts, above, elbows)
 
