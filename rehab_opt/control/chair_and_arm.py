@@ -143,7 +143,7 @@ class ChairAndArm(VelocityController):
         n, k, name = self.chain.n, len(self.rows), "_".join(self.rows)
         q, twist, world = parameter("q", n), parameter("twist", k), parameter("frame", 1)
         obstacles = parameter("obstacles", self.surroundings)
-        memory = parameter("last", self.wheels.stop + k + 2)
+        memory = parameter("last", 3 * n + self.guidance_size + len(self.wheelset.rolling) + k + 2)
         parameters = [q, twist, world, obstacles] if self.surroundings else [q, twist, world]
         last = memory[:n]
 

@@ -256,18 +256,16 @@ class ClearancePairs:
     @cached_property
     def _ends_by_number(self) -> dict[tuple[str, int], tuple[tuple[int, int], float]]:
         """Numbers of the ends of links and of capsules that stand still, one for ends that are one place; radii."""
-        places = _places(self.chain, 5)
-        still = [np.broadcast_to([each.start, each.end], (len(places), 2, 3)) for each in self.clearance.capsules]
-        found, ends = {}, []
-        for kind, bodies, both in (
-            ("link", self.chain.capsules, places.transpose(1, 0, 2, 3)), ("body", self.clearance.capsules, still)
-        ):  # fmt: skip
-            for i, (body, points) in enumerate(zip(bodies, both, strict=True)):
-                numbers = []
-                for end in (0, 1):
-                    ends.append(points[:, end])
-                    numbers.append(next(k for k, each in enumerate(ends) if np.abs(each - ends[-1]).max() <= SAME))
-                found[kind, i] = (numbers[0], numbers[1]), body.radius
+        places, found, ends = _places(self.chain, 5), {}, []
+        bodies = [(("link", i), places[:, i], each.radius) for i, each in enumerate(self.chain.capsules)]
+        for i, each in enumerate(self.clearance.capsules):
+            bodies.append((("body", i), np.broadcast_to([each.start, each.end], (len(places), 2, 3)), each.radius))
+        for name, points, radius in bodies:
+            numbers = []
+            for end in (0, 1):
+                ends.append(points[:, end])
+                numbers.append(next(k for k, other in enumerate(ends) if np.abs(other - ends[-1]).max() <= SAME))
+            found[name] = (numbers[0], numbers[1]), radius
         return found
 
     # ---------------------------------------------------------------------------------------------- expressions

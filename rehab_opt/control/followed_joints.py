@@ -181,9 +181,11 @@ class FollowedJoints:
         longest, usable = self._said.tolist()
         if longest > self._patience and not self._fault:
             self._fault = not_followed(self._names, self._memory)
-        if guided is not None and self._hand is None:
+        if guided is None:
+            return self._fault
+        if self._hand is None:
             guided[:] = self._memory[self._record.places["apart"]]
-        elif guided is not None:
+        else:
             # A sample that is no number says nothing of the hand, and must not be remembered.
             self.touched, stuck = self._hand.feel(q, self.errors, self._velocity) if usable else (False, "")
             state, n = self._hand.state, len(q)

@@ -229,13 +229,13 @@ class ExportedVelocity(ExportedController):
             "values": chain.n,
             "wheels": 0 if wheels is None else wheels.stop - wheels.start,
             "watch": memory_of_watch(chain.n).size,
-            "patience": number(patience_of(first.dt)),
         }
         sizes["numbers"] = len(laws) * (sizes["parameters_most"] + 2 * sizes["state_most"] + sizes["verdict_most"])
         sizes["numbers"] += sizes["watch"]
         return {
             **{name: str(size) for name, size in sizes.items()},
             "dt": number(first.dt),
+            "patience": number(patience_of(first.dt)),
             "watchdog": filled(
                 "watchdog.c", {"name": self.name, "dt": number(first.dt), "max_age": number(first.max_age)}
             ),

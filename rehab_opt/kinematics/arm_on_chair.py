@@ -85,6 +85,7 @@ def arm_on_chair(
         upper=np.concatenate([free, arm.upper]),
         velocity=np.concatenate([[along, along, turning], arm.velocity]),
         acceleration=np.concatenate([[faster, faster, turns], arm.acceleration]),
+        effort=np.concatenate([free, arm.effort]),
         names=("forward", "left", "turn", *arm.names),
         base=_FORWARD,
         tool=arm.tool,

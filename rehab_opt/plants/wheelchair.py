@@ -16,10 +16,11 @@ from rehab_opt.plants.channel import Channel
 from rehab_opt.plants.drives import Drive
 from rehab_opt.plants.mjcf import row_pose
 from rehab_opt.plants.mujoco_arm import MujocoArm
+from rehab_opt.plants.own_arm import own_arm_model
 from rehab_opt.plants.plant import Truth
 from rehab_opt.plants.sampled import SampledPlant
 
-__all__ = ["Wheelchair", "chair_arm_model"]
+__all__ = ["Wheelchair", "chair_arm_model", "own_chair_arm_model"]
 
 Array = NDArray[np.float64]
 
@@ -45,6 +46,7 @@ class Wheelchair(SampledPlant):
     robot : chair and arm. wheels : of `robot.drive(name)`.
     wheel_lag : [s] time constant of each wheel's speed.
     drive : of the arm's joints, `VelocityServo` by default.
+    arm : its dynamics, by default those of ARDIS, `chair_arm_model`; of an arm from a robot file `own_chair_arm_model`.
     dt, channel, seed, physics_step : see `SampledPlant`.
 
     Raises
@@ -60,6 +62,7 @@ class Wheelchair(SampledPlant):
         dt: float,
         wheel_lag: float = 0.08,
         drive: Drive | None = None,
+        arm: ArmModel | None = None,
         channel: Channel | None = None,
         seed: int | np.random.Generator = 0,
         physics_step: float = 1e-3,
@@ -71,8 +74,8 @@ class Wheelchair(SampledPlant):
         count = len(wheels.rolling)
         self._twist = np.array([wheels.motion(one).twist for one in np.eye(count)]).reshape(count, CHAIR).T
         self._count = count
-        step = self.physics_step
-        self._arm = MujocoArm(chair_arm_model(robot), dt=step, drive=drive, seed=self.rng, physics_step=step)
+        step, model = self.physics_step, chair_arm_model(robot) if arm is None else arm
+        self._arm = MujocoArm(model, dt=step, drive=drive, seed=self.rng, physics_step=step)
         self.reset(np.zeros(self.n))
 
     @property
@@ -133,11 +136,27 @@ def chair_arm_model(
     ----------
     torque_limit, coulomb, viscous : (4,) or scalar, see `ArmModel`; the defaults are assumptions.
     """
+    arm = _arm_alone(robot)
+    return ArmModel(arm, arm.bodies, robot.rotors[CHAIR:], torque_limit, coulomb, viscous)  # type: ignore[arg-type]
+
+
+def own_chair_arm_model(robot: MobileArm) -> ArmModel:
+    """The same of an arm from a robot file, by its own masses and efforts.
+
+    Raises
+    ------
+    ConfigurationError : as for `own_arm_model`.
+    """
+    return own_arm_model(_arm_alone(robot))
+
+
+def _arm_alone(robot: MobileArm) -> SerialChain:
+    """The arm, on a chair in the world's origin."""
     chain = robot.chain
     base = chain.base
     for row in chain.rows[:CHAIR]:
         base = base @ row_pose(row, 0.0)
-    arm = SerialChain(
+    return SerialChain(
         chain.rows[CHAIR:],
         lower=chain.lower[CHAIR:],
         upper=chain.upper[CHAIR:],
@@ -146,6 +165,6 @@ def chair_arm_model(
         names=chain.names[CHAIR:],
         base=base,
         tool=chain.tool,
+        effort=chain.effort[CHAIR:],
+        bodies=tuple(body._replace(link=body.link - CHAIR) for body in robot.bodies if body.link > CHAIR),
     )
-    bodies = tuple(body._replace(link=body.link - CHAIR) for body in robot.bodies if body.link > CHAIR)
-    return ArmModel(arm, bodies, robot.rotors[CHAIR:], torque_limit, coulomb, viscous)  # type: ignore[arg-type]

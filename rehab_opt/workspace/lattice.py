@@ -149,8 +149,8 @@ class Lattice:
         below = np.array([self.nodes[key].distance for key, _ in starts])
         found = self.search.approached(probes, np.array([posture for _, posture in starts]), below)
         hands, distances = found.hands.tolist(), found.distances.tolist()
-        for (key, _), distance, hand, posture in zip(starts, distances, hands, found.postures, strict=True):
-            self._take(key, Nearest(distance, *hand, posture))
+        for (key, _), distance, (x, y), posture in zip(starts, distances, hands, found.postures, strict=True):
+            self._take(key, Nearest(distance, x, y, posture))
 
     def _take(self, key: Key, answer: Nearest | None) -> None:
         node = self.nodes[key]

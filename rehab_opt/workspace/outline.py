@@ -55,7 +55,7 @@ def _chords_leave(
     for side in (starts, ends):
         left = np.flatnonzero(leaves)
         if len(left):
-            found = search.approached(middles[left], np.array([side[i].posture for i in left]), tolerance)
+            found = search.approached(middles[left], np.array([side[i].posture for i in left.tolist()]), tolerance)
             leaves[left] = ~(found.distances <= tolerance)
     return leaves
 

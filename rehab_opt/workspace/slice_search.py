@@ -188,8 +188,10 @@ class SliceSearch:
             self._make((way, middle) for way, middle in zip(ways, middles, strict=True))
             for i, (way, middle) in enumerate(zip(ways, middles, strict=True)):
                 node = self.fine.nodes[self._fine_key(way, middle)]
-                inside = node.distance == 0.0 and node.posture is not None
-                ways[i] = way._replace(into=middle, posture=node.posture) if inside else way._replace(out=middle)
+                if node.distance == 0.0 and node.posture is not None:
+                    ways[i] = way._replace(into=middle, posture=node.posture)
+                else:
+                    ways[i] = way._replace(out=middle)
             done += [way for way in ways if way.into - way.out <= 1]
         self._make((way, at) for way in done for at in (way.out, way.into))
 

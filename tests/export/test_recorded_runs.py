@@ -96,11 +96,13 @@ def test_half_of_the_recorded_run_has_encoders_with_noise(name: str, exported: E
         rows = list(csv.DictReader(lines))
     q = np.array([[float(row[key]) for key in row if key.startswith("q_")] for row in rows])
     bends = np.abs(q[2:] - 2 * q[1:-1] + q[:-2]) / math.sqrt(6.0)  # of white noise, as large as itself
-    quiet, noisy = np.nanmedian(bends[: len(q) // 3], axis=0), np.nanmedian(bends[2 * len(q) // 3 :], axis=0)
-    assert quiet.max() < 3e-5
-    assert noisy.min() > 5e-5
-    certified = [float(row["scale"]) > 0 for row in rows[2 * len(q) // 3 :]]
-    assert np.mean(certified) > 0.3
+    moves = bends.max(axis=1) > 0  # which encoders that stand still, at the end, do not
+    sound = bends[moves]
+    quiet, noisy = np.nanmedian(sound[: len(sound) // 3], axis=0), np.nanmedian(sound[2 * len(sound) // 3 :], axis=0)
+    assert np.median(quiet) < 2e-5
+    assert 5e-5 < noisy.min() <= noisy.max() < 1e-4
+    certified = np.array([float(row["scale"]) > 0 for row in rows])[1:-1][moves]
+    assert np.mean(certified[2 * len(sound) // 3 :]) > 0.9
 
 
 def test_a_changed_number_beside_the_command_is_found(exported: Exported, built: Built, tmp_path: Path) -> None:

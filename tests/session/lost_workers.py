@@ -3,6 +3,9 @@
 One person takes every worker with them that they are given to. The others are done, although the scheduler computes
 again what a lost worker had not handed over; in a second run, in which nobody does, nothing is computed but that one
 person. Every computation leaves a line in a file, which is counted.
+
+A local cluster gives a worker up for good that has not come back within 15 s, as on a loaded machine, and waits for
+ever once all are gone; here it waits longer for each.
 """
 
 from __future__ import annotations
@@ -12,6 +15,7 @@ import tempfile
 from collections import Counter
 from pathlib import Path
 
+import dask
 import distributed
 
 from rehab_opt.session.many.run import run_many
@@ -22,6 +26,7 @@ def main() -> None:
     """Run twice, count, say."""
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 8
     with (
+        dask.config.set({"distributed.deploy.lost-worker-timeout": "10 minutes"}),
         tempfile.TemporaryDirectory() as folder,
         distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=50) as cluster,
         distributed.Client(cluster) as client,

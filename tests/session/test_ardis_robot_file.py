@@ -205,6 +205,14 @@ def read_and_used(file: str) -> None:
 
 PROBLEM, ROBOT, URDF = "ardis/kinova_drink.toml", "robots/kinova_gen3/on_chair.toml", "robots/kinova_gen3/gen3.urdf"
 
+MOVING = """[[clearance.moving]]
+name = "tray"
+start_m = [2.0, 0.0, 0.0]
+radius_m = 0.1
+towards_m = [0.0, 1.0, 0.0]
+period_s = 4.0
+"""
+
 
 @pytest.mark.parametrize(
     ("file", "old", "new", "expected"),
@@ -217,7 +225,7 @@ PROBLEM, ROBOT, URDF = "ardis/kinova_drink.toml", "robots/kinova_gen3/on_chair.t
         (PROBLEM, "[robot]", 'robot = "ardis"\n[run]', "robot = 'ardis': expected a table of keys"),
         (PROBLEM, 'held = ["y", "rx", "ry"]', 'held = ["x", "rx", "ry"]', "stick.modes.0.held = "),
         (PROBLEM, "fixed = ", "tracks = ", "stick.tracks = 'kinova_drink_fixed.csv': expected one of the keys"),
-        (PROBLEM, "[stick]", '[plant]\nkind = "mujoco"\n[stick]', "plant.kind = 'mujoco': expected 'ideal' for a"),
+        (PROBLEM, "[stick]", f"{MOVING}[stick]", "clearance.moving = ['tray']: expected none: bodies that move"),
         (ROBOT, "[[caps", "[joints.joint_1]\nlower_deg = -90.0\n[[caps", "on_chair.toml: joint joint_1, lower"),
         (ROBOT, 'tip = "end_effector_link"', 'tip = "half_arm_2_link"', "half_arm_2_link"),
         (URDF, 'velocity="1.3963"', 'velocity="-1"', "gen3.urdf: joint joint_1, limit.velocity = -1.0: expected"),

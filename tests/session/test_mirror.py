@@ -254,7 +254,8 @@ def test_lost_sight_is_held_told_and_gone_on_from(blinded: MirrorOutcome, tmp_pa
 def test_trace_has_empty_cells_where_nothing_is_seen(blinded: MirrorOutcome, tmp_path: Path) -> None:
     written = {path.name: path for path in write_report(blinded, tmp_path / "out")}
     assert set(written) == {
-        "joints.png", "manipulability.png", "metrics.json", "pace.png", "position.png", "space.png", "trace.csv",
+        "causes.png", "joints.png", "manipulability.png", "metrics.json", "pace.png", "position.png", "space.png",
+        "trace.csv",
     }  # fmt: skip
     text = written["trace.csv"].read_text()
     assert "nan" not in text

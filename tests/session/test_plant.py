@@ -18,9 +18,10 @@ from rehab_opt.kinematics.ardis import ARDIS_READY
 from rehab_opt.plants.channel import Channel
 from rehab_opt.plants.force_robot import ForceRobot, RobotModel
 from rehab_opt.plants.hand_robot import MujocoHandRobot, OnMujoco
+from rehab_opt.plants.wheelchair import own_chair_arm_model
 from rehab_opt.session.ardis.outcome import moved
 from rehab_opt.session.ardis.problem import ArdisProblem
-from rehab_opt.session.ardis.robot import joystick_of, robot_of
+from rehab_opt.session.ardis.robot import joystick_of, robot_of, start_of
 from rehab_opt.session.ardis.stick import StickRecording
 from rehab_opt.session.files import ProblemFile, load_problem, problem_content, problem_of, problem_path
 from rehab_opt.session.mirror.laws import without_floor
@@ -212,6 +213,25 @@ def test_a_chair_under_its_stick_goes_where_its_wheels_carry_it(drive: str) -> N
     assert motion.q[-1, 0] == pytest.approx(0.2 * (seconds - 0.003 - 0.08), abs=1e-3)
     assert motion.q[-1, 5] == pytest.approx(ARDIS_READY[5] + 0.1 * seconds, abs=5e-3)
     assert motion.motion is not None
+
+
+def test_arm_of_a_robot_file_is_driven_on_its_chair_by_its_own_masses_and_efforts() -> None:
+    pytest.importorskip("mujoco")
+    loaded: ProblemFile[ArdisProblem] = load_problem("ardis/kinova_drink")
+    robot = robot_of(loaded)
+    assert sum(body.mass for body in own_chair_arm_model(robot).bodies) == pytest.approx(robot.mass - 120.0)
+    plant = chair_plant(ChairPlant(kind="mujoco"), robot, robot.drive("fixed"), 0.01, own_arm=True)
+    start = start_of(loaded, robot)
+    plant.reset(start)
+    held, command = [], np.zeros(robot.chain.n - 3)
+    for k in range(100):
+        command[3] = 0.2 if k >= 50 else 0.0
+        plant.step(command)
+        held.append(plant.truth)
+    assert np.abs(held[49].position - start).max() < 5e-3  # against gravity
+    np.testing.assert_allclose(held[49].effort[3:], held[40].effort[3:], atol=0.5)
+    assert np.abs(held[49].effort[3:]).max() > 5.0
+    assert held[-1].position[6] - start[6] == pytest.approx(0.2 * 0.5, abs=0.02)
 
 
 def test_without_delay_the_robot_in_mujoco_is_the_one_that_is_integrated() -> None:

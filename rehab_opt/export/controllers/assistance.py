@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.assistance import Assistance
 from rehab_opt.control.command import Command
-from rehab_opt.export.controllers.bounded_force import DIFFERENCES, ExportedForce, faulty_ticks
+from rehab_opt.export.controllers.bounded_force import DIFFERENCES, ENERGY, ExportedForce, faulty_ticks
 from rehab_opt.export.controllers.gated_fields import MEMORY, gated_fields
 from rehab_opt.export.recording import Tick, recorded
 from rehab_opt.export.rungs import as_in_c
@@ -103,5 +103,11 @@ def exported_assistance(
         differences=(*DIFFERENCES, FIELDS.format(count), *there_too),
         solves=2,  # and again from a cold start
         more_memory=MEMORY,
-        values={"full": ", 1", "last_field": str(len(all_fields) - 1)},
+        values={
+            **ENERGY,
+            "on_reset": "",
+            "at_first": "the first field where it was made",
+            "after_reset": "the field stays",
+            "last_field": str(len(all_fields) - 1),
+        },
     )

@@ -21,7 +21,7 @@ from rehab_opt.export.recording import Tick, with_faults
 from rehab_opt.optim.ladder import BACKUP
 from rehab_opt.optim.qrqp import QRQP_ITERATIONS
 
-__all__ = ["DIFFERENCES", "ExportedForce", "faulty_ticks"]
+__all__ = ["DIFFERENCES", "ENERGY", "ExportedForce", "faulty_ticks"]
 
 Array = NDArray[np.float64]
 
@@ -32,6 +32,8 @@ DIFFERENCES = (
     "An x that is NULL counts as not a number; Python raises an error for an argument of the wrong shape.",
 )
 """Of every force."""
+ENERGY = {"full": ", 1", "energy": ", int energy", "fills": "energy"}
+"""Of a force whose reset says whether it fills the tank."""
 UNITS = {"force_limit": "N", "slew_limit": "N/s", "growth_limit": "N/s", "speed_cap": "m/s", "budget": "J"}
 """Of what stands in the header."""
 
@@ -52,7 +54,7 @@ class ExportedForce(ExportedController):
     force: BoundedForce
     wanted: Evaluated
     parts: Mapping[str, ca.Function] = field(default_factory=dict)
-    pieces: Mapping[str, str] = field(default_factory=lambda: {"begin": "force_begin.c"})
+    pieces: Mapping[str, str] = field(default_factory=lambda: {"begin": "force_begin.c", "declared": "force.h"})
 
     @property
     def dt(self) -> float:

@@ -9,7 +9,7 @@ from rehab_opt.control.command import Command
 from rehab_opt.control.gate import guided_force
 from rehab_opt.control.path_assistance import PathAssistance
 from rehab_opt.control.path_progress import PATH_MODEL, PROGRESS, progress_function
-from rehab_opt.export.controllers.bounded_force import DIFFERENCES, ExportedForce, faulty_ticks
+from rehab_opt.export.controllers.bounded_force import DIFFERENCES, ENERGY, ExportedForce, faulty_ticks
 from rehab_opt.export.evaluated import Evaluated
 from rehab_opt.export.recording import Tick, recorded
 from rehab_opt.export.rungs import as_in_c
@@ -88,5 +88,12 @@ def exported_path_assistance(helper: PathAssistance, positions: Array, *, title:
         solves=2,  # and again from a cold start
         more_memory=MEMORY,
         parts={proceed.name: proceed.function},
-        values={"full": ", 1", "proceed": f"enum {{ {places} }};\n{proceed.code}", "last_place": f"{last}.0"},
+        values={
+            **ENERGY,
+            "on_reset": "\n    memcpy(self->path, AT_START, sizeof self->path);",
+            "at_first": "at the path's start",
+            "after_reset": "and the hand is at the path's start",
+            "proceed": f"enum {{ {places} }};\n{proceed.code}",
+            "last_place": f"{last}.0",
+        },
     )

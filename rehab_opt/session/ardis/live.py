@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.obstacles import Disc, HalfPlane
-from rehab_opt.errors import ProblemFileError
 from rehab_opt.kinematics.mobile_arm import CHAIR
 from rehab_opt.plants.ideal import IdealJoints
 from rehab_opt.plants.touched import TouchedPlant
@@ -23,7 +22,7 @@ from rehab_opt.session.ardis.stick import Moment, StickRecording, sticks_of
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.bodies import ARM_PLOTS, BLUE, GREEN, GREY, PURPLE, ArmBodies, joint_rows, screen
 from rehab_opt.session.live.problem import LiveControl, LiveInputs, LiveProblem
-from rehab_opt.session.plant.making import OWN_ARM, chair_plant, joint_feedback
+from rehab_opt.session.plant.making import chair_plant, joint_feedback
 
 __all__ = ["LiveArdis"]
 
@@ -45,8 +44,6 @@ class LiveArdis(LiveProblem):
         self.title, self.dt = f"{problem.title} ({self.drive} drive)", 1 / problem.run.rate_hz
         self.robot, self.room = robot_of(loaded), room_of(loaded)
         self.start = start_of(loaded, self.robot)
-        if problem.robot.file is not None and problem.plant.kind != "ideal":
-            raise ProblemFileError(loaded.file, "plant.kind", problem.plant.kind, OWN_ARM)
         self.names = tuple(self.robot.chain.names)
         self.layout = {"q": self.encoders, "force": 3, "closed": 1}
         self._arm = ArmBodies(self.robot.chain, first=CHAIR, radius=self.robot.arm_radius)
@@ -54,9 +51,9 @@ class LiveArdis(LiveProblem):
 
     def control(self) -> LiveControl:
         """The joystick and resolver of `rehab-opt run`."""
-        table, robot = self._loaded.problem.plant, self.robot
-        ideal = table.kind == "ideal"
-        plant = IdealJoints(self.dt) if ideal else chair_plant(table, robot, robot.drive(self.drive), self.dt)
+        table, robot, own = self._loaded.problem.plant, self.robot, self._loaded.problem.robot.file is not None
+        wheels, ideal = robot.drive(self.drive), table.kind == "ideal"
+        plant = IdealJoints(self.dt) if ideal else chair_plant(table, robot, wheels, self.dt, own_arm=own)
         resolver = resolver_of(self._loaded, robot, self.drive, solver=self._solver, feedback=joint_feedback(table))
         return Steering(joystick_of(self._loaded), resolver, TouchedPlant(plant), self.start, wheels=not ideal)
 

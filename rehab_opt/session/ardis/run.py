@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from rehab_opt.errors import ProblemFileError
 from rehab_opt.session.ardis.measures import drive_metrics
 from rehab_opt.session.ardis.outcome import ArdisOutcome, DriveOutcome, Motion, Published, StickLaw, moved
 from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
@@ -14,7 +13,7 @@ from rehab_opt.session.clearance import NearestBodies, nearest_bodies
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.problem import LiveProblem
 from rehab_opt.session.outcome import Progress
-from rehab_opt.session.plant.making import OWN_ARM, chair_plant, joint_feedback, plant_note
+from rehab_opt.session.plant.making import chair_plant, joint_feedback, plant_note
 from rehab_opt.session.systems import ROBOT_FILE, Needed, System
 
 __all__ = ["ArdisSystem", "run_ardis"]
@@ -44,12 +43,12 @@ def run_ardis(loaded: ProblemFile[ArdisProblem], *, solver: str | None, progress
     problem, robot = loaded.problem, robot_of(loaded)
     start, room, sticks = start_of(loaded, robot), room_of(loaded), sticks_of(loaded)
     dt = 1 / problem.run.rate_hz
-    if problem.robot.file is not None and problem.plant.kind != "ideal":
-        raise ProblemFileError(loaded.file, "plant.kind", problem.plant.kind, OWN_ARM)
 
     def run(drive: DriveName, name: str, law: StickLaw) -> Motion:
         table = problem.plant
-        plant = None if table.kind == "ideal" else chair_plant(table, robot, robot.drive(drive), dt)
+        plant = None
+        if table.kind != "ideal":
+            plant = chair_plant(table, robot, robot.drive(drive), dt, own_arm=problem.robot.file is not None)
         return moved(
             robot, law, joystick_of(loaded), sticks[drive], start, dt=dt, plant=plant,
             progress=lambda done, of: progress(f"{drive}, {name} law", done, of),

@@ -22,6 +22,7 @@ from rehab_opt.session.drawing import (
     legend_below,
     servo_figure,
 )
+from rehab_opt.session.mirror.metrics import CAUSES
 from rehab_opt.session.mirror.outcome import BEFORE, PLAN, STEP, MirrorOutcome
 
 __all__ = ["figures"]
@@ -36,6 +37,9 @@ STYLES: Mapping[str, Mapping[str, Any]] = {
 }
 ASTAR = LAW_STYLES["published"]
 LABELS = {BEFORE: "before: no floor", STEP: "tick by tick", PLAN: "planned as a whole"}
+CAUSE_COLOURS = dict(
+    zip(CAUSES, ("#009E73", "#F0E442", "#CC79A7", "#D55E00", "#56B4E9", "#0072B2", "#000000"), strict=True)
+)
 EVENTS = ("braking", "holding", "backup", "acceleration", "position", "task")
 
 
@@ -51,6 +55,7 @@ def figures(outcome: MirrorOutcome) -> dict[str, Figure]:
             times={LABELS[name]: of.time for name, of in led.items()},
         ),
         "pace": _pace(outcome),
+        "causes": _causes(outcome),
         "space": space_figure(outcome, STYLES, LABELS, ASTAR),
     }
     if outcome.near is not None:
@@ -155,6 +160,35 @@ def _pace(outcome: MirrorOutcome) -> Figure:
         axes.margins(x=0.01)
         axes.grid(**GRID)
     legend_below(figure, speed, 3)
+    return figure
+
+
+def _causes(outcome: MirrorOutcome) -> Figure:
+    """A strip of time for each law, and the seconds of each cause."""
+    figure = framed(f"{outcome.title}\nWhat kept the hand from its reference, second by second", 9.0, 5.5)
+    when, seconds = figure.subplots(2, 1, height_ratios=(1, 1.3))
+    names = list(outcome.laws)
+    for row, (name, led) in enumerate(outcome.laws.items()):
+        cause, dt = outcome.causes[name], float(led.time[1] - led.time[0])
+        begins = np.append(0, np.flatnonzero(np.diff(cause)) + 1)
+        lengths = np.diff(np.append(begins, len(cause)))
+        for k, (label, colour) in enumerate(CAUSE_COLOURS.items()):
+            strips = [(dt * a, dt * n) for a, n in zip(begins.tolist(), lengths.tolist(), strict=True) if cause[a] == k]
+            when.broken_barh(strips, (row - 0.4, 0.8), color=colour, linewidth=0)
+            spent = outcome.metrics["laws"][name]["seconds_by_cause"][label]
+            at = k + 0.27 * (row - (len(names) - 1) / 2)
+            seconds.barh(at, spent, height=0.24, color=colour)
+            if spent:
+                seconds.annotate(f" {name}: {spent:.1f} s", (spent, at), va="center", fontsize=7)
+    when.set_yticks(range(len(names)), [LABELS[name] for name in names], fontsize=8)
+    when.set_xlabel("time of the run [s]")
+    seconds.set_yticks(range(len(CAUSES)), CAUSES, fontsize=8)
+    seconds.set_xlabel("time under each cause [s]")
+    seconds.margins(x=0.15)
+    for axes in (when, seconds):
+        axes.invert_yaxis()
+        axes.grid(**GRID, axis="x")
+        axes.set_axisbelow(True)
     return figure
 
 

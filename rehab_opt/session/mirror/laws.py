@@ -137,7 +137,7 @@ def without_floor(
 def followed(tracker: MirrorTracker, scene: Scene, plant: Plant, *, patience: float, progress: Progress) -> Led:
     """Closed loop: tick by tick, the future unknown.
 
-    After the recording's end its last pose stays, until the clock has come there or `patience` recordings have passed.
+    After the recording's end its last pose stays, until the clock has passed it or `patience` recordings have passed.
     """
     tracker.reset()
     tracker.counts.clear()  # they outlive a reset
@@ -148,7 +148,7 @@ def followed(tracker: MirrorTracker, scene: Scene, plant: Plant, *, patience: fl
     def note(k: int, command: Command) -> None:
         nonlocal arrived, complete
         rows.append((tracker.reference, tracker.lag, tracker.time_scale, tracker.short))
-        arrived = arrived + 1 if k >= total and tracker.lag < 2 * dt else 0
+        arrived = arrived + 1 if k >= total and tracker.lag < (k - total + 2) * dt else 0  # the clock is past the last
         complete = arrived * dt > ARRIVED or bool(arrived and float(np.abs(command.value).max()) < settled)
 
     control = Following(tracker, TouchedPlant(plant), scene.start, led.poses, led.twists, then="stay")

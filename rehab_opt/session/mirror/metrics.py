@@ -15,7 +15,7 @@ from rehab_opt.published.astar import AStarPath
 from rehab_opt.session.metrics import error_metrics, joint_metrics, reason_counts, status_counts, time_metrics
 from rehab_opt.session.mirror.outcome import Led
 
-__all__ = ["astar_metrics", "led_metrics", "passed_share"]
+__all__ = ["CAUSES", "astar_metrics", "causes", "led_metrics", "passed_share"]
 
 Array = NDArray[np.float64]
 
@@ -45,15 +45,8 @@ def causes(led: Led, bounds: HandBounds) -> NDArray[np.int_]:
     return np.asarray(found)
 
 
-def cause_seconds(led: Led, bounds: HandBounds) -> dict[str, float]:
-    """[s] of a run under each cause; together they are its ticks."""
-    counted = np.bincount(causes(led, bounds), minlength=len(CAUSES)) * bounds.dt
-    return {name: float(seconds) for name, seconds in zip(CAUSES, counted, strict=True)}
-
-
 BELOW = 1e-3
 """Of w / w_max under the floor, that counts as under it."""
-"""[m, rad] within which a hand passes a pose."""
 SAMPLES = 400
 """Poses of the reference at most that are looked for on a path."""
 
@@ -63,12 +56,12 @@ def led_metrics(
     robot: SerialChain,
     asked: Array,
     *,
-    bounds: HandBounds,
+    cause: NDArray[np.int_],
     floor: float,
     rate: float,
     max_manipulability: float,
 ) -> dict[str, Any]:
-    """Of one law; where sight was lost there is no reference, and no distance to it.
+    """Of one law, with its `causes`; where sight was lost there is no reference, and no distance to it.
 
     `asked` (N, 4, 4) are the poses asked for, those of lost sight left out.
     """
@@ -87,7 +80,7 @@ def led_metrics(
         "manipulability_min": float(w.min()),
         "manipulability_median": float(np.median(w)),
         "below_floor_share_of_time": float(np.mean(w < floor - BELOW)),
-        "seconds_by_cause": cause_seconds(led, bounds),
+        "seconds_by_cause": {name: float(np.sum(cause == k) / rate) for k, name in enumerate(CAUSES)},
         "passed_share_of_time": passed_share(led.tool, asked),
         **error_metrics(led.deviation[seen], "deviation", "m"),
         **error_metrics(np.rad2deg(led.turn[seen]), "turn", "deg"),

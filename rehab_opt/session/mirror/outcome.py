@@ -87,6 +87,7 @@ class MirrorOutcome(MovementOutcome):
     asked : (N, 4, 4) the mirrored poses of the tool, even samples at `time`; NaN where sight was lost.
     recorded : (K, 3) [m] the healthy hand in the robot's frame.
     laws : what was run, by its name among `LAWS`.
+    causes : of each law, (M,) why the hand is not where or when the reference is, as places in `metrics.CAUSES`.
     astar : the published path where it was asked for.
     max_deviation, linear_speed : [m, m/s] the bounds.
     near : how near bodies came to each other, tick by tick; None without `[clearance]`.
@@ -97,6 +98,7 @@ class MirrorOutcome(MovementOutcome):
     asked: Array = field(kw_only=True)
     recorded: Array = field(kw_only=True)
     laws: dict[str, Led] = field(kw_only=True)
+    causes: dict[str, NDArray[np.int_]] = field(kw_only=True)
     astar: AStarPath | None = field(kw_only=True)
     max_deviation: float = field(kw_only=True)
     linear_speed: float = field(kw_only=True)

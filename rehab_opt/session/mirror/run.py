@@ -11,7 +11,7 @@ from rehab_opt.control.conditioning import Conditioner
 from rehab_opt.session.clearance import nearest_bodies
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.mirror.laws import followed, planned, searched, tracker_of, without_floor
-from rehab_opt.session.mirror.metrics import astar_metrics, led_metrics
+from rehab_opt.session.mirror.metrics import astar_metrics, causes, led_metrics
 from rehab_opt.session.mirror.outcome import BEFORE, PLAN, STEP, Led, MirrorOutcome
 from rehab_opt.session.mirror.problem import MirrorProblem
 from rehab_opt.session.mirror.scene import Scene, laid_out
@@ -47,6 +47,7 @@ def run_mirror(loaded: ProblemFile[MirrorProblem], *, progress: Progress) -> Mir
         STEP: followed(tracker, scene, plant, patience=section.patience, progress=progress),
         PLAN: planned(tracker, scene, progress=progress),
     }
+    why = {name: causes(led, tracker.hand_bounds) for name, led in laws.items()}
     near = nearest_bodies(problem.clearance, loaded.file, robot, laws[STEP].q, laws[STEP].time)
     astar = searched(problem, scene, max_manipulability=max_manipulability, progress=progress)
     asked = reference.poses[~reference.lost]
@@ -70,7 +71,7 @@ def run_mirror(loaded: ProblemFile[MirrorProblem], *, progress: Progress) -> Mir
                 led,
                 robot,
                 asked,
-                bounds=tracker.hand_bounds,
+                cause=why[name],
                 floor=section.floor,
                 rate=rate,
                 max_manipulability=max_manipulability,
@@ -92,6 +93,7 @@ def run_mirror(loaded: ProblemFile[MirrorProblem], *, progress: Progress) -> Mir
         asked=reference.poses,
         recorded=scene.recorded,
         laws=laws,
+        causes=why,
         astar=astar,
         max_deviation=1e-3 * section.max_deviation_mm,
         linear_speed=section.linear_speed_m_s,

@@ -22,6 +22,8 @@ NEAR, TURNED = 3e-3, math.radians(3.0)
 """[m, rad] within which a pose counts as done: stricter than what is then measured."""
 ABOVE = 1.05
 """Of the floor, from which a posture counts as above it: as much is left to the tracker's own barrier."""
+STARTS = 1.01
+"""Of the floor, from which the arm may start: what is printed in round numbers is above it, too."""
 HEAVY = 3.0
 """[m] What w / w_max under the floor counts for against the hand's place."""
 WOUND = 4 * math.pi
@@ -37,7 +39,8 @@ class Walk:
     Parameters
     ----------
     q : (N, M, n) [rad, m] postures.
-    done : (N, M) whether the posture has the pose, above the floor and outside every keep-out.
+    done : (N, M) whether the posture has the pose, above the floor and outside every keep-out; none where the first
+        posture is under the floor or outside the joint limits.
     above : (N, M) w / w_max.
     elbows : (N, M, k, 2) [m] the joints before the wrist, seen from above.
     """
@@ -109,7 +112,8 @@ class Seats:
         middle = np.where(self.round, self.chain.lower + self.chain.upper, 0.0) / 2
         q += self.round * 2 * np.pi * np.rint((middle - (q.min(axis=0) + q.max(axis=0)) / 2) / (2 * np.pi))
         within = ((q >= self.chain.lower) & (q <= self.chain.upper)).all(axis=2)
-        return Walk(q, done & within & within[0], above, elbows)
+        starts = within[0] & (above[0] >= self.floor * STARTS / ABOVE)
+        return Walk(q, done & within & starts, above, elbows)
 
     def _next(self, q: Array, poses: Array) -> tuple[Array, NDArray[np.bool_], Array, Array]:
         chain = self.chain

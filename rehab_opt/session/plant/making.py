@@ -22,11 +22,9 @@ if TYPE_CHECKING:
     from rehab_opt.plants.plant import Plant
     from rehab_opt.plants.wheelchair import Wheelchair
 
-__all__ = ["OWN_ARM", "chair_plant", "channel_of", "joint_feedback", "joint_plant", "ms", "on_plant", "plant_note"]
+__all__ = ["chair_plant", "channel_of", "joint_feedback", "joint_plant", "ms", "on_plant", "plant_note"]
 
 P = TypeVar("P", bound=Problem)
-
-OWN_ARM = "'ideal' for a chair with an arm from a robot file: what of it is driven how is not known"
 
 
 def on_plant(loaded: ProblemFile[P], kind: str | None) -> ProblemFile[P]:
@@ -93,10 +91,15 @@ def joint_feedback(table: JointPlant | ChairPlant) -> JointFeedback | None:
     return JointFeedback(delay=delay + PositionServo(table.servo_hz).lag, servo_hz=math.inf)
 
 
-def chair_plant(table: ChairPlant, robot: MobileArm, wheels: Drive, dt: float) -> Wheelchair:
-    """A chair that takes wheel speeds, and its arm's joint velocities [rad/s]; the arm is that of ARDIS."""
+def chair_plant(table: ChairPlant, robot: MobileArm, wheels: Drive, dt: float, *, own_arm: bool = False) -> Wheelchair:
+    """A chair that takes wheel speeds, and its arm's joint velocities [rad/s]: ARDIS, or with an arm from a robot file.
+
+    Raises
+    ------
+    ConfigurationError : the file of such an arm has no masses, or no effort of a joint.
+    """
     from rehab_opt.plants.drives import VelocityServo  # noqa: PLC0415  (loads MuJoCo)
-    from rehab_opt.plants.wheelchair import Wheelchair  # noqa: PLC0415
+    from rehab_opt.plants.wheelchair import Wheelchair, own_chair_arm_model  # noqa: PLC0415
 
     return Wheelchair(
         robot,
@@ -104,6 +107,7 @@ def chair_plant(table: ChairPlant, robot: MobileArm, wheels: Drive, dt: float) -
         dt=dt,
         wheel_lag=ms(table.wheel_lag_ms),
         drive=VelocityServo(table.servo_hz),
+        arm=own_chair_arm_model(robot) if own_arm else None,
         channel=channel_of(table, table.position_noise_rad),
         seed=table.seed,
         physics_step=ms(table.physics_step_ms),
