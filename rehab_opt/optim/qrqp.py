@@ -13,7 +13,7 @@ from typing import Any
 
 import casadi as ca
 
-from rehab_opt.symbolic.failed_solves import going_on_after_failed_solves
+from rehab_opt.symbolic.compiled import going_on_after_failed_solves
 
 __all__ = ["QRQP_ITERATIONS", "going_on_after_failed_solves", "qrqp", "qrqp_options", "with_spare_room"]
 

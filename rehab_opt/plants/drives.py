@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.plants.force_loop import ForceLoop
 
-__all__ = ["Drive", "DriveState", "HandForce", "HandForceLoop", "PositionServo", "VelocityServo"]
+__all__ = ["Drive", "DriveState", "ForceLoop", "HandForce", "HandForceLoop", "PositionServo", "VelocityServo"]
 
 Array = NDArray[np.float64]
 
@@ -143,6 +142,30 @@ class HandForce:
         self.acting = command + self._keep * (self.acting - command)
         given: Array = np.clip(feedforward + state.jacobian()[: self._axes].T @ self.acting, -self._limit, self._limit)
         return given
+
+
+class ForceLoop:
+    """u = F + gain e + integral * int e, with e = F - measured force; the integral waits while u is at its limit.
+
+    Parameters
+    ----------
+    gain, integral : [1], [1/s]. limit : [N] of the motors. step : [s] from one call for an axis to the next.
+    """
+
+    __slots__ = ("_gain", "_integral", "_limit", "_summed")
+
+    def __init__(self, gain: float, integral: float, limit: float, *, step: float) -> None:
+        self._gain, self._integral, self._limit = gain, integral * step, limit
+        self._summed = [0.0, 0.0]
+
+    def motor(self, axis: int, error: float, force: float) -> float:
+        """[N] of the motors of `axis`, 0 or 1."""
+        summed = self._summed[axis] + self._integral * error
+        motor = force + self._gain * error + summed
+        if -self._limit <= motor <= self._limit:
+            self._summed[axis] = summed
+            return motor
+        return min(max(motor, -self._limit), self._limit)
 
 
 class HandForceLoop:

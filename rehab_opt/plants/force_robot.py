@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.plants.force_loop import ForceLoop
+from rehab_opt.plants.drives import ForceLoop
 
 __all__ = ["ForceRobot", "RobotModel"]
 

@@ -14,6 +14,7 @@ import hashlib
 import logging
 import os
 import platform
+import re
 import shutil
 import subprocess
 import tempfile
@@ -28,10 +29,18 @@ import casadi as ca
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.symbolic.background import idle, later
-from rehab_opt.symbolic.failed_solves import going_on_after_failed_solves
 from rehab_opt.symbolic.own_folder import exposed, make_private, owned
 
-__all__ = ["Compile", "cache_folder", "compilation_wanted", "compiled", "how", "machine_code", "tell_of_waiting"]
+__all__ = [
+    "Compile",
+    "cache_folder",
+    "compilation_wanted",
+    "compiled",
+    "going_on_after_failed_solves",
+    "how",
+    "machine_code",
+    "tell_of_waiting",
+]
 
 Compile = Literal["wait", False] | None
 """None: as `REHAB_OPT_COMPILE` says, in the background where it says nothing; "wait": before all else; False: never."""
@@ -54,6 +63,12 @@ LEVELS = ("0", "1", "2", "3")
 COMPILE_SECONDS, IDLE_SECONDS = 300.0, 1800.0
 """After which a compiler is given up; one at idle priority waits for others."""
 WORKPLACE = "building-"
+EARLY_RETURN = re.compile(
+    r"if \(d\.status == QP_SUCCESS\) \{;?\s*return 0;"
+    r"\s*\} else if \(d\.status == QP_NO_SEARCH_DIR\) \{\s*return [^;]+;"
+    r"\s*\} else \{\s*return [^;]+;\s*\}"
+)
+"""What CasADi writes behind each call of its qrqp."""
 
 _log = logging.getLogger(__name__)
 
@@ -297,3 +312,13 @@ def _compiler() -> tuple[str, str] | None:
     except (OSError, subprocess.SubprocessError):
         return None
     return path, answer.stdout
+
+
+def going_on_after_failed_solves(code: str) -> str:
+    """The same C, in which a failed qrqp leaves its last point and goes on, as the virtual machine does.
+
+    As it comes it returns an error, whatever `error_on_fail` says, and with it every function around it before anything
+    is written: no certificate judges that point, and what was stated for the case of a failure never runs. An arm that
+    starts singular was seen to stay there for that.
+    """
+    return EARLY_RETURN.sub("", code)
