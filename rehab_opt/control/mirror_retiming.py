@@ -55,7 +55,10 @@ def retimed(tracker: MirrorTracker, plan: MirrorPath, left: Array) -> MirrorPath
         return plan
     ways = np.full(len(plan.times), CURVED)
     for share in SHARES:
-        found, ticks = _passed(tracker, plan, left, share, ways)
+        passage = _passed(tracker, plan, left, share, ways)
+        if passage is None:
+            return plan
+        found, ticks = passage
         if len(found.times) >= len(plan.times):
             return plan
         broken = _broken(tracker, found, plan)
@@ -70,10 +73,10 @@ def retimed(tracker: MirrorTracker, plan: MirrorPath, left: Array) -> MirrorPath
 
 def _passed(
     tracker: MirrorTracker, plan: MirrorPath, left: Array, share: float, ways: NDArray[np.int_]
-) -> tuple[MirrorPath, NDArray[np.int_]]:
+) -> tuple[MirrorPath, NDArray[np.int_]] | None:
     """The passage of least time, the hand at most at this share of its speed; and which tick of the plan each is of.
 
-    About each of the plan's ticks it goes as `ways` (M,) says.
+    About each of the plan's ticks it goes as `ways` (M,) says. None where there is none, as from one point to the next.
     """
     from scipy.interpolate import CubicHermiteSpline, PchipInterpolator  # noqa: PLC0415  (loaded when used)
 
@@ -94,6 +97,8 @@ def _passed(
     cells = PathCells(knots, *(np.hstack([curve(knots[:-1], order) for curve in curves]) for order in (1, 2, 3)))
     accelerations = PART * np.append(np.minimum(chain.acceleration, 2 * chain.velocity / dt), [np.inf, np.inf])
     timing = fastest_timing(cells, velocity=speeds, acceleration=accelerations)
+    if not math.isfinite(timing.times[-1]):
+        return None
     place = timing.at(dt * np.arange(math.ceil(timing.times[-1] / dt) + 1))
     moved = np.hstack([curve(place) for curve in curves])
     moved[0], moved[-1] = x[0], x[-1]

@@ -57,7 +57,10 @@ class PathTiming(NamedTuple):
 
 
 def fastest_timing(cells: PathCells, *, velocity: Array, acceleration: Array) -> PathTiming:
-    """The greatest speed of the parameter, at most 1, within the axes' bounds (n,) at every instant."""
+    """The greatest speed of the parameter, at most 1, within the axes' bounds (n,) at every instant.
+
+    It takes for ever (inf) where a cell would have to be passed from rest to rest.
+    """
     least, rows = _bounded(cells, velocity, acceleration)
     top = np.zeros(len(cells.knots))  # of z: at rest at the end
     for k in range(len(rows) - 1, -1, -1):
@@ -66,7 +69,8 @@ def fastest_timing(cells: PathCells, *, velocity: Array, acceleration: Array) ->
     for k in range(len(rows)):
         top[k + 1] = min(top[k + 1], _most_after(rows[k], top[k]))
     speeds = np.sqrt(top)
-    seconds = 2.0 * np.diff(cells.knots) / (speeds[:-1] + speeds[1:])
+    both = speeds[:-1] + speeds[1:]
+    seconds = np.divide(2.0 * np.diff(cells.knots), both, out=np.full(len(both), np.inf), where=both > 0.0)
     return PathTiming(cells.knots, np.append(0.0, np.cumsum(seconds)), speeds)
 
 
