@@ -240,11 +240,11 @@ class HandBounds:
         braking = all_true(*now)
         return ca.logic_and(braking, all_true(*later)), braking, shares[0], loss
 
-    def least_height(self, q: Array, plane: KeepOut) -> float:
-        """[m] of what is guarded above a plane at q (n,); negative where the arm is in the keep-out."""
+    def least_heights(self, q: Array, plane: KeepOut) -> Array:
+        """(M,) [m] of what is guarded above a plane at q (M, n); negative where the arm is in the keep-out."""
         symbol = ca.SX.sym("q", self.chain.n)
         heights = ca.vertcat(*self.heights(self.chain.frames_expression(symbol), plane))
-        return float(ca.Function("height", [symbol], [ca.mmin(heights)])(q))
+        return np.array(ca.Function("height", [symbol], [ca.mmin(heights)])(q.T)).ravel()
 
     def heights(self, frames: list[ca.SX], plane: KeepOut) -> list[ca.SX]:
         """[m] of each guarded point's ball above a plane."""

@@ -120,7 +120,7 @@ def test_no_guarded_point_is_anywhere_but_on_the_arm(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     for q in random_postures(edges, rng, 20):
         expected = 2.0 - max(pose[2, 3] for pose in link_poses(edges, q))
-        assert tracker.hand_bounds.least_height(q, plane) == pytest.approx(expected, abs=1e-9)
+        assert tracker.hand_bounds.least_heights(q, plane) == pytest.approx(expected, abs=1e-9)
 
 
 def test_joints_of_any_kind_may_be_locked_away(tmp_path: Path) -> None:

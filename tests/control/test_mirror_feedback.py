@@ -157,7 +157,7 @@ def test_the_true_arm_stays_out_of_what_it_must_not_enter(seed: int) -> None:
         off = off + 0.05 * (-friction * np.tanh(robot.servo.v / 0.01) - off)
         seen = seen + off
         if k > 300 and k % 10 == 0:
-            heights.append(led.hand_bounds.least_height(robot.servo.q + off, PLANE))
+            heights.append(led.hand_bounds.least_heights(robot.servo.q + off, PLANE).item())
     assert min(heights) <= 2e-3  # it came there
     assert min(heights) >= -5e-4
 

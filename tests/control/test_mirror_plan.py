@@ -257,8 +257,8 @@ def test_how_deep_an_arm_stands_in_a_keep_out_is_its_deepest_links_depth() -> No
     outside = KeepOut.through(place - 0.05 * np.array(away) / np.linalg.norm(away), away)
     bounds = tracker(5e-3).hand_bounds
     bare = replace(bounds, chain=ur5(capsules=()))
-    assert bare.least_height(motions.START, inside) == pytest.approx(-0.08, abs=1e-9)
-    assert bare.least_height(motions.START, outside) == pytest.approx(0.05, abs=1e-9)
+    assert bare.least_heights(motions.START, inside) == pytest.approx(-0.08, abs=1e-9)
+    assert bare.least_heights(motions.START, outside) == pytest.approx(0.05, abs=1e-9)
     for plane in (inside, outside):
         deepest = min(clearances(motions.START, np.array(plane.normal), plane.offset, np.zeros(3)).values())
-        assert bounds.least_height(motions.START, plane) == pytest.approx(deepest, abs=1e-9)
+        assert bounds.least_heights(motions.START, plane) == pytest.approx(deepest, abs=1e-9)

@@ -36,9 +36,8 @@ def causes(led: Led, bounds: HandBounds) -> NDArray[np.int_]:
     behind = (led.deviation > NEAR + led.short[:, 0]) | (led.turn > TURNED + led.short[:, 1])
     found = np.where((led.pace < WHOLE) | behind, 1, 0)
     found[robot] = 5
-    for k in np.flatnonzero(robot).tolist():
-        if any(bounds.least_height(led.q[k], plane) < AT_PLANE for plane in bounds.planes):
-            found[k] = 4
+    for plane in bounds.planes:
+        found[robot & (bounds.least_heights(led.q, plane) < AT_PLANE)] = 4
     found[robot & (led.manipulability < bounds.floor + AT_FLOOR)] = 3
     found[person] = 2
     found[np.isin(led.status, ("braking", "holding"))] = 6

@@ -116,7 +116,7 @@ def _notes(problem: MirrorProblem, scene: Scene, laws: dict[str, Led], tracker: 
     if w < problem.tracker.floor:
         yield f"the robot starts below the floor, at {w:.3f}"
     for i, plane in enumerate(tracker.hand_bounds.planes):
-        height = tracker.hand_bounds.least_height(scene.start, plane)
+        height = tracker.hand_bounds.least_heights(scene.start[None], plane).item()
         if height < 0.0:
             yield f"the robot starts {-1e3 * height:.3g} mm inside tracker.keep_out.{i}, and goes no deeper"
     for name, led in laws.items():
