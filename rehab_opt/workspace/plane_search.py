@@ -89,13 +89,16 @@ class PlaneSearch:
         self.solves = self.uncertified = self.failures = 0
         self._backup_calls = 0
 
-    def nearest(self, x: float, y: float, start: Array) -> Nearest | None:
-        """Local answer for the probe (x, y) from the posture `start` (k,); None where no row-keeping one was found."""
+    def nearest(self, x: float, y: float, start: Array, *, approached: bool = False) -> Nearest | None:
+        """Local answer for the probe (x, y) from the posture `start` (k,); None where no row-keeping one was found.
+
+        A start that is not `approached` is, where it leads to none that is certified.
+        """
         self._parameters[-3], self._parameters[-2] = x, y
         self._sqp.parameters[:] = self._parameters
         answer = self._sqp.solve(start)
         self.solves += 1
-        if not (answer.certified and answer.violation <= VIOLATION):  # NaN and infinity too
+        if not (approached or (answer.certified and answer.violation <= VIOLATION)):  # NaN and infinity too
             nearer = self._approach.near(self._parameters, np.array([[x, y]]), start[None]).postures[0]
             again = self._sqp.solve(nearer)
             self.solves += 1
@@ -156,7 +159,7 @@ class PlaneSearch:
         at = self.approached(hands, postures)
         found: list[Nearest | None] = []
         for (x, y), distance, near in zip(hands.tolist(), at.distances.tolist(), at.postures, strict=True):
-            found.append(Nearest(0.0, x, y, near) if distance == 0.0 else self.nearest(x, y, near))
+            found.append(Nearest(0.0, x, y, near) if distance == 0.0 else self.nearest(x, y, near, approached=True))
         return [answer for answer in found if answer is not None]
 
 
