@@ -233,16 +233,20 @@ class Run(NamedTuple):
     uncertified: int
 
 
+def _guarded(tracker: PoseTracker) -> list[tuple[int, int]]:
+    """Pairs of links that are kept apart, and links that are kept from bodies (-1)."""
+    pairs = tracker.limits.clearance
+    assert pairs is not None
+    return [*pairs.linked, *((i, -1) for i in pairs.free)]
+
+
 def closed_loop(kind: str, ticks: int, seed: int, dt: float, *, compile: object = "wait") -> Run:
     """A robot sent from random pose to random pose, among bodies that stand still and two that move."""
     rng = np.random.default_rng(seed)
     chain = robot(kind, rng)
     given = room(chain, rng, moving=2)
     tracker = PoseTracker(chain, dt=dt, limits=[given], compile=compile)  # type: ignore[arg-type]
-    pairs = tracker.limits.clearance
-    assert pairs is not None
-    judge = Judge(chain, given)
-    links = [*pairs.linked, *((i, -1) for i in pairs.free)]
+    judge, links = Judge(chain, given), _guarded(tracker)
     total = Run(0, 0, np.inf, 0, 0, 0, 0)
     low, high = 0.7 * np.maximum(chain.lower, -3), 0.7 * np.minimum(chain.upper, 3)
     while total.ticks < ticks:
@@ -304,9 +308,7 @@ def work_done(kind: str, moves: int, seed: int, dt: float, *, compile: object = 
     chain = robot(kind, rng)
     given = room(chain, rng, moving=2)
     free, among = (PoseTracker(chain, dt=dt, limits=limits, compile=compile) for limits in ([], [given]))  # type: ignore[arg-type]
-    pairs = among.limits.clearance
-    assert pairs is not None
-    judge, links, count = Judge(chain, given), [*pairs.linked, *((i, -1) for i in pairs.free)], round(MOVE / dt)
+    judge, links, count = Judge(chain, given), _guarded(among), round(MOVE / dt)
     found = Work(0, 0, 0.0, 0.0, np.inf)
     low, high = 0.7 * np.maximum(chain.lower, -3), 0.7 * np.minimum(chain.upper, 3)
     while found.tried < moves:
@@ -437,8 +439,9 @@ def main() -> None:
             for kind, k in product(ROBOTS, range(given.worlds))
         ]
         count, without, among = (sum(getattr(work, name) for work in works) for name in ("free", "without", "among"))
+        share = among / without if without else np.nan
         verdicts += [
-            Verdict(f"{count} moves whose way is free: work done of that without bodies", among / without, ">=", 0.9),
+            Verdict(f"{count} moves whose way is free: work done of that without bodies", share, ">=", 0.9),
             Reported("the same of the worst of them", min(work.least for work in works)),
         ]
     console.print(machine())
