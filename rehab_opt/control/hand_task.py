@@ -131,7 +131,11 @@ class HandTask:
             ca.sumsqr(law) + ca.sumsqr(kept) <= PLAUSIBLE**2, size > 0
         )  # no law at a singular posture
         part = ca.if_else(usable, part, 1)
-        turning = ca.if_else(usable, (1 - part) * turning, 0)
+        # Where the law is far away, what is off the command goes sooner than on the way to it.
+        left = (1 - part) * braking.slower(ca.SX(1))
+        sooner = ca.fmax(left - braking.leaves(last.velocity), 0)
+        turning = ca.if_else(usable, (left - sooner) * (before - along * direction), 0)
+        pull = ca.if_else(usable, sooner * firmness(before - along * direction), 0)
         speed = along + part * (size - along)
         # What braking leaves of the hand's velocity besides: that can be had in any case.
         error = jacobian @ base - turning
@@ -169,8 +173,8 @@ class HandTask:
             "across": ca.vec(ca.densify(across)),
             "across_lower": ca.fmin(across_least, -straight) - across_fixed,
             "across_upper": ca.fmax(across_most, straight) - across_fixed,
-            "guess": part * law + (1 - part) * kept,
-            "multipliers": -(part * change + (1 - part) * x),
+            "guess": part * law + (1 - part) * kept - self._spread(soft @ pull),
+            "multipliers": pull - part * change - (1 - part) * x,
         }
 
     @staticmethod
