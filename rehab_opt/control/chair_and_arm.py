@@ -223,11 +223,11 @@ class ChairAndArm(VelocityController):
 
     def _hand_rows(self, u: ca.SX, task: Mapping[str, ca.SX]) -> list[Row]:
         """The rows on u (7,) that keep the hand to its way at the stop posture."""
+        along = within(task["along"].T @ u, task["along_lower"], np.inf)
+        if len(self.rows) == 1:
+            return [along]
         across = ca.reshape(task["across"], len(self.rows) - 1, self.chain.n) @ u
-        return [
-            within(task["along"].T @ u, task["along_lower"], np.inf),
-            within(across, task["across_lower"], task["across_upper"]),
-        ]
+        return [along, within(across, task["across_lower"], task["across_upper"])]
 
     def _calm(self, last: ca.SX, task: Mapping[str, ca.SX], limits: Limits, eased: Limits) -> ca.SX:
         """(7,) what steadies the command: b of the class."""
