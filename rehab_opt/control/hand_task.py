@@ -88,7 +88,7 @@ class HandTask:
         The Jacobian is of the middle of the tick, where a velocity that is held moves the hand as it does in the mean;
         what the law makes of its freedom is of q: light joints would shake if their own speed decided how they share.
         """
-        k, moving, base = len(self.rows), self.moving, limits.base
+        moving, base = self.moving, limits.base
         half, heading = last.velocity * (dt / 2), ca.if_else(world, q[2], 0)
         jacobian = self.task_jacobian((q + half)[CHAIR:], turned=half[2], heading=heading)
         here, posture = self.task_jacobian(q[CHAIR:], turned=ca.SX(0), heading=heading), ca.vertcat(0, 0, 0, q[CHAIR:])
@@ -142,19 +142,6 @@ class HandTask:
         error -= clipped(ca.dot(direction, error), 0, speed) * direction
         off = ca.if_else(size > 0, ca.norm_2(error), 0)  # without a command the whole robot brakes
 
-        # The hand where braking ends: J(z) u by its tangent at `slower`, since z = q + T u moves with u. The velocities
-        # are those of the chassis as it stands there, and so is what the stick commands in the chassis frame.
-        slower = braking.slower(last.velocity)
-        stop = self._at_stop(q, braking.time * slower, world)
-        changes = self._changes(q, slower, jacobian, stop, world=world, time=braking.time)
-        then, fixed = stop + changes, -changes @ slower
-        along_row, along_fixed = direction.T @ then, ca.dot(direction, fixed)
-        square = self._square(direction)
-        across, across_fixed = square @ then, square @ fixed
-        along_then = ca.fmin(along_row @ base, along_row @ slower) + along_fixed
-        across_least = ca.fmin(across @ base, across @ slower) + across_fixed
-        across_most = ca.fmax(across @ base, across @ slower) + across_fixed
-        back, straight = (ca.if_else(size > 0, part * size, FAR) for part in (BACK, STRAIGHT / max(1, k - 1) ** 0.5))
         steep = ca.fmin(ca.fabs(ca.dot(direction, part * y + (1 - part) * x)), STEEP)
         insistence = self._insistence(last, along, size, dt)
         return {
@@ -168,13 +155,46 @@ class HandTask:
             "insistence": insistence,
             "error": ca.if_else(off > TINY, error / ca.fmax(off, TINY), 0),
             "off": ca.if_else(off > TINY, off, 0),
+            **self._stop_rows(q, last.velocity, jacobian, direction, size, world=world, base=base, braking=braking),
+            "guess": part * law + (1 - part) * kept - self._spread(soft @ pull),
+            "multipliers": pull - part * change - (1 - part) * x,
+        }
+
+    def _stop_rows(
+        self,
+        q: ca.SX,
+        last: ca.SX,
+        jacobian: ca.SX,
+        direction: ca.SX,
+        size: ca.SX,
+        *,
+        world: ca.SX,
+        base: ca.SX,
+        braking: BrakingTogether,
+    ) -> dict[str, ca.SX]:
+        """Rows of the hand's velocity where braking ends, J(z) u, and their bounds, each one column.
+
+        By its tangent at `slower`, since z = q + T u moves with u. The velocities are those of the chassis as it stands
+        there, and so is what the stick commands in the chassis frame.
+        """
+        slower = braking.slower(last)
+        stop = self._at_stop(q, braking.time * slower, world)
+        changes = self._changes(q, slower, jacobian, stop, world=world, time=braking.time)
+        then, fixed = stop + changes, -changes @ slower
+        along_row, along_fixed = direction.T @ then, ca.dot(direction, fixed)
+        square = self._square(direction)
+        across, across_fixed = square @ then, square @ fixed
+        along_then = ca.fmin(along_row @ base, along_row @ slower) + along_fixed
+        across_least = ca.fmin(across @ base, across @ slower) + across_fixed
+        across_most = ca.fmax(across @ base, across @ slower) + across_fixed
+        parts = BACK, STRAIGHT / max(1, len(self.rows) - 1) ** 0.5
+        back, straight = (ca.if_else(size > 0, part * size, FAR) for part in parts)
+        return {
             "along": ca.densify(along_row.T),
             "along_lower": ca.fmin(along_then, -back) - along_fixed,
             "across": ca.vec(ca.densify(across)),
             "across_lower": ca.fmin(across_least, -straight) - across_fixed,
             "across_upper": ca.fmax(across_most, straight) - across_fixed,
-            "guess": part * law + (1 - part) * kept - self._spread(soft @ pull),
-            "multipliers": pull - part * change - (1 - part) * x,
         }
 
     @staticmethod
