@@ -110,7 +110,7 @@ def test_a_drive_passes_what_the_law_does_within_every_bound_and_is_what_the_tab
     dt, robot = drive.time[1] - drive.time[0], outcome.chain
     assert min(map(closed_form, drive.q)) >= FLOOR - 1e-4
     places = np.array([robot.pose(q)[:3, 3] for q in drive.q])
-    assert np.linalg.norm(np.diff(places, axis=0), axis=1).max() <= SPEED * dt * (1 + 1e-3)
+    assert np.linalg.norm(np.diff(places, axis=0), axis=1).max() <= SPEED * dt * (1 + 1e-6)
     assert np.all(np.abs(np.diff(drive.q, axis=0)) <= robot.velocity * dt * (1 + 1e-9))
     assert np.all(np.abs(np.diff(drive.q, 2, axis=0)) <= robot.acceleration * dt**2 * (1 + 1e-9))
     jerk = math.radians(outcome.metrics["parameters"]["smoothing"]["jerk_deg_s3"])
