@@ -35,7 +35,7 @@ SAMPLES_PER_LANDMARK = 4
 OUTLINE_SAMPLES = 320
 OUTLINE_SHARE = 0.25
 # Landmarks at first. How often a map that is not proven goes on from where it is, what its pull to the outline is then
-# multiplied by, and how near to another one a landmark or a sample may be added, in spacings of the samples.
+# multiplied by, and how near to others landmarks and samples may be added, in spacings of the samples.
 LANDMARKS = 300
 REFINEMENTS, EASED = 4, 0.4
 APART_LANDMARKS, APART_SAMPLES = 0.8, 0.25
@@ -133,8 +133,8 @@ class _Samples(NamedTuple):
         shares = np.concatenate([self.shares, np.full(len(more), self.shares.mean())])
         places = points(at)
         near = places[self.outline.distance(places) < self.spacing]
-        along = np.union1d(self.along, self.outline.project(near, normalized=True))
-        along = along[np.diff(along, append=2.0) > APART_SAMPLES * self.spacing / self.outline.length]
+        steps = OUTLINE_SAMPLES / APART_SAMPLES
+        along = np.union1d(self.along, np.round(self.outline.project(near, normalized=True) * steps) % steps / steps)
         return self._replace(inside=np.concatenate([self.inside, more]), shares=shares, along=along)
 
     def through(self, landmarks: Array) -> Sampled:
