@@ -37,7 +37,7 @@ OUTLINE_SHARE = 0.25
 # Landmarks at first. How often a map that is not proven goes on from where it is, what its pull to the outline is then
 # multiplied by, and how near to others landmarks and samples may be added, in spacings of the samples.
 LANDMARKS = 300
-REFINEMENTS, EASED = 4, 0.4
+REFINEMENTS, EASED = 3, 0.3
 APART_LANDMARKS, APART_SAMPLES = 0.8, 0.25
 
 
