@@ -16,8 +16,6 @@ EXACT = 1 - 1e-12
 """Shrinking aims so far below a bound that rounding stays below it, too."""
 TINY = 1e-12
 """[N] A force that is none."""
-NEARLY = 1e-7
-"""[N] A certified answer is nearer than this to what it approximates."""
 ENERGY_ROUNDING = 1e-9
 """[J]"""
 
@@ -43,15 +41,8 @@ def assistance_statement() -> Statement:
     along = _direction(wanted - last)
     diagonals = ca.vertcat(ca.horzcat(along[0] - along[1], along[1] + along[0]),
                            ca.horzcat(along[0] + along[1], along[1] - along[0]))  # fmt: skip
-    # What an iterative solver leaves of a wanted force that no bound holds back: zero must be zero.
-    reached = all_true(
-        ca.norm_2(F - wanted) <= NEARLY,
-        ca.norm_2(wanted - last) <= EXACT * step,
-        ca.dot(wanted, velocity) * dt <= left,
-    )
-    answer = ca.if_else(reached, wanted, F)
     # Both shrinkings keep what the other bounds say: F_last is in the disc, and so is what lies between.
-    moved = answer - last
+    moved = F - last
     near = last + moved * ca.fmin(1, EXACT * step / ca.fmax(ca.norm_2(moved), TINY))
     bounded = near * ca.fmin(1, EXACT * force_limit / ca.fmax(ca.norm_2(near), TINY))
     holds = all_true(

@@ -126,11 +126,13 @@ def forces(verdict: Verdict, rng: np.random.Generator, solver: str) -> None:
 def inspected(verdict: Verdict, rng: np.random.Generator) -> None:
     """What is given for inspection, before a tick and by a witness after it, has the tick's answer as its own."""
     dt, stiffness, skip, most = 0.005, rng.uniform(200.0, 3000.0), int(rng.integers(0, 20)), int(rng.integers(1, 60))
+    pull = [stiffness]
     with witnessed(skip=skip, most=most) as witness:
-        force = BoundedForce(lambda x, y, _vx, _vy: (-stiffness * x, -stiffness * y), dt=dt, compile=False)
+        force = BoundedForce(lambda x, y, _vx, _vy: (-pull[0] * x, -pull[0] * y), dt=dt, compile=False)
         values, problems = [], []
         phase = rng.uniform(0, 6, 2)
         for k in range(50):
+            pull[0] = stiffness * (1 if k // 10 % 2 else -1)  # a force that turns round meets its rate
             x = 0.05 * np.sin(2.0 * dt * k * np.array([2.0, 3.0]) + phase)
             v = 0.1 * np.array([2.0, 3.0]) * np.cos(2.0 * dt * k * np.array([2.0, 3.0]) + phase)
             problems.append(force.to_qpsolvers(x, v))

@@ -2,7 +2,8 @@
 
 Judged: the command of every tick, against intervals written down once more. A joint that stands at its limit to 1e-9 is
 not outside. Without pushes every state can still stop, so that acceleration never yields; with them it yields only
-where speed or position leave it no room.
+where speed or position leave it no room. With drives that bound jerk neither it nor acceleration ever yields, a state
+that can stop never leaves the limits, and who lets go is at rest as soon as a ramp down and its two ends take.
 """
 
 from __future__ import annotations
@@ -18,24 +19,34 @@ PROMISES = (
             "acceleration. Then the task"),
     Promise("docs/capabilities/certificates.md", "From every state that can still stop, all bounds hold together; "
             "other states brake at the largest deceleration."),
+    Promise("rehab_opt/control/pose_tracker.py", "largest jerk, for drives that stop on more: of the finite "
+            "differences of what is sent, braking and fallbacks included. Velocity, acceleration and jerk then never "
+            "yield; a joint that is put where it cannot stop before its limit any more goes beyond it."),
     Promise("rehab_opt/control/command.py", "always finite"),
 )  # fmt: skip
 LEAST = {"status ok": 190_000, "yielded position": 1000, "yielded acceleration": 50, "yielded task": 50_000,
          "at a joint limit": 5000, "at a joint speed": 5000, "at a joint acceleration": 18_000,
-         "outside a joint limit": 2000, "solver qrqp": 100}  # fmt: skip
-CI_TICKS = 24_000
+         "outside a joint limit": 2000, "solver qrqp": 100,
+         "at a jerk": 20_000, "jerk bounded: at rest, braked": 3000, "jerk bounded: at a joint limit": 4000,
+         "jerk bounded: at a joint speed": 1000, "jerk bounded: at an acceleration": 4000,
+         "jerk bounded: all of the task": 2000}  # fmt: skip
+CI_TICKS = 32_000
 AT = 1e-9
-PUSHED = 1_000_000
-"""Numbers of the pushed runs begin here."""
+PUSHED, JERKY, JERKY_PUSHED = 1_000_000, 2_000_000, 3_000_000
+"""Numbers of the pushed runs begin here, of those with a bounded jerk, and of those with both."""
 
 
 def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
-    """Half of the runs undisturbed, half pushed and with faults."""
+    """Three eighths of the ticks undisturbed, as many pushed and with faults; a quarter with a bounded jerk."""
     verdict = Verdict("pose_tracker_bounds", seed, LEAST)
-    for each in runs(verdict, ticks // 2, only):
+    for each in runs(verdict, 3 * ticks // 8, only):
         judge(verdict, each, calm=True)
-    for each in runs(verdict, ticks // 2, only, faults=1.0, pushes=0.2, first=PUSHED):
+    for each in runs(verdict, 3 * ticks // 8, only, faults=1.0, pushes=0.2, first=PUSHED):
         judge(verdict, each, calm=False)
+    for each in runs(verdict, ticks // 6, only, faults=1.0, jerk=True, first=JERKY):
+        judge_jerk(verdict, each, calm=True)
+    for each in runs(verdict, ticks // 12, only, faults=1.0, pushes=0.5, jerk=True, first=JERKY_PUSHED):
+        judge_jerk(verdict, each, calm=False)
     return verdict
 
 
@@ -80,3 +91,38 @@ def judge(verdict: Verdict, one: Run, *, calm: bool) -> None:
     verdict.during("at a joint acceleration", ((change > allowed * (1 - 1e-6)) & full).any(axis=1), dt)
     verdict.during("outside a joint limit", (above | below).any(axis=1), dt)
     verdict.during(f"reference {one.kind}", np.ones(len(q), dtype=bool), dt)
+
+
+def judge_jerk(verdict: Verdict, one: Run, *, calm: bool) -> None:
+    """The same of drives that bound jerk, in every tick."""
+    given, dt = one.settings, one.settings.dt
+    answers = verdict.answers(one.commands, dt)
+    value, last = speeds(one)
+    change = (value - last) / dt
+    jerk = np.diff(np.vstack([np.zeros(6), change]), axis=0) / dt / given.jerk
+    verdict.holds("the command is finite", np.isfinite(value))
+    verdict.within("jerk bounded: joint speed", np.abs(value) / given.velocity, 1 + 1e-12)
+    verdict.within("jerk bounded: acceleration", np.abs(change) / given.acceleration, 1 + 1e-9)
+    verdict.within("jerk", np.abs(jerk), 1 + 1e-9)
+    verdict.holds("jerk bounded: acceleration is not said to yield", answers.yielded & 2 == 0)
+    q, known = one.q, ~np.isin(one.faults.kind, ("q", "all"))
+    beyond = np.maximum(q - given.upper, given.lower - q)
+    outside = beyond > AT
+    if calm:
+        verdict.within("jerk bounded: outside a joint limit [rad]", beyond, AT)
+    verdict.holds("jerk bounded: a joint outside is flagged, and nothing else is",
+                  ((answers.yielded & 1 != 0) == outside[:-1].any(axis=1)) | ~known)  # fmt: skip
+    safe = np.isin(answers.status, ("braking", "holding"))
+    braking = np.arange(len(safe)) - np.maximum.accumulate(np.where(safe, -1, np.arange(len(safe))))
+    fastest = np.maximum.accumulate(np.where(safe[:, None], 0.0, np.abs(value)))  # ever since the start: easily enough
+    ramp = fastest / given.acceleration + 3 * given.acceleration / given.jerk
+    late = braking[:, None] > ramp / dt + 5
+    if calm:
+        verdict.holds("jerk bounded: at rest in time", ~(late & (value != 0)).any(axis=1))
+    verdict.during("jerk bounded: at rest, braked", safe & ~value.any(axis=1), dt)
+    verdict.during("jerk bounded: at a joint limit", (np.abs(beyond[:-1]) < 0.05 * given.jerk * dt**3).any(axis=1), dt)
+    verdict.during("jerk bounded: at a joint speed", (np.abs(value) > given.velocity * (1 - 1e-6)).any(axis=1), dt)
+    verdict.during("jerk bounded: at an acceleration",
+                   (np.abs(change) > given.acceleration * (1 - 1e-6)).any(axis=1), dt)  # fmt: skip
+    verdict.during("at a jerk", (np.abs(jerk) > 1 - 1e-6).any(axis=1), dt)
+    verdict.during("jerk bounded: all of the task", (answers.yielded == 0) & (answers.scale == 1), dt)

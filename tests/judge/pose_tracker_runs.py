@@ -36,6 +36,7 @@ class Settings(NamedTuple):
     weights: Array
     posture: Array | None
     recovery_speed: float
+    jerk: Array | None = None
 
 
 class Run(NamedTuple):
@@ -79,19 +80,28 @@ def draw(rng: np.random.Generator, start: Array) -> Settings:
     )
 
 
+def with_jerk(rng: np.random.Generator, given: Settings) -> Settings:
+    """The same with drives that bound jerk: 1 to 200 ticks to the acceleration; the gain that the docstring allows."""
+    acceleration = np.minimum(given.acceleration, 30.0)
+    jerk = acceleration / (given.dt * 10 ** rng.uniform(0.0, 2.0) * rng.uniform(1.0, 2.0, 6))
+    gain = min(given.gain, 0.25 * float(np.min(jerk / acceleration)))
+    return given._replace(acceleration=acceleration, jerk=jerk, gain=gain)
+
+
 def tracker(given: Settings) -> PoseTracker:
     """A tracker made so."""
     return PoseTracker(
         ur5(lower=given.lower, upper=given.upper, velocity=given.velocity, acceleration=given.acceleration),
         gain=given.gain, linear_speed=given.linear_speed, angular_speed=given.angular_speed, posture=given.posture,
-        task_weights=given.weights, dt=given.dt, recovery_speed=given.recovery_speed, compile=False,
+        task_weights=given.weights, jerk=given.jerk, dt=given.dt, recovery_speed=given.recovery_speed, compile=False,
     )  # fmt: skip
 
 
-def follow(rng: np.random.Generator, number: int, *, faults: float, pushes: float) -> Run:
+def follow(rng: np.random.Generator, number: int, *, faults: float, pushes: float, jerk: bool) -> Run:
     """One run: a fault each `faults` s, a push each `pushes` s."""
     start = good_posture(rng, 0.1)
     given, kind = draw(rng, start), KINDS[number % len(KINDS)]
+    given = with_jerk(rng, given) if jerk else given
     dt, control = given.dt, tracker(given)
     ticks = run_length(rng, number, dt)
     poses, twists = reference(rng, kind, start, ticks, dt)
@@ -126,11 +136,12 @@ def runs(
     *,
     faults: float = math.inf,
     pushes: float = math.inf,
+    jerk: bool = False,
     first: int = 0,
 ) -> Iterator[Run]:
     """Runs numbered from `first` until so many ticks are done; or the one that is asked for, if it is one of them."""
     for number, rng in numbered(verdict, ticks, only, first=first):
-        run = follow(rng, number, faults=faults, pushes=pushes)
+        run = follow(rng, number, faults=faults, pushes=pushes, jerk=jerk)
         verdict.begin(number, f"{run.kind}, dt {run.settings.dt:g}")
         yield run
 

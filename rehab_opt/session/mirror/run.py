@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
@@ -10,8 +11,8 @@ import numpy as np
 from rehab_opt.control.conditioning import Conditioner
 from rehab_opt.session.clearance import nearest_bodies
 from rehab_opt.session.files import ProblemFile
-from rehab_opt.session.mirror.laws import followed, planned, searched, tracker_of, without_floor
-from rehab_opt.session.mirror.metrics import astar_metrics, causes, led_metrics
+from rehab_opt.session.mirror.laws import ANY_SPEED, followed, planned, searched, tracker_of, without_floor
+from rehab_opt.session.mirror.metrics import astar_metrics, causes, driven, led_metrics
 from rehab_opt.session.mirror.outcome import BEFORE, PLAN, STEP, Led, MirrorOutcome
 from rehab_opt.session.mirror.problem import MirrorProblem
 from rehab_opt.session.mirror.scene import Scene, laid_out
@@ -25,6 +26,8 @@ __all__ = ["run_mirror"]
 
 FAR = 1e-3
 """[m] from the first reference pose, where a start is told to be elsewhere."""
+TOGETHER = 0.5
+"""[s] of the recording within which changes of posture are told as one."""
 
 
 def run_mirror(loaded: ProblemFile[MirrorProblem], *, progress: Progress) -> MirrorOutcome:
@@ -47,11 +50,13 @@ def run_mirror(loaded: ProblemFile[MirrorProblem], *, progress: Progress) -> Mir
         STEP: followed(tracker, scene, plant, patience=section.patience, progress=progress),
         PLAN: planned(tracker, scene, progress=progress),
     }
+    speeds = {BEFORE: ANY_SPEED, STEP: section.linear_speed_m_s, PLAN: section.linear_speed_m_s}
+    drives = {name: driven(led, robot, problem.smoothing, linear_speed=speeds[name]) for name, led in laws.items()}
     why = {name: causes(led, tracker.hand_bounds) for name, led in laws.items()}
     near = nearest_bodies(problem.clearance, loaded.file, robot, laws[STEP].q, laws[STEP].time)
     astar = searched(problem, scene, max_manipulability=max_manipulability, progress=progress)
     asked = reference.poses[~reference.lost]
-    speeds = np.linalg.norm(reference.twists[~reference.lost, :3], axis=1)
+    fast = np.linalg.norm(reference.twists[~reference.lost, :3], axis=1)
     metrics: dict[str, Any] = {
         "reference": {
             "duration_s": float(reference.times[-1] - reference.times[0]),
@@ -59,8 +64,8 @@ def run_mirror(loaded: ProblemFile[MirrorProblem], *, progress: Progress) -> Mir
             "samples_lost": int(reference.lost.sum()),
             "samples_dropped": reference.dropped,
             "gaps": reference.gaps,
-            "speed_max_m_s": float(speeds.max()),
-            "faster_than_cap_share_of_time": float(np.mean(speeds > section.linear_speed_m_s)),
+            "speed_max_m_s": float(fast.max()),
+            "faster_than_cap_share_of_time": float(np.mean(fast > section.linear_speed_m_s)),
             "filter_lag_s": Conditioner(1 / rate, cutoff_hz=problem.conditioning.cutoff_hz).lag,
             "calibration_rms_m": scene.fit.rms if scene.fit is not None else None,
             "scale": problem.placement.scale,
@@ -69,6 +74,7 @@ def run_mirror(loaded: ProblemFile[MirrorProblem], *, progress: Progress) -> Mir
         "laws": {
             name: led_metrics(
                 led,
+                drives[name],
                 robot,
                 asked,
                 cause=why[name],
@@ -93,6 +99,7 @@ def run_mirror(loaded: ProblemFile[MirrorProblem], *, progress: Progress) -> Mir
         asked=reference.poses,
         recorded=scene.recorded,
         laws=laws,
+        drives=drives,
         causes=why,
         astar=astar,
         max_deviation=1e-3 * section.max_deviation_mm,
@@ -112,6 +119,15 @@ def _notes(problem: MirrorProblem, scene: Scene, laws: dict[str, Led], tracker: 
         yield f"the robot starts {1e3 * away:.0f} mm from the first pose, and goes there first"
     if scene.person is not None:
         yield "the reference is limited to the range of motion of the arm that is led; distances are to what was asked"
+    waits = np.flatnonzero(np.diff(scene.asked) == 0)
+    if waits.size:
+        moments = scene.asked[waits] / problem.tracker.rate_hz
+        at = ", ".join(f"{moment:.1f}" for moment in moments[np.diff(moments, prepend=-math.inf) > TOGETHER])
+        yield (
+            f"the led arm changes its posture at {at} s of the recording, which waits "
+            f"{waits.size / problem.tracker.rate_hz:.1f} s in all; meanwhile the hand is led up to "
+            f"{1e3 * scene.beyond[waits, 0].max():.0f} mm off its path"
+        )
     w = scene.robot.manipulability(scene.start) / tracker.max_manipulability
     if w < problem.tracker.floor:
         yield f"the robot starts below the floor, at {w:.3f}"
