@@ -52,7 +52,7 @@ NAMES = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_
 FOR_GOOD = ("blocked", "wrong way", "encoder still")
 LEAST = {"fault told": 30_000, "after a reset": 10_000, "a joint at its limit": 2000, "no numbers": 2000,
          "beyond the tolerance, no fault": 1000, "servo in the model": 50_000, "late by more or less": 50_000,
-         "compared with one that is not late": 300_000, "not told of the robot, fault told": 4000,
+         "compared with one that is not late": 150_000, "not told of the robot, fault told": 4000,
          "not told of the robot, due": 100, "not told of the robot, no fault": 10_000}  # fmt: skip
 CI_TICKS = 4400
 SHARE = 0.3
