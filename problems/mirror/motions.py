@@ -104,7 +104,7 @@ def recorded(poses: list[Array]) -> str:
     positions, quaternions = unity_from_robot(right[:, :3, 3], quaternions_of(right[:, :3, :3]))
     lines = ["t_s,x_m,y_m,z_m,qx,qy,qz,qw"]
     for i, (p, q) in enumerate(zip(positions, quaternions, strict=True)):
-        lines.append(",".join([f"{i / RATE:.6f}", *(f"{x:.6f}" for x in p), *(f"{x:.7f}" for x in q)]))
+        lines.append(",".join([f"{i / RATE:.6f}", *(f"{x:.6f}" for x in p), *(f"{x:.5f}" for x in q)]))
     return "\n".join(lines) + "\n"
 
 

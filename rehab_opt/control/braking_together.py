@@ -41,6 +41,8 @@ class BrakingTogether:
         self.change = ca.DM(np.minimum(chain.acceleration * dt, 2 * chain.velocity))
         """(n,) largest change of a velocity in a tick; a finite number where the acceleration is infinite."""
         self._left = 1 - dt / self.time
+        stopping = self.time / SLACK
+        self._part = stopping / (stopping + 1)
 
     def slower(self, velocity: ca.SX) -> ca.SX:
         """(n,) velocities after a tick of braking that leaves the stop posture where it is."""
@@ -48,4 +50,15 @@ class BrakingTogether:
 
     def slowest(self, velocity: ca.SX) -> ca.SX:
         """(n,) velocities after a tick of the hardest braking; it ends at rest, on the way to the stop posture."""
-        return velocity * ca.fmax(0, 1 - 1 / ca.fmax(ca.mmax(ca.fabs(velocity) / self.change), 1))
+        return velocity * (1 - self._hardest(velocity))
+
+    def leaves(self, velocity: ca.SX) -> ca.SX:
+        """Fraction that is left of what must go, at most: where all goes with it, it is gone 1 s after T / 1.1.
+
+        `slower` alone never ends: the hand of a slow robot was 0.36 of its command across when T + 1 s had gone by.
+        """
+        return ca.fmin(self._left, 1 - self._part * self._hardest(velocity))
+
+    def _hardest(self, velocity: ca.SX) -> ca.SX:
+        """Fraction of all velocities that the accelerations take away in a tick."""
+        return 1 / ca.fmax(ca.mmax(ca.fabs(velocity) / self.change), 1)

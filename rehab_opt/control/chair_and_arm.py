@@ -206,7 +206,7 @@ class ChairAndArm(VelocityController):
             active_set_iterations=ROUNDS,
             iterations=ITERATIONS,
             analytic=ca.vertcat(given["guess"], given["speed"], 0),
-            dual=ca.vertcat(given["multipliers"], ca.SX.zeros(limits.row_count + 1 + k)),
+            dual=ca.vertcat(given["multipliers"], ca.SX.zeros(limits.row_count + k)),
             precomputed=columns,
             precompute=self._prepared(
                 ca.vertcat(*parameters), memory, ca.vertcat(keep_outs, clearance, around, contacts), prepared
@@ -223,11 +223,11 @@ class ChairAndArm(VelocityController):
 
     def _hand_rows(self, u: ca.SX, task: Mapping[str, ca.SX]) -> list[Row]:
         """The rows on u (7,) that keep the hand to its way at the stop posture."""
-        across = ca.reshape(task["across"], len(self.rows), self.chain.n) @ u
-        return [
-            within(task["along"].T @ u, task["along_lower"], np.inf),
-            within(across, task["across_lower"], task["across_upper"]),
-        ]
+        along = within(task["along"].T @ u, task["along_lower"], np.inf)
+        if len(self.rows) == 1:
+            return [along]
+        across = ca.reshape(task["across"], len(self.rows) - 1, self.chain.n) @ u
+        return [along, within(across, task["across_lower"], task["across_upper"])]
 
     def _calm(self, last: ca.SX, task: Mapping[str, ca.SX], limits: Limits, eased: Limits) -> ca.SX:
         """(7,) what steadies the command: b of the class."""

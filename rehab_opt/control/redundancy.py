@@ -46,16 +46,16 @@ FASTER = 1e-9
 class RedundancyResolver(OneThread):
     """Chair and arm velocities for a hand twist: Eq. (1), Honzik, as a QP with bounds; stated in `ChairAndArm`.
 
-    With no bound active the answer is Eq. (1). Never broken, in this order: joint and chassis speeds, wheel speeds and
-    rolling; then no joint goes beyond its limit, or further beyond, and neither does the chair into an obstacle nor the
-    arm into a keep-out; then accelerations; then the task, which keeps its direction and is slowed. Of an arm that
-    slides along a keep-out this holds at both ends of a tick: in between, its way bows by reach times its turn squared
-    over 8, micrometres.
+    With no bound active the answer is Eq. (1), its Jacobian that of the middle of the tick. Never broken, in
+    this order: joint and chassis speeds, wheel speeds and rolling; then no joint goes beyond its limit, or further
+    beyond, and neither does the chair into an obstacle nor the arm into a keep-out; then accelerations; then the task,
+    which keeps its direction and is slowed. Of an arm that slides along a keep-out this holds at both ends of a tick:
+    in between, its way bows by reach times its turn squared over 8, micrometres.
 
     The law. Every limit, keep-out and obstacle is approached so that the whole robot can brake together, all velocities
-    to zero in proportion in T, 1.1 times the time in which every joint stops from its largest speed, with all of them
-    kept (`BrakingTogether`). Accelerations therefore yield only where an obstacle, or a velocity that was told, came
-    too late for that, or within 2 mm; with ticks of more than 20 ms, within what the chair turns by in one. Under a
+    to zero in proportion in 1.1 T, with all of them kept (`BrakingTogether`); T is the time in which every joint stops
+    from its largest speed. Accelerations therefore yield only where an obstacle, or a velocity that was told, came too
+    late for that, or within 2 mm; with ticks of more than 20 ms, within what the chair turns by in one. Under a
     constant command the hand, after T + 1 s, is no faster than commanded by more than 2 % and moves no faster than 2 %
     of that against it. While it brakes before a bound it may leave the direction, by less than 15 % of the commanded
     speed across and against it, since the Jacobian changes on the way. Where the bounds leave nothing of the command,

@@ -21,6 +21,10 @@ COMPARISONS = "#if 1 /* comparisons, as in the code that Python runs: it is comp
 DEFINITION = re.compile(r"^(?=(?:casadi_real|casadi_int|void|int) casadi_\w+\()", re.MULTILINE)
 """Where a function of CasADi's runtime begins: each is visible to the linker as it comes."""
 
+FUNCTION = re.compile(r"(?:^/\*[^\n]*\*/\n)?^static int (casadi_f\d+)(\(.*?^}\n\n?)", re.MULTILINE | re.DOTALL)
+"""A function that others call, with the comment before it; those that it calls come first."""
+NAME = re.compile(r"(#define )?\b(casadi_f\d+)\b(?(1).*\n)")
+"""Such a function's, or the line that gives it its prefix."""
 
 UNUSED = ("#include <stdarg.h>\n", "#include <stdio.h>\n")
 """Nothing is printed; a robot's processor may have no such thing."""
@@ -59,7 +63,7 @@ def generated(functions: Sequence[ca.Function]) -> Generated:
         raise ConfigurationError("casadi", ca.CasadiMeta.version(), "a version that writes C of the form known here")
     for unused in UNUSED:
         code = code.replace(unused, "")
-    code = going_on_after_failed_solves(code)
+    code = _each_once(going_on_after_failed_solves(code))
     lines = (line.strip(" *") for line in notice.removeprefix("/*").splitlines())
     return Generated(
         code=DEFINITION.sub("static ", code.replace(OLD_C, COMPARISONS)).strip() + "\n",
@@ -69,6 +73,23 @@ def generated(functions: Sequence[ca.Function]) -> Generated:
         integers=max(function.sz_iw() for function in functions),
         reals=max(function.sz_w() for function in functions),
     )
+
+
+def _each_once(code: str) -> str:
+    """The same C, with functions of equal text written once: CasADi writes one for each time that it was made."""
+    name_of, first = dict[str, str](), dict[str, str]()
+
+    def known(found: re.Match[str]) -> str:
+        name = name_of.get(found[2], found[2])
+        return found[0] if name == found[2] else "" if found[1] else name
+
+    def kept(found: re.Match[str]) -> str:
+        name, text = found[1], NAME.sub(known, found[2])
+        name_of[name] = first.setdefault(text, name)
+        return found[0] if name_of[name] == name else ""
+
+    code = FUNCTION.sub(kept, code)
+    return NAME.sub(known, code)
 
 
 def renamed(function: ca.Function, name: str) -> ca.Function:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from rehab_opt import Bound
-from tests.judge.chair_robot import LACKING, WHEEL_LIMIT, Array, Obstacles
+from tests.judge.chair_robot import LACKING, STAND_OFF, WHEEL_LIMIT, Array, Obstacles
 from tests.judge.chair_runs import Part, Run, rolled
 from tests.judge.verdict import Answers, Verdict
 
@@ -119,7 +119,11 @@ def _judge_gaps(run: Run, verdict: Verdict, obstacles: Obstacles, ticks: slice) 
 
 
 def judge_acceleration(run: Run, verdict: Verdict, found: Answers, u: Array, before: Array, late: Array) -> None:
-    """Never more than a dt a tick, but where an obstacle came too late or a joint, or the arm, was outside."""
+    """Never more than a dt a tick, but where an obstacle came too late or a joint, or the arm, was outside.
+
+    And while a velocity that was told brakes, T, where on that way the arm passes a keep-out within `STAND_OFF`: it
+    comes too late for the room that the controller keeps there, as the docstring says. All else is judged there, too.
+    """
     chair, dt = run.chair, run.dt
     allowed = np.minimum(chair.acceleration * dt, 2 * chair.velocity)
     change = np.abs(u - before)
@@ -130,6 +134,8 @@ def judge_acceleration(run: Run, verdict: Verdict, found: Answers, u: Array, bef
     outside = np.any((arm > chair.upper + ROUNDING) | (arm < chair.lower - ROUNDING), axis=1)
     outside |= np.min(chair.arm_gaps(run.q[:-1]), axis=1) < -ROUNDING
     excused = late | outside
+    if run.start.any() and np.min(chair.arm_gaps(chair.braked(run.q[0], run.start, dt))) <= STAND_OFF:
+        excused[: round(chair.braking_time / dt)] = True
     factor = np.where(excused[:, None], 0.0, change / allowed)
     verdict.within("acceleration is never relaxed", factor, 1 + 1e-6)
     verdict.during("beyond the acceleration, too late", hurried & excused, dt)

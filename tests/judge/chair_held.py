@@ -41,7 +41,7 @@ PROMISES = (
     ),
     Promise(
         "rehab_opt/control/redundancy.py",
-        "T, 1.1 times the time in which every joint stops from its largest speed",
+        "T is the time in which every joint stops from its largest speed.",
     ),
     Promise(
         "rehab_opt/control/redundancy.py",
@@ -86,8 +86,6 @@ DT = 0.01
 SIZE, AGAINST, ACROSS = 0.02, 0.02, 0.05
 """Of the command at ticks of up to `DT`, above by dt: the chord of a turning hand's way is up to 3 % off."""
 BRAKING = 0.15
-LONGER = 1.1
-"""Times the time in which all joints can stop, T of the law that begins; an episode is held to that time itself."""
 STOPPED, POSSIBLE = 0.02, 0.05
 SAME, AGAIN = 1e-6, 5
 """[m/s, rad/s] between a run and the same again, of one run in so many: a solver may begin from another guess."""
@@ -156,7 +154,7 @@ def judge_again(made: RedundancyResolver, run: Run, verdict: Verdict) -> None:
 def judge_law(run: Run, verdict: Verdict, part: Part, span: slice, obstacles: Obstacles = ()) -> None:
     """The law for one held command, from T + 1 s after its begin."""
     chair, dt = run.chair, run.dt
-    begin = span.start + int(np.ceil((LONGER * chair.braking_time + 1.0) / dt))
+    begin = span.start + int(np.ceil((chair.braking_time + 1.0) / dt))
     if begin + round(1.0 / dt) >= span.stop:
         return
     q, ahead = run.q[begin : span.stop], run.q[begin + 1 : span.stop + 1]

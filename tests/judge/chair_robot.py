@@ -220,17 +220,14 @@ class Chair:
         out = [q[..., 0] * nx + q[..., 1] * ny + (c * x - s * y) * nx + (s * x + c * y) * ny for x, y in CORNERS]
         return wall.offset / size - np.stack(out, -1)
 
-    def brakes_in_time(self, q: Array, u: Array, obstacles: Obstacles, dt: float, *, clear: float = 0.0) -> bool:
-        """Whether u, scaled to zero in T after two more ticks of it, keeps every bound, obstacles by `STAND_OFF`.
-
-        clear : [m] by which it keeps the arm from keep-outs.
-        """
+    def brakes_in_time(self, q: Array, u: Array, obstacles: Obstacles, dt: float) -> bool:
+        """Whether u, scaled to zero in T after two more ticks of it, keeps every bound, obstacles by `STAND_OFF`."""
         path = self.braked(q, u, dt)
         arm = path[:, 3:]
         return bool(
             np.all(arm >= self.lower)
             and np.all(arm <= self.upper)
-            and np.all(self.arm_gaps(path) > clear)
+            and np.all(self.arm_gaps(path) > 0)
             and np.all(self.obstacle_gaps(path, obstacles) > STAND_OFF)
         )
 

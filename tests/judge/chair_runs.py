@@ -12,7 +12,7 @@ import numpy as np
 
 from rehab_opt import Command, RedundancyResolver
 from rehab_opt.kinematics.ardis import ARDIS_READY
-from tests.judge.chair_robot import LACKING, STAND_OFF, WHEEL_LIMIT, Array, Chair, Obstacles
+from tests.judge.chair_robot import LACKING, WHEEL_LIMIT, Array, Chair, Obstacles
 
 READY = np.array(ARDIS_READY)
 SETS = (("x", "y", "z"), ("x", "y"), ("z", "roll7"))
@@ -146,13 +146,13 @@ def posture(chair: Chair, rng: np.random.Generator, *, ready: float = 0.3) -> Ar
 
 
 def motion(chair: Chair, q: Array, rng: np.random.Generator, dt: float, obstacles: Obstacles = ()) -> Array:
-    """(7,) a random u from which the whole robot can brake together, and not within 2 mm; rest if none is found."""
+    """(7,) a random u from which the whole robot can brake together; rest if none is found."""
     for _ in range(20):
         u = rng.uniform(-1, 1, 7) * chair.velocity * rng.choice([0.1, 0.3, 0.7, 1.0])
         u[LACKING[chair.drive]] = 0.0
         u[:2] /= max(1.0, math.hypot(u[0], u[1]) / chair.velocity[0] / 0.999)
         u[:3] /= max(1.0, float(np.max(np.abs(chair.wheels(u)), initial=0.0)) / WHEEL_LIMIT[chair.drive] / 0.999)
-        if chair.brakes_in_time(q, u, obstacles, dt, clear=STAND_OFF):
+        if chair.brakes_in_time(q, u, obstacles, dt):
             return u
     return np.zeros(7)
 

@@ -100,6 +100,31 @@ def test_floor_deviation_speeds_and_planes_hold_at_every_tick(
         assert room.min() >= -1e-9
 
 
+@pytest.mark.parametrize("law", [STEP, PLAN])
+@pytest.mark.parametrize("name", NAMES)
+def test_a_drive_passes_what_the_law_does_within_every_bound_and_is_what_the_table_begins_with(
+    name: str, law: str, ran: Callable[[str], MirrorOutcome]
+) -> None:
+    outcome = ran(name)
+    led, drive, numbers = outcome.laws[law], outcome.drives[law], outcome.metrics["laws"][law]
+    dt, robot = drive.time[1] - drive.time[0], outcome.chain
+    assert min(map(closed_form, drive.q)) >= FLOOR - 1e-4
+    places = np.array([robot.pose(q)[:3, 3] for q in drive.q])
+    assert np.linalg.norm(np.diff(places, axis=0), axis=1).max() <= SPEED * dt * (1 + 1e-6)
+    assert np.all(np.abs(np.diff(drive.q, axis=0)) <= robot.velocity * dt * (1 + 1e-9))
+    assert np.all(np.abs(np.diff(drive.q, 2, axis=0)) <= robot.acceleration * dt**2 * (1 + 1e-9))
+    jerk = math.radians(outcome.metrics["parameters"]["smoothing"]["jerk_deg_s3"])
+    assert np.abs(np.diff(drive.q, 3, axis=0)).max() <= jerk * dt**3 * (1 + 1e-6)
+    assert np.nanmax(np.abs(drive.deviation)) <= np.nanmax(led.deviation) + 1e-3
+    asked = outcome.asked[~np.isnan(outcome.asked[:, 0, 0])]
+    assert numbers["drive"]["passed_share_of_time"] == passed_share(drive.tool, asked)
+    assert numbers["drive"]["passed_share_of_time"] >= 0.99 * numbers["passed_share_of_time"]
+    assert led.time[-1] <= drive.time[-1] + dt <= 1.1 * led.time[-1]
+    cells = list(brief(outcome).columns[1 + list(outcome.laws).index(law)].cells)
+    assert str(cells[0]) == f"{100 * numbers['drive']['passed_share_of_time']:.0f}"
+    assert str(cells[2]) == f"{drive.time[-1]:.1f}"
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_without_a_floor_the_same_reference_goes_below_it_and_is_not_led_slowly(
     name: str, ran: Callable[[str], MirrorOutcome]
@@ -185,11 +210,32 @@ def test_the_real_hand_is_mirrored_scaled_limited_to_an_arm_and_its_rate_assumed
     assert any(note.startswith("ASSUMED: 90 samples a second") for note in outcome.notes)
     assert "rows 1 to 720 of the recording's 3000" in outcome.notes
     assert any("range of motion" in note for note in outcome.notes)
+    (changes,) = (note for note in outcome.notes if "arm changes its posture at 0.4, 1.9, 7.7 s" in note)
+    assert float(changes.split(" mm off")[0].split()[-1]) == pytest.approx(
+        1e3 * outcome.laws[STEP].deviation.max(), abs=1
+    )
+    size = " x ".join(f"{1e3 * side:.3g}" for side in np.ptp(outcome.asked[:, :3, 3], axis=0))
+    assert any(f"over 7.985 s; {size} mm large" in note for note in outcome.notes)
+    (arm,) = (note for note in outcome.notes if note.startswith("the led arm, by its range of motion, does"))
+    assert outcome.metrics["laws"][PLAN]["passed_share_of_time"] < percent(arm) < 1.0  # it passes nothing else
     assert outcome.metrics["reference"]["scale"] == pytest.approx(0.59 / 0.98)
     assert outcome.metrics["reference"]["speed_max_m_s"] > 1.5
     asked, mirrored = outcome.asked[:, :3, 3], outcome.mirror.positions(outcome.recorded)
     assert 0.5 < np.ptp(asked, axis=0).max() < 1.2  # metres, of an arm of 0.59
     assert np.abs(asked.min(axis=0) - mirrored.min(axis=0)).max() < 0.05  # but for the filter
+
+
+@pytest.mark.parametrize("name", NAMES[:2])
+def test_check_says_how_much_is_in_reach_and_the_run_passes_that(
+    name: str, ran: Callable[[str], MirrorOutcome]
+) -> None:
+    (reach,) = (note for note in checked(load_problem(f"mirror/{name}")) if note.startswith("in reach"))
+    assert percent(reach) == pytest.approx(ran(name).metrics["laws"][PLAN]["passed_share_of_time"], abs=0.08)
+
+
+def percent(note: str) -> float:
+    """The share that a note tells."""
+    return float(note.partition(" %")[0].split()[-1]) / 100
 
 
 # ----------------------------------------------------------------------------------------------------- lost sight

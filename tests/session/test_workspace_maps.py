@@ -97,7 +97,11 @@ def test_figures_show_each_direction_before_and_after_and_where_it_folds(shipped
     for name, figure in drawn.items():
         assert shipped.title in figure.get_suptitle()
         panels = [axes for axes in figure.axes if axes.get_title()]
-        assert len(panels) == (3 if name.startswith("map") else 2)
+        assert len(panels) == (6 if name.startswith("map") else 2)
+        figure.canvas.draw()
+        for axes in panels[4:]:  # on one scale: a millimetre is as many pixels, of the same part of the plane
+            np.testing.assert_allclose(axes.viewLim.bounds, panels[3].viewLim.bounds)
+            np.testing.assert_allclose(axes.bbox.size, panels[3].bbox.size, rtol=1e-3)
         assert any("NOT for a controller" in axes.get_title() for axes in panels)
         for axes in panels:  # nothing but the sets decides what is shown
             assert np.ptp(axes.dataLim.intervalx) < 750

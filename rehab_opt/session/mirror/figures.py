@@ -51,8 +51,8 @@ def figures(outcome: MirrorOutcome) -> dict[str, Figure]:
         "position": _position(outcome),
         "joints": joint_figure(
             outcome,
-            {LABELS[name]: (of.q, STYLES[name]) for name, of in led.items()},
-            times={LABELS[name]: of.time for name, of in led.items()},
+            {LABELS[name]: (of.q, STYLES[name]) for name, of in outcome.drives.items()},
+            times={LABELS[name]: of.time for name, of in outcome.drives.items()},
         ),
         "pace": _pace(outcome),
         "causes": _causes(outcome),
@@ -91,15 +91,15 @@ def _manipulability(outcome: MirrorOutcome) -> Figure:
 
 
 def _position(outcome: MirrorOutcome) -> Figure:
-    figure = framed(f"{outcome.title}\nPosition of the hand, and its distance to the reference", 9.0, 9.0)
+    figure = framed(f"{outcome.title}\nPosition of the driven hand, and its distance to the reference", 9.0, 9.0)
     panels = figure.subplots(4, 1, sharex=True)
     for i, (axes, axis) in enumerate(zip(panels[:3], "xyz", strict=True)):
         asked = MM * outcome.asked[:, i, 3]
         axes.plot(outcome.time, asked, color=REFERENCE, linewidth=4.0, alpha=0.25, label="mirrored hand")
-        for name, led in outcome.laws.items():
+        for name, led in outcome.drives.items():
             axes.plot(led.time, MM * led.tool[:, i, 3], **STYLES[name], label=LABELS[name])
         axes.set_ylabel(f"{axis} [mm]")
-    for name, led in outcome.laws.items():
+    for name, led in outcome.drives.items():
         panels[3].plot(led.time, MM * led.deviation, **STYLES[name])
     panels[3].set_ylabel("distance [mm]")
     _scale_distances(panels[3], outcome)
@@ -114,7 +114,7 @@ def _position(outcome: MirrorOutcome) -> Figure:
 def _scale_distances(axes: Axes, outcome: MirrorOutcome) -> None:
     """Scale to the laws with a floor, and say in words what lies beyond the panel."""
     allowed = MM * outcome.max_deviation
-    furthest = {name: MM * float(np.nanmax(led.deviation)) for name, led in outcome.laws.items()}
+    furthest = {name: MM * float(np.nanmax(led.deviation)) for name, led in outcome.drives.items()}
     top = 1.3 * max(furthest[STEP], furthest[PLAN], 1.0)
     axes.set_ylim(0, top)
     beyond = []
@@ -225,7 +225,7 @@ def space_figure(
     axes.plot(*healthy.T, color="#CC79A7", linewidth=1.2, label="healthy hand")
     axes.plot(*asked.T, color=REFERENCE, linewidth=4.0, alpha=0.25, label="mirrored hand")
     drawn = [healthy, asked]
-    for name, led in outcome.laws.items():
+    for name, led in outcome.drives.items():
         if name == BEFORE:
             continue
         path = MM * led.tool[:, :3, 3]

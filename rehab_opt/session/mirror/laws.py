@@ -27,11 +27,13 @@ from rehab_opt.session.mirror.scene import Scene
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.plant.loop import Ran, simulate, yielded_words
 
-__all__ = ["followed", "planned", "searched", "tracker_of", "without_floor"]
+__all__ = ["ANY_SPEED", "followed", "planned", "searched", "tracker_of", "without_floor"]
 
 Array = NDArray[np.float64]
 
 HELD = LiveInputs(enable=True)
+ANY_SPEED = 3.0
+"""[m/s] Of a hand without a floor."""
 SETTLED = 1e-3
 """[rad/s] Joint speeds at which a motion has come to its end."""
 ARRIVED = 2.0
@@ -124,7 +126,7 @@ def without_floor(
 ) -> Led:
     """The reference as it is, at its own pace, followed within the robot's limits alone: what the paper has before."""
     dt, (poses, twists) = plant.dt, (scene.reference.poses, scene.reference.twists)
-    tracker = PoseTracker(scene.robot, dt=dt, linear_speed=3.0, angular_speed=20.0, feedback=feedback)
+    tracker = PoseTracker(scene.robot, dt=dt, linear_speed=ANY_SPEED, angular_speed=20.0, feedback=feedback)
     control = Following(tracker, TouchedPlant(plant), scene.start, poses, twists, then="stay")
     ran = simulate(control, lambda _: HELD, ticks=len(poses), progress=partial(progress, "without floor"))
     none = np.zeros((len(poses), 2))

@@ -10,12 +10,14 @@ from numpy.typing import NDArray
 
 from rehab_opt.control.hand_bounds import HandBounds
 from rehab_opt.control.mirror_statement import WHOLE
+from rehab_opt.control.smoothing import smooth_path
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.published.astar import AStarPath
 from rehab_opt.session.metrics import error_metrics, joint_metrics, reason_counts, status_counts, time_metrics
-from rehab_opt.session.mirror.outcome import Led
+from rehab_opt.session.mirror.outcome import Drive, Led
+from rehab_opt.session.upper_limb.problem import SmoothingSection
 
-__all__ = ["CAUSES", "astar_metrics", "causes", "led_metrics", "passed_share"]
+__all__ = ["CAUSES", "astar_metrics", "causes", "driven", "led_metrics", "passed_share"]
 
 Array = NDArray[np.float64]
 
@@ -44,6 +46,36 @@ def causes(led: Led, bounds: HandBounds) -> NDArray[np.int_]:
     return np.asarray(found)
 
 
+DT, EVERY = 1e-3, 5
+"""[s] Tick of a drive, and how many of them are between the samples that are kept."""
+FREE = 1e9
+
+
+def driven(led: Led, robot: SerialChain, bounds: SmoothingSection, *, linear_speed: float) -> Drive:
+    """The law's joints passed by `smooth_path`: all of them wait for the slowest, and for the hand.
+
+    The way of the hand is one more axis, no faster than `linear_speed` [m/s].
+    """
+    if led.motion is not None:
+        return Drive(led.time, led.q, led.tool, led.deviation)
+    place, jerk = led.tool[:, :3, 3], np.full(robot.n, math.radians(bounds.jerk_deg_s3))
+    way = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(place, axis=0), axis=1)))
+    found = smooth_path(
+        led.time,
+        np.column_stack([led.q, way]),
+        velocity=np.append(np.minimum(robot.velocity, math.radians(bounds.speed_deg_s)), linear_speed),
+        acceleration=np.append(np.minimum(robot.acceleration, math.radians(bounds.acceleration_deg_s2)), FREE),
+        jerk=np.append(jerk, FREE),
+        lower=np.append(robot.lower, -FREE),
+        upper=np.append(robot.upper, FREE),
+        dt=DT,
+    )
+    q = found.positions[::EVERY, :-1]
+    tool = np.array([robot.pose(each) for each in q])
+    asked = [np.interp(found.phase[::EVERY], led.time, axis) for axis in led.reference[:, :3, 3].T]
+    return Drive(found.times[::EVERY], q, tool, np.linalg.norm(tool[:, :3, 3] - np.column_stack(asked), axis=1))
+
+
 BELOW = 1e-3
 """Of w / w_max under the floor, that counts as under it."""
 SAMPLES = 400
@@ -52,6 +84,7 @@ SAMPLES = 400
 
 def led_metrics(
     led: Led,
+    drive: Drive,
     robot: SerialChain,
     asked: Array,
     *,
@@ -60,7 +93,7 @@ def led_metrics(
     rate: float,
     max_manipulability: float,
 ) -> dict[str, Any]:
-    """Of one law, with its `causes`; where sight was lost there is no reference, and no distance to it.
+    """Of one law, its `drive` and its `causes`; where sight was lost there is no reference, and no distance to it.
 
     `asked` (N, 4, 4) are the poses asked for, those of lost sight left out.
     """
@@ -72,7 +105,15 @@ def led_metrics(
     before = np.concatenate([np.zeros((1, robot.n)), led.command[:-1]])
     change = (np.abs(led.command - before) * rate / robot.acceleration).max(axis=1)
     times = time_metrics(led.seconds, "tick") if len(led.seconds) > 1 else {}
+    moves = np.linalg.norm(np.diff(drive.tool[:, :3, 3], axis=0), axis=1) / np.diff(drive.time)
     return {
+        "drive": {
+            "duration_s": float(drive.time[-1]),
+            "passed_share_of_time": passed_share(drive.tool, asked),
+            **error_metrics(drive.deviation[np.isfinite(drive.deviation)], "deviation", "m"),
+            "manipulability_min": float(min(map(robot.manipulability, drive.q)) / max_manipulability),
+            "tool_speed_max_m_s": float(moves.max()),
+        },
         "ticks": len(led.time),
         "duration_s": float(led.time[-1]),
         "complete": led.complete,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from rehab_opt.session.clearance import NearestBodies
 from rehab_opt.session.outcome import Column, Columns, MovementOutcome, joint_columns, point_columns, stacked
 from rehab_opt.session.plant.loop import JointMotion
 
-__all__ = ["Led", "MirrorOutcome"]
+__all__ = ["Drive", "Led", "MirrorOutcome"]
 
 Array = NDArray[np.float64]
 
@@ -76,6 +77,19 @@ class Led:
         return np.asarray(2 * np.arcsin(np.minimum(chord, 1.0)))
 
 
+class Drive(NamedTuple):
+    """What a drive does with a law's joints, M samples; where the robot has servos, what it did."""
+
+    time: Array
+    """(M,) [s]"""
+    q: Array
+    """(M, n) [rad]"""
+    tool: Array
+    """(M, 4, 4)"""
+    deviation: Array
+    """(M,) [m] of the tool from the reference where the law read it."""
+
+
 @dataclass(frozen=True, eq=False)
 class MirrorOutcome(MovementOutcome):
     """A hand led along the other hand's mirrored path.
@@ -87,6 +101,7 @@ class MirrorOutcome(MovementOutcome):
     asked : (N, 4, 4) the mirrored poses of the tool, even samples at `time`; NaN where sight was lost.
     recorded : (K, 3) [m] the healthy hand in the robot's frame.
     laws : what was run, by its name among `LAWS`.
+    drives : of each law, what a drive does with its joints.
     causes : of each law, (M,) why the hand is not where or when the reference is, as places in `metrics.CAUSES`.
     astar : the published path where it was asked for.
     max_deviation, linear_speed : [m, m/s] the bounds.
@@ -98,6 +113,7 @@ class MirrorOutcome(MovementOutcome):
     asked: Array = field(kw_only=True)
     recorded: Array = field(kw_only=True)
     laws: dict[str, Led] = field(kw_only=True)
+    drives: dict[str, Drive] = field(kw_only=True)
     causes: dict[str, NDArray[np.int_]] = field(kw_only=True)
     astar: AStarPath | None = field(kw_only=True)
     max_deviation: float = field(kw_only=True)

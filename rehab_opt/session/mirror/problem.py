@@ -18,6 +18,7 @@ from rehab_opt.session.schema import (
     Triple,
     refusal,
 )
+from rehab_opt.session.upper_limb.problem import SmoothingSection
 
 __all__ = [
     "AStarSection",
@@ -228,6 +229,8 @@ class MirrorProblem(Problem):
     """Which robot leads."""
     tracker: MirrorTrackerSection = MirrorTrackerSection()
     """The controller."""
+    smoothing: SmoothingSection = SmoothingSection()
+    """The drive."""
     clearance: ClearanceSection | None = None
     """What the arm keeps clear of; left out where there is no such table."""
     plant: JointPlant = JointPlant()

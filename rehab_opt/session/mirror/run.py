@@ -10,11 +10,11 @@ import numpy as np
 from rehab_opt.control.conditioning import Conditioner
 from rehab_opt.session.clearance import nearest_bodies
 from rehab_opt.session.files import ProblemFile
-from rehab_opt.session.mirror.laws import followed, planned, searched, tracker_of, without_floor
-from rehab_opt.session.mirror.metrics import astar_metrics, causes, led_metrics
+from rehab_opt.session.mirror.laws import ANY_SPEED, followed, planned, searched, tracker_of, without_floor
+from rehab_opt.session.mirror.metrics import astar_metrics, causes, driven, led_metrics
 from rehab_opt.session.mirror.outcome import BEFORE, PLAN, STEP, Led, MirrorOutcome
 from rehab_opt.session.mirror.problem import MirrorProblem
-from rehab_opt.session.mirror.scene import Scene, laid_out
+from rehab_opt.session.mirror.scene import Scene, laid_out, path_notes
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.plant.making import joint_feedback, joint_plant, plant_note
 
@@ -47,11 +47,13 @@ def run_mirror(loaded: ProblemFile[MirrorProblem], *, progress: Progress) -> Mir
         STEP: followed(tracker, scene, plant, patience=section.patience, progress=progress),
         PLAN: planned(tracker, scene, progress=progress),
     }
+    speeds = {BEFORE: ANY_SPEED, STEP: section.linear_speed_m_s, PLAN: section.linear_speed_m_s}
+    drives = {name: driven(led, robot, problem.smoothing, linear_speed=speeds[name]) for name, led in laws.items()}
     why = {name: causes(led, tracker.hand_bounds) for name, led in laws.items()}
     near = nearest_bodies(problem.clearance, loaded.file, robot, laws[STEP].q, laws[STEP].time)
     astar = searched(problem, scene, max_manipulability=max_manipulability, progress=progress)
     asked = reference.poses[~reference.lost]
-    speeds = np.linalg.norm(reference.twists[~reference.lost, :3], axis=1)
+    fast = np.linalg.norm(reference.twists[~reference.lost, :3], axis=1)
     metrics: dict[str, Any] = {
         "reference": {
             "duration_s": float(reference.times[-1] - reference.times[0]),
@@ -59,8 +61,8 @@ def run_mirror(loaded: ProblemFile[MirrorProblem], *, progress: Progress) -> Mir
             "samples_lost": int(reference.lost.sum()),
             "samples_dropped": reference.dropped,
             "gaps": reference.gaps,
-            "speed_max_m_s": float(speeds.max()),
-            "faster_than_cap_share_of_time": float(np.mean(speeds > section.linear_speed_m_s)),
+            "speed_max_m_s": float(fast.max()),
+            "faster_than_cap_share_of_time": float(np.mean(fast > section.linear_speed_m_s)),
             "filter_lag_s": Conditioner(1 / rate, cutoff_hz=problem.conditioning.cutoff_hz).lag,
             "calibration_rms_m": scene.fit.rms if scene.fit is not None else None,
             "scale": problem.placement.scale,
@@ -69,6 +71,7 @@ def run_mirror(loaded: ProblemFile[MirrorProblem], *, progress: Progress) -> Mir
         "laws": {
             name: led_metrics(
                 led,
+                drives[name],
                 robot,
                 asked,
                 cause=why[name],
@@ -86,13 +89,19 @@ def run_mirror(loaded: ProblemFile[MirrorProblem], *, progress: Progress) -> Mir
     return MirrorOutcome(
         chain=robot,
         time=reference.times - reference.times[0],
-        notes=(*scene.notes, *_notes(problem, scene, laws, tracker), *([] if near is None else [near.note])),
+        notes=(
+            *scene.notes,
+            *path_notes(scene),
+            *_notes(problem, scene, laws, tracker),
+            *([] if near is None else [near.note]),
+        ),
         metrics=metrics,
         floor=section.floor,
         mirror=scene.mirror,
         asked=reference.poses,
         recorded=scene.recorded,
         laws=laws,
+        drives=drives,
         causes=why,
         astar=astar,
         max_deviation=1e-3 * section.max_deviation_mm,

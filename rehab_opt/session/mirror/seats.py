@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from rehab_opt.control.foreseen import turns_between
 from rehab_opt.control.mirror import MirrorTracker
 
 __all__ = ["Seats", "Walk"]
@@ -119,7 +120,7 @@ class Seats:
         chain = self.chain
         for round_ in range(ROUNDS + 1):
             tool, jacobian, w, slope, height, elbows = self.at(q)
-            error, turn = poses[:, :3, 3] - tool[:, :, 3], _turns(poses[:, :3, :3], tool[:, :, :3])
+            error, turn = poses[:, :3, 3] - tool[:, :, 3], turns_between(tool[:, :, :3], poses[:, :3, :3])
             if round_ == ROUNDS:
                 break
             under = np.maximum(self.floor - w, 0.0)
@@ -133,13 +134,3 @@ class Seats:
             q = np.clip(q + step, self.lower, self.upper)
         near = (np.linalg.norm(error, axis=1) < NEAR) & (np.linalg.norm(turn, axis=1) < TURNED)
         return q, near & (w >= self.floor * (1 - 1e-3)) & (height > 0.0), w, elbows
-
-
-def _turns(target: Array, here: Array) -> Array:
-    """(M, 3) rotation vectors from rotations to others (M, 3, 3)."""
-    turn = target @ here.transpose(0, 2, 1)
-    skew = np.stack([turn[:, 2, 1] - turn[:, 1, 2], turn[:, 0, 2] - turn[:, 2, 0], turn[:, 1, 0] - turn[:, 0, 1]], 1)
-    sine = 0.5 * np.linalg.norm(skew, axis=1)
-    angle = np.arctan2(sine, 0.5 * (np.trace(turn, axis1=1, axis2=2) - 1.0))
-    found: Array = 0.5 * skew * (angle / np.maximum(sine, 1e-12))[:, None]
-    return found

@@ -57,8 +57,16 @@ def _of_astar(label: str, value: Cell, astar: Numbers) -> Cell:
     return lambda of: own if of is astar else value(of)
 
 
+def _passed(of: Numbers) -> str:
+    return f"{100 * of['passed_share_of_time']:.0f}"
+
+
 def _ends(of: Numbers) -> str:
-    return f"{of['duration_s']:.1f}" if of["complete"] else f"{of['duration_s']:.1f} INCOMPLETE"
+    return f"{of['drive']['duration_s']:.1f}{'' if of['complete'] else ' INCOMPLETE'}"
+
+
+def _law(of: Numbers) -> str:
+    return f"{millimetres('deviation')(of)}; {of['duration_s']:.1f}"
 
 
 def _seconds(of: Numbers, *causes: str) -> str:
@@ -73,23 +81,26 @@ def _ticks(of: Numbers) -> str:
     return times("tick")(of) if "tick_median_ms" in of else "-"
 
 
+DISTANCE = "   distance to the reference mean / p95 / max, mm"
 ASTAR_CELLS: Mapping[str, Callable[[Numbers], str]] = {
-    "least manipulability, share of largest": lambda of: f"{of['manipulability_min']:.4f}",
-    "distance to the reference mean / p95 / max, mm": millimetres("deviation"),
-    "duration, s": lambda of: "no times" if of["complete"] else "no times, INCOMPLETE",
+    "   least manipulability, share of largest": lambda of: f"{of['manipulability_min']:.4f}",
+    DISTANCE: millimetres("deviation"),
+    "   duration, s": lambda of: "no times" if of["complete"] else "no times, INCOMPLETE",
     "computing time, s": lambda of: f"{of['computing_s']:.3g}",
     "events": lambda of: f"{of['expanded']} expanded, {of['blocked']} blocked",
 }
 FIRST_ROWS: Rows = (
-    ("reference passed within 5 mm and 5 deg, %", lambda of: f"{100 * of['passed_share_of_time']:.0f}"),
-    ("distance to the reference mean / p95 / max, mm", millimetres("deviation")),
-    ("duration, s", _ends),
-    ("least manipulability, share of largest", lambda of: f"{of['manipulability_min']:.4f}"),
+    ("reference passed by a drive, within 5 mm and 5 deg, %", lambda of: _passed(of["drive"])),
+    (DISTANCE, lambda of: millimetres("deviation")(of["drive"])),
+    ("   duration, s", _ends),
+    ("   least manipulability, share of largest", lambda of: f"{of['drive']['manipulability_min']:.4f}"),
     ("time below the floor, %", lambda of: f"{100 * of['below_floor_share_of_time']:.1f}"),
     ("smallest joint-limit margin, deg", margin),
     ("ticks by status", statuses),
 )
 MORE_ROWS: Rows = (
+    ("reference passed by the law before a drive, %", _passed),
+    ("   distance mean / p95 / max, mm; duration, s", _law),
     ("seconds followed / late / stopped", lambda of: _seconds(of, "followed", "late", "stopped")),
     ("seconds short for the person's arm", lambda of: _seconds(of, "person's arm")),
     ("seconds short for floor / keep-out / reach", lambda of: _seconds(of, "floor", "keep-out", "robot's reach")),

@@ -15,9 +15,12 @@ from rehab_opt.session.drawing import GRID, MM, framed, legend_below
 from rehab_opt.session.scenario.measures import REACHES
 from rehab_opt.session.scenario.outcome import ScenarioOutcome
 from rehab_opt.session.scenario.plane_drawing import (
+    Box,
+    draw_arrows,
     draw_reference,
     draw_workspace,
     draw_workspaces,
+    grid_points,
     seen_box,
     shown_box,
 )
@@ -38,12 +41,8 @@ def force_colours() -> Colormap:
     return ListedColormap([whole(DARKEST * i / 255) for i in range(256)])
 
 
-Box = tuple[tuple[float, float], tuple[float, float]]
-
 FINE, COARSE = 161, 21
 """Points of the grid across the picture: of colours, of arrows."""
-NONE = 1e-3
-"""[N] less is no force and has no direction."""
 
 
 def field_figure(outcome: ScenarioOutcome) -> Figure:
@@ -65,7 +64,7 @@ def field_figure(outcome: ScenarioOutcome) -> Figure:
     axes = panels[-1]
     draw_workspaces(axes, outcome)
     _draw_sizes(axes, outcome, box)
-    _draw_arrows(axes, outcome, box)
+    draw_arrows(axes, box, lambda points: gated_forces(outcome, points), count=COARSE)
     draw_reference(axes, outcome, label=what)
     seen_box(axes, outcome, box)
     legend_below(figure, axes, 4)
@@ -98,7 +97,7 @@ def _forces(outcome: ScenarioOutcome, points: Array) -> Array:
 
 def _draw_sizes(axes: Axes, outcome: ScenarioOutcome, box: Box) -> None:
     """Colours, cut exactly where the force ends: along the edge of W_r, or of W_c."""
-    x, y, points = _grid(box, FINE)
+    x, y, points = grid_points(box, FINE)
     size = np.linalg.norm(_forces(outcome, points), axis=1).reshape(len(y), len(x))
     therapy, most = outcome.mode in REACHES, outcome.force_limit
     mesh = axes.pcolormesh(
@@ -111,32 +110,6 @@ def _draw_sizes(axes: Axes, outcome: ScenarioOutcome, box: Box) -> None:
         draw_workspace(axes, outcome, "comfortable", zorder=1.7)
     words = f"wanted force [N]; of more than {most:g} only {most:g} is given"
     axes.figure.colorbar(mesh, ax=axes, shrink=0.8, label=words)
-
-
-def _draw_arrows(axes: Axes, outcome: ScenarioOutcome, box: Box) -> None:
-    x, y, points = _grid(box, COARSE)
-    forces = gated_forces(outcome, points).reshape(len(y), len(x), 2)
-    size = np.linalg.norm(forces, axis=2, keepdims=True)
-    unit = np.where(size > NONE, forces / np.maximum(size, NONE), np.nan)
-    axes.quiver(
-        MM * x,
-        MM * y,
-        unit[..., 0],
-        unit[..., 1],
-        pivot="mid",
-        scale=1.3 * COARSE,
-        width=0.0035,
-        color="black",
-        zorder=3,
-    )
-
-
-def _grid(box: Box, count: int) -> tuple[Array, Array, Array]:
-    """Values x (K,), y (L,) and points (L K, 2) [m], in squares."""
-    (left, right), (low, high) = box
-    step = max(right - left, high - low) / MM / count
-    x, y = np.arange(left / MM + step / 2, right / MM, step), np.arange(low / MM + step / 2, high / MM, step)
-    return x, y, np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
 
 
 def _corners(outcome: ScenarioOutcome, *, everything: bool) -> Array:

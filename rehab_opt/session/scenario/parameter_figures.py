@@ -16,7 +16,7 @@ from rehab_opt.session.drawing import GRID, MM, REFERENCE, framed, legend_below
 from rehab_opt.session.scenario.along_path import projected
 from rehab_opt.session.scenario.field_figures import force_colours
 from rehab_opt.session.scenario.outcome import Law, ScenarioOutcome
-from rehab_opt.session.scenario.plane_drawing import COMFORTABLE, LAW_COLOURS, shown_box
+from rehab_opt.session.scenario.plane_drawing import COMFORTABLE, LAW_COLOURS, draw_arrows, grid_points, shown_box
 
 __all__ = ["along_figure", "fields_along", "force_along", "parameter_figure", "variants"]
 
@@ -65,8 +65,8 @@ def parameter_figure(outcome: ScenarioOutcome) -> Figure:
     words = "the published field along this path, without gate and bound: what its numbers do"
     figure = framed(f"{outcome.title}\n{words}", 4 * width + 1.6, height)
     grid = figure.subplots(2, 4, sharex=True, sharey=True)
-    x, y, points = _grid(left, right, low, high, FINE)
-    coarse_x, coarse_y, coarse = _grid(left, right, low, high, COARSE)
+    box = (left, right), (low, high)
+    x, y, points = grid_points(box, FINE)
     fields = [
         PotentialField(
             path, stiffness=of.stiffness, width=of.width, drag=of.drag, rest_on_target=False, compile=False
@@ -80,7 +80,7 @@ def parameter_figure(outcome: ScenarioOutcome) -> Figure:
         energy = (energy - energy.min()) / max(float(np.ptp(energy)), 1e-12)
         contours = column[0].contourf(MM * x, MM * y, energy, levels=np.linspace(0, 1, LEVELS + 1), cmap="cividis")
         shown = column[1].pcolormesh(MM * x, MM * y, np.minimum(size, most), cmap=force_colours(), vmin=0, vmax=most)
-        _draw_arrows(column[1], coarse_x, coarse_y, np.asarray(field.force(coarse)))
+        draw_arrows(column[1], box, field.force, count=COARSE)
         column[0].set_title(
             f"({'abcd'[i]}) {of.changed}\n"
             rf"$\sigma$ = {MM * of.width:.3g} mm, $S$ = {of.stiffness:.4g} N/m, $k_1$ = {of.drag:.3g} N/m",
@@ -91,8 +91,7 @@ def parameter_figure(outcome: ScenarioOutcome) -> Figure:
             axes.plot(*(MM * path.T), "--", color=colour, linewidth=1.4, label="path")
             axes.plot(*(MM * path[-1]), "X", color=colour, markersize=8, markeredgecolor="#888888", label="target")
             axes.set_aspect("equal")
-            axes.set_xlim(left, right)
-            axes.set_ylim(low, high)
+            axes.set(xlim=box[0], ylim=box[1])
         column[1].set_xlabel("x [mm]")
     grid[0, 0].set_ylabel("y [mm]")
     grid[1, 0].set_ylabel("y [mm]")
@@ -100,18 +99,6 @@ def parameter_figure(outcome: ScenarioOutcome) -> Figure:
     figure.colorbar(shown, ax=grid[1, :], label="force [N]", shrink=0.8, extend="max")
     legend_below(figure, grid[1, 0], 2)
     return figure
-
-
-def _grid(left: float, right: float, low: float, high: float, count: int) -> tuple[Array, Array, Array]:
-    step = max(right - left, high - low) / count
-    x = np.linspace(left, right, round((right - left) / step) + 1) / MM
-    y = np.linspace(low, high, round((high - low) / step) + 1) / MM
-    return x, y, np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-
-
-def _draw_arrows(axes: Axes, x: Array, y: Array, forces: Array) -> None:
-    unit = (forces / np.maximum(np.linalg.norm(forces, axis=1, keepdims=True), 1e-9)).reshape(len(y), len(x), 2)
-    axes.quiver(MM * x, MM * y, unit[..., 0], unit[..., 1], pivot="mid", scale=1.3 * COARSE, width=0.005, color="black")
 
 
 PLACES = 400

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -17,15 +17,20 @@ __all__ = [
     "COMFORTABLE",
     "LAW_COLOURS",
     "LAW_NAMES",
+    "Box",
+    "draw_arrows",
     "draw_reference",
     "draw_workspace",
     "draw_workspaces",
+    "grid_points",
     "mean_over_trials",
     "seen_box",
     "shown_box",
 ]
 
 Array = NDArray[np.float64]
+Box = tuple[tuple[float, float], tuple[float, float]]
+"""[mm] Limits of x and of y."""
 
 LAW_COLOURS: Mapping[Law, str] = {
     "unassisted": "#555555",
@@ -46,6 +51,8 @@ REGION_STYLES: Mapping[str, Mapping[str, Any]] = {
     "reachable": {"facecolor": "#DDDDDD", "edgecolor": "#555555", "linestyle": "--"},
     "comfortable": {"facecolor": COMFORTABLE, "edgecolor": "#00573F", "linestyle": "-"},
 }
+NONE = 1e-3
+"""[N] less is no force and has no direction."""
 ROOM = 0.15
 """Share of what is shown that is left free around it."""
 
@@ -89,14 +96,34 @@ def draw_reference(
         axes.annotate(str(i + 1), point, xytext=(5, 5), textcoords="offset points", fontsize=8, zorder=6)
 
 
-def shown_box(points: Array) -> tuple[tuple[float, float], tuple[float, float]]:
+def grid_points(box: Box, count: int) -> tuple[Array, Array, Array]:
+    """Values x (K,), y (L,) and points (L K, 2) [m] in squares, `count` of them along the longer side."""
+    (left, right), (low, high) = box
+    step = max(right - left, high - low) / MM / count
+    x, y = np.arange(left / MM + step / 2, right / MM, step), np.arange(low / MM + step / 2, high / MM, step)
+    return x, y, np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+
+
+def draw_arrows(axes: Axes, box: Box, forces: Callable[[Array], Array], *, count: int) -> None:
+    """Directions of the forces (N, 2) [N] at the points (N, 2) [m] of a grid."""
+    x, y, points = grid_points(box, count)
+    of = forces(points).reshape(len(y), len(x), 2)
+    size = np.linalg.norm(of, axis=2, keepdims=True)
+    unit = np.where(size > NONE, of / np.maximum(size, NONE), np.nan)
+    axes.quiver(
+        MM * x, MM * y, unit[..., 0], unit[..., 1], pivot="mid", scale=1.3 * count, width=0.0035, color="black",
+        zorder=3,
+    )  # fmt: skip
+
+
+def shown_box(points: Array) -> Box:
     """Limits of x and y [mm] around points (N, 2) [m], with some room."""
     low, high = MM * points.min(axis=0), MM * points.max(axis=0)
     room = ROOM * max(*(high - low), 1.0)
     return (low[0] - room, high[0] + room), (low[1] - room, high[1] + room)
 
 
-def seen_box(axes: Axes, outcome: ScenarioOutcome, box: tuple[tuple[float, float], tuple[float, float]]) -> None:
+def seen_box(axes: Axes, outcome: ScenarioOutcome, box: Box) -> None:
     """Equal scales within the limits; the labels say in which frame."""
     axes.set_xlim(*box[0])
     axes.set_ylim(*box[1])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -47,7 +47,7 @@ def trials_figure(outcome: ScenarioOutcome) -> Figure:
         _draw_paths(column[0], outcome, law)
         seen_box(column[0], outcome, box)
         _draw_force(column[1], outcome, law)
-        _draw_over_time(column[2], outcome, law, "velocity", MM)
+        _draw_sizes(column[2], outcome, law, "velocity", MM)
         column[2].set_xlabel("time [s]")
     for row, label in ((1, "measured force [N]"), (2, "speed of the hand [mm/s]")):
         _same_limits(grid[row])
@@ -105,17 +105,20 @@ def _draw_force(axes: Axes, outcome: ScenarioOutcome, law: Law) -> None:
             time, 0, inside, step="mid", transform=axes.get_xaxis_transform(), color=COMFORTABLE, alpha=0.2, linewidth=0
         )
     axes.axhline(outcome.force_limit, color=LIMIT, linewidth=2.0, linestyle=":")
-    _draw_over_time(axes, outcome, law, "measured", 1.0)
+    _draw_sizes(axes, outcome, law, "measured", 1.0)
 
 
-def _draw_over_time(axes: Axes, outcome: ScenarioOutcome, law: Law, what: str, unit: float) -> None:
-    trials, colour = outcome.trials[law], LAW_COLOURS[law]
-    sizes = [unit * np.linalg.norm(getattr(trial, what), axis=1) for trial in trials]
-    for trial, size in zip(trials, sizes, strict=True):
+def _draw_sizes(axes: Axes, outcome: ScenarioOutcome, law: Law, what: str, unit: float) -> None:
+    trials = outcome.trials[law]
+    _draw_over_time(axes, law, trials, [unit * np.linalg.norm(getattr(trial, what), axis=1) for trial in trials])
+
+
+def _draw_over_time(axes: Axes, law: Law, trials: Sequence[Trial], values: Sequence[Array]) -> None:
+    """A thin line for `values` (N,) of each trial, a thick one for their mean."""
+    for trial, of in zip(trials, values, strict=True):
         ticks = thinned_ticks(trial)
-        axes.plot(trial.time[ticks], largest_between(size, ticks), color=colour, linewidth=0.8, alpha=0.6)
-    time, mean = mean_over_trials(trials, sizes)
-    axes.plot(time, mean, color=colour, linewidth=2.2)
+        axes.plot(trial.time[ticks], largest_between(of, ticks), color=LAW_COLOURS[law], linewidth=0.8, alpha=0.6)
+    axes.plot(*mean_over_trials(trials, values), color=LAW_COLOURS[law], linewidth=2.2)
 
 
 def _same_limits(row: NDArray[np.object_]) -> None:
@@ -134,17 +137,7 @@ def deviation_figure(outcome: ScenarioOutcome) -> Figure:
     rows = figure.subplots(len(outcome.trials), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
 
     for axes, (law, trials) in zip(rows, outcome.trials.items(), strict=True):
-        far = [_deviation(outcome, trial) for trial in trials]
-        for trial, of in zip(trials, far, strict=True):
-            ticks = thinned_ticks(trial)
-            axes.plot(
-                trial.time[ticks],
-                largest_between(of, ticks),
-                color=LAW_COLOURS[law],
-                linewidth=0.8,
-                alpha=0.6,
-            )
-        axes.plot(*mean_over_trials(trials, far), color=LAW_COLOURS[law], linewidth=2.2)
+        _draw_over_time(axes, law, trials, [_deviation(outcome, trial) for trial in trials])
         axes.set_title(LAW_NAMES[law], fontsize=10, loc="left", color=LAW_COLOURS[law])
         axes.set_ylabel("deviation [mm]")
         axes.grid(**GRID)

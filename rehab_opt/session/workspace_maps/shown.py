@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap, LogNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, PathPatch
+from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
 from rich.table import Table
 from rich.text import Text
@@ -52,10 +53,24 @@ def figures(outcome: MapOutcome) -> dict[str, Figure]:
 
 
 def _before_and_after(outcome: MapOutcome, direction: MapDirection) -> Figure:
+    """Each panel as large as it can be; below, the same panels on one scale."""
     names = f"{direction.start.name} to {direction.end.name}"
     what = "Grid and trajectories before and after" if direction.paths else "Grid before and after"
-    figure = framed(f"{outcome.title}\n{what}, from {names}", 5.2 * (1 + len(direction.maps)), 5.8)
-    first, *rest = figure.subplots(1, 1 + len(direction.maps), squeeze=False)[0]
+    title = f"{outcome.title}\n{what}, from {names}; below all on one scale"
+    figure = framed(title, 5.2 * (1 + len(direction.maps)), 9.6)
+    large, alike = figure.subplots(2, 1 + len(direction.maps), height_ratios=(4, 3))
+    _draw_panels(large, direction)
+    _draw_panels(alike, direction)
+    seen = Bbox.union([axes.dataLim for axes in alike]).expanded(1.06, 1.06)
+    for axes in alike:
+        axes.set(xlim=seen.intervalx, ylim=seen.intervaly, adjustable="box")
+    legend_below(figure, large[0], 4)
+    return figure
+
+
+def _draw_panels(panels: Sequence[Axes], direction: MapDirection) -> None:
+    """The set before, then what each rule makes of it."""
+    first, *rest = panels
     start, end = direction.start.reached.workspace, direction.end.reached.workspace
     draw_region(first, start, OUTLINE, label="workspace")
     for k, line in enumerate(_grid(start)):
@@ -76,8 +91,6 @@ def _before_and_after(outcome: MapOutcome, direction: MapDirection) -> Figure:
             for k, path in enumerate(direction.paths):
                 _draw_path(axes, path.after[made.rule], k, path.name)
         _finish(axes, f"after, {made.rule} rule: {direction.end.name}\n{_verdict(made)}", direction.end.section)
-    legend_below(figure, first, 4)
-    return figure
 
 
 def _verdict(made: MadeMap) -> str:
