@@ -106,7 +106,7 @@ class _Samples(NamedTuple):
 
     inside, shares : points (m, 2) and the areas (m,) that they stand for.
     outline, along : the curve, and the shares of its length at which it is looked at, ascending.
-    spacing : distance between points.
+    spacing : distance between points, where they are next added.
     """
 
     inside: Array
@@ -126,7 +126,7 @@ class _Samples(NamedTuple):
         return cls(over.points, shares, source.buffer(DRAWN).exterior, along, spacing)
 
     def refined(self, at: Array) -> _Samples:
-        """With more of them around these points (m, 2)."""
+        """With more of them around these points (m, 2), and twice as near to each other the next time."""
         from shapely import points  # noqa: PLC0415
 
         more = _apart(at, self.inside, APART_SAMPLES * self.spacing)
@@ -135,7 +135,8 @@ class _Samples(NamedTuple):
         near = places[self.outline.distance(places) < self.spacing]
         steps = OUTLINE_SAMPLES / APART_SAMPLES
         along = np.union1d(self.along, np.round(self.outline.project(near, normalized=True) * steps) % steps / steps)
-        return self._replace(inside=np.concatenate([self.inside, more]), shares=shares, along=along)
+        inside = np.concatenate([self.inside, more])
+        return _Samples(inside, shares, self.outline, along, 0.5 * self.spacing)
 
     def through(self, landmarks: Array) -> Sampled:
         """The spline through landmarks (n, 2), seen here."""

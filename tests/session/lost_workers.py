@@ -5,8 +5,8 @@ again what a lost worker had not handed over; in a second run, in which nobody d
 person. Every computation leaves a line in a file, which is counted.
 
 A local cluster gives a worker up that has not come back within 15 s, as on a loaded machine, and waits for ever
-once all are gone; here it waits longer for each. With dask's default saturation of 1.1 a task is sent ahead to each worker:
-whoever waits beside the one person four times over fails with them.
+once all are gone; here it waits longer for each. With dask's default saturation of 1.1 a task is sent ahead to each
+worker: whoever waits beside the one person four times over fails with them.
 """
 
 from __future__ import annotations
