@@ -257,7 +257,7 @@ class ChairLimits:
             base = pressed(base)
             beside_limit = ca.fmax(free_beside, beside @ base)
             lower, upper = ca.fmin(lower, base), ca.fmax(upper, base)
-            outside = ca.logic_or(outside, self.own.inside(contacts))
+            outside = ca.sum1(ca.vertcat(outside, self.own.beyond(q), self.own.inside(contacts))) > 0
         towards, left = _stacked([read(each, 0, ROWS) for each in around])
         towards_limit = ca.fmax(left + towards @ slower[:CHAIR], towards @ base[:CHAIR])
         return Limits(

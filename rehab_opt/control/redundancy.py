@@ -49,11 +49,11 @@ FASTER = 1e-9
 class RedundancyResolver(OneThread):
     """Chair and arm velocities for a hand twist: Eq. (1), Honzik, as a QP with bounds; stated in `ChairAndArm`.
 
-    With no bound active the answer is Eq. (1). Never broken, in this order: joint and chassis speeds, wheel speeds and
-    rolling; then no joint goes beyond its limit, or further beyond, and neither does the chair into an obstacle nor the
-    arm into a keep-out; then accelerations; then the task, which keeps its direction and is slowed. Of an arm that
-    slides along a keep-out this holds at both ends of a tick: in between, its way bows by reach times its turn squared
-    over 8, micrometres.
+    With no bound active the answer is Eq. (1), its Jacobian that of the middle of the tick. Never broken, in
+    this order: joint and chassis speeds, wheel speeds and rolling; then no joint goes beyond its limit, or further
+    beyond, and neither does the chair into an obstacle nor the arm into a keep-out; then accelerations; then the task,
+    which keeps its direction and is slowed. Of an arm that slides along a keep-out this holds at both ends of a tick:
+    in between, its way bows by reach times its turn squared over 8, micrometres.
 
     The law. Every limit, keep-out and obstacle is approached so that the whole robot can brake together, all velocities
     to zero in proportion in 1.1 T, with all of them kept (`BrakingTogether`); T is the time in which every joint stops
@@ -269,8 +269,9 @@ class RedundancyResolver(OneThread):
     ) -> Command:
         """Joint velocities (7,) that lead the hand to a place, through the same QP; call it every tick.
 
-        The hand goes straight, but for what is left of its motion to a target before. Where bounds hold it, it goes on
-        along the straight way from there as far as they leave anything of that.
+        The hand goes straight, but for what is left of its motion to a target before, at up to 0.25 m/s along each axis
+        of the world, and 0.12 m/s more while it lags. Where bounds hold it, it goes on along the straight way from
+        there as far as they leave anything of that.
 
         Parameters
         ----------
