@@ -61,7 +61,7 @@ class Clearance:
     boxes: Sequence[Box] = ()
     moving: int = 0
     pairs: Sequence[tuple[str, str]] | None = None
-    slots: int = 6
+    slots: int = 8
     rate: float | None = None
 
 

@@ -114,7 +114,7 @@ class ClearancePairs:
     @property
     def size(self) -> int:
         """Numbers of the column of `nearest`."""
-        return self.slots * (self.chain.n + 2)
+        return self.slots * (self.chain.n + 2) + 1
 
     @property
     def told(self) -> int:
@@ -133,7 +133,7 @@ class ClearancePairs:
     def nearest(self) -> ca.Function:
         """Q, last velocity, moving capsules, time -> the contacts with the least room in one column, see `read`.
 
-        The contacts are those of half the time on, where q and the last velocity lead by then, but for their
+        Behind them stands the least distance of all pairs at q, less the margin, whether it has a row or not. The contacts are those of half the time on, where q and the last velocity lead by then, but for their
         distances, which are led back from there. Of every kind, pairs that are not among the least are left out.
         """
         n, k = self.chain.n, self.slots
@@ -155,12 +155,13 @@ class ClearancePairs:
         near, joints = ca.horzcat(*contacts), ca.horzcat(*spans)
         which = _least(near.size2(), k)(near[CONTACT, :].T)
         column = self._rows(k)(near[:CONTACT, which], joints[:, which], screws, last, time)
-        return ca.Function("nearest", [q, last, told, time], [column])
+        least = ca.mmin(self.distances(q, told, 0))
+        return ca.Function("nearest", [q, last, told, time], [ca.vertcat(column, least)])
 
     def read(self, column: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Of a column of `nearest`: distances less the margin (k,), slopes (k, n), and how fast they change besides."""
         k = self.slots
-        return column[:k], ca.reshape(column[2 * k :], k, self.chain.n), column[k : 2 * k]
+        return column[:k], ca.reshape(column[2 * k : -1], k, self.chain.n), column[k : 2 * k]
 
     # --------------------------------------------------------------------------------------------- which pairs
     @cached_property

@@ -354,10 +354,8 @@ class Limits:
         return ca.mmin(ca.vertcat(0, *(each.at(self.chain, q) for each in self.limits))) < -OUTSIDE
 
     def inside(self, contacts: ca.SX) -> ca.SX:
-        """1 where a contact is nearer than its margin."""
-        if self.clearance is None:
-            return ca.SX(0)
-        return ca.mmin(self.clearance.read(contacts)[0]) < -OUTSIDE
+        """1 where two bodies are nearer than their margin."""
+        return ca.SX(0) if self.clearance is None else contacts[-1] < -OUTSIDE
 
     def _now(self, q: ca.SX, last: ca.SX, contacts: ca.SX, *, leads_back: bool = True) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Slopes (m, n) of the least distances, how fast they may fall, and may not but in this tick (m,).

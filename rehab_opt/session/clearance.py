@@ -102,7 +102,7 @@ class ClearanceSection(Section):
         None
     )
     """Names of links that keep clear of each other; by default all that can without being neighbours."""
-    rows: int = Field(default=6, ge=1, le=30)
+    rows: int = Field(default=8, ge=1, le=30)
     """Contacts that make rows of the QP, the nearest ones."""
     planes: list[ClearPlaneSection] = Field(default=[], max_length=20)
     """Half-spaces."""

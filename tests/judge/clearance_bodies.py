@@ -42,7 +42,7 @@ FAULTS = ("pose", "twist", "all", "disabled")
 TICKS, REST = 300, 100
 NEAR, SLACK, EDGE, STEP = 2e-3, 1e-8, 5e-6, 1e-6
 """[m] from the margin what counts as at it; what rounding takes; who is so near it may be inside or not; [rad]."""
-SLOTS = 6
+SLOTS = 8
 LINKS = ("upper_arm", "forearm", "hand")
 PAIR = 0, 2
 """Upper arm and hand: links that are no neighbours."""
@@ -285,8 +285,7 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     every = np.column_stack([*still.values(), moved])
     inside, flagged = (every[:-1] < -SLACK).any(axis=1), answers.yielded & 1 != 0
     edge = (np.abs(every[:-1]) < EDGE).any(axis=1)
-    if slots == SLOTS:  # with fewer rows than contacts, the one that is nearest may have none
-        verdict.holds("a link within a margin is flagged, and nothing else is", (inside == flagged) | edge)
+    verdict.holds("a link within a margin is flagged, and nothing else is", (inside == flagged) | edge)
     acts = np.isin(answers.status, ("ok", "backup", "blocked"))
     if alone(number):
         near = acts & (moved[1:] < -SLACK).any(axis=1) & ~inside
