@@ -266,8 +266,9 @@ class RedundancyResolver(OneThread):
     ) -> Command:
         """Joint velocities (7,) that lead the hand to a place, through the same QP; call it every tick.
 
-        The hand goes straight, but for what is left of its motion to a target before. Where bounds hold it, it goes on
-        along the straight way from there as far as they leave anything of that.
+        The hand goes straight, but for what is left of its motion to a target before, at up to 0.25 m/s along each axis
+        of the world, and 0.12 m/s more while it lags. Where bounds hold it, it goes on along the straight way from
+        there as far as they leave anything of that.
 
         Parameters
         ----------

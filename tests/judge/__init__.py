@@ -5,7 +5,7 @@ energy are its own, in plain numpy. Each module with `PROMISES` holds one promis
 and offers
 
     PROMISES  what is quoted, and where it stands
-    LEAST     situation -> least number of ticks in it, per 10^6 ticks: a run without them proves nothing
+    LEAST     situation -> least number of ticks in it, per 10^6 ticks, without which nothing is proven: `Verdict.asked`
     CI_TICKS  how many ticks a slice in CI takes
     SHARE     its part of a campaign's ticks beside 1.0 of the others (optional)
     run(ticks, seed, *, only=None) -> Verdict   `only`: the number of one run of this seed, to see a broken claim again

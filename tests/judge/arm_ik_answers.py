@@ -39,7 +39,7 @@ LEAST = {"status ok": 141_000, "status unreachable": 28_000, "status holding": 2
          "range restricted": 66_000, "followed": 66_000,
          "a tilt that cannot be held": 20_000}  # fmt: skip
 CI_TICKS = 300
-SHARE = 0.002
+SHARE = 0.008
 LENGTHS = (0.130, 0.290, 0.300, 0.070)
 RANGES = {
     "regular": [(170, 195), (-20, 10), (50, 90), (20, 80), (0, 70), (-50, 60), (-45, -30), (10, 50)],

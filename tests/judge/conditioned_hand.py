@@ -26,7 +26,7 @@ PROMISES = (
     Promise("rehab_opt/control/conditioning.py", "Samples that must agree before a stretch counts: fewer are a "
             "tracker's spike."),
 )  # fmt: skip
-LEAST = {"sight lost": 50_000, "after a jump": 2000, "steady": 200_000, "turning steadily": 200_000}
+LEAST = {"sight lost": 50_000, "after a jump": 1000, "steady": 200_000, "turning steadily": 200_000}
 CI_TICKS = 12_000
 SHARE = 0.1
 TOGETHER = 3

@@ -6,10 +6,13 @@ from pathlib import Path
 
 import pytest
 
+from tests.judge.__main__ import parts
 from tests.judge.numbering import FIXED_SEED, seed_of_the_code
 from tests.judge.verdict import Promise, Verdict, judges
 
 JUDGES = judges()
+FEWEST_RUNS = 40
+"""Of a judge in 10^7 ticks of all."""
 PROMISES = [(name, promise) for name, module in JUDGES.items() for promise in module.PROMISES]
 
 
@@ -25,6 +28,19 @@ def test_slice_of_the_campaign_breaks_nothing(judge: str, seed: int) -> None:
     assert verdict.ticks > 0
     assert not verdict.kinds, "\n".join(f"{each.claim}: {each.numbers}\n  {each.again}" for each in verdict.broken)
     assert not verdict.missed, f"seed {seed}, too seldom (seen, asked): {verdict.missed}"
+
+
+def test_least_counts_scale_with_what_was_run_and_find_that_nothing_happened() -> None:
+    asked = [Verdict("any", 0, {"often": 1e5, "seldom": 50.0}, ticks=1000 * runs, runs=runs).missed
+             for runs in (1, 16, 64, 1600, 160_000)]  # fmt: skip
+    assert [each.get("often", (0, 0))[1] for each in asked] == [1, 1, 3200, 144_000, 15_840_000]
+    assert [each.get("seldom", (0, 0))[1] for each in asked] == [0, 0, 1, 72, 7920]
+
+
+@pytest.mark.parametrize(("judge", "ticks"), [part[:2] for part in parts(list(JUDGES), 10_000_000, 0, 1)])
+def test_every_situation_is_asked_for_in_the_documented_campaign(judge: str, ticks: int) -> None:
+    asked = Verdict(judge, 0, JUDGES[judge].LEAST, ticks=ticks, runs=FEWEST_RUNS).asked
+    assert min(asked.values()) >= 1, asked
 
 
 def test_judge_imports_only_public_controllers_and_value_types() -> None:

@@ -21,8 +21,8 @@ from rehab_opt import Bound, Command
 
 ROOT = Path(__file__).resolve().parents[2]
 NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*(?:e[-+]?\d+)?|\binf\b|\bnan\b)", re.IGNORECASE)
-WHOLE, COMMON = 500_000, 100
-"""Ticks from which all least counts are asked for; a shorter slice must show what it should have this many ticks of."""
+SPARE, COMMON = 16, 100
+"""Runs that chance may take, see `Verdict.asked`; what a slice should have this many ticks of must be there at all."""
 BY_ACTIVE_SETS = ("solver closed form", "solver active set", "solver dual active set")
 """Situations in which one of these methods answered."""
 FEW = 5000
@@ -180,9 +180,14 @@ class Verdict:
 
     @property
     def asked(self) -> dict[str, int]:
-        """Situation -> least ticks of a run of this length; of a slice, that what is common was there at all."""
+        """Situation -> least ticks of so many: 1 - sqrt(SPARE / runs) of what `least` says of them, rounded down.
+
+        Many situations last for all of a run, or are in none of its ticks: by so much of their mean they are seldomer
+        in R runs, by chance. Of SPARE runs or fewer only what is common is asked, and that once.
+        """
+        sure = max(0.0, 1.0 - math.sqrt(SPARE / max(self.runs, 1)))
         least = {name: per_million * self.ticks / 1e6 for name, per_million in self.least.items()}
-        return {name: int(each) if self.ticks >= WHOLE else int(each >= COMMON) for name, each in least.items()}
+        return {name: max(int(each * sure), int(each >= COMMON)) for name, each in least.items()}
 
     @property
     def missed(self) -> dict[str, tuple[int, int]]:
