@@ -196,7 +196,7 @@ class WorkspaceMap:
         """Points (m, 2) [m], of a few, that are stretched or squeezed by more than an audit allows."""
         points, ratio = random_points(self.source, STARTS, 0), np.sqrt(self.target.area / self.source.area)
         over = np.linalg.svd(self.spline.jacobian(points), compute_uv=False) / ratio
-        return points[(over[:, 0] > LARGEST_STRETCH) | (over[:, 1] < SMALLEST_STRETCH)]
+        return np.asarray(points[(over[:, 0] > LARGEST_STRETCH) | (over[:, 1] < SMALLEST_STRETCH)])
 
     @cached_property
     def _starts(self) -> tuple[Any, NDArray[np.float64]]:

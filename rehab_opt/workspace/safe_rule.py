@@ -121,7 +121,7 @@ class _Samples(NamedTuple):
         over = mesh_of(wide.buffer(-0.3 * GROWTH), spacing)
         a, b, c = (over.points[over.triangles[:, k]] for k in range(3))
         areas = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
-        shares = np.bincount(over.triangles.ravel(), np.repeat(areas, 3), len(over.points))
+        shares = np.bincount(over.triangles.ravel(), np.repeat(areas, 3), len(over.points)).astype(np.float64)
         along = np.arange(OUTLINE_SAMPLES) / OUTLINE_SAMPLES
         return cls(over.points, shares, source.buffer(DRAWN).exterior, along, spacing)
 
