@@ -15,6 +15,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import numpy as np
 from rich.console import Console
@@ -27,6 +28,7 @@ __all__ = ["main"]
 
 LONGEST = 600.0
 """[s] after which a controller is given up."""
+PANDA = Path(__file__).parents[1] / "problems" / "robots" / "franka_panda" / "panda.urdf"
 ANSWER, READY, LATE = 2.0, 120.0, 1.0
 """Asked: [s] until the first answer and until machine code answers, [ms] lateness of all but a hundredth of ticks."""
 
@@ -36,6 +38,16 @@ def pose_tracker() -> tuple[float, Callable[[], object]]:
     from rehab_opt import PoseTracker, ur5  # noqa: PLC0415
 
     robot, q = ur5(), np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.0])
+    control, pose, twist = PoseTracker(robot), robot.pose(q), np.zeros(6)
+    return 0.001, lambda: control.step(q, pose, twist)
+
+
+def imported_arm() -> tuple[float, Callable[[], object]]:
+    """A Panda, from the file on."""
+    from rehab_opt import PoseTracker, SerialChain  # noqa: PLC0415
+
+    robot = SerialChain.from_urdf(PANDA, tip="panda_link8", acceleration=7.5)
+    q = np.array([0.0, -0.8, 0.0, -2.3, 0.0, 1.6, 0.8])
     control, pose, twist = PoseTracker(robot), robot.pose(q), np.zeros(6)
     return 0.001, lambda: control.step(q, pose, twist)
 
@@ -71,7 +83,7 @@ def assistance() -> tuple[float, Callable[[], object]]:
     return 0.001, lambda: control.step(hand)
 
 
-CONTROLLERS = {each.__name__: each for each in (pose_tracker, mirror_tracker, chair, assistance)}
+CONTROLLERS = {each.__name__: each for each in (pose_tracker, imported_arm, mirror_tracker, chair, assistance)}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

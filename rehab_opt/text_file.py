@@ -6,11 +6,35 @@ import codecs
 import math
 import os
 import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
 
 from rehab_opt.errors import ProblemFileError
 
-__all__ = ["file_content", "is_formula", "number_in", "shown", "whole_text"]
+__all__ = ["file_content", "is_formula", "number_in", "regular_file", "shown", "whole_text"]
+
+
+@contextmanager
+def regular_file(path: Path, name: str) -> Iterator[BinaryIO]:
+    """A regular file, open to be read; `name` is what errors call it.
+
+    Raises
+    ------
+    ProblemFileError : absent, unreadable, or a directory, pipe, socket or device, which may never end.
+    """
+    try:
+        with open(path, "rb", opener=_open_without_waiting) as file:
+            mode = os.fstat(file.fileno()).st_mode
+            if not stat.S_ISREG(mode):
+                raise ProblemFileError(name, "file", "a pipe" if stat.S_ISFIFO(mode) else "a device", "a file")
+            yield file
+    except IsADirectoryError as problem:
+        raise ProblemFileError(name, "file", "a directory", "a file") from problem
+    except OSError as problem:
+        expected = f"a file that can be read ({problem.strerror})"
+        raise ProblemFileError(name, "file", path.name, expected) from problem
 
 
 def file_content(path: Path, name: str, *, largest: int) -> bytes:
@@ -18,20 +42,12 @@ def file_content(path: Path, name: str, *, largest: int) -> bytes:
 
     Raises
     ------
-    ProblemFileError : absent, unreadable, larger, or a directory, pipe, socket or device, which may never end.
+    ProblemFileError : as `regular_file`; larger.
     """
-    try:
-        with open(path, "rb", opener=_open_without_waiting) as file:
-            about = os.fstat(file.fileno())
-            if not stat.S_ISREG(about.st_mode):
-                raise ProblemFileError(name, "file", "a pipe" if stat.S_ISFIFO(about.st_mode) else "a device", "a file")
-            content = file.read(largest + 1)  # more than was said where it grows meanwhile
-    except IsADirectoryError as problem:
-        raise ProblemFileError(name, "file", "a directory", "a file") from problem
-    except OSError as problem:
-        expected = f"a file that can be read ({problem.strerror})"
-        raise ProblemFileError(name, "file", path.name, expected) from problem
-    size = max(about.st_size, len(content))
+    with regular_file(path, name) as file:
+        size = os.fstat(file.fileno()).st_size
+        content = file.read(largest + 1)  # more than was said where it grows meanwhile
+    size = max(size, len(content))
     if size > largest:
         expected = f"at most {_megabytes(largest)}: split the file, or leave out what is not needed"
         raise ProblemFileError(name, "file size", _megabytes(size), expected)

@@ -50,7 +50,7 @@ LAYERS = {
     "qp_recording": {"errors", "optim", "session"},
     "export": {"__version__", "errors", "optim", "workspace", "field", "control", "session"},
     "live": {"errors", "control", "loop", "session"},
-    "loop": {"__version__", "errors", "kinematics", "control", "plants", "session"},
+    "loop": {"__version__", "errors", "text_file", "kinematics", "control", "plants", "session"},
     "terminal": {"errors", "text_file", "session", "symbolic"},
     "study": {"__version__", "errors", "text_file", "measures", "session", "terminal"},
     "cli": {"__version__", "errors", "session", "qp_recording", "export", "live", "loop", "terminal", "study"},

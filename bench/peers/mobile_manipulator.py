@@ -1,7 +1,8 @@
 """Chair and arm by one stick, beside pink: `python -m bench.peers.mobile_manipulator` (extra `peers`).
 
-Both get the same chain (hand positions compared before anything is timed), rows x, y, z of the hand in the chassis
-frame, limits of joint positions, joint speeds and wheels and, of an ordinary chair, the non-holonomic row.
+Robots are ARDIS, seven joints, and a Gen3 on a chair, ten. Both get the same chain (hand positions compared before
+anything is timed), rows x, y, z of the hand in the chassis frame, limits of joint positions, joint speeds and wheels
+and, of an ordinary chair, the non-holonomic row.
 Ours keeps what it adds: six obstacles, the keep-out of the arm, acceleration bounds, certificate and Command; pink has
 none of these here. Each integrates its own state along the same wandering stick; rounds alternate.
 """
@@ -13,6 +14,8 @@ import statistics
 import sys
 import time
 from collections.abc import Callable, Sequence
+from itertools import product
+from pathlib import Path
 
 import numpy as np
 import pink
@@ -24,9 +27,9 @@ from rich.table import Table
 from bench.machine import machine
 from bench.test_bench_control import ROOM
 from bench.verdict import Verdict, all_met, print_verdicts
-from rehab_opt import RedundancyResolver, ardis
+from rehab_opt import RedundancyResolver, SerialChain, ardis
 from rehab_opt.kinematics.ardis import ARDIS_READY
-from rehab_opt.kinematics.denavit_hartenberg import DH
+from rehab_opt.kinematics.arm_on_chair import arm_on_chair
 from rehab_opt.kinematics.mobile_arm import MobileArm
 
 __all__ = ["main"]
@@ -35,6 +38,11 @@ DT, HOLD = 0.01, 100
 SPEEDS = {"slow": 0.1, "fast": 1.0}
 """[m/s] of the stick: within what chair and arm can do, and beyond it."""
 HAND = "hand"
+GEN3 = Path(__file__).parents[2] / "problems" / "robots" / "kinova_gen3" / "gen3.urdf"
+MOUNT = np.array([[1.0, 0, 0, 0.25], [0, 1, 0, -0.35], [0, 0, 1, 0.62], [0, 0, 0, 1]])
+"""Of the Gen3 on the chair."""
+GEN3_READY = np.radians([0, 0, 0, -105.9, -72.0, -59.9, -112.0, -33.0, -57.3, 0.0])
+"""Joints that slide are at zero."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -43,19 +51,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--rounds", type=int, default=20)
     parser.add_argument("--ticks", type=int, default=200)
     options = parser.parse_args(arguments)
-    console, robot = Console(), ardis()
+    console, robots = Console(), {"ARDIS": (ardis(), ARDIS_READY), "Gen3": (_gen3_on_chair(), GEN3_READY)}
     console.print("  ".join(f"{key}: {value}" for key, value in machine().items()), highlight=False)
-    table = Table("drive", "stick", "ours, us", "p99", "pink + daqp, us", "p99", "ratio")
+    table = Table("robot", "drive", "stick", "ours, us", "p99", "pink + daqp, us", "p99", "ratio")
     verdicts = []
-    for drive in ("mecanum", "differential"):
-        for name, speed in SPEEDS.items():
-            ours = _ours(robot, drive)
-            theirs = _pink(robot, drive)
-            times = _alternated((ours, theirs), speed, options.rounds, options.ticks)
-            ratio = statistics.median(np.median(times[0], axis=1) / np.median(times[1], axis=1))
-            cells = [f"{value:.1f}" for each in times for value in (np.median(each), np.percentile(each, 99))]
-            table.add_row(drive, name, *cells, f"{ratio:.3f}")
-            verdicts.append(Verdict(f"{drive}, {name} stick: ours / pink + daqp", ratio, "<=", 1 / 20))
+    for (kind, (robot, ready)), drive, (name, speed) in product(
+        robots.items(), ("mecanum", "differential"), SPEEDS.items()
+    ):
+        steps = _ours(robot, drive), _pink(robot, drive, ready)
+        times = _alternated(steps, ready, speed, options.rounds, options.ticks)
+        ratio = statistics.median(np.median(times[0], axis=1) / np.median(times[1], axis=1))
+        cells = [f"{value:.1f}" for each in times for value in (np.median(each), np.percentile(each, 99))]
+        table.add_row(kind, drive, name, *cells, f"{ratio:.3f}")
+        verdicts.append(Verdict(f"{kind}, {drive}, {name} stick: ours / pink + daqp", ratio, "<=", 1 / 20))
     console.print(table)
     print_verdicts(console, verdicts)
     return 0 if all_met(verdicts) else 1
@@ -69,10 +77,14 @@ def _ours(robot: MobileArm, drive: str) -> Step:
     return lambda q, stick: resolver.step(q, stick).value
 
 
-def _pink(robot: MobileArm, drive: str) -> Step:
+def _gen3_on_chair() -> MobileArm:
+    return arm_on_chair(SerialChain.from_urdf(GEN3, acceleration=4.0), mount=MOUNT)
+
+
+def _pink(robot: MobileArm, drive: str, ready: np.ndarray) -> Step:
     model = _model(robot)
-    _same_hand(robot, model)
-    configuration = pink.Configuration(model, model.createData(), ARDIS_READY.copy())
+    _same_hand(robot, model, ready)
+    configuration = pink.Configuration(model, model.createData(), ready.copy())
     hand = pink.FrameTask(HAND, position_cost=1.0, orientation_cost=0.0)
     rest = pink.tasks.DampingTask(cost=1e-3)
     wheels = robot.mecanum if drive == "mecanum" else robot.differential
@@ -127,40 +139,33 @@ class _Rolling(pink.tasks.Task):
 
 
 def _model(robot: MobileArm) -> pinocchio.Model:
-    """The chain in pinocchio: a standard Denavit-Hartenberg row turns and slides along its z, then moves on."""
+    """The chain in pinocchio: each joint turns about or slides along its z, then comes the way to the next."""
     model, parent, chain = pinocchio.Model(), 0, robot.chain
-    before = pinocchio.SE3(chain.base[:3, :3], chain.base[:3, 3])
+    before = pinocchio.SE3(chain.base)
     for i, row in enumerate(chain.rows):
         joint = pinocchio.JointModelPZ() if row.prismatic else pinocchio.JointModelRZ()
-        placement = before * pinocchio.SE3(pinocchio.utils.rotate("z", row.theta), np.zeros(3))
         bounds = [np.array([float(value)]) for value in (chain.velocity[i], chain.lower[i], chain.upper[i])]
-        parent = model.addJoint(parent, joint, placement, chain.names[i], np.array([1e3]), *bounds)
-        before = _fixed(row)
-    tool = before * pinocchio.SE3(chain.tool[:3, :3], chain.tool[:3, 3])
-    model.addFrame(pinocchio.Frame(HAND, parent, 0, tool, pinocchio.FrameType.OP_FRAME))
+        parent = model.addJoint(parent, joint, before, chain.names[i], np.array([1e3]), *bounds)
+        before = pinocchio.SE3(np.array(row.after, dtype=np.float64))
+    model.addFrame(pinocchio.Frame(HAND, parent, 0, before * pinocchio.SE3(chain.tool), pinocchio.FrameType.OP_FRAME))
     return model
 
 
-def _fixed(row: DH) -> pinocchio.SE3:
-    along = pinocchio.SE3(np.eye(3), np.array([row.a, 0.0, row.d]))
-    return along * pinocchio.SE3(pinocchio.utils.rotate("x", row.alpha), np.zeros(3))
-
-
-def _same_hand(robot: MobileArm, model: pinocchio.Model) -> None:
+def _same_hand(robot: MobileArm, model: pinocchio.Model, ready: np.ndarray) -> None:
     """Raise AssertionError where pinocchio's hand is not ours: its times would mean nothing."""
     data, rng = model.createData(), np.random.default_rng(0)
     for _ in range(50):
-        q = ARDIS_READY + 0.3 * rng.standard_normal(robot.chain.n)
+        q = ready + 0.3 * rng.standard_normal(robot.chain.n)
         pinocchio.framesForwardKinematics(model, data, q)
         difference = np.abs(data.oMf[model.getFrameId(HAND)].homogeneous - robot.chain.pose(q)).max()
         if not difference <= 1e-9:
             raise AssertionError(f"hand pose differs by {difference:.1e} at q = {q.tolist()}")
 
 
-def _alternated(steps: Sequence[Step], speed: float, rounds: int, ticks: int) -> list[np.ndarray]:
+def _alternated(steps: Sequence[Step], ready: np.ndarray, speed: float, rounds: int, ticks: int) -> list[np.ndarray]:
     """(rounds, ticks) [us] of each."""
     rng = np.random.default_rng(0)
-    states = [ARDIS_READY.copy() for _ in steps]
+    states = [ready.copy() for _ in steps]
     times = [np.empty((rounds, ticks)) for _ in steps]
     for k in range(-1, rounds):  # the first round warms up
         sticks = np.repeat(speed * rng.standard_normal((ticks // HOLD + 1, 3)) * [1.0, 1.0, 0.3], HOLD, axis=0)

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt import DH, SerialChain, ur5
-from rehab_opt.plants.arm_model import ArmModel, rods_along
-from rehab_opt.plants.ur5_model import ur5_model
+from rehab_opt.plants.arm_model import ArmModel, rods_along, ur5_model
 
 __all__ = ["ARMS", "Arm", "iiwa"]
 

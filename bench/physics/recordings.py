@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from bench.physics.setting import Numbers, Setting
 from rehab_opt import MirrorTracker
+from rehab_opt.plants.arm_model import ur5_model
 from rehab_opt.plants.ideal import IdealJoints
 from rehab_opt.plants.mujoco_arm import MujocoArm
 from rehab_opt.plants.plant import Plant
-from rehab_opt.plants.ur5_model import ur5_model
 from rehab_opt.session.files import load_problem
 from rehab_opt.session.mirror.laws import followed, tracker_of
 from rehab_opt.session.mirror.scene import Scene, laid_out

@@ -1,6 +1,6 @@
 """The mirror on recordings that nobody tuned it to: placed by `rehab-opt place`, run, judged by an oracle of its own.
 
-`python -m bench.unseen [--recordings 10] [--seed 500] [--random-seats 2000] [--write]`. Half of the recordings are
+`python -m bench.unseen [--recordings 10] [--minutes M] [--seed 500] [--random-seats 2000] [--write]`. Half of them are
 minimum-jerk reaches with turns at random (seeds from `--seed` on), half are slices of the real hand at random rows.
 Nothing judged is imported by the oracle (`ur5_branches`, `person_reach`, `measured`, `time_optimal`, which needs the
 extra `peers`).
@@ -178,6 +178,7 @@ def main() -> int:
     """Measure, print, and write where it is asked for."""
     parser = argparse.ArgumentParser(prog="python -m bench.unseen", description=__doc__)
     parser.add_argument("--recordings", type=int, default=10)
+    parser.add_argument("--minutes", type=float, default=math.inf, help="no recording is begun that may end later")
     parser.add_argument("--seed", type=int, default=500)
     parser.add_argument("--random-seats", type=int, default=2000)
     parser.add_argument("--rows", choices=("tuned", "judged", "kept-back"), default="judged")
@@ -191,9 +192,12 @@ def main() -> int:
         "step of in reach, any / start's", "plan", "step's seconds", "plan / least time", "worst acceleration",
     )  # fmt: skip
     lines += ["| " + " | ".join(titles) + " |", "|---" * len(titles) + "|"]
+    started, longest = time.perf_counter(), 0.0
     with tempfile.TemporaryDirectory() as scratch:
         for number in range(options.recordings):
             began, seed = time.perf_counter(), options.seed + number
+            if began - started + longest > 60 * options.minutes:
+                break
             if number % 2:
                 row = int(rng.integers(first, last - ROWS + 2))
                 recording, name = slice_recording(row, rows=ROWS), f"real hand, rows {row} to {row + ROWS - 1}"
@@ -208,7 +212,9 @@ def main() -> int:
                 f"{one.over_least:.2f} | "
                 f"{one.worst.acceleration:.2f} |"
             )
-            console.print(f"{lines[-1]} ({time.perf_counter() - began:.0f} s)", highlight=False, soft_wrap=True)
+            spent = time.perf_counter() - began
+            longest = max(longest, spent)
+            console.print(f"{lines[-1]} ({spent:.0f} s)", highlight=False, soft_wrap=True)
     found = verdicts(rows)
     print_verdicts(console, found)
     if options.write:
@@ -223,6 +229,7 @@ def _write(lines: list[str], found: list[Verdict], options: argparse.Namespace) 
     for each in found:
         verdict = "PASS" if each.met else "FAIL"
         numbers.append(f"| {each.what} | {each.measured:.4g} | {each.relation} {each.asked:.4g} | {verdict} |")
+    command += f" --minutes {options.minutes:g}" if math.isfinite(options.minutes) else ""
     section = [f"{TITLE}\n", f"`{command} --write`; {about}\n", *lines, "", *numbers, ""]
     text = RESULTS.read_text()
     begin = text.find(TITLE)

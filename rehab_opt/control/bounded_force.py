@@ -23,7 +23,7 @@ from rehab_opt.control.thread_owner import OneThread
 from rehab_opt.control.velocity_controller import checked_number
 from rehab_opt.control.watchdog import NO_STAMP, STAMPS, Watchdog, stamp_and_kind
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.kinematics.real_array import real_array
+from rehab_opt.kinematics.real_array import is_real, real_array
 from rehab_opt.optim.fused import FUSED_SOLVERS
 from rehab_opt.optim.ladder import FUSED, Ladder
 from rehab_opt.optim.qp import Statement
@@ -284,7 +284,7 @@ class BoundedForce(OneThread):
         """
         if self._owner != get_ident():
             self._refuse_others()
-        if isinstance(joules, int | float | np.floating | np.integer):  # a message may hold anything
+        if is_real(joules):  # a message may hold anything
             with suppress(OverflowError):
                 self._watched[:] = self._take.of(self.model, self._watched, joules)
 

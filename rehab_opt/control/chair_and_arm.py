@@ -22,7 +22,7 @@ from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 from rehab_opt.optim.certificate import all_true
 from rehab_opt.optim.factor import symmetric
 from rehab_opt.optim.qp import Statement
-from rehab_opt.optim.rows import PLAUSIBLE, Row, equal, parameter, variable, within
+from rehab_opt.optim.rows import PLAUSIBLE, Instance, Row, equal, parameter, variable, within
 from rehab_opt.symbolic import BufferedFunction, Compile
 
 __all__ = ["ChairAndArm"]
@@ -403,11 +403,23 @@ class ChairAndArm(VelocityController):
 
     def take_over(self, other: ChairAndArm) -> None:
         """Go on where another set of rows ends: its velocity, position and stamps are this one's."""
-        self._last[:], self._predicted[:], self._sent[:] = other._last, other._predicted, other._sent
-        self._ladder.memory[-1] = UNKNOWN
+        self._ladder.memory[:] = self._memory_after(other)
         self._ladder.warm_start(0.0)
         self._watchdog, self._feedback = other._watchdog, other._feedback
         self._watch.take_over(other._watch)
+
+    def instance_after(self, other: ChairAndArm, *inputs: ArrayLike) -> Instance:
+        """The QP of a tick that goes on where `other` ends, as numbers; nothing changes."""
+        return self.stated.instance(*inputs, memory=self._memory_after(other))
+
+    def _memory_after(self, other: ChairAndArm) -> Array:
+        """What this one remembers where it goes on after `other`: of the hand, nothing."""
+        memory, first = self._ladder.memory.copy(), self.chain.n * 2
+        if other is not self:
+            theirs = other._ladder.memory.copy()
+            memory[:first], memory[self.sent] = theirs[:first], theirs[self.sent]
+            memory[-1] = UNKNOWN
+        return memory
 
     @property
     def velocity(self) -> Array:

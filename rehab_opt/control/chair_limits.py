@@ -89,8 +89,7 @@ class Limits(NamedTuple):
 
     def columns(self) -> dict[str, ca.SX]:
         """What changes from tick to tick, each as one column."""
-        fixed = ("chair", "chair_limit")
-        changing: dict[str, ca.SX] = {name: each for name, each in self._asdict().items() if name not in fixed}
+        changing: dict[str, ca.SX] = {name: each for name, each in self._asdict().items() if name != "chair"}
         return {name: ca.densify(ca.reshape(each, -1, 1)) for name, each in changing.items()}
 
     def like(self, given: Mapping[str, ca.SX]) -> Limits:
@@ -225,10 +224,10 @@ class ChairLimits:
         around = [obstacles[i : i + size] for i in range(0, obstacles.numel(), size)]
         into, into_limit = _stacked([read(each, ROWS, INTO) for each in around])
         closing, free = keep_outs
-        chair, chair_limit = self._chassis()
         count = closing.size1() // 2
         now, then = closing[:count, :], closing[count:, :]
         slower, slowest = self.braking.slower(last), self.braking.slowest(last)
+        chair, chair_limit = self._chassis(slowest[:CHAIR])
         hard = free[:count] * (self.braking.time / self.dt)
         now_limit = ca.fmax(free[:count], ca.fmin(now @ slowest[CHAIR:], hard))
 
@@ -258,7 +257,7 @@ class ChairLimits:
             base = pressed(base)
             beside_limit = ca.fmax(free_beside, beside @ base)
             lower, upper = ca.fmin(lower, base), ca.fmax(upper, base)
-            outside = ca.logic_or(outside, self.own.inside(contacts))
+            outside = ca.sum1(ca.vertcat(outside, self.own.beyond(q), self.own.inside(contacts))) > 0
         towards, left = _stacked([read(each, 0, ROWS) for each in around])
         towards_limit = ca.fmax(left + towards @ slower[:CHAIR], towards @ base[:CHAIR])
         return Limits(
@@ -358,15 +357,24 @@ class ChairLimits:
         hard = [ca.vertcat(-speed, bounds.hard_lower[CHAIR:]), ca.vertcat(speed, bounds.hard_upper[CHAIR:])]
         return *ends, *hard, bounds.outside
 
-    def _chassis(self) -> tuple[ca.SX, ca.SX]:
-        """Rim speeds, and the polygon of chassis speeds where there are two of them; none of a base that stands."""
-        wheels, speed = self.wheels, float(self.robot.chain.velocity[0])
-        rows, limits = ([each] for each in wheels.rims)
-        if wheels.holonomic:
-            angles = (np.arange(FACETS // 2) + 0.5) * 2 * np.pi / FACETS
-            rows.append(np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1))
-            limits.append(np.full(angles.size, speed * math.cos(np.pi / FACETS)))
-        return ca.sparsify(ca.SX(ca.DM(np.vstack(rows)))), ca.SX(ca.DM(np.concatenate(limits) * (1 - TIGHTER)))
+    def _chassis(self, slowest: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Rim speeds, and the polygon of chassis speeds where there are two of them; none of a base that stands.
+
+        A velocity that is told may lie beyond a side of the polygon, in the circle. That side then lies where the
+        hardest braking is, and the one across it where the corner between them is in the circle.
+        """
+        wheels, speed = self.wheels, float(self.robot.chain.velocity[0]) * (1 - TIGHTER)
+        rows, rims = wheels.rims
+        if not wheels.holonomic:
+            return ca.sparsify(ca.SX(ca.DM(rows))), ca.SX(ca.DM(rims * (1 - TIGHTER)))
+        angles = (np.arange(FACETS // 2) + 0.5) * 2 * np.pi / FACETS
+        sides = np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
+        inner = speed * math.cos(np.pi / FACETS)
+        needed = ca.fmax(ca.fabs(ca.DM(sides) @ slowest), inner)
+        across = ca.vertcat(needed[FACETS // 4 :], needed[: FACETS // 4])
+        room = ca.sqrt(ca.fmax(speed**2 - across**2, 0))
+        limits = ca.if_else(across > inner, ca.fmin(needed, room), needed)
+        return ca.sparsify(ca.SX(ca.DM(np.vstack([rows, sides])))), ca.vertcat(ca.DM(rims * (1 - TIGHTER)), limits)
 
 
 def _stacked(rows: list[tuple[ca.SX, ca.SX]]) -> tuple[ca.SX, ca.SX]:

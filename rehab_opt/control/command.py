@@ -34,7 +34,7 @@ class Bound(IntFlag):
     """What had to give way in this tick; velocity and force bounds never do."""
 
     NOTHING = 0
-    POSITION = 1  #: the state is outside a joint limit, or within an obstacle; never further, led back where stated
+    POSITION = 1  #: outside a joint limit, beyond a plane or `Limit`, within an obstacle; led back where stated
     ACCELERATION = 2  #: the change was larger than the acceleration bound, to keep a bound above it
     TASK = 4  #: the hand moves slower than asked, or off the asked direction; or another force than the wanted one
     SLEW = 8  #: the force was let go faster than its slew bound; it ranks with ACCELERATION

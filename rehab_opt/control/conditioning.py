@@ -17,6 +17,7 @@ from rehab_opt.control.thread_owner import OneThread
 from rehab_opt.control.velocity_controller import checked_number, real_numbers
 from rehab_opt.control.watchdog import stamp_and_kind
 from rehab_opt.errors import ConfigurationError
+from rehab_opt.kinematics.real_array import is_real
 from rehab_opt.kinematics.vr import continuous_quaternions, poses_of
 
 __all__ = ["Conditioned", "Conditioner", "conditioned"]
@@ -70,7 +71,7 @@ class Conditioner(OneThread):
         largest_turn: float = 30.0,
     ) -> None:
         self.dt = checked_number("dt", dt, above=0.0, below=1.0)
-        if not (isinstance(cutoff_hz, (int, float)) and cutoff_hz > 0.0):
+        if not (is_real(cutoff_hz) and cutoff_hz > 0.0):
             raise ConfigurationError("cutoff_hz", cutoff_hz, "a positive frequency")
         self.gain = -math.expm1(-2.0 * math.pi * float(cutoff_hz) * self.dt)
         self.max_gap = checked_number("max_gap", max_gap, above=0.0)

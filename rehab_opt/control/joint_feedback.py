@@ -10,6 +10,7 @@ import numpy as np
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.kinematics.real_array import is_real
 
 __all__ = ["JointFeedback", "pole"]
 
@@ -88,7 +89,7 @@ class JointFeedback:
             least = -1e-12 if name in ("delay", "patience") else 0.0
             value = getattr(self, name)
             most = math.inf if name == "servo_hz" else 1e3
-            if not (isinstance(value, float | int | np.floating | np.integer) and least < value <= most):
+            if not (is_real(value) and least < value <= most):
                 raise ConfigurationError(f"feedback.{name}", value, f"a number above {least:g}")
 
     @property

@@ -46,7 +46,7 @@ TINY = 1e-300
 class Limit:
     """What a posture has to keep: every distance h(q) at zero or above, at the end of every tick.
 
-    h(q) >= 0, met as the barrier  grad h . q' >= -rate h
+    h(q) >= 0, met as the barrier  grad h . q' >= -rate h;  `Bound.POSITION` says that h(q) is below zero
 
     A `MirrorTracker`, whose accelerations do not yield to it, meets it faster where braking of all joints alike does.
 
@@ -348,6 +348,10 @@ class Limits:
             slope = ca.norm_2(each.nearest(self.chain, q, ca.SX.zeros(self.chain.n))[1][0, :])
             conditions.append(then >= ca.fmin(now, 0) - ROUNDING * slope)
         return all_true(*conditions)
+
+    def beyond(self, q: ca.SX) -> ca.SX:
+        """1 where a distance of a `Limit` is below zero."""
+        return ca.mmin(ca.vertcat(0, *(each.at(self.chain, q) for each in self.limits))) < -OUTSIDE
 
     def inside(self, contacts: ca.SX) -> ca.SX:
         """1 where a contact is nearer than its margin."""

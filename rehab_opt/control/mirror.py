@@ -76,8 +76,9 @@ class MirrorTracker(MirrorForeseen):
         holds at every instant of every tick, the other one slows what is wanted.
     keep_out : planes, by `KeepOut.through(point, normal)`, beyond which at the end of no tick there is a link's capsule
         (`SerialChain.capsules`: the UR5's whole body), the origin of a frame, or the tool's. Without capsules nothing
-        is known of the links between those origins. What starts beyond a plane goes no deeper; what no joint moves,
-        the led hand and what is mounted on the flange are not guarded, unless a capsule stands for them.
+        is known of the links between those origins. What starts beyond a plane goes no deeper, and
+        `Bound.POSITION` says so; what no joint moves, the led hand and what is mounted on the flange are not guarded,
+        unless a capsule stands for them.
     limits : what else the posture has to keep: see `Limit`, whose rate of None is `rate` here, and `Clearance`. Where
         three distances of one limit, or three points of the arm and one plane, are met at once, the hand may stand
         short of the nearest pose: two of them make rows, and the step is shortened before the third. To a body that

@@ -104,6 +104,7 @@ class MirrorStatement(PoseTracker):
             strays=None if guided is None else guided.apart,
         )
         turned = ca.sumsqr(rotation_vector(tick.target[:3, :3] @ now.pose[:3, :3].T))
+        bounds = bounds._replace(outside=ca.logic_or(bounds.outside, self.limits.inside(tick.contacts)))
         return rows, most, bounds, ca.vertcat(now.w, now.gradient, now.pose[:3, 3], turned)
 
     def excess(self, q: ca.SX, jacobian: ca.SX, velocity: ca.SX, last: ca.SX) -> ca.SX:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from rehab_opt.control.stopping import OUTSIDE
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.mobile_arm import Outline
+from rehab_opt.kinematics.real_array import is_real
 from rehab_opt.optim.rows import PLAUSIBLE
 
 __all__ = ["NUMBERS", "Approach", "Disc", "HalfPlane", "Obstacle", "approach", "obstacle_numbers", "outward_normal"]
@@ -105,9 +106,9 @@ def _row(obstacle: object) -> tuple[float, ...] | None:
 
 
 def _number(value: object) -> float:
-    if not isinstance(value, (int, float, np.integer, np.floating)):
+    if not is_real(value):
         raise TypeError
-    return float(value)
+    return float(value)  # type: ignore[arg-type]
 
 
 def approach(

@@ -19,6 +19,7 @@ from rehab_opt.errors import ConfigurationError
 from rehab_opt.field.potential import SAMPLES_PER_WIDTH
 from rehab_opt.field.samples import checked_paths, resampled_path
 from rehab_opt.field.settling import settling_notes
+from rehab_opt.kinematics.real_array import is_real
 from rehab_opt.symbolic import BufferedFunction
 from rehab_opt.workspace.edge_distance import edge_columns
 from rehab_opt.workspace.region import Workspace
@@ -85,7 +86,7 @@ class PathAssistance(BoundedForce):
         points = paths[0]
         if len(points) < 2:
             raise ConfigurationError("path", points.shape, "at least two points (N, 2) in metres")
-        if not (isinstance(width, int | float) and 0 < width < math.inf):
+        if not (is_real(width) and 0 < width < math.inf):
             raise ConfigurationError("width", width, "metres above zero")
         sampled = resampled_path(points, width / SAMPLES_PER_WIDTH)
         if len(sampled.points) < 2:

@@ -293,10 +293,11 @@ class PoseTracker(VelocityController):
         return ca.vertcat(self.remember(q, velocity), change)
 
     def bounds(self, q: ca.SX, memory: ca.SX) -> VelocityBounds:
-        """Intervals of the joint velocities."""
-        if self.jerk is None:
-            return super().bounds(q, memory)
-        return self.jerk.interval(q, memory[: self.chain.n], memory[-self.chain.n :])
+        """Intervals of the joint velocities; beyond a `Limit` is outside, too."""
+        if self.jerk is not None:  # there are no limits beside it
+            return self.jerk.interval(q, memory[: self.chain.n], memory[-self.chain.n :])
+        found = super().bounds(q, memory)
+        return found._replace(outside=ca.logic_or(found.outside, self.limits.beyond(q)))
 
     @property
     def among_bodies(self) -> bool:

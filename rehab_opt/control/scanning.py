@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from threading import get_ident
 from typing import NamedTuple
 
 import numpy as np
 
 from rehab_opt.control.joystick import STICK_MODES, Button, StickCommand, StickMode, checked_modes, moved_towards
+from rehab_opt.control.thread_owner import OneThread
 from rehab_opt.control.velocity_controller import checked_number
 from rehab_opt.errors import ConfigurationError
 
@@ -29,12 +31,13 @@ class ScanOption(NamedTuple):
     """Of the stick that it stands for."""
 
 
-class Scanning:
+class Scanning(OneThread):
     """Presses on lit options to hand velocities.
 
     Each option is lit for `dwell` seconds. Pressing holds it and moves while the press lasts; letting go stops, and
     scanning goes on from there. With a sip-and-puff straw a puff moves one way and a sip the other; a single switch
     scans both ways one after the other. The gripper opens or closes once a press, however it bounces.
+    An object belongs to one thread: see `OneThread`.
 
     Parameters
     ----------
@@ -76,18 +79,26 @@ class Scanning:
 
     def reset(self) -> None:
         """First option, gripper open, nothing pressed."""
+        self._claim()
         self._lit, self._ticks, self._closed = 0, 0, False
         self._way, self._free = 0, False
         self._puff, self._sipped = Button(self._dt), Button(self._dt)
         self._deflection = np.zeros(2)
+        self._give_away()
 
     def step(self, pressure: float) -> StickCommand:
-        """What the user asks for now. Never raises: what is no number is no press.
+        """What the user asks for now. What is no number is no press, and raises nothing.
 
         Parameters
         ----------
         pressure : 0 to 1 of a switch or a puff, 0 to -1 of a sip.
+
+        Raises
+        ------
+        SharingError : a second thread, see `OneThread`.
         """
+        if self._owner != get_ident():
+            self._claim()
         way, reason = self._pressed(pressure)
         if way == 0:
             self._free = not reason

@@ -21,6 +21,7 @@ from rehab_opt.control.thread_owner import OneThread
 from rehab_opt.control.watchdog import Watchdog
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import per_joint
+from rehab_opt.kinematics.real_array import is_real
 
 __all__ = ["Smoother"]
 
@@ -75,7 +76,7 @@ class Smoother(OneThread):
         max_age: float | None = None,
         straight: bool = False,
     ) -> None:
-        if not (isinstance(recovery_speed, (int, float, np.integer, np.floating)) and 0.0 < recovery_speed <= 1.0):
+        if not (is_real(recovery_speed) and 0.0 < recovery_speed <= 1.0):
             raise ConfigurationError("recovery_speed", recovery_speed, "a share of the velocity, above 0 and at most 1")
         if not isinstance(straight, bool):
             raise ConfigurationError("straight", straight, "True or False")

@@ -19,7 +19,7 @@ class OneThread:
     The first `step` makes its thread the owner; until then any thread may set the object up. While the owner lives,
     another thread's `step`, `reset` or change of a setting raises a `SharingError`. `reset` by the owner gives the
     object away, to the thread that steps it next; a thread that has ended owns nothing. Copies and pickles, which would
-    share a solver's memory or lose it, are refused: make another object with the same arguments. Fields, maps,
+    share the memory or lose it, are refused: make another object with the same arguments. Fields, maps,
     workspaces, chains and robots are immutable, and any number of controllers in any threads may share them.
 
     A method that ticks begins with `if self._owner != get_ident(): self._claim()`, 40 ns; one that only changes a
@@ -54,6 +54,6 @@ class OneThread:
 
     def __reduce__(self) -> tuple[Any, ...]:
         raise SharingError(
-            f"a {type(self).__name__} cannot be copied or pickled, since its solver's memory would be shared or lost: "
+            f"a {type(self).__name__} cannot be copied or pickled, since its memory would be shared or lost: "
             "make another one with the same arguments"
         )

@@ -22,7 +22,7 @@ from rehab_opt.control.watchdog import Watchdog
 from rehab_opt.control.watched_joints import WatchedJoints, patience_of, watched_joints
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain, per_joint
-from rehab_opt.kinematics.real_array import real_array
+from rehab_opt.kinematics.real_array import is_real, real_array
 from rehab_opt.optim.certificate import clipped
 from rehab_opt.optim.fused import FUSED_SOLVERS
 from rehab_opt.optim.ladder import FUSED, Ladder
@@ -265,7 +265,7 @@ class VelocityController(OneThread, ABC):
 
     def instance(self, q: ArrayLike, *inputs: ArrayLike) -> Instance:
         """The QP that `step` would solve now, as numbers, for inspection."""
-        return self.stated.instance(q, *inputs, memory=self._ladder.memory)
+        return self.stated.instance(q, *inputs, memory=self._ladder.memory.copy())
 
     def to_qpsolvers(self, q: ArrayLike, *inputs: ArrayLike) -> qpsolvers.Problem:
         """The QP that `step` would solve now, as a `qpsolvers.Problem`."""
@@ -416,6 +416,6 @@ def real_numbers(argument: str, value: ArrayLike, shape: tuple[int, ...]) -> Arr
 
 def checked_number(argument: str, value: float, *, above: float, below: float = math.inf) -> float:
     """`value` as a float strictly between `above` and `below`."""
-    if isinstance(value, (int, float, np.floating, np.integer)) and above < value < below:
+    if is_real(value) and above < value < below:
         return float(value)
     raise ConfigurationError(argument, value, f"a number between {above:g} and {below:g}")

@@ -5,14 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import cache
+from threading import get_ident
 from typing import NamedTuple, cast
 
 import casadi as ca
-import numpy as np
 
 from rehab_opt.control.reasons import NUMBER, reason_text
+from rehab_opt.control.thread_owner import OneThread
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.kinematics.real_array import real_array
+from rehab_opt.kinematics.real_array import is_real, real_array
 from rehab_opt.optim.certificate import all_true
 from rehab_opt.symbolic import BufferedFunction
 from rehab_opt.symbolic.record import Record, Values
@@ -41,12 +42,12 @@ def default_max_age(dt: float) -> float:
 
 
 def stamp_and_kind(stamp: object) -> tuple[float, int]:
-    """A time stamp as a float [s], NaN where it is none, and its kind: a time of another unit, text, an array."""
+    """A time stamp as a float [s], NaN where it is none, and its kind: a time of another unit, a boolean, text."""
     if stamp is None:
         return math.nan, NO_STAMP
     try:
-        if isinstance(stamp, float | int):
-            return float(stamp), NUMBER_OF_SECONDS
+        if is_real(stamp):
+            return float(stamp), NUMBER_OF_SECONDS  # type: ignore[arg-type]
         array = real_array(stamp)
     except OverflowError:
         return math.inf, NUMBER_OF_SECONDS
@@ -115,13 +116,13 @@ def watched() -> ca.Function:
     return ca.Function("watched", [limits, memory.column, given], [judged.memory, said], {"cse": True})
 
 
-class Watchdog:
+class Watchdog(OneThread):
     """Finds repeated, reversed, missing and delayed time stamps; one `check` a tick.
 
     No clock is read, so that a replayed session is judged as the live one was: a delayed stream shows as stamps that
     advance by less than the ticks do, and the lag so gathered is held against `max_age`. It is paid back only by
     stamps that advance by more. Stamps that jump back by more than `max_age` are a restarted stream: one fault, and
-    the count begins anew.
+    the count begins anew. An object belongs to one thread: see `OneThread`.
 
     Parameters
     ----------
@@ -133,16 +134,14 @@ class Watchdog:
     ConfigurationError : dt not finite or below 1e-9 s, max_age not one above dt.
     """
 
-    __slots__ = ("_after", "_evaluate", "_function", "_given", "_keep", "_memory", "_said", "max_age", "stamped")
-
     stamped: bool
     """Whether there was a stamp since the last reset: from then on one that is missing is a fault."""
 
     def __init__(self, *, dt: float, max_age: float | None = None) -> None:
-        if not (isinstance(dt, (int, float, np.integer, np.floating)) and SHORTEST_TICK <= dt < math.inf):
+        if not (is_real(dt) and SHORTEST_TICK <= dt < math.inf):
             raise ConfigurationError("dt", dt, f"a finite number of seconds, at least {SHORTEST_TICK:g}")
         max_age = default_max_age(dt) if max_age is None else max_age
-        if not (isinstance(max_age, (int, float, np.integer, np.floating)) and max_age > dt):
+        if not (is_real(max_age) and max_age > dt):
             raise ConfigurationError("max_age", max_age, f"seconds, more than dt = {dt:g}")
         self.max_age = float(max_age)
         """Largest age of a state [s]."""
@@ -162,15 +161,19 @@ class Watchdog:
 
     def reset(self) -> None:
         """Forget every stamp: the next one is the first."""
+        self._claim()
         self._memory[:] = math.nan, 0.0, 0.0
         self.stamped = False
+        self._give_away()
 
     def check(self, stamp: float | None) -> str:
-        """Why the state stamped `stamp` [s, any origin] must not be acted on; empty when it may. Never raises.
+        """Why the state stamped `stamp` [s, any origin] must not be acted on; empty when it may. No stamp raises.
 
         None is not checked before the first stamp; from then on it is a fault. Each fault is judged by itself: after a
         gap or a reversal the next stamp may be fine.
         """
+        if self._owner != get_ident():
+            self._claim()
         if type(stamp) is float:
             self._given[0] = stamp
             self._given[1] = NUMBER_OF_SECONDS

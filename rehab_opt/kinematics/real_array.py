@@ -1,4 +1,4 @@
-"""What a caller hands over as numbers, as a float array: nothing is read through a mask, no text or time counts."""
+"""What a caller hands over as numbers, as floats: nothing is read through a mask, no text, time or boolean counts."""
 
 from __future__ import annotations
 
@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["real_array"]
+__all__ = ["is_real", "real_array"]
 
 Array = NDArray[np.float64]
 _FLOATS = np.dtype(np.float64)
+_NO_NUMBERS = bool, np.bool_, np.timedelta64
 
 
 def real_array(value: Any) -> Array:
@@ -22,7 +23,7 @@ def real_array(value: Any) -> Array:
 
     Raises
     ------
-    TypeError, ValueError : text, times, complex numbers, ragged lists, anything else that is no real number.
+    TypeError, ValueError : text, times, booleans, complex numbers, ragged lists, whatever else is no real number.
     OverflowError : an integer too large for a float.
     """
     if type(value) is np.ndarray and value.dtype is _FLOATS:
@@ -34,7 +35,7 @@ def real_array(value: Any) -> Array:
     array = np.asarray(value)
     if array.dtype.kind == "O":  # integers beyond 64 bits are numbers, too
         array = np.reshape([_real(each) for each in array.ravel().tolist()], array.shape)
-    if array.dtype.kind not in "fiub":
+    if array.dtype.kind not in "fiu":
         raise TypeError(f"{array.dtype} is no type of real numbers")
     return array.astype(np.float64)
 
@@ -42,11 +43,18 @@ def real_array(value: Any) -> Array:
 def _is_masked(value: Any) -> bool:
     """Whether a masked array is, or is in, what was handed over."""
     if isinstance(value, (list, tuple)):
-        return any(map(_is_masked, value))
+        return True in [_is_masked(each) for each in value]  # all are looked at
+    if isinstance(value, _NO_NUMBERS):
+        raise TypeError(f"{value!r} is no real number")
     return "numpy.ma" in sys.modules and isinstance(value, np.ma.MaskedArray)
 
 
+def is_real(value: object) -> bool:
+    """Whether it is one real number; a boolean and a time are none, though Python and numpy count them as integers."""
+    return isinstance(value, (int, float, np.floating, np.integer)) and not isinstance(value, _NO_NUMBERS)
+
+
 def _real(value: Any) -> float:
-    if not isinstance(value, (int, float, np.floating, np.integer)) or isinstance(value, np.timedelta64):
+    if not is_real(value):
         raise TypeError(f"{value!r} is no real number")
     return float(value)

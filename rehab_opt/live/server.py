@@ -20,8 +20,7 @@ import numpy as np
 from rehab_opt.control.command import Bound
 from rehab_opt.errors import ConfigurationError, RehabOptError
 from rehab_opt.live.control import Rings
-from rehab_opt.live.gate import Gate
-from rehab_opt.live.seats import Seats, inputs_of
+from rehab_opt.live.seats import Gate, Seats, inputs_of
 from rehab_opt.loop.of_problem import BUTTONS
 from rehab_opt.loop.shared_ring import Newest
 from rehab_opt.session.live.problem import LiveProblem, Seen, Watching

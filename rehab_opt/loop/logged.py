@@ -18,6 +18,7 @@ from rehab_opt.errors import ProblemFileError
 from rehab_opt.loop.cdr import records_of
 from rehab_opt.loop.log_file import ABOUT, TICK, mcap_module
 from rehab_opt.loop.records import state_layout
+from rehab_opt.text_file import regular_file
 
 __all__ = ["Logged", "operator_of", "read_log"]
 
@@ -48,7 +49,7 @@ def read_log(path: Path | str) -> Logged:
 
     Raises
     ------
-    ProblemFileError : it is no log of a loop, or was altered. OSError : it cannot be read.
+    ProblemFileError : it cannot be read, is no log of a loop, or was altered.
     ConfigurationError : mcap is not installed.
     """
     stream, records, errors = (mcap_module(name) for name in ("stream_reader", "records", "exceptions"))
@@ -58,7 +59,7 @@ def read_log(path: Path | str) -> Logged:
     schemas: dict[int, str] = {}
     channels: set[int] = set()
     whole, damaged = False, ""
-    with Path(path).open("rb") as file:
+    with regular_file(Path(path), str(path)) as file:
         try:
             for each in stream.StreamReader(file, validate_crcs=True).records:
                 if isinstance(each, records.Message) and each.channel_id in channels:

@@ -27,7 +27,7 @@ from rehab_opt.loop.tick import Decide, Tick
 from rehab_opt.plants.plant import Plant, Truth
 
 if TYPE_CHECKING:
-    from rehab_opt.plants.device import Device
+    from rehab_opt.plants.plant import Device
 
 __all__ = ["DEAD_MAN", "Loop"]
 

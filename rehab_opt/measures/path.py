@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.measures.arguments import rows, vectors
+from rehab_opt.measures.samples import rows, vectors
 
 __all__ = ["end_error", "path_length", "path_ratio", "range_used", "workspace_used"]
 

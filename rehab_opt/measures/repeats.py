@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.measures.arguments import vectors
+from rehab_opt.measures.samples import vectors
 
 __all__ = ["end_variability", "path_variability"]
 

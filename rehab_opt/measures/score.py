@@ -10,9 +10,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.measures.arguments import numbers, positive, vectors
 from rehab_opt.measures.path import end_error, path_length, path_ratio, range_used, workspace_used
-from rehab_opt.measures.samples import CUT_OFF_HZ, FEWEST, LARGEST_CUT_OFF, ONCE_EACH_WAY, evenly_sampled, low_passed
+from rehab_opt.measures.samples import (
+    CUT_OFF_HZ,
+    FEWEST,
+    LARGEST_CUT_OFF,
+    ONCE_EACH_WAY,
+    evenly_sampled,
+    low_passed,
+    numbers,
+    positive,
+    vectors,
+)
 from rehab_opt.measures.smoothness import dimensionless_jerk, log_dimensionless_jerk, spectral_arc_length
 from rehab_opt.measures.speed import mean_speed, movement_interval, peak_speed, velocity_peaks
 

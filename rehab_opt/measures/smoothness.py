@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.measures.arguments import numbers, positive, rows
+from rehab_opt.measures.samples import numbers, positive, rows
 
 __all__ = ["THRESHOLD", "dimensionless_jerk", "log_dimensionless_jerk", "spectral_arc_length"]
 

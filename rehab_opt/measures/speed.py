@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.measures.arguments import numbers, positive, rows
+from rehab_opt.measures.samples import numbers, positive, rows
 
 __all__ = ["mean_speed", "movement_interval", "movement_time", "peak_speed", "velocity_peaks"]
 

@@ -1,4 +1,4 @@
-"""A serial arm with everything that moves it or holds it back: masses, motors, friction, torque limits."""
+"""Serial arms with everything that moves them or holds them back: masses, motors, friction, torque limits."""
 
 from __future__ import annotations
 
@@ -13,8 +13,9 @@ from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.body import Body
 from rehab_opt.kinematics.chain import SerialChain, per_joint
 from rehab_opt.kinematics.inertia import rod
+from rehab_opt.kinematics.ur5 import ur5
 
-__all__ = ["ArmModel", "rods_along"]
+__all__ = ["ArmModel", "own_arm_model", "rods_along", "ur5_model"]
 
 Array = NDArray[np.float64]
 
@@ -88,3 +89,78 @@ def rods_along(chain: SerialChain, masses: Sequence[float] | ArrayLike, *, radiu
         inertia = 0.4 * mass * radius**2 * np.eye(3) if ball else rod(mass, along, radius)
         bodies.append(Body(chain.names[i], i + 1, mass, np.zeros(3) if ball else -0.5 * along, inertia))
     return tuple(bodies)
+
+
+COULOMB_SHARE, VISCOUS_SHARE, ROTOR_SHARE = 0.04, 0.04, 0.003
+"""[1], [s], [s^2] Assumption: dry and viscous friction and what motors and gears add to the inertia, as a share of the
+largest effort; those of `ur5_model`, as no robot file has them."""
+
+
+def own_arm_model(chain: SerialChain, *, payload: float = 0.0) -> ArmModel:
+    """The dynamics of a chain whose file has masses and efforts.
+
+    Parameters
+    ----------
+    payload : [kg] at the tool, a point.
+
+    Raises
+    ------
+    ConfigurationError : the file has no masses, or no effort of a joint.
+    """
+    bodies = [body for body in chain.bodies if body.link]  # what no joint moves weighs on none
+    if not bodies:
+        raise ConfigurationError("chain.bodies", chain.bodies, "masses of links, as robot files may have")
+    for name, effort in zip(chain.names, chain.effort, strict=True):
+        if not effort < np.inf:
+            raise ConfigurationError(f"effort of {name}", float(effort), "the drive's largest, limit.effort of a URDF")
+    if payload:
+        bodies.append(Body("payload", chain.n, payload, np.array(chain.tool[:3, 3]), np.zeros((3, 3))))
+    effort = chain.effort
+    return ArmModel(chain, tuple(bodies), ROTOR_SHARE * effort, effort, COULOMB_SHARE * effort, VISCOUS_SHARE * effort)
+
+
+_SOLID = (
+    ("shoulder", 3.7, (0.0, -0.02561, 0.00193), (0.0, 0.178, 0.0), 0.075),
+    ("upper arm", 8.393, (0.2125, 0.0, 0.11336), (0.425, 0.0, 0.0), 0.06),
+    ("forearm", 2.33, (0.15, 0.0, 0.0265), (0.39225, 0.0, 0.0), 0.06),
+    ("wrist 1", 1.219, (0.0, -0.0018, 0.01634), (0.0, 0.095, 0.0), 0.06),
+    ("wrist 2", 1.219, (0.0, 0.0018, 0.01634), (0.0, 0.085, 0.0), 0.06),
+    ("wrist 3", 0.1879, (0.0, 0.0, -0.001159), (0.0, 0.0, 0.0305), 0.0375),
+)
+"""Name, mass [kg] and centre of mass [m] in the Denavit-Hartenberg frame behind the joint: Universal Robots, "DH
+parameters for calculations of kinematics and dynamics". Length, direction [m] and radius [m] of the cylinder that
+stands for its inertia, which the vendor does not publish: sizes of ROS-Industrial's ur_description."""
+
+TORQUE_LIMIT = (150.0, 150.0, 150.0, 28.0, 28.0, 28.0)
+"""[N m] Universal Robots, "Max. joint torques"."""
+ROTORS = (0.5, 0.5, 0.5, 0.05, 0.05, 0.05)
+"""[kg m^2] Assumption: motors and gears as seen at the joints; the vendor publishes none."""
+COULOMB = (6.0, 6.0, 4.0, 1.2, 1.2, 1.0)
+"""[N m] Assumption: dry friction of strain-wave gears, a few hundredths of the largest torque."""
+VISCOUS = (6.0, 6.0, 4.0, 1.0, 1.0, 0.8)
+"""[N m s/rad] Assumption."""
+
+
+def ur5_model(chain: SerialChain | None = None, *, payload: float = 0.0, coulomb: ArrayLike = COULOMB) -> ArmModel:
+    """The UR5's dynamics on a chain of its rows.
+
+    Parameters
+    ----------
+    chain : made by `ur5`, with limits, base and tool of one's own.
+    payload : [kg] at the tool, a point. coulomb : (6,) or scalar [N m] dry friction.
+    """
+    arm = ur5() if chain is None else chain
+    bodies = [
+        Body(name, i, mass, np.array(centre), rod(mass, along, radius))
+        for i, (name, mass, centre, along, radius) in enumerate(_SOLID, start=1)
+    ]
+    if payload:
+        bodies.append(Body("payload", arm.n, payload, np.array(arm.tool[:3, 3]), np.zeros((3, 3))))
+    return ArmModel(
+        arm,
+        tuple(bodies),
+        np.array(ROTORS),
+        np.array(TORQUE_LIMIT),
+        coulomb,  # type: ignore[arg-type]  # as `per_joint` takes it
+        np.array(VISCOUS),
+    )

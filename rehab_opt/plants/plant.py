@@ -7,7 +7,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Measurement", "Plant", "Truth"]
+__all__ = ["Device", "Measurement", "Plant", "Truth"]
 
 Array = NDArray[np.float64]
 
@@ -73,4 +73,21 @@ class Plant(Protocol):
         command : what the drive takes: joint velocities [rad/s, m/s], joint positions [rad, m] or a force [N].
         push : (3,) or (2,) [N] on the hand during the tick, in the base frame, besides the plant's own contacts.
         """
+        ...
+
+
+class Device(Plant, Protocol):
+    """A robot that is there, as a `Plant`; `step` sends the command and returns at once.
+
+    `measured` is what arrived last, its stamp and `truth.time` on one clock, that of `time.monotonic`; `truth` repeats
+    what was measured, since nobody knows better. All of them raise a `DeviceLostError` where the device is gone.
+    `reset` moves nothing: it refuses a position that the device is not at.
+    """
+
+    def stop(self) -> None:
+        """Have it come to rest by its own means; no error where it is gone."""
+        ...
+
+    def close(self) -> None:
+        """The same, and let go of it: the object is of no use any more."""
         ...

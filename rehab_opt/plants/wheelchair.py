@@ -11,12 +11,11 @@ from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.drive import Drive as ChassisDrive
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
-from rehab_opt.plants.arm_model import ArmModel
+from rehab_opt.plants.arm_model import ArmModel, own_arm_model
 from rehab_opt.plants.channel import Channel
 from rehab_opt.plants.drives import Drive
 from rehab_opt.plants.mjcf import row_pose
 from rehab_opt.plants.mujoco_arm import MujocoArm
-from rehab_opt.plants.own_arm import own_arm_model
 from rehab_opt.plants.plant import Truth
 from rehab_opt.plants.sampled import SampledPlant
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -64,6 +65,11 @@ class FieldLaw:
         steps = np.linalg.norm(np.diff(self.path, axis=0), axis=1)
         return np.concatenate((np.cumsum(steps[::-1])[::-1], [0.0]))
 
+    @cached_property
+    def _drag_energies(self) -> Array:
+        """(m,) [J] the part of Eq. (15) that no hand changes."""
+        return np.asarray(self.drag * self.remaining_length() ** 2)
+
     def energy(self, x: ArrayLike) -> float:
         """Phi [J] at x (2,), Eq. (17)."""
         weights, energies, _ = self._terms(np.asarray(x, dtype=np.float64))
@@ -90,5 +96,5 @@ class FieldLaw:
         """Weights (m,) of Eq. (16), energies (m,) of Eq. (15), and x - xi_t (m, 2)."""
         away = x - self.path
         weights = np.exp(-(away**2).sum(axis=1) / (2 * self.width**2))
-        energies = self.drag * self.remaining_length() ** 2 + 0.5 * (self.stiffness * away**2).sum(axis=1)
+        energies = self._drag_energies + 0.5 * (self.stiffness * away**2).sum(axis=1)
         return weights, energies, away

@@ -41,7 +41,7 @@ GROUP = "rehab_opt.systems"
 """Of the entry points that name kinds of problems outside of this package."""
 SHIPPED: Mapping[str, str] = MappingProxyType(
     {
-        "upper_limb": "rehab_opt.session.upper_limb.system:UpperLimbSystem",
+        "upper_limb": "rehab_opt.session.upper_limb.run:UpperLimbSystem",
         "pose_tracking": "rehab_opt.session.pose_tracking.run:PoseTrackingSystem",
         "mirror": "rehab_opt.session.mirror.system:MirrorSystem",
         "workspace": "rehab_opt.session.workspaces.run:WorkspaceSystem",

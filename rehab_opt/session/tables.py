@@ -46,6 +46,7 @@ SPELLINGS = {"sec": "s", "second": "s", "seconds": "s", "msec": "ms", "meter": "
 HAND = ("t", "time", "x", "y", "z", "fx", "fy", "fz")
 """Names that are known in capitals, too."""
 LONGEST = 200
+NAME = re.compile(r"[^\W\d][\w .\[\]()/°-]{0,60}")
 _WITH_UNIT = re.compile(r"([^\[\]()/]+)(?:\[([^\[\]()/]+)\]|\(([^\[\]()/]+)\)|/([^\[\]()/]+))")
 
 
@@ -223,7 +224,10 @@ def _column(header: Sequence[str], names: Sequence[str], units: Mapping[str, flo
     accepted = [f"{name}_{unit}" for name in names for unit in units] + (list(names) if counts else [])
     found = [cell for cell in header if cell in accepted]
     if len(found) != 1:
-        problem = f"columns {' and '.join(found)}" if found else f"no such column among {shown(', '.join(header), 60)}"
+        # What is no header, as of a file that was named by mistake, is not quoted: it may be anything.
+        header_like = len(header) > 1 and all(NAME.fullmatch(cell) for cell in header)
+        among = shown(", ".join(header), 60) if header_like else f"{len(header)}, which are no header"
+        problem = f"columns {' and '.join(found)}" if found else f"no such column among {among}"
         bare = [cell for cell in header if cell in names]
         expected = f"one of {', '.join(accepted)}"
         if bare and not found:

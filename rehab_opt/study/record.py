@@ -16,7 +16,7 @@ from rehab_opt import __version__
 from rehab_opt.measures.score import Measure
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.inputs import inputs_digest, software_digest
-from rehab_opt.session.many.work import flat_numbers
+from rehab_opt.session.many.participant import flat_numbers
 from rehab_opt.session.outcome import Outcome
 from rehab_opt.session.recording import Recording
 from rehab_opt.session.schema import Problem

@@ -59,7 +59,7 @@ class Session:
 
     Parameters
     ----------
-    person : pseudonym: a study holds no names.
+    person : pseudonym such as "P01", without blanks, commas or @: a study holds no names and no addresses.
     name : of the session, unique for the person.
     group : of the person, such as "stroke".
     visit : its number, 0 or more.
@@ -67,7 +67,7 @@ class Session:
 
     Raises
     ------
-    ConfigurationError : a label that `checked_label` refuses, no visit, no date.
+    ConfigurationError : a label that `checked_label` refuses, a person that looks like a name, no visit, no date.
     """
 
     person: str
@@ -78,7 +78,9 @@ class Session:
 
     def __post_init__(self) -> None:
         """Refuse what cannot be kept."""
-        checked_label("person", self.person)
+        if any(each.isspace() or each in ",@" for each in checked_label("person", self.person)):
+            expected = "a pseudonym such as P01, without blanks, commas or @: names stay outside of a study"
+            raise ConfigurationError("person", shown(self.person), expected)
         checked_label("session", self.name)
         if self.group is not None:
             checked_label("group", self.group)

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from rehab_opt.workspace.region import Workspace
 
-__all__ = ["Certificate", "certificate", "covering"]
+__all__ = ["Certificate", "certificate", "covering", "examined"]
 
 # Triangles across the square root of the source's area at first, and how often one may be halved.
 ACROSS = 24
@@ -68,6 +68,11 @@ class Certificate(NamedTuple):
 
 def certificate(spline: PlaneSpline, source: Workspace, target: Workspace) -> Certificate:
     """What can be proven of the spline as a map from one workspace into another."""
+    return examined(spline, source, target)[0]
+
+
+def examined(spline: PlaneSpline, source: Workspace, target: Workspace) -> tuple[Certificate, NDArray[np.float64]]:
+    """The certificate, and points (m, 2) [m] of the source around which the proof fails; none where it is valid."""
     cells = covering(source)
     size = np.sqrt(target.area)
     least_determinant = least_margin = np.inf
@@ -85,10 +90,10 @@ def certificate(spline: PlaneSpline, source: Workspace, target: Workspace) -> Ce
             least_determinant = min(least_determinant, float(bounds.determinant[kept].min()))
             least_margin = min(least_margin, float(margin[kept].min()))
         if kept.all():
-            simple = _outline_simple(spline, source)
-            reason = "" if simple else "the image of the outline could not be proven to keep clear of itself"
-            return Certificate(least_determinant, least_margin, simple, looked_at, reason)
-        refuted = _refuted(bounds.corner_determinant, room, centres, ~kept, source)
+            meeting = _meeting(spline, source)
+            reason = "the image of the outline could not be proven to keep clear of itself" if len(meeting) else ""
+            return Certificate(least_determinant, least_margin, not reason, looked_at, reason), meeting
+        refuted, at = _refuted(bounds.corner_determinant, room, centres, ~kept, source)
         if refuted or halving == HALVINGS or 4 * (~kept).sum() > MOST_CELLS:
             break
         cells = _touching(_quarters(cells[~kept]), source)
@@ -98,8 +103,8 @@ def certificate(spline: PlaneSpline, source: Workspace, target: Workspace) -> Ce
     low = float(np.minimum(bounds.determinant[~kept].min(), least_determinant))
     near = float(np.minimum(margin[~kept].min(), least_margin))
     x, y = centres[worst]
-    at = f"near ({x:.4f}, {y:.4f}) m"
-    return Certificate(low, near, False, looked_at, refuted or f"det J > 0 and containment could not be bounded {at}")
+    reason = refuted or f"det J > 0 and containment could not be bounded near ({x:.4f}, {y:.4f}) m"
+    return Certificate(low, near, False, looked_at, reason), at if refuted else centres[~kept]
 
 
 def covering(source: Workspace) -> NDArray[np.float64]:
@@ -140,19 +145,19 @@ def _refuted(
     centres: NDArray[np.float64],
     open_: NDArray[np.bool_],
     source: Workspace,
-) -> str:
-    """Why no finer cells can help, or "": a point of the source that folds or leaves the target."""
+) -> tuple[str, NDArray[np.float64]]:
+    """Why no finer cells can help, or "": points (m, 2) of the source that fold or leave the target."""
     inside = open_ & np.atleast_1d(source.contains(centres))
     for values, what in ((room, "is mapped outside the target"), (determinant, "lies where the map folds")):
         bad = inside & ~(values > 0.0)
         if bad.any():
             x, y = centres[np.argmax(bad)]
-            return f"({x:.4f}, {y:.4f}) m {what}"
-    return ""
+            return f"({x:.4f}, {y:.4f}) m {what}", centres[bad]
+    return "", centres[:0]
 
 
-def _outline_simple(spline: PlaneSpline, source: Workspace) -> bool:
-    """Whether the image of the source's outline is proven not to meet itself."""
+def _meeting(spline: PlaneSpline, source: Workspace) -> NDArray[np.float64]:
+    """Points (m, 2) [m] of the source's outline around which its image is not proven to keep clear of itself."""
     from scipy.spatial import cKDTree  # noqa: PLC0415  (slow to import)
     from shapely import get_coordinates  # noqa: PLC0415
 
@@ -169,10 +174,12 @@ def _outline_simple(spline: PlaneSpline, source: Workspace) -> bool:
         i, j = i[meet], j[meet]
         apart = np.linalg.norm(middles[i] - middles[j], axis=1) + np.maximum(halves[i], halves[j])
         alone = (apart <= REACH * length) & ((bounds.turned_back[i] > 0.0) | (bounds.turned_back[j] > 0.0))
-        if (bounds.turned_back > 0.0).all() and alone.all():
-            return True
+        doubtful = ~(bounds.turned_back > 0.0)
+        doubtful[i[~alone]] = doubtful[j[~alone]] = True
+        if not doubtful.any():
+            break
         length /= 2.0
-    return False
+    return np.asarray(middles[doubtful])
 
 
 def _around(middles: NDArray[np.float64], radius: float) -> NDArray[np.float64]:

@@ -10,12 +10,12 @@ import numpy as np
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.workspace.audit import LARGEST_STRETCH, SMALLEST_STRETCH, Audit, random_points
-from rehab_opt.workspace.certificate import Certificate, certificate
+from rehab_opt.workspace.certificate import Certificate, certificate, examined
 from rehab_opt.workspace.controller_map import ControllerMap
 from rehab_opt.workspace.number_arguments import real_number
 from rehab_opt.workspace.point_arguments import point_array
 from rehab_opt.workspace.polar import LANDMARKS, polar_landmarks
-from rehab_opt.workspace.safe_rule import safe_landmarks
+from rehab_opt.workspace.safe_rule import LandmarkPairs, safe_landmarks
 from rehab_opt.workspace.spline import ThinPlateSpline
 
 if TYPE_CHECKING:
@@ -73,8 +73,8 @@ class WorkspaceMap:
         rule : "safe": landmarks that fold nowhere and stay inside, distorted as little as that allows; a few seconds,
             minutes where a shape resists (deep slits, slivers).
             "polar": the paper's, as a yardstick.
-        landmarks : how many, roughly for the safe rule. None: 20 for "polar"; for "safe" 300, more where that cannot
-            be certified.
+        landmarks : how many; roughly, and at first, for the safe rule, which adds some where its proof fails. None:
+            20 for "polar", 300 for "safe".
         rotation : angle [rad], counterclockwise, by which directions turn on average. 0 keeps them: a movement away
             from the body stays one. "best": the one that distorts least. Orientation is always kept: left never
             becomes right.
@@ -89,18 +89,17 @@ class WorkspaceMap:
             pairs = polar_landmarks(source.polygon, target.polygon, landmarks=landmarks or LANDMARKS, rotation=rotation)
             spline = ThinPlateSpline(*pairs)
             return cls(source, target, spline, rule, certificate(spline, source, target))
-        best: WorkspaceMap | None = None
-        for pairs in safe_landmarks(
-            _outline(source), _outline(target), accuracy=target.accuracy, landmarks=landmarks, rotation=rotation
-        ):
+        tried: list[WorkspaceMap] = []
+
+        def unproven(pairs: LandmarkPairs) -> NDArray[np.float64]:
             spline = ThinPlateSpline(*pairs)
-            tried = cls(source, target, spline, rule, certificate(spline, source, target))
-            if best is None or tried.certificate.valid:
-                best = tried
-            if tried.certificate.valid and tried._even:
-                break
-        assert best is not None  # there is at least one attempt
-        return best
+            proven, at = examined(spline, source, target)
+            tried.append(cls(source, target, spline, rule, proven))
+            return at if len(at) else tried[-1]._uneven
+
+        shapes = _outline(source), _outline(target)
+        safe_landmarks(*shapes, unproven, accuracy=target.accuracy, landmarks=landmarks, rotation=rotation)
+        return next((each for each in reversed(tried) if each.certificate.valid), tried[-1])
 
     # ------------------------------------------------------------------------------------------------ the map
     def __call__(self, points: ArrayLike) -> NDArray[np.float64]:
@@ -193,11 +192,11 @@ class WorkspaceMap:
         return self.audit()
 
     @property
-    def _even(self) -> bool:
-        """Whether nothing is stretched or squeezed by more than an audit allows, at a few points."""
-        ratio = np.sqrt(self.target.area / self.source.area)
-        over = np.linalg.svd(self.spline.jacobian(random_points(self.source, STARTS, 0)), compute_uv=False) / ratio
-        return bool(over.max() <= LARGEST_STRETCH and over.min() >= SMALLEST_STRETCH)
+    def _uneven(self) -> NDArray[np.float64]:
+        """Points (m, 2) [m], of a few, that are stretched or squeezed by more than an audit allows."""
+        points, ratio = random_points(self.source, STARTS, 0), np.sqrt(self.target.area / self.source.area)
+        over = np.linalg.svd(self.spline.jacobian(points), compute_uv=False) / ratio
+        return points[(over[:, 0] > LARGEST_STRETCH) | (over[:, 1] < SMALLEST_STRETCH)]
 
     @cached_property
     def _starts(self) -> tuple[Any, NDArray[np.float64]]:

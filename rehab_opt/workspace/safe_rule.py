@@ -11,18 +11,20 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rehab_opt.workspace.harmonic import harmonic_images
 from rehab_opt.workspace.least_distortion import PULL_INSIDE, Sampled, distortion, least_distorted, sampled
 from rehab_opt.workspace.triangulation import grown, inradius, mesh_of, shrunk
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable
 
-    from numpy.typing import NDArray
-    from shapely import Polygon
+    from shapely import LinearRing, Polygon
 
 __all__ = ["LandmarkPairs", "safe_landmarks"]
+
+Array = NDArray[np.float64]
 
 # The source grows by this share of sqrt(area), the target shrinks by this share of its inradius.
 GROWTH, SHRINKAGE, MOST_SHRINKAGE = 0.04, 0.04, 0.3
@@ -32,49 +34,42 @@ DRAWN = 0.01
 SAMPLES_PER_LANDMARK = 4
 OUTLINE_SAMPLES = 320
 OUTLINE_SHARE = 0.25
-# Landmarks at first. What is tried when a map cannot be certified: more landmarks, and a stronger pull to the outline.
+# Landmarks at first. How often a map that is not proven goes on from where it is, what its pull to the outline is then
+# multiplied by, and how near to others landmarks and samples may be added, in spacings of the samples.
 LANDMARKS = 300
-ATTEMPTS = ((1.0, 1.0), (1.5, 0.2), (2.2, 1.0))
+REFINEMENTS, EASED = 3, 0.3
+APART_LANDMARKS, APART_SAMPLES = 0.8, 0.25
 
 
 class LandmarkPairs(NamedTuple):
     """Landmarks (n, 2) [m] in the source and their images (n, 2) [m]."""
 
-    source: NDArray[np.float64]
-    target: NDArray[np.float64]
+    source: Array
+    target: Array
 
 
 def safe_landmarks(
     source: Polygon,
     target: Polygon,
+    unproven: Callable[[LandmarkPairs], Array],
     *,
     accuracy: float = 0.0,
     landmarks: int | None = None,
     rotation: float | Literal["best"] = 0.0,
-) -> Iterator[LandmarkPairs]:
-    """Pairs to fit a spline through, one attempt after the other until one can be certified.
+) -> None:
+    """Look for pairs to fit a spline through until nothing of it is unproven.
+
+    Where something is, landmarks and samples are added, the landmarks with the images that the spline has: the map is
+    the same, with more freedom and seen more closely there, and the descent goes on from it.
 
     Parameters
     ----------
     source, target : sets without holes [m].
+    unproven : gets what was found; points (m, 2) [m] of the source around which it is not good enough, none to end.
     accuracy : how far the true target may lie from the polygon [m]: kept clear of as well, up to `MOST_SHRINKAGE`.
-    landmarks : roughly how many; None: 300 at first, up to 750 in later attempts.
+    landmarks : roughly how many at first; None: 300.
     rotation : angle [rad], counterclockwise, by which directions turn on average; "best": the one that distorts least.
     """
-    for more, pull in ATTEMPTS:
-        count = landmarks or int(LANDMARKS * more)
-        yield _pairs(source, target, accuracy=accuracy, count=count, rotation=rotation, pull=PULL_INSIDE * pull)
-
-
-def _pairs(
-    source: Polygon,
-    target: Polygon,
-    *,
-    accuracy: float,
-    count: int,
-    rotation: float | Literal["best"],
-    pull: float,
-) -> LandmarkPairs:
     from shapely import affinity  # noqa: PLC0415  (light to import)
 
     unit = [float(np.sqrt(each.area)) for each in (source, target)]
@@ -87,28 +82,76 @@ def _pairs(
     )
     wide, radius = grown(start, GROWTH), inradius(goal)
     narrow = shrunk(goal, min(SHRINKAGE * radius + 1.6 * accuracy / unit[1], MOST_SHRINKAGE * radius))
+    count = landmarks or LANDMARKS
     # Euler: about 1.15 times the area of a hexagonal pattern's cells, of which those on the outline are halves.
     points = mesh_of(wide, float(np.sqrt(1.15 * wide.area / count) * 1.07)).points
-    spline = _sampled(start, wide, points, count)
-    best, images = np.inf, points
-    for begin in harmonic_images(wide, narrow, points, rotation):
-        ended = least_distorted(spline, begin, narrow, None if rotation == "best" else rotation, pull)
-        value = distortion(spline.jacobians(ended), spline.shares, 0.0)
-        if value < best or best == np.inf:
-            best, images = value, ended
-    return LandmarkPairs(points * unit[0] + middle[0], images * unit[1] + middle[1])
+    samples = _Samples.of(start, wide, float(np.sqrt(wide.area / (count * SAMPLES_PER_LANDMARK))))
+    spline, turn, pull = samples.through(points), None if rotation == "best" else rotation, PULL_INSIDE
+    begun = harmonic_images(wide, narrow, points, rotation)
+    ended = [least_distorted(spline, each, narrow, turn) for each in begun]
+    images = min(ended, key=lambda each: distortion(spline.jacobians(each), spline.shares, 0.0))
+    for left in reversed(range(REFINEMENTS + 1)):
+        at = unproven(LandmarkPairs(points * unit[0] + middle[0], images * unit[1] + middle[1]))
+        if not len(at) or not left:
+            return
+        at = (at - middle[0]) / unit[0]
+        more = _apart(at, points, APART_LANDMARKS * samples.spacing)
+        images = np.concatenate([images, sampled(points, more, np.ones(len(more)), more).outline @ images])
+        points, samples, pull = np.concatenate([points, more]), samples.refined(at), EASED * pull
+        images = least_distorted(samples.through(points), images, narrow, turn, pull)
 
 
-def _sampled(source: Polygon, wide: Polygon, landmarks: NDArray[np.float64], count: int) -> Sampled:
-    """The spline through these landmarks, sampled over the source and a little beyond it, and along its outline."""
-    from shapely import get_coordinates  # noqa: PLC0415
+class _Samples(NamedTuple):
+    """Where distortion is summed, and where the outline's image is drawn to the target's; lengths over sqrt(area).
 
-    over = mesh_of(wide.buffer(-0.3 * GROWTH), float(np.sqrt(wide.area / (count * SAMPLES_PER_LANDMARK))))
-    a, b, c = (over.points[over.triangles[:, k]] for k in range(3))
-    areas = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
-    shares = np.bincount(over.triangles.ravel(), np.repeat(areas, 3), len(over.points))
-    outline = source.buffer(DRAWN).exterior
-    along = get_coordinates(outline.interpolate(np.arange(OUTLINE_SAMPLES) / OUTLINE_SAMPLES, normalized=True))
-    # Folds begin at the outline, so its points count too, for little area.
-    shares = np.concatenate([shares, np.full(len(along), OUTLINE_SHARE * shares.mean())])
-    return sampled(landmarks, np.concatenate([over.points, along]), shares / shares.sum(), along)
+    inside, shares : points (m, 2) and the areas (m,) that they stand for.
+    outline, along : the curve, and the shares of its length at which it is looked at, ascending.
+    spacing : distance between points, where they are next added.
+    """
+
+    inside: Array
+    shares: Array
+    outline: LinearRing
+    along: Array
+    spacing: float
+
+    @classmethod
+    def of(cls, source: Polygon, wide: Polygon, spacing: float) -> _Samples:
+        """Over the source and a little beyond it, and along its outline."""
+        over = mesh_of(wide.buffer(-0.3 * GROWTH), spacing)
+        a, b, c = (over.points[over.triangles[:, k]] for k in range(3))
+        areas = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
+        shares = np.bincount(over.triangles.ravel(), np.repeat(areas, 3), len(over.points))
+        along = np.arange(OUTLINE_SAMPLES) / OUTLINE_SAMPLES
+        return cls(over.points, shares, source.buffer(DRAWN).exterior, along, spacing)
+
+    def refined(self, at: Array) -> _Samples:
+        """With more of them around these points (m, 2), and twice as near to each other the next time."""
+        from shapely import points  # noqa: PLC0415
+
+        more = _apart(at, self.inside, APART_SAMPLES * self.spacing)
+        shares = np.concatenate([self.shares, np.full(len(more), self.shares.mean())])
+        places = points(at)
+        near = places[self.outline.distance(places) < self.spacing]
+        steps = OUTLINE_SAMPLES / APART_SAMPLES
+        along = np.union1d(self.along, np.round(self.outline.project(near, normalized=True) * steps) % steps / steps)
+        inside = np.concatenate([self.inside, more])
+        return _Samples(inside, shares, self.outline, along, 0.5 * self.spacing)
+
+    def through(self, landmarks: Array) -> Sampled:
+        """The spline through landmarks (n, 2), seen here."""
+        from shapely import get_coordinates  # noqa: PLC0415
+
+        outline = get_coordinates(self.outline.interpolate(self.along, normalized=True))
+        # Folds begin at the outline, so its points count too, for little area.
+        shares = np.concatenate([self.shares, np.full(len(outline), OUTLINE_SHARE * self.shares.mean())])
+        return sampled(landmarks, np.concatenate([self.inside, outline]), shares / shares.sum(), outline)
+
+
+def _apart(points: Array, others: Array, distance: float) -> Array:
+    """Those of the points (m, 2) that are that far from the others and from those before them, (k, 2)."""
+    kept = others
+    for point in points:
+        if np.hypot(*(kept - point).T).min() >= distance:
+            kept = np.concatenate([kept, point[None]])
+    return kept[len(others) :]

@@ -29,6 +29,8 @@ from rehab_opt import (
 )
 from rehab_opt.control.bilateral_sides import FromHelper, FromParticipant
 from rehab_opt.control.conditioning import Conditioner
+from rehab_opt.control.scanning import Scanning
+from rehab_opt.control.watchdog import Watchdog
 from rehab_opt.kinematics.ardis import ARDIS_READY
 from rehab_opt.workspace.controller_map import ControllerMap
 from rehab_opt.workspace.mapping import WorkspaceMap
@@ -126,6 +128,10 @@ CASES: dict[str, Case] = {
         lambda made, *given, **more: made.step(*given, **more),
         lambda made: made.reset([0.0, 0.0, 0.0]),
     ),
+    "scanning": Case(Scanning, (np.array(0.5),), lambda made, pressure: made.step(float(pressure))),
+    "watchdog": Case(
+        lambda: Watchdog(dt=0.01), (np.array(0.0),), lambda made, stamp: (made.check(float(stamp)), made.lag)
+    ),
     "joystick": Case(Joystick, (np.array([0.5, 0.0]),), lambda made, *given: made.step(*given)),
     "conditioner": Case(
         lambda: Conditioner(0.01),
@@ -133,7 +139,7 @@ CASES: dict[str, Case] = {
         lambda made, *given, stamp=0.0: made.push(stamp, *given),
     ),
 }
-COMMANDING = [name for name in CASES if name not in {"joystick", "conditioner"}]
+COMMANDING = [name for name in CASES if name not in {"joystick", "scanning", "watchdog", "conditioner"}]
 """Those whose step gives a Command."""
 
 

@@ -92,10 +92,13 @@ def test_a_fault_of_switch_or_clock_releases_and_resumes(options: dict, reason: 
 
 def test_an_argument_of_the_wrong_shape_is_named() -> None:
     helper = assistance()
-    for x, v in (([1.0], None), ("ab", None), (OUTSIDE, [1.0, 2.0, 3.0]), (None, None), ([1j, 0], None)):
+    for x in ([1.0], "ab", None, [1j, 0], [True, False]):
         with pytest.raises(ConfigurationError):
-            helper.step(x, v)
-    for x in ([0, 0], (10**400, 1), np.float32([0.1, 0.2]), [True, False]):
+            helper.step(x, None)
+    for v in ([1.0, 2.0, 3.0], [True, False]):
+        with pytest.raises(ConfigurationError):
+            helper.step(OUTSIDE, v)
+    for x in ([0, 0], (10**400, 1), np.float32([0.1, 0.2])):
         assert np.all(np.isfinite(helper.step(x).value))
 
 

@@ -30,9 +30,9 @@ def tracker(feedback: JointFeedback = LED, **options: float) -> PoseTracker:
 
 def plant(seed: int = 0):  # type: ignore[no-untyped-def]
     pytest.importorskip("mujoco")
+    from rehab_opt.plants.arm_model import ur5_model  # noqa: PLC0415
     from rehab_opt.plants.channel import Channel  # noqa: PLC0415  (needs MuJoCo)
     from rehab_opt.plants.mujoco_arm import MujocoArm  # noqa: PLC0415
-    from rehab_opt.plants.ur5_model import ur5_model  # noqa: PLC0415
 
     channel = Channel(command_delay=0.003, measurement_delay=0.002, position_noise=1e-4)
     return MujocoArm(ur5_model(ROBOT), dt=DT, channel=channel, seed=seed)

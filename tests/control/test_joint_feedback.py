@@ -207,9 +207,9 @@ def test_the_servo_of_the_model_is_a_proportional_integral_loop(dt: float) -> No
 
 def test_on_a_simulated_arm_a_limit_is_held_without_shaking() -> None:
     pytest.importorskip("mujoco")
+    from rehab_opt.plants.arm_model import ur5_model  # noqa: PLC0415
     from rehab_opt.plants.channel import Channel  # noqa: PLC0415  (needs MuJoCo)
     from rehab_opt.plants.mujoco_arm import MujocoArm  # noqa: PLC0415
-    from rehab_opt.plants.ur5_model import ur5_model  # noqa: PLC0415
 
     def held(feedback: JointFeedback | None) -> tuple[float, float]:
         """[mrad] beyond the limits, from the first approach on; to and fro in the last second."""

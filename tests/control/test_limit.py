@@ -128,8 +128,13 @@ def test_arm_that_starts_beyond_a_limit_goes_no_further() -> None:
     assert elbow(START)[0] < 0.6
     for goal in goals(1, 3):
         control.reset()
-        heights = elbow(led(control, goal, ticks=400)[0])
+        braking = control.step(START, tool(goal[None])[0], np.zeros(6), enable=False)
+        assert braking.yielded & Bound.POSITION
+        path, _, commands = led(control, goal, ticks=400)
+        heights = elbow(path)
         assert np.all(np.diff(heights) >= -1e-9)
+        told = np.array([bool(each.yielded & Bound.POSITION) for each in commands])
+        np.testing.assert_array_equal(told, heights[: len(told)] < 0.6 - 1e-9)
 
 
 def test_acceleration_yields_to_a_limit_that_came_too_late_and_says_so() -> None:

@@ -275,7 +275,7 @@ def test_no_command_after_no_command_is_exactly_nothing(drive: str, rows: tuple[
         assert not command.wheels.any()
 
 
-@given(st.integers(0, 10**6), st.sampled_from([1e-3, 1e-2, 5e-2]), st.sampled_from(DRIVES))
+@given(st.integers(0, 10**6), st.sampled_from([1e-3, 1e-2, 4e-2]), st.sampled_from(DRIVES))
 @settings(max_examples=25)
 def test_no_command_while_moving_stops_in_as_many_ticks_as_the_slowest_joint_needs(
     seed: int, dt: float, drive: str
@@ -492,7 +492,7 @@ def test_within_reach_the_arm_does_the_work_with_less_kinetic_energy_than_the_ch
 
 
 @pytest.mark.parametrize("drive", DRIVES)
-@pytest.mark.parametrize("dt", [1e-3, 1e-2, 5e-2])
+@pytest.mark.parametrize("dt", [1e-3, 1e-2, 4e-2])
 def test_an_ordinary_chair_never_slips_sideways_and_no_wheel_is_too_fast(drive: str, dt: float) -> None:
     robot, q, rng = resolver(drive=drive, dt=dt), ARDIS_READY.copy(), np.random.default_rng(6)
     wheels = getattr(robot.robot, drive)
@@ -511,7 +511,7 @@ def test_an_ordinary_chair_never_slips_sideways_and_no_wheel_is_too_fast(drive: 
 
 # ------------------------------------------------------------------------------------------------------ obstacles
 @pytest.mark.parametrize("drive", DRIVES)
-@pytest.mark.parametrize("dt", [1e-3, 1e-2, 5e-2, 0.2])
+@pytest.mark.parametrize("dt", [1e-3, 1e-2, 4e-2])
 def test_a_chair_driven_at_walls_and_posts_stops_before_them_at_any_tick_length(drive: str, dt: float) -> None:
     room = [HalfPlane((1, 0.2), 1.2), HalfPlane((-1, 0), 1.0), Disc((0.2, 1.2), 0.3), Disc((0.5, -1.1), 0.1)]
     robot, q, rng = resolver(drive=drive, dt=dt, obstacles=room), ARDIS_READY.copy(), np.random.default_rng(7)
@@ -523,10 +523,8 @@ def test_a_chair_driven_at_walls_and_posts_stops_before_them_at_any_tick_length(
             twist *= 1.5 / np.linalg.norm(twist)
         command = robot.step(q, twist)
         assert command.status.certified
-        turned = 0.0 if dt <= 5e-2 else chain.velocity[2] * dt * np.hypot(*robot.robot.outline.corners.T).max()
-        away = gaps(robot, q).min() > turned
         q, now = q + command.value * dt, robot.chassis_velocity
-        assert not away or np.all(np.abs(now[:3] - last[:3]) <= chain.acceleration[:3] * dt * (1 + 1e-9) + 1e-12)
+        assert np.all(np.abs(now[:3] - last[:3]) <= chain.acceleration[:3] * dt * (1 + 1e-9) + 1e-12)
         last, nearest = now, min(nearest, float(gaps(robot, q).min()))
         assert nearest >= -1e-9
     if dt >= 1e-2:
@@ -713,6 +711,8 @@ def test_reaching_stops_on_a_target_that_is_no_number_and_goes_on_with_the_next(
     [
         ("drive", "legs"),
         ("dt", 0.0),
+        ("dt", 0.041),
+        ("dt", True),
         ("row_sets", []),
         ("row_sets", [("x", "x")]),
         ("row_sets", [("x", "up")]),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import pickle
+import sys
 import threading
 import timeit
 from collections.abc import Callable
@@ -13,9 +14,10 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from rehab_opt import ArmIK, MirrorTracker, RehabOptError, SharingError, human_arm, ur5
+from rehab_opt import ArmIK, MirrorTracker, RedundancyResolver, RehabOptError, SharingError, ardis, human_arm, ur5
 from rehab_opt.control.ik_search import IKSearch
 from rehab_opt.control.thread_owner import OneThread
+from rehab_opt.kinematics.ardis import ARDIS_READY
 from rehab_opt.symbolic import BufferedFunction
 from tests.control.every_controller import CASES, HAND, POSE, READY, as_new, assistance, carry, made
 
@@ -146,6 +148,45 @@ def test_another_thread_sets_no_obstacles(other: Other) -> None:
     tick()
     with pytest.raises(SharingError):
         other.does(lambda: setattr(resolver, "obstacles", ()))
+
+
+def test_other_threads_may_look_at_the_problem_and_change_nothing(other: Other) -> None:
+    """In the middle of the owner's ticks they took its last velocity over into the rows that they asked about."""
+    sets = ("x", "y"), ("z", "roll7"), ("x", "y", "z")
+    one, over = RedundancyResolver(ardis(), row_sets=sets, compile=False), threading.Event()
+    asked = [sets[k // 3 % 3] for k in range(400)]
+    looks = []
+
+    def driven() -> list[np.ndarray]:
+        one.reset()
+        q, commands = ARDIS_READY, []
+        for rows in asked:
+            commands.append(one.step(q, np.full(len(rows), 0.05), rows).value)
+            q = q + one.dt * commands[-1]
+        return commands
+
+    def look() -> None:
+        while not over.is_set():
+            looks.extend(one.instance(ARDIS_READY, np.full(len(rows), 0.05), rows) for rows in sets)
+
+    alone, usual = driven(), sys.getswitchinterval()
+    threads = [threading.Thread(target=look) for _ in range(3)]
+    sys.setswitchinterval(1e-6)
+    try:
+        for thread in threads:
+            thread.start()
+        watched = driven()
+    finally:
+        over.set()
+        for thread in threads:
+            thread.join()
+        sys.setswitchinterval(usual)
+    assert len(looks) > 10
+    np.testing.assert_array_equal(watched, alone)
+    one.step(ARDIS_READY, [0.05, 0.05], sets[0])
+    with pytest.raises(SharingError):
+        other.does(lambda: one.instance(ARDIS_READY, [0.2], ("x",)))  # which would be made now
+    assert one.row_sets == sets
 
 
 def test_reaching_is_handed_over_too(other: Other) -> None:

@@ -1,4 +1,4 @@
-"""What is masked, a time, text or ragged is no number: a controller says so, and never acts on what a mask hides."""
+"""What is masked, a time, a boolean, text or ragged is no number: a controller says so and acts on nothing hidden."""
 
 from __future__ import annotations
 
@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rehab_opt import ArmIK, ConfigurationError, MirrorTracker, Smoother, Status, human_arm, ur5
+from rehab_opt import ArmIK, ConfigurationError, MirrorTracker, PoseTracker, Smoother, Status, human_arm, ur5
 from rehab_opt.control.conditioning import conditioned
+from rehab_opt.control.obstacles import Disc, HalfPlane, obstacle_numbers
+from rehab_opt.control.watchdog import Watchdog
 from rehab_opt.kinematics.chain import per_joint
 from rehab_opt.kinematics.real_array import real_array
 from rehab_opt.kinematics.rigid import rigid
@@ -17,7 +19,7 @@ from tests.control.every_controller import CASES, COMMANDING, POSE, READY, as_ne
 
 INPUTS = [(name, k) for name in COMMANDING for k in range(len(CASES[name].inputs)) if (name, k) != ("bilateral", 1)]
 STEPPING = [name for name in COMMANDING if name != "bilateral"]  # whose `step` takes no stamp
-TIMES = [np.timedelta64(1, "ns"), np.array(1, dtype="m8[s]"), "1.0"]
+TIMES = [np.timedelta64(1, "ns"), np.array(1, dtype="m8[s]"), "1.0", True, np.True_]
 
 
 def masked(array: np.ndarray) -> np.ndarray:
@@ -70,7 +72,7 @@ def test_a_masked_array_that_hides_nothing_is_an_array(name: str, place: int) ->
 
 
 @pytest.mark.parametrize(("name", "place"), INPUTS)
-@pytest.mark.parametrize("kind", ["m8[ns]", "U", "complex"])
+@pytest.mark.parametrize("kind", ["m8[ns]", "U", "complex", "?"])
 def test_numbers_of_another_kind_are_refused_by_name_or_with_a_reason(name: str, place: int, kind: str) -> None:
     inputs = CASES[name].inputs
     whole = inputs[place].astype(np.int64) if kind.endswith("[ns]") else inputs[place]
@@ -190,6 +192,18 @@ def test_a_masked_place_is_no_place_for_inverse_kinematics() -> None:
     assert (solution.status, solution.reason) == (Status.HOLDING, "position is not a number")
 
 
+def test_a_boolean_is_no_setting() -> None:
+    for given in ({"gain": True}, {"dt": np.True_}, {"linear_speed": True}):
+        with pytest.raises(ConfigurationError, match=next(iter(given))):
+            PoseTracker(ur5(), compile=False, **given)  # type: ignore[arg-type]
+    for given in ({"dt": True, "max_age": 3.0}, {"dt": 0.01, "max_age": True}):
+        with pytest.raises(ConfigurationError, match="True"):
+            Watchdog(**given)  # type: ignore[arg-type]
+    for post in (Disc((True, False), 0.1), Disc((1.0, 0.0), True), HalfPlane((1.0, np.False_), 1.0)):
+        with pytest.raises(ConfigurationError, match=r"obstacles\[0\]"):
+            obstacle_numbers([post], 1)
+
+
 def test_joint_limits_and_poses_of_a_chain_are_numbers() -> None:
     with pytest.raises(ConfigurationError):
         ur5().with_limits(velocity=np.ma.array(np.ones(6), mask=[0, 0, 1, 0, 0, 0]))
@@ -208,7 +222,6 @@ def test_joint_limits_and_poses_of_a_chain_are_numbers() -> None:
         ([[1.0, np.ma.masked], [1.0, 2.0]], [[1.0, math.nan], [1.0, 2.0]]),
         ((np.ma.array([1.0, 2.0], mask=[1, 0]), [3, 4]), [[math.nan, 2.0], [3.0, 4.0]]),
         (np.float32(0.5), 0.5),
-        ([True, 2], [1.0, 2.0]),
         ([2**70, 1], [2.0**70, 1.0]),
     ],
 )
@@ -221,7 +234,23 @@ def test_numbers_are_read_as_they_are_meant(given: Any, expected: Any) -> None:
 
 @pytest.mark.parametrize(
     "given",
-    ["1", ["1", "2"], None, [None, 1.0], 1j, np.timedelta64(1), [2**70, np.timedelta64(1)], [[1.0], [1.0, 2.0]], {}],
+    [
+        "1",
+        ["1", "2"],
+        None,
+        [None, 1.0],
+        1j,
+        np.timedelta64(1),
+        [2**70, np.timedelta64(1)],
+        [[1.0], [1.0, 2.0]],
+        {},
+        True,
+        np.True_,
+        [True, False],
+        [0.5, True],
+        ([1.0, 2.0], [np.True_, 0.0]),
+        [2**70, True],
+    ],
     ids=repr,
 )
 def test_what_is_no_real_number_is_refused(given: Any) -> None:

@@ -18,8 +18,14 @@ from tests.judge.chair_runs import SETS, Part, Run, command, held, posture, reco
 from tests.judge.verdict import Promise, Verdict
 
 PROMISES = (
-    Promise("rehab_opt/control/redundancy.py", "With no bound active the answer is Eq. (1)"),
-    Promise("docs/capabilities/chair_and_arm.md", "with no bound active this is Honzik's law, eq. (1)"),
+    Promise(
+        "rehab_opt/control/redundancy.py",
+        "With no bound active the answer is Eq. (1), its Jacobian that of the middle of the tick.",
+    ),
+    Promise(
+        "docs/capabilities/chair_and_arm.md",
+        "with no bound active this is Honzik's law, eq. (1), its Jacobian taken in the middle of the tick",
+    ),
     Promise(
         "rehab_opt/kinematics/mobile_arm.py", "(7, 7) W at joint values q (7,): the kinetic energy is q'^T W q' / 2 [J]"
     ),

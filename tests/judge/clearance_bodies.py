@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt import Box, Capsule, Clearance, KeepOut, LinkCapsule, MovingCapsule, PoseTracker, ur5
+from rehab_opt import Box, Capsule, Clearance, ConfigurationError, KeepOut, LinkCapsule, MovingCapsule, PoseTracker, ur5
 from tests.judge.numbering import numbered
 from tests.judge.references import good_posture, minimum_jerk, reaches
 from tests.judge.sensor_faults import Schedule, schedule, spoilt
@@ -29,6 +29,8 @@ PROMISES = (
     Promise("rehab_opt/control/clearance.py", "the arm's own motion never adds to that, and `Bound.POSITION` says so."),
     Promise("rehab_opt/control/clearance.py", "names of links that keep clear of each other, or None for those that "
             "neither are neighbours nor overlap at half of all postures; the tuple () for none."),
+    Promise("rehab_opt/control/clearance.py", "a number that cannot be used, a body that is none, a robot without "
+            "capsules, nothing to keep clear of."),
 )  # fmt: skip
 LEAST = {"at the margin of a capsule": 20_000, "at the margin of a box": 10_000, "at the margin of a plane": 3000,
          "at the margin of a body that moves": 10_000, "at the margin of a link": 1000, "gives way to one body": 1000,
@@ -44,7 +46,13 @@ SLOTS = 6
 LINKS = ("upper_arm", "forearm", "hand")
 PAIR = 0, 2
 """Upper arm and hand: links that are no neighbours."""
-CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
+NONE: tuple[dict[str, list[Box] | list[Capsule]], ...] = (
+    {"boxes": [Box("box", (1.0, 0.0, 0.0), (0.1, 0.1, 0.1), ((2.0, 0.0, 0.0), (0.0, 2.0, 0.0), (0.0, 0.0, 2.0)))]},
+    {"boxes": [Box("box", (1.0, 0.0, 0.0), (0.1, 0.0, 0.1))]},
+    {"boxes": [Box("box", (1.0, np.nan, 0.0), (0.1, 0.1, 0.1))]},
+    {"capsules": [Capsule("bar", (1.0, 0.0, 0.0), (1.0, 0.0, 1.0), -0.01)]},
+)
+"""Bodies that cannot be: a box that is not turned but stretched, a flat one, one that is nowhere, a negative radius."""
 
 
 class Scene(NamedTuple):
@@ -65,9 +73,19 @@ class Scene(NamedTuple):
 def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
     """Runs of `TICKS`."""
     verdict = Verdict("clearance_bodies", seed, LEAST)
+    verdict.holds("bodies that are none are refused", [refused(each) for each in NONE])
     for number, rng in numbered(verdict, ticks, only):
         one_run(verdict, number, rng)
     return verdict
+
+
+def refused(bodies: dict[str, list[Box] | list[Capsule]]) -> bool:
+    """Whether a tracker does not take them."""
+    try:
+        PoseTracker(ur5(), limits=[Clearance(margin=0.02, **bodies)], compile=False)  # type: ignore[arg-type]
+    except ConfigurationError:
+        return True
+    return False
 
 
 # ------------------------------------------------------------------------------------------------------- distances

@@ -150,7 +150,8 @@ def changes(node: ast.AST, source: Source) -> Iterator[Change]:
             yield Change(CONSTANT, source.begin(node), source.end(node), f"({source.of(node)} * 1.01)")
         case ast.Assign(targets=[ast.Tuple(elts=targets)], value=ast.Tuple(elts=values)):
             for i in range(min(len(targets), len(values)) - 1):
-                if type(values[i]) is type(values[i + 1]):
+                alike = source.of(values[i]) == source.of(values[i + 1])  # in either order the same
+                if type(values[i]) is type(values[i + 1]) and not alike:
                     yield from source.swapped(targets[i : i + 2])
         case ast.keyword(arg="subject_to" | "requires", value=ast.List(elts=rows)):
             yield from source.dropped(rows)

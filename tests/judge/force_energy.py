@@ -39,13 +39,15 @@ SHARE = 1.5
 
 
 def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
-    """A third each: plain, with late ticks, and with faults."""
+    """A third each: plain, with late ticks, and with faults, half of these with a sensor that slips."""
     verdict = Verdict("force_energy", seed, LEAST)
     for each in runs(verdict, ticks // 3, only):
         judge(verdict, each)
     for each in runs(verdict, ticks // 3, only, late=True, first=1_000_000):
         judge(verdict, each)
-    for each in runs(verdict, ticks // 3, only, faults=0.3, first=2_000_000):
+    for each in runs(verdict, ticks // 6, only, faults=0.3, first=2_000_000):
+        judge(verdict, each)
+    for each in runs(verdict, ticks // 6, only, faults=0.3, slips=True, first=3_000_000):
         judge(verdict, each)
     for number, rng in numbered(verdict, ticks // 8, only, first=3_000_000):
         twitching(verdict, number, rng)

@@ -23,6 +23,8 @@ FAULTS = ("x", "v", "frozen", "frozen", "disabled", *STAMPS)
 HANDS = ("person", "greedy", "shuttle", "held", "sudden", "fast")
 THERAPY, TASK = ("stretch", "assist", "resist"), ("follow", "hold")
 SPEED_CAP = 1.0
+NOISE = 8e-3
+"""[m] What is less beyond the fastest hand may be noise, which is learnt."""
 
 
 class Settings(NamedTuple):
@@ -132,24 +134,33 @@ def follow(
     *,
     faults: float,
     late: bool,
+    slips: bool = False,
     hand: str | None = None,
 ) -> Run:
-    """One run: a fault each `faults` s; with `late`, ticks that come late, and samples that are missed."""
+    """One run: a fault each `faults` s; with `late`, ticks that come late, and samples that are missed.
+
+    A sensor that `slips` comes back from some of its frozen times a little further off than the fastest hand could be.
+    """
     dt, hand = given.dt, HANDS[number % len(HANDS)] if hand is None else hand
     ticks = run_length(rng, number, dt)
-    wrong = schedule(rng, ticks, dt, FAULTS, every=faults)
+    wrong = schedule(rng, ticks, dt, ("frozen",) if slips else FAULTS, every=faults)
     kinds, stamped = wrong.kind.tolist(), late or math.isfinite(faults)
     path, seconds = hand_path(rng, hand, ticks, dt), np.full(ticks, dt)
     if late:  # up to what the watchdog allows: 50 ms, or three ticks
         seconds = np.where(rng.random(ticks) < 0.05, rng.uniform(dt, max(0.05, 3 * dt), ticks), dt)
     stamps: list[Any] = np.cumsum(np.r_[dt, seconds[:-1]]).tolist() if late else wrong.stamp
-    pace = given.speed_cap * rng.uniform(0.3, 0.999)
+    pace = given.speed_cap * rng.uniform(0.9 if slips else 0.3, 0.999)
     x, wanted, left = np.empty((ticks + 1, 2)), np.empty((ticks, 2)), np.empty(ticks)
     told, fast = np.full((ticks, 2), math.nan), np.zeros(ticks, dtype=bool)
     x[0], commands, tells, shown = path[0], [], rng.random() < 0.4, np.empty((ticks, 2))
     period = max(round(rng.uniform(0.02, 0.6) / dt), 1)
+    off, seen = np.zeros(2), 0
     for k in range(ticks):
-        here, options = x[k], {}
+        if slips and k > 1 and kinds[k - 1] == "frozen" != kinds[k] and rng.random() < 0.5:
+            way = x[k] + off - shown[k - 1]
+            fastest = given.speed_cap * (k - seen) * dt + NOISE
+            off = off + way * (rng.uniform(1.001, 1.1) * fastest / max(float(np.hypot(*way)), 1e-9) - 1.0)
+        here, options = x[k] + off, {}
         if tells and k:
             told[k] = (x[k] - x[k - 1]) / seconds[k - 1]
             options["v"] = told[k]
@@ -164,6 +175,7 @@ def follow(
         if stamped:
             options.update(enable=wrong.enable[k], stamp=stamps[k])
         shown[k] = shown[k - 1] if kinds[k] == "x" else here
+        seen = k if k == 0 or (shown[k] != shown[k - 1]).any() else seen
         command = force.step(here, **options)
         commands.append(command)
         wanted[k], left[k] = force.wanted, force.energy_left
@@ -196,12 +208,14 @@ def runs(
     make: Callable[..., BoundedForce] = assistance,
     faults: float = math.inf,
     late: bool = False,
+    slips: bool = False,
     first: int = 0,
 ) -> Iterator[Run]:
     """Runs numbered from `first` until so many ticks are done; or the one that is asked for, if it is one of them."""
     for number, rng in numbered(verdict, ticks, only, first=first):
         given = draw(rng, number)
-        run = follow(rng, number, given, make(rng, given), faults=faults, late=late)
+        hand = "greedy" if slips else None  # who takes all that the force gives while it is not seen
+        run = follow(rng, number, given, make(rng, given), faults=faults, late=late, slips=slips, hand=hand)
         verdict.begin(number, f"{given.mode}, {run.hand} hand, dt {given.dt:g}")
         yield run
 

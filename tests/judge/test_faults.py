@@ -43,7 +43,7 @@ def test_operator_changes_what_it_says(text: str, operator: str, faulty: list[st
 @pytest.mark.parametrize(
     "text",
     ['"""a + b"""', "def f(x: a < b) -> None: ...", "if a < b:\n    raise ValueError", "x = 'a' + b", "x = [a] + [b]",
-     "x = 1.0", "x = f'{a + b}'", "x = ca.fmin(a, a)[-1]", "x = checked_number('x', x, above=3.0)"],
+     "x = 1.0", "a, b = [], []", "x = f'{a + b}'", "x = ca.fmin(a, a)[-1]", "x = checked_number('x', x, above=3.0)"],
 )  # fmt: skip
 def test_what_reaches_no_tick_is_left_alone(text: str) -> None:
     assert not [each for each in faults("module.py", f"{text}\n".encode()) if each.operator != COMPARISON]

@@ -8,7 +8,7 @@ import pytest
 
 from rehab_opt import ConfigurationError
 from rehab_opt.cli import main
-from rehab_opt.live.gate import Gate
+from rehab_opt.live.seats import Gate
 from rehab_opt.live.session import show_live
 
 from .conftest import Address

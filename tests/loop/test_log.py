@@ -260,3 +260,9 @@ def test_a_log_that_was_altered_is_refused_and_not_read_in_part(ring: SharedRing
         path.write_bytes(whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :])
         with pytest.raises(ProblemFileError, match="altered"):
             read_log(path)
+
+
+def test_a_pipe_is_no_log(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "log.mcap")
+    with pytest.raises(ProblemFileError, match="a pipe"):
+        read_log(tmp_path / "log.mcap")

@@ -187,8 +187,8 @@ def test_without_ur_rtde_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> 
 
 def test_the_delay_of_a_simulated_robot_is_its_channel_s(clock: Clock) -> None:
     pytest.importorskip("mujoco")
+    from rehab_opt.plants.arm_model import ur5_model  # noqa: PLC0415
     from rehab_opt.plants.mujoco_arm import MujocoArm  # noqa: PLC0415
-    from rehab_opt.plants.ur5_model import ur5_model  # noqa: PLC0415
 
     plant = MujocoArm(ur5_model(), dt=0.005, channel=Channel(command_delay=0.02, measurement_delay=0.01), seed=0)
     plant.reset(START)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rehab_opt import ConfigurationError, SerialChain, export_c, ur5
-from rehab_opt.plants.own_arm import own_arm_model
+from rehab_opt.plants.arm_model import own_arm_model
 from rehab_opt.session.files import load_problem
 from rehab_opt.session.pose_tracking.run import RobotOutcome
 from rehab_opt.session.run import run_problem

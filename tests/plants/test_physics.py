@@ -8,13 +8,13 @@ import pytest
 
 from rehab_opt import ConfigurationError, ardis, ur5
 from rehab_opt.kinematics.ardis import ARDIS_READY
+from rehab_opt.plants.arm_model import ur5_model
 from rehab_opt.plants.contacts import Push, SpringDamper, Wall
 from rehab_opt.plants.drives import DriveState, HandForce, PositionServo, VelocityServo
 from rehab_opt.plants.ideal import IdealJoints
 from rehab_opt.plants.mujoco_arm import MujocoArm
 from rehab_opt.plants.planar import planar_arm_model, point_mass_model
 from rehab_opt.plants.streaming import PositionStream
-from rehab_opt.plants.ur5_model import ur5_model
 from rehab_opt.plants.wheelchair import Wheelchair
 
 pytest.importorskip("mujoco")

@@ -8,8 +8,7 @@ import time
 from pathlib import Path
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.session.many.participant import Participant
-from rehab_opt.session.many.work import Answer
+from rehab_opt.session.many.participant import Answer, Participant
 
 __all__ = ["person", "quick"]
 

@@ -23,8 +23,7 @@ from rehab_opt.cli import main
 from rehab_opt.errors import printable
 from rehab_opt.session.files import load_problem
 from rehab_opt.session.inputs import inputs_digest
-from rehab_opt.session.many.participant_table import cell_value
-from rehab_opt.session.many.participants import participants_in_folder, participants_of
+from rehab_opt.session.many.participants import cell_value, participants_in_folder, participants_of
 from rehab_opt.session.mirror.hand_poses import calibration_points
 from rehab_opt.session.recordings import read_recording
 from rehab_opt.session.text_lines import (

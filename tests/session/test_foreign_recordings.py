@@ -197,6 +197,18 @@ def test_pipes_and_huge_files_are_refused_at_once(tmp_path: Path, suffix: str) -
         assert refused.value.value == value
 
 
+@pytest.mark.parametrize("line", ["root:$6$hash:19000:0:99999", "token=hunter2,x", "hunter2"])
+def test_a_file_named_by_mistake_is_not_quoted(tmp_path: Path, line: str) -> None:
+    path = tmp_path / "secret.csv"
+    path.write_text(f"{line}\n{line}\n")
+    with pytest.raises(ProblemFileError, match=r"among \d, which are no header") as refused:
+        read_recording(path)
+    assert not {"hunter2", "hash"} & {*str(refused.value).replace("$", " ").replace("=", " ").split()}
+    path.write_text("when,across,up\n0,0,0\n")
+    with pytest.raises(ProblemFileError, match="when, across, up"):
+        read_recording(path)
+
+
 # ---------------------------------------------------------------------------------------------------------- problems
 PROBLEM = """system = "upper_limb"
 title = "t"

@@ -210,15 +210,32 @@ def test_the_real_hand_is_mirrored_scaled_limited_to_an_arm_and_its_rate_assumed
     assert any(note.startswith("ASSUMED: 90 samples a second") for note in outcome.notes)
     assert "rows 1 to 720 of the recording's 3000" in outcome.notes
     assert any("range of motion" in note for note in outcome.notes)
-    (changes,) = (note for note in outcome.notes if "changes its posture at 0.4, 1.9, 7.7 s" in note)
+    (changes,) = (note for note in outcome.notes if "arm changes its posture at 0.4, 1.9, 7.7 s" in note)
     assert float(changes.split(" mm off")[0].split()[-1]) == pytest.approx(
         1e3 * outcome.laws[STEP].deviation.max(), abs=1
     )
+    size = " x ".join(f"{1e3 * side:.3g}" for side in np.ptp(outcome.asked[:, :3, 3], axis=0))
+    assert any(f"over 7.985 s; {size} mm large" in note for note in outcome.notes)
+    (arm,) = (note for note in outcome.notes if note.startswith("the led arm, by its range of motion, does"))
+    assert outcome.metrics["laws"][PLAN]["passed_share_of_time"] < percent(arm) < 1.0  # it passes nothing else
     assert outcome.metrics["reference"]["scale"] == pytest.approx(0.59 / 0.98)
     assert outcome.metrics["reference"]["speed_max_m_s"] > 1.5
     asked, mirrored = outcome.asked[:, :3, 3], outcome.mirror.positions(outcome.recorded)
     assert 0.5 < np.ptp(asked, axis=0).max() < 1.2  # metres, of an arm of 0.59
     assert np.abs(asked.min(axis=0) - mirrored.min(axis=0)).max() < 0.05  # but for the filter
+
+
+@pytest.mark.parametrize("name", NAMES[:2])
+def test_check_says_how_much_is_in_reach_and_the_run_passes_that(
+    name: str, ran: Callable[[str], MirrorOutcome]
+) -> None:
+    (reach,) = (note for note in checked(load_problem(f"mirror/{name}")) if note.startswith("in reach"))
+    assert percent(reach) == pytest.approx(ran(name).metrics["laws"][PLAN]["passed_share_of_time"], abs=0.08)
+
+
+def percent(note: str) -> float:
+    """The share that a note tells."""
+    return float(note.partition(" %")[0].split()[-1]) / 100
 
 
 # ----------------------------------------------------------------------------------------------------- lost sight

@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.kinematics.human_arm import ARM_JOINTS, RANGES_OF_MOTION_DEG
 from rehab_opt.session.many.participant import Participant
-from rehab_opt.session.many.participant_table import cell_value, replaced
-from rehab_opt.session.many.participants import participants_of
+from rehab_opt.session.many.participants import cell_value, participants_of, replaced
 from rehab_opt.session.upper_limb.problem import UpperLimb
 from rehab_opt.session.workspaces.run import WorkspaceProblem
 

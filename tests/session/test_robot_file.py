@@ -14,9 +14,8 @@ from rehab_opt.export.exporters import exported_controllers
 from rehab_opt.qp_recording.recording import recorded_run
 from rehab_opt.session.files import load_problem, shipped_problems
 from rehab_opt.session.inputs import inputs_digest
-from rehab_opt.session.many.participant import Participant
+from rehab_opt.session.many.participant import Participant, work_on
 from rehab_opt.session.many.participants import participants_of
-from rehab_opt.session.many.work import work_on
 from rehab_opt.session.pose_tracking.robot import robot_at_start
 from rehab_opt.session.pose_tracking.run import RobotOutcome
 from rehab_opt.session.report import write_report

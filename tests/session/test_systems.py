@@ -20,7 +20,7 @@ from rehab_opt.session.many.run import run_many
 from rehab_opt.session.run import run_problem
 from rehab_opt.session.systems import SHIPPED, system_named, systems
 
-SHARED = ("files", "run", "report", "shown", "outcome", "many/run", "many/work", "inputs", "many/pools")
+SHARED = ("files", "run", "report", "shown", "outcome", "many/run", "many/participant", "inputs", "many/pools")
 
 
 @pytest.mark.parametrize("name", SHIPPED)

@@ -215,7 +215,7 @@ def test_numbers_of_a_run_keep_units_bounds_and_events() -> None:
 
 
 def test_a_name_that_is_sql_is_a_name(tmp_path: Path) -> None:
-    name = "x'); DROP TABLE people; --"
+    name = "x');DROP/**/TABLE/**/people;--"
     with Study(tmp_path / "s.db") as study:
         study.add(Session(name, name, group=name), Trial("live", [Measure(name, 1.0, name)], condition=name))
         assert study.rows("SELECT name FROM people") == [(name,)]

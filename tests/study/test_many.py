@@ -11,9 +11,8 @@ from pathlib import Path
 import pytest
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.session.many.participant import Participant
+from rehab_opt.session.many.participant import Answer, Participant
 from rehab_opt.session.many.run import RESULTS, run_many
-from rehab_opt.session.many.work import Answer
 from rehab_opt.study.many import study_of_many
 from rehab_opt.study.person import removed
 from rehab_opt.study.store import Study

@@ -93,10 +93,10 @@ def test_hostile_names_are_text_and_nothing_else(study: Study) -> None:
             events=[Event(name, 3, name)],
             outline=[(0, 0), (1, 0), (0, 1)],
         )
-        study.add(Session(name, name, group=name), trial)
+        study.add(Session(name.replace(" ", "/"), name, group=name), trial)  # a browser takes either in a tag
     plain = set(read(report_html(study)).tags)
     for name in HOSTILE:
-        page = read(report_html(study, name))
+        page = read(report_html(study, name.replace(" ", "/")))
         said = "".join(page.words)
         assert said.count(name) >= 4  # title, heading, event, session
         assert set(page.tags) <= plain | {"figcaption", "polygon", "title"}

@@ -97,7 +97,9 @@ def test_covariates_do_not_change_under_a_study(tmp_path: Path, session: Session
     "bad",
     [
         {"person": ""}, {"person": " P"}, {"person": "P\n"}, {"person": "P" * 101}, {"name": "\x1b[2J"}, {"group": ""},
-        {"person": "=1+1"}, {"person": "@sum"}, {"name": "+cmd|x"}, {"name": "-x"}, {"group": "=A1"}, {"person": 5},
+        {"person": "=1+1"}, {"person": "@sum"}, {"person": "Anna Meier"},
+        {"person": "Meier,Anna"}, {"person": "Anna\u00a0Meier"}, {"person": "meier@example.org"},
+        {"name": "+cmd|x"}, {"name": "-x"}, {"group": "=A1"}, {"person": 5},
         {"name": None}, {"group": 1}, {"date": 5}, {"visit": 1.5}, {"visit": True}, {"visit": "1"},
         {"visit": -1}, {"date": "23.11.2026"}, {"date": "2026-02-30"}, {"date": "20261123"},
     ],
@@ -233,7 +235,7 @@ def test_nothing_of_a_removed_person_is_left(tmp_path: Path) -> None:
     files = [StoredFile(trace), StoredFile(recording, "recording"), StoredFile(table, "table")]
     with Study(file) as study:
         for i in range(150):  # an index of several pages, so that inner ones hold names, too
-            study.add(Session(f"P{i} {'x' * 80}", "1"), made_trial(rng))
+            study.add(Session(f"P{i}-{'x' * 80}", "1"), made_trial(rng))
             if i % 10 == 0:
                 problem = ProblemText(SECRET, f"title = {SECRET}")
                 said = Trial("run", notes=[SECRET], error=SECRET, problem=problem, files=files)

@@ -1,5 +1,6 @@
 """A map between workspaces: exact inverse, equal power, defined everywhere, and refused where none can exist."""
 
+import itertools
 import pickle
 
 import numpy as np
@@ -11,7 +12,9 @@ from shapely import MultiPolygon, Point, Polygon, affinity, box
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.workspace.audit import random_points
 from rehab_opt.workspace.mapping import WorkspaceMap
-from tests.workspace.mapped import blob, mapped, shape, workspace
+from rehab_opt.workspace.safe_rule import REFINEMENTS, safe_landmarks
+from rehab_opt.workspace.spline import ThinPlateSpline
+from tests.workspace.mapped import blob, ell, mapped, shape, workspace
 
 WAYS = [("regular", "restricted"), ("restricted", "regular"), ("crescent", "blob")]
 RING = workspace(Point(0.0, 0.0).buffer(0.2).difference(Point(0.0, 0.0).buffer(0.1)))
@@ -93,6 +96,19 @@ def test_the_number_of_landmarks_can_be_chosen():
     made = mapped("crescent", "blob", landmarks=150)
     assert 100 < len(made.spline.source) < 200
     assert len(mapped("crescent", "blob").spline.source) > 230
+
+
+def test_where_a_map_is_not_proven_landmarks_are_added_and_the_search_goes_on_from_it_three_times():
+    at, found = np.array([[0.05, 0.05], [0.05, 0.25], [0.04, 0.25]]), []
+    safe_landmarks(ell(), blob(), lambda pairs: found.append(ThinPlateSpline(*pairs)) or at, landmarks=50)
+    assert len(found) == 1 + REFINEMENTS
+    points = random_points(workspace(ell()), 500, 1)
+    for before, after in itertools.pairwise(found):
+        assert (after.source[: len(before.source)] == before.source).all()
+        assert (np.linalg.det(after.jacobian(points)) > 0.0).all()
+    added = found[-1].source[len(found[0].source) :]
+    assert 0 < len(added) <= len(at)
+    assert all(np.isclose(point, at).all(axis=1).any() for point in added)
 
 
 def test_a_map_survives_pickling():

@@ -1,17 +1,32 @@
-"""One person who takes part: a name and a problem file's content, not yet checked."""
+"""One person who takes part, and what a worker does for them: it writes no files, it may run on another machine."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import tempfile
+import time
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.session.files import ProblemFile, problem_of
+from rehab_opt.session.report import write_results
+from rehab_opt.session.run import run_problem
 from rehab_opt.text_file import is_formula, shown
 
-__all__ = ["COVARIATES", "Participant", "checked_name", "unnamed", "without_twins"]
+__all__ = [
+    "COVARIATES",
+    "Answer",
+    "Cell",
+    "Participant",
+    "checked_name",
+    "flat_numbers",
+    "unnamed",
+    "without_twins",
+    "work_on",
+]
+
 
 COVARIATES = ("session", "group", "condition", "visit", "date")
 """Columns of a table that are no keys of a problem: whose trial a result is, for a study and for `groups.csv`."""
@@ -98,3 +113,50 @@ def without_twins(people: Sequence[Participant], *, file: object, keys: Sequence
                 covariates=people[i].covariates,
             )
     return tuple(found)
+
+
+Cell = str | float | int | bool | None
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A person's result.
+
+    Parameters
+    ----------
+    files : content by file name.
+    numbers : the scalar metrics, by dotted key.
+    seconds : what it took.
+    """
+
+    files: Mapping[str, bytes]
+    numbers: Mapping[str, Cell]
+    seconds: float
+
+
+def work_on(participant: Participant) -> Answer:
+    """Run a person's problem.
+
+    Raises
+    ------
+    RehabOptError : it cannot be run as it is.
+    """
+    began = time.perf_counter()
+    outcome = run_problem(participant.problem())
+    with tempfile.TemporaryDirectory(prefix="rehab-opt-") as scratch:
+        written = write_results(outcome, Path(scratch))
+        files = {path.name: path.read_bytes() for path in written}
+    numbers = dict(flat_numbers({key: value for key, value in outcome.metrics.items() if key != "parameters"}))
+    return Answer(files, numbers, time.perf_counter() - began)
+
+
+def flat_numbers(metrics: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Cell]]:
+    """Scalars of nested tables by dotted key; lists of texts are joined, other lists left out."""
+    for key, value in metrics.items():
+        if isinstance(value, Mapping):
+            yield from flat_numbers(value, f"{above}{key}.")
+        elif isinstance(value, list | tuple):
+            if all(isinstance(part, str) for part in value):
+                yield f"{above}{key}", "; ".join(value)
+        else:
+            yield f"{above}{key}", value

@@ -15,7 +15,7 @@ import numpy as np
 from rich.table import Table
 from rich.text import Text
 
-from rehab_opt.session.many.work import Answer, Cell
+from rehab_opt.session.many.participant import Answer, Cell
 from rehab_opt.text_file import is_formula
 
 __all__ = [

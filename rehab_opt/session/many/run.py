@@ -12,7 +12,7 @@ from pathlib import Path
 
 from rehab_opt.errors import ConfigurationError, RehabOptError, printable
 from rehab_opt.session.inputs import inputs_digest
-from rehab_opt.session.many.participant import Participant
+from rehab_opt.session.many.participant import Answer, Participant, work_on
 from rehab_opt.session.many.pools import answers
 from rehab_opt.session.many.results import (
     FAILED,
@@ -25,7 +25,6 @@ from rehab_opt.session.many.results import (
     write_groups,
     write_rows,
 )
-from rehab_opt.session.many.work import Answer, work_on
 from rehab_opt.session.outcome import Progress
 from rehab_opt.text_file import shown
 

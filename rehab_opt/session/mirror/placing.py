@@ -29,12 +29,12 @@ from rehab_opt.session.mirror.seats import Seats, Walk
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.robot_file import pose_of
 
-__all__ = ["Place", "found_place", "placed", "replaced_keys", "value_text"]
+__all__ = ["Place", "found_place", "placed", "reach_note", "replaced_keys", "value_text"]
 
 Array = NDArray[np.float64]
 
-POSES = 60
-"""Of the path that are counted while looking."""
+POSES, ALL_POSES = 60, 300
+"""Of the path that are counted while looking, and where one seat is told of."""
 CHANGING = 0.1
 """[s] from pose to pose where the person's arm changes its posture."""
 NEARLY = 4e-3, math.radians(4.0)
@@ -140,17 +140,28 @@ def achieved(loaded: ProblemFile[MirrorProblem]) -> float:
     return passed_share(led.tool, scene.reference.poses[~scene.reference.lost])
 
 
+def reach_note(problem: MirrorProblem, scene: Scene, tracker: MirrorTracker) -> str:
+    """How much of the reference is in reach of the robot, and of the led arm, from where the robot starts."""
+    search = _Search(problem, scene, tracker, np.random.default_rng(0), poses=ALL_POSES)
+    search.seats.floor = tracker.floor  # as it is: nothing of it is to be kept for a run
+    walk = search.seats.walk((search.hands @ search.grip)[:, None], scene.start[None], 0)
+    share = float((walk.done[:, 0] & search.wanted).sum() / search.counted_on.sum())
+    return f"in reach, above the floor, from this start: {100 * share:.0f} % of it; `rehab-opt place` may find more"
+
+
 class _Search:
     """Of one recording."""
 
-    def __init__(self, problem: MirrorProblem, scene: Scene, tracker: MirrorTracker, rng: np.random.Generator) -> None:
+    def __init__(
+        self, problem: MirrorProblem, scene: Scene, tracker: MirrorTracker, rng: np.random.Generator, poses: int = POSES
+    ) -> None:
         self.problem, self.chain, self.rng = problem, scene.robot, rng
         self.seats, self.w_max = Seats(tracker), tracker.max_manipulability
         self.grip = pose_of(problem.robot.grip_deg, problem.robot.grip_m)
         # Samples at which the person's arm does what is asked; where it changes its posture, how it comes there.
         seen = np.flatnonzero(~scene.led.lost)
         goes_on = np.diff(scene.asked[seen], append=len(scene.reference.poses)) > 0
-        own = seen[goes_on][np.unique(np.linspace(0, goes_on.sum() - 1, POSES).astype(int))]
+        own = seen[goes_on][np.unique(np.linspace(0, goes_on.sum() - 1, poses).astype(int))]
         every = math.ceil(CHANGING / float(scene.led.times[1] - scene.led.times[0]))
         where = np.union1d(own, seen[~goes_on][::every])
         self.counted_on = np.isin(where, own)

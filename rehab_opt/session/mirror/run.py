@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +14,7 @@ from rehab_opt.session.mirror.laws import ANY_SPEED, followed, planned, searched
 from rehab_opt.session.mirror.metrics import astar_metrics, causes, driven, led_metrics
 from rehab_opt.session.mirror.outcome import BEFORE, PLAN, STEP, Led, MirrorOutcome
 from rehab_opt.session.mirror.problem import MirrorProblem
-from rehab_opt.session.mirror.scene import Scene, laid_out
+from rehab_opt.session.mirror.scene import Scene, laid_out, path_notes
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.plant.making import joint_feedback, joint_plant, plant_note
 
@@ -26,8 +25,6 @@ __all__ = ["run_mirror"]
 
 FAR = 1e-3
 """[m] from the first reference pose, where a start is told to be elsewhere."""
-TOGETHER = 0.5
-"""[s] of the recording within which changes of posture are told as one."""
 
 
 def run_mirror(loaded: ProblemFile[MirrorProblem], *, progress: Progress) -> MirrorOutcome:
@@ -92,7 +89,12 @@ def run_mirror(loaded: ProblemFile[MirrorProblem], *, progress: Progress) -> Mir
     return MirrorOutcome(
         chain=robot,
         time=reference.times - reference.times[0],
-        notes=(*scene.notes, *_notes(problem, scene, laws, tracker), *([] if near is None else [near.note])),
+        notes=(
+            *scene.notes,
+            *path_notes(scene),
+            *_notes(problem, scene, laws, tracker),
+            *([] if near is None else [near.note]),
+        ),
         metrics=metrics,
         floor=section.floor,
         mirror=scene.mirror,
@@ -119,15 +121,6 @@ def _notes(problem: MirrorProblem, scene: Scene, laws: dict[str, Led], tracker: 
         yield f"the robot starts {1e3 * away:.0f} mm from the first pose, and goes there first"
     if scene.person is not None:
         yield "the reference is limited to the range of motion of the arm that is led; distances are to what was asked"
-    waits = np.flatnonzero(np.diff(scene.asked) == 0)
-    if waits.size:
-        moments = scene.asked[waits] / problem.tracker.rate_hz
-        at = ", ".join(f"{moment:.1f}" for moment in moments[np.diff(moments, prepend=-math.inf) > TOGETHER])
-        yield (
-            f"the led arm changes its posture at {at} s of the recording, which waits "
-            f"{waits.size / problem.tracker.rate_hz:.1f} s in all; meanwhile the hand is led up to "
-            f"{1e3 * scene.beyond[waits, 0].max():.0f} mm off its path"
-        )
     w = scene.robot.manipulability(scene.start) / tracker.max_manipulability
     if w < problem.tracker.floor:
         yield f"the robot starts below the floor, at {w:.3f}"

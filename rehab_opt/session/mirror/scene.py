@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -21,10 +22,11 @@ from rehab_opt.session.mirror.problem import MirrorProblem, PatientSection, Pose
 from rehab_opt.session.participant import arm_of
 from rehab_opt.session.pose_tracking.problem import MOST_TICKS
 from rehab_opt.session.pose_tracking.robot import robot_at_start
+from rehab_opt.session.recording import Recording, size_note
 from rehab_opt.session.robot_file import pose_of
 from rehab_opt.session.schema import Side
 
-__all__ = ["Scene", "hand_axes", "laid_out", "patient_mirror"]
+__all__ = ["Scene", "hand_axes", "laid_out", "path_notes", "patient_mirror"]
 
 Array = NDArray[np.float64]
 
@@ -36,6 +38,12 @@ ARM_HAND = {
 }
 """Axes fingers, back and across of a hand in the hand frame of `human_arm`: x along the handle, towards the thumb, z to
 the fingers; of a left hand -y, of a right one +y is the back."""
+
+
+ARM_NEAR = 5e-3, math.radians(5.0)
+"""[m, rad] up to which an arm does a pose."""
+TOGETHER = 0.5
+"""[s] of the recording within which changes of posture are told as one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,6 +179,26 @@ def laid_out(loaded: ProblemFile[MirrorProblem]) -> Scene:
         fit=fit if problem.placement.calibration_file is not None else None,
         notes=tuple(notes),
     )
+
+
+def path_notes(scene: Scene) -> Iterator[str]:
+    """How large and fast the reference is, how much of it the led arm does, and when that changes its posture."""
+    seen, times = ~scene.reference.lost, scene.reference.times
+    yield size_note(Recording("the reference", times[seen], scene.reference.poses[seen, :3, 3]))
+    if scene.person is None:
+        return
+    own = np.append(True, np.diff(scene.asked) > 0) & ~scene.led.lost
+    share = float((scene.beyond[own] <= ARM_NEAR).all(axis=1).mean())
+    yield f"the led arm, by its range of motion, does {100 * share:.0f} % of it within 5 mm and 5 deg"
+    waits = np.flatnonzero(np.diff(scene.asked) == 0)
+    if waits.size:
+        moments = times[scene.asked[waits]] - times[0]
+        at = ", ".join(f"{moment:.1f}" for moment in moments[np.diff(moments, prepend=-math.inf) > TOGETHER])
+        yield (
+            f"that arm changes its posture at {at} s of the recording, which waits "
+            f"{waits.size * (times[1] - times[0]):.1f} s in all; meanwhile the hand is led up to "
+            f"{1e3 * scene.beyond[waits, 0].max():.0f} mm off its path"
+        )
 
 
 def hand_axes(section: PoseRecordingSection) -> Array:

@@ -32,13 +32,14 @@ class MirrorSystem(System[MirrorProblem, "MirrorOutcome"]):
         return needed if points is None else (*needed, Needed("placement.calibration_file", points))
 
     def check(self, loaded: ProblemFile[MirrorProblem]) -> tuple[str, ...]:
-        """Reads the recording, lays it out and builds the tracker."""
+        """Reads the recording, lays it out, builds the tracker, and counts what the robot reaches."""
         from rehab_opt.session.mirror.laws import tracker_of  # noqa: PLC0415  (loads solvers)
-        from rehab_opt.session.mirror.scene import laid_out  # noqa: PLC0415
+        from rehab_opt.session.mirror.placing import reach_note  # noqa: PLC0415
+        from rehab_opt.session.mirror.scene import laid_out, path_notes  # noqa: PLC0415
 
         scene = laid_out(loaded)
-        tracker_of(loaded.problem, scene, file=loaded.file)
-        return scene.notes
+        tracker = tracker_of(loaded.problem, scene, file=loaded.file)
+        return (*scene.notes, *path_notes(scene), reach_note(loaded.problem, scene, tracker))
 
     def run(
         self, loaded: ProblemFile[MirrorProblem], *, options: Mapping[str, str], progress: Progress

@@ -57,11 +57,10 @@ def joint_plant(table: JointPlant, chain: SerialChain, dt: float) -> Plant:
     """
     if table.kind == "ideal":
         return IdealJoints(dt)
+    from rehab_opt.plants.arm_model import own_arm_model, ur5_model  # noqa: PLC0415
     from rehab_opt.plants.drives import PositionServo, VelocityServo  # noqa: PLC0415  (loads MuJoCo)
     from rehab_opt.plants.mujoco_arm import MujocoArm  # noqa: PLC0415
-    from rehab_opt.plants.own_arm import own_arm_model  # noqa: PLC0415
     from rehab_opt.plants.streaming import PositionStream  # noqa: PLC0415
-    from rehab_opt.plants.ur5_model import ur5_model  # noqa: PLC0415
 
     servo = VelocityServo if table.servo == "velocity" else PositionServo
     arm = MujocoArm(

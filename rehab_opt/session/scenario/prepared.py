@@ -14,6 +14,7 @@ from rehab_opt.field.potential import PotentialField
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.participant import placed_recording
+from rehab_opt.session.recording import size_note
 from rehab_opt.session.scenario.demonstrated import learnt
 from rehab_opt.session.scenario.intention import Intention, held, nearest_next, reached, traced
 from rehab_opt.session.scenario.problem import THERAPY, ScenarioProblem
@@ -48,7 +49,8 @@ def given_path(loaded: ProblemFile[ScenarioProblem]) -> tuple[Array | None, list
         recording, placed = placed_recording(
             loaded, task.recording, task.placement, side=arm.side, rate=task.record_rate_hz, keys="task."
         )
-        points, notes = placed[:, :2], [f"{recording.file}: {note}" for note in recording.notes]
+        points = placed[:, :2]
+        notes = [f"{recording.file}: {note}" for note in (*recording.notes, size_note(recording))]
     length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
     if loaded.problem.mode != "hold" and not length >= SHORTEST:
         key, value = _path_key(loaded.problem), f"a path of {1e3 * length:.3g} mm"

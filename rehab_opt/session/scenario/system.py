@@ -1,24 +1,144 @@
-"""`system = "scenario"`: what a session asks of it."""
+"""`system = "scenario"`: what a session asks of it, and what it is live, where somebody may point."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cached_property
+from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from rehab_opt.errors import ProblemFileError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.session.files import ProblemFile
-from rehab_opt.session.live.problem import LiveProblem
+from rehab_opt.session.live.bodies import BLUE, GREEN, GREY, ORANGE, PURPLE, screen
+from rehab_opt.session.live.problem import LiveControl, LiveProblem
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.participant import arm_of
 from rehab_opt.session.scenario.demonstrated import learnt, needed_demonstrations
 from rehab_opt.session.scenario.laws import check_bounds
-from rehab_opt.session.scenario.loop import robot_model_of
+from rehab_opt.session.scenario.loop import Helping, robot_model_of
 from rehab_opt.session.scenario.outcome import ScenarioOutcome
-from rehab_opt.session.scenario.prepared import given_path
+from rehab_opt.session.scenario.prepared import Prepared, given_path, prepared
 from rehab_opt.session.scenario.problem import ScenarioProblem
-from rehab_opt.session.scenario.run import run_scenario
+from rehab_opt.session.scenario.run import law_of, run_scenario, scene_of
 from rehab_opt.session.systems import Needed, System
+from rehab_opt.workspace.region import Workspace
 
-__all__ = ["ScenarioSystem"]
+__all__ = ["LiveScenario", "ScenarioSystem"]
+
+Array = NDArray[np.float64]
+
+
+ARROWS = 15
+"""Of the field across the picture."""
+WEAK = 0.02
+"""Share of the largest force of the field below which no arrow is drawn."""
+
+
+class LiveScenario(LiveProblem):
+    """`Assistance` or `PathAssistance` with the file's field, person and robot."""
+
+    controls = frozenset({"target", "push", "faults"})
+
+    def __init__(self, loaded: ProblemFile[ScenarioProblem], *, solver: str | None) -> None:
+        problem = loaded.problem
+        if "assisted" not in problem.run.laws:
+            expected = 'a file whose laws have "assisted": a pair of hands runs by `rehab-opt run` alone'
+            raise ProblemFileError(loaded.file, "run.laws", problem.run.laws, expected)
+        self._loaded, self._solver = loaded, solver
+        self.title, self.dt = problem.title, 1 / problem.run.rate_hz
+        self.names, self.force = ("x", "y"), 2
+        self.layout = {"hand": 2, "meant": 2, "force": 2, "wanted": 2, "exerted": 2, "energy": 1}
+
+    @cached_property
+    def ready(self) -> Prepared:
+        """Workspaces, fields and the person's intention."""
+        return prepared(self._loaded, progress=lambda *_: None)
+
+    def control(self) -> LiveControl:
+        """The law "assisted" of `rehab-opt run` at the person and robot of its trials."""
+        ready, problem = self.ready, self._loaded.problem
+        law = law_of("assisted", self._loaded, ready, solver=self._solver)
+        return Helping(law, scene_of(self._loaded, ready), number=0, seed=problem.task.seed, endless=True)
+
+    def scene(self) -> dict[str, Any]:
+        """W_c, W_r, the reference, the field's pull on a hand at rest."""
+        ready, said = self.ready, self._loaded.problem.assistance
+        reference = _flat(ready.reference)
+        around = np.vstack([reference, _flat(np.array(ready.comfortable.polygon.bounds).reshape(2, 2))])
+        low, high = around.min(axis=0), around.max(axis=0)
+        reach = 1.15 * float((high - low).max())
+        return {
+            **super().scene(),
+            "planar": True,
+            "springy": True,
+            "handled": True,
+            "lines": [
+                *({"points": each, "colour": GREEN} for each in _outlines(ready.comfortable)),
+                *({"points": each, "colour": GREY} for each in _outlines(ready.reachable)),
+                *([] if self._loaded.problem.mode == "hold" else [{"points": reference.tolist(), "colour": BLUE}]),
+            ],
+            "capsules": [[*each, *each, 0.004, BLUE] for each in reference.tolist()]
+            if self._loaded.problem.mode == "hold"
+            else [],
+            "arrows": _arrows(ready, low, high, reach),
+            "arrow": 0.3 * reach / said.force_limit_N,
+            "legend": [
+                [GREEN, "comfortable"], [GREY, "reachable"], [PURPLE, "the robot's force"], [ORANGE, "the person's"],
+            ],
+            "noise": "mm",
+            "plots": [
+                {"name": "the robot's force", "unit": "N", "line": said.force_limit_N},
+                {"name": "desired force", "unit": "N", "least": 1.0},
+                {"name": "the person's force", "unit": "N", "least": 10.0},
+                {"name": "hand from the task", "unit": "mm", "least": 5.0},
+                {"name": "energy left", "unit": "J"},
+            ],
+            "centre": (0.5 * (low + high)).tolist(),
+            "reach": reach,
+            "spring": 400.0,
+            "push": 25.0,
+            "screen": screen(reference),
+        }  # fmt: skip
+
+    def frame(self, shown: Mapping[str, Array]) -> dict[str, Any]:
+        """Hand, what is meant, both forces."""
+        hand = [*shown["hand"].tolist(), 0.0]
+        sizes = [float(np.linalg.norm(shown[name])) for name in ("force", "wanted", "exerted")]
+        away = 1e3 * float(np.linalg.norm(shown["hand"] - shown["meant"]))
+        forces = ((shown["force"], PURPLE), (shown["exerted"], ORANGE))
+        return {
+            "handles": {"target": [*shown["meant"].tolist(), 0.0], "hand": hand},
+            "arrows": [[*hand, *force.tolist(), 0.0, colour] for force, colour in forces],
+            "numbers": [*sizes, away, float(shown["energy"][0])],
+        }
+
+
+def _flat(points: Array) -> Array:
+    """(N, 3) of places (N, 2) in the plane."""
+    return np.column_stack([points, np.zeros(len(points))]).round(5)
+
+
+def _outlines(workspace: Workspace) -> list[list[list[float]]]:
+    polygon = workspace.polygon.simplify(1e-3)
+    rings = [ring for each in getattr(polygon, "geoms", [polygon]) for ring in (each.exterior, *each.interiors)]
+    return [_flat(np.array(ring.coords)[:, :2]).tolist() for ring in rings]
+
+
+def _arrows(ready: Prepared, low: Array, high: Array, reach: float) -> list[list[Any]]:
+    """The pull of the field (its first, where there are many) on a hand at rest; not gated."""
+    middle, half = 0.5 * (low + high)[:2], 0.5 * reach
+    axis = np.linspace(-half, half, ARROWS)
+    places = [middle + np.array((x, y)) for x in axis for y in axis]
+    forces = [np.array(ready.fields[0].pull(*place.tolist())) for place in places]
+    largest = max(float(np.linalg.norm(force)) for force in forces) or 1.0
+    return [
+        [*place.round(5).tolist(), 0.0, *(0.06 * reach * force / largest).round(5).tolist(), 0.0, "#a9b8c6"]
+        for place, force in zip(places, forces, strict=True)
+        if np.linalg.norm(force) > WEAK * largest
+    ]
 
 
 class ScenarioSystem(System[ScenarioProblem, ScenarioOutcome]):
@@ -59,7 +179,7 @@ class ScenarioSystem(System[ScenarioProblem, ScenarioOutcome]):
 
     def live(self, loaded: ProblemFile[ScenarioProblem], *, options: Mapping[str, str]) -> LiveProblem:
         """The person as the file has them, until somebody points where the hand shall be; options as of `run`."""
-        from rehab_opt.session.scenario.live import LiveScenario  # noqa: PLC0415  (for those who look)
+        from rehab_opt.session.scenario.system import LiveScenario  # noqa: PLC0415  (for those who look)
 
         robot_model_of(loaded)
         check_bounds(loaded, solver=options.get("solver"))

@@ -7,7 +7,9 @@ import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
+
+from pydantic import Discriminator, Field, Tag
 
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.kinematics.human_arm import human_arm
@@ -15,8 +17,8 @@ from rehab_opt.session.cp_reach import ReachGroup, reach_groups
 from rehab_opt.session.files import ProblemFile, recording_path
 from rehab_opt.session.outcome import Column, Outcome, Progress
 from rehab_opt.session.reach_rows import GROUPS, task_title
+from rehab_opt.session.schema import NAME, TABLE, Once, Problem, Section
 from rehab_opt.session.systems import Needed, System
-from rehab_opt.session.used_ranges.problem import UsedRangesProblem, VariationSection
 from rehab_opt.session.workspaces.reached import Reached, placement_of, tilt_of
 from rehab_opt.session.workspaces.run import boundary_columns, plane_notes, share_inside, workspace_metrics
 from rehab_opt.session.workspaces.sections import ArmInPlane
@@ -25,7 +27,64 @@ from rehab_opt.workspace.reach import planar_workspace
 from rehab_opt.workspace.reachability import ReachabilityMap
 from rehab_opt.workspace.variation import reachability_map, varied_ranges
 
-__all__ = ["GroupResult", "UsedRangesOutcome", "UsedRangesSystem"]
+__all__ = [
+    "GroupResult",
+    "RecordedSection",
+    "UsedRangesOutcome",
+    "UsedRangesProblem",
+    "UsedRangesSystem",
+    "VariationSection",
+]
+
+
+Zero = Annotated[
+    Annotated[Literal["grasp"], Tag(NAME)] | Annotated[float, Field(ge=-180, le=180), Tag(TABLE)],
+    Discriminator(lambda value: NAME if isinstance(value, str) else TABLE),
+]
+
+
+TaskName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9-]{0,19}$")]
+
+
+class RecordedSection(Section):
+    """Whose reaches: the files of Vanmechelen et al. in one folder."""
+
+    folder: str = Field(min_length=1)
+    """Folder of the files `RF_MEAN_*.csv` and `RGV_MEAN_*.csv` (Vanmechelen et al.), or of other tasks; beside the
+    problem file, or `data:folder`."""
+    tasks: Annotated[list[TaskName], Field(min_length=1, max_length=12), Once] = Field(default=["RF", "RGV"])
+    """What the names of files begin with; reach forwards, and reach and grasp a vertical object."""
+    cover: float = Field(default=0.5, ge=0.5, le=1)
+    """Share of a group's limbs whose own limits lie within the group's: 0.5 is a typical limb, 1 all of them
+    together."""
+    pronation_zero_deg: Zero = 0.0
+    """The files' pronation where the palm of the hanging arm faces forward; `"grasp"` takes it from the grasp
+    itself."""
+
+
+class VariationSection(Section):
+    """People drawn around each group's typical limb, with the spread of its limbs."""
+
+    people: int = Field(ge=2, le=1000)
+    """How many people are drawn around each group's range."""
+    seed: int = Field(default=0, ge=0, le=2**31)
+    """Of the drawing."""
+    at_least: float = Field(default=0.5, gt=0, le=1)
+    """Share of them that reach every point of the outlined region."""
+    spacing_mm: float = Field(default=5.0, ge=1, le=50)
+    """Of the grid in the figure."""
+
+
+class UsedRangesProblem(Problem):
+    """Ranges used by two groups, and the workspaces of those ranges."""
+
+    system: Literal["used_ranges"]
+    recorded: RecordedSection
+    """Whose reaches."""
+    arm: ArmInPlane
+    """The same segments for everybody."""
+    variation: VariationSection | None = None
+    """People drawn around each group."""
 
 
 @dataclass(frozen=True, eq=False)
