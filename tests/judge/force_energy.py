@@ -3,14 +3,20 @@
 Judged by the work of the force that was sent on the true way of the hand: no stretch of a run, from any tick to any
 later one, delivers more than the budget, also where ticks come late; with missed samples, frozen and broken sensors no
 more since the beginning, net of what the hand put in. A hand that jumps may draw the force limit times its jumps more.
-And the energy that is told to be left is never more than there is.
+And the energy that is told to be left is never more than there is, nor less where every step of the hand was seen. A
+frozen sensor that twitches before it goes on hides nothing: what its twitch gave back goes by the jump behind it.
 """
 
 from __future__ import annotations
 
+import itertools
+import math
+
 import numpy as np
 
+from rehab_opt import BoundedForce
 from tests.judge.force_runs import Run, runs
+from tests.judge.numbering import numbered
 from tests.judge.verdict import Promise, Verdict
 
 PROMISES = (
@@ -20,10 +26,14 @@ PROMISES = (
     Promise("rehab_opt/control/bounded_force.py", "what may be delivered to the hand until `reset`, net of what the "
             "hand puts in"),
     Promise("rehab_opt/control/bounded_force.py", "[J] what may certainly still be delivered."),
+    Promise("rehab_opt/control/energy_tank.py", "the next position settles it, and one that jumps right after it "
+            "disputes that. Energy that the hand puts in is given back, up to the budget, where every step of it was "
+            "seen."),
 )  # fmt: skip
 LEAST = {"hand greedy": 17_000, "hand shuttle": 32_000, "nine tenths of the budget drawn": 53,
          "the tank holds the force back": 5000, "ticks that come late": 3000, "hand fast": 14_000,
-         "energy put in by the hand": 20_000, "the sensor is frozen, the hand moves": 53}  # fmt: skip
+         "energy put in by the hand": 20_000, "the sensor is frozen, the hand moves": 53,
+         "energy put in, every step seen": 2000, "a sensor that twitches": 20_000}  # fmt: skip
 CI_TICKS = 24_000
 SHARE = 1.5
 
@@ -39,6 +49,8 @@ def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
         judge(verdict, each)
     for each in runs(verdict, ticks // 6, only, faults=0.3, slips=True, first=3_000_000):
         judge(verdict, each)
+    for number, rng in numbered(verdict, ticks // 8, only, first=3_000_000):
+        twitching(verdict, number, rng)
     return verdict
 
 
@@ -62,6 +74,10 @@ def judge(verdict: Verdict, one: Run) -> None:
     elif (one.faults.kind == "").all():
         verdict.within("energy drawn over the budget", taken.max() / given.budget, 1 + 1e-9)
         verdict.within("energy told to be left beyond what is [J]", one.left - (given.budget - taken[:-1]), 1e-9)
+        seen = ~np.logical_or.accumulate(np.r_[False, (np.diff(one.shown, axis=0) == 0).all(axis=1)])
+        lost = np.where(seen, given.budget - taken[:-1] - one.left, 0.0)
+        verdict.within("energy told to be left below what is, every step seen [J]", lost, 1e-9)
+        verdict.during("energy put in, every step seen", seen & (work < 0) & (taken[:-1] > 0), one.seconds)
     else:  # what a hand puts in unseen counts against what it draws unseen
         total = np.cumsum(work)
         verdict.within("energy drawn over the budget, in all", total.max() / given.budget, 1 + 1e-9)
@@ -77,3 +93,39 @@ def judge(verdict: Verdict, one: Run) -> None:
     blind = (one.faults.kind == "frozen") & (size > 0) & moved.any(axis=1)
     verdict.during("the sensor is frozen, the hand moves", blind, one.seconds)
     verdict.during(f"hand {one.hand}", np.ones(len(work), dtype=bool), one.seconds)
+
+
+def twitching(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
+    """A hand that goes with the force, and a sensor that freezes, moves by a hundredth of a mm, and then tells all."""
+    dt, budget = float(rng.choice([1e-3, 2e-3, 5e-3])), float(rng.choice([0.5, 1.0, 2.0]))
+    size, turning, drift = rng.uniform(5.0, 25.0), rng.uniform(-2.0, 2.0), 0.1 * dt * rng.uniform(-1, 1, 2)
+    clock = [0.0]
+
+    def asked(_x: float, _y: float, _vx: float, _vy: float) -> tuple[float, float]:
+        return size * math.cos(turning * clock[0]), size * math.sin(turning * clock[0])
+
+    control = BoundedForce(
+        asked, force_limit=30.0, slew_limit=float(rng.choice([200.0, 1000.0])), energy_budget=budget, speed_cap=1.0,
+        dt=dt, compile=False,
+    )  # fmt: skip
+    verdict.begin(number, f"a sensor that twitches, dt {dt:g}, {budget:g} J")
+    ticks = min(1000, round(3.0 / dt))
+    x, shown, commands, twitches = np.zeros((ticks + 1, 2)), np.zeros(2), [], np.zeros(ticks, dtype=bool)
+    states = itertools.cycle(("seen", "frozen", "twitch"))
+    state, until = next(states), int(rng.integers(5, 40))
+    for k in range(ticks):
+        clock[0] = k * dt
+        if k == until:
+            state = next(states)
+            lasts = {"seen": rng.integers(5, 40), "frozen": max(20, rng.uniform(0.03, 0.2) // dt), "twitch": 1}
+            until = k + int(lasts[state])
+        shown = {"seen": x[k], "frozen": shown, "twitch": shown + rng.uniform(-1e-5, 1e-5, 2)}[state]
+        twitches[k] = state == "twitch"
+        commands.append(control.step(shown))
+        force = commands[-1].value
+        strength = math.hypot(*force)
+        x[k + 1] = x[k] + (force * (0.99 * dt / strength) if strength > 0.1 else drift)
+    answers = verdict.answers(commands, dt)
+    total = np.cumsum(np.einsum("ni,ni->n", answers.value, np.diff(x, axis=0)))
+    verdict.within("energy drawn over the budget, behind a sensor that twitches", total.max() / budget, 1 + 1e-9)
+    verdict.during("a sensor that twitches", np.logical_or.accumulate(twitches), dt)

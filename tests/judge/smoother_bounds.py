@@ -29,7 +29,7 @@ PROMISES = (
 )  # fmt: skip
 LEAST = {"at the velocity bound": 5000, "at the acceleration bound": 5000, "at the jerk bound": 10_000,
          "at a position bound": 4000, "outside a position bound": 53, "status braking": 1000, "status holding": 2000,
-         "on a target that is held": 53, "on a target that moves": 1000,
+         "on a target that is held": 53, "on a target that moves": 100,
          "long after a fault": 5000, "reason disabled": 1000}  # fmt: skip
 CI_TICKS = 40_000
 FAULTS = ("target", "disabled", *STAMPS)
