@@ -21,7 +21,7 @@ from rehab_opt import Bound, Command
 
 ROOT = Path(__file__).resolve().parents[2]
 NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*(?:e[-+]?\d+)?|\binf\b|\bnan\b)", re.IGNORECASE)
-SPARE, COMMON = 16, 100
+SPARE, COMMON = 36, 100
 """Runs that chance may take, see `Verdict.asked`; what a slice should have this many ticks of must be there at all."""
 BY_ACTIVE_SETS = ("solver closed form", "solver active set", "solver dual active set")
 """Situations in which one of these methods answered."""
