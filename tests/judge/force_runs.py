@@ -109,11 +109,12 @@ def field_of(rng: np.random.Generator, given: Settings) -> PotentialField:
 def assistance(rng: np.random.Generator, given: Settings, **options: Any) -> Assistance:
     """The force that is judged."""
     comfortable = Workspace(shapely.Polygon(given.outline), accuracy=0.0)
+    if (given.return_stiffness, given.return_force) != (500.0, 10.0):  # which are what they are where nothing is said
+        options |= {"return_stiffness": given.return_stiffness, "return_force": given.return_force}
     return Assistance(
         field_of(rng, given), comfortable=comfortable, mode=given.mode, force_limit=given.force_limit,  # type: ignore[arg-type]
         slew_limit=given.slew_limit, growth_limit=given.growth_limit, energy_budget=given.budget,
-        speed_cap=given.speed_cap, dt=given.dt, return_stiffness=given.return_stiffness,
-        return_force=given.return_force, compile=False, **options,
+        speed_cap=given.speed_cap, dt=given.dt, compile=False, **options,
     )  # fmt: skip
 
 
