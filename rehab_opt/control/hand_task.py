@@ -39,7 +39,7 @@ STRAIGHT = 0.3
 """Fraction of the commanded speed by which the hand at the stop posture may move across the commanded direction.
 
 Of all across together, whichever way the direction points: what braking in proportion leaves of it is a quarter where
-it is half done, and a turning chair adds as much. Kept axis by axis it came to 0.45, and the hand to 0.21 and more.
+it is half done, and a turning chair adds as much. Kept axis by axis it came to 0.45, and the hand to 0.16 and more.
 """
 BACK = 0.05
 """Fraction of it by which it may move against that: stretched, a hand must turn back to go on."""
