@@ -133,8 +133,9 @@ class ClearancePairs:
     def nearest(self) -> ca.Function:
         """Q, last velocity, moving capsules, time -> the contacts with the least room in one column, see `read`.
 
-        Behind them stands the least distance of all pairs at q, less the margin, whether it has a row or not. The contacts are those of half the time on, where q and the last velocity lead by then, but for their
-        distances, which are led back from there. Of every kind, pairs that are not among the least are left out.
+        Behind them stands the least distance of all pairs at q, less the margin, whether it has a row or not. The
+        contacts are those of half the time on, where q and the last velocity lead by then, but for their distances,
+        which are led back from there. Of every kind, pairs that are not among the least are left out.
         """
         n, k = self.chain.n, self.slots
         q, last = ca.MX.sym("q", n), ca.MX.sym("last", n)
