@@ -22,13 +22,8 @@ PROMISES = (
             "bounces."),
     Promise("rehab_opt/control/scanning.py", "pressure, of 1, from which it counts; a press lasts until less than "
             "`HELD` of it is left."),
-<<<<<<< HEAD
     Promise("rehab_opt/control/scanning.py", "What the user asks for now. What is no number is no press, and raises "
             "nothing."),
-=======
-    Promise("rehab_opt/control/scanning.py", "What the user asks for now. What is no number is no "
-            "press, and raises nothing."),
->>>>>>> mend13
 )  # fmt: skip
 LEAST = {"moving": 50_000, "gripper changed": 100, "to be let go first": 500, "numbers that are none": 500,
          "between threshold and letting go": 5000}  # fmt: skip
