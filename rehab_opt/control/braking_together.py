@@ -53,7 +53,7 @@ class BrakingTogether:
         return velocity * (1 - self._hardest(velocity))
 
     def leaves(self, velocity: ca.SX) -> ca.SX:
-        """Fraction that is left of what must go, at most: where all goes with it, it is gone 1 s after T / 1.1.
+        """Fraction that is left of a velocity that must go, at most, so that it is gone 1 s after T / 1.1.
 
         `slower` alone never ends: the hand of a slow robot was 0.36 of its command across when T + 1 s had gone by.
         """

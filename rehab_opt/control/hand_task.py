@@ -36,10 +36,10 @@ GROWING, FIRST, DEAREST = 0.5, 0.37, 100.0
 STEEP = 1e3
 """[m/s] Up to which the price follows that cost where it is higher, as it is near singular postures."""
 STRAIGHT = 0.3
-"""Fraction of the commanded speed by which the hand at the stop posture may move across the commanded direction.
+"""Fraction of the commanded speed by which the hand at the stop posture may move in each direction square to its way.
 
-Of all across together, whichever way the direction points: what braking in proportion leaves of it is a quarter where
-it is half done, and a turning chair adds as much. Kept axis by axis it came to 0.45, and the hand to 0.16 and more.
+What braking in proportion leaves of it is a quarter where it is half done, and a turning chair adds as much. Where all
+directions together are kept to it, hands near singular postures stop short of where they could go.
 """
 BACK = 0.05
 """Fraction of it by which it may move against that: stretched, a hand must turn back to go on."""
@@ -133,9 +133,11 @@ class HandTask:
         part = ca.if_else(usable, part, 1)
         # Where the law is far away, what is off the command goes sooner than on the way to it.
         left = (1 - part) * braking.slower(ca.SX(1))
-        sooner = ca.fmax(left - braking.leaves(last.velocity), 0)
+        goes = firmness(before - along * direction)
+        ways = last.velocity, self._spread(soft @ goes)  # all brakes, or only what moves it off the command
+        sooner = ca.fmax(left - ca.fmin(*map(braking.leaves, ways)), 0)
         turning = ca.if_else(usable, (left - sooner) * (before - along * direction), 0)
-        pull = ca.if_else(usable, sooner * firmness(before - along * direction), 0)
+        pull = ca.if_else(usable, sooner * goes, 0)
         speed = along + part * (size - along)
         # What braking leaves of the hand's velocity besides: that can be had in any case.
         error = jacobian @ base - turning
@@ -187,8 +189,7 @@ class HandTask:
         along_then = ca.fmin(along_row @ base, along_row @ slower) + along_fixed
         across_least = ca.fmin(across @ base, across @ slower) + across_fixed
         across_most = ca.fmax(across @ base, across @ slower) + across_fixed
-        parts = BACK, STRAIGHT / max(1, len(self.rows) - 1) ** 0.5
-        back, straight = (ca.if_else(size > 0, part * size, FAR) for part in parts)
+        back, straight = (ca.if_else(size > 0, part * size, FAR) for part in (BACK, STRAIGHT))
         return {
             "along": ca.densify(along_row.T),
             "along_lower": ca.fmin(along_then, -back) - along_fixed,

@@ -61,6 +61,7 @@ PROMISES = (
     Promise(
         "rehab_opt/control/redundancy.py", "Where the bounds leave nothing of the command, the status is `BLOCKED`."
     ),
+    Promise("rehab_opt/control/redundancy.py", "1 mm + reach (1.1 T a dt)^2 / 2 before it"),
     Promise("rehab_opt/control/redundancy.py", "Forget the past."),
     Promise(
         "rehab_opt/control/command.py",
@@ -175,7 +176,7 @@ def judge_law(run: Run, verdict: Verdict, part: Part, span: slice, obstacles: Ob
     verdict.during("law judged", np.ones(len(along), dtype=bool), dt)
     verdict.during("a braking episode", braking, dt)
     if np.all(np.abs(along[-round(1.0 / dt) :]) < STOPPED):
-        possible = chair.fastest(run.q[span.stop], twist, part.rows, part.frame, obstacles)
+        possible = chair.fastest(run.q[span.stop], twist, part.rows, part.frame, obstacles, dt)
         if obstacles:  # beside them no promise: two or three runs of a thousand creep where the programme finds a way
             verdict.during(
                 "the hand stopped beside an obstacle, not so by the programme", np.array([possible > POSSIBLE]), dt

@@ -124,6 +124,6 @@ def judge_target(run: Run, verdict: Verdict, found: Answers, part: Part, ticks: 
         verdict.within("a hand under way comes nearer", [apart[-1] - apart[-round(3.0 / dt)]], 0.0)
     else:
         way = (target - hand[-1]) / apart[-1]
-        possible = chair.fastest(run.q[ticks.stop], TRIED * way, part.rows, part.frame)
+        possible = chair.fastest(run.q[ticks.stop], TRIED * way, part.rows, part.frame, dt=dt)
         verdict.within("a hand that stopped elsewhere can go no further", [possible], POSSIBLE)
         verdict.during("asked of the linear programme", np.array([True]), dt)

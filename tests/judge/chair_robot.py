@@ -41,7 +41,7 @@ WHEEL_LIMIT = {"mecanum": 10.0, "differential": 7.0, "omnidirectional": math.inf
 LACKING = {"mecanum": [], "differential": [1], "omnidirectional": [], "fixed": [0, 1, 2]}
 """Of those speeds, the ones that a drive does not have."""
 STAND_OFF = 0.002
-"""[m] So near a keep-out or an obstacle a robot may stop."""
+"""[m] So near a keep-out or an obstacle a robot may stop; of a keep-out with long ticks see `Chair.stand_off`."""
 BARELY = 2e-4
 """[m] What a distance may lose on a way along an obstacle."""
 TURNED = 0.15
@@ -81,6 +81,11 @@ class Chair:
     def braking_time(self) -> float:
         """[s] T = max v/a of what moves."""
         return float(np.max((self.velocity / self.acceleration)[self.moving]))
+
+    def stand_off(self, dt: float) -> float:
+        """[m] So near a keep-out an arm may stop: 1 mm + reach (1.1 T a dt)^2 / 2, a of the joints that move links."""
+        step = 1.1 * self.braking_time * float(np.max(self.acceleration[3:6])) * dt
+        return max(STAND_OFF, 1e-3 + (self.d5 + self.d7) * step**2 / 2)
 
     @property
     def moving(self) -> Array:
@@ -243,11 +248,13 @@ class Chair:
             path[i + 1] = path[i] + step * self.world(middle, u)
         return path
 
-    def fastest(self, q: Array, twist: Array, rows: Sequence[str], frame: str, obstacles: Obstacles = ()) -> float:
+    def fastest(
+        self, q: Array, twist: Array, rows: Sequence[str], frame: str, obstacles: Obstacles = (), dt: float = 0.01
+    ) -> float:
         """Largest speed of the hand exactly along `twist`, as a fraction of it, by a linear programme.
 
         Of the velocities that could be scaled to zero in T with every bound kept, to first order: so a distance of
-        room allows 2 room/T; the last `STAND_OFF` before keep-outs and obstacles are no room. Nearest points that jump
+        room allows 2 room/T; the last `STAND_OFF` or `stand_off` before a thing is no room. Nearest points that jump
         are met by further rows where the answer leads into them. Then the part of it, of `PARTS`, whose way keeps them.
         """
         half = self.braking_time / 2
@@ -270,6 +277,8 @@ class Chair:
             return np.concatenate([self.arm_gaps(at), self.obstacle_gaps(at, obstacles), *every], -1)
 
         now = gaps(q)
+        off = np.full(len(now), STAND_OFF)
+        off[: self.arm_gaps(q).size] = self.stand_off(dt)
 
         def closing(at: Array) -> None:
             step = 1e-6 * np.eye(7)
@@ -277,7 +286,7 @@ class Chair:
             near = np.isfinite(now)
             slope = (gaps(at + value)[:, near] - gaps(at - value)[:, near]) / 2e-6
             rows_a.append(-half * slope.T)
-            limits.append(np.maximum(now[near] - STAND_OFF, 0.0))
+            limits.append(np.maximum(now[near] - off[near], 0.0))
 
         closing(q)
         best = 0.0
@@ -292,7 +301,7 @@ class Chair:
                 return math.nan
             best = -float(found.fun)
             ahead = q + 1e-3 * self.world(q, found.x[:7])
-            known, room = np.isfinite(now), np.maximum(now - STAND_OFF, 0.0) * 1e-3 / half
+            known, room = np.isfinite(now), np.maximum(now - off, 0.0) * 1e-3 / half
             if best < 0.05 or np.all(gaps(ahead)[known] >= now[known] - room[known] - 1e-5 * best):
                 break
             closing(ahead)
@@ -318,7 +327,7 @@ class Chair:
             along = hand @ np.asarray(twist) / np.linalg.norm(twist)
             across = np.sqrt(np.maximum(np.sum(hand**2, axis=1) - along**2, 0.0))
             kept = np.all(along >= -TURNED) and np.all(across <= TURNED)
-            if kept and np.all(there >= np.minimum(now[np.isfinite(now)], STAND_OFF) - BARELY):
+            if kept and np.all(there >= np.minimum(now, off)[np.isfinite(now)] - BARELY):
                 return part * best
         return 0.0
 
