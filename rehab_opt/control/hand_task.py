@@ -41,6 +41,11 @@ STRAIGHT = 0.3
 What braking in proportion leaves of it is a quarter where it is half done, and a turning chair adds as much. Where all
 directions together are kept to it, hands near singular postures stop short of where they could go.
 """
+HURRY = 0.3
+"""Fraction of it by which the hand may be off the command without hurry: above, what moves it so stops by itself.
+
+Not beside limits of a user's own and a `Clearance`: giving way to what comes is off the command.
+"""
 BACK = 0.05
 """Fraction of it by which it may move against that: stretched, a hand must turn back to go on."""
 LIVELY = 1.0
@@ -133,10 +138,12 @@ class HandTask:
         part = ca.if_else(usable, part, 1)
         # Where the law is far away, what is off the command goes sooner than on the way to it.
         left = (1 - part) * braking.slower(ca.SX(1))
-        goes = firmness(before - along * direction)
-        ways = last.velocity, self._spread(soft @ goes)  # all brakes, or only what moves it off the command
-        sooner = ca.fmax(left - ca.fmin(*map(braking.leaves, ways)), 0)
-        turning = ca.if_else(usable, (left - sooner) * (before - along * direction), 0)
+        aside = before - along * direction
+        goes = firmness(aside)
+        hurry = 0 if limits.beside.size1() else ca.fmax(1 - HURRY * size / ca.fmax(ca.norm_2(aside), TINY), 0)
+        keeps = 1 - hurry * (1 - braking.leaves(self._spread(soft @ goes)))
+        sooner = ca.fmax(left - ca.fmin(braking.leaves(last.velocity), keeps), 0)
+        turning = ca.if_else(usable, (left - sooner) * aside, 0)
         pull = ca.if_else(usable, sooner * goes, 0)
         speed = along + part * (size - along)
         # What braking leaves of the hand's velocity besides: that can be had in any case.

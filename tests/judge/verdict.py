@@ -183,11 +183,13 @@ class Verdict:
         """Situation -> least ticks of so many: 1 - sqrt(SPARE / runs) of what `least` says of them, rounded down.
 
         Many situations last for all of a run, or are in none of its ticks: by so much of their mean they are seldomer
-        in R runs, by chance. Of SPARE runs or fewer only what is common is asked, and that once.
+        in R runs, by chance. Of SPARE runs or fewer only what is common is asked: once,
+        where so many ticks would fill a run.
         """
         sure = max(0.0, 1.0 - math.sqrt(SPARE / max(self.runs, 1)))
         least = {name: per_million * self.ticks / 1e6 for name, per_million in self.least.items()}
-        return {name: max(int(each * sure), int(each >= COMMON)) for name, each in least.items()}
+        common = {name: each >= COMMON and each * self.runs >= self.ticks for name, each in least.items()}
+        return {name: max(int(each * sure), int(common[name])) for name, each in least.items()}
 
     @property
     def missed(self) -> dict[str, tuple[int, int]]:
