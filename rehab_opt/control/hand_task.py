@@ -42,7 +42,7 @@ What braking in proportion leaves of it is a quarter where it is half done, and 
 directions together are kept to it, hands near singular postures stop short of where they could go.
 """
 HURRY = 0.3
-"""Fraction of it by which the hand may be off the command without hurry: above, what moves it so stops by itself.
+"""Fraction of it by which the hand may be off the command without hurry; what is more goes as its joints can stop.
 
 Not beside limits of a user's own and a `Clearance`: giving way to what comes is off the command.
 """
