@@ -2,6 +2,8 @@
 
 Judged against a model of its own: the round dead zone by hypot, the change of deflection a tick, presses counted with
 the debounce. Deflections come as people move them, with tremor and with numbers that are none.
+
+Besides, being the cheapest judge, it holds the documented defaults of all controllers.
 """
 
 from __future__ import annotations
@@ -11,6 +13,7 @@ import math
 import numpy as np
 
 from rehab_opt import Joystick
+from tests.judge.documented_defaults import defaults
 from tests.judge.numbering import numbered, run_length
 from tests.judge.references import reaches, tremor
 from tests.judge.verdict import Promise, Verdict
@@ -34,8 +37,9 @@ MODES = (
 
 
 def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
-    """Sticks."""
+    """Sticks, and the defaults of all controllers."""
     verdict = Verdict("joystick_stick", seed, LEAST)
+    defaults(verdict)
     for number, rng in numbered(verdict, ticks, only):
         one_run(verdict, number, rng)
     return verdict
@@ -59,7 +63,7 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     pressed = (np.cumsum(rng.random(ticks) < dt / 0.5) % 5 == 4).tolist()
     found = [stick.step(each, switch=down) for each, down in zip(axes, pressed, strict=True)]
     twist, modes = np.array([each.twist for each in found]), [each.rows for each in found]
-    names = [mode[1] for mode in MODES]
+    names: list[tuple[str, ...]] = [mode[1] for mode in MODES]
     mode = np.array([names.index(rows) for rows in modes])
     speeds = np.array([each[2] for each in MODES])[mode]
     reason = np.array([each.reason for each in found])

@@ -2,12 +2,14 @@
 
 Judged by finite differences of the positions alone, from the state of `reset` on: mean values over a tick cannot exceed
 what holds at every instant. What rounding of a position leaves in its third difference is allowed for. After a fault
-the axes come to rest and stay there; a target that is held is reached within twice the time that its way takes.
+the axes come to rest and stay there; a target that is held is reached within twice the time that its way takes. Lists
+and tuples of numbers are followed as arrays are.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -30,10 +32,17 @@ PROMISES = (
 LEAST = {"at the velocity bound": 5000, "at the acceleration bound": 5000, "at the jerk bound": 10_000,
          "at a position bound": 4000, "outside a position bound": 53, "status braking": 1000, "status holding": 2000,
          "on a target that is held": 53, "on a target that moves": 2000,
-         "long after a fault": 5000, "reason disabled": 1000}  # fmt: skip
+         "long after a fault": 5000, "reason disabled": 1000, "targets in lists and tuples": 60_000}  # fmt: skip
 CI_TICKS = 40_000
 FAULTS = ("target", "disabled", *STAMPS)
 KINDS = ("steps", "person", "sudden", "steady", "held")
+FORMED = 60
+"""Ticks at the beginning of each run that are done in other forms, too."""
+FORMS: tuple[Callable[[np.ndarray], Any], ...] = (
+    np.ndarray.tolist, tuple, list, lambda row: tuple(row.tolist()), lambda row: [*map(round, row.tolist())],
+    np.ndarray.tolist,
+)  # fmt: skip
+INTEGERS, REFILLED = 4, 5
 EPSILON = float(np.finfo(float).eps)
 
 
@@ -47,7 +56,9 @@ def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
     return verdict
 
 
-def targets(rng: np.random.Generator, kind: str, start: np.ndarray, ticks: int, dt: float, speed: np.ndarray):
+def targets(
+    rng: np.random.Generator, kind: str, start: np.ndarray, ticks: int, dt: float, speed: np.ndarray
+) -> tuple[np.ndarray, np.ndarray | None]:
     """(ticks, n) targets, and their speeds where they are told."""
     axes = len(start)
     if kind == "held":
@@ -85,12 +96,13 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator, *, faults: 
     begin = start + 1.5 * rng.uniform(-1, 1, axes) if outside else start
     smoother = Smoother(velocity=velocity, acceleration=acceleration, jerk=jerk, dt=dt, lower=lower, upper=upper,
                         recovery_speed=recovery_speed)  # fmt: skip
-    smoother.reset(begin)
     ticks = max(run_length(rng, number, dt, seconds=20.0), 1000 if steady else 0)
     verdict.begin(number, f"{kind}, {axes} axes, dt {dt:g}")
     goals, rates = targets(rng, kind, start, ticks, dt, velocity)
     wrong = schedule(rng, ticks, dt, FAULTS, every=faults, longest=3.0)
     kinds, stamped = wrong.kind.tolist(), math.isfinite(faults)
+    as_given(verdict, smoother, begin, goals, rates)
+    smoother.reset(begin)
     commands, told = [], np.empty((ticks, axes))
     for k in range(ticks):
         goal = goals[k]
@@ -166,6 +178,40 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator, *, faults: 
     verdict.during("long after a fault", after, dt)
     verdict.during("outside a position bound", out.any(axis=1), dt)
     verdict.during(f"target {kind}", np.ones(ticks, dtype=bool), dt)
+
+
+def as_given(
+    verdict: Verdict, smoother: Smoother, begin: np.ndarray, goals: np.ndarray, rates: np.ndarray | None
+) -> None:
+    """Targets in lists and tuples, of floats, integers and numpy's numbers, give what they give in new arrays.
+
+    One list is filled anew each tick, as callers do; each target comes twice, as a target that is held does.
+    """
+    goals = np.repeat(goals[: FORMED // 2], 2, axis=0)
+    rates = None if rates is None else np.repeat(rates[: FORMED // 2], 2, axis=0)
+    forms = np.arange(len(goals)) // 6 % len(FORMS)
+    goals[forms == INTEGERS] = np.round(goals[forms == INTEGERS])
+    own: list[float] = [0.0] * goals.shape[1]
+
+    def formed(row: np.ndarray, form: int) -> Any:
+        if form == REFILLED:
+            own[:] = row.tolist()
+            return own
+        return FORMS[form](row)
+
+    found = []
+    for plain in (True, False):
+        smoother.reset(begin if plain else begin.tolist())
+        told = []
+        for k, form in enumerate(forms.tolist()):
+            speed = None if rates is None else rates[k].copy() if plain else FORMS[form % INTEGERS](rates[k])
+            told.append(smoother.step(goals[k].copy() if plain else formed(goals[k], form), speed))
+        found.append(told)
+    alike = [
+        one.value.tobytes() == other.value.tobytes() and one[1:] == other[1:] for one, other in zip(*found, strict=True)
+    ]
+    verdict.holds("lists and tuples are followed as arrays are", alike)
+    verdict.during("targets in lists and tuples", np.ones(len(alike), dtype=bool), smoother.dt)
 
 
 def _run_of(mask: np.ndarray) -> np.ndarray:
