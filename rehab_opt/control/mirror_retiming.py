@@ -40,7 +40,8 @@ CURVED, CLOSELY, STRAIGHT = range(3)
 """From point to point, through every tick of the plan, or straight from one to the next, too."""
 ABOUT = 20, 3
 """Ticks before and after one that breaks a bound, where the next passage goes closely and straight."""
-BROKEN = 1e-9
+BROKEN, EXACT = 1e-9, 1e-12
+"""By which a passage may break a bound, and a joint limit."""
 
 
 def retimed(tracker: MirrorTracker, plan: MirrorPath, left: Array) -> MirrorPath:
@@ -157,6 +158,9 @@ def _broken(tracker: MirrorTracker, found: MirrorPath, plan: MirrorPath) -> NDAr
     kept[1:] &= apart[1:] <= np.maximum(apart[:-1], tracker.max_deviation) + BROKEN
     turned, before = found.turns - found.short[:, 1], plan.turns - plan.short[:, 1]
     kept &= turned <= max(tracker.max_turn, before.max()) + BROKEN
+    chain, after = tracker.chain, found.q + tracker.dt * found.velocities
+    within = np.minimum(found.q, chain.lower) - EXACT <= after, after <= np.maximum(found.q, chain.upper) + EXACT
+    kept &= np.all(within, axis=(0, 2))
     change = np.abs(np.diff(found.velocities, axis=0, prepend=0.0))
     kept &= (change <= np.array(tracker.hand_bounds.change).ravel() * (1 + BROKEN)).all(axis=1)
     return np.asarray(~kept)

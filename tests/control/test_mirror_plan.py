@@ -21,6 +21,7 @@ from rehab_opt.control.reference_clock import ReferenceClock
 from rehab_opt.kinematics.vr import fit_frame, poses_of, quaternions_of, robot_from_unity
 from tests.control.mirror_campaign import LARGEST, closed_form, random_path
 from tests.control.ur5_body import clearances
+from tests.judge import mirror_plan as judge
 
 TASKS = ("pick_fruit", "refrigerator_door", "vr_hand_tracker")
 TICKS = (1e-3, 5e-3, 2e-2)
@@ -230,6 +231,12 @@ def test_a_passage_that_would_break_a_bound_is_not_taken(monkeypatch: pytest.Mon
     path = robot.plan(*hurried(dt), motions.START)
     assert np.linalg.norm(np.diff(path.poses[:, :3, 3], axis=0), axis=1).max() <= 0.25 * dt * (1 + 1e-9)
     assert path.complete
+
+
+def test_a_passage_keeps_joint_limits_between_the_points_that_it_goes_through() -> None:
+    verdict = judge.run(1, 42223020, only=56)  # 33 microradians beyond one were seen: its curve dips
+    assert verdict.ticks > 200
+    assert not verdict.kinds, verdict.broken
 
 
 def test_a_rest_out_of_reach_makes_nobody_late() -> None:
