@@ -2,6 +2,7 @@
 
 Judged with the arm of Table I (Rossa et al.) written down once more, by brute force: no random posture within limits
 and tilt has its hand nearer to an unreachable target, and none of those near an answer holds the hand for less cost.
+And for a robot's arm whose wrist is held: off its singular postures three joints follow a hand in one way only.
 """
 
 from __future__ import annotations
@@ -12,8 +13,10 @@ import math
 import numpy as np
 from scipy.optimize import minimize
 
-from rehab_opt import ArmIK, human_arm
+from rehab_opt import ArmIK, human_arm, ur5
 from tests.judge.numbering import numbered
+from tests.judge.ur5_numbers import LIMIT, jacobian, tool
+from tests.judge.ur5_numbers import READY as ROBOT_READY
 from tests.judge.verdict import Promise, Verdict
 
 PROMISES = (
@@ -34,10 +37,11 @@ PROMISES = (
     Promise("rehab_opt/control/ik_answer.py", "[m] distance from the hand to the target; infinite where the target is "
             "not a number."),
     Promise("rehab_opt/control/ik_answer.py", "[rad] angle between the handle and the vertical."),
+    Promise("rehab_opt/control/arm_ik.py", "A posture is left for another branch only where it cannot be continued;"),
 )  # fmt: skip
 LEAST = {"status ok": 141_000, "status unreachable": 28_000, "status holding": 2000, "range regular": 100_000,
          "range restricted": 66_000, "followed": 66_000,
-         "a tilt that cannot be held": 20_000}  # fmt: skip
+         "a tilt that cannot be held": 20_000, "a robot's posture continued": 300_000}  # fmt: skip
 CI_TICKS = 300
 SHARE = 0.008
 LENGTHS = (0.130, 0.290, 0.300, 0.070)
@@ -57,6 +61,12 @@ MEAN = 0.1
 """By which two means of w^2, of a few thousand postures each, may differ."""
 PLACE = 1e-6
 """[m] A hand nearer than this is in place."""
+PATHS, SAMPLES, SMALL = 8, 6, 64
+"""Of a robot's arm, and postures in its table: few, so that a search from there ends on other branches."""
+SINGULAR = 0.1
+"""[m/rad] What the three joints move the hand by, at least: from there a path's steps lead to no other branch."""
+TIMES = 1.1
+"""Of the path's own largest step: the posture that is continued is the path; on other branches joints are rad away."""
 
 
 def hand(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -170,6 +180,27 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
         verdict.during(f"status {each}", status == each, 1.0)
     verdict.during(f"range {name}", np.ones(len(q), dtype=bool), 1.0)
     verdict.during("followed", np.arange(len(q)) >= 40, 1.0)
+    continued(verdict, rng)
+
+
+def continued(verdict: Verdict, rng: np.random.Generator) -> None:
+    """A UR5 with its wrist held, led along paths of its joints: no branch is left. No ticks: a slice keeps its arms."""
+    held = ROBOT_READY + rng.uniform(-0.5, 0.5, 6)
+    lower, upper = -LIMIT, LIMIT.copy()
+    lower[3:] = upper[3:] = held[3:]
+    robot = dataclasses.replace(ur5(), lower=lower, upper=upper)
+    ik = ArmIK(robot, handle_tilt=None, table_size=SMALL, compile=False)
+    for _ in range(PATHS):
+        first, way = held.copy(), np.zeros(6)
+        first[:3] = ROBOT_READY[:3] + rng.uniform(-0.5, 0.5, 3)
+        first[0], way[:3] = rng.uniform(-3.0, 3.0), rng.uniform(-0.1, 0.1, 3)
+        path = first + np.linspace(0, 1, SAMPLES)[:, None] * way
+        if np.linalg.svd(jacobian(path)[:, :3, :3], compute_uv=False).min() < SINGULAR:
+            continue
+        answer = ik.follow(tool(path)[:, :3, 3], first)
+        own, steps = np.diff(path, axis=0), np.diff(answer.q, axis=0, prepend=first[None])
+        verdict.within("step of a posture that can be continued [rad]", np.abs(steps), TIMES * np.abs(own).max())
+        verdict.during("a robot's posture continued", np.ones(SAMPLES, dtype=bool), 1.0)
 
 
 def dexterous(verdict: Verdict, rng: np.random.Generator) -> None:

@@ -9,6 +9,8 @@ A tick is *strict* where |hand| <= 1.02, against <= 0.02 and across <= 0.05. Oth
 of consecutive ticks that are not strict lasts at most T, and in it along <= 1.02, against <= 0.15 and across <= 0.15.
 Where the hand does less than 2 % of the command for the last second of a run, it has stopped, and then no velocity
 within the true bounds leads the hand exactly along the command at 5 % of it: see `Chair.fastest`.
+
+Now and then an arm alone, slow to stop, is led at keep-outs: see `judge_standing`.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ from numpy.typing import NDArray
 
 from rehab_opt import RedundancyResolver
 from tests.judge.chair_claims import judge_ticks
-from tests.judge.chair_robot import Obstacles
+from tests.judge.chair_robot import Array, Chair, Obstacles
 from tests.judge.chair_runs import (
     OTHER_SETS,
     READY,
@@ -80,8 +82,9 @@ LEAST = {
     "begun in motion": 20,
     "run again after a reset": 5e3,
     "status ok": 5e5,
+    "stands before a keep-out": 25,
 }
-CI_TICKS = 16_000
+CI_TICKS = 18_000
 SHARE = 3.0
 DT = 0.01
 SIZE, AGAINST, ACROSS = 0.02, 0.02, 0.05
@@ -92,6 +95,15 @@ SAME, AGAIN = 1e-6, 5
 """[m/s, rad/s] between a run and the same again, of one run in so many: a solver may begin from another guess."""
 OTHERS = 13
 """One run in this many is of a random robot."""
+STANDING, LED = 26, 3
+"""One run in this many is of so many commands that lead an arm to keep-outs."""
+LONG, HELD = 0.02, 10.0
+"""[s] Their ticks: in long ones an arm stops further off; and how long each is held, in 1.1 T."""
+BESIDE, FAR, WELL = 0.03, 0.3, 0.1
+"""[m] An arm nearer than this is stopped by a keep-out; [rad] its joints are that far from their limits at least, and
+[m/rad] the hand that far from singular postures."""
+RESTS = 2e-5
+"""[m/s] A slower hand stands, but for the end of braking in proportion: that comes nearer by 1.1 T of it."""
 
 
 def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
@@ -109,6 +121,9 @@ def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
 
 def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     """The two known runaways first, then random ones."""
+    if number % STANDING == 2:
+        led_to_keep_outs(verdict, number, rng)
+        return
     if number < 2:
         rows = (("x", "y"), ("x", "y", "z"))[number]
         twist = np.array(([-0.0567, 0.0399], [-0.1104, 0.072, -0.0123])[number])
@@ -141,6 +156,57 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     verdict.during("begun in motion", np.array([bool(u.any()) or len(parts) > 1]), dt)
     for part, span in zip(parts, recorded.slices, strict=True):
         judge_law(recorded, verdict, part, span)
+
+
+def led_to_keep_outs(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
+    """An arm on a chair that stands, whose last joint takes long to stop, and so all do."""
+    acceleration = np.append(Chair().acceleration[:6], rng.uniform(0.8, 1.5))
+    chair, rows = Chair("fixed", acceleration=acceleration), SETS[0]
+    made = RedundancyResolver(chair.robot(), drive="fixed", row_sets=(rows,), dt=LONG, max_obstacles=0, compile=False)
+    verdict.begin(number, f"last joint's acceleration {acceleration[6]:.3f}, led to keep-outs")
+    for _ in range(LED):
+        q, way = towards_keep_out(chair, rng)
+        parts = [Part(rows, "chassis", held(rng.uniform(0.05, 0.1) * way, HELD * 1.1 * chair.braking_time, LONG))]
+        recorded = record(made, Run(chair, LONG, np.zeros(7), parts, arcs=False), q)
+        judge_ticks(recorded, verdict)
+        judge_standing(recorded, verdict)
+
+
+def towards_keep_out(chair: Chair, rng: np.random.Generator) -> tuple[Array, Array]:
+    """(7,) an arm 4 to 7 cm off a keep-out, free to go on; (3,) about the way of its hand that leads there."""
+    for _ in range(10_000):
+        q = np.zeros(7)
+        q[3:] = rng.uniform(chair.lower + 2 * FAR, chair.upper - 2 * FAR)
+        gaps, task = chair.arm_gaps(q), chair.task(q, SETS[0], "chassis")[:, 3:6]
+        if 0.04 < gaps.min() < 0.07 and np.linalg.svd(task, compute_uv=False).min() > 1.5 * WELL:
+            nearer = chair.arm_gaps(q - 1e-6 * np.eye(7)[3:6]) - chair.arm_gaps(q + 1e-6 * np.eye(7)[3:6])
+            way = np.linalg.solve(task.T, nearer[:, gaps.argmin()])
+            way = way / np.linalg.norm(way) + 0.1 * rng.standard_normal(3)
+            return q, way / np.linalg.norm(way)
+    raise ValueError("no posture beside a keep-out found")
+
+
+def judge_standing(run: Run, verdict: Verdict) -> None:
+    """An arm that a keep-out alone stops stands no further off than is said, and by what all joints change in one tick.
+
+    Braking in proportion has no end: what is left of the way is 1.1 T of its speed, and that is less than it was in the
+    mean of the last second.
+    """
+    chair, second = run.chair, round(1.0 / run.dt)
+    q = run.q[-second - 1 :]
+    gaps, arm = chair.arm_gaps(q), q[-1, 3:6]
+    speed = np.linalg.norm(np.diff(chair.hand(q), axis=0), axis=1).max() / run.dt
+    room = np.minimum(chair.upper[:3] - arm, arm - chair.lower[:3]).min()
+    least = np.linalg.svd(chair.task(q[-1], SETS[0], "chassis")[:, 3:6], compute_uv=False).min()
+    nearest = gaps[:, gaps[-1].argmin()]
+    if not (nearest[-1] < BESIDE and speed < RESTS and room > FAR and least > WELL):
+        return
+    time, reach = 1.1 * chair.braking_time, chair.d5 + chair.d7
+    left = time * max(nearest[0] - nearest[-1], 0.0)
+    said = 1e-3 + reach * (time * chair.acceleration[3:6].max() * run.dt) ** 2 / 2
+    tick = reach * (run.dt**2 * chair.acceleration[chair.moving].sum()) ** 2 / 2
+    verdict.within("an arm stands further before a keep-out than is said [m]", nearest[-1] - left, said + tick)
+    verdict.during("stands before a keep-out", np.array([True]), run.dt)
 
 
 def judge_again(made: RedundancyResolver, run: Run, verdict: Verdict) -> None:

@@ -2,7 +2,8 @@
 
 Judged with the arm of Table I in plain numpy, somewhere beside the robot: where the reference is within the range of
 motion the robot's hand is at it; where it is beyond, the hand comes to rest at a pose that some posture within the
-range has, and no posture near that one is nearer to the reference, a radian counting as a tenth of a metre.
+range has, and no posture near that one is nearer to the reference, a radian counting as a tenth of a metre. Who
+does not say from which posture the first one is found says the middle of the range of motion.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import math
 import numpy as np
 from scipy.optimize import least_squares
 
-from rehab_opt import Interaction, MirrorTracker, human_arm, ur5
+from rehab_opt import Interaction, MirrorTracker, SerialChain, human_arm, ur5
 from tests.judge.arm_ik_answers import RANGES, hand_pose
 from tests.judge.numbering import numbered
 from tests.judge.references import good_posture, minimum_jerk
@@ -27,8 +28,10 @@ PROMISES = (
             "follows to, joint by joint."),
     Promise("rehab_opt/control/person_limit.py", "The model arm keeps its joint limits exactly and never jumps; where "
             "the pose is within its range it is given back, but for a lag of the model below a millimetre."),
+    Promise("rehab_opt/control/person_limit.py", "posture from which the first pose is found; default the middle of "
+            "the range of motion."),
 )  # fmt: skip
-LEAST = {"within the range": 50_000, "beyond the range": 50_000, "judged at rest": 500}
+LEAST = {"within the range": 50_000, "beyond the range": 50_000, "judged at rest": 500, "told the middle": 30_000}
 CI_TICKS = 3600
 SHARE = 0.05
 TURN = 0.1
@@ -41,6 +44,12 @@ STARTS = 40
 """Postures at most from which one with the hand's pose is looked for: a least square may end beside it."""
 NEAREST = 0.02
 """[m] by which another posture may be nearer."""
+TOLD = 4
+"""One person in this many is judged once more by a tracker that is told the middle of the range, for `BOTH` ticks."""
+BOTH = 100
+"""The posture is found in the first of them; the reach has begun before the last."""
+SAME = 1e-6
+"""[m, rad, rad/s] between the two: they are given the same numbers but for rounding."""
 
 
 def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
@@ -71,17 +80,24 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     twists[1:, :3] = np.diff(poses[:, :3, 3], axis=0) / dt
     twists[1:, 3:] = turn_between(poses[1:, :3, :3], poses[:-1, :3, :3]) / dt
     arm = dataclasses.replace(human_arm(range_of_motion="regular"), base=base)
-    control = MirrorTracker(
-        ur5(acceleration=np.full(6, 30.0), velocity=np.full(6, 3.0)), person=arm, grip=grip, dt=dt,
-        max_manipulability=LARGEST, floor=0.05, linear_speed=1.0, angular_speed=3.0, interaction=Interaction(),
-        compile=False,
-    )  # fmt: skip
+    control = tracker(arm, grip, dt)
     verdict.begin(number, "beyond the range" if beyond else "within the range")
-    q, commands = np.empty((len(part) + 1, 6)), []
+    q, commands, short = np.empty((len(part) + 1, 6)), [], []
     q[0] = start
     for k, (pose, twist) in enumerate(zip(poses, twists, strict=True)):
         commands.append(control.step(q[k], pose, twist))
+        short.append((*control.short, *control.beyond_person))
         q[k + 1] = q[k] + dt * commands[-1].value
+    if number % TOLD == 1:
+        told = tracker(arm, grip, dt, (lower + upper) / 2)
+        speeds, left = np.empty((BOTH, 6)), np.empty((BOTH, 4))
+        for k in range(BOTH):
+            speeds[k] = told.step(q[k], poses[k], twists[k]).value
+            left[k] = *told.short, *told.beyond_person
+        usual = np.array([each.value for each in commands[:BOTH]])
+        verdict.within("told the middle of the range: another command [rad/s]", np.abs(speeds - usual), SAME)
+        verdict.within("told the middle of the range: short by another [m, rad]", np.abs(left - short[:BOTH]), SAME)
+        verdict.during("told the middle", np.arange(len(part)) < BOTH, dt)
     answers = verdict.answers(commands, dt)
     finding = np.char.find(answers.reason, "finds its posture") >= 0
     verdict.within("ticks until the person's posture is found", finding.sum(), FOUND)
@@ -106,6 +122,15 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
         _, best = nearest(asked, posture, lower, upper)
         verdict.within("another posture is nearer to the reference by [m]", away(goal, asked) - best, NEAREST)
         verdict.during("judged at rest", np.arange(len(part)) >= len(part) - 20, dt)
+
+
+def tracker(arm: SerialChain, grip: np.ndarray, dt: float, person_start: np.ndarray | None = None) -> MirrorTracker:
+    """One for a UR5 that is quick enough not to matter."""
+    return MirrorTracker(
+        ur5(acceleration=np.full(6, 30.0), velocity=np.full(6, 3.0)), person=arm, grip=grip, person_start=person_start,
+        dt=dt, max_manipulability=LARGEST, floor=0.05, linear_speed=1.0, angular_speed=3.0, interaction=Interaction(),
+        compile=False,
+    )  # fmt: skip
 
 
 def rigid(vector: np.ndarray, place: np.ndarray) -> np.ndarray:
