@@ -135,7 +135,7 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator, *, faults: 
     refused = np.char.startswith(answers.reason, "target is more than # s away")  # none of these is
     verdict.holds("a target is too far only if it is so", ~refused | (wrong.kind == "target"))
     verdict.holds("a safe command has a reason", (answers.reason != "") | ~safe)
-    still = (ahead == q).all(axis=1)
+    still = (np.abs(ahead - q) <= size).all(axis=1)  # a last bit may be rounded otherwise
     holding = answers.status == "holding"
     verdict.holds("holding is being at rest", ~told.any(axis=1) | ~holding)
     verdict.holds("what holds stands still", still | ~(holding & np.r_[False, holding[:-1]]))
