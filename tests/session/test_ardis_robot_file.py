@@ -149,7 +149,7 @@ def test_a_link_that_is_a_ball_stays_out_of_the_user() -> None:
     resolver = RedundancyResolver(robot, drive="fixed", dt=0.01, row_sets=[rows], compile=False)
     q = np.concatenate([np.zeros(3), np.deg2rad([-105.9, -72.0, -59.9, -112.0, -33.0, -57.3, 0.0])])
     nearest = np.inf
-    for _ in range(700):
+    for _ in range(1000):
         command = resolver.step(q, [-0.14, 0.05, 0.03], rows)
         assert command.status.certified
         q = q + 0.01 * command.value
