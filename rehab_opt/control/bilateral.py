@@ -44,10 +44,13 @@ class Bilateral(OneThread):
 
     Raises
     ------
-    ConfigurationError : ticks that differ, a delay that is none.
+    ConfigurationError : what is no such side, ticks that differ, a delay that is none.
     """
 
     def __init__(self, helper: HelperSide, participant: ParticipantSide, *, delay: float = 0.0) -> None:
+        for argument, side, kind in (("helper", helper, HelperSide), ("participant", participant, ParticipantSide)):
+            if not isinstance(side, kind):
+                raise ConfigurationError(argument, side, f"a {kind.__name__}")
         if helper.force.dt != participant.force.dt:
             raise ConfigurationError(
                 "helper", helper.force.dt, f"a tick as the participant's, {participant.force.dt} s"

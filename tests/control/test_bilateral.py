@@ -268,6 +268,10 @@ def test_bad_configuration_is_named() -> None:
         HelperSide("map")  # type: ignore[arg-type]
     with pytest.raises(ConfigurationError, match="stiffness"):
         ParticipantSide(carry(), comfortable=shape("restricted"), stiffness=-1.0)
+    with pytest.raises(ConfigurationError, match="helper"):
+        Bilateral(None, None)  # type: ignore[arg-type]
+    with pytest.raises(ConfigurationError, match="participant"):
+        Bilateral(sides(BUDGET)[0], sides(BUDGET)[0])  # type: ignore[arg-type]
     with pytest.raises(ConfigurationError, match="delay"):
         pair(delay=math.nan)
     with pytest.raises(ConfigurationError, match="tick"):

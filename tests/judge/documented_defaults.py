@@ -14,6 +14,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
+from rehab_opt import RehabOptError
 from rehab_opt import __all__ as exported
 from rehab_opt.control.conditioning import Conditioner, conditioned
 from rehab_opt.control.hand_bounds import HandBounds
@@ -127,5 +128,5 @@ def entered(public: Callable[..., Any], numbers: Mapping[str, object]) -> None:
         if each.default is each.empty and each.kind is not each.VAR_KEYWORD
     }
     if numbers:
-        with contextlib.suppress(Exception):  # what is refused, and how, others judge
+        with contextlib.suppress(RehabOptError):  # what is refused, others judge
             public(**(needed | {next(iter(numbers)): math.nan}))
