@@ -151,6 +151,17 @@ class HandTask:
         error -= clipped(ca.dot(direction, error), 0, speed) * direction
         off = ca.if_else(size > 0, ca.norm_2(error), 0)  # without a command the whole robot brakes
 
+        stop_rows = self._stop_rows(
+            q,
+            last.velocity,
+            jacobian,
+            direction,
+            size,
+            left=ca.norm_2(turning),
+            world=world,
+            base=base,
+            braking=braking,
+        )
         steep = ca.fmin(ca.fabs(ca.dot(direction, part * y + (1 - part) * x)), STEEP)
         insistence = self._insistence(last, along, size, dt)
         return {
@@ -164,7 +175,7 @@ class HandTask:
             "insistence": insistence,
             "error": ca.if_else(off > TINY, error / ca.fmax(off, TINY), 0),
             "off": ca.if_else(off > TINY, off, 0),
-            **self._stop_rows(q, last.velocity, jacobian, direction, size, world=world, base=base, braking=braking),
+            **stop_rows,
             "guess": part * law + (1 - part) * kept - self._spread(soft @ pull),
             "multipliers": pull - part * change - (1 - part) * x,
         }
@@ -177,6 +188,7 @@ class HandTask:
         direction: ca.SX,
         size: ca.SX,
         *,
+        left: ca.SX,
         world: ca.SX,
         base: ca.SX,
         braking: BrakingTogether,
@@ -185,6 +197,10 @@ class HandTask:
 
         By its tangent at `slower`, since z = q + T u moves with u. The velocities are those of the chassis as it stands
         there, and so is what the stick commands in the chassis frame.
+
+        left : [m/s or rad/s] what may be left off the command after this tick: as much may be left there. A robot far
+        faster than its command is else kept so by these rows, which are tangents: a hand was 0.6 of its command across
+        when T + 1 s had gone by.
         """
         slower = braking.slower(last)
         stop = self._at_stop(q, braking.time * slower, world)
@@ -196,7 +212,7 @@ class HandTask:
         along_then = ca.fmin(along_row @ base, along_row @ slower) + along_fixed
         across_least = ca.fmin(across @ base, across @ slower) + across_fixed
         across_most = ca.fmax(across @ base, across @ slower) + across_fixed
-        back, straight = (ca.if_else(size > 0, part * size, FAR) for part in (BACK, STRAIGHT))
+        back, straight = (ca.if_else(size > 0, ca.fmax(part * size, left), FAR) for part in (BACK, STRAIGHT))
         return {
             "along": ca.densify(along_row.T),
             "along_lower": ca.fmin(along_then, -back) - along_fixed,

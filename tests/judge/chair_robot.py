@@ -47,6 +47,8 @@ BARELY = 2e-4
 TURNED = 0.15
 """Fraction of the commanded speed that a hand may move against the command, or across it, while it brakes."""
 PARTS = (1.0, 0.5, 0.25, 0.12, 0.06, 0.03)
+BOWED, EXACT = 5, 0.05
+"""Programmes that lead the hand along the command in the mean of a tick, and how exactly, as a part of its speed."""
 Obstacles = Sequence[Disc | HalfPlane]
 
 
@@ -255,7 +257,8 @@ class Chair:
 
         Of the velocities that could be scaled to zero in T with every bound kept, to first order: so a distance of
         room allows 2 room/T; the last `STAND_OFF` or `stand_off` before a thing is no room. Nearest points that jump
-        are met by further rows where the answer leads into them. Then the part of it, of `PARTS`, whose way keeps them.
+        are met by further rows where the answer leads into them. Then the part of it, of `PARTS`, whose way keeps them,
+        and that leads the hand along the command in the mean of a tick.
         """
         half = self.braking_time / 2
         task = self.task(q, rows, frame)
@@ -311,15 +314,22 @@ class Chair:
         share = np.vstack([np.eye(7), -np.eye(7)])
         each = np.vstack([np.column_stack([share, -np.tile(speed, 2)]), np.column_stack([np.vstack(rows_a), np.zeros(
             sum(map(len, rows_a)))])])  # fmt: skip
+        # And a tick is no moment: turning, the hand leaves the direction that it has at its begin.
         for part in PARTS:
-            calm = linprog(
-                np.append(np.zeros(7), 1.0), each, np.concatenate([np.zeros(14), *limits]),
-                np.column_stack([task, np.zeros(len(task))]), part * best * np.asarray(twist),
-                np.column_stack([np.append(lower[:7], 0.0), np.append(upper[:7], np.inf)]), method="highs",
-            )  # fmt: skip
-            if calm.status != 0:
+            wanted, bow = part * best * np.asarray(twist), np.zeros(len(task))
+            for _ in range(BOWED):
+                calm = linprog(
+                    np.append(np.zeros(7), 1.0), each, np.concatenate([np.zeros(14), *limits]),
+                    np.column_stack([task, np.zeros(len(task))]), wanted - bow,
+                    np.column_stack([np.append(lower[:7], 0.0), np.append(upper[:7], np.inf)]), method="highs",
+                )  # fmt: skip
+                if calm.status != 0:
+                    break
+                u = calm.x[:7]
+                exact = self.hand_velocity(q[None], (q + dt * self.world(q, u))[None], dt, rows, frame)[0]
+                bow = exact - task @ u
+            if calm.status != 0 or not np.linalg.norm(exact - wanted) <= EXACT * np.linalg.norm(wanted):
                 continue
-            u = calm.x[:7]
             way = self.braked(q, u, 0.0)
             there = gaps(way)[:, np.isfinite(now)]
             left = np.linspace(1.0, 0.0, len(way))[:, None] * u

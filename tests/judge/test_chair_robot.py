@@ -85,6 +85,21 @@ def test_linear_programme_knows_what_is_possible_and_what_is_not() -> None:
     )
 
 
+def test_a_hand_beside_the_wheels_goes_forward_with_them_but_not_ahead_by_turning_for_longer_than_a_moment() -> None:
+    """y of the hand is (px sin a - py (1 - cos a)) / dt for a turn by a in a tick: at most px^2 / (2 py dt)."""
+    turned = np.tile(READY, (4000, 1))
+    turned[:, 3] += np.linspace(-2.0, 2.0, len(turned))
+    q = turned[np.abs(CHAIR.hand(turned)[:, 0] - 0.003).argmin()]
+    px, py, _ = CHAIR.hand(q)
+    assert px == pytest.approx(0.003, abs=1e-3)
+    assert abs(py) > 0.3
+    locked, dt = Chair(lower=q[3:], upper=q[3:]), 0.02
+    speed = px**2 / (2 * abs(py) * dt)
+    asked = np.array([0.0, 0.001, 0.0])
+    assert 0.25 * speed <= 0.001 * locked.fastest(q, asked, ("x", "y", "z"), "chassis", dt=dt) <= speed
+    assert locked.fastest(q, asked, ("x", "y", "z"), "chassis", dt=1e-6) == pytest.approx(1.0)
+
+
 def test_motions_to_begin_from_can_be_braked_and_fast_ones_before_a_wall_cannot() -> None:
     rng = np.random.default_rng(5)
     q = posture(CHAIR, rng, ready=1.0)
