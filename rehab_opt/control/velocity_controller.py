@@ -130,6 +130,8 @@ class VelocityController(OneThread, ABC):
     """Part of the memory that goes to wheels, None where there are none."""
     base: ClassVar[int] = 0
     """How many of the first joints are the place of a base that need not be measured, and is led by no `feedback`."""
+    watched: ClassVar[bool] = True
+    """Whether a joint that does not follow is a fault, where there is no `feedback`."""
 
     @property
     def watch(self) -> ca.Function:
@@ -137,12 +139,12 @@ class VelocityController(OneThread, ABC):
         return watched_joints(self.chain, dt=self.dt, base=self.base)
 
     def beside(self) -> ca.Function:
-        """See `fused`: `watch` on the positions and the command that led there; nothing of joints that are led."""
+        """See `fused`: `watch` on the positions and the command that led there, where those are watched."""
         n, watch = self.chain.n, self.watch
         p, memory = ca.MX.sym("p", self.stated.parameter_size), ca.MX.sym("memory", self.stated.memory.numel())
         watched = ca.MX.sym("watched", watch.numel_in(0))
         after, apart = watched, ca.MX(0)
-        if self.feedback is None:
+        if self.watched and self.feedback is None:
             after, apart = watch(watched, p[:n], memory[slice(n) if self.sent is None else self.sent])
         return ca.Function("beside", [p, memory, watched], [after, apart])
 
@@ -301,9 +303,9 @@ class VelocityController(OneThread, ABC):
     def _not_following(self) -> str:
         """Which joint does not follow, asked in each tick whose fused answer is not taken: with it, the function asks.
 
-        Empty where all do, and where joints are led: see `_led`.
+        Empty where all do, where none is `watched`, and where joints are led: see `_led`.
         """
-        return self._watch.fault() if self._feedback is None else ""
+        return self._watch.fault() if self.watched and self._feedback is None else ""
 
     def _led(self, decided: Callable[[str, str], Command]) -> Command:
         """What `decided` makes of where the joints are led, put in place of what was measured, of a fault and a note.

@@ -23,6 +23,7 @@ from rehab_opt import (
     ur5,
 )
 from rehab_opt.control.manipulability import WayOut, drawn_ways, largest_manipulability
+from rehab_opt.control.person_limit import PersonLimit
 from tests.control import mirror_campaign
 from tests.control.mirror_campaign import LARGEST, Array, closed_form
 from tests.control.ur5_body import clearances
@@ -514,6 +515,21 @@ def test_a_hand_is_not_pulled_where_the_persons_joints_do_not_go() -> None:
             model[free] = found
     assert far > 0.02  # the reference did leave the range of motion
     assert errors(chain.pose(q), centre)[0] < 3.0
+
+
+def test_the_model_of_the_arm_goes_on_after_tries_that_were_not_taken() -> None:
+    """Each leads its joints somewhere, and they are put back."""
+    arm = human_arm(range_of_motion="regular")
+    middle = (arm.lower + arm.upper) / 2
+    model, aim = PersonLimit(arm, grip=np.eye(4), dt=5e-3, start=middle, compile=False), arm.pose(middle + 0.1)
+    assert model.settle(arm.pose(middle))
+    posture = model.q
+    for _ in range(100):
+        model.q = posture
+        model.limited(aim, REST)
+    for _ in range(300):
+        found, _ = model.limited(aim, REST)
+    assert errors(found, aim)[0] < 0.1
 
 
 def test_a_push_slows_the_clock_yields_stands_still_at_the_limit_and_stops_beyond() -> None:

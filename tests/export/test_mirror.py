@@ -102,6 +102,7 @@ def test_any_motion_with_faults_and_forces_gives_the_commands_of_python(
     @example(6)  # steps are shortened, of both
     @example(27)  # and here: one of them may change with rounding
     @example(7117)  # a live tick that ends in a fault at rest told the manipulability of the answer that was not taken
+    @example(559434)  # tries of the led arm's model that were not taken counted in Python as joints that do not follow
     @given(seed=st.integers(0, 2**32 - 1))
     def run(seed: int) -> None:
         twins = Twins(libraries[name], trackers[name])
