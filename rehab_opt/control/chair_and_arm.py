@@ -55,7 +55,7 @@ class ChairAndArm(VelocityController):
     min  1/2 (u - t)'W(u - t) + (T/dt) 0.005 |u - b|^2 - price progress + 10 price off     over u, progress, off
     s.t. J u = w + progress r/|r| + off e/|e|,   0 <= progress <= |r|,  0 <= off <= |e|
          |u - u_last| <= acceleration dt,  the bounds of `ChairLimits`,  and of the hand at the stop posture z
-         -0.05 |r| <= (r/|r|)'J(z) u,  |(1 - rr'/|r|^2) J(z) u| <= 0.3 |r|
+         -max(0.05 |r|, |w|) <= (r/|r|)'J(z) u,  |s'J(z) u| <= max(0.27 |r|, |w|) for s square to r
 
     u are the joint velocities with the chair's in the chassis frame (forward, left, turn), in which neither W nor the
     arm's Jacobian knows where the chair stands: that a turned or shifted scene changes nothing is by construction, and

@@ -61,8 +61,7 @@ class RedundancyResolver(OneThread):
     late for that, or within 2 mm; with ticks of more than 20 ms, within what the chair turns by in one. Under a
     constant command the hand, after T + 1 s, is no faster than commanded by more than 2 % and moves no faster than 2 %
     of that against it. While it brakes before a bound it may leave the direction, by less than 15 % of the commanded
-    speed across and against it, since the Jacobian changes on the way. Of 2680 random runs one, begun far faster than
-    its command, was across it for longer, and one stopped too soon. Where the bounds leave nothing of the command,
+    speed across and against it, since the Jacobian changes on the way. Where the bounds leave nothing of the command,
     the status is `BLOCKED`. What is delivered is said of the middle of the tick, to where the last velocity leads by
     then, and of velocities that are held through it: wheels that hold their speeds instead turn the chair's way within
     a tick, by half of what the chair turns.
