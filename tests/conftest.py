@@ -31,8 +31,9 @@ settings.load_profile("rehab_opt")
 
 
 LONG = (
-    "judge/test_judge.py", "export/test_recorded_runs.py", "control/test_redundancy.py", "session/test_scenarios.py",
-    "session/test_mirror.py", "test_cli.py", "control/test_mirror.py", "control/test_arm_ik.py",
+    "judge/test_judge.py", "export/test_recorded_runs.py", "session/test_scenarios.py", "control/test_redundancy.py",
+    "export/test_own_controllers.py", "session/test_mirror.py", "test_cli.py", "export/test_mirror.py",
+    "control/test_clearance.py", "control/test_mirror.py", "workspace/test_variation.py",
 )  # fmt: skip
 """Files of half a minute and more, the longest first."""
 
