@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, wraps
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -28,12 +28,13 @@ from rehab_opt.symbolic.shared import Evaluator, PerThread
 __all__ = ["SerialChain", "per_joint"]
 
 Array = NDArray[np.float64]
+Expression = TypeVar("Expression", bound=Callable[..., Any])
 MOST_WRITTEN = 64
 """Expressions that are kept."""
 _written: PerThread[dict[tuple[Any, ...], ca.Function]] = PerThread(dict)
 
 
-def _written_once(expression: Callable[..., Any]) -> Callable[..., Any]:
+def _written_once(expression: Expression) -> Expression:
     """An expression of joint values, written once for all chains of the same rows, base and tool, and then copied.
 
     Written anew at every use it was half the time that a controller takes to be made. In each thread its own: CasADi
@@ -54,7 +55,7 @@ def _written_once(expression: Callable[..., Any]) -> Callable[..., Any]:
         copies = known[key].call([ca.SX(q)])
         return copies if len(copies) > 1 else copies[0]
 
-    return copied
+    return copied  # type: ignore[return-value]
 
 
 @dataclass(frozen=True, eq=False)
