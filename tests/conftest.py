@@ -1,7 +1,12 @@
 """What every test may use."""
 
+import fcntl
+import hashlib
 import os
+import pickle
 from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 # Before numpy is loaded: on busy cores its second thread costs as much again, in matrices of a few rows.
@@ -13,7 +18,7 @@ from hypothesis import settings
 # The recordings' fixture lives beside the tests that read most of them.
 from tests.session.conftest import recorded
 
-__all__ = ["machine_code", "recorded", "shipped", "workspaces_once"]
+__all__ = ["among_workers", "machine_code", "one_at_a_time", "recorded", "shipped", "workspaces_once"]
 
 # A controller's code takes as long to compile as 50 000 of its ticks to run: see `machine_code`.
 os.environ.setdefault("REHAB_OPT_COMPILE", "0")
@@ -26,8 +31,9 @@ settings.load_profile("rehab_opt")
 
 
 LONG = (
-    "judge/test_judge.py", "export/test_recorded_runs.py", "control/test_redundancy.py", "session/test_scenarios.py",
-    "session/test_mirror.py", "test_cli.py", "control/test_mirror.py", "control/test_arm_ik.py",
+    "judge/test_judge.py", "export/test_recorded_runs.py", "session/test_scenarios.py", "control/test_redundancy.py",
+    "export/test_own_controllers.py", "session/test_mirror.py", "test_cli.py", "export/test_mirror.py",
+    "control/test_clearance.py", "control/test_mirror.py", "workspace/test_variation.py",
 )  # fmt: skip
 """Files of half a minute and more, the longest first."""
 
@@ -42,9 +48,26 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: next((i for i, file in enumerate(LONG) if f"tests/{file}::" in item.nodeid), len(LONG)))
 
 
+@pytest.fixture(scope="session")
+def among_workers(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of this run for what its workers share."""
+    base = tmp_path_factory.getbasetemp()
+    folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "shared"
+    folder.mkdir(exist_ok=True)
+    return folder
+
+
+@contextmanager
+def one_at_a_time(lock: Path) -> Iterator[None]:
+    """Other workers that come to the same place wait."""
+    with lock.open("w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield
+
+
 @pytest.fixture(autouse=True, scope="session")
-def workspaces_once() -> Iterator[None]:
-    """The workspace of an arm that many tests' problem files have is searched once in a process, for 4 s each.
+def workspaces_once(among_workers: Path) -> Iterator[None]:
+    """The workspace of an arm that many tests' problem files have is searched once in a run, for 4 s each.
 
     Whether a search finds the same again is asked of `planar_workspace` itself, in tests/workspace.
     """
@@ -54,7 +77,13 @@ def workspaces_once() -> Iterator[None]:
 
     def once(arm: Any, **asked: Any) -> Any:
         key = repr((arm.rows, *(each.tolist() for each in (arm.lower, arm.upper, arm.base, arm.tool)), asked))
-        return found[key] if key in found else found.setdefault(key, search(arm, **asked))
+        if key not in found:
+            file = among_workers / f"workspace_{hashlib.sha256(key.encode()).hexdigest()}"
+            with one_at_a_time(file.with_suffix(".lock")):
+                if not file.exists():
+                    file.write_bytes(pickle.dumps(search(arm, **asked)))
+            found[key] = pickle.loads(file.read_bytes())
+        return found[key]
 
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(reached, "planar_workspace", once)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, wraps
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -23,11 +23,39 @@ from rehab_opt.kinematics.link_capsules import CapsuleOnLink, LinkCapsule, check
 from rehab_opt.kinematics.real_array import real_array
 from rehab_opt.kinematics.rigid import nearest_rigid
 from rehab_opt.kinematics.robot_file.links import MJCF, URDF, Given, chain_arguments
-from rehab_opt.symbolic.shared import Evaluator
+from rehab_opt.symbolic.shared import Evaluator, PerThread
 
 __all__ = ["SerialChain", "per_joint"]
 
 Array = NDArray[np.float64]
+Expression = TypeVar("Expression", bound=Callable[..., Any])
+MOST_WRITTEN = 64
+"""Expressions that are kept."""
+_written: PerThread[dict[tuple[Any, ...], ca.Function]] = PerThread(dict)
+
+
+def _written_once(expression: Expression) -> Expression:
+    """An expression of joint values, written once for all chains of the same rows, base and tool, and then copied.
+
+    Written anew at every use it was half the time that a controller takes to be made. In each thread its own: CasADi
+    counts without a lock who refers to an expression.
+    """
+
+    @wraps(expression)
+    def copied(chain: SerialChain, q: ca.SX, rows: Sequence[ChainRow] | None = None) -> Any:
+        if rows is not None:
+            return expression(chain, q, rows)
+        known, key = _written.mine, (expression, chain.rows, chain.base.tobytes(), chain.tool.tobytes())
+        if key not in known:
+            if len(known) == MOST_WRITTEN:
+                known.clear()
+            symbol = ca.SX.sym("q", chain.n)
+            found = expression(chain, symbol)
+            known[key] = ca.Function("written", [symbol], found if isinstance(found, list) else [found])
+        copies = known[key].call([ca.SX(q)])
+        return copies if len(copies) > 1 else copies[0]
+
+    return copied  # type: ignore[return-value]
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,6 +259,7 @@ class SerialChain:
         return replace(self, **{name: value for name, value in given.items() if value is not None})  # type: ignore[arg-type]
 
     # -------------------------------------------------------------------------------------------- expressions
+    @_written_once
     def frames_expression(self, q: ca.SX, rows: Sequence[ChainRow] | None = None) -> list[ca.SX]:
         """N + 2 poses (4, 4) in the base frame: before joint 1, after each row, and the tool.
 
@@ -246,11 +275,13 @@ class SerialChain:
         """(4, 4) expression of `pose`: Eq. (2), Rossa et al.; `rows` as for `frames_expression`."""
         return self.frames_expression(q, rows)[-1]
 
+    @_written_once
     def jacobian_expression(self, q: ca.SX) -> ca.SX:
         """(6, n) expression of `jacobian`."""
         frames = self.frames_expression(q)
         return self.jacobian_about(frames, frames[-1][:3, 3])
 
+    @_written_once
     def manipulability_expression(self, q: ca.SX) -> ca.SX:
         """Scalar expression of `manipulability`."""
         jacobian = self._moves_amid(q)
@@ -259,6 +290,7 @@ class SerialChain:
         gram = jacobian @ jacobian.T if self.n > 6 else jacobian.T @ jacobian
         return ca.sqrt(ca.fmax(determinant(gram), 0))
 
+    @_written_once
     def manipulability_gradient_expression(self, q: ca.SX) -> ca.SX:
         """(n,) expression of `manipulability_gradient`."""
         jacobian = self._moves_amid(q)

@@ -25,7 +25,7 @@ from tests.control.campaign import HOSTILE
 from tests.control.fault_campaign import slide_arm
 from tests.control.test_limit import TABLE, elbow_above
 from tests.export.calling_c import Built, largest_difference
-from tests.export.conftest import among_workers, built, c_compiler  # noqa: F401  (fixtures)
+from tests.export.conftest import built, c_compiler  # noqa: F401  (fixtures)
 
 Array = NDArray[np.float64]
 

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import fcntl
-import os
 import shutil
 import subprocess
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
 from rehab_opt.export.export_c import export_c
 from rehab_opt.session.files import load_problem
+from tests.conftest import one_at_a_time
 from tests.export.assisting import FORCES, exported_to
 from tests.export.calling_c import ROBOT, SECONDS, Built, Exported
 from tests.export.pairing import SIDES, exported_side_to
@@ -65,23 +62,6 @@ def chair(tmp_path_factory: pytest.TempPathFactory) -> str:
     (folder / "stick.csv").write_text(STICK)
     (folder / "chair.toml").write_text(CHAIR)
     return str(folder / "chair.toml")
-
-
-@pytest.fixture(scope="session")
-def among_workers(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder of this run for what its workers share."""
-    base = tmp_path_factory.getbasetemp()
-    folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "export"
-    folder.mkdir(exist_ok=True)
-    return folder
-
-
-@contextmanager
-def one_at_a_time(lock: Path) -> Iterator[None]:
-    """Other workers that come to the same place wait."""
-    with lock.open("w") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
-        yield
 
 
 @pytest.fixture(scope="session")

@@ -120,14 +120,14 @@ def test_a_mirror_keeps_to_its_memory_and_says_when_samples_go(
 
 
 def test_memory_that_is_too_small_is_refused_with_what_it_takes(tmp_path: Path) -> None:
-    for make, memory in ((redundant, 5000), (with_a_table, 5000)):
+    for controller in (redundant(), with_a_table()):
         with pytest.raises(ConfigurationError, match=r"memory = 5000: expected at least (\d+) bytes") as refused:
-            export_c(make(), tmp_path / "c", memory=memory)
+            export_c(controller, tmp_path / "c", memory=5000)
         least = int(re.search(r"at least (\d+)", str(refused.value))[1])  # type: ignore[index]
-        export_c(make(), tmp_path / make.__name__, memory=least)
+        export_c(controller, tmp_path / type(controller).__name__, memory=least)
     for memory in (0, -1, 1e4, True):
         with pytest.raises(ConfigurationError, match=r"memory = .*a number of bytes"):
-            export_c(with_a_table(), tmp_path / "c", memory=memory)  # type: ignore[arg-type]
+            export_c(controller, tmp_path / "c", memory=memory)  # type: ignore[arg-type]
 
 
 def test_what_cannot_become_c_is_refused_by_name(tmp_path: Path) -> None:

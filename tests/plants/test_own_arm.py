@@ -13,7 +13,7 @@ from rehab_opt.session.files import load_problem
 from rehab_opt.session.pose_tracking.run import RobotOutcome
 from rehab_opt.session.run import run_problem
 from tests.export.calling_c import Built, largest_difference
-from tests.export.conftest import among_workers, built, c_compiler  # noqa: F401  (fixtures)
+from tests.export.conftest import built, c_compiler  # noqa: F401  (fixtures)
 
 ROBOTS = Path(__file__).parents[2] / "problems/robots"
 CIRCLE = """

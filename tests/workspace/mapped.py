@@ -9,8 +9,8 @@ import numpy as np
 from shapely import Polygon, box
 
 from rehab_opt import human_arm
+from rehab_opt.session.workspaces import reached
 from rehab_opt.workspace.mapping import WorkspaceMap
-from rehab_opt.workspace.reach import planar_workspace
 from rehab_opt.workspace.region import Workspace
 
 
@@ -42,7 +42,8 @@ def sliver() -> Polygon:
 
 @cache
 def table_one(name: str) -> Workspace:
-    return planar_workspace(human_arm(range_of_motion=name))
+    """Asked for where problem files ask, which is searched once in a run: see `workspaces_once`."""
+    return reached.planar_workspace(human_arm(range_of_motion=name))
 
 
 @cache

@@ -15,7 +15,6 @@ TURN = np.linspace(0.0, 2 * np.pi, 301)[:-1]
 OUTLINES = {
     "crescent": crescent(),
     "ell": ell(),
-    "reached": shape("restricted").polygon,
     "hole": box(-0.1, 0.3, 0.1, 0.5).difference(box(-0.02, 0.38, 0.03, 0.42)),
     "parts that touch": MultiPolygon([box(-0.1, 0.3, 0.0, 0.4), box(0.0, 0.4, 0.1, 0.5)]),
     "hole that touches": Polygon(box(0, 0, 1, 1).exterior, [[(0.5, 0.0), (0.7, 0.4), (0.3, 0.4)]]),
@@ -28,9 +27,9 @@ OUTLINES = {
 }
 
 
-@pytest.mark.parametrize("name", OUTLINES)
+@pytest.mark.parametrize("name", [*OUTLINES, "reached"])
 def test_distance_side_and_nearest_point_are_those_of_shapely(name: str) -> None:
-    outline = OUTLINES[name]
+    outline = OUTLINES[name] if name in OUTLINES else shape("restricted").polygon
     edges, rng = edge_columns(outline), np.random.default_rng(len(name))
     asked = [BufferedFunction(each(len(edges))) for each in (distance_function, nearest_point_function)]
     corners = shapely.get_coordinates(outline)
