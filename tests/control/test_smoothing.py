@@ -549,6 +549,21 @@ def test_the_lag_behind_a_steady_target_is_as_documented_and_zero_with_its_veloc
         assert ticks * dt - positions[-1, 0] / speed == pytest.approx(expected, abs=dt)
 
 
+@pytest.mark.parametrize("share", [0.6, 0.9, 0.98])
+def test_a_target_that_sets_off_is_caught_up_with_in_the_time_of_the_closed_form(share):
+    """By speeding up the axis falls behind; at its bound it gains on the target; then it slows down to its speed."""
+    speed = share * V
+    up, down = V / A + A / J, 2 * math.sqrt((V - speed) / J)
+    seconds = up + ((speed - V / 2) * up - (V - speed) * down / 2) / (V - speed) + down
+    s = Smoother(velocity=V, acceleration=A, jerk=J, dt=0.01)
+    s.reset([0.0])
+    targets = speed * 0.01 * np.arange(1, 1201)[:, None]
+    behind = (targets - run(s, targets, target_velocity=[speed]))[:, 0]
+    met = round(seconds / 0.01)
+    assert behind[met - 3] > 1e-9  # not earlier
+    np.testing.assert_allclose(behind[met + 1 :], 0.0, rtol=0, atol=1e-12)
+
+
 def test_a_moving_target_is_followed_closely_with_its_velocity():
     t = DT * np.arange(1, 6001)
     s = smoother()
