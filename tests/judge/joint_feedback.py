@@ -68,9 +68,9 @@ CLOSE = 0.4
 """[rad] of a limit, from which on these joints may be slowed down for it."""
 SHOWS, FAR = 0.2, 0.03
 """[s] and [rad] of the commanded way until a joint that does not follow is told where nothing is known of the robot."""
-LOST = {"blocked": 0.0, "wrong way": -1.0, "creeping": 0.07}
+LOST = {"blocked": 0.0, "wrong way": -1.0, "creeping": 0.0797}
 """What share of its commands a joint moves that does not follow; and, below, where it is said to follow."""
-FOUND = {"sticking for 0.1 s": 0.0, "late": 1.0, "a tenth": 0.1, "ten times": 10.0}
+FOUND = {"sticking for 0.1 s": 0.0, "late": 1.0, "barely": 0.0803, "a tenth": 0.1, "ten times": 10.0}
 OVERSHOOT = 1e-4
 """[rad] of a servo beyond a limit it was led to by its own model."""
 
