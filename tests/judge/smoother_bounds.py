@@ -228,9 +228,8 @@ def meeting_seconds(
 
     def ramp(speed: np.ndarray) -> np.ndarray:
         """[s] from rest to a speed: the bound of acceleration is come to or is not."""
-        return np.where(
-            speed * jerk < acceleration**2, 2 * np.sqrt(speed / jerk), speed / acceleration + acceleration / jerk
-        )
+        touched = speed * jerk >= acceleration**2
+        return np.asarray(np.where(touched, speed / acceleration + acceleration / jerk, 2 * np.sqrt(speed / jerk)))
 
     way = way + most * (change / jerk + ramp(most) / 2)
     fastest = velocity - np.abs(pace)
