@@ -14,10 +14,13 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from rehab_opt import Interaction, MirrorTracker, ur5
 from tests.judge.mirror_floor import joint_bounds
 from tests.judge.mirror_runs import Run, runs
+from tests.judge.numbering import numbered
+from tests.judge.references import good_posture
 from tests.judge.sensor_faults import expected
-from tests.judge.ur5_numbers import tool
+from tests.judge.ur5_numbers import LARGEST, tool
 from tests.judge.verdict import Promise, Verdict
 
 Array = NDArray[np.float64]
@@ -35,22 +38,30 @@ PROMISES = (
     Promise("rehab_opt/control/interaction.py", "At `stop_at` the arm decelerates to rest, as it does without a usable "
             "force; it goes on after `hold` seconds in a row below `release` x `stop_at`."),
     Promise("rehab_opt/control/interaction.py", "[N] from which the reference slows down."),
+    Promise("rehab_opt/control/interaction.py", "Admittance of a led hand, M x'' + B x' + K x = F"),
+    Promise("rehab_opt/control/interaction.py", "[m] largest displacement of the reference."),
 )  # fmt: skip
 LEAST = {"late": 32_000, "waiting": 2000, "caught up": 176, "pushed": 20_000, "pushed to the limit": 2000,
-         "stopped": 1500, "status braking": 500, "status holding": 2000, "fault disabled": 100}  # fmt: skip
-CI_TICKS = 4500
+         "stopped": 1500, "given way to a push": 2000, "status braking": 500, "status holding": 2000,
+         "fault disabled": 100}  # fmt: skip
+CI_TICKS = 5400
 SHARE = 0.2
+GIVING, GIVEN = 300, 2e-5
+"""Ticks of a steady push, ten time constants B / K and more; [m] of what a hand gave way."""
 
 
 def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
     """Undisturbed, pushed, and with faults."""
     verdict = Verdict("mirror_waiting", seed, LEAST)
-    for each in runs(verdict, ticks // 3, only, below=0.0):
+    share = (ticks - ticks // 6) // 3
+    for each in runs(verdict, share, only, below=0.0):
         judge(verdict, each)
-    for each in runs(verdict, ticks // 3, only, below=0.0, pushed=True, first=1_000_000):
+    for each in runs(verdict, share, only, below=0.0, pushed=True, first=1_000_000):
         judge(verdict, each)
-    for each in runs(verdict, ticks // 3, only, below=0.0, faults=0.3, first=2_000_000):
+    for each in runs(verdict, share, only, below=0.0, faults=0.3, first=2_000_000):
         judge(verdict, each)
+    for number, rng in numbered(verdict, ticks // 6, only, first=3_000_000):
+        gives_way(verdict, number, rng)
     verdict.seldom_beyond_the_dual_method()
     return verdict
 
@@ -65,6 +76,29 @@ def stops(forces: Array, stop_at: float, dt: float) -> NDArray[np.bool_]:
             below += dt
         found[k] = below < 0.3 - dt / 2
     return found
+
+
+def gives_way(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
+    """A hand on a reference that stands gives way to a steady push by F / K, at most by the largest displacement."""
+    stiffness, most, dt = float(rng.uniform(300, 1500)), float(rng.uniform(0.02, 0.06)), 0.01
+    damping, push = float(rng.uniform(0.15, 0.3) * stiffness), float(rng.uniform(10, 130))
+    law = Interaction(stiffness=stiffness, damping=damping, mass=float(rng.uniform(1, 5)), most=most)
+    control = MirrorTracker(
+        ur5(velocity=2.0, acceleration=15.0), floor=0.02, max_deviation=0.2, linear_speed=1.0, angular_speed=3.0,
+        max_manipulability=LARGEST, interaction=law, dt=dt, compile=False,
+    )  # fmt: skip
+    q = good_posture(rng, 0.4)
+    pose, force = tool(q[None])[0], rng.standard_normal(3)
+    force *= push / np.linalg.norm(force)
+    verdict.begin(number, f"a push of {push:.0f} N, {stiffness:.0f} N/m, at most {most:.3f} m")
+    commands = []
+    for _ in range(GIVING):
+        commands.append(control.step(q, pose, np.zeros(6), force=force))
+        q = q + dt * commands[-1].value
+    verdict.answers(commands, dt)
+    off = np.linalg.norm(tool(q[None])[0, :3, 3] - pose[:3, 3]) - min(push / stiffness, most)
+    verdict.within("at rest away from F / K, or the largest displacement [m]", abs(off), GIVEN)
+    verdict.during("given way to a push", np.ones(GIVING, dtype=bool), dt)
 
 
 def judge(verdict: Verdict, one: Run) -> None:
