@@ -132,7 +132,7 @@ class Assistance(BoundedForce):
         ConfigurationError : not two real numbers.
         """
         try:
-            to_x, to_y = 0.0 + dx, 0.0 + dy
+            to_x, to_y = float(0.0 + dx), float(0.0 + dy)
         except OverflowError:
             to_x = to_y = math.nan
         except TypeError as problem:

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from rehab_opt.control.bilateral_sides import FromHelper, FromParticipant, HelperSide, ParticipantSide
 from rehab_opt.control.command import Command
 from rehab_opt.control.thread_owner import OneThread
-from rehab_opt.control.velocity_controller import checked_number
+from rehab_opt.control.velocity_controller import checked_number, real_numbers
 from rehab_opt.errors import ConfigurationError
 
 __all__ = ["Bilateral", "BilateralCommand"]
@@ -85,12 +85,15 @@ class Bilateral(OneThread):
     ) -> BilateralCommand:
         """Forces for the helper's hand (2,) [m] in their workspace and the participant's (2,) [m] in theirs.
 
-        A message takes the delay and one tick.
+        A message takes the delay and one tick. An argument that cannot be used is refused before anything has moved on.
         """
         if self._owner != get_ident():
             self._claim()
-        felt, said = self.helper.step(helper, self._back.popleft(), helper_velocity, enable=enable)
-        drawn, answer = self.participant.step(participant, self._there.popleft(), participant_velocity, enable=enable)
+        x, y = real_numbers("helper", helper, (2,)), real_numbers("participant", participant, (2,))
+        v = None if helper_velocity is None else real_numbers("helper_velocity", helper_velocity, (2,))
+        w = None if participant_velocity is None else real_numbers("participant_velocity", participant_velocity, (2,))
+        felt, said = self.helper.step(x, self._back.popleft(), v, enable=enable)
+        drawn, answer = self.participant.step(y, self._there.popleft(), w, enable=enable)
         self._there.append(said)
         self._back.append(answer)
         return BilateralCommand(felt, drawn)

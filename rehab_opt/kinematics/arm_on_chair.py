@@ -10,11 +10,12 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.ardis import ARDIS_KEEP_OUT
 from rehab_opt.kinematics.body import Body
-from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.kinematics.chain import SerialChain, per_joint
 from rehab_opt.kinematics.differential import Differential
 from rehab_opt.kinematics.link import Link
 from rehab_opt.kinematics.mecanum import Mecanum, checked_amounts, checked_lengths
 from rehab_opt.kinematics.mobile_arm import CHAIR, LEAST_JOINTS, Capsule, MobileArm, Outline
+from rehab_opt.kinematics.real_array import is_real
 from rehab_opt.kinematics.rigid import inverse_pose, rigid
 
 __all__ = ["arm_on_chair"]
@@ -76,6 +77,9 @@ def arm_on_chair(
     checked_lengths(chair_mass=chair_mass)
     checked_amounts(chair_turn_inertia=chair_turn_inertia)
     foot = rigid("mount", mount) @ arm.base
+    for name, pair in (("velocity", velocity), ("acceleration", acceleration)):
+        if not isinstance(pair, (tuple, list, np.ndarray)) or len(pair) != 2 or not all(map(is_real, pair)):
+            raise ConfigurationError(name, pair, "two numbers, along the floor and turning")
     along, turning = velocity
     faster, turns = acceleration
     free = np.full(CHAIR, np.inf)
@@ -94,11 +98,10 @@ def arm_on_chair(
     )
     back = inverse_pose(foot)
     chair = Body("chair", CHAIR, chair_mass, back[:3, 3], chair_turn_inertia * np.eye(3))
-    own = np.broadcast_to(np.asarray(rotors, dtype=np.float64), (arm.n,))
     return MobileArm(
         chain,
         bodies=(chair, *(each._replace(link=each.link + CHAIR) for each in arm.bodies)),
-        rotors=np.concatenate([np.zeros(CHAIR), own]),
+        rotors=np.concatenate([np.zeros(CHAIR), per_joint("rotors", rotors, arm.n, finite=True)]),
         mecanum=Mecanum(radius=0.10, half_gauge=0.28, half_base=0.25, limit=10.0) if mecanum is None else mecanum,
         differential=Differential(radius=0.15, half_gauge=0.28, limit=7.0) if differential is None else differential,
         outline=Outline(rear=-0.45, front=0.55, right=-0.33, left=0.33) if outline is None else outline,

@@ -38,13 +38,16 @@ def _written_once(expression: Expression) -> Expression:
     """An expression of joint values, written once for all chains of the same rows, base and tool, and then copied.
 
     Written anew at every use it was half the time that a controller takes to be made. In each thread its own: CasADi
-    counts without a lock who refers to an expression.
+    counts without a lock who refers to an expression. A subclass may write it in another way, and what is no column of
+    a symbol for each joint is left to the expression itself.
     """
 
     @wraps(expression)
     def copied(chain: SerialChain, q: ca.SX, rows: Sequence[ChainRow] | None = None) -> Any:
         if rows is not None:
             return expression(chain, q, rows)
+        if type(chain) is not SerialChain or not isinstance(q, ca.SX) or q.shape != (chain.n, 1):
+            return expression(chain, q)
         known, key = _written.mine, (expression, chain.rows, chain.base.tobytes(), chain.tool.tobytes())
         if key not in known:
             if len(known) == MOST_WRITTEN:
@@ -52,7 +55,7 @@ def _written_once(expression: Expression) -> Expression:
             symbol = ca.SX.sym("q", chain.n)
             found = expression(chain, symbol)
             known[key] = ca.Function("written", [symbol], found if isinstance(found, list) else [found])
-        copies = known[key].call([ca.SX(q)])
+        copies = known[key].call([q])
         return copies if len(copies) > 1 else copies[0]
 
     return copied  # type: ignore[return-value]

@@ -168,6 +168,11 @@ def chassis_last(last: Array, q: Array, value: Array) -> Array:
         ({"arm": None}, "arm = None"),
         ({"arm": ur5()}, "bodies, rotors"),
         ({"rotors": np.nan}, "rotors"),
+        ({"rotors": "x"}, "rotors = 'x'"),
+        ({"rotors": [0.1, 0.2]}, "rotors = [0.1, 0.2]"),
+        ({"velocity": 1.0}, "velocity = 1.0: expected two numbers"),
+        ({"velocity": ("a", "b")}, "velocity = ('a', 'b')"),
+        ({"acceleration": None}, "acceleration = None"),
     ],
 )
 def test_what_cannot_be_used_is_named(tmp_path: Path, change: dict[str, object], expected: str) -> None:

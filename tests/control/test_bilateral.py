@@ -263,6 +263,24 @@ def test_no_number_in_a_message_raises_or_moves_a_hand(bad: float) -> None:
     one.partner  # noqa: B018  (must not raise)
 
 
+@pytest.mark.parametrize(
+    "wrong", [{"helper": "abc"}, {"participant": [0.1]}, {"helper_velocity": [1, 2, 3]}, {"participant_velocity": 1j}]
+)
+def test_an_argument_that_is_refused_moves_nothing_on(wrong: dict[str, object]) -> None:
+    both, other, rng = pair(delay=0.003), pair(delay=0.003), np.random.default_rng(8)
+    hand = np.array([-0.17, 0.49])
+    for k in range(40):
+        said = {"helper": hand + 1e-4 * rng.standard_normal(2), "participant": carry().image(hand)}
+        if k % 3 == 0:
+            with pytest.raises(ConfigurationError, match=next(iter(wrong))):
+                both.step(**(said | wrong))  # type: ignore[arg-type]
+        one, two = both.step(**said), other.step(**said)
+        assert both.under_way == other.under_way
+        np.testing.assert_array_equal(
+            [one.helper.value, one.participant.value], [two.helper.value, two.participant.value]
+        )
+
+
 def test_bad_configuration_is_named() -> None:
     with pytest.raises(ConfigurationError, match="carry"):
         HelperSide("map")  # type: ignore[arg-type]

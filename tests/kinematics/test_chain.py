@@ -5,6 +5,7 @@ import pickle
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import FrozenInstanceError
 
+import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
@@ -243,3 +244,32 @@ def test_joint_values_of_the_wrong_shape_are_refused(q: object) -> None:
 def test_limits_cannot_be_given_by_position() -> None:
     with pytest.raises(TypeError):
         SerialChain(ROWS, -1.0, 1.0, 1.0, 1.0)  # type: ignore[misc]
+
+
+class Rising(SerialChain):
+    """Its tool rises by half the square of its second joint."""
+
+    def frames_expression(self, q, rows=None):
+        frames = super().frames_expression(q, rows)
+        frames[-1][2, 3] += q[1] ** 2 / 2
+        return frames
+
+
+@pytest.mark.parametrize("kinds", [(SerialChain, Rising), (Rising, SerialChain)])
+def test_what_a_subclass_writes_otherwise_is_its_own(kinds):
+    arm, q = ur5(), np.array([0.3, -1.1, 1.4, 0.2, 0.5, -0.4])
+    rng = np.random.default_rng(len(kinds[0].__name__))
+    given = {name: getattr(arm, name) for name in ("rows", "lower", "upper", "velocity", "acceleration")}
+    tool = arm.tool.copy()
+    tool[:3, 3] = rng.uniform(-0.1, 0.1, 3)  # a chain that no test before has written
+    each = {kind: kind(**given, tool=tool).jacobian(q) for kind in kinds}
+    offset = each[Rising] - each[SerialChain]
+    np.testing.assert_allclose(offset[3:], 0.0, atol=1e-12)
+    axes = each[SerialChain][3:]
+    np.testing.assert_allclose(offset[:3], np.cross(axes.T, [0.0, 0.0, q[1] ** 2 / 2]).T, atol=1e-12)
+
+
+@pytest.mark.parametrize("q", [0.3, ca.SX.sym("s"), ca.SX(0, 0)])
+def test_an_expression_of_too_few_joints_is_none(q):
+    with pytest.raises((TypeError, RuntimeError)):
+        ur5().pose_expression(q)
