@@ -108,8 +108,11 @@ class JerkBounds(NamedTuple):
         brake_lower = ca.if_else(below, clipped(rest_down, lower, final), -down)
         stop_upper = ca.if_else(above, led_up, ca.if_else(free_up, speed, up))
         stop_lower = ca.if_else(below, led_down, ca.if_else(free_down, -speed, -down))
-        upper = ca.if_else(above, clipped(led_up, first, upper), up)
-        lower = ca.if_else(below, clipped(led_down, lower, final), -down)
+        # What leads back comes after what ends a change in time for the speed of recovery, or for the largest.
+        lower, upper = (
+            ca.if_else(below, clipped(led_down, lower, upper), -down),
+            ca.if_else(above, clipped(led_up, lower, upper), up),
+        )
         lower, upper = ca.fmin(lower, upper), ca.fmax(lower, upper)
         rest = ca.if_else(last >= 0, rest_down, rest_up)
         rest = clipped(rest, ca.fmin(brake_lower, brake_upper), ca.fmax(brake_lower, brake_upper))
