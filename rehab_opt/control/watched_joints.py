@@ -65,7 +65,7 @@ def patience_of(dt: float) -> float:
 def watched_joints(chain: SerialChain, *, dt: float, base: int) -> ca.Function:
     """`memory_of_watch`, measured positions, last command (n,) -> memory, longest time that one does not follow [s].
 
-    Where positions are not usable, that is -1, and the memory is to stay what it was. Written for few operations.
+    While positions are not usable, what is commanded counts and nothing is judged. Written for few operations.
 
     Parameters
     ----------
@@ -75,7 +75,9 @@ def watched_joints(chain: SerialChain, *, dt: float, base: int) -> ca.Function:
     """
     n, window, keep = chain.n, TOLERANCE / 2, 1 - FADING * dt
     memory, measured, command = memory_of_watch(n).symbols("memory"), ca.SX.sym("measured", n), ca.SX.sym("command", n)
-    step, known = measured - memory.seen, memory.since > 0
+    usable, known = ca.sum1(ca.fabs(measured)) <= PLAUSIBLE, memory.since > 0
+    seen = ca.if_else(usable, measured, memory.seen)
+    step = seen - memory.seen
     # Farther than a joint goes, or never seen before: states that are not one motion of it. The way begins anew.
     most = ca.DM(2 * np.minimum(chain.velocity, PLAUSIBLE)) * memory.since + window * known
     one_motion = ca.fabs(step) <= most
@@ -86,17 +88,18 @@ def watched_joints(chain: SerialChain, *, dt: float, base: int) -> ca.Function:
         placed = ca.logic_or(placed, known * ca.sum1(ca.fabs(step[:base])) > 0)
         one_motion[:base] *= placed
     led *= one_motion
-    judged = ca.fabs(led) > window
+    judged = usable * (ca.fabs(led) > window)
     # moved sign(led) < SHARE |led|, with moved = led - apart
     lost = ca.logic_and(judged, led * (apart - (1 - SHARE) * led) > 0)
     goes_on = 1 - judged + lost
     still = ca.sum1(ca.fabs(step)) == 0
     after = memory_of_watch(n).of(
-        wrong=one_motion * time_apart(memory.wrong, lost, dt), apart=goes_on * apart, led=goes_on * led, seen=measured,
-        since=dt + still * ca.fmin(memory.since, STANDS), placed=placed,
+        wrong=one_motion * time_apart(memory.wrong, lost, dt * usable), apart=goes_on * apart, led=goes_on * led,
+        seen=seen, since=ca.logic_or(usable, known) * (dt + still * ca.fmin(memory.since, STANDS)), placed=placed,
     )  # fmt: skip
-    said = ca.if_else(ca.sum1(ca.fabs(measured)) <= PLAUSIBLE, ca.mmax(after[:n]), -1)
-    return ca.Function("watched_joints", [memory.column, measured, command], [after, said], {"cse": True})
+    return ca.Function(
+        "watched_joints", [memory.column, measured, command], [after, ca.mmax(after[:n])], {"cse": True}
+    )  # fmt: skip
 
 
 class WatchedJoints:
@@ -108,7 +111,7 @@ class WatchedJoints:
     a servo of 24 Hz, a delay of 50 ms, encoder noise of 0.2 mrad, nor a caller that integrates another dt is one.
 
     A joint that has gone farther than it can begins anew: such states are not one motion. The same state, asked about
-    again and again, is one in which nothing moves.
+    again and again, is one in which nothing moves. While positions are not usable, joints are led on and not judged.
 
     Parameters
     ----------
@@ -143,11 +146,9 @@ class WatchedJoints:
         if self.known:
             return self.known
         self._function.evaluate()
-        longest = self._said[0]
-        if longest >= 0.0:
-            self._memory[:] = self._after
-            if longest > self._patience:
-                self.known = not_followed(self._names, self._function.inputs[0])
+        self._memory[:] = self._after
+        if self._said[0] > self._patience:
+            self.known = not_followed(self._names, self._function.inputs[0])
         return self.known
 
 
