@@ -45,16 +45,17 @@ def export_c(
         `PathAssistance`, `Bilateral`, or a loaded problem file. It is reset, before and after. Its solver has to be
         qrqp, as it is by default; a backup is left out.
     folder : where to; made where it is absent.
-    run : ticks that C repeats, with faults among them, each the arguments of `step` by name; default a random run, of
-        a problem file its own.
+    run : ticks that C repeats, with faults among them, each what `step` takes by name: q, pose, twist (of a mirror q is
+        the first tick's, it moves as commanded), and obstacles; q, twist, rows, frame and moving; x. Stamps, forces and
+        the enable input are its own. Default a random run, of a problem file its own.
     memory : [bytes] that the struct in C may take at most. Of a `MirrorTracker` what is left of it holds samples of
         the reference that wait, default 64 kB together; others take what they take.
     writing : held while files are written, when everything is computed.
 
     Raises
     ------
-    ConfigurationError : a controller that cannot become C, or takes more memory; a folder that is no path or a file; a
-        file in it that is no earlier export's.
+    ConfigurationError : a controller that cannot become C, or takes more memory; a run without what `step` takes; a
+        folder that is no path or a file; a file in it that is no earlier export's.
     ProblemFileError : a problem file without a controller that can become C.
     OSError : the folder cannot be made or written to.
     """

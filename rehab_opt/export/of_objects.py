@@ -6,13 +6,17 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rehab_opt.control.assistance import Assistance
 from rehab_opt.control.bilateral import Bilateral
+from rehab_opt.control.limit import Limits
 from rehab_opt.control.mirror import MirrorTracker
 from rehab_opt.control.path_assistance import PathAssistance
 from rehab_opt.control.pose_tracker import PoseTracker
 from rehab_opt.control.redundancy import RedundancyResolver
+from rehab_opt.control.task_rows import checked_rows, frame_number
+from rehab_opt.control.velocity_controller import real_numbers
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.export import random_runs
 from rehab_opt.export.controllers.assistance import exported_assistance
@@ -29,6 +33,7 @@ __all__ = ["KINDS", "exported_object"]
 KINDS = (MirrorTracker, PoseTracker, RedundancyResolver, PathAssistance, Assistance, Bilateral)
 """What can become C; of a `Bilateral` both sides do."""
 
+Array = NDArray[np.float64]
 Run = Sequence[Mapping[str, Any]]
 
 
@@ -38,26 +43,24 @@ def exported_object(
     """The controller, or its sides, with the run that C has to repeat; arguments as of `export_c.export_c`."""
     title, of = type(controller).__name__, "a run that was given" if run is not None else "a random run"
     if isinstance(controller, MirrorTracker):
-        start, poses, twists = (
-            (run[0]["q"], *(np.array([tick[name] for tick in run]) for name in ("pose", "twist")))
-            if run is not None
-            else random_runs.mirror_reference(controller)
-        )
+        ticks = random_runs.mirror_reference(controller) if run is None else _poses(controller, run)
+        poses, twists, *bodies = (np.array([tick[name] for tick in ticks]) for name in ticks[0] if name != "q")
         given = MEMORY if memory is None else memory
         return [
             exported_mirror(
-                controller, start, poses, twists, title=title, source=of, memory=given, progress=progress
+                controller, ticks[0]["q"], poses, twists, bodies=bodies[0] if bodies else None, title=title, source=of,
+                memory=given, progress=progress,
             )
         ]  # fmt: skip
     if isinstance(controller, PoseTracker):
-        ticks = random_runs.tracker_run(controller) if run is None else [dict(tick) for tick in run]
+        ticks = random_runs.tracker_run(controller) if run is None else _poses(controller, run)
         return [exported_tracker(controller, ticks, title=title, of=of)]
     if isinstance(controller, RedundancyResolver):
-        ticks = random_runs.resolver_run(controller) if run is None else [dict(tick) for tick in run]
+        ticks = random_runs.resolver_run(controller) if run is None else _sticks(controller, run)
         return [exported_resolver(controller, ticks, title=title, of=of)]
     if isinstance(controller, PathAssistance | Assistance):
         made = random_runs.hand_run(controller.comfortable, controller.dt)
-        hand = made if run is None else np.array([tick["x"] for tick in run])
+        hand = made if run is None else np.array([_numbers(where, tick, "x", (2,)) for where, tick in _told(run)])
         if isinstance(controller, PathAssistance):
             return [exported_path_assistance(controller, hand, title=title)]
         return [exported_assistance(controller, hand, title=title)]
@@ -71,3 +74,50 @@ def exported_object(
         ]
     expected = f"a controller that can become C: {', '.join(sorted(kind.__name__ for kind in KINDS))}"
     raise ConfigurationError("controller", controller, expected)
+
+
+# --------------------------------------------------------------------------------- a run as `step` takes it, as C does
+def _told(run: Run) -> Sequence[tuple[str, Mapping[str, Any]]]:
+    """Each tick, and what it is called in an error."""
+    if not (isinstance(run, Sequence) and run and all(isinstance(tick, Mapping) for tick in run)):
+        raise ConfigurationError("run", run, "a list of at least one tick, each a dict of what `step` takes")
+    return [(f"run[{k}]", tick) for k, tick in enumerate(run)]
+
+
+def _numbers(where: str, tick: Mapping[str, Any], name: str, shape: tuple[int, ...]) -> Array:
+    if name not in tick:
+        raise ConfigurationError(where, list(tick), f"{name} among them")
+    return real_numbers(f"{where}[{name!r}]", tick[name], shape)
+
+
+def _bodies(where: str, tick: Mapping[str, Any], name: str, limits: Limits) -> dict[str, Array]:
+    """What moves, where it is told of that."""
+    given = tick.get(name)
+    if given is None and not limits.moving:
+        return {}
+    return {"obstacles": limits.told_numbers(f"{where}[{name!r}]", given)}
+
+
+def _poses(tracker: PoseTracker, run: Run) -> list[dict[str, Any]]:
+    shapes = {"q": (tracker.chain.n,), "pose": (4, 4), "twist": (6,)}
+    return [
+        {name: _numbers(where, tick, name, shape) for name, shape in shapes.items()}
+        | _bodies(where, tick, "obstacles", tracker.limits)
+        for where, tick in _told(run)
+    ]
+
+
+def _sticks(resolver: RedundancyResolver, run: Run) -> list[dict[str, Any]]:
+    """Rows and frame by their numbers, twists as long as the longest."""
+    ticks, widest = [], max(map(len, resolver.row_sets))
+    for where, tick in _told(run):
+        rows = checked_rows(tick.get("rows", ("x", "y", "z")), f"{where}['rows']")
+        if rows not in resolver.row_sets:
+            raise ConfigurationError(f"{where}['rows']", rows, f"one of row_sets: {resolver.row_sets}")
+        twist = np.zeros(widest)
+        twist[: len(rows)] = _numbers(where, tick, "twist", (len(rows),))
+        q = _numbers(where, tick, "q", (resolver.robot.chain.n,))
+        frame = int(frame_number(tick.get("frame", "chassis")))
+        around = _bodies(where, tick, "moving", resolver.limits)
+        ticks.append({"q": q, "twist": twist, "rows": resolver.row_sets.index(rows), "frame": frame, **around})
+    return ticks

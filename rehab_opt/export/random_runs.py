@@ -53,16 +53,20 @@ def bodies_about(place: Array, limits: Limits, rng: np.random.Generator) -> Arra
     return bodies
 
 
-def mirror_reference(tracker: PoseTracker) -> tuple[Array, Array, Array]:
-    """Posture (n,), poses (N, 4, 4) and twists (N, 6) of a hand that waves about it, at times faster than the arm."""
-    rng = np.random.default_rng(0)
+def mirror_reference(tracker: PoseTracker) -> Ticks:
+    """A hand that waves about a posture, q of the first, at times faster than the arm; what moves moves about it."""
+    rng, limits = np.random.default_rng(0), tracker.limits
     q = best_posture(tracker, rng)
     t = tracker.dt * np.arange(TICKS)[:, None]
     rates, phases = rng.uniform(0.5, 4.0, 3), rng.uniform(0, 2 * np.pi, 3)
     poses, twists = np.tile(tracker.chain.pose(q), (TICKS, 1, 1)), np.zeros((TICKS, 6))
     poses[:, :3, 3] += 0.1 * (np.sin(rates * t + phases) - np.sin(phases))
     twists[:, :3] = 0.1 * rates * np.cos(rates * t + phases)
-    return q, poses, twists
+    ticks = [{"q": q, "pose": pose, "twist": twist} for pose, twist in zip(poses, twists, strict=True)]
+    for k in range(0, TICKS if limits.moving else 0, EACH):
+        bodies = bodies_about(poses[k, :3, 3], limits, rng)
+        ticks[k : k + EACH] = [{**tick, "obstacles": bodies} for tick in ticks[k : k + EACH]]
+    return ticks
 
 
 def resolver_run(resolver: RedundancyResolver) -> Ticks:

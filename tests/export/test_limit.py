@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rehab_opt import Box, Clearance, KeepOut, MovingCapsule, PoseTracker, export_c, ur5
+from rehab_opt import Box, Clearance, KeepOut, MirrorTracker, MovingCapsule, PoseTracker, export_c, ur5
 from rehab_opt.kinematics.room import moving_numbers
 from tests.control.clearance_world import Swinging
 from tests.control.test_limit import TABLE, elbow, elbow_above, goals, led
@@ -41,3 +41,18 @@ def test_c_repeats_a_run_among_bodies_that_move(built: Built, tmp_path: Path) ->
         q, place = q + dt * command.value, place + dt * np.array([0.0, 0.1, 0.0])
     export_c(control, tmp_path, run=run)
     assert largest_difference(tmp_path, "pose_tracker", built) <= 1e-12
+
+
+def test_c_of_a_mirrored_hand_repeats_a_run_among_bodies_that_move(built: Built, tmp_path: Path) -> None:
+    """Faults of the run are among its bodies, too."""
+    robot, dt, place = ur5(), 0.01, ur5().pose(CLEAR)
+    control = MirrorTracker(robot, dt=dt, floor=0.4, backup="qrqp", compile=False,
+                            limits=[Clearance(margin=0.02, moving=2)], max_manipulability=0.15)  # fmt: skip
+    swinging, pose, run = Swinging.drawn(np.random.default_rng(2), 1, 0.2), place.copy(), []
+    for k in range(400):
+        ahead = place[:3, 3] + [0.0, -0.2 + 0.1 * k * dt, 0.0]
+        pusher = MovingCapsule(ahead, ahead, 0.05, (0.0, 0.1, 0.0), (0.0, 0.1, 0.0))
+        told = moving_numbers([*swinging.at(np.array([k * dt]), np.ones(1)), pusher], 2)
+        run.append({"q": CLEAR, "pose": pose, "twist": np.zeros(6), "obstacles": told})
+    export_c(control, tmp_path, run=run)
+    assert largest_difference(tmp_path, "mirror_tracker", built) <= 1e-12

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import rehab_opt
-from rehab_opt import ConfigurationError, JointFeedback, PoseTracker, Smoother, export_c, ur5
+from rehab_opt import Clearance, ConfigurationError, JointFeedback, PoseTracker, Smoother, export_c, ur5
 from rehab_opt.control.bilateral import Bilateral
 from rehab_opt.control.redundancy import RedundancyResolver
 from rehab_opt.kinematics.ardis import ardis
@@ -148,6 +148,26 @@ def test_what_cannot_become_c_is_refused_by_name(tmp_path: Path) -> None:
     for folder in (None, 5, tmp_path / "file", tmp_path / "file" / "below"):
         with pytest.raises(ConfigurationError, match="folder = "):
             export_c(PoseTracker(ur5(), compile=False), folder)  # type: ignore[arg-type]
+
+
+def test_a_run_that_step_would_not_take_is_refused_by_tick_and_name(tmp_path: Path) -> None:
+    robot = ur5()
+    tick = {"q": np.zeros(6), "pose": np.eye(4), "twist": np.zeros(6)}
+    alone, among = (
+        PoseTracker(robot, compile=False, limits=limits) for limits in ((), [Clearance(margin=0.02, moving=1)])
+    )
+    refused: list[tuple[PoseTracker, object, str]] = [
+        (alone, [], r"run = \[\]: expected a list of at least one tick"),
+        (alone, [3], r"run = \[3\]: expected a list"),
+        (alone, [tick, {**tick, "twist": np.zeros(3)}], r"run\[1\]\['twist'\] = .*shape \(6,\)"),
+        (alone, [{"q": np.zeros(6)}], r"run\[0\] = \['q'\]: expected pose among them"),
+        (alone, [{**tick, "obstacles": []}], r"run\[0\]\['obstacles'\] = \[\]: expected None"),
+        (among, [tick], r"run\[0\]\['obstacles'\] = None: expected up to 1 MovingCapsule"),
+    ]
+    for tracker, run, says in refused:
+        with pytest.raises(ConfigurationError, match=says):
+            export_c(tracker, tmp_path / "c", run=run)  # type: ignore[arg-type]
+    assert not (tmp_path / "c").exists()
 
 
 def test_a_tracker_goes_on_with_its_backup_afterwards(tmp_path: Path) -> None:

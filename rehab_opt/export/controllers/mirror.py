@@ -22,6 +22,7 @@ from rehab_opt.control.reference_clock import SAMPLE
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.export.c_text import initialiser, number
 from rehab_opt.export.controllers.mirror_run import mirror_run
+from rehab_opt.export.controllers.pose_tracker import moving_argument, moving_values
 from rehab_opt.export.exported import BYTES, ExportedVelocity, Law
 from rehab_opt.export.generated import renamed
 from rehab_opt.export.recording import Recording
@@ -43,18 +44,18 @@ MEMORY = 64_000
 LEAST = 16
 """The fewest samples that wait."""
 CALL = (
-    f"rehab_{NAME}_step(&controller, tick->q, tick->pose, tick->twist, tick->with_force ? tick->force : NULL, "
-    "tick->enable, tick->stamp, out);"
+    f"rehab_{NAME}_step(&controller, tick->q, tick->pose, tick->twist,{{moving}} "
+    "tick->with_force ? tick->force : NULL, tick->enable, tick->stamp, out);"
 )
 USAGE = f"""\
 static rehab_{NAME} controller; /* static: it is large */
 rehab_command command;
 
 rehab_{NAME}_init(&controller);
-for (;;) {{ /* every tick */
-    rehab_{NAME}_step(&controller, q, pose, twist, NULL, enable, stamp, &command);
+for (;;) {{{{ /* every tick */
+    rehab_{NAME}_step(&controller, q, pose, twist,{{moving}} NULL, enable, stamp, &command);
     send(command.value); /* joint velocities, rad/s */
-}}"""
+}}}}"""
 DIFFERENCES = (
     f"There is no backup solver. Where Python would ask {BACKUP}, C gives the safe command and "
     "`REHAB_NOT_CERTIFIED`; the recorded run is of a Python controller without the backup, too.",
@@ -62,8 +63,8 @@ DIFFERENCES = (
     "What Python says in words of a command that is no fault (a shortened step, a slowed reference, a bridge) is "
     "`notes`, without the numbers in it; `reason` is why it is the safe command.",
     "A stamp is always asked for and checked. In Python it may be left out.",
-    "A q, pose or twist that is NULL counts as not a number; Python raises an error for an argument of the wrong "
-    "shape. A force that is NULL is one that nothing measures, as None is in Python.",
+    "Another input than force that is NULL counts as not a number; Python raises an error for an argument of the "
+    "wrong shape. A force that is NULL is one that nothing measures, as None is in Python.",
     "`iterations` of Python's command is not told.",
 )
 SAME = (
@@ -147,6 +148,7 @@ def exported_mirror(
     poses: Array,
     twists: Array,
     *,
+    bodies: Array | None = None,
     title: str,
     source: str,
     memory: int = MEMORY,
@@ -159,6 +161,7 @@ def exported_mirror(
     tracker : it is reset.
     start : (n,) [rad, m] where its robot begins, at rest.
     poses, twists : (N, 4, 4), (N, 6) what is asked for, tick by tick; as much of it as a recorded run holds.
+    bodies : (N, k, 14) what moves, by `moving_numbers`, where the tracker is told of that.
     title, source : what it is and where the poses come from, in a few words.
     memory : [bytes] of its struct at most; what the rest leaves holds samples of the reference that wait.
 
@@ -167,18 +170,18 @@ def exported_mirror(
     ConfigurationError : a solver that does not become C, a chain of more joints than a command has room for, or less
         memory than it takes.
     """
-    if tracker.limits.moving:
-        raise ConfigurationError("moving", tracker.limits.moving, "0: a mirror in C is told of no bodies that move")
     limit = tracker._limit
     laws, pieces = [Law("mirror", tracker)], {"types": "mirror_types.h", "at_start": "at_start.c"}
     pieces |= {"way_out": "way_out.c", "person_limit": "no_person.c"}
-    values, more, solves = {"one_tick": ""}, MEMBERS, 2 * (PASSES + 1)
+    values = {"one_tick": "", **moving_values(tracker.limits, "parameters + MOVING")}
+    more, solves = MEMBERS, 2 * (PASSES + 1)
     ladders = [tracker._ladder]
     if limit is not None:
         laws += [Law("following", limit._tracker), Law("settling", limit._settler)]
         pieces |= {"one_tick": "one_tick.c", "person_limit": "person_limit.c"}
         ladders += [limit._tracker._ladder, limit._settler._ladder]
-        values, more = _person(limit), MEMBERS + PERSON_MEMBERS.format(limit.chain.n)
+        values |= _person(limit)
+        more += PERSON_MEMBERS.format(limit.chain.n)
         solves *= max(2, mirror_following.SETTLING_TICKS)  # the model's beside the robot's, or its alone
     exported = ExportedMirror(
         name=NAME,
@@ -186,8 +189,8 @@ def exported_mirror(
         laws=laws,
         tracker=tracker,
         interface="mirror",
-        call=CALL,
-        usage=USAGE,
+        call=CALL.format(moving=moving_argument(tracker.limits, "tick->")),
+        usage=USAGE.format(moving=moving_argument(tracker.limits)),
         recording=Recording((), (), "", ()),
         differences=(),
         solves=solves,
@@ -202,7 +205,7 @@ def exported_mirror(
     try:
         with as_in_c(*ladders):
             tracker.clock.most = waiting
-            recording = mirror_run(tracker, start, poses, twists, source=source, progress=progress)
+            recording = mirror_run(tracker, start, poses, twists, bodies, source=source, progress=progress)
     finally:
         tracker.clock.most = most
         tracker.reset()
@@ -275,6 +278,7 @@ def _constants(tracker: MirrorTracker) -> dict[str, str]:
     whole = {
         "drawn": DRAWN, "stale": mirror_statement.STALE, "unusable": UNUSABLE, "at_limit": AT_LIMIT,
         "window": tracker.pace.window, "with_person": int(tracker._limit is not None),
+        "told": tracker.limits.told,
     }  # fmt: skip
     doubles = {
         "whole": mirror_statement.WHOLE, "reserve": tracker._interaction.law.reserve,

@@ -22,9 +22,12 @@ PUSH = 12.0
 
 
 def mirror_run(
-    tracker: MirrorTracker, start: Array, poses: Array, twists: Array, *, source: str, progress: Progress
-) -> Recording:
+    tracker: MirrorTracker, start: Array, poses: Array, twists: Array, bodies: Array | None, *, source: str,
+    progress: Progress,
+) -> Recording:  # fmt: skip
     """What the tracker answers along poses (N, 4, 4), (N, 6) from q = start, as many as a recorded run holds.
+
+    `bodies` (N, k, 14) is what moves, None where it is told of nothing that does.
 
     The joints are filled in as it goes. `source` says where the poses come from.
     """
@@ -34,6 +37,8 @@ def mirror_run(
         {"q": start, "pose": pose, "twist": twist, "force": _force(k, pushed, strong), "with_force": int(k in pushed)}
         for k, (pose, twist) in enumerate(zip(poses[:count], twists[:count], strict=True))
     ]
+    if bodies is not None:
+        sound = [{**tick, "obstacles": told} for tick, told in zip(sound, bodies[:count], strict=True)]
     faulty = with_faults(sound, dt=tracker.dt, max_age=tracker.max_age, more=_faults(tracker))
     tracker.reset()
     ticks, commands, q, noise = [], [], start.copy(), encoder_noise(len(faulty), start.size)
@@ -55,7 +60,10 @@ def mirror_run(
 
 def _answer(tracker: MirrorTracker, tick: Tick) -> Command:
     force = tick["force"] if tick["with_force"] else None
-    return tracker.step(tick["q"], tick["pose"], tick["twist"], force=force, enable=tick["enable"], stamp=tick["stamp"])
+    return tracker.step(
+        tick["q"], tick["pose"], tick["twist"], obstacles=tick.get("obstacles"), force=force, enable=tick["enable"],
+        stamp=tick["stamp"],
+    )  # fmt: skip
 
 
 def _force(k: int, pushed: range, strong: float) -> Array:
