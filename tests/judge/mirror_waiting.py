@@ -20,7 +20,7 @@ from tests.judge.mirror_runs import Run, runs
 from tests.judge.numbering import numbered
 from tests.judge.references import good_posture
 from tests.judge.sensor_faults import expected
-from tests.judge.ur5_numbers import LARGEST, tool
+from tests.judge.ur5_numbers import LARGEST, jacobian, manipulability, tool, turn_between
 from tests.judge.verdict import Promise, Verdict
 
 Array = NDArray[np.float64]
@@ -46,8 +46,10 @@ LEAST = {"late": 32_000, "waiting": 2000, "caught up": 176, "pushed": 20_000, "p
          "fault disabled": 100}  # fmt: skip
 CI_TICKS = 5400
 SHARE = 0.2
-GIVING, GIVEN = 300, 2e-5
-"""Ticks of a steady push, ten time constants B / K and more; [m] of what a hand gave way."""
+GIVING, GIVEN, FLOOR = 300, 2e-5, 0.02
+"""Ticks of a steady push, ten time constants B / K and more; [m] of what a hand gave way; of the largest w."""
+CLEAR = 0.1
+"""Share of the largest w that a hand has where it gave way to: bounds come before it."""
 
 
 def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
@@ -78,25 +80,40 @@ def stops(forces: Array, stop_at: float, dt: float) -> NDArray[np.bool_]:
     return found
 
 
+def led_aside(q: Array, way: Array) -> Array:
+    """(6,) joints with which the flange is that way (3,) [m] aside, turned as at q: by Newton's method."""
+    target = tool(q[None])
+    target[0, :3, 3] += way
+    for _ in range(8):
+        here = tool(q[None])
+        lacks = np.r_[(target - here)[0, :3, 3], turn_between(target[:, :3, :3], here[:, :3, :3])[0]]
+        q = q + np.linalg.lstsq(jacobian(q[None])[0], lacks, rcond=None)[0]
+    return q
+
+
 def gives_way(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     """A hand on a reference that stands gives way to a steady push by F / K, at most by the largest displacement."""
     stiffness, most, dt = float(rng.uniform(300, 1500)), float(rng.uniform(0.02, 0.06)), 0.01
     damping, push = float(rng.uniform(0.15, 0.3) * stiffness), float(rng.uniform(10, 130))
     law = Interaction(stiffness=stiffness, damping=damping, mass=float(rng.uniform(1, 5)), most=most)
     control = MirrorTracker(
-        ur5(velocity=2.0, acceleration=15.0), floor=0.02, max_deviation=0.2, linear_speed=1.0, angular_speed=3.0,
+        ur5(velocity=2.0, acceleration=15.0), floor=FLOOR, max_deviation=0.2, linear_speed=1.0, angular_speed=3.0,
         max_manipulability=LARGEST, interaction=law, dt=dt, compile=False,
     )  # fmt: skip
-    q = good_posture(rng, 0.4)
-    pose, force = tool(q[None])[0], rng.standard_normal(3)
-    force *= push / np.linalg.norm(force)
+    ideal = min(push / stiffness, most)
+    share = 0.0
+    while share < CLEAR:  # 50 mm may stretch the elbow
+        q, way = good_posture(rng, 0.4), rng.standard_normal(3)
+        way /= np.linalg.norm(way)
+        share = manipulability(led_aside(q, ideal * way)[None])[0]
+    pose, force = tool(q[None])[0], push * way
     verdict.begin(number, f"a push of {push:.0f} N, {stiffness:.0f} N/m, at most {most:.3f} m")
     commands = []
     for _ in range(GIVING):
         commands.append(control.step(q, pose, np.zeros(6), force=force))
         q = q + dt * commands[-1].value
     verdict.answers(commands, dt)
-    off = np.linalg.norm(tool(q[None])[0, :3, 3] - pose[:3, 3]) - min(push / stiffness, most)
+    off = np.linalg.norm(tool(q[None])[0, :3, 3] - pose[:3, 3]) - ideal
     verdict.within("at rest away from F / K, or the largest displacement [m]", abs(off), GIVEN)
     verdict.during("given way to a push", np.ones(GIVING, dtype=bool), dt)
 
