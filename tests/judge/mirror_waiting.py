@@ -49,7 +49,7 @@ SHARE = 0.2
 GIVING, GIVEN, FLOOR = 300, 2e-5, 0.02
 """Ticks of a steady push, ten time constants B / K and more; [m] of what a hand gave way; of the largest w."""
 CLEAR = 0.1
-"""Share of the largest w that a hand has where it gave way to: bounds come before it."""
+"""Share of the largest w that a hand has wherever it gives way: bounds come before it."""
 
 
 def run(ticks: int, seed: int, *, only: int | None = None) -> Verdict:
@@ -80,15 +80,16 @@ def stops(forces: Array, stop_at: float, dt: float) -> NDArray[np.bool_]:
     return found
 
 
-def led_aside(q: Array, way: Array) -> Array:
-    """(6,) joints with which the flange is that way (3,) [m] aside, turned as at q: by Newton's method."""
-    target = tool(q[None])
-    target[0, :3, 3] += way
-    for _ in range(8):
+def least_share(q: Array, way: Array) -> float:
+    """Least w over the largest where the flange is led that way (3,) [m] aside, turned as at q, by 1 mm at a time."""
+    begin, shares = tool(q[None]), []
+    for part in np.linspace(0.0, 1.0, 2 + int(1e3 * np.linalg.norm(way))):
         here = tool(q[None])
-        lacks = np.r_[(target - here)[0, :3, 3], turn_between(target[:, :3, :3], here[:, :3, :3])[0]]
+        turn = turn_between(begin[:, :3, :3], here[:, :3, :3])[0]
+        lacks = np.r_[(begin - here)[0, :3, 3] + part * way, turn]
         q = q + np.linalg.lstsq(jacobian(q[None])[0], lacks, rcond=None)[0]
-    return q
+        shares.append(manipulability(q[None])[0])
+    return float(min(shares))
 
 
 def gives_way(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
@@ -105,7 +106,7 @@ def gives_way(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     while share < CLEAR:  # 50 mm may stretch the elbow
         q, way = good_posture(rng, 0.4), rng.standard_normal(3)
         way /= np.linalg.norm(way)
-        share = manipulability(led_aside(q, ideal * way)[None])[0]
+        share = least_share(q, ideal * way)
     pose, force = tool(q[None])[0], push * way
     verdict.begin(number, f"a push of {push:.0f} N, {stiffness:.0f} N/m, at most {most:.3f} m")
     commands = []
