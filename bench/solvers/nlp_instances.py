@@ -108,7 +108,7 @@ class NLPInstances:
         if self.statement not in (*STATEMENTS, PLAN):
             raise ConfigurationError("statement", self.statement, f"one of {', '.join((*STATEMENTS, PLAN))}")
         if not 0 < self.tolerance < 1:
-            raise ConfigurationError("tolerance", self.tolerance, "a number between 0 and 1")
+            raise ConfigurationError("tolerance", self.tolerance, "a number above 0 and below 1")
         plan = self.statement == PLAN
         widths = (22, 6) if plan else self._widths()
         for key, width in zip(("parameters", "starts"), widths, strict=True):
@@ -167,7 +167,7 @@ def read_nlp_instances(path: Path | str) -> NLPInstances:
     if meta.get("format") != FORMAT:
         raise ProblemFileError(path, f"{META}.format", meta.get("format"), repr(FORMAT))
     kinds: dict[str, tuple[Any, str]] = {
-        **dict.fromkeys(TEXTS, (str, "a text")), "tolerance": (float, "a number between 0 and 1"),
+        **dict.fromkeys(TEXTS, (str, "a text")), "tolerance": (float, "a number above 0 and below 1"),
         "arguments": (dict, "arguments by name"), "versions": (dict, "versions by name"),
     }  # fmt: skip
     for key, (kind, expected) in kinds.items():

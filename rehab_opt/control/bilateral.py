@@ -40,7 +40,7 @@ class Bilateral(OneThread):
     Parameters
     ----------
     helper, participant : the sides, of one tick.
-    delay : [s] one way, whole ticks.
+    delay : [s] one way, to the nearest whole tick; `delay` of the object is what that is.
 
     Raises
     ------
@@ -56,8 +56,8 @@ class Bilateral(OneThread):
                 "helper", helper.force.dt, f"a tick as the participant's, {participant.force.dt} s"
             )
         self.helper, self.participant, self.dt = helper, participant, helper.force.dt
-        self.delay = checked_number("delay", delay, above=-1e-12, below=10.0)
-        self._ticks = round(self.delay / self.dt)
+        self._ticks = round(checked_number("delay", delay, above=-1e-12, below=10.0) / self.dt)
+        self.delay = self._ticks * self.dt
         self.reset()
 
     def reset(self) -> None:

@@ -128,7 +128,8 @@ class RedundancyResolver(OneThread):
         robot.drive(drive)
         if max_obstacles is None:
             max_obstacles = len(obstacles) if isinstance(obstacles, (list, tuple)) else 0
-        if not (isinstance(max_obstacles, (int, np.integer)) and max_obstacles >= 0):
+        whole = isinstance(max_obstacles, int | np.integer) and not isinstance(max_obstacles, bool)
+        if not (whole and max_obstacles >= 0):
             raise ConfigurationError("max_obstacles", max_obstacles, "a whole number of zero or more")
         if not (isinstance(row_sets, (list, tuple)) and row_sets):
             raise ConfigurationError("row_sets", row_sets, "a list or tuple of at least one set of rows")

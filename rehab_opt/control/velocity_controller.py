@@ -39,6 +39,8 @@ __all__ = ["VelocityController", "checked_number", "real_numbers"]
 Array = NDArray[np.float64]
 MISSED = 1e-3
 """Share of the asked motion by which the delivered one must differ for the task to yield; less than it is nothing."""
+ROUNDED = 1e-6
+"""A bound as little below zero as that lets rounding through: zero is meant."""
 NOTHING_LEFT = "the bounds leave nothing of the commanded motion"
 STILL = 1e-6
 """[m/s] Motions below this are none."""
@@ -420,4 +422,5 @@ def checked_number(argument: str, value: float, *, above: float, below: float = 
     """`value` as a float strictly between `above` and `below`."""
     if is_real(value) and above < value < below:
         return float(value)
-    raise ConfigurationError(argument, value, f"a number between {above:g} and {below:g}")
+    least = "of at least 0" if -ROUNDED < above < 0 else f"above {above:g}"
+    raise ConfigurationError(argument, value, f"a number {least}" + f" and below {below:g}" * math.isfinite(below))

@@ -61,7 +61,7 @@ class Ladder:
         beside: ca.Function | None = None,
     ) -> None:
         if not (isinstance(tolerance, float) and 0 < tolerance < 1):
-            raise ConfigurationError("tolerance", tolerance, "a number between 0 and 1")
+            raise ConfigurationError("tolerance", tolerance, "a number above 0 and below 1")
         if backup is None:
             backup = BACKUP if solver != BACKUP else FUSED
         self.statement, self.solver, self.backup, self.tolerance = statement, solver, backup, tolerance

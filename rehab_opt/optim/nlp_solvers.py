@@ -77,7 +77,7 @@ class NLPSolver:
     ) -> None:
         checked_name("solver", name)
         if not 0 < tolerance < 1:
-            raise ConfigurationError("tolerance", tolerance, "a number between 0 and 1")
+            raise ConfigurationError("tolerance", tolerance, "a number above 0 and below 1")
         self.nlp, self.name, self.tolerance = nlp, name, float(tolerance)
         problem = {"x": nlp.x, "p": nlp.p, "f": nlp.minimise, "g": nlp.rows.expression}
         options = _options(nlp, name, self.tolerance, max_iterations)

@@ -56,7 +56,7 @@ class SQP:
         compile: Compile = None,
     ) -> None:
         if not 0 < tolerance < 1:
-            raise ConfigurationError("tolerance", tolerance, "a number between 0 and 1")
+            raise ConfigurationError("tolerance", tolerance, "a number above 0 and below 1")
         if max_iterations < 0:
             raise ConfigurationError("max_iterations", max_iterations, "zero or more")
         if not radius > 0:

@@ -81,7 +81,7 @@ class QPSequence:
         if not (family and which):
             raise ConfigurationError("name", self.name, "family/which")
         if not 0 < self.tolerance < 1:
-            raise ConfigurationError("tolerance", self.tolerance, "a number between 0 and 1")
+            raise ConfigurationError("tolerance", self.tolerance, "a number above 0 and below 1")
         if not (self.dt > 0 or math.isnan(self.dt)) or math.isinf(self.dt):
             raise ConfigurationError("dt", self.dt, "seconds, or NaN")
         for key, array in checked_arrays({key: getattr(self, key) for key in ARRAYS}).items():
@@ -207,7 +207,7 @@ def read_sequence(path: Path | str) -> QPSequence:
         raise ProblemFileError(path, unknown, "an array", f"only {', '.join(ARRAYS)} and {META}")
     texts: dict[str, Any] = {key: _kind(path, meta, key, str, "a text") for key in ("name", "command", "about")}
     dt = _kind(path, meta, "dt", (float, type(None)), "seconds, or null")
-    tolerance = _kind(path, meta, "tolerance", float, "a number between 0 and 1")
+    tolerance = _kind(path, meta, "tolerance", float, "a number above 0 and below 1")
     marks = _kind(path, meta, "marks", list, "a list of lists of marks")
     versions = _kind(path, meta, "versions", dict, "versions by name")
     if not all(isinstance(each, list) and all(isinstance(mark, str) for mark in each) for each in marks):
