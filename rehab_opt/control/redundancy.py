@@ -52,8 +52,9 @@ class RedundancyResolver(OneThread):
     this order: joint and chassis speeds, wheel speeds and rolling; then no joint goes beyond its limit, or further
     beyond, and neither does the chair into an obstacle nor the arm into a keep-out; then accelerations; then the task,
     which keeps its direction and is slowed. Of an arm that slides along a keep-out this holds at both ends of a tick:
-    in between, its way bows by reach times its turn squared over 8, micrometres. It may stop short of one, where rows
-    are tangents: 1 mm + reach (1.1 T a dt)^2 / 2 before it, 1.6 mm of `ardis()` with ticks of 10 ms, 3.4 mm with 20.
+    in between, its way bows, and the keep-out is round, by reach (1 + reach / d) turn^2 / 8 together, d [m] between
+    their axes: below 0.1 mm for 10 mrad. It may stop short of one, where rows are tangents: 1 mm + reach
+    (1.1 T a dt)^2 / 2 before it, 1.6 mm of `ardis()` with ticks of 10 ms, 3.4 mm with 20.
 
     The law. Every limit, keep-out and obstacle is approached so that the whole robot can brake together, all velocities
     to zero in proportion in 1.1 T, with all of them kept (`BrakingTogether`); T is the time in which every joint stops

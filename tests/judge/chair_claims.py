@@ -8,14 +8,14 @@ from __future__ import annotations
 import numpy as np
 
 from rehab_opt import Bound
-from tests.judge.chair_robot import LACKING, STAND_OFF, WHEEL_LIMIT, Array, Obstacles
+from tests.judge.chair_robot import LACKING, RADII, STAND_OFF, WHEEL_LIMIT, Array, Obstacles
 from tests.judge.chair_runs import Part, Run, rolled
 from tests.judge.verdict import Answers, Verdict
 
 ROUNDING = 1e-9
 """[m, rad, m/s, rad/s] What sums of numbers of this size may miss a bound by."""
 REACH = 1.1
-"""[m] Of the longest arm: within a tick it bows from its chord by this times the square of its turn, over 8."""
+"""[m] Of the longest arm: within a tick its way bows from its chord, and a keep-out's roundness comes towards that."""
 NEAR = 0.005
 """[m] A keep-out or obstacle nearer than this is at work."""
 MISSED = 2e-3
@@ -63,8 +63,10 @@ def judge_ticks(run: Run, verdict: Verdict) -> tuple[Answers, Array]:
     verdict.within("keep-outs", np.minimum(gaps[:-1], 0) - gaps[1:], ROUNDING)
     instants = [chair.arm_gaps(q + part * (ahead - q)) for part in INSTANTS]
     lowest = np.minimum(np.minimum(gaps[:-1], gaps[1:]), 0)
-    bow = REACH / 8 * (dt * np.abs(u[:, 3:]).sum(axis=1)) ** 2 + ROUNDING
-    verdict.within("keep-outs within the tick", lowest - np.min(instants, axis=0), bow[:, None])
+    turn = dt * np.abs(u[:, 3:]).sum(axis=1)[:, None]
+    nearest = np.min(instants, axis=0)
+    bow = (REACH + REACH**2 / (nearest + RADII[: nearest.shape[1]])) * turn**2 / 8 + ROUNDING
+    verdict.within("keep-outs within the tick", lowest - nearest, bow)
     verdict.during("a keep-out near", np.min(gaps[:-1], axis=1) < NEAR, dt)
 
     late = judge_obstacles(run, verdict, u, before)

@@ -28,6 +28,8 @@ KEEP_OUT = (
 )
 """Trunk and head, legs, chair: both ends and radius of each capsule [m]."""
 ARM_RADIUS = 0.05
+RADII = np.repeat([radius + ARM_RADIUS for *_, radius in KEEP_OUT], 2)
+"""[m] of a link and a keep-out together, in the order of `Chair.arm_gaps`."""
 REAR, FRONT, SIDE = -0.45, 0.55, 0.33
 """[m] Outline of the chair."""
 CORNERS = np.array([(x, y) for x in (FRONT, REAR) for y in (SIDE, -SIDE)])
