@@ -197,9 +197,9 @@ class Limits:
         """Numbers of the column of `contacts`."""
         return 0 if self.clearance is None else self.clearance.size
 
-    def contacts(self, q: ca.MX, last: ca.MX, told: ca.MX) -> ca.MX:
-        """Nearest contacts as one column, of positions and last velocity (n,), and moving capsules."""
-        return ca.MX(0, 1) if self.clearance is None else self.clearance.nearest(q, last, told, self.dt)
+    def contacts(self, q: ca.MX, last: ca.MX, told: ca.MX, *, ticks: int = 1) -> ca.MX:
+        """Nearest contacts as one column, of positions and last velocity (n,), moving capsules; in half those ticks."""
+        return ca.MX(0, 1) if self.clearance is None else self.clearance.nearest(q, last, told, ticks * self.dt)
 
     def rows(
         self, q: ca.SX, last: ca.SX, bounds: VelocityBounds, contacts: ca.SX
@@ -284,6 +284,16 @@ class Limits:
         base = _kept_within((slopes, free, ca.fmax(now, least)), base, (lower, upper), hard)
         return -slopes, ca.fmax(free, least), base
 
+    def led_clear(self, velocity: ca.SX, bounds: VelocityBounds, contacts: ca.SX) -> ca.SX:
+        """(n,) `velocity`, led across where it would come nearer to a body than the margin; acceleration yields.
+
+        The contacts are those at the end of the tick, `contacts` of twice its time: Newton's step, without what the
+        rows' tangents, from the last velocity's way, leave out.
+        """
+        assert self.clearance is not None
+        distances, slopes, changes = self.clearance.read(contacts)
+        return _led_across(velocity, slopes, (distances - SLACK / 2) / self.dt + changes, bounds.hard)
+
     @cached_property
     def keeping(self) -> ca.Function:
         """As `first_kept`, of `judged`."""
@@ -313,32 +323,52 @@ class Limits:
 
         NaN fails.
         """
-        inputs = [ca.MX.sym(name, size) for name, size in (("q", self.chain.n), ("moving", self.told))]
-        inputs.append(ca.MX.sym("velocity", self.chain.n))
-        verdict = self.clear(*inputs)
+        return self._and_kept(self.clear)
+
+    @cached_property
+    def all_clear(self) -> ca.Function:
+        """The same, but that no bodies may be nearer than their margin, what comes by itself neither."""
+        q, told, velocity = self._tick_symbols()
+        assert self.clearance is not None
+        ends = self.clearance.distances(q + velocity * self.dt, told, self.dt)
+        return self._and_kept(ca.Function("all_clear", [q, told, velocity], [self._none_below(ends)]))
+
+    def _and_kept(self, among_bodies: ca.Function) -> ca.Function:
+        """`among_bodies`, and no `Limit` further below zero."""
+        inputs = self._tick_symbols()
+        verdict = among_bodies(*inputs)
         if self.limits:
             here, u = ca.SX.sym("q", self.chain.n), ca.SX.sym("velocity", self.chain.n)
             kept = ca.Function("kept", [here, u], [self.kept(here, u)], {"cse": True})
             verdict = ca.logic_and(verdict, kept(inputs[0], inputs[2]))
         return ca.Function("judged", inputs, [verdict])
 
+    def _tick_symbols(self) -> list[ca.MX]:
+        """Q, moving capsules, velocity."""
+        n = self.chain.n
+        return [ca.MX.sym("q", n), ca.MX.sym("moving", self.told), ca.MX.sym("velocity", n)]
+
+    @cached_property
+    def _none_below(self) -> ca.Function:
+        """Distances less the margin -> 1 where all are zero or more."""
+        assert self.clearance is not None
+        then = ca.SX.sym("then", len(self.clearance.names))
+        return ca.Function("clear", [then], [all_true(then >= 0)])
+
     @cached_property
     def clear(self) -> ca.Function:
-        """The same of bodies alone."""
-        n = self.chain.n
-        q, told, velocity = ca.MX.sym("q", n), ca.MX.sym("moving", self.told), ca.MX.sym("velocity", n)
-        inputs, verdict = [q, told, velocity], ca.MX(1)
+        """`judged` of bodies alone."""
+        (q, told, velocity), verdict = self._tick_symbols(), ca.MX(1)
         if self.clearance is not None:
             then, distances = ca.SX.sym("then", len(self.clearance.names)), self.clearance.distances
             stayed = ca.SX.sym("stayed", then.numel())
-            clear = ca.Function("clear", [then], [all_true(then >= 0)])
             no_worse = ca.Function("no_worse", [then, stayed], [all_true(then >= ca.fmin(stayed, 0) - NEAR)])
             ends = ca.MX.sym("ends", then.numel())
             yes = ca.Function("yes", [ends, q, told], [ca.MX(1)])
             compared = ca.Function("compared", [ends, q, told], [no_worse(ends, distances(q, told, self.dt))])
             there = distances(q + velocity * self.dt, told, self.dt)
-            verdict = ca.Function.if_else("clear_or_no_worse", yes, compared)(clear(there), there, q, told)
-        return ca.Function("among_bodies", inputs, [verdict])
+            verdict = ca.Function.if_else("clear_or_no_worse", yes, compared)(self._none_below(there), there, q, told)
+        return ca.Function("among_bodies", [q, told, velocity], [verdict])
 
     def kept(self, q: ca.SX, velocity: ca.SX) -> ca.SX:
         """1 where a velocity leads no `Limit` below zero, nor further below; NaN fails."""
@@ -417,13 +447,16 @@ def _kept_within(
         end = ca.if_else(matters, ca.if_else(slope > 0, upper, lower), u)
         over, most = -ca.dot(slope, u) - free[i], ca.dot(slope, end - u)
         u += ca.if_else(over > 0, ca.fmin(over / ca.fmax(most, TINY), 1), 0) * (end - u)
+    u = _led_across(u, slopes, hard, outer)
+    closing, least = -slopes @ u, ca.fmax(hard, 0)  # to slow down helps against what the arm does itself
+    return ca.fmin(1, ca.mmin(ca.if_else(closing > least, least / ca.fmax(closing, TINY), 1))) * u
+
+
+def _led_across(velocity: ca.SX, slopes: ca.SX, hard: ca.SX, outer: tuple[ca.SX, ca.SX]) -> ca.SX:
+    """(n,) `velocity`, led across each limit that it would pass in this tick, within the `outer` ends."""
+    u = velocity
     for i in list(range(slopes.size1())) * PASSES:
         slope = slopes[i, :].T
         over = ca.fmax(-ca.dot(slope, u) - hard[i], 0)
-        u = ca.if_else(
-            over > 0,
-            clipped(u + slope * (over / ca.fmax(ca.sumsqr(slope), TINY)), *outer),
-            u,
-        )
-    closing, least = -slopes @ u, ca.fmax(hard, 0)  # to slow down helps against what the arm does itself
-    return ca.fmin(1, ca.mmin(ca.if_else(closing > least, least / ca.fmax(closing, TINY), 1))) * u
+        u = ca.if_else(over > 0, clipped(u + slope * (over / ca.fmax(ca.sumsqr(slope), TINY)), *outer), u)
+    return u

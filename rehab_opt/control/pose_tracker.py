@@ -339,7 +339,10 @@ class PoseTracker(VelocityController):
         return slice(inputs - self.limits.told, inputs)
 
     def settled(self, size: int, remembered: int) -> ca.Function:
-        """Complete parameters, memory, x -> the command; the way back is looked for only where it leads too far."""
+        """Complete parameters, memory, x -> the command; the way back is looked for only where it leads too far.
+
+        What comes by itself is given way to by more than the acceleration where x, whose rows are tangents, does not.
+        """
         n, limits = self.chain.n, self.limits
         q, told, memory, wanted = (
             ca.MX.sym(name, count)
@@ -347,12 +350,36 @@ class PoseTracker(VelocityController):
         )
         inputs = [q, told, memory, wanted]
         same = ca.Function("same", inputs, [wanted])
-        back = limits.keeping(q, told, wanted, self._slowed(q, told, memory))
-        looked = ca.Function("looked", inputs, [back])
+        looked = ca.Function("looked", inputs, [limits.keeping(q, told, wanted, self._slowed(q, told, memory))])
+        good, choice = limits.judged, ca.Function.if_else("keeping", same, looked)
+        if limits.moving:
+            aside, there = self._led_clear(q, told, memory, wanted), ca.MX.sym("there", n)
+            two = [wanted, there]
+            led = ca.Function.if_else("led", ca.Function("aside", two, [there]), ca.Function("as_it_is", two, [wanted]))
+            gives_way = ca.Function("gives_way", inputs, [led(limits.all_clear(q, told, aside), wanted, aside)])
+            nearer = ca.Function.if_else("nearer", gives_way, looked)
+            otherwise = ca.Function("otherwise", inputs, [nearer(limits.judged(q, told, wanted), *inputs)])
+            good, choice = limits.all_clear, ca.Function.if_else("keeping", same, otherwise)
         p, before, x = ca.MX.sym("p", size), ca.MX.sym("before", remembered), ca.MX.sym("x", n + 1)
         here = p[:n], p[self._told]
-        command = ca.Function.if_else("keeping", same, looked)(limits.judged(*here, x[:n]), *here, before, x[:n])
-        return ca.Function("settle", [p, before, x], [command])
+        return ca.Function("settle", [p, before, x], [choice(good(*here, x[:n]), *here, before, x[:n])])
+
+    @cached_property
+    def _led_clear(self) -> ca.Function:
+        """Q, moving capsules, memory, velocity -> see `Limits.led_clear`."""
+        n, limits = self.chain.n, self.limits
+        q, memory, velocity = (
+            ca.SX.sym(name, size) for name, size in (("q", n), ("memory", self._memory_size), ("v", n))
+        )
+        contacts = ca.SX.sym("contacts", limits.contacts_size)
+        aside = limits.led_clear(velocity, self.bounds(q, memory), contacts)
+        led = ca.Function("led_clear", [q, memory, velocity, contacts], [ca.densify(aside)], {"cse": True})
+        here, told, before, u = (
+            ca.MX.sym(name, size)
+            for name, size in (("q", n), ("moving", limits.told), ("memory", self._memory_size), ("v", n))
+        )
+        found = led(here, before, u, limits.contacts(here, u, told, ticks=2))
+        return ca.Function("aside", [here, told, before, u], [found])
 
     @cached_property
     def _slowed(self) -> ca.Function:

@@ -17,6 +17,7 @@ from rehab_opt import (
     ConfigurationError,
     KeepOut,
     Limit,
+    LinkCapsule,
     MirrorTracker,
     MovingCapsule,
     PoseTracker,
@@ -123,6 +124,24 @@ def test_arm_gives_way_to_what_comes_and_stays_at_the_margin() -> None:
     assert distances.min() >= -1e-9
     assert np.sum(distances < 1e-3) > 50  # it was pushed for a while
     assert speeds.max() > 0.1
+
+
+def test_link_that_is_pressed_towards_its_axis_gives_way_by_more_than_its_tangents_say() -> None:
+    """A link at speed, of which the body is at the margin: where it turns, rows of the last velocity's way lack 30 um."""
+    dt, q = 0.02, np.array([-2.194743, -1.123427, 1.442757, -2.25151, 2.030365, -0.392498])
+    upper_arm = LinkCapsule("upper_arm", 2, (0.438, -0.012, 0.111), (0.013, -0.012, 0.111), 0.0387)
+    chain = ur5(velocity=2.588, acceleration=25.96, capsules=(upper_arm,))
+    start, end = np.array([-0.171351, 0.148799, -0.099293]), np.array([-0.113189, 0.238142, 0.738903])
+    ways = np.array([0.042014, -0.01993, -0.017389]), np.array([0.03889, -0.018126, -0.01638])
+    apart = segments_apart(*ends(chain, q)[0], start, end)
+    body = MovingCapsule(start, end, apart - upper_arm.radius - MARGIN, *ways)
+    tracker = PoseTracker(chain, dt=dt, gain=20.0, limits=[Clearance(margin=MARGIN, moving=1)], compile=False)
+    last = np.array([-0.577414, -0.197829, 0.392097, 0.061937, 0.176073, 0.597945])
+    for share in (0.0, 0.5, 1.0, 2.0):
+        tracker.reset(share * last)
+        command = tracker.step(q, chain.pose(q), np.zeros(6), obstacles=[body])
+        there = ends(chain, q + dt * command.value)[0]
+        assert segments_apart(*there, start + dt * ways[0], end + dt * ways[1]) >= apart - 1e-9
 
 
 def test_mirrored_hand_keeps_clear_of_what_stands_and_gives_way_to_what_comes() -> None:
