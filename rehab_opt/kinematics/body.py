@@ -7,9 +7,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Body"]
+__all__ = ["Body", "of_a_body"]
 
 Array = NDArray[np.float64]
+ROUNDED = 1e-6
+"""Share of the largest moment by which files of few digits round."""
 
 
 class Body(NamedTuple):
@@ -24,3 +26,14 @@ class Body(NamedTuple):
     """(3,) centre of mass in that frame [m]."""
     inertia: Array
     """(3, 3) about the centre of mass, along that frame's axes [kg m^2]."""
+
+
+def of_a_body(inertia: Array) -> bool:
+    """Whether some body has this inertia (3, 3): no principal moment is negative, nor larger than the other two.
+
+    Rounding of a millionth is let through. NaN fails.
+    """
+    if not np.all(np.isfinite(inertia)):
+        return False
+    least, middle, largest = np.linalg.eigvalsh(inertia).tolist()
+    return bool(least >= -ROUNDED * largest and largest <= (least + middle) * (1 + ROUNDED))

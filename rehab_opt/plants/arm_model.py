@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.kinematics.body import Body
+from rehab_opt.kinematics.body import Body, of_a_body
 from rehab_opt.kinematics.chain import SerialChain, per_joint
 from rehab_opt.kinematics.inertia import rod
 from rehab_opt.kinematics.ur5 import ur5
@@ -36,7 +36,8 @@ class ArmModel:
 
     Raises
     ------
-    ConfigurationError : a number out of range, a body on no link, a joint that nothing has a mass behind.
+    ConfigurationError : a number out of range, a body on no link, an inertia that no body has, a joint that nothing has
+        a mass behind.
     """
 
     chain: SerialChain
@@ -65,6 +66,9 @@ class ArmModel:
         for body in bodies:
             if not (isinstance(body, Body) and 1 <= body.link <= n and 0.0 <= body.mass < math.inf):
                 raise ConfigurationError("bodies", body, f"masses on links 1 to {n}")
+            if not of_a_body(np.asarray(body.inertia, dtype=np.float64)):
+                expected = "an inertia that a body has: no principal moment negative or above the other two together"
+                raise ConfigurationError(f"inertia of {body.name}", np.asarray(body.inertia).tolist(), expected)
         object.__setattr__(self, "bodies", bodies)
         tip = sum(body.mass for body in bodies if body.link == n)
         if not (tip > 0.0 or self.rotors[-1] > 0.0):

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rehab_opt.errors import ConfigurationError
 from rehab_opt.plants.arm_model import ArmModel
 from rehab_opt.plants.channel import Channel
 from rehab_opt.plants.contacts import Contact
@@ -61,7 +62,11 @@ class MujocoArm(SampledPlant):
         self.drive: Drive = VelocityServo() if drive is None else drive
         self.contacts = tuple(contacts)
         self._mujoco = mujoco_module()
-        self._arm = self._mujoco.MjModel.from_xml_string(arm_mjcf(model, step=self.physics_step))
+        try:
+            self._arm = self._mujoco.MjModel.from_xml_string(arm_mjcf(model, step=self.physics_step))
+        except ValueError as refused:
+            said = str(refused).partition("\n")[0]
+            raise ConfigurationError("model", model.chain.names, f"an arm that MuJoCo takes: {said}") from refused
         self._data = self._mujoco.MjData(self._arm)
         self._hand = self._mujoco.mj_name2id(self._arm, self._mujoco.mjtObj.mjOBJ_SITE, HAND)
         self._jacobian = np.zeros((3, self.n))

@@ -16,6 +16,7 @@ from rehab_opt.errors import ConfigurationError, RobotFileError
 from rehab_opt.kinematics.body import Body
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.link_capsules import CapsuleOnLink
+from rehab_opt.kinematics.robot_file.links import Metres, Radians
 from rehab_opt.session.files import ProblemFile, problem_content, recording_path, schema_error
 from rehab_opt.session.schema import Problem, Section, Triple, refusal
 
@@ -53,9 +54,13 @@ class JointSection(Section):
 
     @model_validator(mode="after")
     def locked_once(self) -> Self:
-        """Refuse a joint that is locked twice."""
+        """Refuse a joint that is locked twice, or has limits besides."""
         if self.locked_deg is not None and self.locked_m is not None:
             raise refusal("locked_m", self.locked_m, "no such key beside locked_deg")
+        if self.locked_deg is not None or self.locked_m is not None:
+            for key in ("lower_deg", "upper_deg", "speed_deg_s", "acceleration_deg_s2"):
+                if getattr(self, key) is not None:
+                    raise refusal(key, getattr(self, key), "no such key of a joint that is locked")
         return self
 
     @model_validator(mode="after")
@@ -105,7 +110,7 @@ class RobotFile(Section):
     """Turned about the tip's x, then y, then z."""
     payload_kg: float = Field(default=0.0, ge=0, le=1000)
     """A mass at the tool's origin. It is kept with the links' masses, which are those of the plant `mujoco`."""
-    joints: dict[str, JointSection] = Field(default={}, max_length=100)
+    joints: dict[Name, JointSection] = Field(default={}, max_length=100)
     """By joint name, what is other than the file says, and what it does not say."""
     capsules: list[CapsuleSection] = Field(default=[], max_length=50)
     """Bodies of links. Without one a link is guarded by its frames' origins alone."""
@@ -175,7 +180,7 @@ def _arm(said: RobotFile, path: Path, name: str) -> SerialChain:
     capsules = [CapsuleOnLink(each.link, *_ends(each), each.radius_m) for each in said.capsules]
     speeds = {key: each.speed_deg_s for key, each in said.joints.items()}
     turned = {key: each.locked_deg for key, each in said.joints.items()}
-    slid = {key: each.locked_m for key, each in said.joints.items() if each.locked_m is not None}
+    slid = {key: Metres(each.locked_m) for key, each in said.joints.items() if each.locked_m is not None}
     of_all = None if said.speed_deg_s is None else math.radians(said.speed_deg_s)
     try:
         arm = read(
@@ -186,7 +191,7 @@ def _arm(said: RobotFile, path: Path, name: str) -> SerialChain:
             velocity=of_all if of_all is not None else _radians(speeds),
             lower=_radians({key: each.lower_deg for key, each in said.joints.items()}),
             upper=_radians({key: each.upper_deg for key, each in said.joints.items()}),
-            locked=_radians(turned) | slid,
+            locked={key: Radians(value) for key, value in _radians(turned).items()} | slid,
             mount=pose_of(said.mount_deg, said.mount_m),
             tool=pose_of(said.tool_deg, said.tool_m),
             capsules="collision" if said.collision else capsules,
@@ -200,8 +205,10 @@ def _arm(said: RobotFile, path: Path, name: str) -> SerialChain:
     locked = {key for key, each in said.joints.items() if each.locked_deg is not None or each.locked_m is not None}
     unknown = sorted(set(said.joints) - set(arm.names) - locked)
     if unknown:
-        key, value = f"joints.{unknown[0]}.acceleration_deg_s2", said.joints[unknown[0]].acceleration_deg_s2
-        raise RobotFileError(name, key, value, f"joint names among {', '.join(arm.names)}")
+        section = said.joints[unknown[0]]
+        key = next((each for each in type(section).model_fields if getattr(section, each) is not None), None)
+        where, value = ("joints", unknown[0]) if key is None else (f"joints.{unknown[0]}.{key}", getattr(section, key))
+        raise RobotFileError(name, where, value, f"joint names among {', '.join(arm.names)}")
     changed = {key: each.acceleration_deg_s2 for key, each in said.joints.items() if key in arm.names}
     bodies = (Body("payload", arm.n, said.payload_kg, arm.tool[:3, 3], np.zeros((3, 3))),) if said.payload_kg else ()
     arm = replace(arm, bodies=(*arm.bodies, *bodies))
@@ -223,7 +230,7 @@ def _key_and_value(said: RobotFile, refused: ConfigurationError) -> tuple[str, o
     """Where the robot file says what the reader calls by its own name, and what it says there."""
     first, _, rest = refused.argument.partition("[")
     if first not in JOINT_KEYS:
-        known = {"file": "mjcf"}.get(first, first)
+        known = {"file": "mjcf"}.get(first, first) if said.capsules or first != "capsules" else "collision"
         return (known if not rest else f"{known}.{rest.replace(']', '')}"), refused.value
     joint = refused.value if isinstance(refused.value, str) else rest.strip("']\"")
     section = said.joints.get(str(joint))

@@ -127,7 +127,7 @@ def test_arm_gives_way_to_what_comes_and_stays_at_the_margin() -> None:
 
 
 def test_link_that_is_pressed_towards_its_axis_gives_way_by_more_than_its_tangents_say() -> None:
-    """A link at speed, of which the body is at the margin: where it turns, rows of the last velocity's way lack 30 um."""
+    """A link at speed, of which the body is at the margin: where it turns, rows of the last way lack 30 um."""
     dt, q = 0.02, np.array([-2.194743, -1.123427, 1.442757, -2.25151, 2.030365, -0.392498])
     upper_arm = LinkCapsule("upper_arm", 2, (0.438, -0.012, 0.111), (0.013, -0.012, 0.111), 0.0387)
     chain = ur5(velocity=2.588, acceleration=25.96, capsules=(upper_arm,))

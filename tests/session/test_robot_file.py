@@ -178,6 +178,12 @@ LIFT = random_edge(np.random.default_rng(1), "lift", "prismatic", "l6", "lifted"
         (MINE + "[joints.joint_1]\nlocked_deg = 300.0", "joints.joint_1.locked_deg = 300.0: expected a value"),
         (MINE + "[joints.joint_1]\nlower_deg = 3.0\nupper_deg = 1.0", "joints.joint_1.lower_deg = 3.0: expected no"),
         (MINE + "[joints.joint_1]\nlocked_deg = 3.0\nlocked_m = 1.0", "joints.joint_1.locked_m = 1.0: expected no"),
+        (MINE + "[joints.joint_1]\nlocked_m = 0.1", "joints.joint_1.locked_m = 0.1: expected an angle"),
+        (MINE + "[joints.joint_1]\nlocked_deg = 3.0\nlower_deg = 1.0", "lower_deg = 1.0: expected no such key"),
+        (MINE + "[joints.joint_1]\nupper_deg = -175", "upper_deg = -175.0: expected no less than limit.lower"),
+        (MINE + "[joints.joint_1]\nlower_deg = 300", "joint_1.lower_deg = 300.0: expected no more than"),
+        (MINE + "[joints.j9]", "joints = 'j9': expected joint names among"),
+        (MINE + "collision = true", "collision = 'collision': expected <collision> in links between base and tip"),
         (MINE + CAPSULE.replace("l3", "l9"), "capsules.0.link = 'l9'"),
         (MINE + CAPSULE.replace("0.05", "50"), "capsules.0.radius_m = 50: expected less than or equal to 1"),
         (MINE + "tool_m = [0, 0, 120.0]", "tool_m.2 = 120.0: expected less than or equal to 10"),
@@ -199,6 +205,8 @@ def test_a_slide_has_to_be_locked_in_a_problem(problem: Callable[..., str]) -> N
     mine = MINE.replace("l6", "lifted")
     with pytest.raises(ProblemFileError, match=r"joints\.lift\.locked_m = None: expected a value that it is held at"):
         checked(load_problem(problem(mine, edges=edges)))
+    with pytest.raises(ProblemFileError, match=r"lift\.locked_deg = 30\.0: expected metres: the joint slides"):
+        checked(load_problem(problem(mine + "[joints.lift]\nlocked_deg = 30", edges=edges)))
     robot, _ = robot_at_start(load_problem(problem(mine + f"[joints.lift]\nlocked_m = {LIFT.upper}\n", edges=edges)))
     assert robot.n == 7
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.kinematics.body import Body
+from rehab_opt.kinematics.body import Body, of_a_body
 from rehab_opt.kinematics.link import Link
 from rehab_opt.kinematics.link_capsules import CapsuleOnLink, LinkCapsule
 from rehab_opt.kinematics.real_array import real_array
@@ -21,7 +21,7 @@ from rehab_opt.kinematics.robot_file.steps import TWO_TURNS, Joint, Step, moved,
 from rehab_opt.kinematics.robot_file.urdf import urdf_steps
 from rehab_opt.kinematics.robot_file.xml_tree import Source
 
-__all__ = ["MJCF", "URDF", "Given", "chain_arguments"]
+__all__ = ["MJCF", "URDF", "Given", "Metres", "Radians", "chain_arguments"]
 
 Array = NDArray[np.float64]
 PerJoint = ArrayLike | Mapping[str, float]
@@ -30,6 +30,14 @@ COLLISION = "collision"
 """In place of capsules: those about the collision geometry of the file."""
 FAST = 4 * math.pi
 """[rad/s] A speed limit beyond bounds no arm: it is noted."""
+
+
+class Metres(float):
+    """A length, of a joint that slides: one that turns refuses it."""
+
+
+class Radians(float):
+    """An angle, of a joint that turns: one that slides refuses it."""
 
 
 class Given(NamedTuple):
@@ -73,9 +81,26 @@ def chain_arguments(form: Format, file: str | Path, base: str | None, tip: str |
     RobotFileError : the file or its limits cannot be used, a joint is coupled, none moves. ProblemFileError : it cannot
         be read. ConfigurationError : what the caller says cannot be used.
     """
+    if not isinstance(file, str | Path) or "\0" in str(file) or not str(file):
+        raise ConfigurationError("file", file, "the path of a robot file: str or Path")
+    for name, link in (("base", base), ("tip", tip)):
+        if not isinstance(link, str | None):
+            raise ConfigurationError(name, link, "the name of a link, or None")
+    if not isinstance(given.locked, Mapping):
+        raise ConfigurationError("locked", given.locked, "joint values by joint name")
+    if given.capsules != COLLISION and not isinstance(given.capsules, list | tuple):
+        raise ConfigurationError("capsules", given.capsules, "a list or tuple of CapsuleOnLink, or 'collision'")
     source, keys = Source(Path(file), str(file)), form.keys
     steps, notes = form.steps(source, base=base, tip=tip, bodies=given.capsules == COLLISION)
+    if not steps and base is not None and tip is None:
+        raise source.refuse("base", base, "a link that bears others, from which an arm begins")
+    if not steps:
+        raise source.refuse("tip", tip, "a link that joints move against the base")
     capsules = [each for step in steps for each in step.bodies] if given.capsules == COLLISION else given.capsules
+    if given.capsules == COLLISION and not capsules:
+        raise ConfigurationError(
+            "capsules", COLLISION, f"<collision> in links between base and tip: {source.name} has none"
+        )
     joints, before, frames = _joints_and_frames(steps, given.locked, source, notes)
     n, names = len(joints), tuple(joint.name for joint in joints)
     rows = tuple(Link(before[i + 1], joints[i].prismatic) for i in range(n))
@@ -83,6 +108,11 @@ def chain_arguments(form: Format, file: str | Path, base: str | None, tip: str |
     back = [inverse_pose(before[0]), *(inverse_pose(row.after) for row in rows)]
     places = {each.step.link: (each.joint, back[each.joint] @ each.pose) for each in frames}
     lower, upper, velocity = _limits(joints, given, source, keys, notes)
+    notes += [
+        f"link {each.step.link}, inertia: no body has it; robots with mass refuse it"
+        for each in frames
+        if each.step.inertial is not None and not of_a_body(each.step.inertial.inertia)
+    ]
     return {
         "rows": rows,
         "base": before[0],
@@ -128,7 +158,7 @@ def _joints_and_frames(
         if step.link:
             frames.append(_Fixed(len(joints), here, step))
     if not joints:
-        raise source.refuse("tip", steps[-1].link if steps else None, "a link that joints move against the base")
+        raise source.refuse("tip", steps[-1].link, "a link that joints move against the base")
     return joints, [*before, here], frames
 
 
@@ -150,6 +180,9 @@ def _at(joint: Joint, value: object) -> Array:
     except (TypeError, ValueError, OverflowError):
         amount = math.nan
     unit = "m" if joint.prismatic else "rad"
+    if isinstance(value, Radians if joint.prismatic else Metres):
+        expected = "metres: the joint slides" if joint.prismatic else "an angle: the joint turns"
+        raise ConfigurationError(f"locked[{joint.name!r}]", float(value), expected)
     if not abs(amount) < math.inf:
         raise ConfigurationError(f"locked[{joint.name!r}]", value, "a finite joint value")
     if amount < joint.lower or amount > joint.upper:  # not where the file has no limit, NaN
@@ -178,16 +211,31 @@ def _limits(
             key, value = f"joint {joint.name}, {keys[k]}", limits[k, i]
             if math.isnan(value) or (k == 2 and not 0.0 < value < math.inf):
                 what = f"a speed above 0 {unit}/s" if k == 2 else f"a limit [{unit}]"
+                if not math.isnan(own[k][i]):
+                    raise ConfigurationError(f"{argument}[{joint.name!r}]", float(value), what)
                 said = None if math.isnan(value) else float(value)
                 raise source.refuse(key, said, f"{what}; the file has none: give {argument}={{{joint.name!r}: value}}")
             if k < 2 and math.isnan(own[k][i]) and not joint.prismatic and TWO_TURNS < abs(value) < math.inf:
                 expected = f"radians within two turns, as a joint that has ends; if it has none: {argument}={{...}}"
                 raise source.refuse(key, float(value), expected)
+        if not low <= high and not np.isnan(own[0][i]) and np.isnan(own[1][i]):
+            expected = f"no more than {keys[1]} of {source.name}, {_said(high, joint)}"
+            raise ConfigurationError(f"lower[{joint.name!r}]", float(low), expected)
+        if not low <= high and not np.isnan(own[1][i]):
+            whose = f"{keys[0]} of {source.name}" if np.isnan(own[0][i]) else "lower"
+            raise ConfigurationError(
+                f"upper[{joint.name!r}]", float(high), f"no less than {whose}, {_said(low, joint)}"
+            )
         if not low <= high:
             raise source.refuse(f"joint {joint.name}, {keys[0]}", float(low), f"no more than {keys[1]} = {high:.6g}")
         if speed > FAST and not joint.prismatic and math.isnan(own[2][i]):
             notes.append(f"joint {joint.name}, {keys[2]} = {speed:.6g} rad/s: more than two turns a second")
     return limits[0], limits[1], limits[2]
+
+
+def _said(value: float, joint: Joint) -> str:
+    """A position of the joint, in the units of robot files too."""
+    return f"{value:.6g} m" if joint.prismatic else f"{value:.6g} rad ({math.degrees(value):.5g} deg)"
 
 
 def _accelerations(given: PerJoint, names: tuple[str, ...]) -> Array:

@@ -25,6 +25,8 @@ SHAPES = {
     "box": (("size", 3),),
 }
 """Collision geometry that becomes capsules, and the numbers that it has."""
+READ = ("origin", "parent", "child", "axis", "limit", "mimic", "dynamics", "calibration")
+"""Elements of a joint that are read, or say nothing of where it goes."""
 TURNING, SLIDING = ("revolute", "continuous"), ("prismatic",)
 _NO_NUMBER = np.array([math.nan])
 
@@ -56,7 +58,10 @@ def urdf_steps(
     for element in root.all():
         if element.tag.startswith("xacro:"):
             name = source.path.name
-            plain = name.removesuffix(".xacro").removesuffix(".urdf") + ".urdf"
+            stem = name.removesuffix(".xacro").removesuffix(".urdf")
+            plain = (
+                f"{stem}.urdf" if name != f"{stem}.urdf" else f"{stem}_expanded.urdf"
+            )  # the shell empties its target
             raise source.refuse(
                 f"line {element.line}", f"<{element.tag}>", f"a URDF; expand it first: xacro {name} > {plain}"
             )
@@ -113,6 +118,9 @@ def _way(tree: _Tree, base: str | None, tip: str | None, source: Source) -> list
     if tip is None:
         bearing = {_parent(joint) for joint in tree.carriers.values()}
         leaves = [name for name in tree.links if name not in bearing]
+        if not leaves:
+            expected = "links of which one bears no other" if tree.links else "links and joints"
+            raise source.refuse("tip", None, f"{expected}: {'these are a loop' if tree.links else 'there are none'}")
         if len(leaves) != 1:
             raise source.refuse("tip", None, f"the link where the arm ends, one of {_listed(leaves)}")
         tip = leaves[0]
@@ -146,6 +154,8 @@ def _step(joint: Element, links: Mapping[str, Element], source: Source, notes: l
     if kind not in (*TURNING, *SLIDING, "fixed"):
         expected = "revolute, continuous, prismatic or fixed; let the chain begin or end at another link"
         raise source.refuse(f"{owner}, type", kind, expected)
+    notes += [f"{owner}: <{tag}> is not read" for tag in dict.fromkeys(each.tag for each in joint.children)
+              if tag not in READ and kind != "fixed"]  # fmt: skip
     moving = None if kind == "fixed" else _joint(joint, kind, source, owner, notes)
     return Step(origin, moving, child, _inertial(links[child], source))
 

@@ -74,7 +74,7 @@ def refusal(file: Path, **options: object) -> str:
         ('<child link="hand"/>', '<child link="middle"/>', "joint joint_b, child.link", "'middle'", "one parent"),
         ("<axis", "<origin/><axis", "joint joint_a, origin", "'2 elements'", "one"),
         ("<robot ", "<robot ><joint ", "line 1", "'mismatched tag'", "XML"),
-        ('<link name="base"/>', '<link name="base"/><xacro:a/>', "line 1", "'<xacro:a>'", "xacro arm.urdf > arm.urdf"),
+        ('<link name="base"/>', '<link name="base"/><xacro:a/>', "line 1", "'<xacro:a>'", "> arm_expanded.urdf"),
         ("robot", "sdf", "line 1", "'mismatched tag'", "XML"),
         ("joint_b", "", "line 1, joint.name", "''", "a name"),
     ],
@@ -101,7 +101,15 @@ def test_a_good_arm_is_read(good: Callable[..., Path]) -> None:
         ({"tip": "nowhere"}, "tip = 'nowhere': expected one of the links base, middle, hand"),
         ({"base": "nowhere"}, "base = 'nowhere': expected one of the links"),
         ({"base": "hand", "tip": "middle"}, "tip = 'middle': expected a link below base = 'hand'"),
-        ({"tip": "base"}, "tip = None: expected a link that joints move against the base"),
+        ({"base": "hand"}, "base = 'hand': expected a link that bears others"),
+        ({"tip": ["hand"]}, "tip = ['hand']: expected the name of a link"),
+        ({"locked": None}, "locked = None: expected joint values by joint name"),
+        ({"capsules": None}, "capsules = None: expected a list"),
+        ({"capsules": "collision"}, "arm.urdf has none"),
+        ({"lower": {"joint_a": 5.0}}, "lower['joint_a'] = 5.0: expected no more than limit.upper of "),
+        ({"upper": {"joint_a": -3.0}}, "arm.urdf, -2 rad (-114.59 deg)"),
+        ({"lower": 1.0, "upper": 0.5}, "upper['joint_a'] = 0.5: expected no less than lower, 1 rad"),
+        ({"tip": "base"}, "tip = 'base': expected a link that joints move against the base"),
         ({"locked": {"joint_c": 1.0}}, "locked = 'joint_c'"),
         ({"locked": {"joint_a": np.nan}}, "locked['joint_a'] = nan"),
         ({"locked": {"joint_a": 2.5}}, "locked['joint_a'] = 2.5: expected a value within the joint's -2 to 2 rad"),
@@ -111,12 +119,30 @@ def test_a_good_arm_is_read(good: Callable[..., Path]) -> None:
         ({"acceleration": np.nan}, "acceleration = nan"),
         ({"acceleration": "fast"}, "acceleration = 'fast'"),
         ({"velocity": {"joint_a": np.nan}}, "velocity = {'joint_a': nan}"),
-        ({"velocity": -1.0}, "joint joint_a, limit.velocity = -1.0"),
+        ({"velocity": -1.0}, "velocity['joint_a'] = -1.0: expected a speed above 0 rad/s"),
         ({"capsules": [("hand", (0, 0, 0), (0, 0, 1), 0.1)]}, "capsules[0]"),
     ],
 )
 def test_a_bad_argument_is_named(good: Callable[..., Path], options: dict[str, object], expected: str) -> None:
     assert expected in refusal(good(), **options)
+
+
+def test_what_is_no_path_is_refused_as_an_argument() -> None:
+    for file in (None, 3, b"arm.urdf", "arm\0.urdf", ""):
+        assert "expected the path of a robot file" in refusal(file)  # type: ignore[arg-type]
+
+
+def test_what_is_not_read_and_what_no_body_has_is_noted(good: Callable[..., Path]) -> None:
+    heavy = (
+        '<link name="middle"><inertial><mass value="2"/>'
+        '<inertia ixx="{0}" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+    )
+    for xx, noted in ((0.02, False), (0.021, True), (-0.01, True), (0.0, False)):
+        arm = SerialChain.from_urdf(good('<link name="middle"/>', heavy.format(xx)), acceleration=1.0)
+        assert arm.notes == (("link middle, inertia: no body has it; robots with mass refuse it",) if noted else ())
+    assert SerialChain.from_urdf(good("<axis", "<Axis"), acceleration=1.0).notes == (
+        "joint joint_a: <Axis> is not read",
+    )
 
 
 def test_the_acceleration_is_asked_for(good: Callable[..., Path]) -> None:
@@ -171,7 +197,7 @@ def test_a_long_cycle_is_found(tmp_path: Path) -> None:
     file = tmp_path / "cycle.urdf"
     file.write_text(f"<robot>{links}{joints}</robot>")
     assert "below itself" in refusal(file, tip="l7")
-    assert "where the arm ends" in refusal(file)
+    assert "these are a loop" in refusal(file)
 
 
 def test_pipes_folders_and_nothing_are_refused(tmp_path: Path) -> None:
