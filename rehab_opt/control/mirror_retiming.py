@@ -60,8 +60,6 @@ def retimed(tracker: MirrorTracker, plan: MirrorPath, left: Array) -> MirrorPath
         if passage is None:
             return plan
         found, ticks = passage
-        if len(found.times) >= len(plan.times):
-            return plan
         broken = _broken(tracker, found, plan)
         if not broken.any():
             return found
@@ -77,7 +75,7 @@ def _passed(
 ) -> tuple[MirrorPath, NDArray[np.int_]] | None:
     """The passage of least time, the hand at most at this share of its speed; and which tick of the plan each is of.
 
-    About each of the plan's ticks it goes as `ways` (M,) says. None where there is none, as from one point to the next.
+    About each of the plan's ticks it goes as `ways` (M,) says. None where there is none that is sooner than the plan.
     """
     from scipy.interpolate import CubicHermiteSpline, PchipInterpolator  # noqa: PLC0415  (loaded when used)
 
@@ -98,8 +96,8 @@ def _passed(
     cells = PathCells(knots, *(np.hstack([curve(knots[:-1], order) for curve in curves]) for order in (1, 2, 3)))
     accelerations = PART * np.append(np.minimum(chain.acceleration, 2 * chain.velocity / dt), [np.inf, np.inf])
     timing = fastest_timing(cells, velocity=speeds, acceleration=accelerations)
-    if not math.isfinite(timing.times[-1]):
-        return None
+    if not timing.times[-1] <= dt * (len(plan.times) - 2):
+        return None  # not sooner than the plan; what is nearly at rest in between may take days
     place = timing.at(dt * np.arange(math.ceil(timing.times[-1] / dt) + 1))
     moved = np.hstack([curve(place) for curve in curves])
     moved[0], moved[-1] = x[0], x[-1]

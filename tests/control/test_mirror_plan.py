@@ -17,6 +17,7 @@ from rehab_opt.control import mirror_plan, mirror_retiming
 from rehab_opt.control.conditioning import Conditioned, conditioned
 from rehab_opt.control.foreseen import Foreseen
 from rehab_opt.control.hand_bounds import KeepOut
+from rehab_opt.control.path_timing import PathTiming
 from rehab_opt.control.reference_clock import ReferenceClock
 from rehab_opt.kinematics.vr import fit_frame, poses_of, quaternions_of, robot_from_unity
 from tests.control.mirror_campaign import LARGEST, closed_form, random_path
@@ -235,6 +236,20 @@ def test_a_passage_that_would_break_a_bound_is_not_taken(monkeypatch: pytest.Mon
 
 def test_a_passage_keeps_joint_limits_between_the_points_that_it_goes_through() -> None:
     verdict = judge.run(1, 42223020, only=56)  # 33 microradians beyond one were seen: its curve dips
+    assert verdict.ticks > 200
+    assert not verdict.kinds, verdict.broken
+
+
+def test_a_passage_that_takes_days_is_not_laid_out_in_ticks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nearly at rest amid its way, one of 17 days was: 1.5 10^8 ticks, more than the memory of any machine."""
+    at = PathTiming.at
+
+    def counted(timing: PathTiming, times: np.ndarray) -> np.ndarray:
+        assert len(times) < 10_000
+        return at(timing, times)
+
+    monkeypatch.setattr(PathTiming, "at", counted)
+    verdict = judge.run(1, 62150014, only=85)
     assert verdict.ticks > 200
     assert not verdict.kinds, verdict.broken
 
