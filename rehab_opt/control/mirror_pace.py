@@ -148,7 +148,7 @@ class MirrorPace:
         q, last, moving = (ca.MX.sym(name, audit.size1_in(i)) for name, i in (("q", 0), ("last", 1), ("moving", 3)))
         given = [ca.MX.sym("given", each.numel()) for each in inputs]
         column, told, begun, there = parts.call(given)
-        kept = ca.logic_and(there, audit(q, braked(last), column, moving)[0])
+        kept = ca.logic_and(there, audit(q, braked(q, last), column, moving)[0])
         kept = ca.logic_or(ca.logic_not(begun), kept)
         return ca.Function("aimed", [q, last, *given, moving], [column, ca.vertcat(kept, told)])
 

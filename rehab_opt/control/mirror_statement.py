@@ -233,9 +233,14 @@ class MirrorStatement(PoseTracker):
 
     @cached_property
     def braked(self) -> ca.Function:
-        """Velocity (n,) -> all joints slowed alike, as fast as their accelerations allow."""
-        last = ca.SX.sym("last", self.chain.n)
-        return ca.Function("braked", [last], [ca.densify(self.hand_bounds.braking(last))], {"cse": True})
+        """q, velocity (n,) -> all joints slowed alike, as fast as their accelerations allow, and within their limits.
+
+        A joint that is too fast to stop before its limit stops there: what accelerations are comes behind.
+        """
+        q, last = (ca.SX.sym(name, self.chain.n) for name in ("q", "last"))
+        lower, upper = ((ca.DM(end) - q) / self.dt for end in (self.chain.lower, self.chain.upper))
+        slowed = clipped(self.hand_bounds.braking(last), ca.fmin(lower, 0), ca.fmax(upper, 0))
+        return ca.Function("braked", [q, last], [ca.densify(slowed)], {"cse": True})
 
     def keeping(self) -> ca.Function:
         """q, velocity, `HELD`, velocity before, broken, moving capsules -> the velocity that keeps every bound truly.
@@ -247,7 +252,7 @@ class MirrorStatement(PoseTracker):
         n, audit = self.chain.n, self.audit
         sizes = {"q": n, "v": n, "held": HELD.size, "before": n, "broken": 1, "moving": self.limits.told, "then": 1}
         q, value, held, before, broken, moving, then = given = [ca.MX.sym(name, size) for name, size in sizes.items()]
-        braked = self.braked(before)
+        braked = self.braked(q, before)
         brakes = audit(q, braked, held, moving)[1]
         begin, end = ca.if_else(brakes, braked, 0), ca.if_else(brakes, value, braked)
         short, long = ca.MX(0), ca.MX(1)
@@ -288,7 +293,8 @@ class MirrorStatement(PoseTracker):
         part.setflags(write=False)
         self.counts["shortened"] += 1
         self._ladder.memory[: 2 * self.chain.n] = np.concatenate([part, q + part * self.dt])
-        return part, flags | Bound.TASK | (Bound.ACCELERATION if hurried else Bound.NOTHING), True
+        said = Bound.TASK | (Bound.ACCELERATION if hurried else Bound.NOTHING)
+        return part, flags & ~Bound.ACCELERATION | said, True
 
     def _find_way_out(self, flat: bool, w: float) -> None:
         """What stands for the gradient in the next tick, where there is none."""
