@@ -49,15 +49,29 @@ def causes(led: Led, bounds: HandBounds) -> NDArray[np.int_]:
 DT, EVERY = 1e-3, 5
 """[s] Tick of a drive, and how many of them are between the samples that are kept."""
 FREE = 1e9
+AGAIN = 4
+"""Passages of which the last is taken."""
 
 
 def driven(led: Led, robot: SerialChain, bounds: SmoothingSection, *, linear_speed: float) -> Drive:
     """The law's joints passed by `smooth_path`: all of them wait for the slowest, and for the hand.
 
-    The way of the hand is one more axis, no faster than `linear_speed` [m/s].
+    The way of the hand is one more axis, no faster than `linear_speed` [m/s]. Between two samples it is the joints' and
+    not its own that counts: where that is faster, all is passed again, slower by as much.
     """
     if led.motion is not None:
         return Drive(led.time, led.q, led.tool, led.deviation)
+    share = 1.0
+    for _ in range(AGAIN):
+        drive = _passed(led, robot, bounds, linear_speed=share * linear_speed)
+        fastest = float(np.linalg.norm(np.diff(drive.tool[:, :3, 3], axis=0), axis=1).max(initial=0.0)) / (EVERY * DT)
+        if fastest <= linear_speed:
+            break
+        share *= linear_speed / fastest * (1 - 1e-6)
+    return drive
+
+
+def _passed(led: Led, robot: SerialChain, bounds: SmoothingSection, *, linear_speed: float) -> Drive:
     place, jerk = led.tool[:, :3, 3], np.full(robot.n, math.radians(bounds.jerk_deg_s3))
     way = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(place, axis=0), axis=1)))
     found = smooth_path(
