@@ -54,8 +54,6 @@ ROUNDING = 1e-9
 """Fraction by which a change stays within the accelerations, so that it is seen to."""
 TINY = 1e-12
 """[m/s] A speed that is no motion."""
-SHIFTS = 3
-"""Of `ROWS`, the first so many shift the hand; the others turn it."""
 
 
 class Last(NamedTuple):
@@ -154,7 +152,6 @@ class HandTask:
         stop_rows = self._stop_rows(
             q,
             last.velocity,
-            jacobian,
             direction,
             size,
             left=ca.norm_2(turning),
@@ -184,7 +181,6 @@ class HandTask:
         self,
         q: ca.SX,
         last: ca.SX,
-        jacobian: ca.SX,
         direction: ca.SX,
         size: ca.SX,
         *,
@@ -195,17 +191,18 @@ class HandTask:
     ) -> dict[str, ca.SX]:
         """Rows of the hand's velocity where braking ends, J(z) u, and their bounds, each one column.
 
-        By its tangent at `slower`, since z = q + T u moves with u. The velocities are those of the chassis as it stands
-        there, and so is what the stick commands in the chassis frame.
+        By its tangent at `slower`, with z = q + T u, which moves with u. The velocities are those of the chassis as it
+        stands there, and so is what the stick commands in the chassis frame.
 
         left : [m/s or rad/s] what may be left off the command after this tick: as much may be left there. A robot far
         faster than its command is else kept so by these rows, which are tangents: a hand was 0.6 of its command across
         when T + 1 s had gone by.
         """
-        slower = braking.slower(last)
-        stop = self._at_stop(q, braking.time * slower, world)
-        changes = self._changes(q, slower, jacobian, stop, world=world, time=braking.time)
-        then, fixed = stop + changes, -changes @ slower
+        slower, each = braking.slower(last), ca.SX.sym("u", last.numel())
+        way = braking.time * each
+        hand = self.task_jacobian((q + way)[CHAIR:], turned=ca.SX(0), heading=ca.if_else(world, q[2] + way[2], 0)) @ each
+        then, there = ca.substitute([ca.jacobian(hand, each), hand], [each], [slower])
+        fixed = there - then @ slower
         along_row, along_fixed = direction.T @ then, ca.dot(direction, fixed)
         square = self._square(direction)
         across, across_fixed = square @ then, square @ fixed
@@ -242,25 +239,6 @@ class HandTask:
         growth = ca.if_else(along > GOES * size, -step, 0)
         growth = ca.if_else(along < CREEPS * size, ca.if_else(worth, step, -step), growth)
         return ca.if_else(size > 0, ca.fmin(ca.fmax(last.insistence * (1 + growth), FIRST), DEAREST), FIRST)
-
-    def _at_stop(self, q: ca.SX, way: ca.SX, world: ca.SX) -> ca.SX:
-        """(k, 7) the Jacobian `way` (7,) from q."""
-        return self.task_jacobian((q + way)[CHAIR:], turned=ca.SX(0), heading=ca.if_else(world, q[2] + way[2], 0))
-
-    def _changes(self, q: ca.SX, u: ca.SX, jacobian: ca.SX, stop: ca.SX, *, world: ca.SX, time: float) -> ca.SX:
-        """(k, 7) by how much J(q + T u) u changes with u through the place alone.
-
-        Where rows shift the hand, second derivatives are symmetric, and what J itself changes by on the way stands for
-        them. Where they turn it, they are not: an elbow swings the wrist's axis, a wrist not the elbow's. The one taken
-        for the other let an elbow turn a fast wrist against the command, by 23 % of it.
-        """
-        turning = [i for i, row in enumerate(self.rows) if ROWS.index(row) >= SHIFTS]
-        changes = stop - jacobian
-        if turning:
-            each = ca.SX.sym("u", u.numel())
-            hand = self._at_stop(q, time * each, world)[turning, :] @ u
-            changes[turning, :] = ca.substitute(ca.jacobian(hand, each), each, u)
-        return changes
 
     def task_jacobian(self, arm: ca.SX, *, turned: ca.SX, heading: ca.SX) -> ca.SX:
         """(k, 7) rows that the stick commands, at arm joints (4,), of velocities with the chair's in its own frame.
