@@ -199,8 +199,8 @@ class HandTask:
         when T + 1 s had gone by.
         """
         slower, each = braking.slower(last), ca.SX.sym("u", last.numel())
-        way = braking.time * each
-        hand = self.task_jacobian((q + way)[CHAIR:], turned=ca.SX(0), heading=ca.if_else(world, q[2] + way[2], 0)) @ each
+        z = q + braking.time * each
+        hand = self.task_jacobian(z[CHAIR:], turned=ca.SX(0), heading=ca.if_else(world, z[2], 0)) @ each
         then, there = ca.substitute([ca.jacobian(hand, each), hand], [each], [slower])
         fixed = there - then @ slower
         along_row, along_fixed = direction.T @ then, ca.dot(direction, fixed)

@@ -155,8 +155,8 @@ def test_a_fast_wrist_is_not_turned_round_by_the_elbow_that_carries_it() -> None
 
 
 def test_a_chair_that_turns_while_its_arm_gives_way_keeps_the_hand_on_its_way() -> None:
-    # A judge's run: the third joint comes to its limit, and the chair sets out and turns, fast. Whether the chair turns
-    # less or the arm moves less is not the same to the hand where braking ends: the rows there must know which is which.
+    # A judge's run: a joint comes to its limit, and the chair sets out and turns, fast. Whether the chair turns less
+    # or the arm moves less is not the same to the hand where braking ends: the rows there must know which is which.
     resolver = RedundancyResolver(ardis(), drive="differential", dt=DT, row_sets=[ROWS], compile=False)
     law, twist = PseudoinverseLaw(resolver.robot, drive="differential"), np.array([0.0468, 0.0664, 0.099])
     q, across, turning = np.array([0.3023, -0.1351, -2.7066, 0.331, -0.2886, 0.3729, 0.0039]), [], 0.0
