@@ -137,7 +137,7 @@ def test_rows_that_nearly_depend_are_held_as_exactly_as_others(seed: int) -> Non
     matrix[1] = matrix[0] + 1e-5 * rng.standard_normal(N)
     first, second = matrix[:2] @ np.linalg.cholesky(np.linalg.inv(qp.H))
     beside = second - first * (first @ second) / (first @ first)
-    assume(beside @ beside > 1e-12 * (second @ second))
+    assume(beside @ beside > 3e-11 * (second @ second))  # where less is left, rounding decides the answer
     inside, high = rng.standard_normal(N), far.copy()
     high[:2] = matrix[:2] @ inside
     gradient = -qp.H @ inside - matrix[:2].T @ rng.uniform(0.5, 2.0, 2) * 100
