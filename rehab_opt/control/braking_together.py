@@ -23,6 +23,11 @@ __all__ = ["BrakingTogether"]
 
 SLACK = 1.1
 """T is longer by this than stopping takes: a task and a limit that turn on the way need acceleration, too."""
+FARTHEST = 0.2
+"""[rad, m] Way of the stop posture in a tick, at most: limits are tangents there.
+
+A chair that takes 2 s to stop, with an arm of 38 rad/s^2, had to stay a metre off its keep-outs, and stood for ever.
+"""
 
 
 class BrakingTogether:
@@ -38,8 +43,9 @@ class BrakingTogether:
     def __init__(self, chain: SerialChain, dt: float, *, moving: Sequence[int]) -> None:
         self.time = SLACK * max(dt, float(np.max((chain.velocity / chain.acceleration)[moving])))
         """T [s]."""
-        self.change = ca.DM(np.minimum(chain.acceleration * dt, 2 * chain.velocity))
-        """(n,) largest change of a velocity in a tick; a finite number where the acceleration is infinite."""
+        farthest = np.maximum(FARTHEST, SLACK * chain.velocity * dt) / self.time
+        self.change = ca.DM(np.minimum.reduce([chain.acceleration * dt, 2 * chain.velocity, farthest]))
+        """(n,) largest change of a velocity in a tick: the acceleration's, and z moves by `FARTHEST` at most."""
         self._left = 1 - dt / self.time
         stopping = self.time / SLACK
         self._part = stopping / (stopping + 1)

@@ -37,6 +37,12 @@ STEADY = 0.01
 by T/dt more. Light joints would else go from one end of their acceleration to the other, tick by tick, where bounds are
 met: what is best turns with the rows at the stop posture, and those with u.
 """
+CURVED = 2.0
+"""How many times progress pays for the bow that a joint's turn in a tick makes of the hand's way, reach dt u^2 / 2.
+
+Where a stretched arm gives none, tangents promise some to either side: the arm then overshoots that place in every tick
+by as much as it is beyond it or more, unless this is above 1. One swung at 20 rad/s^2, its hand at 0.3 m/s.
+"""
 GOING = 10.0
 """Ticks of acceleration in which a joint gets to a speed from which on all of that share counts: at rest, what is left
 of the command decides.
@@ -52,10 +58,11 @@ TINY = 1e-12
 class ChairAndArm(VelocityController):
     """Joint velocities for a hand twist in one set of rows.
 
-    min  1/2 (u - t)'W(u - t) + (T/dt) 0.005 |u - b|^2 - price progress + 10 price off     over u, progress, off
+    min  1/2 (u - t)'W(u - t) + (0.005 T/dt + price reach dt) |u - b|^2 - price progress + 10 price off
     s.t. J u = w + progress r/|r| + off e/|e|,   0 <= progress <= |r|,  0 <= off <= |e|
          |u - u_last| <= acceleration dt,  the bounds of `ChairLimits`,  and of the hand at the stop posture z
-         -max(0.05 |r|, |w|) <= (r/|r|)'J(z) u,  |s'J(z) u| <= max(0.27 |r|, |w|) for s square to r
+         -max(0.05 |r|, |w|) <= (r/|r|)'J(z) u,  |s'J(z) u| <= max(0.27 |r|, |w|) for s square to r,
+         by their tangents at u_last (1 - dt/T), and no tighter than that and c below are
 
     u are the joint velocities with the chair's in the chassis frame (forward, left, turn), in which neither W nor the
     arm's Jacobian knows where the chair stands: that a turned or shifted scene changes nothing is by construction, and
@@ -179,7 +186,7 @@ class ChairAndArm(VelocityController):
         progress = variable("progress", 1, lower=0, upper=given["speed"])
         off = variable("off", 1, lower=0, upper=given["off"])
         u, away = decided.symbol, decided.symbol - given["target"]
-        steady = STEADY * braking.time / self.dt
+        steady = STEADY * braking.time / self.dt + CURVED * given["price"] * self.dt * self.limits.reach
         # Steeper the more is missing, since solvers fail more often on a cost that is flat in a variable.
         missing = given["speed"] - progress.symbol
         price = given["price"] * (OFF * off.symbol - progress.symbol) + PROGRESS * (missing**2 + off.symbol**2) / 2

@@ -38,8 +38,8 @@ STEEP = 1e3
 STRAIGHT = 0.27
 """Fraction of the commanded speed by which the hand at the stop posture may move in each direction square to its way.
 
-What braking in proportion leaves of it is a quarter where it is half done, and a turning chair adds as much: at 0.3 one
-hand of 13 455 came to 0.164 across. Less makes hands slow near singular postures.
+What braking in proportion leaves of it is a quarter, where it is half done. Less makes hands slow near singular
+postures.
 """
 HURRY = 0.3
 """Fraction of it by which the hand may be off the command without hurry; what is more goes as its joints can stop.

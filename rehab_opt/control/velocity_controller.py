@@ -418,9 +418,12 @@ def real_numbers(argument: str, value: ArrayLike, shape: tuple[int, ...]) -> Arr
     return array
 
 
-def checked_number(argument: str, value: float, *, above: float, below: float = math.inf) -> float:
-    """`value` as a float strictly between `above` and `below`."""
-    if is_real(value) and above < value < below:
+def checked_number(
+    argument: str, value: float, *, above: float, below: float = math.inf, most: float = math.inf
+) -> float:
+    """`value` as a float strictly between `above` and `below`, and at most `most`."""
+    if is_real(value) and above < value < below and value <= most:
         return float(value)
     least = "of at least 0" if -ROUNDED < above < 0 else f"above {above:g}"
-    raise ConfigurationError(argument, value, f"a number {least}" + f" and below {below:g}" * math.isfinite(below))
+    end = f" and below {below:g}" * math.isfinite(below) + f" and at most {most:g}" * math.isfinite(most)
+    raise ConfigurationError(argument, value, f"a number {least}{end}")

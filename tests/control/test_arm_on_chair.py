@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from rehab_opt import Bound, CapsuleOnLink, ConfigurationError, RedundancyResolver, SerialChain, ardis, ur5
+from rehab_opt import Bound, CapsuleOnLink, ConfigurationError, RedundancyResolver, SerialChain, Status, ardis, ur5
 from rehab_opt.kinematics.arm_links import largest_hand_volume
 from rehab_opt.kinematics.arm_on_chair import arm_on_chair
 from rehab_opt.kinematics.mobile_arm import CHAIR, Capsule, MobileArm
@@ -187,3 +187,18 @@ def test_an_arm_of_three_joints_is_refused_with_what_is_wanted(tmp_path: Path) -
         ConfigurationError, match=r"arm = 'joint_0 turns.*: expected 4 or more joints, all of which turn"
     ):
         arm_on_chair(arm_of(tmp_path, gen3()[:3]), mount=MOUNT)
+
+
+@pytest.mark.parametrize("seed", [1, 3, 7, 8, 10])
+def test_an_arm_at_the_end_of_its_reach_comes_to_rest(tmp_path: Path, seed: int) -> None:
+    # Quick joints, slow ticks, and a stick that asks for more: stretched, tangents promise a way to either side.
+    (tmp_path / "arm.urdf").write_text(urdf(gen3()))
+    arm = SerialChain.from_urdf(tmp_path / "arm.urdf", tip=gen3()[-1].child, acceleration=20.0)
+    robot, rng, dt, rows = arm_on_chair(arm, mount=MOUNT), np.random.default_rng(seed), 0.02, ("x", "y")
+    resolver = RedundancyResolver(robot, drive="fixed", dt=dt, row_sets=[rows], compile=False)
+    q, twist, sent = np.append(np.zeros(CHAIR), rng.uniform(-1.5, 1.5, arm.n)), rng.standard_normal(2), []
+    for _ in range(700):
+        sent.append(resolver.step(q, 0.05 * twist / np.linalg.norm(twist), rows))
+        q = q + dt * sent[-1].value
+    assert all(each.status is Status.BLOCKED for each in sent[-10:])
+    assert np.abs([each.value for each in sent[-100:]]).max() < 0.1

@@ -275,7 +275,7 @@ def test_no_command_after_no_command_is_exactly_nothing(drive: str, rows: tuple[
         assert not command.wheels.any()
 
 
-@given(st.integers(0, 10**6), st.sampled_from([1e-3, 1e-2, 4e-2]), st.sampled_from(DRIVES))
+@given(st.integers(0, 10**6), st.sampled_from([1e-3, 1e-2, 2e-2]), st.sampled_from(DRIVES))
 @settings(max_examples=25)
 def test_no_command_while_moving_stops_in_as_many_ticks_as_the_slowest_joint_needs(
     seed: int, dt: float, drive: str
@@ -492,7 +492,7 @@ def test_within_reach_the_arm_does_the_work_with_less_kinetic_energy_than_the_ch
 
 
 @pytest.mark.parametrize("drive", DRIVES)
-@pytest.mark.parametrize("dt", [1e-3, 1e-2, 4e-2])
+@pytest.mark.parametrize("dt", [1e-3, 1e-2, 2e-2])
 def test_an_ordinary_chair_never_slips_sideways_and_no_wheel_is_too_fast(drive: str, dt: float) -> None:
     robot, q, rng = resolver(drive=drive, dt=dt), ARDIS_READY.copy(), np.random.default_rng(6)
     wheels = getattr(robot.robot, drive)
@@ -511,7 +511,7 @@ def test_an_ordinary_chair_never_slips_sideways_and_no_wheel_is_too_fast(drive: 
 
 # ------------------------------------------------------------------------------------------------------ obstacles
 @pytest.mark.parametrize("drive", DRIVES)
-@pytest.mark.parametrize("dt", [1e-3, 1e-2, 4e-2])
+@pytest.mark.parametrize("dt", [1e-3, 1e-2, 2e-2])
 def test_a_chair_driven_at_walls_and_posts_stops_before_them_at_any_tick_length(drive: str, dt: float) -> None:
     room = [HalfPlane((1, 0.2), 1.2), HalfPlane((-1, 0), 1.0), Disc((0.2, 1.2), 0.3), Disc((0.5, -1.1), 0.1)]
     robot, q, rng = resolver(drive=drive, dt=dt, obstacles=room), ARDIS_READY.copy(), np.random.default_rng(7)
@@ -711,7 +711,7 @@ def test_reaching_stops_on_a_target_that_is_no_number_and_goes_on_with_the_next(
     [
         ("drive", "legs"),
         ("dt", 0.0),
-        ("dt", 0.041),
+        ("dt", 0.021),
         ("dt", True),
         ("row_sets", []),
         ("row_sets", [("x", "x")]),

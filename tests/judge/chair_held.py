@@ -58,12 +58,12 @@ PROMISES = (
     Promise(
         "rehab_opt/control/redundancy.py",
         "Accelerations therefore yield only where an obstacle, or a velocity that was told, came too late for that, or "
-        "within 2 mm;",
+        "within 2 mm.",
     ),
     Promise(
         "rehab_opt/control/redundancy.py", "Where the bounds leave nothing of the command, the status is `BLOCKED`."
     ),
-    Promise("rehab_opt/control/redundancy.py", "1 mm + reach (1.1 T a dt)^2 / 2 before it"),
+    Promise("rehab_opt/control/redundancy.py", "1 mm + reach ((1.1 T a dt)^2 + (sum a dt^2)^2) / 2 before it"),
     Promise("rehab_opt/control/redundancy.py", "Forget the past."),
     Promise(
         "rehab_opt/control/command.py",

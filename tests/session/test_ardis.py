@@ -269,7 +269,7 @@ FAULTS: list[tuple[dict[str, Any], str, str]] = [
     ({"room": {"walls": [{"normal": [2.0, 0.0], "offset_m": 9.0}]}}, "room.walls.0.normal", "length 1"),
     ({"room": {"posts": [{"centre_m": [2.0, 0.0], "radius_m": -1.0}]}}, "room.posts.0.radius_m", "greater than"),
     ({"goals": [{"name": "a", "hand_m": [0.0, 0.0, 0.0], "gripper": "shut"}]}, "goals.0.gripper", "'open'"),
-    ({"run": {"rate_hz": 1.0}}, "run.rate_hz", "greater than or equal to 25"),
+    ({"run": {"rate_hz": 1.0}}, "run.rate_hz", "greater than or equal to 50"),
     ({"run": {"solver": "no_such"}}, "run.solver", ""),
 ]  # fmt: skip
 

@@ -171,7 +171,7 @@ class RoomSection(Section):
 class RunSection(Section):
     """How often, and with what."""
 
-    rate_hz: float = Field(default=100.0, ge=25, le=1000)
+    rate_hz: float = Field(default=100.0, ge=50, le=1000)
     """Ticks a second."""
     self_motion: float = Field(default=1.0, ge=0, le=100)
     """Weight of the posture in Eq. (1), of both laws."""
