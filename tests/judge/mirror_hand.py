@@ -76,6 +76,7 @@ def judge(verdict: Verdict, one: Run) -> None:
     slowing = np.max(np.abs(value) / given.acceleration, axis=1)  # [s] all joints alike
     rest = one.q[1:] + value * slowing[:, None] / 2
     alone &= np.linalg.norm(tool(rest)[:, :3, 3] - one.references[:, :3, 3], axis=1) < FAR * given.max_deviation
+    alone &= np.minimum(given.upper - rest, rest - given.lower).min(axis=1) > AWAY
     alone &= manipulability(rest) > given.floor + AWAY
     late = np.char.find(answers.reason, "step shortened") >= 0
     verdict.holds("no step is shortened where nothing but the hand speed is near", ~late | ~alone)
