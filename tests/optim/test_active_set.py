@@ -55,12 +55,13 @@ def with_a_corner(qp: Instance, answer: np.ndarray) -> Instance:
 
 @given(seeds)
 @example(4646)  # a bound met in a corner has a multiplier of -1e-17
+@example(822464)  # rows so nearly dependent that a round softened by 1e-9 leaves 2e-6
 @settings(max_examples=100, deadline=None)
 def test_the_dual_method_finds_the_answer_whatever_bounds_meet(seed: int) -> None:
     plain = random_qp(seed, N, M, unbounded=False)
     for qp in (plain, with_a_corner(plain, solved(plain).x)):
         p = parameters_of(qp)
-        found = np.array(whole()(p, [], dual()(p, []))[0]).ravel()
+        found = np.array(last_round()(p, [], dual()(p, []))[0]).ravel()
         assert 0.0 <= found[-1] <= 1e-8
         np.testing.assert_allclose(found[:N], solved(qp).x, atol=1e-6)
 
