@@ -116,7 +116,8 @@ class ChairLimits:
 
     - joint limits: lower <= q + T u <= upper;
     - keep-outs: the arm's distance at that of the places `ALONG` the way to z where least is left is above a margin
-      that grows on the way, to first order in the change of u; at q it falls no faster than itself divided by T;
+      that grows on the way, to first order in the change of u; at q it falls no faster than what is left divided by T,
+      and within the margin, where an arm slides along, no faster than braking leaves of it while `CLEAR` is left;
     - obstacles: the gap of each corner of the chair at z, or half-way there where less is left, likewise.
 
     Where a state comes too late for that (an obstacle that appears, a velocity that is told, rounding), a limit asks
@@ -170,7 +171,8 @@ class ChairLimits:
     def keep_outs(self, arm: ca.SX, last: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Rows (c, k) towards the keep-outs at arm joints (k,) after a command's (k,), and their free speeds (c,).
 
-        First those of the posture now; then, for each, of the place on the way to the stop posture where least is left.
+        First those of the posture now, negative within its margin; then, for each, of the place on the way to the stop
+        posture where least is left.
         """
         if not self.robot.keep_out:
             return self.far()
@@ -178,7 +180,7 @@ class ChairLimits:
         apart = time / len(ALONG)
         # In the middle of the tick: there a link that slides along a keep-out comes no nearer.
         opening, gaps = self._closing(arm + last * (self.dt / 2))
-        now, free = -opening, ca.fmax(gaps - self._margin(0.0, last), 0) / time
+        now, free = -opening, (gaps - self._margin(0.0, last)) / time
         then, left = 0 * opening, ca.inf * ca.SX.ones(now.size1())
         before, falls = opening, ca.fmin(opening @ slower, 0)
         for part in ALONG:
@@ -228,8 +230,8 @@ class ChairLimits:
         now, then = closing[:count, :], closing[count:, :]
         slower, slowest = self.braking.slower(last), self.braking.slowest(last)
         chair, chair_limit = self._chassis(slowest[:CHAIR])
-        hard = free[:count] * (self.braking.time / self.dt)
-        now_limit = ca.fmax(free[:count], ca.fmin(now @ slowest[CHAIR:], hard))
+        hard = ca.fmax(free[:count] * self.braking.time + CLEAR, 0) / self.dt
+        now_limit = ca.fmax(ca.fmax(free[:count], 0), ca.fmin(now @ slowest[CHAIR:], hard))
 
         def pressed(u: ca.SX) -> ca.SX:
             """U where it can be, else the nearest, joint by joint and then in proportion."""

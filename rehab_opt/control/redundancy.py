@@ -55,7 +55,8 @@ class RedundancyResolver(OneThread):
     in between, its way bows, and the keep-out is round, by reach (1 + reach / d) turn^2 / 8 together, d [m] between
     their axes: below 0.1 mm for 10 mrad. It may stop short of one, where rows are tangents: 1 mm + reach
     ((1.1 T a dt)^2 + (sum a dt^2)^2) / 2 before it, 1.6 mm of `ardis()` with ticks of 10 ms, 3.4 mm with 20. T is the
-    chair's, too; so that this is no way of metres, a joint changes its speed by 0.2 / 1.1 T in a tick at most.
+    chair's, too; a joint changes its speed by at most 0.2 / (1.1 T) in a tick, so that a slow chair does not keep a
+    quick arm far off.
 
     The law. Every limit, keep-out and obstacle is approached so that the whole robot can brake together, all velocities
     to zero in proportion in 1.1 T, with all of them kept (`BrakingTogether`); T is the time in which every joint stops
