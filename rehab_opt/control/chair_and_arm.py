@@ -17,6 +17,7 @@ from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.control.limit import Limits as OwnLimits
 from rehab_opt.control.obstacles import NUMBERS
 from rehab_opt.control.velocity_controller import VelocityController
+from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.drive_name import DriveName
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 from rehab_opt.optim.certificate import all_true
@@ -125,6 +126,8 @@ class ChairAndArm(VelocityController):
         """Numbers of the obstacles, and behind them of the moving capsules."""
         self.shapes = ((k,), (1,), *([(self.surroundings,)] if self.surroundings else []))  # type: ignore[misc]
         self.task = HandTask(robot, rows, moving=self.limits.moving, self_motion=self_motion)
+        if (rank := self.task.rank()) < k:
+            raise ConfigurationError("row_sets", rows, f"independent rows; on a {drive} base {rank} of them are")
         # What is remembered: u, where it leads, from where the arm is led to where it is, the command, the wheels' part
         # of it, and of the hand its velocity, the insistence on its progress, and the frame.
         first = 2 * n + (0 if feedback is None else n - CHAIR)

@@ -54,6 +54,8 @@ ROUNDING = 1e-9
 """Fraction by which a change stays within the accelerations, so that it is seen to."""
 TINY = 1e-12
 """[m/s] A speed that is no motion."""
+POSTURES, DEPENDENT = 3, 1e-6
+"""Where rows are compared; the singular value below which a hand cannot do all of them."""
 
 
 class Last(NamedTuple):
@@ -82,6 +84,13 @@ class HandTask:
     rows: tuple[str, ...]
     moving: list[int]
     self_motion: float
+
+    def rank(self) -> int:
+        """How many rows are independent of each other, at the best of a few postures."""
+        arm = ca.SX.sym("arm", self.robot.chain.n - CHAIR)
+        rows = ca.Function("rows", [arm], [self.task_jacobian(arm, turned=ca.SX(0), heading=ca.SX(0))[:, self.moving]])
+        postures = np.random.default_rng(0).uniform(-1, 1, (POSTURES, arm.numel()))
+        return max(int(np.linalg.matrix_rank(np.array(rows(each)), tol=DEPENDENT)) for each in postures)
 
     def columns(
         self, q: ca.SX, twist: ca.SX, world: ca.SX, *, last: Last, limits: Limits, braking: BrakingTogether, dt: float

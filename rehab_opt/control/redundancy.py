@@ -359,10 +359,6 @@ class RedundancyResolver(OneThread):
         return active.tick(enable, stamp)
 
     def _prepare(self, rows: tuple[str, ...], *, compile: Compile) -> ChairAndArm:
-        most = len(self.robot.drive(self.drive).moving) + self.robot.chain.n - CHAIR
-        if len(rows) > most:
-            expected = f"at most {most} rows, as many as joints move on a {self.drive} base"
-            raise ConfigurationError("row_sets", rows, expected)
         chosen = ChairAndArm(self.robot, rows, compile=compile, **self._options)  # type: ignore[arg-type]
         chosen.tell_obstacles(self._numbers)
         self._sets[rows] = chosen

@@ -189,6 +189,17 @@ def test_an_arm_of_three_joints_is_refused_with_what_is_wanted(tmp_path: Path) -
         arm_on_chair(arm_of(tmp_path, gen3()[:3]), mount=MOUNT)
 
 
+def test_rows_that_no_posture_of_an_arm_can_do_are_refused(tmp_path: Path) -> None:
+    edges, turns = gen3()[:4], ("rx", "ry", "rz")
+    for edge, axis in zip(edges, ([0.0, 0.0, 1.0], *[[0.0, 1.0, 0.0]] * 3), strict=True):
+        edge.xyz, edge.rpy, edge.axis = np.array([0.3, 0.0, 0.0]), np.zeros(3), np.array(axis)
+    robot = arm_on_chair(arm_of(tmp_path, edges), mount=np.eye(4))
+    for drive in ("fixed", "mecanum"):  # a shoulder that turns, and an arm that bends in its plane
+        with pytest.raises(ConfigurationError, match=f"row_sets = .*: expected independent rows; .*{drive} base 2 of"):
+            RedundancyResolver(robot, drive=drive, row_sets=[turns], compile=False)  # type: ignore[arg-type]
+    RedundancyResolver(robot, drive="fixed", row_sets=[("x", "y", "z")], compile=False)
+
+
 @pytest.mark.parametrize("seed", [1, 3, 7, 8, 10])
 def test_an_arm_at_the_end_of_its_reach_comes_to_rest(tmp_path: Path, seed: int) -> None:
     # Quick joints, slow ticks, and a stick that asks for more: stretched, tangents promise a way to either side.

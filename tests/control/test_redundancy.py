@@ -592,9 +592,7 @@ def test_an_arm_that_slides_along_a_keep_out_keeps_its_accelerations() -> None:
 
 def test_a_quick_arm_on_a_slow_chair_goes_on_beside_keep_outs() -> None:
     # All brake together, in 2.2 s: what the arm's own acceleration can add to its way in that would be 1.4 m.
-    robot = ardis(
-        velocity=[1.5, 1.5, 1.0, 1.0, 1.0, 1.2, 1.5], acceleration=[0.75, 0.75, 1.5, 38.0, 38.0, 38.0, 38.0]
-    )
+    robot = ardis(velocity=[1.5, 1.5, 1.0, 1.0, 1.0, 1.2, 1.5], acceleration=[0.75, 0.75, 1.5, 38.0, 38.0, 38.0, 38.0])
     quick = RedundancyResolver(robot, drive="differential", row_sets=[("z",)], dt=0.02, compile=False)
     q = np.array(ARDIS_READY)
     for _ in range(200):
