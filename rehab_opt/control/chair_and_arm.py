@@ -73,8 +73,9 @@ class ChairAndArm(VelocityController):
     arm's Jacobian knows where the chair stands: that a turned or shifted scene changes nothing is by construction, and
     the rolling row, Eq. (4), is a left speed of zero. r is the commanded twist. z = q + T u is where the robot comes to
     rest if it brakes together from now on: see `BrakingTogether`. J is that of the middle of the tick, where a velocity
-    that is held moves the hand as it does in the mean. t is Eq. (1) at q; from one of its answers to a distant one, as
-    after a turn of the stick, t is so far from u_last to Eq. (1) as the accelerations allow (`HandTask`). b is the
+    that is held moves the hand as it does in the mean. t is Eq. (1) at q, and where joints cannot be so fast, as near
+    singular postures, its direction; from one of its answers to a distant one, as after a turn of the stick, t is so
+    far from u_last to Eq. (1) as the accelerations allow (`HandTask`). b is the
     answer of the first term alone where that keeps all bounds, so that it stays the answer; u_last after a tick of
     braking where an obstacle or keep-out is in its way, or it passes another bound by what a tick's accelerations can
     do; in between, between them: light joints stay calm. The price of progress grows while the hand creeps although its

@@ -124,6 +124,10 @@ class HandTask:
         soft, firmness = firm(here)
         y = firmness(commanded + lively * (here @ gradient))
         target = self._spread(soft @ y - lively * gradient[moving])
+        # Faster than the joints can be it is a direction. Near singular postures it is far faster, and turns round from
+        # one side to the other: joints went to and fro at their accelerations between them.
+        faster = ca.fmax(ca.mmax(ca.fabs(target) / self.robot.chain.velocity), 1)
+        towards = ca.if_else(ca.sumsqr(target) <= PLAUSIBLE**2, target / faster, 0)
         soft, firmness = firm(jacobian)
         change = firmness(commanded - jacobian @ target)
         law = target + self._spread(soft @ change)
@@ -173,7 +177,7 @@ class HandTask:
         return {
             "jacobian": ca.vec(ca.densify(jacobian)),
             "inertia": ca.densify(upper_triangle(inertia)),
-            "target": part * target + (1 - part) * last.velocity,
+            "target": part * towards + (1 - part) * last.velocity,
             "direction": direction,
             "speed": speed,
             "turning": turning,

@@ -590,6 +590,24 @@ def test_an_arm_that_slides_along_a_keep_out_keeps_its_accelerations() -> None:
     assert np.all(np.abs(np.diff(sent, axis=0)) <= acceleration * slow.dt * (1 + 1e-9))
 
 
+@pytest.mark.parametrize("rows", [("x", "y", "z"), ("x", "y", "z", "rz"), ("rx", "y")])
+def test_an_arm_that_is_led_to_where_it_can_no_more_rests_there(rows: tuple[str, ...]) -> None:
+    # Past a singular posture Eq. (1) turns round, and it is without bounds before: joints shook between its two sides.
+    arm, rested = RedundancyResolver(ardis(), drive="fixed", row_sets=[rows], dt=0.005, compile=False), 0
+    for seed in range(6):
+        twist = np.random.default_rng(seed).standard_normal(len(rows))
+        q, sent = ARDIS_READY.copy(), []
+        arm.reset()
+        for _ in range(2400):
+            sent.append(arm.step(q, 0.1 * twist / np.linalg.norm(twist), rows))
+            q = q + 0.005 * sent[-1].value
+        assert sum(each.status is Status.BACKUP for each in sent) < 10
+        if sent[-1].status is Status.BLOCKED and not np.any(np.abs(sent[-600].value) > 0.1):  # no slow creeping on
+            rested += 1
+            assert np.max(np.abs([each.value for each in sent[-200:]])) < 1e-3
+    assert rested >= 3
+
+
 def test_a_quick_arm_on_a_slow_chair_goes_on_beside_keep_outs() -> None:
     # All brake together, in 2.2 s: what the arm's own acceleration can add to its way in that would be 1.4 m.
     robot = ardis(velocity=[1.5, 1.5, 1.0, 1.0, 1.0, 1.2, 1.5], acceleration=[0.75, 0.75, 1.5, 38.0, 38.0, 38.0, 38.0])
