@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.chair_limits import ChairLimits, Limits
 from rehab_opt.control.command import Bound, Command, Status
-from rehab_opt.control.hand_task import PROGRESS, HandTask, Last
+from rehab_opt.control.hand_task import AHEAD, PROGRESS, HandTask, Last
 from rehab_opt.control.joint_feedback import JointFeedback
 from rehab_opt.control.limit import Limits as OwnLimits
 from rehab_opt.control.obstacles import NUMBERS
@@ -40,7 +40,7 @@ keep-out had its hand more than 0.05 of the command across for 0.93 s, to keep 0
 STEADY = 0.01
 """Weight of a steady velocity beside what braking leaves of it, as a share of the chair's mass; of a change in a tick,
 by T/dt more. Light joints would else go from one end of their acceleration to the other, tick by tick, where bounds are
-met: what is best turns with the rows half-way to the stop posture, and those with u.
+met: what is best turns with the rows of the way to the stop posture, and those with u.
 """
 CURVED = 2.0
 """How many times progress pays for the bow that a joint's turn in a tick makes of the hand's way, reach dt u^2 / 2.
@@ -65,7 +65,7 @@ class ChairAndArm(VelocityController):
 
     min  1/2 (u - t)'W(u - t) + (0.005 T/dt + price reach dt) |u - b|^2 - price progress + 20 price off
     s.t. J u = w + progress r/|r| + off e/|e|,   0 <= progress <= |r|,  0 <= off <= |e|
-         |u - u_last| <= acceleration dt,  the bounds of `ChairLimits`,  and half-way to z, at h = q + T u / 2,
+         |u - u_last| <= acceleration dt,  the bounds of `ChairLimits`,  and for h of z and half-way to it
          -max(0.05 |r|, |w|) <= (r/|r|)'J(h) u,  |s'J(h) u| <= max(0.27 |r|, |w|) for s square to r,
          by their tangents at u_last (1 - dt/T), and no tighter than that and c below are
 
@@ -198,7 +198,7 @@ class ChairAndArm(VelocityController):
         # Steeper the more is missing, since solvers fail more often on a cost that is flat in a variable.
         missing = given["speed"] - progress.symbol
         price = given["price"] * (OFF * off.symbol - progress.symbol) + PROGRESS * (missing**2 + off.symbol**2) / 2
-        chassis, others = limits.chassis_rows(u), [*self._hand_rows(u, given), *limits.surrounding_rows(u)]
+        chassis, others = limits.chassis_rows(u), [self._hand_row(u, given), *limits.surrounding_rows(u)]
         sent = parameter("command", n)
         wanted = ca.if_else(
             moving, self.limits.outside(limits, u) if self.max_obstacles else u, limits.base
@@ -221,7 +221,7 @@ class ChairAndArm(VelocityController):
             active_set_iterations=ROUNDS,
             iterations=ITERATIONS,
             analytic=ca.vertcat(given["guess"], given["speed"], 0),
-            dual=ca.vertcat(given["multipliers"], ca.SX.zeros(limits.row_count + k)),
+            dual=ca.vertcat(given["multipliers"], ca.SX.zeros(limits.row_count + len(AHEAD) * k)),
             precomputed=columns,
             precompute=self._prepared(
                 ca.vertcat(*parameters), memory, ca.vertcat(keep_outs, clearance, around, contacts), prepared
@@ -236,13 +236,10 @@ class ChairAndArm(VelocityController):
             violation=limits.violation(sent),
         )
 
-    def _hand_rows(self, u: ca.SX, task: Mapping[str, ca.SX]) -> list[Row]:
+    def _hand_row(self, u: ca.SX, task: Mapping[str, ca.SX]) -> Row:
         """The rows on u (7,) that keep the hand to its way while it brakes."""
-        along = within(task["along"].T @ u, task["along_lower"], np.inf)
-        if len(self.rows) == 1:
-            return [along]
-        across = ca.reshape(task["across"], len(self.rows) - 1, self.chain.n) @ u
-        return [along, within(across, task["across_lower"], task["across_upper"])]
+        ahead = ca.reshape(task["ahead"], task["ahead_lower"].numel(), self.chain.n)
+        return within(ahead @ u, task["ahead_lower"], task["ahead_upper"])
 
     def _calm(self, last: ca.SX, task: Mapping[str, ca.SX], limits: Limits, eased: Limits) -> ca.SX:
         """(7,) what steadies the command: b of the class."""
@@ -255,7 +252,7 @@ class ChairAndArm(VelocityController):
 
         # Of its own bounds as a share of what the accelerations can do in a tick.
         beyond = ca.if_else(all_true(ca.fabs(guess) <= PLAUSIBLE), 0, ca.inf)
-        for row in (within(u, eased.lower, eased.upper), *limits.chassis_rows(u), *self._hand_rows(u, task)):
+        for row in (within(u, eased.lower, eased.upper), *limits.chassis_rows(u), self._hand_row(u, task)):
             matrix = ca.jacobian(row.expression, u)
             shares = over(row, matrix) / ca.fmax(ca.fabs(matrix) @ braking.change, TINY)
             beyond = ca.fmax(beyond, ca.mmax(shares))

@@ -35,17 +35,16 @@ GROWING, FIRST, DEAREST = 0.5, 0.37, 100.0
 """[s] in which that price grows or falls e-fold; least factor on `PROGRESS`, below 1 as 1; the most."""
 STEEP = 1e3
 """[m/s] Up to which the price follows that cost where it is higher, as it is near singular postures."""
-HALF = 0.5
-"""Part of the way to the stop posture where the hand must still be on its way.
+AHEAD = (0.5, 1.0)
+"""Parts of the way to the stop posture where the hand must still be on its way.
 
-What the bend of the joints' way takes from braking is none at its begin, and braking has left nothing at its end. With
-these rows at the stop posture itself a chair that turned while its elbow bent, both as fast as they may, was 0.89 of
-its command across amid the way.
+With the stop posture alone a chair that turned while its elbow bent, both as fast as they may, was 0.89 of its command
+across amid the way.
 """
 STRAIGHT = 0.27
 """Fraction of the commanded speed by which J u may be off the hand's way there, in each direction square to it.
 
-Braking has left half of that. Less makes hands slow near singular postures.
+Half-way braking has left half of that, at the stop posture nothing. Less makes hands slow near singular postures.
 """
 HURRY = 0.3
 """Fraction of it by which the hand may be off the command without hurry; what is more goes as its joints can stop.
@@ -208,9 +207,9 @@ class HandTask:
         base: ca.SX,
         braking: BrakingTogether,
     ) -> dict[str, ca.SX]:
-        """Rows of the hand's velocity where braking is half done, J(q + T u / 2) u, and their bounds, each one column.
+        """Rows of the hand's velocity J u at the places `AHEAD`, and their bounds, each one column.
 
-        By its tangent at `slower`: the place moves with u. The velocities are those of the chassis as it stands there,
+        By its tangent at `slower`, since the places move with u. The velocities are those of the chassis as it stands there,
         and so is what the stick commands in the chassis frame.
 
         left : [m/s or rad/s] what may be left off the command after this tick: as much may be left there. A robot far
@@ -218,25 +217,23 @@ class HandTask:
         when T + 1 s had gone by.
         """
         slower, each = braking.slower(last), ca.SX.sym("u", last.numel())
-        place = q + HALF * braking.time * each
-        heading = ca.if_else(world, place[2], 0)
-        hand = self.task_jacobian(place[CHAIR:], turned=ca.SX(0), heading=heading) @ each
-        then, there = ca.substitute([ca.jacobian(hand, each), hand], [each], [slower])
-        fixed = there - then @ slower
-        along_row, along_fixed = direction.T @ then, ca.dot(direction, fixed)
-        square = self._square(direction)
-        across, across_fixed = square @ then, square @ fixed
-        along_then = ca.fmin(along_row @ base, along_row @ slower) + along_fixed
-        across_least = ca.fmin(across @ base, across @ slower) + across_fixed
-        across_most = ca.fmax(across @ base, across @ slower) + across_fixed
+        axes = ca.vertcat(direction.T, self._square(direction))
         back, straight = (ca.if_else(size > 0, ca.fmax(part * size, left), FAR) for part in (BACK, STRAIGHT))
-        return {
-            "along": ca.densify(along_row.T),
-            "along_lower": ca.fmin(along_then, -back) - along_fixed,
-            "across": ca.vec(ca.densify(across)),
-            "across_lower": ca.fmin(across_least, -straight) - across_fixed,
-            "across_upper": ca.fmax(across_most, straight) - across_fixed,
-        }
+        rows, lower, upper = [], [], []
+        for part in AHEAD:
+            place = q + part * braking.time * each
+            heading = ca.if_else(world, place[2], 0)
+            hand = axes @ self.task_jacobian(place[CHAIR:], turned=ca.SX(0), heading=heading) @ each
+            then, there = ca.substitute([ca.jacobian(hand, each), hand], [each], [slower])
+            fixed, braked = there - then @ slower, there + ca.fmin(then @ (base - slower), 0)
+            faster = there + ca.fmax(then @ (base - slower), 0)
+            least = ca.vertcat(-back, -straight * ca.SX.ones(hand.numel() - 1))
+            most = ca.vertcat(ca.inf, straight * ca.SX.ones(hand.numel() - 1))
+            rows.append(then)
+            lower.append(ca.fmin(braked, least) - fixed)
+            upper.append(ca.fmax(faster, most) - fixed)
+        ahead = [ca.densify(ca.vertcat(*each)) for each in (rows, lower, upper)]
+        return {"ahead": ca.vec(ahead[0]), "ahead_lower": ahead[1], "ahead_upper": ahead[2]}
 
     @staticmethod
     def _square(direction: ca.SX) -> ca.SX:
