@@ -209,8 +209,8 @@ class HandTask:
     ) -> dict[str, ca.SX]:
         """Rows of the hand's velocity J u at the places `AHEAD`, and their bounds, each one column.
 
-        By its tangent at `slower`, since the places move with u. The velocities are those of the chassis as it stands there,
-        and so is what the stick commands in the chassis frame.
+        By its tangent at `slower`, since the places move with u. The velocities are those of the chassis as it stands
+        there, and so is what the stick commands in the chassis frame.
 
         left : [m/s or rad/s] what may be left off the command after this tick: as much may be left there. A robot far
         faster than its command is else kept so by these rows, which are tangents: a hand was 0.6 of its command across
