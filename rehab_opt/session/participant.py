@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from contextlib import contextmanager
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.errors import ConfigurationError, ProblemFileError
+from rehab_opt.errors import ProblemFileError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.human_arm import human_arm
 from rehab_opt.session.arm_keys import ArmSection, RangeOfMotion, SegmentsSection
 from rehab_opt.session.files import ProblemFile, recording_path
 from rehab_opt.session.recording import Recording
 from rehab_opt.session.recordings import read_recording, resampled
+from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.schema import PlacementSection, PlanarPlacement, Problem, RecordingSection, Side
 from rehab_opt.session.text_lines import FARTHEST
 
@@ -35,7 +34,7 @@ def participant_arm(section: ArmSection, *, file: str) -> SerialChain:
     """
     arm = arm_of(section.side, section.segments, section.range_of_motion, file=file)
     bounds = {"velocity": section.joint_speed_deg_s, "acceleration": section.joint_acceleration_deg_s2}
-    with _keys_of("arm", file=file):
+    with refused_as(file, "arm, {}".format):
         return arm.with_limits(**{name: math.radians(bound) for name, bound in bounds.items() if bound is not None})
 
 
@@ -50,16 +49,8 @@ def arm_of(
     """
     chosen = ranges if isinstance(ranges, str) else ranges.by_joint()
     lengths = {name.removesuffix("_mm"): 1e-3 * length for name, length in segments.model_dump().items()}
-    with _keys_of(key, file=file):
+    with refused_as(file, f"{key}, {{}}".format):
         return human_arm(range_of_motion=chosen, segments=lengths, side=side)
-
-
-@contextmanager
-def _keys_of(key: str, *, file: str) -> Iterator[None]:
-    try:
-        yield
-    except ConfigurationError as problem:
-        raise ProblemFileError(file, f"{key}, {problem.argument}", problem.value, problem.expected) from problem
 
 
 def checked_hand(recording: RecordingSection, *, side: Side, file: str) -> None:

@@ -26,6 +26,7 @@ from rehab_opt.session.mirror.problem import MirrorProblem
 from rehab_opt.session.mirror.scene import Scene
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.plant.loop import Ran, simulate, yielded_words
+from rehab_opt.session.refusals import refused_as
 
 __all__ = ["ANY_SPEED", "followed", "planned", "searched", "tracker_of", "without_floor"]
 
@@ -73,7 +74,7 @@ def tracker_of(
             raise ProblemFileError(file, f"tracker.keep_out.{i}.normal", each.normal, "a direction") from refused
     person, grip = scene.person if scene.person is not None and live else (None, None)
     arm = problem.patient.arm
-    try:
+    with refused_as(file, lambda name: clearance_key(name) or KEYS.get(name, f"tracker.{name}")):
         return MirrorTracker(
             scene.robot,
             floor=section.floor,
@@ -91,9 +92,6 @@ def tracker_of(
             backup=backup,
             **options,
         )
-    except ConfigurationError as refused:
-        key = clearance_key(refused.argument) or KEYS.get(refused.argument, f"tracker.{refused.argument}")
-        raise ProblemFileError(file, key, refused.value, refused.expected) from refused
 
 
 def _led(

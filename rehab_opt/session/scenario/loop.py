@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rehab_opt.control.command import Command, Status
-from rehab_opt.errors import ConfigurationError, ProblemFileError
+from rehab_opt.errors import ProblemFileError
 from rehab_opt.plants.force_robot import RobotModel
 from rehab_opt.plants.hand_robot import MakesRobots, OnMujoco, WithoutDelay
 from rehab_opt.plants.plant import Measurement
@@ -18,6 +18,7 @@ from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.problem import LiveControl, LiveInputs
 from rehab_opt.session.plant.loop import simulate
 from rehab_opt.session.plant.making import channel_of, ms
+from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.scenario.intention import Intention, Pace
 from rehab_opt.session.scenario.laws import ForceLaw
 from rehab_opt.session.scenario.outcome import Law, Trial
@@ -76,10 +77,8 @@ def robot_model_of(loaded: ProblemFile[ScenarioProblem]) -> RobotModel:
         lower=(said.lower_m[0], said.lower_m[1]),
         upper=(said.upper_m[0], said.upper_m[1]),
     )
-    try:
+    with refused_as(loaded.file, "robot.{}".format):
         model.check(person.hand_mass_kg, dt=1 / rate)
-    except ConfigurationError as refused:
-        raise ProblemFileError(loaded.file, f"robot.{refused.argument}", refused.value, refused.expected) from refused
     stiff, tough = person.stiffness_N_m, person.damping_Ns_m
     held = (
         (0.0, 0.0),

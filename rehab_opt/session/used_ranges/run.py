@@ -11,12 +11,12 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag
 
-from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.kinematics.human_arm import human_arm
 from rehab_opt.session.cp_reach import ReachGroup, reach_groups
 from rehab_opt.session.files import ProblemFile, recording_path
 from rehab_opt.session.outcome import Column, Outcome, Progress
 from rehab_opt.session.reach_rows import GROUPS, task_title
+from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.schema import NAME, TABLE, Once, Problem, Section
 from rehab_opt.session.systems import Needed, System
 from rehab_opt.session.workspaces.reached import Reached, placement_of, tilt_of
@@ -110,47 +110,6 @@ class UsedRangesOutcome(Outcome):
         return boundary_columns({of.label: of.reached.workspace for groups in self.tasks.values() for of in groups})
 
 
-def run_used_ranges(loaded: ProblemFile[UsedRangesProblem], *, progress: Progress) -> UsedRangesOutcome:
-    """Ranges and workspaces of both groups in each task.
-
-    Raises
-    ------
-    ProblemFileError : a file is absent or not as expected, or a value is refused.
-    """
-    problem = loaded.problem
-    groups = groups_of(loaded)
-    results: dict[str, tuple[GroupResult, ...]] = {}
-    whole = len(problem.recorded.tasks) * len(GROUPS)
-    for task in problem.recorded.tasks:
-        of_task: list[GroupResult] = []
-        for name in GROUPS:
-            progress("groups", len(results) * len(GROUPS) + len(of_task), whole)
-            group = groups[task, name]
-            of_task.append(
-                GroupResult(
-                    label=f"{task_title(task)}, {name}",
-                    group=group,
-                    reached=_reached(problem.arm, group, file=loaded.file),
-                    shares=_shares(problem.arm, group, problem.variation),
-                )
-            )
-        results[task] = tuple(of_task)
-    progress("groups", whole, whole)
-    return UsedRangesOutcome(
-        notes=tuple(_notes(problem, results)),
-        metrics={
-            "groups": {
-                of.label: _group_metrics(of, other, problem.variation)
-                for of_task in results.values()
-                for of, other in zip(of_task, reversed(of_task), strict=True)
-            },
-        },
-        section=problem.arm,
-        variation=problem.variation,
-        tasks=results,
-    )
-
-
 def needed_files(problem: UsedRangesProblem) -> tuple[Needed, ...]:
     """The files of every angle that the model needs."""
     return tuple(
@@ -180,11 +139,9 @@ def groups_of(loaded: ProblemFile[UsedRangesProblem]) -> dict[tuple[str, str], R
 
 def _reached(section: ArmInPlane, group: ReachGroup, *, file: str) -> Reached:
     began = time.perf_counter()
-    try:
+    with refused_as(file, "arm, {}".format):
         arm = human_arm(range_of_motion=group.used, segments=_lengths(section), side=section.side)
         workspace = planar_workspace(arm, accuracy=1e-3 * section.accuracy_mm, **_plane(section))
-    except ConfigurationError as refused:
-        raise ProblemFileError(file, f"arm, {refused.argument}", refused.value, refused.expected) from refused
     return Reached(arm, workspace, time.perf_counter() - began)
 
 
@@ -266,4 +223,35 @@ class UsedRangesSystem(System[UsedRangesProblem, UsedRangesOutcome]):
         self, loaded: ProblemFile[UsedRangesProblem], *, options: Mapping[str, str], progress: Progress
     ) -> UsedRangesOutcome:
         """No options."""
-        return run_used_ranges(loaded, progress=progress)
+        problem = loaded.problem
+        groups = groups_of(loaded)
+        results: dict[str, tuple[GroupResult, ...]] = {}
+        whole = len(problem.recorded.tasks) * len(GROUPS)
+        for task in problem.recorded.tasks:
+            of_task: list[GroupResult] = []
+            for name in GROUPS:
+                progress("groups", len(results) * len(GROUPS) + len(of_task), whole)
+                group = groups[task, name]
+                of_task.append(
+                    GroupResult(
+                        label=f"{task_title(task)}, {name}",
+                        group=group,
+                        reached=_reached(problem.arm, group, file=loaded.file),
+                        shares=_shares(problem.arm, group, problem.variation),
+                    )
+                )
+            results[task] = tuple(of_task)
+        progress("groups", whole, whole)
+        return UsedRangesOutcome(
+            notes=tuple(_notes(problem, results)),
+            metrics={
+                "groups": {
+                    of.label: _group_metrics(of, other, problem.variation)
+                    for of_task in results.values()
+                    for of, other in zip(of_task, reversed(of_task), strict=True)
+                },
+            },
+            section=problem.arm,
+            variation=problem.variation,
+            tasks=results,
+        )

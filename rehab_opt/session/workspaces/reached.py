@@ -6,10 +6,10 @@ import math
 import time
 from typing import NamedTuple
 
-from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.session.arm_keys import RangeOfMotion
 from rehab_opt.session.participant import arm_of
+from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.workspaces.sections import ArmInPlane
 from rehab_opt.workspace.placement import ShoulderPlacement
 from rehab_opt.workspace.reach import planar_workspace
@@ -37,7 +37,7 @@ def reached(section: ArmInPlane, ranges: str | RangeOfMotion, *, file: str, key:
     """
     arm = arm_of(section.side, section.segments, ranges, file=file, key=key)
     began = time.perf_counter()
-    try:
+    with refused_as(file, lambda name: f"{key}.{KEYS.get(name, name)}"):
         workspace = planar_workspace(
             arm,
             height=section.plane_height_m,
@@ -45,10 +45,6 @@ def reached(section: ArmInPlane, ranges: str | RangeOfMotion, *, file: str, key:
             accuracy=1e-3 * section.accuracy_mm,
             placement=placement_of(section),
         )
-    except ConfigurationError as refused:
-        raise ProblemFileError(
-            file, f"{key}.{KEYS.get(refused.argument, refused.argument)}", refused.value, refused.expected
-        ) from refused
     return Reached(arm, workspace, time.perf_counter() - began)
 
 
