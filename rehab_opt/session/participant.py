@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.human_arm import human_arm
+from rehab_opt.recordings.reading import read_recording, resampled
+from rehab_opt.recordings.recording import Recording
 from rehab_opt.session.arm_keys import ArmSection, RangeOfMotion, SegmentsSection
 from rehab_opt.session.files import ProblemFile, recording_path
-from rehab_opt.session.recording import Recording
-from rehab_opt.session.recordings import read_recording, resampled
 from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.schema import PlacementSection, PlanarPlacement, Problem, RecordingSection, Side
-from rehab_opt.session.text_lines import FARTHEST
+from rehab_opt.text_file import FARTHEST
 
 __all__ = ["arm_of", "checked_hand", "participant_arm", "placed_path", "placed_recording"]
 

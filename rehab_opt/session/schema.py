@@ -12,7 +12,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from rehab_opt.session.text_lines import brief
+from rehab_opt.text_file import brief
 
 __all__ = [
     "FORMS",

@@ -18,10 +18,10 @@ from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.measures.repeats import end_variability, path_variability
 from rehab_opt.measures.samples import CUT_OFF_HZ, LARGEST_CUT_OFF, evenly_sampled, hand_velocity
 from rehab_opt.measures.score import Measure, Score, score
-from rehab_opt.session.data_folder import PREFIX, data_file
+from rehab_opt.recordings.data_folder import PREFIX, data_file
+from rehab_opt.recordings.reading import read_recording
+from rehab_opt.recordings.recording import Recording
 from rehab_opt.session.files import recording_description, schema_error
-from rehab_opt.session.recording import Recording
-from rehab_opt.session.recordings import read_recording
 from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.schema import RecordingSection
 

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
 from rehab_opt.session.files import ProblemFile, recording_path
-from rehab_opt.session.text_lines import LATEST, finite_number, text_lines
-from rehab_opt.text_file import shown
+from rehab_opt.text_file import LATEST, finite_number, shown, text_lines
 
 __all__ = ["HEADER", "Moment", "Stick", "StickRecording", "StickSample", "read_stick", "sticks_of"]
 

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.session.mirror.problem import PoseRecordingSection
-from rehab_opt.session.text_lines import LATEST, header_cells, text_lines
-from rehab_opt.text_file import number_in, shown
+from rehab_opt.text_file import LATEST, header_cells, number_in, shown, text_lines
 
 __all__ = ["HandPoses", "calibration_points", "read_hand_poses"]
 

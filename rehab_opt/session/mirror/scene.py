@@ -10,19 +10,19 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rehab_opt.control.arm_path import arm_path
 from rehab_opt.control.conditioning import Conditioned, conditioned
 from rehab_opt.control.foreseen import turns_between
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.vr import FrameFit, Mirror, fit_frame, quaternions_of, robot_from_unity, rotations_of
+from rehab_opt.recordings.recording import Recording, size_note
 from rehab_opt.session.files import ProblemFile, recording_path
-from rehab_opt.session.mirror.arm_path import arm_path
 from rehab_opt.session.mirror.hand_poses import HandPoses, calibration_points, read_hand_poses
 from rehab_opt.session.mirror.problem import MirrorProblem, PatientSection, PoseRecordingSection
 from rehab_opt.session.participant import arm_of
 from rehab_opt.session.pose_tracking.problem import MOST_TICKS
 from rehab_opt.session.pose_tracking.robot import robot_at_start
-from rehab_opt.session.recording import Recording, size_note
 from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.robot_file import pose_of
 from rehab_opt.session.schema import Side

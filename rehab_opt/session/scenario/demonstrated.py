@@ -15,8 +15,8 @@ from rehab_opt.errors import ConfigurationError, ProblemFileError, RehabOptError
 from rehab_opt.field.demonstration import Demonstration
 from rehab_opt.field.fit import Fit
 from rehab_opt.field.potential import PotentialField
+from rehab_opt.recordings.reading import read_recording
 from rehab_opt.session.files import ProblemFile, recording_path
-from rehab_opt.session.recordings import read_recording
 from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.scenario.problem import ScenarioProblem
 from rehab_opt.session.systems import Needed

@@ -12,18 +12,18 @@ from rehab_opt.control.command import Command, Status
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.plants.force_robot import RobotModel
 from rehab_opt.plants.hand_robot import MakesRobots, OnMujoco, WithoutDelay
+from rehab_opt.plants.intention import Intention, Pace
 from rehab_opt.plants.plant import Measurement
+from rehab_opt.plants.simulated_person import Person, PersonAtRobot
 from rehab_opt.plants.touched import TouchedPlant
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.problem import LiveControl, LiveInputs
 from rehab_opt.session.plant.loop import simulate
 from rehab_opt.session.plant.making import channel_of, ms
 from rehab_opt.session.refusals import refused_as
-from rehab_opt.session.scenario.intention import Intention, Pace
 from rehab_opt.session.scenario.laws import ForceLaw
 from rehab_opt.session.scenario.outcome import Law, Trial
 from rehab_opt.session.scenario.problem import ScenarioProblem
-from rehab_opt.session.scenario.simulated_person import Person, PersonAtRobot
 from rehab_opt.workspace.region import Workspace
 
 __all__ = ["INDEX", "Arrival", "Helping", "Scene", "hand_robot_of", "person_of", "ran", "robot_model_of"]

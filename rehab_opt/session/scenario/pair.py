@@ -10,15 +10,15 @@ from rehab_opt.control.bilateral import Bilateral
 from rehab_opt.control.bilateral_sides import HelperSide, ParticipantSide
 from rehab_opt.control.command import Command
 from rehab_opt.plants.hand_robot import MakesRobots
+from rehab_opt.plants.intention import Intention, traced
+from rehab_opt.plants.simulated_person import Person, SimulatedPerson
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.refusals import refused_as
-from rehab_opt.session.scenario.intention import Intention, traced
 from rehab_opt.session.scenario.laws import ForceLaw, bounds_of, bounds_refusals
 from rehab_opt.session.scenario.loop import hand_robot_of
 from rehab_opt.session.scenario.outcome import HelperTrace, Trial
 from rehab_opt.session.scenario.prepared import Prepared
 from rehab_opt.session.scenario.problem import ScenarioProblem
-from rehab_opt.session.scenario.simulated_person import Person, SimulatedPerson
 from rehab_opt.workspace.region import Workspace
 
 __all__ = ["pair_measures", "pair_of", "sides_of", "together_of"]

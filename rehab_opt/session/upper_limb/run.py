@@ -14,6 +14,7 @@ from rehab_opt.control.arm_ik import ArmIK
 from rehab_opt.control.command import Status
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.recordings.recording import size_note
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.metrics import (
     error_metrics,
@@ -25,7 +26,6 @@ from rehab_opt.session.metrics import (
 )
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.participant import participant_arm, placed_recording
-from rehab_opt.session.recording import size_note
 from rehab_opt.session.systems import Needed, System
 from rehab_opt.session.upper_limb.driven import driven
 from rehab_opt.session.upper_limb.laws import LAWS, followed, follower, hand_and_tilt

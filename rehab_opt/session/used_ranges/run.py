@@ -12,10 +12,8 @@ from typing import Annotated, Any, Literal
 from pydantic import Discriminator, Field, Tag
 
 from rehab_opt.kinematics.human_arm import human_arm
-from rehab_opt.session.cp_reach import ReachGroup, reach_groups
 from rehab_opt.session.files import ProblemFile, recording_path
 from rehab_opt.session.outcome import Column, Outcome, Progress
-from rehab_opt.session.reach_rows import GROUPS, task_title
 from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.schema import NAME, TABLE, Once, Problem, Section
 from rehab_opt.session.systems import Needed, System
@@ -23,7 +21,9 @@ from rehab_opt.session.workspaces.reached import Reached, placement_of, tilt_of
 from rehab_opt.session.workspaces.run import boundary_columns, plane_notes, share_inside, workspace_metrics
 from rehab_opt.session.workspaces.sections import ArmInPlane
 from rehab_opt.workspace.clinical_angles import CLINICAL_ANGLES
+from rehab_opt.workspace.cp_reach import ReachGroup, reach_groups
 from rehab_opt.workspace.reach import planar_workspace
+from rehab_opt.workspace.reach_rows import GROUPS, task_title
 from rehab_opt.workspace.reachability import ReachabilityMap
 from rehab_opt.workspace.variation import reachability_map, varied_ranges
 

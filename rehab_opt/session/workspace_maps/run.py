@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.errors import ConfigurationError, ProblemFileError
+from rehab_opt.recordings.recording import Recording, size_note
 from rehab_opt.session.arm_keys import RangeOfMotion
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.metrics import finite
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.participant import arm_of, placed_recording
-from rehab_opt.session.recording import Recording, size_note
 from rehab_opt.session.systems import Needed, System
 from rehab_opt.session.workspace_maps.outcome import CarriedPath, MadeMap, MapDirection, MapOutcome, MappedSet
 from rehab_opt.session.workspace_maps.problem import MapSection, TrajectorySection, WorkspaceMapProblem

@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.errors import ProblemFileError
-from rehab_opt.session.recording import Recording
-from rehab_opt.session.text_lines import FARTHEST, LATEST, finite_number, header_cells, text_lines
-from rehab_opt.text_file import shown
+from rehab_opt.recordings.recording import Recording
+from rehab_opt.text_file import FARTHEST, LATEST, finite_number, header_cells, shown, text_lines
 
 __all__ = [
     "ANGLE",
