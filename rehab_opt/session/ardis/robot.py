@@ -13,6 +13,8 @@ from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
 from rehab_opt.session.clearance import clearance_key, clearance_of
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.refusals import refused_as
+from rehab_opt.session.robot_file import posture_of
+from rehab_opt.session.robot_file import robot_of as arm_of
 
 if TYPE_CHECKING:
     from rehab_opt.control.joint_feedback import JointFeedback
@@ -49,7 +51,6 @@ def robot_of(loaded: ProblemFile[ArdisProblem]) -> MobileArm:
     """
     from rehab_opt.kinematics.ardis import ardis  # noqa: PLC0415  (loads CasADi)
     from rehab_opt.kinematics.arm_on_chair import arm_on_chair  # noqa: PLC0415
-    from rehab_opt.session.robot_file import robot_of as arm_of  # noqa: PLC0415
 
     section = loaded.problem.robot
     if section.file is not None:
@@ -71,18 +72,10 @@ def start_of(loaded: ProblemFile[ArdisProblem], robot: MobileArm) -> Array:
     from rehab_opt.kinematics.mobile_arm import CHAIR  # noqa: PLC0415
 
     section, chain = loaded.problem.robot, robot.chain
-    arm = ARDIS_READY[CHAIR:] if section.arm_deg is None else np.deg2rad(section.arm_deg)
-    if arm.size != chain.n - CHAIR:
-        expected = f"{chain.n - CHAIR} entries, of {', '.join(chain.names[CHAIR:])}"
-        raise ProblemFileError(loaded.file, "robot.arm_deg", section.arm_deg, expected)
-    q = np.array([*section.start_m, np.deg2rad(section.heading_deg), *arm])
+    arm = ARDIS_READY[CHAIR:]
     if section.arm_deg is not None:
-        outside = np.flatnonzero((q < chain.lower) | (q > chain.upper))
-        if outside.size:
-            joint = int(outside[0])
-            low, high = np.rad2deg(chain.lower[joint]), np.rad2deg(chain.upper[joint])
-            value, expected = section.arm_deg[joint - CHAIR], f"{chain.names[joint]} within {low:g} to {high:g} deg"
-            raise ProblemFileError(loaded.file, f"robot.arm_deg.{joint - CHAIR}", value, expected)
+        arm = posture_of(chain, section.arm_deg, file=loaded.file, key="robot.arm_deg", first=CHAIR)
+    q = np.array([*section.start_m, np.deg2rad(section.heading_deg), *arm])
     gaps = chair_gaps(robot.outline, room_of(loaded), q[None, :])
     if gaps.size and gaps.min() < 0:
         raise ProblemFileError(

@@ -135,7 +135,6 @@ def laid_out(loaded: ProblemFile[MirrorProblem]) -> Scene:
     mirror = patient_mirror(problem.patient)
     grip = pose_of(problem.robot.grip_deg, problem.robot.grip_m)
     tools = mirror.poses(poses) @ grip
-    rule = problem.conditioning
     usable = np.flatnonzero(np.all(np.isfinite(tools), axis=(1, 2)) & np.isfinite(seen.times))
     if not usable.size:
         raise ProblemFileError(section.file, "samples", 0, "at least 3 usable samples together")
@@ -150,10 +149,7 @@ def laid_out(loaded: ProblemFile[MirrorProblem]) -> Scene:
             tools[usable, :3, 3],
             quaternions_of(tools[usable, :3, :3]),
             dt=1.0 / rate,
-            cutoff_hz=rule.cutoff_hz,
-            max_gap=rule.max_gap_s,
-            largest_speed=rule.largest_speed_m_s,
-            largest_turn=math.radians(rule.largest_turn_deg_s),
+            **problem.conditioning.arguments(),
         )
     notes = [*seen.notes, *robot.notes]
     if problem.placement.calibration_file is not None:

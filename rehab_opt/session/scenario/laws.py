@@ -165,12 +165,9 @@ def swinging_notes(laws: Mapping[Law, ForceLaw]) -> Iterator[str]:
 
 def bounds_of(problem: ScenarioProblem, *, solver: str | None) -> ForceBounds:
     """What both sides of a pair and the assistance have in common; `solver` goes before the file's."""
-    said = problem.assistance
+    keys = ("slew_limit_N_s", "growth_limit_N_s", "energy_budget_J", "speed_cap_m_s")
     return {
-        "slew_limit": said.slew_limit_N_s,
-        "growth_limit": said.growth_limit_N_s,
-        "energy_budget": said.energy_budget_J,
-        "speed_cap": said.speed_cap_m_s,
+        **problem.assistance.arguments(*keys),  # type: ignore[typeddict-item]
         "trust_stillness": True,  # a simulated sensor does not freeze
         "solver": solver or problem.run.solver or FUSED,
         "dt": 1 / problem.run.rate_hz,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,18 +10,15 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag
 
-from rehab_opt.kinematics.human_arm import human_arm
 from rehab_opt.session.files import ProblemFile, recording_path
 from rehab_opt.session.outcome import Column, Outcome, Progress
-from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.schema import NAME, TABLE, Once, Problem, Section
 from rehab_opt.session.systems import Needed, System
-from rehab_opt.session.workspaces.reached import Reached, placement_of, tilt_of
+from rehab_opt.session.workspaces.reached import Reached, plane_of, reached
 from rehab_opt.session.workspaces.run import boundary_columns, plane_notes, share_inside, workspace_metrics
 from rehab_opt.session.workspaces.sections import ArmInPlane
 from rehab_opt.workspace.clinical_angles import CLINICAL_ANGLES
 from rehab_opt.workspace.cp_reach import ReachGroup, reach_groups
-from rehab_opt.workspace.reach import planar_workspace
 from rehab_opt.workspace.reach_rows import GROUPS, task_title
 from rehab_opt.workspace.reachability import ReachabilityMap
 from rehab_opt.workspace.variation import reachability_map, varied_ranges
@@ -137,38 +133,17 @@ def groups_of(loaded: ProblemFile[UsedRangesProblem]) -> dict[tuple[str, str], R
     )
 
 
-def _reached(section: ArmInPlane, group: ReachGroup, *, file: str) -> Reached:
-    began = time.perf_counter()
-    with refused_as(file, "arm, {}".format):
-        arm = human_arm(range_of_motion=group.used, segments=_lengths(section), side=section.side)
-        workspace = planar_workspace(arm, accuracy=1e-3 * section.accuracy_mm, **_plane(section))
-    return Reached(arm, workspace, time.perf_counter() - began)
-
-
 def _shares(section: ArmInPlane, group: ReachGroup, variation: VariationSection | None) -> ReachabilityMap | None:
     if variation is None:
         return None
     drawn = varied_ranges(group.used, spread=group.spread, count=variation.people, seed=variation.seed)
     return reachability_map(
         drawn,
-        spacing=1e-3 * variation.spacing_mm,
-        segments=_lengths(section),
+        **variation.arguments("spacing_mm"),
+        segments=section.segments.arguments(),
         side=section.side,
-        accuracy=1e-3 * section.accuracy_mm,
-        **_plane(section),
+        **plane_of(section),
     )
-
-
-def _plane(section: ArmInPlane) -> dict[str, Any]:
-    return {
-        "height": section.plane_height_m,
-        "handle_tilt": tilt_of(section),
-        "placement": placement_of(section),
-    }
-
-
-def _lengths(section: ArmInPlane) -> dict[str, float]:
-    return {name.removesuffix("_mm"): 1e-3 * length for name, length in section.segments.model_dump().items()}
 
 
 def _group_metrics(of: GroupResult, other: GroupResult, variation: VariationSection | None) -> dict[str, Any]:
@@ -236,7 +211,7 @@ class UsedRangesSystem(System[UsedRangesProblem, UsedRangesOutcome]):
                     GroupResult(
                         label=f"{task_title(task)}, {name}",
                         group=group,
-                        reached=_reached(problem.arm, group, file=loaded.file),
+                        reached=reached(problem.arm, group.used, file=loaded.file, key="arm"),
                         shares=_shares(problem.arm, group, problem.variation),
                     )
                 )
