@@ -105,8 +105,8 @@ def read_stick(path: Path, *, name: str) -> StickRecording:
     if not 2 <= len(values) <= MOST_SAMPLES:
         raise ProblemFileError(name, "samples", len(values), f"2 to {MOST_SAMPLES}")
     for row, button in np.argwhere(~np.isin(values[:, 3:], (0.0, 1.0))).tolist():
-        value = float(values[row, 3 + button])
-        raise ProblemFileError(name, f"line {row + 2}, column {HEADER[3 + button]}", value, "0 or 1")
+        found = float(values[row, 3 + button])
+        raise ProblemFileError(name, f"line {row + 2}, column {HEADER[3 + button]}", found, "0 or 1")
     time = values[:, 0] - values[0, 0]
     back = np.flatnonzero(~(np.diff(time) > 0))
     if back.size:
