@@ -12,8 +12,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from rehab_opt.errors import ProblemFileError
-from rehab_opt.session.recording import Recording
-from rehab_opt.session.recordings import read_recording, resampled
+from rehab_opt.recordings.reading import read_recording, resampled
+from rehab_opt.recordings.recording import Recording
 
 Write = Callable[[str, str | bytes], Path]
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from rehab_opt.cli import main
-from rehab_opt.session.data_folder import ORIGINS, data_folder
+from rehab_opt.recordings.data_folder import ORIGINS, data_folder
 from tests.session.made_c3d import of_trc
 
 PAGE = (Path(__file__).parents[2] / "docs" / "howto" / "raw_files_to_report.md").read_text(encoding="utf-8")

@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.errors import ProblemFileError
-from rehab_opt.session.markers import LENGTH, marker_place, seen_marker
-from rehab_opt.session.recording import Recording
-from rehab_opt.session.text_lines import FARTHEST, LARGEST_RECORDING
-from rehab_opt.text_file import file_content
+from rehab_opt.recordings.markers import LENGTH, marker_place, seen_marker
+from rehab_opt.recordings.recording import Recording
+from rehab_opt.text_file import FARTHEST, LARGEST_RECORDING, file_content
 
 __all__ = ["read_c3d"]
 

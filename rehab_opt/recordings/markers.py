@@ -9,9 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from rehab_opt.errors import ProblemFileError
-from rehab_opt.session.recording import Recording
-from rehab_opt.session.text_lines import FARTHEST, LATEST, brief, finite_number, header_cells, text_lines
-from rehab_opt.text_file import shown
+from rehab_opt.recordings.recording import Recording
+from rehab_opt.text_file import FARTHEST, LATEST, brief, finite_number, header_cells, shown, text_lines
 
 __all__ = ["LENGTH", "marker_place", "read_trc", "seen_marker"]
 
