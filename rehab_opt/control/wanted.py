@@ -29,10 +29,10 @@ INSIDE = 1e-9
 MISSED = 1e-2
 """Share of the twist from which on the wanted motion leaves some of it: damped more then."""
 CALMING = 0.1
-"""[m s] What rows leave is an error that stays, and the way to its least bends: by a hand's curve (`damped`), about its
-reach, and by its limits', which is not known here. Where that is not counted, joints near a stretched elbow or at a
-curved limit swing past the least and back for good. Damping by a metre for what is left of a metre's error, at the rate
-of feedback (20 /s in ticks of 20 ms), counts it; `PASSES` undo two thirds."""
+"""[m s] What is left beside rows is an error that stays, and the way to its least bends: by a hand's curve (`damped`),
+about its reach, and by its limits', which is not known here. Where that is not counted, joints near a stretched elbow
+or at a curved limit swing past the least and back for good. Damping by a metre for what is left of a metre's error, at
+the rate of feedback (20 /s in ticks of 20 ms), counts it; `PASSES` undo two thirds."""
 MOMENTUM = 0.8
 """Share of the last velocity that `CALMING` is about, as of Polyak's heavy ball (1964). About rest, what hardly changes
 the error, as a turn of a wrist that counts little, would creep for tens of seconds; so it goes on 1 / (1 - `MOMENTUM`)
@@ -51,7 +51,8 @@ class WantedVelocity(NamedTuple):
                                                        R q' <= r,
 
     iterated as `wanted_velocity` is; that solve is left out where no joint is near its limit and no row is reached.
-    Where rows leave some of v undone, the damping grows with it (`CALMING`), as in Sugihara's Levenberg-Marquardt.
+    Where there are rows and some of v is left undone, the damping grows with it (`CALMING`), as in Sugihara's
+    Levenberg-Marquardt.
     Without it, keeping the direction of an undeliverable motion would stop the arm where going on to the nearest pose
     is wanted.
     """
@@ -107,9 +108,12 @@ class WantedVelocity(NamedTuple):
         p, last = ca.MX.sym("p", parameters.numel()), ca.MX.sym("memory", memory.numel())
         n = self.jacobian.size2()
         told, within, rows, more, motion, limits, needed = first.call([p, last, looked(p, last)])
-        held = [needed, told, motion, ca.vertcat(limits, last[:n]), rows]
-        motion = ca.Function.if_else("hold", *self.hold(movable)).call(held)[0]
-        if not self.rows.size1():
+        solver = _solver(n, self.twist.numel(), m) if (m := self.rows.size1()) else None
+        hold = ca.Function.if_else("hold", *self.hold(movable, solver))
+        motion = hold(needed, told, motion, limits, rows)
+        if solver is not None:
+            motion = self._calmed(movable, solver)(last[:n], told, motion, limits, rows)
+        else:
             motion = self._bent(movable, bend)(p[:n], last[:n], told, motion, limits)
         if (slowed := self._slowed(excess)) is not None:
             motion = slowed(p[:n], last[:n], told, motion)
@@ -138,8 +142,11 @@ class WantedVelocity(NamedTuple):
             return None
         return ca.Function("slowed", [q, last, task, motion], [motion / ca.fmax(factor, 1)], {"cse": True})
 
-    def hold(self, movable: ca.DM) -> tuple[ca.Function, ca.Function]:
-        """Task, wanted motion, stopping speeds, drift and last velocity, rows -> motion within both; and as it was."""
+    def hold(self, movable: ca.DM, solver: ca.Function | None) -> tuple[ca.Function, ca.Function]:
+        """Task, wanted motion, stopping speeds and drift, rows -> motion within both; and as it was.
+
+        `solver` is that of `_solver`, where there are rows.
+        """
         k, n = self.jacobian.shape
         m = self.rows.size1()
         flat, twist, velocity = ca.SX.sym("jacobian", k * n), ca.SX.sym("twist", k), ca.SX.sym("velocity", n)
@@ -148,28 +155,26 @@ class WantedVelocity(NamedTuple):
         hessian = jacobian.T @ jacobian + DAMPING * ca.SX.eye(n)
         gradient = -(jacobian.T @ twist) - DAMPING * velocity
         model = ca.Function("model", inputs, [ca.densify(hessian), ca.densify(gradient)], {"cse": True})
-        task, motion, limits = ca.MX.sym("task", k * n + k), ca.MX.sym("motion", n + k), ca.MX.sym("limits", 4 * n)
+        task, motion, limits = ca.MX.sym("task", k * n + k), ca.MX.sym("motion", n + k), ca.MX.sym("limits", 3 * n)
         rows = ca.MX.sym("rows", m * n + m)
-        low, high, answer, _ = ca.vertsplit(limits, n)
+        low, high, answer = ca.vertsplit(limits, n)
         low, high = (ca.MX(ca.DM(~self.locked)) * each for each in (low, high))
         arguments = [task, motion, limits, rows]
-        if m:
-            solver, residual = _solver(n, k, m), ca.MX(0)
+        if solver is not None:
+            residual = ca.MX(0)
             for _ in range(PASSES):
                 found = solver(task, answer, low, high, rows, DAMPING)
                 answer, residual = found[:n], found[-1]
             bounded = self._certified(jacobian, flat, twist)(task, answer, residual, low, high, motion[:n])
         else:
-            solver = qrqp("bounded", n, m)
+            bounded_qp = qrqp("bounded", n, m)
             for _ in range(PASSES):
                 h, g = model(task, answer)
-                answer = solver(h=h, g=g, lbx=low, ubx=high)["x"]
+                answer = bounded_qp(h=h, g=g, lbx=low, ubx=high)["x"]
             bounded = self._checked(jacobian, flat, twist)(task, h, g, answer, low, high, motion[:n])
         held = ca.Function("within", arguments, [bounded])
         if m:
-            held = self._calmed(
-                self._by_the_first_row(model, held, jacobian, flat, twist), solver, jacobian, flat, twist
-            )
+            held = self._by_the_first_row(model, held, jacobian, flat, twist)
         return held, ca.Function("enough", arguments, [motion])
 
     def _by_the_first_row(
@@ -178,7 +183,7 @@ class WantedVelocity(NamedTuple):
         """As `otherwise`, in closed form where the first row alone is active, which is the usual case."""
         k, n = self.jacobian.shape
         m = self.rows.size1()
-        motion, limits, rows = ca.SX.sym("motion", n + k), ca.SX.sym("limits", 4 * n), ca.SX.sym("rows", m * n + m)
+        motion, limits, rows = ca.SX.sym("motion", n + k), ca.SX.sym("limits", 3 * n), ca.SX.sym("rows", m * n + m)
         task, x = ca.vertcat(flat, twist), limits[2 * n : 3 * n]
         low, high = (ca.DM(~self.locked) * each for each in (limits[:n], limits[n : 2 * n]))
         matrix, most = ca.reshape(rows[: m * n], m, n), rows[m * n :]
@@ -208,28 +213,32 @@ class WantedVelocity(NamedTuple):
         chosen = ca.Function.if_else("one_row", keep, go_on).call([fine, answer, *given])
         return ca.Function("within_rows", given, chosen)
 
-    def _calmed(
-        self, held: ca.Function, solver: ca.Function, jacobian: ca.SX, flat: ca.SX, twist: ca.SX
-    ) -> ca.Function:
-        """As `held`, and where that leaves some of the twist, damped by how much."""
-        k, n = self.jacobian.shape
-        task, motion, limits, rows, more = (
-            ca.MX.sym("given", size) for size in (*(held.size1_in(i) for i in range(4)), 1)
-        )
-        low, high, drift, last = ca.vertsplit(limits, n)
+    def _calmed(self, movable: ca.DM, solver: ca.Function) -> ca.Function:
+        """Last velocity, task, motion, stopping speeds and drift, rows -> motion damped by what it leaves of the twist.
+
+        Whether rows leave that or a singular pose does: a motion that is about to reach a row changes by no step there.
+        """
+        (k, n), m = self.jacobian.shape, self.rows.size1()
+        flat, twist = ca.SX.sym("jacobian", k * n), ca.SX.sym("twist", k)
+        task, motion = ca.MX.sym("task", k * n + k), ca.MX.sym("motion", n + k)
+        limits, rows, last = ca.MX.sym("limits", 3 * n), ca.MX.sym("rows", m * n + m), ca.MX.sym("last", n)
+        left = ca.MX.sym("left")
+        low, high, drift = ca.vertsplit(limits, n)
         low, high = (ca.MX(ca.DM(~self.locked)) * each for each in (low, high))
-        answer, residual = drift + MOMENTUM * (last - drift), ca.MX(0)
+        damping = DAMPING + CALMING * left
+        # Where little is left, this is the motion as it was: that is about the drift.
+        answer, residual = drift + MOMENTUM * CALMING * left / damping * (last - drift), ca.MX(0)
         for _ in range(PASSES):
-            found = solver(task, answer, low, high, rows, DAMPING + CALMING * more)
+            found = solver(task, answer, low, high, rows, damping)
             answer, residual = found[:n], found[-1]
+        jacobian = ca.reshape(flat, k, n) @ movable
         damped = self._certified(jacobian, flat, twist)(task, answer, residual, low, high, motion[:n])
-        arguments = [task, motion, limits, rows, more]
-        damp, same = ca.Function("damp", arguments, [damped]), ca.Function("same", arguments, [motion])
-        before = held(*arguments[:4])
+        inputs = [last, task, motion, limits, rows]
+        damp, same = ca.Function("damp", [*inputs, left], [damped]), ca.Function("same", [*inputs, left], [motion])
         asked = task[k * n :]
-        left = ca.norm_2(asked - before[n:]) - MISSED * ca.norm_2(asked)
-        calm = ca.Function.if_else("calm", damp, same)(left > 0, task, before, limits, rows, left)
-        return ca.Function("calmed", arguments[:4], [calm])
+        missing = ca.norm_2(asked - motion[n:]) - MISSED * ca.norm_2(asked)
+        some = ca.logic_and(missing > 0, missing <= PLAUSIBLE)  # no solver sees what cannot be used
+        return ca.Function("calmed", inputs, [ca.Function.if_else("calm", damp, same)(some, *inputs, missing)])
 
     def _certified(self, jacobian: ca.SX, flat: ca.SX, twist: ca.SX) -> ca.Function:
         """As `_checked`, of a claim with rows: they leave no way to tell a solution but its multipliers."""
