@@ -177,7 +177,7 @@ class _Known(list[_Place]):
 
 def _entries(matrix: ca.SX) -> ca.SX:
     """Entries that are not zero by structure, as a column."""
-    return ca.vertcat(ca.SX(0, 1), *(ca.SX(each) for each in matrix.nonzeros()))
+    return ca.vertcat(ca.SX(0, 1), *cast("list[ca.SX]", matrix.nonzeros()))
 
 
 def _hashes(*expressions: ca.SX) -> set[int]:
