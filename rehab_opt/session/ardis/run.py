@@ -38,7 +38,7 @@ from rehab_opt.session.outcome import Progress
 from rehab_opt.session.plant.making import chair_plant, joint_feedback, plant_note
 from rehab_opt.session.systems import ROBOT_FILE, Needed, System
 
-__all__ = ["ArdisSystem", "LiveArdis"]
+__all__ = ["ArdisSystem"]
 
 Array = NDArray[np.float64]
 

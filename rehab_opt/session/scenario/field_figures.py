@@ -26,7 +26,7 @@ from rehab_opt.session.scenario.plane_drawing import (
 from rehab_opt.session.scenario.problem import THERAPY
 from rehab_opt.session.workspaces.shown import region_path
 
-__all__ = ["field_figure", "force_colours", "gated_forces", "learnt_figure", "most_telling"]
+__all__ = ["field_figure", "force_colours", "gated_forces", "learnt_figure"]
 
 Array = NDArray[np.float64]
 
