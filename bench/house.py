@@ -35,10 +35,10 @@ def main(_: Sequence[str] | None = None) -> int:
         Verdict("session/, files", len(session), "<=", 85),
     ]
     told = [
-        Reported("of these, thousand without docstrings, comments, imports, empty lines", _code(session)),
-        Reported("of these files, that hold more than a docstring", sum(_code_lines(each) > 0 for each in session)),
+        Reported("session/, thousand lines without docstrings, comments, imports, empty ones", _code(session)),
+        Reported("session/, files that hold more than a docstring", sum(_code_lines(each) > 0 for each in session)),
         Reported("rehab_opt, thousand lines", sum(map(_lines, every)) / 1e3),
-        Reported("of these, thousand without docstrings, comments, imports, empty lines", _code(every)),
+        Reported("rehab_opt, thousand lines without docstrings, comments, imports, empty ones", _code(every)),
     ]
     with tempfile.TemporaryDirectory() as scratch:
         build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", scratch]
