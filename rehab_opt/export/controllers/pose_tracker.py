@@ -17,6 +17,7 @@ from rehab_opt.export.rungs import as_in_c
 from rehab_opt.optim.ladder import BACKUP, FUSED
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
+from rehab_opt.session.plant.making import joint_feedback
 from rehab_opt.session.pose_tracking.problem import PoseTracking
 from rehab_opt.session.pose_tracking.robot import circle_reference, robot_at_start, tracker_of
 from rehab_opt.session.pose_tracking.run import run_pose_tracking
@@ -56,7 +57,7 @@ def exported_pose_tracker(loaded: ProblemFile[PoseTracking], *, progress: Progre
     if problem.tracker.solver not in (None, FUSED):
         raise ProblemFileError(loaded.file, "tracker.solver", problem.tracker.solver, f"{FUSED}, which can become C")
     robot, start = robot_at_start(loaded)
-    tracker = tracker_of(problem, robot, file=loaded.file)
+    tracker = tracker_of(problem, robot, file=loaded.file, feedback=joint_feedback(problem.plant))
     run = run_pose_tracking(loaded, solver=None, progress=progress)
     poses, twists = circle_reference(robot.pose(start), problem.circle, run.time)
     kept = thinned(len(run.time))

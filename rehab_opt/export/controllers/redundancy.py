@@ -26,6 +26,7 @@ from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, st
 from rehab_opt.session.ardis.stick import sticks_of
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
+from rehab_opt.session.plant.making import joint_feedback
 
 __all__ = ["exported_resolver", "exported_resolvers"]
 
@@ -110,7 +111,7 @@ def exported_resolver(resolver: RedundancyResolver, run: Sequence[Tick], *, titl
 
 def _of_a_file(loaded: ProblemFile[ArdisProblem], drive: DriveName, *, progress: Progress) -> ExportedController:
     """The session's run with a controller of its own, repeated by another."""
-    resolver = resolver_of(loaded, robot_of(loaded), drive)
+    resolver = resolver_of(loaded, robot_of(loaded), drive, feedback=joint_feedback(loaded.problem.plant))
     robot, dt = resolver.robot, 1 / loaded.problem.run.rate_hz
     listening = Listening(resolver_of(loaded, robot, drive))
     moved(
