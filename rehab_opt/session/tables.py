@@ -137,10 +137,9 @@ def read_csv(
     most = {column: FARTHEST / scale_of[column] for column in columns} | {time_column: LATEST / scale_of[time_column]}
     most |= dict.fromkeys(forces, STRONGEST)
     wanted = [time_column, *columns, *angles, *forces]
-    rows = lines[1:]
-    if decimal == "comma":
-        rows = [row.replace(",", ".") if "." not in row else row for row in rows]
-    cells = numbers_below(rows, header, wanted, most, name=name, first=2, separator=mark)
+    cells = numbers_below(
+        lines[1:], header, wanted, most, name=name, first=2, separator=mark, point="," if decimal == "comma" else "."
+    )
     values = {column: numbers * scale_of[column] for column, numbers in zip(wanted, cells.T, strict=True)}
     unread = ", ".join(cell for cell, known in zip(written, header, strict=True) if known not in values)
     return Recording(
@@ -162,10 +161,11 @@ def numbers_below(
     name: str,
     first: int,
     separator: str | None,
+    point: str = ".",
 ) -> Array:
     """(rows, len(wanted)) numbers of the wanted columns; `first` is the first row's line, counted from 1.
 
-    `most` bounds the size of the numbers of some columns.
+    `most` bounds the size of the numbers of some columns; `point` stands before their decimals.
 
     Raises
     ------
@@ -187,7 +187,9 @@ def numbers_below(
             row = [cell.strip().strip('"') for cell in row]
         numbers.append(
             [
-                finite_number(row[place], name=name, line=number, column=column, most=most.get(column, math.inf))
+                finite_number(
+                    row[place], name=name, line=number, column=column, most=most.get(column, math.inf), point=point
+                )
                 for place, column in zip(places, wanted, strict=True)
             ]
         )
