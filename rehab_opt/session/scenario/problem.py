@@ -8,11 +8,11 @@ from pydantic import Field, model_validator
 
 from rehab_opt.control.gate import Mode
 from rehab_opt.plants.force_robot import RobotModel
+from rehab_opt.plants.intention import LONGER, Aims
+from rehab_opt.plants.simulated_person import FASTEST_LINE, Person
 from rehab_opt.session.arm_keys import OneRange
 from rehab_opt.session.plant.tables import HandPlant
-from rehab_opt.session.scenario.intention import LONGER, Aims
 from rehab_opt.session.scenario.outcome import Law
-from rehab_opt.session.scenario.simulated_person import FASTEST_LINE, Person
 from rehab_opt.session.schema import (
     Length,
     Once,
@@ -25,10 +25,10 @@ from rehab_opt.session.schema import (
 )
 from rehab_opt.session.workspaces.sections import ArmInPlane
 
-__all__ = ["REACHES", "THERAPY", "FieldSection", "PersonSection", "RobotSection", "ScenarioProblem", "TaskSection"]
+__all__ = ["REACHES", "THERAPY", "RobotSection", "ScenarioProblem"]
 
 THERAPY: tuple[Mode, ...] = ("stretch", "assist", "resist")
-"""Modes that go beyond the comfortable workspace."""
+"""Modes that go beyond the comfortable workspace, to one place; in others a path is followed, or places are held."""
 REACHES: tuple[Mode, ...] = ("assist", "resist")
 """Modes that are over when the end of the reference is reached."""
 LEARNT: tuple[Mode, ...] = ("stretch", "assist")
