@@ -246,8 +246,9 @@ class MirrorStatement(PoseTracker):
         """q, velocity, `HELD`, velocity before, broken, moving capsules -> the velocity that keeps every bound truly.
 
         Where that velocity does not, as is known with `broken`, it is the longest part of the way to it from braking;
-        where not even braking does, because the arm was put there or moves by itself, the longest part of that. Three
-        numbers besides: w / w_max where it leads, whether it is shorter, and whether the acceleration yields.
+        where not even braking does, because the arm was put there or moves by itself, the longest part of that. Where
+        no part of an answer that is known to be `broken` does, it is the longest part of `ascent`. Three numbers
+        besides: w / w_max where it leads, whether it is shorter, and whether the acceleration yields.
         """
         n, audit = self.chain.n, self.audit
         sizes = {"q": n, "v": n, "held": HELD.size, "before": n, "broken": 1, "moving": self.limits.told, "then": 1}
@@ -255,13 +256,12 @@ class MirrorStatement(PoseTracker):
         braked = self.braked(q, before)
         brakes = audit(q, braked, held, moving)[1]
         begin, end = ca.if_else(brakes, braked, 0), ca.if_else(brakes, value, braked)
-        short, long = ca.MX(0), ca.MX(1)
-        for _ in range(HALVINGS):
-            middle = (short + long) / 2
-            ends = audit(q, begin + middle * (end - begin), held, moving)
-            good = ca.if_else(brakes, ends[0], ends[1])
-            short, long = ca.if_else(good, middle, short), ca.if_else(good, long, middle)
-        part = begin + short * (end - begin)
+        longest = self._longest_part
+        part, some = longest(q, begin, end, held, moving, brakes)
+        same = longest.mx_in()
+        upwards = ca.Function.if_else("upwards", longest, ca.Function("stays", same, [same[1], 0]))
+        stuck = ca.logic_and(ca.logic_and(broken, brakes), ca.logic_not(some))
+        part = upwards(stuck, q, part, self.ascent(q, before), held, moving, brakes)[0]
         changes = ca.fabs(part - before) > self.chain.acceleration * self.dt * (1 + 1e-9) + 1e-12
         said = ca.vertcat(audit(q, part, held, moving)[2], 1, ca.sum1(changes) > 0)
         shortened = ca.Function("shortened", given, [part, said])
@@ -271,6 +271,40 @@ class MirrorStatement(PoseTracker):
         fits = ca.logic_and(ends[0], ca.logic_not(broken))
         outputs = either.call([fits, *given[:-1], ends[2]])
         return ca.Function("keeping", given[:-1], outputs)
+
+    @property
+    def _longest_part(self) -> ca.Function:
+        """q, two velocities, `HELD`, moving capsules, whether it brakes -> a velocity between them, whether it is new.
+
+        By halving, the one furthest from the first towards the second that keeps every bound; new if not the first.
+        """
+        n, audit = self.chain.n, self.audit
+        sizes = {"q": n, "begin": n, "end": n, "held": HELD.size, "moving": self.limits.told, "brakes": 1}
+        q, begin, end, held, moving, brakes = inputs = [ca.MX.sym(name, size) for name, size in sizes.items()]
+        short, long = ca.MX(0), ca.MX(1)
+        for _ in range(HALVINGS):
+            middle = (short + long) / 2
+            ends = audit(q, begin + middle * (end - begin), held, moving)
+            good = ca.if_else(brakes, ends[0], ends[1])
+            short, long = ca.if_else(good, middle, short), ca.if_else(good, long, middle)
+        return ca.Function("longest_part", inputs, [begin + short * (end - begin), short > 0])
+
+    @cached_property
+    def ascent(self) -> ca.Function:
+        """q, velocity before (n,) -> steepest ascent of w at recovery speeds, or braking above the floor.
+
+        It is taken where no part of the QP's answer keeps w from falling. The QP has one row for w, its tangent or what
+        stands for that; near a posture that is singular more than once, what the other joints do to hold the hand may
+        cost more than that row gains.
+        """
+        q, last = (ca.SX.sym(name, self.chain.n) for name in ("q", "last"))
+        w, gradient = self.hand_bounds.manipulability(q)
+        change, slow = self.hand_bounds.change, ca.DM(self.recovery_speed * self.chain.velocity)
+        up = gradient / ca.fmax(ca.mmax(ca.fabs(gradient) / slow), TINY)
+        lower, upper = ((ca.DM(end) - q) / self.dt for end in (self.chain.lower, self.chain.upper))
+        up = clipped(clipped(up, ca.fmin(lower, 0), ca.fmax(upper, 0)), last - change, last + change)
+        chosen = ca.if_else(w < self.floor, up, self.hand_bounds.braking(last))
+        return ca.Function("ascent", [q, last], [ca.densify(chosen)], {"cse": True})
 
     def instance(self, q: ArrayLike, *inputs: ArrayLike) -> Instance:
         """The QP of a tick at q, pose and twist, as numbers, for inspection; nothing moves where nothing is said."""

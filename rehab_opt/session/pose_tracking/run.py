@@ -26,7 +26,7 @@ from rehab_opt.session.pose_tracking.problem import PoseTracking
 from rehab_opt.session.pose_tracking.robot import circle_reference, robot_at_start, robot_files, tracker_of
 from rehab_opt.session.systems import Needed, System
 
-__all__ = ["LivePoseTracking", "PoseTrackingSystem", "RobotOutcome"]
+__all__ = ["PoseTrackingSystem", "RobotOutcome"]
 
 Array = NDArray[np.float64]
 

@@ -24,7 +24,7 @@ from rehab_opt.workspace.controller_map import ControllerMap
 from rehab_opt.workspace.mapping import WorkspaceMap
 from rehab_opt.workspace.region import Workspace
 
-__all__ = ["FieldNumbers", "Prepared", "given_path", "prepared", "refuse_outside"]
+__all__ = ["FieldNumbers", "Prepared", "given_path", "prepared"]
 
 Array = NDArray[np.float64]
 

@@ -25,16 +25,7 @@ from rehab_opt.session.workspaces.run import plane_notes, workspace_metrics
 from rehab_opt.session.workspaces.sections import ArmInPlane, ranges_by_name
 from rehab_opt.workspace.mapping import WorkspaceMap
 
-__all__ = [
-    "ENDS",
-    "ArmOfSet",
-    "WorkspaceMapSystem",
-    "arm_of_set",
-    "direction_metrics",
-    "map_metrics",
-    "mapped_set_metrics",
-    "placed_trajectory",
-]
+__all__ = ["ENDS", "WorkspaceMapSystem"]
 
 Array = NDArray[np.float64]
 
