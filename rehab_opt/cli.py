@@ -440,8 +440,8 @@ def score(
 
     Notes, on the error stream, say what to know of the numbers: gaps, noise, rest. rehab_opt.measures has the formulas.
     """
+    from rehab_opt.recordings.tables import SEPARATORS  # noqa: PLC0415
     from rehab_opt.session.scoring import score_recordings, write_rows  # noqa: PLC0415
-    from rehab_opt.session.tables import SEPARATORS  # noqa: PLC0415
 
     if out is not None:
         no_folder(out)

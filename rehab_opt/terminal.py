@@ -102,12 +102,17 @@ def bars() -> Iterator[Progress]:
     with Bars(console=console, transient=True, disable=not console.is_terminal) as shown:
         tasks: dict[str, TaskID] = {}
         said = time.monotonic()
+        begun: dict[str, tuple[float, int]] = {}
 
         def progress(what: str, done: int, whole: int) -> None:
             nonlocal said
-            if not console.is_terminal and time.monotonic() - said >= BETWEEN_LINES:
-                said = time.monotonic()
-                print(f"rehab-opt: {printable(what)}, {done} of {whole}", file=sys.stderr, flush=True)
+            now = time.monotonic()
+            began, before = begun.setdefault(what, (now, done))
+            if not console.is_terminal and now - said >= BETWEEN_LINES:
+                said = now
+                left = f", about {(now - began) / (done - before) * (whole - done) / 60:.0f} min left"
+                line = f"rehab-opt: {printable(what)}, {done} of {whole}{left if done > before else ''}"
+                print(line, file=sys.stderr, flush=True)
             if what not in tasks:
                 tasks[what] = shown.add_task(what, total=None)
             whole_known = whole if whole > 1 or done else None  # a law answers in one piece: its bar only moves

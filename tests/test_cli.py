@@ -20,7 +20,7 @@ import pytest
 import rehab_opt
 from rehab_opt.cli import main
 from rehab_opt.kinematics.human_arm import ARM_JOINTS
-from rehab_opt.session.data_folder import ENVIRONMENT
+from rehab_opt.recordings.data_folder import ENVIRONMENT
 from rehab_opt.session.files import shipped_problems
 from rehab_opt.terminal import bars, grouped
 

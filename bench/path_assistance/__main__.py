@@ -28,12 +28,12 @@ from bench.verdict import Verdict
 from rehab_opt import PathAssistance, Workspace
 from rehab_opt.plants.force_robot import RobotModel
 from rehab_opt.plants.hand_robot import WithoutDelay
+from rehab_opt.plants.intention import AIMS, Aims, traced
+from rehab_opt.plants.simulated_person import Person
 from rehab_opt.session.files import load_problem
-from rehab_opt.session.scenario.intention import AIMS, Aims, traced
 from rehab_opt.session.scenario.laws import Assisted, ForceLaw, Unassisted
 from rehab_opt.session.scenario.loop import Scene, ran
 from rehab_opt.session.scenario.prepared import prepared
-from rehab_opt.session.scenario.simulated_person import Person
 
 __all__ = ["Measured", "main", "measured", "verdicts"]
 

@@ -8,8 +8,8 @@ import pytest
 from bench.path_assistance.__main__ import measured
 from bench.path_assistance.judge import Seen, judged
 from bench.path_assistance.traces import Stroke, handwriting, pen_path
-from rehab_opt.session.scenario.along_path import covered_in_order, deviation_in_order
-from rehab_opt.session.scenario.intention import AIMS, Aims
+from rehab_opt.measures.along_path import covered_in_order, deviation_in_order
+from rehab_opt.plants.intention import AIMS, Aims
 
 WIDTH = 0.003
 LOOP = np.column_stack([np.linspace(0.0, 0.1, 400), np.zeros(400)])

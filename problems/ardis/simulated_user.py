@@ -2,8 +2,8 @@
 
 A simulated user watches the hand and steers it to the goals of the problem file, one after the other, with the
 modes of the stick in turn, changed over by the switch where little is left to do in one, until the hand is near;
-then the gripper, where the goal asks for it. The stick is moved 20 times a second, in steps of a hundredth; nothing is
-random.
+then the gripper, where the goal asks for it. The stick is moved 20 times a second at most, in steps of a hundredth;
+nothing is random, and a recording has a row where something changes.
 Each drive gets a recording of its own, since the user reacts to where the robot goes.
 """
 
@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -102,12 +103,14 @@ def steered(loaded: ProblemFile[ArdisProblem], drive: DriveName) -> tuple[User, 
 
 
 def stick_csv(user: User) -> str:
-    """The text of a recording."""
-    lines = [",".join(HEADER)]
+    """The text of a recording: the first and the last sample, and those at which something changes."""
+    rows = []
     for time, sample in user.samples:
         forward, left = sample.axes
-        lines.append(f"{time:.2f},{forward:.2f},{left:.2f},{int(sample.switch)},{int(sample.gripper)}")
-    return "\n".join(lines) + "\n"
+        rows.append((f"{time:.2f}", f"{forward:.2f},{left:.2f},{int(sample.switch)},{int(sample.gripper)}"))
+    changes = [row for before, row in pairwise(rows) if row[1] != before[1]]
+    told = dict.fromkeys([rows[0], *changes, rows[-1]])
+    return "\n".join([",".join(HEADER), *(f"{time},{stick}" for time, stick in told)]) + "\n"
 
 
 if __name__ == "__main__":

@@ -31,7 +31,7 @@ from rehab_opt.loop.shared_ring import SharedRing
 from rehab_opt.loop.tick import Decide, Tick
 from rehab_opt.plants.plant import Measurement, Truth
 from rehab_opt.plants.touched import TouchedPlant
-from rehab_opt.session.data_folder import PREFIX
+from rehab_opt.recordings.data_folder import PREFIX
 from rehab_opt.session.files import ProblemFile, load_problem, recording_path
 from rehab_opt.session.live.problem import AT_REST, NOWHERE, LiveControl, LiveInputs, LiveProblem
 from rehab_opt.session.run import live_problem

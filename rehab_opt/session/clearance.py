@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
 from rehab_opt.errors import ConfigurationError, ProblemFileError
-from rehab_opt.session.drawing import GRID, LIMIT, MM, REFERENCE, framed, legend_below
+from rehab_opt.session.drawing import GRID, LIMIT, MM, REFERENCE, framed, label_times, legend_below
 from rehab_opt.session.schema import Section, Side, Triple
 
 if TYPE_CHECKING:
@@ -206,10 +206,7 @@ class NearestBodies:
         axes.axvline(self.time[tick], color=REFERENCE, linewidth=0.8, linestyle=":", label="shown above")
         top = MM * max(float(self.distances[:, nearest].max()), 0.01)
         axes.set_ylim(-0.06 * top, 1.05 * top)
-        axes.set_xlabel("time [s]")
-        axes.set_ylabel("distance less the margin [mm]")
-        axes.margins(x=0.01)
-        axes.grid(**GRID)
+        label_times([axes], "distance less the margin [mm]")
         legend_below(figure, axes, 3)
         return figure
 
@@ -252,8 +249,7 @@ def clearance_of(section: ClearanceSection | None, file: str, *, moving: bool = 
         ]
     return [
         Clearance(
-            margin=1e-3 * section.margin_mm,
-            self_margin=1e-3 * section.self_margin_mm,
+            **section.arguments("margin_mm", "self_margin_mm"),
             planes=planes,
             capsules=capsules,
             boxes=[Box.at(each.name, pose_of(each.turn_deg, each.centre_m), each.size_m) for each in section.boxes],

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -33,6 +33,7 @@ __all__ = [
     "fitted",
     "framed",
     "joint_figure",
+    "label_times",
     "legend_below",
     "servo_figure",
 ]
@@ -59,6 +60,17 @@ def legend_below(figure: Figure, axes: Axes, columns: int) -> None:
     """One legend for the whole figure, outside of all axes."""
     handles, labels = axes.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=columns, frameon=False, fontsize=9)
+
+
+def label_times(panels: Iterable[Axes], *labels: str, time: str = "time [s]", from_zero: bool = False) -> None:
+    """Panels one above the other along one time: a label for each, what they share, and zero as their lower end."""
+    for panel, label in zip(panels, labels, strict=True):
+        panel.set_ylabel(label)
+        if from_zero:
+            panel.set_ylim(bottom=0)
+        panel.margins(x=0.01)
+        panel.grid(**GRID)
+    panel.set_xlabel(time)
 
 
 LAW_STYLES: Mapping[str, Mapping[str, Any]] = {

@@ -11,11 +11,10 @@ from typing import Any
 from pydantic import ValidationError
 
 from rehab_opt.errors import ProblemFileError
-from rehab_opt.session.data_folder import ENVIRONMENT, PREFIX, data_file
+from rehab_opt.recordings.data_folder import ENVIRONMENT, PREFIX, data_file
 from rehab_opt.session.schema import FORMS, Problem
 from rehab_opt.session.systems import ROBOT_FILE, ProblemFile, system_named, systems
-from rehab_opt.session.text_lines import LARGEST_PROBLEM, brief, check_key_depth
-from rehab_opt.text_file import shown, whole_text
+from rehab_opt.text_file import LARGEST_PROBLEM, brief, check_key_depth, shown, whole_text
 
 __all__ = [
     "ProblemFile",

@@ -17,8 +17,7 @@ from rehab_opt.session.files import ProblemFile, recording_path
 from rehab_opt.session.robot_file import robot_text
 from rehab_opt.session.schema import Problem
 from rehab_opt.session.systems import ROBOT_FILE, Needed, system_named
-from rehab_opt.session.text_lines import LARGEST_RECORDING
-from rehab_opt.text_file import file_content
+from rehab_opt.text_file import LARGEST_RECORDING, file_content
 
 __all__ = ["input_files", "inputs_digest", "software_digest"]
 

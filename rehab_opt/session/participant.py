@@ -3,26 +3,27 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from contextlib import contextmanager
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.errors import ConfigurationError, ProblemFileError
+from rehab_opt.errors import ProblemFileError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.human_arm import human_arm
+from rehab_opt.recordings.reading import read_recording, resampled
+from rehab_opt.recordings.recording import Recording
 from rehab_opt.session.arm_keys import ArmSection, RangeOfMotion, SegmentsSection
 from rehab_opt.session.files import ProblemFile, recording_path
-from rehab_opt.session.recording import Recording
-from rehab_opt.session.recordings import read_recording, resampled
+from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.schema import PlacementSection, PlanarPlacement, Problem, RecordingSection, Side
-from rehab_opt.session.text_lines import FARTHEST
+from rehab_opt.text_file import FARTHEST
+from rehab_opt.workspace.used_range import UsedRange
 
-__all__ = ["arm_of", "checked_hand", "participant_arm", "placed_path", "placed_recording"]
+__all__ = ["AnyRange", "arm_of", "checked_hand", "participant_arm", "placed_path", "placed_recording"]
 
 Array = NDArray[np.float64]
 
+AnyRange = str | RangeOfMotion | UsedRange
 MIRROR = np.diag([-1.0, 1.0])  # sagittal plane: x to the participant's right becomes x to the left
 
 
@@ -34,32 +35,21 @@ def participant_arm(section: ArmSection, *, file: str) -> SerialChain:
     ProblemFileError : the kinematics refuses a value of the file.
     """
     arm = arm_of(section.side, section.segments, section.range_of_motion, file=file)
-    bounds = {"velocity": section.joint_speed_deg_s, "acceleration": section.joint_acceleration_deg_s2}
-    with _keys_of("arm", file=file):
-        return arm.with_limits(**{name: math.radians(bound) for name, bound in bounds.items() if bound is not None})
+    own = {"joint_speed_deg_s": "velocity", "joint_acceleration_deg_s2": "acceleration"}
+    with refused_as(file, "arm, {}".format):
+        return arm.with_limits(**section.arguments(*own, **own))
 
 
-def arm_of(
-    side: Side, segments: SegmentsSection, ranges: str | RangeOfMotion, *, file: str, key: str = "arm"
-) -> SerialChain:
+def arm_of(side: Side, segments: SegmentsSection, ranges: AnyRange, *, file: str, key: str = "arm") -> SerialChain:
     """An arm with a range of motion by its name or by its limits; `key` is where the problem file speaks of it.
 
     Raises
     ------
     ProblemFileError : the kinematics refuses a value of the file.
     """
-    chosen = ranges if isinstance(ranges, str) else ranges.by_joint()
-    lengths = {name.removesuffix("_mm"): 1e-3 * length for name, length in segments.model_dump().items()}
-    with _keys_of(key, file=file):
-        return human_arm(range_of_motion=chosen, segments=lengths, side=side)
-
-
-@contextmanager
-def _keys_of(key: str, *, file: str) -> Iterator[None]:
-    try:
-        yield
-    except ConfigurationError as problem:
-        raise ProblemFileError(file, f"{key}, {problem.argument}", problem.value, problem.expected) from problem
+    chosen = ranges.by_joint() if isinstance(ranges, RangeOfMotion) else ranges
+    with refused_as(file, f"{key}, {{}}".format):
+        return human_arm(range_of_motion=chosen, segments=segments.arguments(), side=side)
 
 
 def checked_hand(recording: RecordingSection, *, side: Side, file: str) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, ValidationError, model_validator
 
-from rehab_opt.errors import ConfigurationError, RobotFileError
+from rehab_opt.errors import ConfigurationError, ProblemFileError, RobotFileError
 from rehab_opt.kinematics.body import Body
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.link_capsules import CapsuleOnLink
@@ -20,7 +20,7 @@ from rehab_opt.kinematics.robot_file.links import Metres, Radians
 from rehab_opt.session.files import ProblemFile, problem_content, recording_path, schema_error
 from rehab_opt.session.schema import Problem, Section, Triple, refusal
 
-__all__ = ["RobotFile", "pose_of", "robot_of", "robot_text"]
+__all__ = ["RobotFile", "pose_of", "posture_of", "robot_of", "robot_text"]
 
 Array = NDArray[np.float64]
 Name = Annotated[str, Field(min_length=1, max_length=200)]
@@ -154,6 +154,25 @@ def robot_text(loaded: ProblemFile[Problem], reference: str) -> str:
         arm.effort.tolist(), arm.capsules, bodies,
     ]  # fmt: skip
     return repr(parts)
+
+
+def posture_of(chain: SerialChain, degrees: list[float], *, file: str, key: str, first: int = 0) -> Array:
+    """(m,) [rad] of the chain's joints from `first` on, which the file's `key` says.
+
+    Raises
+    ------
+    ProblemFileError : another number of joints, a value outside their limits.
+    """
+    names, lower, upper = chain.names[first:], chain.lower[first:], chain.upper[first:]
+    if len(degrees) != len(names):
+        raise ProblemFileError(file, key, degrees, f"{len(names)} entries, of {', '.join(names)}")
+    q: Array = np.deg2rad(degrees)
+    outside = np.flatnonzero((q < lower) | (q > upper))
+    if outside.size:
+        joint = int(outside[0])
+        low, high = np.rad2deg(lower[joint]), np.rad2deg(upper[joint])
+        raise ProblemFileError(file, f"{key}.{joint}", degrees[joint], f"{names[joint]} within {low:g} to {high:g} deg")
+    return q
 
 
 def pose_of(angles_deg: list[float], place: list[float]) -> Array:

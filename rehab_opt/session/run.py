@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
-from functools import reduce
 from typing import Any
 
 from rehab_opt.errors import ConfigurationError
@@ -14,9 +13,9 @@ from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.inputs import input_files
 from rehab_opt.session.live.problem import LiveProblem
 from rehab_opt.session.outcome import Outcome, Progress
+from rehab_opt.session.refusals import checked_solver, solver_refusals
 from rehab_opt.session.schema import Problem
-from rehab_opt.session.solver_option import checked_solver, solver_refusals
-from rehab_opt.session.systems import SHIPPED, System, system_named
+from rehab_opt.session.systems import SHIPPED, System, system_named, value_at
 
 __all__ = ["arms_of", "checked", "live_problem", "run_problem"]
 
@@ -100,7 +99,7 @@ def _given(
 
         loaded = on_plant(loaded, given.get("plant"))
     key = system.solver_key
-    named: Any = reduce(getattr, key.split("."), loaded.problem) if key else None
+    named = value_at(loaded.problem, key) if key else None
     with solver_refusals(solver, file=loaded.file, key=key, value=named) if key else nullcontext():
         yield system, loaded, given
 

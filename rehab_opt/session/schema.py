@@ -6,13 +6,15 @@ is made of it.
 
 from __future__ import annotations
 
+import math
+import re
 from pathlib import PurePath
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from rehab_opt.session.text_lines import brief
+from rehab_opt.text_file import brief
 
 __all__ = [
     "FORMS",
@@ -41,6 +43,9 @@ NAME, TABLE, NAMED, GONIOMETER = FORMS = ("<name>", "<table>", "<named>", "<goni
 UNUSABLE_SOLVERS = ("scpgen",)
 """CasADi has them, but cannot make them of these problems and warns on the error stream while it tries."""
 
+TO_SI = {"mm": 1e-3, "ms": 1e-3} | dict.fromkeys(("deg", "deg_s", "deg_s2", "deg_s3"), math.pi / 180)
+"""What a number of a key that ends so is to be multiplied with."""
+UNIT = re.compile(r"_(?:mm|ms|rad|deg(?:_s[23]?)?|(?:N|Ns|m)_(?:m|s)|per_s|kg|m|s|N|J)$")
 Side = Literal["left", "right"]
 Positive = Annotated[float, Field(gt=0)]
 Length = Annotated[float, Field(ge=-10, le=10)]
@@ -84,6 +89,25 @@ class Section(BaseModel):
                 if key not in cls.model_fields:
                     raise refusal(key, value, f"one of the keys {', '.join(cls.model_fields)}")
         return data
+
+    def arguments(self, *keys: str, **named: str) -> dict[str, Any]:
+        """What it says as arguments of the library: by names without their unit, in SI units; None is left out.
+
+        Parameters
+        ----------
+        keys : which ones, all by default. named : what the library calls some of them otherwise.
+        """
+        found: dict[str, Any] = {}
+        for key in keys or type(self).model_fields:
+            name, value = UNIT.sub("", key), getattr(self, key)
+            factor = TO_SI.get(key[len(name) + 1 :])
+            if isinstance(value, list):
+                value = tuple(value if factor is None else (factor * each for each in value))
+            elif factor is not None and value is not None:
+                value *= factor
+            if value is not None:
+                found[named.get(key, name)] = value
+        return found
 
 
 class Problem(Section):

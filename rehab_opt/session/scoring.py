@@ -18,10 +18,11 @@ from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.measures.repeats import end_variability, path_variability
 from rehab_opt.measures.samples import CUT_OFF_HZ, LARGEST_CUT_OFF, evenly_sampled, hand_velocity
 from rehab_opt.measures.score import Measure, Score, score
-from rehab_opt.session.data_folder import PREFIX, data_file
+from rehab_opt.recordings.data_folder import PREFIX, data_file
+from rehab_opt.recordings.reading import read_recording
+from rehab_opt.recordings.recording import Recording
 from rehab_opt.session.files import recording_description, schema_error
-from rehab_opt.session.recording import Recording
-from rehab_opt.session.recordings import read_recording
+from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.schema import RecordingSection
 
 __all__ = [
@@ -156,10 +157,8 @@ def trials_between_pauses(recording: Recording, *, pause: float, threshold: floa
     """
     if not 0 < pause < math.inf:
         raise ConfigurationError("pause", pause, "seconds above zero")
-    try:
+    with refused_as(recording.file):
         even = evenly_sampled(recording.time, recording.points)
-    except ConfigurationError as refused:
-        raise ProblemFileError(recording.file, refused.argument, refused.value, refused.expected) from refused
     cutoff = CUT_OFF_HZ if LARGEST_CUT_OFF * even.rate_hz > CUT_OFF_HZ else None
     speed = np.linalg.norm(hand_velocity(even.points, even.rate_hz, cutoff_hz=cutoff), axis=1)
     moving = np.flatnonzero(speed >= threshold * speed.max())

@@ -14,6 +14,7 @@ from __future__ import annotations
 import importlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import reduce
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from types import MappingProxyType
@@ -31,7 +32,18 @@ if TYPE_CHECKING:
     from rehab_opt.kinematics.chain import SerialChain
     from rehab_opt.session.live.problem import LiveProblem
 
-__all__ = ["GROUP", "ROBOT_FILE", "SHIPPED", "Column", "Needed", "ProblemFile", "System", "system_named", "systems"]
+__all__ = [
+    "GROUP",
+    "ROBOT_FILE",
+    "SHIPPED",
+    "Column",
+    "Needed",
+    "ProblemFile",
+    "System",
+    "system_named",
+    "systems",
+    "value_at",
+]
 
 P = TypeVar("P", bound=Problem)
 P_co = TypeVar("P_co", bound=Problem, covariant=True)
@@ -43,7 +55,7 @@ SHIPPED: Mapping[str, str] = MappingProxyType(
     {
         "upper_limb": "rehab_opt.session.upper_limb.run:UpperLimbSystem",
         "pose_tracking": "rehab_opt.session.pose_tracking.run:PoseTrackingSystem",
-        "mirror": "rehab_opt.session.mirror.system:MirrorSystem",
+        "mirror": "rehab_opt.session.mirror.run:MirrorSystem",
         "workspace": "rehab_opt.session.workspaces.run:WorkspaceSystem",
         "workspace_map": "rehab_opt.session.workspace_maps.run:WorkspaceMapSystem",
         "used_ranges": "rehab_opt.session.used_ranges.run:UsedRangesSystem",
@@ -89,6 +101,7 @@ class System(Generic[P, O]):
     options : names of the options of `rehab-opt run` that it knows; others are refused before it is run. With "plant",
         a problem is handed on with the table that the option asks for; a solver that cannot be made is refused.
     solver_key : where the problem file names the solver that `--solver` goes before; empty where it names none.
+    rate_key : where it says how many ticks a second its controllers have; empty where they have none.
     shown : modules with `table(outcome)`, `brief(outcome)` (a table of the few numbers that matter first),
         `figures(outcome)` and `animations(outcome)`, of which the first that has one is asked; loaded when a result is
         shown. By default the numbers as a table, the columns over time.
@@ -97,6 +110,7 @@ class System(Generic[P, O]):
     schema: type[P]
     options: ClassVar[frozenset[str]] = frozenset()
     solver_key: ClassVar[str] = ""
+    rate_key: ClassVar[str] = ""
     shown: ClassVar[tuple[str, ...]] = ("rehab_opt.session.shown",)
 
     def recordings(self, problem: P) -> tuple[Needed, ...]:
@@ -146,7 +160,7 @@ class System(Generic[P, O]):
 
         NaN where the QPs are no ticks, as iterations are.
         """
-        return None
+        return 1 / value_at(problem, self.rate_key) if self.rate_key else None
 
     def table(self, outcome: O) -> Table:
         """The result for the terminal, all of it."""
@@ -171,6 +185,11 @@ class System(Generic[P, O]):
                 draw: Callable[[O], Any] = getattr(module, what)
                 return draw
         return lambda _: {}
+
+
+def value_at(problem: Problem, key: str) -> Any:
+    """What a problem says at a dotted key."""
+    return reduce(getattr, key.split("."), problem)
 
 
 def systems() -> dict[str, str]:

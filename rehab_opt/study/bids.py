@@ -12,9 +12,9 @@ import numpy as np
 
 from rehab_opt import __version__
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.session.motion_bids import MISSING, REQUIRED
-from rehab_opt.session.recording import Recording
-from rehab_opt.session.recordings import read_recording
+from rehab_opt.recordings.motion_bids import MISSING, REQUIRED
+from rehab_opt.recordings.reading import read_recording
+from rehab_opt.recordings.recording import Recording
 from rehab_opt.study.person import RECORDING, new_folder, private_text
 from rehab_opt.study.store import Study
 from rehab_opt.study.summary import FROM, IN_ORDER, of_person

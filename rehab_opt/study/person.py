@@ -19,7 +19,8 @@ __all__ = ["RECORDING", "TABLE", "exported", "new_folder", "private_text", "remo
 
 RECORDING, TABLE = "recording", "table"
 """Kinds of files that stay when a person goes: somebody else's recording; a table of many people, less their row."""
-GROUPS = "groups.csv"
+BESIDE_TABLE = ("groups.csv", "results.parquet")
+"""What `many` writes beside a table, and anew when it is called again."""
 PERSON, MEASURES = "person.json", "measures.csv"
 OF_TRIALS = "FROM people p JOIN sessions s ON s.person = p.id JOIN trials t ON t.session = s.id "
 
@@ -78,7 +79,8 @@ def removed(study: Study, person: str) -> tuple[Path, ...]:
                 kept += [path] if path.exists() else []
             elif kind == TABLE:
                 _without_rows(path, person)
-                path.with_name(GROUPS).unlink(missing_ok=True)  # of a group of one it has all; `many` writes it anew
+                for name in BESIDE_TABLE:  # a group of one is one person
+                    path.with_name(name).unlink(missing_ok=True)
             else:
                 path.unlink(missing_ok=True)
                 with suppress(OSError):  # a folder with something else in it stays

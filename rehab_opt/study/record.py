@@ -14,17 +14,16 @@ import numpy as np
 
 from rehab_opt import __version__
 from rehab_opt.measures.score import Measure
+from rehab_opt.recordings.recording import Recording
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.inputs import inputs_digest, software_digest
 from rehab_opt.session.many.participant import flat_numbers
 from rehab_opt.session.outcome import Outcome
-from rehab_opt.session.recording import Recording
 from rehab_opt.session.schema import Problem
 from rehab_opt.session.scoring import Scored
-from rehab_opt.session.text_lines import LARGEST_RECORDING
 from rehab_opt.study.person import RECORDING
 from rehab_opt.study.trial import Bound, Event, ProblemText, StoredFile, Trial
-from rehab_opt.text_file import file_content
+from rehab_opt.text_file import LARGEST_RECORDING, file_content
 
 __all__ = ["metric_trials", "outline", "run_trials", "score_trials", "versions"]
 

@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
+import shlex
 import shutil
 import tomllib
+from collections.abc import Iterator
+from itertools import groupby
 from pathlib import Path
+from typing import Any
 
 import pytest
+import typer
 
+from rehab_opt.cli import app
+from rehab_opt.session.files import shipped_problems
 from rehab_opt.session.robot_file import RobotFile
 from rehab_opt.session.systems import system_named
 from tests.docs.pages import ROOT, Block, blocks, name, pages
 
 WITH_PYTHON = [page for page in pages() if any(blocks(page, "python"))]
+SHELL = [block for page in pages() for language in ("sh", "bash") for block in blocks(page, language)]
 TOML = [block for page in pages() for block in blocks(page, "toml")]
 OWN_ROBOT = ROOT / "problems" / "robots" / "kinova_gen3" / "gen3.urdf"
 """The reader's robot."""
@@ -47,3 +55,42 @@ def test_each_of_the_promised_kinds_of_pages_has_code() -> None:
     assert "README.md" in there
     assert sum(page.startswith("docs/capabilities/") for page in there) >= 12
     assert sum(page.startswith("docs/howto/") for page in there) >= 6
+
+
+def commands(block: Block) -> Iterator[list[str]]:
+    """The arguments of each `rehab-opt` of a block."""
+    for line in block.code.replace("\\\n", " ").splitlines():
+        words = shlex.split(line, comments=True)
+        for is_and, part in groupby(words, key="&&".__eq__):
+            program, *arguments = part
+            if not is_and and Path(program).name == "rehab-opt":
+                yield arguments
+
+
+def parsed(command: Any, arguments: list[str], above: Any = None) -> dict[str, object]:
+    """What the last command of a command line is given; typer has a click of its own, or not: no type is asked."""
+    context = command.make_context(command.name, arguments, parent=above)
+    if not hasattr(command, "resolve_command"):
+        given: dict[str, object] = context.params
+        return given
+    _, inner, rest = command.resolve_command(context, [*context._protected_args, *context.args])
+    return parsed(inner, rest, context)
+
+
+@pytest.mark.parametrize("block", SHELL, ids=lambda block: f"{name(block.page)}:{block.line}")
+def test_the_commands_of_a_page_are_ones_that_there_are(block: Block) -> None:
+    """Parsed to the last option, not run: `live` waits for somebody, and a bench takes minutes."""
+    kinds = {problem.partition("/")[0] for problem in shipped_problems()}
+    for arguments in commands(block):
+        for value in parsed(typer.main.get_command(app), arguments).values():
+            if isinstance(value, str) and value.count("/") == 1 and value.partition("/")[0] in kinds:
+                assert value in shipped_problems(), f"no such problem: {value}"
+
+
+def test_a_command_that_is_none_would_be_seen() -> None:
+    page = ROOT / "README.md"
+    test = test_the_commands_of_a_page_are_ones_that_there_are
+    test(Block(page, 1, "sh", hardware=False, code="true && .venv/bin/rehab-opt run robot/ur5_circle --plant mujoco"))
+    for wrong in ("runs x", "run robot/ur5_circle --plan mujoco", "run robot/ur6_circle", "study shows x"):
+        with pytest.raises(Exception, match=r"[Nn]o such (command|option|problem)"):
+            test(Block(page, 1, "sh", hardware=False, code=f"rehab-opt {wrong}"))

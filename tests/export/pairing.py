@@ -13,7 +13,7 @@ from shapely import Polygon
 from rehab_opt.control.bilateral_sides import FromHelper, FromParticipant, HelperSide, ParticipantSide
 from rehab_opt.export.controllers.bilateral_sides import exported_helper_side, exported_participant_side
 from rehab_opt.export.export_c import written_files
-from rehab_opt.session.scenario.intention import traced
+from rehab_opt.plants.intention import traced
 from rehab_opt.session.scenario.prepared import FieldNumbers, Prepared
 from rehab_opt.session.scenario.problem import ScenarioProblem
 from rehab_opt.workspace.controller_map import ControllerMap

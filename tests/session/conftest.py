@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from rehab_opt.session.data_folder import ENVIRONMENT, data_folder
+from rehab_opt.recordings.data_folder import ENVIRONMENT, data_folder
 
 REQUIRE = "REHAB_OPT_REQUIRE_DATA"
 

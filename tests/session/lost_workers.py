@@ -1,12 +1,12 @@
 """Workers of a dask cluster that are killed: `python -m tests.session.lost_workers [PEOPLE]`; 8 by default.
 
 One person takes every worker with them that they are given to. The others are done, although the scheduler computes
-again what a lost worker had not handed over; in a second run, in which nobody does, nothing is computed but that one
-person. Every computation leaves a line in a file, which is counted.
+again what a lost worker had not handed over, and blames whoever waited beside that person four times over; in a second
+run, in which nobody does, nothing is computed but that one person. Every computation leaves a line in a file, which is
+counted.
 
 A local cluster gives a worker up that has not come back within 15 s, as on a loaded machine, and waits for ever
-once all are gone; here it waits longer for each. With dask's default saturation of 1.1 a task is sent ahead to each
-worker: whoever waits beside the one person four times over fails with them.
+once all are gone; here it waits longer for each.
 """
 
 from __future__ import annotations
@@ -27,9 +27,7 @@ def main() -> None:
     """Run twice, count, say."""
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 8
     with (
-        dask.config.set(
-            {"distributed.deploy.lost-worker-timeout": "10 minutes", "distributed.scheduler.worker-saturation": 1.0}
-        ),
+        dask.config.set({"distributed.deploy.lost-worker-timeout": "10 minutes"}),
         tempfile.TemporaryDirectory() as folder,
         distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=50) as cluster,
         distributed.Client(cluster) as client,

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rehab_opt.errors import ProblemFileError
-from rehab_opt.session.recordings import read_recording
+from rehab_opt.recordings.reading import read_recording
 from tests.session.made_c3d import c3d
 from tests.session.made_xdf import xdf
 

@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from rehab_opt import human_arm
-from rehab_opt.session.mirror.arm_path import CHANGE, ArmPath, _best_way, arm_path
+from rehab_opt.control.arm_path import CHANGE, ArmPath, _best_way, arm_path
 
 ARM, DT = human_arm(range_of_motion="regular"), 0.01
 GRIP = np.eye(4)

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from rehab_opt import ConfigurationError, ProblemFileError, human_arm
 from rehab_opt.kinematics.human_arm import ARM_JOINTS
-from rehab_opt.session.cp_reach import grasp_zero, group_range, reach_groups
-from rehab_opt.session.reach_rows import COLUMNS, GROUPS, TASKS, ReachAngles, flip_suspects, read_cp_reach
-from rehab_opt.session.recordings import read_recording
+from rehab_opt.recordings.reading import read_recording
 from rehab_opt.workspace.clinical_angles import WITHOUT_A_JOINT, model_shoulder, model_wrist
+from rehab_opt.workspace.cp_reach import grasp_zero, group_range, reach_groups
+from rehab_opt.workspace.reach_rows import COLUMNS, GROUPS, TASKS, ReachAngles, flip_suspects, read_cp_reach
 from rehab_opt.workspace.used_range import range_of_motion
 from rehab_opt.workspace.variation import varied_ranges
 

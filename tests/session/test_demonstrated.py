@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 from rehab_opt.errors import ProblemFileError
+from rehab_opt.recordings.reading import read_recording, resampled
 from rehab_opt.session.files import load_problem, problem_of, recording_state, shipped_folder
-from rehab_opt.session.recordings import read_recording, resampled
 from rehab_opt.session.report import metrics_json
 from rehab_opt.session.run import checked, run_problem
 from rehab_opt.session.scenario.demonstrated import learnt

@@ -21,21 +21,22 @@ from rich.text import Text
 from rehab_opt import ProblemFileError
 from rehab_opt.cli import main
 from rehab_opt.errors import printable
+from rehab_opt.recordings.reading import read_recording
 from rehab_opt.session.files import load_problem
 from rehab_opt.session.inputs import inputs_digest
 from rehab_opt.session.many.participants import cell_value, participants_in_folder, participants_of
 from rehab_opt.session.mirror.hand_poses import calibration_points
-from rehab_opt.session.recordings import read_recording
-from rehab_opt.session.text_lines import (
+from rehab_opt.terminal import printer
+from rehab_opt.text_file import (
     DEEPEST_KEY,
     LARGEST_PROBLEM,
     LARGEST_RECORDING,
     LARGEST_TABLE,
     MOST_COLUMNS,
     check_key_depth,
+    file_content,
+    number_in,
 )
-from rehab_opt.terminal import printer
-from rehab_opt.text_file import file_content, number_in
 from tests.session.test_files import ARM, CSV
 
 Write = Callable[[str, str | bytes], Path]

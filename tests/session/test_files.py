@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from pydantic import BaseModel, ValidationError
 
 from rehab_opt.errors import ProblemFileError
+from rehab_opt.recordings.data_folder import ENVIRONMENT
 from rehab_opt.session.arm_keys import TableOneRange
-from rehab_opt.session.data_folder import ENVIRONMENT
 from rehab_opt.session.files import (
     load_problem,
     problem_path,

@@ -15,10 +15,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rehab_opt.errors import ProblemFileError
+from rehab_opt.recordings.reading import read_recording
+from rehab_opt.recordings.tables import canonical_name
 from rehab_opt.session.files import load_problem
-from rehab_opt.session.recordings import read_recording
 from rehab_opt.session.run import checked
-from rehab_opt.session.tables import canonical_name
 from tests.session.made_c3d import c3d
 
 Write = Callable[[str, str | bytes], Path]

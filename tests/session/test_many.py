@@ -20,7 +20,7 @@ from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.session.many.participant import Participant
 from rehab_opt.session.many.participants import participants_of
 from rehab_opt.session.many.results import Row
-from rehab_opt.session.many.run import GROUPS, RESULTS, run_many
+from rehab_opt.session.many.run import GROUPS, PARQUET, RESULTS, run_many
 from tests.session.stand_in_work import person, quick
 
 
@@ -105,6 +105,12 @@ def test_results_have_inputs_and_groups_their_statistics(tmp_path: Path) -> None
         ("g", "left", "1"), ("g", "left", "3"), ("h", "left", "7"), ("h", "", ""),
     ]  # fmt: skip
     assert [(row["input.title"], row["input.x"]) for row in rows[:2]] == [("'=1", "-1"), ("'=3", "-1")]  # no formula
+    typed = pytest.importorskip("pyarrow.parquet").read_table(tmp_path / PARQUET).to_pydict()
+    assert typed["letters"] == [1.0, 3.0, 7.0, None]
+    assert typed["input.title"] == ["=1", "=3", "=7", None]  # no spreadsheet opens it
+    assert {key: typed[key] for key in ("group", "status")} == {
+        key: [row[key] for row in rows] for key in ("group", "status")
+    }
     with (tmp_path / GROUPS).open(encoding="utf-8", newline="") as file:
         groups = {row["group"]: row for row in csv.DictReader(file) if row["measure"] == "letters"}
     assert {key: groups["g"][key] for key in ("people", "mean", "min", "median", "max")} == {

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from concurrent.futures import Executor, Future
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -33,3 +37,30 @@ def test_people_are_worked_through_on_a_real_local_cluster(tmp_path: Path) -> No
     assert real[0].status == "done"
     assert float(str(real[0].numbers["sets.restricted.area_m2"])) == pytest.approx(0.00331, rel=0.05)
     assert (tmp_path / "real" / "anna" / "workspace.png").read_bytes().startswith(b"\x89PNG")
+
+
+class Blaming(Executor):
+    """Gives up the first four together, as dask does with those who wait where workers are lost; then one by one."""
+
+    def __init__(self, guilty: str) -> None:
+        self._guilty, self._there = guilty, list[Future[Any]]()
+
+    def submit(self, work: Callable[..., Any], /, *args: Any, **_: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        self._there.append(future)
+        gone = distributed.KilledWorker(args[0].name, SimpleNamespace(address="tcp://gone"), 3)
+        if len(self._there) == 4:
+            for each in self._there:
+                each.set_exception(gone)
+        elif len(self._there) > 4 and args[0].name == self._guilty:
+            future.set_exception(gone)
+        elif len(self._there) > 4:
+            future.set_result(work(*args))
+        return future
+
+
+def test_who_was_given_up_beside_somebody_else_is_computed_alone(tmp_path: Path) -> None:
+    people = [person(name) for name in ("guilty", "Ada", "Ben", "Cy")]
+    rows = run_many(people, out=tmp_path, executor=Blaming("guilty"), work=quick)
+    assert [row.status for row in rows] == ["failed", "done", "done", "done"]
+    assert rows[0].error.startswith("KilledWorker")

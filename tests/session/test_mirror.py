@@ -386,8 +386,8 @@ HEADER = "t_s,x_m,y_m,z_m,qx,qy,qz,qw"
 RECORDING_FAULTS = [
     ("t_s,x_m,y_m\n0,0,0\n", "line 1, column z_m", "once"),
     (f"{HEADER}\n0,0,0,0,0,0,0,1\n", "rows", "at least 3"),
-    (f"{HEADER}\n0,0,0,0,0,0,0,1\n1,0,0,0\n", "line 3", "8, as in the first line"),
-    (f"{HEADER}\n" + "0,zero,0,0,0,0,0,1\n" * 3, "line 2, column 2", "a number, or nothing"),
+    (f"{HEADER}\n0,0,0,0,0,0,0,1\n1,0,0,0\n", "line 3", "8, as in the header"),
+    (f"{HEADER}\n" + "0,zero,0,0,0,0,0,1\n" * 3, "line 2, column x_m", "a finite number"),
     (f"{HEADER}\n" + "0,900,0,0,0,0,0,1\n" * 3, "sample 1", "another unit"),
     (f"{HEADER}\n" + "0,,,,,,,\n" * 5, "samples", "usable"),
     (f"{HEADER}\n" + "1,0.3,0.8,0.6,0,0,0,1\n" * 5, "times", "usable"),

@@ -16,13 +16,13 @@ from bench.unseen.person_reach import hand, reaches
 from bench.unseen.ur5_branches import branch_of, flange, manipulability, postures
 from rehab_opt import MirrorTracker, ur5
 from rehab_opt.cli import main
+from rehab_opt.control.seats import Seats
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.plants.ideal import IdealJoints
 from rehab_opt.session.files import load_problem, shipped_problems
 from rehab_opt.session.mirror.laws import followed, tracker_of
 from rehab_opt.session.mirror.placing import found_place, replaced_keys
 from rehab_opt.session.mirror.scene import laid_out
-from rehab_opt.session.mirror.seats import Seats
 from tests.judge import ur5_numbers
 
 SHIPPED = shipped_problems()["mirror/vr_hand"]

@@ -131,7 +131,7 @@ def test_fault_of_the_table_names_row_and_column(written: Write, table: str | by
 
 
 def test_a_name_that_cannot_be_used_is_its_own_row(written: Write) -> None:
-    names = ["A", "", "B", "../A", "b", "C", "x" * 101, "groups.csv", "=1+1", "-x", "-1"]
+    names = ["A", "", "B", "../A", "b", "C", "x" * 101, "groups.csv", "=1+1", "-x", "-1", "Results.Parquet"]
     found = people(written, "participant,arm.side\n" + "".join(f"{name},left\n" for name in names))
     assert [person.error == "" for person in found] == [name in ("A", "C", "-1") for name in names]
     assert "line 6, column participant has it, too" in found[2].error

@@ -12,8 +12,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from rehab_opt.errors import ProblemFileError
-from rehab_opt.session.recording import Recording
-from rehab_opt.session.recordings import read_recording, resampled
+from rehab_opt.recordings.reading import read_recording, resampled
+from rehab_opt.recordings.recording import Recording
 
 Write = Callable[[str, str | bytes], Path]
 
@@ -59,6 +59,19 @@ def test_marker_is_read_by_name_and_hidden_frames_are_left_out(written: Write) -
     np.testing.assert_allclose(recording.points, [[0.01, 0.02, 0.03], [0.03, 0.02, 0.03]])
     np.testing.assert_allclose(recording.time, [0, 0.02])
     assert recording.notes == ("1 frames without marker HAND left out",)
+
+
+def test_a_marker_may_be_named_without_its_subject_who_is_told_to_nobody(written: Write) -> None:
+    of_anna = TRC.replace("HAND", "Anna:HAND").replace("WRIST", "Anna:WRIST")
+    for marker in ("HAND", "Anna:HAND"):
+        recording = read_recording(written("lift.trc", of_anna), marker=marker)
+        np.testing.assert_allclose(recording.points, [[0.01, 0.02, 0.03], [0.03, 0.02, 0.03]])
+    two = of_anna.replace("Anna:WRIST", "Ben:HAND")
+    np.testing.assert_allclose(read_recording(written("two.trc", two), marker="Ben:HAND").points[0], [1e-3, 2e-3, 3e-3])
+    for text, marker in ((two, "HAND"), (of_anna, "FOOT"), (TRC.replace("WRIST", "HAND"), "HAND")):
+        with pytest.raises(ProblemFileError, match=r"recording\.marker") as refusal:
+            read_recording(written("odd.trc", text), marker=marker)
+        assert not {"Anna", "Ben"} & {*str(refusal.value).replace(":", " ").split()}
 
 
 def test_motion_file_tells_angles_from_lengths_and_notes_a_wrong_row_count(written: Write) -> None:

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from rehab_opt.control.command import Status
 from rehab_opt.control.gate import Mode
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.session.scenario.along_path import projected
+from rehab_opt.measures.along_path import projected
 from rehab_opt.session.scenario.measures import law_summary, time_to_zero_force, trial_measures
 from rehab_opt.session.scenario.outcome import Trial
 from tests.session.made_trials import LINE, WITHIN, made_outcome, trial_of

@@ -17,14 +17,14 @@ from bench.verdict import all_met
 from rehab_opt import Status
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.plants.force_robot import ForceRobot, RobotModel
+from rehab_opt.plants.intention import held, nearest_next, reached
+from rehab_opt.plants.simulated_person import Person, SimulatedPerson
 from rehab_opt.session.files import load_problem
 from rehab_opt.session.run import run_problem
-from rehab_opt.session.scenario.intention import held, nearest_next, reached
 from rehab_opt.session.scenario.loop import ran
 from rehab_opt.session.scenario.outcome import ScenarioOutcome
 from rehab_opt.session.scenario.prepared import prepared
 from rehab_opt.session.scenario.run import law_of, scene_of
-from rehab_opt.session.scenario.simulated_person import Person, SimulatedPerson
 from rehab_opt.session.scenario.system import ScenarioSystem
 from rehab_opt.workspace.mapping import WorkspaceMap
 from tests.workspace.mapped import table_one

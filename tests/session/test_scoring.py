@@ -13,7 +13,7 @@ import pytest
 
 from rehab_opt.cli import main
 from rehab_opt.errors import ConfigurationError, ProblemFileError, RehabOptError
-from rehab_opt.session.recording import Recording
+from rehab_opt.recordings.recording import Recording
 from rehab_opt.session.scoring import Scored, score_recordings, trials_between_pauses, write_rows
 from tests.measures.yardstick import reach
 

@@ -11,13 +11,13 @@ from typing import Any
 import pytest
 
 from rehab_opt.errors import ProblemFileError
-from rehab_opt.session.cp_reach import reach_groups
-from rehab_opt.session.data_folder import ENVIRONMENT
+from rehab_opt.recordings.data_folder import ENVIRONMENT
 from rehab_opt.session.files import load_problem, problem_of, recording_state
 from rehab_opt.session.run import checked, run_problem
 from rehab_opt.session.used_ranges.run import UsedRangesOutcome
 from rehab_opt.session.used_ranges.shown import figures as used_ranges_figures
 from rehab_opt.session.used_ranges.shown import table as used_ranges_table
+from rehab_opt.workspace.cp_reach import reach_groups
 
 CONTENT: dict[str, Any] = {
     "system": "used_ranges",

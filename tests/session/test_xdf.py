@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rehab_opt.errors import ConfigurationError, ProblemFileError
-from rehab_opt.session.recordings import read_recording
+from rehab_opt.recordings.reading import read_recording
 from tests.measures.yardstick import reach
 from tests.session.made_xdf import footer, xdf
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from rehab_opt.errors import ConfigurationError, ProblemFileError
-from rehab_opt.session.recordings import read_recording
+from rehab_opt.recordings.reading import read_recording
 from rehab_opt.session.scoring import score_recordings
 from rehab_opt.study.bids import write_bids
 from rehab_opt.study.record import score_trials

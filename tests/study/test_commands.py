@@ -15,7 +15,7 @@ from scipy import stats
 from rehab_opt.cli import main
 from rehab_opt.measures import score
 from rehab_opt.measures.score import Measure
-from rehab_opt.session.tables import read_csv
+from rehab_opt.recordings.tables import read_csv
 from rehab_opt.study.record import metric_trials
 from rehab_opt.study.store import Study
 from rehab_opt.study.summary import interval, quantity, session_means, slopes

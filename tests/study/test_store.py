@@ -231,6 +231,7 @@ def test_nothing_of_a_removed_person_is_left(tmp_path: Path) -> None:
     recording.touch()
     table = tmp_path / "results.csv"
     table.write_text(f"participant,status\nP1,done\n{SECRET},done\n", encoding="utf-8")
+    (tmp_path / "results.parquet").write_bytes(b"PAR1 P01")
     (tmp_path / "groups.csv").write_text("group,measure,people,mean\nstroke,area,1,0.0033\n", encoding="utf-8")
     files = [StoredFile(trace), StoredFile(recording, "recording"), StoredFile(table, "table")]
     with Study(file) as study:
@@ -252,6 +253,7 @@ def test_nothing_of_a_removed_person_is_left(tmp_path: Path) -> None:
     assert not trace.parent.exists()
     assert recording.exists()
     assert table.read_text() == "participant,status\nP1,done\n"
+    assert not (tmp_path / "results.parquet").exists()
     assert not (tmp_path / "groups.csv").exists()  # of the one person of a group it said every number
     assert SECRET.encode() not in file.read_bytes()
 

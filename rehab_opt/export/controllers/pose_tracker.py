@@ -19,7 +19,7 @@ from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.pose_tracking.problem import PoseTracking
 from rehab_opt.session.pose_tracking.robot import circle_reference, robot_at_start, tracker_of
-from rehab_opt.session.pose_tracking.run import run_pose_tracking
+from rehab_opt.session.pose_tracking.run import PoseTrackingSystem
 
 __all__ = ["exported_pose_tracker", "exported_tracker", "moving_argument", "moving_values"]
 
@@ -57,7 +57,7 @@ def exported_pose_tracker(loaded: ProblemFile[PoseTracking], *, progress: Progre
         raise ProblemFileError(loaded.file, "tracker.solver", problem.tracker.solver, f"{FUSED}, which can become C")
     robot, start = robot_at_start(loaded)
     tracker = tracker_of(problem, robot, file=loaded.file)
-    run = run_pose_tracking(loaded, solver=None, progress=progress)
+    run = PoseTrackingSystem().run(loaded, options={}, progress=progress)
     poses, twists = circle_reference(robot.pose(start), problem.circle, run.time)
     kept = thinned(len(run.time))
     step = 1 if len(kept) < 2 else int(kept[1])

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.errors import ConfigurationError, ProblemFileError, RobotFileError
+from rehab_opt.errors import ProblemFileError, RobotFileError
 from rehab_opt.session.ardis.clearance import chair_gaps
 from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
 from rehab_opt.session.clearance import clearance_key, clearance_of
 from rehab_opt.session.files import ProblemFile
+from rehab_opt.session.refusals import refused_as
+from rehab_opt.session.robot_file import posture_of
+from rehab_opt.session.robot_file import robot_of as arm_of
 
 if TYPE_CHECKING:
     from rehab_opt.control.joint_feedback import JointFeedback
@@ -50,16 +51,13 @@ def robot_of(loaded: ProblemFile[ArdisProblem]) -> MobileArm:
     """
     from rehab_opt.kinematics.ardis import ardis  # noqa: PLC0415  (loads CasADi)
     from rehab_opt.kinematics.arm_on_chair import arm_on_chair  # noqa: PLC0415
-    from rehab_opt.session.robot_file import robot_of as arm_of  # noqa: PLC0415
 
     section = loaded.problem.robot
     if section.file is not None:
         arm = arm_of(loaded, section.file)
-        try:
+        with refused_as(section.file, error=RobotFileError):
             return arm_on_chair(arm, mount=np.eye(4), chair_mass=section.chair_mass_kg)
-        except ConfigurationError as refused:
-            raise RobotFileError(section.file, refused.argument, refused.value, refused.expected) from refused
-    with _refusals(loaded.file):
+    with refused_as(loaded.file, _key):
         return ardis(mount_height=section.mount_height_m, chair_mass=section.chair_mass_kg, payload=section.payload_kg)
 
 
@@ -74,18 +72,10 @@ def start_of(loaded: ProblemFile[ArdisProblem], robot: MobileArm) -> Array:
     from rehab_opt.kinematics.mobile_arm import CHAIR  # noqa: PLC0415
 
     section, chain = loaded.problem.robot, robot.chain
-    arm = ARDIS_READY[CHAIR:] if section.arm_deg is None else np.deg2rad(section.arm_deg)
-    if arm.size != chain.n - CHAIR:
-        expected = f"{chain.n - CHAIR} entries, of {', '.join(chain.names[CHAIR:])}"
-        raise ProblemFileError(loaded.file, "robot.arm_deg", section.arm_deg, expected)
-    q = np.array([*section.start_m, np.deg2rad(section.heading_deg), *arm])
+    arm = ARDIS_READY[CHAIR:]
     if section.arm_deg is not None:
-        outside = np.flatnonzero((q < chain.lower) | (q > chain.upper))
-        if outside.size:
-            joint = int(outside[0])
-            low, high = np.rad2deg(chain.lower[joint]), np.rad2deg(chain.upper[joint])
-            value, expected = section.arm_deg[joint - CHAIR], f"{chain.names[joint]} within {low:g} to {high:g} deg"
-            raise ProblemFileError(loaded.file, f"robot.arm_deg.{joint - CHAIR}", value, expected)
+        arm = posture_of(chain, section.arm_deg, file=loaded.file, key="robot.arm_deg", first=CHAIR)
+    q = np.array([*section.start_m, np.deg2rad(section.heading_deg), *arm])
     gaps = chair_gaps(robot.outline, room_of(loaded), q[None, :])
     if gaps.size and gaps.min() < 0:
         raise ProblemFileError(
@@ -121,7 +111,7 @@ def joystick_of(loaded: ProblemFile[ArdisProblem]) -> Joystick:
         )
     told = {"dead_zone": section.dead_zone, "rate": section.rate_per_s}
     given = {name: value for name, value in told.items() if value is not None}
-    with _refusals(loaded.file):
+    with refused_as(loaded.file, _key):
         return Joystick(modes, dt=1 / loaded.problem.run.rate_hz, **given)
 
 
@@ -146,7 +136,7 @@ def resolver_of(
     run = loaded.problem.run
     name = solver or run.solver
     chosen: dict[str, Any] = {} if name is None else {"solver": name}
-    with _refusals(loaded.file, option=solver):
+    with refused_as(loaded.file, _key, option=solver):
         return RedundancyResolver(
             robot,
             drive=drive,
@@ -163,13 +153,6 @@ def resolver_of(
         )
 
 
-@contextmanager
-def _refusals(file: str, *, option: str | None = None) -> Iterator[None]:
-    try:
-        yield
-    except ConfigurationError as refused:
-        if refused.argument == "solver" and option is not None:
-            raise
-        own = f"stick.{refused.argument}".replace("[", ".").replace("]", "")
-        key = clearance_key(refused.argument) or KEYS.get(refused.argument, own)
-        raise ProblemFileError(file, key, refused.value, refused.expected) from refused
+def _key(argument: str) -> str:
+    own = f"stick.{argument}".replace("[", ".").replace("]", "")
+    return clearance_key(argument) or KEYS.get(argument, own)

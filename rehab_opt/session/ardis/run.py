@@ -15,6 +15,7 @@ from rehab_opt.kinematics.mobile_arm import CHAIR
 from rehab_opt.plants.ideal import IdealJoints
 from rehab_opt.plants.plant import Plant
 from rehab_opt.plants.touched import TouchedPlant
+from rehab_opt.published.pseudoinverse_law import PseudoinverseLaw
 from rehab_opt.session.ardis.clearance import chair_corners, chair_gaps
 from rehab_opt.session.ardis.measures import drive_metrics
 from rehab_opt.session.ardis.outcome import (
@@ -38,7 +39,7 @@ from rehab_opt.session.outcome import Progress
 from rehab_opt.session.plant.making import chair_plant, joint_feedback, plant_note
 from rehab_opt.session.systems import ROBOT_FILE, Needed, System
 
-__all__ = ["ArdisSystem", "LiveArdis", "run_ardis"]
+__all__ = ["ArdisSystem", "LiveArdis"]
 
 Array = NDArray[np.float64]
 
@@ -162,65 +163,6 @@ RECORDED = (
 )
 
 
-def run_ardis(loaded: ProblemFile[ArdisProblem], *, solver: str | None, progress: Progress) -> ArdisOutcome:
-    """Give each drive's stick to both laws and measure.
-
-    Raises
-    ------
-    ProblemFileError : a value of the file or a recording cannot be used.
-    ConfigurationError : `solver` cannot be used.
-    """
-    from rehab_opt.published.pseudoinverse_law import PseudoinverseLaw  # noqa: PLC0415  (loads CasADi)
-
-    problem, robot = loaded.problem, robot_of(loaded)
-    start, room, sticks = start_of(loaded, robot), room_of(loaded), sticks_of(loaded)
-    dt = 1 / problem.run.rate_hz
-
-    def run(drive: DriveName, name: str, law: StickLaw) -> Motion:
-        table = problem.plant
-        plant = None
-        if table.kind != "ideal":
-            plant = chair_plant(table, robot, robot.drive(drive), dt, own_arm=problem.robot.file is not None)
-        return moved(
-            robot, law, joystick_of(loaded), sticks[drive], start, dt=dt, plant=plant,
-            progress=lambda done, of: progress(f"{drive}, {name} law", done, of),
-        )  # fmt: skip
-
-    drives: dict[DriveName, DriveOutcome] = {}
-    near: dict[DriveName, NearestBodies] = {}
-    for drive in sticks:
-        ours = resolver_of(loaded, robot, drive, solver=solver, feedback=joint_feedback(problem.plant))
-        theirs = Published(PseudoinverseLaw(robot, drive=drive, self_motion=problem.run.self_motion))
-        drives[drive] = DriveOutcome(published=run(drive, "published", theirs), optimised=run(drive, "optimised", ours))
-        ran = drives[drive].optimised
-        seen = nearest_bodies(problem.clearance, loaded.file, robot.bodied_chain, ran.q, ran.time)
-        near |= {} if seen is None else {drive: seen}
-    metrics = {
-        drive: drive_metrics(robot, drive, outcome, room=room, goals=problem.goals) for drive, outcome in drives.items()
-    }
-    return ArdisOutcome(
-        notes=(
-            plant_note(
-                problem.plant, "the robot is simulated: chair and arm move exactly as commanded, whichever law commands"
-            ),
-            *(() if problem.plant.kind == "ideal" else (RECORDED,)),
-            ROBOT_OF_PAPER if problem.robot.file is None else ROBOT_OF_FILE,
-            "walls and posts are kept from the chair's outline; the arm may reach over them",
-            *robot.chain.notes,
-            *(f"{drive} drive: {seen.note}" for drive, seen in near.items()),
-        ),
-        metrics={
-            "drives": metrics,
-            **({"clearance": {drive: seen.metrics for drive, seen in near.items()}} if near else {}),
-        },
-        robot=robot,
-        room=room,
-        goals=tuple(problem.goals),
-        drives=drives,
-        near=near,
-    )
-
-
 class ArdisSystem(System[ArdisProblem, ArdisOutcome]):
     """A wheelchair with an arm, moved by one stick, with each drive that has a recording of it."""
 
@@ -228,6 +170,7 @@ class ArdisSystem(System[ArdisProblem, ArdisOutcome]):
     shown = ("rehab_opt.session.ardis.table", "rehab_opt.session.ardis.figures", "rehab_opt.session.ardis.figures")
     options = frozenset({"plant", "solver"})
     solver_key = "run.solver"
+    rate_key = "run.rate_hz"
 
     def recordings(self, problem: ArdisProblem) -> tuple[Needed, ...]:
         """A recording of the stick for each drive, and the robot file where there is one."""
@@ -245,14 +188,59 @@ class ArdisSystem(System[ArdisProblem, ArdisOutcome]):
 
     def run(self, loaded: ProblemFile[ArdisProblem], *, options: Mapping[str, str], progress: Progress) -> ArdisOutcome:
         """Options: `solver` of the controller, `plant`."""
-        return run_ardis(loaded, solver=options.get("solver"), progress=progress)
+        problem, robot = loaded.problem, robot_of(loaded)
+        start, room, sticks = start_of(loaded, robot), room_of(loaded), sticks_of(loaded)
+        dt = 1 / problem.run.rate_hz
+
+        def run(drive: DriveName, name: str, law: StickLaw) -> Motion:
+            table, plant = problem.plant, None
+            if table.kind != "ideal":
+                plant = chair_plant(table, robot, robot.drive(drive), dt, own_arm=problem.robot.file is not None)
+            return moved(
+                robot, law, joystick_of(loaded), sticks[drive], start, dt=dt, plant=plant,
+                progress=lambda done, of: progress(f"{drive}, {name} law", done, of),
+            )  # fmt: skip
+
+        drives: dict[DriveName, DriveOutcome] = {}
+        near: dict[DriveName, NearestBodies] = {}
+        for drive in sticks:
+            ours = resolver_of(
+                loaded, robot, drive, solver=options.get("solver"), feedback=joint_feedback(problem.plant)
+            )
+            theirs = Published(PseudoinverseLaw(robot, drive=drive, self_motion=problem.run.self_motion))
+            drives[drive] = DriveOutcome(
+                published=run(drive, "published", theirs), optimised=run(drive, "optimised", ours)
+            )
+            ran = drives[drive].optimised
+            seen = nearest_bodies(problem.clearance, loaded.file, robot.bodied_chain, ran.q, ran.time)
+            near |= {} if seen is None else {drive: seen}
+        metrics = {
+            drive: drive_metrics(robot, drive, outcome, room=room, goals=problem.goals)
+            for drive, outcome in drives.items()
+        }
+        return ArdisOutcome(
+            notes=(
+                plant_note(
+                    problem.plant,
+                    "the robot is simulated: chair and arm move exactly as commanded, whichever law commands",
+                ),
+                *(() if problem.plant.kind == "ideal" else (RECORDED,)),
+                ROBOT_OF_PAPER if problem.robot.file is None else ROBOT_OF_FILE,
+                "walls and posts are kept from the chair's outline; the arm may reach over them",
+                *robot.chain.notes,
+                *(f"{drive} drive: {seen.note}" for drive, seen in near.items()),
+            ),
+            metrics={
+                "drives": metrics,
+                **({"clearance": {drive: seen.metrics for drive, seen in near.items()}} if near else {}),
+            },
+            robot=robot,
+            room=room,
+            goals=tuple(problem.goals),
+            drives=drives,
+            near=near,
+        )
 
     def live(self, loaded: ProblemFile[ArdisProblem], *, options: Mapping[str, str]) -> LiveProblem:
         """The stick in somebody's hand; options as of `run`."""
-        from rehab_opt.session.ardis.run import LiveArdis  # noqa: PLC0415  (for those who look)
-
         return LiveArdis(loaded, solver=options.get("solver"))
-
-    def seconds_a_tick(self, problem: ArdisProblem) -> float:
-        """Of the controller."""
-        return 1 / problem.run.rate_hz

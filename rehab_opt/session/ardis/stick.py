@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.errors import ProblemFileError
+from rehab_opt.recordings.tables import numbers_below
 from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
 from rehab_opt.session.files import ProblemFile, recording_path
-from rehab_opt.session.text_lines import LATEST, finite_number, text_lines
-from rehab_opt.text_file import shown
+from rehab_opt.text_file import LATEST, shown, text_lines
 
 __all__ = ["HEADER", "Moment", "Stick", "StickRecording", "StickSample", "read_stick", "sticks_of"]
 
@@ -100,23 +100,13 @@ def read_stick(path: Path, *, name: str) -> StickRecording:
     header = tuple(cell.strip() for cell in lines[0].split(","))
     if header != HEADER:
         raise ProblemFileError(name, "line 1", shown(lines[0]), f"the header {','.join(HEADER)}")
-    rows = []
-    for line, text in enumerate(lines[1:], start=2):
-        cells = text.split(",")
-        if len(cells) != len(HEADER):
-            raise ProblemFileError(name, f"line {line}", f"{len(cells)} cells", f"{len(HEADER)}, as in the header")
-        most = (LATEST, 1.0, 1.0, 1.0, 1.0)
-        row = [
-            finite_number(cell, name=name, line=line, column=column, most=limit)
-            for cell, column, limit in zip(cells, HEADER, most, strict=True)
-        ]
-        for column, number in zip(HEADER[3:], row[3:], strict=True):
-            if number not in (0.0, 1.0):
-                raise ProblemFileError(name, f"line {line}, column {column}", number, "0 or 1")
-        rows.append(row)
-    if not 2 <= len(rows) <= MOST_SAMPLES:
-        raise ProblemFileError(name, "samples", len(rows), f"2 to {MOST_SAMPLES}")
-    values = np.array(rows)
+    most = dict(zip(HEADER, (LATEST, 1.0, 1.0, 1.0, 1.0), strict=True))
+    values = numbers_below(lines[1:], HEADER, HEADER, most, name=name, first=2, separator=",")
+    if not 2 <= len(values) <= MOST_SAMPLES:
+        raise ProblemFileError(name, "samples", len(values), f"2 to {MOST_SAMPLES}")
+    for row, button in np.argwhere(~np.isin(values[:, 3:], (0.0, 1.0))).tolist():
+        found = float(values[row, 3 + button])
+        raise ProblemFileError(name, f"line {row + 2}, column {HEADER[3 + button]}", found, "0 or 1")
     time = values[:, 0] - values[0, 0]
     back = np.flatnonzero(~(np.diff(time) > 0))
     if back.size:

@@ -75,7 +75,7 @@ def checked_name(name: str, *, file: object, key: str) -> str:
     ProblemFileError : it cannot.
     """
     bad = (
-        name.casefold() in ("results.csv", "groups.csv")
+        name.casefold() in ("results.csv", "results.parquet", "groups.csv")
         or not name.isprintable()
         or FORBIDDEN & set(name)
         or name.startswith(".")

@@ -18,8 +18,7 @@ from rehab_opt.errors import ConfigurationError, ProblemFileError, RehabOptError
 from rehab_opt.kinematics.human_arm import RANGES_OF_MOTION_DEG
 from rehab_opt.session.files import problem_content, problem_path
 from rehab_opt.session.many.participant import COVARIATES, Participant, checked_name, unnamed, without_twins
-from rehab_opt.session.text_lines import DEEPEST_KEY, LARGEST_TABLE, check_key_depth, header_cells
-from rehab_opt.text_file import number_in, shown, whole_text
+from rehab_opt.text_file import DEEPEST_KEY, LARGEST_TABLE, check_key_depth, header_cells, number_in, shown, whole_text
 
 __all__ = ["BASE", "cell_value", "participants_in_folder", "participants_in_table", "participants_of", "replaced"]
 

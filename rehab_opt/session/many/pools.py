@@ -5,11 +5,13 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
+from functools import partial
 from typing import Generic, TypeVar
 
 __all__ = ["WorkerDiedError", "answers", "cores"]
@@ -57,6 +59,26 @@ def answers(
 
 
 def _by(
+    executor: Executor, tasks: Sequence[T], work: Callable[[T], A], handed: int
+) -> Iterator[tuple[T, A | BaseException]]:
+    """Tasks given to an executor; what it gave up with a worker that was lost is at last given to it alone."""
+    suspects = []
+    for task, answer in _given(executor, tasks, work, handed):
+        if _lost_with_worker(answer):
+            suspects.append(task)
+        else:
+            yield task, answer
+    for task in suspects:
+        yield from _given(executor, [task], partial(work), 1)  # dask has an answer to `work` itself: it gave up
+
+
+def _lost_with_worker(answer: object) -> bool:
+    """Whether dask gave a task up because it waited or ran where workers were lost: the fault may be another's."""
+    dask = sys.modules.get("distributed")
+    return dask is not None and isinstance(answer, dask.KilledWorker)
+
+
+def _given(
     executor: Executor, tasks: Sequence[T], work: Callable[[T], A], handed: int
 ) -> Iterator[tuple[T, A | BaseException]]:
     """Tasks given to an executor, `handed` at once: answers that wait to be taken are not to fill the memory."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import importlib.util
 import io
 import json
 import os
@@ -20,7 +21,7 @@ from rehab_opt.text_file import is_formula
 
 __all__ = [
     "DONE", "FAILED", "NOT_RUN", "REFUSED", "Row", "counted", "failed_table", "forget", "keep", "kept_row",
-    "write_groups", "write_rows",
+    "write_groups", "write_parquet", "write_rows",
 ]  # fmt: skip
 
 DONE, REFUSED, FAILED, NOT_RUN = "done", "refused", "failed", "not run"
@@ -89,17 +90,46 @@ def forget(folder: Path) -> None:
 
 def write_rows(rows: Sequence[Row], file: Path) -> None:
     """All rows; columns are what any of them has: covariates, inputs under `input.`, numbers."""
-    covariates = list(dict.fromkeys(key for row in rows for key in row.covariates))
-    inputs = list(dict.fromkeys(key for row in rows for key in row.inputs))
-    columns = list(dict.fromkeys(key for row in rows for key in row.numbers))
-    head = ["participant", "status", "error", "seconds", *covariates, *(f"input.{key}" for key in inputs), *columns]
-    _write_csv(file, head, [
-        [row.participant, row.status, row.error, row.seconds]
-        + [row.covariates.get(key) for key in covariates]
-        + [row.inputs.get(key) for key in inputs]
-        + [row.numbers.get(key) for key in columns]
-        for row in rows
-    ])  # fmt: skip
+    table = _columns(rows)
+    _write_csv(file, list(table), list(zip(*table.values(), strict=True)))
+
+
+def write_parquet(rows: Sequence[Row], file: Path) -> None:
+    """The same rows with typed columns, of numbers, of truth values or of texts; without pyarrow, no file."""
+    file.unlink(missing_ok=True)
+    if importlib.util.find_spec("pyarrow") is None:
+        return
+    import pyarrow  # noqa: PLC0415
+    import pyarrow.parquet  # noqa: PLC0415
+
+    content = io.BytesIO()
+    pyarrow.parquet.write_table(pyarrow.table({key: _typed(of) for key, of in _columns(rows).items()}), content)
+    _replace(file, content.getvalue())
+
+
+def _columns(rows: Sequence[Row]) -> dict[str, list[Cell]]:
+    covariates = dict.fromkeys(key for row in rows for key in row.covariates)
+    inputs = dict.fromkeys(key for row in rows for key in row.inputs)
+    numbers = dict.fromkeys(key for row in rows for key in row.numbers)
+    columns: dict[str, list[Cell]] = {
+        "participant": [row.participant for row in rows],
+        "status": [row.status for row in rows],
+        "error": [row.error for row in rows],
+        "seconds": [row.seconds for row in rows],
+        **{key: [row.covariates.get(key) for row in rows] for key in covariates},
+        **{f"input.{key}": [row.inputs.get(key) for row in rows] for key in inputs},
+    }
+    for key in numbers:  # a kind of problem from elsewhere may have a number of any name
+        columns[f"metrics.{key}" if key in columns else key] = [row.numbers.get(key) for row in rows]
+    return columns
+
+
+def _typed(cells: Sequence[Cell]) -> Sequence[Cell]:
+    """Cells of one type: as they are where all are texts or all are truth values, numbers, else as texts."""
+    kinds = {type(cell) for cell in cells if cell is not None}
+    if kinds <= {int, float}:
+        return [None if cell is None else float(cell) for cell in cells]
+    return cells if len(kinds) == 1 else [None if cell is None else str(cell) for cell in cells]
 
 
 def write_groups(rows: Sequence[Row], file: Path) -> None:

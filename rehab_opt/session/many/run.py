@@ -23,14 +23,15 @@ from rehab_opt.session.many.results import (
     keep,
     kept_row,
     write_groups,
+    write_parquet,
     write_rows,
 )
 from rehab_opt.session.outcome import Progress
 from rehab_opt.text_file import shown
 
-__all__ = ["GROUPS", "RESULTS", "run_many"]
+__all__ = ["GROUPS", "PARQUET", "RESULTS", "run_many"]
 
-RESULTS, GROUPS = "results.csv", "groups.csv"
+RESULTS, PARQUET, GROUPS = "results.csv", "results.parquet", "groups.csv"
 LONGEST_ERROR = 400
 
 
@@ -46,6 +47,8 @@ def run_many(
     record: Callable[[Participant, Row, Path, str], None] = lambda *_: None,
 ) -> tuple[Row, ...]:
     """Run every person's problem; write a folder for each, results.csv with a row for each, and groups.csv.
+
+    Where pyarrow is there (extra `parquet`), results.parquet has the same rows, with columns of one type each.
 
     results.csv is written anew while they end, every second or less often where that would take long. A result that is
     there already, of the same problem, recordings and software, is kept. Interrupted, it leaves what is done, and
@@ -126,6 +129,7 @@ def run_many(
         finally:
             ordered = table("interrupted before it was done")
             write_rows(ordered, out / RESULTS)
+            write_parquet(ordered, out / PARQUET)
             write_groups(ordered, out / GROUPS)
     except OSError as problem:
         expected = f"a folder that can be written to ({problem.strerror})"

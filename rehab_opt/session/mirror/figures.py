@@ -19,6 +19,7 @@ from rehab_opt.session.drawing import (
     REFERENCE,
     framed,
     joint_figure,
+    label_times,
     legend_below,
     servo_figure,
 )
@@ -93,20 +94,15 @@ def _manipulability(outcome: MirrorOutcome) -> Figure:
 def _position(outcome: MirrorOutcome) -> Figure:
     figure = framed(f"{outcome.title}\nPosition of the driven hand, and its distance to the reference", 9.0, 9.0)
     panels = figure.subplots(4, 1, sharex=True)
-    for i, (axes, axis) in enumerate(zip(panels[:3], "xyz", strict=True)):
+    for i, axes in enumerate(panels[:3]):
         asked = MM * outcome.asked[:, i, 3]
         axes.plot(outcome.time, asked, color=REFERENCE, linewidth=4.0, alpha=0.25, label="mirrored hand")
         for name, led in outcome.drives.items():
             axes.plot(led.time, MM * led.tool[:, i, 3], **STYLES[name], label=LABELS[name])
-        axes.set_ylabel(f"{axis} [mm]")
     for name, led in outcome.drives.items():
         panels[3].plot(led.time, MM * led.deviation, **STYLES[name])
-    panels[3].set_ylabel("distance [mm]")
     _scale_distances(panels[3], outcome)
-    panels[3].set_xlabel("time [s]")
-    for axes in panels:
-        axes.margins(x=0.01)
-        axes.grid(**GRID)
+    label_times(panels, "x [mm]", "y [mm]", "z [mm]", "distance [mm]")
     legend_below(figure, panels[0], 4)
     return figure
 
@@ -150,15 +146,10 @@ def _pace(outcome: MirrorOutcome) -> Figure:
         text = f"above this panel: before, up to {before:.2g} m/s"
         speed.annotate(text, (0.995, 0.96), xycoords="axes fraction", ha="right", va="top", fontsize=9)
     pace.set_ylim(0, 110 * max(float(led.pace.max()) for led in outcome.laws.values()))
-    pace.set_ylabel("pace of the\nreference [%]")
-    lag.set_ylabel("lag [s]")
     lag.set_ylim(bottom=0)
-    speed.set_ylabel("speed of the\ntool [m/s]")
     _events(events, outcome)
-    events.set_xlabel("time [s]")
-    for axes in (pace, lag, speed, events):
-        axes.margins(x=0.01)
-        axes.grid(**GRID)
+    labels = "pace of the\nreference [%]", "lag [s]", "speed of the\ntool [m/s]", ""
+    label_times((pace, lag, speed, events), *labels)
     legend_below(figure, speed, 3)
     return figure
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.errors import ProblemFileError
+from rehab_opt.recordings.tables import numbers_below
 from rehab_opt.session.mirror.problem import PoseRecordingSection
-from rehab_opt.session.text_lines import LATEST, header_cells, text_lines
-from rehab_opt.text_file import number_in, shown
+from rehab_opt.text_file import LATEST, header_cells, shown, text_lines
 
 __all__ = ["HandPoses", "calibration_points", "read_hand_poses"]
 
@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 
 HEADER = ("t_s", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
 POINTS = ("vr_x_m", "vr_y_m", "vr_z_m", "robot_x_m", "robot_y_m", "robot_z_m")
+LOST = ("", "nan")
+"""Cells where the tracker had lost the hand."""
 FAR = 10.0
 """[m] A recorded hand is not further away: it is in another unit."""
 
@@ -62,8 +64,9 @@ def read_hand_poses(path: Path, section: PoseRecordingSection, *, file: str) -> 
             for column in getattr(section, key):
                 if column > width:
                     raise ProblemFileError(file, f"recording.{key}", column, f"a column from 1 to {width} of {name}")
-        wanted = [column - 1 for column in (*section.position_columns, *section.quaternion_columns)]
-        table, stamped = _numbers(lines, wanted, width, name=name, first=1), False
+        header = [str(number) for number in range(1, width + 1)]
+        wanted = [str(column) for column in (*section.position_columns, *section.quaternion_columns)]
+        table, stamped = _numbers(lines, header, wanted, name=name, first=1), False
     else:
         header = header_cells(lines[0].split(","), name=name, line=1)
         stamped = section.rate_hz is None
@@ -73,7 +76,7 @@ def read_hand_poses(path: Path, section: PoseRecordingSection, *, file: str) -> 
             raise ProblemFileError(
                 name, f"line 1, column {missing[0]}", shown(lines[0], 60), "once " + ", ".join(columns)
             )
-        table = _numbers(lines, [header.index(column) for column in columns], len(header), name=name, first=2)
+        table = _numbers(lines[1:], header, columns, name=name, first=2)
     notes: list[str] = []
     if section.rows is not None:
         notes.append(f"rows {section.rows[0]} to {section.rows[1]} of the recording's {len(table)}")
@@ -113,7 +116,7 @@ def calibration_points(path: Path, *, name: str) -> tuple[Array, Array]:
     missing = [column for column in POINTS if header.count(column) != 1]
     if missing:
         raise ProblemFileError(name, f"line 1, column {missing[0]}", shown(lines[0], 60), "once " + ", ".join(POINTS))
-    table = _numbers(lines, [header.index(column) for column in POINTS], len(header), name=name, first=2)
+    table = _numbers(lines[1:], header, POINTS, name=name, first=2)
     if not np.all(np.abs(table) <= FAR):
         row = int(np.argmin(np.all(np.abs(table) <= FAR, axis=1))) + 2
         raise ProblemFileError(name, f"line {row}", "not usable", f"finite numbers up to {FAR:g} m")
@@ -129,23 +132,10 @@ def _rows(table: Array, section: PoseRecordingSection, *, file: str) -> Array:
     return table[first - 1 : last]
 
 
-def _numbers(lines: list[str], wanted: list[int], width: int, *, name: str, first: int) -> Array:
+def _numbers(rows: list[str], header: list[str], wanted: Sequence[str], *, name: str, first: int) -> Array:
     """(rows, len(wanted)) cells; empty ones are NaN. `first` is the line of the first row, counted from 1."""
-    rows = []
-    for number, text in enumerate(lines[first - 1 :], start=first):
-        cells = text.split(",")
-        if len(cells) != width:
-            raise ProblemFileError(name, f"line {number}", f"{len(cells)} cells", f"{width}, as in the first line")
-        rows.append([_number(cells[column], name=name, line=number, column=column + 1) for column in wanted])
-    if len(rows) < 3:
-        raise ProblemFileError(name, "rows", len(rows), "at least 3 rows of numbers")
-    return np.array(rows)
-
-
-def _number(text: str, *, name: str, line: int, column: int) -> float:
-    if text.strip().lower() in ("", "nan"):
-        return math.nan
-    number = number_in(text)
-    if not math.isfinite(number):
-        raise ProblemFileError(name, f"line {line}, column {column}", shown(text), "a number, or nothing")
-    return number
+    lost = dict.fromkeys(wanted, LOST)
+    table = numbers_below(rows, header, wanted, {}, name=name, first=first, separator=",", missing=lost)
+    if len(table) < 3:
+        raise ProblemFileError(name, "rows", len(table), "at least 3 rows of numbers")
+    return table

@@ -26,6 +26,7 @@ from rehab_opt.session.mirror.problem import MirrorProblem
 from rehab_opt.session.mirror.scene import Scene
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.plant.loop import Ran, simulate, yielded_words
+from rehab_opt.session.refusals import refused_as
 
 __all__ = ["ANY_SPEED", "followed", "planned", "searched", "tracker_of", "without_floor"]
 
@@ -40,6 +41,9 @@ ARRIVED = 2.0
 """[s] at the last pose after which a motion has come to its end, too: a hand at its floor may go on creeping."""
 SETTLED_AMID_NOISE = 0.03
 """[rad/s] The same where encoders have noise, which commands answer."""
+TRACKER_KEYS = (
+    "floor", "max_deviation_mm", "max_turn_deg", "linear_speed_m_s", "angular_speed_deg_s", "catch_up",
+)  # fmt: skip
 KEYS = {
     "dt": "tracker.rate_hz",
     "max_deviation": "tracker.max_deviation_mm",
@@ -73,15 +77,10 @@ def tracker_of(
             raise ProblemFileError(file, f"tracker.keep_out.{i}.normal", each.normal, "a direction") from refused
     person, grip = scene.person if scene.person is not None and live else (None, None)
     arm = problem.patient.arm
-    try:
+    with refused_as(file, lambda name: clearance_key(name) or KEYS.get(name, f"tracker.{name}")):
         return MirrorTracker(
             scene.robot,
-            floor=section.floor,
-            max_deviation=1e-3 * section.max_deviation_mm,
-            max_turn=math.radians(section.max_turn_deg),
-            linear_speed=section.linear_speed_m_s,
-            angular_speed=math.radians(section.angular_speed_deg_s),
-            catch_up=section.catch_up,
+            **section.arguments(*TRACKER_KEYS),
             keep_out=planes,
             limits=clearance_of(problem.clearance, file),
             person=person,
@@ -91,9 +90,6 @@ def tracker_of(
             backup=backup,
             **options,
         )
-    except ConfigurationError as refused:
-        key = clearance_key(refused.argument) or KEYS.get(refused.argument, f"tracker.{refused.argument}")
-        raise ProblemFileError(file, key, refused.value, refused.expected) from refused
 
 
 def _led(
@@ -209,10 +205,7 @@ def searched(
         scene.start,
         floor=problem.tracker.floor,
         max_manipulability=max_manipulability,
-        resolution=1e-3 * section.resolution_mm,
-        stretch=1e-3 * section.stretch_mm,
-        pull=section.pull,
-        most=section.most,
+        **section.arguments(),
     )
     progress("A*", 1, 1)
     return found

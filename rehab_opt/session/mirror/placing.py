@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.mirror import MirrorTracker
+from rehab_opt.control.seats import Seats, Walk
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.plants.ideal import IdealJoints
 from rehab_opt.session.files import ProblemFile
@@ -25,7 +26,6 @@ from rehab_opt.session.mirror.laws import followed, tracker_of
 from rehab_opt.session.mirror.metrics import passed_share
 from rehab_opt.session.mirror.problem import MirrorProblem
 from rehab_opt.session.mirror.scene import Scene, laid_out
-from rehab_opt.session.mirror.seats import Seats, Walk
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.robot_file import pose_of
 

@@ -2,112 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
 
 from rehab_opt.control.conditioning import Conditioner
+from rehab_opt.control.mirror import MirrorTracker
 from rehab_opt.session.clearance import nearest_bodies
 from rehab_opt.session.files import ProblemFile
+from rehab_opt.session.live.problem import LiveProblem
 from rehab_opt.session.mirror.laws import ANY_SPEED, followed, planned, searched, tracker_of, without_floor
+from rehab_opt.session.mirror.live import LiveMirror
 from rehab_opt.session.mirror.metrics import astar_metrics, causes, driven, led_metrics
 from rehab_opt.session.mirror.outcome import BEFORE, PLAN, STEP, Led, MirrorOutcome
+from rehab_opt.session.mirror.placing import reach_note
 from rehab_opt.session.mirror.problem import MirrorProblem
 from rehab_opt.session.mirror.scene import Scene, laid_out, path_notes
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.plant.making import joint_feedback, joint_plant, plant_note
+from rehab_opt.session.pose_tracking.robot import robot_files
+from rehab_opt.session.systems import Needed, System
 
-if TYPE_CHECKING:
-    from rehab_opt.control.mirror import MirrorTracker
-
-__all__ = ["run_mirror"]
+__all__ = ["MirrorSystem"]
 
 FAR = 1e-3
 """[m] from the first reference pose, where a start is told to be elsewhere."""
-
-
-def run_mirror(loaded: ProblemFile[MirrorProblem], *, progress: Progress) -> MirrorOutcome:
-    """Follow the mirrored recording without a floor, tick by tick, as a plan, and by A* where it is asked for.
-
-    Raises
-    ------
-    ProblemFileError : a recording or a value that cannot be used.
-    """
-    problem, scene = loaded.problem, laid_out(loaded)
-    section, reference, robot = problem.tracker, scene.reference, scene.robot
-    feedback = joint_feedback(problem.plant)
-    tracker = tracker_of(problem, scene, file=loaded.file, feedback=feedback)
-    max_manipulability, rate = tracker.max_manipulability, section.rate_hz
-    plant = joint_plant(problem.plant, robot, 1.0 / rate)
-    laws = {
-        BEFORE: without_floor(
-            scene, plant, max_manipulability=max_manipulability, progress=progress, feedback=feedback
-        ),
-        STEP: followed(tracker, scene, plant, patience=section.patience, progress=progress),
-        PLAN: planned(tracker, scene, progress=progress),
-    }
-    speeds = {BEFORE: ANY_SPEED, STEP: section.linear_speed_m_s, PLAN: section.linear_speed_m_s}
-    drives = {name: driven(led, robot, problem.smoothing, linear_speed=speeds[name]) for name, led in laws.items()}
-    why = {name: causes(led, tracker.hand_bounds) for name, led in laws.items()}
-    near = nearest_bodies(problem.clearance, loaded.file, robot, laws[STEP].q, laws[STEP].time)
-    astar = searched(problem, scene, max_manipulability=max_manipulability, progress=progress)
-    asked = reference.poses[~reference.lost]
-    fast = np.linalg.norm(reference.twists[~reference.lost, :3], axis=1)
-    metrics: dict[str, Any] = {
-        "reference": {
-            "duration_s": float(reference.times[-1] - reference.times[0]),
-            "samples": len(reference.poses),
-            "samples_lost": int(reference.lost.sum()),
-            "samples_dropped": reference.dropped,
-            "gaps": reference.gaps,
-            "speed_max_m_s": float(fast.max()),
-            "faster_than_cap_share_of_time": float(np.mean(fast > section.linear_speed_m_s)),
-            "filter_lag_s": Conditioner(1 / rate, cutoff_hz=problem.conditioning.cutoff_hz).lag,
-            "calibration_rms_m": scene.fit.rms if scene.fit is not None else None,
-            "scale": problem.placement.scale,
-        },
-        "manipulability_largest": max_manipulability,
-        "laws": {
-            name: led_metrics(
-                led,
-                drives[name],
-                robot,
-                asked,
-                cause=why[name],
-                floor=section.floor,
-                rate=rate,
-                max_manipulability=max_manipulability,
-            )
-            for name, led in laws.items()
-        },
-        "astar": astar_metrics(astar, robot, asked[:, :3, 3], max_manipulability=max_manipulability)
-        if astar is not None
-        else None,
-        **({} if near is None else {"clearance": near.metrics}),
-    }
-    return MirrorOutcome(
-        chain=robot,
-        time=reference.times - reference.times[0],
-        notes=(
-            *scene.notes,
-            *path_notes(scene),
-            *_notes(problem, scene, laws, tracker),
-            *([] if near is None else [near.note]),
-        ),
-        metrics=metrics,
-        floor=section.floor,
-        mirror=scene.mirror,
-        asked=reference.poses,
-        recorded=scene.recorded,
-        laws=laws,
-        drives=drives,
-        causes=why,
-        astar=astar,
-        max_deviation=1e-3 * section.max_deviation_mm,
-        linear_speed=section.linear_speed_m_s,
-        near=near,
-    )
 
 
 def _notes(problem: MirrorProblem, scene: Scene, laws: dict[str, Led], tracker: MirrorTracker) -> Iterator[str]:
@@ -131,3 +51,107 @@ def _notes(problem: MirrorProblem, scene: Scene, laws: dict[str, Led], tracker: 
     for name, led in laws.items():
         if not led.complete:
             yield f"{name}: INCOMPLETE, the reference's end was not reached within the patience"
+
+
+class MirrorSystem(System[MirrorProblem, MirrorOutcome]):
+    """A hand led along the other hand's mirrored path."""
+
+    schema = MirrorProblem
+    shown = ("rehab_opt.session.mirror.table", "rehab_opt.session.mirror.figures")
+    options = frozenset({"plant"})
+    rate_key = "tracker.rate_hz"
+
+    def recordings(self, problem: MirrorProblem) -> tuple[Needed, ...]:
+        """The hand's poses, the points that tell where they were seen, and the robot file."""
+        needed = (Needed("recording.file", problem.recording.file), *robot_files(problem.robot))
+        points = problem.placement.calibration_file
+        return needed if points is None else (*needed, Needed("placement.calibration_file", points))
+
+    def check(self, loaded: ProblemFile[MirrorProblem]) -> tuple[str, ...]:
+        """Reads the recording, lays it out, builds the tracker, and counts what the robot reaches."""
+        scene = laid_out(loaded)
+        tracker = tracker_of(loaded.problem, scene, file=loaded.file)
+        return (*scene.notes, *path_notes(scene), reach_note(loaded.problem, scene, tracker))
+
+    def run(
+        self, loaded: ProblemFile[MirrorProblem], *, options: Mapping[str, str], progress: Progress
+    ) -> MirrorOutcome:
+        """The option is `plant`."""
+        problem, scene = loaded.problem, laid_out(loaded)
+        section, reference, robot = problem.tracker, scene.reference, scene.robot
+        feedback = joint_feedback(problem.plant)
+        tracker = tracker_of(problem, scene, file=loaded.file, feedback=feedback)
+        max_manipulability, rate = tracker.max_manipulability, section.rate_hz
+        plant = joint_plant(problem.plant, robot, 1.0 / rate)
+        laws = {
+            BEFORE: without_floor(
+                scene, plant, max_manipulability=max_manipulability, progress=progress, feedback=feedback
+            ),
+            STEP: followed(tracker, scene, plant, patience=section.patience, progress=progress),
+            PLAN: planned(tracker, scene, progress=progress),
+        }
+        speeds = {BEFORE: ANY_SPEED, STEP: section.linear_speed_m_s, PLAN: section.linear_speed_m_s}
+        drives = {name: driven(led, robot, problem.smoothing, linear_speed=speeds[name]) for name, led in laws.items()}
+        why = {name: causes(led, tracker.hand_bounds) for name, led in laws.items()}
+        near = nearest_bodies(problem.clearance, loaded.file, robot, laws[STEP].q, laws[STEP].time)
+        astar = searched(problem, scene, max_manipulability=max_manipulability, progress=progress)
+        asked = reference.poses[~reference.lost]
+        fast = np.linalg.norm(reference.twists[~reference.lost, :3], axis=1)
+        metrics: dict[str, Any] = {
+            "reference": {
+                "duration_s": float(reference.times[-1] - reference.times[0]),
+                "samples": len(reference.poses),
+                "samples_lost": int(reference.lost.sum()),
+                "samples_dropped": reference.dropped,
+                "gaps": reference.gaps,
+                "speed_max_m_s": float(fast.max()),
+                "faster_than_cap_share_of_time": float(np.mean(fast > section.linear_speed_m_s)),
+                "filter_lag_s": Conditioner(1 / rate, cutoff_hz=problem.conditioning.cutoff_hz).lag,
+                "calibration_rms_m": scene.fit.rms if scene.fit is not None else None,
+                "scale": problem.placement.scale,
+            },
+            "manipulability_largest": max_manipulability,
+            "laws": {
+                name: led_metrics(
+                    led,
+                    drives[name],
+                    robot,
+                    asked,
+                    cause=why[name],
+                    floor=section.floor,
+                    rate=rate,
+                    max_manipulability=max_manipulability,
+                )
+                for name, led in laws.items()
+            },
+            "astar": astar_metrics(astar, robot, asked[:, :3, 3], max_manipulability=max_manipulability)
+            if astar is not None
+            else None,
+            **({} if near is None else {"clearance": near.metrics}),
+        }
+        return MirrorOutcome(
+            chain=robot,
+            time=reference.times - reference.times[0],
+            notes=(
+                *scene.notes,
+                *path_notes(scene),
+                *_notes(problem, scene, laws, tracker),
+                *([] if near is None else [near.note]),
+            ),
+            metrics=metrics,
+            floor=section.floor,
+            mirror=scene.mirror,
+            asked=reference.poses,
+            recorded=scene.recorded,
+            laws=laws,
+            drives=drives,
+            causes=why,
+            astar=astar,
+            max_deviation=1e-3 * section.max_deviation_mm,
+            linear_speed=section.linear_speed_m_s,
+            near=near,
+        )
+
+    def live(self, loaded: ProblemFile[MirrorProblem], *, options: Mapping[str, str]) -> LiveProblem:
+        """The mirrored recording to and fro, until somebody drags the hand; the option is `plant`."""
+        return LiveMirror(loaded)

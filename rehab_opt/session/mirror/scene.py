@@ -10,19 +10,20 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rehab_opt.control.arm_path import arm_path
 from rehab_opt.control.conditioning import Conditioned, conditioned
 from rehab_opt.control.foreseen import turns_between
-from rehab_opt.errors import ConfigurationError, ProblemFileError
+from rehab_opt.errors import ProblemFileError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.vr import FrameFit, Mirror, fit_frame, quaternions_of, robot_from_unity, rotations_of
+from rehab_opt.recordings.recording import Recording, size_note
 from rehab_opt.session.files import ProblemFile, recording_path
-from rehab_opt.session.mirror.arm_path import arm_path
 from rehab_opt.session.mirror.hand_poses import HandPoses, calibration_points, read_hand_poses
 from rehab_opt.session.mirror.problem import MirrorProblem, PatientSection, PoseRecordingSection
 from rehab_opt.session.participant import arm_of
 from rehab_opt.session.pose_tracking.problem import MOST_TICKS
 from rehab_opt.session.pose_tracking.robot import robot_at_start
-from rehab_opt.session.recording import Recording, size_note
+from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.robot_file import pose_of
 from rehab_opt.session.schema import Side
 
@@ -134,7 +135,6 @@ def laid_out(loaded: ProblemFile[MirrorProblem]) -> Scene:
     mirror = patient_mirror(problem.patient)
     grip = pose_of(problem.robot.grip_deg, problem.robot.grip_m)
     tools = mirror.poses(poses) @ grip
-    rule = problem.conditioning
     usable = np.flatnonzero(np.all(np.isfinite(tools), axis=(1, 2)) & np.isfinite(seen.times))
     if not usable.size:
         raise ProblemFileError(section.file, "samples", 0, "at least 3 usable samples together")
@@ -143,19 +143,14 @@ def laid_out(loaded: ProblemFile[MirrorProblem]) -> Scene:
         expected = f"at most {MOST_TICKS} ticks in the recording's {seconds:g} s"
         raise ProblemFileError(file, "tracker.rate_hz", rate, expected)
     # The filter comes last, so that what is filtered is what the robot is asked for.
-    try:
+    with refused_as(section.file):
         reference = conditioned(
             seen.times[usable],
             tools[usable, :3, 3],
             quaternions_of(tools[usable, :3, :3]),
             dt=1.0 / rate,
-            cutoff_hz=rule.cutoff_hz,
-            max_gap=rule.max_gap_s,
-            largest_speed=rule.largest_speed_m_s,
-            largest_turn=math.radians(rule.largest_turn_deg_s),
+            **problem.conditioning.arguments(),
         )
-    except ConfigurationError as refused:
-        raise ProblemFileError(section.file, refused.argument, refused.value, refused.expected) from refused
     notes = [*seen.notes, *robot.notes]
     if problem.placement.calibration_file is not None:
         notes.append(
@@ -242,12 +237,8 @@ def _frame(loaded: ProblemFile[MirrorProblem]) -> FrameFit:
     source, target = calibration_points(path, name=placement.calibration_file)
     if loaded.problem.recording.frame == "unity":
         source = source @ UNITY_AXES.T
-    try:
+    with refused_as(placement.calibration_file):
         return fit_frame(source, target)
-    except ConfigurationError as refused:
-        raise ProblemFileError(
-            placement.calibration_file, refused.argument, refused.value, refused.expected
-        ) from refused
 
 
 def _person(problem: MirrorProblem, grip: Array, *, file: str) -> tuple[SerialChain, Array] | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import TYPE_CHECKING, TypeVar
 
 from rehab_opt.control.joint_feedback import JointFeedback
@@ -75,7 +75,7 @@ def joint_plant(table: JointPlant, chain: SerialChain, dt: float) -> Plant:
         (ur5_model if chain.rows == ur5().rows else own_arm_model)(chain, payload=table.payload_kg),
         dt=dt,
         drive=servo(table.servo_hz),
-        channel=channel_of(table, table.position_noise_rad, table.position_resolution_rad),
+        channel=channel_of(table),
         seed=table.seed,
         physics_step=ms(table.physics_step_ms),
     )
@@ -128,22 +128,16 @@ def chair_plant(table: ChairPlant, robot: MobileArm, wheels: Drive, dt: float, *
         wheel_lag=ms(table.wheel_lag_ms),
         drive=VelocityServo(table.servo_hz),
         arm=own_chair_arm_model(robot) if own_arm else None,
-        channel=channel_of(table, table.position_noise_rad),
+        channel=channel_of(table),
         seed=table.seed,
         physics_step=ms(table.physics_step_ms),
     )
 
 
-def channel_of(table: PlantTable, position_noise: float, position_resolution: float = 0.0) -> Channel:
-    """Delays of the table, in seconds, with the noise [rad, m] of its positions."""
-    return Channel(
-        command_delay=ms(table.command_delay_ms),
-        command_jitter=ms(table.command_jitter_ms),
-        measurement_delay=ms(table.measurement_delay_ms),
-        measurement_jitter=ms(table.measurement_jitter_ms),
-        position_noise=position_noise,
-        position_resolution=position_resolution,
-    )
+def channel_of(table: PlantTable) -> Channel:
+    """Delays, jitter and noise of the table."""
+    known = {each.name for each in fields(Channel)}
+    return Channel(**{name: value for name, value in table.arguments().items() if name in known})
 
 
 def plant_note(table: PlantTable, ideal: str) -> str:

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.ur5 import ur5
 from rehab_opt.session.clearance import clearance_key, clearance_of
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.pose_tracking.problem import CircleSection, PoseTracking, RobotSection
-from rehab_opt.session.robot_file import robot_of
+from rehab_opt.session.refusals import refused_as
+from rehab_opt.session.robot_file import posture_of, robot_of
 from rehab_opt.session.systems import ROBOT_FILE, Needed
 
 if TYPE_CHECKING:
@@ -49,16 +49,11 @@ def tracker_of(
 
     given = {"gain": problem.tracker.gain_per_s, "solver": solver or problem.tracker.solver}
     chosen: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
-    try:
+    with refused_as(file, lambda name: clearance_key(name) or KEYS.get(name, f"tracker.{name}"), option=solver):
         limits = clearance_of(problem.clearance, file, moving=True)
         return PoseTracker(
             robot, dt=1 / problem.tracker.rate_hz, limits=limits, backup=backup, feedback=feedback, **chosen
         )
-    except ConfigurationError as refused:
-        if refused.argument == "solver" and solver is not None:
-            raise
-        key = clearance_key(refused.argument) or KEYS.get(refused.argument, f"tracker.{refused.argument}")
-        raise ProblemFileError(file, key, refused.value, refused.expected) from refused
 
 
 def circle_reference(start: Array, circle: CircleSection, times: Array) -> tuple[Array, Array]:
@@ -112,17 +107,7 @@ def robot_at_start(loaded: ProblemFile[Any]) -> tuple[SerialChain, Array]:
         robot = robot.with_limits(
             velocity=np.minimum(robot.velocity, speed), acceleration=np.minimum(robot.acceleration, slower)
         )
-    start = np.deg2rad(section.start_deg)
-    if len(start) != robot.n:
-        expected = f"{robot.n} entries, of {', '.join(robot.names)}"
-        raise ProblemFileError(loaded.file, "robot.start_deg", section.start_deg, expected)
-    outside = np.flatnonzero((start < robot.lower) | (start > robot.upper))
-    if outside.size:
-        joint = int(outside[0])
-        low, high = np.rad2deg(robot.lower[joint]), np.rad2deg(robot.upper[joint])
-        value, expected = section.start_deg[joint], f"{robot.names[joint]} within {low:g} to {high:g} deg"
-        raise ProblemFileError(loaded.file, f"robot.start_deg.{joint}", value, expected)
-    return robot, start
+    return robot, posture_of(robot, section.start_deg, file=loaded.file, key="robot.start_deg")
 
 
 def robot_files(section: RobotSection) -> tuple[Needed, ...]:

@@ -27,7 +27,7 @@ from rehab_opt.session.pose_tracking.problem import PoseTracking
 from rehab_opt.session.pose_tracking.robot import circle_reference, robot_at_start, robot_files, tracker_of
 from rehab_opt.session.systems import Needed, System
 
-__all__ = ["LivePoseTracking", "PoseTrackingSystem", "RobotOutcome", "run_pose_tracking"]
+__all__ = ["LivePoseTracking", "PoseTrackingSystem", "RobotOutcome"]
 
 Array = NDArray[np.float64]
 
@@ -140,70 +140,6 @@ class RobotOutcome(MovementOutcome):
             yield from joint_columns("velocity", self.chain, self.motion.velocity, "rad_s")
 
 
-def run_pose_tracking(loaded: ProblemFile[PoseTracking], *, solver: str | None, progress: Progress) -> RobotOutcome:
-    """Follow the circle from the starting posture on and measure.
-
-    Raises
-    ------
-    ProblemFileError : a starting posture outside the limits, or a value the tracker refuses.
-    """
-    problem, live = loaded.problem, LivePoseTracking(loaded, solver=solver)
-    robot, rate, (poses, twists) = live.robot, problem.tracker.rate_hz, live.reference
-    ran = simulate(
-        live.control(), lambda _: LiveInputs(enable=True), ticks=len(poses),
-        progress=partial(progress, "following the circle"),
-    )  # fmt: skip
-    times, command, scales = live.dt * np.arange(len(poses), dtype=np.float64), ran.values, ran.scales
-    tool = np.array([robot.pose(q) for q in ran.q])
-    position_error = np.linalg.norm(tool[:, :3, 3] - poses[:, :3, 3], axis=1)
-    orientation_error = _angles(tool[:, :3, :3], poses[:, :3, :3])
-    acceleration = np.abs(np.diff(command, axis=0, prepend=np.zeros((1, robot.n)))) * rate
-    near = nearest_bodies(problem.clearance, loaded.file, robot, ran.q, times)
-    moving = np.maximum(np.linalg.norm(twists[:, :3], axis=1), np.linalg.norm(twists[:, 3:], axis=1)) >= MOVING
-    own = inspect.signature(PoseTracker).parameters
-    metrics: dict[str, Any] = {
-        "parameters": {
-            "controller": "PoseTracker",
-            "solver": solver or problem.tracker.solver or own["solver"].default,
-            "backup": own["backup"].default,
-            "gain_per_s": own["gain"].default if problem.tracker.gain_per_s is None else problem.tracker.gain_per_s,
-            "joint_speed_deg_s": np.rad2deg(robot.velocity).tolist(),
-            "joint_acceleration_deg_s2": np.rad2deg(robot.acceleration).tolist(),
-        },
-        "ticks": len(times),
-        "duration_s": float(times[-1]),
-        **error_metrics(position_error, "position_error", "m"),
-        **error_metrics(np.rad2deg(orientation_error), "orientation_error", "deg"),
-        **joint_metrics(robot, ran.q, rate),
-        "joint_acceleration_max_share_of_limit": float((acceleration / robot.acceleration).max()),
-        **time_metrics(ran.seconds, "tick"),
-        "tick_p99_9_ms": float(1e3 * np.percentile(ran.seconds, 99.9)),
-        "scale_min": float(scales.min()),
-        "scale_min_moving": float(scales[moving].min()) if moving.any() else None,
-        "status": status_counts(ran.status),
-        "yielded": status_counts(text for text in ran.yielded if text),
-        **({} if near is None else {"clearance": near.metrics}),
-    }
-    return RobotOutcome(
-        chain=robot,
-        time=times,
-        notes=(plant_note(problem.plant, "the robot is simulated: its joints move exactly as commanded"), *robot.notes)
-        + (() if near is None else (near.note,)),
-        metrics={
-            "optimised": metrics,
-        },
-        reference=poses[:, :3, 3],
-        tool=tool[:, :3, 3],
-        position_error=position_error,
-        orientation_error=orientation_error,
-        q=ran.q,
-        command=command,
-        status=ran.status,
-        motion=ran.motion,
-        near=near,
-    )
-
-
 def _angles(rotations: Array, references: Array) -> Array:
     """(N,) [rad] angle of the rotation between two orientations, exact for small ones too."""
     difference = rotations - references  # |R - S| = 2 sqrt(2) sin(angle / 2), Frobenius norm
@@ -219,6 +155,7 @@ class PoseTrackingSystem(System[PoseTracking, RobotOutcome]):
     shown = ("rehab_opt.session.pose_tracking.shown",)
     options = frozenset({"plant", "solver"})
     solver_key = "tracker.solver"
+    rate_key = "tracker.rate_hz"
 
     def recordings(self, problem: PoseTracking) -> tuple[Needed, ...]:
         """No recording, since the circle is computed; the robot file."""
@@ -232,12 +169,66 @@ class PoseTrackingSystem(System[PoseTracking, RobotOutcome]):
 
     def run(self, loaded: ProblemFile[PoseTracking], *, options: Mapping[str, str], progress: Progress) -> RobotOutcome:
         """Options: `solver` of the tracker, `plant`."""
-        return run_pose_tracking(loaded, solver=options.get("solver"), progress=progress)
+        solver = options.get("solver")
+        problem, live = loaded.problem, LivePoseTracking(loaded, solver=solver)
+        robot, rate, (poses, twists) = live.robot, problem.tracker.rate_hz, live.reference
+        ran = simulate(
+            live.control(), lambda _: LiveInputs(enable=True), ticks=len(poses),
+            progress=partial(progress, "following the circle"),
+        )  # fmt: skip
+        times, command, scales = live.dt * np.arange(len(poses), dtype=np.float64), ran.values, ran.scales
+        tool = np.array([robot.pose(q) for q in ran.q])
+        position_error = np.linalg.norm(tool[:, :3, 3] - poses[:, :3, 3], axis=1)
+        orientation_error = _angles(tool[:, :3, :3], poses[:, :3, :3])
+        acceleration = np.abs(np.diff(command, axis=0, prepend=np.zeros((1, robot.n)))) * rate
+        near = nearest_bodies(problem.clearance, loaded.file, robot, ran.q, times)
+        moving = np.maximum(np.linalg.norm(twists[:, :3], axis=1), np.linalg.norm(twists[:, 3:], axis=1)) >= MOVING
+        own = inspect.signature(PoseTracker).parameters
+        metrics: dict[str, Any] = {
+            "parameters": {
+                "controller": "PoseTracker",
+                "solver": solver or problem.tracker.solver or own["solver"].default,
+                "backup": own["backup"].default,
+                "gain_per_s": own["gain"].default if problem.tracker.gain_per_s is None else problem.tracker.gain_per_s,
+                "joint_speed_deg_s": np.rad2deg(robot.velocity).tolist(),
+                "joint_acceleration_deg_s2": np.rad2deg(robot.acceleration).tolist(),
+            },
+            "ticks": len(times),
+            "duration_s": float(times[-1]),
+            **error_metrics(position_error, "position_error", "m"),
+            **error_metrics(np.rad2deg(orientation_error), "orientation_error", "deg"),
+            **joint_metrics(robot, ran.q, rate),
+            "joint_acceleration_max_share_of_limit": float((acceleration / robot.acceleration).max()),
+            **time_metrics(ran.seconds, "tick"),
+            "tick_p99_9_ms": float(1e3 * np.percentile(ran.seconds, 99.9)),
+            "scale_min": float(scales.min()),
+            "scale_min_moving": float(scales[moving].min()) if moving.any() else None,
+            "status": status_counts(ran.status),
+            "yielded": status_counts(text for text in ran.yielded if text),
+            **({} if near is None else {"clearance": near.metrics}),
+        }
+        return RobotOutcome(
+            chain=robot,
+            time=times,
+            notes=(
+                plant_note(problem.plant, "the robot is simulated: its joints move exactly as commanded"),
+                *robot.notes,
+            )
+            + (() if near is None else (near.note,)),
+            metrics={
+                "optimised": metrics,
+            },
+            reference=poses[:, :3, 3],
+            tool=tool[:, :3, 3],
+            position_error=position_error,
+            orientation_error=orientation_error,
+            q=ran.q,
+            command=command,
+            status=ran.status,
+            motion=ran.motion,
+            near=near,
+        )
 
     def live(self, loaded: ProblemFile[PoseTracking], *, options: Mapping[str, str]) -> LiveProblem:
         """The circle, until somebody drags the target; options as of `run`."""
         return LivePoseTracking(loaded, solver=options.get("solver"))
-
-    def seconds_a_tick(self, problem: PoseTracking) -> float:
-        """Of the tracker."""
-        return 1 / problem.tracker.rate_hz

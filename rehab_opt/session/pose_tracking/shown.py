@@ -6,7 +6,17 @@ import numpy as np
 from matplotlib.figure import Figure
 from rich.table import Table
 
-from rehab_opt.session.drawing import GRID, LAW_STYLES, MM, REFERENCE, framed, joint_figure, legend_below, servo_figure
+from rehab_opt.session.drawing import (
+    GRID,
+    LAW_STYLES,
+    MM,
+    REFERENCE,
+    framed,
+    joint_figure,
+    label_times,
+    legend_below,
+    servo_figure,
+)
 from rehab_opt.session.pose_tracking.run import RobotOutcome
 from rehab_opt.session.shown import (
     Numbers,
@@ -63,14 +73,8 @@ def _robot_error(outcome: RobotOutcome) -> Figure:
     speed.plot(outcome.time, used, **LAW_STYLES["optimised"])
     speed.axhline(100, color=REFERENCE, linewidth=1, linestyle=":")
     speed.annotate("speed limit", (0.995, 100), xycoords=("axes fraction", "data"), ha="right", va="top", fontsize=9)
-    distance.set_ylabel("position error [mm]")
-    angle.set_ylabel("orientation error [deg]")
-    speed.set_ylabel("fastest joint [% of limit]")
-    speed.set_xlabel("time [s]")
-    for axes in (distance, angle, speed):
-        axes.set_ylim(bottom=0)
-        axes.margins(x=0.01)
-        axes.grid(**GRID)
+    labels = "position error [mm]", "orientation error [deg]", "fastest joint [% of limit]"
+    label_times((distance, angle, speed), *labels, from_zero=True)
     legend_below(figure, distance, 1)
     return figure
 

@@ -15,8 +15,9 @@ from rehab_opt.errors import ConfigurationError, ProblemFileError, RehabOptError
 from rehab_opt.field.demonstration import Demonstration
 from rehab_opt.field.fit import Fit
 from rehab_opt.field.potential import PotentialField
+from rehab_opt.recordings.reading import read_recording
 from rehab_opt.session.files import ProblemFile, recording_path
-from rehab_opt.session.recordings import read_recording
+from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.scenario.problem import ScenarioProblem
 from rehab_opt.session.systems import Needed
 
@@ -97,12 +98,10 @@ def _shown(loaded: ProblemFile[ScenarioProblem]) -> tuple[tuple[Demonstration, .
         if not recording.forces.size:
             raise ProblemFileError(file, "columns", "no forces", "fx_N and fy_N beside t, x and y")
         notes += [f"{file}: {note}" for note in recording.notes]
-        try:
+        with refused_as(file):
             shown.append(
                 Demonstration(positions=recording.points[:, :2], forces=recording.forces[:, :2], times=recording.time)
             )
-        except ConfigurationError as refused:
-            raise ProblemFileError(file, refused.argument, refused.value, refused.expected) from refused
         _check_sizes(loaded.file, file, shown[-1])
     return tuple(shown), notes
 

@@ -15,13 +15,12 @@ from rehab_opt.control.bounded_force import BoundedForce, ForceBounds
 from rehab_opt.control.command import Bound, Command, Status
 from rehab_opt.control.path_assistance import PathAssistance
 from rehab_opt.control.smoother import Smoother
-from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.optim.ladder import FUSED
 from rehab_opt.published.field_law import FieldLaw
 from rehab_opt.session.files import ProblemFile
+from rehab_opt.session.refusals import refused_as, solver_refusals
 from rehab_opt.session.scenario.outcome import HelperTrace, Law
 from rehab_opt.session.scenario.problem import ScenarioProblem
-from rehab_opt.session.solver_option import solver_refusals
 
 __all__ = [
     "BOUNDED",
@@ -170,12 +169,9 @@ def swinging_notes(laws: Mapping[Law, ForceLaw]) -> Iterator[str]:
 
 def bounds_of(problem: ScenarioProblem, *, solver: str | None) -> ForceBounds:
     """What both sides of a pair and the assistance have in common; `solver` goes before the file's."""
-    said = problem.assistance
+    keys = ("slew_limit_N_s", "growth_limit_N_s", "energy_budget_J", "speed_cap_m_s")
     return {
-        "slew_limit": said.slew_limit_N_s,
-        "growth_limit": said.growth_limit_N_s,
-        "energy_budget": said.energy_budget_J,
-        "speed_cap": said.speed_cap_m_s,
+        **problem.assistance.arguments(*keys),  # type: ignore[typeddict-item]
         "trust_stillness": True,  # a simulated sensor does not freeze
         "solver": solver or problem.run.solver or FUSED,
         "dt": 1 / problem.run.rate_hz,
@@ -191,14 +187,12 @@ def bounds_refusals(loaded: ProblemFile[ScenarioProblem], *, solver: str | None,
     ProblemFileError : a value of the file is refused.
     ConfigurationError : `solver` is.
     """
-    try:
-        with solver_refusals(solver, file=loaded.file, key="run.solver", value=loaded.problem.run.solver):
-            yield
-    except ConfigurationError as refused:
-        if refused.argument.startswith("--") or isinstance(refused, ProblemFileError):
-            raise
-        key = "run.solver" if refused.argument == "solver" else f"{section}, {refused.argument}"
-        raise ProblemFileError(loaded.file, key, refused.value, refused.expected) from refused
+    own = {"solver": "run.solver"}
+    with (
+        solver_refusals(solver, file=loaded.file, key="run.solver", value=loaded.problem.run.solver),
+        refused_as(loaded.file, lambda name: own.get(name, f"{section}, {name}"), option=solver),
+    ):
+        yield
 
 
 def check_bounds(loaded: ProblemFile[ScenarioProblem], *, solver: str | None) -> None:

@@ -9,20 +9,21 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rehab_opt.control.command import Command, Status
-from rehab_opt.errors import ConfigurationError, ProblemFileError
+from rehab_opt.errors import ProblemFileError
 from rehab_opt.plants.force_robot import RobotModel
 from rehab_opt.plants.hand_robot import MakesRobots, OnMujoco, WithoutDelay
+from rehab_opt.plants.intention import Intention, Pace
 from rehab_opt.plants.plant import Measurement, Plant
+from rehab_opt.plants.simulated_person import Person, PersonAtRobot
 from rehab_opt.plants.touched import TouchedPlant
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.problem import LiveControl, LiveInputs
 from rehab_opt.session.plant.loop import simulate
 from rehab_opt.session.plant.making import channel_of, ms
-from rehab_opt.session.scenario.intention import Intention, Pace
+from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.scenario.laws import ForceLaw
 from rehab_opt.session.scenario.outcome import Law, Trial
 from rehab_opt.session.scenario.problem import ScenarioProblem
-from rehab_opt.session.scenario.simulated_person import Person, PersonAtRobot
 from rehab_opt.workspace.region import Workspace
 
 __all__ = ["INDEX", "Arrival", "Helping", "Scene", "hand_robot_of", "person_of", "ran", "robot_model_of"]
@@ -34,27 +35,8 @@ STABLE = 1 + 1e-6
 
 def person_of(problem: ScenarioProblem) -> Person:
     """The simulated person's numbers."""
-    said = problem.person
-    return Person(
-        hand_mass=said.hand_mass_kg,
-        stiffness=said.stiffness_N_m,
-        damping=said.damping_Ns_m,
-        persistence=said.persistence_per_s,
-        strength=said.strength_N,
-        weak_strength=said.weak_strength_N,
-        fades_over=1e-3 * said.fades_over_mm,
-        passive_stiffness=said.passive_stiffness_N_m,
-        passive_damping=said.passive_damping_Ns_m,
-        wander=1e-3 * said.wander_mm,
-        wander_time=said.wander_s,
-        tremor=said.tremor_N,
-        tremor_hz=said.tremor_hz,
-        spasm_rate=said.spasms_per_s,
-        spasm_force=said.spasm_N,
-        spasm_time=said.spasm_s,
-        aims=said.aims,
-        ahead=1e-3 * said.ahead_mm,
-    )
+    own = {"wander_s": "wander_time", "spasms_per_s": "spasm_rate", "spasm_N": "spasm_force", "spasm_s": "spasm_time"}
+    return Person(**problem.person.arguments(**own))
 
 
 def robot_model_of(loaded: ProblemFile[ScenarioProblem]) -> RobotModel:
@@ -64,22 +46,10 @@ def robot_model_of(loaded: ProblemFile[ScenarioProblem]) -> RobotModel:
     ------
     ProblemFileError : its force loop is unstable with this hand, or a simulation in ticks so long is.
     """
-    said, person, rate = loaded.problem.robot, loaded.problem.person, loaded.problem.run.rate_hz
-    model = RobotModel(
-        mass=said.mass_kg,
-        viscous=said.viscous_Ns_m,
-        coulomb=said.coulomb_N,
-        gain=said.gain,
-        integral=said.integral_per_s,
-        noise=said.sensor_noise_N,
-        motor_limit=said.motor_limit_N,
-        lower=(said.lower_m[0], said.lower_m[1]),
-        upper=(said.upper_m[0], said.upper_m[1]),
-    )
-    try:
+    person, rate = loaded.problem.person, loaded.problem.run.rate_hz
+    model = RobotModel(**loaded.problem.robot.arguments(sensor_noise_N="noise"))
+    with refused_as(loaded.file, "robot.{}".format):
         model.check(person.hand_mass_kg, dt=1 / rate)
-    except ConfigurationError as refused:
-        raise ProblemFileError(loaded.file, f"robot.{refused.argument}", refused.value, refused.expected) from refused
     stiff, tough = person.stiffness_N_m, person.damping_Ns_m
     held = (
         (0.0, 0.0),
@@ -103,8 +73,7 @@ def hand_robot_of(loaded: ProblemFile[ScenarioProblem]) -> MakesRobots:
     model, table = robot_model_of(loaded), loaded.problem.plant
     if table.kind == "ideal":
         return WithoutDelay(model)
-    channel = channel_of(table, table.position_noise_m, table.position_resolution_m)
-    return OnMujoco(model, channel, ms(table.force_lag_ms), ms(table.physics_step_ms), table.seed)
+    return OnMujoco(model, channel_of(table), ms(table.force_lag_ms), ms(table.physics_step_ms), table.seed)
 
 
 CALM = 0.02

@@ -9,16 +9,16 @@ import numpy as np
 from rehab_opt.control.bilateral import Bilateral
 from rehab_opt.control.bilateral_sides import HelperSide, ParticipantSide
 from rehab_opt.control.command import Command
-from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.plants.hand_robot import MakesRobots
+from rehab_opt.plants.intention import Intention, traced
+from rehab_opt.plants.simulated_person import Person, SimulatedPerson
 from rehab_opt.session.files import ProblemFile
-from rehab_opt.session.scenario.intention import Intention, traced
+from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.scenario.laws import ForceLaw, bounds_of, bounds_refusals
 from rehab_opt.session.scenario.loop import hand_robot_of
 from rehab_opt.session.scenario.outcome import HelperTrace, Trial
 from rehab_opt.session.scenario.prepared import Prepared
 from rehab_opt.session.scenario.problem import ScenarioProblem
-from rehab_opt.session.scenario.simulated_person import Person, SimulatedPerson
 from rehab_opt.workspace.region import Workspace
 
 __all__ = ["pair_measures", "pair_of", "sides_of", "together_of"]
@@ -147,11 +147,8 @@ def together_of(both: Bilateral, loaded: ProblemFile[ScenarioProblem], ready: Pr
     meant = traced(ready.demonstrated, seconds=task.movement_s, rest=task.rest_s, dt=dt)
     healthy = Person(wander=1e-3 * helper.wander_mm, tremor=0.0, spasm_rate=0.0)
     robot = hand_robot_of(loaded)
-    try:
+    with refused_as(loaded.file, "robot.{}, with the helper's hand".format):
         robot.model.check(healthy.hand_mass, dt=dt)
-    except ConfigurationError as refused:
-        key = f"robot.{refused.argument}"
-        raise ProblemFileError(loaded.file, key, refused.value, f"{refused.expected}, the helper's") from refused
     return Together(both, Helper(healthy, robot, ready.reachable, meant), seed=task.seed)
 
 

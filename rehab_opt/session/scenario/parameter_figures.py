@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from rehab_opt.field.potential import PotentialField
 from rehab_opt.field.weights import energies_and_forces
+from rehab_opt.measures.along_path import projected
 from rehab_opt.session.drawing import GRID, MM, REFERENCE, framed, legend_below
-from rehab_opt.session.scenario.along_path import projected
 from rehab_opt.session.scenario.field_figures import force_colours
 from rehab_opt.session.scenario.outcome import Law, ScenarioOutcome
 from rehab_opt.session.scenario.plane_drawing import COMFORTABLE, LAW_COLOURS, draw_arrows, grid_points, shown_box

@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.field.demonstration import Demonstration
 from rehab_opt.field.potential import PotentialField
+from rehab_opt.plants.intention import Intention, held, nearest_next, reached, traced
+from rehab_opt.recordings.recording import size_note
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.participant import placed_recording
-from rehab_opt.session.recording import size_note
+from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.scenario.demonstrated import learnt
-from rehab_opt.session.scenario.intention import Intention, held, nearest_next, reached, traced
 from rehab_opt.session.scenario.problem import THERAPY, ScenarioProblem
 from rehab_opt.session.workspaces import reached as sets
 from rehab_opt.workspace.controller_map import ControllerMap
@@ -150,10 +151,8 @@ def prepared(loaded: ProblemFile[ScenarioProblem], *, progress: Progress) -> Pre
         refuse_outside(loaded, path, comfortable)
     if problem.mode == "hold":
         path = nearest_next(path)
-    try:
+    with refused_as(loaded.file, "field, {}".format):
         fields = _fields(problem, path) if led is None else (led.field,)
-    except ConfigurationError as refused:
-        raise ProblemFileError(loaded.file, f"field, {refused.argument}", refused.value, refused.expected) from refused
     return Prepared(
         comfortable=comfortable,
         reachable=reachable,

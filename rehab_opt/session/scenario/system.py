@@ -166,6 +166,7 @@ class ScenarioSystem(System[ScenarioProblem, ScenarioOutcome]):
     schema = ScenarioProblem
     shown = ("rehab_opt.session.scenario.table", "rehab_opt.session.scenario.figures")
     options = frozenset({"plant", "solver"})
+    rate_key = "run.rate_hz"
 
     def recordings(self, problem: ScenarioProblem) -> tuple[Needed, ...]:
         """The helper's movement and the therapist's, where some are named."""
@@ -198,12 +199,6 @@ class ScenarioSystem(System[ScenarioProblem, ScenarioOutcome]):
 
     def live(self, loaded: ProblemFile[ScenarioProblem], *, options: Mapping[str, str]) -> LiveProblem:
         """The person as the file has them, until somebody points where the hand shall be; options as of `run`."""
-        from rehab_opt.session.scenario.system import LiveScenario  # noqa: PLC0415  (for those who look)
-
         robot_model_of(loaded)
         check_bounds(loaded, solver=options.get("solver"))
         return LiveScenario(loaded, solver=options.get("solver"))
-
-    def seconds_a_tick(self, problem: ScenarioProblem) -> float:
-        """Of the assistance."""
-        return 1 / problem.run.rate_hz

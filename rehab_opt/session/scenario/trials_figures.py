@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from rehab_opt.measures.along_path import projected
 from rehab_opt.session.drawing import GRID, LIMIT, MM, REFERENCE, framed, legend_below
-from rehab_opt.session.scenario.along_path import projected
 from rehab_opt.session.scenario.measures import REACHES, deviation_of
 from rehab_opt.session.scenario.outcome import Law, ScenarioOutcome, Trial, thinned_ticks
 from rehab_opt.session.scenario.plane_drawing import (

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.session.outcome import Progress
+from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.upper_limb.outcome import LawResult
 from rehab_opt.session.upper_limb.problem import UpperLimb
 
@@ -51,7 +50,7 @@ def followed(
     """
     law_of_arm = follower(law, arm, problem, file=file, solver=solver)
     progress(f"{law} law", 0, 1)
-    with file_keys(law, file=file, solver=solver):
+    with _refused(law, file, solver):
         answer = law_of_arm.follow(path)  # in one piece: posture costs refer to the samples before
     progress(f"{law} law", 1, 1)
     hand, tilt = hand_and_tilt(arm, answer.q)
@@ -83,7 +82,7 @@ def follower(law: str, arm: SerialChain, problem: UpperLimb, *, file: str, solve
     ProblemFileError : the law refuses a value of the file.
     ConfigurationError : the law refuses `solver`.
     """
-    with file_keys(law, file=file, solver=solver):
+    with _refused(law, file, solver):
         return _optimised(arm, problem, solver) if law == "optimised" else _published(arm, problem)
 
 
@@ -104,21 +103,8 @@ def _parameters(law: Any, problem: UpperLimb, solver: str | None) -> dict[str, A
     }
 
 
-@contextmanager
-def file_keys(law: str, *, file: str, solver: str | None) -> Iterator[None]:
-    """Name the file's key where a law refuses one of its arguments.
-
-    Raises
-    ------
-    ProblemFileError : instead of a ConfigurationError, unless `solver`, which is not the file's, is refused.
-    """
-    try:
-        yield
-    except ConfigurationError as refused:
-        if refused.argument == "solver" and solver is not None:
-            raise
-        key = KEYS.get(refused.argument.partition("[")[0], f"{law}.{refused.argument}")
-        raise ProblemFileError(file, key, refused.value, refused.expected) from refused
+def _refused(law: str, file: str, solver: str | None) -> AbstractContextManager[None]:
+    return refused_as(file, lambda name: KEYS.get(name.partition("[")[0], f"{law}.{name}"), option=solver)
 
 
 def _optimised(arm: SerialChain, problem: UpperLimb, solver: str | None) -> Any:

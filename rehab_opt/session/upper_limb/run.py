@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -14,6 +14,7 @@ from rehab_opt.control.arm_ik import ArmIK
 from rehab_opt.control.command import Status
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
+from rehab_opt.recordings.recording import size_note
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.metrics import (
     error_metrics,
@@ -25,7 +26,6 @@ from rehab_opt.session.metrics import (
 )
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.participant import participant_arm, placed_recording
-from rehab_opt.session.recording import size_note
 from rehab_opt.session.systems import Needed, System
 from rehab_opt.session.upper_limb.driven import driven
 from rehab_opt.session.upper_limb.laws import LAWS, followed, follower, hand_and_tilt
@@ -33,7 +33,7 @@ from rehab_opt.session.upper_limb.outcome import DRIVEN_DEG, ArmOutcome, LawResu
 from rehab_opt.session.upper_limb.problem import UpperLimb
 from rehab_opt.session.workspaces.sections import ranges_by_name
 
-__all__ = ["FOLLOWED", "UpperLimbSystem", "reach_note", "run_upper_limb", "verified"]
+__all__ = ["FOLLOWED", "UpperLimbSystem", "reach_note", "verified"]
 
 Array = NDArray[np.float64]
 
@@ -43,60 +43,6 @@ FOLLOWED = 1e-3
 REACHED = 2e-6
 """[m] `ArmIK` calls a sample reached to 1e-6 m; its word is checked against the kinematics with this."""
 ROUNDING = 1e-6  # [rad] tilts that differ by less are the same tilt
-
-
-def run_upper_limb(
-    loaded: ProblemFile[UpperLimb], *, laws: Sequence[str], solver: str | None, progress: Progress
-) -> ArmOutcome:
-    """Run laws along the recorded path.
-
-    Parameters
-    ----------
-    laws : which of `LAWS`.
-    solver : replaces the file's solver of the optimised law.
-
-    Raises
-    ------
-    ProblemFileError : the recording or a value of the file cannot be used.
-    ConfigurationError : no such solver.
-    """
-    problem = loaded.problem
-    arm = participant_arm(problem.arm, file=loaded.file)
-    recording, path = placed_recording(
-        loaded, problem.recording, problem.placement, side=problem.arm.side, rate=problem.run.rate_hz
-    )
-    runs = [followed(law, arm, path, problem, file=loaded.file, solver=solver, progress=progress) for law in laws]
-    reachable = next((verified(run) for run in runs if run.law == "optimised"), None)
-    results: list[LawResult] = []
-    for run in runs:
-        progress("drive", len(results), len(runs))
-        results.append(_measured(run, arm, recording.time, path, problem, reachable=reachable))
-    progress("drive", len(runs), len(runs))
-    shares = (None, None) if reachable is None else path_shares(path, reachable)
-    within_reach = reachable is not None and bool(reachable.all())
-    length = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
-    return ArmOutcome(
-        chain=arm,
-        time=recording.time,
-        notes=(
-            *recording.notes,
-            f"the handle may tilt by {problem.arm.handle_tilt_deg:g} deg from the vertical",
-            drive_note(results[0].metrics["drive"]["bounds"]),
-            *(note for result in results for note in law_notes(result, within_reach=within_reach)),
-        ),
-        metrics={
-            "samples": len(path),
-            "duration_s": recording.duration,
-            "path_length_m": length,
-            "reachable_share_of_length": shares[0],
-            "reachable_share_of_time": shares[1],
-            **{result.law: dict(result.metrics) for result in results},
-        },
-        path=path,
-        laws=tuple(results),
-        reachable=reachable,
-        handle_tilt_limit=math.radians(problem.arm.handle_tilt_deg),
-    )
 
 
 def verified(run: LawResult) -> NDArray[np.bool_]:
@@ -219,14 +165,49 @@ class UpperLimbSystem(System[UpperLimb, ArmOutcome]):
 
     def run(self, loaded: ProblemFile[UpperLimb], *, options: Mapping[str, str], progress: Progress) -> ArmOutcome:
         """Options: `law` ("optimised", "published", "both") and `solver` of the optimised one."""
-        from rehab_opt.session.upper_limb.run import run_upper_limb  # noqa: PLC0415  (loads the smoother)
-
         law, solver = options.get("law", BOTH), options.get("solver")
         if law not in (BOTH, *LAWS):
             raise ConfigurationError("--law", law, "published, optimised or both")
         if solver is not None and law == "published":
             raise ConfigurationError("--solver", solver, "no such option with --law published, which needs no solver")
-        return run_upper_limb(loaded, laws=LAWS if law == BOTH else (law,), solver=solver, progress=progress)
+        laws = LAWS if law == BOTH else (law,)
+        problem = loaded.problem
+        arm = participant_arm(problem.arm, file=loaded.file)
+        recording, path = placed_recording(
+            loaded, problem.recording, problem.placement, side=problem.arm.side, rate=problem.run.rate_hz
+        )
+        runs = [followed(law, arm, path, problem, file=loaded.file, solver=solver, progress=progress) for law in laws]
+        reachable = next((verified(run) for run in runs if run.law == "optimised"), None)
+        results: list[LawResult] = []
+        for run in runs:
+            progress("drive", len(results), len(runs))
+            results.append(_measured(run, arm, recording.time, path, problem, reachable=reachable))
+        progress("drive", len(runs), len(runs))
+        shares = (None, None) if reachable is None else path_shares(path, reachable)
+        within_reach = reachable is not None and bool(reachable.all())
+        length = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
+        return ArmOutcome(
+            chain=arm,
+            time=recording.time,
+            notes=(
+                *recording.notes,
+                f"the handle may tilt by {problem.arm.handle_tilt_deg:g} deg from the vertical",
+                drive_note(results[0].metrics["drive"]["bounds"]),
+                *(note for result in results for note in law_notes(result, within_reach=within_reach)),
+            ),
+            metrics={
+                "samples": len(path),
+                "duration_s": recording.duration,
+                "path_length_m": length,
+                "reachable_share_of_length": shares[0],
+                "reachable_share_of_time": shares[1],
+                **{result.law: dict(result.metrics) for result in results},
+            },
+            path=path,
+            laws=tuple(results),
+            reachable=reachable,
+            handle_tilt_limit=math.radians(problem.arm.handle_tilt_deg),
+        )
 
     def seconds_a_tick(self, problem: UpperLimb) -> float:
         """NaN: its QPs are the iterations of inverse kinematics, one or more a sample."""

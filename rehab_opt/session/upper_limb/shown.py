@@ -22,6 +22,7 @@ from rehab_opt.session.drawing import (
     REFERENCE,
     framed,
     joint_figure,
+    label_times,
     legend_below,
 )
 from rehab_opt.session.outcome import Outcome
@@ -183,14 +184,8 @@ def _arm_error(outcome: ArmOutcome) -> Figure:
         for axes in (distance, tilt, delay):
             _shade_missed(axes, outcome.time, ~outcome.reachable)
         distance.plot([], [], color=MISSED, linewidth=8, alpha=0.3, label="path out of this arm's reach")
-    distance.set_ylabel("position error [mm]")
-    tilt.set_ylabel("handle tilt [deg]")
-    delay.set_ylabel("later [s]")
-    delay.set_xlabel("time of the recording [s]")
-    for axes in (distance, tilt, delay):
-        axes.set_ylim(bottom=0)
-        axes.margins(x=0.01)
-        axes.grid(**GRID)
+    labels = "position error [mm]", "handle tilt [deg]", "later [s]"
+    label_times((distance, tilt, delay), *labels, time="time of the recording [s]", from_zero=True)
     top = max(1.0, 1.08 * max(float(MM * drive.position_error.max()) for _, drive in drives))
     distance.set_ylim(0, top)
     tilt.set_ylim(0, max(1.25 * limit, tilt.dataLim.y1 * 1.08))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,19 +10,16 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag
 
-from rehab_opt.errors import ConfigurationError, ProblemFileError
-from rehab_opt.kinematics.human_arm import human_arm
-from rehab_opt.session.cp_reach import ReachGroup, reach_groups
 from rehab_opt.session.files import ProblemFile, recording_path
 from rehab_opt.session.outcome import Column, Outcome, Progress
-from rehab_opt.session.reach_rows import GROUPS, task_title
 from rehab_opt.session.schema import NAME, TABLE, Once, Problem, Section
 from rehab_opt.session.systems import Needed, System
-from rehab_opt.session.workspaces.reached import Reached, placement_of, tilt_of
+from rehab_opt.session.workspaces.reached import Reached, plane_of, reached
 from rehab_opt.session.workspaces.run import boundary_columns, plane_notes, share_inside, workspace_metrics
 from rehab_opt.session.workspaces.sections import ArmInPlane
 from rehab_opt.workspace.clinical_angles import CLINICAL_ANGLES
-from rehab_opt.workspace.reach import planar_workspace
+from rehab_opt.workspace.cp_reach import ReachGroup, reach_groups
+from rehab_opt.workspace.reach_rows import GROUPS, task_title
 from rehab_opt.workspace.reachability import ReachabilityMap
 from rehab_opt.workspace.variation import reachability_map, varied_ranges
 
@@ -110,47 +106,6 @@ class UsedRangesOutcome(Outcome):
         return boundary_columns({of.label: of.reached.workspace for groups in self.tasks.values() for of in groups})
 
 
-def run_used_ranges(loaded: ProblemFile[UsedRangesProblem], *, progress: Progress) -> UsedRangesOutcome:
-    """Ranges and workspaces of both groups in each task.
-
-    Raises
-    ------
-    ProblemFileError : a file is absent or not as expected, or a value is refused.
-    """
-    problem = loaded.problem
-    groups = groups_of(loaded)
-    results: dict[str, tuple[GroupResult, ...]] = {}
-    whole = len(problem.recorded.tasks) * len(GROUPS)
-    for task in problem.recorded.tasks:
-        of_task: list[GroupResult] = []
-        for name in GROUPS:
-            progress("groups", len(results) * len(GROUPS) + len(of_task), whole)
-            group = groups[task, name]
-            of_task.append(
-                GroupResult(
-                    label=f"{task_title(task)}, {name}",
-                    group=group,
-                    reached=_reached(problem.arm, group, file=loaded.file),
-                    shares=_shares(problem.arm, group, problem.variation),
-                )
-            )
-        results[task] = tuple(of_task)
-    progress("groups", whole, whole)
-    return UsedRangesOutcome(
-        notes=tuple(_notes(problem, results)),
-        metrics={
-            "groups": {
-                of.label: _group_metrics(of, other, problem.variation)
-                for of_task in results.values()
-                for of, other in zip(of_task, reversed(of_task), strict=True)
-            },
-        },
-        section=problem.arm,
-        variation=problem.variation,
-        tasks=results,
-    )
-
-
 def needed_files(problem: UsedRangesProblem) -> tuple[Needed, ...]:
     """The files of every angle that the model needs."""
     return tuple(
@@ -178,40 +133,17 @@ def groups_of(loaded: ProblemFile[UsedRangesProblem]) -> dict[tuple[str, str], R
     )
 
 
-def _reached(section: ArmInPlane, group: ReachGroup, *, file: str) -> Reached:
-    began = time.perf_counter()
-    try:
-        arm = human_arm(range_of_motion=group.used, segments=_lengths(section), side=section.side)
-        workspace = planar_workspace(arm, accuracy=1e-3 * section.accuracy_mm, **_plane(section))
-    except ConfigurationError as refused:
-        raise ProblemFileError(file, f"arm, {refused.argument}", refused.value, refused.expected) from refused
-    return Reached(arm, workspace, time.perf_counter() - began)
-
-
 def _shares(section: ArmInPlane, group: ReachGroup, variation: VariationSection | None) -> ReachabilityMap | None:
     if variation is None:
         return None
     drawn = varied_ranges(group.used, spread=group.spread, count=variation.people, seed=variation.seed)
     return reachability_map(
         drawn,
-        spacing=1e-3 * variation.spacing_mm,
-        segments=_lengths(section),
+        **variation.arguments("spacing_mm"),
+        segments=section.segments.arguments(),
         side=section.side,
-        accuracy=1e-3 * section.accuracy_mm,
-        **_plane(section),
+        **plane_of(section),
     )
-
-
-def _plane(section: ArmInPlane) -> dict[str, Any]:
-    return {
-        "height": section.plane_height_m,
-        "handle_tilt": tilt_of(section),
-        "placement": placement_of(section),
-    }
-
-
-def _lengths(section: ArmInPlane) -> dict[str, float]:
-    return {name.removesuffix("_mm"): 1e-3 * length for name, length in section.segments.model_dump().items()}
 
 
 def _group_metrics(of: GroupResult, other: GroupResult, variation: VariationSection | None) -> dict[str, Any]:
@@ -266,4 +198,35 @@ class UsedRangesSystem(System[UsedRangesProblem, UsedRangesOutcome]):
         self, loaded: ProblemFile[UsedRangesProblem], *, options: Mapping[str, str], progress: Progress
     ) -> UsedRangesOutcome:
         """No options."""
-        return run_used_ranges(loaded, progress=progress)
+        problem = loaded.problem
+        groups = groups_of(loaded)
+        results: dict[str, tuple[GroupResult, ...]] = {}
+        whole = len(problem.recorded.tasks) * len(GROUPS)
+        for task in problem.recorded.tasks:
+            of_task: list[GroupResult] = []
+            for name in GROUPS:
+                progress("groups", len(results) * len(GROUPS) + len(of_task), whole)
+                group = groups[task, name]
+                of_task.append(
+                    GroupResult(
+                        label=f"{task_title(task)}, {name}",
+                        group=group,
+                        reached=reached(problem.arm, group.used, file=loaded.file, key="arm"),
+                        shares=_shares(problem.arm, group, problem.variation),
+                    )
+                )
+            results[task] = tuple(of_task)
+        progress("groups", whole, whole)
+        return UsedRangesOutcome(
+            notes=tuple(_notes(problem, results)),
+            metrics={
+                "groups": {
+                    of.label: _group_metrics(of, other, problem.variation)
+                    for of_task in results.values()
+                    for of, other in zip(of_task, reversed(of_task), strict=True)
+                },
+            },
+            section=problem.arm,
+            variation=problem.variation,
+            tasks=results,
+        )

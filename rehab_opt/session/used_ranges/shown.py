@@ -13,7 +13,6 @@ from rich.text import Text
 
 from rehab_opt.kinematics.human_arm import ARM_JOINTS
 from rehab_opt.session.drawing import GRID, MM, REFERENCE, framed, legend_below
-from rehab_opt.session.reach_rows import GROUPS, task_title
 from rehab_opt.session.shown import law_table
 from rehab_opt.session.used_ranges.run import GroupResult, UsedRangesOutcome
 from rehab_opt.session.workspaces.reached import handle_words, plane_words
@@ -27,6 +26,7 @@ from rehab_opt.session.workspaces.shown import (
     region_path,
     seen_from_above,
 )
+from rehab_opt.workspace.reach_rows import GROUPS, task_title
 
 __all__ = ["figures", "table"]
 

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.errors import ConfigurationError, ProblemFileError
+from rehab_opt.recordings.recording import Recording, size_note
 from rehab_opt.session.arm_keys import RangeOfMotion
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.metrics import finite
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.participant import arm_of, placed_recording
-from rehab_opt.session.recording import Recording, size_note
 from rehab_opt.session.systems import Needed, System
 from rehab_opt.session.workspace_maps.outcome import CarriedPath, MadeMap, MapDirection, MapOutcome, MappedSet
 from rehab_opt.session.workspace_maps.problem import MapSection, TrajectorySection, WorkspaceMapProblem
@@ -34,7 +34,6 @@ __all__ = [
     "map_metrics",
     "mapped_set_metrics",
     "placed_trajectory",
-    "run_workspace_map",
 ]
 
 Array = NDArray[np.float64]
@@ -53,49 +52,6 @@ class ArmOfSet(NamedTuple):
     section: ArmInPlane
     ranges: str | RangeOfMotion
     key: str
-
-
-def run_workspace_map(loaded: ProblemFile[WorkspaceMapProblem], *, progress: Progress) -> MapOutcome:
-    """Find both workspaces and map them.
-
-    Raises
-    ------
-    ProblemFileError : a value of the file or a recording cannot be used; a set is empty, has holes or several parts.
-    """
-    problem = loaded.problem
-    placed = [placed_trajectory(loaded, i) for i in range(len(problem.trajectory))]
-    sets: dict[End, MappedSet] = {}
-    for end in ENDS:
-        progress("workspaces", len(sets), 2)
-        said = arm_of_set(problem, end)
-        found = reached(said.section, said.ranges, file=loaded.file, key=said.key)
-        sets[end] = MappedSet(said.name, said.section, found)
-    progress("workspaces", 2, 2)
-    starts = ENDS if problem.map.directions == "both" else ENDS[:1]
-    whole = len(starts) * len(problem.map.rules)
-    directions: list[MapDirection] = []
-    for start in starts:
-        maps: list[MadeMap] = []
-        for rule in problem.map.rules:
-            progress("maps", len(directions) * len(problem.map.rules) + len(maps), whole)
-            maps.append(_made(rule, start, sets, problem.map, file=loaded.file))
-        paths = [
-            _carried(trajectory, *recorded, maps)
-            for trajectory, recorded in zip(problem.trajectory, placed, strict=True)
-            if trajectory.set == start
-        ]
-        directions.append(
-            MapDirection(f"{start}_to_{OTHER[start]}", sets[start], sets[OTHER[start]], tuple(maps), tuple(paths))
-        )
-    progress("maps", whole, whole)
-    return MapOutcome(
-        notes=tuple(_notes(sets, directions, [recording for recording, _ in placed])),
-        metrics={
-            "sets": {end: mapped_set_metrics(of) for end, of in sets.items()},
-            "maps": {direction.key: direction_metrics(direction) for direction in directions},
-        },
-        directions=tuple(directions),
-    )
 
 
 def arm_of_set(problem: WorkspaceMapProblem, end: End) -> ArmOfSet:
@@ -273,4 +229,37 @@ class WorkspaceMapSystem(System[WorkspaceMapProblem, MapOutcome]):
         self, loaded: ProblemFile[WorkspaceMapProblem], *, options: Mapping[str, str], progress: Progress
     ) -> MapOutcome:
         """No options."""
-        return run_workspace_map(loaded, progress=progress)
+        problem = loaded.problem
+        placed = [placed_trajectory(loaded, i) for i in range(len(problem.trajectory))]
+        sets: dict[End, MappedSet] = {}
+        for end in ENDS:
+            progress("workspaces", len(sets), 2)
+            said = arm_of_set(problem, end)
+            found = reached(said.section, said.ranges, file=loaded.file, key=said.key)
+            sets[end] = MappedSet(said.name, said.section, found)
+        progress("workspaces", 2, 2)
+        starts = ENDS if problem.map.directions == "both" else ENDS[:1]
+        whole = len(starts) * len(problem.map.rules)
+        directions: list[MapDirection] = []
+        for start in starts:
+            maps: list[MadeMap] = []
+            for rule in problem.map.rules:
+                progress("maps", len(directions) * len(problem.map.rules) + len(maps), whole)
+                maps.append(_made(rule, start, sets, problem.map, file=loaded.file))
+            paths = [
+                _carried(trajectory, *recorded, maps)
+                for trajectory, recorded in zip(problem.trajectory, placed, strict=True)
+                if trajectory.set == start
+            ]
+            directions.append(
+                MapDirection(f"{start}_to_{OTHER[start]}", sets[start], sets[OTHER[start]], tuple(maps), tuple(paths))
+            )
+        progress("maps", whole, whole)
+        return MapOutcome(
+            notes=tuple(_notes(sets, directions, [recording for recording, _ in placed])),
+            metrics={
+                "sets": {end: mapped_set_metrics(of) for end, of in sets.items()},
+                "maps": {direction.key: direction_metrics(direction) for direction in directions},
+            },
+            directions=tuple(directions),
+        )

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import math
 import time
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.kinematics.chain import SerialChain
-from rehab_opt.session.arm_keys import RangeOfMotion
-from rehab_opt.session.participant import arm_of
+from rehab_opt.session.participant import AnyRange, arm_of
+from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.workspaces.sections import ArmInPlane
 from rehab_opt.workspace.placement import ShoulderPlacement
 from rehab_opt.workspace.reach import planar_workspace
 from rehab_opt.workspace.region import Workspace
 
-__all__ = ["Reached", "handle_words", "placement_of", "plane_words", "reached", "tilt_of"]
+__all__ = ["Reached", "handle_words", "placement_of", "plane_of", "plane_words", "reached", "tilt_of"]
 
 KEYS = {"height": "plane_height_m", "handle_tilt": "handle_tilt_deg", "accuracy": "accuracy_mm"}
 
@@ -28,7 +27,7 @@ class Reached(NamedTuple):
     seconds: float
 
 
-def reached(section: ArmInPlane, ranges: str | RangeOfMotion, *, file: str, key: str) -> Reached:
+def reached(section: ArmInPlane, ranges: AnyRange, *, file: str, key: str) -> Reached:
     """What the arm reaches with a range of motion; `key` is where the problem file speaks of the arm.
 
     Raises
@@ -37,19 +36,19 @@ def reached(section: ArmInPlane, ranges: str | RangeOfMotion, *, file: str, key:
     """
     arm = arm_of(section.side, section.segments, ranges, file=file, key=key)
     began = time.perf_counter()
-    try:
-        workspace = planar_workspace(
-            arm,
-            height=section.plane_height_m,
-            handle_tilt=tilt_of(section),
-            accuracy=1e-3 * section.accuracy_mm,
-            placement=placement_of(section),
-        )
-    except ConfigurationError as refused:
-        raise ProblemFileError(
-            file, f"{key}.{KEYS.get(refused.argument, refused.argument)}", refused.value, refused.expected
-        ) from refused
+    with refused_as(file, lambda name: f"{key}.{KEYS.get(name, name)}"):
+        workspace = planar_workspace(arm, **plane_of(section))
     return Reached(arm, workspace, time.perf_counter() - began)
+
+
+def plane_of(section: ArmInPlane) -> dict[str, Any]:
+    """The plane, and how well the boundary in it is to be known, as arguments of `planar_workspace`."""
+    return {
+        "height": section.plane_height_m,
+        "handle_tilt": tilt_of(section),
+        "placement": placement_of(section),
+        **section.arguments("accuracy_mm"),
+    }
 
 
 def tilt_of(section: ArmInPlane) -> float | None:

@@ -93,55 +93,6 @@ WORSE = 1.0001
 """An accuracy this much above the one asked for is told."""
 
 
-def run_workspace(loaded: ProblemFile[WorkspaceProblem], *, progress: Progress) -> WorkspaceOutcome:
-    """Find every workspace of the file.
-
-    Raises
-    ------
-    ProblemFileError : a value of the file is refused.
-    """
-    problem = loaded.problem
-    ranges = ranges_by_name(problem.arm.range_of_motion)
-    sets: dict[str, Reached] = {}
-    for name, limits in ranges.items():
-        progress("workspaces", len(sets), len(ranges))
-        sets[name] = reached(problem.arm, limits, file=loaded.file, key="arm")
-    progress("workspaces", len(sets), len(ranges))
-    volumes: dict[tuple[str, bool], ReachableVolume] = {}
-    if problem.volume:
-        held = (True, False) if tilt_of(problem.arm) is not None else (False,)
-        for name, of in sets.items():
-            for upright in held:
-                progress("volumes", len(volumes), len(sets) * len(held))
-                volumes[name, upright] = reachable_volume(
-                    of.arm,
-                    spacing=1e-3 * problem.volume_spacing_mm,
-                    handle_tilt=tilt_of(problem.arm) if upright else None,
-                    accuracy=1e-3 * problem.volume_accuracy_mm,
-                    placement=placement_of(problem.arm),
-                )
-    spaces = {name: of.workspace for name, of in sets.items()}
-    return WorkspaceOutcome(
-        notes=tuple(plane_notes(problem.arm, spaces)),
-        metrics={
-            "sets": {
-                name: workspace_metrics(of.workspace)
-                | {
-                    "seconds": of.seconds,
-                    "share_inside": {
-                        other: share_inside(of.workspace, larger) for other, larger in spaces.items() if other != name
-                    },
-                }
-                for name, of in sets.items()
-            },
-            "volumes": _volume_metrics(volumes),
-        },
-        section=problem.arm,
-        sets=sets,
-        volumes=volumes,
-    )
-
-
 def workspace_metrics(workspace: Workspace) -> dict[str, Any]:
     """Area, shape and extent; the extent of an empty workspace is None."""
     bounds: tuple[float, ...] | tuple[None, ...] = workspace.polygon.bounds if not workspace.empty else (None,) * 4
@@ -218,4 +169,45 @@ class WorkspaceSystem(System[WorkspaceProblem, WorkspaceOutcome]):
         self, loaded: ProblemFile[WorkspaceProblem], *, options: Mapping[str, str], progress: Progress
     ) -> WorkspaceOutcome:
         """No options."""
-        return run_workspace(loaded, progress=progress)
+        problem = loaded.problem
+        ranges = ranges_by_name(problem.arm.range_of_motion)
+        sets: dict[str, Reached] = {}
+        for name, limits in ranges.items():
+            progress("workspaces", len(sets), len(ranges))
+            sets[name] = reached(problem.arm, limits, file=loaded.file, key="arm")
+        progress("workspaces", len(sets), len(ranges))
+        volumes: dict[tuple[str, bool], ReachableVolume] = {}
+        if problem.volume:
+            held = (True, False) if tilt_of(problem.arm) is not None else (False,)
+            for name, of in sets.items():
+                for upright in held:
+                    progress("volumes", len(volumes), len(sets) * len(held))
+                    volumes[name, upright] = reachable_volume(
+                        of.arm,
+                        spacing=1e-3 * problem.volume_spacing_mm,
+                        handle_tilt=tilt_of(problem.arm) if upright else None,
+                        accuracy=1e-3 * problem.volume_accuracy_mm,
+                        placement=placement_of(problem.arm),
+                    )
+        spaces = {name: of.workspace for name, of in sets.items()}
+        return WorkspaceOutcome(
+            notes=tuple(plane_notes(problem.arm, spaces)),
+            metrics={
+                "sets": {
+                    name: workspace_metrics(of.workspace)
+                    | {
+                        "seconds": of.seconds,
+                        "share_inside": {
+                            other: share_inside(of.workspace, larger)
+                            for other, larger in spaces.items()
+                            if other != name
+                        },
+                    }
+                    for name, of in sets.items()
+                },
+                "volumes": _volume_metrics(volumes),
+            },
+            section=problem.arm,
+            sets=sets,
+            volumes=volumes,
+        )

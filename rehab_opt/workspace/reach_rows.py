@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.errors import ProblemFileError
-from rehab_opt.session.text_lines import finite_number, text_lines
+from rehab_opt.text_file import finite_number, text_lines
 from rehab_opt.workspace.clinical_angles import CLINICAL_ANGLES, WITHOUT_A_JOINT
 
 __all__ = [

@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from rehab_opt.errors import ProblemFileError
-from rehab_opt.session.recording import Recording
-from rehab_opt.session.text_lines import FARTHEST, LATEST, finite_number, text_lines
-from rehab_opt.text_file import shown
+from rehab_opt.recordings.recording import Recording
+from rehab_opt.text_file import FARTHEST, LATEST, finite_number, shown, text_lines
 
 __all__ = ["read_svc"]
 

@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.errors import ProblemFileError
-from rehab_opt.session.c3d import read_c3d
-from rehab_opt.session.markers import read_trc
-from rehab_opt.session.motion_bids import read_motion
-from rehab_opt.session.opensim import read_opensim
-from rehab_opt.session.pen_trace import read_svc
-from rehab_opt.session.recording import Recording, strange_sizes
-from rehab_opt.session.tables import read_csv
-from rehab_opt.session.xdf import read_xdf
+from rehab_opt.recordings.c3d import read_c3d
+from rehab_opt.recordings.markers import read_trc
+from rehab_opt.recordings.motion_bids import read_motion
+from rehab_opt.recordings.opensim import read_opensim
+from rehab_opt.recordings.pen_trace import read_svc
+from rehab_opt.recordings.recording import Recording, strange_sizes
+from rehab_opt.recordings.tables import read_csv
+from rehab_opt.recordings.xdf import read_xdf
 
 __all__ = ["FORMATS", "read_recording", "resampled"]
 

@@ -15,6 +15,7 @@ PREFIX = "data:"
 ORIGINS = {
     "pen_trace": "BDALab/handwriting-sample (MIT), folder examples/svc_data",
     "upper_limb_mocap": "pyomeca/pyomeca (Apache-2.0), folder tests/data",
+    "bids_examples": "bids-standard/bids-examples (CC0), folder emg_Multimodal/sub-01/motion",
     "cp_dyskinetic_reach": "IntiVM/SPM_UL_DyskineticCP (MIT), folder PART 2_NON-LINEAR_SPM",
     "vr_hand_tracker": "hai-vr/hvr-ik (Apache-2.0), folder Tooling/Training/Data",
 }

@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.errors import ProblemFileError
-from rehab_opt.session.markers import LENGTH, seen_marker
-from rehab_opt.session.recording import Recording
-from rehab_opt.session.text_lines import FARTHEST, LARGEST_RECORDING
-from rehab_opt.text_file import file_content, shown
+from rehab_opt.recordings.markers import LENGTH, marker_place, seen_marker
+from rehab_opt.recordings.recording import Recording
+from rehab_opt.text_file import FARTHEST, LARGEST_RECORDING, file_content
 
 __all__ = ["read_c3d"]
 
@@ -53,21 +52,19 @@ def read_c3d(path: Path, *, name: str, marker: str | None) -> Recording:
     labels = [label for key in ("LABELS", "LABELS2") for label in _texts(parameters.get(f"POINT:{key}"))]
     unit = next(iter(_texts(parameters.get("POINT:UNITS"))), None)
     rate = _number(parameters.get("POINT:RATE"))
-    if marker not in labels[: header.points]:
-        expected = f"one of {shown(', '.join(labels), 120)}"
-        raise ProblemFileError(name, "recording.marker", marker, expected)
+    place = marker_place(marker, labels[: header.points], name)
     if unit not in LENGTH:
         raise ProblemFileError(name, "POINT:UNITS", unit, f"one of {', '.join(LENGTH)}")
     if not 0 < rate < math.inf:
         raise ProblemFileError(name, "POINT:RATE", rate, "frames a second, above zero")
-    points = _marker(content, header, labels.index(marker))
+    points = _marker(content, header, place)
     far = np.abs(points) > FARTHEST / LENGTH[unit]
     if far.any():
         frame, axis = (int(i) for i in np.argwhere(far)[0])
         expected = f"at most {FARTHEST / LENGTH[unit]:g} {unit} (another unit?)"
         raise ProblemFileError(name, f"frame {frame + 1}, marker {marker} {'XYZ'[axis]}", points[frame, axis], expected)
     rows = np.column_stack((np.arange(len(points)) / rate, points))
-    return seen_marker(rows, name, marker, LENGTH[unit], str(len(points)))
+    return seen_marker(rows, name, str(marker), LENGTH[unit], str(len(points)))
 
 
 def _read_header(content: bytes, name: str) -> tuple[_Header, dict[str, object]]:

@@ -11,11 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.errors import ProblemFileError
-from rehab_opt.session.markers import seen_marker
-from rehab_opt.session.recording import Recording
-from rehab_opt.session.tables import ANGLE, LENGTH, TIME
-from rehab_opt.session.text_lines import FARTHEST, LARGEST_PROBLEM, LATEST, finite_number, header_cells, text_lines
-from rehab_opt.text_file import shown, whole_text
+from rehab_opt.recordings.markers import seen_marker
+from rehab_opt.recordings.recording import Recording
+from rehab_opt.recordings.tables import ANGLE, LENGTH, TIME
+from rehab_opt.text_file import (
+    FARTHEST,
+    LARGEST_PROBLEM,
+    LATEST,
+    finite_number,
+    header_cells,
+    shown,
+    text_lines,
+    whole_text,
+)
 
 __all__ = ["MISSING", "MOTION", "REQUIRED", "read_motion"]
 

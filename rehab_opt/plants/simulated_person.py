@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.plants.hand_robot import MakesRobots
+from rehab_opt.plants.intention import Aims
 from rehab_opt.plants.plant import Measurement, Truth
-from rehab_opt.session.scenario.intention import Aims
 from rehab_opt.workspace.region import Workspace
 
 __all__ = ["FASTEST_LINE", "Person", "PersonAtRobot", "SimulatedPerson"]

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from rehab_opt.errors import ProblemFileError
-from rehab_opt.session.recording import Recording
-from rehab_opt.session.text_lines import FARTHEST, LATEST, brief, finite_number, header_cells, text_lines
-from rehab_opt.text_file import shown
+from rehab_opt.recordings.recording import Recording
+from rehab_opt.text_file import FARTHEST, LATEST, brief, finite_number, header_cells, shown, text_lines
 
-__all__ = ["LENGTH", "read_trc", "seen_marker"]
+__all__ = ["LENGTH", "marker_place", "read_trc", "seen_marker"]
 
 LENGTH = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
 LONGEST_GAP = 0.2  # [s] a hidden marker is bridged by a straight line up to here; a reach is over in about a second
@@ -42,9 +42,8 @@ def read_trc(path: Path, *, name: str, marker: str | None) -> Recording:
     if header[:2] != ["Frame#", "Time"]:
         raise ProblemFileError(name, "line 4", shown(lines[3]), "Frame#, Time and the names of the markers")
     markers = [cell for cell in header[2:] if cell]
-    if marker not in markers:
-        raise ProblemFileError(name, "recording.marker", marker, f"one of {shown(', '.join(markers), 120)}")
-    place = header.index(marker)
+    at = marker_place(marker, markers, name)
+    place = [column for column, cell in enumerate(header) if cell][2 + at]
     rows = []
     whole = 2 + 3 * len(markers)
     for number, text in enumerate(lines[FIRST_ROW - 1 :], start=FIRST_ROW):
@@ -56,8 +55,8 @@ def read_trc(path: Path, *, name: str, marker: str | None) -> Recording:
             raise ProblemFileError(name, f"line {number}", f"{len(row)} cells", expected)
         time = finite_number(row[1], name=name, line=number, column="Time", most=LATEST)
         cells = row[place : place + 3]
-        rows.append([time, *_position(cells, name=name, line=number, marker=marker, most=FARTHEST / unit)])
-    return seen_marker(np.array(rows).reshape(-1, 4), name, marker, unit, facts.get("NumFrames", ""))
+        rows.append([time, *_position(cells, name=name, line=number, marker=str(marker), most=FARTHEST / unit)])
+    return seen_marker(np.array(rows).reshape(-1, 4), name, str(marker), unit, facts.get("NumFrames", ""))
 
 
 def _position(cells: list[str], *, name: str, line: int, marker: str, most: float) -> list[float]:
@@ -67,6 +66,22 @@ def _position(cells: list[str], *, name: str, line: int, marker: str, most: floa
         finite_number(cell, name=name, line=line, column=f"{marker} {axis}", most=most)
         for cell, axis in zip(cells, "XYZ", strict=True)
     ]
+
+
+def marker_place(marker: str | None, markers: Sequence[str], name: str) -> int:
+    """Place of a marker, named in full, or by what follows the subject in `Subject:MARKER`.
+
+    Raises
+    ------
+    ProblemFileError : no such marker, or several; the markers are then named without subjects, who may be people.
+    """
+    own = [each.rpartition(":")[2] for each in markers]
+    names = markers if marker in markers else own
+    if names.count(str(marker)) != 1:
+        known = f"one of {shown(', '.join(dict.fromkeys(own)), 120)}"
+        expected = f"{known}, with its subject (Subject:MARKER)" if marker in own else known
+        raise ProblemFileError(name, "recording.marker", marker, expected)
+    return names.index(str(marker))
 
 
 def seen_marker(

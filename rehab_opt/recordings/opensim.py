@@ -9,10 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from rehab_opt.errors import ProblemFileError
-from rehab_opt.session.recording import Recording
-from rehab_opt.session.tables import ANGLE, check_once, numbers_below
-from rehab_opt.session.text_lines import FARTHEST, LATEST, brief, header_cells, text_lines
-from rehab_opt.text_file import shown
+from rehab_opt.recordings.recording import Recording
+from rehab_opt.recordings.tables import ANGLE, check_once, numbers_below
+from rehab_opt.text_file import FARTHEST, LATEST, brief, header_cells, shown, text_lines
 
 __all__ = ["read_opensim"]
 

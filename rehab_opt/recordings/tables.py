@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 
@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.errors import ProblemFileError
-from rehab_opt.session.recording import Recording
-from rehab_opt.session.text_lines import FARTHEST, LATEST, finite_number, header_cells, text_lines
-from rehab_opt.text_file import shown
+from rehab_opt.recordings.recording import Recording
+from rehab_opt.text_file import FARTHEST, LATEST, finite_number, header_cells, shown, text_lines
 
 __all__ = [
     "ANGLE",
@@ -162,10 +161,12 @@ def numbers_below(
     name: str,
     first: int,
     separator: str | None,
+    missing: Mapping[str, Collection[str]] = MappingProxyType({}),
 ) -> Array:
     """(rows, len(wanted)) numbers of the wanted columns; `first` is the first row's line, counted from 1.
 
-    `most` bounds the size of the numbers of some columns.
+    `most` bounds the size of the numbers of some columns; `missing` are cells of some, in small letters, that stand for
+    no number, which is NaN.
 
     Raises
     ------
@@ -187,7 +188,9 @@ def numbers_below(
             row = [cell.strip().strip('"') for cell in row]
         numbers.append(
             [
-                finite_number(row[place], name=name, line=number, column=column, most=most.get(column, math.inf))
+                math.nan
+                if missing and row[place].strip().lower() in missing.get(column, ())
+                else finite_number(row[place], name=name, line=number, column=column, most=most.get(column, math.inf))
                 for place, column in zip(places, wanted, strict=True)
             ]
         )

@@ -1,16 +1,44 @@
-"""Refusals of a solver, in the words of whoever named it: an option of the command line, or a key of the file."""
+"""Refusals of what the library was given, in the words of whoever said it: a key of the file, or an option."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.session.schema import UNUSABLE_SOLVERS
 
-__all__ = ["checked_solver", "solver_refusals"]
+__all__ = ["checked_solver", "refused_as", "solver_refusals"]
 
 USABLE = "a solver that this problem can be given to"
+
+
+@contextmanager
+def refused_as(
+    file: object,
+    key: Callable[[str], str] = str,
+    *,
+    option: str | None = None,
+    error: type[ProblemFileError] = ProblemFileError,
+) -> Iterator[None]:
+    """Name a file's key where an argument is refused.
+
+    Parameters
+    ----------
+    file : what its user calls it.
+    key : from the library's own name of the argument.
+    option : what `--solver` said, if it was given: then a refused solver is not the file's.
+
+    Raises
+    ------
+    ProblemFileError : or `error`, in place of a ConfigurationError.
+    """
+    try:
+        yield
+    except ConfigurationError as refused:
+        if refused.argument == "solver" and option is not None:
+            raise
+        raise error(file, key(refused.argument), refused.value, refused.expected) from refused
 
 
 def checked_solver(solver: str | None) -> str | None:

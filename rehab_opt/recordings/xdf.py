@@ -12,10 +12,9 @@ from xml.etree.ElementTree import ParseError
 import numpy as np
 
 from rehab_opt.errors import ConfigurationError, ProblemFileError
-from rehab_opt.session.recording import Recording
-from rehab_opt.session.tables import LENGTH, SPELLINGS
-from rehab_opt.session.text_lines import FARTHEST, LARGEST_RECORDING
-from rehab_opt.text_file import file_content, shown
+from rehab_opt.recordings.recording import Recording
+from rehab_opt.recordings.tables import LENGTH, SPELLINGS
+from rehab_opt.text_file import FARTHEST, LARGEST_RECORDING, file_content, shown
 
 __all__ = ["read_xdf"]
 
