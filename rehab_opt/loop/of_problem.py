@@ -136,7 +136,8 @@ def run_in_time(
         control, ring, written = stack.enter_context(control_of(problem, fifo=fifo)), None, None
         operator = None if gamepad is None else stack.enter_context(_operated_by(gamepad, problem))
         if log is not None:
-            layout = state_layout(problem.encoders, operator and operator.layout, force=problem.force)
+            given = None if operator is None else operator.layout
+            layout = state_layout(problem.encoders, given, force=problem.force)
             ring = stack.enter_context(SharedRing.create(layout, depth=DEPTH))
             written = stack.enter_context(log_of(loaded, problem, ring, log, options))
         watches = () if written is None else (written.watch,)

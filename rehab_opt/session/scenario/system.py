@@ -86,7 +86,7 @@ class LiveScenario(LiveProblem):
                 *({"points": each, "colour": GREEN} for each in _outlines(ready.comfortable)),
                 *({"points": each, "colour": GREY} for each in _outlines(ready.reachable)),
                 *([] if self._loaded.problem.mode == "hold" else [{"points": reference.tolist(), "colour": BLUE}]),
-                *({"points": _flat(each).tolist(), "colour": GREY} for each in (ready.demonstrated,) if pair),
+                *({"points": _flat(each).tolist(), "colour": GREY} for each in (ready.demonstrated,) if pair and each is not None),
             ],
             "capsules": [[*each, *each, 0.004, BLUE] for each in reference.tolist()]
             if self._loaded.problem.mode == "hold"
