@@ -73,6 +73,7 @@ class LiveScenario(LiveProblem):
         ready, said = self.ready, self._loaded.problem.assistance
         reference = _flat(ready.reference)
         pair = self.hands == 2
+        shown = [] if ready.demonstrated is None or not pair else [_flat(ready.demonstrated).tolist()]
         wide = ready.reachable if pair else ready.comfortable
         around = np.vstack([reference, _flat(np.array(wide.polygon.bounds).reshape(2, 2))])
         low, high = around.min(axis=0), around.max(axis=0)
@@ -86,7 +87,7 @@ class LiveScenario(LiveProblem):
                 *({"points": each, "colour": GREEN} for each in _outlines(ready.comfortable)),
                 *({"points": each, "colour": GREY} for each in _outlines(ready.reachable)),
                 *([] if self._loaded.problem.mode == "hold" else [{"points": reference.tolist(), "colour": BLUE}]),
-                *({"points": _flat(each).tolist(), "colour": GREY} for each in (ready.demonstrated,) if pair and each is not None),
+                *({"points": each, "colour": GREY} for each in shown),
             ],
             "capsules": [[*each, *each, 0.004, BLUE] for each in reference.tolist()]
             if self._loaded.problem.mode == "hold"
